@@ -47,16 +47,15 @@ def _norm(layout: Layout, dt: float, numbers: np.ndarray) -> float:
 def operations_per_second() -> float:
     """Vector operations that one core finishes per second, the best of several tries."""
     module = ir.Module("floor")
-    made = lanes.function(module, "work", 1, [lanes.VECTORS])
+    made, b = lanes.begin_function(module, "work", 1, [lanes.VECTORS])
     count, out = made.args
-    b = ir.IRBuilder(made.append_basic_block())
     start = [lanes.vector(1.0 + k) for k in range(CHAINS)]
     loop = lanes.Loop(b, count, start, "rounds")
     factor, term = lanes.vector(0.999), lanes.vector(1e-3)
-    sums = [lanes.fma(b, total, factor, term) for total in loop.carried]
+    sums = [b.fma(total, factor, term) for total in loop.carried]
     loop.close(sums)
     for k, total in enumerate(sums):
-        lanes.store(b, total, out, k)
+        b.write(total, out, k)
     b.ret_void()
     llvm.initialize_native_target()
     llvm.initialize_native_asmprinter()

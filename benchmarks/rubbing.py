@@ -12,9 +12,10 @@ import numpy as np
 
 from bayesdrill.record.experiment import Channel, Experiment
 from bayesdrill.rig.models.motor_shaft import MotorShaft
+from bayesdrill.rig.simulators.contract import TURNS
 from bayesdrill.rig.simulators.exact import Response
 from bayesdrill.rig.simulators.sensors import Sensing
-from bayesdrill.rig.simulators.stepped import TURNS, Stepped
+from bayesdrill.rig.simulators.stepped import Stepped
 from benchmarks import problem
 from benchmarks.likelihood import BATCH, best_of
 

@@ -12,8 +12,7 @@ import numpy as np
 from bayesdrill.basics.arrays import Array
 from bayesdrill.inference.likelihood import Likelihood, Observation
 from bayesdrill.inference.posterior import Posterior
-from bayesdrill.rig.simulators.contract import Simulator, Stepping
-from bayesdrill.rig.simulators.stepped import TURNS
+from bayesdrill.rig.simulators.contract import TURNS, Simulator, Stepping
 
 Taken = tuple[int, int]  # steps to a sample, and parts of those in which something turns
 

@@ -14,8 +14,9 @@ from bayesdrill.inference.noise.white import White
 from bayesdrill.inference.posterior import Posterior
 from bayesdrill.inference.step_error import ENOUGH, TRIED, chosen, step_errors
 from bayesdrill.inference.unknowns import Coordinates, ParameterSpace
+from bayesdrill.rig.simulators.contract import TURNS
 from bayesdrill.rig.simulators.sensors import Sensing
-from bayesdrill.rig.simulators.stepped import TURNS, Stepped
+from bayesdrill.rig.simulators.stepped import Stepped
 
 NAME = "falling"
 CASE = CASES[NAME]

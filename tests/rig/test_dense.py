@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import pickle
 from dataclasses import dataclass
 from typing import Any
 
@@ -312,18 +311,3 @@ def test_an_overflowing_walker_leaves_its_neighbours_alone() -> None:
         if moved is not None:
             assert np.isnan(found[6]).all()
             assert np.array_equal(found[healthy], true[healthy])
-
-
-def test_pickles_answer_alike_and_unseen_samples_are_none() -> None:
-    rng = np.random.default_rng(12)
-    t = times("gaps", 30, rng)
-    series = {name: rng.normal(6, 1, 30) for name in ("v", "t_1")}
-    dense = Dense(MotorShaft(), t, series, {}, True)
-    theta, x0, before, shifts, rows = walkers(MotorShaft(), 2, 4, rng, SHIFTS)
-    found = dense.signals(theta, x0, before, shifts, rows)
-    again = pickle.loads(pickle.dumps(dense)).signals(theta, x0, before, shifts, rows)
-    assert np.array_equal(again, found)
-    seen = rng.uniform(size=(30, 4)) < 0.5
-    some = dense.signals(theta, x0, before, shifts, rows, seen)
-    assert np.array_equal(some[:, seen], found[:, seen])
-    assert np.isnan(some[:, ~seen]).all()

@@ -2,21 +2,26 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 import pytest
+from oracles import NOMINAL
 from rigs import experiment, vector
 from rubbing import RUBS
 from rubbing_cases import CASES, Case, moved, moved_of
 from stepping import experiment_of, model_of, parameters, states, stepped
 from together import for_each
 
+from bayesdrill.rig.models.friction import Friction
+from bayesdrill.rig.models.linear import Around, Linear
 from bayesdrill.rig.models.motor_shaft import MotorShaft
 from bayesdrill.rig.simulators import simulator
+from bayesdrill.rig.simulators.contract import TURNS
 from bayesdrill.rig.simulators.exact import Response
 from bayesdrill.rig.simulators.sensors import Sensing
-from bayesdrill.rig.simulators.stepped import TURNS, Stepped
+from bayesdrill.rig.simulators.stepped import Stepped
 
 W_1, W_2 = 2, 3
 QUICK = ("stick slip", "falling", "sine", "other")
@@ -36,6 +41,37 @@ def test_a_step_to_a_sample_is_enough_for_friction_of_a_constant_size() -> None:
     """Of a noise of 0.1 rad/s; mutant killed: friction of one sign in a step in which it changes."""
     assert off("sine", 1)[W_1] < 5e-4
     assert off("reversing", 1)[W_1] < 2e-4
+
+
+@dataclass(frozen=True)
+class Fading:
+    """A law with all that a law needs, and no more."""
+
+    parameters = ("t_c1", "w_s1")
+    seen = ()
+    steady = False
+
+    def size(self, p: Any, speed: Any, seen: Any) -> Any:
+        return p["t_c1"] / (1.0 + speed / p["w_s1"])
+
+
+@dataclass(frozen=True)
+class Braked(Around):
+    parameters = (*MotorShaft.parameters, "t_c1", "w_s1")
+    frictions = (Friction(name="brake", against="w_1", law=Fading(), holds="theta_1"),)
+
+    def linear(self, p: Any) -> Linear:
+        plain = self.rig.linear(p)
+        return replace(plain, B={**plain.B, ("w_1", "brake"): -1.0 / p["j_1"]})
+
+
+def test_a_law_need_not_say_what_its_size_comes_down_to() -> None:
+    """There were several steps to a sample only where it did."""
+    one = experiment(80, 0.01, constant={"t_1": 0.0}, series={"v": 6.0 * np.sin(np.arange(80) / 9)})
+    full = np.array([[*vector(NOMINAL), 0.2, 3.0]])
+    rigs = [Stepped(Braked(MotorShaft()), one, Sensing(), pieces) for pieces in (2, 4, 32)]
+    half, quarter, fine = (rig.signals(full)[0] for rig in rigs)
+    assert np.abs(quarter - fine).max() < 0.5 * np.abs(half - fine).max() < 1e-2
 
 
 def test_a_step_that_turns_is_made_in_parts() -> None:

@@ -14,7 +14,7 @@ import bayesdrill as bd
 from bayesdrill.config.job import Job
 from bayesdrill.inference import step_error
 from bayesdrill.inference.step_error import step_errors
-from bayesdrill.rig.simulators.stepped import TURNS
+from bayesdrill.rig.simulators.contract import TURNS
 
 T = np.linspace(0.0, 4.0, 161)
 STRIBECK = {"t_cm": 0.01, "t_sm": 0.03, "w_sm": 20.0}

@@ -20,15 +20,11 @@ from bayesdrill.rig.kernels.knots import (
     MOST_LEVELS,
     WHOLE,
     Arguments,
+    Channels,
+    Ladder,
     Machine,
-    Rest,
     Shape,
     Slots,
-    emit_exponential_of,
-    emit_ladder,
-    emit_level,
-    emit_rung,
-    emit_seen,
     entries_of,
     later,
     row_blocks,
@@ -41,17 +37,9 @@ from bayesdrill.rig.kernels.lanes import (
     NUMBERS,
     VEC,
     VECTORS,
+    Builder,
     Loop,
-    anywhere,
-    floor,
-    fma,
-    function,
-    gather,
-    largest,
-    load,
-    splat,
-    store,
-    turned,
+    begin_function,
     vector,
     whole_numbers,
 )
@@ -83,13 +71,12 @@ SHARED_BLOCKS = {
 def emit_interval(module: ir.Module, shape: Shape) -> ir.Function:
     """See `Late.interval`."""
     counts, blocks = OWN_COUNTS + SHARED_COUNTS, OWN_BLOCKS | SHARED_BLOCKS
-    made = function(module, "interval", len(counts), list(blocks.values()))
+    made, b = begin_function(module, "interval", len(counts), list(blocks.values()))
     made.linkage = "internal"
     made.attributes.add("noinline")
-    b = ir.IRBuilder(made.append_basic_block())
     w = _Interval(Arguments(b, dict(zip([*counts, *blocks], made.args, strict=True))), shape)
     channels = Loop(b, I64(sum(shape.shifted)), [], "channels")
-    w.while_due(w.a.whole("which", channels.index))
+    w.while_due(w.a.at("which", channels.index))
     channels.close([])
     b.ret_void()
     return made
@@ -104,25 +91,11 @@ class _Interval:
         self.other = b.alloca(VEC, I64(self.x + self.s))
         self.other_terms = b.alloca(VEC, I64(DEGREE * self.x))
         names = ("norm", "over", "power", "unit", "halved")
-        self.lane = {name: load(b, a["lane"], place) for place, name in enumerate(names)}
+        self.lane = {name: b.read(a["lane"], place) for place, name in enumerate(names)}
         self.lane["halved"] = b.fcmp_ordered("!=", self.lane["halved"], vector(0.0))
-        none: ir.Value = None
-        self.m = Machine(
-            b,
-            layout,
-            none,
-            none,
-            none,
-            none,
-            a["rates"],
-            self.lane["norm"],
-            self.lane["over"],
-            none,
-            none,
-        )
-        self.slopes = [load(b, a["rises"], s) for s in range(self.s)] if layout.first_order else []
+        self.slopes = b.read_row(a["rises"], self.s) if layout.first_order else []
         knot = a["knot"]
-        self.begin, self.end = a.real("t", knot), a.real("t", b.add(knot, I64(1)))
+        self.begin, self.end = a.at("t", knot), a.at("t", b.add(knot, I64(1)))
         one = ir.Constant(F64, 1.0)
         self.cells = b.sitofp(a["cells"], F64)
         self.per_cell, self.per_row = b.fdiv(one, a.number(1)), b.fdiv(one, self.cells)
@@ -133,12 +106,11 @@ class _Interval:
 
         def keep(k: ir.Value, term: Values, carried: Values) -> Values:
             mine = b.gep(out, [b.mul(b.sub(k, I64(1)), I64(self.x))])
-            for i, value in enumerate(term):
-                store(b, value, mine, i)
+            b.write_row(term, mine)
             return carried
 
-        state = [load(b, z, i) for i in range(self.x)]
-        inputs = [load(b, z, self.x + s) for s in range(self.s)]
+        state = b.read_row(z, self.x)
+        inputs = [b.read(z, self.x + s) for s in range(self.s)]
         values = (state, inputs, self.slopes)
         rates, over = self.a["rates"], self.lane["over"]
         emit_terms(b, self.shape.layout, rates, values, over, self.a["degree"], [], keep)
@@ -154,68 +126,68 @@ class _Interval:
         b.branch(check)
         b.position_at_end(check)
         tau = b.load(place, align=8)
-        due = b.fcmp_ordered("<", tau, splat(b, self.end))
-        b.cbranch(anywhere(b, due), body, after)
+        due = b.fcmp_ordered("<", tau, b.splat(self.end))
+        b.cbranch(b.anywhere(due), body, after)
         b.position_at_end(body)
-        span = b.fsub(tau, splat(b, self.begin))
+        span = b.fsub(tau, b.splat(self.begin))
         span = b.select(due, span, vector(0.0))
         span = b.select(b.fcmp_ordered(">", span, vector(0.0)), span, vector(0.0))
         sample = b.load(count, align=8)
-        weight = a["weight"] if self.shape.weights else None
-        emit_seen(a, self.shape, weight, a["group"], k, sample, due, self._at(k, span))
+        own = {"weight": a["weight"]} if self.shape.weights else {}
+        Channels(a, self.shape, a["group"], own).see(k, sample, due, self._at(k, span))
         sample = b.add(sample, b.zext(due, INT_VEC))
         b.store(sample, count, align=8)
-        b.store(b.fsub(gather(b, a["t"], sample), shift), place, align=8)
+        b.store(b.fsub(b.gather(a["t"], sample), shift), place, align=8)
         b.branch(check)
         b.position_at_end(after)
 
     def _at(self, k: ir.Value, span: ir.Value) -> ir.Value:
         """What channel k sees a span after the knot."""
         b, a, lane, x = self.b, self.a, self.lane, self.x
-        cells = splat(b, self.cells)
-        far = b.fmul(span, splat(b, self.per_cell))
-        high = floor(b, b.fmul(far, splat(b, self.per_row)))
+        cells = b.splat(self.cells)
+        far = b.fmul(span, b.splat(self.per_cell))
+        high = b.floor(b.fmul(far, b.splat(self.per_row)))
         far = b.fsub(far, b.fmul(high, cells))
         far = b.select(b.fcmp_ordered(">", far, vector(0.0)), far, vector(0.0))
-        cell = floor(b, b.select(lane["halved"], far, b.fadd(far, vector(0.5))))
+        cell = b.floor(b.select(lane["halved"], far, b.fadd(far, vector(0.5))))
         cell = b.select(b.fcmp_ordered(">", cell, cells), cells, cell)
         share = b.fsub(far, cell)
         fine = b.fmul(share, lane["power"])
-        left = b.fsub(fine, b.select(lane["halved"], floor(b, fine), vector(0.0)))
+        left = b.fsub(fine, b.select(lane["halved"], b.floor(fine), vector(0.0)))
         scaled = b.fmul(left, lane["unit"])
-        beyond = anywhere(b, b.fcmp_ordered(">", high, vector(0.0)))
+        beyond = b.anywhere(b.fcmp_ordered(">", high, vector(0.0)))
         climbs = b.or_(beyond, b.icmp_signed(">", a["depth"], I64(0)))
         with b.if_then(climbs):
             self._climb(b.fptosi(high, INT_VEC), share)
         z = b.select(climbs, self.other, a["z"])
         terms = b.select(climbs, self.other_terms, a["terms"])
-        start = [load(b, z, i) for i in range(x)]
+        start = b.read_row(z, x)
         series = Loop(b, a["degree"], [vector(1.0), *start], "series")
         weight = b.fmul(scaled, b.load(b.gep(a["weights"], [b.add(series.index, I64(1))]), align=8))
         weight = b.fmul(weight, series.carried[0])
         mine = b.gep(terms, [b.mul(series.index, I64(x))])
-        state = [fma(b, weight, load(b, mine, i), to) for i, to in enumerate(series.carried[1:])]
+        state = [b.fma(weight, b.read(mine, i), to) for i, to in enumerate(series.carried[1:])]
         series.close([weight, *state])
-        inputs = [load(b, z, x + s) for s in range(self.s)]
+        inputs = [b.read(z, x + s) for s in range(self.s)]
         inputs = later(b, inputs, self.slopes, b.fmul(scaled, lane["over"]))
         row = self._row(k, b.fptosi(cell, INT_VEC))
         value = vector(0.0)
         for one, other in zip(row, [*state, vector(1.0), *inputs, *self.slopes], strict=True):
-            value = fma(b, one, other, value)
+            value = b.fma(one, other, value)
         return value
 
     def _row(self, k: ir.Value, cell: ir.Value) -> Values:
         b, a, blocks = self.b, self.a, row_blocks(self.shape)
         first = b.mul(k, b.add(a["cells"], I64(1)))
         own = ir.Constant(INT_VEC, list(range(LANES)))
-        places = b.mul(b.add(cell, splat(b, first)), whole_numbers(LANES))
+        places = b.mul(b.add(cell, b.splat(first)), whole_numbers(LANES))
         places = b.mul(b.add(places, own), whole_numbers(LANES * blocks))
         lanes: list[Values] = []
         for lane in range(LANES):
             place = b.extract_element(places, ir.Constant(ir.IntType(32), lane))
             mine = b.bitcast(b.gep(a["rows"], [place]), VECTORS)
-            lanes.append([load(b, mine, block) for block in range(blocks)])
-        found = [one for block in range(blocks) for one in turned(b, [own[block] for own in lanes])]
+            lanes.append(b.read_row(mine, blocks))
+        found = [one for block in range(blocks) for one in b.turned([own[block] for own in lanes])]
         return found[: self.shape.layout.size]
 
     def _climb(self, high: ir.Value, share: ir.Value) -> None:
@@ -223,20 +195,19 @@ class _Interval:
         b, a = self.b, self.a
         places = [b.gep(self.other, [I64(i)]) for i in range(self.x + self.s)]
         for i, place in enumerate(places):
-            store(b, load(b, a["z"], i), place, 0)
+            b.write(b.read(a["z"], i), place, 0)
         at = Slots(b, places[: self.x], places[self.x :])
-        none: ir.Value = None
-        ladder = Rest(none, a["ladder"], a["levels"])
+        ladder = Ladder(b, self.shape.layout, a["ladder"], a["levels"])
         rungs = Loop(b, b.add(a["high"], a["depth"]), [], "rungs")
         below = b.sub(rungs.index, b.sub(a["high"], I64(1)))
         low = b.icmp_signed(">", below, I64(0))
         power = b.sitofp(b.shl(I64(1), b.select(low, below, I64(0))), F64)
-        halves = b.fptosi(b.fmul(share, splat(b, power)), INT_VEC)
-        doubles = b.lshr(high, splat(b, b.select(low, I64(0), rungs.index)))
+        halves = b.fptosi(b.fmul(share, b.splat(power)), INT_VEC)
+        doubles = b.lshr(high, b.splat(b.select(low, I64(0), rungs.index)))
         number = b.select(low, halves, doubles)
         mask = b.icmp_signed("!=", b.and_(number, whole_numbers(1)), whole_numbers(0))
-        with b.if_then(anywhere(b, mask)):
-            emit_rung(self.m, ladder, rungs.index, at, self.slopes, mask)
+        with b.if_then(b.anywhere(mask)):
+            ladder.climb(rungs.index, at, self.slopes, mask)
         rungs.close([])
         self._derive(self.other, self.other_terms)
 
@@ -248,7 +219,7 @@ TAIL = 1e-14  # of what is seen: it does not add up from step to step
 class Late:
     """The part of a kernel that prepares shifted channels."""
 
-    def __init__(self, b: ir.IRBuilder, a: Arguments, shape: Shape, interval: ir.Function) -> None:
+    def __init__(self, b: Builder, a: Arguments, shape: Shape, interval: ir.Function) -> None:
         self.b, self.a, self.shape, self.called = b, a, shape, interval
         layout, k, n = shape.layout, len(shape.pattern), shape.layout.size
         sizes = {
@@ -263,143 +234,134 @@ class Late:
         self.degree = b.alloca(I64)
         self.depth = b.alloca(I64)
 
-    def begin(self, m: Machine, group: ir.Value, own: dict[str, ir.Value]) -> None:
+    def begin(self, m: Machine, seen: Channels) -> None:
+        """Of a group of walkers."""
         b, a, high = self.b, self.a, self.a["high"]
+        self.seen, self.walkers = seen, seen.own
         self.own["rates"] = m.rates
-        width = a.number(1)
+        width, shifted = a.number(1), I64(sum(self.shape.shifted))
         cell = emit_cell(b, m.norm, width, self.own["weights"], tail=TAIL)
         halved = b.select(b.fcmp_ordered("==", cell.half, vector(0.0)), vector(1.0), vector(0.0))
-        for place, value in enumerate((m.norm, m.over, cell.power, cell.unit, halved)):
-            store(b, value, self.own["lane"], place)
+        b.write_row((m.norm, m.over, cell.power, cell.unit, halved), self.own["lane"])
         b.store(cell.count, self.degree)
         b.store(cell.depth, self.depth)
         with b.if_then(b.icmp_signed(">", high, I64(0))):
             self._ladder(m, cell)
-            channels = Loop(b, I64(sum(self.shape.shifted)), [], "cells")
-            self._cells(m, own, a.whole("which", channels.index))
+            channels = Loop(b, shifted, [], "cells")
+            self._cells(m, a.at("which", channels.index))
             channels.close([])
-        self._begin_channels(m, group, own)
+        channels = Loop(b, shifted, [], "begin")
+        self._begin_channel(m, a.at("which", channels.index))
+        channels.close([])
 
     def _ladder(self, m: Machine, cell: Cell) -> None:
         b, a, high, width = self.b, self.a, self.a["high"], self.a.number(1)
         whole = b.fmul(width, b.sitofp(a["cells"], F64))
         levels = Loop(b, high, [whole], "high")
-        ladder = Rest(cell, a["ladder"], self.own["levels"])
-        emit_level(m, ladder, levels.index, splat(b, levels.carried[0]))
+        ladder = Ladder(b, m.layout, a["ladder"], self.own["levels"])
+        ladder.fill(m, levels.index, b.splat(levels.carried[0]))
         levels.close([b.fmul(levels.carried[0], ir.Constant(F64, 2.0))])
         above = a.row("ladder", high, len(entries_of(m.layout)))
-        emit_ladder(m, Rest(cell, above, b.gep(self.own["levels"], [high])), width)
-        emit_exponential_of(m, splat(b, width), m.e)
+        below = Ladder(b, m.layout, above, b.gep(self.own["levels"], [high]))
+        below.fill_cell(m, cell, width)
+        m.exponentiate(b.splat(width), m.e)
 
-    def _begin_channels(self, m: Machine, group: ir.Value, own: dict[str, ir.Value]) -> None:
+    def _begin_channel(self, m: Machine, k: ir.Value) -> None:
         b, a = self.b, self.a
-        channels = Loop(b, I64(sum(self.shape.shifted)), [], "begin")
-        k = a.whole("which", channels.index)
+
+        def told(name: str) -> ir.Value:
+            return b.load(b.gep(self.walkers[name], [k]), align=8)
+
         if self.shape.tally is not None:
             first = b.mul(k, I64(self.shape.tally.count))
-            place = b.gep(a.row("out", group, self.shape.out_count), [first])
-            for n, value in enumerate(self.shape.tally.begun()):
-                store(b, value, place, n)
+            place = b.gep(a.row("out", self.seen.group, self.shape.out_count), [first])
+            b.write_row(self.shape.tally.begun(), place)
         for name, of in (("next", "begin"), ("offset", "offset")):
-            value = b.fptosi(b.load(b.gep(own[of], [k]), align=8), INT_VEC)
+            value = b.fptosi(told(of), INT_VEC)
             b.store(value, b.gep(self.own[name], [k]), align=8)
-        shift = b.load(b.gep(own["shift"], [k]), align=8)
+        shift = told("shift")
         first = b.load(b.gep(self.own["next"], [k]), align=8)
-        tau = b.fsub(gather(b, a["t"], first), shift)
+        tau = b.fsub(b.gather(a["t"], first), shift)
         b.store(tau, b.gep(self.own["tau"], [k]), align=8)
         if self.shape.even:
-            emit_exponential_of(m, b.load(b.gep(own["share"], [k]), align=8), m.e)
-            self._copy_row(own, k)
+            m.exponentiate(told("share"), m.e)
+            self._copy_row(k)
             self._multiply(m)
-            even = b.gep(self.own["even"], [b.mul(k, I64(m.layout.size))])
+            even = b.past(self.own["even"], k, m.layout.size)
             for n in range(m.layout.size):
-                store(b, load(b, self.row, n), even, n)
-        self._head(group, own, k, shift)
-        channels.close([])
+                b.write(b.read(self.row, n), even, n)
+        self._head(k, shift, told("head"))
 
-    def _copy_row(self, own: dict[str, ir.Value], k: ir.Value) -> None:
+    def _copy_row(self, k: ir.Value) -> None:
         b, count = self.b, self.shape.r_count
-        mine = b.gep(own["rows"], [b.mul(k, I64(count))])
+        mine = b.past(self.walkers["rows"], k, count)
         for n in range(LANES * row_blocks(self.shape)):
-            store(b, load(b, mine, n) if n < count else vector(0.0), self.row, n)
+            b.write(b.read(mine, n) if n < count else vector(0.0), self.row, n)
 
     def _multiply(self, m: Machine) -> None:
         """The row from the left to the exponential at `m.e`."""
         b, n, reach = self.b, m.layout.size, m.layout.reach
-        old = [load(b, self.row, i) for i in range(n)]
+        old = b.read_row(self.row, n)
         for j in range(n):
             total = vector(0.0)
             for i in (i for i in range(n) if reach[i][j]):
-                total = fma(b, old[i], load(b, m.e, i * n + j), total)
-            store(b, total, self.row, j)
+                total = b.fma(old[i], b.read(m.e, i * n + j), total)
+            b.write(total, self.row, j)
 
-    def _cells(self, m: Machine, own: dict[str, ir.Value], k: ir.Value) -> None:
+    def _cells(self, m: Machine, k: ir.Value) -> None:
         """Rows over 0, 1, 2, ... cells: those of a lane are one after another."""
         b, a, blocks = self.b, self.a, row_blocks(self.shape)
-        self._copy_row(own, k)
+        self._copy_row(k)
         count = b.add(a["cells"], I64(1))
         rows = Loop(b, count, [], "rows")
         place = b.mul(b.add(b.mul(k, count), rows.index), I64(LANES * blocks * LANES))
         base = b.bitcast(b.gep(a["rows"], [place]), VECTORS)
         for block in range(blocks):
-            values = [load(b, self.row, LANES * block + n) for n in range(LANES)]
-            for lane, numbers in enumerate(turned(b, values)):
-                store(b, numbers, base, lane * blocks + block)
+            values = [b.read(self.row, LANES * block + n) for n in range(LANES)]
+            for lane, numbers in enumerate(b.turned(values)):
+                b.write(numbers, base, lane * blocks + block)
         self._multiply(m)
         rows.close([])
 
-    def _head(
-        self, group: ir.Value, own: dict[str, ir.Value], k: ir.Value, shift: ir.Value
-    ) -> None:
+    def _head(self, k: ir.Value, shift: ir.Value, head: ir.Value) -> None:
         """Samples before the first knot, where states go on straight and inputs are constant."""
-        b, a, layout = self.b, self.a, self.shape.layout
-        wanted = b.fptosi(b.load(b.gep(own["head"], [k]), align=8), INT_VEC)
-        most = largest(b, wanted)
-        row = b.gep(own["rows"], [b.mul(k, I64(self.shape.r_count))])
-        inputs = self.a.drive(layout, I64(0))[0]
+        b, a, own = self.b, self.a, self.walkers
+        wanted = b.fptosi(head, INT_VEC)
+        most = b.largest(wanted)
+        row = b.past(own["rows"], k, self.shape.r_count)
+        inputs = a.drive(self.shape.layout, I64(0))[0]
         with b.if_then(b.icmp_signed(">", most, I64(0))):
             samples = Loop(b, most, [], "head")
-            tau = b.fsub(splat(b, a.real("t", samples.index)), shift)
+            tau = b.fsub(b.splat(a.at("t", samples.index)), shift)
             states = [
-                fma(b, tau, load(b, own["before"], i), load(b, own["x0"], i))
-                for i in range(layout.n_states)
+                b.fma(tau, b.read(own["before"], i), b.read(own["x0"], i))
+                for i in range(self.shape.layout.n_states)
             ]
-            value = vector(0.0)
-            for r, one in enumerate([*states, vector(1.0), *inputs]):
-                value = fma(b, load(b, row, r), one, value)
-            sample = splat(b, samples.index)
+            value = b.dot(row, [*states, vector(1.0), *inputs])
+            sample = b.splat(samples.index)
             due = b.icmp_signed("<", sample, wanted)
-            emit_seen(a, self.shape, own.get("weight"), group, k, sample, due, value)
+            self.seen.see(k, sample, due, value)
             samples.close([])
 
-    def even(
-        self, group: ir.Value, own: dict[str, ir.Value], knot: ir.Value, z: Values, slopes: Values
-    ) -> None:
+    def even(self, knot: ir.Value, z: Values, slopes: Values) -> None:
         """One sample in each lane, at the same span after every knot."""
         b, a = self.b, self.a
         for k in (k for k, shifted in enumerate(self.shape.shifted) if shifted):
             row = b.gep(self.own["even"], [I64(k * self.shape.layout.size)])
-            value = vector(0.0)
-            for r, one in enumerate([*z, *slopes]):
-                value = fma(b, load(b, row, r), one, value)
-            sample = b.add(splat(b, knot), load(b, self.own["offset"], k))
-            none = splat(b, a["knots"])
+            value = b.dot(row, [*z, *slopes])
+            sample = b.add(b.splat(knot), b.read(self.own["offset"], k))
+            none = b.splat(a["knots"])
             inside = b.icmp_unsigned("<", sample, none)
             sample = b.select(inside, sample, none)
-            weight = own.get("weight")
-            emit_seen(a, self.shape, weight, group, I64(k), sample, inside, value)
+            self.seen.see(I64(k), sample, inside, value)
 
-    def interval(
-        self, group: ir.Value, own: dict[str, ir.Value], knot: ir.Value, z: Values, slopes: Values
-    ) -> None:
+    def interval(self, knot: ir.Value, z: Values, slopes: Values) -> None:
         """What shifted channels see from a knot to the next."""
-        b = self.b
-        for place, value in enumerate(z):
-            store(b, value, self.own["z"], place)
-        for place, value in enumerate(slopes):
-            store(b, value, self.own["rises"], place)
+        b, own = self.b, self.walkers
+        b.write_row(z, self.own["z"])
+        b.write_row(slopes, self.own["rises"])
         known = self.own | {"shift": own["shift"], "weight": own.get("weight", own["shift"])}
-        counts = [group, knot, b.load(self.degree), b.load(self.depth)]
+        counts = [self.seen.group, knot, b.load(self.degree), b.load(self.depth)]
         counts += [self.a[name] for name in SHARED_COUNTS]
         blocks = [known[name] for name in OWN_BLOCKS] + [self.a[name] for name in SHARED_BLOCKS]
         b.call(self.called, counts + blocks)

@@ -24,19 +24,13 @@ from bayesdrill.rig.kernels.lanes import (
     F64,
     I64,
     INT_VEC,
-    LANES,
     NUMBERS,
     VEC,
     VECTORS,
+    Builder,
     Lane,
     Loop,
-    fma,
-    function,
-    intrinsic,
-    largest,
-    load,
-    splat,
-    store,
+    begin_function,
     vector,
     whole_numbers,
 )
@@ -112,22 +106,22 @@ class Layout:
             pattern[row, column] = True
         return pattern
 
-    def matrix(self, b: ir.IRBuilder, parameters: ir.Value, constants: ir.Value) -> Matrix:
+    def matrix(self, b: Builder, parameters: ir.Value, constants: ir.Value) -> Matrix:
         """The entries, each place once, of parameters `(P, LANES)` and constant inputs `(C,)`."""
-        lanes = [Lane(b, load(b, parameters, p)) for p in range(self.n_parameters)]
+        lanes = [Lane(b, b.read(parameters, p)) for p in range(self.n_parameters)]
         return self.entries([*lanes, *(number(b, constants, c) for c in range(self.n_constants))])
 
 
 Matrix = Sequence[tuple[int, int, Lane | float]]
 
 
-def number(b: ir.IRBuilder, base: ir.Value, index: int) -> Lane:
+def number(b: Builder, base: ir.Value, index: int) -> Lane:
     """The same of all lanes, from a block of single numbers."""
-    return Lane(b, splat(b, b.load(b.gep(base, [I64(index)]))))
+    return Lane(b, b.splat(b.load(b.gep(base, [I64(index)]))))
 
 
 def addresses(
-    b: ir.IRBuilder, block: ir.Value, group: ir.Value, sizes: Mapping[str, int]
+    b: Builder, block: ir.Value, group: ir.Value, sizes: Mapping[str, int]
 ) -> dict[str, ir.Value]:
     """Where the parts of a group begin, which stand one after the other and have so many vectors."""
     found, place = {}, b.gep(block, [b.mul(group, I64(sum(sizes.values())))])
@@ -142,7 +136,7 @@ def weight_kinds(weights: NDArray[np.float64]) -> Kinds:
     return tuple(map(tuple, np.where(known, weights, ANY).astype(int).tolist()))
 
 
-def weights_of(b: ir.IRBuilder, block: ir.Value, kinds: Kinds, k: int) -> dict[int, Lane]:
+def weights_of(b: Builder, block: ir.Value, kinds: Kinds, k: int) -> dict[int, Lane]:
     """Of channel k, those that are not zero, by state, from a block of all `(K, X)`."""
     return {
         i: number(b, block, k * len(kinds[k]) + i) if kind == ANY else Lane(b, vector(float(kind)))
@@ -206,7 +200,7 @@ def formulas(count: int, evaluate: Callable[[Sequence[Lane]], Any]) -> str:
     """
     kind = ir.FunctionType(ir.VoidType(), [VEC] * count)
     function = ir.Function(ir.Module(), kind, "formulas")
-    b = ir.IRBuilder(function.append_basic_block())
+    b = Builder(function.append_basic_block())
     found = evaluate([Lane(b, argument) for argument in function.args])
     return f"{function}{_described(found)}"
 
@@ -243,14 +237,13 @@ def emit_exponential(module: ir.Module, layout: Layout, *, increments: bool) -> 
     where another state is very fast.
     """
     product = _emit_product(module, layout)
-    made = function(module, "exponential", 0, [VECTORS, NUMBERS, VECTORS, VECTORS])
+    made, b = begin_function(module, "exponential", 0, [VECTORS, NUMBERS, VECTORS, VECTORS])
     parameters, constants, spans, e = made.args
-    b = ir.IRBuilder(made.append_basic_block())
     n, reach = layout.size, layout.reach
     reached = [i * n + j for i in range(n) for j in range(n) if reach[i][j]]
     scratch = b.alloca(VEC, I64(5 * n * n))
     a, second, third, fourth, spare = (b.gep(scratch, [I64(k * n * n)]) for k in range(5))
-    matrix, span = layout.matrix(b, parameters, constants), Lane(b, load(b, spans, 0))
+    matrix, span = layout.matrix(b, parameters, constants), Lane(b, b.read(spans, 0))
     halvings = _emit_scaled_matrix(b, layout, _timed(layout, matrix, span, increments), a)
     for out, left, right in ((second, a, a), (third, second, a), (fourth, second, second)):
         b.call(product, [out, left, right])
@@ -264,29 +257,28 @@ def emit_exponential(module: ir.Module, layout: Layout, *, increments: bool) -> 
             diagonal = first > 0 and entry % (n + 1) == 0
             total = vector(1.0 / math.factorial(first) if diagonal else 0.0)
             if base is not None:
-                total = b.fadd(total, load(b, base, entry))
+                total = b.fadd(total, b.read(base, entry))
             for power, matrix in terms:
                 weight = vector(1.0 / math.factorial(first + power))
-                total = fma(b, weight, load(b, matrix, entry), total)
-            store(b, total, e, entry)
+                total = b.fma(weight, b.read(matrix, entry), total)
+            b.write(total, e, entry)
 
     add_terms(None, TAYLOR_DEGREE - 4)
     for first in range(TAYLOR_DEGREE - 8, -1, -4):
         b.call(product, [spare, e, fourth])
         add_terms(spare, first)
 
-    largest = intrinsic(module, f"llvm.vector.reduce.smax.v{LANES}i64", I64, [INT_VEC])
-    squarings = Loop(b, b.add(b.call(largest, [halvings]), I64(1)), [], "squarings")
+    squarings = Loop(b, b.add(b.largest(halvings), I64(1)), [], "squarings")
     wanted = b.sitofp(halvings, VEC)
-    still = b.fcmp_ordered("<", splat(b, b.sitofp(squarings.index, F64)), wanted)
+    still = b.fcmp_ordered("<", b.splat(b.sitofp(squarings.index, F64)), wanted)
     b.call(product, [spare, e, e])
     for entry in reached:
-        now = load(b, e, entry)
-        twice = fma(b, vector(2.0), now, load(b, spare, entry))  # (1 + e)^2 - 1
-        store(b, b.select(still, twice, now), e, entry)
+        now = b.read(e, entry)
+        twice = b.fma(vector(2.0), now, b.read(spare, entry))  # (1 + e)^2 - 1
+        b.write(b.select(still, twice, now), e, entry)
     squarings.close([])
     for entry in range(0, n * n, n + 1):
-        store(b, b.fadd(load(b, e, entry), vector(1.0)), e, entry)
+        b.write(b.fadd(b.read(e, entry), vector(1.0)), e, entry)
     b.ret_void()
     return made
 
@@ -305,17 +297,16 @@ def _timed(layout: Layout, matrix: Matrix, span: Lane, increments: bool) -> Expo
 
 
 def _emit_scaled_matrix(
-    b: ir.IRBuilder, layout: Layout, values: ExponentialEntries, a: ir.Value
+    b: Builder, layout: Layout, values: ExponentialEntries, a: ir.Value
 ) -> ir.Value:
     """The matrix of these `values` into `a`, halved until its series converges: how often."""
     n, x = layout.size, layout.n_states
     # The size of the inputs' columns does not matter: the series in A alone converges.
-    absolute = intrinsic(b.module, f"llvm.fabs.v{LANES}f64", VEC, [VEC])
     norm = vector(0.0)
     for row in range(x):
         total = vector(0.0)
         for column in (c for c in range(x) if (row, c) in values):
-            total = b.fadd(total, b.call(absolute, [values[row, column]]))
+            total = b.fadd(total, b.absolute(values[row, column]))
         norm = b.select(b.fcmp_unordered(">", total, norm), total, norm)
     halvings = emit_halvings(b, norm, TAYLOR_NORM)
     exponent = b.sub(whole_numbers(_EXPONENT_BIAS), halvings)
@@ -325,11 +316,11 @@ def _emit_scaled_matrix(
         for column in (c for c in range(n) if reach[row][c]):
             value = values.get((row, column))
             scaled = vector(0.0) if value is None else b.fmul(value, factor)
-            store(b, scaled, a, row * n + column)
+            b.write(scaled, a, row * n + column)
     return halvings
 
 
-def emit_halvings(b: ir.IRBuilder, norm: ir.Value, bound: float) -> ir.Value:
+def emit_halvings(b: Builder, norm: ir.Value, bound: float) -> ir.Value:
     """The least h >= 0 with norm / 2**h <= `bound`, read off the bits of the quotient."""
     bits = b.bitcast(b.fdiv(norm, vector(bound)), INT_VEC)
     exponent = b.sub(b.lshr(bits, whole_numbers(_MANTISSA_BITS)), whole_numbers(_EXPONENT_BIAS))
@@ -348,17 +339,16 @@ def _value(entry: Lane | float) -> ir.Value:
 
 def _emit_product(module: ir.Module, layout: Layout) -> ir.Function:
     """out = a b, over the entries in reach."""
-    made = function(module, "product", 0, [VECTORS] * 3)
+    made, b = begin_function(module, "product", 0, [VECTORS] * 3)
     out, left, right = made.args
-    b = ir.IRBuilder(made.append_basic_block())
     n, reach = layout.size, layout.reach
     for i in range(n):
-        row = {k: load(b, left, i * n + k) for k in range(n) if reach[i][k]}
+        row = {k: b.read(left, i * n + k) for k in range(n) if reach[i][k]}
         for j in (j for j in range(n) if reach[i][j]):
             total = vector(0.0)
             for k in (k for k in row if reach[k][j]):
-                total = fma(b, row[k], load(b, right, k * n + j), total)
-            store(b, total, out, i * n + j)
+                total = b.fma(row[k], b.read(right, k * n + j), total)
+            b.write(total, out, i * n + j)
     b.ret_void()
     return made
 
@@ -381,7 +371,7 @@ def places_of(layout: Layout) -> list[tuple[int, int]]:
 
 
 def emit_rates(
-    b: ir.IRBuilder, layout: Layout, matrix: Matrix, least: ir.Value, out: ir.Value
+    b: Builder, layout: Layout, matrix: Matrix, least: ir.Value, out: ir.Value
 ) -> ir.Value:
     """Entries at `places_of`, divided by norm, into `out`: norm, which is not below `least`."""
     entries: dict[tuple[int, int], Lane | float] = {}
@@ -395,29 +385,27 @@ def emit_rates(
     norm = b.select(fit, norm, least)
     over = b.fdiv(vector(1.0), norm)
     for index, place in enumerate(places_of(layout)):
-        store(b, b.fmul(values[place], over), out, index)
+        b.write(b.fmul(values[place], over), out, index)
     return norm
 
 
-def _emit_norm(b: ir.IRBuilder, x: int, values: dict[tuple[int, int], ir.Value]) -> ir.Value:
+def _emit_norm(b: Builder, x: int, values: dict[tuple[int, int], ir.Value]) -> ir.Value:
     """The largest sum of a row of D^-1 |A| D, which is a norm for any scales D > 0 of the states.
 
     Units of states are of any size; each round takes for D the mean of D and |A| D, both as logs.
     """
-    absolute = intrinsic(b.module, f"llvm.fabs.v{LANES}f64", VEC, [VEC])
-    root = intrinsic(b.module, f"llvm.sqrt.v{LANES}f64", VEC, [VEC])
-    size = {place: b.call(absolute, [value]) for place, value in values.items() if place[1] < x}
+    size = {place: b.absolute(value) for place, value in values.items() if place[1] < x}
     rounds = Loop(b, I64(BALANCINGS), [vector(1.0)] * x + [vector(math.inf)], "rounds")
     scales, best = rounds.carried[:x], rounds.carried[x]
     norm, new = vector(0.0), []
     for row in range(x):
         total = vector(0.0)
         for column in (c for c in range(x) if (row, c) in size):
-            total = fma(b, size[row, column], scales[column], total)
+            total = b.fma(size[row, column], scales[column], total)
         share = b.fdiv(total, scales[row])
         norm = b.select(b.fcmp_unordered(">", share, norm), share, norm)
         known = b.fcmp_ordered(">", total, vector(0.0))
-        new.append(b.select(known, b.call(root, [b.fmul(total, scales[row])]), scales[row]))
+        new.append(b.select(known, b.root(b.fmul(total, scales[row])), scales[row]))
     best = b.select(b.fcmp_unordered("<", norm, best), norm, best)
     rounds.close([*new, best])
     return best
@@ -443,9 +431,9 @@ class Cell:
 
 
 def emit_cell(
-    b: ir.IRBuilder, norm: ir.Value, width: ir.Value, weights: ir.Value, *, tail: float = TAIL
+    b: Builder, norm: ir.Value, width: ir.Value, weights: ir.Value, *, tail: float = TAIL
 ) -> Cell:
-    whole = b.fmul(norm, splat(b, width))
+    whole = b.fmul(norm, b.splat(width))
     short = b.fcmp_ordered("<=", whole, vector(2 * REACH))
     halvings = b.select(short, whole_numbers(0), emit_halvings(b, whole, REACH))
     deep = b.icmp_signed(">", halvings, whole_numbers(DEEPEST))
@@ -463,15 +451,15 @@ def emit_cell(
         degree = b.add(degree, b.zext(more, INT_VEC))
     for k in range(1, DEGREE + 1):
         wanted = b.icmp_signed(">=", degree, whole_numbers(k))
-        store(b, b.select(wanted, vector(1 / k), vector(0.0)), weights, k)
-    count = largest(
-        b, b.select(b.icmp_signed(">", degree, whole_numbers(3)), degree, whole_numbers(3))
+        b.write(b.select(wanted, vector(1 / k), vector(0.0)), weights, k)
+    count = b.largest(
+        b.select(b.icmp_signed(">", degree, whole_numbers(3)), degree, whole_numbers(3))
     )
-    return Cell(halvings, power, half, unit, weights, count, largest(b, halvings))
+    return Cell(halvings, power, half, unit, weights, count, b.largest(halvings))
 
 
 def emit_terms(
-    b: ir.IRBuilder,
+    b: Builder,
     layout: Layout,
     rates: ir.Value,
     values: tuple[Values, Values, Values],
@@ -503,24 +491,22 @@ def emit_terms(
     return carried
 
 
-def _emit_rate(
-    b: ir.IRBuilder, layout: Layout, rates: ir.Value, columns: dict[int, ir.Value]
-) -> Values:
+def _emit_rate(b: Builder, layout: Layout, rates: ir.Value, columns: dict[int, ir.Value]) -> Values:
     found = []
     for row in range(layout.n_states):
         places = [(n, c) for n, (r, c) in enumerate(places_of(layout)) if r == row]
-        terms = [(load(b, rates, n), columns[c]) for n, c in places if c in columns]
+        terms = [(b.read(rates, n), columns[c]) for n, c in places if c in columns]
         found.append(emit_sum(b, terms))
     return found
 
 
-def emit_sum(b: ir.IRBuilder, terms: list[tuple[ir.Value, ir.Value]]) -> ir.Value:
+def emit_sum(b: Builder, terms: list[tuple[ir.Value, ir.Value]]) -> ir.Value:
     """Of products, in two halves: it takes as long as its longest chain of additions."""
     halves = [terms[: len(terms) // 2], terms[len(terms) // 2 :]]
     totals = []
     for half in (half for half in halves if half):
         total = b.fmul(*half[0])
         for one, other in half[1:]:
-            total = fma(b, one, other, total)
+            total = b.fma(one, other, total)
         totals.append(total)
     return b.fadd(*totals) if len(totals) == 2 else totals[0] if totals else vector(0.0)

@@ -7,8 +7,6 @@ What a steady friction does is part of what is constant; what sticks takes what 
 linear in the rest, so that its own row is zero and its angle's row keeps the angle.  All of it stands
 in memory, as it changes rarely.
 
-One step of a rig that rubs, written in numbers of any kind: registers, or these with a slope.
-
     x+ = Phi x + g + Gamma u + Gamma_f f
 
 As long as each friction slips one way or sticks, the rig is a linear one: its `Regime`.  A size that
@@ -25,7 +23,7 @@ from functools import cached_property
 from llvmlite import ir
 
 from bayesdrill.basics.duals import Dual, dual, size, where
-from bayesdrill.rig.kernels.lanes import Lane, Mask, load, store, vector
+from bayesdrill.rig.kernels.lanes import Lane, Mask, vector
 from bayesdrill.rig.kernels.numbers import (
     Column,
     Kind,
@@ -110,7 +108,7 @@ class Regime:
         for e, way in enumerate(ways):
             self._hold(rows, e, sticking(way))
         for e, (rub, way) in enumerate(zip(self.rubs, ways, strict=True)):
-            store(b, way.value, self.block, e)
+            b.write(way.value, self.block, e)
             if rub.steady is not None:
                 effort = fused(rub.steady, way, None)
                 for row in rows:
@@ -144,7 +142,7 @@ class Regime:
                 number = dual(row[k])
                 for part in (number.value, number.slope):
                     if isinstance(part, Lane):
-                        store(self.kind.b, part.value, self.block, place)
+                        self.kind.b.write(part.value, self.block, place)
                     place += 1
                 self.slots[i, k] = row[k]
 
@@ -152,7 +150,7 @@ class Regime:
 
     def ways(self) -> list[Lane]:
         """1 or -1 as it slips, 0 as it sticks."""
-        return [Lane(self.kind.b, load(self.kind.b, self.block, e)) for e in range(len(self.rubs))]
+        return [Lane(self.kind.b, self.kind.b.read(self.block, e)) for e in range(len(self.rubs))]
 
     def now(self) -> Rows:
         """Read again: it may have changed."""
@@ -167,7 +165,7 @@ class Regime:
         b = self.kind.b
 
         def part(number: Lane | float, at: int) -> Lane | float:
-            return Lane(b, load(b, self.block, at)) if isinstance(number, Lane) else number
+            return Lane(b, b.read(self.block, at)) if isinstance(number, Lane) else number
 
         if not isinstance(like, Dual):
             return part(like, place)
@@ -254,6 +252,18 @@ class Step:
 
 
 @dataclass(frozen=True, slots=True)
+class Moment:
+    """The beginning of a step: the state, the past, and what drives it, by column and, in its middle, by
+    name.
+    """
+
+    state: list[Number]
+    past: Past
+    drive: Column
+    inputs: Mapping[str, Number]
+
+
+@dataclass(frozen=True, slots=True)
 class Going:
     """A step in which each friction slips on as it did, or sticks on."""
 
@@ -261,23 +271,18 @@ class Going:
     regime: Regime
 
     def taken(
-        self,
-        state: list[Number],
-        past: Past,
-        drive: Column,
-        inputs: Mapping[str, Number],
-        ways: Sequence[Lane],
-        sizes: Sequence[Number] | None = None,
+        self, now: Moment, ways: Sequence[Lane], sizes: Sequence[Number] | None = None
     ) -> tuple[list[Number], list[Number], Past]:
         """New state, efforts (if the regime shows them) and the past then.
 
         Sizes that vary are those in the middle: it is looked ahead with sizes that go on as they did.
         Where `sizes` are known, they are these.
         """
-        step, x, varying = self.step, len(state), self.step.varying
+        step, state, past = self.step, now.state, now.past
+        x, varying = len(state), step.varying
         rows = self.regime.now()
         columns = [[row.pop(step.first + e, None) for row in rows] for e in varying]
-        new = [total(row.pop(x, None), along(row, state, drive)) for row in rows]
+        new = [total(row.pop(x, None), along(row, state, now.drive)) for row in rows]
         if not varying:
             return new[:x], new[x:], past
 
@@ -292,7 +297,7 @@ class Going:
         if sizes is None:
             likely = [one + trend for one, trend in zip(past.sizes, past.trends, strict=True)]
             ahead = with_sizes(likely, step.looked_at)
-            every = step.between(state, ahead, inputs)
+            every = step.between(state, ahead, now.inputs)
             sizes = [every[e] for e in varying]
         trends = [one - before for one, before in zip(sizes, past.sizes, strict=True)]
         moved = with_sizes(sizes, range(len(rows)))
@@ -302,16 +307,10 @@ class Going:
         """Lanes in which a speed is not what it was, or sticks."""
         return any_of(goes_on(way, new[rub.row]).turned() for way, rub in self._pairs(ways))
 
-    def changes(
-        self,
-        new: Sequence[Number],
-        drive: Column,
-        inputs: Mapping[str, Number],
-        ways: Sequence[Lane],
-    ) -> Mask:
+    def changes(self, new: Sequence[Number], now: Moment, ways: Sequence[Lane]) -> Mask:
         """Lanes in which a speed changes its sign, or what sticks has more to hold than it can."""
         step = self.step
-        sizes, later = step.at_rest(new, inputs), step.later(drive)
+        sizes, later = step.at_rest(new, now.inputs), step.later(now.drive)
         found = []
         for (way, rub), most in zip(self._pairs(ways), sizes, strict=True):
             beyond = above(size(rub.held(new, later)), most)

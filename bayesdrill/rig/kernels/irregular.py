@@ -1,7 +1,7 @@
 """Kernels for times that are not uniform, and for walkers with starts and sensors of their own.
 
 The second family beside `misfit` and `signals`: what is constant there is an argument here.  A
-`Shape` that is `late` also has channels whose times are shifted, see `kernels.late`.
+`Shape` that is `late` also has channels whose times are shifted, see `kernels.delays`.
 """
 
 from __future__ import annotations
@@ -24,19 +24,17 @@ from bayesdrill.rig.kernels.knots import (
     MOST_LEVELS,
     OWN_NUMBERS,
     Arguments,
+    Channels,
+    Ladder,
     Machine,
-    Nodes,
-    Rest,
     Shape,
+    Slots,
     apply,
-    emit_ladder,
     emit_nodes,
     emit_rest,
     entries_of,
-    observe,
-    slots,
 )
-from bayesdrill.rig.kernels.lanes import I64, VEC, Loop, function, load, splat, store, vector
+from bayesdrill.rig.kernels.lanes import I64, VEC, Loop, begin_kernel, vector
 from bayesdrill.rig.kernels.recurrence import next_state
 
 
@@ -44,10 +42,10 @@ def write_dense(module: ir.Module, shape: Shape) -> None:
     """`dense`, of COUNTS and addresses of BLOCKS."""
     exponential = emit_exponential(module, shape.layout, increments=False)
     interval = emit_interval(module, shape) if shape.late else None
-    made = function(module, "dense", len(COUNTS), list(BLOCKS.values()))
-    w = _Writer(shape, made, exponential, interval)
+    arguments, b = begin_kernel(module, "dense", COUNTS, BLOCKS)
+    w = _Writer(shape, Arguments(b, arguments), exponential, interval)
     groups = Loop(w.b, w.a["groups"], [], "groups")
-    w.group(groups.index)
+    w.write(groups.index)
     groups.close([])
     w.b.ret_void()
 
@@ -58,131 +56,105 @@ class _Writer:
     def __init__(
         self,
         shape: Shape,
-        made: ir.Function,
+        a: Arguments,
         exponential: ir.Function,
         interval: ir.Function | None,
     ) -> None:
-        b = self.b = ir.IRBuilder(made.append_basic_block())
-        a = self.a = Arguments(b, dict(zip([*COUNTS, *BLOCKS], made.args, strict=True)))
-        layout = self.layout = shape.layout
-        self.shape, self.exponential = shape, exponential
+        self.b, self.a, self.shape, self.layout = a.b, a, shape, shape.layout
+        b, layout = a.b, shape.layout
+        self.exponential = exponential
         self.rates = b.alloca(VEC, I64(len(places_of(layout))))
         self.span = b.alloca(VEC)
         self.e = b.alloca(VEC, I64(3 * layout.size**2 + 1))
         self.weights = b.alloca(VEC, I64(DEGREE + 1))
-        self.ladder = b.alloca(VEC, I64(MOST_LEVELS * len(entries_of(layout))))
-        self.ladder_spans = b.alloca(VEC, I64(MOST_LEVELS))
-        self.place = slots(b, layout)
+        table = b.alloca(VEC, I64(MOST_LEVELS * len(entries_of(layout))))
+        self.ladder = Ladder(b, layout, table, b.alloca(VEC, I64(MOST_LEVELS)))
+        state = [b.alloca(VEC) for _ in range(layout.n_states)]
+        self.place = Slots(b, state, [b.alloca(VEC) for _ in range(layout.n_series)])
         self.end = [b.alloca(VEC) for _ in range(layout.n_states)]  # the state at the last knot
         # Sums stay in registers, but those of late channels.
         count = I64(shape.tally.count) if shape.tally is not None else None
         self.totals = [b.alloca(VEC, count) for _ in shape.pattern] if count is not None else []
         self.late = Late(b, a, shape, interval) if interval is not None else None
-        self.width, self.least = a.number(0), splat(b, a.number(1))
+        self.width, self.least = a.number(0), b.splat(a.number(1))
 
-    def group(self, group: ir.Value) -> None:
-        b, a = self.b, self.a
-        own = addresses(b, a["own"], group, self.shape.own)
-        m = self._machine(own)
-        rest = self._tables(m)
-        x0 = [load(b, own["x0"], i) for i in range(self.layout.n_states)]
-        self.place.write(x0, [vector(0.0)] * self.layout.n_series)
+    def write(self, group: ir.Value) -> None:
+        """All of a group of walkers."""
+        b, a, layout = self.b, self.a, self.layout
+        self.own = addresses(b, a["own"], group, self.shape.own)
+        self.channels = Channels(a, self.shape, group, self.own)
+        m = self._machine()
+        cell = emit_cell(b, m.norm, self.width, self.weights)
+        self.ladder.fill_cell(m, cell, self.width)
+        emit_nodes(m, a, cell, self.width)
+        x0 = b.read_row(self.own["x0"], layout.n_states)
+        self.place.write(x0, [vector(0.0)] * layout.n_series)
         begun = self.shape.tally.begun() if self.shape.tally is not None else []
         for total in self.totals:
-            for n, value in enumerate(begun):
-                store(b, value, total, n)
+            b.write_row(begun, total)
         if self.late is not None:
-            self.late.begin(m, group, own)
+            self.late.begin(m, self.channels)
         runs = Loop(b, a["runs"], [I64(0)], "runs")
-        length, share = a.whole("length", runs.index), a.real("share", runs.index)
-        table = a.row("table", a.whole("node", runs.index), len(entries_of(self.layout)))
+        first = runs.carried[0]
+        length, share = a.at("length", runs.index), a.at("share", runs.index)
+        table = a.row("table", a.at("node", runs.index), len(entries_of(layout)))
         inside = b.fcmp_ordered(">=", share, ir.Constant(share.type, 0.0))
         with b.if_else(inside) as (then, otherwise):
             with then:
-                inputs, slopes = self._observed(group, own, runs.carried[0])
+                inputs, slopes = self._observed(first)
                 self.place.write(self.place.read()[0], inputs)
-                emit_rest(m, rest, share, self.place, slopes)
+                emit_rest(m, cell, self.ladder, share, self.place, slopes)
                 state, inputs = self.place.read()
-                self.place.write(apply(m, table, state, inputs, slopes), inputs)
+                self.place.write(apply(b, layout, table, state, inputs, slopes), inputs)
             with otherwise:
-                self._equal_steps(group, own, runs.carried[0], length, table)
-        runs.close([b.add(runs.carried[0], length)])
+                self._equal_steps(first, length, table)
+        runs.close([b.add(first, length)])
         if self.late is not None and self.shape.even:
             with b.if_then(b.icmp_signed(">", a["high"], I64(0))):
-                self._after_the_last(group, own)
+                # Samples of shifted channels, from the state at the last knot on.
+                last = b.sub(a["knots"], I64(1))
+                inputs, slopes = a.drive(layout, last)
+                end = [b.read(at, 0) for at in self.end]
+                self.late.interval(last, [*end, *inputs], slopes)
         out = a.row("out", group, self.shape.out_count)
         for k, total in enumerate(self.totals):
             for n in range(len(begun) if not self.shape.shifted[k] else 0):
-                store(b, load(b, total, n), out, k * len(begun) + n)
+                b.write(b.read(total, n), out, k * len(begun) + n)
 
-    def _after_the_last(self, group: ir.Value, own: dict[str, ir.Value]) -> None:
-        """Samples of shifted channels, from the state at the last knot on."""
-        b, a = self.b, self.a
-        last = b.sub(a["knots"], I64(1))
-        inputs, slopes = a.drive(self.layout, last)
-        assert self.late is not None
-        self.late.interval(
-            group, own, last, [*(load(b, at, 0) for at in self.end), *inputs], slopes
-        )
-
-    def _equal_steps(
-        self,
-        group: ir.Value,
-        own: dict[str, ir.Value],
-        first: ir.Value,
-        n: ir.Value,
-        table: ir.Value,
-    ) -> None:
+    def _equal_steps(self, first: ir.Value, n: ir.Value, table: ir.Value) -> None:
         """The exponential in registers, as far as there are some."""
         b, kept = self.b, entries_of(self.layout)
-        phi = {where: load(b, table, place) for place, where in enumerate(kept)}
+        phi = {where: b.read(table, place) for place, where in enumerate(kept)}
         knots = Loop(b, n, [], "knots")
-        inputs, slopes = self._observed(group, own, b.add(first, knots.index))
+        inputs, slopes = self._observed(b.add(first, knots.index))
         state, before = self.place.read()
         new = next_state(b, self.layout.n_states, phi, state, [*inputs, *slopes])
         if self.shape.even:
             for value, at in zip(state, self.end, strict=True):
-                store(b, value, at, 0)
+                b.write(value, at, 0)
         self.place.write(new, before)
         knots.close([])
 
-    def _observed(
-        self, group: ir.Value, own: dict[str, ir.Value], knot: ir.Value
-    ) -> tuple[Values, Values]:
+    def _observed(self, knot: ir.Value) -> tuple[Values, Values]:
         """Inputs and their slopes from a knot on; what channels see until the next one is done."""
         inputs, slopes = self.a.drive(self.layout, knot)
         state, _ = self.place.read()
-        observe(
-            self.a,
-            self.shape,
-            own,
-            group,
-            knot,
-            [*state, vector(1.0), *inputs],
-            self.totals,
-        )
+        z = [*state, vector(1.0), *inputs]
+        self.channels.observe(knot, z, self.totals)
         if self.late is not None:
             if self.shape.even:
-                self.late.even(group, own, knot, [*state, vector(1.0), *inputs], slopes)
+                self.late.even(knot, z, slopes)
             else:
-                self.late.interval(group, own, knot, [*state, *inputs], slopes)
+                self.late.interval(knot, [*state, *inputs], slopes)
         return inputs, slopes
 
-    def _machine(self, own: dict[str, ir.Value]) -> Machine:
-        b, layout = self.b, self.layout
+    def _machine(self) -> Machine:
+        b, layout, parameters = self.b, self.layout, self.own["parameters"]
         constants = b.gep(self.a["numbers"], [I64(OWN_NUMBERS)])
-        matrix = layout.matrix(b, own["parameters"], constants)
+        matrix = layout.matrix(b, parameters, constants)
         norm = emit_rates(b, layout, matrix, self.least, self.rates)
         over = b.fdiv(vector(1.0), norm)
-        product = b.module.globals["product"]
         return Machine(
-            b, layout, self.exponential, product, own["parameters"], constants, self.rates, norm, over,
-            self.span, self.e,
+            b, layout, self.exponential, b.module.globals["product"], parameters, constants,
+            self.rates, norm, over, self.span, self.e,
         )  # fmt: skip
-
-    def _tables(self, m: Machine) -> Rest:
-        cell = emit_cell(self.b, m.norm, self.width, self.weights)
-        rest = Rest(cell, self.ladder, self.ladder_spans)
-        emit_ladder(m, rest, self.width)
-        emit_nodes(m, cell, Nodes(self.a, self.width))
-        return rest

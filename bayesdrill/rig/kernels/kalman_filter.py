@@ -1,4 +1,4 @@
-"""The steps of a Kalman filter: the transition with its process noise, update and prediction.
+"""A Kalman filter, sample after sample: for gaps, uneven times, slopes, smoothing and draws.
 
 Over a step h, the state-space model x' = F x + g w with white noise w of intensity q has
 
@@ -13,8 +13,6 @@ k = P c' / S,
 
     update       x <- x + k e       P <- P - k c P
     prediction   x <- Phi x         P <- Phi P Phi' + Q
-
-A Kalman filter sample after sample: for gaps, uneven times, slopes, smoothing and draws.
 
 Once the covariances are steady they are left alone, until a gap or another step.  The smoother goes back
 by adjoints (Bryson and Frazier 1963; Bierman 1973), without inverting a covariance:
@@ -40,15 +38,11 @@ from bayesdrill.rig.kernels.lanes import (
     NUMBERS,
     VEC,
     VECTORS,
+    Builder,
     Lane,
     Loop,
-    anywhere,
-    function,
-    intrinsic,
-    largest,
-    load,
-    splat,
-    store,
+    begin_function,
+    begin_kernel,
     vector,
     whole_numbers,
 )
@@ -56,12 +50,10 @@ from bayesdrill.rig.kernels.numbers import (
     Memory,
     Number,
     dot,
-    emit_copy,
     emit_even,
     emit_factor,
     emit_product,
     fused,
-    root,
 )
 from bayesdrill.rig.models.latent_torque import TIME, Pushed
 
@@ -111,7 +103,7 @@ class StateSpace:
         """States of which channel k tells."""
         return [i for i, kind in enumerate(self.channels[k]) if kind != 0]
 
-    def weights(self, b: ir.IRBuilder, weights: ir.Value, k: int) -> dict[int, Lane]:
+    def weights(self, b: Builder, weights: ir.Value, k: int) -> dict[int, Lane]:
         """Of channel k, by state, from the block of all `weights (K, n)`."""
         return weights_of(b, weights, self.channels, k)
 
@@ -125,15 +117,14 @@ def emit_transition(module: ir.Module, system: StateSpace, *, slopes: bool) -> i
     n = system.n
     multiply = emit_product(module, (n, n, n), slopes=slopes)
     turned = emit_even(module, n, adds=True, slopes=slopes)
-    made = function(module, "transition_d" if slopes else "transition", 0, [VECTORS] * 4)
+    made, b = begin_function(module, "transition_d" if slopes else "transition", 0, [VECTORS] * 4)
     parameters, span, phi, q = made.args
-    b = ir.IRBuilder(made.append_basic_block())
     memory = Memory(b, slopes)
     named = dict(zip(system.model.parameters, memory.row(parameters, system.p), strict=True))
     entries = _entries(system, named)
-    halvings = _halvings(b, entries, n, load(b, span, 0))
-    exponent = b.shl(b.sub(whole_numbers(1023), splat(b, halvings)), whole_numbers(52))
-    short = Lane(b, b.fmul(load(b, span, 0), b.bitcast(exponent, VEC)))
+    halvings = _halvings(b, entries, n, b.read(span, 0))
+    exponent = b.shl(b.sub(whole_numbers(1023), b.splat(halvings)), whole_numbers(52))
+    short = Lane(b, b.fmul(b.read(span, 0), b.bitcast(exponent, VEC)))
     timed = {place: entry * short for place, entry in entries.items()}
     _emit_series(memory, timed, n, phi)
     driven = system.model.torque.driven(named[TIME]) * short
@@ -143,7 +134,7 @@ def emit_transition(module: ir.Module, system: StateSpace, *, slopes: bool) -> i
     b.call(multiply, [spare, phi, q])
     b.call(turned, [q, spare, phi])
     b.call(multiply, [other, phi, phi])
-    emit_copy(b, other, phi, n * n * memory.width)
+    b.copy(other, phi, n * n * memory.width)
     twice.close([])
     b.ret_void()
     return made
@@ -156,19 +147,18 @@ def _entries(system: StateSpace, named: dict[str, Number]) -> dict[tuple[int, in
 
 
 def _halvings(
-    b: ir.IRBuilder, entries: dict[tuple[int, int], Number], n: int, span: ir.Value
+    b: Builder, entries: dict[tuple[int, int], Number], n: int, span: ir.Value
 ) -> ir.Value:
     """At least one, the same of all lanes."""
-    absolute = intrinsic(b.module, f"llvm.fabs.v{LANES}f64", VEC, [VEC])
     norm = vector(0.0)
     for row in range(n):
         total = vector(0.0)
         for entry in (value for (i, _), value in entries.items() if i == row):
             value = dual(entry).value
             known = value.value if isinstance(value, Lane) else vector(float(value))
-            total = b.fadd(total, b.call(absolute, [known]))
+            total = b.fadd(total, b.absolute(known))
         norm = b.select(b.fcmp_unordered(">", total, norm), total, norm)
-    most = largest(b, emit_halvings(b, b.fmul(norm, span), NORM))
+    most = b.largest(emit_halvings(b, b.fmul(norm, span), NORM))
     return b.select(b.icmp_signed(">", most, I64(1)), most, I64(1))
 
 
@@ -206,10 +196,10 @@ def _emit_series(
     columns.close([])
 
 
-def _over(b: ir.IRBuilder, index: ir.Value) -> Lane:
+def _over(b: Builder, index: ir.Value) -> Lane:
     """One over the number after."""
     number = b.sitofp(b.add(index, I64(1)), F64)
-    return Lane(b, splat(b, b.fdiv(ir.Constant(F64, 1.0), number)))
+    return Lane(b, b.splat(b.fdiv(ir.Constant(F64, 1.0), number)))
 
 
 def _emit_squares(
@@ -229,11 +219,11 @@ def _emit_squares(
     nodes, weights = _gauss()
     table = b.alloca(VEC, I64(2 * NODES))
     for k, (node, weight) in enumerate(zip(nodes, weights, strict=True)):
-        store(b, vector(float(node)), table, 2 * k)
-        store(b, vector(float(weight)), table, 2 * k + 1)
+        b.write(vector(float(node)), table, 2 * k)
+        b.write(vector(float(weight)), table, 2 * k + 1)
     each = Loop(b, I64(NODES), [], "nodes")
     row = b.gep(table, [b.mul(each.index, I64(2))])
-    node, weight = Lane(b, load(b, row, 0)), Lane(b, load(b, row, 1))
+    node, weight = Lane(b, b.read(row, 0)), Lane(b, b.read(row, 1))
     point = [memory.get(terms, DEGREE * n + i) for i in range(n)]
     for order in range(DEGREE - 1, -1, -1):
         point = [fused(one, node, memory.get(terms, order * n + i)) for i, one in enumerate(point)]
@@ -249,56 +239,58 @@ def _gauss() -> tuple[np.ndarray, np.ndarray]:
     return 0.5 * (nodes + 1.0), 0.5 * weights
 
 
-def gain_width(n: int) -> int:
-    """Numbers that `update_covariance` leaves of a channel: the gain (n,), the variance of what it
-    shows, and the root of one over it.
+@dataclass(frozen=True, slots=True)
+class Gains:
+    """Of all channels, in a `block (K, width)`: the gain (n,), the variance of what the channel shows,
+    and the root of one over it.  `weights (K, n)`: the block of those of the channels.
     """
-    return n + 2
 
+    memory: Memory
+    system: StateSpace
+    block: ir.Value
+    weights: ir.Value
 
-def update_covariance(
-    memory: Memory,
-    system: StateSpace,
-    k: int,
-    p: ir.Value,
-    variances: ir.Value,
-    gains: ir.Value,
-    weights: ir.Value,
-    is_seen: Number = 1.0,
-) -> None:
-    """Write the gain of channel k into `gains (K, gain_width)`, and update the covariance p (n, n)."""
-    n, own = system.n, system.weights(memory.b, weights, k)
-    c = list(own.values())
-    shown = [dot(c, [memory.get(p, i * n + j) for j in own]) for i in range(n)]
-    variance = dot(c, [shown[j] for j in own], memory.get(variances, k))
-    over = is_seen / variance
-    gain = [one * over for one in shown]
-    for i in range(n):
-        for j in range(n):
-            memory.put(fused(-gain[i], shown[j], memory.get(p, i * n + j)), p, i * n + j)
-    at = k * gain_width(n)
-    for i, one in enumerate(gain):
-        memory.put(one, gains, at + i)
-    memory.put(variance * is_seen + (1.0 - is_seen), gains, at + n)
-    memory.put(_root(memory.b, over), gains, at + n + 1)
+    @staticmethod
+    def width(n: int) -> int:
+        return n + 2
 
+    def of(self, k: int) -> list[Number]:
+        first = k * self.width(self.system.n)
+        return [self.memory.get(self.block, first + i) for i in range(self.system.n)]
 
-def update_state(
-    memory: Memory,
-    system: StateSpace,
-    k: int,
-    state: Sequence[Number],
-    y: Number,
-    gains: ir.Value,
-    weights: ir.Value,
-) -> tuple[Number, list[Number]]:
-    """Return the innovation of channel k, and the updated state."""
-    n = system.n
-    innovation = y
-    for i, weight in system.weights(memory.b, weights, k).items():
-        innovation = fused(-weight, state[i], innovation)
-    gain = [memory.get(gains, k * gain_width(n) + i) for i in range(n)]
-    return innovation, [fused(one, innovation, x) for one, x in zip(gain, state, strict=True)]
+    def variance(self, k: int) -> Number:
+        return self.memory.get(self.block, (k + 1) * self.width(self.system.n) - 2)
+
+    def inverse_deviation(self, k: int) -> Number:
+        return self.memory.get(self.block, (k + 1) * self.width(self.system.n) - 1)
+
+    def update_covariance(
+        self, k: int, p: ir.Value, variances: ir.Value, is_seen: Number = 1.0
+    ) -> None:
+        """Write what the block has of channel k, and update the covariance p (n, n)."""
+        memory, n = self.memory, self.system.n
+        own = self.system.weights(memory.b, self.weights, k)
+        c = list(own.values())
+        shown = [dot(c, [memory.get(p, i * n + j) for j in own]) for i in range(n)]
+        variance = dot(c, [shown[j] for j in own], memory.get(variances, k))
+        over = is_seen / variance
+        gain = [one * over for one in shown]
+        for i in range(n):
+            for j in range(n):
+                memory.put(fused(-gain[i], shown[j], memory.get(p, i * n + j)), p, i * n + j)
+        numbers = [*gain, variance * is_seen + (1.0 - is_seen), _root(memory.b, over)]
+        for i, one in enumerate(numbers, start=k * self.width(n)):
+            memory.put(one, self.block, i)
+
+    def update_state(
+        self, k: int, state: Sequence[Number], y: Number
+    ) -> tuple[Number, list[Number]]:
+        """Return the innovation of channel k, and the updated state."""
+        innovation = y
+        for i, weight in self.system.weights(self.memory.b, self.weights, k).items():
+            innovation = fused(-weight, state[i], innovation)
+        pairs = zip(self.of(k), state, strict=True)
+        return innovation, [fused(gain, innovation, x) for gain, x in pairs]
 
 
 def predict_covariance(memory: Memory, n: int, p: ir.Value, phi: ir.Value, q: ir.Value) -> None:
@@ -308,18 +300,13 @@ def predict_covariance(memory: Memory, n: int, p: ir.Value, phi: ir.Value, q: ir
     whole = emit_even(b.module, n, adds=True, slopes=memory.slopes)
     spare = memory.room(n * n)
     b.call(half, [spare, phi, p])
-    emit_copy(b, q, p, n * n * memory.width)
+    b.copy(q, p, n * n * memory.width)
     b.call(whole, [p, spare, phi])
 
 
-def inverse_deviation(memory: Memory, n: int, k: int, gains: ir.Value) -> Number:
-    """Of one over the variance of what channel k shows."""
-    return memory.get(gains, k * gain_width(n) + n + 1)
-
-
-def _root(b: ir.IRBuilder, number: Number) -> Number:
+def _root(b: Builder, number: Number) -> Number:
     value = dual(number).value
-    size = Lane(b, root(b, value.value))
+    size = Lane(b, b.root(value.value))
     if not isinstance(number, Dual):
         return size
     safe = b.select(b.fcmp_ordered("==", size.value, vector(0.0)), vector(1.0), size.value)
@@ -357,15 +344,15 @@ class _Writer:
     """Where a group of walkers has its numbers."""
 
     def __init__(self, module: ir.Module, system: StateSpace, name: str) -> None:
-        made = function(module, name, len(COUNTS), list(BLOCKS.values()))
-        names = (*COUNTS, *BLOCKS)
-        self.a = dict(zip(names, made.args, strict=True))
-        b = self.b = ir.IRBuilder(made.append_basic_block())
+        self.a, self.b = begin_kernel(module, name, COUNTS, BLOCKS)
+        b = self.b
         self.system, self.slopes, self.smooth = system, name == "slopes", name == "smooth"
         self.memory = m = Memory(b, self.slopes)
         n = self.n = system.n
         self.spread = emit_transition(module, system, slopes=self.slopes)
-        self.p, self.x, self.gains = m.room(n * n), m.room(n), m.room(system.k * gain_width(n))
+        self.p, self.x = m.room(n * n), m.room(n)
+        block = m.room(system.k * Gains.width(n))
+        self.gains = Gains(m, system, block, self.a["weights"])
         self.span = b.alloca(VEC, I64(1))
         self.flag = b.alloca(I64, I64(1))
 
@@ -384,7 +371,7 @@ class _Writer:
         own = m.at(a["parameters"], b.mul(group, I64(self.system.p)))
         self.variances = m.at(a["variances"], b.mul(group, I64(self.system.k)))
         steps = Loop(b, a["steps"], [], "steps")
-        store(b, splat(b, b.load(b.gep(a["spans"], [steps.index]))), self.span, 0)
+        b.write(b.splat(b.load(b.gep(a["spans"], [steps.index]))), self.span, 0)
         b.call(self.spread, [own, self.span, *self.matrices(steps.index)])
         steps.close([])
         m.clear(self.p, n * n)
@@ -406,17 +393,17 @@ def kept(system: StateSpace) -> int:
 def _emit_revise(module: ir.Module, system: StateSpace, *, slopes: bool) -> ir.Function:
     """`revise(p, gains, variances, phi, q, seen, weights, flag)`: an update and a prediction."""
     n = system.n
-    made = function(module, "revise", 0, [VECTORS] * 5 + [NUMBERS, NUMBERS, WHOLE])
+    made, b = begin_function(module, "revise", 0, [VECTORS] * 5 + [NUMBERS, NUMBERS, WHOLE])
     p, gains, variances, phi, q, seen, weights, flag = made.args
-    b = ir.IRBuilder(made.append_basic_block())
     memory = Memory(b, slopes)
+    found = Gains(memory, system, gains, weights)
     old = [dual(memory.get(p, i * n + i)) for i in range(n)]
     for k in range(system.k):
-        is_seen = Lane(b, splat(b, b.load(b.gep(seen, [I64(k)]))))
-        update_covariance(memory, system, k, p, variances, gains, weights, is_seen)
+        is_seen = Lane(b, b.splat(b.load(b.gep(seen, [I64(k)]))))
+        found.update_covariance(k, p, variances, is_seen)
     predict_covariance(memory, n, p, phi, q)
     moving = _moving(memory, n, p, old)
-    b.store(b.select(anywhere(b, moving), I64(0), I64(1)), flag)
+    b.store(b.select(b.anywhere(moving), I64(0), I64(1)), flag)
     b.ret_void()
     return made
 
@@ -424,16 +411,15 @@ def _emit_revise(module: ir.Module, system: StateSpace, *, slopes: bool) -> ir.F
 def _moving(memory: Memory, n: int, p: ir.Value, old: list[Dual]) -> ir.Value:
     """Lanes in which a variance changes still."""
     b = memory.b
-    absolute = intrinsic(b.module, f"llvm.fabs.v{LANES}f64", VEC, [VEC])
     moving = ir.Constant(ir.VectorType(ir.IntType(1), LANES), [0] * LANES)
     for i, before in enumerate(old):
         now = dual(memory.get(p, i * n + i))
-        far = b.call(absolute, [(now.value - before.value).value])
+        far = b.absolute((now.value - before.value).value)
         near = (now.value * SAME).value
         moving = b.or_(moving, b.fcmp_unordered(">", far, near))
         if memory.slopes:
-            far = b.call(absolute, [(now.slope - before.slope).value])
-            size = Lane(b, b.call(absolute, [now.slope.value])) + now.value
+            far = b.absolute((now.slope - before.slope).value)
+            size = Lane(b, b.absolute(now.slope.value)) + now.value
             moving = b.or_(moving, b.fcmp_unordered(">", far, (size * SAME_SLOPE).value))
     return moving
 
@@ -449,13 +435,13 @@ def _emit_filter(module: ir.Module, system: StateSpace, name: str) -> None:
     here = b.mul(b.add(b.mul(groups.index, a["samples"]), t), I64(system.k))
     if w.smooth:
         keep = m.at(a["kept"], b.mul(t, I64(w.kept)))
-        emit_copy(b, w.x, b.gep(keep, [I64(system.k * (n + 1))]), n)
-        emit_copy(b, w.p, b.gep(keep, [I64(system.k * (n + 1) + n)]), n * n)
+        b.copy(w.x, b.gep(keep, [I64(system.k * (n + 1))]), n)
+        b.copy(w.p, b.gep(keep, [I64(system.k * (n + 1) + n)]), n * n)
     phi, q = w.matrices(b.load(b.gep(a["node"], [t])))
     settled = b.and_(b.load(w.flag), b.load(b.gep(a["same"], [t])))
     seen = b.gep(a["seen"], [b.mul(t, I64(system.k))])
     with b.if_then(b.icmp_signed("==", settled, I64(0))):
-        b.call(revise, [w.p, w.gains, w.variances, phi, q, seen, a["weights"], w.flag])
+        b.call(revise, [w.p, w.gains.block, w.variances, phi, q, seen, a["weights"], w.flag])
     _emit_sample(w, here, t, phi)
     samples.close([])
     if w.smooth:
@@ -470,19 +456,17 @@ def _emit_sample(w: _Writer, here: ir.Value, t: ir.Value, phi: ir.Value) -> None
     left, state = m.at(w.a["left"], here), m.row(w.x, n)
     out = m.at(w.a["out"], b.mul(here, I64(2)))
     for k in range(system.k):
-        at = k * gain_width(n)
-        y, weights = m.get(left, k), w.a["weights"]
-        innovation, state = update_state(m, system, k, state, y, w.gains, weights)
-        over = inverse_deviation(m, n, k, w.gains)
+        innovation, state = w.gains.update_state(k, state, m.get(left, k))
+        over = w.gains.inverse_deviation(k)
         white = innovation * over
         if w.smooth:
             keep = m.at(w.a["kept"], b.mul(t, I64(w.kept)))
-            for i in range(n):
-                m.put(m.get(w.gains, at + i), keep, k * (n + 1) + i)
+            for i, gain in enumerate(w.gains.of(k)):
+                m.put(gain, keep, k * (n + 1) + i)
             m.put(white * over, keep, k * (n + 1) + n)
         else:
             m.put(white, out, 2 * k)
-            m.put(m.get(w.gains, at + n), out, 2 * k + 1)
+            m.put(w.gains.variance(k), out, 2 * k + 1)
     rows = [[m.get(phi, i * n + j) for j in range(n)] for i in range(n)]
     for i, row in enumerate(rows):
         m.put(dot(row, state), w.x, i)
@@ -524,7 +508,7 @@ def _emit_draw(module: ir.Module, system: StateSpace, name: str) -> None:
     _, q = w.matrices(steps.index)
     spare = m.room(n * n)
     b.call(factor, [spare, q])
-    emit_copy(b, spare, q, n * n)
+    b.copy(spare, q, n * n)
     steps.close([])
     samples = Loop(b, a["samples"], [vector(0.0)] * n, "samples")
     t, k_count = samples.index, system.k
@@ -542,10 +526,9 @@ def _emit_draw(module: ir.Module, system: StateSpace, name: str) -> None:
         spread = [m.get(spreads, i * n + j) for j in range(i + 1)]
         state.append(dot(spread, normals[: i + 1], moved))
     out = m.at(a["out"], here)
-    for i, one in enumerate(state):
-        m.put(one, out, i)
+    m.put_row(state, out)
     for k in range(k_count):
-        size = Lane(b, root(b, load(b, w.variances, k)))
+        size = Lane(b, b.root(b.read(w.variances, k)))
         value = size * normals[n + k]
         for i, weight in system.weights(b, a["weights"], k).items():
             value = fused(weight, state[i], value)

@@ -6,6 +6,7 @@ cell where that is long for a lane (`ladder`), and then a Taylor series of few t
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 from llvmlite import ir
@@ -16,16 +17,9 @@ from bayesdrill.rig.kernels.lanes import (
     I64,
     LANES,
     NUMBERS,
-    VEC,
     VECTORS,
+    Builder,
     Loop,
-    floor,
-    fma,
-    gather,
-    load,
-    scatter,
-    splat,
-    store,
     vector,
     whole_numbers,
 )
@@ -109,19 +103,17 @@ class Shape:
 
 @dataclass(frozen=True, slots=True)
 class Arguments:
-    b: ir.IRBuilder
+    b: Builder
     named: dict[str, ir.Value]
 
     def __getitem__(self, name: str) -> ir.Value:
         return self.named[name]
 
     def row(self, name: str, index: ir.Value, count: int) -> ir.Value:
-        return self.b.gep(self.named[name], [self.b.mul(index, I64(count))])
+        return self.b.past(self.named[name], index, count)
 
-    def whole(self, name: str, index: ir.Value) -> ir.Value:
+    def at(self, name: str, index: ir.Value) -> ir.Value:
         return self.b.load(self.b.gep(self.named[name], [index]))
-
-    real = whole
 
     def number(self, index: int) -> ir.Value:
         return self.b.load(self.b.gep(self.named["numbers"], [I64(index)]))
@@ -132,76 +124,68 @@ class Arguments:
         found: list[list[ir.Value]] = []
         for name in ("u", "slopes"):
             mine = self.row(name, knot, count)
-            found.append([splat(b, b.load(b.gep(mine, [I64(s)]))) for s in range(count)])
+            found.append([b.splat(b.load(b.gep(mine, [I64(s)]))) for s in range(count)])
         return found[0], found[1] if layout.first_order else []
 
-    def signals_of(self, group: ir.Value, k_count: int) -> ir.Value:
-        """Where in `out` those of a group begin."""
-        size = self.b.mul(self.b.add(self.named["knots"], I64(1)), I64(k_count))
-        return self.b.gep(self.named["out"], [self.b.mul(group, size)])
 
-
-def observe(
-    a: Arguments,
-    shape: Shape,
-    own: dict[str, ir.Value],
-    group: ir.Value,
-    knot: ir.Value,
-    z: list[ir.Value],
-    totals: list[ir.Value],
-) -> None:
-    """Channels that are not late, at a knot where the state with one and inputs is `z`."""
-    b, k_count = a.b, len(shape.pattern)
-    for k in (k for k, shifted in enumerate(shape.shifted) if not shifted):
-        flat = b.add(b.mul(knot, I64(k_count)), I64(k))
-        total = vector(0.0)
-        for r in (r for r, used in enumerate(shape.pattern[k]) if used):
-            total = fma(b, load(b, own["rows"], k * shape.r_count + r), z[r], total)
-        if shape.tally is not None:
-            y = splat(b, a.real("y", flat))
-            seen = b.fcmp_ordered("ord", y, y)
-            left = b.select(seen, b.fsub(y, total), vector(0.0))
-            weights = [load(b, own["weight"], k * shape.weights + n) for n in range(shape.weights)]
-            add_to(b, shape.tally, totals[k], Sample(left, seen, weights))
-        else:
-            store(b, total, b.gep(a.signals_of(group, k_count), [flat]), 0)
-
-
-def add_to(b: ir.IRBuilder, tally: Tally, place: ir.Value, sample: Sample) -> None:
-    """To the tally of one channel, which stands at a place."""
-    kept = [load(b, place, n) for n in range(tally.count)]
-    for n, value in enumerate(tally.added(b, kept, sample)):
-        store(b, value, place, n)
-
-
-def emit_seen(
-    a: Arguments,
-    shape: Shape,
-    weight: ir.Value | None,
-    group: ir.Value,
-    k: ir.Value,
-    sample: ir.Value,
-    due: ir.Value,
-    value: ir.Value,
-) -> None:
-    """What channel k sees at a sample of each lane that is `due`; sample T is none, but has a place.
-
-    `weight`: where those of the channels stand, if they have any.
+@dataclass(frozen=True, slots=True)
+class Channels:
+    """What they see of a group of walkers, whose numbers stand in their `own` blocks, goes into the
+    tally or to the signals.
     """
-    b, k_count = a.b, len(shape.pattern)
-    if shape.tally is None:
-        sample = b.select(due, sample, splat(b, a["knots"]))
-    flat = b.add(b.mul(sample, whole_numbers(k_count)), splat(b, k))
-    if shape.tally is None:
-        scatter(b, value, b.bitcast(a.signals_of(group, k_count), NUMBERS), flat)
-        return
-    y = gather(b, a["y"], flat)
-    seen = b.and_(due, b.fcmp_ordered("ord", y, y))
-    left = b.select(seen, b.fsub(y, value), vector(0.0))
-    place = b.gep(a.row("out", group, shape.out_count), [b.mul(k, I64(shape.tally.count))])
-    first = b.mul(k, I64(shape.weights))
-    own = [load(b, b.gep(weight, [first]), n) for n in range(shape.weights)]
-    add_to(b, shape.tally, place, Sample(left, seen, own))
+
+    a: Arguments
+    shape: Shape
+    group: ir.Value
+    own: Mapping[str, ir.Value]
+
+    def observe(self, knot: ir.Value, z: list[ir.Value], totals: list[ir.Value]) -> None:
+        """Those that are not late, at a knot where the state with one and inputs is `z`."""
+        b, shape, k_count = self.a.b, self.shape, len(self.shape.pattern)
+        for k in (k for k, shifted in enumerate(shape.shifted) if not shifted):
+            flat = b.add(b.mul(knot, I64(k_count)), I64(k))
+            total = vector(0.0)
+            for r in (r for r, used in enumerate(shape.pattern[k]) if used):
+                total = b.fma(b.read(self.own["rows"], k * shape.r_count + r), z[r], total)
+            if shape.tally is not None:
+                y = b.splat(self.a.at("y", flat))
+                seen = b.fcmp_ordered("ord", y, y)
+                left = b.select(seen, b.fsub(y, total), vector(0.0))
+                first = k * shape.weights
+                weights = [b.read(self.own["weight"], first + n) for n in range(shape.weights)]
+                _add_to(b, shape.tally, totals[k], Sample(left, seen, weights))
+            else:
+                b.write(total, b.gep(self._signals, [flat]), 0)
+
+    def see(self, k: ir.Value, sample: ir.Value, due: ir.Value, value: ir.Value) -> None:
+        """What k sees at a sample of each lane that is `due`; sample T is none, but has a place."""
+        a, b, shape, k_count = self.a, self.a.b, self.shape, len(self.shape.pattern)
+        if shape.tally is None:
+            sample = b.select(due, sample, b.splat(a["knots"]))
+        flat = b.add(b.mul(sample, whole_numbers(k_count)), b.splat(k))
+        if shape.tally is None:
+            b.scatter(value, b.bitcast(self._signals, NUMBERS), flat)
+            return
+        y = b.gather(a["y"], flat)
+        seen = b.and_(due, b.fcmp_ordered("ord", y, y))
+        left = b.select(seen, b.fsub(y, value), vector(0.0))
+        place = b.past(a.row("out", self.group, shape.out_count), k, shape.tally.count)
+        first = b.mul(k, I64(shape.weights))
+        weights = [b.read(b.gep(self.own["weight"], [first]), n) for n in range(shape.weights)]
+        _add_to(b, shape.tally, place, Sample(left, seen, weights))
+
+    @property
+    def _signals(self) -> ir.Value:
+        """Where in `out` those of the group begin."""
+        b = self.a.b
+        size = b.mul(b.add(self.a["knots"], I64(1)), I64(len(self.shape.pattern)))
+        return b.past(self.a["out"], self.group, size)
+
+
+def _add_to(b: Builder, tally: Tally, place: ir.Value, sample: Sample) -> None:
+    """To the tally of one channel, which stands at a place."""
+    kept = b.read_row(place, tally.count)
+    b.write_row(tally.added(b, kept, sample), place)
 
 
 def row_blocks(shape: Shape) -> int:
@@ -222,33 +206,26 @@ def entries_of(layout: Layout) -> list[tuple[int, int]]:
 class Slots:
     """Where state and sampled inputs are between two pieces of code."""
 
-    b: ir.IRBuilder
+    b: Builder
     state: list[ir.Value]
     inputs: list[ir.Value]
 
     def read(self) -> tuple[Values, Values]:
         return (
-            [load(self.b, slot, 0) for slot in self.state],
-            [load(self.b, slot, 0) for slot in self.inputs],
+            [self.b.read(slot, 0) for slot in self.state],
+            [self.b.read(slot, 0) for slot in self.inputs],
         )
 
     def write(self, state: Values, inputs: Values) -> None:
         for value, slot in zip([*state, *inputs], [*self.state, *self.inputs], strict=True):
-            store(self.b, value, slot, 0)
-
-
-def slots(b: ir.IRBuilder, layout: Layout) -> Slots:
-    def some(n: int) -> list[ir.Value]:
-        return [b.alloca(VEC) for _ in range(n)]
-
-    return Slots(b, some(layout.n_states), some(layout.n_series))
+            self.b.write(value, slot, 0)
 
 
 @dataclass(frozen=True, slots=True)
 class Machine:
     """What the pieces of code for one group share."""
 
-    b: ir.IRBuilder
+    b: Builder
     layout: Layout
     exponential: ir.Function
     product: ir.Function
@@ -260,138 +237,123 @@ class Machine:
     spans: ir.Value  # one vector
     e: ir.Value  # three matrices
 
+    def exponentiate(self, spans: ir.Value, out: ir.Value) -> None:
+        self.b.write(spans, self.spans, 0)
+        self.b.call(self.exponential, [self.parameters, self.constants, self.spans, out])
 
-def emit_exponential_of(m: Machine, spans: ir.Value, out: ir.Value) -> None:
-    store(m.b, spans, m.spans, 0)
-    m.b.call(m.exponential, [m.parameters, m.constants, m.spans, out])
-
-
-def keep(m: Machine, e: ir.Value, table: ir.Value) -> None:
-    for place, (i, j) in enumerate(entries_of(m.layout)):
-        store(m.b, load(m.b, e, i * m.layout.size + j), table, place)
+    def keep(self, e: ir.Value, table: ir.Value) -> None:
+        for place, (i, j) in enumerate(entries_of(self.layout)):
+            self.b.write(self.b.read(e, i * self.layout.size + j), table, place)
 
 
-def apply(m: Machine, table: ir.Value, state: Values, inputs: Values, slopes: Values) -> Values:
+def apply(
+    b: Builder, layout: Layout, table: ir.Value, state: Values, inputs: Values, slopes: Values
+) -> Values:
     """A kept exponential to a state."""
-    phi = {where: load(m.b, table, place) for place, where in enumerate(entries_of(m.layout))}
-    return next_state(m.b, m.layout.n_states, phi, state, [*inputs, *slopes])
+    phi = {where: b.read(table, place) for place, where in enumerate(entries_of(layout))}
+    return next_state(b, layout.n_states, phi, state, [*inputs, *slopes])
 
 
 @dataclass(frozen=True, slots=True)
-class Rest:
-    """Of spans within a cell: exponentials over its halvings, and the spans of these."""
+class Ladder:
+    """Exponentials over spans that are halved or doubled from level to level, and these `spans`."""
 
-    cell: Cell
-    ladder: ir.Value
+    b: Builder
+    layout: Layout
+    table: ir.Value
     spans: ir.Value
 
+    def _at(self, level: ir.Value) -> ir.Value:
+        return self.b.past(self.table, level, len(entries_of(self.layout)))
 
-def emit_ladder(m: Machine, rest: Rest, width: ir.Value) -> None:
-    """Over `width` / 2, / 4, ...; over 0 where a lane needs none."""
-    b = m.b
-    with b.if_then(b.icmp_signed(">", rest.cell.depth, I64(0))):
-        levels = Loop(b, rest.cell.depth, [ir.Constant(F64, 0.5)], "levels")
-        number = splat(b, b.add(levels.index, I64(1)))
-        wanted = b.icmp_signed(">=", rest.cell.halvings, number)
-        span = b.select(wanted, splat(b, b.fmul(width, levels.carried[0])), vector(0.0))
-        emit_level(m, rest, levels.index, span)
-        levels.close([b.fmul(levels.carried[0], ir.Constant(F64, 0.5))])
+    def fill(self, m: Machine, level: ir.Value, span: ir.Value) -> None:
+        self.b.write(span, self.b.gep(self.spans, [level]), 0)
+        m.exponentiate(span, m.e)
+        m.keep(m.e, self._at(level))
+
+    def fill_cell(self, m: Machine, cell: Cell, width: ir.Value) -> None:
+        """Over `width` / 2, / 4, ...; over 0 where a lane needs none."""
+        b, half = self.b, ir.Constant(F64, 0.5)
+        with b.if_then(b.icmp_signed(">", cell.depth, I64(0))):
+            levels = Loop(b, cell.depth, [half], "levels")
+            number = b.splat(b.add(levels.index, I64(1)))
+            wanted = b.icmp_signed(">=", cell.halvings, number)
+            span = b.select(wanted, b.splat(b.fmul(width, levels.carried[0])), vector(0.0))
+            self.fill(m, levels.index, span)
+            levels.close([b.fmul(levels.carried[0], half)])
+
+    def climb(
+        self, level: ir.Value, place: Slots, slopes: Values, mask: ir.Value | None = None
+    ) -> None:
+        """By one level, in all lanes or in those of a `mask`."""
+        b, table = self.b, self._at(level)
+        span = b.load(b.gep(self.spans, [level]), align=8)
+        state, inputs = place.read()
+        new = apply(b, self.layout, table, state, inputs, slopes)
+        after = later(b, inputs, slopes, span)
+        if mask is not None:
+            new = [b.select(mask, one, old) for one, old in zip(new, state, strict=True)]
+            after = [b.select(mask, one, old) for one, old in zip(after, inputs, strict=True)]
+        place.write(new, after)
 
 
-def emit_level(m: Machine, rest: Rest, level: ir.Value, span: ir.Value) -> None:
-    b, count = m.b, len(entries_of(m.layout))
-    store(b, span, b.gep(rest.spans, [level]), 0)
-    emit_exponential_of(m, span, m.e)
-    keep(m, m.e, b.gep(rest.ladder, [b.mul(level, I64(count))]))
-
-
-@dataclass(frozen=True, slots=True)
-class Nodes:
-    """Blocks of the host, and the width of a cell."""
-
-    a: Arguments
-    width: ir.Value
-
-
-def emit_nodes(m: Machine, cell: Cell, nodes: Nodes) -> None:
+def emit_nodes(m: Machine, a: Arguments, cell: Cell, width: ir.Value) -> None:
     """The table: a chained node is the one before and a cell, others have exponentials of their own."""
-    b, a, n = m.b, nodes.a, m.layout.size
+    b, n = m.b, m.layout.size
     e, hop, spare = (b.gep(m.e, [I64(k * n * n)]) for k in range(3))
-    with b.if_then(b.fcmp_ordered(">", nodes.width, ir.Constant(F64, 0.0))):
-        emit_exponential_of(m, splat(b, nodes.width), hop)
+    with b.if_then(b.fcmp_ordered(">", width, ir.Constant(F64, 0.0))):
+        m.exponentiate(b.splat(width), hop)
     each = Loop(b, a["nodes"], [], "nodes")
-    linked = b.icmp_signed("!=", a.whole("chained", each.index), I64(0))
+    linked = b.icmp_signed("!=", a.at("chained", each.index), I64(0))
     with b.if_else(linked) as (then, otherwise):
         with then:
             b.call(m.product, [spare, e, hop])
             for i in range(n):
                 for j in (j for j in range(n) if m.layout.reach[i][j]):
-                    store(b, load(b, spare, i * n + j), e, i * n + j)
+                    b.write(b.read(spare, i * n + j), e, i * n + j)
         with otherwise:
-            middle = b.fmul(cell.half, splat(b, nodes.width))
-            inside = splat(b, a.real("inside", each.index))
-            span = fma(b, inside, middle, splat(b, a.real("spans", each.index)))
-            emit_exponential_of(m, span, e)
-    keep(m, e, a.row("table", each.index, len(entries_of(m.layout))))
+            middle = b.fmul(cell.half, b.splat(width))
+            inside = b.splat(a.at("inside", each.index))
+            span = b.fma(inside, middle, b.splat(a.at("spans", each.index)))
+            m.exponentiate(span, e)
+    m.keep(e, a.row("table", each.index, len(entries_of(m.layout))))
     each.close([])
 
 
-def remainder(b: ir.IRBuilder, cell: Cell, share: ir.Value) -> ir.Value:
-    """Norm times what is left of a `share` (0 to 1, of a cell) below the halvings of each lane."""
-    fine = b.fmul(share, cell.power)
-    left = b.fsub(fine, floor(b, fine))
-    return b.fmul(b.fsub(left, cell.half), cell.unit)
-
-
-def emit_rest(m: Machine, rest: Rest, share: ir.Value, place: Slots, slopes: Values) -> None:
-    """Goes on by `share` (a number, 0 to 1) of a cell, from `place` to `place`."""
+def emit_rest(
+    m: Machine, cell: Cell, ladder: Ladder, share: ir.Value, place: Slots, slopes: Values
+) -> None:
+    """Goes on by `share` (a number, 0 to 1) of a cell, from `place` to `place`: by a series of what is
+    left below the halvings of each lane, and by these.
+    """
     b, layout, x = m.b, m.layout, m.layout.n_states
     state, inputs = place.read()
-    scaled = remainder(b, rest.cell, splat(b, share))
+    fine = b.fmul(b.splat(share), cell.power)
+    left = b.fsub(fine, b.floor(fine))
+    scaled = b.fmul(b.fsub(left, cell.half), cell.unit)
 
     def add(k: ir.Value, term: Values, carried: Values) -> Values:
-        share_k = b.load(b.gep(rest.cell.weights, [k]), align=8)
+        share_k = b.load(b.gep(cell.weights, [k]), align=8)
         weight = b.fmul(carried[0], b.fmul(scaled, share_k))
-        totals = [fma(b, weight, one, to) for one, to in zip(term, carried[1:], strict=True)]
+        totals = [b.fma(weight, one, to) for one, to in zip(term, carried[1:], strict=True)]
         return [weight, *totals]
 
     start = [vector(1.0), *state]
     values = (state, inputs, slopes)
-    done = emit_terms(b, layout, m.rates, values, m.over, rest.cell.count, start, add)
+    done = emit_terms(b, layout, m.rates, values, m.over, cell.count, start, add)
     span = b.fmul(scaled, m.over)
     place.write(done[1 : x + 1], later(b, inputs, slopes, span))
-    with b.if_then(b.icmp_signed(">", rest.cell.depth, I64(0))):
-        levels = Loop(b, rest.cell.depth, [], "descent")
+    with b.if_then(b.icmp_signed(">", cell.depth, I64(0))):
+        levels = Loop(b, cell.depth, [], "descent")
         power = b.shl(I64(1), b.add(levels.index, I64(1)))
         number = b.fptosi(b.fmul(share, b.sitofp(power, F64)), I64)
         with b.if_then(b.icmp_signed("!=", b.and_(number, I64(1)), I64(0))):
-            emit_rung(m, rest, levels.index, place, slopes)
+            ladder.climb(levels.index, place, slopes)
         levels.close([])
 
 
-def emit_rung(
-    m: Machine,
-    rest: Rest,
-    level: ir.Value,
-    place: Slots,
-    slopes: Values,
-    mask: ir.Value | None = None,
-) -> None:
-    """By one level of a ladder, in all lanes or in those of a `mask`."""
-    b = m.b
-    table = b.gep(rest.ladder, [b.mul(level, I64(len(entries_of(m.layout))))])
-    span = b.load(b.gep(rest.spans, [level]), align=8)
-    state, inputs = place.read()
-    new = apply(m, table, state, inputs, slopes)
-    after = later(b, inputs, slopes, span)
-    if mask is not None:
-        new = [b.select(mask, one, old) for one, old in zip(new, state, strict=True)]
-        after = [b.select(mask, one, old) for one, old in zip(after, inputs, strict=True)]
-    place.write(new, after)
-
-
-def later(b: ir.IRBuilder, inputs: Values, slopes: Values, span: ir.Value) -> Values:
+def later(b: Builder, inputs: Values, slopes: Values, span: ir.Value) -> Values:
     """Inputs with slopes, a span later; held ones as they are."""
     if not slopes:
         return inputs
-    return [fma(b, slope, span, u) for u, slope in zip(inputs, slopes, strict=True)]
+    return [b.fma(slope, span, u) for u, slope in zip(inputs, slopes, strict=True)]

@@ -5,7 +5,7 @@ code.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
@@ -48,56 +48,209 @@ def _place(index: int) -> ir.Constant:
     return I64(index)
 
 
-def load(b: ir.IRBuilder, base: ir.Value, index: int) -> ir.Value:
-    return b.load(b.gep(base, [_place(index)]), align=8)
+_LEAST_POWER = -700.0  # of e; what is smaller still is nothing
+_ROUNDER = 1.5 * 2.0**52  # added to a number, it leaves its nearest whole number in the last bits
+# Of exp(x) for |x| < log(2)/2, least largest relative error: 2e-9.
+_EXP = (
+    1.0000000005541665,
+    1.0000000363231971,
+    0.49999992079816347,
+    0.16666420169852542,
+    0.041668225569617155,
+    0.008374815804161584,
+    0.001383684598538632,
+)
 
 
-def store(b: ir.IRBuilder, value: ir.Value, base: ir.Value, index: int) -> None:
-    b.store(value, b.gep(base, [_place(index)]), align=8)
+class Builder(ir.IRBuilder):  # type: ignore[misc]
+    """Writes the instructions of a function: those of LLVM, and what kernels want of vectors."""
+
+    def read(self, base: ir.Value, index: int) -> ir.Value:
+        """The vector at a place of a block."""
+        return self.load(self.gep(base, [_place(index)]), align=8)
+
+    def write(self, value: ir.Value, base: ir.Value, index: int) -> None:
+        self.store(value, self.gep(base, [_place(index)]), align=8)
+
+    def read_row(self, base: ir.Value, count: int) -> list[ir.Value]:
+        return [self.read(base, index) for index in range(count)]
+
+    def write_row(self, values: Iterable[ir.Value], base: ir.Value) -> None:
+        for index, value in enumerate(values):
+            self.write(value, base, index)
+
+    def past(self, base: ir.Value, *counts: ir.Value | int) -> ir.Value:
+        """The address behind a number of rows: the first of `counts`, times the others, their size."""
+        first, *others = counts
+        for count in others:
+            first = self.mul(first, I64(count) if isinstance(count, int) else count)
+        return self.gep(base, [I64(first) if isinstance(first, int) else first])
+
+    def clear(self, base: ir.Value, count: ir.Value) -> None:
+        """Zeros into so many vectors."""
+        each = Loop(self, count, [], "clear")
+        self.store(vector(0.0), self.gep(base, [each.index]), align=8)
+        each.close([])
+
+    def copy(self, source: ir.Value, target: ir.Value, count: int) -> None:
+        """Of vectors."""
+        each = Loop(self, I64(count), [], "copy")
+        moved = self.load(self.gep(source, [each.index]), align=8)
+        self.store(moved, self.gep(target, [each.index]), align=8)
+        each.close([])
+
+    def splat(self, scalar: ir.Value) -> ir.Value:
+        """A number of either kind, in all lanes."""
+        undefined = ir.Constant(ir.VectorType(scalar.type, LANES), ir.Undefined)
+        one = self.insert_element(undefined, scalar, I32(0))
+        lanes = ir.Constant(ir.VectorType(I32, LANES), [0] * LANES)
+        return self.shuffle_vector(one, undefined, lanes)
+
+    def _intrinsic(self, name: str, *arguments: ir.Value, result: ir.Type = VEC) -> ir.Value:
+        known = self.module.globals.get(name)
+        kind = ir.FunctionType(result, [argument.type for argument in arguments])
+        return self.call(known or ir.Function(self.module, kind, name), arguments)
+
+    def floor(self, value: ir.Value) -> ir.Value:
+        return self._intrinsic(f"llvm.floor.v{LANES}f64", value)
+
+    def absolute(self, value: ir.Value) -> ir.Value:
+        return self._intrinsic(f"llvm.fabs.v{LANES}f64", value)
+
+    def root(self, value: ir.Value) -> ir.Value:
+        return self._intrinsic(f"llvm.sqrt.v{LANES}f64", value)
+
+    def signed(self, value: ir.Value, like: ir.Value) -> ir.Value:
+        return self._intrinsic(f"llvm.copysign.v{LANES}f64", value, like)
+
+    def fma(self, left: ir.Value, right: ir.Value, total: ir.Value) -> ir.Value:
+        return self._intrinsic(f"llvm.fmuladd.v{LANES}f64", left, right, total)
+
+    def dot(self, base: ir.Value, values: Sequence[ir.Value]) -> ir.Value:
+        """Of the vectors at `base` with as many others."""
+        total = vector(0.0)
+        for place, value in enumerate(values):
+            total = self.fma(self.read(base, place), value, total)
+        return total
+
+    def largest(self, values: ir.Value) -> ir.Value:
+        """Of whole numbers."""
+        return self._intrinsic(f"llvm.vector.reduce.smax.v{LANES}i64", values, result=I64)
+
+    def anywhere(self, mask: ir.Value) -> ir.Value:
+        bits = ir.IntType(LANES)
+        return self.icmp_unsigned("!=", self.bitcast(mask, bits), bits(0))
+
+    def polynomial(self, weights: list[ir.Value], x: ir.Value) -> ir.Value:
+        """Pairs of its terms at a time: chains of a few operations (Estrin)."""
+        while len(weights) > 1:
+            ends = [*weights, None] if len(weights) % 2 else weights
+            pairs = zip(ends[::2], ends[1::2], strict=True)
+            weights = [low if high is None else self.fma(high, x, low) for low, high in pairs]
+            x = self.fmul(x, x)
+        return weights[0]
+
+    def exp(self, value: ir.Value) -> ir.Value:
+        """Of numbers up to 700, to 2e-9: a power of two and a short polynomial."""
+        low = self.fcmp_ordered("<", value, vector(_LEAST_POWER))
+        value = self.select(low, vector(_LEAST_POWER), value)
+        shifted = self.fma(value, vector(1.0 / math.log(2.0)), vector(_ROUNDER))
+        whole = self.fsub(shifted, vector(_ROUNDER))
+        remaining = self.fma(whole, vector(-math.log(2.0)), value)
+        total = self.polynomial([vector(weight) for weight in _EXP], remaining)
+        power = self.shl(self.bitcast(shifted, INT_VEC), whole_numbers(52))
+        return self.bitcast(self.add(self.bitcast(total, INT_VEC), power), VEC)
+
+    def gather(self, numbers: ir.Value, places: ir.Value) -> ir.Value:
+        """Of a block of single numbers, at the place of each lane; quick where lanes have one place."""
+
+        def of_lane(place: ir.Value, _: int) -> ir.Value:
+            return self.load(self.gep(numbers, [place]))
+
+        return self._gathered(places, of_lane, lambda place: self.splat(of_lane(place, 0)))
+
+    def gather_own(self, vectors: ir.Value, places: ir.Value) -> ir.Value:
+        """Of a block of vectors, each lane's number of the vector at its place."""
+        numbers = self.bitcast(vectors, F64.as_pointer())
+
+        def of_lane(place: ir.Value, lane: int) -> ir.Value:
+            at = self.add(self.mul(place, I64(LANES)), I64(lane))
+            return self.load(self.gep(numbers, [at]))
+
+        def of_all(place: ir.Value) -> ir.Value:
+            return self.load(self.gep(vectors, [place]), align=8)
+
+        return self._gathered(places, of_lane, of_all)
+
+    def _gathered(
+        self,
+        places: ir.Value,
+        of_lane: Callable[[ir.Value, int], ir.Value],
+        of_all: Callable[[ir.Value], ir.Value],
+    ) -> ir.Value:
+        first = self.extract_element(places, I32(0))
+        other = self.icmp_signed("!=", places, self.splat(first))
+        with self.if_else(self.anywhere(other)) as (then, otherwise):
+            with then:
+                apart: ir.Value = ir.Constant(VEC, ir.Undefined)
+                for lane in range(LANES):
+                    number = of_lane(self.extract_element(places, I32(lane)), lane)
+                    apart = self.insert_element(apart, number, I32(lane))
+                block_apart = self.block
+            with otherwise:
+                alike = of_all(first)
+                block_alike = self.block
+        found = self.phi(VEC)
+        found.add_incoming(apart, block_apart)
+        found.add_incoming(alike, block_alike)
+        return found
+
+    def scatter(self, value: ir.Value, numbers: ir.Value, places: ir.Value) -> None:
+        """Lane l of `value` to number l of the vector at the place of the lane."""
+        for lane in range(LANES):
+            vector_of = self.mul(self.extract_element(places, I32(lane)), I64(LANES))
+            place = self.gep(numbers, [self.add(vector_of, I64(lane))])
+            self.store(self.extract_element(value, I32(lane)), place)
+
+    def turned(self, rows: list[ir.Value]) -> list[ir.Value]:
+        """The transpose of LANES vectors: halves of pairs are exchanged, then quarters, then eighths."""
+        rows = list(rows)
+        for size in (1, 2, 4):
+            for one in (i for i in range(LANES) if not i & size):
+                first, second = rows[one], rows[one + size]
+                low = [j if not j & size else LANES + j - size for j in range(LANES)]
+                high = [j + size if not j & size else LANES + j for j in range(LANES)]
+                for row, order in ((one, low), (one + size, high)):
+                    lanes = ir.Constant(ir.VectorType(I32, LANES), order)
+                    rows[row] = self.shuffle_vector(first, second, lanes)
+        return rows
 
 
-def splat(b: ir.IRBuilder, scalar: ir.Value) -> ir.Value:
-    """A number of either kind, in all lanes."""
-    undefined = ir.Constant(ir.VectorType(scalar.type, LANES), ir.Undefined)
-    one = b.insert_element(undefined, scalar, I32(0))
-    lanes = ir.Constant(ir.VectorType(I32, LANES), [0] * LANES)
-    return b.shuffle_vector(one, undefined, lanes)
-
-
-def function(module: ir.Module, name: str, counts: int, blocks: Sequence[ir.Type]) -> ir.Function:
-    """Takes `counts` integers, then addresses of `blocks` that do not overlap; gives nothing."""
+def begin_function(
+    module: ir.Module, name: str, counts: int, blocks: Sequence[ir.Type]
+) -> tuple[ir.Function, Builder]:
+    """A function of `counts` integers, then addresses of `blocks` that do not overlap, which gives
+    nothing; and what writes it.
+    """
     signature = ir.FunctionType(ir.VoidType(), [I64] * counts + list(blocks))
     made = ir.Function(module, signature, name)
     for argument in made.args[counts:]:
         argument.add_attribute("noalias")
-    return made
+    return made, Builder(made.append_basic_block())
 
 
-def intrinsic(module: ir.Module, name: str, result: ir.Type, arguments: list[ir.Type]) -> ir.Value:
-    known = module.globals.get(name)
-    return known or ir.Function(module, ir.FunctionType(result, arguments), name)
-
-
-def floor(b: ir.IRBuilder, value: ir.Value) -> ir.Value:
-    return b.call(intrinsic(b.module, f"llvm.floor.v{LANES}f64", VEC, [VEC]), [value])
-
-
-def fma(b: ir.IRBuilder, left: ir.Value, right: ir.Value, total: ir.Value) -> ir.Value:
-    name = f"llvm.fmuladd.v{LANES}f64"
-    return b.call(intrinsic(b.module, name, VEC, [VEC] * 3), [left, right, total])
-
-
-def emit_clear(b: ir.IRBuilder, base: ir.Value, count: ir.Value) -> None:
-    """Zeros into so many vectors."""
-    each = Loop(b, count, [], "clear")
-    b.store(vector(0.0), b.gep(base, [each.index]), align=8)
-    each.close([])
+def begin_kernel(
+    module: ir.Module, name: str, counts: Sequence[str], blocks: Mapping[str, ir.Type]
+) -> tuple[dict[str, ir.Value], Builder]:
+    """A function that is called with `counts` and addresses of `blocks`: these by name."""
+    made, b = begin_function(module, name, len(counts), list(blocks.values()))
+    return dict(zip([*counts, *blocks], made.args, strict=True)), b
 
 
 class Loop:
     """A counted loop (at least one pass) that carries values: read `carried`, then `close`."""
 
-    def __init__(self, b: ir.IRBuilder, count: ir.Value, start: list[ir.Value], name: str) -> None:
+    def __init__(self, b: Builder, count: ir.Value, start: list[ir.Value], name: str) -> None:
         self._b, self._count = b, count
         before = b.block
         self._body = b.append_basic_block(name)
@@ -120,6 +273,18 @@ class Loop:
         b.position_at_end(after)
 
 
+def _operation(name: str, *, turned: bool = False) -> Callable[[Lane, Any], Any]:
+    """That of the builder with what is a number too; others know how to take a lane."""
+
+    def method(lane: Lane, other: Any) -> Any:
+        if not isinstance(other, Lane | float | int):
+            return NotImplemented
+        pair = (lane.value, lane._of(other))
+        return Lane(lane.b, getattr(lane.b, name)(*(reversed(pair) if turned else pair)))
+
+    return method
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Lane(Number):
     """One number of each walker.  Arithmetic with it is written down as code, not carried out.
@@ -127,40 +292,16 @@ class Lane(Number):
     A model's formulas, evaluated with these for numbers, become part of the kernel.
     """
 
-    b: ir.IRBuilder
+    b: Builder
     value: ir.Value
 
     def _of(self, other: Lane | float) -> ir.Value:
         return other.value if isinstance(other, Lane) else vector(float(other))
 
-    def _with(self, other: Any, operation: str, *, turned: bool = False) -> Any:
-        """`operation` of the builder with what is a number too; others know how to take a lane."""
-        if not isinstance(other, Lane | float | int):
-            return NotImplemented
-        pair = (self._of(other), self.value) if turned else (self.value, self._of(other))
-        return Lane(self.b, getattr(self.b, operation)(*pair))
-
-    def __add__(self, other: Any) -> Any:
-        return self._with(other, "fadd")
-
-    __radd__ = __add__
-
-    def __sub__(self, other: Any) -> Any:
-        return self._with(other, "fsub")
-
-    def __rsub__(self, other: Any) -> Any:
-        return self._with(other, "fsub", turned=True)
-
-    def __mul__(self, other: Any) -> Any:
-        return self._with(other, "fmul")
-
-    __rmul__ = __mul__
-
-    def __truediv__(self, other: Any) -> Any:
-        return self._with(other, "fdiv")
-
-    def __rtruediv__(self, other: Any) -> Any:
-        return self._with(other, "fdiv", turned=True)
+    __add__ = __radd__ = _operation("fadd")
+    __sub__, __rsub__ = _operation("fsub"), _operation("fsub", turned=True)
+    __mul__ = __rmul__ = _operation("fmul")
+    __truediv__, __rtruediv__ = _operation("fdiv"), _operation("fdiv", turned=True)
 
     def __neg__(self) -> Lane:
         return Lane(self.b, self.b.fneg(self.value))
@@ -174,15 +315,13 @@ class Lane(Number):
         return result
 
     def exp(self) -> Lane:
-        return Lane(self.b, emit_exp(self.b, self.value))
+        return Lane(self.b, self.b.exp(self.value))
 
     def size(self) -> Lane:
-        absolute = intrinsic(self.b.module, f"llvm.fabs.v{LANES}f64", VEC, [VEC])
-        return Lane(self.b, self.b.call(absolute, [self.value]))
+        return Lane(self.b, self.b.absolute(self.value))
 
     def signed(self, like: Lane) -> Lane:
-        copied = intrinsic(self.b.module, f"llvm.copysign.v{LANES}f64", VEC, [VEC, VEC])
-        return Lane(self.b, self.b.call(copied, [self.value, like.value]))
+        return Lane(self.b, self.b.signed(self.value, like.value))
 
     def below(self, other: Lane | float) -> Mask:
         return Mask(self.b, self.b.fcmp_ordered("<", self.value, self._of(other)))
@@ -195,7 +334,7 @@ class Lane(Number):
 class Mask(Choice):
     """Of lanes."""
 
-    b: ir.IRBuilder
+    b: Builder
     value: ir.Value
 
     def chosen(self, yes: Lane | float, no: Lane | float) -> Lane:
@@ -213,122 +352,3 @@ class Mask(Choice):
 
     def either(self, other: Mask) -> Mask:
         return Mask(self.b, self.b.or_(self.value, other.value))
-
-
-_LEAST_POWER = -700.0  # of e; what is smaller still is nothing
-_ROUNDER = 1.5 * 2.0**52  # added to a number, it leaves its nearest whole number in the last bits
-# Of exp(x) for |x| < log(2)/2, least largest relative error: 2e-9.
-_EXP = (
-    1.0000000005541665,
-    1.0000000363231971,
-    0.49999992079816347,
-    0.16666420169852542,
-    0.041668225569617155,
-    0.008374815804161584,
-    0.001383684598538632,
-)
-
-
-def even_odd(b: ir.IRBuilder, weights: list[ir.Value], x: ir.Value) -> ir.Value:
-    """A polynomial, pairs of its terms at a time: chains of a few operations (Estrin)."""
-    while len(weights) > 1:
-        ends = [*weights, None] if len(weights) % 2 else weights
-        pairs = zip(ends[::2], ends[1::2], strict=True)
-        weights = [low if high is None else fma(b, high, x, low) for low, high in pairs]
-        x = b.fmul(x, x)
-    return weights[0]
-
-
-def emit_exp(b: ir.IRBuilder, value: ir.Value) -> ir.Value:
-    """Of numbers up to 700, to 2e-9: a power of two and a short polynomial."""
-    low = b.fcmp_ordered("<", value, vector(_LEAST_POWER))
-    value = b.select(low, vector(_LEAST_POWER), value)
-    shifted = fma(b, value, vector(1.0 / math.log(2.0)), vector(_ROUNDER))
-    whole = b.fsub(shifted, vector(_ROUNDER))
-    rest = fma(b, whole, vector(-math.log(2.0)), value)
-    total = even_odd(b, [vector(weight) for weight in _EXP], rest)
-    power = b.shl(b.bitcast(shifted, INT_VEC), whole_numbers(52))
-    return b.bitcast(b.add(b.bitcast(total, INT_VEC), power), VEC)
-
-
-def largest(b: ir.IRBuilder, values: ir.Value) -> ir.Value:
-    """Of whole numbers."""
-    name = f"llvm.vector.reduce.smax.v{LANES}i64"
-    return b.call(intrinsic(b.module, name, I64, [INT_VEC]), [values])
-
-
-def anywhere(b: ir.IRBuilder, mask: ir.Value) -> ir.Value:
-    return b.icmp_unsigned("!=", b.bitcast(mask, ir.IntType(LANES)), ir.IntType(LANES)(0))
-
-
-def gather(b: ir.IRBuilder, numbers: ir.Value, places: ir.Value) -> ir.Value:
-    """Of a block of single numbers, at the place of each lane; quick where lanes have one place."""
-
-    def of_lane(place: ir.Value, _: int) -> ir.Value:
-        return b.load(b.gep(numbers, [place]))
-
-    return _gathered(b, places, of_lane, lambda place: splat(b, of_lane(place, 0)))
-
-
-def gather_own(b: ir.IRBuilder, vectors: ir.Value, places: ir.Value) -> ir.Value:
-    """Of a block of vectors, each lane's number of the vector at its place."""
-    numbers = b.bitcast(vectors, F64.as_pointer())
-
-    def of_lane(place: ir.Value, lane: int) -> ir.Value:
-        return b.load(b.gep(numbers, [b.add(b.mul(place, I64(LANES)), I64(lane))]))
-
-    return _gathered(b, places, of_lane, lambda place: b.load(b.gep(vectors, [place]), align=8))
-
-
-def _gathered(
-    b: ir.IRBuilder,
-    places: ir.Value,
-    of_lane: Callable[[ir.Value, int], ir.Value],
-    of_all: Callable[[ir.Value], ir.Value],
-) -> ir.Value:
-    first = b.extract_element(places, I32(0))
-    other = b.icmp_signed("!=", places, splat(b, first))
-    with b.if_else(anywhere(b, other)) as (then, otherwise):
-        with then:
-            apart: ir.Value = ir.Constant(VEC, ir.Undefined)
-            for lane in range(LANES):
-                number = of_lane(b.extract_element(places, I32(lane)), lane)
-                apart = b.insert_element(apart, number, I32(lane))
-            block_apart = b.block
-        with otherwise:
-            alike = of_all(first)
-            block_alike = b.block
-    found = b.phi(VEC)
-    found.add_incoming(apart, block_apart)
-    found.add_incoming(alike, block_alike)
-    return found
-
-
-def scatter(b: ir.IRBuilder, value: ir.Value, numbers: ir.Value, places: ir.Value) -> None:
-    """Lane l of `value` to number l of the vector at the place of the lane."""
-    for lane in range(LANES):
-        vector_of = b.mul(b.extract_element(places, I32(lane)), I64(LANES))
-        place = b.gep(numbers, [b.add(vector_of, I64(lane))])
-        b.store(b.extract_element(value, I32(lane)), place)
-
-
-def turned(b: ir.IRBuilder, rows: list[ir.Value]) -> list[ir.Value]:
-    """The transpose of LANES vectors: halves of pairs are exchanged, then quarters, then eighths."""
-    rows = list(rows)
-    for size in (1, 2, 4):
-        for one in (i for i in range(LANES) if not i & size):
-            first, second = rows[one], rows[one + size]
-            low = [j if not j & size else LANES + j - size for j in range(LANES)]
-            high = [j + size if not j & size else LANES + j for j in range(LANES)]
-            for row, order in ((one, low), (one + size, high)):
-                lanes = ir.Constant(ir.VectorType(I32, LANES), order)
-                rows[row] = b.shuffle_vector(first, second, lanes)
-    return rows
-
-
-def dot(b: ir.IRBuilder, base: ir.Value, first: int, values: list[ir.Value]) -> ir.Value:
-    """Of the vectors at `base` from `first` on with `values`."""
-    total = b.fmul(load(b, base, first), values[0])
-    for place, value in enumerate(values[1:], start=first + 1):
-        total = fma(b, load(b, base, place), value, total)
-    return total

@@ -1,13 +1,11 @@
 """Numbers of kernels: registers with or without slopes, and small matrices of them in memory.
 
-Small matrices of numbers in memory, and products of them: code of loops over their rows.
-
 A number of a kind with slopes takes two vectors, its value and its slope.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -16,19 +14,13 @@ from llvmlite import ir
 from bayesdrill.basics.duals import Dual, dual, where
 from bayesdrill.rig.kernels.lanes import (
     I64,
-    LANES,
     VEC,
     VECTORS,
+    Builder,
     Lane,
     Loop,
     Mask,
-    anywhere,
-    emit_clear,
-    fma,
-    function,
-    intrinsic,
-    load,
-    store,
+    begin_function,
     vector,
 )
 
@@ -40,7 +32,7 @@ Column = Mapping[int, Number]
 class Kind:
     """Of numbers: registers, or, `dual`, registers with slopes."""
 
-    b: ir.IRBuilder
+    b: Builder
     dual: bool
 
     def flat(self, numbers: Sequence[Number]) -> list[ir.Value]:
@@ -79,7 +71,7 @@ class Kind:
         """`other` in all lanes if any is in a mask."""
         b = self.b
         before, ones = b.block, self.flat(usual)
-        with b.if_then(anywhere(b, mask.value), likely=False):
+        with b.if_then(b.anywhere(mask.value), likely=False):
             others = self.flat(other())
             inside = b.block
         found = []
@@ -130,7 +122,7 @@ def _lane(left: Lane, right: Lane, sum_: Lane | None) -> Lane:
     b = left.b
     if sum_ is None:
         return Lane(b, b.fmul(left.value, right.value))
-    return Lane(b, fma(b, left.value, right.value, sum_.value))
+    return Lane(b, b.fma(left.value, right.value, sum_.value))
 
 
 def above(one: Number, other: Number) -> Mask:
@@ -168,7 +160,7 @@ TINY = 1e-13  # of a diagonal: a pivot below it is rounding
 class Memory:
     """Where numbers are kept: `width` vectors each."""
 
-    b: ir.IRBuilder
+    b: Builder
     slopes: bool
 
     @property
@@ -182,19 +174,23 @@ class Memory:
         return self.b.gep(base, [self.b.mul(index, I64(self.width))])
 
     def get(self, base: ir.Value, index: int) -> Number:
-        value = Lane(self.b, load(self.b, base, index * self.width))
+        value = Lane(self.b, self.b.read(base, index * self.width))
         if not self.slopes:
             return value
-        return Dual(value, Lane(self.b, load(self.b, base, 2 * index + 1)))
+        return Dual(value, Lane(self.b, self.b.read(base, 2 * index + 1)))
 
     def put(self, number: Number | float, base: ir.Value, index: int) -> None:
         parts = [dual(number).value, dual(number).slope] if self.slopes else [number]
         for k, part in enumerate(parts):
             value = part.value if isinstance(part, Lane) else vector(float(part))
-            store(self.b, value, base, index * self.width + k)
+            self.b.write(value, base, index * self.width + k)
 
     def row(self, base: ir.Value, count: int) -> list[Number]:
         return [self.get(base, k) for k in range(count)]
+
+    def put_row(self, numbers: Iterable[Number | float], base: ir.Value) -> None:
+        for index, number in enumerate(numbers):
+            self.put(number, base, index)
 
     def room(self, count: int) -> ir.Value:
         """On the stack, once, wherever the code stands."""
@@ -202,14 +198,7 @@ class Memory:
             return self.b.alloca(VEC, I64(count * self.width))
 
     def clear(self, base: ir.Value, count: int) -> None:
-        emit_clear(self.b, base, I64(count * self.width))
-
-
-def emit_copy(b: ir.IRBuilder, source: ir.Value, target: ir.Value, count: int) -> None:
-    """Of vectors."""
-    each = Loop(b, I64(count), [], "copy")
-    b.store(b.load(b.gep(source, [each.index]), align=8), b.gep(target, [each.index]), align=8)
-    each.close([])
+        self.b.clear(base, I64(count * self.width))
 
 
 def dot(left: Sequence[Number], right: Sequence[Number], start: Number | None = None) -> Number:
@@ -251,12 +240,11 @@ def emit_product(
     return made
 
 
-def _begun(module: ir.Module, name: str, blocks: int) -> tuple[ir.Function, ir.IRBuilder | None]:
+def _begun(module: ir.Module, name: str, blocks: int) -> tuple[ir.Function, Builder | None]:
     """A function of so many blocks of vectors; nothing to write it with where the module has it."""
     if name in module.globals:
         return module.globals[name], None
-    made = function(module, name, 0, [VECTORS] * blocks)
-    return made, ir.IRBuilder(made.append_basic_block())
+    return begin_function(module, name, 0, [VECTORS] * blocks)
 
 
 def emit_even(
@@ -288,10 +276,6 @@ def emit_even(
     return made
 
 
-def root(b: ir.IRBuilder, value: ir.Value) -> ir.Value:
-    return b.call(intrinsic(b.module, f"llvm.sqrt.v{LANES}f64", VEC, [VEC]), [value])
-
-
 def emit_factor(module: ir.Module, n: int) -> ir.Function:
     """`factor(out, a)`: lower triangle with out out' = a (n, n), which may be singular: what is nothing
     beside its diagonal gets a column of zeros.
@@ -303,23 +287,23 @@ def emit_factor(module: ir.Module, n: int) -> ir.Function:
     zero = vector(0.0)
     found: dict[tuple[int, int], Lane] = {}
     for j in range(n):
-        diagonal = Lane(b, load(b, a, j * n + j))
+        diagonal = Lane(b, b.read(a, j * n + j))
         pivot = diagonal
         for k in range(j):
             pivot = fused(-found[j, k], found[j, k], pivot)
         good = b.fcmp_unordered(">", pivot.value, (diagonal * TINY).value)
         good = b.and_(good, b.fcmp_unordered(">", pivot.value, zero))
-        size = root(b, b.select(good, pivot.value, vector(1.0)))
+        size = b.root(b.select(good, pivot.value, vector(1.0)))
         over = Lane(b, b.select(good, b.fdiv(vector(1.0), size), zero))
         found[j, j] = Lane(b, b.select(good, size, zero))
         for i in range(j + 1, n):
-            entry = Lane(b, load(b, a, i * n + j))
+            entry = Lane(b, b.read(a, i * n + j))
             for k in range(j):
                 entry = fused(-found[i, k], found[j, k], entry)
             found[i, j] = entry * over
     for i in range(n):
         for j in range(n):
-            store(b, found[i, j].value if j <= i else zero, out, i * n + j)
+            b.write(found[i, j].value if j <= i else zero, out, i * n + j)
     b.ret_void()
     return made
 
@@ -334,7 +318,7 @@ def emit_decomposed(module: ir.Module, n: int) -> ir.Function:
     if b is None:
         return made
     out, a, determinant = made.args
-    found = {(i, j): Lane(b, load(b, a, i * n + j)) for i in range(n) for j in range(n)}
+    found = {(i, j): Lane(b, b.read(a, i * n + j)) for i in range(n) for j in range(n)}
     total = Lane(b, vector(1.0))
     for k in range(n):
         total = total * found[k, k]
@@ -344,8 +328,8 @@ def emit_decomposed(module: ir.Module, n: int) -> ir.Function:
             for j in range(k + 1, n):
                 found[i, j] = fused(-found[i, k], found[k, j], found[i, j])
     for (i, j), one in found.items():
-        store(b, one.value, out, i * n + j)
-    store(b, total.value, determinant, 0)
+        b.write(one.value, out, i * n + j)
+    b.write(total.value, determinant, 0)
     b.ret_void()
     return made
 
@@ -360,8 +344,8 @@ def emit_solved(module: ir.Module, n: int, m: int) -> ir.Function:
     columns = Loop(b, I64(m // together), [], "columns")
     first = b.mul(columns.index, I64(together))
     source, target = b.gep(x, [first]), b.gep(out, [first])
-    entry = {(i, j): Lane(b, load(b, lu, i * n + j)) for i in range(n) for j in range(n)}
-    found = [[Lane(b, load(b, source, i * m + c)) for c in range(together)] for i in range(n)]
+    entry = {(i, j): Lane(b, b.read(lu, i * n + j)) for i in range(n) for j in range(n)}
+    found = [[Lane(b, b.read(source, i * m + c)) for c in range(together)] for i in range(n)]
     for i in range(n):
         for j in range(i):
             minus = -entry[i, j]
@@ -373,7 +357,7 @@ def emit_solved(module: ir.Module, n: int, m: int) -> ir.Function:
         found[i] = [one * entry[i, i] for one in found[i]]
     for i, row in enumerate(found):
         for c, one in enumerate(row):
-            store(b, one.value, target, i * m + c)
+            b.write(one.value, target, i * m + c)
     columns.close([])
     b.ret_void()
     return made

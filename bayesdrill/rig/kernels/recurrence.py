@@ -21,14 +21,10 @@ from bayesdrill.rig.kernels.lanes import (
     NUMBERS,
     VEC,
     VECTORS,
+    Builder,
     Lane,
     Loop,
-    emit_clear,
-    fma,
-    function,
-    load,
-    splat,
-    store,
+    begin_function,
     vector,
 )
 from bayesdrill.rig.kernels.sums import TALLIES, Sample, Tally
@@ -59,7 +55,7 @@ class Constants:
     start `(X,)`, and weights of channels `(K, X)`.
     """
 
-    b: ir.IRBuilder
+    b: Builder
     layout: Layout
     block: ir.Value
 
@@ -90,7 +86,7 @@ class Constants:
         """Into `e`, over a step or over the lead, of parameters `own`."""
         with self.b.goto_entry_block():
             span = self.b.alloca(VEC)
-        store(self.b, self.span(lead=lead).value, span, 0)
+        self.b.write(self.span(lead=lead).value, span, 0)
         self.b.call(of, [own, self.inputs, span, e])
 
 
@@ -106,16 +102,15 @@ def emit_response(
     x(k + 1) = Phi x(k) + g + G0 u(k) + G1 (u(k + 1) - u(k)), and what is made of x(k).
     """
     blocks = [VECTORS, NUMBERS, NUMBERS, NUMBERS, VECTORS]
-    made = function(module, name, 2, blocks)
+    made, b = begin_function(module, name, 2, blocks)
     n_groups, n_samples, parameters, block, y, u, out = made.args
-    b = ir.IRBuilder(made.append_basic_block())
     constants = Constants(b, layout, block)
     n, k_count = layout.size, len(layout.channels)
     e = b.alloca(VEC, I64(n * n))
     groups = Loop(b, n_groups, [], "groups")
     each = tally.weights if tally is not None else 0
     mine = b.gep(parameters, [b.mul(groups.index, I64(layout.n_parameters + k_count * each))])
-    own = [load(b, mine, layout.n_parameters + place) for place in range(k_count * each)]
+    own = [b.read(mine, layout.n_parameters + place) for place in range(k_count * each)]
     state = constants.start(layout.n_states)
     if layout.lead:
         constants.exponential(exponential, mine, e, lead=True)
@@ -128,28 +123,27 @@ def emit_response(
     drive = emit_drive(b, layout, u, samples.index)
     for k in range(k_count):
         flat = b.add(b.mul(samples.index, I64(k_count)), I64(k))
-        value = vector(0.0) if tally is None else splat(b, b.load(b.gep(y, [flat])))
+        value = vector(0.0) if tally is None else b.splat(b.load(b.gep(y, [flat])))
         for i, weight in constants.weights(k).items():
-            value = fma(b, weight if tally is None else b.fneg(weight), state[i], value)
+            value = b.fma(weight if tally is None else b.fneg(weight), state[i], value)
         if tally is not None:
             kept = slice(k * tally.count, (k + 1) * tally.count)
             sample = Sample(value, None, own[k * each : (k + 1) * each])
             totals[kept] = tally.added(b, totals[kept], sample)
         else:
             row = b.add(b.mul(groups.index, b.mul(n_samples, I64(k_count))), flat)
-            store(b, value, b.gep(out, [row]), 0)
+            b.write(value, b.gep(out, [row]), 0)
     samples.close(next_state(b, layout.n_states, phi, state, drive) + totals)
     place = b.gep(out, [b.mul(groups.index, I64(len(totals)))])
-    for k, total in enumerate(totals):
-        store(b, total, place, k)
+    b.write_row(totals, place)
     groups.close([])
     b.ret_void()
 
 
-def entries(b: ir.IRBuilder, layout: Layout, e: ir.Value) -> dict[tuple[int, int], ir.Value]:
+def entries(b: Builder, layout: Layout, e: ir.Value) -> dict[tuple[int, int], ir.Value]:
     size, reach, idle = layout.size, layout.reach, layout.idle
     found = {
-        (i, j): load(b, e, i * size + j)
+        (i, j): b.read(e, i * size + j)
         for i in range(layout.n_states)
         for j in range(size)
         if reach[i][j]
@@ -159,7 +153,7 @@ def entries(b: ir.IRBuilder, layout: Layout, e: ir.Value) -> dict[tuple[int, int
 
 
 def next_state(
-    b: ir.IRBuilder,
+    b: Builder,
     n_states: int,
     phi: dict[tuple[int, int], ir.Value],
     state: list[ir.Value],
@@ -181,13 +175,13 @@ def next_state(
     return following
 
 
-def _sum(b: ir.IRBuilder, terms: list[tuple[ir.Value, ir.Value]], total: ir.Value) -> ir.Value:
+def _sum(b: Builder, terms: list[tuple[ir.Value, ir.Value]], total: ir.Value) -> ir.Value:
     for entry, value in terms:
-        total = fma(b, entry, value, total)
+        total = b.fma(entry, value, total)
     return total
 
 
-def emit_drive(b: ir.IRBuilder, layout: Layout, u: ir.Value, index: ir.Value) -> list[ir.Value]:
+def emit_drive(b: Builder, layout: Layout, u: ir.Value, index: ir.Value) -> list[ir.Value]:
     """The sampled inputs at this sample and, with a first-order hold, their increments."""
 
     def series(row: ir.Value, s: int) -> ir.Value:
@@ -197,7 +191,7 @@ def emit_drive(b: ir.IRBuilder, layout: Layout, u: ir.Value, index: ir.Value) ->
     if layout.first_order:
         following = b.add(index, I64(1))
         drive += [b.fsub(series(following, s), drive[s]) for s in range(layout.n_series)]
-    return [splat(b, value) for value in drive]
+    return [b.splat(value) for value in drive]
 
 
 Values = list[ir.Value]
@@ -218,197 +212,192 @@ def emit_normal(module: ir.Module, layout: Layout, exponential: ir.Function) -> 
     noise.  `out (G, K + q + q q, LANES)`: squares, slopes, and the lower triangle of the products.
     """
     blocks = [VECTORS, VECTORS, VECTORS, NUMBERS, NUMBERS, NUMBERS, VECTORS, VECTORS]
-    w = _Writer(function(module, "normal", 3, blocks), layout, exponential)
-    groups = Loop(w.b, w.n_groups, [], "groups")
-    w.begin_group(groups.index)
-    state = w.first_state()
-    phi = w.matrices()
-    samples = Loop(w.b, w.n_samples, state + [vector(0.0)] * w.k_count, "samples")
-    state, totals = samples.carried[: w.x_count], samples.carried[w.x_count :]
-    drive = emit_drive(w.b, layout, w.u, samples.index)
-    left = w.left(samples.index, state)
-    totals = [fma(w.b, value, value, total) for value, total in zip(left, totals, strict=True)]
-    w.each_direction(phi, state, drive, left)
-    samples.close(next_state(w.b, w.x_count, phi, state, drive) + totals)
-    for k, total in enumerate(totals):
-        store(w.b, total, w.own_out, k)
+    made, b = begin_function(module, "normal", 3, blocks)
+    n_groups, n_samples, _, parameters, _, scales, block, _, u, e, out = made.args
+    w = _Normal(made, b, Constants(b, layout, block), _Tangent(b, layout, e), exponential)
+    x, q, k_count, p_count = w.x, w.q, w.k_count, w.p_count
+    groups = Loop(b, n_groups, [], "groups")
+    out_count = b.add(I64(k_count), b.add(q, b.mul(q, q)))
+    own_out = b.past(out, groups.index, out_count)
+    own_scales = b.past(scales, groups.index, k_count)
+    slope_sums = b.gep(own_out, [I64(k_count)])
+    product_sums = b.gep(slope_sums, [q])
+    b.clear(own_out, out_count)
+    own = b.past(parameters, groups.index, p_count)
+    for p in range(p_count):
+        b.write(b.read(own, p), w.both, p)
+    state = w.first_state(groups.index)
+    matrices = Loop(b, q, [], "matrices")
+    w.in_direction(groups.index, matrices.index, lead=False)
+    mine = b.past(w.d, matrices.index, w.d_count)
+    b.write_row(w.matrix.slopes, mine)
+    matrices.close([])
+    phi = w.matrix.phi
+    samples = Loop(b, n_samples, state + [vector(0.0)] * k_count, "samples")
+    state, totals = samples.carried[:x], samples.carried[x:]
+    drive = emit_drive(b, layout, u, samples.index)
+    left = w.left(samples.index, state, own_scales)
+    totals = [b.fma(value, value, total) for value, total in zip(left, totals, strict=True)]
+    # In each direction: sums with what is left and with the directions up to it; then the next slopes.
+    each = Loop(b, q, [], "each")
+    own_x = b.past(w.slopes_x, each.index, x)
+    own_s = b.past(w.slopes_s, each.index, k_count)
+    own_d = b.past(w.d, each.index, w.d_count)
+    slope_x = b.read_row(own_x, x)
+    seen = w.seen(slope_x, own_scales)
+    b.write_row(seen, own_s)
+    _add_products(b, b.gep(slope_sums, [each.index]), seen, left)
+    row = b.past(product_sums, each.index, q)
+    pairs = Loop(b, b.add(each.index, I64(1)), [], "pairs")
+    other_s = b.past(w.slopes_s, pairs.index, k_count)
+    _add_products(b, b.gep(row, [pairs.index]), seen, b.read_row(other_s, k_count))
+    pairs.close([])
+    slope = {place: b.read(own_d, n) for n, place in enumerate(w.matrix.places)}
+    b.write_row(_next_slope(b, x, phi, slope, state, slope_x, drive), own_x)
+    each.close([])
+    samples.close(next_state(b, x, phi, state, drive) + totals)
+    b.write_row(totals, own_out)
     groups.close([])
-    w.b.ret_void()
+    b.ret_void()
 
 
-class _Writer:
-    """Where a group of walkers has its numbers, and the parts of the code that fills them in."""
+class _Normal:
+    """Where slopes stand, in all directions, and what is made of those of a group of walkers."""
 
-    def __init__(self, made: ir.Function, layout: Layout, exponential: ir.Function) -> None:
-        self.n_groups, self.n_samples, self.q, *blocks = made.args
-        self.parameters, self.directions, self.scales, block, *blocks = blocks
-        self.y, self.u, self.e, self.out = blocks
-        b = self.b = ir.IRBuilder(made.append_basic_block())
-        self.layout, self.exponential = layout, exponential
-        self.constants = Constants(b, layout, block)
-        self.x_count, self.k_count = layout.n_states // 2, len(layout.channels)
-        self.p_count = layout.n_parameters // 2
-        inputs = layout.size - layout.n_states  # the constant one and the sampled ones
-        self.d_count = self.x_count * (self.x_count + inputs)
-        self.d = b.gep(self.e, [I64(layout.size**2)])
-        self.slopes_x = b.gep(self.d, [b.mul(self.q, I64(self.d_count))])
-        self.slopes_s = b.gep(self.slopes_x, [b.mul(self.q, I64(self.x_count))])
+    def __init__(
+        self,
+        made: ir.Function,
+        b: Builder,
+        constants: Constants,
+        matrix: _Tangent,
+        exponential: ir.Function,
+    ) -> None:
+        _, _, self.q, _, self.directions, _, _, self.y, _, e, _ = made.args
+        self.b, self.constants, self.matrix, self.exponential = b, constants, matrix, exponential
+        layout, self.x = matrix.layout, matrix.x
+        self.k_count, self.p_count = len(layout.channels), layout.n_parameters // 2
+        self.d_count = self.x * (layout.size - self.x)
+        self.d = b.gep(e, [I64(layout.size**2)])
+        self.slopes_x = b.past(self.d, self.q, self.d_count)  # of states
+        self.slopes_s = b.past(self.slopes_x, self.q, self.x)  # of what channels show
         self.both = b.alloca(VEC, I64(2 * self.p_count))
-
-    def row(self, base: ir.Value, index: ir.Value, count: int) -> ir.Value:
-        return self.b.gep(base, [self.b.mul(index, I64(count))])
-
-    def begin_group(self, group: ir.Value) -> None:
-        b, q = self.b, self.q
-        out_count = b.add(I64(self.k_count), b.add(q, b.mul(q, q)))
-        self.group = group
-        self.own_out = b.gep(self.out, [b.mul(group, out_count)])
-        self.own_scales = self.row(self.scales, group, self.k_count)
-        self.slope_sums = b.gep(self.own_out, [I64(self.k_count)])
-        self.product_sums = b.gep(self.slope_sums, [q])
-        emit_clear(b, self.own_out, out_count)
-        own = self.row(self.parameters, group, self.p_count)
-        for p in range(self.p_count):
-            store(b, load(b, own, p), self.both, p)
 
     def _weights(self, k: int) -> dict[int, ir.Value]:
         """Of channel k, by the rig's own states: those of the derivatives that it shows."""
-        return {i - self.x_count: weight for i, weight in self.constants.weights(k).items()}
+        return {i - self.x: weight for i, weight in self.constants.weights(k).items()}
 
-    def _exponential(self, direction: ir.Value, *, lead: bool) -> None:
-        """Of the tangent's matrix in this direction."""
+    def in_direction(self, group: ir.Value, direction: ir.Value, *, lead: bool) -> None:
+        """The exponential of the tangent's matrix."""
         b = self.b
-        row = self.row(self.directions, b.add(b.mul(self.group, self.q), direction), self.p_count)
+        row = b.past(self.directions, b.add(b.mul(group, self.q), direction), self.p_count)
         for p in range(self.p_count):
-            store(b, load(b, row, p), self.both, self.p_count + p)
-        self.constants.exponential(self.exponential, self.both, self.e, lead=lead)
+            b.write(b.read(row, p), self.both, self.p_count + p)
+        self.constants.exponential(self.exponential, self.both, self.matrix.e, lead=lead)
 
-    def first_state(self) -> Values:
+    def first_state(self, group: ir.Value) -> Values:
         """Of the rig, at the first sample; those of the slopes are stored."""
-        b, layout, count = self.b, self.layout, self.x_count
-        start = self.constants.start(count)
-        if not layout.lead:
-            emit_clear(b, self.slopes_x, b.mul(self.q, I64(count)))
-            return start
-        zero = [vector(0.0)] * count
-        begun = Loop(b, self.q, [], "begun")
-        self._exponential(begun.index, lead=True)
-        phi, slope = _entries(b, layout, self.e)
-        mine = self.row(self.slopes_x, begun.index, count)
-        for i, value in enumerate(_next_slope(b, layout, phi, slope, start, zero, [])):
-            store(b, value, mine, i)
+        b, x, matrix, state = self.b, self.x, self.matrix, self.constants.start(self.x)
+        if not matrix.layout.lead:
+            b.clear(self.slopes_x, b.mul(self.q, I64(x)))
+            return state
+        zero, begun = [vector(0.0)] * x, Loop(b, self.q, [], "begun")
+        self.in_direction(group, begun.index, lead=True)
+        phi, slope = matrix.phi, dict(zip(matrix.places, matrix.slopes, strict=True))
+        mine = b.past(self.slopes_x, begun.index, x)
+        b.write_row(_next_slope(b, x, phi, slope, state, zero, []), mine)
         begun.close([])
-        return next_state(b, count, _entries(b, layout, self.e)[0], start, [])
+        return next_state(b, x, matrix.phi, state, [])
 
-    def matrices(self) -> Entries:
-        """Phi; its slopes in all directions are stored."""
-        b, layout = self.b, self.layout
-        each = Loop(b, self.q, [], "matrices")
-        self._exponential(each.index, lead=False)
-        mine = self.row(self.d, each.index, self.d_count)
-        for place, value in enumerate(_slope_values(b, layout, self.e)):
-            store(b, value, mine, place)
-        each.close([])
-        return _entries(b, layout, self.e)[0]
-
-    def left(self, sample: ir.Value, state: Values) -> Values:
+    def left(self, sample: ir.Value, state: Values, scales: ir.Value) -> Values:
         """Of the record, over the noise."""
-        b = self.b
-        found = []
+        b, found = self.b, []
         for k in range(self.k_count):
             flat = b.add(b.mul(sample, I64(self.k_count)), I64(k))
-            value = splat(b, b.load(b.gep(self.y, [flat])))
+            value = b.splat(b.load(b.gep(self.y, [flat])))
             for i, weight in self._weights(k).items():
-                value = fma(b, b.fneg(weight), state[i], value)
-            found.append(b.fmul(value, load(b, self.own_scales, k)))
+                value = b.fma(b.fneg(weight), state[i], value)
+            found.append(b.fmul(value, b.read(scales, k)))
         return found
 
-    def each_direction(self, phi: Entries, state: Values, drive: Values, left: Values) -> None:
-        """Sums with what is left and with the directions up to this one; then the next slopes."""
-        b, layout = self.b, self.layout
-        each = Loop(b, self.q, [], "each")
-        own_x = self.row(self.slopes_x, each.index, self.x_count)
-        own_s = self.row(self.slopes_s, each.index, self.k_count)
-        own_d = self.row(self.d, each.index, self.d_count)
-        slope_x = [load(b, own_x, i) for i in range(self.x_count)]
-        seen = []
+    def seen(self, slope_x: Values, scales: ir.Value) -> Values:
+        """Of slopes of the states, by channels, over the noise."""
+        b, found = self.b, []
         for k in range(self.k_count):
             value = vector(0.0)
             for i, weight in self._weights(k).items():
-                value = fma(b, weight, slope_x[i], value)
-            seen.append(b.fmul(value, load(b, self.own_scales, k)))
-            store(b, seen[k], own_s, k)
-        _add_products(b, b.gep(self.slope_sums, [each.index]), seen, left)
-        row = b.gep(self.product_sums, [b.mul(each.index, self.q)])
-        pairs = Loop(b, b.add(each.index, I64(1)), [], "pairs")
-        other_s = self.row(self.slopes_s, pairs.index, self.k_count)
-        others = [load(b, other_s, k) for k in range(self.k_count)]
-        _add_products(b, b.gep(row, [pairs.index]), seen, others)
-        pairs.close([])
-        slope = {place: load(b, own_d, n) for n, place in enumerate(_slope_places(layout))}
-        for i, value in enumerate(_next_slope(b, layout, phi, slope, state, slope_x, drive)):
-            store(b, value, own_x, i)
-        each.close([])
+                value = b.fma(weight, slope_x[i], value)
+            found.append(b.fmul(value, b.read(scales, k)))
+        return found
 
 
-def _add_products(b: ir.IRBuilder, place: ir.Value, ones: Values, others: Values) -> None:
+def _add_products(b: Builder, place: ir.Value, ones: Values, others: Values) -> None:
     total = b.load(place, align=8)
     for one, other in zip(ones, others, strict=True):
-        total = fma(b, one, other, total)
+        total = b.fma(one, other, total)
     b.store(total, place, align=8)
 
 
-def _slope_places(layout: Layout) -> list[tuple[int, int]]:
-    """(row, column) of the entries of Phi_j, g_j and G_j that can differ from zero.
-
-    Rows count the rig's states, columns go on with the inputs after them.
+@dataclass(frozen=True, slots=True)
+class _Tangent:
+    """The exponential `e` of a tangent's matrix: rows count the rig's `x` states, columns go on with the
+    inputs after them.
     """
-    x, reach = layout.n_states // 2, layout.reach
-    columns = [*range(x), *range(2 * x, layout.size)]
-    return [(i, n) for i in range(x) for n, column in enumerate(columns) if reach[x + i][column]]
 
+    b: Builder
+    layout: Layout
+    e: ir.Value
 
-def _slope_values(b: ir.IRBuilder, layout: Layout, e: ir.Value) -> Values:
-    x, size = layout.n_states // 2, layout.size
-    found = []
-    for i, n in _slope_places(layout):
-        column = n if n < x else n + x
-        found.append(load(b, e, (x + i) * size + column))
-    return found
+    @property
+    def x(self) -> int:
+        return self.layout.n_states // 2
 
+    @property
+    def _columns(self) -> list[int]:
+        return [*range(self.x), *range(2 * self.x, self.layout.size)]
 
-def _entries(b: ir.IRBuilder, layout: Layout, e: ir.Value) -> tuple[Entries, Entries]:
-    """Phi with its inputs' columns, and their derivatives, from the tangent's exponential."""
-    x, size, reach = layout.n_states // 2, layout.size, layout.reach
-    phi = {}
-    for i in range(x):
-        for n in range(size - x):
-            column = n if n < x else n + x
-            if reach[i][column]:
-                phi[i, n] = load(b, e, i * size + column)
-    slope = dict(zip(_slope_places(layout), _slope_values(b, layout, e), strict=True))
-    return phi, slope
+    def _reached(self, first: int) -> dict[tuple[int, int], int]:
+        """Where entries stand that can differ from zero, in as many rows from the `first` on."""
+        size, reach = self.layout.size, self.layout.reach
+        return {
+            (i, n): (first + i) * size + column
+            for i in range(self.x)
+            for n, column in enumerate(self._columns)
+            if reach[first + i][column]
+        }
+
+    @property
+    def phi(self) -> Entries:
+        return {place: self.b.read(self.e, at) for place, at in self._reached(0).items()}
+
+    @property
+    def places(self) -> list[tuple[int, int]]:
+        """(row, column) of entries of Phi_j, g_j and G_j."""
+        return list(self._reached(self.x))
+
+    @property
+    def slopes(self) -> Values:
+        """These entries."""
+        return [self.b.read(self.e, at) for at in self._reached(self.x).values()]
 
 
 def _next_slope(
-    b: ir.IRBuilder,
-    layout: Layout,
+    b: Builder,
+    x: int,
     phi: Entries,
     slope: Entries,
     state: Values,
     slope_x: Values,
     drive: Values,
 ) -> Values:
-    x = layout.n_states // 2
     following = []
     for i in range(x):
         total = slope.get((i, x), vector(0.0))
         for n, value in [*enumerate(state), *enumerate(drive, start=x + 1)]:
             if (i, n) in slope:
-                total = fma(b, slope[i, n], value, total)
+                total = b.fma(slope[i, n], value, total)
         other = vector(0.0)
         for n, value in enumerate(slope_x):
             if (i, n) in phi:
-                other = fma(b, phi[i, n], value, other)
+                other = b.fma(phi[i, n], value, other)
         following.append(b.fadd(total, other))
     return following

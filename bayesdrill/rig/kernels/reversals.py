@@ -1,27 +1,24 @@
-"""A step in which a speed changes its sign or what stuck lets go, and long steps where nothing
-does.
+"""A step in which a speed changes its sign or what stuck lets go, and long steps where nothing does.
 
 While a speed keeps its sign its effort f is the friction's size, against it.  Where the sign changes, f
 is the mean over the step: of both signs, each for as long as a straight course of the speed has it, or,
 where the speed stays at zero once it is there, what stops it.
 
-From a sample to the next in one stride, where the rig is a linear one all the way.
-
 Steps are as short as friction asks for whose size falls with the speed.  Where every speed is so high
-that nothing of that is left, and stays far from zero, a stride takes as many steps at once, and is
-exact; what sticks goes by steps, as in one that is long its speed is zero at the ends alone.
+that nothing of that is left, and stays far from zero, a stride goes to the next sample at once, and
+is exact; what sticks goes by steps, as in one that is long its speed is zero at the ends alone.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
 
 from llvmlite import ir
 
 from bayesdrill.basics.duals import below, signed, size, where
-from bayesdrill.rig.kernels.friction import Going, Past, Regime, Rub, Step, any_of
-from bayesdrill.rig.kernels.lanes import F64, I64, LANES, Lane, Loop, Mask, splat
+from bayesdrill.rig.kernels.friction import Going, Moment, Past, Regime, Rub, Step, any_of
+from bayesdrill.rig.kernels.lanes import F64, I64, LANES, Lane, Loop, Mask
 from bayesdrill.rig.kernels.numbers import (
     Column,
     Kind,
@@ -33,30 +30,25 @@ from bayesdrill.rig.kernels.numbers import (
     sticking,
     total,
 )
+from bayesdrill.rig.models.friction import SettlingLaw
 
 
 def step_on(
-    going: Going,
-    parts: Parts,
-    state: list[Number],
-    past: Past,
-    drive: Column,
-    inputs: Mapping[str, Number],
-    turn: Callable[[list[Number]], None],
+    going: Going, parts: Parts, now: Moment, turn: Callable[[list[Number]], None]
 ) -> tuple[list[Number], list[Number], Past]:
-    """New state, efforts (where the regime shows them) and the past then; `inputs` by name, in the
-    middle of the step.  Where something turns, the regime is another from then on: `turn(state)`.
+    """New state, efforts (where the regime shows them) and the past then.  Where something turns, the
+    regime is another from then on: `turn(state)`.
     """
-    step, regime, x = going.step, going.regime, len(state)
+    step, regime, x = going.step, going.regime, len(now.state)
     ways = regime.ways()
-    new, efforts, then = going.taken(state, past, drive, inputs, ways)
+    new, efforts, then = going.taken(now, ways)
     usual = [*new, *efforts, *then.sizes, *then.trends]
 
     def looked() -> list[Number]:
-        changes = going.changes(new, drive, inputs, ways)
+        changes = going.changes(new, now, ways)
 
         def turned() -> list[Number]:
-            others = parts.numbers(state, past, drive, inputs, shows=regime.shows)
+            others = parts.numbers(now, shows=regime.shows)
             found = [where(changes, *both) for both in zip(others, usual, strict=True)]
             turn(found[:x])
             return found
@@ -77,34 +69,21 @@ class Parts:
     count: int
     step: Callable[[], Step]
 
-    def numbers(
-        self,
-        state: list[Number],
-        past: Past,
-        drive: Column,
-        inputs: Mapping[str, Number],
-        *,
-        shows: bool,
-    ) -> list[Number]:
+    def numbers(self, now: Moment, *, shows: bool) -> list[Number]:
         """See `Turning.numbers`; efforts are those in the mean."""
         step = self.step()
         turning, kind = Turning(step), step.kind
         if self.count == 1:
-            return turning.numbers(state, past, drive, inputs, shows=shows)
-        x, v = len(state), len(step.varying)
+            return turning.numbers(now, shows=shows)
+        x, v = len(now.state), len(step.varying)
         e = x + (len(step.rubs) if shows else 0)
         nothing = [kind.zero() for _ in range(e - x)]
-        loop = Loop(
-            kind.b,
-            I64(self.count),
-            kind.flat([*state, *nothing, *past.sizes, *past.trends]),
-            "parts",
-        )
+        start = kind.flat([*now.state, *nothing, *now.past.sizes, *now.past.trends])
+        loop = Loop(kind.b, I64(self.count), start, "parts")
         carried = kind.shaped(loop.carried)
         before = Past(carried[e : e + v], carried[e + v :])
-        found = turning.numbers(
-            carried[:x], before, self._then(step, drive, loop.index), inputs, shows=shows
-        )
+        drive = self._then(step, now.drive, loop.index)
+        found = turning.numbers(Moment(carried[:x], before, drive, now.inputs), shows=shows)
         efforts = [
             total + one * (1.0 / self.count)
             for total, one in zip(carried[x:e], found[x:e], strict=True)
@@ -118,7 +97,7 @@ class Parts:
         if not step.slopes:
             return drive
         b = step.kind.b
-        since = Lane(b, splat(b, b.sitofp(index, F64))) * step.span
+        since = Lane(b, b.splat(b.sitofp(index, F64))) * step.span
         ahead = {k: drive[k] + drive[slope] * since for k, slope in step.slopes.items()}
         return {**drive, **ahead}
 
@@ -152,19 +131,11 @@ class Turning:
         every = sorted(range(len(self._rubs)), key=lambda e: self._rubs[e].holds is not None)
         return every * (1 + any(rub.holds is None for rub in self._rubs))
 
-    def numbers(
-        self,
-        state: list[Number],
-        past: Past,
-        drive: Column,
-        inputs: Mapping[str, Number],
-        *,
-        shows: bool,
-    ) -> list[Number]:
+    def numbers(self, now: Moment, *, shows: bool) -> list[Number]:
         """New state, efforts if they are shown, sizes that vary, and trends: none, after a turn."""
-        step = self.step
+        step, state, drive, inputs = self.step, now.state, now.drive, now.inputs
         sizes = [rub.steady for rub in self._rubs]
-        for e, one in zip(step.varying, past.sizes, strict=True):
+        for e, one in zip(step.varying, now.past.sizes, strict=True):
             sizes[e] = one
         free, later = step.free(state, drive), step.later(drive)
         held = [rub.held(state, drive) for rub in self._rubs]
@@ -290,18 +261,6 @@ SPENT = 18.0  # exponent: 2e-8 is left of what a friction has more at rest
 
 
 @dataclass(frozen=True, slots=True)
-class Regimes:
-    """Of a step and of a stride: both change together."""
-
-    one: Regime
-    other: Regime
-
-    def set(self, state: Sequence[Number]) -> None:
-        self.one.set(state)
-        self.other.set(state)
-
-
-@dataclass(frozen=True, slots=True)
 class Stride:
     """`step` and `regime` of a whole sample."""
 
@@ -309,36 +268,28 @@ class Stride:
     regime: Regime
 
     def or_else(
-        self,
-        wanted: ir.Value,
-        numbers: tuple[list[Number], Past],
-        drive: tuple[Column, Mapping[str, Number]],
-        steps: Callable[[], list[Number]],
+        self, wanted: ir.Value, now: Moment, steps: Callable[[], list[Number]]
     ) -> list[Number]:
         """What is carried on: of lanes that slip far from any change a stride, where it is `wanted`; of
         all others `steps`, which are made where there are any.
         """
-        kind, (state, past), ways = self.step.kind, numbers, self.regime.ways()
+        kind, state, past = self.step.kind, now.state, now.past
+        ways = self.regime.ways()
         slips = any_of([*(sticking(way) for way in ways), *self._falling(state)]).turned().value
         free = Mask(kind.b, kind.b.select(wanted, slips, ir.Constant(slips.type, [0] * LANES)))
         stays = [*state, *past.sizes, *past.trends]
-        usual = kind.instead(free, stays, lambda: self._taken(state, drive, ways))
+        usual = kind.instead(free, stays, lambda: self._taken(now, ways))
         new = usual[: len(state)]
         walks = [free.turned(), *self._falling(new), *self._near(state, new, ways)]
         return kind.rarely(any_of(walks), usual, steps)
 
-    def _taken(
-        self,
-        state: list[Number],
-        drive: tuple[Column, Mapping[str, Number]],
-        ways: Sequence[Lane],
-    ) -> list[Number]:
+    def _taken(self, now: Moment, ways: Sequence[Lane]) -> list[Number]:
         """New state, sizes and trends."""
         step = self.step
-        steady = [sliding for sliding, _ in self._spent(state)]
+        steady = [sliding for sliding, _ in self._spent(now.state)]
         trends = [step.kind.zero() for _ in steady]
-        going, past = Going(step, self.regime), Past(steady, trends)
-        new, _, _ = going.taken(state, past, *drive, ways, sizes=steady)
+        begin = replace(now, past=Past(steady, trends))
+        new, _, _ = Going(step, self.regime).taken(begin, ways, sizes=steady)
         return [*new, *steady, *trends]
 
     def _falling(self, state: Sequence[Number]) -> Iterator[Mask]:
@@ -347,12 +298,11 @@ class Stride:
             yield below(fallen, SPENT)
 
     def _spent(self, state: Sequence[Number]) -> Iterator[tuple[Number, Number]]:
-        """Of sizes that vary, see `friction.Law.spent`."""
+        """Of sizes that vary, see `SettlingLaw.spent`."""
         for e in self.step.varying:
             rub = self.step.rubs[e]
-            found = rub.law.spent(self.step.parameters, size(state[rub.row]))
-            assert found is not None  # `Shape.strides`
-            yield found
+            assert isinstance(rub.law, SettlingLaw)  # `Shape.strides`
+            yield rub.law.spent(self.step.parameters, size(state[rub.row]))
 
     def _near(
         self, state: Sequence[Number], new: Sequence[Number], ways: Sequence[Lane]

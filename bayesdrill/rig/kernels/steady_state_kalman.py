@@ -20,39 +20,34 @@ made good at the end, from the information of all samples on it, see `emit_start
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 from llvmlite import ir
 
-from bayesdrill.rig.kernels.exponential import Layout, emit_exponential
+from bayesdrill.rig.kernels.exponential import Layout, addresses, emit_exponential
 from bayesdrill.rig.kernels.kalman_filter import (
+    Gains,
     StateSpace,
     emit_transition,
-    gain_width,
-    inverse_deviation,
     predict_covariance,
-    update_covariance,
-    update_state,
 )
 from bayesdrill.rig.kernels.lanes import (
     I64,
     LANES,
     NUMBERS,
     VECTORS,
+    Builder,
     Lane,
     Loop,
-    anywhere,
-    function,
-    load,
-    splat,
-    store,
+    begin_function,
+    begin_kernel,
     vector,
 )
 from bayesdrill.rig.kernels.numbers import (
     Memory,
     Number,
     dot,
-    emit_copy,
     emit_decomposed,
     emit_even,
     emit_product,
@@ -66,32 +61,60 @@ SETTLED = 1e-14  # of the variance of a sample: what one more doubling may add t
 ROUNDING = (
     1e-15  # of a sum; after a stretch that adds no more to it, one as long as both tells nothing
 )
-MATRICES = ("p", "phi", "q", "g", "a")  # (n, n) of `SteadyState`
+
+
+def block_sizes(n: int, k: int) -> dict[str, int]:
+    """Of what `riccati` is told and leaves in one block: matrices (n, n); see `Gains`; pulls `(K, n)`,
+    what a channel shows of the state before the sample, over its variance.
+    """
+    return dict.fromkeys(("p", "phi", "q", "g", "a"), n * n) | {
+        "gains": k * Gains.width(n),
+        "pulls": k * n,
+    }
 
 
 @dataclass(frozen=True, slots=True)
-class SteadyState:
-    """Where `riccati` leaves what it finds, places of vectors in one block."""
+class Measurement:
+    """Of what channels show of the state: `variances (K,)` of its noise, and `weights (K, n)`."""
 
-    n: int
-    k: int
+    m: Memory
+    system: StateSpace
+    variances: ir.Value
+    weights: ir.Value
 
-    @property
-    def gains(self) -> int:
-        """`(K, gain_width)`, see `update_covariance`."""
-        return 5 * self.n**2
+    def inform(self, information: ir.Value) -> None:
+        """`information (n, n)` of one sample on its state."""
+        m, b, n = self.m, self.m.b, self.system.n
+        m.clear(information, n * n)
+        for k in range(self.system.k):
+            over = Lane(b, b.fdiv(vector(1.0), b.read(self.variances, k)))
+            for place, both in self._products(k):
+                m.put(m.get(information, place) + over * both, information, place)
 
-    @property
-    def pulls(self) -> int:
-        """`(K, n)`: what a channel shows of the state before the sample, over its variance."""
-        return self.gains + self.k * gain_width(self.n)
+    def grow(self, p: ir.Value, more: ir.Value, grown: ir.Value) -> ir.Value:
+        """`more` comes to p; whether a channel would see the next: that is less by at least as much as
+        this one is than the one before, `grown (K,)`.
+        """
+        m, b, n = self.m, self.m.b, self.system.n
+        moves = ir.Constant(ir.VectorType(ir.IntType(1), LANES), [0] * LANES)
+        for k in range(self.system.k):
+            change, variance = Lane(b, vector(0.0)), Lane(b, b.read(self.variances, k))
+            for place, both in self._products(k):
+                change = fused(both, m.get(more, place), change)
+                variance = fused(both, m.get(p, place), variance)
+            least = variance * SETTLED * m.get(grown, k)
+            moves = b.or_(moves, b.fcmp_ordered(">", (change * change).value, least.value))
+            m.put(change, grown, k)
+        for place in range(n * n):
+            m.put(m.get(p, place) + m.get(more, place), p, place)
+        return b.anywhere(moves)
 
-    @property
-    def size(self) -> int:
-        return self.pulls + self.n * self.k
-
-    def of(self, name: str) -> int:
-        return MATRICES.index(name) * self.n**2
+    def _products(self, k: int) -> Iterator[tuple[int, Lane]]:
+        """Of two weights of channel k, by place in a matrix."""
+        own = self.system.weights(self.m.b, self.weights, k)
+        for i, weight in own.items():
+            for j, other in own.items():
+                yield i * self.system.n + j, weight * other
 
 
 def emit_riccati(module: ir.Module, system: StateSpace) -> ir.Function:
@@ -103,19 +126,18 @@ def emit_riccati(module: ir.Module, system: StateSpace) -> ir.Function:
         _emit_gain(module, system),
         _emit_prepend(module, system.n),
     )
-    made = function(module, "riccati", 1, [VECTORS, VECTORS, NUMBERS, I64.as_pointer()])
+    made, b = begin_function(module, "riccati", 1, [VECTORS, VECTORS, NUMBERS, I64.as_pointer()])
     samples, block, variances, weights, first = made.args
-    b = ir.IRBuilder(made.append_basic_block())
     n = system.n
-    places, memory = SteadyState(n, system.k), Memory(b, False)
-    phi, q, p, g = (memory.at(block, places.of(name)) for name in ("phi", "q", "p", "g"))
+    memory, at = Memory(b, False), addresses(b, block, I64(0), block_sizes(n, system.k))
+    phi, q, p, g = (at[name] for name in ("phi", "q", "p", "g"))
     one, other, information = (memory.room(n * n) for _ in range(3))
     grown, grows = memory.room(system.k), b.alloca(ir.IntType(1), I64(1))
     for k in range(system.k):
         memory.put(math.inf, grown, k)
-    emit_copy(b, phi, one, n * n)
-    emit_copy(b, q, p, n * n)
-    _emit_sample(memory, system, variances, weights, information)
+    b.copy(phi, one, n * n)
+    b.copy(q, p, n * n)
+    Measurement(memory, system, variances, weights).inform(information)
     memory.clear(g, n * n)
     b.store(samples, first)
     entry = b.block
@@ -143,31 +165,10 @@ def emit_riccati(module: ir.Module, system: StateSpace) -> ir.Function:
     b.cbranch(more, body, after)
     b.position_at_end(after)
     with b.if_then(b.icmp_signed("<", b.load(first), samples)):
-        emit_copy(b, information, g, n * n)
+        b.copy(information, g, n * n)
     b.call(gain, [block, variances, weights])
     b.ret_void()
     return made
-
-
-def _emit_sample(
-    memory: Memory,
-    system: StateSpace,
-    variances: ir.Value,
-    weights: ir.Value,
-    information: ir.Value,
-) -> None:
-    """The information of one sample on its state."""
-    b, n = memory.b, system.n
-    memory.clear(information, n * n)
-    for k in range(system.k):
-        over = Lane(b, b.fdiv(vector(1.0), load(b, variances, k)))
-        own = system.weights(b, weights, k)
-        for i, weight in own.items():
-            for j, other in own.items():
-                place = i * n + j
-                memory.put(
-                    memory.get(information, place) + over * (weight * other), information, place
-                )
 
 
 def _emit_doubling(module: ir.Module, system: StateSpace) -> ir.Function:
@@ -184,7 +185,7 @@ def _emit_doubling(module: ir.Module, system: StateSpace) -> ir.Function:
     for argument in made.args:
         argument.add_attribute("noalias")
     transition, following, information, p, variances, weights, grown, grows = made.args
-    b = ir.IRBuilder(made.append_basic_block())
+    b = Builder(made.append_basic_block())
     m = Memory(b, False)
     lu, x, e, more = (m.room(n * n) for _ in range(4))
     b.call(plain, [x, p, information])
@@ -199,7 +200,7 @@ def _emit_doubling(module: ir.Module, system: StateSpace) -> ir.Function:
     before = [m.get(information, i * n + i) for i in range(n)]
     b.call(along, [information, transition, x])
     b.store(_differs(m, n, before, information), grows)
-    b.ret(_grow(m, system, p, more, variances, weights, grown))
+    b.ret(Measurement(m, system, variances, weights).grow(p, more, grown))
     return made
 
 
@@ -214,16 +215,15 @@ def _differs(m: Memory, n: int, before: list[Number], now: ir.Value) -> ir.Value
     for i, old in enumerate(before):
         much = old * (1.0 + ROUNDING)
         grown = m.b.or_(grown, m.b.fcmp_ordered(">", m.get(now, i * n + i).value, much.value))
-    return anywhere(m.b, grown)
+    return m.b.anywhere(grown)
 
 
 def _emit_prepend(module: ir.Module, n: int) -> ir.Function:
     """`prepend(B, G, H, end)`: the stretch goes before what has the information `end (n, n)`."""
     plain, solved = emit_product(module, (n, n, n)), emit_solved(module, n, n)
     along = emit_even(module, n, left=True, adds=True)
-    made = function(module, "prepend", 0, [VECTORS] * 4)
+    made, b = begin_function(module, "prepend", 0, [VECTORS] * 4)
     transition, information, p, end = made.args
-    b = ir.IRBuilder(made.append_basic_block())
     m = Memory(b, False)
     lu, x, e = (m.room(n * n) for _ in range(3))
     b.call(plain, [x, p, end])
@@ -231,69 +231,35 @@ def _emit_prepend(module: ir.Module, n: int) -> ir.Function:
     b.call(emit_decomposed(module, n), [lu, x, m.room(1)])
     b.call(solved, [e, lu, transition])
     b.call(plain, [x, end, e])
-    emit_copy(b, information, end, n * n)
+    b.copy(information, end, n * n)
     b.call(along, [end, transition, x])
     b.ret_void()
     return made
 
 
-def _grow(
-    m: Memory,
-    system: StateSpace,
-    p: ir.Value,
-    more: ir.Value,
-    variances: ir.Value,
-    weights: ir.Value,
-    grown: ir.Value,
-) -> ir.Value:
-    """`more` comes to p; whether a channel would see the next: that is less by at least as much as this
-    one is than the one before, `grown (K,)`.
-    """
-    b, n = m.b, system.n
-    moves = ir.Constant(ir.VectorType(ir.IntType(1), LANES), [0] * LANES)
-    for k in range(system.k):
-        change, variance = Lane(b, vector(0.0)), Lane(b, load(b, variances, k))
-        own = system.weights(b, weights, k)
-        for i, weight in own.items():
-            for j, other in own.items():
-                both = weight * other
-                change = fused(both, m.get(more, i * n + j), change)
-                variance = fused(both, m.get(p, i * n + j), variance)
-        least = variance * SETTLED * m.get(grown, k)
-        moves = b.or_(moves, b.fcmp_ordered(">", (change * change).value, least.value))
-        m.put(change, grown, k)
-    for place in range(n * n):
-        m.put(m.get(p, place) + m.get(more, place), p, place)
-    return anywhere(b, moves)
-
-
 def _emit_gain(module: ir.Module, system: StateSpace) -> ir.Function:
     """`gain(block, variances, weights)`: gains, pulls, and A."""
     n = system.n
-    places = SteadyState(n, system.k)
     onward = emit_product(module, (n, n, n))
-    made = function(module, "gain", 0, [VECTORS, VECTORS, NUMBERS])
+    made, b = begin_function(module, "gain", 0, [VECTORS, VECTORS, NUMBERS])
     block, variances, weights = made.args
-    b = ir.IRBuilder(made.append_basic_block())
-    m = Memory(b, False)
-    phi, a = (m.at(block, places.of(name)) for name in ("phi", "a"))
-    gains, pulls = m.at(block, places.gains), m.at(block, places.pulls)
+    m, at = Memory(b, False), addresses(b, block, I64(0), block_sizes(n, system.k))
+    pulls, gains = at["pulls"], Gains(m, system, at["gains"], weights)
     left, passed = m.room(n * n), m.room(n * n)
-    emit_copy(b, m.at(block, places.of("p")), left, n * n)
+    b.copy(at["p"], left, n * n)
     m.clear(passed, n * n)
     _add_one(m, n, passed)
     for k in range(system.k):
-        update_covariance(m, system, k, left, variances, gains, weights)
+        gains.update_covariance(k, left, variances)
         own = list(system.weights(b, weights, k).values())
         rows = [m.row(m.at(passed, i * n), n) for i in system.seen(k)]
         shows = [dot(own, [row[j] for row in rows]) for j in range(n)]
-        root = inverse_deviation(m, n, k, gains)
-        for i, one in enumerate(shows):
+        root = gains.inverse_deviation(k)
+        for i, (one, gain) in enumerate(zip(shows, gains.of(k), strict=True)):
             m.put(one * root * root, pulls, k * n + i)
-            gain = -m.get(gains, k * gain_width(n) + i)
             for j, other in enumerate(shows):
-                m.put(fused(gain, other, m.get(passed, i * n + j)), passed, i * n + j)
-    b.call(onward, [a, phi, passed])
+                m.put(fused(-gain, other, m.get(passed, i * n + j)), passed, i * n + j)
+    b.call(onward, [at["a"], at["phi"], passed])
     b.ret_void()
     return made
 
@@ -308,9 +274,8 @@ def emit_start(module: ir.Module, n: int) -> ir.Function:
     of it.
     """
     plain, decomposed = emit_product(module, (n, n, n)), emit_decomposed(module, n)
-    made = function(module, "start", 0, [VECTORS] * 6)
+    made, b = begin_function(module, "start", 0, [VECTORS] * 6)
     p, g, start, shown, gained, determinant = made.args
-    b = ir.IRBuilder(made.append_basic_block())
     m = Memory(b, False)
     settled, known, lu = (m.room(n * n) for _ in range(3))
     row, solved, other = m.room(n), m.room(n), m.room(1)
@@ -351,17 +316,12 @@ def write_steady_state(module: ir.Module, system: StateSpace, layout: Layout) ->
     exponential = emit_exponential(module, layout, increments=True)
     spread = emit_transition(module, system, slopes=False)
     riccati, start_of = emit_riccati(module, system), emit_start(module, system.n)
-    made = function(module, "steadily", len(COUNTS), list(BLOCKS.values()))
-    a = dict(zip((*COUNTS, *BLOCKS), made.args, strict=True))
-    b = ir.IRBuilder(made.append_basic_block())
+    a, b = begin_kernel(module, "steadily", COUNTS, BLOCKS)
     n, k_count, size = system.n, system.k, layout.size
-    m, places, constants = (
-        Memory(b, False),
-        SteadyState(n, k_count),
-        Constants(b, layout, a["constants"]),
-    )
+    m, constants = Memory(b, False), Constants(b, layout, a["constants"])
+    sizes = block_sizes(n, k_count)
     weights = constants.all_weights
-    e, block, start = m.room(size * size), m.room(places.size), m.room(n * n)
+    e, block, start = m.room(size * size), m.room(sum(sizes.values())), m.room(n * n)
     shown, span, gained = m.room(n), m.room(1), m.room(1)
     first = b.alloca(I64, I64(1))
     groups = Loop(b, a["groups"], [], "groups")
@@ -375,23 +335,25 @@ def write_steady_state(module: ir.Module, system: StateSpace, layout: Layout) ->
     m.clear(start, n * n)
     for i in range(n - system.own, n):
         m.put(1.0, start, i * n + i)
-    phi_at, q_at, p_at, g_at = (m.at(block, places.of(name)) for name in ("phi", "q", "p", "g"))
+    at = addresses(b, block, I64(0), sizes)
+    phi_at, q_at, p_at, g_at = (at[name] for name in ("phi", "q", "p", "g"))
     if layout.lead:
-        store(b, constants.span(lead=True).value, span, 0)
+        b.write(constants.span(lead=True).value, span, 0)
         b.call(spread, [own, span, phi_at, q_at])
         predict_covariance(m, n, start, phi_at, q_at)
         constants.exponential(exponential, own, e, lead=True)
         state = next_state(b, n, entries(b, layout, e), state, [])
-    store(b, constants.span(lead=False).value, span, 0)
+    b.write(constants.span(lead=False).value, span, 0)
     b.call(spread, [own, span, phi_at, q_at])
     b.call(riccati, [a["samples"], block, variances, weights, first])
     constants.exponential(exponential, own, e, lead=False)
-    writer = _Samples(m, system, layout, a, entries(b, layout, e), block, weights)
+    writer = _Samples(m, system, layout, a, entries(b, layout, e), at, weights)
     blocks = b.sdiv(b.add(b.load(first), I64(AT_ONCE - 1)), I64(AT_ONCE))
     squares = _emit_samples(writer, blocks, state)
     _emit_back(writer, blocks, shown)
     b.call(start_of, [p_at, g_at, start, shown, gained, out[2 * k_count]])
-    for k, (total, root) in enumerate(zip(squares, writer.roots, strict=True)):
+    for k, total in enumerate(squares):
+        root = writer.gains.inverse_deviation(k)
         m.put(-0.5 * (total * root * root + m.get(gained, 0) * (1.0 / k_count)), out[k], 0)
         m.put(1.0 / root, out[k_count + k], 0)
     groups.close([])
@@ -407,21 +369,12 @@ class _Samples:
     layout: Layout
     a: dict[str, ir.Value]
     phi: dict[tuple[int, int], ir.Value]
-    block: ir.Value
+    at: dict[str, ir.Value]  # see `block_sizes`
     weights: ir.Value
 
-    def at(self, place: int) -> ir.Value:
-        return self.m.at(self.block, place)
-
     @property
-    def places(self) -> SteadyState:
-        return SteadyState(self.system.n, self.system.k)
-
-    @property
-    def roots(self) -> list[Number]:
-        """Of one over the variances of what channels show."""
-        n, gains = self.system.n, self.at(self.places.gains)
-        return [inverse_deviation(self.m, n, k, gains) for k in range(self.system.k)]
+    def gains(self) -> Gains:
+        return Gains(self.m, self.system, self.at["gains"], self.weights)
 
     def passed(
         self, index: ir.Value, carried: list[ir.Value], pulls: ir.Value | None
@@ -432,12 +385,9 @@ class _Samples:
         state, sums, shown = lanes[:n], lanes[n : n + k_count], lanes[n + k_count :]
         drive = emit_drive(b, self.layout, self.a["u"], index)
         y = b.gep(self.a["y"], [b.mul(index, I64(k_count))])
-        gains = self.at(self.places.gains)
         for k in range(k_count):
-            value = Lane(b, splat(b, b.load(b.gep(y, [I64(k)]))))
-            innovation, state = update_state(
-                self.m, self.system, k, state, value, gains, self.weights
-            )
+            value = Lane(b, b.splat(b.load(b.gep(y, [I64(k)]))))
+            innovation, state = self.gains.update_state(k, state, value)
             sums[k] = fused(innovation, innovation, sums[k])
             if pulls is not None:
                 shown = [
@@ -460,20 +410,17 @@ def _emit_samples(w: _Samples, blocks: ir.Value, state: list[ir.Value]) -> list[
     inner_new = w.passed(b.add(begins, inner.index), inner.carried, own)
     inner.close(inner_new)
     shown = m.at(w.a["shown"], b.mul(each.index, I64(n)))
-    for i, one in enumerate(inner_new[n + k_count :]):
-        store(b, one, shown, i)
+    b.write_row(inner_new[n + k_count :], shown)
     each.close(inner_new[: n + k_count])
     kept = m.room(n + k_count)
-    for i, one in enumerate(inner_new[: n + k_count]):
-        store(b, one, kept, i)
+    b.write_row(inner_new[: n + k_count], kept)
     begins = b.mul(blocks, I64(AT_ONCE))
     left = b.sub(w.a["samples"], begins)
     with b.if_then(b.icmp_signed(">", left, I64(0))):
-        later = Loop(b, left, [load(b, kept, i) for i in range(n + k_count)], "later")
+        later = Loop(b, left, b.read_row(kept, n + k_count), "later")
         new = w.passed(b.add(begins, later.index), later.carried, None)
         later.close(new)
-        for i, one in enumerate(new):
-            store(b, one, kept, i)
+        b.write_row(new, kept)
     return m.row(m.at(kept, n), k_count)
 
 
@@ -482,8 +429,8 @@ def _emit_pulls(w: _Samples) -> ir.Value:
     m, b, n, k_count = w.m, w.m.b, w.system.n, w.system.k
     each = n * k_count
     onward = emit_product(b.module, (k_count, n, n))
-    pulls, a = m.room(AT_ONCE * each), w.at(w.places.of("a"))
-    emit_copy(b, w.at(w.places.pulls), pulls, each)
+    pulls, a = m.room(AT_ONCE * each), w.at["a"]
+    b.copy(w.at["pulls"], pulls, each)
     for k in range(1, AT_ONCE):
         b.call(onward, [m.at(pulls, k * each), m.at(pulls, (k - 1) * each), a])
     return pulls
@@ -493,7 +440,7 @@ def _emit_back(w: _Samples, blocks: ir.Value, shown: ir.Value) -> None:
     """What all blocks show of the first state: sum of A'^k of theirs, from the last to the first."""
     m, b, n = w.m, w.m.b, w.system.n
     square = emit_product(b.module, (n, n, n))
-    powers, power = m.room(2 * n * n), w.at(w.places.of("a"))
+    powers, power = m.room(2 * n * n), w.at["a"]
     for k in range(AT_ONCE.bit_length() - 1):
         following = m.at(powers, (k % 2) * n * n)
         b.call(square, [following, power, power])
@@ -506,5 +453,4 @@ def _emit_back(w: _Samples, blocks: ir.Value, shown: ir.Value) -> None:
         dot([m.get(power, j * n + i) for j in range(n)], carried, own[i]).value for i in range(n)
     ]
     back.close(found)
-    for i, value in enumerate(found):
-        store(b, value, shown, i)
+    b.write_row(found, shown)

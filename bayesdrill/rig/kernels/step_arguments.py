@@ -3,17 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import Any
-
-from llvmlite import ir
 
 from bayesdrill.basics.duals import Dual
 from bayesdrill.rig.kernels.exponential import Layout, Pattern, formulas, with_slopes
-from bayesdrill.rig.kernels.lanes import I64, NUMBERS, VECTORS, Lane, vector
+from bayesdrill.rig.kernels.lanes import I64, NUMBERS, VECTORS, Builder, Lane, vector
 from bayesdrill.rig.kernels.numbers import Number, total
 from bayesdrill.rig.kernels.sums import Tally
-from bayesdrill.rig.models.friction import Friction
+from bayesdrill.rig.models.friction import Friction, SettlingLaw
 from bayesdrill.rig.models.linear import Model, Tangent
 
 WHOLE = I64.as_pointer()
@@ -62,18 +60,9 @@ class Shape:
     @property
     def text(self) -> str:
         """See `Structure`."""
-        names = (
-            "first_order",
-            "pattern",
-            "tally",
-            "dual",
-            "read",
-            "single",
-            "efforts",
-            "gaps",
-            "turns",
-        )
-        own = {name: getattr(self, name) for name in (*names, "strides")}
+        told = ("model", "series", "late", "constant")  # by their formulas and places
+        every = [one.name for one in fields(self) if one.name not in told]
+        own = {name: getattr(self, name) for name in (*every, "strides")}
         late = [self.series.index(name) for name in self.late]
         both = [(c, name in self.series) for c, name in enumerate(self.constant)]
         model = formulas(len(self._named_numbers) * self.numbers, self._formulas)
@@ -101,7 +90,10 @@ class Shape:
                 sorted(place(name) for name in law.seen if name in self.model.states),
             ]
             found.append(law.size(named, 0.0 if law.steady else named[friction.against], named))
-            found.append(law.spent(named, named[friction.against]) if self.strides else None)
+            if self.strides and isinstance(law, SettlingLaw):
+                found.append(law.spent(named, named[friction.against]))
+            else:
+                found.append(None)
         return found
 
     @property
@@ -110,8 +102,7 @@ class Shape:
         if self.single or self.read or self.late:
             return False
         laws = [friction.law for friction in self.frictions if not friction.law.steady]
-        found = [law.spent(dict.fromkeys(law.parameters, 1.0), 0.0) for law in laws]
-        return bool(found) and all(one is not None for one in found)
+        return bool(laws) and all(isinstance(law, SettlingLaw) for law in laws)
 
     @property
     def frictions(self) -> tuple[Friction, ...]:
@@ -161,7 +152,7 @@ class Rates:
 
     def __init__(
         self,
-        b: ir.IRBuilder,
+        b: Builder,
         shape: Shape,
         parameters: Mapping[str, Number],
         constant: Mapping[str, Number],

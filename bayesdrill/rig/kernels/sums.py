@@ -8,17 +8,7 @@ from dataclasses import dataclass
 
 from llvmlite import ir
 
-from bayesdrill.rig.kernels.lanes import (
-    INT_VEC,
-    VEC,
-    Lane,
-    anywhere,
-    emit_exp,
-    even_odd,
-    fma,
-    vector,
-    whole_numbers,
-)
+from bayesdrill.rig.kernels.lanes import INT_VEC, VEC, Builder, Lane, vector, whole_numbers
 
 Values = list[ir.Value]
 
@@ -52,9 +42,9 @@ class Tally:
         """Of so many channels, one after the other."""
         return [vector(value) for value in self.start] * channels
 
-    def added(self, b: ir.IRBuilder, kept: Sequence[ir.Value], sample: Sample) -> Values:
+    def added(self, b: Builder, kept: Sequence[ir.Value], sample: Sample) -> Values:
         """With one more sample."""
-        return [fma(b, sample.left, sample.left, kept[0])]
+        return [b.fma(sample.left, sample.left, kept[0])]
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,15 +54,15 @@ class _Neighbours(Tally):
     name: str = "neighbours"
     start: tuple[float, ...] = (0.0, 0.0, 0.0, math.nan)
 
-    def added(self, b: ir.IRBuilder, kept: Sequence[ir.Value], sample: Sample) -> Values:
+    def added(self, b: Builder, kept: Sequence[ir.Value], sample: Sample) -> Values:
         squares, products, last, first = kept
         left, seen = sample.left, sample.seen
         fresh = b.fcmp_unordered("uno", first, first)
         if seen is not None:
             fresh = b.and_(fresh, seen)
         return [
-            fma(b, left, left, squares),
-            fma(b, left, last, products),
+            b.fma(left, left, squares),
+            b.fma(left, last, products),
             left if seen is None else b.select(seen, left, last),
             b.select(fresh, left, first),
         ]
@@ -92,14 +82,14 @@ class _Logs(Tally):
     start: tuple[float, ...] = (0.0, 1.0, 0.0)
     weights: int = 1
 
-    def added(self, b: ir.IRBuilder, kept: Sequence[ir.Value], sample: Sample) -> Values:
+    def added(self, b: Builder, kept: Sequence[ir.Value], sample: Sample) -> Values:
         squares, product, powers = kept
         square = b.fmul(sample.left, sample.left)
-        factor = fma(b, sample.weights[0], square, vector(1.0))
+        factor = b.fma(sample.weights[0], square, vector(1.0))
         return [b.fadd(squares, square), *_times(b, product, powers, factor)]
 
 
-def _times(b: ir.IRBuilder, product: ir.Value, powers: ir.Value, factor: ir.Value) -> Values:
+def _times(b: Builder, product: ir.Value, powers: ir.Value, factor: ir.Value) -> Values:
     """A product and its powers of two, see `_Logs`, times a factor."""
     bits = b.bitcast(b.fmul(product, factor), INT_VEC)
     power = b.sub(b.lshr(bits, whole_numbers(52)), whole_numbers(1023))
@@ -131,13 +121,13 @@ _TAIL = (
 )
 
 
-def _tail(b: ir.IRBuilder, far: ir.Value) -> ir.Value:
+def _tail(b: Builder, far: ir.Value) -> ir.Value:
     """Of a standard normal number beyond `far`, over exp(-far^2 / 2); not below zero."""
     x = b.fmul(far, vector(math.sqrt(0.5)))
-    wide, twice = b.fadd(x, vector(_TURN)), fma(b, x, vector(2.0), vector(1.0))
+    wide, twice = b.fadd(x, vector(_TURN)), b.fma(x, vector(2.0), vector(1.0))
     over = b.fdiv(vector(1.0), b.fmul(wide, twice))
     place = b.fmul(b.fmul(b.fsub(x, vector(_TURN)), twice), over)
-    return b.fmul(even_odd(b, [vector(one) for one in _TAIL], place), b.fmul(wide, over))
+    return b.fmul(b.polynomial([vector(one) for one in _TAIL], place), b.fmul(wide, over))
 
 
 @dataclass(frozen=True, slots=True)
@@ -151,14 +141,14 @@ class _Intervals(Tally):
     start: tuple[float, ...] = (0.0, 1.0, 0.0, 0.0)
     weights: int = 2
 
-    def added(self, b: ir.IRBuilder, kept: Sequence[ir.Value], sample: Sample) -> Values:
+    def added(self, b: Builder, kept: Sequence[ir.Value], sample: Sample) -> Values:
         left, seen, (over, half) = sample.left, sample.seen, sample.weights
         middle = b.fmul(Lane(b, left).size().value, over)
         near = b.fsub(middle, half)
-        found = [fma(b, left, left, kept[0])]
+        found = [b.fma(left, left, kept[0])]
         # What the noise can hardly have moved out of its interval leaves the product as it is.
         before = b.block
-        with b.if_then(anywhere(b, b.fcmp_unordered(">", near, vector(DEEP)))):
+        with b.if_then(b.anywhere(b.fcmp_unordered(">", near, vector(DEEP)))):
             moved = self._moved(b, kept[1:], near, middle, half, seen)
             inside = b.block
         for one, other in zip(kept[1:], moved, strict=True):
@@ -169,7 +159,7 @@ class _Intervals(Tally):
 
     def _moved(
         self,
-        b: ir.IRBuilder,
+        b: Builder,
         kept: Sequence[ir.Value],
         near: ir.Value,
         middle: ir.Value,
@@ -182,8 +172,8 @@ class _Intervals(Tally):
         beyond = b.fcmp_ordered(">", near, zero)
         log = b.fmul(b.fmul(near, near), minus)
         here = _tail(b, Lane(b, near).size().value)
-        there = b.fmul(_tail(b, far), emit_exp(b, b.fmul(b.fmul(middle, half), vector(-2.0))))
-        outside = b.fmul(emit_exp(b, log), b.fadd(here, there))
+        there = b.fmul(_tail(b, far), b.exp(b.fmul(b.fmul(middle, half), vector(-2.0))))
+        outside = b.fmul(b.exp(log), b.fadd(here, there))
         mass = b.select(beyond, b.fsub(here, there), b.fsub(vector(1.0), outside))
         if seen is not None:
             mass = b.select(seen, mass, vector(1.0))

@@ -1,7 +1,6 @@
 """Step by step through a record: states in registers, and what channels make of them at samples.
 
-Channels with times of their own: values and rates are kept at all nodes, and read between them.
-
+Of channels with times of their own values and rates are kept at all nodes, and read between them.
 Between two nodes a channel is the cubic that has its values and its rates at both: the rate after
 the first, with the efforts of this step, and the one before the second.
 """
@@ -14,27 +13,22 @@ from llvmlite import ir
 
 from bayesdrill.basics.duals import Dual, dual, where
 from bayesdrill.rig.kernels.exponential import addresses, emit_exponential, number
-from bayesdrill.rig.kernels.friction import Going, Past, Regime, Rub, Step
+from bayesdrill.rig.kernels.friction import Going, Moment, Past, Regime, Rub, Step
 from bayesdrill.rig.kernels.lanes import (
     F64,
     I64,
     INT_VEC,
     VEC,
+    Builder,
     Lane,
     Loop,
     Mask,
-    floor,
-    function,
-    gather,
-    gather_own,
-    load,
-    splat,
-    store,
+    begin_kernel,
     vector,
     whole_numbers,
 )
 from bayesdrill.rig.kernels.numbers import Kind, Number, fused, total
-from bayesdrill.rig.kernels.reversals import Parts, Regimes, Stride, step_on
+from bayesdrill.rig.kernels.reversals import Parts, Stride, step_on
 from bayesdrill.rig.kernels.step_arguments import BLOCKS, COUNTS, Rates, Shape
 from bayesdrill.rig.kernels.sums import Sample
 
@@ -44,7 +38,7 @@ class Writer:
 
     def __init__(
         self,
-        b: ir.IRBuilder,
+        b: Builder,
         shape: Shape,
         arguments: dict[str, ir.Value],
         exponentials: tuple[ir.Value, ...],
@@ -62,10 +56,10 @@ class Writer:
 
     def number(self, base: ir.Value, index: int, apart: int) -> Number:
         """At a place of a part of `own`, whose slopes are `apart` vectors behind."""
-        value = Lane(self.b, load(self.b, base, index))
+        value = Lane(self.b, self.b.read(base, index))
         if not self.shape.dual:
             return value
-        return Dual(value, Lane(self.b, load(self.b, base, apart + index)))
+        return Dual(value, Lane(self.b, self.b.read(base, apart + index)))
 
     def part(self, name: str) -> list[Number]:
         count = self.shape.own[name]
@@ -98,13 +92,13 @@ class Writer:
         step = self._step(matrix, span)
         return Stride(step, self._regime(step, room))
 
-    @property
-    def regimes(self) -> Regime | Regimes:
-        """What is set where something turns."""
-        return self.regime if self.stride is None else Regimes(self.regime, self.stride.regime)
+    def turn(self, state: list[Number]) -> None:
+        """Where something turns, the regime of a step and that of a stride are others."""
+        for one in (self.regime, *([] if self.stride is None else [self.stride.regime])):
+            one.set(state)
 
     def _exponential(self, function: ir.Function, span: Lane, room: ir.Value) -> None:
-        store(self.b, span.value, self.spans, 0)
+        self.b.write(span.value, self.spans, 0)
         constants = self.b.gep(self.a["numbers"], [I64(2)])
         self.b.call(function, [self.own["parameters"], constants, self.spans, room])
 
@@ -120,12 +114,12 @@ class Writer:
         layout, x = self.shape.layout, self.x_count
         n, reach = layout.size, layout.reach
         place = column if column < x or not self.shape.dual else column + x
-        value = Lane(self.b, load(self.b, e, row * n + place)) if reach[row][place] else None
+        value = Lane(self.b, self.b.read(e, row * n + place)) if reach[row][place] else None
         if not self.shape.dual:
             return value
         slope = None
         if reach[x + row][place]:
-            slope = Lane(self.b, load(self.b, e, (x + row) * n + place))
+            slope = Lane(self.b, self.b.read(e, (x + row) * n + place))
         if value is None and slope is None:
             return None
         zero = Lane(self.b, vector(0.0))
@@ -196,16 +190,16 @@ class Writer:
         name = shape.series[k % len(shape.series)]
         if name not in shape.late:
             place = b.add(b.mul(node, I64(count)), I64(k))
-            return Lane(b, splat(b, b.load(b.gep(self.a["u"], [place]))))
+            return Lane(b, b.splat(b.load(b.gep(self.a["u"], [place]))))
         late = shape.late.index(name)
         share = self.number(self.own["share"], late, len(shape.late))
-        behind = b.fptosi(load(b, self.own["behind"], late), INT_VEC)
-        row = b.sub(splat(b, node), behind)
+        behind = b.fptosi(b.read(self.own["behind"], late), INT_VEC)
+        row = b.sub(b.splat(node), behind)
         here, earlier = (
             Lane(
                 b,
-                gather(
-                    b, self.a["u"], b.add(b.mul(row, whole_numbers(count)), whole_numbers(k - back))
+                b.gather(
+                    self.a["u"], b.add(b.mul(row, whole_numbers(count)), whole_numbers(k - back))
                 ),
             )
             for back in (0, count)
@@ -217,7 +211,7 @@ class Writer:
         state, step = self.part("x0"), self.step
         if not step.rubs:
             return self.kind.flat(state)
-        self.regimes.set(state)
+        self.turn(state)
         every = step.sizes(state, self.drive(I64(0))[1])
         sizes = [every[e] for e in step.varying]
         return self._carried(state, Past(sizes, [self.kind.zero() for _ in sizes]))
@@ -235,7 +229,8 @@ class Writer:
             new = step.free(state, drive)
             return new, [], self.kind.flat(new)
         going, parts = Going(step, self.regime), Parts(self.shape.turns, self._part)
-        new, efforts, past = step_on(going, parts, state, past, drive, inputs, self.regimes.set)
+        now = Moment(state, past, drive, inputs)
+        new, efforts, past = step_on(going, parts, now, self.turn)
         return new, efforts, self._carried(new, past)
 
     def _shaped(self, carried: Sequence[ir.Value]) -> tuple[list[Number], Past]:
@@ -284,13 +279,12 @@ class Writer:
         if self.stride is None:
             return self.kind.flat(steps())
         wanted = b.icmp_signed("!=", b.load(b.gep(self.a["usual"], [sample])), I64(0))
-        numbers, drive = self._shaped(carried), self.drive(node)
-        return self.kind.flat(self.stride.or_else(wanted, numbers, drive, steps))
+        now = Moment(*self._shaped(carried), *self.drive(node))
+        return self.kind.flat(self.stride.or_else(wanted, now, steps))
 
     def keep(self, totals: Sequence[ir.Value]) -> None:
         place = self.b.gep(self.a["out"], [self.b.mul(self.group, I64(len(totals)))])
-        for k, value in enumerate(totals):
-            store(self.b, value, place, k)
+        self.b.write_row(totals, place)
 
     def seen(self, k: int, state: Sequence[Number], efforts: Sequence[Number]) -> Number:
         """What channel k makes of it."""
@@ -323,7 +317,7 @@ class Writer:
 
     def measured(self, sample: ir.Value, k: int) -> Lane:
         flat = self.b.add(self.b.mul(sample, I64(self.k_count)), I64(k))
-        return Lane(self.b, splat(self.b, self.b.load(self.b.gep(self.a["y"], [flat]))))
+        return Lane(self.b, self.b.splat(self.b.load(self.b.gep(self.a["y"], [flat]))))
 
     def summed(
         self, sample: ir.Value, k: int, left: Lane, totals: Sequence[ir.Value]
@@ -336,7 +330,7 @@ class Writer:
             seen = b.fcmp_ordered("ord", y, y)
             value = b.select(seen, value, vector(0.0))
         first, count = k * tally.weights, tally.count
-        weights = [load(b, self.own["weight"], first + n) for n in range(tally.weights)]
+        weights = [b.read(self.own["weight"], first + n) for n in range(tally.weights)]
         sample = Sample(value, seen, weights)
         return tally.added(b, totals[k * count : (k + 1) * count], sample)
 
@@ -346,8 +340,7 @@ class Writer:
         flat = b.add(b.mul(sample, I64(k_count)), I64(k))
         row = b.mul(b.mul(self.group, self.a["samples"]), I64(k_count))
         place = b.mul(b.add(row, flat), I64(self.shape.numbers))
-        for n, register in enumerate(self.kind.flat([value])):
-            store(b, register, b.gep(self.a["out"], [place]), n)
+        b.write_row(self.kind.flat([value]), b.gep(self.a["out"], [place]))
 
 
 KEPT = 3  # the value, and the rates after it and before the next one, times a step
@@ -378,7 +371,7 @@ def _keep(w: Writer, node: ir.Value, k: int, kept: Sequence[Number]) -> None:
     at = b.gep(w.a["trace"], [place])
     for q, value in enumerate(kept):
         for n, register in enumerate(w.kind.flat([value])):
-            store(b, register, at, q * numbers + n)
+            b.write(register, at, q * numbers + n)
 
 
 def _seen_rate(w: Writer, k: int, rates: Sequence[Number]) -> Number:
@@ -394,7 +387,7 @@ def emit_reading(w: Writer) -> None:
     sums = shape.tally.begun(w.k_count) if shape.tally is not None else []
     shifts, begins = w.part("shift"), _before(w)
     samples = Loop(b, w.a["samples"], sums, "read")
-    t = Lane(b, splat(b, b.load(b.gep(w.a["t"], [samples.index]))))
+    t = Lane(b, b.splat(b.load(b.gep(w.a["t"], [samples.index]))))
     totals: list[ir.Value] = []
     for k in range(w.k_count):
         when = t - shifts[k] / w.span
@@ -416,8 +409,8 @@ def _before(w: Writer) -> list[Number]:
 def _read(w: Writer, k: int, when: Number, begin: Number) -> Number:
     b = w.b
     position = dual(when).value.value
-    last = splat(b, b.sitofp(b.sub(w.a["nodes"], I64(1)), F64))
-    node = floor(b, position)
+    last = b.splat(b.sitofp(b.sub(w.a["nodes"], I64(1)), F64))
+    node = b.floor(position)
     node = b.select(b.fcmp_ordered("<", node, last), node, last)
     node = b.select(b.fcmp_ordered(">", node, vector(0.0)), node, vector(0.0))
     share = when - Lane(b, node)
@@ -434,7 +427,7 @@ def _kept(w: Writer, node: ir.Value, k: int, q: int) -> Number:
     b, numbers = w.b, w.shape.numbers
     row = b.mul(b.fptosi(node, INT_VEC), whole_numbers(w.k_count * KEPT * numbers))
     found = [
-        gather_own(b, w.a["trace"], b.add(row, whole_numbers((k * KEPT + q) * numbers + n)))
+        b.gather_own(w.a["trace"], b.add(row, whole_numbers((k * KEPT + q) * numbers + n)))
         for n in range(numbers)
     ]
     return w.kind.shaped(found)[0]
@@ -443,10 +436,9 @@ def _kept(w: Writer, node: ir.Value, k: int, q: int) -> Number:
 def write_stepping(module: ir.Module, shape: Shape) -> None:
     """`stepping`, of COUNTS and addresses of BLOCKS."""
     exponential = emit_exponential(module, shape.layout, increments=False)
-    made = function(module, "stepping", len(COUNTS), list(BLOCKS.values()))
-    b = ir.IRBuilder(made.append_basic_block())
+    arguments, b = begin_kernel(module, "stepping", COUNTS, BLOCKS)
     rooms = [b.alloca(VEC, I64(shape.layout.size**2)) for _ in range(2 + shape.strides)]
-    w = Writer(b, shape, dict(zip([*COUNTS, *BLOCKS], made.args, strict=True)), tuple(rooms))
+    w = Writer(b, shape, arguments, tuple(rooms))
     groups = Loop(b, w.a["groups"], [], "groups")
     w.begin(groups.index, exponential)
     if shape.read:

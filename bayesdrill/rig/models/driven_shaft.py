@@ -24,7 +24,15 @@ from types import MappingProxyType
 from typing import Any, ClassVar
 
 from bayesdrill.basics.symbols import Symbol
-from bayesdrill.rig.models.friction import BitRock, Both, Friction, Law, Named, Stribeck
+from bayesdrill.rig.models.friction import (
+    BitRock,
+    Both,
+    Friction,
+    Law,
+    Named,
+    Stribeck,
+    frictions_at,
+)
 from bayesdrill.rig.models.linear import Linear, Model, Names, Offers, dry
 from bayesdrill.rig.models.motor_shaft import FRICTION_1, Power
 
@@ -65,11 +73,7 @@ class DrivenShaft(Model):
         law: Law | None = dry(self.added, Stribeck("t_c1", "t_s1", "w_s1", self.stribeck))
         if self._drills:
             law = ROCK if law is None else Both(law, ROCK)
-        if law is None:
-            return ()
-        own, where = FRICTION_1, "at rotor 1"
-        of = {"against": "w_1", "holds": "theta_1", "where": where}
-        return (Friction(name=own.name, law=law, symbol=own, **of),)
+        return frictions_at((FRICTION_1, "w_1", law, "theta_1", "at rotor 1"))
 
     def linear(self, p: Named) -> Linear:
         k_s, j_1 = p["k_s"], p["j_1"]

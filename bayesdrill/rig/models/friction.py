@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any, ClassVar, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -42,10 +42,13 @@ class Law(Protocol):
         """At a `speed` that is not negative."""
         ...
 
-    def spent(self, p: Named, speed: Any) -> tuple[Any, Any] | None:
-        """What a size comes down to at high speed, and how far it has come: the exponent of what is left
-        above it; None where it never is steady.
-        """
+
+@runtime_checkable
+class SettlingLaw(Law, Protocol):
+    """A law whose size comes down to a steady one at high speed."""
+
+    def spent(self, p: Named, speed: Any) -> tuple[Any, Any]:
+        """That size, and how far it has come: the exponent of what is left above it."""
         ...
 
 
@@ -63,29 +66,33 @@ class Friction:
     symbol: Symbol | None = None
 
 
+Place = tuple[Symbol, str, Law | None, str | None, str]
+
+
+def frictions_at(*places: Place) -> tuple[Friction, ...]:
+    """Of symbol, state that it is against, law, what it holds and where: those that have a law."""
+    return tuple(
+        Friction(name=own.name, against=against, law=law, holds=holds, where=where, symbol=own)
+        for own, against, law, holds, where in places
+        if law is not None
+    )
+
+
 @dataclass(frozen=True, slots=True)
 class Coulomb:
     """As much as the parameter `sliding`, at any speed."""
 
     sliding: str
 
+    seen: ClassVar[tuple[str, ...]] = ()
+    steady: ClassVar[bool] = True
+
     @property
     def parameters(self) -> tuple[str, ...]:
         return (self.sliding,)
 
-    @property
-    def seen(self) -> tuple[str, ...]:
-        return ()
-
-    @property
-    def steady(self) -> bool:
-        return True
-
     def size(self, p: Named, speed: Any, seen: Mapping[str, Any]) -> Any:
         return p[self.sliding]
-
-    def spent(self, p: Named, speed: Any) -> tuple[Any, Any] | None:
-        return None
 
 
 @dataclass(frozen=True, slots=True)
@@ -98,23 +105,18 @@ class Stribeck:
     power: int = 1
     times: float = 1.0
 
+    seen: ClassVar[tuple[str, ...]] = ()
+    steady: ClassVar[bool] = False
+
     @property
     def parameters(self) -> tuple[str, ...]:
         return (self.sliding, self.static, self.scale)
-
-    @property
-    def seen(self) -> tuple[str, ...]:
-        return ()
-
-    @property
-    def steady(self) -> bool:
-        return False
 
     def size(self, p: Named, speed: Any, seen: Mapping[str, Any]) -> Any:
         sliding: Any = p[self.sliding]
         return sliding + (p[self.static] - sliding) * exp(-self._fallen(p, speed))
 
-    def spent(self, p: Named, speed: Any) -> tuple[Any, Any] | None:
+    def spent(self, p: Named, speed: Any) -> tuple[Any, Any]:
         return p[self.sliding], self._fallen(p, speed)
 
     def _fallen(self, p: Named, speed: Any) -> Any:
@@ -136,6 +138,8 @@ class BitRock:
     width: str
     weight: str
 
+    steady: ClassVar[bool] = False
+
     @property
     def parameters(self) -> tuple[str, ...]:
         return (self.factor, self.stiff, self.hump, self.width)
@@ -144,18 +148,11 @@ class BitRock:
     def seen(self) -> tuple[str, ...]:
         return (self.weight,)
 
-    @property
-    def steady(self) -> bool:
-        return False
-
     def size(self, p: Named, speed: Any, seen: Mapping[str, Any]) -> Any:
         decay = exp(-2.0 * (p[self.stiff] * speed))
         rising = (1.0 - decay) / (1.0 + decay)
         hump = p[self.hump] * speed / (1.0 + p[self.width] * speed**2)
         return seen[self.weight] * p[self.factor] * (rising + hump)
-
-    def spent(self, p: Named, speed: Any) -> tuple[Any, Any] | None:
-        return None
 
 
 @dataclass(frozen=True, slots=True)
@@ -180,9 +177,6 @@ class Both:
     def size(self, p: Named, speed: Any, seen: Mapping[str, Any]) -> Any:
         return self.one.size(p, speed, seen) + self.other.size(p, speed, seen)
 
-    def spent(self, p: Named, speed: Any) -> tuple[Any, Any] | None:
-        return None
-
 
 @dataclass(frozen=True, slots=True)
 class Losing:
@@ -198,6 +192,8 @@ class Losing:
     angles: tuple[str, str]
     factor: float
 
+    steady: ClassVar[bool] = False
+
     @property
     def parameters(self) -> tuple[str, ...]:
         own = (self.efficiency, self.stiffness)
@@ -207,15 +203,8 @@ class Losing:
     def seen(self) -> tuple[str, ...]:
         return self.angles if self.law is None else (*self.law.seen, *self.angles)
 
-    @property
-    def steady(self) -> bool:
-        return False
-
     def size(self, p: Named, speed: Any, seen: Mapping[str, Any]) -> Any:
         first, second = self.angles
         passed = size(p[self.stiffness] * (seen[second] - seen[first])) * self.factor
         lost = (1.0 / p[self.efficiency] - 1.0) * passed
         return lost if self.law is None else self.law.size(p, speed, seen) + lost
-
-    def spent(self, p: Named, speed: Any) -> tuple[Any, Any] | None:
-        return None

@@ -28,7 +28,7 @@ from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
 from operator import attrgetter
 from types import MappingProxyType
-from typing import Any, Protocol
+from typing import Any, ClassVar, Protocol
 
 import numpy as np
 
@@ -228,45 +228,16 @@ class Around(Model):
 
     rig: Model
 
-    @property
-    def declares(self) -> tuple[Symbol, ...]:
-        return self.rig.declares
-
-    @property
-    def name(self) -> str:
-        return self.rig.name
-
-    @property
-    def parameters(self) -> tuple[str, ...]:
-        return self.rig.parameters
-
-    @property
-    def states(self) -> tuple[str, ...]:
-        return self.rig.states
-
-    @property
-    def inputs(self) -> tuple[str, ...]:
-        return self.rig.inputs
-
-    @property
-    def frictions(self) -> tuple[Friction, ...]:
-        return self.rig.frictions
-
-    @property
-    def inner(self) -> tuple[str, ...]:
-        return self.rig.inner
-
-    @property
-    def roles(self) -> Roles:
-        return self.rig.roles
-
-    @property
-    def gear_ratio(self) -> float:
-        return self.rig.gear_ratio
-
-    @property
-    def geared(self) -> bool:
-        return self.rig.geared
+    declares: ClassVar[Any] = property(lambda self: self.rig.declares)
+    name: ClassVar[Any] = property(lambda self: self.rig.name)
+    parameters: ClassVar[Any] = property(lambda self: self.rig.parameters)
+    states: ClassVar[Any] = property(lambda self: self.rig.states)
+    inputs: ClassVar[Any] = property(lambda self: self.rig.inputs)
+    frictions: ClassVar[Any] = property(lambda self: self.rig.frictions)
+    inner: ClassVar[Any] = property(lambda self: self.rig.inner)
+    roles: ClassVar[Any] = property(lambda self: self.rig.roles)
+    gear_ratio: ClassVar[Any] = property(lambda self: self.rig.gear_ratio)
+    geared: ClassVar[Any] = property(lambda self: self.rig.geared)
 
 
 DOT = "_dot"

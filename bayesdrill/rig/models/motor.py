@@ -26,7 +26,7 @@ from types import MappingProxyType
 from typing import Any, ClassVar
 
 from bayesdrill.basics.symbols import Symbol
-from bayesdrill.rig.models.friction import Coulomb, Friction, Named, Stribeck
+from bayesdrill.rig.models.friction import Coulomb, Friction, Named, Stribeck, frictions_at
 from bayesdrill.rig.models.linear import Linear, Model, Names, Offers, dry
 from bayesdrill.rig.models.motor_shaft import DROP, FRICTION_M, Gear, Power
 
@@ -71,14 +71,9 @@ class Motor(Model):
         """At the motor, and of the current."""
         law = dry(self.added, Stribeck("t_cm", "t_sm", "w_sm", self.stribeck, times=1 / self.i_m))
         drop = Coulomb("v_d") if self._wired and "v_d" in self.added else None
-        every = (
+        return frictions_at(
             (FRICTION_M, "w_2", law, "theta_2", "at the motor"),
             (DROP, "i", drop, None, "of the current"),
-        )
-        return tuple(
-            Friction(name=own.name, against=against, law=law, holds=holds, where=where, symbol=own)
-            for own, against, law, holds, where in every
-            if law is not None
         )
 
     def linear(self, p: Named) -> Linear:

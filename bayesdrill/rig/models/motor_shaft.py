@@ -1,7 +1,4 @@
-"""The paper's rig (DC motor, gearbox, slender shaft, rotor), also with two known constants that
-its model leaves out.
-
-The paper's rig: DC motor, gearbox, slender shaft, rotor; and more physics where it is named.
+"""The paper's rig: DC motor, gearbox, slender shaft, rotor; and more physics where it is named.
 
     theta_1' = w_1
     theta_2' = w_2
@@ -53,7 +50,7 @@ from pydantic import AfterValidator, Field
 
 from bayesdrill.basics.entries import NonNegative, Positive
 from bayesdrill.basics.symbols import Symbol
-from bayesdrill.rig.models.friction import Coulomb, Friction, Losing, Named, Stribeck
+from bayesdrill.rig.models.friction import Coulomb, Friction, Losing, Named, Stribeck, frictions_at
 from bayesdrill.rig.models.linear import Linear, Model, Names, Offers, dry
 
 PARAMETERS = ("j_m", "c_m", "k_e", "k_T", "r_m", "l_m", "k_s", "j_1", "t_f")
@@ -121,15 +118,10 @@ class MotorShaft(Model):
             motor = Losing(motor, "eta", "k_s", ("theta_1", "theta_2"), self.i_m)
         rotor = dry(self.added, Stribeck("t_c1", "t_s1", "w_s1", self.stribeck))
         drop = Coulomb("v_d") if "v_d" in self.added else None
-        every = (
+        return frictions_at(
             (FRICTION_M, "w_2", motor, "theta_2", "at the motor"),
             (FRICTION_1, "w_1", rotor, "theta_1", "at rotor 1"),
             (DROP, "i", drop, None, "of the current"),
-        )
-        return tuple(
-            Friction(name=own.name, against=against, law=law, holds=holds, where=where, symbol=own)
-            for own, against, law, holds, where in every
-            if law is not None
         )
 
     def lumped(self, p: Named) -> Named:

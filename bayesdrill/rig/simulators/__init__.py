@@ -6,11 +6,11 @@ from __future__ import annotations
 
 from bayesdrill.record.experiment import Experiment
 from bayesdrill.rig.models.linear import Model
-from bayesdrill.rig.simulators.contract import Simulator
+from bayesdrill.rig.simulators.contract import TURNS, Simulator
 from bayesdrill.rig.simulators.exact import Response
 from bayesdrill.rig.simulators.irregular import Measured
 from bayesdrill.rig.simulators.sensors import Sensing
-from bayesdrill.rig.simulators.stepped import TURNS, Stepped
+from bayesdrill.rig.simulators.stepped import Stepped
 
 
 def simulator(

@@ -1,6 +1,4 @@
-"""The contract of a simulator, and the sums of least squares that follow from its signals and
-slopes.
-"""
+"""The contract of a simulator, and what follows from its sums, signals and slopes."""
 
 from __future__ import annotations
 
@@ -9,7 +7,8 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, NamedTuple, Protocol, Self
+from functools import cached_property
+from typing import Any, ClassVar, NamedTuple, Self
 
 import numpy as np
 
@@ -44,6 +43,9 @@ class Steps:
     slopes: Mapping[str, Array]
 
 
+TURNS = 4  # 2 leave several times the error, 8 hardly less
+
+
 class Stepping(NamedTuple):
     """`pieces`: steps to a sample; `turns`: parts of a step in which something turns; `chosen`: both
     were, for the noise.
@@ -54,144 +56,86 @@ class Stepping(NamedTuple):
     chosen: bool
 
 
-class Simulator(Protocol):
-    """Parameters are `full (W, P)`, columns in the order of `parameters`, SI: those of the `model`, then
+class Simulator(ABC):
+    """A frozen dataclass with a `model` and an `experiment`.
+
+    Parameters are `full (W, P)`, columns in the order of `parameters`, SI: those of the `model`, then
     those of sensors and start.  All is batch-first, and a walker whose numbers overflow gets NaN in its
     own row alone.
     """
 
-    @property
-    def parameters(self) -> tuple[str, ...]: ...
+    model: Model
+    experiment: Experiment
+    sensing: Sensing  # what it is told beside the rig's parameters
+    exact: ClassVar[bool] = False  # whether slopes come as sums from one kernel, no sample kept
 
-    @property
-    def model(self) -> Model: ...
-
-    @property
-    def experiment(self) -> Experiment: ...
-
-    @property
-    def sensing(self) -> Sensing:
-        """What it is told beside the rig's parameters."""
-        ...
-
-    @property
-    def exact(self) -> bool:
-        """Whether slopes come as sums from one kernel, exact and without a sample kept."""
-        ...
+    @cached_property
+    def parameters(self) -> tuple[str, ...]:
+        return (*self.model.parameters, *self.sensing.names)
 
     @property
     def record(self) -> tuple[int, int] | None:
         """Where such a kernel reads it: addresses of channels `(T, K)`, and of inputs `(T + 1, S)`."""
-        ...
+        return None
 
     @property
     def stepping(self) -> Stepping | None:
         """None where there is no step whose size matters."""
-        ...
+        return None
 
-    def finer(self, pieces: int, turns: int = ..., *, chosen: bool = ...) -> Self:
+    def finer(self, pieces: int, turns: int = TURNS, *, chosen: bool = False) -> Self:
         """In other steps, where it has some."""
-        ...
+        return self
 
+    @abstractmethod
     def motion(self, full: Array) -> Motion:
         """As the rig moves, whatever sensors make of it."""
-        ...
 
+    @abstractmethod
     def steps(self, full: Array) -> Steps:
         """Of all steps to the last sample, which is where the last one begins."""
-        ...
 
+    @abstractmethod
     def signals(self, full: Array) -> Array:
         """The channels without noise, `(W, T, K)`."""
-        ...
 
-    def squares(self, full: Array) -> Array:
-        """Sums of squared residuals `(W, K)`, without a sample kept."""
-        ...
-
-    def neighbours(self, full: Array) -> Array:
-        """Of residuals, likewise: `(W, K, 4)` sums of their squares and of products of those seen one
-        after the other, the last and the first.
-        """
-        ...
-
-    def logs(self, full: Array, weights: Array) -> Array:
-        """Sums `(W, K)` of log(1 + weight times squared residual), with `weights (W, K)`."""
-        ...
-
-    def intervals(self, full: Array, over: Array, half: Array) -> Array:
-        """Sums `(W, K)` of logs of the probability that a standard normal number is within `half (W, K)`
-        of the residual times `over (W, K)`; `half` at least 0.2.
-        """
-        ...
-
-    def sensitivities(self, full: Array, along: Array) -> Array:
-        """d signal along q directions `(W, q, P)` in the space of parameters: `(W, q, T, K)`."""
-        ...
-
-    def normal(self, full: Array, along: Array, scales: Array) -> tuple[Array, Array, Array]:
-        """As sums, all times `scales (W, K)`: squares of residuals `(W, K)`, their products with
-        sensitivities `(W, q)`, and those of sensitivities with each other `(W, q, q)`.
-        """
-        ...
-
+    @abstractmethod
     def course(self, full: Array, along: Array) -> tuple[Array, Array]:
         """Signals and sensitivities at once; q at least 1."""
-        ...
-
-    def of(self, experiment: Experiment) -> Simulator:
-        """Of another experiment with the same sensors, which may have further channels."""
-        ...
-
-    def with_record(self, y: Array) -> Self:
-        """The same experiment with another record `(T, K)`."""
-        ...
-
-    def with_series(self, series: Mapping[str, Array]) -> Self:
-        """The same experiment under other measured inputs."""
-        ...
-
-
-class Summed(ABC):
-    """What follows from sums over samples and from responses with their slopes, for frozen dataclasses
-    with a `model` and an `experiment`.
-    """
-
-    model: Model
-    experiment: Experiment
 
     @abstractmethod
     def sums(self, full: Array, tally: Tally, weights: Array | None = None) -> Array:
         """A tally of residuals, `(W, K, n)`, with its `weights (W, K, m)`, if it has some."""
 
-    @abstractmethod
-    def course(self, full: Array, along: Array) -> tuple[Array, Array]:
-        """See `Simulator.course`."""
-
-    def __getstate__(self) -> dict[str, Any]:
-        """Without what is compiled."""
-        return {field.name: getattr(self, field.name) for field in dataclasses.fields(self)}  # type: ignore[arg-type]
-
-    def of(self, experiment: Experiment) -> Self:
-        """See `Simulator.of`."""
-        return dataclasses.replace(self, experiment=experiment)  # type: ignore[type-var]
-
     def squares(self, full: Array) -> Array:
+        """Sums of squared residuals `(W, K)`, without a sample kept."""
         return self.sums(full, SQUARES)[..., 0]
 
     def neighbours(self, full: Array) -> Array:
+        """Of residuals, likewise: `(W, K, 4)` sums of their squares and of products of those seen one
+        after the other, the last and the first.
+        """
         return self.sums(full, NEIGHBOURS)
 
     def logs(self, full: Array, weights: Array) -> Array:
+        """Sums `(W, K)` of log(1 + weight times squared residual), with `weights (W, K)`."""
         return log_sums(self.sums(full, LOGS, weights[..., None]))
 
     def intervals(self, full: Array, over: Array, half: Array) -> Array:
-        return interval_sums(self.sums(full, INTERVALS, np.stack([over, half], axis=-1)))
+        """Sums `(W, K)` of logs of the probability that a standard normal number is within `half (W, K)`
+        of the residual times `over (W, K)`; `half` at least 0.2.
+        """
+        found = self.sums(full, INTERVALS, np.stack([over, half], axis=-1))
+        return np.asarray(log_sums(found[..., :3]) + found[..., 3])
 
     def sensitivities(self, full: Array, along: Array) -> Array:
+        """d signal along q directions `(W, q, P)` in the space of parameters: `(W, q, T, K)`."""
         return self.course(full, along)[1]
 
     def normal(self, full: Array, along: Array, scales: Array) -> tuple[Array, Array, Array]:
+        """As sums, all times `scales (W, K)`: squares of residuals `(W, K)`, their products with
+        sensitivities `(W, q)`, and those of sensitivities with each other `(W, q, q)`.
+        """
         n, q, _ = along.shape
         y, seen = self.experiment.y, self.experiment.seen
         squares, slopes, products = np.empty((n, y.shape[1])), np.empty((n, q)), np.empty((n, q, q))
@@ -206,14 +150,23 @@ class Summed(ABC):
             squares[rows] = (left**2).sum(axis=1)
         return squares, slopes, products
 
+    def __getstate__(self) -> dict[str, Any]:
+        """Without what is compiled."""
+        return {field.name: getattr(self, field.name) for field in dataclasses.fields(self)}  # type: ignore[arg-type]
+
+    def of(self, experiment: Experiment) -> Self:
+        """Of another experiment with the same sensors, which may have further channels."""
+        return dataclasses.replace(self, experiment=experiment)  # type: ignore[type-var]
+
     def with_record(self, y: Array) -> Self:
-        """What was not measured stays so."""
+        """The same experiment with another record `(T, K)`; what was not measured stays so."""
         if y.shape != self.experiment.y.shape:
             raise ValueError(f"the record has shape {self.experiment.y.shape}, not {y.shape}")
         kept = frozen(np.where(self.experiment.seen, y, np.nan))
         return self.of(dataclasses.replace(self.experiment, y=kept))
 
     def with_series(self, series: Mapping[str, Array]) -> Self:
+        """The same experiment under other measured inputs."""
         if set(series) != set(self.experiment.series):
             raise ValueError(f"series of {sorted(self.experiment.series)} are wanted")
         ordered = {name: series[name] for name in self.experiment.series}
@@ -222,11 +175,6 @@ class Summed(ABC):
 
 MOST_BYTES = 6e7  # of sensitivities at a time
 MOST_SQUARES = 1e200  # beyond which a product of their logs may have overflown
-
-
-def interval_sums(tally: Array) -> Array:
-    """Of a tally of intervals `(W, K, 4)`, likewise."""
-    return np.asarray(log_sums(tally[..., :3]) + tally[..., 3])
 
 
 def log_sums(tally: Array) -> Array:

@@ -40,12 +40,9 @@ class Response(Unstepped):
     experiment: Experiment
     together: tuple[str, ...] = (SQUARES.name, "signals")
 
-    sensing: ClassVar = Sensing()  # perfect sensors, and a start that is known
+    # Perfect sensors, and a start that is known.
+    sensing: ClassVar[Sensing] = Sensing()  # type: ignore[misc]
     exact: ClassVar[bool] = True
-
-    @property
-    def parameters(self) -> tuple[str, ...]:
-        return self.model.parameters
 
     @property
     def record(self) -> tuple[int, int]:
@@ -57,7 +54,9 @@ class Response(Unstepped):
         series = [np.append(u, u[-1]) for u in self.experiment.series.values()]
         y = np.ascontiguousarray(self.experiment.y)
         u = np.array(series, dtype=np.float64).reshape(len(series), len(y) + 1).T
-        return constants(self.model, self.experiment), y, np.ascontiguousarray(u)
+        start = [self.experiment.start.get(name, 0.0) for name in self.model.states]
+        told = constant_block(self.experiment, start, self.experiment.weights(self.model.states))
+        return told, y, np.ascontiguousarray(u)
 
     @cached_property
     def _addresses(self) -> tuple[int, int, int]:
@@ -170,15 +169,10 @@ def layout(model: Model, experiment: Experiment) -> Layout:
     )
 
 
-def constants(model: Model, experiment: Experiment) -> Array:
-    """What they are told of it, see `recurrence.Constants`."""
-    start = [experiment.start.get(name, 0.0) for name in model.states]
-    weights = experiment.weights(model.states)
-    return constant_block(experiment, start, weights)
-
-
 def constant_block(experiment: Experiment, start: Sequence[float], weights: Array) -> Array:
-    """With the start `(X,)` and the `weights (K, X)` of the states of a model."""
+    """What they are told of it, see `recurrence.Constants`: with the start `(X,)` and the weights
+    `(K, X)` of the states of a model.
+    """
     inputs = [experiment.constant[name] for name in present(experiment.constant)]
     spans = (experiment.dt, float(experiment.t[0] - experiment.t_start))
     return np.array([*spans, *inputs, *start, *np.ravel(weights)], dtype=np.float64)

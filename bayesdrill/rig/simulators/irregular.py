@@ -1,6 +1,4 @@
-"""The exact response at any times, for walkers that differ in their start and in their sensors.
-
-The exact response as sensors show it: late, scaled, shifted, from an unknown start, at any times.
+"""The exact response as sensors show it: late, scaled, shifted, from an unknown start, at any times.
 
 `Sensing` says which numbers that takes beside the rig's parameters.  Everything is linear in the
 states, so that sensors are rows of weights, and their derivatives other rows (`Dense` runs both).
@@ -11,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, ClassVar, Self
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -61,7 +59,6 @@ class Dense:
     ) -> None:
         self.model = model
         self._t = np.array(t, dtype=float)
-        self._inputs = ({**series}, {**constant}, first_order)
         self._layout = Layout.of(model, tuple(series), present(constant), first_order=first_order)
         g = self._grid = grid(self._t)
         self._kept = len(entries_of(self._layout))
@@ -70,24 +67,20 @@ class Dense:
         steps = np.diff(g.t[:-1])
         self._near = float(steps[steps <= NEAR * g.usual].max()) if len(steps) else 1.0
         self._farthest = float(steps.max()) if len(steps) else 0.0
-        self._blocks = self._constant(series)
+        self._blocks = self._constant(series, constant)
         self._addresses = {name: block.ctypes.data for name, block in self._blocks.items()}
         self._whole = len(g.at) == len(g.t) - 1  # no knot but samples
         self._pattern: Mask | None = None
         self._entries: Pattern = ()
 
-    def __getstate__(self) -> dict[str, Any]:
-        return {"model": self.model, "t": self._t, "inputs": self._inputs}
-
-    def __setstate__(self, state: Mapping[str, Any]) -> None:
-        self.__init__(state["model"], state["t"], *state["inputs"])  # type: ignore[misc]
-
-    def _constant(self, series: Mapping[str, Array]) -> dict[str, Array]:
+    def _constant(
+        self, series: Mapping[str, Array], constant: Mapping[str, float]
+    ) -> dict[str, Array]:
         g = self._grid
         held = np.array([*series.values()]).reshape(len(series), len(self._t)).T
         u, slopes = _driven(g, held, self._layout.first_order)
         node, length, share = runs(g)
-        inputs = [value for value in self._inputs[1].values() if value != 0.0]
+        inputs = [value for value in constant.values() if value != 0.0]
         numbers = np.array([g.width, self._near / self._cells, 1e-3 / g.usual, *inputs])
         return {
             "numbers": numbers, "spans": g.spans, "inside": g.inside, "chained": g.chained,
@@ -116,17 +109,13 @@ class Dense:
         before: Array,
         shift: Array | None,
         rows: Array,
-        seen: Mask | None = None,
     ) -> Array:
-        """The channels `(W, T, K)`; NaN where `seen (T, K)` is given and false."""
+        """The channels `(W, T, K)`."""
         n, k_count = rows.shape[:2]
         out = np.empty((-(-n // LANES), len(self._grid.t), k_count, LANES))
         self._run((parameters, x0, before, shift, rows), NONE, out)
         at = out[:, :-1] if self._whole else out[:, self._grid.at]
-        found = np.ascontiguousarray(at.transpose(0, 3, 1, 2).reshape(-1, *at.shape[1:3])[:n])
-        if seen is not None:
-            found[:, ~seen] = np.nan
-        return found
+        return np.ascontiguousarray(at.transpose(0, 3, 1, 2).reshape(-1, *at.shape[1:3])[:n])
 
     def _run(
         self,
@@ -174,7 +163,8 @@ class Dense:
     ) -> tuple[Kernel, Shape]:
         wanted = (pattern, tally, shifted)
         if wanted not in self._kernels:
-            shape = Shape(self._layout, pattern, tally, shifted, self._grid.uniform)
+            even = self._grid.uniform and any(shifted)  # of no other is the kernel another
+            shape = Shape(self._layout, pattern, tally, shifted, even)
             self._kernels[wanted] = compile_kernel(write_dense, shape), shape
         return self._kernels[wanted]
 
@@ -234,13 +224,6 @@ class Measured(Unstepped):
     experiment: Experiment
     sensing: Sensing
 
-    exact: ClassVar[bool] = False
-    record: ClassVar[None] = None
-
-    @property
-    def parameters(self) -> tuple[str, ...]:
-        return (*self.model.parameters, *self.sensing.names)
-
     def with_record(self, y: Array) -> Self:
         made = super().with_record(y)
         for name in ("_dense", "_tangent"):  # which no record has a part in
@@ -290,11 +273,8 @@ class Measured(Unstepped):
         of = w.numbers(full)
         start = w.begin(of, full)
         before = w.before(of, start)
-        rows = np.zeros(
-            (len(full), len(self.experiment.channels), len(w.inputs) + start.shape[1] + 1)
-        )
-        rows[:, :, : start.shape[1]] = w.gains(full)[:, :, None] * w.weights
-        rows[:, :, start.shape[1]] = w.of_channels(self.sensing.offsets, full)
+        rows = w.rows(w.gains(full), full)
+        rows = np.concatenate([rows, np.zeros((*rows.shape[:2], len(w.inputs)))], axis=2)
         shift = w.later(full) if self.sensing.shifts else None
         return w.told(full), start, before, shift, rows
 

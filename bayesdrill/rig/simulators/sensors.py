@@ -213,6 +213,11 @@ class Walkers:
         alone = [c.name not in self.sensing.gains for c in self.experiment.channels]
         return np.asarray(out + np.array(alone, dtype=np.float64))
 
+    def rows(self, gains: Array, named: Array) -> Array:
+        """`(W, K, X + 1)` over states and one: of `gains (W, K)`, and offsets among `named (W, P)`."""
+        offsets = self.of_channels(self.sensing.offsets, named)
+        return np.concatenate([gains[:, :, None] * self.weights, offsets[:, :, None]], axis=2)
+
     def later(self, full: Array) -> Array:
         """How much later each channel shows what the inputs do: `(W, K)`."""
         out = self.of_channels(self.sensing.lags, full)

@@ -11,8 +11,7 @@ import dataclasses
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import pairwise
-from typing import Any, ClassVar, Self
+from typing import Any
 
 import numpy as np
 
@@ -25,7 +24,7 @@ from bayesdrill.rig.kernels.step_arguments import BLOCKS, Shape
 from bayesdrill.rig.kernels.sums import Tally
 from bayesdrill.rig.kernels.time_stepping import write_stepping
 from bayesdrill.rig.models.linear import Model
-from bayesdrill.rig.simulators.contract import Motion, Simulator, Stepping, Steps, Summed, in_groups
+from bayesdrill.rig.simulators.contract import TURNS, Motion, Simulator, Stepping, Steps, in_groups
 from bayesdrill.rig.simulators.sensors import Sensing, Walkers
 from bayesdrill.rig.simulators.time_grid import Ahead
 
@@ -41,20 +40,6 @@ class Told:
     ahead: Ahead
     y: Array
     numbers: Array
-
-    @cached_property
-    def _slices(self) -> dict[str, list[slice]]:
-        """Of the numbers of a walker, by part: values, and slopes."""
-        found, place, numbers = dict[str, list[slice]](), 0, self.shape.numbers
-        for name, count in self.shape.own.items():
-            ends = [place + k * count for k in range(numbers + 1)]
-            found[name] = [slice(*both) for both in pairwise(ends)]
-            place = ends[-1]
-        return found
-
-    @cached_property
-    def _width(self) -> int:
-        return sum(self.shape.own_vectors.values())
 
     @cached_property
     def _staying(self) -> dict[str, int]:
@@ -107,18 +92,25 @@ class Told:
         if self.shape.late:
             behind, *shares = self.ahead.delays(parts["lag"])
             told = {**parts, "share": shares, "behind": [behind] * len(shares)}
-        rows = np.empty((n, self._width))
-        for name, slices in self._slices.items():
-            for part, place in zip(told[name], slices, strict=True):
-                rows[:, place] = part.reshape(len(part), -1)
+        rows, place = np.empty((n, self._width)), 0
+        for part in (part for name in self._names for part in told[name]):
+            flat = part.reshape(len(part), -1)
+            rows[:, place : place + flat.shape[1]] = flat
+            place += flat.shape[1]
         return in_groups(rows)
 
+    @cached_property
+    def _width(self) -> int:
+        return sum(self.shape.own_vectors.values())
 
-TURNS = 4  # 2 leave several times the error, 8 hardly less
+    @cached_property
+    def _names(self) -> tuple[str, ...]:
+        """Asking the shape again and again takes as long as some steps of a group."""
+        return tuple(self.shape.own)
 
 
 @dataclass(frozen=True)
-class Stepped(Summed):
+class Stepped(Simulator):
     """See `simulator.Simulator`; parameters are the model's, then those that `sensing` names.
 
     `turns`: parts of a step in which something turns; `chosen`: both were, for the noise.
@@ -130,13 +122,6 @@ class Stepped(Summed):
     pieces: int = 1
     turns: int = TURNS
     chosen: bool = False
-
-    exact: ClassVar[bool] = False
-    record: ClassVar[None] = None
-
-    @property
-    def parameters(self) -> tuple[str, ...]:
-        return self._walkers.parameters
 
     @property
     def stepping(self) -> Stepping:
@@ -163,26 +148,28 @@ class Stepped(Summed):
 
     def motion(self, full: Array) -> Motion:
         """As the rig moves, whatever sensors make of it."""
-        nodes = self._nodes
-        x, e = len(self.model.states), len(self.model.frictions)
-        with np.errstate(all="ignore"):
-            every = self._run(nodes, full, efforts=True)
+        states, efforts = self._at_nodes(full)
         last, share = self._ahead.between(self.experiment.t)
         share = share[None, :, None]
-        states = every[:, last, :x] * (1 - share) + every[:, last + 1, :x] * share
-        return Motion(states=states, efforts=every[:, last, x : x + e])
+        states = states[:, last] * (1 - share) + states[:, last + 1] * share
+        return Motion(states=states, efforts=efforts[:, last])
+
+    def _at_nodes(self, full: Array) -> tuple[Array, Array]:
+        """States `(W, N, X)` and efforts of frictions `(W, N, E)`."""
+        with np.errstate(all="ignore"):
+            found = self._run(self._nodes, full, efforts=True)
+        states, efforts = np.split(found, [len(self.model.states)], axis=2)
+        return states, efforts
 
     def steps(self, full: Array) -> Steps:
         """Of all steps to the last sample, which is where the last one begins."""
-        nodes = self._nodes
-        x, e, n = len(self.model.states), len(self.model.frictions), self._ahead.nodes
-        with np.errstate(all="ignore"):
-            every = self._run(nodes, full, efforts=True)[:, :n]
+        n = self._ahead.nodes
+        states, efforts = self._at_nodes(full)
         felt, slopes = self._felt(full)
         return Steps(
             t=self._walkers.knots[0][0] + self._ahead.span * np.arange(n),
             span=self._ahead.span,
-            motion=Motion(states=every[..., :x], efforts=every[..., x : x + e]),
+            motion=Motion(states=states[:, :n], efforts=efforts[:, :n]),
             felt=felt,
             slopes=slopes,
         )
@@ -250,7 +237,7 @@ class Stepped(Summed):
                 constant=present(one.constant),
                 first_order=one.first_order and bool(w.inputs),
                 pattern=tuple(map(tuple, (rows != 0).tolist())),
-                gaps=self._gaps,
+                gaps=self._gaps and tally is not None,
                 tally=tally,
                 turns=self.turns if self.model.frictions else 1,
                 **kind,
@@ -277,7 +264,7 @@ class Stepped(Summed):
             parts["weight"] = [weights]
         if efforts:
             parts["rows"] = [_unit_rows(self.model)]
-        read = not efforts and (self._shifts or not ahead.aligned)
+        read = not efforts and (self.sensing.shifts or not ahead.aligned)
         single = ahead.single and not read
         dual = along is not None
         told = self._told(ahead, efforts=efforts, tally=tally, dual=dual, read=read, single=single)
@@ -288,27 +275,26 @@ class Stepped(Summed):
     def _perfect(self) -> bool:
         return self.sensing.nothing
 
-    @cached_property
-    def _shifts(self) -> bool:
-        return self.sensing.shifts
-
     def _parts(self, full: Array, along: Array | None) -> dict[str, list[Array]]:
         """Each part of `own (W, ...)`, or `(1, ...)` where walkers have the same; and its slopes."""
-        w, sensing = self._walkers, self.sensing
-        parts = {"parameters": [w.told(full)], **self._same}
-        if not self._perfect:
-            of = w.numbers(full) if w.moves else None
-            begin = w.begin(of, full)
-            parts |= {
-                "x0": [begin],
-                "rows": [_rows(w.gains(full), w.of_channels(sensing.offsets, full), w.weights)],
-                "before": [w.before(of, begin)],
-                "shift": [w.later(full)],
-                "lag": [w.of_inputs(sensing.input_lags, full)],
-            }
+        w = self._walkers
+        parts = {"parameters": [w.told(full)], **(self._same if self._perfect else self._own(full))}
         if along is None:
             return parts
         return {name: [*parts[name], slope] for name, slope in self._slopes(full, along).items()}
+
+    def _own(self, full: Array) -> dict[str, list[Array]]:
+        """Of each walker, as its sensors and its start are."""
+        w = self._walkers
+        of = w.numbers(full) if w.moves else None
+        begin = w.begin(of, full)
+        return {
+            "x0": [begin],
+            "rows": [w.rows(w.gains(full), full)],
+            "before": [w.before(of, begin)],
+            "shift": [w.later(full)],
+            "lag": [w.of_inputs(self.sensing.input_lags, full)],
+        }
 
     @cached_property
     def _same(self) -> dict[str, list[Array]]:
@@ -317,7 +303,7 @@ class Stepped(Summed):
         start = [[self.experiment.start.get(name, 0.0) for name in self.model.states]]
         return {
             "x0": [np.array(start)],
-            "rows": [_rows(np.ones((1, k)), np.zeros((1, k)), w.weights)],
+            "rows": [w.rows(np.ones((1, k)), np.zeros((1, 0)))],
             "before": [np.zeros((1, len(self.model.states)))],
             "shift": [np.zeros((1, k))],
             "lag": [np.zeros((1, 0))],
@@ -329,37 +315,24 @@ class Stepped(Summed):
         begin_slope = w.begin_slope(tangent, along)
         begin = w.begin(w.numbers(full) if w.moves else None, full)
         both = np.concatenate([begin, begin_slope], axis=1)
-        gains = w.of_channels(sensing.gains, along)
         return {
             "parameters": w.told(along),
             "x0": begin_slope,
-            "rows": _rows(gains, w.of_channels(sensing.offsets, along), w.weights),
+            "rows": w.rows(w.of_channels(sensing.gains, along), along),
             "before": w.before_slope(tangent, both),
             "shift": w.later(along),
             "lag": w.of_inputs(sensing.input_lags, along),
         }
 
 
-class Unstepped(Summed):
-    """What simulators without steps of their own say of them: that they have none, and what a rig does
-    in steps of a sample each.
-    """
+class Unstepped(Simulator):
+    """A simulator without steps of its own: what a rig does is said in steps of a sample each."""
 
-    stepping: ClassVar[None] = None
-
-    def finer(self, pieces: int, turns: int = TURNS, *, chosen: bool = False) -> Self:
-        return self
-
-    def motion(self: Simulator, full: Array) -> Motion:
+    def motion(self, full: Array) -> Motion:
         return Stepped(self.model, self.experiment, self.sensing).motion(full)
 
-    def steps(self: Simulator, full: Array) -> Steps:
+    def steps(self, full: Array) -> Steps:
         return Stepped(self.model, self.experiment, self.sensing).steps(full)
-
-
-def _rows(gains: Array, offsets: Array, weights: Array) -> Array:
-    """`(W, K, X + 1)`: over states and one."""
-    return np.concatenate([gains[:, :, None] * weights, offsets[:, :, None]], axis=2)
 
 
 def _unit_rows(model: Model) -> Array:

@@ -7,6 +7,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -83,21 +84,21 @@ def _merged(steps: Array, near: float) -> tuple[Whole, Array]:
     return one, np.bincount(one, weights=steps) / np.bincount(one)
 
 
-def _made(t: Array, at: Whole, node: Whole, spans: Array, usual: float, near: float) -> Grid:
+def _made(
+    t: Array, at: Whole, node: Whole, spans: Array, usual: float, near: float, **cells: Any
+) -> Grid:
+    """`cells`: what else is of a grid whose steps are not all over the span of a node."""
     none = np.zeros(len(spans))
-    return Grid(
-        t=np.append(t, np.inf),
-        at=at,
-        node=np.append(node, 0),  # the last knot leads nowhere
-        share=np.full(len(t), -1.0),
-        spans=spans,
-        inside=none,
-        chained=none.astype(np.int64),
-        width=0.0,
-        usual=usual,
-        near=near,
-        uniform=len(t) > 1 and len(spans) == 1,
-    )
+    nodes: dict[str, Any] = {
+        "share": np.full(len(t), -1.0),
+        "inside": none,
+        "chained": none.astype(np.int64),
+        "width": 0.0,
+        "uniform": len(t) > 1 and len(spans) == 1,
+    }
+    node = np.append(node, 0)  # the last knot leads nowhere
+    known: dict[str, Any] = {"t": np.append(t, np.inf), "at": at, "node": node, "spans": spans}
+    return Grid(**known, usual=usual, near=near, **(nodes | cells))
 
 
 def _in_pieces(t: Array, steps: Array, usual: float) -> tuple[Array, Whole, Whole]:
@@ -128,25 +129,17 @@ def _in_cells(t: Array, at: Whole, pieces: Whole, usual: float, near: float) -> 
     while _cost(_cells(steps[free], width / NARROWER)) <= most:
         width /= NARROWER
     cells, sizes = _cells(steps[free], width), np.unique(pieces[~free])
-    share = np.full(len(t), -1.0)
-    node = np.zeros(len(t), np.int64)
+    share, node = np.full(len(t), -1.0), np.zeros(len(steps), np.int64)
     inside = np.floor(steps[free] / width).astype(np.int64)
-    node[:-1][free] = np.searchsorted(cells, inside)
+    node[free] = np.searchsorted(cells, inside)
     share[:-1][free] = np.clip(steps[free] / width - inside, 0.0, BELOW_ONE)
-    node[:-1][~free] = len(cells) + np.searchsorted(sizes, pieces[~free])
-    return Grid(
-        t=np.append(t, np.inf),
-        at=at,
-        node=node,
-        share=share,
-        spans=np.concatenate([cells * width, sizes * usual]),
-        inside=np.concatenate([np.ones(len(cells)), np.zeros(len(sizes))]),
-        chained=np.concatenate([[0], np.diff(cells) == 1, np.zeros(len(sizes))]).astype(np.int64),
-        width=width,
-        usual=usual,
-        near=near,
-        uniform=False,
-    )
+    node[~free] = len(cells) + np.searchsorted(sizes, pieces[~free])
+    none = np.zeros(len(sizes))
+    return _made(
+        t, at, node, np.concatenate([cells * width, sizes * usual]), usual, near,
+        share=share, inside=np.concatenate([np.ones(len(cells)), none]), width=width, uniform=False,
+        chained=np.concatenate([[0], np.diff(cells) == 1, none]).astype(np.int64),
+    )  # fmt: skip
 
 
 def _cells(steps: Array, width: float) -> Whole:
