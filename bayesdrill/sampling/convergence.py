@@ -346,7 +346,9 @@ def assess(
     return Convergence(
         steps=n_steps,
         burn_in=burn_in,
-        burn_in_rule=_rule(found.early, capped=capped),
+        burn_in_rule=f"half of the run, too short for {BURN_IN_TAUS} autocorrelation times"
+        if capped
+        else f"{BURN_IN_TAUS} autocorrelation times of {found.early:.1f} steps",
         thin=thin,
         tau=tau,
         r_hat=r_hat,
@@ -363,12 +365,6 @@ def _enough(steps: int, targets: Targets, n_tau: float, ess: Array) -> int | Non
     """By proportion, with something to spare; None where nothing is missing."""
     short = max(targets.n_tau / n_tau, targets.ess / float(ess.min()))
     return math.ceil(AMPLY * short * steps) if short > 1 else None
-
-
-def _rule(tau: float, *, capped: bool) -> str:
-    if capped:
-        return f"half of the run, too short for {BURN_IN_TAUS} autocorrelation times"
-    return f"{BURN_IN_TAUS} autocorrelation times of {tau:.1f} steps"
 
 
 def thinned(chains: Array, burn_in: int, thin: int) -> Array:

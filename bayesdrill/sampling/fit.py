@@ -18,7 +18,7 @@ from bayesdrill.basics.arrays import Array
 from bayesdrill.basics.progress import SILENT, Reporter
 from bayesdrill.inference import laplace
 from bayesdrill.inference.posterior import Posterior
-from bayesdrill.sampling import mode_search, multiple_modes
+from bayesdrill.sampling import mode_search
 from bayesdrill.sampling.ensembles import Memory, Plan, Sampled, Shelf, sample, weighed
 from bayesdrill.sampling.mode_search import Mode, Search
 from bayesdrill.sampling.opened_ends import with_open_ends
@@ -86,8 +86,7 @@ def end_searches(crew: Crew, under_way: Searches, report: Reporter) -> Mode:
         searches.append(task.result())
         report.update(done / (len(under_way.searches) + 1), SEARCHING)
     report.update(0.0, "looking for other maxima")
-    scouts = [task.result() for task in under_way.scouts]
-    scouted = multiple_modes.together(scouts) if scouts else None
+    scouted = [task.result() for task in under_way.scouts]
     found = crew.submit(mode_search.summarise, tuple(searches), scouted).result()
     report.update(1.0, "")
     return found

@@ -18,7 +18,6 @@ maxima along each of them by itself.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -41,9 +40,8 @@ PATH = 10  # steps between two points
 SAME_MODE = 1e-3  # of the priors' spreads: the same point
 CLOSE = 1e-4  # of the priors' spreads: points that are likely to end at the same maximum
 SAME = 3.0  # standard deviations of the tight directions
-VALLEY_BETWEEN_MODES = (
-    0.5  # of the log density: what is no deeper parts no maxima, but ripples of one
-)
+# Of the log density: what is no deeper parts no maxima, but ripples of one.
+VALLEY_BETWEEN_MODES = 0.5
 ALONG = 24  # places between two points, at which one looks for a valley; at no even ...
 UNEVEN = 0.5 * (5.0**0.5 - 1.0)  # ... distances, as a row of maxima has them
 KNOWN = 1e-6  # of the log density: a point that is higher by less is no better than a known one
@@ -134,12 +132,6 @@ def shares_held(posterior: Posterior, ends: Array) -> Array:
     log_mass = np.where(np.isfinite(log_mass), log_mass, -np.inf)
     mass = np.exp(log_mass - log_mass.max()) if np.isfinite(log_mass).any() else np.ones(len(ends))
     return np.asarray(mass / mass.sum())
-
-
-def together(parts: Sequence[tuple[Array, Array]]) -> tuple[Array, Array]:
-    """Points and values of several searches."""
-    points, values = zip(*parts, strict=True)
-    return np.concatenate(points), np.concatenate(values)
 
 
 PAIRS = 2  # of poles that are looked at, the fastest
