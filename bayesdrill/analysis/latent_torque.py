@@ -212,20 +212,17 @@ def _strayed(
 
 def _courses(one: Observation, left: Array, moved: Array, strayed: Array) -> tuple[Course, ...]:
     """Means over the draws `(T, K)`."""
-    found = []
-    for k, channel in enumerate(one.experiment.channels):
-        seen = one.experiment.seen[:, k]
-        found.append(
-            Course(
-                channel=channel.name,
-                spread=float(one.experiment.y[seen, k].std()),
-                without=_size(left[seen, k]),
-                left=_size(left[seen, k] - moved[seen, k]),
-                moved=_size(moved[seen, k]),
-                strayed=float(strayed[k]),
-            )
+    return tuple(
+        Course(
+            channel=one.experiment.names[k],
+            spread=float(one.experiment.y[seen, k].std()),
+            without=_size(left[seen, k]),
+            left=_size(left[seen, k] - moved[seen, k]),
+            moved=_size(moved[seen, k]),
+            strayed=float(strayed[k]),
         )
-    return tuple(found)
+        for k, seen in enumerate(one.experiment.seen.T)
+    )
 
 
 def _size(values: Array) -> float:
@@ -275,34 +272,17 @@ def follows(found: Shaking) -> tuple[Follows, ...]:
             break
         taken.append(best)
         rest, rows = lefts[best], np.column_stack([rows, every[best][2]])
-    return tuple(_told(found, every, alone, taken, rows))
-
-
-def _told(
-    found: Shaking,
-    every: list[tuple[str, str, Array]],
-    alone: dict[int, float],
-    taken: list[int],
-    rows: Array,
-) -> Iterator[Follows]:
+    told = {k: Follows(kind=every[k][0], of=every[k][1], share=alone[k]) for k in alone}
     if taken:
-        weights = np.linalg.lstsq(rows, found.draws[:, found.turning].T, rcond=None)[0]  # (rows, N)
-        first = 0
-        for k in taken:
-            kind, of, own = every[k]
-            sizes = weights[first : first + own.shape[1]]
-            first += own.shape[1]
+        weights = np.linalg.lstsq(rows, found.draws[:, turning].T, rcond=None)[0]  # (rows, N)
+        each = np.split(weights, np.cumsum([every[k][2].shape[1] for k in taken])[:-1])
+        for k, sizes in zip(taken, each, strict=True):
             size = sizes[0] if len(sizes) == 1 else np.linalg.norm(sizes, axis=0)
-            yield Follows(
-                kind=kind,
-                of=of,
-                share=alone[k],
-                taken=True,
-                size=float(size.mean()),
-                sd=float(size.std()),
+            told[k] = dataclasses.replace(
+                told[k], taken=True, size=float(size.mean()), sd=float(size.std())
             )
-    for k in sorted(set(alone) - {*taken}, key=lambda k: -alone[k]):
-        yield Follows(kind=every[k][0], of=every[k][1], share=alone[k])
+    others = sorted(set(alone) - {*taken}, key=lambda k: -alone[k])
+    return tuple(told[k] for k in (*taken, *others))
 
 
 def _candidates(found: Shaking) -> Iterator[tuple[str, str, Array]]:

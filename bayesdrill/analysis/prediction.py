@@ -12,7 +12,6 @@ samples at which all draws agree, such as the first of a rig at rest.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -67,24 +66,22 @@ class Check:
 def checks(likelihood: Likelihood, theta: Array) -> tuple[Check, ...]:
     """Of each channel, by draws `theta (N, D)`."""
     every = [
-        (one, *found) for one in likelihood.observations for found in _pits(likelihood, one, theta)
+        (one.label, channel, pit[~np.isnan(pit)])
+        for one in likelihood.observations
+        for channel, pit in zip(
+            one.experiment.channels, leave_one_out_check(likelihood, one, theta).T, strict=True
+        )
+        if not np.isnan(pit).all()
     ]
-    lengths = {len(pit) for *_, pit in every}
-    bands = {n: ecdf_band(n, BINS - 1, FALSE_ALARM / len(every)) for n in lengths}
     return tuple(
-        Check(channel=channel, label=one.label, pit=pit, band=bands[len(pit)])
-        for one, channel, pit in every
+        Check(
+            channel=channel,
+            label=label,
+            pit=pit,
+            band=ecdf_band(len(pit), BINS - 1, FALSE_ALARM / len(every)),  # kept for each length
+        )
+        for label, channel, pit in every
     )
-
-
-def _pits(
-    likelihood: Likelihood, one: Observation, theta: Array
-) -> Iterator[tuple[Channel, Array]]:
-    pit = leave_one_out_check(likelihood, one, theta)
-    for k, channel in enumerate(one.experiment.channels):
-        seen = ~np.isnan(pit[:, k])
-        if seen.any():
-            yield channel, pit[seen, k]
 
 
 def leave_one_out_check(likelihood: Likelihood, one: Observation, theta: Array) -> Array:

@@ -97,15 +97,13 @@ class RunDraws(Value):
         verdict = () if judged is None else judged.verdict.products
         products = tuple(quantity.exponents for quantity in verdict)
         if products not in self._derived:
-            self._derived[products] = self._derive(products)
+            problem, draws = self.problem, self.sampled.draws
+            found = Derived(symbols=(), values=np.empty((*draws.shape[:2], 0)), nominal={})
+            with self.sparing.making("derived quantities"):
+                following = derived.derive(problem, draws)
+                found = derived.with_products(following, problem, draws, products)
+            self._derived[products] = found
         return self._derived[products]
-
-    def _derive(self, products: tuple[Exponents, ...]) -> Derived:
-        problem, draws = self.problem, self.sampled.draws
-        with self.sparing.making("derived quantities"):
-            found = derived.derive(problem, draws)
-            return derived.with_products(found, problem, draws, products)
-        return Derived(symbols=(), values=np.empty((*draws.shape[:2], 0)), nominal={})
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

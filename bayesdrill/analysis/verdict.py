@@ -36,7 +36,6 @@ from bayesdrill.inference import residual_checks
 from bayesdrill.inference.derived import hdi
 from bayesdrill.inference.posterior import Problem
 from bayesdrill.inference.residual_checks import Left
-from bayesdrill.sampling import mode_search
 from bayesdrill.sampling.ensembles import Opened, Sampled
 from bayesdrill.sampling.mode_search import Mode
 
@@ -196,46 +195,6 @@ class Judgement:
     study: Study
     verdict: Verdict
     findings: tuple[str, ...]
-
-
-def judgement(
-    problem: Problem,
-    asked: Asked,
-    scenery: Scenery,
-    mode: Array,
-    draws: Array,
-    rows: Sequence[Row],
-    beyond: Opened | None,
-    *,
-    fits: bool,
-) -> Judgement | None:
-    """From the MAP `(D,)` and draws `(N, D)`; None where no unknown has a nominal value.
-
-    `beyond`: what is seen where priors end too near to nominal values; `fits`: see `Verdict`.
-    """
-    posterior = problem.posterior
-    if not any(name in problem.nominal for name in scenery.unknowns):
-        return None
-    found = study_of(scenery, posterior, mode, asked, "the MAP")
-    space, m = posterior.space, len(found.names)
-    prior_draws = space.draw(PRIOR_DRAWS, seeds.stream(asked.seed, "identify", 1))
-    prior_draws = prior_draws[np.isfinite(space.log_prior(prior_draws))]
-    verdict = judge(
-        found,
-        draws[:, :m],
-        prior_draws[:, :m],
-        problem.nominal,
-        problem.tolerance,
-        [row.name for row in rows if row.pressed_against is not None],
-        asked.thresholds,
-        beyond,
-        fits=fits,
-    )
-    findings = (
-        *plausibility.plausibility_of_draws(problem, draws, found.information),
-        *plausibility.plausibility_of_course(scenery, mode),
-    )
-    return Judgement(study=found, verdict=verdict, findings=findings)
 
 
 def judge(
@@ -424,9 +383,7 @@ def reconciled(rows: Sequence[Row], verdict: Verdict) -> tuple[Row, ...]:
 
     So the verdict, which can, has the word where both say something of an unknown.
     """
-    judged = {
-        verdict.names[quantity.exponents.index(1)]: quantity for quantity in verdict.parameters
-    }
+    judged = {verdict.names[one.exponents.index(1)]: one for one in verdict.parameters}
     return tuple(
         dataclasses.replace(row, word=_word(row, judged[row.name])) if row.name in judged else row
         for row in rows
@@ -446,11 +403,30 @@ def conclude(
     problem: Problem, asked: Asked, found: Mode, sampled: Sampled, scenery: Scenery
 ) -> tuple[tuple[Row, ...], tuple[Left, ...], Judgement | None]:
     """A row for each unknown, one for each channel, and the verdict where there is a table."""
-    target = problem.posterior
+    posterior, space = problem.posterior, problem.posterior.space
     rows = summarise(problem, sampled.draws, found, sampled.convergence)
-    tops = mode_search.tops(target, found)
-    draws = sampled.draws.reshape(-1, tops.shape[1])
-    left = residual_checks.left(target.likelihood, tops[0])
-    fits = residual_checks.like_noise(left)
-    judged = judgement(problem, asked, scenery, tops[0], draws, rows, sampled.beyond, fits=fits)
-    return rows if judged is None else reconciled(rows, judged.verdict), left, judged
+    mode = space.vector(found.values)
+    left = residual_checks.left(posterior.likelihood, mode)
+    if not any(name in problem.nominal for name in scenery.unknowns):
+        return rows, left, None
+    study = study_of(scenery, posterior, mode, asked, "the MAP")
+    draws, m = sampled.draws.reshape(-1, len(mode)), len(study.names)
+    prior_draws = space.draw(PRIOR_DRAWS, seeds.stream(asked.seed, "identify", 1))
+    prior_draws = prior_draws[np.isfinite(space.log_prior(prior_draws))]
+    verdict = judge(
+        study,
+        draws[:, :m],
+        prior_draws[:, :m],
+        problem.nominal,
+        problem.tolerance,
+        [row.name for row in rows if row.pressed_against is not None],
+        asked.thresholds,
+        sampled.beyond,
+        fits=residual_checks.like_noise(left),
+    )
+    findings = (
+        *plausibility.plausibility_of_draws(problem, draws, study.information),
+        *plausibility.plausibility_of_course(scenery, mode),
+    )
+    judged = Judgement(study=study, verdict=verdict, findings=findings)
+    return reconciled(rows, verdict), left, judged

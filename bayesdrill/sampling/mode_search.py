@@ -139,15 +139,19 @@ def starts(posterior: Posterior, n: int, rng: np.random.Generator) -> Array:
     return np.array([first, *rest])
 
 
-def search(posterior: Posterior, optimiser: Optimiser, evaluations: int, start: Array) -> Search:
-    """One search from the physical point `start (D,)`; polished, it ends at the very maximum."""
-    task = Task(
+def task(posterior: Posterior) -> Task:
+    """The posterior density."""
+    return Task(
         names=posterior.space.free,
         density=posterior.density,
         coordinates=posterior.coordinates,
         covariance=lambda theta: laplace.covariance(posterior, theta),
     )
-    found = optimiser(task, start, evaluations)
+
+
+def search(posterior: Posterior, optimiser: Optimiser, evaluations: int, start: Array) -> Search:
+    """One search from the physical point `start (D,)`; polished, it ends at the very maximum."""
+    found = optimiser(task(posterior), start, evaluations)
     theta, value, settled = found.theta, found.value, found.settled
     if optimiser.polished:
         surface = PosteriorSurface(posterior, physical=True)

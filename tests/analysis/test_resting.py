@@ -23,8 +23,8 @@ from bayesdrill.analysis.identifiability.information import (
     root_of,
 )
 from bayesdrill.analysis.identifiability.structure import Resting, following, resting
-from bayesdrill.analysis.identifiability.study import prior_spreads, study
-from bayesdrill.config.schema.config import Thresholds
+from bayesdrill.analysis.identifiability.study import prior_spreads, study_of
+from bayesdrill.config.schema.config import Asked
 from bayesdrill.inference.likelihood import Likelihood
 from bayesdrill.inference.posterior import Posterior
 from bayesdrill.report.sections import identify_words, verdict_words
@@ -121,8 +121,7 @@ def test_a_record_too_loud_for_the_inductance_rests_on_the_resistance_s_prior() 
     sigma = 100.0 * SIGMA
     target = posterior(measured(sigma), sigma, free=("j_m", "k_e", "k_T", "r_m"))
     theta = target.space.vector(target.space.start)
-    rng = np.random.default_rng(1)
-    made = study(Scenery(target.likelihood), target, theta, (), Thresholds(), rng)
+    made = study_of(Scenery(target.likelihood), target, theta, Asked())
     text = identify_words.resting(made)
     assert text.startswith("resting on the prior")
     assert "told by these rather than by the record, which hardly shows l_m;" in text
@@ -131,8 +130,7 @@ def test_a_record_too_loud_for_the_inductance_rests_on_the_resistance_s_prior() 
 def test_in_words_before_sampling_and_in_the_verdict() -> None:
     target = posterior(measured(SIGMA), SIGMA, free=tuple(name for name in ORDER if name != "l_m"))
     theta = target.space.vector(target.space.start)
-    rng = np.random.default_rng(1)
-    made = study(Scenery(target.likelihood), target, theta, (), Thresholds(), rng)
+    made = study_of(Scenery(target.likelihood), target, theta, Asked())
     for text in (identify_words.full(made), identify_words.brief(made)):
         assert (
             "resting on l_m, which is held: k_T and r_m, known only as far as that is right" in text

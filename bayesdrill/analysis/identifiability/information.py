@@ -160,11 +160,6 @@ class _Stage:
             rows = np.concatenate([rows, more / np.array([*scene.extra.values()])], axis=2)
         return np.asarray(rows.reshape(len(rows), -1).T)
 
-    def _pushed(self, name: str, scene: Scene) -> Array:
-        u, constant = self._base[name], self._one.experiment.constant.get(name, 0.0)
-        more = (scene.times.get(name, 1.0) - 1.0) * (u + constant)
-        return np.asarray(u + more + scene.late.get(name, 0.0) * self._late)
-
     def states(self, full: Array, along: Array, scene: Scene) -> Array:
         return self._run(full, along, scene)[0][:, self._k :]
 
@@ -172,7 +167,11 @@ class _Stage:
         """Signals `(T, K + X)` and slopes `(q, T, K + X)`."""
         response = self._response
         if scene.late or scene.times:
-            response = response.with_series({n: self._pushed(n, scene) for n in self._base})
+            constant, pushed = self._one.experiment.constant, {}
+            for name, u in self._base.items():
+                more = (scene.times.get(name, 1.0) - 1.0) * (u + constant.get(name, 0.0))
+                pushed[name] = np.asarray(u + more + scene.late.get(name, 0.0) * self._late)
+            response = response.with_series(pushed)
         signals, slopes = response.course(self._one.told(full), self._one.told(along))
         return signals[0], slopes[0]
 

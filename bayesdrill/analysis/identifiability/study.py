@@ -246,17 +246,13 @@ class Study:
         return directions(self.information)
 
 
-def study(
-    scenery: Scenery,
-    posterior: Posterior,
-    theta: Array,
-    of_interest: Sequence[str],
-    thresholds: Thresholds,
-    rng: np.random.Generator,
-    at: str = "the start",
+def study_of(
+    scenery: Scenery, posterior: Posterior, theta: Array, asked: Asked, at: str = "the start"
 ) -> Study:
-    """At `theta (D,)`; `rng` draws the points at which the structure is looked at."""
-    names = scenery.unknowns
+    """At `theta (D,)`, as it is `asked` for."""
+    # Draws the points at which the structure is looked at.
+    rng = seeds.stream(asked.seed, "identify")
+    names, thresholds = scenery.unknowns, asked.thresholds
     found = structure_of(posterior, scenery, theta, rng)
     known = from_sensitivities(names, scenery.sensitivities(theta))
     prior_sd = prior_spreads(posterior)[: len(names)]
@@ -264,12 +260,12 @@ def study(
     return Study(
         names=names,
         at=at,
-        of_interest=tuple(of_interest) or names,
+        of_interest=tuple(asked.of_interest) or names,
         structure=found,
         parameters=_parameters(known, prior_sd, thresholds),
         products=tuple(_known(p, thresholds) for p in simple),
         information=known,
-        remedies=remedies(scenery, theta, found.symmetries, prior_sd, of_interest or names),
+        remedies=remedies(scenery, theta, found.symmetries, prior_sd, asked.of_interest or names),
         nuisances=_nuisances(scenery, posterior, theta, thresholds),
         frictions=told_apart(scenery, posterior, theta),
         stand_ins=stand_ins(posterior, theta, prior_spreads(posterior), rng),
@@ -308,18 +304,6 @@ def _nuisances(
             )
         )
     return tuple(found)
-
-
-def study_of(
-    scenery: Scenery,
-    posterior: Posterior,
-    theta: Array,
-    asked: Asked,
-    at: str = "the start",
-) -> Study:
-    """As it is asked for."""
-    rng = seeds.stream(asked.seed, "identify")
-    return study(scenery, posterior, theta, asked.of_interest, asked.thresholds, rng, at)
 
 
 def prior_spreads(posterior: Posterior) -> Array:
