@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
 from oracles import NOMINAL, ORDER
 
 from bayesdrill.basics.symbols import PARAMETERS, own_symbol
+from bayesdrill.inference import laplace
 from bayesdrill.inference.likelihood import Likelihood
 from bayesdrill.inference.noise.contract import Noisy
 from bayesdrill.inference.noise.white import White
@@ -119,3 +121,20 @@ def unknown(name: str, prior: Prior, transform: Transform | None = None) -> Unkn
     begin = float(prior.quantile(np.array([0.5]))[0])
     symbol = own_symbol(name, "1", None, name)
     return Unknown(symbol=symbol, role="quantity", prior=prior, start=begin, transform=transform)
+
+
+def starting(target: Posterior, start: Mapping[str, float]) -> Posterior:
+    """The same, where searches for the MAP begin elsewhere."""
+    changed = (replace(u, start=start.get(u.name, u.start)) for u in target.space.unknowns)
+    return replace(target, space=replace(target.space, unknowns=tuple(changed)))
+
+
+def near(posterior: Posterior, theta: np.ndarray, n: int, rng: np.random.Generator) -> np.ndarray:
+    """`(n, D)` points of finite posterior around `theta (D,)`, in the sampler's coordinates."""
+    centre = posterior.coordinates.from_physical(theta[None])[0]
+    steps = laplace.root(laplace.covariance(posterior, theta))
+    kept = np.empty((0, len(theta)))
+    while len(kept) < n:
+        z = centre + rng.standard_normal((n, len(theta))) @ steps.T
+        kept = np.concatenate([kept, z[np.isfinite(posterior(z))]])
+    return kept[:n]

@@ -12,7 +12,7 @@ import pytest
 import scipy.optimize
 from oracles import NOMINAL
 from oracles import ORDER as ORDER_OF_MODEL
-from rigs import measured, posterior, vector
+from rigs import measured, posterior, starting, vector
 from together import for_each
 
 from bayesdrill.config import loading
@@ -283,10 +283,8 @@ def test_searches_that_end_in_another_maximum_do_not_wander() -> None:
 
 def test_starts_begin_with_the_configured_one() -> None:
     target = posterior(RECORD, SIGMA, free=TWO)
-    space = target.space.with_start({"k_e": 0.05, "k_s": 0.3})
-    points = mode_search.starts(
-        dataclasses.replace(target, space=space), 3, np.random.default_rng(1)
-    )
+    target = starting(target, {"k_e": 0.05, "k_s": 0.3})
+    points = mode_search.starts(target, 3, np.random.default_rng(1))
     assert points[0] == pytest.approx([0.05, 0.3])
     assert np.isfinite(target.density(points)).all()
 
