@@ -198,8 +198,23 @@ def profile(fitter: Fitter, names: tuple[str, ...], column: int) -> Profile:
     costs = np.array([fit.cost for fit in fits])
     lowest = int(np.argmin(costs))  # a neighbour may have found better than the first fit
     loss = costs - costs[lowest]
-    low = _crossing(fitter, column, logs, fits, loss, costs[lowest], range(lowest, 0, -1))
-    high = _crossing(fitter, column, logs, fits, loss, costs[lowest], range(lowest, len(logs) - 1))
+
+    def crossing(outward: range) -> float | None:
+        """Where the loss first passes the threshold on the way out."""
+        for k in outward:
+            following = k + outward.step
+            if loss[k] < THRESHOLD <= loss[following]:
+
+                def excess(value: float, start: Array = fits[k].logs) -> float:
+                    fit = fitter.held(start, column, value)
+                    return float(fit.cost - costs[lowest] - THRESHOLD)
+
+                # Relative to the bracket: a well-known log changes in its last digits only.
+                near = 1e-4 * abs(logs[following] - logs[k])
+                return float(brentq(excess, logs[k], logs[following], xtol=near, rtol=1e-14))
+        return None
+
+    low, high = crossing(range(lowest, 0, -1)), crossing(range(lowest, len(logs) - 1))
     return Profile(
         name=names[column],
         values=fitter.along(column, logs),
@@ -232,33 +247,10 @@ def _side(
     return found
 
 
-def _crossing(
-    fitter: Fitter,
-    column: int,
-    logs: Array,
-    fits: list[Fitted],
-    loss: Array,
-    lowest: float,
-    outward: range,
-) -> float | None:
-    """Where the loss first passes the threshold on the way out."""
-    step = outward.step
-    for k in outward:
-        if loss[k] < THRESHOLD <= loss[k + step]:
-
-            def excess(value: float, start: Array = fits[k].logs) -> float:
-                return float(fitter.held(start, column, value).cost - lowest - THRESHOLD)
-
-            # Relative to the bracket: a well-known log changes in its last digits only.
-            near = 1e-4 * abs(logs[k + step] - logs[k])
-            return float(brentq(excess, logs[k], logs[k + step], xtol=near, rtol=1e-14))
-    return None
-
-
 def _shape(low: float | None, high: float | None, logs: Array, lowest: int) -> Shape:
     if low is None and high is None:
         return "flat"
-    at_end = min(logs[lowest] - logs[0], logs[-1] - logs[lowest]) < AT_BOUND
     if low is not None and high is not None:
         return "bounded"
+    at_end = min(logs[lowest] - logs[0], logs[-1] - logs[lowest]) < AT_BOUND
     return "at the bound" if at_end else "one-sided"

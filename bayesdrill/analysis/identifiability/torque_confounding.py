@@ -64,19 +64,40 @@ def stand_ins(
     if not torques:
         return ()
     seeds = rng.integers(2**32, size=DRAWN)
-    known = _known(posterior, theta, before, seeds)
+
+    def information(some: Posterior, at: Array) -> Array:
+        return _information(some, at, before, seeds)
+
+    known = information(posterior, theta)
     if not np.isfinite(known).all():
         return ()
     names = posterior.space.free
     rig = [k for k, one in enumerate(posterior.space.unknowns) if one.role in ("rig", "quantity")]
     sds = np.sqrt(np.diag(np.linalg.inv(known)))
-    alone = _alone(posterior, theta, before, seeds, rig)
+    without = posterior.edit(each=lambda one: one.torque.times(NOTHING) if one.torque else one)
+    nothing = theta.copy()
+    nothing[[k for k, name in enumerate(names) if name.startswith(SIZE)]] *= NOTHING
+    alone = np.sqrt(np.diag(np.linalg.inv(information(without, nothing))))
     worse = [k for k in rig if sds[k] > FALLS * alone[k] and sds[k] > KNOWN * before[k]]
     if not worse:
         return ()
     more = {
-        state: _measured(posterior, theta, before, seeds, state) for state in _unseen(posterior)
+        state: information(_showing(posterior, theta, state), theta) for state in _unseen(posterior)
     }
+
+    def helps(k: int) -> tuple[Help, ...]:
+        found = []
+        for j in (j for j in rig if j != k):
+            rest = [i for i in range(len(sds)) if i != j]
+            held = np.linalg.inv(known[np.ix_(rest, rest)])
+            sd = float(np.sqrt(held[rest.index(k), rest.index(k)]))
+            found.append(Help(kind="hold", name=names[j], shrink=float(sds[k]) / sd))
+        for state, wider in more.items():
+            sd = float(np.sqrt(np.linalg.inv(wider)[k, k]))
+            found.append(Help(kind="measure", name=state, shrink=float(sds[k]) / sd))
+        good = sorted((one for one in found if one.shrink > HELPS), key=lambda one: -one.shrink)
+        return tuple(good[:MOST])
+
     return tuple(
         StandIn(
             name=names[k],
@@ -84,9 +105,7 @@ def stand_ins(
             sd=float(sds[k]),
             alone=float(alone[k]),
             before=float(before[k]),
-            helps=_helps(
-                k, known, sds, [names[j] if j in rig else "" for j in range(len(names))], more
-            ),
+            helps=helps(k),
         )
         for k in worse
     )
@@ -113,24 +132,7 @@ def scaled(posterior: Posterior, symmetries: Sequence[Exponents]) -> tuple[tuple
     return ()
 
 
-def _helps(
-    k: int, known: Array, sds: Array, names: list[str], more: dict[str, Array]
-) -> tuple[Help, ...]:
-    found = []
-    for j, name in enumerate(names):
-        if name and j != k:
-            rest = [i for i in range(len(sds)) if i != j]
-            held = np.linalg.inv(known[np.ix_(rest, rest)])
-            sd = float(np.sqrt(held[rest.index(k), rest.index(k)]))
-            found.append(Help(kind="hold", name=name, shrink=float(sds[k]) / sd))
-    for state, information in more.items():
-        sd = float(np.sqrt(np.linalg.inv(information)[k, k]))
-        found.append(Help(kind="measure", name=state, shrink=float(sds[k]) / sd))
-    good = sorted((one for one in found if one.shrink > HELPS), key=lambda one: -one.shrink)
-    return tuple(good[:MOST])
-
-
-def _known(posterior: Posterior, theta: Array, before: Array, seeds: Counts) -> Array:
+def _information(posterior: Posterior, theta: Array, before: Array, seeds: Counts) -> Array:
     """Information in logs `(D, D)`, priors included."""
     full, total = posterior.space.full(theta[None]), np.diag(1.0 / before**2)
     coordinates = posterior.coordinates
@@ -147,20 +149,6 @@ def _known(posterior: Posterior, theta: Array, before: Array, seeds: Counts) -> 
     return np.asarray(total)
 
 
-def _alone(
-    posterior: Posterior, theta: Array, before: Array, seeds: Counts, rig: list[int]
-) -> Array:
-    """Sds of all `(D,)`, if there were no torque: it is known to be nothing."""
-    levels = [k for k, name in enumerate(posterior.space.free) if name.startswith(SIZE)]
-    small = posterior.edit(each=lambda one: one.torque.times(NOTHING) if one.torque else one)
-    there = theta.copy()
-    there[levels] *= NOTHING
-    known = _known(small, there, before, seeds)
-    sds = np.full(len(theta), np.inf)
-    sds[rig] = np.sqrt(np.diag(np.linalg.inv(known)))[rig]
-    return sds
-
-
 def _unseen(posterior: Posterior) -> list[str]:
     """States that no channel shows by itself."""
     one = posterior.likelihood.observations[0]
@@ -168,15 +156,12 @@ def _unseen(posterior: Posterior) -> list[str]:
     return [name for name in one.response.model.states if name not in seen]
 
 
-def _measured(
-    posterior: Posterior, theta: Array, before: Array, seeds: Counts, state: str
-) -> Array:
-    """Information, if every record showed this state too."""
+def _showing(posterior: Posterior, theta: Array, state: str) -> Posterior:
+    """With every record showing this state too."""
     full = posterior.space.full(theta[None])
-    more = posterior.edit(
+    return posterior.edit(
         each=lambda one: _with(one, one.torque, full, state) if one.torque else one
     )
-    return _known(more, theta, before, seeds)
 
 
 def _with(one: Observation, torque: Torque, full: Array, state: str) -> Observation:

@@ -40,8 +40,8 @@ def of_record(noise: Noise, t: Array, seen: Flags) -> Noise:
             f"noise of the kind {type(noise).__name__} needs every sample, and this record misses some; "
             "use white noise, or cut the record where none is missing (record.window)"
         )
-    made: Noise = seeing(tuple(int(n) for n in seen.sum(axis=0)))
-    return made
+    counted: Noise = seeing(tuple(int(n) for n in seen.sum(axis=0)))
+    return counted
 
 
 @dataclass(frozen=True, slots=True)

@@ -11,7 +11,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import partial
 from typing import Any
 
 import numpy as np
@@ -108,8 +107,12 @@ def _maximise(task: Task, start: Array, evaluations: int, enough: float) -> Opti
     gain, done = np.inf, False
     while not done and spent < evaluations:
         root = _steps(task, physical(z[None])[0], far=gain > FAR)
+
+        def lost(steps: Array, z: Array = z, root: Array = root) -> float:
+            return -task.at(physical((z + root @ steps)[None])[0])
+
         run = descend(
-            partial(_lost, task, z, root),
+            lost,
             np.zeros(len(z)),
             initial_simplex=np.vstack([np.zeros(len(z)), np.eye(len(z))]),
             xatol=1e-2,
@@ -130,10 +133,6 @@ def _maximise(task: Task, start: Array, evaluations: int, enough: float) -> Opti
         settled=done and run.stopped,
         history=tuple(history),
     )
-
-
-def _lost(task: Task, z: Array, root: Array, steps: Array) -> float:
-    return -task.at(task.coordinates.to_physical((z + root @ steps)[None])[0])
 
 
 def _steps(task: Task, theta: Array, *, far: bool) -> Array:

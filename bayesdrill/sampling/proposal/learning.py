@@ -211,7 +211,9 @@ def _compared(one: _Round, other: _Round) -> tuple[_Round, _Round]:
     pair = (one, other)
     kept = [of.draws.those_with_a_density() for of in pair]
     u = np.concatenate([draws.u for draws in kept])
-    log_every, log_q = zip(*(of.densities(u) for of in pair), strict=True)
+    log_every, log_q = zip(
+        *(_densities(of.proposal.mixture, of.counts, u) for of in pair), strict=True
+    )
     own = np.split(np.stack(log_q), [len(kept[0].u)], axis=1)
     log_p = np.concatenate([kept[k].log_w + own[k][k] for k in range(2)])
     weights = normalised(log_p - np.logaddexp(*log_every))
@@ -247,14 +249,6 @@ class _Round:
     draws: Weighed
     counts: tuple[int, int]
     missed: float = 0.0
-
-    def densities(self, u: Array) -> tuple[Array, Array]:
-        """Logs at `u (N, D)` of how densely it was drawn there, wider ones among them, and of itself."""
-        mixture, (n_own, n_others) = self.proposal.mixture, self.counts
-        y, jacobian = mixture.straightened(u)
-        log_q = mixture.log_density_at(y, jacobian)
-        log_wide = mixture.widened(WIDER).log_density_at(y, jacobian)
-        return np.logaddexp(np.log(n_own) + log_q, np.log(n_others) + log_wide), log_q
 
     @property
     def trapped(self) -> float:
@@ -316,17 +310,23 @@ def _draw(
     own, n_own = _inside(found, times * DRAWS, surface, seed)
     others, n_others = _inside(wide, times * WIDER_DRAWS, surface, seed)
     u = np.concatenate([own, others])
-    y, jacobian = found.straightened(u)
-    log_q = found.log_density_at(y, jacobian)
-    log_every = np.logaddexp(
-        np.log(n_own) + log_q, np.log(n_others) + wide.log_density_at(y, jacobian)
-    )
+    log_every, log_q = _densities(found, (n_own, n_others), u)
     log_w = surface.value(u) - log_q
     if not np.isfinite(log_w).any():
         raise Nowhere("no point of finite posterior was found around the maximum")
     draws = Weighed(u, log_w, log_q - log_every)
     proposal = Proposal(found, max(len(own) / n_own, 1.0 / n_own), draws.usual)
     return _Round(proposal, off, origin, draws, (n_own, n_others))
+
+
+def _densities(mixture: Mixture, counts: tuple[int, int], u: Array) -> tuple[Array, Array]:
+    """Logs at `u (N, D)` of how densely it was drawn there, by `counts` of a mixture and of a wider one,
+    and of the mixture itself.
+    """
+    y, jacobian = mixture.straightened(u)
+    log_q = mixture.log_density_at(y, jacobian)
+    log_wide = mixture.widened(WIDER).log_density_at(y, jacobian)
+    return np.logaddexp(np.log(counts[0]) + log_q, np.log(counts[1]) + log_wide), log_q
 
 
 def _inside(found: Mixture, n: int, surface: Surface, seed: Random) -> tuple[Array, int]:
@@ -367,7 +367,8 @@ def _several(found: Mixture, u: Array, weights: Array, seed: Random) -> Mixture:
         count = int(np.clip(effective(own) / (5 * u.shape[1]), 0, most)) if own.any() else 0
         if count == 0:  # too little is known of it yet
             share = max(float(own.sum()), LOST)
-            parts += [(s, share, m, r) for m, r in _of_sheet(found, s)]
+            of_sheet = np.flatnonzero(found.sheet == s)
+            parts += [(s, share, found.means[k], found.roots[k]) for k in of_sheet]
             continue
         points = y[s, mine]
         centre, root = moments(points, own)
@@ -376,11 +377,6 @@ def _several(found: Mixture, u: Array, weights: Array, seed: Random) -> Mixture:
         wide = root if count == 1 else NARROWED * root
         parts += [(s, float(own.sum()) / count, mean, wide) for mean in means]
     return _joined(found, parts)
-
-
-def _of_sheet(found: Mixture, s: int) -> list[tuple[Array, Array]]:
-    mine = np.flatnonzero(found.sheet == s)
-    return [(found.means[k], found.roots[k]) for k in mine]
 
 
 def _with_tails(narrow: Mixture, u: Array, weights: Array) -> Mixture:

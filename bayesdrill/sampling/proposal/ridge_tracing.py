@@ -172,7 +172,9 @@ def trace(
     else:
         drawn, weights = base.split(seen[0])[0], seen[1]
         psi, spread = moments(drawn, weights)
-        cloud = _picked(drawn, weights, rng)
+        # As many again, the rare ones more often than their weights say.
+        share = np.sqrt(weights)
+        cloud = drawn[rng.choice(len(drawn), size=len(drawn), p=share / share.sum())]
     at = _at_centre(base, here)
     if len(known) == 0 or base.tight.shape[1] == 0:
         return Traced(at, 0.0, psi, spread)
@@ -193,12 +195,6 @@ def _foreseen(surface: Surface, base: Frame, known: Array) -> tuple[Array, Array
     psi, sd = towards / (1.0 + doubted), 1.0 / np.sqrt(1.0 + doubted)
     # At an end of a prior that the record presses against, begin on the side where it goes on.
     return psi + np.where(known > TIGHT, np.sign(towards) * sd, 0.0), np.diag(sd)
-
-
-def _picked(draws: Array, weights: Array, rng: np.random.Generator) -> Array:
-    """As many again, the rare ones more often than their weights say."""
-    share = np.sqrt(weights)
-    return draws[rng.choice(len(draws), size=len(draws), p=share / share.sum())]
 
 
 def _followed(
@@ -398,28 +394,24 @@ def _best_fit(
         return ridge.fit(base, *some, degree, root_degree, bent)
 
     degrees = [d for d in range(1, MOST_DEGREE + 1) if d == 1 or _terms(len(bent), d) < 0.7 * n]
-    degree, off = _least(degrees, lambda d: _worst(ridge.residuals(tried(d, 0), *others)))
+    degree, off = _least(degrees, lambda d: ridge.residuals(tried(d, 0), *others))
     if not last:
         made = ridge.fit(base, psi, tau, roots, degree, 0, bent)
         return ridge.further(made, EXTRAPOLATED), off
     lower = [d for d in range(degree + 1) if d <= 1 or _terms(len(bent), d) < n / 5]
-    root_degree, _ = _least(
-        lower, lambda d: _worst(ridge.root_residuals(tried(degree, d), *others))
-    )
+    root_degree, _ = _least(lower, lambda d: ridge.root_residuals(tried(degree, d), *others))
     made = ridge.fit(base, psi, tau, roots, degree, root_degree, bent)
     return ridge.further(made, CORNERS ** (1.0 / max(degree, 1))), off
 
 
-def _worst(errors: Array) -> float:
-    """Nearly: where the ridge ends a polynomial is at its worst, and there are few points there."""
-    return float(np.quantile(errors, NEARLY_ALL))
+def _least(degrees: Sequence[int], errors: Callable[[int], Array]) -> tuple[int, float]:
+    """The degree with the least error, or the first that is good enough.
 
-
-def _least(degrees: Sequence[int], error: Callable[[int], float]) -> tuple[int, float]:
-    """The degree with the least error, or the first that is good enough."""
+    Of nearly all points: where the ridge ends a polynomial is at its worst, and there are few there.
+    """
     best, least = degrees[0], np.inf
     for degree in degrees:
-        found = error(degree)
+        found = float(np.quantile(errors(degree), NEARLY_ALL))
         if found < WORTHWHILE * least:
             best, least = degree, found
         if found < GOOD_ENOUGH:
@@ -466,12 +458,6 @@ class Settled:
 
     def within(self, psi: Array) -> Flags:
         return self.ridge.within(psi)
-
-    def bend(self, y: Array) -> tuple[Array, Array]:
-        return ridge.bend(self, y)
-
-    def straighten(self, u: Array) -> tuple[Array, Array]:
-        return ridge.straighten(self, u)
 
 
 def bound(proposal: Proposal, posterior: Posterior) -> Proposal:

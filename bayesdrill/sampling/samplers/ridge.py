@@ -102,14 +102,6 @@ class Sheet(Protocol):
 
     def within(self, psi: Array) -> Flags: ...
 
-    def bend(self, y: Array) -> tuple[Array, Array]:
-        """See `bend`."""
-        ...
-
-    def straighten(self, u: Array) -> tuple[Array, Array]:
-        """See `straighten`."""
-        ...
-
 
 def bend(sheet: Sheet, y: Array) -> tuple[Array, Array]:
     """`y (W, D)` to u, and log |du / dy| `(W,)`."""
@@ -151,12 +143,6 @@ class Ridge:
     @property
     def n_loose(self) -> int:
         return int(self.frame.loose.shape[1])
-
-    def bend(self, y: Array) -> tuple[Array, Array]:
-        return bend(self, y)
-
-    def straighten(self, u: Array) -> tuple[Array, Array]:
-        return straighten(self, u)
 
     def at(self, psi: Array) -> Array:
         """The ridge itself: `(W, l)` to tau `(W, t)`."""
