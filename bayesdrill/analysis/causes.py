@@ -196,8 +196,10 @@ class _Trial:
         curvature = surface.expand(u, np.eye(len(there))).curvature[0]
         share = min(explained * numbers / (self.before - self.floor), 1.0)
         beyond = max(rest - 1.0, 0.0)
-        if not self.floor:
-            beyond = _narrowed(self.posterior, self.theta, wider, there)
+        if not self.floor:  # the mean square of the noise, over that at the MAP
+            pairs = ((self.posterior.likelihood, self.theta), (wider.likelihood, there))
+            before, after = (float(one(at[None])[0]) / one.numbers for one, at in pairs)
+            beyond = math.exp(min(2.0 * (before - after), 0.0))
             share = 1.0 - beyond
         named = self._named(there, curvature, SURE**2 * max(1.0, rest))
         return Causes(share=share, rest=rest, found=named, beyond=beyond)
@@ -225,13 +227,6 @@ def _gain(slope: Array, curvature: Array, free: Flags) -> float:
     own = 1.0 / np.sqrt(np.maximum(np.diag(curvature)[free], 1e-300))
     scaled = curvature[np.ix_(free, free)] * own[:, None] * own + ROUNDING * np.eye(len(own))
     return float(0.5 * (slope[free] * own) @ np.linalg.solve(scaled, slope[free] * own))
-
-
-def _narrowed(posterior: Posterior, theta: Array, wider: Posterior, there: Array) -> float:
-    """The mean square of an unknown noise at `there (E,)`, over that at the MAP `theta (D,)`."""
-    pairs = ((posterior.likelihood, theta), (wider.likelihood, there))
-    before, after = (float(one(at[None])[0]) / one.numbers for one, at in pairs)
-    return math.exp(min(2.0 * (before - after), 0.0))
 
 
 def _chosen(

@@ -145,8 +145,10 @@ def begin_walkers(
         elif mirrored < 0:
             fresh = proposal.draw(wanted, posterior.supports, random)[0]
         else:
-            nearer = centre + 0.25**mirrored * (wide.draw(wanted, random).u - centre)
-            fresh = _mirrored(posterior, nearer)
+            fresh = centre + 0.25**mirrored * (wide.draw(wanted, random).u - centre)
+            ends = PosteriorSurface(posterior)
+            fresh = np.where(fresh < ends.low, 2.0 * ends.low - fresh, fresh)
+            fresh = np.where(fresh > ends.high, 2.0 * ends.high - fresh, fresh)
         z[missing], log_p[missing] = fresh, posterior(fresh)
         missing = ~(log_p > log_p.max() - DEEP)
         if mirrored < 0:
@@ -154,13 +156,6 @@ def begin_walkers(
         if not missing.any():
             return State(z, log_p, seeds.legacy_state(seed, "walk", ensemble))
     raise Nowhere("no point of finite posterior was found around the maximum")
-
-
-def _mirrored(posterior: Posterior, z: Array) -> Array:
-    """At the ends of the priors, where `z (n, D)` lie beyond them."""
-    surface = PosteriorSurface(posterior)
-    z = np.where(z < surface.low, 2.0 * surface.low - z, z)
-    return np.where(z > surface.high, 2.0 * surface.high - z, z)
 
 
 FIRST_CHECK = 200  # steps

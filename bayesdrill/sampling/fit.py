@@ -118,6 +118,9 @@ def _first_arrived(posterior: Posterior, plan: FitPlan) -> Search:
     """
     points = mode_search.starts(posterior, plan.starts, seeds.stream(plan.chains.seed, "map"))
     points = points[np.argsort(-posterior.density(points), kind="stable")]
+    likelihood = posterior.likelihood
+    known = not any(one.unknowns for one in likelihood.observations)
+    noise_alone = 1.0 + np.sqrt(2.0 / likelihood.numbers)  # squares over the noise, on average
     found: list[Search] = []
     for point in points:
         found.append(mode_search.search(posterior, plan.optimiser, plan.evaluations, point))
@@ -125,13 +128,7 @@ def _first_arrived(posterior: Posterior, plan: FitPlan) -> Search:
         near = best.log_posterior - mode_search.SAME_LOG_DENSITY
         if sum(search.log_posterior > near for search in found) >= 2:
             break
-        if _explained(posterior, posterior.space.vector(best.end)):
+        end = posterior.space.vector(best.end)
+        if known and laplace.excess(posterior, end) <= noise_alone:
             break
     return best
-
-
-def _explained(posterior: Posterior, theta: Array) -> bool:
-    """Whether the noise, where all of it is known, explains what `theta (D,)` leaves."""
-    likelihood = posterior.likelihood
-    known = not any(one.unknowns for one in likelihood.observations)
-    return known and laplace.excess(posterior, theta) <= 1.0 + np.sqrt(2.0 / likelihood.numbers)

@@ -193,8 +193,16 @@ def _heaviest(surface: PosteriorSurface, at: Array) -> tuple[Array, float]:
 
 def returns(surface: PosteriorSurface, u: Array) -> Around:
     """Maxima along each unknown by itself, but for that of `u (D,)`."""
-    found, left_out = [], 0.0
-    for d, scanned in enumerate(_scanned(surface)):
+    posterior, found, left_out = surface.posterior, list[Array](), 0.0
+    step = min(
+        float(np.diff(one.experiment.t).min(initial=np.inf))
+        for one in posterior.likelihood.observations
+    )
+    ends = posterior.coordinates.to_physical(np.stack([surface.low, surface.high]))
+    for d, unknown in enumerate(posterior.space.unknowns):
+        moment = unknown.role == "sensor" and unknown.symbol.unit == "s"
+        many = PER_SAMPLE * (ends[1, d] - ends[0, d]) / step
+        scanned = int(np.clip(many, SCANNED, MOST_SCANNED)) if moment else SCANNED
         line = np.repeat(u[None], scanned + 1, axis=0)
         along = np.linspace(surface.low[d], surface.high[d], scanned)
         line[:, d] = np.sort(np.append(along, u[d]))
@@ -206,22 +214,6 @@ def returns(surface: PosteriorSurface, u: Array) -> Around:
         high = sum(value[k] > value.max() - LOWER for k in tops)
         left_out = max(left_out, 1.0 - PER_UNKNOWN / max(high, PER_UNKNOWN))
     return Around(np.concatenate(found), left_out)
-
-
-def _scanned(surface: PosteriorSurface) -> list[int]:
-    """Points along each unknown."""
-    posterior = surface.posterior
-    step = min(
-        float(np.diff(one.experiment.t).min(initial=np.inf))
-        for one in posterior.likelihood.observations
-    )
-    low, high = posterior.coordinates.to_physical(np.stack([surface.low, surface.high]))
-    return [
-        int(np.clip(PER_SAMPLE * (b - a) / step, SCANNED, MOST_SCANNED))
-        if one.role == "sensor" and one.symbol.unit == "s"
-        else SCANNED
-        for one, a, b in zip(posterior.space.unknowns, low, high, strict=True)
-    ]
 
 
 def peaks(value: Array, valley: float) -> list[int]:

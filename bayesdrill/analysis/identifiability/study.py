@@ -82,29 +82,18 @@ def remedies(
     now = information.from_sensitivities(names, scenery.sensitivities(theta))
     rows = [names.index(name) for name in of_interest]
     before = now.with_priors(prior_sd).bounds()[rows]
+    moves = [np.array(exponents, dtype=float) for exponents in symmetries]
     found = []
     for what, after in _tried(scenery, theta, now):
         sd = after.with_priors(prior_sd).bounds()[rows]
         # What is known to all digits, by a record at the edge of numbers, gets no better.
         usual = (before > 0) & (sd > 0) & (before < np.inf)
         ratio = np.divide(before, sd, out=np.ones_like(sd), where=usual)
-        found.append(
-            Remedy(
-                what=what,
-                breaks=tuple(
-                    k for k, exponents in enumerate(symmetries) if _touches(after, exponents)
-                ),
-                left=after.n_blind,
-                shrink=float(np.exp(np.mean(np.log(ratio)))),
-            )
-        )
+        seen = information.RANK_TOLERANCE * np.linalg.norm(after.root)
+        breaks = [k for k, move in enumerate(moves) if np.linalg.norm(after.root @ move) > seen]
+        shrink = float(np.exp(np.mean(np.log(ratio))))
+        found.append(Remedy(what=what, breaks=tuple(breaks), left=after.n_blind, shrink=shrink))
     return tuple(sorted(found, key=lambda remedy: (remedy.left, -remedy.shrink)))
-
-
-def _touches(after: Information, exponents: Exponents) -> bool:
-    """Whether moving along the symmetry would now be seen."""
-    size = np.linalg.norm(after.root @ np.array(exponents, dtype=float))
-    return bool(size > information.RANK_TOLERANCE * np.linalg.norm(after.root))
 
 
 def _tried(scenery: Scenery, theta: Array, now: Information) -> Iterator[tuple[str, Information]]:

@@ -179,7 +179,8 @@ def _fitted(
         said = f"learning the proposal, round {len(rounds)}: {done.share:.0%} of its draws count"
         report.update(len(rounds) / (ROUNDS + 1), said)
         good = done.share > ENOUGH and done.draws.trapped < TRAPPED
-        if (settled and good) or (len(rounds) > FEW and done.hopeless):
+        hopeless = done.draws.effective < ALONE  # one draw outweighs all others
+        if (settled and good) or (len(rounds) > FEW and hopeless):
             break
         u, weights = done.seen
         first = len(rounds) == 1
@@ -263,11 +264,6 @@ class _Round:
         """Draws `(N, D)` that have a density, and their weights, flattened where they must be."""
         kept = self.draws.those_with_a_density()
         return kept.u, kept.tempered(LEAST_SHARE * len(kept.u))
-
-    @property
-    def hopeless(self) -> bool:
-        """Whether one draw outweighs all others."""
-        return self.draws.effective < ALONE
 
     @property
     def strays(self) -> float:

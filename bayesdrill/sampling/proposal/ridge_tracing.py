@@ -69,13 +69,6 @@ def split(
     )
 
 
-def corner(surface: Surface, centre: Array, here: Expansion) -> tuple[Frame, Array]:
-    """The unknowns themselves as a basis, where the ends of the priors hold nearly all of them."""
-    scale = surface.spread
-    known = np.diag(here.curvature[0]) * scale**2 + (here.slope[0] * scale) ** 2
-    return ridge.frame(centre, np.diag(scale), len(centre)), known
-
-
 def _beside(apart: Array, unknowns: Indices) -> tuple[Array, list[int]]:
     """Columns at right angles: those `apart`, then what `unknowns` add to them, and which these are."""
     own: list[int] = []
@@ -165,7 +158,10 @@ def trace(
     still = unmoved(surface, expand, rng)
     base, known = split(surface, centre, here, still)
     if len(known) == len(centre) and (known > TIGHT).any():
-        base, known = corner(surface, centre, here)
+        # The unknowns themselves, where the ends of the priors hold nearly all of them.
+        scale = surface.spread
+        base = ridge.frame(centre, np.diag(scale), len(centre))
+        known = np.diag(here.curvature[0]) * scale**2 + (here.slope[0] * scale) ** 2
     if seen is None:
         cloud = None
         psi, spread = _foreseen(surface, base, known)
@@ -214,24 +210,16 @@ def _followed(
     for share in OUTWARD:
         n = _wanted(len(bent), share)
         wanted = share * _scattered(surface, at, n, psi, spread, cloud, share, rng)
-        points = _gathered(points, _arrive(surface, expand, base, wanted, at.at(wanted)))
+        points = _arrived(surface, expand, at, wanted, points)
         if len(points[0]) > 2 * (len(psi) + 1):
             at, off = _best_fit(base, bent, *points[:3], last=share == OUTWARD[-1])
     while off > FAIR and 2 * len(points[0]) < MOST_POINTS:
         wanted = _scattered(surface, at, len(points[0]), psi, spread, cloud, 1.0, rng)
-        points = _gathered(points, _arrive(surface, expand, base, wanted, at.at(wanted)))
+        points = _arrived(surface, expand, at, wanted, points)
         before, (at, off) = off, _best_fit(base, bent, *points[:3], last=True)
         if off > 0.7 * before:
             break
     return Traced(at, off, psi, spread)
-
-
-def _gathered(before: list[Array], new: list[Array]) -> list[Array]:
-    """All points but those that arrived far below the ridge: at a lesser maximum, where nothing is."""
-    points = [np.concatenate(pair) for pair in zip(before or new, new, strict=True)]
-    value = points[3]
-    kept = (value > value.max(initial=-np.inf) - DEEP) | (value == -np.inf)
-    return [some[kept] for some in points]
 
 
 def beside(surface: Surface, centre: Array, rng: np.random.Generator) -> Traced:
@@ -315,17 +303,24 @@ def _scattered(
     return np.asarray(inwards[chosen, None] * wanted[chosen])
 
 
-def _arrive(surface: Surface, expand: Expand, base: Frame, psi: Array, tau: Array) -> list[Array]:
-    """`psi (N, l)`, `tau (N, t)`, covariance roots `(N, t, t)` and log densities of what arrived.
+def _arrived(
+    surface: Surface, expand: Expand, at: Ridge, psi: Array, before: list[Array]
+) -> list[Array]:
+    """`psi (N, l)`, `tau (N, t)`, covariance roots `(N, t, t)` and log densities of what arrived, behind
+    those `before`.
 
     A little beyond the ends of the priors, too: without such points polynomials are at their worst
-    at the ends.
+    at the ends.  But not far below the ridge: at a lesser maximum, where nothing is.
     """
-    found, roots, value, arrived = led_back(expand, base, psi, tau)
-    u, beyond = base.join(psi, found), BEYOND_ENDS * (surface.high - surface.low)
+    found, roots, value, arrived = led_back(expand, at.frame, psi, at.at(psi))
+    u, beyond = at.frame.join(psi, found), BEYOND_ENDS * (surface.high - surface.low)
     near = (u > surface.low - beyond) & (u < surface.high + beyond)
     arrived &= np.isfinite(value) | near.all(axis=1)
-    return [psi[arrived], found[arrived], roots[arrived], value[arrived]]
+    new = [some[arrived] for some in (psi, found, roots, value)]
+    points = [np.concatenate(pair) for pair in zip(before or new, new, strict=True)]
+    value = points[3]
+    kept = (value > value.max(initial=-np.inf) - DEEP) | (value == -np.inf)
+    return [some[kept] for some in points]
 
 
 def led_back(

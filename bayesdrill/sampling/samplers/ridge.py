@@ -107,7 +107,8 @@ def bend(sheet: Sheet, y: Array) -> tuple[Array, Array]:
     """`y (W, D)` to u, and log |du / dy| `(W,)`."""
     psi, e = y[:, : sheet.n_loose], y[:, sheet.n_loose :]
     tau, root, log_det = sheet.along(psi)
-    return sheet.frame.join(psi, tau + _times(root, e)), log_det + sheet.frame.log_volume
+    tau = tau + np.einsum("ijw,wj->wi", root, e)
+    return sheet.frame.join(psi, tau), log_det + sheet.frame.log_volume
 
 
 def straighten(sheet: Sheet, u: Array) -> tuple[Array, Array]:
@@ -171,17 +172,6 @@ class Ridge:
         return (self.place.T @ rows).T, root, entries[:n].sum(axis=0)
 
 
-def root_entries(roots: Array) -> Array:
-    """Lower triangles `(N, t, t)` as what `Ridge.root` makes of them: `(N, t (t + 1) / 2)`."""
-    diagonal = np.diagonal(roots, axis1=1, axis2=2)
-    row, column = np.tril_indices(roots.shape[1], -1)
-    return np.concatenate([np.log(diagonal), roots[:, row, column] / diagonal[:, column]], axis=1)
-
-
-def _times(root: Array, e: Array) -> Array:
-    return np.asarray(np.einsum("ijw,wj->wi", root, e))
-
-
 def _solved(root: Array, rest: Array) -> Array:
     """Forward substitution, over the t rows of all walkers at once."""
     e = np.empty((root.shape[0], len(rest)))
@@ -209,7 +199,11 @@ def fit(
     far = np.sqrt((((psi - middle) / width) ** 2).sum(axis=1)).max() if n_loose else 1.0
     width = width * max(float(far), 1e-12)
     scaled = ((psi - middle) / width).T
-    entries = root_entries(roots)
+    # Lower triangles as `Ridge.root` has them: logs of the diagonal, the rest over its column.
+    diagonal = np.diagonal(roots, axis1=1, axis2=2)
+    row, column = np.tril_indices(roots.shape[1], -1)
+    below = roots[:, row, column] / diagonal[:, column]
+    entries = np.concatenate([np.log(diagonal), below], axis=1)
     low, high = entries.min(axis=0), entries.max(axis=0)
     beyond = LEEWAY * (high - low)
     own, own_root = powers(n_loose, degree), powers(n_loose, min(root_degree, degree))
