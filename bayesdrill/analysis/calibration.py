@@ -31,7 +31,6 @@ from bayesdrill.basics import seeds
 from bayesdrill.basics.arrays import Array, Counts
 from bayesdrill.basics.errors import InputError
 from bayesdrill.inference.posterior import Posterior
-from bayesdrill.sampling.ensembles import Sampled
 from bayesdrill.sampling.fit import FitPlan, fit
 
 PLAIN = 3.0  # standard errors from which a shift or a spread of the ranks is named
@@ -217,7 +216,11 @@ def refit(study: Study, index: int) -> Refit:
     except ValueError as error:  # numbers fail far from any reasonable record
         reasons: tuple[str, ...] = (f"nothing could be sampled: {error}",)
     else:
-        ranks = _ranks(study, posterior, truth, sampled, rng)
+        # Among L of the nearly independent draws, picked at random.
+        pool = sampled.draws.reshape(-1, len(theta))
+        draws = pool[rng.choice(len(pool), study.draws, replace=len(pool) < study.draws)]
+        values = np.column_stack([draws, posterior.likelihood(draws)])
+        ranks = tuple(rank(x, column, rng) for x, column in zip(truth, values.T, strict=True))
         found = sampled.convergence
         r_hat, ess = float(found.r_hat.max()), float(found.ess_bulk.min())
         steps, reasons = found.steps, found.reasons
@@ -248,16 +251,6 @@ def _simulated(posterior: Posterior, rng: np.random.Generator) -> tuple[Array, P
     pairs = zip(likelihood.observations, signals, strict=True)
     records = [one.draw(each, theta, rng)[0] for one, each in pairs]
     return theta[0], posterior.edit(records=records)
-
-
-def _ranks(
-    study: Study, posterior: Posterior, truth: Array, sampled: Sampled, rng: np.random.Generator
-) -> tuple[int, ...]:
-    """Among L of the nearly independent draws, picked at random."""
-    pool = sampled.draws.reshape(-1, len(truth) - 1)
-    draws = pool[rng.choice(len(pool), study.draws, replace=len(pool) < study.draws)]
-    values = np.column_stack([draws, posterior.likelihood(draws)])
-    return tuple(rank(x, column, rng) for x, column in zip(truth, values.T, strict=True))
 
 
 FALSE_ALARM = 0.01  # of the whole verdict

@@ -1,7 +1,5 @@
-"""Whether the record is as the posterior predicts it, and how well draws predict samples (held
-out, PSIS-LOO).
-
-Whether the record is as the posterior predicts it: where each sample lies in its own prediction.
+"""Whether the record is as the posterior predicts it: where each sample lies in its own prediction; and
+how well draws predict samples (held out, PSIS-LOO).
 
 The probability integral transform (PIT) of a sample is the share of its prediction below it; where model
 and noise are right they are uniform.  Each is of the posterior without that sample, for a sample that

@@ -243,7 +243,16 @@ def analyse(
         leaning=diagnostics.leaning(rows, run.draws),
         step_errors=step_errors(posterior.likelihood, best),
         torques=tuple(map(torque_summary, run.shaking)),
-        energy=tuple(map(_energy, run.accounts)),
+        energy=tuple(
+            EnergySummary(
+                label=account.label,
+                parts=account.parts,
+                came=tuple(account.came),
+                went=tuple(account.went),
+                left=account.left,
+            )
+            for account in run.accounts
+        ),
         # What another moment would leave looks like noise only where this fit does.
         moment=half_a_sample(scenery, best) if fits else None,
         course=tuple(plausibility.plausibility_of_course(scenery, best)),
@@ -270,14 +279,4 @@ def torque_summary(found: Shaking) -> TorqueSummary:
         follows=follows(found),
         courses=found.courses,
         roles=found.roles,
-    )
-
-
-def _energy(found: Account) -> EnergySummary:
-    return EnergySummary(
-        label=found.label,
-        parts=found.parts,
-        came=tuple(found.came),
-        went=tuple(found.went),
-        left=found.left,
     )

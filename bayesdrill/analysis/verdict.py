@@ -21,7 +21,6 @@ from scipy.special import chdtrc, ndtr, ndtri
 from bayesdrill.analysis import plausibility
 from bayesdrill.analysis.diagnostics import Row, Word, summarise
 from bayesdrill.analysis.identifiability.information import (
-    Information,
     Scenery,
     products,
     simple_exponents,
@@ -219,14 +218,14 @@ def judge(
     crowd = {*pressed} if beyond is None else {*pressed} - {*names} | {*beyond.pressed}
     seen = draws if beyond is None or beyond.draws is None else beyond.draws[:, :m]
     table = np.array([math.log(nominal.get(name, math.nan)) for name in study.names])
+    offs = [tolerance.get(name, 0.0) for name in study.names]
     scene = _Scene(
         study=study,
-        known=study.information,
         logs=np.log(draws) - table,
         seen=np.log(seen) - table,
         prior_logs=np.log(prior_draws) - table,
         table=table,
-        ends=np.array([_ends(tolerance.get(name, 0.0)) for name in study.names]),
+        ends=np.array([(math.log1p(-off), math.log1p(off)) for off in offs]),
         pressed=np.array([name in crowd for name in study.names]),
         unseen=np.array([not free and name in names for name in study.names]),
         thresholds=thresholds,
@@ -281,7 +280,6 @@ class _Scene:
     """
 
     study: Study
-    known: Information
     logs: Array
     seen: Array
     prior_logs: Array
@@ -296,7 +294,9 @@ class _Scene:
         """Whether record and priors determine it: not its own prior, not the corners of the priors."""
         powers = np.array(exponents, dtype=float)
         before = np.array([parameter.prior_sd for parameter in self.study.parameters])
-        linear = self.known.with_priors(before).bound(powers) / np.linalg.norm(before * powers)
+        linear = self.study.information.with_priors(before).bound(powers) / np.linalg.norm(
+            before * powers
+        )
         drawn = self._sd_ratio(exponents)
         if self._blind(exponents):
             return bool(max(linear, drawn) < BORROWED)
@@ -346,7 +346,7 @@ class _Scene:
         return bool(self.unseen[np.flatnonzero(exponents)].any())
 
     def _blind(self, exponents: Exponents) -> bool:
-        return not math.isfinite(self.known.bound(np.array(exponents, dtype=float)))
+        return not math.isfinite(self.study.information.bound(np.array(exponents, dtype=float)))
 
     def _sd_ratio(self, exponents: Exponents) -> float:
         before = _combined(self.prior_logs, exponents)
@@ -366,10 +366,6 @@ def _says(*, crowded: bool, shown: bool, far: bool, fits: bool) -> Says:
     if not far:
         return "agrees"
     return "disagrees" if fits else "in doubt"
-
-
-def _ends(tolerance: float) -> tuple[float, float]:
-    return math.log1p(-tolerance), math.log1p(tolerance)
 
 
 def _combined(logs: Array, exponents: Exponents) -> Array:

@@ -50,16 +50,10 @@ class StepError:
         return self.worst <= ENOUGH
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class EvidenceShift:
-    """What the truth adds to a log evidence that was found in steps, and its standard error."""
+def evidence_shift(posterior: Posterior, draws: Array) -> tuple[float, float] | None:
+    """What the truth adds to a log evidence that was found in steps, and its standard error.
 
-    added: float
-    error: float
-
-
-def evidence_shift(posterior: Posterior, draws: Array) -> EvidenceShift | None:
-    """From its draws `(N, D)`, physical; None where nothing is stepped, or no truth is finite.
+    From its draws `(N, D)`, physical; None where nothing is stepped, or no truth is finite.
 
     The ratio of the evidences is the mean over the posterior of the ratio of the likelihoods, in finer
     steps and in its own.
@@ -83,7 +77,7 @@ def evidence_shift(posterior: Posterior, draws: Array) -> EvidenceShift | None:
         weights = np.exp(logs - top)
         found.append(top + math.log(weights.mean()))
     spread = float(weights.std(ddof=1) / weights.mean()) / math.sqrt(len(weights))
-    return EvidenceShift(added=found[1], error=math.hypot(spread, found[1] - found[0]))
+    return found[1], math.hypot(spread, found[1] - found[0])
 
 
 def _log_likelihood(posterior: Posterior, draws: Array) -> Array:

@@ -363,7 +363,7 @@ def weighed(posterior: Posterior, sampled: Sampled, seed: int) -> Sampled:
         draws = sampled.draws.reshape(-1, z.shape[-1])
         shift = None if found is None else evidence_shift(posterior, draws)
     if found is not None and shift is not None:
-        found = found.in_finer_steps(shift)
+        found = found.in_finer_steps(*shift)
     return dataclasses.replace(sampled, evidence=found)
 
 

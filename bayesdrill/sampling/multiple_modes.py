@@ -1,13 +1,9 @@
 """Other maxima of a density: where to look for them (aliases, lags), and how different ones are
 told apart.
 
-Different maxima of a density: found from many starts, told apart by walking between them.
-
 Two points of one ridge are joined by it, however far apart they are; two maxima are not.  So one
 walks from one to the other along the loose directions of the first, led back to the ridge by its
 tight ones at each step, and looks where one arrives.
-
-Where else a record might have come from: starts of searches for other maxima, around a known one.
 
 A swing of frequency omega that is seen at times t leaves nearly the same samples as one of
 |omega +- delta|, where delta is a peak of the window |sum exp(i delta t)|: 2 pi over the step of even

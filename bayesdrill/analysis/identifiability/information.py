@@ -112,14 +112,6 @@ class Scenery:
         full, along = space.full(theta[None]), space.slopes(theta[None])
         return [stage.states(full, along, scene) for stage in self._stages]
 
-    def swing(self, theta: Array, motion: Array, which: int) -> float:
-        """Of the channels of one experiment: their spread over the noise, the median."""
-        one = self.likelihood.observations[which]
-        sigma = one.scales(theta[None])[0]
-        return float(
-            np.median((motion @ one.experiment.weights(self.states).T).std(axis=0) / sigma)
-        )
-
 
 def without(rows: Array, m: int) -> Array:
     """The first m columns of `rows (n, m + k)`, without what the others explain of them: `(m, m)`."""

@@ -96,8 +96,6 @@ class Fitter:
         """
         free = np.array([k for k in range(self._m) if k != held], dtype=np.intp)
         logs = np.clip(logs, self.low, self.high)
-        if held is not None:
-            logs[held] = np.clip(logs[held], self.low[held], self.high[held])
         residuals = self._residuals(logs)
         damping = 1e-8
         for _ in range(MOST_STEPS if len(free) else 0):

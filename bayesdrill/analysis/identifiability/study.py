@@ -128,9 +128,13 @@ def _other_drives(scenery: Scenery) -> Iterator[tuple[str, Scene]]:
 
 def _more_channels(scenery: Scenery, theta: Array) -> Iterator[tuple[str, Scene]]:
     """Each state that is not measured yet, with the signal-to-noise ratio of the others."""
-    motions = scenery.motions(theta)
-    ratio = np.median([scenery.swing(theta, motion, k) for k, motion in enumerate(motions)])
-    seen = [one.experiment.weights(scenery.states) for one in scenery.likelihood.observations]
+    motions, every = scenery.motions(theta), scenery.likelihood.observations
+    seen = [one.experiment.weights(scenery.states) for one in every]
+    swings = [
+        np.median((motion @ weights.T).std(axis=0) / one.scales(theta[None])[0])
+        for one, motion, weights in zip(every, motions, seen, strict=True)
+    ]
+    ratio = np.median(swings)
     spreads = np.median([motion.std(axis=0) for motion in motions], axis=0)
     for name, unit, spread in zip(scenery.states, np.eye(len(spreads)), spreads, strict=True):
         new = name not in INNER and any(
@@ -158,22 +162,19 @@ def _other_inputs(scenery: Scenery, theta: Array) -> Iterator[tuple[str, Scene]]
     torque = scenery.likelihood.observations[0].response.model.roles.rotor.load
     if torque not in scenery.inputs:
         return
-    change = _largest_change(scenery, theta, Scene(late={torque: 1.0}))
-    if 0 < change < np.inf:
-        load = LOAD_SHARE / change
-        loaded = f"apply a known load torque of {load:.2g} N m half-way"
-        yield loaded, Scene(late={torque: load})
-
-
-def _largest_change(scenery: Scenery, theta: Array, other: Scene) -> float:
-    """Of a channel to another scene, in shares of its range."""
-    found = []
-    pairs = zip(scenery.motions(theta), scenery.motions(theta, other), strict=True)
+    found = []  # changes of channels, in shares of their ranges
+    pairs = zip(
+        scenery.motions(theta), scenery.motions(theta, Scene(late={torque: 1.0})), strict=True
+    )
     for one, (before, after) in zip(scenery.likelihood.observations, pairs, strict=True):
         here, there = (x @ one.experiment.weights(scenery.states).T for x in (before, after))
         with np.errstate(all="ignore"):  # of a channel that stands still: no number, or infinite
             found.append(np.max(np.ptp(there - here, axis=0) / np.ptp(here, axis=0)))
-    return float(np.max(found))
+    change = float(np.max(found))
+    if 0 < change < np.inf:
+        load = LOAD_SHARE / change
+        loaded = f"apply a known load torque of {load:.2g} N m half-way"
+        yield loaded, Scene(late={torque: load})
 
 
 ALIKE = 2.0  # times: how much smaller an sd would be, for a nuisance that is named with it

@@ -8,9 +8,7 @@ Those whose p/q is above a limit step by themselves, along the ridge that is lik
 p/q is above the limit too: that is Metropolis and Hastings on the density cut to such places.  No
 other walker is touched, so the whole density is kept exactly.
 
-The registry of ensemble moves, in the form that emcee takes them.
-
-They are emcee's own stretch and differential evolution, written over whole arrays: emcee 3.1.6
+The moves are emcee's own stretch and differential evolution, written over whole arrays: emcee 3.1.6
 loops over the walkers, which costs more than the model does here.  Its snooker move is not among
 them: its Hastings factor is wrong (it shrinks a unit normal in five dimensions to a standard
 deviation of 0.84).  A move enters here after it has passed `tests/contracts/test_moves.py`.
