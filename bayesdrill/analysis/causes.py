@@ -94,7 +94,7 @@ def causes(posterior: Posterior, theta: Array) -> Causes | None:
     best: Causes | None = None
     known = not any(one.unknowns for one in posterior.likelihood.observations)
     for kinds in STAGES:
-        found = _tried(posterior, theta, kinds)
+        found = _tried(posterior, theta, kinds, HOPE)
         if found is not None and (best is None or found.beyond < (1.0 - WORTH) * best.beyond):
             best = found
         enough = best is not None and kinds == LATE and best.share > NEARLY
@@ -102,15 +102,16 @@ def causes(posterior: Posterior, theta: Array) -> Causes | None:
             break
     if best is None or not best.explains or best.lacking:
         return best
-    rig = _Trial.of(posterior, theta, frozenset({"rig"}))
-    other = rig.outcome() if rig is not None and rig.promises(PROMISES) else None
+    other = _tried(posterior, theta, frozenset({"rig"}), PROMISES)
     alike = other is not None and other.explains and other.share > best.share - ALIKE
     return dataclasses.replace(best, other=other) if alike else best
 
 
-def _tried(posterior: Posterior, theta: Array, kinds: frozenset[Kind]) -> Causes | None:
+def _tried(
+    posterior: Posterior, theta: Array, kinds: frozenset[Kind], least: float
+) -> Causes | None:
     trial = _Trial.of(posterior, theta, kinds)
-    return trial.outcome() if trial is not None and trial.promises(HOPE) else None
+    return trial.outcome() if trial is not None and trial.promises(least) else None
 
 
 @dataclass(frozen=True, slots=True)

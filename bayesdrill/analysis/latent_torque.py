@@ -253,7 +253,7 @@ def follows(found: Shaking) -> tuple[Follows, ...]:
     """Those taken first, in their order; then all others by their shares."""
     turning = found.turning
     candidates = ((kind, of, rows[turning]) for kind, of, rows in _candidates(found))
-    every = [(kind, of, rows) for kind, of, rows in candidates if _moves(rows)]
+    every = [one for one in candidates if np.isfinite(one[2]).all() and np.abs(one[2]).max() > FLAT]
     torque = found.expected[turning]
     total = float(torque @ torque)
     if total == 0.0 or not every:
@@ -297,10 +297,6 @@ def _candidates(found: Shaking) -> Iterator[tuple[str, str, Array]]:
             yield "input", name, values[:, None]
     yield "constant", "", np.ones((len(found.t), 1))
     yield "drift", "", (found.t - found.t.mean())[:, None]
-
-
-def _moves(rows: Array) -> bool:
-    return bool(np.isfinite(rows).all() and np.abs(rows).max() > FLAT)
 
 
 def _left(torque: Array, rows: Array) -> float:

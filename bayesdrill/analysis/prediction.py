@@ -141,15 +141,26 @@ def held_out(posterior: Posterior, theta: Array) -> HeldOut | None:
 
 
 def leave_one_out(posterior: Posterior, theta: Array, left: tuple[Left, ...]) -> LeftOut | str:
-    """By draws `theta (N, D)`; or why that would tell nothing."""
-    if refusal := _refusal(posterior, theta, left):
-        return refusal
+    """By draws `theta (N, D)`; or why that would tell nothing: samples that tell of each other by more
+    than the unknowns, or too many of them.
+    """
+    observations = posterior.likelihood.observations
+    if sum(one.numbers for one in observations) > MOST_SCORED:
+        return f"more than {MOST_SCORED} samples"
+    if any(remembers(one, theta) for one in observations):
+        return "its noise remembers: a sample that is left out is told by those beside it"
+    if coloured := [one for one in left if one.correlated]:
+        worst = max(coloured, key=lambda one: abs(one.correlation))
+        return (
+            f"what it leaves is not white (correlation of neighbours {worst.correlation:.2f} in "
+            f"{worst.name}): a sample that is left out is told by those beside it"
+        )
     from arviz_stats.base import array_stats  # late: it takes half a second to load
 
     smoothed: Any = array_stats.psislw
     theta = _some(theta)
     full, found = posterior.space.full(theta), []
-    for one in posterior.likelihood.observations:
+    for one in observations:
         log_p = one.pointwise(one.residuals(full).samples, theta)
         found.append(log_p[:, one.experiment.seen].T)
     log_p = np.concatenate(found)
@@ -158,23 +169,6 @@ def leave_one_out(posterior: Posterior, theta: Array, left: tuple[Left, ...]) ->
     log_w, told[differ] = smoothed(log_p[differ])
     each[differ] = logsumexp(log_w + log_p[differ], axis=1)
     return LeftOut(elpd=float(each.sum()), each=each, doubtful=float((told > BAD).mean()))
-
-
-def _refusal(posterior: Posterior, theta: Array, left: tuple[Left, ...]) -> str:
-    """Empty where samples tell nothing of each other but by the unknowns."""
-    observations = posterior.likelihood.observations
-    if sum(one.numbers for one in observations) > MOST_SCORED:
-        return f"more than {MOST_SCORED} samples"
-    if any(remembers(one, theta) for one in observations):
-        return "its noise remembers: a sample that is left out is told by those beside it"
-    coloured = [one for one in left if one.correlated]
-    if coloured:
-        worst = max(coloured, key=lambda one: abs(one.correlation))
-        return (
-            f"what it leaves is not white (correlation of neighbours {worst.correlation:.2f} in "
-            f"{worst.name}): a sample that is left out is told by those beside it"
-        )
-    return ""
 
 
 def remembers(one: Observation, theta: Array) -> bool:

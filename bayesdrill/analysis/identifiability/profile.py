@@ -65,15 +65,18 @@ class Fitter:
         self._likelihood = posterior.likelihood.pinned(theta)
         same = self._likelihood is posterior.likelihood
         self._scenery = scenery if same else Scenery(self._likelihood)
-        self._coordinates = posterior.coordinates
         self._m = len(scenery.unknowns) + len(scenery.nuisances)
-        self._noise = theta[self._m :]
-        moving = posterior.space.unknowns[: self._m]
+        moving, self._noise = posterior.space.unknowns[: self._m], theta[self._m :]
+        self._coordinates = replace(posterior.space, unknowns=moving).coordinates()
         ends = np.array([ends_of(one.prior, TAIL) for one in moving]).T
-        self.low, self.high = self._natural(ends)
-        self.best = self._fit(self._natural(theta[None, : self._m])[0], None)
-        if len(self._noise):
-            self._learn_noise()
+        self.low, self.high = self._coordinates.to_natural(ends)
+        self.best = self._fit(self._coordinates.to_natural(theta[None, : self._m])[0], None)
+        if len(self._noise):  # unknown levels, from what the best fit leaves
+            theta = self._theta(self.best.logs)
+            full, found = self._likelihood.space.full(theta[None]), theta.copy()
+            for one in self._likelihood.observations:
+                found[one.own] = one.fitted(one.residuals(full).samples[0], theta)
+            self._noise = found[self._m :]
             self.best = self._fit(self.best.logs, None)
 
     def held(self, start: Array, column: int, value: float) -> Fitted:
@@ -139,25 +142,15 @@ class Fitter:
         moved[free] = np.clip(logs[free] + step, self.low[free], self.high[free])
         return moved
 
-    def _natural(self, moving: Array) -> Array:
-        """Of `(n, m)`, without the noise."""
-        with_noise = np.column_stack([moving, np.tile(self._noise, (len(moving), 1))])
-        return self._coordinates.to_natural(with_noise)[:, : self._m]
-
-    def physical(self, logs: Array) -> Array:
-        """Of `(n, m)` on the natural scale."""
-        with_noise = np.column_stack([logs, np.zeros((len(logs), len(self._noise)))])
-        return self._coordinates.from_natural(with_noise)[:, : self._m]
-
     def along(self, column: int, values: Array) -> Array:
         """One unknown in SI, of `values (n,)` on its natural scale."""
         rows = np.zeros((len(values), self._m))
         rows[:, column] = values
-        return self.physical(rows)[:, column]
+        return self._coordinates.from_natural(rows)[:, column]
 
     def _theta(self, logs: Array) -> Array:
         """All unknowns `(D,)`, of `logs (m,)`."""
-        return np.append(self.physical(logs[None])[0], self._noise)
+        return np.append(self._coordinates.from_natural(logs[None])[0], self._noise)
 
     def _residuals(self, logs: Array) -> Array:
         residuals = self._likelihood.whitened(self._theta(logs))
@@ -166,15 +159,6 @@ class Fitter:
     def _jacobian(self, logs: Array) -> Array:
         slopes = self._scenery.every(self._theta(logs))
         return np.nan_to_num(slopes, posinf=0.0, neginf=0.0)
-
-    def _learn_noise(self) -> None:
-        """Unknown noise levels, from what the best fit leaves."""
-        theta = self._theta(self.best.logs)
-        full, found = self._likelihood.space.full(theta[None]), theta.copy()
-        for one in self._likelihood.observations:
-            left = one.residuals(full).samples[0]
-            found[one.own] = one.fitted(left, theta)
-        self._noise = found[self._m :]
 
 
 @dataclass(frozen=True, slots=True)

@@ -17,7 +17,7 @@ import numpy as np
 from bayesdrill.analysis.identifiability.structure import Exponents
 from bayesdrill.basics.arrays import Array, Counts
 from bayesdrill.inference.laplace import PosteriorSurface
-from bayesdrill.inference.likelihood import Observation, Torque
+from bayesdrill.inference.likelihood import Observation
 from bayesdrill.inference.posterior import Posterior
 from bayesdrill.record.experiment import Channel, frozen
 from bayesdrill.rig import models
@@ -81,9 +81,11 @@ def stand_ins(
     worse = [k for k in rig if sds[k] > FALLS * alone[k] and sds[k] > KNOWN * before[k]]
     if not worse:
         return ()
-    more = {
-        state: information(_showing(posterior, theta, state), theta) for state in _unseen(posterior)
-    }
+    # States that no channel shows by itself.
+    first = posterior.likelihood.observations[0]
+    shown = {name for c in first.experiment.channels for name in c.weights if len(c.weights) == 1}
+    unseen = [name for name in first.response.model.states if name not in shown]
+    more = {state: information(_showing(posterior, theta, state), theta) for state in unseen}
 
     def helps(k: int) -> tuple[Help, ...]:
         found = []
@@ -149,32 +151,22 @@ def _information(posterior: Posterior, theta: Array, before: Array, seeds: Count
     return np.asarray(total)
 
 
-def _unseen(posterior: Posterior) -> list[str]:
-    """States that no channel shows by itself."""
-    one = posterior.likelihood.observations[0]
-    seen = {name for c in one.experiment.channels for name in c.weights if len(c.weights) == 1}
-    return [name for name in one.response.model.states if name not in seen]
-
-
 def _showing(posterior: Posterior, theta: Array, state: str) -> Posterior:
     """With every record showing this state too."""
-    full = posterior.space.full(theta[None])
-    return posterior.edit(
-        each=lambda one: _with(one, one.torque, full, state) if one.torque else one
-    )
+    full, unit = posterior.space.full(theta[None]), models.STATES[state].unit
+    name = f"state {state}"
+    channel = Channel(name=name, weights={state: 1.0}, unit=unit, latex="", latex_unit="")
 
+    def showing(one: Observation) -> Observation:
+        if one.torque is None:
+            return one
+        experiment = dataclasses.replace(
+            one.experiment,
+            channels=(*one.experiment.channels, channel),
+            y=frozen(np.column_stack([one.experiment.y, np.zeros(len(one.experiment.t))])),
+        )
+        response = one.response.of(experiment)
+        spread = float(response.signals(one.told(full))[0, :, -1].std())
+        return one.torque.showing(response, SENSOR * spread or 1.0)
 
-def _with(one: Observation, torque: Torque, full: Array, state: str) -> Observation:
-    symbol = models.STATES[state]
-    channel = Channel(
-        name=f"state {state}", weights={state: 1.0}, unit=symbol.unit, latex="", latex_unit=""
-    )
-    experiment, t_count = one.experiment, len(one.experiment.t)
-    wider = dataclasses.replace(
-        experiment,
-        channels=(*experiment.channels, channel),
-        y=frozen(np.column_stack([experiment.y, np.zeros(t_count)])),
-    )
-    response = one.response.of(wider)
-    spread = float(response.signals(one.told(full))[0, :, -1].std())
-    return torque.showing(response, SENSOR * spread or 1.0)
+    return posterior.edit(each=showing)

@@ -208,7 +208,10 @@ def _followed(
     points: list[Array] = []
     off = 0.0
     for share in OUTWARD:
-        n = _wanted(len(bent), share)
+        # Points for a polynomial of degree 2 near by, and of degree 4 in the end.
+        degree = 2 if share < 0.4 else 3 if share < 1.0 else 4
+        least = LEAST_POINTS if share < 1.0 else LAST_POINTS
+        n = int(np.clip(POINTS_PER_TERM * _terms(len(bent), degree), least, MOST_POINTS))
         wanted = share * _scattered(surface, at, n, psi, spread, cloud, share, rng)
         points = _arrived(surface, expand, at, wanted, points)
         if len(points[0]) > 2 * (len(psi) + 1):
@@ -260,13 +263,6 @@ def _at_centre(base: Frame, here: Expansion) -> Ridge:
     roots = covariance_roots(curvature[None]) if n_tight else np.zeros((1, 0, 0))
     step = roots[0] @ (roots[0].T @ slope)
     return ridge.fit(base, np.zeros((1, n_loose)), step[None], roots, 0, 0)
-
-
-def _wanted(n_bent: int, share: float) -> int:
-    """Points for a polynomial of degree 2 near by, and of degree 4 in the end."""
-    degree = 2 if share < 0.4 else 3 if share < 1.0 else 4
-    least = LEAST_POINTS if share < 1.0 else LAST_POINTS
-    return int(np.clip(POINTS_PER_TERM * _terms(n_bent, degree), least, MOST_POINTS))
 
 
 def _scattered(

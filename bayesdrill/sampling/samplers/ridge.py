@@ -215,9 +215,9 @@ def fit(
         width=width,
         reach=1.0,
         powers=own,
-        place=_least_squares(rows, tau),
+        place=np.linalg.lstsq(rows, tau, rcond=1e-10)[0],
         root_powers=own_root,
-        root=_least_squares(rows[:, : own_root.terms], entries),
+        root=np.linalg.lstsq(rows[:, : own_root.terms], entries, rcond=1e-10)[0],
         ends=np.array([low - beyond, high + beyond]),
     )
 
@@ -236,10 +236,6 @@ def root_residuals(ridge: Ridge, psi: Array, tau: Array, roots: Array) -> Array:
     said = np.moveaxis(ridge.along(psi)[1], 2, 0)
     ratio = np.linalg.solve(said, roots)
     return np.asarray(np.abs(np.log(np.linalg.svd(ratio, compute_uv=False))).max(axis=1))
-
-
-def _least_squares(rows: Array, values: Array) -> Array:
-    return np.asarray(np.linalg.lstsq(rows, values, rcond=1e-10)[0])
 
 
 def further(found: Ridge, factor: float) -> Ridge:
