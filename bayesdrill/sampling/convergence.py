@@ -47,22 +47,19 @@ def suspicions(kept: Kept) -> tuple[str, ...]:
 
     A walker found out by one look is left out of the next, so that each trouble has one name.
     """
-    still = standing_still(kept.theta)
-    low = spending_time_low(kept.log_p) & ~still
+    stay, medians = longest_stay(kept.theta), np.median(kept.log_p, axis=1)
+    # Walkers that once did not move for too long.
+    usual, least = float(np.median(stay)), STILL_SHARE * kept.theta.shape[1]
+    still = stay >= (least if usual >= least else max(least, STILL_RATIO * usual))
+    # Walkers whose median log density is rare among the better half of the walkers.
+    better = np.moveaxis(kept.log_p, 1, 2)[medians >= np.median(medians)]
+    low = (medians < np.quantile(better, LOW)) & ~still
     sound = ~(still | low)
-    found = [*_of_still(kept, still), *_of_low(kept, low, sound)]
+    found = [*_of_still(kept, still, stay), *_of_low(kept, low, sound, medians)]
     if (sound.sum(axis=1) > 1).any():
         sd = _series(kept.theta, sound).std(axis=0)
         found += _of_two_places(kept, sound, sd) or _of_growing_tau(kept, sound, sd)
     return tuple(found)
-
-
-def standing_still(theta: Array) -> Flags:
-    """`(E, W)`: walkers that once did not move for too long."""
-    stay = longest_stay(theta)
-    usual = float(np.median(stay))
-    least = STILL_SHARE * theta.shape[1]
-    return np.asarray(stay >= (least if usual >= least else max(least, STILL_RATIO * usual)))
 
 
 def longest_stay(theta: Array) -> Indices:
@@ -71,13 +68,6 @@ def longest_stay(theta: Array) -> Indices:
     step = np.arange(1, theta.shape[1])[:, None]
     last = np.maximum.accumulate(np.where(moved, step, 0), axis=1)
     return np.asarray((step - last).max(axis=1))
-
-
-def spending_time_low(log_p: Array) -> Flags:
-    """`(E, W)`: walkers whose median log density is rare among the better half of the walkers."""
-    medians = np.median(log_p, axis=1)
-    better = np.moveaxis(log_p, 1, 2)[medians >= np.median(medians)]
-    return np.asarray(medians < np.quantile(better, LOW))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -133,7 +123,7 @@ def long_run_tau(theta: Array, chosen: Flags, sd: Array, parts: int = 1) -> Arra
     return np.asarray(length * total / max(freedom, 1) / np.where(sd > 0, sd, 1.0) ** 2)
 
 
-def _of_still(kept: Kept, still: Flags) -> Iterator[str]:
+def _of_still(kept: Kept, still: Flags, stay: Indices) -> Iterator[str]:
     n_steps = kept.theta.shape[1]
     if still.mean() > 0.5:
         yield (
@@ -141,7 +131,7 @@ def _of_still(kept: Kept, still: Flags) -> Iterator[str]:
             "steps or longer: the moves do not suit this posterior; give sampler.moves other shares"
         )
     elif still.any():
-        stay = np.where(still, longest_stay(kept.theta), 0)
+        stay = np.where(still, stay, 0)
         ensemble, walker = np.unravel_index(int(np.argmax(stay)), stay.shape)
         yield (
             f"{_counted(still)} stuck: the longest did not move for {stay.max()} of {n_steps} steps "
@@ -150,10 +140,9 @@ def _of_still(kept: Kept, still: Flags) -> Iterator[str]:
         )
 
 
-def _of_low(kept: Kept, low: Flags, sound: Flags) -> Iterator[str]:
+def _of_low(kept: Kept, low: Flags, sound: Flags, medians: Array) -> Iterator[str]:
     if not low.any():
         return
-    medians = np.median(kept.log_p, axis=1)
     ensemble, walker = np.unravel_index(int(np.argmin(np.where(low, medians, np.inf))), low.shape)
     yield (
         f"{_counted(low)} far from where the posterior is: log density {medians[ensemble, walker]:.1f}"

@@ -161,19 +161,12 @@ START = 0.3  # of a search
 MOST = 0.9999  # that what is left may tell: the end of the prior is no place to go on from
 
 
+_SAID = "Correlation of samples one usual interval apart; default: unknown"
+
+
 @dataclass(frozen=True, slots=True)
 class Entries:
-    rho: (
-        Annotated[
-            float,
-            Field(
-                ge=0,
-                lt=1,
-                description="Correlation of samples one usual interval apart; default: unknown",
-            ),
-        ]
-        | None
-    ) = None
+    rho: Annotated[float, Field(ge=0, lt=1, description=_SAID)] | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
