@@ -4,20 +4,22 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
+from itertools import islice
 
 import numpy as np
 from oracles import NOMINAL, ORDER
 
 from bayesdrill.basics.symbols import PARAMETERS, own_symbol
 from bayesdrill.inference import laplace
-from bayesdrill.inference.likelihood import Likelihood
-from bayesdrill.inference.noise.contract import Noisy
+from bayesdrill.inference.likelihood import Likelihood, Observation
+from bayesdrill.inference.noise.contract import Noise, Noisy
 from bayesdrill.inference.noise.white import White
 from bayesdrill.inference.posterior import Posterior
 from bayesdrill.inference.priors import Prior, Uniform
 from bayesdrill.inference.unknowns import ParameterSpace, Transform, Unknown
 from bayesdrill.record.experiment import Channel, Experiment
 from bayesdrill.rig.models.motor_shaft import MotorShaft
+from bayesdrill.rig.simulators.contract import Simulator
 from bayesdrill.rig.simulators.exact import Response
 
 STATES = ("theta_1", "theta_2", "w_1", "w_2", "i")
@@ -108,7 +110,7 @@ def posterior(
     simulator = response or Response(MotorShaft(), record)
     return Posterior(
         space=space,
-        likelihood=Likelihood.of(space, (simulator, scatter)),
+        likelihood=likelihood_of(space, (simulator, scatter)),
         coordinates=space.coordinates(),
     )
 
@@ -138,3 +140,18 @@ def near(posterior: Posterior, theta: np.ndarray, n: int, rng: np.random.Generat
         z = centre + rng.standard_normal((n, len(theta))) @ steps.T
         kept = np.concatenate([kept, z[np.isfinite(posterior(z))]])
     return kept[:n]
+
+
+def likelihood_of(space: ParameterSpace, *pairs: tuple[Simulator, Noise]) -> Likelihood:
+    """Of simulators with their noises, whose unknowns stand in `space` in this order."""
+    levels = iter([space.free[column] for column in space.columns("noise")])
+    parts = [
+        Observation(
+            response=response,
+            noise=noise,
+            parameters=space.model,
+            levels=[*islice(levels, len(noise.unknowns))],
+        )
+        for response, noise in pairs
+    ]
+    return Likelihood.joint(space, parts)

@@ -6,7 +6,6 @@ import dataclasses
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import islice
 from typing import Any, Protocol, Self
 
 import numpy as np
@@ -321,21 +320,6 @@ class Likelihood:
     observations: tuple[Observation, ...]
     space: ParameterSpace
     apart: tuple[Observation, ...] = ()
-
-    @classmethod
-    def of(cls, space: ParameterSpace, *pairs: tuple[Simulator, Noise]) -> Likelihood:
-        """Of simulators with their noises, whose unknowns stand in `space` in this order."""
-        levels = iter([space.free[column] for column in space.columns("noise")])
-        parts = [
-            Observation(
-                response=response,
-                noise=noise,
-                parameters=space.model,
-                levels=[*islice(levels, len(noise.unknowns))],
-            )
-            for response, noise in pairs
-        ]
-        return cls.joint(space, parts)
 
     @classmethod
     def joint(cls, space: ParameterSpace, parts: Sequence[Observation]) -> Likelihood:

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from oracles import ORDER
-from rigs import measured, posterior
+from rigs import likelihood_of, measured, posterior
 from together import for_each
 from verdicts import TABLE, gaussian, verdict
 
@@ -25,7 +25,6 @@ from bayesdrill.analysis.identifiability.information import (
 from bayesdrill.analysis.identifiability.structure import Resting, following, resting
 from bayesdrill.analysis.identifiability.study import prior_spreads, study_of
 from bayesdrill.config.schema.config import Asked
-from bayesdrill.inference.likelihood import Likelihood
 from bayesdrill.inference.posterior import Posterior
 from bayesdrill.report.sections import identify_words, verdict_words
 from bayesdrill.rig.simulators.exact import Response
@@ -157,7 +156,7 @@ def test_a_rig_s_own_parameters_may_be_held(monkeypatch: pytest.MonkeyPatch) -> 
         plain.space, model=rig.parameters, fixed={**plain.space.fixed, "tau_s": 0.01}
     )
     (one,) = plain.likelihood.observations
-    likelihood = Likelihood.of(space, (Response(rig, record), one.noise))
+    likelihood = likelihood_of(space, (Response(rig, record), one.noise))
     target = Posterior(space=space, likelihood=likelihood, coordinates=space.coordinates())
     theta = space.vector(space.start)
     assert sets(rests(target, theta)) == {
