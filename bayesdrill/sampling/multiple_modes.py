@@ -196,9 +196,10 @@ def returns(surface: PosteriorSurface, u: Array) -> Around:
     )
     ends = posterior.coordinates.to_physical(np.stack([surface.low, surface.high]))
     for d, unknown in enumerate(posterior.space.unknowns):
-        moment = unknown.role == "sensor" and unknown.symbol.unit == "s"
-        many = PER_SAMPLE * (ends[1, d] - ends[0, d]) / step
-        scanned = int(np.clip(many, SCANNED, MOST_SCANNED)) if moment else SCANNED
+        scanned = SCANNED
+        if unknown.role == "sensor" and unknown.symbol.unit == "s":
+            many = PER_SAMPLE * (ends[1, d] - ends[0, d]) / step
+            scanned = int(np.clip(many, SCANNED, MOST_SCANNED))
         line = np.repeat(u[None], scanned + 1, axis=0)
         along = np.linspace(surface.low[d], surface.high[d], scanned)
         line[:, d] = np.sort(np.append(along, u[d]))
