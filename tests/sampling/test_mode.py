@@ -69,30 +69,6 @@ def test_undetermined_directions_have_the_width_of_the_prior() -> None:
     assert np.linalg.eigvalsh(cov).min() > 0
 
 
-def test_draws_are_finite_spread_and_reproducible() -> None:
-    cases = {
-        "linear": (False,),
-        "log": (True,),
-    }
-
-    def check(logs: bool) -> None:
-        target = posterior(RECORD, SIGMA, logs=logs)
-        z = laplace.draws(target, vector(NOMINAL), 64, np.random.default_rng(3))
-        assert z.shape == (64, 9)
-        assert np.isfinite(target(z)).all()
-        assert np.linalg.matrix_rank(z - z.mean(axis=0)) == 9
-        again = laplace.draws(target, vector(NOMINAL), 64, np.random.default_rng(3))
-        assert np.array_equal(z, again)
-
-    for_each(cases, check)
-
-
-def test_draws_near_an_edge_of_the_prior() -> None:
-    target = posterior(RECORD, SIGMA)
-    edge = vector({**NOMINAL, "t_f": 0.05 * (1 + 1e-9), "c_m": 28.4999e-5})
-    assert np.isfinite(target(laplace.draws(target, edge, 40, np.random.default_rng(1)))).all()
-
-
 def valley(x: np.ndarray) -> np.ndarray:
     """Rosenbrock's, with unequal scales; its maximum, zero, is at (6, 0.02), off the origin."""
     a, b = x[:, 0] / 3 - 1, x[:, 1] * 50
