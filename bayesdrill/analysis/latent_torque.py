@@ -134,6 +134,9 @@ def _of(
     sizes = found.sizes(draws)[:, :1]
     place = made.states.index(TORQUE)
     by_torque = smooth @ found.filtered.weights.T
+    first = full[:1], draws[:1]
+    pushed = sizes[0] * smooth[0, :, place]
+    strayed = _strayed(one, found, first, signals[0] + by_torque[0], pushed)
     return Shaking(
         label=one.label,
         at=made.torque.at,
@@ -142,18 +145,7 @@ def _of(
         expected=(sizes * smooth[:, :, place]).mean(axis=0),
         states=_states(one, found, motion.mean(axis=0), smooth.mean(axis=0)),
         inputs={name: np.asarray(u) for name, u in experiment.series.items()},
-        courses=_courses(
-            one,
-            left.mean(axis=0),
-            by_torque.mean(axis=0),
-            _strayed(
-                one,
-                found,
-                (full[:1], draws[:1]),
-                signals[0] + by_torque[0],
-                sizes[0] * smooth[0, :, place],
-            ),
-        ),
+        courses=_courses(one, left.mean(axis=0), by_torque.mean(axis=0), strayed),
         gear=1.0 / made.gear_ratio,
         roles=made.roles,
     )

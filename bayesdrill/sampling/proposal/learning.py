@@ -128,7 +128,7 @@ def learn(
         except Nowhere:  # at ends of priors ridges may lead out of them
             break
         best, last = _compared(best, last)
-        best = max(best, last, key=lambda one: one.merit)
+        best = max(best, last, key=lambda one: one.worth / (1.0 + DEAR * one.strays))
     looked = None
     if again > 0 and settle:
         report.update(0.0, "looking for what the proposal leaves out")
@@ -281,10 +281,6 @@ class _Round:
     @property
     def good(self) -> bool:
         return self.share > GOOD and self.strays < STRAYS and self.trapped < 2.0 * TRAPPED
-
-    @property
-    def merit(self) -> float:
-        return self.worth / (1.0 + DEAR * self.strays)
 
     @property
     def worth(self) -> float:
