@@ -6,11 +6,10 @@ from collections.abc import Mapping
 
 import numpy as np
 from oracles import NOMINAL
-from rigs import experiment, unknown
+from rigs import experiment, likelihood_of, unknown
 from rubbing import Rig, simulate
 
 from bayesdrill.inference.laplace import PosteriorSurface
-from bayesdrill.inference.likelihood import Likelihood
 from bayesdrill.inference.noise.contract import Noisy
 from bayesdrill.inference.noise.white import White
 from bayesdrill.inference.posterior import Posterior, Problem
@@ -66,7 +65,7 @@ def believed(
         unknowns=(*rigs, *scatter.unknowns),
         fixed={name: values[name] for name in rig.parameters if name not in FREE},
     )
-    likelihood = Likelihood.of(space, (simulator(rig, seen, Sensing()), scatter))
+    likelihood = likelihood_of(space, (simulator(rig, seen, Sensing()), scatter))
     return Posterior(space=space, likelihood=likelihood, coordinates=space.coordinates())
 
 

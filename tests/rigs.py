@@ -2,20 +2,24 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
+from itertools import islice
 
 import numpy as np
 from oracles import NOMINAL, ORDER
 
 from bayesdrill.basics.symbols import PARAMETERS, own_symbol
-from bayesdrill.inference.likelihood import Likelihood
-from bayesdrill.inference.noise.contract import Noisy
+from bayesdrill.inference import laplace
+from bayesdrill.inference.likelihood import Likelihood, Observation
+from bayesdrill.inference.noise.contract import Noise, Noisy
 from bayesdrill.inference.noise.white import White
 from bayesdrill.inference.posterior import Posterior
 from bayesdrill.inference.priors import Prior, Uniform
 from bayesdrill.inference.unknowns import ParameterSpace, Transform, Unknown
 from bayesdrill.record.experiment import Channel, Experiment
 from bayesdrill.rig.models.motor_shaft import MotorShaft
+from bayesdrill.rig.simulators.contract import Simulator
 from bayesdrill.rig.simulators.exact import Response
 
 STATES = ("theta_1", "theta_2", "w_1", "w_2", "i")
@@ -106,7 +110,7 @@ def posterior(
     simulator = response or Response(MotorShaft(), record)
     return Posterior(
         space=space,
-        likelihood=Likelihood.of(space, (simulator, scatter)),
+        likelihood=likelihood_of(space, (simulator, scatter)),
         coordinates=space.coordinates(),
     )
 
@@ -119,3 +123,35 @@ def unknown(name: str, prior: Prior, transform: Transform | None = None) -> Unkn
     begin = float(prior.quantile(np.array([0.5]))[0])
     symbol = own_symbol(name, "1", None, name)
     return Unknown(symbol=symbol, role="quantity", prior=prior, start=begin, transform=transform)
+
+
+def starting(target: Posterior, start: Mapping[str, float]) -> Posterior:
+    """The same, where searches for the MAP begin elsewhere."""
+    changed = (replace(u, start=start.get(u.name, u.start)) for u in target.space.unknowns)
+    return replace(target, space=replace(target.space, unknowns=tuple(changed)))
+
+
+def near(posterior: Posterior, theta: np.ndarray, n: int, rng: np.random.Generator) -> np.ndarray:
+    """`(n, D)` points of finite posterior around `theta (D,)`, in the sampler's coordinates."""
+    centre = posterior.coordinates.from_physical(theta[None])[0]
+    steps = laplace.root(laplace.covariance(posterior, theta))
+    kept = np.empty((0, len(theta)))
+    while len(kept) < n:
+        z = centre + rng.standard_normal((n, len(theta))) @ steps.T
+        kept = np.concatenate([kept, z[np.isfinite(posterior(z))]])
+    return kept[:n]
+
+
+def likelihood_of(space: ParameterSpace, *pairs: tuple[Simulator, Noise]) -> Likelihood:
+    """Of simulators with their noises, whose unknowns stand in `space` in this order."""
+    levels = iter([space.free[column] for column in space.columns("noise")])
+    parts = [
+        Observation(
+            response=response,
+            noise=noise,
+            parameters=space.model,
+            levels=[*islice(levels, len(noise.unknowns))],
+        )
+        for response, noise in pairs
+    ]
+    return Likelihood.joint(space, parts)

@@ -31,7 +31,6 @@ from bayesdrill.basics import seeds
 from bayesdrill.basics.arrays import Array, Counts
 from bayesdrill.basics.errors import InputError
 from bayesdrill.inference.posterior import Posterior
-from bayesdrill.sampling.ensembles import Sampled
 from bayesdrill.sampling.fit import FitPlan, fit
 
 PLAIN = 3.0  # standard errors from which a shift or a spread of the ranks is named
@@ -43,32 +42,26 @@ def rank(truth: float, draws: Array, rng: np.random.Generator) -> int:
     return below + int(rng.integers(equal + 1))
 
 
-def shape(ranks: Counts, n_draws: int) -> str | None:
+def shape(ranks: Counts, n_draws: int, *, of_fit: bool = False) -> str | None:
     """What is wrong with a posterior whose `ranks (N,)` are not uniform; None where unclear.
 
-    By the mean and the spread of the ranks: a shift spreads them too, to one end alone.
+    By the mean and the spread of the ranks: a shift spreads them too, to one end alone.  `of_fit`: those
+    of the log likelihood, of which only too much or too little can be said: draws that crowd around the
+    best fit all fit the record better than the truth does.
     """
     u = (ranks + 0.5) / (n_draws + 1) - 0.5
     n = len(u)
     moved = float(u.mean()) * np.sqrt(12.0 * n)
+    if of_fit:
+        if abs(moved) < PLAIN:
+            return None
+        return "posterior too wide" if moved > 0 else "posterior too narrow"
     spread = (float((u**2).mean()) - 1.0 / 12.0) * np.sqrt(180.0 * n)
     if max(abs(moved), abs(spread)) < PLAIN:
         return None
     if abs(moved) >= max(PLAIN, 0.5 * abs(spread)):
         return "posterior too low" if moved > 0 else "posterior too high"
     return "posterior too narrow" if spread > 0 else "posterior too wide"
-
-
-def shape_of_fit(ranks: Counts, n_draws: int) -> str | None:
-    """The same for the log likelihood, of which only too much or too little can be said.
-
-    Draws that crowd around the best fit all fit the record better than the truth does.
-    """
-    u = (ranks + 0.5) / (n_draws + 1) - 0.5
-    moved = float(u.mean()) * np.sqrt(12.0 * len(u))
-    if abs(moved) < PLAIN:
-        return None
-    return "posterior too wide" if moved > 0 else "posterior too narrow"
 
 
 HALVINGS = 40  # of the interval in which the pointwise level is sought
@@ -217,31 +210,32 @@ def refit(study: Study, index: int) -> Refit:
     theta, posterior = _simulated(study.posterior, rng)
     seed = int(rng.integers(2**32))
     truth = np.array([*theta, posterior.likelihood(theta[None])[0]])
-    found = Refit(
-        index=index,
-        truth=tuple(map(float, truth)),
-        ranks=(),
-        r_hat=np.inf,
-        ess=0.0,
-        steps=0,
-        reasons=(),
-        seconds=0.0,
-    )
+    chains = dataclasses.replace(study.plan.chains, seed=seed)
+    ranks: tuple[int, ...] = ()
+    r_hat, ess, steps = np.inf, 0.0, 0
     try:
-        chains = dataclasses.replace(study.plan.chains, seed=seed)
         _, sampled = fit(posterior, dataclasses.replace(study.plan, chains=chains))
     except ValueError as error:  # numbers fail far from any reasonable record
-        found = dataclasses.replace(found, reasons=(f"nothing could be sampled: {error}",))
+        reasons: tuple[str, ...] = (f"nothing could be sampled: {error}",)
     else:
-        found = dataclasses.replace(
-            found,
-            ranks=_ranks(study, posterior, truth, sampled, rng),
-            r_hat=float(sampled.convergence.r_hat.max()),
-            ess=float(sampled.convergence.ess_bulk.min()),
-            steps=sampled.convergence.steps,
-            reasons=sampled.convergence.reasons,
-        )
-    return dataclasses.replace(found, seconds=time.perf_counter() - begun)
+        # Among L of the nearly independent draws, picked at random.
+        pool = sampled.draws.reshape(-1, len(theta))
+        draws = pool[rng.choice(len(pool), study.draws, replace=len(pool) < study.draws)]
+        values = np.column_stack([draws, posterior.likelihood(draws)])
+        ranks = tuple(rank(x, column, rng) for x, column in zip(truth, values.T, strict=True))
+        found = sampled.convergence
+        r_hat, ess = float(found.r_hat.max()), float(found.ess_bulk.min())
+        steps, reasons = found.steps, found.reasons
+    return Refit(
+        index=index,
+        truth=tuple(map(float, truth)),
+        ranks=ranks,
+        r_hat=r_hat,
+        ess=ess,
+        steps=steps,
+        reasons=reasons,
+        seconds=time.perf_counter() - begun,
+    )
 
 
 def _simulated(posterior: Posterior, rng: np.random.Generator) -> tuple[Array, Posterior]:
@@ -259,16 +253,6 @@ def _simulated(posterior: Posterior, rng: np.random.Generator) -> tuple[Array, P
     pairs = zip(likelihood.observations, signals, strict=True)
     records = [one.draw(each, theta, rng)[0] for one, each in pairs]
     return theta[0], posterior.edit(records=records)
-
-
-def _ranks(
-    study: Study, posterior: Posterior, truth: Array, sampled: Sampled, rng: np.random.Generator
-) -> tuple[int, ...]:
-    """Among L of the nearly independent draws, picked at random."""
-    pool = sampled.draws.reshape(-1, len(truth) - 1)
-    draws = pool[rng.choice(len(pool), study.draws, replace=len(pool) < study.draws)]
-    values = np.column_stack([draws, posterior.likelihood(draws)])
-    return tuple(rank(x, column, rng) for x, column in zip(truth, values.T, strict=True))
 
 
 FALSE_ALARM = 0.01  # of the whole verdict
@@ -360,15 +344,15 @@ def judge_calibration(names: Sequence[str], refits: Sequence[Refit], n_draws: in
     quantities = []
     for column, name in enumerate(names):
         ranks, unknown = table[:, column], column < n_unknown
-        told = (shape if unknown else shape_of_fit)(ranks, n_draws) if len(ranks) else None
         holds = band.holds(ranks)
+        told = shape(ranks, n_draws, of_fit=not unknown) if len(ranks) and not holds else None
         quantities.append(
             Quantity(
                 name=name,
                 ranks=ranks,
                 reach=band.reach(ranks),
                 holds=holds,
-                shape=None if holds else told,
+                shape=told,
                 intervals=_intervals(ranks, n_draws, n_unknown) if unknown else (),
             )
         )

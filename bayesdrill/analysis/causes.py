@@ -94,7 +94,7 @@ def causes(posterior: Posterior, theta: Array) -> Causes | None:
     best: Causes | None = None
     known = not any(one.unknowns for one in posterior.likelihood.observations)
     for kinds in STAGES:
-        found = _tried(posterior, theta, kinds)
+        found = _tried(posterior, theta, kinds, HOPE)
         if found is not None and (best is None or found.beyond < (1.0 - WORTH) * best.beyond):
             best = found
         enough = best is not None and kinds == LATE and best.share > NEARLY
@@ -102,25 +102,31 @@ def causes(posterior: Posterior, theta: Array) -> Causes | None:
             break
     if best is None or not best.explains or best.lacking:
         return best
-    rig = _Trial.of(posterior, theta, frozenset({"rig"}))
-    other = rig.outcome() if rig is not None and rig.promises(PROMISES) else None
+    other = _tried(posterior, theta, frozenset({"rig"}), PROMISES)
     alike = other is not None and other.explains and other.share > best.share - ALIKE
     return dataclasses.replace(best, other=other) if alike else best
 
 
-def _tried(posterior: Posterior, theta: Array, kinds: frozenset[Kind]) -> Causes | None:
+def _tried(
+    posterior: Posterior, theta: Array, kinds: frozenset[Kind], least: float
+) -> Causes | None:
     trial = _Trial.of(posterior, theta, kinds)
-    return trial.outcome() if trial is not None and trial.promises(HOPE) else None
+    return trial.outcome() if trial is not None and trial.promises(least) else None
 
 
 @dataclass(frozen=True, slots=True)
 class _Trial:
-    """Of what is `wide`, from the MAP `theta (D,)` of `posterior` on."""
+    """Of what is `wide`, from the MAP `theta (D,)` of `posterior` on.
+
+    `before`: the sum of squares over the noise that the MAP leaves; `floor`: what noise alone leaves of
+    it, zero where it is unknown.
+    """
 
     posterior: Posterior
     theta: Array
     wide: Widened
-    count: _Left
+    before: float = 0.0
+    floor: float = 0.0
 
     @classmethod
     def of(cls, posterior: Posterior, theta: Array, kinds: frozenset[Kind]) -> _Trial | None:
@@ -128,8 +134,27 @@ class _Trial:
         wide = widened(posterior, theta, kinds)
         if not wide.every:
             return None
-        count = _Left.of(posterior, theta, wide.posterior)
-        return cls(posterior, theta, wide, count) if count.before > count.floor else None
+        trial = cls(posterior, theta, wide)
+        known = not any(one.unknowns for one in posterior.likelihood.observations)
+        before, floor = trial.left(posterior, theta, theta), trial.numbers if known else 0.0
+        return dataclasses.replace(trial, before=before, floor=floor) if before > floor else None
+
+    @property
+    def numbers(self) -> float:
+        """Samples that both likelihoods see."""
+        observations = self.wide.posterior.likelihood.observations
+        return float(sum(one.experiment.seen.sum() for one in observations))
+
+    def left(self, posterior: Posterior, theta: Array, best: Array) -> float:
+        """The sum of squares of these that `theta (D,)` leaves, over the noise at `best (D,)`, the MAP
+        among these unknowns.
+        """
+        full, total = posterior.space.full(theta[None]), 0.0
+        wider = self.wide.posterior.likelihood.observations
+        for one, other in zip(posterior.likelihood.observations, wider, strict=True):
+            left = one.whiten(one.residuals(full).samples, best[None])[0]
+            total += float((np.where(other.experiment.seen, left, 0.0) ** 2).sum())
+        return total
 
     def starts(self) -> Array:
         """In coordinates: with each lag from which it is sought."""
@@ -153,11 +178,11 @@ class _Trial:
         ]
         free[self.wide.tried] = False
         without = value[0] + _gain(here.slope[0], here.curvature[0], free)
-        return bool(2.0 * (max(reached) - without) > least * (self.count.before - self.count.floor))
+        return bool(2.0 * (max(reached) - without) > least * (self.before - self.floor))
 
     def outcome(self) -> Causes | None:
         """None where it comes to nothing."""
-        posterior, wider, count = self.posterior, self.wide.posterior, self.count
+        wider, numbers = self.wide.posterior, self.numbers
         surface = PosteriorSurface(wider, physical=True)
         top = climb(surface, self.starts(), CAUSE_STEPS)
         which = int(np.argmax(top.value))
@@ -165,15 +190,17 @@ class _Trial:
             return None
         u = top.u[[which]]
         there = wider.coordinates.to_physical(u)[0]
-        rest = count.at(wider, there, self.wide.at(self.theta)) / count.numbers
-        explained = count.before / count.numbers - rest
+        rest = self.left(wider, there, self.wide.at(self.theta)) / numbers
+        explained = self.before / numbers - rest
         if explained <= 0:
             return None
         curvature = surface.expand(u, np.eye(len(there))).curvature[0]
-        share = min(explained * count.numbers / (count.before - count.floor), 1.0)
+        share = min(explained * numbers / (self.before - self.floor), 1.0)
         beyond = max(rest - 1.0, 0.0)
-        if not count.floor:
-            beyond = _narrowed(posterior, self.theta, wider, there)
+        if not self.floor:  # the mean square of the noise, over that at the MAP
+            pairs = ((self.posterior.likelihood, self.theta), (wider.likelihood, there))
+            before, after = (float(one(at[None])[0]) / one.numbers for one, at in pairs)
+            beyond = math.exp(min(2.0 * (before - after), 0.0))
             share = 1.0 - beyond
         named = self._named(there, curvature, SURE**2 * max(1.0, rest))
         return Causes(share=share, rest=rest, found=named, beyond=beyond)
@@ -201,13 +228,6 @@ def _gain(slope: Array, curvature: Array, free: Flags) -> float:
     own = 1.0 / np.sqrt(np.maximum(np.diag(curvature)[free], 1e-300))
     scaled = curvature[np.ix_(free, free)] * own[:, None] * own + ROUNDING * np.eye(len(own))
     return float(0.5 * (slope[free] * own) @ np.linalg.solve(scaled, slope[free] * own))
-
-
-def _narrowed(posterior: Posterior, theta: Array, wider: Posterior, there: Array) -> float:
-    """The mean square of an unknown noise at `there (E,)`, over that at the MAP `theta (D,)`."""
-    pairs = ((posterior.likelihood, theta), (wider.likelihood, there))
-    before, after = (float(one(at[None])[0]) / one.numbers for one, at in pairs)
-    return math.exp(min(2.0 * (before - after), 0.0))
 
 
 def _chosen(
@@ -247,38 +267,6 @@ def _cost(scaled: Array, m: int, off: Array, held: Sequence[bool]) -> float:
     return float(by @ left @ by)
 
 
-@dataclass(frozen=True, slots=True)
-class _Left:
-    """Sums of squares over the noise of the MAP, of the samples that both likelihoods see; `before`: of
-    the MAP; `floor`: what noise alone leaves of it, zero where
-    it is unknown.
-    """
-
-    seen: list[Flags]
-    before: float
-    floor: float
-
-    @classmethod
-    def of(cls, posterior: Posterior, theta: Array, wider: Posterior) -> _Left:
-        known = not any(one.unknowns for one in posterior.likelihood.observations)
-        seen = [one.experiment.seen for one in wider.likelihood.observations]
-        floor = float(sum(each.sum() for each in seen)) if known else 0.0
-        without = cls(seen=seen, before=0.0, floor=floor)
-        return dataclasses.replace(without, before=without.at(posterior, theta, theta))
-
-    @property
-    def numbers(self) -> float:
-        return float(sum(each.sum() for each in self.seen))
-
-    def at(self, posterior: Posterior, theta: Array, best: Array) -> float:
-        """What `theta (D,)` leaves, over the noise at `best (D,)`, the MAP among these unknowns."""
-        full, total = posterior.space.full(theta[None]), 0.0
-        for one, seen in zip(posterior.likelihood.observations, self.seen, strict=True):
-            left = one.whiten(one.residuals(full).samples, best[None])[0]
-            total += float((np.where(seen, left, 0.0) ** 2).sum())
-        return total
-
-
 INSTEAD_STEPS = 40  # uphill
 SHARES = (0.02, 0.2)  # of what it can be, from which it is sought
 AS_WELL = 0.01  # of records of a rig that is so: more is lost by holding the table
@@ -316,13 +304,12 @@ def instead(problem: Problem, theta: Array) -> Instead | None:
 
 def _allowed(problem: Problem) -> bool:
     """Whether the priors allow the table at all."""
-    priors, off = problem.posterior.space.priors, problem.tolerance
+    nominal, off = problem.nominal, problem.tolerance
     return all(
-        prior.low <= value * (1.0 + off.get(name, 0.0))
-        and value * (1.0 - off.get(name, 0.0)) <= prior.high
-        for name, value in problem.nominal.items()
-        for prior in [priors.get(name)]
-        if prior is not None
+        prior.low <= nominal[name] * (1.0 + off.get(name, 0.0))
+        and nominal[name] * (1.0 - off.get(name, 0.0)) <= prior.high
+        for name, prior in problem.posterior.space.priors.items()
+        if name in nominal
     )
 
 

@@ -95,20 +95,13 @@ class Row:
 
 def overlay_rows(layers: Sequence[Layer]) -> tuple[Row, ...]:
     """In the order of the runs and of their unknowns."""
-    symbols = dict.fromkeys(s for layer in layers for s in layer.problem.symbols)
-    return tuple(_row(symbol, layers) for symbol in symbols)
-
-
-def _row(symbol: Symbol, layers: Sequence[Layer]) -> Row:
-    places = tuple(_place(symbol, layer) for layer in layers)
-    apart, pair = max(_distances(places), default=(None, None))
-    return Row(
-        symbol=symbol,
-        places=places,
-        nominal=tuple(layer.problem.nominal.get(symbol.name) for layer in layers),
-        apart=apart,
-        pair=pair,
-    )
+    rows = []
+    for symbol in dict.fromkeys(s for layer in layers for s in layer.problem.symbols):
+        places = tuple(_place(symbol, layer) for layer in layers)
+        nominal = tuple(layer.problem.nominal.get(symbol.name) for layer in layers)
+        apart, pair = max(_distances(places), default=(None, None))
+        rows.append(Row(symbol=symbol, places=places, nominal=nominal, apart=apart, pair=pair))
+    return tuple(rows)
 
 
 def _place(symbol: Symbol, layer: Layer) -> Place | None:

@@ -181,18 +181,13 @@ def _rates(linear: Linear, row: str, named: Mapping[str, Array]) -> float:
     Angles act by their differences alone, in springs: together, as a rig may have turned anywhere.
     """
     every = [(k[1], x * named[k[1]]) for k, x in linear.A.items() if k[0] == row]
-    turned = _angles(linear)
+    rates: dict[str, list[float]] = {}
+    for (of, by), x in linear.A.items():
+        rates.setdefault(of, []).append(float(x) if of != by else math.nan)
+    turned = {of for of, each in rates.items() if each == [1.0]}  # whose rate is another state
     springs = [part for of, part in every if of in turned]
     parts = [sum(springs, ZERO), *(part for of, part in every if of not in turned)]
     return float(np.sqrt(np.mean(sum(map(np.abs, parts), ZERO) ** 2)))
-
-
-def _angles(linear: Linear) -> set[str]:
-    """States whose rate is another state, and nothing else."""
-    rates: dict[str, list[float]] = {}
-    for (row, of), x in linear.A.items():
-        rates.setdefault(row, []).append(float(x) if row != of else math.nan)
-    return {row for row, own in rates.items() if own == [1.0]}
 
 
 @dataclass(frozen=True, slots=True)

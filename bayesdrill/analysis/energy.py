@@ -53,18 +53,17 @@ class Account:
 
 def accounts(posterior: Posterior, theta: Array, draws: Array) -> tuple[Account, ...]:
     """Of experiments whose rig rubs, at the MAP `theta (D,)` and draws `(N, D)`."""
-    found = []
-    for one in posterior.likelihood.observations:
-        rig = one.response
-        if rig.model.frictions and can_tell(rig.model):
-            found.append(_account(one, posterior, rig, theta, draws))
-    return tuple(found)
+    full = posterior.space.full(np.vstack([theta[None], draws]))
+    return tuple(
+        _account(one, one.told(full))
+        for one in posterior.likelihood.observations
+        if one.response.model.frictions and can_tell(one.response.model)
+    )
 
 
-def _account(
-    one: Observation, posterior: Posterior, rig: Simulator, theta: Array, draws: Array
-) -> Account:
-    told = one.told(posterior.space.full(np.vstack([theta[None], draws])))
+def _account(one: Observation, told: Array) -> Account:
+    """At parameters `told (1 + N, P)` of its simulator: of the MAP, and of draws."""
+    rig = one.response
     best = energies(rig, told[0])
     flows = _flows(best)
     names = _sides(flows)
@@ -172,17 +171,15 @@ class Rubbing:
 
 def rubbings(posterior: Posterior, theta: Array, draws: Array) -> tuple[tuple[Rubbing, ...], ...]:
     """Of each experiment, at the MAP `theta (D,)` and draws `(N, D)`; empty where nothing rubs."""
-    return tuple(
-        tuple(_of(one, posterior, theta, draws)) for one in posterior.likelihood.observations
-    )
+    full = posterior.space.full(np.vstack([theta[None], draws]))
+    return tuple(tuple(_of(one, full)) for one in posterior.likelihood.observations)
 
 
-def _of(one: Observation, posterior: Posterior, theta: Array, draws: Array) -> Iterator[Rubbing]:
+def _of(one: Observation, full: Array) -> Iterator[Rubbing]:
     rig = one.response
     if not rig.model.frictions:
         return
-    told = one.told(posterior.space.full(np.vstack([theta[None], draws])))
-    motion = rig.motion(told)
+    motion = rig.motion(one.told(full))
     for e, friction in enumerate(rig.model.frictions):
         speed = motion.states[0, :, rig.model.states.index(friction.against)]
         still = speed == 0.0
@@ -232,12 +229,9 @@ def curve(one: Observation, rubbing: Rubbing, full: Array) -> Curve:
 def _seen(rig: Simulator, friction: Friction, told: Array) -> dict[str, float]:
     """States, and inputs, that the law looks at; of two angles only their difference counts."""
     steps = rig.steps(told)
-    found = {}
-    for name in friction.law.seen:
-        if name in rig.model.states:
-            continue
-        found[name] = float(np.sqrt(np.mean(steps.felt[name] ** 2)))
     angles = [name for name in friction.law.seen if name in rig.model.states]
+    others = [name for name in friction.law.seen if name not in rig.model.states]
+    found = {name: float(np.sqrt(np.mean(steps.felt[name] ** 2))) for name in others}
     if len(angles) == 2:
         first, second = (steps.motion.states[0, :, rig.model.states.index(n)] for n in angles)
         found[angles[0]] = 0.0

@@ -134,6 +134,9 @@ def _of(
     sizes = found.sizes(draws)[:, :1]
     place = made.states.index(TORQUE)
     by_torque = smooth @ found.filtered.weights.T
+    first = full[:1], draws[:1]
+    pushed = sizes[0] * smooth[0, :, place]
+    strayed = _strayed(one, found, first, signals[0] + by_torque[0], pushed)
     return Shaking(
         label=one.label,
         at=made.torque.at,
@@ -142,18 +145,7 @@ def _of(
         expected=(sizes * smooth[:, :, place]).mean(axis=0),
         states=_states(one, found, motion.mean(axis=0), smooth.mean(axis=0)),
         inputs={name: np.asarray(u) for name, u in experiment.series.items()},
-        courses=_courses(
-            one,
-            left.mean(axis=0),
-            by_torque.mean(axis=0),
-            _strayed(
-                one,
-                found,
-                (full[:1], draws[:1]),
-                signals[0] + by_torque[0],
-                sizes[0] * smooth[0, :, place],
-            ),
-        ),
+        courses=_courses(one, left.mean(axis=0), by_torque.mean(axis=0), strayed),
         gear=1.0 / made.gear_ratio,
         roles=made.roles,
     )
@@ -212,20 +204,17 @@ def _strayed(
 
 def _courses(one: Observation, left: Array, moved: Array, strayed: Array) -> tuple[Course, ...]:
     """Means over the draws `(T, K)`."""
-    found = []
-    for k, channel in enumerate(one.experiment.channels):
-        seen = one.experiment.seen[:, k]
-        found.append(
-            Course(
-                channel=channel.name,
-                spread=float(one.experiment.y[seen, k].std()),
-                without=_size(left[seen, k]),
-                left=_size(left[seen, k] - moved[seen, k]),
-                moved=_size(moved[seen, k]),
-                strayed=float(strayed[k]),
-            )
+    return tuple(
+        Course(
+            channel=one.experiment.names[k],
+            spread=float(one.experiment.y[seen, k].std()),
+            without=_size(left[seen, k]),
+            left=_size(left[seen, k] - moved[seen, k]),
+            moved=_size(moved[seen, k]),
+            strayed=float(strayed[k]),
         )
-    return tuple(found)
+        for k, seen in enumerate(one.experiment.seen.T)
+    )
 
 
 def _size(values: Array) -> float:
@@ -256,7 +245,7 @@ def follows(found: Shaking) -> tuple[Follows, ...]:
     """Those taken first, in their order; then all others by their shares."""
     turning = found.turning
     candidates = ((kind, of, rows[turning]) for kind, of, rows in _candidates(found))
-    every = [(kind, of, rows) for kind, of, rows in candidates if _moves(rows)]
+    every = [one for one in candidates if np.isfinite(one[2]).all() and np.abs(one[2]).max() > FLAT]
     torque = found.expected[turning]
     total = float(torque @ torque)
     if total == 0.0 or not every:
@@ -275,34 +264,17 @@ def follows(found: Shaking) -> tuple[Follows, ...]:
             break
         taken.append(best)
         rest, rows = lefts[best], np.column_stack([rows, every[best][2]])
-    return tuple(_told(found, every, alone, taken, rows))
-
-
-def _told(
-    found: Shaking,
-    every: list[tuple[str, str, Array]],
-    alone: dict[int, float],
-    taken: list[int],
-    rows: Array,
-) -> Iterator[Follows]:
+    told = {k: Follows(kind=every[k][0], of=every[k][1], share=alone[k]) for k in alone}
     if taken:
-        weights = np.linalg.lstsq(rows, found.draws[:, found.turning].T, rcond=None)[0]  # (rows, N)
-        first = 0
-        for k in taken:
-            kind, of, own = every[k]
-            sizes = weights[first : first + own.shape[1]]
-            first += own.shape[1]
+        weights = np.linalg.lstsq(rows, found.draws[:, turning].T, rcond=None)[0]  # (rows, N)
+        each = np.split(weights, np.cumsum([every[k][2].shape[1] for k in taken])[:-1])
+        for k, sizes in zip(taken, each, strict=True):
             size = sizes[0] if len(sizes) == 1 else np.linalg.norm(sizes, axis=0)
-            yield Follows(
-                kind=kind,
-                of=of,
-                share=alone[k],
-                taken=True,
-                size=float(size.mean()),
-                sd=float(size.std()),
+            told[k] = dataclasses.replace(
+                told[k], taken=True, size=float(size.mean()), sd=float(size.std())
             )
-    for k in sorted(set(alone) - {*taken}, key=lambda k: -alone[k]):
-        yield Follows(kind=every[k][0], of=every[k][1], share=alone[k])
+    others = sorted(set(alone) - {*taken}, key=lambda k: -alone[k])
+    return tuple(told[k] for k in (*taken, *others))
 
 
 def _candidates(found: Shaking) -> Iterator[tuple[str, str, Array]]:
@@ -317,10 +289,6 @@ def _candidates(found: Shaking) -> Iterator[tuple[str, str, Array]]:
             yield "input", name, values[:, None]
     yield "constant", "", np.ones((len(found.t), 1))
     yield "drift", "", (found.t - found.t.mean())[:, None]
-
-
-def _moves(rows: Array) -> bool:
-    return bool(np.isfinite(rows).all() and np.abs(rows).max() > FLAT)
 
 
 def _left(torque: Array, rows: Array) -> float:

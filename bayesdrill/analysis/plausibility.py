@@ -94,13 +94,13 @@ def plausibility_of_nominal(problem: Problem) -> tuple[str, ...]:
     values |= {name: float(relation.value(values)) for name, relation in space.relations.items()}
     table = {name for name in problem.published if values[name] == problem.nominal[name]}
     model = problem.model
-    found = poles(model, {name: np.array([values[name]]) for name in model.parameters})[0]
+    rig = {name: np.array([values[name]]) for name in model.parameters}
     return (
         *_energy_of_nominal(
             {n: x for n, x in values.items() if n in model.parameters}, model.roles
         ),
         *_geometry({name: x for name, x in values.items() if name in table}, model.roles),
-        *_poles(found[None], _step(problem), model),
+        *_poles(poles(model, rig), problem),
     )
 
 
@@ -110,7 +110,7 @@ def plausibility_of_draws(problem: Problem, draws: Array, known: Information) ->
     rig = problem.posterior.likelihood.rig(draws[:: max(1, len(draws) // MOST_DRAWS)])
     values = dict(zip(model.parameters, rig.T, strict=True))
     energy = _energy_of_draws(values, known, model.roles)
-    return (*energy, *_poles(poles(model, values), _step(problem), model))
+    return (*energy, *_poles(poles(model, values), problem))
 
 
 def plausibility_of_course(scenery: Scenery, theta: Array) -> tuple[str, ...]:
@@ -134,11 +134,6 @@ def plausibility_of_course(scenery: Scenery, theta: Array) -> tuple[str, ...]:
     )
 
 
-def _step(problem: Problem) -> float:
-    """The shortest of the usual steps of all records."""
-    return min(one.experiment.dt for one in problem.observations)
-
-
 def poles(model: Model, values: Mapping[str, Array]) -> NDArray[np.complex128]:
     """Eigenvalues of the dynamics at parameters `(W,)` each: `(W, X)`, in 1/s."""
     size = len(next(iter(values.values())))
@@ -154,28 +149,30 @@ def _ideal(motor: MotorRoles) -> str:
     )
 
 
-def _energy_of_nominal(values: Mapping[str, float], roles: Roles) -> list[str]:
+def _energy_of_nominal(values: Mapping[str, float], roles: Roles) -> Iterator[str]:
     given, taken = roles.motor.torque_constant, roles.motor.back_emf
     if not {given, taken} <= {*values}:
-        return []
+        return
     ratio = values[given] / values[taken]
     if ratio <= 1 + APPRECIABLE:
-        return []
-    return [
+        return
+    yield (
         f"energy: {given} = {values[given]:.4g} N m/A is {ratio:.3g} times {taken} = "
         f"{values[taken]:.4g} V s/rad, so the motor would give {ratio:.3g} times the power that it "
         f"takes up; {_ideal(roles.motor)}"
-    ]
+    )
 
 
-def _energy_of_draws(values: Mapping[str, Array], known: Information, roles: Roles) -> list[str]:
+def _energy_of_draws(
+    values: Mapping[str, Array], known: Information, roles: Roles
+) -> Iterator[str]:
     given, taken = roles.motor.torque_constant, roles.motor.back_emf
     if not {given, taken} <= {*values}:
-        return []
+        return
     ratio = values[given] / values[taken]
     share = float(np.mean(ratio > 1 + APPRECIABLE))
     if share <= FEW:
-        return []
+        return
     powers = np.array([{given: 1.0, taken: -1.0}.get(name, 0.0) for name in known.names])
     blind = bool(powers.any()) and not math.isfinite(known.bound(powers))
     whence = (
@@ -183,43 +180,41 @@ def _energy_of_draws(values: Mapping[str, Array], known: Information, roles: Rol
         if blind
         else f"; {_ideal(roles.motor)}"
     )
-    return [
+    yield (
         f"energy: {given} is more than {100 * APPRECIABLE:g} % above {taken} in {_percent(share)} of "
         f"the draws (median ratio {np.median(ratio):.3g}), where the motor would give more power than "
         f"it takes up{whence}"
-    ]
+    )
 
 
-def _geometry(values: Mapping[str, float], roles: Roles) -> list[str]:
-    found = []
+def _geometry(values: Mapping[str, float], roles: Roles) -> Iterator[str]:
     for role, (expected, what) in GEOMETRY.items():
         name = roles[role]
         value = values.get(name, expected)
         if abs(value / expected - 1) > APPRECIABLE:
             unit = models.PARAMETERS[name].plain_unit
-            found.append(
+            yield (
                 f"geometry: {name} = {value:.4g} {unit} is {100 * (value / expected - 1):+.0f} % off "
                 f"what the paper's dimensions give; {what} {expected:.3g} {unit}"
             )
-    return found
 
 
-def _poles(every: NDArray[np.complex128], step: float, model: Model) -> list[str]:
+def _poles(every: NDArray[np.complex128], problem: Problem) -> Iterator[str]:
     """`every (W, X)`; one row for nominal values, draws otherwise."""
-    found = []
+    step = min(one.experiment.dt for one in problem.observations)
     size = np.abs(every).max(axis=1)
     largest = every.real.max(axis=1)
     share = float(np.mean(largest > UNSTABLE * size))
     if share > 0:
-        found.append(
+        yield (
             f"stability: a pole lies in the right half plane{_in(every, share)}, at most "
             f"{largest.max():.3g} 1/s: the rig would run away by itself"
         )
     decay = np.abs(every.real).max(axis=1)
     share = float(np.mean(decay * step > 1))
     if share > FEW:
-        middle, motor = float(np.median(decay)), model.roles.motor
-        found.append(
+        middle, motor = float(np.median(decay)), problem.model.roles.motor
+        yield (
             f"sampling: the fastest motion dies out within {1e3 / middle:.3g} ms (pole at "
             f"{-middle:.3g} 1/s), the record has a sample every {1e3 * step:.3g} ms{_in(every, share)}: "
             f"what sets it, mostly {motor.inductance}/{motor.resistance}, is seen only through slower "
@@ -228,11 +223,10 @@ def _poles(every: NDArray[np.complex128], step: float, model: Model) -> list[str
     turns = np.abs(every.imag).max(axis=1) / (2 * math.pi)
     share = float(np.mean(2 * turns * step > 1))
     if share > FEW:
-        found.append(
+        yield (
             f"sampling: an oscillation of {np.median(turns):.3g} Hz is faster than half of the "
             f"{1 / step:.4g} samples per second{_in(every, share)}: the record shows a false frequency"
         )
-    return found
 
 
 def _in(every: NDArray[np.complex128], share: float) -> str:

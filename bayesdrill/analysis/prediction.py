@@ -1,7 +1,5 @@
-"""Whether the record is as the posterior predicts it, and how well draws predict samples (held
-out, PSIS-LOO).
-
-Whether the record is as the posterior predicts it: where each sample lies in its own prediction.
+"""Whether the record is as the posterior predicts it: where each sample lies in its own prediction; and
+how well draws predict samples (held out, PSIS-LOO).
 
 The probability integral transform (PIT) of a sample is the share of its prediction below it; where model
 and noise are right they are uniform.  Each is of the posterior without that sample, for a sample that
@@ -12,7 +10,6 @@ samples at which all draws agree, such as the first of a rig at rest.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -67,24 +64,22 @@ class Check:
 def checks(likelihood: Likelihood, theta: Array) -> tuple[Check, ...]:
     """Of each channel, by draws `theta (N, D)`."""
     every = [
-        (one, *found) for one in likelihood.observations for found in _pits(likelihood, one, theta)
+        (one.label, channel, pit[~np.isnan(pit)])
+        for one in likelihood.observations
+        for channel, pit in zip(
+            one.experiment.channels, leave_one_out_check(likelihood, one, theta).T, strict=True
+        )
+        if not np.isnan(pit).all()
     ]
-    lengths = {len(pit) for *_, pit in every}
-    bands = {n: ecdf_band(n, BINS - 1, FALSE_ALARM / len(every)) for n in lengths}
     return tuple(
-        Check(channel=channel, label=one.label, pit=pit, band=bands[len(pit)])
-        for one, channel, pit in every
+        Check(
+            channel=channel,
+            label=label,
+            pit=pit,
+            band=ecdf_band(len(pit), BINS - 1, FALSE_ALARM / len(every)),  # kept for each length
+        )
+        for label, channel, pit in every
     )
-
-
-def _pits(
-    likelihood: Likelihood, one: Observation, theta: Array
-) -> Iterator[tuple[Channel, Array]]:
-    pit = leave_one_out_check(likelihood, one, theta)
-    for k, channel in enumerate(one.experiment.channels):
-        seen = ~np.isnan(pit[:, k])
-        if seen.any():
-            yield channel, pit[seen, k]
 
 
 def leave_one_out_check(likelihood: Likelihood, one: Observation, theta: Array) -> Array:
@@ -146,15 +141,26 @@ def held_out(posterior: Posterior, theta: Array) -> HeldOut | None:
 
 
 def leave_one_out(posterior: Posterior, theta: Array, left: tuple[Left, ...]) -> LeftOut | str:
-    """By draws `theta (N, D)`; or why that would tell nothing."""
-    if refusal := _refusal(posterior, theta, left):
-        return refusal
+    """By draws `theta (N, D)`; or why that would tell nothing: samples that tell of each other by more
+    than the unknowns, or too many of them.
+    """
+    observations = posterior.likelihood.observations
+    if sum(one.numbers for one in observations) > MOST_SCORED:
+        return f"more than {MOST_SCORED} samples"
+    if any(remembers(one, theta) for one in observations):
+        return "its noise remembers: a sample that is left out is told by those beside it"
+    if coloured := [one for one in left if one.correlated]:
+        worst = max(coloured, key=lambda one: abs(one.correlation))
+        return (
+            f"what it leaves is not white (correlation of neighbours {worst.correlation:.2f} in "
+            f"{worst.name}): a sample that is left out is told by those beside it"
+        )
     from arviz_stats.base import array_stats  # late: it takes half a second to load
 
     smoothed: Any = array_stats.psislw
     theta = _some(theta)
     full, found = posterior.space.full(theta), []
-    for one in posterior.likelihood.observations:
+    for one in observations:
         log_p = one.pointwise(one.residuals(full).samples, theta)
         found.append(log_p[:, one.experiment.seen].T)
     log_p = np.concatenate(found)
@@ -163,23 +169,6 @@ def leave_one_out(posterior: Posterior, theta: Array, left: tuple[Left, ...]) ->
     log_w, told[differ] = smoothed(log_p[differ])
     each[differ] = scipy.special.logsumexp(log_w + log_p[differ], axis=1)
     return LeftOut(elpd=float(each.sum()), each=each, doubtful=float((told > BAD).mean()))
-
-
-def _refusal(posterior: Posterior, theta: Array, left: tuple[Left, ...]) -> str:
-    """Empty where samples tell nothing of each other but by the unknowns."""
-    observations = posterior.likelihood.observations
-    if sum(one.numbers for one in observations) > MOST_SCORED:
-        return f"more than {MOST_SCORED} samples"
-    if any(remembers(one, theta) for one in observations):
-        return "its noise remembers: a sample that is left out is told by those beside it"
-    coloured = [one for one in left if one.correlated]
-    if coloured:
-        worst = max(coloured, key=lambda one: abs(one.correlation))
-        return (
-            f"what it leaves is not white (correlation of neighbours {worst.correlation:.2f} in "
-            f"{worst.name}): a sample that is left out is told by those beside it"
-        )
-    return ""
 
 
 def remembers(one: Observation, theta: Array) -> bool:

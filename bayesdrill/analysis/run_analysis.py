@@ -97,15 +97,13 @@ class RunDraws(Value):
         verdict = () if judged is None else judged.verdict.products
         products = tuple(quantity.exponents for quantity in verdict)
         if products not in self._derived:
-            self._derived[products] = self._derive(products)
+            problem, draws = self.problem, self.sampled.draws
+            found = Derived(symbols=(), values=np.empty((*draws.shape[:2], 0)), nominal={})
+            with self.sparing.making("derived quantities"):
+                following = derived.derive(problem, draws)
+                found = derived.with_products(following, problem, draws, products)
+            self._derived[products] = found
         return self._derived[products]
-
-    def _derive(self, products: tuple[Exponents, ...]) -> Derived:
-        problem, draws = self.problem, self.sampled.draws
-        with self.sparing.making("derived quantities"):
-            found = derived.derive(problem, draws)
-            return derived.with_products(found, problem, draws, products)
-        return Derived(symbols=(), values=np.empty((*draws.shape[:2], 0)), nominal={})
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -245,7 +243,16 @@ def analyse(
         leaning=diagnostics.leaning(rows, run.draws),
         step_errors=step_errors(posterior.likelihood, best),
         torques=tuple(map(torque_summary, run.shaking)),
-        energy=tuple(map(_energy, run.accounts)),
+        energy=tuple(
+            EnergySummary(
+                label=account.label,
+                parts=account.parts,
+                came=tuple(account.came),
+                went=tuple(account.went),
+                left=account.left,
+            )
+            for account in run.accounts
+        ),
         # What another moment would leave looks like noise only where this fit does.
         moment=half_a_sample(scenery, best) if fits else None,
         course=tuple(plausibility.plausibility_of_course(scenery, best)),
@@ -272,14 +279,4 @@ def torque_summary(found: Shaking) -> TorqueSummary:
         follows=follows(found),
         courses=found.courses,
         roles=found.roles,
-    )
-
-
-def _energy(found: Account) -> EnergySummary:
-    return EnergySummary(
-        label=found.label,
-        parts=found.parts,
-        came=tuple(found.came),
-        went=tuple(found.went),
-        left=found.left,
     )

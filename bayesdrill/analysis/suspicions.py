@@ -7,8 +7,9 @@ A step that is given between two samples leaves a fit that looks like noise, and
 
 from __future__ import annotations
 
+import itertools
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -41,25 +42,21 @@ def suspicions_of_record(
     experiment: Experiment, factors: Sequence[float], model: Model
 ) -> tuple[str, ...]:
     """Of the columns alone; `factors (K,)`: SI units in one unit of each channel's column."""
-    found = []
-    for channel, values, factor in zip(experiment.channels, experiment.y.T, factors, strict=True):
-        seen = ~np.isnan(values)
-        found += _overrun(channel, experiment.t[seen], values[seen], factor)
-    return (*found, *_pairs(experiment, model))
+    columns = zip(experiment.channels, experiment.y.T, factors, strict=True)
+    overruns = (_overrun(channel, experiment.t, y, factor) for channel, y, factor in columns)
+    return (*(said for said in overruns if said), *_pairs(experiment, model))
 
 
 def suspicions_of_start(problem: Problem) -> tuple[str, ...]:
     """Channels that are the start's prediction times what a wrong unit would bring."""
     space = problem.posterior.space
     full = space.full(space.vector(space.start)[None])
-    found = []
-    for one in problem.observations:
-        found += _of_start(one, one.signals(full)[0], problem.model.gear_ratio)
-    return tuple(found)
+    every = ((one, one.signals(full)[0]) for one in problem.observations)
+    gear = problem.model.gear_ratio
+    return tuple(said for one, predicted in every for said in _of_start(one, predicted, gear))
 
 
-def _of_start(one: Observation, predicted: Array, gear: float) -> list[str]:
-    found = []
+def _of_start(one: Observation, predicted: Array, gear: float) -> Iterator[str]:
     every = zip(one.experiment.channels, one.experiment.y.T, predicted.T, strict=True)
     for channel, measured, expected in every:
         y, p = measured[~np.isnan(measured)], expected[~np.isnan(measured)]
@@ -70,11 +67,10 @@ def _of_start(one: Observation, predicted: Array, gear: float) -> list[str]:
         alike = 1 - float(np.sum((y - times * p) ** 2)) / float(y @ y)
         named = _named(times, NEAR_OF_START, gear)
         if alike > LIKE and named:
-            found.append(
+            yield (
                 f"unit: {channel.name} is {times:.3g} times what the start values predict; was it "
                 f"{named}? See its unit, its column and `measures`"
             )
-    return found
 
 
 def _named(times: float, near: float, gear: float) -> str:
@@ -91,8 +87,9 @@ def _named(times: float, near: float, gear: float) -> str:
     return " and ".join(said for said in (units, signs) if said)
 
 
-def _overrun(channel: Channel, t: Array, y: Array, factor: float) -> list[str]:
+def _overrun(channel: Channel, t: Array, y: Array, factor: float) -> str:
     """Jumps by the whole range of a counter, or by one turn, between steps that are small."""
+    t, y = t[~np.isnan(y)], y[~np.isnan(y)]
     steps = np.abs(np.diff(y / factor))
     turn = 2 * math.pi / factor if channel.unit == "rad" else math.nan
     periods = [(2.0**bits, f"2^{bits} counts") for bits in BITS] + [(turn, "one turn")]
@@ -100,13 +97,13 @@ def _overrun(channel: Channel, t: Array, y: Array, factor: float) -> list[str]:
         jumps = np.abs(steps - period) < CALM * period
         if np.any(jumps) and np.all(steps[~jumps] < CALM * period) and _goes_on(y, jumps):
             first = int(np.argmax(jumps))
-            return [
+            return (
                 f"overflow: {channel.name} jumps by about {period:.6g}, {said}, "
                 f"{int(np.sum(jumps))} times, first at {t[first + 1]:.6g} s; a counter that ran over? "
                 f"Say wraps: {period:.6g} at {channel.name}, or unwrap the column: "
                 f"np.unwrap(x, period={period:.6g})"
-            ]
-    return []
+            )
+    return ""
 
 
 def _goes_on(y: Array, jumps: Flags) -> bool:
@@ -117,61 +114,51 @@ def _goes_on(y: Array, jumps: Flags) -> bool:
     return not np.any(spikes) and bool(np.mean(np.sign(steps[at]) * np.sign(before)) <= 0)
 
 
-def _pairs(experiment: Experiment, model: Model) -> list[str]:
+def _pairs(experiment: Experiment, model: Model) -> Iterator[str]:
     """An angle and a speed of the same thing: the angle has to grow as the speed says."""
-    found = []
-    of = list(zip(experiment.channels, experiment.y.T, strict=True))
-    for angle, a in of:
-        for speed, w in of:
-            ratio = _ratio(angle, speed, model.roles.speeds)
-            both = ~np.isnan(a) & ~np.isnan(w)
-            if ratio is not None and np.sum(both) > 2:
-                t = experiment.t[both]
-                turned = w[both] * ratio
-                found += _pair(angle.name, a[both], speed.name, turned, t, model.gear_ratio)
-            if ratio is not None and both.all() and experiment.uniform:
-                found += _differenced(angle.name, a, speed.name, w, experiment.dt)
-    return found
-
-
-def _differenced(angle: str, a: Array, speed: str, w: Array, dt: float) -> list[str]:
-    if not anomalies.differenced(a, w, dt):
-        return []
-    return [
-        f"derived: the noise of {speed} is that of differences of {angle}; if it is no measurement of "
-        f"its own, it must not count twice: say derived_from: {angle} at {speed}, or leave it out"
-    ]
+    columns = zip(experiment.channels, experiment.y.T, strict=True)
+    for (angle, a), (speed, w) in itertools.product(columns, repeat=2):
+        ratio = _ratio(angle, speed, model.roles.speeds)
+        if ratio is None:
+            continue
+        both = ~np.isnan(a) & ~np.isnan(w)
+        if np.sum(both) > 2:
+            t, turned = experiment.t[both], w[both] * ratio
+            yield from _pair(angle.name, a[both], speed.name, turned, t, model.gear_ratio)
+        if both.all() and experiment.uniform and anomalies.differenced(a, w, experiment.dt):
+            yield (
+                f"derived: the noise of {speed.name} is that of differences of {angle.name}; if it is "
+                "no measurement of its own, it must not count twice: say derived_from: "
+                f"{angle.name} at {speed.name}, or leave it out"
+            )
 
 
 def _ratio(angle: Channel, speed: Channel, speeds: Mapping[str, str]) -> float | None:
     """How many times the speed's motion the angle's is, if it is the same one."""
     turned = {speeds.get(name, name): x for name, x in angle.weights.items() if x}
     moved = {name: x for name, x in speed.weights.items() if x}
-    if not all(name in speeds for name, x in angle.weights.items() if x):
-        return None
-    if not turned or turned.keys() != moved.keys():
+    angles = all(name in speeds for name, x in angle.weights.items() if x)
+    if not angles or not turned or turned.keys() != moved.keys():
         return None
     ratios = [turned[name] / moved[name] for name in turned]
     return ratios[0] if max(ratios) - min(ratios) < 1e-9 * abs(ratios[0]) else None
 
 
-def _pair(angle: str, a: Array, speed: str, w: Array, t: Array, gear: float) -> list[str]:
+def _pair(angle: str, a: Array, speed: str, w: Array, t: Array, gear: float) -> Iterator[str]:
     times, alike = _slope(_summed(w, t), a)
     if alike > LIKE and 1 / FAR < times < FAR:
-        return []
+        return
     back, backwards = _slope(_summed(a, t), w)
     if backwards > LIKE and abs(back - 1) < 2 * NEAR:
-        return [
+        yield (
             f"columns: {speed} grows as the sum of {angle} over time would, and not the other way "
             "round; are the two columns swapped?"
-        ]
-    named = _named(times, NEAR, gear)
-    if alike < LIKE or not named:
-        return []
-    return [
-        f"unit: {angle} grows {times:.3g} times as fast as {speed} says; is one of them {named}? "
-        "See their units, columns and `measures`"
-    ]
+        )
+    elif alike >= LIKE and (named := _named(times, NEAR, gear)):
+        yield (
+            f"unit: {angle} grows {times:.3g} times as fast as {speed} says; is one of them {named}? "
+            "See their units, columns and `measures`"
+        )
 
 
 def _summed(x: Array, t: Array) -> Array:

@@ -20,7 +20,6 @@ from numpy.typing import NDArray
 from bayesdrill.analysis import plausibility
 from bayesdrill.analysis.diagnostics import Row, Word, summarise
 from bayesdrill.analysis.identifiability.information import (
-    Information,
     Scenery,
     products,
     simple_exponents,
@@ -35,7 +34,6 @@ from bayesdrill.inference import residual_checks
 from bayesdrill.inference.derived import hdi
 from bayesdrill.inference.posterior import Problem
 from bayesdrill.inference.residual_checks import Left
-from bayesdrill.sampling import mode_search
 from bayesdrill.sampling.ensembles import Opened, Sampled
 from bayesdrill.sampling.mode_search import Mode
 
@@ -197,46 +195,6 @@ class Judgement:
     findings: tuple[str, ...]
 
 
-def judgement(
-    problem: Problem,
-    asked: Asked,
-    scenery: Scenery,
-    mode: Array,
-    draws: Array,
-    rows: Sequence[Row],
-    beyond: Opened | None,
-    *,
-    fits: bool,
-) -> Judgement | None:
-    """From the MAP `(D,)` and draws `(N, D)`; None where no unknown has a nominal value.
-
-    `beyond`: what is seen where priors end too near to nominal values; `fits`: see `Verdict`.
-    """
-    posterior = problem.posterior
-    if not any(name in problem.nominal for name in scenery.unknowns):
-        return None
-    found = study_of(scenery, posterior, mode, asked, "the MAP")
-    space, m = posterior.space, len(found.names)
-    prior_draws = space.draw(PRIOR_DRAWS, seeds.stream(asked.seed, "identify", 1))
-    prior_draws = prior_draws[np.isfinite(space.log_prior(prior_draws))]
-    verdict = judge(
-        found,
-        draws[:, :m],
-        prior_draws[:, :m],
-        problem.nominal,
-        problem.tolerance,
-        [row.name for row in rows if row.pressed_against is not None],
-        asked.thresholds,
-        beyond,
-        fits=fits,
-    )
-    findings = (
-        *plausibility.plausibility_of_draws(problem, draws, found.information),
-        *plausibility.plausibility_of_course(scenery, mode),
-    )
-    return Judgement(study=found, verdict=verdict, findings=findings)
-
-
 def judge(
     study: Study,
     draws: Array,
@@ -259,14 +217,14 @@ def judge(
     crowd = {*pressed} if beyond is None else {*pressed} - {*names} | {*beyond.pressed}
     seen = draws if beyond is None or beyond.draws is None else beyond.draws[:, :m]
     table = np.array([math.log(nominal.get(name, math.nan)) for name in study.names])
+    offs = [tolerance.get(name, 0.0) for name in study.names]
     scene = _Scene(
         study=study,
-        known=study.information,
         logs=np.log(draws) - table,
         seen=np.log(seen) - table,
         prior_logs=np.log(prior_draws) - table,
         table=table,
-        ends=np.array([_ends(tolerance.get(name, 0.0)) for name in study.names]),
+        ends=np.array([(math.log1p(-off), math.log1p(off)) for off in offs]),
         pressed=np.array([name in crowd for name in study.names]),
         unseen=np.array([not free and name in names for name in study.names]),
         thresholds=thresholds,
@@ -321,7 +279,6 @@ class _Scene:
     """
 
     study: Study
-    known: Information
     logs: Array
     seen: Array
     prior_logs: Array
@@ -336,7 +293,9 @@ class _Scene:
         """Whether record and priors determine it: not its own prior, not the corners of the priors."""
         powers = np.array(exponents, dtype=float)
         before = np.array([parameter.prior_sd for parameter in self.study.parameters])
-        linear = self.known.with_priors(before).bound(powers) / np.linalg.norm(before * powers)
+        linear = self.study.information.with_priors(before).bound(powers) / np.linalg.norm(
+            before * powers
+        )
         drawn = self._sd_ratio(exponents)
         if self._blind(exponents):
             return bool(max(linear, drawn) < BORROWED)
@@ -386,7 +345,7 @@ class _Scene:
         return bool(self.unseen[np.flatnonzero(exponents)].any())
 
     def _blind(self, exponents: Exponents) -> bool:
-        return not math.isfinite(self.known.bound(np.array(exponents, dtype=float)))
+        return not math.isfinite(self.study.information.bound(np.array(exponents, dtype=float)))
 
     def _sd_ratio(self, exponents: Exponents) -> float:
         before = _combined(self.prior_logs, exponents)
@@ -408,10 +367,6 @@ def _says(*, crowded: bool, shown: bool, far: bool, fits: bool) -> Says:
     return "disagrees" if fits else "in doubt"
 
 
-def _ends(tolerance: float) -> tuple[float, float]:
-    return math.log1p(-tolerance), math.log1p(tolerance)
-
-
 def _combined(logs: Array, exponents: Exponents) -> Array:
     """Only of the factors: the others may have no nominal value."""
     used = np.flatnonzero(exponents)
@@ -423,9 +378,7 @@ def reconciled(rows: Sequence[Row], verdict: Verdict) -> tuple[Row, ...]:
 
     So the verdict, which can, has the word where both say something of an unknown.
     """
-    judged = {
-        verdict.names[quantity.exponents.index(1)]: quantity for quantity in verdict.parameters
-    }
+    judged = {verdict.names[one.exponents.index(1)]: one for one in verdict.parameters}
     return tuple(
         dataclasses.replace(row, word=_word(row, judged[row.name])) if row.name in judged else row
         for row in rows
@@ -445,11 +398,30 @@ def conclude(
     problem: Problem, asked: Asked, found: Mode, sampled: Sampled, scenery: Scenery
 ) -> tuple[tuple[Row, ...], tuple[Left, ...], Judgement | None]:
     """A row for each unknown, one for each channel, and the verdict where there is a table."""
-    target = problem.posterior
+    posterior, space = problem.posterior, problem.posterior.space
     rows = summarise(problem, sampled.draws, found, sampled.convergence)
-    tops = mode_search.tops(target, found)
-    draws = sampled.draws.reshape(-1, tops.shape[1])
-    left = residual_checks.left(target.likelihood, tops[0])
-    fits = residual_checks.like_noise(left)
-    judged = judgement(problem, asked, scenery, tops[0], draws, rows, sampled.beyond, fits=fits)
-    return rows if judged is None else reconciled(rows, judged.verdict), left, judged
+    mode = space.vector(found.values)
+    left = residual_checks.left(posterior.likelihood, mode)
+    if not any(name in problem.nominal for name in scenery.unknowns):
+        return rows, left, None
+    study = study_of(scenery, posterior, mode, asked, "the MAP")
+    draws, m = sampled.draws.reshape(-1, len(mode)), len(study.names)
+    prior_draws = space.draw(PRIOR_DRAWS, seeds.stream(asked.seed, "identify", 1))
+    prior_draws = prior_draws[np.isfinite(space.log_prior(prior_draws))]
+    verdict = judge(
+        study,
+        draws[:, :m],
+        prior_draws[:, :m],
+        problem.nominal,
+        problem.tolerance,
+        [row.name for row in rows if row.pressed_against is not None],
+        asked.thresholds,
+        sampled.beyond,
+        fits=residual_checks.like_noise(left),
+    )
+    findings = (
+        *plausibility.plausibility_of_draws(problem, draws, study.information),
+        *plausibility.plausibility_of_course(scenery, mode),
+    )
+    judged = Judgement(study=study, verdict=verdict, findings=findings)
+    return reconciled(rows, verdict), left, judged

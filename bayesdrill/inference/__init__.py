@@ -14,7 +14,6 @@ if TYPE_CHECKING:
     from bayesdrill.inference.derived import HDI_PROBABILITY as HDI_PROBABILITY
     from bayesdrill.inference.derived import hdi as hdi
     from bayesdrill.inference.likelihood import Likelihood as Likelihood
-    from bayesdrill.inference.noise.contract import Noise as Noise
     from bayesdrill.inference.noise.contract import Noisy as Noisy
     from bayesdrill.inference.noise.contract import Residuals as Residuals
     from bayesdrill.inference.noise.white import White as White
@@ -30,7 +29,6 @@ __getattr__ = late(
         "Coordinates": "unknowns",
         "HDI_PROBABILITY": "derived",
         "Likelihood": "likelihood",
-        "Noise": "noise.contract",
         "Noisy": "noise.contract",
         "ParameterSpace": "unknowns",
         "Posterior": "posterior",

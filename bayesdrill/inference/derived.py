@@ -62,17 +62,17 @@ def impossible(problem: Problem) -> dict[str, str]:
     values = at(problem, problem.posterior.space.draw(_TRIED, np.random.default_rng(0)))
     found = {}
     for own in problem.derived:
-        x = values[own.symbol.name]
+        name, text, x = own.symbol.name, own.expression.text, values[own.symbol.name]
         x = np.abs(x[np.isfinite(x)])
         if not len(x):
-            what = f"is no number at any of {_TRIED} draws from the priors; mend the formula"
-        elif x.max() > _LARGEST:
-            what = (
-                f"reaches {x.max():.3g} where the priors allow it, too large for a mean; rescale it"
+            found[name] = (
+                f"'{text}' is no number at any of {_TRIED} draws from the priors; mend the formula"
             )
-        else:
-            continue
-        found[own.symbol.name] = f"'{own.expression.text}' {what}"
+        elif x.max() > _LARGEST:
+            found[name] = (
+                f"'{text}' reaches {x.max():.3g} where the priors allow it, too large for a mean; "
+                "rescale it"
+            )
     return found
 
 
@@ -151,10 +151,7 @@ def _following(problem: Problem, named: Named, n: int) -> dict[str, Array]:
     told = first.named(model.parameters)
     p = {name: np.broadcast_to(named[told[name]], n) for name in model.parameters}
     linear = model.linear(p)
-    found = {
-        **poles(model, linear, n),
-        **steady(model, linear, n, usual_inputs(first.experiment)),
-    }
+    found = poles(model, linear, n) | steady(model, linear, n, usual_inputs(first.experiment))
     known: dict[str, Array | float] = {**named, **found}
     for own in problem.derived:
         value = np.broadcast_to(own.expression.value(known), n)
@@ -241,8 +238,8 @@ def summarise(derived: Derived) -> tuple[Row, ...]:
         x = every[np.isfinite(every)]
         if len(x) < 2:
             continue
-        nominal: float | None = derived.nominal.get(symbol.name, np.nan)
-        nominal = nominal if nominal is not None and np.isfinite(nominal) else None
+        table = derived.nominal.get(symbol.name, np.nan)
+        nominal = table if np.isfinite(table) else None
         low, high = hdi(x)
         mean = float(x.mean())
         rows.append(

@@ -17,7 +17,7 @@ from typing import Protocol
 import numpy as np
 
 from bayesdrill.basics.arrays import Array, Flags
-from bayesdrill.inference.likelihood import Directions, Observation, along, weighted
+from bayesdrill.inference.likelihood import Directions, along, weighted
 from bayesdrill.inference.posterior import Posterior
 from bayesdrill.inference.priors import Prior, spread, spread_of_log
 from bayesdrill.inference.unknowns import MOVES, Coordinates, Unknown
@@ -37,14 +37,10 @@ def information_root(posterior: Posterior, theta: Array) -> Array:
     return np.asarray(np.linalg.qr(np.vstack([record, np.diag(1.0 / prior_sd)]), mode="r"))
 
 
-def covariance(posterior: Posterior, theta: Array, information: Array | None = None) -> Array:
-    """`(D, D)` in the sampler's coordinates, at the physical point `theta (D,)`.
-
-    `information (D, D)`: its root there, where that is known already.
-    """
-    if information is None:
-        information = information_root(posterior, theta)
-    spread = slopes_by_logs(posterior.coordinates, theta) @ np.linalg.inv(information)
+def covariance(posterior: Posterior, theta: Array) -> Array:
+    """`(D, D)` in the sampler's coordinates, at the physical point `theta (D,)`."""
+    known = information_root(posterior, theta)
+    spread = slopes_by_logs(posterior.coordinates, theta) @ np.linalg.inv(known)
     return np.asarray(spread @ spread.T)
 
 
@@ -82,53 +78,22 @@ def _record_rows(posterior: Posterior, theta: Array) -> Array:
     for one in posterior.likelihood.observations:
         signals = one.signals(full)
         shifts = np.where(one.experiment.seen, signals[: len(theta)] - signals[len(theta) :], 0.0)
-        slopes = _whitened(one, shifts, theta)
+        if one.white:
+            slopes = np.asarray(shifts / (2 * _STEP * one.scales(theta[None])[0]))
+        else:
+            slopes = one.inform(shifts / (2 * _STEP), np.repeat(theta[None], len(shifts), axis=0))
         rows.append(np.nan_to_num(slopes.reshape(len(theta), -1), posinf=0.0, neginf=0.0).T)
         information = one.expected(theta)
-        levels.append(_root_of(information) @ np.eye(len(theta))[one.own])
+        diagonal = information.ndim == 1
+        root_ = np.diag(np.sqrt(information)) if diagonal else np.linalg.cholesky(information).T
+        levels.append(root_ @ np.eye(len(theta))[one.own])
     return np.vstack([*rows, *levels])
-
-
-def _root_of(information: Array) -> Array:
-    """`R` with R' R the information about the unknowns of a noise, or its diagonal."""
-    if information.ndim == 1:
-        return np.diag(np.sqrt(information))
-    return np.asarray(np.linalg.cholesky(information).T)
-
-
-def _whitened(one: Observation, shifts: Array, theta: Array) -> Array:
-    """`shifts (D, T, K)` of two steps, over the noise at `theta (D,)`."""
-    if one.white:
-        return np.asarray(shifts / (2 * _STEP * one.scales(theta[None])[0]))
-    return one.inform(shifts / (2 * _STEP), np.repeat(theta[None], len(shifts), axis=0))
 
 
 def excess(posterior: Posterior, theta: Array) -> float:
     """Mean squared residual over the noise variance, at least 1."""
     ratio = float(posterior.likelihood.per_number(theta[None])[0])
     return max(ratio, 1.0) if np.isfinite(ratio) else 1.0
-
-
-def draws(
-    posterior: Posterior, theta: Array, n: int, rng: np.random.Generator, *, spread: float = 1.0
-) -> Array:
-    """`(n, D)` points of finite posterior around `theta`, in the sampler's coordinates.
-
-    Raises `ValueError` when the posterior is finite nowhere near.
-    """
-    centre = posterior.coordinates.from_physical(theta[None])[0]
-    steps = root(covariance(posterior, theta)) * spread
-    kept: list[Array] = []
-    have = 0
-    for attempt in range(60):
-        shrink = 0.5 ** max(0, attempt - 20)
-        z = centre + shrink * rng.standard_normal((n, len(theta))) @ steps.T
-        good = z[np.isfinite(posterior(z))]
-        kept.append(good)
-        have += len(good)
-        if have >= n:
-            return np.concatenate(kept)[:n]
-    raise ValueError("no point of finite posterior was found around the start")
 
 
 def root(matrix: Array) -> Array:
@@ -206,7 +171,9 @@ class PosteriorSurface:
         self.low, self.high = posterior.coordinates.from_physical(ends)
         shares = (np.arange(SHARES) + 0.5) / SHARES
         quantiles = np.stack([prior.quantile(shares) for prior in self._priors], axis=-1)
-        usual = posterior.coordinates.from_physical(_within(posterior, quantiles))
+        # Where coordinates are numbers.
+        floor = [-np.inf if one.signed else 1e-300 for one in posterior.space.unknowns]
+        usual = posterior.coordinates.from_physical(np.maximum(quantiles, floor))
         self.middle, self.spread = usual.mean(axis=0), usual.std(axis=0)
         # What lies at an end must not be rounded beyond it.
         self.low, self.high = self.low + ROUNDED * self.spread, self.high - ROUNDED * self.spread
@@ -291,9 +258,3 @@ def ends_of(prior: Prior, tail: float) -> tuple[float, float]:
     low = prior.low if bounded else float(prior.quantile(np.array(tail)))
     high = prior.high if np.isfinite(prior.high) else float(prior.quantile(np.array(1 - tail)))
     return low, high
-
-
-def _within(posterior: Posterior, theta: Array) -> Array:
-    """Where coordinates are numbers."""
-    floor = [-np.inf if one.signed else 1e-300 for one in posterior.space.unknowns]
-    return np.maximum(theta, floor)

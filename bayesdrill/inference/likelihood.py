@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import islice
 from typing import Any, Protocol, Self
 
 import numpy as np
@@ -28,10 +27,12 @@ class Remains:
     """Measured minus model, `noise.contract.Residuals`: each as it is first asked for.
 
     `full (W, P)`: of this simulator alone.  Samples are NaN where nothing was measured.
+    `over_scales (W, K)`: sums of squares over the noise's scales, where a kernel has told them already.
     """
 
     response: Simulator
     full: Array
+    over_scales: Array | None = None
 
     @cached_property
     def squares(self) -> Array:
@@ -42,7 +43,7 @@ class Remains:
         return np.asarray(self.response.experiment.y - self.response.signals(self.full))
 
     def weighed(self, weights: Array) -> Array:
-        return self.squares * weights**2
+        return self.squares * weights**2 if self.over_scales is None else self.over_scales
 
     @cached_property
     def neighbours(self) -> Array:
@@ -53,16 +54,6 @@ class Remains:
 
     def intervals(self, over: Array, half: Array) -> Array:
         return self.response.intervals(self.full, over, half)
-
-
-@dataclass(frozen=True)
-class Fused(Remains):
-    """Of which a kernel has told the sums of squares over the noise's scales, `(W, K)`."""
-
-    over_scales: Array
-
-    def weighed(self, weights: Array) -> Array:
-        return self.over_scales
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -289,7 +280,7 @@ class Observation:
         if self.noise.white:
             turned, scales = self.told(along), 1.0 / self.noise.scales(own)
             squares, slope, curvature = self.response.normal(left.full, turned, scales)
-            return Fused(self.response, left.full, squares), slope, curvature
+            return Remains(self.response, left.full, squares), slope, curvature
         seen = self.experiment.seen
         shifts = np.where(seen, self.sensitivities(full, along), 0.0)  # (W, q, T, K)
         pull = np.where(seen, self.noise.pull(left.samples, own), 0.0)
@@ -331,34 +322,9 @@ class Likelihood:
     apart: tuple[Observation, ...] = ()
 
     @classmethod
-    def of(cls, space: ParameterSpace, *pairs: tuple[Simulator, Noise]) -> Likelihood:
-        """Of simulators with their noises, whose unknowns stand in `space` in this order."""
-        levels = iter([space.free[column] for column in space.columns("noise")])
-        parts = [
-            Observation(
-                response=response,
-                noise=noise,
-                parameters=space.model,
-                levels=[*islice(levels, len(noise.unknowns))],
-            )
-            for response, noise in pairs
-        ]
-        return cls.joint(space, parts)
-
-    @classmethod
     def joint(cls, space: ParameterSpace, parts: Sequence[Observation]) -> Likelihood:
         """Of several experiments; their names stand in `space`."""
         return cls(tuple(one.placed(space) for one in parts), space)
-
-    def edited(
-        self, space: ParameterSpace, each: Callable[[Observation], Observation]
-    ) -> Likelihood:
-        """Return it for the unknowns of `space`, each observation replaced by another."""
-        every, apart = (
-            tuple(each(one).placed(space) for one in some)
-            for some in (self.observations, self.apart)
-        )
-        return Likelihood(every, space, apart)
 
     def without(self, labels: Collection[str]) -> Likelihood:
         """With these experiments `apart`."""

@@ -52,13 +52,15 @@ class Posterior:
         """
         space = self.space if not free else _with_unknowns(self.space, free)
         space = space if not priors else space.with_priors(priors)
-        likelihood = self.likelihood.edited(space, each)
+        observations, apart = (
+            tuple(each(one).placed(space) for one in some)
+            for some in (self.likelihood.observations, self.likelihood.apart)
+        )
         if records:
-            pairs = zip(likelihood.observations, records, strict=True)
-            measured = tuple(one.with_record(y) for one, y in pairs)
-            likelihood = dataclasses.replace(likelihood, observations=measured)
+            pairs = zip(observations, records, strict=True)
+            observations = tuple(one.with_record(y) for one, y in pairs)
         coordinates = self.coordinates if space is self.space else space.coordinates()
-        return Posterior(space, likelihood, coordinates)
+        return Posterior(space, Likelihood(observations, space, apart), coordinates)
 
     def __call__(self, z: Array) -> Array:
         return self.evaluate(z)[0]

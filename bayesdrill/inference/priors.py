@@ -12,7 +12,7 @@ import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
-from typing import Annotated, Any, ClassVar, Protocol
+from typing import Annotated, Any, ClassVar
 
 import numpy as np
 import scipy
@@ -25,85 +25,61 @@ from bayesdrill.basics.entries import SMALLEST, NonNegative, Number, Positive
 _LOG_SQRT_2PI = 0.5 * math.log(2 * math.pi)
 
 
-class Prior(Protocol):
-    """`low`, `high`: the ends of the support; `quantile` is the inverse of the distribution."""
+class Prior:
+    """The contract of a family, and what most are: `low`, `high` are the ends of its support."""
 
-    @property
-    def flat(self) -> bool:
-        """Whether its density is the same everywhere between its ends."""
-        ...
+    __slots__ = ()
+    # Whether its density is the same everywhere between its ends.
+    flat: ClassVar[bool] = False
+    # Whether it says of the log what a uniform prior says of a quantity itself.
+    flat_in_logs: ClassVar[bool] = False
+    # Whether its density vanishes at its ends, so that they are no bounds, only improbable.
+    vanishes_at_ends: ClassVar[bool] = False
 
-    @property
-    def flat_in_logs(self) -> bool:
-        """Whether it says of the log what a uniform prior says of a quantity itself."""
-        ...
-
-    @property
-    def vanishes_at_ends(self) -> bool:
-        """Whether its density does, so that they are no bounds, only improbable."""
-        ...
-
-    @property
-    def low(self) -> float: ...
-
-    @property
-    def high(self) -> float: ...
+    low: float
+    high: float
 
     @property
     def in_logs(self) -> bool:
         """Whether its log is the scale of the unknown: not where zero itself has a density."""
-        ...
+        return self.low > 0
 
-    def logpdf(self, x: Array) -> Array: ...
+    def logpdf(self, x: Array) -> Array:
+        """Log density at `x (N,)`: `(N,)`."""
+        raise NotImplementedError
 
-    def quantile(self, u: Array) -> Array: ...
+    def quantile(self, u: Array) -> Array:
+        """The inverse of the distribution."""
+        raise NotImplementedError
 
     def extended(self, low: float, high: float) -> Prior:
         """The same density with other ends, where it has some."""
-        ...
-
-    def scaled(self, factor: float) -> Prior:
-        """That of the unknown times a positive factor, as in another unit."""
-        ...
-
-    def describe(self) -> str: ...
-
-
-class _Family:
-    """What most families are."""
-
-    __slots__ = ()
-    flat: ClassVar[bool] = False
-    flat_in_logs: ClassVar[bool] = False
-    vanishes_at_ends: ClassVar[bool] = False
-
-    def extended(self: Prior, low: float, high: float) -> Prior:
         return self
 
     def scaled(self: Any, factor: float) -> Prior:
+        """That of the unknown times a positive factor, as in another unit."""
         every = (field.name for field in dataclasses.fields(self))
         moved = {name: getattr(self, name) * factor for name in every if name != "sd_log"}
         made: Prior = dataclasses.replace(self, **moved)
         return made
 
-
-class _Positive(_Family):
-    """And those of all positive numbers."""
-
-    __slots__ = ()
-    low: ClassVar[float] = 0.0
-    high: ClassVar[float] = math.inf
-    in_logs: ClassVar[bool] = False
+    def describe(self) -> str:
+        """In words, without a unit."""
+        raise NotImplementedError
 
 
-class _Ended(_Family):
-    """And those with ends of their own."""
+class _Positive(Prior):
+    """Of all positive numbers."""
 
     __slots__ = ()
+    low: float = 0.0
+    high: float = math.inf
 
-    @property
-    def in_logs(self: Any) -> bool:
-        return bool(self.low > 0)
+
+class _Ended(Prior):
+    """With ends of its own."""
+
+    __slots__ = ()
 
     def extended(self: Any, low: float, high: float) -> Prior:
         made: Prior = dataclasses.replace(self, low=low, high=high)
@@ -199,13 +175,16 @@ class LogNormal(_Positive):
     """log x is normal with mean log(median) and standard deviation `sd_log`."""
 
     vanishes_at_ends: ClassVar[bool] = True
-    in_logs: ClassVar[bool] = True
 
     median: Positive
     sd_log: Annotated[
         float,
         Field(ge=SMALLEST, le=20, description="Standard deviation of the natural logarithm."),
     ]
+
+    @property
+    def in_logs(self) -> bool:
+        return True
 
     def logpdf(self, x: Array) -> Array:
         inside = x > 0

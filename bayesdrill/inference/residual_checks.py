@@ -8,7 +8,7 @@ something to do with the next.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -100,40 +100,26 @@ def left(likelihood: Likelihood, theta: Array) -> tuple[Left, ...]:
     )
 
 
-def _of(one: Observation, full: Array, theta: Array, channels: int) -> list[Left]:
+def _of(one: Observation, full: Array, theta: Array, channels: int) -> Iterator[Left]:
     """`channels`: how many there are in all observations."""
     experiment = one.experiment
-    remains = experiment.y - one.followed(full, theta)
-    residuals = one.whiten(one.residuals(full).samples, theta)[0]
-    return [
-        _channel(
-            one,
-            k,
-            remains[0, seen, k],
-            residuals[seen, k],
-            limits(int(seen.sum()), channels, theta.shape[1]),
+    remains = (experiment.y - one.followed(full, theta))[0]
+    whitened = one.whiten(one.residuals(full).samples, theta)[0]
+    for k, seen in enumerate(experiment.seen.T):
+        residuals, n = whitened[seen, k], int(seen.sum())
+        squares = float(residuals @ residuals)
+        spread = float(experiment.y[seen, k].std())
+        worst = int(np.abs(residuals).argmax())
+        yield Left(
+            channel=experiment.names[k],
+            rms=math.sqrt(squares / n),
+            share=math.sqrt(np.mean(remains[seen, k] ** 2)) / spread if spread > 0 else math.nan,
+            correlation=float(residuals[1:] @ residuals[:-1]) / squares if squares > 0 else 0.0,
+            farthest=float(abs(residuals[worst])),
+            time=float(experiment.t[seen][worst]),
+            limits=limits(n, channels, theta.shape[1]),
+            experiment=one.label,
         )
-        for k, seen in enumerate(experiment.seen.T)
-    ]
-
-
-def _channel(one: Observation, k: int, remains: Array, residuals: Array, found: Limits) -> Left:
-    """Of channel `k`, from its own samples `(n,)`."""
-    n, seen = len(residuals), one.experiment.seen[:, k]
-    y, t = one.experiment.y[seen, k], one.experiment.t[seen]
-    squares = float(residuals @ residuals)
-    spread = float(y.std())
-    worst = int(np.abs(residuals).argmax())
-    return Left(
-        channel=one.experiment.names[k],
-        rms=math.sqrt(squares / n),
-        share=math.sqrt(np.mean(remains**2)) / spread if spread > 0 else math.nan,
-        correlation=float(residuals[1:] @ residuals[:-1]) / squares if squares > 0 else 0.0,
-        farthest=float(abs(residuals[worst])),
-        time=float(t[worst]),
-        limits=found,
-        experiment=one.label,
-    )
 
 
 def limits(samples: int, channels: int, unknowns: int) -> Limits:

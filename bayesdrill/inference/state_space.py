@@ -206,26 +206,24 @@ class ShakenObservation(Observation):
         slope, curvature = np.empty((n, q)), np.empty((n, q, q))
         chunk = max(1, int(MOST_BYTES / (64 * q * max(left[0].size, 1))))
         for rows in (slice(k, k + chunk) for k in range(0, n, chunk)):
-            slope[rows], curvature[rows] = self._expanded(
-                left[rows], slopes[rows], own[rows], along[rows]
-            )
+            told, levels = np.repeat(own[rows], q, axis=0), along[rows].reshape(-1, along.shape[2])
+            with np.errstate(all="ignore"):
+                found = self.filtered.slopes(
+                    (self._of_process(told), self._slopes_of_process(levels)),
+                    (
+                        self._scales(told),
+                        self._scales(levels) - self._scales(np.zeros_like(levels)),
+                    ),
+                    (
+                        np.repeat(left[rows], q, axis=0),
+                        slopes[rows].reshape(-1, *left.shape[1:]),
+                    ),
+                )
+            white, change, variance, wider = (part.reshape(len(told) // q, q, -1) for part in found)
+            ratio = 0.5 * wider / variance
+            slope[rows] = -(white * change).sum(axis=-1) - ratio.sum(axis=-1)
+            curvature[rows] = change @ change.swapaxes(1, 2) + ratio @ ratio.swapaxes(1, 2)
         return slope, curvature
-
-    def _expanded(
-        self, left: Array, slopes: Array, own: Array, along: Array
-    ) -> tuple[Array, Array]:
-        n, q = along.shape[:2]
-        told, levels = np.repeat(own, q, axis=0), along.reshape(n * q, -1)
-        with np.errstate(all="ignore"):
-            found = self.filtered.slopes(
-                (self._of_process(told), self._slopes_of_process(levels)),
-                (self._scales(told), self._slopes_of_scales(levels)),
-                (np.repeat(left, q, axis=0), slopes.reshape(n * q, *left.shape[1:])),
-            )
-        white, change, variance, wider = (part.reshape(n, q, -1) for part in found)
-        ratio = 0.5 * wider / variance
-        slope = -(white * change).sum(axis=-1) - ratio.sum(axis=-1)
-        return slope, change @ change.swapaxes(1, 2) + ratio @ ratio.swapaxes(1, 2)
 
     def _slopes_of_process(self, along: Array) -> Array:
         """What is held does not move."""
@@ -237,9 +235,6 @@ class ShakenObservation(Observation):
             if not isinstance(self.process[name], Unknown):
                 found[..., count + k] = 0.0
         return found
-
-    def _slopes_of_scales(self, along: Array) -> Array:
-        return self._scales(along) - self._scales(np.zeros_like(along))
 
     def expected(self, theta: Array) -> Array:
         own, count = self._own(theta[None]), len(self.unknowns)

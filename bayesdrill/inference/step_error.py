@@ -49,16 +49,10 @@ class StepError:
         return self.worst <= ENOUGH
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class EvidenceShift:
-    """What the truth adds to a log evidence that was found in steps, and its standard error."""
+def evidence_shift(posterior: Posterior, draws: Array) -> tuple[float, float] | None:
+    """What the truth adds to a log evidence that was found in steps, and its standard error.
 
-    added: float
-    error: float
-
-
-def evidence_shift(posterior: Posterior, draws: Array) -> EvidenceShift | None:
-    """From its draws `(N, D)`, physical; None where nothing is stepped, or no truth is finite.
+    From its draws `(N, D)`, physical; None where nothing is stepped, or no truth is finite.
 
     The ratio of the evidences is the mean over the posterior of the ratio of the likelihoods, in finer
     steps and in its own.
@@ -69,21 +63,20 @@ def evidence_shift(posterior: Posterior, draws: Array) -> EvidenceShift | None:
     steps = sum(_steps(_truth(one.response)).pieces * len(one.experiment.t) for one in every)
     most = min(max(ALL_STEPS // steps, LEAST), WEIGHED)
     some = draws[:: max(1, -(-len(draws) // most))]
+
+    def finer(part: int) -> Posterior:
+        return _with(posterior, lambda one: _truth(one.response, part))
+
     here, found = _log_likelihood(posterior, some), []
     for part in (HALF, 1):
-        finer = _finer(posterior, part)
-        logs = np.nan_to_num(_log_likelihood(finer, some) - here, nan=-np.inf)
+        logs = np.nan_to_num(_log_likelihood(finer(part), some) - here, nan=-np.inf)
         top = float(logs.max())
         if not math.isfinite(top):
             return None
         weights = np.exp(logs - top)
         found.append(top + math.log(weights.mean()))
     spread = float(weights.std(ddof=1) / weights.mean()) / math.sqrt(len(weights))
-    return EvidenceShift(added=found[1], error=math.hypot(spread, found[1] - found[0]))
-
-
-def _finer(posterior: Posterior, part: int) -> Posterior:
-    return _with(posterior, lambda one: _by(one, _truth(one.response, part)))
+    return found[1], math.hypot(spread, found[1] - found[0])
 
 
 def _log_likelihood(posterior: Posterior, draws: Array) -> Array:
@@ -95,7 +88,15 @@ def _log_likelihood(posterior: Posterior, draws: Array) -> Array:
 def step_errors(likelihood: Likelihood, theta: Array) -> tuple[StepError, ...]:
     """Of all experiments that are stepped, at `theta (D,)`."""
     full = likelihood.space.full(theta[None])
-    return tuple(_error(one, full, theta) for one in _stepped(likelihood))
+    return tuple(
+        StepError(
+            label=one.label,
+            channels=one.experiment.names,
+            pieces=_steps(one.response).pieces,
+            errors=tuple(map(float, _errors(one, one.response, full, theta[None])[0])),
+        )
+        for one in _stepped(likelihood)
+    )
 
 
 def chosen(posterior: Posterior, theta: Array, most: int = MOST) -> Posterior:
@@ -119,20 +120,21 @@ def taking(posterior: Posterior, steps: Mapping[str, Taken]) -> Posterior:
     """With steps as `taken` told them; the very same where they are what it takes."""
     if steps.items() <= taken(posterior).items():
         return posterior
-    return _with(posterior, lambda one: _in(one, *steps[one.label]) if one.label in steps else one)
+
+    def made(one: Observation) -> Simulator:
+        told = steps.get(one.label)
+        return one.response.finer(*told, chosen=True) if told else one.response
+
+    return _with(posterior, made)
 
 
-def _with(posterior: Posterior, made: Callable[[Observation], Observation]) -> Posterior:
-    """With other observations where they are stepped."""
-    return posterior.edit(each=lambda one: made(one) if one.response.stepping else one)
+def _with(posterior: Posterior, made: Callable[[Observation], Simulator]) -> Posterior:
+    """With other simulators where they are stepped."""
 
+    def each(one: Observation) -> Observation:
+        return dataclasses.replace(one, response=made(one)) if one.response.stepping else one
 
-def _in(one: Observation, pieces: int, turns: int) -> Observation:
-    return _by(one, one.response.finer(pieces, turns, chosen=True))
-
-
-def _by(one: Observation, response: Simulator) -> Observation:
-    return dataclasses.replace(one, response=response)
+    return posterior.edit(each=each)
 
 
 def _about(posterior: Posterior, theta: Array) -> Array:
@@ -155,23 +157,14 @@ def _steps(response: Simulator) -> Stepping:
     return response.stepping
 
 
-def _fine(one: Observation, tried: Sequence[Taken], full: Array, theta: Array) -> Observation:
-    made = one
+def _fine(one: Observation, tried: Sequence[Taken], full: Array, theta: Array) -> Simulator:
+    made = one.response
     for pieces, turns in tried:
-        made = _in(one, pieces, turns)
-        worst = np.sort(_errors(made, full, theta).max(axis=1))
+        made = one.response.finer(pieces, turns, chosen=True)
+        worst = np.sort(_errors(one, made, full, theta).max(axis=1))
         if not worst[-1 - STRANGE] > SAFE * ENOUGH:
             break
     return made
-
-
-def _error(one: Observation, full: Array, theta: Array) -> StepError:
-    return StepError(
-        label=one.label,
-        channels=one.experiment.names,
-        pieces=_steps(one.response).pieces,
-        errors=tuple(map(float, _errors(one, full, theta[None])[0])),
-    )
 
 
 def _truth(response: Simulator, part: int = 1) -> Simulator:
@@ -181,9 +174,11 @@ def _truth(response: Simulator, part: int = 1) -> Simulator:
     return response.finer(pieces * max(1, max(2, min(FINER, allowed)) // part))
 
 
-def _errors(one: Observation, full: Array, theta: Array) -> Array:
-    """The most that steps do to a sample `(W, K)`, over its sd.  A walker that overflows has none."""
-    response, told = one.response, one.told(full)
+def _errors(one: Observation, response: Simulator, full: Array, theta: Array) -> Array:
+    """The most that the steps of `response` do to a sample `(W, K)`, over its sd.  A walker that
+    overflows has none.
+    """
+    told = one.told(full)
     truth = _truth(response).signals(told)
     off = np.abs(response.signals(told) - truth)
     with np.errstate(invalid="ignore"):

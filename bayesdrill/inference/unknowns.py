@@ -12,10 +12,10 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 import scipy
@@ -207,15 +207,10 @@ class ParameterSpace:
 
     def with_priors(self, priors: Mapping[str, Prior]) -> ParameterSpace:
         """With other priors of some."""
-        return self._each(lambda one: {"prior": priors.get(one.name, one.prior)})
-
-    def with_start(self, start: Mapping[str, float]) -> ParameterSpace:
-        """Where searches for the MAP begin elsewhere."""
-        return self._each(lambda one: {"start": start.get(one.name, one.start)})
-
-    def _each(self, changes: Callable[[Unknown], dict[str, Any]]) -> ParameterSpace:
-        changed = tuple(dataclasses.replace(one, **changes(one)) for one in self.unknowns)
-        return dataclasses.replace(self, unknowns=changed)
+        changed = (
+            dataclasses.replace(one, prior=priors.get(one.name, one.prior)) for one in self.unknowns
+        )
+        return dataclasses.replace(self, unknowns=tuple(changed))
 
     def coordinates(self) -> Coordinates:
         """In which samplers walk."""

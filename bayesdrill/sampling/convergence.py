@@ -12,7 +12,7 @@ sample size comes from the autocorrelation time of an ensemble, averaged over it
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -46,22 +46,19 @@ def suspicions(kept: Kept) -> tuple[str, ...]:
 
     A walker found out by one look is left out of the next, so that each trouble has one name.
     """
-    still = standing_still(kept.theta)
-    low = spending_time_low(kept.log_p) & ~still
+    stay, medians = longest_stay(kept.theta), np.median(kept.log_p, axis=1)
+    # Walkers that once did not move for too long.
+    usual, least = float(np.median(stay)), STILL_SHARE * kept.theta.shape[1]
+    still = stay >= (least if usual >= least else max(least, STILL_RATIO * usual))
+    # Walkers whose median log density is rare among the better half of the walkers.
+    better = np.moveaxis(kept.log_p, 1, 2)[medians >= np.median(medians)]
+    low = (medians < np.quantile(better, LOW)) & ~still
     sound = ~(still | low)
-    found = [*_of_still(kept, still), *_of_low(kept, low, sound)]
+    found = [*_of_still(kept, still, stay), *_of_low(kept, low, sound, medians)]
     if (sound.sum(axis=1) > 1).any():
         sd = _series(kept.theta, sound).std(axis=0)
         found += _of_two_places(kept, sound, sd) or _of_growing_tau(kept, sound, sd)
     return tuple(found)
-
-
-def standing_still(theta: Array) -> Flags:
-    """`(E, W)`: walkers that once did not move for too long."""
-    stay = longest_stay(theta)
-    usual = float(np.median(stay))
-    least = STILL_SHARE * theta.shape[1]
-    return np.asarray(stay >= (least if usual >= least else max(least, STILL_RATIO * usual)))
 
 
 def longest_stay(theta: Array) -> Indices:
@@ -70,13 +67,6 @@ def longest_stay(theta: Array) -> Indices:
     step = np.arange(1, theta.shape[1])[:, None]
     last = np.maximum.accumulate(np.where(moved, step, 0), axis=1)
     return np.asarray((step - last).max(axis=1))
-
-
-def spending_time_low(log_p: Array) -> Flags:
-    """`(E, W)`: walkers whose median log density is rare among the better half of the walkers."""
-    medians = np.median(log_p, axis=1)
-    better = np.moveaxis(log_p, 1, 2)[medians >= np.median(medians)]
-    return np.asarray(medians < np.quantile(better, LOW))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -132,35 +122,33 @@ def long_run_tau(theta: Array, chosen: Flags, sd: Array, parts: int = 1) -> Arra
     return np.asarray(length * total / max(freedom, 1) / np.where(sd > 0, sd, 1.0) ** 2)
 
 
-def _of_still(kept: Kept, still: Flags) -> list[str]:
+def _of_still(kept: Kept, still: Flags, stay: Indices) -> Iterator[str]:
     n_steps = kept.theta.shape[1]
-    if not still.any():
-        return []
     if still.mean() > 0.5:
-        return [
+        yield (
             f"{still.sum()} of {still.size} walkers did not move for {STILL_SHARE:.0%} of {n_steps} "
             "steps or longer: the moves do not suit this posterior; give sampler.moves other shares"
-        ]
-    stay = np.where(still, longest_stay(kept.theta), 0)
-    ensemble, walker = np.unravel_index(int(np.argmax(stay)), stay.shape)
-    return [
-        f"{_counted(still)} stuck: the longest did not move for {stay.max()} of {n_steps} steps "
-        f"({_where(kept, int(ensemble), int(walker), ~still)}); start over with another seed, and if "
-        "it happens there again look at what the model does at this place"
-    ]
+        )
+    elif still.any():
+        stay = np.where(still, stay, 0)
+        ensemble, walker = np.unravel_index(int(np.argmax(stay)), stay.shape)
+        yield (
+            f"{_counted(still)} stuck: the longest did not move for {stay.max()} of {n_steps} steps "
+            f"({_where(kept, int(ensemble), int(walker), ~still)}); start over with another seed, and "
+            "if it happens there again look at what the model does at this place"
+        )
 
 
-def _of_low(kept: Kept, low: Flags, sound: Flags) -> list[str]:
+def _of_low(kept: Kept, low: Flags, sound: Flags, medians: Array) -> Iterator[str]:
     if not low.any():
-        return []
-    medians = np.median(kept.log_p, axis=1)
+        return
     ensemble, walker = np.unravel_index(int(np.argmin(np.where(low, medians, np.inf))), low.shape)
-    return [
+    yield (
         f"{_counted(low)} far from where the posterior is: log density {medians[ensemble, walker]:.1f}"
         f", the others' {np.median(medians[sound]):.1f} "
         f"({_where(kept, int(ensemble), int(walker), sound)}); caught in a lesser maximum or still on "
         "the way: start over with another seed, or give the prior an end that leaves the place out"
-    ]
+    )
 
 
 def _of_two_places(kept: Kept, sound: Flags, sd: Array) -> list[str]:
@@ -331,7 +319,7 @@ def assess(
     ess_bulk = np.minimum(_each(array_stats.ess, draws, method="bulk"), still)
     ess_tail = np.minimum(_each(array_stats.ess, draws, method="tail", prob=0.9), still)
     apart = not (r_hat <= targets.r_hat).all()
-    missing = _reasons(names, targets, tau, r_hat, ess_bulk, n_tau)
+    missing = list(_reasons(names, targets, tau, r_hat, ess_bulk, n_tau))
     named: tuple[str, ...] = ()
     if kept.shape[1] >= LEAST_KEPT:
         density = np.zeros(kept.shape[:-1]) if log_p is None else log_p[:, burn_in:]
@@ -345,7 +333,9 @@ def assess(
     return Convergence(
         steps=n_steps,
         burn_in=burn_in,
-        burn_in_rule=_rule(found.early, capped=capped),
+        burn_in_rule=f"half of the run, too short for {BURN_IN_TAUS} autocorrelation times"
+        if capped
+        else f"{BURN_IN_TAUS} autocorrelation times of {found.early:.1f} steps",
         thin=thin,
         tau=tau,
         r_hat=r_hat,
@@ -362,12 +352,6 @@ def _enough(steps: int, targets: Targets, n_tau: float, ess: Array) -> int | Non
     """By proportion, with something to spare; None where nothing is missing."""
     short = max(targets.n_tau / n_tau, targets.ess / float(ess.min()))
     return math.ceil(AMPLY * short * steps) if short > 1 else None
-
-
-def _rule(tau: float, *, capped: bool) -> str:
-    if capped:
-        return f"half of the run, too short for {BURN_IN_TAUS} autocorrelation times"
-    return f"{BURN_IN_TAUS} autocorrelation times of {tau:.1f} steps"
 
 
 def thinned(chains: Array, burn_in: int, thin: int) -> Array:
@@ -458,23 +442,19 @@ def _reasons(
     r_hat: Array,
     ess: Array,
     n_tau: float,
-) -> list[str]:
-    reasons = []
+) -> Iterator[str]:
     if not np.all(np.isfinite(r_hat)) or r_hat.max() > targets.r_hat:
         worst = int(np.argmax(np.nan_to_num(r_hat, nan=np.inf)))
-        reasons.append(
+        yield (
             f"the ensembles disagree on {names[worst]}: R-hat {r_hat[worst]:.4f}, "
             f"wanted at most {targets.r_hat:g}"
         )
     if n_tau < targets.n_tau:
         worst = int(np.argmax(tau))
-        reasons.append(
+        yield (
             f"the chain is {n_tau:.0f} autocorrelation times long (tau {tau[worst]:.0f} steps, "
             f"{names[worst]}), wanted at least {targets.n_tau:g}"
         )
     if not np.all(np.isfinite(ess)) or ess.min() < targets.ess:
         worst = int(np.argmin(np.nan_to_num(ess, nan=0.0)))
-        reasons.append(
-            f"{ess[worst]:.0f} effective draws of {names[worst]}, wanted at least {targets.ess:g}"
-        )
-    return reasons
+        yield f"{ess[worst]:.0f} effective draws of {names[worst]}, wanted at least {targets.ess:g}"

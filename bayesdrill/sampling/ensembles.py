@@ -91,18 +91,12 @@ def prepare(
     with threadpool_limits(1):
         rng = seeds.stream(seed, "learn", 1)
         # Where the density over the coordinates is highest, most of the posterior is near.
-        central, settle = list(_central(surface, tops)), not dear(posterior)
-        return learn(surface, expand, central, random, rng, again, report, settle=settle)
-
-
-def _central(surface: PosteriorSurface, tops: Array) -> Array:
-    """Maxima `(M, D)` over the coordinates instead; one is not moved to where another is."""
-    found = climb(surface, tops, UPWARD).u
-    for k in range(1, len(tops)):
-        near = np.abs(found[:k] - found[k]) < SAME_MODE * surface.spread
-        if near.all(axis=1).any():
-            found[k] = tops[k]
-    return found
+        central, settle = climb(surface, tops, UPWARD).u, not dear(posterior)
+        for k in range(1, len(tops)):  # one is not moved to where another is
+            near = np.abs(central[:k] - central[k]) < SAME_MODE * surface.spread
+            if near.all(axis=1).any():
+                central[k] = tops[k]
+        return learn(surface, expand, list(central), random, rng, again, report, settle=settle)
 
 
 def fits(posterior: Posterior, maxima: Array) -> bool:
@@ -114,18 +108,14 @@ def fits(posterior: Posterior, maxima: Array) -> bool:
     return left < FAR_TOO_LARGE**2
 
 
-def rubs(posterior: Posterior) -> bool:
-    """Whether slopes jump where friction lets go: no way home along them."""
-    return any(one.response.model.frictions for one in posterior.likelihood.observations)
-
-
 def dear(posterior: Posterior) -> bool:
-    """Whether slopes are no way home, or so many that a walk along settled ridges, of some 1e5 points,
-    takes minutes: where each sample has its own, and not sums alone.
+    """Whether slopes are no way home, as they jump where friction lets go, or so many that a walk along
+    settled ridges, of some 1e5 points, takes minutes: where each sample has its own, and not sums alone.
     """
-    each = [one for one in posterior.likelihood.observations if not one.response.exact]
+    observations = posterior.likelihood.observations
+    each = [one for one in observations if not one.response.exact]
     numbers = sum(len(one.experiment.t) for one in each) * len(posterior.space.free)
-    return rubs(posterior) or numbers > MOST_SLOPES
+    return numbers > MOST_SLOPES or any(one.response.model.frictions for one in observations)
 
 
 def expanded(posterior: Posterior, u: Array, directions: Array) -> Expansion:
@@ -155,8 +145,10 @@ def begin_walkers(
         elif mirrored < 0:
             fresh = proposal.draw(wanted, posterior.supports, random)[0]
         else:
-            nearer = centre + 0.25**mirrored * (wide.draw(wanted, random).u - centre)
-            fresh = _mirrored(posterior, nearer)
+            fresh = centre + 0.25**mirrored * (wide.draw(wanted, random).u - centre)
+            ends = PosteriorSurface(posterior)
+            fresh = np.where(fresh < ends.low, 2.0 * ends.low - fresh, fresh)
+            fresh = np.where(fresh > ends.high, 2.0 * ends.high - fresh, fresh)
         z[missing], log_p[missing] = fresh, posterior(fresh)
         missing = ~(log_p > log_p.max() - DEEP)
         if mirrored < 0:
@@ -164,13 +156,6 @@ def begin_walkers(
         if not missing.any():
             return State(z, log_p, seeds.legacy_state(seed, "walk", ensemble))
     raise Nowhere("no point of finite posterior was found around the maximum")
-
-
-def _mirrored(posterior: Posterior, z: Array) -> Array:
-    """At the ends of the priors, where `z (n, D)` lie beyond them."""
-    surface = PosteriorSurface(posterior)
-    z = np.where(z < surface.low, 2.0 * surface.low - z, z)
-    return np.where(z > surface.high, 2.0 * surface.high - z, z)
 
 
 FIRST_CHECK = 200  # steps
@@ -267,6 +252,7 @@ def walk(
     moves: Mapping[str, float],
     proposal: Proposal,
 ) -> Piece:
+    """`n_steps` of one ensemble further."""
     own = bound(proposal, posterior)
     return advance(posterior.evaluate, state, n_steps, moves, own, posterior.supports)
 
@@ -339,8 +325,21 @@ def sample(
     `maxima (M, D)`: physical, each of which may hold some of the posterior.
     """
     learnt = prepare(crew, posterior, maxima, plan.seed, report)
-    report.say(_said(learnt))
-    under_way = _taken_up(crew, posterior, learnt.proposal, plan, shelf)
+    where = "the ridge" if len(learnt.off) == 1 else f"{len(learnt.off)} ridges"
+    report.say(
+        f"proposal: learnt along {where} of the posterior, accepted {learnt.acceptance:.0%} of the "
+        "time"
+    )
+    pieces = [shelf.pieces(ensemble) for ensemble in range(plan.ensembles)]
+    under_way = _Walk(
+        crew=crew,
+        posterior=posterior,
+        proposal=learnt.proposal,
+        plan=plan,
+        shelf=shelf,
+        pieces=pieces,
+        theta=[[_physical(posterior, piece) for piece in chain] for chain in pieces],
+    )
     have, most = max(under_way.steps), plan.most_steps(maxima.shape[1])
     if not fits(posterior, maxima):
         most = min(most, ENOUGH_OF_A_MISFIT)
@@ -364,7 +363,7 @@ def weighed(posterior: Posterior, sampled: Sampled, seed: int) -> Sampled:
         draws = sampled.draws.reshape(-1, z.shape[-1])
         shift = None if found is None else evidence_shift(posterior, draws)
     if found is not None and shift is not None:
-        found = found.in_finer_steps(shift)
+        found = found.in_finer_steps(*shift)
     return dataclasses.replace(sampled, evidence=found)
 
 
@@ -396,7 +395,10 @@ def _until_judged(
         if goal >= have and (ending or seen.n_tau >= plan.targets.n_tau):
             sampled = _judge(under_way.posterior, plan, under_way.pieces, theta, seen)
             convergence = sampled.convergence
-            share = min(_share(convergence, plan.targets), goal / following)
+            # How much of the way to the targets, as far as length goes.
+            far = convergence.n_tau / plan.targets.n_tau
+            known = float(np.min(convergence.ess_bulk)) / plan.targets.ess
+            share = min(float(np.clip(min(far, known), 0.0, 0.99)), goal / following)
             report.update(share, _state_of(convergence))
             if hopeless and not convergence.converged:
                 reasons = (*convergence.reasons, hopeless)
@@ -407,32 +409,6 @@ def _until_judged(
             share = min(seen.n_tau / plan.targets.n_tau, 0.99)
             report.update(share, f"{goal} steps: {seen.n_tau:.0f} autocorrelation times")
         goal = following
-
-
-def _said(learnt: Learnt) -> str:
-    """What has been learnt, in a line."""
-    ridges = len(learnt.off)
-    where = "the ridge" if ridges == 1 else f"{ridges} ridges"
-    return (
-        f"proposal: learnt along {where} of the posterior, accepted {learnt.acceptance:.0%} of the "
-        "time"
-    )
-
-
-def _taken_up(
-    crew: Crew, posterior: Posterior, proposal: Proposal, plan: Plan, shelf: Shelf
-) -> _Walk:
-    """From where `shelf` was left."""
-    pieces = [shelf.pieces(ensemble) for ensemble in range(plan.ensembles)]
-    return _Walk(
-        crew=crew,
-        posterior=posterior,
-        proposal=proposal,
-        plan=plan,
-        shelf=shelf,
-        pieces=pieces,
-        theta=[[_physical(posterior, piece) for piece in chain] for chain in pieces],
-    )
 
 
 def _judge(
@@ -459,14 +435,6 @@ def _physical(posterior: Posterior, piece: Piece) -> Array:
 
 def _stack(chains: list[list[Array]]) -> Array:
     return np.array([np.concatenate(parts) for parts in chains])
-
-
-def _share(convergence: Convergence, targets: Targets) -> float:
-    """How much of the way to the targets, as far as length goes."""
-    share = min(
-        convergence.n_tau / targets.n_tau, float(np.min(convergence.ess_bulk)) / targets.ess
-    )
-    return float(np.clip(share, 0.0, 0.99))
 
 
 def _state_of(c: Convergence) -> str:

@@ -14,7 +14,6 @@ import numpy as np
 from bayesdrill.basics import seeds
 from bayesdrill.basics.arrays import Array
 from bayesdrill.inference.posterior import Posterior
-from bayesdrill.inference.step_error import EvidenceShift
 from bayesdrill.sampling.proposal.ridge_tracing import bound
 from bayesdrill.sampling.samplers.independence import Inside, Mixture, Proposal, Random
 
@@ -41,14 +40,10 @@ class Evidence:
     steps: float = 0.0
     steps_error: float = 0.0
 
-    def in_finer_steps(self, found: EvidenceShift) -> Evidence:
-        return replace(
-            self,
-            log_z=self.log_z + found.added,
-            error=math.hypot(self.error, found.error),
-            steps=found.added,
-            steps_error=found.error,
-        )
+    def in_finer_steps(self, added: float, error: float) -> Evidence:
+        """With what these add, and the standard error of that."""
+        log_z, both = self.log_z + added, math.hypot(self.error, error)
+        return replace(self, log_z=log_z, error=both, steps=added, steps_error=error)
 
 
 def evidence(

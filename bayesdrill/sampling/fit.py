@@ -18,7 +18,7 @@ from bayesdrill.basics.arrays import Array
 from bayesdrill.basics.progress import SILENT, Reporter
 from bayesdrill.inference import laplace
 from bayesdrill.inference.posterior import Posterior
-from bayesdrill.sampling import mode_search, multiple_modes
+from bayesdrill.sampling import mode_search
 from bayesdrill.sampling.ensembles import Memory, Plan, Sampled, Shelf, sample, weighed
 from bayesdrill.sampling.mode_search import Mode, Search
 from bayesdrill.sampling.opened_ends import with_open_ends
@@ -90,8 +90,7 @@ def end_searches(crew: Crew, under_way: Searches, report: Reporter) -> Mode:
         searches += task.result()
         report.update(done / (len(under_way.searches) + 1), SEARCHING)
     report.update(0.0, "looking for other maxima")
-    scouts = [task.result() for task in under_way.scouts]
-    scouted = multiple_modes.together(scouts) if scouts else None
+    scouted = [task.result() for task in under_way.scouts]
     found = crew.submit(mode_search.summarise, tuple(searches), scouted).result()
     report.update(1.0, "")
     return found
@@ -123,6 +122,9 @@ def _first_arrived(posterior: Posterior, plan: FitPlan) -> list[Search]:
     """
     points = mode_search.starts(posterior, plan.starts, seeds.stream(plan.chains.seed, "map"))
     points = points[np.argsort(-posterior.density(points), kind="stable")]
+    likelihood = posterior.likelihood
+    known = not any(one.unknowns for one in likelihood.observations)
+    noise_alone = 1.0 + np.sqrt(2.0 / likelihood.numbers)  # squares over the noise, on average
     found: list[Search] = []
     for point in points:
         found.append(mode_search.search(posterior, plan.optimiser, plan.evaluations, point))
@@ -130,13 +132,7 @@ def _first_arrived(posterior: Posterior, plan: FitPlan) -> list[Search]:
         near = best.log_posterior - mode_search.SAME_LOG_DENSITY
         if sum(search.log_posterior > near for search in found) >= 2:
             break
-        if _explained(posterior, posterior.space.vector(best.end)):
+        end = posterior.space.vector(best.end)
+        if known and laplace.excess(posterior, end) <= noise_alone:
             break
     return [best]
-
-
-def _explained(posterior: Posterior, theta: Array) -> bool:
-    """Whether the noise, where all of it is known, explains what `theta (D,)` leaves."""
-    likelihood = posterior.likelihood
-    known = not any(one.unknowns for one in likelihood.observations)
-    return known and laplace.excess(posterior, theta) <= 1.0 + np.sqrt(2.0 / likelihood.numbers)

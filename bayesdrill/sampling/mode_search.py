@@ -7,7 +7,7 @@ those of the MAP: a maximum that no search has looked for is not found by many s
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -190,25 +190,24 @@ def scouts(posterior: Posterior, starts: Array) -> tuple[Array, Array]:
 
 
 def summarise(
-    posterior: Posterior, searches: tuple[Search, ...], scouted: tuple[Array, Array] | None = None
+    posterior: Posterior,
+    searches: tuple[Search, ...],
+    scouted: Sequence[tuple[Array, Array]] = (),
 ) -> Mode:
-    """`scouted`: further points that were reached, physical, and their log densities."""
+    """`scouted`: further points that were reached, physical `(n, D)`, and their log densities `(n,)`."""
+    scouted = [some for some in scouted if len(some[0])]
     if steps := step_error.taken(posterior):
         best = max(searches, key=lambda one: one.log_posterior)
         posterior = step_error.chosen(posterior, posterior.space.vector(best.end))
-        if (
-            step_error.taken(posterior) != steps
-        ):  # heights are compared, and were those of other steps
+        # Heights are compared, and were those of other steps.
+        if step_error.taken(posterior) != steps:
             searches = tuple(_anew(posterior, one) for one in searches)
-            if scouted is not None and len(scouted[0]):
-                scouted = (scouted[0], posterior.density(scouted[0]))
+            scouted = [(theta, posterior.density(theta)) for theta, _ in scouted]
     surface = PosteriorSurface(posterior, physical=True)
     to, back = posterior.coordinates.from_physical, posterior.coordinates.to_physical
-    points = to(np.array([posterior.space.vector(s.end) for s in searches]))
-    values = np.array([s.log_posterior for s in searches])
-    if scouted is not None and len(scouted[0]):
-        points = np.concatenate([points, to(scouted[0])])
-        values = np.concatenate([values, scouted[1]])
+    searched = np.array([posterior.space.vector(s.end) for s in searches])
+    points = np.concatenate([to(theta) for theta in (searched, *(some[0] for some in scouted))])
+    values = np.concatenate([[s.log_posterior for s in searches], *(some[1] for some in scouted)])
     ends, heights, left_out = _looked_around(surface, *_tops(surface, points, values))
     theta = back(ends)
     here = surface.expand(ends[:1], np.eye(ends.shape[1]))

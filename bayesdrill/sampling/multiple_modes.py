@@ -1,13 +1,9 @@
 """Other maxima of a density: where to look for them (aliases, lags), and how different ones are
 told apart.
 
-Different maxima of a density: found from many starts, told apart by walking between them.
-
 Two points of one ridge are joined by it, however far apart they are; two maxima are not.  So one
 walks from one to the other along the loose directions of the first, led back to the ridge by its
 tight ones at each step, and looks where one arrives.
-
-Where else a record might have come from: starts of searches for other maxima, around a known one.
 
 A swing of frequency omega that is seen at times t leaves nearly the same samples as one of
 |omega +- delta|, where delta is a peak of the window |sum exp(i delta t)|: 2 pi over the step of even
@@ -18,7 +14,6 @@ maxima along each of them by itself.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -41,9 +36,8 @@ PATH = 10  # steps between two points
 SAME_MODE = 1e-3  # of the priors' spreads: the same point
 CLOSE = 1e-4  # of the priors' spreads: points that are likely to end at the same maximum
 SAME = 3.0  # standard deviations of the tight directions
-VALLEY_BETWEEN_MODES = (
-    0.5  # of the log density: what is no deeper parts no maxima, but ripples of one
-)
+# Of the log density: what is no deeper parts no maxima, but ripples of one.
+VALLEY_BETWEEN_MODES = 0.5
 ALONG = 24  # places between two points, at which one looks for a valley; at no even ...
 UNEVEN = 0.5 * (5.0**0.5 - 1.0)  # ... distances, as a row of maxima has them
 KNOWN = 1e-6  # of the log density: a point that is higher by less is no better than a known one
@@ -136,12 +130,6 @@ def shares_held(posterior: Posterior, ends: Array) -> Array:
     return np.asarray(mass / mass.sum())
 
 
-def together(parts: Sequence[tuple[Array, Array]]) -> tuple[Array, Array]:
-    """Points and values of several searches."""
-    points, values = zip(*parts, strict=True)
-    return np.concatenate(points), np.concatenate(values)
-
-
 PAIRS = 2  # of poles that are looked at, the fastest
 ALIKE = 0.3  # of the window's height: lower peaks are no aliases
 MOST_TRIED = 384  # aliases of a pair of poles, the most alike first, of which ...
@@ -201,8 +189,17 @@ def _heaviest(surface: PosteriorSurface, at: Array) -> tuple[Array, float]:
 
 def returns(surface: PosteriorSurface, u: Array) -> Around:
     """Maxima along each unknown by itself, but for that of `u (D,)`."""
-    found, left_out = [], 0.0
-    for d, scanned in enumerate(_scanned(surface)):
+    posterior, found, left_out = surface.posterior, list[Array](), 0.0
+    step = min(
+        float(np.diff(one.experiment.t).min(initial=np.inf))
+        for one in posterior.likelihood.observations
+    )
+    ends = posterior.coordinates.to_physical(np.stack([surface.low, surface.high]))
+    for d, unknown in enumerate(posterior.space.unknowns):
+        scanned = SCANNED
+        if unknown.role == "sensor" and unknown.symbol.unit == "s":
+            many = PER_SAMPLE * (ends[1, d] - ends[0, d]) / step
+            scanned = int(np.clip(many, SCANNED, MOST_SCANNED))
         line = np.repeat(u[None], scanned + 1, axis=0)
         along = np.linspace(surface.low[d], surface.high[d], scanned)
         line[:, d] = np.sort(np.append(along, u[d]))
@@ -214,22 +211,6 @@ def returns(surface: PosteriorSurface, u: Array) -> Around:
         high = sum(value[k] > value.max() - LOWER for k in tops)
         left_out = max(left_out, 1.0 - PER_UNKNOWN / max(high, PER_UNKNOWN))
     return Around(np.concatenate(found), left_out)
-
-
-def _scanned(surface: PosteriorSurface) -> list[int]:
-    """Points along each unknown."""
-    posterior = surface.posterior
-    step = min(
-        float(np.diff(one.experiment.t).min(initial=np.inf))
-        for one in posterior.likelihood.observations
-    )
-    low, high = posterior.coordinates.to_physical(np.stack([surface.low, surface.high]))
-    return [
-        int(np.clip(PER_SAMPLE * (b - a) / step, SCANNED, MOST_SCANNED))
-        if one.role == "sensor" and one.symbol.unit == "s"
-        else SCANNED
-        for one, a, b in zip(posterior.space.unknowns, low, high, strict=True)
-    ]
 
 
 def peaks(value: Array, valley: float) -> list[int]:

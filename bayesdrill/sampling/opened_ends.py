@@ -9,6 +9,7 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 
 import numpy as np
 
@@ -35,58 +36,41 @@ def with_open_ends(
     plan: Plan,
     report: Reporter,
 ) -> Sampled:
-    """With what is seen beyond ends of priors that are in the way, where ensembles have converged."""
-    if not sampled.convergence.converged:
+    """With what is seen beyond ends of priors that are in the way; `maxima (M, D)`, physical."""
+    priors = _in_the_way(sampled, posterior, nominal)
+    if not priors:
         return sampled
-    draws = sampled.draws.reshape(-1, maxima.shape[1])
-    beyond = open_ends(posterior, nominal, draws, maxima, plan, report)
+    names, edited = tuple(priors), posterior.edit(priors=priors)
+    report.say(
+        f"priors of {', '.join(names)} end near nominal values: once more without these ends"
+    )
+    beyond = Opened(names=names, draws=None, pressed=names)
+    with suppress(Nowhere), Crew(edited, 1) as crew:
+        found = sample(crew, edited, maxima, plan, Memory(), report)
+        if found.convergence.converged:
+            draws = found.draws.reshape(-1, maxima.shape[1])
+            columns = dict(zip(posterior.space.free, draws.T, strict=True))
+            crowded = [n for n in names if pressed_against(columns[n], priors[n]) is not None]
+            beyond = Opened(names=names, draws=draws, pressed=tuple(crowded))
     return dataclasses.replace(sampled, beyond=beyond)
 
 
 def not_kept(sampled: Sampled, posterior: Posterior, nominal: Mapping[str, float]) -> Opened | None:
     """What is known of ends in the way where a run has kept nothing from beyond: no more than names."""
-    if not sampled.convergence.converged:
-        return None
-    draws = sampled.draws.reshape(-1, len(posterior.space.free))
-    names = tuple(_in_the_way(posterior, nominal, draws))
+    names = tuple(_in_the_way(sampled, posterior, nominal))
     return Opened(names=names, draws=None, pressed=names, kept=False) if names else None
 
 
-def open_ends(
-    posterior: Posterior,
-    nominal: Mapping[str, float],
-    draws: Array,
-    maxima: Array,
-    plan: Plan,
-    report: Reporter,
-) -> Opened | None:
-    """From physical draws `(N, D)` and maxima `(M, D)`; None where no end is in the way."""
-    priors = _in_the_way(posterior, nominal, draws)
-    if not priors:
-        return None
-    beyond = posterior.edit(priors=priors)
-    names = tuple(priors)
-    report.say(
-        f"priors of {', '.join(names)} end near nominal values: once more without these ends"
-    )
-    try:
-        with Crew(beyond, 1) as crew:
-            sampled = sample(crew, beyond, maxima, plan, Memory(), report)
-    except Nowhere:
-        return Opened(names=names, draws=None, pressed=names)
-    if not sampled.convergence.converged:
-        return Opened(names=names, draws=None, pressed=names)
-    found = sampled.draws.reshape(-1, draws.shape[1])
-    columns = dict(zip(posterior.space.free, found.T, strict=True))
-    crowded = [name for name in names if pressed_against(columns[name], priors[name]) is not None]
-    return Opened(names=names, draws=found, pressed=tuple(crowded))
-
-
 def _in_the_way(
-    posterior: Posterior, nominal: Mapping[str, float], draws: Array
+    sampled: Sampled, posterior: Posterior, nominal: Mapping[str, float]
 ) -> dict[str, Prior]:
-    """Priors that end too near to their nominal values, with these ends moved."""
+    """Priors that end too near to their nominal values, with these ends moved; none of a chain that
+    has not converged.
+    """
+    if not sampled.convergence.converged:
+        return {}
     space = posterior.space
+    draws = sampled.draws.reshape(-1, len(space.free))
     wider = {
         name: _wider(prior, nominal[name], draws[:, column])
         for column, (name, prior) in enumerate(space.priors.items())

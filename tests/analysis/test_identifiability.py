@@ -14,10 +14,10 @@ from bayesdrill.analysis.identifiability import information, structure
 from bayesdrill.analysis.identifiability.information import Scenery
 from bayesdrill.analysis.identifiability.profile import THRESHOLD, Fitter, Profile, profile
 from bayesdrill.analysis.identifiability.structure import analyse, doubled, sparse_basis
-from bayesdrill.analysis.identifiability.study import Study, study
+from bayesdrill.analysis.identifiability.study import Study, study_of
 from bayesdrill.basics.duals import Dual
 from bayesdrill.basics.symbols import PARAMETERS
-from bayesdrill.config.schema.config import Thresholds
+from bayesdrill.config.schema.config import Asked
 from bayesdrill.inference.priors import Uniform
 from bayesdrill.report.sections import identify_words as words
 from bayesdrill.rig.models.motor_shaft import MotorShaft, TwoRotors
@@ -30,10 +30,7 @@ def studied(record=None, sigma=SIGMA, **options) -> Study:
     record = measured(SIGMA) if record is None else record
     target = posterior(record, sigma, **options)
     theta = target.space.vector(target.space.start)
-    rng = np.random.default_rng(1)
-    return study(
-        Scenery(target.likelihood), target, theta, (), Thresholds(), rng, seek_remedies=True
-    )
+    return study_of(Scenery(target.likelihood), target, theta, Asked(), seek_remedies=True)
 
 
 @pytest.fixture(scope="module")
@@ -92,8 +89,7 @@ def test_measuring_the_current_leaves_one() -> None:
 
     target = posterior(experiment(101, 0.03, y=np.ones((101, 5))), np.full(5, 0.1))
     theta = vector(NOMINAL)
-    rng = np.random.default_rng(2)
-    found = study(Scenery(target.likelihood), target, theta, (), Thresholds(), rng)
+    found = study_of(Scenery(target.likelihood), target, theta, Asked())
     assert found.structure.symmetries == (MECHANICAL,)
 
 
@@ -146,9 +142,7 @@ def test_a_known_inertia_beside_the_motors_settles_no_scale() -> None:
     response = Response(rig, likelihood.response.experiment)
     target = replace(target, likelihood=likelihood.with_alone(response=response))
     theta = target.space.vector(target.space.start)
-    found = study(
-        Scenery(target.likelihood), target, theta, (), Thresholds(), np.random.default_rng(2)
-    )
+    found = study_of(Scenery(target.likelihood), target, theta, Asked())
     assert found.structure.symmetries == ()
     assert found.structure.unexplained == 2
     shown = np.array(found.structure.invariants, dtype=float)

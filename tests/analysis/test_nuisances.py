@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from oracles import NOMINAL
-from rigs import experiment, unknown, vector
+from rigs import experiment, likelihood_of, unknown, vector
 from together import for_each
 
 import bayesdrill as bd
@@ -69,7 +69,7 @@ def believed(record: Experiment, sensing: Sensing | None = None) -> Posterior:
         fixed={name: value for name, value in fixed.items() if name not in FREE},
     )
     rig = simulator(MotorShaft(), record, sensing or Sensing())
-    likelihood = Likelihood.of(space, (rig, White.of(noisy, N)))
+    likelihood = likelihood_of(space, (rig, White.of(noisy, N)))
     return Posterior(space=space, likelihood=likelihood, coordinates=space.coordinates())
 
 

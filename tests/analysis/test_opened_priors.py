@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+from typing import Any
+
 import numpy as np
 import pytest
 from oracles import NOMINAL
@@ -13,10 +16,11 @@ from verdicts import LINEAR, NAMES, PRIOR, TABLE, gaussian
 from bayesdrill.analysis.verdict import judge, tension
 from bayesdrill.basics.progress import Silent
 from bayesdrill.config.schema.config import Thresholds
+from bayesdrill.inference.posterior import Posterior
 from bayesdrill.inference.priors import LogNormal, LogUniform, Prior, TruncatedNormal, Uniform
 from bayesdrill.sampling.convergence import Targets
-from bayesdrill.sampling.ensembles import Opened, Plan
-from bayesdrill.sampling.opened_ends import open_ends
+from bayesdrill.sampling.ensembles import Opened, Plan, Sampled
+from bayesdrill.sampling.opened_ends import with_open_ends
 
 SIGMA = np.full(4, 0.1)
 PLAN = Plan(
@@ -29,6 +33,13 @@ PLAN = Plan(
 )
 K_S = NOMINAL["k_s"]
 NAMED = {"k_s": K_S}
+
+
+def opened(target: Posterior, draws: np.ndarray, maxima: np.ndarray) -> Opened | None:
+    """What is seen beyond ends, of a chain of these draws `(N, D)` that has converged."""
+    convergence: Any = SimpleNamespace(converged=True, burn_in=0, thin=1)
+    sampled = Sampled(pieces=[], theta=draws[None, :, None], convergence=convergence)
+    return with_open_ends(sampled, target, NAMED, maxima, PLAN, Silent()).beyond
 
 
 def test_an_end_at_the_nominal_value_does_not_count() -> None:
@@ -44,7 +55,7 @@ def test_an_end_at_the_nominal_value_does_not_count() -> None:
         top = np.array([[min(max(1.0005 * K_S, prior.low), prior.high)]])
         draws = np.linspace(0.99, 1.01, 4001)[:, None] * K_S
         draws = draws[(draws[:, 0] >= prior.low) & (draws[:, 0] <= prior.high)]
-        found = open_ends(target, NAMED, draws, top, PLAN, Silent())
+        found = opened(target, draws, top)
         assert found is not None
         assert found.draws is not None
         assert found.names == ("k_s",)
@@ -71,7 +82,7 @@ def test_priors_that_are_in_nobodys_way_stay() -> None:
         middle, half = 0.5 * (low + high), 0.5 * (high - low)
         share = (np.arange(2000) + 0.5) / 2000
         draws = (middle + half * np.clip(norm.ppf(share) / 4, -1, 1))[:, None] * K_S
-        assert open_ends(target, NAMED, draws, draws[:1], PLAN, Silent()) is None
+        assert opened(target, draws, draws[:1]) is None
 
     for_each(cases, check)
 

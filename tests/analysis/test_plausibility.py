@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -97,7 +98,9 @@ def test_a_rig_that_runs_away_and_one_that_turns_too_fast_are_named() -> None:
             return Linear(A=pairs | {(x, x): 0.01 * n for x in ("theta_1", "w_1")}, B={}, c={})
 
     found = plausibility.poles(Unstable(), {"k_s": np.ones(3)})
-    told = plausibility._poles(found, 0.01, Unstable())
+    every: Any = [SimpleNamespace(experiment=SimpleNamespace(dt=0.01))]
+    problem: Any = SimpleNamespace(observations=every, model=Unstable())
+    told = [*plausibility._poles(found, problem)]
     assert [finding.split(":")[0] for finding in told] == ["stability", "sampling"]
     assert "0.01 1/s" in told[0]
     assert "100 Hz" in told[1]

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from rigs import likelihood_of
 from scipy.special import ndtr
 from together import for_each
 
@@ -48,7 +49,7 @@ def likelihood(y: Array, sigma: float = SIGMA) -> Likelihood:
     )
     space = ParameterSpace(model=("mu",), unknowns=(mean,), fixed={})
     noise = White(n_samples=len(y), known={0: sigma}, n_channels=1)
-    return Likelihood.of(space, (Constant(experiment), noise))  # type: ignore[arg-type]
+    return likelihood_of(space, (Constant(experiment), noise))  # type: ignore[arg-type]
 
 
 def record(n: int, seed: int = 5) -> Array:

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from oracles import NOMINAL, ORDER
-from rigs import experiment, unknown, vector
+from rigs import experiment, likelihood_of, unknown, vector
 
 from bayesdrill.analysis.comparison import Repeat, repeats
 from bayesdrill.analysis.identifiability.information import Scenery
@@ -95,5 +95,5 @@ def test_one_experiment_has_none_to_compare() -> None:
         fixed={name: NOMINAL[name] for name in ORDER if name != "k_s"},
     )
     noise = White.of([Noisy(channel=c, sigma=1.0, start=1.0) for c in record.channels], 50)
-    alone = Likelihood.of(space, (Response(MotorShaft(), record), noise))
+    alone = likelihood_of(space, (Response(MotorShaft(), record), noise))
     assert repeats(Scenery(alone), np.array([0.26]), [(1,)]) == ()

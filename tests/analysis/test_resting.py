@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from oracles import ORDER
-from rigs import measured, posterior
+from rigs import likelihood_of, measured, posterior
 from together import for_each
 from verdicts import TABLE, gaussian, verdict
 
@@ -23,9 +23,8 @@ from bayesdrill.analysis.identifiability.information import (
     root_of,
 )
 from bayesdrill.analysis.identifiability.structure import Resting, following, resting
-from bayesdrill.analysis.identifiability.study import prior_spreads, study
-from bayesdrill.config.schema.config import Thresholds
-from bayesdrill.inference.likelihood import Likelihood
+from bayesdrill.analysis.identifiability.study import prior_spreads, study_of
+from bayesdrill.config.schema.config import Asked
 from bayesdrill.inference.posterior import Posterior
 from bayesdrill.report.sections import identify_words, verdict_words
 from bayesdrill.rig.simulators.exact import Response
@@ -121,8 +120,7 @@ def test_a_record_too_loud_for_the_inductance_rests_on_the_resistance_s_prior() 
     sigma = 100.0 * SIGMA
     target = posterior(measured(sigma), sigma, free=("j_m", "k_e", "k_T", "r_m"))
     theta = target.space.vector(target.space.start)
-    rng = np.random.default_rng(1)
-    made = study(Scenery(target.likelihood), target, theta, (), Thresholds(), rng)
+    made = study_of(Scenery(target.likelihood), target, theta, Asked())
     text = identify_words.resting(made)
     assert text.startswith("resting on the prior")
     assert "told by these rather than by the record, which hardly shows l_m;" in text
@@ -131,8 +129,7 @@ def test_a_record_too_loud_for_the_inductance_rests_on_the_resistance_s_prior() 
 def test_in_words_before_sampling_and_in_the_verdict() -> None:
     target = posterior(measured(SIGMA), SIGMA, free=tuple(name for name in ORDER if name != "l_m"))
     theta = target.space.vector(target.space.start)
-    rng = np.random.default_rng(1)
-    made = study(Scenery(target.likelihood), target, theta, (), Thresholds(), rng)
+    made = study_of(Scenery(target.likelihood), target, theta, Asked())
     for text in (identify_words.full(made), identify_words.brief(made)):
         assert (
             "resting on l_m, which is held: k_T and r_m, known only as far as that is right" in text
@@ -159,7 +156,7 @@ def test_a_rig_s_own_parameters_may_be_held(monkeypatch: pytest.MonkeyPatch) -> 
         plain.space, model=rig.parameters, fixed={**plain.space.fixed, "tau_s": 0.01}
     )
     (one,) = plain.likelihood.observations
-    likelihood = Likelihood.of(space, (Response(rig, record), one.noise))
+    likelihood = likelihood_of(space, (Response(rig, record), one.noise))
     target = Posterior(space=space, likelihood=likelihood, coordinates=space.coordinates())
     theta = space.vector(space.start)
     assert sets(rests(target, theta)) == {

@@ -8,14 +8,13 @@ import numpy as np
 import pytest
 from lacking import DT, MEASURES, SIGMA, N, T
 from oracles import NOMINAL
-from rigs import experiment
+from rigs import experiment, likelihood_of
 from together import for_each
 
 from bayesdrill.analysis.identifiability.frictions import Told, stops_below, told_apart
 from bayesdrill.analysis.identifiability.information import Scenery
 from bayesdrill.analysis.identifiability.study import study_of
 from bayesdrill.config.schema.config import Asked
-from bayesdrill.inference.likelihood import Likelihood
 from bayesdrill.inference.noise.contract import Noisy
 from bayesdrill.inference.noise.white import White
 from bayesdrill.inference.posterior import Posterior
@@ -67,7 +66,7 @@ def believed(
     response = simulator(rig, seen, Sensing(), 2)
     return Posterior(
         space=space,
-        likelihood=Likelihood.of(space, (response, White.of(noisy, N))),
+        likelihood=likelihood_of(space, (response, White.of(noisy, N))),
         coordinates=space.coordinates(),
     )
 

@@ -19,7 +19,7 @@ from verdicts import LINEAR, PRIOR, PRIOR_SD, TABLE, gaussian, linear_study, ver
 
 from bayesdrill.analysis.diagnostics import Row
 from bayesdrill.analysis.identifiability.information import Scenery
-from bayesdrill.analysis.identifiability.study import study
+from bayesdrill.analysis.identifiability.study import study_of
 from bayesdrill.analysis.verdict import (
     FALSE_ALARM,
     Verdict,
@@ -32,7 +32,7 @@ from bayesdrill.analysis.verdict import (
 )
 from bayesdrill.basics.symbols import PARAMETERS
 from bayesdrill.config.resolve.quantities import nominal_table
-from bayesdrill.config.schema.config import Nominal, Thresholds
+from bayesdrill.config.schema.config import Asked, Nominal, Thresholds
 from bayesdrill.report.sections import verdict_words
 from bayesdrill.tasks import run_entries
 
@@ -249,7 +249,7 @@ def test_seven_independent_products_of_the_real_rig_are_looked_at() -> None:
     target = posterior(measured(np.full(4, 0.1)), np.full(4, 0.1))
     theta = target.space.vector(target.space.start)
     scenery = Scenery(target.likelihood)
-    found = study(scenery, target, theta, (), Thresholds(), np.random.default_rng(1))
+    found = study_of(scenery, target, theta, Asked())
     powers = np.array(basis(found, found.names), dtype=float)
     assert np.linalg.matrix_rank(powers) == len(powers) == 7
     assert not np.any(powers @ np.array(found.structure.symmetries, dtype=float).T)

@@ -27,7 +27,7 @@ from bayesdrill.sampling.samplers.independence import (
     fitted,
     mixture,
 )
-from bayesdrill.sampling.samplers.ridge import fit, frame
+from bayesdrill.sampling.samplers.ridge import bend, fit, frame, straighten
 
 FAIL = 1e-6
 STEPS = 12
@@ -164,10 +164,10 @@ def bent_mixture() -> Mixture:
     psi = rng.normal(0.0, 2.0, (200, 1))
     turned = np.array([[0.8, -0.3], [0.5, 0.6]])
     sheets = []
-    for centre, bend in (([1.0, 2.0], 0.3), ([-2.0, 0.0], -0.2)):
+    for centre, bow in (([1.0, 2.0], 0.3), ([-2.0, 0.0], -0.2)):
         roots = 0.4 * np.exp(0.5 * psi)[:, :, None]
-        base = frame(np.array(centre), (1.0 + bend) * turned, 1)
-        sheets.append(fit(base, psi, bend * psi**2, roots, 2, 1))
+        base = frame(np.array(centre), (1.0 + bow) * turned, 1)
+        sheets.append(fit(base, psi, bow * psi**2, roots, 2, 1))
     means = np.array([[0.0, 0.0], [1.0, 0.3], [-0.5, 0.0]])
     roots = np.array(
         [[[0.7, 0.0], [0.3, 1.0]], [[0.4, 0.0], [0.0, 1.2]], [[0.9, 0.0], [-0.2, 0.8]]]
@@ -218,7 +218,7 @@ def test_a_wider_mixture_has_equal_shares_of_its_ridges() -> None:
     wide = found.widened(1.5)
     drawn = wide.draw(20_000, np.random.RandomState(5)).u
     assert TARGETS["humps"].hump(drawn).mean() == pytest.approx(0.5, abs=0.02)
-    y, _ = wide.sheets[0].straighten(drawn[TARGETS["humps"].hump(drawn) == 0])
-    own = wide.sheets[0].straighten(found.draw(20_000, np.random.RandomState(6)).u)[0]
-    own = own[TARGETS["humps"].hump(wide.sheets[0].bend(own)[0]) == 0]
+    y, _ = straighten(wide.sheets[0], drawn[TARGETS["humps"].hump(drawn) == 0])
+    own = straighten(wide.sheets[0], found.draw(20_000, np.random.RandomState(6)).u)[0]
+    own = own[TARGETS["humps"].hump(bend(wide.sheets[0], own)[0]) == 0]
     assert y.std(axis=0) == pytest.approx(1.5 * own.std(axis=0), rel=0.1)

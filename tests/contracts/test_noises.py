@@ -16,12 +16,11 @@ import scipy.special
 import scipy.stats
 from numpy.typing import NDArray
 from oracles import NOMINAL
-from rigs import experiment, unknown
+from rigs import experiment, likelihood_of, unknown
 from together import together
 
 from bayesdrill.inference import laplace
 from bayesdrill.inference.laplace import PosteriorSurface
-from bayesdrill.inference.likelihood import Likelihood
 from bayesdrill.inference.noise import NOISES
 from bayesdrill.inference.noise.contract import Noise, Noisy, square
 from bayesdrill.inference.noise.mixed import Mixed, Part
@@ -235,7 +234,7 @@ def target(name: str) -> Posterior:
         unknowns=(*own, *of.unknowns),
         fixed={p: NOMINAL[p] for p in PARAMETERS if p not in free},
     )
-    likelihood = Likelihood.of(space, (clean.with_record(y), of))
+    likelihood = likelihood_of(space, (clean.with_record(y), of))
     return Posterior(space=space, likelihood=likelihood, coordinates=space.coordinates())
 
 
@@ -287,7 +286,7 @@ def test_two_records_say_together_what_each_says() -> None:
         fixed=one.space.fixed,
     )
     pairs = [(first.response, first.noise), (second.response, second.noise)]
-    both = Likelihood.of(space, *pairs)
+    both = likelihood_of(space, *pairs)
     theta = np.array([[*(NOMINAL[p] for p in ("k_e", "k_s", "j_1")), 0.3, 0.02, 0.03, 0.2]])
     apart = one.likelihood(theta[:, :5]) + two.likelihood(theta[:, [0, 1, 2, 5, 6]])
     assert both(theta) == pytest.approx(apart)

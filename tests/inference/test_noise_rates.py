@@ -10,12 +10,11 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 from oracles import NOMINAL
-from rigs import experiment, unknown
+from rigs import experiment, likelihood_of, unknown
 from scipy.stats import binom, multivariate_t
 
 from bayesdrill.inference import laplace
 from bayesdrill.inference.laplace import PosteriorSurface
-from bayesdrill.inference.likelihood import Likelihood
 from bayesdrill.inference.noise import NOISES
 from bayesdrill.inference.noise.contract import Noisy
 from bayesdrill.inference.posterior import Posterior
@@ -59,7 +58,7 @@ class Bench:
             unknowns=(*own, *noise.unknowns),
             fixed={p: NOMINAL[p] for p in PARAMETERS if p not in FREE},
         )
-        likelihood = Likelihood.of(space, (self.rig.with_record(y), noise))
+        likelihood = likelihood_of(space, (self.rig.with_record(y), noise))
         return Posterior(space=space, likelihood=likelihood, coordinates=space.coordinates())
 
     def record(self, seed: int) -> np.ndarray:

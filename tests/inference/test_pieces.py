@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from rigs import likelihood_of
 from rubbing_cases import CASES, moved
 from stepping import experiment_of, model_of, parameters
 from together import for_each
@@ -30,7 +31,7 @@ def likelihood(sigma: float, pieces: int = 1) -> Likelihood:
     )
     values = dict(zip(model.parameters, parameters(CASE)[0], strict=True))
     space = ParameterSpace(model=model.parameters, unknowns=(), fixed=values)
-    return Likelihood.of(space, (Stepped(model, record, Sensing(), pieces), noise))
+    return likelihood_of(space, (Stepped(model, record, Sensing(), pieces), noise))
 
 
 def off(pieces: int, turns: int = TURNS) -> np.ndarray:

@@ -8,12 +8,11 @@ import numpy as np
 import pytest
 from compiled import MEASURED, SIGMA, response, seen
 from oracles import NOMINAL, ORDER
-from rigs import unknown, vector
+from rigs import likelihood_of, unknown, vector
 from together import for_each
 
 from bayesdrill.basics.formulas import expression
 from bayesdrill.inference.laplace import Expansion, PosteriorSurface, joined
-from bayesdrill.inference.likelihood import Likelihood
 from bayesdrill.inference.posterior import Posterior
 from bayesdrill.inference.priors import HalfNormal, LogNormal, Prior, TruncatedNormal, Uniform
 from bayesdrill.inference.unknowns import ParameterSpace
@@ -42,7 +41,7 @@ def tied() -> Posterior:
         },
     )
     old = target.likelihood.alone
-    likelihood = Likelihood.of(space, (old.response, old.noise))
+    likelihood = likelihood_of(space, (old.response, old.noise))
     return Posterior(space=space, likelihood=likelihood, coordinates=space.coordinates())
 
 

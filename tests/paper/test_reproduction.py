@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 import shutil
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +11,7 @@ import pytest
 import scipy.linalg
 import scipy.optimize
 from oracles import NOMINAL, ORDER, by_expm, skewed
-from rigs import experiment, measured, posterior, vector
+from rigs import experiment, measured, posterior, starting, vector
 from together import together
 
 from bayesdrill.analysis import plausibility
@@ -177,7 +176,7 @@ def test_path_of_the_heuristic_begins_and_ends_at_its_misfits() -> None:
     names = target.space.free
     own = Pairwise()
     start = {name: 1.15 * NOMINAL[name] for name in names}
-    target = replace(target, space=target.space.with_start(start))
+    target = starting(target, start)
     with Crew(target, 1) as crew:
         found = searches.run_heuristic(crew, target, own, 5000, 3, 5)
     assert found.misfits[0] == pytest.approx(precision.misfit_per_number(target, found.guess))

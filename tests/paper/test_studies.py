@@ -10,7 +10,7 @@ import pytest
 import scipy.linalg
 from numpy.typing import NDArray
 from oracles import NOMINAL, ORDER, by_expm, matrices, skewed
-from rigs import STATES, experiment, measured, posterior, vector
+from rigs import STATES, experiment, measured, posterior, starting, vector
 from together import together
 
 from bayesdrill.inference.posterior import Posterior
@@ -51,7 +51,7 @@ def target(
     low, high = wide
     priors = {name: Uniform(low * NOMINAL[name], high * NOMINAL[name]) for name in names}
     found = posterior(measured(sigma, n=n), sigma, free=names, priors=priors)
-    return replace(found, space=found.space.with_start(start))
+    return starting(found, start)
 
 
 # The printed matrix and the integrator

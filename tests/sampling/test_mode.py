@@ -13,7 +13,7 @@ import pytest
 import scipy.optimize
 from oracles import NOMINAL
 from oracles import ORDER as ORDER_OF_MODEL
-from rigs import measured, posterior, vector
+from rigs import measured, posterior, starting, vector
 from scipy.optimize import minimize
 from together import for_each
 
@@ -75,30 +75,6 @@ def test_undetermined_directions_have_the_width_of_the_prior() -> None:
     cov = laplace.covariance(target, vector(NOMINAL))
     assert np.sqrt(cov[1, 1]) == pytest.approx(0.31, abs=0.02)  # log of uniform 0.5 to 1.5
     assert np.linalg.eigvalsh(cov).min() > 0
-
-
-def test_draws_are_finite_spread_and_reproducible() -> None:
-    cases = {
-        "linear": (False,),
-        "log": (True,),
-    }
-
-    def check(logs: bool) -> None:
-        target = posterior(RECORD, SIGMA, logs=logs)
-        z = laplace.draws(target, vector(NOMINAL), 64, np.random.default_rng(3))
-        assert z.shape == (64, 9)
-        assert np.isfinite(target(z)).all()
-        assert np.linalg.matrix_rank(z - z.mean(axis=0)) == 9
-        again = laplace.draws(target, vector(NOMINAL), 64, np.random.default_rng(3))
-        assert np.array_equal(z, again)
-
-    for_each(cases, check)
-
-
-def test_draws_near_an_edge_of_the_prior() -> None:
-    target = posterior(RECORD, SIGMA)
-    edge = vector({**NOMINAL, "t_f": 0.05 * (1 + 1e-9), "c_m": 28.4999e-5})
-    assert np.isfinite(target(laplace.draws(target, edge, 40, np.random.default_rng(1)))).all()
 
 
 def valley(x: np.ndarray) -> np.ndarray:
@@ -354,10 +330,8 @@ def test_searches_that_end_in_another_maximum_do_not_wander() -> None:
 
 def test_starts_begin_with_the_configured_one() -> None:
     target = posterior(RECORD, SIGMA, free=TWO)
-    space = target.space.with_start({"k_e": 0.05, "k_s": 0.3})
-    points = mode_search.starts(
-        dataclasses.replace(target, space=space), 3, np.random.default_rng(1)
-    )
+    target = starting(target, {"k_e": 0.05, "k_s": 0.3})
+    points = mode_search.starts(target, 3, np.random.default_rng(1))
     assert points[0] == pytest.approx([0.05, 0.3])
     assert np.isfinite(target.density(points)).all()
 

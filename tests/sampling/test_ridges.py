@@ -12,7 +12,7 @@ from together import for_each
 
 from bayesdrill.sampling.proposal import ridge_tracing
 from bayesdrill.sampling.samplers import ridge
-from bayesdrill.sampling.samplers.ridge import Frame, Ridge
+from bayesdrill.sampling.samplers.ridge import Frame, Ridge, bend, straighten
 
 SHAPES = [(1, 1), (2, 3), (4, 5), (0, 3), (3, 0)]  # loose and tight directions
 
@@ -43,8 +43,8 @@ def test_bending_and_straightening_undo_each_other() -> None:
     def check(n_loose: int, n_tight: int) -> None:
         found = curved(n_loose, n_tight)
         y = far_and_near(found)
-        u, bent = found.bend(y)
-        back, straightened = found.straighten(u)
+        u, bent = bend(found, y)
+        back, straightened = straighten(found, u)
         assert back == pytest.approx(y, rel=1e-7, abs=1e-7)
         assert straightened == pytest.approx(bent, abs=1e-7)
 
@@ -60,11 +60,11 @@ def test_volumes_are_those_of_a_numerical_determinant() -> None:
     def check(n_loose: int, n_tight: int) -> None:
         found = curved(n_loose, n_tight)
         y = far_and_near(found)
-        _, log_volume = found.bend(y)
+        _, log_volume = bend(found, y)
         h = 1e-5
         steps = h * np.eye(y.shape[1])
         for row, volume in zip(y, log_volume, strict=True):
-            columns = (found.bend(row + steps)[0] - found.bend(row - steps)[0]) / (2 * h)
+            columns = (bend(found, row + steps)[0] - bend(found, row - steps)[0]) / (2 * h)
             assert np.linalg.slogdet(columns)[1] == pytest.approx(volume, abs=1e-4)
 
     for_each({str(case): case for case in SHAPES}, check)
@@ -133,11 +133,11 @@ def test_a_strongly_bent_ridge_is_followed() -> None:
         fresh = surface.at(psi, np.zeros((1000, n_tight)))
         psi = psi[surface.inside(fresh)]
         exact = surface.at(psi, np.zeros((len(psi), n_tight)))
-        off = np.linalg.norm(traced.ridge.straighten(exact)[0][:, n_loose:], axis=1)
+        off = np.linalg.norm(straighten(traced.ridge, exact)[0][:, n_loose:], axis=1)
         assert np.median(off) < 0.1
         assert np.quantile(off, 0.9) < 0.2
         noisy = surface.at(psi, rng.standard_normal((len(psi), n_tight)))
-        e = traced.ridge.straighten(noisy)[0][:, n_loose:]
+        e = straighten(traced.ridge, noisy)[0][:, n_loose:]
         assert np.cov(e.T).reshape(n_tight, n_tight) == pytest.approx(np.eye(n_tight), abs=0.25)
 
     for_each(
@@ -162,7 +162,7 @@ def test_a_ridge_is_followed_up_to_the_ends_of_the_priors() -> None:
         found = ridge_tracing.trace(
             surface, surface.expand, start, np.random.default_rng(seed)
         ).ridge
-        off = np.linalg.norm(found.straighten(last)[0][:, 2:], axis=1)
+        off = np.linalg.norm(straighten(found, last)[0][:, 2:], axis=1)
         assert np.quantile(off, 0.9) < 0.3
 
 

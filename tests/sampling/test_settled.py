@@ -15,6 +15,7 @@ from bayesdrill.sampling.proposal.missed_mass import Look, look
 from bayesdrill.sampling.proposal.ridge_tracing import Settled, settled
 from bayesdrill.sampling.samplers.ensemble import State, advance
 from bayesdrill.sampling.samplers.independence import Proposal, mixture, normalised
+from bayesdrill.sampling.samplers.ridge import bend, straighten
 
 
 @cache
@@ -65,12 +66,12 @@ def test_points_are_brought_to_the_ridge() -> None:
         place[0] += 0.8 if far else 10.0 * np.exp(own.ends[1, :n_tight])  # as wide as it gets
         moved = replace(own, place=place, root=0.9 * own.root)
         home = Settled(moved, surface.expand)
-        psi, e = np.split(own.straighten(found.u)[0], [n_loose], axis=1)
-        assert np.median(np.linalg.norm(moved.straighten(found.u)[0][:, n_loose:], axis=1)) > 5.0
-        y, log_volume = home.straighten(found.u)
+        psi, e = np.split(straighten(own, found.u)[0], [n_loose], axis=1)
+        assert np.median(np.linalg.norm(straighten(moved, found.u)[0][:, n_loose:], axis=1)) > 5.0
+        y, log_volume = straighten(home, found.u)
         assert y[:, :n_loose] == pytest.approx(psi)
         assert np.quantile(np.abs(y[:, n_loose:] - e), 0.9) < 0.3
-        back, again = home.bend(y)
+        back, again = bend(home, y)
         assert back == pytest.approx(found.u, rel=1e-6, abs=1e-6)
         assert again == pytest.approx(log_volume, abs=1e-6)
 

@@ -11,11 +11,11 @@ from typing import ClassVar
 import numpy as np
 import pytest
 from arviz_stats.base import array_stats
+from rigs import near
 
 from bayesdrill.basics import seeds
 from bayesdrill.basics.progress import Silent
 from bayesdrill.config.job import prepare
-from bayesdrill.inference import laplace
 from bayesdrill.inference.posterior import Posterior
 from bayesdrill.sampling.convergence import autocorrelation_time
 from bayesdrill.sampling.samplers.ensemble import State, advance
@@ -72,7 +72,7 @@ class ByRatios:
 
 def long_run(posterior: Posterior, start: np.ndarray, ensemble: int) -> np.ndarray:
     """`(kept, W, D)` physical draws."""
-    z = laplace.draws(posterior, start, WALKERS, seeds.stream(77, "start", ensemble))
+    z = near(posterior, start, WALKERS, seeds.stream(77, "start", ensemble))
     state = State(z, posterior(z), seeds.legacy_state(77, "walk", ensemble))
     kept = []
     for step in range(0, STEPS, 1000):

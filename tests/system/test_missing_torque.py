@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from documents import ROOT
 from numpy.typing import NDArray
+from rigs import near
 from scipy.io import loadmat
 from together import together
 
@@ -19,7 +20,6 @@ from bayesdrill.analysis.identifiability.torque_confounding import scaled
 from bayesdrill.analysis.latent_torque import Shaking, follows, shakings
 from bayesdrill.analysis.run_analysis import torque_summary
 from bayesdrill.basics import seeds
-from bayesdrill.inference import laplace
 from bayesdrill.inference.posterior import Posterior
 from bayesdrill.report.sections import torque_words
 
@@ -73,7 +73,7 @@ def rubbing(folder: Path, seed: int) -> Path:
 def inferred(posterior: Posterior, mode: Array, n: int = 200) -> tuple[Array, Shaking]:
     """Draws of the unknowns by their normal approximation, and the torque with them."""
     rng = seeds.stream(7, "torque")
-    drawn = laplace.draws(posterior, mode, n, rng)
+    drawn = near(posterior, mode, n, rng)
     theta = posterior.coordinates.to_physical(drawn)
     return theta, shakings(posterior, theta, rng)[0]
 

@@ -182,7 +182,7 @@ class _Scene:
                 name=name,
                 rivals=named,
                 fall=alone / self._sd(name, self.known, named),
-                deeds=self._deeds(name),
+                deeds=self._of([f for f in self.frictions if name in f.friction.law.parameters]),
                 proposals=self._proposals(name),
             )
 
@@ -214,10 +214,6 @@ class _Scene:
             yield Unseen(
                 names=tuple(lost), scale=speed, deeds=deeds, proposals=self._proposals(lost[0])
             )
-
-    def _deeds(self, name: str) -> Deeds | None:
-        """Of the friction that has it in its law."""
-        return self._of([f for f in self.frictions if name in f.friction.law.parameters])
 
     def _of(self, every: Sequence[Rubbing]) -> Deeds | None:
         if not every:

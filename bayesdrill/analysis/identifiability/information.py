@@ -54,11 +54,13 @@ class Scenery:
         self.unknowns = tuple(u.name for u in moving if u.role in ("rig", "quantity"))
         self.nuisances = tuple(u.name for u in moving if u.role not in ("rig", "quantity"))
         self.prior_spreads = np.array([natural_spread(u) for u in moving])
-        self._known = 1.0 / self.prior_spreads[len(self.unknowns) :]
+        self.known = 1.0 / self.prior_spreads[len(self.unknowns) :]
 
     def usual_input(self, name: str) -> float:
         """The mean of an input over the records."""
-        means = [stage.usual_input(name) for stage in self._stages]
+        means = [
+            float(stage.constant.get(name, 0.0) + stage.base[name].mean()) for stage in self._stages
+        ]
         return float(np.mean(means))
 
     def sensitivities(self, theta: Array, scene: Scene = AS_IT_IS) -> Array:
@@ -92,7 +94,7 @@ class Scenery:
 
     def _with_priors(self, rows: Array, before: int) -> Array:
         """Of nuisances, which stand in the columns from `before` on."""
-        held = np.hstack([np.zeros((len(self._known), before)), np.diag(self._known)])
+        held = np.hstack([np.zeros((len(self.known), before)), np.diag(self.known)])
         return np.vstack([rows, held])
 
     def every(self, theta: Array, scene: Scene = AS_IT_IS) -> Array:
@@ -110,15 +112,7 @@ class Scenery:
         """The states of each experiment, `(T, X)`."""
         space = self.likelihood.space
         full, along = space.full(theta[None]), space.slopes(theta[None])
-        return [stage.states(full, along, scene) for stage in self._stages]
-
-    def swing(self, theta: Array, motion: Array, which: int) -> float:
-        """Of the channels of one experiment: their spread over the noise, the median."""
-        one = self.likelihood.observations[which]
-        sigma = one.scales(theta[None])[0]
-        return float(
-            np.median((motion @ one.experiment.weights(self.states).T).std(axis=0) / sigma)
-        )
+        return [stage.course(full, along, scene)[0][:, stage.k :] for stage in self._stages]
 
 
 def without(rows: Array, m: int) -> Array:
@@ -134,45 +128,38 @@ class _Stage:
 
     def __init__(self, one: Observation) -> None:
         model, experiment = one.response.model, one.experiment
-        self._one, self._states, self._k = one, model.states, len(experiment.channels)
-        n = len(experiment.t)
-        self._base = {name: experiment.series.get(name, np.zeros(n)) for name in model.inputs}
+        self._one, self._states, self.k = one, model.states, len(experiment.channels)
+        n, self.constant = len(experiment.t), experiment.constant
+        self.base = {name: experiment.series.get(name, np.zeros(n)) for name in model.inputs}
         self._late = (np.arange(n) >= n // 2).astype(float)
         every = of_states(model.states)
         shown = dataclasses.replace(
             experiment,
-            y=np.zeros((n, self._k + len(every))),
+            y=np.zeros((n, self.k + len(every))),
             channels=(*experiment.channels, *every),
-            series=self._base,
+            series=self.base,
         )
         self._response = one.response.of(shown)
 
-    def usual_input(self, name: str) -> float:
-        return float(self._one.experiment.constant.get(name, 0.0) + self._base[name].mean())
-
     def whitened(self, full: Array, along: Array, theta: Array, scene: Scene) -> Array:
         """Rows over the noise, zero where nothing was measured: `(n, m + k)`."""
-        slopes = self._run(full, along, scene)[1]
-        rows = self._one.informed(slopes[:, :, : self._k], theta)
+        slopes = self.course(full, along, scene)[1]
+        rows = self._one.informed(slopes[:, :, : self.k], theta)
         places = [self._states.index(name) for name in scene.extra]
-        more = slopes[:, :, [self._k + place for place in places]]
+        more = slopes[:, :, [self.k + place for place in places]]
         if places:
             rows = np.concatenate([rows, more / np.array([*scene.extra.values()])], axis=2)
         return np.asarray(rows.reshape(len(rows), -1).T)
 
-    def _pushed(self, name: str, scene: Scene) -> Array:
-        u, constant = self._base[name], self._one.experiment.constant.get(name, 0.0)
-        more = (scene.times.get(name, 1.0) - 1.0) * (u + constant)
-        return np.asarray(u + more + scene.late.get(name, 0.0) * self._late)
-
-    def states(self, full: Array, along: Array, scene: Scene) -> Array:
-        return self._run(full, along, scene)[0][:, self._k :]
-
-    def _run(self, full: Array, along: Array, scene: Scene) -> tuple[Array, Array]:
+    def course(self, full: Array, along: Array, scene: Scene) -> tuple[Array, Array]:
         """Signals `(T, K + X)` and slopes `(q, T, K + X)`."""
         response = self._response
         if scene.late or scene.times:
-            response = response.with_series({n: self._pushed(n, scene) for n in self._base})
+            pushed = {}
+            for name, u in self.base.items():
+                more = (scene.times.get(name, 1.0) - 1.0) * (u + self.constant.get(name, 0.0))
+                pushed[name] = np.asarray(u + more + scene.late.get(name, 0.0) * self._late)
+            response = response.with_series(pushed)
         signals, slopes = response.course(self._one.told(full), self._one.told(along))
         return signals[0], slopes[0]
 

@@ -65,15 +65,18 @@ class Fitter:
         self._likelihood = posterior.likelihood.pinned(theta)
         same = self._likelihood is posterior.likelihood
         self._scenery = scenery if same else Scenery(self._likelihood)
-        self._coordinates = posterior.coordinates
         self._m = len(scenery.unknowns) + len(scenery.nuisances)
-        self._noise = theta[self._m :]
-        moving = posterior.space.unknowns[: self._m]
+        moving, self._noise = posterior.space.unknowns[: self._m], theta[self._m :]
+        self._coordinates = replace(posterior.space, unknowns=moving).coordinates()
         ends = np.array([ends_of(one.prior, TAIL) for one in moving]).T
-        self.low, self.high = self._natural(ends)
-        self.best = self._fit(self._natural(theta[None, : self._m])[0], None)
-        if len(self._noise):
-            self._learn_noise()
+        self.low, self.high = self._coordinates.to_natural(ends)
+        self.best = self._fit(self._coordinates.to_natural(theta[None, : self._m])[0], None)
+        if len(self._noise):  # unknown levels, from what the best fit leaves
+            theta = self._theta(self.best.logs)
+            full, found = self._likelihood.space.full(theta[None]), theta.copy()
+            for one in self._likelihood.observations:
+                found[one.own] = one.fitted(one.residuals(full).samples[0], theta)
+            self._noise = found[self._m :]
             self.best = self._fit(self.best.logs, None)
 
     def held(self, start: Array, column: int, value: float) -> Fitted:
@@ -96,8 +99,6 @@ class Fitter:
         """
         free = np.array([k for k in range(self._m) if k != held], dtype=np.intp)
         logs = np.clip(logs, self.low, self.high)
-        if held is not None:
-            logs[held] = np.clip(logs[held], self.low[held], self.high[held])
         residuals = self._residuals(logs)
         damping = 1e-8
         for _ in range(MOST_STEPS if len(free) else 0):
@@ -141,25 +142,15 @@ class Fitter:
         moved[free] = np.clip(logs[free] + step, self.low[free], self.high[free])
         return moved
 
-    def _natural(self, moving: Array) -> Array:
-        """Of `(n, m)`, without the noise."""
-        with_noise = np.column_stack([moving, np.tile(self._noise, (len(moving), 1))])
-        return self._coordinates.to_natural(with_noise)[:, : self._m]
-
-    def physical(self, logs: Array) -> Array:
-        """Of `(n, m)` on the natural scale."""
-        with_noise = np.column_stack([logs, np.zeros((len(logs), len(self._noise)))])
-        return self._coordinates.from_natural(with_noise)[:, : self._m]
-
     def along(self, column: int, values: Array) -> Array:
         """One unknown in SI, of `values (n,)` on its natural scale."""
         rows = np.zeros((len(values), self._m))
         rows[:, column] = values
-        return self.physical(rows)[:, column]
+        return self._coordinates.from_natural(rows)[:, column]
 
     def _theta(self, logs: Array) -> Array:
         """All unknowns `(D,)`, of `logs (m,)`."""
-        return np.append(self.physical(logs[None])[0], self._noise)
+        return np.append(self._coordinates.from_natural(logs[None])[0], self._noise)
 
     def _residuals(self, logs: Array) -> Array:
         residuals = self._likelihood.whitened(self._theta(logs))
@@ -168,15 +159,6 @@ class Fitter:
     def _jacobian(self, logs: Array) -> Array:
         slopes = self._scenery.every(self._theta(logs))
         return np.nan_to_num(slopes, posinf=0.0, neginf=0.0)
-
-    def _learn_noise(self) -> None:
-        """Unknown noise levels, from what the best fit leaves."""
-        theta = self._theta(self.best.logs)
-        full, found = self._likelihood.space.full(theta[None]), theta.copy()
-        for one in self._likelihood.observations:
-            left = one.residuals(full).samples[0]
-            found[one.own] = one.fitted(left, theta)
-        self._noise = found[self._m :]
 
 
 @dataclass(frozen=True, slots=True)
@@ -198,8 +180,25 @@ def profile(fitter: Fitter, names: tuple[str, ...], column: int) -> Profile:
     costs = np.array([fit.cost for fit in fits])
     lowest = int(np.argmin(costs))  # a neighbour may have found better than the first fit
     loss = costs - costs[lowest]
-    low = _crossing(fitter, column, logs, fits, loss, costs[lowest], range(lowest, 0, -1))
-    high = _crossing(fitter, column, logs, fits, loss, costs[lowest], range(lowest, len(logs) - 1))
+
+    def crossing(outward: range) -> float | None:
+        """Where the loss first passes the threshold on the way out."""
+        for k in outward:
+            following = k + outward.step
+            if loss[k] < THRESHOLD <= loss[following]:
+
+                def excess(value: float, start: Array = fits[k].logs) -> float:
+                    fit = fitter.held(start, column, value)
+                    return float(fit.cost - costs[lowest] - THRESHOLD)
+
+                # Relative to the bracket: a well-known log changes in its last digits only.
+                near = 1e-4 * abs(logs[following] - logs[k])
+                return float(
+                    scipy.optimize.brentq(excess, logs[k], logs[following], xtol=near, rtol=1e-14)
+                )
+        return None
+
+    low, high = crossing(range(lowest, 0, -1)), crossing(range(lowest, len(logs) - 1))
     return Profile(
         name=names[column],
         values=fitter.along(column, logs),
@@ -232,35 +231,10 @@ def _side(
     return found
 
 
-def _crossing(
-    fitter: Fitter,
-    column: int,
-    logs: Array,
-    fits: list[Fitted],
-    loss: Array,
-    lowest: float,
-    outward: range,
-) -> float | None:
-    """Where the loss first passes the threshold on the way out."""
-    step = outward.step
-    for k in outward:
-        if loss[k] < THRESHOLD <= loss[k + step]:
-
-            def excess(value: float, start: Array = fits[k].logs) -> float:
-                return float(fitter.held(start, column, value).cost - lowest - THRESHOLD)
-
-            # Relative to the bracket: a well-known log changes in its last digits only.
-            near = 1e-4 * abs(logs[k + step] - logs[k])
-            return float(
-                scipy.optimize.brentq(excess, logs[k], logs[k + step], xtol=near, rtol=1e-14)
-            )
-    return None
-
-
 def _shape(low: float | None, high: float | None, logs: Array, lowest: int) -> Shape:
     if low is None and high is None:
         return "flat"
-    at_end = min(logs[lowest] - logs[0], logs[-1] - logs[lowest]) < AT_BOUND
     if low is not None and high is not None:
         return "bounded"
+    at_end = min(logs[lowest] - logs[0], logs[-1] - logs[lowest]) < AT_BOUND
     return "at the bound" if at_end else "one-sided"

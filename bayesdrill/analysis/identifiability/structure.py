@@ -26,7 +26,6 @@ from bayesdrill.inference.posterior import Posterior
 from bayesdrill.inference.priors import Uniform
 from bayesdrill.inference.unknowns import Unknown
 from bayesdrill.rig.models import PARAMETERS
-from bayesdrill.rig.models.linear import Model
 
 Exponents = tuple[int, ...]
 
@@ -128,12 +127,6 @@ def doubled(theta: Array, exponents: Exponents) -> Array:
     return np.asarray(theta * 2.0**powers)
 
 
-def same_response(one: Array, other: Array) -> bool:
-    """Signals `(W, T, K)` that agree to rounding."""
-    size = np.abs(one).max(axis=(0, 1))
-    return bool(np.all(np.abs(one - other) <= SAME_RESPONSE * size))
-
-
 def _complement(rows: Array, m: int) -> Array:
     """All directions at right angles to `rows (n, m)`."""
     if len(rows) == 0:
@@ -176,8 +169,12 @@ def structure_of(
     here = likelihood.every_signal(points)
 
     def unchanged(exponents: Exponents) -> bool:
+        """Whether all signals agree to rounding."""
         there = likelihood.every_signal(doubled(points, exponents))
-        return all(map(same_response, here, there))
+        return all(
+            np.all(np.abs(x - y) <= SAME_RESPONSE * np.abs(x).max(axis=(0, 1)))
+            for x, y in zip(here, there, strict=True)
+        )
 
     sensitivities = [scenery.sensitivities(point) for point in points]
     return analyse(scenery.unknowns, sensitivities, unchanged)
@@ -255,7 +252,18 @@ def resting(
     if not held:
         return ()
     first = len(space.columns("rig", "quantity"))
-    wider = _freed(posterior, model, held)
+    symbols = {one.name: one for one in (*PARAMETERS.values(), *model.declares)}
+    low, high = NEAR
+    freed = [
+        Unknown(
+            symbol=symbols[name],
+            role="rig",
+            prior=Uniform(low=low * space.fixed[name], high=high * space.fixed[name]),
+            start=space.fixed[name],
+        )
+        for name in held
+    ]
+    wider = posterior.edit(free=freed)
     at = np.insert(theta, first, [space.fixed[name] for name in held])
     found = structure_of(wider, Scenery(wider.likelihood), at, rng)
     follows = following(known, prior_sd)
@@ -270,20 +278,3 @@ def following(known: Information, prior_sd: Array) -> Array:
     """`(m, m)`: by how much the mean of each log follows the middle of each prior."""
     spread = np.linalg.inv(known.with_priors(prior_sd).root)
     return np.asarray(spread @ spread.T / prior_sd**2)
-
-
-def _freed(posterior: Posterior, model: Model, held: tuple[str, ...]) -> Posterior:
-    """With what is held unknown."""
-    (low, high), fixed = NEAR, posterior.space.fixed
-    known = {one.name: one for one in (*PARAMETERS.values(), *model.declares)}
-    return posterior.edit(
-        free=[
-            Unknown(
-                symbol=known[name],
-                role="rig",
-                prior=Uniform(low=low * fixed[name], high=high * fixed[name]),
-                start=fixed[name],
-            )
-            for name in held
-        ]
-    )

@@ -82,29 +82,18 @@ def remedies(
     now = information.from_sensitivities(names, scenery.sensitivities(theta))
     rows = [names.index(name) for name in of_interest]
     before = now.with_priors(prior_sd).bounds()[rows]
+    moves = [np.array(exponents, dtype=float) for exponents in symmetries]
     found = []
     for what, after in _tried(scenery, theta, now):
         sd = after.with_priors(prior_sd).bounds()[rows]
         # What is known to all digits, by a record at the edge of numbers, gets no better.
         usual = (before > 0) & (sd > 0) & (before < np.inf)
         ratio = np.divide(before, sd, out=np.ones_like(sd), where=usual)
-        found.append(
-            Remedy(
-                what=what,
-                breaks=tuple(
-                    k for k, exponents in enumerate(symmetries) if _touches(after, exponents)
-                ),
-                left=after.n_blind,
-                shrink=float(np.exp(np.mean(np.log(ratio)))),
-            )
-        )
+        seen = information.RANK_TOLERANCE * np.linalg.norm(after.root)
+        breaks = [k for k, move in enumerate(moves) if np.linalg.norm(after.root @ move) > seen]
+        shrink = float(np.exp(np.mean(np.log(ratio))))
+        found.append(Remedy(what=what, breaks=tuple(breaks), left=after.n_blind, shrink=shrink))
     return tuple(sorted(found, key=lambda remedy: (remedy.left, -remedy.shrink)))
-
-
-def _touches(after: Information, exponents: Exponents) -> bool:
-    """Whether moving along the symmetry would now be seen."""
-    size = np.linalg.norm(after.root @ np.array(exponents, dtype=float))
-    return bool(size > information.RANK_TOLERANCE * np.linalg.norm(after.root))
 
 
 def _tried(scenery: Scenery, theta: Array, now: Information) -> Iterator[tuple[str, Information]]:
@@ -139,9 +128,13 @@ def _other_drives(scenery: Scenery) -> Iterator[tuple[str, Scene]]:
 
 def _more_channels(scenery: Scenery, theta: Array) -> Iterator[tuple[str, Scene]]:
     """Each state that is not measured yet, with the signal-to-noise ratio of the others."""
-    motions = scenery.motions(theta)
-    ratio = np.median([scenery.swing(theta, motion, k) for k, motion in enumerate(motions)])
-    seen = [one.experiment.weights(scenery.states) for one in scenery.likelihood.observations]
+    motions, every = scenery.motions(theta), scenery.likelihood.observations
+    seen = [one.experiment.weights(scenery.states) for one in every]
+    swings = [
+        np.median((motion @ weights.T).std(axis=0) / one.scales(theta[None])[0])
+        for one, motion, weights in zip(every, motions, seen, strict=True)
+    ]
+    ratio = np.median(swings)
     spreads = np.median([motion.std(axis=0) for motion in motions], axis=0)
     for name, unit, spread in zip(scenery.states, np.eye(len(spreads)), spreads, strict=True):
         new = name not in INNER and any(
@@ -169,22 +162,19 @@ def _other_inputs(scenery: Scenery, theta: Array) -> Iterator[tuple[str, Scene]]
     torque = scenery.likelihood.observations[0].response.model.roles.rotor.load
     if torque not in scenery.inputs:
         return
-    change = _largest_change(scenery, theta, Scene(late={torque: 1.0}))
-    if 0 < change < np.inf:
-        load = LOAD_SHARE / change
-        loaded = f"apply a known load torque of {load:.2g} N m half-way"
-        yield loaded, Scene(late={torque: load})
-
-
-def _largest_change(scenery: Scenery, theta: Array, other: Scene) -> float:
-    """Of a channel to another scene, in shares of its range."""
-    found = []
-    pairs = zip(scenery.motions(theta), scenery.motions(theta, other), strict=True)
+    found = []  # changes of channels, in shares of their ranges
+    pairs = zip(
+        scenery.motions(theta), scenery.motions(theta, Scene(late={torque: 1.0})), strict=True
+    )
     for one, (before, after) in zip(scenery.likelihood.observations, pairs, strict=True):
         here, there = (x @ one.experiment.weights(scenery.states).T for x in (before, after))
         with np.errstate(all="ignore"):  # of a channel that stands still: no number, or infinite
             found.append(np.max(np.ptp(there - here, axis=0) / np.ptp(here, axis=0)))
-    return float(np.max(found))
+    change = float(np.max(found))
+    if 0 < change < np.inf:
+        load = LOAD_SHARE / change
+        loaded = f"apply a known load torque of {load:.2g} N m half-way"
+        yield loaded, Scene(late={torque: load})
 
 
 ALIKE = 2.0  # times: how much smaller an sd would be, for a nuisance that is named with it
@@ -246,22 +236,23 @@ class Study:
         return directions(self.information)
 
 
-def study(
+def study_of(
     scenery: Scenery,
     posterior: Posterior,
     theta: Array,
-    of_interest: Sequence[str],
-    thresholds: Thresholds,
-    rng: np.random.Generator,
+    asked: Asked,
     at: str = "the start",
     *,
     seek_remedies: bool = False,
 ) -> Study:
-    """At `theta (D,)`; `rng` draws the points at which the structure is looked at.
+    """At `theta (D,)`, as it is `asked` for.
 
     Remedies take as long as all else together, and are sought on request.
     """
-    names = scenery.unknowns
+    # Draws the points at which the structure is looked at.
+    rng = seeds.stream(asked.seed, "identify")
+    names, thresholds = scenery.unknowns, asked.thresholds
+    of_interest = tuple(asked.of_interest) or names
     found = structure_of(posterior, scenery, theta, rng)
     known = from_sensitivities(names, scenery.sensitivities(theta))
     prior_sd = prior_spreads(posterior)[: len(names)]
@@ -269,12 +260,12 @@ def study(
     return Study(
         names=names,
         at=at,
-        of_interest=tuple(of_interest) or names,
+        of_interest=of_interest,
         structure=found,
         parameters=_parameters(known, prior_sd, thresholds),
         products=tuple(_known(p, thresholds) for p in simple),
         information=known,
-        remedies=remedies(scenery, theta, found.symmetries, prior_sd, of_interest or names)
+        remedies=remedies(scenery, theta, found.symmetries, prior_sd, of_interest)
         if seek_remedies
         else (),
         nuisances=_nuisances(scenery, posterior, theta, thresholds),
@@ -315,20 +306,6 @@ def _nuisances(
             )
         )
     return tuple(found)
-
-
-def study_of(
-    scenery: Scenery,
-    posterior: Posterior,
-    theta: Array,
-    asked: Asked,
-    at: str = "the start",
-    *,
-    seek_remedies: bool = False,
-) -> Study:
-    """As it is asked for."""
-    rng, interest, words = seeds.stream(asked.seed, "identify"), asked.of_interest, asked.thresholds
-    return study(scenery, posterior, theta, interest, words, rng, at, seek_remedies=seek_remedies)
 
 
 def prior_spreads(posterior: Posterior) -> Array:

@@ -17,7 +17,7 @@ import numpy as np
 from bayesdrill.analysis.identifiability.structure import Exponents
 from bayesdrill.basics.arrays import Array, Counts
 from bayesdrill.inference.laplace import PosteriorSurface
-from bayesdrill.inference.likelihood import Observation, Torque
+from bayesdrill.inference.likelihood import Observation
 from bayesdrill.inference.posterior import Posterior
 from bayesdrill.record.experiment import Channel, frozen
 from bayesdrill.rig import models
@@ -64,19 +64,42 @@ def stand_ins(
     if not torques:
         return ()
     seeds = rng.integers(2**32, size=DRAWN)
-    known = _known(posterior, theta, before, seeds)
+
+    def information(some: Posterior, at: Array) -> Array:
+        return _information(some, at, before, seeds)
+
+    known = information(posterior, theta)
     if not np.isfinite(known).all():
         return ()
     names = posterior.space.free
     rig = [k for k, one in enumerate(posterior.space.unknowns) if one.role in ("rig", "quantity")]
     sds = np.sqrt(np.diag(np.linalg.inv(known)))
-    alone = _alone(posterior, theta, before, seeds, rig)
+    without = posterior.edit(each=lambda one: one.torque.times(NOTHING) if one.torque else one)
+    nothing = theta.copy()
+    nothing[[k for k, name in enumerate(names) if name.startswith(SIZE)]] *= NOTHING
+    alone = np.sqrt(np.diag(np.linalg.inv(information(without, nothing))))
     worse = [k for k in rig if sds[k] > FALLS * alone[k] and sds[k] > KNOWN * before[k]]
     if not worse:
         return ()
-    more = {
-        state: _measured(posterior, theta, before, seeds, state) for state in _unseen(posterior)
-    }
+    # States that no channel shows by itself.
+    first = posterior.likelihood.observations[0]
+    shown = {name for c in first.experiment.channels for name in c.weights if len(c.weights) == 1}
+    unseen = [name for name in first.response.model.states if name not in shown]
+    more = {state: information(_showing(posterior, theta, state), theta) for state in unseen}
+
+    def helps(k: int) -> tuple[Help, ...]:
+        found = []
+        for j in (j for j in rig if j != k):
+            rest = [i for i in range(len(sds)) if i != j]
+            held = np.linalg.inv(known[np.ix_(rest, rest)])
+            sd = float(np.sqrt(held[rest.index(k), rest.index(k)]))
+            found.append(Help(kind="hold", name=names[j], shrink=float(sds[k]) / sd))
+        for state, wider in more.items():
+            sd = float(np.sqrt(np.linalg.inv(wider)[k, k]))
+            found.append(Help(kind="measure", name=state, shrink=float(sds[k]) / sd))
+        good = sorted((one for one in found if one.shrink > HELPS), key=lambda one: -one.shrink)
+        return tuple(good[:MOST])
+
     return tuple(
         StandIn(
             name=names[k],
@@ -84,9 +107,7 @@ def stand_ins(
             sd=float(sds[k]),
             alone=float(alone[k]),
             before=float(before[k]),
-            helps=_helps(
-                k, known, sds, [names[j] if j in rig else "" for j in range(len(names))], more
-            ),
+            helps=helps(k),
         )
         for k in worse
     )
@@ -113,24 +134,7 @@ def scaled(posterior: Posterior, symmetries: Sequence[Exponents]) -> tuple[tuple
     return ()
 
 
-def _helps(
-    k: int, known: Array, sds: Array, names: list[str], more: dict[str, Array]
-) -> tuple[Help, ...]:
-    found = []
-    for j, name in enumerate(names):
-        if name and j != k:
-            rest = [i for i in range(len(sds)) if i != j]
-            held = np.linalg.inv(known[np.ix_(rest, rest)])
-            sd = float(np.sqrt(held[rest.index(k), rest.index(k)]))
-            found.append(Help(kind="hold", name=name, shrink=float(sds[k]) / sd))
-    for state, information in more.items():
-        sd = float(np.sqrt(np.linalg.inv(information)[k, k]))
-        found.append(Help(kind="measure", name=state, shrink=float(sds[k]) / sd))
-    good = sorted((one for one in found if one.shrink > HELPS), key=lambda one: -one.shrink)
-    return tuple(good[:MOST])
-
-
-def _known(posterior: Posterior, theta: Array, before: Array, seeds: Counts) -> Array:
+def _information(posterior: Posterior, theta: Array, before: Array, seeds: Counts) -> Array:
     """Information in logs `(D, D)`, priors included."""
     full, total = posterior.space.full(theta[None]), np.diag(1.0 / before**2)
     coordinates = posterior.coordinates
@@ -147,49 +151,22 @@ def _known(posterior: Posterior, theta: Array, before: Array, seeds: Counts) -> 
     return np.asarray(total)
 
 
-def _alone(
-    posterior: Posterior, theta: Array, before: Array, seeds: Counts, rig: list[int]
-) -> Array:
-    """Sds of all `(D,)`, if there were no torque: it is known to be nothing."""
-    levels = [k for k, name in enumerate(posterior.space.free) if name.startswith(SIZE)]
-    small = posterior.edit(each=lambda one: one.torque.times(NOTHING) if one.torque else one)
-    there = theta.copy()
-    there[levels] *= NOTHING
-    known = _known(small, there, before, seeds)
-    sds = np.full(len(theta), np.inf)
-    sds[rig] = np.sqrt(np.diag(np.linalg.inv(known)))[rig]
-    return sds
+def _showing(posterior: Posterior, theta: Array, state: str) -> Posterior:
+    """With every record showing this state too."""
+    full, unit = posterior.space.full(theta[None]), models.STATES[state].unit
+    name = f"state {state}"
+    channel = Channel(name=name, weights={state: 1.0}, unit=unit, latex="", latex_unit="")
 
+    def showing(one: Observation) -> Observation:
+        if one.torque is None:
+            return one
+        experiment = dataclasses.replace(
+            one.experiment,
+            channels=(*one.experiment.channels, channel),
+            y=frozen(np.column_stack([one.experiment.y, np.zeros(len(one.experiment.t))])),
+        )
+        response = one.response.of(experiment)
+        spread = float(response.signals(one.told(full))[0, :, -1].std())
+        return one.torque.showing(response, SENSOR * spread or 1.0)
 
-def _unseen(posterior: Posterior) -> list[str]:
-    """States that no channel shows by itself."""
-    one = posterior.likelihood.observations[0]
-    seen = {name for c in one.experiment.channels for name in c.weights if len(c.weights) == 1}
-    return [name for name in one.response.model.states if name not in seen]
-
-
-def _measured(
-    posterior: Posterior, theta: Array, before: Array, seeds: Counts, state: str
-) -> Array:
-    """Information, if every record showed this state too."""
-    full = posterior.space.full(theta[None])
-    more = posterior.edit(
-        each=lambda one: _with(one, one.torque, full, state) if one.torque else one
-    )
-    return _known(more, theta, before, seeds)
-
-
-def _with(one: Observation, torque: Torque, full: Array, state: str) -> Observation:
-    symbol = models.STATES[state]
-    channel = Channel(
-        name=f"state {state}", weights={state: 1.0}, unit=symbol.unit, latex="", latex_unit=""
-    )
-    experiment, t_count = one.experiment, len(one.experiment.t)
-    wider = dataclasses.replace(
-        experiment,
-        channels=(*experiment.channels, channel),
-        y=frozen(np.column_stack([experiment.y, np.zeros(t_count)])),
-    )
-    response = one.response.of(wider)
-    spread = float(response.signals(one.told(full))[0, :, -1].std())
-    return torque.showing(response, SENSOR * spread or 1.0)
+    return posterior.edit(each=showing)

@@ -129,13 +129,10 @@ class Spacing:
     def of(cls, t: Array, seen: Flags) -> Spacing:
         return cls(tuple(_apart(t, column) for column in seen.T), seen)
 
-    @classmethod
-    def evenly(cls, n_samples: int, n_channels: int) -> Spacing:
-        return _evenly(n_samples, n_channels)
-
 
 @lru_cache(maxsize=8)
-def _evenly(n_samples: int, n_channels: int) -> Spacing:
+def evenly(n_samples: int, n_channels: int) -> Spacing:
+    """Of samples that are evenly spaced and all there."""
     seen = np.ones((n_samples, n_channels), dtype=bool)
     return Spacing((Apart(slice(None), n_samples, None, None),) * n_channels, seen)
 
@@ -164,19 +161,12 @@ START = 0.3  # of a search
 MOST = 0.9999  # that what is left may tell: the end of the prior is no place to go on from
 
 
+_SAID = "Correlation of samples one usual interval apart; default: unknown"
+
+
 @dataclass(frozen=True, slots=True)
 class Entries:
-    rho: (
-        Annotated[
-            float,
-            Field(
-                ge=0,
-                lt=1,
-                description="Correlation of samples one usual interval apart; default: unknown",
-            ),
-        ]
-        | None
-    ) = None
+    rho: Annotated[float, Field(ge=0, lt=1, description=_SAID)] | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -288,11 +278,11 @@ class AR1:
         return list(self.levels.unknown), self.memory.free
 
     def _spacing(self, samples: Array) -> Spacing:
-        return self.spacing or Spacing.evenly(samples.shape[1], self.n_channels)
+        return self.spacing or evenly(samples.shape[1], self.n_channels)
 
     def _pairs(self, rho: Array) -> Array:
         """Information `(W, K, 2, 2)` about the log of sigma, and rho."""
-        spacing = self.spacing or Spacing.evenly(self.levels.n_samples, self.n_channels)
+        spacing = self.spacing or evenly(self.levels.n_samples, self.n_channels)
         each = [one.information(rho[:, k]) for k, one in enumerate(spacing.each)]
         return np.stack(each, axis=1)
 

@@ -32,18 +32,16 @@ def of_record(noise: Noise, t: Array, seen: Flags) -> Noise:
     if on is not None:
         made: Noise = on(t, seen)
         return made
-    return noise if seen.all() else _with_gaps(noise, tuple(int(n) for n in seen.sum(axis=0)))
-
-
-def _with_gaps(noise: Noise, counts: tuple[int, ...]) -> Noise:
+    if seen.all():
+        return noise
     seeing = getattr(noise, "seeing", None)
     if seeing is None:
         raise ValueError(
             f"noise of the kind {type(noise).__name__} needs every sample, and this record misses some; "
             "use white noise, or cut the record where none is missing (record.window)"
         )
-    made: Noise = seeing(counts)
-    return made
+    counted: Noise = seeing(tuple(int(n) for n in seen.sum(axis=0)))
+    return counted
 
 
 @dataclass(frozen=True, slots=True)
@@ -100,12 +98,7 @@ class Mixed:
         return sum(part.noise.n_channels for part in self.parts)
 
     def for_length(self, n_samples: int) -> Mixed:
-        return Mixed(
-            tuple(
-                dataclasses.replace(part, noise=part.noise.for_length(n_samples))
-                for part in self.parts
-            )
-        )
+        return Mixed(tuple(Part(p.noise.for_length(n_samples), p.columns) for p in self.parts))
 
     def on(self, t: Array, seen: Flags) -> Mixed:
         return Mixed(

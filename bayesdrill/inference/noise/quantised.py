@@ -30,15 +30,12 @@ GRID = (0.01, 2.0, 96)  # of sigma over what is left, when it is sought
 _LOG_SQRT_2PI = 0.5 * math.log(2 * math.pi)
 
 
+_SAID = "What was rounded to [unit of the column]"
+
+
 @dataclass(frozen=True, slots=True)
 class Entries:
-    step: (
-        Annotated[
-            float,
-            Field(ge=SMALLEST, le=LARGEST, description="What was rounded to [unit of the column]"),
-        ]
-        | None
-    ) = None
+    step: Annotated[float, Field(ge=SMALLEST, le=LARGEST, description=_SAID)] | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -29,19 +29,12 @@ START = 5.0  # of a search
 GRID, ROUNDS = 64, 200  # of degrees that are tried on what is left, and to find the scale of each
 
 
+_SAID = "Degrees of freedom; default: unknown"
+
+
 @dataclass(frozen=True, slots=True)
 class Entries:
-    degrees: (
-        Annotated[
-            float,
-            Field(
-                ge=LEAST,
-                le=LARGEST,
-                description="Degrees of freedom; default: unknown",
-            ),
-        ]
-        | None
-    ) = None
+    degrees: Annotated[float, Field(ge=LEAST, le=LARGEST, description=_SAID)] | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -128,7 +128,7 @@ def learn(
         except Nowhere:  # at ends of priors ridges may lead out of them
             break
         best, last = _compared(best, last)
-        best = max(best, last, key=lambda one: one.merit)
+        best = max(best, last, key=lambda one: one.worth / (1.0 + DEAR * one.strays))
     looked = None
     if again > 0 and settle:
         report.update(0.0, "looking for what the proposal leaves out")
@@ -179,7 +179,8 @@ def _fitted(
         said = f"learning the proposal, round {len(rounds)}: {done.share:.0%} of its draws count"
         report.update(len(rounds) / (ROUNDS + 1), said)
         good = done.share > ENOUGH and done.draws.trapped < TRAPPED
-        if (settled and good) or (len(rounds) > FEW and done.hopeless):
+        hopeless = done.draws.effective < ALONE  # one draw outweighs all others
+        if (settled and good) or (len(rounds) > FEW and hopeless):
             break
         u, weights = done.seen
         first = len(rounds) == 1
@@ -211,7 +212,9 @@ def _compared(one: _Round, other: _Round) -> tuple[_Round, _Round]:
     pair = (one, other)
     kept = [of.draws.those_with_a_density() for of in pair]
     u = np.concatenate([draws.u for draws in kept])
-    log_every, log_q = zip(*(of.densities(u) for of in pair), strict=True)
+    log_every, log_q = zip(
+        *(_densities(of.proposal.mixture, of.counts, u) for of in pair), strict=True
+    )
     own = np.split(np.stack(log_q), [len(kept[0].u)], axis=1)
     log_p = np.concatenate([kept[k].log_w + own[k][k] for k in range(2)])
     weights = normalised(log_p - np.logaddexp(*log_every))
@@ -248,14 +251,6 @@ class _Round:
     counts: tuple[int, int]
     missed: float = 0.0
 
-    def densities(self, u: Array) -> tuple[Array, Array]:
-        """Logs at `u (N, D)` of how densely it was drawn there, wider ones among them, and of itself."""
-        mixture, (n_own, n_others) = self.proposal.mixture, self.counts
-        y, jacobian = mixture.straightened(u)
-        log_q = mixture.log_density_at(y, jacobian)
-        log_wide = mixture.widened(WIDER).log_density_at(y, jacobian)
-        return np.logaddexp(np.log(n_own) + log_q, np.log(n_others) + log_wide), log_q
-
     @property
     def trapped(self) -> float:
         return max(self.draws.trapped, self.missed)
@@ -269,11 +264,6 @@ class _Round:
         """Draws `(N, D)` that have a density, and their weights, flattened where they must be."""
         kept = self.draws.those_with_a_density()
         return kept.u, kept.tempered(LEAST_SHARE * len(kept.u))
-
-    @property
-    def hopeless(self) -> bool:
-        """Whether one draw outweighs all others."""
-        return self.draws.effective < ALONE
 
     @property
     def strays(self) -> float:
@@ -291,10 +281,6 @@ class _Round:
     @property
     def good(self) -> bool:
         return self.share > GOOD and self.strays < STRAYS and self.trapped < 2.0 * TRAPPED
-
-    @property
-    def merit(self) -> float:
-        return self.worth / (1.0 + DEAR * self.strays)
 
     @property
     def worth(self) -> float:
@@ -316,17 +302,23 @@ def _draw(
     own, n_own = _inside(found, times * DRAWS, surface, seed)
     others, n_others = _inside(wide, times * WIDER_DRAWS, surface, seed)
     u = np.concatenate([own, others])
-    y, jacobian = found.straightened(u)
-    log_q = found.log_density_at(y, jacobian)
-    log_every = np.logaddexp(
-        np.log(n_own) + log_q, np.log(n_others) + wide.log_density_at(y, jacobian)
-    )
+    log_every, log_q = _densities(found, (n_own, n_others), u)
     log_w = surface.value(u) - log_q
     if not np.isfinite(log_w).any():
         raise Nowhere("no point of finite posterior was found around the maximum")
     draws = Weighed(u, log_w, log_q - log_every)
     proposal = Proposal(found, max(len(own) / n_own, 1.0 / n_own), draws.usual)
     return _Round(proposal, off, origin, draws, (n_own, n_others))
+
+
+def _densities(mixture: Mixture, counts: tuple[int, int], u: Array) -> tuple[Array, Array]:
+    """Logs at `u (N, D)` of how densely it was drawn there, by `counts` of a mixture and of a wider one,
+    and of the mixture itself.
+    """
+    y, jacobian = mixture.straightened(u)
+    log_q = mixture.log_density_at(y, jacobian)
+    log_wide = mixture.widened(WIDER).log_density_at(y, jacobian)
+    return np.logaddexp(np.log(counts[0]) + log_q, np.log(counts[1]) + log_wide), log_q
 
 
 def _inside(found: Mixture, n: int, surface: Surface, seed: Random) -> tuple[Array, int]:
@@ -367,7 +359,8 @@ def _several(found: Mixture, u: Array, weights: Array, seed: Random) -> Mixture:
         count = int(np.clip(effective(own) / (5 * u.shape[1]), 0, most)) if own.any() else 0
         if count == 0:  # too little is known of it yet
             share = max(float(own.sum()), LOST)
-            parts += [(s, share, m, r) for m, r in _of_sheet(found, s)]
+            of_sheet = np.flatnonzero(found.sheet == s)
+            parts += [(s, share, found.means[k], found.roots[k]) for k in of_sheet]
             continue
         points = y[s, mine]
         centre, root = moments(points, own)
@@ -376,11 +369,6 @@ def _several(found: Mixture, u: Array, weights: Array, seed: Random) -> Mixture:
         wide = root if count == 1 else NARROWED * root
         parts += [(s, float(own.sum()) / count, mean, wide) for mean in means]
     return _joined(found, parts)
-
-
-def _of_sheet(found: Mixture, s: int) -> list[tuple[Array, Array]]:
-    mine = np.flatnonzero(found.sheet == s)
-    return [(found.means[k], found.roots[k]) for k in mine]
 
 
 def _with_tails(narrow: Mixture, u: Array, weights: Array) -> Mixture:

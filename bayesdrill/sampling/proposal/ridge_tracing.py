@@ -69,13 +69,6 @@ def split(
     )
 
 
-def corner(surface: Surface, centre: Array, here: Expansion) -> tuple[Frame, Array]:
-    """The unknowns themselves as a basis, where the ends of the priors hold nearly all of them."""
-    scale = surface.spread
-    known = np.diag(here.curvature[0]) * scale**2 + (here.slope[0] * scale) ** 2
-    return ridge.frame(centre, np.diag(scale), len(centre)), known
-
-
 def _beside(apart: Array, unknowns: Indices) -> tuple[Array, list[int]]:
     """Columns at right angles: those `apart`, then what `unknowns` add to them, and which these are."""
     own: list[int] = []
@@ -165,14 +158,19 @@ def trace(
     still = unmoved(surface, expand, rng)
     base, known = split(surface, centre, here, still)
     if len(known) == len(centre) and (known > TIGHT).any():
-        base, known = corner(surface, centre, here)
+        # The unknowns themselves, where the ends of the priors hold nearly all of them.
+        scale = surface.spread
+        base = ridge.frame(centre, np.diag(scale), len(centre))
+        known = np.diag(here.curvature[0]) * scale**2 + (here.slope[0] * scale) ** 2
     if seen is None:
         cloud = None
         psi, spread = _foreseen(surface, base, known)
     else:
         drawn, weights = base.split(seen[0])[0], seen[1]
         psi, spread = moments(drawn, weights)
-        cloud = _picked(drawn, weights, rng)
+        # As many again, the rare ones more often than their weights say.
+        share = np.sqrt(weights)
+        cloud = drawn[rng.choice(len(drawn), size=len(drawn), p=share / share.sum())]
     at = _at_centre(base, here)
     if len(known) == 0 or base.tight.shape[1] == 0:
         return Traced(at, 0.0, psi, spread)
@@ -195,12 +193,6 @@ def _foreseen(surface: Surface, base: Frame, known: Array) -> tuple[Array, Array
     return psi + np.where(known > TIGHT, np.sign(towards) * sd, 0.0), np.diag(sd)
 
 
-def _picked(draws: Array, weights: Array, rng: np.random.Generator) -> Array:
-    """As many again, the rare ones more often than their weights say."""
-    share = np.sqrt(weights)
-    return draws[rng.choice(len(draws), size=len(draws), p=share / share.sum())]
-
-
 def _followed(
     surface: Surface,
     expand: Expand,
@@ -216,26 +208,21 @@ def _followed(
     points: list[Array] = []
     off = 0.0
     for share in OUTWARD:
-        n = _wanted(len(bent), share)
+        # Points for a polynomial of degree 2 near by, and of degree 4 in the end.
+        degree = 2 if share < 0.4 else 3 if share < 1.0 else 4
+        least = LEAST_POINTS if share < 1.0 else LAST_POINTS
+        n = int(np.clip(POINTS_PER_TERM * _terms(len(bent), degree), least, MOST_POINTS))
         wanted = share * _scattered(surface, at, n, psi, spread, cloud, share, rng)
-        points = _gathered(points, _arrive(surface, expand, base, wanted, at.at(wanted)))
+        points = _arrived(surface, expand, at, wanted, points)
         if len(points[0]) > 2 * (len(psi) + 1):
             at, off = _best_fit(base, bent, *points[:3], last=share == OUTWARD[-1])
     while off > FAIR and 2 * len(points[0]) < MOST_POINTS:
         wanted = _scattered(surface, at, len(points[0]), psi, spread, cloud, 1.0, rng)
-        points = _gathered(points, _arrive(surface, expand, base, wanted, at.at(wanted)))
+        points = _arrived(surface, expand, at, wanted, points)
         before, (at, off) = off, _best_fit(base, bent, *points[:3], last=True)
         if off > 0.7 * before:
             break
     return Traced(at, off, psi, spread)
-
-
-def _gathered(before: list[Array], new: list[Array]) -> list[Array]:
-    """All points but those that arrived far below the ridge: at a lesser maximum, where nothing is."""
-    points = [np.concatenate(pair) for pair in zip(before or new, new, strict=True)]
-    value = points[3]
-    kept = (value > value.max(initial=-np.inf) - DEEP) | (value == -np.inf)
-    return [some[kept] for some in points]
 
 
 def beside(surface: Surface, centre: Array, rng: np.random.Generator) -> Traced:
@@ -278,13 +265,6 @@ def _at_centre(base: Frame, here: Expansion) -> Ridge:
     return ridge.fit(base, np.zeros((1, n_loose)), step[None], roots, 0, 0)
 
 
-def _wanted(n_bent: int, share: float) -> int:
-    """Points for a polynomial of degree 2 near by, and of degree 4 in the end."""
-    degree = 2 if share < 0.4 else 3 if share < 1.0 else 4
-    least = LEAST_POINTS if share < 1.0 else LAST_POINTS
-    return int(np.clip(POINTS_PER_TERM * _terms(n_bent, degree), least, MOST_POINTS))
-
-
 def _scattered(
     surface: Surface,
     at: Ridge,
@@ -319,17 +299,24 @@ def _scattered(
     return np.asarray(inwards[chosen, None] * wanted[chosen])
 
 
-def _arrive(surface: Surface, expand: Expand, base: Frame, psi: Array, tau: Array) -> list[Array]:
-    """`psi (N, l)`, `tau (N, t)`, covariance roots `(N, t, t)` and log densities of what arrived.
+def _arrived(
+    surface: Surface, expand: Expand, at: Ridge, psi: Array, before: list[Array]
+) -> list[Array]:
+    """`psi (N, l)`, `tau (N, t)`, covariance roots `(N, t, t)` and log densities of what arrived, behind
+    those `before`.
 
     A little beyond the ends of the priors, too: without such points polynomials are at their worst
-    at the ends.
+    at the ends.  But not far below the ridge: at a lesser maximum, where nothing is.
     """
-    found, roots, value, arrived = led_back(expand, base, psi, tau)
-    u, beyond = base.join(psi, found), BEYOND_ENDS * (surface.high - surface.low)
+    found, roots, value, arrived = led_back(expand, at.frame, psi, at.at(psi))
+    u, beyond = at.frame.join(psi, found), BEYOND_ENDS * (surface.high - surface.low)
     near = (u > surface.low - beyond) & (u < surface.high + beyond)
     arrived &= np.isfinite(value) | near.all(axis=1)
-    return [psi[arrived], found[arrived], roots[arrived], value[arrived]]
+    new = [some[arrived] for some in (psi, found, roots, value)]
+    points = [np.concatenate(pair) for pair in zip(before or new, new, strict=True)]
+    value = points[3]
+    kept = (value > value.max(initial=-np.inf) - DEEP) | (value == -np.inf)
+    return [some[kept] for some in points]
 
 
 def led_back(
@@ -398,28 +385,24 @@ def _best_fit(
         return ridge.fit(base, *some, degree, root_degree, bent)
 
     degrees = [d for d in range(1, MOST_DEGREE + 1) if d == 1 or _terms(len(bent), d) < 0.7 * n]
-    degree, off = _least(degrees, lambda d: _worst(ridge.residuals(tried(d, 0), *others)))
+    degree, off = _least(degrees, lambda d: ridge.residuals(tried(d, 0), *others))
     if not last:
         made = ridge.fit(base, psi, tau, roots, degree, 0, bent)
         return ridge.further(made, EXTRAPOLATED), off
     lower = [d for d in range(degree + 1) if d <= 1 or _terms(len(bent), d) < n / 5]
-    root_degree, _ = _least(
-        lower, lambda d: _worst(ridge.root_residuals(tried(degree, d), *others))
-    )
+    root_degree, _ = _least(lower, lambda d: ridge.root_residuals(tried(degree, d), *others))
     made = ridge.fit(base, psi, tau, roots, degree, root_degree, bent)
     return ridge.further(made, CORNERS ** (1.0 / max(degree, 1))), off
 
 
-def _worst(errors: Array) -> float:
-    """Nearly: where the ridge ends a polynomial is at its worst, and there are few points there."""
-    return float(np.quantile(errors, NEARLY_ALL))
+def _least(degrees: Sequence[int], errors: Callable[[int], Array]) -> tuple[int, float]:
+    """The degree with the least error, or the first that is good enough.
 
-
-def _least(degrees: Sequence[int], error: Callable[[int], float]) -> tuple[int, float]:
-    """The degree with the least error, or the first that is good enough."""
+    Of nearly all points: where the ridge ends a polynomial is at its worst, and there are few there.
+    """
     best, least = degrees[0], np.inf
     for degree in degrees:
-        found = error(degree)
+        found = float(np.quantile(errors(degree), NEARLY_ALL))
         if found < WORTHWHILE * least:
             best, least = degree, found
         if found < GOOD_ENOUGH:
@@ -466,12 +449,6 @@ class Settled:
 
     def within(self, psi: Array) -> Flags:
         return self.ridge.within(psi)
-
-    def bend(self, y: Array) -> tuple[Array, Array]:
-        return ridge.bend(self, y)
-
-    def straighten(self, u: Array) -> tuple[Array, Array]:
-        return ridge.straighten(self, u)
 
 
 def bound(proposal: Proposal, posterior: Posterior) -> Proposal:

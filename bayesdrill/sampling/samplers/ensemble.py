@@ -8,9 +8,7 @@ Those whose p/q is above a limit step by themselves, along the ridge that is lik
 p/q is above the limit too: that is Metropolis and Hastings on the density cut to such places.  No
 other walker is touched, so the whole density is kept exactly.
 
-The registry of ensemble moves, in the form that emcee takes them.
-
-They are emcee's own stretch and differential evolution, written over whole arrays: emcee 3.1.6
+The moves are emcee's own stretch and differential evolution, written over whole arrays: emcee 3.1.6
 loops over the walkers, which costs more than the model does here.  Its snooker move is not among
 them: its Hastings factor is wrong (it shrinks a unit normal in five dimensions to a standard
 deviation of 0.84).  A move enters here after it has passed `tests/contracts/test_moves.py`.
@@ -28,7 +26,7 @@ import numpy as np
 from bayesdrill.basics.arrays import Array, Flags, Indices
 from bayesdrill.basics.registry import Registry, callable_one
 from bayesdrill.sampling.samplers.independence import Inside, Mixture, Proposal, Random, Remembered
-from bayesdrill.sampling.samplers.ridge import Sheet
+from bayesdrill.sampling.samplers.ridge import Sheet, bend, straighten
 
 SHORTEST, LONGEST = 0.01, 1.0  # of a component's widths, over the root of the dimension
 
@@ -51,7 +49,7 @@ def local_steps(mixture: Mixture, u: Array, random: Random) -> tuple[Array, Arra
     fresh = np.empty_like(u)
     for s in np.unique(sheet):
         mine = sheet == s
-        fresh[mine] = mixture.sheets[s].bend((y[s] + length * step)[mine])[0]
+        fresh[mine] = bend(mixture.sheets[s], (y[s] + length * step)[mine])[0]
     y, after = mixture.straightened(fresh)
     parts_after = mixture.log_parts(y, after)
     log_q, log_q_after = (np.logaddexp.reduce(some, axis=0) for some in (parts, parts_after))
@@ -96,9 +94,9 @@ class Halves:
     ) -> tuple[Array, Array]:
         if self.along is None:
             return self.proposal(walkers[half], walkers[others], random)
-        y, before = self.along.straighten(walkers)
+        y, before = straighten(self.along, walkers)
         there, factor = self.proposal(y[half], y[others], random)
-        fresh, after = self.along.bend(there)
+        fresh, after = bend(self.along, there)
         return fresh, factor + after - before[half]
 
 

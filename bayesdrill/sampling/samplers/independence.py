@@ -27,7 +27,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from bayesdrill.basics.arrays import Array, Flags, Indices
-from bayesdrill.sampling.samplers.ridge import Sheet
+from bayesdrill.sampling.samplers.ridge import Sheet, bend, straighten
 
 Random = np.random.RandomState
 
@@ -164,24 +164,20 @@ class Mixture:
             mine = np.flatnonzero(chosen == k)
             y[mine] = mean + normal[mine] @ root.T
         if len(self.sheets) == 1:
-            return Drawn(*self.sheets[0].bend(y), y, self.sheet[chosen])
-        for s, ridge in enumerate(self.sheets):
+            return Drawn(*bend(self.sheets[0], y), y, self.sheet[chosen])
+        for s, sheet in enumerate(self.sheets):
             mine = np.flatnonzero(self.sheet[chosen] == s)
-            u[mine], jacobian[mine] = ridge.bend(y[mine])
+            u[mine], jacobian[mine] = bend(sheet, y[mine])
         return Drawn(u, jacobian, y, self.sheet[chosen])
-
-    def log_density_of(self, drawn: Drawn) -> Array:
-        """Of draws of its own: `(n,)`."""
-        return self.log_density_at(*self.coordinates(drawn))
 
     def coordinates(self, drawn: Drawn) -> tuple[Array, Array]:
         """`straightened`, of draws of its own: on the sheet they come from they are known already."""
         y = np.repeat(drawn.y[None], len(self.sheets), axis=0)
         jacobian = np.repeat(drawn.jacobian[None], len(self.sheets), axis=0)
-        for s, ridge in enumerate(self.sheets):
+        for s, sheet in enumerate(self.sheets):
             others = np.flatnonzero(drawn.sheet != s)
             if len(others) > 0:
-                y[s, others], jacobian[s, others] = ridge.straighten(drawn.u[others])
+                y[s, others], jacobian[s, others] = straighten(sheet, drawn.u[others])
         return y, jacobian
 
     def widened(self, factor: float) -> Mixture:
@@ -206,8 +202,8 @@ class Mixture:
 
     def straightened(self, u: Array) -> tuple[Array, Array]:
         """`y (S, W, D)` on each sheet and log |du / dy| `(S, W)`."""
-        found = [ridge.straighten(u) for ridge in self.sheets]
-        return np.array([y for y, _ in found]), np.array([jacobian for _, jacobian in found])
+        y, jacobian = zip(*(straighten(sheet, u) for sheet in self.sheets), strict=True)
+        return np.array(y), np.array(jacobian)
 
     def log_parts(self, y: Array, jacobian: Array) -> Array:
         """Log density over u of each component, its weight included: `(K, W)`."""
@@ -353,7 +349,8 @@ class Proposal:
             drawn = self.mixture.draw(int(wanted) + 8, random)
             if attempt < MOST_REDRAWS - 1:
                 drawn = drawn.those(np.flatnonzero(inside(drawn.u))[: n - have])
-            found.append((drawn.u, self.mixture.log_density_of(drawn)))
+            log_q = self.mixture.log_density_at(*self.mixture.coordinates(drawn))
+            found.append((drawn.u, log_q))
             have += len(drawn.u)
             if have >= n:
                 break

@@ -102,20 +102,13 @@ class Sheet(Protocol):
 
     def within(self, psi: Array) -> Flags: ...
 
-    def bend(self, y: Array) -> tuple[Array, Array]:
-        """See `bend`."""
-        ...
-
-    def straighten(self, u: Array) -> tuple[Array, Array]:
-        """See `straighten`."""
-        ...
-
 
 def bend(sheet: Sheet, y: Array) -> tuple[Array, Array]:
     """`y (W, D)` to u, and log |du / dy| `(W,)`."""
     psi, e = y[:, : sheet.n_loose], y[:, sheet.n_loose :]
     tau, root, log_det = sheet.along(psi)
-    return sheet.frame.join(psi, tau + _times(root, e)), log_det + sheet.frame.log_volume
+    tau = tau + np.einsum("ijw,wj->wi", root, e)
+    return sheet.frame.join(psi, tau), log_det + sheet.frame.log_volume
 
 
 def straighten(sheet: Sheet, u: Array) -> tuple[Array, Array]:
@@ -152,12 +145,6 @@ class Ridge:
     def n_loose(self) -> int:
         return int(self.frame.loose.shape[1])
 
-    def bend(self, y: Array) -> tuple[Array, Array]:
-        return bend(self, y)
-
-    def straighten(self, u: Array) -> tuple[Array, Array]:
-        return straighten(self, u)
-
     def at(self, psi: Array) -> Array:
         """The ridge itself: `(W, l)` to tau `(W, t)`."""
         return self.along(psi)[0]
@@ -183,17 +170,6 @@ class Ridge:
         lower = np.tril_indices(n, -1)
         root[lower] = entries[n:] * diagonal[lower[1]]
         return (self.place.T @ rows).T, root, entries[:n].sum(axis=0)
-
-
-def root_entries(roots: Array) -> Array:
-    """Lower triangles `(N, t, t)` as what `Ridge.root` makes of them: `(N, t (t + 1) / 2)`."""
-    diagonal = np.diagonal(roots, axis1=1, axis2=2)
-    row, column = np.tril_indices(roots.shape[1], -1)
-    return np.concatenate([np.log(diagonal), roots[:, row, column] / diagonal[:, column]], axis=1)
-
-
-def _times(root: Array, e: Array) -> Array:
-    return np.asarray(np.einsum("ijw,wj->wi", root, e))
 
 
 def _solved(root: Array, rest: Array) -> Array:
@@ -223,7 +199,11 @@ def fit(
     far = np.sqrt((((psi - middle) / width) ** 2).sum(axis=1)).max() if n_loose else 1.0
     width = width * max(float(far), 1e-12)
     scaled = ((psi - middle) / width).T
-    entries = root_entries(roots)
+    # Lower triangles as `Ridge.root` has them: logs of the diagonal, the rest over its column.
+    diagonal = np.diagonal(roots, axis1=1, axis2=2)
+    row, column = np.tril_indices(roots.shape[1], -1)
+    below = roots[:, row, column] / diagonal[:, column]
+    entries = np.concatenate([np.log(diagonal), below], axis=1)
     low, high = entries.min(axis=0), entries.max(axis=0)
     beyond = LEEWAY * (high - low)
     own, own_root = powers(n_loose, degree), powers(n_loose, min(root_degree, degree))
@@ -235,9 +215,9 @@ def fit(
         width=width,
         reach=1.0,
         powers=own,
-        place=_least_squares(rows, tau),
+        place=np.linalg.lstsq(rows, tau, rcond=1e-10)[0],
         root_powers=own_root,
-        root=_least_squares(rows[:, : own_root.terms], entries),
+        root=np.linalg.lstsq(rows[:, : own_root.terms], entries, rcond=1e-10)[0],
         ends=np.array([low - beyond, high + beyond]),
     )
 
@@ -256,10 +236,6 @@ def root_residuals(ridge: Ridge, psi: Array, tau: Array, roots: Array) -> Array:
     said = np.moveaxis(ridge.along(psi)[1], 2, 0)
     ratio = np.linalg.solve(said, roots)
     return np.asarray(np.abs(np.log(np.linalg.svd(ratio, compute_uv=False))).max(axis=1))
-
-
-def _least_squares(rows: Array, values: Array) -> Array:
-    return np.asarray(np.linalg.lstsq(rows, values, rcond=1e-10)[0])
 
 
 def further(found: Ridge, factor: float) -> Ridge:
