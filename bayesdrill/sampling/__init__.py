@@ -24,19 +24,4 @@ if TYPE_CHECKING:
     from bayesdrill.sampling.samplers.ensemble import halves as halves
     from bayesdrill.sampling.workers import Crew as Crew
 
-__getattr__ = late(
-    __name__,
-    {
-        "Crew": "workers",
-        "Memory": "ensembles",
-        "Optimiser": "optimisers.contract",
-        "Optimum": "optimisers.contract",
-        "Plan": "ensembles",
-        "Run": "optimisers.nelder_mead",
-        "THOROUGH": "optimisers.nelder_mead",
-        "Task": "optimisers.contract",
-        "descend": "optimisers.nelder_mead",
-        "halves": "samplers.ensemble",
-        "sample": "ensembles",
-    },
-)
+__getattr__ = late(__name__)
