@@ -60,8 +60,9 @@ class Expression:
 
     @property
     def positive(self) -> bool:
-        """Whether it surely is, where all unknowns are positive: a product of powers.  A sum may not be, as a
-        number that is held can be negative.
+        """Whether it surely is, where all unknowns are positive: a product of powers.
+
+        A sum may not be, as a number that is held can be negative.
         """
         return _is_positive(self.tree)
 

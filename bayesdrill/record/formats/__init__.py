@@ -41,24 +41,8 @@ class Format:
     options: type = NoEntries
 
 
-def _read_csv(path: Path, options: CsvOptions, _: Wanted) -> Table:
-    return csv.read(path, options)
-
-
-def _read_matlab(path: Path, _: NoEntries, wanted: Wanted) -> Table:
-    return matlab.read(path, wanted)
-
-
-def _read_hdf5(path: Path, _: NoEntries, wanted: Wanted) -> Table:
-    return arrays.read_hdf5(path, wanted)
-
-
-def _read_npz(path: Path, _: NoEntries, wanted: Wanted) -> Table:
-    return arrays.read_npz(path, wanted)
-
-
-def _read_parquet(path: Path, _: NoEntries, wanted: Wanted) -> Table:
-    return arrays.read_parquet(path, wanted)
+def _without_options(read: Callable[[Path, Wanted], Table]) -> Callable[[Path, Any, Wanted], Table]:
+    return lambda path, _, wanted: read(path, wanted)
 
 
 def _is_format(_: str, member: Any) -> None:
@@ -70,11 +54,15 @@ def _is_format(_: str, member: Any) -> None:
 FORMATS: Registry[Format] = Registry(
     "format",
     {
-        "csv": Format((".csv", ".txt", ".tsv", ".dat"), _read_csv, CsvOptions),
-        "mat": Format((".mat",), _read_matlab),
-        "hdf5": Format((".h5", ".hdf5"), _read_hdf5),
-        "npz": Format((".npz",), _read_npz),
-        "parquet": Format((".parquet",), _read_parquet),
+        "csv": Format(
+            (".csv", ".txt", ".tsv", ".dat"),
+            lambda path, options, _: csv.read(path, options),
+            CsvOptions,
+        ),
+        "mat": Format((".mat",), _without_options(matlab.read)),
+        "hdf5": Format((".h5", ".hdf5"), _without_options(arrays.read_hdf5)),
+        "npz": Format((".npz",), _without_options(arrays.read_npz)),
+        "parquet": Format((".parquet",), _without_options(arrays.read_parquet)),
     },
     judge=_is_format,
 )
