@@ -91,7 +91,7 @@ def assemble(case: ResolvedCase, table: Table | None = None) -> Job:
     off = float(posterior.likelihood.per_number(start[None])[0]) ** 0.5
     if off > FARTHEST:
         message = f"the start is {off:.2g} times the noise off the record; check values and units"
-        raise InputError([source.problem(("parameters",), message)])
+        raise source.error(("parameters",), message)
     impossible = derived.impossible(problem)
     if impossible:
         named = [source.problem(("derived", name), text) for name, text in impossible.items()]

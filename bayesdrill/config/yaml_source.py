@@ -47,6 +47,10 @@ class Source:
         label = f"{self.path}:{self.lines.get(known, 1)}" if self.lines else str(self.path)
         return Issue(f"{label}: {dotted}" if dotted else label, message)
 
+    def error(self, place: Place, message: str) -> InputError:
+        """With this problem alone."""
+        return InputError([self.problem(place, message)])
+
 
 def read(path: Path) -> Source:
     """Raises `InputError` where the file cannot be read or is not YAML."""

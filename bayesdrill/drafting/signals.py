@@ -75,14 +75,11 @@ def _of(one: Seen, why: str, doubt: str = "") -> Timing:
     unit = one.says.unit
     step = float(np.nanmedian(np.diff(one.values)))
     if not unit:
-        unit = min(("s", "ms", "us"), key=lambda u: _unusual(step * units.factor(u, "s")))
+        rates = {u: 1 / (step * units.factor(u, "s")) for u in ("s", "ms", "us")}
+        unit = min(rates, key=lambda u: abs(math.log(rates[u] / USUAL_RATE)))
         said = f"no unit is said; steps of {step:.6g} {unit} make a usual sampling rate"
         doubt = f"{doubt}; {said}" if doubt else said
     return Timing(one.values * units.factor(unit, "s"), one, unit, why, doubt)
-
-
-def _unusual(dt: float) -> float:
-    return abs(math.log(1 / dt / USUAL_RATE))
 
 
 def _steps(values: Array) -> bool:
@@ -163,12 +160,11 @@ def _alone(t: Array, rows: slice) -> slice:
 
 def _longest(joined: np.ndarray) -> slice:
     """Of rows, each `joined (T - 1,)` to the next."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], joined, [False]]).astype(int)))
-    if len(edges) == 0:
+    runs = anomalies.spans(joined)
+    if not len(runs):
         return slice(0, 0)
-    begins, ends = edges[::2], edges[1::2]
-    best = int(np.argmax(ends - begins))
-    return slice(int(begins[best]), int(ends[best]) + 1)
+    best = int(np.argmax(runs.last - runs.first))
+    return slice(int(runs.first[best]), int(runs.last[best]) + 2)
 
 
 # How many units of the angle are one of the speed, times s: what a derivative can be.
@@ -378,9 +374,7 @@ def jumps(columns: Sequence[Seen], part: Part) -> NDArray[np.bool_]:
     """Rows `(T,)` at which a voltage among the columns has just jumped."""
     found = np.zeros(len(part.t), dtype=np.bool_)
     for one in (column for column in columns if column.says.kind == "voltage"):
-        known = np.flatnonzero(np.isfinite(one.values[part.rows]))
-        values = one.values[part.rows][known]
-        found[known[1:][np.abs(np.diff(values)) > anomalies.JUMP * np.ptp(values)]] = True
+        found[anomalies.jumps(one.values[part.rows])] = True
     return found
 
 

@@ -11,7 +11,6 @@ from bayesdrill import output_files
 from bayesdrill.basics import symbols, units
 from bayesdrill.basics.arrays import Array
 from bayesdrill.basics.entries import made
-from bayesdrill.basics.errors import InputError
 from bayesdrill.basics.units import Unit
 from bayesdrill.config.records import column_cleaning, sources
 from bayesdrill.config.records.column_cleaning import Column, Findings
@@ -76,7 +75,7 @@ class _Reader:
         try:
             output_files.check_record(len(t), y.shape[1])
         except ValueError as error:
-            raise InputError([self._source.problem(("record", "file"), str(error))]) from None
+            raise self._source.error(("record", "file"), str(error)) from None
         held = self._held_out(t, y)
         series, turned = self._inputs(t, columns)
         raise_if_any(self._sources.problems)
@@ -119,7 +118,7 @@ class _Reader:
             return found
         refusal = sources.refuse_decimation(found, wanted.factor, filtered=wanted.filter)
         if refusal:
-            raise InputError([self._source.problem(("record", "decimate"), refusal)])
+            raise self._source.error(("record", "decimate"), refusal)
         return (sources.decimated_experiment if wanted.filter else sources.samples_left)(
             found, wanted.factor
         )
@@ -289,14 +288,14 @@ class _Reader:
                 f"the initial state is at {begin:g} s, after the first sample at {time[0]:g} s; give "
                 "`initial: {time: ...}` at or before it"
             )
-            raise InputError([self._source.problem(place, message)])
+            raise self._source.error(place, message)
         if self._config.initial.time is None and time[0] - begin > FAR * (time[-1] - time[0]):
             message = (
                 f"the record begins at {time[0]:.10g} s, and the initial state is at {begin:g} s by "
                 "default; if these are times of a clock, give `initial: {time: ...}`"
                 f"{calendar(time)}"
             )
-            raise InputError([self._source.problem(("record", "time"), message)])
+            raise self._source.error(("record", "time"), message)
         return min(begin, float(time[0]))
 
 

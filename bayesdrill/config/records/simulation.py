@@ -65,7 +65,7 @@ def check_form(config: Config, source: Source, target: Path | None) -> None:
     if not wrong and reading.csv_options(record).header is False:
         place, wrong = ("record", "header"), "a simulated record has a header; remove this entry"
     if wrong:
-        raise InputError([source.problem(place, wrong)])
+        raise source.error(place, wrong)
 
 
 def _impossible(config: Config) -> tuple[Place, str]:
@@ -122,9 +122,7 @@ def _columns(config: Config, source: Source, experiment: Experiment, y: Array) -
 def _name(source: Source, place: Place, spec: Column) -> str:
     if isinstance(spec.column, str):
         return spec.column
-    raise InputError(
-        [source.problem(place, "a simulated record is a CSV file with named columns; give a name")]
-    )
+    raise source.error(place, "a simulated record is a CSV file with named columns; give a name")
 
 
 def _check_read_back(config: Config, source: Source, text: str, columns: list[_Column]) -> None:
@@ -139,7 +137,7 @@ def _check_read_back(config: Config, source: Source, text: str, columns: list[_C
     except InputError as error:
         first = error.problems[0].message
         message = f"the record could not be read as this config reads it: {first}"
-        raise InputError([source.problem(("record",), message)]) from None
+        raise source.error(("record",), message) from None
 
 
 def simulate(case: ResolvedCase, seed: int, target: Path | None = None) -> str:
@@ -161,7 +159,7 @@ def simulate_all(case: ResolvedCase, seed: int, output: Path | None = None) -> d
                 message = (
                     f"another experiment is simulated into {target} too; give each its own file"
                 )
-                raise InputError([one.source.problem(("record", "file"), message)])
+                raise one.source.error(("record", "file"), message)
             made[target] = simulate_one(one, seed, target, index)
         except InputError as error:
             problems += error.problems
@@ -230,14 +228,10 @@ def grid(one: ResolvedExperiment) -> Experiment:
     if simulation is None or simulation.duration is None:
         return reading.read(one)
     if series:
-        raise InputError(
-            [
-                one.source.problem(
-                    ("simulation", "duration"),
-                    f"the input {series[0]} is measured, so the times are those of the record; remove "
-                    "`duration:` and `rate:`",
-                )
-            ]
+        raise one.source.error(
+            ("simulation", "duration"),
+            f"the input {series[0]} is measured, so the times are those of the record; remove "
+            "`duration:` and `rate:`",
         )
     t, channels = (
         times(simulation.duration, simulation.rate),
@@ -292,7 +286,7 @@ def _true_of_noise(one: ResolvedExperiment, unknown: Unknown) -> float:
     if value is None or low < value < high:
         return unknown.start if value is None else value
     message = f"{value:g} is impossible; give a number between {low:g} and {high:g}"
-    raise InputError([one.source.problem(("simulation", "truth", unknown.name), message)])
+    raise one.source.error(("simulation", "truth", unknown.name), message)
 
 
 def _given(values: Mapping[str, float], name: str, label: str) -> float | None:
@@ -310,6 +304,6 @@ def _known(one: ResolvedExperiment, entry: Measured) -> Measured:
         message = (
             f"the noise of this channel is unknown; add `simulation: {{sigma: {{{name}: ...}}}}`"
         )
-        raise InputError([one.source.problem(("record", "channels", name, "sigma"), message)])
+        raise one.source.error(("record", "channels", name, "sigma"), message)
     sigma = float(simulation.sigma[name]) * entry.channel.factor
     return dataclasses.replace(entry, noisy=dataclasses.replace(entry.noisy, sigma=sigma))
