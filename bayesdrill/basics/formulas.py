@@ -68,7 +68,12 @@ class Expression:
 
     def substituted(self, others: Mapping[str, Expression]) -> Expression:
         """With the names of `others` replaced by what they are; raises `ValueError` if that is long."""
-        tree = _Substitution(others).visit(ast.parse(self.text, mode="eval").body)
+
+        class Substitution(ast.NodeTransformer):
+            def visit_Name(self, node: ast.Name) -> ast.expr:
+                return others[node.id].tree if node.id in others else node
+
+        tree = Substitution().visit(ast.parse(self.text, mode="eval").body)
         _check_size(tree)
         return Expression(ast.unparse(tree), tree)
 
@@ -104,19 +109,16 @@ class RelationError(ValueError):
         self.name = name
 
 
-def _circle(path: tuple[str, ...]) -> RelationError:
-    shown = " -> ".join((*path, path[0]))
-    message = f"depends on itself ({shown}); give one of these a prior or a number"
-    return RelationError(path[0], message)
-
-
 def resolved(relations: Mapping[str, Expression]) -> dict[str, Expression]:
     """Relations in names that have none themselves; raises `RelationError`."""
     done: dict[str, Expression] = {}
 
     def resolve(name: str, path: tuple[str, ...]) -> Expression:
         if name in path:
-            raise _circle(path[path.index(name) :])
+            circle = path[path.index(name) :]
+            shown = " -> ".join((*circle, name))
+            message = f"depends on itself ({shown}); give one of these a prior or a number"
+            raise RelationError(name, message)
         if name not in done:
             inner = [other for other in relations[name].names if other in relations]
             others = {other: resolve(other, (*path, name)) for other in inner}
@@ -221,14 +223,6 @@ def _is_positive(node: ast.expr) -> bool:
         case ast.Call(func=ast.Name(id="sqrt"), args=[argument]):
             return _is_positive(argument)
     return False
-
-
-class _Substitution(ast.NodeTransformer):
-    def __init__(self, others: Mapping[str, Expression]) -> None:
-        self.others = others
-
-    def visit_Name(self, node: ast.Name) -> ast.expr:
-        return self.others[node.id].tree if node.id in self.others else node
 
 
 def _short(text: str) -> str:

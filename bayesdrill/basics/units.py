@@ -45,7 +45,13 @@ def factor(unit: str, si: str) -> float:
     if unit == si:
         return 1.0
     if counts := _COUNT.fullmatch(unit.strip()):
-        return _of_count(int(counts[1]), unit, si)
+        if si != "rad":
+            raise ValueError(
+                f"unit '{unit}' is an angle, not a unit of {si}; write {_examples(si)}"
+            )
+        if int(counts[1]) == 0:
+            raise ValueError(f"unit '{unit}' has no counts in a turn; write for example count/4096")
+        return 2 * math.pi / int(counts[1])
     if not _written_as_a_unit(unit):
         raise ValueError(f"unit {_shown(unit)} cannot be read; write for example {_examples(si)}")
     import pint  # late: it takes 0.4 s to load, and most configs are in SI
@@ -67,14 +73,6 @@ def factor(unit: str, si: str) -> float:
             f"write {_examples(si)}"
         )
     return value
-
-
-def _of_count(turn: int, unit: str, si: str) -> float:
-    if si != "rad":
-        raise ValueError(f"unit '{unit}' is an angle, not a unit of {si}; write {_examples(si)}")
-    if turn == 0:
-        raise ValueError(f"unit '{unit}' has no counts in a turn; write for example count/4096")
-    return 2 * math.pi / turn
 
 
 # Units that are shown; what fits none of them is shown in kg, m, s, A.
