@@ -111,14 +111,17 @@ def _complaints(data: Mapping[str, Any], source: Source) -> list[Issue]:
     try:
         Config.model_validate(data)
     except ValidationError as error:
-        found = {_place(item["loc"], source.data): dict(item) for item in error.errors()}
-    else:
-        return []
-    return [
-        source.problem(place, _message(item, place))
-        for place, item in found.items()
-        if place and place[0] in ("experiments", "shared", "own")
-    ]
+        return [
+            source.problem(place, _message(item, place))
+            for place, item in _by_place(error, source).items()
+            if place and place[0] in ("experiments", "shared", "own")
+        ]
+    return []
+
+
+def _by_place(error: ValidationError, source: Source) -> dict[Place, dict[str, Any]]:
+    """One mistake a place, the last: the members of a union each complain of the same entry."""
+    return {_place(item["loc"], source.data): dict(item) for item in error.errors()}
 
 
 def _one(source: Source, label: str = "", *, alone: bool) -> ResolvedExperiment:
@@ -128,8 +131,7 @@ def _one(source: Source, label: str = "", *, alone: bool) -> ResolvedExperiment:
     try:
         config = Config.model_validate(source.data)
     except ValidationError as error:
-        # One a place, the last: the members of a union each complain of the same entry.
-        found = {_place(item["loc"], source.data): dict(item) for item in error.errors()}
+        found = _by_place(error, source)
         meant = {_meant(item, place) for place, item in found.items()} - {None, *source.lines}
         problems += [
             source.problem(place, _message(item, place))

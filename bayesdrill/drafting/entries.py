@@ -15,7 +15,7 @@ import numpy as np
 
 from bayesdrill.basics.errors import printable
 from bayesdrill.drafting import roles
-from bayesdrill.drafting.columns import TWIST
+from bayesdrill.drafting.columns import TWIST, Seen
 from bayesdrill.drafting.record_files import Experiment, Experiments
 from bayesdrill.drafting.roles import WIDE, Channel, Lag, Start
 from bayesdrill.drafting.signals import Sensor, Timing
@@ -114,15 +114,20 @@ def record_entries(found: Found) -> list[str]:
     ]
 
 
-def address(sensor: Sensor) -> str:
-    return ", ".join(f"{key}: {scalar(value)}" for key, value in sensor.seen.address.items())
+def address(column: Seen) -> str:
+    return ", ".join(f"{key}: {scalar(value)}" for key, value in column.address.items())
+
+
+def reasons(sensor: Sensor, indent: int) -> list[str]:
+    """Comments above its entry: what is known of it, and what is to be looked at."""
+    known = [line for why in sensor.why for line in comment(why, indent)]
+    return [*known, *review(sensor.doubts, indent)]
 
 
 def time_entry(time: Timing) -> str:
     if time.column is None:
         return f"time: {{rate: {time.rate:.6g}}}"
-    where = ", ".join(f"{key}: {scalar(value)}" for key, value in time.column.address.items())
-    return f"time: {{{where}, unit: {time.unit}}}"
+    return f"time: {{{address(time.column)}, unit: {time.unit}}}"
 
 
 def _time(found: Found) -> list[str]:
@@ -161,13 +166,13 @@ def _missing(those: Sequence[Sensor]) -> list[str]:
 def _channel(found: Found, one: Channel) -> list[str]:
     sensor, every = one.sensor, found.of(one.name)
     noise = [other.noise for _, other in every]
-    entries = [address(sensor), f"unit: {scalar(sensor.unit)}"]
+    entries = [address(sensor.seen), f"unit: {scalar(sensor.unit)}"]
     if one.measures:
         entries.append(f"measures: {one.measures}")
     doubts, more = _as_it_came(every, counted=not one.derived)
     late_doubt, late = _lag(found, one)
     zero_doubt, zero = _zero(found, one)
-    head = [*(line for why in sensor.why for line in comment(why, 4)), *review(sensor.doubts, 4)]
+    head = reasons(sensor, 4)
     if one.derived:
         doubt = (
             f"it is made of differences of {one.derived}, and would count the same numbers twice"
@@ -180,7 +185,9 @@ def _channel(found: Found, one: Channel) -> list[str]:
             f"      {last.partition('    ')[0]}}}{last.partition('sigma: 1')[2]}",
         ]
     low, high = f"{min(noise) / WIDE:.3g}", f"{max(noise) * WIDE:.3g}"
-    told = f"the noise is not said; {_from_to(noise)} {sensor.unit} differ from sample to sample"
+    least, most = f"{min(noise):.3g}", f"{max(noise):.3g}"
+    size = least if least == most else f"{least} to {most}"
+    told = f"the noise is not said; {size} {sensor.unit} differ from sample to sample"
     return [
         *head,
         *review([*doubts, late_doubt, zero_doubt, told], 4),
@@ -189,11 +196,6 @@ def _channel(found: Found, one: Channel) -> list[str]:
         *(f"      {entry}," for entry in (late, zero) if entry),
         f"      sigma: {{prior: log_uniform, low: {low}, high: {high}}}}}",
     ]
-
-
-def _from_to(numbers: Sequence[float]) -> str:
-    low, high = f"{min(numbers):.3g}", f"{max(numbers):.3g}"
-    return low if low == high else f"{low} to {high}"
 
 
 def _as_it_came(
@@ -294,7 +296,7 @@ def _voltage(found: Found) -> list[str]:
             "`{column: ..., unit: V, hold: zero}`; `bayesdrill check` asks for it"
         )
         return [*review([doubt, *_imposed(found)], 2), UNKNOWN]
-    head = [*(line for why in v.why for line in comment(why, 2)), *review(v.doubts, 2)]
+    head = reasons(v, 2)
     if known := constant_input(found):
         doubt = f"{v.name} is the same in every row, taken as there from the start on"
         return [*head, *review([doubt], 2), f"  v: {known[found.lead.label]}"]
@@ -330,15 +332,14 @@ def _load(found: Found) -> list[str]:
     t_1 = found.lead.of.found.t_1
     if t_1 is None:
         return ["  t_1: 0.0    # N m, load on rotor 1: no column is one"]
-    head = [*(line for why in t_1.why for line in comment(why, 2)), *review(t_1.doubts, 2)]
     (entry,) = _column(found, "t_1", t_1)
-    return [*head, f"{entry.removesuffix(',')}}}"]
+    return [*reasons(t_1, 2), f"{entry.removesuffix(',')}}}"]
 
 
 def _column(found: Found, name: str, like: Sensor) -> list[str]:
     """Without its end."""
     every = [getattr(one.of.found, name) for one in found.those.every]
-    entries = [address(like), f"unit: {scalar(like.unit)}", "hold: zero"]
+    entries = [address(like.seen), f"unit: {scalar(like.unit)}", "hold: zero"]
     if any(one is not None and one.raw.missing for one in every):
         entries.append("missing: hold")
     return [f"  {name}: {{{', '.join([*file_entries(found, name), *entries])},"]

@@ -98,7 +98,7 @@ def as_told(one: Examined, lead: Examined) -> Examined:
 
     def sensor(like: Sensor) -> Sensor:
         found = seen[id(like)]
-        if found is None or len(signals.numbers_of_part(found, part)) < LEAST:
+        if found is None or np.isfinite(found.values[part.rows]).sum() < LEAST:
             raise hopeless(one.path, {}, f"column {like.name} has less than {LEAST} numbers")
         drawn = signals.draft(found, part, jumped, like.kind, like.unit)
         if not drawn.varies and like.kind not in ("voltage", "torque"):
@@ -154,7 +154,9 @@ class Experiments:
 
 def experiments(records: Sequence[Path], gear: float | None) -> Experiments:
     """Raises `InputError` where nothing can be made of a file, or not of all together."""
-    _refuse_twice(records)
+    for k, path in enumerate(records):
+        if path.resolve() in [other.resolve() for other in records[:k]]:
+            raise InputError.one(str(path), "is named twice; name each file once")
     examined = of_each(lambda path: examine(path, gear), records)
     inputs = [one for one in examined if one.only_inputs]
     channels = [one for one in examined if not one.only_inputs]
@@ -182,14 +184,6 @@ def _refuse_without_channels(one: Examined) -> None:
 
 def _unsure(one: Examined) -> tuple[int, bool, tuple[int, int]]:
     return -len(one.found.channels), one.found.v is None, one.doubts
-
-
-def _refuse_twice(records: Sequence[Path]) -> None:
-    seen: set[Path] = set()
-    for path in records:
-        if path.resolve() in seen:
-            raise InputError.one(str(path), "is named twice; name each file once")
-        seen.add(path.resolve())
 
 
 def _paired(channels: Sequence[Examined], inputs: Sequence[Examined]) -> list[Examined]:

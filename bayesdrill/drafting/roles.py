@@ -10,13 +10,12 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from scipy.ndimage import gaussian_filter1d
 
-from bayesdrill.basics.arrays import Array
 from bayesdrill.drafting import signals
 from bayesdrill.drafting.columns import GEARBOX, MOTOR, ROTOR, TWIST
 from bayesdrill.drafting.sensors import SLOWEST
@@ -277,63 +276,54 @@ def _pairs(channels: Sequence[Channel]) -> list[tuple[Channel, Channel]]:
 
 
 def _clearest(first: Channel, second: Channel, found: Roles, dt: float) -> Lag | None:
-    one, other = _lag_angle(first, found.gear, dt), _lag_angle(second, found.gear, dt)
-    best: tuple[float, float, float] | None = None
+    hints: list[tuple[float, float, float]] = []
+    shifts = [k / FINER for k in range(-FURTHEST * FINER, FURTHEST * FINER + 1)]
     for width in WIDTHS:
-        if len(one) < 20 * EDGE * width:
+        if min(len(first.sensor.values), MOST) < 20 * EDGE * width:
             break
-        law = _law(one, other, width, first, second)
-        shifts = [k / FINER for k in range(-FURTHEST * FINER, FURTHEST * FINER + 1)]
-        left = {shift: law.left(shift) for shift in shifts}
+        unexplained = _law(first, second, width, found.gear, dt)
+        left = {shift: unexplained(shift) for shift in shifts}
         shift = min(left, key=lambda one: left[one])
-        if best is None or left[shift] < best[1]:
-            best = shift, left[shift], left[0.0]
-    if best is None:
+        hints.append((left[shift], shift, left[0.0]))
+    if not hints:
         return None
-    samples, after, before = best
+    after, samples, before = min(hints, key=lambda hint: hint[0])
     told = 1 - after > TOLD and before > BETTER * after and abs(samples) < FURTHEST
     late = first if samples > 0 else second
     return Lag(late.name, abs(samples), after, before) if told else None
 
 
-def _lag_angle(one: Channel, gear: float, dt: float) -> Array:
-    sensor: Sensor = one.sensor
-    return sensor.angle(dt)[:MOST] / (gear if sensor.place == MOTOR else 1.0)
+def _law(
+    first: Channel, second: Channel, width: int, gear: float, dt: float
+) -> Callable[[float], float]:
+    """By the samples that `first` is made earlier: what the law of rotor 1 leaves of the twist's variance.
 
+    There is one filter for all derivatives: the law holds of what it leaves.
+    """
+    angles = [
+        channel.sensor.angle(dt)[:MOST] / (gear if channel.sensor.place == MOTOR else 1.0)
+        for channel in (first, second)
+    ]
+    smoothed = [
+        np.stack([gaussian_filter1d(x, width, order=d, truncate=EDGE) for d in (0, 1, 2)])
+        for x in angles
+    ]
+    margin, k = EDGE * width + FURTHEST, np.arange(len(angles[0]), dtype=np.float64)
+    inner = slice(margin, len(k) - margin)
+    other = smoothed[1][:, inner]
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Law:
-    """Two angles with their derivatives, smoothed, (3, n); `is_twist`: the first."""
-
-    one: Array
-    other: Array
-    inner: slice
-    is_twist: bool
-    of_rotor: bool
-
-    def left(self, shift: float) -> float:
-        """Share of the twist's variance that is left, with `one` earlier by `shift` samples."""
-        other, k = self.other[:, self.inner], np.arange(self.one.shape[1], dtype=np.float64)
-        one = np.stack([np.interp(k[self.inner] + shift, k, x) for x in self.one])
-        if self.is_twist:
-            twist, (_, speed, acceleration) = one[0], other if self.of_rotor else other + one
+    def left(shift: float) -> float:
+        one = np.stack([np.interp(k[inner] + shift, k, x) for x in smoothed[0]])
+        if first.sensor.place == TWIST:
+            rotor = other if second.sensor.place == ROTOR else other + one
+            twist, (_, speed, acceleration) = one[0], rotor
         else:
             twist, (_, speed, acceleration) = one[0] - other[0], one
-        causes = [acceleration, speed, np.sign(speed), k[self.inner]]
+        causes = [acceleration, speed, np.sign(speed), k[inner]]
         factors, share = signals.explained(twist, *causes)
         return 1 - share if factors[0] < 0 else 1.0  # else it is no spring
 
-
-def _law(one: Array, other: Array, width: int, first: Channel, second: Channel) -> _Law:
-    """One filter for all derivatives: the law holds of what it leaves."""
-    filtered = [
-        np.stack([gaussian_filter1d(x, width, order=d, truncate=EDGE) for d in (0, 1, 2)])
-        for x in (one, other)
-    ]
-    margin = EDGE * width + FURTHEST
-    inner = slice(margin, len(one) - margin)
-    of_rotor = second.sensor.place == ROTOR
-    return _Law(filtered[0], filtered[1], inner, first.sensor.place == TWIST, of_rotor)
+    return left
 
 
 def wide(samples: float, dt: float) -> float:

@@ -139,12 +139,6 @@ def part(time: Timing, used: Sequence[Seen]) -> Part | None:
     return None if len(grid) < LEAST else Part(rows, t, grid, len(t) < len(time.t))
 
 
-def numbers_of_part(one: Seen, of: Part) -> Array:
-    """Those of its used rows that are numbers."""
-    values = one.values[of.rows]
-    return values[np.isfinite(values)]
-
-
 def _alone(t: Array, rows: slice) -> slice:
     """Of `rows` the longest stretch among whose times no other row is: a window tells them apart."""
     own, others = t[rows], np.sort(np.delete(t, np.arange(len(t))[rows]))

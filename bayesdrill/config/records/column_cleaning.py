@@ -110,11 +110,14 @@ def unwrapped(sources: Sources, one: Column, turn: float, findings: Findings) ->
     return Column(one.place, one.spec, one.clock, values)
 
 
-def judged(one: Column, cause: Mask, findings: Findings) -> Column:
-    """Without the glitches that are masked; what is odd is named."""
+def judged(one: Column, inputs: list[Column], findings: Findings) -> Column:
+    """Without the glitches that are masked; what is odd is named.  `inputs`: jumps of these are no
+    glitches of a channel.
+    """
     known = np.flatnonzero(~np.isnan(one.values))
     x = one.values[known]
-    spikes = anomalies.spikes(x, None if one.is_input else cause[known], wide=not one.is_input)
+    cause = None if one.is_input else caused(one.clock, inputs)[known]
+    spikes = anomalies.spikes(x, cause, wide=not one.is_input)
     values = one.values
     if len(spikes) and mask(one.spec.mask).glitches:
         values = values.copy()

@@ -237,22 +237,17 @@ def unsaid_motion(experiment: Experiment, sigmas: Sequence[float]) -> str:
         reach = float(np.ptp(y[seen]))
         if channel.unit == "rad/s":
             size, error = float(np.mean(first)), sigma / math.sqrt(FIRST)
+            unit = "rad/s (its value there)"
         elif channel.unit == "rad":
             spread = float(np.sqrt(((t - t.mean()) ** 2).sum()))
             slope = float(np.polyfit(t - t.mean(), first, 1)[0])
-            size, error = slope, sigma / spread
+            size, error, unit = slope, sigma / spread, "rad/s"
             reach = reach / float(experiment.t[-1] - experiment.t[0])
         else:
             continue
         if abs(size) > SURELY * error and abs(size) > APPRECIABLE * reach:
-            return (
-                f"{channel.name} changes by {size:.3g} {_per_second(channel.unit)} at its beginning"
-            )
+            return f"{channel.name} changes by {size:.3g} {unit} at its beginning"
     return ""
-
-
-def _per_second(unit: str) -> str:
-    return "rad/s" if unit == "rad" else f"{unit} (its value there)"
 
 
 def _ends(value: float | Prior) -> tuple[float, float]:

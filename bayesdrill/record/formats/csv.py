@@ -155,11 +155,13 @@ class _Faults:
         self.what = what
         self.count = 0
         self.first: list[Issue] = []
+        self.cells: list[str] = []  # of these
 
-    def add(self, place: str, message: str) -> None:
+    def add(self, place: str, message: str, cell: str = "") -> None:
         self.count += 1
         if len(self.first) < _SHOWN:
             self.first.append(Issue(place, message))
+            self.cells.append(cell)
 
     def report(self, path: Path, advice: str) -> list[Issue]:
         if not self.count:
@@ -171,15 +173,30 @@ class _Faults:
 
 def parse(body: Lines, dialect: Dialect, names: Sequence[str]) -> Array:
     """All rows as `(T, n)`. Raises InputError with every kind of fault found."""
-    careful = _Careful(body, dialect, names)
+    ragged = _Faults("rows with a wrong number of cells")
+    bad = _Faults("cells without a number")
     parts = []
     for start in range(0, len(body.texts), _CHUNK):
-        texts = body.texts[start : start + _CHUNK]
-        rows = [split(line, dialect.separator) for line in texts]
-        usual = max(map(len, texts)) <= _LONG
+        chunk = Lines(
+            path=body.path,
+            texts=body.texts[start : start + _CHUNK],
+            numbers=body.numbers[start : start + _CHUNK],
+        )
+        rows = [split(line, dialect.separator) for line in chunk.texts]
+        usual = max(map(len, chunk.texts)) <= _LONG
         part = _parse_fast(rows, dialect, len(names)) if usual else None
-        parts.append(careful.parse(rows, start) if part is None else part)
-    careful.raise_if_faulty()
+        if part is None:
+            part = _parse_carefully(rows, chunk, dialect, names, ragged, bad)
+        parts.append(part)
+    mend = "mend the rows or remove them, or check delimiter and decimal"
+    problems = ragged.report(body.path, mend)
+    if bad.count:
+        advice = "; ".join(advice_of_cells(bad.cells)) or _cell_advice(bad, dialect)
+        if {problem.place for problem in bad.first} == {body.place(0)} and bad.count < _SHOWN:
+            advice = f"{advice}; if that line is not one of the record, remove it"
+        problems += bad.report(body.path, advice)
+    if problems:
+        raise InputError(problems)
     return np.concatenate(parts)
 
 
@@ -199,53 +216,29 @@ def _parse_fast(rows: list[list[str]], dialect: Dialect, width: int) -> Array | 
         return None
 
 
-class _Careful:
-    """The slow way, which collects what is wrong with rows and cells."""
-
-    def __init__(self, body: Lines, dialect: Dialect, names: Sequence[str]) -> None:
-        self._body, self._dialect, self._names = body, dialect, names
-        self._cells: list[str] = []  # the first that are no numbers
-        self._ragged = _Faults("rows with a wrong number of cells")
-        self._bad = _Faults("cells without a number")
-
-    def parse(self, rows: list[list[str]], start: int) -> Array:
-        """`(len(rows), n)`; `start` is the index of the first row."""
-        values = np.full((len(rows), len(self._names)), np.nan)
-        for i, row in enumerate(rows):
-            if len(row) != len(self._names):
-                message = f"{len(row)} cells where {len(self._names)} are due"
-                self._ragged.add(self._body.place(start + i), message)
-                continue
-            for j, cell in enumerate(row):
-                value = to_number(cell, self._dialect.decimal)
-                if value is None:
-                    message = (
-                        f"column {short(self._names[j])}: {short(cell.strip())} is not a number"
-                    )
-                    self._bad.add(self._body.place(start + i), message)
-                    self._cells += [cell.strip()] if len(self._cells) < _SHOWN else []
-                else:
-                    values[i, j] = value
-        return values
-
-    def raise_if_faulty(self) -> None:
-        path = self._body.path
-        problems = [
-            *self._ragged.report(
-                path, "mend the rows or remove them, or check delimiter and decimal"
-            ),
-            *self._bad.report(path, self._advice()),
-        ]
-        if problems:
-            raise InputError(problems)
-
-    def _advice(self) -> str:
-        kinds = "; ".join(advice_of_cells(self._cells))
-        said = kinds or _cell_advice(self._bad, self._dialect)
-        places = {problem.place for problem in self._bad.first}
-        if places == {self._body.place(0)} and self._bad.count < _SHOWN:
-            return f"{said}; if that line is not one of the record, remove it"
-        return said
+def _parse_carefully(
+    rows: list[list[str]],
+    lines: Lines,
+    dialect: Dialect,
+    names: Sequence[str],
+    ragged: _Faults,
+    bad: _Faults,
+) -> Array:
+    """`(len(rows), n)` of `rows`, the cells of `lines`; what is wrong with them is counted."""
+    values = np.full((len(rows), len(names)), np.nan)
+    for i, row in enumerate(rows):
+        if len(row) != len(names):
+            ragged.add(lines.place(i), f"{len(row)} cells where {len(names)} are due")
+            continue
+        for j, cell in enumerate(row):
+            value = to_number(cell, dialect.decimal)
+            if value is None:
+                text = cell.strip()
+                message = f"column {short(names[j])}: {short(text)} is not a number"
+                bad.add(lines.place(i), message, text)
+            else:
+                values[i, j] = value
+    return values
 
 
 def _cell_advice(bad: _Faults, dialect: Dialect) -> str:
