@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from bayesdrill.basics.errors import did_you_mean
+from bayesdrill.basics.errors import did_you_mean, shortened
 
 FUNCTIONS: Mapping[str, Callable[[Any], Any]] = MappingProxyType(
     {"sqrt": np.sqrt, "exp": np.exp, "log": np.log}
@@ -226,7 +226,7 @@ def _is_positive(node: ast.expr) -> bool:
 
 
 def _short(text: str) -> str:
-    return repr(text if len(text) <= 60 else f"{text[:57]}...")
+    return repr(shortened(text))
 
 
 def linear_combination(text: str, known: Iterable[str]) -> dict[str, float]:

@@ -9,6 +9,7 @@ from functools import cache
 from typing import Any
 
 from bayesdrill.basics import symbols
+from bayesdrill.basics.errors import LONGEST, shortened
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,7 +54,9 @@ def factor(unit: str, si: str) -> float:
             raise ValueError(f"unit '{unit}' has no counts in a turn; write for example count/4096")
         return 2 * math.pi / int(counts[1])
     if not _written_as_a_unit(unit):
-        raise ValueError(f"unit {_shown(unit)} cannot be read; write for example {_examples(si)}")
+        raise ValueError(
+            f"unit '{shortened(unit)}' cannot be read; write for example {_examples(si)}"
+        )
     import pint  # late: it takes 0.4 s to load, and most configs are in SI
 
     try:
@@ -92,7 +95,7 @@ def coherent(unit: str) -> tuple[str, float]:
         one = _quantity(1.0, unit)
         base, nothing = one.to_base_units(), _quantity(0.0, unit).to_base_units()
     except Exception:  # pint raises many kinds for malformed text
-        message = f"unit {_shown(unit)} is not known; write for example m, mm, GPa or kg/m**3"
+        message = f"unit '{shortened(unit)}' is not known; write for example m, mm, GPa or kg/m**3"
         raise ValueError(message) from None
     if nothing.magnitude != 0.0:
         raise ValueError(
@@ -116,7 +119,6 @@ def _same_base(one: Any, other: Any) -> bool:
     return bool(one.to_base_units().units == other.to_base_units().units)
 
 
-LONGEST = 60  # letters
 LARGEST = 1e30  # of one unit in another
 _COUNT = re.compile(r"counts?\s*/\s*(\d{1,9})")  # of an encoder: so many in a turn
 _POWER = re.compile(
@@ -144,10 +146,6 @@ def _believable(factor: float) -> float:
     if not 1 / LARGEST <= factor <= LARGEST:
         raise ValueError(f"one of this unit is {factor:.3g} in SI, which no rig needs")
     return factor
-
-
-def _shown(unit: str) -> str:
-    return f"'{unit}'" if len(unit) <= LONGEST else f"'{unit[: LONGEST - 3]}...'"
 
 
 @cache

@@ -14,7 +14,7 @@ from typing import Any
 from pydantic import BaseModel, ValidationError
 
 from bayesdrill.basics.entries import SMALLEST
-from bayesdrill.basics.errors import InputError, Issue, did_you_mean
+from bayesdrill.basics.errors import InputError, Issue, did_you_mean, shortened
 from bayesdrill.config import consistency
 from bayesdrill.config.consistency import several
 from bayesdrill.config.resolve import experiments
@@ -266,7 +266,7 @@ def _shown(value: Any) -> str:
         return str(value).lower()
     plain = isinstance(value, str | int | float | list)
     text = "a mapping" if isinstance(value, dict) else repr(value) if plain else str(value)
-    return text if len(text) <= 40 else text[:37] + "..."
+    return shortened(text, 40)
 
 
 def _hint(value: Any) -> str:

@@ -42,11 +42,6 @@ class Channel:
     sensor: Sensor
     derived: str = ""
 
-    @property
-    def noise(self) -> float:
-        """In the column's unit."""
-        return self.sensor.noise
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Roles:
@@ -296,7 +291,7 @@ def _clearest(first: Channel, second: Channel, found: Roles, dt: float) -> Lag |
 def _law(
     first: Channel, second: Channel, width: int, gear: float, dt: float
 ) -> Callable[[float], float]:
-    """By the samples that `first` is made earlier: what the law of rotor 1 leaves of the twist's variance.
+    """By the samples that `first` is made earlier: what rotor 1's law leaves of the twist's variance.
 
     There is one filter for all derivatives: the law holds of what it leaves.
     """
@@ -358,10 +353,6 @@ class Start:
     switched: tuple[float, float]
     window_doubt: str
     doubts: tuple[str, ...]
-
-    @property
-    def moving(self) -> bool:
-        return self.state != ""
 
 
 def start(found: Roles, part: Part, *, measured: bool, known: float | None = None) -> Start:
@@ -436,7 +427,7 @@ def _moves(one: Channel) -> bool:
     k = (t - t[0]) / (t[-1] - t[0])
     design = np.stack([np.ones(FIRST), k, k**2], axis=-1)
     slope = float(np.linalg.lstsq(design, x, rcond=None)[0][1])
-    sd = one.noise * math.sqrt(float(np.linalg.inv(design.T @ design)[1, 1]))
+    sd = one.sensor.noise * math.sqrt(float(np.linalg.inv(design.T @ design)[1, 1]))
     mean = float(np.polyfit(k, x, 1)[0])
     return abs(slope) > CLEAR * sd and slope * mean > SOON * mean**2
 
@@ -446,7 +437,7 @@ def _steady(one: Channel) -> bool:
     t, x = one.sensor.raw.t[:STEADY], one.sensor.raw.x[:STEADY]
     grows = one.sensor.kind == "angle" and one.sensor.place != TWIST
     rest = x - np.polyval(np.polyfit(t - t[0], x, 1 if grows else 0), t - t[0])
-    return float(np.std(rest)) <= CALM * one.noise
+    return float(np.std(rest)) <= CALM * one.sensor.noise
 
 
 def _zeros(found: Roles) -> dict[str, float]:
@@ -463,7 +454,7 @@ def _first(one: Channel) -> tuple[float, bool]:
     fitted = float(values[0])
     if len(values) == FIRST:
         fitted = float(np.polyval(np.polyfit((t - t[0]) / (t[-1] - t[0]), values, 2), 0))
-    least = CLEAR * one.noise + 0.002 * float(np.abs(one.sensor.raw.x).max())
+    least = CLEAR * one.sensor.noise + 0.002 * float(np.abs(one.sensor.raw.x).max())
     return float(f"{fitted:.4g}"), bool(abs(values[0]) > least and abs(fitted) > least)
 
 
@@ -472,7 +463,7 @@ def _onset(found: Roles) -> float:
     begins: list[tuple[float, int]] = []
     for one in found.channels:
         t, x = one.sensor.raw.t, one.sensor.raw.x
-        away = np.abs(x - np.median(x[:FIRST])) > 8 * one.noise
+        away = np.abs(x - np.median(x[:FIRST])) > 8 * one.sensor.noise
         if away.any():
             begins.append((float(t[np.argmax(away)]), int(np.argmax(away))))
     first = min(begins, default=(math.nan, 0))

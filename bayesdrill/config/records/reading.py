@@ -103,7 +103,7 @@ class _Reader:
                 for name in series
             },
             written=Written(
-                files=tuple(sources.names(config)),
+                files=tuple(path.name for path in sources.paths(self._one)),
                 time=units.shown(time.unit if isinstance(time, TimeColumn) else "s", "s"),
                 inputs={name: _unit_of_input(config, name) for name in symbols.INPUTS},
             ),

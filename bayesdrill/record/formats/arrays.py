@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from bayesdrill.basics.errors import InputError
+from bayesdrill.basics.errors import InputError, shortened
 from bayesdrill.output_files import LARGEST_FILE
 from bayesdrill.record.formats.table import Array, Table, keys_of, read_bytes
 
@@ -78,9 +78,7 @@ def damage_told(path: Path, message: Callable[[str], str]) -> Iterator[None]:
         raise
     except Exception as error:
         reason = (str(error).strip().splitlines() or [type(error).__name__])[0]
-        if len(reason) > MOST_TOLD:
-            reason = f"{reason[: MOST_TOLD - 3]}..."
-        raise InputError.one(str(path), message(reason)) from error
+        raise InputError.one(str(path), message(shortened(reason, MOST_TOLD))) from error
 
 
 def _cut_short(what: str) -> Callable[[str], str]:

@@ -114,12 +114,6 @@ def _score(sample: Sequence[str], dialect: Dialect) -> tuple[float, bool]:
     return round(score, 9), width > 1
 
 
-def decimal_of(texts: Sequence[str]) -> str | None:
-    """A comma that the sample did not show, because the rig stood still there."""
-    commas = any("," in line for line in texts)
-    return "," if commas and not any("." in line for line in texts) else None
-
-
 def usual_width(texts: Sequence[str], dialect: Dialect) -> int:
     sample = [*texts[:500], *texts[500:][-500:]]
     widths = Counter(len(split(line, dialect.separator)) for line in sample)
@@ -276,7 +270,10 @@ def table(path: Path, text: str, options: CsvOptions) -> Table:
         message = f"has a header but no data: nothing follows line {last}"
         raise InputError.one(str(path), f"{message}; record again, or set header: false")
     if options.decimal is None and dialect.separator != ",":
-        dialect = Dialect(dialect.separator, decimal_of(body.texts) or dialect.decimal)
+        # A comma that the sample did not show, because the rig stood still there.
+        commas = any("," in line for line in body.texts)
+        commas = commas and not any("." in line for line in body.texts)
+        dialect = Dialect(dialect.separator, "," if commas else dialect.decimal)
     body = without_trailing_delimiter(body, header, dialect)
     _check_numbers(body, dialect)
     width = usual_width(body.texts, dialect)

@@ -11,7 +11,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
-from bayesdrill.basics.errors import InputError
+from bayesdrill.basics.errors import InputError, shortened
 from bayesdrill.record.formats.table import read_bytes
 
 _NUMBER = r"[-+]?(\d+([.,]\d*)?|[.,]\d+)([eE][-+]?\d+)?"
@@ -176,5 +176,4 @@ def to_number(cell: str, decimal: str) -> float | None:
 
 
 def short(text: str) -> str:
-    text = text.strip()
-    return repr(text if len(text) <= 40 else f"{text[:37]}...")
+    return repr(shortened(text.strip(), 40))
