@@ -11,21 +11,8 @@ from bayesdrill.basics.entries import NoEntries, check_entries
 from bayesdrill.basics.errors import InputError, did_you_mean
 from bayesdrill.basics.registry import Registry
 from bayesdrill.record.formats import arrays, csv, matlab
-from bayesdrill.record.formats.csv import CsvOptions, check_options
-from bayesdrill.record.formats.csv import table as text_table
-from bayesdrill.record.formats.table import Table, variable_name
-
-__all__ = [
-    "FORMATS",
-    "CsvOptions",
-    "Format",
-    "Table",
-    "check_options",
-    "format_of",
-    "text_table",
-    "variable_name",
-]
-
+from bayesdrill.record.formats.csv import CsvOptions
+from bayesdrill.record.formats.table import Table
 
 Wanted = Collection[str] | None  # variables that will be picked, by name; None: any of them
 
