@@ -102,7 +102,7 @@ class Meaning:
     word: str = ""
 
 
-_SYMBOLS = {
+STATES = {
     "theta_1": ("angle", ROTOR),
     "theta_2": ("angle", GEARBOX),
     "w_1": ("speed", ROTOR),
@@ -120,8 +120,8 @@ def meaning(head: str, unit_below: str = "") -> Meaning:
         unit = unit_of(unit_below)
         strange = "" if unit else unit_below
     tokens = _tokens(base)
-    if base in _SYMBOLS and not strange:
-        kind, place = _SYMBOLS[base]
+    if base in STATES and not strange:
+        kind, place = STATES[base]
         if not unit or kind_of(unit) == kind:
             return Meaning(kind, place, unit, symbol=base, word=base)
     if not unit and not strange:

@@ -14,6 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from bayesdrill import output_files
+from bayesdrill.basics import units
 from bayesdrill.basics.errors import InputError, Issue, of_each
 from bayesdrill.drafting import roles, sensors, signals
 from bayesdrill.drafting.columns import LEAST, Seen, look
@@ -82,10 +83,12 @@ def as_told(one: Examined, lead: Examined) -> Examined:
     def same(column: Seen) -> Seen:
         return by[tuple(column.address.items())]
 
-    if lead.time.column is None:
-        time = signals.counted(len(one.time.t), lead.time)
+    clock = None if lead.time.column is None else same(lead.time.column)
+    if clock is None:  # as many samples a second
+        t = lead.time.dt * np.arange(len(one.time.t), dtype=np.float64)
     else:
-        time = signals.timing_of(same(lead.time.column), lead.time)
+        t = clock.values * units.factor(lead.time.unit, "s")
+    time = dataclasses.replace(lead.time, t=t, column=clock)
     used = [same(column) for column in wanted]
     part = signals.part(time, used)
     if part is None:

@@ -17,17 +17,14 @@ import numpy as np
 from scipy.ndimage import gaussian_filter1d
 
 from bayesdrill.drafting import signals
-from bayesdrill.drafting.columns import GEARBOX, MOTOR, ROTOR, TWIST
+from bayesdrill.drafting.columns import GEARBOX, MOTOR, ROTOR, STATES, TWIST
 from bayesdrill.drafting.sensors import SLOWEST
 from bayesdrill.drafting.signals import TURNS, Part, Sensor
 from bayesdrill.record import anomalies
 
 USUAL_GEAR = 8.0
 WIDE = 10.0  # the prior of a noise: so many times below and above what differs between samples
-_STATE = {("angle", ROTOR): "theta_1", ("angle", GEARBOX): "theta_2"} | {
-    ("speed", ROTOR): "w_1",
-    ("speed", GEARBOX): "w_2",
-}
+_STATE = {meaning: state for state, meaning in STATES.items()}
 
 
 @dataclass(frozen=True, slots=True, eq=False)

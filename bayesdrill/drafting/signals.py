@@ -59,18 +59,6 @@ def find_time(columns: Sequence[Seen], rate: float = 0.0) -> Timing:
     return Timing(t, None, "s", "", doubt)
 
 
-def timing_of(one: Seen, like: Timing) -> Timing:
-    """The same column of another file."""
-    return dataclasses.replace(
-        like, t=np.asarray(one.values * units.factor(like.unit, "s")), column=one
-    )
-
-
-def counted(length: int, like: Timing) -> Timing:
-    """Of another file without times, as many samples a second."""
-    return dataclasses.replace(like, t=np.asarray(np.arange(length) * like.dt, dtype=np.float64))
-
-
 def _of(one: Seen, why: str, doubt: str = "") -> Timing:
     unit = one.says.unit
     step = float(np.nanmedian(np.diff(one.values)))

@@ -208,13 +208,11 @@ def check_series(
         message = f"{what} varies by {width:.3g}, which nothing measures; check the column"
         return [Issue(place, message)]
     if varying and len(found) > 1 and width == 0:
-        return [
-            Issue(
-                place,
-                f"{what} is {found[0]:g} in every row: a constant channel carries no "
-                "information; check the column, or leave the channel out",
-            )
-        ]
+        message = (
+            f"{what} is {found[0]:g} in every row: a constant channel carries no information; check the "
+            "column, or leave the channel out"
+        )
+        return [Issue(place, message)]
     return []
 
 
@@ -227,13 +225,11 @@ def check_time(place: str, t: Array, where: Callable[[int], str]) -> list[Issue]
     back = np.flatnonzero(steps <= 0)
     if len(back):
         first = back[0] + 1
-        return [
-            Issue(
-                place,
-                f"time does not increase, {_rows(back + 1, where)}: {t[first - 1]:.10g} s is followed "
-                f"by {t[first]:.10g} s; {_why_back(t, steps)}",
-            )
-        ]
+        message = (
+            f"time does not increase, {_rows(back + 1, where)}: {t[first - 1]:.10g} s is followed by "
+            f"{t[first]:.10g} s; {_why_back(t, steps)}"
+        )
+        return [Issue(place, message)]
     if steps.min() < SMALLEST:
         message = f"time has steps of {steps.min():.3g} s; check the column and its unit"
         return [Issue(place, message)]

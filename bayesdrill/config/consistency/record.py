@@ -176,14 +176,14 @@ def _check_measured(
         vain = strange(("name", "noise"), kinds, kinds[spec.noise.name], spec.noise)
     for entry, message in vain.items():
         found.add((*place, "noise", entry), message)
-    known = spec.model_copy(update={"sigma": 1.0})
+    channel = None
     if len(found.problems) == before:
-        found.run(place, sensors.measured, name, known, model.outer)
-    if len(found.problems) > before or vain:
+        channel = found.run(place, sensors.channel_of, name, spec, model.outer)
+    if channel is None:
         return None
-    channel = found.run((*place, "sigma"), sensors.measured, name, spec, model.outer)
-    made = channel and found.run((*place, "noise"), sensors.noise, [channel], 1)
-    return channel if made else None
+    measured = found.run((*place, "sigma"), sensors.measured, channel, spec)
+    made = measured and found.run((*place, "noise"), sensors.noise, [measured], 1)
+    return measured if made else None
 
 
 def check_series(found: Collector, place: Place, spec: Series) -> None:

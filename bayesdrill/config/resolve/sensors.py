@@ -294,7 +294,8 @@ class Measured:
         return self.noisy.channel
 
 
-def measured(name: str, spec: ChannelSpec, states: tuple[str, ...]) -> Measured:
+def channel_of(name: str, spec: ChannelSpec, states: tuple[str, ...]) -> Channel:
+    """What it measures, and in which unit its column has it."""
     if not name.isidentifier():
         raise ValueError(f"'{name}' cannot name a channel; use letters, digits and `_`")
     if name not in states and name in {*symbols.INPUTS, *symbols.AXES}:
@@ -312,7 +313,7 @@ def measured(name: str, spec: ChannelSpec, states: tuple[str, ...]) -> Measured:
     first = found[0]
     factor = units.factor(spec.unit, first.unit)
     latex = first.latex if name in states else rf"\mathrm{{{name.replace('_', chr(92) + '_')}}}"
-    channel = Channel(
+    return Channel(
         name=name,
         weights=weights,
         unit=first.unit,
@@ -321,19 +322,21 @@ def measured(name: str, spec: ChannelSpec, states: tuple[str, ...]) -> Measured:
         column=units.shown(spec.unit, first.unit, first.latex_unit),
         factor=factor,
     )
-    sigma, begin = _sigma(spec, factor)
+
+
+def measured(channel: Channel, spec: ChannelSpec) -> Measured:
+    """With its noise, SI, and where a search for it begins."""
+    factor = channel.factor
+    sigma: float | Prior
+    if isinstance(spec.sigma, float):
+        sigma, begin = spec.sigma * factor, spec.sigma * factor
+    elif spec.sigma.relative:
+        raise ValueError("sigma has no nominal value; write its prior in the unit of the column")
+    else:
+        sigma, begin = prior_in_si(spec.sigma, factor)
     kind, entries = spec.noise.name, spec.noise.model_dump(exclude={"name"})
     noisy = Noisy(channel=channel, sigma=sigma, start=begin, entries=entries, factor=factor)
     return Measured(kind, noisy)
-
-
-def _sigma(spec: ChannelSpec, factor: float) -> tuple[float | Prior, float]:
-    """Of the noise, SI, and where a search begins."""
-    if isinstance(spec.sigma, float):
-        return spec.sigma * factor, spec.sigma * factor
-    if spec.sigma.relative:
-        raise ValueError("sigma has no nominal value; write its prior in the unit of the column")
-    return prior_in_si(spec.sigma, factor)
 
 
 def noise(channels: Sequence[Measured], n_samples: int) -> Noise:

@@ -68,7 +68,7 @@ def without_empty_tail(lines: Lines, dialect: Dialect) -> Lines:
     count = len(lines.texts)
     while count > 1 and not lines.texts[count - 1].strip(f' "{dialect.separator or ""}'):
         count -= 1
-    return dataclasses.replace(lines, texts=lines.texts[:count], numbers=lines.numbers[:count])
+    return lines.part(slice(count))
 
 
 def find_dialect(texts: Sequence[str], options: CsvOptions) -> Dialect:
@@ -133,7 +133,7 @@ def without_trailing_delimiter(body: Lines, header: str | None, dialect: Dialect
         names = split(header, mark)
         if len(names) == width and names[-1].strip():
             return body
-    return Lines(path=body.path, texts=[line[:-1] for line in texts], numbers=body.numbers)
+    return dataclasses.replace(body, texts=[line[:-1] for line in texts])
 
 
 _CHUNK = 20_000
@@ -171,11 +171,7 @@ def parse(body: Lines, dialect: Dialect, names: Sequence[str]) -> Array:
     bad = _Faults("cells without a number")
     parts = []
     for start in range(0, len(body.texts), _CHUNK):
-        chunk = Lines(
-            path=body.path,
-            texts=body.texts[start : start + _CHUNK],
-            numbers=body.numbers[start : start + _CHUNK],
-        )
+        chunk = body.part(slice(start, start + _CHUNK))
         rows = [split(line, dialect.separator) for line in chunk.texts]
         usual = max(map(len, chunk.texts)) <= _LONG
         part = _parse_fast(rows, dialect, len(names)) if usual else None
@@ -322,7 +318,8 @@ def _split_header(lines: Lines, dialect: Dialect, wanted: bool | None) -> tuple[
     below = (_census(line, dialect) for line in lines.texts[1 : 1 + _ROWS_OF_WORDS])
     wordy = itertools.takewhile(lambda found: not found[0] and _are_words(found[1]), below)
     count = 1 + sum(1 for _ in wordy)
-    return lines.texts[0], lines.after(count if count < len(lines.texts) else min(count, 2))
+    first = count if count < len(lines.texts) else min(count, 2)
+    return lines.texts[0], lines.part(slice(first, None))
 
 
 def _census(line: str, dialect: Dialect) -> tuple[int, list[str]]:

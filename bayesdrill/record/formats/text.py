@@ -8,7 +8,7 @@ import codecs
 import csv
 import re
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from bayesdrill.basics.errors import InputError, shortened
@@ -81,8 +81,8 @@ class Lines:
     numbers: list[int]
     comment: str = ""
 
-    def after(self, count: int) -> Lines:
-        return Lines(path=self.path, texts=self.texts[count:], numbers=self.numbers[count:])
+    def part(self, rows: slice) -> Lines:
+        return replace(self, texts=self.texts[rows], numbers=self.numbers[rows])
 
     def place(self, index: int) -> str:
         return f"{self.path} line {self.numbers[index]}"
