@@ -130,10 +130,6 @@ def _shared(found: Found) -> list[str]:
 def _parameters(*, turns_back: bool) -> list[str]:
     """`turns_back`: driven in both directions."""
     table = symbols.NOMINAL[symbols.DEFAULT_NOMINAL].values
-    rows: Sequence[tuple[str, str]] = [
-        (f"  {name}: {value:.4g}", f"{symbols.PARAMETERS[name].plain_unit}, {_meaning(name)}")
-        for name, value in table.items()
-    ]
     lines = [
         *review(
             ["this is the paper's rig; write what your data sheets say, and how far it may be off"],
@@ -142,7 +138,7 @@ def _parameters(*, turns_back: bool) -> list[str]:
         "nominal:",
         f"  table: {symbols.DEFAULT_NOMINAL}",
         "  tolerance: 0.2",
-        *(f"{entry:<16}# {said}" for entry, said in rows),
+        *(_with_meaning(f"  {name}: {value:.4g}", 16, name) for name, value in table.items()),
         "",
         *comment("A prior, a number that holds it, or `nominal`. Factors of the nominal value:"),
         *review(
@@ -176,12 +172,14 @@ def _more(*, turns_back: bool) -> list[str]:
     )
     for name, scale in shown.items():
         entry = f"  # {name}: {{prior: half_normal, scale: {scale:g}}}"
-        lines.append(f"{entry:<48}# {symbols.PARAMETERS[name].plain_unit}, {_meaning(name)}")
+        lines.append(_with_meaning(entry, 48, name))
     return lines
 
 
-def _meaning(name: str) -> str:
-    return symbols.PARAMETERS[name].meaning
+def _with_meaning(entry: str, width: int, name: str) -> str:
+    """An entry for the parameter `name`, and what that is."""
+    symbol = symbols.PARAMETERS[name]
+    return f"{entry:<{width}}# {symbol.plain_unit}, {symbol.meaning}"
 
 
 @dataclass(frozen=True, slots=True)

@@ -94,10 +94,9 @@ def _placed(turning: Sequence[Sensor]) -> list[Sensor]:
     elif placed & {GEARBOX, MOTOR} and not placed & {ROTOR, TWIST}:
         free, because = ROTOR, "the other end has a column of its own"
     else:
-        because = (
-            "the twist is counted from there" if TWIST in placed else "most encoders are there"
-        )
+        twist = TWIST in placed
         free = GEARBOX
+        because = "the twist is counted from there" if twist else "most encoders are there"
     if ROTOR in placed and placed & {GEARBOX, MOTOR}:
         return list(turning)
     seen: set[str] = set()
@@ -150,10 +149,10 @@ def _name(one: Sensor, gear: float) -> tuple[str, str]:
     """Name and `measures` of its channel."""
     if one.kind == "current":
         return "i", ""
+    if one.place == TWIST and one.kind == "angle":
+        return "twist", "theta_1 - theta_2"
     if one.place == TWIST:
-        return (
-            ("twist", "theta_1 - theta_2") if one.kind == "angle" else ("twist_rate", "w_1 - w_2")
-        )
+        return "twist_rate", "w_1 - w_2"
     if one.place == MOTOR:
         state = _STATE[one.kind, GEARBOX]
         return "motor" if one.kind == "speed" else "motor_angle", f"{gear:.6g} * {state}"

@@ -131,10 +131,8 @@ def _alone(t: Array, rows: slice) -> slice:
     """Of `rows` the longest stretch among whose times no other row is: a window tells them apart."""
     own, others = t[rows], np.sort(np.delete(t, np.arange(len(t))[rows]))
     slack = SLACK * float(np.abs(own).max(initial=0.0))
-    before, after = (
-        np.searchsorted(others, own - slack),
-        np.searchsorted(others, own + slack, "right"),
-    )
+    before = np.searchsorted(others, own - slack)
+    after = np.searchsorted(others, own + slack, "right")
     free = after == before  # NaN sorts to the end
     stretch = _longest(free[1:] & free[:-1] & (before[1:] == before[:-1]))
     return slice(rows.start + stretch.start, rows.start + stretch.stop)
@@ -372,10 +370,8 @@ def draft(
     if kind == "angle" and one.says.place != TWIST:
         period, turned = _wraps(x, unit)
         if period and not unit:
-            unit, doubt = (
-                turned,
-                f"no unit is said; {turned}, as it begins again after {period:.6g}",
-            )
+            unit = turned
+            doubt = f"no unit is said; {turned}, as it begins again after {period:.6g}"
         x = anomalies.unwrapped(x, period)[0] if period else x
     if kind in (*TURNS, "current"):
         spikes = anomalies.spikes(x, jumped[known]).mask(len(x))
@@ -392,10 +388,8 @@ def _wraps(x: Array, unit: str) -> tuple[float, str]:
     turns = {unit: TURN[unit]} if unit in TURN else {} if unit else TURN
     periods = [(turn, name) for name, turn in turns.items()]
     if unit.startswith("count"):
-        periods += [
-            (2 * math.pi / units.factor(unit, "rad"), unit),
-            *((2.0**b, unit) for b in BITS),
-        ]
+        counts = [2 * math.pi / units.factor(unit, "rad"), *(2.0**b for b in BITS)]
+        periods += [(count, unit) for count in counts]
     steps = np.abs(np.diff(x))
     for period, name in periods:
         far = steps > 0.5 * period

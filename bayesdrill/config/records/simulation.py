@@ -215,10 +215,8 @@ def grid(one: ResolvedExperiment) -> Experiment:
             f"the input {series[0]} is measured, so the times are those of the record; remove "
             "`duration:` and `rate:`",
         )
-    t, channels = (
-        times(simulation.duration, simulation.rate),
-        tuple(e.channel for e in one.channels),
-    )
+    t = times(simulation.duration, simulation.rate)
+    channels = tuple(entry.channel for entry in one.channels)
     return Experiment(
         t=frozen(t),
         y=frozen(np.zeros((len(t), len(channels)))),

@@ -186,12 +186,9 @@ class Sources:
                 message = f"no sample lies in it: the record goes from {raw[0]:g} to {raw[-1]:g} s"
                 self.add(("record", "window"), message)
                 return None
-            around = [
-                np.flatnonzero(raw < begin - slack)[-1:],
-                np.flatnonzero(raw > end + slack)[:1],
-            ]
-            beside = around if self.several else [rows[:0], rows[:0]]
-            rows = np.concatenate([beside[0], np.flatnonzero(inside), beside[1]])
+            before, after = rows[raw < begin - slack][-1:], rows[raw > end + slack][:1]
+            within = rows[inside]
+            rows = np.concatenate([before, within, after]) if self.several else within
         clock = Clock(table, raw[rows], rows, inside[rows], len(raw))
         found = check_time(self.label(time_place), clock.t, clock.where)
         self.problems += found
