@@ -243,7 +243,7 @@ class Lag:
 
     @property
     def clear(self) -> float:
-        return self.before / self.left
+        return self.before / self.left if self.left > 0 else math.inf
 
 
 def lag(found: Roles, dt: float) -> Lag | None:
