@@ -20,7 +20,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from bayesdrill.basics.registry import late
+from bayesdrill.basics.registry import late, public_names
 
 if TYPE_CHECKING:
     from bayesdrill.analysis.verdict import Verdict as Verdict
@@ -59,46 +59,9 @@ if TYPE_CHECKING:
 
 __version__ = "0.1.0"
 
-# Late: the command line has to answer before NumPy is loaded.
-_PLACES = {
-    "Case": "api.case",
-    "Channel": "api.case",
-    "Input": "api.case",
-    "case": "api.case",
-    "load": "api.case",
-    "calibration": "api.files",
-    "citation": "api.files",
-    "Comparison": "api.comparison",
-    "compare": "api.comparison",
-    "example": "api.files",
-    "publish": "api.files",
-    "schema": "api.files",
-    "simulate": "api.files",
-    "verify": "api.files",
-    "init": "api.files",
-    "Ladder": "api.comparison",
-    "ladder": "api.comparison",
-    "Overlay": "api.comparison",
-    "overlay": "api.comparison",
-    "nominal": "api.rig",
-    "respond": "api.rig",
-    "Best": "api.run",
-    "Judged": "api.run",
-    "Run": "api.run",
-    "open": "api.run",
-    "InputError": "basics.errors",
-    "Findings": "tasks.identify",
-    "Verdict": "analysis.verdict",
-    "DrivenShaft": "rig.models.driven_shaft",
-    "LongShaft": "rig.models.long_shaft",
-    "Motor": "rig.models.motor",
-    "MotorShaft": "rig.models.motor_shaft",
-    "TwoRotors": "rig.models.motor_shaft",
-}
+__all__ = ["__version__", *public_names(__name__)]
 
-__all__ = ["__version__", *_PLACES]
-
-__getattr__ = late(__name__, _PLACES)
+__getattr__ = late(__name__)  # the command line has to answer before NumPy is loaded
 
 
 def __dir__() -> list[str]:

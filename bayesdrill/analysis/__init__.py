@@ -20,13 +20,4 @@ if TYPE_CHECKING:
     from bayesdrill.analysis.identifiability.study import study_of as study_of
     from bayesdrill.analysis.verdict import Verdict as Verdict
 
-__getattr__ = late(
-    __name__,
-    {
-        "Exponents": "identifiability.structure",
-        "Scenery": "identifiability.information",
-        "Verdict": "verdict",
-        "from_sensitivities": "identifiability.information",
-        "study_of": "identifiability.study",
-    },
-)
+__getattr__ = late(__name__)

@@ -27,22 +27,4 @@ if TYPE_CHECKING:
     from bayesdrill.basics.symbols import Symbol as Symbol
     from bayesdrill.basics.symbols import own_symbol as own_symbol
 
-__getattr__ = late(
-    __name__,
-    {
-        "Array": "arrays",
-        "Count": "entries",
-        "Flags": "arrays",
-        "InputError": "errors",
-        "Interrupted": "errors",
-        "Issue": "errors",
-        "PARAMETERS": "symbols",
-        "Positive": "entries",
-        "Reporter": "progress",
-        "STATES": "symbols",
-        "Silent": "progress",
-        "Symbol": "symbols",
-        "did_you_mean": "errors",
-        "own_symbol": "symbols",
-    },
-)
+__getattr__ = late(__name__)

@@ -66,7 +66,7 @@ class Dual:
         return self**0.5
 
     def exp(self) -> Dual:
-        value = np.exp(self.value)
+        value = exp(self.value)
         return Dual(value, value * self.slope)
 
     def log(self) -> Dual:
@@ -109,10 +109,7 @@ class Choice(ABC):
 
 
 def exp(number: Any) -> Any:
-    if isinstance(number, Dual):
-        value = exp(number.value)
-        return Dual(value, value * number.slope)
-    return number.exp() if isinstance(number, Number) else np.exp(number)
+    return number.exp() if isinstance(number, Dual | Number) else np.exp(number)
 
 
 def below(left: Any, right: Any) -> Any:

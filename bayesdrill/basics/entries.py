@@ -78,8 +78,9 @@ def chosen[B: Strict](name: str, base: type[B], key: str, members: Mapping[str, 
         if entry in base.model_fields:  # of a package of others, and taken
             continue
         kind = members[having[0]]
-        hint, usual = entries_of(kind)[entry], _default(kind, entry)
-        default_ = "" if usual is None else f"; default: {usual}"
+        hint = entries_of(kind)[entry]
+        (usual,) = (one.default for one in dataclasses.fields(kind) if one.name == entry)
+        default_ = "" if usual in (None, dataclasses.MISSING) else f"; default: {usual}"
         said = f"{', '.join(having)}: {_about(hint)}{default_}."
         fields[entry] = (hint | None, Field(None, description=said))
     where = base.__module__  # which has it by this name, so that its records can be pickled
@@ -115,8 +116,3 @@ def strange(
         for entry, having in who_has(members).items()
         if entry not in own and getattr(section, entry) is not None
     }
-
-
-def _default(kind: type, entry: str) -> Any:
-    (field,) = (one for one in dataclasses.fields(kind) if one.name == entry)
-    return None if field.default is dataclasses.MISSING else field.default

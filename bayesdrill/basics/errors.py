@@ -76,7 +76,12 @@ def shown(value: object) -> str:
         text = " ".join(repr(value).split())
     except Exception:  # whole numbers of thousands of digits, and objects of others
         return f"what is given, of type {type(value).__name__},"
-    return text if len(text) <= LONGEST else f"{text[: LONGEST - 3]}..."
+    return shortened(text)
+
+
+def shortened(text: str, most: int = LONGEST) -> str:
+    """Its first letters, where it has more than `most`."""
+    return text if len(text) <= most else f"{text[: most - 3]}..."
 
 
 class Stopped(KeyboardInterrupt):

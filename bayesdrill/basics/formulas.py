@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from bayesdrill.basics.errors import did_you_mean
+from bayesdrill.basics.errors import did_you_mean, shortened
 
 FUNCTIONS: Mapping[str, Callable[[Any], Any]] = MappingProxyType(
     {"sqrt": np.sqrt, "exp": np.exp, "log": np.log}
@@ -33,14 +33,6 @@ _OPERATORS: Mapping[type[ast.operator], Callable[[Any, Any], Any]] = MappingProx
         ast.Div: operator.truediv,
     }
 )
-
-
-@dataclass(frozen=True, slots=True)
-class Monomial:
-    """`factor` times powers of named quantities; the factor is positive."""
-
-    factor: float
-    powers: Mapping[str, float]
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,34 +58,47 @@ class Expression:
         with np.errstate(all="ignore"):
             return _value(self.tree, named)
 
-    def monomial(self) -> Monomial | None:
-        """The same as a product of powers, or None where it is none."""
-        with np.errstate(all="ignore"):
-            found = _monomial(self.tree)
-        if found is None or not 0 < found.factor < math.inf:
-            return None
-        return Monomial(found.factor, {name: p for name, p in found.powers.items() if p != 0.0})
+    @property
+    def positive(self) -> bool:
+        """Whether it surely is, where all unknowns are positive: a product of powers.
+
+        A sum may not be, as a number that is held can be negative.
+        """
+        return _is_positive(self.tree)
 
     def substituted(self, others: Mapping[str, Expression]) -> Expression:
         """With the names of `others` replaced by what they are; raises `ValueError` if that is long."""
-        tree = _Substitution(others).visit(ast.parse(self.text, mode="eval").body)
+
+        class Substitution(ast.NodeTransformer):
+            def visit_Name(self, node: ast.Name) -> ast.expr:
+                return others[node.id].tree if node.id in others else node
+
+        tree = Substitution().visit(ast.parse(self.text, mode="eval").body)
         _check_size(tree)
         return Expression(ast.unparse(tree), tree)
 
 
 def expression(text: str, known: Iterable[str]) -> Expression:
     """Of the `known` names; raises `ValueError` with a message for the user."""
-    shown = _short(text)
+    names = list(known)
+
+    def check(tree: ast.expr) -> None:
+        _check_size(tree)
+        _check(tree, names, _short(text))
+
+    example = "pi*G*d**4/(32*L), with a decimal point and without units"
+    tree, _ = _parsed(text, check, example)
+    return Expression(ast.unparse(tree), tree)
+
+
+def _parsed[T](text: str, read: Callable[[ast.expr], T], example: str) -> tuple[ast.expr, T]:
+    """The formula, and what is `read` of it; an `example` is shown where it is none."""
     try:
         tree = ast.parse(text.strip(), mode="eval").body
-        _check_size(tree)
-        _check(tree, list(known), shown)
+        return tree, read(tree)
     except (SyntaxError, RecursionError, MemoryError, OverflowError):  # too deep, or too large
-        raise ValueError(
-            f"{shown} is not a formula; write for example pi*G*d**4/(32*L), with a decimal point "
-            "and without units"
-        ) from None
-    return Expression(ast.unparse(tree), tree)
+        message = f"{_short(text)} is not a formula; write for example {example}"
+        raise ValueError(message) from None
 
 
 class RelationError(ValueError):
@@ -104,19 +109,16 @@ class RelationError(ValueError):
         self.name = name
 
 
-def _circle(path: tuple[str, ...]) -> RelationError:
-    shown = " -> ".join((*path, path[0]))
-    message = f"depends on itself ({shown}); give one of these a prior or a number"
-    return RelationError(path[0], message)
-
-
 def resolved(relations: Mapping[str, Expression]) -> dict[str, Expression]:
     """Relations in names that have none themselves; raises `RelationError`."""
     done: dict[str, Expression] = {}
 
     def resolve(name: str, path: tuple[str, ...]) -> Expression:
         if name in path:
-            raise _circle(path[path.index(name) :])
+            circle = path[path.index(name) :]
+            shown = " -> ".join((*circle, name))
+            message = f"depends on itself ({shown}); give one of these a prior or a number"
+            raise RelationError(name, message)
         if name not in done:
             inner = [other for other in relations[name].names if other in relations]
             others = {other: resolve(other, (*path, name)) for other in inner}
@@ -208,68 +210,30 @@ def _power(node: ast.expr) -> int | float:
     return int(number) if number.is_integer() and abs(number) < 2**31 else number
 
 
-def _monomial(node: ast.expr) -> Monomial | None:
-    """The factor may be of any sign, or not a number, on the way."""
+def _is_positive(node: ast.expr) -> bool:
     match node:
-        case ast.Name(id=name) if name != "pi":
-            return Monomial(1.0, {name: 1.0})
-        case ast.UnaryOp(op=op, operand=operand):
-            inner = _monomial(operand)
-            sign = -1.0 if isinstance(op, ast.USub) else 1.0
-            return inner and Monomial(sign * inner.factor, inner.powers)
-        case ast.BinOp(left=left, op=ast.Pow(), right=right):
-            return _raised(_monomial(left), _power(right))
+        case ast.Constant(value=int() | float() as number):
+            return number > 0
+        case ast.Name():
+            return True
+        case ast.BinOp(left=left, op=ast.Pow()):
+            return _is_positive(left)
+        case ast.BinOp(left=left, op=ast.Mult() | ast.Div(), right=right):
+            return _is_positive(left) and _is_positive(right)
         case ast.Call(func=ast.Name(id="sqrt"), args=[argument]):
-            return _raised(_monomial(argument), 0.5)
-        case ast.Call(func=ast.Name(id=name), args=[argument]):
-            inner = _monomial(argument)
-            if inner is None or any(inner.powers.values()):
-                return None
-            return Monomial(float(FUNCTIONS[name](inner.factor)), {})
-        case ast.BinOp(left=left, op=op, right=right):
-            first, second = _monomial(left), _monomial(right)
-            if first is None or second is None:
-                return None
-            if isinstance(op, ast.Div):
-                second, op = _raised(second, -1), ast.Mult()
-            if second is not None and isinstance(op, ast.Mult):
-                names = {**first.powers, **second.powers}
-                powers = {n: first.powers.get(n, 0.0) + second.powers.get(n, 0.0) for n in names}
-                return Monomial(first.factor * second.factor, powers)
-            if second is not None and first.powers == second.powers:
-                return Monomial(_OPERATORS[type(op)](first.factor, second.factor), first.powers)
-            return None
-    return Monomial(float(_value(node, {})), {})
-
-
-def _raised(base: Monomial | None, power: float) -> Monomial | None:
-    if base is None:
-        return None
-    powers = {name: power * p for name, p in base.powers.items()}
-    return Monomial(float(np.float64(base.factor) ** power), powers)
-
-
-class _Substitution(ast.NodeTransformer):
-    def __init__(self, others: Mapping[str, Expression]) -> None:
-        self.others = others
-
-    def visit_Name(self, node: ast.Name) -> ast.expr:
-        return self.others[node.id].tree if node.id in self.others else node
+            return _is_positive(argument)
+    return False
 
 
 def _short(text: str) -> str:
-    return repr(text if len(text) <= 60 else f"{text[:57]}...")
+    return repr(shortened(text))
 
 
 def linear_combination(text: str, known: Iterable[str]) -> dict[str, float]:
     """Weights of the `known` names; raises `ValueError` with a message for the user."""
     names = list(known)
     shown = _short(text)
-    try:
-        tree = ast.parse(text.strip(), mode="eval").body
-        weights = _weights(tree, names)
-    except (SyntaxError, RecursionError, MemoryError, OverflowError):  # too deep, or too large
-        raise ValueError(f"{shown} is not a formula; write for example theta_1 - theta_2") from None
+    _, weights = _parsed(text, lambda tree: _weights(tree, names), "theta_1 - theta_2")
     if weights.pop("", 0.0) != 0.0:
         raise ValueError(
             f"{shown} has a constant term; only sums of multiples of states are possible"

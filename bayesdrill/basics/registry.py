@@ -4,7 +4,9 @@ that load late.
 
 from __future__ import annotations
 
+import ast
 import importlib
+import inspect
 import itertools
 import re
 import sys
@@ -17,13 +19,23 @@ from typing import Any
 from bayesdrill.basics.errors import Stopped, did_you_mean
 
 
-def late(package: str, places: Mapping[str, str]) -> Callable[[str], Any]:
-    """The `__getattr__` of a package; `places`: in which of its modules each name stands."""
+@cache
+def public_names(package: str) -> dict[str, str]:
+    """What a package imports under `TYPE_CHECKING`, for others to have: by name, the module of each."""
+    tree = ast.parse(inspect.getsource(sys.modules[package]))
+    blocks = (node.body for node in tree.body if isinstance(node, ast.If))
+    imports = (node for body in blocks for node in body if isinstance(node, ast.ImportFrom))
+    return {alias.name: str(node.module) for node in imports for alias in node.names}
+
+
+def late(package: str) -> Callable[[str], Any]:
+    """The `__getattr__` of a package: loads each of its `public_names` when it is asked for."""
 
     def find(name: str) -> Any:
-        if name not in places:
-            raise AttributeError(f"{package} has no {name}; it has {', '.join(places)}")
-        return getattr(importlib.import_module(f"{package}.{places[name]}"), name)
+        known = {} if name.startswith("__") else public_names(package)  # Python asks for `__path__`
+        if name not in known:
+            raise AttributeError(f"{package} has no {name}; it has {', '.join(known)}")
+        return getattr(importlib.import_module(known[name]), name)
 
     return find
 

@@ -54,7 +54,10 @@ class Work:
 
 
 def line(work: Work) -> str:
-    names = [f"{family}, {_initials(given)}" if given else family for family, given in work.authors]
+    names = []
+    for family, given in work.authors:
+        initials = " ".join(f"{name[0]}." for name in given.split())
+        names.append(f"{family}, {initials}" if given else family)
     authors = f"{', '.join(names[:-1])} and {names[-1]}" if len(names) > 1 else names[0]
     number = f"{work.volume}({work.issue})" if work.issue else work.volume
     place = [work.within, number, "-".join(work.pages), work.version and f"Version {work.version}"]
@@ -66,10 +69,6 @@ def line(work: Work) -> str:
         work.arxiv and f"arXiv:{work.arxiv}",
     ]
     return " ".join(f"{part.rstrip('.')}." for part in parts if part)
-
-
-def _initials(given: str) -> str:
-    return " ".join(f"{name[0]}." for name in given.split())
 
 
 def bibtex(work: Work) -> str:

@@ -86,160 +86,151 @@ class NominalTable:
     values: Mapping[str, float]
 
 
+_SIGNS = {  # that units are written with, and what they are in formulas
+    **dict.fromkeys("\u00b7\u22c5", "*"),
+    **dict.fromkeys("\u00b5\u03bc", r"{\mu}"),
+    **dict.fromkeys("\u03a9", r"{\Omega}"),
+    "\u00b0": r"{{}^{\circ}}",
+    **{chr(raised): f"**{digit}" for digit, raised in zip("23", (0xB2, 0xB3), strict=True)},
+}
+
+
+def latex_unit(unit: str) -> str:
+    r"""Of a unit as pint reads it, without dollars: `mN*m` is `mN\,m`, `%` is `\%`.
+
+    Raises `ValueError` for letters that formulas have no fonts for.
+    """
+    if unit in ("1", ""):
+        return ""
+    for sign, latex in _SIGNS.items():
+        unit = unit.replace(sign, latex)
+    if not unit.isascii():
+        raise ValueError(f"unit '{unit}' has letters that formulas do not have")
+    parts = re.split(
+        r"(?:\*\*|\^)\s*\(?\s*(-?[\d.]+)\s*\)?", unit.strip()
+    )  # names and powers, in turn
+    shown = [
+        re.sub(r"\s*\*\s*|(?<=\w)\s+(?=\w)", r"\\,", re.sub(r"([%#&_$])", r"\\\1", part))
+        for part in parts[::2]
+    ]
+    powers = [f"^{{{power}}}" for power in parts[1::2]]
+    joined = "".join(a + b for a, b in zip(shown, [*powers, ""], strict=True))
+    return re.sub(r"\bohms?\b", r"\\Omega", joined).replace(" ", "")
+
+
+def _symbol(
+    name: str,
+    unit: str,
+    latex: str,
+    meaning: str,
+    held: Literal["positive", "not negative", "any"] = "positive",
+    at_most: float = math.inf,
+) -> Symbol:
+    unit_in_formulas = latex_unit(unit).replace("^{2}", "^2")
+    typical = _TYPICAL.get(name, "")
+    return Symbol(name, unit, latex, unit_in_formulas, meaning, held, at_most, typical)
+
+
 def _table(*rows: Symbol) -> Mapping[str, Symbol]:
     return MappingProxyType({row.name: row for row in rows})
 
 
 _UFRJ = "a drill-string rig (Real, Lobo, Ritto, Pinto, JPSE 170, 2018)"
+_TYPICAL = {
+    "c_s": f"0.017 fits {_UFRJ}, whose shaft has 4.1 N m/rad",
+    "j_2": "7e-3 is what the paper's estimate of j_m has more than its guess, behind a gear of 8:1",
+    "r_s": "0.2 is what the paper's estimate of r_m has more than its guess",
+    "t_cm": "0.1 is the paper's t_f; 7e-4 fits a small servo with a flexible link",
+    "t_c1": f"1.3 to 2.2 is the torque at the bit of {_UFRJ} at 12 to 15 rad/s",
+    "v_d": "3.7 is that of an L298 driver at 2 A, by its data sheet",
+    "eta": "0.87 is that of a small spur gearbox of 6.3:1, 0.9 of each mesh (Machine Design, A "
+    "second look at gearbox efficiencies)",
+    "j_s": "1.5e-7 is that of the paper's shaft, of steel",
+    "b_0": "0.024 of a full-scale bit (a code of LAVI, COPPE/UFRJ)",
+}
 
 PARAMETERS = _table(
-    Symbol("j_m", "kg*m**2", "j_m", r"kg\,m^2", "moment of inertia of the motor"),
+    _symbol("j_m", "kg*m**2", "j_m", "moment of inertia of the motor"),
     # A motor may have no damping or friction; one that turns backwards, friction of the other sign.
-    Symbol(
-        "c_m", "N*m*s/rad", "c_m", r"N\,m\,s/rad", "internal damping of the motor", "not negative"
-    ),
-    Symbol("k_e", "V*s/rad", "k_e", r"V\,s/rad", "voltage constant of the motor"),
-    Symbol("k_T", "N*m/A", "k_T", r"N\,m/A", "torque constant of the motor"),
-    Symbol("r_m", "ohm", "r_m", r"\Omega", "internal resistance of the motor"),
-    Symbol("l_m", "H", "l_m", r"H", "internal inductance of the motor"),
-    Symbol("k_s", "N*m/rad", "k_s", r"N\,m/rad", "torsional stiffness of the shaft"),
-    Symbol("j_1", "kg*m**2", "j_1", r"kg\,m^2", "moment of inertia of rotor 1"),
-    Symbol(
-        "t_f", "N*m", "t_f", r"N\,m", "torque of the motor's internal friction (not a time)", "any"
-    ),
+    _symbol("c_m", "N*m*s/rad", "c_m", "internal damping of the motor", "not negative"),
+    _symbol("k_e", "V*s/rad", "k_e", "voltage constant of the motor"),
+    _symbol("k_T", "N*m/A", "k_T", "torque constant of the motor"),
+    _symbol("r_m", "ohm", "r_m", "internal resistance of the motor"),
+    _symbol("l_m", "H", "l_m", "internal inductance of the motor"),
+    _symbol("k_s", "N*m/rad", "k_s", "torsional stiffness of the shaft"),
+    _symbol("j_1", "kg*m**2", "j_1", "moment of inertia of rotor 1"),
+    _symbol("t_f", "N*m", "t_f", "torque of the motor's internal friction (not a time)", "any"),
     # What a rig may have and is without where it is not named.
-    Symbol(
-        "c_s",
-        "N*m*s/rad",
-        "c_s",
-        r"N\,m\,s/rad",
-        "damping of the shaft",
-        "not negative",
-        typical=f"0.017 fits {_UFRJ}, whose shaft has 4.1 N m/rad",
+    _symbol("c_s", "N*m*s/rad", "c_s", "damping of the shaft", "not negative"),
+    _symbol(
+        "j_2", "kg*m**2", "j_2", "moment of inertia at the output of the gearbox", "not negative"
     ),
-    Symbol(
-        "j_2",
-        "kg*m**2",
-        "j_2",
-        r"kg\,m^2",
-        "moment of inertia at the output of the gearbox",
-        "not negative",
-        typical="7e-3 is what the paper's estimate of j_m has more than its guess, behind a gear of 8:1",
-    ),
-    Symbol(
-        "r_s",
-        "ohm",
-        "r_s",
-        r"\Omega",
-        "resistance in series with the motor",
-        "not negative",
-        typical="0.2 is what the paper's estimate of r_m has more than its guess",
-    ),
-    Symbol("c_1", "N*m*s/rad", "c_1", r"N\,m\,s/rad", "viscous damping at rotor 1", "not negative"),
-    Symbol(
+    _symbol("r_s", "ohm", "r_s", "resistance in series with the motor", "not negative"),
+    _symbol("c_1", "N*m*s/rad", "c_1", "viscous damping at rotor 1", "not negative"),
+    _symbol(
         "t_cm",
         "N*m",
         "t_{cm}",
-        r"N\,m",
         "sliding friction at the motor, which changes its sign",
         "not negative",
-        typical="0.1 is the paper's t_f; 7e-4 fits a small servo with a flexible link",
     ),
-    Symbol("t_sm", "N*m", "t_{sm}", r"N\,m", "static friction at the motor", "not negative"),
-    Symbol(
-        "w_sm",
-        "rad/s",
-        "w_{sm}",
-        "rad/s",
-        "speed of the motor over which its static friction is lost",
-    ),
-    Symbol(
-        "t_c1",
-        "N*m",
-        "t_{c1}",
-        r"N\,m",
-        "sliding friction at rotor 1",
-        "not negative",
-        typical=f"1.3 to 2.2 is the torque at the bit of {_UFRJ} at 12 to 15 rad/s",
-    ),
-    Symbol("t_s1", "N*m", "t_{s1}", r"N\,m", "static friction at rotor 1", "not negative"),
-    Symbol(
-        "w_s1",
-        "rad/s",
-        "w_{s1}",
-        "rad/s",
-        "speed of rotor 1 over which its static friction is lost",
-    ),
-    Symbol(
+    _symbol("t_sm", "N*m", "t_{sm}", "static friction at the motor", "not negative"),
+    _symbol("w_sm", "rad/s", "w_{sm}", "speed of the motor over which its static friction is lost"),
+    _symbol("t_c1", "N*m", "t_{c1}", "sliding friction at rotor 1", "not negative"),
+    _symbol("t_s1", "N*m", "t_{s1}", "static friction at rotor 1", "not negative"),
+    _symbol("w_s1", "rad/s", "w_{s1}", "speed of rotor 1 over which its static friction is lost"),
+    _symbol(
         "v_d",
         "V",
         "v_d",
-        "V",
         "voltage that driver and brushes take, against the sign of the current",
         "not negative",
-        typical="3.7 is that of an L298 driver at 2 A, by its data sheet",
     ),
-    Symbol(
-        "eta",
-        "1",
-        r"\eta",
-        "",
-        "efficiency of the gear",
-        at_most=1.0,
-        typical="0.87 is that of a small spur gearbox of 6.3:1, 0.9 of each mesh (Machine Design, A "
-        "second look at gearbox efficiencies)",
-    ),
-    Symbol(
-        "j_s",
-        "kg*m**2",
-        "j_s",
-        r"kg\,m^2",
-        "moment of inertia of the shaft itself",
-        typical="1.5e-7 is that of the paper's shaft, of steel",
-    ),
+    _symbol("eta", "1", r"\eta", "efficiency of the gear", at_most=1.0),
+    _symbol("j_s", "kg*m**2", "j_s", "moment of inertia of the shaft itself"),
     # Of a bit that cuts rock, under a weight.
-    Symbol(
-        "b_0",
-        "m",
-        "b_0",
-        "m",
-        "torque at the bit over the weight on it, at high speed",
-        typical="0.024 of a full-scale bit (a code of LAVI, COPPE/UFRJ)",
-    ),
-    Symbol(
-        "b_1", "s/rad", "b_1", r"s/rad", "how steeply the torque at the bit begins with its speed"
-    ),
-    Symbol(
+    _symbol("b_0", "m", "b_0", "torque at the bit over the weight on it, at high speed"),
+    _symbol("b_1", "s/rad", "b_1", "how steeply the torque at the bit begins with its speed"),
+    _symbol(
         "b_2",
         "s/rad",
         "b_2",
-        r"s/rad",
         "how high the hump of the torque at the bit is at low speed",
         "not negative",
     ),
-    Symbol("b_3", "s**2/rad**2", "b_3", r"s^2/rad^2", "how soon that hump ends"),
+    _symbol("b_3", "s**2/rad**2", "b_3", "how soon that hump ends"),
 )
 
 STATES = _table(
-    Symbol("theta_1", "rad", r"\theta_1", "rad", "angle of rotor 1, at the far end of the shaft"),
-    Symbol("theta_2", "rad", r"\theta_2", "rad", "angle of the shaft at the gearbox"),
-    Symbol("w_1", "rad/s", r"\dot\theta_1", "rad/s", "speed of rotor 1"),
-    Symbol("w_2", "rad/s", r"\dot\theta_2", "rad/s", "speed of the shaft at the gearbox"),
-    Symbol("i", "A", r"\dot q", "A", "motor current"),
+    _symbol("theta_1", "rad", r"\theta_1", "angle of rotor 1, at the far end of the shaft"),
+    _symbol("theta_2", "rad", r"\theta_2", "angle of the shaft at the gearbox"),
+    _symbol("w_1", "rad/s", r"\dot\theta_1", "speed of rotor 1"),
+    _symbol("w_2", "rad/s", r"\dot\theta_2", "speed of the shaft at the gearbox"),
+    _symbol("i", "A", r"\dot q", "motor current"),
 )
 
 INPUTS = _table(
-    Symbol("v", "V", "v", "V", "voltage supplied to the motor"),
-    Symbol("t_1", "N*m", "t_1", r"N\,m", "friction torque on rotor 1 (load)"),
+    _symbol("v", "V", "v", "voltage supplied to the motor"),
+    _symbol("t_1", "N*m", "t_1", "friction torque on rotor 1 (load)"),
     # Of rigs that are moved otherwise than by a voltage.
-    Symbol("w_2", "rad/s", r"\dot\theta_2", "rad/s", "speed imposed on the shaft at the gearbox"),
-    Symbol("t_m", "N*m", "t_m", r"N\,m", "torque that the motor is driven with (motor side)"),
-    Symbol("wob", "N", "W", "N", "weight on the bit"),
+    _symbol("w_2", "rad/s", r"\dot\theta_2", "speed imposed on the shaft at the gearbox"),
+    _symbol("t_m", "N*m", "t_m", "torque that the motor is driven with (motor side)"),
+    _symbol("wob", "N", "W", "weight on the bit"),
 )
 
-AXES = frozenset(
-    {"chain", "draw", "time"}
-)  # of what `posterior.nc` holds: no names of anything else
+# What follows from the parameters, for every draw (`bayesdrill.derived`).
+DERIVED = _table(
+    _symbol("omega_n", "rad/s", r"\omega_n", "natural frequency of the oscillating pair"),
+    _symbol("zeta", "1", r"\zeta", "damping ratio of the oscillating pair"),
+    _symbol("tau_e", "s", r"\tau_e", "shortest time constant: that of the current"),
+    _symbol("tau_m", "s", r"\tau_m", "longest time constant that does not oscillate: the motor's"),
+    _symbol("w_end", "rad/s", r"\dot\theta_\infty", "steady speed at the usual inputs"),
+    _symbol("i_end", "A", r"\dot q_\infty", "steady current at the usual inputs"),
+)
+
+# Of what `posterior.nc` holds: no names of anything else.
+AXES = frozenset({"chain", "draw", "time"})
+
 
 _TABLES_2_3 = {
     "j_m": 4.0e-4,
@@ -272,18 +263,6 @@ NOMINAL: Mapping[str, NominalTable] = MappingProxyType(
 DEFAULT_NOMINAL = "tables_2_3"
 
 
-# What follows from the parameters, for every draw (`bayesdrill.derived`).
-DERIVED = _table(
-    Symbol("omega_n", "rad/s", r"\omega_n", "rad/s", "natural frequency of the oscillating pair"),
-    Symbol("zeta", "1", r"\zeta", "", "damping ratio of the oscillating pair"),
-    Symbol("tau_e", "s", r"\tau_e", "s", "shortest time constant: that of the current"),
-    Symbol(
-        "tau_m", "s", r"\tau_m", "s", "longest time constant that does not oscillate: the motor's"
-    ),
-    Symbol("w_end", "rad/s", r"\dot\theta_\infty", "rad/s", "steady speed at the usual inputs"),
-    Symbol("i_end", "A", r"\dot q_\infty", "A", "steady current at the usual inputs"),
-)
-
 _GREEK = re.compile(
     "alpha|beta|gamma|delta|epsilon|zeta|eta|theta|kappa|lambda|mu|nu|xi|rho|sigma|tau|phi|chi|psi|"
     "omega|Gamma|Delta|Theta|Lambda|Xi|Pi|Sigma|Phi|Psi|Omega"
@@ -300,38 +279,6 @@ def own_symbol(name: str, unit: str, latex: str | None, meaning: str) -> Symbol:
         plain = index.replace("_", ",")
         shown += rf"_{{{plain}}}" if len(plain) == 1 else rf"_{{\mathrm{{{plain}}}}}"
     return Symbol(name, unit, latex or shown, latex_unit(unit), meaning)
-
-
-_SIGNS = {  # that units are written with, and what they are in formulas
-    **dict.fromkeys("\u00b7\u22c5", "*"),
-    **dict.fromkeys("\u00b5\u03bc", r"{\mu}"),
-    **dict.fromkeys("\u03a9", r"{\Omega}"),
-    "\u00b0": r"{{}^{\circ}}",
-    **{chr(raised): f"**{digit}" for digit, raised in zip("23", (0xB2, 0xB3), strict=True)},
-}
-
-
-def latex_unit(unit: str) -> str:
-    r"""Of a unit as pint reads it, without dollars: `mN*m` is `mN\,m`, `%` is `\%`.
-
-    Raises `ValueError` for letters that formulas have no fonts for.
-    """
-    if unit in ("1", ""):
-        return ""
-    for sign, latex in _SIGNS.items():
-        unit = unit.replace(sign, latex)
-    if not unit.isascii():
-        raise ValueError(f"unit '{unit}' has letters that formulas do not have")
-    parts = re.split(
-        r"(?:\*\*|\^)\s*\(?\s*(-?[\d.]+)\s*\)?", unit.strip()
-    )  # names and powers, in turn
-    shown = [
-        re.sub(r"\s*\*\s*|(?<=\w)\s+(?=\w)", r"\\,", re.sub(r"([%#&_$])", r"\\\1", part))
-        for part in parts[::2]
-    ]
-    powers = [f"^{{{power}}}" for power in parts[1::2]]
-    joined = "".join(a + b for a, b in zip(shown, [*powers, ""], strict=True))
-    return re.sub(r"\bohms?\b", r"\\Omega", joined).replace(" ", "")
 
 
 def noise_name(channel: str) -> str:

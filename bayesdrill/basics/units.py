@@ -9,6 +9,7 @@ from functools import cache
 from typing import Any
 
 from bayesdrill.basics import symbols
+from bayesdrill.basics.errors import LONGEST, shortened
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,9 +51,17 @@ def factor(unit: str, si: str) -> float:
             raise ValueError(_other_kind(unit, si))
         return value
     if counts := _COUNT.fullmatch(unit.strip()):
-        return _of_count(int(counts[1]), unit, si)
+        if si != "rad":
+            raise ValueError(
+                f"unit '{unit}' is an angle, not a unit of {si}; write {_examples(si)}"
+            )
+        if int(counts[1]) == 0:
+            raise ValueError(f"unit '{unit}' has no counts in a turn; write for example count/4096")
+        return 2 * math.pi / int(counts[1])
     if not _written_as_a_unit(unit):
-        raise ValueError(f"unit {_shown(unit)} cannot be read; write for example {_examples(si)}")
+        raise ValueError(
+            f"unit '{shortened(unit)}' cannot be read; write for example {_examples(si)}"
+        )
     import pint  # late: it takes 0.3 s to load, and most configs need none but common units
 
     try:
@@ -92,14 +101,6 @@ def _other_kind(unit: str, si: str) -> str:
     return f"unit '{unit}' is not a unit of {si}; write {_examples(si)}"
 
 
-def _of_count(turn: int, unit: str, si: str) -> float:
-    if si != "rad":
-        raise ValueError(f"unit '{unit}' is an angle, not a unit of {si}; write {_examples(si)}")
-    if turn == 0:
-        raise ValueError(f"unit '{unit}' has no counts in a turn; write for example count/4096")
-    return 2 * math.pi / turn
-
-
 # Units that are shown; what fits none of them is shown in kg, m, s, A.
 _COHERENT = (
     "m", "m**2", "m**3", "kg", "s", "N", "Pa", "N*m", "W", "A", "V", "ohm", "H", "rad/s", "kg/m**3",
@@ -117,7 +118,7 @@ def coherent(unit: str) -> tuple[str, float]:
         one = _quantity(1.0, unit)
         base, nothing = one.to_base_units(), _quantity(0.0, unit).to_base_units()
     except Exception:  # pint raises many kinds for malformed text
-        message = f"unit {_shown(unit)} is not known; write for example m, mm, GPa or kg/m**3"
+        message = f"unit '{shortened(unit)}' is not known; write for example m, mm, GPa or kg/m**3"
         raise ValueError(message) from None
     if nothing.magnitude != 0.0:
         raise ValueError(
@@ -141,7 +142,6 @@ def _same_base(one: Any, other: Any) -> bool:
     return bool(one.to_base_units().units == other.to_base_units().units)
 
 
-LONGEST = 60  # letters
 LARGEST = 1e30  # of one unit in another
 _COUNT = re.compile(r"counts?\s*/\s*(\d{1,9})")  # of an encoder: so many in a turn
 _POWER = re.compile(
@@ -169,10 +169,6 @@ def _believable(factor: float) -> float:
     if not 1 / LARGEST <= factor <= LARGEST:
         raise ValueError(f"one of this unit is {factor:.3g} in SI, which no rig needs")
     return factor
-
-
-def _shown(unit: str) -> str:
-    return f"'{unit}'" if len(unit) <= LONGEST else f"'{unit[: LONGEST - 3]}...'"
 
 
 @cache

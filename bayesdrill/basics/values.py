@@ -60,7 +60,8 @@ def alike(one: Any, other: Any) -> bool:
     if type(one) is not type(other):
         return False
     if isinstance(one, np.ndarray):
-        return _same_array(one, other)
+        numeric = one.dtype.kind in "fc"
+        return one.dtype == other.dtype and np.array_equal(one, other, equal_nan=numeric)
     if isinstance(one, Mapping):
         return one.keys() == other.keys() and all(alike(one[key], other[key]) for key in one)
     if isinstance(one, list | tuple):
@@ -76,31 +77,17 @@ def alike(one: Any, other: Any) -> bool:
     return bool(one == other or is_nan)
 
 
-def _same_array(one: np.ndarray, other: np.ndarray) -> bool:
-    numeric = one.dtype.kind in "fc"
-    return one.dtype == other.dtype and np.array_equal(one, other, equal_nan=numeric)
-
-
-KINDS: Mapping[Any, tuple[type, ...]] = {
-    bool: (bool,),
-    int: (Integral,),
-    float: (Real,),
-    str: (str,),
-    Path: (PathLike,),
-    Mapping: (Mapping,),
-    Sequence: (list, tuple),
-    tuple: (tuple,),
-}
-WORDS: Mapping[Any, str] = {
-    bool: "True or False",
-    int: "a whole number",
-    float: "a number",
-    str: "a text",
-    Path: "a path",
-    Mapping: "a mapping of names",
-    Sequence: "a list",
-    tuple: "a tuple",
-    NoneType: "None",
+# Of what an annotation names: the kinds that fit, and what a message calls it.
+KINDS: Mapping[Any, tuple[tuple[type, ...], str]] = {
+    bool: ((bool,), "True or False"),
+    int: ((Integral,), "a whole number"),
+    float: ((Real,), "a number"),
+    str: ((str,), "a text"),
+    Path: ((PathLike,), "a path"),
+    Mapping: ((Mapping,), "a mapping of names"),
+    Sequence: ((list, tuple), "a list"),
+    tuple: ((tuple,), "a tuple"),
+    NoneType: ((NoneType,), "None"),
 }
 UNIONS = (Union, UnionType)
 
@@ -112,17 +99,13 @@ def checked[T](what: T) -> T:
     """
     if isinstance(what, type):
         for name, member in list(vars(what).items()):
-            if name == "__init__" or not name.startswith("_"):
-                _check_member(what, name, member)
+            public = name == "__init__" or not name.startswith("_")
+            if public and isinstance(member, staticmethod):
+                setattr(what, name, staticmethod(_guarded(member.__func__)))
+            elif public and inspect.isfunction(member):
+                setattr(what, name, _guarded(member))
         return cast("T", what)
     return cast("T", _guarded(cast("Callable[..., Any]", what)))
-
-
-def _check_member(kind: type, name: str, member: Any) -> None:
-    if isinstance(member, staticmethod):
-        setattr(kind, name, staticmethod(_guarded(member.__func__)))
-    elif inspect.isfunction(member):
-        setattr(kind, name, _guarded(member))
 
 
 def _guarded(call: Callable[..., Any]) -> Callable[..., Any]:
@@ -175,23 +158,18 @@ def _fits(value: Any, hint: Any) -> bool:
     kind = typing.get_origin(hint) or hint
     if kind is typing.Literal:
         return isinstance(value, str) and value in typing.get_args(hint)
-    kinds = KINDS.get(kind, (kind,))
-    if kind is Any or not isinstance(kind, type) or _is_for_readers(kind):
+    if kind is Any or not isinstance(kind, type):
         return True
+    if getattr(kind, "_is_protocol", False) and not getattr(kind, "_is_runtime_protocol", False):
+        return True  # at which `isinstance` cannot look
     if getattr(value, "shape", None) == ():  # a number of NumPy
         value = value.item()
+    kinds = KINDS[kind][0] if kind in KINDS else kind
     return isinstance(value, kinds) and (not isinstance(value, bool) or kind not in (int, float))
 
 
-def _is_for_readers(kind: type) -> bool:
-    """A protocol at which `isinstance` cannot look."""
-    protocol = getattr(kind, "_is_protocol", False)
-    return protocol and not getattr(kind, "_is_runtime_protocol", False)
-
-
 def _in_words(choices: Sequence[Any]) -> str:
-    said = [_word(one) for one in choices if not (one is str and Path in choices)]
-    return " or ".join(said)
+    return " or ".join(_word(one) for one in choices if one is not str or Path not in choices)
 
 
 def _word(hint: Any) -> str:
@@ -199,10 +177,10 @@ def _word(hint: Any) -> str:
     if kind is typing.Literal:
         return " or ".join(map(repr, inner))
     if kind in (Sequence, tuple):
-        return f"{WORDS[kind]} (each {_in_words(typing.get_args(inner[0]) or inner[:1])})"
+        return f"{KINDS[kind][1]} (each {_in_words(typing.get_args(inner[0]) or inner[:1])})"
     if getattr(kind, "_is_protocol", False):
         return f"an object that has {' and '.join(sorted(kind.__protocol_attrs__))}"
-    return WORDS.get(kind) or f"a {kind.__name__}"
+    return KINDS[kind][1] if kind in KINDS else f"a {kind.__name__}"
 
 
 def _no_path(place: str, value: str | PathLike[str]) -> Iterator[Issue]:

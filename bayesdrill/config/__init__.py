@@ -21,16 +21,4 @@ if TYPE_CHECKING:
     from bayesdrill.config.schema.config import Config as Config
     from bayesdrill.config.yaml_source import Source as Source
 
-__getattr__ = late(
-    __name__,
-    {
-        "Config": "schema.config",
-        "Job": "job",
-        "ResolvedCase": "resolve.case",
-        "Source": "yaml_source",
-        "optimiser": "resolve.assembly",
-        "path_of": "records.sources",
-        "simulate": "records.simulation",
-        "truth": "records.simulation",
-    },
-)
+__getattr__ = late(__name__)

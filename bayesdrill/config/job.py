@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import io
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -20,7 +19,7 @@ from bayesdrill.config.records import reading
 from bayesdrill.config.resolve import assembly
 from bayesdrill.config.resolve.case import ResolvedCase
 from bayesdrill.config.schema.config import Asked, Config
-from bayesdrill.config.yaml_source import Source, parse
+from bayesdrill.config.yaml_source import Source, as_yaml, parse
 from bayesdrill.inference import derived, step_error
 from bayesdrill.inference.display_units import OwnUnits
 from bayesdrill.inference.posterior import Problem
@@ -91,7 +90,7 @@ def assemble(case: ResolvedCase, table: Table | None = None) -> Job:
     off = float(posterior.likelihood.per_number(start[None])[0]) ** 0.5
     if off > FARTHEST:
         message = f"the start is {off:.2g} times the noise off the record; check values and units"
-        raise InputError([source.problem(("parameters",), message)])
+        raise source.error(("parameters",), message)
     impossible = derived.impossible(problem)
     if impossible:
         named = [source.problem(("derived", name), text) for name, text in impossible.items()]
@@ -130,7 +129,10 @@ def job_in_memory(columns: Mapping[str, Array], entries: Mapping[str, Any]) -> J
     table = Table(path=Path(RECORD), variables=dict(columns))
     record = {"file": RECORD, **entries.get("record", {})}
     record.setdefault("time", {"column": TIME, "unit": "s"})
-    source = parse(PLACE, _as_yaml({**entries, "record": record}))
+    wrong: list[Issue] = []
+    plain = _plain({**entries, "record": record}, (), wrong)
+    raise_if_any(wrong)
+    source = parse(PLACE, as_yaml(plain))
     source = dataclasses.replace(source, lines={})  # of a text that nobody has seen
     return assemble(loading.validated(source), table)
 
@@ -145,19 +147,6 @@ def model_entry(rig: Model) -> dict[str, Any]:
     """As `model:` of a config has it."""
     own = entries_of(type(rig))
     return {"name": rig.name, **{n: x for n, x in constants(rig).items() if n in own}}
-
-
-def _as_yaml(entries: Mapping[str, Any]) -> str:
-    from ruamel.yaml import YAML
-
-    out = io.StringIO()
-    yaml = YAML(typ="safe", pure=True)
-    yaml.default_flow_style = False
-    found: list[Issue] = []
-    plain = _plain(entries, (), found)
-    raise_if_any(found)
-    yaml.dump(plain, out)
-    return out.getvalue()
 
 
 def _plain(value: Any, place: tuple[str, ...], found: list[Issue]) -> Any:

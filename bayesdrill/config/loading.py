@@ -14,7 +14,7 @@ from typing import Any
 from pydantic import BaseModel, ValidationError
 
 from bayesdrill.basics.entries import SMALLEST
-from bayesdrill.basics.errors import InputError, Issue, did_you_mean
+from bayesdrill.basics.errors import InputError, Issue, did_you_mean, shortened
 from bayesdrill.config import consistency
 from bayesdrill.config.consistency import several
 from bayesdrill.config.resolve import experiments
@@ -111,14 +111,17 @@ def _complaints(data: Mapping[str, Any], source: Source) -> list[Issue]:
     try:
         Config.model_validate(data)
     except ValidationError as error:
-        found = {_place(item["loc"], source.data): dict(item) for item in error.errors()}
-    else:
-        return []
-    return [
-        source.problem(place, _message(item, place))
-        for place, item in found.items()
-        if place and place[0] in ("experiments", "shared", "own")
-    ]
+        return [
+            source.problem(place, _message(item, place))
+            for place, item in _by_place(error, source).items()
+            if place and place[0] in ("experiments", "shared", "own")
+        ]
+    return []
+
+
+def _by_place(error: ValidationError, source: Source) -> dict[Place, dict[str, Any]]:
+    """One mistake a place, the last: the members of a union each complain of the same entry."""
+    return {_place(item["loc"], source.data): dict(item) for item in error.errors()}
 
 
 def _one(source: Source, label: str = "", *, alone: bool) -> ResolvedExperiment:
@@ -128,8 +131,7 @@ def _one(source: Source, label: str = "", *, alone: bool) -> ResolvedExperiment:
     try:
         config = Config.model_validate(source.data)
     except ValidationError as error:
-        # One a place, the last: the members of a union each complain of the same entry.
-        found = {_place(item["loc"], source.data): dict(item) for item in error.errors()}
+        found = _by_place(error, source)
         meant = {_meant(item, place) for place, item in found.items()} - {None, *source.lines}
         problems += [
             source.problem(place, _message(item, place))
@@ -264,7 +266,7 @@ def _shown(value: Any) -> str:
         return str(value).lower()
     plain = isinstance(value, str | int | float | list)
     text = "a mapping" if isinstance(value, dict) else repr(value) if plain else str(value)
-    return text if len(text) <= 40 else text[:37] + "..."
+    return shortened(text, 40)
 
 
 def _hint(value: Any) -> str:

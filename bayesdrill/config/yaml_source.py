@@ -47,6 +47,10 @@ class Source:
         label = f"{self.path}:{self.lines.get(known, 1)}" if self.lines else str(self.path)
         return Issue(f"{label}: {dotted}" if dotted else label, message)
 
+    def error(self, place: Place, message: str) -> InputError:
+        """With this problem alone."""
+        return InputError([self.problem(place, message)])
+
 
 def read(path: Path) -> Source:
     """Raises `InputError` where the file cannot be read or is not YAML."""
@@ -229,7 +233,8 @@ class Collector:
 
     def spoilt(self, place: Place) -> bool:
         """Whether something was said already of this entry, of one in it, or of one around it."""
-        return any(self._touches(place, other) for other in self._spoilt)
+        pairs = (zip(place, other, strict=False) for other in self._spoilt)
+        return any(all(one == other for one, other in pair) for pair in pairs)
 
     def run[T](self, place: Place, step: Callable[..., T], *arguments: Any) -> T | None:
         try:
@@ -242,8 +247,3 @@ class Collector:
         """That `name`, which stands at `place`, is one of `known`; the nearest is proposed."""
         if name not in known:
             self.add(place, f"{message}{did_you_mean(name, known)}")
-
-    @staticmethod
-    def _touches(place: Place, other: Place) -> bool:
-        shared = min(len(place), len(other))
-        return place[:shared] == other[:shared]

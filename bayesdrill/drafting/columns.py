@@ -31,39 +31,27 @@ SI = {
 }
 
 # As heads of columns write them, without blanks and in small letters.
-_UNITS = {
-    "rad": "rad radian radians",
-    "deg": "deg degree degrees ° grad grados graus gradi degre degres",
-    "revolution": "rev turn turns revolution revolutions umdrehungen",
-    "rad/s": "rad/s rad/sec rads radps rads-1 rads^-1 rad*s^-1 rad.s-1 rads⁻¹",
-    "deg/s": "deg/s °/s deg/sec degs dps grad/s degs-1 degs^-1",
-    "rpm": "rpm 1/min u/min min-1 min^-1 min⁻¹ r/min rev/min upm tr/min giri/min",
-    "revolution/s": "rev/s rps u/s tr/s",
-    "V": "v volt volts",
-    "mV": "mv",
-    "A": "a amp amps ampere",
-    "mA": "ma",
-    "s": "s sec secs second seconds sek sekunden segundos",
-    "ms": "ms msec millis milliseconds millisekunden",
-    "us": "us µs μs usec micros microseconds",
-    "N*m": "nm n*m n·m n.m n-m",
-    "mN*m": "mnm",
-    "N": "n newton",
-}
-_UNIT_OF = {written: unit for unit, all_ in _UNITS.items() for written in all_.split()}
-_KIND_OF = {
-    **dict.fromkeys(("rad", "deg", "revolution"), "angle"),
-    **dict.fromkeys(("rad/s", "deg/s", "rpm", "revolution/s"), "speed"),
-    "V": "voltage",
-    "mV": "voltage",
-    "A": "current",
-    "mA": "current",
-    "s": "time",
-    "ms": "time",
-    "us": "time",
-    "N*m": "torque",
-    "mN*m": "torque",
-    "N": "force",
+_UNITS_OF_KIND = {
+    "angle": {
+        "rad": "rad radian radians",
+        "deg": "deg degree degrees ° grad grados graus gradi degre degres",
+        "revolution": "rev turn turns revolution revolutions umdrehungen",
+    },
+    "speed": {
+        "rad/s": "rad/s rad/sec rads radps rads-1 rads^-1 rad*s^-1 rad.s-1 rads⁻¹",
+        "deg/s": "deg/s °/s deg/sec degs dps grad/s degs-1 degs^-1",
+        "rpm": "rpm 1/min u/min min-1 min^-1 min⁻¹ r/min rev/min upm tr/min giri/min",
+        "revolution/s": "rev/s rps u/s tr/s",
+    },
+    "voltage": {"V": "v volt volts", "mV": "mv"},
+    "current": {"A": "a amp amps ampere", "mA": "ma"},
+    "time": {
+        "s": "s sec secs second seconds sek sekunden segundos",
+        "ms": "ms msec millis milliseconds millisekunden",
+        "us": "us µs μs usec micros microseconds",
+    },
+    "torque": {"N*m": "nm n*m n·m n.m n-m", "mN*m": "mnm"},
+    "force": {"N": "n newton"},
 }
 
 _KINDS = {
@@ -86,11 +74,14 @@ _PLACES = {
 _WANTED = "ref reference soll set setpoint cmd command desired target sollwert"
 
 
-def _words(groups: dict[str, str]) -> dict[str, str]:
-    return {word: group for group, all_ in groups.items() for word in all_.split()}
+def _group_of(groups: dict[str, str]) -> dict[str, str]:
+    """By word."""
+    return {word: group for group, words in groups.items() for word in words.split()}
 
 
-_KIND_WORDS, _PLACE_WORDS = _words(_KINDS), _words(_PLACES)
+_KIND_OF = {unit: kind for kind, spelled in _UNITS_OF_KIND.items() for unit in spelled}
+_UNIT_OF = {word: u for kind in _UNITS_OF_KIND.values() for word, u in _group_of(kind).items()}
+_KIND_WORDS, _PLACE_WORDS = _group_of(_KINDS), _group_of(_PLACES)
 _GREEK = str.maketrans({"θ": "theta ", "φ": "phi ", "ϕ": "phi ", "ω": "omega ", "\u03b1": "alpha "})
 
 
@@ -111,7 +102,7 @@ class Meaning:
     word: str = ""
 
 
-_SYMBOLS = {
+STATES = {
     "theta_1": ("angle", ROTOR),
     "theta_2": ("angle", GEARBOX),
     "w_1": ("speed", ROTOR),
@@ -129,8 +120,8 @@ def meaning(head: str, unit_below: str = "") -> Meaning:
         unit = unit_of(unit_below)
         strange = "" if unit else unit_below
     tokens = _tokens(base)
-    if base in _SYMBOLS and not strange:
-        kind, place = _SYMBOLS[base]
+    if base in STATES and not strange:
+        kind, place = STATES[base]
         if not unit or kind_of(unit) == kind:
             return Meaning(kind, place, unit, symbol=base, word=base)
     if not unit and not strange:

@@ -18,8 +18,8 @@ from bayesdrill.config.records import sources
 from bayesdrill.config.yaml_source import parse
 from bayesdrill.drafting import entries, record_files, roles
 from bayesdrill.drafting.entries import REVIEW, Found, comment, review, scalar
-from bayesdrill.drafting.record_files import Experiment, Experiments
-from bayesdrill.drafting.roles import Lag, Start
+from bayesdrill.drafting.record_files import Experiment
+from bayesdrill.drafting.roles import Start
 
 SPREAD = 1.0  # of the logarithm of a parameter: nobody has said anything of this rig
 DAMPING = 0.01  # N m s/rad, which adds 6 % of the critical damping to the paper's rig
@@ -28,7 +28,7 @@ FRICTION = 0.1  # N m, as much as the paper's motor has
 
 def page(found: Found, name: str) -> str:
     lead = found.lead.of
-    every = [found.name(one.of.path) for one in found.those.every]
+    every = [found.name(one.of.path) for one in found.every]
     lines = [
         *comment(
             f"A first config of {', '.join(every)}, by `bayesdrill init`. What was guessed stands below "
@@ -52,7 +52,7 @@ def page(found: Found, name: str) -> str:
         f"model: {{name: motor_shaft, i_m: {1 / lead.found.gear:.6g}}}",
         "",
         *_parameters(
-            turns_back=any(roles.both_ways(one.of.found) for one in found.those.every),
+            turns_back=any(roles.both_ways(one.of.found) for one in found.every),
         ),
     ]
     return "\n".join(lines) + "\n"
@@ -80,7 +80,7 @@ def _state(start: Start) -> str:
 def _experiments(found: Found) -> list[str]:
     lines = ["", *comment("Each has its file, and what is its own; all else is as above.")]
     lines.append("experiments:")
-    for one in found.those.every:
+    for one in found.every:
         lines += _experiment(found, one)
     doubt = (
         "the same sensors in each: one noise, one offset, one lag; take out what differs, and it is "
@@ -130,10 +130,6 @@ def _shared(found: Found) -> list[str]:
 def _parameters(*, turns_back: bool) -> list[str]:
     """`turns_back`: driven in both directions."""
     table = symbols.NOMINAL[symbols.DEFAULT_NOMINAL].values
-    rows: Sequence[tuple[str, str]] = [
-        (f"  {name}: {value:.4g}", f"{symbols.PARAMETERS[name].plain_unit}, {_meaning(name)}")
-        for name, value in table.items()
-    ]
     lines = [
         *review(
             ["this is the paper's rig; write what your data sheets say, and how far it may be off"],
@@ -142,7 +138,7 @@ def _parameters(*, turns_back: bool) -> list[str]:
         "nominal:",
         f"  table: {symbols.DEFAULT_NOMINAL}",
         "  tolerance: 0.2",
-        *(f"{entry:<16}# {said}" for entry, said in rows),
+        *(_with_meaning(f"  {name}: {value:.4g}", 16, name) for name, value in table.items()),
         "",
         *comment("A prior, a number that holds it, or `nominal`. Factors of the nominal value:"),
         *review(
@@ -176,12 +172,14 @@ def _more(*, turns_back: bool) -> list[str]:
     )
     for name, scale in shown.items():
         entry = f"  # {name}: {{prior: half_normal, scale: {scale:g}}}"
-        lines.append(f"{entry:<48}# {symbols.PARAMETERS[name].plain_unit}, {_meaning(name)}")
+        lines.append(_with_meaning(entry, 48, name))
     return lines
 
 
-def _meaning(name: str) -> str:
-    return symbols.PARAMETERS[name].meaning
+def _with_meaning(entry: str, width: int, name: str) -> str:
+    """An entry for the parameter `name`, and what that is."""
+    symbol = symbols.PARAMETERS[name]
+    return f"{entry:<{width}}# {symbol.plain_unit}, {symbol.meaning}"
 
 
 @dataclass(frozen=True, slots=True)
@@ -221,18 +219,21 @@ def guess(
 
     Raises `InputError` where nothing can be made of a file, or not of all together.
     """
-    those = record_files.experiments(records, gear)
+    every, lead = record_files.experiments(records, gear)
+    lags = [roles.lag(one.of.found, one.of.part.dt) for one in every]
+    hints = [lag for lag in lags if lag is not None]
     found = Found(
-        those=those,
-        starts={one.label: _start(one, voltage) for one in those.every},
-        lag=_lag(those),
+        every=every,
+        lead=lead,
+        starts={one.label: _start(one, voltage) for one in every},
+        lag=max(hints, key=lambda lag: lag.clear, default=None),  # of the one that tells it best
         voltage=voltage,
         name=lambda path: sources.name_in(target.parent, path),
     )
     name = re.sub(r"[^A-Za-z0-9_.-]+", "_", target.stem).lstrip("_.-")[:100] or "my_rig"
     text = page(found, name)
     channels = tuple(one.name for one in found.channels)
-    labels = tuple(one.label for one in those.every if one.label)
+    labels = tuple(one.label for one in every if one.label)
     return Guess(target, text, channels, labels, _asks(text, target, records[0]))
 
 
@@ -262,13 +263,6 @@ def _start(one: Experiment, voltage: float | None) -> Start:
     known = [i.raw.t[0] for i in (v, found.t_1) if i is not None and len(i.raw.t)]
     measured = (v is not None and v.varies) or found.t_1 is not None
     return roles.start(found, one.of.part, measured=measured, known=max(known, default=None))
-
-
-def _lag(those: Experiments) -> Lag | None:
-    """Of the experiment that tells it best."""
-    found = [roles.lag(one.of.found, one.of.part.dt) for one in those.every]
-    hints = [one for one in found if one is not None]
-    return max(hints, key=lambda one: one.clear, default=None)
 
 
 def _asks(text: str, target: Path, record: Path) -> tuple[Issue, ...]:

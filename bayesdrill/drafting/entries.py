@@ -15,8 +15,8 @@ import numpy as np
 
 from bayesdrill.basics.errors import printable
 from bayesdrill.drafting import roles
-from bayesdrill.drafting.columns import TWIST
-from bayesdrill.drafting.record_files import Experiment, Experiments
+from bayesdrill.drafting.columns import TWIST, Seen
+from bayesdrill.drafting.record_files import Experiment
 from bayesdrill.drafting.roles import WIDE, Channel, Lag, Start
 from bayesdrill.drafting.signals import Sensor, Timing
 from bayesdrill.record import clocks
@@ -54,9 +54,12 @@ SUPPLY = 0.02  # of its largest value, that a measured voltage may be off by: sd
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Found:
-    """All that a config says: `starts` by experiment; `name`: of a file, as the config has it."""
+    """All that a config says: `every` experiment, each understood as `lead` is, `starts` by label;
+    `name`: of a file, as the config has it.
+    """
 
-    those: Experiments
+    every: tuple[Experiment, ...]
+    lead: Experiment
     starts: Mapping[str, Start]
     lag: Lag | None
     voltage: float | None
@@ -64,11 +67,7 @@ class Found:
 
     @property
     def several(self) -> bool:
-        return len(self.those.every) > 1
-
-    @property
-    def lead(self) -> Experiment:
-        return self.those.lead
+        return len(self.every) > 1
 
     @property
     def channels(self) -> Sequence[Channel]:
@@ -77,22 +76,20 @@ class Found:
     @property
     def dt(self) -> float:
         """The longest step, s."""
-        return max(
-            file.part.dt for one in self.those.every for file in (one.of, one.inputs) if file
-        )
+        return max(file.part.dt for one in self.every for file in (one.of, one.inputs) if file)
 
     @property
     def measured(self) -> bool:
         """Whether an input varies: a column, and not a number."""
-        every = [one.of.found for one in self.those.every]
-        v = self.voltage is None and any(one.v is not None and one.v.varies for one in every)
-        return v or any(one.t_1 is not None for one in every)
+        files = [one.of.found for one in self.every]
+        v = self.voltage is None and any(one.v is not None and one.v.varies for one in files)
+        return v or any(one.t_1 is not None for one in files)
 
     def of(self, name: str) -> list[tuple[str, Sensor]]:
         """The sensors of one channel, with the experiments' names."""
         return [
             (one.label, c.sensor)
-            for one in self.those.every
+            for one in self.every
             for c in one.of.found.channels
             if c.name == name
         ]
@@ -114,22 +111,27 @@ def record_entries(found: Found) -> list[str]:
     ]
 
 
-def address(sensor: Sensor) -> str:
-    return ", ".join(f"{key}: {scalar(value)}" for key, value in sensor.seen.address.items())
+def address(column: Seen) -> str:
+    return ", ".join(f"{key}: {scalar(value)}" for key, value in column.address.items())
+
+
+def reasons(sensor: Sensor, indent: int) -> list[str]:
+    """Comments above its entry: what is known of it, and what is to be looked at."""
+    known = [line for why in sensor.why for line in comment(why, indent)]
+    return [*known, *review(sensor.doubts, indent)]
 
 
 def time_entry(time: Timing) -> str:
     if time.column is None:
         return f"time: {{rate: {time.rate:.6g}}}"
-    where = ", ".join(f"{key}: {scalar(value)}" for key, value in time.column.address.items())
-    return f"time: {{{where}, unit: {time.unit}}}"
+    return f"time: {{{address(time.column)}, unit: {time.unit}}}"
 
 
 def _time(found: Found) -> list[str]:
     time, doubts = found.lead.of.time, [found.lead.of.time.doubt]
     if time.column is None:
         return [*review(doubts, 2), f"  {time_entry(time)}"]
-    every = [_uneven(one.of.part.t) for one in found.those.every]
+    every = [_uneven(one.of.part.t) for one in found.every]
     even = ", ".join(one for one in (f"{time.rate:.6g} samples a second", time.why) if one)
     said = next((uneven for uneven in every if uneven), even)
     return [*comment(said, 2), *review(doubts, 2), f"  {time_entry(time)}"]
@@ -161,26 +163,28 @@ def _missing(those: Sequence[Sensor]) -> list[str]:
 def _channel(found: Found, one: Channel) -> list[str]:
     sensor, every = one.sensor, found.of(one.name)
     noise = [other.noise for _, other in every]
-    entries = [address(sensor), f"unit: {scalar(sensor.unit)}"]
+    entries = [address(sensor.seen), f"unit: {scalar(sensor.unit)}"]
     if one.measures:
         entries.append(f"measures: {one.measures}")
     doubts, more = _as_it_came(every, counted=not one.derived)
     late_doubt, late = _lag(found, one)
     zero_doubt, zero = _zero(found, one)
-    head = [*(line for why in sensor.why for line in comment(why, 4)), *review(sensor.doubts, 4)]
+    head = reasons(sensor, 4)
     if one.derived:
         doubt = (
             f"it is made of differences of {one.derived}, and would count the same numbers twice"
         )
-        more, last = [*more, f"derived_from: {one.derived}"], "sigma: 1    # means nothing here"
+        more = [*more, f"derived_from: {one.derived}"]
         return [
             *head,
             *review([*doubts, doubt], 4),
             f"    {one.name}: {{{', '.join([*entries, *more])},",
-            f"      {last.partition('    ')[0]}}}{last.partition('sigma: 1')[2]}",
+            "      sigma: 1}    # means nothing here",
         ]
     low, high = f"{min(noise) / WIDE:.3g}", f"{max(noise) * WIDE:.3g}"
-    told = f"the noise is not said; {_from_to(noise)} {sensor.unit} differ from sample to sample"
+    least, most = f"{min(noise):.3g}", f"{max(noise):.3g}"
+    size = least if least == most else f"{least} to {most}"
+    told = f"the noise is not said; {size} {sensor.unit} differ from sample to sample"
     return [
         *head,
         *review([*doubts, late_doubt, zero_doubt, told], 4),
@@ -189,11 +193,6 @@ def _channel(found: Found, one: Channel) -> list[str]:
         *(f"      {entry}," for entry in (late, zero) if entry),
         f"      sigma: {{prior: log_uniform, low: {low}, high: {high}}}}}",
     ]
-
-
-def _from_to(numbers: Sequence[float]) -> str:
-    low, high = f"{min(numbers):.3g}", f"{max(numbers):.3g}"
-    return low if low == high else f"{low} to {high}"
 
 
 def _as_it_came(
@@ -274,7 +273,7 @@ def input_entries(found: Found) -> list[str]:
 
 def constant_input(found: Found) -> dict[str, str]:
     """The voltage of each experiment that has a constant one of its own."""
-    every = {one.label: one.of.found.v for one in found.those.every}
+    every = {one.label: one.of.found.v for one in found.every}
     if found.voltage is not None or any(v is None or v.varies for v in every.values()):
         return {}
     return {
@@ -294,7 +293,7 @@ def _voltage(found: Found) -> list[str]:
             "`{column: ..., unit: V, hold: zero}`; `bayesdrill check` asks for it"
         )
         return [*review([doubt, *_imposed(found)], 2), UNKNOWN]
-    head = [*(line for why in v.why for line in comment(why, 2)), *review(v.doubts, 2)]
+    head = reasons(v, 2)
     if known := constant_input(found):
         doubt = f"{v.name} is the same in every row, taken as there from the start on"
         return [*head, *review([doubt], 2), f"  v: {known[found.lead.label]}"]
@@ -302,9 +301,7 @@ def _voltage(found: Found) -> list[str]:
         "between samples it is taken as it was (zero); a supply that moves smoothly needs `first`"
     )
     largest = max(
-        float(abs(one.of.found.v.raw.x).max())
-        for one in found.those.every
-        if one.of.found.v is not None
+        float(abs(one.of.found.v.raw.x).max()) for one in found.every if one.of.found.v is not None
     )
     off = f"what the motor gets may differ from it: an unknown, {100 * SUPPLY:g} % of its largest value"
     return [
@@ -330,15 +327,14 @@ def _load(found: Found) -> list[str]:
     t_1 = found.lead.of.found.t_1
     if t_1 is None:
         return ["  t_1: 0.0    # N m, load on rotor 1: no column is one"]
-    head = [*(line for why in t_1.why for line in comment(why, 2)), *review(t_1.doubts, 2)]
     (entry,) = _column(found, "t_1", t_1)
-    return [*head, f"{entry.removesuffix(',')}}}"]
+    return [*reasons(t_1, 2), f"{entry.removesuffix(',')}}}"]
 
 
 def _column(found: Found, name: str, like: Sensor) -> list[str]:
     """Without its end."""
-    every = [getattr(one.of.found, name) for one in found.those.every]
-    entries = [address(like), f"unit: {scalar(like.unit)}", "hold: zero"]
+    every = [getattr(one.of.found, name) for one in found.every]
+    entries = [address(like.seen), f"unit: {scalar(like.unit)}", "hold: zero"]
     if any(one is not None and one.raw.missing for one in every):
         entries.append("missing: hold")
     return [f"  {name}: {{{', '.join([*file_entries(found, name), *entries])},"]
@@ -357,7 +353,7 @@ def file_entries(found: Found, name: str) -> list[str]:
 def _moment(found: Found) -> list[str]:
     """Unknown within a sample; of a constant voltage that was there before, there is none."""
     starts: Sequence[Start] = list(found.starts.values())
-    if not found.measured and any(one.moving for one in starts):
+    if not found.measured and any(one.state for one in starts):
         return []
     before, after = (max(one.switched[k] for one in starts) * found.dt for k in (0, 1))
     doubt = (

@@ -14,6 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from bayesdrill import output_files
+from bayesdrill.basics import units
 from bayesdrill.basics.errors import InputError, Issue, of_each
 from bayesdrill.drafting import roles, sensors, signals
 from bayesdrill.drafting.columns import LEAST, Seen, look
@@ -67,38 +68,36 @@ def examine(path: Path, gear: float | None) -> Examined:
 
 def as_told(one: Examined, lead: Examined) -> Examined:
     """The same columns as those of `lead`, with its meanings; `InputError` where one is missing."""
-    missing: list[str] = []
+    like = [channel.sensor for channel in lead.found.channels]
+    like += [given for given in (lead.found.v, lead.found.t_1) if given is not None]
+    wanted = [sensor.seen for sensor in like]
+    every = wanted if lead.time.column is None else [*wanted, lead.time.column]
     by = {tuple(column.address.items()): column for column in one.columns}
-
-    def column(like: Seen) -> Seen | None:
-        same = by.get(tuple(like.address.items()))
-        if same is None:
-            missing.append(like.name)
-        return same
-
-    wanted = [c.sensor for c in lead.found.channels]
-    wanted += [i for i in (lead.found.v, lead.found.t_1) if i is not None]
-    seen = {id(sensor): column(sensor.seen) for sensor in wanted}
-    if lead.time.column is None:
-        time = signals.counted(len(one.time.t), lead.time)
-    else:
-        own = column(lead.time.column)
-        time = one.time if own is None else signals.timing_of(own, lead.time)
-    if missing:
-        names = ", ".join(missing)
+    if missing := [column.name for column in every if tuple(column.address.items()) not in by]:
         raise InputError.one(
             str(one.path),
-            f"has no column {names}, and {lead.path} has; several files have to be of one kind, or one "
-            "of channels and one of inputs at the same times; else write a config of each",
+            f"has no column {', '.join(missing)}, and {lead.path} has; several files have to be of one "
+            "kind, or one of channels and one of inputs at the same times; else write a config of each",
         )
-    part = signals.part(time, [c for c in seen.values() if c is not None])
+
+    def same(column: Seen) -> Seen:
+        return by[tuple(column.address.items())]
+
+    clock = None if lead.time.column is None else same(lead.time.column)
+    if clock is None:  # as many samples a second
+        t = lead.time.dt * np.arange(len(one.time.t), dtype=np.float64)
+    else:
+        t = clock.values * units.factor(lead.time.unit, "s")
+    time = dataclasses.replace(lead.time, t=t, column=clock)
+    used = [same(column) for column in wanted]
+    part = signals.part(time, used)
     if part is None:
         raise hopeless(one.path, {}, f"nowhere {LEAST} rows follow each other in time")
-    jumped = signals.jumps([c for c in seen.values() if c is not None], part)
+    jumped = signals.jumps(used, part)
 
     def sensor(like: Sensor) -> Sensor:
-        found = seen[id(like)]
-        if found is None or len(signals.numbers_of_part(found, part)) < LEAST:
+        found = same(like.seen)
+        if np.isfinite(found.values[part.rows]).sum() < LEAST:
             raise hopeless(one.path, {}, f"column {like.name} has less than {LEAST} numbers")
         drawn = signals.draft(found, part, jumped, like.kind, like.unit)
         if not drawn.varies and like.kind not in ("voltage", "torque"):
@@ -144,17 +143,16 @@ class Experiment:
     inputs: Examined | None
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Experiments:
-    """All are understood as `lead`, one of them, is."""
+def experiments(
+    records: Sequence[Path], gear: float | None
+) -> tuple[tuple[Experiment, ...], Experiment]:
+    """All, and the one as which all are understood.
 
-    every: tuple[Experiment, ...]
-    lead: Experiment
-
-
-def experiments(records: Sequence[Path], gear: float | None) -> Experiments:
-    """Raises `InputError` where nothing can be made of a file, or not of all together."""
-    _refuse_twice(records)
+    Raises `InputError` where nothing can be made of a file, or not of all together.
+    """
+    for k, path in enumerate(records):
+        if path.resolve() in [other.resolve() for other in records[:k]]:
+            raise InputError.one(str(path), "is named twice; name each file once")
     examined = of_each(lambda path: examine(path, gear), records)
     inputs = [one for one in examined if one.only_inputs]
     channels = [one for one in examined if not one.only_inputs]
@@ -171,7 +169,7 @@ def experiments(records: Sequence[Path], gear: float | None) -> Experiments:
         Experiment(name, one if other is None else _joined(one, other), other)
         for name, one, other in zip(names, channels, beside, strict=True)
     )
-    return Experiments(every, next(one for one in every if one.of.path == lead.path))
+    return every, next(one for one in every if one.of.path == lead.path)
 
 
 def _refuse_without_channels(one: Examined) -> None:
@@ -182,14 +180,6 @@ def _refuse_without_channels(one: Examined) -> None:
 
 def _unsure(one: Examined) -> tuple[int, bool, tuple[int, int]]:
     return -len(one.found.channels), one.found.v is None, one.doubts
-
-
-def _refuse_twice(records: Sequence[Path]) -> None:
-    seen: set[Path] = set()
-    for path in records:
-        if path.resolve() in seen:
-            raise InputError.one(str(path), "is named twice; name each file once")
-        seen.add(path.resolve())
 
 
 def _paired(channels: Sequence[Examined], inputs: Sequence[Examined]) -> list[Examined]:

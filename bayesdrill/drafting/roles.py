@@ -10,25 +10,21 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from scipy.ndimage import gaussian_filter1d
 
-from bayesdrill.basics.arrays import Array
 from bayesdrill.drafting import signals
-from bayesdrill.drafting.columns import GEARBOX, MOTOR, ROTOR, TWIST
+from bayesdrill.drafting.columns import GEARBOX, MOTOR, ROTOR, STATES, TWIST
 from bayesdrill.drafting.sensors import SLOWEST
 from bayesdrill.drafting.signals import TURNS, Part, Sensor
 from bayesdrill.record import anomalies
 
 USUAL_GEAR = 8.0
 WIDE = 10.0  # the prior of a noise: so many times below and above what differs between samples
-_STATE = {("angle", ROTOR): "theta_1", ("angle", GEARBOX): "theta_2"} | {
-    ("speed", ROTOR): "w_1",
-    ("speed", GEARBOX): "w_2",
-}
+_STATE = {meaning: state for state, meaning in STATES.items()}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -42,11 +38,6 @@ class Channel:
     measures: str
     sensor: Sensor
     derived: str = ""
-
-    @property
-    def noise(self) -> float:
-        """In the column's unit."""
-        return self.sensor.noise
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -103,10 +94,9 @@ def _placed(turning: Sequence[Sensor]) -> list[Sensor]:
     elif placed & {GEARBOX, MOTOR} and not placed & {ROTOR, TWIST}:
         free, because = ROTOR, "the other end has a column of its own"
     else:
-        because = (
-            "the twist is counted from there" if TWIST in placed else "most encoders are there"
-        )
+        twist = TWIST in placed
         free = GEARBOX
+        because = "the twist is counted from there" if twist else "most encoders are there"
     if ROTOR in placed and placed & {GEARBOX, MOTOR}:
         return list(turning)
     seen: set[str] = set()
@@ -159,10 +149,10 @@ def _name(one: Sensor, gear: float) -> tuple[str, str]:
     """Name and `measures` of its channel."""
     if one.kind == "current":
         return "i", ""
+    if one.place == TWIST and one.kind == "angle":
+        return "twist", "theta_1 - theta_2"
     if one.place == TWIST:
-        return (
-            ("twist", "theta_1 - theta_2") if one.kind == "angle" else ("twist_rate", "w_1 - w_2")
-        )
+        return "twist_rate", "w_1 - w_2"
     if one.place == MOTOR:
         state = _STATE[one.kind, GEARBOX]
         return "motor" if one.kind == "speed" else "motor_angle", f"{gear:.6g} * {state}"
@@ -253,7 +243,7 @@ class Lag:
 
     @property
     def clear(self) -> float:
-        return self.before / self.left
+        return self.before / self.left if self.left > 0 else math.inf
 
 
 def lag(found: Roles, dt: float) -> Lag | None:
@@ -277,63 +267,54 @@ def _pairs(channels: Sequence[Channel]) -> list[tuple[Channel, Channel]]:
 
 
 def _clearest(first: Channel, second: Channel, found: Roles, dt: float) -> Lag | None:
-    one, other = _lag_angle(first, found.gear, dt), _lag_angle(second, found.gear, dt)
-    best: tuple[float, float, float] | None = None
+    hints: list[tuple[float, float, float]] = []
+    shifts = [k / FINER for k in range(-FURTHEST * FINER, FURTHEST * FINER + 1)]
     for width in WIDTHS:
-        if len(one) < 20 * EDGE * width:
+        if min(len(first.sensor.values), MOST) < 20 * EDGE * width:
             break
-        law = _law(one, other, width, first, second)
-        shifts = [k / FINER for k in range(-FURTHEST * FINER, FURTHEST * FINER + 1)]
-        left = {shift: law.left(shift) for shift in shifts}
+        unexplained = _law(first, second, width, found.gear, dt)
+        left = {shift: unexplained(shift) for shift in shifts}
         shift = min(left, key=lambda one: left[one])
-        if best is None or left[shift] < best[1]:
-            best = shift, left[shift], left[0.0]
-    if best is None:
+        hints.append((left[shift], shift, left[0.0]))
+    if not hints:
         return None
-    samples, after, before = best
+    after, samples, before = min(hints, key=lambda hint: hint[0])
     told = 1 - after > TOLD and before > BETTER * after and abs(samples) < FURTHEST
     late = first if samples > 0 else second
     return Lag(late.name, abs(samples), after, before) if told else None
 
 
-def _lag_angle(one: Channel, gear: float, dt: float) -> Array:
-    sensor: Sensor = one.sensor
-    return sensor.angle(dt)[:MOST] / (gear if sensor.place == MOTOR else 1.0)
+def _law(
+    first: Channel, second: Channel, width: int, gear: float, dt: float
+) -> Callable[[float], float]:
+    """By the samples that `first` is made earlier: what rotor 1's law leaves of the twist's variance.
 
+    There is one filter for all derivatives: the law holds of what it leaves.
+    """
+    angles = [
+        channel.sensor.angle(dt)[:MOST] / (gear if channel.sensor.place == MOTOR else 1.0)
+        for channel in (first, second)
+    ]
+    smoothed = [
+        np.stack([gaussian_filter1d(x, width, order=d, truncate=EDGE) for d in (0, 1, 2)])
+        for x in angles
+    ]
+    margin, k = EDGE * width + FURTHEST, np.arange(len(angles[0]), dtype=np.float64)
+    inner = slice(margin, len(k) - margin)
+    other = smoothed[1][:, inner]
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Law:
-    """Two angles with their derivatives, smoothed, (3, n); `is_twist`: the first."""
-
-    one: Array
-    other: Array
-    inner: slice
-    is_twist: bool
-    of_rotor: bool
-
-    def left(self, shift: float) -> float:
-        """Share of the twist's variance that is left, with `one` earlier by `shift` samples."""
-        other, k = self.other[:, self.inner], np.arange(self.one.shape[1], dtype=np.float64)
-        one = np.stack([np.interp(k[self.inner] + shift, k, x) for x in self.one])
-        if self.is_twist:
-            twist, (_, speed, acceleration) = one[0], other if self.of_rotor else other + one
+    def left(shift: float) -> float:
+        one = np.stack([np.interp(k[inner] + shift, k, x) for x in smoothed[0]])
+        if first.sensor.place == TWIST:
+            rotor = other if second.sensor.place == ROTOR else other + one
+            twist, (_, speed, acceleration) = one[0], rotor
         else:
             twist, (_, speed, acceleration) = one[0] - other[0], one
-        causes = [acceleration, speed, np.sign(speed), k[self.inner]]
+        causes = [acceleration, speed, np.sign(speed), k[inner]]
         factors, share = signals.explained(twist, *causes)
         return 1 - share if factors[0] < 0 else 1.0  # else it is no spring
 
-
-def _law(one: Array, other: Array, width: int, first: Channel, second: Channel) -> _Law:
-    """One filter for all derivatives: the law holds of what it leaves."""
-    filtered = [
-        np.stack([gaussian_filter1d(x, width, order=d, truncate=EDGE) for d in (0, 1, 2)])
-        for x in (one, other)
-    ]
-    margin = EDGE * width + FURTHEST
-    inner = slice(margin, len(one) - margin)
-    of_rotor = second.sensor.place == ROTOR
-    return _Law(filtered[0], filtered[1], inner, first.sensor.place == TWIST, of_rotor)
+    return left
 
 
 def wide(samples: float, dt: float) -> float:
@@ -368,10 +349,6 @@ class Start:
     switched: tuple[float, float]
     window_doubt: str
     doubts: tuple[str, ...]
-
-    @property
-    def moving(self) -> bool:
-        return self.state != ""
 
 
 def start(found: Roles, part: Part, *, measured: bool, known: float | None = None) -> Start:
@@ -446,7 +423,7 @@ def _moves(one: Channel) -> bool:
     k = (t - t[0]) / (t[-1] - t[0])
     design = np.stack([np.ones(FIRST), k, k**2], axis=-1)
     slope = float(np.linalg.lstsq(design, x, rcond=None)[0][1])
-    sd = one.noise * math.sqrt(float(np.linalg.inv(design.T @ design)[1, 1]))
+    sd = one.sensor.noise * math.sqrt(float(np.linalg.inv(design.T @ design)[1, 1]))
     mean = float(np.polyfit(k, x, 1)[0])
     return abs(slope) > CLEAR * sd and slope * mean > SOON * mean**2
 
@@ -456,7 +433,7 @@ def _steady(one: Channel) -> bool:
     t, x = one.sensor.raw.t[:STEADY], one.sensor.raw.x[:STEADY]
     grows = one.sensor.kind == "angle" and one.sensor.place != TWIST
     rest = x - np.polyval(np.polyfit(t - t[0], x, 1 if grows else 0), t - t[0])
-    return float(np.std(rest)) <= CALM * one.noise
+    return float(np.std(rest)) <= CALM * one.sensor.noise
 
 
 def _zeros(found: Roles) -> dict[str, float]:
@@ -473,7 +450,7 @@ def _first(one: Channel) -> tuple[float, bool]:
     fitted = float(values[0])
     if len(values) == FIRST:
         fitted = float(np.polyval(np.polyfit((t - t[0]) / (t[-1] - t[0]), values, 2), 0))
-    least = CLEAR * one.noise + 0.002 * float(np.abs(one.sensor.raw.x).max())
+    least = CLEAR * one.sensor.noise + 0.002 * float(np.abs(one.sensor.raw.x).max())
     return float(f"{fitted:.4g}"), bool(abs(values[0]) > least and abs(fitted) > least)
 
 
@@ -482,7 +459,7 @@ def _onset(found: Roles) -> float:
     begins: list[tuple[float, int]] = []
     for one in found.channels:
         t, x = one.sensor.raw.t, one.sensor.raw.x
-        away = np.abs(x - np.median(x[:FIRST])) > 8 * one.noise
+        away = np.abs(x - np.median(x[:FIRST])) > 8 * one.sensor.noise
         if away.any():
             begins.append((float(t[np.argmax(away)]), int(np.argmax(away))))
     first = min(begins, default=(math.nan, 0))

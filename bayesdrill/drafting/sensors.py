@@ -109,12 +109,10 @@ def _settled(angle: Sensor, speed: Sensor, factor: float) -> tuple[Sensor, Senso
         wanted = units.factor(speed.unit, "rad/s") / units.factor(angle.unit, "rad")
         if 0.85 < abs(factor) / wanted < 1.18:
             fitting = [(angle.unit, speed.unit)]
+    if not fitting and angle.unit and speed.unit and angle.place == speed.place:
+        doubt = f"the derivative of {angle.name} is {factor:.3g} times this: wrong units or times"
+        return angle, speed.but(doubt=doubt)
     if not fitting:
-        if angle.unit and speed.unit and angle.place == speed.place:
-            doubt = (
-                f"the derivative of {angle.name} is {factor:.3g} times this: wrong units or times"
-            )
-            return angle, speed.but(doubt=doubt)
         return None
     units_ = fitting[1] if len(fitting) > 1 and _degrees(angle, speed) else fitting[0]
     place = angle.place or speed.place
@@ -125,13 +123,8 @@ def _settled(angle: Sensor, speed: Sensor, factor: float) -> tuple[Sensor, Senso
         sure = one.unit or (one.seen.says.symbol and len(fitting) > 1)
         also = ", or in degrees" if unit[:3] == "rad" else ", or in radians"
         either = also if len(fitting) > 1 else ""
-        told = (
-            told.but(why=f"{said}, as it should be")
-            if sure
-            else told.but(
-                doubt=f"no unit is said; {said}, as in {units_[0]} and {units_[1]}{either}"
-            )
-        )
+        doubt = f"no unit is said; {said}, as in {units_[0]} and {units_[1]}{either}"
+        told = told.but(why=f"{said}, as it should be") if sure else told.but(doubt=doubt)
         if place and not one.place:
             told = told.but(doubt=f"taken to be where {(angle if one is speed else speed).name} is")
         pair.append(told)

@@ -59,30 +59,15 @@ def find_time(columns: Sequence[Seen], rate: float = 0.0) -> Timing:
     return Timing(t, None, "s", "", doubt)
 
 
-def timing_of(one: Seen, like: Timing) -> Timing:
-    """The same column of another file."""
-    return dataclasses.replace(
-        like, t=np.asarray(one.values * units.factor(like.unit, "s")), column=one
-    )
-
-
-def counted(length: int, like: Timing) -> Timing:
-    """Of another file without times, as many samples a second."""
-    return dataclasses.replace(like, t=np.asarray(np.arange(length) * like.dt, dtype=np.float64))
-
-
 def _of(one: Seen, why: str, doubt: str = "") -> Timing:
     unit = one.says.unit
     step = float(np.nanmedian(np.diff(one.values)))
     if not unit:
-        unit = min(("s", "ms", "us"), key=lambda u: _unusual(step * units.factor(u, "s")))
+        rates = {u: 1 / (step * units.factor(u, "s")) for u in ("s", "ms", "us")}
+        unit = min(rates, key=lambda u: abs(math.log(rates[u] / USUAL_RATE)))
         said = f"no unit is said; steps of {step:.6g} {unit} make a usual sampling rate"
         doubt = f"{doubt}; {said}" if doubt else said
     return Timing(one.values * units.factor(unit, "s"), one, unit, why, doubt)
-
-
-def _unusual(dt: float) -> float:
-    return abs(math.log(1 / dt / USUAL_RATE))
 
 
 def _steps(values: Array) -> bool:
@@ -142,20 +127,12 @@ def part(time: Timing, used: Sequence[Seen]) -> Part | None:
     return None if len(grid) < LEAST else Part(rows, t, grid, len(t) < len(time.t))
 
 
-def numbers_of_part(one: Seen, of: Part) -> Array:
-    """Those of its used rows that are numbers."""
-    values = one.values[of.rows]
-    return values[np.isfinite(values)]
-
-
 def _alone(t: Array, rows: slice) -> slice:
     """Of `rows` the longest stretch among whose times no other row is: a window tells them apart."""
     own, others = t[rows], np.sort(np.delete(t, np.arange(len(t))[rows]))
     slack = SLACK * float(np.abs(own).max(initial=0.0))
-    before, after = (
-        np.searchsorted(others, own - slack),
-        np.searchsorted(others, own + slack, "right"),
-    )
+    before = np.searchsorted(others, own - slack)
+    after = np.searchsorted(others, own + slack, "right")
     free = after == before  # NaN sorts to the end
     stretch = _longest(free[1:] & free[:-1] & (before[1:] == before[:-1]))
     return slice(rows.start + stretch.start, rows.start + stretch.stop)
@@ -163,12 +140,11 @@ def _alone(t: Array, rows: slice) -> slice:
 
 def _longest(joined: np.ndarray) -> slice:
     """Of rows, each `joined (T - 1,)` to the next."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], joined, [False]]).astype(int)))
-    if len(edges) == 0:
+    runs = anomalies.spans(joined)
+    if not len(runs):
         return slice(0, 0)
-    begins, ends = edges[::2], edges[1::2]
-    best = int(np.argmax(ends - begins))
-    return slice(int(begins[best]), int(ends[best]) + 1)
+    best = int(np.argmax(runs.last - runs.first))
+    return slice(int(runs.first[best]), int(runs.last[best]) + 2)
 
 
 # How many units of the angle are one of the speed, times s: what a derivative can be.
@@ -378,9 +354,7 @@ def jumps(columns: Sequence[Seen], part: Part) -> NDArray[np.bool_]:
     """Rows `(T,)` at which a voltage among the columns has just jumped."""
     found = np.zeros(len(part.t), dtype=np.bool_)
     for one in (column for column in columns if column.says.kind == "voltage"):
-        known = np.flatnonzero(np.isfinite(one.values[part.rows]))
-        values = one.values[part.rows][known]
-        found[known[1:][np.abs(np.diff(values)) > anomalies.JUMP * np.ptp(values)]] = True
+        found[anomalies.jumps(one.values[part.rows])] = True
     return found
 
 
@@ -396,10 +370,8 @@ def draft(
     if kind == "angle" and one.says.place != TWIST:
         period, turned = _wraps(x, unit)
         if period and not unit:
-            unit, doubt = (
-                turned,
-                f"no unit is said; {turned}, as it begins again after {period:.6g}",
-            )
+            unit = turned
+            doubt = f"no unit is said; {turned}, as it begins again after {period:.6g}"
         x = anomalies.unwrapped(x, period)[0] if period else x
     if kind in (*TURNS, "current"):
         spikes = anomalies.spikes(x, jumped[known]).mask(len(x))
@@ -416,10 +388,8 @@ def _wraps(x: Array, unit: str) -> tuple[float, str]:
     turns = {unit: TURN[unit]} if unit in TURN else {} if unit else TURN
     periods = [(turn, name) for name, turn in turns.items()]
     if unit.startswith("count"):
-        periods += [
-            (2 * math.pi / units.factor(unit, "rad"), unit),
-            *((2.0**b, unit) for b in BITS),
-        ]
+        counts = [2 * math.pi / units.factor(unit, "rad"), *(2.0**b for b in BITS)]
+        periods += [(count, unit) for count in counts]
     steps = np.abs(np.diff(x))
     for period, name in periods:
         far = steps > 0.5 * period

@@ -23,19 +23,4 @@ if TYPE_CHECKING:
     from bayesdrill.inference.unknowns import ParameterSpace as ParameterSpace
     from bayesdrill.inference.unknowns import Unknown as Unknown
 
-__getattr__ = late(
-    __name__,
-    {
-        "Coordinates": "unknowns",
-        "HDI_PROBABILITY": "derived",
-        "Likelihood": "likelihood",
-        "Noisy": "noise.contract",
-        "ParameterSpace": "unknowns",
-        "Posterior": "posterior",
-        "Residuals": "noise.contract",
-        "Uniform": "priors",
-        "Unknown": "unknowns",
-        "White": "noise.white",
-        "hdi": "derived",
-    },
-)
+__getattr__ = late(__name__)

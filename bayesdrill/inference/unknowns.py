@@ -282,7 +282,7 @@ class ParameterSpace:
     @cached_property
     def bounding(self) -> tuple[str, ...]:
         """Parameters whose relation may give something else than a positive number."""
-        return tuple(name for name, r in self.relations.items() if r.monomial() is None)
+        return tuple(name for name, r in self.relations.items() if not r.positive)
 
     @cached_property
     def _curved(self) -> list[tuple[int, Prior]]:

@@ -18,14 +18,4 @@ if TYPE_CHECKING:
     from bayesdrill.record.formats import Wanted as Wanted
     from bayesdrill.record.formats.table import Table as Table
 
-__getattr__ = late(
-    __name__,
-    {
-        "Experiment": "experiment",
-        "Format": "formats",
-        "Table": "formats.table",
-        "Wanted": "formats",
-        "regular": "experiment",
-        "usual_inputs": "experiment",
-    },
-)
+__getattr__ = late(__name__)

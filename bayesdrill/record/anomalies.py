@@ -80,6 +80,13 @@ def spikes(x: Array, caused: Mask | None = None, *, wide: bool = True) -> Spans:
     return spans(found)
 
 
+def jumps(x: Array) -> NDArray[np.intp]:
+    """Samples of `x (T,)`, of an input, at which it has just jumped; gaps are passed over."""
+    known = np.flatnonzero(np.isfinite(x))
+    steps = np.abs(np.diff(x[known]))
+    return known[1:][steps > JUMP * np.ptp(x[known])]
+
+
 def stuck(x: Array) -> Spans:
     """The longest run of one value in `x (T,)`, where noise else makes no two samples the same.
 

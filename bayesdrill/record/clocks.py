@@ -40,23 +40,19 @@ def grid(t: Array) -> Grid | None:
     """The even grid on which each of `t (T,)` lies to `STEP_TOLERANCE` of its step, if there is one."""
     if len(t) < 3:
         return None
-    steps = np.diff(t)
+    steps, centre = np.diff(t), t.mean()
     for step in (float(np.median(steps)), float(steps.min())):
-        found = _grid(t, steps, step)
-        if found is not None:
+        near = steps[np.abs(steps - step) < step / 4]  # a mean, as times may have few digits
+        place = np.concatenate([[0.0], np.cumsum(np.round(steps / near.mean()))])
+        if not np.all(np.diff(place) > 0) or place[-1] > SPARSE * len(t):
+            continue
+        middle = place.mean()
+        away = place - middle
+        fitted = float(away @ (t - centre) / (away @ away))
+        found = Grid(float(centre - fitted * middle), fitted, place.astype(np.int64))
+        if np.all(np.abs(found.times - t) <= STEP_TOLERANCE * fitted):
             return found
     return None
-
-
-def _grid(t: Array, steps: Array, step: float) -> Grid | None:
-    near = steps[np.abs(steps - step) < step / 4]  # a mean, as times may have few digits
-    place = np.concatenate([[0.0], np.cumsum(np.round(steps / near.mean()))])
-    if not np.all(np.diff(place) > 0) or place[-1] > SPARSE * len(t):
-        return None
-    centre, middle = place.mean(), t.mean()
-    step = float((place - centre) @ (t - middle) / ((place - centre) @ (place - centre)))
-    found = Grid(float(middle - step * centre), step, place.astype(np.int64))
-    return found if np.all(np.abs(found.times - t) <= STEP_TOLERANCE * step) else None
 
 
 def on_grid(t: Array) -> Array:

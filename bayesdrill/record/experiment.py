@@ -191,7 +191,7 @@ def check_series(
     """
     bad = np.flatnonzero(np.isinf(values) if missing else ~np.isfinite(values))
     if len(bad):
-        count, rows = _count(len(bad), "value"), _rows(bad, where)
+        count, rows = count_noun(len(bad), "value"), _rows(bad, where)
         message = f"{what} has {count} without a number, {rows}; mend or cut these rows{instead}"
         return [Issue(place, message)]
     found = values[~np.isnan(values)]
@@ -200,7 +200,7 @@ def check_series(
         return [Issue(place, message)]
     beyond = np.flatnonzero(np.abs(values) > FARTHEST)
     if len(beyond):
-        count, rows = _count(len(beyond), "number"), _rows(beyond, where)
+        count, rows = count_noun(len(beyond), "number"), _rows(beyond, where)
         message = f"{what} has {count} beyond {FARTHEST:g}, {rows}; mend or cut these rows"
         return [Issue(place, message)]
     width = float(np.ptp(found)) if len(found) else 0.0
@@ -208,13 +208,11 @@ def check_series(
         message = f"{what} varies by {width:.3g}, which nothing measures; check the column"
         return [Issue(place, message)]
     if varying and len(found) > 1 and width == 0:
-        return [
-            Issue(
-                place,
-                f"{what} is {found[0]:g} in every row: a constant channel carries no "
-                "information; check the column, or leave the channel out",
-            )
-        ]
+        message = (
+            f"{what} is {found[0]:g} in every row: a constant channel carries no information; check the "
+            "column, or leave the channel out"
+        )
+        return [Issue(place, message)]
     return []
 
 
@@ -227,13 +225,11 @@ def check_time(place: str, t: Array, where: Callable[[int], str]) -> list[Issue]
     back = np.flatnonzero(steps <= 0)
     if len(back):
         first = back[0] + 1
-        return [
-            Issue(
-                place,
-                f"time does not increase, {_rows(back + 1, where)}: {t[first - 1]:.10g} s is followed "
-                f"by {t[first]:.10g} s; {_why_back(t, steps)}",
-            )
-        ]
+        message = (
+            f"time does not increase, {_rows(back + 1, where)}: {t[first - 1]:.10g} s is followed by "
+            f"{t[first]:.10g} s; {_why_back(t, steps)}"
+        )
+        return [Issue(place, message)]
     if steps.min() < SMALLEST:
         message = f"time has steps of {steps.min():.3g} s; check the column and its unit"
         return [Issue(place, message)]
@@ -270,14 +266,9 @@ def check_length(place: str, counts: Sequence[int], n_unknown: int) -> list[Issu
     """More numbers than unknowns, and at least two samples to have a step; `counts`: of each channel."""
     if max(counts) >= 2 and sum(counts) > n_unknown:
         return []
-    return [
-        Issue(
-            place,
-            f"{_count(max(counts), 'sample')} of {_count(len(counts), 'channel')} cannot determine "
-            f"{_count(n_unknown, 'unknown')}; "
-            "use a longer record or fix parameters",
-        )
-    ]
+    there = f"{count_noun(max(counts), 'sample')} of {count_noun(len(counts), 'channel')}"
+    message = f"{there} cannot determine {count_noun(n_unknown, 'unknown')}"
+    return [Issue(place, f"{message}; use a longer record or fix parameters")]
 
 
 def raise_if_any(problems: list[Issue]) -> None:
@@ -285,7 +276,8 @@ def raise_if_any(problems: list[Issue]) -> None:
         raise InputError(problems)
 
 
-def _count(n: int, what: str) -> str:
+def count_noun(n: int, what: str) -> str:
+    """`1 sample`, `2 samples`."""
     return f"{n} {what}" if n == 1 else f"{n} {what}s"
 
 

@@ -35,31 +35,4 @@ if TYPE_CHECKING:
     from bayesdrill.report.view import Drawing as Drawing
     from bayesdrill.report.view import View as View
 
-__getattr__ = late(
-    __name__,
-    {
-        "Drawing": "view",
-        "LINE_POINTS": "sections.fit_figure",
-        "Note": "section",
-        "Page": "pages",
-        "Picture": "section",
-        "Section": "section",
-        "Sentences": "section",
-        "TIME": "sections.fit_words",
-        "Table": "section",
-        "View": "view",
-        "as_html": "render",
-        "as_markdown": "section",
-        "draw": "publish",
-        "extremes": "sections.fit_figure",
-        "heuristic_figure": "schematics",
-        "made_of": "run_report",
-        "markdown": "section",
-        "product": "sections.identify_words",
-        "records_as_csv": "section",
-        "rig_figure": "schematics",
-        "set_decades": "style",
-        "set_factors": "style",
-        "usable": "style",
-    },
-)
+__getattr__ = late(__name__)

@@ -13,9 +13,4 @@ from bayesdrill.basics.registry import late
 if TYPE_CHECKING:
     from bayesdrill.results.run_folder import Folder as Folder
 
-__getattr__ = late(
-    __name__,
-    {
-        "Folder": "run_folder",
-    },
-)
+__getattr__ = late(__name__)

@@ -31,27 +31,4 @@ if TYPE_CHECKING:
     from bayesdrill.rig.models.motor_shaft import TwoRotors as TwoRotors
     from bayesdrill.rig.simulators.exact import Response as Response
 
-__getattr__ = late(
-    __name__,
-    {
-        "BitRock": "models.friction",
-        "Both": "models.friction",
-        "Coulomb": "models.friction",
-        "DrivenShaft": "models.driven_shaft",
-        "Friction": "models.friction",
-        "Gear": "models.motor_shaft",
-        "Linear": "models.linear",
-        "LongShaft": "models.long_shaft",
-        "Model": "models.linear",
-        "Motor": "models.motor",
-        "MotorRoles": "models.linear",
-        "MotorShaft": "models.motor_shaft",
-        "Named": "models.friction",
-        "Response": "simulators.exact",
-        "Roles": "models.linear",
-        "RotorRoles": "models.linear",
-        "ShaftRoles": "models.linear",
-        "Stribeck": "models.friction",
-        "TwoRotors": "models.motor_shaft",
-    },
-)
+__getattr__ = late(__name__)

@@ -22,17 +22,4 @@ if TYPE_CHECKING:
     from bayesdrill.sampling.samplers.ensemble import halves as halves
     from bayesdrill.sampling.workers import Crew as Crew
 
-__getattr__ = late(
-    __name__,
-    {
-        "Crew": "workers",
-        "Memory": "ensembles",
-        "Optimiser": "optimisers.contract",
-        "Optimum": "optimisers.contract",
-        "Plan": "ensembles",
-        "THOROUGH": "optimisers.nelder_mead",
-        "Task": "optimisers.contract",
-        "halves": "samplers.ensemble",
-        "sample": "ensembles",
-    },
-)
+__getattr__ = late(__name__)

@@ -234,7 +234,7 @@ def _sample(job: Job, crew: Crew, found: Mode, shelf: Shelf, report: Reporter) -
         return sample_maxima(crew, found, fit_plan(job), shelf, report)
     except Nowhere as error:
         message = f"{error}; the record and the priors do not go together, check units and values"
-        raise InputError([job.source.problem(("parameters",), message)]) from None
+        raise job.source.error(("parameters",), message) from None
 
 
 def _finish_chain(job: Job, folder: Folder, sampled: Sampled) -> None:

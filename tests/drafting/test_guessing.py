@@ -530,6 +530,14 @@ def test_a_servo_is_understood(tmp_path: Path) -> None:
     accepted(config)
 
 
+def test_a_time_that_is_called_a_twist_does_no_harm(tmp_path: Path) -> None:
+    """It grows evenly, so that its law leaves nothing of it at all."""
+    head, *rows = (CONFIGS / "records" / "nominal_step.csv").read_text().splitlines()
+    record = tmp_path / "odd.csv"
+    record.write_text("\n".join([f"twist{head[head.index(',') :]}", *rows]))
+    assert "twist" in bd.init(record, tmp_path / "odd.yaml").channels
+
+
 @pytest.mark.skipif(not DATA.is_dir(), reason="records that do not come with the project")
 def test_records_of_others_without_a_voltage(tmp_path: Path) -> None:
     config = tmp_path / "mine.yaml"

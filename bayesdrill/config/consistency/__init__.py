@@ -6,14 +6,11 @@ from __future__ import annotations
 
 from bayesdrill.basics.errors import Issue
 from bayesdrill.config.consistency import record, several, unknowns, work
-from bayesdrill.config.consistency.several import check_experiments
 from bayesdrill.config.resolve import case, quantities
 from bayesdrill.config.resolve.case import ResolvedExperiment
 from bayesdrill.config.schema.config import Config
 from bayesdrill.config.yaml_source import Collector, Place, Source
 from bayesdrill.rig import models
-
-__all__ = ["check", "check_experiments"]
 
 
 def check(

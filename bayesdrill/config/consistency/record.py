@@ -53,20 +53,14 @@ class Sensed:
 
 def check_sensors(found: Collector, config: Config, model: Model) -> Sensed:
     entries = tuple(sensors.sensor_entries(config, model))
-    declared = tuple(
-        found.run(entry.place, sensors.sensor_specs, entry)
-        if entry.kind != "offset" or getattr(entry.spec, "unit", None) or _fits(entry)
-        else None
-        for entry in entries
-    )
+    declared = tuple(_declared(found, entry) for entry in entries)
     free = sensors.free_states(config, model)
     sensing = found.run(("inputs",), sensors.sensing, config, entries, free)
     names = [entry.name for entry in entries] + [sensors.state_name(name) for name in free]
     for name in config.quantities:
         if name in names:
             found.add(("quantities", name), "a sensor's number has this name; choose another one")
-    _check_derived_channels(found, config)
-    _check_constant(found, config)
+    _check_vain(found, config)
     if config.initial.state == "steady":
         _check_steady(found, config, model)
     return Sensed(entries, declared, free, sensing)
@@ -99,16 +93,18 @@ def beside(
     )
 
 
-def _fits(entry: Entry) -> bool:
-    """Whether its column has a unit that can be; else that is said of the column."""
-    try:
-        units.factor(entry.unit, entry.si)
-    except ValueError:
-        return False
-    return True
+def _declared(found: Collector, entry: Entry) -> Declared | None:
+    """An offset without a unit of its own has that of its column, of which a mistake is told there."""
+    if entry.kind == "offset" and not getattr(entry.spec, "unit", None):
+        try:
+            units.factor(entry.unit, entry.si)
+        except ValueError:
+            return None
+    return found.run(entry.place, sensors.sensor_specs, entry)
 
 
-def _check_derived_channels(found: Collector, config: Config) -> None:
+def _check_vain(found: Collector, config: Config) -> None:
+    """Numbers of sensors that change nothing."""
     for name, spec in config.record.channels.items():
         for kind in numbers.Sensed.model_fields if spec.derived_from is not None else ():
             if getattr(spec, kind) is not None:
@@ -116,12 +112,9 @@ def _check_derived_channels(found: Collector, config: Config) -> None:
                     f"{name} is derived from {spec.derived_from}, and no evidence; remove this"
                 )
                 found.add(("record", "channels", name, kind), message)
-
-
-def _check_constant(found: Collector, config: Config) -> None:
     for name in INPUTS:
-        spec = getattr(config.inputs, name)
-        if isinstance(spec, InputQuantity) and spec.gain is not None and spec.value == 0:
+        given = getattr(config.inputs, name)
+        if isinstance(given, InputQuantity) and given.gain is not None and given.value == 0:
             message = "a gain of nothing changes nothing; give `offset:`, or another value"
             found.add(("inputs", name, "gain"), message)
 
@@ -155,10 +148,14 @@ def check_channels(found: Collector, config: Config, model: Model) -> dict[str, 
         place: Place = ("record", "channels", name)
         channel = _check_measured(found, place, spec, model)
         check_series(found, place, spec)
-        if spec.derived_from is not None:
-            _check_derived(found, config, place, spec.derived_from)
-        else:
+        if (source := spec.derived_from) is None:
             measured[name] = channel
+            continue
+        others = {one: other for one, other in config.record.channels.items() if one != name}
+        at = (*place, "derived_from")
+        found.expect(at, source, others, f"'{source}' is no other channel")
+        if source in others and (first := others[source].derived_from) is not None:
+            found.add(at, f"'{source}' is itself derived from {first}; name that channel")
     return measured
 
 
@@ -179,22 +176,14 @@ def _check_measured(
         vain = strange(("name", "noise"), kinds, kinds[spec.noise.name], spec.noise)
     for entry, message in vain.items():
         found.add((*place, "noise", entry), message)
-    known = spec.model_copy(update={"sigma": 1.0})
+    channel = None
     if len(found.problems) == before:
-        found.run(place, sensors.measured, name, known, model.outer)
-    if len(found.problems) > before or vain:
+        channel = found.run(place, sensors.channel_of, name, spec, model.outer)
+    if channel is None:
         return None
-    channel = found.run((*place, "sigma"), sensors.measured, name, spec, model.outer)
-    made = channel and found.run((*place, "noise"), sensors.noise, [channel], 1)
-    return channel if made else None
-
-
-def _check_derived(found: Collector, config: Config, place: Place, of: str) -> None:
-    name, at, every = str(place[-1]), (*place, "derived_from"), config.record.channels
-    others = [one for one in every if one != name]
-    found.expect(at, of, others, f"'{of}' is no other channel")
-    if of in others and every[of].derived_from is not None:
-        found.add(at, f"'{of}' is itself derived from {every[of].derived_from}; name that channel")
+    measured = found.run((*place, "sigma"), sensors.measured, channel, spec)
+    made = measured and found.run((*place, "noise"), sensors.noise, [measured], 1)
+    return measured if made else None
 
 
 def check_series(found: Collector, place: Place, spec: Series) -> None:
@@ -231,13 +220,12 @@ def check_record(found: Collector, config: Config) -> None:
 
 def check_states(found: Collector, config: Config, model: Model) -> None:
     for name in model.outer:
-        value = getattr(config.initial, name)
-        check_quantity(found, ("initial", name), value, models.STATES[name].unit)
+        check_quantity(
+            found, ("initial", name), getattr(config.initial, name), models.STATES[name].unit
+        )
 
 
-def check_quantity(
-    found: Collector, place: Place, value: float | numbers.Quantity, unit: str
-) -> None:
+def check_quantity(found: Collector, place: Place, value: object, unit: str) -> None:
     if isinstance(value, numbers.Quantity):
         found.run((*place, "unit"), units.factor, value.unit, unit)
 
@@ -275,8 +263,9 @@ def _check_wanted(found: Collector, config: Config, model: Model) -> None:
     for entry in [e for e in quantities.ENTRIES if e in given]:
         if entry not in entries:
             own = ", ".join(dict.fromkeys(entries)) or "none"
-            with_more = _with_more(model, entry)
-            also = f", or name {with_more}, with which it has it" if with_more else ""
+            having = ((name, *needs) for name, needs in model.offers.items())
+            more = next((n for n in having if entry in with_named(model, n).inputs), ())
+            also = f", or name {' and '.join(more)}, with which it has it" if more else ""
             message = f"the model {model.name} has no such input; remove it (its own: {own}){also}"
             found.add(("inputs", entry), message)
     for name in model.inputs:
@@ -284,14 +273,6 @@ def _check_wanted(found: Collector, config: Config, model: Model) -> None:
         none = getattr(config.inputs, quantities.input_entry(config, name)) is None
         if none and not found.spoilt(angle):
             found.add(("inputs", name), _missing(config, name))
-
-
-def _with_more(model: Model, entry: str) -> str:
-    """Parameters that give it such an input."""
-    for name, needs in model.offers.items():
-        if entry in with_named(model, (name, *needs)).inputs:
-            return " and ".join((name, *needs))
-    return ""
 
 
 def _missing(config: Config, name: str) -> str:
@@ -330,11 +311,7 @@ def _check_angles(found: Collector, config: Config) -> None:
 
 def _check_holds(found: Collector, config: Config) -> None:
     every = quantities.measured_input(config).values()
-    holds = {"zero" if isinstance(spec, AngleColumn) else spec.hold for spec in every}
-    if len(holds) > 1:
-        also = (
-            "; the speed of an imposed angle is held (zero)"
-            if any(isinstance(spec, AngleColumn) for spec in every)
-            else ""
-        )
+    angle = any(isinstance(spec, AngleColumn) for spec in every)
+    if len({"zero" if isinstance(spec, AngleColumn) else spec.hold for spec in every}) > 1:
+        also = "; the speed of an imposed angle is held (zero)" if angle else ""
         found.add(("inputs",), f"all measured inputs need the same `hold:`{also}")

@@ -10,6 +10,7 @@ from bayesdrill.config.consistency import unknowns, work
 from bayesdrill.config.resolve import quantities, sensors
 from bayesdrill.config.resolve.case import Beside, ResolvedExperiment
 from bayesdrill.config.resolve.experiments import common_or_own
+from bayesdrill.config.schema import numbers
 from bayesdrill.config.schema.config import Config
 from bayesdrill.config.yaml_source import Collector, Source
 from bayesdrill.inference.unknowns import of_label
@@ -55,7 +56,9 @@ def names(config: Config, model: Model, every: Alone) -> list[str]:
         common_or_own(config, name, label) for label, one in every.items() for name in one.unknown
     ]
     each = [of_label(name, label) for name in own for label in every]
-    return list(dict.fromkeys([*rig, *each, *unknowns.free_quantities(config), *rest]))
+    priors = numbers.ParameterPrior
+    free_quantities = [name for name, q in config.quantities.items() if isinstance(q, priors)]
+    return list(dict.fromkeys([*rig, *each, *free_quantities, *rest]))
 
 
 def told(config: Config, every: Alone) -> list[str]:

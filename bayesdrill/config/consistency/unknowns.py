@@ -56,7 +56,9 @@ def check_rig(
         place: Place = ("parameters", name)
         if config.parameters.get(name) is None:
             if name in model.parameters:
-                message = f"missing; to hold it write {_usual(name, table.values)}a number"
+                usual = table.values.get(name)
+                also = "" if usual is None else f"`{name}: nominal` ({usual:g}) or "
+                message = f"missing; to hold it write {also}a number"
                 found.add(place, message)
         elif name not in model.parameters:
             found.add(place, f"the model {model.name} has no {name}; {_way_out(name)}")
@@ -88,10 +90,6 @@ def _check_added(found: Collector, config: Config, model: Model) -> None:
                 why = "not named in `parameters:`" if offered else f"not of the model {model.name}"
                 also = "; name it there, or remove this" if offered else "; remove this"
                 found.add((section, name), f"{name} is {why}{also}")
-
-
-def _usual(name: str, nominal: Mapping[str, float]) -> str:
-    return f"`{name}: nominal` ({nominal[name]:g}) or " if name in nominal else ""
 
 
 def _check_relations(
@@ -161,7 +159,3 @@ def free_parameters(config: Config, names: Iterable[str]) -> list[str]:
     """Those of `names` that have a prior."""
     given = config.parameters
     return [name for name in names if isinstance(given.get(name), numbers.ParameterPrior)]
-
-
-def free_quantities(config: Config) -> list[str]:
-    return [name for name, q in config.quantities.items() if isinstance(q, numbers.ParameterPrior)]

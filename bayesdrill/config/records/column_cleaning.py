@@ -4,7 +4,7 @@ of another column.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -17,7 +17,7 @@ from bayesdrill.config.schema.records import AngleColumn, ChannelSpec, InputColu
 from bayesdrill.config.yaml_source import Place
 from bayesdrill.record import anomalies
 from bayesdrill.record.anomalies import Spans
-from bayesdrill.record.experiment import Odd
+from bayesdrill.record.experiment import Odd, count_noun
 
 Mask = NDArray[np.bool_]
 
@@ -72,10 +72,8 @@ def caused(clock: Clock, inputs: list[Column]) -> Mask:
     """`(n,)`: rows at which a measured input has just jumped."""
     found = np.zeros(len(clock.t), dtype=np.bool_)
     for one in inputs:
-        known = np.flatnonzero(~np.isnan(one.values))
-        steps = np.abs(np.diff(one.values[known]))
-        jumps = known[1:][steps > anomalies.JUMP * np.ptp(one.values[known])]
-        after = np.searchsorted(clock.t, one.clock.t[jumps] - 1e-12)
+        jumped = one.clock.t[anomalies.jumps(one.values)]
+        after = np.searchsorted(clock.t, jumped - 1e-12)
         found[after[after < len(found)]] = True
     return found
 
@@ -106,22 +104,28 @@ def unwrapped(sources: Sources, one: Column, turn: float, findings: Findings) ->
         return one
     values, (straight, count) = one.values.copy(), anomalies.unwrapped(x, period)
     values[known] = straight
-    findings.told.append(f"{one.name}: unwrapped {_jumps(count)} of {period:.6g} {one.spec.unit}")
+    findings.told.append(
+        f"{one.name}: unwrapped {count_noun(count, 'jump')} of {period:.6g} {one.spec.unit}"
+    )
     return Column(one.place, one.spec, one.clock, values)
 
 
-def judged(one: Column, cause: Mask, findings: Findings) -> Column:
-    """Without the glitches that are masked; what is odd is named."""
+def judged(one: Column, inputs: list[Column], findings: Findings) -> Column:
+    """Without the glitches that are masked; what is odd is named.  `inputs`: jumps of these are no
+    glitches of a channel.
+    """
     known = np.flatnonzero(~np.isnan(one.values))
     x = one.values[known]
-    spikes = anomalies.spikes(x, None if one.is_input else cause[known], wide=not one.is_input)
+    cause = None if one.is_input else caused(one.clock, inputs)[known]
+    spikes = anomalies.spikes(x, cause, wide=not one.is_input)
     values = one.values
     if len(spikes) and mask(one.spec.mask).glitches:
         values = values.copy()
         values[known[spikes.mask(len(x))]] = np.nan
+        samples, places = count_noun(spikes.count, "sample"), count_noun(len(spikes), "place")
+        first = _where(one.clock, spikes, known, 0)
         findings.told.append(
-            f"{one.name}: {_samples(spikes.count)} in {_times(len(spikes))} are glitches, and masked "
-            f"(the first at {_where(one.clock, known)(spikes, 0)})"
+            f"{one.name}: {samples} in {places} are glitches, and masked (the first at {first})"
         )
     elif len(spikes):
         findings.odd.append(_glitches(one, spikes, known))
@@ -134,7 +138,7 @@ def _glitches(one: Column, spikes: Spans, known: NDArray[np.intp]) -> Odd:
     entry = ".".join(map(str, one.place))
     return Odd(
         said=f"glitches: {one.name} leaves its course and is back within a few samples in "
-        f"{_times(len(spikes))} ({_samples(spikes.count)})",
+        f"{count_noun(len(spikes), 'place')} ({count_noun(spikes.count, 'sample')})",
         where=_every(one.clock, spikes, known),
         do=f"; was it the sensor? Then leave them out ({entry}: mask: glitches)",
     )
@@ -147,8 +151,8 @@ def _ends(one: Column, x: Array, known: NDArray[np.intp]) -> list[Odd]:
         return [
             Odd(
                 said=f"saturated: {one.name} runs into exactly the same value, "
-                f"{x[clipped.first[0]]:.6g} {one.spec.unit}, {_times(len(clipped))} "
-                f"({_samples(clipped.count)})",
+                f"{x[clipped.first[0]]:.6g} {one.spec.unit}, {count_noun(len(clipped), 'place')} "
+                f"({count_noun(clipped.count, 'sample')})",
                 where=_every(one.clock, clipped, known),
                 do=f"; the end of its range? Then leave them out ({entry}: mask: {{rows: ...}})",
             )
@@ -170,21 +174,18 @@ def _ends(one: Column, x: Array, known: NDArray[np.intp]) -> list[Odd]:
 
 
 def _every(clock: Clock, of: Spans, known: NDArray[np.intp]) -> tuple[str, ...]:
-    where = _where(clock, known)
-    return tuple(where(of, k) for k in range(len(of)))
+    return tuple(_where(clock, of, known, k) for k in range(len(of)))
 
 
-def _where(clock: Clock, known: NDArray[np.intp]) -> Callable[[Spans, int], str]:
-    def said(of: Spans, k: int) -> str:
-        first, last = int(known[of.first[k]]), int(known[of.last[k]])
-        if first == last:
-            return f"{clock.where(first)} ({clock.t[first]:.6g} s)"
-        return (
-            f"{clock.where(first)} to {clock.numbers[last]} "
-            f"({clock.t[first]:.6g} to {clock.t[last]:.6g} s)"
-        )
-
-    return said
+def _where(clock: Clock, of: Spans, known: NDArray[np.intp], k: int) -> str:
+    """Rows and times of the span `k`, of samples that are `known` rows."""
+    first, last = int(known[of.first[k]]), int(known[of.last[k]])
+    if first == last:
+        return f"{clock.where(first)} ({clock.t[first]:.6g} s)"
+    return (
+        f"{clock.where(first)} to {clock.numbers[last]} "
+        f"({clock.t[first]:.6g} to {clock.t[last]:.6g} s)"
+    )
 
 
 def bridged(sources: Sources, one: Column) -> Array:
@@ -207,18 +208,6 @@ def bridged(sources: Sources, one: Column) -> Array:
     if straight:
         return np.interp(one.clock.t, one.clock.t[known], one.values[known])
     return one.values[known[np.searchsorted(known, np.arange(len(missing)), side="right") - 1]]
-
-
-def _jumps(count: int) -> str:
-    return "1 jump" if count == 1 else f"{count} jumps"
-
-
-def _samples(count: int) -> str:
-    return "1 sample" if count == 1 else f"{count} samples"
-
-
-def _times(count: int) -> str:
-    return "1 place" if count == 1 else f"{count} places"
 
 
 NEAR = 0.3  # of its rms: farther off, a channel is hardly what it is said to be

@@ -11,11 +11,10 @@ from bayesdrill import output_files
 from bayesdrill.basics import symbols, units
 from bayesdrill.basics.arrays import Array
 from bayesdrill.basics.entries import made
-from bayesdrill.basics.errors import InputError
 from bayesdrill.basics.units import Unit
 from bayesdrill.config.records import column_cleaning, sources
 from bayesdrill.config.records.column_cleaning import Column, Findings
-from bayesdrill.config.records.sources import Clock, Sources, location_of
+from bayesdrill.config.records.sources import Sources, location_of
 from bayesdrill.config.resolve import quantities
 from bayesdrill.config.resolve.case import ResolvedExperiment, initial_state
 from bayesdrill.config.schema.config import Config
@@ -76,14 +75,12 @@ class _Reader:
         try:
             output_files.check_record(len(t), y.shape[1])
         except ValueError as error:
-            raise InputError([self._source.problem(("record", "file"), str(error))]) from None
+            raise self._source.error(("record", "file"), str(error)) from None
         held = self._held_out(t, y)
         series, turned = self._inputs(t, columns)
         raise_if_any(self._sources.problems)
-        time, n_unknown = (
-            config.record.time,
-            len(self._one.space.free) + len(self._one.beside.levels),
-        )
+        time, n_unknown = config.record.time, len(self._one.space.free)
+        n_unknown += len(self._one.beside.levels)
         shortened_by = "file" if config.record.window is None else "window"
         label = self._sources.label(("record", shortened_by))
         raise_if_any(check_length(label, np.sum(~np.isnan(y), axis=0).tolist(), n_unknown))
@@ -106,23 +103,17 @@ class _Reader:
                 for name in series
             },
             written=Written(
-                files=tuple(sources.names(config)),
+                files=tuple(path.name for path in sources.paths(self._one)),
                 time=units.shown(time.unit if isinstance(time, TimeColumn) else "s", "s"),
                 inputs={name: _unit_of_input(config, name) for name in symbols.INPUTS},
             ),
         )
-        return self._decimated(found)
-
-    def _decimated(self, found: Experiment) -> Experiment:
-        wanted = self._config.record.decimate
-        if wanted is None:
+        if (wanted := config.record.decimate) is None:
             return found
-        refusal = sources.refuse_decimation(found, wanted.factor, filtered=wanted.filter)
-        if refusal:
-            raise InputError([self._source.problem(("record", "decimate"), refusal)])
-        return (sources.decimated_experiment if wanted.filter else sources.samples_left)(
-            found, wanted.factor
-        )
+        if refusal := sources.refuse_decimation(found, wanted.factor, filtered=wanted.filter):
+            raise self._source.error(("record", "decimate"), refusal)
+        decimated = sources.decimated_experiment if wanted.filter else sources.samples_left
+        return decimated(found, wanted.factor)
 
     def _columns(self) -> dict[Place, Column]:
         """All that are named, with NaN where no number is used."""
@@ -133,9 +124,7 @@ class _Reader:
         inputs = [column for column in columns.values() if column.is_input]
         column_cleaning.find_derivatives(columns, self._findings)
         return {
-            place: column_cleaning.judged(
-                one, column_cleaning.caused(one.clock, inputs), self._findings
-            )
+            place: column_cleaning.judged(one, inputs, self._findings)
             for place, one in columns.items()
         }
 
@@ -235,44 +224,33 @@ class _Reader:
             message = f"{len(values)} values, but the time has {clock.n_rows}; name one recording's"
             self._sources.add(location_of(place, spec), message)
             return None
-        values, masked = (
-            values[clock.rows],
-            column_cleaning.masked(self._sources, place, spec, clock),
-        )
+        values = values[clock.rows]
+        masked = column_cleaning.masked(self._sources, place, spec, clock)
         used = np.where(masked, np.nan, values) if masked.any() else values
         missing = int(np.sum(np.isnan(values) & ~masked))
         if masked.any():
             self._findings.told.append(
                 f"{place[-1]}: {int(masked.sum())} samples are masked (mask)"
             )
-        if missing and not isinstance(spec, InputColumn):
-            self._findings.told.append(f"{place[-1]}: {missing} missing samples are left out")
-        record = self._config.record
-        allowed = spec.missing if isinstance(spec, InputColumn) else record.missing
-        if missing and allowed is None:
-            self._check(place, spec, clock, np.where(masked, 0.0, values), missing=False)
-        else:
-            self._check(place, spec, clock, used, missing=True)
-        one = Column(place, spec, clock, used)
-        return column_cleaning.unwrapped(self._sources, one, _turn(spec), self._findings)
-
-    def _check(
-        self, place: Place, spec: Series, clock: Clock, values: Array, *, missing: bool
-    ) -> None:
-        """That there are numbers, or that they may be missing."""
         is_input = isinstance(spec, InputColumn)
-        word = (
-            "bridge them (missing: hold)" if is_input else "leave them out (record.missing: drop)"
-        )
+        if missing and not is_input:
+            self._findings.told.append(f"{place[-1]}: {missing} missing samples are left out")
+        allowed = spec.missing if isinstance(spec, InputColumn) else self._config.record.missing
+        refused = missing > 0 and allowed is None
+        numbers = np.where(masked, 0.0, values) if refused else used
+        bridge = "bridge them (missing: hold)" if is_input else ""
+        way_out = bridge or "leave them out (record.missing: drop)"
         self._sources.problems += check_series(
             self._sources.label(location_of(place, spec)),
             f"column {spec.column if spec.column is not None else spec.variable!r}",
-            values,
+            numbers,
             clock.where,
             varying=not is_input,
-            missing=missing,
-            instead=f", or {word}" if np.isnan(values).any() else "",
+            missing=not refused,
+            instead=f", or {way_out}" if np.isnan(numbers).any() else "",
         )
+        one = Column(place, spec, clock, used)
+        return column_cleaning.unwrapped(self._sources, one, _turn(spec), self._findings)
 
     def _t_start(self, time: Array, *, has_series: bool) -> float:
         """With measured inputs nothing is known before the first sample: the state is given there."""
@@ -282,21 +260,20 @@ class _Reader:
         if begin is None:
             begin = 0.0 if self._config.record.window is None else float(time[0])
         if begin > time[0] + 1e-9 * max(1.0, abs(time[0])):
-            place: Place = (
-                ("initial", "time") if self._config.initial.time is not None else ("record",)
-            )
+            given = self._config.initial.time is not None
+            place: Place = ("initial", "time") if given else ("record",)
             message = (
                 f"the initial state is at {begin:g} s, after the first sample at {time[0]:g} s; give "
                 "`initial: {time: ...}` at or before it"
             )
-            raise InputError([self._source.problem(place, message)])
+            raise self._source.error(place, message)
         if self._config.initial.time is None and time[0] - begin > FAR * (time[-1] - time[0]):
             message = (
                 f"the record begins at {time[0]:.10g} s, and the initial state is at {begin:g} s by "
                 "default; if these are times of a clock, give `initial: {time: ...}`"
                 f"{calendar(time)}"
             )
-            raise InputError([self._source.problem(("record", "time"), message)])
+            raise self._source.error(("record", "time"), message)
         return min(begin, float(time[0]))
 
 

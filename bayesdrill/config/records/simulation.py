@@ -7,8 +7,6 @@ from __future__ import annotations
 import csv
 import dataclasses
 import io
-from collections.abc import Mapping
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -38,51 +36,34 @@ DIGITS = 9
 SAME = 1e-8  # of the largest number in a column
 
 
-@dataclass(frozen=True, slots=True)
-class _Column:
-    """`values` as the config reads them, under the name that stands at `place`."""
-
-    place: Place
-    name: str
-    values: Array
-
-
 def check_form(config: Config, source: Source, target: Path | None) -> None:
     """That the config can read what is written to `target`, by default its own record, at all.
 
-    Raises `InputError`: it is text, with a header.
+    Raises `InputError`: it is text, with a header, of channels that are measured at the same times.
     """
-    record, wrong = config.record, ""
-    place: Place = ("record", "file")
+    record, place = config.record, ("record", "file")
     try:
         kind = record.format or format_of(target or sources.path_of(config, source))
         check_options(Path(), reading.csv_options(record))
-        wrong = "" if kind == "csv" else "a simulated record is text; name a .csv file"
     except InputError as error:
-        wrong = error.problems[0].message
-    if not wrong:
-        place, wrong = _impossible(config)
-    if not wrong and reading.csv_options(record).header is False:
-        place, wrong = ("record", "header"), "a simulated record has a header; remove this entry"
-    if wrong:
-        raise InputError([source.problem(place, wrong)])
-
-
-def _impossible(config: Config) -> tuple[Place, str]:
-    """What a simulated record cannot have; empty where there is nothing."""
-    for place, spec in sources.file_entries(config).items():
-        if spec.file is not None or spec.time is not None:
-            entry: Place = (*place, "file" if spec.file is not None else "time")
-            return entry, "a simulated record is one file with one time; remove this entry"
+        raise source.error(place, error.problems[0].message) from None
+    if kind != "csv":
+        raise source.error(place, "a simulated record is text; name a .csv file")
+    for column, spec in sources.file_entries(config).items():
+        for entry in ("file", "time"):
+            if getattr(spec, entry) is not None:
+                message = "a simulated record is one file with one time; remove this entry"
+                raise source.error((*column, entry), message)
         if isinstance(spec, ChannelSpec) and spec.derived_from is not None:
             message = "a simulated record has measured channels only; remove this channel"
-            return (*place, "derived_from"), message
-    if config.record.decimate is not None:
-        return (
-            "record",
-            "decimate",
-        ), "a simulated record would be decimated again; remove this entry"
-    return ("record", "file"), ""
+            raise source.error((*column, "derived_from"), message)
+    if record.decimate is not None:
+        message = "a simulated record would be decimated again; remove this entry"
+        raise source.error(("record", "decimate"), message)
+    if reading.csv_options(record).header is False:
+        raise source.error(
+            ("record", "header"), "a simulated record has a header; remove this entry"
+        )
 
 
 def record_text(config: Config, source: Source, experiment: Experiment, y: Array) -> str:
@@ -91,8 +72,8 @@ def record_text(config: Config, source: Source, experiment: Experiment, y: Array
     record = reading.csv_options(config.record)
     mark = record.delimiter or (";" if record.decimal == "," else ",")
     head, body = io.StringIO(), io.StringIO()
-    csv.writer(head, delimiter=mark, lineterminator="\n").writerow([c.name for c in columns])
-    np.savetxt(body, np.stack([c.values for c in columns], axis=-1), f"%.{DIGITS}g", mark)
+    csv.writer(head, delimiter=mark, lineterminator="\n").writerow([name for name, _ in columns])
+    np.savetxt(body, np.stack([x for _, x in columns], axis=-1), f"%.{DIGITS}g", mark)
     numbers = body.getvalue()
     if record.decimal == ",":
         numbers = numbers.replace(".", ",")
@@ -101,45 +82,44 @@ def record_text(config: Config, source: Source, experiment: Experiment, y: Array
     return text
 
 
-def _columns(config: Config, source: Source, experiment: Experiment, y: Array) -> list[_Column]:
-    columns = []
+def _columns(
+    config: Config, source: Source, experiment: Experiment, y: Array
+) -> list[tuple[str, Array]]:
+    """Names and numbers, in the units of the config."""
+    found: list[tuple[Place, Column, Array]] = []
     time = config.record.time
     if isinstance(time, TimeColumn):
-        place: Place = ("record", "time")
-        values = experiment.t / units.factor(time.unit, "s")
-        columns.append(_Column(place, _name(source, place, time), values))
+        found.append((("record", "time"), time, experiment.t / units.factor(time.unit, "s")))
     for (name, spec), channel in zip(config.record.channels.items(), y.T, strict=True):
-        place = ("record", "channels", name)
-        columns.append(_Column(place, _name(source, place, spec), channel))
+        found.append((("record", "channels", name), spec, channel))
     for name, given in quantities.measured_input(config).items():
-        place = ("inputs", quantities.input_entry(config, name))
-        factor = units.factor(given.unit, quantities.input_unit(place[1]))
+        entry = quantities.input_entry(config, name)
+        factor = units.factor(given.unit, quantities.input_unit(entry))
         values = quantities.inputs_as_given(config, experiment, name) / factor
-        columns.append(_Column(place, _name(source, place, given), values))
+        found.append((("inputs", entry), given, values))
+    columns = []
+    for place, column, values in found:
+        if not isinstance(column.column, str):
+            message = "a simulated record is a CSV file with named columns; give a name"
+            raise source.error(place, message)
+        columns.append((column.column, values))
     return columns
 
 
-def _name(source: Source, place: Place, spec: Column) -> str:
-    if isinstance(spec.column, str):
-        return spec.column
-    raise InputError(
-        [source.problem(place, "a simulated record is a CSV file with named columns; give a name")]
-    )
-
-
-def _check_read_back(config: Config, source: Source, text: str, columns: list[_Column]) -> None:
+def _check_read_back(
+    config: Config, source: Source, text: str, columns: list[tuple[str, Array]]
+) -> None:
     """Names and marks that a reader takes for something else."""
     path = sources.path_of(config, source)
     try:
         table = text_table(path, text, reading.csv_options(config.record))
-        for column in columns:
-            found = table.pick(column.name)
-            if not np.allclose(found, column.values, rtol=0, atol=SAME * np.ptp(column.values)):
-                raise InputError.one("", f"column {column.name!r} would come out otherwise")
+        for name, values in columns:
+            if not np.allclose(table.pick(name), values, rtol=0, atol=SAME * np.ptp(values)):
+                raise InputError.one("", f"column {name!r} would come out otherwise")
     except InputError as error:
         first = error.problems[0].message
         message = f"the record could not be read as this config reads it: {first}"
-        raise InputError([source.problem(("record",), message)]) from None
+        raise source.error(("record",), message) from None
 
 
 def simulate(case: ResolvedCase, seed: int, target: Path | None = None) -> str:
@@ -161,7 +141,7 @@ def simulate_all(case: ResolvedCase, seed: int, output: Path | None = None) -> d
                 message = (
                     f"another experiment is simulated into {target} too; give each its own file"
                 )
-                raise InputError([one.source.problem(("record", "file"), message)])
+                raise one.source.error(("record", "file"), message)
             made[target] = simulate_one(one, seed, target, index)
         except InputError as error:
             problems += error.problems
@@ -230,19 +210,13 @@ def grid(one: ResolvedExperiment) -> Experiment:
     if simulation is None or simulation.duration is None:
         return reading.read(one)
     if series:
-        raise InputError(
-            [
-                one.source.problem(
-                    ("simulation", "duration"),
-                    f"the input {series[0]} is measured, so the times are those of the record; remove "
-                    "`duration:` and `rate:`",
-                )
-            ]
+        raise one.source.error(
+            ("simulation", "duration"),
+            f"the input {series[0]} is measured, so the times are those of the record; remove "
+            "`duration:` and `rate:`",
         )
-    t, channels = (
-        times(simulation.duration, simulation.rate),
-        tuple(e.channel for e in one.channels),
-    )
+    t = times(simulation.duration, simulation.rate)
+    channels = tuple(entry.channel for entry in one.channels)
     return Experiment(
         t=frozen(t),
         y=frozen(np.zeros((len(t), len(channels)))),
@@ -260,8 +234,7 @@ def truth(one: ResolvedExperiment) -> dict[str, float]:
     rig, space, config = one.model, one.space, one.config
     simulation: Any = config.simulation
     named = {name: getattr(simulation, name, None) for name in rig.parameters}
-    given = simulation.truth if simulation else {}
-    named |= {n: x for n in rig.parameters if (x := _given(given, n, one.label)) is not None}
+    named |= {n: x for n in rig.parameters if (x := _given(one, n)) is not None}
     values = {**space.start, **one.nominal.compared, **space.fixed}
     for name, value in simulation.quantities.items() if simulation else ():
         values[name] = value * one.numbers.quantities[name].factor
@@ -274,30 +247,29 @@ def truth(one: ResolvedExperiment) -> dict[str, float]:
 
 def _told(one: ResolvedExperiment) -> dict[str, float]:
     """What is true of sensors and the start, SI; of a free start zero, unless it is given."""
-    simulation: Any = one.config.simulation
-    given = simulation.truth if simulation else {}
     found = {sensors.state_name(name): 0.0 for name in one.free}
     factors = dict.fromkeys(found, 1.0)
     for each in one.declared:
         found[each.name], factors[each.name] = each.start, each.factor
-    own = {name: _given(given, name, one.label) for name in found}
+    own = {name: _given(one, name) for name in found}
     return found | {name: x * factors[name] for name, x in own.items() if x is not None}
 
 
 def _true_of_noise(one: ResolvedExperiment, unknown: Unknown) -> float:
     """As `simulation.truth` has it, or where its search would start."""
-    simulation: Any = one.config.simulation
-    value = _given(simulation.truth if simulation else {}, unknown.name, one.label)
+    value = _given(one, unknown.name)
     low, high = unknown.between or (unknown.prior.low, unknown.prior.high)
     if value is None or low < value < high:
         return unknown.start if value is None else value
     message = f"{value:g} is impossible; give a number between {low:g} and {high:g}"
-    raise InputError([one.source.problem(("simulation", "truth", unknown.name), message)])
+    raise one.source.error(("simulation", "truth", unknown.name), message)
 
 
-def _given(values: Mapping[str, float], name: str, label: str) -> float | None:
-    """That of the experiment, or of all of them."""
-    return values.get(of_label(name, label), values.get(name))
+def _given(one: ResolvedExperiment, name: str) -> float | None:
+    """The true value of the experiment, or of all of them, in `simulation.truth`."""
+    simulation: Any = one.config.simulation
+    values = simulation.truth if simulation else {}
+    return values.get(of_label(name, one.label), values.get(name))
 
 
 def _known(one: ResolvedExperiment, entry: Measured) -> Measured:
@@ -310,6 +282,6 @@ def _known(one: ResolvedExperiment, entry: Measured) -> Measured:
         message = (
             f"the noise of this channel is unknown; add `simulation: {{sigma: {{{name}: ...}}}}`"
         )
-        raise InputError([one.source.problem(("record", "channels", name, "sigma"), message)])
+        raise one.source.error(("record", "channels", name, "sigma"), message)
     sigma = float(simulation.sigma[name]) * entry.channel.factor
     return dataclasses.replace(entry, noisy=dataclasses.replace(entry.noisy, sigma=sigma))

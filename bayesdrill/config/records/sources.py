@@ -84,12 +84,6 @@ def name_in(folder: Path, file: Path) -> str:
     return name
 
 
-def names(config: Config) -> list[str]:
-    """Of all of them, for a reader."""
-    every = [config.record.file if file is None else file.path for file in files(config)]
-    return [Path(one).name for one in every]
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class Clock:
     """Times `t (n,)` s of the `rows (n,)` of a table that has `n_rows`; `inside`: of the windows' span.
@@ -159,7 +153,10 @@ class Sources:
             return None
 
     def _clock(self, place: Place, spec: Series) -> Clock | None:
-        table = self._table(place, spec)
+        file = file_of(spec)
+        if file not in self._tables:
+            self._tables[file] = self._read(place, file)
+        table = self._tables[file]
         if table is None:
             return None
         own = spec.time is not None
@@ -167,18 +164,16 @@ class Sources:
         if not own:
             time_place = ("record", "time") if spec.file is None else (*place, "file")
         if isinstance(time, TimeRate):
-            values = self._pick(place, spec, table)
-            raw = None if values is None else np.arange(len(values)) / time.rate
-            offset = time.offset or 0.0
+            values, factor = self._pick(place, spec, table), 1.0
+            values = None if values is None else np.arange(len(values)) / time.rate
         else:
             instead = ELSEWHERE if spec.file is not None and not own else ""
-            values, factor = (
-                self._pick(time_place, time, table, instead),
-                units.factor(time.unit, "s"),
-            )
-            raw, offset = None if values is None else values * factor, (time.offset or 0.0) * factor
-        if raw is None:
+            values = self._pick(time_place, time, table, instead)
+            factor = units.factor(time.unit, "s")
+        if values is None:
             return None
+        offset = (time.offset or 0.0) * factor
+        raw = values * factor
         return self._windowed(place, time_place, table, raw + offset if offset else raw)
 
     def _windowed(self, place: Place, time_place: Place, table: Table, raw: Array) -> Clock | None:
@@ -191,24 +186,15 @@ class Sources:
                 message = f"no sample lies in it: the record goes from {raw[0]:g} to {raw[-1]:g} s"
                 self.add(("record", "window"), message)
                 return None
-            around = [
-                np.flatnonzero(raw < begin - slack)[-1:],
-                np.flatnonzero(raw > end + slack)[:1],
-            ]
-            beside = around if self.several else [rows[:0], rows[:0]]
-            rows = np.concatenate([beside[0], np.flatnonzero(inside), beside[1]])
+            before, after = rows[raw < begin - slack][-1:], rows[raw > end + slack][:1]
+            within = rows[inside]
+            rows = np.concatenate([before, within, after]) if self.several else within
         clock = Clock(table, raw[rows], rows, inside[rows], len(raw))
         found = check_time(self.label(time_place), clock.t, clock.where)
         self.problems += found
         # With wrong times a column can still be judged, and all that is wrong is told at once.
         t = clock.t if found else on_grid(clock.t)
         return Clock(table, t, rows, inside[rows], len(raw))
-
-    def _table(self, place: Place, spec: Series) -> Table | None:
-        file = file_of(spec)
-        if file not in self._tables:
-            self._tables[file] = self._read(place, file)
-        return self._tables[file]
 
     def _read(self, place: Place, file: FileSpec | None) -> Table | None:
         at_file: Place = ("record", "file") if file is None else (*place, "file")

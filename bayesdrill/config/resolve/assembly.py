@@ -125,7 +125,7 @@ def _told_and_observation(
         acts = sensors.latent_torque(one.config)
         return told, sensors.observation(acts, one.torque, response, found, one.label)
     except ValueError as error:
-        raise InputError([one.source.problem((place,), str(error))]) from None
+        raise one.source.error((place,), str(error)) from None
 
 
 def _unsaid_motion(one: ResolvedExperiment, experiment: Experiment) -> str:

@@ -122,13 +122,11 @@ class Beside:
 
     @property
     def all(self) -> dict[str, tuple[float | Prior | None, object]]:
-        found: dict[str, tuple[float | Prior | None, object]] = {
-            name: (value, value) for name, value in self.sensors.items()
-        }
+        found: dict[str, tuple[float | Prior | None, object]] = {}
+        for name, value in self.sensors.items():
+            found[name] = value, value
         for name, level in self.levels.items():
-            found[name] = (
-                (None, None) if level is None else (level.prior, (level.prior, level.start))
-            )
+            found[name] = (level.prior, (level.prior, level.start)) if level else (None, None)
         return found
 
 

@@ -101,7 +101,7 @@ def free_start(name: str, experiment: Experiment, model: Model, values: Named) -
     unit = models.STATES[name].unit
     middle, width = _measured(name, experiment)
     if width is None:
-        width = {"rad": _angle, "rad/s": _speed}.get(unit, _other)(experiment, unit)
+        width = _width(experiment, unit)
     if not width:
         width = _driven(name, experiment, model, values)
     if not (math.isfinite(width) and width > 0):
@@ -132,28 +132,20 @@ def _measured(name: str, experiment: Experiment) -> tuple[float, float | None]:
     return middle, None
 
 
-def _angle(experiment: Experiment, unit: str) -> float:
-    spans = [float(np.ptp(y)) for _, y in _seen(experiment, unit)]
-    if spans:
+def _width(experiment: Experiment, unit: str) -> float:
+    """How far states of this unit go, as channels tell; angles and speeds tell of each other."""
+    if unit == "rad" and (spans := [float(np.ptp(y)) for _, y in _seen(experiment, unit)]):
         return max(spans)
-    duration = float(experiment.t[-1] - experiment.t[0])
-    return duration * max(
-        (float(np.abs(y).max()) for _, y in _seen(experiment, "rad/s")), default=0
-    )
-
-
-def _speed(experiment: Experiment, unit: str) -> float:
+    if unit == "rad":
+        speeds = [float(np.abs(y).max()) for _, y in _seen(experiment, "rad/s")]
+        return float(experiment.t[-1] - experiment.t[0]) * max(speeds, default=0)
     found = [float(np.abs(y).max()) for _, y in _seen(experiment, unit)]
     for k, channel in enumerate(experiment.channels):
-        if channel.unit == "rad":
+        if unit == "rad/s" and channel.unit == "rad":
             seen = ~np.isnan(experiment.y[:, k])
             steps = np.diff(experiment.y[seen, k]) / np.diff(experiment.t[seen])
             found.append(float(np.quantile(np.abs(steps), QUICK)) if len(steps) else 0.0)
     return max(found, default=0.0)
-
-
-def _other(experiment: Experiment, unit: str) -> float:
-    return max((float(np.abs(y).max()) for _, y in _seen(experiment, unit)), default=0.0)
 
 
 def _driven(name: str, experiment: Experiment, model: Model, values: Named) -> float:
@@ -171,7 +163,7 @@ def _driven(name: str, experiment: Experiment, model: Model, values: Named) -> f
         for other in (n for n in model.states if models.STATES[n].unit == "rad/s"):
             seen = [(w[other], y) for w, y in _seen(experiment, "rad/s") if w.get(other)]
             speeds = [float(np.abs(y / weight).max()) for weight, y in seen]
-            speed = max(speeds, default=_speed(experiment, "rad/s"))
+            speed = max(speeds, default=_width(experiment, "rad/s"))
             push = max(push, abs(float(linear.A.get((name, other), 0.0))) * speed)
     return push / decay if decay > 0 else 0.0
 
@@ -237,22 +229,17 @@ def unsaid_motion(experiment: Experiment, sigmas: Sequence[float]) -> str:
         reach = float(np.ptp(y[seen]))
         if channel.unit == "rad/s":
             size, error = float(np.mean(first)), sigma / math.sqrt(FIRST)
+            unit = "rad/s (its value there)"
         elif channel.unit == "rad":
             spread = float(np.sqrt(((t - t.mean()) ** 2).sum()))
             slope = float(np.polyfit(t - t.mean(), first, 1)[0])
-            size, error = slope, sigma / spread
+            size, error, unit = slope, sigma / spread, "rad/s"
             reach = reach / float(experiment.t[-1] - experiment.t[0])
         else:
             continue
         if abs(size) > SURELY * error and abs(size) > APPRECIABLE * reach:
-            return (
-                f"{channel.name} changes by {size:.3g} {_per_second(channel.unit)} at its beginning"
-            )
+            return f"{channel.name} changes by {size:.3g} {unit} at its beginning"
     return ""
-
-
-def _per_second(unit: str) -> str:
-    return "rad/s" if unit == "rad" else f"{unit} (its value there)"
 
 
 def _ends(value: float | Prior) -> tuple[float, float]:

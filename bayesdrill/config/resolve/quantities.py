@@ -102,11 +102,6 @@ def is_tied(spec: object) -> bool:
     return isinstance(spec, numbers.Tie) or (isinstance(spec, str) and spec != "nominal")
 
 
-def is_nominal(spec: object) -> bool:
-    """Whether it is the nominal value, or relative to it."""
-    return spec == "nominal" or is_relative(spec)
-
-
 def start(spec: PriorSpec, built: Prior, nominal_value: float | None = None) -> float:
     """Where the MAP search begins; raises where the prior excludes it.
 
@@ -158,7 +153,8 @@ def nominal_table(config: Config) -> NominalTable:
     table = given.table or symbols.DEFAULT_NOMINAL
     own = {name: x for name in models.PARAMETERS if (x := getattr(given, name)) is not None}
     values = {**lookup(symbols.NOMINAL, table, "nominal table").values, **own}
-    used = {name for name in values if is_nominal(config.parameters.get(name))}
+    given_parameters = config.parameters
+    used = {n for n in values if (s := given_parameters.get(n)) == "nominal" or is_relative(s)}
     compared = values
     if given.table is None and (own or not used):
         compared = {name: value for name, value in values.items() if name in own.keys() | used}

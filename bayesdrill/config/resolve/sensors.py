@@ -124,7 +124,7 @@ Kind = Literal["gain", "offset", "lag", "delay", "state"]
 Spec = float | Quantity | SensorPrior
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True)
 class Entry:
     """One entry of the config: `of` names the channel, input or state; `unit` is its own, in SI `si`.
 
@@ -147,7 +147,8 @@ def sensor_entries(config: Config, model: Model) -> Iterator[Entry]:
         if spec.derived_from is not None:
             continue
         place: Place = ("record", "channels", name)
-        si = _unit_of(name, spec.measures, model)
+        meant = (s for s in model.states if s == name or s in (spec.measures or ""))
+        si = next((models.STATES[state].unit for state in meant), "1")  # none, where it is misspelt
         yield from _of_column(place, name, spec, spec.unit, si, _latex(name))
     for name, symbol in symbols.INPUTS.items():
         given = getattr(config.inputs, name)
@@ -158,16 +159,8 @@ def sensor_entries(config: Config, model: Model) -> Iterator[Entry]:
                 late = one.kind == "lag" and alone
                 yield dataclasses.replace(one, kind="delay") if late else one
     if config.inputs.t_0 is not None:
-        yield Entry(
-            place=("inputs", "t_0"),
-            kind="delay",
-            of="",
-            name="t_0",
-            spec=config.inputs.t_0,
-            unit="s",
-            si="s",
-            latex="t_0",
-        )
+        place = ("inputs", "t_0")
+        yield Entry(place, "delay", "", "t_0", config.inputs.t_0, "s", "s", "t_0")
     yield from _of_states(config, model)
 
 
@@ -181,18 +174,9 @@ def _of_column(
     )
     for kind, own, own_si, sign in kinds:
         given = getattr(spec, kind, None)
-        if given is None:
-            continue
-        yield Entry(
-            place=(*place, kind),
-            kind=kind,
-            of=name,
-            name=f"{kind}_{name}",
-            spec=given,
-            unit=own,
-            si=own_si,
-            latex=rf"{sign}_{{{latex}}}",
-        )
+        if given is not None:
+            label, shown = f"{kind}_{name}", rf"{sign}_{{{latex}}}"
+            yield Entry((*place, kind), kind, name, label, given, own, own_si, shown)
 
 
 def _of_states(config: Config, model: Model) -> Iterator[Entry]:
@@ -200,16 +184,8 @@ def _of_states(config: Config, model: Model) -> Iterator[Entry]:
     for name in model.outer:
         given, symbol = getattr(config.initial, name), symbol_of_state(name)
         if isinstance(given, SensorPrior):
-            yield Entry(
-                place=("initial", name),
-                kind="state",
-                of=name,
-                name=symbol.name,
-                spec=given,
-                unit=symbol.unit,
-                si=symbol.unit,
-                latex=symbol.latex,
-            )
+            place, unit = ("initial", name), symbol.unit
+            yield Entry(place, "state", name, symbol.name, given, unit, unit, symbol.latex)
 
 
 def state_name(state: str) -> str:
@@ -231,7 +207,8 @@ def sensor_specs(entry: Entry) -> Declared:
     unit = getattr(entry.spec, "unit", None) or entry.unit
     factor = 1.0 if entry.kind == "gain" else units.factor(unit, entry.si)
     value, start = _value(entry.spec, factor)
-    if entry.kind == "gain" and (value == 0 or (not isinstance(value, float) and _crosses(value))):
+    ends = [value] if isinstance(value, float) else value.quantile(np.array([1e-6, 1 - 1e-6]))
+    if entry.kind == "gain" and min(ends) <= 0 <= max(ends):
         raise ValueError(
             "a gain of zero shows nothing; keep its prior on one side of zero, such as `prior: "
             "log_normal, median: 1, sd_log: 0.02`"
@@ -243,11 +220,6 @@ def sensor_specs(entry: Entry) -> Declared:
     return Declared(symbol=symbol, role=role, value=value, start=start, factor=factor, unit=unit)
 
 
-def _crosses(prior: Prior) -> bool:
-    low, high = prior.quantile(np.array([1e-6, 1 - 1e-6]))
-    return bool(low <= 0 <= high)
-
-
 def _value(spec: Spec, factor: float) -> tuple[float | Prior, float]:
     if isinstance(spec, Quantity):
         return spec.value * factor, spec.value * factor
@@ -256,14 +228,6 @@ def _value(spec: Spec, factor: float) -> tuple[float | Prior, float]:
     built, begin = prior_in_si(spec, factor)
     middle = float(built.quantile(np.array([0.5]))[0])
     return built, middle if spec.start is None else begin
-
-
-def _unit_of(name: str, measures: str | None, model: Model) -> str:
-    """SI unit of a channel; of one that is misspelt, none."""
-    for state in model.states:
-        if state == name or (measures is not None and state in measures):
-            return models.STATES[state].unit
-    return "1"
 
 
 def _latex(name: str) -> str:
@@ -330,7 +294,8 @@ class Measured:
         return self.noisy.channel
 
 
-def measured(name: str, spec: ChannelSpec, states: tuple[str, ...]) -> Measured:
+def channel_of(name: str, spec: ChannelSpec, states: tuple[str, ...]) -> Channel:
+    """What it measures, and in which unit its column has it."""
     if not name.isidentifier():
         raise ValueError(f"'{name}' cannot name a channel; use letters, digits and `_`")
     if name not in states and name in {*symbols.INPUTS, *symbols.AXES}:
@@ -348,7 +313,7 @@ def measured(name: str, spec: ChannelSpec, states: tuple[str, ...]) -> Measured:
     first = found[0]
     factor = units.factor(spec.unit, first.unit)
     latex = first.latex if name in states else rf"\mathrm{{{name.replace('_', chr(92) + '_')}}}"
-    channel = Channel(
+    return Channel(
         name=name,
         weights=weights,
         unit=first.unit,
@@ -357,19 +322,21 @@ def measured(name: str, spec: ChannelSpec, states: tuple[str, ...]) -> Measured:
         column=units.shown(spec.unit, first.unit, first.latex_unit),
         factor=factor,
     )
-    sigma, begin = _sigma(spec, factor)
+
+
+def measured(channel: Channel, spec: ChannelSpec) -> Measured:
+    """With its noise, SI, and where a search for it begins."""
+    factor = channel.factor
+    sigma: float | Prior
+    if isinstance(spec.sigma, float):
+        sigma, begin = spec.sigma * factor, spec.sigma * factor
+    elif spec.sigma.relative:
+        raise ValueError("sigma has no nominal value; write its prior in the unit of the column")
+    else:
+        sigma, begin = prior_in_si(spec.sigma, factor)
     kind, entries = spec.noise.name, spec.noise.model_dump(exclude={"name"})
     noisy = Noisy(channel=channel, sigma=sigma, start=begin, entries=entries, factor=factor)
     return Measured(kind, noisy)
-
-
-def _sigma(spec: ChannelSpec, factor: float) -> tuple[float | Prior, float]:
-    """Of the noise, SI, and where a search begins."""
-    if isinstance(spec.sigma, float):
-        return spec.sigma * factor, spec.sigma * factor
-    if spec.sigma.relative:
-        raise ValueError("sigma has no nominal value; write its prior in the unit of the column")
-    return prior_in_si(spec.sigma, factor)
 
 
 def noise(channels: Sequence[Measured], n_samples: int) -> Noise:

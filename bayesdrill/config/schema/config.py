@@ -11,7 +11,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Annotated, Any, Literal, TypedDict
 
-from pydantic import BeforeValidator, Discriminator, Field, Tag, create_model
+from pydantic import Discriminator, Field, Tag, create_model
 
 from bayesdrill.basics import symbols
 from bayesdrill.basics.entries import (
@@ -33,6 +33,7 @@ from bayesdrill.config.schema.numbers import (
     held,
     parameter_spec,
     shape,
+    shorthand,
 )
 from bayesdrill.config.schema.records import (
     MOST_NAMED,
@@ -41,7 +42,6 @@ from bayesdrill.config.schema.records import (
     Inputs,
     OutputSpec,
     RecordSpec,
-    named_state,
 )
 from bayesdrill.rig import models
 from bayesdrill.rig.models import MODELS
@@ -71,10 +71,6 @@ class DerivedSpec(Strict):
     formula: str = Field(description="Of parameters and quantities, such as sqrt(k_s/j_1).")
     unit: str = "1"
     latex: Latex | None = Field(None, description="How figures write it, without dollars.")
-
-
-def _formula_alone(value: Any) -> Any:
-    return {"formula": value} if isinstance(value, str) else value
 
 
 class ModelBase(Strict):
@@ -183,10 +179,6 @@ Simulation = _per_symbol(
 )
 
 
-def _named_table(value: Any) -> Any:
-    return {"table": value} if isinstance(value, str) else value
-
-
 class MapBase(Strict):
     """How the maximum of the posterior is searched."""
 
@@ -258,7 +250,7 @@ class Config(Strict):
     seed: Annotated[int, Field(ge=0, lt=2**64)]
     record: RecordSpec
     inputs: Inputs
-    initial: Annotated[Initial, BeforeValidator(named_state)] = Initial()
+    initial: Annotated[Initial, shorthand("state")] = Initial()
     experiments: Annotated[dict[str, ExperimentSpec], Field(max_length=MOST_NAMED)] = Field(
         default_factory=dict,
         description="Several experiments with one rig, by name; each needs a record.",
@@ -272,13 +264,13 @@ class Config(Strict):
         description="Parameters of the rig that are another unknown in each experiment.",
     )
     model: ModelSpec = ModelSpec()
-    nominal: Annotated[Nominal, BeforeValidator(_named_table)] = Nominal()  # type: ignore[valid-type]
+    nominal: Annotated[Nominal, shorthand("table")] = Nominal()  # type: ignore[valid-type]
     parameters: Parameters
     quantities: Annotated[dict[str, QuantitySpec], Field(max_length=MOST_NAMED)] = Field(
         default_factory=dict, description="What formulas of parameters name beside parameters."
     )
     derived: Annotated[
-        dict[str, Annotated[DerivedSpec, BeforeValidator(_formula_alone)]],
+        dict[str, Annotated[DerivedSpec, shorthand("formula")]],
         Field(max_length=MOST_NAMED),
     ] = Field(default_factory=dict, description="Formulas that are computed for every draw.")
     missing_torque: MissingTorqueSpec | None = Field(

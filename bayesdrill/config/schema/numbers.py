@@ -11,7 +11,7 @@ from collections.abc import Callable, Mapping
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Union
 
-from pydantic import BaseModel, Discriminator, Field, Tag, create_model
+from pydantic import BaseModel, BeforeValidator, Discriminator, Field, Tag, create_model
 
 from bayesdrill.basics.entries import Latex, NonNegative, Number, Positive, Strict
 from bayesdrill.basics.symbols import Symbol
@@ -23,6 +23,11 @@ def shape(value: Any) -> str:
     if isinstance(value, dict | BaseModel):
         return "<mapping>"
     return "<word>" if isinstance(value, str) else "<number>"
+
+
+def shorthand(entry: str) -> BeforeValidator:
+    """A text stands for a mapping with this `entry` alone."""
+    return BeforeValidator(lambda value: {entry: value} if isinstance(value, str) else value)
 
 
 def _parameter_shape(value: Any) -> str:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BeforeValidator, Discriminator, Field, Tag, create_model
+from pydantic import Discriminator, Field, Tag, create_model
 
 from bayesdrill.basics import symbols
 from bayesdrill.basics.arrays import Array
@@ -20,6 +20,7 @@ from bayesdrill.config.schema.numbers import (
     SigmaSpec,
     StateSpec,
     shape,
+    shorthand,
 )
 from bayesdrill.inference.noise import NOISES
 from bayesdrill.record.formats import FORMATS
@@ -258,10 +259,6 @@ else:
     NoiseSpec = chosen("NoiseSpec", NoiseBase, "name", _kinds)
 
 
-def _named_noise(value: Any) -> Any:
-    return {"name": value} if isinstance(value, str) else value
-
-
 class ChannelSpec(Series):
     measures: str | None = Field(
         None,
@@ -270,7 +267,7 @@ class ChannelSpec(Series):
     sigma: SigmaSpec = Field(
         description="Noise standard deviation in the column's unit, or its prior when unknown."
     )
-    noise: Annotated[NoiseSpec, BeforeValidator(_named_noise)] = NoiseSpec()
+    noise: Annotated[NoiseSpec, shorthand("name")] = NoiseSpec()
     wraps: WrapsEntry | None = Field(
         None,
         description="An angle that begins again: `true` after a turn, or after so much [unit].",
@@ -348,10 +345,6 @@ Initial: type[_InitialBase] = create_model(
     __doc__="The state at `time`: of each state a number, a prior or `free`.",
     **_states,
 )
-
-
-def named_state(value: Any) -> Any:
-    return {"state": value} if isinstance(value, str) else value
 
 
 class ExperimentSpec(Strict):

@@ -11,21 +11,8 @@ from bayesdrill.basics.entries import NoEntries, check_entries
 from bayesdrill.basics.errors import InputError, did_you_mean
 from bayesdrill.basics.registry import Registry
 from bayesdrill.record.formats import arrays, csv, matlab
-from bayesdrill.record.formats.csv import CsvOptions, check_options
-from bayesdrill.record.formats.csv import table as text_table
-from bayesdrill.record.formats.table import Table, variable_name
-
-__all__ = [
-    "FORMATS",
-    "CsvOptions",
-    "Format",
-    "Table",
-    "check_options",
-    "format_of",
-    "text_table",
-    "variable_name",
-]
-
+from bayesdrill.record.formats.csv import CsvOptions
+from bayesdrill.record.formats.table import Table
 
 Wanted = Collection[str] | None  # variables that will be picked, by name; None: any of them
 
@@ -41,24 +28,8 @@ class Format:
     options: type = NoEntries
 
 
-def _read_csv(path: Path, options: CsvOptions, _: Wanted) -> Table:
-    return csv.read(path, options)
-
-
-def _read_matlab(path: Path, _: NoEntries, wanted: Wanted) -> Table:
-    return matlab.read(path, wanted)
-
-
-def _read_hdf5(path: Path, _: NoEntries, wanted: Wanted) -> Table:
-    return arrays.read_hdf5(path, wanted)
-
-
-def _read_npz(path: Path, _: NoEntries, wanted: Wanted) -> Table:
-    return arrays.read_npz(path, wanted)
-
-
-def _read_parquet(path: Path, _: NoEntries, wanted: Wanted) -> Table:
-    return arrays.read_parquet(path, wanted)
+def _without_options(read: Callable[[Path, Wanted], Table]) -> Callable[[Path, Any, Wanted], Table]:
+    return lambda path, _, wanted: read(path, wanted)
 
 
 def _is_format(_: str, member: Any) -> None:
@@ -70,11 +41,15 @@ def _is_format(_: str, member: Any) -> None:
 FORMATS: Registry[Format] = Registry(
     "format",
     {
-        "csv": Format((".csv", ".txt", ".tsv", ".dat"), _read_csv, CsvOptions),
-        "mat": Format((".mat",), _read_matlab),
-        "hdf5": Format((".h5", ".hdf5"), _read_hdf5),
-        "npz": Format((".npz",), _read_npz),
-        "parquet": Format((".parquet",), _read_parquet),
+        "csv": Format(
+            (".csv", ".txt", ".tsv", ".dat"),
+            lambda path, options, _: csv.read(path, options),
+            CsvOptions,
+        ),
+        "mat": Format((".mat",), _without_options(matlab.read)),
+        "hdf5": Format((".h5", ".hdf5"), _without_options(arrays.read_hdf5)),
+        "npz": Format((".npz",), _without_options(arrays.read_npz)),
+        "parquet": Format((".parquet",), _without_options(arrays.read_parquet)),
     },
     judge=_is_format,
 )

@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import importlib
 import zipfile
-from collections.abc import Collection
+from collections.abc import Callable, Collection, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from bayesdrill.basics.errors import InputError
+from bayesdrill.basics.errors import InputError, shortened
 from bayesdrill.output_files import LARGEST_FILE
 from bayesdrill.record.formats.table import Array, Table, keys_of, read_bytes
 
@@ -29,7 +30,7 @@ class Found:
     variables: dict[str, Array] = field(default_factory=dict)
     ignored: dict[str, str] = field(default_factory=dict)
     unread: list[str] = field(default_factory=list)
-    structs: set[int] = field(default_factory=set)  # where they stand in the file
+    groups: set[int] = field(default_factory=set)  # where they stand in the file
 
     def add(self, name: str, values: np.ndarray[Any, Any]) -> None:
         """Keep a real array up to 2-D, `(T, 1)` and `(1, T)` as `(T,)`; note others as ignored."""
@@ -68,13 +69,20 @@ class Found:
         )
 
 
-class Damaged(Exception):
-    """A reader could not make sense of the bytes."""
+@contextmanager
+def damage_told(path: Path, message: Callable[[str], str]) -> Iterator[None]:
+    """Damaged bytes come up as anything: `message(reason)` of it, as an `InputError` of the file."""
+    try:
+        yield
+    except InputError:
+        raise
+    except Exception as error:
+        reason = (str(error).strip().splitlines() or [type(error).__name__])[0]
+        raise InputError.one(str(path), message(shortened(reason, MOST_TOLD))) from error
 
-    def __init__(self, cause: Exception) -> None:
-        lines = str(cause).strip().splitlines()
-        told = lines[0] if lines else type(cause).__name__
-        super().__init__(told if len(told) <= MOST_TOLD else f"{told[: MOST_TOLD - 3]}...")
+
+def _cut_short(what: str) -> Callable[[str], str]:
+    return lambda reason: f"the {what} is damaged or cut short ({reason}); copy or save it again"
 
 
 def too_large(shape: tuple[int, ...], itemsize: int) -> str:
@@ -103,11 +111,15 @@ def read_hdf5(path: Path, wanted: Collection[str] | None = None) -> Table:
         )
     found = Found()
     used = None if wanted is None else {form for name in wanted for form in _records(name)}
-    try:
-        with h5py.File(path, "r") as file:
-            _walk("", file, used, found)
-    except Exception as error:  # damaged bytes come up as anything
-        raise InputError.one(str(path), _broken(head, str(Damaged(error)))) from error
+    broken = _cut_short("HDF5 file") if head.startswith(_HDF5_MAGIC) else _no_hdf5
+    with damage_told(path, broken), h5py.File(path, "r") as file:
+        for name, item in datasets(file, found, separator="/", called="group"):
+            if used is not None and name not in used:
+                found.unread.append(name)
+            elif reason := _unfit_dataset(item):
+                found.ignored[name] = reason
+            else:
+                found.add_fields(name, np.asarray(item[()]))
     return found.table(path)
 
 
@@ -117,34 +129,53 @@ def _records(name: str) -> tuple[str, ...]:
     return tuple(".".join(parts[:count]) for count in range(1, len(parts) + 1))
 
 
-def _broken(head: bytes, reason: str) -> str:
-    if head.startswith(_HDF5_MAGIC):
-        return f"the HDF5 file is damaged or cut short ({reason}); copy or save it again"
+def _no_hdf5(_: str) -> str:
     return "is not an HDF5 file; save it with h5py, or give it the ending of what it is"
 
 
-def _walk(prefix: str, group: Any, wanted: Collection[str] | None, found: Found) -> None:
+def datasets(
+    group: Any,
+    found: Found,
+    *,
+    separator: str,
+    called: str,
+    unfit: Callable[[str, Any], str] = lambda name, item: "",
+    hidden: str = "/",
+    prefix: str = "",
+) -> Iterator[tuple[str, Any]]:
+    """Names and items below a group of HDF5, which is `called` so; why others are left out is `found`.
+
+    `unfit(name, item)`: why nothing of it is read; `hidden`: how names begin that are the writer's own.
+    """
     import h5py
 
     for member in group:
         name = f"{prefix}{member}"
+        if name.startswith(hidden):
+            continue
         if not isinstance(group.get(member, getlink=True), h5py.HardLink):
             found.ignored[name] = f"is a link to elsewhere; {ITSELF}"
             continue
         item = group[member]
-        if isinstance(item, h5py.Group):
-            address = h5py.h5o.get_info(item.id).addr
-            if address in found.structs:  # a walk might have no end
-                found.ignored[name] = "is the same group under a second name; give the first"
-                continue
-            found.structs.add(address)
-            _walk(f"{name}/", item, wanted, found)
-        elif wanted is not None and name not in wanted:
-            found.unread.append(name)
-        elif reason := _unfit_dataset(item):
+        if reason := unfit(name, item):
             found.ignored[name] = reason
+        elif not isinstance(item, h5py.Group):
+            yield name, item
+        elif (
+            address := h5py.h5o.get_info(item.id).addr
+        ) in found.groups:  # a walk might have no end
+            found.ignored[name] = f"is the same {called} under a second name; give the first"
         else:
-            found.add_fields(name, np.asarray(item[()]))
+            found.groups.add(address)
+            yield from datasets(
+                item,
+                found,
+                separator=separator,
+                called=called,
+                unfit=unfit,
+                hidden=hidden,
+                prefix=f"{name}{separator}",
+            )
 
 
 def _unfit_dataset(item: Any) -> str:
@@ -193,26 +224,18 @@ def read_npz(path: Path, wanted: Collection[str] | None = None) -> Table:
         raise InputError.one(str(path), _other(head))
     used = None if wanted is None else {name.split(".")[0] for name in wanted} | {*wanted}
     found = Found()
-    try:
-        with zipfile.ZipFile(path) as file:
-            for member in file.namelist():
-                name = member.removesuffix(".npy")
-                if name == member:
-                    found.ignored[name] = "is no array"
-                elif used is not None and name not in used:
-                    found.unread.append(name)
-                else:
-                    _add(name, file, member, found)
-    except Exception as error:  # damaged bytes come up as anything
-        reason = f"is damaged or cut short ({Damaged(error)}); copy or save it again"
-        raise InputError.one(str(path), f"the .npz file {reason}") from error
-    if not found.variables and not found.unread and all(map(_no_array, found.ignored.values())):
+    with damage_told(path, _cut_short(".npz file")), zipfile.ZipFile(path) as file:
+        for member in file.namelist():
+            name = member.removesuffix(".npy")
+            if name == member:
+                found.ignored[name] = "is no array"
+            elif used is not None and name not in used:
+                found.unread.append(name)
+            else:
+                _add(name, file, member, found)
+    if not found.variables and not found.unread and {*found.ignored.values()} <= {"is no array"}:
         raise InputError.one(str(path), "is a zip archive without arrays; save it with numpy.savez")
     return found.table(path)
-
-
-def _no_array(reason: str) -> bool:
-    return reason == "is no array"
 
 
 def _other(head: bytes) -> str:
@@ -266,11 +289,8 @@ def read_parquet(path: Path, wanted: Collection[str] | None = None) -> Table:
         importlib.import_module("pyarrow.parquet")
     except ImportError:
         raise InputError.one(str(path), _MISSING) from None
-    try:
+    with damage_told(path, _cut_short("Parquet file")):
         return _table(path, wanted)
-    except Exception as error:  # damaged bytes come up as anything
-        reason = f"is damaged or cut short ({Damaged(error)}); copy or save it again"
-        raise InputError.one(str(path), f"the Parquet file {reason}") from error
 
 
 def _table(path: Path, wanted: Collection[str] | None) -> Table:

@@ -68,7 +68,7 @@ def without_empty_tail(lines: Lines, dialect: Dialect) -> Lines:
     count = len(lines.texts)
     while count > 1 and not lines.texts[count - 1].strip(f' "{dialect.separator or ""}'):
         count -= 1
-    return dataclasses.replace(lines, texts=lines.texts[:count], numbers=lines.numbers[:count])
+    return lines.part(slice(count))
 
 
 def find_dialect(texts: Sequence[str], options: CsvOptions) -> Dialect:
@@ -114,12 +114,6 @@ def _score(sample: Sequence[str], dialect: Dialect) -> tuple[float, bool]:
     return round(score, 9), width > 1
 
 
-def decimal_of(texts: Sequence[str]) -> str | None:
-    """A comma that the sample did not show, because the rig stood still there."""
-    commas = any("," in line for line in texts)
-    return "," if commas and not any("." in line for line in texts) else None
-
-
 def usual_width(texts: Sequence[str], dialect: Dialect) -> int:
     sample = [*texts[:500], *texts[500:][-500:]]
     widths = Counter(len(split(line, dialect.separator)) for line in sample)
@@ -139,7 +133,7 @@ def without_trailing_delimiter(body: Lines, header: str | None, dialect: Dialect
         names = split(header, mark)
         if len(names) == width and names[-1].strip():
             return body
-    return Lines(path=body.path, texts=[line[:-1] for line in texts], numbers=body.numbers)
+    return dataclasses.replace(body, texts=[line[:-1] for line in texts])
 
 
 _CHUNK = 20_000
@@ -155,11 +149,13 @@ class _Faults:
         self.what = what
         self.count = 0
         self.first: list[Issue] = []
+        self.cells: list[str] = []  # of these
 
-    def add(self, place: str, message: str) -> None:
+    def add(self, place: str, message: str, cell: str = "") -> None:
         self.count += 1
         if len(self.first) < _SHOWN:
             self.first.append(Issue(place, message))
+            self.cells.append(cell)
 
     def report(self, path: Path, advice: str) -> list[Issue]:
         if not self.count:
@@ -171,15 +167,26 @@ class _Faults:
 
 def parse(body: Lines, dialect: Dialect, names: Sequence[str]) -> Array:
     """All rows as `(T, n)`. Raises InputError with every kind of fault found."""
-    careful = _Careful(body, dialect, names)
+    ragged = _Faults("rows with a wrong number of cells")
+    bad = _Faults("cells without a number")
     parts = []
     for start in range(0, len(body.texts), _CHUNK):
-        texts = body.texts[start : start + _CHUNK]
-        rows = [split(line, dialect.separator) for line in texts]
-        usual = max(map(len, texts)) <= _LONG
+        chunk = body.part(slice(start, start + _CHUNK))
+        rows = [split(line, dialect.separator) for line in chunk.texts]
+        usual = max(map(len, chunk.texts)) <= _LONG
         part = _parse_fast(rows, dialect, len(names)) if usual else None
-        parts.append(careful.parse(rows, start) if part is None else part)
-    careful.raise_if_faulty()
+        if part is None:
+            part = _parse_carefully(rows, chunk, dialect, names, ragged, bad)
+        parts.append(part)
+    mend = "mend the rows or remove them, or check delimiter and decimal"
+    problems = ragged.report(body.path, mend)
+    if bad.count:
+        advice = "; ".join(advice_of_cells(bad.cells)) or _cell_advice(bad, dialect)
+        if {problem.place for problem in bad.first} == {body.place(0)} and bad.count < _SHOWN:
+            advice = f"{advice}; if that line is not one of the record, remove it"
+        problems += bad.report(body.path, advice)
+    if problems:
+        raise InputError(problems)
     return np.concatenate(parts)
 
 
@@ -199,53 +206,29 @@ def _parse_fast(rows: list[list[str]], dialect: Dialect, width: int) -> Array | 
         return None
 
 
-class _Careful:
-    """The slow way, which collects what is wrong with rows and cells."""
-
-    def __init__(self, body: Lines, dialect: Dialect, names: Sequence[str]) -> None:
-        self._body, self._dialect, self._names = body, dialect, names
-        self._cells: list[str] = []  # the first that are no numbers
-        self._ragged = _Faults("rows with a wrong number of cells")
-        self._bad = _Faults("cells without a number")
-
-    def parse(self, rows: list[list[str]], start: int) -> Array:
-        """`(len(rows), n)`; `start` is the index of the first row."""
-        values = np.full((len(rows), len(self._names)), np.nan)
-        for i, row in enumerate(rows):
-            if len(row) != len(self._names):
-                message = f"{len(row)} cells where {len(self._names)} are due"
-                self._ragged.add(self._body.place(start + i), message)
-                continue
-            for j, cell in enumerate(row):
-                value = to_number(cell, self._dialect.decimal)
-                if value is None:
-                    message = (
-                        f"column {short(self._names[j])}: {short(cell.strip())} is not a number"
-                    )
-                    self._bad.add(self._body.place(start + i), message)
-                    self._cells += [cell.strip()] if len(self._cells) < _SHOWN else []
-                else:
-                    values[i, j] = value
-        return values
-
-    def raise_if_faulty(self) -> None:
-        path = self._body.path
-        problems = [
-            *self._ragged.report(
-                path, "mend the rows or remove them, or check delimiter and decimal"
-            ),
-            *self._bad.report(path, self._advice()),
-        ]
-        if problems:
-            raise InputError(problems)
-
-    def _advice(self) -> str:
-        kinds = "; ".join(advice_of_cells(self._cells))
-        said = kinds or _cell_advice(self._bad, self._dialect)
-        places = {problem.place for problem in self._bad.first}
-        if places == {self._body.place(0)} and self._bad.count < _SHOWN:
-            return f"{said}; if that line is not one of the record, remove it"
-        return said
+def _parse_carefully(
+    rows: list[list[str]],
+    lines: Lines,
+    dialect: Dialect,
+    names: Sequence[str],
+    ragged: _Faults,
+    bad: _Faults,
+) -> Array:
+    """`(len(rows), n)` of `rows`, the cells of `lines`; what is wrong with them is counted."""
+    values = np.full((len(rows), len(names)), np.nan)
+    for i, row in enumerate(rows):
+        if len(row) != len(names):
+            ragged.add(lines.place(i), f"{len(row)} cells where {len(names)} are due")
+            continue
+        for j, cell in enumerate(row):
+            value = to_number(cell, dialect.decimal)
+            if value is None:
+                text = cell.strip()
+                message = f"column {short(names[j])}: {short(text)} is not a number"
+                bad.add(lines.place(i), message, text)
+            else:
+                values[i, j] = value
+    return values
 
 
 def _cell_advice(bad: _Faults, dialect: Dialect) -> str:
@@ -283,7 +266,10 @@ def table(path: Path, text: str, options: CsvOptions) -> Table:
         message = f"has a header but no data: nothing follows line {last}"
         raise InputError.one(str(path), f"{message}; record again, or set header: false")
     if options.decimal is None and dialect.separator != ",":
-        dialect = Dialect(dialect.separator, decimal_of(body.texts) or dialect.decimal)
+        # A comma that the sample did not show, because the rig stood still there.
+        commas = any("," in line for line in body.texts)
+        commas = commas and not any("." in line for line in body.texts)
+        dialect = Dialect(dialect.separator, "," if commas else dialect.decimal)
     body = without_trailing_delimiter(body, header, dialect)
     _check_numbers(body, dialect)
     width = usual_width(body.texts, dialect)
@@ -332,7 +318,8 @@ def _split_header(lines: Lines, dialect: Dialect, wanted: bool | None) -> tuple[
     below = (_census(line, dialect) for line in lines.texts[1 : 1 + _ROWS_OF_WORDS])
     wordy = itertools.takewhile(lambda found: not found[0] and _are_words(found[1]), below)
     count = 1 + sum(1 for _ in wordy)
-    return lines.texts[0], lines.after(count if count < len(lines.texts) else min(count, 2))
+    first = count if count < len(lines.texts) else min(count, 2)
+    return lines.texts[0], lines.part(slice(first, None))
 
 
 def _census(line: str, dialect: Dialect) -> tuple[int, list[str]]:

@@ -22,7 +22,7 @@ import numpy as np
 
 from bayesdrill.basics.errors import InputError
 from bayesdrill.output_files import LARGEST_FILE
-from bayesdrill.record.formats.arrays import ITSELF, Damaged, Found
+from bayesdrill.record.formats.arrays import ITSELF, Found, damage_told, datasets
 from bayesdrill.record.formats.table import Table, read_bytes
 
 DEEPEST = 100  # ten times what anyone nests, and a tenth of what SciPy stands
@@ -126,11 +126,9 @@ def read(path: Path, wanted: Collection[str] | None = None) -> Table:
     import h5py
 
     head = read_bytes(path, 128)
-    try:
-        is_hdf5 = head.startswith(b"MATLAB 7.3") or bool(h5py.is_hdf5(path))
+    is_hdf5 = head.startswith(b"MATLAB 7.3") or bool(h5py.is_hdf5(path))
+    with damage_told(path, lambda reason: _broken(head, reason)):
         found = _read_v73(path, wanted) if is_hdf5 else _read_v5(path, wanted)
-    except Damaged as error:
-        raise InputError.one(str(path), _broken(head, str(error))) from error
     return found.table(path)
 
 
@@ -151,18 +149,12 @@ def _read_v5(path: Path, wanted: Collection[str] | None) -> Found:
     with warnings.catch_warnings():
         # scipy warns of objects it cannot name; they are reported below when asked for.
         warnings.simplefilter("ignore")
-        try:
-            if too_deep(path.read_bytes()):
-                message = f"holds cells or structs more than {DEEPEST} deep; save plain arrays"
-                raise InputError.one(str(path), message)
-            content: Mapping[str, Any] = loadmat(path, mat_dtype=False, variable_names=used)
-            if used is not None and not used <= content.keys():  # for what is said of the mistake
-                content = loadmat(path, mat_dtype=False)
-        except InputError:
-            raise
-        except Exception as error:
-            # scipy meets damaged bytes with a dozen kinds of exception; all mean the same here.
-            raise Damaged(error) from error
+        if too_deep(path.read_bytes()):
+            message = f"holds cells or structs more than {DEEPEST} deep; save plain arrays"
+            raise InputError.one(str(path), message)
+        content: Mapping[str, Any] = loadmat(path, mat_dtype=False, variable_names=used)
+        if used is not None and not used <= content.keys():  # for what is said of the mistake
+            content = loadmat(path, mat_dtype=False)
     for name, value in content.items():
         if not name.startswith("__"):
             _walk_v5(name, value, found)
@@ -200,40 +192,15 @@ def _read_v73(path: Path, wanted: Collection[str] | None) -> Found:
     import h5py
 
     found = Found()
-    try:
-        with h5py.File(path, "r") as file:
-            _walk_v73("", file, wanted, found)
-    except Exception as error:  # damaged bytes come up as anything here too
-        raise Damaged(error) from error
+    layout = {"separator": ".", "called": "struct", "hidden": "#"}  # #refs#: MATLAB's own
+    with h5py.File(path, "r") as file:
+        for name, item in datasets(file, found, unfit=_unfit, **layout):
+            if wanted is None or name in wanted:
+                # MATLAB writes column by column, so HDF5 shows every array transposed.
+                found.add(name, np.asarray(item[()]).T)
+            else:
+                found.unread.append(name)
     return found
-
-
-def _walk_v73(prefix: str, group: Any, wanted: Collection[str] | None, found: Found) -> None:
-    import h5py
-
-    for member in group:
-        if not prefix and member.startswith("#"):  # #refs# and #subsystem# are MATLAB's own
-            continue
-        name = f"{prefix}{member}"
-        if not isinstance(group.get(member, getlink=True), h5py.HardLink):
-            found.ignored[name] = f"is a link to elsewhere; {ITSELF}"
-            continue
-        item = group[member]
-        reason = _unfit(name, item)
-        if reason:
-            found.ignored[name] = reason
-        elif isinstance(item, h5py.Group):
-            address = h5py.h5o.get_info(item.id).addr
-            if address in found.structs:  # MATLAB never writes that, and a walk may have no end
-                found.ignored[name] = "is the same struct under a second name; give the first"
-                continue
-            found.structs.add(address)
-            _walk_v73(f"{name}.", item, wanted, found)
-        elif wanted is None or name in wanted:
-            # MATLAB writes column by column, so HDF5 shows every array transposed.
-            found.add(name, np.asarray(item[()]).T)
-        else:
-            found.unread.append(name)
 
 
 def _unfit(name: str, item: Any) -> str:

@@ -8,10 +8,10 @@ import codecs
 import csv
 import re
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
-from bayesdrill.basics.errors import InputError
+from bayesdrill.basics.errors import InputError, shortened
 from bayesdrill.record.formats.table import read_bytes
 
 _NUMBER = r"[-+]?(\d+([.,]\d*)?|[.,]\d+)([eE][-+]?\d+)?"
@@ -81,8 +81,8 @@ class Lines:
     numbers: list[int]
     comment: str = ""
 
-    def after(self, count: int) -> Lines:
-        return Lines(path=self.path, texts=self.texts[count:], numbers=self.numbers[count:])
+    def part(self, rows: slice) -> Lines:
+        return replace(self, texts=self.texts[rows], numbers=self.numbers[rows])
 
     def place(self, index: int) -> str:
         return f"{self.path} line {self.numbers[index]}"
@@ -176,5 +176,4 @@ def to_number(cell: str, decimal: str) -> float | None:
 
 
 def short(text: str) -> str:
-    text = text.strip()
-    return repr(text if len(text) <= 40 else f"{text[:37]}...")
+    return repr(shortened(text.strip(), 40))
