@@ -4,7 +4,7 @@ ladder recommends.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -188,12 +188,8 @@ def ladder_opening(every: Sequence[Rung], missing: int) -> str:
 
 def ladder_conclusion(chosen: Rung, left_out: Mapping[str, str], config: Path) -> str:
     """What was not tried, and what to go on with."""
-    return "\n".join([*_left_out(left_out), f"recommended: {chosen.about}: {config}"])
-
-
-def _left_out(left_out: Mapping[str, str]) -> Iterator[str]:
-    for name, reason in left_out.items():
-        yield f"left out: {name}: {reason}"
+    missing = [f"left out: {name}: {reason}" for name, reason in left_out.items()]
+    return "\n".join([*missing, f"recommended: {chosen.about}: {config}"])
 
 
 def about_config(chosen: Rung, name: str, report: ComparisonReport) -> str:

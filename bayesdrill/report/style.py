@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 
 from bayesdrill import output_files
 from bayesdrill.basics.arrays import Array
-from bayesdrill.report.scales import DOUBLE, DPI, SINGLE, Scale
+from bayesdrill.report.scales import DOUBLE, DPI, SINGLE, Labelled, Scale
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -147,6 +147,18 @@ def set_numbers(axis: Axis, scale: Scale, most: int, **room: float) -> None:
     axis.set_minor_formatter(NullFormatter())
 
 
+def scale_axis(axis: Axis, scale: Scale, what: Labelled, separator: str = "\n") -> None:
+    """Ends, numbers and label; `separator`: of name and unit beside a vertical axis."""
+    panel = axis.axes
+    if axis.axis_name == "x":  # type: ignore[attr-defined]
+        panel.set_xlim(scale.low, scale.high)
+        panel.set_xlabel(scale.label(what), labelpad=2)
+    else:
+        panel.set_ylim(scale.low, scale.high)
+        side_label(panel, scale.label(what, separator))
+    set_numbers(axis, scale, 4)
+
+
 def set_ticks(axis: Axis, places: Array, texts: Sequence[str] | None) -> None:
     """Fixed ticks with fixed texts, or with none: no offset text appears on this axis."""
     axis.set_major_locator(FixedLocator(places.tolist()))
@@ -159,6 +171,47 @@ def side_label(panel: Axes, text: str) -> None:
     move = ScaledTranslation(-width, 0, panel.figure.dpi_scale_trans)
     panel.set_ylabel(text, linespacing=1.12)
     panel.yaxis.set_label_coords(0, 0.5, transform=panel.transAxes + move)
+
+
+def finer(look: Mapping[str, Any], share: float) -> dict[str, Any]:
+    """With lines and marks of this share of their sizes."""
+    sizes = ("linewidth", "markersize", "markeredgewidth")
+    return {**look, **{name: look[name] * share for name in sizes if name in look}}
+
+
+def mark_values(
+    panel: Axes,
+    scale: Scale,
+    nominal: float | None,
+    mode: float | None = None,
+    *,
+    vertical: bool = False,
+    arrow: bool = True,
+    zorder: float = 2.0,
+    fine: float = 1.0,
+) -> int:
+    """Lines across the axis of `scale`, a `vertical` one or not, at the nominal value and the MAP.
+
+    Returns on which side of the axis the nominal value is, to where an `arrow` may point.
+    """
+    line = panel.axhline if vertical else panel.axvline
+    side = scale.side(nominal)
+    if nominal is not None and side == 0:
+        line(float(scale(nominal)), zorder=zorder, **finer(NOMINAL, fine))
+    if side and arrow:
+        end = 0.5 + 0.45 * side
+        x, y, markers = (0.97, end, "v^") if vertical else (end, 0.5, "<>")
+        look = finer(AWAY, fine)
+        panel.plot([x], [y], transform=panel.transAxes, marker=markers[side > 0], **look)
+    if mode is not None:
+        line(float(scale(mode)), zorder=zorder, **finer(MAP_LINE, fine))
+    return side
+
+
+def corner_text(panel: Axes, text: str, side: str = "left", **look: Any) -> None:
+    """At the top of a panel, at this side."""
+    x = 0.03 if side == "left" else 0.97
+    panel.text(x, 0.93, text, transform=panel.transAxes, ha=side, va="top", **look)
 
 
 def nominal_handles(sides: Collection[int], *, marker: str = ">") -> list[Line2D]:

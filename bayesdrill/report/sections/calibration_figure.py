@@ -16,7 +16,7 @@ from bayesdrill.analysis.calibration import Quantity, Verdict
 from bayesdrill.basics.symbols import Symbol
 from bayesdrill.config.schema.records import OutputSpec
 from bayesdrill.report import scales, style
-from bayesdrill.report.pages import Page
+from bayesdrill.report.pages import Page, difference_panel, inches_panel, legend_above
 
 # Inches.
 RIGHT, BOTTOM, FOOT, COVERAGE = 0.1, 0.3, 0.45, 1.6
@@ -41,10 +41,10 @@ def calibration_figure(
         figure, panels, covered = _page(len(labels), width, len(handles))
         most = _most(verdict)
         for panel, label, quantity in zip(panels, labels, verdict.quantities, strict=True):
-            _difference(panel, quantity, verdict)
-            _frame(panel, label, quantity, most)
+            _difference(panel, label, quantity, verdict, most)
         _coverage(covered, verdict, labels[:-1])
-        _legend(figure, handles, width)
+        most_columns = len(handles) if width >= scales.DOUBLE else 2
+        legend_above(figure, handles, most_columns, handlelength=1.5, handletextpad=0.5)
     return figure
 
 
@@ -65,10 +65,8 @@ def _page(n: int, width: float, n_handles: int) -> tuple[Figure, list[Axes], Axe
     figure, panels = page.build(n)
     for k, panel in enumerate(panels):
         page.frame(panel, k, n, "normalised rank", "ECDF difference")
-    _, height = figure.get_size_inches()
-    inside = width - page.left - RIGHT
-    room = (page.left / width, BOTTOM / height, inside / width, COVERAGE / height)
-    return figure, panels, figure.add_axes(room)
+    below = inches_panel(figure, page.left, BOTTOM, width - page.left - RIGHT, COVERAGE)
+    return figure, panels, below
 
 
 def _most(verdict: Verdict) -> float:
@@ -79,29 +77,18 @@ def _most(verdict: Verdict) -> float:
     return float(max(ends))
 
 
-def _difference(panel: Axes, quantity: Quantity, verdict: Verdict) -> None:
+def _difference(panel: Axes, label: str, quantity: Quantity, verdict: Verdict, most: float) -> None:
     band, n = verdict.band, max(verdict.band.n, 1)
     shares = np.concatenate([[0.0], band.shares, [1.0]])
-
-    def away(counts: Any) -> Any:
-        return np.concatenate([[0.0], counts / n - band.shares, [0.0]])
-
-    panel.fill_between(shares, away(band.low), away(band.high), zorder=1, **BAND)
-    panel.axhline(0.0, color=style.MIDDLE, linewidth=0.5, zorder=2)
-    look = INSIDE if quantity.holds else style.OUTSIDE
-    panel.plot(shares, away(band.counts(quantity.ranks)), zorder=3, **look)
-
-
-def _frame(panel: Axes, label: str, quantity: Quantity, most: float) -> None:
-    panel.set_xlim(0, 1)
-    panel.set_ylim(-1.12 * most, 1.75 * most)  # names stand above all lines
-    style.set_ticks(panel.xaxis, np.array([0.0, 0.5, 1.0]), ["0", "0.5", "1"])
-    style.set_ticks(panel.yaxis, *scales.ticks(-1.12 * most, 1.12 * most, 3))
-    panel.text(0.04, 0.93, f"${label}$", transform=panel.transAxes, va="top")
+    counts = np.stack([band.low, band.high, band.counts(quantity.ranks)])
+    low, high, found = np.pad(counts / n - band.shares, ((0, 0), (1, 1)))
+    difference_panel(panel, shares, (low, high), most, 3, BAND)
+    panel.plot(shares, found, zorder=3, **(INSIDE if quantity.holds else style.OUTSIDE))
+    style.corner_text(panel, f"${label}$")
     if not quantity.holds:
         word = (quantity.shape or "leaves the band").removeprefix("posterior ")
-        where: dict[str, Any] = {"transform": panel.transAxes, "va": "top", "ha": "right"}
-        panel.text(0.97, 0.93, word, fontsize=0.94 * style.letters("legend.fontsize"), **where)
+        letters = 0.94 * style.letters("legend.fontsize")
+        style.corner_text(panel, word, "right", fontsize=letters)
 
 
 def _mark(marker: str, holds: bool) -> dict[str, Any]:
@@ -153,16 +140,3 @@ def _handles(verdict: Verdict) -> list[Any]:
         label = f"{100 * interval.share:.3g} % interval"
         handles.append(Line2D([], [], label=label, linestyle="none", **_mark(marker, True)))
     return handles
-
-
-def _legend(figure: Figure, handles: list[Any], width: float) -> None:
-    figure.legend(
-        handles=handles,
-        loc="upper center",
-        ncols=len(handles) if width >= scales.DOUBLE else 2,
-        borderaxespad=0.3,
-        labelspacing=0.3,
-        handlelength=1.5,
-        columnspacing=1.2,
-        handletextpad=0.5,
-    )

@@ -26,7 +26,7 @@ from bayesdrill.inference.posterior import Problem
 from bayesdrill.inference.residual_checks import Left
 from bayesdrill.output_files import numbered
 from bayesdrill.report import scales, style, words
-from bayesdrill.report.pages import Page, legend_above
+from bayesdrill.report.pages import Page, difference_panel, inches_panel, legend_above
 from bayesdrill.report.publish import FIT_ALONE
 from bayesdrill.report.scales import WIDTHS
 from bayesdrill.report.sections import fit_words
@@ -94,7 +94,7 @@ def build_fit_page(n: int, n_courses: int, n_rubs: int, width: float, *, constan
     share = FIT_SHARE * free if beside else free
 
     def panel(x: float, y: float, w: float, h: float) -> Axes:
-        made = figure.add_axes((x / width, (height - y - h) / height, w / width, h / height))
+        made = inches_panel(figure, x, height - y - h, w, h)
         made.tick_params(labelbottom=False)
         return made
 
@@ -349,7 +349,6 @@ def _legend(panel: Axes, entries: dict[str, Any], columns: int, x: float = 0.0) 
 PAGE = Page(columns=2, row=1.3, gap_x=0.66, gap_y=0.16, top=0.5)
 FARTHEST = 4.5  # sds shown; what lies beyond stands in the last bin
 BINS = 36
-NAMES = 1.7  # of the farthest line: where a panel ends, above which names stand
 INSIDE: dict[str, Any] = {"color": style.BLACK, "linewidth": 0.9}
 EXPECTED: dict[str, Any] = {**style.NOMINAL}
 FOUND: dict[str, Any] = {"facecolor": style.LIGHT, "edgecolor": style.BLACK, "linewidth": 0.7}
@@ -394,28 +393,17 @@ def _densities(panel: Axes, one: Check) -> None:
     style.set_ticks(panel.xaxis, np.arange(-4.0, 5.0, 2.0), ["\u22124", "\u22122", "0", "2", "4"])
     style.set_ticks(panel.yaxis, np.array([]), None)
     panel.set_ylabel("density")
-    panel.text(0.03, 0.93, f"${one.channel.latex}$", transform=panel.transAxes, va="top")
+    style.corner_text(panel, f"${one.channel.latex}$")
 
 
 def _difference(panel: Axes, one: Check, most: float) -> None:
     places = np.concatenate([[0.0], one.band.shares, [1.0]])
     low, high, found = np.pad(_away(one), ((0, 0), (1, 1)))
-    panel.fill_between(places, low, high, zorder=0, **style.CHANCE)
-    panel.axhline(0.0, color=style.MIDDLE, linewidth=0.5, zorder=1)
+    difference_panel(panel, places, (low, high), most)
     panel.plot(places, found, zorder=2, **(INSIDE if one.holds else style.OUTSIDE))
-    panel.set_xlim(0, 1)
-    panel.set_ylim(-1.12 * most, NAMES * most)
-    style.set_ticks(panel.xaxis, np.array([0.0, 0.5, 1.0]), ["0", "0.5", "1"])
-    style.set_ticks(panel.yaxis, *scales.ticks(-1.12 * most, 1.12 * most, 5))
     panel.set_ylabel("ECDF difference [%]")
     if one.says:
-        where: dict[str, Any] = {
-            "transform": panel.transAxes,
-            "va": "top",
-            "ha": "right",
-            "fontsize": style.letters("legend.fontsize"),
-        }
-        panel.text(0.97, 0.93, one.says, **where)
+        style.corner_text(panel, one.says, "right", fontsize=style.letters("legend.fontsize"))
 
 
 def _handles(checks: Sequence[Check]) -> list[Any]:

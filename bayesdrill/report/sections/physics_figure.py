@@ -23,7 +23,7 @@ from bayesdrill.basics.arrays import Array
 from bayesdrill.basics.symbols import Symbol
 from bayesdrill.inference.derived import HDI_PROBABILITY
 from bayesdrill.report import scales, style
-from bayesdrill.report.pages import Page, legend_above
+from bayesdrill.report.pages import Page, inches_panel, legend_above
 from bayesdrill.report.sections.fit_figure import extremes
 from bayesdrill.report.sections.physics_words import Balance, Law, Stacked, energy_balance, laws
 from bayesdrill.report.sections.torque_words import Against, Shown, torque_shown
@@ -33,15 +33,9 @@ JOULES = Symbol("E", "J", "E", "J", "energy so far")
 SHARE = Symbol("share", "%", r"\mathrm{share}", r"\%", "of what came in")
 ENERGY_POINTS = 800  # of an edge
 FIRST = 0.02  # of all that comes in: before it shares mean nothing
-ENERGY_LEFT, ENERGY_RIGHT, GAP, ENERGY_BOTTOM, LINE, ENERGY_ROW = (
-    0.84,
-    0.12,
-    0.16,
-    0.42,
-    0.17,
-    1.5,
-)  # inches
-NARROW_ROW, NARROW_LEFT = 1.2, 0.7  # of a figure in one column
+LINE = 0.17  # inches of a legend
+ENERGY_PAGE = Page(columns=1, row=1.5, left=0.84, gap_y=0.16)
+ENERGY_SMALL = dataclasses.replace(ENERGY_PAGE, width=scales.SINGLE, row=1.2, left=0.7)
 
 # Greys by kinds, and hatches within them: no colour is wanted.
 LOOKS: Mapping[str, tuple[str, str]] = {
@@ -57,19 +51,10 @@ HATCHES = ("", "\\\\\\\\", "////", "xxxx")
 def energy_figure(found: Balance, width: float = scales.DOUBLE) -> Figure:
     """Above in joules, below as shares of what came in until then."""
     broad = width >= scales.DOUBLE
-    row, side, columns = (ENERGY_ROW, ENERGY_LEFT, 4) if broad else (NARROW_ROW, NARROW_LEFT, 2)
-    lines = math.ceil((len(found.parts) + 1) / columns)
-    top = 0.1 + LINE * lines
-    height = top + 2 * row + GAP + ENERGY_BOTTOM
+    page, columns = (ENERGY_PAGE, 4) if broad else (ENERGY_SMALL, 2)
+    top = 0.1 + LINE * math.ceil((len(found.parts) + 1) / columns)
     with style.styled(width):
-        figure = Figure(figsize=(width, height))
-        inside = (width - side - ENERGY_RIGHT) / width
-        panels = [
-            figure.add_axes(
-                (side / width, (ENERGY_BOTTOM + k * (row + GAP)) / height, inside, row / height)
-            )
-            for k in (1, 0)
-        ]
+        figure, panels = dataclasses.replace(page, top=top).build(2)
         drawn = extremes(found.total, ENERGY_POINTS)
         time = scales.scale(float(found.t[0]), float(found.t[-1]))
         handles = _joules(panels[0], found, drawn, time)
@@ -79,17 +64,9 @@ def energy_figure(found: Balance, width: float = scales.DOUBLE) -> Figure:
             style.set_ticks(panel.xaxis, *time.ticks(5))
         panels[0].tick_params(labelbottom=False)
         panels[1].set_xlabel(time.label(found.time))
-        figure.legend(
-            handles=handles,
-            loc="upper left",
-            bbox_to_anchor=(side / width if broad else 0.02, 1.0),
-            ncols=columns,
-            borderaxespad=0.3,
-            borderpad=0.0,
-            columnspacing=1.2,
-            labelspacing=0.25,
-            handlelength=1.8,
-        )
+        look = {"borderpad": 0.0, "labelspacing": 0.25, "handlelength": 1.8}
+        at = (page.left / width if broad else 0.02, 1.0)
+        legend_above(figure, handles, columns, loc="upper left", bbox_to_anchor=at, **look)
     return figure
 
 
@@ -185,7 +162,9 @@ def _law(panel: Axes, law: Law) -> None:
     if law.nominal is not None:
         panel.plot(x(law.speeds), y(law.nominal), zorder=2, **style.NOMINAL)
     panel.plot(x(law.speeds), y(law.best), zorder=3, **BEST)
-    _seen(panel, law, x, y.low - room, room)
+    counts, edges = np.histogram(x(law.seen), np.linspace(x.low, x.high, BINS + 1))
+    heights = y.low - room + 0.85 * room * counts / max(int(counts.max()), 1)
+    panel.stairs(heights, edges, baseline=y.low - room, fill=True, zorder=1, **SEEN)
     panel.set_xlim(x.low, x.high)
     panel.set_ylim(y.low - room, y.high)
     panel.axhline(y.low, color=style.MIDDLE, linewidth=0.5)
@@ -203,13 +182,6 @@ def _at_rest(band: Array, side: NDArray[np.bool_]) -> Array:
     return found
 
 
-def _seen(panel: Axes, law: Law, x: scales.Scale, low: float, room: float) -> None:
-    """How often the record has these speeds, below the laws."""
-    counts, edges = np.histogram(x(law.seen), np.linspace(x.low, x.high, BINS + 1))
-    heights = low + 0.85 * room * counts / max(int(counts.max()), 1)
-    panel.stairs(heights, edges, baseline=low, fill=True, zorder=1, **SEEN)
-
-
 def _friction_legend(figure: Figure, laws: Sequence[Law], broad: bool) -> None:
     handles: list[Line2D | Patch] = [Line2D([], [], label="MAP", **BEST)]
     if any(law.band is not None for law in laws):
@@ -217,55 +189,36 @@ def _friction_legend(figure: Figure, laws: Sequence[Law], broad: bool) -> None:
     if any(law.nominal is not None for law in laws):
         handles.append(Line2D([], [], label="nominal values", **style.NOMINAL))
     handles.append(Patch(label="speeds of the record", **SEEN))
-    legend_above(figure, handles, len(handles) if broad else 2, 1.6, 2.4)
+    most = len(handles) if broad else 2
+    legend_above(figure, handles, most, columnspacing=1.6, handlelength=2.4)
 
 
-TORQUE_LEFT, TORQUE_RIGHT, TOP, TORQUE_BOTTOM, GAP_X, GAP_Y = (
-    0.84,
-    0.1,
-    0.36,
-    0.42,
-    0.3,
-    0.56,
-)  # inches
-TORQUE_ROW, HIGH = 1.5, 1.6
-NARROW = {"left": 0.7, "row": 1.1}
+FIRST_ROW, FIRST_TOP = 1.5, 0.36  # inches, of the panel over time
+TORQUE_PAGE = Page(columns=2, row=1.5, left=0.84, right=0.1, gap_x=0.3, gap_y=0.56)
+TORQUE_PAGE = dataclasses.replace(TORQUE_PAGE, top=FIRST_TOP + FIRST_ROW + TORQUE_PAGE.gap_y)
+TORQUE_SMALL = dataclasses.replace(TORQUE_PAGE, columns=1, width=scales.SINGLE, row=1.1, left=0.7)
 TORQUE_POINTS = 1200  # of a line over time, and dots of a panel
 MEAN: dict[str, Any] = {"color": style.BLACK, "linewidth": 0.9}
 
 
 def torque_figure(found: Shown, width: float = scales.DOUBLE) -> Figure:
     """Above over time; below a panel for each thing that the torque may follow."""
-    broad = width >= scales.DOUBLE
-    left, row = (TORQUE_LEFT, TORQUE_ROW) if broad else (NARROW["left"], NARROW["row"])
-    columns, n = (2 if broad else 1), len(found.against)
-    rows = -(-n // columns)
-    height = TOP + TORQUE_ROW + rows * (GAP_Y + row) + TORQUE_BOTTOM
+    page = TORQUE_PAGE if width >= scales.DOUBLE else TORQUE_SMALL
+    y = scales.scale(float(found.band[0].min()), float(found.band[1].max()), margin=0.04)
     with style.styled(width):
-        figure = Figure(figsize=(width, height))
-        y = _scale(found)
-        wide = width - left - TORQUE_RIGHT
-        first = height - TOP - TORQUE_ROW
-        panel = _panel(figure, (left, first, wide, TORQUE_ROW))
-        _over_time(panel, found, y)
-        each = (wide - (columns - 1) * GAP_X) / columns
-        for k, one in enumerate(found.against):
-            line, column = divmod(k, columns)
-            place = (left + column * (each + GAP_X), first - (line + 1) * (GAP_Y + row), each, row)
-            _against(_panel(figure, place), one, found, y, labelled=column == 0)
-        _torque_legend(figure)
+        figure, panels = page.build(len(found.against))
+        height, inside = figure.get_figheight(), width - page.left - page.right
+        first = (page.left, height - FIRST_TOP - FIRST_ROW, inside, FIRST_ROW)
+        _over_time(inches_panel(figure, *first), found, y)
+        for k, (panel, one) in enumerate(zip(panels, found.against, strict=True)):
+            _against(panel, one, found, y, labelled=k % page.columns == 0)
+        handles = [
+            Line2D([], [], label="mean", **MEAN),
+            Patch(label=f"{100 * HDI_PROBABILITY:.0f} % posterior", **BAND),
+            Line2D([], [], label="samples", **{**style.DOTS, "markersize": 3, "rasterized": False}),
+        ]
+        legend_above(figure, handles, 3, columnspacing=2.0, handlelength=2.0)
     return figure
-
-
-def _panel(figure: Figure, place: tuple[float, float, float, float]) -> Axes:
-    width, height = figure.get_size_inches()
-    x, y, w, h = place
-    return figure.add_axes((x / width, y / height, w / width, h / height))
-
-
-def _scale(found: Shown) -> scales.Scale:
-    low, high = float(found.band[0].min()), float(found.band[1].max())
-    return scales.scale(low, high, margin=0.04)
 
 
 def _over_time(panel: Axes, found: Shown, y: scales.Scale) -> None:
@@ -302,15 +255,6 @@ def _finish(panel: Axes, x: scales.Scale, y: scales.Scale) -> None:
         panel.axvline(float(x(0.0)), color=style.MIDDLE, linewidth=0.5, zorder=0)
     style.set_ticks(panel.xaxis, *x.ticks(5))
     style.set_ticks(panel.yaxis, *y.ticks(4))
-
-
-def _torque_legend(figure: Figure) -> None:
-    handles: Sequence[Line2D | Patch] = [
-        Line2D([], [], label="mean", **MEAN),
-        Patch(label=f"{100 * HDI_PROBABILITY:.0f} % posterior", **BAND),
-        Line2D([], [], label="samples", **{**style.DOTS, "markersize": 3, "rasterized": False}),
-    ]
-    figure.legend(handles=handles, loc="upper center", ncols=3, borderaxespad=0.3, handlelength=2.0)
 
 
 FRICTION = "Each friction against its speed: its law, where the record saw it, and nominal values."

@@ -40,7 +40,7 @@ class Shown:
 
 def derived_csv(rows: Sequence[Row]) -> str:
     """All digits, SI; `share` of the draws have the quantity, `deviation` is a fraction."""
-    return records_as_csv(Row, rows, {})
+    return records_as_csv(Row, rows)
 
 
 def derived_table(rows: Sequence[Row], meanings: Mapping[str, str]) -> Table:
