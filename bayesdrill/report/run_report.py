@@ -161,12 +161,11 @@ def _sections(run: View, pictures: Sequence[Picture]) -> Iterator[Section]:
         read = Note(verdict_words.VERDICT_EXPLAINED)
         yield build("Against the nominal table", shown, rule, read)
     if found.repeats:
-        yield build(
-            "From one experiment to the next",
-            verdict_words.repeats_sentence(found.repeats, run.names_of_rig),
-            verdict_words.repeats_table(found.repeats, run.names_of_rig),
-            Note(verdict_words.REPEATS_EXPLAINED),
-        )
+        names = run.names_of_rig
+        said = verdict_words.repeats_sentence(found.repeats, names)
+        shown = verdict_words.repeats_table(found.repeats, names)
+        read = Note(verdict_words.REPEATS_EXPLAINED)
+        yield build("From one experiment to the next", said, shown, read)
     for torque in found.torques:
         where = f" of {torque.label}" if torque.label else ""
         parts = (torque_words.torque_sentence, torque_words.followed, torque_words.strayed)

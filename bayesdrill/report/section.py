@@ -229,10 +229,10 @@ def aligned(table: Sequence[tuple[str, ...]], left: set[int]) -> str:
     )
 
 
-_HDI = f"{100 * HDI_PROBABILITY:.0f} % HDI"
+HDI = f"{100 * HDI_PROBABILITY:.0f} % HDI"
 
 HEADERS = (
-    "", "unit", "nominal", "MAP", "mean", "sd", _HDI, "dev. %", "R-hat", "ESS bulk", "ESS tail",
+    "", "unit", "nominal", "MAP", "mean", "sd", HDI, "dev. %", "R-hat", "ESS bulk", "ESS tail",
     "shrinkage", "the record says",
 )  # fmt: skip
 

@@ -279,24 +279,8 @@ def _entries(kind: str, metadata: Mapping[str, str]) -> dict[str, str | None]:
 MOST = 8  # ticks
 
 
-def set_decades(axis: Axis, low: float, high: float) -> None:
-    """From `low` to `high`, with powers of ten for ticks."""
-    _set(axis, low, high, 10)
-
-
-def set_factors(axis: Axis, factors: Array) -> None:
-    """Shows at least 0.5 to 2 and all factors; ticks are powers of 2, or of 10 on a long axis."""
-    sure = usable(factors)
-    low, high = min(0.48, 0.85 * sure.min(initial=1.0)), max(2.1, 1.18 * sure.max(initial=1.0))
-    _set(axis, low, high, 2 if high / low < 2**MOST else 10)
-
-
-def usable(x: Array) -> Array:
-    """Those that a logarithmic axis can show."""
-    return x[np.isfinite(x) & (x > 0)]
-
-
-def _set(axis: Axis, low: float, high: float, base: int) -> None:
+def set_decades(axis: Axis, low: float, high: float, base: int = 10) -> None:
+    """From `low` to `high` on a logarithmic axis, with powers of the `base` for ticks."""
     name: Any = axis.axis_name  # type: ignore[attr-defined]
     axis.axes.set(**{f"{name}scale": "log", f"{name}lim": (low, high)})
     first, last = (np.log(end) / np.log(base) for end in (low, high))
@@ -310,6 +294,18 @@ def _set(axis: Axis, low: float, high: float, base: int) -> None:
     ]
     set_ticks(axis, places, texts)
     axis.set_minor_locator(NullLocator())
+
+
+def set_factors(axis: Axis, factors: Array) -> None:
+    """Shows at least 0.5 to 2 and all factors; ticks are powers of 2, or of 10 on a long axis."""
+    sure = usable(factors)
+    low, high = min(0.48, 0.85 * sure.min(initial=1.0)), max(2.1, 1.18 * sure.max(initial=1.0))
+    set_decades(axis, low, high, 2 if high / low < 2**MOST else 10)
+
+
+def usable(x: Array) -> Array:
+    """Those that a logarithmic axis can show."""
+    return x[np.isfinite(x) & (x > 0)]
 
 
 MARGIN, LINE, LETTER = 0.09, 0.16, 0.066  # inches: of the strip, a line of it, a letter of that
@@ -327,16 +323,9 @@ def warned(figure: Figure, warning: str) -> Figure:
     strip = 2 * MARGIN + LINE * len(lines)
     _lower(figure, height + strip, height / (height + strip))
     with styled():
-        figure.text(
-            0.5,
-            1.0 - 0.5 * strip / (height + strip),
-            "\n".join(lines),
-            ha="center",
-            va="center",
-            weight="bold",
-            size=9.0,
-            linespacing=1.1,
-        )
+        look: dict[str, Any] = {"weight": "bold", "size": 9.0, "linespacing": 1.1}
+        middle = 1.0 - 0.5 * strip / (height + strip)
+        figure.text(0.5, middle, "\n".join(lines), ha="center", va="center", **look)
     return figure
 
 

@@ -26,7 +26,6 @@ from bayesdrill.config.resolve.experiments import WHOSE
 from bayesdrill.config.schema.config import Config
 from bayesdrill.config.yaml_source import as_yaml
 from bayesdrill.inference.display_units import OwnUnits
-from bayesdrill.inference.likelihood import Observation
 from bayesdrill.inference.posterior import Problem
 from bayesdrill.output_files import CONFIG_FILE, RECORD, RESOLVED_FILE
 from bayesdrill.record.experiment import Experiment
@@ -101,20 +100,17 @@ def _of_experiments(problem: Problem) -> dict[str, str]:
     """Of several, each name with that of its experiment."""
     found: dict[str, str] = {}
     for one in problem.every:
-        said = _of_experiment(one.experiment) | _of_sensors(one) | _of_noise(one)
+        names, sensing, said = one.experiment.names, one.response.sensing, {}
+        if not sensing.nothing:  # is told beside the rig's parameters
+            said = {"the sensors": sensing.in_words, "the start": sensing.start_in_words}
+        if one.kind:
+            said["the kind of noise"] = _short(one.kind)
+        noise = {f"the noise of {names[k]}": repr(sigma) for k, sigma in one.held().items()}
+        said = _of_experiment(one.experiment) | {n: x for n, x in said.items() if x} | noise
         found |= {one.entitled(name): value for name, value in said.items()}
     for one in problem.posterior.likelihood.apart:
         found[one.entitled("what counts")] = "nothing: it is held out"
     return found
-
-
-def _of_sensors(one: Observation) -> dict[str, str]:
-    """What they are told beside the rig's parameters, where there is anything."""
-    sensing = one.response.sensing
-    if sensing.nothing:
-        return {}
-    found = {"the sensors": sensing.in_words, "the start": sensing.start_in_words}
-    return {name: said for name, said in found.items() if said}
 
 
 def _of_experiment(experiment: Experiment) -> dict[str, str]:
@@ -135,12 +131,6 @@ def _of_experiment(experiment: Experiment) -> dict[str, str]:
         },
         "the initial state": f"{dict(experiment.start)} at {experiment.t_start!r} s",
     }
-
-
-def _of_noise(one: Observation) -> dict[str, str]:
-    names = one.experiment.names
-    kind = {"the kind of noise": _short(one.kind)} if one.kind else {}
-    return kind | {f"the noise of {names[k]}": repr(sigma) for k, sigma in one.held().items()}
 
 
 def _noise_held(config: Config, problem: Problem, own: OwnUnits) -> dict[str, str]:

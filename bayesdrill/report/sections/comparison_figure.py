@@ -386,13 +386,11 @@ def _odds(panel: Axes, models: Sequence[Contender]) -> None:
     # Two of three decades at most, so that numbers keep apart.
     far = decades[decades < most][:: 1 + int(np.log10(most) > 3.5)]
     ticks = np.array([0.0, SURE, *far])
-    style.set_ticks(panel.xaxis, ticks, [f"{x:.0f}" if x < 1e4 else _power(x) for x in ticks])
+    powers = [rf"$10^{{{int(np.log10(max(x, 1.0)) + 0.5)}}}$" for x in ticks]
+    texts = [f"{x:.0f}" if x < 1e4 else power for x, power in zip(ticks, powers, strict=True)]
+    style.set_ticks(panel.xaxis, ticks, texts)
     panel.xaxis.set_minor_locator(NullLocator())
     panel.set_xlabel("log odds against the best", labelpad=2)
-
-
-def _power(x: float) -> str:
-    return rf"$10^{{{int(np.log10(x) + 0.5)}}}$"
 
 
 def _left(
@@ -428,24 +426,19 @@ def _colour(k: int) -> str:
     return style.BLACK if k == 0 else style.MIDDLE
 
 
-def _of(experiment: str) -> str:
-    return " in " + experiment.replace("$", r"\$") if experiment else ""
-
-
 def _model_handles(models: Sequence[Contender]) -> list[Line2D]:
     """Of all channels of any model, and what a hollow mark says."""
-    symbols = {
-        (channel.name, one.label): f"${channel.latex}$" + _of(one.label)
-        for model in models
-        for one in model.layer.problem.observations
-        for channel in one.experiment.channels
-    }
+    symbols = {}
+    for one in (one for model in models for one in model.layer.problem.observations):
+        where = " in " + one.label.replace("$", r"\$") if one.label else ""
+        for channel in one.experiment.channels:
+            symbols[channel.name, one.label] = f"${channel.latex}${where}"
     marks = [
         Line2D([], [], marker=MARKS[k % len(MARKS)], color=style.DARK, label=symbol)
         for k, symbol in enumerate(symbols.values())
     ]
     hollow = Line2D([], [], marker="o", color=style.DARK, markerfacecolor="white")
     hollow.set_label("not like noise")
-    for one in (*marks, hollow):
-        one.set(markersize=4.2, linestyle="none")
+    for handle in (*marks, hollow):
+        handle.set(markersize=4.2, linestyle="none")
     return [*marks, hollow, Line2D([], [], label="nominal value", **style.NOMINAL)]

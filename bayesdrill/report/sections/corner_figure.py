@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -71,9 +71,9 @@ class CornerPage:
     @classmethod
     def of(cls, n: int, width: float, lines: int) -> CornerPage:
         """For `n` unknowns in at most `width`, with a legend of so many `lines`."""
-        compact, fits = False, _roomy(n, width)
+        compact, fits = False, _pitch(n, width, compact=False)
         if fits[1] < READABLE:
-            compact, fits = True, _compact(n, width)
+            compact, fits = True, _pitch(n, width, compact=True)
         pitch, letters, left, right, bottom = fits
         legend_letters = 8.0 if width >= DOUBLE else 6.4
         across, line = (size * legend_letters / 8.0 for size in LEGEND)
@@ -125,23 +125,18 @@ class CornerPage:
         return 0.43 * self.letters / (72 * self.pitch)
 
 
-def _roomy(n: int, width: float) -> tuple[float, ...]:
-    """Pitch, letters, left, right, bottom, with ticks and labels along the panels."""
-    letters = pitch = 10.0
+def _pitch(n: int, width: float, *, compact: bool) -> tuple[float, ...]:
+    """Pitch, letters, left, right, bottom: with ticks and labels along the panels, or `compact`."""
+    letters, pitch, side, edge, foot, across = 10.0, 10.0, 0.088, 0.12, 0.088, LABEL
+    ends, most = (0.0, LARGEST * (1 + CORNER_GAP)), 10.0 if width >= DOUBLE else 8.5
+    if compact:
+        letters, pitch, side, edge, foot, across = 6.0, 0.3, 0.085, 0.06, 0.17, UPRIGHT
+        ends, most = (LEAST / 72, math.inf), 6.5
     for _ in range(30):
-        left, right = 0.088 * letters, max(0.12, TITLE * letters - pitch)
-        pitch = min(LARGEST * (1 + CORNER_GAP), (width - left - right) / n)
-        letters = min(10.0 if width >= DOUBLE else 8.5, 72 * pitch / LABEL)
-    return pitch, letters, left, right, 0.088 * letters
-
-
-def _compact(n: int, width: float) -> tuple[float, ...]:
-    letters, pitch = 6.0, 0.3
-    for _ in range(30):
-        left, right = 0.085 * letters, max(0.06, TITLE * letters - pitch)
-        pitch = max(LEAST / 72, (width - left - right) / n)
-        letters = min(6.5, 72 * pitch / UPRIGHT)
-    return pitch, letters, left, right, 0.17 * letters
+        left, right = side * letters, max(edge, TITLE * letters - pitch)
+        pitch = min(max((width - left - right) / n, ends[0]), ends[1])
+        letters = min(most, 72 * pitch / across)
+    return pitch, letters, left, right, foot * letters
 
 
 def _beside(n: int, page: tuple[float, ...], across: float, deep: float) -> bool:
@@ -157,33 +152,29 @@ def _beside(n: int, page: tuple[float, ...], across: float, deep: float) -> bool
 Handles = list[Line2D | Patch]
 
 
-def handles(
-    *, sides: Collection[int], prior: bool, mode: bool, joint: bool, differences: bool
-) -> tuple[Handles, Handles]:
-    """Lines, then shades and notes.
-
-    `sides`: where nominal values are; `joint`: of more than one unknown; `differences`: some axes
-    count from an origin.
-    """
+def _handles(columns: Sequence[Column]) -> tuple[Handles, Handles]:
+    """Lines, then shades and notes."""
     credible = f"{100 * HDI_PROBABILITY:.0f} %"
     lines: Handles = [
         Line2D([], [], color=style.BLACK, linewidth=0.8, label="posterior"),
         Patch(color=style.FAINT, label=f"narrowest {credible} interval"),
     ]
-    if prior:
+    if any(column.prior is not None for column in columns):
         lines.append(Line2D([], [], label="prior", **style.PRIOR_LINE))
-    lines += style.nominal_handles(sides)
-    if mode:
+    lines += style.nominal_handles(
+        {column.scale.side(column.nominal) for column in columns if column.nominal is not None}
+    )
+    if any(column.mode is not None for column in columns):
         both = {**style.CROSS, "linestyle": style.MAP_LINE["linestyle"]}
         lines.append(Line2D([], [], label="MAP", **both))
     shades: Handles = []
     notes = [f"titles: median and {credible} interval, as on the axes"]
-    if joint:
+    if len(columns) > 1:
         for grey, level, sds in zip((INNER, OUTER), LEVELS, (1, 2), strict=True):
             text = rf"{100 * level:.1f} % of the draws (${sds}\sigma$ in two dimensions)"
             shades.append(Patch(facecolor=grey, edgecolor="black", linewidth=0.7, label=text))
         notes.append("no contour where the density is flat")
-    if differences:
+    if any(column.scale.origin for column in columns):
         notes.append(r"$\delta$: the difference that the axis shows")
     return lines, shades + [Line2D([], [], linestyle="none", label=note) for note in notes]
 
@@ -192,20 +183,18 @@ def legend(figure: Figure, first: Handles, second: Handles, page: CornerPage) ->
     """In the empty upper right or beside a single panel; where there is no room, above."""
     width, height = page.width, page.height
     edge = 0.5 * min(page.right, 0.2) / width
-    shared: dict[str, Any] = {
+    look: dict[str, Any] = {
         "fontsize": page.legend_letters,
         "borderaxespad": 0.0,
         "handlelength": 2.2,
     }
     high = 1 - 0.07 / height
+    groups: list[tuple[Any, float, Handles]] = [("upper right", 1 - edge, [*first, *second])]
     if page.above:
-        spread = {**shared, "labelspacing": 0.35}
-        at = (0.05 / width, high), (1.0, high)
-        figure.legend(handles=first, loc="upper left", bbox_to_anchor=at[0], **spread)
-        figure.legend(handles=second, loc="upper right", bbox_to_anchor=at[1], **spread)
-        return
-    at_corner = (1 - edge, high)
-    figure.legend(handles=[*first, *second], loc="upper right", bbox_to_anchor=at_corner, **shared)
+        look["labelspacing"] = 0.35
+        groups = [("upper left", 0.05 / width, first), ("upper right", 1.0, second)]
+    for place, x, group in groups:
+        figure.legend(handles=group, loc=place, bbox_to_anchor=(x, high), **look)
 
 
 POINTS = 2000  # drawn in a panel; contours and histograms count all draws
@@ -247,7 +236,7 @@ def corner_figure(
         for x, symbol in zip(draws.T, symbols, strict=True)
     ]
     with style.styled(width):
-        first, second = _explained(columns)
+        first, second = _handles(columns)
         page = CornerPage.of(len(columns), width, len(first) + len(second))
         size = (page.width, page.height)
         figure, panels = corner_panels(page.n, size, page.left, page.bottom, page.inside)
@@ -393,31 +382,14 @@ def _numbers(axis: Axis, column: Column, page: CornerPage, *, outer: bool) -> No
 
 def _upright(panels: NDArray[np.object_], columns: Sequence[Column], page: CornerPage) -> None:
     """Where panels are too small for ticks: the ends of each axis under its label."""
+    look: dict[str, Any] = {"fontsize": page.letters, "labelpad": 2}
     for k, column in enumerate(columns):
-        ends = [scales.short_number(float(end)) for end in column.scale.shown_ends]
-        text = f"{column.scale.label(column.symbol)}\n{ends[0]} to {ends[1]}"
-        panels[-1, k].set_xlabel(
-            text, fontsize=page.letters, rotation=90, va="top", linespacing=1.0, labelpad=2
-        )
+        low, high = (scales.short_number(float(end)) for end in column.scale.shown_ends)
+        text = f"{column.scale.label(column.symbol)}\n{low} to {high}"
+        panels[-1, k].set_xlabel(text, rotation=90, va="top", linespacing=1.0, **look)
         if k:
-            panels[k, 0].set_ylabel(
-                f"${column.symbol.latex}$",
-                fontsize=page.letters,
-                rotation=0,
-                ha="right",
-                va="center",
-                labelpad=2,
-            )
-
-
-def _explained(columns: Sequence[Column]) -> tuple[Handles, Handles]:
-    return handles(
-        sides={c.scale.side(c.nominal) for c in columns if c.nominal is not None},
-        prior=any(column.prior is not None for column in columns),
-        mode=any(column.mode is not None for column in columns),
-        joint=len(columns) > 1,
-        differences=any(column.scale.origin for column in columns),
-    )
+            name = f"${column.symbol.latex}$"
+            panels[k, 0].set_ylabel(name, rotation=0, ha="right", va="center", **look)
 
 
 CORNER = (

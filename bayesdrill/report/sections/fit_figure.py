@@ -143,22 +143,13 @@ def fit_figure(fit: Fit, width: float = scales.DOUBLE) -> Figure:
         for panel, course in zip(page.courses, fit.courses, strict=True):
             _course(panel, course, time, t)
         for signal, (left, right) in zip(fit.signals, page.rows, strict=True):
-            drawn = extremes(signal.model, LINE_POINTS)
-            band = _band(signal, drawn)
-            _signals(left, signal, time, t, drawn, band)
+            _signals(left, signal, time, t)
             _residuals(right, signal, time, t)
         for panel, rub in zip(page.rubs, fit.rubs, strict=True):
             _rub(panel, rub, time, t)
         _times(page, time, fit.time)
         _legends(page, fit, beside=width >= scales.DOUBLE)
     return page.figure
-
-
-def _band(signal: Signal, drawn: Indices) -> Array:
-    """Of what draws predict; where there are none, of the noise about the model."""
-    if signal.predictive is None:
-        return signal.model[drawn] + SIGMAS * signal.sigma * np.array([[-1.0], [1.0]])
-    return np.asarray(np.quantile(signal.predictive[:, drawn], TAILS, axis=0))
 
 
 def _times(page: FitPage, time: scales.Scale, label: Symbol) -> None:
@@ -236,11 +227,14 @@ def _rub(panel: Axes, rub: Rub, time: scales.Scale, t: Array) -> None:
     panel.plot(time(t[drawn]), scale(rub.effort[drawn]), drawstyle="steps-post", zorder=2, **MODEL)
 
 
-def _signals(
-    panel: Axes, signal: Signal, time: scales.Scale, t: Array, drawn: Indices, band: Array
-) -> None:
-    """`band` `(2, len(drawn))` around the model."""
+def _signals(panel: Axes, signal: Signal, time: scales.Scale, t: Array) -> None:
+    """With a band of what draws predict; where there are none, of the noise about the model."""
     y, model = signal.y, signal.model
+    drawn = extremes(model, LINE_POINTS)
+    if signal.predictive is None:
+        band = model[drawn] + SIGMAS * signal.sigma * np.array([[-1.0], [1.0]])
+    else:
+        band = np.asarray(np.quantile(signal.predictive[:, drawn], TAILS, axis=0))
     low = min(float(np.nanmin(y)), float(model.min()), float(band.min()))
     high = max(float(np.nanmax(y)), float(model.max()), float(band.max()))
     scale = _numbers(panel, signal.label, low, high)
@@ -264,17 +258,10 @@ def _residuals(panel: Axes, signal: Signal, time: scales.Scale, t: Array) -> Non
     panel.plot(time(t[dots]), scale(rest[dots]), **(DOT | _size(len(dots))))
     panel.axhline(float(scale(0.0)), zorder=2, **MODEL)
     if not math.isnan(signal.share):
-        panel.annotate(
-            f"unexplained: {fit_words.percent(signal.share)}",
-            (1.0, 0.5),
-            (4, 0),
-            xycoords="axes fraction",
-            textcoords="offset points",
-            rotation=90,
-            ha="left",
-            va="center",
-            size=style.letters("legend.fontsize"),
-        )
+        share = f"unexplained: {fit_words.percent(signal.share)}"
+        look: dict[str, Any] = {"xycoords": "axes fraction", "textcoords": "offset points"}
+        look |= {"rotation": 90, "ha": "left", "va": "center"}
+        panel.annotate(share, (1.0, 0.5), (4, 0), size=style.letters("legend.fontsize"), **look)
 
 
 def _numbers(

@@ -222,29 +222,23 @@ def profiles(found: Sequence[Profile], study: Study, shown: Sequence[Symbol]) ->
 
 
 def _remedy(study: Study, remedy: Remedy, n_symmetries: int) -> tuple[str, ...]:
-    if not n_symmetries:
-        effect = ""
-    elif not remedy.breaks:
+    left = remedy.left - study.structure.unexplained
+    effect = "no symmetry is left" if left <= 0 else f"{left} of {n_symmetries} left"
+    if not remedy.breaks:
         effect = "breaks no symmetry"
-    else:
-        left = remedy.left - study.structure.unexplained
-        effect = "no symmetry is left" if left <= 0 else f"{left} of {n_symmetries} left"
-    return (f"  {remedy.what}", f"{remedy.shrink:.1f} x", effect)
+    return (f"  {remedy.what}", f"{remedy.shrink:.1f} x", effect if n_symmetries else "")
 
 
 def _row(study: Study, known: Known) -> tuple[str, ...]:
+    # Narrowed without a trace of its own: ratios are known, and the others have priors.
+    shared = math.isinf(known.bound) and known.word != "left to the prior"
     return (
         f"  {product(study.names, known.exponents)}",
         percent(known.sd),
         percent(known.prior_sd),
         "not at all" if math.isinf(known.bound) else percent(known.bound),
-        "through the priors of others" if _shared(known) else known.word,
+        "through the priors of others" if shared else known.word,
     )
-
-
-def _shared(known: Known) -> bool:
-    """Narrowed without a trace of its own: ratios are known, and the others have priors."""
-    return math.isinf(known.bound) and known.word != "left to the prior"
 
 
 def percent(sd_of_log: float) -> str:

@@ -9,7 +9,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from bayesdrill.analysis.identifiability.study import Study
-from bayesdrill.analysis.identifiability.torque_confounding import StandIn
 from bayesdrill.analysis.latent_torque import TAILS, Follows, Shaking
 from bayesdrill.analysis.run_analysis import TorqueSummary
 from bayesdrill.basics import symbols
@@ -215,37 +214,31 @@ def _what(found: TorqueSummary, one: Follows) -> str:
 
 def stand_ins(study: Study) -> str:
     """What a missing torque can stand in for, a line for each; empty where there is nothing."""
-    return "\n".join([*map(_scaled, study.scaled), *map(_stands_in, study.stand_ins)])
-
-
-def _scaled(names: tuple[str, ...]) -> str:
-    *others, size = names
-    every = listed(others)
-    return (
-        f"missing torque: {every} and {size} can be changed together and leave every measured signal as "
-        "it is: a stiffer spring with a larger torque cannot be told from a softer one with a smaller; "
-        f"hold one of {every}, or measure the torque"
-    )
-
-
-def _stands_in(one: StandIn) -> str:
+    lines = []
+    for *others, size in study.scaled:
+        every = listed(others)
+        lines.append(
+            f"missing torque: {every} and {size} can be changed together and leave every measured "
+            "signal as it is: a stiffer spring with a larger torque cannot be told from a softer one "
+            f"with a smaller; hold one of {every}, or measure the torque"
+        )
     do = {"hold": "holding", "measure": "a sensor of"}
-    ways = [f"{do[h.kind]} {h.name} (sd {h.shrink:.2g} times smaller)" for h in one.helps]
-    would = f"; what would tell: {', or '.join(ways)}" if ways else ""
-    return (
-        f"missing torque: {WHERE[one.at]} it can stand in for {one.name}: the sd of log {one.name} is "
-        f"{one.sd:.2g} with it, {one.alone:.2g} without it, {one.before:.2g} before the record{would}"
-    )
+    for one in study.stand_ins:
+        ways = [f"{do[h.kind]} {h.name} (sd {h.shrink:.2g} times smaller)" for h in one.helps]
+        would = f"; what would tell: {', or '.join(ways)}" if ways else ""
+        lines.append(
+            f"missing torque: {WHERE[one.at]} it can stand in for {one.name}: the sd of log {one.name} "
+            f"is {one.sd:.2g} with it, {one.alone:.2g} without it, {one.before:.2g} before the "
+            f"record{would}"
+        )
+    return "\n".join(lines)
 
 
 def torque_table(found: TorqueSummary) -> Table:
-    lines = [
-        (
-            one.channel,
-            *(f"{100 * x / one.spread:.3g} %" for x in (one.without, one.left, one.moved)),
-        )
-        for one in found.courses
-    ]
+    lines = []
+    for one in found.courses:
+        sizes = (one.without, one.left, one.moved)
+        lines.append((one.channel, *(f"{100 * x / one.spread:.3g} %" for x in sizes)))
     return Table(HEADS, tuple(lines), frozenset(HEADS[:1]))
 
 

@@ -10,7 +10,6 @@ from bayesdrill.analysis.identifiability.structure import Resting
 from bayesdrill.analysis.plausibility import Vague
 from bayesdrill.analysis.verdict import FALSE_ALARM, Quantity, Verdict
 from bayesdrill.basics.symbols import Symbol, unit_product
-from bayesdrill.inference.derived import HDI_PROBABILITY
 from bayesdrill.inference.step_error import ENOUGH, FINER, StepError
 from bayesdrill.report import section
 from bayesdrill.report.section import Table
@@ -320,7 +319,7 @@ def verdict_table(found: Verdict) -> Table:
             "tol. %": f"{low:+.3g} to {high:+.3g}" if high > low else "",
             "mean": f"{quantity.mean:.4g}",
             "sd": f"{quantity.sd:.2g}",
-            f"{100 * HDI_PROBABILITY:.0f} % HDI": f"{quantity.hdi_low:.4g} to {quantity.hdi_high:.4g}",
+            section.HDI: f"{quantity.hdi_low:.4g} to {quantity.hdi_high:.4g}",
             "dev. %": f"{100 * quantity.deviation:+.3g}",
             "tension": _sigmas(quantity.tension).removesuffix(" sigma"),
             "beyond tol.": "" if quantity.beyond is None else f"{100 * quantity.beyond:.1f} %",
