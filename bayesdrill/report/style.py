@@ -84,6 +84,8 @@ MAP_LINE: Mapping[str, Any] = MappingProxyType(
     {"color": MAP_COLOUR, "linestyle": (0, (1, 1.5)), "linewidth": 1.0}
 )
 
+BLACK_LINE: Mapping[str, Any] = MappingProxyType({"color": BLACK, "linewidth": 0.9})
+BAND: Mapping[str, Any] = MappingProxyType({"color": LIGHT, "linewidth": 0})
 CROSS: Mapping[str, Any] = MappingProxyType(
     {
         "color": MAP_COLOUR,

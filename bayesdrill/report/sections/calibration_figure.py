@@ -25,8 +25,6 @@ PAGE = Page(
 )
 FIT = r"\log L"
 
-INSIDE: dict[str, Any] = {"color": style.BLACK, "linewidth": 0.9}
-BAND: dict[str, Any] = {"facecolor": style.LIGHT, "linewidth": 0}
 MARKERS = ("o", "s", "^")  # of the levels
 
 
@@ -82,8 +80,8 @@ def _difference(panel: Axes, label: str, quantity: Quantity, verdict: Verdict, m
     shares = np.concatenate([[0.0], band.shares, [1.0]])
     counts = np.stack([band.low, band.high, band.counts(quantity.ranks)])
     low, high, found = np.pad(counts / n - band.shares, ((0, 0), (1, 1)))
-    difference_panel(panel, shares, (low, high), most, 3, BAND)
-    panel.plot(shares, found, zorder=3, **(INSIDE if quantity.holds else style.OUTSIDE))
+    difference_panel(panel, shares, (low, high), most, 3, style.BAND)
+    panel.plot(shares, found, zorder=3, **(style.BLACK_LINE if quantity.holds else style.OUTSIDE))
     style.corner_text(panel, f"${label}$")
     if not quantity.holds:
         word = (quantity.shape or "leaves the band").removeprefix("posterior ")
@@ -112,7 +110,7 @@ def _coverage(panel: Axes, verdict: Verdict, labels: Sequence[str]) -> None:
         for k, interval in enumerate(quantity.intervals):
             x = column + 1.1 * width * (k - 1)
             low, high = 100 * interval.low / n, 100 * interval.high / n
-            panel.bar(x, high - low, width, bottom=low, zorder=1, **BAND)
+            panel.bar(x, high - low, width, bottom=low, zorder=1, **style.BAND)
             panel.plot(
                 [x],
                 [100 * interval.inside / n],
@@ -130,9 +128,9 @@ def _coverage(panel: Axes, verdict: Verdict, labels: Sequence[str]) -> None:
 
 def _handles(verdict: Verdict) -> list[Any]:
     every = verdict.quantities
-    handles: list[Any] = [Patch(label="what chance allows", **BAND)]
+    handles: list[Any] = [Patch(label="what chance allows", **style.BAND)]
     if any(q.holds for q in every):
-        handles.append(Line2D([], [], label="ranks of the truth", **INSIDE))
+        handles.append(Line2D([], [], label="ranks of the truth", **style.BLACK_LINE))
     if not all(q.holds for q in every):
         handles.append(Line2D([], [], label="ranks that leave the band", **style.OUTSIDE))
     intervals = next(q.intervals for q in every if q.intervals)

@@ -130,6 +130,7 @@ def overlay_corner_figure(layers: Sequence[Layer], rows: Sequence[Row], own: Own
 def _column(si: Row, layers: Sequence[Layer], own: OwnUnits) -> _Column:
     row, factor, log = overlay_shown(si, own), own.factor(si.symbol.name), in_logs(si, layers)
     every = [None if x is None else x / factor for x in (layer.of(si.symbol) for layer in layers)]
+    priors = [layer.problem.posterior.space.priors.get(si.symbol.name) for layer in layers]
     tails = [0.5 - CENTRAL / 2, 0.5 + CENTRAL / 2]
     found = np.array([np.quantile(x, tails) for x in every if x is not None])
     low, high = float(found[:, 0].min()), float(found[:, 1].max())
@@ -139,17 +140,13 @@ def _column(si: Row, layers: Sequence[Layer], own: OwnUnits) -> _Column:
         row=row,
         scale=scale,
         draws=tuple(None if x is None else scale(x) for x in every),
-        ends=tuple(_ends(layer, si, own, scale) for layer in layers),
+        ends=tuple(
+            (-math.inf, math.inf)
+            if prior is None
+            else (float(scale(prior.low / factor)), float(scale(prior.high / factor)))
+            for prior in priors
+        ),
     )
-
-
-def _ends(layer: Layer, si: Row, own: OwnUnits, scale: scales.Scale) -> tuple[float, float]:
-    """Of the prior, on the axis."""
-    prior = layer.problem.posterior.space.priors.get(si.symbol.name)
-    if prior is None:
-        return -math.inf, math.inf
-    low, high = scale(np.array([prior.low, prior.high]) / own.factor(si.symbol.name))
-    return float(low), float(high)
 
 
 def _corner_page(n: int, lines: int) -> tuple[Figure, NDArray[np.object_]]:
@@ -327,7 +324,10 @@ def comparison_figure(models: Sequence[Contender], rows: Sequence[Row], own: Own
     """The most probable on top and black; `rows` of unknowns in SI."""
     order = sorted(range(len(models)), key=lambda k: -models[k].log_z)
     layers = [one.layer for one in models]
-    shared = [_scaled(row, layers, own) for row in _common(rows, len(models))]
+    # Unknowns that two models share, and of many models half of them; the table has all.
+    least = max(2, len(models) / 2) if len(models) > FEW else 2
+    common = [row for row in rows if sum(p is not None and p.sd > 0 for p in row.places) >= least]
+    shared = [_scaled(row, layers, own) for row in common[:MOST_UNKNOWNS]]
     names = [_name(models[k]) for k in order]
     left = float(np.clip(0.14 + LETTER * max(map(len, names)), LEAST_LEFT, MOST_LEFT))
     channels = list(dict.fromkeys(one.name for model in models for one in model.left))
@@ -355,14 +355,6 @@ def comparison_figure(models: Sequence[Contender], rows: Sequence[Row], own: Own
         height = 1.0 - (page.top - 0.24) / figure.get_figheight()
         figure.text(0.5, height, READ, ha="center", va="center", fontsize=8.0, color=style.DARK)
     return figure
-
-
-def _common(rows: Sequence[Row], n_models: int) -> list[Row]:
-    """Those that two models share, and of many models half of them; the table has all."""
-    least = max(2, n_models / 2) if n_models > FEW else 2
-    return [row for row in rows if sum(p is not None and p.sd > 0 for p in row.places) >= least][
-        :MOST_UNKNOWNS
-    ]
 
 
 def _name(one: Contender) -> str:

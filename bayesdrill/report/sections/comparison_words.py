@@ -346,18 +346,15 @@ def comparison_csv(models: Sequence[Contender], rows: Sequence[Row]) -> str:
     heads += [f"{what}_{name}" for name in channels for what in ("rms", "correlation")]
     heads += [f"{row.symbol.name}_{what}" for row in rows for what in ("mean", "sd")]
     lines: list[Sequence[object]] = [heads]
-    top, share = max(one.log_z for one in models), probabilities(models)
+    top, share, none = max(one.log_z for one in models), probabilities(models), (None, None)
     for k, one in enumerate(models):
-        own = {each.name: each for each in one.left}
+        own = {each.name: (each.rms, each.correlation) for each in one.left}
+        held, places = one.held_out, [row.places[k] for row in rows]
         said = [one.name, len(one.layer.problem.symbols), "yes" if one.converged else "no"]
         said += [one.log_z, one.evidence.error, one.log_z - top, share[k]]
-        held = one.held_out
-        said += ["", ""] if held is None else [held.score, held.samples]
-        said += ["", one.loo] if isinstance(one.loo, str) else [one.loo.elpd, ""]
-        for name in channels:
-            said += [own[name].rms, own[name].correlation] if name in own else ["", ""]
-        for row in rows:
-            place = row.places[k]
-            said += ["", ""] if place is None else [place.mean, place.sd]
+        said += none if held is None else (held.score, held.samples)
+        said += (None, one.loo) if isinstance(one.loo, str) else (one.loo.elpd, None)
+        said += [x for name in channels for x in own.get(name, none)]
+        said += [x for p in places for x in (none if p is None else (p.mean, p.sd))]
         lines.append(said)
     return lines_as_csv(lines)

@@ -133,7 +133,6 @@ SMALL = dataclasses.replace(
 BINS = 60
 FOOT = 0.2  # of a panel: for the speeds of the record
 HEAD = 1.12  # of the largest effort
-BAND: dict[str, Any] = {"color": style.LIGHT, "linewidth": 0}
 BEST: dict[str, Any] = {"color": style.BLACK, "linewidth": 1.0}
 SEEN: dict[str, Any] = {"color": style.MIDDLE}
 
@@ -158,7 +157,9 @@ def _law(panel: Axes, law: Law) -> None:
     room = FOOT / (1.0 - FOOT) * (y.high - y.low)
     if law.band is not None:
         for side in (law.speeds <= 0, law.speeds >= 0):
-            panel.fill_between(x(law.speeds[side]), *y(_at_rest(law.band, side)), zorder=1, **BAND)
+            panel.fill_between(
+                x(law.speeds[side]), *y(_at_rest(law.band, side)), zorder=1, **style.BAND
+            )
     if law.nominal is not None:
         panel.plot(x(law.speeds), y(law.nominal), zorder=2, **style.NOMINAL)
     panel.plot(x(law.speeds), y(law.best), zorder=3, **BEST)
@@ -185,7 +186,7 @@ def _at_rest(band: Array, side: NDArray[np.bool_]) -> Array:
 def _friction_legend(figure: Figure, laws: Sequence[Law], broad: bool) -> None:
     handles: list[Line2D | Patch] = [Line2D([], [], label="MAP", **BEST)]
     if any(law.band is not None for law in laws):
-        handles.append(Patch(label=f"{100 * HDI_PROBABILITY:.0f} % posterior", **BAND))
+        handles.append(Patch(label=f"{100 * HDI_PROBABILITY:.0f} % posterior", **style.BAND))
     if any(law.nominal is not None for law in laws):
         handles.append(Line2D([], [], label="nominal values", **style.NOMINAL))
     handles.append(Patch(label="speeds of the record", **SEEN))
@@ -198,7 +199,6 @@ TORQUE_PAGE = Page(columns=2, row=1.5, left=0.84, right=0.1, gap_x=0.3, gap_y=0.
 TORQUE_PAGE = dataclasses.replace(TORQUE_PAGE, top=FIRST_TOP + FIRST_ROW + TORQUE_PAGE.gap_y)
 TORQUE_SMALL = dataclasses.replace(TORQUE_PAGE, columns=1, width=scales.SINGLE, row=1.1, left=0.7)
 TORQUE_POINTS = 1200  # of a line over time, and dots of a panel
-MEAN: dict[str, Any] = {"color": style.BLACK, "linewidth": 0.9}
 
 
 def torque_figure(found: Shown, width: float = scales.DOUBLE) -> Figure:
@@ -213,8 +213,8 @@ def torque_figure(found: Shown, width: float = scales.DOUBLE) -> Figure:
         for k, (panel, one) in enumerate(zip(panels, found.against, strict=True)):
             _against(panel, one, found, y, labelled=k % page.columns == 0)
         handles = [
-            Line2D([], [], label="mean", **MEAN),
-            Patch(label=f"{100 * HDI_PROBABILITY:.0f} % posterior", **BAND),
+            Line2D([], [], label="mean", **style.BLACK_LINE),
+            Patch(label=f"{100 * HDI_PROBABILITY:.0f} % posterior", **style.BAND),
             Line2D([], [], label="samples", **{**style.DOTS, "markersize": 3, "rasterized": False}),
         ]
         legend_above(figure, handles, 3, columnspacing=2.0, handlelength=2.0)
@@ -225,8 +225,8 @@ def _over_time(panel: Axes, found: Shown, y: scales.Scale) -> None:
     x = scales.scale(float(found.t[0]), float(found.t[-1]))
     some = style.thin(len(found.t), TORQUE_POINTS)
     t = x(found.t[some])
-    panel.fill_between(t, *y(found.band[:, some]), **BAND)
-    panel.plot(t, y(found.expected[some]), **MEAN)
+    panel.fill_between(t, *y(found.band[:, some]), **style.BAND)
+    panel.plot(t, y(found.expected[some]), **style.BLACK_LINE)
     _finish(panel, x, y)
     panel.set_xlabel(f"{found.time.meaning}, {x.label(found.time)}", labelpad=2)
     style.side_label(panel, y.label(found.torque, "\n"))
@@ -236,8 +236,8 @@ def _against(panel: Axes, one: Against, found: Shown, y: scales.Scale, *, labell
     x = scales.scale(float(one.values.min()), float(one.values.max()), margin=0.02)
     some = style.thin(len(one.values), TORQUE_POINTS)
     panel.plot(x(one.values[some]), y(found.expected[some]), **style.DOTS)
-    panel.fill_between(x(one.centres), *y(one.band), zorder=1, **BAND)
-    panel.plot(x(one.centres), y(one.means), zorder=3, **MEAN)
+    panel.fill_between(x(one.centres), *y(one.band), zorder=1, **style.BAND)
+    panel.plot(x(one.centres), y(one.means), zorder=3, **style.BLACK_LINE)
     _finish(panel, x, y)
     panel.set_xlabel(f"{one.label.meaning}, {x.label(one.label)}", labelpad=2)
     if labelled:

@@ -209,13 +209,12 @@ def verdict_rule(found: Verdict) -> str:
 def verdict_sentence(found: Verdict, table: str, records: int = 1) -> str:
     judged = [q for q in found.products if q.says != "not determined"]
     n, k = len(found.products), len(judged)
-    several = records > 1
-    such = "such records" if several else "such a record"
+    determines, such, says = "this record determines", "such a record", "it says"
+    if records > 1:
+        determines, such, says = "these records determine", "such records", "they say"
     can = f"the {n} independent products of parameters that {such} can show"
-    determines = "these records determine" if several else "this record determines"
     if not judged:
-        nothing = "they say" if several else "it says"
-        return f"verdict: {determines} none of {can}; {nothing} nothing of {table}"
+        return f"verdict: {determines} none of {can}; {says} nothing of {table}"
     far = found.far
     joint = found.joint
     together = "" if joint is None else f"; taken together they are {_sigmas(joint)} from {table}"
