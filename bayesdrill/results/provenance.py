@@ -156,7 +156,7 @@ def resolved(case: ResolvedCase, folder: Path) -> str:
             sections = {key: own[key] for key in experiments.SECTIONS}
             held = {"held_out": True} if config.experiments[one.label].held_out else {}
             data["experiments"][one.label] = sections | held
-        _without_foreign(sections, one.config, case.model)
+        _remove_defaults(sections, one.config, case.model)
         sources.rebase(sections, case.source.path.parent, folder)
     # Of several, those of the first are no defaults of the others.
     for key in experiments.SECTIONS if config.experiments else (experiments.EXPERIMENTS, *WHOSE):
@@ -166,12 +166,17 @@ def resolved(case: ResolvedCase, folder: Path) -> str:
     return f"{opening}{made_by}{as_yaml(data)}"
 
 
-def _without_foreign(sections: dict[str, Any], config: Config, rig: Model) -> None:
-    """Defaults of inputs that the rig has not: as entries they would be refused."""
-    inputs = sections["inputs"]
-    for name in [*inputs]:
-        if name in INPUTS and name not in {*rig.inputs, *config.inputs.model_fields_set}:
-            del inputs[name]
+def _remove_defaults(sections: dict[str, Any], config: Config, rig: Model) -> None:
+    """Those that would mean something else as entries: inputs that the rig has not are refused, and so
+    are states of a steady start; of a free one they would be held.
+    """
+    removed = {"inputs": {*INPUTS} - {*rig.inputs} - config.inputs.model_fields_set}
+    if config.initial.state != "given":
+        states = {*sections["initial"]} - {"state", "time"}
+        removed["initial"] = states - config.initial.model_fields_set
+    for section, names in removed.items():
+        for name in names & {*sections[section]}:
+            del sections[section][name]
 
 
 def _short(text: str) -> str:

@@ -146,7 +146,7 @@ def ridge_figure(
 ) -> Figure:
     """Of draws `(N, D)` in the units of the symbols; the exact line passes through the MAP."""
     factor, kept = np.geomspace(1 / REACH, REACH, CORNERS), style.thin(len(draws), POINTS)
-    box, line, dots, cross = [], [], [], []
+    box, line, dots, cross, marks = [], [], [], [], []
     with style.styled():
         figure, (panel,) = RIDGE_PAGE.build(1)
         marked = all(symbols[k].name in nominal for k in pair.columns)
@@ -156,18 +156,19 @@ def ridge_figure(
             symbol, x = symbols[column], draws[:, column]
             ends = _ends(priors[symbol.name], x)
             scale = scales.scale(*ends, log=flat_in_logs(priors[symbol.name]), margin=0.12)
-            best, upright = mode[symbol.name], axis is panel.yaxis
+            best = mode[symbol.name]
             box.append(scale(np.array(ends)))
             line.append(scale(best * factor**power))
             dots.append(scale(x[kept]))
             cross.append([float(scale(best))])
-            known = nominal[symbol.name] if marked else None
-            style.mark_values(panel, scale, known, vertical=upright, arrow=False, zorder=4)
+            marks.append((scale, nominal[symbol.name] if marked else None))
             style.scale_axis(axis, scale, symbol, " ")
         (x0, x1), (y0, y1) = box
         panel.add_patch(Rectangle((x0, y0), x1 - x0, y1 - y0, fill=False, zorder=1, **BOX))
         panel.plot(*line, zorder=2, **BAND)
         panel.plot(*dots, **DOTS)
+        for (scale, known), vertical in zip(marks, (False, True), strict=True):
+            style.mark_values(panel, scale, known, vertical=vertical, arrow=False, zorder=4)
         panel.plot(*cross, zorder=5, **style.CROSS)
         _ridge_legend(figure, marked=marked)
     return figure
