@@ -232,16 +232,6 @@ class Scale:
         stretch = x * math.log(10.0) if self.log else 10.0**self.power
         return np.asarray(np.exp(prior.logpdf(x)) * stretch)
 
-    def share(self, u: Array) -> Array:
-        """0 at the low end of the axis, 1 at the high end, for numbers `u` on it."""
-        return np.asarray((u - self.low) / (self.high - self.low), dtype=np.float64)
-
-    @property
-    def shown_ends(self) -> tuple[float, float]:
-        """As texts of the axis would call its ends."""
-        low, high = (float(self.number(self.value(u))) for u in (self.low, self.high))
-        return low, high
-
     def side(self, x: float | None) -> int:
         """-1, 0 or 1: the value x is below, on or above the axis; 0 when there is none."""
         if x is None:

@@ -238,7 +238,7 @@ def _cycle(sheet: Axes, places: Sequence[Point], pairs: Sequence[Pair]) -> None:
     """
     half, tall = WIDE / 2, BOX / 2
     passed = [_math(*(name for name in one if name in other)) for one, other in pairwise(pairs)]
-    for (x, y), (u, v), words in zip(places, places[1:], [*passed, ""], strict=True):
+    for ((x, y), (u, v)), words in zip(pairwise(places), [*passed, ""], strict=True):
         if y == v:
             way = half if u > x else -half
             _arrow(sheet, (x + way, y), (u - way, y))

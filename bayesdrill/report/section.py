@@ -300,14 +300,10 @@ class ModeRow:
 
 def mode_rows(problem: Problem, mode: Mode) -> tuple[ModeRow, ...]:
     """SI."""
+    nominal, best = problem.nominal, mode.values
     return tuple(
-        ModeRow(
-            name=symbol.name,
-            unit=symbol.unit,
-            nominal=problem.nominal.get(symbol.name),
-            map=mode.values[symbol.name],
-        )
-        for symbol in problem.symbols
+        ModeRow(name=s.name, unit=s.unit, nominal=nominal.get(s.name), map=best[s.name])
+        for s in problem.symbols
     )
 
 
@@ -315,12 +311,10 @@ def of_mode(rows: Sequence[ModeRow]) -> Table:
     """The MAP beside the nominal values."""
     heads, lines = ("", "unit", "nominal", "MAP", "dev. %"), []
     for row in rows:
-        shown = (
-            ("", "")
-            if row.nominal is None
-            else (f"{row.nominal:.4g}", f"{100 * (row.map / row.nominal - 1):+.2f}")
-        )
-        lines.append((row.name, plain(row.unit), shown[0], f"{row.map:.6g}", shown[1]))
+        nominal = off = ""
+        if row.nominal is not None:
+            nominal, off = f"{row.nominal:.4g}", f"{100 * (row.map / row.nominal - 1):+.2f}"
+        lines.append((row.name, plain(row.unit), nominal, f"{row.map:.6g}", off))
     return Table(heads, tuple(lines), frozenset(heads[:2])).filled()
 
 

@@ -171,17 +171,17 @@ def _what_differs(layers: Sequence[Layer], differs: dict[str, tuple[str | None, 
     spaces = [layer.problem.posterior.space for layer in layers]
     unknown = {name for s in spaces for name in (*s.free, *s.fixed, *s.relations)}
     believed = [name for name in differs if name in unknown]
-    others = dict.fromkeys(_kind(name) for name in differs if name not in unknown)
+    # All channels, and the noise of all of them, in one word.
+    kinds = {"the channel ": "the channels", "the noise of ": "the noise"}
+    others = dict.fromkeys(
+        next((kind for start, kind in kinds.items() if name.startswith(start)), name)
+        for name in differs
+        if name not in unknown
+    )
     listed = [*([f"what is believed of {', '.join(believed)}"] if believed else []), *others]
     if not listed:
         return "record, noise, priors and seed are the same"
     return f"not the same: {'; '.join(listed)}"
-
-
-def _kind(setting: str) -> str:
-    """All channels, and the noise of all of them, in one word."""
-    kinds = {"the channel ": "the channels", "the noise of ": "the noise"}
-    return next((kind for start, kind in kinds.items() if setting.startswith(start)), setting)
 
 
 def overlay_settings(

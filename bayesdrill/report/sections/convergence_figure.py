@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Collection, Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -29,10 +30,9 @@ QUANTILES = (0.05, 0.5, 0.95)  # of the walkers
 EXCURSION = 1.0  # how far burn-in may stretch an axis, in widths of what comes after it
 REACH = 0.5  # and how far the nominal value may
 
-# Inches, of two columns and of one.
-ROW, LEFT, RIGHT, BOTTOM, GAP_X, GAP_Y = 1.25, 0.84, 0.12, 0.42, 0.9, 0.12
-SMALL_ROW, SMALL_LEFT, SMALL_GAP_X = 0.82, 0.68, 0.72
-LEGEND_LINE, LEGEND_MARGIN = 0.165, 0.16
+TRACE_PAGE = Page(row=1.25, left=0.84, gap_x=0.9)
+TRACE_SMALL = replace(TRACE_PAGE, row=0.82, left=0.68, gap_x=0.72)
+LEGEND_LINE, LEGEND_MARGIN = 0.165, 0.16  # inches
 
 # Of the ensembles: greys, widths and dashes, each apart from the next in print.
 LOOKS: tuple[tuple[str, float, Any], ...] = (
@@ -115,26 +115,16 @@ def _scale(
     return scales.scale(*ends, log=log, margin=0.06)
 
 
-def _columns(n: int, width: float) -> int:
-    if width < scales.DOUBLE:
-        return 1 if n <= 2 else 2
-    return 1 if n == 1 else 2 if n in (2, 4) else 3
-
-
 def _page(n: int, n_handles: int, width: float) -> tuple[Figure, list[Axes]]:
     """Panels in rows, steps at the foot of each column, room for the legend above."""
-    columns, small = _columns(n, width), width < scales.DOUBLE
+    small = width < scales.DOUBLE
+    columns = {1: 1, 2: 1 if small else 2, 4: 2}.get(n, 2 if small else 3)
     line = LEGEND_LINE * (style.SMALL if small else 1.0)
-    page = Page(
+    page = replace(
+        TRACE_SMALL if small else TRACE_PAGE,
         columns=columns,
         width=width if n > 1 or small else 1.3 * scales.SINGLE,
-        row=SMALL_ROW if small else ROW,
-        left=SMALL_LEFT if small else LEFT,
-        right=RIGHT,
-        gap_x=SMALL_GAP_X if small else GAP_X,
-        gap_y=GAP_Y,
         top=LEGEND_MARGIN + line * math.ceil(n_handles / _legend_columns(n, width)),
-        bottom=BOTTOM,
     )
     figure, panels = page.build(n)
     for k, panel in enumerate(panels):

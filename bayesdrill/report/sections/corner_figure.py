@@ -307,7 +307,10 @@ def _points(
     for i, j in itertools.combinations(range(len(columns)), 2):
         panel = panels[j, i]
         panel.patch.set_visible(False)
-        inside = np.stack([columns[k].scale.share(columns[k].x[kept]) for k in (i, j)], axis=-1)
+        ends = ((columns[k].scale.low, columns[k].scale.high) for k in (i, j))
+        low, high = np.transpose([*ends])
+        inside = np.stack([columns[k].x[kept] for k in (i, j)], axis=-1)
+        inside = (inside - low) / (high - low)
         inside = inside[np.all((inside > 0) & (inside < 1), axis=-1)]
         box = panel.get_position()
         places.append(box.p0 + inside * box.size)
@@ -384,8 +387,10 @@ def _upright(panels: NDArray[np.object_], columns: Sequence[Column], page: Corne
     """Where panels are too small for ticks: the ends of each axis under its label."""
     look: dict[str, Any] = {"fontsize": page.letters, "labelpad": 2}
     for k, column in enumerate(columns):
-        low, high = (scales.short_number(float(end)) for end in column.scale.shown_ends)
-        text = f"{column.scale.label(column.symbol)}\n{low} to {high}"
+        scale = column.scale
+        ends = scale.number(scale.value(np.array([scale.low, scale.high])))
+        low, high = (scales.short_number(float(end)) for end in ends)
+        text = f"{scale.label(column.symbol)}\n{low} to {high}"
         panels[-1, k].set_xlabel(text, rotation=90, va="top", linespacing=1.0, **look)
         if k:
             name = f"${column.symbol.latex}$"

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 from bayesdrill.analysis.identifiability.profile import Profile
 from bayesdrill.analysis.identifiability.structure import Exponents
-from bayesdrill.analysis.identifiability.study import Known, Remedy, Study
+from bayesdrill.analysis.identifiability.study import Known, Study
 from bayesdrill.basics.symbols import Symbol, fraction
 from bayesdrill.report.section import aligned
 from bayesdrill.report.sections import physics_words, torque_words
@@ -167,7 +167,13 @@ def remedies(study: Study) -> str:
         "by this factor, on average):"
     ]
     n = len(study.structure.symmetries)
-    rows = [_remedy(study, remedy, n) for remedy in helpful[:MOST_REMEDIES]]
+    rows = []
+    for remedy in helpful[:MOST_REMEDIES]:
+        left = remedy.left - study.structure.unexplained
+        effect = "no symmetry is left" if left <= 0 else f"{left} of {n} left"
+        if not remedy.breaks:
+            effect = "breaks no symmetry"
+        rows.append((f"  {remedy.what}", f"{remedy.shrink:.1f} x", effect if n else ""))
     lines.append(aligned(rows, left={0, 2}))
     return "\n".join(lines)
 
@@ -219,14 +225,6 @@ def profiles(found: Sequence[Profile], study: Study, shown: Sequence[Symbol]) ->
             meant = THROUGH_OTHERS
         rows.append((p.name, named[p.name], best, low, high, f"{p.shape}: {meant}"))
     return "profile likelihood:\n" + aligned(rows, left={0, 1, 5})
-
-
-def _remedy(study: Study, remedy: Remedy, n_symmetries: int) -> tuple[str, ...]:
-    left = remedy.left - study.structure.unexplained
-    effect = "no symmetry is left" if left <= 0 else f"{left} of {n_symmetries} left"
-    if not remedy.breaks:
-        effect = "breaks no symmetry"
-    return (f"  {remedy.what}", f"{remedy.shrink:.1f} x", effect if n_symmetries else "")
 
 
 def _row(study: Study, known: Known) -> tuple[str, ...]:

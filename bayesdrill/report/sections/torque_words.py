@@ -102,7 +102,8 @@ def _binned(found: Shaking, label: Symbol, values: Array) -> Against:
     )
 
 
-WHERE = {"motor": "at the motor (on its own side of the gear)", "rotor_1": "at rotor 1"}
+AT = {"motor": "at the motor", "rotor_1": "at rotor 1"}
+WHERE = AT | {"motor": "at the motor (on its own side of the gear)"}
 HARMLESS = 0.5  # of the noise: how far a rig that rubs may stray from what is shown of it
 FULL = 0.95  # of the samples: no word of the rest
 WIDE = 3.0  # times either way: the prior that is proposed
@@ -172,11 +173,10 @@ def _line(found: TorqueSummary, one: Follows) -> str:
     still = f" where it turns, in {100 * turning:.0f} % of the samples," if turning < FULL else ""
     share = f"which{still} explains {100 * one.share:.0f} % of it by itself"
     said = f"missing torque: it follows {_what(found, one)}, {share}"
-    where = {"motor": "at the motor", "rotor_1": "at rotor 1"}[found.at]
     if one.kind == "sign" and against:
-        said += f": dry friction {where} of {size:.3g} N m (sd {sd})"
+        said += f": dry friction {AT[found.at]} of {size:.3g} N m (sd {sd})"
     elif one.kind == "speed" and against:
-        said += f": viscous damping {where} of {size:.3g} N m s/rad (sd {sd})"
+        said += f": viscous damping {AT[found.at]} of {size:.3g} N m s/rad (sd {sd})"
     else:
         said += f": {one.size:.3g} {UNITS[one.kind]} (sd {sd})"
     here = found.roles.at(found.at)  # what a config names in the place of the torque
