@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 
 from bayesdrill import output_files
 from bayesdrill.basics.arrays import Array
-from bayesdrill.report.scales import DOUBLE, DPI, SINGLE, Labelled, Scale
+from bayesdrill.report.scales import DOUBLE, DPI, SINGLE, Scale
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -149,16 +149,16 @@ def set_numbers(axis: Axis, scale: Scale, most: int, **room: float) -> None:
     axis.set_minor_formatter(NullFormatter())
 
 
-def scale_axis(axis: Axis, scale: Scale, what: Labelled, separator: str = "\n") -> None:
-    """Ends, numbers and label; `separator`: of name and unit beside a vertical axis."""
+def scale_axis(axis: Axis, scale: Scale, label: str, most: int = 4) -> None:
+    """Ends, at most so many numbers, and the label."""
     panel = axis.axes
     if axis.axis_name == "x":  # type: ignore[attr-defined]
         panel.set_xlim(scale.low, scale.high)
-        panel.set_xlabel(scale.label(what), labelpad=2)
+        panel.set_xlabel(label, labelpad=2)
     else:
         panel.set_ylim(scale.low, scale.high)
-        side_label(panel, scale.label(what, separator))
-    set_numbers(axis, scale, 4)
+        side_label(panel, label)
+    set_numbers(axis, scale, most)
 
 
 def set_ticks(axis: Axis, places: Array, texts: Sequence[str] | None) -> None:

@@ -282,7 +282,7 @@ def _intervals(
         panel.plot(ends, [y, y], zorder=2, color=look.color, **BAR)
         mark: dict[str, Any] = {"marker": look.marker, "color": look.color, "markersize": look.size}
         panel.plot([float(scale(place.mean))], [y], zorder=3, linestyle="none", **mark)
-    style.scale_axis(panel.xaxis, scale, row.symbol)
+    style.scale_axis(panel.xaxis, scale, scale.label(row.symbol))
 
 
 def _below_each_other(
@@ -340,10 +340,9 @@ def comparison_figure(models: Sequence[Contender], rows: Sequence[Row], own: Own
         figure, panels = page.build(SCORES + len(shared))
         ordered = [models[k] for k in order]
         _odds(panels[0], ordered)
-        _left(panels[1], ordered, channels, lambda one: one.rms, 1.0)
-        panels[1].set_xlabel("rms of residuals over noise", labelpad=2)
-        _left(panels[2], ordered, channels, lambda one: one.correlation, 0.0)
-        panels[2].set_xlabel("their correlation", labelpad=2)
+        rms = "rms of residuals over noise"
+        _left(panels[1], ordered, channels, lambda one: one.rms, 1.0, rms)
+        _left(panels[2], ordered, channels, lambda one: one.correlation, 0.0, "their correlation")
         looks = [Look(_colour(k), "-", "o", size=3.6) for k in range(len(order))]
         for panel, (row, scale) in zip(panels[SCORES:], shared, strict=True):
             _intervals(panel, row, scale, order, looks, arrow=False)
@@ -391,6 +390,7 @@ def _left(
     channels: Sequence[str],
     of: Callable[[Any], float],
     wanted: float,
+    label: str,
 ) -> None:
     """Of each channel a mark for each model; `wanted`: where noise alone would be."""
     log = wanted == 1.0
@@ -410,8 +410,7 @@ def _left(
             face = _colour(k) if one.like_noise else "white"
             x = float(scale(of(one)))
             panel.plot([x], [y], color=_colour(k), markerfacecolor=face, **look)
-    panel.set_xlim(scale.low, scale.high)
-    style.set_numbers(panel.xaxis, scale, 4)
+    style.scale_axis(panel.xaxis, scale, label)
 
 
 def _colour(k: int) -> str:

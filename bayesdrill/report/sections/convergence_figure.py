@@ -95,7 +95,7 @@ def trace_figure(
             value = mode.get(symbol.name)
             style.mark_values(panel, scales[d], known[d], value, vertical=True, zorder=3)
             _step_axis(panel, n_steps)
-            style.scale_axis(panel.yaxis, scales[d], symbol)
+            style.scale_axis(panel.yaxis, scales[d], scales[d].label(symbol, "\n"))
         most = _legend_columns(len(symbols), width)
         legend_above(figure, handles, most, columnspacing=2.0, handlelength=2.8)
     return figure

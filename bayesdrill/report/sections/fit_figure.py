@@ -269,9 +269,7 @@ def _numbers(
     panel: Axes, what: scales.Labelled, low: float, high: float, most: int = 4
 ) -> scales.Scale:
     scale = scales.scale(low, high, margin=0.06)
-    panel.set_ylim(scale.low, scale.high)
-    style.set_ticks(panel.yaxis, *scale.ticks(most))
-    style.side_label(panel, scale.label(what, "\n"))
+    style.scale_axis(panel.yaxis, scale, scale.label(what, "\n"), most)
     return scale
 
 

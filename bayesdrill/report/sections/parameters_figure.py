@@ -65,7 +65,7 @@ def prior_posterior_figure(
             scale = scales.scale(*_ends(prior, x), log=flat_in_logs(prior), margin=0.04)
             _densities(panel, scale, x, prior)
             side = style.mark_values(panel, scale, known, mode.get(symbol.name), zorder=4)
-            style.scale_axis(panel.xaxis, scale, symbol)
+            style.scale_axis(panel.xaxis, scale, scale.label(symbol))
             style.set_ticks(panel.yaxis, np.array([]), None)
             if known is not None:
                 sides.add(side)
@@ -162,7 +162,7 @@ def ridge_figure(
             dots.append(scale(x[kept]))
             cross.append([float(scale(best))])
             marks.append((scale, nominal[symbol.name] if marked else None))
-            style.scale_axis(axis, scale, symbol, " ")
+            style.scale_axis(axis, scale, scale.label(symbol))
         (x0, x1), (y0, y1) = box
         panel.add_patch(Rectangle((x0, y0), x1 - x0, y1 - y0, fill=False, zorder=1, **BOX))
         panel.plot(*line, zorder=2, **BAND)

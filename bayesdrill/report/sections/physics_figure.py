@@ -74,14 +74,13 @@ def _joules(panel: Axes, found: Balance, drawn: NDArray[np.intp], time: scales.S
     edges = np.cumsum([np.zeros(len(drawn)), *(p.joules[drawn] for p in found.parts)], axis=0)
     low, high = min(0.0, float(edges.min())), max(float(edges.max()), float(found.total.max()))
     scale = scales.scale(low, high or 1.0, margin=0.03)
+    style.scale_axis(panel.yaxis, scale, scale.label(JOULES, "\n"))
     panel.set_ylim(scale.low if low < 0 else 0.0, scale.high)
     handles = _stack(panel, found, time(found.t[drawn]), scale(edges))
     (line,) = panel.plot(
         time(found.t[drawn]), scale(found.total[drawn]), color=style.BLACK, linewidth=1.0
     )
     line.set_label(f"came in: {found.sources}")
-    style.set_ticks(panel.yaxis, *scale.ticks(4))
-    style.side_label(panel, scale.label(JOULES, "\n"))
     return [line, *handles]
 
 
@@ -166,13 +165,10 @@ def _law(panel: Axes, law: Law) -> None:
     counts, edges = np.histogram(x(law.seen), np.linspace(x.low, x.high, BINS + 1))
     heights = y.low - room + 0.85 * room * counts / max(int(counts.max()), 1)
     panel.stairs(heights, edges, baseline=y.low - room, fill=True, zorder=1, **SEEN)
-    panel.set_xlim(x.low, x.high)
+    style.scale_axis(panel.xaxis, x, f"{law.speed.meaning}, {x.label(law.speed)}")
+    style.scale_axis(panel.yaxis, y, y.label(law.effort, "\n"))
     panel.set_ylim(y.low - room, y.high)
     panel.axhline(y.low, color=style.MIDDLE, linewidth=0.5)
-    style.set_ticks(panel.xaxis, *x.ticks(4))
-    style.set_ticks(panel.yaxis, *y.ticks(4))
-    panel.set_xlabel(f"{law.speed.meaning}, {x.label(law.speed)}")
-    style.side_label(panel, y.label(law.effort, "\n"))
 
 
 def _at_rest(band: Array, side: NDArray[np.bool_]) -> Array:
@@ -227,9 +223,7 @@ def _over_time(panel: Axes, found: Shown, y: scales.Scale) -> None:
     t = x(found.t[some])
     panel.fill_between(t, *y(found.band[:, some]), **style.BAND)
     panel.plot(t, y(found.expected[some]), **style.BLACK_LINE)
-    _finish(panel, x, y)
-    panel.set_xlabel(f"{found.time.meaning}, {x.label(found.time)}", labelpad=2)
-    style.side_label(panel, y.label(found.torque, "\n"))
+    _finish(panel, x, y, found.time, found.torque)
 
 
 def _against(panel: Axes, one: Against, found: Shown, y: scales.Scale, *, labelled: bool) -> None:
@@ -238,23 +232,19 @@ def _against(panel: Axes, one: Against, found: Shown, y: scales.Scale, *, labell
     panel.plot(x(one.values[some]), y(found.expected[some]), **style.DOTS)
     panel.fill_between(x(one.centres), *y(one.band), zorder=1, **style.BAND)
     panel.plot(x(one.centres), y(one.means), zorder=3, **style.BLACK_LINE)
-    _finish(panel, x, y)
-    panel.set_xlabel(f"{one.label.meaning}, {x.label(one.label)}", labelpad=2)
-    if labelled:
-        style.side_label(panel, y.label(found.torque, "\n"))
-    else:
-        style.set_ticks(panel.yaxis, y.ticks(4)[0], None)
+    _finish(panel, x, y, one.label, found.torque)
+    if not labelled:
+        panel.set_ylabel("")
+        panel.tick_params(labelleft=False)
 
 
-def _finish(panel: Axes, x: scales.Scale, y: scales.Scale) -> None:
-    panel.set_xlim(x.low, x.high)
-    panel.set_ylim(y.low, y.high)
+def _finish(panel: Axes, x: scales.Scale, y: scales.Scale, across: Symbol, torque: Symbol) -> None:
+    style.scale_axis(panel.xaxis, x, f"{across.meaning}, {x.label(across)}", 5)
+    style.scale_axis(panel.yaxis, y, y.label(torque, "\n"))
     if y.low < 0.0 < y.high:
         panel.axhline(float(y(0.0)), color=style.MIDDLE, linewidth=0.5, zorder=0)
     if x.low < 0.0 < x.high:
         panel.axvline(float(x(0.0)), color=style.MIDDLE, linewidth=0.5, zorder=0)
-    style.set_ticks(panel.xaxis, *x.ticks(5))
-    style.set_ticks(panel.yaxis, *y.ticks(4))
 
 
 FRICTION = "Each friction against its speed: its law, where the record saw it, and nominal values."
