@@ -50,7 +50,8 @@ def even_numbers(low: float, high: float, most: int) -> tuple[list[float], list[
             if last - first < most:
                 places = max(0, decimals - exponent)
                 values = [round(k * step, places) for k in range(first, last + 1)]
-                return values, [fixed_digits(value, places) for value in values]
+                texts = (f"{value + 0.0:.{places}f}" for value in values)
+                return values, [text.replace("-", "\N{MINUS SIGN}") for text in texts]
         exponent += 1
 
 
@@ -77,10 +78,6 @@ def in_ratios(low: float, high: float, most: int) -> tuple[list[float], list[str
         times = "" if mantissa == "1" else rf"{mantissa}{{\cdot}}"
         texts.append(f"${times}10^{{{int(exponent)}}}$")
     return values, texts
-
-
-def fixed_digits(value: float, places: int) -> str:
-    return f"{value + 0.0:.{places}f}".replace("-", "\N{MINUS SIGN}")
 
 
 def short_number(x: float) -> str:

@@ -76,14 +76,11 @@ LOOKS = (
 
 def run_handles(layers: Sequence[Layer], *, marked: bool) -> list[Line2D]:
     """For a legend: the name of each run, with its warning."""
+    names = [elided(overlay_warnings(layer), LONGEST).replace("$", r"\$") for layer in layers]
     return [
-        Line2D([], [], label=legend_name(layer), marker=look.marker if marked else "", **look.line)
-        for layer, look in zip(layers, LOOKS, strict=False)
+        Line2D([], [], label=name, marker=look.marker if marked else "", **look.line)
+        for name, look in zip(names, LOOKS, strict=False)
     ]
-
-
-def legend_name(layer: Layer) -> str:
-    return elided(overlay_warnings(layer), LONGEST).replace("$", r"\$")
 
 
 CENTRAL = 0.998  # of the draws of each run, inside an axis

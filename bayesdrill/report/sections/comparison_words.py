@@ -139,17 +139,12 @@ def overlay_table(layers: Sequence[Layer], rows: Sequence[Row]) -> Table:
         apart = "" if row.apart is None else f"{row.apart:.2f}"
         if row.pair is not None and len(layers) > 2:
             apart += f" ({', '.join(layers[k].name for k in row.pair)})"
-        cells = map(_cell, row.places)
+        cells = []
+        for place in row.places:
+            sure = f"\N{PLUS-MINUS SIGN} {place.sd:.2g}" if place and not place.held else "held"
+            cells.append("" if place is None else f"{place.mean:.4g} {sure}")
         lines.append((row.symbol.name, row.symbol.plain_unit, nominal, *cells, apart))
     return Table(heads, tuple(lines), frozenset(heads[:2])).filled("nominal", APART)
-
-
-def _cell(place: Place | None) -> str:
-    if place is None:
-        return ""
-    if place.held:
-        return f"{place.mean:.4g} held"
-    return f"{place.mean:.4g} \N{PLUS-MINUS SIGN} {place.sd:.2g}"
 
 
 def farthest(layers: Sequence[Layer], rows: Sequence[Row]) -> Iterator[str]:
