@@ -179,9 +179,9 @@ def _in_markdown(block: Block) -> str:
             fence = max(["``", *re.findall("`+", text)], key=len) + "`"
             return f"{fence}text\n{text}\n{fence}"
         case Sentences(text):
-            bullets = [
-                ("- " + item.text, *("  - " + more for more in item.more)) for item in items(text)
-            ]
+            bullets = (
+                ["- " + one.text, *("  - " + more for more in one.more)] for one in items(text)
+            )
             return _no_html("\n".join(itertools.chain(*bullets)))
         case Table():
             return _no_html(markdown(block).rstrip())

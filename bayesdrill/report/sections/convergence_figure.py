@@ -86,7 +86,16 @@ def trace_figure(
     ]
     sides = {s.side(value) for s, value in zip(scales, known, strict=True) if value is not None}
     with style.styled(width):
-        handles = _trace_handles(n_ensembles, burn_in, sides)
+        handles = [
+            *(
+                Line2D([], [], label=f"ensemble {k + 1}, median", **ensemble_line(k))
+                for k in range(n_ensembles)
+            ),
+            Patch(color=style.LIGHT, linewidth=0, label="5 % to 95 % of the walkers"),
+            Patch(label=f"burn-in: {burn_in} steps dropped", **BURN_IN),
+            *style.nominal_handles(sides, marker="^"),
+            Line2D([], [], label="MAP", **style.MAP_LINE),
+        ]
         figure, panels = _page(len(symbols), len(handles), width)
         for d, (panel, symbol) in enumerate(zip(panels, symbols, strict=True)):
             if burn_in > 0:
@@ -180,19 +189,6 @@ def _step_axis(panel: Axes, n: int, most: int = 3) -> None:
     panel.set_xlim(0, max(n - 1, 1))
     panel.xaxis.set_major_locator(MaxNLocator(most, integer=True, prune="upper"))
     panel.xaxis.set_major_formatter(lambda step, _: f"{step:.0f}")
-
-
-def _trace_handles(n_ensembles: int, burn_in: int, sides: set[int]) -> list[Line2D | Patch]:
-    return [
-        *(
-            Line2D([], [], label=f"ensemble {k + 1}, median", **ensemble_line(k))
-            for k in range(n_ensembles)
-        ),
-        Patch(color=style.LIGHT, linewidth=0, label="5 % to 95 % of the walkers"),
-        Patch(label=f"burn-in: {burn_in} steps dropped", **BURN_IN),
-        *style.nominal_handles(sides, marker="^"),
-        Line2D([], [], label="MAP", **style.MAP_LINE),
-    ]
 
 
 def _legend_columns(n: int, width: float) -> int:

@@ -143,7 +143,14 @@ def friction_figure(laws: Sequence[Law], width: float = scales.DOUBLE) -> Figure
         figure, panels = page.build(len(laws))
         for panel, law in zip(panels, laws, strict=True):
             _law(panel, law)
-        _friction_legend(figure, laws, page is not SMALL)
+        handles: list[Line2D | Patch] = [Line2D([], [], label="MAP", **BEST)]
+        if any(law.band is not None for law in laws):
+            handles.append(Patch(label=f"{100 * HDI_PROBABILITY:.0f} % posterior", **style.BAND))
+        if any(law.nominal is not None for law in laws):
+            handles.append(Line2D([], [], label="nominal values", **style.NOMINAL))
+        handles.append(Patch(label="speeds of the record", **SEEN))
+        most = 2 if page is SMALL else len(handles)
+        legend_above(figure, handles, most, columnspacing=1.6, handlelength=2.4)
     return figure
 
 
@@ -155,10 +162,10 @@ def _law(panel: Axes, law: Law) -> None:
     y = scales.scale(-far, far)
     room = FOOT / (1.0 - FOOT) * (y.high - y.low)
     if law.band is not None:
-        for side in (law.speeds <= 0, law.speeds >= 0):
-            panel.fill_between(
-                x(law.speeds[side]), *y(_at_rest(law.band, side)), zorder=1, **style.BAND
-            )
+        for side, rest, beside in ((law.speeds <= 0, -1, -2), (law.speeds >= 0, 0, 1)):
+            band = law.band[:, side].copy()
+            band[:, rest] = band[:, beside]  # where a law has both signs
+            panel.fill_between(x(law.speeds[side]), *y(band), zorder=1, **style.BAND)
     if law.nominal is not None:
         panel.plot(x(law.speeds), y(law.nominal), zorder=2, **style.NOMINAL)
     panel.plot(x(law.speeds), y(law.best), zorder=3, **BEST)
@@ -169,25 +176,6 @@ def _law(panel: Axes, law: Law) -> None:
     style.scale_axis(panel.yaxis, y, y.label(law.effort, "\n"))
     panel.set_ylim(y.low - room, y.high)
     panel.axhline(y.low, color=style.MIDDLE, linewidth=0.5)
-
-
-def _at_rest(band: Array, side: NDArray[np.bool_]) -> Array:
-    """Of one side `(2, n)`: at rest, where a law has both signs, as it is just beside."""
-    found = band[:, side].copy()
-    rest, beside = (-1, -2) if not side[-1] else (0, 1)
-    found[:, rest] = found[:, beside]
-    return found
-
-
-def _friction_legend(figure: Figure, laws: Sequence[Law], broad: bool) -> None:
-    handles: list[Line2D | Patch] = [Line2D([], [], label="MAP", **BEST)]
-    if any(law.band is not None for law in laws):
-        handles.append(Patch(label=f"{100 * HDI_PROBABILITY:.0f} % posterior", **style.BAND))
-    if any(law.nominal is not None for law in laws):
-        handles.append(Line2D([], [], label="nominal values", **style.NOMINAL))
-    handles.append(Patch(label="speeds of the record", **SEEN))
-    most = len(handles) if broad else 2
-    legend_above(figure, handles, most, columnspacing=1.6, handlelength=2.4)
 
 
 FIRST_ROW, FIRST_TOP = 1.5, 0.36  # inches, of the panel over time
