@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
@@ -46,6 +46,16 @@ class Drawing:
 
 def captioned(label: str, says: str) -> str:
     return f"{label}: {says}" if label else says
+
+
+def for_each_experiment(
+    figure: Callable[[Any, float], Figure],
+    shown: Iterable[tuple[str, Any]],
+    width: float,
+    says: str,
+) -> tuple[Drawing, ...]:
+    """A drawing of what is `shown` of each, by its label."""
+    return tuple(Drawing(figure, (one, width), says=captioned(label, says)) for label, one in shown)
 
 
 @dataclass(frozen=True, eq=False)

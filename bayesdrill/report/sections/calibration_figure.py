@@ -36,10 +36,12 @@ def calibration_figure(
     labels = [*(symbol.latex for symbol in symbols), FIT]
     with style.styled(width):
         handles = _handles(verdict)
-        figure, panels, covered = _page(len(labels), width, len(handles))
-        most = _most(verdict)
-        for panel, label, quantity in zip(panels, labels, verdict.quantities, strict=True):
-            _difference(panel, label, quantity, verdict, most)
+        page, most = PAGE.fitting(width, len(handles)), _most(verdict)
+        figure, panels = page.build(len(labels))
+        covered = inches_panel(figure, page.left, BOTTOM, width - page.left - RIGHT, COVERAGE)
+        for k, quantity in enumerate(verdict.quantities):
+            _difference(panels[k], labels[k], quantity, verdict, most)
+            page.frame(panels[k], k, len(labels), "normalised rank", "ECDF difference")
         _coverage(covered, verdict, labels[:-1])
         most_columns = len(handles) if width >= scales.DOUBLE else 2
         legend_above(figure, handles, most_columns, handlelength=1.5, handletextpad=0.5)
@@ -56,15 +58,6 @@ def save(
     """`calibration.*` in `folder`, as large and in such files as a config asks for."""
     figure = calibration_figure(verdict, symbols, scales.WIDTHS[output.size])
     style.save(figure, folder, "calibration", note, formats=tuple(output.formats), dpi=output.dpi)
-
-
-def _page(n: int, width: float, n_handles: int) -> tuple[Figure, list[Axes], Axes]:
-    page = PAGE.fitting(width, n_handles)
-    figure, panels = page.build(n)
-    for k, panel in enumerate(panels):
-        page.frame(panel, k, n, "normalised rank", "ECDF difference")
-    below = inches_panel(figure, page.left, BOTTOM, width - page.left - RIGHT, COVERAGE)
-    return figure, panels, below
 
 
 def _most(verdict: Verdict) -> float:
@@ -111,12 +104,8 @@ def _coverage(panel: Axes, verdict: Verdict, labels: Sequence[str]) -> None:
             x = column + 1.1 * width * (k - 1)
             low, high = 100 * interval.low / n, 100 * interval.high / n
             panel.bar(x, high - low, width, bottom=low, zorder=1, **style.BAND)
-            panel.plot(
-                [x],
-                [100 * interval.inside / n],
-                zorder=3,
-                **_mark(MARKERS[k], interval.holds),
-            )
+            look = _mark(MARKERS[k], interval.holds)
+            panel.plot([x], [100 * interval.inside / n], zorder=3, **look)
     panel.set_xlim(-0.6, len(unknown) - 0.4)
     floor = min(min(min(i.low, i.inside) for i in q.intervals) for q in unknown)
     panel.set_ylim(max(0.0, 100 * floor / n - 6.0), 102.0)

@@ -32,7 +32,7 @@ from bayesdrill.report.scales import WIDTHS
 from bayesdrill.report.sections import fit_words
 from bayesdrill.report.sections.fit_words import Course, Fit, Signal, every_fit
 from bayesdrill.report.sections.physics_words import Rub
-from bayesdrill.report.view import Drawing, View, captioned
+from bayesdrill.report.view import Drawing, View, for_each_experiment
 
 FIT_SHARE = 0.6  # of the width, for the signals, where the residuals are beside them
 
@@ -407,7 +407,8 @@ def draw_fit(run: View) -> tuple[Drawing, ...]:
     draws = {str(name): np.asarray(values) for name, values in group.data_vars.items()}
     best, rubbing = run.chain.best, run.chain.rubbing
     found = every_fit(run.problem, best, run.analysis.fit, draws, rubbing)
-    return _fits(found, run.width, FIT_RUBBED if rubbing else FIT)
+    says = FIT_RUBBED if rubbing else FIT
+    return for_each_experiment(fit_figure, ((fit.label, fit) for fit in found), run.width, says)
 
 
 PREDICTIVE_CHECK = "Whether the record is as the posterior predicts it, channel by channel."
@@ -426,11 +427,6 @@ def fits_alone(
     problem: Problem, config: Config, best: Array, left: Sequence[Left]
 ) -> dict[str, Drawing]:
     """Of the MAP `(D,)`, without draws, by stem; `left`: what it leaves."""
-    found = every_fit(problem, best, left)
-    return numbered("fit", _fits(found, WIDTHS[config.output.size], FIT_ALONE))
-
-
-def _fits(every: Sequence[Fit], width: float, says: str) -> tuple[Drawing, ...]:
-    return tuple(
-        Drawing(fit_figure, (fit, width), says=captioned(fit.label, says)) for fit in every
-    )
+    width = WIDTHS[config.output.size]
+    shown = ((fit.label, fit) for fit in every_fit(problem, best, left))
+    return numbered("fit", for_each_experiment(fit_figure, shown, width, FIT_ALONE))

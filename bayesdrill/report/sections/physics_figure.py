@@ -27,7 +27,7 @@ from bayesdrill.report.pages import Page, inches_panel, legend_above
 from bayesdrill.report.sections.fit_figure import extremes
 from bayesdrill.report.sections.physics_words import Balance, Law, Stacked, energy_balance, laws
 from bayesdrill.report.sections.torque_words import Against, Shown, torque_shown
-from bayesdrill.report.view import Drawing, View, captioned
+from bayesdrill.report.view import Drawing, View, for_each_experiment
 
 JOULES = Symbol("E", "J", "E", "J", "energy so far")
 SHARE = Symbol("share", "%", r"\mathrm{share}", r"\%", "of what came in")
@@ -240,27 +240,21 @@ FRICTION = "Each friction against its speed: its law, where the record saw it, a
 
 def draw_friction(run: View) -> tuple[Drawing, ...]:
     """Of a rig that rubs."""
-    drawings = []
-    for one, found in zip(run.problem.observations, run.chain.rubbing, strict=False):
-        shown = laws(one, found, run.problem, run.chain.best, run.chain.some(BANDS))
-        says = captioned(one.label, FRICTION)
-        drawings.append(Drawing(friction_figure, (shown, run.width), says=says))
-    return tuple(drawings)
+    chain = run.chain
+    shown = (
+        (one.label, laws(one, found, run.problem, chain.best, chain.some(BANDS)))
+        for one, found in zip(run.problem.observations, chain.rubbing, strict=False)
+    )
+    return for_each_experiment(friction_figure, shown, run.width, FRICTION)
 
 
 ENERGY = "Where the energy goes: what came in, and what became of it, in joules and as shares."
 
 
 def draw_energy(run: View) -> tuple[Drawing, ...]:
-    model = run.problem.model
-    return tuple(
-        Drawing(
-            energy_figure,
-            (energy_balance(one, model, run.clock), run.width),
-            says=captioned(one.label, ENERGY),
-        )
-        for one in run.chain.accounts
-    )
+    model, clock = run.problem.model, run.clock
+    shown = ((one.label, energy_balance(one, model, clock)) for one in run.chain.accounts)
+    return for_each_experiment(energy_figure, shown, run.width, ENERGY)
 
 
 TORQUE = "The missing torque over time, and against what the rig did: speeds, angle, inputs."
@@ -268,11 +262,5 @@ TORQUE = "The missing torque over time, and against what the rig did: speeds, an
 
 def draw_torque(run: View) -> tuple[Drawing, ...]:
     """Of a rig whose equations leave one out."""
-    return tuple(
-        Drawing(
-            torque_figure,
-            (torque_shown(one, run.clock), run.width),
-            says=captioned(one.label, TORQUE),
-        )
-        for one in run.chain.shaking
-    )
+    shown = ((one.label, torque_shown(one, run.clock)) for one in run.chain.shaking)
+    return for_each_experiment(torque_figure, shown, run.width, TORQUE)

@@ -173,7 +173,13 @@ def verdict_sentences(
     """
     if not believed:
         return no_verdict(converged=converged)
-    whole = [verdict_sentence(found, table, records), *([] if found.fits else [_doubt(lacking)])]
+    whole = [verdict_sentence(found, table, records)]
+    if not found.fits:
+        missing = f": it may miss {lacking}, which would bend what it has" if lacking else ""
+        whole.append(
+            "IN DOUBT: the verdict holds only if the model does, and the fit, which leaves more than "
+            f"noise, is evidence against the model{missing}"
+        )
     more = _resting(found, rests)
     if found.opened:
         more.append(
@@ -243,15 +249,6 @@ def verdict_sentence(found: Verdict, table: str, records: int = 1) -> str:
         return f"{opening}; were the model right, {every} would agree with {table}{together}"
     every = "it agrees" if k == 1 else f"all {k} agree"
     return f"{opening}; {every} with {table}{together}"
-
-
-def _doubt(lacking: str) -> str:
-    """What a verdict is worth whose fit is not noise."""
-    missing = f": it may miss {lacking}, which would bend what it has" if lacking else ""
-    return (
-        "IN DOUBT: the verdict holds only if the model does, and the fit, which leaves more than noise, "
-        f"is evidence against the model{missing}"
-    )
 
 
 def _resting(found: Verdict, rests: Sequence[Resting]) -> list[str]:
