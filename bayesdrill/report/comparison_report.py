@@ -41,14 +41,6 @@ class Form:
     between: str  # names of runs, in a heading
     prefix: str = ""  # of the folder
 
-    @property
-    def table(self) -> str:
-        return f"{self.name}.csv"
-
-    @property
-    def page(self) -> str:
-        return f"{self.name}.md"
-
 
 OVERLAID = Form(
     name="overlay",
@@ -159,8 +151,8 @@ class ComparisonReport:
     @property
     def texts(self) -> Mapping[str, str]:
         """Files by name."""
-        page = as_markdown(self.title, self.sections)
-        return {self.form.table: self.table, self.form.page: page}
+        name, page = self.form.name, as_markdown(self.title, self.sections)
+        return {f"{name}.csv": self.table, f"{name}.md": page}
 
     def page(self, figures: Path) -> str:
         """HTML, with the pictures that stand in `figures`."""
