@@ -113,7 +113,7 @@ class ComparisonReport:
         layers = self.layers if self.best is None else (self.best.layer,)
         return tuple(f"{layer.name}: {reason}" for layer in layers for reason in layer.reasons)
 
-    @property
+    @cached_property
     def sections(self) -> tuple[Section, ...]:
         """With the figures, which a page shows and a terminal does not."""
         pictures = [Picture(name, drawing.says) for name, drawing in self.figures.items()]

@@ -51,7 +51,7 @@ class MapReport:
         """Why it must not be believed: it does not fit; empty where it may be."""
         return fit_words.residual_reasons(self.left)
 
-    @property
+    @cached_property
     def sections(self) -> tuple[Section, ...]:
         table = self.problem.compared_with
         read = Note(f"`dev. %` is the deviation of the MAP from the nominal value ({table}).")
