@@ -1,10 +1,6 @@
 """The files that bayesdrill writes: their exact names, atomic writes, checksummed JSON, and limits
 of size.
 
-Nothing else in a folder of a user's is ever touched.
-
-What is ours to write, by exact name: the files of each kind of run, and what stands in their way.
-
 Everything that replaces or removes a file goes through here, and touches nothing else: no file of
 another name, nothing through a link, no folder that holds something of others.
 """
@@ -200,28 +196,30 @@ def present(folder: Path, kind: Kind) -> list[str]:
 
 def existing_outputs(folder: Path, kind: Kind) -> list[Issue]:
     """Links, folders, devices and pipes where a run has its files, and files where its folders."""
-    wrong = [
-        Issue(
-            str(folder / name), f"{found}, which no run writes; move it, or give another --output"
-        )
-        for name in (LOCK, *present(folder, kind))
-        if (found := _no_file(folder / name))
-    ]
-    for name in kind.folders:
+    files = dict.fromkeys((LOCK, *present(folder, kind)), "a file")
+    wrong = []
+    for name, wanted in (files | dict.fromkeys(kind.folders, "a folder")).items():
         found = what(folder / name)
-        if found not in ("", "a folder"):
-            message = (
-                f"{found}, where a run has a folder of its own; move it, or give another --output"
+        if found not in ("", wanted):
+            why = (
+                "which no run writes"
+                if wanted == "a file"
+                else "where a run has a folder of its own"
             )
+            message = f"{found}, {why}; move it, or give another --output"
             wrong.append(Issue(str(folder / name), message))
     return wrong
 
 
+def _files(folder: Path, kind: Kind) -> list[str]:
+    """As `present`, but no folders, links, devices and pipes."""
+    return [name for name in present(folder, kind) if what(folder / name) == "a file"]
+
+
 def remove_outputs(folder: Path, kind: Kind) -> None:
     """What such a run has written, all but its mark; then its folders, where nothing is left."""
-    for name in present(folder, kind):
-        if name != kind.mark and what(folder / name) == "a file":
-            (folder / name).unlink()
+    for name in {*_files(folder, kind)} - {kind.mark}:
+        (folder / name).unlink()
     for name in kind.folders:
         if what(folder / name) == "a folder":
             with suppress(OSError):  # something of others is in it
@@ -231,11 +229,7 @@ def remove_outputs(folder: Path, kind: Kind) -> None:
 @contextmanager
 def renewed(folder: Path, kind: Kind) -> Iterator[None]:
     """Takes away what such a run has written; what the block writes anew has the mode bits of before."""
-    before = {
-        name: (folder / name).lstat().st_mode
-        for name in present(folder, kind)
-        if what(folder / name) == "a file"
-    }
+    before = {name: (folder / name).lstat().st_mode for name in _files(folder, kind)}
     remove_outputs(folder, kind)
     try:
         yield
@@ -248,7 +242,8 @@ def renewed(folder: Path, kind: Kind) -> Iterator[None]:
 def clean_up(folder: Path, kind: Kind) -> None:
     """What a run that was killed had begun to write; the folder must be locked."""
     for name in _names(folder, ("", *kind.folders)):
-        if (of := _finished(name)) and kind.made(of) and what(folder / name) == "a file":
+        aside = re.fullmatch(r"((?:.*/)?)\.(.*)\.\d+\.aside(\.[^./]*)", name)  # see `atomic_write`
+        if aside and kind.made("".join(aside.groups())) and what(folder / name) == "a file":
             (folder / name).unlink()
 
 
@@ -294,7 +289,7 @@ def write_text(path: Path, text: str) -> None:
 
 def refuse_other_than_file(path: Path) -> None:
     """Raises `InputError` for links, folders, devices and pipes."""
-    if found := _no_file(path):
+    if (found := what(path)) not in ("", "a file"):
         message = f"{found}, which is never replaced; give another --output"
         raise InputError.one(str(path), message)
 
@@ -350,23 +345,9 @@ def _names(folder: Path, below: Iterable[str]) -> list[str]:
 
 
 def _among(name: str, patterns: Iterable[str]) -> bool:
-    return any(_pattern(one).fullmatch(name) for one in patterns)
-
-
-def _finished(name: str) -> str:
-    """The file that something left aside by `whole` was to become."""
-    match = re.fullmatch(r"((?:.*/)?)\.(.*)\.\d+\.aside(\.[^./]*)", name)
-    return "".join(match.groups()) if match else ""
-
-
-def _pattern(name: str) -> re.Pattern[str]:
-    return re.compile(re.escape(name).replace(r"\#", r"\d+"), re.ASCII)
-
-
-def _no_file(path: Path) -> str:
-    """What `path` is, unless it is a file or nothing."""
-    found = what(path)
-    return "" if found == "a file" else found
+    """Whether it is one of these, in which `#` stands for a number."""
+    every = (re.escape(one).replace(r"\#", r"\d+") for one in patterns)
+    return any(re.fullmatch(one, name, re.ASCII) for one in every)
 
 
 LARGEST_FILE = 1_000_000_000  # bytes of a record: five million numbers as text are a tenth of that

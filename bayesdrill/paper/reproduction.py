@@ -156,7 +156,7 @@ def _table_2(found: Verification) -> Table:
         f"of the true value: Cramer-Rao bound, spread of the estimates over {found.records} records, "
         "standard deviation of the posterior of one; and deviations where sigma is but a weight and the "
         "record has no noise, and with the paper's integrator (of an exact record, of its own).",
-        csv=records_as_csv(Line2, lines, {}),
+        csv=records_as_csv(Line2, lines),
         grids=(layout, attained),
     )
 

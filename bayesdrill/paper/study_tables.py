@@ -49,7 +49,7 @@ def table[T](
         stem=stem,
         title=title,
         says=says,
-        csv=records_as_csv(kind, rows, {}, leave),
+        csv=records_as_csv(kind, rows, leave),
         grids=(grid(heads, map(cells, rows)),),
     )
 
@@ -378,7 +378,7 @@ def _control(lines: Sequence[Control]) -> Table:
         says=f"The heuristic on {lines[0].records} records of the nominal rig at each noise (in rad and "
         "rad/s), searched from its true values: largest distance of an estimate from them, in per cent. "
         "0: it never moved.",
-        csv=records_as_csv(Control, lines, {}),
+        csv=records_as_csv(Control, lines),
         grids=(
             grid(
                 ("", *(f"noise {sigma:g}" for sigma in sigmas)),
@@ -425,7 +425,7 @@ def _table_3(nine: Nine) -> Table:
         "truth, where it is known, and how far off it both are; the standard deviation of the estimates "
         "from other starts, over the guess; and the posterior: median, 94 % HDI of the logarithm, and "
         "what the record says of the nominal value.",
-        csv=records_as_csv(Line3, lines, {}),
+        csv=records_as_csv(Line3, lines),
         grids=(layout, judged),
     )
 
@@ -460,7 +460,7 @@ def _causes(nine: Nine) -> Table:
         "Then those of this record, by heuristic and posterior (median, 94 % HDI of the logarithm); "
         "`alone`: the Cramer-Rao bound of the standard deviation without any prior, in per cent. Empty "
         "where the config gives the quantity.",
-        csv=records_as_csv(Cause, nine.causes, {}),
+        csv=records_as_csv(Cause, nine.causes),
         grids=(behind, shown),
     )
 

@@ -4,7 +4,7 @@ ladder recommends.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -40,14 +40,6 @@ class Form:
     purpose: str  # of runs, in messages
     between: str  # names of runs, in a heading
     prefix: str = ""  # of the folder
-
-    @property
-    def table(self) -> str:
-        return f"{self.name}.csv"
-
-    @property
-    def page(self) -> str:
-        return f"{self.name}.md"
 
 
 OVERLAID = Form(
@@ -121,7 +113,7 @@ class ComparisonReport:
         layers = self.layers if self.best is None else (self.best.layer,)
         return tuple(f"{layer.name}: {reason}" for layer in layers for reason in layer.reasons)
 
-    @property
+    @cached_property
     def sections(self) -> tuple[Section, ...]:
         """With the figures, which a page shows and a terminal does not."""
         pictures = [Picture(name, drawing.says) for name, drawing in self.figures.items()]
@@ -159,8 +151,8 @@ class ComparisonReport:
     @property
     def texts(self) -> Mapping[str, str]:
         """Files by name."""
-        page = as_markdown(self.title, self.sections)
-        return {self.form.table: self.table, self.form.page: page}
+        name, page = self.form.name, as_markdown(self.title, self.sections)
+        return {f"{name}.csv": self.table, f"{name}.md": page}
 
     def page(self, figures: Path) -> str:
         """HTML, with the pictures that stand in `figures`."""
@@ -188,12 +180,8 @@ def ladder_opening(every: Sequence[Rung], missing: int) -> str:
 
 def ladder_conclusion(chosen: Rung, left_out: Mapping[str, str], config: Path) -> str:
     """What was not tried, and what to go on with."""
-    return "\n".join([*_left_out(left_out), f"recommended: {chosen.about}: {config}"])
-
-
-def _left_out(left_out: Mapping[str, str]) -> Iterator[str]:
-    for name, reason in left_out.items():
-        yield f"left out: {name}: {reason}"
+    missing = [f"left out: {name}: {reason}" for name, reason in left_out.items()]
+    return "\n".join([*missing, f"recommended: {chosen.about}: {config}"])
 
 
 def about_config(chosen: Rung, name: str, report: ComparisonReport) -> str:

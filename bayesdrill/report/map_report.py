@@ -16,7 +16,7 @@ from bayesdrill.inference.residual_checks import Left
 from bayesdrill.inference.step_error import step_errors
 from bayesdrill.report import publish, section, words
 from bayesdrill.report.run_report import made_of, provenance_of_records
-from bayesdrill.report.section import Note, Picture, Section, Sentences, as_markdown, as_text
+from bayesdrill.report.section import ModeRow, Note, Picture, Section, as_markdown, as_text, build
 from bayesdrill.report.sections import fit_words, verdict_words
 from bayesdrill.report.view import Drawing
 from bayesdrill.results import provenance
@@ -51,7 +51,7 @@ class MapReport:
         """Why it must not be believed: it does not fit; empty where it may be."""
         return fit_words.residual_reasons(self.left)
 
-    @property
+    @cached_property
     def sections(self) -> tuple[Section, ...]:
         table = self.problem.compared_with
         read = Note(f"`dev. %` is the deviation of the MAP from the nominal value ({table}).")
@@ -60,19 +60,17 @@ class MapReport:
             step_errors(self.problem.posterior.likelihood, self.best)
         )
         said = fit_words.residual_sentences(self.left, clock)
-        fit = Sentences("\n".join(filter(None, [said, steps])))
-        searches = Sentences(words.mode(self.mode, own))
         shown = section.of_mode(own.rows(section.mode_rows(self.problem, self.mode)))
-        beside = (shown, read) if "nominal" in shown.heads else (shown,)
         doubts = words.unbelievable(self.reasons, converged=False)
         shape = output_files.shown_path(self.config.output.formats)
         captions = publish.alone_captions(self.problem)
-        pictures = tuple(Picture(stem, says, shape) for stem, says in captions.items())
+        pictures = [Picture(stem, says, shape) for stem, says in captions.items()]
+        fit = "\n".join(filter(None, [said, steps]))
         return (
-            *((Section("", (Sentences(doubts),)),) if doubts else ()),
-            Section("", (*beside, fit)),
-            Section("Figures", pictures, brief=False),
-            Section("Maximum of the posterior (MAP)", (searches,), brief=False),
+            *([build("", doubts)] if doubts else []),
+            build("", shown, read if "nominal" in shown.heads else None, fit),
+            build("Figures", *pictures, brief=False),
+            build("Maximum of the posterior (MAP)", words.mode(self.mode, own), brief=False),
         )
 
     @property
@@ -89,7 +87,7 @@ class MapReport:
     def numbers(self) -> Mapping[str, str]:
         """Those that follow from `map.json` alone."""
         return {
-            TABLE: section.mode_as_csv(section.mode_rows(self.problem, self.mode)),
+            TABLE: section.records_as_csv(ModeRow, section.mode_rows(self.problem, self.mode)),
             **fit_words.prediction_csv(self.problem, self.best),
         }
 

@@ -3,20 +3,23 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from types import MappingProxyType
 from typing import Any
 
 import corner
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.axis import Axis
 from matplotlib.figure import Figure
 from matplotlib.transforms import Affine2D
+from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 
 from bayesdrill.basics.arrays import Array
 from bayesdrill.report import style
-from bayesdrill.report.scales import DOUBLE
+from bayesdrill.report.scales import DOUBLE, Scale, ticks
 
 # Inches, of a figure in one column.
 NARROW_ROW, NARROW_LEFT, LEGEND_LINE = 0.95, 0.48, 0.135
@@ -77,9 +80,14 @@ class Page:
             row, column = divmod(k, columns)
             x = self.left + column * (width + self.gap_x)
             y = height - self.top - self.row - row * (self.row + self.gap_y)
-            room = (x / self.width, y / height, width / self.width, self.row / height)
-            panels.append(figure.add_axes(room))
+            panels.append(inches_panel(figure, x, y, width, self.row))
         return figure, panels
+
+
+def inches_panel(figure: Figure, x: float, y: float, width: float, height: float) -> Axes:
+    """With its lower left corner at `x, y` from that of the figure."""
+    across, up = figure.get_size_inches()
+    return figure.add_axes((x / across, y / up, width / across, height / up))
 
 
 SMALL_PANELS = Page()
@@ -87,19 +95,94 @@ SMALL_PANELS = Page()
 AXES = Page(left=0.14, right=0.14, gap_x=0.2, gap_y=0.56, bottom=0.5)
 
 
-def legend_above(
-    figure: Figure, handles: Sequence[Any], most: int, gap: float = 1.2, length: float = 1.9
+LEGEND: Mapping[str, Any] = MappingProxyType(
+    {
+        "loc": "upper center",
+        "borderaxespad": 0.3,
+        "labelspacing": 0.3,
+        "columnspacing": 1.2,
+        "handlelength": 1.9,
+    }
+)
+
+
+def legend_above(figure: Figure, handles: Sequence[Any], most: int, **look: Any) -> None:
+    """In at most so many columns; `look`: what is not as in `LEGEND`."""
+    figure.legend(handles=handles, ncols=min(most, len(handles)), **{**LEGEND, **look})
+
+
+HEAD, FOOT = 1.7, 1.12  # of the largest difference: the ends of a panel, which has its name above
+
+
+def difference_panel(
+    panel: Axes,
+    shares: Array,
+    band: tuple[Array, Array],
+    most: float,
+    numbers: int = 5,
+    look: Mapping[str, Any] = style.CHANCE,
 ) -> None:
-    """In at most so many columns with a `gap` between them; `length`: of what stands for a line."""
-    figure.legend(
-        handles=handles,
-        loc="upper center",
-        ncols=min(most, len(handles)),
-        borderaxespad=0.3,
-        labelspacing=0.3,
-        columnspacing=gap,
-        handlelength=length,
+    """For differences of empirical distributions, up to `most`: zero and the `band` that chance allows
+    at `shares (S,)`.
+    """
+    panel.fill_between(shares, *band, zorder=0, **look)
+    panel.axhline(0.0, color=style.MIDDLE, linewidth=0.5, zorder=1)
+    panel.set_xlim(0, 1)
+    panel.set_ylim(-FOOT * most, HEAD * most)
+    style.set_ticks(panel.xaxis, np.array([0.0, 0.5, 1.0]), ["0", "0.5", "1"])
+    style.set_ticks(panel.yaxis, *ticks(-FOOT * most, FOOT * most, numbers))
+
+
+CORNER_GAP = 0.06  # between panels, in panels
+
+
+def corner_panels(
+    n: int, size: tuple[float, float], left: float, bottom: float, inside: float
+) -> tuple[Figure, NDArray[np.object_]]:
+    """A figure of this `size` and its panels `(n, n)`, those above the diagonal empty; inches."""
+    width, height = size
+    figure = Figure(figsize=size)
+    panels = figure.subplots(n, n, squeeze=False)
+    for above in panels[np.triu_indices(n, 1)]:
+        above.set_axis_off()
+    figure.subplots_adjust(
+        left=left / width,
+        right=(left + inside) / width,
+        bottom=bottom / height,
+        top=(bottom + inside) / height,
+        wspace=CORNER_GAP,
+        hspace=CORNER_GAP,
     )
+    return figure, panels
+
+
+def corner_axes(
+    panels: NDArray[np.object_],
+    shown: Sequence[Scale],
+    numbers: Callable[[Axis, int, bool], None],
+) -> None:
+    """Limits of all panels `(n, n)`; `numbers(axis, k, outer)` sets the ticks of unknown `k`, `outer` at
+    the left and at the bottom.
+    """
+    n = len(shown)
+    for i in range(n):
+        for j in range(i + 1):
+            panels[i, j].set_xlim(shown[j].low, shown[j].high)
+            numbers(panels[i, j].xaxis, j, i == n - 1)
+            if i > j:
+                panels[i, j].set_ylim(shown[i].low, shown[i].high)
+                numbers(panels[i, j].yaxis, i, j == 0)
+    figure = panels[0, 0].figure
+    figure.align_xlabels(list(panels[-1]))
+    figure.align_ylabels(list(panels[1:, 0]))
+
+
+def corner_label(axis: Axis, label: str, letters: float, ticks: float, pad: float) -> None:
+    """The numbers of an outer axis, slanted; sizes in points."""
+    axis.set_tick_params(labelsize=ticks, pad=pad)
+    for text in axis.get_ticklabels():
+        text.set(rotation=45, ha="right", va="center_baseline", rotation_mode="anchor")
+    axis.set_label_text(label, fontsize=letters)
 
 
 Ends = tuple[float, float]

@@ -9,13 +9,13 @@ from __future__ import annotations
 
 import importlib
 import io
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping
 from concurrent.futures import Future
 from pathlib import Path
 from types import MappingProxyType
-from typing import TYPE_CHECKING
 
 from bayesdrill import output_files
+from bayesdrill.analysis.diagnostics import Row
 from bayesdrill.basics import software
 from bayesdrill.basics.progress import Reporter
 from bayesdrill.basics.registry import Registry, callable_one
@@ -31,10 +31,6 @@ from bayesdrill.report.sections import physics_words, torque_words, verdict_word
 from bayesdrill.report.view import Drawing, View, captioned
 from bayesdrill.results.run_folder import Folder
 from bayesdrill.sampling.workers import Crew
-
-if TYPE_CHECKING:
-    from xarray import DataTree
-
 
 FIT_ALONE = "Record and model at the MAP; beside them what is left, and the noise."
 
@@ -83,19 +79,16 @@ def drawn(wanted: Collection[str] | None) -> list[str]:
     return [name for name in FIGURES if name in wanted]
 
 
-def _verdict(view: View) -> str | None:
-    judged = view.analysis.judged
-    return (
-        None if judged is None else verdict_words.verdict_csv(judged.verdict, view.problem.symbols)
-    )
-
-
 # What follows from a chain alone; None where a run has no such table.
 TABLES: Mapping[str, Callable[[View], str | None]] = MappingProxyType(
     {
-        "summary.csv": lambda view: section.as_csv(view.analysis.unknowns),
+        "summary.csv": lambda view: section.records_as_csv(Row, view.analysis.unknowns),
         "derived.csv": lambda view: physics_words.derived_csv(view.analysis.derived),
-        "verdict.csv": _verdict,
+        "verdict.csv": lambda view: (
+            verdict_words.verdict_csv(view.analysis.judged.verdict, view.problem.symbols)
+            if view.analysis.judged is not None
+            else None
+        ),
         "torque.csv": lambda view: torque_words.torque_csv(view.chain.shaking),
         "table.tex": lambda view: render.latex_table(
             view.units.rows(view.analysis.unknowns),
@@ -119,7 +112,10 @@ def everything(view: View, folder: Folder, crew: Crew, report: Reporter) -> tupl
     Raises `OSError` when the disk is full; files already there stay whole.
     """
     output, sparing = view.config.output, view.chain.sparing
-    place = (*_place(folder, view), view.warning, tuple(output.formats), output.dpi)
+    figures = folder.path / FOLDER
+    figures.mkdir(exist_ok=True)
+    note = {"Title": view.config.name, "Creator": software.creator(), **view.marks}
+    place = (figures, note, view.warning, tuple(output.formats), output.dpi)
     tasks: list[tuple[str, str, Future[None]]] = []
     wanted = drawn(output.figures)
     folder.take_away(
@@ -140,43 +136,23 @@ def everything(view: View, folder: Folder, crew: Crew, report: Reporter) -> tupl
             if text is not None:
                 folder.write_text(name, text)
     with sparing.making("posterior.nc"):
-        _write_tree(view.tree, folder.place("posterior.nc"))
+        image = io.BytesIO()
+        view.tree.to_netcdf(image, engine="h5netcdf")
+        output_files.write(folder.place("posterior.nc"), image.getvalue())
     pictures = []
     for k, (stem, says, task) in enumerate(tasks):
         report.update(0.6 + 0.4 * k / len(tasks), f"figure {stem}")
         with sparing.making(f"figures/{stem}"):
             task.result()
             pictures.append(Picture(stem, says or stem, output_files.shown_path(output.formats)))
-    _pages(view, pictures, folder)
-    return tuple(sparing.missing)
-
-
-def _pages(view: View, pictures: Sequence[Picture], folder: Folder) -> None:
-    """The report for eyes: as Markdown, and as one page of HTML with its pictures inside."""
-    with view.chain.sparing.making("summary.md"):
+    with sparing.making("summary.md"):
         folder.write_text("summary.md", as_markdown(view.config.name, sections(view, pictures)))
-    with view.chain.sparing.making("report.html"):
-        # Late: templates are for this page alone.
-        from bayesdrill.report.render import as_html
-
+    with sparing.making("report.html"):
         made_of = run_report.provenance_section(view, folder.path)
         said = (*sections(view, pictures), made_of, run_report.cite(folder.path))
-        figures = folder.path / FOLDER
-        text = as_html(view.config.name, "posterior", said, figures, view.problem.symbols)
+        text = render.as_html(view.config.name, "posterior", said, figures, view.problem.symbols)
         folder.write_text("report.html", text)
-
-
-def _write_tree(tree: DataTree, path: Path) -> None:
-    image = io.BytesIO()
-    tree.to_netcdf(image, engine="h5netcdf")
-    output_files.write(path, image.getvalue())
-
-
-def _place(folder: Folder, view: View) -> tuple[Path, dict[str, str]]:
-    """Where figures go, and the note in each."""
-    figures = folder.path / FOLDER
-    figures.mkdir(exist_ok=True)
-    return figures, {"Title": view.config.name, "Creator": software.creator(), **view.marks}
+    return tuple(sparing.missing)
 
 
 def load_drawing(_: Posterior) -> None:

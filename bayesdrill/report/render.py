@@ -6,7 +6,8 @@ import base64
 import hashlib
 import math
 import re
-from collections.abc import Iterator, Sequence
+import struct
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import compress
 from pathlib import Path
@@ -65,9 +66,11 @@ def as_html(
         "kind": lambda block: type(block).__name__,
     }
     environment.filters |= helpers
+    blocks = [block for section in sections for block in section.blocks]
     shown = {
         picture.stem: _embedded(figures / f"{picture.stem}.{picture.ending}")
-        for picture in _pictures(sections)
+        for picture in blocks
+        if isinstance(picture, Picture)
     }
     return environment.get_template("report.html.j2").render(
         title=title,
@@ -97,30 +100,16 @@ def _own(environment: jinja2.Environment, name: str) -> _Own:
     return _Own(Markup(text), f"'sha256-{digest}'")
 
 
-def _pictures(sections: Sequence[Section]) -> Iterator[Picture]:
-    for section in sections:
-        yield from (block for block in section.blocks if isinstance(block, Picture))
-
-
 def _embedded(path: Path) -> Shown | None:
-    kinds = {".png": ("png", _size_of_png), ".svg": ("svg+xml", _size_of_svg)}
-    if path.suffix not in kinds or not path.exists():
+    if path.suffix not in (".png", ".svg") or not path.exists():
         return None
-    kind, size = kinds[path.suffix]
     data = path.read_bytes()
-    url = f"data:image/{kind};base64,{base64.b64encode(data).decode()}"
-    return Shown(url, *size(data))
-
-
-def _size_of_png(data: bytes) -> tuple[int, int]:
-    size = data[_PNG_SIZE]
-    return int.from_bytes(size[:4]), int.from_bytes(size[4:8])
-
-
-def _size_of_svg(data: bytes) -> tuple[int, int]:
-    """As many pixels as a PNG of the same figure has by default."""
-    width, height = (float(points) for points in _SVG_SIZE.findall(data)[0])
-    return round(width / 72 * DPI), round(height / 72 * DPI)
+    if path.suffix == ".png":
+        kind, width, height = "png", *struct.unpack(">II", data[_PNG_SIZE])
+    else:  # as many pixels as a PNG of the same figure has by default
+        points = (float(one) for one in _SVG_SIZE.findall(data)[0])
+        kind, width, height = "svg+xml", *(round(one / 72 * DPI) for one in points)
+    return Shown(f"data:image/{kind};base64,{base64.b64encode(data).decode()}", width, height)
 
 
 def after(text: str, known: str) -> str:
@@ -156,18 +145,14 @@ def latex_table(rows: Sequence[Row], symbols: Sequence[Symbol], *, believed: boo
     shown[-1] = believed
     every = (_HEADS, *(_cells(row, named[row.name]) for row in rows))
     lines = [" & ".join(compress(line, shown)) + r" \\" for line in every]
-    return "\n".join(_around("".join(compress("llrrrrl", shown)), lines)) + "\n"
-
-
-def _around(columns: str, lines: Sequence[str]) -> Iterator[str]:
-    yield r"% needs \usepackage{booktabs,siunitx}"
-    yield rf"\begin{{tabular}}{{@{{}}{columns}@{{}}}}"
-    yield r"\toprule"
-    yield lines[0]
-    yield r"\midrule"
-    yield from lines[1:]
-    yield r"\bottomrule"
-    yield r"\end{tabular}"
+    columns = "".join(compress("llrrrrl", shown))
+    table = (
+        r"% needs \usepackage{booktabs,siunitx}",
+        rf"\begin{{tabular}}{{@{{}}{columns}@{{}}}}",
+        *(r"\toprule", lines[0], r"\midrule", *lines[1:]),
+        *(r"\bottomrule", r"\end{tabular}"),
+    )
+    return "\n".join(table) + "\n"
 
 
 def _cells(row: Row, symbol: Symbol) -> tuple[str, ...]:

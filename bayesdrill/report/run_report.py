@@ -32,6 +32,7 @@ from bayesdrill.report.section import (
     Section,
     Sentences,
     Table,
+    build,
 )
 from bayesdrill.report.sections import (
     fit_words,
@@ -49,33 +50,27 @@ def run_marks(run: View) -> tuple[Mark, ...]:
     """Nothing is good about a run that must not be believed; what is bad about it comes first."""
     converged = run.sampled.convergence.converged
     first = Mark("converged", "good") if converged else Mark("not converged", "bad")
-    fit = _fit_mark(run)
+    fit = Mark("more than noise is left", "doubt")
+    if any(one.unbelievable for one in run.analysis.fit):
+        fit = Mark("does not fit", "bad")
+    elif like_noise(run.analysis.fit):
+        fit = Mark("fits: noise is left", "good")
     if run.reasons:
         plain = [replace(one, tone="plain") if one.tone == "good" else one for one in (fit, first)]
         return tuple(sorted(plain, key=lambda one: one.tone != "bad"))
-    return (first, fit) if run.analysis.judged is None else (first, fit, _table(run))
+    if run.analysis.judged is None:
+        return first, fit
+    return first, fit, _table_mark(run.analysis.judged.verdict, run.problem.compared_with)
 
 
-def _fit_mark(run: View) -> Mark:
-    if any(one.unbelievable for one in run.analysis.fit):
-        return Mark("does not fit", "bad")
-    if like_noise(run.analysis.fit):
-        return Mark("fits: noise is left", "good")
-    return Mark("more than noise is left", "doubt")
-
-
-def _table(run: View) -> Mark:
-    assert run.analysis.judged is not None
-    found, table = run.analysis.judged.verdict, run.problem.compared_with
+def _table_mark(found: Verdict, table: str) -> Mark:
     if all(quantity.says == "not determined" for quantity in found.products):
         return Mark(f"says nothing of {table}", "doubt")
     if not found.fits:
         return Mark("verdict in doubt", "doubt")
-    return (
-        Mark(f"agrees with {table}", "good")
-        if found.agrees
-        else Mark(f"disagrees with {table}", "doubt")
-    )
+    if found.agrees:
+        return Mark(f"agrees with {table}", "good")
+    return Mark(f"disagrees with {table}", "doubt")
 
 
 CHECKED = (
@@ -86,44 +81,39 @@ CHECKED = (
 
 def provenance_section(run: View, folder: Path) -> Section:
     """`folder`: of the run, which holds config and chain."""
-    made = made_of(tuple(_lines(run)), folder)
-    return replace(made, blocks=(*made.blocks, Note(CHECKED)))
-
-
-def cite(folder: Path | None = None) -> Section:
-    """How to cite what the run in `folder` was made with, or what is installed."""
-    run = {} if folder is None else read_run(folder) or {}
-    found = citation(run.get("versions"))
-    return Section(
-        "How to cite",
-        (Sentences(found.text.replace("\n\n", "\n")), Plain(found.bibtex, folded="BibTeX")),
-        brief=False,
-    )
-
-
-def made_of(lines: tuple[tuple[str, str], ...], folder: Path) -> Section:
-    """What is known, and digests of what it was made of, where these are in `folder`."""
-    digests = tuple(("files", found) for found in (", ".join(_digests(folder)),) if found)
-    table = Table(("", ""), (*lines, *digests), frozenset(("",)))
-    return Section("Provenance", (table, *_config(folder)), brief=False)
-
-
-def _lines(run: View) -> Iterator[tuple[str, str]]:
     config, marks = run.config, run.marks
     c, sampler = run.sampled.convergence, config.sampler
-    yield "config", config.name
-    yield "run", f"{marks[provenance.RUN_MARK]}, a digest of record, config and seed"
-    yield from provenance_of_records(run.problem)
-    yield "model", words.model(run.problem)
-    yield "seed", marks["Seed"]
-    yield (
-        "sampler",
-        f"{sampler.ensembles} ensembles of {sampler.walkers} walkers; burn-in {c.burn_in} of {c.steps} "
-        f"steps, then one of {c.thin}",
+    took = ", ".join(f"{name} {value:.1f}" for name, value in run.seconds.items())
+    return made_of(
+        (
+            ("config", config.name),
+            ("run", f"{marks[provenance.RUN_MARK]}, a digest of record, config and seed"),
+            *provenance_of_records(run.problem),
+            ("model", words.model(run.problem)),
+            ("seed", marks["Seed"]),
+            (
+                "sampler",
+                f"{sampler.ensembles} ensembles of {sampler.walkers} walkers; burn-in {c.burn_in} of "
+                f"{c.steps} steps, then one of {c.thin}",
+            ),
+            ("versions", marks["Versions"]),
+            *([("seconds", took)] if took else []),
+        ),
+        folder,
+        Note(CHECKED),
     )
-    yield "versions", marks["Versions"]
-    if run.seconds:
-        yield "seconds", ", ".join(f"{name} {value:.1f}" for name, value in run.seconds.items())
+
+
+def made_of(lines: tuple[tuple[str, str], ...], folder: Path, *more: Note) -> Section:
+    """What is known, and digests of what it was made of, where these are in `folder`."""
+    there = [name for name in (CONFIG_FILE, RESOLVED_FILE, CHAIN) if (folder / name).exists()]
+    digests = ", ".join(f"`{name}` {output_files.digest(folder / name)}" for name in there)
+    table = Table(("", ""), (*lines, *([("files", digests)] if digests else [])), frozenset(("",)))
+    config = None
+    if RESOLVED_FILE in there:
+        text = (folder / RESOLVED_FILE).read_text(encoding="utf-8")
+        config = Plain(text, folded="The config, with every default")
+    return build("Provenance", table, config, *more, brief=False)
 
 
 def provenance_of_records(problem: Problem) -> Iterator[tuple[str, str]]:
@@ -136,16 +126,12 @@ def provenance_of_records(problem: Problem) -> Iterator[tuple[str, str]]:
         yield one.entitled("channels"), ", ".join(one.experiment.names)
 
 
-def _digests(folder: Path) -> Iterator[str]:
-    for name in (CONFIG_FILE, RESOLVED_FILE, CHAIN):
-        if (folder / name).exists():
-            yield f"`{name}` {output_files.digest(folder / name)}"
-
-
-def _config(folder: Path) -> Iterator[Plain]:
-    path = folder / RESOLVED_FILE
-    if path.exists():
-        yield Plain(path.read_text(encoding="utf-8"), folded="The config, with every default")
+def cite(folder: Path | None = None) -> Section:
+    """How to cite what the run in `folder` was made with, or what is installed."""
+    run = {} if folder is None else read_run(folder) or {}
+    found = citation(run.get("versions"))
+    bibtex = Plain(found.bibtex, folded="BibTeX")
+    return build("How to cite", found.text.replace("\n\n", "\n"), bibtex, brief=False)
 
 
 FOUND = "nothing found: energy, poles and sampling are as in a real rig"
@@ -153,125 +139,93 @@ FOUND = "nothing found: energy, poles and sampling are as in a real rig"
 
 def sections(run: View, pictures: Sequence[Picture] = ()) -> tuple[Section, ...]:
     """Of which a terminal shows the brief ones, the last first."""
-    judged = run.analysis.judged
-    shown = (Section("Figures", tuple(pictures), brief=False),) if pictures else ()
-    return (
-        Section("Verdict", tuple(_verdict(run))),
-        Section("Fit", tuple(_fit(run))),
-        Section("Parameters", _parameters(run)),
-        *((_against(run, judged.verdict),) if judged is not None else ()),
-        *_repeats(run),
-        *_torque(run),
-        *_energy(run),
-        *shown,
-        *_evidence(run),
-        *(_shown(run, judged) if judged is not None else ()),
-        Section("What follows from these", (_following(run),), brief=False),
-        Section(
-            "Maximum of the posterior (MAP)",
-            (Sentences(words.mode(run.mode, run.units)),),
-            brief=False,
-        ),
-        Section(
-            "Convergence",
-            (Sentences(words.convergence(run.sampled)), Note(words.DIAGNOSTICS)),
-            brief=False,
-        ),
+    return tuple(_sections(run, pictures))
+
+
+def _sections(run: View, pictures: Sequence[Picture]) -> Iterator[Section]:
+    found, judged, sampled = run.analysis, run.analysis.judged, run.sampled
+    converged = sampled.convergence.converged
+    doubts = words.unbelievable(run.reasons, converged=converged)
+    yield build("Verdict", Marks(run_marks(run)), doubts, _verdict(run))
+    yield build(
+        "Fit",
+        words.maxima(run.mode, sampled.held, run.units),
+        fit_words.residual_sentences(found.fit, run.clock),
+        fit_words.explained(found.causes, run.problem),
+        verdict_words.step_sentences(found.step_errors),
     )
-
-
-def _verdict(run: View) -> Iterator[Block]:
-    """The whole in a line, then whether it may be believed."""
-    c, table = run.sampled.convergence, run.problem.compared_with
-    yield Marks(run_marks(run))
-    if doubts := words.unbelievable(run.reasons, converged=c.converged):
-        yield Sentences(doubts)
-    if run.analysis.judged is not None:
-        n, verdict = len(run.problem.observations), run.analysis.judged.verdict
-        roles = run.problem.model.roles
-        lacking = fit_words.lacking(run.analysis.causes, roles)
-        said = verdict_words.verdict_sentences(
-            verdict,
-            table,
-            converged=c.converged,
-            believed=not run.reasons,
-            records=n,
-            lacking=lacking,
-            rests=run.analysis.judged.study.resting,
-        )
-        more = fit_words.instead(run.analysis.instead, roles) if c.converged else ()
-        yield Sentences("\n".join([said, *more]))
-
-
-def _fit(run: View) -> Iterator[Block]:
-    if several := words.maxima(run.mode, run.sampled.held, run.units):
-        yield Sentences(several)
-    yield Sentences(fit_words.residual_sentences(run.analysis.fit, run.clock))
-    if said := fit_words.explained(run.analysis.causes, run.problem):
-        yield Sentences(said)
-    if said := verdict_words.step_sentences(run.analysis.step_errors):
-        yield Sentences(said)
-
-
-def _repeats(run: View) -> Iterator[Section]:
-    """Where there are several experiments to compare."""
-    if run.analysis.repeats:
+    yield build("Parameters", *_parameters(run))
+    if judged is not None:
+        rule = None if run.reasons else Note(verdict_words.verdict_rule(judged.verdict))
+        shown = _told(run, verdict_words.verdict_table(judged.verdict))
+        read = Note(verdict_words.VERDICT_EXPLAINED)
+        yield build("Against the nominal table", shown, rule, read)
+    if found.repeats:
         names = run.names_of_rig
-        said = Sentences(verdict_words.repeats_sentence(run.analysis.repeats, names))
+        said = verdict_words.repeats_sentence(found.repeats, names)
+        shown = verdict_words.repeats_table(found.repeats, names)
         read = Note(verdict_words.REPEATS_EXPLAINED)
-        yield Section(
-            "From one experiment to the next",
-            (said, verdict_words.repeats_table(run.analysis.repeats, names), read),
-        )
+        yield build("From one experiment to the next", said, shown, read)
+    for torque in found.torques:
+        where = f" of {torque.label}" if torque.label else ""
+        parts = (torque_words.torque_sentence, torque_words.followed, torque_words.strayed)
+        said = "\n".join(filter(None, (words_of(torque) for words_of in parts)))
+        shown = torque_words.torque_table(torque)
+        yield build(f"The missing torque{where}", said, shown, Note(torque_words.READ))
+    for energy in found.energy:
+        where = f" in {energy.label}" if energy.label else ""
+        shown = physics_words.energy_table(energy, run.problem.model)
+        read = Note(physics_words.energy_note(energy, run.problem.model))
+        yield build(f"Where the energy goes{where}", shown, read, brief=False)
+    if pictures:
+        yield build("Figures", *pictures, brief=False)
+    if found.evidence is not None:
+        said = verdict_words.evidence_sentences(found.evidence, found.vague, converged=converged)
+        yield build("Evidence", said, Note(verdict_words.EVIDENCE_EXPLAINED))
+    if judged is not None:
+        yield from _shown(run, judged)
+    rows = run.units.rows(found.derived)
+    follows = physics_words.derived_table(rows, found.meanings) if rows else Note("none")
+    yield build("What follows from these", follows, brief=False)
+    searches = words.mode(run.mode, run.units)
+    yield build("Maximum of the posterior (MAP)", searches, brief=False)
+    read = Note(words.DIAGNOSTICS)
+    yield build("Convergence", words.convergence(sampled), read, brief=False)
 
 
-def _evidence(run: View) -> Iterator[Section]:
-    if run.analysis.evidence is not None:
-        said = verdict_words.evidence_sentences(
-            run.analysis.evidence, run.analysis.vague, converged=run.sampled.convergence.converged
-        )
-        yield Section("Evidence", (Sentences(said), Note(verdict_words.EVIDENCE_EXPLAINED)))
+def _verdict(run: View) -> str:
+    """The whole in a line, then what it rests on; empty where nothing is compared."""
+    judged, roles = run.analysis.judged, run.problem.model.roles
+    if judged is None:
+        return ""
+    converged = run.sampled.convergence.converged
+    said = verdict_words.verdict_sentences(
+        judged.verdict,
+        run.problem.compared_with,
+        converged=converged,
+        believed=not run.reasons,
+        records=len(run.problem.observations),
+        lacking=fit_words.lacking(run.analysis.causes, roles),
+        rests=judged.study.resting,
+    )
+    more = fit_words.instead(run.analysis.instead, roles) if converged else ()
+    return "\n".join([said, *more])
 
 
-def _torque(run: View) -> Iterator[Section]:
-    """Of a rig whose equations leave one out."""
-    for one in run.analysis.torques:
-        where = f" of {one.label}" if one.label else ""
-        law = torque_words.followed(one)
-        parts = (torque_words.torque_sentence(one), law, torque_words.strayed(one))
-        said = Sentences("\n".join(filter(None, parts)))
-        shown = torque_words.torque_table(one)
-        yield Section(f"The missing torque{where}", (said, shown, Note(torque_words.READ)))
-
-
-def _energy(run: View) -> Iterator[Section]:
-    """Of a rig that rubs."""
-    model = run.problem.model
-    for one in run.analysis.energy:
-        where = f" in {one.label}" if one.label else ""
-        shown = physics_words.energy_table(one, model)
-        read = Note(physics_words.energy_note(one, model))
-        yield Section(f"Where the energy goes{where}", (shown, read), brief=False)
-
-
-def _parameters(run: View) -> tuple[Block, ...]:
+def _parameters(run: View) -> tuple[Block | str, ...]:
+    unknowns = run.analysis.unknowns
     read = (
         "`shrinkage` is one minus the ratio of the posterior's to the prior's standard deviation."
     )
-    if any(row.nominal is not None for row in run.analysis.unknowns):
+    if any(row.nominal is not None for row in unknowns):
         nominal = f"the nominal value ({run.problem.compared_with})"
         read = f"`dev. %` is the deviation of the posterior mean from {nominal}; {read}"
-    drawn = bars(run.analysis.unknowns, run.problem.posterior.space.priors)
-    known = [
-        *section.in_words(run.analysis.unknowns),
-        *words.leaning(run.analysis.leaning).splitlines(),
-    ]
-    said = Sentences("\n".join([*([] if run.reasons else known), *run.notes]))
-    return (
-        _told(run, section.of_rows(run.units.rows(run.analysis.unknowns), drawn)),
-        Note(read),
-        said,
-    )
+    drawn = bars(unknowns, run.problem.posterior.space.priors)
+    table = _told(run, section.of_rows(run.units.rows(unknowns), drawn))
+    leaning = words.leaning(run.analysis.leaning).splitlines()
+    known = [] if run.reasons else [*section.in_words(unknowns), *leaning]
+    # Also where there is nothing to say: a terminal then shows an empty line.
+    return table, Note(read), Sentences("\n".join([*known, *run.notes]))
 
 
 def _told(run: View, table: Table) -> Table:
@@ -279,32 +233,20 @@ def _told(run: View, table: Table) -> Table:
     return table.only([head for head in table.heads if not (run.reasons and head in WORDS)])
 
 
-def _following(run: View) -> Table | Note:
-    rows, meanings = run.units.rows(run.analysis.derived), run.analysis.meanings
-    return physics_words.derived_table(rows, meanings) if rows else Note("none")
-
-
-def _against(run: View, verdict: Verdict) -> Section:
-    rule = () if run.reasons else (Note(verdict_words.verdict_rule(verdict)),)
-    shown = _told(run, verdict_words.verdict_table(verdict))
-    return Section(
-        "Against the nominal table", (shown, *rule, Note(verdict_words.VERDICT_EXPLAINED))
-    )
-
-
 def _shown(run: View, judged: Judgement) -> Iterator[Section]:
     study, records = judged.study, len(run.problem.observations)
     known = () if run.reasons else (identify_words.knowledge,)
     parts = (identify_words.structure, identify_words.resting, *known)
     shown = "\n\n".join(filter(None, (words_of(study) for words_of in parts)))
-    whose = "this record" if records == 1 else "these records"
-    rubs = physics_words.friction_sentences(study.frictions)
-    stands = torque_words.stand_ins(study)
-    more = [Sentences(one) for one in (rubs, stands) if one]
-    said: tuple[Block, ...] = (Plain(shown), *more)
-    yield Section(f"What {whose} can show, at the MAP", said, brief=False)
-    physical = Sentences("\n".join(judged.findings) or FOUND)
-    yield Section("Physical consistency of the posterior", (physical,), brief=False)
+    yield build(
+        f"What {'this record' if records == 1 else 'these records'} can show, at the MAP",
+        Plain(shown),
+        physics_words.friction_sentences(study.frictions),
+        torque_words.stand_ins(study),
+        brief=False,
+    )
+    physical = "\n".join(judged.findings) or FOUND
+    yield build("Physical consistency of the posterior", physical, brief=False)
 
 
 TAIL = 0.001  # of a prior, outside of the range

@@ -50,7 +50,8 @@ def even_numbers(low: float, high: float, most: int) -> tuple[list[float], list[
             if last - first < most:
                 places = max(0, decimals - exponent)
                 values = [round(k * step, places) for k in range(first, last + 1)]
-                return values, [fixed_digits(value, places) for value in values]
+                texts = (f"{value + 0.0:.{places}f}" for value in values)
+                return values, [text.replace("-", "\N{MINUS SIGN}") for text in texts]
         exponent += 1
 
 
@@ -69,22 +70,14 @@ def in_ratios(low: float, high: float, most: int) -> tuple[list[float], list[str
         values = values[::step]
     if len(values) < 2:
         return even_numbers(low, high, most)
-    plain = values[0] > 0.9e-3 and values[-1] < 1.1e4
-    return values, [_plainly(value) if plain else _in_powers(value) for value in values]
-
-
-def _plainly(value: float) -> str:
-    return f"{value:.6g}"
-
-
-def _in_powers(value: float) -> str:
-    mantissa, exponent = f"{value:.0e}".split("e")
-    ten = rf"10^{{{int(exponent)}}}"
-    return f"${ten}$" if mantissa == "1" else rf"${mantissa}{{\cdot}}{ten}$"
-
-
-def fixed_digits(value: float, places: int) -> str:
-    return f"{value + 0.0:.{places}f}".replace("-", "\N{MINUS SIGN}")
+    if values[0] > 0.9e-3 and values[-1] < 1.1e4:
+        return values, [f"{value:.6g}" for value in values]
+    texts = []
+    for value in values:
+        mantissa, exponent = f"{value:.0e}".split("e")
+        times = "" if mantissa == "1" else rf"{mantissa}{{\cdot}}"
+        texts.append(f"${times}10^{{{int(exponent)}}}$")
+    return values, texts
 
 
 def short_number(x: float) -> str:
@@ -106,11 +99,6 @@ def with_spread(x: float, low: float, high: float) -> str:
     shorter = min(x - low, high - x)
     places = max(0, 1 - math.floor(math.log10(shorter))) if shorter > 0 else 3
     return f"{x:.{places}f}^{{+{high - x:.{places}f}}}_{{-{x - low:.{places}f}}}"
-
-
-def numbers_apart(places: list[float]) -> float:
-    """The least distance of two neighbours."""
-    return min((b - a for a, b in pairwise(places)), default=math.inf)
 
 
 _DOT, _ABOVE = r"\dot", Markup("&#775;")
@@ -146,12 +134,7 @@ def _letter(latex: str) -> Markup:
         return Markup()
     base = Markup(f"&{letter};") if greek else letter
     low = Markup("<sub>{}</sub>").format(index) if index else ""
-    return _joined((base, _ABOVE if dotted else "", low))
-
-
-def _joined(parts: Iterable[str]) -> Markup:
-    """The one place where text becomes HTML: what is not `Markup` is escaped."""
-    return Markup().join(parts)
+    return Markup().join((base, _ABOVE if dotted else "", low))
 
 
 def _within(
@@ -160,9 +143,12 @@ def _within(
     inside: Callable[[str], str],
     outside: Callable[[str], str],
 ) -> Markup:
-    """Of `text`, no HTML yet: `inside` of what the group of `pattern` finds, `outside` of the rest."""
+    """Of `text`, no HTML yet: `inside` of what the group of `pattern` finds, `outside` of the rest.
+
+    Here text becomes HTML: what is not `Markup` is escaped.
+    """
     parts = enumerate(pattern.split(text))
-    return _joined(inside(part) if k % 2 else outside(part) for k, part in parts)
+    return Markup().join(inside(part) if k % 2 else outside(part) for k, part in parts)
 
 
 class Typesetter:
@@ -182,16 +168,12 @@ class Typesetter:
         return _within(_CODE, text, Markup("<code>{}</code>").format, self._strong)
 
     def _strong(self, text: str) -> Markup:
-        def strong(part: str) -> Markup:
-            return Markup("<strong>{}</strong>").format(self._emphasis(part))
-
-        return _within(_STRONG, text, strong, self._emphasis)
+        strong = Markup("<strong>{}</strong>").format
+        return _within(_STRONG, text, lambda one: strong(self._emphasis(one)), self._emphasis)
 
     def _emphasis(self, text: str) -> Markup:
-        def slanted(part: str) -> Markup:
-            return Markup("<em>{}</em>").format(self.plain(part))
-
-        return _within(_EMPHASIS, text, slanted, self.plain)
+        slanted = Markup("<em>{}</em>").format
+        return _within(_EMPHASIS, text, lambda one: slanted(self.plain(one)), self.plain)
 
 
 def _powers(text: str) -> Markup:
@@ -246,16 +228,6 @@ class Scale:
         x = self.value(u)
         stretch = x * math.log(10.0) if self.log else 10.0**self.power
         return np.asarray(np.exp(prior.logpdf(x)) * stretch)
-
-    def share(self, u: Array) -> Array:
-        """0 at the low end of the axis, 1 at the high end, for numbers `u` on it."""
-        return np.asarray((u - self.low) / (self.high - self.low), dtype=np.float64)
-
-    @property
-    def shown_ends(self) -> tuple[float, float]:
-        """As texts of the axis would call its ends."""
-        low, high = (float(self.number(self.value(u))) for u in (self.low, self.high))
-        return low, high
 
     def side(self, x: float | None) -> int:
         """-1, 0 or 1: the value x is below, on or above the axis; 0 when there is none."""
@@ -365,6 +337,6 @@ def ticks(
     else:
         values, texts = even_numbers(low, high, most)
     room = letter * max(map(len, texts)) * length
-    if len(values) == 3 and room > numbers_apart(values):
+    if len(values) == 3 and room > min(b - a for a, b in pairwise(values)):
         values, texts = values[::2], texts[::2]
     return np.array(values), texts

@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Circle, FancyArrowPatch, Polygon, Rectangle
 from matplotlib.path import Path as Route
 
-from bayesdrill.basics.symbols import DEFAULT_NOMINAL, INPUTS, NOMINAL, PARAMETERS, STATES
+from bayesdrill.basics.symbols import INPUTS, PARAMETERS, STATES
 from bayesdrill.report import scales, style
 
 Point = tuple[float, float]
@@ -41,27 +41,20 @@ def rig_figure() -> Figure:
 
 
 def heuristic_figure(pairs: Sequence[Pair], iterations: int) -> Figure:
-    """The cycle of `pairs`, each searched for `iterations`, until the misfit is steady.
+    """The cycle of the nine `pairs`, each searched for `iterations`, until the misfit is steady.
 
-    Names are keys of `PARAMETERS`; one to twelve pairs fit on a page.
+    Names are keys of `PARAMETERS`; each pair shares one with the next.
     """
-    columns = (len(pairs) + 2) // 2
-    width = scales.SINGLE if columns <= 2 else scales.DOUBLE
-    pitch = min(1.26, (width - ENTRY) / max(columns, 2))
-    start = (width - ENTRY - max(columns, 2) * pitch) / 2 + ENTRY + pitch / 2
-    wide = min(0.96, pitch - 0.24)
+    order = [first for first, _ in pairs]
     # There along the upper row and back along the lower one; the decision is last.
-    places = [(start + k * pitch, UPPER) for k in range(columns)]
-    places += [(start + k * pitch, LOWER) for k in reversed(range(len(pairs) + 1 - columns))]
-    nine = NOMINAL[DEFAULT_NOMINAL].values
-    order = list(dict.fromkeys([*(name for pair in pairs for name in pair), *nine]))
+    along = [ENTRY + (k + 0.5) * PITCH for k in range(5)]
+    places = [*((x, UPPER) for x in along), *((x, LOWER) for x in reversed(along))]
     with style.styled():
-        figure, sheet = _sheet(width, UPPER + 0.5 * BOX + 0.1)
+        figure, sheet = _sheet(scales.DOUBLE, UPPER + 0.5 * BOX + 0.1)
         for place, pair in zip(places, pairs, strict=False):
-            _pair_box(sheet, place, wide, pair, iterations, order)
-        _around(sheet, places, wide, pairs)
-        _decision(sheet, places, wide, _shared(pairs[-1], pairs[0]))
-        _key(sheet, width, order)
+            _pair_box(sheet, place, pair, iterations, order)
+        _cycle(sheet, places, pairs)
+        _key(sheet, order)
     return figure
 
 
@@ -220,62 +213,47 @@ def _names(sheet: Axes) -> None:
 
 
 # The heuristic. Places in inches, from the lower edge; ENTRY is left of the first column.
-LOWER, UPPER, BOX, ENTRY, CELL = 1.12, 2.28, 0.78, 0.74, 0.21
+LOWER, UPPER, ENTRY, CELL = 1.12, 2.28, 0.74, 0.21
+PITCH = (scales.DOUBLE - ENTRY) / 5
+WIDE, BOX = 0.96, 0.78  # of a box
 
 
-def _pair_box(
-    sheet: Axes, place: Point, wide: float, pair: Pair, iterations: int, order: Sequence[str]
-) -> None:
+def _pair_box(sheet: Axes, place: Point, pair: Pair, iterations: int, order: Sequence[str]) -> None:
     """What one step of the cycle does; the strip below shows which parameters it moves."""
     x, y = place
-    _box(sheet, x, y, wide, BOX, **HOLLOW)
+    _box(sheet, x, y, WIDE, BOX, **HOLLOW)
     _text(sheet, x, y + 0.26, _math(*pair), fontsize=10.0)
-    words = f"{iterations} iteration{'s' if iterations != 1 else ''}\nNelder\N{EN DASH}Mead"
-    font = min(SMALL, 10.6 * wide)
-    _text(sheet, x, y + 0.01, words, fontsize=font, linespacing=1.1)
-    cell = (wide - 0.12) / len(order)
+    words = f"{iterations} iterations\nNelder\N{EN DASH}Mead"
+    _text(sheet, x, y + 0.01, words, fontsize=SMALL, linespacing=1.1)
+    cell = (WIDE - 0.12) / len(order)
     for k, name in enumerate(order):
         middle = x + (k - (len(order) - 1) / 2) * cell
         fill = style.DARK if name in pair else "white"
         _box(sheet, middle, y - 0.27, cell, 0.09, **CELLS | {"facecolor": fill})
 
 
-def _shared(one: Pair, other: Pair) -> str:
-    """What the first hands to the second as its start."""
-    both = [name for name in one if name in other]
-    return _math(*both) if both else ""
-
-
-def _around(sheet: Axes, places: Sequence[Point], wide: float, pairs: Sequence[Pair]) -> None:
-    """The arrows from box to box and to the decision."""
-    passed = [*(_shared(one, other) for one, other in pairwise(pairs)), ""]
-    half, tall = wide / 2, BOX / 2
-    for (x, y), (u, v), words in zip(places, places[1:], passed, strict=False):
+def _cycle(sheet: Axes, places: Sequence[Point], pairs: Sequence[Pair]) -> None:
+    """Arrows from box to box, with what each hands to the next as its start; the decision, round again
+    or out, and the way in.
+    """
+    half, tall = WIDE / 2, BOX / 2
+    passed = [_math(*(name for name in one if name in other)) for one, other in pairwise(pairs)]
+    for ((x, y), (u, v)), words in zip(pairwise(places), [*passed, ""], strict=True):
         if y == v:
             way = half if u > x else -half
             _arrow(sheet, (x + way, y), (u - way, y))
             _text(sheet, (x + u) / 2, y + 0.06, words, va="bottom", fontsize=NOTE)
-            continue
-        if len(pairs) == 1:
-            corner = x + half + 0.4
-            _arrow(sheet, (x + half, y), (corner, y), (corner, v), (u + half, v))
-        elif u == x:
-            _arrow(sheet, (x, y - tall), (u, v + tall))
         else:
-            _arrow(sheet, (x, y - tall), (x, v), (u + half, v))
-        _text(sheet, x + 0.07, (y + v) / 2, words, ha="left", fontsize=NOTE)
-
-
-def _decision(sheet: Axes, places: Sequence[Point], wide: float, passed: str) -> None:
-    """Round again or out, and the way in."""
+            _arrow(sheet, (x, y - tall), (u, v + tall))
+            _text(sheet, x + 0.07, (y + v) / 2, words, ha="left", fontsize=NOTE)
     (x, upper), (_, y) = places[0], places[-1]
-    half, tall = wide / 2, BOX / 2
     corners = [(x - half, y), (x, y + tall), (x + half, y), (x, y - tall)]
     sheet.add_patch(Polygon(corners, **SOLID))
     _text(sheet, x, y, "misfit\nsteady?", fontsize=NOTE, linespacing=1.05)
     _arrow(sheet, (x, y + tall), (x, upper - tall))
+    again = _math(*(name for name in pairs[-1] if name in pairs[0]))
     _text(sheet, x - 0.07, (y + upper) / 2, "no", ha="right", fontsize=NOTE)
-    _text(sheet, x + 0.07, (y + upper) / 2, passed, ha="left", fontsize=NOTE)
+    _text(sheet, x + 0.07, (y + upper) / 2, again, ha="left", fontsize=NOTE)
     edge = x - half
     _arrow(sheet, (edge - 0.28, upper), (edge, upper))
     _arrow(sheet, (edge, y), (edge - 0.28, y))
@@ -284,9 +262,9 @@ def _decision(sheet: Axes, places: Sequence[Point], wide: float, passed: str) ->
         _text(sheet, edge - 0.33, height, words, ha="right", fontsize=NOTE, linespacing=1.05)
 
 
-def _key(sheet: Axes, width: float, order: Sequence[str]) -> None:
+def _key(sheet: Axes, order: Sequence[str]) -> None:
     """The order of the cells in a strip, and what they and the arrows mean."""
-    left = (width - len(order) * CELL - 1.35) / 2
+    left = (scales.DOUBLE - len(order) * CELL - 1.35) / 2
     for k, name in enumerate(order):
         _box(sheet, left + (k + 0.5) * CELL, 0.32, CELL, 0.2, **CELLS | {"facecolor": "white"})
         _text(sheet, left + (k + 0.5) * CELL, 0.32, _math(name), fontsize=NOTE)

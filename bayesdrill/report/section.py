@@ -7,8 +7,9 @@ from __future__ import annotations
 import csv
 import dataclasses
 import io
+import itertools
 import re
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Literal
 
@@ -112,19 +113,16 @@ class Table:
 
     def filled(self, *heads: str) -> Table:
         """Without those of these columns, or of all, that are empty in every line."""
-        kept = [
-            k
-            for k, head in enumerate(self.heads)
-            if not self.lines
-            or any(line[k] for line in self.lines)
-            or (heads and head not in heads)
-        ]
-        lines = tuple(tuple(line[k] for k in kept) for line in self.lines)
-        return replace(self, heads=tuple(self.heads[k] for k in kept), lines=lines)
+        needed = [any(cells) for cells in zip(*self.lines, strict=True)] or [True] * len(self.heads)
+        return self._of(
+            [k for k, head in enumerate(self.heads) if needed[k] or (heads and head not in heads)]
+        )
 
     def only(self, heads: Sequence[str]) -> Table:
         """Those columns that there are, in this order."""
-        kept = [self.heads.index(head) for head in heads if head in self.heads]
+        return self._of([self.heads.index(head) for head in heads if head in self.heads])
+
+    def _of(self, kept: Sequence[int]) -> Table:
         lines = tuple(tuple(line[k] for k in kept) for line in self.lines)
         return replace(self, heads=tuple(self.heads[k] for k in kept), lines=lines)
 
@@ -141,6 +139,12 @@ class Section:
     brief: bool = True
 
 
+def build(title: str, *blocks: Block | str | None, brief: bool = True) -> Section:
+    """A section of these blocks; text is `Sentences`, and what is empty is left out."""
+    kept = [Sentences(one) if isinstance(one, str) else one for one in blocks if one]
+    return Section(title, tuple(kept), brief)
+
+
 def as_text(sections: Sequence[Section]) -> tuple[str, ...]:
     """Paragraphs for a terminal: what a page begins with stands last, where it is read."""
     shown = [section for section in reversed(sections) if section.brief]
@@ -148,11 +152,10 @@ def as_text(sections: Sequence[Section]) -> tuple[str, ...]:
 
 
 def _paragraphs(section: Section) -> Iterator[str]:
-    for block in section.blocks:
-        if isinstance(block, Table):
-            own = block if block.brief is None else block.only(block.brief)
-            left = {k for k, head in enumerate(own.heads) if head in own.left}
-            yield aligned([own.heads, *own.lines], left=left)
+    for table in (block for block in section.blocks if isinstance(block, Table)):
+        own = table if table.brief is None else table.only(table.brief)
+        left = {k for k, head in enumerate(own.heads) if head in own.left}
+        yield aligned([own.heads, *own.lines], left=left)
     yield from (block.text for block in section.blocks if isinstance(block, Sentences))
 
 
@@ -171,25 +174,24 @@ def _no_html(text: str) -> str:
 
 
 def _in_markdown(block: Block) -> str:
-    if isinstance(block, Plain):
-        fence = max(["``", *re.findall("`+", block.text)], key=len) + "`"
-        return f"{fence}text\n{block.text}\n{fence}"
-    return _no_html(_text_in_markdown(block))
-
-
-def _text_in_markdown(block: Sentences | Note | Marks | Picture | Table) -> str:
     match block:
+        case Plain(text):
+            fence = max(["``", *re.findall("`+", text)], key=len) + "`"
+            return f"{fence}text\n{text}\n{fence}"
         case Sentences(text):
-            return "\n".join(_bullets(items(text)))
+            bullets = (
+                ["- " + one.text, *("  - " + more for more in one.more)] for one in items(text)
+            )
+            return _no_html("\n".join(itertools.chain(*bullets)))
         case Table():
-            return markdown(block).rstrip()
+            return _no_html(markdown(block).rstrip())
         case Note(text):
-            return text
+            return _no_html(text)
         case Marks(every):
-            return ", ".join(f"**{mark.text}**" for mark in every)
+            return _no_html(", ".join(f"**{mark.text}**" for mark in every))
         case Picture(stem, says, ending):
             picture = "" if ending == "pdf" else "!"  # which no page shows
-            return f"{picture}[{says}](figures/{stem}.{ending})"
+            return _no_html(f"{picture}[{says}](figures/{stem}.{ending})")
 
 
 def items(text: str) -> list[Item]:
@@ -204,12 +206,6 @@ def items(text: str) -> list[Item]:
     return found
 
 
-def _bullets(found: Iterable[Item]) -> Iterator[str]:
-    for item in found:
-        yield f"- {item.text}"
-        yield from (f"  - {more}" for more in item.more)
-
-
 def markdown(table: Table) -> str:
     """Its last line ended."""
     bar = "|" + " --- |" * len(table.heads)
@@ -217,12 +213,8 @@ def markdown(table: Table) -> str:
 
 
 def _line(cells: Sequence[str]) -> str:
-    return "| " + " | ".join(map(_cell, cells)) + " |"
-
-
-def _cell(text: str) -> str:
-    """In one line, and in one column."""
-    return text.replace("|", r"\|").replace("\n", " ")
+    one_line = (cell.replace("|", r"\|").replace("\n", " ") for cell in cells)
+    return f"| {' | '.join(one_line)} |"
 
 
 def aligned(table: Sequence[tuple[str, ...]], left: set[int]) -> str:
@@ -237,15 +229,17 @@ def aligned(table: Sequence[tuple[str, ...]], left: set[int]) -> str:
     )
 
 
-_HDI = f"{100 * HDI_PROBABILITY:.0f} % HDI"
+HDI = f"{100 * HDI_PROBABILITY:.0f} % HDI"
 
 HEADERS = (
-    "", "unit", "nominal", "MAP", "mean", "sd", _HDI, "dev. %", "R-hat", "ESS bulk", "ESS tail",
+    "", "unit", "nominal", "MAP", "mean", "sd", HDI, "dev. %", "R-hat", "ESS bulk", "ESS tail",
     "shrinkage", "the record says",
 )  # fmt: skip
 
 
-_ENDS = tuple(f"hdi{100 * HDI_PROBABILITY:.0f}_{end}" for end in ("low", "high"))
+HDI_ENDS = tuple(f"hdi{100 * HDI_PROBABILITY:.0f}_{end}" for end in ("low", "high"))
+# Of fields of records, the heads of their columns in files.
+CSV_HEADS = {"hdi_low": HDI_ENDS[0], "hdi_high": HDI_ENDS[1], "word": "the_record_says"}
 
 
 def cells(row: Row) -> tuple[str, ...]:
@@ -267,20 +261,12 @@ def cells(row: Row) -> tuple[str, ...]:
     )
 
 
-def as_csv(rows: Sequence[Row]) -> str:
-    """All digits, SI; `deviation` and `shrinkage` are fractions."""
-    return records_as_csv(Row, rows, {"word": "the_record_says"})
-
-
-def records_as_csv(
-    kind: type, rows: Sequence[object], names: Mapping[str, str], leave: Sequence[str] = ()
-) -> str:
-    """A column for each field of the record `kind` but those to `leave`, under its own name unless
-    `names` has another.
+def records_as_csv(kind: type, rows: Sequence[object], leave: Sequence[str] = ()) -> str:
+    """A column for each field of the record `kind` but those to `leave`: all digits, SI, and shares as
+    fractions.
     """
-    named = {"hdi_low": _ENDS[0], "hdi_high": _ENDS[1], **names}
     keys = [field.name for field in dataclasses.fields(kind) if field.name not in leave]
-    heads = [named.get(key, key) for key in keys]
+    heads = [CSV_HEADS.get(key, key) for key in keys]
     return lines_as_csv([heads, *([getattr(row, key) for key in keys] for row in rows)])
 
 
@@ -294,8 +280,7 @@ def lines_as_csv(lines: Iterable[Sequence[object]]) -> str:
 
 def as_record(row: Row) -> dict[str, Any]:
     """As a line of `summary.csv`."""
-    names = {"hdi_low": _ENDS[0], "hdi_high": _ENDS[1], "word": "the_record_says"}
-    return {names.get(name, name): value for name, value in dataclasses.asdict(row).items()}
+    return {CSV_HEADS.get(name, name): value for name, value in dataclasses.asdict(row).items()}
 
 
 def of_rows(rows: Sequence[Row], bars: tuple[Bar, ...] = ()) -> Table:
@@ -315,14 +300,10 @@ class ModeRow:
 
 def mode_rows(problem: Problem, mode: Mode) -> tuple[ModeRow, ...]:
     """SI."""
+    nominal, best = problem.nominal, mode.values
     return tuple(
-        ModeRow(
-            name=symbol.name,
-            unit=symbol.unit,
-            nominal=problem.nominal.get(symbol.name),
-            map=mode.values[symbol.name],
-        )
-        for symbol in problem.symbols
+        ModeRow(name=s.name, unit=s.unit, nominal=nominal.get(s.name), map=best[s.name])
+        for s in problem.symbols
     )
 
 
@@ -330,28 +311,17 @@ def of_mode(rows: Sequence[ModeRow]) -> Table:
     """The MAP beside the nominal values."""
     heads, lines = ("", "unit", "nominal", "MAP", "dev. %"), []
     for row in rows:
-        shown = (
-            ("", "")
-            if row.nominal is None
-            else (f"{row.nominal:.4g}", f"{100 * (row.map / row.nominal - 1):+.2f}")
-        )
-        lines.append((row.name, plain(row.unit), shown[0], f"{row.map:.6g}", shown[1]))
+        nominal = off = ""
+        if row.nominal is not None:
+            nominal, off = f"{row.nominal:.4g}", f"{100 * (row.map / row.nominal - 1):+.2f}"
+        lines.append((row.name, plain(row.unit), nominal, f"{row.map:.6g}", off))
     return Table(heads, tuple(lines), frozenset(heads[:2])).filled()
-
-
-def mode_as_csv(rows: Sequence[ModeRow]) -> str:
-    """All digits."""
-    return records_as_csv(ModeRow, rows, {})
 
 
 def in_words(rows: Sequence[Row]) -> list[str]:
     """Which unknowns the record determines, and which it cannot."""
-    sentences = []
-    for word, meaning in MEANING.items():
-        names = [row.name for row in rows if row.word == word]
-        if names:
-            sentences.append(f"{word}: {', '.join(names)} ({meaning})")
-    return sentences
+    named = {word: [row.name for row in rows if row.word == word] for word in MEANING}
+    return [f"{word}: {', '.join(named[word])} ({MEANING[word]})" for word in named if named[word]]
 
 
 def notes(rows: Sequence[Row], own: OwnUnits) -> list[str]:

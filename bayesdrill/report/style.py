@@ -84,6 +84,8 @@ MAP_LINE: Mapping[str, Any] = MappingProxyType(
     {"color": MAP_COLOUR, "linestyle": (0, (1, 1.5)), "linewidth": 1.0}
 )
 
+BLACK_LINE: Mapping[str, Any] = MappingProxyType({"color": BLACK, "linewidth": 0.9})
+BAND: Mapping[str, Any] = MappingProxyType({"color": LIGHT, "linewidth": 0})
 CROSS: Mapping[str, Any] = MappingProxyType(
     {
         "color": MAP_COLOUR,
@@ -147,6 +149,18 @@ def set_numbers(axis: Axis, scale: Scale, most: int, **room: float) -> None:
     axis.set_minor_formatter(NullFormatter())
 
 
+def scale_axis(axis: Axis, scale: Scale, label: str, most: int = 4) -> None:
+    """Ends, at most so many numbers, and the label."""
+    panel = axis.axes
+    if axis.axis_name == "x":  # type: ignore[attr-defined]
+        panel.set_xlim(scale.low, scale.high)
+        panel.set_xlabel(label, labelpad=2)
+    else:
+        panel.set_ylim(scale.low, scale.high)
+        side_label(panel, label)
+    set_numbers(axis, scale, most)
+
+
 def set_ticks(axis: Axis, places: Array, texts: Sequence[str] | None) -> None:
     """Fixed ticks with fixed texts, or with none: no offset text appears on this axis."""
     axis.set_major_locator(FixedLocator(places.tolist()))
@@ -159,6 +173,47 @@ def side_label(panel: Axes, text: str) -> None:
     move = ScaledTranslation(-width, 0, panel.figure.dpi_scale_trans)
     panel.set_ylabel(text, linespacing=1.12)
     panel.yaxis.set_label_coords(0, 0.5, transform=panel.transAxes + move)
+
+
+def finer(look: Mapping[str, Any], share: float) -> dict[str, Any]:
+    """With lines and marks of this share of their sizes."""
+    sizes = ("linewidth", "markersize", "markeredgewidth")
+    return {**look, **{name: look[name] * share for name in sizes if name in look}}
+
+
+def mark_values(
+    panel: Axes,
+    scale: Scale,
+    nominal: float | None,
+    mode: float | None = None,
+    *,
+    vertical: bool = False,
+    arrow: bool = True,
+    zorder: float = 2.0,
+    fine: float = 1.0,
+) -> int:
+    """Lines across the axis of `scale`, a `vertical` one or not, at the nominal value and the MAP.
+
+    Returns on which side of the axis the nominal value is, to where an `arrow` may point.
+    """
+    line = panel.axhline if vertical else panel.axvline
+    side = scale.side(nominal)
+    if nominal is not None and side == 0:
+        line(float(scale(nominal)), zorder=zorder, **finer(NOMINAL, fine))
+    if side and arrow:
+        end = 0.5 + 0.45 * side
+        x, y, markers = (0.97, end, "v^") if vertical else (end, 0.5, "<>")
+        look = finer(AWAY, fine)
+        panel.plot([x], [y], transform=panel.transAxes, marker=markers[side > 0], **look)
+    if mode is not None:
+        line(float(scale(mode)), zorder=zorder, **finer(MAP_LINE, fine))
+    return side
+
+
+def corner_text(panel: Axes, text: str, side: str = "left", **look: Any) -> None:
+    """At the top of a panel, at this side."""
+    x = 0.03 if side == "left" else 0.97
+    panel.text(x, 0.93, text, transform=panel.transAxes, ha=side, va="top", **look)
 
 
 def nominal_handles(sides: Collection[int], *, marker: str = ">") -> list[Line2D]:
@@ -226,24 +281,8 @@ def _entries(kind: str, metadata: Mapping[str, str]) -> dict[str, str | None]:
 MOST = 8  # ticks
 
 
-def set_decades(axis: Axis, low: float, high: float) -> None:
-    """From `low` to `high`, with powers of ten for ticks."""
-    _set(axis, low, high, 10)
-
-
-def set_factors(axis: Axis, factors: Array) -> None:
-    """Shows at least 0.5 to 2 and all factors; ticks are powers of 2, or of 10 on a long axis."""
-    sure = usable(factors)
-    low, high = min(0.48, 0.85 * sure.min(initial=1.0)), max(2.1, 1.18 * sure.max(initial=1.0))
-    _set(axis, low, high, 2 if high / low < 2**MOST else 10)
-
-
-def usable(x: Array) -> Array:
-    """Those that a logarithmic axis can show."""
-    return x[np.isfinite(x) & (x > 0)]
-
-
-def _set(axis: Axis, low: float, high: float, base: int) -> None:
+def set_decades(axis: Axis, low: float, high: float, base: int = 10) -> None:
+    """From `low` to `high` on a logarithmic axis, with powers of the `base` for ticks."""
     name: Any = axis.axis_name  # type: ignore[attr-defined]
     axis.axes.set(**{f"{name}scale": "log", f"{name}lim": (low, high)})
     first, last = (np.log(end) / np.log(base) for end in (low, high))
@@ -257,6 +296,18 @@ def _set(axis: Axis, low: float, high: float, base: int) -> None:
     ]
     set_ticks(axis, places, texts)
     axis.set_minor_locator(NullLocator())
+
+
+def set_factors(axis: Axis, factors: Array) -> None:
+    """Shows at least 0.5 to 2 and all factors; ticks are powers of 2, or of 10 on a long axis."""
+    sure = usable(factors)
+    low, high = min(0.48, 0.85 * sure.min(initial=1.0)), max(2.1, 1.18 * sure.max(initial=1.0))
+    set_decades(axis, low, high, 2 if high / low < 2**MOST else 10)
+
+
+def usable(x: Array) -> Array:
+    """Those that a logarithmic axis can show."""
+    return x[np.isfinite(x) & (x > 0)]
 
 
 MARGIN, LINE, LETTER = 0.09, 0.16, 0.066  # inches: of the strip, a line of it, a letter of that
@@ -274,16 +325,9 @@ def warned(figure: Figure, warning: str) -> Figure:
     strip = 2 * MARGIN + LINE * len(lines)
     _lower(figure, height + strip, height / (height + strip))
     with styled():
-        figure.text(
-            0.5,
-            1.0 - 0.5 * strip / (height + strip),
-            "\n".join(lines),
-            ha="center",
-            va="center",
-            weight="bold",
-            size=9.0,
-            linespacing=1.1,
-        )
+        look: dict[str, Any] = {"weight": "bold", "size": 9.0, "linespacing": 1.1}
+        middle = 1.0 - 0.5 * strip / (height + strip)
+        figure.text(0.5, middle, "\n".join(lines), ha="center", va="center", **look)
     return figure
 
 

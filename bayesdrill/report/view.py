@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
@@ -46,6 +46,16 @@ class Drawing:
 
 def captioned(label: str, says: str) -> str:
     return f"{label}: {says}" if label else says
+
+
+def for_each_experiment(
+    figure: Callable[[Any, float], Figure],
+    shown: Iterable[tuple[str, Any]],
+    width: float,
+    says: str,
+) -> tuple[Drawing, ...]:
+    """A drawing of what is `shown` of each, by its label."""
+    return tuple(Drawing(figure, (one, width), says=captioned(label, says)) for label, one in shown)
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,8 +114,7 @@ class View(Value):
     def marks(self) -> Mapping[str, str]:
         """For the inside of figures and tree."""
         c = self.sampled.convergence
-        burn_in = f"{c.burn_in} of {c.steps} steps"
-        return provenance.marks(self.config, self.problem, burn_in)
+        return provenance.marks(self.config, self.problem, f"{c.burn_in} of {c.steps} steps")
 
     @property
     def names_of_rig(self) -> tuple[str, ...]:
@@ -136,7 +145,7 @@ class View(Value):
         """For figures: the unknowns of these names, or all where none is among them."""
         problem, own = self.problem, self.units
         every = range(len(problem.symbols))
-        chosen = [k for k in every if names is not None and problem.names[k] in names] or every
+        chosen = [k for k in every if problem.names[k] in (names or ())] or every
         picked = [problem.symbols[k] for k in chosen]
         return Shown(
             columns=tuple(chosen),
@@ -153,19 +162,8 @@ class View(Value):
         # Late: xarray takes half a second to load.
         from bayesdrill.results.arviz_tree import make_tree
 
-        return make_tree(
-            self.problem,
-            self.sampled,
-            words.predictive_draws(self.problem, self.config),
-            seeds.stream(self.config.seed, "predictive"),
-            seeds.stream(self.config.seed, "prior"),
-            self._attributes(),
-            self.derived,
-        )
-
-    def _attributes(self) -> dict[str, object]:
         c = self.sampled.convergence
-        return {
+        attributes = {
             **{name.lower(): value for name, value in self.marks.items()},
             "name": self.config.name,
             "creation_library": "bayesdrill",
@@ -179,3 +177,12 @@ class View(Value):
             "seed": self.config.seed,
             "sample_dims": ["chain", "draw"],
         }
+        return make_tree(
+            self.problem,
+            self.sampled,
+            words.predictive_draws(self.problem, self.config),
+            seeds.stream(self.config.seed, "predictive"),
+            seeds.stream(self.config.seed, "prior"),
+            attributes,
+            self.derived,
+        )

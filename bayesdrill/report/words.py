@@ -13,7 +13,6 @@ from bayesdrill.analysis import plausibility
 from bayesdrill.analysis import suspicions as suspected
 from bayesdrill.basics import units
 from bayesdrill.basics.arrays import Array
-from bayesdrill.basics.symbols import Symbol
 from bayesdrill.config.resolve import quantities
 from bayesdrill.config.resolve.case import ResolvedCase
 from bayesdrill.config.schema.config import Config
@@ -23,13 +22,11 @@ from bayesdrill.inference.likelihood import Observation
 from bayesdrill.inference.posterior import Problem
 from bayesdrill.inference.residual_checks import Left, like_noise
 from bayesdrill.record import clocks
-from bayesdrill.record.experiment import Experiment
 from bayesdrill.report.section import aligned
 from bayesdrill.report.sections import fit_words
 from bayesdrill.rig.models.linear import constants
-from bayesdrill.sampling.convergence import Convergence
 from bayesdrill.sampling.ensembles import Sampled
-from bayesdrill.sampling.mode_search import SAME_PLACE, Mode, Other
+from bayesdrill.sampling.mode_search import SAME_PLACE, Mode
 
 FEW, ALL = 3, 50  # places of what is odd that a report names, and `check`
 
@@ -64,26 +61,23 @@ def _columns(one: Observation, config: Config) -> str:
 def record_made(problem: Problem) -> tuple[str, ...]:
     """What times each record has, where its steps are not equal, and what was done to its numbers."""
     apart = problem.posterior.likelihood.apart
-    return (
-        *(
-            f"{one.label}, {each}" if one.label else each
-            for one in problem.observations
-            for each in _made(one.experiment)
-        ),
-        *(
-            f"{one.label}, its {one.numbers} samples are held out, and are no evidence"
-            for one in apart
-        ),
-    )
+    found: list[str] = []
+    for one in problem.observations:
+        experiment, total = one.experiment, len(one.experiment.t)
+        times = [] if experiment.uniform else [f"times: {clocks.in_words(experiment.t)}"]
+        seen = zip(experiment.counts, experiment.names, strict=True)
+        every = ", ".join(f"{count} of {name}" for count, name in seen)
+        partly = set(experiment.counts) != {total}
+        some = [f"measured: {every}, at {total} times"] if partly else []
+        found += _of_experiment(one, [*times, *some, *experiment.told])
+    for one in apart:
+        found.append(f"{one.label}, its {one.numbers} samples are held out, and are no evidence")
+    return tuple(found)
 
 
-def _made(experiment: Experiment) -> tuple[str, ...]:
-    times = () if experiment.uniform else (f"times: {clocks.in_words(experiment.t)}",)
-    seen = dict(zip(experiment.names, experiment.counts, strict=True))
-    every = ", ".join(f"{count} of {name}" for name, count in seen.items())
-    total = len(experiment.t)
-    some = (f"measured: {every}, at {total} times",) if set(seen.values()) != {total} else ()
-    return (*times, *some, *experiment.told)
+def _of_experiment(one: Observation, sentences: Sequence[str]) -> list[str]:
+    """With its name in front, where there are several."""
+    return [f"{one.label}, {each}" if one.label else each for each in sentences]
 
 
 def record_suspicions(problem: Problem, most: int = FEW) -> tuple[str, ...]:
@@ -96,7 +90,7 @@ def record_suspicions(problem: Problem, most: int = FEW) -> tuple[str, ...]:
         odd = [each.in_words(most) for each in one.experiment.odd]
         factors = [channel.factor for channel in one.experiment.channels]
         said = suspected.suspicions_of_record(one.experiment, factors, problem.model)
-        found += [f"{one.label}, {each}" if one.label else each for each in (*odd, *said)]
+        found += _of_experiment(one, [*odd, *said])
     return (*found, *suspected.suspicions_of_start(problem))
 
 
@@ -153,10 +147,21 @@ def preview(problem: Problem, config: Config, own: OwnUnits) -> str:
     posterior, sampler = problem.posterior, config.sampler
     start = posterior.space.vector(posterior.space.start)
     priors = "\n".join(
-        f"  {symbol.name}{_unit(symbol)}: {own.prior(symbol.name, prior).describe()}"
+        f"  {symbol.name}{f' [{symbol.plain_unit}]' if symbol.unit not in ('', '1') else ''}: "
+        f"{own.prior(symbol.name, prior).describe()}"
         for symbol, prior in zip(
             own.symbols(problem.symbols), posterior.space.priors.values(), strict=True
         )
+    )
+    found = plausibility.plausibility_of_nominal(problem)
+    kind = "nominal" if problem.nominal else "start"
+    findings = (  # what makes table, priors, gear or record doubtful before anything is sampled
+        *(f"{kind} values, {one}" for one in found),
+        *plausibility.plausibility_of_priors(problem),
+        *plausibility.of_roles(problem),
+        *plausibility.plausibility_of_gear(problem),
+        *(f"record: {one}" for one in record_made(problem)),
+        *(f"record, {one}" for one in record_suspicions(problem, ALL)),
     )
     return (
         f"priors:\n{priors}\n"
@@ -164,12 +169,8 @@ def preview(problem: Problem, config: Config, own: OwnUnits) -> str:
         f"would run: {config.map.starts} searches by {config.map.method}, then "
         f"{sampler.ensembles} ensembles of {sampler.walkers} walkers, until "
         f"R-hat <= {sampler.r_hat:g}, N/tau >= {sampler.n_tau:g} and ESS >= {sampler.ess:g}, at most "
-        f"{sampler.max_steps} steps\n{size(problem, config)}" + _findings(problem, config)
+        f"{sampler.max_steps} steps\n" + "\n".join([size(problem, config), *findings])
     )
-
-
-def _unit(symbol: Symbol) -> str:
-    return f" [{symbol.plain_unit}]" if symbol.unit not in ("", "1") else ""
 
 
 def predictive_draws(problem: Problem, config: Config) -> int:
@@ -194,13 +195,9 @@ def size(problem: Problem, config: Config) -> str:
     predicted = 8 * draws * sampler.ensembles * _numbers(problem)
     fewer = f", not {wanted}: those are too many for this record" if draws < wanted else ""
     return (
-        f"size at most: chain {_megabytes(chain)} ({steps} steps), {draws} predictive draws of each "
-        f"ensemble {_megabytes(predicted)}{fewer}"
+        f"size at most: chain {chain / 1e6:.3g} MB ({steps} steps), {draws} predictive draws of each "
+        f"ensemble {predicted / 1e6:.3g} MB{fewer}"
     )
-
-
-def _megabytes(n: float) -> str:
-    return f"{n / 1e6:.3g} MB"
 
 
 def _misfit(problem: Problem) -> str:
@@ -210,23 +207,6 @@ def _misfit(problem: Problem) -> str:
         return ""
     found = likelihood.per_number(space.vector(space.start)[None])[0]
     return f"; misfit per number there {found:.4g}, and 1 where only noise is left"
-
-
-def _findings(problem: Problem, config: Config) -> str:
-    """What makes table, priors, gear or record doubtful before anything is sampled."""
-    found, kind = (
-        plausibility.plausibility_of_nominal(problem),
-        "nominal" if problem.nominal else "start",
-    )
-    said = (
-        *(f"{kind} values, {one}" for one in found),
-        *plausibility.plausibility_of_priors(problem),
-        *plausibility.of_roles(problem),
-        *plausibility.plausibility_of_gear(problem),
-        *(f"record: {one}" for one in record_made(problem)),
-        *(f"record, {one}" for one in record_suspicions(problem, ALL)),
-    )
-    return "".join("\n" + one for one in said)
 
 
 def maxima(found: Mode, weights: NDArray[np.float64] | None, own: OwnUnits) -> str:
@@ -280,10 +260,9 @@ def unbelievable(reasons: Sequence[str], *, converged: bool) -> str:
     """Why a posterior must not be believed, converged or not; empty where it may be."""
     if not reasons:
         return ""
-    lines = [
-        f"DO NOT BELIEVE these numbers{', though the ensembles converged' if converged else ''}:"
-    ]
-    return "\n".join([*lines, *(f"  - {reason}" for reason in reasons)])
+    though = ", though the ensembles converged" if converged else ""
+    listed = (f"  - {reason}" for reason in reasons)
+    return "\n".join([f"DO NOT BELIEVE these numbers{though}:", *listed])
 
 
 DIAGNOSTICS = (
@@ -306,20 +285,11 @@ def leaning(found: Mapping[str, tuple[str, ...]]) -> str:
     )
 
 
-MOST_NAMED = 4  # unknowns, of a maximum elsewhere
-
-
-MOST_LISTED = 6  # maxima
+MOST_NAMED, MOST_LISTED = 4, 6  # unknowns of a maximum elsewhere, and maxima
 
 
 def _apart(one: float, other: float) -> bool:
     return abs(one - other) > SAME_PLACE * abs(other)
-
-
-def _ratio(found: Mode, other: Other, name: str) -> float:
-    """How far apart two maxima are in an unknown, relative."""
-    x = found.values[name]
-    return abs(other.values[name] - x) / max(abs(x), 1e-300)
 
 
 def mode(found: Mode, own: OwnUnits) -> str:
@@ -342,8 +312,9 @@ def mode(found: Mode, own: OwnUnits) -> str:
     elif same < 2 and n > 1:
         lines.append("     no second search confirms it; give map.starts or map.evaluations more")
     for other in found.others[:MOST_LISTED]:
+        moved = {n: abs(x - other.values[n]) / max(abs(x), 1e-300) for n, x in found.values.items()}
         apart = [name for name, x in other.values.items() if _apart(x, found.values[name])]
-        apart = apart or [max(other.values, key=lambda name: _ratio(found, other, name))]
+        apart = apart or [max(moved, key=moved.__getitem__)]
         places = ", ".join(
             f"{name} {own.said(name, other.values[name])}" for name in apart[:MOST_NAMED]
         )
@@ -381,19 +352,13 @@ def convergence(sampled: Sampled) -> str:
     else:
         lines.append("NOT CONVERGED, do not use these numbers:")
         lines += [f"  - {reason}" for reason in c.reasons]
-        lines += _way_out(c)
-    return "\n".join(lines)
-
-
-def _way_out(c: Convergence) -> list[str]:
-    lines = [
-        f"  {c.slowest} moves slowest: held, with nearer ends of its prior, or with what `bayesdrill "
-        "identify` says would help, fewer steps do; figures/trace shows the walkers"
-    ]
-    if c.enough is not None:
-        lines.insert(
-            0,
-            f"  only length is missing, and about {c.enough} steps should do: raise sampler.max_steps "
-            "to that in the config and go on with --resume",
+        if c.enough is not None:
+            lines.append(
+                f"  only length is missing, and about {c.enough} steps should do: raise "
+                "sampler.max_steps to that in the config and go on with --resume"
+            )
+        lines.append(
+            f"  {c.slowest} moves slowest: held, with nearer ends of its prior, or with what "
+            "`bayesdrill identify` says would help, fewer steps do; figures/trace shows the walkers"
         )
-    return lines
+    return "\n".join(lines)

@@ -6,11 +6,4 @@ What may be written at all, and how, is in `output_files`. Tables and figures ar
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
-from bayesdrill.basics.registry import late
-
-if TYPE_CHECKING:
-    from bayesdrill.results.run_folder import Folder as Folder
-
-__getattr__ = late(__name__)
+from bayesdrill.results.run_folder import Folder as Folder

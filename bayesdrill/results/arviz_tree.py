@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import dataclasses
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -12,7 +13,7 @@ from numpy.typing import NDArray
 from xarray import DataTree
 
 from bayesdrill.basics.arrays import Array
-from bayesdrill.basics.symbols import INPUTS
+from bayesdrill.basics.symbols import INPUTS, Symbol
 from bayesdrill.inference.derived import Derived
 from bayesdrill.inference.likelihood import Observation
 from bayesdrill.inference.posterior import Problem
@@ -40,15 +41,22 @@ def make_tree(
     """
     draws = sampled.draws
     chosen = np.unique(np.linspace(0, draws.shape[1] - 1, predictive_draws).astype(int))
-    predictive, pointwise = _predict(problem, draws[:, chosen], rng)
     columns = _columns(problem)
+    predictive, pointwise = _predict(problem, columns, draws[:, chosen], rng)
     prior = problem.posterior.space.draw(PRIOR_DRAWS, prior_rng)[None]
-    inputs, clocks = _inputs(problem)
+    inputs: dict[str, Any] = {}
+    dims = {c.name: [c.clock] for c in columns}
+    for one in problem.observations:
+        for name, value in (*one.experiment.constant.items(), *one.experiment.series.items()):
+            inputs[of_label(name, one.label)] = np.asarray(value)
+            if name in one.experiment.series:
+                dims[of_label(name, one.label)] = [_clock(one)]
+    names = problem.names
     tree: DataTree = from_dict(
         {
-            "posterior": _named(problem, draws),
+            "posterior": {name: draws[..., d] for d, name in enumerate(names)},
             "sample_stats": {"lp": sampled.log_p},
-            "prior": _named(problem, prior),
+            "prior": {name: prior[..., d] for d, name in enumerate(names)},
             "derived": {
                 symbol.name: derived.values[..., q] for q, symbol in enumerate(derived.symbols)
             },
@@ -64,7 +72,7 @@ def make_tree(
             "observed_data": {c.name: c.one.experiment.y[:, c.place] for c in columns},
             "constant_data": inputs,
         },
-        dims={**{c.name: [c.clock] for c in columns}, **clocks},
+        dims=dims,
         coords={
             **{_clock(one): one.experiment.t for one in problem.observations},
             "draw": chosen,
@@ -72,19 +80,17 @@ def make_tree(
     )
     for name, group in rest.children.items():
         tree[name] = group.copy()
-    _describe(tree, problem)
-    for symbol in derived.symbols:
-        tree["derived"][symbol.name].attrs.update(units=symbol.unit, long_name=symbol.meaning)
+    _describe(tree, problem, columns, derived.symbols)
     tree.attrs.update(attributes)
     tree["posterior"].attrs.update(attributes)
     return tree
 
 
 def _predict(
-    problem: Problem, draws: Array, rng: np.random.Generator
+    problem: Problem, columns: Sequence[_Column], draws: Array, rng: np.random.Generator
 ) -> tuple[dict[str, NDArray[np.float32]], dict[str, NDArray[np.float32]]]:
     """Predictive samples and pointwise log likelihood `(E, N, T)` per channel, in 32 bits."""
-    space, columns = problem.posterior.space, _columns(problem)
+    space = problem.posterior.space
     shapes = {c.name: (*draws.shape[:2], len(c.one.experiment.t)) for c in columns}
     predictive = {name: np.empty(shape, np.float32) for name, shape in shapes.items()}
     pointwise = {name: np.empty(shape, np.float32) for name, shape in shapes.items()}
@@ -126,37 +132,24 @@ def _columns(problem: Problem) -> list[_Column]:
     ]
 
 
-def _inputs(problem: Problem) -> tuple[dict[str, Any], dict[str, list[str]]]:
-    """Constant ones, then measured ones with the names of their clocks."""
-    found: dict[str, Any] = {}
-    clocks: dict[str, list[str]] = {}
-    for one in problem.observations:
-        for name, value in one.experiment.constant.items():
-            found[of_label(name, one.label)] = np.asarray(value)
-        for name, values in one.experiment.series.items():
-            found[of_label(name, one.label)] = values
-            clocks[of_label(name, one.label)] = [_clock(one)]
-    return found, clocks
-
-
-def _named(problem: Problem, draws: Array) -> dict[str, Array]:
-    return {name: draws[..., d] for d, name in enumerate(problem.names)}
-
-
-def _describe(tree: DataTree, problem: Problem) -> None:
-    for group in ("posterior", "prior"):
-        for symbol in problem.symbols:
+def _describe(
+    tree: DataTree, problem: Problem, columns: Sequence[_Column], derived: Sequence[Symbol]
+) -> None:
+    """Units and meanings."""
+    inputs = [
+        dataclasses.replace(INPUTS[name], name=of_label(name, one.label))
+        for one in problem.observations
+        for name in (*one.experiment.constant, *one.experiment.series)
+    ]
+    symbols = {"posterior": problem.symbols, "prior": problem.symbols}
+    for group, every in {**symbols, "derived": derived, "constant_data": inputs}.items():
+        for symbol in every:
             tree[group][symbol.name].attrs.update(units=symbol.unit, long_name=symbol.meaning)
-    for group in ("posterior_predictive", "observed_data"):
-        for c in _columns(problem):
+    for c in columns:
+        for group in ("posterior_predictive", "observed_data"):
             tree[group][c.name].attrs["units"] = c.channel.unit
-    for c in _columns(problem):
         said = f"log density of each sample of {c.name} in {c.channel.unit}"
         tree["log_likelihood"][c.name].attrs.update(units="1", long_name=said)
-    for one in problem.observations:
-        for name in (*one.experiment.constant, *one.experiment.series):
-            values, symbol = tree["constant_data"][of_label(name, one.label)], INPUTS[name]
-            values.attrs.update(units=symbol.unit, long_name=symbol.meaning)
     for group in ("posterior_predictive", "log_likelihood", "observed_data", "constant_data"):
         for clock in map(_clock, problem.observations):
             if clock in tree[group].coords:

@@ -26,7 +26,6 @@ from bayesdrill.config.resolve.experiments import WHOSE
 from bayesdrill.config.schema.config import Config
 from bayesdrill.config.yaml_source import as_yaml
 from bayesdrill.inference.display_units import OwnUnits
-from bayesdrill.inference.likelihood import Observation
 from bayesdrill.inference.posterior import Problem
 from bayesdrill.output_files import CONFIG_FILE, RECORD, RESOLVED_FILE
 from bayesdrill.record.experiment import Experiment
@@ -101,20 +100,17 @@ def _of_experiments(problem: Problem) -> dict[str, str]:
     """Of several, each name with that of its experiment."""
     found: dict[str, str] = {}
     for one in problem.every:
-        said = _of_experiment(one.experiment) | _of_sensors(one) | _of_noise(one)
+        names, sensing, said = one.experiment.names, one.response.sensing, {}
+        if not sensing.nothing:  # is told beside the rig's parameters
+            said = {"the sensors": sensing.in_words, "the start": sensing.start_in_words}
+        if one.kind:
+            said["the kind of noise"] = _short(one.kind)
+        noise = {f"the noise of {names[k]}": repr(sigma) for k, sigma in one.held().items()}
+        said = _of_experiment(one.experiment) | {n: x for n, x in said.items() if x} | noise
         found |= {one.entitled(name): value for name, value in said.items()}
     for one in problem.posterior.likelihood.apart:
         found[one.entitled("what counts")] = "nothing: it is held out"
     return found
-
-
-def _of_sensors(one: Observation) -> dict[str, str]:
-    """What they are told beside the rig's parameters, where there is anything."""
-    sensing = one.response.sensing
-    if sensing.nothing:
-        return {}
-    found = {"the sensors": sensing.in_words, "the start": sensing.start_in_words}
-    return {name: said for name, said in found.items() if said}
 
 
 def _of_experiment(experiment: Experiment) -> dict[str, str]:
@@ -135,12 +131,6 @@ def _of_experiment(experiment: Experiment) -> dict[str, str]:
         },
         "the initial state": f"{dict(experiment.start)} at {experiment.t_start!r} s",
     }
-
-
-def _of_noise(one: Observation) -> dict[str, str]:
-    names = one.experiment.names
-    kind = {"the kind of noise": _short(one.kind)} if one.kind else {}
-    return kind | {f"the noise of {names[k]}": repr(sigma) for k, sigma in one.held().items()}
 
 
 def _noise_held(config: Config, problem: Problem, own: OwnUnits) -> dict[str, str]:
@@ -166,7 +156,7 @@ def resolved(case: ResolvedCase, folder: Path) -> str:
             sections = {key: own[key] for key in experiments.SECTIONS}
             held = {"held_out": True} if config.experiments[one.label].held_out else {}
             data["experiments"][one.label] = sections | held
-        _without_foreign(sections, one.config, case.model)
+        _remove_defaults(sections, one.config, case.model)
         sources.rebase(sections, case.source.path.parent, folder)
     # Of several, those of the first are no defaults of the others.
     for key in experiments.SECTIONS if config.experiments else (experiments.EXPERIMENTS, *WHOSE):
@@ -176,12 +166,17 @@ def resolved(case: ResolvedCase, folder: Path) -> str:
     return f"{opening}{made_by}{as_yaml(data)}"
 
 
-def _without_foreign(sections: dict[str, Any], config: Config, rig: Model) -> None:
-    """Defaults of inputs that the rig has not: as entries they would be refused."""
-    inputs = sections["inputs"]
-    for name in [*inputs]:
-        if name in INPUTS and name not in {*rig.inputs, *config.inputs.model_fields_set}:
-            del inputs[name]
+def _remove_defaults(sections: dict[str, Any], config: Config, rig: Model) -> None:
+    """Those that would mean something else as entries: inputs that the rig has not are refused, and so
+    are states of a steady start; of a free one they would be held.
+    """
+    removed = {"inputs": {*INPUTS} - {*rig.inputs} - config.inputs.model_fields_set}
+    if config.initial.state != "given":
+        states = {*sections["initial"]} - {"state", "time"}
+        removed["initial"] = states - config.initial.model_fields_set
+    for section, names in removed.items():
+        for name in names & {*sections[section]}:
+            del sections[section][name]
 
 
 def _short(text: str) -> str:

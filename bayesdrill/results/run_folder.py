@@ -312,7 +312,14 @@ class Folder:
             raise InputError(obstacles)
         run = read_run(self.path)
         if run is None:
-            self._refuse_others()
+            items = sorted(self.path.iterdir()) if self.path.is_dir() else []
+            others = [item.name for item in items if not item.name.startswith(".")]
+            others += output_files.present(self.path, self.kind)
+            if RUN in others:  # another run has begun since it was looked for
+                self.check()
+            elif others:
+                message = f"this folder holds other files ({others[0]}); give another --output"
+                raise InputError.one(str(self.path), message)
             return
         if run.get("job") != self.kind.job:
             message = f"these are results of `bayesdrill {run.get('job')}`; give another --output"
@@ -322,22 +329,17 @@ class Folder:
         if self.mode != "force":
             self._refuse_changes(run.get("fingerprint", {}))
 
-    def _refuse_others(self) -> None:
-        items = sorted(self.path.iterdir()) if self.path.is_dir() else []
-        others = [item.name for item in items if not item.name.startswith(".")]
-        others += output_files.present(self.path, self.kind)
-        if RUN in others:  # another run has begun since it was looked for
-            self.check()
-        elif others:
-            message = f"this folder holds other files ({others[0]}); give another --output"
-            raise InputError.one(str(self.path), message)
-
     def _refuse_changes(self, old: Mapping[str, Any]) -> None:
-        changes = _changes(old, self.fingerprint, versions=self.mode == "resume")
+        """Only to go on with a chain must versions be the same."""
+        own, versions = self.fingerprint, self.mode == "resume"
+        changes = [
+            f"cannot resume: {name} was {_value(old, name)} and is {_value(own, name)}"
+            for name in {**old, **own}
+            if old.get(name) != own.get(name) and (versions or not name.startswith(VERSION_OF))
+        ]
         if changes:
             way_out = "put this back, start over with --force, or give another --output"
-            told = [*(f"cannot resume: {change}" for change in changes), way_out]
-            raise InputError([Issue(str(self.path), line) for line in told])
+            raise InputError([Issue(str(self.path), line) for line in (*changes, way_out)])
 
     def begin(self, **entries: Any) -> None:
         """From here on files change; with --force, what a run before has written goes now.
@@ -363,16 +365,14 @@ class Folder:
         Files of older versions do not say: they are believed where `run.json` knows them.
         """
         path = self.path / name
-        if run == self.run or (run is None and output_files.digest(path) == self._known(name)):
+        if run == self.run:
+            return
+        known = (read_run(self.path) or {}).get("files", {})
+        if run is None and output_files.digest(path) == known.get(name):
             return
         whose = f"run {run}" if run else "a run that it does not name (an older version wrote it)"
         message = f"is of {whose}, and this folder of run {self.run}; put back its own, or {AGAIN}"
         raise InputError.one(str(path), message)
-
-    def _known(self, name: str) -> str | None:
-        """The digest that a file had when a run ended here."""
-        files = (read_run(self.path) or {}).get("files")
-        return files.get(name) if isinstance(files, dict) else None
 
     def place(self, name: str) -> Path:
         """Raises `KeyError` for a file that a later --force would not know as ours."""
@@ -502,15 +502,6 @@ def read_run(folder: Path) -> dict[str, Any] | None:
     except ValueError:
         message = "is damaged, or not of this bayesdrill; put back a copy, or give another folder"
         raise InputError.one(str(path), message) from None
-
-
-def _changes(old: Mapping[str, Any], new: Mapping[str, Any], *, versions: bool) -> list[str]:
-    """What differs between two fingerprints, with both values; `versions` too, or not."""
-    return [
-        f"{name} was {_value(old, name)} and is {_value(new, name)}"
-        for name in {**old, **new}
-        if old.get(name) != new.get(name) and (versions or not name.startswith(VERSION_OF))
-    ]
 
 
 def _value(marks: Mapping[str, Any], name: str) -> str:

@@ -167,7 +167,9 @@ class _Several:
             else:
                 found.append(own)
         if len(found) == len(told):
-            yield from _tables(folder, {self.form.table: self.report(found).table}, "the chains")
+            yield from _tables(
+                folder, {f"{self.form.name}.csv": self.report(found).table}, "the chains"
+            )
         mark = " ".join(one["run"] for one in told)
         yield from _figures(folder, self.kind, mark, self.form.name)
 

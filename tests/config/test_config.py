@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -90,6 +91,18 @@ def test_resolved_config_means_the_same(tmp_path: Path) -> None:
     one, two = (provenance.fingerprint(j.config, j.problem) for j in (job, again))
     assert one == two
     assert again.config.sampler == job.config.sampler
+
+
+def test_a_resolved_config_holds_no_state_that_nobody_held(tmp_path: Path) -> None:
+    """Mutant killed: zeros written out as entries of a start that is steady, or free."""
+    for start in ("steady", "free", "{state: free, w_1: 0.5}"):
+        (tmp_path / "given.yaml").write_text(f"{BUNDLED.read_text()}\ninitial: {start}\n")
+        shutil.copytree(BUNDLED.parent / "records", tmp_path / "records", dirs_exist_ok=True)
+        job = prepare(tmp_path / "given.yaml")
+        (tmp_path / "config.yaml").write_text(provenance.resolved(job.case, tmp_path))
+        again = prepare(tmp_path / "config.yaml")
+        one, two = (provenance.fingerprint(j.config, j.problem) for j in (job, again))
+        assert one == two, start
 
 
 def test_what_decides_a_chain_is_in_its_fingerprint(

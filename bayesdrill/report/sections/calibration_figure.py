@@ -16,7 +16,7 @@ from bayesdrill.analysis.calibration import Quantity, Verdict
 from bayesdrill.basics.symbols import Symbol
 from bayesdrill.config.schema.records import OutputSpec
 from bayesdrill.report import scales, style
-from bayesdrill.report.pages import Page
+from bayesdrill.report.pages import Page, difference_panel, inches_panel, legend_above
 
 # Inches.
 RIGHT, BOTTOM, FOOT, COVERAGE = 0.1, 0.3, 0.45, 1.6
@@ -25,8 +25,6 @@ PAGE = Page(
 )
 FIT = r"\log L"
 
-INSIDE: dict[str, Any] = {"color": style.BLACK, "linewidth": 0.9}
-BAND: dict[str, Any] = {"facecolor": style.LIGHT, "linewidth": 0}
 MARKERS = ("o", "s", "^")  # of the levels
 
 
@@ -38,13 +36,15 @@ def calibration_figure(
     labels = [*(symbol.latex for symbol in symbols), FIT]
     with style.styled(width):
         handles = _handles(verdict)
-        figure, panels, covered = _page(len(labels), width, len(handles))
-        most = _most(verdict)
-        for panel, label, quantity in zip(panels, labels, verdict.quantities, strict=True):
-            _difference(panel, quantity, verdict)
-            _frame(panel, label, quantity, most)
+        page, most = PAGE.fitting(width, len(handles)), _most(verdict)
+        figure, panels = page.build(len(labels))
+        covered = inches_panel(figure, page.left, BOTTOM, width - page.left - RIGHT, COVERAGE)
+        for k, quantity in enumerate(verdict.quantities):
+            _difference(panels[k], labels[k], quantity, verdict, most)
+            page.frame(panels[k], k, len(labels), "normalised rank", "ECDF difference")
         _coverage(covered, verdict, labels[:-1])
-        _legend(figure, handles, width)
+        most_columns = len(handles) if width >= scales.DOUBLE else 2
+        legend_above(figure, handles, most_columns, handlelength=1.5, handletextpad=0.5)
     return figure
 
 
@@ -60,17 +60,6 @@ def save(
     style.save(figure, folder, "calibration", note, formats=tuple(output.formats), dpi=output.dpi)
 
 
-def _page(n: int, width: float, n_handles: int) -> tuple[Figure, list[Axes], Axes]:
-    page = PAGE.fitting(width, n_handles)
-    figure, panels = page.build(n)
-    for k, panel in enumerate(panels):
-        page.frame(panel, k, n, "normalised rank", "ECDF difference")
-    _, height = figure.get_size_inches()
-    inside = width - page.left - RIGHT
-    room = (page.left / width, BOTTOM / height, inside / width, COVERAGE / height)
-    return figure, panels, figure.add_axes(room)
-
-
 def _most(verdict: Verdict) -> float:
     """The end of the vertical axis, the same in all panels."""
     band, n = verdict.band, max(verdict.band.n, 1)
@@ -79,29 +68,18 @@ def _most(verdict: Verdict) -> float:
     return float(max(ends))
 
 
-def _difference(panel: Axes, quantity: Quantity, verdict: Verdict) -> None:
+def _difference(panel: Axes, label: str, quantity: Quantity, verdict: Verdict, most: float) -> None:
     band, n = verdict.band, max(verdict.band.n, 1)
     shares = np.concatenate([[0.0], band.shares, [1.0]])
-
-    def away(counts: Any) -> Any:
-        return np.concatenate([[0.0], counts / n - band.shares, [0.0]])
-
-    panel.fill_between(shares, away(band.low), away(band.high), zorder=1, **BAND)
-    panel.axhline(0.0, color=style.MIDDLE, linewidth=0.5, zorder=2)
-    look = INSIDE if quantity.holds else style.OUTSIDE
-    panel.plot(shares, away(band.counts(quantity.ranks)), zorder=3, **look)
-
-
-def _frame(panel: Axes, label: str, quantity: Quantity, most: float) -> None:
-    panel.set_xlim(0, 1)
-    panel.set_ylim(-1.12 * most, 1.75 * most)  # names stand above all lines
-    style.set_ticks(panel.xaxis, np.array([0.0, 0.5, 1.0]), ["0", "0.5", "1"])
-    style.set_ticks(panel.yaxis, *scales.ticks(-1.12 * most, 1.12 * most, 3))
-    panel.text(0.04, 0.93, f"${label}$", transform=panel.transAxes, va="top")
+    counts = np.stack([band.low, band.high, band.counts(quantity.ranks)])
+    low, high, found = np.pad(counts / n - band.shares, ((0, 0), (1, 1)))
+    difference_panel(panel, shares, (low, high), most, 3, style.BAND)
+    panel.plot(shares, found, zorder=3, **(style.BLACK_LINE if quantity.holds else style.OUTSIDE))
+    style.corner_text(panel, f"${label}$")
     if not quantity.holds:
         word = (quantity.shape or "leaves the band").removeprefix("posterior ")
-        where: dict[str, Any] = {"transform": panel.transAxes, "va": "top", "ha": "right"}
-        panel.text(0.97, 0.93, word, fontsize=0.94 * style.letters("legend.fontsize"), **where)
+        letters = 0.94 * style.letters("legend.fontsize")
+        style.corner_text(panel, word, "right", fontsize=letters)
 
 
 def _mark(marker: str, holds: bool) -> dict[str, Any]:
@@ -125,13 +103,9 @@ def _coverage(panel: Axes, verdict: Verdict, labels: Sequence[str]) -> None:
         for k, interval in enumerate(quantity.intervals):
             x = column + 1.1 * width * (k - 1)
             low, high = 100 * interval.low / n, 100 * interval.high / n
-            panel.bar(x, high - low, width, bottom=low, zorder=1, **BAND)
-            panel.plot(
-                [x],
-                [100 * interval.inside / n],
-                zorder=3,
-                **_mark(MARKERS[k], interval.holds),
-            )
+            panel.bar(x, high - low, width, bottom=low, zorder=1, **style.BAND)
+            look = _mark(MARKERS[k], interval.holds)
+            panel.plot([x], [100 * interval.inside / n], zorder=3, **look)
     panel.set_xlim(-0.6, len(unknown) - 0.4)
     floor = min(min(min(i.low, i.inside) for i in q.intervals) for q in unknown)
     panel.set_ylim(max(0.0, 100 * floor / n - 6.0), 102.0)
@@ -143,9 +117,9 @@ def _coverage(panel: Axes, verdict: Verdict, labels: Sequence[str]) -> None:
 
 def _handles(verdict: Verdict) -> list[Any]:
     every = verdict.quantities
-    handles: list[Any] = [Patch(label="what chance allows", **BAND)]
+    handles: list[Any] = [Patch(label="what chance allows", **style.BAND)]
     if any(q.holds for q in every):
-        handles.append(Line2D([], [], label="ranks of the truth", **INSIDE))
+        handles.append(Line2D([], [], label="ranks of the truth", **style.BLACK_LINE))
     if not all(q.holds for q in every):
         handles.append(Line2D([], [], label="ranks that leave the band", **style.OUTSIDE))
     intervals = next(q.intervals for q in every if q.intervals)
@@ -153,16 +127,3 @@ def _handles(verdict: Verdict) -> list[Any]:
         label = f"{100 * interval.share:.3g} % interval"
         handles.append(Line2D([], [], label=label, linestyle="none", **_mark(marker, True)))
     return handles
-
-
-def _legend(figure: Figure, handles: list[Any], width: float) -> None:
-    figure.legend(
-        handles=handles,
-        loc="upper center",
-        ncols=len(handles) if width >= scales.DOUBLE else 2,
-        borderaxespad=0.3,
-        labelspacing=0.3,
-        handlelength=1.5,
-        columnspacing=1.2,
-        handletextpad=0.5,
-    )

@@ -4,13 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from bayesdrill.analysis.calibration import (
-    FALSE_ALARM,
-    MOST_NOT_CONVERGED,
-    Quantity,
-    Refit,
-    Verdict,
-)
+from bayesdrill.analysis.calibration import FALSE_ALARM, MOST_NOT_CONVERGED, Refit, Verdict
 from bayesdrill.config.schema.config import Config
 from bayesdrill.inference.posterior import Problem
 from bayesdrill.report.section import (
@@ -19,9 +13,9 @@ from bayesdrill.report.section import (
     Note,
     Picture,
     Section,
-    Sentences,
     Table,
     Tone,
+    build,
     lines_as_csv,
 )
 
@@ -79,64 +73,35 @@ def sections(found: Verdict, every: Sequence[Refit], ending: str) -> tuple[Secti
     """The verdict first; `ending`: of the file of the figure that a page shows."""
     says = verdict(found)
     tone: Tone = "bad" if found.faults else "doubt" if found.doubts else "good"
+    marks = Marks((Mark(says.split(":")[0], tone),))
+    read = Note(
+        f"Ranks are among {found.n_draws} draws. `departure / band` is the farthest departure of their "
+        "distribution from uniform, above 1 outside of what chance allows; the same for intervals in "
+        "brackets. Exact values: `ranks.csv`."
+    )
+    seen = "Ranks of the truths among the draws, with what chance allows."
     return (
-        Section(
-            "Verdict",
-            (
-                Marks((Mark(says.split(":")[0], tone),)),
-                Sentences(f"{says[0].upper()}{says[1:]}."),
-                Note(rule(found)),
-            ),
-        ),
-        Section(
-            "Ranks",
-            (
-                table(found),
-                Note(
-                    f"Ranks are among {found.n_draws} draws. `departure / band` is the farthest "
-                    "departure of their distribution from uniform, above 1 outside of what chance "
-                    "allows; the same for intervals in brackets. Exact values: `ranks.csv`."
-                ),
-                Picture(
-                    "calibration",
-                    "Ranks of the truths among the draws, with what chance allows.",
-                    ending,
-                ),
-            ),
-        ),
-        Section("Refits", (Sentences(refits(found, every)),)),
+        build("Verdict", marks, f"{says[0].upper()}{says[1:]}.", Note(rule(found))),
+        build("Ranks", table(found), read, Picture("calibration", seen, ending)),
+        build("Refits", refits(found, every)),
     )
 
 
 def table(found: Verdict) -> Table:
     """The shares of truths in credible intervals with what chance allows."""
-    shares = found.quantities[0].intervals
-    heads = (
-        "",
-        "departure / band",
-        "ranks",
-        *(f"in {100 * each.share:.3g} % interval" for each in shares),
-    )
-    lines = tuple(_cells(q, found, len(shares)) for q in found.quantities)
-    return Table(heads, lines, frozenset(("", "ranks")))
-
-
-def _cells(quantity: Quantity, found: Verdict, n_intervals: int) -> tuple[str, ...]:
-    n = max(found.band.n, 1)
-    word = "as by chance" if quantity.holds else quantity.shape or "leave the band"
-    if not found.band.n:
-        word = "none"
-    covered = [
-        f"{100 * i.inside / n:.0f} % ({100 * i.low / n:.0f} to {100 * i.high / n:.0f})"
-        + ("" if i.holds else " **outside**")
-        for i in quantity.intervals
-    ]
-    return (
-        quantity.name,
-        f"{quantity.reach:.2f}",
-        word,
-        *(covered or [""] * n_intervals),
-    )
+    shares = [f"in {100 * i.share:.3g} % interval" for i in found.quantities[0].intervals]
+    n, lines = max(found.band.n, 1), []
+    for q in found.quantities:
+        word = "as by chance" if q.holds else q.shape or "leave the band"
+        covered = [
+            f"{100 * i.inside / n:.0f} % ({100 * i.low / n:.0f} to {100 * i.high / n:.0f})"
+            + ("" if i.holds else " **outside**")
+            for i in q.intervals
+        ]
+        known = (q.name, f"{q.reach:.2f}", word if found.band.n else "none")
+        lines.append((*known, *(covered or [""] * len(shares))))
+    heads = ("", "departure / band", "ranks", *shares)
+    return Table(heads, tuple(lines), frozenset(("", "ranks")))
 
 
 def ranks_csv(names: Sequence[str], refits: Sequence[Refit]) -> str:

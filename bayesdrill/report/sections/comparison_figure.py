@@ -7,6 +7,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -22,7 +23,16 @@ from bayesdrill.basics.arrays import Array
 from bayesdrill.inference.derived import HDI_PROBABILITY
 from bayesdrill.inference.display_units import OwnUnits
 from bayesdrill.report import scales, style
-from bayesdrill.report.pages import AXES, LEVELS, contours, legend_above
+from bayesdrill.report.pages import (
+    AXES,
+    CORNER_GAP,
+    LEVELS,
+    contours,
+    corner_axes,
+    corner_label,
+    corner_panels,
+    legend_above,
+)
 from bayesdrill.report.sections.comparison_words import (
     elided,
     in_logs,
@@ -66,14 +76,11 @@ LOOKS = (
 
 def run_handles(layers: Sequence[Layer], *, marked: bool) -> list[Line2D]:
     """For a legend: the name of each run, with its warning."""
+    names = [elided(overlay_warnings(layer), LONGEST).replace("$", r"\$") for layer in layers]
     return [
-        Line2D([], [], label=legend_name(layer), marker=look.marker if marked else "", **look.line)
-        for layer, look in zip(layers, LOOKS, strict=False)
+        Line2D([], [], label=name, marker=look.marker if marked else "", **look.line)
+        for name, look in zip(names, LOOKS, strict=False)
     ]
-
-
-def legend_name(layer: Layer) -> str:
-    return elided(overlay_warnings(layer), LONGEST).replace("$", r"\$")
 
 
 CENTRAL = 0.998  # of the draws of each run, inside an axis
@@ -85,7 +92,6 @@ UNSEEN = 0.02  # of an axis that a run fills less of, its histogram would be a s
 PANEL_LARGEST, PANEL_SMALLEST, PANELS_WIDTH = 2.0, 1.03, 9.3
 LEFT, BOTTOM, TOP, RIGHT = 0.88, 0.88, 0.2, 0.15
 LEGEND_WIDTH, CORNER_LEGEND_LINE = 3.0, 0.21
-GAP = 0.06
 TICK_SIZE, LABEL_SIZE = 8.5, 10.0
 
 
@@ -97,7 +103,6 @@ class _Column:
     scale: scales.Scale
     draws: tuple[Array | None, ...]
     ends: tuple[tuple[float, float], ...]
-    nominal: float | None
 
 
 def overlay_corner_figure(layers: Sequence[Layer], rows: Sequence[Row], own: OwnUnits) -> Figure:
@@ -114,7 +119,7 @@ def overlay_corner_figure(layers: Sequence[Layer], rows: Sequence[Row], own: Own
             _histograms(panels[i, i], row)
             for j, column in enumerate(columns[:i]):
                 _contours(panels[i, j], column, row)
-        _arrange(figure, panels, columns)
+        corner_axes(panels, [c.scale for c in columns], partial(_numbers, columns))
         _legend(figure, layers, columns)
     return figure
 
@@ -122,50 +127,33 @@ def overlay_corner_figure(layers: Sequence[Layer], rows: Sequence[Row], own: Own
 def _column(si: Row, layers: Sequence[Layer], own: OwnUnits) -> _Column:
     row, factor, log = overlay_shown(si, own), own.factor(si.symbol.name), in_logs(si, layers)
     every = [None if x is None else x / factor for x in (layer.of(si.symbol) for layer in layers)]
+    priors = [layer.problem.posterior.space.priors.get(si.symbol.name) for layer in layers]
     tails = [0.5 - CENTRAL / 2, 0.5 + CENTRAL / 2]
     found = np.array([np.quantile(x, tails) for x in every if x is not None])
     low, high = float(found[:, 0].min()), float(found[:, 1].max())
     low, high = scales.reaching(low, high, row.agreed, CORNER_REACH, log=log)
     scale = scales.scale(low, high, log=log, margin=0.06)
-    inside = row.agreed is not None and scale.side(row.agreed) == 0
     return _Column(
         row=row,
         scale=scale,
         draws=tuple(None if x is None else scale(x) for x in every),
-        ends=tuple(_ends(layer, si, own, scale) for layer in layers),
-        nominal=float(scale(row.agreed)) if inside and row.agreed is not None else None,
+        ends=tuple(
+            (-math.inf, math.inf)
+            if prior is None
+            else (float(scale(prior.low / factor)), float(scale(prior.high / factor)))
+            for prior in priors
+        ),
     )
-
-
-def _ends(layer: Layer, si: Row, own: OwnUnits, scale: scales.Scale) -> tuple[float, float]:
-    """Of the prior, on the axis."""
-    prior = layer.problem.posterior.space.priors.get(si.symbol.name)
-    if prior is None:
-        return -math.inf, math.inf
-    low, high = scale(np.array([prior.low, prior.high]) / own.factor(si.symbol.name))
-    return float(low), float(high)
 
 
 def _corner_page(n: int, lines: int) -> tuple[Figure, NDArray[np.object_]]:
     """`(n, n)` panels, those above the diagonal empty; few of them have their legend beside them."""
     panel = min(PANEL_LARGEST, max(PANEL_SMALLEST, PANELS_WIDTH / n))
-    size = panel * (n + GAP * (n - 1))
+    size = panel * (n + CORNER_GAP * (n - 1))
     beside = LEGEND_WIDTH if n == 1 else max(0.0, LEGEND_WIDTH - (n - 1) * panel)
     above = max(0.0, lines * CORNER_LEGEND_LINE - (n - 1) * panel) if n > 1 else 0.0
-    width, height = LEFT + size + RIGHT + beside, BOTTOM + size + TOP + above
-    figure = Figure(figsize=(width, height))
-    panels = figure.subplots(n, n, squeeze=False)
-    for empty in panels[np.triu_indices(n, 1)]:
-        empty.set_axis_off()
-    figure.subplots_adjust(
-        left=LEFT / width,
-        right=(LEFT + size) / width,
-        bottom=BOTTOM / height,
-        top=(BOTTOM + size) / height,
-        wspace=GAP,
-        hspace=GAP,
-    )
-    return figure, panels
+    page = LEFT + size + RIGHT + beside, BOTTOM + size + TOP + above
+    return corner_panels(n, page, LEFT, BOTTOM, size)
 
 
 def _histograms(panel: Axes, column: _Column) -> None:
@@ -178,8 +166,7 @@ def _histograms(panel: Axes, column: _Column) -> None:
         edges = np.linspace(first, last, max(12, round(BINS * share)) + 1)
         counts, _ = np.histogram(x, edges)
         panel.stairs(counts / counts.max(), edges, **look.line)
-    if column.nominal is not None:
-        panel.axvline(column.nominal, **style.NOMINAL)
+    style.mark_values(panel, column.scale, column.row.agreed, arrow=False)
     panel.set_ylim(0, 1.1)
     panel.set_yticks([])
 
@@ -189,41 +176,24 @@ def _contours(panel: Axes, column: _Column, row: _Column) -> None:
     for x, y, one, other, look in pairs:
         if x is not None and y is not None:
             contours(panel, (x, y), (one, other), lines=look.contour)
-    if column.nominal is not None:
-        panel.axvline(column.nominal, **style.NOMINAL)
-    if row.nominal is not None:
-        panel.axhline(row.nominal, **style.NOMINAL)
+    style.mark_values(panel, column.scale, column.row.agreed, arrow=False)
+    style.mark_values(panel, row.scale, row.row.agreed, vertical=True, arrow=False)
 
 
-def _arrange(figure: Figure, panels: NDArray[np.object_], columns: Sequence[_Column]) -> None:
-    n = len(columns)
-    for i in range(n):
-        for j in range(i + 1):
-            panels[i, j].set_xlim(columns[j].scale.low, columns[j].scale.high)
-            _numbers(panels[i, j].xaxis, columns[j], outer=i == n - 1)
-            if i > j:
-                panels[i, j].set_ylim(columns[i].scale.low, columns[i].scale.high)
-                _numbers(panels[i, j].yaxis, columns[i], outer=j == 0)
-    figure.align_xlabels(list(panels[-1]))
-    figure.align_ylabels(list(panels[1:, 0]))
-
-
-def _numbers(axis: Axis, column: _Column, *, outer: bool) -> None:
-    style.set_numbers(axis, column.scale, 3, clear=0.1, letter=0.055)
-    if not outer:
-        axis.set_major_formatter(NullFormatter())
-    else:
-        axis.set_tick_params(labelsize=TICK_SIZE, pad=4)
-        for text in axis.get_ticklabels():
-            text.set(rotation=45, ha="right", va="center_baseline", rotation_mode="anchor")
-        axis.set_label_text(column.scale.label(column.row.symbol, "\n"), fontsize=LABEL_SIZE)
+def _numbers(columns: Sequence[_Column], axis: Axis, k: int, outer: bool) -> None:
+    scale, symbol = columns[k].scale, columns[k].row.symbol
+    style.set_numbers(axis, scale, 3, clear=0.1, letter=0.055)
+    if outer:
+        corner_label(axis, scale.label(symbol, "\n"), LABEL_SIZE, TICK_SIZE, 4)
         axis.labelpad = 2
+    else:
+        axis.set_major_formatter(NullFormatter())
 
 
 def _legend(figure: Figure, layers: Sequence[Layer], columns: Sequence[_Column]) -> None:
     width, height = figure.get_size_inches()
     said: list[Any] = run_handles(layers, marked=False)
-    if any(column.nominal is not None for column in columns):
+    if any(c.row.agreed is not None and c.scale.side(c.row.agreed) == 0 for c in columns):
         said.append(Line2D([], [], label="nominal value", **style.NOMINAL))
     notes = []
     if len(columns) > 1:
@@ -270,10 +240,7 @@ def intervals_figure(layers: Sequence[Layer], rows: Sequence[Row], own: OwnUnits
         for panel, (row, scale) in zip(panels, every, strict=True):
             _intervals(panel, row, scale, range(n), LOOKS)
             _below_each_other(panel, n, INTERVALS)
-            if side := scale.side(row.agreed):
-                x, marker = (0.97, ">") if side > 0 else (0.03, "<")
-                panel.plot([x], [0.5], transform=panel.transAxes, marker=marker, **style.AWAY)
-        legend_above(figure, said, columns, 1.4, 2.6)
+        legend_above(figure, said, columns, columnspacing=1.4, handlelength=2.6)
     return figure
 
 
@@ -289,15 +256,19 @@ def _scaled(si: Row, layers: Sequence[Layer], own: OwnUnits) -> tuple[Row, scale
 
 
 def _intervals(
-    panel: Axes, row: Row, scale: scales.Scale, order: Sequence[int], looks: Sequence[Look]
+    panel: Axes,
+    row: Row,
+    scale: scales.Scale,
+    order: Sequence[int],
+    looks: Sequence[Look],
+    *,
+    arrow: bool = True,
 ) -> None:
-    """Where each run has an unknown, the first of the `order` on top."""
-    agreed = row.agreed
-    if agreed is not None and scale.side(agreed) == 0:
-        panel.axvline(float(scale(agreed)), zorder=1, **style.NOMINAL)
+    """Where each run has an unknown, the first of the `order` on top; `arrow`: to nominal values."""
+    style.mark_values(panel, scale, row.agreed, arrow=arrow, zorder=1)
     for y, run, look in zip(range(len(order) - 1, -1, -1), order, looks, strict=False):
         place, nominal = row.places[run], row.nominal[run]
-        if agreed is None and nominal is not None and scale.side(nominal) == 0:
+        if row.agreed is None and nominal is not None and scale.side(nominal) == 0:
             panel.plot([float(scale(nominal))] * 2, [y - 0.5, y + 0.5], zorder=1, **style.NOMINAL)
         if place is None:
             continue
@@ -308,9 +279,7 @@ def _intervals(
         panel.plot(ends, [y, y], zorder=2, color=look.color, **BAR)
         mark: dict[str, Any] = {"marker": look.marker, "color": look.color, "markersize": look.size}
         panel.plot([float(scale(place.mean))], [y], zorder=3, linestyle="none", **mark)
-    panel.set_xlim(scale.low, scale.high)
-    style.set_numbers(panel.xaxis, scale, 4)
-    panel.set_xlabel(scale.label(row.symbol), labelpad=2)
+    style.scale_axis(panel.xaxis, scale, scale.label(row.symbol))
 
 
 def _below_each_other(
@@ -352,7 +321,10 @@ def comparison_figure(models: Sequence[Contender], rows: Sequence[Row], own: Own
     """The most probable on top and black; `rows` of unknowns in SI."""
     order = sorted(range(len(models)), key=lambda k: -models[k].log_z)
     layers = [one.layer for one in models]
-    shared = [_scaled(row, layers, own) for row in _common(rows, len(models))]
+    # Unknowns that two models share, and of many models half of them; the table has all.
+    least = max(2, len(models) / 2) if len(models) > FEW else 2
+    common = [row for row in rows if sum(p is not None and p.sd > 0 for p in row.places) >= least]
+    shared = [_scaled(row, layers, own) for row in common[:MOST_UNKNOWNS]]
     names = [_name(models[k]) for k in order]
     left = float(np.clip(0.14 + LETTER * max(map(len, names)), LEAST_LEFT, MOST_LEFT))
     channels = list(dict.fromkeys(one.name for model in models for one in model.left))
@@ -365,35 +337,20 @@ def comparison_figure(models: Sequence[Contender], rows: Sequence[Row], own: Own
         figure, panels = page.build(SCORES + len(shared))
         ordered = [models[k] for k in order]
         _odds(panels[0], ordered)
-        _left(panels[1], ordered, channels, lambda one: one.rms, 1.0)
-        panels[1].set_xlabel("rms of residuals over noise", labelpad=2)
-        _left(panels[2], ordered, channels, lambda one: one.correlation, 0.0)
-        panels[2].set_xlabel("their correlation", labelpad=2)
+        rms = "rms of residuals over noise"
+        _left(panels[1], ordered, channels, lambda one: one.rms, 1.0, rms)
+        _left(panels[2], ordered, channels, lambda one: one.correlation, 0.0, "their correlation")
         looks = [Look(_colour(k), "-", "o", size=3.6) for k in range(len(order))]
         for panel, (row, scale) in zip(panels[SCORES:], shared, strict=True):
-            _intervals(panel, row, scale, order, looks)
+            _intervals(panel, row, scale, order, looks, arrow=False)
         for k, panel in enumerate(panels):
             _below_each_other(panel, len(models), MODELS, names if k % AXES.columns == 0 else None)
             panel.tick_params(axis="y", length=0)
-        figure.legend(
-            handles=handles,
-            loc="upper center",
-            ncols=per_line,
-            borderaxespad=0.3,
-            columnspacing=1.4,
-            handletextpad=0.5,
-        )
+        spread = {"columnspacing": 1.4, "handletextpad": 0.5, "handlelength": 2.0}
+        legend_above(figure, handles, per_line, labelspacing=0.5, **spread)
         height = 1.0 - (page.top - 0.24) / figure.get_figheight()
         figure.text(0.5, height, READ, ha="center", va="center", fontsize=8.0, color=style.DARK)
     return figure
-
-
-def _common(rows: Sequence[Row], n_models: int) -> list[Row]:
-    """Those that two models share, and of many models half of them; the table has all."""
-    least = max(2, n_models / 2) if n_models > FEW else 2
-    return [row for row in rows if sum(p is not None and p.sd > 0 for p in row.places) >= least][
-        :MOST_UNKNOWNS
-    ]
 
 
 def _name(one: Contender) -> str:
@@ -417,13 +374,11 @@ def _odds(panel: Axes, models: Sequence[Contender]) -> None:
     # Two of three decades at most, so that numbers keep apart.
     far = decades[decades < most][:: 1 + int(np.log10(most) > 3.5)]
     ticks = np.array([0.0, SURE, *far])
-    style.set_ticks(panel.xaxis, ticks, [f"{x:.0f}" if x < 1e4 else _power(x) for x in ticks])
+    powers = [rf"$10^{{{int(np.log10(max(x, 1.0)) + 0.5)}}}$" for x in ticks]
+    texts = [f"{x:.0f}" if x < 1e4 else power for x, power in zip(ticks, powers, strict=True)]
+    style.set_ticks(panel.xaxis, ticks, texts)
     panel.xaxis.set_minor_locator(NullLocator())
     panel.set_xlabel("log odds against the best", labelpad=2)
-
-
-def _power(x: float) -> str:
-    return rf"$10^{{{int(np.log10(x) + 0.5)}}}$"
 
 
 def _left(
@@ -432,6 +387,7 @@ def _left(
     channels: Sequence[str],
     of: Callable[[Any], float],
     wanted: float,
+    label: str,
 ) -> None:
     """Of each channel a mark for each model; `wanted`: where noise alone would be."""
     log = wanted == 1.0
@@ -451,32 +407,26 @@ def _left(
             face = _colour(k) if one.like_noise else "white"
             x = float(scale(of(one)))
             panel.plot([x], [y], color=_colour(k), markerfacecolor=face, **look)
-    panel.set_xlim(scale.low, scale.high)
-    style.set_numbers(panel.xaxis, scale, 4)
+    style.scale_axis(panel.xaxis, scale, label)
 
 
 def _colour(k: int) -> str:
     return style.BLACK if k == 0 else style.MIDDLE
 
 
-def _of(experiment: str) -> str:
-    return " in " + experiment.replace("$", r"\$") if experiment else ""
-
-
 def _model_handles(models: Sequence[Contender]) -> list[Line2D]:
     """Of all channels of any model, and what a hollow mark says."""
-    symbols = {
-        (channel.name, one.label): f"${channel.latex}$" + _of(one.label)
-        for model in models
-        for one in model.layer.problem.observations
-        for channel in one.experiment.channels
-    }
+    symbols = {}
+    for one in (one for model in models for one in model.layer.problem.observations):
+        where = " in " + one.label.replace("$", r"\$") if one.label else ""
+        for channel in one.experiment.channels:
+            symbols[channel.name, one.label] = f"${channel.latex}${where}"
     marks = [
         Line2D([], [], marker=MARKS[k % len(MARKS)], color=style.DARK, label=symbol)
         for k, symbol in enumerate(symbols.values())
     ]
     hollow = Line2D([], [], marker="o", color=style.DARK, markerfacecolor="white")
     hollow.set_label("not like noise")
-    for one in (*marks, hollow):
-        one.set(markersize=4.2, linestyle="none")
+    for handle in (*marks, hollow):
+        handle.set(markersize=4.2, linestyle="none")
     return [*marks, hollow, Line2D([], [], label="nominal value", **style.NOMINAL)]

@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 
 from bayesdrill.analysis.comparison import (
     SURE,
@@ -20,34 +20,38 @@ from bayesdrill.analysis.comparison import (
     differing,
     probabilities,
 )
-from bayesdrill.analysis.prediction import FEW, LeftOut
-from bayesdrill.inference.derived import HDI_PROBABILITY
+from bayesdrill.analysis.prediction import FEW, HeldOut, LeftOut
 from bayesdrill.inference.display_units import OwnUnits
 from bayesdrill.inference.priors import flat_in_logs
 from bayesdrill.inference.residual_checks import Left
-from bayesdrill.report.section import Note, Picture, Section, Sentences, Table, lines_as_csv
+from bayesdrill.report.section import (
+    HDI_ENDS,
+    Note,
+    Picture,
+    Section,
+    Sentences,
+    Table,
+    build,
+    lines_as_csv,
+)
 from bayesdrill.report.sections import verdict_words
 
 
 def overlay_shown(row: Row, own: OwnUnits) -> Row:
     """In the unit that its symbol then has."""
     factor = own.factor(row.symbol.name)
-    if factor == 1.0:
-        return dataclasses.replace(row, symbol=own.symbol(row.symbol))
+
+    def over(place: Place | None) -> Place | None:
+        if place is None:
+            return None
+        values = {name: getattr(place, name) / factor for name in ("mean", "sd", "low", "high")}
+        return dataclasses.replace(place, **values)
+
     return dataclasses.replace(
         row,
         symbol=own.symbol(row.symbol),
-        places=tuple(None if place is None else _over(place, factor) for place in row.places),
+        places=tuple(map(over, row.places)),
         nominal=tuple(None if value is None else value / factor for value in row.nominal),
-    )
-
-
-def _over(place: Place, factor: float) -> Place:
-    return Place(
-        mean=place.mean / factor,
-        sd=place.sd / factor,
-        low=place.low / factor,
-        high=place.high / factor,
     )
 
 
@@ -71,11 +75,7 @@ OVERLAY_READ = (
     "square of their sds: by chance two independent records of one rig are more than 2.8 apart once in "
     "twenty times; runs of one record differ by what was believed, held and modelled."
 )
-COLUMNS = (
-    *("name", "unit", "run", "nominal", "mean", "sd"),
-    *(f"hdi{100 * HDI_PROBABILITY:.0f}_{end}" for end in ("low", "high")),
-    *("held", "apart"),
-)
+COLUMNS = ("name", "unit", "run", "nominal", "mean", "sd", *HDI_ENDS, "held", "apart")
 
 
 def comparison_sections(
@@ -86,35 +86,28 @@ def comparison_sections(
     pictures: Sequence[Picture] = (),
 ) -> tuple[Section, ...]:
     """In the order in which they are read, of runs or, if there are any, `models`; `rows` in SI."""
-    drawn = (Section("Figures", tuple(pictures), brief=False),) if pictures else ()
+    drawn = [build("Figures", *pictures, brief=False)] if pictures else []
     differs = differing(layers)
-    moved = (
-        overlay_table(layers, [overlay_shown(row, own) for row in rows]),
-        Note(OVERLAY_READ),
-    )
-    far, settings = list(farthest(layers, rows)), overlay_settings(layers, differs)
+    moved = overlay_table(layers, [overlay_shown(row, own) for row in rows])
+    read, far = Note(OVERLAY_READ), list(farthest(layers, rows))
+    settings = overlay_settings(layers, differs)
     if not models:
         doubts = [doubt(layer) for layer in layers if layer.warning]
         names = ", ".join(layer.name for layer in layers)
-        first = Sentences("\n".join([f"{len(layers)} runs: {names}", *doubts]))
-        said = Sentences("\n".join([*far, _what_differs(layers, differs)]))
         return (
-            Section("", (first,)),
-            Section("", (*moved, said)),
+            build("", "\n".join([f"{len(layers)} runs: {names}", *doubts])),
+            build("", moved, read, "\n".join([*far, _what_differs(layers, differs)])),
             *drawn,
-            Section("What differs between the runs", (settings,), brief=False),
+            build("What differs between the runs", settings, brief=False),
         )
-    scores = (
-        comparison_table(models),
-        Note(COMPARISON_READ),
-        Sentences("\n".join(predicted(models))),
-    )
+    scores = "\n".join(predicted(models))
     return (
-        Section("Verdict", (Sentences("\n".join(comparison_verdict(models))),)),
-        Section("Models", scores),
+        build("Verdict", "\n".join(comparison_verdict(models))),
+        build("Models", comparison_table(models), Note(COMPARISON_READ), scores),
         *drawn,
-        Section("How the unknowns move", (*moved, Sentences("\n".join(far)))),
-        Section("What differs between the models", (settings,), brief=False),
+        # Also where nothing is said of it: a terminal then shows an empty line.
+        build("How the unknowns move", moved, read, Sentences("\n".join(far))),
+        build("What differs between the models", settings, brief=False),
     )
 
 
@@ -146,17 +139,12 @@ def overlay_table(layers: Sequence[Layer], rows: Sequence[Row]) -> Table:
         apart = "" if row.apart is None else f"{row.apart:.2f}"
         if row.pair is not None and len(layers) > 2:
             apart += f" ({', '.join(layers[k].name for k in row.pair)})"
-        cells = map(_cell, row.places)
+        cells = []
+        for place in row.places:
+            sure = f"\N{PLUS-MINUS SIGN} {place.sd:.2g}" if place and not place.held else "held"
+            cells.append("" if place is None else f"{place.mean:.4g} {sure}")
         lines.append((row.symbol.name, row.symbol.plain_unit, nominal, *cells, apart))
     return Table(heads, tuple(lines), frozenset(heads[:2])).filled("nominal", APART)
-
-
-def _cell(place: Place | None) -> str:
-    if place is None:
-        return ""
-    if place.held:
-        return f"{place.mean:.4g} held"
-    return f"{place.mean:.4g} \N{PLUS-MINUS SIGN} {place.sd:.2g}"
 
 
 def farthest(layers: Sequence[Layer], rows: Sequence[Row]) -> Iterator[str]:
@@ -175,24 +163,20 @@ def farthest(layers: Sequence[Layer], rows: Sequence[Row]) -> Iterator[str]:
 
 
 def _what_differs(layers: Sequence[Layer], differs: dict[str, tuple[str | None, ...]]) -> str:
-    unknown = {name for layer in layers for name in _quantities(layer)}
+    spaces = [layer.problem.posterior.space for layer in layers]
+    unknown = {name for s in spaces for name in (*s.free, *s.fixed, *s.relations)}
     believed = [name for name in differs if name in unknown]
-    others = dict.fromkeys(_kind(name) for name in differs if name not in unknown)
+    # All channels, and the noise of all of them, in one word.
+    kinds = {"the channel ": "the channels", "the noise of ": "the noise"}
+    others = dict.fromkeys(
+        next((kind for start, kind in kinds.items() if name.startswith(start)), name)
+        for name in differs
+        if name not in unknown
+    )
     listed = [*([f"what is believed of {', '.join(believed)}"] if believed else []), *others]
     if not listed:
         return "record, noise, priors and seed are the same"
     return f"not the same: {'; '.join(listed)}"
-
-
-def _kind(setting: str) -> str:
-    """All channels, and the noise of all of them, in one word."""
-    kinds = {"the channel ": "the channels", "the noise of ": "the noise"}
-    return next((kind for start, kind in kinds.items() if setting.startswith(start)), setting)
-
-
-def _quantities(layer: Layer) -> set[str]:
-    space = layer.problem.posterior.space
-    return {*space.free, *space.fixed, *space.relations}
 
 
 def overlay_settings(
@@ -201,12 +185,11 @@ def overlay_settings(
     if not differs:
         return Note("nothing")
     heads = ("", *(layer.name for layer in layers))
-    lines = [(name, *(_short(value) for value in values)) for name, values in differs.items()]
+    lines = [
+        (name, *(elided(value or "", LONGEST) for value in values))
+        for name, values in differs.items()
+    ]
     return Table(heads, tuple(lines), frozenset(heads))
-
-
-def _short(value: str | None) -> str:
-    return elided(value or "", LONGEST)
 
 
 def elided(text: str, most: int) -> str:
@@ -288,7 +271,10 @@ def comparison_table(models: Sequence[Contender]) -> Table:
     more = ("held out", "LOO", "rms", "correlation")
     top = max(one.log_z for one in models)
     order = sorted(range(len(models)), key=lambda k: -models[k].log_z)
-    share, held, loo = probabilities(models), _held(models), _loo(models)
+    share = probabilities(models)
+    held = _against_best([one.held_out for one in models], lambda one: one.score, "-")
+    left_out = [one.loo if isinstance(one.loo, LeftOut) else None for one in models]
+    loo = _against_best(left_out, lambda one: one.elpd, "refused")
     lines = []
     for k in order:
         one = models[k]
@@ -310,24 +296,19 @@ def worst(left: Sequence[Left]) -> tuple[float, float]:
     return rms, max((one.correlation for one in left), key=abs)
 
 
-def _held(models: Sequence[Contender]) -> list[str]:
-    scores = [one.held_out for one in models]
-    best = max((one for one in scores if one), key=lambda one: one.score, default=None)
-    if best is None:
-        return ["-"] * len(models)
-    return ["-" if one is None else _apart(*difference(one, best)) for one in scores]
-
-
-def _loo(models: Sequence[Contender]) -> list[str]:
-    told = [one.loo if isinstance(one.loo, LeftOut) else None for one in models]
-    best = max((one for one in told if one), key=lambda one: one.elpd, default=None)
-    if best is None:
-        return ["refused"] * len(models)
-    return ["refused" if one is None else _apart(*difference(one, best)) for one in told]
-
-
-def _apart(value: float, error: float) -> str:
-    return "best" if value == 0.0 else f"{value:.1f} +- {error:.1f}"
+def _against_best[S: (HeldOut, LeftOut)](
+    scores: Sequence[S | None], value: Callable[[S], float], none: str
+) -> list[str]:
+    """The difference of each to the one of the largest `value`; `none`: of those that have no score."""
+    best = max((one for one in scores if one), key=value, default=None)
+    cells = []
+    for one in scores:
+        if one is None or best is None:
+            cells.append(none)
+        else:
+            apart, error = difference(one, best)
+            cells.append("best" if apart == 0.0 else f"{apart:.1f} +- {error:.1f}")
+    return cells
 
 
 def predicted(models: Sequence[Contender]) -> Iterator[str]:
@@ -360,18 +341,15 @@ def comparison_csv(models: Sequence[Contender], rows: Sequence[Row]) -> str:
     heads += [f"{what}_{name}" for name in channels for what in ("rms", "correlation")]
     heads += [f"{row.symbol.name}_{what}" for row in rows for what in ("mean", "sd")]
     lines: list[Sequence[object]] = [heads]
-    top, share = max(one.log_z for one in models), probabilities(models)
+    top, share, none = max(one.log_z for one in models), probabilities(models), (None, None)
     for k, one in enumerate(models):
-        own = {each.name: each for each in one.left}
+        own = {each.name: (each.rms, each.correlation) for each in one.left}
+        held, places = one.held_out, [row.places[k] for row in rows]
         said = [one.name, len(one.layer.problem.symbols), "yes" if one.converged else "no"]
         said += [one.log_z, one.evidence.error, one.log_z - top, share[k]]
-        held = one.held_out
-        said += ["", ""] if held is None else [held.score, held.samples]
-        said += ["", one.loo] if isinstance(one.loo, str) else [one.loo.elpd, ""]
-        for name in channels:
-            said += [own[name].rms, own[name].correlation] if name in own else ["", ""]
-        for row in rows:
-            place = row.places[k]
-            said += ["", ""] if place is None else [place.mean, place.sd]
+        said += none if held is None else (held.score, held.samples)
+        said += (None, one.loo) if isinstance(one.loo, str) else (one.loo.elpd, None)
+        said += [x for name in channels for x in own.get(name, none)]
+        said += [x for p in places for x in (none if p is None else (p.mean, p.sd))]
         lines.append(said)
     return lines_as_csv(lines)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Collection, Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -20,19 +21,18 @@ from bayesdrill.basics.arrays import Array
 from bayesdrill.basics.symbols import Symbol
 from bayesdrill.inference.priors import flat_in_logs
 from bayesdrill.report import scales, style
-from bayesdrill.report.pages import SMALL_PANELS, Page, legend_above
+from bayesdrill.report.pages import SMALL_PANELS, Page, difference_panel, legend_above
 from bayesdrill.report.view import Drawing, View
-from bayesdrill.sampling.convergence import WINDOW, Autocorrelation, autocorrelation
+from bayesdrill.sampling.convergence import WINDOW, autocorrelation
 
 STEPS = 300  # drawn at most
 QUANTILES = (0.05, 0.5, 0.95)  # of the walkers
 EXCURSION = 1.0  # how far burn-in may stretch an axis, in widths of what comes after it
 REACH = 0.5  # and how far the nominal value may
 
-# Inches, of two columns and of one.
-ROW, LEFT, RIGHT, BOTTOM, GAP_X, GAP_Y = 1.25, 0.84, 0.12, 0.42, 0.9, 0.12
-SMALL_ROW, SMALL_LEFT, SMALL_GAP_X = 0.82, 0.68, 0.72
-LEGEND_LINE, LEGEND_MARGIN = 0.165, 0.16
+TRACE_PAGE = Page(row=1.25, left=0.84, gap_x=0.9)
+TRACE_SMALL = replace(TRACE_PAGE, row=0.82, left=0.68, gap_x=0.72)
+LEGEND_LINE, LEGEND_MARGIN = 0.165, 0.16  # inches
 
 # Of the ensembles: greys, widths and dashes, each apart from the next in print.
 LOOKS: tuple[tuple[str, float, Any], ...] = (
@@ -43,6 +43,7 @@ LOOKS: tuple[tuple[str, float, Any], ...] = (
     ("0.0", 0.9, (0, (6, 1.5, 1, 1.5))),
     ("0.5", 1.5, (0, (5, 2))),
 )
+THIN = 0.8  # lines of all ensembles in a small panel
 STRETCHES = 45  # over which a median is averaged: in a jagged line no dashes are seen
 MARKS = 4  # numbers in a panel, of the ensembles on their medians
 MARK: dict[str, Any] = {
@@ -85,15 +86,27 @@ def trace_figure(
     ]
     sides = {s.side(value) for s, value in zip(scales, known, strict=True) if value is not None}
     with style.styled(width):
-        handles = _trace_handles(n_ensembles, burn_in, sides)
+        handles = [
+            *(
+                Line2D([], [], label=f"ensemble {k + 1}, median", **ensemble_line(k))
+                for k in range(n_ensembles)
+            ),
+            Patch(color=style.LIGHT, linewidth=0, label="5 % to 95 % of the walkers"),
+            Patch(label=f"burn-in: {burn_in} steps dropped", **BURN_IN),
+            *style.nominal_handles(sides, marker="^"),
+            Line2D([], [], label="MAP", **style.MAP_LINE),
+        ]
         figure, panels = _page(len(symbols), len(handles), width)
         for d, (panel, symbol) in enumerate(zip(panels, symbols, strict=True)):
             if burn_in > 0:
                 panel.axvspan(0, burn_in, zorder=0, **BURN_IN)
             _ensembles(panel, steps, scales[d](bands[..., d]))
-            _values(panel, scales[d], known[d], mode.get(symbol.name))
-            _numbers(panel, scales[d], symbol, n_steps)
-        legend_above(figure, handles, _legend_columns(len(symbols), width), 2.0, 2.8)
+            value = mode.get(symbol.name)
+            style.mark_values(panel, scales[d], known[d], value, vertical=True, zorder=3)
+            _step_axis(panel, n_steps)
+            style.scale_axis(panel.yaxis, scales[d], scales[d].label(symbol, "\n"))
+        most = _legend_columns(len(symbols), width)
+        legend_above(figure, handles, most, columnspacing=2.0, handlelength=2.8)
     return figure
 
 
@@ -111,26 +124,16 @@ def _scale(
     return scales.scale(*ends, log=log, margin=0.06)
 
 
-def _columns(n: int, width: float) -> int:
-    if width < scales.DOUBLE:
-        return 1 if n <= 2 else 2
-    return 1 if n == 1 else 2 if n in (2, 4) else 3
-
-
 def _page(n: int, n_handles: int, width: float) -> tuple[Figure, list[Axes]]:
     """Panels in rows, steps at the foot of each column, room for the legend above."""
-    columns, small = _columns(n, width), width < scales.DOUBLE
+    small = width < scales.DOUBLE
+    columns = {1: 1, 2: 1 if small else 2, 4: 2}.get(n, 2 if small else 3)
     line = LEGEND_LINE * (style.SMALL if small else 1.0)
-    page = Page(
+    page = replace(
+        TRACE_SMALL if small else TRACE_PAGE,
         columns=columns,
         width=width if n > 1 or small else 1.3 * scales.SINGLE,
-        row=SMALL_ROW if small else ROW,
-        left=SMALL_LEFT if small else LEFT,
-        right=RIGHT,
-        gap_x=SMALL_GAP_X if small else GAP_X,
-        gap_y=GAP_Y,
         top=LEGEND_MARGIN + line * math.ceil(n_handles / _legend_columns(n, width)),
-        bottom=BOTTOM,
     )
     figure, panels = page.build(n)
     for k, panel in enumerate(panels):
@@ -141,10 +144,17 @@ def _page(n: int, n_handles: int, width: float) -> tuple[Figure, list[Axes]]:
     return figure, panels
 
 
-def ensemble_line(ensemble: int) -> dict[str, Any]:
-    """How the lines of an ensemble look."""
-    colour, width, dashes = LOOKS[ensemble % len(LOOKS)]
-    return {"color": colour, "linestyle": dashes, "linewidth": width}
+def ensemble_line(ensemble: int, width: float | None = None) -> dict[str, Any]:
+    """How the lines of an ensemble look, of its own `width` or of this one."""
+    colour, own, dashes = LOOKS[ensemble % len(LOOKS)]
+    return {"color": colour, "linestyle": dashes, "linewidth": width or own}
+
+
+def _thin_handles(n_ensembles: int) -> list[Any]:
+    return [
+        Line2D([], [], label=f"ensemble {k + 1}", **ensemble_line(k, THIN))
+        for k in range(n_ensembles)
+    ]
 
 
 def _ensembles(panel: Axes, steps: NDArray[np.intp], bands: Array) -> None:
@@ -174,36 +184,11 @@ def _number(panel: Axes, ensemble: int, n: int, x: Array, y: Array) -> None:
     panel.plot(x[at], y[at], zorder=5, color=style.BLACK, **figure)
 
 
-def _values(panel: Axes, scale: scales.Scale, nominal: float | None, mode: float | None) -> None:
-    if mode is not None:
-        panel.axhline(float(scale(mode)), zorder=3, **style.MAP_LINE)
-    side = scale.side(nominal)
-    if nominal is not None and side == 0:
-        panel.axhline(float(scale(nominal)), zorder=3, **style.NOMINAL)
-    if side:
-        place, marker = (0.94, "^") if side > 0 else (0.06, "v")
-        panel.plot([0.97], [place], transform=panel.transAxes, marker=marker, **style.AWAY)
-
-
-def _numbers(panel: Axes, scale: scales.Scale, symbol: Symbol, n_steps: int) -> None:
-    panel.set_xlim(0, max(n_steps - 1, 1))
-    panel.set_ylim(scale.low, scale.high)
-    panel.xaxis.set_major_locator(MaxNLocator(3, integer=True, prune="upper"))
+def _step_axis(panel: Axes, n: int, most: int = 3) -> None:
+    """Whole steps from 0 to `n - 1`."""
+    panel.set_xlim(0, max(n - 1, 1))
+    panel.xaxis.set_major_locator(MaxNLocator(most, integer=True, prune="upper"))
     panel.xaxis.set_major_formatter(lambda step, _: f"{step:.0f}")
-    style.set_numbers(panel.yaxis, scale, 4)
-    style.side_label(panel, scale.label(symbol, "\n"))
-
-
-def _trace_handles(n_ensembles: int, burn_in: int, sides: set[int]) -> list[Line2D | Patch]:
-    handles: list[Line2D | Patch] = [
-        Line2D([], [], label=f"ensemble {k + 1}, median", **ensemble_line(k))
-        for k in range(n_ensembles)
-    ]
-    handles.append(Patch(color=style.LIGHT, linewidth=0, label="5 % to 95 % of the walkers"))
-    handles.append(Patch(label=f"burn-in: {burn_in} steps dropped", **BURN_IN))
-    handles += style.nominal_handles(sides, marker="^")
-    handles.append(Line2D([], [], label="MAP", **style.MAP_LINE))
-    return handles
 
 
 def _legend_columns(n: int, width: float) -> int:
@@ -225,50 +210,29 @@ def autocorrelation_figure(
     low = min(0.0, float(min(rho.min() for rho in each)))
     wide = width >= scales.DOUBLE
     with style.styled(width):
-        handles = _autocorrelation_handles(len(each))
+        handles = [
+            *_thin_handles(len(each)),
+            Line2D([], [], label=r"time $\tau$", **TAU),
+            Patch(label=rf"lags summed up for $\tau$ ({WINDOW:g} $\tau$)", **SUMMED),
+        ]
         page = SMALL_PANELS.fitting(width, len(handles))
         figure, panels = page.build(len(symbols))
         for d, (panel, symbol) in enumerate(zip(panels, symbols, strict=True)):
-            _autocorrelation_lines(panel, every, [rho[:, d] for rho in each], d)
-            _autocorrelation_axes(panel, lags, low)
+            panel.axvspan(0, float(every.window[d]), zorder=0, **SUMMED)
+            panel.axhline(0.0, color=style.MIDDLE, linewidth=0.5, zorder=1)
+            panel.axvline(float(every.tau[d]), zorder=2, **TAU)
+            for k, rho in enumerate(each):
+                panel.plot(np.arange(len(rho)), rho[:, d], zorder=3, **ensemble_line(k, THIN))
+            _step_axis(panel, lags, 4)
+            panel.set_ylim(1.15 * low - 0.06, 1.3)
+            style.set_ticks(panel.yaxis, np.array([0.0, 0.5, 1.0]), ["0", "0.5", "1"])
             page.frame(panel, d, len(symbols), "lag [steps]", "autocorrelation")
-            where: dict[str, Any] = {"transform": panel.transAxes, "ha": "right", "va": "top"}
             said = rf"${symbol.latex}$: $\tau = {every.tau[d]:.3g}$" + " steps" * wide
-            panel.text(0.97, 0.93, said, **where)
+            style.corner_text(panel, said, "right")
         legend_above(figure, handles, 6 if wide else 2)
     return figure
 
 
-def _autocorrelation_lines(
-    panel: Axes, every: Autocorrelation, each: Sequence[Array], d: int
-) -> None:
-    panel.axvspan(0, float(every.window[d]), zorder=0, **SUMMED)
-    panel.axhline(0.0, color=style.MIDDLE, linewidth=0.5, zorder=1)
-    panel.axvline(float(every.tau[d]), zorder=2, **TAU)
-    for k, rho in enumerate(each):
-        panel.plot(np.arange(len(rho)), rho, zorder=3, **ensemble_line(k) | {"linewidth": 0.8})
-
-
-def _autocorrelation_axes(panel: Axes, lags: int, low: float) -> None:
-    panel.set_xlim(0, max(lags - 1, 1))
-    panel.set_ylim(1.15 * low - 0.06, 1.3)
-    panel.xaxis.set_major_locator(MaxNLocator(4, integer=True, prune="upper"))
-    panel.xaxis.set_major_formatter(lambda step, _: f"{step:.0f}")
-    style.set_ticks(panel.yaxis, np.array([0.0, 0.5, 1.0]), ["0", "0.5", "1"])
-
-
-def _autocorrelation_handles(n_ensembles: int) -> list[Any]:
-    handles: list[Any] = [
-        Line2D([], [], label=f"ensemble {k + 1}", **ensemble_line(k) | {"linewidth": 0.8})
-        for k in range(n_ensembles)
-    ]
-    handles.append(Line2D([], [], label=r"time $\tau$", **TAU))
-    summed = rf"lags summed up for $\tau$ ({WINDOW:g} $\tau$)"
-    handles.append(Patch(label=summed, **SUMMED))
-    return handles
-
-
-NAMES = 1.7  # of the farthest line: where a panel ends, above which its name stands
 PLACES = np.concatenate([[0.0], SHARES, [1.0]])
 
 
@@ -283,39 +247,22 @@ def rank_figure(
         page = SMALL_PANELS.fitting(width, len(handles))
         figure, panels = page.build(len(ranks))
         for k, (panel, one, symbol) in enumerate(zip(panels, ranks, symbols, strict=True)):
-            _rank_lines(panel, one)
-            _rank_axes(panel, symbol, float(most))
+            room = np.pad(100 * one.room / one.draws, 1)
+            difference_panel(panel, PLACES, (-room, room), float(most))
+            for ensemble, (away, holds) in enumerate(zip(one.away, one.holds, strict=True)):
+                look = {**ensemble_line(ensemble, THIN), **({} if holds else style.OUTSIDE)}
+                line = np.pad(100 * away / one.draws, 1)
+                panel.plot(PLACES, line, zorder=2 if holds else 3, **look)
+            style.corner_text(panel, f"${symbol.latex}$")
             page.frame(panel, k, len(ranks), "rank, as a share", "ECDF difference [%]")
         legend_above(figure, handles, 5 if wide else 2)
     return figure
 
 
-def _rank_lines(panel: Axes, one: Ranks) -> None:
-    room = np.concatenate([[0.0], 100 * one.room / one.draws, [0.0]])
-    panel.fill_between(PLACES, -room, room, zorder=0, **style.CHANCE)
-    panel.axhline(0.0, color=style.MIDDLE, linewidth=0.5, zorder=1)
-    for k, (away, holds) in enumerate(zip(one.away, one.holds, strict=True)):
-        look = {**ensemble_line(k), "linewidth": 0.8, **({} if holds else style.OUTSIDE)}
-        line = np.concatenate([[0.0], 100 * away / one.draws, [0.0]])
-        panel.plot(PLACES, line, zorder=2 if holds else 3, **look)
-
-
-def _rank_axes(panel: Axes, symbol: Symbol, most: float) -> None:
-    panel.set_xlim(0, 1)
-    panel.set_ylim(-1.12 * most, NAMES * most)
-    style.set_ticks(panel.xaxis, np.array([0.0, 0.5, 1.0]), ["0", "0.5", "1"])
-    style.set_ticks(panel.yaxis, *scales.ticks(-1.12 * most, 1.12 * most, 5))
-    panel.text(0.03, 0.94, f"${symbol.latex}$", transform=panel.transAxes, va="top")
-
-
 def _rank_handles(ranks: Sequence[Ranks]) -> list[Any]:
     holds = np.array([one.holds for one in ranks])  # (D, E)
-    handles: list[Any] = [
-        Line2D([], [], label=f"ensemble {k + 1}", **ensemble_line(k) | {"linewidth": 0.8})
-        for k in range(holds.shape[1])
-    ]
-    chance = f"{100 * (1 - FALSE_ALARM):g} % of chance, together"
-    handles.append(Patch(label=chance, **style.CHANCE))
+    chance = Patch(label=f"{100 * (1 - FALSE_ALARM):g} % of chance, together", **style.CHANCE)
+    handles = [*_thin_handles(holds.shape[1]), chance]
     if not holds.all():
         handles.append(Line2D([], [], label="leaves the band", **style.OUTSIDE))
     return handles

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -22,12 +22,23 @@ from bayesdrill.basics.symbols import Symbol
 from bayesdrill.inference.derived import HDI_PROBABILITY, hdi
 from bayesdrill.inference.priors import Prior, flat_in_logs
 from bayesdrill.report import scales, style
-from bayesdrill.report.pages import BINS, CENTRAL, INNER, LEVELS, OUTER, central, contours
+from bayesdrill.report.pages import (
+    BINS,
+    CENTRAL,
+    CORNER_GAP,
+    INNER,
+    LEVELS,
+    OUTER,
+    central,
+    contours,
+    corner_axes,
+    corner_label,
+    corner_panels,
+)
 from bayesdrill.report.scales import DOUBLE, SINGLE
 from bayesdrill.report.sections import physics_words
 from bayesdrill.report.view import Drawing, View
 
-GAP = 0.06  # between panels, in panels
 LARGEST = 2.2  # panel
 LEAST = 13.0  # points from one panel to the next: a page grows rather than have less
 LABEL = 7.8  # letters across a panel that its label and unit need, one upon the other
@@ -60,9 +71,9 @@ class CornerPage:
     @classmethod
     def of(cls, n: int, width: float, lines: int) -> CornerPage:
         """For `n` unknowns in at most `width`, with a legend of so many `lines`."""
-        compact, fits = False, _roomy(n, width)
+        compact, fits = False, _pitch(n, width, compact=False)
         if fits[1] < READABLE:
-            compact, fits = True, _compact(n, width)
+            compact, fits = True, _pitch(n, width, compact=True)
         pitch, letters, left, right, bottom = fits
         legend_letters = 8.0 if width >= DOUBLE else 6.4
         across, line = (size * legend_letters / 8.0 for size in LEGEND)
@@ -93,11 +104,11 @@ class CornerPage:
     @property
     def inside(self) -> float:
         """All panels, and the gaps between them."""
-        return self.n * self.pitch - GAP * self.panel
+        return self.n * self.pitch - CORNER_GAP * self.panel
 
     @property
     def panel(self) -> float:
-        return self.pitch / (1 + GAP)
+        return self.pitch / (1 + CORNER_GAP)
 
     @property
     def height(self) -> float:
@@ -114,23 +125,18 @@ class CornerPage:
         return 0.43 * self.letters / (72 * self.pitch)
 
 
-def _roomy(n: int, width: float) -> tuple[float, ...]:
-    """Pitch, letters, left, right, bottom, with ticks and labels along the panels."""
-    letters = pitch = 10.0
+def _pitch(n: int, width: float, *, compact: bool) -> tuple[float, ...]:
+    """Pitch, letters, left, right, bottom: with ticks and labels along the panels, or `compact`."""
+    letters, pitch, side, edge, foot, across = 10.0, 10.0, 0.088, 0.12, 0.088, LABEL
+    ends, most = (0.0, LARGEST * (1 + CORNER_GAP)), 10.0 if width >= DOUBLE else 8.5
+    if compact:
+        letters, pitch, side, edge, foot, across = 6.0, 0.3, 0.085, 0.06, 0.17, UPRIGHT
+        ends, most = (LEAST / 72, math.inf), 6.5
     for _ in range(30):
-        left, right = 0.088 * letters, max(0.12, TITLE * letters - pitch)
-        pitch = min(LARGEST * (1 + GAP), (width - left - right) / n)
-        letters = min(10.0 if width >= DOUBLE else 8.5, 72 * pitch / LABEL)
-    return pitch, letters, left, right, 0.088 * letters
-
-
-def _compact(n: int, width: float) -> tuple[float, ...]:
-    letters, pitch = 6.0, 0.3
-    for _ in range(30):
-        left, right = 0.085 * letters, max(0.06, TITLE * letters - pitch)
-        pitch = max(LEAST / 72, (width - left - right) / n)
-        letters = min(6.5, 72 * pitch / UPRIGHT)
-    return pitch, letters, left, right, 0.17 * letters
+        left, right = side * letters, max(edge, TITLE * letters - pitch)
+        pitch = min(max((width - left - right) / n, ends[0]), ends[1])
+        letters = min(most, 72 * pitch / across)
+    return pitch, letters, left, right, foot * letters
 
 
 def _beside(n: int, page: tuple[float, ...], across: float, deep: float) -> bool:
@@ -146,33 +152,29 @@ def _beside(n: int, page: tuple[float, ...], across: float, deep: float) -> bool
 Handles = list[Line2D | Patch]
 
 
-def handles(
-    *, sides: Collection[int], prior: bool, mode: bool, joint: bool, differences: bool
-) -> tuple[Handles, Handles]:
-    """Lines, then shades and notes.
-
-    `sides`: where nominal values are; `joint`: of more than one unknown; `differences`: some axes
-    count from an origin.
-    """
+def _handles(columns: Sequence[Column]) -> tuple[Handles, Handles]:
+    """Lines, then shades and notes."""
     credible = f"{100 * HDI_PROBABILITY:.0f} %"
     lines: Handles = [
         Line2D([], [], color=style.BLACK, linewidth=0.8, label="posterior"),
         Patch(color=style.FAINT, label=f"narrowest {credible} interval"),
     ]
-    if prior:
+    if any(column.prior is not None for column in columns):
         lines.append(Line2D([], [], label="prior", **style.PRIOR_LINE))
-    lines += style.nominal_handles(sides)
-    if mode:
+    lines += style.nominal_handles(
+        {column.scale.side(column.nominal) for column in columns if column.nominal is not None}
+    )
+    if any(column.mode is not None for column in columns):
         both = {**style.CROSS, "linestyle": style.MAP_LINE["linestyle"]}
         lines.append(Line2D([], [], label="MAP", **both))
     shades: Handles = []
     notes = [f"titles: median and {credible} interval, as on the axes"]
-    if joint:
+    if len(columns) > 1:
         for grey, level, sds in zip((INNER, OUTER), LEVELS, (1, 2), strict=True):
             text = rf"{100 * level:.1f} % of the draws (${sds}\sigma$ in two dimensions)"
             shades.append(Patch(facecolor=grey, edgecolor="black", linewidth=0.7, label=text))
         notes.append("no contour where the density is flat")
-    if differences:
+    if any(column.scale.origin for column in columns):
         notes.append(r"$\delta$: the difference that the axis shows")
     return lines, shades + [Line2D([], [], linestyle="none", label=note) for note in notes]
 
@@ -181,20 +183,18 @@ def legend(figure: Figure, first: Handles, second: Handles, page: CornerPage) ->
     """In the empty upper right or beside a single panel; where there is no room, above."""
     width, height = page.width, page.height
     edge = 0.5 * min(page.right, 0.2) / width
-    shared: dict[str, Any] = {
+    look: dict[str, Any] = {
         "fontsize": page.legend_letters,
         "borderaxespad": 0.0,
         "handlelength": 2.2,
     }
     high = 1 - 0.07 / height
+    groups: list[tuple[Any, float, Handles]] = [("upper right", 1 - edge, [*first, *second])]
     if page.above:
-        spread = {**shared, "labelspacing": 0.35}
-        at = (0.05 / width, high), (1.0, high)
-        figure.legend(handles=first, loc="upper left", bbox_to_anchor=at[0], **spread)
-        figure.legend(handles=second, loc="upper right", bbox_to_anchor=at[1], **spread)
-        return
-    at_corner = (1 - edge, high)
-    figure.legend(handles=[*first, *second], loc="upper right", bbox_to_anchor=at_corner, **shared)
+        look["labelspacing"] = 0.35
+        groups = [("upper left", 0.05 / width, first), ("upper right", 1.0, second)]
+    for place, x, group in groups:
+        figure.legend(handles=group, loc=place, bbox_to_anchor=(x, high), **look)
 
 
 POINTS = 2000  # drawn in a panel; contours and histograms count all draws
@@ -209,12 +209,11 @@ class Column:
 
     symbol: Symbol
     scale: scales.Scale
+    nominal: float | None
+    mode: float | None
     title: str
     x: Array
     interval: tuple[float, float]
-    nominal: float | None  # None also where it is beyond the axis, ...
-    away: int  # ... -1 below and 1 above it
-    mode: float | None
     prior: tuple[Array, Array] | None  # places and densities
     ends: tuple[float, float]  # of the prior, or infinite
 
@@ -237,17 +236,20 @@ def corner_figure(
         for x, symbol in zip(draws.T, symbols, strict=True)
     ]
     with style.styled(width):
-        first, second = _explained(columns)
+        first, second = _handles(columns)
         page = CornerPage.of(len(columns), width, len(first) + len(second))
-        figure = Figure(figsize=(page.width, page.height))
-        panels = _panels(figure, page)
+        size = (page.width, page.height)
+        figure, panels = corner_panels(page.n, size, page.left, page.bottom, page.inside)
+        for panel in panels[np.tril_indices(page.n)]:
+            panel.tick_params(size=3.0 * page.fine, width=0.6 * page.fine)
+            for spine in panel.spines.values():
+                spine.set_linewidth(0.6 * page.fine)
         for i, row in enumerate(columns):
-            _histogram(panels[i, i], row, page)
-            _marginal(panels[i, i], row, len(draws), page)
+            _marginal(panels[i, i], row, page)
             for j, column in enumerate(columns[:i]):
                 contours(panels[i, j], (column.x, row.x), (column.ends, row.ends), page.fine)
                 _marks(panels[i, j], column, row, page)
-        _arrange(figure, panels, columns, page)
+        _arrange(panels, columns, page)
         _points(figure, panels, columns, page)
         legend(figure, first, second, page)
     return figure
@@ -264,16 +266,14 @@ def _column(
         density = (places, scale.density(prior, places))
     interval = np.array(hdi(x))
     near, far = (float(end) for end in scale(interval))
-    away = scale.side(nominal)
     return Column(
         symbol=symbol,
         scale=scale,
+        nominal=nominal,
+        mode=mode,
         title=_title(symbol, scale, float(np.median(x)), interval),
         x=scale(x),
         interval=(near, far),
-        nominal=None if nominal is None or away else float(scale(nominal)),
-        away=away,
-        mode=None if mode is None else float(scale(mode)),
         prior=density,
         ends=ends,
     )
@@ -298,36 +298,6 @@ def _title(symbol: Symbol, scale: scales.Scale, median: float, interval: Array) 
     return rf"${name} = ({spread})\,10^{{{power}}}$"
 
 
-def _panels(figure: Figure, page: CornerPage) -> NDArray[np.object_]:
-    """`(n, n)`; those above the diagonal stay empty."""
-    n, width, height = page.n, page.width, page.height
-    panels = figure.subplots(n, n, squeeze=False)
-    for above in panels[np.triu_indices(n, 1)]:
-        above.set_axis_off()
-    for panel in panels[np.tril_indices(n)]:
-        panel.tick_params(size=3.0 * page.fine, width=0.6 * page.fine)
-        for spine in panel.spines.values():
-            spine.set_linewidth(0.6 * page.fine)
-    figure.subplots_adjust(
-        left=page.left / width,
-        right=(page.left + page.inside) / width,
-        bottom=page.bottom / height,
-        top=(page.bottom + page.inside) / height,
-        wspace=GAP,
-        hspace=GAP,
-    )
-    return panels
-
-
-def _histogram(panel: Axes, column: Column, page: CornerPage) -> None:
-    """Of all draws, with bins that end where the prior does."""
-    edges = _edges(column)
-    counts, _ = np.histogram(column.x, edges)
-    panel.stairs(counts, edges, color=style.BLACK, linewidth=0.8 * page.fine)
-    panel.set_ylim(0, 1.1 * max(1.0, float(counts.max())))
-    panel.set_yticks([])
-
-
 def _points(
     figure: Figure, panels: NDArray[np.object_], columns: Sequence[Column], page: CornerPage
 ) -> None:
@@ -337,13 +307,17 @@ def _points(
     for i, j in itertools.combinations(range(len(columns)), 2):
         panel = panels[j, i]
         panel.patch.set_visible(False)
-        inside = np.stack([columns[k].scale.share(columns[k].x[kept]) for k in (i, j)], axis=-1)
+        ends = ((columns[k].scale.low, columns[k].scale.high) for k in (i, j))
+        low, high = np.transpose([*ends])
+        inside = np.stack([columns[k].x[kept] for k in (i, j)], axis=-1)
+        inside = (inside - low) / (high - low)
         inside = inside[np.all((inside > 0) & (inside < 1), axis=-1)]
         box = panel.get_position()
         places.append(box.p0 + inside * box.size)
     if places:
         x, y = np.concatenate(places).T
-        figure.add_artist(Line2D(x, y, transform=figure.transFigure, **_finer(style.DOTS, page)))
+        look = style.finer(style.DOTS, page.fine)
+        figure.add_artist(Line2D(x, y, transform=figure.transFigure, **look))
 
 
 def _edges(column: Column) -> Array:
@@ -356,109 +330,71 @@ def _edges(column: Column) -> Array:
     return np.linspace(first, last, max(1, min(n, 4 * BINS)) + 1)
 
 
-def _marginal(panel: Axes, column: Column, n_draws: int, page: CornerPage) -> None:
-    """Interval, prior on the scale of the histogram, nominal value and mode; the title."""
+def _marginal(panel: Axes, column: Column, page: CornerPage) -> None:
+    """A histogram of all draws, with bins that end where the prior does, and the prior on its scale."""
     panel.axvspan(*column.interval, color=style.FAINT, zorder=-2, linewidth=0)
-    top = panel.get_ylim()[1]
+    edges = _edges(column)
+    counts, _ = np.histogram(column.x, edges)
+    panel.stairs(counts, edges, color=style.BLACK, linewidth=0.8 * page.fine)
+    top = max(1.0, float(counts.max()))
     if column.prior is not None:
         places, density = column.prior
-        bin_width = float(np.diff(_edges(column)[:2])[0])
-        height = density * n_draws * bin_width
-        panel.plot(places, height, **_finer(style.PRIOR_LINE, page))
-        top = max(top, 1.1 * float(height.max()))
-    panel.set_ylim(0, top)
-    if column.nominal is not None:
-        panel.axvline(column.nominal, **_finer(style.NOMINAL, page))
-    if column.away:
-        place, marker = (0.95, ">") if column.away > 0 else (0.05, "<")
-        look = _finer(style.AWAY, page)
-        panel.plot([place], [0.5], transform=panel.transAxes, marker=marker, **look)
-    if column.mode is not None:
-        panel.axvline(column.mode, **_finer(style.MAP_LINE, page))
+        height = density * len(column.x) * float(edges[1] - edges[0])
+        panel.plot(places, height, **style.finer(style.PRIOR_LINE, page.fine))
+        top = max(top, float(height.max()))
+    panel.set_ylim(0, 1.1 * top)
+    panel.set_yticks([])
+    style.mark_values(panel, column.scale, column.nominal, column.mode, fine=page.fine)
     panel.set_title(column.title, fontsize=page.letters, loc="left", pad=0.6 * page.letters - 1)
-
-
-def _finer(look: Mapping[str, Any], page: CornerPage) -> dict[str, Any]:
-    sizes = ("linewidth", "markersize", "markeredgewidth")
-    return {**look, **{name: look[name] * page.fine for name in sizes if name in look}}
 
 
 def _marks(panel: Axes, column: Column, row: Column, page: CornerPage) -> None:
     """Nominal values as lines and the mode as a cross."""
-    nominal = _finer(style.NOMINAL, page)
-    if column.nominal is not None:
-        panel.axvline(column.nominal, **nominal)
-    if row.nominal is not None:
-        panel.axhline(row.nominal, **nominal)
+    look: dict[str, Any] = {"arrow": False, "fine": page.fine}
+    style.mark_values(panel, column.scale, column.nominal, **look)
+    style.mark_values(panel, row.scale, row.nominal, vertical=True, **look)
     if column.mode is not None and row.mode is not None:
-        panel.plot([column.mode], [row.mode], **_finer(style.CROSS, page))
+        x, y = float(column.scale(column.mode)), float(row.scale(row.mode))
+        panel.plot([x], [y], **style.finer(style.CROSS, page.fine))
 
 
-def _arrange(
-    figure: Figure, panels: NDArray[np.object_], columns: Sequence[Column], page: CornerPage
-) -> None:
+def _arrange(panels: NDArray[np.object_], columns: Sequence[Column], page: CornerPage) -> None:
     """Ticks in every panel, their texts and the labels at the left and at the bottom only."""
-    n = len(columns)
-    for i in range(n):
-        for j in range(i + 1):
-            panel = panels[i, j]
-            panel.set_xlim(columns[j].scale.low, columns[j].scale.high)
-            _numbers(panel.xaxis, columns[j], page, outer=i == n - 1)
-            if i > j:
-                panel.set_ylim(columns[i].scale.low, columns[i].scale.high)
-                _numbers(panel.yaxis, columns[i], page, outer=j == 0)
-    if n == 1:
+
+    def numbers(axis: Axis, k: int, outer: bool) -> None:
+        _numbers(axis, columns[k], page, outer=outer and not page.compact)
+
+    corner_axes(panels, [column.scale for column in columns], numbers)
+    if len(columns) == 1:
         panels[0, 0].set_ylabel("density", fontsize=page.letters)
     if page.compact:
         _upright(panels, columns, page)
-        return
-    figure.align_xlabels(list(panels[-1]))
-    figure.align_ylabels(list(panels[1:, 0]))
 
 
 def _numbers(axis: Axis, column: Column, page: CornerPage, *, outer: bool) -> None:
     places, texts = column.scale.ticks(clear=CLEAR, letter=page.letter)
-    outer = outer and not page.compact
     style.set_ticks(axis, places, texts if outer else None)
     small = column.scale.between.tolist() if page.fine == 1.0 else []
     axis.set_minor_locator(FixedLocator(small))
     axis.set_minor_formatter(NullFormatter())
     if outer:
-        axis.set_tick_params(labelsize=max(0.85 * page.letters, SMALLEST), pad=0.4 * page.letters)
-        for text in axis.get_ticklabels():
-            text.set(rotation=45, ha="right", va="center_baseline", rotation_mode="anchor")
-        label = column.scale.label(column.symbol, "\n")
-        axis.set_label_text(label, fontsize=page.letters)
+        label, ticks = column.scale.label(column.symbol, "\n"), max(0.85 * page.letters, SMALLEST)
+        corner_label(axis, label, page.letters, ticks, 0.4 * page.letters)
         axis.labelpad = 0.2 * page.letters
 
 
 def _upright(panels: NDArray[np.object_], columns: Sequence[Column], page: CornerPage) -> None:
     """Where panels are too small for ticks: the ends of each axis under its label."""
+    look: dict[str, Any] = {"fontsize": page.letters, "labelpad": 2}
     for k, column in enumerate(columns):
-        ends = [scales.short_number(float(end)) for end in column.scale.shown_ends]
-        text = f"{column.scale.label(column.symbol)}\n{ends[0]} to {ends[1]}"
-        panels[-1, k].set_xlabel(
-            text, fontsize=page.letters, rotation=90, va="top", linespacing=1.0, labelpad=2
-        )
+        scale = column.scale
+        ends = scale.number(scale.value(np.array([scale.low, scale.high])))
+        low, high = (scales.short_number(float(end)) for end in ends)
+        text = f"{scale.label(column.symbol)}\n{low} to {high}"
+        panels[-1, k].set_xlabel(text, rotation=90, va="top", linespacing=1.0, **look)
         if k:
-            panels[k, 0].set_ylabel(
-                f"${column.symbol.latex}$",
-                fontsize=page.letters,
-                rotation=0,
-                ha="right",
-                va="center",
-                labelpad=2,
-            )
-
-
-def _explained(columns: Sequence[Column]) -> tuple[Handles, Handles]:
-    return handles(
-        sides={column.away for column in columns if column.nominal is not None or column.away},
-        prior=any(column.prior is not None for column in columns),
-        mode=any(column.mode is not None for column in columns),
-        joint=len(columns) > 1,
-        differences=any(column.scale.origin for column in columns),
-    )
+            name = f"${column.symbol.latex}$"
+            panels[k, 0].set_ylabel(name, rotation=0, ha="right", va="center", **look)
 
 
 CORNER = (

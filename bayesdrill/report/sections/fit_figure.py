@@ -26,13 +26,13 @@ from bayesdrill.inference.posterior import Problem
 from bayesdrill.inference.residual_checks import Left
 from bayesdrill.output_files import numbered
 from bayesdrill.report import scales, style, words
-from bayesdrill.report.pages import Page, legend_above
+from bayesdrill.report.pages import Page, difference_panel, inches_panel, legend_above
 from bayesdrill.report.publish import FIT_ALONE
 from bayesdrill.report.scales import WIDTHS
 from bayesdrill.report.sections import fit_words
 from bayesdrill.report.sections.fit_words import Course, Fit, Signal, every_fit
 from bayesdrill.report.sections.physics_words import Rub
-from bayesdrill.report.view import Drawing, View, captioned
+from bayesdrill.report.view import Drawing, View, for_each_experiment
 
 FIT_SHARE = 0.6  # of the width, for the signals, where the residuals are beside them
 
@@ -94,7 +94,7 @@ def build_fit_page(n: int, n_courses: int, n_rubs: int, width: float, *, constan
     share = FIT_SHARE * free if beside else free
 
     def panel(x: float, y: float, w: float, h: float) -> Axes:
-        made = figure.add_axes((x / width, (height - y - h) / height, w / width, h / height))
+        made = inches_panel(figure, x, height - y - h, w, h)
         made.tick_params(labelbottom=False)
         return made
 
@@ -143,32 +143,20 @@ def fit_figure(fit: Fit, width: float = scales.DOUBLE) -> Figure:
         for panel, course in zip(page.courses, fit.courses, strict=True):
             _course(panel, course, time, t)
         for signal, (left, right) in zip(fit.signals, page.rows, strict=True):
-            drawn = extremes(signal.model, LINE_POINTS)
-            band = _band(signal, drawn)
-            _signals(left, signal, time, t, drawn, band)
+            _signals(left, signal, time, t)
             _residuals(right, signal, time, t)
         for panel, rub in zip(page.rubs, fit.rubs, strict=True):
             _rub(panel, rub, time, t)
-        _times(page, time, fit.time)
+        broad = page.rows[0][0].get_position().width
+        for panel in page.panels:
+            panel.set_xlim(time.low, time.high)
+            style.set_ticks(
+                panel.xaxis, *time.ticks(5 if panel.get_position().width >= broad else 4)
+            )
+            if panel.xaxis.get_tick_params()["labelbottom"]:
+                panel.set_xlabel(time.label(fit.time))
         _legends(page, fit, beside=width >= scales.DOUBLE)
     return page.figure
-
-
-def _band(signal: Signal, drawn: Indices) -> Array:
-    """Of what draws predict; where there are none, of the noise about the model."""
-    if signal.predictive is None:
-        return signal.model[drawn] + SIGMAS * signal.sigma * np.array([[-1.0], [1.0]])
-    return np.asarray(np.quantile(signal.predictive[:, drawn], TAILS, axis=0))
-
-
-def _times(page: FitPage, time: scales.Scale, label: Symbol) -> None:
-    first = page.rows[0][0]
-    for panel in page.panels:
-        panel.set_xlim(time.low, time.high)
-        broad = panel.get_position().width >= first.get_position().width
-        style.set_ticks(panel.xaxis, *time.ticks(5 if broad else 4))
-        if panel.xaxis.get_tick_params()["labelbottom"]:
-            panel.set_xlabel(time.label(label))
 
 
 def extremes(y: Array, most: int) -> Indices:
@@ -197,9 +185,7 @@ def corners(u: Array, most: int) -> Indices:
 
 
 DOT: dict[str, Any] = {**style.DOTS, "color": "0.45", "alpha": 0.8, "zorder": 1}
-MODEL: dict[str, Any] = {"color": style.BLACK, "linewidth": 0.9}
 EDGE: dict[str, Any] = {"color": style.BLACK, "linewidth": 0.6, "linestyle": (0, (4, 2))}
-BAND: dict[str, Any] = {"color": style.LIGHT, "linewidth": 0}
 STICKS: dict[str, Any] = {
     "facecolor": "none",
     "edgecolor": style.MIDDLE,
@@ -219,7 +205,7 @@ def _course(panel: Axes, course: Course, time: scales.Scale, t: Array) -> None:
     drawn = (extremes if course.straight else corners)(u, LINE_POINTS)
     scale = _numbers(panel, course.label, float(u.min()), float(u.max()), 3)
     style_of = "default" if course.straight else "steps-post"
-    panel.plot(time(t[drawn]), scale(u[drawn]), drawstyle=style_of, **MODEL)
+    panel.plot(time(t[drawn]), scale(u[drawn]), drawstyle=style_of, **style.BLACK_LINE)
 
 
 def _rub(panel: Axes, rub: Rub, time: scales.Scale, t: Array) -> None:
@@ -231,23 +217,32 @@ def _rub(panel: Axes, rub: Rub, time: scales.Scale, t: Array) -> None:
     for begin, end in rub.sticks:
         panel.axvspan(float(time(begin)), float(time(end)), zorder=0, **STICKS)
     if rub.band is not None:
-        look: dict[str, Any] = {**BAND, "step": "post", "zorder": 1}
+        look: dict[str, Any] = {**style.BAND, "step": "post", "zorder": 1}
         panel.fill_between(time(t[drawn]), *scale(band[:, drawn]), **look)
-    panel.plot(time(t[drawn]), scale(rub.effort[drawn]), drawstyle="steps-post", zorder=2, **MODEL)
+    panel.plot(
+        time(t[drawn]),
+        scale(rub.effort[drawn]),
+        drawstyle="steps-post",
+        zorder=2,
+        **style.BLACK_LINE,
+    )
 
 
-def _signals(
-    panel: Axes, signal: Signal, time: scales.Scale, t: Array, drawn: Indices, band: Array
-) -> None:
-    """`band` `(2, len(drawn))` around the model."""
+def _signals(panel: Axes, signal: Signal, time: scales.Scale, t: Array) -> None:
+    """With a band of what draws predict; where there are none, of the noise about the model."""
     y, model = signal.y, signal.model
+    drawn = extremes(model, LINE_POINTS)
+    if signal.predictive is None:
+        band = model[drawn] + SIGMAS * signal.sigma * np.array([[-1.0], [1.0]])
+    else:
+        band = np.asarray(np.quantile(signal.predictive[:, drawn], TAILS, axis=0))
     low = min(float(np.nanmin(y)), float(model.min()), float(band.min()))
     high = max(float(np.nanmax(y)), float(model.max()), float(band.max()))
     scale = _numbers(panel, signal.label, low, high)
-    panel.fill_between(time(t[drawn]), *scale(band), zorder=0, **BAND)
+    panel.fill_between(time(t[drawn]), *scale(band), zorder=0, **style.BAND)
     dots = measured(y)
     panel.plot(time(t[dots]), scale(y[dots]), **(DOT | _size(len(dots))))
-    panel.plot(time(t[drawn]), scale(model[drawn]), zorder=2, **MODEL)
+    panel.plot(time(t[drawn]), scale(model[drawn]), zorder=2, **style.BLACK_LINE)
 
 
 def _residuals(panel: Axes, signal: Signal, time: scales.Scale, t: Array) -> None:
@@ -257,33 +252,24 @@ def _residuals(panel: Axes, signal: Signal, time: scales.Scale, t: Array) -> Non
     far = max(float(np.nanmax(np.abs(rest))), SIGMAS * sigma)
     scale = _numbers(panel, label, -far, far)
     ends = scale(np.array([-1.0, 1.0]) * SIGMAS * sigma)
-    panel.axhspan(*ends, zorder=0, **BAND)
+    panel.axhspan(*ends, zorder=0, **style.BAND)
     for end in ends:
         panel.axhline(end, zorder=2, **EDGE)
     dots = measured(rest)
     panel.plot(time(t[dots]), scale(rest[dots]), **(DOT | _size(len(dots))))
-    panel.axhline(float(scale(0.0)), zorder=2, **MODEL)
+    panel.axhline(float(scale(0.0)), zorder=2, **style.BLACK_LINE)
     if not math.isnan(signal.share):
-        panel.annotate(
-            f"unexplained: {fit_words.percent(signal.share)}",
-            (1.0, 0.5),
-            (4, 0),
-            xycoords="axes fraction",
-            textcoords="offset points",
-            rotation=90,
-            ha="left",
-            va="center",
-            size=style.letters("legend.fontsize"),
-        )
+        share = f"unexplained: {fit_words.percent(signal.share)}"
+        look: dict[str, Any] = {"xycoords": "axes fraction", "textcoords": "offset points"}
+        look |= {"rotation": 90, "ha": "left", "va": "center"}
+        panel.annotate(share, (1.0, 0.5), (4, 0), size=style.letters("legend.fontsize"), **look)
 
 
 def _numbers(
     panel: Axes, what: scales.Labelled, low: float, high: float, most: int = 4
 ) -> scales.Scale:
     scale = scales.scale(low, high, margin=0.06)
-    panel.set_ylim(scale.low, scale.high)
-    style.set_ticks(panel.yaxis, *scale.ticks(most))
-    style.side_label(panel, scale.label(what, "\n"))
+    style.scale_axis(panel.yaxis, scale, scale.label(what, "\n"), most)
     return scale
 
 
@@ -295,8 +281,8 @@ LEFT = "unexplained: rms over spread"
 def _legends(page: FitPage, fit: Fit, *, beside: bool) -> None:
     """Above each kind of panel, what is shown in it; what is constant, in a line."""
     dot = Line2D([], [], **{**DOT, "markersize": 3, "rasterized": False})
-    line, band = Line2D([], [], **MODEL), Patch(**BAND)
-    edged = Patch(facecolor=BAND["color"], edgecolor=style.BLACK, linewidth=0.6, linestyle="--")
+    line, band = Line2D([], [], **style.BLACK_LINE), Patch(**style.BAND)
+    edged = Patch(facecolor=style.LIGHT, edgecolor=style.BLACK, linewidth=0.6, linestyle="--")
     what = "of the noise" if fit.signals[0].predictive is None else "posterior predictive"
     at_map = " at the MAP" if beside else ""
     noise = rf"{SHARE} of the noise ($\pm${SIGMAS:.2f} $\sigma${at_map})"
@@ -319,15 +305,14 @@ def _legends(page: FitPage, fit: Fit, *, beside: bool) -> None:
     if fit.courses:
         _legend(page.courses[0], {STRAIGHT if fit.courses[0].straight else HELD: line}, 1)
     if fit.constant:
-        said = ", ".join(map(_said, *zip(*fit.constant, strict=True)))
+        each = []
+        for label, value in fit.constant:
+            number = scales.latex_number(float(f"{value:.5g}"))
+            unit = rf"\,\mathrm{{{label.latex_unit}}}" if label.latex_unit else ""
+            each.append(f"${label.latex} = {number}{unit}$")
+        said = ", ".join(each)
         size = style.letters("legend.fontsize")
         page.figure.text(page.left, page.said, f"constant input: {said}", va="top", size=size)
-
-
-def _said(label: Symbol, value: float) -> str:
-    number = scales.latex_number(float(f"{value:.5g}"))
-    unit = rf"\,\mathrm{{{label.latex_unit}}}" if label.latex_unit else ""
-    return f"${label.latex} = {number}{unit}$"
 
 
 def _legend(panel: Axes, entries: dict[str, Any], columns: int, x: float = 0.0) -> None:
@@ -349,9 +334,6 @@ def _legend(panel: Axes, entries: dict[str, Any], columns: int, x: float = 0.0) 
 PAGE = Page(columns=2, row=1.3, gap_x=0.66, gap_y=0.16, top=0.5)
 FARTHEST = 4.5  # sds shown; what lies beyond stands in the last bin
 BINS = 36
-NAMES = 1.7  # of the farthest line: where a panel ends, above which names stand
-INSIDE: dict[str, Any] = {"color": style.BLACK, "linewidth": 0.9}
-EXPECTED: dict[str, Any] = {**style.NOMINAL}
 FOUND: dict[str, Any] = {"facecolor": style.LIGHT, "edgecolor": style.BLACK, "linewidth": 0.7}
 
 
@@ -360,7 +342,16 @@ def predictive_figure(checks: Sequence[Check], width: float = scales.DOUBLE) -> 
     most = max(float(np.abs(_away(one)).max()) for one in checks)
     wide = width >= scales.DOUBLE
     with style.styled(width):
-        handles = _handles(checks)
+        chance = f"{100 * (1 - FALSE_ALARM):g} % of chance, together"
+        handles: list[Any] = [
+            Patch(label="record", **FOUND),
+            Line2D([], [], label="as predicted", **style.NOMINAL),
+            Patch(label=chance, **style.CHANCE),
+        ]
+        if any(one.holds for one in checks):
+            handles.append(Line2D([], [], label="record", **style.BLACK_LINE))
+        if not all(one.holds for one in checks):
+            handles.append(Line2D([], [], label="record, leaves the band", **style.OUTSIDE))
         page = PAGE.fitting(width, len(handles))
         figure, panels = page.build(2 * len(checks))
         for k, one in enumerate(checks):
@@ -388,48 +379,23 @@ def _densities(panel: Axes, one: Check) -> None:
     panel.stairs(heights, edges, fill=True, color=FOUND["facecolor"], zorder=1)
     panel.stairs(heights, edges, color=FOUND["edgecolor"], linewidth=0.7, zorder=2)
     places = np.linspace(-FARTHEST, FARTHEST, 401)
-    panel.plot(places, norm.pdf(places), zorder=3, **EXPECTED)
+    panel.plot(places, norm.pdf(places), zorder=3, **style.NOMINAL)
     panel.set_xlim(-FARTHEST, FARTHEST)
     panel.set_ylim(0, 1.25 * max(0.4, float(heights.max())))
     style.set_ticks(panel.xaxis, np.arange(-4.0, 5.0, 2.0), ["\u22124", "\u22122", "0", "2", "4"])
     style.set_ticks(panel.yaxis, np.array([]), None)
     panel.set_ylabel("density")
-    panel.text(0.03, 0.93, f"${one.channel.latex}$", transform=panel.transAxes, va="top")
+    style.corner_text(panel, f"${one.channel.latex}$")
 
 
 def _difference(panel: Axes, one: Check, most: float) -> None:
     places = np.concatenate([[0.0], one.band.shares, [1.0]])
     low, high, found = np.pad(_away(one), ((0, 0), (1, 1)))
-    panel.fill_between(places, low, high, zorder=0, **style.CHANCE)
-    panel.axhline(0.0, color=style.MIDDLE, linewidth=0.5, zorder=1)
-    panel.plot(places, found, zorder=2, **(INSIDE if one.holds else style.OUTSIDE))
-    panel.set_xlim(0, 1)
-    panel.set_ylim(-1.12 * most, NAMES * most)
-    style.set_ticks(panel.xaxis, np.array([0.0, 0.5, 1.0]), ["0", "0.5", "1"])
-    style.set_ticks(panel.yaxis, *scales.ticks(-1.12 * most, 1.12 * most, 5))
+    difference_panel(panel, places, (low, high), most)
+    panel.plot(places, found, zorder=2, **(style.BLACK_LINE if one.holds else style.OUTSIDE))
     panel.set_ylabel("ECDF difference [%]")
     if one.says:
-        where: dict[str, Any] = {
-            "transform": panel.transAxes,
-            "va": "top",
-            "ha": "right",
-            "fontsize": style.letters("legend.fontsize"),
-        }
-        panel.text(0.97, 0.93, one.says, **where)
-
-
-def _handles(checks: Sequence[Check]) -> list[Any]:
-    chance = f"{100 * (1 - FALSE_ALARM):g} % of chance, together"
-    handles: list[Any] = [
-        Patch(label="record", **FOUND),
-        Line2D([], [], label="as predicted", **EXPECTED),
-        Patch(label=chance, **style.CHANCE),
-    ]
-    if any(one.holds for one in checks):
-        handles.append(Line2D([], [], label="record", **INSIDE))
-    if not all(one.holds for one in checks):
-        handles.append(Line2D([], [], label="record, leaves the band", **style.OUTSIDE))
-    return handles
+        style.corner_text(panel, one.says, "right", fontsize=style.letters("legend.fontsize"))
 
 
 FIT = "Record, model at the MAP and posterior predictive band; beside them what is left, and the noise."
@@ -441,7 +407,8 @@ def draw_fit(run: View) -> tuple[Drawing, ...]:
     draws = {str(name): np.asarray(values) for name, values in group.data_vars.items()}
     best, rubbing = run.chain.best, run.chain.rubbing
     found = every_fit(run.problem, best, run.analysis.fit, draws, rubbing)
-    return _fits(found, run.width, FIT_RUBBED if rubbing else FIT)
+    says = FIT_RUBBED if rubbing else FIT
+    return for_each_experiment(fit_figure, ((fit.label, fit) for fit in found), run.width, says)
 
 
 PREDICTIVE_CHECK = "Whether the record is as the posterior predicts it, channel by channel."
@@ -460,11 +427,6 @@ def fits_alone(
     problem: Problem, config: Config, best: Array, left: Sequence[Left]
 ) -> dict[str, Drawing]:
     """Of the MAP `(D,)`, without draws, by stem; `left`: what it leaves."""
-    found = every_fit(problem, best, left)
-    return numbered("fit", _fits(found, WIDTHS[config.output.size], FIT_ALONE))
-
-
-def _fits(every: Sequence[Fit], width: float, says: str) -> tuple[Drawing, ...]:
-    return tuple(
-        Drawing(fit_figure, (fit, width), says=captioned(fit.label, says)) for fit in every
-    )
+    width = WIDTHS[config.output.size]
+    shown = ((fit.label, fit) for fit in every_fit(problem, best, left))
+    return numbered("fit", for_each_experiment(fit_figure, shown, width, FIT_ALONE))

@@ -8,7 +8,7 @@ import csv
 import dataclasses
 import io
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import groupby
 
@@ -80,75 +80,57 @@ def every_fit(
     predictive: Mapping[str, Array] | None = None,
     rubbing: Sequence[Sequence[Rubbing]] = (),
 ) -> tuple[Fit, ...]:
-    """Of each experiment; see `fitted`.  `rubbing`: of each, or nothing."""
-    clock, each = problem.clock, rubbing or [()] * len(problem.observations)
-    return tuple(
-        dataclasses.replace(
-            fitted(one, problem, best, left, predictive),
-            rubs=rubs(found, clock),
-        )
-        for one, found in zip(problem.observations, each, strict=True)
-    )
+    """Of each experiment, at the MAP `(D,)` and what it leaves.
 
-
-def fitted(
-    one: Observation,
-    problem: Problem,
-    best: Array,
-    left: Sequence[Left],
-    predictive: Mapping[str, Array] | None = None,
-) -> Fit:
-    """Of the MAP `(D,)` and what it leaves; `predictive`: `(..., T)` of each channel, SI, by the name
-    that it has among all.
+    `predictive`: `(..., T)` of each channel, SI, by the name that it has among all; `rubbing`: of each
+    experiment, or nothing.
     """
-    experiment, clock = one.experiment, problem.clock
-    courses, constant = [], []
-    for name in (n for n in symbols.INPUTS if n in {*experiment.series, *experiment.constant}):
-        unit = experiment.unit_of_input(name)
-        label = dataclasses.replace(symbols.INPUTS[name], latex_unit=unit.latex)
-        if name in experiment.series:
-            values = experiment.series[name] / unit.factor
-            courses.append(Course(label=label, values=values, straight=experiment.first_order))
-        elif name != "t_1" or experiment.constant[name]:  # no load need not be said
-            constant.append((label, experiment.constant[name] / unit.factor))
-    return Fit(
-        t=experiment.t / clock.factor,
-        time=dataclasses.replace(TIME, latex_unit=clock.latex),
-        signals=_signals(one, problem, best, left, predictive or {}),
-        courses=tuple(courses),
-        constant=tuple(constant),
-        label=one.label,
-    )
+    clock, fits, full = problem.clock, [], problem.posterior.space.full(best[None])
+    each = rubbing or [()] * len(problem.observations)
+    for one, found in zip(problem.observations, each, strict=True):
+        experiment, courses, constant = one.experiment, [], []
+        for name in (n for n in symbols.INPUTS if n in {*experiment.series, *experiment.constant}):
+            unit = experiment.unit_of_input(name)
+            label = dataclasses.replace(symbols.INPUTS[name], latex_unit=unit.latex)
+            if name in experiment.series:
+                values = experiment.series[name] / unit.factor
+                courses.append(Course(label=label, values=values, straight=experiment.first_order))
+            elif name != "t_1" or experiment.constant[name]:  # no load need not be said
+                constant.append((label, experiment.constant[name] / unit.factor))
+        fit = Fit(
+            t=experiment.t / clock.factor,
+            time=dataclasses.replace(TIME, latex_unit=clock.latex),
+            signals=tuple(_signals(one, full, best, left, predictive or {})),
+            courses=tuple(courses),
+            constant=tuple(constant),
+            rubs=rubs(found, clock),
+            label=one.label,
+        )
+        fits.append(fit)
+    return tuple(fits)
 
 
 def _signals(
     one: Observation,
-    problem: Problem,
+    full: Array,
     best: Array,
     left: Sequence[Left],
     predictive: Mapping[str, Array],
-) -> tuple[Signal, ...]:
-    experiment = one.experiment
-    models = one.followed(problem.posterior.space.full(best[None]), best[None])[0]
-    sigmas = one.scales(best[None])[0]
+) -> Iterator[Signal]:
+    models, sigmas = one.followed(full, best[None])[0], one.scales(best[None])[0]
     shares = {each.channel: each.share for each in left if each.experiment == one.label}
-    found = []
-    for k, channel in enumerate(experiment.channels):
-        unit = channel.shown
-        draws = predictive.get(of_label(channel.name, one.label))
-        found.append(
-            Signal(
-                label=Symbol(channel.name, channel.unit, channel.latex, unit.latex, "channel"),
-                y=experiment.y[:, k] / unit.factor,
-                model=models[:, k] / unit.factor,
-                predictive=None
-                if draws is None
-                else draws.reshape(-1, draws.shape[-1]).astype(np.float64) / unit.factor,
-                sigma=float(sigmas[k]) / unit.factor,
-                share=shares[channel.name],
-            )
+    for k, channel in enumerate(one.experiment.channels):
+        unit, draws = channel.shown, predictive.get(of_label(channel.name, one.label))
+        if draws is not None:
+            draws = draws.reshape(-1, draws.shape[-1]).astype(np.float64) / unit.factor
+        yield Signal(
+            label=Symbol(channel.name, channel.unit, channel.latex, unit.latex, "channel"),
+            y=one.experiment.y[:, k] / unit.factor,
+            model=models[:, k] / unit.factor,
+            predictive=draws,
+            sigma=float(sigmas[k]) / unit.factor,
+            share=shares[channel.name],
         )
-    return tuple(found)
 
 
 DIGITS = 12
@@ -157,44 +139,28 @@ DIGITS = 12
 def prediction_csv(problem: Problem, theta: Array) -> dict[str, str]:
     """At `theta (D,)`, by the names of files: one, or one with a number for each experiment."""
     full, observations = problem.posterior.space.full(theta[None]), problem.observations
-    texts = [_of(one, full) for one in observations]
+    texts = [_prediction(one, full) for one in observations]
     return {f"{stem}.csv": text for stem, text in numbered("prediction", texts).items()}
 
 
-def _of(one: Observation, full: Array) -> str:
+def _prediction(one: Observation, full: Array) -> str:
     """A line for each sample: time, each channel as measured and as predicted without noise, and the
     inputs; the head of a column has its unit, as in `w_1 measured [rpm]`.
     """
-    columns = {**_time(one), **_channels(one, full), **_inputs(one)}
-    head, body = io.StringIO(), io.StringIO()
-    csv.writer(head, lineterminator="\n").writerow(columns)
-    np.savetxt(body, np.stack([*columns.values()], axis=-1), f"%.{DIGITS}g", ",")
-    return head.getvalue() + body.getvalue()
-
-
-def _time(one: Observation) -> dict[str, Array]:
-    unit = one.experiment.written.time
-    return {f"t [{unit.name}]": one.experiment.t / unit.factor}
-
-
-def _channels(one: Observation, full: Array) -> dict[str, Array]:
-    signals = one.signals(full)[0]
-    columns = {}
-    for k, channel in enumerate(one.experiment.channels):
+    experiment, signals, unit = one.experiment, one.signals(full)[0], one.experiment.written.time
+    columns = {f"t [{unit.name}]": experiment.t / unit.factor}
+    for k, channel in enumerate(experiment.channels):
         name, unit = channel.name, channel.shown
-        columns[f"{name} measured [{unit.name}]"] = one.experiment.y[:, k] / unit.factor
+        columns[f"{name} measured [{unit.name}]"] = experiment.y[:, k] / unit.factor
         columns[f"{name} predicted [{unit.name}]"] = signals[:, k] / unit.factor
-    return columns
-
-
-def _inputs(one: Observation) -> dict[str, Array]:
-    experiment = one.experiment
-    every = {name: np.full(len(experiment.t), x) for name, x in experiment.constant.items()}
-    columns = {}
-    for name, values in {**every, **experiment.series}.items():
+    constant = {name: np.full(len(experiment.t), x) for name, x in experiment.constant.items()}
+    for name, values in {**constant, **experiment.series}.items():
         unit = experiment.unit_of_input(name)
         columns[f"{name} [{unit.name}]"] = values / unit.factor
-    return columns
+    text = io.StringIO()
+    csv.writer(text, lineterminator="\n").writerow(columns)
+    np.savetxt(text, np.stack([*columns.values()], axis=-1), f"%.{DIGITS}g", ",")
+    return text.getvalue()
 
 
 def residual_sentences(found: Sequence[Left], clock: Unit) -> str:
@@ -202,7 +168,9 @@ def residual_sentences(found: Sequence[Left], clock: Unit) -> str:
 
     `clock`: in which times are said.
     """
-    lines = [f"fit: of what each channel does the MAP leaves unexplained {_shares(found)}"]
+    seen = [f"{percent(one.share)} ({one.name})" for one in found if not math.isnan(one.share)]
+    shares = ", ".join(seen) or "nothing to speak of"
+    lines = [f"fit: of what each channel does the MAP leaves unexplained {shares}"]
     if large := _worst(found, "large", "rms"):
         lines.append(
             f"fit: the MAP leaves more than the noise, in sigmas: {_each_channel(large, 'rms')} (noise "
@@ -233,7 +201,9 @@ def residual_sentences(found: Sequence[Left], clock: Unit) -> str:
             "was filtered"
         )
     if len(lines) == 1:
-        lines.append(f"fit: what the MAP leaves looks like the noise ({_range(found)})")
+        sizes = [one.rms for one in found]
+        sigmas = f"rms {min(sizes):.3f} to {max(sizes):.3f} sigma"
+        lines.append(f"fit: what the MAP leaves looks like the noise ({sigmas})")
     return "\n".join(lines)
 
 
@@ -261,21 +231,9 @@ def _each_channel(found: Sequence[Left], what: str) -> str:
     return ", ".join(f"{one.name} {getattr(one, what):.3g}" for one in found)
 
 
-def _shares(found: Sequence[Left]) -> str:
-    """In per cent, of channels that have a spread."""
-    seen = [one for one in found if not math.isnan(one.share)]
-    each = [f"{percent(one.share)} ({one.name})" for one in seen]
-    return ", ".join(each) or "nothing to speak of"
-
-
 def percent(share: float) -> str:
     """Of a channel's spread about its mean."""
     return f"{100 * share:.2g} %"
-
-
-def _range(found: Sequence[Left]) -> str:
-    sizes = [one.rms for one in found]
-    return f"rms {min(sizes):.3f} to {max(sizes):.3f} sigma"
 
 
 LAGS = ("lag", "input lag")
@@ -302,8 +260,9 @@ def explained(found: Causes | None, problem: Problem) -> str:
             "units, gear, inputs and the model"
         )
     still = f" (down to {math.sqrt(found.rest):.2g} sigma)" if found.rest > NOISE else ""
+    share = math.floor(1000 * found.share) / 10  # never more than it is
     said = [
-        f"fit: {_percent(found.share)} of what is left beyond noise would be explained{still} by",
+        f"fit: {share:.3g} % of what is left beyond noise would be explained{still} by",
         *_each_cause(found, problem),
     ]
     if found.other is not None:
@@ -312,13 +271,10 @@ def explained(found: Causes | None, problem: Problem) -> str:
 
 
 def _each_cause(found: Causes, problem: Problem) -> Iterable[str]:
-    for (kind, of), group in groupby(found.found, key=_group):
+    """One line for all starts, and for the same of several experiments."""
+    kinds = groupby(found.found, key=lambda one: (one.kind, "" if one.kind == "start" else one.of))
+    for (kind, of), group in kinds:
         yield f"  - {_said(kind, of, list(group), problem)}"
-
-
-def _percent(share: float) -> str:
-    """Never more than it is."""
-    return f"{math.floor(1000 * share) / 10:.3g} %"
 
 
 def lacking(found: Causes | None, roles: Roles) -> str:
@@ -371,10 +327,6 @@ def moment(found: Moment | None) -> Iterable[str]:
     )
 
 
-def _group(cause: Cause) -> tuple[str, str]:
-    return cause.kind, "" if cause.kind == "start" else cause.of
-
-
 def _said(kind: str, of: str, group: Sequence[Cause], problem: Problem) -> str:
     if kind == "start":
         inside = {one.experiment for one in group}
@@ -385,8 +337,7 @@ def _said(kind: str, of: str, group: Sequence[Cause], problem: Problem) -> str:
         missing = _missing(one.of, one.value, problem.model.roles)
         return f"{missing}: {_named(one.of, one.value)}"
     each = ", ".join(
-        f"{_number(one, problem)}{f' in {one.experiment}' if one.experiment else ''}"
-        for one in group
+        _number(one, problem) + (f" in {one.experiment}" if one.experiment else "") for one in group
     )
     largest = max(group, key=lambda one: abs(one.value))
     if kind in LAGS:

@@ -18,7 +18,8 @@ from bayesdrill.analysis.identifiability.profile import THRESHOLD, Profile
 from bayesdrill.analysis.identifiability.study import Study
 from bayesdrill.basics.symbols import Symbol
 from bayesdrill.report import scales, style
-from bayesdrill.report.pages import Page
+from bayesdrill.report.pages import Page, legend_above
+from bayesdrill.report.sections.identify_words import percent
 
 PAGE = Page(left=0.5, gap_x=0.18, gap_y=0.62, top=0.34, bottom=0.5)
 LEGEND = 3  # entries
@@ -50,13 +51,9 @@ def profile_figure(
                 panel.set_ylabel(
                     "loss of log likelihood", fontsize=style.letters("legend.fontsize")
                 )
-        figure.legend(
-            handles=_profile_handles(sides),
-            loc="upper center",
-            ncols=4 if width >= scales.DOUBLE else 2,
-            borderaxespad=0.3,
-            labelspacing=0.3,
-        )
+        handles = [Patch(facecolor=style.FAINT, label="within 95 %"), *style.nominal_handles(sides)]
+        most = 4 if width >= scales.DOUBLE else 2
+        legend_above(figure, handles, most, columnspacing=2.0, handlelength=2.0)
     return figure
 
 
@@ -77,9 +74,7 @@ def _panel(
     left = profile.low if profile.low is not None else float(values[0])
     right = profile.high if profile.high is not None else float(values[-1])
     panel.axvspan(float(scale(left)), float(scale(right)), color=style.FAINT, zorder=-2)
-    side = scale.side(nominal) if nominal is not None else 0
-    if nominal is not None and side == 0:
-        panel.axvline(float(scale(nominal)), **style.NOMINAL)
+    side = style.mark_values(panel, scale, nominal, arrow=False)
     panel.set_xlim(scale.low, scale.high)
     panel.set_ylim(-0.03 * HIGHEST, HIGHEST)
     style.set_ticks(panel.yaxis, np.array([0.0, 2.0, 4.0, 6.0]), ["0", "2", "4", "6"])
@@ -87,8 +82,7 @@ def _panel(
     inches = panel.get_window_extent().width / panel.figure.dpi
     most = 4 if inches > ROOMY else 3
     style.set_numbers(panel.xaxis, scale, most, clear=0.08, letter=LETTER / inches)
-    where: dict[str, Any] = {"transform": panel.transAxes, "ha": "right", "va": "top"}
-    panel.text(0.97, 0.93, profile.shape, fontsize=style.letters("legend.fontsize"), **where)
+    style.corner_text(panel, profile.shape, "right", fontsize=style.letters("legend.fontsize"))
     return side
 
 
@@ -101,52 +95,34 @@ def _edge(values: np.ndarray, loss: np.ndarray, end: int) -> float:
     return float(values[inner] + np.sqrt(max(share, 0.0)) * (values[end] - values[inner]))
 
 
-def _profile_handles(sides: set[int]) -> list[Line2D | Patch]:
-    return [
-        Patch(facecolor=style.FAINT, label="within 95 %"),
-        *style.nominal_handles(sides),
-    ]
-
-
-# Inches.
-LEFT, RIGHT, BAR, TOP, BOTTOM = 2.75, 0.25, 0.27, 0.42, 0.48
-NARROW_LEFT, NARROW_BAR = 0.12, 0.42  # in one column of a page, where labels stand above their bars
+SPECTRUM = Page(columns=1, left=2.75, right=0.25, top=0.42, bottom=0.48)
+BAR, NARROW_BAR = 0.27, 0.42  # inches; in one column of a page labels stand above their bars
 LEAST_EXPONENT = 0.15  # smaller ones are left out of a label
 BEYOND = 30.0  # how far the axis reaches past the largest finite sd
 
 
 def spectrum_figure(study: Study, latex: Mapping[str, str], width: float = scales.DOUBLE) -> Figure:
     """A bar for each direction, its length the Cramer-Rao bound on a logarithmic axis."""
-    wide = width >= scales.DOUBLE
-    left, bar = (LEFT, BAR) if wide else (NARROW_LEFT, NARROW_BAR)
+    wide, n = width >= scales.DOUBLE, len(study.directions)
+    left, bar = (SPECTRUM.left, BAR) if wide else (0.12, NARROW_BAR)
+    labels = [_label(study.names, d.exponents, latex) for d in study.directions]
+    handles: list[Patch | Line2D] = [Line2D([], [], label="prior", **style.PRIOR_LINE)]
+    if np.isinf([d.sd for d in study.directions]).any():
+        handles.append(Patch(label="leaves no trace in the record", **BLIND))
     with style.styled(width):
-        n = len(study.directions)
-        height = BOTTOM + n * bar + TOP
-        figure = Figure(figsize=(width, height))
-        panel = figure.add_axes(
-            (left / width, BOTTOM / height, (width - left - RIGHT) / width, n * bar / height)
-        )
+        figure, (panel,) = replace(SPECTRUM, width=width, row=n * bar, left=left).build(1)
         _bars(panel, study, 0.62 * BAR / bar)
-        labels = [_label(study.names, d.exponents, latex) for d in study.directions]
-        _name(panel, labels, beside=wide)
+        panel.set_yticks(np.arange(n), labels if wide else [""] * n)
+        panel.tick_params(axis="y", length=0)
         panel.set_ylim(n - 0.4, -0.6 if wide else -0.8)
-        figure.legend(
-            handles=_spectrum_handles(study),
-            loc="upper right",
-            bbox_to_anchor=(1 - RIGHT / width, 1.0),
-            ncols=3,
-            borderaxespad=0.3,
-        )
+        if not wide:
+            across = panel.get_yaxis_transform()
+            for place, label in enumerate(labels):
+                panel.text(0.01, place - 0.24, label, transform=across, va="bottom")
+        look = {"columnspacing": 2.0, "handlelength": 2.0, "labelspacing": 0.5}
+        at = (1 - SPECTRUM.right / width, 1.0)
+        legend_above(figure, handles, 3, loc="upper right", bbox_to_anchor=at, **look)
     return figure
-
-
-def _name(panel: Axes, labels: Sequence[str], *, beside: bool) -> None:
-    """The bars: beside the panel, or above each."""
-    places = np.arange(len(labels))
-    panel.set_yticks(places, labels if beside else [""] * len(labels))
-    panel.tick_params(axis="y", length=0)
-    for place, label in zip(places, labels if not beside else [], strict=False):
-        panel.text(0.01, place - 0.24, label, transform=panel.get_yaxis_transform(), va="bottom")
 
 
 def _bars(panel: Axes, study: Study, thick: float) -> None:
@@ -161,11 +137,11 @@ def _bars(panel: Axes, study: Study, thick: float) -> None:
     for mask, look in ((inside, KNOWN), (finite & ~inside, UNKNOWN), (~finite, BLIND)):
         panel.barh(places[mask], shown[mask], height=thick, left=smallest, **look)
     panel.axvline(prior, **style.PRIOR_LINE)
-    for place, value in zip(places, sd, strict=True):
-        if np.isfinite(value):
+    for place, one in enumerate(study.directions):
+        if np.isfinite(one.sd):
             panel.annotate(
-                _percent(value),
-                (smallest + value, place),
+                percent(one.sd),
+                (smallest + 100.0 * one.sd, place),
                 xytext=(3, 0),
                 textcoords="offset points",
                 va="center",
@@ -190,14 +166,6 @@ BLIND: dict[str, Any] = {
 }
 
 
-def _spectrum_handles(study: Study) -> list[Patch | Line2D]:
-    handles: list[Patch | Line2D] = [Line2D([], [], label="prior", **style.PRIOR_LINE)]
-    sd = np.array([d.sd for d in study.directions])
-    if np.isinf(sd).any():
-        handles.append(Patch(label="leaves no trace in the record", **BLIND))
-    return handles
-
-
 def _label(names: Sequence[str], exponents: Sequence[float], latex: Mapping[str, str]) -> str:
     """The product in LaTeX, exponents to one decimal, the small ones left out."""
     parts = []
@@ -207,12 +175,6 @@ def _label(names: Sequence[str], exponents: Sequence[float], latex: Mapping[str,
             power = "" if rounded == "1" else f"^{{{rounded}}}"
             parts.append(f"{{{latex[name]}}}{power}")
     return "$" + r"\,".join(parts) + "$"
-
-
-def _percent(value: float) -> str:
-    if value > 1000:
-        return "> 1000 %"
-    return f"{value:.0f} %" if value >= 10 else f"{value:.2g} %"
 
 
 def _power_of_ten(x: float) -> str:

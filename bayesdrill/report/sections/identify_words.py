@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 from bayesdrill.analysis.identifiability.profile import Profile
 from bayesdrill.analysis.identifiability.structure import Exponents
-from bayesdrill.analysis.identifiability.study import Known, Remedy, Study
+from bayesdrill.analysis.identifiability.study import Known, Study
 from bayesdrill.basics.symbols import Symbol, fraction
 from bayesdrill.report.section import aligned
 from bayesdrill.report.sections import physics_words, torque_words
@@ -167,7 +167,13 @@ def remedies(study: Study) -> str:
         "by this factor, on average):"
     ]
     n = len(study.structure.symmetries)
-    rows = [_remedy(study, remedy, n) for remedy in helpful[:MOST_REMEDIES]]
+    rows = []
+    for remedy in helpful[:MOST_REMEDIES]:
+        left = remedy.left - study.structure.unexplained
+        effect = "no symmetry is left" if left <= 0 else f"{left} of {n} left"
+        if not remedy.breaks:
+            effect = "breaks no symmetry"
+        rows.append((f"  {remedy.what}", f"{remedy.shrink:.1f} x", effect if n else ""))
     lines.append(aligned(rows, left={0, 2}))
     return "\n".join(lines)
 
@@ -221,30 +227,16 @@ def profiles(found: Sequence[Profile], study: Study, shown: Sequence[Symbol]) ->
     return "profile likelihood:\n" + aligned(rows, left={0, 1, 5})
 
 
-def _remedy(study: Study, remedy: Remedy, n_symmetries: int) -> tuple[str, ...]:
-    if not n_symmetries:
-        effect = ""
-    elif not remedy.breaks:
-        effect = "breaks no symmetry"
-    else:
-        left = remedy.left - study.structure.unexplained
-        effect = "no symmetry is left" if left <= 0 else f"{left} of {n_symmetries} left"
-    return (f"  {remedy.what}", f"{remedy.shrink:.1f} x", effect)
-
-
 def _row(study: Study, known: Known) -> tuple[str, ...]:
+    # Narrowed without a trace of its own: ratios are known, and the others have priors.
+    shared = math.isinf(known.bound) and known.word != "left to the prior"
     return (
         f"  {product(study.names, known.exponents)}",
         percent(known.sd),
         percent(known.prior_sd),
         "not at all" if math.isinf(known.bound) else percent(known.bound),
-        "through the priors of others" if _shared(known) else known.word,
+        "through the priors of others" if shared else known.word,
     )
-
-
-def _shared(known: Known) -> bool:
-    """Narrowed without a trace of its own: ratios are known, and the others have priors."""
-    return math.isinf(known.bound) and known.word != "left to the prior"
 
 
 def percent(sd_of_log: float) -> str:

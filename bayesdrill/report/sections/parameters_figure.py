@@ -17,14 +17,14 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch, Rectangle
 
-from bayesdrill.analysis.identifiability.structure import Exponents, Structure
+from bayesdrill.analysis.identifiability.structure import Structure
 from bayesdrill.analysis.verdict import Verdict
 from bayesdrill.basics.arrays import Array
 from bayesdrill.basics.symbols import Symbol, product_latex
 from bayesdrill.inference.priors import Prior, flat_in_logs
 from bayesdrill.report import scales, style
 from bayesdrill.report.pages import AXES, Page, legend_above
-from bayesdrill.report.scales import DOUBLE, scale
+from bayesdrill.report.scales import DOUBLE
 from bayesdrill.report.sections.corner_figure import corner_figure
 from bayesdrill.report.sections.identify_words import product
 from bayesdrill.report.view import Drawing, View
@@ -36,6 +36,12 @@ SMALL = dataclasses.replace(
 TAIL = 0.001  # of a prior without an end: where its axis ends
 BINS = 60
 HEAD = 1.12  # of the highest density: where a panel ends
+DARK_PRIOR: dict[str, Any] = {**style.PRIOR_LINE, "color": style.DARK}
+BOX: dict[str, Any] = {
+    "edgecolor": style.MIDDLE,
+    "linewidth": 0.8,
+    "linestyle": style.PRIOR_LINE["linestyle"],
+}
 
 
 def prior_posterior_figure(
@@ -55,19 +61,24 @@ def prior_posterior_figure(
         figure, panels = page.build(len(symbols))
         sides = set()
         for panel, x, symbol in zip(panels, draws.T, symbols, strict=True):
-            scale = _scale(priors[symbol.name], x)
-            known = nominal.get(symbol.name)
-            _densities(panel, scale, x, priors[symbol.name])
-            _values(panel, scale, known, mode.get(symbol.name))
-            _frame(panel, scale, symbol)
+            prior, known = priors[symbol.name], nominal.get(symbol.name)
+            scale = scales.scale(*_ends(prior, x), log=flat_in_logs(prior), margin=0.04)
+            _densities(panel, scale, x, prior)
+            side = style.mark_values(panel, scale, known, mode.get(symbol.name), zorder=4)
+            style.scale_axis(panel.xaxis, scale, scale.label(symbol))
+            style.set_ticks(panel.yaxis, np.array([]), None)
             if known is not None:
-                sides.add(scale.side(known))
-        _prior_posterior_legend(figure, sides, page)
+                sides.add(side)
+        handles: list[Line2D | Patch] = [
+            Line2D([], [], label="prior", **DARK_PRIOR),
+            Patch(facecolor=style.LIGHT, edgecolor=style.BLACK, linewidth=0.7, label="posterior"),
+            *style.nominal_handles(sides),
+            Line2D([], [], label="MAP", **style.MAP_LINE),
+        ]
+        most = len(handles) if page is PAGE or len(handles) <= 4 else 3
+        gap = 1.6 if page is PAGE else 1.2
+        legend_above(figure, handles, most, columnspacing=gap, handlelength=2.4)
     return figure
-
-
-def _scale(prior: Prior, x: Array) -> scales.Scale:
-    return scales.scale(*_ends(prior, x), log=flat_in_logs(prior), margin=0.04)
 
 
 def _densities(panel: Axes, scale: scales.Scale, x: Array, prior: Prior) -> None:
@@ -81,44 +92,17 @@ def _densities(panel: Axes, scale: scales.Scale, x: Array, prior: Prior) -> None
     panel.stairs(heights, edges, color=style.BLACK, linewidth=0.7, zorder=2)
     places = np.linspace(scale.low, scale.high, 801)
     density = scale.density(prior, places)
-    panel.plot(places, density, zorder=3, **{**style.PRIOR_LINE, "color": style.DARK})
+    panel.plot(places, density, zorder=3, **DARK_PRIOR)
     sure = density[np.isfinite(density)]
     # A density may grow without bound towards zero; the panel ends at what nearly all of it is below.
     top = max(float(heights.max()), float(np.quantile(sure, 0.99)))
     panel.set_ylim(0, HEAD * top)
 
 
-def _values(panel: Axes, scale: scales.Scale, nominal: float | None, mode: float | None) -> None:
-    side = scale.side(nominal)
-    if nominal is not None and side == 0:
-        panel.axvline(float(scale(nominal)), zorder=4, **style.NOMINAL)
-    if side:
-        place, marker = (0.96, ">") if side > 0 else (0.04, "<")
-        panel.plot([place], [0.5], transform=panel.transAxes, marker=marker, **style.AWAY)
-    if mode is not None:
-        panel.axvline(float(scale(mode)), zorder=4, **style.MAP_LINE)
-
-
-def _frame(panel: Axes, scale: scales.Scale, symbol: Symbol) -> None:
-    panel.set_xlim(scale.low, scale.high)
-    style.set_numbers(panel.xaxis, scale, 4)
-    style.set_ticks(panel.yaxis, np.array([]), None)
-    panel.set_xlabel(scale.label(symbol), labelpad=2)
-
-
-def _prior_posterior_legend(figure: Figure, sides: set[int], page: Page) -> None:
-    handles: list[Line2D | Patch] = [
-        Line2D([], [], label="prior", **{**style.PRIOR_LINE, "color": style.DARK}),
-        Patch(facecolor=style.LIGHT, edgecolor=style.BLACK, linewidth=0.7, label="posterior"),
-        *style.nominal_handles(sides),
-        Line2D([], [], label="MAP", **style.MAP_LINE),
-    ]
-    most = len(handles) if page is PAGE or len(handles) <= 4 else 3
-    legend_above(figure, handles, most, 1.6 if page is PAGE else 1.2, 2.4)
-
-
-LEFT, BOTTOM, RIGHT, TOP = 0.62, 0.5, 0.14, 0.74  # inches
-SIZE = 2.6
+SIZE = 2.6  # of the panel of a ridge
+RIDGE_PAGE = Page(
+    columns=1, width=SIZE + 0.76, row=SIZE, left=0.62, right=0.14, top=0.74, bottom=0.5
+)
 POINTS = 3000
 REACH, CORNERS = 1e4, 4001  # the line is drawn over this factor, and cut by the axes
 BAND: dict[str, Any] = {"color": style.LIGHT, "linewidth": 6.0, "solid_capstyle": "butt"}
@@ -161,43 +145,31 @@ def ridge_figure(
     mode: Mapping[str, float],
 ) -> Figure:
     """Of draws `(N, D)` in the units of the symbols; the exact line passes through the MAP."""
-    shown = [symbols[k] for k in pair.columns]
-    ends = [
-        _ends(priors[symbol.name], draws[:, k])
-        for symbol, k in zip(shown, pair.columns, strict=True)
-    ]
-    scales = [
-        scale(*end, log=flat_in_logs(priors[symbol.name]), margin=0.12)
-        for symbol, end in zip(shown, ends, strict=True)
-    ]
+    factor, kept = np.geomspace(1 / REACH, REACH, CORNERS), style.thin(len(draws), POINTS)
+    box, line, dots, cross, marks = [], [], [], [], []
     with style.styled():
-        width, height = LEFT + SIZE + RIGHT, BOTTOM + SIZE + TOP
-        figure = Figure(figsize=(width, height))
-        panel = figure.add_axes((LEFT / width, BOTTOM / height, SIZE / width, SIZE / height))
-        (x0, x1), (y0, y1) = (scale(np.array(end)) for scale, end in zip(scales, ends, strict=True))
-        box = Rectangle((x0, y0), x1 - x0, y1 - y0, fill=False, zorder=1, **_box())
-        panel.add_patch(box)
-        factor = np.geomspace(1 / REACH, REACH, CORNERS)
-        line = [
-            scale(mode[symbol.name] * factor**power)
-            for scale, symbol, power in zip(scales, shown, pair.exponents, strict=True)
-        ]
+        figure, (panel,) = RIDGE_PAGE.build(1)
+        marked = all(symbols[k].name in nominal for k in pair.columns)
+        for column, power, axis in zip(
+            pair.columns, pair.exponents, (panel.xaxis, panel.yaxis), strict=True
+        ):
+            symbol, x = symbols[column], draws[:, column]
+            ends = _ends(priors[symbol.name], x)
+            scale = scales.scale(*ends, log=flat_in_logs(priors[symbol.name]), margin=0.12)
+            best = mode[symbol.name]
+            box.append(scale(np.array(ends)))
+            line.append(scale(best * factor**power))
+            dots.append(scale(x[kept]))
+            cross.append([float(scale(best))])
+            marks.append((scale, nominal[symbol.name] if marked else None))
+            style.scale_axis(axis, scale, scale.label(symbol))
+        (x0, x1), (y0, y1) = box
+        panel.add_patch(Rectangle((x0, y0), x1 - x0, y1 - y0, fill=False, zorder=1, **BOX))
         panel.plot(*line, zorder=2, **BAND)
-        kept = style.thin(len(draws), POINTS)
-        dots = [scale(draws[kept, k]) for scale, k in zip(scales, pair.columns, strict=True)]
         panel.plot(*dots, **DOTS)
-        marked = all(symbol.name in nominal for symbol in shown)
-        if marked:
-            panel.axvline(float(scales[0](nominal[shown[0].name])), zorder=4, **style.NOMINAL)
-            panel.axhline(float(scales[1](nominal[shown[1].name])), zorder=4, **style.NOMINAL)
-        at = [float(scale(mode[symbol.name])) for scale, symbol in zip(scales, shown, strict=True)]
-        panel.plot([at[0]], [at[1]], zorder=5, **style.CROSS)
-        panel.set_xlim(scales[0].low, scales[0].high)
-        panel.set_ylim(scales[1].low, scales[1].high)
-        style.set_numbers(panel.xaxis, scales[0], 4)
-        style.set_numbers(panel.yaxis, scales[1], 4)
-        panel.set_xlabel(scales[0].label(shown[0]))
-        style.side_label(panel, scales[1].label(shown[1]))
+        for (scale, known), vertical in zip(marks, (False, True), strict=True):
+            style.mark_values(panel, scale, known, vertical=vertical, arrow=False, zorder=4)
+        panel.plot(*cross, zorder=5, **style.CROSS)
         _ridge_legend(figure, marked=marked)
     return figure
 
@@ -210,33 +182,18 @@ def _ends(prior: Prior, x: Array) -> tuple[float, float]:
     return low, high
 
 
-def _box() -> dict[str, Any]:
-    return {"edgecolor": style.MIDDLE, "linewidth": 0.8, "linestyle": style.PRIOR_LINE["linestyle"]}
-
-
 def _ridge_legend(figure: Figure, *, marked: bool) -> None:
     handles: list[Line2D | Patch] = [
         Line2D([], [], label="exact symmetry: no measured signal changes along it", **BAND),
         Line2D([], [], label="posterior draws", **{**DOTS, "markersize": 3}),
-        Patch(fill=False, label="prior", **_box()),
+        Patch(fill=False, label="prior", **BOX),
         *(style.nominal_handles({0}) if marked else []),
         Line2D([], [], label="MAP", **style.CROSS),
     ]
-    columns = handles[:1], handles[1:]
-    first = figure.legend(
-        handles=columns[0], loc="upper center", borderaxespad=0.3, handlelength=2.2
-    )
-    figure.add_artist(first)
-    second = figure.legend(
-        handles=columns[1],
-        loc="upper center",
-        bbox_to_anchor=(0.5, 1 - 0.22 / float(figure.get_size_inches()[1])),
-        ncols=2,
-        borderaxespad=0.3,
-        handlelength=2.2,
-        columnspacing=1.6,
-    )
-    figure.add_artist(second)
+    look: dict[str, Any] = {"handlelength": 2.2, "columnspacing": 1.6, "labelspacing": 0.5}
+    legend_above(figure, handles[:1], 1, **look)
+    below = (0.5, 1 - 0.22 / float(figure.get_size_inches()[1]))
+    legend_above(figure, handles[1:], 2, bbox_to_anchor=below, **look)
 
 
 def invariants_figure(
@@ -252,7 +209,16 @@ def invariants_figure(
     """
     sure = [q for q in found.products if q.says != "not determined"]
     chosen = sure or list(found.products)
-    shown = [_symbol(found.names, quantity.exponents, symbols) for quantity in chosen]
+    shown = [
+        Symbol(
+            name=product(found.names, quantity.exponents),
+            unit="%",
+            latex=rf"\Delta\,{product_latex(quantity.exponents, symbols)}",
+            latex_unit=r"\%\;of\;nominal",
+            meaning="deviation from the nominal value",
+        )
+        for quantity in chosen
+    ]
     powers = np.array([quantity.exponents for quantity in chosen], dtype=float)
     table = np.log([quantity.nominal for quantity in chosen])
     m = len(found.names)
@@ -265,16 +231,6 @@ def invariants_figure(
         {symbol.name: float(x) for symbol, x in zip(shown, at, strict=True)},
         {},
         width,
-    )
-
-
-def _symbol(names: Sequence[str], exponents: Exponents, symbols: Sequence[Symbol]) -> Symbol:
-    return Symbol(
-        name=product(names, exponents),
-        unit="%",
-        latex=rf"\Delta\,{product_latex(exponents, symbols)}",
-        latex_unit=r"\%\;of\;nominal",
-        meaning="deviation from the nominal value",
     )
 
 

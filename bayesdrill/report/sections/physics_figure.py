@@ -23,25 +23,19 @@ from bayesdrill.basics.arrays import Array
 from bayesdrill.basics.symbols import Symbol
 from bayesdrill.inference.derived import HDI_PROBABILITY
 from bayesdrill.report import scales, style
-from bayesdrill.report.pages import Page, legend_above
+from bayesdrill.report.pages import Page, inches_panel, legend_above
 from bayesdrill.report.sections.fit_figure import extremes
 from bayesdrill.report.sections.physics_words import Balance, Law, Stacked, energy_balance, laws
 from bayesdrill.report.sections.torque_words import Against, Shown, torque_shown
-from bayesdrill.report.view import Drawing, View, captioned
+from bayesdrill.report.view import Drawing, View, for_each_experiment
 
 JOULES = Symbol("E", "J", "E", "J", "energy so far")
 SHARE = Symbol("share", "%", r"\mathrm{share}", r"\%", "of what came in")
 ENERGY_POINTS = 800  # of an edge
 FIRST = 0.02  # of all that comes in: before it shares mean nothing
-ENERGY_LEFT, ENERGY_RIGHT, GAP, ENERGY_BOTTOM, LINE, ENERGY_ROW = (
-    0.84,
-    0.12,
-    0.16,
-    0.42,
-    0.17,
-    1.5,
-)  # inches
-NARROW_ROW, NARROW_LEFT = 1.2, 0.7  # of a figure in one column
+LINE = 0.17  # inches of a legend
+ENERGY_PAGE = Page(columns=1, row=1.5, left=0.84, gap_y=0.16)
+ENERGY_SMALL = dataclasses.replace(ENERGY_PAGE, width=scales.SINGLE, row=1.2, left=0.7)
 
 # Greys by kinds, and hatches within them: no colour is wanted.
 LOOKS: Mapping[str, tuple[str, str]] = {
@@ -57,19 +51,10 @@ HATCHES = ("", "\\\\\\\\", "////", "xxxx")
 def energy_figure(found: Balance, width: float = scales.DOUBLE) -> Figure:
     """Above in joules, below as shares of what came in until then."""
     broad = width >= scales.DOUBLE
-    row, side, columns = (ENERGY_ROW, ENERGY_LEFT, 4) if broad else (NARROW_ROW, NARROW_LEFT, 2)
-    lines = math.ceil((len(found.parts) + 1) / columns)
-    top = 0.1 + LINE * lines
-    height = top + 2 * row + GAP + ENERGY_BOTTOM
+    page, columns = (ENERGY_PAGE, 4) if broad else (ENERGY_SMALL, 2)
+    top = 0.1 + LINE * math.ceil((len(found.parts) + 1) / columns)
     with style.styled(width):
-        figure = Figure(figsize=(width, height))
-        inside = (width - side - ENERGY_RIGHT) / width
-        panels = [
-            figure.add_axes(
-                (side / width, (ENERGY_BOTTOM + k * (row + GAP)) / height, inside, row / height)
-            )
-            for k in (1, 0)
-        ]
+        figure, panels = dataclasses.replace(page, top=top).build(2)
         drawn = extremes(found.total, ENERGY_POINTS)
         time = scales.scale(float(found.t[0]), float(found.t[-1]))
         handles = _joules(panels[0], found, drawn, time)
@@ -79,17 +64,9 @@ def energy_figure(found: Balance, width: float = scales.DOUBLE) -> Figure:
             style.set_ticks(panel.xaxis, *time.ticks(5))
         panels[0].tick_params(labelbottom=False)
         panels[1].set_xlabel(time.label(found.time))
-        figure.legend(
-            handles=handles,
-            loc="upper left",
-            bbox_to_anchor=(side / width if broad else 0.02, 1.0),
-            ncols=columns,
-            borderaxespad=0.3,
-            borderpad=0.0,
-            columnspacing=1.2,
-            labelspacing=0.25,
-            handlelength=1.8,
-        )
+        look = {"borderpad": 0.0, "labelspacing": 0.25, "handlelength": 1.8}
+        at = (page.left / width if broad else 0.02, 1.0)
+        legend_above(figure, handles, columns, loc="upper left", bbox_to_anchor=at, **look)
     return figure
 
 
@@ -97,14 +74,13 @@ def _joules(panel: Axes, found: Balance, drawn: NDArray[np.intp], time: scales.S
     edges = np.cumsum([np.zeros(len(drawn)), *(p.joules[drawn] for p in found.parts)], axis=0)
     low, high = min(0.0, float(edges.min())), max(float(edges.max()), float(found.total.max()))
     scale = scales.scale(low, high or 1.0, margin=0.03)
+    style.scale_axis(panel.yaxis, scale, scale.label(JOULES, "\n"))
     panel.set_ylim(scale.low if low < 0 else 0.0, scale.high)
     handles = _stack(panel, found, time(found.t[drawn]), scale(edges))
     (line,) = panel.plot(
         time(found.t[drawn]), scale(found.total[drawn]), color=style.BLACK, linewidth=1.0
     )
     line.set_label(f"came in: {found.sources}")
-    style.set_ticks(panel.yaxis, *scale.ticks(4))
-    style.side_label(panel, scale.label(JOULES, "\n"))
     return [line, *handles]
 
 
@@ -156,7 +132,6 @@ SMALL = dataclasses.replace(
 BINS = 60
 FOOT = 0.2  # of a panel: for the speeds of the record
 HEAD = 1.12  # of the largest effort
-BAND: dict[str, Any] = {"color": style.LIGHT, "linewidth": 0}
 BEST: dict[str, Any] = {"color": style.BLACK, "linewidth": 1.0}
 SEEN: dict[str, Any] = {"color": style.MIDDLE}
 
@@ -168,7 +143,14 @@ def friction_figure(laws: Sequence[Law], width: float = scales.DOUBLE) -> Figure
         figure, panels = page.build(len(laws))
         for panel, law in zip(panels, laws, strict=True):
             _law(panel, law)
-        _friction_legend(figure, laws, page is not SMALL)
+        handles: list[Line2D | Patch] = [Line2D([], [], label="MAP", **BEST)]
+        if any(law.band is not None for law in laws):
+            handles.append(Patch(label=f"{100 * HDI_PROBABILITY:.0f} % posterior", **style.BAND))
+        if any(law.nominal is not None for law in laws):
+            handles.append(Line2D([], [], label="nominal values", **style.NOMINAL))
+        handles.append(Patch(label="speeds of the record", **SEEN))
+        most = 2 if page is SMALL else len(handles)
+        legend_above(figure, handles, most, columnspacing=1.6, handlelength=2.4)
     return figure
 
 
@@ -180,137 +162,77 @@ def _law(panel: Axes, law: Law) -> None:
     y = scales.scale(-far, far)
     room = FOOT / (1.0 - FOOT) * (y.high - y.low)
     if law.band is not None:
-        for side in (law.speeds <= 0, law.speeds >= 0):
-            panel.fill_between(x(law.speeds[side]), *y(_at_rest(law.band, side)), zorder=1, **BAND)
+        for side, rest, beside in ((law.speeds <= 0, -1, -2), (law.speeds >= 0, 0, 1)):
+            band = law.band[:, side].copy()
+            band[:, rest] = band[:, beside]  # where a law has both signs
+            panel.fill_between(x(law.speeds[side]), *y(band), zorder=1, **style.BAND)
     if law.nominal is not None:
         panel.plot(x(law.speeds), y(law.nominal), zorder=2, **style.NOMINAL)
     panel.plot(x(law.speeds), y(law.best), zorder=3, **BEST)
-    _seen(panel, law, x, y.low - room, room)
-    panel.set_xlim(x.low, x.high)
+    counts, edges = np.histogram(x(law.seen), np.linspace(x.low, x.high, BINS + 1))
+    heights = y.low - room + 0.85 * room * counts / max(int(counts.max()), 1)
+    panel.stairs(heights, edges, baseline=y.low - room, fill=True, zorder=1, **SEEN)
+    style.scale_axis(panel.xaxis, x, f"{law.speed.meaning}, {x.label(law.speed)}")
+    style.scale_axis(panel.yaxis, y, y.label(law.effort, "\n"))
     panel.set_ylim(y.low - room, y.high)
     panel.axhline(y.low, color=style.MIDDLE, linewidth=0.5)
-    style.set_ticks(panel.xaxis, *x.ticks(4))
-    style.set_ticks(panel.yaxis, *y.ticks(4))
-    panel.set_xlabel(f"{law.speed.meaning}, {x.label(law.speed)}")
-    style.side_label(panel, y.label(law.effort, "\n"))
 
 
-def _at_rest(band: Array, side: NDArray[np.bool_]) -> Array:
-    """Of one side `(2, n)`: at rest, where a law has both signs, as it is just beside."""
-    found = band[:, side].copy()
-    rest, beside = (-1, -2) if not side[-1] else (0, 1)
-    found[:, rest] = found[:, beside]
-    return found
-
-
-def _seen(panel: Axes, law: Law, x: scales.Scale, low: float, room: float) -> None:
-    """How often the record has these speeds, below the laws."""
-    counts, edges = np.histogram(x(law.seen), np.linspace(x.low, x.high, BINS + 1))
-    heights = low + 0.85 * room * counts / max(int(counts.max()), 1)
-    panel.stairs(heights, edges, baseline=low, fill=True, zorder=1, **SEEN)
-
-
-def _friction_legend(figure: Figure, laws: Sequence[Law], broad: bool) -> None:
-    handles: list[Line2D | Patch] = [Line2D([], [], label="MAP", **BEST)]
-    if any(law.band is not None for law in laws):
-        handles.append(Patch(label=f"{100 * HDI_PROBABILITY:.0f} % posterior", **BAND))
-    if any(law.nominal is not None for law in laws):
-        handles.append(Line2D([], [], label="nominal values", **style.NOMINAL))
-    handles.append(Patch(label="speeds of the record", **SEEN))
-    legend_above(figure, handles, len(handles) if broad else 2, 1.6, 2.4)
-
-
-TORQUE_LEFT, TORQUE_RIGHT, TOP, TORQUE_BOTTOM, GAP_X, GAP_Y = (
-    0.84,
-    0.1,
-    0.36,
-    0.42,
-    0.3,
-    0.56,
-)  # inches
-TORQUE_ROW, HIGH = 1.5, 1.6
-NARROW = {"left": 0.7, "row": 1.1}
+FIRST_ROW, FIRST_TOP = 1.5, 0.36  # inches, of the panel over time
+TORQUE_PAGE = Page(columns=2, row=1.5, left=0.84, right=0.1, gap_x=0.3, gap_y=0.56)
+TORQUE_PAGE = dataclasses.replace(TORQUE_PAGE, top=FIRST_TOP + FIRST_ROW + TORQUE_PAGE.gap_y)
+TORQUE_SMALL = dataclasses.replace(TORQUE_PAGE, columns=1, width=scales.SINGLE, row=1.1, left=0.7)
 TORQUE_POINTS = 1200  # of a line over time, and dots of a panel
-MEAN: dict[str, Any] = {"color": style.BLACK, "linewidth": 0.9}
 
 
 def torque_figure(found: Shown, width: float = scales.DOUBLE) -> Figure:
     """Above over time; below a panel for each thing that the torque may follow."""
-    broad = width >= scales.DOUBLE
-    left, row = (TORQUE_LEFT, TORQUE_ROW) if broad else (NARROW["left"], NARROW["row"])
-    columns, n = (2 if broad else 1), len(found.against)
-    rows = -(-n // columns)
-    height = TOP + TORQUE_ROW + rows * (GAP_Y + row) + TORQUE_BOTTOM
+    page = TORQUE_PAGE if width >= scales.DOUBLE else TORQUE_SMALL
+    y = scales.scale(float(found.band[0].min()), float(found.band[1].max()), margin=0.04)
     with style.styled(width):
-        figure = Figure(figsize=(width, height))
-        y = _scale(found)
-        wide = width - left - TORQUE_RIGHT
-        first = height - TOP - TORQUE_ROW
-        panel = _panel(figure, (left, first, wide, TORQUE_ROW))
-        _over_time(panel, found, y)
-        each = (wide - (columns - 1) * GAP_X) / columns
-        for k, one in enumerate(found.against):
-            line, column = divmod(k, columns)
-            place = (left + column * (each + GAP_X), first - (line + 1) * (GAP_Y + row), each, row)
-            _against(_panel(figure, place), one, found, y, labelled=column == 0)
-        _torque_legend(figure)
+        figure, panels = page.build(len(found.against))
+        height, inside = figure.get_figheight(), width - page.left - page.right
+        first = (page.left, height - FIRST_TOP - FIRST_ROW, inside, FIRST_ROW)
+        _over_time(inches_panel(figure, *first), found, y)
+        for k, (panel, one) in enumerate(zip(panels, found.against, strict=True)):
+            _against(panel, one, found, y, labelled=k % page.columns == 0)
+        handles = [
+            Line2D([], [], label="mean", **style.BLACK_LINE),
+            Patch(label=f"{100 * HDI_PROBABILITY:.0f} % posterior", **style.BAND),
+            Line2D([], [], label="samples", **{**style.DOTS, "markersize": 3, "rasterized": False}),
+        ]
+        legend_above(figure, handles, 3, columnspacing=2.0, handlelength=2.0)
     return figure
-
-
-def _panel(figure: Figure, place: tuple[float, float, float, float]) -> Axes:
-    width, height = figure.get_size_inches()
-    x, y, w, h = place
-    return figure.add_axes((x / width, y / height, w / width, h / height))
-
-
-def _scale(found: Shown) -> scales.Scale:
-    low, high = float(found.band[0].min()), float(found.band[1].max())
-    return scales.scale(low, high, margin=0.04)
 
 
 def _over_time(panel: Axes, found: Shown, y: scales.Scale) -> None:
     x = scales.scale(float(found.t[0]), float(found.t[-1]))
     some = style.thin(len(found.t), TORQUE_POINTS)
     t = x(found.t[some])
-    panel.fill_between(t, *y(found.band[:, some]), **BAND)
-    panel.plot(t, y(found.expected[some]), **MEAN)
-    _finish(panel, x, y)
-    panel.set_xlabel(f"{found.time.meaning}, {x.label(found.time)}", labelpad=2)
-    style.side_label(panel, y.label(found.torque, "\n"))
+    panel.fill_between(t, *y(found.band[:, some]), **style.BAND)
+    panel.plot(t, y(found.expected[some]), **style.BLACK_LINE)
+    _finish(panel, x, y, found.time, found.torque)
 
 
 def _against(panel: Axes, one: Against, found: Shown, y: scales.Scale, *, labelled: bool) -> None:
     x = scales.scale(float(one.values.min()), float(one.values.max()), margin=0.02)
     some = style.thin(len(one.values), TORQUE_POINTS)
     panel.plot(x(one.values[some]), y(found.expected[some]), **style.DOTS)
-    panel.fill_between(x(one.centres), *y(one.band), zorder=1, **BAND)
-    panel.plot(x(one.centres), y(one.means), zorder=3, **MEAN)
-    _finish(panel, x, y)
-    panel.set_xlabel(f"{one.label.meaning}, {x.label(one.label)}", labelpad=2)
-    if labelled:
-        style.side_label(panel, y.label(found.torque, "\n"))
-    else:
-        style.set_ticks(panel.yaxis, y.ticks(4)[0], None)
+    panel.fill_between(x(one.centres), *y(one.band), zorder=1, **style.BAND)
+    panel.plot(x(one.centres), y(one.means), zorder=3, **style.BLACK_LINE)
+    _finish(panel, x, y, one.label, found.torque)
+    if not labelled:
+        panel.set_ylabel("")
+        panel.tick_params(labelleft=False)
 
 
-def _finish(panel: Axes, x: scales.Scale, y: scales.Scale) -> None:
-    panel.set_xlim(x.low, x.high)
-    panel.set_ylim(y.low, y.high)
+def _finish(panel: Axes, x: scales.Scale, y: scales.Scale, across: Symbol, torque: Symbol) -> None:
+    style.scale_axis(panel.xaxis, x, f"{across.meaning}, {x.label(across)}", 5)
+    style.scale_axis(panel.yaxis, y, y.label(torque, "\n"))
     if y.low < 0.0 < y.high:
         panel.axhline(float(y(0.0)), color=style.MIDDLE, linewidth=0.5, zorder=0)
     if x.low < 0.0 < x.high:
         panel.axvline(float(x(0.0)), color=style.MIDDLE, linewidth=0.5, zorder=0)
-    style.set_ticks(panel.xaxis, *x.ticks(5))
-    style.set_ticks(panel.yaxis, *y.ticks(4))
-
-
-def _torque_legend(figure: Figure) -> None:
-    handles: Sequence[Line2D | Patch] = [
-        Line2D([], [], label="mean", **MEAN),
-        Patch(label=f"{100 * HDI_PROBABILITY:.0f} % posterior", **BAND),
-        Line2D([], [], label="samples", **{**style.DOTS, "markersize": 3, "rasterized": False}),
-    ]
-    figure.legend(handles=handles, loc="upper center", ncols=3, borderaxespad=0.3, handlelength=2.0)
 
 
 FRICTION = "Each friction against its speed: its law, where the record saw it, and nominal values."
@@ -318,27 +240,21 @@ FRICTION = "Each friction against its speed: its law, where the record saw it, a
 
 def draw_friction(run: View) -> tuple[Drawing, ...]:
     """Of a rig that rubs."""
-    drawings = []
-    for one, found in zip(run.problem.observations, run.chain.rubbing, strict=False):
-        shown = laws(one, found, run.problem, run.chain.best, run.chain.some(BANDS))
-        says = captioned(one.label, FRICTION)
-        drawings.append(Drawing(friction_figure, (shown, run.width), says=says))
-    return tuple(drawings)
+    chain = run.chain
+    shown = (
+        (one.label, laws(one, found, run.problem, chain.best, chain.some(BANDS)))
+        for one, found in zip(run.problem.observations, chain.rubbing, strict=False)
+    )
+    return for_each_experiment(friction_figure, shown, run.width, FRICTION)
 
 
 ENERGY = "Where the energy goes: what came in, and what became of it, in joules and as shares."
 
 
 def draw_energy(run: View) -> tuple[Drawing, ...]:
-    model = run.problem.model
-    return tuple(
-        Drawing(
-            energy_figure,
-            (energy_balance(one, model, run.clock), run.width),
-            says=captioned(one.label, ENERGY),
-        )
-        for one in run.chain.accounts
-    )
+    model, clock = run.problem.model, run.clock
+    shown = ((one.label, energy_balance(one, model, clock)) for one in run.chain.accounts)
+    return for_each_experiment(energy_figure, shown, run.width, ENERGY)
 
 
 TORQUE = "The missing torque over time, and against what the rig did: speeds, angle, inputs."
@@ -346,11 +262,5 @@ TORQUE = "The missing torque over time, and against what the rig did: speeds, an
 
 def draw_torque(run: View) -> tuple[Drawing, ...]:
     """Of a rig whose equations leave one out."""
-    return tuple(
-        Drawing(
-            torque_figure,
-            (torque_shown(one, run.clock), run.width),
-            says=captioned(one.label, TORQUE),
-        )
-        for one in run.chain.shaking
-    )
+    shown = ((one.label, torque_shown(one, run.clock)) for one in run.chain.shaking)
+    return for_each_experiment(torque_figure, shown, run.width, TORQUE)

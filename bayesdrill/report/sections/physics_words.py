@@ -5,7 +5,7 @@ data.
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -19,13 +19,12 @@ from bayesdrill.basics.units import Unit
 from bayesdrill.inference.derived import HDI_PROBABILITY, Derived, Row, at
 from bayesdrill.inference.likelihood import Observation
 from bayesdrill.inference.posterior import Problem
-from bayesdrill.report.section import Table, records_as_csv
+from bayesdrill.report.section import HDI, Table, records_as_csv
 from bayesdrill.rig import models
 from bayesdrill.rig.models.friction import Friction
 from bayesdrill.rig.models.linear import Model, Roles
 
-_HDI = f"{100 * HDI_PROBABILITY:.0f} % HDI"
-_HEADERS = ("", "unit", "nominal", "mean", "sd", _HDI, "dev. %", "meaning")
+_HEADERS = ("", "unit", "nominal", "mean", "sd", HDI, "dev. %", "meaning")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -40,7 +39,7 @@ class Shown:
 
 def derived_csv(rows: Sequence[Row]) -> str:
     """All digits, SI; `share` of the draws have the quantity, `deviation` is a fraction."""
-    return records_as_csv(Row, rows, {})
+    return records_as_csv(Row, rows)
 
 
 def derived_table(rows: Sequence[Row], meanings: Mapping[str, str]) -> Table:
@@ -151,21 +150,12 @@ def ordered(found: Account | EnergySummary, names: Collection[str]) -> list[Part
     return sorted(parts, key=lambda part: (part.name == STORED, -part.joules))
 
 
-def _kinds(model: Model) -> Mapping[str, str]:
-    motor, rubs = model.roles.motor, {one.name: one.against for one in model.frictions}
-    viscous = (motor.damping, model.roles.shaft.damping, model.roles.rotor.damping)
-    return {
-        **dict.fromkeys((motor.resistance, motor.series), "electrical"),
-        **dict.fromkeys(viscous, "viscous"),
-        **{n: "electrical" if s == motor.current else "friction" for n, s in rubs.items()},
-        motor.friction: "friction",
-        STORED: "stored",
-    }
+KINDS = ("electrical", "viscous", "friction", "other", "stored")  # of losses, in this order
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Stacked:
-    """`kind`: electrical, viscous, friction, other or stored; `name` for a legend; `joules (N,)`."""
+    """`kind`: one of `KINDS`; `name` for a legend; `joules (N,)`."""
 
     kind: str
     name: str
@@ -185,19 +175,29 @@ class Balance:
 
 def energy_balance(found: Account, model: Model, clock: Unit) -> Balance:
     """For a figure."""
-    kinds = _kinds(model)
-    parts = ordered(found, found.went)
-    order = ("electrical", "viscous", "friction", "other", "stored")
-    kinds = {p.name: kinds.get(p.name, "other") for p in parts}
+    motor, rubs = model.roles.motor, {one.name: one.against for one in model.frictions}
+    viscous = (motor.damping, model.roles.shaft.damping, model.roles.rotor.damping)
+    kinds = {
+        **dict.fromkeys((motor.resistance, motor.series), "electrical"),
+        **dict.fromkeys(viscous, "viscous"),
+        **{n: "electrical" if s == motor.current else "friction" for n, s in rubs.items()},
+        motor.friction: "friction",
+        STORED: "stored",
+    }
+    parts = [
+        Stacked(
+            kind=kinds.get(p.name, "other"),
+            name=energy_names(p.name, model),
+            joules=found.went[p.name],
+        )
+        for p in ordered(found, found.went)
+    ]
     return Balance(
         t=found.t / clock.factor,
         time=Symbol("t", clock.name, "t", clock.latex, "time"),
         total=found.total,
         sources=", ".join(energy_names(p.name, model) for p in ordered(found, found.came)),
-        parts=tuple(
-            Stacked(kind=kinds[p.name], name=energy_names(p.name, model), joules=found.went[p.name])
-            for p in sorted(parts, key=lambda part: order.index(kinds[part.name]))
-        ),
+        parts=tuple(sorted(parts, key=lambda part: KINDS.index(part.kind))),
     )
 
 
@@ -315,19 +315,6 @@ EXPERIMENTS: Mapping[str, str] = {
 }
 
 
-def _reasons(roles: Roles) -> Mapping[frozenset[str], str]:
-    """Why two are alike, where it is not by what the rig did."""
-    motor, shaft, rotor = roles.motor, roles.shaft, roles.rotor
-    swings = f"both take from each swing, and only {rotor.damping} from steady turning"
-    loses = (
-        f"what a gear loses grows with the torque that it passes on, and {motor.sliding} does not"
-    )
-    return {
-        frozenset((shaft.damping, rotor.damping)): swings,
-        frozenset((motor.efficiency, motor.sliding)): loses,
-    }
-
-
 def friction_sentences(found: Told) -> str:
     """A line for each; empty where there is nothing."""
     alike = (_alike(one, found.roles) for one in found.alike)
@@ -335,7 +322,16 @@ def friction_sentences(found: Told) -> str:
 
 
 def _alike(one: Alike, roles: Roles) -> str:
-    known, reasons = "it were" if len(one.rivals) == 1 else "these were", _reasons(roles)
+    motor, shaft, rotor = roles.motor, roles.shaft, roles.rotor
+    known = "it were" if len(one.rivals) == 1 else "these were"
+    swings = f"both take from each swing, and only {rotor.damping} from steady turning"
+    loses = (
+        f"what a gear loses grows with the torque that it passes on, and {motor.sliding} does not"
+    )
+    reasons = {  # where it is not by what the rig did
+        frozenset((shaft.damping, rotor.damping)): swings,
+        frozenset((motor.efficiency, motor.sliding)): loses,
+    }
     why = [reasons[pair] for r in one.rivals if (pair := frozenset((one.name, r))) in reasons]
     if one.deeds is not None and (did := _did(one.deeds, roles)):
         why.append(f"in these records {did}")
@@ -369,13 +365,11 @@ def _did(deeds: Deeds, roles: Roles) -> str:
 
 
 def _proposed(name: str, proposals: Sequence[Proposal]) -> str:
-    each = list(_experiments(proposals))
+    each = [
+        f"{EXPERIMENTS[one.what].format(volts=one.volts)} (sd {_about(one.shrink)} times smaller)"
+        for one in proposals
+    ]
     return f"; what would show {name}: {', or '.join(each)}" if each else ""
-
-
-def _experiments(proposals: Sequence[Proposal]) -> Iterator[str]:
-    for one in proposals:
-        yield f"{EXPERIMENTS[one.what].format(volts=one.volts)} (sd {_about(one.shrink)} times smaller)"
 
 
 def _about(times: float) -> str:

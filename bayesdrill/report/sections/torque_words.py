@@ -9,7 +9,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from bayesdrill.analysis.identifiability.study import Study
-from bayesdrill.analysis.identifiability.torque_confounding import StandIn
 from bayesdrill.analysis.latent_torque import TAILS, Follows, Shaking
 from bayesdrill.analysis.run_analysis import TorqueSummary
 from bayesdrill.basics import symbols
@@ -103,7 +102,8 @@ def _binned(found: Shaking, label: Symbol, values: Array) -> Against:
     )
 
 
-WHERE = {"motor": "at the motor (on its own side of the gear)", "rotor_1": "at rotor 1"}
+AT = {"motor": "at the motor", "rotor_1": "at rotor 1"}
+WHERE = AT | {"motor": "at the motor (on its own side of the gear)"}
 HARMLESS = 0.5  # of the noise: how far a rig that rubs may stray from what is shown of it
 FULL = 0.95  # of the samples: no word of the rest
 WIDE = 3.0  # times either way: the prior that is proposed
@@ -173,11 +173,10 @@ def _line(found: TorqueSummary, one: Follows) -> str:
     still = f" where it turns, in {100 * turning:.0f} % of the samples," if turning < FULL else ""
     share = f"which{still} explains {100 * one.share:.0f} % of it by itself"
     said = f"missing torque: it follows {_what(found, one)}, {share}"
-    where = {"motor": "at the motor", "rotor_1": "at rotor 1"}[found.at]
     if one.kind == "sign" and against:
-        said += f": dry friction {where} of {size:.3g} N m (sd {sd})"
+        said += f": dry friction {AT[found.at]} of {size:.3g} N m (sd {sd})"
     elif one.kind == "speed" and against:
-        said += f": viscous damping {where} of {size:.3g} N m s/rad (sd {sd})"
+        said += f": viscous damping {AT[found.at]} of {size:.3g} N m s/rad (sd {sd})"
     else:
         said += f": {one.size:.3g} {UNITS[one.kind]} (sd {sd})"
     here = found.roles.at(found.at)  # what a config names in the place of the torque
@@ -215,37 +214,31 @@ def _what(found: TorqueSummary, one: Follows) -> str:
 
 def stand_ins(study: Study) -> str:
     """What a missing torque can stand in for, a line for each; empty where there is nothing."""
-    return "\n".join([*map(_scaled, study.scaled), *map(_stands_in, study.stand_ins)])
-
-
-def _scaled(names: tuple[str, ...]) -> str:
-    *others, size = names
-    every = listed(others)
-    return (
-        f"missing torque: {every} and {size} can be changed together and leave every measured signal as "
-        "it is: a stiffer spring with a larger torque cannot be told from a softer one with a smaller; "
-        f"hold one of {every}, or measure the torque"
-    )
-
-
-def _stands_in(one: StandIn) -> str:
+    lines = []
+    for *others, size in study.scaled:
+        every = listed(others)
+        lines.append(
+            f"missing torque: {every} and {size} can be changed together and leave every measured "
+            "signal as it is: a stiffer spring with a larger torque cannot be told from a softer one "
+            f"with a smaller; hold one of {every}, or measure the torque"
+        )
     do = {"hold": "holding", "measure": "a sensor of"}
-    ways = [f"{do[h.kind]} {h.name} (sd {h.shrink:.2g} times smaller)" for h in one.helps]
-    would = f"; what would tell: {', or '.join(ways)}" if ways else ""
-    return (
-        f"missing torque: {WHERE[one.at]} it can stand in for {one.name}: the sd of log {one.name} is "
-        f"{one.sd:.2g} with it, {one.alone:.2g} without it, {one.before:.2g} before the record{would}"
-    )
+    for one in study.stand_ins:
+        ways = [f"{do[h.kind]} {h.name} (sd {h.shrink:.2g} times smaller)" for h in one.helps]
+        would = f"; what would tell: {', or '.join(ways)}" if ways else ""
+        lines.append(
+            f"missing torque: {WHERE[one.at]} it can stand in for {one.name}: the sd of log {one.name} "
+            f"is {one.sd:.2g} with it, {one.alone:.2g} without it, {one.before:.2g} before the "
+            f"record{would}"
+        )
+    return "\n".join(lines)
 
 
 def torque_table(found: TorqueSummary) -> Table:
-    lines = [
-        (
-            one.channel,
-            *(f"{100 * x / one.spread:.3g} %" for x in (one.without, one.left, one.moved)),
-        )
-        for one in found.courses
-    ]
+    lines = []
+    for one in found.courses:
+        sizes = (one.without, one.left, one.moved)
+        lines.append((one.channel, *(f"{100 * x / one.spread:.3g} %" for x in sizes)))
     return Table(HEADS, tuple(lines), frozenset(HEADS[:1]))
 
 

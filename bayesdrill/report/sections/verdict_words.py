@@ -2,17 +2,14 @@
 
 from __future__ import annotations
 
-import itertools
 import math
-from collections.abc import Iterator, Mapping, Sequence
-from typing import Any
+from collections.abc import Iterator, Sequence
 
 from bayesdrill.analysis.comparison import Repeat
 from bayesdrill.analysis.identifiability.structure import Resting
 from bayesdrill.analysis.plausibility import Vague
 from bayesdrill.analysis.verdict import FALSE_ALARM, Quantity, Verdict
 from bayesdrill.basics.symbols import Symbol, unit_product
-from bayesdrill.inference.derived import HDI_PROBABILITY
 from bayesdrill.inference.step_error import ENOUGH, FINER, StepError
 from bayesdrill.report import section
 from bayesdrill.report.section import Table
@@ -46,9 +43,15 @@ def evidence_sentences(found: Evidence, priors: Sequence[Vague], *, converged: b
         lines.append(
             "  ROUGH: the proposal and the posterior have little in common; longer chains would help"
         )
-    if priors:
+    wide = [
+        f"that of {one.name} is {one.times:.0f} times as wide as what was found is large"
+        if one.decades is None
+        else f"that of {one.name} is {one.decades:.1f} decades wide"
+        for one in priors
+    ]
+    if wide:
         lines.append(
-            f"  VAGUE PRIORS: {', '.join(map(_wide, priors))}: each halves the evidence as often as "
+            f"  VAGUE PRIORS: {', '.join(wide)}: each halves the evidence as often as "
             "its range is doubled, and little else may be seen in a comparison with a model that is "
             "without it; give it the range that you believe"
         )
@@ -59,12 +62,6 @@ def evidence_said(found: Evidence) -> str:
     """To as many digits as are known."""
     digits = max(0, min(4, -math.floor(math.log10(max(found.error, 1e-4)))))
     return f"{found.log_z:.{digits}f} +- {found.error:.1g}"
-
-
-def _wide(one: Vague) -> str:
-    if one.decades is not None:
-        return f"that of {one.name} is {one.decades:.1f} decades wide"
-    return f"that of {one.name} is {one.times:.0f} times as wide as what was found is large"
 
 
 REPEATS_EXPLAINED = (
@@ -99,31 +96,25 @@ def repeats_table(found: Sequence[Repeat], names: Sequence[str]) -> Table:
     """A line for each product."""
     labels = list(dict.fromkeys(label for one in found for label in one.labels))
     heads = ("", *labels, "spread", "by chance")
-    lines = tuple(
-        (
-            product(names, one.exponents),
-            *(_cell(one, label) for label in labels),
-            percent(one.spread) if one.spread else "none",
-            "**no**" if one.differs else f"{one.p:.2g}",
-        )
-        for one in found
-    )
-    return Table(heads, lines, frozenset(("",)))
-
-
-def _cell(one: Repeat, label: str) -> str:
-    if label not in one.labels:
-        return ""
-    k = one.labels.index(label)
-    return f"{100 * one.apart[k]:+.2g} % +- {percent(one.sds[k])}"
+    lines = []
+    for one in found:
+        cells = {
+            label: f"{100 * apart:+.2g} % +- {percent(sd)}"
+            for label, apart, sd in zip(one.labels, one.apart, one.sds, strict=True)
+        }
+        spread = percent(one.spread) if one.spread else "none"
+        by_chance = "**no**" if one.differs else f"{one.p:.2g}"
+        each = (cells.get(label, "") for label in labels)
+        lines.append((product(names, one.exponents), *each, spread, by_chance))
+    return Table(heads, tuple(lines), frozenset(("",)))
 
 
 def step_sentences(found: Sequence[StepError]) -> str:
     """A line for each experiment; nothing of a rig that needs no steps."""
-    return "\n".join(map(_said, found))
+    return "\n".join(map(_step_sentence, found))
 
 
-def _said(one: StepError) -> str:
+def _step_sentence(one: StepError) -> str:
     where = f" in {one.label}" if one.label else ""
     steps = "one step" if one.pieces == 1 else f"{one.pieces} steps"
     each = ", ".join(
@@ -144,12 +135,7 @@ def steps_wanted(one: StepError) -> int:
     return one.pieces << max(1, math.ceil(math.log2(one.worst / ENOUGH)))
 
 
-_HDI = f"{100 * HDI_PROBABILITY:.0f} % HDI"
 SHORT = ("", "nominal", "mean", "dev. %", "tension", "beyond tol.", "bits", "verdict")
-FULL = (
-    "", "nominal", "tol. %", "mean", "sd", _HDI, "dev. %", "tension", "beyond tol.", "sd/prior",
-    "bits", "verdict",
-)  # fmt: skip
 
 VERDICT_EXPLAINED = (
     "SI; products of powers first, which the record can show, then the parameters by themselves. "
@@ -187,9 +173,27 @@ def verdict_sentences(
     """
     if not believed:
         return no_verdict(converged=converged)
-    whole = [verdict_sentence(found, table, records), *([] if found.fits else [_doubt(lacking)])]
-    more = (_resting(found, rests), _opened(found), _not_determined(found), _pressed(found))
-    return "\n".join([*whole, *itertools.chain(*more)])
+    whole = [verdict_sentence(found, table, records)]
+    if not found.fits:
+        missing = f": it may miss {lacking}, which would bend what it has" if lacking else ""
+        whole.append(
+            "IN DOUBT: the verdict holds only if the model does, and the fit, which leaves more than "
+            f"noise, is evidence against the model{missing}"
+        )
+    more = _resting(found, rests)
+    if found.opened:
+        more.append(
+            f"sigmas are counted with the priors of {', '.join(found.opened)} opened where they end, "
+            "too near to the nominal values: no draw could lie beyond"
+        )
+    more += _not_determined(found)
+    pressed = [quantity_name(found, q) for q in found.saying("pressed against the prior")]
+    if pressed:
+        more.append(
+            f"pressed against the prior: {', '.join(pressed)} (the end of the prior decides, so nothing "
+            "is said of the nominal value)"
+        )
+    return "\n".join([*whole, *more])
 
 
 def no_verdict(*, converged: bool) -> str:
@@ -211,13 +215,12 @@ def verdict_rule(found: Verdict) -> str:
 def verdict_sentence(found: Verdict, table: str, records: int = 1) -> str:
     judged = [q for q in found.products if q.says != "not determined"]
     n, k = len(found.products), len(judged)
-    several = records > 1
-    such = "such records" if several else "such a record"
+    determines, such, says = "this record determines", "such a record", "it says"
+    if records > 1:
+        determines, such, says = "these records determine", "such records", "they say"
     can = f"the {n} independent products of parameters that {such} can show"
-    determines = "these records determine" if several else "this record determines"
     if not judged:
-        nothing = "they say" if several else "it says"
-        return f"verdict: {determines} none of {can}; {nothing} nothing of {table}"
+        return f"verdict: {determines} none of {can}; {says} nothing of {table}"
     far = found.far
     joint = found.joint
     together = "" if joint is None else f"; taken together they are {_sigmas(joint)} from {table}"
@@ -246,15 +249,6 @@ def verdict_sentence(found: Verdict, table: str, records: int = 1) -> str:
         return f"{opening}; were the model right, {every} would agree with {table}{together}"
     every = "it agrees" if k == 1 else f"all {k} agree"
     return f"{opening}; {every} with {table}{together}"
-
-
-def _doubt(lacking: str) -> str:
-    """What a verdict is worth whose fit is not noise."""
-    missing = f": it may miss {lacking}, which would bend what it has" if lacking else ""
-    return (
-        "IN DOUBT: the verdict holds only if the model does, and the fit, which leaves more than noise, "
-        f"is evidence against the model{missing}"
-    )
 
 
 def _resting(found: Verdict, rests: Sequence[Resting]) -> list[str]:
@@ -286,15 +280,6 @@ def not_kept(beyond: Opened | None) -> Iterator[str]:
         )
 
 
-def _opened(found: Verdict) -> list[str]:
-    if not found.opened:
-        return []
-    return [
-        f"sigmas are counted with the priors of {', '.join(found.opened)} opened where they end, too "
-        "near to the nominal values: no draw could lie beyond"
-    ]
-
-
 def _not_determined(found: Verdict) -> list[str]:
     open_ones = found.saying("not determined")
     blind = [quantity_name(found, q) for q in open_ones if q.blind]
@@ -313,16 +298,6 @@ def _not_determined(found: Verdict) -> list[str]:
     return lines
 
 
-def _pressed(found: Verdict) -> list[str]:
-    names = [quantity_name(found, q) for q in found.saying("pressed against the prior")]
-    if not names:
-        return []
-    return [
-        f"pressed against the prior: {', '.join(names)} (the end of the prior decides, so nothing is "
-        "said of the nominal value)"
-    ]
-
-
 def verdict_rows(found: Verdict) -> tuple[Quantity, ...]:
     """Products, then parameters that are not among them."""
     shown = {quantity.exponents for quantity in found.products}
@@ -331,8 +306,26 @@ def verdict_rows(found: Verdict) -> tuple[Quantity, ...]:
 
 def verdict_table(found: Verdict) -> Table:
     """Tolerances only where there are any."""
-    heads, *lines = _table(found, FULL)
-    return Table(heads, tuple(lines), frozenset((FULL[0], FULL[-1])), brief=SHORT)
+    lines = []
+    for quantity in verdict_rows(found):
+        low, high = (100 * end for end in quantity.tolerance)
+        cells = {
+            "": quantity_name(found, quantity),
+            "nominal": f"{quantity.nominal:.4g}",
+            "tol. %": f"{low:+.3g} to {high:+.3g}" if high > low else "",
+            "mean": f"{quantity.mean:.4g}",
+            "sd": f"{quantity.sd:.2g}",
+            section.HDI: f"{quantity.hdi_low:.4g} to {quantity.hdi_high:.4g}",
+            "dev. %": f"{100 * quantity.deviation:+.3g}",
+            "tension": _sigmas(quantity.tension).removesuffix(" sigma"),
+            "beyond tol.": "" if quantity.beyond is None else f"{100 * quantity.beyond:.1f} %",
+            "sd/prior": f"{quantity.sd_ratio:.2g}",
+            "bits": f"{quantity.bits:.1f}",
+            "verdict": quantity.says,
+        }
+        lines.append(tuple(cells.values()))
+    table = Table(tuple(cells), tuple(lines), frozenset(("", "verdict")), brief=SHORT)
+    return table.filled("tol. %", "beyond tol.")
 
 
 def verdict_csv(found: Verdict, symbols: Sequence[Symbol]) -> str:
@@ -341,58 +334,18 @@ def verdict_csv(found: Verdict, symbols: Sequence[Symbol]) -> str:
     `symbols` of the unknowns.
     """
     units = {symbol.name: symbol.unit for symbol in symbols}
-    entries = [_entry(found, quantity, units) for quantity in verdict_rows(found)]
-    return section.lines_as_csv([list(entries[0]), *(list(entry.values()) for entry in entries)])
-
-
-def _entry(found: Verdict, quantity: Quantity, units: Mapping[str, str]) -> dict[str, Any]:
-    low, high = (f"hdi{100 * HDI_PROBABILITY:.0f}_{end}" for end in ("low", "high"))
-    return {
-        "quantity": quantity_name(found, quantity),
-        "unit": unit_product([units[name] for name in found.names], quantity.exponents),
-        "nominal": quantity.nominal,
-        "tolerance_low": quantity.tolerance[0],
-        "tolerance_high": quantity.tolerance[1],
-        "mean": quantity.mean,
-        "sd": quantity.sd,
-        low: quantity.hdi_low,
-        high: quantity.hdi_high,
-        "deviation": quantity.deviation,
-        "tension_sigma": quantity.tension,
-        "beyond_tolerance": "" if quantity.beyond is None else quantity.beyond,
-        "sd_ratio": quantity.sd_ratio,
-        "bits": quantity.bits,
-        "verdict": quantity.says,
-    }
-
-
-def _table(found: Verdict, columns: Sequence[str]) -> list[tuple[str, ...]]:
-    heads = _heads(found, columns)
-    lines = [_cells(found, quantity) for quantity in verdict_rows(found)]
-    return [heads, *(tuple(line[head] for head in heads) for line in lines)]
-
-
-def _heads(found: Verdict, columns: Sequence[str]) -> tuple[str, ...]:
-    tolerant = any(q.beyond is not None for q in verdict_rows(found))
-    return tuple(c for c in columns if tolerant or c not in ("tol. %", "beyond tol."))
-
-
-def _cells(found: Verdict, quantity: Quantity) -> dict[str, str]:
-    low, high = (100 * end for end in quantity.tolerance)
-    return {
-        "": quantity_name(found, quantity),
-        "nominal": f"{quantity.nominal:.4g}",
-        "tol. %": f"{low:+.3g} to {high:+.3g}" if high > low else "",
-        "mean": f"{quantity.mean:.4g}",
-        "sd": f"{quantity.sd:.2g}",
-        _HDI: f"{quantity.hdi_low:.4g} to {quantity.hdi_high:.4g}",
-        "dev. %": f"{100 * quantity.deviation:+.3g}",
-        "tension": _sigmas(quantity.tension).removesuffix(" sigma"),
-        "beyond tol.": "" if quantity.beyond is None else f"{100 * quantity.beyond:.1f} %",
-        "sd/prior": f"{quantity.sd_ratio:.2g}",
-        "bits": f"{quantity.bits:.1f}",
-        "verdict": quantity.says,
-    }
+    heads = ("quantity", "unit", "nominal", "tolerance_low", "tolerance_high", "mean", "sd")
+    more = ("deviation", "tension_sigma", "beyond_tolerance", "sd_ratio", "bits", "verdict")
+    lines = [
+        (
+            quantity_name(found, q),
+            unit_product([units[name] for name in found.names], q.exponents),
+            *(q.nominal, *q.tolerance, q.mean, q.sd, q.hdi_low, q.hdi_high),
+            *(q.deviation, q.tension, q.beyond, q.sd_ratio, q.bits, q.says),
+        )
+        for q in verdict_rows(found)
+    ]
+    return section.lines_as_csv([(*heads, *section.HDI_ENDS, *more), *lines])
 
 
 def _sigmas(x: float) -> str:
