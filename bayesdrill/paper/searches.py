@@ -121,9 +121,18 @@ def distinct_ends(
 
 
 def _searched(
-    posterior: Posterior, optimiser: Optimiser, evaluations: int, point: Array
+    posterior: Posterior,
+    optimiser: Optimiser,
+    evaluations: int,
+    point: Array,
+    *,
+    stepped: bool = False,
 ) -> Optimum:
-    return optimiser(precision.misfit_task(posterior), point, evaluations)
+    """From `point (D,)`; `stepped`: in the misfit that the paper's integrator has."""
+    task = precision.misfit_task(posterior)
+    if stepped:
+        task = forward.stepped_task(task, posterior.likelihood)
+    return optimiser(task, point, evaluations)
 
 
 AROUND = 0.2  # other starts are from 1 - this to 1 + this of the configured one
@@ -155,7 +164,7 @@ def run_heuristic(
     around = rng.uniform(1 - AROUND, 1 + AROUND, (starts, len(guess)))
     by_integrator = None
     if forward.applies(posterior.likelihood):  # first, because it takes longest
-        by_integrator = crew.submit(_search_stepped, optimiser, evaluations, guess)
+        by_integrator = crew.submit(_searched, optimiser, evaluations, guess, stepped=True)
     points = [guess, *(guess * around)]
     tasks = [crew.submit(_searched, optimiser, evaluations, point) for point in points]
     found, *rest = [task.result() for task in tasks]
@@ -174,13 +183,6 @@ def run_heuristic(
         stepped=end,
         stepped_misfit=None if end is None else forward.stepped_misfit(posterior.likelihood, end),
     )
-
-
-def _search_stepped(
-    posterior: Posterior, optimiser: Optimiser, evaluations: int, point: Array
-) -> Optimum:
-    task = forward.stepped_task(precision.misfit_task(posterior), posterior.likelihood)
-    return optimiser(task, point, evaluations)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -240,47 +242,23 @@ BATCHES = 8  # in which the records of one sigma are shared out
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Cell:
-    """One unknown at one sigma, SI.  `bound`: Cramer-Rao, of the standard deviation.
+class Verification:
+    """`values` by sigma and name, `(D,)` of the unknowns `names`, SI; `estimates` by way and sigma:
+    `(R, D)`, one row for each record.
 
     Of the first record: `fminsearch`, `scaled`; by fminsearch with the paper's integrator for the
     model, `trapezoid_both` where the integrator made the record too, `trapezoid_fit` where the exact
     response did.  `weights_only`: by fminsearch from a record without noise, where sigma is but a
     weight (`weights_only_trapezoid`: with the integrator for both).  `posterior`, `posterior_sd`: of
-    the first record, with the priors.  `sd_*`: of the estimates from all records.
+    the first record, with the priors.  `bound`: Cramer-Rao, of the standard deviation; `truth`.
+    `sd_*`: of the estimates from all records.
     """
 
-    sigma: float
-    name: str
-    truth: float
-    fminsearch: float
-    scaled: float
-    trapezoid_both: float
-    trapezoid_fit: float
-    weights_only: float
-    weights_only_trapezoid: float
-    posterior: float
-    posterior_sd: float
-    bound: float
-    sd_fminsearch: float
-    sd_scaled: float
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Verification:
-    """`estimates` by way and sigma: `(R, D)`, one row for each record."""
-
     names: tuple[str, ...]
-    truth: Array
-    start: Array
-    sigmas: tuple[float, ...]
     records: int
-    cells: tuple[Cell, ...]
+    values: Mapping[float, Mapping[str, Array]]
     estimates: Mapping[str, Mapping[float, Array]]
     converged: bool
-
-    def cell(self, sigma: float, name: str) -> Cell:
-        return next(c for c in self.cells if c.sigma == sigma and c.name == name)
 
 
 def verify(
@@ -317,11 +295,11 @@ def verify(
         for way in WAYS
     }
     one = bounds(posterior.likelihood, truth)
-    cells: list[Cell] = []
+    values: dict[float, dict[str, Array]] = {}
     for sigma in sigmas:
         clean = precision.clean_record(precision.with_sigma(posterior, sigma), truth)
         mean, sd, _ = posteriors[sigma].result()
-        single = {
+        values[sigma] = {
             **{way: found[way][sigma][0] for way in WAYS},
             **{name: by_trapezoid[name, sigma].result() for name in _STEPPED},
             "weights_only": _search("fminsearch", clean, start),
@@ -329,20 +307,12 @@ def verify(
             "posterior_sd": sd,
             "bound": sigma * one,
             "truth": truth,
+            **{f"sd_{way}": found[way][sigma].std(axis=0, ddof=1) for way in WAYS},
         }
-        spread = {f"sd_{way}": found[way][sigma].std(axis=0, ddof=1) for way in WAYS}
-        both = {**single, **spread}
-        cells += [
-            Cell(sigma=sigma, name=name, **{what: float(x[k]) for what, x in both.items()})
-            for k, name in enumerate(space.free)
-        ]
     return Verification(
         names=space.free,
-        truth=truth,
-        start=start,
-        sigmas=tuple(sigmas),
         records=records,
-        cells=tuple(cells),
+        values=values,
         estimates=found,
         converged=all(posteriors[sigma].result()[2] for sigma in sigmas),
     )

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -20,7 +19,7 @@ from bayesdrill.paper import forward, precision, printed, searches
 from bayesdrill.paper import searches as study
 from bayesdrill.paper.forward import SIX_STATES, integrate, six_states
 from bayesdrill.paper.plugins import Fminsearch
-from bayesdrill.paper.searches import Cell, Verification
+from bayesdrill.paper.searches import Verification
 from bayesdrill.rig.models.motor_shaft import MotorShaft
 from bayesdrill.rig.simulators.exact import Response
 from bayesdrill.sampling.convergence import Targets
@@ -236,10 +235,6 @@ def verified() -> Verified:
         return rig, study.verify(crew, rig, truth, SIGMAS, 4, plan), truth, one
 
 
-def column(found: Verification, sigma: float, read: Callable[[Cell], float]) -> Array:
-    return np.array([read(found.cell(sigma, name)) for name in PAIR])
-
-
 @together("sigma", SIGMAS)
 def test_bounds_and_posteriors_grow_with_the_noise(verified: Verified, sigma: float) -> None:
     """The priors, ten sd wide at least, do not matter: the posterior is as wide as the bound.
@@ -249,9 +244,9 @@ def test_bounds_and_posteriors_grow_with_the_noise(verified: Verified, sigma: fl
     _, found, _, one = verified
     bound = sigma * one
     assert found.converged
-    assert column(found, sigma, lambda c: c.bound) == pytest.approx(bound, rel=1e-4)
-    assert column(found, sigma, lambda c: c.posterior_sd) == pytest.approx(bound, rel=0.3)
-    off = column(found, sigma, lambda c: c.posterior - c.scaled) / bound
+    assert found.values[sigma]["bound"] == pytest.approx(bound, rel=1e-4)
+    assert found.values[sigma]["posterior_sd"] == pytest.approx(bound, rel=0.3)
+    off = (found.values[sigma]["posterior"] - found.values[sigma]["scaled"]) / bound
     assert np.abs(off).max() < 0.4
 
 
@@ -267,12 +262,10 @@ def test_records_differ_in_the_size_of_their_noise_alone(verified: Verified) -> 
         for way in ("fminsearch", "scaled"):
             rows = found.estimates[way][sigma]
             assert (rows - truth) / (sigma * one) == pytest.approx(off[0], abs=0.2)
-            first, spread = (
-                column(found, sigma, lambda c, s=stem: getattr(c, s)) for stem in (way, f"sd_{way}")
-            )
+            first, spread = (found.values[sigma][stem] for stem in (way, f"sd_{way}"))
             assert first == pytest.approx(rows[0])
             assert spread**2 == pytest.approx(((rows - rows.mean(axis=0)) ** 2).sum(axis=0) / 3)
-    assert column(found, 0.001, lambda c: c.truth) == pytest.approx(truth)
+    assert found.values[0.001]["truth"] == pytest.approx(truth)
 
 
 @together("sigma", SIGMAS)
@@ -291,7 +284,7 @@ def test_each_search_ends_low_in_the_misfit_of_its_own_record_and_model(
         "trapezoid_fit": noisy,
         "weights_only_trapezoid": sized.edit(records=[own]),
     }
-    ends = {name: column(found, sigma, lambda c, n=name: getattr(c, n)) for name in record}
+    ends = {name: found.values[sigma][name] for name in record}
     beside = 0.2 / rig.likelihood.numbers  # how high a search may stop: less than what noise does
     for name, its in record.items():
         left = {
@@ -303,7 +296,7 @@ def test_each_search_ends_low_in_the_misfit_of_its_own_record_and_model(
             (other,) = {"trapezoid_both", "trapezoid_fit"} - {name}
             assert left[name] + beside < left[other]  # small noise: the records differ by more
     assert forward.stepped_misfit(record["weights_only_trapezoid"].likelihood, truth) == 0.0
-    weights = column(found, sigma, lambda c: c.weights_only)
+    weights = found.values[sigma]["weights_only"]
     assert precision.misfit_per_number(clean, weights) < 0.5 * beside
 
 
