@@ -63,18 +63,14 @@ def _run(
         return case.run(output, resume=resume, force=force, report=report, **options)
 
 
-def _compare(name: str, folders: list[Path], output: Path | None, *, force: bool) -> None:
-    """Runs beside each other or as models, by the `name` of table and page."""
+def _compare(form: str, folders: list[Path], output: Path | None, *, force: bool) -> None:
+    """Runs beside each other or as models, by the name of table and page."""
     from bayesdrill.api import comparison
 
-    check, made = {
-        "overlay": (comparison.check_overlay_place, comparison.overlay),
-        "comparison": (comparison.check_comparison_place, comparison.compare),
-    }[name]
-    place = check(folders, output, force=force)
-    found = made(folders)
+    place = comparison.check_place(form, folders, output, force=force)
+    found = (comparison.overlay if form == "overlay" else comparison.compare)(folders)
     found.save(place, force=force)
-    files = f"report.html, {name}.md, {name}.csv, figures/"
+    files = f"report.html, {form}.md, {form}.csv, figures/"
     _end(found.text, place, files, good=not found.reasons)
 
 

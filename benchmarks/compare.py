@@ -170,7 +170,8 @@ class Bench:
         for name in kind.rivals(index):
             job = of(self.jobs[name], y)
             mode, sampled = fit(job.problem.posterior, plan(job, index))
-            found.append(comparison.contender(name, name, job, mode, sampled, job.units))
+            run = comparison.NamedRun(name=name, job=job, mode=mode, sampled=sampled)
+            found.append(comparison.contender(run, job.units))
         return found, size
 
     def found(self, kind: Kind, index: int) -> Found:

@@ -9,21 +9,23 @@ import shlex
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, ClassVar
 
 from bayesdrill import output_files
 from bayesdrill.api import arguments
+from bayesdrill.api.jobs import ManyFits
 from bayesdrill.basics import software as citing
 from bayesdrill.basics.errors import InputError, Issue
 from bayesdrill.basics.progress import SILENT, Reporter
 from bayesdrill.basics.software import Citation
-from bayesdrill.basics.values import Value, checked
+from bayesdrill.basics.values import checked
 
 if TYPE_CHECKING:
-    from bayesdrill.config.job import Job
     from bayesdrill.drafting.draft import Guess
+    from bayesdrill.results.run_folder import Mode
     from bayesdrill.tasks.calibrate import Outcome as Calibrated
     from bayesdrill.tasks.pipeline import Outcome
+    from bayesdrill.tasks.remote import RefitExecutor
     from bayesdrill.tasks.verify import Verified
 
 
@@ -248,36 +250,15 @@ def verify(folder: str | Path) -> Verified:
 
 
 @checked
-@dataclass(frozen=True, slots=True, eq=False)
-class Calibration(Value):
+class Calibration(ManyFits):
     """Refits of simulated records, which say whether a posterior is as wide as it claims."""
 
-    job: Job
+    kind: ClassVar[str] = "calibration"
 
-    def place(self, folder: str | Path | None = None) -> Path:
-        """Where `run` leaves its results."""
-        usual = Path("results") / f"{self.job.config.name}-calibration"
-        return arguments.results_folder(folder, usual)
-
-    def run(
-        self,
-        folder: str | Path | None = None,
-        *,
-        resume: bool = False,
-        force: bool = False,
-        processes: int | None = 1,
-        scheduler: str | None = None,
-        report: Reporter | None = None,
-    ) -> Calibrated:
-        """`folder`: `results/<name>-calibration` by default; `scheduler`: address of a Dask cluster.
-
-        Raises `InputError`, and `Interrupted` when asked to stop; refits that are done are kept.
-        """
+    def _run(self, place: Path, how: Mode, crew: RefitExecutor, report: Reporter) -> Calibrated:
         from bayesdrill.tasks import calibrate
 
-        how, place = arguments.mode(resume=resume, force=force), self.place(folder)
-        with arguments.crew(processes, scheduler) as crew:
-            return calibrate.calibrate(self.job, place, how, crew, report or SILENT)
+        return calibrate.calibrate(self.job, place, how, crew, report)
 
 
 @checked

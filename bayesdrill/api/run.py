@@ -7,7 +7,7 @@ from __future__ import annotations
 import io
 import warnings
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -120,13 +120,15 @@ class Best(Value):
 class Run(Value):
     """A sampled posterior: draws, what they say, and figures of them.
 
-    `columns`: the record `(T,)` each, where it is in no file.
+    `columns`: the record `(T,)` each, where it is in no file; `kept`: its analysis, where its folder has
+    it.
     """
 
     job: Job
     mode: Mode
     sampled: Sampled
     columns: Mapping[str, Array] | None = None
+    kept: RunAnalysis | None = field(default=None, compare=False)
 
     @property
     def converged(self) -> bool:
@@ -144,8 +146,8 @@ class Run(Value):
 
     @property
     def analysis(self) -> RunAnalysis:
-        """Every number of the report by name, evaluated once: see `RunAnalysis`, whose `describe` gives
-        the unit of each.
+        """Every number of the report by name, evaluated once, and read where its folder has it: see
+        `RunAnalysis`, whose `describe` gives the unit of each.
         """
         return self._view.analysis
 
@@ -155,7 +157,7 @@ class Run(Value):
 
     @cached_property
     def _view(self) -> View:
-        return conclusions.concluded(self.job, self.mode, self.sampled)
+        return conclusions.concluded(self.job, self.mode, self.sampled, kept=self.kept)
 
     def to_arviz(self) -> DataTree:
         """The groups of the ArviZ schema: `chain` is an ensemble."""
@@ -248,5 +250,7 @@ def _as_record(columns: Mapping[str, Array] | None) -> str | None:
 @checked
 def open(folder: str | Path) -> Run:
     """The run that `save` or `bayesdrill posterior` left; raises `InputError` where there is none."""
-    job, found, sampled = pipeline.read_result(Path(folder).expanduser())
-    return Run(job, found, sampled)
+    place = Path(folder).expanduser()
+    job, found, sampled = pipeline.read_result(place)
+    kept = conclusions.kept_analysis(job, found, sampled, place)
+    return Run(job, found, sampled, kept=kept)

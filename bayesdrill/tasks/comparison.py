@@ -6,24 +6,27 @@ from __future__ import annotations
 
 import hashlib
 import os
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
+from types import MappingProxyType
 
 from bayesdrill import output_files
 from bayesdrill.analysis import prediction
 from bayesdrill.analysis.comparison import Contender, Layer
 from bayesdrill.analysis.diagnostics import summarise
-from bayesdrill.analysis.plausibility import vague
+from bayesdrill.analysis.plausibility import Vague, vague
+from bayesdrill.analysis.run_analysis import RunAnalysis
 from bayesdrill.basics import software
+from bayesdrill.basics.arrays import Array
 from bayesdrill.basics.errors import InputError, encodable
 from bayesdrill.config.job import Job
-from bayesdrill.inference import residual_checks
 from bayesdrill.inference.display_units import SI, OwnUnits
 from bayesdrill.inference.posterior import Problem
-from bayesdrill.inference.residual_checks import left
+from bayesdrill.inference.residual_checks import Left, left
 from bayesdrill.inference.unknowns import MOVES
 from bayesdrill.report import words
-from bayesdrill.report.comparison_report import ComparisonReport, Form
+from bayesdrill.report.comparison_report import COMPARED, OVERLAID, ComparisonReport, Form
 from bayesdrill.results import provenance
 from bayesdrill.results.run_folder import Folder
 from bayesdrill.sampling.ensembles import Sampled
@@ -38,11 +41,71 @@ WITHOUT = (
 )
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class NamedRun:
+    """A run among others: `folder` is None where it is in none; `kept`: its analysis there."""
+
+    name: str
+    folder: Path | None = None
+    job: Job
+    mode: Mode
+    sampled: Sampled
+    kept: RunAnalysis | None = None
+
+    @property
+    def place(self) -> str:
+        """For messages."""
+        return self.name if self.folder is None else str(self.folder)
+
+    @property
+    def mark(self) -> str:
+        """By which files say whose they are."""
+        return provenance.marks(self.job.config, self.job.problem, "")[provenance.RUN_MARK]
+
+    @property
+    def fit(self) -> tuple[Left, ...]:
+        """What the MAP leaves of each channel."""
+        if self.kept is not None:
+            return self.kept.fit
+        posterior = self.job.problem.posterior
+        return left(posterior.likelihood, posterior.space.vector(self.mode.values))
+
+    def vague(self, draws: Array) -> tuple[Vague, ...]:
+        """Priors that are too wide for the evidence to mean much; `draws (N, D)`."""
+        if self.kept is not None:
+            return self.kept.vague
+        problem, sampled = self.job.problem, self.sampled
+        rows = summarise(problem, sampled.draws, self.mode, sampled.convergence)
+        return vague(rows, draws, problem.posterior.space.priors)
+
+
 def check_number(form: Form, n: int) -> None:
     """Raises `InputError` for fewer runs than two, and for more than can be told apart."""
     if not FEWEST <= n <= form.most:
         message = f"{n} given; {FEWEST} to {form.most} runs can be {form.purpose}"
         raise InputError.one("runs", message)
+
+
+def overlay(runs: Sequence[NamedRun]) -> ComparisonReport:
+    """The runs side by side, in the units of the first that has any."""
+    units = overlay_units([run.job for run in runs])
+    return ComparisonReport(tuple(overlay_layer(run, units) for run in runs), units)
+
+
+def compare(runs: Sequence[NamedRun]) -> ComparisonReport:
+    """The runs as models of one record, of which the first is what the others are held against.
+
+    Raises `InputError` where one is of another record, or has no evidence.
+    """
+    check_same_record([run.place for run in runs], [run.job.problem for run in runs])
+    units = overlay_units([run.job for run in runs])
+    return ComparisonReport.of_models([contender(run, units) for run in runs], units)
+
+
+FORMS: Mapping[str, Form] = MappingProxyType({"overlay": OVERLAID, "comparison": COMPARED})
+REPORTS: Mapping[str, Callable[[Sequence[NamedRun]], ComparisonReport]] = MappingProxyType(
+    {"overlay": overlay, "comparison": compare}
+)
 
 
 def overlay_units(jobs: Sequence[Job]) -> OwnUnits:
@@ -56,18 +119,18 @@ def overlay_units(jobs: Sequence[Job]) -> OwnUnits:
     return OwnUnits(same)
 
 
-def overlay_layer(name: str, job: Job, found: Mode, sampled: Sampled, own: OwnUnits) -> Layer:
+def overlay_layer(run: NamedRun, own: OwnUnits, fit: tuple[Left, ...] | None = None) -> Layer:
     """A run under the name that it has among others, its settings in these units."""
-    posterior = job.problem.posterior
-    left = residual_checks.left(posterior.likelihood, posterior.space.vector(found.values))
+    job, sampled = run.job, run.sampled
+    fit = run.fit if fit is None else fit
     return Layer(
-        name=name,
-        mark=provenance.marks(job.config, job.problem, "")[provenance.RUN_MARK],
+        name=run.name,
+        mark=run.mark,
         problem=job.problem,
         draws=sampled.draws.reshape(-1, sampled.draws.shape[-1]),
         settings=provenance.settings(job.config, job.problem, own),
-        warning=words.warning(sampled, left),
-        reasons=words.reasons(sampled, left),
+        warning=words.warning(sampled, fit),
+        reasons=words.reasons(sampled, fit),
     )
 
 
@@ -177,27 +240,23 @@ def _record(problem: Problem) -> dict[str, str]:
     return found
 
 
-def contender(
-    name: str, place: str, job: Job, found: Mode, sampled: Sampled, own: OwnUnits
-) -> Contender:
+def contender(run: NamedRun, own: OwnUnits) -> Contender:
     """A run under the name that it has among others; raises `InputError` where it has no evidence."""
-    if sampled.evidence is None:
-        raise InputError.one(place, WITHOUT)
-    layer = overlay_layer(name, job, found, sampled, own)
-    posterior = job.problem.posterior
-    rest = left(posterior.likelihood, posterior.space.vector(found.values))
-    rows = summarise(job.problem, sampled.draws, found, sampled.convergence)
+    if run.sampled.evidence is None:
+        raise InputError.one(run.place, WITHOUT)
+    posterior, fit = run.job.problem.posterior, run.fit
+    layer = overlay_layer(run, own, fit)
     return Contender(
         layer=layer,
-        converged=sampled.convergence.converged,
-        evidence=sampled.evidence,
-        left=rest,
-        vague=vague(rows, layer.draws, posterior.space.priors),
-        rig=_rig(job),
-        noise=_noise(job),
+        converged=run.sampled.convergence.converged,
+        evidence=run.sampled.evidence,
+        left=fit,
+        vague=run.vague(layer.draws),
+        rig=_rig(run.job),
+        noise=_noise(run.job),
         beliefs={name: repr(prior) for name, prior in posterior.space.priors.items()},
         held_out=prediction.held_out(posterior, layer.draws),
-        loo=prediction.leave_one_out(posterior, layer.draws, rest),
+        loo=prediction.leave_one_out(posterior, layer.draws, fit),
     )
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Any
 
 import bayesdrill
@@ -18,7 +19,7 @@ from bayesdrill.config.schema.config import Config
 from bayesdrill.report import words
 from bayesdrill.report.view import View
 from bayesdrill.results import provenance
-from bayesdrill.results.run_folder import chain_mark
+from bayesdrill.results.run_folder import chain_mark, read_run
 from bayesdrill.sampling.convergence import Targets
 from bayesdrill.sampling.ensembles import Plan, Sampled
 from bayesdrill.sampling.mode_search import Mode
@@ -73,10 +74,9 @@ def analysis_mark(job: Job, found: Mode, sampled: Sampled) -> str:
     return hashlib.sha256("\n".join(made_of).encode("utf-8", "replace")).hexdigest()
 
 
-def kept_analysis(
-    job: Job, found: Mode, sampled: Sampled, run: Mapping[str, Any]
-) -> RunAnalysis | None:
-    """What a finished run has kept in `run.json`; None where it is of something else, or not there."""
+def kept_analysis(job: Job, found: Mode, sampled: Sampled, folder: Path) -> RunAnalysis | None:
+    """What `run.json` has kept of a finished run; None where it is of something else, or not there."""
+    run = read_run(folder) or {}
     if run.get(ANALYSIS_OF) != analysis_mark(job, found, sampled):
         return None
     try:

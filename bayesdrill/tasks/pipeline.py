@@ -137,7 +137,7 @@ def republish(output: Path, processes: int, report: Reporter = SILENT) -> Outcom
             seconds = dict(run.get("seconds", {}))
             seconds.pop("report", None)  # is being made again
             report.update(0.0, DRAWS_SAY)
-            kept = kept_analysis(job, found, sampled, run)
+            kept = kept_analysis(job, found, sampled, output)
             view = concluded(job, found, sampled, seconds=seconds, kept=kept)
             return _publish(job, folder, view, crew, report)
 

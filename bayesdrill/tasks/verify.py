@@ -13,18 +13,18 @@ from types import MappingProxyType
 from typing import Any
 
 from bayesdrill import output_files, selection
-from bayesdrill.analysis.comparison import Contender, Layer
 from bayesdrill.analysis.run_analysis import RunAnalysis
 from bayesdrill.basics.errors import InputError, Issue
 from bayesdrill.basics.values import leaves
 from bayesdrill.config import loading
-from bayesdrill.inference.display_units import SI
+from bayesdrill.config.job import Job
 from bayesdrill.output_files import COMPARE, MAP, OVERLAY, POSTERIOR, Kind
 from bayesdrill.report import publish
 from bayesdrill.report.comparison_report import COMPARED, OVERLAID, ComparisonReport, Form
 from bayesdrill.report.sections import verdict_words
 from bayesdrill.results import provenance, run_folder
 from bayesdrill.tasks import comparison, conclusions, find_map, pipeline, run_entries
+from bayesdrill.tasks.comparison import NamedRun
 
 SAME = 1e-6  # relative: numbers that other versions of a library round otherwise
 MOST = 5  # numbers that are named
@@ -94,13 +94,14 @@ def verify(folder: Path) -> Verified:
 
 
 def _of_posterior(folder: Path, run: Mapping[str, Any]) -> Iterator[Issue]:
-    yield from _configs(folder)
     try:
-        alone = run.get(run_entries.ANALYSIS, {}).get("alone", True)
-        view = conclusions.concluded(*pipeline.read_result(folder), alone=alone)
+        job, mode, sampled = pipeline.read_result(folder)
     except InputError as error:  # another record, a config of another run, a damaged chain
-        yield from error.problems
+        yield from (*_configs(folder), *error.problems)
         return
+    yield from _configs(folder, job)
+    alone = run.get(run_entries.ANALYSIS, {}).get("alone", True)
+    view = conclusions.concluded(job, mode, sampled, alone=alone)
     beyond = view.sampled.beyond
     if beyond is None or beyond.kept:
         texts = {name: table(view) or "" for name, table in publish.TABLES.items()}
@@ -126,12 +127,12 @@ def _numbers(folder: Path, run: Mapping[str, Any], analysis: RunAnalysis) -> Ite
 
 
 def _of_map(folder: Path, _: Mapping[str, Any]) -> Iterator[Issue]:
-    yield from _configs(folder)
     try:
         job, found = find_map.read(folder)
     except InputError as error:
-        yield from error.problems
+        yield from (*_configs(folder), *error.problems)
         return
+    yield from _configs(folder, job)
     yield from _tables(folder, find_map.report(job, found).numbers, find_map.MAP_FILE)
     mark = find_map.mark(job)[provenance.RUN_MARK]
     yield from _figures(folder, MAP, mark, job.config.name)
@@ -139,13 +140,12 @@ def _of_map(folder: Path, _: Mapping[str, Any]) -> Iterator[Issue]:
 
 @dataclass(frozen=True, slots=True)
 class _Several:
-    """How what is said of several runs is made again: of each by `read`, and of all by `report`."""
+    """What is said of several runs is made again by `report`; `done`: what was done with them."""
 
     form: Form
     kind: Kind
     done: str
-    read: Callable[[str, Path], Layer | Contender]
-    report: Callable[[Sequence[Any]], ComparisonReport]
+    report: Callable[[Sequence[NamedRun]], ComparisonReport]
 
     def problems(self, folder: Path, run: Mapping[str, Any]) -> Iterator[Issue]:
         """Of runs that were only in memory nothing can be computed again."""
@@ -158,44 +158,28 @@ class _Several:
                 continue
             place = folder / one["folder"]
             try:
-                own = self.read(one["name"], place)
+                job, mode, sampled = pipeline.read_result(place)
             except InputError as error:
                 yield from error.problems
                 continue
+            own = NamedRun(name=one["name"], folder=place, job=job, mode=mode, sampled=sampled)
             if own.mark != one["run"]:
                 yield Issue(str(place), f"is another run than the one that was {self.done}")
             else:
                 found.append(own)
-        if len(found) == len(told):
-            yield from _tables(folder, {self.form.table: self.report(found).table}, "the chains")
+        try:
+            if len(found) == len(told):
+                yield from _tables(
+                    folder, {self.form.table: self.report(found).table}, "the chains"
+                )
+        except InputError as error:  # a run without evidence
+            yield from error.problems
         mark = " ".join(one["run"] for one in told)
         yield from _figures(folder, self.kind, mark, self.form.name)
 
 
-def _layer(name: str, place: Path) -> Layer:
-    job, found, sampled = pipeline.read_result(place)
-    return comparison.overlay_layer(name, job, found, sampled, job.units)
-
-
-def _contender(name: str, place: Path) -> Contender:
-    job, found, sampled = pipeline.read_result(place)
-    return comparison.contender(name, str(place), job, found, sampled, job.units)
-
-
-_OVERLAY = _Several(
-    form=OVERLAID,
-    kind=OVERLAID.kind,
-    done="laid over others",
-    read=_layer,
-    report=lambda layers: ComparisonReport(tuple(layers), SI),
-)
-_COMPARISON = _Several(
-    form=COMPARED,
-    kind=COMPARED.kind,
-    done="compared with others",
-    read=_contender,
-    report=lambda models: ComparisonReport.of_models(models, SI),
-)
+_OVERLAY = _Several(OVERLAID, OVERLAID.kind, "laid over others", comparison.overlay)
+_COMPARISON = _Several(COMPARED, COMPARED.kind, "compared with others", comparison.compare)
 _LADDER = dataclasses.replace(_COMPARISON, kind=output_files.ladder_files(selection.rung_names()))
 
 
@@ -247,14 +231,13 @@ def _changed(folder: Path, kind: Kind, files: Mapping[str, str]) -> Iterator[Iss
             yield Issue(str(folder / name), "was not written by this run")
 
 
-def _configs(folder: Path) -> Iterator[Issue]:
-    """The config as given says what the one with all defaults does."""
-    given, resolved = (
-        _settings(folder / name) for name in (output_files.CONFIG_FILE, output_files.RESOLVED_FILE)
-    )
-    if None not in (given, resolved) and given != resolved:
-        place = str(folder / output_files.CONFIG_FILE)
-        yield Issue(place, f"is not the config of this run, which is {output_files.RESOLVED_FILE}")
+def _configs(folder: Path, job: Job | None = None) -> Iterator[Issue]:
+    """The config as given says what the one with all defaults does, of which `job` is made."""
+    place = folder / output_files.CONFIG_FILE
+    given, resolved = _settings(place), folder / output_files.RESOLVED_FILE
+    made = _settings(resolved) if job is None else conclusions.settings(job.case)
+    if None not in (given, made) and given != made:
+        yield Issue(str(place), f"is not the config of this run, which is {resolved.name}")
 
 
 def _settings(path: Path) -> dict[str, Any] | None:

@@ -288,10 +288,13 @@ def overlaid(first: str, second: str) -> ComparisonReport:
     views = {"own": pair().own, "plain": pair().plain}
     jobs = {"own": users().job, "plain": usual().job}
     shown = comparison.overlay_units([jobs[first], jobs[second]])
-    layers = [
-        comparison.overlay_layer(name, jobs[name], views[name].mode, views[name].sampled, shown)
+    runs = [
+        comparison.NamedRun(
+            name=name, job=jobs[name], mode=views[name].mode, sampled=views[name].sampled
+        )
         for name in (first, second)
     ]
+    layers = [comparison.overlay_layer(run, shown) for run in runs]
     return ComparisonReport(tuple(layers), shown)
 
 
