@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import csv
-import dataclasses
 import io
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from types import MappingProxyType
 from typing import Any
 
 from bayesdrill import output_files, selection
@@ -20,7 +18,7 @@ from bayesdrill.config import loading
 from bayesdrill.config.job import Job
 from bayesdrill.output_files import COMPARE, MAP, OVERLAY, POSTERIOR, Kind
 from bayesdrill.report import publish
-from bayesdrill.report.comparison_report import COMPARED, OVERLAID, ComparisonReport, Form
+from bayesdrill.report.comparison_report import COMPARED, OVERLAID, Form
 from bayesdrill.report.sections import verdict_words
 from bayesdrill.results import provenance, run_folder
 from bayesdrill.tasks import comparison, conclusions, find_map, pipeline, run_entries
@@ -40,8 +38,8 @@ class Verified:
     folder: Path
     checked: int
     problems: tuple[Issue, ...]
-    what: str = "config, record, chain"
-    follows: str = "the tables follow from the chain"
+    what: str
+    follows: str
     numbers: int = 0  # of `run.json` that were computed again
 
     @property
@@ -75,7 +73,7 @@ class _Way:
 def verify(folder: Path) -> Verified:
     """Nothing is written.  Raises `InputError` where there is no finished run."""
     run = run_folder.read_run(folder)
-    way = None if run is None else _WAYS.get(str(run.get("job")))
+    way = next((way for way in _WAYS if run and way.kind.job == run.get("job")), None)
     if run is None or way is None:
         message = "no results of `bayesdrill posterior`, `map`, `compare`, `ladder` or an overlay"
         raise InputError.one(str(folder), message)
@@ -138,83 +136,70 @@ def _of_map(folder: Path, _: Mapping[str, Any]) -> Iterator[Issue]:
     yield from _figures(folder, MAP, mark, job.config.name)
 
 
-@dataclass(frozen=True, slots=True)
-class _Several:
-    """What is said of several runs is made again by `report`; `done`: what was done with them."""
-
-    form: Form
-    kind: Kind
-    done: str
-    report: Callable[[Sequence[NamedRun]], ComparisonReport]
-
-    def problems(self, folder: Path, run: Mapping[str, Any]) -> Iterator[Issue]:
-        """Of runs that were only in memory nothing can be computed again."""
-        found, told = [], run.get("runs", [])
-        if len(told) < 2:
-            yield Issue(str(folder / output_files.RUN), "names no two runs")
-            return
-        for one in told:
-            if one["folder"] is None:
-                continue
-            place = folder / one["folder"]
-            try:
-                job, mode, sampled = pipeline.read_result(place)
-            except InputError as error:
-                yield from error.problems
-                continue
-            own = NamedRun(name=one["name"], folder=place, job=job, mode=mode, sampled=sampled)
-            if own.mark != one["run"]:
-                yield Issue(str(place), f"is another run than the one that was {self.done}")
-            else:
-                found.append(own)
+def _of_several(
+    folder: Path, run: Mapping[str, Any], form: Form, done: str, kind: Kind | None = None
+) -> Iterator[Issue]:
+    """Runs that were only in memory cannot be looked at again; `done`: what was done with all."""
+    found, told = [], run.get("runs", [])
+    if len(told) < 2:
+        yield Issue(str(folder / output_files.RUN), "names no two runs")
+        return
+    for one in told:
+        if one["folder"] is None:
+            continue
+        place = folder / one["folder"]
         try:
-            if len(found) == len(told):
-                yield from _tables(
-                    folder, {self.form.table: self.report(found).table}, "the chains"
-                )
+            job, mode, sampled = pipeline.read_result(place)
+        except InputError as error:
+            yield from error.problems
+            continue
+        own = NamedRun(name=one["name"], folder=place, job=job, mode=mode, sampled=sampled)
+        if own.mark != one["run"]:
+            yield Issue(str(place), f"is another run than the one that was {done}")
+        else:
+            found.append(own)
+    if len(found) == len(told):
+        try:
+            text = comparison.REPORTS[form.name](found).table
+            yield from _tables(folder, {form.table: text}, "the chains")
         except InputError as error:  # a run without evidence
             yield from error.problems
-        mark = " ".join(one["run"] for one in told)
-        yield from _figures(folder, self.kind, mark, self.form.name)
+    mark = " ".join(one["run"] for one in told)
+    yield from _figures(folder, kind or form.kind, mark, form.name)
 
 
-_OVERLAY = _Several(OVERLAID, OVERLAID.kind, "laid over others", comparison.overlay)
-_COMPARISON = _Several(COMPARED, COMPARED.kind, "compared with others", comparison.compare)
-_LADDER = dataclasses.replace(_COMPARISON, kind=output_files.ladder_files(selection.rung_names()))
+def _of_overlay(folder: Path, run: Mapping[str, Any]) -> Iterator[Issue]:
+    yield from _of_several(folder, run, OVERLAID, "laid over others")
+
+
+def _of_comparison(folder: Path, run: Mapping[str, Any]) -> Iterator[Issue]:
+    yield from _of_several(folder, run, COMPARED, "compared with others")
+
+
+_LADDER = output_files.ladder_files(selection.rung_names())
 
 
 def _of_ladder(folder: Path, run: Mapping[str, Any]) -> Iterator[Issue]:
     """Its rungs, each a run of its own, and what is said of them together."""
     yield from _configs(folder)
     for one in run.get("runs", []):
-        if one["folder"] not in _LADDER.kind.nested:
+        if one["folder"] not in _LADDER.nested:
             yield Issue(str(folder / output_files.RUN), f"{one['folder']} is no rung of a ladder")
             continue
         try:
             yield from verify(folder / one["folder"]).problems
         except InputError as error:  # no finished run
             yield from error.problems
-    yield from _LADDER.problems(folder, run)
+    yield from _of_several(folder, run, COMPARED, "compared with others", _LADDER)
 
 
-_WAYS: Mapping[str, _Way] = MappingProxyType(
-    {
-        POSTERIOR.job: _Way(
-            POSTERIOR, _of_posterior, "config, record, chain", "the tables follow from the chain"
-        ),
-        MAP.job: _Way(
-            MAP, _of_map, "config, record, maximum", "table and prediction follow from the maximum"
-        ),
-        COMPARE.job: _Way(
-            COMPARE, _COMPARISON.problems, "runs", "the table follows from their chains"
-        ),
-        _LADDER.kind.job: _Way(
-            _LADDER.kind, _of_ladder, "config, rungs", "the table follows from their chains"
-        ),
-        OVERLAY.job: _Way(
-            OVERLAY, _OVERLAY.problems, "runs", "the table follows from their chains"
-        ),
-    }
+_FROM_CHAINS = "the table follows from their chains"
+_WAYS = (
+    _Way(POSTERIOR, _of_posterior, "config, record, chain", "the tables follow from the chain"),
+    _Way(MAP, _of_map, "config, record, maximum", "table and prediction follow from the maximum"),
+    _Way(COMPARE, _of_comparison, "runs", _FROM_CHAINS),
+    _Way(_LADDER, _of_ladder, "config, rungs", _FROM_CHAINS),
+    _Way(OVERLAY, _of_overlay, "runs", _FROM_CHAINS),
 )
 
 
