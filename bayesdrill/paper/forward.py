@@ -210,25 +210,22 @@ class Error:
 def readings(experiment: Experiment, p: Mapping[str, float]) -> tuple[Reading, ...]:
     """The same step with each reading, at parameters `p` (SI), followed for `FOLLOWED` s."""
     experiment = regular(experiment, FOLLOWED, 1 / experiment.dt)
-    found = []
+    k, found = experiment.names.index("w_2"), []
     for name, (matrix, model) in READINGS.items():
-        exact = Response(model, experiment).signals(_row(model, p))[0]
-        w_2 = exact[:, experiment.names.index("w_2")]
-        stepped, steps = exact_signals(model, experiment, _row(model, p)[0])
-        approximate = stepped[:, experiment.names.index("w_2")]
+        exact, stepped, steps = _both(model, experiment, p)
         end = derived.steady(model, model.linear(p), 1, experiment.constant)["w_end"]
         found.append(
             Reading(
                 name=name,
                 matrix=matrix,
                 time=float(experiment.t[-1]),
-                w_2=float(w_2[-1]),
-                w_2_trapezoid=float(approximate[-1]),
+                w_2=float(exact[-1, k]),
+                w_2_trapezoid=float(stepped[-1, k]),
                 w_end=float(end[0]),
-                error=float(np.abs(approximate - w_2).max()),
+                error=float(np.abs(stepped - exact)[:, k].max()),
                 steps=steps,
                 t=experiment.t,
-                curve=w_2,
+                curve=exact[:, k],
             )
         )
     return tuple(found)
@@ -236,9 +233,7 @@ def readings(experiment: Experiment, p: Mapping[str, float]) -> tuple[Reading, .
 
 def errors(experiment: Experiment, p: Mapping[str, float]) -> tuple[Error, ...]:
     """Of the integrator on the corrected model."""
-    model = MotorShaft()
-    exact = Response(model, experiment).signals(_row(model, p))[0]
-    stepped, steps = exact_signals(model, experiment, _row(model, p)[0])
+    exact, stepped, steps = _both(MotorShaft(), experiment, p)
     off = stepped - exact
     return tuple(
         Error(
@@ -251,7 +246,16 @@ def errors(experiment: Experiment, p: Mapping[str, float]) -> tuple[Error, ...]:
     )
 
 
-def exact_signals(model: Model, experiment: Experiment, p: Array) -> tuple[Array, int]:
+def _both(model: Model, experiment: Experiment, p: Mapping[str, float]) -> tuple[Array, Array, int]:
+    """Channels `(T, K)` exact and as the paper integrates, and the steps that it takes."""
+    row = np.array([p[name] for name in model.parameters])
+    return (
+        Response(model, experiment).signals(row[None])[0],
+        *paper_signals(model, experiment, row),
+    )
+
+
+def paper_signals(model: Model, experiment: Experiment, p: Array) -> tuple[Array, int]:
     """Channels `(T, K)` as the paper integrates, at parameters `p (P,)`; and the steps taken.
 
     Raises `ValueError` unless all inputs are constant, as they are in the paper.
@@ -269,10 +273,6 @@ def exact_signals(model: Model, experiment: Experiment, p: Array) -> tuple[Array
     return solution.x[len(lead) :] @ np.array(weights).T, solution.steps
 
 
-def _row(model: Model, p: Mapping[str, float]) -> Array:
-    return np.array([[p[name] for name in model.parameters]])
-
-
 def applies(likelihood: Likelihood) -> bool:
     """Whether all inputs are constant, as in the paper."""
     return not likelihood.response.experiment.series
@@ -281,7 +281,7 @@ def applies(likelihood: Likelihood) -> bool:
 def stepped_signals(likelihood: Likelihood, theta: Array) -> Array:
     """The channels without noise, `(T, K)`, at `theta (D,)`."""
     (full,) = likelihood.space.full(theta[None])
-    return exact_signals(likelihood.response.model, likelihood.response.experiment, full)[0]
+    return paper_signals(likelihood.response.model, likelihood.response.experiment, full)[0]
 
 
 def stepped_misfit(likelihood: Likelihood, theta: Array) -> float:

@@ -18,10 +18,17 @@ from bayesdrill.inference import ParameterSpace
 from bayesdrill.paper import forward, precision, printed, reproduction
 from bayesdrill.paper.findings import Findings, Misfits, Nine, Studies, prepare
 from bayesdrill.paper.precision import truth_of
-from bayesdrill.paper.searches import Heuristic, control, many_searches, run_heuristic, verify
+from bayesdrill.paper.searches import (
+    Heuristic,
+    Search,
+    control,
+    many_searches,
+    run_heuristic,
+    verify,
+)
 from bayesdrill.results import Folder
 from bayesdrill.rig import MotorShaft
-from bayesdrill.sampling import Crew, Optimiser
+from bayesdrill.sampling import Crew
 from bayesdrill.tasks import conclusions, pipeline
 
 RECORDS = 400  # of each sigma in the verification study
@@ -80,10 +87,10 @@ def _run(studies: Studies, folder: Folder, processes: int, clock: _Clock) -> Fin
     lengths = precision.lengths(likelihood, nominal, LENGTHS)
     clock.done(f"two parameters: {RECORDS} records at each of {len(sigmas)} sigmas")
     nines = tuple(
-        _nine(nine, search, studies.makers, folder.path, processes, clock)
+        _nine(nine, Search(search, EVALUATIONS), studies.makers, folder.path, processes, clock)
         for nine, search in zip(studies.nines, studies.pairwise, strict=True)
     )
-    first, search = studies.nines[0], studies.pairwise[0]
+    first, search = studies.nines[0], Search(studies.pairwise[0], EVALUATIONS)
     posterior, seed = first.problem.posterior, first.config.seed
     symmetries, centre = _symmetries(first), nines[0].truth
     if centre is None:  # of the distances of ends
@@ -92,7 +99,7 @@ def _run(studies: Studies, folder: Folder, processes: int, clock: _Clock) -> Fin
         ends = many_searches(crew, posterior, centre, symmetries, STARTS, seed)
     clock.done(f"all at once: {len(ends)} searches")
     with Crew(posterior, processes) as crew:
-        controls = control(crew, posterior, search, EVALUATIONS, SIGMAS, CONTROLS, seed)
+        controls = control(crew, posterior, search, SIGMAS, CONTROLS, seed)
     clock.done(f"the heuristic on {CONTROLS} nominal records at each of {len(SIGMAS)} sigmas")
     findings = Findings(
         readings=forward.readings(experiment, nominal),
@@ -143,7 +150,7 @@ class _Clock:
 
 def _nine(
     nine: Job,
-    search: Optimiser,
+    search: Search,
     makers: Sequence[ResolvedCase],
     folder: Path,
     processes: int,
@@ -152,7 +159,7 @@ def _nine(
     """Heuristic and posterior of one record; the posterior has a results folder of its own."""
     name, posterior = nine.config.name, nine.problem.posterior
     with Crew(posterior, processes) as crew:
-        found = run_heuristic(crew, posterior, search, EVALUATIONS, OTHERS, nine.config.seed)
+        found = run_heuristic(crew, posterior, search, OTHERS, nine.config.seed)
     clock.done(f"{name}: the heuristic from {OTHERS + 1} starts, and with the paper's integrator")
     whole = pipeline.posterior(nine, folder / name, "force", processes, Silent())
     state = "converged" if whole.sampled.convergence.converged else "NOT converged"

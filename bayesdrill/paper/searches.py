@@ -13,10 +13,9 @@ prior holds them, not even above zero.
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Mapping, Sequence
 from concurrent.futures import Future
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -41,6 +40,30 @@ from bayesdrill.sampling import (
 EVALUATIONS = 8000
 SAME = 4.0  # of the paper's misfit: ends nearer to the least one are equally good
 WITHIN = 0.5  # starts are drawn from 1 - this to 1 + this of the configured one
+
+
+@dataclass(frozen=True, slots=True)
+class Search:
+    """For the least misfit; `stepped`: in that which the paper's integrator has."""
+
+    optimiser: Optimiser
+    evaluations: int
+    stepped: bool = False
+
+    def __call__(self, posterior: Posterior, point: Array) -> Optimum:
+        """From `point (D,)`."""
+        task = precision.misfit_task(posterior)
+        if self.stepped:
+            task = forward.stepped_task(task, posterior.likelihood)
+        return self.optimiser(task, point, self.evaluations)
+
+
+def _of_record(
+    posterior: Posterior, search: Search, truth: Array, sigma: float, seed: int, index: int
+) -> Array:
+    """The estimate `(D,)` from a record that is made at `truth`, where the search begins too."""
+    target = precision.made_record(precision.with_sigma(posterior, sigma), truth, seed, index)
+    return search(target, truth).theta
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -76,7 +99,7 @@ def many_searches(
     around = rng.uniform(1 - WITHIN, 1 + WITHIN, (starts - 1, len(centre)))
     points = np.vstack([centre, centre * around])
     tasks = [
-        (way, crew.submit(_searched, optimiser, EVALUATIONS, point))
+        (way, crew.submit(Search(optimiser, EVALUATIONS), point))
         for way, optimiser in precision.WAYS.items()
         for point in points
     ]
@@ -120,21 +143,6 @@ def distinct_ends(
     )
 
 
-def _searched(
-    posterior: Posterior,
-    optimiser: Optimiser,
-    evaluations: int,
-    point: Array,
-    *,
-    stepped: bool = False,
-) -> Optimum:
-    """From `point (D,)`; `stepped`: in the misfit that the paper's integrator has."""
-    task = precision.misfit_task(posterior)
-    if stepped:
-        task = forward.stepped_task(task, posterior.likelihood)
-    return optimiser(task, point, evaluations)
-
-
 AROUND = 0.2  # other starts are from 1 - this to 1 + this of the configured one
 
 
@@ -156,7 +164,7 @@ class Heuristic:
 
 
 def run_heuristic(
-    crew: Crew, posterior: Posterior, optimiser: Optimiser, evaluations: int, starts: int, seed: int
+    crew: Crew, posterior: Posterior, search: Search, starts: int, seed: int
 ) -> Heuristic:
     """From the configured start, and from `starts` others around it."""
     guess = posterior.space.vector(posterior.space.start)
@@ -164,9 +172,8 @@ def run_heuristic(
     around = rng.uniform(1 - AROUND, 1 + AROUND, (starts, len(guess)))
     by_integrator = None
     if forward.applies(posterior.likelihood):  # first, because it takes longest
-        by_integrator = crew.submit(_searched, optimiser, evaluations, guess, stepped=True)
-    points = [guess, *(guess * around)]
-    tasks = [crew.submit(_searched, optimiser, evaluations, point) for point in points]
+        by_integrator = crew.submit(replace(search, stepped=True), guess)
+    tasks = [crew.submit(search, point) for point in (guess, *(guess * around))]
     found, *rest = [task.result() for task in tasks]
     first = precision.misfit_per_number(posterior, guess)
     # The misfit is -2 log likelihood but for a constant, which the first point tells.
@@ -198,8 +205,7 @@ class Control:
 def control(
     crew: Crew,
     posterior: Posterior,
-    optimiser: Optimiser,
-    evaluations: int,
+    search: Search,
     sigmas: Sequence[float],
     records: int,
     seed: int,
@@ -207,10 +213,7 @@ def control(
     """Of records made at the configured start, which the search begins at too, by noise."""
     truth = posterior.space.vector(posterior.space.start)
     tasks = {
-        sigma: [
-            crew.submit(_estimate, optimiser, evaluations, truth, sigma, seed, k)
-            for k in range(records)
-        ]
+        sigma: [crew.submit(_of_record, search, truth, sigma, seed, k) for k in range(records)]
         for sigma in sigmas
     }
     found = []
@@ -222,19 +225,6 @@ def control(
             for name, off in zip(posterior.space.free, largest, strict=True)
         ]
     return tuple(found)
-
-
-def _estimate(
-    posterior: Posterior,
-    optimiser: Optimiser,
-    evaluations: int,
-    truth: Array,
-    sigma: float,
-    seed: int,
-    index: int,
-) -> Array:
-    target = precision.made_record(precision.with_sigma(posterior, sigma), truth, seed, index)
-    return _searched(target, optimiser, evaluations, truth).theta
 
 
 VERIFICATION_EVALUATIONS = 4000  # of one search, at most
@@ -347,7 +337,7 @@ def _search(way: str, target: Posterior, start: Array) -> Array:
 
 def _free(target: Posterior) -> Task:
     """The likelihood alone, whatever the signs of the unknowns."""
-    plain = dataclasses.replace(target, coordinates=Coordinates((False,) * len(target.space.free)))
+    plain = replace(target, coordinates=Coordinates((False,) * len(target.space.free)))
 
     def density(theta: Array) -> Array:
         return np.nan_to_num(target.likelihood(theta), nan=-np.inf, neginf=-np.inf)
