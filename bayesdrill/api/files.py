@@ -41,19 +41,6 @@ FILES = (
 )
 
 
-def write_examples(folder: Path) -> tuple[Path, ...]:
-    """`FILES` in `folder`, which may hold others; raises `InputError` where one of them is there."""
-    bundled = _bundled()
-    contents = {folder / name: (bundled / name).read_bytes() for name in FILES}
-    obstacles = [*_no_folders(folder), *_present(contents)]
-    if obstacles:
-        raise InputError(obstacles)
-    for path, content in contents.items():
-        path.parent.mkdir(parents=True, exist_ok=True)
-        output_files.write(path, content)
-    return tuple(contents)
-
-
 def _bundled() -> Path:
     """Of a wheel, `examples` in the package; of a checkout, `configs`, which wheels have there."""
     for place in (PACKAGE / "examples", PACKAGE.parent / "configs"):
@@ -62,18 +49,16 @@ def _bundled() -> Path:
     raise InputError.one(str(PACKAGE), "came without its examples; install bayesdrill again")
 
 
-def _no_folders(folder: Path) -> list[Issue]:
+def _in_the_way(folder: Path, wanted: Iterable[Path]) -> list[Issue]:
+    """Files where the examples need folders, and whatever has the name of one of them."""
     below = [folder / name for name in ("records", "paper", "paper/records")]
     wrong = [path for path in below if output_files.what(path) not in ("", "a folder")]
     if folder.exists() and not folder.is_dir():
         wrong = [folder]
-    message = "is no folder, where the examples need one; move it, or give another FOLDER"
-    return [Issue(str(path), message) for path in wrong]
-
-
-def _present(paths: Iterable[Path]) -> list[Issue]:
-    message = "is there already; move it, or give another FOLDER"
-    return [Issue(str(path), message) for path in paths if output_files.what(path)]
+    no_folder = "is no folder, where the examples need one"
+    found = [(path, no_folder) for path in wrong]
+    found += [(path, "is there already") for path in wanted if output_files.what(path)]
+    return [Issue(str(path), f"{why}; move it, or give another FOLDER") for path, why in found]
 
 
 @dataclass(frozen=True, slots=True)
@@ -98,9 +83,14 @@ def example(folder: str | Path = "configs") -> Example:
 
     Raises `InputError` with each of them that is there already.
     """
-
-    place = Path(folder).expanduser()
-    return Example(place, write_examples(place))
+    place, bundled = Path(folder).expanduser(), _bundled()
+    contents = {place / name: (bundled / name).read_bytes() for name in FILES}
+    if obstacles := _in_the_way(place, contents):
+        raise InputError(obstacles)
+    for path, content in contents.items():
+        path.parent.mkdir(parents=True, exist_ok=True)
+        output_files.write(path, content)
+    return Example(place, tuple(contents))
 
 
 @checked
@@ -151,7 +141,7 @@ def init(
     beside = records[0].with_suffix(".yaml")
     if len(records) > 1:
         beside = records[0].with_name(f"{record_files.stem(records)}.yaml")
-    target = beside if output is None else Path(output).expanduser()
+    target = arguments.results_folder(output, beside)
     draft.check_draft_place(target, records, force=force)
     made = draft.guess(records, target, voltage=voltage, gear=gear)
     draft.save_draft(made, records, force=force)
@@ -198,12 +188,12 @@ def simulate(
         message = "is no folder; name one for the records of several experiments"
         raise InputError.one(str(place), message)
     texts = simulation.simulate_all(case, own, place)
-    every = case.experiments
-    records = [sources.path_of(one.config, one.source) for one in every]
-    for (target, text), record in zip(texts.items(), records, strict=True):
+    records = [sources.path_of(one.config, one.source) for one in case.experiments]
+    made = [(*pair, record) for pair, record in zip(texts.items(), records, strict=True)]
+    for target, text, record in made:
         simulation.check_place(text, target, record, force=force)
     files = {}
-    for (target, text), record, one in zip(texts.items(), records, every, strict=True):
+    for (target, text, record), one in zip(made, case.experiments, strict=True):
         if case.config.experiments:
             target.parent.mkdir(parents=True, exist_ok=True)
         simulation.save(text, target, record, force=force)
@@ -228,13 +218,12 @@ def publish(
     from bayesdrill.tasks import pipeline
 
     source, workers = Path(folder).expanduser(), arguments.workers(processes)
-    if output is None:
-        if force:
-            message = "goes with --output, or several folders; one is written again where it is"
-            raise InputError.one("--force", message)
-        return pipeline.republish(source, workers, report or SILENT)
-    place = Path(output).expanduser()
-    pipeline.copied(source, place, force=force)
+    place = arguments.results_folder(output, source)
+    if output is not None:
+        pipeline.copied(source, place, force=force)
+    elif force:
+        message = "goes with --output, or several folders; one is written again where it is"
+        raise InputError.one("--force", message)
     return pipeline.republish(place, workers, report or SILENT)
 
 
