@@ -176,18 +176,8 @@ def _compared(
         for run, place in zip(opened, places, strict=True)
     ]
     distinct = comparison.distinct([str(name) for name in names or usual])
-    runs = [
-        comparison.NamedRun(
-            name=name,
-            folder=place,
-            job=run.job,
-            mode=run.mode,
-            sampled=run.sampled,
-            kept=run.kept,
-        )
-        for name, place, run in zip(distinct, places, opened, strict=True)
-    ]
-    return Comparison(comparison.REPORTS[form](runs), tuple(places))
+    named = list(map(comparison.NamedRun, distinct, places, opened))
+    return Comparison(comparison.report(comparison.FORMS[form], named), tuple(places))
 
 
 @checked

@@ -7,7 +7,7 @@ from __future__ import annotations
 import io
 import warnings
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -26,10 +26,10 @@ from bayesdrill.report.publish import FIGURES, drawings
 from bayesdrill.report.run_report import sections
 from bayesdrill.report.section import as_markdown, as_text
 from bayesdrill.report.view import Drawing, View
-from bayesdrill.sampling.ensembles import Sampled
 from bayesdrill.sampling.evidence import Evidence
 from bayesdrill.sampling.mode_search import Mode
-from bayesdrill.tasks import conclusions, find_map, pipeline
+from bayesdrill.tasks import find_map, pipeline
+from bayesdrill.tasks.conclusions import SampledRun
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -119,18 +119,14 @@ class Best(Value):
 
 @checked
 @dataclass(frozen=True, eq=False, repr=False)
-class Run(Value):
+class Run(SampledRun):
     """A sampled posterior: draws, what they say, and figures of them.
 
     `columns`: the record `(T,)` each, where it is in no file; `kept`: its analysis, where its folder has
     it.
     """
 
-    job: Job
-    mode: Mode
-    sampled: Sampled
     columns: Mapping[str, Array] | None = None
-    kept: RunAnalysis | None = field(default=None, compare=False)
 
     @property
     def converged(self) -> bool:
@@ -151,19 +147,15 @@ class Run(Value):
         """Every number of the report by name, evaluated once, and read where its folder has it: see
         `RunAnalysis`, whose `describe` gives the unit of each.
         """
-        return self._view.analysis
+        return self.view.analysis
 
     def judge(self) -> Judged:
         """What fit and draws say of the nominal table."""
-        return Judged(self._view)
-
-    @cached_property
-    def _view(self) -> View:
-        return conclusions.concluded(self.job, self.mode, self.sampled, kept=self.kept)
+        return Judged(self.view)
 
     def to_arviz(self) -> DataTree:
         """The groups of the ArviZ schema: `chain` is an ensemble."""
-        return self._view.tree
+        return self.view.tree
 
     def plot(self, name: str, part: int = 1) -> Figure:
         """`corner`, `trace`, `prior_posterior`, `fit`, and with a verdict `invariants` and `ridge`.
@@ -172,10 +164,10 @@ class Run(Value):
         where there are several.  Raises `InputError` where this run has no such figure.
         """
         arguments.known(FIGURES, name, "plot", "figure")
-        found = list(drawings(name, self._view).values())
+        found = list(drawings(name, self.view).values())
         if not found:
             raise InputError.one("plot", f"there is nothing to draw in a figure {name} of this run")
-        return _drawn(found, part, f"the figure {name} has {len(found)}", self._view.warning)
+        return _drawn(found, part, f"the figure {name} has {len(found)}", self.view.warning)
 
     def plot_corner(self) -> Figure:
         return self.plot("corner")
@@ -188,7 +180,7 @@ class Run(Value):
         """
         place = Path(folder).expanduser()
         record = _as_record(self.columns)
-        done = pipeline.write_result(self.job, self._view, place, record, force=force)
+        done = pipeline.write_result(self.job, self.view, place, record, force=force)
         if done.missing:
             said = f"could not be made: {'; '.join(done.missing)}; all else is in {place}"
             warnings.warn(said, stacklevel=3)
@@ -246,7 +238,5 @@ def _as_record(columns: Mapping[str, Array] | None) -> str | None:
 @checked
 def open(folder: str | Path) -> Run:
     """The run that `save` or `bayesdrill posterior` left; raises `InputError` where there is none."""
-    place = Path(folder).expanduser()
-    job, found, sampled = pipeline.read_result(place)
-    kept = conclusions.kept_analysis(job, found, sampled, place)
-    return Run(job, found, sampled, kept=kept)
+    found = pipeline.read_result(Path(folder).expanduser())
+    return Run(found.job, found.mode, found.sampled, kept=found.kept)

@@ -103,7 +103,9 @@ def _march(
     size = np.maximum(np.abs(x), least)
     ends, states, slopes, rejected = [now], [x], [slope], 0
     longest = LONGEST * (end - now)
-    h = _first_step(float(np.max(np.abs(slope) / size)), rtol, longest)
+    rate = float(np.max(np.abs(slope) / size))
+    # As long as a third-order error of that relative rate of change allows.
+    h = min(longest, SAFETY * rtol**THIRD / rate) if rate > 0 else longest
     made, inverse = 0.0, matrix  # the step that `inverse` is for
     # Slope of the slope over the step before; at the start, the true one, as of a step of length 0.
     bend, before = matrix @ slope, 0.0
@@ -136,11 +138,6 @@ def _march(
         if factor >= WORTHWHILE:
             h = min(factor * h, longest)
     return ends, states, slopes, rejected
-
-
-def _first_step(rate: float, rtol: float, longest: float) -> float:
-    """As long as a third-order error of the relative `rate` of change allows."""
-    return min(longest, SAFETY * rtol**THIRD / rate) if rate > 0 else longest
 
 
 def _inverse(matrix: Array, h: float) -> Array:

@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import hashlib
 import os
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
@@ -14,23 +14,17 @@ from types import MappingProxyType
 from bayesdrill import output_files
 from bayesdrill.analysis import prediction
 from bayesdrill.analysis.comparison import Contender, Layer
-from bayesdrill.analysis.diagnostics import summarise
-from bayesdrill.analysis.plausibility import Vague, vague
-from bayesdrill.analysis.run_analysis import RunAnalysis
 from bayesdrill.basics import software
-from bayesdrill.basics.arrays import Array
 from bayesdrill.basics.errors import InputError, encodable
 from bayesdrill.config.job import Job
 from bayesdrill.inference.display_units import SI, OwnUnits
 from bayesdrill.inference.posterior import Problem
-from bayesdrill.inference.residual_checks import Left, left
 from bayesdrill.inference.unknowns import MOVES
 from bayesdrill.report import words
 from bayesdrill.report.comparison_report import COMPARED, OVERLAID, ComparisonReport, Form
 from bayesdrill.results import provenance
 from bayesdrill.results.run_folder import Folder
-from bayesdrill.sampling.ensembles import Sampled
-from bayesdrill.sampling.mode_search import Mode
+from bayesdrill.tasks.conclusions import SampledRun
 
 FEWEST = 2  # runs
 LONGEST = 100  # letters of a folder's name
@@ -41,42 +35,18 @@ WITHOUT = (
 )
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True)
 class NamedRun:
-    """A run among others: `folder` is None where it is in none; `kept`: its analysis there."""
+    """A run among others; `folder` is None where it is in none."""
 
     name: str
-    folder: Path | None = None
-    job: Job
-    mode: Mode
-    sampled: Sampled
-    kept: RunAnalysis | None = None
+    folder: Path | None
+    run: SampledRun
 
     @property
     def place(self) -> str:
         """For messages."""
         return self.name if self.folder is None else str(self.folder)
-
-    @property
-    def mark(self) -> str:
-        """By which files say whose they are."""
-        return provenance.marks(self.job.config, self.job.problem, "")[provenance.RUN_MARK]
-
-    @property
-    def fit(self) -> tuple[Left, ...]:
-        """What the MAP leaves of each channel."""
-        if self.kept is not None:
-            return self.kept.fit
-        posterior = self.job.problem.posterior
-        return left(posterior.likelihood, posterior.space.vector(self.mode.values))
-
-    def vague(self, draws: Array) -> tuple[Vague, ...]:
-        """Priors that are too wide for the evidence to mean much; `draws (N, D)`."""
-        if self.kept is not None:
-            return self.kept.vague
-        problem, sampled = self.job.problem, self.sampled
-        rows = summarise(problem, sampled.draws, self.mode, sampled.convergence)
-        return vague(rows, draws, problem.posterior.space.priors)
 
 
 def check_number(form: Form, n: int) -> None:
@@ -86,26 +56,22 @@ def check_number(form: Form, n: int) -> None:
         raise InputError.one("runs", message)
 
 
-def overlay(runs: Sequence[NamedRun]) -> ComparisonReport:
-    """The runs side by side, in the units of the first that has any."""
-    units = overlay_units([run.job for run in runs])
-    return ComparisonReport(tuple(overlay_layer(run, units) for run in runs), units)
+FORMS: Mapping[str, Form] = MappingProxyType({one.name: one for one in (OVERLAID, COMPARED)})
 
 
-def compare(runs: Sequence[NamedRun]) -> ComparisonReport:
-    """The runs as models of one record, of which the first is what the others are held against.
+def report(form: Form, runs: Sequence[NamedRun]) -> ComparisonReport:
+    """The runs side by side or, as models of one record, held against the first; in the units of the
+    first that has any.
 
-    Raises `InputError` where one is of another record, or has no evidence.
+    Raises `InputError` where a model is of another record, or has no evidence.
     """
-    check_same_record([run.place for run in runs], [run.job.problem for run in runs])
-    units = overlay_units([run.job for run in runs])
-    return ComparisonReport.of_models([contender(run, units) for run in runs], units)
-
-
-FORMS: Mapping[str, Form] = MappingProxyType({"overlay": OVERLAID, "comparison": COMPARED})
-REPORTS: Mapping[str, Callable[[Sequence[NamedRun]], ComparisonReport]] = MappingProxyType(
-    {"overlay": overlay, "comparison": compare}
-)
+    units = overlay_units([one.run.job for one in runs])
+    if form is OVERLAID:
+        return ComparisonReport(
+            tuple(overlay_layer(one.name, one.run, units) for one in runs), units
+        )
+    check_same_record(runs)
+    return ComparisonReport.of_models([contender(one, units) for one in runs], units)
 
 
 def overlay_units(jobs: Sequence[Job]) -> OwnUnits:
@@ -119,18 +85,17 @@ def overlay_units(jobs: Sequence[Job]) -> OwnUnits:
     return OwnUnits(same)
 
 
-def overlay_layer(run: NamedRun, own: OwnUnits, fit: tuple[Left, ...] | None = None) -> Layer:
+def overlay_layer(name: str, run: SampledRun, own: OwnUnits) -> Layer:
     """A run under the name that it has among others, its settings in these units."""
     job, sampled = run.job, run.sampled
-    fit = run.fit if fit is None else fit
     return Layer(
-        name=run.name,
+        name=name,
         mark=run.mark,
         problem=job.problem,
         draws=sampled.draws.reshape(-1, sampled.draws.shape[-1]),
         settings=provenance.settings(job.config, job.problem, own),
-        warning=words.warning(sampled, fit),
-        reasons=words.reasons(sampled, fit),
+        warning=words.warning(sampled, run.fit),
+        reasons=words.reasons(sampled, run.fit),
     )
 
 
@@ -210,11 +175,11 @@ def _described(layer: Layer, run: Path | None, output: Path) -> dict[str, str | 
     return {"name": layer.name, "run": layer.mark, "folder": place}
 
 
-def check_same_record(places: Sequence[str], problems: Sequence[Problem]) -> None:
+def check_same_record(runs: Sequence[NamedRun]) -> None:
     """Raises `InputError` where one is not of the record of the first: such odds mean nothing."""
-    first = _record(problems[0])
-    for place, problem in zip(places[1:], problems[1:], strict=True):
-        own = _record(problem)
+    first = _record(runs[0].run.job.problem)
+    for one in runs[1:]:
+        own = _record(one.run.job.problem)
         if own == first:
             continue
         names = [name for name in {**first, **own} if own.get(name) != first.get(name)]
@@ -222,9 +187,10 @@ def check_same_record(places: Sequence[str], problems: Sequence[Problem]) -> Non
         message = (
             "odds are those of models of one record, and this is another: give runs of one, or lay "
             f"these over each other with `bayesdrill report`; the record{what} is "
-            f"{own.get(names[0], 'missing')} here and {first.get(names[0], 'missing')} in {places[0]}"
+            f"{own.get(names[0], 'missing')} here and {first.get(names[0], 'missing')} in "
+            f"{runs[0].place}"
         )
-        raise InputError.one(place, message)
+        raise InputError.one(one.place, message)
 
 
 def _record(problem: Problem) -> dict[str, str]:
@@ -240,23 +206,23 @@ def _record(problem: Problem) -> dict[str, str]:
     return found
 
 
-def contender(run: NamedRun, own: OwnUnits) -> Contender:
+def contender(named: NamedRun, own: OwnUnits) -> Contender:
     """A run under the name that it has among others; raises `InputError` where it has no evidence."""
+    run = named.run
     if run.sampled.evidence is None:
-        raise InputError.one(run.place, WITHOUT)
-    posterior, fit = run.job.problem.posterior, run.fit
-    layer = overlay_layer(run, own, fit)
+        raise InputError.one(named.place, WITHOUT)
+    posterior, layer = run.job.problem.posterior, overlay_layer(named.name, run, own)
     return Contender(
         layer=layer,
         converged=run.sampled.convergence.converged,
         evidence=run.sampled.evidence,
-        left=fit,
+        left=run.fit,
         vague=run.vague(layer.draws),
         rig=_rig(run.job),
         noise=_noise(run.job),
         beliefs={name: repr(prior) for name, prior in posterior.space.priors.items()},
         held_out=prediction.held_out(posterior, layer.draws),
-        loo=prediction.leave_one_out(posterior, layer.draws, fit),
+        loo=prediction.leave_one_out(posterior, layer.draws, run.fit),
     )
 
 

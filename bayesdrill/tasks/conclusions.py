@@ -4,26 +4,67 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Mapping
-from pathlib import Path
+from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any
 
 import bayesdrill
+from bayesdrill.analysis.diagnostics import summarise
 from bayesdrill.analysis.identifiability.information import Scenery
+from bayesdrill.analysis.plausibility import Vague, vague
 from bayesdrill.analysis.run_analysis import RunAnalysis, RunDraws, analyse
-from bayesdrill.basics.values import from_data
+from bayesdrill.basics.arrays import Array
+from bayesdrill.basics.values import Value, from_data
 from bayesdrill.config.job import Job
 from bayesdrill.config.records import sources
 from bayesdrill.config.resolve import experiments
 from bayesdrill.config.resolve.case import ResolvedCase
 from bayesdrill.config.schema.config import Config
+from bayesdrill.inference.residual_checks import Left, left
 from bayesdrill.report import words
 from bayesdrill.report.view import View
 from bayesdrill.results import provenance
-from bayesdrill.results.run_folder import chain_mark, read_run
+from bayesdrill.results.run_folder import chain_mark
 from bayesdrill.sampling.convergence import Targets
 from bayesdrill.sampling.ensembles import Plan, Sampled
 from bayesdrill.sampling.mode_search import Mode
 from bayesdrill.tasks.run_entries import ANALYSIS, ANALYSIS_OF
+
+
+@dataclass(frozen=True, eq=False)
+class SampledRun(Value):
+    """A chain and what it is of; `kept`: its analysis, where its folder has it."""
+
+    job: Job
+    mode: Mode
+    sampled: Sampled
+    kept: RunAnalysis | None = field(default=None, compare=False, kw_only=True)
+
+    @cached_property
+    def view(self) -> View:
+        """As tables and figures look at it."""
+        return concluded(self.job, self.mode, self.sampled, kept=self.kept)
+
+    @property
+    def mark(self) -> str:
+        """By which files say whose they are."""
+        return provenance.marks(self.job.config, self.job.problem, "")[provenance.RUN_MARK]
+
+    @cached_property
+    def fit(self) -> tuple[Left, ...]:
+        """What the MAP leaves of each channel."""
+        if self.kept is not None:
+            return self.kept.fit
+        posterior = self.job.problem.posterior
+        return left(posterior.likelihood, posterior.space.vector(self.mode.values))
+
+    def vague(self, draws: Array) -> tuple[Vague, ...]:
+        """Priors that are too wide for the evidence to mean much; `draws (N, D)`."""
+        if self.kept is not None:
+            return self.kept.vague
+        problem, sampled = self.job.problem, self.sampled
+        rows = summarise(problem, sampled.draws, self.mode, sampled.convergence)
+        return vague(rows, draws, problem.posterior.space.priors)
 
 
 def concluded(
@@ -74,9 +115,10 @@ def analysis_mark(job: Job, found: Mode, sampled: Sampled) -> str:
     return hashlib.sha256("\n".join(made_of).encode("utf-8", "replace")).hexdigest()
 
 
-def kept_analysis(job: Job, found: Mode, sampled: Sampled, folder: Path) -> RunAnalysis | None:
-    """What `run.json` has kept of a finished run; None where it is of something else, or not there."""
-    run = read_run(folder) or {}
+def kept_analysis(
+    job: Job, found: Mode, sampled: Sampled, run: Mapping[str, Any]
+) -> RunAnalysis | None:
+    """What a finished run has kept in `run.json`; None where it is of something else, or not there."""
     if run.get(ANALYSIS_OF) != analysis_mark(job, found, sampled):
         return None
     try:

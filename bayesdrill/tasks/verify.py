@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import dataclasses
 import io
 import math
 from collections.abc import Callable, Iterator, Mapping
@@ -93,13 +94,13 @@ def verify(folder: Path) -> Verified:
 
 def _of_posterior(folder: Path, run: Mapping[str, Any]) -> Iterator[Issue]:
     try:
-        job, mode, sampled = pipeline.read_result(folder)
+        found = pipeline.read_result(folder)
     except InputError as error:  # another record, a config of another run, a damaged chain
         yield from (*_configs(folder), *error.problems)
         return
-    yield from _configs(folder, job)
+    yield from _configs(folder, found.job)
     alone = run.get(run_entries.ANALYSIS, {}).get("alone", True)
-    view = conclusions.concluded(job, mode, sampled, alone=alone)
+    view = conclusions.concluded(found.job, found.mode, found.sampled, alone=alone)
     beyond = view.sampled.beyond
     if beyond is None or beyond.kept:
         texts = {name: table(view) or "" for name, table in publish.TABLES.items()}
@@ -149,18 +150,17 @@ def _of_several(
             continue
         place = folder / one["folder"]
         try:
-            job, mode, sampled = pipeline.read_result(place)
+            own = dataclasses.replace(pipeline.read_result(place), kept=None)
         except InputError as error:
             yield from error.problems
             continue
-        own = NamedRun(name=one["name"], folder=place, job=job, mode=mode, sampled=sampled)
         if own.mark != one["run"]:
             yield Issue(str(place), f"is another run than the one that was {done}")
         else:
-            found.append(own)
+            found.append(NamedRun(one["name"], place, own))
     if len(found) == len(told):
         try:
-            text = comparison.REPORTS[form.name](found).table
+            text = comparison.report(form, found).table
             yield from _tables(folder, {form.table: text}, "the chains")
         except InputError as error:  # a run without evidence
             yield from error.problems

@@ -288,13 +288,11 @@ def overlaid(first: str, second: str) -> ComparisonReport:
     views = {"own": pair().own, "plain": pair().plain}
     jobs = {"own": users().job, "plain": usual().job}
     shown = comparison.overlay_units([jobs[first], jobs[second]])
-    runs = [
-        comparison.NamedRun(
-            name=name, job=jobs[name], mode=views[name].mode, sampled=views[name].sampled
-        )
+    runs = {
+        name: conclusions.SampledRun(jobs[name], views[name].mode, views[name].sampled)
         for name in (first, second)
-    ]
-    layers = [comparison.overlay_layer(run, shown) for run in runs]
+    }
+    layers = [comparison.overlay_layer(name, run, shown) for name, run in runs.items()]
     return ComparisonReport(tuple(layers), shown)
 
 
