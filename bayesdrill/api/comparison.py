@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
 
 @checked
-class Ladder(ManyFits):
+class Ladder(ManyFits["Outcome"]):
     """The config as given, and what may be missing from it, one thing at a time.
 
     What `run` returns has the `decision` in its `report`, and its `config` is what to go on with; rungs

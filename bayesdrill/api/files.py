@@ -239,7 +239,7 @@ def verify(folder: str | Path) -> Verified:
 
 
 @checked
-class Calibration(ManyFits):
+class Calibration(ManyFits["Calibrated"]):
     """Refits of simulated records, which say whether a posterior is as wide as it claims."""
 
     kind: ClassVar[str] = "calibration"

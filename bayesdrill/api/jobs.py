@@ -5,7 +5,7 @@ from __future__ import annotations
 from abc import abstractmethod
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, ClassVar
 
 from bayesdrill.api import arguments
 from bayesdrill.basics.progress import SILENT, Reporter
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 @checked
 @dataclass(frozen=True, slots=True, eq=False)
-class ManyFits(Value):
+class ManyFits[T](Value):
     """`kind`: ends the name of its folder."""
 
     job: Job
@@ -42,7 +42,7 @@ class ManyFits(Value):
         processes: int | None = 1,
         scheduler: str | None = None,
         report: Reporter | None = None,
-    ) -> Any:
+    ) -> T:
         """`folder`: see `place`; `scheduler`: address of a Dask cluster; `processes`, `report`: see
         `Case.sample`.
 
@@ -53,5 +53,5 @@ class ManyFits(Value):
             return self._run(place, how, crew, report or SILENT)
 
     @abstractmethod
-    def _run(self, place: Path, how: Mode, crew: RefitExecutor, report: Reporter) -> Any:
+    def _run(self, place: Path, how: Mode, crew: RefitExecutor, report: Reporter) -> T:
         """Do the job."""

@@ -26,6 +26,7 @@ from bayesdrill.report.publish import FIGURES, drawings
 from bayesdrill.report.run_report import sections
 from bayesdrill.report.section import as_markdown, as_text
 from bayesdrill.report.view import Drawing, View
+from bayesdrill.sampling.ensembles import Sampled
 from bayesdrill.sampling.evidence import Evidence
 from bayesdrill.sampling.mode_search import Mode
 from bayesdrill.tasks import find_map, pipeline
@@ -126,6 +127,7 @@ class Run(SampledRun):
     it.
     """
 
+    sampled: Sampled
     columns: Mapping[str, Array] | None = None
 
     @property
