@@ -270,11 +270,6 @@ def paper_signals(model: Model, experiment: Experiment, p: Array) -> tuple[Array
     return solution.x[len(lead) :] @ np.array(weights).T, solution.steps
 
 
-def applies(likelihood: Likelihood) -> bool:
-    """Whether all inputs are constant, as in the paper."""
-    return not likelihood.response.experiment.series
-
-
 def stepped_signals(likelihood: Likelihood, theta: Array) -> Array:
     """The channels without noise, `(T, K)`, at `theta (D,)`."""
     (full,) = likelihood.space.full(theta[None])

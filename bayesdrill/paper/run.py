@@ -11,10 +11,9 @@ from pathlib import Path
 import numpy as np
 
 from bayesdrill import output_files
-from bayesdrill.analysis import Exponents, Scenery, study_of
+from bayesdrill.analysis import Scenery, study_of
 from bayesdrill.basics import Array, Interrupted, Reporter, Silent, software
 from bayesdrill.config import Job, ResolvedCase
-from bayesdrill.inference import ParameterSpace
 from bayesdrill.paper import forward, precision, printed, reproduction
 from bayesdrill.paper.findings import Findings, Misfits, Nine, Studies, prepare
 from bayesdrill.paper.precision import truth_of
@@ -92,7 +91,9 @@ def _run(studies: Studies, folder: Folder, processes: int, clock: _Clock) -> Fin
     )
     first, search = studies.nines[0], Search(studies.pairwise[0], EVALUATIONS)
     posterior, seed = first.problem.posterior, first.config.seed
-    symmetries, centre = _symmetries(first), nines[0].truth
+    start = posterior.space.vector(posterior.space.start)
+    study = study_of(Scenery(posterior.likelihood), posterior, start, first.asked)
+    symmetries, centre = study.structure.symmetries, nines[0].truth
     if centre is None:  # of the distances of ends
         centre = np.median(nines[0].draws, axis=0)
     with Crew(posterior, processes) as crew:
@@ -122,15 +123,6 @@ def _run(studies: Studies, folder: Folder, processes: int, clock: _Clock) -> Fin
     clock.done("tables and figures")
     folder.write_run(status="finished", converged=findings.converged, seconds=clock.seconds)
     return findings
-
-
-def _symmetries(nine: Job) -> tuple[Exponents, ...]:
-    """Exact symmetries of the posterior, at its start."""
-    posterior = nine.problem.posterior
-    start = posterior.space.vector(posterior.space.start)
-    return study_of(
-        Scenery(posterior.likelihood), posterior, start, nine.asked
-    ).structure.symmetries
 
 
 class _Clock:
@@ -173,7 +165,10 @@ def _nine(
         name=name,
         names=nine.problem.names,
         units=tuple(symbol.plain_unit for symbol in nine.problem.symbols),
-        given=_given(posterior.space),
+        given=(
+            *(f"{name} = {value:.4g}" for name, value in posterior.space.fixed.items()),
+            *(f"{name} = {tie.text}" for name, tie in posterior.space.relations.items()),
+        ),
         experiment=nine.problem.experiment,
         heuristic=found,
         signals=posterior.likelihood.signals(found.estimate[None])[0],
@@ -184,12 +179,6 @@ def _nine(
         causes=printed.causes(posterior, mode, found.estimate, draws),
         converged=whole.sampled.convergence.converged,
     )
-
-
-def _given(space: ParameterSpace) -> tuple[str, ...]:
-    """Parameters that are held or tied, each with its value or formula."""
-    held = [f"{name} = {value:.4g}" for name, value in space.fixed.items()]
-    return (*held, *(f"{name} = {tie.text}" for name, tie in space.relations.items()))
 
 
 def _misfits(nine: Job, found: Heuristic, mode: Array, truth: Array | None) -> Misfits:

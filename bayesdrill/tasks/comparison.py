@@ -152,9 +152,16 @@ def entries(
     report: ComparisonReport, runs: Sequence[Path | None], folder: Folder
 ) -> dict[str, object]:
     """Of `run.json`, once all files are written."""
-    pairs = zip(report.layers, runs, strict=True)
+    home = folder.path.resolve()
+    places = [
+        None if run is None else Path(os.path.relpath(run.resolve(), home)).as_posix()
+        for run in runs
+    ]
     found: dict[str, object] = {
-        "runs": [_described(*pair, folder.path) for pair in pairs],
+        "runs": [
+            {"name": layer.name, "run": layer.mark, "folder": place}
+            for layer, place in zip(report.layers, places, strict=True)
+        ],
         "files": {name: output_files.digest(folder.path / name) for name in folder.made()},
         "reasons": list(report.reasons),
     }
@@ -166,13 +173,6 @@ def entries(
         "log_evidence": {model.name: model.log_z for model in report.models},
         "log_evidence_error": {model.name: model.evidence.error for model in report.models},
     }
-
-
-def _described(layer: Layer, run: Path | None, output: Path) -> dict[str, str | None]:
-    place = None
-    if run is not None:
-        place = Path(os.path.relpath(run.resolve(), output.resolve())).as_posix()
-    return {"name": layer.name, "run": layer.mark, "folder": place}
 
 
 def check_same_record(runs: Sequence[NamedRun]) -> None:

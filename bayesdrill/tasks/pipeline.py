@@ -65,7 +65,10 @@ def posterior(
     """
     marks = provenance.fingerprint(job.config, job.problem)
     with Folder(output, how, marks, POSTERIOR) as folder:
-        known = _taken_up(job, folder) if how == "resume" else None
+        known = None
+        if how == "resume":  # read before anything is written: what cannot go on stays as it is
+            _read_ahead(job, folder)
+            known = read_mode(folder, job.problem)
         report.say(
             f"{words.opening(job.problem, job.units)}\n{words.size(job.problem, job.config)}"
         )
@@ -81,12 +84,6 @@ def _kept(folder: Folder) -> str:
     if (folder.path / MAP_FILE).exists():
         return f"the maximum is saved in {folder.path}, and nothing was sampled yet"
     return f"nothing was found yet, and {folder.path} holds the config alone"
-
-
-def _taken_up(job: Job, folder: Folder) -> Mode | None:
-    """What was done is read before anything is written: what cannot go on stays as it is."""
-    _read_ahead(job, folder)
-    return read_mode(folder, job.problem)
 
 
 def _read_ahead(job: Job, folder: Folder) -> None:
@@ -106,7 +103,8 @@ def _run(job: Job, folder: Folder, known: Mode | None, processes: int, report: R
         if not crew.alone:
             for _ in range(processes):  # one for each, as it is done with its searches
                 crew.submit(loaded)
-            _load_ahead()
+            for name in ("scipy.stats", "arviz_stats.base"):  # they take a while to load
+                importlib.import_module(name)
         if hunt is not None:
             known = end_search(crew, hunt, job, report)
             write_mode(folder, known)
@@ -240,12 +238,6 @@ def _finish_chain(job: Job, folder: Folder, sampled: Sampled) -> None:
     attributes = {"coordinates": coordinates, "unknowns": names, "units": units}
     folder.finish_chain(sampled.pieces, attributes)
     folder.keep_opened_ends(sampled.beyond, sampled.pieces)
-
-
-def _load_ahead() -> None:
-    """Libraries that take a while to load."""
-    for name in ("scipy.stats", "arviz_stats.base"):
-        importlib.import_module(name)
 
 
 def _publish(

@@ -8,6 +8,7 @@ import io
 import math
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -138,7 +139,7 @@ def _of_map(folder: Path, _: Mapping[str, Any]) -> Iterator[Issue]:
 
 
 def _of_several(
-    folder: Path, run: Mapping[str, Any], form: Form, done: str, kind: Kind | None = None
+    form: Form, done: str, folder: Path, run: Mapping[str, Any], kind: Kind | None = None
 ) -> Iterator[Issue]:
     """Runs that were only in memory cannot be looked at again; `done`: what was done with all."""
     found, told = [], run.get("runs", [])
@@ -168,14 +169,6 @@ def _of_several(
     yield from _figures(folder, kind or form.kind, mark, form.name)
 
 
-def _of_overlay(folder: Path, run: Mapping[str, Any]) -> Iterator[Issue]:
-    yield from _of_several(folder, run, OVERLAID, "laid over others")
-
-
-def _of_comparison(folder: Path, run: Mapping[str, Any]) -> Iterator[Issue]:
-    yield from _of_several(folder, run, COMPARED, "compared with others")
-
-
 _LADDER = output_files.ladder_files(selection.rung_names())
 
 
@@ -190,16 +183,16 @@ def _of_ladder(folder: Path, run: Mapping[str, Any]) -> Iterator[Issue]:
             yield from verify(folder / one["folder"]).problems
         except InputError as error:  # no finished run
             yield from error.problems
-    yield from _of_several(folder, run, COMPARED, "compared with others", _LADDER)
+    yield from _of_several(COMPARED, "compared with others", folder, run, _LADDER)
 
 
 _FROM_CHAINS = "the table follows from their chains"
 _WAYS = (
     _Way(POSTERIOR, _of_posterior, "config, record, chain", "the tables follow from the chain"),
     _Way(MAP, _of_map, "config, record, maximum", "table and prediction follow from the maximum"),
-    _Way(COMPARE, _of_comparison, "runs", _FROM_CHAINS),
+    _Way(COMPARE, partial(_of_several, COMPARED, "compared with others"), "runs", _FROM_CHAINS),
     _Way(_LADDER, _of_ladder, "config, rungs", _FROM_CHAINS),
-    _Way(OVERLAY, _of_overlay, "runs", _FROM_CHAINS),
+    _Way(OVERLAY, partial(_of_several, OVERLAID, "laid over others"), "runs", _FROM_CHAINS),
 )
 
 
