@@ -29,7 +29,7 @@ from bayesdrill.report.view import Drawing, View
 from bayesdrill.sampling.ensembles import Sampled
 from bayesdrill.sampling.evidence import Evidence
 from bayesdrill.sampling.mode_search import Mode
-from bayesdrill.tasks import find_map, pipeline
+from bayesdrill.tasks import conclusions, find_map, pipeline
 from bayesdrill.tasks.conclusions import SampledRun
 
 if TYPE_CHECKING:
@@ -149,15 +149,19 @@ class Run(SampledRun):
         """Every number of the report by name, evaluated once, and read where its folder has it: see
         `RunAnalysis`, whose `describe` gives the unit of each.
         """
-        return self.view.analysis
+        return self._view.analysis
 
     def judge(self) -> Judged:
         """What fit and draws say of the nominal table."""
-        return Judged(self.view)
+        return Judged(self._view)
+
+    @cached_property
+    def _view(self) -> View:
+        return conclusions.concluded(self.job, self.mode, self.sampled, kept=self.kept)
 
     def to_arviz(self) -> DataTree:
         """The groups of the ArviZ schema: `chain` is an ensemble."""
-        return self.view.tree
+        return self._view.tree
 
     def plot(self, name: str, part: int = 1) -> Figure:
         """`corner`, `trace`, `prior_posterior`, `fit`, and with a verdict `invariants` and `ridge`.
@@ -166,10 +170,10 @@ class Run(SampledRun):
         where there are several.  Raises `InputError` where this run has no such figure.
         """
         arguments.known(FIGURES, name, "plot", "figure")
-        found = list(drawings(name, self.view).values())
+        found = list(drawings(name, self._view).values())
         if not found:
             raise InputError.one("plot", f"there is nothing to draw in a figure {name} of this run")
-        return _drawn(found, part, f"the figure {name} has {len(found)}", self.view.warning)
+        return _drawn(found, part, f"the figure {name} has {len(found)}", self._view.warning)
 
     def plot_corner(self) -> Figure:
         return self.plot("corner")
@@ -182,7 +186,7 @@ class Run(SampledRun):
         """
         place = Path(folder).expanduser()
         record = _as_record(self.columns)
-        done = pipeline.write_result(self.job, self.view, place, record, force=force)
+        done = pipeline.write_result(self.job, self._view, place, record, force=force)
         if done.missing:
             said = f"could not be made: {'; '.join(done.missing)}; all else is in {place}"
             warnings.warn(said, stacklevel=3)

@@ -14,11 +14,15 @@ from types import MappingProxyType
 from bayesdrill import output_files
 from bayesdrill.analysis import prediction
 from bayesdrill.analysis.comparison import Contender, Layer
+from bayesdrill.analysis.diagnostics import summarise
+from bayesdrill.analysis.plausibility import Vague, vague
 from bayesdrill.basics import software
+from bayesdrill.basics.arrays import Array
 from bayesdrill.basics.errors import InputError, encodable
 from bayesdrill.config.job import Job
 from bayesdrill.inference.display_units import SI, OwnUnits
 from bayesdrill.inference.posterior import Problem
+from bayesdrill.inference.residual_checks import Left, left
 from bayesdrill.inference.unknowns import MOVES
 from bayesdrill.report import words
 from bayesdrill.report.comparison_report import COMPARED, OVERLAID, ComparisonReport, Form
@@ -85,18 +89,35 @@ def overlay_units(jobs: Sequence[Job]) -> OwnUnits:
     return OwnUnits(same)
 
 
-def overlay_layer(name: str, run: SampledRun, own: OwnUnits) -> Layer:
-    """A run under the name that it has among others, its settings in these units."""
-    job, sampled = run.job, run.sampled
+def overlay_layer(
+    name: str, run: SampledRun, own: OwnUnits, fit: tuple[Left, ...] | None = None
+) -> Layer:
+    """A run under the name that it has among others, its settings in these units; `fit`: its residuals,
+    where they are known.
+    """
+    job, sampled, fit = run.job, run.sampled, residuals(run) if fit is None else fit
     return Layer(
         name=name,
-        mark=run.mark,
+        mark=mark(run),
         problem=job.problem,
         draws=sampled.draws.reshape(-1, sampled.draws.shape[-1]),
         settings=provenance.settings(job.config, job.problem, own),
-        warning=words.warning(sampled, run.fit),
-        reasons=words.reasons(sampled, run.fit),
+        warning=words.warning(sampled, fit),
+        reasons=words.reasons(sampled, fit),
     )
+
+
+def mark(run: SampledRun) -> str:
+    """By which files say whose they are."""
+    return provenance.marks(run.job.config, run.job.problem, "")[provenance.RUN_MARK]
+
+
+def residuals(run: SampledRun) -> tuple[Left, ...]:
+    """What the MAP leaves of each channel."""
+    if run.kept is not None:
+        return run.kept.fit
+    posterior = run.job.problem.posterior
+    return left(posterior.likelihood, posterior.space.vector(run.mode.values))
 
 
 def distinct(names: Sequence[str]) -> list[str]:
@@ -211,19 +232,27 @@ def contender(named: NamedRun, own: OwnUnits) -> Contender:
     run = named.run
     if run.sampled.evidence is None:
         raise InputError.one(named.place, WITHOUT)
-    posterior, layer = run.job.problem.posterior, overlay_layer(named.name, run, own)
+    posterior, fit = run.job.problem.posterior, residuals(run)
+    layer = overlay_layer(named.name, run, own, fit)
     return Contender(
         layer=layer,
         converged=run.sampled.convergence.converged,
         evidence=run.sampled.evidence,
-        left=run.fit,
-        vague=run.vague(layer.draws),
+        left=fit,
+        vague=_vague(run, layer.draws) if run.kept is None else run.kept.vague,
         rig=_rig(run.job),
         noise=_noise(run.job),
         beliefs={name: repr(prior) for name, prior in posterior.space.priors.items()},
         held_out=prediction.held_out(posterior, layer.draws),
-        loo=prediction.leave_one_out(posterior, layer.draws, run.fit),
+        loo=prediction.leave_one_out(posterior, layer.draws, fit),
     )
+
+
+def _vague(run: SampledRun, draws: Array) -> tuple[Vague, ...]:
+    """Priors that are too wide for the evidence to mean much; `draws (N, D)`."""
+    problem, sampled = run.job.problem, run.sampled
+    rows = summarise(problem, sampled.draws, run.mode, sampled.convergence)
+    return vague(rows, draws, problem.posterior.space.priors)
 
 
 def _rig(job: Job) -> dict[str, str]:

@@ -5,22 +5,17 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from functools import cached_property
 from typing import Any
 
 import bayesdrill
-from bayesdrill.analysis.diagnostics import summarise
 from bayesdrill.analysis.identifiability.information import Scenery
-from bayesdrill.analysis.plausibility import Vague, vague
 from bayesdrill.analysis.run_analysis import RunAnalysis, RunDraws, analyse
-from bayesdrill.basics.arrays import Array
 from bayesdrill.basics.values import Value, from_data
 from bayesdrill.config.job import Job
 from bayesdrill.config.records import sources
 from bayesdrill.config.resolve import experiments
 from bayesdrill.config.resolve.case import ResolvedCase
 from bayesdrill.config.schema.config import Config
-from bayesdrill.inference.residual_checks import Left, left
 from bayesdrill.report import words
 from bayesdrill.report.view import View
 from bayesdrill.results import provenance
@@ -39,32 +34,6 @@ class SampledRun(Value):
     mode: Mode
     sampled: Sampled
     kept: RunAnalysis | None = field(default=None, compare=False, kw_only=True)
-
-    @cached_property
-    def view(self) -> View:
-        """As tables and figures look at it."""
-        return concluded(self.job, self.mode, self.sampled, kept=self.kept)
-
-    @property
-    def mark(self) -> str:
-        """By which files say whose they are."""
-        return provenance.marks(self.job.config, self.job.problem, "")[provenance.RUN_MARK]
-
-    @cached_property
-    def fit(self) -> tuple[Left, ...]:
-        """What the MAP leaves of each channel."""
-        if self.kept is not None:
-            return self.kept.fit
-        posterior = self.job.problem.posterior
-        return left(posterior.likelihood, posterior.space.vector(self.mode.values))
-
-    def vague(self, draws: Array) -> tuple[Vague, ...]:
-        """Priors that are too wide for the evidence to mean much; `draws (N, D)`."""
-        if self.kept is not None:
-            return self.kept.vague
-        problem, sampled = self.job.problem, self.sampled
-        rows = summarise(problem, sampled.draws, self.mode, sampled.convergence)
-        return vague(rows, draws, problem.posterior.space.priors)
 
 
 def concluded(

@@ -134,7 +134,8 @@ def republish(output: Path, processes: int, report: Reporter = SILENT) -> Outcom
             seconds = dict(run.get("seconds", {}))
             seconds.pop("report", None)  # is being made again
             report.update(0.0, DRAWS_SAY)
-            view = dataclasses.replace(found.view, seconds=seconds)
+            parts = (found.job, found.mode, found.sampled)
+            view = concluded(*parts, seconds=seconds, kept=found.kept)
             return _publish(found.job, folder, view, crew, report)
 
 

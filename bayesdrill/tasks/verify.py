@@ -155,7 +155,7 @@ def _of_several(
         except InputError as error:
             yield from error.problems
             continue
-        if own.mark != one["run"]:
+        if comparison.mark(own) != one["run"]:
             yield Issue(str(place), f"is another run than the one that was {done}")
         else:
             found.append(NamedRun(one["name"], place, own))

@@ -20,7 +20,7 @@ from bayesdrill.basics.values import alike, as_data, from_data
 from bayesdrill.inference import derived
 from bayesdrill.inference.posterior import Posterior
 from bayesdrill.output_files import dumps_checksummed, loads_checksummed
-from bayesdrill.tasks import conclusions, pipeline
+from bayesdrill.tasks import comparison, conclusions, pipeline
 
 CHANGES = {
     "plain": [],
@@ -101,8 +101,8 @@ def test_opened_and_compared_runs_have_what_is_kept(
         raise AssertionError("a run is analysed again")
 
     monkeypatch.setattr(conclusions, "analyse", refused)
-    monkeypatch.setattr(conclusions, "left", refused)
-    monkeypatch.setattr(conclusions, "summarise", refused)
+    monkeypatch.setattr(comparison, "left", refused)
+    monkeypatch.setattr(comparison, "summarise", refused)
     folders = [runs / name for name in CHANGES]
     for folder in folders:
         kept = loads_checksummed((folder / "run.json").read_bytes())["analysis"]
