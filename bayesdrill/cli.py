@@ -22,12 +22,20 @@ app = typer.Typer(
 )
 
 
+def resume_option(what: str) -> Any:
+    return typer.Option("--resume", help=what)
+
+
+def force_option(what: str) -> Any:
+    return typer.Option("--force", help=what)
+
+
 def output_option(what: str) -> Any:
     return typer.Option("--output", "-o", help=what)
 
 
 ConfigPath = Annotated[Path, typer.Argument(metavar="CONFIG", help="Experiment config (YAML).")]
-Force = Annotated[bool, typer.Option("--force", help="Discard what is there and start over.")]
+Force = Annotated[bool, force_option("Discard what is there and start over.")]
 Scheduler = Annotated[
     str | None,
     typer.Option(metavar="ADDRESS", help="Of a Dask cluster, such as tcp://host:8786."),
@@ -37,6 +45,12 @@ Processes = Annotated[
 ]
 
 
+def command[F: Callable[..., None]](example: str, name: str | None = None) -> Callable[[F], F]:
+    """A command, whose mistakes end in a message and a status; `example`: of its use."""
+    register = app.command(name, epilog=f"Example: bayesdrill {example}")
+    return lambda function: register(guarded()(function))
+
+
 def _tell_version(wanted: bool) -> None:
     """Eager, so that `--version` needs no command."""
     if wanted:
@@ -44,37 +58,25 @@ def _tell_version(wanted: bool) -> None:
         raise typer.Exit
 
 
-def _run(
-    read: Callable[[Path], Any],
-    config: Path,
-    output: Path | None,
-    *,
-    resume: bool,
-    force: bool,
-    **options: Any,
-) -> Any:
+def _run(read: Callable[[Path], Any], config: Path, output: Path | None, **options: Any) -> Any:
     """A case, a calibration or a ladder, from its config on; where it fails, how it goes on."""
     from bayesdrill.api.arguments import mode
     from bayesdrill.basics.progress import reporter
 
-    mode(resume=resume, force=force)  # before the record is read
+    mode(resume=options["resume"], force=options["force"])  # before the record is read
     case = read(config)
     with saved_in(case.place(output)), reporter() as report:
-        return case.run(output, resume=resume, force=force, report=report, **options)
+        return case.run(output, report=report, **options)
 
 
-def _compare(name: str, folders: list[Path], output: Path | None, *, force: bool) -> None:
-    """Runs beside each other or as models, by the `name` of table and page."""
+def _compare(form: str, folders: list[Path], output: Path | None, *, force: bool) -> None:
+    """Runs beside each other or as models, by the name of table and page."""
     from bayesdrill.api import comparison
 
-    check, made = {
-        "overlay": (comparison.check_overlay_place, comparison.overlay),
-        "comparison": (comparison.check_comparison_place, comparison.compare),
-    }[name]
-    place = check(folders, output, force=force)
-    found = made(folders)
+    place = comparison.check_place(form, folders, output, force=force)
+    found = (comparison.overlay if form == "overlay" else comparison.compare)(folders)
     found.save(place, force=force)
-    files = f"report.html, {name}.md, {name}.csv, figures/"
+    files = f"report.html, {form}.md, {form}.csv, figures/"
     _end(found.text, place, files, good=not found.reasons)
 
 
@@ -98,20 +100,19 @@ def top(
     pass
 
 
-@app.command(epilog="Example: bayesdrill example my_rig")
+@command("example my_rig")
 def example(
     folder: Annotated[
         Path, typer.Argument(metavar="FOLDER", help="Nothing in it is overwritten.")
     ] = Path("configs"),
 ) -> None:
     """Write the bundled configs and records into a folder, to begin with."""
-    with guarded():
-        from bayesdrill.api.files import example as write
+    from bayesdrill.api.files import example as write
 
-        say(str(write(folder)))
+    say(str(write(folder)))
 
 
-@app.command(epilog="Example: bayesdrill init configs/records/example_rig.csv --output my_rig.yaml")
+@command("init configs/records/example_rig.csv --output my_rig.yaml")
 def init(
     records: Annotated[list[Path], typer.Argument(metavar="RECORD...", help="What was measured.")],
     output: Annotated[Path | None, output_option("The config; default: beside the record.")] = None,
@@ -122,25 +123,23 @@ def init(
     gear: Annotated[
         float | None, typer.Option(metavar="N", help="Of a gear N:1 between motor and shaft.")
     ] = None,
-    force: Annotated[bool, typer.Option("--force", help="Overwrite a config.")] = False,
+    force: Annotated[bool, force_option("Overwrite a config.")] = False,
 ) -> None:
     """Look at records and write a first config for them, with every guess marked and its reason."""
-    with guarded():
-        from bayesdrill.api.files import init as write
+    from bayesdrill.api.files import init as write
 
-        say(str(write(records, output, voltage=voltage, gear=gear, force=force)))
+    say(str(write(records, output, voltage=voltage, gear=gear, force=force)))
 
 
-@app.command(epilog="Example: bayesdrill check configs/nominal_step.yaml")
+@command("check configs/nominal_step.yaml")
 def check(config: ConfigPath) -> None:
     """Validate config and record and say what would run; samples nothing, writes nothing."""
-    with guarded():
-        from bayesdrill.api.case import load
+    from bayesdrill.api.case import load
 
-        say(load(config).preview())
+    say(load(config).preview())
 
 
-@app.command(epilog="Example: bayesdrill identify configs/nominal_step.yaml --profile k_s")
+@command("identify configs/nominal_step.yaml --profile k_s")
 def identify(
     config: ConfigPath,
     profile: Annotated[
@@ -157,27 +156,26 @@ def identify(
         Path | None, output_option("Folder for text and figures; default: print only.")
     ] = None,
     force: Annotated[
-        bool, typer.Option("--force", help="Overwrite text and figures of an `identify` before.")
+        bool, force_option("Overwrite text and figures of an `identify` before.")
     ] = False,
     processes: Processes = None,
 ) -> None:
     """Say what this record can and cannot determine, and what would help; samples nothing."""
-    with guarded():
-        from bayesdrill.api.case import load
-        from bayesdrill.basics.progress import reporter
+    from bayesdrill.api.case import load
+    from bayesdrill.basics.progress import reporter
 
-        case = load(config)
-        if output is not None:
-            case.check_place(output, force=force)
-        with reporter() as report:
-            at = case.find_map(processes=processes, report=report) if at_map else None
-            findings = case.identify(profile or [], at=at, report=report)
-        say(findings.text)
-        if output is not None:
-            say("\nwritten: " + findings.save(output, force=force))
+    case = load(config)
+    if output is not None:
+        case.check_place(output, force=force)
+    with reporter() as report:
+        at = case.find_map(processes=processes, report=report) if at_map else None
+        findings = case.identify(profile or [], at=at, report=report)
+    say(findings.text)
+    if output is not None:
+        say("\nwritten: " + findings.save(output, force=force))
 
 
-@app.command("map", epilog="Example: bayesdrill map configs/nominal_step.yaml")
+@command("map configs/nominal_step.yaml", "map")
 def map_(
     config: ConfigPath,
     output: Annotated[
@@ -187,64 +185,60 @@ def map_(
     processes: Processes = None,
 ) -> None:
     """Search the maximum of the posterior (MAP) and print it; writes what it predicts if asked to."""
-    with guarded():
-        from bayesdrill.api.case import load
-        from bayesdrill.api.run import Best
-        from bayesdrill.basics.progress import reporter
+    from bayesdrill.api.case import load
+    from bayesdrill.api.run import Best
+    from bayesdrill.basics.progress import reporter
 
-        case = load(config)
-        if output is not None:
-            Best.check_place(output, force=force)
-        with reporter() as report:
-            best = case.find_map(processes=processes, report=report)
-        say(best.table)
-        if output is not None:
-            place = best.save(output, force=force)
-            say(f"results: {place}/ (report.html, map.md, prediction*.csv, figures/)")
-        if best.reasons:
-            raise typer.Exit(NOT_CONVERGED)
+    case = load(config)
+    if output is not None:
+        Best.check_place(output, force=force)
+    with reporter() as report:
+        best = case.find_map(processes=processes, report=report)
+    say(best.table)
+    if output is not None:
+        place = best.save(output, force=force)
+        say(f"results: {place}/ (report.html, map.md, prediction*.csv, figures/)")
+    if best.reasons:
+        raise typer.Exit(NOT_CONVERGED)
 
 
-@app.command(epilog="Example: bayesdrill posterior configs/nominal_step.yaml --output results/mine")
+@command("posterior configs/nominal_step.yaml --output results/mine")
 def posterior(
     config: ConfigPath,
     output: Annotated[Path | None, output_option("Default: results/<name>.")] = None,
     resume: Annotated[
-        bool,
-        typer.Option("--resume", help="Continue an interrupted run, or extend a finished one."),
+        bool, resume_option("Continue an interrupted run, or extend a finished one.")
     ] = False,
     force: Force = False,
     processes: Processes = None,
 ) -> None:
     """MAP, sampling, diagnostics, tables and figures: the main job."""
-    with guarded():
-        from bayesdrill.api.case import load
+    from bayesdrill.api.case import load
 
-        finish(_run(load, config, output, resume=resume, force=force, processes=processes))
+    finish(_run(load, config, output, resume=resume, force=force, processes=processes))
 
 
-@app.command(epilog="Example: bayesdrill calibrate configs/nominal_step.yaml")
+@command("calibrate configs/nominal_step.yaml")
 def calibrate(
     config: ConfigPath,
     output: Annotated[Path | None, output_option("Default: results/<name>-calibration.")] = None,
     resume: Annotated[
-        bool, typer.Option("--resume", help="Go on with an interrupted calibration, or extend one.")
+        bool, resume_option("Go on with an interrupted calibration, or extend one.")
     ] = False,
     force: Force = False,
     processes: Processes = None,
     scheduler: Scheduler = None,
 ) -> None:
     """Test the posterior of a config: refit simulated records, and see where the truth ranks."""
-    with guarded():
-        from bayesdrill.api.files import calibration
+    from bayesdrill.api.files import calibration
 
-        options = {"processes": processes, "scheduler": scheduler}
-        done = _run(calibration, config, output, resume=resume, force=force, **options)
-        files = "report.html, summary.md, figures/, ranks.csv"
-        _end(done.said, done.folder, files, good=done.verdict.calibrated)
+    options = {"resume": resume, "force": force, "processes": processes, "scheduler": scheduler}
+    done = _run(calibration, config, output, **options)
+    files = "report.html, summary.md, figures/, ranks.csv"
+    _end(done.said, done.folder, files, good=done.verdict.calibrated)
 
 
-@app.command(epilog="Example: bayesdrill report results/nominal_step")
+@command("report results/nominal_step")
 def report(
     folders: Annotated[
         list[Path], typer.Argument(metavar="FOLDER...", help="Of finished runs, one or several.")
@@ -256,21 +250,18 @@ def report(
     processes: Processes = None,
 ) -> None:
     """Make tables and figures again from a stored chain; of several runs, lay them over each other."""
-    with guarded():
-        from bayesdrill.api import files
-        from bayesdrill.basics.progress import reporter
+    from bayesdrill.api import files
+    from bayesdrill.basics.progress import reporter
 
-        if len(folders) > 1:
-            _compare("overlay", folders, output, force=force)
-            return
-        with reporter() as told:
-            outcome = files.publish(
-                folders[0], output, force=force, processes=processes, report=told
-            )
-        finish(outcome)
+    if len(folders) > 1:
+        _compare("overlay", folders, output, force=force)
+        return
+    with reporter() as told:
+        outcome = files.publish(folders[0], output, force=force, processes=processes, report=told)
+    finish(outcome)
 
 
-@app.command(epilog="Example: bayesdrill compare results/nominal_step results/damped")
+@command("compare results/nominal_step results/damped")
 def compare(
     folders: Annotated[
         list[Path],
@@ -280,43 +271,38 @@ def compare(
     force: Force = False,
 ) -> None:
     """Say which model of a record is the more probable, and whether model or noise makes it so."""
-    with guarded():
-        _compare("comparison", folders, output, force=force)
+    _compare("comparison", folders, output, force=force)
 
 
-@app.command(epilog="Example: bayesdrill ladder configs/nominal_step.yaml")
+@command("ladder configs/nominal_step.yaml")
 def ladder(
     config: ConfigPath,
     output: Annotated[Path | None, output_option("Default: results/<name>-ladder.")] = None,
-    resume: Annotated[
-        bool, typer.Option("--resume", help="Go on with an interrupted ladder.")
-    ] = False,
+    resume: Annotated[bool, resume_option("Go on with an interrupted ladder.")] = False,
     force: Force = False,
     processes: Processes = None,
     scheduler: Scheduler = None,
 ) -> None:
     """Try what a config may be missing (noise, friction, damping), compare, and recommend a config."""
-    with guarded():
-        from bayesdrill.api.comparison import ladder as made
+    from bayesdrill.api.comparison import ladder as made
 
-        options = {"processes": processes, "scheduler": scheduler}
-        done = _run(made, config, output, resume=resume, force=force, **options)
-        files = "report.html, comparison.md, recommended.yaml, ..."
-        _end(done.said, done.folder, files, good=not done.report.reasons)
+    options = {"resume": resume, "force": force, "processes": processes, "scheduler": scheduler}
+    done = _run(made, config, output, **options)
+    files = "report.html, comparison.md, recommended.yaml, ..."
+    _end(done.said, done.folder, files, good=not done.report.reasons)
 
 
-@app.command(epilog="Example: bayesdrill verify results/nominal_step")
+@command("verify results/nominal_step")
 def verify(
     folder: Annotated[Path, typer.Argument(metavar="FOLDER", help="Folder of a finished run.")],
 ) -> None:
     """Say whether config, record, tables and figures of a run still belong together."""
-    with guarded():
-        from bayesdrill.api import files
+    from bayesdrill.api import files
 
-        found = files.verify(folder)
-        say(found.said, err=not found.together)
-        if not found.together:
-            raise typer.Exit(INPUT_WRONG)
+    found = files.verify(folder)
+    say(found.said, err=not found.together)
+    if not found.together:
+        raise typer.Exit(INPUT_WRONG)
 
 
 class CitationForm(StrEnum):
@@ -325,43 +311,41 @@ class CitationForm(StrEnum):
     cff = "cff"
 
 
-@app.command(epilog="Example: bayesdrill simulate configs/nominal_step.yaml --output my_record.csv")
+@command("simulate configs/nominal_step.yaml --output my_record.csv")
 def simulate(
     config: ConfigPath,
     output: Annotated[Path | None, output_option("Default: what the config names.")] = None,
     seed: Annotated[int | None, typer.Option(min=0, help="Default: the config's.")] = None,
-    force: Annotated[bool, typer.Option("--force", help="Overwrite simulated records.")] = False,
+    force: Annotated[bool, force_option("Overwrite simulated records.")] = False,
 ) -> None:
     """Make a record from the config (of several experiments, one each): response plus noise, as CSV."""
-    with guarded():
-        from bayesdrill.api import files
+    from bayesdrill.api import files
 
-        made = files.simulate(config, output, seed=seed, force=force)
-        for path, samples in made.files.items():
-            say(f"{path}: {samples} samples")
+    made = files.simulate(config, output, seed=seed, force=force)
+    for path, samples in made.files.items():
+        say(f"{path}: {samples} samples")
 
 
-@app.command(epilog="Example: bayesdrill paper --output results/paper")
+@command("paper --output results/paper")
 def paper(
     configs: Annotated[
         Path, typer.Argument(metavar="FOLDER", help="With the configs of the studies.")
     ] = Path("configs/paper"),
-    output: Annotated[
-        Path, typer.Option("--output", "-o", help="Folder for tables and figures.")
-    ] = Path("results/paper"),
+    output: Annotated[Path, output_option("Folder for tables and figures.")] = Path(
+        "results/paper"
+    ),
     force: Force = False,
     processes: Processes = None,
 ) -> None:
     """Repeat the studies of the paper, each beside what a full posterior says of it (minutes)."""
-    with guarded():
-        from bayesdrill.api.arguments import workers
-        from bayesdrill.basics.progress import reporter
-        from bayesdrill.paper.run import reproduce
+    from bayesdrill.api.arguments import workers
+    from bayesdrill.basics.progress import reporter
+    from bayesdrill.paper.run import reproduce
 
-        with saved_in(output, "start over with --force"), reporter() as report:
-            done = reproduce(configs, output, workers(processes), report, force=force)
-        files = "report.html, report.md, tables, figures/, two posteriors"
-        _end("\n".join(done.said), done.folder, files, good=done.converged)
+    with saved_in(output, "start over with --force"), reporter() as report:
+        done = reproduce(configs, output, workers(processes), report, force=force)
+    files = "report.html, report.md, tables, figures/, two posteriors"
+    _end("\n".join(done.said), done.folder, files, good=done.converged)
 
 
 class Described(StrEnum):
@@ -369,20 +353,19 @@ class Described(StrEnum):
     run = "run"
 
 
-@app.command(epilog="Example: bayesdrill schema > schema.json")
+@command("schema > schema.json")
 def schema(
     of: Annotated[
         Described, typer.Option("--of", help="Of configs, or of the run.json of a posterior.")
     ] = Described.config,
 ) -> None:
     """Print the JSON schema of configs, for editors that complete and check them."""
-    with guarded():
-        from bayesdrill.api import files
+    from bayesdrill.api import files
 
-        typer.echo(files.schema(of.value), nl=False)
+    typer.echo(files.schema(of.value), nl=False)
 
 
-@app.command(epilog="Example: bayesdrill cite results/nominal_step --format bibtex")
+@command("cite results/nominal_step --format bibtex")
 def cite(
     folder: Annotated[
         Path | None,
@@ -393,21 +376,19 @@ def cite(
     ] = CitationForm.text,
 ) -> None:
     """Say how to cite bayesdrill and what a run stands on."""
-    with guarded():
-        from bayesdrill.api.files import citation
+    from bayesdrill.api.files import citation
 
-        say(getattr(citation(folder), form.value).rstrip("\n"))
+    say(getattr(citation(folder), form.value).rstrip("\n"))
 
 
-@app.command(epilog="Example: bayesdrill cache --clear")
+@command("cache --clear")
 def cache(
     clear: Annotated[bool, typer.Option("--clear", help="Remove all of them.")] = False,
 ) -> None:
     """Say where compiled kernels are kept, and how large they are; the next command finds them there."""
-    with guarded():
-        from bayesdrill.api import files
+    from bayesdrill.api import files
 
-        say(files.cache(clear=clear))
+    say(files.cache(clear=clear))
 
 
 def main() -> None:

@@ -5,7 +5,7 @@ the rich.
 from __future__ import annotations
 
 import copy
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import combinations
 from pathlib import Path
@@ -76,9 +76,7 @@ def freed(channel: dict[str, Any]) -> bool:
     """Of a size that is known; whether it was."""
     sigma = channel.get("sigma")
     if isinstance(sigma, int | float):
-        low, high = rounded(sigma / WIDER), rounded(sigma * WIDER)
-        prior = {"prior": "log_uniform", "low": low, "high": high, "start": float(sigma)}
-        channel["sigma"] = prior
+        channel["sigma"] = log_uniform(sigma / WIDER, sigma * WIDER) | {"start": float(sigma)}
         return True
     return False
 
@@ -96,6 +94,16 @@ def reddened(channel: dict[str, Any]) -> bool:
 def rounded(value: float) -> float:
     """To three digits: a config is read."""
     return float(f"{value:.3g}")
+
+
+def log_uniform(low: float, high: float) -> dict[str, Any]:
+    """A prior, as an entry of a config."""
+    return {"prior": "log_uniform", "low": rounded(low), "high": rounded(high)}
+
+
+def uniform(high: float) -> dict[str, Any]:
+    """A prior from zero, as an entry of a config."""
+    return {"prior": "uniform", "low": 0.0, "high": rounded(high)}
 
 
 GIVEN = "as_given"
@@ -221,8 +229,7 @@ class Ladder:
 
     def first(self) -> list[Rung]:
         """Those that need nothing of others, each with one thing; the config as given first."""
-        found = [self._rung(()), *(self._rung((name,)) for name in FIRST[1:])]
-        return [one for one in found if one is not None]
+        return self._rungs([(), *((name,) for name in FIRST[1:])])
 
     def then(self, ranked: Sequence[str]) -> list[Rung]:
         """With the best physics another noise, and the second best; `ranked`: names of single rungs that
@@ -243,8 +250,10 @@ class Ladder:
 
     def _with(self, parts: tuple[str, ...], more: Sequence[str]) -> list[Rung]:
         every = [tuple(sorted((*parts, name), key=ORDER.index)) for name in more]
-        found = [self._rung(one) for one in every if _possible(one)]
-        return [one for one in found if one is not None]
+        return self._rungs(filter(_possible, every))
+
+    def _rungs(self, every: Iterable[tuple[str, ...]]) -> list[Rung]:
+        return [rung for parts in every if (rung := self._rung(parts)) is not None]
 
     def _rung(self, parts: tuple[str, ...]) -> Rung | None:
         """None where there is no such thing to try."""
@@ -265,47 +274,32 @@ class Ladder:
     def _changed(self, data: dict[str, Any], part: str) -> bool:
         if part in NOISE:
             change = freed if part == UNKNOWN else reddened
-            every = list(change_channels(data))
-            changed = [change_sections(data, change, *one) for one in every]
+            changed = [change_sections(data, change, *one) for one in list(change_channels(data))]
             return part in (UNKNOWN, *NOISES) and any(changed)
         if part in PHYSICS:
             wanted = [self.roles[role] for role in PHYSICS[part]]
             if not all(name in self.sizes for name in wanted):
                 return False
-            for name in wanted:
-                high = rounded(self.sizes[name])
-                data["parameters"][name] = {"prior": "uniform", "low": 0.0, "high": high}
+            data["parameters"] |= {name: uniform(self.sizes[name]) for name in wanted}
             return True
         if part in STATIC:
-            return self._rests(data, self.roles.at(STATIC[part][1]))
+            return self._rests(data["parameters"], self.roles.at(STATIC[part][1]))
         at = TORQUES[part]
         friction = self.roles.at(at).sliding
         if MISSING not in Config.model_fields or MISSING in data or friction not in self.sizes:
             return False
-        data[MISSING] = {
-            "at": at,
-            "smoothness": "1/2",
-            "size": {
-                "prior": "half_normal",
-                "scale": rounded(QUARTER * self.sizes[friction]),
-            },
-            "time": self._times(),
-        }
+        size = {"prior": "half_normal", "scale": rounded(QUARTER * self.sizes[friction])}
+        data[MISSING] = {"at": at, "smoothness": "1/2", "size": size, "time": self._times()}
         share_entries(data, "s_d", "tau_d")  # one rig: the same lacks in each experiment
         return True
 
-    def _rests(self, data: dict[str, Any], at: MotorRoles | RotorRoles) -> bool:
+    def _rests(self, parameters: dict[str, Any], at: MotorRoles | RotorRoles) -> bool:
         """With friction that is larger at rest, where it slides by now."""
-        added, largest, slides = data["parameters"], self.speeds.get(at.speed, 0.0), at.sliding
-        if slides not in self.sizes or slides not in added or not largest > 0:
+        largest, slides = self.speeds.get(at.speed, 0.0), at.sliding
+        if slides not in self.sizes or slides not in parameters or not largest > 0:
             return False
-        added[at.static] = {
-            "prior": "uniform",
-            "low": 0.0,
-            "high": rounded(self.sizes[slides]),
-        }
-        low, high = rounded(SLOWEST * largest), rounded(largest)
-        added[at.fading] = {"prior": "log_uniform", "low": low, "high": high}
+        parameters[at.static] = uniform(self.sizes[slides])
+        parameters[at.fading] = log_uniform(SLOWEST * largest, largest)
         return True
 
     def _with_walkers(self, data: dict[str, Any]) -> None:
@@ -321,11 +315,7 @@ class Ladder:
         every = [one.experiment for one in self.job.problem.observations]
         low = LEAST * min(one.dt for one in every)
         high = max(float(one.t[-1] - one.t[0]) for one in every) / LONGEST
-        return {
-            "prior": "log_uniform",
-            "low": rounded(low),
-            "high": rounded(max(high, 2 * low)),
-        }
+        return log_uniform(low, max(high, 2 * low))
 
 
 def _speeds(every: Sequence[Observation], space: ParameterSpace, theta: Array) -> dict[str, float]:

@@ -27,6 +27,7 @@ from bayesdrill.rig.models.motor_shaft import MotorShaft
 from bayesdrill.sampling.fit import FitPlan, fit
 from bayesdrill.sampling.gauss_newton import climb
 from bayesdrill.tasks import comparison, find_map
+from bayesdrill.tasks.conclusions import SampledRun
 
 Array = NDArray[np.float64]
 
@@ -170,7 +171,8 @@ class Bench:
         for name in kind.rivals(index):
             job = of(self.jobs[name], y)
             mode, sampled = fit(job.problem.posterior, plan(job, index))
-            found.append(comparison.contender(name, name, job, mode, sampled, job.units))
+            run = comparison.NamedRun(name, None, SampledRun(job, mode, sampled))
+            found.append(comparison.contender(run, job.units))
         return found, size
 
     def found(self, kind: Kind, index: int) -> Found:

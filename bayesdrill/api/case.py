@@ -289,14 +289,9 @@ def _columns(
             for name, n in lengths.items()
             if n != lengths[job.TIME]
         ]
-    raise_if_any([_with_hint(problem) for problem in found])
+    hints = [f"; give {INPUTS}" if one.place.startswith("inputs.") else "" for one in found]
+    raise_if_any([Issue(one.place, one.message + h) for one, h in zip(found, hints, strict=True)])
     return every, measured
-
-
-def _with_hint(problem: Issue) -> Issue:
-    if problem.place.startswith("inputs."):
-        return Issue(problem.place, f"{problem.message}; give {INPUTS}")
-    return problem
 
 
 def _entry(column: str, of: Channel | Input) -> dict[str, Any]:

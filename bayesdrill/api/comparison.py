@@ -5,59 +5,43 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, ClassVar
 
 from bayesdrill.analysis.comparison import Contender, Decision, Row
 from bayesdrill.api import arguments
 from bayesdrill.api import run as single
 from bayesdrill.api.case import load
+from bayesdrill.api.jobs import ManyFits
 from bayesdrill.api.run import for_notebooks
 from bayesdrill.basics.errors import InputError
-from bayesdrill.basics.progress import SILENT, Reporter
+from bayesdrill.basics.progress import Reporter
 from bayesdrill.basics.values import Value, checked
-from bayesdrill.config.job import Job
-from bayesdrill.report.comparison_report import COMPARED, OVERLAID, ComparisonReport, Form
+from bayesdrill.report.comparison_report import ComparisonReport
 from bayesdrill.report.section import as_markdown
 from bayesdrill.tasks import comparison
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+    from bayesdrill.results.run_folder import Mode
     from bayesdrill.tasks.ladder import Outcome
+    from bayesdrill.tasks.remote import RefitExecutor
 
 
 @checked
-@dataclass(frozen=True, slots=True, eq=False)
-class Ladder(Value):
-    """The config as given, and what may be missing from it, one thing at a time."""
+class Ladder(ManyFits["Outcome"]):
+    """The config as given, and what may be missing from it, one thing at a time.
 
-    job: Job
+    What `run` returns has the `decision` in its `report`, and its `config` is what to go on with; rungs
+    that are done are kept where it is stopped.
+    """
 
-    def place(self, folder: str | Path | None = None) -> Path:
-        """Where `run` leaves its results."""
-        usual = Path("results") / f"{self.job.config.name}-ladder"
-        return arguments.results_folder(folder, usual)
+    kind: ClassVar[str] = "ladder"
 
-    def run(
-        self,
-        folder: str | Path | None = None,
-        *,
-        resume: bool = False,
-        force: bool = False,
-        processes: int | None = 1,
-        scheduler: str | None = None,
-        report: Reporter | None = None,
-    ) -> Outcome:
-        """`folder`: `results/<name>-ladder` by default; `scheduler`: address of a Dask cluster.
-
-        Its `report` has the `decision`, its `config` is what to go on with.  Raises `InputError`, and
-        `Interrupted` when asked to stop; rungs that are done are kept.
-        """
+    def _run(self, place: Path, how: Mode, crew: RefitExecutor, report: Reporter) -> Outcome:
         from bayesdrill.tasks import ladder
 
-        how, place = arguments.mode(resume=resume, force=force), self.place(folder)
-        with arguments.crew(processes, scheduler) as crew:
-            return ladder.ladder(self.job, place, how, crew, report or SILENT)
+        return ladder.ladder(self.job, place, how, crew, report)
 
 
 @checked
@@ -164,14 +148,7 @@ def overlay(
 
     `names`: by default those of the folders and cases.  Raises `InputError`.
     """
-    comparison.check_number(OVERLAID, len(runs))
-    own, opened, places = named_runs(runs, names)
-    units = comparison.overlay_units([one.job for one in opened])
-    layers = [
-        comparison.overlay_layer(name, one.job, one.mode, one.sampled, units)
-        for name, one in zip(own, opened, strict=True)
-    ]
-    return Comparison(ComparisonReport(tuple(layers), units), tuple(places))
+    return _compared("overlay", runs, names)
 
 
 @checked
@@ -183,57 +160,42 @@ def compare(
     The first is what the others are held against.  `names`: by default those of the folders and cases.
     Raises `InputError`, also where records are not the same.
     """
-    comparison.check_number(COMPARED, len(runs))
-    own, opened, places = named_runs(runs, names)
-    jobs = [one.job for one in opened]
-    where = [name if place is None else str(place) for name, place in zip(own, places, strict=True)]
-    comparison.check_same_record(where, [job.problem for job in jobs])
-    units = comparison.overlay_units(jobs)
-    models = [
-        comparison.contender(name, place, one.job, one.mode, one.sampled, units)
-        for name, place, one in zip(own, where, opened, strict=True)
-    ]
-    return Comparison(ComparisonReport.of_models(models, units), tuple(places))
+    return _compared("comparison", runs, names)
 
 
-def named_runs(
-    every: Sequence[single.Run | str | Path], names: Sequence[str] | None
-) -> tuple[list[str], list[single.Run], list[Path | None]]:
-    """Their names, all different; the runs; and where they are."""
+def _compared(
+    form: str, every: Sequence[single.Run | str | Path], names: Sequence[str] | None
+) -> Comparison:
+    comparison.check_number(comparison.FORMS[form], len(every))
     if names is not None and len(names) != len(every):
         raise InputError.one("names", f"{len(names)} names of {len(every)} runs")
     opened = [one if isinstance(one, single.Run) else single.open(one) for one in every]
     places = [None if isinstance(one, single.Run) else Path(one).expanduser() for one in every]
     usual = [
-        one.job.config.name if place is None else place.resolve().name
-        for one, place in zip(opened, places, strict=True)
+        run.job.config.name if place is None else place.resolve().name
+        for run, place in zip(opened, places, strict=True)
     ]
-    return comparison.distinct([str(name) for name in names or usual]), opened, places
+    distinct = comparison.distinct([str(name) for name in names or usual])
+    named = list(map(comparison.NamedRun, distinct, places, opened))
+    return Comparison(comparison.report(comparison.FORMS[form], named), tuple(places))
 
 
 @checked
-def check_overlay_place(
-    folders: Sequence[str | Path], output: str | Path | None = None, *, force: bool = False
+def check_place(
+    form: str,
+    folders: Sequence[str | Path],
+    output: str | Path | None = None,
+    *,
+    force: bool = False,
 ) -> Path:
-    """Where the overlay of these would be saved; raises `InputError` where it cannot be."""
-    return _checked_place(OVERLAID, folders, output, force=force)
+    """Where the `overlay` or `comparison` of these would be saved.
 
-
-@checked
-def check_comparison_place(
-    folders: Sequence[str | Path], output: str | Path | None = None, *, force: bool = False
-) -> Path:
-    """Where the comparison of these would be saved; raises `InputError` where it cannot be."""
-    return _checked_place(COMPARED, folders, output, force=force)
-
-
-def _checked_place(
-    form: Form, folders: Sequence[str | Path], output: str | Path | None, *, force: bool
-) -> Path:
-    comparison.check_number(form, len(folders))
+    Raises `InputError` where it cannot be.
+    """
+    comparison.check_number(comparison.FORMS[form], len(folders))
     places = [Path(folder).expanduser() for folder in folders]
     names = comparison.distinct([place.resolve().name for place in places])
-    usual = comparison.default_folder(form, names)
-    target = usual if output is None else Path(output).expanduser()
-    comparison.check_folder(form, target, places, force=force)
+    usual = comparison.default_folder(comparison.FORMS[form], names)
+    target = arguments.results_folder(output, usual)
+    comparison.check_folder(comparison.FORMS[form], target, places, force=force)
     return target

@@ -9,21 +9,23 @@ import shlex
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, ClassVar
 
 from bayesdrill import output_files
 from bayesdrill.api import arguments
+from bayesdrill.api.jobs import ManyFits
 from bayesdrill.basics import software as citing
 from bayesdrill.basics.errors import InputError, Issue
 from bayesdrill.basics.progress import SILENT, Reporter
 from bayesdrill.basics.software import Citation
-from bayesdrill.basics.values import Value, checked
+from bayesdrill.basics.values import checked
 
 if TYPE_CHECKING:
-    from bayesdrill.config.job import Job
     from bayesdrill.drafting.draft import Guess
+    from bayesdrill.results.run_folder import Mode
     from bayesdrill.tasks.calibrate import Outcome as Calibrated
     from bayesdrill.tasks.pipeline import Outcome
+    from bayesdrill.tasks.remote import RefitExecutor
     from bayesdrill.tasks.verify import Verified
 
 
@@ -39,19 +41,6 @@ FILES = (
 )
 
 
-def write_examples(folder: Path) -> tuple[Path, ...]:
-    """`FILES` in `folder`, which may hold others; raises `InputError` where one of them is there."""
-    bundled = _bundled()
-    contents = {folder / name: (bundled / name).read_bytes() for name in FILES}
-    obstacles = [*_no_folders(folder), *_present(contents)]
-    if obstacles:
-        raise InputError(obstacles)
-    for path, content in contents.items():
-        path.parent.mkdir(parents=True, exist_ok=True)
-        output_files.write(path, content)
-    return tuple(contents)
-
-
 def _bundled() -> Path:
     """Of a wheel, `examples` in the package; of a checkout, `configs`, which wheels have there."""
     for place in (PACKAGE / "examples", PACKAGE.parent / "configs"):
@@ -60,18 +49,16 @@ def _bundled() -> Path:
     raise InputError.one(str(PACKAGE), "came without its examples; install bayesdrill again")
 
 
-def _no_folders(folder: Path) -> list[Issue]:
+def _in_the_way(folder: Path, wanted: Iterable[Path]) -> list[Issue]:
+    """Files where the examples need folders, and whatever has the name of one of them."""
     below = [folder / name for name in ("records", "paper", "paper/records")]
     wrong = [path for path in below if output_files.what(path) not in ("", "a folder")]
     if folder.exists() and not folder.is_dir():
         wrong = [folder]
-    message = "is no folder, where the examples need one; move it, or give another FOLDER"
-    return [Issue(str(path), message) for path in wrong]
-
-
-def _present(paths: Iterable[Path]) -> list[Issue]:
-    message = "is there already; move it, or give another FOLDER"
-    return [Issue(str(path), message) for path in paths if output_files.what(path)]
+    no_folder = "is no folder, where the examples need one"
+    found = [(path, no_folder) for path in wrong]
+    found += [(path, "is there already") for path in wanted if output_files.what(path)]
+    return [Issue(str(path), f"{why}; move it, or give another FOLDER") for path, why in found]
 
 
 @dataclass(frozen=True, slots=True)
@@ -96,9 +83,14 @@ def example(folder: str | Path = "configs") -> Example:
 
     Raises `InputError` with each of them that is there already.
     """
-
-    place = Path(folder).expanduser()
-    return Example(place, write_examples(place))
+    place, bundled = Path(folder).expanduser(), _bundled()
+    contents = {place / name: (bundled / name).read_bytes() for name in FILES}
+    if obstacles := _in_the_way(place, contents):
+        raise InputError(obstacles)
+    for path, content in contents.items():
+        path.parent.mkdir(parents=True, exist_ok=True)
+        output_files.write(path, content)
+    return Example(place, tuple(contents))
 
 
 @checked
@@ -149,7 +141,7 @@ def init(
     beside = records[0].with_suffix(".yaml")
     if len(records) > 1:
         beside = records[0].with_name(f"{record_files.stem(records)}.yaml")
-    target = beside if output is None else Path(output).expanduser()
+    target = arguments.results_folder(output, beside)
     draft.check_draft_place(target, records, force=force)
     made = draft.guess(records, target, voltage=voltage, gear=gear)
     draft.save_draft(made, records, force=force)
@@ -196,12 +188,12 @@ def simulate(
         message = "is no folder; name one for the records of several experiments"
         raise InputError.one(str(place), message)
     texts = simulation.simulate_all(case, own, place)
-    every = case.experiments
-    records = [sources.path_of(one.config, one.source) for one in every]
-    for (target, text), record in zip(texts.items(), records, strict=True):
+    records = [sources.path_of(one.config, one.source) for one in case.experiments]
+    made = [(*pair, record) for pair, record in zip(texts.items(), records, strict=True)]
+    for target, text, record in made:
         simulation.check_place(text, target, record, force=force)
     files = {}
-    for (target, text), record, one in zip(texts.items(), records, every, strict=True):
+    for (target, text, record), one in zip(made, case.experiments, strict=True):
         if case.config.experiments:
             target.parent.mkdir(parents=True, exist_ok=True)
         simulation.save(text, target, record, force=force)
@@ -226,13 +218,12 @@ def publish(
     from bayesdrill.tasks import pipeline
 
     source, workers = Path(folder).expanduser(), arguments.workers(processes)
-    if output is None:
-        if force:
-            message = "goes with --output, or several folders; one is written again where it is"
-            raise InputError.one("--force", message)
-        return pipeline.republish(source, workers, report or SILENT)
-    place = Path(output).expanduser()
-    pipeline.copied(source, place, force=force)
+    place = arguments.results_folder(output, source)
+    if output is not None:
+        pipeline.copied(source, place, force=force)
+    elif force:
+        message = "goes with --output, or several folders; one is written again where it is"
+        raise InputError.one("--force", message)
     return pipeline.republish(place, workers, report or SILENT)
 
 
@@ -248,36 +239,15 @@ def verify(folder: str | Path) -> Verified:
 
 
 @checked
-@dataclass(frozen=True, slots=True, eq=False)
-class Calibration(Value):
+class Calibration(ManyFits["Calibrated"]):
     """Refits of simulated records, which say whether a posterior is as wide as it claims."""
 
-    job: Job
+    kind: ClassVar[str] = "calibration"
 
-    def place(self, folder: str | Path | None = None) -> Path:
-        """Where `run` leaves its results."""
-        usual = Path("results") / f"{self.job.config.name}-calibration"
-        return arguments.results_folder(folder, usual)
-
-    def run(
-        self,
-        folder: str | Path | None = None,
-        *,
-        resume: bool = False,
-        force: bool = False,
-        processes: int | None = 1,
-        scheduler: str | None = None,
-        report: Reporter | None = None,
-    ) -> Calibrated:
-        """`folder`: `results/<name>-calibration` by default; `scheduler`: address of a Dask cluster.
-
-        Raises `InputError`, and `Interrupted` when asked to stop; refits that are done are kept.
-        """
+    def _run(self, place: Path, how: Mode, crew: RefitExecutor, report: Reporter) -> Calibrated:
         from bayesdrill.tasks import calibrate
 
-        how, place = arguments.mode(resume=resume, force=force), self.place(folder)
-        with arguments.crew(processes, scheduler) as crew:
-            return calibrate.calibrate(self.job, place, how, crew, report or SILENT)
+        return calibrate.calibrate(self.job, place, how, crew, report)
 
 
 @checked

@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import io
 import warnings
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property, partial
 from pathlib import Path
@@ -25,11 +25,12 @@ from bayesdrill.report.map_report import MapReport
 from bayesdrill.report.publish import FIGURES, drawings
 from bayesdrill.report.run_report import sections
 from bayesdrill.report.section import as_markdown, as_text
-from bayesdrill.report.view import View
+from bayesdrill.report.view import Drawing, View
 from bayesdrill.sampling.ensembles import Sampled
 from bayesdrill.sampling.evidence import Evidence
 from bayesdrill.sampling.mode_search import Mode
 from bayesdrill.tasks import conclusions, find_map, pipeline
+from bayesdrill.tasks.conclusions import SampledRun
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -50,6 +51,15 @@ def _as_png(figure: Figure) -> bytes:
     out = io.BytesIO()
     figure.savefig(out, format="png", dpi=DPI)
     return out.getvalue()
+
+
+def _drawn(every: Sequence[Drawing], part: int, count: str, warning: str) -> Figure:
+    """The one of this number, from 1; raises `InputError`, with the `count`, where there is none."""
+    from bayesdrill.report.style import warned  # late: matplotlib takes a second
+
+    if not 1 <= part <= len(every):
+        raise InputError.one("part", f"{shown(part)} given, and {count}")
+    return for_notebooks(warned(every[part - 1].drawn(), warning))
 
 
 @checked
@@ -85,15 +95,8 @@ class Best(Value):
 
     def plot(self, part: int = 1) -> Figure:
         """The record, the model at the maximum, and what is left; `part`: of which experiment."""
-        from bayesdrill.report.style import warned  # late: matplotlib takes a second
-
-        found = self._report
-        every = list(found.figures.values())
-        if not 1 <= part <= len(every):
-            raise InputError.one(
-                "part", f"{shown(part)} given, and there are {len(every)} experiments"
-            )
-        return for_notebooks(warned(every[part - 1].drawn(), found.warning))
+        every = list(self._report.figures.values())
+        return _drawn(every, part, f"there are {len(every)} experiments", self._report.warning)
 
     @staticmethod
     def check_place(folder: str | Path, *, force: bool = False) -> None:
@@ -117,14 +120,13 @@ class Best(Value):
 
 @checked
 @dataclass(frozen=True, eq=False, repr=False)
-class Run(Value):
+class Run(SampledRun):
     """A sampled posterior: draws, what they say, and figures of them.
 
-    `columns`: the record `(T,)` each, where it is in no file.
+    `columns`: the record `(T,)` each, where it is in no file; `kept`: its analysis, where its folder has
+    it.
     """
 
-    job: Job
-    mode: Mode
     sampled: Sampled
     columns: Mapping[str, Array] | None = None
 
@@ -144,8 +146,8 @@ class Run(Value):
 
     @property
     def analysis(self) -> RunAnalysis:
-        """Every number of the report by name, evaluated once: see `RunAnalysis`, whose `describe` gives
-        the unit of each.
+        """Every number of the report by name, evaluated once, and read where its folder has it: see
+        `RunAnalysis`, whose `describe` gives the unit of each.
         """
         return self._view.analysis
 
@@ -155,7 +157,7 @@ class Run(Value):
 
     @cached_property
     def _view(self) -> View:
-        return conclusions.concluded(self.job, self.mode, self.sampled)
+        return conclusions.concluded(self.job, self.mode, self.sampled, kept=self.kept)
 
     def to_arviz(self) -> DataTree:
         """The groups of the ArviZ schema: `chain` is an ensemble."""
@@ -167,17 +169,11 @@ class Run(Value):
         In no window: `figure.savefig(...)`, or the last line of a cell.  `part`: of which experiment,
         where there are several.  Raises `InputError` where this run has no such figure.
         """
-        from bayesdrill.report.style import warned  # late: matplotlib takes a second
-
         arguments.known(FIGURES, name, "plot", "figure")
         found = list(drawings(name, self._view).values())
         if not found:
             raise InputError.one("plot", f"there is nothing to draw in a figure {name} of this run")
-        if not 1 <= part <= len(found):
-            raise InputError.one(
-                "part", f"{shown(part)} given, and the figure {name} has {len(found)}"
-            )
-        return for_notebooks(warned(found[part - 1].drawn(), self._view.warning))
+        return _drawn(found, part, f"the figure {name} has {len(found)}", self._view.warning)
 
     def plot_corner(self) -> Figure:
         return self.plot("corner")
@@ -248,5 +244,5 @@ def _as_record(columns: Mapping[str, Array] | None) -> str | None:
 @checked
 def open(folder: str | Path) -> Run:
     """The run that `save` or `bayesdrill posterior` left; raises `InputError` where there is none."""
-    job, found, sampled = pipeline.read_result(Path(folder).expanduser())
-    return Run(job, found, sampled)
+    found = pipeline.read_result(Path(folder).expanduser())
+    return Run(found.job, found.mode, found.sampled, kept=found.kept)

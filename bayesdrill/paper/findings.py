@@ -120,8 +120,12 @@ def prepare(configs: Path) -> Studies:
     problems = [*_of_noise((two, *nines)), *_of_two(two), *_of_nines(nines)]
     if problems:
         raise InputError(problems)
-    pairwise = tuple(_pairwise(nine) for nine in nines)
-    return Studies(two=two, nines=tuple(nines), pairwise=pairwise, makers=makers)
+    pairwise = []
+    for nine in nines:
+        own = nine.config.map.model_copy(update={"method": "pairwise"})
+        pairwise.append(optimiser_of(nine.config.model_copy(update={"map": own})))
+        pairwise[-1].check(nine.problem.names)
+    return Studies(two=two, nines=tuple(nines), pairwise=tuple(pairwise), makers=makers)
 
 
 def _of_noise(jobs: Sequence[Job]) -> list[Issue]:
@@ -160,11 +164,3 @@ def _of_nines(nines: Sequence[Job]) -> list[Issue]:
             problems.append(nine.source.problem(("name",), message))
         taken.add(name)
     return problems
-
-
-def _pairwise(nine: Job) -> Optimiser:
-    own = nine.config.map.model_copy(update={"method": "pairwise"})
-    repeated = nine.config.model_copy(update={"map": own})
-    found = optimiser_of(repeated)
-    found.check(nine.problem.names)
-    return found

@@ -103,7 +103,9 @@ def _march(
     size = np.maximum(np.abs(x), least)
     ends, states, slopes, rejected = [now], [x], [slope], 0
     longest = LONGEST * (end - now)
-    h = _first_step(float(np.max(np.abs(slope) / size)), rtol, longest)
+    rate = float(np.max(np.abs(slope) / size))
+    # As long as a third-order error of that relative rate of change allows.
+    h = min(longest, SAFETY * rtol**THIRD / rate) if rate > 0 else longest
     made, inverse = 0.0, matrix  # the step that `inverse` is for
     # Slope of the slope over the step before; at the start, the true one, as of a step of length 0.
     bend, before = matrix @ slope, 0.0
@@ -136,11 +138,6 @@ def _march(
         if factor >= WORTHWHILE:
             h = min(factor * h, longest)
     return ends, states, slopes, rejected
-
-
-def _first_step(rate: float, rtol: float, longest: float) -> float:
-    """As long as a third-order error of the relative `rate` of change allows."""
-    return min(longest, SAFETY * rtol**THIRD / rate) if rate > 0 else longest
 
 
 def _inverse(matrix: Array, h: float) -> Array:
@@ -210,25 +207,22 @@ class Error:
 def readings(experiment: Experiment, p: Mapping[str, float]) -> tuple[Reading, ...]:
     """The same step with each reading, at parameters `p` (SI), followed for `FOLLOWED` s."""
     experiment = regular(experiment, FOLLOWED, 1 / experiment.dt)
-    found = []
+    k, found = experiment.names.index("w_2"), []
     for name, (matrix, model) in READINGS.items():
-        exact = Response(model, experiment).signals(_row(model, p))[0]
-        w_2 = exact[:, experiment.names.index("w_2")]
-        stepped, steps = exact_signals(model, experiment, _row(model, p)[0])
-        approximate = stepped[:, experiment.names.index("w_2")]
+        exact, stepped, steps = _both(model, experiment, p)
         end = derived.steady(model, model.linear(p), 1, experiment.constant)["w_end"]
         found.append(
             Reading(
                 name=name,
                 matrix=matrix,
                 time=float(experiment.t[-1]),
-                w_2=float(w_2[-1]),
-                w_2_trapezoid=float(approximate[-1]),
+                w_2=float(exact[-1, k]),
+                w_2_trapezoid=float(stepped[-1, k]),
                 w_end=float(end[0]),
-                error=float(np.abs(approximate - w_2).max()),
+                error=float(np.abs(stepped - exact)[:, k].max()),
                 steps=steps,
                 t=experiment.t,
-                curve=w_2,
+                curve=exact[:, k],
             )
         )
     return tuple(found)
@@ -236,9 +230,7 @@ def readings(experiment: Experiment, p: Mapping[str, float]) -> tuple[Reading, .
 
 def errors(experiment: Experiment, p: Mapping[str, float]) -> tuple[Error, ...]:
     """Of the integrator on the corrected model."""
-    model = MotorShaft()
-    exact = Response(model, experiment).signals(_row(model, p))[0]
-    stepped, steps = exact_signals(model, experiment, _row(model, p)[0])
+    exact, stepped, steps = _both(MotorShaft(), experiment, p)
     off = stepped - exact
     return tuple(
         Error(
@@ -251,7 +243,16 @@ def errors(experiment: Experiment, p: Mapping[str, float]) -> tuple[Error, ...]:
     )
 
 
-def exact_signals(model: Model, experiment: Experiment, p: Array) -> tuple[Array, int]:
+def _both(model: Model, experiment: Experiment, p: Mapping[str, float]) -> tuple[Array, Array, int]:
+    """Channels `(T, K)` exact and as the paper integrates, and the steps that it takes."""
+    row = np.array([p[name] for name in model.parameters])
+    return (
+        Response(model, experiment).signals(row[None])[0],
+        *paper_signals(model, experiment, row),
+    )
+
+
+def paper_signals(model: Model, experiment: Experiment, p: Array) -> tuple[Array, int]:
     """Channels `(T, K)` as the paper integrates, at parameters `p (P,)`; and the steps taken.
 
     Raises `ValueError` unless all inputs are constant, as they are in the paper.
@@ -269,19 +270,10 @@ def exact_signals(model: Model, experiment: Experiment, p: Array) -> tuple[Array
     return solution.x[len(lead) :] @ np.array(weights).T, solution.steps
 
 
-def _row(model: Model, p: Mapping[str, float]) -> Array:
-    return np.array([[p[name] for name in model.parameters]])
-
-
-def applies(likelihood: Likelihood) -> bool:
-    """Whether all inputs are constant, as in the paper."""
-    return not likelihood.response.experiment.series
-
-
 def stepped_signals(likelihood: Likelihood, theta: Array) -> Array:
     """The channels without noise, `(T, K)`, at `theta (D,)`."""
     (full,) = likelihood.space.full(theta[None])
-    return exact_signals(likelihood.response.model, likelihood.response.experiment, full)[0]
+    return paper_signals(likelihood.response.model, likelihood.response.experiment, full)[0]
 
 
 def stepped_misfit(likelihood: Likelihood, theta: Array) -> float:

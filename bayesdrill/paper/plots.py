@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import dataclasses
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -32,7 +32,24 @@ from bayesdrill.report import (
 
 Look = Mapping[str, Any]
 
-FIT_LEGEND: Look = {"loc": "upper center", "borderaxespad": 0.3, "columnspacing": 1.6}
+NOMINAL_COLOUR = style.NOMINAL["color"]
+DASHED, DOTTED, DASH_DOTTED = (0, (4, 2)), (0, (1, 1.2)), (0, (6, 1.5, 1, 1.5))
+
+
+def _line(color: str, width: float, dashes: Any = "-", **more: Any) -> Look:
+    return {"color": color, "linestyle": dashes, "linewidth": width, **more}
+
+
+def _mark(color: str, marker: str, size: float, edge: float | None, **more: Any) -> Look:
+    looks = {"color": color, "marker": marker, "markersize": size, "markeredgewidth": edge}
+    return {**looks, "linestyle": "none", **more}
+
+
+def _legend(figure: Figure, looks: Mapping[str, Look], columns: int, **more: Any) -> None:
+    """Above all panels, by label."""
+    handles = [Line2D([], [], label=label, **look) for label, look in looks.items()]
+    figure.legend(handles=handles, loc="upper center", ncols=columns, borderaxespad=0.3, **more)
+
 
 # The printed matrix
 
@@ -54,10 +71,10 @@ SHORT = {
     "printed": r"$A_{51}$ over $j_1$ (printed), $i_n = i_m$",
 }
 CURVES: tuple[Look, ...] = (
-    {"color": style.BLACK, "linestyle": "-", "linewidth": 1.4},
-    {"color": style.NOMINAL["color"], "linestyle": (0, (4, 2)), "linewidth": 1.1},
-    {"color": style.MAP_COLOUR, "linestyle": (0, (1, 1.2)), "linewidth": 1.4},
-    {"color": style.MIDDLE, "linestyle": (0, (6, 1.5, 1, 1.5)), "linewidth": 1.0},
+    _line(style.BLACK, 1.4),
+    _line(NOMINAL_COLOUR, 1.1, DASHED),
+    _line(style.MAP_COLOUR, 1.4, DOTTED),
+    _line(style.MIDDLE, 1.0, DASH_DOTTED),
 )
 BAND: Look = {"color": "0.95", "linewidth": 0, "zorder": -2}  # that range, in both panels
 BELOW, ABOVE = 0.25, 1.3  # what the near panel shows, over the largest of the right speed
@@ -84,11 +101,8 @@ def readings_figure(readings: Sequence[Reading]) -> Figure:
         everything = scales.scale(*ranges[0])
         panels[0].axhspan(*(float(everything(x)) for x in near), **BAND)
         panels[1].set_facecolor(BAND["color"])
-        handles = [
-            Line2D([], [], label=_ending(reading), **CURVES[k % len(CURVES)])
-            for k, reading in enumerate(readings)
-        ]
-        figure.legend(handles=handles, ncols=2, handlelength=3.0, labelspacing=0.25, **FIT_LEGEND)
+        looks = {_ending(one): CURVES[k % len(CURVES)] for k, one in enumerate(readings)}
+        _legend(figure, looks, 2, handlelength=3.0, labelspacing=0.25, columnspacing=1.6)
     return figure
 
 
@@ -106,29 +120,10 @@ def _ending(reading: Reading) -> str:
 
 # Table 2
 
-BOUND: Look = {"color": style.BLACK, "linestyle": "-", "linewidth": 1.0}
-FMINSEARCH: Look = {
-    "color": style.NOMINAL["color"],
-    "marker": "o",
-    "markersize": 6.5,
-    "markerfacecolor": "none",
-    "markeredgewidth": 1.1,
-    "linestyle": "none",
-}
-SCALED: Look = {
-    "color": style.BLACK,
-    "marker": "+",
-    "markersize": 6,
-    "markeredgewidth": 1.0,
-    "linestyle": "none",
-}
-PRINTED: Look = {
-    "color": style.MAP_COLOUR,
-    "marker": "D",
-    "markersize": 4,
-    "linestyle": (0, (1, 1.5)),
-    "linewidth": 0.9,
-}
+BOUND = _line(style.BLACK, 1.0)
+FMINSEARCH = _mark(NOMINAL_COLOUR, "o", 6.5, 1.1, markerfacecolor="none")
+SCALED = _mark(style.BLACK, "+", 6, 1.0)
+PRINTED = _line(style.MAP_COLOUR, 0.9, (0, (1, 1.5)), marker="D", markersize=4)
 SINGLES: Look = {**style.DOTS, "color": style.MIDDLE, "markersize": 1.6, "alpha": 0.4}
 BIG: Look = {**SINGLES, "markersize": 2.5, "alpha": 0.8, "rasterized": False}
 ASIDE = 0.14  # decades, between a sigma and the single estimates of each way
@@ -145,61 +140,49 @@ def verification_figure(
             _errors(panel, v, k, {s: row[name] for s, row in printed.items() if name in row})
             panel.set_xlabel(r"$\sigma_n$ [rad, rad/s]")
             style.side_label(panel, rf"relative error of ${PARAMETERS[name].latex}$ [%]")
-        handles = [
-            Line2D([], [], label="Cramér-Rao bound of the sd", **BOUND),
-            Line2D([], [], label=f"sd of {v.records} estimates, fminsearch", **FMINSEARCH),
-            Line2D([], [], label=f"sd of {v.records} estimates, scaled search", **SCALED),
-            Line2D([], [], label="reported in the paper", **PRINTED),
-            Line2D([], [], label="single estimates (fminsearch left)", **BIG),
-        ]
-        figure.legend(handles=handles, ncols=3, handlelength=2.2, labelspacing=0.25, **FIT_LEGEND)
+        looks = {
+            "Cramér-Rao bound of the sd": BOUND,
+            f"sd of {v.records} estimates, fminsearch": FMINSEARCH,
+            f"sd of {v.records} estimates, scaled search": SCALED,
+            "reported in the paper": PRINTED,
+            "single estimates (fminsearch left)": BIG,
+        }
+        _legend(figure, looks, 3, handlelength=2.2, labelspacing=0.25, columnspacing=1.6)
     return figure
 
 
 def _errors(panel: Axes, v: Verification, k: int, printed: Mapping[float, paper.Estimate]) -> None:
-    name, truth = v.names[k], abs(float(v.truth[k]))
-    sigmas = np.array(v.sigmas)
-    cells = [v.cell(sigma, name) for sigma in v.sigmas]
+    sigmas, each = np.array([*v.values]), v.values.values()
 
-    def percent(values: Sequence[float] | Array) -> Array:
-        return np.asarray(100.0 * np.abs(values) / truth, dtype=np.float64)
+    def percent(what: str) -> Array:
+        return np.array([100.0 * abs(own[what][k]) / abs(own["truth"][k]) for own in each])
 
-    bound = percent([cell.bound for cell in cells])
-    spreads = {
-        "fminsearch": percent([cell.sd_fminsearch for cell in cells]),
-        "scaled": percent([cell.sd_scaled for cell in cells]),
-    }
-    singles = []
+    shown = np.array([[s, cell.deviation] for s, cell in sorted(printed.items())]).reshape(-1, 2)
+    bound, fminsearch, scaled = map(percent, ("bound", "sd_fminsearch", "sd_scaled"))
+    every = [usable(np.concatenate([bound, fminsearch, scaled, shown[:, 1]]))]
     for side, way in ((-1, "fminsearch"), (1, "scaled")):
-        for sigma in v.sigmas:
-            off = percent(v.estimates[way][sigma][:, k] - v.truth[k])
+        for sigma, own in v.values.items():
+            truth = own["truth"][k]
+            off = 100.0 * np.abs(v.estimates[way][sigma][:, k] - truth) / abs(truth)
             off = off[off > 0]
             panel.plot(np.full(len(off), sigma * 10 ** (side * ASIDE)), off, **SINGLES)
-            singles.append(off)
-    shown = np.array([[s, cell.deviation] for s, cell in sorted(printed.items())]).reshape(-1, 2)
+            every.append(off)
     panel.plot(sigmas, bound, zorder=2, **BOUND)
-    panel.plot(sigmas, spreads["fminsearch"], zorder=3, **FMINSEARCH)
-    panel.plot(sigmas, spreads["scaled"], zorder=4, **SCALED)
+    panel.plot(sigmas, fminsearch, zorder=3, **FMINSEARCH)
+    panel.plot(sigmas, scaled, zorder=4, **SCALED)
     panel.plot(*shown.T, zorder=5, **PRINTED)
-    every = usable(np.concatenate([bound, *spreads.values(), shown[:, 1]]))
-    low = min([every.min(), *(np.quantile(off, LEAST_SHARE) for off in singles if len(off))])
-    high = max([every.max(), *(off.max() for off in singles if len(off))])
+    lowest, *singles = every
+    low = min([lowest.min(), *(np.quantile(off, LEAST_SHARE) for off in singles if len(off))])
+    high = max(off.max() for off in every if len(off))
     set_decades(panel.yaxis, low / 1.6, high * 1.6)
     set_decades(panel.xaxis, sigmas.min() / 2.2, sigmas.max() * 2.2)
 
 
 # The fit
 
-FIT = dataclasses.replace(PAIR, row=1.45, gap_y=0.14, top=0.32)
-MEASURED: Look = {"color": style.NOMINAL["color"], "linestyle": "-", "linewidth": 0.8}
-ESTIMATED: Look = {
-    "color": style.MAP_COLOUR,
-    "marker": "o",
-    "markersize": 3,
-    "markerfacecolor": "white",
-    "markeredgewidth": 0.8,
-    "linestyle": "none",
-}
+FIT = replace(PAIR, row=1.45, gap_y=0.14, top=0.32)
+MEASURED = _line(NOMINAL_COLOUR, 0.8)
+ESTIMATED = _mark(style.MAP_COLOUR, "o", 3, 0.8, markerfacecolor="white")
 MARKS = 41
 
 
@@ -225,31 +208,20 @@ def fit_paper_figure(experiment: Experiment, estimated: Array) -> Figure:
             panel.tick_params(labelbottom=lowest)
             if lowest:
                 panel.set_xlabel(time.label(TIME))
-        handles = [
-            Line2D([], [], label="record", **MEASURED),
-            Line2D([], [], label="estimated", **ESTIMATED),
-        ]
-        figure.legend(handles=handles, ncols=2, **FIT_LEGEND)
+        _legend(figure, {"record": MEASURED, "estimated": ESTIMATED}, 2, columnspacing=1.6)
     return figure
 
 
-FLOOR: Look = {"color": style.MIDDLE, "linestyle": (0, (4, 2)), "linewidth": 0.9, "zorder": 1}
+FLOOR = _line(style.MIDDLE, 0.9, DASHED, zorder=1)
 
 # Where searches end
 
-LEFT, RIGHT, GAP, TOP, BOTTOM, ROW = 0.62, 0.14, 0.72, 0.32, 0.42, 2.3  # inches
-WAYS: Mapping[str, tuple[str, Look]] = {
-    "fminsearch": ("fminsearch", {"color": style.NOMINAL["color"], "marker": "o"}),
-    "scaled": ("scaled search", {"color": style.MAP_COLOUR, "marker": "^"}),
+ENDS = replace(PAIR, row=2.3, right=0.14, gap_x=0.72, top=0.32)
+WAYS: Mapping[str, tuple[str, str, str]] = {  # label, colour, marker
+    "fminsearch": ("fminsearch", NOMINAL_COLOUR, "o"),
+    "scaled": ("scaled search", style.MAP_COLOUR, "^"),
 }
-TRUTH: Look = {
-    "color": style.BLACK,
-    "marker": "+",
-    "markersize": 10,
-    "markeredgewidth": 1.2,
-    "linestyle": "none",
-    "zorder": 5,
-}
+TRUTH = _mark(style.BLACK, "+", 10, 1.2, zorder=5)
 
 
 def simultaneous_figure(ends: Sequence[End], symmetries: Sequence[str]) -> Figure:
@@ -258,27 +230,20 @@ def simultaneous_figure(ends: Sequence[End], symmetries: Sequence[str]) -> Figur
     `symmetries`: the parameters that each scales, in LaTeX without dollars.
     """
     shown = symmetries[:2]
-    width = scales.DOUBLE if shown else scales.SINGLE
-    height = TOP + ROW + BOTTOM + (0.0 if shown else 0.2)
+    page = ENDS if shown else replace(ENDS, width=scales.SINGLE, top=ENDS.top + 0.2)
     with style.styled():
-        figure = Figure(figsize=(width, height))
-        inside = (width - LEFT - RIGHT - GAP) / 2 if shown else width - LEFT - RIGHT
-
-        def place(x: float) -> Axes:
-            return figure.add_axes((x / width, BOTTOM / height, inside / width, ROW / height))
-
+        figure, panels = page.build(2 if shown else 1)
         if shown:
-            _scales(place(LEFT), ends, shown)
-        _misfits(place(width - RIGHT - inside), ends)
-        figure.legend(
-            handles=_handles(ends, truth=bool(shown)),
-            loc="upper center",
-            ncols=6 if shown else 2,
-            borderaxespad=0.3,
-            columnspacing=1.4,
-            handletextpad=0.5,
-            labelspacing=0.25,
-        )
+            _scales(panels[0], ends, shown)
+        _misfits(panels[-1], ends)
+        looks = {WAYS[way][0]: _end(way, reached=True) for way in _ways(ends)}
+        if not all(end.reached for end in ends):
+            grey = {"marker": "s", "markeredgecolor": style.DARK}
+            looks["open: noise floor not reached"] = {**_end("fminsearch", reached=False), **grey}
+        if shown:
+            looks["truth"] = {**TRUTH, "markersize": 7}
+        spaces = {"columnspacing": 1.4, "handletextpad": 0.5, "labelspacing": 0.25}
+        _legend(figure, {**looks, "noise floor": FLOOR}, 6 if shown else 2, **spaces)
     return figure
 
 
@@ -295,19 +260,18 @@ def _scales(panel: Axes, ends: Sequence[End], symmetries: Sequence[str]) -> None
     for axis, factor, latex in zip((panel.xaxis, panel.yaxis), factors.T, symmetries, strict=False):
         set_factors(axis, factor)
         axis.set_label_text(f"common factor of ${latex}$")
+    panel.axvline(1.0, color=style.LIGHT, linewidth=0.7, zorder=0)
     if strip:
-        panel.axvline(1.0, color=style.LIGHT, linewidth=0.7, zorder=0)
         panel.set_ylim(-0.8, len(_ways(ends)) - 0.2)
         panel.set_yticks([])
     else:
-        panel.axvline(1.0, color=style.LIGHT, linewidth=0.7, zorder=0)
         panel.axhline(1.0, color=style.LIGHT, linewidth=0.7, zorder=0)
 
 
 def _misfits(panel: Axes, ends: Sequence[End]) -> None:
     for way in _ways(ends):
         chosen = [end for end in ends if end.way == way]
-        x, y = (np.array([getattr(e, what) for e in chosen]) for what in ("distance", "misfit"))
+        x, y = np.array([(end.distance, end.misfit) for end in chosen]).T
         _marks(panel, x, y, chosen)
     panel.axhline(1.0, **FLOOR)
     finite = [end.distance for end in ends if np.isfinite(end.distance)]
@@ -321,19 +285,16 @@ def _marks(panel: Axes, x: Array, y: Array, ends: Sequence[End]) -> None:
     for reached in (True, False):
         chosen = np.array([end.reached is reached for end in ends], dtype=bool)
         if chosen.any():
-            panel.plot(x[chosen], y[chosen], **_mark(ends[0].way, reached=reached))
+            panel.plot(x[chosen], y[chosen], **_end(ends[0].way, reached=reached))
 
 
-def _mark(way: str, *, reached: bool) -> dict[str, Any]:
-    look = WAYS[way][1]
+def _end(way: str, *, reached: bool) -> dict[str, Any]:
+    _, color, marker = WAYS[way]
+    face = (color, 0.45) if reached else "none"
     return {
-        **look,
-        "markersize": 4.5,
-        "markeredgewidth": 0.9,
-        "markeredgecolor": look["color"],
-        "markerfacecolor": (look["color"], 0.45) if reached else "none",
-        "linestyle": "none",
-        "zorder": 3,
+        **_mark(color, marker, 4.5, 0.9, zorder=3),
+        "markeredgecolor": color,
+        "markerfacecolor": face,
     }
 
 
@@ -341,59 +302,33 @@ def _ways(ends: Sequence[End]) -> list[str]:
     return [way for way in WAYS if any(end.way == way for end in ends)]
 
 
-def _handles(ends: Sequence[End], *, truth: bool) -> list[Line2D]:
-    handles = [
-        Line2D([], [], label=WAYS[way][0], **_mark(way, reached=True)) for way in _ways(ends)
-    ]
-    if not all(end.reached for end in ends):
-        grey = {**_mark("fminsearch", reached=False), "marker": "s", "markeredgecolor": style.DARK}
-        handles.append(Line2D([], [], label="open: noise floor not reached", **grey))
-    if truth:
-        handles.append(Line2D([], [], label="truth", **{**TRUTH, "markersize": 7}))
-    handles.append(Line2D([], [], label="noise floor", **FLOOR))
-    return handles
-
-
 # The path of the heuristic
 
+ALONE = replace(ENDS, columns=1, width=scales.DOUBLE * 0.72)
 PATHS: tuple[Look, ...] = (
-    {"color": style.BLACK, "linestyle": "-", "linewidth": 1.2},
-    {"color": style.NOMINAL["color"], "linestyle": (0, (4, 1.5)), "linewidth": 1.2},
-    {"color": style.MAP_COLOUR, "linestyle": (0, (1, 1.2)), "linewidth": 1.4},
-    {"color": style.MIDDLE, "linestyle": (0, (6, 1.5, 1, 1.5)), "linewidth": 1.2},
+    _line(style.BLACK, 1.2),
+    _line(NOMINAL_COLOUR, 1.2, (0, (4, 1.5))),
+    _line(style.MAP_COLOUR, 1.4, DOTTED),
+    _line(style.MIDDLE, 1.2, DASH_DOTTED),
 )
 
 
 def convergence_figure(found: Sequence[tuple[str, Heuristic]]) -> Figure:
     """Misfit per number after each iteration, by name of the record."""
-    width, top = scales.DOUBLE * 0.72, 0.46
-    height = top + ROW - 0.3 + BOTTOM
     with style.styled():
-        figure = Figure(figsize=(width, height))
-        panel = figure.add_axes(
-            (
-                LEFT / width,
-                BOTTOM / height,
-                (width - LEFT - RIGHT) / width,
-                (height - BOTTOM - top) / height,
-            )
-        )
-        handles = []
+        figure, (panel,) = replace(ALONE, row=2.0, top=0.46).build(1)
+        looks = {}
         for k, (name, heuristic) in enumerate(found):
-            look = PATHS[k % len(PATHS)]
-            misfits = heuristic.misfits
+            look, misfits = PATHS[k % len(PATHS)], heuristic.misfits
             panel.step(np.arange(len(misfits)), misfits, where="post", zorder=3, **look)
             panel.plot(len(misfits) - 1, misfits[-1], marker="o", markersize=4, color=look["color"])
-            handles.append(Line2D([], [], label=f"record {name}".replace("$", r"\$"), **look))
-        last = max(len(heuristic.misfits) - 1 for _, heuristic in found)
+            looks[f"record {name}".replace("$", r"\$")] = look
         panel.axhline(1.0, **FLOOR)
-        handles.append(Line2D([], [], label="noise floor", **FLOOR))
-        _misfit_axis(panel, np.concatenate([heuristic.misfits for _, heuristic in found]))
-        _from_zero(panel, max(last, 1), 0.02)
+        every = [heuristic.misfits for _, heuristic in found]
+        _misfit_axis(panel, np.concatenate(every))
+        _from_zero(panel, max(len(misfits) for misfits in every) - 1 or 1, 0.02)
         panel.set_xlabel("iteration of the heuristic")
-        figure.legend(
-            handles=handles, loc="upper center", ncols=2, borderaxespad=0.3, labelspacing=0.25
-        )
+        _legend(figure, {**looks, "noise floor": FLOOR}, 2, labelspacing=0.25)
     return figure
 
 
@@ -412,89 +347,63 @@ def _from_zero(panel: Axes, last: float, before: float) -> None:
     style.set_ticks(panel.xaxis, *scales.ticks(scale.low, scale.high, 8, clear=0.0))
 
 
-LINE, FOOT = 0.34, 0.42  # inches
+# Table 3
+
+LINE = 0.34  # inches
 KEY, COLUMNS = 0.165, 3  # height of a row of the legend, and its columns
 UP, DOWN = -0.13, 0.22  # rows: the posterior, and below it the heuristic
 MIDDLE = (0.25, 0.75)  # quantiles: the thick bar
 THIN: Look = {"color": style.DARK, "linewidth": 1.1, "solid_capstyle": "butt"}
 THICK: Look = {"color": style.DARK, "linewidth": 4.0, "solid_capstyle": "butt"}
-ESTIMATE: Look = {
-    "color": style.MAP_COLOUR,
-    "marker": "D",
-    "markersize": 4.5,
-    "linestyle": "none",
-    "zorder": 4,
-}
-OTHERS: Look = {
-    "color": style.MAP_COLOUR,
-    "marker": "o",
-    "markersize": 2.4,
-    "markeredgewidth": 0,
-    "alpha": 0.4,
-    "linestyle": "none",
-    "zorder": 3,
-}
-TABLE_3_LEGEND: Look = {"loc": "upper center", "borderaxespad": 0.3, "labelspacing": 0.3}
-GUESS: Look = {"color": style.MIDDLE, "linestyle": (0, (4, 2)), "linewidth": 0.8, "zorder": 0}
-TICK: Look = {
-    "color": style.NOMINAL["color"],
-    "marker": "|",
-    "markersize": 17,
-    "markeredgewidth": 1.6,
-    "linestyle": "none",
-    "zorder": 5,
-}
-PAPER: Look = {
-    "color": style.BLACK,
-    "marker": "x",
-    "markersize": 5.5,
-    "markeredgewidth": 1.2,
-    "linestyle": "none",
-    "zorder": 6,
-}
+ESTIMATE = _mark(style.MAP_COLOUR, "D", 4.5, None, zorder=4)
+OTHERS = _mark(style.MAP_COLOUR, "o", 2.4, 0, alpha=0.4, zorder=3)
+GUESS = _line(style.MIDDLE, 0.8, DASHED, zorder=0)
+TICK = _mark(NOMINAL_COLOUR, "|", 17, 1.6, zorder=5)
+PAPER = _mark(style.BLACK, "x", 5.5, 1.2, zorder=6)
 
 
 def table_3_figure(
     names: Sequence[str],
-    guess: Array,
-    estimate: Array,
-    others: Array,
+    heuristic: Heuristic,
     truth: Array | None,
     draws: Array,
     paper: Array,
 ) -> Figure:
     """A row for each of `names`, over its guess: posterior above, the heuristic's estimates below.
 
-    SI: guess, estimate and truth `(D,)`, others `(S, D)`, draws `(N, D)`; `paper (D,)`: what it
-    prints, NaN where it has nothing, not drawn if it is the truth itself.
+    SI: truth `(D,)`, draws `(N, D)`; `paper (D,)`: what it prints, NaN where it has nothing, not drawn
+    if it is the truth itself.
     """
-    n = len(names)
+    n, guess = len(names), heuristic.guess
     printed = np.isfinite(paper)
     other = bool(printed.any()) and (
         truth is None or not np.allclose(paper[printed], truth[printed])
     )
-    keys = _keys(truth=truth is not None, others=len(others) > 0, paper=other)
-    head = 0.13 + KEY * math.ceil(len(keys) / COLUMNS)
-    width, height = scales.DOUBLE * 0.72, head + n * LINE + FOOT
-    ratios = draws / guess
+    ratios, rows, estimate = draws / guess, np.arange(n), heuristic.estimate / guess
+    starts = (heuristic.others / guess).reshape(-1, n)
+    looks = {
+        "posterior, middle half": THICK,
+        f"posterior, {100 * HDI_PROBABILITY:.0f} % HDI": THIN,
+        "heuristic": ESTIMATE,
+        **({"heuristic, other starts": OTHERS} if len(starts) else {}),
+        "initial guess": GUESS,
+        **({"the paper's estimate": PAPER} if other else {}),
+        **({} if truth is None else {"truth": {**TICK, "markersize": 9}}),
+    }
+    head = 0.13 + KEY * math.ceil(len(looks) / COLUMNS)
     with style.styled():
-        figure = Figure(figsize=(width, height))
-        inside = (width - LEFT - RIGHT) / width
-        panel = figure.add_axes((LEFT / width, FOOT / height, inside, n * LINE / height))
-        ends: list[float] = []
+        figure, (panel,) = replace(ALONE, row=n * LINE, top=head).build(1)
+        shown = [starts.ravel(), estimate]
         for row in range(n):
             whole = np.exp(hdi(np.log(ratios[:, row])))
             for interval, look in ((whole, THIN), (np.quantile(ratios[:, row], MIDDLE), THICK)):
                 panel.plot(interval, [row + UP] * 2, **look)
-            ends += whole.tolist()
+            shown.append(whole)
             if row:
                 panel.axhline(row - 0.5, color=style.FAINT, linewidth=0.6, zorder=-1)
-        rows = np.arange(n)
-        starts = (others / guess).reshape(-1, n)
         for start in starts:
             panel.plot(start, rows + DOWN, **OTHERS)
-        panel.plot(estimate / guess, rows + DOWN, **ESTIMATE)
-        shown = [np.array(ends), starts.ravel(), estimate / guess]
+        panel.plot(estimate, rows + DOWN, **ESTIMATE)
         if truth is not None:
             panel.plot(truth / guess, rows + 0.04, **TICK)
             shown.append(truth / guess)
@@ -507,25 +416,8 @@ def table_3_figure(
         panel.tick_params(axis="y", length=0)
         panel.set_ylim(n - 0.5, -0.5)
         panel.set_xlabel("value over initial guess")
-        figure.legend(handles=keys, ncols=COLUMNS, **TABLE_3_LEGEND)
+        _legend(figure, looks, COLUMNS, labelspacing=0.3)
     return figure
-
-
-def _keys(*, truth: bool, others: bool, paper: bool) -> list[Line2D]:
-    percent = f"{100 * HDI_PROBABILITY:.0f}"
-    handles = [
-        Line2D([], [], label="posterior, middle half", **THICK),
-        Line2D([], [], label=f"posterior, {percent} % HDI", **THIN),
-        Line2D([], [], label="heuristic", **ESTIMATE),
-    ]
-    if others:
-        handles.append(Line2D([], [], label="heuristic, other starts", **OTHERS))
-    handles.append(Line2D([], [], label="initial guess", **GUESS))
-    if paper:
-        handles.append(Line2D([], [], label="the paper's estimate", **PAPER))
-    if truth:
-        handles.append(Line2D([], [], label="truth", **{**TICK, "markersize": 9}))
-    return handles
 
 
 def _latex(name: str) -> str:

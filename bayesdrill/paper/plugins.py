@@ -224,44 +224,38 @@ class Pairwise:
             )
 
     def __call__(self, task: Task, starts: Array, evaluations: int) -> list[Optimum]:
+        return [self._search(task, start, evaluations) for start in starts]
+
+    def _search(self, task: Task, start: Array, evaluations: int) -> Optimum:
+        theta, spent, settled = start.copy(), 0, False
         pairs = self.pairs or circle(task.names)
-        return [
-            _maximise(task, start, evaluations, pairs, self.iterations, self.steady)
-            for start in starts
-        ]
-
-
-def _maximise(
-    task: Task, start: Array, evaluations: int, pairs: Pairs, iterations: int, steady: float
-) -> Optimum:
-    theta, spent, settled = start.copy(), 0, False
-    columns = [[task.names.index(name) for name in pair] for pair in pairs]
-    history: list[float] = []
-    while not settled and spent < evaluations:
-        cycle: list[Run] = []
-        for pair in columns:
-            if spent == evaluations:
-                break
-            run = descend(
-                partial(_misfit, task, theta, pair),
-                theta[pair],
-                xatol=TOLERANCE,
-                fatol=TOLERANCE,
-                maxiter=iterations,
-                maxfev=evaluations - spent,
-            )
-            theta = _with(theta, pair, run.x)
-            spent += run.evaluations
-            history += run.history
-            cycle.append(run)
-        settled = spent < evaluations and cycle[0].first - cycle[-1].lowest < steady
-    return Optimum(
-        theta=theta,
-        value=-0.5 * cycle[-1].lowest,
-        evaluations=spent,
-        settled=settled,
-        history=tuple(-0.5 * low for low in history),
-    )
+        columns = [[task.names.index(name) for name in pair] for pair in pairs]
+        history: list[float] = []
+        while not settled and spent < evaluations:
+            cycle: list[Run] = []
+            for pair in columns:
+                if spent == evaluations:
+                    break
+                run = descend(
+                    partial(_misfit, task, theta, pair),
+                    theta[pair],
+                    xatol=TOLERANCE,
+                    fatol=TOLERANCE,
+                    maxiter=self.iterations,
+                    maxfev=evaluations - spent,
+                )
+                theta = _with(theta, pair, run.x)
+                spent += run.evaluations
+                history += run.history
+                cycle.append(run)
+            settled = spent < evaluations and cycle[0].first - cycle[-1].lowest < self.steady
+        return Optimum(
+            theta=theta,
+            value=-0.5 * cycle[-1].lowest,
+            evaluations=spent,
+            settled=settled,
+            history=tuple(-0.5 * low for low in history),
+        )
 
 
 def _misfit(task: Task, theta: Array, pair: list[int], values: Array) -> float:

@@ -93,28 +93,18 @@ MENDED: Mapping[str, str] = MappingProxyType(
 )  # where Table 1 is not believed, and what is believed instead
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Nominal:
-    """A line of Table 1, SI: what it prints, what is the nominal value here, and why."""
-
-    parameter: str
-    unit: str
-    printed: float
-    nominal: float
-    says: str
-
-
-def table_1() -> tuple[Nominal, ...]:
-    return tuple(
-        Nominal(
-            parameter=name,
-            unit=symbols.PARAMETERS[name].plain_unit,
-            printed=value,
-            nominal=GUESS[name],
-            says="" if value == GUESS[name] else MENDED[name],
-        )
+def table_1() -> list[Mapping[str, str | float]]:
+    """Its lines, SI: what it prints, what is the nominal value here, and why."""
+    return [
+        {
+            "parameter": name,
+            "unit": symbols.PARAMETERS[name].plain_unit,
+            "printed": value,
+            "nominal": GUESS[name],
+            "says": "" if value == GUESS[name] else MENDED[name],
+        }
         for name, value in TABLE_1.items()
-    )
+    ]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -129,23 +119,24 @@ class Inconsistency:
 
 
 def inconsistencies() -> tuple[Inconsistency, ...]:
-    """Those that numbers show; what is wrong with the matrix is in `models.as_printed`."""
-    return (*_of_tables(), *_of_rig(), *_of_estimates())
-
-
-def _of_tables() -> list[Inconsistency]:
-    found = []
-    for name, reading in MENDED.items():
-        found.append(
-            Inconsistency(
-                what=f"{name}: Table 1, and the initial guess of Table 3",
-                printed=TABLE_1[name],
-                implied=GUESS[name],
-                unit=symbols.PARAMETERS[name].plain_unit,
-                says=reading,
-            )
+    """Those that numbers show; what is wrong with the matrix is in `plugins.AsPrinted`."""
+    of_tables = [
+        Inconsistency(
+            what=f"{name}: Table 1, and the initial guess of Table 3",
+            printed=TABLE_1[name],
+            implied=GUESS[name],
+            unit=symbols.PARAMETERS[name].plain_unit,
+            says=reading,
         )
-    return found
+        for name, reading in MENDED.items()
+    ]
+    estimates = [
+        (f"{name} in Table 2 at sigma_n {sigma:g}: deviation", name, cell)
+        for sigma, row in TWO_PARAMETERS.items()
+        for name, cell in row.items()
+    ]
+    estimates += [(f"{n} in Table 3: deviation", n, cell) for n, cell in NINE_PARAMETERS.items()]
+    return (*of_tables, *_of_rig(), *filter(None, (_odd(*one) for one in estimates)))
 
 
 def _of_rig() -> list[Inconsistency]:
@@ -177,17 +168,6 @@ def _of_rig() -> list[Inconsistency]:
             "takes from the current: k_T, k_e, v or i_m is not what it is said to be",
         ),
     ]
-
-
-def _of_estimates() -> list[Inconsistency]:
-    printed = [
-        (f"Table 2 at sigma_n {sigma:g}", name, cell)
-        for sigma, row in TWO_PARAMETERS.items()
-        for name, cell in row.items()
-    ]
-    printed += [("Table 3", name, cell) for name, cell in NINE_PARAMETERS.items()]
-    found = (_odd(f"{name} in {where}: deviation", name, cell) for where, name, cell in printed)
-    return [odd for odd in found if odd]
 
 
 def _odd(what: str, name: str, cell: Estimate) -> Inconsistency | None:

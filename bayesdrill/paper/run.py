@@ -14,14 +14,20 @@ from bayesdrill import output_files
 from bayesdrill.analysis import Scenery, study_of
 from bayesdrill.basics import Array, Interrupted, Reporter, Silent, software
 from bayesdrill.config import Job, ResolvedCase
-from bayesdrill.inference import ParameterSpace
-from bayesdrill.paper import forward, precision, printed, reproduction, searches
+from bayesdrill.paper import forward, precision, printed, reproduction
 from bayesdrill.paper.findings import Findings, Misfits, Nine, Studies, prepare
 from bayesdrill.paper.precision import truth_of
-from bayesdrill.paper.searches import Control, Verification, control, verify
+from bayesdrill.paper.searches import (
+    Heuristic,
+    Search,
+    control,
+    many_searches,
+    run_heuristic,
+    verify,
+)
 from bayesdrill.results import Folder
 from bayesdrill.rig import MotorShaft
-from bayesdrill.sampling import Crew, Optimiser
+from bayesdrill.sampling import Crew
 from bayesdrill.tasks import conclusions, pipeline
 
 RECORDS = 400  # of each sigma in the verification study
@@ -71,35 +77,48 @@ def reproduce(
 
 
 def _run(studies: Studies, folder: Folder, processes: int, clock: _Clock) -> Findings:
-    two = studies.two
-    verification, lengths = _verification(two, processes)
-    clock.done(f"two parameters: {RECORDS} records at each of {len(verification.sigmas)} sigmas")
-    nines = [
-        _nine(nine, search, studies.makers, folder.path, processes, clock)
+    two, nominal = studies.two.problem, studies.two.problem.nominal
+    likelihood, experiment = two.posterior.likelihood, two.experiment
+    truth, plan = two.posterior.space.vector(nominal), conclusions.plan(studies.two.config)
+    sigmas = tuple(printed.TWO_PARAMETERS)
+    with Crew(two.posterior, processes) as crew:
+        verification = verify(crew, two.posterior, truth, sigmas, RECORDS, plan)
+    lengths = precision.lengths(likelihood, nominal, LENGTHS)
+    clock.done(f"two parameters: {RECORDS} records at each of {len(sigmas)} sigmas")
+    nines = tuple(
+        _nine(nine, Search(search, EVALUATIONS), studies.makers, folder.path, processes, clock)
         for nine, search in zip(studies.nines, studies.pairwise, strict=True)
-    ]
-    first = studies.nines[0]
-    ends, symmetries = _simultaneous(first, nines[0], processes)
+    )
+    first, search = studies.nines[0], Search(studies.pairwise[0], EVALUATIONS)
+    posterior, seed = first.problem.posterior, first.config.seed
+    start = posterior.space.vector(posterior.space.start)
+    study = study_of(Scenery(posterior.likelihood), posterior, start, first.asked)
+    symmetries, centre = study.structure.symmetries, nines[0].truth
+    if centre is None:  # of the distances of ends
+        centre = np.median(nines[0].draws, axis=0)
+    with Crew(posterior, processes) as crew:
+        ends = many_searches(crew, posterior, centre, symmetries, STARTS, seed)
     clock.done(f"all at once: {len(ends)} searches")
-    controls = _control(first, studies.pairwise[0], processes)
+    with Crew(posterior, processes) as crew:
+        controls = control(crew, posterior, search, SIGMAS, CONTROLS, seed)
     clock.done(f"the heuristic on {CONTROLS} nominal records at each of {len(SIGMAS)} sigmas")
-    experiment, nominal = two.problem.experiment, two.problem.nominal
     findings = Findings(
         readings=forward.readings(experiment, nominal),
         errors=forward.errors(experiment, nominal),
         verification=verification,
         lengths=lengths,
-        implied=precision.implied_noise(
-            precision.at_sigma_1(two.problem.posterior.likelihood, nominal)
-        ),
+        implied=precision.implied_noise(precision.at_sigma_1(likelihood, nominal)),
         searched=nines[0].name,
-        symmetries=symmetries,
+        symmetries=tuple(
+            tuple(name for name, e in zip(nines[0].names, exponents, strict=False) if e)
+            for exponents in symmetries
+        ),
         ends=ends,
         control=controls,
-        nines=tuple(nines),
+        nines=nines,
         tones=printed.tones(nominal["j_1"], nominal["j_m"] / MotorShaft().i_m ** 2, TONES),
     )
-    with Crew(two.problem.posterior, processes) as crew:
+    with Crew(two.posterior, processes) as crew:
         reproduction.write(findings, folder, crew)
     clock.done("tables and figures")
     folder.write_run(status="finished", converged=findings.converged, seconds=clock.seconds)
@@ -121,25 +140,9 @@ class _Clock:
         self._last = now
 
 
-def _verification(two: Job, processes: int) -> tuple[Verification, tuple[precision.Length, ...]]:
-    posterior = two.problem.posterior
-    nominal = two.problem.nominal
-    truth = posterior.space.vector(nominal)
-    sigmas = tuple(printed.TWO_PARAMETERS)
-    with Crew(posterior, processes) as crew:
-        found = verify(crew, posterior, truth, sigmas, RECORDS, conclusions.plan(two.config))
-    return found, precision.lengths(posterior.likelihood, nominal, LENGTHS)
-
-
-def _control(nine: Job, search: Optimiser, processes: int) -> tuple[Control, ...]:
-    posterior, seed = nine.problem.posterior, nine.config.seed
-    with Crew(posterior, processes) as crew:
-        return control(crew, posterior, search, EVALUATIONS, SIGMAS, CONTROLS, seed)
-
-
 def _nine(
     nine: Job,
-    search: Optimiser,
+    search: Search,
     makers: Sequence[ResolvedCase],
     folder: Path,
     processes: int,
@@ -148,9 +151,7 @@ def _nine(
     """Heuristic and posterior of one record; the posterior has a results folder of its own."""
     name, posterior = nine.config.name, nine.problem.posterior
     with Crew(posterior, processes) as crew:
-        found = searches.run_heuristic(
-            crew, posterior, search, EVALUATIONS, OTHERS, nine.config.seed
-        )
+        found = run_heuristic(crew, posterior, search, OTHERS, nine.config.seed)
     clock.done(f"{name}: the heuristic from {OTHERS + 1} starts, and with the paper's integrator")
     whole = pipeline.posterior(nine, folder / name, "force", processes, Silent())
     state = "converged" if whole.sampled.convergence.converged else "NOT converged"
@@ -164,7 +165,10 @@ def _nine(
         name=name,
         names=nine.problem.names,
         units=tuple(symbol.plain_unit for symbol in nine.problem.symbols),
-        given=_given(posterior.space),
+        given=(
+            *(f"{name} = {value:.4g}" for name, value in posterior.space.fixed.items()),
+            *(f"{name} = {tie.text}" for name, tie in posterior.space.relations.items()),
+        ),
         experiment=nine.problem.experiment,
         heuristic=found,
         signals=posterior.likelihood.signals(found.estimate[None])[0],
@@ -177,13 +181,7 @@ def _nine(
     )
 
 
-def _given(space: ParameterSpace) -> tuple[str, ...]:
-    """Parameters that are held or tied, each with its value or formula."""
-    held = [f"{name} = {value:.4g}" for name, value in space.fixed.items()]
-    return (*held, *(f"{name} = {tie.text}" for name, tie in space.relations.items()))
-
-
-def _misfits(nine: Job, found: searches.Heuristic, mode: Array, truth: Array | None) -> Misfits:
+def _misfits(nine: Job, found: Heuristic, mode: Array, truth: Array | None) -> Misfits:
     posterior = nine.problem.posterior
     numbers = posterior.likelihood.numbers
     low, high = precision.expected_misfit(numbers)
@@ -199,22 +197,3 @@ def _misfits(nine: Job, found: searches.Heuristic, mode: Array, truth: Array | N
         low=low,
         high=high,
     )
-
-
-def _simultaneous(
-    nine: Job, found: Nine, processes: int
-) -> tuple[tuple[searches.End, ...], tuple[tuple[str, ...], ...]]:
-    """Distances are from the truth, or else from the median of the posterior."""
-    posterior = nine.problem.posterior
-    centre = posterior.space.vector(posterior.space.start)
-    structure = study_of(Scenery(posterior.likelihood), posterior, centre, nine.asked).structure
-    reference = np.median(found.draws, axis=0) if found.truth is None else found.truth
-    with Crew(posterior, processes) as crew:
-        ends = searches.many_searches(
-            crew, posterior, reference, structure.symmetries, STARTS, nine.config.seed
-        )
-    scaled = tuple(
-        tuple(name for name, e in zip(found.names, exponents, strict=False) if e)
-        for exponents in structure.symmetries
-    )
-    return ends, scaled

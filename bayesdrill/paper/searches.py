@@ -13,10 +13,9 @@ prior holds them, not even above zero.
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Mapping, Sequence
 from concurrent.futures import Future
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -41,6 +40,30 @@ from bayesdrill.sampling import (
 EVALUATIONS = 8000
 SAME = 4.0  # of the paper's misfit: ends nearer to the least one are equally good
 WITHIN = 0.5  # starts are drawn from 1 - this to 1 + this of the configured one
+
+
+@dataclass(frozen=True, slots=True)
+class Search:
+    """For the least misfit; `stepped`: in that which the paper's integrator has."""
+
+    optimiser: Optimiser
+    evaluations: int
+    stepped: bool = False
+
+    def __call__(self, posterior: Posterior, point: Array) -> Optimum:
+        """From `point (D,)`."""
+        task = precision.misfit_task(posterior)
+        if self.stepped:
+            task = forward.stepped_task(task, posterior.likelihood)
+        return self.optimiser(task, point[None], self.evaluations)[0]
+
+
+def _of_record(
+    posterior: Posterior, search: Search, truth: Array, sigma: float, seed: int, index: int
+) -> Array:
+    """The estimate `(D,)` from a record that is made at `truth`, where the search begins too."""
+    target = precision.made_record(precision.with_sigma(posterior, sigma), truth, seed, index)
+    return search(target, truth).theta
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -76,7 +99,7 @@ def many_searches(
     around = rng.uniform(1 - WITHIN, 1 + WITHIN, (starts - 1, len(centre)))
     points = np.vstack([centre, centre * around])
     tasks = [
-        (way, crew.submit(_searched, optimiser, EVALUATIONS, point))
+        (way, crew.submit(Search(optimiser, EVALUATIONS), point))
         for way, optimiser in precision.WAYS.items()
         for point in points
     ]
@@ -120,12 +143,6 @@ def distinct_ends(
     )
 
 
-def _searched(
-    posterior: Posterior, optimiser: Optimiser, evaluations: int, point: Array
-) -> Optimum:
-    return optimiser(precision.misfit_task(posterior), point[None], evaluations)[0]
-
-
 AROUND = 0.2  # other starts are from 1 - this to 1 + this of the configured one
 
 
@@ -147,17 +164,17 @@ class Heuristic:
 
 
 def run_heuristic(
-    crew: Crew, posterior: Posterior, optimiser: Optimiser, evaluations: int, starts: int, seed: int
+    crew: Crew, posterior: Posterior, search: Search, starts: int, seed: int
 ) -> Heuristic:
     """From the configured start, and from `starts` others around it."""
     guess = posterior.space.vector(posterior.space.start)
     rng = seeds.stream(seed, "around")
     around = rng.uniform(1 - AROUND, 1 + AROUND, (starts, len(guess)))
     by_integrator = None
-    if forward.applies(posterior.likelihood):  # first, because it takes longest
-        by_integrator = crew.submit(_search_stepped, optimiser, evaluations, guess)
-    points = [guess, *(guess * around)]
-    tasks = [crew.submit(_searched, optimiser, evaluations, point) for point in points]
+    # All inputs are constant in the paper.  First, because it takes longest.
+    if not posterior.likelihood.response.experiment.series:
+        by_integrator = crew.submit(replace(search, stepped=True), guess)
+    tasks = [crew.submit(search, point) for point in (guess, *(guess * around))]
     found, *rest = [task.result() for task in tasks]
     first = precision.misfit_per_number(posterior, guess)
     # The misfit is -2 log likelihood but for a constant, which the first point tells.
@@ -176,13 +193,6 @@ def run_heuristic(
     )
 
 
-def _search_stepped(
-    posterior: Posterior, optimiser: Optimiser, evaluations: int, point: Array
-) -> Optimum:
-    task = forward.stepped_task(precision.misfit_task(posterior), posterior.likelihood)
-    return optimiser(task, point[None], evaluations)[0]
-
-
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Control:
     """Largest distance of the estimates of a parameter from its true value; 0: it never moved."""
@@ -196,8 +206,7 @@ class Control:
 def control(
     crew: Crew,
     posterior: Posterior,
-    optimiser: Optimiser,
-    evaluations: int,
+    search: Search,
     sigmas: Sequence[float],
     records: int,
     seed: int,
@@ -205,10 +214,7 @@ def control(
     """Of records made at the configured start, which the search begins at too, by noise."""
     truth = posterior.space.vector(posterior.space.start)
     tasks = {
-        sigma: [
-            crew.submit(_estimate, optimiser, evaluations, truth, sigma, seed, k)
-            for k in range(records)
-        ]
+        sigma: [crew.submit(_of_record, search, truth, sigma, seed, k) for k in range(records)]
         for sigma in sigmas
     }
     found = []
@@ -222,65 +228,28 @@ def control(
     return tuple(found)
 
 
-def _estimate(
-    posterior: Posterior,
-    optimiser: Optimiser,
-    evaluations: int,
-    truth: Array,
-    sigma: float,
-    seed: int,
-    index: int,
-) -> Array:
-    target = precision.made_record(precision.with_sigma(posterior, sigma), truth, seed, index)
-    return _searched(target, optimiser, evaluations, truth).theta
-
-
 VERIFICATION_EVALUATIONS = 4000  # of one search, at most
 BATCHES = 8  # in which the records of one sigma are shared out
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Cell:
-    """One unknown at one sigma, SI.  `bound`: Cramer-Rao, of the standard deviation.
+class Verification:
+    """`values` by sigma and name, `(D,)` of the unknowns `names`, SI; `estimates` by way and sigma:
+    `(R, D)`, one row for each record.
 
     Of the first record: `fminsearch`, `scaled`; by fminsearch with the paper's integrator for the
     model, `trapezoid_both` where the integrator made the record too, `trapezoid_fit` where the exact
     response did.  `weights_only`: by fminsearch from a record without noise, where sigma is but a
     weight (`weights_only_trapezoid`: with the integrator for both).  `posterior`, `posterior_sd`: of
-    the first record, with the priors.  `sd_*`: of the estimates from all records.
+    the first record, with the priors.  `bound`: Cramer-Rao, of the standard deviation; `truth`.
+    `sd_*`: of the estimates from all records.
     """
 
-    sigma: float
-    name: str
-    truth: float
-    fminsearch: float
-    scaled: float
-    trapezoid_both: float
-    trapezoid_fit: float
-    weights_only: float
-    weights_only_trapezoid: float
-    posterior: float
-    posterior_sd: float
-    bound: float
-    sd_fminsearch: float
-    sd_scaled: float
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Verification:
-    """`estimates` by way and sigma: `(R, D)`, one row for each record."""
-
     names: tuple[str, ...]
-    truth: Array
-    start: Array
-    sigmas: tuple[float, ...]
     records: int
-    cells: tuple[Cell, ...]
+    values: Mapping[float, Mapping[str, Array]]
     estimates: Mapping[str, Mapping[float, Array]]
     converged: bool
-
-    def cell(self, sigma: float, name: str) -> Cell:
-        return next(c for c in self.cells if c.sigma == sigma and c.name == name)
 
 
 def verify(
@@ -317,11 +286,11 @@ def verify(
         for way in WAYS
     }
     one = bounds(posterior.likelihood, truth)
-    cells: list[Cell] = []
+    values: dict[float, dict[str, Array]] = {}
     for sigma in sigmas:
         clean = precision.clean_record(precision.with_sigma(posterior, sigma), truth)
         mean, sd, _ = posteriors[sigma].result()
-        single = {
+        values[sigma] = {
             **{way: found[way][sigma][0] for way in WAYS},
             **{name: by_trapezoid[name, sigma].result() for name in _STEPPED},
             "weights_only": _search("fminsearch", clean, start),
@@ -329,20 +298,12 @@ def verify(
             "posterior_sd": sd,
             "bound": sigma * one,
             "truth": truth,
+            **{f"sd_{way}": found[way][sigma].std(axis=0, ddof=1) for way in WAYS},
         }
-        spread = {f"sd_{way}": found[way][sigma].std(axis=0, ddof=1) for way in WAYS}
-        both = {**single, **spread}
-        cells += [
-            Cell(sigma=sigma, name=name, **{what: float(x[k]) for what, x in both.items()})
-            for k, name in enumerate(space.free)
-        ]
     return Verification(
         names=space.free,
-        truth=truth,
-        start=start,
-        sigmas=tuple(sigmas),
         records=records,
-        cells=tuple(cells),
+        values=values,
         estimates=found,
         converged=all(posteriors[sigma].result()[2] for sigma in sigmas),
     )
@@ -377,7 +338,7 @@ def _search(way: str, target: Posterior, start: Array) -> Array:
 
 def _free(target: Posterior) -> Task:
     """The likelihood alone, whatever the signs of the unknowns."""
-    plain = dataclasses.replace(target, coordinates=Coordinates((False,) * len(target.space.free)))
+    plain = replace(target, coordinates=Coordinates((False,) * len(target.space.free)))
 
     def density(theta: Array) -> Array:
         return np.nan_to_num(target.likelihood(theta), nan=-np.inf, neginf=-np.inf)

@@ -20,7 +20,6 @@ from bayesdrill.config import loading
 from bayesdrill.config.job import Job
 from bayesdrill.config.records import reading, simulation, sources
 from bayesdrill.config.resolve import assembly
-from bayesdrill.inference.posterior import Problem
 from bayesdrill.output_files import FIGURES, REFITS, dumps_checksummed, loads_checksummed, typed
 from bayesdrill.record.experiment import Experiment
 from bayesdrill.report import run_report
@@ -56,15 +55,11 @@ def prepare(path: Path) -> Job:
     there = all(path.exists() for one in case.experiments for path in sources.paths(one))
     read: Callable[..., Experiment] = reading.read if there else simulation.grid
     problem = assembly.problem(case, [read(one) for one in case.experiments])
-    return Job(case=case, problem=_blank(problem))
-
-
-def _blank(problem: Problem) -> Problem:
-    """What was measured plays no part but in priors of free states, and so must not stop a calibration
-    from being resumed.
-    """
+    # What was measured plays no part but in priors of free states, and so must not stop a calibration
+    # from being resumed.
     blank = [np.where(one.experiment.seen, 0.0, np.nan) for one in problem.observations]
-    return dataclasses.replace(problem, posterior=problem.posterior.edit(records=blank))
+    posterior = problem.posterior.edit(records=blank)
+    return Job(case=case, problem=dataclasses.replace(problem, posterior=posterior))
 
 
 def study(job: Job) -> Study:

@@ -6,28 +6,29 @@ from __future__ import annotations
 
 import hashlib
 import os
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
+from types import MappingProxyType
 
 from bayesdrill import output_files
 from bayesdrill.analysis import prediction
 from bayesdrill.analysis.comparison import Contender, Layer
 from bayesdrill.analysis.diagnostics import summarise
-from bayesdrill.analysis.plausibility import vague
+from bayesdrill.analysis.plausibility import Vague, vague
 from bayesdrill.basics import software
+from bayesdrill.basics.arrays import Array
 from bayesdrill.basics.errors import InputError, encodable
 from bayesdrill.config.job import Job
-from bayesdrill.inference import residual_checks
 from bayesdrill.inference.display_units import SI, OwnUnits
 from bayesdrill.inference.posterior import Problem
-from bayesdrill.inference.residual_checks import left
+from bayesdrill.inference.residual_checks import Left, left
 from bayesdrill.inference.unknowns import MOVES
 from bayesdrill.report import words
-from bayesdrill.report.comparison_report import ComparisonReport, Form
+from bayesdrill.report.comparison_report import COMPARED, OVERLAID, ComparisonReport, Form
 from bayesdrill.results import provenance
 from bayesdrill.results.run_folder import Folder
-from bayesdrill.sampling.ensembles import Sampled
-from bayesdrill.sampling.mode_search import Mode
+from bayesdrill.tasks.conclusions import SampledRun
 
 FEWEST = 2  # runs
 LONGEST = 100  # letters of a folder's name
@@ -38,11 +39,43 @@ WITHOUT = (
 )
 
 
+@dataclass(frozen=True, slots=True)
+class NamedRun:
+    """A run among others; `folder` is None where it is in none."""
+
+    name: str
+    folder: Path | None
+    run: SampledRun
+
+    @property
+    def place(self) -> str:
+        """For messages."""
+        return self.name if self.folder is None else str(self.folder)
+
+
 def check_number(form: Form, n: int) -> None:
     """Raises `InputError` for fewer runs than two, and for more than can be told apart."""
     if not FEWEST <= n <= form.most:
         message = f"{n} given; {FEWEST} to {form.most} runs can be {form.purpose}"
         raise InputError.one("runs", message)
+
+
+FORMS: Mapping[str, Form] = MappingProxyType({one.name: one for one in (OVERLAID, COMPARED)})
+
+
+def report(form: Form, runs: Sequence[NamedRun]) -> ComparisonReport:
+    """The runs side by side or, as models of one record, held against the first; in the units of the
+    first that has any.
+
+    Raises `InputError` where a model is of another record, or has no evidence.
+    """
+    units = overlay_units([one.run.job for one in runs])
+    if form is OVERLAID:
+        return ComparisonReport(
+            tuple(overlay_layer(one.name, one.run, units) for one in runs), units
+        )
+    check_same_record(runs)
+    return ComparisonReport.of_models([contender(one, units) for one in runs], units)
 
 
 def overlay_units(jobs: Sequence[Job]) -> OwnUnits:
@@ -56,19 +89,35 @@ def overlay_units(jobs: Sequence[Job]) -> OwnUnits:
     return OwnUnits(same)
 
 
-def overlay_layer(name: str, job: Job, found: Mode, sampled: Sampled, own: OwnUnits) -> Layer:
-    """A run under the name that it has among others, its settings in these units."""
-    posterior = job.problem.posterior
-    left = residual_checks.left(posterior.likelihood, posterior.space.vector(found.values))
+def overlay_layer(
+    name: str, run: SampledRun, own: OwnUnits, fit: tuple[Left, ...] | None = None
+) -> Layer:
+    """A run under the name that it has among others, its settings in these units; `fit`: its residuals,
+    where they are known.
+    """
+    job, sampled, fit = run.job, run.sampled, residuals(run) if fit is None else fit
     return Layer(
         name=name,
-        mark=provenance.marks(job.config, job.problem, "")[provenance.RUN_MARK],
+        mark=mark(run),
         problem=job.problem,
         draws=sampled.draws.reshape(-1, sampled.draws.shape[-1]),
         settings=provenance.settings(job.config, job.problem, own),
-        warning=words.warning(sampled, left),
-        reasons=words.reasons(sampled, left),
+        warning=words.warning(sampled, fit),
+        reasons=words.reasons(sampled, fit),
     )
+
+
+def mark(run: SampledRun) -> str:
+    """By which files say whose they are."""
+    return provenance.marks(run.job.config, run.job.problem, "")[provenance.RUN_MARK]
+
+
+def residuals(run: SampledRun) -> tuple[Left, ...]:
+    """What the MAP leaves of each channel."""
+    if run.kept is not None:
+        return run.kept.fit
+    posterior = run.job.problem.posterior
+    return left(posterior.likelihood, posterior.space.vector(run.mode.values))
 
 
 def distinct(names: Sequence[str]) -> list[str]:
@@ -124,9 +173,16 @@ def entries(
     report: ComparisonReport, runs: Sequence[Path | None], folder: Folder
 ) -> dict[str, object]:
     """Of `run.json`, once all files are written."""
-    pairs = zip(report.layers, runs, strict=True)
+    home = folder.path.resolve()
+    places = [
+        None if run is None else Path(os.path.relpath(run.resolve(), home)).as_posix()
+        for run in runs
+    ]
     found: dict[str, object] = {
-        "runs": [_described(*pair, folder.path) for pair in pairs],
+        "runs": [
+            {"name": layer.name, "run": layer.mark, "folder": place}
+            for layer, place in zip(report.layers, places, strict=True)
+        ],
         "files": {name: output_files.digest(folder.path / name) for name in folder.made()},
         "reasons": list(report.reasons),
     }
@@ -140,18 +196,11 @@ def entries(
     }
 
 
-def _described(layer: Layer, run: Path | None, output: Path) -> dict[str, str | None]:
-    place = None
-    if run is not None:
-        place = Path(os.path.relpath(run.resolve(), output.resolve())).as_posix()
-    return {"name": layer.name, "run": layer.mark, "folder": place}
-
-
-def check_same_record(places: Sequence[str], problems: Sequence[Problem]) -> None:
+def check_same_record(runs: Sequence[NamedRun]) -> None:
     """Raises `InputError` where one is not of the record of the first: such odds mean nothing."""
-    first = _record(problems[0])
-    for place, problem in zip(places[1:], problems[1:], strict=True):
-        own = _record(problem)
+    first = _record(runs[0].run.job.problem)
+    for one in runs[1:]:
+        own = _record(one.run.job.problem)
         if own == first:
             continue
         names = [name for name in {**first, **own} if own.get(name) != first.get(name)]
@@ -159,9 +208,10 @@ def check_same_record(places: Sequence[str], problems: Sequence[Problem]) -> Non
         message = (
             "odds are those of models of one record, and this is another: give runs of one, or lay "
             f"these over each other with `bayesdrill report`; the record{what} is "
-            f"{own.get(names[0], 'missing')} here and {first.get(names[0], 'missing')} in {places[0]}"
+            f"{own.get(names[0], 'missing')} here and {first.get(names[0], 'missing')} in "
+            f"{runs[0].place}"
         )
-        raise InputError.one(place, message)
+        raise InputError.one(one.place, message)
 
 
 def _record(problem: Problem) -> dict[str, str]:
@@ -177,28 +227,32 @@ def _record(problem: Problem) -> dict[str, str]:
     return found
 
 
-def contender(
-    name: str, place: str, job: Job, found: Mode, sampled: Sampled, own: OwnUnits
-) -> Contender:
+def contender(named: NamedRun, own: OwnUnits) -> Contender:
     """A run under the name that it has among others; raises `InputError` where it has no evidence."""
-    if sampled.evidence is None:
-        raise InputError.one(place, WITHOUT)
-    layer = overlay_layer(name, job, found, sampled, own)
-    posterior = job.problem.posterior
-    rest = left(posterior.likelihood, posterior.space.vector(found.values))
-    rows = summarise(job.problem, sampled.draws, found, sampled.convergence)
+    run = named.run
+    if run.sampled.evidence is None:
+        raise InputError.one(named.place, WITHOUT)
+    posterior, fit = run.job.problem.posterior, residuals(run)
+    layer = overlay_layer(named.name, run, own, fit)
     return Contender(
         layer=layer,
-        converged=sampled.convergence.converged,
-        evidence=sampled.evidence,
-        left=rest,
-        vague=vague(rows, layer.draws, posterior.space.priors),
-        rig=_rig(job),
-        noise=_noise(job),
+        converged=run.sampled.convergence.converged,
+        evidence=run.sampled.evidence,
+        left=fit,
+        vague=_vague(run, layer.draws) if run.kept is None else run.kept.vague,
+        rig=_rig(run.job),
+        noise=_noise(run.job),
         beliefs={name: repr(prior) for name, prior in posterior.space.priors.items()},
         held_out=prediction.held_out(posterior, layer.draws),
-        loo=prediction.leave_one_out(posterior, layer.draws, rest),
+        loo=prediction.leave_one_out(posterior, layer.draws, fit),
     )
+
+
+def _vague(run: SampledRun, draws: Array) -> tuple[Vague, ...]:
+    """Priors that are too wide for the evidence to mean much; `draws (N, D)`."""
+    problem, sampled = run.job.problem, run.sampled
+    rows = summarise(problem, sampled.draws, run.mode, sampled.convergence)
+    return vague(rows, draws, problem.posterior.space.priors)
 
 
 def _rig(job: Job) -> dict[str, str]:

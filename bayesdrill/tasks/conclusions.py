@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Mapping
+from dataclasses import dataclass, field
 from typing import Any
 
 import bayesdrill
 from bayesdrill.analysis.identifiability.information import Scenery
 from bayesdrill.analysis.run_analysis import RunAnalysis, RunDraws, analyse
-from bayesdrill.basics.values import from_data
+from bayesdrill.basics.values import Value, from_data
 from bayesdrill.config.job import Job
 from bayesdrill.config.records import sources
 from bayesdrill.config.resolve import experiments
@@ -23,6 +24,16 @@ from bayesdrill.sampling.convergence import Targets
 from bayesdrill.sampling.ensembles import Plan, Sampled
 from bayesdrill.sampling.mode_search import Mode
 from bayesdrill.tasks.run_entries import ANALYSIS, ANALYSIS_OF
+
+
+@dataclass(frozen=True, eq=False)
+class SampledRun(Value):
+    """A chain and what it is of; `kept`: its analysis, where its folder has it."""
+
+    job: Job
+    mode: Mode
+    sampled: Sampled
+    kept: RunAnalysis | None = field(default=None, compare=False, kw_only=True)
 
 
 def concluded(

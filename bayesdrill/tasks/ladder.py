@@ -26,7 +26,7 @@ from bayesdrill.sampling.mode_search import Mode
 from bayesdrill.sampling.proposal.learning import Nowhere
 from bayesdrill.selection import Ladder, Rung
 from bayesdrill.tasks import comparison, pipeline
-from bayesdrill.tasks.conclusions import concluded
+from bayesdrill.tasks.conclusions import SampledRun, concluded
 from bayesdrill.tasks.find_map import fit_plan
 from bayesdrill.tasks.remote import RefitExecutor, packed, run_jobs
 
@@ -139,8 +139,7 @@ class _Climb:
         )
         if run is None or not same or run.get("status") != "finished":
             return False
-        job, found, sampled = pipeline.read_result(place)
-        return self._known(rung, job, found, sampled)
+        return self._known(rung, pipeline.read_result(place))
 
     def _finish(self, made: tuple[Mode, Sampled] | str, rung: Rung, job: Job) -> None:
         if isinstance(made, str):
@@ -151,15 +150,14 @@ class _Climb:
         # What may be missing the other rungs say, and the report of the config as given.
         view = concluded(job, found, sampled, alone=not rung.parts)
         pipeline.write_result(job, view, self.output / rung.name, None, force=True)
-        if not self._known(rung, job, found, sampled):
+        if not self._known(rung, SampledRun(job, found, sampled, kept=view.analysis)):
             self.left_out[rung.name] = "its evidence could not be computed"
 
-    def _known(self, rung: Rung, job: Job, found: Mode, sampled: Sampled) -> bool:
-        if sampled.evidence is None:
+    def _known(self, rung: Rung, run: SampledRun) -> bool:
+        if run.sampled.evidence is None:
             return False
-        place = str(self.output / rung.name)
-        own = comparison.contender(rung.name, place, job, found, sampled, self.job.units)
-        self.done[rung.name] = rung, own
+        named = comparison.NamedRun(rung.name, self.output / rung.name, run)
+        self.done[rung.name] = rung, comparison.contender(named, self.job.units)
         return True
 
 

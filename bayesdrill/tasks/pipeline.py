@@ -30,7 +30,7 @@ from bayesdrill.sampling.mode_search import Mode
 from bayesdrill.sampling.opened_ends import not_kept
 from bayesdrill.sampling.proposal.learning import Nowhere
 from bayesdrill.sampling.workers import Crew
-from bayesdrill.tasks.conclusions import analysis_mark, concluded, kept_analysis, plan
+from bayesdrill.tasks.conclusions import SampledRun, analysis_mark, concluded, kept_analysis, plan
 from bayesdrill.tasks.find_map import MAP_FILE, end_search, fit_plan, read_mode, write_mode
 from bayesdrill.tasks.identify import preflight
 from bayesdrill.tasks.run_entries import entries, evidence_of_data, maxima_weights
@@ -65,7 +65,10 @@ def posterior(
     """
     marks = provenance.fingerprint(job.config, job.problem)
     with Folder(output, how, marks, POSTERIOR) as folder:
-        known = _taken_up(job, folder) if how == "resume" else None
+        known = None
+        if how == "resume":  # read before anything is written: what cannot go on stays as it is
+            _read_ahead(job, folder)
+            known = read_mode(folder, job.problem)
         report.say(
             f"{words.opening(job.problem, job.units)}\n{words.size(job.problem, job.config)}"
         )
@@ -81,12 +84,6 @@ def _kept(folder: Folder) -> str:
     if (folder.path / MAP_FILE).exists():
         return f"the maximum is saved in {folder.path}, and nothing was sampled yet"
     return f"nothing was found yet, and {folder.path} holds the config alone"
-
-
-def _taken_up(job: Job, folder: Folder) -> Mode | None:
-    """What was done is read before anything is written: what cannot go on stays as it is."""
-    _read_ahead(job, folder)
-    return read_mode(folder, job.problem)
 
 
 def _read_ahead(job: Job, folder: Folder) -> None:
@@ -106,7 +103,8 @@ def _run(job: Job, folder: Folder, known: Mode | None, processes: int, report: R
         if not crew.alone:
             for _ in range(processes):  # one for each, as it is done with its searches
                 crew.submit(loaded)
-            _load_ahead()
+            for name in ("scipy.stats", "arviz_stats.base"):  # they take a while to load
+                importlib.import_module(name)
         if hunt is not None:
             known = end_search(crew, hunt, job, report)
             write_mode(folder, known)
@@ -132,17 +130,16 @@ def republish(output: Path, processes: int, report: Reporter = SILENT) -> Outcom
     """Tables and figures again, from the chain that `output` holds."""
     job, marks = _made(output)
     with Folder(output, "report", marks, POSTERIOR) as folder:
-        job, found, sampled = _finished(job, folder)
+        found = _finished(job, folder)
         run = run_folder.read_run(output) or {}
         folder.begin()
-        posterior = job.problem.posterior
-        with Crew(posterior, processes) as crew:
+        with Crew(found.job.problem.posterior, processes) as crew:
             seconds = dict(run.get("seconds", {}))
             seconds.pop("report", None)  # is being made again
             report.update(0.0, DRAWS_SAY)
-            kept = kept_analysis(job, found, sampled, run)
-            view = concluded(job, found, sampled, seconds=seconds, kept=kept)
-            return _publish(job, folder, view, crew, report)
+            parts = (found.job, found.mode, found.sampled)
+            view = concluded(*parts, seconds=seconds, kept=found.kept)
+            return _publish(found.job, folder, view, crew, report)
 
 
 def copied(source: Path, output: Path, *, force: bool) -> None:
@@ -154,7 +151,7 @@ def copied(source: Path, output: Path, *, force: bool) -> None:
         raise InputError.one(str(output), "holds this very run; leave --output out")
     how: run_folder.Mode = "force" if force else "fresh"
     Folder(output, how, {}, POSTERIOR).check()  # before the chain is read
-    job, _, _ = read_result(source)
+    job = read_result(source).job
     check_record(job, output)
     run = run_folder.read_run(source) or {}
     with Folder(output, how, run["fingerprint"], POSTERIOR) as folder:
@@ -165,7 +162,7 @@ def copied(source: Path, output: Path, *, force: bool) -> None:
                 folder.take_over(name, source)
 
 
-def read_result(output: Path) -> tuple[Job, Mode, Sampled]:
+def read_result(output: Path) -> SampledRun:
     """The run that `output` holds; nothing is written."""
     job, marks = _made(output)
     with Folder(output, "read", marks, POSTERIOR) as folder:
@@ -188,7 +185,7 @@ def _made(output: Path) -> tuple[Job, dict[str, str]]:
     return job, provenance.fingerprint(job.config, job.problem)
 
 
-def _finished(job: Job, folder: Folder) -> tuple[Job, Mode, Sampled]:
+def _finished(job: Job, folder: Folder) -> SampledRun:
     path = folder.path
     found = read_mode(folder, job.problem)
     if found is None:
@@ -203,7 +200,7 @@ def _finished(job: Job, folder: Folder) -> tuple[Job, Mode, Sampled]:
     beyond = folder.opened_ends(again.pieces) or not_kept(again, problem.posterior, problem.nominal)
     evidence = evidence_of_data(run)
     sampled = dataclasses.replace(again, held=maxima_weights(run), evidence=evidence, beyond=beyond)
-    return job, found, sampled
+    return SampledRun(job, found, sampled, kept=kept_analysis(job, found, sampled, run))
 
 
 def write_result(job: Job, view: View, output: Path, record: str | None, *, force: bool) -> Outcome:
@@ -245,12 +242,6 @@ def _finish_chain(job: Job, folder: Folder, sampled: Sampled) -> None:
     attributes = {"coordinates": coordinates, "unknowns": names, "units": units}
     folder.finish_chain(sampled.pieces, attributes)
     folder.keep_opened_ends(sampled.beyond, sampled.pieces)
-
-
-def _load_ahead() -> None:
-    """Libraries that take a while to load."""
-    for name in ("scipy.stats", "arviz_stats.base"):
-        importlib.import_module(name)
 
 
 def _publish(

@@ -34,7 +34,7 @@ def local_executor(processes: int) -> Iterator[RefitExecutor]:
     """`processes` workers; those still at a refit when the block is left by an error are ended."""
     pool = workers(processes, _nothing)
     try:
-        yield Local(pool)
+        yield RefitExecutor(pool)
     except BaseException:
         # A refit may take minutes, and is lost anyway.  Results are far shorter than what a pipe
         # takes in one piece, so that none is cut in the middle.
@@ -106,15 +106,10 @@ def _check_answers(scheduler: str) -> None:
 
 
 class RefitExecutor(Executor):
-    """Whoever waits for what it does calls `watch` now and then."""
+    """Processes of this machine: where one dies, all that waits for it is told.
 
-    def watch(self, say: Callable[[str], None]) -> str:
-        """Why nothing will come any more; empty while something may."""
-        return ""
-
-
-class Local(RefitExecutor):
-    """Processes of this machine: where one dies, all that waits for it is told."""
+    Whoever waits for what it does calls `watch` now and then.
+    """
 
     def __init__(self, pool: Executor) -> None:
         self._pool = pool
@@ -127,38 +122,34 @@ class Local(RefitExecutor):
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
         self._pool.shutdown(wait, cancel_futures=cancel_futures)
 
+    def watch(self, say: Callable[[str], None]) -> str:
+        """Why nothing will come any more; empty while something may."""
+        return ""
+
 
 class Cluster(RefitExecutor):
     """The workers of a scheduler."""
 
     def __init__(self, client: Any) -> None:
-        self._client, self._executor = client, client.get_executor(pure=False)
+        super().__init__(client.get_executor(pure=False))
+        self._client = client
         self._compared: set[str] = set()
         self._given_up: set[str] = set()
         # By address: the scheduler's time of a worker's last word, and when that was new to us.
         self._heard: dict[str, tuple[float, float]] = {}
         self._last = self._looked = time.monotonic()
 
-    def submit[**P, T](
-        self, function: Callable[P, T], /, *arguments: P.args, **named: P.kwargs
-    ) -> Future[T]:
-        future: Future[T] = self._executor.submit(function, *arguments, **named)
-        return future
-
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
         """What is under way is finished first, or given up; Dask knows nothing between the two."""
-        self._executor.shutdown(wait=wait and not cancel_futures)
+        self._pool.shutdown(wait=wait and not cancel_futures)
 
     def compare(self, workers: Collection[str]) -> None:
         """Raises `InputError` where one has other software than this process.
 
         One that cannot load a task leaves it lie without a word; so this is asked before.
         """
-        new, own = (
-            [one for one in workers if one not in self._compared],
-            software.installed_versions(),
-        )
-        problems = []
+        new = [one for one in workers if one not in self._compared]
+        own, problems = software.installed_versions(), []
         for address, there in zip(new, self._client.sync(self._versions, new), strict=True):
             if there is None or isinstance(there, OSError):  # it cannot be asked now
                 continue

@@ -13,7 +13,6 @@ import numpy as np
 
 from bayesdrill.analysis.causes import Causes, Instead
 from bayesdrill.analysis.comparison import Repeat
-from bayesdrill.analysis.energy import Part
 from bayesdrill.analysis.plausibility import Vague
 from bayesdrill.analysis.run_analysis import EnergySummary, RunAnalysis, TorqueSummary
 from bayesdrill.analysis.verdict import Verdict
@@ -94,11 +93,11 @@ def run_schema() -> str:
 
 
 def entries(view: View, made_of: str) -> dict[str, Any]:
-    """All of them; `made_of`: a digest of what the analysis is of."""
-    found, c = view.analysis, view.analysis.convergence
-    table = view.problem.compared_with
+    """All of them, from the analysis; `made_of`: a digest of what that is of."""
+    found, c, problem = view.analysis, view.analysis.convergence, view.problem
+    ensembles = ("steps", "burn_in", "burn_in_rule", "thin")
     return {
-        "units": {symbol.name: symbol.unit for symbol in view.problem.symbols},
+        "units": {symbol.name: symbol.unit for symbol in problem.symbols},
         "converged": c.converged,
         "reasons": list(view.reasons),
         "notes": list(view.notes),
@@ -109,33 +108,30 @@ def entries(view: View, made_of: str) -> dict[str, Any]:
         **({"pieces": step_data(found.step_errors)} if found.step_errors else {}),
         **({"torque": torque_data(found.torques)} if found.torques else {}),
         **({"energy": energy_data(found.energy)} if found.energy else {}),
-        "verdict": None
-        if found.judged is None
-        else verdict_data(
-            found.judged.verdict, table, converged=c.converged, believed=not view.reasons
+        "verdict": found.judged
+        and verdict_data(
+            found.judged.verdict,
+            problem.compared_with,
+            converged=c.converged,
+            believed=not view.reasons,
         ),
-        "steps": c.steps,
-        "burn_in": c.burn_in,
-        "burn_in_rule": c.burn_in_rule,
-        "thin": c.thin,
+        **{name: getattr(c, name) for name in ensembles},
         "n_tau": round(c.n_tau, 2),
-        "tau": {
-            name: round(float(x), 2) for name, x in zip(view.problem.names, c.tau, strict=True)
-        },
+        "tau": {name: round(float(x), 2) for name, x in zip(problem.names, c.tau, strict=True)},
         "r_hat": round(float(np.max(c.r_hat)), 5),
         "ess_bulk": round(float(np.min(c.ess_bulk)), 1),
         "acceptance": [round(x, 4) for x in found.acceptance],
         "failures": found.failures,
         **evidence_data(found.evidence, found.vague),
-        **_learnt(view.problem, view.mode, view.sampled),
+        **_learnt(problem, view.mode, view.sampled),
         ANALYSIS: as_data(found),
         ANALYSIS_OF: made_of,
     }
 
 
 def _learnt(problem: Problem, found: Mode, sampled: Sampled) -> dict[str, Any]:
-    """For `run.json`: what the proposal says without a chain, and where the maxima are."""
-    learnt, space = sampled.learnt, problem.posterior.space
+    """What the proposal says without a chain, and where the maxima are."""
+    learnt, free = sampled.learnt, problem.posterior.space.free
     if learnt is None or sampled.held is None:
         return {}
     theta = problem.posterior.coordinates.to_physical(learnt.u)
@@ -146,8 +142,8 @@ def _learnt(problem: Problem, found: Mode, sampled: Sampled) -> dict[str, Any]:
             "draws": len(theta),
             "share": round(learnt.share, 4),
             "acceptance": round(learnt.acceptance, 4),
-            "mean": dict(zip(space.free, map(float, mean), strict=True)),
-            "error": dict(zip(space.free, map(float, error), strict=True)),
+            "mean": dict(zip(free, mean.tolist(), strict=True)),
+            "error": dict(zip(free, error.tolist(), strict=True)),
         },
         "maxima": [
             {
@@ -168,33 +164,35 @@ def maxima_weights(run: Mapping[str, Any]) -> Array | None:
         return None
 
 
+def _of(experiment: str) -> dict[str, str]:
+    """Which of several experiments an entry is of."""
+    return {"experiment": experiment} if experiment else {}
+
+
 def residual_data(found: Sequence[Left]) -> list[dict[str, Any]]:
-    """For `run.json`."""
+    """What the fit leaves of each channel, over the noise."""
+    said = {
+        "more than noise": "large",
+        "less than noise": "small",
+        "far samples": "far",
+        "correlated": "correlated",
+    }
     return [
         {
             "channel": one.channel,
-            **({"experiment": one.experiment} if one.experiment else {}),
+            **_of(one.experiment),
             "rms_over_sigma": round(one.rms, 5),
             "rms_over_spread": None if math.isnan(one.share) else round(one.share, 7),
             "correlation": round(one.correlation, 5),
             "farthest_over_sigma": round(one.farthest, 5),
-            "says": [
-                word
-                for word, true in (
-                    ("more than noise", one.large),
-                    ("less than noise", one.small),
-                    ("far samples", one.far),
-                    ("correlated", one.correlated),
-                )
-                if true
-            ],
+            "says": [word for word, flag in said.items() if getattr(one, flag)],
         }
         for one in found
     ]
 
 
 def causes_data(found: Causes | None) -> dict[str, Any] | None:
-    """For `run.json`, SI."""
+    """SI."""
     if found is None:
         return None
     return {
@@ -204,7 +202,7 @@ def causes_data(found: Causes | None) -> dict[str, Any] | None:
             {
                 "kind": one.kind,
                 "of": one.of,
-                **({"experiment": one.experiment} if one.experiment else {}),
+                **_of(one.experiment),
                 "value": one.value,
                 "sd": one.sd,
             }
@@ -215,7 +213,7 @@ def causes_data(found: Causes | None) -> dict[str, Any] | None:
 
 
 def instead_data(found: Instead | None) -> dict[str, Any]:
-    """An entry of `run.json`, SI, where there is something to say."""
+    """An entry, SI, where there is something to say."""
     if found is None:
         return {}
     said = {"parameter": found.parameter, "value": found.value, "log_likelihood": -found.lost}
@@ -223,38 +221,35 @@ def instead_data(found: Instead | None) -> dict[str, Any]:
 
 
 def evidence_data(found: Evidence | None, priors: Sequence[Vague]) -> dict[str, Any]:
-    """For `run.json`."""
+    """Entries of their own; those of steps only where there are any."""
     if found is None:
         return {}
-    return {
-        "log_evidence": found.log_z,
-        "log_evidence_error": found.error,
-        "log_evidence_overlap": found.overlap,
-        **(
-            {"log_evidence_steps": found.steps, "log_evidence_steps_error": found.steps_error}
-            if found.steps_error
-            else {}
-        ),
-        "vague_priors": [one.name for one in priors],
-    }
+    names = [name for name in _EVIDENCE if found.steps_error or not name.startswith(_OF_STEPS)]
+    numbers = {name: getattr(found, _EVIDENCE[name]) for name in names}
+    return numbers | {"vague_priors": [one.name for one in priors]}
+
+
+_OF_STEPS = "log_evidence_steps"
+_EVIDENCE = {
+    "log_evidence": "log_z",
+    "log_evidence_error": "error",
+    "log_evidence_overlap": "overlap",
+    _OF_STEPS: "steps",
+    f"{_OF_STEPS}_error": "steps_error",
+}
 
 
 def evidence_of_data(run: Mapping[str, Any]) -> Evidence | None:
-    """What `as_data` has left in `run.json`."""
+    """What `evidence_data` has left in `run.json`."""
+    told = {_OF_STEPS: 0.0, f"{_OF_STEPS}_error": 0.0, **run}
     try:
-        return Evidence(
-            log_z=float(run["log_evidence"]),
-            error=float(run["log_evidence_error"]),
-            overlap=float(run["log_evidence_overlap"]),
-            steps=float(run.get("log_evidence_steps", 0.0)),
-            steps_error=float(run.get("log_evidence_steps_error", 0.0)),
-        )
+        return Evidence(**{key: float(told[name]) for name, key in _EVIDENCE.items()})
     except (KeyError, TypeError, ValueError):
         return None
 
 
 def repeats_data(found: Sequence[Repeat], names: Sequence[str]) -> list[dict[str, Any]]:
-    """For `run.json`; logs."""
+    """Logs."""
     return [
         {
             "product": identify_words.product(names, one.exponents),
@@ -268,10 +263,10 @@ def repeats_data(found: Sequence[Repeat], names: Sequence[str]) -> list[dict[str
 
 
 def step_data(found: Sequence[StepError]) -> list[dict[str, Any]]:
-    """For `run.json`."""
+    """Errors over the noise."""
     return [
         {
-            **({"experiment": one.label} if one.label else {}),
+            **_of(one.label),
             "pieces": one.pieces,
             "over_sigma": {
                 name: round(error, 6) for name, error in zip(one.channels, one.errors, strict=True)
@@ -284,7 +279,7 @@ def step_data(found: Sequence[StepError]) -> list[dict[str, Any]]:
 def verdict_data(
     found: Verdict, table: str, *, converged: bool = True, believed: bool = True
 ) -> dict[str, Any]:
-    """For `run.json`; `agrees` is None where the run must not be believed, or the fit is not noise."""
+    """`agrees` is None where the run must not be believed, or the fit is not noise."""
     whole = verdict_words.verdict_sentence(found, table)
     return {
         "table": table,
@@ -302,7 +297,7 @@ def verdict_data(
 
 
 def torque_data(every: Sequence[TorqueSummary]) -> list[dict[str, Any]]:
-    """For `run.json`."""
+    """N m."""
     return [
         {
             "experiment": one.label,
@@ -325,17 +320,20 @@ def torque_data(every: Sequence[TorqueSummary]) -> list[dict[str, Any]]:
 
 
 def energy_data(found: Sequence[EnergySummary]) -> list[dict[str, Any]]:
-    """For `run.json`: J."""
+    """J."""
+
+    def parts(one: EnergySummary, names: Sequence[str]) -> dict[str, dict[str, float | None]]:
+        return {
+            part.name: {"joules": part.joules, "share": part.share, "sd": part.sd}
+            for part in physics_words.ordered(one, names)
+        }
+
     return [
         {
-            **({"experiment": one.label} if one.label else {}),
-            "in": {part.name: _part(part) for part in physics_words.ordered(one, one.came)},
-            "out": {part.name: _part(part) for part in physics_words.ordered(one, one.went)},
+            **_of(one.label),
+            "in": parts(one, one.came),
+            "out": parts(one, one.went),
             "open": one.left,
         }
         for one in found
     ]
-
-
-def _part(part: Part) -> dict[str, float | None]:
-    return {"joules": part.joules, "share": part.share, "sd": part.sd}

@@ -6,25 +6,25 @@ import csv
 import dataclasses
 import io
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
-from types import MappingProxyType
 from typing import Any
 
 from bayesdrill import output_files, selection
-from bayesdrill.analysis.comparison import Contender, Layer
 from bayesdrill.analysis.run_analysis import RunAnalysis
 from bayesdrill.basics.errors import InputError, Issue
 from bayesdrill.basics.values import leaves
 from bayesdrill.config import loading
-from bayesdrill.inference.display_units import SI
+from bayesdrill.config.job import Job
 from bayesdrill.output_files import COMPARE, MAP, OVERLAY, POSTERIOR, Kind
 from bayesdrill.report import publish
-from bayesdrill.report.comparison_report import COMPARED, OVERLAID, ComparisonReport, Form
+from bayesdrill.report.comparison_report import COMPARED, OVERLAID, Form
 from bayesdrill.report.sections import verdict_words
 from bayesdrill.results import provenance, run_folder
 from bayesdrill.tasks import comparison, conclusions, find_map, pipeline, run_entries
+from bayesdrill.tasks.comparison import NamedRun
 
 SAME = 1e-6  # relative: numbers that other versions of a library round otherwise
 MOST = 5  # numbers that are named
@@ -40,8 +40,8 @@ class Verified:
     folder: Path
     checked: int
     problems: tuple[Issue, ...]
-    what: str = "config, record, chain"
-    follows: str = "the tables follow from the chain"
+    what: str
+    follows: str
     numbers: int = 0  # of `run.json` that were computed again
 
     @property
@@ -75,7 +75,7 @@ class _Way:
 def verify(folder: Path) -> Verified:
     """Nothing is written.  Raises `InputError` where there is no finished run."""
     run = run_folder.read_run(folder)
-    way = None if run is None else _WAYS.get(str(run.get("job")))
+    way = next((way for way in _WAYS if run and way.kind.job == run.get("job")), None)
     if run is None or way is None:
         message = "no results of `bayesdrill posterior`, `map`, `compare`, `ladder` or an overlay"
         raise InputError.one(str(folder), message)
@@ -94,13 +94,14 @@ def verify(folder: Path) -> Verified:
 
 
 def _of_posterior(folder: Path, run: Mapping[str, Any]) -> Iterator[Issue]:
-    yield from _configs(folder)
     try:
-        alone = run.get(run_entries.ANALYSIS, {}).get("alone", True)
-        view = conclusions.concluded(*pipeline.read_result(folder), alone=alone)
+        found = pipeline.read_result(folder)
     except InputError as error:  # another record, a config of another run, a damaged chain
-        yield from error.problems
+        yield from (*_configs(folder), *error.problems)
         return
+    yield from _configs(folder, found.job)
+    alone = run.get(run_entries.ANALYSIS, {}).get("alone", True)
+    view = conclusions.concluded(found.job, found.mode, found.sampled, alone=alone)
     beyond = view.sampled.beyond
     if beyond is None or beyond.kept:
         texts = {name: table(view) or "" for name, table in publish.TABLES.items()}
@@ -126,113 +127,72 @@ def _numbers(folder: Path, run: Mapping[str, Any], analysis: RunAnalysis) -> Ite
 
 
 def _of_map(folder: Path, _: Mapping[str, Any]) -> Iterator[Issue]:
-    yield from _configs(folder)
     try:
         job, found = find_map.read(folder)
     except InputError as error:
-        yield from error.problems
+        yield from (*_configs(folder), *error.problems)
         return
+    yield from _configs(folder, job)
     yield from _tables(folder, find_map.report(job, found).numbers, find_map.MAP_FILE)
     mark = find_map.mark(job)[provenance.RUN_MARK]
     yield from _figures(folder, MAP, mark, job.config.name)
 
 
-@dataclass(frozen=True, slots=True)
-class _Several:
-    """How what is said of several runs is made again: of each by `read`, and of all by `report`."""
-
-    form: Form
-    kind: Kind
-    done: str
-    read: Callable[[str, Path], Layer | Contender]
-    report: Callable[[Sequence[Any]], ComparisonReport]
-
-    def problems(self, folder: Path, run: Mapping[str, Any]) -> Iterator[Issue]:
-        """Of runs that were only in memory nothing can be computed again."""
-        found, told = [], run.get("runs", [])
-        if len(told) < 2:
-            yield Issue(str(folder / output_files.RUN), "names no two runs")
-            return
-        for one in told:
-            if one["folder"] is None:
-                continue
-            place = folder / one["folder"]
-            try:
-                own = self.read(one["name"], place)
-            except InputError as error:
-                yield from error.problems
-                continue
-            if own.mark != one["run"]:
-                yield Issue(str(place), f"is another run than the one that was {self.done}")
-            else:
-                found.append(own)
-        if len(found) == len(told):
-            yield from _tables(
-                folder, {f"{self.form.name}.csv": self.report(found).table}, "the chains"
-            )
-        mark = " ".join(one["run"] for one in told)
-        yield from _figures(folder, self.kind, mark, self.form.name)
+def _of_several(
+    form: Form, done: str, folder: Path, run: Mapping[str, Any], kind: Kind | None = None
+) -> Iterator[Issue]:
+    """Runs that were only in memory cannot be looked at again; `done`: what was done with all."""
+    found, told = [], run.get("runs", [])
+    if len(told) < 2:
+        yield Issue(str(folder / output_files.RUN), "names no two runs")
+        return
+    for one in told:
+        if one["folder"] is None:
+            continue
+        place = folder / one["folder"]
+        try:
+            own = dataclasses.replace(pipeline.read_result(place), kept=None)
+        except InputError as error:
+            yield from error.problems
+            continue
+        if comparison.mark(own) != one["run"]:
+            yield Issue(str(place), f"is another run than the one that was {done}")
+        else:
+            found.append(NamedRun(one["name"], place, own))
+    if len(found) == len(told):
+        try:
+            text = comparison.report(form, found).table
+            yield from _tables(folder, {f"{form.name}.csv": text}, "the chains")
+        except InputError as error:  # a run without evidence
+            yield from error.problems
+    mark = " ".join(one["run"] for one in told)
+    yield from _figures(folder, kind or form.kind, mark, form.name)
 
 
-def _layer(name: str, place: Path) -> Layer:
-    job, found, sampled = pipeline.read_result(place)
-    return comparison.overlay_layer(name, job, found, sampled, job.units)
-
-
-def _contender(name: str, place: Path) -> Contender:
-    job, found, sampled = pipeline.read_result(place)
-    return comparison.contender(name, str(place), job, found, sampled, job.units)
-
-
-_OVERLAY = _Several(
-    form=OVERLAID,
-    kind=OVERLAID.kind,
-    done="laid over others",
-    read=_layer,
-    report=lambda layers: ComparisonReport(tuple(layers), SI),
-)
-_COMPARISON = _Several(
-    form=COMPARED,
-    kind=COMPARED.kind,
-    done="compared with others",
-    read=_contender,
-    report=lambda models: ComparisonReport.of_models(models, SI),
-)
-_LADDER = dataclasses.replace(_COMPARISON, kind=output_files.ladder_files(selection.rung_names()))
+_LADDER = output_files.ladder_files(selection.rung_names())
 
 
 def _of_ladder(folder: Path, run: Mapping[str, Any]) -> Iterator[Issue]:
     """Its rungs, each a run of its own, and what is said of them together."""
     yield from _configs(folder)
     for one in run.get("runs", []):
-        if one["folder"] not in _LADDER.kind.nested:
+        if one["folder"] not in _LADDER.nested:
             yield Issue(str(folder / output_files.RUN), f"{one['folder']} is no rung of a ladder")
             continue
         try:
             yield from verify(folder / one["folder"]).problems
         except InputError as error:  # no finished run
             yield from error.problems
-    yield from _LADDER.problems(folder, run)
+    yield from _of_several(COMPARED, "compared with others", folder, run, _LADDER)
 
 
-_WAYS: Mapping[str, _Way] = MappingProxyType(
-    {
-        POSTERIOR.job: _Way(
-            POSTERIOR, _of_posterior, "config, record, chain", "the tables follow from the chain"
-        ),
-        MAP.job: _Way(
-            MAP, _of_map, "config, record, maximum", "table and prediction follow from the maximum"
-        ),
-        COMPARE.job: _Way(
-            COMPARE, _COMPARISON.problems, "runs", "the table follows from their chains"
-        ),
-        _LADDER.kind.job: _Way(
-            _LADDER.kind, _of_ladder, "config, rungs", "the table follows from their chains"
-        ),
-        OVERLAY.job: _Way(
-            OVERLAY, _OVERLAY.problems, "runs", "the table follows from their chains"
-        ),
-    }
+_FROM_CHAINS = "the table follows from their chains"
+_WAYS = (
+    _Way(POSTERIOR, _of_posterior, "config, record, chain", "the tables follow from the chain"),
+    _Way(MAP, _of_map, "config, record, maximum", "table and prediction follow from the maximum"),
+    _Way(COMPARE, partial(_of_several, COMPARED, "compared with others"), "runs", _FROM_CHAINS),
+    _Way(_LADDER, _of_ladder, "config, rungs", _FROM_CHAINS),
+    _Way(OVERLAY, partial(_of_several, OVERLAID, "laid over others"), "runs", _FROM_CHAINS),
 )
 
 
@@ -249,14 +209,13 @@ def _changed(folder: Path, kind: Kind, files: Mapping[str, str]) -> Iterator[Iss
             yield Issue(str(folder / name), "was not written by this run")
 
 
-def _configs(folder: Path) -> Iterator[Issue]:
-    """The config as given says what the one with all defaults does."""
-    given, resolved = (
-        _settings(folder / name) for name in (output_files.CONFIG_FILE, output_files.RESOLVED_FILE)
-    )
-    if None not in (given, resolved) and given != resolved:
-        place = str(folder / output_files.CONFIG_FILE)
-        yield Issue(place, f"is not the config of this run, which is {output_files.RESOLVED_FILE}")
+def _configs(folder: Path, job: Job | None = None) -> Iterator[Issue]:
+    """The config as given says what the one with all defaults does, of which `job` is made."""
+    place = folder / output_files.CONFIG_FILE
+    given, resolved = _settings(place), folder / output_files.RESOLVED_FILE
+    made = _settings(resolved) if job is None else conclusions.settings(job.case)
+    if None not in (given, made) and given != made:
+        yield Issue(str(place), f"is not the config of this run, which is {resolved.name}")
 
 
 def _settings(path: Path) -> dict[str, Any] | None:

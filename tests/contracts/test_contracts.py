@@ -32,7 +32,7 @@ from bayesdrill.rig.simulators.stepped import Stepped
 from bayesdrill.sampling.optimisers import OPTIMISERS
 from bayesdrill.sampling.optimisers.contract import Optimiser
 from bayesdrill.sampling.samplers.ensemble import MOVES, Move
-from bayesdrill.tasks.remote import Cluster, Local, RefitExecutor
+from bayesdrill.tasks.remote import Cluster, RefitExecutor
 
 PACKAGE = Path(bayesdrill.__file__).parent
 
@@ -60,7 +60,7 @@ DENSITY = (
     *("by_channel", "pointwise", "whiten", "inform", "expand", "expected", "fitted"),
     *("followed", "draw", "again", "pinned", "unknowns", "white", "kind", "torque"),
 )
-EXECUTORS = (Local, Cluster)
+EXECUTORS = (RefitExecutor, Cluster)
 PRIORS = tuple(one for one in priors.PRIORS.values() if inspect.isclass(one))
 # What variables are called that hold a member.
 MEMBERS = {

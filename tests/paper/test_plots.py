@@ -13,7 +13,7 @@ from bayesdrill.basics.symbols import PARAMETERS
 from bayesdrill.paper import printed
 from bayesdrill.paper.forward import READINGS, Reading
 from bayesdrill.paper.plots import SHORT, fit_paper_figure, readings_figure, verification_figure
-from bayesdrill.paper.searches import Cell, Verification
+from bayesdrill.paper.searches import Verification
 from bayesdrill.record.experiment import Channel, Experiment
 
 Array = NDArray[np.float64]
@@ -95,35 +95,16 @@ def verification(records: int) -> Verification:
         way: {s: truth + wide * s * bound * z for s in SIGMAS}
         for way, wide in (("fminsearch", 1.5), ("scaled", 1.0))
     }
-    same = dict.fromkeys(
-        [
-            *("fminsearch", "scaled", "trapezoid_both", "trapezoid_fit", "weights_only"),
-            *("posterior", "posterior_sd", "weights_only_trapezoid"),
-        ],
-        0.1,
-    )
-    cells = [
-        Cell(
-            sigma=s,
-            name=name,
-            truth=float(truth[k]),
-            bound=float(s * bound[k]),
-            sd_fminsearch=float(found["fminsearch"][s][:, k].std(ddof=1)),
-            sd_scaled=float(found["scaled"][s][:, k].std(ddof=1)),
-            **same,
-        )
+    values = {
+        s: {
+            "truth": truth,
+            "bound": s * bound,
+            **{f"sd_{way}": rows[s].std(axis=0, ddof=1) for way, rows in found.items()},
+        }
         for s in SIGMAS
-        for k, name in enumerate(names)
-    ]
+    }
     return Verification(
-        names=names,
-        truth=truth,
-        start=truth,
-        sigmas=SIGMAS,
-        records=records,
-        cells=tuple(cells),
-        estimates=found,
-        converged=True,
+        names=names, records=records, values=values, estimates=found, converged=True
     )
 
 
@@ -131,15 +112,17 @@ def test_errors_and_bounds_stand_at_their_sigmas_in_per_cent() -> None:
     v = verification(60)
     figure = verification_figure(v, printed.TWO_PARAMETERS)
     assert not list(clashes(drawn(figure)))
-    for panel, name in zip(figure.axes, v.names, strict=True):
-        cells = [v.cell(s, name) for s in SIGMAS]
-        percent = 100 / cells[0].truth
+    for k, (panel, name) in enumerate(zip(figure.axes, v.names, strict=True)):
+        percent = {
+            what: [100 * own[what][k] / own["truth"][k] for own in v.values.values()]
+            for what in ("bound", "sd_fminsearch", "sd_scaled")
+        }
         (bound,) = (line for line in panel.get_lines() if line.get_marker() == "None")
-        np.testing.assert_allclose(xy(bound), [SIGMAS, [percent * c.bound for c in cells]])
+        np.testing.assert_allclose(xy(bound), [SIGMAS, percent["bound"]])
         (fminsearch,) = (line for line in marked(panel, "o", filled=False))
-        np.testing.assert_allclose(xy(fminsearch)[1], [percent * c.sd_fminsearch for c in cells])
+        np.testing.assert_allclose(xy(fminsearch)[1], percent["sd_fminsearch"])
         (scaled,) = marked(panel, "+")
-        np.testing.assert_allclose(xy(scaled)[1], [percent * c.sd_scaled for c in cells])
+        np.testing.assert_allclose(xy(scaled)[1], percent["sd_scaled"])
         (paper,) = marked(panel, "D")
         expected = [printed.TWO_PARAMETERS[s][name].deviation for s in SIGMAS]
         np.testing.assert_array_equal(xy(paper), [SIGMAS, expected])

@@ -110,21 +110,23 @@ def test_searches_that_all_reach_the_noise_have_no_open_mark() -> None:
 # The heuristic
 
 
-def heuristic(misfits: Array) -> Heuristic:
-    return Heuristic(
-        guess=np.ones(9),
-        estimate=np.ones(9),
-        misfits=misfits,
-        others=np.ones((0, 9)),
-        others_misfits=np.ones(0),
-        stepped=np.ones(9),
-        stepped_misfit=1.0,
-    )
+def heuristic(**given: Array) -> Heuristic:
+    """Of one record, what is not given all ones, and without other starts."""
+    ones = np.ones(9)
+    found = {"guess": ones, "estimate": ones, "misfits": ones, "others": np.ones((0, 9)), **given}
+    others = np.ones(len(found["others"]))
+    return Heuristic(**found, others_misfits=others, stepped=ones, stepped_misfit=1.0)
 
 
 def test_the_misfit_after_each_iteration() -> None:
     paths = [0.98 + 500 * 0.9 ** np.arange(200.0), 0.97 + 3e5 * 0.95 ** np.arange(1379.0)]
-    named = list(zip(("estimates", "missing_$physics"), map(heuristic, paths), strict=True))
+    named = list(
+        zip(
+            ("estimates", "missing_$physics"),
+            [heuristic(misfits=path) for path in paths],
+            strict=True,
+        )
+    )
     figure = convergence_figure(named)
     assert not list(clashes(drawn(figure)))
     (panel,) = figure.axes
@@ -153,7 +155,9 @@ def test_table_3_shows_each_estimate_over_its_guess(
     truth = np.quantile(draws, 0.7, axis=0) if known else None
     paper = {"true": truth, "other": 1.3 * guess, "none": np.full(n, np.nan)}[printed]
     paper[-1] = np.nan  # not all that is unknown is in the paper
-    figure = table_3_figure(names, guess, estimate, others, truth, draws, paper)
+    figure = table_3_figure(
+        names, heuristic(guess=guess, estimate=estimate, others=others), truth, draws, paper
+    )
     assert not list(clashes(drawn(figure)))
     (panel,) = figure.axes
     crosses = marked(panel, "x")
@@ -179,7 +183,9 @@ def test_table_3_shows_each_estimate_over_its_guess(
 def test_bars_hold_their_share_of_the_draws_the_narrowest_and_the_middle() -> None:
     draws = np.random.default_rng(4).standard_exponential((20_000, 2)) + 1.0
     guess = np.array([1.0, 2.0])
-    figure = table_3_figure(("k_s", "j_1"), guess, guess, np.ones((0, 2)), None, draws, guess)
+    none = np.ones((0, 2))
+    own = heuristic(guess=guess, estimate=guess, others=none)
+    figure = table_3_figure(("k_s", "j_1"), own, None, draws, guess)
     for row, ratios in enumerate((draws / guess).T):
         bars = {}
         for line in figure.axes[0].get_lines():

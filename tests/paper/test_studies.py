@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -20,7 +19,7 @@ from bayesdrill.paper import forward, precision, printed, searches
 from bayesdrill.paper import searches as study
 from bayesdrill.paper.forward import SIX_STATES, integrate, six_states
 from bayesdrill.paper.plugins import Fminsearch
-from bayesdrill.paper.searches import Cell, Verification
+from bayesdrill.paper.searches import Search, Verification
 from bayesdrill.rig.models.motor_shaft import MotorShaft
 from bayesdrill.rig.simulators.exact import Response
 from bayesdrill.sampling.convergence import Targets
@@ -92,7 +91,7 @@ def test_the_integrators_error_in_each_channel() -> None:
     record = experiment(81, 0.02, measures=measures, start=start)
     x = by_expm(skewed(), record.t, np.array([0.3, 0.0, 0.0, -1.0, 4.0]), 8.0, 0.0)
     exact = np.stack([x[:, 0] - x[:, 1], x[:, 3], 2 * x[:, 4]], axis=1)
-    found, steps = forward.exact_signals(MotorShaft(), record, vector(skewed()))
+    found, steps = forward.paper_signals(MotorShaft(), record, vector(skewed()))
     off = found - exact
     assert np.abs(off).max() < 0.03 * np.abs(exact).max()
     for k, error in enumerate(forward.errors(record, skewed())):
@@ -108,7 +107,7 @@ def test_the_integrator_starts_where_the_state_is_given() -> None:
     record = experiment(41, 0.02, first=0.5, t_start=0.1, start=start)
     at_start = np.array([0.3, 0.0, 0.0, -1.0, 0.0])
     exact = by_expm(skewed(), record.t - 0.1, at_start, 8.0, 0.0)
-    found, _ = forward.exact_signals(MotorShaft(), record, vector(skewed()))
+    found, _ = forward.paper_signals(MotorShaft(), record, vector(skewed()))
     assert found.shape == exact.shape
     assert np.abs(found - exact)[:, :4].max() < 0.05 * np.abs(exact[:, :4]).max()
 
@@ -116,7 +115,7 @@ def test_the_integrator_starts_where_the_state_is_given() -> None:
 def test_a_measured_voltage_is_not_taken_for_none() -> None:
     record = experiment(41, constant={"t_1": 0.0}, series={"v": 8 + np.sin(np.arange(41.0))})
     with pytest.raises(ValueError, match="v must be constant"):
-        forward.exact_signals(MotorShaft(), record, vector(NOMINAL))
+        forward.paper_signals(MotorShaft(), record, vector(NOMINAL))
 
 
 # The misfit, exact and with the integrator
@@ -181,7 +180,7 @@ def test_the_heuristic_ends_lower_in_the_misfit_that_it_searches() -> None:
     names = ("k_e", "t_f")
     rig = target(names, np.full(4, 0.002), 101, at(names, 1.1, 0.9))
     with Crew(rig, 1) as crew:
-        found = searches.run_heuristic(crew, rig, Fminsearch(), 400, 1, 5)
+        found = searches.run_heuristic(crew, rig, Search(Fminsearch(), 400), 1, 5)
     own = [forward.stepped_misfit(rig.likelihood, x) for x in (found.stepped, found.estimate)]
     exact = [precision.misfit_per_number(rig, x) for x in (found.stepped, found.estimate)]
     assert found.stepped_misfit == pytest.approx(own[0])
@@ -201,7 +200,7 @@ def test_with_a_measured_voltage_the_heuristic_has_no_end_by_the_integrator() ->
     )
     driven = likelihood.with_alone(response=Response(MotorShaft(), own))
     with Crew(measured := replace(rig, likelihood=driven), 1) as crew:
-        found = searches.run_heuristic(crew, measured, Fminsearch(), 60, 1, 5)
+        found = searches.run_heuristic(crew, measured, Search(Fminsearch(), 60), 1, 5)
     assert (found.stepped, found.stepped_misfit) == (None, None)
     assert found.misfits[-1] < found.misfits[0]
 
@@ -236,10 +235,6 @@ def verified() -> Verified:
         return rig, study.verify(crew, rig, truth, SIGMAS, 4, plan), truth, one
 
 
-def column(found: Verification, sigma: float, read: Callable[[Cell], float]) -> Array:
-    return np.array([read(found.cell(sigma, name)) for name in PAIR])
-
-
 @together("sigma", SIGMAS)
 def test_bounds_and_posteriors_grow_with_the_noise(verified: Verified, sigma: float) -> None:
     """The priors, ten sd wide at least, do not matter: the posterior is as wide as the bound.
@@ -249,9 +244,9 @@ def test_bounds_and_posteriors_grow_with_the_noise(verified: Verified, sigma: fl
     _, found, _, one = verified
     bound = sigma * one
     assert found.converged
-    assert column(found, sigma, lambda c: c.bound) == pytest.approx(bound, rel=1e-4)
-    assert column(found, sigma, lambda c: c.posterior_sd) == pytest.approx(bound, rel=0.3)
-    off = column(found, sigma, lambda c: c.posterior - c.scaled) / bound
+    assert found.values[sigma]["bound"] == pytest.approx(bound, rel=1e-4)
+    assert found.values[sigma]["posterior_sd"] == pytest.approx(bound, rel=0.3)
+    off = (found.values[sigma]["posterior"] - found.values[sigma]["scaled"]) / bound
     assert np.abs(off).max() < 0.4
 
 
@@ -267,12 +262,10 @@ def test_records_differ_in_the_size_of_their_noise_alone(verified: Verified) -> 
         for way in ("fminsearch", "scaled"):
             rows = found.estimates[way][sigma]
             assert (rows - truth) / (sigma * one) == pytest.approx(off[0], abs=0.2)
-            first, spread = (
-                column(found, sigma, lambda c, s=stem: getattr(c, s)) for stem in (way, f"sd_{way}")
-            )
+            first, spread = (found.values[sigma][stem] for stem in (way, f"sd_{way}"))
             assert first == pytest.approx(rows[0])
             assert spread**2 == pytest.approx(((rows - rows.mean(axis=0)) ** 2).sum(axis=0) / 3)
-    assert column(found, 0.001, lambda c: c.truth) == pytest.approx(truth)
+    assert found.values[0.001]["truth"] == pytest.approx(truth)
 
 
 @together("sigma", SIGMAS)
@@ -284,14 +277,14 @@ def test_each_search_ends_low_in_the_misfit_of_its_own_record_and_model(
     sized = precision.with_sigma(rig, sigma)
     noisy, clean = precision.made_record(sized, truth, 3, 0), precision.clean_record(sized, truth)
     p = vector(NOMINAL)
-    own = forward.exact_signals(MotorShaft(), rig.likelihood.response.experiment, p)[0]
+    own = forward.paper_signals(MotorShaft(), rig.likelihood.response.experiment, p)[0]
     y, exact = (x.likelihood.response.experiment.y for x in (noisy, clean))
     record = {
         "trapezoid_both": sized.edit(records=[own + y - exact]),
         "trapezoid_fit": noisy,
         "weights_only_trapezoid": sized.edit(records=[own]),
     }
-    ends = {name: column(found, sigma, lambda c, n=name: getattr(c, n)) for name in record}
+    ends = {name: found.values[sigma][name] for name in record}
     beside = 0.2 / rig.likelihood.numbers  # how high a search may stop: less than what noise does
     for name, its in record.items():
         left = {
@@ -303,7 +296,7 @@ def test_each_search_ends_low_in_the_misfit_of_its_own_record_and_model(
             (other,) = {"trapezoid_both", "trapezoid_fit"} - {name}
             assert left[name] + beside < left[other]  # small noise: the records differ by more
     assert forward.stepped_misfit(record["weights_only_trapezoid"].likelihood, truth) == 0.0
-    weights = column(found, sigma, lambda c: c.weights_only)
+    weights = found.values[sigma]["weights_only"]
     assert precision.misfit_per_number(clean, weights) < 0.5 * beside
 
 
@@ -379,7 +372,7 @@ def test_the_control_tells_the_largest_of_what_a_search_makes_of_records_with_th
 
     sigmas = (0.02, 0.5)
     with Crew(rig, 1) as crew:
-        found = searches.control(crew, rig, off, 77, sigmas, 3, 9)
+        found = searches.control(crew, rig, Search(off, 77), sigmas, 3, 9)
     assert seen == pytest.approx(np.repeat(sigmas, 3), rel=0.15)  # four standard deviations
     assert len(set(seen)) == 6
     assert [(c.sigma, c.parameter, c.records) for c in found] == [

@@ -23,13 +23,13 @@ from bayesdrill import output_files
 from bayesdrill.analysis.verdict import Quantity, Verdict
 from bayesdrill.basics.symbols import PARAMETERS
 from bayesdrill.paper import printed, reproduction
-from bayesdrill.paper import reproduction as pages
+from bayesdrill.paper import study_tables as pages
 from bayesdrill.paper.findings import Findings, Misfits, Nine
 from bayesdrill.paper.forward import Error, Reading
 from bayesdrill.paper.precision import Implied, Length
 from bayesdrill.paper.printed import FOLLOWING, PRODUCTS, Cause, Tone
-from bayesdrill.paper.searches import Cell, Control, End, Heuristic, Verification
-from bayesdrill.paper.study_tables import Table, lengths, lines_2, lines_3, said, ways
+from bayesdrill.paper.searches import Control, End, Heuristic, Verification
+from bayesdrill.paper.study_tables import ATTAINED, Table, lengths, lines_2, lines_3, products, ways
 
 RNG = np.random.default_rng(11)
 NAMES = ("k_s", "t_f", "j_m", "l_m", "c_m", "k_T", "j_1", "r_m", "k_e")  # in no one's order
@@ -62,22 +62,18 @@ def filled[T](kind: type[T], **given: object) -> T:
 
 
 def verification() -> Verification:
-    sigmas = tuple(printed.TWO_PARAMETERS)
-    cells = []
-    for sigma in sigmas:
-        for name in ("c_m", "k_e"):
-            truth = printed.GUESS[name]
-            off = {what: truth * (1 + 0.3 * RNG.standard_normal()) for what in ESTIMATES}
-            cells.append(filled(Cell, sigma=sigma, name=name, truth=truth, **off))
+    truth = np.array([printed.GUESS[name] for name in ("c_m", "k_e")])
+    sizes = ("posterior_sd", "bound", "sd_fminsearch", "sd_scaled")
+    values = {
+        sigma: {
+            "truth": truth,
+            **{what: truth * (1 + 0.3 * RNG.standard_normal(2)) for what in ESTIMATES},
+            **{what: np.array([uneven(), uneven()]) for what in sizes},
+        }
+        for sigma in printed.TWO_PARAMETERS
+    }
     return Verification(
-        names=("c_m", "k_e"),
-        truth=np.ones(2),
-        start=np.ones(2),
-        sigmas=sigmas,
-        records=37,
-        cells=tuple(cells),
-        estimates={},
-        converged=True,
+        names=("c_m", "k_e"), records=37, values=values, estimates={}, converged=True
     )
 
 
@@ -308,7 +304,7 @@ def test_every_table_has_a_cell_below_each_head_and_a_caption() -> None:
 
 
 def test_every_file_is_one_that_a_later_force_knows() -> None:
-    drawn = [stem for stem, *_ in reproduction._figures(findings())]
+    drawn = list(reproduction.drawings(findings()))
     written = {f"{stem}.{end}" for stem in tables() for end in ("csv", "md")}
     assert {*written, "report.md", "report.html", *output_files.figure_files(*drawn)} == set(
         output_files.paper_files(("one", "two")).files
@@ -349,21 +345,23 @@ def test_the_control_has_a_column_for_each_noise() -> None:
 def test_lines_of_table_2_lead_back_to_what_was_found() -> None:
     """Mutants killed: the spread of one way for the other's, a deviation of another estimate."""
     found = findings().verification
-    for line, cell in zip(lines_2(found), found.cells, strict=True):
-        assert (line.sigma, line.parameter, line.records) == (cell.sigma, cell.name, 37)
-        one = cell.truth / 100
+    cells = [(sigma, name) for sigma in found.values for name in found.names]
+    for line, (sigma, name) in zip(lines_2(found), cells, strict=True):
+        assert (line["sigma"], line["parameter"], line["records"]) == (sigma, name, 37)
+        cell = {what: x[found.names.index(name)] for what, x in found.values[sigma].items()}
+        one = cell["truth"] / 100
         for what in ESTIMATES[:-1]:
-            off = getattr(cell, what) - cell.truth
-            assert getattr(line, f"{what}_percent") * one == pytest.approx(max(off, -off)), what
-        assert line.bound_percent * one == pytest.approx(cell.bound)
-        assert line.posterior_sd_percent * one == pytest.approx(cell.posterior_sd)
-        assert line.spread_fminsearch_percent * one == pytest.approx(cell.sd_fminsearch)
-        assert line.spread_scaled_percent * one == pytest.approx(cell.sd_scaled)
-        assert line.efficiency_scaled * cell.bound == pytest.approx(cell.sd_scaled)
-        assert (line.fminsearch, line.scaled) == (cell.fminsearch, cell.scaled)
-        assert line.posterior == cell.posterior
-        paper = printed.TWO_PARAMETERS[cell.sigma][cell.name]
-        assert (line.printed, line.printed_percent) == (paper.value, paper.deviation)
+            off = cell[what] - cell["truth"]
+            assert line[f"{what}_percent"] * one == pytest.approx(max(off, -off)), what
+        assert line["bound_percent"] * one == pytest.approx(cell["bound"])
+        assert line["posterior_sd_percent"] * one == pytest.approx(cell["posterior_sd"])
+        assert line["spread_fminsearch_percent"] * one == pytest.approx(cell["sd_fminsearch"])
+        assert line["spread_scaled_percent"] * one == pytest.approx(cell["sd_scaled"])
+        assert line["efficiency_scaled"] * cell["bound"] == pytest.approx(cell["sd_scaled"])
+        for what in ("fminsearch", "scaled", "posterior"):
+            assert line[what] == cell[what]
+        paper = printed.TWO_PARAMETERS[sigma][name]
+        assert (line["printed"], line["printed_percent"]) == (paper.value, paper.deviation)
 
 
 @together("known", [True, False])
@@ -371,64 +369,69 @@ def test_lines_of_table_3_lead_back_to_what_was_found(known: bool) -> None:
     """Mutants killed: off the guess where it says off the truth, another parameter's number."""
     found = findings().nines[0 if known else 1]
     lines = lines_3(found)
-    assert [line.parameter for line in lines] == list(ORDER)
+    assert [line["parameter"] for line in lines] == list(ORDER)
     for line in lines:
-        k = NAMES.index(line.parameter)
+        k = NAMES.index(line["parameter"])
         h = found.heuristic
-        assert (line.guess, line.heuristic, line.stepped) == (
+        assert (line["guess"], line["heuristic"], line["stepped"]) == (
             h.guess[k],
             h.estimate[k],
             h.stepped[k],
         )
         moved = {
-            h.estimate[k]: line.heuristic_percent,
-            h.stepped[k]: line.stepped_percent,
-            printed.implied(line.parameter): line.printed_percent,
+            h.estimate[k]: line["heuristic_percent"],
+            h.stepped[k]: line["stepped_percent"],
+            printed.implied(line["parameter"]): line["printed_percent"],
         }
         for value, percent in moved.items():
-            assert line.guess * (1 + percent / 100) == pytest.approx(value)
-        spread = line.starts_percent / 100 * line.guess
+            assert line["guess"] * (1 + percent / 100) == pytest.approx(value)
+        spread = line["starts_percent"] / 100 * line["guess"]
         own = h.others[:, k]
         assert spread**2 * (len(own) - 1) == pytest.approx(((own - own.mean()) ** 2).sum())
         draws = found.draws[:, k]
-        assert np.mean(draws < line.posterior) == pytest.approx(0.5)
-        inside = (line.hdi_low <= draws) & (draws <= line.hdi_high)
+        assert np.mean(draws < line["posterior"]) == pytest.approx(0.5)
+        inside = (line["hdi94_low"] <= draws) & (draws <= line["hdi94_high"])
         assert np.mean(inside) == pytest.approx(0.94, abs=0.005)
-        truths = (line.truth, line.true_percent, line.off_percent, line.stepped_off_percent)
+        truths = (
+            line["truth"],
+            line["true_percent"],
+            line["off_percent"],
+            line["stepped_off_percent"],
+        )
         if found.truth is None:
-            assert (*truths, line.holds) == (None,) * 5
+            assert (*truths, line["holds"]) == (None,) * 5
             continue
         truth, true, off, stepped = truths
         assert truth == found.truth[k]
-        assert line.guess * (1 + true / 100) == pytest.approx(truth)
-        assert truth * (1 + off / 100) == pytest.approx(line.heuristic)
-        assert truth * (1 + stepped / 100) == pytest.approx(line.stepped)
-        assert line.holds is bool(line.hdi_low <= truth <= line.hdi_high)
+        assert line["guess"] * (1 + true / 100) == pytest.approx(truth)
+        assert truth * (1 + off / 100) == pytest.approx(line["heuristic"])
+        assert truth * (1 + stepped / 100) == pytest.approx(line["stepped"])
+        assert line["holds"] is bool(line["hdi94_low"] <= truth <= line["hdi94_high"])
     if known:
-        assert {line.holds for line in lines} == {True, False}
-    verdicts = {line.parameter: line.verdict for line in lines if line.verdict}
+        assert {line["holds"] for line in lines} == {True, False}
+    verdicts = {line["parameter"]: line["verdict"] for line in lines if line["verdict"]}
     assert verdicts == {"k_s": "disagrees", "j_1": "agrees", "r_m": "cannot say"}
 
 
 def test_a_way_without_a_best_end_has_no_scatter() -> None:
     """Mutants killed: the scatter of all ends for that of the best; zero where there is none."""
-    lines = {line.way: line for line in ways(findings())}
+    lines = {line["way"]: line for line in ways(findings())}
     none, some = lines["fminsearch"], lines["scaled"]
-    assert (none.searches, none.reached, none.best, none.settled) == (5, 2, 0, 3)
-    assert (some.searches, some.reached, some.best, some.settled) == (7, 6, 4, 5)
-    assert (none.scale_1, none.scale_2, none.rest, none.distance) == (None,) * 4
+    assert (none["searches"], none["reached"], none["best"], none["settled"]) == (5, 2, 0, 3)
+    assert (some["searches"], some["reached"], some["best"], some["settled"]) == (7, 6, 4, 5)
+    assert (none["scale_1"], none["scale_2"], none["rest"], none["distance"]) == (None,) * 4
     own = [end for end in findings().ends if end.way == "scaled"]
     best = own[:4]
-    for k, scale in enumerate((some.scale_1, some.scale_2)):
+    for k, scale in enumerate((some["scale_1"], some["scale_2"])):
         along = np.array([end.scales[k] for end in best])
         assert 4 * scale**2 == pytest.approx(((along - along.mean()) ** 2).sum())
-    assert 4 * some.rest**2 == pytest.approx(sum(end.rest**2 for end in best))
-    assert 4 * some.distance**2 == pytest.approx(sum(end.distance**2 for end in best))
+    assert 4 * some["rest"] ** 2 == pytest.approx(sum(end.rest**2 for end in best))
+    assert 4 * some["distance"] ** 2 == pytest.approx(sum(end.distance**2 for end in best))
     misfits = sorted(end.misfit for end in own)
-    assert (some.misfit_median, some.misfit_worst) == (misfits[3], misfits[-1])
+    assert (some["misfit_median"], some["misfit_worst"]) == (misfits[3], misfits[-1])
     one = replace(findings(), ends=tuple(replace(end, scales=end.scales[:1]) for end in own))
     (line,) = ways(one)
-    assert (line.scale_1, line.scale_2) == (some.scale_1, None)
+    assert (line["scale_1"], line["scale_2"]) == (some["scale_1"], None)
     first, _ = records("simultaneous")
     assert [first[name] for name in ("scale_1", "scale_2", "rest", "distance")] == [""] * 4
     ((_, (row, _)),) = grids(tables()["simultaneous"].markdown)
@@ -437,42 +440,41 @@ def test_a_way_without_a_best_end_has_no_scatter() -> None:
 
 def test_bounds_of_lengths_are_those_at_a_thousandth_and_repeats_attain_what_is_wanted() -> None:
     """Mutant killed: a factor of a thousand in the bounds."""
-    attained = pages.ATTAINED
-    assert attained == float(printed.TWO_PARAMETERS[1.0]["c_m"].percent)
+    assert float(printed.TWO_PARAMETERS[1.0]["c_m"].percent) == ATTAINED
     found = findings().lengths
-    for line, length in zip(lengths(found, attained), found, strict=True):
-        for name, percent in (("c_m", line.c_m_percent), ("k_e", line.k_e_percent)):
+    for line, length in zip(lengths(found), found, strict=True):
+        for name, percent in (("c_m", line["c_m_percent"]), ("k_e", line["k_e_percent"])):
             assert percent / 100 == pytest.approx(0.001 * length.bounds[name])
-        mean_of_all = length.bounds["c_m"] / math.sqrt(line.repeats)
-        assert mean_of_all == pytest.approx(attained / 100)
-        assert (line.duration, line.rate) == (length.duration, length.rate)
+        mean_of_all = length.bounds["c_m"] / math.sqrt(line["repeats"])
+        assert mean_of_all == pytest.approx(ATTAINED / 100)
+        assert (line["duration"], line["rate"]) == (length.duration, length.rate)
 
 
 def test_the_verdict_names_its_products() -> None:
     found = findings().nines[0]
-    lines = said(found)
-    assert [line.product for line in lines] == ["k_e", "k_s/j_1^2"]
+    lines = products(found)
+    assert [line["product"] for line in lines] == ["k_e", "k_s/j_1^2"]
     for line, own in zip(lines, found.verdict.products, strict=True):
-        assert line.deviation_percent / 100 == pytest.approx(own.deviation)
-        assert (line.sigmas, line.says) == (own.tension, own.says)
+        assert line["deviation_percent"] / 100 == pytest.approx(own.deviation)
+        assert (line["sigmas"], line["says"]) == (own.tension, own.says)
 
 
 def test_the_words_name_the_worst_parameter_and_count_those_that_are_held() -> None:
-    text = pages.in_words(findings())
+    text = reproduction.in_words(findings())
     table_2 = [line for line in text if line.startswith("Table 2")]
     assert len(table_2) == len(printed.TWO_PARAMETERS)
-    for line, cell in zip(table_2, findings().verification.cells[::2], strict=True):
+    for line, values in zip(table_2, findings().verification.values.values(), strict=True):
         shown = re.search(r"known to (\S+) %", line)
         assert shown
-        assert agrees(shown[1], str(100 * cell.bound / cell.truth))
+        assert agrees(shown[1], str(100 * values["bound"][0] / values["truth"][0]))
     first, second = text[len(table_2) :]
     found = lines_3(findings().nines[0])
-    worst = max(found, key=lambda line: abs(line.heuristic / line.truth - 1))
+    worst = max(found, key=lambda line: abs(line["heuristic"] / line["truth"] - 1))
     shown = re.search(r", (\w+) (\S+) % off", first)
     assert shown
-    assert agrees(shown[2].removeprefix("+"), str(100 * (worst.heuristic / worst.truth - 1)))
-    assert shown[1] == worst.parameter
-    assert f"truth of {sum(line.holds for line in found)} of 9" in first
+    assert agrees(shown[2].removeprefix("+"), str(100 * (worst["heuristic"] / worst["truth"] - 1)))
+    assert shown[1] == worst["parameter"]
+    assert f"truth of {sum(line['holds'] for line in found)} of 9" in first
     assert "off" not in second
 
 
@@ -482,7 +484,7 @@ def test_doubts_are_said_in_words_and_above_the_tables_of_their_record() -> None
     bad = replace(one, misfits=replace(one.misfits, map=2716.846, high=1.0443))
     lost = replace(two, converged=False)
     whole = replace(findings(), nines=(bad, lost))
-    text = pages.in_words(whole)
+    text = reproduction.in_words(whole)
     (poor,) = [line for line in text if "leaves a misfit of" in line]
     assert poor.startswith("one: ")
     assert "2717 per number, where noise leaves at most 1.04" in poor
@@ -491,7 +493,7 @@ def test_doubts_are_said_in_words_and_above_the_tables_of_their_record() -> None
     for table in pages.tables(whole):
         assert ("2717 per number" in table.says) is table.stem.endswith("_one")
         assert ("did not converge" in table.says) is table.stem.endswith("_two")
-    assert not [line for line in pages.in_words(findings()) if "Careful" in line]
+    assert not [line for line in reproduction.in_words(findings()) if "Careful" in line]
     assert not [table for table in pages.tables(findings()) if "Careful" in table.says]
 
 
@@ -502,14 +504,14 @@ def test_an_unknown_of_ones_own_has_a_line_after_the_papers_and_what_is_given_is
     own = replace(found, names=names, units=("GPa", *found.units[1:]), given=("k_s = 2*G",))
     assert k == 0
     *_, last = lines_3(own)
-    assert (last.parameter, last.unit, last.printed, last.printed_percent) == (
+    assert (last["parameter"], last["unit"], last["printed"], last["printed_percent"]) == (
         "G",
         "GPa",
         None,
         None,
     )
-    assert last.heuristic == found.heuristic.estimate[k]
-    assert [line.parameter for line in lines_3(own)][:-1] == [n for n in ORDER if n != "k_s"]
+    assert last["heuristic"] == found.heuristic.estimate[k]
+    assert [line["parameter"] for line in lines_3(own)][:-1] == [n for n in ORDER if n != "k_s"]
     (table,) = [
         table
         for table in pages.tables(replace(findings(), nines=(own,)))
@@ -523,7 +525,9 @@ def test_without_the_integrator_its_cells_are_empty() -> None:
     nothing = replace(found.heuristic, stepped=None, stepped_misfit=None)
     own = replace(found, heuristic=nothing, misfits=replace(found.misfits, stepped=None))
     for line in lines_3(own):
-        assert (line.stepped, line.stepped_percent, line.stepped_off_percent) == (None,) * 3
+        assert (line["stepped"], line["stepped_percent"], line["stepped_off_percent"]) == (
+            None,
+        ) * 3
     for table in pages.tables(replace(findings(), nines=(own,))):
         assert "None" not in table.csv + table.markdown
 

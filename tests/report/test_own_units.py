@@ -288,10 +288,11 @@ def overlaid(first: str, second: str) -> ComparisonReport:
     views = {"own": pair().own, "plain": pair().plain}
     jobs = {"own": users().job, "plain": usual().job}
     shown = comparison.overlay_units([jobs[first], jobs[second]])
-    layers = [
-        comparison.overlay_layer(name, jobs[name], views[name].mode, views[name].sampled, shown)
+    runs = {
+        name: conclusions.SampledRun(jobs[name], views[name].mode, views[name].sampled)
         for name in (first, second)
-    ]
+    }
+    layers = [comparison.overlay_layer(name, run, shown) for name, run in runs.items()]
     return ComparisonReport(tuple(layers), shown)
 
 

@@ -62,7 +62,7 @@ class Stopping:
 
 def here(config: Path, folder: Path, how: str = "fresh", report: object = None) -> object:
     """A calibration in this process."""
-    with remote.Local(ThreadPoolExecutor(1)) as crew:
+    with remote.RefitExecutor(ThreadPoolExecutor(1)) as crew:
         try:
             job = calibrate.prepare(config)
             return calibrate.calibrate(job, folder, how, crew, report or Silent())  # type: ignore[arg-type]

@@ -78,7 +78,7 @@ class Stopping:
 
 def here(config: Path, folder: Path, how: str = "fresh", report: object = None) -> object:
     """A ladder in this process."""
-    with remote.Local(ThreadPoolExecutor(1)) as crew:
+    with remote.RefitExecutor(ThreadPoolExecutor(1)) as crew:
         try:
             return ladder.ladder(prepare(config), folder, how, crew, report or Silent())  # type: ignore[arg-type]
         finally:

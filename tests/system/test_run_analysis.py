@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import pickle
 import shutil
 from collections.abc import Iterator
 from pathlib import Path
@@ -19,7 +20,7 @@ from bayesdrill.basics.values import alike, as_data, from_data
 from bayesdrill.inference import derived
 from bayesdrill.inference.posterior import Posterior
 from bayesdrill.output_files import dumps_checksummed, loads_checksummed
-from bayesdrill.tasks import conclusions, pipeline
+from bayesdrill.tasks import comparison, conclusions, pipeline
 
 CHANGES = {
     "plain": [],
@@ -91,6 +92,39 @@ def test_reports_show_what_the_run_has_kept(
     assert evaluations == {"evaluate": 0, "density": len(CHANGES)}
 
 
+def test_opened_and_compared_runs_have_what_is_kept(
+    runs: Path, evaluations: dict[str, int], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """But for how it predicts, which no run keeps.  Mutant killed: it is evaluated again."""
+
+    def refused(*_: object, **__: object) -> None:
+        raise AssertionError("a run is analysed again")
+
+    monkeypatch.setattr(conclusions, "analyse", refused)
+    monkeypatch.setattr(comparison, "left", refused)
+    monkeypatch.setattr(comparison, "summarise", refused)
+    folders = [runs / name for name in CHANGES]
+    for folder in folders:
+        kept = loads_checksummed((folder / "run.json").read_bytes())["analysis"]
+        opened = bd.open(folder)
+        assert as_data(opened.analysis) == kept
+        assert opened == pickle.loads(pickle.dumps(opened))
+        assert as_data(bd.compare([opened, opened]).models[0].left) == kept["fit"]
+    layers = bd.overlay(folders).report.layers
+    assert [layer.name for layer in layers] == [*CHANGES]
+    # The start of each config, which is looked at wherever it is read.
+    assert evaluations == {"evaluate": 0, "density": 2 * len(CHANGES)}
+
+
+def test_a_chain_that_went_on_is_analysed_anew(runs: Path) -> None:
+    """Mutant killed: what was kept is believed of another chain."""
+    folder = runs / "plain"
+    run = loads_checksummed((folder / "run.json").read_bytes())
+    (folder / "run.json").write_text(dumps_checksummed(run | {"analysis_of": "another"}))
+    assert bd.open(folder).kept is None
+    assert as_data(bd.open(folder).analysis) == run["analysis"]
+
+
 def test_verify_compares_each_number_and_samples_nothing(
     runs: Path, evaluations: dict[str, int]
 ) -> None:
@@ -152,9 +186,9 @@ def test_what_cannot_be_derived_is_tried_and_said_once(
     def failing(*_: object) -> None:
         raise ValueError("no product")
 
-    job, mode, sampled = pipeline.read_result(done / "plain")
+    run = pipeline.read_result(done / "plain")
     monkeypatch.setattr(derived, "with_products", failing)
-    view = conclusions.concluded(job, mode, sampled)
+    view = conclusions.concluded(run.job, run.mode, run.sampled)
     assert view.derived.symbols == ()
     assert view.chain.sparing.missing == ["derived quantities (ValueError: no product)"]
 
