@@ -41,8 +41,13 @@ def starts(job: Job, centre: Array, n: int, seed: int) -> Array:
     straight: Any = modal.of(job)
     posterior = dataclasses.replace(job.problem.posterior, coordinates=straight)
     rng = np.random.default_rng(seed)
-    z = laplace.draws(posterior, centre, n, rng, spread=START_SPREAD)
-    return posterior.coordinates.to_physical(z)
+    z = posterior.coordinates.from_physical(centre[None])[0]
+    steps = START_SPREAD * laplace.root(laplace.covariance(posterior, centre))
+    kept = np.empty((0, len(centre)))
+    while len(kept) < n:
+        around = z + rng.standard_normal((n, len(centre))) @ steps.T
+        kept = np.concatenate([kept, around[np.isfinite(posterior(around))]])
+    return posterior.coordinates.to_physical(kept[:n])
 
 
 def by_solve_ivp(job: Job, theta: Array, method: str, **tolerances: float) -> Array:

@@ -1,11 +1,15 @@
-"""What comes in from a notebook, judged before it goes on: every mistake by its name."""
+"""What comes in from a notebook, judged before it goes on: every mistake by its name; and what jobs of
+many fits may be told.
+"""
 
 from __future__ import annotations
 
+from abc import abstractmethod
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 from pydantic import TypeAdapter, ValidationError
@@ -13,7 +17,10 @@ from pydantic import TypeAdapter, ValidationError
 from bayesdrill.basics.arrays import Array
 from bayesdrill.basics.entries import entries_of
 from bayesdrill.basics.errors import InputError, Issue, did_you_mean, shown
+from bayesdrill.basics.progress import SILENT, Reporter
 from bayesdrill.basics.registry import lookup
+from bayesdrill.basics.values import Value, checked
+from bayesdrill.config.job import Job
 from bayesdrill.record.experiment import check_time, raise_if_any
 from bayesdrill.rig.models import MODELS
 from bayesdrill.rig.models.linear import Model
@@ -165,3 +172,43 @@ def times(t: Any, found: list[Issue]) -> Array:
     if not found:
         found += check_time("t", values, lambda index: f"sample {index + 1}")
     return values
+
+
+@checked
+@dataclass(frozen=True, slots=True, eq=False)
+class ManyFits[T](Value):
+    """`kind`: ends the name of its folder."""
+
+    job: Job
+
+    kind: ClassVar[str]
+
+    def place(self, folder: str | Path | None = None) -> Path:
+        """Where `run` leaves its results: `results/<name>-ladder` or `results/<name>-calibration` by
+        default.
+        """
+        usual = Path("results") / f"{self.job.config.name}-{self.kind}"
+        return results_folder(folder, usual)
+
+    def run(
+        self,
+        folder: str | Path | None = None,
+        *,
+        resume: bool = False,
+        force: bool = False,
+        processes: int | None = 1,
+        scheduler: str | None = None,
+        report: Reporter | None = None,
+    ) -> T:
+        """`folder`: see `place`; `scheduler`: address of a Dask cluster; `processes`, `report`: see
+        `Case.sample`.
+
+        Raises `InputError`, and `Interrupted` when asked to stop; what is done is kept.
+        """
+        how, place = mode(resume=resume, force=force), self.place(folder)
+        with crew(processes, scheduler) as executor:
+            return self._run(place, how, executor, report or SILENT)
+
+    @abstractmethod
+    def _run(self, place: Path, how: Mode, executor: RefitExecutor, report: Reporter) -> T:
+        """Do the job."""

@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, ClassVar
 from bayesdrill.analysis.comparison import Contender, Decision, Row
 from bayesdrill.api import arguments
 from bayesdrill.api import run as single
+from bayesdrill.api.arguments import ManyFits
 from bayesdrill.api.case import load
-from bayesdrill.api.jobs import ManyFits
 from bayesdrill.api.run import for_notebooks
 from bayesdrill.basics.errors import InputError
 from bayesdrill.basics.progress import Reporter

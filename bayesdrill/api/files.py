@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, ClassVar
 
 from bayesdrill import output_files
 from bayesdrill.api import arguments
-from bayesdrill.api.jobs import ManyFits
+from bayesdrill.api.arguments import ManyFits
 from bayesdrill.basics import software as citing
 from bayesdrill.basics.errors import InputError, Issue
 from bayesdrill.basics.progress import SILENT, Reporter

@@ -116,8 +116,9 @@ def test_what_it_moves_is_what_was_left_without_it() -> None:
 def test_it_is_drawn_said_and_written() -> None:
     found, _ = seen("motor", 7)
     figure = torque_figure(torque_shown(found, Unit("s", 1.0, "s")))
-    labels = [panel.get_xlabel() for panel in figure.axes]
-    assert labels[0].startswith("time")
+    panels = sorted(figure.axes, key=lambda panel: panel.get_position().y1)
+    labels = [panel.get_xlabel() for panel in panels]
+    assert labels[-1].startswith("time")
     assert any("speed of the motor" in label for label in labels)
     assert any("voltage" in label for label in labels)
     assert "at the motor" in torque_words.torque_sentence(torque_summary(found))
