@@ -139,13 +139,12 @@ CORNER_GAP = 0.06  # between panels, in panels
 def corner_panels(
     n: int, size: tuple[float, float], left: float, bottom: float, inside: float
 ) -> tuple[Figure, NDArray[np.object_]]:
-    """A figure of this `size` and its panels `(n, n)`, those above the diagonal empty; inches."""
+    """A figure of this `size` and its panels `(n, n)`, None above the diagonal; inches."""
     width, height = size
     figure = Figure(figsize=size)
-    panels = figure.subplots(n, n, squeeze=False)
-    for above in panels[np.triu_indices(n, 1)]:
-        above.set_axis_off()
-    figure.subplots_adjust(
+    grid = figure.add_gridspec(
+        n,
+        n,
         left=left / width,
         right=(left + inside) / width,
         bottom=bottom / height,
@@ -153,6 +152,10 @@ def corner_panels(
         wspace=CORNER_GAP,
         hspace=CORNER_GAP,
     )
+    panels = np.full((n, n), None)
+    for row in range(n):
+        for column in range(row + 1):
+            panels[row, column] = figure.add_subplot(grid[row, column])
     return figure, panels
 
 
