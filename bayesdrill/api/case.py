@@ -21,7 +21,7 @@ from bayesdrill.config.job import Job, prepare
 from bayesdrill.record.experiment import raise_if_any
 from bayesdrill.report import words
 from bayesdrill.rig.models.linear import Model
-from bayesdrill.tasks import find_map, identify
+from bayesdrill.tasks import identify
 
 if TYPE_CHECKING:
     from bayesdrill.api.run import Best, Run
@@ -126,6 +126,7 @@ class Case(Value):
         `processes`, `report`: see `sample`.
         """
         from bayesdrill.api.run import Best  # late: it loads all that sampling needs
+        from bayesdrill.tasks import find_map
 
         workers = arguments.workers(processes)
         found = find_map.find_mode(self.job, workers, report or SILENT)
@@ -178,7 +179,7 @@ class Case(Value):
         `InputError`.
         """
         from bayesdrill.api.run import Run
-        from bayesdrill.tasks import pipeline
+        from bayesdrill.tasks import find_map, pipeline
 
         job, workers = self.job, arguments.workers(processes)
         if seed is not None:

@@ -7,12 +7,12 @@ from __future__ import annotations
 import math
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from bayesdrill.analysis.energy import AT_START, CONVERTED, STORED, Account, Part, Rubbing, curve
 from bayesdrill.analysis.identifiability.frictions import Alike, Deeds, Proposal, Told, Unseen
-from bayesdrill.analysis.run_analysis import EnergySummary
 from bayesdrill.basics.arrays import Array
 from bayesdrill.basics.symbols import Symbol, own_symbol, plain
 from bayesdrill.basics.units import Unit
@@ -23,6 +23,9 @@ from bayesdrill.report.section import HDI, Table, records_as_csv
 from bayesdrill.rig import models
 from bayesdrill.rig.models.friction import Friction
 from bayesdrill.rig.models.linear import Model, Roles
+
+if TYPE_CHECKING:
+    from bayesdrill.analysis.run_analysis import EnergySummary
 
 _HEADERS = ("", "unit", "nominal", "mean", "sd", HDI, "dev. %", "meaning")
 

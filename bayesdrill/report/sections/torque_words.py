@@ -5,12 +5,12 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from bayesdrill.analysis.identifiability.study import Study
 from bayesdrill.analysis.latent_torque import TAILS, Follows, Shaking
-from bayesdrill.analysis.run_analysis import TorqueSummary
 from bayesdrill.basics import symbols
 from bayesdrill.basics.arrays import Array
 from bayesdrill.basics.symbols import Symbol
@@ -19,6 +19,9 @@ from bayesdrill.report import section
 from bayesdrill.report.section import Table
 from bayesdrill.report.sections.physics_words import listed, speed_symbol
 from bayesdrill.rig import models
+
+if TYPE_CHECKING:
+    from bayesdrill.analysis.run_analysis import TorqueSummary
 
 BINS = 24  # of a panel; each needs some samples
 FEWEST = 5
