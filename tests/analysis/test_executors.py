@@ -176,7 +176,9 @@ def test_without_workers_the_work_ends(quick: None) -> None:
 def test_workers_that_fall_silent_are_as_good_as_dead(quick: None) -> None:
     """As a stopped one, whose socket stays open; kills counting the workers that are known."""
     own = software.installed_versions()
-    assert "no worker has been heard of for" in ends(Client(a=own, b=own), never())
+    client = Client(a=own, b=own)
+    assert "no worker has been heard of for" in ends(client, never())
+    assert client.seen.keys() == {"a", "b"}  # there are no others to do what they had
 
 
 def test_what_a_silent_worker_had_goes_to_the_others(quick: None) -> None:
