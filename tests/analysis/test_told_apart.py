@@ -13,7 +13,7 @@ from together import for_each
 
 from bayesdrill.analysis.identifiability.frictions import Told, stops_below, told_apart
 from bayesdrill.analysis.identifiability.information import Scenery
-from bayesdrill.analysis.identifiability.study import study_of
+from bayesdrill.analysis.identifiability.study import prior_spreads, study_of
 from bayesdrill.config.schema.config import Asked
 from bayesdrill.inference.noise.contract import Noisy
 from bayesdrill.inference.noise.white import White
@@ -139,6 +139,16 @@ def test_what_is_proposed_does_what_is_said() -> None:
     (one,) = told(before).alike
     (proposal,) = (p for p in one.proposals if p.what == "turned half-way")
     assert proposal.shrink == pytest.approx(sds[0] / sds[1], rel=1e-3)
+    # Of a measured voltage one more record, turned: both together know what each knows.
+    records = [believed(("t_cm", "t_f"), values, np.full(N, volts)) for volts in (8.0, -8.0)]
+    rows = np.vstack([Scenery(record.likelihood).every(theta) for record in records])
+    prior = np.diag(prior_spreads(before) ** -2.0)
+    alone, both = (
+        np.sqrt(np.linalg.inv(known.T @ known + prior)[0, 0])
+        for known in (rows[: len(rows) // 2], rows)
+    )
+    (turned,) = (p for p in told(records[0]).alike[0].proposals if p.what == "turned")
+    assert turned.shrink == pytest.approx(alone / both, rel=1e-3)
 
 
 def test_static_friction_of_a_rig_that_never_slows_down_is_left_to_the_prior() -> None:
