@@ -21,7 +21,7 @@ from oracles import NOMINAL
 
 import bayesdrill as bd
 from bayesdrill.analysis import edits, plausibility
-from bayesdrill.analysis.causes import Instead
+from bayesdrill.analysis.causes import Instead, causes
 from bayesdrill.analysis.energy import accounts, curve, rubbings
 from bayesdrill.analysis.identifiability.frictions import RIVALS, stops_below
 from bayesdrill.analysis.identifiability.information import Scenery
@@ -97,6 +97,7 @@ def of_record(of: bd.Case) -> Iterator[Any]:
     yield [*map(repr, tried)]
     every = [Instead(parameter=roles[role], value=0.1, lost=1.0) for role in edits.LACKS]
     yield [[*fit_words.instead(one, roles)] for one in every]
+    yield repr(causes(posterior, theta))
     rungs = Ladder.of(of.job).first()
     rungs += Ladder.of(of.job).beyond(("friction_both",))
     yield [(one.name, one.about, one.source.data) for one in rungs]
@@ -176,6 +177,7 @@ def test_a_rig_in_other_words_has_every_analysis() -> None:
     for text in (
         "energy: k_T = ",
         "the motor turns 8 times",
+        "Causes(share=",
         "geared measures 6 * w_2",
         "t_f, which keeps",
     ):
