@@ -136,13 +136,18 @@ def test_walkers_reach_what_the_proposal_leaves_out() -> None:
 
 
 def test_a_ridge_that_turns_a_corner_is_seen_on_both_sides() -> None:
-    """From its one end: the half beyond the corner, where tight and loose are exchanged.
+    """From either end: the half beyond the corner, where tight and loose are exchanged.
 
     Mutant killed: no walkers that look for places which draws do not show.
     """
     surface = corner()
-    start = np.array([-1e-4, -9.0])
-    seed, rng = np.random.RandomState(1), np.random.default_rng(2)
-    found = learn(surface, surface.expand, [start], seed, rng)
-    beyond = found.u[:, 1] > found.u[:, 0]
-    assert found.weights @ beyond == pytest.approx(0.5, abs=0.1)
+
+    def check(seed: int, *start: float) -> None:
+        walk, rng = np.random.RandomState(seed), np.random.default_rng(seed + 1)
+        found = learn(surface, surface.expand, [np.array(start)], walk, rng)
+        beyond = found.u[:, 1] > found.u[:, 0]
+        assert found.weights @ beyond == pytest.approx(0.5, abs=0.1)
+
+    for_each(
+        {str(case): case for case in [(1, -1e-4, -9.0), (4, -9.0, -1e-4), (7, -9.0, -1e-4)]}, check
+    )
