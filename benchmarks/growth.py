@@ -20,7 +20,6 @@ from matplotlib.figure import Figure
 
 from bayesdrill.basics.progress import Silent
 from bayesdrill.config import loading
-from bayesdrill.config.job import assemble
 from bayesdrill.config.resolve import assembly
 from bayesdrill.inference.posterior import Problem
 from bayesdrill.report import scales, style
@@ -84,7 +83,7 @@ def costs(job: problem.Job) -> dict[str, Points]:
 def sampling(job: problem.Job, ensembles: int, processes: int) -> tuple[float, int]:
     """Seconds of sampling until converged, and the steps of every ensemble."""
     sampler = job.config.sampler.model_copy(update={"ensembles": ensembles})
-    job = assemble(job.config.model_copy(update={"sampler": sampler}), job.source)
+    job = job.with_settings(sampler=sampler)
     with tempfile.TemporaryDirectory() as folder:
         outcome = pipeline.posterior(job, Path(folder) / "run", "fresh", processes, Silent())
     return outcome.seconds["sampling"], outcome.sampled.convergence.steps
