@@ -136,3 +136,14 @@ def si(label: str, u: float) -> float:
     origin = re.search(r" - ([\d.]+)(?:\{\\cdot\}10\^\{(-?\d+)\})?\$", quantity)
     start = float(f"{origin[1]}e{origin[2] or 0}") if origin else 0.0
     return start + u * 10.0 ** (int(power[1]) if power else 0)
+
+
+def corner_panels(figure: Figure) -> dict[tuple[int, int], Axes]:
+    """The panels of a corner plot by row and column."""
+    n = max(panel.get_subplotspec().rowspan.start for panel in figure.axes) + 1
+    assert len(figure.axes) == n * (n + 1) // 2
+    return {
+        (spec.rowspan.start, spec.colspan.start): panel
+        for panel in figure.axes
+        for spec in [panel.get_subplotspec()]
+    }

@@ -18,6 +18,7 @@ from pictures import (
     SYMBOLS,
     TABLE,
     clashes,
+    corner_panels,
     drawn,
     mode_of,
     posterior,
@@ -95,7 +96,7 @@ def test_nominal_values_and_map_are_at_their_places() -> None:
         figure, symbols, mode = corner_case(name)
         n = len(symbols)
         labels = labels_below(figure, n)
-        panels = np.array(figure.axes).reshape(n, n)
+        panels = corner_panels(figure)
         for i, j in itertools.product(range(n), range(n)):
             if j > i:
                 continue
@@ -121,7 +122,7 @@ def test_nominal_values_and_map_are_at_their_places() -> None:
 def test_contours_of_nearly_perfect_correlation_are_narrow() -> None:
     """They enclose draws, not bins: across the ridge they are as narrow as the draws."""
     figure = corner_case("2")[0]
-    panel = np.array(figure.axes).reshape(2, 2)[1, 0]
+    panel = corner_panels(figure)[1, 0]
     j_m, k_s = posterior(1500)[:, [0, 6]].T
     x, y = j_m / 1e-4, k_s
     slope, start = np.polyfit(x, y, 1)
@@ -142,7 +143,7 @@ def test_a_flat_density_has_no_contour_and_a_box_is_full_to_its_ends() -> None:
     for flat in (True, False):
         share = rng.uniform(size=(n, 2)) if flat else rng.beta(4, 4, (n, 2))
         figure = corner_figure(low + (high - low) * share, pair, TABLE, {}, priors)
-        panels = np.array(figure.axes).reshape(2, 2)
+        panels = corner_panels(figure)
         lines = [c for c in panels[1, 0].collections if not c.filled and len(c.get_paths()) > 1]
         assert bool(lines) != flat
         (steps,) = (p for p in panels[0, 0].patches if isinstance(p, StepPatch))
@@ -157,7 +158,7 @@ def test_a_flat_density_has_no_contour_and_a_box_is_full_to_its_ends() -> None:
 def test_far_nominal_value_is_pointed_at_and_a_missing_one_is_not() -> None:
     draws = posterior(500, 1e-5)[:, [0, 9]] * np.array([1.2, 1.0])
     figure = drawn(corner_figure(draws, (SYMBOLS[0], SYMBOLS[9]), TABLE, {}, {}))
-    first, _, _, last = figure.axes
+    first, _, last = figure.axes
     assert [c.get_marker() for c in first.get_lines()] == ["<"]
     assert len(last.get_lines()) == 0
     (legend,) = figure.legends

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from matplotlib.patches import Rectangle, StepPatch
-from pictures import SYMBOLS, TABLE, clashes, drawn, mode_of, posterior, si
+from pictures import SYMBOLS, TABLE, clashes, corner_panels, drawn, mode_of, posterior, si
 from together import for_each
 
 from bayesdrill.basics.symbols import PARAMETERS
@@ -39,7 +39,7 @@ def value(label: str, u: float, *, log: bool) -> float:
 def test_what_is_flat_in_the_log_is_a_box_in_the_corner_and_the_other_stays_plain() -> None:
     """Mutants killed: a density of the value drawn over its log; a log for every unknown."""
     draws, mode = flat(), {"j_m": 1e-4, "k_s": 0.3}
-    panels = np.array(corner_figure(draws, PAIR, TABLE, mode, PRIORS).axes).reshape(2, 2)
+    panels = corner_panels(corner_figure(draws, PAIR, TABLE, mode, PRIORS))
     labels = [panels[1, k].get_xlabel() for k in range(2)]
     for k, (symbol, log) in enumerate(zip(PAIR, (True, False), strict=True)):
         panel = panels[k, k]
@@ -59,7 +59,7 @@ def test_what_is_flat_in_the_log_is_a_box_in_the_corner_and_the_other_stays_plai
 
 def test_ticks_of_a_logarithmic_axis_are_where_their_texts_say() -> None:
     figure = drawn(corner_figure(flat(), PAIR, TABLE, {}, PRIORS))
-    panel = figure.axes[2]
+    panel = corner_panels(figure)[1, 0]
     for text in panel.get_xticklabels():
         told = si(panel.get_xlabel(), float(text.get_text()))
         place = value(panel.get_xlabel(), text.get_position()[0], log=True)
@@ -73,7 +73,7 @@ def test_contours_of_two_logs_are_those_of_the_logs() -> None:
     z = np.random.default_rng(2).standard_normal((20_000, 2))
     draws = np.array([TABLE["j_m"], TABLE["k_s"]]) * 10.0 ** (0.5 * z)
     priors: dict[str, Prior] = {s.name: LogUniform(1e-9, 1e3) for s in PAIR}
-    panel = corner_figure(draws, PAIR, {}, {}, priors).axes[2]
+    panel = corner_panels(corner_figure(draws, PAIR, {}, {}, priors))[1, 0]
     (contours,) = (c for c in panel.collections if not c.filled)
     outer = max((path.vertices for path in contours.get_paths()), key=lambda v: np.ptp(v[:, 0]))
     middle = [
