@@ -20,6 +20,7 @@ import systems
 import xarray
 from emcee.backends import HDFBackend
 
+DRAWN = ("figures: []", "figures: [corner]")
 LONG = ("ess: 100, max_steps: 500", "ess: 10000000, max_steps: 4000")
 KILLS = 20
 GROUPS = ("posterior", "sample_stats", "posterior_predictive", "log_likelihood")
@@ -71,7 +72,7 @@ def start(config: Path, folder: Path, options: list[str]) -> subprocess.Popen[st
 def test_twenty_kills_in_a_row_cost_nothing(tmp_path: Path) -> None:
     """kill -9 of the parent alone or of all its processes; every resume goes on, and the chain and
     the draws are those of a run that was left in peace."""
-    config = systems.small(tmp_path, LONG)
+    config = systems.small(tmp_path, LONG, DRAWN)
     peace, folder = tmp_path / "peace", tmp_path / "killed"
     assert systems.cli("posterior", config, "-o", peace, "--processes", "1").status == 3
     rng = np.random.default_rng(20)
@@ -80,7 +81,8 @@ def test_twenty_kills_in_a_row_cost_nothing(tmp_path: Path) -> None:
     for kill in range(KILLS):
         process = start(config, folder, [*options, "--processes", str(1 + kill % 2)])
         name, reached = moments(folder)[ORDER[kill]]
-        delay = rng.uniform(0.0, 2.5 if name == "start-up" else 0.3)
+        longest = {"start-up": 2.5, "figures": 0.02}.get(name, 0.3)  # of figures little is left
+        delay = rng.uniform(0.0, longest)
         end = time.monotonic() + 60
         while not reached() and process.poll() is None and time.monotonic() < end:
             time.sleep(0.001)
@@ -139,7 +141,7 @@ def workers(leader: int) -> list[int]:
 def test_a_worker_that_is_killed_ends_in_a_message(
     command: str, tmp_path: Path, started: list[subprocess.Popen[str]]
 ) -> None:
-    config, folder = systems.small(tmp_path), tmp_path / "out"
+    config, folder = systems.small(tmp_path, DRAWN), tmp_path / "out"
     saves = command in ("posterior", "calibrate")
     if command == "report":
         assert systems.cli("posterior", config, "-o", folder, "--processes", "1").status == 0
