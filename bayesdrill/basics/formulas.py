@@ -10,6 +10,7 @@ import ast
 import math
 import operator
 from collections.abc import Callable, Iterable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field
 from types import MappingProxyType
 from typing import Any
@@ -211,9 +212,10 @@ def _power(node: ast.expr) -> int | float:
 
 
 def _is_positive(node: ast.expr) -> bool:
+    """What names nothing is computed; of the rest a product of powers is known by its form."""
+    with suppress(KeyError), np.errstate(all="ignore"):
+        return bool(0 < _value(node, {}) < math.inf)
     match node:
-        case ast.Constant(value=int() | float() as number):
-            return number > 0
         case ast.Name():
             return True
         case ast.BinOp(left=left, op=ast.Pow()):

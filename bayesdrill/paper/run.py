@@ -19,7 +19,7 @@ from bayesdrill.paper.findings import Findings, Misfits, Nine, Studies, prepare
 from bayesdrill.paper.precision import truth_of
 from bayesdrill.paper.searches import (
     Heuristic,
-    Search,
+    MisfitSearch,
     control,
     many_searches,
     run_heuristic,
@@ -86,10 +86,12 @@ def _run(studies: Studies, folder: Folder, processes: int, clock: _Clock) -> Fin
     lengths = precision.lengths(likelihood, nominal, LENGTHS)
     clock.done(f"two parameters: {RECORDS} records at each of {len(sigmas)} sigmas")
     nines = tuple(
-        _nine(nine, Search(search, EVALUATIONS), studies.makers, folder.path, processes, clock)
+        _nine(
+            nine, MisfitSearch(search, EVALUATIONS), studies.makers, folder.path, processes, clock
+        )
         for nine, search in zip(studies.nines, studies.pairwise, strict=True)
     )
-    first, search = studies.nines[0], Search(studies.pairwise[0], EVALUATIONS)
+    first, search = studies.nines[0], MisfitSearch(studies.pairwise[0], EVALUATIONS)
     posterior, seed = first.problem.posterior, first.config.seed
     start = posterior.space.vector(posterior.space.start)
     study = study_of(Scenery(posterior.likelihood), posterior, start, first.asked)
@@ -142,7 +144,7 @@ class _Clock:
 
 def _nine(
     nine: Job,
-    search: Search,
+    search: MisfitSearch,
     makers: Sequence[ResolvedCase],
     folder: Path,
     processes: int,

@@ -43,7 +43,7 @@ WITHIN = 0.5  # starts are drawn from 1 - this to 1 + this of the configured one
 
 
 @dataclass(frozen=True, slots=True)
-class Search:
+class MisfitSearch:
     """For the least misfit; `stepped`: in that which the paper's integrator has."""
 
     optimiser: Optimiser
@@ -59,7 +59,7 @@ class Search:
 
 
 def _of_record(
-    posterior: Posterior, search: Search, truth: Array, sigma: float, seed: int, index: int
+    posterior: Posterior, search: MisfitSearch, truth: Array, sigma: float, seed: int, index: int
 ) -> Array:
     """The estimate `(D,)` from a record that is made at `truth`, where the search begins too."""
     target = precision.made_record(precision.with_sigma(posterior, sigma), truth, seed, index)
@@ -99,7 +99,7 @@ def many_searches(
     around = rng.uniform(1 - WITHIN, 1 + WITHIN, (starts - 1, len(centre)))
     points = np.vstack([centre, centre * around])
     tasks = [
-        (way, crew.submit(Search(optimiser, EVALUATIONS), point))
+        (way, crew.submit(MisfitSearch(optimiser, EVALUATIONS), point))
         for way, optimiser in precision.WAYS.items()
         for point in points
     ]
@@ -164,7 +164,7 @@ class Heuristic:
 
 
 def run_heuristic(
-    crew: Crew, posterior: Posterior, search: Search, starts: int, seed: int
+    crew: Crew, posterior: Posterior, search: MisfitSearch, starts: int, seed: int
 ) -> Heuristic:
     """From the configured start, and from `starts` others around it."""
     guess = posterior.space.vector(posterior.space.start)
@@ -206,7 +206,7 @@ class Control:
 def control(
     crew: Crew,
     posterior: Posterior,
-    search: Search,
+    search: MisfitSearch,
     sigmas: Sequence[float],
     records: int,
     seed: int,

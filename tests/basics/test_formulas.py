@@ -54,14 +54,35 @@ def test_derivatives_are_those_of_differences() -> None:
 def test_what_is_positive_by_its_form_is_so_at_all_positive_numbers() -> None:
     rng = np.random.default_rng(5)
     drawn = {name: np.exp(rng.normal(0, 3, 500)) for name in NAMES}
-    for text in (SHAFT, "k_e", "sqrt(k_s/j_1)", "k_s/k_s*d**-2", "2*pi*(d/L)"):
+    for text in (
+        SHAFT,
+        "k_e",
+        "sqrt(k_s/j_1)",
+        "k_s/k_s*d**-2",
+        "2*pi*(d/L)",
+        "(1 + 0.1)*k_e",
+        "sqrt(k_s/j_1)*exp(1)",
+    ):
         found = expression(text, NAMES)
         assert found.positive
         assert np.all(found.value(drawn) > 0)
 
 
 def test_what_may_be_negative_or_nothing_is_not_taken_for_positive() -> None:
-    for text in ("-k_s", "k_s - j_1", "k_s - k_s", "log(k_e)", "0*d", "sqrt(d - 1)", "k_s + j_1"):
+    for text in (
+        "-k_s",
+        "k_s - j_1",
+        "k_s - k_s",
+        "log(k_e)",
+        "0*d",
+        "sqrt(d - 1)",
+        "k_s + j_1",
+        "(1 - 2)*d",
+        "1e-300*1e-300*d",
+        "1e300*1e300*d",
+        "1 + d",
+        "exp(d)",
+    ):
         assert not expression(text, NAMES).positive
 
 

@@ -178,7 +178,7 @@ def test_path_of_the_heuristic_begins_and_ends_at_its_misfits() -> None:
     start = {name: 1.15 * NOMINAL[name] for name in names}
     target = starting(target, start)
     with Crew(target, 1) as crew:
-        found = searches.run_heuristic(crew, target, searches.Search(own, 5000), 3, 5)
+        found = searches.run_heuristic(crew, target, searches.MisfitSearch(own, 5000), 3, 5)
     assert found.misfits[0] == pytest.approx(precision.misfit_per_number(target, found.guess))
     assert found.misfits[-1] == pytest.approx(
         precision.misfit_per_number(target, found.estimate), rel=1e-6

@@ -19,7 +19,7 @@ from bayesdrill.paper import forward, precision, printed, searches
 from bayesdrill.paper import searches as study
 from bayesdrill.paper.forward import SIX_STATES, integrate, six_states
 from bayesdrill.paper.plugins import Fminsearch
-from bayesdrill.paper.searches import Search, Verification
+from bayesdrill.paper.searches import MisfitSearch, Verification
 from bayesdrill.rig.models.motor_shaft import MotorShaft
 from bayesdrill.rig.simulators.exact import Response
 from bayesdrill.sampling.convergence import Targets
@@ -180,7 +180,7 @@ def test_the_heuristic_ends_lower_in_the_misfit_that_it_searches() -> None:
     names = ("k_e", "t_f")
     rig = target(names, np.full(4, 0.002), 101, at(names, 1.1, 0.9))
     with Crew(rig, 1) as crew:
-        found = searches.run_heuristic(crew, rig, Search(Fminsearch(), 400), 1, 5)
+        found = searches.run_heuristic(crew, rig, MisfitSearch(Fminsearch(), 400), 1, 5)
     own = [forward.stepped_misfit(rig.likelihood, x) for x in (found.stepped, found.estimate)]
     exact = [precision.misfit_per_number(rig, x) for x in (found.stepped, found.estimate)]
     assert found.stepped_misfit == pytest.approx(own[0])
@@ -200,7 +200,7 @@ def test_with_a_measured_voltage_the_heuristic_has_no_end_by_the_integrator() ->
     )
     driven = likelihood.with_alone(response=Response(MotorShaft(), own))
     with Crew(measured := replace(rig, likelihood=driven), 1) as crew:
-        found = searches.run_heuristic(crew, measured, Search(Fminsearch(), 60), 1, 5)
+        found = searches.run_heuristic(crew, measured, MisfitSearch(Fminsearch(), 60), 1, 5)
     assert (found.stepped, found.stepped_misfit) == (None, None)
     assert found.misfits[-1] < found.misfits[0]
 
@@ -372,7 +372,7 @@ def test_the_control_tells_the_largest_of_what_a_search_makes_of_records_with_th
 
     sigmas = (0.02, 0.5)
     with Crew(rig, 1) as crew:
-        found = searches.control(crew, rig, Search(off, 77), sigmas, 3, 9)
+        found = searches.control(crew, rig, MisfitSearch(off, 77), sigmas, 3, 9)
     assert seen == pytest.approx(np.repeat(sigmas, 3), rel=0.15)  # four standard deviations
     assert len(set(seen)) == 6
     assert [(c.sigma, c.parameter, c.records) for c in found] == [

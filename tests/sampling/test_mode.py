@@ -29,8 +29,8 @@ from bayesdrill.sampling.optimisers import OPTIMISERS
 from bayesdrill.sampling.optimisers.contract import Optimum, Task
 from bayesdrill.sampling.optimisers.nelder_mead import (
     THOROUGH,
+    AskTell,
     Descent,
-    Search,
     descend,
     in_lock_step,
 )
@@ -207,7 +207,7 @@ def test_simplices_in_lock_step_ask_for_the_points_of_scipy() -> None:
         assert [run.stopped for run in runs] == [end.status == 0 for end in ends]
 
 
-def _numbered(k: int, search: Search[Descent]) -> Search[Descent]:
+def _numbered(k: int, search: AskTell[Descent]) -> AskTell[Descent]:
     """Its points with a first column that says whose they are."""
     points = next(search)
     while True:

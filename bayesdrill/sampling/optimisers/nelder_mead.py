@@ -22,7 +22,7 @@ from bayesdrill.inference import laplace
 from bayesdrill.sampling.optimisers.contract import Optimum, Task
 
 # Yields points `(n, D)`, is sent the values there `(n,)`, and returns what it has found.
-type Search[T] = Generator[Array, Array, T]
+type AskTell[T] = Generator[Array, Array, T]
 
 
 @dataclass(slots=True)
@@ -40,7 +40,7 @@ class Descent:
     stopped: bool = False
     history: list[float] = field(default_factory=list)
 
-    def ask(self, points: Array) -> Search[Array]:
+    def ask(self, points: Array) -> AskTell[Array]:
         """The values at `points (n, D)`; inf at those that are one too many."""
         values = np.full(len(points), np.inf)
         asked = points[: self.most - self.evaluations]
@@ -55,7 +55,7 @@ class Descent:
         return values
 
 
-def descend(simplex: Array, most: int, x_tolerance: float, tolerance: float) -> Search[Descent]:
+def descend(simplex: Array, most: int, x_tolerance: float, tolerance: float) -> AskTell[Descent]:
     """Minimise from `simplex (D + 1, D)` until it and its values are as small as the tolerances.
 
     The points are those of `scipy.optimize.minimize`: Nelder and Mead (1965), with the coefficients
@@ -99,10 +99,10 @@ def descend(simplex: Array, most: int, x_tolerance: float, tolerance: float) -> 
     return run
 
 
-def in_lock_step[T](searches: Sequence[Search[T]], function: Callable[[Array], Array]) -> list[T]:
+def in_lock_step[T](searches: Sequence[AskTell[T]], function: Callable[[Array], Array]) -> list[T]:
     """What each search finds; `function((W, D)) -> (W,)` sees the points of all of them at once."""
     asked = {search: next(search) for search in searches}
-    found: dict[Search[T], T] = {}
+    found: dict[AskTell[T], T] = {}
     while asked:
         values, first = function(np.concatenate([*asked.values()])), 0
         for search, points in tuple(asked.items()):
@@ -151,7 +151,7 @@ class NelderMead:
 THOROUGH = NelderMead(enough=LOG_TOLERANCE, per_unknown=math.inf)
 
 
-def _search(task: Task, start: Array, evaluations: int, enough: float) -> Search[Optimum]:
+def _search(task: Task, start: Array, evaluations: int, enough: float) -> AskTell[Optimum]:
     """In the coordinates of the task."""
     physical = task.coordinates.to_physical
     z, spent = task.coordinates.from_physical(start[None])[0], 0
@@ -177,7 +177,7 @@ def _search(task: Task, start: Array, evaluations: int, enough: float) -> Search
     )
 
 
-def _scaled[T](search: Search[T], z: Array, root: Array) -> Search[T]:
+def _scaled[T](search: AskTell[T], z: Array, root: Array) -> AskTell[T]:
     """A search around `z (D,)` in units of the columns of `root (D, D)`."""
     points = next(search)
     while True:
