@@ -182,9 +182,12 @@ def map_(
         Path | None, output_option("Folder for values, prediction and fit; default: none.")
     ] = None,
     force: Force = False,
+    quick: Annotated[
+        bool, typer.Option("--quick", help="Search once, and do not look for causes of a bad fit.")
+    ] = False,
     processes: Processes = None,
 ) -> None:
-    """Search the maximum of the posterior (MAP) and print it; writes what it predicts if asked to."""
+    """Search the maximum of the posterior (MAP), print it, and rank what would explain a bad fit."""
     from bayesdrill.api.case import load
     from bayesdrill.api.run import Best
     from bayesdrill.basics.progress import reporter
@@ -193,8 +196,13 @@ def map_(
     if output is not None:
         Best.check_place(output, force=force)
     with reporter() as report:
-        best = case.find_map(processes=processes, report=report)
+        best = case.find_map(quick=quick, processes=processes, report=report)
     say(best.table)
+    if not quick:
+        with reporter() as report:
+            candidates = best.candidates(processes=processes, report=report)
+        if candidates.table:
+            say(candidates.table)
     if output is not None:
         place = best.save(output, force=force)
         say(f"results: {place}/ (report.html, map.md, prediction*.csv, figures/)")

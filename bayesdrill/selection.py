@@ -5,16 +5,20 @@ the rich.
 from __future__ import annotations
 
 import copy
+import dataclasses
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from concurrent.futures import Future
 from dataclasses import dataclass
-from itertools import combinations
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from bayesdrill.analysis import edits
+from bayesdrill.analysis.causes import SURE, Added, Cause, Causes, Maximum, refit
 from bayesdrill.basics.arrays import Array
+from bayesdrill.basics.errors import InputError
+from bayesdrill.basics.progress import Reporter
 from bayesdrill.basics.symbols import noise_name
 from bayesdrill.config import loading
 from bayesdrill.config.job import Job, assemble
@@ -25,6 +29,8 @@ from bayesdrill.config.yaml_source import Source, as_yaml
 from bayesdrill.inference.likelihood import Observation
 from bayesdrill.inference.noise import NOISES
 from bayesdrill.inference.unknowns import ParameterSpace
+from bayesdrill.record.experiment import DRIVES, usual_inputs
+from bayesdrill.record.formats.table import Table
 from bayesdrill.rig.models.linear import MotorRoles, Roles, RotorRoles
 
 RED = "ar1"
@@ -128,8 +134,10 @@ TORQUES: Mapping[str, str] = {  # where it acts
     "missing_torque_rotor_1": "rotor_1",
 }
 MISSING = "missing_torque"
+# Of a sensor: `gain_w_1` of a channel or an input; of the start; of the moment; of the gear.
+SENSED = ("lag", "gain", "offset")
+START, MOMENT, GEAR = "free_start", "t_0", "gear"
 FIRST = (GIVEN, *NOISE, *PHYSICS, *TORQUES)
-ORDER = (*PHYSICS, *STATIC, *TORQUES, *NOISE)  # of parts in a name
 # Of each of these one is enough.
 ALIKE = ({"friction_motor", "friction_rotor_1", "friction_both"}, {*TORQUES}, {*NOISE})
 # A missing torque wants white noise, and beside friction it is an approximation.
@@ -149,11 +157,18 @@ ABOUT: Mapping[str, str] = {
     "static_rotor_1": "friction at rest at rotor 1",
     "missing_torque_motor": "a missing torque at the motor",
     "missing_torque_rotor_1": "a missing torque at rotor 1",
+    START: "another state at the start",
+    MOMENT: "inputs that act later than recorded",
+    GEAR: "another gear",
 }
 
 MOST_PHYSICS = 8  # unknowns
 MOST_PARTS = 5
 LONGEST_NAME = 100  # letters, of a config
+LATEST = 20  # samples: how far a lag is sought
+SLOW, SHARE = 0.1, 0.05  # s, of the record: how far it is sought where samples come faster
+GAIN_SD, SUPPLY_SD = 0.3, 0.3  # of the log of a gain; of an input's offset, of its usual size
+GEARS = (0.1, 0.2, 0.25, 1 / 3, 0.5, 2.0, 3.0, 4.0, 5.0, 10.0)  # times the gear that is given
 QUARTER = 0.25  # of what else acts: the size of a missing torque
 SLOWEST = 1e-3  # of the largest speed: that over which friction at rest is lost
 LEAST, LONGEST = 3.0, 3.0  # samples, and of the record: the time of a missing torque
@@ -161,11 +176,15 @@ LEAST, LONGEST = 3.0, 3.0  # samples, and of the record: the time of a missing t
 
 @dataclass(frozen=True, slots=True)
 class Rung:
-    """`parts`: names of what it has beside the config as given; `output`: what that wants drawn."""
+    """`parts`: names of what it has beside the config as given; `output`: what that wants drawn;
+    `lines`: of a config, that say so; `table`: the record, where it is in no file.
+    """
 
     parts: tuple[str, ...]
     source: Source
     output: Mapping[str, Any]
+    lines: str = ""
+    table: Table | None = None
 
     @property
     def name(self) -> str:
@@ -173,24 +192,23 @@ class Rung:
 
     @property
     def about(self) -> str:
-        return " and ".join(ABOUT[part] for part in self.parts) if self.parts else ABOUT[GIVEN]
+        return " and ".join(map(about_part, self.parts)) if self.parts else ABOUT[GIVEN]
 
     def job(self) -> Job:
         """Raises `InputError` where the config cannot have it."""
-        return assemble(loading.validated(self.source))
+        return assemble(loading.validated(self.source), self.table)
+
+
+def about_part(part: str) -> str:
+    """What a part is, in words."""
+    if part in ABOUT:
+        return ABOUT[part]
+    kind, _, name = part.partition("_")
+    return f"{'an' if kind == 'offset' else 'a'} {kind} of {name}"
 
 
 def rung_name(parts: Sequence[str]) -> str:
-    """Of a folder."""
     return "-".join(parts) or GIVEN
-
-
-def rung_names() -> tuple[str, ...]:
-    """Of all folders that a ladder may have, those with fewer parts first."""
-    every = [(), *((name,) for name in FIRST[1:])]
-    for count in range(2, MOST_PARTS + 1):
-        every += [parts for parts in combinations(ORDER, count) if _possible(parts)]
-    return tuple(rung_name(parts) for parts in every)
 
 
 def _possible(parts: Sequence[str]) -> bool:
@@ -206,12 +224,14 @@ def _possible(parts: Sequence[str]) -> bool:
 @dataclass(frozen=True, slots=True)
 class Ladder:
     """Rungs of the config of `job`; `sizes`: what a parameter would be if it did as much as all else;
-    `speeds`: the largest speeds of rotor 1 and of the motor, where friction may act.
+    `speeds`: the largest speeds of rotor 1 and of the motor, where friction may act; `gear`: of rungs
+    with another one, times that which is given.
     """
 
     job: Job
     sizes: Mapping[str, float]
     speeds: Mapping[str, float]
+    gear: float | None = None
 
     @classmethod
     def of(cls, job: Job) -> Ladder:
@@ -227,30 +247,40 @@ class Ladder:
     def roles(self) -> Roles:
         return self.job.problem.model.roles
 
-    def first(self) -> list[Rung]:
-        """Those that need nothing of others, each with one thing; the config as given first."""
-        return self._rungs([(), *((name,) for name in FIRST[1:])])
+    def singles(self) -> list[Rung]:
+        """Those with one thing each beside the config as given."""
+        return self._rungs((name,) for name in (*FIRST[1:], *self._sensors(), START))
 
-    def then(self, ranked: Sequence[str]) -> list[Rung]:
-        """With the best physics another noise, and the second best; `ranked`: names of single rungs that
-        are better than the config as given, the best first.
-        """
-        physics = [name for name in ranked if name in PHYSICS or name in TORQUES]
-        if not physics:
+    def beyond(self, parts: tuple[str, ...], more: Iterable[str]) -> list[Rung]:
+        """A rung with these parts and each of `more` that can go with them."""
+        if len(parts) >= MOST_PARTS:
             return []
-        best = physics[0]
-        second = next((name for name in physics[1:] if _possible((best, name))), None)
-        return self._with((best,), (*NOISE, *((second,) if second else ())))
-
-    def beyond(self, parts: tuple[str, ...]) -> list[Rung]:
-        """Of a rung with physics that leaves more than noise: with each thing more that it has not."""
-        if len(parts) >= MOST_PARTS or not {*parts} & {*PHYSICS, *TORQUES}:
-            return []
-        return self._with(parts, tuple(name for name in ORDER if name not in parts))
-
-    def _with(self, parts: tuple[str, ...], more: Sequence[str]) -> list[Rung]:
-        every = [tuple(sorted((*parts, name), key=ORDER.index)) for name in more]
+        sliding = {name for part in parts for name in PHYSICS.get(part, ())}
+        rest = [name for name, (slides, _) in STATIC.items() if slides in sliding]
+        every = ((*parts, name) for name in dict.fromkeys((*more, *rest)) if name not in parts)
         return self._rungs(filter(_possible, every))
+
+    def with_gear(self, times: float) -> list[Rung]:
+        """With another ratio, `times` the one that is given; none where the rig has no gear."""
+        rung = dataclasses.replace(self, gear=times)._rung((GEAR,))
+        return [] if rung is None else [rung]
+
+    def _sensors(self) -> Iterator[str]:
+        """What channels and measured inputs may have, and all inputs together."""
+        yield from (f"{kind}_{name}" for name in self._channels() for kind in SENSED)
+        every = sorted(self._inputs(), key=lambda name: name not in DRIVES)
+        yield from (f"{kind}_{name}" for name in every for kind in SENSED[1:])
+        yield from (f"{SENSED[0]}_{name}" for name in every[1:])  # the first: as all, by MOMENT
+        if len(self._channels()) > 1:  # of one it is the lag of that
+            yield MOMENT
+
+    def _channels(self) -> list[str]:
+        observations = self.job.problem.observations
+        return list(dict.fromkeys(name for one in observations for name in one.experiment.names))
+
+    def _inputs(self) -> list[str]:
+        observations = self.job.problem.observations
+        return list(dict.fromkeys(name for one in observations for name in one.experiment.series))
 
     def _rungs(self, every: Iterable[tuple[str, ...]]) -> list[Rung]:
         return [rung for parts in every if (rung := self._rung(parts)) is not None]
@@ -262,6 +292,7 @@ class Ladder:
         for part in parts:
             if not self._changed(data, part):
                 return None
+        lines = as_yaml(changed_entries(given.data, data)).strip("{}\n") if parts else ""
         output = dict(data.get("output", {}))
         if parts:
             data["output"] = {**output, "figures": ["fit"]}
@@ -269,7 +300,7 @@ class Ladder:
             self._with_walkers(data)
         text = given.text if not parts else as_yaml(data)
         source = Source(given.path, text, data, given.lines if not parts else {}, ())
-        return Rung(parts, source, output)
+        return Rung(parts, source, output, lines, self.job.table)
 
     def _changed(self, data: dict[str, Any], part: str) -> bool:
         if part in NOISE:
@@ -284,6 +315,12 @@ class Ladder:
             return True
         if part in STATIC:
             return self._rests(data["parameters"], self.roles.at(STATIC[part][1]))
+        if part == GEAR:
+            return self._geared(data)
+        if part == START:
+            return _start_freed(data)
+        if part not in TORQUES:
+            return self._sensed(data, *part.split("_", 1))
         at = TORQUES[part]
         friction = self.roles.at(at).sliding
         if MISSING not in Config.model_fields or MISSING in data or friction not in self.sizes:
@@ -292,6 +329,65 @@ class Ladder:
         data[MISSING] = {"at": at, "smoothness": "1/2", "size": size, "time": self._times()}
         share_entries(data, "s_d", "tau_d")  # one rig: the same lacks in each experiment
         return True
+
+    def _geared(self, data: dict[str, Any]) -> bool:
+        """With another number, where the gear is one."""
+        ratio = data["model"].get("i_m")
+        if self.gear is None or not isinstance(ratio, int | float):
+            return False
+        data["model"]["i_m"] = rounded(self.gear * ratio)
+        return True
+
+    def _sensed(self, data: dict[str, Any], kind: str, name: str) -> bool:
+        """With a prior of that kind in the entry of a channel or an input; `t_0` is `t` and `0`."""
+        if f"{kind}_{name}" == MOMENT:
+            inputs = data.setdefault("inputs", {})
+            own = any("t_0" in section.get("inputs", {}) for section in rung_sections(data))
+            if not own:
+                inputs[MOMENT] = self._lag()
+                share_entries(data, MOMENT)
+            return not own
+        channel = name in self._channels()
+        changed = False
+        for section in rung_sections(data):
+            within = (
+                section.get("record", {}).get("channels", {})
+                if channel
+                else section.get("inputs", {})
+            )
+            entry = within.get(name)
+            named = isinstance(entry, dict) and {"column", "variable"} & {*entry}
+            if named and kind not in entry:
+                entry[kind] = self._sensor_prior(kind, name, channel=channel)
+                changed = True
+        if changed and (kind != "offset" or not channel):
+            share_entries(data, f"{kind}_{name}")
+        return changed
+
+    def _lag(self) -> dict[str, Any]:
+        """Either way, so many samples [s]."""
+        late = 0.0
+        for one in self.job.problem.observations:
+            t = one.experiment.t
+            late = max(late, LATEST * one.experiment.dt, min(SLOW, SHARE * float(t[-1] - t[0])))
+        return {"prior": "uniform", "low": -rounded(late), "high": rounded(late)}
+
+    def _sensor_prior(self, kind: str, name: str, *, channel: bool) -> dict[str, Any]:
+        if kind == "lag":
+            return self._lag()
+        if kind == "gain":
+            return {"prior": "log_normal", "median": 1.0, "sd_log": GAIN_SD}
+        size = 0.0
+        for one in self.job.problem.observations:
+            experiment = one.experiment
+            if channel and name in experiment.names:
+                k = experiment.names.index(name)
+                spread = float(np.nanstd(experiment.y[:, k]))
+                size = max(size, spread / experiment.channels[k].shown.factor)
+            elif not channel and name in experiment.series:
+                usual = SUPPLY_SD * usual_inputs(experiment)[name]
+                size = max(size, usual / experiment.unit_of_input(name).factor)
+        return {"prior": "normal", "mean": 0.0, "sd": rounded(size)}
 
     def _rests(self, parameters: dict[str, Any], at: MotorRoles | RotorRoles) -> bool:
         """With friction that is larger at rest, where it slides by now."""
@@ -318,6 +414,27 @@ class Ladder:
         return log_uniform(low, max(high, 2 * low))
 
 
+def _start_freed(data: dict[str, Any]) -> bool:
+    """Whether any start was not free, and could be."""
+    changed = False
+    for section in rung_sections(data):
+        own = section.get("initial", "rest" if section is data else None)
+        if own is not None and own != "free" and not isinstance(own, dict):
+            section["initial"] = "free"  # type: ignore[index]
+            changed = True
+    return changed
+
+
+def changed_entries(before: Mapping[str, Any], after: Mapping[str, Any]) -> dict[str, Any]:
+    """What `after` has otherwise, mapping by mapping."""
+    found: dict[str, Any] = {}
+    for key, value in after.items():
+        if key not in before or value != before[key]:
+            inside = isinstance(value, dict) and isinstance(before.get(key), dict)
+            found[key] = changed_entries(before[key], value) if inside else value
+    return found
+
+
 def _speeds(every: Sequence[Observation], space: ParameterSpace, theta: Array) -> dict[str, float]:
     """Of rotor 1, and of the motor on its own side of the gear [rad/s]."""
     found: dict[str, float] = {}
@@ -329,6 +446,129 @@ def _speeds(every: Sequence[Observation], space: ParameterSpace, theta: Array) -
                 largest = float(np.abs(moved[:, model.states.index(name)]).max()) / gear
                 found[name] = max(found.get(name, 0.0), largest)
     return found
+
+
+Submit = Callable[..., Future[Any]]  # of a function and its arguments
+FEW, PAIRED = 8, 4  # candidates that are tried beside others; in all pairs of these
+FINER = (0.8, 0.9, 1.1, 1.25)  # times the best of other gears
+HANDED_OVER = 4  # of the searches
+
+
+def rank(
+    job: Job, found: Mapping[str, float], submit: Submit, report: Reporter
+) -> tuple[Causes, Mapping[tuple[str, ...], float]]:
+    """All candidate models of `job`, refitted from its maximum `found`: each thing by itself, pairs of
+    the best, and as long as it gets better what else gained, beside the best.
+
+    `submit`: does `causes.refit` in this process or another.  Beside the causes: seconds that an
+    evaluation of each takes, by its parts.
+    """
+    ranking = _Ranking(job, found, submit, report)
+    return ranking.causes(), ranking.seconds
+
+
+class _Ranking:
+    """`done`: candidates that were refitted, by their parts, and `seconds` that an evaluation of each
+    takes; `left_out`: why others could not be.
+    """
+
+    def __init__(
+        self, job: Job, found: Mapping[str, float], submit: Submit, report: Reporter
+    ) -> None:
+        self.job, self.found, self.submit, self.report = job, found, submit, report
+        self.done: dict[tuple[str, ...], Cause] = {}
+        self.left_out: dict[str, str] = {}
+        self.seconds: dict[tuple[str, ...], float] = {}
+
+    def causes(self) -> Causes:
+        given = self.submit(refit, self.job.problem.posterior, self.found).result()
+        ladder = Ladder.of(self.job)
+        self._try(ladder.singles(), given)
+        ladder = self._geared(ladder, given)
+        first = [one.parts[0] for one in self._ranked() if one.bayes > SURE]
+        pairs = [
+            rung
+            for k, part in enumerate(first[:PAIRED])
+            for rung in ladder.beyond((part,), first[k + 1 : PAIRED])
+        ]
+        self._try(pairs, given)
+        before = 0.0
+        while self.done and not (best := self._ranked()[0]).explains_all:
+            if best.bayes < before + SURE or len(best.parts) >= MOST_PARTS:
+                break
+            before = best.bayes
+            self._try(ladder.beyond(best.parts, first[:FEW]), given)
+        return Causes(given=given.fit, ranked=self._ranked(), left_out=self.left_out)
+
+    def _ranked(self) -> tuple[Cause, ...]:
+        return tuple(sorted(self.done.values(), key=lambda one: -one.bayes))
+
+    def _geared(self, ladder: Ladder, given: Maximum) -> Ladder:
+        """With the best of other gears, sought in two rounds."""
+        best, times = None, 1.0
+        for round_ in (GEARS, FINER):
+            for factor in [times * one for one in round_]:
+                self.done.pop((GEAR,), None)
+                self._try(ladder.with_gear(factor), given)
+                tried = self.done.get((GEAR,))
+                if tried is not None and (best is None or tried.bayes > best.bayes):
+                    best, ladder = tried, dataclasses.replace(ladder, gear=factor)
+            if best is None or best.bayes < SURE:
+                break
+            times = ladder.gear or 1.0
+        self.done.pop((GEAR,), None)
+        if best is not None:
+            self.done[GEAR,] = best
+        return ladder
+
+    def _try(self, rungs: Sequence[Rung], given: Maximum) -> None:
+        """Refit those that were not yet, a few handed over at a time."""
+        under_way: list[tuple[Rung, Job, Future[Any]]] = []
+        rest = [one for one in rungs if frozenset(one.parts) not in map(frozenset, self.done)]
+        total = len(rest)
+        while rest or under_way:
+            while rest and len(under_way) < HANDED_OVER:
+                rung = rest.pop(0)
+                try:
+                    job = rung.job()
+                except InputError as error:
+                    self.left_out[rung.name] = error.problems[0].message
+                    continue
+                future = self.submit(refit, job.problem.posterior, self.found)
+                under_way.append((rung, job, future))
+            if under_way:
+                rung, job, future = under_way.pop(0)
+                self._keep(rung, job, future.result(), given)
+            share = 1.0 - (len(rest) + len(under_way)) / max(total, 1)
+            self.report.update(share, f"refitting candidates: {len(self.done)} done")
+
+    def _keep(self, rung: Rung, job: Job, top: Maximum | None, given: Maximum) -> None:
+        if top is None:
+            self.left_out[rung.name] = "has no finite response near the maximum"
+            return
+        new = tuple(
+            Added(one.name, top.values[one.name], top.sds[one.name], one.plain_unit)
+            for one in job.problem.symbols
+            if one.name not in self.found
+        )
+        ends = [one.name for one in new if one.name in top.at_ends]
+        doubts = [f"{name} is at an end of its prior" for name in ends]
+        if top.several:
+            doubts.append("there is another maximum, about as high")
+        roles = self.job.problem.model.roles
+        physics = [role for part in rung.parts for role in PHYSICS.get(part, ())]
+        self.done[rung.parts] = Cause(
+            parts=rung.parts,
+            about=rung.about,
+            lines=rung.lines,
+            lacks=tuple(dict.fromkeys(roles[role] for role in physics)),
+            new=new,
+            gain=top.log_posterior - given.log_posterior,
+            bayes=top.log_z - given.log_z,
+            fit=top.fit,
+            doubts=tuple(doubts),
+        )
+        self.seconds[rung.parts] = top.seconds
 
 
 def recommended(rung: Rung, name: str, folder: Path, opening: str) -> str:

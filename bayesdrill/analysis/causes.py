@@ -1,7 +1,5 @@
-"""What would explain what the fit leaves, and whether the nominal table may be right after all.
-
-What is not unknown yet of sensors, the start and efforts that the rig lacks becomes so with a wide
-prior, all of it together, and the maximum is sought again from the MAP.
+"""What would explain what the fit leaves: candidate models, each refitted from the maximum, ranked by
+the evidence for it; and whether the nominal table may be right after all.
 
 What the rig is held without bends the parameters that it has, and the fit may well look like noise.  So
 before a table is blamed, each thing that the rig offers and has not is tried by itself: parameters
@@ -10,261 +8,188 @@ are held at their nominal values, within their tolerances, and all else is sough
 
 from __future__ import annotations
 
-import dataclasses
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 
 import numpy as np
 import scipy
 
-from bayesdrill.analysis.edits import Candidate, Kind, Widened, widened
-from bayesdrill.basics.arrays import Array, Flags
+from bayesdrill.analysis.edits import Widened, widened
+from bayesdrill.basics.arrays import Array
+from bayesdrill.inference import residual_checks, step_error
 from bayesdrill.inference.laplace import PosteriorSurface
 from bayesdrill.inference.posterior import Posterior, Problem
+from bayesdrill.inference.residual_checks import Left, like_noise
 from bayesdrill.sampling.gauss_newton import climb
 
-CAUSE_STEPS = 60  # uphill
-TRIED = (0.0, 3.0, -3.0)  # samples: lags from which it is sought
-SURE = 5.0  # sds, of what is named
-NOISE = 1.1  # mean square over the noise's, below which nothing more is tried
-WORTH = 0.3  # of what is unexplained so far, that each thing named must explain
-ROUNDING = 1e-12
-EXPLAINS = 0.5  # of what the fit leaves beyond noise: with less, nothing is named
-MOST_NAMED = 5
-PROMISES = 0.3  # of what is left, to first order, for a search beside another cause ...
-HOPE = 0.1  # ... and for the first one
-ALIKE = 0.1  # of what is left: two explanations that differ by less are equals
+# Where in its prior what is new is sought from, together with the start that its config gives it.
+QUANTILES = (0.02, 0.2, 0.35, 0.42, 0.58, 0.65, 0.8)
+FIRST_STEPS, STEPS, FOLLOWED = 6, 40, 3  # uphill: of all starts, and of the best few
+AT_END = 1e-3  # of the spread of a prior
+OTHER, NEAR = 3.0, 0.1  # another maximum: so little lower, and so far, in spreads of the priors
+SURE = 5.0  # natural logs: a candidate that is no better explains nothing
 
-SENSORS: frozenset[Kind] = frozenset({"gain", "offset", "lag", "input offset", "input lag"})
-LATE: frozenset[Kind] = frozenset({"input lag"})
-NEARLY = 0.97  # of what the fit leaves: where late inputs explain that, nothing else need be late
-STAGES: tuple[frozenset[Kind], ...] = (
-    LATE,
-    SENSORS,
-    SENSORS | {"start"},
-    SENSORS | {"rig"},
-    SENSORS | {"rig", "start"},
-)
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Maximum:
+    """The maximum of a posterior, found by Gauss and Newton from several starts.
+
+    `values`, `sds`: of the unknowns, SI; `log_z`: the log evidence by Laplace; `fit`: what it leaves;
+    `at_ends`: unknowns at an end of their prior; `several`: whether there is another, about as high;
+    `seconds`: that an evaluation takes.
+    """
+
+    values: Mapping[str, float]
+    sds: Mapping[str, float]
+    log_posterior: float
+    log_z: float
+    fit: tuple[Left, ...]
+    at_ends: tuple[str, ...]
+    several: bool
+    seconds: float
+
+
+def refit(posterior: Posterior, near: Mapping[str, float]) -> Maximum | None:
+    """The maximum of `posterior`, from `near`: values of those of its unknowns that are known.
+
+    None where it has no finite response there.  The log evidence is that of a Gaussian with the
+    curvature at the maximum; the priors count in it as Gaussians of their spread, so that a direction
+    which the record does not determine costs each candidate the same (MacKay 2003, ch. 27).
+    """
+    space, coordinates = posterior.space, posterior.coordinates
+    surface = PosteriorSurface(posterior, physical=True)
+    rows = np.clip(coordinates.from_physical(_starts(posterior, near)), surface.low, surface.high)
+    begun = time.perf_counter()
+    value = surface.value(rows)
+    seconds = (time.perf_counter() - begun) / len(rows)
+    if not np.isfinite(value).any():
+        return None
+    first = climb(surface, rows, FIRST_STEPS)
+    best = np.argsort(-np.nan_to_num(first.value, nan=-np.inf), kind="stable")[:FOLLOWED]
+    u = first.u[best]
+    if step_error.taken(posterior):
+        posterior = step_error.chosen(posterior, coordinates.to_physical(u)[0])
+        surface = PosteriorSurface(posterior, physical=True)
+    top = climb(surface, u, STEPS)
+    order = np.argsort(-np.nan_to_num(top.value, nan=-np.inf), kind="stable")
+    u, heights = top.u[order], top.value[order]
+    if not np.isfinite(heights[0]):
+        return None
+    theta = coordinates.to_physical(u[:1])[0]
+    log_z, sds = _laplace(posterior, u[:1])
+    near_end = np.minimum(u[0] - surface.low, surface.high - u[0]) < AT_END * surface.spread
+    apart = (np.abs(u[1:] - u[0]) / surface.spread).max(axis=1, initial=0.0) > NEAR
+    return Maximum(
+        values=dict(zip(space.free, map(float, theta), strict=True)),
+        sds=dict(zip(space.free, map(float, sds), strict=True)),
+        log_posterior=float(heights[0]),
+        log_z=log_z,
+        fit=residual_checks.left(posterior.likelihood, theta),
+        at_ends=tuple(name for name, end in zip(space.free, near_end, strict=True) if end),
+        several=bool((apart & (heights[1:] > heights[0] - OTHER)).any()),
+        seconds=seconds,
+    )
+
+
+def _starts(posterior: Posterior, near: Mapping[str, float]) -> Array:
+    """Physical, `(S, D)`: what is known where it is, and where the config begins; what is new at several
+    places of its prior.
+    """
+    space = posterior.space
+    rows = []
+    for known in (near, {}):
+        values = {**space.start, **{name: x for name, x in known.items() if name in space.start}}
+        rows.append(space.vector(values))
+        new = [k for k, name in enumerate(space.free) if name not in near]
+        for share in QUANTILES if new else ():
+            row = space.vector(values)
+            for k in new:
+                row[k] = float(space.unknowns[k].prior.quantile(np.array(share)))
+            rows.append(row)
+    return np.array(rows)
+
+
+def _laplace(posterior: Posterior, u: Array) -> tuple[float, Array]:
+    """The log evidence, and the sds `(D,)` of the unknowns, at the maximum `u (1, D)`."""
+    surface = PosteriorSurface(posterior)
+    here = surface.expand(u, np.eye(u.shape[1]))
+    matrix = here.curvature[0] + np.diag(1.0 / surface.spread**2)
+    scale = 1.0 / np.sqrt(np.diag(matrix))
+    _, log_det = np.linalg.slogdet(matrix * scale[:, None] * scale)
+    log_det -= 2.0 * np.log(scale).sum()
+    covariance = np.linalg.inv(matrix * scale[:, None] * scale) * scale[:, None] * scale
+    slopes = posterior.coordinates.slopes(posterior.coordinates.to_physical(u))[0]
+    value = float(surface.value(u)[0])
+    log_z = value + 0.5 * (u.shape[1] * math.log(2.0 * math.pi) - log_det)
+    return log_z, np.sqrt(np.maximum(np.diag(covariance), 0.0)) * np.abs(slopes)
+
+
+@dataclass(frozen=True, slots=True)
+class Added:
+    """An unknown that a candidate has beside those of the config as given; in `unit`."""
+
+    name: str
+    value: float
+    sd: float
+    unit: str
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Cause:
-    """One of those: `of` a channel, an input or a state of one `experiment`, or the parameter that the
-    rig lacks; `value`, `sd` in SI.
+    """A candidate model: the config as given, and `parts` beside it.
+
+    `about`: in words; `lines`: of a config, that say so; `lacks`: parameters that the rig lacks; `gain`:
+    of the log posterior; `bayes`: of the log evidence by Laplace, against the config as given; `fit`:
+    what it leaves; `doubts`: why its evidence cannot be trusted.
     """
 
-    kind: Kind
-    of: str
-    experiment: str
-    value: float
-    sd: float
+    parts: tuple[str, ...]
+    about: str
+    lines: str
+    lacks: tuple[str, ...]
+    new: tuple[Added, ...]
+    gain: float
+    bayes: float
+    fit: tuple[Left, ...]
+    doubts: tuple[str, ...]
+
+    @property
+    def explains_all(self) -> bool:
+        """Whether only noise is left."""
+        return like_noise(self.fit)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Causes:
-    """`share`: of what is left beyond noise, that they explain together, or, where the noise is unknown,
-    of what passed for it; `found`: what matters; `rest`: the mean square that they leave, over the
-    noise's; `beyond`: what of it is more than noise or, where that is unknown, what still passes for it;
-    `other`: explains as much.
+    """Candidates that were refitted, `ranked` with the most probable first; `given`: what the fit leaves
+    without; `left_out`: why others could not be tried.
     """
 
-    share: float
-    rest: float
-    found: tuple[Cause, ...]
-    beyond: float = 0.0
-    other: Causes | None = None
+    given: tuple[Left, ...]
+    ranked: tuple[Cause, ...]
+    left_out: Mapping[str, str] = field(default_factory=dict)
+
+    @property
+    def good(self) -> tuple[Cause, ...]:
+        """Those for which there is some evidence."""
+        return tuple(one for one in self.ranked if one.bayes > SURE)
 
     @property
     def explains(self) -> bool:
-        return self.share >= EXPLAINS and bool(self.found)
+        return bool(self.good)
+
+    @property
+    def best(self) -> Cause:
+        """The one with the fewest parts of those that are about as probable as the first."""
+        near = [one for one in self.ranked if one.bayes > self.ranked[0].bayes - SURE]
+        return min(near, key=lambda one: len(one.parts))
 
     @property
     def lacking(self) -> tuple[str, ...]:
         """Parameters that the rig lacks."""
-        return tuple(one.of for one in self.found if one.kind == "rig")
-
-
-def causes(posterior: Posterior, theta: Array) -> Causes | None:
-    """At the MAP `theta (D,)`; None where nothing can be tried.
-
-    What takes more to explain must leave so much less.  Where sensors and the start explain it, what
-    the rig lacks may do so as well.
-    """
-    best: Causes | None = None
-    known = not any(one.unknowns for one in posterior.likelihood.observations)
-    for kinds in STAGES:
-        found = _tried(posterior, theta, kinds, HOPE)
-        if found is not None and (best is None or found.beyond < (1.0 - WORTH) * best.beyond):
-            best = found
-        enough = best is not None and kinds == LATE and best.share > NEARLY
-        if enough or (best is not None and known and best.rest < NOISE):
-            break
-    if best is None or not best.explains or best.lacking:
-        return best
-    other = _tried(posterior, theta, frozenset({"rig"}), PROMISES)
-    alike = other is not None and other.explains and other.share > best.share - ALIKE
-    return dataclasses.replace(best, other=other) if alike else best
-
-
-def _tried(
-    posterior: Posterior, theta: Array, kinds: frozenset[Kind], least: float
-) -> Causes | None:
-    trial = _Trial.of(posterior, theta, kinds)
-    return trial.outcome() if trial is not None and trial.promises(least) else None
-
-
-@dataclass(frozen=True, slots=True)
-class _Trial:
-    """Of what is `wide`, from the MAP `theta (D,)` of `posterior` on.
-
-    `before`: the sum of squares over the noise that the MAP leaves; `floor`: what noise alone leaves of
-    it, zero where it is unknown.
-    """
-
-    posterior: Posterior
-    theta: Array
-    wide: Widened
-    before: float = 0.0
-    floor: float = 0.0
-
-    @classmethod
-    def of(cls, posterior: Posterior, theta: Array, kinds: frozenset[Kind]) -> _Trial | None:
-        """None where there is nothing to try, or nothing to explain."""
-        wide = widened(posterior, theta, kinds)
-        if not wide.every:
-            return None
-        trial = cls(posterior, theta, wide)
-        known = not any(one.unknowns for one in posterior.likelihood.observations)
-        before, floor = trial.left(posterior, theta, theta), trial.numbers if known else 0.0
-        return dataclasses.replace(trial, before=before, floor=floor) if before > floor else None
-
-    @property
-    def numbers(self) -> float:
-        """Samples that both likelihoods see."""
-        observations = self.wide.posterior.likelihood.observations
-        return float(sum(one.experiment.seen.sum() for one in observations))
-
-    def left(self, posterior: Posterior, theta: Array, best: Array) -> float:
-        """The sum of squares of these that `theta (D,)` leaves, over the noise at `best (D,)`, the MAP
-        among these unknowns.
-        """
-        full, total = posterior.space.full(theta[None]), 0.0
-        wider = self.wide.posterior.likelihood.observations
-        for one, other in zip(posterior.likelihood.observations, wider, strict=True):
-            left = one.whiten(one.residuals(full).samples, best[None])[0]
-            total += float((np.where(other.experiment.seen, left, 0.0) ** 2).sum())
-        return total
-
-    def starts(self) -> Array:
-        """In coordinates: with each lag from which it is sought."""
-        lags = TRIED if any(c.step for c in self.wide.every) else (0.0,)
-        full = [self.wide.at(self.theta, lag) for lag in lags]
-        return self.wide.posterior.coordinates.from_physical(np.array(full))
-
-    def promises(self, least: float) -> bool:
-        """Whether it would explain so much of what is left, were the response straight: at the MAP, and
-        of inputs that alone may be late from each lag, as what is late by many samples is bent.
-        """
-        surface = PosteriorSurface(self.wide.posterior, physical=True)
-        starts = self.starts()
-        late = all(one.kind in LATE for one in self.wide.every)
-        u = np.clip(starts if late else starts[:1], surface.low, surface.high)
-        here, value = surface.expand(u, np.eye(u.shape[1])), surface.value(u)
-        free = np.ones(u.shape[1], dtype=bool)
-        reached = [
-            height + _gain(slope, curvature, free)
-            for height, slope, curvature in zip(value, here.slope, here.curvature, strict=True)
-        ]
-        free[self.wide.tried] = False
-        without = value[0] + _gain(here.slope[0], here.curvature[0], free)
-        return bool(2.0 * (max(reached) - without) > least * (self.before - self.floor))
-
-    def outcome(self) -> Causes | None:
-        """None where it comes to nothing."""
-        wider, numbers = self.wide.posterior, self.numbers
-        surface = PosteriorSurface(wider, physical=True)
-        top = climb(surface, self.starts(), CAUSE_STEPS)
-        which = int(np.argmax(top.value))
-        if not np.isfinite(top.value[which]):
-            return None
-        u = top.u[[which]]
-        there = wider.coordinates.to_physical(u)[0]
-        rest = self.left(wider, there, self.wide.at(self.theta)) / numbers
-        explained = self.before / numbers - rest
-        if explained <= 0:
-            return None
-        curvature = surface.expand(u, np.eye(len(there))).curvature[0]
-        share = min(explained * numbers / (self.before - self.floor), 1.0)
-        beyond = max(rest - 1.0, 0.0)
-        if not self.floor:  # the mean square of the noise, over that at the MAP
-            pairs = ((self.posterior.likelihood, self.theta), (wider.likelihood, there))
-            before, after = (float(one(at[None])[0]) / one.numbers for one, at in pairs)
-            beyond = math.exp(min(2.0 * (before - after), 0.0))
-            share = 1.0 - beyond
-        named = self._named(there, curvature, SURE**2 * max(1.0, rest))
-        return Causes(share=share, rest=rest, found=named, beyond=beyond)
-
-    def _named(self, there: Array, curvature: Array, least: float) -> tuple[Cause, ...]:
-        """At the maximum `there (E,)`, where the cost is bent by `curvature (E, E)`."""
-        every, tried = self.wide.every, self.wide.tried
-        # In units of what each would be known to alone, so that its diagonal is one.
-        own = 1.0 / np.sqrt(np.maximum(np.diag(curvature), 1e-300))
-        steps = own * self.wide.posterior.coordinates.slopes(there[None])[0]
-        scaled = curvature * own[:, None] * own
-        inverse = np.linalg.pinv(scaled, hermitian=True)
-        sds = np.maximum(steps * np.sqrt(np.maximum(np.diag(inverse), 0.0)), 1e-300)
-        off = (there[tried] - [c.neutral for c in every]) / steps[tried]
-        return tuple(
-            Cause(kind=c.kind, of=c.of, experiment=c.label, value=float(there[k]), sd=float(sds[k]))
-            for group in _chosen(scaled, tried.start, off, every, least)
-            for k, c in enumerate(every, start=tried.start)
-            if c.group == group
-        )
-
-
-def _gain(slope: Array, curvature: Array, free: Flags) -> float:
-    """Of the log density, by a step of what is `free (D,)` alone."""
-    own = 1.0 / np.sqrt(np.maximum(np.diag(curvature)[free], 1e-300))
-    scaled = curvature[np.ix_(free, free)] * own[:, None] * own + ROUNDING * np.eye(len(own))
-    return float(0.5 * (slope[free] * own) @ np.linalg.solve(scaled, slope[free] * own))
-
-
-def _chosen(
-    scaled: Array, m: int, off: Array, every: Sequence[Candidate], least: float
-) -> list[tuple[str, str]]:
-    """What matters most, one after the other: of the same thing in all experiments together.
-
-    `off (n,)`: how far each is from what it is without it; the costs of that are taken as quadratic,
-    all else as free to adapt.
-    """
-    groups, chosen = list(dict.fromkeys(c.group for c in every)), list[tuple[str, str]]()
-    now = _cost(scaled, m, off, [True] * len(every))
-    while len(chosen) < MOST_NAMED:
-        rest = [group for group in groups if group not in chosen]
-        if not rest:
-            break
-        costs = [
-            _cost(scaled, m, off, [c.group not in (*chosen, group) for c in every])
-            for group in rest
-        ]
-        best = int(np.argmin(costs))
-        if now - costs[best] < max(least, WORTH * now):
-            break
-        chosen.append(rest[best])
-        now = costs[best]
-    return chosen
-
-
-def _cost(scaled: Array, m: int, off: Array, held: Sequence[bool]) -> float:
-    """Of holding these `off` where the fit wants them, with all others free, as `scaled` has it."""
-    kept = m + np.flatnonzero(held)
-    free = np.setdiff1d(np.arange(len(scaled)), kept)
-    inner = scaled[np.ix_(free, free)] + ROUNDING * np.eye(len(free))
-    cross = scaled[np.ix_(free, kept)]
-    left = scaled[np.ix_(kept, kept)] - cross.T @ np.linalg.solve(inner, cross)
-    by = off[np.flatnonzero(held)]
-    return float(by @ left @ by)
+        return self.best.lacks if self.explains else ()
 
 
 INSTEAD_STEPS = 40  # uphill

@@ -211,10 +211,12 @@ def analyse(
     suspicions: tuple[str, ...] = (),
     *,
     alone: bool = True,
+    explained: Causes | None = None,
 ) -> RunAnalysis:
     """Evaluate all that is said of a finished run; nothing is sampled.
 
-    `scenery`: of its likelihood; `suspicions`, `alone`: see `RunAnalysis`.
+    `scenery`: of its likelihood; `suspicions`, `alone`, and what is `explained` by which causes: see
+    `RunAnalysis`.
     """
     problem, sampled, best = run.problem, run.sampled, run.best
     posterior = problem.posterior
@@ -231,7 +233,7 @@ def analyse(
         fit=left,
         judged=judged,
         repeats=repeats(scenery, best, every),
-        causes=None if fits or not alone else causes.causes(posterior, best),
+        causes=explained,
         instead=causes.instead(problem, best) if blamed else None,
         derived=rows_of_derived,
         meanings={symbol.name: symbol.meaning for symbol in following.symbols},

@@ -120,8 +120,10 @@ class Case(Value):
         """Raises `InputError` where findings could not be saved, before minutes of profiles."""
         identify.check_place(Path(folder).expanduser(), force=force)
 
-    def find_map(self, *, processes: int | None = 1, report: Reporter | None = None) -> Best:
-        """The maximum of the posterior, by several searches.
+    def find_map(
+        self, *, quick: bool = False, processes: int | None = 1, report: Reporter | None = None
+    ) -> Best:
+        """The maximum of the posterior, by several searches or, `quick`, by one.
 
         `processes`, `report`: see `sample`.
         """
@@ -129,7 +131,7 @@ class Case(Value):
         from bayesdrill.tasks import find_map
 
         workers = arguments.workers(processes)
-        found = find_map.find_mode(self.job, workers, report or SILENT)
+        found = find_map.find_mode(self.job, workers, report or SILENT, quick=quick)
         return Best(self.job, found, self.columns)
 
     def run(

@@ -12,11 +12,13 @@ from functools import cached_property, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from bayesdrill.analysis.causes import Cause
 from bayesdrill.analysis.run_analysis import RunAnalysis
 from bayesdrill.analysis.verdict import Verdict
 from bayesdrill.api import arguments
 from bayesdrill.basics.arrays import Array
 from bayesdrill.basics.errors import InputError, shown
+from bayesdrill.basics.progress import SILENT, Reporter
 from bayesdrill.basics.values import Value, checked
 from bayesdrill.config import job
 from bayesdrill.config.job import Job
@@ -29,6 +31,7 @@ from bayesdrill.report.view import Drawing, View
 from bayesdrill.sampling.ensembles import Sampled
 from bayesdrill.sampling.evidence import Evidence
 from bayesdrill.sampling.mode_search import Mode
+from bayesdrill.sampling.workers import Crew
 from bayesdrill.tasks import conclusions, find_map, pipeline
 from bayesdrill.tasks.conclusions import SampledRun
 
@@ -93,6 +96,17 @@ class Best(Value):
     def _report(self) -> MapReport:
         return find_map.report(self.job, self.mode)
 
+    def candidates(
+        self, *, processes: int | None = 1, report: Reporter | None = None
+    ) -> Candidates:
+        """What would explain what the fit leaves: candidate models, each refitted from this maximum.
+
+        `processes`, `report`: see `Case.sample`.
+        """
+        with Crew(self.job.problem.posterior, arguments.workers(processes)) as crew:
+            found, said = find_map.explain(self.job, self.mode, crew.run, report or SILENT)
+        return Candidates(found.ranked if found is not None else (), said)
+
     def plot(self, part: int = 1) -> Figure:
         """The record, the model at the maximum, and what is left; `part`: of which experiment."""
         every = list(self._report.figures.values())
@@ -114,6 +128,24 @@ class Best(Value):
 
     def __str__(self) -> str:
         return f"{self.table}\n\n{words.mode(self.mode, self.job.units)}"
+
+    __repr__ = __str__
+
+
+@checked
+@dataclass(frozen=True, eq=False, repr=False)
+class Candidates(Value):
+    """Models of a record beside the config as given, the most probable first; none where it fits.
+
+    Of each: `parts`, `about`, the `lines` of a config that say so, `gain` of the log posterior, `bayes`,
+    the log Bayes factor by Laplace's approximation, and the `fit` of each channel.  `table`: in words.
+    """
+
+    ranked: tuple[Cause, ...]
+    table: str
+
+    def __str__(self) -> str:
+        return self.table or "the fit leaves what looks like the noise: nothing more is tried"
 
     __repr__ = __str__
 

@@ -34,8 +34,11 @@ FARTHEST = 1e10  # of a start from the record, in sigmas: rounding would hide an
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Job:
+    """`table`: the record, where it is in no file."""
+
     case: ResolvedCase
     problem: Problem
+    table: Table | None = None
 
     @property
     def config(self) -> Config:
@@ -95,7 +98,7 @@ def assemble(case: ResolvedCase, table: Table | None = None) -> Job:
     if impossible:
         named = [source.problem(("derived", name), text) for name, text in impossible.items()]
         raise InputError(named)
-    return Job(case=case, problem=problem)
+    return Job(case=case, problem=problem, table=table)
 
 
 def _unsteady(case: ResolvedCase, problem: Problem, start: Array) -> list[Issue]:

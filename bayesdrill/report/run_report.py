@@ -151,7 +151,7 @@ def _sections(run: View, pictures: Sequence[Picture]) -> Iterator[Section]:
         "Fit",
         words.maxima(run.mode, sampled.held, run.units),
         fit_words.residual_sentences(found.fit, run.clock),
-        fit_words.explained(found.causes, run.problem),
+        fit_words.explained(found.causes),
         verdict_words.step_sentences(found.step_errors),
     )
     yield build("Parameters", *_parameters(run))

@@ -54,6 +54,12 @@ class Crew:
             future.set_result(function(self._posterior, *arguments, **named))
         return future
 
+    def run[**P, T](
+        self, function: Callable[P, T], *arguments: P.args, **named: P.kwargs
+    ) -> Future[T]:
+        """As `submit`, of a function that needs another posterior than that of the crew."""
+        return self.submit(_apart, function, arguments, named)
+
     def step(self, steps: Mapping[str, Taken]) -> None:
         """From now on the posterior is taken in these steps (`inference.step_error`)."""
         self._steps = dict(steps)
@@ -166,6 +172,15 @@ def _outlive_no_parent() -> None:
     if parent is not None:
         parent.join()
         os._exit(1)
+
+
+def _apart(
+    _: Posterior,
+    function: Callable[..., Any],
+    arguments: tuple[Any, ...],
+    named: dict[str, Any],
+) -> Any:
+    return function(*arguments, **named)
 
 
 def _work(

@@ -8,14 +8,18 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import bayesdrill
+from bayesdrill import selection
+from bayesdrill.analysis.causes import Causes
 from bayesdrill.analysis.identifiability.information import Scenery
 from bayesdrill.analysis.run_analysis import RunAnalysis, RunDraws, analyse
+from bayesdrill.basics.progress import SILENT, Reporter
 from bayesdrill.basics.values import Value, from_data
 from bayesdrill.config.job import Job
 from bayesdrill.config.records import sources
 from bayesdrill.config.resolve import experiments
 from bayesdrill.config.resolve.case import ResolvedCase
 from bayesdrill.config.schema.config import Config
+from bayesdrill.inference import residual_checks
 from bayesdrill.report import words
 from bayesdrill.report.view import View
 from bayesdrill.results import provenance
@@ -23,6 +27,7 @@ from bayesdrill.results.run_folder import chain_mark
 from bayesdrill.sampling.convergence import Targets
 from bayesdrill.sampling.ensembles import Plan, Sampled
 from bayesdrill.sampling.mode_search import Mode
+from bayesdrill.sampling.workers import Crew
 from bayesdrill.tasks.run_entries import ANALYSIS, ANALYSIS_OF
 
 
@@ -44,18 +49,36 @@ def concluded(
     seconds: Mapping[str, float] | None = None,
     *,
     alone: bool = True,
+    explained: Causes | None = None,
     kept: RunAnalysis | None = None,
 ) -> View:
     """`scenery`: of the job's likelihood, where there is one already; `alone`: no other model of the
-    record is tried beside it; `kept`: what was evaluated before.
+    record is tried beside it; `explained`: the causes of a bad fit, which are looked for otherwise;
+    `kept`: what was evaluated before.
     """
     problem = job.problem
     chain = RunDraws(problem, found, sampled, job.config.seed)
     if kept is None:
         scenery = scenery or Scenery(problem.posterior.likelihood)
         suspicions = words.record_suspicions(problem)
-        kept = analyse(chain, job.asked, scenery, suspicions, alone=alone)
+        if alone and explained is None:
+            explained = causes(job, found)
+        kept = analyse(chain, job.asked, scenery, suspicions, alone=alone, explained=explained)
     return View(chain, job.config, kept, seconds or {})
+
+
+def causes(
+    job: Job, found: Mode, submit: selection.Submit | None = None, report: Reporter = SILENT
+) -> Causes | None:
+    """What would explain what the maximum `found` leaves, in whose steps the job is; None where only
+    noise is left.  `submit`: to other processes, or in this one.
+    """
+    posterior = job.problem.posterior
+    left = residual_checks.left(posterior.likelihood, posterior.space.vector(found.values))
+    if residual_checks.like_noise(left):
+        return None
+    with Crew(posterior, 1) as crew:
+        return selection.rank(job, found.values, submit or crew.run, report)[0]
 
 
 def settings(case: ResolvedCase) -> dict[str, Any]:

@@ -9,8 +9,8 @@ from pathlib import Path
 
 import numpy as np
 
-from bayesdrill import output_files
-from bayesdrill.analysis.causes import causes
+from bayesdrill import output_files, selection
+from bayesdrill.analysis.causes import Causes
 from bayesdrill.basics import software
 from bayesdrill.basics.errors import InputError
 from bayesdrill.basics.progress import Reporter
@@ -29,7 +29,7 @@ from bayesdrill.sampling.fit import FitPlan, Searches, begin_searches, end_searc
 from bayesdrill.sampling.mode_search import Mode
 from bayesdrill.sampling.workers import Crew
 from bayesdrill.tasks import run_entries
-from bayesdrill.tasks.conclusions import plan
+from bayesdrill.tasks.conclusions import causes, plan
 
 
 def check_place(output: Path, *, force: bool) -> None:
@@ -79,14 +79,10 @@ def mark(job: Job) -> dict[str, str]:
     return {name: text for name, text in every.items() if name != provenance.BURN_IN_MARK}
 
 
-BAD_FIT = (
-    "     no posterior of such a fit can be believed; Ctrl-C stops it here, and units, inputs, gear and "
-    "columns are what to look at first"
-)
-
-
-def find_mode(job: Job, processes: int, report: Reporter) -> Mode:
-    """The MAP alone; nothing is written."""
+def find_mode(job: Job, processes: int, report: Reporter, *, quick: bool = False) -> Mode:
+    """The MAP alone, `quick`: from the configured start; nothing is written."""
+    if quick:
+        job = job.with_settings(map=job.config.map.model_copy(update={"starts": 1}))
     with Crew(job.problem.posterior, processes) as crew:
         return end_search(crew, begin_searches(crew, fit_plan(job), report), job, report)
 
@@ -108,15 +104,22 @@ def end_search(crew: Crew, under_way: Searches, job: Job, report: Reporter) -> M
     found = end_searches(crew, under_way, report)
     report.say(words.mode(found, job.units))
     posterior = job.at(found).problem.posterior
-    report.update(0.0, "looking at what the best fit leaves")
     left = residual_checks.left(posterior.likelihood, posterior.space.vector(found.values))
     if fit_words.residual_reasons(left):
-        said = fit_words.explained(
-            causes(posterior, posterior.space.vector(found.values)), job.problem
-        )
-        report.say("\n".join([fit_words.residual_sentences(left, job.clock), said, BAD_FIT]))
-    report.update(1.0, "")
+        report.say(fit_words.residual_sentences(left, job.clock))
     return found
+
+
+def explain(
+    job: Job, found: Mode, submit: selection.Submit, report: Reporter
+) -> tuple[Causes | None, str]:
+    """The causes of what the maximum `found` leaves, and what is said of them; None and nothing where
+    only noise is left.
+    """
+    report.update(0.0, "refitting candidates")
+    explained = causes(job.at(found), found, submit, report)
+    report.update(1.0, "")
+    return explained, fit_words.explained(explained)
 
 
 MAP_FILE = "map.json"

@@ -31,7 +31,14 @@ from bayesdrill.sampling.opened_ends import not_kept
 from bayesdrill.sampling.proposal.learning import Nowhere
 from bayesdrill.sampling.workers import Crew
 from bayesdrill.tasks.conclusions import SampledRun, analysis_mark, concluded, kept_analysis, plan
-from bayesdrill.tasks.find_map import MAP_FILE, end_search, fit_plan, read_mode, write_mode
+from bayesdrill.tasks.find_map import (
+    MAP_FILE,
+    end_search,
+    explain,
+    fit_plan,
+    read_mode,
+    write_mode,
+)
 from bayesdrill.tasks.identify import preflight
 from bayesdrill.tasks.run_entries import entries, evidence_of_data, maxima_weights
 
@@ -110,6 +117,9 @@ def _run(job: Job, folder: Folder, known: Mode | None, processes: int, report: R
             write_mode(folder, known)
         assert known is not None
         found, job = known, job.at(known)
+        explained, said = explain(job, found, crew.run, report)
+        if said:
+            report.say(said)
         crew.step(found.pieces)
         if found.pieces:
             scenery = Scenery(job.problem.posterior.likelihood)
@@ -122,7 +132,7 @@ def _run(job: Job, folder: Folder, known: Mode | None, processes: int, report: R
         _finish_chain(job, folder, sampled)
         seconds = {"map": clock[1] - clock[0], "sampling": clock[2] - clock[1]}
         report.update(0.0, DRAWS_SAY)
-        view = concluded(job, found, sampled, scenery, seconds)
+        view = concluded(job, found, sampled, scenery, seconds, explained=explained)
         return _publish(job, folder, view, crew, report, clock[-1])
 
 

@@ -191,25 +191,21 @@ def residual_data(found: Sequence[Left]) -> list[dict[str, Any]]:
     ]
 
 
-def causes_data(found: Causes | None) -> dict[str, Any] | None:
-    """SI."""
+def causes_data(found: Causes | None) -> list[dict[str, Any]] | None:
+    """Candidates that there is evidence for, the most probable first."""
     if found is None:
         return None
-    return {
-        "share": round(found.share, 4),
-        "left_over_sigma": round(math.sqrt(found.rest), 4),
-        "by": [
-            {
-                "kind": one.kind,
-                "of": one.of,
-                **_of(one.experiment),
-                "value": one.value,
-                "sd": one.sd,
-            }
-            for one in found.found
-        ],
-        **({} if found.other is None else {"or": causes_data(found.other)}),
-    }
+    return [
+        {
+            "parts": list(one.parts),
+            "log_bayes_factor": round(one.bayes, 2),
+            "log_posterior": round(one.gain, 2),
+            "unknowns": {new.name: {"value": new.value, "sd": new.sd} for new in one.new},
+            "only_noise_left": one.explains_all,
+            "doubts": list(one.doubts),
+        }
+        for one in found.good
+    ]
 
 
 def instead_data(found: Instead | None) -> dict[str, Any]:

@@ -10,11 +10,10 @@ import io
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from itertools import groupby
 
 import numpy as np
 
-from bayesdrill.analysis.causes import NOISE, Cause, Causes, Instead
+from bayesdrill.analysis.causes import Cause, Causes, Instead
 from bayesdrill.analysis.energy import Rubbing
 from bayesdrill.analysis.suspicions import Moment
 from bayesdrill.basics import symbols
@@ -236,8 +235,12 @@ def percent(share: float) -> str:
     return f"{100 * share:.2g} %"
 
 
-LAGS = ("lag", "input lag")
 WIDER = 2.0  # times what was found, of a prior that is proposed
+SHOWN = 5  # candidates
+STEPS = (
+    "bayesdrill map CONFIG shows whether that fits",
+    "bayesdrill ladder CONFIG samples the best candidates and compares them",
+)
 
 # Roles of parameters that a rig may lack.
 LACKED: Mapping[str, str] = {
@@ -249,39 +252,60 @@ LACKED: Mapping[str, str] = {
 }
 
 
-def explained(found: Causes | None, problem: Problem) -> str:
-    """What would explain what the fit leaves, with the lines of a config that say so."""
+def explained(found: Causes | None) -> str:
+    """What would explain what the fit leaves, best first, and the lines of a config that say so."""
     if found is None:
         return ""
+    if not found.ranked:
+        return "fit: there is no candidate to refit: look at units, gear, inputs and columns"
     if not found.explains:
+        best = found.ranked[0]
         return (
-            "fit: no gain, offset or lag of a sensor, no other start and no friction or damping that "
-            f"the rig offers explains what is left (at most {100 * found.share:.0f} % of it): look at "
-            "units, gear, inputs and the model"
+            f"fit: none of {len(found.ranked)} candidates that were refitted explains what is left "
+            "(gains, lags and offsets of sensors and inputs, the start, what the rig may lack, the "
+            f"noise; the best, {best.about}, has a log Bayes factor of {best.bayes:.1f}): look at units, gear, "
+            "inputs, columns and the model"
         )
-    still = f" (down to {math.sqrt(found.rest):.2g} sigma)" if found.rest > NOISE else ""
-    share = math.floor(1000 * found.share) / 10  # never more than it is
-    said = [
-        f"fit: {share:.3g} % of what is left beyond noise would be explained{still} by",
-        *_each_cause(found, problem),
+    lines = [
+        f"fit: {len(found.ranked)} candidates were refitted from the MAP; log Bayes factor by Laplace's "
+        "approximation, gain of the log posterior, and what stays unexplained of each channel:"
     ]
-    if found.other is not None:
-        said += ["fit: or, as well as by these, by", *_each_cause(found.other, problem)]
-    return "\n".join(said)
+    lines += [f"  {'':>9}  {'':>9}  as given: {_shares(found.given)}"]
+    lines += [
+        f"  {one.bayes:+9.1f}  {one.gain:+9.1f}  {one.about}{_new(one)}: {_shares(one.fit)}"
+        f"{_doubted(one)}"
+        for one in found.good[:SHOWN]
+    ]
+    return "\n".join([*lines, *_next_steps(found.best)])
 
 
-def _each_cause(found: Causes, problem: Problem) -> Iterable[str]:
-    """One line for all starts, and for the same of several experiments."""
-    kinds = groupby(found.found, key=lambda one: (one.kind, "" if one.kind == "start" else one.of))
-    for (kind, of), group in kinds:
-        yield f"  - {_said(kind, of, list(group), problem)}"
+def _next_steps(best: Cause) -> Iterator[str]:
+    """At most three, in order."""
+    after = "then only noise is left" if best.explains_all else "that leaves more than noise"
+    yield f"next: add {best.about} to the config ({after}):"
+    yield from (f"    {line}" for line in best.lines.splitlines())
+    yield from (f"next: {step}" for step in STEPS)
+
+
+def _shares(found: Sequence[Left]) -> str:
+    shares = [f"{one.name} {percent(one.share)}" for one in found if not math.isnan(one.share)]
+    return ", ".join(shares) or "nothing to speak of"
+
+
+def _new(one: Cause) -> str:
+    """Values of its further unknowns, where they are few."""
+    few = [new for new in one.new if not new.name.startswith(("sigma_", "rho_"))][:SHOWN]
+    said = [f"{new.name} {new.value:.3g} {new.unit}".strip() for new in few]
+    return f" ({', '.join(said)})" if said else ""
+
+
+def _doubted(one: Cause) -> str:
+    return f" [not to be trusted: {'; '.join(one.doubts)}]" if one.doubts else ""
 
 
 def lacking(found: Causes | None, roles: Roles) -> str:
     """What the model misses, for a verdict that stands on it; empty where nothing is known."""
-    if found is None or not found.explains:
-        return ""
-    names = found.lacking or (found.other.lacking if found.other is not None else ())
+    names = () if found is None else found.lacking
     return " and ".join(f"{_lacked(name, roles)} ({name})" for name in names)
 
 
@@ -325,47 +349,3 @@ def moment(found: Moment | None) -> Iterable[str]:
         f"{named} sds, and leave what looks like noise; where that may be, say `inputs: {{t_0: {{prior: "
         f"uniform, low: -{width:.3g}, high: {width:.3g}}}}}`"
     )
-
-
-def _said(kind: str, of: str, group: Sequence[Cause], problem: Problem) -> str:
-    if kind == "start":
-        inside = {one.experiment for one in group}
-        where = f" ({', '.join(sorted(inside))})" if inside != {""} else ""
-        return f"another state at the start{where}: say `initial: free`"
-    if kind == "rig":
-        (one,) = group
-        missing = _missing(one.of, one.value, problem.model.roles)
-        return f"{missing}: {_named(one.of, one.value)}"
-    each = ", ".join(
-        _number(one, problem) + (f" in {one.experiment}" if one.experiment else "") for one in group
-    )
-    largest = max(group, key=lambda one: abs(one.value))
-    if kind in LAGS:
-        of = f"inputs.{of}" if kind == "input lag" else of
-        bound = WIDER * abs(largest.value)
-        low, high = (0.0, bound) if largest.value > 0 else (-bound, 0.0)
-        return f"a lag of {of}: {each}: say `lag: {{prior: uniform, low: {low:.3g}, high: {high:.3g}}}`"
-    if kind == "gain":
-        return f"a gain of {of}: {each}: say `gain: {{prior: normal, mean: 1, sd: 0.1}}`"
-    width = WIDER * abs(largest.value) / _unit(largest, problem).factor
-    where = f"inputs.{of}" if kind == "input offset" else of
-    return (
-        f"an offset of {where}: {each}: say `offset: {{prior: normal, mean: 0, sd: {width:.2g}}}`"
-    )
-
-
-def _unit(cause: Cause, problem: Problem) -> Unit:
-    every = {one.label: one.experiment for one in problem.observations}
-    if cause.kind == "input offset":
-        return every[cause.experiment].unit_of_input(cause.of)
-    if cause.kind == "offset":
-        channels = every[cause.experiment].channels
-        return next(one.shown for one in channels if one.name == cause.of)
-    return Unit("", 1.0, "")
-
-
-def _number(cause: Cause, problem: Problem) -> str:
-    if cause.kind in LAGS:
-        return f"{1e3 * cause.value:.3g} ms"
-    unit = _unit(cause, problem)
-    return f"{cause.value / unit.factor:.3g} {symbols.plain(unit.name)}".strip()
