@@ -6,6 +6,7 @@ import io
 import sys
 from collections.abc import Callable
 from enum import StrEnum
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -286,16 +287,19 @@ def compare(
 def ladder(
     config: ConfigPath,
     output: Annotated[Path | None, output_option("Default: results/<name>-ladder.")] = None,
+    sample: Annotated[
+        int, typer.Option(min=2, max=9, help="How many of the best candidates are sampled.")
+    ] = 2,
     resume: Annotated[bool, resume_option("Go on with an interrupted ladder.")] = False,
     force: Force = False,
     processes: Processes = None,
     scheduler: Scheduler = None,
 ) -> None:
-    """Try what a config may be missing (noise, friction, damping), compare, and recommend a config."""
+    """Rank what a config may be missing, sample the best candidates, compare, and recommend a config."""
     from bayesdrill.api.comparison import ladder as made
 
     options = {"resume": resume, "force": force, "processes": processes, "scheduler": scheduler}
-    done = _run(made, config, output, **options)
+    done = _run(partial(made, sample=sample), config, output, **options)
     files = "report.html, comparison.md, recommended.yaml, ..."
     _end(done.said, done.folder, files, good=not done.report.reasons)
 

@@ -155,14 +155,12 @@ MAP = Kind(
 IDENTIFY = Kind("identify", "identify.md", figure_files("spectrum", "profiles", formats=FORMATS))
 
 
-def ladder_files(rungs: Sequence[str]) -> Kind:
-    """Of models of one record, each of which has a posterior in a folder of its own."""
-    return Kind(
-        "ladder",
-        RUN,
-        (*COMPARE.files, *CONFIGS, RECOMMENDED),
-        nested=tuple(rungs),
-    )
+LADDER = Kind(  # models of one record, each of which has a posterior in a folder of its own
+    "ladder",
+    RUN,
+    (*COMPARE.files, *CONFIGS, RECOMMENDED),
+    nested=tuple(f"model_{k}" for k in range(1, 10)),
+)
 
 
 def paper_files(records: Sequence[str]) -> Kind:

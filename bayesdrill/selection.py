@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import copy
 import dataclasses
+import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Future
 from dataclasses import dataclass
@@ -134,6 +135,7 @@ TORQUES: Mapping[str, str] = {  # where it acts
     "missing_torque_rotor_1": "rotor_1",
 }
 MISSING = "missing_torque"
+CATCH_ALL = {*NOISE, *TORQUES}  # what absorbs any misfit, and is tried last beside other things
 # Of a sensor: `gain_w_1` of a channel or an input; of the start; of the moment; of the gear.
 SENSED = ("lag", "gain", "offset")
 START, MOMENT, GEAR = "free_start", "t_0", "gear"
@@ -163,7 +165,7 @@ ABOUT: Mapping[str, str] = {
 }
 
 MOST_PHYSICS = 8  # unknowns
-MOST_PARTS = 5
+MOST_PARTS = 8
 LONGEST_NAME = 100  # letters, of a config
 LATEST = 20  # samples: how far a lag is sought
 SLOW, SHARE = 0.1, 0.05  # s, of the record: how far it is sought where samples come faster
@@ -247,9 +249,13 @@ class Ladder:
     def roles(self) -> Roles:
         return self.job.problem.model.roles
 
+    def rungs(self, every: Iterable[tuple[str, ...]]) -> list[Rung]:
+        """Those with these parts, where there is such a thing to try."""
+        return [rung for parts in every if (rung := self._rung(parts)) is not None]
+
     def singles(self) -> list[Rung]:
         """Those with one thing each beside the config as given."""
-        return self._rungs((name,) for name in (*FIRST[1:], *self._sensors(), START))
+        return self.rungs((name,) for name in (*FIRST[1:], *self._sensors(), START))
 
     def beyond(self, parts: tuple[str, ...], more: Iterable[str]) -> list[Rung]:
         """A rung with these parts and each of `more` that can go with them."""
@@ -258,7 +264,12 @@ class Ladder:
         sliding = {name for part in parts for name in PHYSICS.get(part, ())}
         rest = [name for name, (slides, _) in STATIC.items() if slides in sliding]
         every = ((*parts, name) for name in dict.fromkeys((*more, *rest)) if name not in parts)
-        return self._rungs(filter(_possible, every))
+        return self.rungs(filter(_possible, every))
+
+    def without_each(self, parts: tuple[str, ...]) -> list[Rung]:
+        """A rung without each of its parts, in turn."""
+        every = (tuple(one for one in parts if one != part) for part in parts)
+        return self.rungs(one for one in every if one and _possible(one))
 
     def with_gear(self, times: float) -> list[Rung]:
         """With another ratio, `times` the one that is given; none where the rig has no gear."""
@@ -281,9 +292,6 @@ class Ladder:
     def _inputs(self) -> list[str]:
         observations = self.job.problem.observations
         return list(dict.fromkeys(name for one in observations for name in one.experiment.series))
-
-    def _rungs(self, every: Iterable[tuple[str, ...]]) -> list[Rung]:
-        return [rung for parts in every if (rung := self._rung(parts)) is not None]
 
     def _rung(self, parts: tuple[str, ...]) -> Rung | None:
         """None where there is no such thing to try."""
@@ -451,7 +459,8 @@ def _speeds(every: Sequence[Observation], space: ParameterSpace, theta: Array) -
 Submit = Callable[..., Future[Any]]  # of a function and its arguments
 FEW, PAIRED = 8, 4  # candidates that are tried beside others; in all pairs of these
 FINER = (0.8, 0.9, 1.1, 1.25)  # times the best of other gears
-HANDED_OVER = 4  # of the searches
+HANDED_OVER = 4  # refits at a time
+PROMISE = 3.0  # natural logs of the density: what gains less is no candidate
 
 
 def rank(
@@ -469,7 +478,7 @@ def rank(
 
 class _Ranking:
     """`done`: candidates that were refitted, by their parts, and `seconds` that an evaluation of each
-    takes; `left_out`: why others could not be.
+    takes; `values` of its unknowns at the maximum; `left_out`: why others could not be.
     """
 
     def __init__(
@@ -479,29 +488,46 @@ class _Ranking:
         self.done: dict[tuple[str, ...], Cause] = {}
         self.left_out: dict[str, str] = {}
         self.seconds: dict[tuple[str, ...], float] = {}
+        self.values: dict[tuple[str, ...], Mapping[str, float]] = {}
 
     def causes(self) -> Causes:
-        given = self.submit(refit, self.job.problem.posterior, self.found).result()
+        posterior = self.job.problem.posterior
+        given = self.submit(refit, posterior, self.found, -math.inf).result()
         ladder = Ladder.of(self.job)
-        self._try(ladder.singles(), given)
+        self._try(ladder.singles(), given, self.found)
         ladder = self._geared(ladder, given)
-        first = [one.parts[0] for one in self._ranked() if one.bayes > SURE]
-        pairs = [
-            rung
-            for k, part in enumerate(first[:PAIRED])
-            for rung in ladder.beyond((part,), first[k + 1 : PAIRED])
-        ]
-        self._try(pairs, given)
-        before = 0.0
-        while self.done and not (best := self._ranked()[0]).explains_all:
-            if best.bayes < before + SURE or len(best.parts) >= MOST_PARTS:
-                break
-            before = best.bayes
-            self._try(ladder.beyond(best.parts, first[:FEW]), given)
+        first = [one.parts[0] for one in self._ranked(structural=True) if one.bayes > SURE]
+        if self.done and not self._ranked()[0].explains_all:
+            for k, part in enumerate(first[:PAIRED]):
+                self._beside(ladder, (part,), first[k + 1 : PAIRED], given)
+            if first:
+                self._climb(ladder, (*first[:FEW], *PHYSICS), given)
+            best = self._ranked(structural=True)[0]
+            if not best.explains_all:
+                self._beside(ladder, best.parts, (*NOISE, *TORQUES), given)
         return Causes(given=given.fit, ranked=self._ranked(), left_out=self.left_out)
 
-    def _ranked(self) -> tuple[Cause, ...]:
-        return tuple(sorted(self.done.values(), key=lambda one: -one.bayes))
+    def _climb(self, ladder: Ladder, more: Sequence[str], given: Maximum) -> None:
+        """As long as it gets better, each of `more` beside the best; then that without each part."""
+        before = 0.0
+        while True:
+            best = self._ranked(structural=True)[0]
+            if best.explains_all or best.bayes < before + SURE:
+                break
+            before = best.bayes
+            self._beside(ladder, best.parts, more, given)
+        self._try(ladder.without_each(best.parts), given, self.values[best.parts])
+
+    def _beside(
+        self, ladder: Ladder, parts: tuple[str, ...], more: Iterable[str], given: Maximum
+    ) -> None:
+        """Refit a candidate that was refitted, with each of `more`, from where its maximum is."""
+        self._try(ladder.beyond(parts, more), given, self.values[parts])
+
+    def _ranked(self, *, structural: bool = False) -> tuple[Cause, ...]:
+        """The most probable first; `structural`: without those that would absorb any misfit."""
+        every = [one for one in self.done.values() if not (structural and {*one.parts} & CATCH_ALL)]
+        return tuple(sorted(every, key=lambda one: -one.bayes))
 
     def _geared(self, ladder: Ladder, given: Maximum) -> Ladder:
         """With the best of other gears, sought in two rounds."""
@@ -509,7 +535,7 @@ class _Ranking:
         for round_ in (GEARS, FINER):
             for factor in [times * one for one in round_]:
                 self.done.pop((GEAR,), None)
-                self._try(ladder.with_gear(factor), given)
+                self._try(ladder.with_gear(factor), given, self.found)
                 tried = self.done.get((GEAR,))
                 if tried is not None and (best is None or tried.bayes > best.bayes):
                     best, ladder = tried, dataclasses.replace(ladder, gear=factor)
@@ -521,8 +547,8 @@ class _Ranking:
             self.done[GEAR,] = best
         return ladder
 
-    def _try(self, rungs: Sequence[Rung], given: Maximum) -> None:
-        """Refit those that were not yet, a few handed over at a time."""
+    def _try(self, rungs: Sequence[Rung], given: Maximum, near: Mapping[str, float]) -> None:
+        """Refit those that were not yet, from `near`, a few handed over at a time."""
         under_way: list[tuple[Rung, Job, Future[Any]]] = []
         rest = [one for one in rungs if frozenset(one.parts) not in map(frozenset, self.done)]
         total = len(rest)
@@ -534,7 +560,8 @@ class _Ranking:
                 except InputError as error:
                     self.left_out[rung.name] = error.problems[0].message
                     continue
-                future = self.submit(refit, job.problem.posterior, self.found)
+                least = given.log_posterior + PROMISE
+                future = self.submit(refit, job.problem.posterior, near, least)
                 under_way.append((rung, job, future))
             if under_way:
                 rung, job, future = under_way.pop(0)
@@ -564,11 +591,11 @@ class _Ranking:
             lacks=tuple(dict.fromkeys(roles[role] for role in physics)),
             new=new,
             gain=top.log_posterior - given.log_posterior,
-            bayes=top.log_z - given.log_z,
+            bayes=float(top.log_z - given.log_z),
             fit=top.fit,
             doubts=tuple(doubts),
         )
-        self.seconds[rung.parts] = top.seconds
+        self.seconds[rung.parts], self.values[rung.parts] = top.seconds, top.values
 
 
 def recommended(rung: Rung, name: str, folder: Path, opening: str) -> str:

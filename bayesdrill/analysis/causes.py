@@ -26,7 +26,7 @@ from bayesdrill.sampling.gauss_newton import climb
 
 # Where in its prior what is new is sought from, together with the start that its config gives it.
 QUANTILES = (0.02, 0.2, 0.35, 0.42, 0.58, 0.65, 0.8)
-FIRST_STEPS, STEPS, FOLLOWED = 6, 40, 3  # uphill: of all starts, and of the best few
+FIRST_STEPS, STEPS, FOLLOWED = 4, 30, 2  # uphill: of all starts, and of the best few
 AT_END = 1e-3  # of the spread of a prior
 OTHER, NEAR = 3.0, 0.1  # another maximum: so little lower, and so far, in spreads of the priors
 SURE = 5.0  # natural logs: a candidate that is no better explains nothing
@@ -37,7 +37,8 @@ class Maximum:
     """The maximum of a posterior, found by Gauss and Newton from several starts.
 
     `values`, `sds`: of the unknowns, SI; `log_z`: the log evidence by Laplace; `fit`: what it leaves;
-    `at_ends`: unknowns at an end of their prior; `several`: whether there is another, about as high;
+    `at_ends`: unknowns at an end of their prior; `several`: whether there is another, about as high,
+    with other values of what is new;
     `seconds`: that an evaluation takes.
     """
 
@@ -51,28 +52,34 @@ class Maximum:
     seconds: float
 
 
-def refit(posterior: Posterior, near: Mapping[str, float]) -> Maximum | None:
+def refit(posterior: Posterior, near: Mapping[str, float], least: float) -> Maximum | None:
     """The maximum of `posterior`, from `near`: values of those of its unknowns that are known.
 
-    None where it has no finite response there.  The log evidence is that of a Gaussian with the
+    None where it has no finite response there.  One that promises no more than the log density `least`
+    is not followed to its very end.  The log evidence is that of a Gaussian with the
     curvature at the maximum; the priors count in it as Gaussians of their spread, so that a direction
     which the record does not determine costs each candidate the same (MacKay 2003, ch. 27).
     """
     space, coordinates = posterior.space, posterior.coordinates
     surface = PosteriorSurface(posterior, physical=True)
     rows = np.clip(coordinates.from_physical(_starts(posterior, near)), surface.low, surface.high)
+    value = surface.value(rows)  # its code is compiled, where it was not
     begun = time.perf_counter()
-    value = surface.value(rows)
+    surface.value(rows)
     seconds = (time.perf_counter() - begun) / len(rows)
     if not np.isfinite(value).any():
         return None
     first = climb(surface, rows, FIRST_STEPS)
     best = np.argsort(-np.nan_to_num(first.value, nan=-np.inf), kind="stable")[:FOLLOWED]
     u = first.u[best]
+    promised = np.where(
+        np.isfinite(first.value[best]), first.value[best] + first.gain[best], -np.inf
+    )
+    steps = STEPS if promised.max() > least else 0
     if step_error.taken(posterior):
         posterior = step_error.chosen(posterior, coordinates.to_physical(u)[0])
         surface = PosteriorSurface(posterior, physical=True)
-    top = climb(surface, u, STEPS)
+    top = climb(surface, u, steps)
     order = np.argsort(-np.nan_to_num(top.value, nan=-np.inf), kind="stable")
     u, heights = top.u[order], top.value[order]
     if not np.isfinite(heights[0]):
@@ -80,7 +87,10 @@ def refit(posterior: Posterior, near: Mapping[str, float]) -> Maximum | None:
     theta = coordinates.to_physical(u[:1])[0]
     log_z, sds = _laplace(posterior, u[:1])
     near_end = np.minimum(u[0] - surface.low, surface.high - u[0]) < AT_END * surface.spread
-    apart = (np.abs(u[1:] - u[0]) / surface.spread).max(axis=1, initial=0.0) > NEAR
+    new = [
+        name not in near for name in space.free
+    ]  # along a ridge of the others all is one maximum
+    apart = (np.abs(u[1:] - u[0]) / surface.spread)[:, new].max(axis=1, initial=0.0) > NEAR
     return Maximum(
         values=dict(zip(space.free, map(float, theta), strict=True)),
         sds=dict(zip(space.free, map(float, sds), strict=True)),
@@ -94,20 +104,19 @@ def refit(posterior: Posterior, near: Mapping[str, float]) -> Maximum | None:
 
 
 def _starts(posterior: Posterior, near: Mapping[str, float]) -> Array:
-    """Physical, `(S, D)`: what is known where it is, and where the config begins; what is new at several
-    places of its prior.
+    """Physical, `(S, D)`: where the config begins; and what is known where it is, with what is new where
+    it begins and at several places of its prior.
     """
     space = posterior.space
-    rows = []
-    for known in (near, {}):
-        values = {**space.start, **{name: x for name, x in known.items() if name in space.start}}
-        rows.append(space.vector(values))
-        new = [k for k, name in enumerate(space.free) if name not in near]
-        for share in QUANTILES if new else ():
-            row = space.vector(values)
-            for k in new:
-                row[k] = float(space.unknowns[k].prior.quantile(np.array(share)))
-            rows.append(row)
+    known = space.vector(
+        {**space.start, **{name: x for name, x in near.items() if name in space.start}}
+    )
+    rows = [space.vector(space.start), known]
+    new = [k for k, name in enumerate(space.free) if name not in near]
+    for share in QUANTILES if new else ():
+        row = known.copy()
+        row[new] = [space.unknowns[k].prior.quantile(np.array(share)) for k in new]
+        rows.append(row)
     return np.array(rows)
 
 
@@ -122,7 +131,7 @@ def _laplace(posterior: Posterior, u: Array) -> tuple[float, Array]:
     covariance = np.linalg.inv(matrix * scale[:, None] * scale) * scale[:, None] * scale
     slopes = posterior.coordinates.slopes(posterior.coordinates.to_physical(u))[0]
     value = float(surface.value(u)[0])
-    log_z = value + 0.5 * (u.shape[1] * math.log(2.0 * math.pi) - log_det)
+    log_z = value + 0.5 * (u.shape[1] * math.log(2.0 * math.pi) - float(log_det))
     return log_z, np.sqrt(np.maximum(np.diag(covariance), 0.0)) * np.abs(slopes)
 
 

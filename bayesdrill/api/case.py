@@ -24,7 +24,7 @@ from bayesdrill.rig.models.linear import Model
 from bayesdrill.tasks import identify
 
 if TYPE_CHECKING:
-    from bayesdrill.api.run import Best, Run
+    from bayesdrill.api.run import Best, Candidates, Run
     from bayesdrill.sampling.mode_search import Mode as Maximum
     from bayesdrill.tasks.pipeline import Outcome
 
@@ -133,6 +133,13 @@ class Case(Value):
         workers = arguments.workers(processes)
         found = find_map.find_mode(self.job, workers, report or SILENT, quick=quick)
         return Best(self.job, found, self.columns)
+
+    def candidates(
+        self, *, processes: int | None = 1, report: Reporter | None = None
+    ) -> Candidates:
+        """What would explain what the best fit leaves: see `Best.candidates`."""
+        best = self.find_map(processes=processes, report=report)
+        return best.candidates(processes=processes, report=report)
 
     def run(
         self,

@@ -13,7 +13,7 @@ from bayesdrill.api import run as single
 from bayesdrill.api.arguments import ManyFits
 from bayesdrill.api.case import load
 from bayesdrill.api.run import for_notebooks
-from bayesdrill.basics.errors import InputError
+from bayesdrill.basics.errors import InputError, shown
 from bayesdrill.basics.progress import Reporter
 from bayesdrill.basics.values import Value, checked
 from bayesdrill.report.comparison_report import ComparisonReport
@@ -28,26 +28,35 @@ if TYPE_CHECKING:
     from bayesdrill.tasks.remote import RefitExecutor
 
 
+MOST = 9  # models that a ladder samples
+
+
 @checked
+@dataclass(frozen=True, slots=True, eq=False)
 class Ladder(ManyFits["Outcome"]):
-    """The config as given, and what may be missing from it, one thing at a time.
+    """The config as given, and what may be missing from it: candidates ranked at their maxima, of which
+    the first `sample` are sampled and compared.
 
     What `run` returns has the `decision` in its `report`, and its `config` is what to go on with; rungs
     that are done are kept where it is stopped.
     """
+
+    sample: int = 2
 
     kind: ClassVar[str] = "ladder"
 
     def _run(self, place: Path, how: Mode, crew: RefitExecutor, report: Reporter) -> Outcome:
         from bayesdrill.tasks import ladder
 
-        return ladder.ladder(self.job, place, how, crew, report)
+        return ladder.ladder(self.job, place, how, crew, report, self.sample)
 
 
 @checked
-def ladder(config: str | Path) -> Ladder:
+def ladder(config: str | Path, *, sample: int = 2) -> Ladder:
     """Of a config and its record; raises `InputError` with all that is wrong with them."""
-    return Ladder(load(Path(config).expanduser()).job)
+    if not 2 <= sample <= MOST:
+        raise InputError.one("sample", f"{shown(sample)} is no whole number from 2 to {MOST}")
+    return Ladder(load(Path(config).expanduser()).job, sample)
 
 
 @checked

@@ -10,6 +10,7 @@ from functools import cached_property
 from pathlib import Path
 
 from bayesdrill.analysis import comparison
+from bayesdrill.analysis.causes import Causes
 from bayesdrill.analysis.comparison import Contender, Decision, Layer, Row, decide
 from bayesdrill.inference.display_units import OwnUnits
 from bayesdrill.output_files import COMPARE, OVERLAY, Kind
@@ -18,6 +19,7 @@ from bayesdrill.report.sections import comparison_words
 from bayesdrill.report.view import Drawing
 from bayesdrill.selection import Rung
 
+RANKED = 10  # candidates that are shown
 MODELS = (
     "Of each model the log odds against the most probable, what its fit leaves of each channel, and "
     "where it has each unknown."
@@ -168,13 +170,24 @@ class ComparisonReport:
         return "\n\n".join(as_text(self.sections))
 
 
+def ranking(causes: Causes, seconds: Mapping[tuple[str, ...], float]) -> str:
+    """The candidates, the most probable first, with the processor time that sampling would take [s]."""
+    lines = [
+        f"{len(causes.ranked)} candidates, each at its maximum: log Bayes factor against the config as "
+        "given, by Laplace's approximation, and the processor time that sampling would take"
+    ]
+    for one in causes.ranked[:RANKED]:
+        doubts = f" [not to be trusted: {'; '.join(one.doubts)}]" if one.doubts else ""
+        minutes = seconds[one.parts] / 60.0
+        lines.append(f"  {one.bayes:+10.1f}  {minutes:6.1f} min  {one.about}{doubts}")
+    return "\n".join(lines)
+
+
 def ladder_opening(every: Sequence[Rung], missing: int) -> str:
-    """What is to be run."""
-    if not every:
-        return "nothing more to try"
+    """What is to be sampled."""
     done = f" ({len(every) - missing} of them done before)" if missing < len(every) else ""
     return "\n".join(
-        [f"to try{done}:", *(f"  {one.name}: {one.about}" for one in every)],
+        [f"to sample{done}:", *(f"  {one.name}: {one.about}" for one in every)],
     )
 
 

@@ -1,34 +1,41 @@
-"""A ladder of models of one record: rungs handed out, each a run of its own, and compared."""
+"""A ladder of models of one record: candidates ranked at their maxima, and the best of them sampled,
+each a run of its own, and compared.
+"""
 
 from __future__ import annotations
 
 import dataclasses
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from bayesdrill import output_files, selection
+from bayesdrill import selection
 from bayesdrill.analysis.comparison import SURE, Contender
 from bayesdrill.basics.errors import InputError
-from bayesdrill.basics.progress import Reporter
+from bayesdrill.basics.progress import SILENT, Reporter
 from bayesdrill.config.job import Job
 from bayesdrill.inference.posterior import Posterior
-from bayesdrill.output_files import POSTERIOR, RECOMMENDED
+from bayesdrill.output_files import LADDER, POSTERIOR, RECOMMENDED
 from bayesdrill.report import comparison_report
 from bayesdrill.report.comparison_report import ComparisonReport
 from bayesdrill.results import provenance, run_folder
 from bayesdrill.results.provenance import begin, check_record, interruptions
 from bayesdrill.results.run_folder import Folder
 from bayesdrill.sampling.ensembles import Sampled
-from bayesdrill.sampling.fit import FitPlan, fit
+from bayesdrill.sampling.fit import FitPlan, begin_searches, end_searches, fit
 from bayesdrill.sampling.mode_search import Mode
 from bayesdrill.sampling.proposal.learning import Nowhere
+from bayesdrill.sampling.workers import Crew
 from bayesdrill.selection import Ladder, Rung
 from bayesdrill.tasks import comparison, pipeline
 from bayesdrill.tasks.conclusions import SampledRun, concluded
 from bayesdrill.tasks.find_map import fit_plan
 from bayesdrill.tasks.remote import RefitExecutor, packed, run_jobs
+
+RANKED = "candidates"  # in `run.json`: parts of the candidates, the most probable first
+SAMPLED, MOST_SAMPLED = 2, 9  # of them
+KEPT = 20  # in `run.json`
+STEPS = 400  # of a walker, as a posterior of one maximum usually takes
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -52,74 +59,82 @@ class Outcome:
 
 
 def ladder(
-    job: Job, output: Path, how: run_folder.Mode, crew: RefitExecutor, report: Reporter
+    job: Job,
+    output: Path,
+    how: run_folder.Mode,
+    crew: RefitExecutor,
+    report: Reporter,
+    sample: int = SAMPLED,
 ) -> Outcome:
-    """The whole job. Raises `Interrupted` when asked to stop, and `BrokenProcessPool` when a worker was
-    killed; rungs that are done are kept.
+    """The whole job; `sample`: how many of the most probable candidates are sampled.
+
+    Raises `Interrupted` when asked to stop, and `BrokenProcessPool` when a worker was killed; models
+    that are done are kept.
     """
     marks = provenance.fingerprint(job.config, job.problem)
-    kind = output_files.ladder_files(selection.rung_names())
-    for name in selection.rung_names():
+    for name in LADDER.nested:
         Folder(output / name, "fresh" if how == "fresh" else "force", {}, POSTERIOR).check()
     check_record(job, output)
-    with Folder(output, how, marks, kind) as folder:
+    with Folder(output, how, marks, LADDER) as folder:
         begin(job, folder)
-        work = _Climb(job, output, crew, report, again=how == "resume")
+        work = _Sampling(job, folder, crew, report, again=how == "resume")
 
         def progress() -> str:
-            return f"{len(work.done)} rungs are done and kept in {output}"
+            return f"{len(work.done)} models are done and kept in {output}"
 
         with interruptions(folder, progress, (InputError,)):
-            work.up(Ladder.of(job))
+            work.run(sample)
         return _published(job, folder, work)
 
 
-class _Climb:
-    """Rungs under way: `done` has what each that was run says, `left_out` why others were not."""
+class _Sampling:
+    """Models under way: `done` has what each that was sampled says, `left_out` why others were not."""
 
     def __init__(
-        self, job: Job, output: Path, crew: RefitExecutor, report: Reporter, *, again: bool
+        self, job: Job, folder: Folder, crew: RefitExecutor, report: Reporter, *, again: bool
     ) -> None:
-        self.job, self.output, self.again = job, output, again
+        self.job, self.folder, self.again = job, folder, again
         self.crew, self.report = crew, report
         self.done: dict[str, tuple[Rung, Contender]] = {}
         self.left_out: dict[str, str] = {}
 
-    def up(self, made: Ladder) -> None:
-        """All that need nothing of others; then what the best of these asks for; and as long as the best
-        leaves more than noise, and each time gets better, all that it may have beside.
-        """
-        self._run(made.first())
-        if selection.GIVEN not in self.done:
-            raise InputError.one(str(self.job.source.path), self.left_out[selection.GIVEN])
-        least = self.done[selection.GIVEN][1].log_z + SURE
-        better = [name for name, (_, one) in self.done.items() if one.log_z > least]
-        self._run(made.then(sorted(better, key=lambda name: -self.done[name][1].log_z)))
-        before, best = -math.inf, self._best()
-        while best[1].log_z > before + SURE and not best[1].like_noise:
-            tried = {*self.done, *self.left_out}
-            self._run([one for one in made.beyond(best[0].parts) if one.name not in tried])
-            before, best = best[1].log_z, self._best()
-
-    def _best(self) -> tuple[Rung, Contender]:
-        return max(self.done.values(), key=lambda pair: pair[1].log_z)
-
-    def _run(self, wanted: Sequence[Rung]) -> None:
-        jobs = {one.name: (one, made) for one in wanted if (made := self._job(one)) is not None}
-        missing = {name: pair for name, pair in jobs.items() if not self._taken_up(*pair)}
+    def run(self, sample: int) -> None:
+        """Rank all candidates, and sample the most probable; the config as given counts as one."""
+        known = (run_folder.read_run(self.folder.path) or {}).get(RANKED) if self.again else None
+        wanted = [tuple(parts) for parts in known or self._ranked()]
+        self.folder.write_run(**{RANKED: wanted})
+        rungs = Ladder.of(self.job).rungs(wanted)[:sample]
+        jobs = {
+            f"model_{k}": (rung, made)
+            for k, rung in enumerate(rungs, start=1)
+            if (made := self._job(rung)) is not None
+        }
+        missing = {place: pair for place, pair in jobs.items() if not self._taken_up(place, *pair)}
         self.report.say(
             comparison_report.ladder_opening([one for one, _ in jobs.values()], len(missing))
         )
 
-        def finish(name: str, found: tuple[Mode, Sampled] | str) -> str:
-            self._finish(found, *missing[name])
-            return f"{len(self.done)} rungs"
+        def finish(place: str, found: tuple[Mode, Sampled] | str) -> str:
+            self._finish(found, place, *missing[place])
+            return f"{len(self.done)} models"
 
         tasks = {
-            name: (packed(made.problem.posterior, fit_plan(made)),)
-            for name, (_, made) in missing.items()
+            place: (packed(made.problem.posterior, fit_plan(made)),)
+            for place, (_, made) in missing.items()
         }
-        run_jobs(self.crew, _fit, tasks, finish, self.output, self.report)
+        run_jobs(self.crew, _fit, tasks, finish, self.folder.path, self.report)
+
+    def _ranked(self) -> list[tuple[str, ...]]:
+        """Parts of the candidates, the most probable first, the config as given among them."""
+        job = self.job
+        found = self.crew.submit(search, job.problem.posterior, fit_plan(job)).result()
+        causes, seconds = selection.rank(job.at(found), found.values, self.crew.submit, self.report)
+        sampler = job.config.sampler
+        evaluations = sampler.ensembles * sampler.walkers * STEPS
+        times = {parts: evaluations * each for parts, each in seconds.items()}
+        self.report.say(comparison_report.ranking(causes, times))
+        better = [one.parts for one in causes.ranked if one.bayes > 0.0]
+        return [*better, (), *(one.parts for one in causes.ranked[len(better) :])][:KEPT]
 
     def _job(self, rung: Rung) -> Job | None:
         if not rung.parts:
@@ -130,35 +145,41 @@ class _Climb:
             self.left_out[rung.name] = error.problems[0].message
             return None
 
-    def _taken_up(self, rung: Rung, job: Job) -> bool:
+    def _taken_up(self, place: str, rung: Rung, job: Job) -> bool:
         """Whether it was run before."""
-        place = self.output / rung.name
-        run = run_folder.read_run(place) if self.again else None
+        folder = self.folder.path / place
+        run = run_folder.read_run(folder) if self.again else None
         same = run is not None and run.get("fingerprint") == provenance.fingerprint(
             job.config, job.problem
         )
         if run is None or not same or run.get("status") != "finished":
             return False
-        return self._known(rung, pipeline.read_result(place))
+        return self._known(place, rung, pipeline.read_result(folder))
 
-    def _finish(self, made: tuple[Mode, Sampled] | str, rung: Rung, job: Job) -> None:
+    def _finish(self, made: tuple[Mode, Sampled] | str, place: str, rung: Rung, job: Job) -> None:
         if isinstance(made, str):
             self.left_out[rung.name] = made
             return
         found, sampled = made
         job = job.at(found)
-        # What may be missing the other rungs say, and the report of the config as given.
-        view = concluded(job, found, sampled, alone=not rung.parts)
-        pipeline.write_result(job, view, self.output / rung.name, None, force=True)
-        if not self._known(rung, SampledRun(job, found, sampled, kept=view.analysis)):
+        # What may be missing the ranking says.
+        view = concluded(job, found, sampled, alone=False)
+        pipeline.write_result(job, view, self.folder.path / place, None, force=True)
+        if not self._known(place, rung, SampledRun(job, found, sampled, kept=view.analysis)):
             self.left_out[rung.name] = "its evidence could not be computed"
 
-    def _known(self, rung: Rung, run: SampledRun) -> bool:
+    def _known(self, place: str, rung: Rung, run: SampledRun) -> bool:
         if run.sampled.evidence is None:
             return False
-        named = comparison.NamedRun(rung.name, self.output / rung.name, run)
-        self.done[rung.name] = rung, comparison.contender(named, self.job.units)
+        named = comparison.NamedRun(rung.name, self.folder.path / place, run)
+        self.done[place] = rung, comparison.contender(named, self.job.units)
         return True
+
+
+def search(posterior: Posterior, plan: FitPlan) -> Mode:
+    """The MAP, in this process alone."""
+    with Crew(posterior, 1) as crew:
+        return end_searches(crew, begin_searches(crew, plan, SILENT), SILENT)
 
 
 def _fit(posterior: Posterior, plan: FitPlan) -> tuple[Mode, Sampled] | str:
@@ -169,10 +190,12 @@ def _fit(posterior: Posterior, plan: FitPlan) -> tuple[Mode, Sampled] | str:
         return str(error)
 
 
-def _published(job: Job, folder: Folder, work: _Climb) -> Outcome:
-    """Always in the same order: the config as given first, and then as they are named."""
-    order = [name for name in selection.rung_names() if name in work.done]
-    every = [work.done[name] for name in order]
+def _published(job: Job, folder: Folder, work: _Sampling) -> Outcome:
+    """Held against the last: the least probable of them by its maximum."""
+    if not work.done:
+        raise InputError.one(str(job.source.path), "; ".join(work.left_out.values()))
+    places = sorted(work.done, reverse=True)
+    every = [work.done[place] for place in places]
     report = ComparisonReport.of_models([one for _, one in every], job.units)
     report = dataclasses.replace(report, heading=f"Ladder of {job.config.name}")
     chosen = recommended([rung for rung, _ in every], report)
@@ -180,12 +203,11 @@ def _published(job: Job, folder: Folder, work: _Climb) -> Outcome:
     name = f"{job.config.name}_{chosen.name}"[: selection.LONGEST_NAME]
     folder.write_text(RECOMMENDED, selection.recommended(chosen, name, folder.path, about))
     comparison.write(report, folder)
-    places = [folder.path / rung.name for rung, _ in every]
     folder.write_run(
         status="finished",
         recommended=chosen.name,
         left_out=work.left_out,
-        **comparison.entries(report, places, folder),
+        **comparison.entries(report, [folder.path / place for place in places], folder),
     )
     return Outcome(
         folder=folder.path,

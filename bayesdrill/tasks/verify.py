@@ -12,13 +12,13 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from bayesdrill import output_files, selection
+from bayesdrill import output_files
 from bayesdrill.analysis.run_analysis import RunAnalysis
 from bayesdrill.basics.errors import InputError, Issue
 from bayesdrill.basics.values import leaves
 from bayesdrill.config import loading
 from bayesdrill.config.job import Job
-from bayesdrill.output_files import COMPARE, MAP, OVERLAY, POSTERIOR, Kind
+from bayesdrill.output_files import COMPARE, LADDER, MAP, OVERLAY, POSTERIOR, Kind
 from bayesdrill.report import publish
 from bayesdrill.report.comparison_report import COMPARED, OVERLAID, Form
 from bayesdrill.report.sections import verdict_words
@@ -169,21 +169,18 @@ def _of_several(
     yield from _figures(folder, kind or form.kind, mark, form.name)
 
 
-_LADDER = output_files.ladder_files(selection.rung_names())
-
-
 def _of_ladder(folder: Path, run: Mapping[str, Any]) -> Iterator[Issue]:
     """Its rungs, each a run of its own, and what is said of them together."""
     yield from _configs(folder)
     for one in run.get("runs", []):
-        if one["folder"] not in _LADDER.nested:
+        if one["folder"] not in LADDER.nested:
             yield Issue(str(folder / output_files.RUN), f"{one['folder']} is no rung of a ladder")
             continue
         try:
             yield from verify(folder / one["folder"]).problems
         except InputError as error:  # no finished run
             yield from error.problems
-    yield from _of_several(COMPARED, "compared with others", folder, run, _LADDER)
+    yield from _of_several(COMPARED, "compared with others", folder, run, LADDER)
 
 
 _FROM_CHAINS = "the table follows from their chains"
@@ -191,7 +188,7 @@ _WAYS = (
     _Way(POSTERIOR, _of_posterior, "config, record, chain", "the tables follow from the chain"),
     _Way(MAP, _of_map, "config, record, maximum", "table and prediction follow from the maximum"),
     _Way(COMPARE, partial(_of_several, COMPARED, "compared with others"), "runs", _FROM_CHAINS),
-    _Way(_LADDER, _of_ladder, "config, rungs", _FROM_CHAINS),
+    _Way(LADDER, _of_ladder, "config, rungs", _FROM_CHAINS),
     _Way(OVERLAY, partial(_of_several, OVERLAID, "laid over others"), "runs", _FROM_CHAINS),
 )
 

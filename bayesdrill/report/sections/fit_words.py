@@ -263,8 +263,8 @@ def explained(found: Causes | None) -> str:
         return (
             f"fit: none of {len(found.ranked)} candidates that were refitted explains what is left "
             "(gains, lags and offsets of sensors and inputs, the start, what the rig may lack, the "
-            f"noise; the best, {best.about}, has a log Bayes factor of {best.bayes:.1f}): look at units, gear, "
-            "inputs, columns and the model"
+            f"noise; the best, {best.about}, has a log Bayes factor of {best.bayes:.1f}): look at "
+            "units, gear, inputs, columns and the model"
         )
     lines = [
         f"fit: {len(found.ranked)} candidates were refitted from the MAP; log Bayes factor by Laplace's "
