@@ -501,21 +501,25 @@ class _Ranking:
             for k, part in enumerate(first[:PAIRED]):
                 self._beside(ladder, (part,), first[k + 1 : PAIRED], given)
             if first:
-                self._climb(ladder, (*first[:FEW], *PHYSICS), given)
+                self._climb(ladder, first, given)
             best = self._ranked(structural=True)[0]
             if not best.explains_all:
                 self._beside(ladder, best.parts, (*NOISE, *TORQUES), given)
         return Causes(given=given.fit, ranked=self._ranked(), left_out=self.left_out)
 
-    def _climb(self, ladder: Ladder, more: Sequence[str], given: Maximum) -> None:
-        """As long as it gets better, each of `more` beside the best; then that without each part."""
-        before = 0.0
-        while True:
-            best = self._ranked(structural=True)[0]
-            if best.explains_all or best.bayes < before + SURE:
-                break
-            before = best.bayes
-            self._beside(ladder, best.parts, more, given)
+    def _climb(self, ladder: Ladder, first: Sequence[str], given: Maximum) -> None:
+        """As long as it gets better, what gained by itself beside the best, and then all that is left;
+        at last the best without each of its parts.
+        """
+        every = [rung.parts[0] for rung in ladder.singles() if not {*rung.parts} & CATCH_ALL]
+        for more in ((*first[:FEW], *PHYSICS), every):
+            before = 0.0
+            while True:
+                best = self._ranked(structural=True)[0]
+                if best.explains_all or best.bayes < before + SURE:
+                    break
+                before = best.bayes
+                self._beside(ladder, best.parts, more, given)
         self._try(ladder.without_each(best.parts), given, self.values[best.parts])
 
     def _beside(
