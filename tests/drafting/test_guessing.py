@@ -375,8 +375,15 @@ def test_times_that_go_back_and_infinite_cells_are_cut_off(tmp_path: Path) -> No
     accepted(path.with_suffix(".yaml"))
 
 
+BATCHES = [
+    pytest.param((0, 1), id="quick"),
+    pytest.param((2, 3), id="long", marks=pytest.mark.slow),
+]
+
+
+@pytest.mark.parametrize("batches", BATCHES)
 def test_whatever_the_table_a_config_that_is_written_passes_check(
-    tmp_path_factory: pytest.TempPathFactory,
+    batches: tuple[int, ...], tmp_path_factory: pytest.TempPathFactory
 ) -> None:
     """Or nothing is written, with the reason; a voltage that nobody has told is asked for.  Mutants
     killed: a window that holds rows of another part, or a draft that nobody has checked.
@@ -404,7 +411,7 @@ def test_whatever_the_table_a_config_that_is_written_passes_check(
         assert wrong == {}
         assert count > 3
 
-    for_each({str(batch): (batch,) for batch in range(4)}, check)
+    for_each({str(batch): (batch,) for batch in batches}, check)
 
 
 def test_rows_that_share_a_time_with_others_are_cut_off(tmp_path: Path) -> None:

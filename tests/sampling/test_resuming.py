@@ -5,6 +5,7 @@ from __future__ import annotations
 from functools import cache
 
 import numpy as np
+import pytest
 from rigs import measured, posterior
 from together import for_each
 
@@ -42,7 +43,14 @@ def test_a_run_that_would_take_too_long_is_given_up() -> None:
     assert "more than sampler.max_steps (20000)" in sampled.convergence.reasons[-1]
 
 
-def test_a_run_that_was_cut_is_given_up_at_the_same_step() -> None:
+CUT = [
+    pytest.param([(1, 0), (2, 4)], id="quick"),
+    pytest.param([(0, 0), (4, 4), (-1, -1)], id="long", marks=pytest.mark.slow),
+]
+
+
+@pytest.mark.parametrize("cases", CUT)
+def test_a_run_that_was_cut_is_given_up_at_the_same_step(cases: list[tuple[int, int]]) -> None:
     """Mutant killed: ensembles that were cut at different steps cannot go on."""
 
     def check(kept: tuple[int, int]) -> None:
@@ -53,4 +61,4 @@ def test_a_run_that_was_cut_is_given_up_at_the_same_step() -> None:
         assert again.convergence.reasons == sampled.convergence.reasons
         assert np.array_equal(again.theta, sampled.theta)
 
-    for_each({str(kept): (kept,) for kept in [(0, 0), (1, 0), (2, 4), (4, 4), (-1, -1)]}, check)
+    for_each({str(kept): (kept,) for kept in cases}, check)

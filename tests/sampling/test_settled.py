@@ -135,7 +135,16 @@ def test_walkers_reach_what_the_proposal_leaves_out() -> None:
     assert np.all(np.abs(means - truth) < 0.1 * sd)
 
 
-def test_a_ridge_that_turns_a_corner_is_seen_on_both_sides() -> None:
+CORNERS = [
+    pytest.param([(1, -1e-4, -9.0), (4, -9.0, -1e-4)], id="quick"),
+    pytest.param([(7, -9.0, -1e-4)], id="long", marks=pytest.mark.slow),
+]
+
+
+@pytest.mark.parametrize("cases", CORNERS)
+def test_a_ridge_that_turns_a_corner_is_seen_on_both_sides(
+    cases: list[tuple[int, float, float]],
+) -> None:
     """From either end: the half beyond the corner, where tight and loose are exchanged.
 
     Mutant killed: no walkers that look for places which draws do not show.
@@ -148,6 +157,4 @@ def test_a_ridge_that_turns_a_corner_is_seen_on_both_sides() -> None:
         beyond = found.u[:, 1] > found.u[:, 0]
         assert found.weights @ beyond == pytest.approx(0.5, abs=0.1)
 
-    for_each(
-        {str(case): case for case in [(1, -1e-4, -9.0), (4, -9.0, -1e-4), (7, -9.0, -1e-4)]}, check
-    )
+    for_each({str(case): case for case in cases}, check)
