@@ -300,7 +300,8 @@ class Ladder:
         for part in parts:
             if not self._changed(data, part):
                 return None
-        lines = as_yaml(changed_entries(given.data, data)).strip("{}\n") if parts else ""
+        lines = as_yaml(changed_entries(given.data, data)).strip() if parts else ""
+        lines = lines[1:-1] if lines.startswith("{") else lines
         output = dict(data.get("output", {}))
         if parts:
             data["output"] = {**output, "figures": ["fit"]}
@@ -340,10 +341,12 @@ class Ladder:
 
     def _geared(self, data: dict[str, Any]) -> bool:
         """With another number, where the gear is one."""
-        ratio = data["model"].get("i_m")
-        if self.gear is None or not isinstance(ratio, int | float):
+        model = self.job.problem.model
+        if self.gear is None or not model.geared:
             return False
-        data["model"]["i_m"] = rounded(self.gear * ratio)
+        given = data.get("model", {})
+        given = {"name": given} if isinstance(given, str) else given
+        data["model"] = {**given, self.roles.gear: rounded(self.gear * model.gear_ratio)}
         return True
 
     def _sensed(self, data: dict[str, Any], kind: str, name: str) -> bool:
@@ -355,20 +358,19 @@ class Ladder:
                 inputs[MOMENT] = self._lag()
                 share_entries(data, MOMENT)
             return not own
-        channel = name in self._channels()
-        changed = False
+        channel, changed, own = name in self._channels(), False, False
         for section in rung_sections(data):
-            within = (
-                section.get("record", {}).get("channels", {})
-                if channel
-                else section.get("inputs", {})
-            )
-            entry = within.get(name)
-            named = isinstance(entry, dict) and {"column", "variable"} & {*entry}
-            if named and kind not in entry:
+            record = section.get("record", {})
+            named = record.get("channels", {}) if channel else section.get("inputs", {})
+            entry = named.get(name)
+            if not isinstance(entry, dict):
+                continue
+            if kind in entry:
+                own = True  # of an experiment that says it otherwise
+            elif {"column", "variable"} & {*entry}:
                 entry[kind] = self._sensor_prior(kind, name, channel=channel)
                 changed = True
-        if changed and (kind != "offset" or not channel):
+        if changed and not own and (kind != "offset" or not channel):
             share_entries(data, f"{kind}_{name}")
         return changed
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import pytest
 import systems
@@ -17,7 +18,11 @@ from bayesdrill.rig.models.linear import USUAL
 from bayesdrill.selection import Ladder, Rung
 
 TORQUES = set(selection.TORQUES) if selection.MISSING in Config.model_fields else set()
-ALL = {"as_given", "unknown_noise", "ar1", *selection.PHYSICS, *TORQUES}
+ALL = {"unknown_noise", "ar1", *selection.PHYSICS, *TORQUES}
+CHANNELS = ("theta_1", "w_1")
+MOST_SENSED = tuple(f"{kind}_{name}" for name in CHANNELS for kind in selection.SENSED)
+MOST_SENSED = (*MOST_SENSED, "t_0", "free_start")
+SENSED = {*MOST_SENSED, "gear"}
 
 
 def ladder(tmp_path: Path, *changes: tuple[str, str]) -> Ladder:
@@ -29,21 +34,61 @@ def by_name(every: list[Rung]) -> dict[str, Rung]:
 
 
 def test_each_is_valid_and_has_what_it_says(tmp_path: Path) -> None:
-    """Mutants killed: one channel of all; a thing that stays in the next rung."""
-    found = by_name(ladder(tmp_path).first())
-    assert set(found) == ALL
-    assert next(iter(found)) == "as_given"
+    """Mutants killed: one channel of all; a thing that stays in the next rung; a gear that stays."""
+    made = ladder(tmp_path)
+    found = by_name([*made.singles(), *made.with_gear(2.0)])
+    assert set(found) == ALL | SENSED
     for name, one in found.items():
         problem = one.job().problem
         physics = {USUAL[role] for role in selection.PHYSICS.get(name, ())}
         noise = {n for n in problem.names if n.startswith(("sigma", "rho"))}
-        assert {"k_e", "j_1"} | physics <= set(problem.names), name
-        if name not in TORQUES:
-            assert set(problem.names) == {"k_e", "j_1"} | physics | noise, name
+        sensed = {name} & SENSED - {"gear", "free_start"}
+        assert {"k_e", "j_1"} | physics | sensed <= set(problem.names), name
+        if name not in TORQUES and name != "free_start":
+            assert set(problem.names) == {"k_e", "j_1"} | physics | noise | sensed, name
         sizes = {f"sigma_{c}" for c in ("theta_1", "w_1")}
         memories = {f"rho_{c}" for c in ("theta_1", "w_1")}
         wanted = {"unknown_noise": sizes, "ar1": sizes | memories}
         assert noise == wanted.get(name, set()), name
+    start = found["free_start"].job().problem.names
+    assert {"theta_1_0", "w_1_0", "theta_2_0", "w_2_0", "i_0"} <= set(start)
+    assert found["gear"].job().problem.model.i_m == 2.0 * made.job.problem.model.i_m
+    assert made.with_gear(2.0)[0].lines == "model: {i_m: 0.25}"
+
+
+def test_the_lines_of_a_rung_make_it_of_the_config(tmp_path: Path) -> None:
+    """Pasted into the config as given, they are the rung.  Mutant killed: only what is new is said."""
+    made = ladder(tmp_path)
+    read = YAML(typ="safe").load
+
+    def merge(data: dict[str, Any], more: dict[str, Any]) -> dict[str, Any]:
+        both = {k: merge(data[k], x) for k, x in more.items() if isinstance(x, dict) and k in data}
+        return {**data, **more, **both}
+
+    for one in made.singles():
+        given = read(made.job.source.text)
+        pasted = merge(given, read(one.lines))
+        assert {k: v for k, v in pasted.items() if k not in ("output", "simulation")} == {
+            k: v for k, v in read(one.source.text).items() if k not in ("output", "simulation")
+        }, one.name
+
+
+def test_sensors_of_several_experiments_are_the_same(tmp_path: Path) -> None:
+    """But for offsets of channels.  Mutants killed: a lag of its own in each; what an experiment says of
+    a sensor is said again.
+    """
+    text = (
+        "experiments:\n"
+        "  one: {}\n"
+        "  two: {record: {channels: {w_1: {column: w_1, unit: rad/s, sigma: 0.1, lag: 0.01}}}}\n"
+        "inputs:"
+    )
+    found = by_name(ladder(tmp_path, ("inputs:", text)).singles())
+    assert "gain_w_1" in found["gain_w_1"].job().problem.names
+    offsets = found["offset_theta_1"].job().problem.names
+    assert {"offset_theta_1_one", "offset_theta_1_two"} <= set(offsets)
+    late = found["lag_w_1"].job().problem
+    assert [name for name in late.names if name.startswith("lag")] == ["lag_w_1_one"]
 
 
 def test_what_a_config_has_already_is_not_tried(tmp_path: Path) -> None:
@@ -54,7 +99,7 @@ def test_what_a_config_has_already_is_not_tried(tmp_path: Path) -> None:
             ("t_f: nominal", "t_f: nominal\n  t_cm: {prior: uniform, low: 0, high: 0.1}"),
             ("theta_1, unit: rad, sigma: 0.05", f"theta_1, unit: rad, {free}"),
             ("w_1, unit: rad/s, sigma: 0.05", f"w_1, unit: rad/s, noise: ar1, {free}"),
-        ).first()
+        ).singles()
     )
     assert not {"friction_motor", "friction_both", "unknown_noise"} & set(found)
     assert {"friction_rotor_1", "ar1"} <= set(found)
@@ -68,7 +113,7 @@ def test_channels_of_experiments_are_changed_too(tmp_path: Path) -> None:
         "  two: {record: {channels: {w_1: {column: w_1, unit: rad/s, sigma: 0.1}}}}\n"
         "inputs:"
     )
-    found = by_name(ladder(tmp_path, ("inputs:", text)).first())
+    found = by_name(ladder(tmp_path, ("inputs:", text)).singles())
     names = found["unknown_noise"].job().problem.names
     assert {"sigma_w_1_one", "sigma_w_1_two", "sigma_theta_1"} <= set(names)
     names = found["ar1"].job().problem.names
@@ -85,7 +130,7 @@ def test_a_memory_goes_with_the_size_of_its_noise(tmp_path: Path) -> None:
         ("theta_1, unit: rad, sigma: 0.05", f"theta_1, unit: rad, {free}"),
         ("w_1, unit: rad/s, sigma: 0.05", f"w_1, unit: rad/s, {free}"),
     )
-    names = by_name(ladder(tmp_path, *changes).first())["ar1"].job().problem.names
+    names = by_name(ladder(tmp_path, *changes).singles())["ar1"].job().problem.names
     assert {"rho_w_1", "rho_theta_1_one", "rho_theta_1_two"} <= set(names)
 
 
@@ -96,41 +141,23 @@ def test_where_a_rig_has_turned_to_makes_no_prior_wider(tmp_path: Path) -> None:
     assert ladder(tmp_path / "far", start).sizes == pytest.approx(here, rel=1e-6)
 
 
-def test_what_leaves_more_than_noise_gets_each_thing_that_it_has_not(tmp_path: Path) -> None:
+def test_beside_others_what_can_go_with_them(tmp_path: Path) -> None:
     """Mutants killed: friction at rest that nothing slides with; a second friction, noise or torque."""
     made = ladder(tmp_path)
-    found = [one.name for one in made.beyond(("friction_rotor_1", "ar1"))]
-    assert found == [
-        "friction_rotor_1-damping_rotor_1-ar1",
-        "friction_rotor_1-damping_shaft-ar1",
-        "friction_rotor_1-voltage_drop-ar1",
-        "friction_rotor_1-static_rotor_1-ar1",
-    ]
-    assert set(found) <= set(selection.rung_names())
-    rests = by_name(made.beyond(("friction_both",)))["friction_both-static_rotor_1"].job()
-    assert {"t_cm", "t_c1", "t_s1", "w_s1"} <= set(rests.problem.names)
-    torque = [one.name for one in made.beyond(("missing_torque_motor",))]
-    assert torque == [
-        "damping_rotor_1-missing_torque_motor",
-        "damping_shaft-missing_torque_motor",
-        "missing_torque_motor-unknown_noise",
-    ]
-    assert made.beyond(()) == made.beyond(("ar1",)) == []
-
-
-def test_the_best_goes_on_with_other_noise_and_the_second(tmp_path: Path) -> None:
-    """Mutants killed: what is worse than the config as given; a friction that the best one has."""
-    made = ladder(tmp_path)
-    assert made.then([]) == []
-    assert made.then(["ar1", "unknown_noise"]) == []
-    first = made.then(["ar1", "friction_both", "friction_motor", "damping_shaft", "voltage_drop"])
-    assert [one.name for one in first] == [
-        "friction_both-unknown_noise",
-        "friction_both-ar1",
-        "friction_both-damping_shaft",
-    ]
-    assert set(first[2].job().problem.names) == {"k_e", "j_1", "t_cm", "t_c1", "c_s"}
-    assert {one.name for one in first} <= set(selection.rung_names())
+    every = [one.name for one in made.singles()]
+    found = [one.name for one in made.beyond(("friction_rotor_1", "ar1"), every)]
+    beside = ("damping_rotor_1", "damping_shaft", "voltage_drop", *MOST_SENSED, "static_rotor_1")
+    assert found == [f"friction_rotor_1-ar1-{part}" for part in beside]
+    rests = by_name(made.beyond(("friction_both",), ()))
+    assert set(rests) == {"friction_both-static_motor", "friction_both-static_rotor_1"}
+    problem = rests["friction_both-static_rotor_1"].job().problem
+    assert {"t_cm", "t_c1", "t_s1", "w_s1"} <= set(problem.names)
+    torque = [one.name for one in made.beyond(("missing_torque_motor",), every)]
+    physics = ["damping_rotor_1", "damping_shaft", *MOST_SENSED]
+    assert torque == [f"missing_torque_motor-{part}" for part in ("unknown_noise", *physics)]
+    without = [one.name for one in made.without_each(("friction_both", "static_motor", "ar1"))]
+    assert without == ["friction_both-ar1", "friction_both-static_motor"]
+    assert made.beyond(tuple(f"x{k}" for k in range(selection.MOST_PARTS)), every) == []
 
 
 def test_what_is_recommended_is_a_config_from_anywhere(
@@ -141,7 +168,8 @@ def test_what_is_recommended_is_a_config_from_anywhere(
     def check(name: str) -> None:
         tmp_path = tmp_path_factory.mktemp("case")
         output = ("output: {predictive_draws: 10, figures: []}", "output: {figures: [corner]}")
-        one = by_name(ladder(tmp_path / "here", output).first())[name]
+        made = ladder(tmp_path / "here", output)
+        one = by_name([*made.rungs([()]), *made.singles()])[name]
         far = tmp_path / "far" / "away"
         far.mkdir(parents=True)
         path = far / "recommended.yaml"

@@ -2,25 +2,27 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
+import math
 import shutil
-from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Mapping, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 import pytest
 import systems
-from together import together
 
 from bayesdrill import output_files, selection
+from bayesdrill.analysis.causes import Maximum, refit
 from bayesdrill.basics.errors import Interrupted
 from bayesdrill.basics.progress import Silent
 from bayesdrill.config import loading
 from bayesdrill.config.job import prepare
 from bayesdrill.output_files import dumps_checksummed, loads_checksummed
-from bayesdrill.selection import Ladder, Rung
+from bayesdrill.selection import Rung
 from bayesdrill.tasks import ladder, remote
 
 CONFIG = """\
@@ -103,56 +105,56 @@ def done(tmp_path_factory: pytest.TempPathFactory) -> Done:
     given.write_text(CONFIG)
     (place / "turned.csv").write_text(turned())
     with pytest.raises(Interrupted, match="continue with --resume"):
-        here(given, place / "out", report=Stopping(2))
+        here(given, place / "out", report=Stopping(1))
     assert json.loads((place / "out" / "run.json").read_text())["status"] == "interrupted"
     before = {p: p.stat().st_mtime_ns for p in (place / "out").glob("*/chain.h5")}
-    assert len(before) == 2
+    assert len(before) == 1
     told = Stopping(-1)
     here(given, place / "out", "resume", told)
-    assert "(2 of them done before)" in told.said[0]
+    assert "(1 of them done before)" in told.said[-1]
     assert all(path.stat().st_mtime_ns == time for path, time in before.items())
     return Done(given, place / "out")
 
 
-@dataclass(frozen=True)
-class Told:
-    log_z: float
-    like_noise: bool
+def test_a_thing_that_is_worth_nothing_alone_is_tried_beside_the_best(tmp_path: Path) -> None:
+    """Each part is worth so much, damping beside friction alone; nothing is refitted.
 
-
-WORTH = {"friction_motor": 50.0, "friction_both": 100.0, "voltage_drop": 40.0, "ar1": 30.0}
-
-
-class Guessing(ladder._Climb):
-    """Nothing is sampled: each part is worth so much, damping beside friction alone; `enough` is all."""
-
-    enough = 150.0
-
-    def _run(self, wanted: Sequence[Rung]) -> None:
-        for one in wanted:
-            found = sum(WORTH.get(part, 0.0) for part in one.parts)
-            if {"friction_both", "damping_shaft"} <= {*one.parts}:
-                found += 30.0
-            if "voltage_drop" in one.parts and len(one.parts) > 1:
-                found -= 45.0
-            self.done[one.name] = one, Told(found, found >= self.enough)  # type: ignore[assignment]
-
-
-@together("enough, rounds", [(150.0, 2), (120.0, 1), (1000.0, 3)])
-def test_as_long_as_more_than_noise_is_left_the_ladder_goes_on(
-    enough: float, rounds: int, tmp_path: Path
-) -> None:
-    """Mutants killed: a ladder that ends with pairs; one that goes on where only noise is left."""
+    Mutants killed: a ranking that ends with pairs; one that goes on where only noise is left; one in
+    which a missing torque, that absorbs anything, keeps friction out.
+    """
     job = prepare(systems.small(tmp_path, ("walkers: 8", "walkers: 24")))
-    climb = Guessing(job, tmp_path, None, Silent(), again=False)  # type: ignore[arg-type]
-    climb.enough = enough
-    climb.up(Ladder.of(job))
-    most = max(len(rung.parts) for rung, _ in climb.done.values())
-    best = max(climb.done.values(), key=lambda pair: pair[1].log_z)[0]
-    assert most == rounds + 1
-    wanted = "friction_both-ar1" if rounds == 1 else "friction_both-damping_shaft-ar1"
-    assert best.name == wanted
-    assert set(climb.done) <= set(selection.rung_names())
+    template = refit(job.problem.posterior, job.problem.posterior.space.start, -math.inf)
+    assert template is not None
+    worth = {"missing_torque_motor": 120.0, "friction_motor": 50.0, "friction_both": 100.0}
+
+    class Guessing(selection._Ranking):
+        enough = math.inf
+
+        def _try(self, rungs: Sequence[Rung], given: Maximum, near: Mapping[str, float]) -> None:
+            for rung in rungs:
+                parts = {*rung.parts}
+                log_z = sum(worth.get(part, -1.0) for part in parts)
+                log_z += 30.0 * ({"friction_both", "damping_shaft"} <= parts)
+                log_z += 20.0 * ({"friction_both", "lag_w_1"} <= parts)
+                fit = template.fit if log_z >= self.enough else MISFIT
+                top = dataclasses.replace(template, log_z=given.log_z + log_z, fit=fit)
+                self._keep(rung, job, top, given)
+
+    def submit(*_: object) -> Future[Maximum]:
+        future: Future[Maximum] = Future()
+        future.set_result(template)
+        return future
+
+    MISFIT = tuple(dataclasses.replace(one, correlation=1.0) for one in template.fit)
+    ranking = Guessing(job, job.problem.posterior.space.start, submit, Silent())
+    best = ranking.causes().ranked[0]
+    assert {*best.parts} == {"friction_both", "damping_shaft", "lag_w_1"}
+    done = {frozenset(parts) for parts in ranking.done}
+    assert frozenset({*best.parts, "ar1"}) in done
+    few = Guessing(job, job.problem.posterior.space.start, submit, Silent())
+    few.enough = 110.0
+    assert few.causes().ranked[0].parts == ("missing_torque_motor",)
+    assert max(map(len, few.done)) == 1
 
 
 @pytest.mark.slow
@@ -160,6 +162,8 @@ def test_what_is_missing_is_named_and_recommended(done: Done, tmp_path: Path) ->
     run = done.run
     assert run["status"] == "finished"
     assert (run["verdict"], run["recommended"]) == ("model", "friction_motor")
+    assert run["candidates"][0] == ["friction_motor"]
+    assert [] in run["candidates"]
     page = (done.folder / "comparison.md").read_text(encoding="utf-8")
     assert "# Ladder of turned" in page
     assert "verdict: MODEL: friction_motor is e^" in page
@@ -177,23 +181,22 @@ def test_a_rung_is_the_run_of_its_config(done: Done, tmp_path: Path) -> None:
 
     Mutant killed: another stream for the search or the chain.
     """
-    alone = tmp_path / "alone"
-    systems.cli("posterior", done.config, "-o", alone, "--processes", "1")
-    mine = done.folder / "as_given"
+    alone, mine = tmp_path / "alone", done.folder / "model_1"
+    systems.cli("posterior", mine / "config.resolved.yaml", "-o", alone, "--processes", "1")
     for name in ("summary.csv", "map.json"):
         assert (mine / name).read_bytes() == (alone / name).read_bytes(), name
     both = [json.loads((place / "run.json").read_text())["log_evidence"] for place in (mine, alone)]
     assert both[0] == both[1]
     said = json.loads((done.folder / "run.json").read_text())["log_evidence"]
-    assert said["as_given"] == both[0]
-    ran = systems.cli("compare", mine, done.folder / "friction_motor", "-o", tmp_path / "two")
+    assert said["friction_motor"] == both[0]
+    ran = systems.cli("compare", done.folder / "model_2", mine, "-o", tmp_path / "two")
     assert "verdict: MODEL" in ran.out
 
 
 def test_rungs_and_what_is_said_of_them_are_verified(done: Done, tmp_path: Path) -> None:
     """A rung's table, and the comparison, each forged with pains."""
     assert systems.cli("verify", done.folder).status == 0
-    for k, place in enumerate(("as_given/summary.csv", "comparison.csv")):
+    for k, place in enumerate(("model_1/summary.csv", "comparison.csv")):
         copy = tmp_path / str(k)
         shutil.copytree(done.config.parent, copy)
         table = copy / "out" / place
