@@ -8,7 +8,6 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import bayesdrill
-from bayesdrill import selection
 from bayesdrill.analysis.causes import Causes
 from bayesdrill.analysis.identifiability.information import Scenery
 from bayesdrill.analysis.run_analysis import RunAnalysis, RunDraws, analyse
@@ -28,6 +27,7 @@ from bayesdrill.sampling.convergence import Targets
 from bayesdrill.sampling.ensembles import Plan, Sampled
 from bayesdrill.sampling.mode_search import Mode
 from bayesdrill.sampling.workers import Crew
+from bayesdrill.tasks import ranking
 from bayesdrill.tasks.run_entries import ANALYSIS, ANALYSIS_OF
 
 
@@ -68,7 +68,7 @@ def concluded(
 
 
 def causes(
-    job: Job, found: Mode, submit: selection.Submit | None = None, report: Reporter = SILENT
+    job: Job, found: Mode, submit: ranking.Submit | None = None, report: Reporter = SILENT
 ) -> Causes | None:
     """What would explain what the maximum `found` leaves, in whose steps the job is; None where only
     noise is left.  `submit`: to other processes, or in this one.
@@ -78,7 +78,7 @@ def causes(
     if residual_checks.like_noise(left):
         return None
     with Crew(posterior, 1) as crew:
-        return selection.rank(job, found.values, submit or crew.run, report)[0]
+        return ranking.rank(job, found.values, submit or crew.run, report)[0]
 
 
 def settings(case: ResolvedCase) -> dict[str, Any]:

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from bayesdrill import output_files, selection
+from bayesdrill import output_files
 from bayesdrill.analysis.causes import Causes
 from bayesdrill.basics import software
 from bayesdrill.basics.errors import InputError
@@ -28,7 +28,7 @@ from bayesdrill.results.run_folder import COMPUTED_AGAIN, Folder
 from bayesdrill.sampling.fit import FitPlan, Searches, begin_searches, end_searches
 from bayesdrill.sampling.mode_search import Mode
 from bayesdrill.sampling.workers import Crew
-from bayesdrill.tasks import run_entries
+from bayesdrill.tasks import ranking, run_entries
 from bayesdrill.tasks.conclusions import causes, plan
 
 
@@ -111,12 +111,11 @@ def end_search(crew: Crew, under_way: Searches, job: Job, report: Reporter) -> M
 
 
 def explain(
-    job: Job, found: Mode, submit: selection.Submit, report: Reporter
+    job: Job, found: Mode, submit: ranking.Submit, report: Reporter
 ) -> tuple[Causes | None, str]:
     """The causes of what the maximum `found` leaves, and what is said of them; None and nothing where
     only noise is left.
     """
-    report.update(0.0, "refitting candidates")
     explained = causes(job.at(found), found, submit, report)
     report.update(1.0, "")
     return explained, fit_words.explained(explained)

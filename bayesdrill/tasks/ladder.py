@@ -27,7 +27,7 @@ from bayesdrill.sampling.mode_search import Mode
 from bayesdrill.sampling.proposal.learning import Nowhere
 from bayesdrill.sampling.workers import Crew
 from bayesdrill.selection import Ladder, Rung
-from bayesdrill.tasks import comparison, pipeline
+from bayesdrill.tasks import comparison, pipeline, ranking
 from bayesdrill.tasks.conclusions import SampledRun, concluded
 from bayesdrill.tasks.find_map import fit_plan
 from bayesdrill.tasks.remote import RefitExecutor, packed, run_jobs
@@ -128,7 +128,7 @@ class _Sampling:
         """Parts of the candidates, the most probable first, the config as given among them."""
         job = self.job
         found = self.crew.submit(search, job.problem.posterior, fit_plan(job)).result()
-        causes, seconds = selection.rank(job.at(found), found.values, self.crew.submit, self.report)
+        causes, seconds = ranking.rank(job.at(found), found.values, self.crew.submit, self.report)
         sampler = job.config.sampler
         evaluations = sampler.ensembles * sampler.walkers * STEPS
         times = {parts: evaluations * each for parts, each in seconds.items()}

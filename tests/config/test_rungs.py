@@ -62,7 +62,10 @@ def test_the_lines_of_a_rung_make_it_of_the_config(tmp_path: Path) -> None:
     read = YAML(typ="safe").load
 
     def merge(data: dict[str, Any], more: dict[str, Any]) -> dict[str, Any]:
-        both = {k: merge(data[k], x) for k, x in more.items() if isinstance(x, dict) and k in data}
+        inside = (
+            k for k, x in more.items() if isinstance(x, dict) and isinstance(data.get(k), dict)
+        )
+        both = {k: merge(data[k], more[k]) for k in inside}
         return {**data, **more, **both}
 
     for one in made.singles():

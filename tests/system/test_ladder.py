@@ -23,7 +23,7 @@ from bayesdrill.config import loading
 from bayesdrill.config.job import prepare
 from bayesdrill.output_files import dumps_checksummed, loads_checksummed
 from bayesdrill.selection import Rung
-from bayesdrill.tasks import ladder, remote
+from bayesdrill.tasks import ladder, ranking, remote
 
 CONFIG = """\
 name: turned
@@ -127,7 +127,7 @@ def test_a_thing_that_is_worth_nothing_alone_is_tried_beside_the_best(tmp_path: 
     assert template is not None
     worth = {"missing_torque_motor": 120.0, "friction_motor": 50.0, "friction_both": 100.0}
 
-    class Guessing(selection._Ranking):
+    class Guessing(ranking._Ranking):
         enough = math.inf
 
         def _try(self, rungs: Sequence[Rung], given: Maximum, near: Mapping[str, float]) -> None:
