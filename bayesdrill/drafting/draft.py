@@ -4,31 +4,40 @@ be made.
 
 from __future__ import annotations
 
+import json
+import math
 import re
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
 
 from bayesdrill import output_files
-from bayesdrill.basics import symbols
 from bayesdrill.basics.errors import InputError, Issue
+from bayesdrill.basics.symbols import Symbol
 from bayesdrill.config import loading
 from bayesdrill.config.job import assemble
 from bayesdrill.config.records import sources
-from bayesdrill.config.yaml_source import parse
-from bayesdrill.drafting import entries, record_files, roles
+from bayesdrill.config.yaml_source import Source, parse
+from bayesdrill.drafting import entries, record_files, roles, signals
+from bayesdrill.drafting.columns import MOTOR, TWIST
 from bayesdrill.drafting.entries import REVIEW, Found, comment, review, scalar
-from bayesdrill.drafting.record_files import Experiment
+from bayesdrill.drafting.record_files import Examined, Experiment, Known
 from bayesdrill.drafting.roles import Start
+from bayesdrill.rig import models
+from bayesdrill.rig.models.linear import GEAR_POWERS, Model, with_named
 
-SPREAD = 1.0  # of the logarithm of a parameter: nobody has said anything of this rig
-DAMPING = 0.01  # N m s/rad, which adds 6 % of the critical damping to the paper's rig
-FRICTION = 0.1  # N m, as much as the paper's motor has
+SPREAD = 1.0  # of the logarithm of a parameter of a data sheet
 
 
-def page(found: Found, name: str) -> str:
+def page(found: Found, name: str, sheet: Mapping[str, Any]) -> str:
     lead = found.lead.of
-    every = [found.name(one.of.path) for one in found.every]
+    files = [file for one in found.every for file in (one.of, *one.of.beside)]
+    every = [found.name(file.path) for file in files]
+    gear = f", i_m: {1 / lead.found.gear:.6g}" if lead.found.rig.geared else ""
     lines = [
         *comment(
             f"A first config of {', '.join(every)}, by `bayesdrill init`. What was guessed stands below "
@@ -43,17 +52,16 @@ def page(found: Found, name: str) -> str:
         *entries.input_entries(found),
         *(_experiments(found) if found.several else _initial(found.starts[found.lead.label])),
         "",
-        *review([lead.found.gear_doubt], 0),
+        *review([lead.found.gear_doubt] if gear else (), 0),
         *(
             comment(f"gear {lead.found.gear:.6g}:1, {lead.found.gear_why}")
-            if lead.found.gear_why
+            if gear and lead.found.gear_why
             else ()
         ),
-        f"model: {{name: motor_shaft, i_m: {1 / lead.found.gear:.6g}}}",
+        f"model: {{name: {lead.found.rig.name}{gear}}}",
         "",
-        *_parameters(
-            turns_back=any(roles.both_ways(one.of.found) for one in found.every),
-        ),
+        *_nominal(sheet),
+        *_parameters(found, sheet),
     ]
     return "\n".join(lines) + "\n"
 
@@ -95,6 +103,9 @@ def _experiment(found: Found, one: Experiment) -> list[str]:
     doubts = [*([start.window_doubt] if start.window else []), *start.doubts]
     if start.window is not None:
         record.append(f"window: {entries.span(start)}")
+    if files := _files(found, one, [c.name for c in one.of.found.channels]):
+        own = ", ".join(f"{name}: {{{entry}}}" for name, entry in files.items())
+        record.append(f"channels: {{{own}}}")
     sections = [f"record: {{{', '.join(record)}}}"]
     own = _own_inputs(found, one)
     if own:
@@ -107,13 +118,23 @@ def _experiment(found: Found, one: Experiment) -> list[str]:
     return [*head, f"  {scalar(one.label)}:", *(f"    {section}" for section in sections)]
 
 
+def _files(found: Found, one: Experiment, names: Iterable[str]) -> dict[str, str]:
+    """The files of those that stand in another one, by name, as entries."""
+    of = one.of.found
+    every = {c.name: c.sensor for c in of.channels} | dict(of.inputs)
+    return {
+        name: f"file: {scalar(found.name(one.of.file_of(every[name]).path))}"
+        for name in names
+        if every[name].seen.file
+    }
+
+
 def _own_inputs(found: Found, one: Experiment) -> str:
-    if one.inputs is not None:
-        file = scalar(found.name(one.inputs.path))
-        held = [name for name in ("v", "t_1") if getattr(one.inputs.found, name) is not None]
-        return ", ".join(f"{name}: {{file: {file}}}" for name in held)
+    own = {name: f"{{{entry}}}" for name, entry in _files(found, one, one.of.found.inputs).items()}
     known = entries.constant_input(found)
-    return f"v: {known[one.label]}" if len({*known.values()}) > 1 else ""
+    if len({*known.values()}) > 1:
+        own["v"] = known[one.label]
+    return ", ".join(f"{name}: {entry}" for name, entry in own.items())
 
 
 def _shared(found: Found) -> list[str]:
@@ -127,58 +148,194 @@ def _shared(found: Found) -> list[str]:
     return [*names, *(f"sigma_{one.name}" for one in found.channels if not one.derived)]
 
 
-def _parameters(*, turns_back: bool) -> list[str]:
-    """`turns_back`: driven in both directions."""
-    table = symbols.NOMINAL[symbols.DEFAULT_NOMINAL].values
-    lines = [
-        *review(
-            ["this is the paper's rig; write what your data sheets say, and how far it may be off"],
-            0,
-        ),
+def _nominal(sheet: Mapping[str, Any]) -> list[str]:
+    """The data sheet, as it was given."""
+    if not sheet:
+        return []
+    tolerance = {} if "tolerance" in sheet else {"tolerance": 0.2}
+    lines = [f"  {name}: {json.dumps(value)}" for name, value in {**tolerance, **sheet}.items()]
+    return [
+        *comment("By the data sheet; `tolerance`: how far it may be off."),
         "nominal:",
-        f"  table: {symbols.DEFAULT_NOMINAL}",
-        "  tolerance: 0.2",
-        *(_with_meaning(f"  {name}: {value:.4g}", 16, name) for name, value in table.items()),
+        *lines,
         "",
-        *comment("A prior, a number that holds it, or `nominal`. Factors of the nominal value:"),
-        *review(
-            [
-                "wide, as nothing is known: one standard deviation is a factor of "
-                f"{2.718281828**SPREAD:.2g}. Hold what you have weighed or measured"
-            ],
-            0,
-        ),
+    ]
+
+
+def _parameters(found: Found, sheet: Mapping[str, Any]) -> list[str]:
+    """Factors of the data sheet's values; without one, what the record's own scale leaves possible."""
+    turns_back = any(roles.both_ways(one.of.found) for one in found.every)
+    scale = Scale.of_record(found)
+    rig = with_named(found.lead.of.found.rig, sheet)
+    factors = (
+        f"Values are factors of the data sheet's; one standard deviation is a factor of "
+        f"{math.exp(SPREAD):.2g}."
+    )
+    lines = [
+        *review([f"{scale.text} Hold what you have weighed or measured"], 0),
+        *(comment(factors) if sheet else ()),
         "parameters:",
     ]
-    for name in table:
-        if name == "t_f" and turns_back:
+    for name in rig.parameters:
+        if name == rig.roles.motor.friction and turns_back:
             doubt = (
                 "it keeps its sign, and this rig turns both ways: held at zero, and c_m stands for all "
                 "friction"
             )
-            lines += [*review([doubt], 2), "  t_f: 0.0"]
-        else:
+            lines += [*review([doubt], 2), f"  {name}: 0.0"]
+        elif name in sheet:
             prior = f"{{prior: log_normal, median: 1, sd_log: {SPREAD:g}, relative: true}}"
             lines.append(f"  {name}: {prior}")
-    return [*lines, *_more(turns_back=turns_back)]
+        else:
+            low, high = scale.ends(rig, models.PARAMETERS[name])
+            prior = f"  {name}: {{prior: log_uniform, low: {low:.1e}, high: {high:.1e}}}"
+            lines.append(_with_meaning(prior, 60, name))
+    return [*lines, *_more(rig, scale, turns_back=turns_back)]
 
 
-def _more(*, turns_back: bool) -> list[str]:
+# Ends of priors over the scale that the unit has: see `Scale`.
+RANGES: Mapping[str, tuple[float, float]] = MappingProxyType(
+    {
+        "V*s/rad": (0.01, 3.0),
+        "N*m/A": (0.01, 10.0),
+        "ohm": (0.03, 3.0),
+        "H": (1e-5, 0.03),  # times s: the time constant of the current
+        "N*m": (1e-4, 1.0),
+        "N*m*s/rad": (1e-5, 3.0),
+        "N*m/rad": (0.03, 1e3),
+        "kg*m**2": (0.1, 1.0),  # times the step and the length of the record
+        "rad/s": (1e-3, 1.0),
+    }
+)
+USUAL_VOLTAGE, USUAL_SPEED, USUAL_RESISTANCE = 12.0, 100.0, 2.0  # V, rad/s at the motor, ohm
+UNSURE = 10.0  # times wider either way, where the record has no such column
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Scale:
+    """Of a rig, by its record, at the motor: largest voltage [V], speed [rad/s] and torque [N m].
+
+    No-load speed and stalled current bound a motor: k_e is about voltage over speed, the resistance
+    voltage over current, and torques are up to k_e times the stalled current.  Inertias follow from
+    torque, speed and times between a step and the whole record.  `unsure`: by how much resistance and
+    torque may be off.
+    """
+
+    voltage: float
+    speed: float
+    resistance: float
+    torque: float
+    unsure: float
+    times: tuple[float, float]
+    gear: float
+    text: str
+
+    @classmethod
+    def of_record(cls, found: Found) -> Scale:
+        every = [one.of for one in found.every]
+        gear = found.lead.of.found.gear
+
+        def largest(kind: str, name: str = "") -> float:
+            sizes = [
+                float(np.quantile(np.abs(s.si), 0.99))
+                for of in every
+                for n, s in [
+                    *((c.name, c.sensor) for c in of.found.channels),
+                    *of.found.inputs.items(),
+                ]
+                if s.kind == kind and name in ("", n) and s.place != TWIST
+            ]
+            return max(sizes, default=0.0)
+
+        voltage = abs(found.voltage or 0.0) or largest("voltage")
+        speed = gear * max((_speed(of) for of in every), default=0.0)
+        current = largest("current")
+        torque = largest("torque", "t_m") or largest("torque", "t_1") / gear
+        known = {
+            "V": voltage,
+            "rad/s at the motor": speed,
+            "A": current,
+            "N m at the motor": torque,
+        }
+        told = ", ".join(f"{value:.3g} {unit}" for unit, value in known.items() if value)
+        v, w = voltage or USUAL_VOLTAGE, speed or USUAL_SPEED
+        resistance = v / current if current else USUAL_RESISTANCE
+        sure = bool(torque or (voltage and current))
+        return cls(
+            voltage=v,
+            speed=w,
+            resistance=resistance,
+            torque=torque or v / w * v / resistance,
+            unsure=1.0 if sure else UNSURE,
+            gear=gear,
+            times=(found.lead.of.part.dt, float(np.ptp(found.lead.of.part.t))),
+            text=(
+                f"nobody has said anything of this rig: priors go as far as its record allows, by the "
+                f"largest {told}"
+                + (
+                    "."
+                    if sure
+                    else f"; resistances, torques and inertias {UNSURE:g} times further."
+                )
+            ),
+        )
+
+    def ends(self, rig: Model, symbol: Symbol) -> tuple[float, float]:
+        """Of the prior of a parameter, in SI."""
+        inertia = self.torque / self.speed
+        sizes = {
+            "V*s/rad": self.voltage / self.speed,
+            "N*m/A": self.voltage / self.speed,
+            "ohm": self.resistance,
+            "H": self.resistance,
+            "V": self.voltage,
+            "N*m": self.torque,
+            "N*m*s/rad": inertia,
+            "N*m/rad": self.torque,
+            "kg*m**2": inertia,
+            "rad/s": self.speed,
+        }
+        low, high = RANGES.get(symbol.unit, (1e-3, 1.0))
+        if symbol.unit == "kg*m**2":
+            low, high = low * self.times[0], high * self.times[1]
+        size = sizes.get(symbol.unit, 1.0)
+        if symbol.unit in GEAR_POWERS and rig.roles.side(symbol.name) == "load":
+            size *= self.gear ** GEAR_POWERS[symbol.unit]
+        unsure = 1.0 if symbol.unit in ("V*s/rad", "N*m/A", "rad/s", "V") else self.unsure
+        return size * low / unsure, min(size * high * unsure, symbol.at_most)
+
+
+def _speed(of: Examined) -> float:
+    """The largest behind the gear, rad/s."""
+    sensors = [*(c.sensor for c in of.found.channels), *of.found.inputs.values()]
+    found = [0.0]
+    for one in (s for s in sensors if s.kind in signals.TURNS and s.place != TWIST):
+        turned = one.si / (of.found.gear if one.place == MOTOR else 1.0)
+        if one.kind == "angle":
+            apart = max(1, len(turned) // 200)
+            turned = (turned[apart:] - turned[:-apart]) / (apart * of.part.dt)
+        found.append(float(np.quantile(np.abs(turned), 0.99)))
+    return max(found)
+
+
+def _more(rig: Model, scale: Scale, *, turns_back: bool) -> list[str]:
     """Physics that is off: lines that need only lose their sign."""
-    shown = {"c_s": DAMPING} | ({"t_cm": FRICTION} if turns_back else {})
-    which = "damping and friction are" if turns_back else "damping is"
-    lines = comment(
-        f"Further {which} switched on by naming it, see docs/rigs.md; take the # away:", 2
-    )
-    for name, scale in shown.items():
-        entry = f"  # {name}: {{prior: half_normal, scale: {scale:g}}}"
+    wanted = [rig.roles.shaft.damping, *([rig.roles.motor.sliding] if turns_back else [])]
+    shown = [name for name in wanted if name in rig.offers and name not in rig.parameters]
+    if not shown:
+        return []
+    said = "Further physics is switched on by naming it, see docs/rigs.md; take the # away:"
+    lines = comment(said, 2)
+    for name in shown:
+        _, high = scale.ends(rig, models.PARAMETERS[name])
+        entry = f"  # {name}: {{prior: half_normal, scale: {high / 3:.1e}}}"
         lines.append(_with_meaning(entry, 48, name))
     return lines
 
 
 def _with_meaning(entry: str, width: int, name: str) -> str:
     """An entry for the parameter `name`, and what that is."""
-    symbol = symbols.PARAMETERS[name]
+    symbol = models.PARAMETERS[name]
     return f"{entry:<{width}}# {symbol.plain_unit}, {symbol.meaning}"
 
 
@@ -209,32 +366,28 @@ class Guess:
 
 
 def guess(
-    records: Sequence[Path],
-    target: Path,
-    *,
-    voltage: float | None = None,
-    gear: float | None = None,
+    records: Sequence[Path], target: Path, known: Known, sheet: Source | None = None
 ) -> Guess:
-    """A config at `target` for the files; `voltage` [V], `gear`: n of n:1, where they are known.
+    """A config at `target` for the files; `sheet`: the entries of its `nominal:`.
 
     Raises `InputError` where nothing can be made of a file, or not of all together.
     """
-    every, lead = record_files.experiments(records, gear)
+    every, lead = record_files.experiments(records, known)
     lags = [roles.lag(one.of.found, one.of.part.dt) for one in every]
     hints = [lag for lag in lags if lag is not None]
     found = Found(
         every=every,
         lead=lead,
-        starts={one.label: _start(one, voltage) for one in every},
+        starts={one.label: _start(one, known.voltage) for one in every},
         lag=max(hints, key=lambda lag: lag.clear, default=None),  # of the one that tells it best
-        voltage=voltage,
+        voltage=known.voltage,
         name=lambda path: sources.name_in(target.parent, path),
     )
     name = re.sub(r"[^A-Za-z0-9_.-]+", "_", target.stem).lstrip("_.-")[:100] or "my_rig"
-    text = page(found, name)
+    text = page(found, name, {} if sheet is None else sheet.data)
     channels = tuple(one.name for one in found.channels)
     labels = tuple(one.label for one in every if one.label)
-    return Guess(target, text, channels, labels, _asks(text, target, records[0]))
+    return Guess(target, text, channels, labels, _asks(text, target, records[0], sheet))
 
 
 def save_draft(made_: Guess, records: Sequence[Path], *, force: bool) -> None:
@@ -260,12 +413,13 @@ def check_draft_place(path: Path, records: Sequence[Path], *, force: bool) -> No
 def _start(one: Experiment, voltage: float | None) -> Start:
     found = one.of.found
     v = None if voltage is not None else found.v
-    known = [i.raw.t[0] for i in (v, found.t_1) if i is not None and len(i.raw.t)]
-    measured = (v is not None and v.varies) or found.t_1 is not None
+    inputs = [one for name, one in found.inputs.items() if name != "v" or one is v]
+    known = [one.raw.t[0] for one in inputs if len(one.raw.t)]
+    measured = any(one is not v or one.varies for one in inputs)
     return roles.start(found, one.of.part, measured=measured, known=max(known, default=None))
 
 
-def _asks(text: str, target: Path, record: Path) -> tuple[Issue, ...]:
+def _asks(text: str, target: Path, record: Path, sheet: Source | None) -> tuple[Issue, ...]:
     """What is wrong as it stands: a voltage that nobody has told.
 
     Raises `InputError` where `check` would refuse it with one, too.
@@ -274,6 +428,18 @@ def _asks(text: str, target: Path, record: Path) -> tuple[Issue, ...]:
     try:
         assemble(loading.validated(whole))
     except InputError as error:
+        marks = ("nominal", *(() if sheet is None else (f"parameters.{n}" for n in sheet.data)))
+        of_sheet = [
+            one for one in error.problems if one.place.rpartition(": ")[2].startswith(marks)
+        ]
+        if sheet is not None and of_sheet:
+            places = [one.place.rpartition(": ")[2].partition(".")[2] for one in of_sheet]
+            raise InputError(
+                [
+                    Issue(f"{sheet.path}: {p}", o.message)
+                    for p, o in zip(places, of_sheet, strict=True)
+                ]
+            ) from None
         message = "`check` would refuse what can be made of it; mend it, or write a config by hand"
         raise InputError([Issue(str(record), message), *error.problems]) from None
     try:

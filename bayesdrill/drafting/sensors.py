@@ -32,7 +32,10 @@ def sensors(columns: Sequence[Seen], part: Part) -> tuple[list[Sensor], dict[str
     for one in all_:
         if not one.kind:
             why = "its name says nothing of" if one.name else "nothing says"
-            left_out[one.name] = f"{why} what it measures, and it is no derivative of another"
+            span = f"{one.raw.x.min():.4g} to {one.raw.x.max():.4g}"
+            left_out[one.name] = (
+                f"({span}): {why} what it measures, and it is no derivative of another"
+            )
     return known, left_out
 
 
@@ -128,7 +131,7 @@ def _settled(angle: Sensor, speed: Sensor, factor: float) -> tuple[Sensor, Senso
         if place and not one.place:
             told = told.but(doubt=f"taken to be where {(angle if one is speed else speed).name} is")
         pair.append(told)
-    if factor < 0:
+    if factor < 0 and angle.seen.says.backwards == speed.seen.says.backwards:
         pair[1] = pair[1].but(doubt=f"{said}: one of them counts backwards; write `measures: -...`")
     return pair[0], pair[1]
 
