@@ -10,7 +10,6 @@ import unicodedata
 from collections import Counter
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 
@@ -250,38 +249,32 @@ class NamedColumn:
     column: int | None
     says: Meaning
 
-    def of_file(self, path: Path) -> bool:
-        return self.file in ("", path.name)
-
 
 def named_column(text: str, files: Collection[str]) -> NamedColumn:
     """Read `data:3=theta_2 [deg]`; before it may stand the name of one of the `files`, and a colon.
 
     Raises `InputError` where it says neither a column nor what it measures.
     """
-    where, mark, what = text.rpartition("=")
+    where, _, what = text.rpartition("=")
     file = next((name for name in files if where.startswith(f"{name}:")), "")
     found = re.fullmatch(r"(.+?)(?::(\d+))?", where.removeprefix(f"{file}:").strip())
-    example = "write for example `data:3=theta_2 [deg]`"
-    if not mark or found is None:
-        raise InputError.one("--columns", f"'{text}' names no column; {example}")
-    sign = what.strip().startswith("-")
-    says = meaning(what.strip().removeprefix("-"))
-    base = _apart(what.strip().removeprefix("-"))[0]
-    if base in _NAMES and not says.strange:
+    what, backwards = what.strip().removeprefix("-"), what.strip().startswith("-")
+    says, why = meaning(what), ""
+    base = _apart(what)[0]
+    if base in _NAMES:
         kind, place = _NAMES[base]
-        if says.unit and kind_of(says.unit) != kind:
-            message = f"'{text}': {base} is a {kind}, and {says.unit} is no unit of it"
-            raise InputError.one("--columns", f"{message}; write one of {SI[kind]}")
+        why = (
+            ""
+            if says.unit in ("", *_UNITS_OF_KIND[kind]) or kind_of(says.unit) == kind
+            else "wrong"
+        )
         says = dataclasses.replace(says, kind=kind, place=place, symbol=base)
-    if says.strange or not says.kind:
-        known = ", ".join(_NAMES)
-        why = f"unit '{says.strange}' is none of a rig" if says.strange else "it names no quantity"
-        message = f"'{text}': {why}; write one of {known}, with a unit of it in brackets"
-        raise InputError.one("--columns", message)
-    says = dataclasses.replace(says, backwards=sign)
-    column = None if found[2] is None else int(found[2])
-    return NamedColumn(text, file, found[1], column, says)
+    if found is None or says.strange or why or not says.kind:
+        why = "names no column" if found is None else "names no quantity with a unit of it"
+        known = f"`data:3=theta_2 [deg]`; known are {', '.join(_NAMES)}"
+        raise InputError.one("--columns", f"'{text}' {why}; write for example {known}")
+    says = dataclasses.replace(says, backwards=backwards)
+    return NamedColumn(text, file, found[1], int(found[2]) if found[2] else None, says)
 
 
 def look(table: Table, named: Sequence[NamedColumn] = ()) -> tuple[list[Seen], dict[str, str]]:
@@ -334,74 +327,57 @@ def _chosen(table: Table, seen: Sequence[Seen], named: Sequence[NamedColumn]) ->
     """Those that are named, with what is said of them, and the time that stands beside them."""
     found = []
     for one in named:
-        variable: str | int = one.variable
-        if table.lines is not None and one.variable.isdecimal():
-            variable = int(one.variable)
-        if one.column is None:
-            address: dict[str, str | int] = {"column": variable}
-        else:
-            address = {"variable": variable, "column": one.column}
-        values = table.pick(**address, place=f"--columns '{one.text}'")  # type: ignore[arg-type]
+        number = table.lines is not None and one.variable.isdecimal()
+        column = one.column or (int(one.variable) if number else one.variable)
+        variable = one.variable if one.column else None
+        values = table.pick(column, variable, place=f"--columns '{one.text}'")
+        address = (
+            {"column": column} if variable is None else {"variable": variable, "column": column}
+        )
         name = one.variable if one.column is None else f"{one.variable}, column {one.column}"
         found.append(Seen(name, address, values, one.says))
     if not found or any(one.says.kind == "time" for one in found):
         return found
-    beside = found[0].name.rpartition(".")[0].partition(".signals")[0]
     times = [
         one
         for one in seen
         if one.says.kind == "time"
-        and one.name not in {other.name for other in found}
+        and one.name not in [other.name for other in found]
         and len(one.values) == len(found[0].values)
     ]
-    nearest = [one for one in times if one.name.rpartition(".")[0] == beside] or times
+    nearest = [one for one in times if _structure(one) == _structure(found[0])] or times
     return [*nearest[:1], *found]
 
 
+def _structure(one: Seen) -> str:
+    """In which a signal stands."""
+    return one.name.rpartition(".")[0].partition(".signals")[0]
+
+
 def _refuse_several(table: Table, seen: Sequence[Seen]) -> None:
-    """Structures that each have a time of their own, and more than a signal, are records."""
-    groups: dict[str, list[Seen]] = {}
-    for one in seen:
-        groups.setdefault(one.name.rpartition(".")[0].partition(".signals")[0], []).append(one)
-    records = {
-        name: those
-        for name, those in groups.items()
-        if name and any(one.says.kind == "time" for one in those) and not meaning(name).kind
-    }
+    """Structures that each have a time of their own, and are not called after a signal, are records."""
+    times = [_structure(one) for one in seen if one.says.kind == "time"]
+    records = [name for name in dict.fromkeys(times) if name and not meaning(name).kind]
     if len(records) > 1:
-        of = {name: [o for o in those if o.says.kind != "time"] for name, those in records.items()}
-        first = next((those for those in of.values() if those), seen)
-        typed = _typed(first[0], "theta_2 [deg]")
+        those = [o for o in seen if o.says.kind != "time" and _structure(o) in records] or [*seen]
         raise InputError.one(
             str(table.path),
             f"holds {len(records)} records: {', '.join(records)}; name columns of one, for example "
-            f"{typed} ({_ranges(first)})",
+            f"{way_out(those[:1])} ({those[0].name} goes from {span_of(those[0])})",
         )
 
 
 def _by_file_name(table: Table, seen: list[Seen]) -> list[Seen]:
     """Where a single column beside the time says nothing, it is what the file is called."""
     signals = [one for one in seen if one.says.kind != "time" and len(one.values) >= LEAST]
-    growing = [o for o in signals if not o.says.kind and bool(np.all(np.diff(o.values) > 0))]
-    if len(signals) == 2 and len(growing) == 1 and len(seen) == 2:  # a time without a head
-        signals.remove(growing[0])
+    if len(signals) == 2 == len(seen) and not signals[0].says.kind:  # a time without a head
+        signals = [one for one in signals if not np.all(np.diff(one.values) > 0)]
     named = meaning(table.path.stem)
     if len(signals) != 1 or signals[0].says.kind or not named.kind:
         return seen
     unit = signals[0].says.unit or named.unit
     says = dataclasses.replace(named, unit=unit)
     return [dataclasses.replace(one, says=says) if one is signals[0] else one for one in seen]
-
-
-def _typed(one: Seen, what: str) -> str:
-    """How a user says what a column is."""
-    variable = one.address.get("variable")
-    at = one.address["column"] if variable is None else f"{variable}:{one.address['column']}"
-    return f'--columns "{at}={what}"'
-
-
-def _ranges(those: Sequence[Seen]) -> str:
-    return "; ".join(f"{one.name}: {span_of(one)}" for one in those)
 
 
 def span_of(one: Seen) -> str:
@@ -411,13 +387,13 @@ def span_of(one: Seen) -> str:
 
 
 def way_out(those: Sequence[Seen]) -> str:
-    """What to type for columns of which nothing is known."""
-    if not those:
-        return ""
-    times = [one for one in those if bool(np.all(np.diff(one.values) > 0))]
-    others = [one for one in those if one not in times[:1]]
-    said = [*((one, "t [s]") for one in times[:1]), *((one, "theta_2 [deg]") for one in others[:1])]
-    return " ".join(_typed(one, what) for one, what in said)
+    """What to type for columns of which nothing is known: a time, if one grows, and an angle."""
+    times = [one for one in those if bool(np.all(np.diff(one.values) > 0))][:1]
+    others = [one for one in those if one not in times][:1]
+    said = [*((one, "t [s]") for one in times), *((one, "theta_2 [deg]") for one in others)]
+    return " ".join(
+        f'--columns "{":".join(map(str, one.address.values()))}={what}"' for one, what in said
+    )
 
 
 def believable(values: Array) -> bool:

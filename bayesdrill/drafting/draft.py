@@ -7,10 +7,9 @@ from __future__ import annotations
 import json
 import math
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -23,10 +22,11 @@ from bayesdrill.config.job import assemble
 from bayesdrill.config.records import sources
 from bayesdrill.config.yaml_source import Source, parse
 from bayesdrill.drafting import entries, record_files, roles, signals
-from bayesdrill.drafting.columns import MOTOR, TWIST
+from bayesdrill.drafting.columns import MOTOR, ROTOR, TWIST
 from bayesdrill.drafting.entries import REVIEW, Found, comment, review, scalar
 from bayesdrill.drafting.record_files import Examined, Experiment, Known
 from bayesdrill.drafting.roles import Start
+from bayesdrill.drafting.signals import Sensor
 from bayesdrill.rig import models
 from bayesdrill.rig.models.linear import GEAR_POWERS, Model, with_named
 
@@ -103,13 +103,14 @@ def _experiment(found: Found, one: Experiment) -> list[str]:
     doubts = [*([start.window_doubt] if start.window else []), *start.doubts]
     if start.window is not None:
         record.append(f"window: {entries.span(start)}")
-    if files := _files(found, one, [c.name for c in one.of.found.channels]):
-        own = ", ".join(f"{name}: {{{entry}}}" for name, entry in files.items())
-        record.append(f"channels: {{{own}}}")
+    if files := _files(found, one, {c.name: c.sensor for c in one.of.found.channels}):
+        record.append(f"channels: {{{_flow(files)}}}")
     sections = [f"record: {{{', '.join(record)}}}"]
-    own = _own_inputs(found, one)
+    own, known = _files(found, one, one.of.found.inputs), entries.constant_input(found)
+    if len({*known.values()}) > 1:
+        own["v"] = known[one.label]
     if own:
-        sections.append(f"inputs: {{{own}}}")
+        sections.append(f"inputs: {{{_flow(own)}}}")
     if entry := _state(start):
         sections.append(f"initial: {entry}")
     head, whole = review(doubts, 2), f"  {scalar(one.label)}: {{{', '.join(sections)}}}"
@@ -118,23 +119,17 @@ def _experiment(found: Found, one: Experiment) -> list[str]:
     return [*head, f"  {scalar(one.label)}:", *(f"    {section}" for section in sections)]
 
 
-def _files(found: Found, one: Experiment, names: Iterable[str]) -> dict[str, str]:
-    """The files of those that stand in another one, by name, as entries."""
-    of = one.of.found
-    every = {c.name: c.sensor for c in of.channels} | dict(of.inputs)
+def _files(found: Found, one: Experiment, sensors: Mapping[str, Sensor]) -> dict[str, str]:
+    """Of those that stand in another file, by name, an entry with it."""
     return {
-        name: f"file: {scalar(found.name(one.of.file_of(every[name]).path))}"
-        for name in names
-        if every[name].seen.file
+        name: f"{{file: {scalar(found.name(one.of.file_of(sensor).path))}}}"
+        for name, sensor in sensors.items()
+        if sensor.seen.file
     }
 
 
-def _own_inputs(found: Found, one: Experiment) -> str:
-    own = {name: f"{{{entry}}}" for name, entry in _files(found, one, one.of.found.inputs).items()}
-    known = entries.constant_input(found)
-    if len({*known.values()}) > 1:
-        own["v"] = known[one.label]
-    return ", ".join(f"{name}: {entry}" for name, entry in own.items())
+def _flow(entries_: Mapping[str, str]) -> str:
+    return ", ".join(f"{name}: {entry}" for name, entry in entries_.items())
 
 
 def _shared(found: Found) -> list[str]:
@@ -152,30 +147,21 @@ def _nominal(sheet: Mapping[str, Any]) -> list[str]:
     """The data sheet, as it was given."""
     if not sheet:
         return []
-    tolerance = {} if "tolerance" in sheet else {"tolerance": 0.2}
-    lines = [f"  {name}: {json.dumps(value)}" for name, value in {**tolerance, **sheet}.items()]
-    return [
-        *comment("By the data sheet; `tolerance`: how far it may be off."),
-        "nominal:",
-        *lines,
-        "",
-    ]
+    lines = [f"  {name}: {json.dumps(x)}" for name, x in {"tolerance": 0.2, **sheet}.items()]
+    said = comment("By the data sheet; `tolerance`: how far it may be off.")
+    return [*said, "nominal:", *lines, ""]
 
 
 def _parameters(found: Found, sheet: Mapping[str, Any]) -> list[str]:
     """Factors of the data sheet's values; without one, what the record's own scale leaves possible."""
     turns_back = any(roles.both_ways(one.of.found) for one in found.every)
-    scale = Scale.of_record(found)
+    (scales, why), gear = _scales(found), found.lead.of.found.gear
     rig = with_named(found.lead.of.found.rig, sheet)
-    factors = (
-        f"Values are factors of the data sheet's; one standard deviation is a factor of "
-        f"{math.exp(SPREAD):.2g}."
-    )
-    lines = [
-        *review([f"{scale.text} Hold what you have weighed or measured"], 0),
-        *(comment(factors) if sheet else ()),
-        "parameters:",
-    ]
+    if sheet:
+        why += (
+            f"; what is `relative` is a factor of the sheet's, with an sd of {math.exp(SPREAD):.2g}"
+        )
+    lines = [*review([why], 0), "parameters:"]
     for name in rig.parameters:
         if name == rig.roles.motor.friction and turns_back:
             doubt = (
@@ -187,150 +173,92 @@ def _parameters(found: Found, sheet: Mapping[str, Any]) -> list[str]:
             prior = f"{{prior: log_normal, median: 1, sd_log: {SPREAD:g}, relative: true}}"
             lines.append(f"  {name}: {prior}")
         else:
-            low, high = scale.ends(rig, models.PARAMETERS[name])
+            low, high = _ends(scales, rig, models.PARAMETERS[name], gear)
             prior = f"  {name}: {{prior: log_uniform, low: {low:.1e}, high: {high:.1e}}}"
             lines.append(_with_meaning(prior, 60, name))
-    return [*lines, *_more(rig, scale, turns_back=turns_back)]
+    wanted = [rig.roles.shaft.damping, *([rig.roles.motor.sliding] if turns_back else [])]
+    shown = [name for name in wanted if name in rig.offers and name not in rig.parameters]
+    if shown:
+        said = "Further physics is switched on by naming it, see docs/rigs.md; take the # away:"
+        lines += comment(said, 2)
+    for name in shown:
+        _, high = _ends(scales, rig, models.PARAMETERS[name], gear)
+        entry = f"  # {name}: {{prior: half_normal, scale: {high / 3:.1e}}}"
+        lines.append(_with_meaning(entry, 48, name))
+    return lines
 
 
-# Ends of priors over the scale that the unit has: see `Scale`.
-RANGES: Mapping[str, tuple[float, float]] = MappingProxyType(
-    {
-        "V*s/rad": (0.01, 3.0),
-        "N*m/A": (0.01, 10.0),
-        "ohm": (0.03, 3.0),
-        "H": (1e-5, 0.03),  # times s: the time constant of the current
-        "N*m": (1e-4, 1.0),
-        "N*m*s/rad": (1e-5, 3.0),
-        "N*m/rad": (0.03, 1e3),
-        "kg*m**2": (0.1, 1.0),  # times the step and the length of the record
-        "rad/s": (1e-3, 1.0),
-    }
-)
+Ends = Mapping[str, tuple[float, float]]
 USUAL_VOLTAGE, USUAL_SPEED, USUAL_RESISTANCE = 12.0, 100.0, 2.0  # V, rad/s at the motor, ohm
-UNSURE = 10.0  # times wider either way, where the record has no such column
+UNSURE = 10.0  # times wider either way, where no torque, or no voltage and current, is measured
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Scale:
-    """Of a rig, by its record, at the motor: largest voltage [V], speed [rad/s] and torque [N m].
+def _scales(found: Found) -> tuple[Ends, str]:
+    """By unit, the ends of priors at the motor [SI], and by what they are so.
 
     No-load speed and stalled current bound a motor: k_e is about voltage over speed, the resistance
     voltage over current, and torques are up to k_e times the stalled current.  Inertias follow from
-    torque, speed and times between a step and the whole record.  `unsure`: by how much resistance and
-    torque may be off.
+    torque, speed and times between a step and the whole record.
     """
+    gear, t = found.lead.of.found.gear, found.lead.of.part.t
 
-    voltage: float
-    speed: float
-    resistance: float
-    torque: float
-    unsure: float
-    times: tuple[float, float]
-    gear: float
-    text: str
+    def largest(kind: str) -> float:
+        those = [s for one in found.every for s in one.of.sensors if s.kind == kind]
+        sizes = [float(np.quantile(np.abs(s.si), 0.99)) / _turns(s, gear) for s in those]
+        return max(sizes, default=0.0)
 
-    @classmethod
-    def of_record(cls, found: Found) -> Scale:
-        every = [one.of for one in found.every]
-        gear = found.lead.of.found.gear
-
-        def largest(kind: str, name: str = "") -> float:
-            sizes = [
-                float(np.quantile(np.abs(s.si), 0.99))
-                for of in every
-                for n, s in [
-                    *((c.name, c.sensor) for c in of.found.channels),
-                    *of.found.inputs.items(),
-                ]
-                if s.kind == kind and name in ("", n) and s.place != TWIST
-            ]
-            return max(sizes, default=0.0)
-
-        voltage = abs(found.voltage or 0.0) or largest("voltage")
-        speed = gear * max((_speed(of) for of in every), default=0.0)
-        current = largest("current")
-        torque = largest("torque", "t_m") or largest("torque", "t_1") / gear
-        known = {
-            "V": voltage,
-            "rad/s at the motor": speed,
-            "A": current,
-            "N m at the motor": torque,
-        }
-        told = ", ".join(f"{value:.3g} {unit}" for unit, value in known.items() if value)
-        v, w = voltage or USUAL_VOLTAGE, speed or USUAL_SPEED
-        resistance = v / current if current else USUAL_RESISTANCE
-        sure = bool(torque or (voltage and current))
-        return cls(
-            voltage=v,
-            speed=w,
-            resistance=resistance,
-            torque=torque or v / w * v / resistance,
-            unsure=1.0 if sure else UNSURE,
-            gear=gear,
-            times=(found.lead.of.part.dt, float(np.ptp(found.lead.of.part.t))),
-            text=(
-                f"nobody has said anything of this rig: priors go as far as its record allows, by the "
-                f"largest {told}"
-                + (
-                    "."
-                    if sure
-                    else f"; resistances, torques and inertias {UNSURE:g} times further."
-                )
-            ),
-        )
-
-    def ends(self, rig: Model, symbol: Symbol) -> tuple[float, float]:
-        """Of the prior of a parameter, in SI."""
-        inertia = self.torque / self.speed
-        sizes = {
-            "V*s/rad": self.voltage / self.speed,
-            "N*m/A": self.voltage / self.speed,
-            "ohm": self.resistance,
-            "H": self.resistance,
-            "V": self.voltage,
-            "N*m": self.torque,
-            "N*m*s/rad": inertia,
-            "N*m/rad": self.torque,
-            "kg*m**2": inertia,
-            "rad/s": self.speed,
-        }
-        low, high = RANGES.get(symbol.unit, (1e-3, 1.0))
-        if symbol.unit == "kg*m**2":
-            low, high = low * self.times[0], high * self.times[1]
-        size = sizes.get(symbol.unit, 1.0)
-        if symbol.unit in GEAR_POWERS and rig.roles.side(symbol.name) == "load":
-            size *= self.gear ** GEAR_POWERS[symbol.unit]
-        unsure = 1.0 if symbol.unit in ("V*s/rad", "N*m/A", "rad/s", "V") else self.unsure
-        return size * low / unsure, min(size * high * unsure, symbol.at_most)
+    voltage = abs(found.voltage or 0.0) or largest("voltage")
+    speed, current = max(_speed(one.of, gear) for one in found.every), largest("current")
+    torque = largest("torque")
+    units_ = {"V": voltage, "rad/s at the motor": speed, "A": current, "N m at the motor": torque}
+    known = ", ".join(f"{value:.3g} {unit}" for unit, value in units_.items() if value)
+    v, w = voltage or USUAL_VOLTAGE, speed or USUAL_SPEED
+    r, k = v / current if current else USUAL_RESISTANCE, v / w
+    far = 1.0 if torque or (voltage and current) else UNSURE
+    more = "" if far == 1 else f"; resistances, torques and inertias {UNSURE:g} times further"
+    torque = torque or k * v / r
+    j = torque / w
+    ends = {
+        "V*s/rad": (0.01 * k, 3 * k),
+        "N*m/A": (0.01 * k, 10 * k),
+        "ohm": (0.03 * r / far, 3 * r * far),
+        "H": (1e-5 * r / far, 0.03 * r * far),  # time constants in s
+        "N*m": (1e-4 * torque / far, torque * far),
+        "N*m*s/rad": (1e-5 * j / far, 3 * j * far),
+        "N*m/rad": (0.03 * torque / far, 1e3 * torque * far),
+        "kg*m**2": (0.1 * j * found.lead.of.part.dt / far, j * float(np.ptp(t)) * far),
+        "rad/s": (1e-3 * w, w),
+        "V": (1e-3 * v, v),
+    }
+    return ends, (
+        f"nobody has said anything of this rig: priors go as far as its record allows, by the largest "
+        f"{known}{more}. Hold what you have weighed or measured"
+    )
 
 
-def _speed(of: Examined) -> float:
-    """The largest behind the gear, rad/s."""
-    sensors = [*(c.sensor for c in of.found.channels), *of.found.inputs.values()]
+def _turns(sensor: Sensor, gear: float) -> float:
+    """By what its size is divided to be that at the motor."""
+    return gear if sensor.kind == "torque" and sensor.place == ROTOR else 1.0
+
+
+def _ends(ends: Ends, rig: Model, symbol: Symbol, gear: float) -> tuple[float, float]:
+    """Of the prior of a parameter, SI, at its own side of the gear."""
+    low, high = ends.get(symbol.unit, (1e-3, 1.0))
+    behind = symbol.unit in GEAR_POWERS and rig.roles.side(symbol.name) == "load"
+    times = gear ** GEAR_POWERS[symbol.unit] if behind else 1.0
+    return times * low, min(times * high, symbol.at_most)
+
+
+def _speed(of: Examined, gear: float) -> float:
+    """The largest at the motor, rad/s."""
     found = [0.0]
-    for one in (s for s in sensors if s.kind in signals.TURNS and s.place != TWIST):
-        turned = one.si / (of.found.gear if one.place == MOTOR else 1.0)
+    for one in (s for s in of.sensors if s.kind in signals.TURNS and s.place != TWIST):
+        turned = one.si * (1.0 if one.place == MOTOR else gear)
         if one.kind == "angle":
             apart = max(1, len(turned) // 200)
             turned = (turned[apart:] - turned[:-apart]) / (apart * of.part.dt)
         found.append(float(np.quantile(np.abs(turned), 0.99)))
     return max(found)
-
-
-def _more(rig: Model, scale: Scale, *, turns_back: bool) -> list[str]:
-    """Physics that is off: lines that need only lose their sign."""
-    wanted = [rig.roles.shaft.damping, *([rig.roles.motor.sliding] if turns_back else [])]
-    shown = [name for name in wanted if name in rig.offers and name not in rig.parameters]
-    if not shown:
-        return []
-    said = "Further physics is switched on by naming it, see docs/rigs.md; take the # away:"
-    lines = comment(said, 2)
-    for name in shown:
-        _, high = scale.ends(rig, models.PARAMETERS[name])
-        entry = f"  # {name}: {{prior: half_normal, scale: {high / 3:.1e}}}"
-        lines.append(_with_meaning(entry, 48, name))
-    return lines
 
 
 def _with_meaning(entry: str, width: int, name: str) -> str:

@@ -228,13 +228,9 @@ def _glitches(label: str, one: Sensor) -> str:
     at = f"{spans_} s" + (f" and {more} more" if more > 0 else "")
     where = f" in {label}" if label else ""
     return (
-        f"what looks like {_count(len(times))}{where}, at {at}: it leaves its course, comes back, and no "
-        f"other channel goes with it. Nothing is masked; if it is the sensor's, add `{entry}`"
+        f"looks like glitches{where}: {at}. The signal leaves its course and comes back, and no other "
+        f"channel goes with it. Nothing is masked; if it is the sensor's, add `{entry}`"
     )
-
-
-def _count(n: int) -> str:
-    return "a glitch" if n == 1 else f"{n} glitches"
 
 
 def _lag(found: Found, one: Channel) -> tuple[str, str]:

@@ -56,10 +56,6 @@ class Examined:
         return [*(one.sensor for one in self.found.channels), *self.found.inputs.values()]
 
     @property
-    def names(self) -> set[str]:
-        return {*(one.name for one in self.found.channels), *self.found.inputs}
-
-    @property
     def doubts(self) -> tuple[int, int]:
         """Units that are guessed, and all that is not sure."""
         guessed = sum(one.guessed for one in self.sensors)
@@ -72,7 +68,9 @@ class Examined:
 
 def examine(path: Path, known: Known) -> Examined:
     """Raises `InputError` where nothing can be made of the file."""
-    columns, left_out = look(_read(path), [one for one in known.columns if one.of_file(path)])
+    columns, left_out = look(
+        _read(path), [one for one in known.columns if one.file in ("", path.name)]
+    )
     if not columns:
         raise hopeless(path, left_out, f"no column has {LEAST} numbers or more")
     try:
@@ -134,13 +132,7 @@ def as_told(one: Examined, lead: Examined) -> Examined:
             raise InputError.one(str(one.path), message)
         return dataclasses.replace(drawn, place=like.place, why=like.why, doubts=like.doubts)
 
-    found = dataclasses.replace(
-        lead.found,
-        channels=tuple(
-            dataclasses.replace(c, sensor=sensor(c.sensor)) for c in lead.found.channels
-        ),
-        inputs={name: sensor(given) for name, given in lead.found.inputs.items()},
-    )
+    found = lead.found.with_sensors(sensor)
     whole = Examined(one.path, one.columns, time, part, found, lead.left_out, one.beside)
     return _as_measured(whole)
 
@@ -216,8 +208,12 @@ def _kinds(examined: Sequence[Examined]) -> list[list[Examined]]:
 def _completed(kinds: Sequence[Sequence[Examined]], known: Known) -> list[Examined]:
     """Records of which each is a file of every kind."""
     lead, *others = kinds
-    names = [kind[0].names for kind in kinds]
-    if sum(map(len, names)) > len(set[str]().union(*names)) or not all(names):
+    names = [
+        n
+        for kind in kinds
+        for n in (*(c.name for c in kind[0].found.channels), *kind[0].found.inputs)
+    ]
+    if len({*names}) < len(names) or not all(kind[0].sensors for kind in kinds):
         for one in others[0]:
             as_told(one, lead[0])  # says what is missing
         of_each(_refuse_without_channels, others[0])
@@ -266,15 +262,8 @@ def _joined(one: Examined, beside: Sequence[Examined], known: Known) -> Examined
             for c in other.columns
             if c is not other.time.column
         ]
-    left_out = one.left_out | {
-        f"{name} of {other.path.name}": why
-        for other in beside
-        for name, why in other.left_out.items()
-    }
     whole = _understood(one.path, columns, one.time, {}, known)
-    own = {column.name for column in columns}
-    left_out = {n: why for n, why in left_out.items() if n not in own} | whole.left_out
-    return _as_measured(dataclasses.replace(whole, left_out=left_out, beside=tuple(beside)))
+    return _as_measured(dataclasses.replace(whole, beside=tuple(beside)))
 
 
 def _as_measured(one: Examined) -> Examined:
@@ -289,11 +278,7 @@ def _as_measured(one: Examined) -> Examined:
         raw = signals.draft(column, file.part, calm, sensor.kind, sensor.unit).raw
         return dataclasses.replace(sensor, raw=raw)
 
-    channels = tuple(dataclasses.replace(c, sensor=own(c.sensor)) for c in one.found.channels)
-    inputs = {name: own(sensor) for name, sensor in one.found.inputs.items()}
-    return dataclasses.replace(
-        one, found=dataclasses.replace(one.found, channels=channels, inputs=inputs)
-    )
+    return dataclasses.replace(one, found=one.found.with_sensors(own))
 
 
 def _at(t: Array, file: Examined, column: Seen) -> Array:

@@ -57,6 +57,12 @@ class Roles:
     def v(self) -> Sensor | None:
         return self.inputs.get("v")
 
+    def with_sensors(self, change: Callable[[Sensor], Sensor]) -> Roles:
+        """The same roles of sensors that `change` makes of these."""
+        channels = (dataclasses.replace(c, sensor=change(c.sensor)) for c in self.channels)
+        inputs = {name: change(sensor) for name, sensor in self.inputs.items()}
+        return dataclasses.replace(self, channels=tuple(channels), inputs=inputs)
+
 
 def roles(
     those: Sequence[Sensor],

@@ -9,7 +9,7 @@ import numpy as np
 from bayesdrill.basics import units
 from bayesdrill.basics.arrays import Array
 from bayesdrill.drafting import signals
-from bayesdrill.drafting.columns import GEARBOX, MOTOR, ROTOR, SI, TWIST, Seen, believable
+from bayesdrill.drafting.columns import GEARBOX, MOTOR, ROTOR, SI, TWIST, Seen, believable, span_of
 from bayesdrill.drafting.signals import TURNS, Part, Raw, Sensor
 
 FAST = 60.0  # speeds of a rig above it are hardly in rad/s, nor angles a second in rad
@@ -32,9 +32,8 @@ def sensors(columns: Sequence[Seen], part: Part) -> tuple[list[Sensor], dict[str
     for one in all_:
         if not one.kind:
             why = "its name says nothing of" if one.name else "nothing says"
-            span = f"{one.raw.x.min():.4g} to {one.raw.x.max():.4g}"
             left_out[one.name] = (
-                f"({span}): {why} what it measures, and it is no derivative of another"
+                f"({span_of(one.seen)}): {why} what it measures, and it is no derivative of another"
             )
     return known, left_out
 

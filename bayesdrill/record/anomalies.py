@@ -149,15 +149,12 @@ def _running_median(x: Array, size: int) -> Array:
 
 def _short_spikes(x: Array, width: int, caused: Mask | None) -> Mask:
     """Runs of `width` samples that all leave the chord between their neighbours to one side."""
-    share = np.arange(1, width + 1) / (width + 1)
-    window = sliding_window_view(x, width + 2)
-    begin, end = window[:, :1], window[:, -1:]
-    off = window[:, 1:-1] - begin * (1 - share) - end * share
+    off = _off_chord(x, width)
     height = np.maximum(np.maximum(off.min(axis=1), -off.max(axis=1)), 0.0)
     moved = np.abs(np.diff(x))
     step = float(np.median(moved[moved > 0])) if moved.any() else 0.0
     least = max(SPREADS * float(np.std(x)), APART * step)
-    back = np.abs(end - begin)[:, 0] < BACK * height
+    back = np.abs(x[width + 1 :] - x[: -width - 1]) < BACK * height
     mask = np.zeros(len(x), dtype=np.bool_)
     for at in np.flatnonzero(back & (height > least)).tolist():
         first = at + 1
@@ -167,14 +164,17 @@ def _short_spikes(x: Array, width: int, caused: Mask | None) -> Mask:
     return mask
 
 
+def _off_chord(x: Array, width: int) -> Array:
+    """`(T - width - 1, width)`: samples less the chord between their neighbours."""
+    share, window = np.arange(1, width + 1) / (width + 1), sliding_window_view(x, width + 2)
+    return np.asarray(window[:, 1:-1] - window[:, :1] * (1 - share) - window[:, -1:] * share)
+
+
 def leaves_chord(x: Array, first: int, last: int) -> float:
     """How far `x (T,)` is from the chord over the samples `first` to `last`, over what is usual."""
-    width = last - first + 1
     if first < 1 or last > len(x) - 2:
         return 0.0
-    share = np.arange(1, width + 1) / (width + 1)
-    window = sliding_window_view(x, width + 2)
-    off = np.abs(window[:, 1:-1] - window[:, :1] * (1 - share) - window[:, -1:] * share).max(axis=1)
+    off = np.abs(_off_chord(x, last - first + 1)).max(axis=1)
     usual = float(np.quantile(off, USUAL))
     return float(off[first - 1]) / usual if usual > 0 else 0.0
 

@@ -61,7 +61,7 @@ def test_a_glitch_is_listed_with_its_time_and_not_masked(tmp_path: Path) -> None
     assert not any("mask" in channel for channel in channels.values())
     assert channels["motor"]["measures"] == "5 * w_2"
     text = found["text"].replace("\n    #", "")
-    assert "3 glitches, at [1.5, 1.5], [4.005, 4.01], [6.015, 6.015] s" in text
+    assert "looks like glitches: [1.5, 1.5], [4.005, 4.01], [6.015, 6.015] s" in text
     assert "mask: {times: [[1.5, 1.5], [4.005, 4.01], [6.015, 6.015]]}" in text
     assert text.count("looks like") == 1
 

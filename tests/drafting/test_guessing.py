@@ -237,7 +237,7 @@ def test_a_matlab_file_of_structs_and_a_nameless_matrix(tmp_path: Path) -> None:
     assert (theta["column"], theta["unit"]) == (2, "rad")
     assert (w["column"], w["unit"]) == (4, "rad/s")
     assert found["record"]["time"] == {"variable": "data", "column": 1, "unit": "s"}
-    assert "# - data, column 3: its name says nothing" in found["text"]
+    assert "# - data, column 3: (" in found["text"]
     accepted(nameless.with_suffix(".yaml"))
 
 
@@ -547,8 +547,7 @@ def test_records_of_others_without_a_voltage(tmp_path: Path) -> None:
     said = bd.init(DATA / "ufrj_drillstring_rig" / "175_completo_1.mat", config)
     found = parse(config, config.read_text()).data
     assert "mask" not in found["record"]["channels"]["w_2"]
-    assert "157 glitches" in config.read_text()
-    assert "157 glitches" in config.read_text().partition("w_1:")[2]
+    assert "looks like glitches" in config.read_text().partition("w_1:")[2]
     assert found["initial"] == {"state": "free", "theta_2": 0}
     assert {k: unit for k, (_, unit) in told(found).items()} == {"w_1": "rpm", "w_2": "rpm"}
     assert found["inputs"]["t_1"]["unit"] == "N*m"
