@@ -169,7 +169,7 @@ def _parameters(found: Found, sheet: Mapping[str, Any]) -> list[str]:
                 "friction"
             )
             lines += [*review([doubt], 2), f"  {name}: 0.0"]
-        elif name in sheet:
+        elif name in sheet and math.isinf(models.PARAMETERS[name].at_most):
             prior = f"{{prior: log_normal, median: 1, sd_log: {SPREAD:g}, relative: true}}"
             lines.append(f"  {name}: {prior}")
         else:
@@ -204,8 +204,8 @@ def _scales(found: Found) -> tuple[Ends, str]:
 
     def largest(kind: str) -> float:
         those = [s for one in found.every for s in one.of.sensors if s.kind == kind]
-        sizes = [float(np.quantile(np.abs(s.si), 0.99)) / _turns(s, gear) for s in those]
-        return max(sizes, default=0.0)
+        at_motor = [s.si / gear if kind == "torque" and s.place == ROTOR else s.si for s in those]
+        return max((float(np.quantile(np.abs(x), 0.99)) for x in at_motor), default=0.0)
 
     voltage = abs(found.voltage or 0.0) or largest("voltage")
     speed, current = max(_speed(one.of, gear) for one in found.every), largest("current")
@@ -234,11 +234,6 @@ def _scales(found: Found) -> tuple[Ends, str]:
         f"nobody has said anything of this rig: priors go as far as its record allows, by the largest "
         f"{known}{more}. Hold what you have weighed or measured"
     )
-
-
-def _turns(sensor: Sensor, gear: float) -> float:
-    """By what its size is divided to be that at the motor."""
-    return gear if sensor.kind == "torque" and sensor.place == ROTOR else 1.0
 
 
 def _ends(ends: Ends, rig: Model, symbol: Symbol, gear: float) -> tuple[float, float]:

@@ -313,9 +313,10 @@ def _voltage(found: Found) -> list[str]:
     if v is None:
         doubt = (
             "no column is a voltage. Write the supply here, in V: a number if it was constant, else "
-            "`{column: ..., unit: V, hold: zero}`; `bayesdrill check` asks for it"
+            "`{column: ..., unit: V, hold: zero}`; `bayesdrill check` asks for it. If the motion of the "
+            "gearbox was imposed, say `--rig driven_shaft`; if a torque drives it, `--rig motor`"
         )
-        return [*review([doubt, *_imposed(found)], 2), UNKNOWN]
+        return [*review([doubt], 2), UNKNOWN]
     head = reasons(v, 2)
     if known := constant_input(found):
         doubt = f"{v.name} is the same in every row, taken as there from the start on"
@@ -335,29 +336,15 @@ def _voltage(found: Found) -> list[str]:
     ]
 
 
-def _imposed(found: Found) -> list[str]:
-    """What else may move the rig, where the motion of the gearbox is known and no voltage is."""
-    top = [one.name for one in found.channels if one.name in ("w_2", "theta_2")]
-    if not top:
-        return []
-    return [
-        f"or {top[0]} was imposed, whatever moved it: then say `--rig driven_shaft`, which has no motor"
-    ]
-
-
 def _drive(found: Found, name: str) -> list[str]:
     """What moves a rig without a voltage: a torque at the motor, or a motion that is imposed."""
     inputs = found.lead.of.found.inputs
-    of = next(
-        (one for one in (*roles.IMPOSED, name) if one in inputs and (one == name or name == "w_2")),
-        "",
-    )
+    entries = roles.IMPOSED if name == "w_2" else (name,)
+    of = next((one for one in entries if one in inputs), "")
     if of:
         return [*reasons(inputs[of], 2), *_closed(_column(found, of, inputs[of]))]
     what = "torque at the motor [N m]" if name == "t_m" else "speed or angle of the upper end"
-    doubt = (
-        f"no column is the {what}: it is taken as zero; name it by `--columns`, or write it here"
-    )
+    doubt = f"no column is the {what}: taken as zero; name it by `--columns`, or write it here"
     return [*review([doubt], 2), f"  {name}: 0.0"]
 
 

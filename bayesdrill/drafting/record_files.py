@@ -217,23 +217,19 @@ def _completed(kinds: Sequence[Sequence[Examined]], known: Known) -> list[Examin
         for one in others[0]:
             as_told(one, lead[0])  # says what is missing
         of_each(_refuse_without_channels, others[0])
-    if any(len(kind) != len(lead) for kind in others):
-        held = ", ".join(str(one.path) for one in others[0])
-        message = (
-            f"is completed by as many files of each kind as there are records, and these are others: "
-            f"{held}; name for each file one whose name begins alike (slow.csv, slow_v.csv), or write a "
-            "config of each"
-        )
-        raise InputError.one(str(lead[0].path), message)
-    whole = []
+    pairs = []
     for one in lead:
         beside = [max(kind, key=lambda other: _alike(one.path, other.path)) for kind in others]
-        whole.append(_joined(one, beside, known))
-    taken = [file.path for one in whole for file in one.beside]
-    if len({*taken}) < len(taken):
-        message = "completes two files; let names begin alike (slow.csv, slow_v.csv)"
-        raise InputError.one(str(taken[0]), message)
-    return whole
+        pairs.append((one, beside))
+    taken = {id(file) for _, beside in pairs for file in beside}
+    if {len(kind) for kind in others} != {len(lead)} or len(taken) < len(lead) * len(others):
+        held = ", ".join(str(one.path) for one in others[0])
+        message = (
+            f"is completed by other files: {held}; name for each record one of each kind, and let their "
+            "names begin alike (slow.csv, slow_v.csv), or write a config of each"
+        )
+        raise InputError.one(str(lead[0].path), message)
+    return [_joined(one, beside, known) for one, beside in pairs]
 
 
 def _alike(one: Path, other: Path) -> int:

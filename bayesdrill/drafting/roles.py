@@ -138,16 +138,16 @@ def _inputs(
     if "w_2" in rig.inputs:
         imposed = [channels.pop(name) for name in IMPOSED if name in channels]
         for channel in imposed[1:]:
-            left_out[channel.sensor.name] = (
-                f"the motion is that of {imposed[0].sensor.name} already"
-            )
+            left_out[channel.sensor.name] = f"is imposed by {imposed[0].sensor.name} already"
         if imposed:
             found[imposed[0].name] = imposed[0].sensor
     used = [one.seen for one in found.values()]
     for one in [*voltages, *torques]:
         if one.seen not in used:
             left_out.setdefault(one.name, f"is no input of the rig {rig.name}")
-    return found, rig
+    against = "it counts backwards, which an input cannot say: turn its sign in the file"
+    turned = {n: one.but(doubt=against) for n, one in found.items() if one.seen.says.backwards}
+    return found | turned, rig
 
 
 def _placed(turning: Sequence[Sensor]) -> list[Sensor]:

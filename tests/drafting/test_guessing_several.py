@@ -148,7 +148,7 @@ def test_files_that_do_not_belong_together_are_refused(tmp_path: Path) -> None:
     bare = written(tmp_path / "bare.csv", others)
     assert "goes from 9 to 16.995 s" in refused([bare, later])
     again = written(tmp_path / "again.csv", others)
-    assert "is completed by as many files of each kind" in refused([bare, again, supply])
+    assert "name for each record one of each kind" in refused([bare, again, supply])
     assert "no column is an angle" in refused([supply, later])
     assert not (tmp_path / "no.yaml").exists()
 
