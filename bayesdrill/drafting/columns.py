@@ -356,8 +356,9 @@ def _structure(one: Seen) -> str:
 
 def _refuse_several(table: Table, seen: Sequence[Seen]) -> None:
     """Structures that each have a time of their own, and are not called after a signal, are records."""
+    seen = [one for one in seen if len(one.values) >= LEAST]
     times = [_structure(one) for one in seen if one.says.kind == "time"]
-    records = [name for name in dict.fromkeys(times) if name and not meaning(name).kind]
+    records = [name for name in dict.fromkeys(times) if name and meaning(name).kind in ("", "time")]
     if len(records) > 1:
         those = [o for o in seen if o.says.kind != "time" and _structure(o) in records] or [*seen]
         raise InputError.one(
@@ -410,7 +411,7 @@ def _says(name: str, unit_below: str) -> Meaning:
         return says
     return dataclasses.replace(
         says,
-        kind=says.kind or whole.kind,
+        kind=says.kind or (whole.kind if len(whole.word) > 1 else ""),  # `T1.x` is no time
         place=says.place or whole.place,
         word=says.word or whole.word,
     )

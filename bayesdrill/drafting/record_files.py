@@ -185,7 +185,7 @@ def _refuse_without_channels(one: Examined) -> None:
     if not one.found.channels:
         why = "no column is an angle, a speed or a current of the rig"
         columns = [c for c in one.columns if c is not one.time.column]
-        nameless = [c for c in columns if not c.says.kind]
+        nameless = [c for c in columns if not c.says.kind or c.name in one.left_out]
         raise hopeless(one.path, one.left_out, why, nameless or columns)
 
 
