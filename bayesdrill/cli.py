@@ -124,12 +124,28 @@ def init(
     gear: Annotated[
         float | None, typer.Option(metavar="N", help="Of a gear N:1 between motor and shaft.")
     ] = None,
+    rig: Annotated[str, typer.Option(metavar="NAME", help="Of the rig.")] = "motor_shaft",
+    columns: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="COLUMN=WHAT", help='As "data:3=theta_2 [deg]"; these alone are used.'
+        ),
+    ] = None,
+    rate: Annotated[
+        float | None,
+        typer.Option(metavar="HZ", help="Samples a second, where no column is a time."),
+    ] = None,
+    sheet: Annotated[
+        Path | None, typer.Option(metavar="YAML", help="A data sheet: entries of `nominal:`.")
+    ] = None,
     force: Annotated[bool, force_option("Overwrite a config.")] = False,
 ) -> None:
     """Look at records and write a first config for them, with every guess marked and its reason."""
     from bayesdrill.api.files import init as write
 
-    say(str(write(records, output, voltage=voltage, gear=gear, force=force)))
+    known: dict[str, Any] = {"voltage": voltage, "gear": gear, "rig": rig, "rate": rate}
+    known["sheet"] = sheet
+    say(str(write(records, output, columns=columns or (), force=force, **known)))
 
 
 @command("check configs/nominal_step.yaml")

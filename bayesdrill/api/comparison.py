@@ -16,6 +16,7 @@ from bayesdrill.api.run import for_notebooks
 from bayesdrill.basics.errors import InputError, shown
 from bayesdrill.basics.progress import Reporter
 from bayesdrill.basics.values import Value, checked
+from bayesdrill.config.job import Job
 from bayesdrill.report.comparison_report import ComparisonReport
 from bayesdrill.report.section import as_markdown
 from bayesdrill.tasks import comparison
@@ -41,6 +42,7 @@ class Ladder(ManyFits["Outcome"]):
     that are done are kept where it is stopped.
     """
 
+    job: Job
     sample: int = 2
 
     kind: ClassVar[str] = "ladder"

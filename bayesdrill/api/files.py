@@ -15,7 +15,7 @@ from bayesdrill import output_files
 from bayesdrill.api import arguments
 from bayesdrill.api.arguments import ManyFits
 from bayesdrill.basics import software as citing
-from bayesdrill.basics.errors import InputError, Issue
+from bayesdrill.basics.errors import InputError, Issue, of_each
 from bayesdrill.basics.progress import SILENT, Reporter
 from bayesdrill.basics.software import Citation
 from bayesdrill.basics.values import checked
@@ -117,33 +117,52 @@ def init(
     *,
     voltage: float | None = None,
     gear: float | None = None,
+    rig: str = "motor_shaft",
+    columns: Sequence[str] = (),
+    rate: float | None = None,
+    sheet: str | Path | None = None,
     force: bool = False,
 ) -> Guess:
     """Writes a config for a record, with every guess marked REVIEW and its reason.
 
-    Several files of one kind become several experiments of one config; a file that holds inputs alone
-    goes with that of the channels.  `output`: beside the (first) record by default; `voltage` [V]:
-    constant, where no column has it; `gear`: turns of the motor for one of the shaft.
-    Raises `InputError` where nothing can be made of a file, or not of all together.
+    Several files of one kind become several experiments of one config; files that complete each other
+    become one record.  `output`: beside the (first) record by default; `voltage` [V]: constant, where no
+    column has it; `gear`: turns of the motor for one of the shaft; `rig`: its name; `columns`: what they
+    are, such as `data:3=theta_2 [deg]`; `rate` [Hz]: where no column is a time; `sheet`: a YAML file of
+    nominal values.  Raises `InputError` where nothing can be made of a file, or not of all together.
     """
+    from bayesdrill.config import yaml_source
     from bayesdrill.drafting import draft, record_files
+    from bayesdrill.drafting.columns import named_column
+    from bayesdrill.rig.models import MODELS
 
-    for name, value in (("voltage", voltage), ("gear", gear)):
+    for name, value in (("voltage", voltage), ("gear", gear), ("rate", rate)):
         if value is not None and not math.isfinite(value):
             raise InputError.one(name, f"{value} is not a number; write it, or leave it out")
     if gear is not None and gear < 1:
         message = f"{gear:g} turns of the motor for one of the shaft; write 8 for a gear of 8:1"
         raise InputError.one("gear", message)
+    if rate is not None and rate <= 0:
+        raise InputError.one("rate", f"{rate:g} samples a second; write how many there are")
     given = [record] if isinstance(record, str | Path) else record
     records = [Path(one).expanduser() for one in given]
     if not records:
         raise InputError.one("record", "no file is named; name one or several")
+    files = [path.name for path in records]
+    known = record_files.Known(
+        rig=arguments.known(MODELS.usable(), rig, "rig", "rig")(),
+        gear=gear,
+        voltage=voltage,
+        rate=rate or 0.0,
+        columns=tuple(of_each(lambda text: named_column(text, files), columns)),
+    )
     beside = records[0].with_suffix(".yaml")
     if len(records) > 1:
         beside = records[0].with_name(f"{record_files.stem(records)}.yaml")
     target = arguments.results_folder(output, beside)
+    values = None if sheet is None else yaml_source.read(Path(sheet).expanduser())
     draft.check_draft_place(target, records, force=force)
-    made = draft.guess(records, target, voltage=voltage, gear=gear)
+    made = draft.guess(records, target, known, values)
     draft.save_draft(made, records, force=force)
     return made
 

@@ -8,13 +8,14 @@ import dataclasses
 import re
 import unicodedata
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from bayesdrill.basics import units
 from bayesdrill.basics.arrays import Array
+from bayesdrill.basics.errors import InputError
 from bayesdrill.record.formats.table import Table
 
 LONGEST = 200  # letters of a head, or of a unit
@@ -90,7 +91,7 @@ class Meaning:
     """`kind` and `place` are empty where the head does not say; `unit` as a config has it.
 
     `wanted`: what a controller asked for, not what happened; `strange`: a unit that is none;
-    `symbol`: of the state that the head names as a config does.
+    `symbol`: of the state that the head names as a config does; `backwards`: it counts against it.
     """
 
     kind: str = ""
@@ -100,6 +101,7 @@ class Meaning:
     strange: str = ""
     symbol: str = ""
     word: str = ""
+    backwards: bool = False
 
 
 STATES = {
@@ -215,38 +217,184 @@ LARGEST = 1e12  # number that is believed
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Seen:
-    """One column `(T,)`; `address`: the entries of a config that name it."""
+    """One column `(T,)`; `address`: the entries of a config that name it; `file`: the place of its file
+    among those that make one record, 0 for that of the channels.
+    """
 
     name: str
     address: Mapping[str, str | int]
     values: Array
     says: Meaning
+    file: int = 0
+
+    @property
+    def key(self) -> tuple[object, ...]:
+        """By which the same column is known in a record of the same kind."""
+        return self.file, *self.address.items()
 
 
-def look(table: Table) -> tuple[list[Seen], dict[str, str]]:
-    """Columns of one length, most of the file's, and why others are left out."""
+_NAMES = {**STATES, "v": ("voltage", ""), "t_1": ("torque", ROTOR), "t_m": ("torque", MOTOR)} | {
+    "t": ("time", ""),
+    "twist": ("angle", TWIST),
+}
+
+
+@dataclass(frozen=True, slots=True)
+class NamedColumn:
+    """What a user says of a column: `variable` or head, and of a matrix the `column` from 1."""
+
+    text: str
+    file: str
+    variable: str
+    column: int | None
+    says: Meaning
+
+
+def named_column(text: str, files: Collection[str]) -> NamedColumn:
+    """Read `data:3=theta_2 [deg]`; before it may stand the name of one of the `files`, and a colon.
+
+    Raises `InputError` where it says neither a column nor what it measures.
+    """
+    where, _, what = text.rpartition("=")
+    file = next((name for name in files if where.startswith(f"{name}:")), "")
+    found = re.fullmatch(r"(.+?)(?::(\d+))?", where.removeprefix(f"{file}:").strip())
+    what, backwards = what.strip().removeprefix("-"), what.strip().startswith("-")
+    says, why = meaning(what), ""
+    base = _apart(what)[0]
+    if base in _NAMES:
+        kind, place = _NAMES[base]
+        why = (
+            ""
+            if says.unit in ("", *_UNITS_OF_KIND[kind]) or kind_of(says.unit) == kind
+            else "wrong"
+        )
+        says = dataclasses.replace(says, kind=kind, place=place, symbol=base)
+    if found is None or says.strange or why or not says.kind:
+        why = "names no column" if found is None else "names no quantity with a unit of it"
+        known = f"`data:3=theta_2 [deg]`; known are {', '.join(_NAMES)}"
+        raise InputError.one("--columns", f"'{text}' {why}; write for example {known}")
+    says = dataclasses.replace(says, backwards=backwards)
+    return NamedColumn(text, file, found[1], int(found[2]) if found[2] else None, says)
+
+
+def look(table: Table, named: Sequence[NamedColumn] = ()) -> tuple[list[Seen], dict[str, str]]:
+    """Columns of one length, most of the file's, and why others are left out.
+
+    Of `named` ones these alone, as they are said to be, and the time.  Raises `InputError` where one
+    is not there, or where there are several records.
+    """
     seen, left_out = [], dict(table.ignored)
     heads = _units_below(table)
     for position, (name, values) in enumerate(table.variables.items(), start=1):
         if values.ndim == 1:
             number = _number(table, name, position)
             column = name if number is None else number
-            says = _says(name if number is None else "", heads.get(name, ""))
-            seen.append(Seen(name, {"column": column}, values, says))
-        elif values.shape[1] > max(values.shape[0], LEAST):
-            size = f"{values.shape[0]} x {values.shape[1]}"
-            left_out[name] = f"is {size}; save it with a row for each sample"
+            head = table.labels.get(name, name if number is None else "")
+            seen.append(Seen(name, {"column": column}, values, _says(head, heads.get(name, ""))))
         else:
-            seen += [
-                Seen(f"{name}, column {k + 1}", {"variable": name, "column": k + 1}, one, Meaning())
-                for k, one in enumerate(values.T)
-            ]
+            seen += _matrix(name, values)
+    chosen = _chosen(table, seen, named)
+    if named:
+        used = {one.name for one in chosen}
+        left_out = {
+            one.name: "is not named in --columns"
+            for one in seen
+            if one.name not in used and len(one.values) >= LEAST
+        }
+        seen = chosen
+    else:
+        _refuse_several(table, seen)
+        seen = _by_file_name(table, seen)
     lengths = Counter(len(one.values) for one in seen if len(one.values) >= LEAST)
     usual = max(lengths, key=lambda length: (lengths[length], length), default=LEAST)
     for one in seen:
         if len(one.values) != usual:
             left_out[one.name] = f"has {_values(len(one.values))}, not {usual}"
     return [one for one in seen if len(one.values) == usual], left_out
+
+
+def _matrix(name: str, values: Array) -> list[Seen]:
+    """Its columns; of two of which the first grows, the second is what the matrix is called."""
+    pair = values.shape[1] == 2 and bool(np.all(np.diff(values[:, 0]) > 0))
+    says = [Meaning("time"), _says(name, "")] if pair else [Meaning()] * values.shape[1]
+    return [
+        Seen(f"{name}, column {k}", {"variable": name, "column": k}, one, said)
+        for k, (one, said) in enumerate(zip(values.T, says, strict=True), start=1)
+    ]
+
+
+def _chosen(table: Table, seen: Sequence[Seen], named: Sequence[NamedColumn]) -> list[Seen]:
+    """Those that are named, with what is said of them, and the time that stands beside them."""
+    found = []
+    for one in named:
+        number = table.lines is not None and one.variable.isdecimal()
+        column = one.column or (int(one.variable) if number else one.variable)
+        variable = one.variable if one.column else None
+        values = table.pick(column, variable, place=f"--columns '{one.text}'")
+        address = (
+            {"column": column} if variable is None else {"variable": variable, "column": column}
+        )
+        name = one.variable if one.column is None else f"{one.variable}, column {one.column}"
+        found.append(Seen(name, address, values, one.says))
+    if not found or any(one.says.kind == "time" for one in found):
+        return found
+    times = [
+        one
+        for one in seen
+        if one.says.kind == "time"
+        and one.name not in [other.name for other in found]
+        and len(one.values) == len(found[0].values)
+    ]
+    nearest = [one for one in times if _structure(one) == _structure(found[0])] or times
+    return [*nearest[:1], *found]
+
+
+def _structure(one: Seen) -> str:
+    """In which a signal stands."""
+    return one.name.rpartition(".")[0].partition(".signals")[0]
+
+
+def _refuse_several(table: Table, seen: Sequence[Seen]) -> None:
+    """Structures that each have a time of their own, and are not called after a signal, are records."""
+    seen = [one for one in seen if len(one.values) >= LEAST]
+    times = [_structure(one) for one in seen if one.says.kind == "time"]
+    records = [name for name in dict.fromkeys(times) if name and meaning(name).kind in ("", "time")]
+    if len(records) > 1:
+        those = [o for o in seen if o.says.kind != "time" and _structure(o) in records] or [*seen]
+        raise InputError.one(
+            str(table.path),
+            f"holds {len(records)} records: {', '.join(records)}; name columns of one, for example "
+            f"{way_out(those[:1])} ({those[0].name} goes from {span_of(those[0])})",
+        )
+
+
+def _by_file_name(table: Table, seen: list[Seen]) -> list[Seen]:
+    """Where a single column beside the time says nothing, it is what the file is called."""
+    signals = [one for one in seen if one.says.kind != "time" and len(one.values) >= LEAST]
+    if len(signals) == 2 == len(seen) and not signals[0].says.kind:  # a time without a head
+        signals = [one for one in signals if not np.all(np.diff(one.values) > 0)]
+    named = meaning(table.path.stem)
+    if len(signals) != 1 or signals[0].says.kind or not named.kind:
+        return seen
+    unit = signals[0].says.unit or named.unit
+    says = dataclasses.replace(named, unit=unit)
+    return [dataclasses.replace(one, says=says) if one is signals[0] else one for one in seen]
+
+
+def span_of(one: Seen) -> str:
+    """From its least value to its largest."""
+    numbers = one.values[np.isfinite(one.values)]
+    return f"{numbers.min():.4g} to {numbers.max():.4g}" if len(numbers) else "no numbers"
+
+
+def way_out(those: Sequence[Seen]) -> str:
+    """What to type for columns of which nothing is known: a time, if one grows, and an angle."""
+    times = [one for one in those if bool(np.all(np.diff(one.values) > 0))][:1]
+    others = [one for one in those if one not in times][:1]
+    said = [*((one, "t [s]") for one in times), *((one, "theta_2 [deg]") for one in others)]
+    return " ".join(
+        f'--columns "{":".join(map(str, one.address.values()))}={what}"' for one, what in said
+    )
 
 
 def believable(values: Array) -> bool:
@@ -263,7 +411,7 @@ def _says(name: str, unit_below: str) -> Meaning:
         return says
     return dataclasses.replace(
         says,
-        kind=says.kind or whole.kind,
+        kind=says.kind or (whole.kind if len(whole.word) > 1 else ""),  # `T1.x` is no time
         place=says.place or whole.place,
         word=says.word or whole.word,
     )

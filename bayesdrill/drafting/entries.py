@@ -75,15 +75,16 @@ class Found:
 
     @property
     def dt(self) -> float:
-        """The longest step, s."""
-        return max(file.part.dt for one in self.every for file in (one.of, one.inputs) if file)
+        """The longest step, s: of measured inputs, or where there are none of channels."""
+        inputs = [(one.of, s) for one in self.every for s in one.of.found.inputs.values()]
+        files = [of.file_of(sensor) for of, sensor in inputs] or [one.of for one in self.every]
+        return max(file.part.dt for file in files)
 
     @property
     def measured(self) -> bool:
         """Whether an input varies: a column, and not a number."""
-        files = [one.of.found for one in self.every]
-        v = self.voltage is None and any(one.v is not None and one.v.varies for one in files)
-        return v or any(one.t_1 is not None for one in files)
+        inputs = [pair for one in self.every for pair in one.of.found.inputs.items()]
+        return any(name != "v" or (self.voltage is None and one.varies) for name, one in inputs)
 
     def of(self, name: str) -> list[tuple[str, Sensor]]:
         """The sensors of one channel, with the experiments' names."""
@@ -163,7 +164,7 @@ def _missing(those: Sequence[Sensor]) -> list[str]:
 def _channel(found: Found, one: Channel) -> list[str]:
     sensor, every = one.sensor, found.of(one.name)
     noise = [other.noise for _, other in every]
-    entries = [address(sensor.seen), f"unit: {scalar(sensor.unit)}"]
+    entries = [*file_entries(found, sensor), address(sensor.seen), f"unit: {scalar(sensor.unit)}"]
     if one.measures:
         entries.append(f"measures: {one.measures}")
     doubts, more = _as_it_came(every, counted=not one.derived)
@@ -181,10 +182,14 @@ def _channel(found: Found, one: Channel) -> list[str]:
             f"    {one.name}: {{{', '.join([*entries, *more])},",
             "      sigma: 1}    # means nothing here",
         ]
-    low, high = f"{min(noise) / WIDE:.3g}", f"{max(noise) * WIDE:.3g}"
+    spread = max(float(np.std(other.raw.x)) for _, other in every)
+    low, high = f"{min(noise) / WIDE:.3g}", f"{max(max(noise) * WIDE, spread):.3g}"
     least, most = f"{min(noise):.3g}", f"{max(noise):.3g}"
     size = least if least == most else f"{least} to {most}"
-    told = f"the noise is not said; {size} {sensor.unit} differ from sample to sample"
+    told = (
+        f"the noise is not said; {size} {sensor.unit} differ from sample to sample, and the channel "
+        f"spreads by {spread:.3g}: what the model leaves is in between"
+    )
     return [
         *head,
         *review([*doubts, late_doubt, zero_doubt, told], 4),
@@ -198,21 +203,34 @@ def _channel(found: Found, one: Channel) -> list[str]:
 def _as_it_came(
     every: Sequence[tuple[str, Sensor]], *, counted: bool
 ) -> tuple[list[str], list[str]]:
-    """What masks and turns it needs: doubts and entries."""
+    """What looks like glitches, and what turns it needs: doubts and entries."""
     doubts, entries = [], []
-    spiky = [(label, one.raw.glitches) for label, one in every if one.raw.glitches]
-    if spiky and counted:
-        count = ", ".join(f"{n} in {label}" if label else f"{n}" for label, n in spiky)
-        doubts.append(
-            f"samples that leave its course and are back at once, {count}, look like the sensor's, and "
-            "are not used; a real impact looks alike"
-        )
-        entries.append("mask: glitches")
+    if counted:
+        doubts += [text for label, one in every if (text := _glitches(label, one))]
     period = max(one.raw.wraps for _, one in every)
     if period:
         doubts.append(f"it begins again after {period:.6g}, and is unwrapped")
         entries.append(f"wraps: {period:.10g}")
     return doubts, entries
+
+
+MOST = 8  # glitches that are named
+
+
+def _glitches(label: str, one: Sensor) -> str:
+    """Where they are, and how they are masked; nothing is by itself."""
+    times = one.raw.glitches
+    if not times:
+        return ""
+    spans_ = ", ".join(f"[{begin:.9g}, {end:.9g}]" for begin, end in times[:MOST])
+    more = len(times) - MOST
+    entry = f"mask: {{times: [{spans_}]}}" if more <= 0 else "mask: glitches"
+    at = f"{spans_} s" + (f" and {more} more" if more > 0 else "")
+    where = f" in {label}" if label else ""
+    return (
+        f"looks like glitches{where}: {at}. The signal leaves its course and comes back, and no other "
+        f"channel goes with it. Nothing is masked; if it is the sensor's, add `{entry}`"
+    )
 
 
 def _lag(found: Found, one: Channel) -> tuple[str, str]:
@@ -268,7 +286,12 @@ UNKNOWN = "  # v: 8.0"  # to be written by the user
 
 
 def input_entries(found: Found) -> list[str]:
-    return ["inputs:", *_voltage(found), *_load(found), *_moment(found)]
+    rig = found.lead.of.found.rig
+    lines = _voltage(found) if "v" in rig.inputs else []
+    for name in ("t_m", "w_2"):
+        lines += _drive(found, name) if name in rig.inputs else []
+    lines += _load(found) if "t_1" in rig.inputs else []
+    return ["inputs:", *lines, *_moment(found)]
 
 
 def constant_input(found: Found) -> dict[str, str]:
@@ -290,9 +313,10 @@ def _voltage(found: Found) -> list[str]:
     if v is None:
         doubt = (
             "no column is a voltage. Write the supply here, in V: a number if it was constant, else "
-            "`{column: ..., unit: V, hold: zero}`; `bayesdrill check` asks for it"
+            "`{column: ..., unit: V, hold: zero}`; `bayesdrill check` asks for it. If the motion of the "
+            "gearbox was imposed, say `--rig driven_shaft`; if a torque drives it, `--rig motor`"
         )
-        return [*review([doubt, *_imposed(found)], 2), UNKNOWN]
+        return [*review([doubt], 2), UNKNOWN]
     head = reasons(v, 2)
     if known := constant_input(found):
         doubt = f"{v.name} is the same in every row, taken as there from the start on"
@@ -312,42 +336,50 @@ def _voltage(found: Found) -> list[str]:
     ]
 
 
-def _imposed(found: Found) -> list[str]:
-    """What else may move the rig, where the motion of the gearbox is known and no voltage is."""
-    top = [one.name for one in found.channels if one.name in ("w_2", "theta_2")]
-    if not top:
-        return []
-    return [
-        f"or {top[0]} was imposed, whatever moved it: then it is no channel but an input, `{top[0]}: "
-        "{column: ..., unit: ...}`, of `model: {name: driven_shaft}`, which has no motor (docs/rigs.md)"
-    ]
+def _drive(found: Found, name: str) -> list[str]:
+    """What moves a rig without a voltage: a torque at the motor, or a motion that is imposed."""
+    inputs = found.lead.of.found.inputs
+    entries = roles.IMPOSED if name == "w_2" else (name,)
+    of = next((one for one in entries if one in inputs), "")
+    if of:
+        return [*reasons(inputs[of], 2), *_closed(_column(found, of, inputs[of]))]
+    what = "torque at the motor [N m]" if name == "t_m" else "speed or angle of the upper end"
+    doubt = f"no column is the {what}: taken as zero; name it by `--columns`, or write it here"
+    return [*review([doubt], 2), f"  {name}: 0.0"]
 
 
 def _load(found: Found) -> list[str]:
-    t_1 = found.lead.of.found.t_1
+    t_1 = found.lead.of.found.inputs.get("t_1")
     if t_1 is None:
         return ["  t_1: 0.0    # N m, load on rotor 1: no column is one"]
-    (entry,) = _column(found, "t_1", t_1)
-    return [*reasons(t_1, 2), f"{entry.removesuffix(',')}}}"]
+    return [*reasons(t_1, 2), *_closed(_column(found, "t_1", t_1))]
+
+
+def _closed(lines: list[str]) -> list[str]:
+    return [f"{line.removesuffix(',')}}}" for line in lines]
 
 
 def _column(found: Found, name: str, like: Sensor) -> list[str]:
     """Without its end."""
-    every = [getattr(one.of.found, name) for one in found.every]
-    entries = [address(like.seen), f"unit: {scalar(like.unit)}", "hold: zero"]
-    if any(one is not None and one.raw.missing for one in every):
+    entries = [*file_entries(found, like), address(like.seen), f"unit: {scalar(like.unit)}"]
+    if like.kind != "angle":
+        entries.append("hold: zero")
+    if like.raw.wraps:
+        entries.append(f"wraps: {like.raw.wraps:.10g}")
+    if any(one.of.found.inputs[name].raw.missing for one in found.every):
         entries.append("missing: hold")
-    return [f"  {name}: {{{', '.join([*file_entries(found, name), *entries])},"]
+    return [f"  {name}: {{{', '.join(entries)},"]
 
 
-def file_entries(found: Found, name: str) -> list[str]:
-    """Of an input that stands in another file than the channels."""
-    lead = found.lead
-    if lead.inputs is None or getattr(lead.inputs.found, name) is None:
+def file_entries(found: Found, sensor: Sensor) -> list[str]:
+    """Of a column that stands in another file than the others."""
+    lead = found.lead.of
+    if not sensor.seen.file:
         return []
-    own = time_entry(lead.inputs.time)
-    file = [] if found.several else [f"file: {scalar(found.name(lead.inputs.path))}"]
-    return [*file, *([own] if own != time_entry(lead.of.time) else [])]
+    file = lead.file_of(sensor)
+    time = time_entry(file.time)
+    path = [] if found.several else [f"file: {scalar(found.name(file.path))}"]
+    return [*path, *([time] if time != time_entry(lead.time) else [])]
 
 
 def _moment(found: Found) -> list[str]:

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
@@ -21,8 +22,8 @@ from bayesdrill.drafting.columns import GEARBOX, MOTOR, ROTOR, STATES, TWIST
 from bayesdrill.drafting.sensors import SLOWEST
 from bayesdrill.drafting.signals import TURNS, Part, Sensor
 from bayesdrill.record import anomalies
+from bayesdrill.rig.models.linear import Model, with_named
 
-USUAL_GEAR = 8.0
 WIDE = 10.0  # the prior of a noise: so many times below and above what differs between samples
 _STATE = {meaning: state for state, meaning in STATES.items()}
 
@@ -42,19 +43,36 @@ class Channel:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Roles:
-    """`gear`: turns of the motor for one of the shaft; `doubts` of the gear."""
+    """`inputs`: measured ones, by their entries; `gear`: turns of the motor for one of the shaft."""
 
     channels: tuple[Channel, ...]
-    v: Sensor | None
-    t_1: Sensor | None
+    inputs: Mapping[str, Sensor]
+    rig: Model
     gear: float
     gear_why: str
     gear_doubt: str
     left_out: dict[str, str]
 
+    @property
+    def v(self) -> Sensor | None:
+        return self.inputs.get("v")
 
-def roles(those: Sequence[Sensor], dt: float, gear: float | None = None) -> Roles:
-    """`gear`: where it is known."""
+    def with_sensors(self, change: Callable[[Sensor], Sensor]) -> Roles:
+        """The same roles of sensors that `change` makes of these."""
+        channels = (dataclasses.replace(c, sensor=change(c.sensor)) for c in self.channels)
+        inputs = {name: change(sensor) for name, sensor in self.inputs.items()}
+        return dataclasses.replace(self, channels=tuple(channels), inputs=inputs)
+
+
+def roles(
+    those: Sequence[Sensor],
+    dt: float,
+    rig: Model,
+    gear: float | None = None,
+    *,
+    voltage: bool = False,
+) -> Roles:
+    """`gear`: where it is known; `voltage`: whether a constant one is."""
     left_out: dict[str, str] = {}
     turning = _placed([one for one in those if one.kind in TURNS])
     found, sources = _ratio(turning, dt)
@@ -65,8 +83,11 @@ def roles(those: Sequence[Sensor], dt: float, gear: float | None = None) -> Role
         if not math.isnan(found) and abs(abs(found) / gear - 1) > 0.05:
             doubt = f"{sources} turn as {abs(found):.4g}:1 by their units; check them, or the gear"
     elif math.isnan(found):
-        value = USUAL_GEAR
-        doubt = "no two columns tell the gear; this is the paper's 8:1, write your own"
+        value = 1.0
+        doubt = (
+            "no two columns tell the gear; it is taken as 1:1, so that the motor's parameters are those "
+            "behind it. Say `--gear 14` for 14:1"
+        )
     else:
         value = abs(found)
         doubt = f"the gear is not said; {sources} turn as {value:.5g}:1"
@@ -81,9 +102,52 @@ def roles(those: Sequence[Sensor], dt: float, gear: float | None = None) -> Role
         else:
             left_out[one.name] = "nothing says at which end of the shaft it is"
     _tell_differenced(channels, dt)
-    v = _voltage([one for one in those if one.kind == "voltage"], left_out)
-    t_1 = _load([one for one in those if one.kind == "torque"], left_out)
-    return Roles(tuple(channels.values()), v, t_1, value, why, doubt, left_out)
+    inputs, rig = _inputs(those, channels, rig, left_out, voltage=voltage)
+    for name, channel in [*channels.items()]:
+        if not {*_NAMED_STATES.findall(channel.measures or name)} <= {*rig.states}:
+            left_out[channel.sensor.name] = f"is {name}, which the rig {rig.name} does not have"
+            del channels[name]
+    return Roles(tuple(channels.values()), inputs, rig, value, why, doubt, left_out)
+
+
+_NAMED_STATES = re.compile(r"\b(?:theta_[12]|w_[12]|i)\b")
+IMPOSED = ("theta_2", "w_2")  # the angle first: it is what is measured
+
+
+def _inputs(
+    those: Sequence[Sensor],
+    channels: dict[str, Channel],
+    rig: Model,
+    left_out: dict[str, str],
+    *,
+    voltage: bool,
+) -> tuple[dict[str, Sensor], Model]:
+    """What moves the rig, and the rig with the circuit that a voltage or a current needs."""
+    found: dict[str, Sensor] = {}
+    voltages, torques = ([o for o in those if o.kind == kind] for kind in ("voltage", "torque"))
+    motor = [one for one in torques if one.place in (MOTOR, "")]
+    if motor and "t_m" in rig.inputs:
+        found["t_m"] = motor[0]
+    elif voltages or voltage or "i" in channels:
+        m = rig.roles.motor
+        rig = with_named(rig, (m.back_emf, m.torque_constant, m.resistance, m.inductance))
+    if "v" in rig.inputs and (v := _voltage(voltages, left_out)) is not None:
+        found["v"] = v
+    if "t_1" in rig.inputs and (load := _load(torques, left_out)) is not None:
+        found["t_1"] = load
+    if "w_2" in rig.inputs:
+        imposed = [channels.pop(name) for name in IMPOSED if name in channels]
+        for channel in imposed[1:]:
+            left_out[channel.sensor.name] = f"is imposed by {imposed[0].sensor.name} already"
+        if imposed:
+            found[imposed[0].name] = imposed[0].sensor
+    used = [one.seen for one in found.values()]
+    for one in [*voltages, *torques]:
+        if one.seen not in used:
+            left_out.setdefault(one.name, f"is no input of the rig {rig.name}")
+    against = "it counts backwards, which an input cannot say: turn its sign in the file"
+    turned = {n: one.but(doubt=against) for n, one in found.items() if one.seen.says.backwards}
+    return found | turned, rig
 
 
 def _placed(turning: Sequence[Sensor]) -> list[Sensor]:
@@ -147,16 +211,19 @@ def _moved(one: Sensor, turning: Sequence[Sensor], dt: float) -> Sensor:
 
 def _name(one: Sensor, gear: float) -> tuple[str, str]:
     """Name and `measures` of its channel."""
+    sign = "-" if one.seen.says.backwards else ""
     if one.kind == "current":
-        return "i", ""
+        return "i", "-i" if sign else ""
     if one.place == TWIST and one.kind == "angle":
-        return "twist", "theta_1 - theta_2"
+        return "twist", "theta_2 - theta_1" if sign else "theta_1 - theta_2"
     if one.place == TWIST:
-        return "twist_rate", "w_1 - w_2"
+        return "twist_rate", "w_2 - w_1" if sign else "w_1 - w_2"
     if one.place == MOTOR:
         state = _STATE[one.kind, GEARBOX]
-        return "motor" if one.kind == "speed" else "motor_angle", f"{gear:.6g} * {state}"
-    return _STATE.get((one.kind, one.place), ""), ""
+        name = "motor" if one.kind == "speed" else "motor_angle"
+        return name, f"{-gear if sign else gear:.6g} * {state}"
+    state = _STATE.get((one.kind, one.place), "")
+    return state, f"-{state}" if sign and state else ""
 
 
 def _tell_differenced(channels: dict[str, Channel], dt: float) -> None:
@@ -166,7 +233,8 @@ def _tell_differenced(channels: dict[str, Channel], dt: float) -> None:
             first, second = channels[angle].sensor, channels[speed].sensor
             _, own, other = np.intersect1d(first.raw.t, second.raw.t, return_indices=True)
             x, w, t = first.raw.x[own], second.raw.x[other], first.raw.t[own]
-            alike = len(first.values) == len(t) and anomalies.differenced(first.si, second.si, dt)
+            whole = len(t) > 0.99 * len(first.values)  # but for a few glitches
+            alike = whole and anomalies.differenced(first.si, second.si, dt)
             if alike or signals.differenced(x, w, t):
                 channels[speed] = dataclasses.replace(channels[speed], derived=angle)
 
@@ -182,8 +250,8 @@ def _voltage(those: Sequence[Sensor], left_out: dict[str, str]) -> Sensor | None
 def _load(those: Sequence[Sensor], left_out: dict[str, str]) -> Sensor | None:
     loads = [one for one in those if one.place == ROTOR]
     for one in those:
-        if one.place != ROTOR:
-            left_out[one.name] = "is a torque, but not said to be that at rotor 1, the only input"
+        if one.place == "":
+            left_out[one.name] = "is a torque, but not said to be that at rotor 1"
     for one in loads[1:]:
         left_out[one.name] = f"the load is taken from {loads[0].name} already"
     if not loads:
@@ -195,7 +263,7 @@ def _load(those: Sequence[Sensor], left_out: dict[str, str]) -> Sensor | None:
 
 def both_ways(found: Roles) -> bool:
     """Whether the rig is driven, or turns, in both directions."""
-    driven = [found.v] if found.v is not None else []
+    driven = [one for name, one in found.inputs.items() if name != "t_1"]
     seen = driven or [one.sensor for one in found.channels if one.sensor.kind == "speed"]
     for one in seen:
         low, high = np.percentile(one.raw.x, [2, 98])

@@ -9,7 +9,7 @@ import numpy as np
 from bayesdrill.basics import units
 from bayesdrill.basics.arrays import Array
 from bayesdrill.drafting import signals
-from bayesdrill.drafting.columns import GEARBOX, MOTOR, ROTOR, SI, TWIST, Seen, believable
+from bayesdrill.drafting.columns import GEARBOX, MOTOR, ROTOR, SI, TWIST, Seen, believable, span_of
 from bayesdrill.drafting.signals import TURNS, Part, Raw, Sensor
 
 FAST = 60.0  # speeds of a rig above it are hardly in rad/s, nor angles a second in rad
@@ -32,7 +32,9 @@ def sensors(columns: Sequence[Seen], part: Part) -> tuple[list[Sensor], dict[str
     for one in all_:
         if not one.kind:
             why = "its name says nothing of" if one.name else "nothing says"
-            left_out[one.name] = f"{why} what it measures, and it is no derivative of another"
+            left_out[one.name] = (
+                f"({span_of(one.seen)}): {why} what it measures, and it is no derivative of another"
+            )
     return known, left_out
 
 
@@ -128,7 +130,7 @@ def _settled(angle: Sensor, speed: Sensor, factor: float) -> tuple[Sensor, Senso
         if place and not one.place:
             told = told.but(doubt=f"taken to be where {(angle if one is speed else speed).name} is")
         pair.append(told)
-    if factor < 0:
+    if factor < 0 and angle.seen.says.backwards == speed.seen.says.backwards:
         pair[1] = pair[1].but(doubt=f"{said}: one of them counts backwards; write `measures: -...`")
     return pair[0], pair[1]
 

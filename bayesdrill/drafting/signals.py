@@ -41,8 +41,10 @@ class Timing:
         return 1 / self.dt
 
 
-def find_time(columns: Sequence[Seen], rate: float = 0.0) -> Timing:
-    """The time among the columns; else `rate` [Hz], or 100 to be reviewed."""
+def find_time(columns: Sequence[Seen], rate: float = 0.0, given: float = 0.0) -> Timing:
+    """The `given` rate [Hz]; the time among the columns; else `rate` [Hz], or 100 to be reviewed."""
+    if given:
+        return Timing(np.arange(len(columns[0].values)) / given, None, "s", "as it was given")
     named = [one for one in columns if one.says.kind == "time" and _steps(one.values)]
     if named:
         one = named[0]
@@ -55,7 +57,7 @@ def find_time(columns: Sequence[Seen], rate: float = 0.0) -> Timing:
     t = np.arange(length) / (rate or 100.0)
     if rate:
         return Timing(t, None, "s", "found from an angle and its speed", "found, not read")
-    doubt = "no column is a time; 100 samples a second are a guess: write your own rate [Hz]"
+    doubt = "no column is a time; 100 samples a second are a guess: say `--rate`, or write your own [Hz]"
     return Timing(t, None, "s", "", doubt)
 
 
@@ -283,15 +285,16 @@ SMOOTH = 4.0  # times the usual step, at most, is left where it begins again
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Raw:
-    """What was measured, `x (m,)` at times `t (m,)` s; how many samples are no number or glitches.
+    """What was measured, `x (m,)` at times `t (m,)` s, without what looks like a glitch; how many
+    samples are no number.
 
-    `wraps`: after how much it begins again, 0: it does not.
+    `wraps`: after how much it begins again, 0: it does not; `glitches`: first and last times [s].
     """
 
     t: Array
     x: Array
     missing: int = 0
-    glitches: int = 0
+    glitches: tuple[tuple[float, float], ...] = ()
     wraps: float = 0.0
 
 
@@ -318,7 +321,8 @@ class Sensor:
 
     @property
     def si(self) -> Array:
-        return self.values * units.factor(self.unit, SI[self.kind])
+        sign = -1.0 if self.seen.says.backwards else 1.0
+        return sign * self.values * units.factor(self.unit, SI[self.kind])
 
     @property
     def noise(self) -> float:
@@ -347,7 +351,27 @@ def drafts(columns: Sequence[Seen], part: Part) -> tuple[list[Sensor], dict[str,
     left_out = {one.name: why for one in columns if (why := _useless(one, part.rows))}
     useful = [one for one in columns if one.name not in left_out]
     jumped = jumps(useful, part)
-    return [draft(one, part, jumped) for one in useful], left_out
+    found = [draft(one, part, jumped) for one in useful]
+    return [_without_swings(one, found, part) for one in found], left_out
+
+
+CALM = (
+    1.5  # times what it usually leaves its chord by, that another channel may in a glitch of this
+)
+
+
+def _without_swings(one: Sensor, others: Sequence[Sensor], part: Part) -> Sensor:
+    """Long departures are glitches only where no other channel leaves its own course with it."""
+    beside = [o.values for o in others if o is not one and o.kind in (*TURNS, "current")]
+
+    def alone(begin: float, end: float) -> bool:
+        first, last = np.searchsorted(part.grid, (begin - 1e-9, end + 1e-9)) - (0, 1)
+        if last - first < anomalies.SHORTEST:
+            return True
+        return all(anomalies.leaves_chord(x, int(first), int(last)) < CALM for x in beside)
+
+    glitches = tuple(pair for pair in one.raw.glitches if alone(*pair))
+    return one.but(raw=dataclasses.replace(one.raw, glitches=glitches))
 
 
 def jumps(columns: Sequence[Seen], part: Part) -> NDArray[np.bool_]:
@@ -366,7 +390,7 @@ def draft(
     values = one.values[part.rows]
     known = np.flatnonzero(np.isfinite(values))
     t, x = part.t[known], values[known]
-    doubt, period, spikes = "", 0.0, np.zeros(len(x), dtype=np.bool_)
+    doubt, period, found = "", 0.0, anomalies.spans(np.zeros(len(x), dtype=np.bool_))
     if kind == "angle" and one.says.place != TWIST:
         period, turned = _wraps(x, unit)
         if period and not unit:
@@ -374,9 +398,11 @@ def draft(
             doubt = f"no unit is said; {turned}, as it begins again after {period:.6g}"
         x = anomalies.unwrapped(x, period)[0] if period else x
     if kind in (*TURNS, "current"):
-        spikes = anomalies.spikes(x, jumped[known]).mask(len(x))
+        found = anomalies.spikes(x, jumped[known], inert=kind in TURNS)
+    glitches = tuple(zip(t[found.first].tolist(), t[found.last].tolist(), strict=True))
+    spikes = found.mask(len(x))
     missing, t, x = len(values) - len(known), t[~spikes], x[~spikes]
-    raw = Raw(t, x, missing, int(spikes.sum()), period)
+    raw = Raw(t, x, missing, glitches, period)
     even = len(t) == len(part.grid) and bool(np.array_equal(t, part.grid))
     on_grid = x if even else np.interp(part.grid, t, x)
     said = Sensor(one, on_grid, kind, one.says.place, unit, raw)

@@ -1,10 +1,11 @@
 """Samples that the sensor made, not the rig: spikes, stuck counts, ends of a range, angles that
 begin again, differences.
 
-A spike leaves the signal and comes back to it within `LONGEST` samples, about as fast as it left.  It is
-judged against a running median, which keeps steps and follows ramps, and against the largest tenth of
-what the signal itself leaves of that median: fast oscillations, quantised speeds, trains of pulses are
-their own yardstick.  What only follows a jump of an input is the rig's.
+A spike leaves the signal and comes back to it within `LONGEST` samples, about as fast as it left.  Up to
+three samples are judged against the chord between their neighbours, longer ones against a running
+median, which keeps steps and follows ramps.  The yardstick is what the signal itself leaves of these,
+around the spike: the peaks of a swing are alike, and so are trains of pulses and quantised speeds.  What
+only follows a jump of an input is the rig's.
 """
 
 from __future__ import annotations
@@ -20,13 +21,20 @@ from bayesdrill.basics.arrays import Array
 
 Mask = NDArray[np.bool_]
 
-LONGEST = (2, 6, 20)  # samples of a spike, by the width of the median it is judged against
+SHORTEST = 3  # samples of a spike that is judged against the chord between its neighbours
+LONGEST = (6, 20)  # samples of a spike, by the width of the median it is judged against
+SPREADS = 2.0  # sds of the channel that a short spike leaves its chord by, at least
+WIDER = 6  # times the length of a long spike, in which a swing would go to the other side
+APART = 5.0  # times what the signal does around it
+AROUND_SPIKE = 60  # samples on either side, that are its yardstick
+LIKE_IT = 0.95  # quantile of these: other spikes may be among them
 HIGH = 6.0  # times the usual departure
 USUAL = 0.9  # quantile of departures that is usual
 AS_FAST = 3.0  # times: the way back against the way there
-SWING = 0.5  # of the height, to the other side: an oscillation, not a spike
+SWING = 0.3  # of the height, to the other side: an oscillation, not a spike
 BACK = 0.35  # of the height: how near the signal is afterwards to where it was
 JUMP = 0.2  # of an input's range within one step
+OFTEN = 0.1  # of all samples: an input that jumps so often is no cause of a single spike
 FEWEST = 60  # samples, to judge anything
 SHORT = 10_000  # samples whose medians take less than loading what has a quicker one
 
@@ -67,15 +75,22 @@ def spans(mask: Mask) -> Spans:
     return Spans(edges[::2], edges[1::2] - 1)
 
 
-def spikes(x: Array, caused: Mask | None = None, *, wide: bool = True) -> Spans:
+def spikes(
+    x: Array, caused: Mask | None = None, *, wide: bool = True, inert: bool = False
+) -> Spans:
     """In `x (T,)`, numbers all; `caused (T,)`: samples at which an input has just jumped.
 
-    `wide`: also spikes of more than two samples, which in an input may be meant.
+    `wide`: also spikes of more than two samples, which in an input may be meant; `inert`: an angle or a
+    speed, which no input moves there and back within `SHORTEST` samples.
     """
     if len(x) < FEWEST:
         return spans(np.zeros(len(x), dtype=np.bool_))
+    if caused is not None and np.mean(caused) > OFTEN:
+        caused = None
     found = np.zeros(len(x), dtype=np.bool_)
-    for longest in LONGEST if wide else LONGEST[:1]:
+    for width in range(1, SHORTEST + 1 if wide else SHORTEST):
+        found |= _short_spikes(x, width, None if inert else caused)
+    for longest in LONGEST if wide else ():
         found |= _spikes(x, longest, caused)
     return spans(found)
 
@@ -132,6 +147,44 @@ def _running_median(x: Array, size: int) -> Array:
     return np.partition(around, size // 2, axis=-1)[:, size // 2]
 
 
+def _short_spikes(x: Array, width: int, caused: Mask | None) -> Mask:
+    """Runs of `width` samples that all leave the chord between their neighbours to one side."""
+    off = _off_chord(x, width)
+    height = np.maximum(np.maximum(off.min(axis=1), -off.max(axis=1)), 0.0)
+    moved = np.abs(np.diff(x))
+    step = float(np.median(moved[moved > 0])) if moved.any() else 0.0
+    least = max(SPREADS * float(np.std(x)), APART * step)
+    back = np.abs(x[width + 1 :] - x[: -width - 1]) < BACK * height
+    mask = np.zeros(len(x), dtype=np.bool_)
+    for at in np.flatnonzero(back & (height > least)).tolist():
+        first = at + 1
+        high = height[at] > APART * _usual_around(height, at, at + 1, width)
+        if high and not (caused is not None and caused[first - 1 : first + 1].any()):
+            mask[first : first + width] = True
+    return mask
+
+
+def _off_chord(x: Array, width: int) -> Array:
+    """`(T - width - 1, width)`: samples less the chord between their neighbours."""
+    share, window = np.arange(1, width + 1) / (width + 1), sliding_window_view(x, width + 2)
+    return np.asarray(window[:, 1:-1] - window[:, :1] * (1 - share) - window[:, -1:] * share)
+
+
+def leaves_chord(x: Array, first: int, last: int) -> float:
+    """How far `x (T,)` is from the chord over the samples `first` to `last`, over what is usual."""
+    if first < 1 or last > len(x) - 2:
+        return 0.0
+    off = np.abs(_off_chord(x, last - first + 1)).max(axis=1)
+    usual = float(np.quantile(off, USUAL))
+    return float(off[first - 1]) / usual if usual > 0 else 0.0
+
+
+def _usual_around(height: Array, begin: int, end: int, margin: int) -> float:
+    """What is usual of `height` before and after the samples from `begin` to `end`."""
+    before = height[max(0, begin - AROUND_SPIKE) : max(0, begin - margin)]
+    return float(np.quantile(np.r_[before, height[end + margin : end + AROUND_SPIKE]], LIKE_IT))
+
+
 def _spikes(x: Array, longest: int, caused: Mask | None) -> Mask:
     away = x - _running_median(x, 4 * longest + 1)
     steps = np.abs(np.diff(x))
@@ -173,11 +226,12 @@ def _is_spike(x: Array, away: Array, at: tuple[int, int, int], longest: int) -> 
     wide = int(np.sum(away[begin : end + 1] > height / 2))
     up = float(np.max(np.diff(x[begin - 1 : peak + 1])))
     down = float(-np.min(np.diff(x[peak : end + 2])))
-    around = away[max(0, begin - longest) : end + longest + 1]
+    around = away[max(0, begin - WIDER * longest) : end + WIDER * longest + 1]
     return (
         wide <= longest
         and end - begin < 2 * longest
-        and 1 / AS_FAST < down / up < AS_FAST
+        and down < AS_FAST * up
+        and up < AS_FAST * down
         and -float(np.min(around)) < SWING * height
         and abs(x[end + 1] - x[begin - 1]) < BACK * height
     )

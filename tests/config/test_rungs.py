@@ -24,6 +24,8 @@ MOST_SENSED = tuple(f"{kind}_{name}" for name in CHANNELS for kind in selection.
 MOST_SENSED = (*MOST_SENSED, "t_0", "free_start")
 SENSED = {*MOST_SENSED, "gear"}
 
+NOT_OF_MODEL = ("output", "simulation", "sampler")
+
 
 def ladder(tmp_path: Path, *changes: tuple[str, str]) -> Ladder:
     return Ladder.of(prepare(systems.small(tmp_path, ("walkers: 8", "walkers: 24"), *changes)))
@@ -71,8 +73,8 @@ def test_the_lines_of_a_rung_make_it_of_the_config(tmp_path: Path) -> None:
     for one in made.singles():
         given = read(made.job.source.text)
         pasted = merge(given, read(one.lines))
-        assert {k: v for k, v in pasted.items() if k not in ("output", "simulation")} == {
-            k: v for k, v in read(one.source.text).items() if k not in ("output", "simulation")
+        assert {k: v for k, v in pasted.items() if k not in NOT_OF_MODEL} == {
+            k: v for k, v in read(one.source.text).items() if k not in NOT_OF_MODEL
         }, one.name
 
 

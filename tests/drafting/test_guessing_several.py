@@ -137,18 +137,18 @@ def test_files_that_do_not_belong_together_are_refused(tmp_path: Path) -> None:
     )
     assert refused([whole, lacks]) == (
         f"{lacks}: has no column n_Motor, U_Motor, and {whole} has; several files have to be of one "
-        "kind, or one of channels and one of inputs at the same times; else write a config of each"
+        "kind, or complete each other at the same times; else write a config of each"
     )
     assert "is named twice" in refused([whole, whole])
     v = {"Zeit_ms": columns["Zeit_ms"], "U_Motor": columns["U_Motor"]}
     supply = written(tmp_path / "supply.csv", v)
-    assert "has a voltage of its own" in refused([whole, supply])
+    assert "has no column" in refused([whole, supply])
     later = written(tmp_path / "later.csv", {**v, "Zeit_ms": v["Zeit_ms"] + 9000})
     others = {name: x for name, x in columns.items() if name != "U_Motor"}
     bare = written(tmp_path / "bare.csv", others)
     assert "goes from 9 to 16.995 s" in refused([bare, later])
     again = written(tmp_path / "again.csv", others)
-    assert "give for each file of channels one of inputs" in refused([bare, again, supply])
+    assert "name for each record one of each kind" in refused([bare, again, supply])
     assert "no column is an angle" in refused([supply, later])
     assert not (tmp_path / "no.yaml").exists()
 
@@ -220,18 +220,6 @@ def test_a_late_twist_is_told_by_what_it_does_to_rotor_1(
             assert "#   lag: {prior: uniform, low: 0, high: 25, unit: ms}" in found["text"]
 
     for_each({str(late): (late,) for late in [0.0, 0.015]}, check)
-
-
-def test_glitches_are_masked_and_do_not_mislead(tmp_path: Path) -> None:
-    columns = german()
-    columns["n_Motor"][[300, 801, 802, 1203]] = -4000.0
-    found = made(written(tmp_path / "r.csv", columns))
-    channels = found["record"]["channels"]
-    assert channels["motor"]["mask"] == "glitches"
-    assert channels["motor"]["measures"] == "5 * w_2"
-    assert [name for name in channels if "mask" in channels[name]] == ["motor"]
-    told_of = " ".join(accepted(tmp_path / "r.yaml"))
-    assert "motor: 4 samples in 3 places are glitches, and masked" in told_of
 
 
 def test_an_angle_that_begins_again_is_unwrapped(tmp_path_factory: pytest.TempPathFactory) -> None:

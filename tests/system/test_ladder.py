@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 import systems
 
-from bayesdrill import output_files, selection
+from bayesdrill import output_files
 from bayesdrill.analysis.causes import Maximum, refit
 from bayesdrill.basics.errors import Interrupted
 from bayesdrill.basics.progress import Silent
@@ -146,10 +146,10 @@ def test_a_thing_that_is_worth_nothing_alone_is_tried_beside_the_best(tmp_path: 
         return future
 
     MISFIT = tuple(dataclasses.replace(one, correlation=1.0) for one in template.fit)
-    ranking = Guessing(job, job.problem.posterior.space.start, submit, Silent())
-    best = ranking.causes().ranked[0]
+    every = Guessing(job, job.problem.posterior.space.start, submit, Silent())
+    best = every.causes().ranked[0]
     assert {*best.parts} == {"friction_both", "damping_shaft", "lag_w_1"}
-    done = {frozenset(parts) for parts in ranking.done}
+    done = {frozenset(parts) for parts in every.done}
     assert frozenset({*best.parts, "ar1"}) in done
     few = Guessing(job, job.problem.posterior.space.start, submit, Silent())
     few.enough = 110.0

@@ -27,6 +27,7 @@ ROLES = Roles(
         angle="top_angle",
         speed="top_speed",
         current="winding_current",
+        inertia="motor_inertia",
         damping="motor_damping",
         friction="motor_friction",
         sliding="motor_sliding",
@@ -40,7 +41,9 @@ ROLES = Roles(
         drop="brush_drop",
         efficiency="gear_efficiency",
     ),
-    shaft=ShaftRoles(stiffness="pipe_stiffness", damping="pipe_damping"),
+    shaft=ShaftRoles(
+        gear_inertia="table_inertia", stiffness="pipe_stiffness", damping="pipe_damping"
+    ),
     rotor=RotorRoles(
         angle="bit_angle",
         speed="bit_speed",
@@ -58,7 +61,7 @@ ROLE_OF = {
     for usual in [getattr(Roles(), part)]
     for role in (one.name for one in dataclasses.fields(usual))
 }
-OWN = {**ROLE_OF, "j_m": "motor_inertia", "j_2": "table_inertia"} | {
+OWN = {usual: name for usual, name in ROLE_OF.items() if name != usual} | {
     "friction_m": "motor_rubs",
     "friction_1": "bit_rubs",
     "drop": "current_rubs",

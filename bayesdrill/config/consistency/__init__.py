@@ -23,7 +23,8 @@ def check(
     found = Collector(source, spoilt)
     told = [name for name in models.PARAMETERS if found.spoilt(("parameters", name))]
     model = found.run(("model", "name"), case.model, config, told)
-    nominal = found.run(("nominal", "table"), quantities.nominal_table, config)
+    own = {} if model is None else unknowns.check_nominal(found, config, model)
+    nominal = found.run(("nominal", "table"), quantities.nominal_table, config, own)
     resolved = None
     if model is not None:
         unknowns.check_model(found, config, model)

@@ -32,6 +32,16 @@ def check_model(found: Collector, config: Config, model: Model) -> None:
         found.add(("model", entry), message)
 
 
+def check_nominal(found: Collector, config: Config, model: Model) -> dict[str, float]:
+    """Values of the config's own table, SI, at their own sides of the gear."""
+    given = [name for name in models.PARAMETERS if getattr(config.nominal, name) is not None]
+    values = {
+        name: found.run(("nominal", name), quantities.nominal_value, config, model, name)
+        for name in given
+    }
+    return {name: value for name, value in values.items() if value is not None}
+
+
 def check_torque(
     found: Collector, config: Config, model: Model, sensing: Sensing | None
 ) -> dict[str, float | Unknown | None]:

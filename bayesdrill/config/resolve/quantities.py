@@ -32,7 +32,7 @@ from bayesdrill.inference.unknowns import Role, labelled
 from bayesdrill.record import anomalies
 from bayesdrill.record.experiment import Experiment
 from bayesdrill.rig import models
-from bayesdrill.rig.models.linear import Model
+from bayesdrill.rig.models.linear import Model, referred
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -147,11 +147,24 @@ class NominalTable:
     name: str
 
 
-def nominal_table(config: Config) -> NominalTable:
-    """Raises `ValueError` where there is no such table."""
+def nominal_value(config: Config, model: Model, name: str) -> float:
+    """The nominal value of a parameter that the config gives, in SI and at its own side of the gear."""
+    given, symbol = getattr(config.nominal, name), models.PARAMETERS[name]
+    if not isinstance(given, numbers.NominalValue):
+        return float(given)
+    value = (
+        given.value if given.unit is None else given.value * units.factor(given.unit, symbol.unit)
+    )
+    value *= 1.0 if given.side is None else referred(model, symbol, given.side)
+    if not value <= symbol.at_most:
+        raise ValueError(f"{value:g} is too large: {name} is at most {symbol.at_most:g}")
+    return value
+
+
+def nominal_table(config: Config, own: Mapping[str, float]) -> NominalTable:
+    """`own`: values that the config gives, SI; raises `ValueError` where there is no such table."""
     given: Any = config.nominal
     table = given.table or symbols.DEFAULT_NOMINAL
-    own = {name: x for name in models.PARAMETERS if (x := getattr(given, name)) is not None}
     values = {**lookup(symbols.NOMINAL, table, "nominal table").values, **own}
     given_parameters = config.parameters
     used = {n for n in values if (s := given_parameters.get(n)) == "nominal" or is_relative(s)}

@@ -29,8 +29,8 @@ from bayesdrill.config.schema.numbers import (
     ParameterSpec,
     QuantitySpec,
     SigmaSpec,
-    ending,
     held,
+    nominal_spec,
     parameter_spec,
     shape,
     shorthand,
@@ -171,7 +171,7 @@ else:  # those that are named, in the order of the vocabulary
 Nominal = _per_symbol(
     "Nominal",
     _NominalBase,
-    lambda symbol: ending(symbol, Positive),
+    nominal_spec,
     "A table and what differs from it.",
 )
 Simulation = _per_symbol(

@@ -183,6 +183,25 @@ class Quantity(Strict):
     unit: str
 
 
+class NominalValue(Strict):
+    """A line of a data sheet."""
+
+    value: Positive
+    unit: str | None = Field(None, description="Default: SI.")
+    side: Literal["motor", "load"] | None = Field(
+        None, description="Of the gear, for which the sheet gives it; default: the symbol's own."
+    )
+
+
+def nominal_spec(symbol: Symbol) -> Any:
+    """What a nominal value may be given as."""
+    return Annotated[
+        Annotated[ending(symbol, Positive), Tag("<number>")]
+        | Annotated[NominalValue, Tag("<mapping>")],
+        Discriminator(shape),
+    ]
+
+
 QuantitySpec = Annotated[
     Annotated[Positive, Tag("<number>")]
     | Annotated[Quantity, Tag("<held>")]

@@ -31,6 +31,7 @@ class Found:
     ignored: dict[str, str] = field(default_factory=dict)
     unread: list[str] = field(default_factory=list)
     groups: set[int] = field(default_factory=set)  # where they stand in the file
+    labels: dict[str, str] = field(default_factory=dict)
 
     def add(self, name: str, values: np.ndarray[Any, Any]) -> None:
         """Keep a real array up to 2-D, `(T, 1)` and `(1, T)` as `(T,)`; note others as ignored."""
@@ -66,6 +67,7 @@ class Found:
             variables=self.variables,
             ignored=self.ignored,
             unread=tuple(self.unread),
+            labels=self.labels,
         )
 
 

@@ -175,6 +175,9 @@ def _walk_v5(name: str, value: Any, found: Found) -> None:
     elif not isinstance(value, np.ndarray):
         found.ignored[name] = "is sparse; save full(...) of it"
     elif value.dtype.names is not None:
+        if "values" in value.dtype.names:
+            _add_signals(name, value, found)
+            return
         if value.size != 1:
             found.ignored[name] = f"is an array of {value.size} structs; save a single struct"
             return
@@ -185,7 +188,18 @@ def _walk_v5(name: str, value: Any, found: Found) -> None:
     elif value.dtype.kind == "O":
         found.ignored[name] = "is a cell array; save cell2mat(...) of it"
     else:
-        found.add(name, value)
+        found.add_fields(name, value)
+
+
+def _add_signals(name: str, signals: np.ndarray[Any, Any], found: Found) -> None:
+    """Of Simulink's structure with time: the values of each signal, and what it is called."""
+    for number, signal in enumerate(signals.flat, start=1):
+        one = f"{name}({number}).values" if signals.size > 1 else f"{name}.values"
+        found.add_fields(one, signal["values"])
+        texts = [signal[key] for key in ("label", "title") if key in (signals.dtype.names or ())]
+        said = [str(text.flat[0]) for text in texts if text.dtype.kind == "U" and text.size]
+        if said:
+            found.labels[one] = said[0]
 
 
 def _read_v73(path: Path, wanted: Collection[str] | None) -> Found:
@@ -197,7 +211,7 @@ def _read_v73(path: Path, wanted: Collection[str] | None) -> Found:
         for name, item in datasets(file, found, unfit=_unfit, **layout):
             if wanted is None or name in wanted:
                 # MATLAB writes column by column, so HDF5 shows every array transposed.
-                found.add(name, np.asarray(item[()]).T)
+                found.add_fields(name, np.asarray(item[()]).T)
             else:
                 found.unread.append(name)
     return found

@@ -35,6 +35,8 @@ class Table:
     """Of a table some of whose columns are no numbers: all of them, in order; else `variables`."""
     ignored: Mapping[str, str] = field(default_factory=dict)
     unread: tuple[str, ...] = ()
+    labels: Mapping[str, str] = field(default_factory=dict)
+    """What the file calls a variable, where that is not its name."""
 
     def where(self, index: int) -> str:
         """The place of the sample `index` (0-based): `line 18` of a text, `row`, or `sample`."""

@@ -49,6 +49,7 @@ class MotorRoles:
     current: str = "i"
     voltage: str = "v"
     torque: str = "t_m"
+    inertia: str = "j_m"
     damping: str = "c_m"
     friction: str = "t_f"
     sliding: str = "t_cm"
@@ -65,6 +66,10 @@ class MotorRoles:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ShaftRoles:
+    """`inertia`: of the shaft itself; `gear_inertia`: at the output of the gearbox."""
+
+    inertia: str = "j_s"
+    gear_inertia: str = "j_2"
     stiffness: str = "k_s"
     damping: str = "c_s"
 
@@ -81,6 +86,12 @@ class RotorRoles:
     sliding: str = "t_c1"
     static: str = "t_s1"
     fading: str = "w_s1"
+
+
+# Of the gear reduction factor, by which a quantity at the motor is that at the load times it.
+GEAR_POWERS: Mapping[str, int] = MappingProxyType(
+    {"kg*m**2": 2, "N*m*s/rad": 2, "N*m/rad": 2, "N*m": 1, "rad/s": -1}
+)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -100,6 +111,16 @@ class Roles:
     def at(self, place: str) -> MotorRoles | RotorRoles:
         """`motor`, or `rotor_1`."""
         return self.motor if place == "motor" else self.rotor
+
+    def side(self, name: str) -> str:
+        """On which side of the gear the parameter `name` is: `motor` or `load`; empty: on none."""
+        m, s, r = self.motor, self.shaft, self.rotor
+        at_motor = (m.inertia, m.damping, m.friction, m.sliding, m.static, m.fading)
+        at_shaft = (s.inertia, s.gear_inertia, s.stiffness, s.damping)
+        at_rotor = (r.inertia, r.damping, r.sliding, r.static, r.fading)
+        if name in at_motor:
+            return "motor"
+        return "load" if name in (*at_shaft, *at_rotor) else ""
 
     @property
     def speeds(self) -> Mapping[str, str]:
@@ -220,6 +241,19 @@ class Model(Protocol):
     def geared(self) -> bool:
         """Whether one of its constants is that."""
         return hasattr(self, self.roles.gear)
+
+
+def referred(rig: Model, symbol: Symbol, side: str) -> float:
+    """Compute the factor that refers a value at the `side` (`motor` or `load`) to the symbol's own side.
+
+    Raises `ValueError` where the symbol is on no side of the gear of `rig`.
+    """
+    own, power = rig.roles.side(symbol.name), GEAR_POWERS.get(symbol.unit)
+    if not own or power is None:
+        raise ValueError(f"{symbol.name} is on no side of the gear; leave out `side:`")
+    if side == own:
+        return 1.0
+    return float(rig.gear_ratio ** (power if own == "motor" else -power))
 
 
 @dataclass(frozen=True, slots=True)
