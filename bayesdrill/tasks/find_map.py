@@ -16,7 +16,6 @@ from bayesdrill.basics.errors import InputError
 from bayesdrill.basics.progress import Reporter
 from bayesdrill.config.job import Job, prepare
 from bayesdrill.config.resolve import assembly
-from bayesdrill.inference import residual_checks
 from bayesdrill.inference.posterior import Problem
 from bayesdrill.output_files import MAP, dumps_checksummed, loads_checksummed, typed
 from bayesdrill.report import publish, words
@@ -103,10 +102,6 @@ def end_search(crew: Crew, under_way: Searches, job: Job, report: Reporter) -> M
     """The maximum, and in words how good the fit is there."""
     found = end_searches(crew, under_way, report)
     report.say(words.mode(found, job.units))
-    posterior = job.at(found).problem.posterior
-    left = residual_checks.left(posterior.likelihood, posterior.space.vector(found.values))
-    if fit_words.residual_reasons(left):
-        report.say(fit_words.residual_sentences(left, job.clock))
     return found
 
 

@@ -16,10 +16,12 @@ from bayesdrill.analysis.verdict import Verdict
 from bayesdrill.basics.errors import InputError
 from bayesdrill.basics.progress import SILENT, Reporter
 from bayesdrill.config.job import Job, prepare
+from bayesdrill.inference import residual_checks
 from bayesdrill.output_files import POSTERIOR, RESOLVED_FILE
 from bayesdrill.report import publish, words
 from bayesdrill.report.run_report import sections
 from bayesdrill.report.section import as_text
+from bayesdrill.report.sections import fit_words
 from bayesdrill.report.view import View
 from bayesdrill.results import provenance, run_folder
 from bayesdrill.results.provenance import begin, check_record, interruptions
@@ -117,6 +119,11 @@ def _run(job: Job, folder: Folder, known: Mode | None, processes: int, report: R
             write_mode(folder, known)
         assert known is not None
         found, job = known, job.at(known)
+        left = residual_checks.left(
+            job.problem.posterior.likelihood, job.problem.posterior.space.vector(found.values)
+        )
+        if fit_words.residual_reasons(left):
+            report.say(fit_words.residual_sentences(left, job.clock))
         explained, said = explain(job, found, crew.run, report)
         if said:
             report.say(said)
