@@ -44,6 +44,54 @@ def covariance(posterior: Posterior, theta: Array) -> Array:
     return np.asarray(spread @ spread.T)
 
 
+def sandwich(posterior: Posterior, theta: Array) -> Array:
+    """Return the covariance `(D, D)` of the unknowns at the MAP, physical `theta (D,)`, on their natural
+    scales, where residuals need not be independent.
+
+    It is `H^-1 (J + P) H^-1` (Newey and West 1987): H the information of record and priors, P that of
+    the priors, J the sum over all pairs of samples of the slopes of their log densities, which is what
+    H has of the record where residuals are as the noise says.
+    """
+    up, down = _neighbours(posterior.coordinates, theta)
+    both = np.concatenate([up, down])
+    full, rows = posterior.space.full(both), _record_rows(posterior, theta)
+    prior = np.diag([natural_spread(unknown) ** -2.0 for unknown in posterior.space.unknowns])
+    middle = prior.copy()
+    for one in posterior.likelihood.observations:
+        terms = one.pointwise(one.residuals(full).samples, both)
+        density = np.nansum(np.where(one.experiment.seen, terms, 0.0), axis=2).T  # (T, 2 D)
+        middle += long_run((density[:, : len(theta)] - density[:, len(theta) :]) / (2 * _STEP))
+    bread = np.linalg.inv(rows.T @ rows + prior)
+    return np.asarray(bread @ middle @ bread)
+
+
+def sandwich_sds(posterior: Posterior, theta: Array) -> dict[str, float]:
+    """Return the sds of the unknowns by `sandwich`, in the units of `theta (D,)`."""
+    sds = np.sqrt(np.diag(sandwich(posterior, theta)))
+    natural = posterior.coordinates.natural(theta[None])[0]
+    return dict(zip(posterior.space.free, (sds * natural).tolist(), strict=True))
+
+
+MOST_REMEMBERED = 0.97  # correlation of neighbours from which a bandwidth is taken
+
+
+def long_run(scores: Array) -> Array:
+    """Return the variance `(D, D)` of the sum of `scores (T, D)`, which may remember each other.
+
+    Products at all lags are weighed by the quadratic spectral kernel, as wide as each of them as an
+    AR(1) wants it on the mean (Andrews 1991, eqs. 2.7, 5.2 and 6.4 with weights that make all alike).
+    """
+    x, n = scores - scores.mean(axis=0), len(scores)
+    squares = np.maximum((x**2).sum(axis=0), 1e-300)
+    rho = np.clip((x[1:] * x[:-1]).sum(axis=0) / squares, -MOST_REMEMBERED, MOST_REMEMBERED)
+    alpha = float(np.mean(4.0 * rho**2 / (1.0 - rho) ** 4))
+    far = 1.2 * np.pi * np.arange(1, n) / max(1.3221 * (alpha * n) ** 0.2, 1e-3)
+    weights = np.concatenate([[1.0], 3.0 / far**2 * (np.sin(far) / far - np.cos(far))])
+    around = np.concatenate([weights, [0.0], weights[:0:-1]])  # a convolution, by its transform
+    turned = np.fft.rfft(around)[:, None] * np.fft.rfft(x, 2 * n, axis=0)
+    return np.asarray(x.T @ np.fft.irfft(turned, 2 * n, axis=0)[:n])
+
+
 def slopes_by_logs(coordinates: Coordinates, theta: Array) -> Array:
     """d coordinate / d log unknown at physical `theta (D,)`: `(D, D)`, a column for each unknown."""
     up, down = _neighbours(coordinates, theta)

@@ -151,6 +151,7 @@ def _sections(run: View, pictures: Sequence[Picture]) -> Iterator[Section]:
         "Fit",
         words.maxima(run.mode, sampled.held, run.units),
         fit_words.residual_sentences(found.fit, run.clock),
+        "\n".join(f"fit: {each}" for each in found.inputs),
         fit_words.explained(found.causes, run.problem),
         verdict_words.step_sentences(found.step_errors),
     )
@@ -225,7 +226,11 @@ def _parameters(run: View) -> tuple[Block | str, ...]:
     leaning = words.leaning(run.analysis.leaning).splitlines()
     known = [] if run.reasons else [*section.in_words(unknowns), *leaning]
     # Also where there is nothing to say: a terminal then shows an empty line.
-    return table, Note(read), Sentences("\n".join([*known, *run.notes]))
+    noted = Sentences("\n".join([*known, *run.notes]))
+    if not run.analysis.sandwich:
+        return table, Note(read), noted
+    remembered = section.sandwich_table(unknowns, run.analysis.sandwich, run.units)
+    return table, Note(read), noted, remembered, Note(section.SANDWICH_EXPLAINED)
 
 
 def _told(run: View, table: Table) -> Table:

@@ -7,6 +7,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import groupby
 from typing import Any
 
 import numpy as np
@@ -14,16 +15,23 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
+from matplotlib.ticker import MaxNLocator
 from scipy.special import ndtri
 from scipy.stats import norm
 
 from bayesdrill.analysis.prediction import FALSE_ALARM, Check, checks
 from bayesdrill.basics.arrays import Array, Indices
-from bayesdrill.basics.symbols import Symbol
+from bayesdrill.basics.symbols import INPUTS, Symbol
 from bayesdrill.config.schema.config import Config
 from bayesdrill.inference.derived import HDI_PROBABILITY
 from bayesdrill.inference.posterior import Problem
-from bayesdrill.inference.residual_checks import Left
+from bayesdrill.inference.residual_checks import (
+    CHANCE,
+    Correlation,
+    Left,
+    correlations,
+    like_noise,
+)
 from bayesdrill.output_files import numbered
 from bayesdrill.report import scales, style, words
 from bayesdrill.report.pages import Page, difference_panel, inches_panel, legend_above
@@ -396,6 +404,52 @@ def _difference(panel: Axes, one: Check, most: float) -> None:
     panel.set_ylabel("ECDF difference [%]")
     if one.says:
         style.corner_text(panel, one.says, "right", fontsize=style.letters("legend.fontsize"))
+
+
+STEM: dict[str, Any] = {"color": style.DARK, "linewidth": 1.1}
+
+
+def residuals_figure(found: Sequence[Correlation], width: float = scales.DOUBLE) -> Figure:
+    """A row for each channel: correlations of its residuals with themselves, and with each input."""
+    beside = [one for one in found if one.channel == found[0].channel]
+    most = 1.1 * max(float(np.maximum(np.abs(one.values), one.band).max()) for one in found)
+    with style.styled(width):
+        handles: list[Any] = [
+            Patch(label=f"{100 * CHANCE:g} % of chance, each lag", **style.CHANCE),
+            Line2D([], [], label="inside", **STEM),
+            Line2D([], [], label="outside", **style.OUTSIDE),
+        ]
+        page = Page(columns=len(beside), row=1.2, top=0.36).fitting(width, len(handles))
+        figure, panels = page.build(len(found))
+        for k, (panel, one) in enumerate(zip(panels, found, strict=True)):
+            panel.fill_between(one.lags, -one.band, one.band, zorder=0, **style.CHANCE)
+            panel.axhline(0.0, color=style.MIDDLE, linewidth=0.5, zorder=1)
+            for inside, look in ((True, STEM), (False, dict(style.OUTSIDE))):
+                chosen = (np.abs(one.values) <= one.band) == inside
+                panel.vlines(one.lags[chosen], 0.0, one.values[chosen], zorder=2, **look)
+            panel.set_ylim(-most, 1.25 * most)  # the name is above
+            style.set_ticks(panel.yaxis, *scales.ticks(-most, most, 4))
+            panel.xaxis.set_major_locator(MaxNLocator(5, integer=True))
+            style.corner_text(panel, f"${one.channel.latex}$")
+            other = f"with ${INPUTS[one.input].latex}$" if one.input else "with itself"
+            style.corner_text(panel, other, "right", fontsize=style.letters("legend.fontsize"))
+            page.frame(panel, k, len(found), "lag [samples]", "correlation")
+        legend_above(figure, handles, 3)
+    return figure
+
+
+RESIDUALS = "Whether residuals are white, and whether they follow an input (positive lags)."
+
+
+def draw_residuals(run: View) -> tuple[Drawing, ...] | None:
+    asked = "residuals" in (run.config.output.figures or ())
+    if like_noise(run.analysis.fit) and not asked:
+        return None
+    found = correlations(run.problem.posterior.likelihood, run.chain.best)
+    each = (
+        (label, tuple(group)) for label, group in groupby(found, key=lambda one: one.experiment)
+    )
+    return for_each_experiment(residuals_figure, each, run.width, RESIDUALS)
 
 
 FIT = "Record, model at the MAP and posterior predictive band; beside them what is left, and the noise."

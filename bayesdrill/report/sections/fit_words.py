@@ -23,7 +23,7 @@ from bayesdrill.basics.symbols import Symbol
 from bayesdrill.basics.units import Unit
 from bayesdrill.inference.likelihood import Observation
 from bayesdrill.inference.posterior import Problem
-from bayesdrill.inference.residual_checks import Left
+from bayesdrill.inference.residual_checks import Left, like_noise
 from bayesdrill.inference.unknowns import of_label
 from bayesdrill.output_files import numbered
 from bayesdrill.report.sections.physics_words import Rub, rubs
@@ -171,6 +171,17 @@ def residual_sentences(found: Sequence[Left], clock: Unit) -> str:
     seen = [f"{percent(one.share)} ({one.name})" for one in found if not math.isnan(one.share)]
     shares = ", ".join(seen) or "nothing to speak of"
     lines = [f"fit: of what each channel does the MAP leaves unexplained {shares}"]
+    # Where noise remembers, or a torque is missing; elsewhere both are what was said above.
+    ahead = [one for one in found if one.ahead != one.simulated and not math.isnan(one.share)]
+    if ahead:
+        each = ", ".join(
+            f"{one.name} {explained_share(one.simulated)} and {explained_share(one.ahead)}"
+            for one in ahead
+        )
+        lines.append(
+            "fit: explained by the simulation alone, and by predictions one step ahead from all "
+            f"samples before: {each}"
+        )
     if large := _worst(found, "large", "rms"):
         lines.append(
             f"fit: the MAP leaves more than the noise, in sigmas: {_each_channel(large, 'rms')} (noise "
@@ -200,7 +211,7 @@ def residual_sentences(found: Sequence[Left], clock: Unit) -> str:
             f"leaves at least {small[0].limits.least:.3g}); these sigmas are too large, or the column "
             "was filtered"
         )
-    if len(lines) == 1:
+    if like_noise(found) and not small:
         sizes = [one.rms for one in found]
         sigmas = f"rms {min(sizes):.3f} to {max(sizes):.3f} sigma"
         lines.append(f"fit: what the MAP leaves looks like the noise ({sigmas})")
@@ -234,6 +245,11 @@ def _each_channel(found: Sequence[Left], what: str) -> str:
 def percent(share: float) -> str:
     """Of a channel's spread about its mean."""
     return f"{100 * share:.2g} %"
+
+
+def explained_share(left: float) -> str:
+    """NRMSE fit, the complement of the share that is left: below zero where a mean would do better."""
+    return f"{100 * (1 - left):.4g} %"
 
 
 LAGS = ("lag", "input lag")
