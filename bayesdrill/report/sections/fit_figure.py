@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import groupby
 from typing import Any
 
@@ -19,7 +19,13 @@ from matplotlib.ticker import MaxNLocator
 from scipy.special import ndtri
 from scipy.stats import norm
 
-from bayesdrill.analysis.prediction import FALSE_ALARM, Check, checks
+from bayesdrill.analysis.prediction import (
+    FALSE_ALARM,
+    Check,
+    FrequencyResponse,
+    checks,
+    frequency_responses,
+)
 from bayesdrill.basics.arrays import Array, Indices
 from bayesdrill.basics.symbols import INPUTS, Symbol
 from bayesdrill.config.schema.config import Config
@@ -406,6 +412,13 @@ def _difference(panel: Axes, one: Check, most: float) -> None:
         style.corner_text(panel, one.says, "right", fontsize=style.letters("legend.fontsize"))
 
 
+POINT: dict[str, Any] = {
+    "color": style.DARK,
+    "marker": "o",
+    "markersize": 2.4,
+    "markeredgewidth": 0,
+    "linestyle": "none",
+}
 STEM: dict[str, Any] = {"color": style.DARK, "linewidth": 1.1}
 
 
@@ -450,6 +463,59 @@ def draw_residuals(run: View) -> tuple[Drawing, ...] | None:
         (label, tuple(group)) for label, group in groupby(found, key=lambda one: one.experiment)
     )
     return for_each_experiment(residuals_figure, each, run.width, RESIDUALS)
+
+
+def frequency_figure(found: Sequence[FrequencyResponse], width: float = scales.DOUBLE) -> Figure:
+    """A row for each channel and input: magnitude and phase over the frequency."""
+    with style.styled(width):
+        measured = r"measured, where the input excites ($\pm$2 sd)"
+        handles: list[Any] = [
+            Line2D([], [], label="model at the MAP", **style.BLACK_LINE),
+            Line2D([], [], label=measured, **POINT),
+        ]
+        page = replace(PAGE, left=0.7, gap_x=0.75).fitting(width, 4)
+        figure, panels = page.build(2 * len(found))
+        for k, panel in enumerate(panels):
+            _bode(panel, found[k // 2], phase=bool(k % 2))
+            panel.tick_params(labelbottom=k >= len(panels) - 2)
+        for panel in panels[-2:]:
+            panel.set_xlabel("frequency [Hz]")
+        legend_above(figure, handles, 2 if width >= scales.DOUBLE else 1)
+    return figure
+
+
+def _bode(panel: Axes, one: FrequencyResponse, *, phase: bool) -> None:
+    """The magnitude, SI, or the phase in degrees, of what is measured next to the model's."""
+    there, given = np.isfinite(one.measured), INPUTS[one.input]
+    model, measured = np.abs(one.modelled), np.abs(one.measured)
+    error = measured * one.error
+    if phase:
+        model = np.degrees(np.unwrap(np.angle(one.modelled)))
+        measured = model + np.degrees(np.angle(one.measured / one.modelled))
+        error = np.degrees(one.error)
+    panel.plot(one.frequencies, model, zorder=1, **style.BLACK_LINE)
+    panel.errorbar(
+        one.frequencies[there], measured[there], 2 * error[there], elinewidth=0.6, zorder=2, **POINT
+    )
+    style.set_decades(panel.xaxis, one.frequencies[0], one.frequencies[-1])
+    style.corner_text(panel, rf"${given.latex} \to {one.channel.latex}$", "right")
+    if phase:
+        panel.yaxis.set_major_locator(MaxNLocator(4, steps=[1, 1.5, 3, 4.5, 9, 10]))
+        panel.set_ylabel("phase [deg]")
+        return
+    every = np.concatenate([model, measured[there]])
+    style.set_decades(panel.yaxis, every.min() / 1.5, 3 * every.max())
+    unit = rf"\mathrm{{{one.channel.latex_unit}}} / \mathrm{{{given.latex_unit}}}"
+    panel.set_ylabel(f"magnitude [${unit}$]")
+
+
+FREQUENCY_RESPONSE = "How inputs move channels: measured, where they excite, and by the model."
+
+
+def draw_frequency_response(run: View) -> tuple[Drawing, ...]:
+    found = frequency_responses(run.problem.posterior, run.chain.best)
+    each = ((label, tuple(group)) for label, group in groupby(found, key=lambda one: one.label))
+    return for_each_experiment(frequency_figure, each, run.width, FREQUENCY_RESPONSE)
 
 
 FIT = "Record, model at the MAP and posterior predictive band; beside them what is left, and the noise."
