@@ -177,7 +177,8 @@ def correlations(likelihood: Likelihood, theta: Array) -> tuple[Correlation, ...
     """Return those of each channel with itself, then with each measured input, at the unknowns `theta
     (D,)`; pairs of which a sample is missing are left out.
 
-    The sd of a correlation with an input counts on what both remember (Ljung 1999, section 16.6).
+    Of an input, both are filtered by the AR(1) of the residuals first, so that these are nearly white
+    (prewhitening, Box and Jenkins); sds count on what both still remember (Ljung, section 16.6).
     """
     full = likelihood.space.full(theta[None])
     return tuple(
@@ -198,7 +199,7 @@ def input_sentences(found: Sequence[Correlation]) -> tuple[str, ...]:
             where = f" in {one.experiment}" if one.experiment else ""
             said.append(
                 f"what the MAP leaves of {one.channel.name}{where} follows the input {one.input}, "
-                f"{lag} samples ({lag * one.step:.3g} s) later (correlation {one.values[k]:.2g}, "
+                f"{lag:+d} samples ({lag * one.step:.3g} s) after it (correlation {one.values[k]:.2g}, "
                 f"chance gives at most {limit * one.sds[k]:.2g})"
                 + (": the input answers to the rig, or times are off" if lag < 0 else "")
             )
@@ -224,17 +225,20 @@ def _correlations(one: Observation, full: Array, theta: Array) -> Iterator[Corre
         after = slice(1, last + 1)
         of = partial(Correlation, channel=experiment.channels[k], step=step, experiment=one.label)
         yield of(input="", lags=lags[after], values=memory[after], sds=sds[after])
-        clear = np.where(np.abs(memory) > 2.0 * sds, memory, 0.0)  # the others are chance
         both = np.arange(-last, last + 1)
+        rho = memory[1]
+        fresh = residuals[1:] - rho * residuals[:-1]
+        memory, _ = _correlated(fresh, fresh, lags)
+        clear = np.where(np.abs(memory) > 2.0 * sds, memory, 0.0)  # the others are chance
         for name, series in experiment.series.items():
-            if not np.ptp(series[seen]) > 0:
-                continue
             values = np.full(len(residuals), np.nan)
             values[places] = series[seen] - series[seen].mean()
+            values = values[1:] - rho * values[:-1]
             own, _ = _correlated(values, values, lags)
-            found, counts = _correlated(residuals, values, both)
+            found, counts = _correlated(fresh, values, both)
             joint = max(1.0, 1.0 + 2.0 * float(clear[1:] @ own[1:]))
-            yield of(input=name, lags=both, values=found, sds=np.sqrt(joint / counts))
+            if np.ptp(series[seen]) > 0:
+                yield of(input=name, lags=both, values=found, sds=np.sqrt(joint / counts))
 
 
 def _correlated(late: Array, early: Array, lags: Indices) -> tuple[Array, Array]:
@@ -246,5 +250,5 @@ def _correlated(late: Array, early: Array, lags: Indices) -> tuple[Array, Array]
         after, before = slice(max(lag, 0), n + min(lag, 0)), slice(max(-lag, 0), n - max(lag, 0))
         sums[row], counts[row] = x[after] @ y[before], there[0][after] @ there[1][before]
     counts = np.maximum(counts, 1.0)
-    size = math.sqrt(float(x @ x) / there[0].sum() * float(y @ y) / there[1].sum())
+    size = math.sqrt(float(x @ x) * float(y @ y) / max(there[0].sum() * there[1].sum(), 1.0))
     return (sums / counts / size if size > 0 else np.zeros(len(lags))), counts

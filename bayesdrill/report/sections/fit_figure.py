@@ -430,8 +430,9 @@ def residuals_figure(found: Sequence[Correlation], width: float = scales.DOUBLE)
         handles: list[Any] = [
             Patch(label=f"{100 * CHANCE:g} % of chance, each lag", **style.CHANCE),
             Line2D([], [], label="inside", **STEM),
-            Line2D([], [], label="outside", **style.OUTSIDE),
         ]
+        if any((np.abs(one.values) > one.band).any() for one in found):
+            handles.append(Line2D([], [], label="outside", **style.OUTSIDE))
         page = Page(columns=len(beside), row=1.2, top=0.36).fitting(width, len(handles))
         figure, panels = page.build(len(found))
         for k, (panel, one) in enumerate(zip(panels, found, strict=True)):
@@ -440,7 +441,7 @@ def residuals_figure(found: Sequence[Correlation], width: float = scales.DOUBLE)
             for inside, look in ((True, STEM), (False, dict(style.OUTSIDE))):
                 chosen = (np.abs(one.values) <= one.band) == inside
                 panel.vlines(one.lags[chosen], 0.0, one.values[chosen], zorder=2, **look)
-            panel.set_ylim(-most, 1.25 * most)  # the name is above
+            panel.set_ylim(-most, 1.5 * most)  # the name is above
             style.set_ticks(panel.yaxis, *scales.ticks(-most, most, 4))
             panel.xaxis.set_major_locator(MaxNLocator(5, integer=True))
             style.corner_text(panel, f"${one.channel.latex}$")
@@ -466,14 +467,14 @@ def draw_residuals(run: View) -> tuple[Drawing, ...] | None:
 
 
 def frequency_figure(found: Sequence[FrequencyResponse], width: float = scales.DOUBLE) -> Figure:
-    """A row for each channel and input: magnitude and phase over the frequency."""
+    """A row for each channel and input: magnitude and phase of the response G over the frequency."""
     with style.styled(width):
         measured = r"measured, where the input excites ($\pm$2 sd)"
         handles: list[Any] = [
             Line2D([], [], label="model at the MAP", **style.BLACK_LINE),
             Line2D([], [], label=measured, **POINT),
         ]
-        page = replace(PAGE, left=0.7, gap_x=0.75).fitting(width, 4)
+        page = replace(PAGE, left=0.7, gap_x=0.75, top=0.36).fitting(width, 4)
         figure, panels = page.build(2 * len(found))
         for k, panel in enumerate(panels):
             _bode(panel, found[k // 2], phase=bool(k % 2))
@@ -493,20 +494,18 @@ def _bode(panel: Axes, one: FrequencyResponse, *, phase: bool) -> None:
         model = np.degrees(np.unwrap(np.angle(one.modelled)))
         measured = model + np.degrees(np.angle(one.measured / one.modelled))
         error = np.degrees(one.error)
-    panel.plot(one.frequencies, model, zorder=1, **style.BLACK_LINE)
-    panel.errorbar(
-        one.frequencies[there], measured[there], 2 * error[there], elinewidth=0.6, zorder=2, **POINT
-    )
-    style.set_decades(panel.xaxis, one.frequencies[0], one.frequencies[-1])
-    style.corner_text(panel, rf"${given.latex} \to {one.channel.latex}$", "right")
-    if phase:
-        panel.yaxis.set_major_locator(MaxNLocator(4, steps=[1, 1.5, 3, 4.5, 9, 10]))
-        panel.set_ylabel("phase [deg]")
-        return
     every = np.concatenate([model, measured[there]])
-    style.set_decades(panel.yaxis, every.min() / 1.5, 3 * every.max())
-    unit = rf"\mathrm{{{one.channel.latex_unit}}} / \mathrm{{{given.latex_unit}}}"
-    panel.set_ylabel(f"magnitude [${unit}$]")
+    x = scales.scale(one.frequencies[0], one.frequencies[-1], log=True, margin=0.03)
+    y = scales.scale(float(every.min()), float(every.max()), log=not phase, margin=0.2)
+    ends = y(np.stack([measured - 2 * error, measured + 2 * error])[:, there])
+    panel.plot(x(one.frequencies), y(model), zorder=1, **style.BLACK_LINE)
+    panel.vlines(x(one.frequencies[there]), *ends, color=POINT["color"], linewidth=0.6, zorder=2)
+    panel.plot(x(one.frequencies[there]), y(measured[there]), zorder=3, **POINT)
+    unit = rf"{one.channel.latex_unit}/{given.latex_unit}"
+    what, unit = (r"\arg\, G", r"^\circ") if phase else ("|G|", unit)
+    style.scale_axis(panel.xaxis, x, "", 5)
+    style.scale_axis(panel.yaxis, y, y.label(Symbol("", "", what, unit, "")), 4)
+    style.corner_text(panel, rf"${given.latex} \to {one.channel.latex}$", "right")
 
 
 FREQUENCY_RESPONSE = "How inputs move channels: measured, where they excite, and by the model."
