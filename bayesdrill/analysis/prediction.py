@@ -192,6 +192,7 @@ def _some(theta: Array) -> Array:
 
 
 SEGMENTS = 8  # of a record, half over each other, that a spectrum is the mean of
+SMOOTH = 7  # frequencies over which the spectrum of noise is alike
 LEAST_SEEN = 0.9  # of the samples of a channel; the others count as the model has them
 EXCITED = 0.25  # sd over magnitude of a response, to which an input that excites lets it be known
 
@@ -219,6 +220,7 @@ def frequency_responses(posterior: Posterior, theta: Array) -> tuple[FrequencyRe
     so the start and leakage at a resonance bias it only as far as the model is wrong (errors: Bendat
     and Piersol, Random Data, 4th ed., section 9.2).
     """
+    from scipy.ndimage import uniform_filter1d
     from scipy.signal import csd  # late: it takes half a second to load
 
     full, found = posterior.space.full(theta[None]), []
@@ -230,14 +232,13 @@ def frequency_responses(posterior: Posterior, theta: Array) -> tuple[FrequencyRe
         u, e = np.array([*series.values()]), np.nan_to_num(one.residuals(full).samples[0].T)
         length, both = 2 * u.shape[1] // (SEGMENTS + 1), np.concatenate([u, e])
         f, every = csd(both[:, None], both[None], 1.0 / experiment.dt, nperseg=length)
-        f, spectra = (
-            f[1:],
-            np.moveaxis(every[..., 1:], -1, 0),
-        )  # of one with another, (F, S + K, S + K)
-        n = len(u)
+        f, spectra, n = f[1:], np.moveaxis(every[..., 1:], -1, 0), len(u)  # (F, S + K, S + K)
         inverse = np.linalg.pinv(spectra[:, :n, :n], hermitian=True)
         more = (inverse @ spectra[:, :n, n:]).swapaxes(1, 2)  # (F, K, S)
         noise = np.einsum("fkk->fk", spectra[:, n:, n:] - more.conj() @ spectra[:, :n, n:]).real
+        noise = uniform_filter1d(
+            noise, SMOOTH, axis=0
+        )  # which has few degrees of freedom by itself
         share = np.einsum("fss->fs", inverse).real / (2.0 * max(SEGMENTS - n, 1))
         modelled = _response(one, one.told(full), f, [*series])
         measured = modelled + more

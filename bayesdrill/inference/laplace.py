@@ -72,24 +72,33 @@ def sandwich_sds(posterior: Posterior, theta: Array) -> dict[str, float]:
     return dict(zip(posterior.space.free, (sds * natural).tolist(), strict=True))
 
 
-MOST_REMEMBERED = 0.97  # correlation of neighbours from which a bandwidth is taken
+MOST_REMEMBERED = 0.97  # correlation of neighbours that is taken out before (Andrews and Monahan)
 
 
 def long_run(scores: Array) -> Array:
     """Return the variance `(D, D)` of the sum of `scores (T, D)`, which may remember each other.
 
-    Products at all lags are weighed by the quadratic spectral kernel, as wide as each of them as an
-    AR(1) wants it on the mean (Andrews 1991, eqs. 2.7, 5.2 and 6.4 with weights that make all alike).
+    What each has of an AR(1) is taken out first, and put back (Andrews and Monahan 1992).  Of the rest,
+    products at all lags are weighed by the quadratic spectral kernel, as wide as an AR(1) wants it on
+    the mean (Andrews 1991, eqs. 2.7, 5.2 and 6.4, with weights that make all scores alike).
     """
     x, n = scores - scores.mean(axis=0), len(scores)
-    squares = np.maximum((x**2).sum(axis=0), 1e-300)
-    rho = np.clip((x[1:] * x[:-1]).sum(axis=0) / squares, -MOST_REMEMBERED, MOST_REMEMBERED)
+    memory = _neighbours_correlation(x)
+    x[1:] -= memory * x[:-1]
+    rho = _neighbours_correlation(x)
     alpha = float(np.mean(4.0 * rho**2 / (1.0 - rho) ** 4))
     far = 1.2 * np.pi * np.arange(1, n) / max(1.3221 * (alpha * n) ** 0.2, 1e-3)
     weights = np.concatenate([[1.0], 3.0 / far**2 * (np.sin(far) / far - np.cos(far))])
     around = np.concatenate([weights, [0.0], weights[:0:-1]])  # a convolution, by its transform
     turned = np.fft.rfft(around)[:, None] * np.fft.rfft(x, 2 * n, axis=0)
-    return np.asarray(x.T @ np.fft.irfft(turned, 2 * n, axis=0)[:n])
+    summed = (x / (1.0 - memory)).T @ np.fft.irfft(turned, 2 * n, axis=0)[:n]
+    return np.asarray(summed / (1.0 - memory))
+
+
+def _neighbours_correlation(x: Array) -> Array:
+    """Of the columns of `x (T, D)`."""
+    found = (x[1:] * x[:-1]).sum(axis=0) / np.maximum((x**2).sum(axis=0), 1e-300)
+    return np.clip(found, -MOST_REMEMBERED, MOST_REMEMBERED)
 
 
 def slopes_by_logs(coordinates: Coordinates, theta: Array) -> Array:
