@@ -209,6 +209,7 @@ def input_sentences(found: Sequence[Correlation]) -> tuple[str, ...]:
 def _correlations(one: Observation, full: Array, theta: Array) -> Iterator[Correlation]:
     experiment = one.experiment
     whitened = one.whiten(one.residuals(full).samples, theta)[0]
+    inputs = {name: u for name, u in experiment.series.items() if np.ptp(u) > 0}
     for k, seen in enumerate(experiment.seen.T):
         t = experiment.t[seen]
         if len(t) < 4:
@@ -230,15 +231,14 @@ def _correlations(one: Observation, full: Array, theta: Array) -> Iterator[Corre
         fresh = residuals[1:] - rho * residuals[:-1]
         memory, _ = _correlated(fresh, fresh, lags)
         clear = np.where(np.abs(memory) > 2.0 * sds, memory, 0.0)  # the others are chance
-        for name, series in experiment.series.items():
+        for name, series in inputs.items():
             values = np.full(len(residuals), np.nan)
             values[places] = series[seen] - series[seen].mean()
             values = values[1:] - rho * values[:-1]
             own, _ = _correlated(values, values, lags)
             found, counts = _correlated(fresh, values, both)
             joint = max(1.0, 1.0 + 2.0 * float(clear[1:] @ own[1:]))
-            if np.ptp(series[seen]) > 0:
-                yield of(input=name, lags=both, values=found, sds=np.sqrt(joint / counts))
+            yield of(input=name, lags=both, values=found, sds=np.sqrt(joint / counts))
 
 
 def _correlated(late: Array, early: Array, lags: Indices) -> tuple[Array, Array]:

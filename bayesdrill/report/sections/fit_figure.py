@@ -425,7 +425,8 @@ STEM: dict[str, Any] = {"color": style.DARK, "linewidth": 1.1}
 def residuals_figure(found: Sequence[Correlation], width: float = scales.DOUBLE) -> Figure:
     """A row for each channel: correlations of its residuals with themselves, and with each input."""
     beside = [one for one in found if one.channel == found[0].channel]
-    most = 1.1 * max(float(np.maximum(np.abs(one.values), one.band).max()) for one in found)
+    high = 1.1 * max(float(np.maximum(one.values, one.band).max()) for one in found)
+    low = 1.1 * min(float(np.minimum(one.values, -one.band).min()) for one in found)
     with style.styled(width):
         handles: list[Any] = [
             Patch(label=f"{100 * CHANCE:g} % of chance, each lag", **style.CHANCE),
@@ -433,7 +434,8 @@ def residuals_figure(found: Sequence[Correlation], width: float = scales.DOUBLE)
         ]
         if any((np.abs(one.values) > one.band).any() for one in found):
             handles.append(Line2D([], [], label="outside", **style.OUTSIDE))
-        page = Page(columns=len(beside), row=1.2, top=0.36).fitting(width, len(handles))
+        page = Page(row=1.2, top=0.36).fitting(width, len(handles))
+        page = replace(page, columns=len(beside))
         figure, panels = page.build(len(found))
         for k, (panel, one) in enumerate(zip(panels, found, strict=True)):
             panel.fill_between(one.lags, -one.band, one.band, zorder=0, **style.CHANCE)
@@ -441,9 +443,10 @@ def residuals_figure(found: Sequence[Correlation], width: float = scales.DOUBLE)
             for inside, look in ((True, STEM), (False, dict(style.OUTSIDE))):
                 chosen = (np.abs(one.values) <= one.band) == inside
                 panel.vlines(one.lags[chosen], 0.0, one.values[chosen], zorder=2, **look)
-            panel.set_ylim(-most, 1.5 * most)  # the name is above
-            style.set_ticks(panel.yaxis, *scales.ticks(-most, most, 4))
-            panel.xaxis.set_major_locator(MaxNLocator(5, integer=True))
+            panel.set_ylim(low, high + 0.3 * (high - low))  # the name is above
+            style.set_ticks(panel.yaxis, *scales.ticks(low, high, 4))
+            panel.xaxis.set_major_locator(MaxNLocator(4, integer=True, prune="both"))
+            panel.set_xlim(one.lags[0] - 1, one.lags[-1] + 1)
             style.corner_text(panel, f"${one.channel.latex}$")
             other = f"with ${INPUTS[one.input].latex}$" if one.input else "with itself"
             style.corner_text(panel, other, "right", fontsize=style.letters("legend.fontsize"))
