@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from bayesdrill.analysis.calibration import Band, ecdf_band, shape
 from bayesdrill.basics.arrays import Array
+from bayesdrill.basics.units import Unit
 from bayesdrill.inference.likelihood import Likelihood, Observation
 from bayesdrill.inference.posterior import Posterior
 from bayesdrill.inference.residual_checks import Left
@@ -199,12 +200,14 @@ EXCITED = 0.25  # sd over magnitude of a response, to which an input that excite
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FrequencyResponse:
-    """From a measured `input` to a `channel`, SI, at `frequencies (F,)` [Hz]: `modelled` and `measured
-    (F,)`, complex, and sd over magnitude `error (F,)`; NaN where the input does not excite the channel.
+    """From a measured `input`, shown in `unit`, to a `channel`, SI, at `frequencies (F,)` [Hz]:
+    `modelled` and `measured (F,)`, complex, and sd over magnitude `error (F,)`; NaN where the input does
+    not excite the channel.
     """
 
     channel: Channel
     input: str
+    unit: Unit
     frequencies: Array
     modelled: NDArray[np.complex128]
     measured: NDArray[np.complex128]
@@ -248,6 +251,7 @@ def frequency_responses(posterior: Posterior, theta: Array) -> tuple[FrequencyRe
             FrequencyResponse(
                 channel=channel,
                 input=name,
+                unit=experiment.unit_of_input(name),
                 frequencies=f,
                 modelled=modelled[:, k, column],
                 measured=measured[:, k, column],

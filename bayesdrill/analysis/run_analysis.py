@@ -27,7 +27,6 @@ from bayesdrill.basics.values import Value
 from bayesdrill.config.schema.config import Asked
 from bayesdrill.inference import derived
 from bayesdrill.inference.derived import Derived
-from bayesdrill.inference.laplace import sandwich_sds
 from bayesdrill.inference.posterior import Problem
 from bayesdrill.inference.residual_checks import (
     Left,
@@ -240,7 +239,9 @@ def analyse(
         unknowns=rows,
         fit=left,
         inputs=() if fits else input_sentences(correlations(posterior.likelihood, best)),
-        sandwich=sandwich_sds(posterior, best) if any(one.correlated for one in left) else {},
+        sandwich=diagnostics.sandwich_sds(posterior, best)
+        if any(one.correlated for one in left)
+        else {},
         judged=judged,
         repeats=repeats(scenery, best, every),
         causes=None if fits or not alone else causes.causes(posterior, best),

@@ -65,13 +65,6 @@ def sandwich(posterior: Posterior, theta: Array) -> Array:
     return np.asarray(bread @ middle @ bread)
 
 
-def sandwich_sds(posterior: Posterior, theta: Array) -> dict[str, float]:
-    """Return the sds of the unknowns by `sandwich`, in the units of `theta (D,)`."""
-    sds = np.sqrt(np.diag(sandwich(posterior, theta)))
-    natural = posterior.coordinates.natural(theta[None])[0]
-    return dict(zip(posterior.space.free, (sds * natural).tolist(), strict=True))
-
-
 MOST_REMEMBERED = 0.97  # correlation of neighbours that is taken out before (Andrews and Monahan)
 
 

@@ -13,7 +13,8 @@ from oracles import NOMINAL
 from rigs import experiment, posterior
 from scipy.signal import lfilter
 
-from bayesdrill.inference.laplace import information_root, long_run, sandwich_sds
+from bayesdrill.analysis.diagnostics import sandwich_sds
+from bayesdrill.inference.laplace import information_root, long_run
 from bayesdrill.inference.posterior import Posterior
 from bayesdrill.inference.residual_checks import Correlation, correlations, input_sentences
 

@@ -17,6 +17,7 @@ from together import for_each
 from bayesdrill.analysis.calibration import ecdf_band
 from bayesdrill.analysis.diagnostics import ranks
 from bayesdrill.analysis.prediction import Check, FrequencyResponse
+from bayesdrill.basics.units import Unit
 from bayesdrill.inference.residual_checks import Correlation
 from bayesdrill.record.experiment import Channel
 from bayesdrill.report import publish, style
@@ -85,6 +86,7 @@ def response_case(width: str, n: int = 2) -> Figure:
     one = FrequencyResponse(
         channel=channel(),
         input="v",
+        unit=Unit("V", 1.0, "V"),
         frequencies=f,
         modelled=model,
         measured=measured,

@@ -489,9 +489,11 @@ def frequency_figure(found: Sequence[FrequencyResponse], width: float = scales.D
 
 
 def _bode(panel: Axes, one: FrequencyResponse, *, phase: bool) -> None:
-    """The magnitude, SI, or the phase in degrees, of what is measured next to the model's."""
-    there, given = np.isfinite(one.measured), INPUTS[one.input]
-    model, measured = np.abs(one.modelled), np.abs(one.measured)
+    """The magnitude, or the phase in degrees, of what is measured next to the model's."""
+    there, shown = np.isfinite(one.measured), one.channel.shown
+    model, measured = (
+        np.abs(of) * one.unit.factor / shown.factor for of in (one.modelled, one.measured)
+    )
     error = measured * one.error
     if phase:
         model = np.degrees(np.unwrap(np.angle(one.modelled)))
@@ -504,11 +506,11 @@ def _bode(panel: Axes, one: FrequencyResponse, *, phase: bool) -> None:
     panel.plot(x(one.frequencies), y(model), zorder=1, **style.BLACK_LINE)
     panel.vlines(x(one.frequencies[there]), *ends, color=POINT["color"], linewidth=0.6, zorder=2)
     panel.plot(x(one.frequencies[there]), y(measured[there]), zorder=3, **POINT)
-    unit = rf"{one.channel.latex_unit}/{given.latex_unit}"
+    unit = f"{shown.latex}/{one.unit.latex}"
     what, unit = (r"\arg\, G", r"^\circ") if phase else ("|G|", unit)
     style.scale_axis(panel.xaxis, x, "", 5)
     style.scale_axis(panel.yaxis, y, y.label(Symbol("", "", what, unit, "")), 4)
-    style.corner_text(panel, rf"${given.latex} \to {one.channel.latex}$", "right")
+    style.corner_text(panel, rf"${INPUTS[one.input].latex} \to {one.channel.latex}$", "right")
 
 
 FREQUENCY_RESPONSE = "How inputs move channels: measured, where they excite, and by the model."
