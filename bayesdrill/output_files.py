@@ -98,14 +98,18 @@ USUALLY_DRAWN = {
     "friction": "sections.physics_figure",
     "energy": "sections.physics_figure",
     "torque": "sections.physics_figure",
+    "residuals": "sections.fit_figure",  # where more than noise is left, or by name
     "fit": "sections.fit_figure",  # last: its draws take a while
 }
 ON_REQUEST = {
     "rank": "sections.convergence_figure",
     "autocorrelation": "sections.convergence_figure",
     "predictive_check": "sections.fit_figure",
+    "frequency_response": "sections.fit_figure",
 }
 OWN_FIGURES = USUALLY_DRAWN | ON_REQUEST
+# Those of which each of several experiments has one.
+EACH = ("fit", "friction", "energy", "torque", "residuals", "frequency_response")
 RUN_FIGURES: Registry[str] = Registry("figure", OWN_FIGURES)
 
 
@@ -115,7 +119,7 @@ POSTERIOR = Kind(
     (
         *("chain.h5", OPENED, "map.json", *CONFIGS, "posterior.nc", "summary.csv", "summary.md"),
         *("derived.csv", "verdict.csv", "torque.csv", "table.tex", "report.html"),
-        *figure_files(*RUN_FIGURES, "fit_#", "friction_#", "energy_#", "torque_#", formats=FORMATS),
+        *figure_files(*RUN_FIGURES, *(f"{stem}_#" for stem in EACH), formats=FORMATS),
         *UNFINISHED.files,
     ),
     kept=(RECORD,),  # its config may be started over from this very folder

@@ -17,8 +17,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bayesdrill.basics.arrays import Array, Counts
+from bayesdrill.inference import laplace
 from bayesdrill.inference.derived import hdi
-from bayesdrill.inference.posterior import Problem
+from bayesdrill.inference.posterior import Posterior, Problem
 from bayesdrill.inference.priors import Prior, spread
 from bayesdrill.sampling.convergence import Convergence, thinned
 from bayesdrill.sampling.mode_search import Mode
@@ -210,3 +211,10 @@ def _room(n_ensembles: int, n: int, false_alarm: float, rng: np.random.Generator
         away = np.abs(dealt - (n * SHARES)[:, None]) / spread[:, None]
         farthest.append(away.max(axis=(1, 2)))
     return np.asarray(spread * np.quantile(np.concatenate(farthest), 1.0 - false_alarm))
+
+
+def sandwich_sds(posterior: Posterior, theta: Array) -> dict[str, float]:
+    """Return the sds of the unknowns by `laplace.sandwich`, in the units of `theta (D,)`."""
+    sds = np.sqrt(np.diag(laplace.sandwich(posterior, theta)))
+    natural = posterior.coordinates.natural(theta[None])[0]
+    return dict(zip(posterior.space.free, (sds * natural).tolist(), strict=True))

@@ -19,10 +19,13 @@ from numpy.typing import NDArray
 
 from bayesdrill.analysis.calibration import Band, ecdf_band, shape
 from bayesdrill.basics.arrays import Array
+from bayesdrill.basics.units import Unit
 from bayesdrill.inference.likelihood import Likelihood, Observation
 from bayesdrill.inference.posterior import Posterior
 from bayesdrill.inference.residual_checks import Left
 from bayesdrill.record.experiment import Channel
+from bayesdrill.rig.models.linear import dynamics
+from bayesdrill.rig.simulators.sensors import Walkers
 
 BINS = 100
 MOST_CHECKED = 2000  # samples of a channel that are looked at
@@ -187,3 +190,96 @@ def remembers(one: Observation, theta: Array) -> bool:
 
 def _some(theta: Array) -> Array:
     return theta[:: max(1, -(-len(theta) // DRAWS))]
+
+
+SEGMENTS = 8  # of a record, half over each other, that a spectrum is the mean of
+SMOOTH = 7  # frequencies over which the spectrum of noise is alike
+LEAST_SEEN = 0.9  # of the samples of a channel; the others count as the model has them
+EXCITED = 0.25  # sd over magnitude of a response, to which an input that excites lets it be known
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FrequencyResponse:
+    """From a measured `input`, shown in `unit`, to a `channel`, SI, at `frequencies (F,)` [Hz]:
+    `modelled` and `measured (F,)`, complex, and sd over magnitude `error (F,)`; NaN where the input does
+    not excite the channel.
+    """
+
+    channel: Channel
+    input: str
+    unit: Unit
+    frequencies: Array
+    modelled: NDArray[np.complex128]
+    measured: NDArray[np.complex128]
+    error: Array
+    label: str = ""
+
+
+def frequency_responses(posterior: Posterior, theta: Array) -> tuple[FrequencyResponse, ...]:
+    """Return those of each experiment at the MAP `theta (D,)`: of linear rigs with measured inputs and
+    equal steps.
+
+    What is measured is what the model has, and what Welch's method says of the residuals by the inputs:
+    so the start and leakage at a resonance bias it only as far as the model is wrong (errors: Bendat
+    and Piersol, Random Data, 4th ed., section 9.2).
+    """
+    from scipy.ndimage import uniform_filter1d
+    from scipy.signal import csd  # late: it takes half a second to load
+
+    full, found = posterior.space.full(theta[None]), []
+    for one in posterior.likelihood.observations:
+        experiment = one.experiment
+        series = {name: u for name, u in experiment.series.items() if np.ptp(u) > 0}
+        if one.response.model.frictions or not experiment.uniform or not series:
+            continue
+        u, e = np.array([*series.values()]), np.nan_to_num(one.residuals(full).samples[0].T)
+        length, both = 2 * u.shape[1] // (SEGMENTS + 1), np.concatenate([u, e])
+        f, every = csd(both[:, None], both[None], 1.0 / experiment.dt, nperseg=length)
+        f, spectra, n = f[1:], np.moveaxis(every[..., 1:], -1, 0), len(u)  # (F, S + K, S + K)
+        inverse = np.linalg.pinv(spectra[:, :n, :n], hermitian=True)
+        more = (inverse @ spectra[:, :n, n:]).swapaxes(1, 2)  # (F, K, S)
+        noise = np.einsum("fkk->fk", spectra[:, n:, n:] - more.conj() @ spectra[:, :n, n:]).real
+        noise = uniform_filter1d(
+            noise, SMOOTH, axis=0
+        )  # which has few degrees of freedom by itself
+        share = np.einsum("fss->fs", inverse).real / (2.0 * max(SEGMENTS - n, 1))
+        modelled = _response(one, one.told(full), f, [*series])
+        measured = modelled + more
+        error = np.sqrt(np.maximum(noise, 0.0)[:, :, None] * share[:, None]) / np.abs(measured)
+        measured[(error > EXCITED) | (share == 0.0)[:, None]] = np.nan
+        found += [
+            FrequencyResponse(
+                channel=channel,
+                input=name,
+                unit=experiment.unit_of_input(name),
+                frequencies=f,
+                modelled=modelled[:, k, column],
+                measured=measured[:, k, column],
+                error=error[:, k, column],
+                label=one.label,
+            )
+            for k, channel in enumerate(experiment.channels)
+            for column, name in enumerate(series)
+            if experiment.seen[:, k].mean() > LEAST_SEEN
+        ]
+    return tuple(found)
+
+
+def _response(one: Observation, told: Array, f: Array, names: list[str]) -> NDArray[np.complex128]:
+    """`(F, K, S)`: C (i w - A)^-1 B, with sensors, and inputs held or straight from sample to sample."""
+    walkers = Walkers(one.response.model, one.experiment, one.response.sensing)
+    rig, sensing, dt = walkers.wired, walkers.sensing, one.experiment.dt
+    linear = rig.linear(dict(zip(rig.parameters, walkers.told(told)[0], strict=True)))
+    b, s = np.zeros((len(rig.states), len(names))), 2j * np.pi * f[:, None, None]
+    for (row, name), value in linear.B.items():
+        if name in names:
+            b[rig.states.index(row), names.index(name)] = value
+    states = np.linalg.solve(s * np.eye(len(b)) - dynamics(linear, rig.states, 1), b[None])
+    late = np.zeros(len(names))
+    for name, lag in sensing.input_lags.items():
+        late[names.index(name)] = walkers.column(lag, told)[0]
+    late = late + walkers.later(told)[0][:, None]
+    held = np.sinc(s.imag * dt / (2 * np.pi))
+    held = held**2 if one.experiment.first_order else held * np.exp(-s * dt / 2)
+    shown = walkers.gains(told)[0][:, None] * walkers.weights
+    return np.asarray(shown @ states * held * np.exp(-s * late))

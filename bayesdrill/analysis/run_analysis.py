@@ -28,7 +28,12 @@ from bayesdrill.config.schema.config import Asked
 from bayesdrill.inference import derived
 from bayesdrill.inference.derived import Derived
 from bayesdrill.inference.posterior import Problem
-from bayesdrill.inference.residual_checks import Left, like_noise
+from bayesdrill.inference.residual_checks import (
+    Left,
+    correlations,
+    input_sentences,
+    like_noise,
+)
 from bayesdrill.inference.step_error import StepError, step_errors
 from bayesdrill.rig.models.latent_torque import At
 from bayesdrill.rig.models.linear import Roles
@@ -147,6 +152,8 @@ class RunAnalysis:
 
     unknowns: what the draws say of each unknown [its own unit, SI]
     fit: what the MAP leaves of each channel [sd of the noise]
+    inputs: sentences on inputs that residuals follow, where the fit leaves more than noise
+    sandwich: sds of unknowns as correlated residuals have them [its own unit, SI]
     judged: what the record can show, and the verdict, if there is a table [SI, sigma, natural logs]
     repeats: products of unknowns as each of several experiments has them [natural logs]
     causes: what would explain a fit that leaves more than noise [SI]
@@ -171,6 +178,8 @@ class RunAnalysis:
 
     unknowns: tuple[Row, ...]
     fit: tuple[Left, ...]
+    inputs: tuple[str, ...]
+    sandwich: Mapping[str, float]
     judged: Judgement | None
     repeats: tuple[Repeat, ...]
     causes: Causes | None
@@ -231,6 +240,10 @@ def analyse(
     return RunAnalysis(
         unknowns=rows,
         fit=left,
+        inputs=() if fits else input_sentences(correlations(posterior.likelihood, best)),
+        sandwich=diagnostics.sandwich_sds(posterior, best)
+        if any(one.correlated for one in left)
+        else {},
         judged=judged,
         repeats=repeats(scenery, best, every),
         causes=explained,

@@ -44,6 +44,56 @@ def covariance(posterior: Posterior, theta: Array) -> Array:
     return np.asarray(spread @ spread.T)
 
 
+def sandwich(posterior: Posterior, theta: Array) -> Array:
+    """Return the covariance `(D, D)` of the unknowns at the MAP, physical `theta (D,)`, on their natural
+    scales, where residuals need not be independent.
+
+    It is `H^-1 (J + P) H^-1` (Newey and West 1987): H the information of record and priors, P that of
+    the priors, J the sum over all pairs of samples of the slopes of their log densities, which is what
+    H has of the record where residuals are as the noise says.
+    """
+    up, down = _neighbours(posterior.coordinates, theta)
+    both = np.concatenate([up, down])
+    full, rows = posterior.space.full(both), _record_rows(posterior, theta)
+    prior = np.diag([natural_spread(unknown) ** -2.0 for unknown in posterior.space.unknowns])
+    middle = prior.copy()
+    for one in posterior.likelihood.observations:
+        terms = one.pointwise(one.residuals(full).samples, both)
+        density = np.nansum(np.where(one.experiment.seen, terms, 0.0), axis=2).T  # (T, 2 D)
+        middle += long_run((density[:, : len(theta)] - density[:, len(theta) :]) / (2 * _STEP))
+    bread = np.linalg.inv(rows.T @ rows + prior)
+    return np.asarray(bread @ middle @ bread)
+
+
+MOST_REMEMBERED = 0.97  # correlation of neighbours that is taken out before (Andrews and Monahan)
+
+
+def long_run(scores: Array) -> Array:
+    """Return the variance `(D, D)` of the sum of `scores (T, D)`, which may remember each other.
+
+    What each has of an AR(1) is taken out first, and put back (Andrews and Monahan 1992).  Of the rest,
+    products at all lags are weighed by the quadratic spectral kernel, as wide as an AR(1) wants it on
+    the mean (Andrews 1991, eqs. 2.7, 5.2 and 6.4, with weights that make all scores alike).
+    """
+    x, n = scores - scores.mean(axis=0), len(scores)
+    memory = _neighbours_correlation(x)
+    x[1:] -= memory * x[:-1]
+    rho = _neighbours_correlation(x)
+    alpha = float(np.mean(4.0 * rho**2 / (1.0 - rho) ** 4))
+    far = 1.2 * np.pi * np.arange(1, n) / max(1.3221 * (alpha * n) ** 0.2, 1e-3)
+    weights = np.concatenate([[1.0], 3.0 / far**2 * (np.sin(far) / far - np.cos(far))])
+    around = np.concatenate([weights, [0.0], weights[:0:-1]])  # a convolution, by its transform
+    turned = np.fft.rfft(around)[:, None] * np.fft.rfft(x, 2 * n, axis=0)
+    summed = (x / (1.0 - memory)).T @ np.fft.irfft(turned, 2 * n, axis=0)[:n]
+    return np.asarray(summed / (1.0 - memory))
+
+
+def _neighbours_correlation(x: Array) -> Array:
+    """Of the columns of `x (T, D)`."""
+    found = (x[1:] * x[:-1]).sum(axis=0) / np.maximum((x**2).sum(axis=0), 1e-300)
+    return np.clip(found, -MOST_REMEMBERED, MOST_REMEMBERED)
+
+
 def slopes_by_logs(coordinates: Coordinates, theta: Array) -> Array:
     """d coordinate / d log unknown at physical `theta (D,)`: `(D, D)`, a column for each unknown."""
     up, down = _neighbours(coordinates, theta)

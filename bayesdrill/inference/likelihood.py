@@ -253,6 +253,10 @@ class Observation:
         """`(W, T, K)`: independent and standard normal, where residuals are as it says."""
         return self.noise.whiten(samples, theta[:, self.own])
 
+    def innovations(self, samples: Array, theta: Array) -> Array:
+        """`(W, T, K)`, SI: errors of one-step-ahead predictions."""
+        return self.noise.innovations(samples, theta[:, self.own])
+
     def inform(self, shifts: Array, theta: Array) -> Array:
         """`(W, T, K)`: see `Noise.inform`."""
         return self.noise.inform(shifts, theta[:, self.own])

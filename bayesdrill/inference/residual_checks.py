@@ -2,7 +2,8 @@
 
 All that is said of the unknowns counts on the model and on white noise of the given size.  Both
 show in what is left: its size over sigma, single samples far off, and whether one sample has
-something to do with the next.
+something to do with the next, with those long before it, or with an input (Ljung, System
+Identification, 2nd ed., section 16.6).
 """
 
 from __future__ import annotations
@@ -10,17 +11,23 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 import scipy
 
-from bayesdrill.basics.arrays import Array
+from bayesdrill.basics.arrays import Array, Indices
 from bayesdrill.inference.likelihood import Likelihood, Observation
+from bayesdrill.record.experiment import Channel
 
 FALSE_ALARM = 0.01  # of records of the model, with its noise, would give any finding at most
 FAR_TOO_LARGE = 1.5  # rms over sigma, from which on nothing that counts on the noise is believed
 REMEMBERED = 0.6  # correlation of neighbours, from which on sds are too small by a factor of two
 LOOKS = 5  # at each channel: size and correlation both ways, and the farthest sample
+LAGS = 25  # samples of a channel, at which correlations are shown
+MEMORY = 100  # lags over which residuals and inputs may remember
+CHANCE = 0.99  # of a correlation where there is none: inside its band
+SPARSE = 4  # times as many steps as samples: a record with longer gaps has no step
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -37,7 +44,8 @@ class Limits:
 class Left:
     """Of one channel: rms over sigma, the correlation of one sample with the next, and the sample
     that is farthest off, in sigmas, at `time` [s].  `share`: of the channel's spread about its mean;
-    NaN where it has none.  `experiment`: its label among several.
+    NaN where it has none.  `simulated`, `ahead`: the share that the simulation without any sample
+    leaves, and the one that predictions one step ahead leave.  `experiment`: its label among several.
     """
 
     channel: str
@@ -48,6 +56,8 @@ class Left:
     time: float
     limits: Limits
     experiment: str = ""
+    simulated: float = math.nan
+    ahead: float = math.nan
 
     @property
     def name(self) -> str:
@@ -104,21 +114,28 @@ def _of(one: Observation, full: Array, theta: Array, channels: int) -> Iterator[
     """`channels`: how many there are in all observations."""
     experiment = one.experiment
     remains = (experiment.y - one.followed(full, theta))[0]
-    whitened = one.whiten(one.residuals(full).samples, theta)[0]
+    samples = one.residuals(full).samples
+    whitened, innovations = one.whiten(samples, theta)[0], one.innovations(samples, theta)[0]
     for k, seen in enumerate(experiment.seen.T):
         residuals, n = whitened[seen, k], int(seen.sum())
         squares = float(residuals @ residuals)
         spread = float(experiment.y[seen, k].std())
         worst = int(np.abs(residuals).argmax())
+        shares = [
+            math.sqrt(np.mean(rest[seen, k] ** 2)) / spread if spread > 0 else math.nan
+            for rest in (remains, samples[0], innovations)
+        ]
         yield Left(
             channel=experiment.names[k],
             rms=math.sqrt(squares / n),
-            share=math.sqrt(np.mean(remains[seen, k] ** 2)) / spread if spread > 0 else math.nan,
+            share=shares[0],
             correlation=float(residuals[1:] @ residuals[:-1]) / squares if squares > 0 else 0.0,
             farthest=float(abs(residuals[worst])),
             time=float(experiment.t[seen][worst]),
             limits=limits(n, channels, theta.shape[1]),
             experiment=one.label,
+            simulated=shares[1],
+            ahead=shares[2],
         )
 
 
@@ -133,3 +150,105 @@ def limits(samples: int, channels: int, unknowns: int) -> Limits:
         correlation=-float(scipy.special.ndtri(tail)) / math.sqrt(samples),
         farthest=-float(scipy.special.ndtri(0.5 * tail / samples)),
     )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Correlation:
+    """Of a channel's whitened residuals with a measured `input` at `lags (L,)` [samples], positive where
+    the input comes first, or with themselves, where `input` is empty: `values (L,)`, and their `sds
+    (L,)` where nothing is related.  `step` [s]: between samples; `experiment`: its label among several.
+    """
+
+    channel: Channel
+    input: str
+    lags: Indices
+    values: Array
+    sds: Array
+    step: float
+    experiment: str = ""
+
+    @property
+    def band(self) -> Array:
+        """Half the width of the band in which `CHANCE` of all values lie, each by itself `(L,)`."""
+        return np.asarray(float(scipy.special.ndtri(0.5 + 0.5 * CHANCE)) * self.sds)
+
+
+def correlations(likelihood: Likelihood, theta: Array) -> tuple[Correlation, ...]:
+    """Return those of each channel with itself, then with each measured input, at the unknowns `theta
+    (D,)`; pairs of which a sample is missing are left out.
+
+    Of an input, both are filtered by the AR(1) of the residuals first, so that these are nearly white
+    (prewhitening, Box and Jenkins); sds count on what both still remember (Ljung, section 16.6).
+    """
+    full = likelihood.space.full(theta[None])
+    return tuple(
+        found for one in likelihood.observations for found in _correlations(one, full, theta[None])
+    )
+
+
+def input_sentences(found: Sequence[Correlation]) -> tuple[str, ...]:
+    """Say which residuals follow an input beyond chance, all looks at all inputs taken together."""
+    every = [one for one in found if one.input]
+    looks = sum(len(one.lags) for one in every)
+    said = []
+    for one in every:
+        far = np.abs(one.values) / one.sds
+        k = int(far.argmax())
+        limit, lag = -float(scipy.special.ndtri(0.5 * FALSE_ALARM / looks)), int(one.lags[k])
+        if far[k] > limit:
+            where = f" in {one.experiment}" if one.experiment else ""
+            said.append(
+                f"what the MAP leaves of {one.channel.name}{where} follows the input {one.input}, "
+                f"{lag:+d} samples ({lag * one.step:.3g} s) after it (correlation {one.values[k]:.2g}, "
+                f"chance gives at most {limit * one.sds[k]:.2g})"
+                + (": the input answers to the rig, or times are off" if lag < 0 else "")
+            )
+    return tuple(said)
+
+
+def _correlations(one: Observation, full: Array, theta: Array) -> Iterator[Correlation]:
+    experiment = one.experiment
+    whitened = one.whiten(one.residuals(full).samples, theta)[0]
+    inputs = {name: u for name, u in experiment.series.items() if np.ptp(u) > 0}
+    for k, seen in enumerate(experiment.seen.T):
+        t = experiment.t[seen]
+        if len(t) < 4:
+            continue
+        step = float(np.median(np.diff(t)))
+        places = np.round((t - t[0]) / step).astype(int)
+        if (np.diff(places) < 1).any() or places[-1] > SPARSE * len(t):
+            places = np.arange(len(t))  # in the order of the samples
+        residuals = np.full(places[-1] + 1, np.nan)
+        residuals[places] = whitened[seen, k]
+        lags = np.arange(min(MEMORY, len(t) // 4) + 1)
+        memory, counts = _correlated(residuals, residuals, lags)
+        last, sds = min(LAGS, int(lags[-1])), 1.0 / np.sqrt(counts)
+        after = slice(1, last + 1)
+        of = partial(Correlation, channel=experiment.channels[k], step=step, experiment=one.label)
+        yield of(input="", lags=lags[after], values=memory[after], sds=sds[after])
+        both = np.arange(-last, last + 1)
+        rho = memory[1]
+        fresh = residuals[1:] - rho * residuals[:-1]
+        memory, _ = _correlated(fresh, fresh, lags)
+        clear = np.where(np.abs(memory) > 2.0 * sds, memory, 0.0)  # the others are chance
+        for name, series in inputs.items():
+            values = np.full(len(residuals), np.nan)
+            values[places] = series[seen] - series[seen].mean()
+            values = values[1:] - rho * values[:-1]
+            own, _ = _correlated(values, values, lags)
+            found, counts = _correlated(fresh, values, both)
+            joint = max(1.0, 1.0 + 2.0 * float(clear[1:] @ own[1:]))
+            yield of(input=name, lags=both, values=found, sds=np.sqrt(joint / counts))
+
+
+def _correlated(late: Array, early: Array, lags: Indices) -> tuple[Array, Array]:
+    """Of `late (n,)` with what `early (n,)` was so many samples before, and of how many pairs."""
+    there = [np.isfinite(x).astype(float) for x in (late, early)]
+    x, y = (np.nan_to_num(x) for x in (late, early))
+    n, sums, counts = len(x), np.empty(len(lags)), np.empty(len(lags))
+    for row, lag in enumerate(lags):
+        after, before = slice(max(lag, 0), n + min(lag, 0)), slice(max(-lag, 0), n - max(lag, 0))
+        sums[row], counts[row] = x[after] @ y[before], there[0][after] @ there[1][before]
+    counts = np.maximum(counts, 1.0)
+    size = math.sqrt(float(x @ x) * float(y @ y) / max(there[0].sum() * there[1].sum(), 1.0))
+    return (sums / counts / size if size > 0 else np.zeros(len(lags))), counts

@@ -149,6 +149,10 @@ class ShakenObservation(Observation):
     def whiten(self, samples: Array, theta: Array) -> Array:
         return self._whitened(samples, self._own(theta))[0]
 
+    def innovations(self, samples: Array, theta: Array) -> Array:
+        white, variances = self._whitened(samples, self._own(theta))
+        return white * np.sqrt(variances)
+
     def inform(self, shifts: Array, theta: Array) -> Array:
         return np.nan_to_num(self.whiten(shifts, theta))
 

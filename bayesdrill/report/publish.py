@@ -21,8 +21,8 @@ from bayesdrill.basics.progress import Reporter
 from bayesdrill.basics.registry import Registry, callable_one
 from bayesdrill.config.schema.records import MOST_NAMED
 from bayesdrill.inference.posterior import Posterior, Problem
+from bayesdrill.output_files import EACH, ON_REQUEST, OWN_FIGURES, numbered
 from bayesdrill.output_files import FIGURES as FOLDER
-from bayesdrill.output_files import ON_REQUEST, OWN_FIGURES, numbered
 from bayesdrill.report import render, run_report, section
 from bayesdrill.report.run_report import sections
 from bayesdrill.report.scales import DPI
@@ -99,11 +99,7 @@ TABLES: Mapping[str, Callable[[View], str | None]] = MappingProxyType(
 )
 
 
-_SEVERAL = tuple(  # of as many experiments
-    f"{stem}_{k}"
-    for stem in ("fit", "friction", "energy", "torque")
-    for k in range(1, MOST_NAMED + 1)
-)
+_SEVERAL = tuple(f"{stem}_{k}" for stem in EACH for k in range(1, MOST_NAMED + 1))
 
 
 def everything(view: View, folder: Folder, crew: Crew, report: Reporter) -> tuple[str, ...]:

@@ -151,9 +151,11 @@ def _sections(run: View, pictures: Sequence[Picture]) -> Iterator[Section]:
         "Fit",
         words.maxima(run.mode, sampled.held, run.units),
         fit_words.residual_sentences(found.fit, run.clock),
-        fit_words.explained(found.causes),
+        "\n".join(f"fit: {each}" for each in found.inputs),
         verdict_words.step_sentences(found.step_errors),
     )
+    if found.causes is not None:
+        yield build("What would explain it", *fit_words.candidates(found.causes), brief=False)
     yield build("Parameters", *_parameters(run))
     if judged is not None:
         rule = None if run.reasons else Note(verdict_words.verdict_rule(judged.verdict))
@@ -225,7 +227,11 @@ def _parameters(run: View) -> tuple[Block | str, ...]:
     leaning = words.leaning(run.analysis.leaning).splitlines()
     known = [] if run.reasons else [*section.in_words(unknowns), *leaning]
     # Also where there is nothing to say: a terminal then shows an empty line.
-    return table, Note(read), Sentences("\n".join([*known, *run.notes]))
+    noted = Sentences("\n".join([*known, *run.notes]))
+    if not run.analysis.sandwich:
+        return table, Note(read), noted
+    remembered = section.sandwich_table(unknowns, run.analysis.sandwich, run.units)
+    return table, Note(read), noted, remembered, Note(section.SANDWICH_EXPLAINED)
 
 
 def _told(run: View, table: Table) -> Table:

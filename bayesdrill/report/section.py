@@ -9,7 +9,7 @@ import dataclasses
 import io
 import itertools
 import re
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Literal
 
@@ -286,6 +286,23 @@ def as_record(row: Row) -> dict[str, Any]:
 def of_rows(rows: Sequence[Row], bars: tuple[Bar, ...] = ()) -> Table:
     left = frozenset((HEADERS[0], HEADERS[1], HEADERS[-1]))
     return Table(HEADERS, tuple(map(cells, rows)), left, bars=bars).filled()
+
+
+SANDWICH_EXPLAINED = (
+    "Residuals that are correlated tell less than as many that are not. The last sds count that: they "
+    "are what the MAP would scatter by from record to record, if the model were right but for its noise."
+)
+
+
+def sandwich_table(rows: Sequence[Row], sds: Mapping[str, float], own: OwnUnits) -> Table:
+    """The posterior's sds beside those of `sds`, SI."""
+    heads = ("", "unit", "sd", "sd if residuals remember (sandwich)", "over sd")
+    lines = []
+    for row, shown in zip(rows, own.rows(rows), strict=True):
+        sd = sds[row.name]
+        cells = f"{sd / own.factor(row.name):.2g}", f"{sd / row.sd:.3g}" if row.sd else ""
+        lines.append((row.name, plain(shown.unit), f"{shown.sd:.2g}", *cells))
+    return Table(heads, tuple(lines), frozenset(heads[:2]))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

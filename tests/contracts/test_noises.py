@@ -219,6 +219,27 @@ def test_what_is_whitened_is_white_and_its_size_is_told(name: str) -> None:
         assert (np.abs(off) < 6 * sd).all()
 
 
+@together("name", MADE)
+def test_innovations_are_what_samples_before_do_not_tell(name: str) -> None:
+    """Nothing of a sample that comes later, all of the sample itself; not larger than the residuals.
+
+    Mutants killed: a prediction from the sample itself; whitened numbers.
+    """
+    n = 3000
+    of = noise(name, n)
+    own = truth(of)
+    samples = drawn(of, own, n)
+    found = of.innovations(samples, own)
+    changed = samples.copy()
+    changed[:, 50] += np.array(SIGMA)
+    moved = of.innovations(changed, own) - found
+    assert moved[0, :50] == pytest.approx(np.zeros((50, of.n_channels)), abs=1e-12)
+    assert moved[0, 50] == pytest.approx(np.array(SIGMA))
+    for k in range(of.n_channels):
+        assert found[0, :, k].std() < 1.001 * samples[0, :, k].std()
+        assert abs(np.corrcoef(found[0, 1:, k], found[0, :-1, k])[0, 1]) < 5 / np.sqrt(n)
+
+
 def target(name: str) -> Posterior:
     """Of a rig with three unknowns."""
     n = 80

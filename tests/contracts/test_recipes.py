@@ -98,8 +98,12 @@ def abroad(*, shaken: bool = False) -> bd.Run:
 
 
 def showing(name: str, other: bd.Run) -> View:
-    """Of a run that has what a figure shows: a missing torque, or what another has."""
-    return (abroad(shaken=True) if name == "torque" else other)._view
+    """Of a run that has what a figure shows: a missing torque, a linear rig under a voltage, or what
+    another has; `residuals` of a fit that leaves noise are drawn where they are named.
+    """
+    view = (abroad(shaken=True) if name in ("torque", "frequency_response") else other)._view
+    output = view.config.output.model_copy(update={"figures": [name]})
+    return dataclasses.replace(view, config=view.config.model_copy(update={"output": output}))
 
 
 def sized(view: View, size: str) -> View:
@@ -151,6 +155,8 @@ def test_it_speaks_the_units_of_the_user(name: str, size: str) -> None:
     if name in ("corner", "trace", "prior_posterior"):
         assert r"\sigma_{\mathrm{twist}}$" in said
         assert r"\mathrm{deg}" in said
+    if name == "frequency_response":
+        assert r"\mathrm{rpm/mV}" in said
     if name == "energy":
         assert r"\mathrm{ms}" in said
     if name == "fit":

@@ -13,6 +13,8 @@ from together import for_each
 
 from bayesdrill.basics.units import SECOND
 from bayesdrill.inference.likelihood import Likelihood
+from bayesdrill.inference.noise import NOISES
+from bayesdrill.inference.noise.contract import Noisy
 from bayesdrill.inference.residual_checks import FALSE_ALARM, Left, left
 from bayesdrill.report.sections import fit_words as words
 from bayesdrill.tasks import run_entries
@@ -201,3 +203,34 @@ def test_what_is_not_white_by_far_is_not_believed(rig: Likelihood) -> None:
 def test_a_fit_that_leaves_too_little_is_believed(rig: Likelihood) -> None:
     """A sigma that is too large makes sds too large."""
     assert words.residual_reasons(left(with_residuals(rig, 0.3 * white(5)), AT)) == ()
+
+
+def test_the_simulation_and_predictions_one_step_ahead_stand_side_by_side() -> None:
+    """Noise that remembers by 0.8 leaves 0.6 of itself one step ahead; white noise all, and nothing is
+    said.  Mutants killed: shares of the whitened residuals, or of one channel for the other's.
+    """
+    record = measured(SIGMA, n=400)
+    rig = posterior(record, SIGMA, free=FREE).likelihood
+    assert "one step ahead" not in words.residual_sentences(left(rig, AT), SECOND)
+    channels = [
+        Noisy(channel=c, sigma=float(s), start=1.0, entries={"rho": 0.8})
+        for c, s in zip(record.channels, SIGMA, strict=True)
+    ]
+    noise = NOISES["ar1"].of(channels, 400)
+    blank = np.zeros((1, 400, 4))
+    residuals = noise.draw(blank, np.empty((1, 0)), np.random.default_rng(2))[0]
+    found = left(with_residuals(rig.with_alone(noise=noise), residuals), AT)
+    spread = rig.signals(AT[None])[0].std(axis=0)
+    for k, one in enumerate(found):
+        assert one.simulated == one.share
+        fresh = residuals[1:, k] - 0.8 * residuals[:-1, k]
+        assert one.ahead == pytest.approx(fresh.std() / spread[k], rel=0.05)
+        assert one.ahead == pytest.approx(0.6 * one.simulated, rel=0.2)
+    text = words.residual_sentences(found, SECOND).splitlines()[1]
+    last = found[-1]
+    assert text.startswith(
+        "fit: explained by the simulation alone, and by predictions one step ahead"
+    )
+    assert text.endswith(
+        f"w_2 {100 * (1 - last.simulated):.4g} % and {100 * (1 - last.ahead):.4g} %"
+    )

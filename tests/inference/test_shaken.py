@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 from oracles import NOMINAL, ORDER
 from rigs import STATES, experiment, posterior, unknown, vector
+from shaken import covariance, process
 
 from bayesdrill.inference import laplace
 from bayesdrill.inference.laplace import PosteriorSurface
@@ -21,6 +22,7 @@ from bayesdrill.inference.likelihood import Likelihood
 from bayesdrill.inference.noise.white import White
 from bayesdrill.inference.posterior import Posterior
 from bayesdrill.inference.priors import LogUniform, Uniform
+from bayesdrill.inference.residual_checks import left
 from bayesdrill.inference.state_space import ShakenObservation
 from bayesdrill.inference.unknowns import ParameterSpace, Unknown
 from bayesdrill.rig.models.latent_torque import MissingTorque
@@ -148,3 +150,25 @@ def test_other_priors_leave_the_rest_as_it_is() -> None:
     space = of.space.with_priors({"k_s": Uniform(0.1, 0.5)})
     assert laplace.covariance(of, points(1)[0]).shape == (12, 12)
     assert dataclasses.replace(of, space=space).density(points(1)).shape == (1,)
+
+
+def test_one_step_ahead_of_a_missing_torque_is_what_its_filter_predicts() -> None:
+    """By the covariance of all samples, typed in: each given those before it."""
+    posterior = target()
+    theta = np.append([NOMINAL[name] for name in ORDER], [0.2, 0.05, 0.3])
+    (one,) = posterior.likelihood.observations
+    found = left(posterior.likelihood, theta)
+    residuals = one.experiment.y - one.signals(posterior.space.full(theta[None]))[0]
+    of = process(NOMINAL, "rotor_1", one.torque.filtered.torque.smoothness, 0.05, 0.3)
+    weights = np.zeros((2, len(of[0])))
+    weights[0, 0] = weights[1, 3] = 1.0
+    joint = covariance(of, weights, np.array([0.1, 0.2]), one.experiment.t, one.experiment.t_start)
+    lower = np.linalg.cholesky(joint)
+    white = np.linalg.solve(lower, residuals.ravel())
+    ahead = (white * np.diag(lower)).reshape(-1, 2)  # the second channel is told the first
+    assert found[0].ahead * one.experiment.y[:, 0].std() == pytest.approx(
+        np.sqrt(np.mean(ahead[:, 0] ** 2)), rel=1e-6
+    )
+    for channel in found:
+        assert channel.ahead < channel.simulated
+        assert channel.share < channel.ahead

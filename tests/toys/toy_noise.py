@@ -81,6 +81,11 @@ class Memory:
         out[:, 1:] = (out[:, 1:] - rho * samples[:, :-1] / sigma) / np.sqrt(1.0 - rho**2)
         return out
 
+    def innovations(self, samples: Array, own: Array) -> Array:
+        out = samples.copy()
+        out[:, 1:] -= self._correlations(own)[:, None] * samples[:, :-1]
+        return out
+
     def inform(self, shifts: Array, own: Array) -> Array:
         return self.whiten(shifts, own)
 

@@ -234,6 +234,12 @@ class AR1:
             out[:, one.rows, k] = one.fresh(samples[:, one.rows, k], rho[:, k]) / sigma[:, k, None]
         return out
 
+    def innovations(self, samples: Array, own: Array) -> Array:
+        rho, out = self.memory.at(own), np.full(samples.shape, np.nan)
+        for k, one in enumerate(self._spacing(samples).each):
+            out[:, one.rows, k] = _less(samples[:, one.rows, k], one.memory(rho[:, k])[0])
+        return out
+
     def inform(self, shifts: Array, own: Array) -> Array:
         return np.nan_to_num(self.whiten(shifts, own))
 

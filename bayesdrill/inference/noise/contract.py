@@ -99,6 +99,12 @@ class Noise(Protocol):
         """`(W, T, K)`: independent and standard normal, where residuals are as the noise says."""
         ...
 
+    def innovations(self, samples: Array, own: Array) -> Array:
+        """`(W, T, K)`, SI: each sample minus its prediction from those before it; `samples` themselves
+        where samples are independent.
+        """
+        ...
+
     def inform(self, shifts: Array, own: Array) -> Array:
         """`(W, T, K)`, linear in `shifts` of signals: its squares sum to their Fisher information."""
         ...

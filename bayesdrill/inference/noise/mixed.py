@@ -128,6 +128,9 @@ class Mixed:
     def whiten(self, samples: Array, own: Array) -> Array:
         return self._each(lambda n, columns, own: n.whiten(samples[..., columns], own), own)
 
+    def innovations(self, samples: Array, own: Array) -> Array:
+        return self._each(lambda n, columns, own: n.innovations(samples[..., columns], own), own)
+
     def inform(self, shifts: Array, own: Array) -> Array:
         return self._each(lambda n, columns, own: n.inform(shifts[..., columns], own), own)
 

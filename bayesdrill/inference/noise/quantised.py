@@ -102,6 +102,9 @@ class Quantised:
         share = np.random.default_rng(0).random(samples.shape[1:])
         return self._interval(samples, own).within(share)
 
+    def innovations(self, samples: Array, own: Array) -> Array:
+        return samples
+
     def inform(self, shifts: Array, own: Array) -> Array:
         """As it is on average over where in its interval a signal is."""
         sigma = self.levels.scales(own)

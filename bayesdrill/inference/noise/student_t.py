@@ -90,6 +90,9 @@ class StudentT:
             * scipy.special.ndtri(scipy.special.stdtr(nu, -np.abs(samples) / scale))
         )
 
+    def innovations(self, samples: Array, own: Array) -> Array:
+        return samples
+
     def inform(self, shifts: Array, own: Array) -> Array:
         scale, nu = self._each(own)
         return np.asarray(shifts / scale * np.sqrt((nu + 1.0) / (nu + 3.0)))

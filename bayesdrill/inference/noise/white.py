@@ -78,6 +78,9 @@ class White:
     def whiten(self, samples: Array, own: Array) -> Array:
         return samples / self.scales(own)[:, None, :]
 
+    def innovations(self, samples: Array, own: Array) -> Array:
+        return samples
+
     def inform(self, shifts: Array, own: Array) -> Array:
         return shifts / self.scales(own)[:, None, :]
 

@@ -6,7 +6,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from itertools import groupby
 from typing import Any
 
 import numpy as np
@@ -14,16 +15,29 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
+from matplotlib.ticker import MaxNLocator
 from scipy.special import ndtri
 from scipy.stats import norm
 
-from bayesdrill.analysis.prediction import FALSE_ALARM, Check, checks
+from bayesdrill.analysis.prediction import (
+    FALSE_ALARM,
+    Check,
+    FrequencyResponse,
+    checks,
+    frequency_responses,
+)
 from bayesdrill.basics.arrays import Array, Indices
-from bayesdrill.basics.symbols import Symbol
+from bayesdrill.basics.symbols import INPUTS, Symbol
 from bayesdrill.config.schema.config import Config
 from bayesdrill.inference.derived import HDI_PROBABILITY
 from bayesdrill.inference.posterior import Problem
-from bayesdrill.inference.residual_checks import Left
+from bayesdrill.inference.residual_checks import (
+    CHANCE,
+    Correlation,
+    Left,
+    correlations,
+    like_noise,
+)
 from bayesdrill.output_files import numbered
 from bayesdrill.report import scales, style, words
 from bayesdrill.report.pages import Page, difference_panel, inches_panel, legend_above
@@ -396,6 +410,116 @@ def _difference(panel: Axes, one: Check, most: float) -> None:
     panel.set_ylabel("ECDF difference [%]")
     if one.says:
         style.corner_text(panel, one.says, "right", fontsize=style.letters("legend.fontsize"))
+
+
+POINT: dict[str, Any] = {
+    "color": style.DARK,
+    "marker": "o",
+    "markersize": 2.4,
+    "markeredgewidth": 0,
+    "linestyle": "none",
+}
+STEM: dict[str, Any] = {"color": style.DARK, "linewidth": 1.1}
+
+
+def residuals_figure(found: Sequence[Correlation], width: float = scales.DOUBLE) -> Figure:
+    """A row for each channel: correlations of its residuals with themselves, and with each input."""
+    beside = [one for one in found if one.channel == found[0].channel]
+    high = 1.1 * max(float(np.maximum(one.values, one.band).max()) for one in found)
+    low = 1.1 * min(float(np.minimum(one.values, -one.band).min()) for one in found)
+    with style.styled(width):
+        handles: list[Any] = [
+            Patch(label=f"{100 * CHANCE:g} % of chance, each lag", **style.CHANCE),
+            Line2D([], [], label="inside", **STEM),
+        ]
+        if any((np.abs(one.values) > one.band).any() for one in found):
+            handles.append(Line2D([], [], label="outside", **style.OUTSIDE))
+        page = Page(row=1.2, top=0.36).fitting(width, len(handles))
+        page = replace(page, columns=len(beside))
+        figure, panels = page.build(len(found))
+        for k, (panel, one) in enumerate(zip(panels, found, strict=True)):
+            panel.fill_between(one.lags, -one.band, one.band, zorder=0, **style.CHANCE)
+            panel.axhline(0.0, color=style.MIDDLE, linewidth=0.5, zorder=1)
+            for inside, look in ((True, STEM), (False, dict(style.OUTSIDE))):
+                chosen = (np.abs(one.values) <= one.band) == inside
+                panel.vlines(one.lags[chosen], 0.0, one.values[chosen], zorder=2, **look)
+            panel.set_ylim(low, high + 0.3 * (high - low))  # the name is above
+            style.set_ticks(panel.yaxis, *scales.ticks(low, high, 4))
+            panel.xaxis.set_major_locator(MaxNLocator(4, integer=True, prune="both"))
+            panel.set_xlim(one.lags[0] - 1, one.lags[-1] + 1)
+            style.corner_text(panel, f"${one.channel.latex}$")
+            other = f"with ${INPUTS[one.input].latex}$" if one.input else "with itself"
+            style.corner_text(panel, other, "right", fontsize=style.letters("legend.fontsize"))
+            page.frame(panel, k, len(found), "lag [samples]", "correlation")
+        legend_above(figure, handles, 3)
+    return figure
+
+
+RESIDUALS = "Whether residuals are white, and whether they follow an input (positive lags)."
+
+
+def draw_residuals(run: View) -> tuple[Drawing, ...] | None:
+    asked = "residuals" in (run.config.output.figures or ())
+    if like_noise(run.analysis.fit) and not asked:
+        return None
+    found = correlations(run.problem.posterior.likelihood, run.chain.best)
+    each = (
+        (label, tuple(group)) for label, group in groupby(found, key=lambda one: one.experiment)
+    )
+    return for_each_experiment(residuals_figure, each, run.width, RESIDUALS)
+
+
+def frequency_figure(found: Sequence[FrequencyResponse], width: float = scales.DOUBLE) -> Figure:
+    """A row for each channel and input: magnitude and phase of the response G over the frequency."""
+    with style.styled(width):
+        measured = r"measured, where the input excites ($\pm$2 sd)"
+        handles: list[Any] = [
+            Line2D([], [], label="model at the MAP", **style.BLACK_LINE),
+            Line2D([], [], label=measured, **POINT),
+        ]
+        page = replace(PAGE, left=0.7, gap_x=0.75, top=0.36).fitting(width, 4)
+        figure, panels = page.build(2 * len(found))
+        for k, panel in enumerate(panels):
+            _bode(panel, found[k // 2], phase=bool(k % 2))
+            panel.tick_params(labelbottom=k >= len(panels) - 2)
+        for panel in panels[-2:]:
+            panel.set_xlabel("frequency [Hz]")
+        legend_above(figure, handles, 2 if width >= scales.DOUBLE else 1)
+    return figure
+
+
+def _bode(panel: Axes, one: FrequencyResponse, *, phase: bool) -> None:
+    """The magnitude, or the phase in degrees, of what is measured next to the model's."""
+    there, shown = np.isfinite(one.measured), one.channel.shown
+    model, measured = (
+        np.abs(of) * one.unit.factor / shown.factor for of in (one.modelled, one.measured)
+    )
+    error = measured * one.error
+    if phase:
+        model = np.degrees(np.unwrap(np.angle(one.modelled)))
+        measured = model + np.degrees(np.angle(one.measured / one.modelled))
+        error = np.degrees(one.error)
+    every = np.concatenate([model, measured[there]])
+    x = scales.scale(one.frequencies[0], one.frequencies[-1], log=True, margin=0.03)
+    y = scales.scale(float(every.min()), float(every.max()), log=not phase, margin=0.2)
+    ends = y(np.stack([measured - 2 * error, measured + 2 * error])[:, there])
+    panel.plot(x(one.frequencies), y(model), zorder=1, **style.BLACK_LINE)
+    panel.vlines(x(one.frequencies[there]), *ends, color=POINT["color"], linewidth=0.6, zorder=2)
+    panel.plot(x(one.frequencies[there]), y(measured[there]), zorder=3, **POINT)
+    unit = f"{shown.latex}/{one.unit.latex}"
+    what, unit = (r"\arg\, G", r"^\circ") if phase else ("|G|", unit)
+    style.scale_axis(panel.xaxis, x, "", 5)
+    style.scale_axis(panel.yaxis, y, y.label(Symbol("", "", what, unit, "")), 4)
+    style.corner_text(panel, rf"${INPUTS[one.input].latex} \to {one.channel.latex}$", "right")
+
+
+FREQUENCY_RESPONSE = "How inputs move channels: measured, where they excite, and by the model."
+
+
+def draw_frequency_response(run: View) -> tuple[Drawing, ...]:
+    found = frequency_responses(run.problem.posterior, run.chain.best)
+    each = ((label, tuple(group)) for label, group in groupby(found, key=lambda one: one.label))
+    return for_each_experiment(frequency_figure, each, run.width, FREQUENCY_RESPONSE)
 
 
 FIT = "Record, model at the MAP and posterior predictive band; beside them what is left, and the noise."

@@ -22,9 +22,10 @@ from bayesdrill.basics.symbols import Symbol
 from bayesdrill.basics.units import Unit
 from bayesdrill.inference.likelihood import Observation
 from bayesdrill.inference.posterior import Problem
-from bayesdrill.inference.residual_checks import Left
+from bayesdrill.inference.residual_checks import Left, like_noise
 from bayesdrill.inference.unknowns import of_label
 from bayesdrill.output_files import numbered
+from bayesdrill.report.section import Plain, Sentences, Table, aligned
 from bayesdrill.report.sections.physics_words import Rub, rubs
 from bayesdrill.rig import models
 from bayesdrill.rig.models.linear import Roles
@@ -170,6 +171,17 @@ def residual_sentences(found: Sequence[Left], clock: Unit) -> str:
     seen = [f"{percent(one.share)} ({one.name})" for one in found if not math.isnan(one.share)]
     shares = ", ".join(seen) or "nothing to speak of"
     lines = [f"fit: of what each channel does the MAP leaves unexplained {shares}"]
+    # Where noise remembers, or a torque is missing; elsewhere both are what was said above.
+    ahead = [one for one in found if one.ahead != one.simulated and not math.isnan(one.share)]
+    if ahead:
+        each = ", ".join(
+            f"{one.name} {explained_share(one.simulated)} and {explained_share(one.ahead)}"
+            for one in ahead
+        )
+        lines.append(
+            "fit: explained by the simulation alone, and by predictions one step ahead from all "
+            f"samples before: {each}"
+        )
     if large := _worst(found, "large", "rms"):
         lines.append(
             f"fit: the MAP leaves more than the noise, in sigmas: {_each_channel(large, 'rms')} (noise "
@@ -199,7 +211,7 @@ def residual_sentences(found: Sequence[Left], clock: Unit) -> str:
             f"leaves at least {small[0].limits.least:.3g}); these sigmas are too large, or the column "
             "was filtered"
         )
-    if len(lines) == 1:
+    if like_noise(found) and not small:
         sizes = [one.rms for one in found]
         sigmas = f"rms {min(sizes):.3f} to {max(sizes):.3f} sigma"
         lines.append(f"fit: what the MAP leaves looks like the noise ({sigmas})")
@@ -235,11 +247,21 @@ def percent(share: float) -> str:
     return f"{100 * share:.2g} %"
 
 
+def explained_share(left: float) -> str:
+    """NRMSE fit, the complement of the share that is left: below zero where a mean would do better."""
+    return f"{100 * (1 - left):.4g} %"
+
+
 WIDER = 2.0  # times what was found, of a prior that is proposed
 SHOWN = 5  # candidates
 STEPS = (
-    "bayesdrill map CONFIG shows whether that fits",
-    "bayesdrill ladder CONFIG samples the best candidates and compares them",
+    "bayesdrill map CONFIG shows whether that fits.",
+    "bayesdrill ladder CONFIG samples the best candidates and compares them.",
+)
+LOOK = (
+    "next: bayesdrill check CONFIG says what is odd in columns and units.\n"
+    "next: look at the inputs and the gear: does something drive the rig that no column has?\n"
+    "next: a window (`record: {window: [from, to]}`) shows where in the record the misfit begins."
 )
 
 # Roles of parameters that a rig may lack.
@@ -253,54 +275,68 @@ LACKED: Mapping[str, str] = {
 
 
 def explained(found: Causes | None) -> str:
-    """What would explain what the fit leaves, best first, and the lines of a config that say so."""
+    """What would explain what the fit leaves, for a terminal: best first, and what to do."""
+    parts = candidates(found)
+    said = []
+    for part in parts:
+        match part:
+            case Table():
+                said.append(aligned([part.heads, *part.lines], left={0}))
+            case Plain(text) | Sentences(text):
+                said.append(text)
+    return "\n".join(said)
+
+
+def candidates(found: Causes | None) -> tuple[Sentences | Table | Plain, ...]:
+    """What would explain what the fit leaves: candidates, best first, the lines of a config that say the
+    best, and what to do next; for a page.
+    """
     if found is None:
-        return ""
-    if not found.ranked:
-        return "fit: there is no candidate to refit: look at units, gear, inputs and columns"
+        return ()
     if not found.explains:
-        best = found.ranked[0]
-        return (
-            f"fit: none of {len(found.ranked)} candidates that were refitted explains what is left "
-            "(gains, lags and offsets of sensors and inputs, the start, what the rig may lack, the "
-            f"noise; the best, {best.about}, has a log Bayes factor of {best.bayes:.1f}): look at "
-            "units, gear, inputs, columns and the model"
+        tried = (
+            f"fit: none of {len(found.ranked)} candidates that were refitted explains what is left. "
+            "They were gains, lags and offsets of sensors and inputs, the start, the gear, what the rig "
+            "may lack, and the noise."
         )
-    lines = [
-        f"fit: {len(found.ranked)} candidates were refitted from the MAP; log Bayes factor by Laplace's "
-        "approximation, gain of the log posterior, and what stays unexplained of each channel:"
+        return (Sentences(f"{tried}\n{LOOK}"),)
+    best, rest = found.best, "leaves more than noise"
+    doubts = [one for one in found.good[:SHOWN] if one.doubts]
+    said = [
+        f"fit: {len(found.ranked)} candidates were refitted from the MAP, each with all unknowns free. "
+        "The best are listed: log Bayes factor (by Laplace's approximation), gain of the log posterior, "
+        "and what stays unexplained of each channel."
     ]
-    lines += [f"  {'':>9}  {'':>9}  as given: {_shares(found.given)}"]
+    if doubts:
+        each = "; ".join(f"{one.about}: {', '.join(one.doubts)}" for one in doubts)
+        said.append(f"fit: do not trust the Bayes factor of {each}.")
+    if best.explains_all:
+        rest = "leaves what looks like the noise"
+    return (
+        Sentences("\n".join(said)),
+        _candidate_table(found),
+        Sentences(f"next: add these lines to the config ({best.about}{_new(best)}). That {rest}."),
+        Plain(best.lines),
+        Sentences("\n".join(f"next: {step}" for step in STEPS)),
+    )
+
+
+def _candidate_table(found: Causes) -> Table:
+    shown = found.good[:SHOWN]
+    lines = [("as given", "0", "0", *(percent(one.share) for one in found.given))]
     lines += [
-        f"  {one.bayes:+9.1f}  {one.gain:+9.1f}  {one.about}{_new(one)}: {_shares(one.fit)}"
-        f"{_doubted(one)}"
-        for one in found.good[:SHOWN]
+        (one.about, f"{one.bayes:+.1f}", f"{one.gain:+.1f}", *(percent(x.share) for x in one.fit))
+        for one in shown
     ]
-    return "\n".join([*lines, *_next_steps(found.best)])
-
-
-def _next_steps(best: Cause) -> Iterator[str]:
-    """At most three, in order."""
-    after = "then only noise is left" if best.explains_all else "that leaves more than noise"
-    yield f"next: add {best.about} to the config ({after}):"
-    yield from (f"    {line}" for line in best.lines.splitlines())
-    yield from (f"next: {step}" for step in STEPS)
-
-
-def _shares(found: Sequence[Left]) -> str:
-    shares = [f"{one.name} {percent(one.share)}" for one in found if not math.isnan(one.share)]
-    return ", ".join(shares) or "nothing to speak of"
+    heads = ("model", "log Bayes factor", "log posterior", *(one.name for one in found.given))
+    return Table(heads, tuple(lines), frozenset({"model"}))
 
 
 def _new(one: Cause) -> str:
     """Values of its further unknowns, where they are few."""
     few = [new for new in one.new if not new.name.startswith(("sigma_", "rho_"))][:SHOWN]
-    said = [f"{new.name} {new.value:.3g} {new.unit}".strip() for new in few]
-    return f" ({', '.join(said)})" if said else ""
-
-
-def _doubted(one: Cause) -> str:
-    return f" [not to be trusted: {'; '.join(one.doubts)}]" if one.doubts else ""
+    said = [f"{new.name} = {new.value:.3g} {new.unit}".strip() for new in few]
+    return f": {', '.join(said)}" if said else ""
 
 
 def lacking(found: Causes | None, roles: Roles) -> str:
