@@ -16,6 +16,7 @@ from bayesdrill.basics.errors import InputError
 from bayesdrill.basics.progress import Reporter
 from bayesdrill.config.job import Job, prepare
 from bayesdrill.config.resolve import assembly
+from bayesdrill.inference import residual_checks
 from bayesdrill.inference.posterior import Problem
 from bayesdrill.output_files import MAP, dumps_checksummed, loads_checksummed, typed
 from bayesdrill.report import publish, words
@@ -103,6 +104,14 @@ def end_search(crew: Crew, under_way: Searches, job: Job, report: Reporter) -> M
     found = end_searches(crew, under_way, report)
     report.say(words.mode(found, job.units))
     return found
+
+
+def misfit(job: Job, found: Mode) -> str:
+    """What the maximum leaves, where no posterior about it can be believed; empty elsewhere."""
+    posterior = job.problem.posterior
+    left = residual_checks.left(posterior.likelihood, posterior.space.vector(found.values))
+    unbelievable = bool(fit_words.residual_reasons(left))
+    return fit_words.residual_sentences(left, job.clock) if unbelievable else ""
 
 
 def explain(

@@ -16,12 +16,10 @@ from bayesdrill.analysis.verdict import Verdict
 from bayesdrill.basics.errors import InputError
 from bayesdrill.basics.progress import SILENT, Reporter
 from bayesdrill.config.job import Job, prepare
-from bayesdrill.inference import residual_checks
 from bayesdrill.output_files import POSTERIOR, RESOLVED_FILE
 from bayesdrill.report import publish, words
 from bayesdrill.report.run_report import sections
 from bayesdrill.report.section import as_text
-from bayesdrill.report.sections import fit_words
 from bayesdrill.report.view import View
 from bayesdrill.results import provenance, run_folder
 from bayesdrill.results.provenance import begin, check_record, interruptions
@@ -32,15 +30,8 @@ from bayesdrill.sampling.mode_search import Mode
 from bayesdrill.sampling.opened_ends import not_kept
 from bayesdrill.sampling.proposal.learning import Nowhere
 from bayesdrill.sampling.workers import Crew
+from bayesdrill.tasks import find_map
 from bayesdrill.tasks.conclusions import SampledRun, analysis_mark, concluded, kept_analysis, plan
-from bayesdrill.tasks.find_map import (
-    MAP_FILE,
-    end_search,
-    explain,
-    fit_plan,
-    read_mode,
-    write_mode,
-)
 from bayesdrill.tasks.identify import preflight
 from bayesdrill.tasks.run_entries import entries, evidence_of_data, maxima_weights
 
@@ -77,7 +68,7 @@ def posterior(
         known = None
         if how == "resume":  # read before anything is written: what cannot go on stays as it is
             _read_ahead(job, folder)
-            known = read_mode(folder, job.problem)
+            known = find_map.read_mode(folder, job.problem)
         report.say(
             f"{words.opening(job.problem, job.units)}\n{words.size(job.problem, job.config)}"
         )
@@ -90,7 +81,7 @@ def _kept(folder: Folder) -> str:
     """What a run that was stopped leaves."""
     if folder.sampled:
         return f"what was sampled is saved in {folder.path}"
-    if (folder.path / MAP_FILE).exists():
+    if (folder.path / find_map.MAP_FILE).exists():
         return f"the maximum is saved in {folder.path}, and nothing was sampled yet"
     return f"nothing was found yet, and {folder.path} holds the config alone"
 
@@ -103,7 +94,7 @@ def _read_ahead(job: Job, folder: Folder) -> None:
 def _run(job: Job, folder: Folder, known: Mode | None, processes: int, report: Reporter) -> Outcome:
     clock = [time.perf_counter()]
     with Crew(job.problem.posterior, processes) as crew:
-        hunt = None if known else begin_searches(crew, fit_plan(job), report)
+        hunt = None if known else begin_searches(crew, find_map.fit_plan(job), report)
         # While others search the MAP, this process looks at what the record can show, and loads
         # what sampling and report will need.
         scenery = Scenery(job.problem.posterior.likelihood)
@@ -115,16 +106,13 @@ def _run(job: Job, folder: Folder, known: Mode | None, processes: int, report: R
             for name in ("scipy.stats", "arviz_stats.base"):  # they take a while to load
                 importlib.import_module(name)
         if hunt is not None:
-            known = end_search(crew, hunt, job, report)
-            write_mode(folder, known)
+            known = find_map.end_search(crew, hunt, job, report)
+            find_map.write_mode(folder, known)
         assert known is not None
         found, job = known, job.at(known)
-        left = residual_checks.left(
-            job.problem.posterior.likelihood, job.problem.posterior.space.vector(found.values)
-        )
-        if fit_words.residual_reasons(left):
-            report.say(fit_words.residual_sentences(left, job.clock))
-        explained, said = explain(job, found, crew.run, report)
+        if misfit := find_map.misfit(job, found):
+            report.say(misfit)
+        explained, said = find_map.explain(job, found, crew.run, report)
         if said:
             report.say(said)
         crew.step(found.pieces)
@@ -204,10 +192,10 @@ def _made(output: Path) -> tuple[Job, dict[str, str]]:
 
 def _finished(job: Job, folder: Folder) -> SampledRun:
     path = folder.path
-    found = read_mode(folder, job.problem)
+    found = find_map.read_mode(folder, job.problem)
     if found is None:
         message = "is not there; continue with --resume, which searches the MAP again"
-        raise InputError.one(str(path / MAP_FILE), message)
+        raise InputError.one(str(path / find_map.MAP_FILE), message)
     job = job.at(found)
     problem = job.problem
     _read_ahead(job, folder)
@@ -226,7 +214,7 @@ def write_result(job: Job, view: View, output: Path, record: str | None, *, forc
     marks = provenance.fingerprint(job.config, job.problem)
     with Folder(output, "force" if force else "fresh", marks, POSTERIOR) as folder:
         begin(job, folder, record)
-        write_mode(folder, view.mode)
+        find_map.write_mode(folder, view.mode)
         for ensemble, pieces in enumerate(view.sampled.pieces):
             first = 0
             for piece in pieces:
@@ -245,7 +233,7 @@ def sample_in_memory(job: Job, found: Mode, processes: int, report: Reporter) ->
 
 def _sample(job: Job, crew: Crew, found: Mode, shelf: Shelf, report: Reporter) -> Sampled:
     try:
-        return sample_maxima(crew, found, fit_plan(job), shelf, report)
+        return sample_maxima(crew, found, find_map.fit_plan(job), shelf, report)
     except Nowhere as error:
         message = f"{error}; the record and the priors do not go together, check units and values"
         raise job.source.error(("parameters",), message) from None

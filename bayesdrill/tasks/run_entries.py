@@ -46,7 +46,7 @@ ENTRIES: Mapping[str, str] = MappingProxyType(
         "notes": "sentences on priors, record and rig",
         "fit": "what the MAP leaves of each channel [sd of the noise]",
         "repeats": "products as each of several experiments has them [natural logs]",
-        "causes": "what would explain a fit that leaves more than noise [SI]",
+        "causes": "candidates that would explain a fit that leaves more than noise [logs, SI]",
         "instead": "what the rig may lack, where the nominal table would be blamed [SI]",
         "pieces": "what the steps of a rig that is stepped do at the MAP [sd of the noise]",
         "torque": "the missing torque of each experiment [N m]",

@@ -7,15 +7,17 @@ import dataclasses
 import io
 import math
 from collections.abc import Callable, Iterator, Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 from bayesdrill import output_files
+from bayesdrill.analysis.causes import Causes
 from bayesdrill.analysis.run_analysis import RunAnalysis
 from bayesdrill.basics.errors import InputError, Issue
-from bayesdrill.basics.values import leaves
+from bayesdrill.basics.values import from_data, leaves
 from bayesdrill.config import loading
 from bayesdrill.config.job import Job
 from bayesdrill.output_files import COMPARE, LADDER, MAP, OVERLAY, POSTERIOR, Kind
@@ -100,8 +102,19 @@ def _of_posterior(folder: Path, run: Mapping[str, Any]) -> Iterator[Issue]:
         yield from (*_configs(folder), *error.problems)
         return
     yield from _configs(folder, found.job)
-    alone = run.get(run_entries.ANALYSIS, {}).get("alone", True)
-    view = conclusions.concluded(found.job, found.mode, found.sampled, alone=alone)
+    kept = run.get(run_entries.ANALYSIS, {})
+    explained = (
+        None  # candidates follow from the config as it was written, which is no longer there
+    )
+    with suppress(ValueError):
+        explained = from_data(Causes, kept["causes"]) if kept.get("causes") else None
+    view = conclusions.concluded(
+        found.job,
+        found.mode,
+        found.sampled,
+        alone=kept.get("alone", True),
+        explained=explained,
+    )
     beyond = view.sampled.beyond
     if beyond is None or beyond.kept:
         texts = {name: table(view) or "" for name, table in publish.TABLES.items()}

@@ -291,7 +291,7 @@ def given(entry: object) -> dict[str, float]:
     config: Any = SimpleNamespace(
         nominal=Nominal.model_validate({"tolerance": entry}), parameters={}
     )
-    return {**nominal_table(config).tolerance}
+    return {**nominal_table(config, {}).tolerance}
 
 
 def test_tolerances_by_number_and_by_symbol() -> None:

@@ -15,7 +15,6 @@ STAGES = (
     "searching the MAP",
     "looking at what the record can show",
     "looking for other maxima",
-    "looking at what the best fit leaves",
     "learning the proposal",
     "looking for what the proposal leaves out",
     "starting the walkers",
