@@ -122,8 +122,9 @@ def test_what_is_wrong_is_first_with_its_size(
         assert found.lacking == ((unknown,) if "added" in lacks else ())
         assert bool(fit_words.lacking(found, USUAL)) == ("added" in lacks)
         said = fit_words.explained(found)
-        assert f"next: add {first.about} to the config (then only noise is left):" in said
-        assert all(f"    {line}" in said for line in first.lines.splitlines())
+        assert f"next: add these lines to the config ({first.about}" in said
+        assert "That leaves what looks like the noise." in said
+        assert f"\n{first.lines}\n" in said
         data = run_entries.causes_data(found)
         assert data is not None
         assert [part] in [one["parts"] for one in data]
@@ -188,7 +189,7 @@ def test_where_nothing_explains_nothing_is_said_to(tmp_path: Path) -> None:
     assert said.startswith(
         f"fit: none of {len(found.ranked)} candidates that were refitted explains"
     )
-    assert "next" not in said
+    assert "add these lines" not in said
 
 
 # A torque that is late, of a shaft whose upper end is turned.
