@@ -236,8 +236,7 @@ class Ladder:
         space: ParameterSpace = posterior.space
         theta = space.vector(space.start)
         every = posterior.likelihood.observations
-        found = edits.rig_candidates(every, space, theta)
-        sizes = {one.of: float(one.prior.high) for one in found}
+        sizes = edits.rig_candidates(every, space, theta)
         return cls(job, sizes, _speeds(every, space, theta))
 
     @property

@@ -35,15 +35,24 @@ def voltage() -> np.ndarray:
 
 
 def record(
-    added: Mapping[str, float], v: np.ndarray | None = None, late: int = 0, supply: float = 0.0
+    added: Mapping[str, float],
+    v: np.ndarray | None = None,
+    *,
+    late: int = 0,
+    supply: float = 0.0,
+    gain: float = 1.0,
+    offset: float = 0.0,
 ) -> Experiment:
-    """Of the nominal rig with what is `added`; its twist `late` by so many samples, its voltage off."""
+    """Of the nominal rig with what is `added`; its twist `late` by so many samples, with a `gain` and an
+    `offset`; its voltage off by `supply`.
+    """
     given = voltage() if v is None else v
     rig = Rig(p={**NOMINAL, **HELD, **added})
     states = simulate(rig, T, given + supply).states
     y = np.stack([states[:, 0] - states[:, 1], states[:, 3]], axis=-1)
     y[late:, 0] = y[: N - late, 0].copy()
     y[:late, 0] = 0.0
+    y[:, 0] = gain * y[:, 0] + offset
     y = y + SIGMA * np.random.default_rng(8).standard_normal(y.shape)
     return experiment(N, DT, series={"v": given}, constant={"t_1": 0.0}, measures=MEASURES, y=y)
 

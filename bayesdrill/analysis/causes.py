@@ -220,19 +220,19 @@ class Instead:
 def instead(problem: Problem, theta: Array) -> Instead | None:
     """What fits the record with the table about as well as the MAP `theta (D,)` without; the best."""
     posterior = problem.posterior
-    wide = widened(posterior, theta, frozenset({"rig"}))
+    wide = widened(posterior, theta)
     held = [k for k, name in enumerate(posterior.space.free) if name in problem.nominal]
-    if not wide.every or not held or not _allowed(problem):
+    if not wide.sizes or not held or not _allowed(problem):
         return None
     limit = 0.5 * float(scipy.special.chdtri(len(held), AS_WELL))
     bare = _held(problem, wide, theta, held, None)
     if bare is None or bare[1] <= limit:
         return None  # the table needs no help
     best: Instead | None = None
-    for which, one in enumerate(wide.every):
+    for which, name in zip(wide.tried, wide.sizes, strict=True):
         found = _held(problem, wide, theta, held, which)
         if found is not None and found[1] <= min(limit, limit if best is None else best.lost):
-            best = Instead(parameter=one.of, value=found[0], lost=found[1])
+            best = Instead(parameter=name, value=found[0], lost=found[1])
     return best
 
 
@@ -250,8 +250,8 @@ def _allowed(problem: Problem) -> bool:
 def _held(
     problem: Problem, wide: Widened, theta: Array, held: list[int], which: int | None
 ) -> tuple[float, float] | None:
-    """With one of what is tried, or with nothing: its value, and what is lost."""
-    space, wider, m = problem.posterior.space, wide.posterior, wide.tried.start
+    """With the unknown `which` of what is tried, or with nothing: its value, and what is lost."""
+    space, wider = problem.posterior.space, wide.posterior
     start = wide.at(theta)
     ends = np.stack([start, start])
     for k in held:
@@ -260,11 +260,11 @@ def _held(
         ends[:, k] = problem.nominal[name] * np.array([1.0 - off, 1.0 + off])
     surface = PosteriorSurface(wider, physical=True)
     fixed = np.zeros(len(start), dtype=bool)
-    fixed[[*held, *range(m, m + len(wide.every))]] = True
+    fixed[[*held, *wide.tried]] = True
     rows = np.repeat(start[None], len(SHARES), axis=0)
     if which is not None:
-        fixed[m + which] = False
-        rows[:, m + which] = [wide.every[which].prior.high * share for share in SHARES]
+        fixed[which] = False
+        rows[:, which] = [wider.space.unknowns[which].prior.high * share for share in SHARES]
     low, high = np.clip(wider.coordinates.from_physical(ends), surface.low, surface.high)
     surface.low = np.where(fixed, low, surface.low)
     surface.high = np.where(fixed, high, surface.high)
@@ -275,5 +275,5 @@ def _held(
         return None
     k = int(np.nanargmax(likely))
     before = float(problem.posterior.likelihood(theta[None])[0])
-    value = 0.0 if which is None else float(there[k, m + which])
+    value = 0.0 if which is None else float(there[k, which])
     return value, before - float(likely[k])

@@ -21,13 +21,14 @@ from oracles import NOMINAL
 
 import bayesdrill as bd
 from bayesdrill.analysis import edits, plausibility
-from bayesdrill.analysis.causes import Instead, causes
+from bayesdrill.analysis.causes import Instead
 from bayesdrill.analysis.energy import accounts, curve, rubbings
 from bayesdrill.analysis.identifiability.frictions import RIVALS, stops_below
 from bayesdrill.analysis.identifiability.information import Scenery
 from bayesdrill.analysis.latent_torque import follows, shakings
 from bayesdrill.analysis.run_analysis import torque_summary
 from bayesdrill.basics import symbols
+from bayesdrill.basics.progress import SILENT
 from bayesdrill.inference import derived
 from bayesdrill.report import words
 from bayesdrill.report.sections import fit_words, physics_words, torque_words
@@ -36,7 +37,9 @@ from bayesdrill.report.sections.torque_words import torque_shown
 from bayesdrill.rig import MotorShaft, energy
 from bayesdrill.rig.models import MODELS
 from bayesdrill.rig.models.linear import STATES, USUAL, Model, Roles, RotorRoles
+from bayesdrill.sampling.workers import Crew
 from bayesdrill.selection import Ladder
+from bayesdrill.tasks import ranking
 
 ROOT = Path(__file__).parents[2]
 TOYS = ROOT / "tests" / "toys"
@@ -54,17 +57,22 @@ TORQUE = {
 
 
 def case(
-    rig: Model, own: dict[str, str], free: dict[str, float], turns: float = 1.0, **entries: Any
+    rig: Model,
+    own: dict[str, str],
+    free: dict[str, float],
+    turns: float = 1.0,
+    seen: tuple[np.ndarray, ...] = (np.cumsum(V) * 0.05 * 1.1, 1.1 * V, 6.6 * V),
+    **entries: Any,
 ) -> bd.Case:
     """`own`: its names of the usual ones; `free`: what is unknown, and where the search begins; `turns`:
-    what is wrong with the unit of an angle.
+    what is wrong with the unit of an angle; `seen`: angle and speeds.
     """
     rng = np.random.default_rng(5)
-    angle = turns * np.cumsum(V) * 0.05 * 1.1
+    angle, speed, geared = seen
     columns = {
-        "alpha": (own["theta_1"], angle, "rad", 0.05),
-        "omega": (own["w_1"], 1.1 * V, "rad/s", 0.1),
-        "geared": (f"6 * {own['w_2']}", 6.6 * V, "rad/s", 0.5),
+        "alpha": (own["theta_1"], turns * angle, "rad", 0.05),
+        "omega": (own["w_1"], speed, "rad/s", 0.1),
+        "geared": (f"6 * {own['w_2']}", geared, "rad/s", 0.5),
     }
     table = {own[name]: x for name, x in {**NOMINAL, "k_T": 0.1, **free}.items()}
     return bd.case(
@@ -82,7 +90,7 @@ def case(
 
 
 def of_record(of: bd.Case) -> Iterator[Any]:
-    """Suspicions, plausibility, and what would be tried where the fit is bad; the ladder."""
+    """Suspicions, plausibility, and what may be tried where the fit is bad; the ladder."""
     problem, posterior = of.job.problem, of.job.problem.posterior
     theta = posterior.space.vector(posterior.space.start)
     roles = problem.model.roles
@@ -94,12 +102,11 @@ def of_record(of: bd.Case) -> Iterator[Any]:
     ]
     yield derived.at(problem, theta[None])
     tried = edits.rig_candidates(posterior.likelihood.observations, posterior.space, theta)
-    yield [*map(repr, tried)]
+    yield tried
     every = [Instead(parameter=roles[role], value=0.1, lost=1.0) for role in edits.LACKS]
     yield [[*fit_words.instead(one, roles)] for one in every]
-    yield repr(causes(posterior, theta))
-    rungs = Ladder.of(of.job).first()
-    rungs += Ladder.of(of.job).beyond(("friction_both",))
+    rungs = Ladder.of(of.job).singles()
+    rungs += Ladder.of(of.job).beyond(("friction_both",), ())
     yield [(one.name, one.about, one.source.data) for one in rungs]
 
 
@@ -127,6 +134,25 @@ def of_friction(of: bd.Case) -> Iterator[Any]:
     yield [balance.sources, [(part.kind, part.name, part.joules) for part in balance.parts]]
 
 
+def of_cause(rig: Model, own: dict[str, str]) -> Iterator[Any]:
+    """What would explain the fit of a rig that rubs and is said not to."""
+    moved = bd.respond(
+        "motor_shaft",
+        {**NOMINAL, "k_T": 0.1, "t_f": 0.0, "t_c1": 0.2},
+        T,
+        {"v": V},
+        ["theta_1", "w_1", "w_2"],
+    )
+    seen = moved["theta_1"], moved["w_1"], 6.0 * moved["w_2"]
+    of = case(rig, own, {name: NOMINAL[name] for name in ("k_e", "j_1")}, seen=seen)
+    posterior = of.job.problem.posterior
+    with Crew(posterior, 1) as crew:
+        causes, _ = ranking.rank(of.job, posterior.space.start, crew.run, SILENT)
+    yield repr(causes)
+    yield fit_words.explained(causes)
+    yield fit_words.lacking(causes, of.job.problem.model.roles)
+
+
 def of_torque(of: bd.Case) -> Iterator[Any]:
     """What a missing torque was, what it follows, and what it can stand in for."""
     posterior = of.job.problem.posterior
@@ -144,6 +170,7 @@ def analyses(rig: Model, own: dict[str, str]) -> dict[str, Any]:
         "friction": [
             *of_friction(case(rig, own, {**TRUTH, "k_e": 0.06, "k_T": 0.06, "t_f": 0.02}))
         ],
+        "cause": [*of_cause(rig, own)],
         "torque": [*of_torque(case(rig, own, wild, missing_torque=TORQUE))],
     }
 
@@ -177,7 +204,8 @@ def test_a_rig_in_other_words_has_every_analysis() -> None:
     for text in (
         "energy: k_T = ",
         "the motor turns 8 times",
-        "Causes(share=",
+        "Causes(given=",
+        "dry friction at rotor 1 (t_c1)",
         "geared measures 6 * w_2",
         "t_f, which keeps",
     ):

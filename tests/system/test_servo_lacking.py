@@ -8,11 +8,10 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
+from candidates import causes_of
 from together import together
 
 import bayesdrill as bd
-from bayesdrill.analysis.causes import causes
-from bayesdrill.inference import residual_checks
 
 SHARED = Path(__file__).resolve().parents[3] / "shared" / "data" / "simulated_servo"
 TRUTH = {"t_cm": 2.5e-3, "t_c1": 6e-3}  # rotor 1 has 12e-3 N m at rest
@@ -47,17 +46,15 @@ def test_the_offset_of_the_supply_and_both_frictions_are_named(name: str, tmp_pa
     path = tmp_path / f"{name}.yaml"
     path.write_text(CONFIG.format(file=SHARED / f"{name}.csv", box=BOX))
     case = bd.load(path)
-    posterior = case.job.problem.posterior
-    theta = posterior.space.vector(case.find_map(processes=1).mode.values)
-    left = residual_checks.left(posterior.likelihood, theta)
-    assert max(one.rms for one in left) > 100
-    found = causes(posterior, theta)
+    found = causes_of(case)
     assert found is not None
-    sizes = {(one.kind, one.of): one.value for one in found.found}
-    assert sizes["input offset", "v"] == pytest.approx(-0.06, abs=0.002)
-    assert sizes["rig", "t_cm"] == pytest.approx(TRUTH["t_cm"], rel=0.15)
-    assert TRUTH["t_c1"] < 1.05 * sizes["rig", "t_c1"] < 2.2 * TRUTH["t_c1"]
-    assert found.rest < 20
+    assert max(one.rms for one in found.given) > 100
+    assert {"friction_both", "offset_v"} <= {*found.best.parts}
+    sizes = {one.name: one.value for one in found.best.new}
+    assert sizes["offset_v"] == pytest.approx(-0.06, abs=0.002)
+    assert sizes["t_cm"] == pytest.approx(TRUTH["t_cm"], rel=0.15)
+    assert TRUTH["t_c1"] < 1.05 * sizes["t_c1"] < 2.2 * TRUTH["t_c1"]
+    assert max(one.rms for one in found.best.fit) < 5
 
 
 DAMPED = """

@@ -1,0 +1,116 @@
+"""A table that may be right after all, of a rig that lacks something."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from lacking import T, against_the_table, believed, best, record
+from together import for_each
+from torques import TORQUE, observed
+
+from bayesdrill.analysis.causes import Instead, instead
+from bayesdrill.analysis.edits import LACKS, widened
+from bayesdrill.report.sections import fit_words, verdict_words
+from bayesdrill.rig.models.linear import USUAL
+from bayesdrill.rig.models.motor_shaft import MotorShaft
+from bayesdrill.tasks import run_entries
+
+STEADY = np.full(len(T), 8.0)
+SIZES = {"t_c1": 0.25, "v_d": 0.8, "c_1": 0.02, "c_s": 5e-3, "t_cm": 0.05}
+TABLES = [
+    pytest.param({n: (False, True) if n == "t_c1" else (False,) for n in SIZES}, id="quick"),
+    pytest.param({n: (True,) for n in SIZES if n != "t_c1"}, id="long", marks=pytest.mark.slow),
+]
+
+
+@pytest.mark.parametrize("names", TABLES)
+def test_a_table_is_right_with_what_is_missing(names: dict[str, tuple[bool, ...]]) -> None:
+    """Mutants killed: all that is tried left free, a table that is not held."""
+
+    def check(name: str, steady: bool) -> None:
+        share = 1.0 if name == "t_cm" else 0.2
+        truth = SIZES[name]
+        posterior = believed(record({name: share * truth}, STEADY if steady else None))
+        theta = best(posterior)
+        alternative = instead(against_the_table(posterior), theta)
+        assert alternative is not None
+        assert alternative.parameter == name
+        assert alternative.value == pytest.approx(share * truth, rel=0.05)
+        (said,) = fit_words.instead(alternative, USUAL)
+        assert fit_words.LACKED[next(role for role in LACKS if USUAL[role] == name)] in said
+
+    for_each(
+        {
+            f"{name}, {'steady' if steady else 'to and fro'}": (name, steady)
+            for name, both in names.items()
+            for steady in both
+        },
+        check,
+    )
+
+
+def test_a_table_that_is_wrong_is_not_excused() -> None:
+    def check(steady: bool) -> None:
+        posterior = believed(record({"k_e": 0.065}, STEADY if steady else None))
+        assert instead(against_the_table(posterior), best(posterior)) is None
+
+    for_each({str(steady): (steady,) for steady in [False, True]}, check)
+
+
+def test_a_table_that_fits_needs_no_help_and_tolerances_count() -> None:
+    posterior = believed(record({}))
+    theta = best(posterior)
+    assert instead(against_the_table(posterior), theta) is None
+    # With a k_s that is 3 % off friction does not help, unless the table allows for it.
+    rubs = believed(record({"t_c1": 0.05}))
+    off = {"k_s": 1.03 * 0.26}
+    assert instead(against_the_table(rubs, **off), best(rubs)) is None
+    within = instead(against_the_table(rubs, 0.05, **off), best(rubs))
+    assert within is not None
+    assert within.parameter == "t_c1"
+
+
+def test_a_table_beyond_the_priors_is_no_table_of_this_rig() -> None:
+    posterior = believed(record({"t_c1": 0.05}))
+    assert instead(against_the_table(posterior, k_s=26.0), best(posterior)) is None
+
+
+def test_a_verdict_in_doubt_says_what_is_missing() -> None:
+    from verdicts import TABLE, gaussian, verdict
+
+    draws = gaussian(TABLE | {"r_m": 2 * TABLE["r_m"]}, np.random.default_rng(2))
+    doubtful = verdict(draws, fits=False)
+    text = verdict_words.verdict_sentences(doubtful, "t", lacking="dry friction at rotor 1 (t_c1)")
+    assert "against the model: it may miss dry friction at rotor 1 (t_c1)" in text
+    assert "may miss" not in verdict_words.verdict_sentences(doubtful, "t")
+
+
+def test_where_a_table_needs_no_help_nothing_is_said() -> None:
+    assert run_entries.instead_data(None) == {}
+    assert list(fit_words.instead(None, USUAL)) == []
+    data = run_entries.instead_data(Instead(parameter="t_cm", value=0.1, lost=-3.0))
+    assert data["instead"]["log_likelihood"] == 3.0
+
+
+def test_each_that_is_tried_has_words_and_is_offered() -> None:
+    assert {*fit_words.LACKED} == {*LACKS}
+    assert {USUAL[role] for role in LACKS} <= {*MotorShaft.offers}
+
+
+def test_what_is_tried_is_what_a_config_would_switch_on() -> None:
+    """Beside a missing torque, whose filter has to be told of it; at zero nothing is changed.
+
+    Mutant killed: a filter of the parameters without what is tried.
+    """
+    known = {**TORQUE, "size": 1e-3, "time": 0.1}
+    without = observed(missing_torque=known)
+    rubs = observed(missing_torque=known, rubs={"t_c1": 0.15})
+    theta = without.space.vector(without.space.start)
+    wide = widened(without, theta)
+    free = wide.posterior.space.free
+    at = wide.at(theta)
+    assert wide.posterior.likelihood(at[None]) == pytest.approx(without.likelihood(theta[None]))
+    at[free.index("t_c1")] = 0.15
+    assert wide.posterior.likelihood(at[None]) == pytest.approx(
+        rubs.likelihood(theta[None]), rel=1e-6
+    )
