@@ -88,7 +88,7 @@ TRUTH = {
     "offset_v": -0.6,
     **{name: size for lacks, *_ in LACKS.values() for name, size in lacks.get("added", {}).items()},
 }
-FEW = (("friction", False), ("input offset", True))
+FEW = (("friction", False),)
 REST = tuple((name, known) for name in LACKS for known in (True, False) if (name, known) not in FEW)
 GROUPS = [
     pytest.param(FEW, id="quick"),

@@ -149,6 +149,6 @@ def test_half_a_sample_is_told_only_where_the_fit_is_noise() -> None:
     response = posterior.likelihood.response.with_record((exact + 9.0 * noise)[:, None])
     off = replace(posterior, likelihood=posterior.likelihood.with_alone(response=response))
     job = replace(run.job, problem=replace(run.job.problem, posterior=off))
-    view = concluded(job, run.mode, run.sampled)
+    view = concluded(job, run.mode, run.sampled, alone=False)  # no causes are looked for
     assert not like_noise(view.analysis.fit)
     assert not [note for note in view.notes if "moment" in note]
