@@ -124,7 +124,9 @@ def _laplace(posterior: Posterior, u: Array) -> tuple[float, Array]:
     """The log evidence, and the sds `(D,)` of the unknowns, at the maximum `u (1, D)`."""
     surface = PosteriorSurface(posterior)
     here = surface.expand(u, np.eye(u.shape[1]))
-    matrix = here.curvature[0] + np.diag(1.0 / surface.spread**2)
+    # What a prior bends by itself is in the curvature already: of a box it is nothing.
+    flat = np.maximum(1.0 / surface.spread**2 - surface.prior_curvature(u)[0], 0.0)
+    matrix = here.curvature[0] + np.diag(flat)
     scale = 1.0 / np.sqrt(np.diag(matrix))
     _, log_det = np.linalg.slogdet(matrix * scale[:, None] * scale)
     log_det -= 2.0 * np.log(scale).sum()

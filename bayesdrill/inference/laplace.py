@@ -274,6 +274,10 @@ class PosteriorSurface:
                 slope, curvature = slope + pulled, curvature + bent
         return slope, curvature
 
+    def prior_curvature(self, u: Array) -> Array:
+        """Minus the second derivatives of the log prior by each coordinate at `u (W, D)`, `(W, D)`."""
+        return self._of_prior(u)[1]
+
     def _of_prior(self, u: Array) -> tuple[Array, Array]:
         """Slopes of the log prior by each coordinate, and minus its second derivatives."""
         step = STEP * self.spread

@@ -290,7 +290,7 @@ def test_the_evidence_of_a_straight_model_is_exact() -> None:
     t = T[:n]
     v = 5.0 * np.sign(np.sin(5.0 * t + 0.4))
     rest = dict.fromkeys(NOMINAL, 0.0) | NOMINAL | {"t_f": 0.0}
-    sds = {"offset_theta_2": 0.3, "offset_w_1": 0.2, "offset_v": 0.5}
+    sds = {"offset_theta_2": 2e-3, "offset_w_1": 0.01, "offset_v": 0.01}  # as sure as the record
     wanted = ["theta_2", "w_1"]
 
     def seen(volts: np.ndarray) -> np.ndarray:
@@ -299,7 +299,7 @@ def test_the_evidence_of_a_straight_model_is_exact() -> None:
 
     noise = np.repeat([0.02, 0.1], n)
     clean = seen(v)
-    y = seen(v + 0.4) + noise * rng.standard_normal(2 * n)
+    y = seen(v + 0.01) + noise * rng.standard_normal(2 * n)
     each = np.repeat(np.eye(2), n, axis=0)
     rows = np.column_stack([each, seen(v + 1.0) - clean]) * [*sds.values()]
     exact = multivariate_normal(clean, np.diag(noise**2) + rows @ rows.T).logpdf(y)
