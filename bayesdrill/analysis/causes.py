@@ -38,8 +38,7 @@ class Maximum:
 
     `values`, `sds`: of the unknowns, SI; `log_z`: the log evidence by Laplace; `fit`: what it leaves;
     `at_ends`: unknowns at an end of their prior; `several`: whether there is another, about as high,
-    with other values of what is new;
-    `seconds`: that an evaluation takes.
+    with other values of what is new; `seconds`: that an evaluation takes.
     """
 
     values: Mapping[str, float]
@@ -63,33 +62,28 @@ def refit(posterior: Posterior, near: Mapping[str, float], least: float) -> Maxi
     space, coordinates = posterior.space, posterior.coordinates
     surface = PosteriorSurface(posterior, physical=True)
     rows = np.clip(coordinates.from_physical(_starts(posterior, near)), surface.low, surface.high)
-    value = surface.value(rows)  # its code is compiled, where it was not
-    begun = time.perf_counter()
+    first = climb(surface, rows, FIRST_STEPS)
+    if not np.isfinite(first.value).any():
+        return None
+    begun = time.perf_counter()  # its code is compiled by now
     surface.value(rows)
     seconds = (time.perf_counter() - begun) / len(rows)
-    if not np.isfinite(value).any():
-        return None
-    first = climb(surface, rows, FIRST_STEPS)
-    best = np.argsort(-np.nan_to_num(first.value, nan=-np.inf), kind="stable")[:FOLLOWED]
-    u = first.u[best]
-    promised = np.where(
-        np.isfinite(first.value[best]), first.value[best] + first.gain[best], -np.inf
-    )
-    steps = STEPS if promised.max() > least else 0
+    best = np.argsort(-first.value, kind="stable")[:FOLLOWED]
+    u, value, gain = first.u[best], first.value[best], first.gain[best]
+    steps = STEPS if (value + gain)[np.isfinite(value)].max() > least else 0
     if step_error.taken(posterior):
         posterior = step_error.chosen(posterior, coordinates.to_physical(u)[0])
         surface = PosteriorSurface(posterior, physical=True)
     top = climb(surface, u, steps)
-    order = np.argsort(-np.nan_to_num(top.value, nan=-np.inf), kind="stable")
+    order = np.argsort(-top.value, kind="stable")
     u, heights = top.u[order], top.value[order]
     if not np.isfinite(heights[0]):
         return None
     theta = coordinates.to_physical(u[:1])[0]
     log_z, sds = _laplace(posterior, u[:1])
     near_end = np.minimum(u[0] - surface.low, surface.high - u[0]) < AT_END * surface.spread
-    new = [
-        name not in near for name in space.free
-    ]  # along a ridge of the others all is one maximum
+    # Along a ridge of what is known all is one maximum.
+    new = [name not in near for name in space.free]
     apart = (np.abs(u[1:] - u[0]) / surface.spread)[:, new].max(axis=1, initial=0.0) > NEAR
     return Maximum(
         values=dict(zip(space.free, map(float, theta), strict=True)),

@@ -239,9 +239,8 @@ def frequency_responses(posterior: Posterior, theta: Array) -> tuple[FrequencyRe
         inverse = np.linalg.pinv(spectra[:, :n, :n], hermitian=True)
         more = (inverse @ spectra[:, :n, n:]).swapaxes(1, 2)  # (F, K, S)
         noise = np.einsum("fkk->fk", spectra[:, n:, n:] - more.conj() @ spectra[:, :n, n:]).real
-        noise = uniform_filter1d(
-            noise, SMOOTH, axis=0
-        )  # which has few degrees of freedom by itself
+        # By itself it has few degrees of freedom.
+        noise = uniform_filter1d(noise, SMOOTH, axis=0)
         share = np.einsum("fss->fs", inverse).real / (2.0 * max(SEGMENTS - n, 1))
         modelled = _response(one, one.told(full), f, [*series])
         measured = modelled + more

@@ -103,9 +103,8 @@ def _of_posterior(folder: Path, run: Mapping[str, Any]) -> Iterator[Issue]:
         return
     yield from _configs(folder, found.job)
     kept = run.get(run_entries.ANALYSIS, {})
-    explained = (
-        None  # candidates follow from the config as it was written, which is no longer there
-    )
+    # Candidates follow from the config as it was written, which is no longer there.
+    explained = None
     with suppress(ValueError):
         explained = from_data(Causes, kept["causes"]) if kept.get("causes") else None
     view = conclusions.concluded(
