@@ -270,6 +270,21 @@ class Ladder:
         rung = dataclasses.replace(self, gear=times)._rung((GEAR,))
         return [] if rung is None else [rung]
 
+    def windows(self, count: int) -> list[Rung]:
+        """The config as given, on each of `count` windows of the record, each from an unknown state."""
+        given = self.job.source
+        rungs = []
+        for k in range(count):
+            data = copy.deepcopy(given.data)
+            sections = [*(data.get(experiments.EXPERIMENTS) or {}).values()] or [data]
+            for section, seen in zip(sections, self.job.problem.observations, strict=True):
+                t = seen.experiment.t
+                ends = t[0] + (t[-1] - t[0]) * np.array([k, k + 1]) / count
+                section["record"] = {**section.get("record", {}), "window": ends.tolist()}
+                section["initial"] = "free"
+            rungs.append(Rung((), Source(given.path, as_yaml(data), data, {}, ()), {}))
+        return [dataclasses.replace(rung, table=self.job.table) for rung in rungs]
+
     def _sensors(self) -> Iterator[str]:
         """What channels and measured inputs may have, and all inputs together."""
         yield from (f"{kind}_{name}" for name in self._channels() for kind in SENSED)

@@ -132,8 +132,8 @@ def _laplace(posterior: Posterior, u: Array) -> tuple[float, Array]:
 
 
 @dataclass(frozen=True, slots=True)
-class Added:
-    """An unknown that a candidate has beside those of the config as given; in `unit`."""
+class FittedValue:
+    """An unknown of a refit, in `unit`: of a candidate, one that the config as given has not."""
 
     name: str
     value: float
@@ -154,7 +154,7 @@ class Cause:
     about: str
     lines: str
     lacks: tuple[str, ...]
-    new: tuple[Added, ...]
+    new: tuple[FittedValue, ...]
     gain: float
     bayes: float
     fit: tuple[Left, ...]
@@ -168,13 +168,16 @@ class Cause:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Causes:
-    """Candidates that were refitted, `ranked` with the most probable first; `given`: what the fit leaves
-    without; `left_out`: why others could not be tried.
+    """Candidates that were refitted, `ranked` with the most probable first.
+
+    `given`: what the fit leaves without; `left_out`: why others could not be tried; `windows`: the
+    unknowns as given, refitted on each of several windows of the record, where nothing explains all.
     """
 
     given: tuple[Left, ...]
     ranked: tuple[Cause, ...]
     left_out: Mapping[str, str] = field(default_factory=dict)
+    windows: tuple[tuple[FittedValue, ...], ...] = ()
 
     @property
     def good(self) -> tuple[Cause, ...]:

@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from bayesdrill import output_files
+from bayesdrill.analysis.causes import Causes
 from bayesdrill.analysis.diagnostics import Row
 from bayesdrill.analysis.verdict import Judgement, Verdict
 from bayesdrill.basics.software import citation
@@ -230,8 +231,19 @@ def _parameters(run: View) -> tuple[Block | str, ...]:
     noted = Sentences("\n".join([*known, *run.notes]))
     if not run.analysis.sandwich:
         return table, Note(read), noted
-    remembered = section.sandwich_table(unknowns, run.analysis.sandwich, run.units)
+    remembered = section.sandwich_table(
+        unknowns, run.analysis.sandwich, _windows(run.analysis.causes), run.units
+    )
     return table, Note(read), noted, remembered, Note(section.SANDWICH_EXPLAINED)
+
+
+def _windows(causes: Causes | None) -> dict[str, list[float]]:
+    """Values of each unknown, SI, in windows of the record."""
+    values: dict[str, list[float]] = {}
+    for window in causes.windows if causes else ():
+        for unknown in window:
+            values.setdefault(unknown.name, []).append(unknown.value)
+    return values
 
 
 def _told(run: View, table: Table) -> Table:

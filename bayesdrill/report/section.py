@@ -294,13 +294,31 @@ SANDWICH_EXPLAINED = (
 )
 
 
-def sandwich_table(rows: Sequence[Row], sds: Mapping[str, float], own: OwnUnits) -> Table:
-    """The posterior's sds beside those of `sds`, SI."""
-    heads = ("", "unit", "sd", "sd if residuals remember (sandwich)", "over sd")
+def sandwich_table(
+    rows: Sequence[Row],
+    sds: Mapping[str, float],
+    windows: Mapping[str, Sequence[float]],
+    own: OwnUnits,
+) -> Table:
+    """The posterior's sds beside those of `sds`, SI, and the ends of what refits on `windows` gave."""
+    ends = f"MAP of {len(next(iter(windows.values())))} windows" if windows else ""
+    heads = (
+        "",
+        "unit",
+        "sd",
+        "sd if residuals remember (sandwich)",
+        "over sd",
+        *filter(None, [ends]),
+    )
     lines = []
     for row, shown in zip(rows, own.rows(rows), strict=True):
-        sd = sds[row.name]
-        cells = f"{sd / own.factor(row.name):.2g}", f"{sd / row.sd:.3g}" if row.sd else ""
+        sd, factor = sds[row.name], own.factor(row.name)
+        cells = [f"{sd / factor:.2g}", f"{sd / row.sd:.3g}" if row.sd else ""]
+        if windows:
+            values = windows.get(row.name, ())
+            cells.append(
+                f"{min(values) / factor:.3g} to {max(values) / factor:.3g}" if values else ""
+            )
         lines.append((row.name, plain(shown.unit), f"{shown.sd:.2g}", *cells))
     return Table(heads, tuple(lines), frozenset(heads[:2]))
 

@@ -13,7 +13,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from bayesdrill.basics.arrays import Array
-from bayesdrill.inference import laplace, step_error
+from bayesdrill.inference import inverse_dynamics, laplace, step_error
 from bayesdrill.inference.laplace import PosteriorSurface, Surface
 from bayesdrill.inference.posterior import Posterior
 from bayesdrill.inference.step_error import Taken
@@ -130,8 +130,12 @@ class Mode:
 
 
 def starts(posterior: Posterior, n: int, rng: np.random.Generator) -> Array:
-    """`(n, D)` physical: the configured start, then the best of some prior draws each."""
-    first = posterior.space.vector(posterior.space.start)
+    """`(n, D)` physical: the configured start, or that of inverse dynamics where it is better, then the
+    best of some prior draws each.
+    """
+    first = inverse_dynamics.regression_start(posterior)
+    if first is None:
+        first = posterior.space.vector(posterior.space.start)
     rest = []
     for _ in range(n - 1):
         candidates = posterior.space.draw(CANDIDATES, rng)

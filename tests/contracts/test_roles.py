@@ -153,8 +153,8 @@ def of_cause(rig: Model, own: dict[str, str]) -> Iterator[Any]:
     given = refit(posterior, start, -math.inf)
     assert given is not None
     with Crew(posterior, 1) as crew:
-        work = ranking._Ranking(of.job, start, crew.run, SILENT)
-        work._try(rungs, given, start)
+        work = ranking._Ranking(of.job, start, given, crew.run, SILENT)
+        work.refit_all(rungs, start)
     causes = Causes(given=given.fit, ranked=work._ranked())
     yield repr(causes)
     yield fit_words.explained(causes)

@@ -130,15 +130,15 @@ def test_a_thing_that_is_worth_nothing_alone_is_tried_beside_the_best(tmp_path: 
     class Guessing(ranking._Ranking):
         enough = math.inf
 
-        def _try(self, rungs: Sequence[Rung], given: Maximum, near: Mapping[str, float]) -> None:
-            for rung in rungs:
+        def refit_all(self, candidates: Sequence[Rung], near: Mapping[str, float]) -> None:
+            for rung in candidates:
                 parts = {*rung.parts}
                 log_z = sum(worth.get(part, -1.0) for part in parts)
                 log_z += 30.0 * ({"friction_both", "damping_shaft"} <= parts)
                 log_z += 20.0 * ({"friction_both", "lag_w_1"} <= parts)
                 fit = template.fit if log_z >= self.enough else MISFIT
-                top = dataclasses.replace(template, log_z=given.log_z + log_z, fit=fit)
-                self._keep(rung, job, top, given)
+                top = dataclasses.replace(template, log_z=self.given.log_z + log_z, fit=fit)
+                self._keep(rung, job, top)
 
     def submit(*_: object) -> Future[Maximum]:
         future: Future[Maximum] = Future()
@@ -146,15 +146,15 @@ def test_a_thing_that_is_worth_nothing_alone_is_tried_beside_the_best(tmp_path: 
         return future
 
     MISFIT = tuple(dataclasses.replace(one, correlation=1.0) for one in template.fit)
-    every = Guessing(job, job.problem.posterior.space.start, submit, Silent())
+    every = Guessing(job, job.problem.posterior.space.start, template, submit, Silent())
     best = every.causes().ranked[0]
     assert {*best.parts} == {"friction_both", "damping_shaft", "lag_w_1"}
-    done = {frozenset(parts) for parts in every.done}
+    done = {frozenset(parts) for parts in every.causes_by_parts}
     assert frozenset({*best.parts, "ar1"}) in done
-    few = Guessing(job, job.problem.posterior.space.start, submit, Silent())
+    few = Guessing(job, job.problem.posterior.space.start, template, submit, Silent())
     few.enough = 110.0
     assert few.causes().ranked[0].parts == ("missing_torque_motor",)
-    assert max(map(len, few.done)) == 1
+    assert max(map(len, few.causes_by_parts)) == 1
 
 
 @pytest.mark.slow

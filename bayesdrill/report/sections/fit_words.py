@@ -253,7 +253,8 @@ def explained_share(left: float) -> str:
 
 
 WIDER = 2.0  # times what was found, of a prior that is proposed
-SHOWN = 5  # candidates
+SHOWN = 5  # candidates, or unknowns
+WANDERS = 3.0  # sds: more than by chance, from window to window
 STEPS = (
     "bayesdrill map CONFIG shows whether that fits.",
     "bayesdrill ladder CONFIG samples the best candidates and compares them.",
@@ -299,7 +300,7 @@ def candidates(found: Causes | None) -> tuple[Sentences | Table | Plain, ...]:
             "They were gains, lags and offsets of sensors and inputs, the start, the gear, what the rig "
             "may lack, and the noise."
         )
-        return (Sentences(f"{tried}\n{LOOK}"),)
+        return (Sentences("\n".join(filter(None, [tried, wandering(found), LOOK]))),)
     best, rest = found.best, "leaves more than noise"
     doubts = [one for one in found.good[:SHOWN] if one.doubts]
     said = [
@@ -312,6 +313,7 @@ def candidates(found: Causes | None) -> tuple[Sentences | Table | Plain, ...]:
         said.append(f"fit: do not trust the Bayes factor of {each}.")
     if best.explains_all:
         rest = "leaves what looks like the noise"
+    said += filter(None, [wandering(found)])
     return (
         Sentences("\n".join(said)),
         _candidate_table(found),
@@ -330,6 +332,29 @@ def _candidate_table(found: Causes) -> Table:
     ]
     heads = ("model", "log Bayes factor", "log posterior", *(one.name for one in found.given))
     return Table(heads, tuple(lines), frozenset({"model"}))
+
+
+def wandering(causes: Causes) -> str:
+    """Say which unknowns change from window to window of the record; empty where none was refitted."""
+    changes = []
+    for column in zip(*causes.windows, strict=True):
+        values = [unknown.value for unknown in column]
+        sd = float(np.median([unknown.sd for unknown in column]))
+        if (sds := float(np.std(values, ddof=1)) / sd if sd > 0 else 0.0) > WANDERS:
+            said = f"{min(values):.3g} to {max(values):.3g} {column[0].unit}".strip()
+            changes.append((sds, f"{column[0].name} from {said} (sd {sd:.2g})"))
+    if not causes.windows:
+        return ""
+    opening = (
+        f"fit: the config as given was refitted on {len(causes.windows)} windows of the record"
+    )
+    if not changes:
+        return f"{opening}. No unknown changes by more than {WANDERS:g} sds."
+    most = ", ".join(said for _, said in sorted(changes, reverse=True)[:SHOWN])
+    return (
+        f"{opening}. What changes most: {most}. Constants of a rig do not: the model lacks something "
+        "that changes with time or with the motion."
+    )
 
 
 def _new(one: Cause) -> str:

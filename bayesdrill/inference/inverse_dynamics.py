@@ -1,0 +1,174 @@
+"""A start for searches by inverse dynamics: the equations of motion, fitted to states as the record has
+them.
+
+Where inputs and channels tell all states, nothing has to be simulated.  Each equation x' = A x + B u + c
+is multiplied by bumps, zero at both their ends, and integrated by parts, so that its left side is never
+differentiated: - int bump' x = int bump (A x + B u + c) (modulating functions, Shinbrot 1957).  Bumps
+with a mean of zero do not see where integrated angles began.  The misfit has no ripples over the
+parameters, as that of simulated angles has.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import scipy
+
+from bayesdrill.basics.arrays import Array
+from bayesdrill.basics.duals import Dual
+from bayesdrill.inference.laplace import PosteriorSurface
+from bayesdrill.inference.likelihood import Observation
+from bayesdrill.inference.posterior import Posterior
+from bayesdrill.record.experiment import Experiment
+from bayesdrill.rig.models.linear import Model
+
+BUMPS = (3, 10, 30, 100)  # along the record
+LEAST_SAMPLES = 6  # of a bump
+FAR = 1e9  # a misfit where the equations have no number
+MOST_SAMPLES = 20_000  # of a record; of longer ones some are left out
+
+
+def regression_start(posterior: Posterior) -> Array | None:
+    """Return unknowns `(D,)` whose equations of motion fit the record best.
+
+    Sensors, starts and noise keep the configured values.  None where some state of a record is told by
+    no channel and no input, or where the configured start is better.
+    """
+    space, coordinates = posterior.space, posterior.coordinates
+    observations = posterior.likelihood.observations
+    start = space.vector(space.start)
+    columns = space.columns("rig", "quantity")
+    motions = [motion for each in observations if (motion := Motion.measured(each)) is not None]
+    if not columns or len(motions) < len(observations):
+        return None
+    surface = PosteriorSurface(posterior, physical=True)
+    first = np.clip(coordinates.from_physical(start[None])[0], surface.low, surface.high)
+
+    def unknowns(u: Array) -> Array:
+        z = first.copy()
+        z[columns] = u
+        return coordinates.to_physical(z[None])
+
+    def misfits(u: Array) -> Array:
+        full = space.full(unknowns(u))
+        each = zip(observations, motions, strict=True)
+        parts = [motion.misfits(one.told(full)[0]) for one, motion in each]
+        return np.nan_to_num(np.concatenate(parts), posinf=FAR, neginf=-FAR)
+
+    bounds = surface.low[columns], surface.high[columns]
+    theta = unknowns(scipy.optimize.least_squares(misfits, first[columns], bounds=bounds).x)
+    better = posterior.density(theta)[0] > posterior.density(start[None])[0]
+    return theta[0] if better else None
+
+
+@dataclass(frozen=True, slots=True)
+class Motion:
+    """What a record tells of all `states` of its rig, and its `inputs`, in the middle of each of its
+    T - 1 steps: `(T - 1,)` by name.  `bumps (M, T - 1)` and their `slopes`, times the steps.
+    """
+
+    model: Model
+    states: Mapping[str, Array]
+    inputs: Mapping[str, Array | float]
+    bumps: Array
+    slopes: Array
+
+    @classmethod
+    def measured(cls, observation: Observation) -> Motion | None:
+        """None where a state is not told."""
+        model, experiment = observation.response.model, observation.experiment
+        every = slice(None, None, -(-len(experiment.t) // MOST_SAMPLES))
+        t = experiment.t[every]
+        inputs: dict[str, Array | float]
+        inputs = {name: experiment.constant.get(name, 0.0) for name in model.inputs}
+        for name, series in experiment.series.items():
+            u = series[every]
+            inputs[name] = _middle(u) if experiment.first_order else u[:-1]
+        states = _states(model, experiment, every, inputs)
+        if len(states) < len(model.states) or len(t) < 2 * LEAST_SAMPLES:
+            return None
+        return cls(model, {name: _middle(x) for name, x in states.items()}, inputs, *_bumps(t))
+
+    def misfits(self, parameters: Array) -> Array:
+        """Return those of each equation that has `parameters (P,)`, over the size of its left side."""
+        p = dict(zip(self.model.parameters, map(float, parameters), strict=False))
+        acting = {**self.states, **self.inputs}
+        for friction in self.model.frictions:
+            speed = self.states[friction.against]
+            acting[friction.name] = np.sign(speed) * friction.law.size(p, np.abs(speed), acting)
+        linear = self.model.linear(p)
+        rates: dict[str, Any] = dict(linear.c)
+        for (row, name), factor in (*linear.A.items(), *linear.B.items()):
+            rates[row] = rates.get(row, 0.0) + factor * acting[name]
+        parts = []
+        kinematics = _kinematics(self.model)
+        for row in [name for name in self.model.states if name not in kinematics]:
+            left = -self.slopes @ self.states[row]
+            size = max(float(np.linalg.norm(left)), np.finfo(float).tiny)
+            parts.append((left - self.bumps @ rates[row]) / size)
+        return np.concatenate(parts)
+
+
+def _kinematics(model: Model) -> dict[str, dict[str, Any]]:
+    """Return the equations that have no parameter: the factor of each state and input in each."""
+    linear = model.linear({name: Dual(1.0, 1.0) for name in model.parameters})  # type: ignore[misc]
+    rows: dict[str, dict[str, Any]] = {name: {} for name in model.states}
+    for (row, name), factor in (*linear.A.items(), *linear.B.items()):
+        rows[row][name] = factor
+    known = (float, int)
+    return {r: row for r, row in rows.items() if all(isinstance(x, known) for x in row.values())}
+
+
+def _states(
+    model: Model, experiment: Experiment, every: slice, inputs: Mapping[str, Array | float]
+) -> dict[str, Array]:
+    """States `(T,)` that channels tell, alone or less others that are known; that kinematics and inputs
+    give, integrated from zero; and speeds of angles.
+    """
+    t, states = experiment.t[every], dict[str, Array]()
+    channels = [
+        (channel.weights, np.interp(t, experiment.t[seen], y[seen]))
+        for channel, y, seen in zip(
+            experiment.channels, experiment.y.T, experiment.seen.T, strict=True
+        )
+        if seen.any()
+    ]
+    for _ in model.states:  # each round may tell one more
+        for weights, y in channels:
+            missing = [name for name in weights if name not in states]
+            if len(missing) == 1:
+                others = sum(weights[name] * states[name] for name in weights if name in states)
+                states[missing[0]] = (y - others) / weights[missing[0]]
+        for angle, row in _kinematics(model).items():
+            if angle not in states and all(name in {**states, **inputs} for name in row):
+                acting = {**inputs, **{name: _middle(x) for name, x in states.items()}}
+                rate = sum(factor * acting[name] for name, factor in row.items())
+                states[angle] = np.concatenate([[0.0], np.cumsum(rate * np.diff(t))])
+            speeds = [name for name in row if name in model.states and name not in states]
+            if angle in states and len(row) == len(speeds) == 1:
+                states[speeds[0]] = np.gradient(states[angle], t)
+    return states
+
+
+def _middle(x: Array) -> Array:
+    """Of each step."""
+    return np.asarray(0.5 * (x[1:] + x[:-1]))
+
+
+def _bumps(t: Array) -> tuple[Array, Array]:
+    """`(M, T - 1)`: whole periods of a sine along `t (T,)`, each overlapping its neighbours by half, and
+    their slopes, times the steps.
+    """
+    bumps, slopes, middle = [], [], _middle(t)
+    for count in BUMPS:
+        width = (t[-1] - t[0]) * 2 / (count + 1)
+        if width * len(t) < LEAST_SAMPLES * (t[-1] - t[0]):
+            break
+        phase = (middle - t[0]) / width - 0.5 * np.arange(count)[:, None]
+        inside = (phase >= 0.0) & (phase <= 1.0)
+        bumps.append(np.where(inside, np.sin(2.0 * np.pi * phase), 0.0))
+        slopes.append(np.where(inside, np.cos(2.0 * np.pi * phase), 0.0) * 2.0 * np.pi / width)
+    return np.concatenate(bumps) * np.diff(t), np.concatenate(slopes) * np.diff(t)
