@@ -12,7 +12,7 @@ from bayesdrill.basics.arrays import Array
 from bayesdrill.config.schema.config import Config
 from bayesdrill.inference import residual_checks
 from bayesdrill.inference.posterior import Problem
-from bayesdrill.inference.residual_checks import Left
+from bayesdrill.inference.residual_checks import Correlation, Left
 from bayesdrill.inference.step_error import step_errors
 from bayesdrill.report import publish, section, words
 from bayesdrill.report.run_report import made_of, provenance_of_records
@@ -41,6 +41,13 @@ class MapReport:
         """What the fit leaves of each channel."""
         return residual_checks.left(self.problem.posterior.likelihood, self.best)
 
+    @cached_property
+    def correlations(self) -> tuple[Correlation, ...]:
+        """Of what the fit leaves, where that is more than noise."""
+        if residual_checks.like_noise(self.left):
+            return ()
+        return residual_checks.correlations(self.problem.posterior.likelihood, self.best)
+
     @property
     def warning(self) -> str:
         """What the figure carries; empty where there is nothing to warn of."""
@@ -63,9 +70,10 @@ class MapReport:
         shown = section.of_mode(own.rows(section.mode_rows(self.problem, self.mode)))
         doubts = words.unbelievable(self.reasons, converged=False)
         shape = output_files.shown_path(self.config.output.formats)
-        captions = publish.alone_captions(self.problem)
+        captions = publish.alone_captions(self.problem, self.correlations)
         pictures = [Picture(stem, says, shape) for stem, says in captions.items()]
-        fit = "\n".join(filter(None, [said, steps]))
+        inputs = residual_checks.input_sentences(self.correlations)
+        fit = "\n".join(filter(None, [said, *(f"fit: {line}" for line in inputs), steps]))
         return (
             *([build("", doubts)] if doubts else []),
             build("", shown, read if "nominal" in shown.heads else None, fit),
@@ -115,4 +123,4 @@ class MapReport:
         # Late: matplotlib takes a second to load.
         from bayesdrill.report.sections.fit_figure import fits_alone
 
-        return fits_alone(self.problem, self.config, self.best, self.left)
+        return fits_alone(self.problem, self.config, self.best, self.left, self.correlations)

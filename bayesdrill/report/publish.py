@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import importlib
 import io
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Collection, Mapping, Sequence
 from concurrent.futures import Future
 from pathlib import Path
 from types import MappingProxyType
@@ -21,6 +21,7 @@ from bayesdrill.basics.progress import Reporter
 from bayesdrill.basics.registry import Registry, callable_one
 from bayesdrill.config.schema.records import MOST_NAMED
 from bayesdrill.inference.posterior import Posterior, Problem
+from bayesdrill.inference.residual_checks import Correlation
 from bayesdrill.output_files import EACH, ON_REQUEST, OWN_FIGURES, numbered
 from bayesdrill.output_files import FIGURES as FOLDER
 from bayesdrill.report import render, run_report, section
@@ -32,6 +33,7 @@ from bayesdrill.report.view import Drawing, View, captioned
 from bayesdrill.results.run_folder import Folder
 from bayesdrill.sampling.workers import Crew
 
+RESIDUALS = "Whether residuals are white, and whether they follow an input (positive lags)."
 FIT_ALONE = "Record and model at the MAP; beside them what is left, and the noise."
 
 Recipe = Callable[[View], Drawing | tuple[Drawing, ...] | None]
@@ -50,9 +52,12 @@ def drawings(name: str, run: View) -> dict[str, Drawing]:
     return numbered(name, every)
 
 
-def alone_captions(problem: Problem) -> dict[str, str]:
+def alone_captions(problem: Problem, residuals: Sequence[Correlation]) -> dict[str, str]:
     """What `fits_alone` shows, without drawing it."""
-    return numbered("fit", [captioned(one.label, FIT_ALONE) for one in problem.observations])
+    fits = [captioned(one.label, FIT_ALONE) for one in problem.observations]
+    labels = dict.fromkeys(one.experiment for one in residuals)
+    shown = [captioned(label, RESIDUALS) for label in labels]
+    return numbered("fit", fits) | numbered("residuals", shown)
 
 
 def _recipe(name: str, module: str) -> Recipe:

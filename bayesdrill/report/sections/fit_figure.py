@@ -41,7 +41,7 @@ from bayesdrill.inference.residual_checks import (
 from bayesdrill.output_files import numbered
 from bayesdrill.report import scales, style, words
 from bayesdrill.report.pages import Page, difference_panel, inches_panel, legend_above
-from bayesdrill.report.publish import FIT_ALONE
+from bayesdrill.report.publish import FIT_ALONE, RESIDUALS
 from bayesdrill.report.scales import WIDTHS
 from bayesdrill.report.sections import fit_words
 from bayesdrill.report.sections.fit_words import Course, Fit, Signal, every_fit
@@ -455,18 +455,18 @@ def residuals_figure(found: Sequence[Correlation], width: float = scales.DOUBLE)
     return figure
 
 
-RESIDUALS = "Whether residuals are white, and whether they follow an input (positive lags)."
-
-
 def draw_residuals(run: View) -> tuple[Drawing, ...] | None:
     asked = "residuals" in (run.config.output.figures or ())
     if like_noise(run.analysis.fit) and not asked:
         return None
     found = correlations(run.problem.posterior.likelihood, run.chain.best)
-    each = (
-        (label, tuple(group)) for label, group in groupby(found, key=lambda one: one.experiment)
-    )
-    return for_each_experiment(residuals_figure, each, run.width, RESIDUALS)
+    return _residual_drawings(found, run.width)
+
+
+def _residual_drawings(found: Sequence[Correlation], width: float) -> tuple[Drawing, ...]:
+    each = groupby(found, key=lambda correlation: correlation.experiment)
+    shown = ((label, tuple(group)) for label, group in each)
+    return for_each_experiment(residuals_figure, shown, width, RESIDUALS)
 
 
 def frequency_figure(found: Sequence[FrequencyResponse], width: float = scales.DOUBLE) -> Figure:
@@ -548,9 +548,16 @@ def draw_predictive_check(run: View) -> Drawing:
 
 
 def fits_alone(
-    problem: Problem, config: Config, best: Array, left: Sequence[Left]
+    problem: Problem,
+    config: Config,
+    best: Array,
+    left: Sequence[Left],
+    found: Sequence[Correlation],
 ) -> dict[str, Drawing]:
-    """Of the MAP `(D,)`, without draws, by stem; `left`: what it leaves."""
+    """Of the MAP `(D,)`, without draws, by stem; `left`: what it leaves, and what is `found` to follow
+    it, where it is more than noise.
+    """
     width = WIDTHS[config.output.size]
     shown = ((fit.label, fit) for fit in every_fit(problem, best, left))
-    return numbered("fit", for_each_experiment(fit_figure, shown, width, FIT_ALONE))
+    fits = numbered("fit", for_each_experiment(fit_figure, shown, width, FIT_ALONE))
+    return fits | numbered("residuals", _residual_drawings(found, width))
