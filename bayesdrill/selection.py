@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from bayesdrill.analysis import edits
+from bayesdrill.analysis.causes import NOISE, TORQUES
 from bayesdrill.basics.arrays import Array
 from bayesdrill.basics.symbols import noise_name
 from bayesdrill.config import loading
@@ -29,7 +30,6 @@ from bayesdrill.record.experiment import DRIVES, usual_inputs
 from bayesdrill.record.formats.table import Table
 from bayesdrill.rig.models.linear import MotorRoles, Roles, RotorRoles
 
-RED = "ar1"
 WIDER = 10.0  # either way, of the noise that was given
 
 
@@ -109,8 +109,7 @@ def uniform(high: float) -> dict[str, Any]:
 
 
 GIVEN = "as_given"
-UNKNOWN = "unknown_noise"
-NOISE = (UNKNOWN, RED)
+UNKNOWN, RED = NOISE
 # What the rig may be without: the roles of the parameters that each rung switches on.
 PHYSICS: Mapping[str, tuple[str, ...]] = {
     "friction_motor": ("motor.sliding",),
@@ -125,12 +124,7 @@ STATIC: Mapping[str, tuple[str, str]] = {
     "static_motor": ("motor.sliding", "motor"),
     "static_rotor_1": ("rotor.sliding", "rotor_1"),
 }
-TORQUES: Mapping[str, str] = {  # where it acts
-    "missing_torque_motor": "motor",
-    "missing_torque_rotor_1": "rotor_1",
-}
 MISSING = "missing_torque"
-CATCH_ALL = {*NOISE, *TORQUES}  # what absorbs any misfit, and is tried last beside other things
 # Of a sensor: `gain_w_1` of a channel or an input; of the start; of the moment; of the gear.
 SENSED = ("lag", "gain", "offset")
 START, MOMENT, GEAR = "free_start", "t_0", "gear"
@@ -231,10 +225,11 @@ class Ladder:
     gear: float | None = None
 
     @classmethod
-    def of(cls, job: Job) -> Ladder:
+    def of(cls, job: Job, values: Mapping[str, float] | None = None) -> Ladder:
+        """`values`: of the unknowns where it moves, else where the config begins."""
         posterior = job.problem.posterior
         space: ParameterSpace = posterior.space
-        theta = space.vector(space.start)
+        theta = space.vector(values or space.start)
         every = posterior.likelihood.observations
         sizes = edits.rig_candidates(every, space, theta)
         return cls(job, sizes, _speeds(every, space, theta))
@@ -246,6 +241,14 @@ class Ladder:
     def rungs(self, every: Iterable[tuple[str, ...]]) -> list[Rung]:
         """Those with these parts, where there is such a thing to try."""
         return [rung for parts in every if (rung := self._rung(parts)) is not None]
+
+    def moving(self, parts: tuple[str, ...], values: Mapping[str, float]) -> Ladder:
+        """With what the rig may lack as large as it can be where that rung moves, too."""
+        (rung,) = self.rungs([parts])
+        other = Ladder.of(rung.job(), values)
+        return dataclasses.replace(
+            self, sizes={**other.sizes, **self.sizes}, speeds={**other.speeds, **self.speeds}
+        )
 
     def singles(self) -> list[Rung]:
         """Those with one thing each beside the config as given."""

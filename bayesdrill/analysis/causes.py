@@ -30,6 +30,13 @@ FIRST_STEPS, STEPS, FOLLOWED = 4, 30, 2  # uphill: of all starts, and of the bes
 AT_END = 1e-3  # of the spread of a prior
 OTHER, NEAR = 3.0, 0.1  # another maximum: so little lower, and so far, in spreads of the priors
 SURE = 5.0  # natural logs: a candidate that is no better explains nothing
+# Parts that absorb any misfit and name no cause: noises, and torques with the place where they act.
+NOISE = ("unknown_noise", "ar1")
+TORQUES = {"missing_torque_motor": "motor", "missing_torque_rotor_1": "rotor_1"}
+CATCH_ALL = {*NOISE, *TORQUES}
+NAMED_SHARE = (
+    0.5  # of what a catch-all gains in log evidence: a cause that gains as much is named first
+)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -190,9 +197,22 @@ class Causes:
 
     @property
     def best(self) -> Cause:
-        """The one with the fewest parts of those that are about as probable as the first."""
-        near = [one for one in self.ranked if one.bayes > self.ranked[0].bayes - SURE]
-        return min(near, key=lambda one: len(one.parts))
+        """The one with the fewest parts of those that are about as probable as the first.
+
+        Where that is a catch-all, the first that names a cause, if it gains a good share of that, and
+        gains beside its own catch-all.
+        """
+        first = self.ranked[0]
+        if {*first.parts} <= CATCH_ALL:
+            alone = {cause.parts: cause.bayes for cause in self.ranked}
+            for cause in self.ranked:
+                absorbing = tuple(part for part in cause.parts if part in CATCH_ALL)
+                least = max(NAMED_SHARE * first.bayes, alone.get(absorbing, 0.0) + SURE)
+                if absorbing != cause.parts and cause.bayes > least:
+                    first = cause
+                    break
+        near = [c for c in self.ranked if first.bayes - SURE < c.bayes <= first.bayes]
+        return min(near, key=lambda cause: len(cause.parts))
 
     @property
     def lacking(self) -> tuple[str, ...]:

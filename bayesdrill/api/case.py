@@ -55,14 +55,15 @@ class Channel(Value):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Input(Value):
-    """A measured input: `values (T,)` in `unit`, between samples held (`zero`) or straight (`first`).
+    """A measured input: `values (T,)` in `unit`, between samples held (`zero`) or straight (`first`); by
+    default an angle is straight, and all else is held.
 
     `gain`, `offset`, `lag`: as of a `Channel`.  What is wrong with it `case` says.
     """
 
     values: ArrayLike
     unit: str
-    hold: str = "zero"
+    hold: str | None = None
     gain: float | Mapping[str, Any] | None = None
     offset: float | Mapping[str, Any] | None = None
     lag: float | Mapping[str, Any] | None = None

@@ -147,7 +147,7 @@ def bounded_step(surface: Surface, u: Array, here: Expansion, damping: Array) ->
         inner = np.where(free[:, :, None] & free[:, None, :], matrix, np.eye(d))
         way = np.linalg.solve(inner, np.where(free, rest, 0.0)[..., None])[..., 0]
         wall = np.where(way > 0, high, low) - step
-        with np.errstate(divide="ignore", invalid="ignore"):
+        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
             reach = np.where(free & (way != 0), wall / way, np.inf)
         first = reach.min(axis=1)
         hit = (reach <= first[:, None]) & (first < 1.0)[:, None]

@@ -10,12 +10,29 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import Future
 from typing import Any
 
-from bayesdrill.analysis.causes import SURE, Cause, Causes, FittedValue, Maximum, refit
+from bayesdrill.analysis.causes import (
+    CATCH_ALL,
+    NOISE,
+    SURE,
+    TORQUES,
+    Cause,
+    Causes,
+    FittedValue,
+    Maximum,
+    refit,
+)
 from bayesdrill.basics.errors import InputError
 from bayesdrill.basics.progress import Reporter
 from bayesdrill.basics.symbols import Symbol
 from bayesdrill.config.job import Job
-from bayesdrill.selection import CATCH_ALL, GEAR, GEARS, NOISE, PHYSICS, TORQUES, Ladder, Rung
+from bayesdrill.selection import (
+    GEAR,
+    GEARS,
+    PHYSICS,
+    START,
+    Ladder,
+    Rung,
+)
 
 Submit = Callable[..., Future[Any]]  # of a function and its arguments
 FEW, PAIRED = 8, 4  # candidates that are tried beside others; in all pairs of these
@@ -64,6 +81,10 @@ class _Ranking:
         ladder = Ladder.of(self.job)
         self.refit_all(ladder.singles(), self.maximum)
         ladder = self._with_best_gear(ladder)
+        best = next(iter(self._ranked(structural=True)), None)
+        if best is not None and best.parts == (START,) and best.bayes > SURE:  # it moves only there
+            ladder = ladder.moving(best.parts, self.values[best.parts])
+            self.refit_all(ladder.singles(), self.maximum)
         first = [cause.parts[0] for cause in self._ranked(structural=True) if cause.bayes > SURE]
         if self.causes_by_parts and not self._ranked()[0].explains_all:
             for k, part in enumerate(first[:PAIRED]):

@@ -274,7 +274,38 @@ def test_inputs_that_are_in_time_leave_nothing_to_explain(tmp_path: Path) -> Non
     assert fit_words.explained(None) == ""
 
 
+def test_friction_shows_once_a_rig_moves_from_its_start() -> None:
+    """A beam that was let go: taken to begin at rest it never moves, and nothing can rub.
+
+    Mutant killed: candidates for a rig that does not move.
+    """
+    t = 0.01 * np.arange(300)
+    truth = {"k_s": 0.8, "j_1": 1.4e-3, "t_c1": 0.01}
+    shown = bd.respond(
+        bd.DrivenShaft(added=("t_c1",)),
+        truth,
+        t,
+        {"w_2": 0.0, "t_1": 0.0},
+        ["theta_1"],
+        initial={"theta_1": 0.5},
+    )
+    noisy = shown["theta_1"] + 1e-3 * np.random.default_rng(1).standard_normal(len(t))
+    case = bd.case(
+        t,
+        channels={"theta_1": bd.Channel(noisy, "rad", 1e-3)},
+        inputs={"w_2": 0.0, "t_1": 0.0},
+        rig="driven_shaft",
+        parameters={"k_s": {"prior": "log_normal", "median": 1.0, "sd_log": 1.0}, "j_1": 1.4e-3},
+    )
+    found = causes_of(case)
+    assert found is not None
+    assert {"free_start", "friction_rotor_1"} <= {*found.best.parts}
+    assert found.best.explains_all
+
+
 def test_the_best_is_the_simplest_of_those_that_are_about_as_probable() -> None:
+    """And what absorbs any misfit does not hide a cause that explains much of it."""
+
     def cause(bayes: float, *parts: str) -> Cause:
         about = " and ".join(parts)
         said: dict[str, Any] = {"lines": "", "lacks": parts, "new": (), "fit": (), "doubts": ()}
@@ -286,6 +317,16 @@ def test_the_best_is_the_simplest_of_those_that_are_about_as_probable() -> None:
     assert Causes(given=(), ranked=every).good == every[:3]
     assert Causes(given=(), ranked=every[:1] + every[2:]).best is every[0]
     assert Causes(given=(), ranked=every[3:]).lacking == ()
+
+    def best(*ranked: Cause) -> tuple[str, ...]:
+        return Causes(given=(), ranked=ranked).best.parts
+
+    torque, noise = cause(100.0, "missing_torque_motor"), cause(90.0, "ar1")
+    assert best(torque, cause(60.0, "friction_motor")) == ("friction_motor",)
+    assert best(torque, cause(40.0, "friction_motor")) == ("missing_torque_motor",)
+    assert best(noise, cause(88.0, "gain_v", "ar1")) == ("ar1",)
+    assert best(torque, cause(97.0, "gain_v", "ar1"), noise) == ("gain_v", "ar1")
+    assert best(torque, cause(93.0, "gain_v", "ar1"), noise) == ("missing_torque_motor",)
 
 
 # The evidence of a candidate.

@@ -71,6 +71,21 @@ def test_a_step_within_a_box_is_that_of_bounded_least_squares() -> None:
     for_each({str(d): (d,) for d in [2, 5, 9]}, check)
 
 
+def test_a_direction_that_hardly_counts_is_no_warning() -> None:
+    """A slope that is almost zero: the wall is further away than there are numbers."""
+    matrix = np.diag([1.0, 1e-310])
+    surface = Squares(
+        np.zeros(2),
+        np.ones(2),
+        1.0,
+        lambda u: u @ matrix.T - np.array([0.3, 1.0]),
+        lambda u: np.broadcast_to(matrix, (len(u), 2, 2)),
+    )
+    start = np.zeros((1, 2))
+    step = bounded_step(surface, start, surface.expand(start, np.eye(2)), np.ones(1))
+    assert step == pytest.approx(np.array([[0.15, 0.0]]), abs=1e-9)
+
+
 def test_the_highest_point_of_a_box_is_reached() -> None:
     """Nothing is left to be gained there, though slopes point out of the box."""
 

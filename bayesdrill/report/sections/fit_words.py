@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from bayesdrill.analysis.causes import Cause, Causes, Instead
+from bayesdrill.analysis.causes import CATCH_ALL, Cause, Causes, Instead
 from bayesdrill.analysis.energy import Rubbing
 from bayesdrill.analysis.suspicions import Moment
 from bayesdrill.basics import symbols
@@ -313,6 +313,11 @@ def candidates(found: Causes | None) -> tuple[Sentences | Table | Plain, ...]:
         said.append(f"fit: do not trust the Bayes factor of {each}.")
     if best.explains_all:
         rest = "leaves what looks like the noise"
+    first = found.ranked[0]
+    if {*first.parts} <= CATCH_ALL and first is not best:
+        said.append(
+            f"fit: {first.about} absorbs more, as it does of any misfit, and names no cause."
+        )
     said += filter(None, [wandering(found)])
     return (
         Sentences("\n".join(said)),
