@@ -137,7 +137,7 @@ APART = {*TORQUES}, {*PHYSICS, *STATIC, RED} - {"damping_rotor_1", "damping_shaf
 ABOUT: Mapping[str, str] = {
     GIVEN: "the config as it is",
     UNKNOWN: "noise of unknown size",
-    RED: "noise that remembers, of unknown size",
+    RED: "noise that remembers",
     "friction_motor": "dry friction at the motor",
     "friction_rotor_1": "dry friction at rotor 1",
     "friction_both": "dry friction at the motor and at rotor 1",

@@ -152,13 +152,13 @@ class FittedValue:
 class Cause:
     """A candidate model: the config as given, and `parts` beside it.
 
-    `about`: in words; `lines`: of a config, that say so; `lacks`: parameters that the rig lacks; `gain`:
-    of the log posterior; `bayes`: of the log evidence by Laplace, against the config as given; `fit`:
-    what it leaves; `doubts`: why its evidence cannot be trusted.
+    `words`: what each part is; `lines`: of a config, that say so; `lacks`: parameters that the rig
+    lacks; `gain`: of the log posterior; `bayes`: of the log evidence by Laplace, against the config as
+    given; `fit`: what it leaves; `doubts`: why its evidence cannot be trusted.
     """
 
     parts: tuple[str, ...]
-    about: str
+    words: tuple[str, ...]
     lines: str
     lacks: tuple[str, ...]
     new: tuple[FittedValue, ...]
@@ -166,6 +166,11 @@ class Cause:
     bayes: float
     fit: tuple[Left, ...]
     doubts: tuple[str, ...]
+
+    @property
+    def about(self) -> str:
+        """What it has beside the config as given, in words."""
+        return " and ".join(self.words)
 
     @property
     def explains_all(self) -> bool:

@@ -32,6 +32,7 @@ from bayesdrill.selection import (
     START,
     Ladder,
     Rung,
+    about_part,
 )
 
 Submit = Callable[..., Future[Any]]  # of a function and its arguments
@@ -186,7 +187,7 @@ class _Ranking:
         physics = [role for part in rung.parts for role in PHYSICS.get(part, ())]
         self.causes_by_parts[rung.parts] = Cause(
             parts=rung.parts,
-            about=rung.about,
+            words=tuple(map(about_part, rung.parts)),
             lines=rung.lines,
             lacks=tuple(dict.fromkeys(roles[role] for role in physics)),
             new=new,
@@ -216,7 +217,10 @@ class _Ranking:
 
 
 def _fitted(symbols: Iterable[Symbol], top: Maximum) -> tuple[FittedValue, ...]:
+    units = {"1": ""}
     return tuple(
-        FittedValue(symbol.name, top.values[symbol.name], top.sds[symbol.name], symbol.plain_unit)
-        for symbol in symbols
+        FittedValue(
+            s.name, top.values[s.name], top.sds[s.name], units.get(s.plain_unit, s.plain_unit)
+        )
+        for s in symbols
     )

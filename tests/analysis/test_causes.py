@@ -131,7 +131,8 @@ def test_what_is_wrong_is_first_with_its_size(
         assert found.lacking == ((unknown,) if "added" in lacks else ())
         assert bool(fit_words.lacking(found, USUAL)) == ("added" in lacks)
         said = fit_words.explained(found)
-        assert f"next: add these lines to the config ({first.about}" in said
+        assert f"fit: A is the config with {first.words[0]}" in said
+        assert "next: add these lines to the config (A" in said
         assert "That leaves what looks like the noise." in said
         assert f"\n{first.lines}\n" in said
         data = run_entries.causes_data(found)
@@ -307,9 +308,8 @@ def test_the_best_is_the_simplest_of_those_that_are_about_as_probable() -> None:
     """And what absorbs any misfit does not hide a cause that explains much of it."""
 
     def cause(bayes: float, *parts: str) -> Cause:
-        about = " and ".join(parts)
         said: dict[str, Any] = {"lines": "", "lacks": parts, "new": (), "fit": (), "doubts": ()}
-        return Cause(parts=parts, about=about, gain=bayes + 3.0, bayes=bayes, **said)
+        return Cause(parts=parts, words=parts, gain=bayes + 3.0, bayes=bayes, **said)
 
     every = (cause(100.0, "a", "b"), cause(96.0, "a"), cause(94.0, "c"), cause(4.0, "d"))
     assert Causes(given=(), ranked=every).best is every[1]

@@ -306,10 +306,11 @@ def candidates(found: Causes | None) -> tuple[Sentences | Table | Plain, ...]:
     said = [
         f"fit: {len(found.ranked)} candidates were refitted from the MAP, each with all unknowns free. "
         "The best are listed: log Bayes factor (by Laplace's approximation), gain of the log posterior, "
-        "and what stays unexplained of each channel."
+        "and what stays unexplained of each channel.",
+        f"fit: A is the config with {_listed(best.words)}.",
     ]
     if doubts:
-        each = "; ".join(f"{one.about}: {', '.join(one.doubts)}" for one in doubts)
+        each = "; ".join(f"{_beside(one, best)}: {', '.join(one.doubts)}" for one in doubts)
         said.append(f"fit: do not trust the Bayes factor of {each}.")
     if best.explains_all:
         rest = "leaves what looks like the noise"
@@ -322,7 +323,7 @@ def candidates(found: Causes | None) -> tuple[Sentences | Table | Plain, ...]:
     return (
         Sentences("\n".join(said)),
         _candidate_table(found),
-        Sentences(f"next: add these lines to the config ({best.about}{_new(best)}). That {rest}."),
+        Sentences(f"next: add these lines to the config (A{_new(best)}). That {rest}."),
         Plain(best.lines),
         Sentences("\n".join(f"next: {step}" for step in STEPS)),
     )
@@ -332,11 +333,36 @@ def _candidate_table(found: Causes) -> Table:
     shown = found.good[:SHOWN]
     lines = [("as given", "0", "0", *(percent(one.share) for one in found.given))]
     lines += [
-        (one.about, f"{one.bayes:+.1f}", f"{one.gain:+.1f}", *(percent(x.share) for x in one.fit))
+        (
+            _beside(one, found.best),
+            f"{one.bayes:+.1f}",
+            f"{one.gain:+.1f}",
+            *(percent(x.share) for x in one.fit),
+        )
         for one in shown
     ]
     heads = ("model", "log Bayes factor", "log posterior", *(one.name for one in found.given))
     return Table(heads, tuple(lines), frozenset({"model"}))
+
+
+def _beside(cause: Cause, best: Cause) -> str:
+    """A candidate by what it has otherwise than the `best`, which is called A, if that is shorter."""
+    if cause is best:
+        return "A"
+    pairs = zip(cause.parts, cause.words, strict=True)
+    more = [words for part, words in pairs if part not in best.parts]
+    less = [w for part, w in zip(best.parts, best.words, strict=True) if part not in cause.parts]
+    if len(more) + len(less) >= len(cause.parts):
+        return _listed(cause.words)
+    parts = [
+        f"{how} {_listed(words)}" for how, words in (("with", more), ("without", less)) if words
+    ]
+    return f"A {' and '.join(parts)}"
+
+
+def _listed(words: Sequence[str]) -> str:
+    *first, last = words
+    return f"{', '.join(first)}, and {last}" if first else last
 
 
 def wandering(causes: Causes) -> str:
