@@ -262,3 +262,8 @@ def test_no_machine_path_or_registry_host_is_committed() -> None:
                 continue
             text = path.read_bytes().decode("utf-8", "ignore")
             assert not [word for word in words if word in text], path
+
+
+def test_no_place_is_left_to_be_worded() -> None:
+    for path in DOCUMENTS:
+        assert "@@" not in path.read_text(), path
