@@ -236,11 +236,13 @@ def posterior(
     ] = False,
     force: Force = False,
     processes: Processes = None,
+    verbose: Annotated[bool, typer.Option("--verbose", help="Print the whole report.")] = False,
 ) -> None:
     """MAP, sampling, diagnostics, tables and figures: the main job."""
     from bayesdrill.api.case import load
 
-    finish(_run(load, config, output, resume=resume, force=force, processes=processes))
+    options = {"resume": resume, "force": force, "processes": processes, "verbose": verbose}
+    finish(_run(load, config, output, **options), verbose=verbose)
 
 
 @command("calibrate configs/nominal_step.yaml")

@@ -82,9 +82,9 @@ def say(text: str, *, err: bool = False) -> None:
     typer.echo(printable(text), err=err)
 
 
-def finish(outcome: Any) -> None:
+def finish(outcome: Any, *, verbose: bool = False) -> None:
     """Of a run: what it says, where it is, and the status; `outcome` as `tasks.pipeline` has it."""
-    say(outcome.said)
+    say(outcome.details if verbose else outcome.summary)
     say(f"results: {outcome.folder}/ (report.html, summary.md, figures/, posterior.nc, chain.h5)")
     for what in outcome.missing:
         say(f"could not be made: {what}", err=True)

@@ -150,13 +150,14 @@ class Case(Value):
         force: bool = False,
         processes: int | None = 1,
         report: Reporter | None = None,
+        verbose: bool = False,
     ) -> Outcome:
         """The whole job of a case of a file, as `bayesdrill posterior` does it.
 
         What is sampled is saved as it is made, so that a run that is stopped can be resumed.
 
-        `folder`: `results/<name>` by default.  `processes`, `report`: see `sample`.  Raises
-        `InputError`, and `Interrupted` when asked to stop.
+        `folder`: `results/<name>` by default.  `processes`, `report`: see `sample`; `verbose`:
+        whether `report` is told the details too.  Raises `InputError`, and `Interrupted` when asked to stop.
         """
         from bayesdrill.tasks import pipeline
 
@@ -167,7 +168,9 @@ class Case(Value):
             raise InputError.one("run", message)
         how = arguments.mode(resume=resume, force=force)
         place, workers = self.place(folder), arguments.workers(processes)
-        return pipeline.posterior(self.job, place, how, workers, report or SILENT)
+        told = report or SILENT
+        details = told if verbose else SILENT
+        return pipeline.posterior(self.job, place, how, workers, told, details)
 
     def place(self, folder: str | Path | None = None) -> Path:
         """Where `run` leaves its results."""

@@ -33,6 +33,7 @@ from bayesdrill.report.section import (
     Section,
     Sentences,
     Table,
+    as_text,
     build,
 )
 from bayesdrill.report.sections import (
@@ -194,6 +195,27 @@ def _sections(run: View, pictures: Sequence[Picture]) -> Iterator[Section]:
     yield build("Maximum of the posterior (MAP)", searches, brief=False)
     read = Note(words.DIAGNOSTICS)
     yield build("Convergence", words.convergence(sampled), read, brief=False)
+
+
+MOST_LINES = 16  # of a table on a screen
+ON_SCREEN = ("", "unit", "nominal", "mean", "sd", "dev. %", "the record says")
+
+
+def screen(run: View) -> str:
+    """Return what a terminal shows: convergence, the parameters, the fit, and last the verdict."""
+    rows = run.analysis.unknowns
+    table = _told(run, section.of_rows(run.units.rows(rows[:MOST_LINES]))).only(ON_SCREEN)
+    shown = [as_text([build("", table)])[0]] if rows else []
+    if (more := len(rows) - MOST_LINES) > 0:
+        shown.append(f"  and {more} more in the report")
+    parts = [
+        words.sampling(run.sampled),
+        "\n".join(shown),
+        fit_words.residual_sentences(run.analysis.fit, run.clock),
+        words.unbelievable(run.reasons, converged=run.sampled.convergence.converged),
+        _verdict(run),
+    ]
+    return "\n\n".join(filter(None, parts))
 
 
 def _verdict(run: View) -> str:

@@ -107,6 +107,20 @@ def _line(name: str, measures: str, spec: Column, values: Array) -> tuple[str, .
     )
 
 
+def headline(problem: Problem, config: Config) -> str:
+    """Return what a run is of, in one line."""
+    experiments = problem.observations
+    samples = sum(len(one.experiment.t) for one in experiments)
+    channels = ", ".join(
+        dict.fromkeys(name for one in experiments for name in one.experiment.names)
+    )
+    several = f" in {len(experiments)} experiments" if len(experiments) > 1 else ""
+    return (
+        f"{config.name}: {samples} samples of {channels}{several}; rig {problem.model.name}; "
+        f"{len(problem.names)} unknowns"
+    )
+
+
 def opening(problem: Problem, own: OwnUnits) -> str:
     """What goes in."""
     space = problem.posterior.space
@@ -332,6 +346,31 @@ def mode(found: Mode, own: OwnUnits) -> str:
         + (f"; at the bound of its prior: {', '.join(found.at_bound)}" if found.at_bound else "")
     )
     return "\n".join(lines)
+
+
+def search(found: Mode) -> str:
+    """Return how the searches for the MAP went, in one line, and what is to be known of it."""
+    n, same = len(found.searches), found.same_height
+    said = f"MAP: {same} of {n} searches reached the same maximum"
+    if same < 2 and n > 1:
+        said += "; no second one confirms it (more: map.starts, map.evaluations)"
+    if found.others:
+        said += f"; {len(found.others)} other maxima were found"
+    if found.at_bound:
+        said += f"; at an end of their priors: {', '.join(found.at_bound)}"
+    return said
+
+
+def sampling(sampled: Sampled) -> str:
+    """Return in one line whether the ensembles converged; more where they did not."""
+    c = sampled.convergence
+    if not c.converged:
+        return convergence(sampled)
+    n_ensembles, _, n_walkers, _ = sampled.theta.shape
+    return (
+        f"sampling: converged after {c.steps} steps of {n_ensembles} x {n_walkers} walkers (R-hat at "
+        f"most {c.r_hat.max():.4f}, at least {c.ess_bulk.min():.0f} effective draws)"
+    )
 
 
 def convergence(sampled: Sampled) -> str:

@@ -325,11 +325,6 @@ def sample(
     `maxima (M, D)`: physical, each of which may hold some of the posterior.
     """
     learnt = prepare(crew, posterior, maxima, plan.seed, report)
-    where = "the ridge" if len(learnt.off) == 1 else f"{len(learnt.off)} ridges"
-    report.say(
-        f"proposal: learnt along {where} of the posterior, accepted {learnt.acceptance:.0%} of the "
-        "time"
-    )
     pieces = [shelf.pieces(ensemble) for ensemble in range(plan.ensembles)]
     under_way = _Walk(
         crew=crew,

@@ -102,7 +102,7 @@ def fit_plan(job: Job) -> FitPlan:
 def end_search(crew: Crew, under_way: Searches, job: Job, report: Reporter) -> Mode:
     """The maximum, and in words how good the fit is there."""
     found = end_searches(crew, under_way, report)
-    report.say(words.mode(found, job.units))
+    report.say(words.search(found))
     return found
 
 

@@ -18,7 +18,7 @@ from bayesdrill.basics.progress import SILENT, Reporter
 from bayesdrill.config.job import Job, prepare
 from bayesdrill.output_files import POSTERIOR, RESOLVED_FILE
 from bayesdrill.report import publish, words
-from bayesdrill.report.run_report import sections
+from bayesdrill.report.run_report import screen, sections
 from bayesdrill.report.section import as_text
 from bayesdrill.report.view import View
 from bayesdrill.results import provenance, run_folder
@@ -40,7 +40,7 @@ DRAWS_SAY = "looking at what the draws say"
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Outcome:
-    """`said`: for the terminal.
+    """`summary`: for a screen; `details`: all that can be said without figures.
 
     `reasons`: why the result must not be believed: it did not converge, or does not fit.
     `missing`: tables and figures that could not be made.
@@ -51,17 +51,25 @@ class Outcome:
     sampled: Sampled
     rows: tuple[Row, ...]
     verdict: Verdict | None
-    said: str
+    summary: str
+    details: str
     reasons: tuple[str, ...]
     missing: tuple[str, ...]
     seconds: Mapping[str, float]
 
 
 def posterior(
-    job: Job, output: Path, how: run_folder.Mode, processes: int, report: Reporter
+    job: Job,
+    output: Path,
+    how: run_folder.Mode,
+    processes: int,
+    report: Reporter,
+    details: Reporter = SILENT,
 ) -> Outcome:
-    """The whole job. Raises `Interrupted` when asked to stop, and `BrokenProcessPool` when a worker
-    was killed; what was found and sampled is saved.
+    """The whole job; `details` is told all that `report` has no room for.
+
+    Raises `Interrupted` when asked to stop, and `BrokenProcessPool` when a worker was killed; what was
+    found and sampled is saved.
     """
     marks = provenance.fingerprint(job.config, job.problem)
     with Folder(output, how, marks, POSTERIOR) as folder:
@@ -69,12 +77,12 @@ def posterior(
         if how == "resume":  # read before anything is written: what cannot go on stays as it is
             _read_ahead(job, folder)
             known = find_map.read_mode(folder, job.problem)
-        report.say(
-            f"{words.opening(job.problem, job.units)}\n{words.size(job.problem, job.config)}"
-        )
+        report.say(words.headline(job.problem, job.config))
+        details.say(words.opening(job.problem, job.units))
+        details.say(words.size(job.problem, job.config))
         begin(job, folder)
         with interruptions(folder, lambda: _kept(folder)):
-            return _run(job, folder, known, processes, report)
+            return _run(job, folder, known, processes, report, details)
 
 
 def _kept(folder: Folder) -> str:
@@ -91,7 +99,14 @@ def _read_ahead(job: Job, folder: Folder) -> None:
     folder.read_ahead(sampler.ensembles, (sampler.walkers, len(names)))
 
 
-def _run(job: Job, folder: Folder, known: Mode | None, processes: int, report: Reporter) -> Outcome:
+def _run(
+    job: Job,
+    folder: Folder,
+    known: Mode | None,
+    processes: int,
+    report: Reporter,
+    details: Reporter,
+) -> Outcome:
     clock = [time.perf_counter()]
     with Crew(job.problem.posterior, processes) as crew:
         hunt = None if known else begin_searches(crew, find_map.fit_plan(job), report)
@@ -99,7 +114,7 @@ def _run(job: Job, folder: Folder, known: Mode | None, processes: int, report: R
         # what sampling and report will need.
         scenery = Scenery(job.problem.posterior.likelihood)
         report.update(0.0, "looking at what the record can show")
-        report.say(preflight(job, scenery))
+        details.say(preflight(job, scenery))
         if not crew.alone:
             for _ in range(processes):  # one for each, as it is done with its searches
                 crew.submit(loaded)
@@ -277,7 +292,8 @@ def _publish(
         sampled=view.sampled,
         rows=view.analysis.unknowns,
         verdict=None if judged is None else judged.verdict,
-        said="\n\n".join((words.convergence(view.sampled), *as_text(sections(view)))),
+        summary=screen(view),
+        details="\n\n".join((words.convergence(view.sampled), *as_text(sections(view)))),
         reasons=view.reasons,
         missing=missing,
         seconds=seconds,
