@@ -157,7 +157,8 @@ class Case(Value):
         What is sampled is saved as it is made, so that a run that is stopped can be resumed.
 
         `folder`: `results/<name>` by default.  `processes`, `report`: see `sample`; `verbose`:
-        whether `report` is told the details too.  Raises `InputError`, and `Interrupted` when asked to stop.
+        whether `report` is told the details too.  Raises `InputError`, and `Interrupted` when asked to
+        stop.
         """
         from bayesdrill.tasks import pipeline
 

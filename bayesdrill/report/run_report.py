@@ -211,7 +211,7 @@ def screen(run: View) -> str:
     parts = [
         words.sampling(run.sampled),
         "\n".join(shown),
-        fit_words.residual_sentences(run.analysis.fit, run.clock),
+        "\n".join([fit_words.residual_sentences(run.analysis.fit, run.clock), *run.notes]),
         words.unbelievable(run.reasons, converged=run.sampled.convergence.converged),
         _verdict(run),
     ]

@@ -186,7 +186,7 @@ def test_where_nothing_explains_nothing_is_said_to(tmp_path: Path) -> None:
     assert run_entries.causes_data(found) == []
     said = fit_words.explained(found)
     assert said.startswith(
-        f"fit: none of {len(found.ranked)} candidates that were refitted explains"
+        f"fit: {len(found.ranked)} candidates were refitted, and none explains"
     )
     assert "add these lines" not in said
     assert len(found.windows) == WINDOWS

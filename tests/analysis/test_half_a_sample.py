@@ -144,7 +144,7 @@ def test_half_a_sample_is_told_only_where_the_fit_is_noise() -> None:
         sampler={"ensembles": 4, "walkers": 16, "r_hat": 1.1, "n_tau": 5, "ess": 100},
     )
     run = case.sample(seed=3)
-    assert [note for note in run._view.notes if "moment: inputs half a sample" in note]
+    assert [note for note in run._view.notes if "timing: if the inputs act half a sample" in note]
     posterior = run.job.problem.posterior
     response = posterior.likelihood.response.with_record((exact + 9.0 * noise)[:, None])
     off = replace(posterior, likelihood=posterior.likelihood.with_alone(response=response))

@@ -81,7 +81,7 @@ def test_a_verdict_in_doubt_says_what_is_missing() -> None:
     draws = gaussian(TABLE | {"r_m": 2 * TABLE["r_m"]}, np.random.default_rng(2))
     doubtful = verdict(draws, fits=False)
     text = verdict_words.verdict_sentences(doubtful, "t", lacking="dry friction at rotor 1 (t_c1)")
-    assert "against the model: it may miss dry friction at rotor 1 (t_c1)" in text
+    assert "against the model. It may lack dry friction at rotor 1 (t_c1)" in text
     assert "may miss" not in verdict_words.verdict_sentences(doubtful, "t")
 
 

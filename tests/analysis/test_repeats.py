@@ -81,7 +81,7 @@ def test_a_shaft_that_was_changed_is_found_with_its_size() -> None:
     assert apart[2] - apart[:2].mean() == pytest.approx(np.log(1.04), abs=4 * max(ratio.sds))
     assert ratio.spread == pytest.approx(np.log(1.04) / np.sqrt(3), rel=0.4)
     said = verdict_words.repeats_sentence(found, FREE)
-    assert "do not tell the same" in said
+    assert "do not show the same rig" in said
     assert "k_s / j_1" in said or "k_s/j_1" in said
     assert len(verdict_words.repeats_table(found, FREE).lines) == 3
 

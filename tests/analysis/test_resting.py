@@ -122,8 +122,8 @@ def test_a_record_too_loud_for_the_inductance_rests_on_the_resistance_s_prior() 
     theta = target.space.vector(target.space.start)
     made = study_of(Scenery(target.likelihood), target, theta, Asked())
     text = identify_words.resting(made)
-    assert text.startswith("resting on the prior")
-    assert "told by these rather than by the record, which hardly shows l_m;" in text
+    assert "depend on the prior" in text
+    assert "more than on the record, which hardly shows l_m." in text
 
 
 def test_in_words_before_sampling_and_in_the_verdict() -> None:
@@ -131,19 +131,17 @@ def test_in_words_before_sampling_and_in_the_verdict() -> None:
     theta = target.space.vector(target.space.start)
     made = study_of(Scenery(target.likelihood), target, theta, Asked())
     for text in (identify_words.full(made), identify_words.brief(made)):
-        assert (
-            "resting on l_m, which is held: k_T and r_m, known only as far as that is right" in text
-        )
+        assert "k_T and r_m depend on l_m, which the config holds, and can be right only" in text
     judged = verdict(gaussian({**TABLE, "r_m": 1.2 * TABLE["r_m"]}, np.random.default_rng(2)))
     said = verdict_words.verdict_sentences(judged, "table", rests=made.resting)
-    (line,) = (line for line in said.splitlines() if line.startswith("resting"))
-    assert line.startswith("resting on l_m: r_m (held: ")
+    (line,) = (line for line in said.splitlines() if line.startswith("These depend"))
+    assert line.startswith("These depend on l_m: r_m (the config holds it fixed")
     leaning = dataclasses.replace(made.resting[0], following=np.eye(len(made.names)))
     text = verdict_words.verdict_sentences(judged, "table", rests=(leaning,))
-    assert "resting on the prior of r_m: r_m (the record by itself tells little" in text
+    assert "These depend on the prior of r_m: r_m (the record by itself tells little" in text
     elsewhere = dataclasses.replace(made.resting[0], names=("k_s", "j_1", "l_m", "r_m"))
     apart = dataclasses.replace(elsewhere, exponents=(1, 1, 1, 0))
-    assert "resting" not in verdict_words.verdict_sentences(judged, "table", rests=(apart,))
+    assert "These depend" not in verdict_words.verdict_sentences(judged, "table", rests=(apart,))
 
 
 def test_a_rig_s_own_parameters_may_be_held(monkeypatch: pytest.MonkeyPatch) -> None:

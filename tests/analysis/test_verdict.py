@@ -149,7 +149,7 @@ def test_a_fit_that_is_not_noise_leaves_the_table_in_doubt() -> None:
         k: x for k, x in says(doubtful).items() if x != "in doubt"
     }
     text = verdict_words.verdict_sentences(doubtful, "table")
-    assert "with table would disagree, were the model right, r_m (" in text
+    assert "These would, if the model were right, disagree with table: r_m (" in text
     assert "IN DOUBT: the verdict holds only if the model does" in text
     assert run_entries.verdict_data(doubtful, "table")["agrees"] is None
     assert "IN DOUBT" not in verdict_words.verdict_sentences(sure, "table")
@@ -159,14 +159,14 @@ def test_a_fit_that_is_not_noise_leaves_the_table_in_doubt() -> None:
 def test_a_table_agrees_only_with_a_fit_that_is_noise() -> None:
     """Mutant killed: *all agree*, by a model that the fit speaks against."""
     draws = gaussian(TABLE, np.random.default_rng(3))
-    assert "all 2 agree with table" in verdict_words.verdict_sentences(verdict(draws), "table")
+    assert "All 2 agree with table" in verdict_words.verdict_sentences(verdict(draws), "table")
     found = verdict(draws, fits=False)
     text = verdict_words.verdict_sentences(found, "table")
-    assert "were the model right, all 2 would agree with table" in text
+    assert "If the model were right, all 2 would agree with table" in text
     assert "IN DOUBT" in text
     for converged, why in ((True, "the model does not fit"), (False, "the run did not converge")):
         text = verdict_words.verdict_sentences(found, "table", converged=converged, believed=False)
-        assert text == f"verdict: none, because {why}; the numbers may be wrong"
+        assert text == f"verdict: none, because {why}. The numbers may be wrong."
         data = run_entries.verdict_data(found, "table", converged=converged, believed=False)
         assert (data["sentence"], data["agrees"]) == (text, None)
 
@@ -262,8 +262,8 @@ def test_words_name_what_disagrees_and_what_nobody_can_know() -> None:
     text = verdict_words.verdict_sentences(found, "tables_2_3")
     first, second = text.splitlines()
     assert "determines 2 of the 2 independent products" in first
-    assert "with tables_2_3 disagree r_m (+" in first
-    assert "not determined by themselves: k_s, j_1" in second
+    assert "These disagree with tables_2_3: r_m (+" in first
+    assert "Not determined by themselves: k_s, j_1" in second
     data = run_entries.verdict_data(found, "tables_2_3")
     assert not data["agrees"]
     assert data["quantities"]["r_m"]["says"] == "disagrees"

@@ -299,7 +299,7 @@ def test_what_the_command_line_does_with_files_python_does(tmp_path: Path) -> No
         case.check_place(tmp_path / "identify")
     outcome = case.run(tmp_path / "out")
     assert (
-        f"{outcome.said}\nresults: {tmp_path / 'out'}/"
+        f"{outcome.summary}\nresults: {tmp_path / 'out'}/"
         in systems.cli("report", tmp_path / "out").out
     )
     assert bd.publish(tmp_path / "out").rows == outcome.rows

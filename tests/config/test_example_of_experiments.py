@@ -42,4 +42,4 @@ def test_what_it_was_made_with_is_plausible_and_its_start_is_not() -> None:
     said = identify.preflight(job, Scenery(posterior.likelihood))
     first, resting = said.splitlines()
     assert first == "the record determines every unknown"
-    assert resting.startswith("resting on j_m, c_m and k_T, which are held: k_s, j_1 and t_f")
+    assert resting.startswith("k_s, j_1 and t_f depend on j_m, c_m and k_T, which the config holds")

@@ -70,9 +70,9 @@ def test_sizes_and_correlations_are_those_of_the_channel(rig: Likelihood) -> Non
         spread = rig.response.experiment.y[:, k].std()
         assert one.share == pytest.approx(np.sqrt(np.mean(own**2)) / spread, rel=0.02)
     first, second = words.residual_sentences(found, SECOND).splitlines()
-    assert first.startswith("fit: of what each channel does the MAP leaves unexplained ")
-    assert f"{100 * found[1].share:.2g} % ({found[1].channel})" in first
-    assert second.startswith("fit: what the MAP leaves looks like the noise (rms ")
+    assert first.startswith("fit: the MAP leaves unexplained ")
+    assert f"{100 * found[1].share:.2g} % of {found[1].channel}" in first
+    assert second.startswith("fit: the residuals look like the noise (rms ")
 
 
 def test_a_channel_that_does_nothing_has_no_share(rig: Likelihood) -> None:
@@ -86,8 +86,8 @@ def test_a_channel_that_does_nothing_has_no_share(rig: Likelihood) -> None:
 
 def test_a_wrong_sigma_is_told_in_its_channel(rig: Likelihood) -> None:
     cases = [
-        (2.0, "large", "leaves more than the noise"),
-        (0.4, "small", "leaves less than the noise"),
+        (2.0, "large", "are larger than the noise"),
+        (0.4, "small", "are smaller than the noise"),
     ]
 
     def check(factor: float, which: str, says: str) -> None:
@@ -123,7 +123,7 @@ def test_what_the_model_misses_is_told_with_unknown_noise_too() -> None:
     assert [one.correlated for one in found] == [False, False, False, True]
     assert not any(one.large or one.small or one.far for one in found)
     text = words.residual_sentences(found, SECOND)
-    assert f"with the next w_2 {found[3].correlation:.3g}" in text
+    assert f"to the next: w_2 {found[3].correlation:.3g}" in text
     assert "looks like" not in text
 
 
@@ -153,7 +153,8 @@ def test_a_differenced_column_and_one_bad_sample_are_told(rig: Likelihood) -> No
 def test_the_worst_channel_comes_first(rig: Likelihood) -> None:
     found = left(with_residuals(rig, white(5) * [2.0, 1.0, 9.0, 4.0]), AT)
     assert re.search(
-        r"in sigmas: w_1 \S+, w_2 \S+, theta_1 \S+ \(", words.residual_sentences(found, SECOND)
+        r"noise: w_1 \S+, w_2 \S+, theta_1 \S+ times sigma \(",
+        words.residual_sentences(found, SECOND),
     )
 
 
@@ -172,7 +173,7 @@ def test_a_fit_that_leaves_far_more_than_the_noise_is_not_believed(rig: Likeliho
         found = left(with_residuals(rig, residuals), AT)
         assert [one.large for one in found] == [False, False, True, False]
         assert [one.unbelievable for one in found] == [False, False, not believed, False]
-        more = "the fit leaves more than the noise, in sigmas: w_1 1.6"
+        more = "the residuals are larger than the noise: w_1 1.6 times sigma"
         assert words.residual_reasons(found) == (() if believed else (more,))
 
     for_each({str(case): case for case in [(1.4, True), (1.6, False)]}, check)
@@ -193,9 +194,9 @@ def test_what_is_not_white_by_far_is_not_believed(rig: Likelihood) -> None:
         assert found[1].correlated
         assert not any(one.large for one in found)
         reasons = words.residual_reasons(found)
-        assert reasons == () if believed else "is not white noise" in reasons[0]
+        assert reasons == () if believed else "are correlated" in reasons[0]
         if not believed:
-            assert f"with the next theta_2 {found[1].correlation:.3g}" in reasons[0]
+            assert f"to the next: theta_2 {found[1].correlation:.3g}" in reasons[0]
 
     for_each({str(case): case for case in cases}, check)
 
@@ -232,5 +233,5 @@ def test_the_simulation_and_predictions_one_step_ahead_stand_side_by_side() -> N
         "fit: explained by the simulation alone, and by predictions one step ahead"
     )
     assert text.endswith(
-        f"w_2 {100 * (1 - last.simulated):.4g} % and {100 * (1 - last.ahead):.4g} %"
+        f"w_2 {100 * (1 - last.simulated):.4g} % and {100 * (1 - last.ahead):.4g} %."
     )

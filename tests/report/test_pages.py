@@ -153,7 +153,7 @@ def test_what_matters_most_comes_first_and_ends_a_terminal(saved: Path) -> None:
     assert titles[: len(first)] == first
     assert titles[-2:] == ["Provenance", "How to cite"]
     said = run().judge().text
-    assert said.splitlines()[-1].startswith(("verdict:", "not determined"))
+    assert said.splitlines()[-1].startswith(("verdict:", "Not determined"))
     assert said.index("the record says") < said.index("fit: ") < said.index("verdict: ")
 
 

@@ -273,12 +273,12 @@ def test_steps_that_are_enough_and_steps_that_are_not() -> None:
     said = verdict_words.step_sentences([fine])
     assert said == (
         "steps: 2 steps to a sample; 16 times as many would move samples by at most 0.03 of the noise "
-        "(w_1 0.03, alpha 0.004), which does no harm"
+        "(w_1 0.03, alpha 0.004). That does no harm."
     )
     few = StepError(label="slow", channels=("w_1",), pieces=1, errors=(0.45,))
     said = verdict_words.step_sentences([few])
     assert said.startswith("steps: TOO FEW: one step to a sample in slow; ")
-    assert said.endswith("say `model: {pieces: 8}`")
+    assert said.endswith("Say `model: {pieces: 8}`.")
     assert verdict_words.steps_wanted(dataclasses.replace(few, pieces=3, errors=(0.11,))) == 6
     assert verdict_words.step_sentences(()) == ""
     (data,) = run_entries.step_data([few])

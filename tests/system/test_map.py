@@ -165,7 +165,7 @@ def test_a_fit_that_must_not_be_believed_ends_as_its_posterior_does(tmp_path: Pa
     page = (out / "map.md").read_text()
     assert page.index("DO NOT BELIEVE these numbers:") < page.index("fit: ")
     found = bd.load(config).find_map()
-    assert found.reasons[0].startswith("the fit leaves more than the noise, in sigmas: w_1 ")
+    assert found.reasons[0].startswith("the residuals are larger than the noise: w_1 ")
     assert loads_checksummed((out / "run.json").read_bytes())["reasons"] == list(found.reasons)
     assert best().reasons == ()
     assert "BELIEVE" not in best().table
@@ -182,4 +182,4 @@ def test_a_fit_that_no_posterior_can_mend_is_said_before_anything_is_sampled(
         assert ("no posterior of such a fit can be believed" in ran.text) is said
         if said:
             before = ran.text[: ran.text.index("no posterior of such a fit")]
-            assert "the MAP leaves more than the noise, in sigmas: " in before
+            assert "the residuals are larger than the noise: " in before

@@ -474,4 +474,4 @@ def test_a_run_says_what_it_suspects_beside_its_results(tmp_path: Path) -> None:
     outcome = bd.load(place(tmp_path, stuck)).run(tmp_path / "run")
     notes = json.loads((outcome.folder / "run.json").read_text(encoding="utf-8"))["notes"]
     assert [one for one in notes if one.startswith("note: record, stuck: w_1 stays")]
-    assert "stuck: w_1 stays at exactly one value" in outcome.said
+    assert "stuck: w_1 stays at exactly one value" in outcome.summary

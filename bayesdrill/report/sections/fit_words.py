@@ -168,9 +168,8 @@ def residual_sentences(found: Sequence[Left], clock: Unit) -> str:
 
     `clock`: in which times are said.
     """
-    seen = [f"{percent(one.share)} ({one.name})" for one in found if not math.isnan(one.share)]
-    shares = ", ".join(seen) or "nothing to speak of"
-    lines = [f"fit: of what each channel does the MAP leaves unexplained {shares}"]
+    seen = [f"{percent(one.share)} of {one.name}" for one in found if not math.isnan(one.share)]
+    lines = [f"fit: the MAP leaves unexplained {', '.join(seen) or 'nothing to speak of'}."]
     # Where noise remembers, or a torque is missing; elsewhere both are what was said above.
     ahead = [one for one in found if one.ahead != one.simulated and not math.isnan(one.share)]
     if ahead:
@@ -179,15 +178,14 @@ def residual_sentences(found: Sequence[Left], clock: Unit) -> str:
             for one in ahead
         )
         lines.append(
-            "fit: explained by the simulation alone, and by predictions one step ahead from all "
-            f"samples before: {each}"
+            "fit: explained by the simulation alone, and by predictions one step ahead, which know all "
+            f"samples before: {each}."
         )
     if large := _worst(found, "large", "rms"):
         lines.append(
-            f"fit: the MAP leaves more than the noise, in sigmas: {_each_channel(large, 'rms')} (noise "
-            f"leaves at most {large[0].limits.most:.3g}); a unit, an input, a sigma, the end of a "
-            "prior or the model does not fit what was recorded, and every sd and verdict here is surer "
-            "than it may be"
+            f"fit: the residuals are larger than the noise: {_each_channel(large, 'rms')} times sigma "
+            f"(noise gives at most {large[0].limits.most:.3g}). A unit, an input, a sigma, the end of a "
+            "prior or the model is wrong. Every sd and verdict here is too sure."
         )
     if far := _worst(found, "far", "farthest"):
         each = ", ".join(
@@ -195,26 +193,26 @@ def residual_sentences(found: Sequence[Left], clock: Unit) -> str:
             for one in far
         )
         lines.append(
-            f"fit: single samples are farther off than noise puts them, in sigmas: {each} (noise at "
-            f"most {far[0].limits.farthest:.2g}); outliers, or something short that the model misses"
+            f"fit: single samples are too far off, in sigmas: {each} (noise gives at most "
+            f"{far[0].limits.farthest:.2g}). They are outliers, or the model misses something short."
         )
     if correlated := _worst(found, "correlated", "correlation"):
         lines.append(
-            "fit: what the MAP leaves is not white: correlation of one sample with the next "
-            f"{_each_channel(correlated, 'correlation')} (white noise has at most "
-            f"{correlated[0].limits.correlation:.2g} either way); the model misses something there, or "
-            "the column was filtered or differenced, and the sds are not to be trusted"
+            "fit: the residuals are correlated from one sample to the next: "
+            f"{_each_channel(correlated, 'correlation')} (white noise gives at most "
+            f"{correlated[0].limits.correlation:.2g} either way). The model misses something, or the "
+            "column was filtered or differenced. Do not trust the sds."
         )
     if small := _worst(found, "small", "rms"):
         lines.append(
-            f"fit: the MAP leaves less than the noise, in sigmas: {_each_channel(small, 'rms')} (noise "
-            f"leaves at least {small[0].limits.least:.3g}); these sigmas are too large, or the column "
-            "was filtered"
+            f"fit: the residuals are smaller than the noise: {_each_channel(small, 'rms')} times sigma "
+            f"(noise gives at least {small[0].limits.least:.3g}). These sigmas are too large, or the "
+            "column was filtered."
         )
     if like_noise(found) and not small:
         sizes = [one.rms for one in found]
         sigmas = f"rms {min(sizes):.3f} to {max(sizes):.3f} sigma"
-        lines.append(f"fit: what the MAP leaves looks like the noise ({sigmas})")
+        lines.append(f"fit: the residuals look like the noise ({sigmas}).")
     return "\n".join(lines)
 
 
@@ -223,10 +221,12 @@ def residual_reasons(found: Sequence[Left]) -> tuple[str, ...]:
     doubtful = [one for one in found if one.unbelievable]
     said = []
     if large := _worst(doubtful, "large", "rms"):
-        said.append(f"the fit leaves more than the noise, in sigmas: {_each_channel(large, 'rms')}")
+        said.append(
+            f"the residuals are larger than the noise: {_each_channel(large, 'rms')} times sigma"
+        )
     if correlated := _worst(doubtful, "correlated", "correlation"):
         said.append(
-            "what the fit leaves is not white noise: correlation of one sample with the next "
+            "the residuals are correlated from one sample to the next: "
             f"{_each_channel(correlated, 'correlation')}"
         )
     return tuple(said)
@@ -296,9 +296,9 @@ def candidates(found: Causes | None) -> tuple[Sentences | Table | Plain, ...]:
         return ()
     if not found.explains:
         tried = (
-            f"fit: none of {len(found.ranked)} candidates that were refitted explains what is left. "
-            "They were gains, lags and offsets of sensors and inputs, the start, the gear, what the rig "
-            "may lack, and the noise."
+            f"fit: {len(found.ranked)} candidates were refitted, and none explains the misfit. They "
+            "were gains, lags and offsets of sensors and inputs, the start, the gear, physics that the "
+            "rig may lack, and the noise."
         )
         return (Sentences("\n".join(filter(None, [tried, wandering(found), LOOK]))),)
     best, rest = found.best, "leaves more than noise"
@@ -408,8 +408,8 @@ def instead(found: Instead | None, roles: Roles) -> Iterable[str]:
     how = "better than" if found.lost < 0 else "about as well as"
     missing = _missing(found.parameter, found.value, roles)
     yield (
-        f"before the table is blamed: its values with {missing} explain the "
-        f"record {how} any without; {_named(found.parameter, found.value)}, and ask again"
+        f"before you blame the table: its values with {missing} explain the record {how} any without. "
+        f"Try it: {_named(found.parameter, found.value)}."
     )
 
 
@@ -437,7 +437,7 @@ def moment(found: Moment | None) -> Iterable[str]:
     )
     width = 2 * found.seconds
     yield (
-        f"moment: inputs half a sample ({1e3 * found.seconds:.3g} ms) later than recorded would move "
-        f"{named} sds, and leave what looks like noise; where that may be, say `inputs: {{t_0: {{prior: "
-        f"uniform, low: -{width:.3g}, high: {width:.3g}}}}}`"
+        f"timing: if the inputs act half a sample ({1e3 * found.seconds:.3g} ms) later than recorded, "
+        f"the fit is as good, and values move: {named} sds. If that is possible, add `inputs: {{t_0: "
+        f"{{prior: uniform, low: -{width:.3g}, high: {width:.3g}}}}}`."
     )

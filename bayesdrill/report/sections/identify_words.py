@@ -106,15 +106,14 @@ def resting(study: Study) -> str:
     """A sentence for each scale that numbers which are held settle, or would."""
     lines = []
     for one in study.resting:
-        on = f"{listed(one.through)}, {'which is' if len(one.through) == 1 else 'which are'} held"
-        known = "known only as far as that is right"
+        verb = "depends" if len(one.unknown) == 1 else "depend"
+        through = listed(one.through)
+        why = f"{through}, which the config holds, and can be right only as far as that is"
         if priors := one.priors((one.narrowest,), (1,)):
-            on = priors_of(priors)
-            known = (
-                f"told by these rather than by the record, which hardly shows {listed(one.through)}"
-            )
+            why = f"{priors_of(priors)} more than on the record, which hardly shows {through}"
         lines.append(
-            f"resting on {on}: {listed(one.unknown)}, {known}; {symmetry(one.names, one.exponents)}"
+            f"{listed(one.unknown)} {verb} on {why}. In the record, "
+            f"{symmetry(one.names, one.exponents)}."
         )
     return "\n".join(lines)
 

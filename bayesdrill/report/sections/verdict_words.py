@@ -51,9 +51,8 @@ def evidence_sentences(found: Evidence, priors: Sequence[Vague], *, converged: b
     ]
     if wide:
         lines.append(
-            f"  VAGUE PRIORS: {', '.join(wide)}: each halves the evidence as often as "
-            "its range is doubled, and little else may be seen in a comparison with a model that is "
-            "without it; give it the range that you believe"
+            f"  VAGUE PRIORS: {', '.join(wide)}. Each doubling of a range halves the evidence, and may "
+            "hide all else when models are compared. Give these priors the range that you believe."
         )
     return "\n".join(lines)
 
@@ -77,8 +76,8 @@ def repeats_sentence(found: Sequence[Repeat], names: Sequence[str]) -> str:
     far = [one for one in found if one.differs]
     if not far:
         return (
-            "experiments: they tell the same of the rig, as far as each knows it "
-            f"({len(found)} products compared)"
+            "experiments: as far as each can tell, all of them show the same rig "
+            f"({len(found)} products compared)."
         )
     each = ", ".join(
         f"{product(names, one.exponents)} by {percent(one.spread)} (they know it to "
@@ -86,9 +85,8 @@ def repeats_sentence(found: Sequence[Repeat], names: Sequence[str]) -> str:
         for one in sorted(far, key=lambda one: one.p)
     )
     return (
-        f"experiments: they do not tell the same of the rig: {each}; the joint posterior is too sure. "
-        "The rig changed between them, or the model lacks what differs; `own: [...]` lets a parameter "
-        "differ"
+        f"experiments: they do not show the same rig: {each}. The joint posterior is too sure. The rig "
+        "changed between them, or the model lacks what differs. `own: [...]` lets a parameter differ."
     )
 
 
@@ -123,10 +121,10 @@ def _step_sentence(one: StepError) -> str:
     measured = f"{steps} to a sample{where}; {FINER} times as many would move samples by"
     worst = f"{one.worst:.2g} of the noise ({each})"
     if one.fine:
-        return f"steps: {measured} at most {worst}, which does no harm"
+        return f"steps: {measured} at most {worst}. That does no harm."
     return (
-        f"steps: TOO FEW: {measured} up to {worst}, and a tenth of it is what may be; say "
-        f"`model: {{pieces: {steps_wanted(one)}}}`"
+        f"steps: TOO FEW: {measured} up to {worst}. At most a tenth of the noise does no harm. Say "
+        f"`model: {{pieces: {steps_wanted(one)}}}`."
     )
 
 
@@ -138,22 +136,22 @@ def steps_wanted(one: StepError) -> int:
 SHORT = ("", "nominal", "mean", "dev. %", "tension", "beyond tol.", "bits", "verdict")
 
 VERDICT_EXPLAINED = (
-    "SI; products of powers first, which the record can show, then the parameters by themselves. "
-    "`dev. %` is the deviation of the posterior mean from the nominal value; `tension` says how many "
-    "sigma the nominal value, or the nearest one within its tolerance `tol. %`, lies from the "
-    "posterior; `beyond tol.` is the probability that the deviation exceeds the tolerance; "
-    "`sd/prior` the standard deviation of the log over the prior's; `bits` the information gained on "
-    "the prior (one bit halves a range)."
+    "All in SI. First come products of powers, which the record can show, then the parameters by "
+    "themselves. `dev. %` is the deviation of the posterior mean from the nominal value. `tension` says "
+    "how many sigma the nominal value lies from the posterior, or the nearest value within its "
+    "tolerance `tol. %`. `beyond tol.` is the probability that the deviation exceeds the tolerance. "
+    "`sd/prior` is the standard deviation of the log over that of the prior. `bits` is the information "
+    "gained on the prior: one bit halves a range."
 )
 
 
 _HOLDS = (
-    "held: were that another number, so would these be, and the record would look the same; a prior "
-    "instead says what it tells by itself"
+    "the config holds it fixed; with another number these would be others, and the record would look "
+    "the same. A prior instead shows what the record tells by itself"
 )
 _LEANS = "the record by itself tells little but ratios"
 
-_NONE = "verdict: none, because {}; the numbers may be wrong"
+_NONE = "verdict: none, because {}. The numbers may be wrong."
 
 
 def verdict_sentences(
@@ -175,23 +173,23 @@ def verdict_sentences(
         return no_verdict(converged=converged)
     whole = [verdict_sentence(found, table, records)]
     if not found.fits:
-        missing = f": it may miss {lacking}, which would bend what it has" if lacking else ""
+        missing = f" It may lack {lacking}, which would distort its parameters." if lacking else ""
         whole.append(
-            "IN DOUBT: the verdict holds only if the model does, and the fit, which leaves more than "
-            f"noise, is evidence against the model{missing}"
+            "IN DOUBT: the verdict holds only if the model does. The fit leaves more than noise, which "
+            f"is evidence against the model.{missing}"
         )
     more = _resting(found, rests)
     if found.opened:
         more.append(
-            f"sigmas are counted with the priors of {', '.join(found.opened)} opened where they end, "
-            "too near to the nominal values: no draw could lie beyond"
+            f"The priors of {', '.join(found.opened)} end too near to the nominal values. For the "
+            "tension they are taken as open there, as no draw could lie beyond."
         )
     more += _not_determined(found)
     pressed = [quantity_name(found, q) for q in found.saying("pressed against the prior")]
     if pressed:
         more.append(
-            f"pressed against the prior: {', '.join(pressed)} (the end of the prior decides, so nothing "
-            "is said of the nominal value)"
+            f"At an end of its prior: {', '.join(pressed)}. The end decides there, so nothing is said "
+            "of the nominal value."
         )
     return "\n".join([*whole, *more])
 
@@ -213,42 +211,48 @@ def verdict_rule(found: Verdict) -> str:
 
 
 def verdict_sentence(found: Verdict, table: str, records: int = 1) -> str:
+    """Return the verdict: how much was determined, whether it agrees, and all taken together."""
     judged = [q for q in found.products if q.says != "not determined"]
     n, k = len(found.products), len(judged)
-    determines, such, says = "this record determines", "such a record", "it says"
+    determines, such, says = "this record determines", "such a record", "It says"
     if records > 1:
-        determines, such, says = "these records determine", "such records", "they say"
+        determines, such, says = "these records determine", "such records", "They say"
     can = f"the {n} independent products of parameters that {such} can show"
     if not judged:
-        return f"verdict: {determines} none of {can}; {says} nothing of {table}"
-    far = found.far
-    joint = found.joint
-    together = "" if joint is None else f"; taken together they are {_sigmas(joint)} from {table}"
-    opening = f"verdict: {determines} {k} of {can}"
+        return f"verdict: {determines} none of {can}. {says} nothing of {table}."
+    joint = (
+        ""
+        if found.joint is None
+        else f"taken together they are {_sigmas(found.joint)} from {table}"
+    )
+    together = f" {joint[0].upper()}{joint[1:]}." if joint else ""
+    opening = f"verdict: {determines} {k} of {can}."
     if n == 1:
-        opening = f"verdict: {determines} the one quantity that is compared"
-    if far:
+        opening = f"verdict: {determines} the one quantity that is compared."
+    if found.far:
         listed = ", ".join(
             f"{quantity_name(found, q)} ({100 * q.deviation:+.3g} %, {_sigmas(q.tension)})"
-            for q in far
+            for q in found.far
         )
-        how = "disagree" if found.fits else "would disagree, were the model right,"
-        return f"{opening}; with {table} {how} {listed}{together}"
+        how = "disagree with" if found.fits else "would, if the model were right, disagree with"
+        return f"{opening} These {how} {table}: {listed}.{together}"
     if found.far_together and not found.fits:
         return (
-            f"{opening}; each by itself agrees with {table}, but, were the model right, {together[2:]}, "
-            "too far for chance"
+            f"{opening} Each by itself agrees with {table}. If the model were right, {joint}, too far "
+            "for chance."
         )
     if not found.agrees:
         return (
-            f"{opening}; each by itself agrees with {table}, but {together[2:]}, too far for chance: "
-            "the table does not describe this rig"
+            f"{opening} Each by itself agrees with {table}, but {joint}, too far for chance. The table "
+            "does not describe this rig."
         )
     if not found.fits:
-        every = "it" if k == 1 else f"all {k}"
-        return f"{opening}; were the model right, {every} would agree with {table}{together}"
-    every = "it agrees" if k == 1 else f"all {k} agree"
-    return f"{opening}; {every} with {table}{together}"
+        all_of_them = "it" if k == 1 else f"all {k}"
+        return (
+            f"{opening} If the model were right, {all_of_them} would agree with {table}.{together}"
+        )
+    agree = "It agrees" if k == 1 else f"All {k} agree"
+    return f"{opening} {agree} with {table}.{together}"
 
 
 def _resting(found: Verdict, rests: Sequence[Resting]) -> list[str]:
@@ -261,12 +265,14 @@ def _resting(found: Verdict, rests: Sequence[Resting]) -> list[str]:
                 priors = one.priors(found.names, q.exponents)
                 basis = (priors_of(priors), _LEANS) if priors else (listed(one.through), _HOLDS)
                 lines.setdefault(basis, []).append(quantity_name(found, q))
-    return [f"resting on {on}: {', '.join(names)} ({why})" for (on, why), names in lines.items()]
+    return [
+        f"These depend on {on}: {', '.join(names)} ({why})." for (on, why), names in lines.items()
+    ]
 
 
 NOT_KEPT = (
-    "not there: a run of an older version has not kept its draws beyond the ends of priors, and tables "
-    "cannot be followed without them; `--resume`, or under another version `--force`, samples them"
+    "not there: a run of an older version has not kept its draws beyond the ends of priors. Tables "
+    "need them. `--resume`, or under another version `--force`, samples them"
 )
 
 
@@ -274,9 +280,9 @@ def not_kept(beyond: Opened | None) -> Iterator[str]:
     """Of a run that has left nothing of what lies beyond ends of priors."""
     if beyond is not None and not beyond.kept:
         yield (
-            f"priors of {', '.join(beyond.names)} end near nominal values, and draws beyond were not "
-            "kept by the version that sampled this run, so that nothing is said of these values: "
-            "continue it with --resume, or under another version start over with --force"
+            f"The priors of {', '.join(beyond.names)} end near nominal values. The version that sampled "
+            "this run did not keep draws beyond, so nothing is said of these values. Continue it with "
+            "--resume, or under another version start over with --force."
         )
 
 
@@ -287,13 +293,14 @@ def _not_determined(found: Verdict) -> list[str]:
     lines = []
     if blind:
         lines.append(
-            f"not determined by themselves: {', '.join(blind)} (no such record can tell them apart: "
-            "changed together they leave every measured signal as it is; only the products above count)"
+            f"Not determined by themselves: {', '.join(blind)}. No record of these channels can tell "
+            "them apart: changed together, they leave every measured signal as it is. Only their "
+            "products count."
         )
     if weak:
         lines.append(
-            f"not determined: {', '.join(weak)} (a longer or cleaner record could show them; this one "
-            "leaves them mostly to the prior)"
+            f"Not determined: {', '.join(weak)}. This record leaves them mostly to the prior. A longer "
+            "or cleaner one could show them."
         )
     return lines
 
