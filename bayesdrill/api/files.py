@@ -296,17 +296,17 @@ def cache(*, clear: bool = False) -> str:
 
     Raises `InputError` where the folder is refused, or cannot be cleared.
     """
-    from bayesdrill.rig.kernels.cache import OFF, VARIABLE, user_cache
+    from bayesdrill.rig.kernels.cache import CACHE_OFF, CACHE_VARIABLE, user_cache
 
     kept = user_cache()
     if kept.folder is None:
-        return f"compiled kernels are not kept: {VARIABLE}={OFF}"
+        return f"compiled kernels are not kept: {CACHE_VARIABLE}={CACHE_OFF}"
     try:
         if clear:
             kept.clear()
         sizes = kept.sizes
     except OSError as error:
         reason = error.strerror or str(error)
-        message = f"{reason}; mend this, or name another folder by {VARIABLE}"
+        message = f"{reason}; mend this, or name another folder by {CACHE_VARIABLE}"
         raise InputError.one(str(kept.folder), message) from None
     return f"{kept.folder}: {len(sizes)} compiled kernels, {sum(sizes) / 1e6:.1f} MB"

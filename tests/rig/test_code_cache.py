@@ -21,10 +21,10 @@ from oracles import NOMINAL
 from rigs import vector
 
 from bayesdrill.rig.kernels import cache
-from bayesdrill.rig.kernels.cache import VARIABLE, CodeCache, user_cache
+from bayesdrill.rig.kernels.cache import CACHE_VARIABLE, CodeCache, user_cache
 from bayesdrill.rig.kernels.compiling import compile_kernel
 from bayesdrill.rig.kernels.recurrence import write_response
-from bayesdrill.rig.kernels.step_arguments import Shape
+from bayesdrill.rig.kernels.step_arguments import SteppedShape
 from bayesdrill.rig.kernels.sums import LOGS, SQUARES
 from bayesdrill.rig.kernels.time_stepping import write_stepping
 from bayesdrill.rig.models.motor_shaft import MotorShaft
@@ -59,14 +59,14 @@ def test_files_and_their_folder_belong_to_the_user_alone(kept: CodeCache) -> Non
 
 
 def test_nothing_is_kept_where_it_is_switched_off(tmp_path: Path) -> None:
-    off = user_cache({VARIABLE: "off"})
+    off = user_cache({CACHE_VARIABLE: "off"})
     off.store(KEY, CODE)
     assert off.load(KEY) is None
     assert off.sizes == ()
     off.clear()
-    moved = user_cache({VARIABLE: str(tmp_path)})
+    moved = user_cache({CACHE_VARIABLE: str(tmp_path)})
     assert moved.folder == tmp_path / "kernels"
-    assert user_cache({}).folder == user_cache({VARIABLE: ""}).folder
+    assert user_cache({}).folder == user_cache({CACHE_VARIABLE: ""}).folder
     assert "bayesdrill" in str(user_cache({}).folder)
 
 
@@ -265,7 +265,7 @@ def environment(**own: str) -> Iterator[None]:
 def squares(folder: Path) -> np.ndarray:
     """Of a step, by a kernel of the cache in this folder."""
     compile_kernel.cache_clear()
-    with environment(**{VARIABLE: str(folder)}):
+    with environment(**{CACHE_VARIABLE: str(folder)}):
         return Response(MotorShaft(), response("step").experiment).squares(THETA)
 
 
@@ -293,15 +293,15 @@ def test_damaged_code_is_compiled_again(tmp_path: Path) -> None:
 
 def test_the_cache_is_shown_and_cleared_by_a_command(tmp_path: Path) -> None:
     squares(tmp_path)
-    with environment(**{VARIABLE: str(tmp_path)}):
+    with environment(**{CACHE_VARIABLE: str(tmp_path)}):
         assert f"{tmp_path / 'kernels'}: 1 compiled kernels, 0.0 MB" in systems.cli("cache").out
         assert "0 compiled kernels" in systems.cli("cache", "--clear").out
         (tmp_path / "kernels").chmod(0o755)
         refused = systems.cli("cache")
         assert refused.status == 2
         assert "chmod 700" in refused.err
-        assert VARIABLE in refused.err
-    with environment(**{VARIABLE: "off"}):
+        assert CACHE_VARIABLE in refused.err
+    with environment(**{CACHE_VARIABLE: "off"}):
         assert "BAYESDRILL_CACHE=off" in systems.cli("cache").out
 
 
@@ -326,11 +326,11 @@ def code(write: Callable[..., None], *structures: Any) -> str:
     return str(module)
 
 
-def rubbing(model: MotorShaft, **own: Any) -> Shape:
+def rubbing(model: MotorShaft, **own: Any) -> SteppedShape:
     pattern = ((True,) * (len(model.states) + 1),)
     usual = {"tally": SQUARES, "dual": False, "read": False, "single": False, "efforts": False}
     named = {"series": ("v",), "late": (), "constant": (), "first_order": True, "gaps": False}
-    return Shape(**{"model": model, "pattern": pattern, "turns": 4, **usual, **named, **own})
+    return SteppedShape(**{"model": model, "pattern": pattern, "turns": 4, **usual, **named, **own})
 
 
 def test_kernels_have_one_text_where_they_have_one_code() -> None:

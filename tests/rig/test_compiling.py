@@ -12,7 +12,7 @@ from llvmlite import ir
 from oracles import NOMINAL
 from rigs import vector
 
-from bayesdrill.rig.kernels.compiling import compile_kernel, linked, machine_code
+from bayesdrill.rig.kernels.compiling import compile_kernel, link_code, machine_code
 from bayesdrill.rig.kernels.recurrence import write_response
 from bayesdrill.rig.models.motor_shaft import MotorShaft
 from bayesdrill.rig.simulators.exact import Response, layout
@@ -38,10 +38,10 @@ def doubling() -> ir.Module:
 def test_code_that_is_kept_takes_little() -> None:
     """Without the compiler's own tables, 0.8 MB an engine and 2 to 5 of those of a rig."""
     code = machine_code(doubling())
-    first = linked(code)
+    first = link_code(code)
     gc.collect()
     before = resident()
-    engines = [linked(code) for _ in range(MANY)]
+    engines = [link_code(code) for _ in range(MANY)]
     gc.collect()
     assert resident() - before < 0.3 * MANY
     kind = ctypes.CFUNCTYPE(ctypes.c_double, ctypes.c_double)

@@ -19,8 +19,8 @@ from functools import cached_property
 from pathlib import Path
 from typing import IO
 
-VARIABLE = "BAYESDRILL_CACHE"  # in the environment: another folder, or ...
-OFF = "off"  # ... no cache at all
+CACHE_VARIABLE = "BAYESDRILL_CACHE"  # in the environment: another folder, or ...
+CACHE_OFF = "off"  # ... no cache at all
 MAX_FILES, MAX_BYTES = 1000, 256 * 1024**2
 _DIGEST_BYTES = hashlib.sha256().digest_size
 _NAMES = re.compile(r"[0-9a-f]{64}(\.[0-9a-f]+\.tmp)?")  # of our own files; others are left alone
@@ -91,7 +91,7 @@ class CodeCache:
         """
         if self.folder is None or not self._supported:
             raise FileNotFoundError(
-                f"machine code is not kept: {VARIABLE}={OFF}, or no such system"
+                f"machine code is not kept: {CACHE_VARIABLE}={CACHE_OFF}, or no such system"
             )
         if create:
             self.folder.parent.mkdir(parents=True, exist_ok=True)
@@ -121,8 +121,8 @@ class CodeCache:
 
 def user_cache(environment: Mapping[str, str] = os.environ) -> CodeCache:
     """Return the cache of this user: where the environment says, or where the system has caches."""
-    named = environment.get(VARIABLE, "")
-    if named == OFF:
+    named = environment.get(CACHE_VARIABLE, "")
+    if named == CACHE_OFF:
         return CodeCache(None)
     if named:
         return CodeCache(Path(named) / "kernels")
@@ -168,10 +168,10 @@ def _write(name: str, content: bytes, folder: int) -> None:
 
 def _files(folder: int) -> dict[str, os.stat_result]:
     """Our own files by name, those that are being written among them."""
-    found = {}
+    files = {}
     with os.scandir(folder) as entries:
         for entry in entries:
             if _NAMES.fullmatch(entry.name):
                 with suppress(FileNotFoundError):
-                    found[entry.name] = entry.stat(follow_symlinks=False)
-    return found
+                    files[entry.name] = entry.stat(follow_symlinks=False)
+    return files

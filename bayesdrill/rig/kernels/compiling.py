@@ -30,7 +30,7 @@ from bayesdrill.rig.kernels.cache import CodeCache, user_cache
 PASSES = ("sroa", "instruction_combine", "simplify_cfg")
 # Of how hard it looks for machine code: harder takes a quarter as long again, for 2 to 3 % in kernels of
 # few loops that keep the processor's arithmetic busy, and nothing in the others.
-EFFORT, HARDER = 1, 2
+OPT_LEVEL, HIGH_OPT_LEVEL = 1, 2
 
 
 class Structure(Protocol):
@@ -44,7 +44,7 @@ class Structure(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class Kernel:
-    """Functions by name, of 64-bit counts and addresses, and what owns their machine code."""
+    """Functions by name, of 64-bit counts and addresses, and the owner of their machine code."""
 
     functions: Mapping[str, Callable[..., None]]
     engine: Any = field(repr=False)
@@ -55,19 +55,21 @@ class Kernel:
 
 @cache
 def compile_kernel(
-    write: Callable[..., None], *structures: Structure | str, effort: int = EFFORT
+    write: Callable[..., None], *structures: Structure | str, effort: int = OPT_LEVEL
 ) -> Kernel:
     """Return the kernel that `write(module, *structures)` writes, from the cache if it is there."""
-    texts = [one if isinstance(one, str) else one.text for one in structures]
+    texts = [
+        structure if isinstance(structure, str) else structure.text for structure in structures
+    ]
     key = "\n".join([write.__qualname__, *_toolchain(effort), *texts])
-    kept = user_cache() if _sources() else CodeCache(None)
-    code = kept.load(key)
+    cache = user_cache() if _sources() else CodeCache(None)
+    code = cache.load(key)
     if code is None:
         with _no_garbage_collection():
             module = ir.Module(write.__module__)
             write(module, *structures)
             code = _pack(module, effort)
-        kept.store(key, code)
+        cache.store(key, code)
     return _unpack(code)
 
 
@@ -107,14 +109,14 @@ def _processor() -> tuple[str, str]:
 
 def _pack(module: ir.Module, effort: int) -> bytes:
     """The machine code of `module`, after a line that says how many arguments each function has."""
-    found = (f for f in module.functions if not f.is_declaration and f.linkage != "internal")
-    line = json.dumps({function.name: len(function.args) for function in found})
+    exported = (f for f in module.functions if not f.is_declaration and f.linkage != "internal")
+    line = json.dumps({function.name: len(function.args) for function in exported})
     return line.encode() + b"\n" + machine_code(module, effort)
 
 
 def _unpack(packed: bytes) -> Kernel:
     line, _, code = packed.partition(b"\n")
-    engine = linked(code)
+    engine = link_code(code)
     functions = {}
     for name, count in json.loads(line).items():
         prototype = ctypes.CFUNCTYPE(None, *[ctypes.c_int64] * count)
@@ -122,7 +124,7 @@ def _unpack(packed: bytes) -> Kernel:
     return Kernel(functions, engine)
 
 
-def machine_code(module: ir.Module, effort: int = EFFORT) -> bytes:
+def machine_code(module: ir.Module, effort: int = OPT_LEVEL) -> bytes:
     """Compile `module` for this processor into an object file."""
     import llvmlite.binding as llvm
 
@@ -138,7 +140,7 @@ def machine_code(module: ir.Module, effort: int = EFFORT) -> bytes:
     return code
 
 
-def linked(code: bytes) -> Any:
+def link_code(code: bytes) -> Any:
     """Return the engine that owns the functions of an object file, ready to be called.
 
     The engine holds machine code alone: a module of LLVM and a target that has compiled take ten times
@@ -152,7 +154,7 @@ def linked(code: bytes) -> Any:
     return engine
 
 
-def _target(effort: int = EFFORT) -> Any:
+def _target(effort: int = OPT_LEVEL) -> Any:
     import llvmlite.binding as llvm
 
     llvm.initialize_native_target()

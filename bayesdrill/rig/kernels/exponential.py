@@ -1,8 +1,9 @@
-"""The layout of a rig's matrix, which kernels are specialised for, its exponential over a span of time,
-and the action of that on a state by a Taylor series.
+"""The layout of a rig's matrix, and its exponential over a span of time.
 
-Numbers of an experiment are no part of the layout: its step, its start, its constant inputs and the
-weights of its channels are arguments of kernels, so that experiments of one layout share them.
+Kernels are specialised for the layout.  Numbers of an experiment are no part of it: its step, its
+start, its constant inputs and the weights of its channels are arguments of kernels, so that
+experiments of one layout share them.  Besides the whole exponential there is its action on a state
+by a Taylor series.
 
 The matrix is divided by a number of each lane, `norm`, near the spectral radius of its absolute
 values: then no power of it overflows, and few terms are enough.
@@ -28,8 +29,8 @@ from bayesdrill.rig.kernels.lanes import (
     VEC,
     VECTORS,
     Builder,
-    Lane,
     Loop,
+    Vector,
     begin_function,
     vector,
     whole_numbers,
@@ -38,18 +39,19 @@ from bayesdrill.rig.models.linear import Model
 
 Entries = Callable[[Sequence[Any]], Sequence[tuple[int, int, Any]]]
 Pattern = tuple[tuple[bool, ...], ...]
-Kinds = tuple[tuple[int, ...], ...]
-ANY = 2  # other numbers than 0, 1 and -1
+WeightKinds = tuple[tuple[int, ...], ...]
+OTHER_WEIGHT = 2  # other numbers than 0, 1 and -1
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Layout:
-    """`entries(numbers)`: (row, column, value) of the augmented N x N matrix, of the rig's
-    `n_parameters` and then of the `n_constants` inputs that are constant.
+    """The augmented N x N matrix of a rig, for which kernels are specialised.
 
-    Its columns are X states, one constant input, `n_series` sampled inputs and, with a first-order
-    hold, their increments; a place may come more than once.  `lead`: whether the start is before the
-    first sample.  `channels (K, X)`: weights of states, see `weight_kinds`.
+    `entries(numbers)` gives its (row, column, value), of the rig's `n_parameters` and then of the
+    `n_constants` inputs that are constant; entries of one place add up.  Its columns are X states,
+    one constant input, `n_series` sampled inputs and, with a first-order hold, their increments.
+    `lead`: whether the start is before the first sample.  `channels (K, X)`: weights of states, see
+    `weight_kinds`.
     """
 
     n_parameters: int
@@ -59,20 +61,20 @@ class Layout:
     first_order: bool
     entries: Entries
     lead: bool = False
-    channels: Kinds = ()
+    channels: WeightKinds = ()
 
     @classmethod
-    def of(
+    def from_model(
         cls, model: Model, series: tuple[str, ...], constant: tuple[str, ...], *, first_order: bool
     ) -> Layout:
-        """Of a rig with sampled inputs, and others that are constant and not zero."""
+        """Build the layout of a rig with sampled inputs, and others that are constant and not zero."""
         return cls(
             n_parameters=len(model.parameters),
             n_constants=len(constant),
             n_states=len(model.states),
             n_series=len(series),
             first_order=first_order and bool(series),
-            entries=Augmented(model, with_slopes(series, first_order=first_order), constant),
+            entries=AugmentedMatrix(model, with_slopes(series, first_order=first_order), constant),
         )
 
     @property
@@ -83,20 +85,22 @@ class Layout:
 
     @property
     def n_numbers(self) -> int:
+        """Arguments of `entries`."""
         return self.n_parameters + self.n_constants
 
     @property
     def size(self) -> int:
+        """Rows and columns N."""
         return self.n_states + 1 + self.n_series * (2 if self.first_order else 1)
 
     @property
     def reach(self) -> Pattern:
         """Entries of the exponential that can differ from zero."""
-        return reach_of(self._pattern)
+        return reachable_entries(self._pattern)
 
     @property
     def idle(self) -> tuple[bool, ...]:
-        """Columns of zeros: on that nothing depends, and its own entry of the exponential is one."""
+        """Columns of zeros: nothing depends on that state, and its entry of the exponential is one."""
         return tuple(not column for column in self._pattern.any(axis=0))
 
     @property
@@ -107,46 +111,51 @@ class Layout:
         return pattern
 
     def matrix(self, b: Builder, parameters: ir.Value, constants: ir.Value) -> Matrix:
-        """The entries, each place once, of parameters `(P, LANES)` and constant inputs `(C,)`."""
-        lanes = [Lane(b, b.read(parameters, p)) for p in range(self.n_parameters)]
+        """Return the entries of parameters `(P, LANES)` and constant inputs `(C,)`."""
+        lanes = [Vector(b, b.read(parameters, p)) for p in range(self.n_parameters)]
         return self.entries([*lanes, *(number(b, constants, c) for c in range(self.n_constants))])
 
 
-Matrix = Sequence[tuple[int, int, Lane | float]]
+Matrix = Sequence[tuple[int, int, Vector | float]]
 
 
-def number(b: Builder, base: ir.Value, index: int) -> Lane:
-    """The same of all lanes, from a block of single numbers."""
-    return Lane(b, b.splat(b.load(b.gep(base, [I64(index)]))))
+def number(b: Builder, base: ir.Value, index: int) -> Vector:
+    """Load a number from a block of single numbers into all lanes."""
+    return Vector(b, b.splat(b.load(b.gep(base, [I64(index)]))))
 
 
 def addresses(
     b: Builder, block: ir.Value, group: ir.Value, sizes: Mapping[str, int]
 ) -> dict[str, ir.Value]:
-    """Where the parts of a group begin, which stand one after the other and have so many vectors."""
-    found, place = {}, b.gep(block, [b.mul(group, I64(sum(sizes.values())))])
+    """Return where the parts of a group begin, which stand in a row; `sizes` counts their vectors."""
+    starts, start = {}, b.gep(block, [b.mul(group, I64(sum(sizes.values())))])
     for name, size in sizes.items():
-        found[name], place = place, b.gep(place, [I64(size)])
-    return found
+        starts[name], start = start, b.gep(start, [I64(size)])
+    return starts
 
 
-def weight_kinds(weights: NDArray[np.float64]) -> Kinds:
-    """0, 1 and -1 as they are, as most weights are: nothing is multiplied by them; `ANY` for others."""
+def weight_kinds(weights: NDArray[np.float64]) -> WeightKinds:
+    """Return weights 0, 1 and -1 as they are, and `OTHER_WEIGHT` for others.
+
+    Nothing is multiplied by a weight that is known.
+    """
     known = np.isin(weights, (-1.0, 0.0, 1.0))
-    return tuple(map(tuple, np.where(known, weights, ANY).astype(int).tolist()))
+    return tuple(map(tuple, np.where(known, weights, OTHER_WEIGHT).astype(int).tolist()))
 
 
-def weights_of(b: Builder, block: ir.Value, kinds: Kinds, k: int) -> dict[int, Lane]:
-    """Of channel k, those that are not zero, by state, from a block of all `(K, X)`."""
+def channel_weights(b: Builder, block: ir.Value, kinds: WeightKinds, k: int) -> dict[int, Vector]:
+    """Return the weights of channel k that are not zero, by state, from a block of all `(K, X)`."""
     return {
-        i: number(b, block, k * len(kinds[k]) + i) if kind == ANY else Lane(b, vector(float(kind)))
+        i: number(b, block, k * len(kinds[k]) + i)
+        if kind == OTHER_WEIGHT
+        else Vector(b, vector(float(kind)))
         for i, kind in enumerate(kinds[k])
         if kind != 0
     }
 
 
-def reach_of(pattern: NDArray[np.bool_]) -> Pattern:
-    """Entries of exp(M) that can differ from zero, for M with the `pattern (N, N)`."""
+def reachable_entries(pattern: NDArray[np.bool_]) -> Pattern:
+    """Return which entries of exp(M) can differ from zero, for M with the `pattern (N, N)`."""
     reach = pattern | np.eye(len(pattern), dtype=bool)
     for _ in range(len(pattern)):
         reach = reach | (reach.astype(int) @ reach.astype(int) > 0)
@@ -154,11 +163,11 @@ def reach_of(pattern: NDArray[np.bool_]) -> Pattern:
 
 
 @dataclass(frozen=True, slots=True)
-class Augmented:
-    """Entries of the augmented matrix of a rig, see `Layout`.
+class AugmentedMatrix:
+    """The entries of the augmented matrix of a rig, see `Layout`.
 
-    `driven`: columns after the constant one, of which `v slope` is by how much `v` rises.  `constant`:
-    inputs that are and are not zero.
+    `driven`: columns after the constant one, of which `v slope` is by how much `v` rises.
+    `constant`: inputs that are constant and not zero.
     """
 
     model: Model
@@ -184,72 +193,72 @@ class Augmented:
 
 
 def with_slopes(series: Sequence[str], *, first_order: bool) -> tuple[str, ...]:
-    """Columns of sampled inputs."""
+    """Return the columns of sampled inputs: with a first-order hold, also those of their slopes."""
     return (*series, *(f"{name} slope" for name in series)) if first_order else tuple(series)
 
 
 def present(constant: Mapping[str, float]) -> tuple[str, ...]:
-    """Inputs that are constant and not zero: of others the matrix has no entries."""
+    """Return the constant inputs that are not zero: of others the matrix has no entries."""
     return tuple(name for name, value in constant.items() if value != 0.0)
 
 
-def formulas(count: int, evaluate: Callable[[Sequence[Lane]], Any]) -> str:
-    """The code that formulas of `count` numbers become, and what they return of it, as one text.
+def formulas(count: int, evaluate: Callable[[Sequence[Vector]], Any]) -> str:
+    """Return the code that formulas of `count` numbers become, and their result in it, as one text.
 
     Equal formulas have equal texts, wherever they come from.
     """
     kind = ir.FunctionType(ir.VoidType(), [VEC] * count)
     function = ir.Function(ir.Module(), kind, "formulas")
     b = Builder(function.append_basic_block())
-    found = evaluate([Lane(b, argument) for argument in function.args])
-    return f"{function}{_described(found)}"
+    result = evaluate([Vector(b, argument) for argument in function.args])
+    return f"{function}{_described(result)}"
 
 
-def _described(found: Any) -> str:
-    """Numbers by their names in the code, containers by what they hold."""
-    if isinstance(found, Lane):
-        return str(found.value.get_reference())
-    if isinstance(found, Dual):
-        return f"({_described(found.value)}, {_described(found.slope)})"
-    if isinstance(found, Mapping):
-        return _described(list(found.items()))
-    if isinstance(found, list | tuple):
-        return f"[{', '.join(map(_described, found))}]"
-    return repr(float(found) if isinstance(found, float) else found)
+def _described(result: Any) -> str:
+    """Write numbers by their names in the code, containers by what they contain."""
+    if isinstance(result, Vector):
+        return str(result.value.get_reference())
+    if isinstance(result, Dual):
+        return f"({_described(result.value)}, {_described(result.slope)})"
+    if isinstance(result, Mapping):
+        return _described(list(result.items()))
+    if isinstance(result, list | tuple):
+        return f"[{', '.join(map(_described, result))}]"
+    return repr(float(result) if isinstance(result, float) else result)
 
 
 TAYLOR_DEGREE = 16
 TAYLOR_NORM = 0.75  # 0.75**17 / 17! = 2e-17: the truncated series is exact to rounding below it
-MOST_HALVINGS = 60
+MAX_SQUARINGS = 60
 
 _MANTISSA_BITS = 52
 _EXPONENT_BIAS = 1023
 
 
 def emit_exponential(module: ir.Module, layout: Layout, *, increments: bool) -> ir.Function:
-    """`exponential(parameters (P, LANES), constants (C,), spans (LANES,), e (N, N, LANES))`: e = exp of
-    the augmented matrix, each lane over a span of its own.
+    """Write `exponential(parameters (P, LANES), constants (C,), spans (LANES,), e (N, N, LANES))`.
 
-    The last columns are those of the inputs' `increments` over the span, or else of their slopes.
+    It stores e = exp of the augmented matrix, each lane over a span of its own.  The last columns
+    are those of the inputs' `increments` over the span, or else of their slopes.
 
-    Taylor series of degree 16 in powers of the fourth power, then squarings lane by lane.  Both are
-    of e - 1: beside a one, what a slow state does in the shortened span would be lost to rounding
-    where another state is very fast.
+    By scaling and squaring (Moler and Van Loan 2003): a Taylor series of degree 16 in powers of the
+    fourth power, then squarings lane by lane.  Both are of e - 1: beside a one, what a slow state
+    does in the shortened span would be lost to rounding where another state is very fast.
     """
     product = _emit_product(module, layout)
-    made, b = begin_function(module, "exponential", 0, [VECTORS, NUMBERS, VECTORS, VECTORS])
-    parameters, constants, spans, e = made.args
+    function, b = begin_function(module, "exponential", 0, [VECTORS, NUMBERS, VECTORS, VECTORS])
+    parameters, constants, spans, e = function.args
     n, reach = layout.size, layout.reach
     reached = [i * n + j for i in range(n) for j in range(n) if reach[i][j]]
     scratch = b.alloca(VEC, I64(5 * n * n))
     a, second, third, fourth, spare = (b.gep(scratch, [I64(k * n * n)]) for k in range(5))
-    matrix, span = layout.matrix(b, parameters, constants), Lane(b, b.read(spans, 0))
+    matrix, span = layout.matrix(b, parameters, constants), Vector(b, b.read(spans, 0))
     halvings = _emit_scaled_matrix(b, layout, _timed(layout, matrix, span, increments), a)
     for out, left, right in ((second, a, a), (third, second, a), (fourth, second, second)):
         b.call(product, [out, left, right])
 
     def add_terms(base: ir.Value | None, first: int) -> None:
-        """e = base + sum of A^k / (first + k)! for k = 0..3 (and 4 at the top)."""
+        """Store e = base + sum of A^k / (first + k)! for k = 0..3 (and 4 at the top)."""
         for entry in reached:
             terms = list(enumerate((a, second, third), start=1))
             if base is None:
@@ -280,26 +289,26 @@ def emit_exponential(module: ir.Module, layout: Layout, *, increments: bool) -> 
     for entry in range(0, n * n, n + 1):
         b.write(b.fadd(b.read(e, entry), vector(1.0)), e, entry)
     b.ret_void()
-    return made
+    return function
 
 
 ExponentialEntries = dict[tuple[int, int], ir.Value]
 
 
-def _timed(layout: Layout, matrix: Matrix, span: Lane, increments: bool) -> ExponentialEntries:
-    """What stands at each place, times the span."""
-    found: dict[tuple[int, int], Lane | float] = {}
+def _timed(layout: Layout, matrix: Matrix, span: Vector, increments: bool) -> ExponentialEntries:
+    """Return the entries by place, times the span."""
+    entries: dict[tuple[int, int], Vector | float] = {}
     for row, column, value in matrix:
         # Rows below the states stand for increments per step, whatever the step is, or for slopes.
         timed = value if increments and row >= layout.n_states else value * span
-        found[row, column] = found.get((row, column), 0.0) + timed
-    return {place: _value(entry) for place, entry in found.items()}
+        entries[row, column] = entries.get((row, column), 0.0) + timed
+    return {index: _value(entry) for index, entry in entries.items()}
 
 
 def _emit_scaled_matrix(
     b: Builder, layout: Layout, values: ExponentialEntries, a: ir.Value
 ) -> ir.Value:
-    """The matrix of these `values` into `a`, halved until its series converges: how often."""
+    """Store the matrix of `values` at `a`, halved until its series converges; return how often."""
     n, x = layout.size, layout.n_states
     # The size of the inputs' columns does not matter: the series in A alone converges.
     norm = vector(0.0)
@@ -321,26 +330,26 @@ def _emit_scaled_matrix(
 
 
 def emit_halvings(b: Builder, norm: ir.Value, bound: float) -> ir.Value:
-    """The least h >= 0 with norm / 2**h <= `bound`, read off the bits of the quotient."""
+    """Return the least h >= 0 with norm / 2**h <= `bound`, read off the bits of the quotient."""
     bits = b.bitcast(b.fdiv(norm, vector(bound)), INT_VEC)
     exponent = b.sub(b.lshr(bits, whole_numbers(_MANTISSA_BITS)), whole_numbers(_EXPONENT_BIAS))
     mantissa = b.and_(bits, whole_numbers((1 << _MANTISSA_BITS) - 1))
     above = b.icmp_signed("!=", mantissa, whole_numbers(0))
     least = b.add(exponent, b.zext(above, INT_VEC))
-    for limit, side in ((0, "<"), (MOST_HALVINGS, ">")):
+    for limit, side in ((0, "<"), (MAX_SQUARINGS, ">")):
         end = whole_numbers(limit)
         least = b.select(b.icmp_signed(side, least, end), end, least)
     return least
 
 
-def _value(entry: Lane | float) -> ir.Value:
-    return entry.value if isinstance(entry, Lane) else vector(float(entry))
+def _value(entry: Vector | float) -> ir.Value:
+    return entry.value if isinstance(entry, Vector) else vector(float(entry))
 
 
 def _emit_product(module: ir.Module, layout: Layout) -> ir.Function:
-    """out = a b, over the entries in reach."""
-    made, b = begin_function(module, "product", 0, [VECTORS] * 3)
-    out, left, right = made.args
+    """Write `product(out, a, b)` over the entries in reach."""
+    function, b = begin_function(module, "product", 0, [VECTORS] * 3)
+    out, left, right = function.args
     n, reach = layout.size, layout.reach
     for i in range(n):
         row = {k: b.read(left, i * n + k) for k in range(n) if reach[i][k]}
@@ -350,22 +359,22 @@ def _emit_product(module: ir.Module, layout: Layout) -> ir.Function:
                 total = b.fma(row[k], b.read(right, k * n + j), total)
             b.write(total, out, i * n + j)
     b.ret_void()
-    return made
+    return function
 
 
-DEGREE = 12
-REACH = 0.25  # largest norm times span that a series is asked for
-TAIL = 1e-16  # of a truncated series, at the ends of a cell
-BALANCINGS = 6
-DEEPEST = 50  # halvings of a span: below, it is lost in the rounding of a time
-LARGEST = 1e100  # of norms: a lane beyond has overflown
+MAX_SERIES_DEGREE = 12
+MAX_SERIES_NORM = 0.25  # largest norm times span that a series is asked for
+SERIES_TAIL = 1e-16  # of a truncated series, at the ends of a cell
+BALANCING_ROUNDS = 6
+MAX_SPAN_HALVINGS = 50  # halvings of a span: below, it is lost in the rounding of a time
+MAX_NORM = 1e100  # of norms: a lane beyond has overflown
 
 Values = list[ir.Value]
 Use = Callable[[ir.Value, Values, Values], Values]
 
 
-def places_of(layout: Layout) -> list[tuple[int, int]]:
-    """(row, column) of entries of A, c and B that the rig has."""
+def rate_entries(layout: Layout) -> list[tuple[int, int]]:
+    """Return (row, column) of the entries of A, c and B that the rig has."""
     entries = layout.entries([1.0] * layout.n_numbers)
     return sorted({(row, column) for row, column, _ in entries if row < layout.n_states})
 
@@ -373,29 +382,29 @@ def places_of(layout: Layout) -> list[tuple[int, int]]:
 def emit_rates(
     b: Builder, layout: Layout, matrix: Matrix, least: ir.Value, out: ir.Value
 ) -> ir.Value:
-    """Entries at `places_of`, divided by norm, into `out`: norm, which is not below `least`."""
-    entries: dict[tuple[int, int], Lane | float] = {}
+    """Store the entries at `rate_entries`, divided by norm; return norm, not below `least`."""
+    entries: dict[tuple[int, int], Vector | float] = {}
     for row, column, value in matrix:
         if row < layout.n_states:
             entries[row, column] = entries.get((row, column), 0.0) + value
-    values = {place: _value(entry) for place, entry in entries.items()}
+    values = {index: _value(entry) for index, entry in entries.items()}
     norm = _emit_norm(b, layout.n_states, values)
     fit = b.fcmp_ordered(">", norm, least)
-    fit = b.and_(fit, b.fcmp_ordered("<", norm, vector(LARGEST)))
+    fit = b.and_(fit, b.fcmp_ordered("<", norm, vector(MAX_NORM)))
     norm = b.select(fit, norm, least)
     over = b.fdiv(vector(1.0), norm)
-    for index, place in enumerate(places_of(layout)):
-        b.write(b.fmul(values[place], over), out, index)
+    for index, entry in enumerate(rate_entries(layout)):
+        b.write(b.fmul(values[entry], over), out, index)
     return norm
 
 
 def _emit_norm(b: Builder, x: int, values: dict[tuple[int, int], ir.Value]) -> ir.Value:
-    """The largest sum of a row of D^-1 |A| D, which is a norm for any scales D > 0 of the states.
+    """Return the largest row sum of D^-1 |A| D, which is a norm for any scales D > 0 of the states.
 
-    Units of states are of any size; each round takes for D the mean of D and |A| D, both as logs.
+    Units of states are of any size; each round takes for D the geometric mean of D and |A| D.
     """
-    size = {place: b.absolute(value) for place, value in values.items() if place[1] < x}
-    rounds = Loop(b, I64(BALANCINGS), [vector(1.0)] * x + [vector(math.inf)], "rounds")
+    size = {index: b.absolute(value) for index, value in values.items() if index[1] < x}
+    rounds = Loop(b, I64(BALANCING_ROUNDS), [vector(1.0)] * x + [vector(math.inf)], "rounds")
     scales, best = rounds.carried[:x], rounds.carried[x]
     norm, new = vector(0.0), []
     for row in range(x):
@@ -415,10 +424,10 @@ def _emit_norm(b: Builder, x: int, values: dict[tuple[int, int], ir.Value]) -> i
 class Cell:
     """Spans up to the `width` of a cell, halved in each lane until a series is short enough.
 
-    `halvings`: how often (whole numbers); `power`: 2 to that; `half`: 1/2 in lanes without any,
-    whose series begins in the middle of a cell, 0 in others; `unit`: norm times the width halved;
-    `weights`: 1/k or, beyond the degree of the lane, 0; `count`: largest degree, at least 3; `depth`:
-    most halvings.
+    `halvings`: how often (integers); `power`: 2 to that; `half`: 1/2 in lanes without any, whose
+    series begins in the middle of a cell, 0 in others; `unit`: norm times the width halved;
+    `weights`: 1/k or, beyond the degree of the lane, 0; `count`: largest degree, at least 3;
+    `depth`: most halvings.
     """
 
     halvings: ir.Value
@@ -431,25 +440,30 @@ class Cell:
 
 
 def emit_cell(
-    b: Builder, norm: ir.Value, width: ir.Value, weights: ir.Value, *, tail: float = TAIL
+    b: Builder, norm: ir.Value, width: ir.Value, weights: ir.Value, *, tail: float = SERIES_TAIL
 ) -> Cell:
+    """Choose halvings and degree of each lane's series, and store its `weights`.
+
+    What the truncated series leaves out at the ends of a cell is about `tail`, relative to the
+    state.
+    """
     whole = b.fmul(norm, b.splat(width))
-    short = b.fcmp_ordered("<=", whole, vector(2 * REACH))
-    halvings = b.select(short, whole_numbers(0), emit_halvings(b, whole, REACH))
-    deep = b.icmp_signed(">", halvings, whole_numbers(DEEPEST))
-    halvings = b.select(deep, whole_numbers(DEEPEST), halvings)
+    short = b.fcmp_ordered("<=", whole, vector(2 * MAX_SERIES_NORM))
+    halvings = b.select(short, whole_numbers(0), emit_halvings(b, whole, MAX_SERIES_NORM))
+    deep = b.icmp_signed(">", halvings, whole_numbers(MAX_SPAN_HALVINGS))
+    halvings = b.select(deep, whole_numbers(MAX_SPAN_HALVINGS), halvings)
     exponent = b.add(halvings, whole_numbers(1023))
     power = b.bitcast(b.shl(exponent, whole_numbers(52)), VEC)
     unit = b.fdiv(whole, power)
     half = b.select(short, vector(0.5), vector(0.0))
     size = b.select(short, b.fmul(unit, vector(0.5)), unit)
     degree = b.select(deep, whole_numbers(0), whole_numbers(1))
-    for k in range(1, DEGREE):
+    for k in range(1, MAX_SERIES_DEGREE):
         enough = (tail * math.factorial(k + 1)) ** (1 / (k + 1))
         more = b.fcmp_ordered(">", size, vector(enough))
         more = b.and_(more, b.icmp_signed("==", degree, whole_numbers(k)))
         degree = b.add(degree, b.zext(more, INT_VEC))
-    for k in range(1, DEGREE + 1):
+    for k in range(1, MAX_SERIES_DEGREE + 1):
         wanted = b.icmp_signed(">=", degree, whole_numbers(k))
         b.write(b.select(wanted, vector(1 / k), vector(0.0)), weights, k)
     count = b.largest(
@@ -468,45 +482,45 @@ def emit_terms(
     start: Values,
     use: Use,
 ) -> Values:
-    """Derivatives of the state, the k-th times `over`**k (one over norm), k = 1 to `count` >= 3.
+    """Evaluate derivatives of the state, the k-th times `over`**k (one over norm).
 
-    At state, inputs and slopes of inputs (`values`).  `use(k, term, carried)` gives what is
-    carried on from `start`.
+    For k = 1 to `count` >= 3, at state, inputs and slopes of inputs (`values`).  `use(k, term,
+    carried)` returns what is carried on from `start`.
     """
     state, inputs, slopes = values
     x = layout.n_states
     columns = dict(enumerate(state))
     columns |= {x: vector(1.0)} | {x + 1 + n: value for n, value in enumerate(inputs)}
     term = _emit_rate(b, layout, rates, columns)
-    carried = use(I64(1), term, start)
+    result = use(I64(1), term, start)
     columns = dict(enumerate(term))
     if layout.first_order:
         columns |= {x + 1 + n: b.fmul(value, over) for n, value in enumerate(slopes)}
     term = _emit_rate(b, layout, rates, columns)
-    carried = use(I64(2), term, carried)
-    more = Loop(b, b.sub(count, I64(2)), [*term, *carried], "terms")
+    result = use(I64(2), term, result)
+    more = Loop(b, b.sub(count, I64(2)), [*term, *result], "terms")
     term = _emit_rate(b, layout, rates, dict(enumerate(more.carried[:x])))
-    carried = use(b.add(more.index, I64(3)), term, more.carried[x:])
-    more.close([*term, *carried])
-    return carried
+    result = use(b.add(more.index, I64(3)), term, more.carried[x:])
+    more.close([*term, *result])
+    return result
 
 
 def _emit_rate(b: Builder, layout: Layout, rates: ir.Value, columns: dict[int, ir.Value]) -> Values:
-    found = []
+    rate = []
     for row in range(layout.n_states):
-        places = [(n, c) for n, (r, c) in enumerate(places_of(layout)) if r == row]
-        terms = [(b.read(rates, n), columns[c]) for n, c in places if c in columns]
-        found.append(emit_sum(b, terms))
-    return found
+        columns_of_row = [(n, c) for n, (r, c) in enumerate(rate_entries(layout)) if r == row]
+        terms = [(b.read(rates, n), columns[c]) for n, c in columns_of_row if c in columns]
+        rate.append(emit_sum(b, terms))
+    return rate
 
 
 def emit_sum(b: Builder, terms: list[tuple[ir.Value, ir.Value]]) -> ir.Value:
-    """Of products, in two halves: it takes as long as its longest chain of additions."""
+    """Return a sum of products, added up in two halves to shorten the chain of additions."""
     halves = [terms[: len(terms) // 2], terms[len(terms) // 2 :]]
     totals = []
     for half in (half for half in halves if half):
         total = b.fmul(*half[0])
-        for one, other in half[1:]:
-            total = b.fma(one, other, total)
+        for factor, other in half[1:]:
+            total = b.fma(factor, other, total)
         totals.append(total)
     return b.fadd(*totals) if len(totals) == 2 else totals[0] if totals else vector(0.0)

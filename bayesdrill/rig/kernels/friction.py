@@ -1,17 +1,16 @@
-"""One step of a rig with friction: which way each friction slips or that it sticks, and the linear
-rig in between.
+"""One step of a rig with friction, in which each friction slips on or sticks on.
 
     x_i+ = rows[i] (x, 1, drive, sizes of frictions that vary)
 
-What a steady friction does is part of what is constant; what sticks takes what it has to, which is
-linear in the rest, so that its own row is zero and its angle's row keeps the angle.  All of it stands
-in memory, as it changes rarely.
+As long as each friction slips in one direction or sticks, the rig is a linear one: its
+`FrictionMode`.  What a steady friction does is part of what is constant; what sticks takes what it
+has to, which is linear in the rest, so that its own row is zero and its angle's row keeps the
+angle.  All of it stands in memory, as it changes rarely.
 
     x+ = Phi x + g + Gamma u + Gamma_f f
 
-As long as each friction slips one way or sticks, the rig is a linear one: its `Regime`.  A size that
-changes with the speed is taken at the mean of the speeds at both ends.  Where a speed changes its sign,
-or what stuck lets go, see `Turning`.
+A size that changes with the speed is taken at the mean of the speeds at both ends.  Where a speed
+changes its sign, or what stuck lets go, see `ReversalStep`.
 """
 
 from __future__ import annotations
@@ -23,49 +22,55 @@ from functools import cached_property
 from llvmlite import ir
 
 from bayesdrill.basics.duals import Dual, dual, size, where
-from bayesdrill.rig.kernels.lanes import Lane, Mask, vector
+from bayesdrill.rig.kernels.lanes import Mask, Vector, vector
 from bayesdrill.rig.kernels.numbers import (
     Column,
-    Kind,
     Number,
+    NumberKind,
     above,
-    fused,
-    goes_on,
-    sticking,
-    total,
-    way_of,
+    is_sticking,
+    keeps_direction,
+    multiply_add,
+    slip_direction,
+    sum_products,
 )
 from bayesdrill.rig.models.friction import Law
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Rub:
-    """`row`: the place of its speed; `holds`: of its angle; `column`: what a unit of it does to
-    states in a step, and `over`: minus one over that to its own speed.  `pull`, `pull_base`: what it
-    has to hold, of states and drive.  `steady`: its size, of a law that is steady.
+class StepFriction:
+    """A friction in a step, with what it does to the states.
+
+    `row`: the index of its speed; `angle`: that of its angle; `column`: what a unit of it does to
+    states in a step, and `stop_gain`: minus one over that to its own speed.  `holding_row`,
+    `holding_base`: the effort that keeps its speed, of states and drive.  `steady`: its size, of a
+    law that is steady.
     """
 
     row: int
-    holds: int | None
+    angle: int | None
     column: Column
-    over: Number
-    pull: Column
-    pull_base: Number
+    stop_gain: Number
+    holding_row: Column
+    holding_base: Number
     law: Law
     steady: Number | None
 
-    def held(self, state: Sequence[Number], drive: Column) -> Number:
-        """What it takes to keep the speed as it is."""
-        return total(self.pull_base, along(self.pull, state, drive))
+    def holding_effort(self, state: Sequence[Number], drive: Column) -> Number:
+        """Return the effort that keeps the speed as it is."""
+        return sum_products(self.holding_base, row_terms(self.holding_row, state, drive))
 
     def size(
-        self, parameters: Mapping[str, Number], speed: Number, seen: Mapping[str, Number]
+        self, parameters: Mapping[str, Number], speed: Number, signals: Mapping[str, Number]
     ) -> Number:
-        return self.law.size(parameters, size(speed), seen) if self.steady is None else self.steady
+        """Return the size of the friction at a speed."""
+        return (
+            self.law.size(parameters, size(speed), signals) if self.steady is None else self.steady
+        )
 
 
-def along(row: Column, state: Sequence[Number], drive: Column) -> list[tuple[Number, Number]]:
-    """Terms of a row over states and drive, what is known first at first."""
+def row_terms(row: Column, state: Sequence[Number], drive: Column) -> list[tuple[Number, Number]]:
+    """Return the terms of a row over states and drive, what is known first at first."""
     x = len(state)
     known = [(entry, drive[k]) for k, entry in row.items() if k >= x]
     return known + [(entry, state[k]) for k, entry in row.items() if k < x]
@@ -75,14 +80,16 @@ Rows = list[dict[int, Number]]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Regime:
-    """`rows`: of states over columns (states, one, drive, frictions from `first` on); `shows`: with
-    a row for the effort of each friction.  `block`: room in memory for `size` registers.
+class FrictionMode:
+    """The linear rig while each friction slips in one direction or sticks.
+
+    `rows`: of states over columns (states, one, drive, frictions from `first` on); `shows`: with a
+    row for the effort of each friction.  `block`: room in memory for `size` registers.
     """
 
-    kind: Kind
+    kind: NumberKind
     rows: Rows
-    rubs: Sequence[Rub]
+    frictions: Sequence[StepFriction]
     first: int
     shows: bool
     block: ir.Value
@@ -90,91 +97,99 @@ class Regime:
 
     @staticmethod
     def size(states: int, columns: int, frictions: int) -> int:
-        """Registers, slopes among them."""
+        """Return how many registers it takes, slopes among them."""
         return frictions + 2 * (states + frictions) * (columns + frictions)
 
     @property
-    def one(self) -> int:
+    def constant_column(self) -> int:
+        """The column of what is constant."""
         return len(self.rows)
 
     # Where speeds have changed their signs.
 
     def set(self, state: Sequence[Number]) -> None:
-        """As speeds are: what has none sticks."""
-        b, ways = self.kind.b, [way_of(state[rub.row]) for rub in self.rubs]
+        """Store the rows for the signs of the speeds in `state`; what is at rest sticks."""
+        b, directions = (
+            self.kind.b,
+            [slip_direction(state[friction.row]) for friction in self.frictions],
+        )
         rows = [dict(row) for row in self.rows]
         if self.shows:
-            rows += [{self.first + e: Lane(b, vector(1.0))} for e in range(len(self.rubs))]
-        for e, way in enumerate(ways):
-            self._hold(rows, e, sticking(way))
-        for e, (rub, way) in enumerate(zip(self.rubs, ways, strict=True)):
-            b.write(way.value, self.block, e)
-            if rub.steady is not None:
-                effort = fused(rub.steady, way, None)
+            rows += [{self.first + e: Vector(b, vector(1.0))} for e in range(len(self.frictions))]
+        for e, direction in enumerate(directions):
+            self._hold(rows, e, is_sticking(direction))
+        for e, (friction, direction) in enumerate(zip(self.frictions, directions, strict=True)):
+            b.write(direction.value, self.block, e)
+            if friction.steady is not None:
+                effort = multiply_add(friction.steady, direction, None)
                 for row in rows:
                     entry = row.pop(self.first + e, None)
                     if entry is not None:
-                        row[self.one] = fused(entry, effort, row.get(self.one))
-        self._keep(rows)
+                        row[self.constant_column] = multiply_add(
+                            entry, effort, row.get(self.constant_column)
+                        )
+        self._store(rows)
 
     def _hold(self, rows: Rows, e: int, still: Mask) -> None:
-        """Where friction e sticks: it takes what makes its speed zero."""
-        rub, column = self.rubs[e], self.first + e
-        pivot = dict(rows[rub.row])
+        """Where friction e sticks, let it take what makes its speed zero."""
+        friction, column = self.frictions[e], self.first + e
+        pivot = dict(rows[friction.row])
         stop = -1.0 / pivot.pop(column)
         for i, row in enumerate(rows):
-            if i != rub.row and column in row:
+            if i != friction.row and column in row:
                 share = where(still, row[column] * stop, 0.0)
                 for k, entry in pivot.items():
-                    row[k] = fused(share, entry, row.get(k))
+                    row[k] = multiply_add(share, entry, row.get(k))
         for k in pivot:
-            rows[rub.row][k] = where(still, 0.0, rows[rub.row][k])
-        if rub.holds is not None:
-            held = rows[rub.holds]
-            for k in held:
-                held[k] = where(still, 1.0 if k == rub.holds else 0.0, held[k])
+            rows[friction.row][k] = where(still, 0.0, rows[friction.row][k])
+        if friction.angle is not None:
+            angle = rows[friction.angle]
+            for k in angle:
+                angle[k] = where(still, 1.0 if k == friction.angle else 0.0, angle[k])
 
-    def _keep(self, rows: Rows) -> None:
-        """In the same places each time."""
-        place = len(self.rubs)
+    def _store(self, rows: Rows) -> None:
+        """Store the rows, at the same places each time."""
+        index = len(self.frictions)
         for i, row in enumerate(rows):
             for k in sorted(row):
                 number = dual(row[k])
                 for part in (number.value, number.slope):
-                    if isinstance(part, Lane):
-                        self.kind.b.write(part.value, self.block, place)
-                    place += 1
+                    if isinstance(part, Vector):
+                        self.kind.b.write(part.value, self.block, index)
+                    index += 1
                 self.slots[i, k] = row[k]
 
     # As long as they do not.
 
-    def ways(self) -> list[Lane]:
-        """1 or -1 as it slips, 0 as it sticks."""
-        return [Lane(self.kind.b, self.kind.b.read(self.block, e)) for e in range(len(self.rubs))]
+    def directions(self) -> list[Vector]:
+        """Load the directions: 1 or -1 as a friction slips, 0 as it sticks."""
+        return [
+            Vector(self.kind.b, self.kind.b.read(self.block, e)) for e in range(len(self.frictions))
+        ]
 
-    def now(self) -> Rows:
-        """Read again: it may have changed."""
-        place = len(self.rubs)
-        found: Rows = [{} for _ in range(1 + max(i for i, _ in self.slots))]
+    def read_rows(self) -> Rows:
+        """Load the rows, which may have changed."""
+        index = len(self.frictions)
+        rows: Rows = [{} for _ in range(1 + max(i for i, _ in self.slots))]
         for (i, k), like in self.slots.items():
-            found[i][k] = self._read(like, place)
-            place += 2
-        return found
+            rows[i][k] = self._read(like, index)
+            index += 2
+        return rows
 
-    def _read(self, like: Number, place: int) -> Number:
+    def _read(self, like: Number, index: int) -> Number:
         b = self.kind.b
 
-        def part(number: Lane | float, at: int) -> Lane | float:
-            return Lane(b, b.read(self.block, at)) if isinstance(number, Lane) else number
+        def part(number: Vector | float, at: int) -> Vector | float:
+            return Vector(b, b.read(self.block, at)) if isinstance(number, Vector) else number
 
         if not isinstance(like, Dual):
-            return part(like, place)
-        return Dual(part(like.value, place), part(like.slope, place + 1))
+            return part(like, index)
+        return Dual(part(like.value, index), part(like.slope, index + 1))
 
 
 @dataclass(frozen=True, slots=True)
-class Past:
-    """Of the last step: sizes of frictions that vary, and how much these changed."""
+class FrictionHistory:
+    """Sizes in the last step of frictions that vary, and how much these changed."""
 
     sizes: list[Number]
     trends: list[Number]
@@ -182,149 +197,163 @@ class Past:
 
 @dataclass(frozen=True, kw_only=True)
 class Step:
-    """`phi[row]`: what columns of (states, drive) do to a state; `base[row]`: what is constant;
+    """The matrices of a step, and its frictions.
+
+    `phi[row]`: what columns of (states, drive) do to a state; `base[row]`: what is constant;
     `slopes`: columns of inputs, and those of their slopes; `first`: column of the first friction.
     """
 
     phi: Sequence[Column]
     base: Mapping[int, Number]
-    rubs: Sequence[Rub]
+    frictions: Sequence[StepFriction]
     parameters: Mapping[str, Number]
     states: tuple[str, ...]
     span: Number
     slopes: Mapping[int, int]
     first: int
-    kind: Kind
+    kind: NumberKind
 
     @cached_property
     def varying(self) -> list[int]:
         """Frictions whose size is not that of the parameters alone."""
-        return [e for e, rub in enumerate(self.rubs) if rub.steady is None]
+        return [e for e, friction in enumerate(self.frictions) if friction.steady is None]
 
     @cached_property
-    def looked_at(self) -> list[int]:
-        """Places of states that sizes change with."""
-        unsteady = [self.rubs[e] for e in self.varying]
-        names = {name for rub in unsteady for name in rub.law.seen}
+    def size_states(self) -> list[int]:
+        """Indices of states that sizes change with."""
+        unsteady = [self.frictions[e] for e in self.varying]
+        names = {name for friction in unsteady for name in friction.law.seen}
         named = {i for i, name in enumerate(self.states) if name in names}
-        return sorted(named | {rub.row for rub in unsteady})
+        return sorted(named | {friction.row for friction in unsteady})
 
     def rows(self) -> list[dict[int, Number]]:
-        """Of states over all columns."""
+        """Return the rows of states over all columns."""
         rows = [dict(row) for row in self.phi]
         for i, base in self.base.items():
             rows[i][len(self.phi)] = base
-        for e, rub in enumerate(self.rubs):
-            for i, entry in rub.column.items():
+        for e, friction in enumerate(self.frictions):
+            for i, entry in friction.column.items():
                 rows[i][self.first + e] = entry
         return rows
 
     def sizes(self, state: Sequence[Number], inputs: Mapping[str, Number]) -> list[Number]:
-        seen = {**dict(zip(self.states, state, strict=True)), **inputs}
-        return [rub.size(self.parameters, state[rub.row], seen) for rub in self.rubs]
+        """Return the sizes of all frictions."""
+        values = {**dict(zip(self.states, state, strict=True)), **inputs}
+        return [
+            friction.size(self.parameters, state[friction.row], values)
+            for friction in self.frictions
+        ]
 
-    def at_rest(self, state: Sequence[Number], inputs: Mapping[str, Number]) -> list[Number]:
-        """Sizes, if nothing moved."""
+    def rest_sizes(self, state: Sequence[Number], inputs: Mapping[str, Number]) -> list[Number]:
+        """Return the sizes that frictions would have at rest."""
         still = list(state)
-        for rub in self.rubs:
-            still[rub.row] = Lane(self.kind.b, vector(0.0))
+        for friction in self.frictions:
+            still[friction.row] = Vector(self.kind.b, vector(0.0))
         return self.sizes(still, inputs)
 
-    def between(
+    def mean_sizes(
         self, state: Sequence[Number], ahead: Sequence[Number], inputs: Mapping[str, Number]
     ) -> list[Number]:
-        """Sizes in the mean of both ends of a step."""
-        speeds, middle = {rub.row for rub in self.rubs}, list(state)
-        for i in self.looked_at:
+        """Return the sizes in the mean of both ends of a step."""
+        speeds, middle = {friction.row for friction in self.frictions}, list(state)
+        for i in self.size_states:
             here, there = state[i], ahead[i]
             turned = i in speeds
             middle[i] = (size(here) + size(there) if turned else here + there) * 0.5
         return self.sizes(middle, inputs)
 
-    def later(self, drive: Column) -> Column:
-        """At the end of the step."""
+    def final_drive(self, drive: Column) -> Column:
+        """Return what drives the rig at the end of the step."""
         ends = {k: drive[k] + drive[slope] * self.span for k, slope in self.slopes.items()}
         return {**drive, **ends}
 
-    def free(self, state: Sequence[Number], drive: Column) -> list[Number]:
-        """New states, if nothing rubbed."""
-        return [total(self.base.get(i), along(row, state, drive)) for i, row in enumerate(self.phi)]
+    def frictionless(self, state: Sequence[Number], drive: Column) -> list[Number]:
+        """Return the new states that the rig would have without friction."""
+        return [
+            sum_products(self.base.get(i), row_terms(row, state, drive))
+            for i, row in enumerate(self.phi)
+        ]
 
 
 @dataclass(frozen=True, slots=True)
-class Moment:
-    """The beginning of a step: the state, the past, and what drives it, by column and, in its middle, by
-    name.
+class StepStart:
+    """The beginning of a step: the state, the past, and what drives it.
+
+    `drive` is by column; `inputs` are by name, in the middle of the step.
     """
 
     state: list[Number]
-    past: Past
+    past: FrictionHistory
     drive: Column
     inputs: Mapping[str, Number]
 
 
 @dataclass(frozen=True, slots=True)
-class Going:
+class SmoothStep:
     """A step in which each friction slips on as it did, or sticks on."""
 
     step: Step
-    regime: Regime
+    mode: FrictionMode
 
-    def taken(
-        self, now: Moment, ways: Sequence[Lane], sizes: Sequence[Number] | None = None
-    ) -> tuple[list[Number], list[Number], Past]:
-        """New state, efforts (if the regime shows them) and the past then.
+    def advance(
+        self, now: StepStart, directions: Sequence[Vector], sizes: Sequence[Number] | None = None
+    ) -> tuple[list[Number], list[Number], FrictionHistory]:
+        """Return the new state, efforts (if the mode shows them) and the history then.
 
-        Sizes that vary are those in the middle: it is looked ahead with sizes that go on as they did.
-        Where `sizes` are known, they are these.
+        Sizes that vary are those in the middle of the step, for which its end is predicted with
+        sizes that go on as they did.  Where `sizes` are known, they are these.
         """
         step, state, past = self.step, now.state, now.past
         x, varying = len(state), step.varying
-        rows = self.regime.now()
+        rows = self.mode.read_rows()
         columns = [[row.pop(step.first + e, None) for row in rows] for e in varying]
-        new = [total(row.pop(x, None), along(row, state, now.drive)) for row in rows]
+        new = [sum_products(row.pop(x, None), row_terms(row, state, now.drive)) for row in rows]
         if not varying:
             return new[:x], new[x:], past
 
         def with_sizes(sizes: Sequence[Number], only: Sequence[int]) -> list[Number]:
             moved = list(new)
-            for e, column, one in zip(varying, columns, sizes, strict=True):
-                effort = fused(one, ways[e], None)
+            for e, column, magnitude in zip(varying, columns, sizes, strict=True):
+                effort = multiply_add(magnitude, directions[e], None)
                 for i in (i for i in only if column[i] is not None):
-                    moved[i] = fused(column[i], effort, moved[i])
+                    moved[i] = multiply_add(column[i], effort, moved[i])
             return moved
 
         if sizes is None:
-            likely = [one + trend for one, trend in zip(past.sizes, past.trends, strict=True)]
-            ahead = with_sizes(likely, step.looked_at)
-            every = step.between(state, ahead, now.inputs)
-            sizes = [every[e] for e in varying]
-        trends = [one - before for one, before in zip(sizes, past.sizes, strict=True)]
+            likely = [last + trend for last, trend in zip(past.sizes, past.trends, strict=True)]
+            ahead = with_sizes(likely, step.size_states)
+            mean_sizes = step.mean_sizes(state, ahead, now.inputs)
+            sizes = [mean_sizes[e] for e in varying]
+        trends = [current - before for current, before in zip(sizes, past.sizes, strict=True)]
         moved = with_sizes(sizes, range(len(rows)))
-        return moved[:x], moved[x:], Past(list(sizes), trends)
+        return moved[:x], moved[x:], FrictionHistory(list(sizes), trends)
 
-    def leaves(self, new: Sequence[Number], ways: Sequence[Lane]) -> Mask:
-        """Lanes in which a speed is not what it was, or sticks."""
-        return any_of(goes_on(way, new[rub.row]).turned() for way, rub in self._pairs(ways))
+    def may_change(self, new: Sequence[Number], directions: Sequence[Vector]) -> Mask:
+        """Tell in which lanes a speed changes its sign, or sticks."""
+        return any_of(
+            keeps_direction(direction, new[friction.row]).negate()
+            for direction, friction in self._pairs(directions)
+        )
 
-    def changes(self, new: Sequence[Number], now: Moment, ways: Sequence[Lane]) -> Mask:
-        """Lanes in which a speed changes its sign, or what sticks has more to hold than it can."""
+    def changes(self, new: Sequence[Number], now: StepStart, directions: Sequence[Vector]) -> Mask:
+        """Tell in which lanes a speed changes its sign, or what sticks must hold more than it can."""
         step = self.step
-        sizes, later = step.at_rest(new, now.inputs), step.later(now.drive)
-        found = []
-        for (way, rub), most in zip(self._pairs(ways), sizes, strict=True):
-            beyond = above(size(rub.held(new, later)), most)
-            still = sticking(way)
-            turned = goes_on(way, new[rub.row]).turned()
-            found.append(beyond.both(still).either(turned.without(still)))
-        return any_of(found)
+        sizes, later = step.rest_sizes(new, now.inputs), step.final_drive(now.drive)
+        changed = []
+        for (direction, friction), most in zip(self._pairs(directions), sizes, strict=True):
+            beyond = above(size(friction.holding_effort(new, later)), most)
+            still = is_sticking(direction)
+            turned = keeps_direction(direction, new[friction.row]).negate()
+            changed.append(beyond.both(still).either(turned.without(still)))
+        return any_of(changed)
 
-    def _pairs(self, ways: Sequence[Lane]) -> list[tuple[Lane, Rub]]:
-        return list(zip(ways, self.step.rubs, strict=True))
+    def _pairs(self, directions: Sequence[Vector]) -> list[tuple[Vector, StepFriction]]:
+        return list(zip(directions, self.step.frictions, strict=True))
 
 
 def any_of(masks: Iterable[Mask]) -> Mask:
-    first, *rest = masks
-    for one in rest:
-        first = first.either(one)
+    """Return the disjunction of masks."""
+    first, *others = masks
+    for mask in others:
+        first = first.either(mask)
     return first

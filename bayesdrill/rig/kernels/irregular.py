@@ -1,7 +1,7 @@
 """Kernels for times that are not uniform, and for walkers with starts and sensors of their own.
 
-The second family beside `misfit` and `signals`: what is constant there is an argument here.  A
-`Shape` that is `late` also has channels whose times are shifted, see `kernels.delays`.
+The second family beside `misfit` and `signals`: what is constant there is an argument here.  An
+`IrregularShape` that is `late` also has channels whose times are shifted, see `kernels.delays`.
 """
 
 from __future__ import annotations
@@ -10,36 +10,36 @@ from llvmlite import ir
 
 from bayesdrill.rig.kernels.delays import Late, emit_interval
 from bayesdrill.rig.kernels.exponential import (
-    DEGREE,
+    MAX_SERIES_DEGREE,
     Values,
     addresses,
     emit_cell,
     emit_exponential,
     emit_rates,
-    places_of,
+    rate_entries,
 )
 from bayesdrill.rig.kernels.knots import (
     BLOCKS,
     COUNTS,
-    MOST_LEVELS,
-    OWN_NUMBERS,
+    LEADING_NUMBERS,
+    MAX_LEVELS,
     Arguments,
     Channels,
+    GroupMatrices,
+    IrregularShape,
     Ladder,
-    Machine,
-    Shape,
     Slots,
-    apply,
+    apply_exponential,
     emit_nodes,
-    emit_rest,
-    entries_of,
+    emit_remainder,
+    table_entries,
 )
 from bayesdrill.rig.kernels.lanes import I64, VEC, Loop, begin_kernel, vector
 from bayesdrill.rig.kernels.recurrence import next_state
 
 
-def write_dense(module: ir.Module, shape: Shape) -> None:
-    """`dense`, of COUNTS and addresses of BLOCKS."""
+def write_dense(module: ir.Module, shape: IrregularShape) -> None:
+    """Write the kernel `dense`, of COUNTS and addresses of BLOCKS."""
     exponential = emit_exponential(module, shape.layout, increments=False)
     interval = emit_interval(module, shape) if shape.late else None
     arguments, b = begin_kernel(module, "dense", COUNTS, BLOCKS)
@@ -51,11 +51,11 @@ def write_dense(module: ir.Module, shape: Shape) -> None:
 
 
 class _Writer:
-    """Where a group has its numbers, and the parts of the code."""
+    """Writes the code for a group of walkers."""
 
     def __init__(
         self,
-        shape: Shape,
+        shape: IrregularShape,
         a: Arguments,
         exponential: ir.Function,
         interval: ir.Function | None,
@@ -63,12 +63,12 @@ class _Writer:
         self.b, self.a, self.shape, self.layout = a.b, a, shape, shape.layout
         b, layout = a.b, shape.layout
         self.exponential = exponential
-        self.rates = b.alloca(VEC, I64(len(places_of(layout))))
+        self.rates = b.alloca(VEC, I64(len(rate_entries(layout))))
         self.span = b.alloca(VEC)
         self.e = b.alloca(VEC, I64(3 * layout.size**2 + 1))
-        self.weights = b.alloca(VEC, I64(DEGREE + 1))
-        table = b.alloca(VEC, I64(MOST_LEVELS * len(entries_of(layout))))
-        self.ladder = Ladder(b, layout, table, b.alloca(VEC, I64(MOST_LEVELS)))
+        self.weights = b.alloca(VEC, I64(MAX_SERIES_DEGREE + 1))
+        table = b.alloca(VEC, I64(MAX_LEVELS * len(table_entries(layout))))
+        self.ladder = Ladder(b, layout, table, b.alloca(VEC, I64(MAX_LEVELS)))
         state = [b.alloca(VEC) for _ in range(layout.n_states)]
         self.place = Slots(b, state, [b.alloca(VEC) for _ in range(layout.n_series)])
         self.end = [b.alloca(VEC) for _ in range(layout.n_states)]  # the state at the last knot
@@ -79,9 +79,9 @@ class _Writer:
         self.width, self.least = a.number(0), b.splat(a.number(1))
 
     def write(self, group: ir.Value) -> None:
-        """All of a group of walkers."""
+        """Write all that is done for a group of walkers."""
         b, a, layout = self.b, self.a, self.layout
-        self.own = addresses(b, a["own"], group, self.shape.own)
+        self.own = addresses(b, a["own"], group, self.shape.walker_blocks)
         self.channels = Channels(a, self.shape, group, self.own)
         m = self._machine()
         cell = emit_cell(b, m.norm, self.width, self.weights)
@@ -89,7 +89,7 @@ class _Writer:
         emit_nodes(m, a, cell, self.width)
         x0 = b.read_row(self.own["x0"], layout.n_states)
         self.place.write(x0, [vector(0.0)] * layout.n_series)
-        begun = self.shape.tally.begun() if self.shape.tally is not None else []
+        begun = self.shape.tally.initial() if self.shape.tally is not None else []
         for total in self.totals:
             b.write_row(begun, total)
         if self.late is not None:
@@ -97,15 +97,15 @@ class _Writer:
         runs = Loop(b, a["runs"], [I64(0)], "runs")
         first = runs.carried[0]
         length, share = a.at("length", runs.index), a.at("share", runs.index)
-        table = a.row("table", a.at("node", runs.index), len(entries_of(layout)))
+        table = a.row("table", a.at("node", runs.index), len(table_entries(layout)))
         inside = b.fcmp_ordered(">=", share, ir.Constant(share.type, 0.0))
         with b.if_else(inside) as (then, otherwise):
             with then:
                 inputs, slopes = self._observed(first)
                 self.place.write(self.place.read()[0], inputs)
-                emit_rest(m, cell, self.ladder, share, self.place, slopes)
+                emit_remainder(m, cell, self.ladder, share, self.place, slopes)
                 state, inputs = self.place.read()
-                self.place.write(apply(b, layout, table, state, inputs, slopes), inputs)
+                self.place.write(apply_exponential(b, layout, table, state, inputs, slopes), inputs)
             with otherwise:
                 self._equal_steps(first, length, table)
         runs.close([b.add(first, length)])
@@ -122,9 +122,9 @@ class _Writer:
                 b.write(b.read(total, n), out, k * len(begun) + n)
 
     def _equal_steps(self, first: ir.Value, n: ir.Value, table: ir.Value) -> None:
-        """The exponential in registers, as far as there are some."""
-        b, kept = self.b, entries_of(self.layout)
-        phi = {where: b.read(table, place) for place, where in enumerate(kept)}
+        """Advance n equal steps with the exponential in registers, as far as there are some."""
+        b, entries = self.b, table_entries(self.layout)
+        phi = {entry: b.read(table, index) for index, entry in enumerate(entries)}
         knots = Loop(b, n, [], "knots")
         inputs, slopes = self._observed(b.add(first, knots.index))
         state, before = self.place.read()
@@ -136,7 +136,7 @@ class _Writer:
         knots.close([])
 
     def _observed(self, knot: ir.Value) -> tuple[Values, Values]:
-        """Inputs and their slopes from a knot on; what channels see until the next one is done."""
+        """Observe a knot, and shifted channels until the next; return inputs and their slopes."""
         inputs, slopes = self.a.drive(self.layout, knot)
         state, _ = self.place.read()
         z = [*state, vector(1.0), *inputs]
@@ -148,13 +148,13 @@ class _Writer:
                 self.late.interval(knot, [*state, *inputs], slopes)
         return inputs, slopes
 
-    def _machine(self) -> Machine:
+    def _machine(self) -> GroupMatrices:
         b, layout, parameters = self.b, self.layout, self.own["parameters"]
-        constants = b.gep(self.a["numbers"], [I64(OWN_NUMBERS)])
+        constants = b.gep(self.a["numbers"], [I64(LEADING_NUMBERS)])
         matrix = layout.matrix(b, parameters, constants)
         norm = emit_rates(b, layout, matrix, self.least, self.rates)
         over = b.fdiv(vector(1.0), norm)
-        return Machine(
+        return GroupMatrices(
             b, layout, self.exponential, b.module.globals["product"], parameters, constants,
             self.rates, norm, over, self.span, self.e,
         )  # fmt: skip

@@ -30,7 +30,7 @@ import numpy as np
 from llvmlite import ir
 
 from bayesdrill.basics.duals import Dual, dual
-from bayesdrill.rig.kernels.exponential import Kinds, emit_halvings, formulas, weights_of
+from bayesdrill.rig.kernels.exponential import WeightKinds, channel_weights, emit_halvings, formulas
 from bayesdrill.rig.kernels.lanes import (
     F64,
     I64,
@@ -39,8 +39,8 @@ from bayesdrill.rig.kernels.lanes import (
     VEC,
     VECTORS,
     Builder,
-    Lane,
     Loop,
+    Vector,
     begin_function,
     begin_kernel,
     vector,
@@ -50,82 +50,87 @@ from bayesdrill.rig.kernels.numbers import (
     Memory,
     Number,
     dot,
-    emit_even,
-    emit_factor,
+    emit_cholesky,
     emit_product,
-    fused,
+    emit_symmetric,
+    multiply_add,
 )
 from bayesdrill.rig.models.latent_torque import TIME, Pushed
 
-DEGREE = 13
-NORM = 0.5  # 0.5**14 / 14! = 7e-16
-NODES = 9  # exact up to powers of 17
+TAYLOR_DEGREE = 13
+MAX_TAYLOR_NORM = 0.5  # 0.5**14 / 14! = 7e-16
+GAUSS_NODES = 9  # exact up to powers of 17
 
 
 @dataclass(frozen=True, slots=True)
 class StateSpace:
-    """A rig with its torque: what kernels are specialised for.
+    """A rig with its torque, for which kernels are specialised.
 
     `channels (K, n)`: weights of states, those of the torque last, see `weight_kinds`.
     """
 
     model: Pushed
-    channels: Kinds
+    channels: WeightKinds
 
     @property
     def text(self) -> str:
         """See `Structure`."""
-        return f"{self.n} {self.own} {self.channels} {formulas(self.p, self._formulas)}"
+        return f"{self.n} {self.n_torque_states} {self.channels} {formulas(self.p, self._formulas)}"
 
-    def _formulas(self, lanes: Sequence[Lane]) -> Any:
-        """Of the model: its dynamics, and what drives its torque; they have slopes where kernels do."""
+    def _formulas(self, lanes: Sequence[Vector]) -> Any:
+        """Return the dynamics, and what drives the torque; they have slopes where kernels do."""
         named: Any = dict(zip(self.model.parameters, lanes, strict=True))
         return _entries(self, named), self.model.torque.driven(named[TIME])
 
     @property
     def n(self) -> int:
+        """States, those of the torque among them."""
         return len(self.model.states)
 
     @property
     def p(self) -> int:
+        """Parameters."""
         return len(self.model.parameters)
 
     @property
     def k(self) -> int:
+        """Channels."""
         return len(self.channels)
 
     @property
-    def own(self) -> int:
-        """States of the torque."""
+    def n_torque_states(self) -> int:
+        """States of the torque, which are the last."""
         return len(self.model.torque.states)
 
-    def seen(self, k: int) -> list[int]:
-        """States of which channel k tells."""
+    def observed_states(self, k: int) -> list[int]:
+        """Return the states that channel k measures."""
         return [i for i, kind in enumerate(self.channels[k]) if kind != 0]
 
-    def weights(self, b: Builder, weights: ir.Value, k: int) -> dict[int, Lane]:
-        """Of channel k, by state, from the block of all `weights (K, n)`."""
-        return weights_of(b, weights, self.channels, k)
+    def weights(self, b: Builder, weights: ir.Value, k: int) -> dict[int, Vector]:
+        """Return the weights of channel k, by state, from the block of all `weights (K, n)`."""
+        return channel_weights(b, weights, self.channels, k)
 
 
 def emit_transition(module: ir.Module, system: StateSpace, *, slopes: bool) -> ir.Function:
-    """`transition(parameters (P,), span, phi (n, n), q (n, n))`: Phi, and Q of the process noise, of
-    numbers with slopes or without.
+    """Write `transition(parameters (P,), span, phi (n, n), q (n, n))`.
 
-    `span`: one vector, a length of time of each lane.
+    It stores Phi, and Q of the process noise, of numbers with slopes or without.  `span`: one
+    vector, a length of time of each lane.
     """
     n = system.n
     multiply = emit_product(module, (n, n, n), slopes=slopes)
-    turned = emit_even(module, n, adds=True, slopes=slopes)
-    made, b = begin_function(module, "transition_d" if slopes else "transition", 0, [VECTORS] * 4)
-    parameters, span, phi, q = made.args
+    turned = emit_symmetric(module, n, adds=True, slopes=slopes)
+    function, b = begin_function(
+        module, "transition_d" if slopes else "transition", 0, [VECTORS] * 4
+    )
+    parameters, span, phi, q = function.args
     memory = Memory(b, slopes)
     named = dict(zip(system.model.parameters, memory.row(parameters, system.p), strict=True))
     entries = _entries(system, named)
     halvings = _halvings(b, entries, n, b.read(span, 0))
     exponent = b.shl(b.sub(whole_numbers(1023), b.splat(halvings)), whole_numbers(52))
-    short = Lane(b, b.fmul(b.read(span, 0), b.bitcast(exponent, VEC)))
-    timed = {place: entry * short for place, entry in entries.items()}
+    short = Vector(b, b.fmul(b.read(span, 0), b.bitcast(exponent, VEC)))
+    timed = {index: entry * short for index, entry in entries.items()}
     _emit_series(memory, timed, n, phi)
     driven = system.model.torque.driven(named[TIME]) * short
     _emit_squares(memory, timed, n, q, driven)
@@ -137,7 +142,7 @@ def emit_transition(module: ir.Module, system: StateSpace, *, slopes: bool) -> i
     b.copy(other, phi, n * n * memory.width)
     twice.close([])
     b.ret_void()
-    return made
+    return function
 
 
 def _entries(system: StateSpace, named: dict[str, Number]) -> dict[tuple[int, int], Number]:
@@ -149,36 +154,36 @@ def _entries(system: StateSpace, named: dict[str, Number]) -> dict[tuple[int, in
 def _halvings(
     b: Builder, entries: dict[tuple[int, int], Number], n: int, span: ir.Value
 ) -> ir.Value:
-    """At least one, the same of all lanes."""
+    """Return how often a step is halved: at least once, and as often in all lanes."""
     norm = vector(0.0)
     for row in range(n):
         total = vector(0.0)
         for entry in (value for (i, _), value in entries.items() if i == row):
             value = dual(entry).value
-            known = value.value if isinstance(value, Lane) else vector(float(value))
+            known = value.value if isinstance(value, Vector) else vector(float(value))
             total = b.fadd(total, b.absolute(known))
         norm = b.select(b.fcmp_unordered(">", total, norm), total, norm)
-    most = b.largest(emit_halvings(b, b.fmul(norm, span), NORM))
+    most = b.largest(emit_halvings(b, b.fmul(norm, span), MAX_TAYLOR_NORM))
     return b.select(b.icmp_signed(">", most, I64(1)), most, I64(1))
 
 
 def _moved(
     entries: dict[tuple[int, int], Number], n: int, vector_: list[Number], times: Number
 ) -> list[Number]:
-    found: list[Number] = []
+    moved: list[Number] = []
     for i in range(n):
         total: Number = None
         for (row, column), entry in entries.items():
             if row == i:
-                total = fused(entry, vector_[column], total)
-        found.append(0.0 if total is None else total * times)
-    return found
+                total = multiply_add(entry, vector_[column], total)
+        moved.append(0.0 if total is None else total * times)
+    return moved
 
 
 def _emit_series(
     memory: Memory, timed: dict[tuple[int, int], Number], n: int, phi: ir.Value
 ) -> None:
-    """exp of what is timed, a column at a time."""
+    """Store the exponential of the timed entries, a column at a time."""
     b = memory.b
     memory.clear(phi, n * n)
     for i in range(n):
@@ -188,7 +193,7 @@ def _emit_series(
     top = memory.at(phi, columns.index)
     for i in range(n):
         memory.put(memory.get(top, i * n), term, i)
-    orders = Loop(b, I64(DEGREE), [], "orders")
+    orders = Loop(b, I64(TAYLOR_DEGREE), [], "orders")
     for i, value in enumerate(_moved(timed, n, memory.row(term, n), _over(b, orders.index))):
         memory.put(value, term, i)
         memory.put(memory.get(top, i * n) + value, top, i * n)
@@ -196,53 +201,58 @@ def _emit_series(
     columns.close([])
 
 
-def _over(b: Builder, index: ir.Value) -> Lane:
-    """One over the number after."""
+def _over(b: Builder, index: ir.Value) -> Vector:
+    """Return one over the number after `index`."""
     number = b.sitofp(b.add(index, I64(1)), F64)
-    return Lane(b, b.splat(b.fdiv(ir.Constant(F64, 1.0), number)))
+    return Vector(b, b.splat(b.fdiv(ir.Constant(F64, 1.0), number)))
 
 
 def _emit_squares(
     memory: Memory, timed: dict[tuple[int, int], Number], n: int, q: ir.Value, driven: Number
 ) -> None:
-    """The integral over 0 to 1, times the intensity `driven`."""
+    """Store the integral of the process noise over 0 to 1, times the intensity `driven`."""
     b = memory.b
-    terms = memory.room((DEGREE + 1) * n)
+    terms = memory.room((TAYLOR_DEGREE + 1) * n)
     for i in range(n):
         memory.put(1.0 if i == n - 1 else 0.0, terms, i)
-    orders = Loop(b, I64(DEGREE), [], "orders")
+    orders = Loop(b, I64(TAYLOR_DEGREE), [], "orders")
     here = memory.at(terms, b.mul(orders.index, I64(n)))
     for i, value in enumerate(_moved(timed, n, memory.row(here, n), _over(b, orders.index))):
         memory.put(value, here, n + i)
     orders.close([])
     memory.clear(q, n * n)
     nodes, weights = _gauss()
-    table = b.alloca(VEC, I64(2 * NODES))
+    table = b.alloca(VEC, I64(2 * GAUSS_NODES))
     for k, (node, weight) in enumerate(zip(nodes, weights, strict=True)):
         b.write(vector(float(node)), table, 2 * k)
         b.write(vector(float(weight)), table, 2 * k + 1)
-    each = Loop(b, I64(NODES), [], "nodes")
+    each = Loop(b, I64(GAUSS_NODES), [], "nodes")
     row = b.gep(table, [b.mul(each.index, I64(2))])
-    node, weight = Lane(b, b.read(row, 0)), Lane(b, b.read(row, 1))
-    point = [memory.get(terms, DEGREE * n + i) for i in range(n)]
-    for order in range(DEGREE - 1, -1, -1):
-        point = [fused(one, node, memory.get(terms, order * n + i)) for i, one in enumerate(point)]
+    node, weight = Vector(b, b.read(row, 0)), Vector(b, b.read(row, 1))
+    point = [memory.get(terms, TAYLOR_DEGREE * n + i) for i in range(n)]
+    for order in range(TAYLOR_DEGREE - 1, -1, -1):
+        point = [
+            multiply_add(partial, node, memory.get(terms, order * n + i))
+            for i, partial in enumerate(point)
+        ]
     for i in range(n):
         scaled = point[i] * weight * driven
         for j in range(n):
-            memory.put(fused(scaled, point[j], memory.get(q, i * n + j)), q, i * n + j)
+            memory.put(multiply_add(scaled, point[j], memory.get(q, i * n + j)), q, i * n + j)
     each.close([])
 
 
 def _gauss() -> tuple[np.ndarray, np.ndarray]:
-    nodes, weights = np.polynomial.legendre.leggauss(NODES)
+    nodes, weights = np.polynomial.legendre.leggauss(GAUSS_NODES)
     return 0.5 * (nodes + 1.0), 0.5 * weights
 
 
 @dataclass(frozen=True, slots=True)
 class Gains:
-    """Of all channels, in a `block (K, width)`: the gain (n,), the variance of what the channel shows,
-    and the root of one over it.  `weights (K, n)`: the block of those of the channels.
+    """The Kalman gains of all channels, in a `block (K, width)`.
+
+    Of each channel: the gain (n,), the variance of what it shows, and the root of one over it.
+    `weights (K, n)`: the block of the channels' weights.
     """
 
     memory: Memory
@@ -252,35 +262,39 @@ class Gains:
 
     @staticmethod
     def width(n: int) -> int:
+        """Return the numbers of a channel, for n states."""
         return n + 2
 
-    def of(self, k: int) -> list[Number]:
+    def gain(self, k: int) -> list[Number]:
+        """Load the gain of channel k."""
         first = k * self.width(self.system.n)
         return [self.memory.get(self.block, first + i) for i in range(self.system.n)]
 
     def variance(self, k: int) -> Number:
+        """Load the variance of the innovation of channel k."""
         return self.memory.get(self.block, (k + 1) * self.width(self.system.n) - 2)
 
     def inverse_deviation(self, k: int) -> Number:
+        """Load one over the standard deviation of the innovation of channel k."""
         return self.memory.get(self.block, (k + 1) * self.width(self.system.n) - 1)
 
     def update_covariance(
         self, k: int, p: ir.Value, variances: ir.Value, is_seen: Number = 1.0
     ) -> None:
-        """Write what the block has of channel k, and update the covariance p (n, n)."""
+        """Store what the block has of channel k, and update the covariance p (n, n)."""
         memory, n = self.memory, self.system.n
-        own = self.system.weights(memory.b, self.weights, k)
-        c = list(own.values())
-        shown = [dot(c, [memory.get(p, i * n + j) for j in own]) for i in range(n)]
-        variance = dot(c, [shown[j] for j in own], memory.get(variances, k))
+        weights = self.system.weights(memory.b, self.weights, k)
+        c = list(weights.values())
+        shown = [dot(c, [memory.get(p, i * n + j) for j in weights]) for i in range(n)]
+        variance = dot(c, [shown[j] for j in weights], memory.get(variances, k))
         over = is_seen / variance
-        gain = [one * over for one in shown]
+        gain = [covariance * over for covariance in shown]
         for i in range(n):
             for j in range(n):
-                memory.put(fused(-gain[i], shown[j], memory.get(p, i * n + j)), p, i * n + j)
+                memory.put(multiply_add(-gain[i], shown[j], memory.get(p, i * n + j)), p, i * n + j)
         numbers = [*gain, variance * is_seen + (1.0 - is_seen), _root(memory.b, over)]
-        for i, one in enumerate(numbers, start=k * self.width(n)):
-            memory.put(one, self.block, i)
+        for i, number in enumerate(numbers, start=k * self.width(n)):
+            memory.put(number, self.block, i)
 
     def update_state(
         self, k: int, state: Sequence[Number], y: Number
@@ -288,16 +302,16 @@ class Gains:
         """Return the innovation of channel k, and the updated state."""
         innovation = y
         for i, weight in self.system.weights(self.memory.b, self.weights, k).items():
-            innovation = fused(-weight, state[i], innovation)
-        pairs = zip(self.of(k), state, strict=True)
-        return innovation, [fused(gain, innovation, x) for gain, x in pairs]
+            innovation = multiply_add(-weight, state[i], innovation)
+        pairs = zip(self.gain(k), state, strict=True)
+        return innovation, [multiply_add(gain, innovation, x) for gain, x in pairs]
 
 
 def predict_covariance(memory: Memory, n: int, p: ir.Value, phi: ir.Value, q: ir.Value) -> None:
-    """p = phi p phi' + q, in place."""
+    """Store p = phi p phi' + q, in place."""
     b = memory.b
     half = emit_product(b.module, (n, n, n), slopes=memory.slopes)
-    whole = emit_even(b.module, n, adds=True, slopes=memory.slopes)
+    whole = emit_symmetric(b.module, n, adds=True, slopes=memory.slopes)
     spare = memory.room(n * n)
     b.call(half, [spare, phi, p])
     b.copy(q, p, n * n * memory.width)
@@ -306,16 +320,16 @@ def predict_covariance(memory: Memory, n: int, p: ir.Value, phi: ir.Value, q: ir
 
 def _root(b: Builder, number: Number) -> Number:
     value = dual(number).value
-    size = Lane(b, b.root(value.value))
+    size = Vector(b, b.root(value.value))
     if not isinstance(number, Dual):
         return size
     safe = b.select(b.fcmp_ordered("==", size.value, vector(0.0)), vector(1.0), size.value)
-    return Dual(size, number.slope * 0.5 / Lane(b, safe))
+    return Dual(size, number.slope * 0.5 / Vector(b, safe))
 
 
 WHOLE = I64.as_pointer()
-SAME = 1e-13  # of a variance: what it still changes when it is taken to have settled
-SAME_SLOPE = 1e-10
+STEADY_TOLERANCE = 1e-13  # of a variance: what it still changes when it is taken to have settled
+STEADY_SLOPE_TOLERANCE = 1e-10
 
 # G groups, T samples, M lengths of steps; the last of them leads to the first sample, if there is
 # a lead.
@@ -336,12 +350,15 @@ BLOCKS = {
 
 
 def write_filter(module: ir.Module, system: StateSpace, name: str) -> None:
-    """`whiten`, `slopes` (whiten with slopes), `smooth` or `draw`, of COUNTS and addresses of BLOCKS."""
+    """Write `whiten`, `slopes` (whiten with slopes), `smooth` or `draw`.
+
+    They are functions of COUNTS and addresses of BLOCKS.
+    """
     (_emit_draw if name == "draw" else _emit_filter)(module, system, name)
 
 
 class _Writer:
-    """Where a group of walkers has its numbers."""
+    """Writes what the filter, the smoother and the sampler have in common."""
 
     def __init__(self, module: ir.Module, system: StateSpace, name: str) -> None:
         self.a, self.b = begin_kernel(module, name, COUNTS, BLOCKS)
@@ -349,7 +366,7 @@ class _Writer:
         self.system, self.slopes, self.smooth = system, name == "slopes", name == "smooth"
         self.memory = m = Memory(b, self.slopes)
         n = self.n = system.n
-        self.spread = emit_transition(module, system, slopes=self.slopes)
+        self.transition = emit_transition(module, system, slopes=self.slopes)
         self.p, self.x = m.room(n * n), m.room(n)
         block = m.room(system.k * Gains.width(n))
         self.gains = Gains(m, system, block, self.a["weights"])
@@ -357,8 +374,8 @@ class _Writer:
         self.flag = b.alloca(I64, I64(1))
 
     @property
-    def kept(self) -> int:
-        return kept(self.system)
+    def smoother_size(self) -> int:
+        return smoother_size(self.system)
 
     def matrices(self, node: ir.Value) -> tuple[ir.Value, ir.Value]:
         b, size = self.b, self.n * self.n
@@ -366,16 +383,16 @@ class _Writer:
         return phi, self.memory.at(phi, size)
 
     def begin(self, group: ir.Value) -> None:
-        """Matrices of all steps, and the covariance at the first sample."""
+        """Store the matrices of all steps, and the covariance at the first sample."""
         b, m, a, n = self.b, self.memory, self.a, self.n
-        own = m.at(a["parameters"], b.mul(group, I64(self.system.p)))
+        parameters = m.at(a["parameters"], b.mul(group, I64(self.system.p)))
         self.variances = m.at(a["variances"], b.mul(group, I64(self.system.k)))
         steps = Loop(b, a["steps"], [], "steps")
         b.write(b.splat(b.load(b.gep(a["spans"], [steps.index]))), self.span, 0)
-        b.call(self.spread, [own, self.span, *self.matrices(steps.index)])
+        b.call(self.transition, [parameters, self.span, *self.matrices(steps.index)])
         steps.close([])
         m.clear(self.p, n * n)
-        for i in range(n - self.system.own, n):
+        for i in range(n - self.system.n_torque_states, n):
             m.put(1.0, self.p, i * n + i)
         m.clear(self.x, n)
         b.store(I64(0), self.flag)
@@ -384,43 +401,45 @@ class _Writer:
             predict_covariance(m, n, self.p, phi, q)
 
 
-def kept(system: StateSpace) -> int:
-    """Numbers of a sample that smoothing wants: gains, residuals, state, covariance."""
+def smoother_size(system: StateSpace) -> int:
+    """Return how many numbers of a sample smoothing needs: gains, residuals, state, covariance."""
     n = system.n
     return system.k * (n + 1) + n + n * n
 
 
 def _emit_revise(module: ir.Module, system: StateSpace, *, slopes: bool) -> ir.Function:
-    """`revise(p, gains, variances, phi, q, seen, weights, flag)`: an update and a prediction."""
+    """Write `revise(p, gains, variances, phi, q, seen, weights, flag)`: an update and a prediction."""
     n = system.n
-    made, b = begin_function(module, "revise", 0, [VECTORS] * 5 + [NUMBERS, NUMBERS, WHOLE])
-    p, gains, variances, phi, q, seen, weights, flag = made.args
+    function, b = begin_function(module, "revise", 0, [VECTORS] * 5 + [NUMBERS, NUMBERS, WHOLE])
+    p, gains, variances, phi, q, observed, weights, flag = function.args
     memory = Memory(b, slopes)
-    found = Gains(memory, system, gains, weights)
+    filtered = Gains(memory, system, gains, weights)
     old = [dual(memory.get(p, i * n + i)) for i in range(n)]
     for k in range(system.k):
-        is_seen = Lane(b, b.splat(b.load(b.gep(seen, [I64(k)]))))
-        found.update_covariance(k, p, variances, is_seen)
+        is_seen = Vector(b, b.splat(b.load(b.gep(observed, [I64(k)]))))
+        filtered.update_covariance(k, p, variances, is_seen)
     predict_covariance(memory, n, p, phi, q)
     moving = _moving(memory, n, p, old)
     b.store(b.select(b.anywhere(moving), I64(0), I64(1)), flag)
     b.ret_void()
-    return made
+    return function
 
 
 def _moving(memory: Memory, n: int, p: ir.Value, old: list[Dual]) -> ir.Value:
-    """Lanes in which a variance changes still."""
+    """Tell in which lanes a variance still changes."""
     b = memory.b
     moving = ir.Constant(ir.VectorType(ir.IntType(1), LANES), [0] * LANES)
     for i, before in enumerate(old):
         now = dual(memory.get(p, i * n + i))
         far = b.absolute((now.value - before.value).value)
-        near = (now.value * SAME).value
+        near = (now.value * STEADY_TOLERANCE).value
         moving = b.or_(moving, b.fcmp_unordered(">", far, near))
         if memory.slopes:
             far = b.absolute((now.slope - before.slope).value)
-            size = Lane(b, b.absolute(now.slope.value)) + now.value
-            moving = b.or_(moving, b.fcmp_unordered(">", far, (size * SAME_SLOPE).value))
+            size = Vector(b, b.absolute(now.slope.value)) + now.value
+            moving = b.or_(
+                moving, b.fcmp_unordered(">", far, (size * STEADY_SLOPE_TOLERANCE).value)
+            )
     return moving
 
 
@@ -434,14 +453,14 @@ def _emit_filter(module: ir.Module, system: StateSpace, name: str) -> None:
     t = samples.index
     here = b.mul(b.add(b.mul(groups.index, a["samples"]), t), I64(system.k))
     if w.smooth:
-        keep = m.at(a["kept"], b.mul(t, I64(w.kept)))
+        keep = m.at(a["kept"], b.mul(t, I64(w.smoother_size)))
         b.copy(w.x, b.gep(keep, [I64(system.k * (n + 1))]), n)
         b.copy(w.p, b.gep(keep, [I64(system.k * (n + 1) + n)]), n * n)
     phi, q = w.matrices(b.load(b.gep(a["node"], [t])))
     settled = b.and_(b.load(w.flag), b.load(b.gep(a["same"], [t])))
-    seen = b.gep(a["seen"], [b.mul(t, I64(system.k))])
+    observed = b.gep(a["seen"], [b.mul(t, I64(system.k))])
     with b.if_then(b.icmp_signed("==", settled, I64(0))):
-        b.call(revise, [w.p, w.gains.block, w.variances, phi, q, seen, a["weights"], w.flag])
+        b.call(revise, [w.p, w.gains.block, w.variances, phi, q, observed, a["weights"], w.flag])
     _emit_sample(w, here, t, phi)
     samples.close([])
     if w.smooth:
@@ -453,15 +472,15 @@ def _emit_filter(module: ir.Module, system: StateSpace, name: str) -> None:
 def _emit_sample(w: _Writer, here: ir.Value, t: ir.Value, phi: ir.Value) -> None:
     """Update the state by a sample, and predict the next."""
     b, m, n, system = w.b, w.memory, w.n, w.system
-    left, state = m.at(w.a["left"], here), m.row(w.x, n)
+    residuals, state = m.at(w.a["left"], here), m.row(w.x, n)
     out = m.at(w.a["out"], b.mul(here, I64(2)))
     for k in range(system.k):
-        innovation, state = w.gains.update_state(k, state, m.get(left, k))
+        innovation, state = w.gains.update_state(k, state, m.get(residuals, k))
         over = w.gains.inverse_deviation(k)
         white = innovation * over
         if w.smooth:
-            keep = m.at(w.a["kept"], b.mul(t, I64(w.kept)))
-            for i, gain in enumerate(w.gains.of(k)):
+            keep = m.at(w.a["kept"], b.mul(t, I64(w.smoother_size)))
+            for i, gain in enumerate(w.gains.gain(k)):
                 m.put(gain, keep, k * (n + 1) + i)
             m.put(white * over, keep, k * (n + 1) + n)
         else:
@@ -473,17 +492,17 @@ def _emit_sample(w: _Writer, here: ir.Value, t: ir.Value, phi: ir.Value) -> None
 
 
 def _emit_back(w: _Writer, group: ir.Value) -> None:
-    """The smoother, from the last sample to the first."""
+    """Write the smoother, from the last sample to the first."""
     b, a, m, n, system = w.b, w.a, w.memory, w.n, w.system
     back = Loop(b, a["samples"], [vector(0.0)] * n, "back")
     t = b.sub(b.sub(a["samples"], I64(1)), back.index)
-    adjoint: list[Number] = [Lane(b, one) for one in back.carried]
-    keep = m.at(a["kept"], b.mul(t, I64(w.kept)))
+    adjoint: list[Number] = [Vector(b, register) for register in back.carried]
+    keep = m.at(a["kept"], b.mul(t, I64(w.smoother_size)))
     for k in reversed(range(system.k)):
         gain = [m.get(keep, k * (n + 1) + i) for i in range(n)]
         more = m.get(keep, k * (n + 1) + n) - dot(gain, adjoint)
         for i, weight in system.weights(b, a["weights"], k).items():
-            adjoint[i] = fused(weight, more, adjoint[i])
+            adjoint[i] = multiply_add(weight, more, adjoint[i])
     first = system.k * (n + 1)
     out = m.at(a["out"], b.mul(b.add(b.mul(group, a["samples"]), t), I64(n)))
     for i in range(n):
@@ -496,8 +515,8 @@ def _emit_back(w: _Writer, group: ir.Value) -> None:
 
 
 def _emit_draw(module: ir.Module, system: StateSpace, name: str) -> None:
-    """States, and what channels show of them with noise, of numbers that are standard normal."""
-    factor = emit_factor(module, system.n)
+    """Write the draw of states, and of what channels show of them with noise, from normal numbers."""
+    factor = emit_cholesky(module, system.n)
     w = _Writer(module, system, name)
     b, a, m, n = w.b, w.a, w.memory, w.n
     groups = Loop(b, a["groups"], [], "groups")
@@ -521,18 +540,18 @@ def _emit_draw(module: ir.Module, system: StateSpace, name: str) -> None:
     state: list[Number] = []
     for i in range(n):
         moved = dot(
-            [m.get(phi, i * n + j) for j in range(n)], [Lane(b, x) for x in samples.carried]
+            [m.get(phi, i * n + j) for j in range(n)], [Vector(b, x) for x in samples.carried]
         )
         spread = [m.get(spreads, i * n + j) for j in range(i + 1)]
         state.append(dot(spread, normals[: i + 1], moved))
     out = m.at(a["out"], here)
     m.put_row(state, out)
     for k in range(k_count):
-        size = Lane(b, b.root(b.read(w.variances, k)))
+        size = Vector(b, b.root(b.read(w.variances, k)))
         value = size * normals[n + k]
         for i, weight in system.weights(b, a["weights"], k).items():
-            value = fused(weight, state[i], value)
+            value = multiply_add(weight, state[i], value)
         m.put(value, out, n + k)
-    samples.close([one.value for one in state])
+    samples.close([entry.value for entry in state])
     groups.close([])
     b.ret_void()

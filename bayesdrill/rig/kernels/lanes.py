@@ -1,5 +1,6 @@
-"""Vectors of walkers in LLVM's language: constants, memory, loops, gathers, and numbers that write
-code.
+"""Write code for vectors of walkers in LLVM's language.
+
+Constants, memory, loops and gathers; and numbers whose arithmetic becomes code.
 """
 
 from __future__ import annotations
@@ -26,6 +27,7 @@ VECTORS = VEC.as_pointer()  # ... one of vectors: `LANES` numbers each
 
 
 def vector(value: float) -> ir.Constant:
+    """Return a vector constant that has `value` in all lanes."""
     return _vector(value, math.copysign(1.0, value))
 
 
@@ -40,6 +42,7 @@ def _vector(value: float, sign: float) -> ir.Constant:
 
 @lru_cache(maxsize=4096)
 def whole_numbers(value: int) -> ir.Constant:
+    """Return a vector constant of 64-bit integers that has `value` in all lanes."""
     return ir.Constant(INT_VEC, [value] * LANES)
 
 
@@ -63,48 +66,54 @@ _EXP = (
 
 
 class Builder(ir.IRBuilder):  # type: ignore[misc]
-    """Writes the instructions of a function: those of LLVM, and what kernels want of vectors."""
+    """Writes the instructions of a function: LLVM's own, and those that kernels need for vectors."""
 
     def read(self, base: ir.Value, index: int) -> ir.Value:
-        """The vector at a place of a block."""
+        """Load vector number `index` of a block."""
         return self.load(self.gep(base, [_place(index)]), align=8)
 
     def write(self, value: ir.Value, base: ir.Value, index: int) -> None:
+        """Store `value` as vector number `index` of a block."""
         self.store(value, self.gep(base, [_place(index)]), align=8)
 
     def read_row(self, base: ir.Value, count: int) -> list[ir.Value]:
+        """Load the first `count` vectors of a block."""
         return [self.read(base, index) for index in range(count)]
 
     def write_row(self, values: Iterable[ir.Value], base: ir.Value) -> None:
+        """Store `values` as the first vectors of a block."""
         for index, value in enumerate(values):
             self.write(value, base, index)
 
-    def past(self, base: ir.Value, *counts: ir.Value | int) -> ir.Value:
-        """The address behind a number of rows: the first of `counts`, times the others, their size."""
+    def offset(self, base: ir.Value, *counts: ir.Value | int) -> ir.Value:
+        """Return the address behind a number of rows.
+
+        The first of `counts` is that number; the product of the others is the size of a row.
+        """
         first, *others = counts
         for count in others:
             first = self.mul(first, I64(count) if isinstance(count, int) else count)
         return self.gep(base, [I64(first) if isinstance(first, int) else first])
 
     def clear(self, base: ir.Value, count: ir.Value) -> None:
-        """Zeros into so many vectors."""
+        """Store zeros into the first `count` vectors."""
         each = Loop(self, count, [], "clear")
         self.store(vector(0.0), self.gep(base, [each.index]), align=8)
         each.close([])
 
     def copy(self, source: ir.Value, target: ir.Value, count: int) -> None:
-        """Of vectors."""
+        """Copy `count` vectors."""
         each = Loop(self, I64(count), [], "copy")
         moved = self.load(self.gep(source, [each.index]), align=8)
         self.store(moved, self.gep(target, [each.index]), align=8)
         each.close([])
 
     def splat(self, scalar: ir.Value) -> ir.Value:
-        """A number of either kind, in all lanes."""
+        """Broadcast a number or an integer to all lanes."""
         undefined = ir.Constant(ir.VectorType(scalar.type, LANES), ir.Undefined)
-        one = self.insert_element(undefined, scalar, I32(0))
+        single = self.insert_element(undefined, scalar, I32(0))
         lanes = ir.Constant(ir.VectorType(I32, LANES), [0] * LANES)
-        return self.shuffle_vector(one, undefined, lanes)
+        return self.shuffle_vector(single, undefined, lanes)
 
     def _intrinsic(self, name: str, *arguments: ir.Value, result: ir.Type = VEC) -> ir.Value:
         known = self.module.globals.get(name)
@@ -112,37 +121,43 @@ class Builder(ir.IRBuilder):  # type: ignore[misc]
         return self.call(known or ir.Function(self.module, kind, name), arguments)
 
     def floor(self, value: ir.Value) -> ir.Value:
+        """Round each lane down."""
         return self._intrinsic(f"llvm.floor.v{LANES}f64", value)
 
     def absolute(self, value: ir.Value) -> ir.Value:
+        """Return the absolute value of each lane."""
         return self._intrinsic(f"llvm.fabs.v{LANES}f64", value)
 
     def root(self, value: ir.Value) -> ir.Value:
+        """Return the square root of each lane."""
         return self._intrinsic(f"llvm.sqrt.v{LANES}f64", value)
 
     def signed(self, value: ir.Value, like: ir.Value) -> ir.Value:
+        """Return `value` with the signs of `like`."""
         return self._intrinsic(f"llvm.copysign.v{LANES}f64", value, like)
 
-    def fma(self, left: ir.Value, right: ir.Value, total: ir.Value) -> ir.Value:
-        return self._intrinsic(f"llvm.fmuladd.v{LANES}f64", left, right, total)
+    def fma(self, factor: ir.Value, other: ir.Value, total: ir.Value) -> ir.Value:
+        """Return `factor * other + total`, fused where the processor can."""
+        return self._intrinsic(f"llvm.fmuladd.v{LANES}f64", factor, other, total)
 
     def dot(self, base: ir.Value, values: Sequence[ir.Value]) -> ir.Value:
-        """Of the vectors at `base` with as many others."""
+        """Return the sum of products of the vectors at `base` with as many `values`."""
         total = vector(0.0)
-        for place, value in enumerate(values):
-            total = self.fma(self.read(base, place), value, total)
+        for index, value in enumerate(values):
+            total = self.fma(self.read(base, index), value, total)
         return total
 
     def largest(self, values: ir.Value) -> ir.Value:
-        """Of whole numbers."""
+        """Return the largest lane of integers."""
         return self._intrinsic(f"llvm.vector.reduce.smax.v{LANES}i64", values, result=I64)
 
     def anywhere(self, mask: ir.Value) -> ir.Value:
+        """Tell whether a mask is true in any lane."""
         bits = ir.IntType(LANES)
         return self.icmp_unsigned("!=", self.bitcast(mask, bits), bits(0))
 
     def polynomial(self, weights: list[ir.Value], x: ir.Value) -> ir.Value:
-        """Pairs of its terms at a time: chains of a few operations (Estrin)."""
+        """Evaluate a polynomial by pairs of its terms, in short chains of operations (Estrin 1960)."""
         while len(weights) > 1:
             ends = [*weights, None] if len(weights) % 2 else weights
             pairs = zip(ends[::2], ends[1::2], strict=True)
@@ -151,7 +166,7 @@ class Builder(ir.IRBuilder):  # type: ignore[misc]
         return weights[0]
 
     def exp(self, value: ir.Value) -> ir.Value:
-        """Of numbers up to 700, to 2e-9: a power of two and a short polynomial."""
+        """Return e to the power of numbers up to 700, to 2e-9: a power of two times a polynomial."""
         low = self.fcmp_ordered("<", value, vector(_LEAST_POWER))
         value = self.select(low, vector(_LEAST_POWER), value)
         shifted = self.fma(value, vector(1.0 / math.log(2.0)), vector(_ROUNDER))
@@ -162,27 +177,27 @@ class Builder(ir.IRBuilder):  # type: ignore[misc]
         return self.bitcast(self.add(self.bitcast(total, INT_VEC), power), VEC)
 
     def gather(self, numbers: ir.Value, places: ir.Value) -> ir.Value:
-        """Of a block of single numbers, at the place of each lane; quick where lanes have one place."""
+        """Load for each lane the number at its place of a block; fast where lanes have one place."""
 
-        def of_lane(place: ir.Value, _: int) -> ir.Value:
-            return self.load(self.gep(numbers, [place]))
+        def of_lane(index: ir.Value, _: int) -> ir.Value:
+            return self.load(self.gep(numbers, [index]))
 
-        return self._gathered(places, of_lane, lambda place: self.splat(of_lane(place, 0)))
+        return self._gather(places, of_lane, lambda index: self.splat(of_lane(index, 0)))
 
-    def gather_own(self, vectors: ir.Value, places: ir.Value) -> ir.Value:
-        """Of a block of vectors, each lane's number of the vector at its place."""
+    def gather_lanes(self, vectors: ir.Value, places: ir.Value) -> ir.Value:
+        """Load for each lane its own number of the vector at its place of a block."""
         numbers = self.bitcast(vectors, F64.as_pointer())
 
-        def of_lane(place: ir.Value, lane: int) -> ir.Value:
-            at = self.add(self.mul(place, I64(LANES)), I64(lane))
+        def of_lane(index: ir.Value, lane: int) -> ir.Value:
+            at = self.add(self.mul(index, I64(LANES)), I64(lane))
             return self.load(self.gep(numbers, [at]))
 
-        def of_all(place: ir.Value) -> ir.Value:
-            return self.load(self.gep(vectors, [place]), align=8)
+        def of_all(index: ir.Value) -> ir.Value:
+            return self.load(self.gep(vectors, [index]), align=8)
 
-        return self._gathered(places, of_lane, of_all)
+        return self._gather(places, of_lane, of_all)
 
-    def _gathered(
+    def _gather(
         self,
         places: ir.Value,
         of_lane: Callable[[ir.Value, int], ir.Value],
@@ -192,35 +207,35 @@ class Builder(ir.IRBuilder):  # type: ignore[misc]
         other = self.icmp_signed("!=", places, self.splat(first))
         with self.if_else(self.anywhere(other)) as (then, otherwise):
             with then:
-                apart: ir.Value = ir.Constant(VEC, ir.Undefined)
+                gathered: ir.Value = ir.Constant(VEC, ir.Undefined)
                 for lane in range(LANES):
                     number = of_lane(self.extract_element(places, I32(lane)), lane)
-                    apart = self.insert_element(apart, number, I32(lane))
+                    gathered = self.insert_element(gathered, number, I32(lane))
                 block_apart = self.block
             with otherwise:
-                alike = of_all(first)
+                broadcast = of_all(first)
                 block_alike = self.block
-        found = self.phi(VEC)
-        found.add_incoming(apart, block_apart)
-        found.add_incoming(alike, block_alike)
-        return found
+        result = self.phi(VEC)
+        result.add_incoming(gathered, block_apart)
+        result.add_incoming(broadcast, block_alike)
+        return result
 
     def scatter(self, value: ir.Value, numbers: ir.Value, places: ir.Value) -> None:
-        """Lane l of `value` to number l of the vector at the place of the lane."""
+        """Store lane l of `value` as number l of the vector at the place of the lane."""
         for lane in range(LANES):
             vector_of = self.mul(self.extract_element(places, I32(lane)), I64(LANES))
-            place = self.gep(numbers, [self.add(vector_of, I64(lane))])
-            self.store(self.extract_element(value, I32(lane)), place)
+            address = self.gep(numbers, [self.add(vector_of, I64(lane))])
+            self.store(self.extract_element(value, I32(lane)), address)
 
-    def turned(self, rows: list[ir.Value]) -> list[ir.Value]:
-        """The transpose of LANES vectors: halves of pairs are exchanged, then quarters, then eighths."""
+    def transpose(self, rows: list[ir.Value]) -> list[ir.Value]:
+        """Transpose LANES vectors: exchange halves of pairs, then quarters, then eighths."""
         rows = list(rows)
         for size in (1, 2, 4):
-            for one in (i for i in range(LANES) if not i & size):
-                first, second = rows[one], rows[one + size]
+            for first_row in (i for i in range(LANES) if not i & size):
+                first, second = rows[first_row], rows[first_row + size]
                 low = [j if not j & size else LANES + j - size for j in range(LANES)]
                 high = [j + size if not j & size else LANES + j for j in range(LANES)]
-                for row, order in ((one, low), (one + size, high)):
+                for row, order in ((first_row, low), (first_row + size, high)):
                     lanes = ir.Constant(ir.VectorType(I32, LANES), order)
                     rows[row] = self.shuffle_vector(first, second, lanes)
         return rows
@@ -229,22 +244,23 @@ class Builder(ir.IRBuilder):  # type: ignore[misc]
 def begin_function(
     module: ir.Module, name: str, counts: int, blocks: Sequence[ir.Type]
 ) -> tuple[ir.Function, Builder]:
-    """A function of `counts` integers, then addresses of `blocks` that do not overlap, which gives
-    nothing; and what writes it.
+    """Begin a function without result, and return it with its builder.
+
+    Its arguments are `counts` integers, then the addresses of `blocks`, which do not overlap.
     """
     signature = ir.FunctionType(ir.VoidType(), [I64] * counts + list(blocks))
-    made = ir.Function(module, signature, name)
-    for argument in made.args[counts:]:
+    function = ir.Function(module, signature, name)
+    for argument in function.args[counts:]:
         argument.add_attribute("noalias")
-    return made, Builder(made.append_basic_block())
+    return function, Builder(function.append_basic_block())
 
 
 def begin_kernel(
     module: ir.Module, name: str, counts: Sequence[str], blocks: Mapping[str, ir.Type]
 ) -> tuple[dict[str, ir.Value], Builder]:
-    """A function that is called with `counts` and addresses of `blocks`: these by name."""
-    made, b = begin_function(module, name, len(counts), list(blocks.values()))
-    return dict(zip([*counts, *blocks], made.args, strict=True)), b
+    """Begin a kernel, and return its arguments, `counts` and addresses of `blocks`, by name."""
+    function, b = begin_function(module, name, len(counts), list(blocks.values()))
+    return dict(zip([*counts, *blocks], function.args, strict=True)), b
 
 
 class Loop:
@@ -263,6 +279,7 @@ class Loop:
             phi.add_incoming(value, before)
 
     def close(self, new: list[ir.Value]) -> None:
+        """End a pass with the `new` values, and continue behind the loop."""
         b = self._b
         index = b.add(self.index, I64(1))
         self.index.add_incoming(index, b.block)
@@ -273,21 +290,21 @@ class Loop:
         b.position_at_end(after)
 
 
-def _operation(name: str, *, turned: bool = False) -> Callable[[Lane, Any], Any]:
-    """That of the builder with what is a number too; others know how to take a lane."""
+def _operation(name: str, *, turned: bool = False) -> Callable[[Vector, Any], Any]:
+    """Return a method that writes an operation of the builder; a plain number becomes a constant."""
 
-    def method(lane: Lane, other: Any) -> Any:
-        if not isinstance(other, Lane | float | int):
+    def method(lane: Vector, other: Any) -> Any:
+        if not isinstance(other, Vector | float | int):
             return NotImplemented
-        pair = (lane.value, lane._of(other))
-        return Lane(lane.b, getattr(lane.b, name)(*(reversed(pair) if turned else pair)))
+        pair = (lane.value, lane._operand(other))
+        return Vector(lane.b, getattr(lane.b, name)(*(reversed(pair) if turned else pair)))
 
     return method
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Lane(Number):
-    """One number of each walker.  Arithmetic with it is written down as code, not carried out.
+class Vector(Number):
+    """One number of each walker, whose arithmetic is written down as code, not carried out.
 
     A model's formulas, evaluated with these for numbers, become part of the kernel.
     """
@@ -295,18 +312,18 @@ class Lane(Number):
     b: Builder
     value: ir.Value
 
-    def _of(self, other: Lane | float) -> ir.Value:
-        return other.value if isinstance(other, Lane) else vector(float(other))
+    def _operand(self, other: Vector | float) -> ir.Value:
+        return other.value if isinstance(other, Vector) else vector(float(other))
 
     __add__ = __radd__ = _operation("fadd")
     __sub__, __rsub__ = _operation("fsub"), _operation("fsub", turned=True)
     __mul__ = __rmul__ = _operation("fmul")
     __truediv__, __rtruediv__ = _operation("fdiv"), _operation("fdiv", turned=True)
 
-    def __neg__(self) -> Lane:
-        return Lane(self.b, self.b.fneg(self.value))
+    def __neg__(self) -> Vector:
+        return Vector(self.b, self.b.fneg(self.value))
 
-    def __pow__(self, power: int) -> Lane:
+    def __pow__(self, power: int) -> Vector:
         if not isinstance(power, int) or power < 1:
             raise TypeError("models are compiled: only whole powers from 1 on are known")
         result = self
@@ -314,41 +331,53 @@ class Lane(Number):
             result = result * self
         return result
 
-    def exp(self) -> Lane:
-        return Lane(self.b, self.b.exp(self.value))
+    def exp(self) -> Vector:
+        """See `Builder.exp`."""
+        return Vector(self.b, self.b.exp(self.value))
 
-    def size(self) -> Lane:
-        return Lane(self.b, self.b.absolute(self.value))
+    def size(self) -> Vector:
+        """Return the absolute values."""
+        return Vector(self.b, self.b.absolute(self.value))
 
-    def signed(self, like: Lane) -> Lane:
-        return Lane(self.b, self.b.signed(self.value, like.value))
+    def signed(self, like: Vector) -> Vector:
+        """Return these numbers with the signs of `like`."""
+        return Vector(self.b, self.b.signed(self.value, like.value))
 
-    def below(self, other: Lane | float) -> Mask:
-        return Mask(self.b, self.b.fcmp_ordered("<", self.value, self._of(other)))
+    def below(self, other: Vector | float) -> Mask:
+        """Tell in which lanes it is less than `other`; NaN is not."""
+        return Mask(self.b, self.b.fcmp_ordered("<", self.value, self._operand(other)))
 
-    def above(self, other: Lane | float) -> Mask:
-        return Mask(self.b, self.b.fcmp_ordered(">", self.value, self._of(other)))
+    def above(self, other: Vector | float) -> Mask:
+        """Tell in which lanes it is greater than `other`; NaN is not."""
+        return Mask(self.b, self.b.fcmp_ordered(">", self.value, self._operand(other)))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Mask(Choice):
-    """Of lanes."""
+    """A truth value for each lane."""
 
     b: Builder
     value: ir.Value
 
-    def chosen(self, yes: Lane | float, no: Lane | float) -> Lane:
-        one, other = (n.value if isinstance(n, Lane) else vector(float(n)) for n in (yes, no))
-        return Lane(self.b, self.b.select(self.value, one, other))
+    def chosen(self, yes: Vector | float, no: Vector | float) -> Vector:
+        """Select `yes` in lanes where it is true, `no` in others."""
+        chosen_value, other_value = (
+            n.value if isinstance(n, Vector) else vector(float(n)) for n in (yes, no)
+        )
+        return Vector(self.b, self.b.select(self.value, chosen_value, other_value))
 
     def both(self, other: Mask) -> Mask:
+        """Return its conjunction with another mask."""
         return Mask(self.b, self.b.and_(self.value, other.value))
 
-    def turned(self) -> Mask:
+    def negate(self) -> Mask:
+        """Return its negation."""
         return Mask(self.b, self.b.not_(self.value))
 
     def without(self, other: Mask) -> Mask:
-        return self.both(other.turned())
+        """Return the lanes in which it is true and `other` is not."""
+        return self.both(other.negate())
 
     def either(self, other: Mask) -> Mask:
+        """Return its disjunction with another mask."""
         return Mask(self.b, self.b.or_(self.value, other.value))

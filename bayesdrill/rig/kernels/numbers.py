@@ -17,98 +17,106 @@ from bayesdrill.rig.kernels.lanes import (
     VEC,
     VECTORS,
     Builder,
-    Lane,
     Loop,
     Mask,
+    Vector,
     begin_function,
     vector,
 )
 
-Number = Any  # a Lane, or a Dual of them
+Number = Any  # a Vector, or a Dual of them
 Column = Mapping[int, Number]
 
 
 @dataclass(frozen=True, slots=True)
-class Kind:
-    """Of numbers: registers, or, `dual`, registers with slopes."""
+class NumberKind:
+    """Says whether numbers are registers, or, if `dual`, registers with slopes."""
 
     b: Builder
     dual: bool
 
     def flat(self, numbers: Sequence[Number]) -> list[ir.Value]:
-        """As registers, slopes after values."""
+        """Return the registers of numbers, slopes after values."""
         if not self.dual:
             return [_register(number) for number in numbers]
         duals = [dual(number) for number in numbers]
         return [*(_register(d.value) for d in duals), *(_register(d.slope) for d in duals)]
 
     def shaped(self, registers: Sequence[ir.Value]) -> list[Number]:
-        lanes = [Lane(self.b, value) for value in registers]
+        """Return the numbers of which `flat` gave the registers."""
+        lanes = [Vector(self.b, value) for value in registers]
         if not self.dual:
             return list(lanes)
         n = len(lanes) // 2
         return [Dual(value, slope) for value, slope in zip(lanes[:n], lanes[n:], strict=True)]
 
     def zero(self) -> Number:
-        """With a slope, as what is carried has one."""
-        nothing = Lane(self.b, vector(0.0))
+        """Return zero, with a slope where numbers of this kind have one."""
+        nothing = Vector(self.b, vector(0.0))
         return Dual(nothing, nothing) if self.dual else nothing
 
-    def rarely(
-        self, mask: Mask, usual: list[Number], other: Callable[[], list[Number]]
+    def select_if_any(
+        self, mask: Mask, default: list[Number], other: Callable[[], list[Number]]
     ) -> list[Number]:
-        """`other` in lanes of a mask, worked out where there is any; the rest has what is usual."""
+        """Return `other` in lanes of the mask, `default` elsewhere.
 
-        def chosen() -> list[Number]:
-            pairs = zip(other(), usual, strict=True)
-            return [where(mask, one, instead) for one, instead in pairs]
+        The code of `other` runs only where the mask is true in any lane.
+        """
 
-        return self.instead(mask, usual, chosen)
+        def blended() -> list[Number]:
+            pairs = zip(other(), default, strict=True)
+            return [where(mask, replacement, number) for replacement, number in pairs]
 
-    def instead(
-        self, mask: Mask, usual: list[Number], other: Callable[[], list[Number]]
+        return self.replace_if_any(mask, default, blended)
+
+    def replace_if_any(
+        self, mask: Mask, default: list[Number], other: Callable[[], list[Number]]
     ) -> list[Number]:
-        """`other` in all lanes if any is in a mask."""
+        """Return `other` in all lanes if the mask is true in any, else `default`."""
         b = self.b
-        before, ones = b.block, self.flat(usual)
+        before, ones = b.block, self.flat(default)
         with b.if_then(b.anywhere(mask.value), likely=False):
             others = self.flat(other())
             inside = b.block
-        found = []
-        for one, another in zip(ones, others, strict=True):
-            found.append(b.phi(one.type))
-            found[-1].add_incoming(one, before)
-            found[-1].add_incoming(another, inside)
-        return self.shaped(found)
+        merged = []
+        for register, other_register in zip(ones, others, strict=True):
+            merged.append(b.phi(register.type))
+            merged[-1].add_incoming(register, before)
+            merged[-1].add_incoming(other_register, inside)
+        return self.shaped(merged)
 
 
-def _register(number: Lane | float) -> ir.Value:
-    return number.value if isinstance(number, Lane) else vector(number)
+def _register(number: Vector | float) -> ir.Value:
+    return number.value if isinstance(number, Vector) else vector(number)
 
 
-def total(start: Number, terms: Sequence[tuple[Number, Number]]) -> Number:
-    """Sum of products, in two halves: a step takes as long as its longest chain of additions."""
+def sum_products(start: Number, terms: Sequence[tuple[Number, Number]]) -> Number:
+    """Return `start` plus the sum of products, added up in two halves to shorten the chain."""
     half = (len(terms) + 1) // 2
     first = start
-    for left, right in terms[:half]:
-        first = fused(left, right, first)
+    for factor, other in terms[:half]:
+        first = multiply_add(factor, other, first)
     if len(terms) == half:
         return first
     second: Number = None
-    for left, right in terms[half:]:
-        second = fused(left, right, second)
+    for factor, other in terms[half:]:
+        second = multiply_add(factor, other, second)
     return first + second
 
 
-def fused(left: Number, right: Number, sum_: Number) -> Number:
-    """left * right + sum_; a slope of 0.0 is none."""
-    one, other = dual(left), dual(right)
-    if not isinstance(left, Dual) and not isinstance(right, Dual) and not isinstance(sum_, Dual):
-        return _lane(left, right, sum_)
+def multiply_add(factor_a: Number, factor_b: Number, sum_: Number) -> Number:
+    """Return factor_a * factor_b + sum_; a slope of 0.0 counts as none."""
+    a, b = dual(factor_a), dual(factor_b)
+    if (
+        not isinstance(factor_a, Dual)
+        and not isinstance(factor_b, Dual)
+        and not isinstance(sum_, Dual)
+    ):
+        return _lane(factor_a, factor_b, sum_)
     before = dual(sum_) if sum_ is not None else None
-    value = _lane(one.value, other.value, before.value if before else None)
+    value = _lane(a.value, b.value, before.value if before else None)
     slope: Number = before.slope if before else 0.0
-    for factor, change in ((one.slope, other.value), (one.value, other.slope)):
+    for factor, change in ((a.slope, b.value), (a.value, b.slope)):
         if not _nothing(factor) and not _nothing(change):
             slope = _lane(factor, change, None if _nothing(slope) else slope)
     return Dual(value, slope)
@@ -118,105 +126,113 @@ def _nothing(number: Number) -> bool:
     return isinstance(number, float) and number == 0.0
 
 
-def _lane(left: Lane, right: Lane, sum_: Lane | None) -> Lane:
-    b = left.b
+def _lane(factor: Vector, other: Vector, sum_: Vector | None) -> Vector:
+    b = factor.b
     if sum_ is None:
-        return Lane(b, b.fmul(left.value, right.value))
-    return Lane(b, b.fma(left.value, right.value, sum_.value))
+        return Vector(b, b.fmul(factor.value, other.value))
+    return Vector(b, b.fma(factor.value, other.value, sum_.value))
 
 
-def above(one: Number, other: Number) -> Mask:
-    """NaN is above all."""
-    left, right = dual(one).value, dual(other).value
-    return Mask(left.b, left.b.fcmp_unordered(">", left.value, right.value))
+def above(number: Number, other: Number) -> Mask:
+    """Tell where a number is greater than another; NaN is greater than all."""
+    value, bound = dual(number).value, dual(other).value
+    return Mask(value.b, value.b.fcmp_unordered(">", value.value, bound.value))
 
 
-def moving(speed: Number) -> Mask:
-    """NaN moves."""
+def is_moving(speed: Number) -> Mask:
+    """Tell where a speed is not zero; NaN moves."""
     value = dual(speed).value
     return Mask(value.b, value.b.fcmp_unordered("!=", value.value, vector(0.0)))
 
 
-def way_of(speed: Number) -> Lane:
-    """1 or -1 as it goes, 0 where it stands; NaN goes on."""
+def slip_direction(speed: Number) -> Vector:
+    """Return the sign of a speed, 0 at rest; NaN has a direction too."""
     value = dual(speed).value
-    return moving(speed).chosen(Lane(value.b, vector(1.0)).signed(value), 0.0)
+    return is_moving(speed).chosen(Vector(value.b, vector(1.0)).signed(value), 0.0)
 
 
-def sticking(way: Lane) -> Mask:
-    return Mask(way.b, way.b.fcmp_ordered("==", way.value, vector(0.0)))
+def is_sticking(direction: Vector) -> Mask:
+    """Tell where a direction is that of rest."""
+    return Mask(direction.b, direction.b.fcmp_ordered("==", direction.value, vector(0.0)))
 
 
-def goes_on(way: Lane, speed: Number) -> Mask:
-    """Whether a speed is as before; what sticks is not said to."""
-    product = way.b.fmul(way.value, dual(speed).value.value)
-    return Mask(way.b, way.b.fcmp_unordered(">", product, vector(0.0)))
+def keeps_direction(direction: Vector, speed: Number) -> Mask:
+    """Tell where a speed has the sign it had; false where it was at rest."""
+    product = direction.b.fmul(direction.value, dual(speed).value.value)
+    return Mask(direction.b, direction.b.fcmp_unordered(">", product, vector(0.0)))
 
 
-TINY = 1e-13  # of a diagonal: a pivot below it is rounding
+MIN_RELATIVE_PIVOT = 1e-13  # of a diagonal: a pivot below it is rounding
 
 
 @dataclass(frozen=True, slots=True)
 class Memory:
-    """Where numbers are kept: `width` vectors each."""
+    """Reads and writes numbers in memory, `width` vectors each."""
 
     b: Builder
     slopes: bool
 
     @property
     def width(self) -> int:
+        """Vectors of one number."""
         return 2 if self.slopes else 1
 
     def at(self, base: ir.Value, index: ir.Value | int) -> ir.Value:
-        """The address of a number, or of the first of a row."""
+        """Return the address of a number, or of the first of a row."""
         if isinstance(index, int):
             return self.b.gep(base, [I64(index * self.width)])
         return self.b.gep(base, [self.b.mul(index, I64(self.width))])
 
     def get(self, base: ir.Value, index: int) -> Number:
-        value = Lane(self.b, self.b.read(base, index * self.width))
+        """Load number `index` of a block."""
+        value = Vector(self.b, self.b.read(base, index * self.width))
         if not self.slopes:
             return value
-        return Dual(value, Lane(self.b, self.b.read(base, 2 * index + 1)))
+        return Dual(value, Vector(self.b, self.b.read(base, 2 * index + 1)))
 
     def put(self, number: Number | float, base: ir.Value, index: int) -> None:
+        """Store number `index` of a block."""
         parts = [dual(number).value, dual(number).slope] if self.slopes else [number]
         for k, part in enumerate(parts):
-            value = part.value if isinstance(part, Lane) else vector(float(part))
+            value = part.value if isinstance(part, Vector) else vector(float(part))
             self.b.write(value, base, index * self.width + k)
 
     def row(self, base: ir.Value, count: int) -> list[Number]:
+        """Load the first `count` numbers of a block."""
         return [self.get(base, k) for k in range(count)]
 
     def put_row(self, numbers: Iterable[Number | float], base: ir.Value) -> None:
+        """Store the first numbers of a block."""
         for index, number in enumerate(numbers):
             self.put(number, base, index)
 
     def room(self, count: int) -> ir.Value:
-        """On the stack, once, wherever the code stands."""
+        """Reserve `count` numbers on the stack, once, even where the code stands in a loop."""
         with self.b.goto_entry_block():
             return self.b.alloca(VEC, I64(count * self.width))
 
     def clear(self, base: ir.Value, count: int) -> None:
+        """Store `count` zeros."""
         self.b.clear(base, I64(count * self.width))
 
 
 def dot(left: Sequence[Number], right: Sequence[Number], start: Number | None = None) -> Number:
+    """Return the scalar product of two vectors of numbers, added to `start`."""
     total = start
-    for one, other in zip(left, right, strict=True):
-        total = fused(one, other, total)
+    for factor, weight in zip(left, right, strict=True):
+        total = multiply_add(factor, weight, total)
     return total
 
 
 def emit_product(
     module: ir.Module, shape: tuple[int, int, int], *, slopes: bool = False
 ) -> ir.Function:
-    """`product(out (m, n), a, b)`: of a (m, k) and b (k, n)."""
+    """Write `product(out (m, n), a (m, k), b (k, n))`: out = a b."""
     m, inner, n = shape
-    made, b = _begun(module, f"product_{m}_{inner}_{n}{'d' if slopes else ''}", 3)
+    function, b = _begun(module, f"product_{m}_{inner}_{n}{'d' if slopes else ''}", 3)
     if b is None:
-        return made
-    out, a, other = made.args
+        return function
+    out, a, other = function.args
     memory = Memory(b, slopes)
     together = next(size for size in (3, 2, 1) if m % size in (0, 1) and size <= m)
 
@@ -228,8 +244,8 @@ def emit_product(
         rows = [memory.row(memory.at(begin, r * inner), inner) for r in range(count)]
         for j in range(n):
             column = [memory.get(other, k * n + j) for k in range(inner)]
-            for r, own in enumerate(rows):
-                memory.put(dot(own, column), into, r * n + j)
+            for r, entries in enumerate(rows):
+                memory.put(dot(entries, column), into, r * n + j)
 
     blocks = Loop(b, I64(m // together), [], "rows")
     some(b.mul(blocks.index, I64(together)), together)
@@ -237,32 +253,36 @@ def emit_product(
     if m % together:
         some(I64(m - 1), 1)
     b.ret_void()
-    return made
+    return function
 
 
 def _begun(module: ir.Module, name: str, blocks: int) -> tuple[ir.Function, Builder | None]:
-    """A function of so many blocks of vectors; nothing to write it with where the module has it."""
+    """Begin a function of `blocks` blocks of vectors; no builder where the module has it already."""
     if name in module.globals:
         return module.globals[name], None
     return begin_function(module, name, 0, [VECTORS] * blocks)
 
 
-def emit_even(
-    module: ir.Module, n: int, *, left: bool = False, adds: bool = False, slopes: bool = False
+def emit_symmetric(
+    module: ir.Module, n: int, *, transposed: bool = False, adds: bool = False, slopes: bool = False
 ) -> ir.Function:
-    """`even(out, a, b)`, all (n, n): a b', or with `left` a' b, of which it is known that it is its own
-    transpose: made of its lower half, and so exactly that.
+    """Write `even(out, a, b)`, all (n, n): out = a b', or a' b if `transposed`.
+
+    The product is known to be symmetric: only the lower half is computed and copied, so that the
+    result is exactly that.  With `adds` the product is added to what `out` has.
     """
-    made, b = _begun(
-        module, f"even_{n}{'t' if left else ''}{'a' if adds else ''}{'d' if slopes else ''}", 3
+    function, b = _begun(
+        module,
+        f"even_{n}{'t' if transposed else ''}{'a' if adds else ''}{'d' if slopes else ''}",
+        3,
     )
     if b is None:
-        return made
-    out, a, other = made.args
+        return function
+    out, a, other = function.args
     memory = Memory(b, slopes)
 
     def line(base: ir.Value, i: int) -> list[Number]:
-        return [memory.get(base, k * n + i if left else i * n + k) for k in range(n)]
+        return [memory.get(base, k * n + i if transposed else i * n + k) for k in range(n)]
 
     for first in range(0, n, 3):
         rows = {i: line(a, i) for i in range(first, min(first + 3, n))}
@@ -270,94 +290,99 @@ def emit_even(
             column = line(other, j)
             for i in (i for i in rows if i >= j):
                 total = dot(rows[i], column, memory.get(out, i * n + j) if adds else None)
-                for place in {i * n + j, j * n + i}:
-                    memory.put(total, out, place)
+                for index in {i * n + j, j * n + i}:
+                    memory.put(total, out, index)
     b.ret_void()
-    return made
+    return function
 
 
-def emit_factor(module: ir.Module, n: int) -> ir.Function:
-    """`factor(out, a)`: lower triangle with out out' = a (n, n), which may be singular: what is nothing
-    beside its diagonal gets a column of zeros.
+def emit_cholesky(module: ir.Module, n: int) -> ir.Function:
+    """Write `factor(out, a)`: the Cholesky factor, lower with out out' = a (n, n).
+
+    The matrix may be singular: a pivot that is rounding beside its diagonal gets a column of zeros.
     """
-    made, b = _begun(module, f"factor_{n}", 2)
+    function, b = _begun(module, f"factor_{n}", 2)
     if b is None:
-        return made
-    out, a = made.args
+        return function
+    out, a = function.args
     zero = vector(0.0)
-    found: dict[tuple[int, int], Lane] = {}
+    factor: dict[tuple[int, int], Vector] = {}
     for j in range(n):
-        diagonal = Lane(b, b.read(a, j * n + j))
+        diagonal = Vector(b, b.read(a, j * n + j))
         pivot = diagonal
         for k in range(j):
-            pivot = fused(-found[j, k], found[j, k], pivot)
-        good = b.fcmp_unordered(">", pivot.value, (diagonal * TINY).value)
+            pivot = multiply_add(-factor[j, k], factor[j, k], pivot)
+        good = b.fcmp_unordered(">", pivot.value, (diagonal * MIN_RELATIVE_PIVOT).value)
         good = b.and_(good, b.fcmp_unordered(">", pivot.value, zero))
         size = b.root(b.select(good, pivot.value, vector(1.0)))
-        over = Lane(b, b.select(good, b.fdiv(vector(1.0), size), zero))
-        found[j, j] = Lane(b, b.select(good, size, zero))
+        over = Vector(b, b.select(good, b.fdiv(vector(1.0), size), zero))
+        factor[j, j] = Vector(b, b.select(good, size, zero))
         for i in range(j + 1, n):
-            entry = Lane(b, b.read(a, i * n + j))
+            entry = Vector(b, b.read(a, i * n + j))
             for k in range(j):
-                entry = fused(-found[i, k], found[j, k], entry)
-            found[i, j] = entry * over
+                entry = multiply_add(-factor[i, k], factor[j, k], entry)
+            factor[i, j] = entry * over
     for i in range(n):
         for j in range(n):
-            b.write(found[i, j].value if j <= i else zero, out, i * n + j)
+            b.write(factor[i, j].value if j <= i else zero, out, i * n + j)
     b.ret_void()
-    return made
+    return function
 
 
-def emit_decomposed(module: ir.Module, n: int) -> ir.Function:
-    """`decomposed(out (n, n), a (n, n), determinant)`: L and U with L U = a, one inside the other: L
-    without its diagonal of ones, one over that of U.
+def emit_lu(module: ir.Module, n: int) -> ir.Function:
+    """Write `decomposed(out (n, n), a (n, n), determinant)`: L and U with L U = a, in one matrix.
 
-    Of one and a product of two covariances, of which pivots are as good in their order as in any.
+    L is without its diagonal of ones; U has the inverse of its diagonal.  Without pivoting, as for
+    one plus a product of two covariances, where pivots are as good in their order as in any.
     """
-    made, b = _begun(module, f"decomposed_{n}", 3)
+    function, b = _begun(module, f"decomposed_{n}", 3)
     if b is None:
-        return made
-    out, a, determinant = made.args
-    found = {(i, j): Lane(b, b.read(a, i * n + j)) for i in range(n) for j in range(n)}
-    total = Lane(b, vector(1.0))
+        return function
+    out, a, determinant = function.args
+    entries = {(i, j): Vector(b, b.read(a, i * n + j)) for i in range(n) for j in range(n)}
+    total = Vector(b, vector(1.0))
     for k in range(n):
-        total = total * found[k, k]
-        found[k, k] = 1.0 / found[k, k]
+        total = total * entries[k, k]
+        entries[k, k] = 1.0 / entries[k, k]
         for i in range(k + 1, n):
-            found[i, k] = found[i, k] * found[k, k]
+            entries[i, k] = entries[i, k] * entries[k, k]
             for j in range(k + 1, n):
-                found[i, j] = fused(-found[i, k], found[k, j], found[i, j])
-    for (i, j), one in found.items():
-        b.write(one.value, out, i * n + j)
+                entries[i, j] = multiply_add(-entries[i, k], entries[k, j], entries[i, j])
+    for (i, j), entry in entries.items():
+        b.write(entry.value, out, i * n + j)
     b.write(total.value, determinant, 0)
     b.ret_void()
-    return made
+    return function
 
 
-def emit_solved(module: ir.Module, n: int, m: int) -> ir.Function:
-    """`solved(out (n, m), lu (n, n), x (n, m))`: a^-1 x of what is decomposed."""
-    made, b = _begun(module, f"solved_{n}_{m}", 3)
+def emit_lu_solve(module: ir.Module, n: int, m: int) -> ir.Function:
+    """Write `solved(out (n, m), lu (n, n), x (n, m))`: out = a^-1 x, with `lu` from `decomposed`."""
+    function, b = _begun(module, f"solved_{n}_{m}", 3)
     if b is None:
-        return made
-    out, lu, x = made.args
+        return function
+    out, lu, x = function.args
     together = next(size for size in (3, 2, 1) if m % size == 0)
     columns = Loop(b, I64(m // together), [], "columns")
     first = b.mul(columns.index, I64(together))
     source, target = b.gep(x, [first]), b.gep(out, [first])
-    entry = {(i, j): Lane(b, b.read(lu, i * n + j)) for i in range(n) for j in range(n)}
-    found = [[Lane(b, b.read(source, i * m + c)) for c in range(together)] for i in range(n)]
+    entry = {(i, j): Vector(b, b.read(lu, i * n + j)) for i in range(n) for j in range(n)}
+    solution = [[Vector(b, b.read(source, i * m + c)) for c in range(together)] for i in range(n)]
     for i in range(n):
         for j in range(i):
             minus = -entry[i, j]
-            found[i] = [fused(minus, y, z) for y, z in zip(found[j], found[i], strict=True)]
+            solution[i] = [
+                multiply_add(minus, y, z) for y, z in zip(solution[j], solution[i], strict=True)
+            ]
     for i in reversed(range(n)):
         for j in range(i + 1, n):
             minus = -entry[i, j]
-            found[i] = [fused(minus, y, z) for y, z in zip(found[j], found[i], strict=True)]
-        found[i] = [one * entry[i, i] for one in found[i]]
-    for i, row in enumerate(found):
-        for c, one in enumerate(row):
-            b.write(one.value, target, i * m + c)
+            solution[i] = [
+                multiply_add(minus, y, z) for y, z in zip(solution[j], solution[i], strict=True)
+            ]
+        solution[i] = [number * entry[i, i] for number in solution[i]]
+    for i, row in enumerate(solution):
+        for c, number in enumerate(row):
+            b.write(number.value, target, i * m + c)
     columns.close([])
     b.ret_void()
-    return made
+    return function

@@ -1,12 +1,13 @@
-"""A step in which a speed changes its sign or what stuck lets go, and long steps where nothing does.
+"""Steps in which a speed changes its sign or what stuck lets go, and long steps where nothing does.
 
-While a speed keeps its sign its effort f is the friction's size, against it.  Where the sign changes, f
-is the mean over the step: of both signs, each for as long as a straight course of the speed has it, or,
-where the speed stays at zero once it is there, what stops it.
+While a speed keeps its sign its effort f is the friction's size, against it.  Where the sign
+changes, f is the mean over the step: of both signs, each for as long as a straight course of the
+speed has it, or, where the speed stays at zero once it is there, what stops it.
 
-Steps are as short as friction asks for whose size falls with the speed.  Where every speed is so high
-that nothing of that is left, and stays far from zero, a stride goes to the next sample at once, and
-is exact; what sticks goes by steps, as in one that is long its speed is zero at the ends alone.
+Steps are as short as friction asks for whose size falls with the speed.  Where every speed is so
+high that nothing of that is left, and stays far from zero, a `LongStep` goes to the next sample at
+once, and is exact; what sticks goes by steps, as in one that is long its speed is zero at the ends
+alone.
 """
 
 from __future__ import annotations
@@ -17,134 +18,156 @@ from dataclasses import dataclass, replace
 from llvmlite import ir
 
 from bayesdrill.basics.duals import below, signed, size, where
-from bayesdrill.rig.kernels.friction import Going, Moment, Past, Regime, Rub, Step, any_of
-from bayesdrill.rig.kernels.lanes import F64, I64, LANES, Lane, Loop, Mask
+from bayesdrill.rig.kernels.friction import (
+    FrictionHistory,
+    FrictionMode,
+    SmoothStep,
+    Step,
+    StepFriction,
+    StepStart,
+    any_of,
+)
+from bayesdrill.rig.kernels.lanes import F64, I64, LANES, Loop, Mask, Vector
 from bayesdrill.rig.kernels.numbers import (
     Column,
-    Kind,
     Number,
+    NumberKind,
     above,
-    fused,
-    goes_on,
-    moving,
-    sticking,
-    total,
+    is_moving,
+    is_sticking,
+    keeps_direction,
+    multiply_add,
+    sum_products,
 )
 from bayesdrill.rig.models.friction import SettlingLaw
 
 
-def step_on(
-    going: Going, parts: Parts, now: Moment, turn: Callable[[list[Number]], None]
-) -> tuple[list[Number], list[Number], Past]:
-    """New state, efforts (where the regime shows them) and the past then.  Where something turns, the
-    regime is another from then on: `turn(state)`.
+def advance_step(
+    going: SmoothStep, parts: Substeps, now: StepStart, turn: Callable[[list[Number]], None]
+) -> tuple[list[Number], list[Number], FrictionHistory]:
+    """Return the new state, efforts (where the mode shows them) and the history then.
+
+    Where a speed changes its sign or what stuck lets go, the mode is another from then on:
+    `turn(state)`.
     """
-    step, regime, x = going.step, going.regime, len(now.state)
-    ways = regime.ways()
-    new, efforts, then = going.taken(now, ways)
-    usual = [*new, *efforts, *then.sizes, *then.trends]
+    step, mode, x = going.step, going.mode, len(now.state)
+    directions = mode.directions()
+    new, efforts, then = going.advance(now, directions)
+    smooth = [*new, *efforts, *then.sizes, *then.trends]
 
     def looked() -> list[Number]:
-        changes = going.changes(new, now, ways)
+        changes = going.changes(new, now, directions)
 
         def turned() -> list[Number]:
-            others = parts.numbers(now, shows=regime.shows)
-            found = [where(changes, *both) for both in zip(others, usual, strict=True)]
-            turn(found[:x])
-            return found
+            others = parts.advance(now, shows=mode.shows)
+            merged = [where(changes, *both) for both in zip(others, smooth, strict=True)]
+            turn(merged[:x])
+            return merged
 
-        return step.kind.instead(changes, usual, turned)
+        return step.kind.replace_if_any(changes, smooth, turned)
 
-    every = step.kind.instead(going.leaves(new, ways), usual, looked)
+    result = step.kind.replace_if_any(going.may_change(new, directions), smooth, looked)
     e, v = x + len(efforts), len(step.varying)
-    return every[:x], every[x:e], Past(every[e : e + v], every[e + v :])
+    return result[:x], result[x:e], FrictionHistory(result[e : e + v], result[e + v :])
 
 
 @dataclass(frozen=True, slots=True)
-class Parts:
-    """A step in which something turns is made in so many, each of them one `step`: what else happens in
-    it, such as a current that follows fast, need not be as straight as a speed.
+class Substeps:
+    """A step with a reversal, in `count` parts, each of them one `step`.
+
+    What else happens in it, such as a current that follows fast, need not be as straight as a
+    speed.
     """
 
     count: int
     step: Callable[[], Step]
 
-    def numbers(self, now: Moment, *, shows: bool) -> list[Number]:
-        """See `Turning.numbers`; efforts are those in the mean."""
+    def advance(self, now: StepStart, *, shows: bool) -> list[Number]:
+        """Return what `ReversalStep.advance` does, with the mean efforts."""
         step = self.step()
-        turning, kind = Turning(step), step.kind
+        turning, kind = ReversalStep(step), step.kind
         if self.count == 1:
-            return turning.numbers(now, shows=shows)
+            return turning.advance(now, shows=shows)
         x, v = len(now.state), len(step.varying)
-        e = x + (len(step.rubs) if shows else 0)
+        e = x + (len(step.frictions) if shows else 0)
         nothing = [kind.zero() for _ in range(e - x)]
         start = kind.flat([*now.state, *nothing, *now.past.sizes, *now.past.trends])
         loop = Loop(kind.b, I64(self.count), start, "parts")
-        carried = kind.shaped(loop.carried)
-        before = Past(carried[e : e + v], carried[e + v :])
+        values = kind.shaped(loop.carried)
+        before = FrictionHistory(values[e : e + v], values[e + v :])
         drive = self._then(step, now.drive, loop.index)
-        found = turning.numbers(Moment(carried[:x], before, drive, now.inputs), shows=shows)
+        result = turning.advance(StepStart(values[:x], before, drive, now.inputs), shows=shows)
         efforts = [
-            total + one * (1.0 / self.count)
-            for total, one in zip(carried[x:e], found[x:e], strict=True)
+            total + effort * (1.0 / self.count)
+            for total, effort in zip(values[x:e], result[x:e], strict=True)
         ]
-        found = [*found[:x], *efforts, *found[e:]]
-        loop.close(kind.flat(found))
-        return found
+        result = [*result[:x], *efforts, *result[e:]]
+        loop.close(kind.flat(result))
+        return result
 
     def _then(self, step: Step, drive: Column, index: ir.Value) -> Column:
-        """What drives the part of this number."""
+        """Return what drives the substep `index`."""
         if not step.slopes:
             return drive
         b = step.kind.b
-        since = Lane(b, b.splat(b.sitofp(index, F64))) * step.span
+        since = Vector(b, b.splat(b.sitofp(index, F64))) * step.span
         ahead = {k: drive[k] + drive[slope] * since for k, slope in step.slopes.items()}
         return {**drive, **ahead}
 
 
 @dataclass(frozen=True, slots=True)
-class At:
-    """Of a friction at the beginning of a step: what has to be `held`, and its `size` at rest."""
+class RestState:
+    """A friction at the beginning of a step: the `effort` that holds it, and its `size` at rest."""
 
-    held: Number
+    effort: Number
     size: Number
 
 
 @dataclass(frozen=True, slots=True)
-class Turning:
+class ReversalStep:
+    """A step in which speeds may change their signs, and frictions stick or let go."""
+
     step: Step
 
     @property
-    def _rubs(self) -> Sequence[Rub]:
-        return self.step.rubs
+    def _frictions(self) -> Sequence[StepFriction]:
+        return self.step.frictions
 
     @property
-    def _kind(self) -> Kind:
+    def _kind(self) -> NumberKind:
         return self.step.kind
 
     @property
     def _order(self) -> list[int]:
-        """In which efforts are found, each with the others as known: at first as if nothing turned.
+        """The order in which efforts are computed, each with the others as known.
 
-        What stops a current comes first, and once more: it and the motor act on each other strongly.
+        At first these are as if nothing reversed.  What stops a current comes first, and once more:
+        it and the motor act on each other strongly.
         """
-        every = sorted(range(len(self._rubs)), key=lambda e: self._rubs[e].holds is not None)
-        return every * (1 + any(rub.holds is None for rub in self._rubs))
+        order = sorted(
+            range(len(self._frictions)), key=lambda e: self._frictions[e].angle is not None
+        )
+        return order * (1 + any(friction.angle is None for friction in self._frictions))
 
-    def numbers(self, now: Moment, *, shows: bool) -> list[Number]:
-        """New state, efforts if they are shown, sizes that vary, and trends: none, after a turn."""
+    def advance(self, now: StepStart, *, shows: bool) -> list[Number]:
+        """Return new state, efforts if they are shown, sizes that vary, and their trends.
+
+        After a reversal there are no trends.
+        """
         step, state, drive, inputs = self.step, now.state, now.drive, now.inputs
-        sizes = [rub.steady for rub in self._rubs]
-        for e, one in zip(step.varying, now.past.sizes, strict=True):
-            sizes[e] = one
-        free, later = step.free(state, drive), step.later(drive)
-        held = [rub.held(state, drive) for rub in self._rubs]
-        rest = [At(*both) for both in zip(held, step.at_rest(state, inputs), strict=True)]
-        efforts, slips = self._efforts(free, state, later, sizes, rest)
+        sizes = [friction.steady for friction in self._frictions]
+        for e, magnitude in zip(step.varying, now.past.sizes, strict=True):
+            sizes[e] = magnitude
+        free, later = step.frictionless(state, drive), step.final_drive(drive)
+        holding = [friction.holding_effort(state, drive) for friction in self._frictions]
+        at_rest = [
+            RestState(*both) for both in zip(holding, step.rest_sizes(state, inputs), strict=True)
+        ]
+        efforts, slips = self._efforts(free, state, later, sizes, at_rest)
         if step.varying:
             ahead = self._stopped(self._moved(free, efforts), slips)
-            sizes = step.between(state, ahead, inputs)
-            efforts, slips = self._efforts(free, state, later, sizes, rest)
+            sizes = step.mean_sizes(state, ahead, inputs)
+            efforts, slips = self._efforts(free, state, later, sizes, at_rest)
         new = self._held(self._stopped(self._moved(free, efforts), slips), state, slips)
         shown = efforts if shows else []
         varying = [sizes[e] for e in step.varying]
@@ -156,99 +179,109 @@ class Turning:
         state: list[Number],
         drive: Column,
         sizes: list[Number],
-        rest: list[At],
+        at_rest: list[RestState],
     ) -> tuple[list[Number], list[Mask]]:
-        """And where they let slip; `drive` at the end of the step."""
+        """Return the efforts, and where they let slip; `drive` is that at the end of the step."""
         known = [
-            where(moving(state[rub.row]), signed(most, state[rub.row]), at.held)
-            for rub, most, at in zip(self._rubs, sizes, rest, strict=True)
+            where(is_moving(state[friction.row]), signed(most, state[friction.row]), at.effort)
+            for friction, most, at in zip(self._frictions, sizes, at_rest, strict=True)
         ]
         slips: dict[int, Mask] = {}
         for e in self._order:
-            rub = self._rubs[e]
+            friction = self._frictions[e]
             others = [
-                (self._rubs[k].column[rub.row], effort)
+                (self._frictions[k].column[friction.row], effort)
                 for k, effort in enumerate(known)
-                if k != e and rub.row in self._rubs[k].column
+                if k != e and friction.row in self._frictions[k].column
             ]
-            stop, speed = total(free[rub.row], others) * rub.over, state[rub.row]
-            slipping = self._of_moving(stop, speed, rub.over, sizes[e], rest[e])
+            stop, speed = (
+                sum_products(free[friction.row], others) * friction.stop_gain,
+                state[friction.row],
+            )
+            slipping = self._of_moving(stop, speed, friction.stop_gain, sizes[e], at_rest[e])
             stopped = [stop if k == e else effort for k, effort in enumerate(known)]
-            there = self._moved(free, stopped, [k for k in rub.pull if k < len(free)])
-            still = self._of_still(stop, rub.held(there, drive), sizes[e], rest[e])
-            moves = moving(speed)
+            there = self._moved(free, stopped, [k for k in friction.holding_row if k < len(free)])
+            still = self._of_still(
+                stop, friction.holding_effort(there, drive), sizes[e], at_rest[e]
+            )
+            moves = is_moving(speed)
             known[e] = where(moves, slipping[0], still[0])
             slips[e] = slipping[1].both(moves).either(still[1].without(moves))
-        return known, [slips[e] for e in range(len(self._rubs))]
+        return known, [slips[e] for e in range(len(self._frictions))]
 
     def _of_moving(
-        self, stop: Number, speed: Number, over: Number, most: Number, rest: At
+        self, stop: Number, speed: Number, over: Number, most: Number, at_rest: RestState
     ) -> tuple[Number, Mask]:
-        """The mean of it over a step from `speed` on, of which `stop` would make zero; where it slips.
+        """Return the mean effort over a step that begins with a `speed`, and where it slips.
 
-        With signs turned so that the speed is not negative, and in units of the effort: as long as
-        stop > most, the speed stays positive.  Else it is zero after a share of the step, and remains
-        so if what drives it there, stop - speed, is no more than friction can hold; if not, it goes on
-        backwards.
+        `stop` is the effort that would make the speed zero.  With signs turned so that the speed is
+        not negative, and in units of the effort: as long as stop > most, the speed stays positive.
+        Else it is zero after a share of the step, and remains so if what drives it there, stop -
+        speed, is no more than friction can hold; if not, it goes on backwards.
         """
         back = below(speed, 0.0)
         ahead, rate = where(back, -stop, stop), size(speed) * over
         against = rate - ahead + most  # what drives it backwards, and what brakes it
-        keeps, passes = above(ahead, most), above(against, most + rest.size)
+        keeps, passes = above(ahead, most), above(against, most + at_rest.size)
         turned = where(keeps, most, ahead)
-        (turned,) = self._kind.rarely(
+        (turned,) = self._kind.select_if_any(
             passes.without(keeps), [turned], lambda: [most * (rate / against * 2.0 - 1.0)]
         )
         return where(back, -turned, turned), keeps.either(passes)
 
-    def _of_still(self, stop: Number, later: Number, most: Number, rest: At) -> tuple[Number, Mask]:
-        """From rest: what has to be held goes from `rest.held` to `later`, in the mean `stop`.
+    def _of_still(
+        self, stop: Number, later: Number, most: Number, at_rest: RestState
+    ) -> tuple[Number, Mask]:
+        """Return the mean effort over a step from rest, and where it slips at the end.
 
-        Once it is more than friction at rest can hold, the speed slips under `most`.
+        What has to be held goes from `at_rest.effort` to `later`, in the mean `stop`.  Once it is
+        more than friction at rest can hold, the speed slips under `most`.
         """
         back = below(stop, 0.0)
-        mean, first, last = (where(back, -one, one) for one in (stop, rest.held, later))
-        slips = above(last, rest.size).either(above(mean, rest.size))
+        mean, first, last = (
+            where(back, -effort, effort) for effort in (stop, at_rest.effort, later)
+        )
+        slips = above(last, at_rest.size).either(above(mean, at_rest.size))
 
         def slipping() -> list[Number]:
             # Straight from the first to the middle, and on to the last.
             middle = (mean * 6.0 - first - last) * 0.25
-            halves = [_beyond(*ends, rest.size) for ends in ((first, middle), (middle, last))]
+            halves = [_beyond(*ends, at_rest.size) for ends in ((first, middle), (middle, last))]
             share = (halves[0][0] + halves[1][0]) * 0.5
             driving = (halves[0][1] + halves[1][1]) * 0.5
             bent = mean - (first + middle * 2.0 + last) * 0.25
-            return [mean - driving - share * (rest.size - most + bent)]
+            return [mean - driving - share * (at_rest.size - most + bent)]
 
-        (turned,) = self._kind.rarely(slips, [mean], slipping)
+        (turned,) = self._kind.select_if_any(slips, [mean], slipping)
         return where(back, -turned, turned), slips
 
     def _moved(
         self, free: list[Number], efforts: list[Number], only: Sequence[int] | None = None
     ) -> list[Number]:
-        """All states, or `only` those right."""
+        """Return all states with efforts applied, or `only` those right."""
         new = list(free)
-        for rub, effort in zip(self._rubs, efforts, strict=True):
-            for i in (i for i in rub.column if only is None or i in only):
-                new[i] = fused(rub.column[i], effort, new[i])
+        for friction, effort in zip(self._frictions, efforts, strict=True):
+            for i in (i for i in friction.column if only is None or i in only):
+                new[i] = multiply_add(friction.column[i], effort, new[i])
         return new
 
     def _stopped(self, new: list[Number], slips: list[Mask]) -> list[Number]:
         new = list(new)
-        for rub, moves in zip(self._rubs, slips, strict=True):
-            new[rub.row] = where(moves, new[rub.row], 0.0)
+        for friction, moves in zip(self._frictions, slips, strict=True):
+            new[friction.row] = where(moves, new[friction.row], 0.0)
         return new
 
     def _held(self, new: list[Number], old: list[Number], slips: list[Mask]) -> list[Number]:
-        """Angles of speeds that were and are zero."""
-        for rub, moves in zip(self._rubs, slips, strict=True):
-            if rub.holds is not None:
-                moved = moves.either(moving(old[rub.row]))
-                new[rub.holds] = where(moved, new[rub.holds], old[rub.holds])
+        """Keep the angles of speeds that were and are zero."""
+        for friction, moves in zip(self._frictions, slips, strict=True):
+            if friction.angle is not None:
+                moved = moves.either(is_moving(old[friction.row]))
+                new[friction.angle] = where(moved, new[friction.angle], old[friction.angle])
         return new
 
 
 def _beyond(first: Number, last: Number, limit: Number) -> tuple[Number, Number]:
-    """For what share of a straight way it is beyond a limit, and by how much in the mean."""
+    """Return for what share of a straight course it is beyond a limit, and by how much in the mean."""
     begins, ends, rises = above(first, limit), above(last, limit), above(last, first)
     far, near = where(rises, last, first), where(rises, first, last)
     crosses = begins.either(ends).without(begins.both(ends))
@@ -257,59 +290,65 @@ def _beyond(first: Number, last: Number, limit: Number) -> tuple[Number, Number]
     return share, over
 
 
-SPENT = 18.0  # exponent: 2e-8 is left of what a friction has more at rest
+SETTLED_EXPONENT = 18.0  # exponent: 2e-8 is left of what a friction has more at rest
 
 
 @dataclass(frozen=True, slots=True)
-class Stride:
-    """`step` and `regime` of a whole sample."""
+class LongStep:
+    """A step of a whole sample, with its `step` and `mode`."""
 
     step: Step
-    regime: Regime
+    mode: FrictionMode
 
-    def or_else(
-        self, wanted: ir.Value, now: Moment, steps: Callable[[], list[Number]]
+    def advance(
+        self, wanted: ir.Value, now: StepStart, steps: Callable[[], list[Number]]
     ) -> list[Number]:
-        """What is carried on: of lanes that slip far from any change a stride, where it is `wanted`; of
-        all others `steps`, which are made where there are any.
+        """Return what is carried on to the next sample.
+
+        Where it is `wanted`, lanes that slip far from any change take the long step.  All others
+        take `steps`, whose code runs where there are any.
         """
         kind, state, past = self.step.kind, now.state, now.past
-        ways = self.regime.ways()
-        slips = any_of([*(sticking(way) for way in ways), *self._falling(state)]).turned().value
+        directions = self.mode.directions()
+        slips = (
+            any_of([*(is_sticking(direction) for direction in directions), *self._falling(state)])
+            .negate()
+            .value
+        )
         free = Mask(kind.b, kind.b.select(wanted, slips, ir.Constant(slips.type, [0] * LANES)))
         stays = [*state, *past.sizes, *past.trends]
-        usual = kind.instead(free, stays, lambda: self._taken(now, ways))
-        new = usual[: len(state)]
-        walks = [free.turned(), *self._falling(new), *self._near(state, new, ways)]
-        return kind.rarely(any_of(walks), usual, steps)
+        long_step = kind.replace_if_any(free, stays, lambda: self._long_step(now, directions))
+        new = long_step[: len(state)]
+        walks = [free.negate(), *self._falling(new), *self._near_zero(state, new, directions)]
+        return kind.select_if_any(any_of(walks), long_step, steps)
 
-    def _taken(self, now: Moment, ways: Sequence[Lane]) -> list[Number]:
-        """New state, sizes and trends."""
+    def _long_step(self, now: StepStart, directions: Sequence[Vector]) -> list[Number]:
+        """Return new state, sizes and trends."""
         step = self.step
         steady = [sliding for sliding, _ in self._spent(now.state)]
         trends = [step.kind.zero() for _ in steady]
-        begin = replace(now, past=Past(steady, trends))
-        new, _, _ = Going(step, self.regime).taken(begin, ways, sizes=steady)
+        begin = replace(now, past=FrictionHistory(steady, trends))
+        new, _, _ = SmoothStep(step, self.mode).advance(begin, directions, sizes=steady)
         return [*new, *steady, *trends]
 
     def _falling(self, state: Sequence[Number]) -> Iterator[Mask]:
-        """Sizes that still change with the speed."""
+        """Tell where sizes still change with the speed."""
         for _, fallen in self._spent(state):
-            yield below(fallen, SPENT)
+            yield below(fallen, SETTLED_EXPONENT)
 
     def _spent(self, state: Sequence[Number]) -> Iterator[tuple[Number, Number]]:
-        """Of sizes that vary, see `SettlingLaw.spent`."""
+        """Evaluate `SettlingLaw.spent` of the sizes that vary."""
         for e in self.step.varying:
-            rub = self.step.rubs[e]
-            assert isinstance(rub.law, SettlingLaw)  # `Shape.strides`
-            yield rub.law.spent(self.step.parameters, size(state[rub.row]))
+            friction = self.step.frictions[e]
+            assert isinstance(friction.law, SettlingLaw)  # `SteppedShape.long_steps`
+            yield friction.law.spent(self.step.parameters, size(state[friction.row]))
 
-    def _near(
-        self, state: Sequence[Number], new: Sequence[Number], ways: Sequence[Lane]
+    def _near_zero(
+        self, state: Sequence[Number], new: Sequence[Number], directions: Sequence[Vector]
     ) -> Iterator[Mask]:
-        """Speeds that might have been zero on the way: they change by more than is left of them."""
-        for rub, way in zip(self.step.rubs, ways, strict=True):
-            change = size(new[rub.row] - state[rub.row])
+        """Tell where speeds may have crossed zero: they change by more than is left of them."""
+        for friction, direction in zip(self.step.frictions, directions, strict=True):
+            change = size(new[friction.row] - state[friction.row])
             for end in (state, new):
-                yield above(change, size(end[rub.row]))
-            yield goes_on(way, new[rub.row]).turned()
+                yield above(change, size(end[friction.row]))
+            yield keeps_direction(direction, new[friction.row]).negate()

@@ -1,4 +1,4 @@
-"""What kernels of rigs with friction, or with late inputs, are specialised for and are given."""
+"""The structure and the arguments of kernels for rigs with friction, or with late inputs."""
 
 from __future__ import annotations
 
@@ -8,9 +8,9 @@ from typing import Any
 
 from bayesdrill.basics.duals import Dual
 from bayesdrill.rig.kernels.exponential import Layout, Pattern, formulas, with_slopes
-from bayesdrill.rig.kernels.lanes import I64, NUMBERS, VECTORS, Builder, Lane, vector
-from bayesdrill.rig.kernels.numbers import Number, total
-from bayesdrill.rig.kernels.sums import Tally
+from bayesdrill.rig.kernels.lanes import I64, NUMBERS, VECTORS, Builder, Vector, vector
+from bayesdrill.rig.kernels.numbers import Number, sum_products
+from bayesdrill.rig.kernels.sums import ResidualSums
 from bayesdrill.rig.models.friction import Friction, SettlingLaw
 from bayesdrill.rig.models.linear import Model, Tangent
 
@@ -20,7 +20,7 @@ WHOLE = I64.as_pointer()
 COUNTS = ("groups", "samples", "nodes")
 BLOCKS = {
     "numbers": NUMBERS,  # spans of a step, and of as many as are between usual samples; constant inputs
-    "own": VECTORS,  # (G, vectors of `Shape.own`): what walkers have of their own
+    "own": VECTORS,  # (G, vectors of `walker_blocks` of the shape): what walkers have of their own
     "u": NUMBERS,  # (N + 1 + 2 `pad`, columns of inputs)
     "pieces": WHOLE,  # (T,) steps to the next sample
     "usual": WHOLE,  # (T,) whether that is as many as usual
@@ -32,15 +32,14 @@ BLOCKS = {
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Shape:
-    """What a kernel is specialised for.
+class SteppedShape:
+    """The structure of a rig and a record that goes by steps, for which a kernel is specialised.
 
-    `series`: sampled inputs, of which `late` have a lag of each walker; `constant`: those that are and
-    are not zero; `pattern (K, R)`: entries of
-    rows that may differ from zero, over states, one and (where `efforts`) what frictions do.  `tally`:
-    None for signals.  `dual`: with slopes.  `read`: channels have times of their own.  `single`: a
-    sample at each step.  `gaps`: samples without a number.  `turns`: parts of a step in which something
-    turns.
+    `series`: sampled inputs, of which `late` have a lag of each walker; `constant`: those that are
+    constant and not zero; `pattern (K, R)`: entries of rows that may differ from zero, over states,
+    one and (where `efforts`) what frictions do.  `tally`: None for signals.  `dual`: with slopes.
+    `read`: channels have times of their own.  `single`: a sample at each step.  `gaps`: samples
+    without a number.  `turns`: parts of a step with a reversal.
     """
 
     model: Model
@@ -49,7 +48,7 @@ class Shape:
     constant: tuple[str, ...]
     first_order: bool
     pattern: Pattern
-    tally: Tally | None
+    tally: ResidualSums | None
     dual: bool
     read: bool
     single: bool
@@ -60,44 +59,44 @@ class Shape:
     @property
     def text(self) -> str:
         """See `Structure`."""
-        told = ("model", "series", "late", "constant")  # by their formulas and places
-        every = [one.name for one in fields(self) if one.name not in told]
-        own = {name: getattr(self, name) for name in (*every, "strides")}
+        described = ("model", "series", "late", "constant")  # by their formulas and places
+        names = [setting.name for setting in fields(self) if setting.name not in described]
+        settings = {name: getattr(self, name) for name in (*names, "long_steps")}
         late = [self.series.index(name) for name in self.late]
         both = [(c, name in self.series) for c, name in enumerate(self.constant)]
         model = formulas(len(self._named_numbers) * self.numbers, self._formulas)
-        return f"{own} {len(self.series)} {late} {both} {model} {self.layout.text}"
+        return f"{settings} {len(self.series)} {late} {both} {model} {self.layout.text}"
 
     @property
     def _named_numbers(self) -> tuple[str, ...]:
-        """Of which formulas of the rig and of its frictions are made."""
+        """Names of the numbers in the formulas of the rig and of its frictions."""
         return (*self.model.parameters, *self.constant, *self.model.states, *self.series)
 
-    def _formulas(self, lanes: Sequence[Lane]) -> list[Any]:
-        """All that the kernel asks of the model, in these numbers."""
+    def _formulas(self, lanes: Sequence[Vector]) -> list[Any]:
+        """Return all that the kernel asks of the model, in these numbers."""
         names = self._named_numbers
         n = len(names)
         numbers: Any = map(Dual, lanes[:n], lanes[n:]) if self.dual else lanes
         named = dict.fromkeys(self.model.inputs, 0.0) | dict(zip(names, numbers, strict=True))
         rates = Rates(lanes[0].b, self, named, {name: named[name] for name in self.constant})
-        found: list[Any] = [rates.rows, rates.base]
-        place = self.model.states.index
+        described: list[Any] = [rates.rows, rates.base]
+        index = self.model.states.index
         for friction in self.frictions:
             law = friction.law
-            found += [place(friction.against), friction.holds and place(friction.holds)]
-            found += [
+            described += [index(friction.against), friction.holds and index(friction.holds)]
+            described += [
                 law.steady,
-                sorted(place(name) for name in law.seen if name in self.model.states),
+                sorted(index(name) for name in law.seen if name in self.model.states),
             ]
-            found.append(law.size(named, 0.0 if law.steady else named[friction.against], named))
-            if self.strides and isinstance(law, SettlingLaw):
-                found.append(law.spent(named, named[friction.against]))
+            described.append(law.size(named, 0.0 if law.steady else named[friction.against], named))
+            if self.long_steps and isinstance(law, SettlingLaw):
+                described.append(law.spent(named, named[friction.against]))
             else:
-                found.append(None)
-        return found
+                described.append(None)
+        return described
 
     @property
-    def strides(self) -> bool:
+    def long_steps(self) -> bool:
         """Whether there are several steps to a sample, and sizes that come down to steady ones."""
         if self.single or self.read or self.late:
             return False
@@ -106,11 +105,12 @@ class Shape:
 
     @property
     def frictions(self) -> tuple[Friction, ...]:
+        """The model's frictions."""
         return self.model.frictions
 
     @property
     def columns(self) -> tuple[str, ...]:
-        """Of the sampled inputs in the block `u`, and in a step."""
+        """Columns of the sampled inputs in the block `u`, and in a step."""
         return with_slopes(self.series, first_order=self.first_order)
 
     @property
@@ -120,10 +120,11 @@ class Shape:
 
     @property
     def numbers(self) -> int:
+        """Registers of a number."""
         return 2 if self.dual else 1
 
     @property
-    def own(self) -> dict[str, int]:
+    def walker_blocks(self) -> dict[str, int]:
         """Parts of the block `own`, and how many numbers each has; with slopes, each part twice."""
         k, x, late = len(self.pattern), len(self.model.states), len(self.late)
         parts = {"parameters": len(self.model.parameters), "x0": x, "rows": k * self.r_count}
@@ -134,26 +135,29 @@ class Shape:
         return parts | ({"share": late, "behind": late} if late else {})
 
     @property
-    def own_vectors(self) -> dict[str, int]:
-        return {name: self.numbers * count for name, count in self.own.items()}
+    def walker_vectors(self) -> dict[str, int]:
+        """Parts of the block `own`, and how many vectors each has."""
+        return {name: self.numbers * count for name, count in self.walker_blocks.items()}
 
     @property
     def r_count(self) -> int:
+        """Entries R of a channel's row."""
         return len(self.model.states) + 1 + (len(self.frictions) if self.efforts else 0)
 
     @property
     def layout(self) -> Layout:
+        """The layout of the matrix; with slopes, of the tangent's."""
         model = Tangent(self.model) if self.dual else self.model
-        return Layout.of(model, self.driven, self.constant, first_order=False)
+        return Layout.from_model(model, self.driven, self.constant, first_order=False)
 
 
 class Rates:
-    """The right side of the rig's equations."""
+    """The right side of the rig's equations, x' = A x + c + B u."""
 
     def __init__(
         self,
         b: Builder,
-        shape: Shape,
+        shape: SteppedShape,
         parameters: Mapping[str, Number],
         constant: Mapping[str, Number],
     ) -> None:
@@ -174,10 +178,10 @@ class Rates:
                 self.base[i] = self.base[i] + value * constant[name]
 
     def _number(self, value: Number) -> Number:
-        plain = not isinstance(value, Lane | Dual)
-        return Lane(self.b, vector(float(value))) if plain else value
+        plain = not isinstance(value, Vector | Dual)
+        return Vector(self.b, vector(float(value))) if plain else value
 
-    def of(
+    def evaluate(
         self,
         state: Sequence[Number],
         drive: dict[int, Number],
@@ -185,14 +189,14 @@ class Rates:
         *,
         later: Number | None = None,
     ) -> list[Number]:
-        """At the beginning of a step, or `later` by its span, at its end."""
+        """Return the rates at the beginning of a step, or `later` by its span, at its end."""
         shape, first = self.shape, len(self.rows) + 1
         values: dict[int, Number] = dict(enumerate(state)) | drive
-        values |= {first + len(shape.columns) + e: one for e, one in enumerate(efforts)}
+        values |= {first + len(shape.columns) + e: effort for e, effort in enumerate(efforts)}
         if later is not None and shape.first_order:
             s = len(shape.series)
             values |= {first + k: drive[first + k] + drive[first + s + k] * later for k in range(s)}
         return [
-            total(base, [(entry, values[k]) for k, entry in row.items()])
+            sum_products(base, [(entry, values[k]) for k, entry in row.items()])
             for row, base in zip(self.rows, self.base, strict=True)
         ]

@@ -1,4 +1,4 @@
-"""What kernels add up, channel by channel, of what is left of samples: what densities are made of."""
+"""Sums of residuals that kernels add up channel by channel, of which densities are made."""
 
 from __future__ import annotations
 
@@ -8,26 +8,30 @@ from dataclasses import dataclass
 
 from llvmlite import ir
 
-from bayesdrill.rig.kernels.lanes import INT_VEC, VEC, Builder, Lane, vector, whole_numbers
+from bayesdrill.rig.kernels.lanes import INT_VEC, VEC, Builder, Vector, vector, whole_numbers
 
 Values = list[ir.Value]
 
 
 @dataclass(frozen=True, slots=True)
 class Sample:
-    """What is `left` of one, zero in lanes that have not `seen` it (None: all have), of a channel with
-    these `weights`.
+    """One sample of a channel.
+
+    `residual`: zero in lanes that have not `observed` it (None: all have); `weights`: the
+    channel's.
     """
 
-    left: ir.Value
-    seen: ir.Value | None
+    residual: ir.Value
+    observed: ir.Value | None
     weights: Sequence[ir.Value]
 
 
 @dataclass(frozen=True, slots=True)
-class Tally:
-    """Squares.  `weights`: how many walkers have for each channel.  Registers carried from sample to
-    sample begin as `start`, one vector each.  `name`: of the function that adds them up.
+class ResidualSums:
+    """Sums of squares of residuals, and the base of other sums.
+
+    `weights`: how many a walker has for each channel.  Registers carried from sample to sample
+    begin as `start`, one vector each.  `name`: of the function that adds them up.
     """
 
     name: str = "misfit"
@@ -36,35 +40,36 @@ class Tally:
 
     @property
     def count(self) -> int:
+        """Registers of a channel."""
         return len(self.start)
 
-    def begun(self, channels: int = 1) -> Values:
-        """Of so many channels, one after the other."""
+    def initial(self, channels: int = 1) -> Values:
+        """Return the registers of so many channels before the first sample, one after the other."""
         return [vector(value) for value in self.start] * channels
 
-    def added(self, b: Builder, kept: Sequence[ir.Value], sample: Sample) -> Values:
-        """With one more sample."""
-        return [b.fma(sample.left, sample.left, kept[0])]
+    def add(self, b: Builder, totals: Sequence[ir.Value], sample: Sample) -> Values:
+        """Return the registers `totals` with one more sample."""
+        return [b.fma(sample.residual, sample.residual, totals[0])]
 
 
 @dataclass(frozen=True, slots=True)
-class _Neighbours(Tally):
-    """Squares; products of neighbours, as they are seen one after the other; the last, and the first."""
+class _Neighbours(ResidualSums):
+    """Sums of squares and of products of neighbours; with the last residual and the first."""
 
     name: str = "neighbours"
     start: tuple[float, ...] = (0.0, 0.0, 0.0, math.nan)
 
-    def added(self, b: Builder, kept: Sequence[ir.Value], sample: Sample) -> Values:
-        squares, products, last, first = kept
-        left, seen = sample.left, sample.seen
+    def add(self, b: Builder, totals: Sequence[ir.Value], sample: Sample) -> Values:
+        squares, products, last, first = totals
+        residual, observed = sample.residual, sample.observed
         fresh = b.fcmp_unordered("uno", first, first)
-        if seen is not None:
-            fresh = b.and_(fresh, seen)
+        if observed is not None:
+            fresh = b.and_(fresh, observed)
         return [
-            b.fma(left, left, squares),
-            b.fma(left, last, products),
-            left if seen is None else b.select(seen, left, last),
-            b.select(fresh, left, first),
+            b.fma(residual, residual, squares),
+            b.fma(residual, last, products),
+            residual if observed is None else b.select(observed, residual, last),
+            b.select(fresh, residual, first),
         ]
 
 
@@ -73,24 +78,26 @@ _ONE = 1023 << 52  # ... and those of the power, of one
 
 
 @dataclass(frozen=True, slots=True)
-class _Logs(Tally):
-    """Squares; and the product of 1 + weight times square: a number from 1 to 2, and, in whole numbers,
-    the power of two that it is times.  So no logarithm is taken but that of the whole.
+class _Logs(ResidualSums):
+    """Sums of squares, and the product of 1 + weight times square.
+
+    The product is a number from 1 to 2, and, as an integer, the power of two that it is times.  So
+    no logarithm is taken but that of the whole.
     """
 
     name: str = "logs"
     start: tuple[float, ...] = (0.0, 1.0, 0.0)
     weights: int = 1
 
-    def added(self, b: Builder, kept: Sequence[ir.Value], sample: Sample) -> Values:
-        squares, product, powers = kept
-        square = b.fmul(sample.left, sample.left)
+    def add(self, b: Builder, totals: Sequence[ir.Value], sample: Sample) -> Values:
+        squares, product, powers = totals
+        square = b.fmul(sample.residual, sample.residual)
         factor = b.fma(sample.weights[0], square, vector(1.0))
         return [b.fadd(squares, square), *_times(b, product, powers, factor)]
 
 
 def _times(b: Builder, product: ir.Value, powers: ir.Value, factor: ir.Value) -> Values:
-    """A product and its powers of two, see `_Logs`, times a factor."""
+    """Return a product and its powers of two, see `_Logs`, times a factor."""
     bits = b.bitcast(b.fmul(product, factor), INT_VEC)
     power = b.sub(b.lshr(bits, whole_numbers(52)), whole_numbers(1023))
     fraction = b.or_(b.and_(bits, whole_numbers(_FRACTION)), whole_numbers(_ONE))
@@ -98,7 +105,7 @@ def _times(b: Builder, product: ir.Value, powers: ir.Value, factor: ir.Value) ->
     return [b.bitcast(fraction, VEC), b.bitcast(whole, VEC)]
 
 
-DEEP = -8.5  # sds inside of an interval: beyond its end are 1e-17
+MAX_INSIDE_SDS = -8.5  # sds inside of an interval: beyond its end are 1e-17
 _TURN = 3.0
 # Of (1 + 2 x) erfcx(x) / 2 in (x - turn) / (x + turn), for x from zero on: to 1e-10 (Shepherd and
 # Laframboise 1981).
@@ -122,66 +129,73 @@ _TAIL = (
 
 
 def _tail(b: Builder, far: ir.Value) -> ir.Value:
-    """Of a standard normal number beyond `far`, over exp(-far^2 / 2); not below zero."""
+    """Return the probability of a standard normal number beyond `far`, over exp(-far^2 / 2).
+
+    It is for `far` not below zero.
+    """
     x = b.fmul(far, vector(math.sqrt(0.5)))
     wide, twice = b.fadd(x, vector(_TURN)), b.fma(x, vector(2.0), vector(1.0))
     over = b.fdiv(vector(1.0), b.fmul(wide, twice))
-    place = b.fmul(b.fmul(b.fsub(x, vector(_TURN)), twice), over)
-    return b.fmul(b.polynomial([vector(one) for one in _TAIL], place), b.fmul(wide, over))
+    position = b.fmul(b.fmul(b.fsub(x, vector(_TURN)), twice), over)
+    return b.fmul(
+        b.polynomial([vector(coefficient) for coefficient in _TAIL], position), b.fmul(wide, over)
+    )
 
 
 @dataclass(frozen=True, slots=True)
-class _Intervals(Tally):
-    """Squares; and the product, as of `_Logs`, of the probabilities of the intervals of half a width
-    about what is left, which are over exp(-x^2 / 2) at the nearer end x if zero is not inside; and the
-    logs of what they are over.  Weights: one over the sd, half a width over it, at least 0.2.
+class _Intervals(ResidualSums):
+    """Sums of squares, and the product of the probabilities of intervals about residuals.
+
+    The product is as of `_Logs`; intervals reach half a width to both sides.  Probabilities are
+    over exp(-x^2 / 2) at the nearer end x if zero is not inside; the logs of these are summed too.
+    Weights: one over the sd, half a width over it, at least 0.2.
     """
 
     name: str = "intervals"
     start: tuple[float, ...] = (0.0, 1.0, 0.0, 0.0)
     weights: int = 2
 
-    def added(self, b: Builder, kept: Sequence[ir.Value], sample: Sample) -> Values:
-        left, seen, (over, half) = sample.left, sample.seen, sample.weights
-        middle = b.fmul(Lane(b, left).size().value, over)
+    def add(self, b: Builder, totals: Sequence[ir.Value], sample: Sample) -> Values:
+        residual, observed, (over, half) = sample.residual, sample.observed, sample.weights
+        middle = b.fmul(Vector(b, residual).size().value, over)
         near = b.fsub(middle, half)
-        found = [b.fma(left, left, kept[0])]
+        found = [b.fma(residual, residual, totals[0])]
         # What the noise can hardly have moved out of its interval leaves the product as it is.
         before = b.block
-        with b.if_then(b.anywhere(b.fcmp_unordered(">", near, vector(DEEP)))):
-            moved = self._moved(b, kept[1:], near, middle, half, seen)
+        with b.if_then(b.anywhere(b.fcmp_unordered(">", near, vector(MAX_INSIDE_SDS)))):
+            moved = self._moved(b, totals[1:], near, middle, half, observed)
             inside = b.block
-        for one, other in zip(kept[1:], moved, strict=True):
+        for start, new in zip(totals[1:], moved, strict=True):
             found.append(b.phi(VEC))
-            found[-1].add_incoming(one, before)
-            found[-1].add_incoming(other, inside)
+            found[-1].add_incoming(start, before)
+            found[-1].add_incoming(new, inside)
         return found
 
     def _moved(
         self,
         b: Builder,
-        kept: Sequence[ir.Value],
+        totals: Sequence[ir.Value],
         near: ir.Value,
         middle: ir.Value,
         half: ir.Value,
-        seen: ir.Value | None,
+        observed: ir.Value | None,
     ) -> Values:
-        product, powers, logs = kept
+        product, powers, logs = totals
         zero, minus = vector(0.0), vector(-0.5)
         far = b.fadd(middle, half)
         beyond = b.fcmp_ordered(">", near, zero)
         log = b.fmul(b.fmul(near, near), minus)
-        here = _tail(b, Lane(b, near).size().value)
+        here = _tail(b, Vector(b, near).size().value)
         there = b.fmul(_tail(b, far), b.exp(b.fmul(b.fmul(middle, half), vector(-2.0))))
         outside = b.fmul(b.exp(log), b.fadd(here, there))
         mass = b.select(beyond, b.fsub(here, there), b.fsub(vector(1.0), outside))
-        if seen is not None:
-            mass = b.select(seen, mass, vector(1.0))
+        if observed is not None:
+            mass = b.select(observed, mass, vector(1.0))
         return [*_times(b, product, powers, mass), b.fadd(logs, b.select(beyond, log, zero))]
 
 
-SQUARES = Tally()
+SQUARES = ResidualSums()
 NEIGHBOURS = _Neighbours()
 LOGS = _Logs()
 INTERVALS = _Intervals()
-TALLIES = {tally.name: tally for tally in (SQUARES, NEIGHBOURS, LOGS, INTERVALS)}
+RESIDUAL_SUMS = {tally.name: tally for tally in (SQUARES, NEIGHBOURS, LOGS, INTERVALS)}

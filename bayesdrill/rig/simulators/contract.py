@@ -15,7 +15,7 @@ import numpy as np
 from bayesdrill.basics.arrays import Array
 from bayesdrill.record.experiment import Experiment, frozen
 from bayesdrill.rig.kernels.lanes import LANES
-from bayesdrill.rig.kernels.sums import INTERVALS, LOGS, NEIGHBOURS, SQUARES, Tally
+from bayesdrill.rig.kernels.sums import INTERVALS, LOGS, NEIGHBOURS, SQUARES, ResidualSums
 from bayesdrill.rig.models.linear import Model
 from bayesdrill.rig.simulators.sensors import Sensing
 
@@ -104,7 +104,7 @@ class Simulator(ABC):
         """Signals and sensitivities at once; q at least 1."""
 
     @abstractmethod
-    def sums(self, full: Array, tally: Tally, weights: Array | None = None) -> Array:
+    def sums(self, full: Array, tally: ResidualSums, weights: Array | None = None) -> Array:
         """A tally of residuals, `(W, K, n)`, with its `weights (W, K, m)`, if it has some."""
 
     def squares(self, full: Array) -> Array:

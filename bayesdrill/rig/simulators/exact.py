@@ -21,7 +21,7 @@ from bayesdrill.rig.kernels.compiling import Kernel, compile_kernel
 from bayesdrill.rig.kernels.exponential import Layout, present, weight_kinds
 from bayesdrill.rig.kernels.lanes import LANES
 from bayesdrill.rig.kernels.recurrence import scratch_size, write_response
-from bayesdrill.rig.kernels.sums import SQUARES, Tally
+from bayesdrill.rig.kernels.sums import SQUARES, ResidualSums
 from bayesdrill.rig.models.linear import DOT, Model, Tangent
 from bayesdrill.rig.simulators.contract import in_groups
 from bayesdrill.rig.simulators.sensors import Sensing
@@ -79,7 +79,7 @@ class Response(Unstepped):
             self._kernels.update(dict.fromkeys(names, kernel))
         return self._kernels[name][name]
 
-    def sums(self, full: Array, tally: Tally, weights: Array | None = None) -> Array:
+    def sums(self, full: Array, tally: ResidualSums, weights: Array | None = None) -> Array:
         n, k_count = len(full), self.experiment.y.shape[1]
         blocks = in_groups(full) if weights is None else in_groups(full, weights.reshape(n, -1))
         out = np.empty((len(blocks), k_count * tally.count, LANES))
@@ -163,7 +163,7 @@ def layout(model: Model, experiment: Experiment) -> Layout:
     """What the kernels have to know of a rig and its experiment."""
     series, constant = tuple(experiment.series), present(experiment.constant)
     return dataclasses.replace(
-        Layout.of(model, series, constant, first_order=experiment.first_order),
+        Layout.from_model(model, series, constant, first_order=experiment.first_order),
         lead=bool(experiment.t[0] > experiment.t_start),
         channels=weight_kinds(experiment.weights(model.states)),
     )

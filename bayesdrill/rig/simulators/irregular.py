@@ -19,9 +19,16 @@ from bayesdrill.record.experiment import Experiment
 from bayesdrill.rig.kernels.compiling import Kernel, compile_kernel
 from bayesdrill.rig.kernels.exponential import Layout, Pattern, present
 from bayesdrill.rig.kernels.irregular import write_dense
-from bayesdrill.rig.kernels.knots import BLOCKS, COUNTS, MOST_LEVELS, Shape, entries_of, row_blocks
+from bayesdrill.rig.kernels.knots import (
+    BLOCKS,
+    COUNTS,
+    MAX_LEVELS,
+    IrregularShape,
+    row_blocks,
+    table_entries,
+)
 from bayesdrill.rig.kernels.lanes import LANES
-from bayesdrill.rig.kernels.sums import Tally
+from bayesdrill.rig.kernels.sums import ResidualSums
 from bayesdrill.rig.models.linear import Model, Tangent
 from bayesdrill.rig.simulators.contract import in_groups
 from bayesdrill.rig.simulators.sensors import Numbers, Sensing, Walkers
@@ -59,10 +66,12 @@ class Dense:
     ) -> None:
         self.model = model
         self._t = np.array(t, dtype=float)
-        self._layout = Layout.of(model, tuple(series), present(constant), first_order=first_order)
+        self._layout = Layout.from_model(
+            model, tuple(series), present(constant), first_order=first_order
+        )
         g = self._grid = grid(self._t)
-        self._kept = len(entries_of(self._layout))
-        self._kernels: dict[Any, tuple[Kernel, Shape]] = {}
+        self._kept = len(table_entries(self._layout))
+        self._kernels: dict[Any, tuple[Kernel, IrregularShape]] = {}
         self._cells = int(np.clip(len(g.t) // CELLS_PER, *CELLS))
         steps = np.diff(g.t[:-1])
         self._near = float(steps[steps <= NEAR * g.usual].max()) if len(steps) else 1.0
@@ -88,7 +97,7 @@ class Dense:
         }  # fmt: skip
 
     def tallied(
-        self, walkers: tuple[Any, ...], y: Array, tally: Tally, weights: Array | None = None
+        self, walkers: tuple[Any, ...], y: Array, tally: ResidualSums, weights: Array | None = None
     ) -> Array:
         """`(W, K, n)` of residuals of the record `y (T, K)`; `weights (W, K m)`, if any."""
         n, k_count = len(walkers[0]), y.shape[1]
@@ -122,7 +131,7 @@ class Dense:
         walkers: tuple[Any, ...],
         y: Array,
         out: Array,
-        tally: Tally | None = None,
+        tally: ResidualSums | None = None,
         weights: Array | None = None,
     ) -> None:
         parameters, x0, before, shift, rows = walkers
@@ -147,7 +156,7 @@ class Dense:
             own += [before, *late.own]
             if late.searched:
                 high = int(max(self._farthest, late.farthest) / self._near).bit_length() or 1
-            blocks["ladder"] = np.empty((high + MOST_LEVELS) * kept)
+            blocks["ladder"] = np.empty((high + MAX_LEVELS) * kept)
             each = (self._cells + 1) * LANES * LANES * row_blocks(shape)
             blocks["rows"] = np.empty(rows.shape[1] * each)
         own += [] if weights is None else [weights]
@@ -159,12 +168,12 @@ class Dense:
         kernel["dense"](*counts, *(addresses[name] for name in BLOCKS))
 
     def _kernel(
-        self, pattern: Pattern, tally: Tally | None, shifted: tuple[bool, ...]
-    ) -> tuple[Kernel, Shape]:
+        self, pattern: Pattern, tally: ResidualSums | None, shifted: tuple[bool, ...]
+    ) -> tuple[Kernel, IrregularShape]:
         wanted = (pattern, tally, shifted)
         if wanted not in self._kernels:
             even = self._grid.uniform and any(shifted)  # of no other is the kernel another
-            shape = Shape(self._layout, pattern, tally, shifted, even)
+            shape = IrregularShape(self._layout, pattern, tally, shifted, even)
             self._kernels[wanted] = compile_kernel(write_dense, shape), shape
         return self._kernels[wanted]
 
@@ -235,7 +244,7 @@ class Measured(Unstepped):
         with np.errstate(all="ignore"):
             return self._walkers.cut(self._dense.signals(*self._settings(full)))
 
-    def sums(self, full: Array, tally: Tally, weights: Array | None = None) -> Array:
+    def sums(self, full: Array, tally: ResidualSums, weights: Array | None = None) -> Array:
         own = None if weights is None else weights.reshape(len(full), -1)
         with np.errstate(all="ignore"):
             return self._dense.tallied(self._settings(full), self._walkers.padded, tally, own)

@@ -17,11 +17,11 @@ from numpy.typing import NDArray
 
 from bayesdrill.basics.arrays import Array
 from bayesdrill.record.experiment import Experiment
-from bayesdrill.rig.kernels.compiling import HARDER, Kernel, compile_kernel
+from bayesdrill.rig.kernels.compiling import HIGH_OPT_LEVEL, Kernel, compile_kernel
 from bayesdrill.rig.kernels.exponential import Layout, weight_kinds
-from bayesdrill.rig.kernels.kalman_filter import BLOCKS, StateSpace, kept, write_filter
+from bayesdrill.rig.kernels.kalman_filter import BLOCKS, StateSpace, smoother_size, write_filter
 from bayesdrill.rig.kernels.lanes import LANES
-from bayesdrill.rig.kernels.steady_state_kalman import AT_ONCE, write_steady_state
+from bayesdrill.rig.kernels.steady_state_kalman import BLOCK_SAMPLES, write_steady_state
 from bayesdrill.rig.kernels.steady_state_kalman import BLOCKS as STEADY_BLOCKS
 from bayesdrill.rig.models.latent_torque import MissingTorque, Pushed, pushed
 from bayesdrill.rig.models.linear import Model
@@ -132,12 +132,12 @@ class Filtered:
     @cached_property
     def _shown(self) -> tuple[Array, int]:
         """Scratch, and its address."""
-        made = np.empty(((len(self.experiment.t) // AT_ONCE + 1) * self.system.n, LANES))
+        made = np.empty(((len(self.experiment.t) // BLOCK_SAMPLES + 1) * self.system.n, LANES))
         return made, made.ctypes.data
 
     @cached_property
     def _steadily(self) -> Kernel:
-        return compile_kernel(write_steady_state, self.system, self._layout, effort=HARDER)
+        return compile_kernel(write_steady_state, self.system, self._layout, effort=HIGH_OPT_LEVEL)
 
     @cached_property
     def _layout(self) -> Layout:
@@ -211,7 +211,9 @@ class Filtered:
             "variances": _in_turn(variances),
             "left": rows,
             "table": np.empty((len(self.steps.spans) * 2 * system.n**2 * width, LANES)),
-            "kept": np.empty((t_count * kept(system), LANES)) if name == "smooth" else NONE,
+            "kept": np.empty((t_count * smoother_size(system), LANES))
+            if name == "smooth"
+            else NONE,
             "out": out,
         }
         counts = (len(out), t_count, len(self.steps.spans), int(self.steps.lead))

@@ -20,8 +20,8 @@ from bayesdrill.record.experiment import Experiment
 from bayesdrill.rig.kernels.compiling import Kernel, compile_kernel
 from bayesdrill.rig.kernels.exponential import present
 from bayesdrill.rig.kernels.lanes import LANES
-from bayesdrill.rig.kernels.step_arguments import BLOCKS, Shape
-from bayesdrill.rig.kernels.sums import Tally
+from bayesdrill.rig.kernels.step_arguments import BLOCKS, SteppedShape
+from bayesdrill.rig.kernels.sums import ResidualSums
 from bayesdrill.rig.kernels.time_stepping import write_stepping
 from bayesdrill.rig.models.linear import Model
 from bayesdrill.rig.simulators.contract import TURNS, Motion, Simulator, Stepping, Steps, in_groups
@@ -36,7 +36,7 @@ class Told:
     """`y (T, K)` of the record; `numbers`: of steps, and of constant inputs."""
 
     kernel: Kernel
-    shape: Shape
+    shape: SteppedShape
     ahead: Ahead
     y: Array
     numbers: Array
@@ -87,7 +87,7 @@ class Told:
         return np.moveaxis(out, -1, 1).reshape(-1, *each)[:n]
 
     def _in_lanes(self, n: int, parts: Mapping[str, list[Array]]) -> Array:
-        """`(G, width, LANES)`, as `Shape.own` has it; the last walker fills the last group."""
+        """Return `(G, width, LANES)`, see `walker_blocks`; the last walker fills the last group."""
         told = parts
         if self.shape.late:
             behind, *shares = self.ahead.delays(parts["lag"])
@@ -101,12 +101,12 @@ class Told:
 
     @cached_property
     def _width(self) -> int:
-        return sum(self.shape.own_vectors.values())
+        return sum(self.shape.walker_vectors.values())
 
     @cached_property
     def _names(self) -> tuple[str, ...]:
         """Asking the shape again and again takes as long as some steps of a group."""
-        return tuple(self.shape.own)
+        return tuple(self.shape.walker_blocks)
 
 
 @dataclass(frozen=True)
@@ -134,7 +134,7 @@ class Stepped(Simulator):
         with np.errstate(all="ignore"):
             return self._walkers.cut(self._run(self._ahead, full))
 
-    def sums(self, full: Array, tally: Tally, weights: Array | None = None) -> Array:
+    def sums(self, full: Array, tally: ResidualSums, weights: Array | None = None) -> Array:
         with np.errstate(all="ignore"):
             return self._run(self._ahead, full, tally=tally, weights=weights)
 
@@ -225,12 +225,12 @@ class Stepped(Simulator):
         offset = [channel.name in self.sensing.offsets for channel in self.experiment.channels]
         return np.column_stack([self._walkers.weights, offset])
 
-    def _told(self, ahead: Ahead, *, tally: Tally | None, **kind: bool) -> Told:
+    def _told(self, ahead: Ahead, *, tally: ResidualSums | None, **kind: bool) -> Told:
         wanted = (id(ahead), tally, *kind.values())
         if wanted not in self._tellings:
             w, one = self._walkers, self.experiment
             rows = _unit_rows(self.model)[0] if kind["efforts"] else self._pattern
-            shape = Shape(
+            shape = SteppedShape(
                 model=w.wired,
                 series=w.inputs,
                 late=tuple(n for n in w.inputs if n in self.sensing.input_lags),
@@ -254,7 +254,7 @@ class Stepped(Simulator):
         full: Array,
         along: Array | None = None,
         *,
-        tally: Tally | None = None,
+        tally: ResidualSums | None = None,
         weights: Array | None = None,
         efforts: bool = False,
     ) -> Array:
