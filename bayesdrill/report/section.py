@@ -289,8 +289,8 @@ def of_rows(rows: Sequence[Row], bars: tuple[Bar, ...] = ()) -> Table:
 
 
 SANDWICH_EXPLAINED = (
-    "Residuals that are correlated tell less than as many that are not. The last sds count that: they "
-    "are what the MAP would scatter by from record to record, if the model were right but for its noise."
+    "Correlated residuals tell less than as many independent ones. The sandwich sds count that. They "
+    "say how far the MAP would scatter from record to record, if only the noise of the model were wrong."
 )
 
 
@@ -363,8 +363,8 @@ def notes(rows: Sequence[Row], own: OwnUnits) -> list[str]:
     """What is no reason to doubt the draws, but one to doubt the prior or the model; `rows` in SI."""
     return [
         f"note: {row.name} is pressed against the end {own.said(row.name, row.pressed_against)} of its "
-        "prior, as if the record wanted it beyond: widen the prior, or doubt the model, the units and "
-        "what is held"
+        "prior, as if the record wanted it beyond. Widen the prior, or doubt the model, the units and "
+        "what is held."
         for row in rows
         if row.pressed_against is not None
     ]

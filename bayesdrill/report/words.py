@@ -280,10 +280,10 @@ def unbelievable(reasons: Sequence[str], *, converged: bool) -> str:
 
 
 DIAGNOSTICS = (
-    "R-hat compares the independent ensembles with each other: 1 where they have forgotten where they "
-    "started. Autocorrelation times say how many steps one fresh draw costs, effective draws how many "
-    "fresh ones there are: a mean is known to the sd over their square root. Acceptance is the share "
-    "of proposed steps that were taken."
+    "R-hat compares the independent ensembles with each other: it is 1 where they have forgotten where "
+    "they started. An autocorrelation time is the number of steps that one fresh draw costs. Effective "
+    "draws are the number of fresh ones: a mean is known to the sd over their square root. Acceptance "
+    "is the share of proposed steps that were taken."
 )
 
 
@@ -293,8 +293,8 @@ def leaning(found: Mapping[str, tuple[str, ...]]) -> str:
     for name, others in found.items():
         groups.setdefault(others, []).append(name)
     return "\n".join(
-        f"leaning: {', '.join(names)} on the prior of {', '.join(others)} (known only as far as that "
-        "is, of which what was recorded says nothing)"
+        f"leaning: {', '.join(names)} on the prior of {', '.join(others)}. The record says nothing of "
+        "that, and they are known only as far as it is."
         for others, names in groups.items()
     )
 
@@ -393,11 +393,11 @@ def convergence(sampled: Sampled) -> str:
         lines += [f"  - {reason}" for reason in c.reasons]
         if c.enough is not None:
             lines.append(
-                f"  only length is missing, and about {c.enough} steps should do: raise "
-                "sampler.max_steps to that in the config and go on with --resume"
+                f"  only length is missing: about {c.enough} steps should do. Raise sampler.max_steps "
+                "to that in the config, and go on with --resume."
             )
         lines.append(
-            f"  {c.slowest} moves slowest: held, with nearer ends of its prior, or with what "
-            "`bayesdrill identify` says would help, fewer steps do; figures/trace shows the walkers"
+            f"  {c.slowest} moves slowest. Fewer steps do if you hold it, give its prior nearer ends, "
+            "or add what `bayesdrill identify` proposes. figures/trace shows the walkers."
         )
     return "\n".join(lines)

@@ -185,9 +185,7 @@ def test_where_nothing_explains_nothing_is_said_to(tmp_path: Path) -> None:
     assert not any(one.explains_all for one in found.ranked)
     assert run_entries.causes_data(found) == []
     said = fit_words.explained(found)
-    assert said.startswith(
-        f"fit: {len(found.ranked)} candidates were refitted, and none explains"
-    )
+    assert said.startswith(f"fit: {len(found.ranked)} candidates were refitted, and none explains")
     assert "add these lines" not in said
     assert len(found.windows) == WINDOWS
     assert "No unknown changes by more than" in fit_words.wandering(found)

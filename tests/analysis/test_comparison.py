@@ -79,7 +79,7 @@ def test_vague_priors_are_named_where_they_may_have_decided() -> None:
 def test_what_must_not_be_believed_is_said() -> None:
     models = [GIVEN, model("stopped", 30.0, **FRICTION, rms=2.0)]
     said = "\n".join(comparison_words.comparison_verdict(models))
-    assert "more than noise: none of these models is the whole story" in said
+    assert "more than noise: none of these models explains the whole record" in said
     assert "stopped did not converge" in said
     table = comparison_words.comparison_table(models)
     assert [line[0] for line in table.lines] == ["stopped (NOT CONVERGED)", "given"]

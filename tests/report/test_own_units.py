@@ -300,7 +300,7 @@ def test_runs_are_shown_in_the_units_of_the_first_and_saved_in_si() -> None:
     """Mutants killed: each run in its own unit; the unit of the last; a difference of units alone."""
     mine, theirs = overlaid("own", "plain"), overlaid("plain", "own")
     for report, shown in ((mine, UNITS), (theirs, {})):
-        assert "in the unit in which the first of them says it" in report.texts["overlay.md"]
+        assert "in the unit of the first" in report.texts["overlay.md"]
         lines = [line.split(" | ") for line in report.texts["overlay.md"].splitlines()]
         table = {line[0].removeprefix("| "): line for line in lines if len(line) > 4}
         for row in report.rows:

@@ -71,7 +71,7 @@ def test_table_verdict_and_figure(runs: Path) -> None:
     assert float(lines["given"]["loo"]) == pytest.approx(float(lines["unsure"]["loo"]), abs=10)
     assert lines["wrong"]["sigma_theta_1_mean"] == ""
     assert "verdict: MODEL: given is e^" in ran.out
-    assert "what given leaves looks like the noise" in ran.out
+    assert "the residuals of given look like the noise" in ran.out
     page = (out / "comparison.md").read_text(encoding="utf-8")
     assert page.index("## Verdict") < page.index("## Models") < page.index("## Figures")
     for end in ("pdf", "png"):

@@ -167,7 +167,7 @@ def test_what_is_missing_is_named_and_recommended(done: Done, tmp_path: Path) ->
     page = (done.folder / "comparison.md").read_text(encoding="utf-8")
     assert "# Ladder of turned" in page
     assert "verdict: MODEL: friction_motor is e^" in page
-    assert "what friction_motor leaves looks like the noise" in page
+    assert "the residuals of friction_motor look like the noise" in page
     recommended = done.folder / "recommended.yaml"
     checked = systems.cli("check", recommended)
     assert checked.status == 0, checked.text

@@ -70,10 +70,10 @@ SAID = 3  # unknowns that are farthest apart
 FAR = 0.5  # sds, below which nothing is said of it
 APART = "apart [sd]"
 OVERLAY_READ = (
-    "Mean and sd of each run, in the unit in which the first of them says it. "
-    f"`{APART}` is the largest difference of two means over the root mean "
-    "square of their sds: by chance two independent records of one rig are more than 2.8 apart once in "
-    "twenty times; runs of one record differ by what was believed, held and modelled."
+    "Mean and sd of each run, in the unit of the first. "
+    f"`{APART}` is the largest difference of two means over the root mean square of their sds. Two "
+    "independent records of one rig are more than 2.8 apart once in twenty times by chance. Runs of one "
+    "record differ by their priors, held values and models."
 )
 COLUMNS = ("name", "unit", "run", "nominal", "mean", "sd", *HDI_ENDS, "held", "apart")
 
@@ -207,10 +207,10 @@ TIMES = math.log(1e4)  # odds up to which they are said as a number
 
 COMPARISON_READ = (
     "Log evidence: the log of how probable the record is under the model with all that its priors "
-    "allow. `against best` is the log of the odds against the most probable, where all were as likely "
-    "before; `held out` and `LOO` the difference of predictive scores to the best of the column, with "
-    "its standard error; `rms` and `correlation` those of what the MAP leaves, over the noise, in the "
-    "channel where they are worst: 1 and 0 where only noise is left."
+    "allow. `against best` is the log of the odds against the most probable model, if all were equally "
+    "likely before. `held out` and `LOO` are differences of predictive scores to the best of the "
+    "column, with standard errors. `rms` and `correlation` are those of the residuals over the noise, "
+    "in the channel where they are worst: 1 and 0 where only noise is left."
 )
 
 
@@ -220,16 +220,16 @@ def comparison_verdict(models: Sequence[Contender]) -> Iterator[str]:
     yield f"verdict: {_decided(models, found)}"
     best = models[found.best]
     if best.like_noise:
-        yield f"  what {best.name} leaves looks like the noise"
+        yield f"  the residuals of {best.name} look like the noise"
     else:
-        yield f"  what {best.name} leaves is more than noise: none of these models is the whole story"
+        yield f"  {best.name} leaves more than noise: none of these models explains the whole record"
     for one in models:
         if one.layer.reasons:
             yield f"  DO NOT BELIEVE {doubt(one.layer)}".replace("\n", "\n  ")
     if found.vague:
         yield (
-            f"  VAGUE PRIORS: {', '.join(found.vague)}: so wide that a model may have lost by that "
-            "alone; give it the range that you believe"
+            f"  VAGUE PRIORS: {', '.join(found.vague)}. They are so wide that a model may have lost by "
+            "that alone. Give them the range that you believe."
         )
     for one in models:
         if not one.converged:
@@ -320,8 +320,8 @@ def predicted(models: Sequence[Contender]) -> Iterator[str]:
         yield f"held out: {held[0].samples} samples, which {best} predicts best"
     else:
         yield (
-            "held out: nothing; `record: {held_out: [from, to]}` [s] in all configs keeps a stretch of "
-            "the record from the fit, to be predicted, and `held_out: true` one of several experiments"
+            "held out: nothing. `record: {held_out: [from, to]}` [s] in all configs keeps a stretch of "
+            "the record out of the fit, to be predicted. `held_out: true` does so for an experiment."
         )
     refused: dict[str, list[str]] = {}
     for one in models:

@@ -340,17 +340,17 @@ def _alike(one: Alike, roles: Roles) -> str:
         why.append(f"in these records {did}")
     because = f" ({'; '.join(why)})" if why else ""
     return (
-        f"friction: {one.name} can hardly be told from {listed(one.rivals)}{because}: if {known} known, "
-        f"its sd would be {_about(one.fall)} times smaller{_proposed(one.name, one.proposals)}"
+        f"friction: {one.name} can hardly be told from {listed(one.rivals)}{because}. If {known} known, "
+        f"its sd would be {_about(one.fall)} times smaller.{_proposed(one.name, one.proposals)}"
     )
 
 
 def _unseen(one: Unseen) -> str:
     speed = f"{one.deeds.slowest:.3g} rad/s"
     return (
-        f"friction: static friction {one.deeds.where} does not show: once it turns, it never sticks and "
-        f"is never slower than {speed}, while static friction is lost over {one.scale:.3g} rad/s; "
-        f"{listed(one.names)} {'is' if len(one.names) == 1 else 'are'} left to the prior"
+        f"friction: static friction {one.deeds.where} does not show. Once it turns, it never sticks and "
+        f"is never slower than {speed}, while static friction is lost over {one.scale:.3g} rad/s. "
+        f"{listed(one.names)} {'is' if len(one.names) == 1 else 'are'} left to the prior."
         f"{_proposed(one.names[0], one.proposals)}"
     )
 
@@ -372,7 +372,7 @@ def _proposed(name: str, proposals: Sequence[Proposal]) -> str:
         f"{EXPERIMENTS[one.what].format(volts=one.volts)} (sd {_about(one.shrink)} times smaller)"
         for one in proposals
     ]
-    return f"; what would show {name}: {', or '.join(each)}" if each else ""
+    return f" What would show {name}: {', or '.join(each)}." if each else ""
 
 
 def _about(times: float) -> str:

@@ -113,9 +113,9 @@ WIDE = 3.0  # times either way: the prior that is proposed
 HEADS = ("channel", "left without it", "left with it", "moved by it")
 READ = (
     "Root mean squares over the spread of the channel, at the mean of the draws. *left with it*: what "
-    "remains when all samples have said what the torque was, which is the noise of the sensor where the "
-    "model is right; *moved by it*: its share of the motion. `torque.csv` has it sample by sample, and "
-    "the figure `torque` shows it."
+    "remains when the torque is known from all samples; with a right model that is the noise of the "
+    "sensor. *moved by it*: its share of the motion. `torque.csv` has it sample by sample, and the "
+    "figure `torque` shows it."
 )
 
 
@@ -123,8 +123,8 @@ def torque_sentence(found: TorqueSummary) -> str:
     of = f" in {found.label}" if found.label else ""
     return (
         f"missing torque{of}: {WHERE[found.at]} {found.low:.3g} to {found.high:.3g} N m in 94 % of the "
-        f"samples, each known to {found.width:.2g} N m; its sign is sure in {100 * found.sure:.0f} % of "
-        "the samples"
+        f"samples, each known to {found.width:.2g} N m. Its sign is sure in {100 * found.sure:.0f} % of "
+        "the samples."
     )
 
 
@@ -133,9 +133,9 @@ def beside(*, rubs: bool) -> str:
     if not rubs:
         return ""
     return (
-        "missing torque: beside friction it is an approximation, as it moves the rig as if no friction "
-        "changed its sign; a torque much smaller than the friction is found well, of a larger one leave "
-        "the friction out, which the torque then shows"
+        "missing torque: beside friction it is an approximation, as if no friction changed its sign. A "
+        "torque much smaller than the friction is found well. For a larger one leave the friction out: "
+        "the torque then shows it."
     )
 
 
@@ -222,17 +222,17 @@ def stand_ins(study: Study) -> str:
         every = listed(others)
         lines.append(
             f"missing torque: {every} and {size} can be changed together and leave every measured "
-            "signal as it is: a stiffer spring with a larger torque cannot be told from a softer one "
-            f"with a smaller; hold one of {every}, or measure the torque"
+            "signal as it is. A stiffer spring with a larger torque cannot be told from a softer one "
+            f"with a smaller. Hold one of {every}, or measure the torque."
         )
     do = {"hold": "holding", "measure": "a sensor of"}
     for one in study.stand_ins:
         ways = [f"{do[h.kind]} {h.name} (sd {h.shrink:.2g} times smaller)" for h in one.helps]
-        would = f"; what would tell: {', or '.join(ways)}" if ways else ""
+        would = f" What would show it: {', or '.join(ways)}." if ways else ""
         lines.append(
             f"missing torque: {WHERE[one.at]} it can stand in for {one.name}: the sd of log {one.name} "
             f"is {one.sd:.2g} with it, {one.alone:.2g} without it, {one.before:.2g} before the "
-            f"record{would}"
+            f"record.{would}"
         )
     return "\n".join(lines)
 
