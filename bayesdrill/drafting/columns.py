@@ -12,12 +12,13 @@ import unicodedata
 from collections import Counter
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
 from bayesdrill.basics import units
 from bayesdrill.basics.arrays import Array
-from bayesdrill.basics.errors import InputError
+from bayesdrill.basics.errors import InputError, Issue
 from bayesdrill.record.formats.table import Table
 
 MAX_LETTERS = 200  # of a head, or of a unit, that is read
@@ -228,6 +229,12 @@ class FileColumn:
         """Whether each value is larger than the one before, as of a time."""
         return bool(np.all(np.diff(self.values) > 0))
 
+    @property
+    def range_text(self) -> str:
+        """From which least value to which largest the column goes."""
+        numbers = self.values[np.isfinite(self.values)]
+        return f"{numbers.min():.4g} to {numbers.max():.4g}" if len(numbers) else "no numbers"
+
 
 _NAMES = {**STATES, "v": ("voltage", ""), "t_1": ("torque", ROTOR), "t_m": ("torque", MOTOR)} | {
     "t": ("time", ""),
@@ -356,7 +363,7 @@ def _refuse_several_records(table: Table, columns: Sequence[FileColumn]) -> None
         raise InputError.one(
             str(table.path),
             f"holds {len(records)} records: {', '.join(records)}; name columns of one, for example "
-            f"{columns_option([first])} ({first.name} goes from {range_text(first)})",
+            f"{_columns_option([first])} ({first.name} goes from {first.range_text})",
         )
 
 
@@ -372,13 +379,7 @@ def _named_by_file(table: Table, columns: list[FileColumn]) -> list[FileColumn]:
     return [dataclasses.replace(c, meaning=meaning) if c is signals[0] else c for c in columns]
 
 
-def range_text(column: FileColumn) -> str:
-    """Say from which least value to which largest the column goes."""
-    numbers = column.values[np.isfinite(column.values)]
-    return f"{numbers.min():.4g} to {numbers.max():.4g}" if len(numbers) else "no numbers"
-
-
-def columns_option(columns: Sequence[FileColumn]) -> str:
+def _columns_option(columns: Sequence[FileColumn]) -> str:
     """Say what to type for columns of unknown meaning: a time, if one increases, and an angle."""
     times = [column for column in columns if column.increases][:1]
     others = [column for column in columns if column not in times][:1]
@@ -389,10 +390,14 @@ def columns_option(columns: Sequence[FileColumn]) -> str:
     )
 
 
-def is_plausible(values: Array) -> bool:
-    """Whether numbers are of a size whose squares can be computed with."""
-    largest = float(np.abs(values).max())
-    return largest == 0 or 1 / MAX_NUMBER < largest < MAX_NUMBER
+def unusable(
+    record: Path, left_out: dict[str, str], why: str, columns: Sequence[FileColumn] = ()
+) -> InputError:
+    """Say why nothing can be made of a file, and what to type for `columns` of unknown meaning."""
+    reasons = [Issue(str(record), f"column {name} {text}") for name, text in left_out.items()]
+    typed = _columns_option(columns) or '--columns "speed=w_2 [rpm]"'
+    message = f"{why}; say what columns are, for example {typed}, or write a config by hand"
+    return InputError([Issue(str(record), message), *reasons])
 
 
 def _meaning(name: str, unit_below: str) -> Meaning:

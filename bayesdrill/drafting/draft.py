@@ -41,7 +41,11 @@ def config_text(context: DraftContext, name: str, sheet: Mapping[str, Any]) -> s
         why_gear = review([found.gear_doubt], 0)
         if found.gear_why:
             why_gear += comment(f"gear {found.gear:.6g}:1, {found.gear_why}")
-    start = context.starts[lead.label]
+    start, nominal = context.starts[lead.label], []
+    if sheet:
+        rows = [f"  {name}: {json.dumps(x)}" for name, x in {"tolerance": 0.2, **sheet}.items()]
+        head = comment("By the data sheet; `tolerance`: how far it may be off.")
+        nominal = [*head, "nominal:", *rows, ""]
     lines = [
         *comment(
             f"A first config of {names}, by `bayesdrill init`. What was guessed stands below a line "
@@ -60,27 +64,18 @@ def config_text(context: DraftContext, name: str, sheet: Mapping[str, Any]) -> s
         *why_gear,
         f"model: {{{model}}}",
         "",
-        *_nominal(sheet),
+        *nominal,
         *_parameters(context, sheet),
     ]
     return "\n".join(lines) + "\n"
 
 
 def _initial(start: StartGuess) -> list[str]:
-    if entry := _initial_entry(start):
-        return [*review(start.doubts, 0), f"initial: {entry}"]
-    where = "" if start.window is None else " where the window begins"
+    if start.initial:
+        return [*review(start.doubts, 0), f"initial: {start.initial}"]
+    where = " where the window begins" if start.window else ""
     what = "At rest" if start.zeros else "At rest, at angle zero"
     return comment(f"{what}{where}: nothing to say in `initial:`")
-
-
-def _initial_entry(start: StartGuess) -> str:
-    """The entry `initial:`, empty where it has nothing to say."""
-    if start.time is None and not start.angle:
-        return start.state
-    time = "" if start.time is None else f"time: {start.time:.12g}"
-    state = start.state and f"state: {start.state}"
-    return f"{{{', '.join(filter(None, (time, state, start.angle)))}}}"
 
 
 def _experiments(context: DraftContext) -> list[str]:
@@ -105,46 +100,29 @@ def _experiments(context: DraftContext) -> list[str]:
 
 
 def _experiment(context: DraftContext, record: RecordFile) -> list[str]:
+    def other_files(sensors: Mapping[str, Sensor]) -> dict[str, str]:
+        others = {name: record.file_of(s) for name, s in sensors.items() if s.column.file}
+        return {name: f"{{{context.file_entry(file.path)}}}" for name, file in others.items()}
+
     start, voltages = context.starts[record.label], entries.constant_voltages(context)
-    window = entries.window_entry(start)
-    doubts = [start.window_doubt if window else "", *start.doubts]
-    channels = _other_files(context, record, {c.name: c.sensor for c in record.roles.channels})
-    inputs = _other_files(context, record, record.roles.inputs)
+    channels = other_files({c.name: c.sensor for c in record.roles.channels})
+    inputs = other_files(record.roles.inputs)
     if len({*voltages.values()}) > 1:
         inputs["v"] = voltages[record.label]
-    file = [context.file_entry(record.path), *filter(None, [window, _flow("channels", channels)])]
-    initial = _initial_entry(start)
-    sections = [
-        f"record: {{{', '.join(file)}}}",
-        *filter(None, [_flow("inputs", inputs), initial and f"initial: {initial}"]),
-    ]
+    window, initial = start.window and f"window: {start.window}", start.initial
+    file = [context.file_entry(record.path), window, _flow("channels", channels)]
+    sections = [f"record: {{{', '.join(filter(None, file))}}}", _flow("inputs", inputs)]
+    sections = [*filter(None, [*sections, initial and f"initial: {initial}"])]
+    doubts = [start.window_doubt if window else "", *start.doubts]
     head, line = review(doubts, 2), f"  {scalar(record.label)}: {{{', '.join(sections)}}}"
     if len(line) <= entries.LINE_LENGTH:
         return [*head, line]
     return [*head, f"  {scalar(record.label)}:", *(f"    {section}" for section in sections)]
 
 
-def _other_files(
-    context: DraftContext, record: RecordFile, sensors: Mapping[str, Sensor]
-) -> dict[str, str]:
-    """By name, an entry with the file of each sensor that stands in another one."""
-    others = {name: sensor for name, sensor in sensors.items() if sensor.column.file}
-    files = {name: record.file_of(sensor) for name, sensor in others.items()}
-    return {name: f"{{{context.file_entry(file.path)}}}" for name, file in files.items()}
-
-
 def _flow(section: str, items: Mapping[str, str]) -> str:
     pairs = ", ".join(f"{name}: {entry}" for name, entry in items.items())
     return f"{section}: {{{pairs}}}" if pairs else ""
-
-
-def _nominal(sheet: Mapping[str, Any]) -> list[str]:
-    """The data sheet, as it was given."""
-    if not sheet:
-        return []
-    lines = [f"  {name}: {json.dumps(x)}" for name, x in {"tolerance": 0.2, **sheet}.items()]
-    head = comment("By the data sheet; `tolerance`: how far it may be off.")
-    return [*head, "nominal:", *lines, ""]
 
 
 def _parameters(context: DraftContext, sheet: Mapping[str, Any]) -> list[str]:
@@ -198,9 +176,8 @@ def _prior_scales(context: DraftContext) -> tuple[PriorEnds, str]:
 
     def largest(kind: str) -> float:
         sensors = [s for record in context.records for s in record.sensors if s.kind == kind]
-        at_rotor = [kind == "torque" and sensor.location == ROTOR for sensor in sensors]
-        si = [s.si / gear if rotor else s.si for s, rotor in zip(sensors, at_rotor, strict=True)]
-        return max((float(np.quantile(np.abs(x), 0.99)) for x in si), default=0.0)
+        scaled = [s.si / (gear if kind == "torque" and s.location == ROTOR else 1) for s in sensors]
+        return max((float(np.quantile(np.abs(x), 0.99)) for x in scaled), default=0.0)
 
     voltage = abs(context.voltage or 0.0) or largest("voltage")
     speed = max(_largest_speed(record, gear) for record in context.records)

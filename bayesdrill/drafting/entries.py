@@ -79,12 +79,6 @@ class DraftContext:
         return self.lead.roles.channels
 
     @property
-    def dt(self) -> float:
-        """The longest step, s: of measured inputs, or where there are none of channels."""
-        files = [r.file_of(sensor) for r in self.records for sensor in r.roles.inputs.values()]
-        return max(file.segment.dt for file in files or self.records)
-
-    @property
     def measured(self) -> bool:
         """Whether an input varies: a column, and not a number."""
         inputs = [pair for record in self.records for pair in record.roles.inputs.items()]
@@ -112,8 +106,8 @@ def record_lines(context: DraftContext) -> list[str]:
     else:
         start = context.starts[lead.label]
         lines += [f"  {context.file_entry(lead.path)}", *_time(context)]
-        if window := window_entry(start):
-            lines += [*review([start.window_doubt], 2), f"  {window}    # s"]
+        if start.window:
+            lines += [*review([start.window_doubt], 2), f"  window: {start.window}    # s"]
     sensors = [s for channel in context.channels for _, s in context.sensors(channel.name)]
     if missing := dict.fromkeys(sensor.name for sensor in sensors if sensor.raw.missing):
         names = ", ".join(missing)
@@ -161,11 +155,6 @@ def _time(context: DraftContext) -> list[str]:
     if uneven:
         text = f"{uneven[0]}; they are used as they are, and nothing is resampled"
     return [*comment(text, 2), *lines]
-
-
-def window_entry(start: StartGuess) -> str:
-    """Return the entry `window:`, empty where all rows are used."""
-    return "window: [{:.12g}, {:.12g}]".format(*start.window) if start.window else ""
 
 
 def _channel(context: DraftContext, channel: DraftChannel) -> list[str]:
@@ -247,14 +236,18 @@ def input_lines(context: DraftContext) -> list[str]:
     for name in ("t_m", "w_2", "t_1"):
         lines += _input(context, name) if name in rig.inputs else []
     starts = context.starts.values()
-    if not context.measured and any(start.state for start in starts):
+    if not context.measured and any(start.moving for start in starts):
         return lines  # a constant voltage was there before, and there is no moment of a step
-    before, after = (max(start.switched[k] for start in starts) * context.dt for k in (0, 1))
+    # The longest step: of measured inputs, or where there are none of channels.
+    pairs = [(record, s) for record in context.records for s in record.roles.inputs.values()]
+    files = [record.file_of(sensor) for record, sensor in pairs] or context.records
+    step = max(file.segment.dt for file in files)
+    after = max(start.late for start in starts) * step
     doubt = (
         "when it acts is known to one sample at best, and an error of half a one shifts j_m by many "
         "standard deviations: an unknown"
     )
-    entry = f"  t_0: {{prior: uniform, low: {-before:.4g}, high: {after:.4g}}}    # s"
+    entry = f"  t_0: {{prior: uniform, low: {-step:.4g}, high: {after:.4g}}}    # s"
     return [*lines, *review([doubt], 2), entry]
 
 

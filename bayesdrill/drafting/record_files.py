@@ -15,15 +15,9 @@ import numpy as np
 from bayesdrill import output_files
 from bayesdrill.basics import units
 from bayesdrill.basics.arrays import Array
-from bayesdrill.basics.errors import InputError, Issue, of_each
+from bayesdrill.basics.errors import InputError, of_each
 from bayesdrill.drafting import roles, sensors, signals
-from bayesdrill.drafting.columns import (
-    MIN_SAMPLES,
-    FileColumn,
-    NamedColumn,
-    columns_option,
-    read_columns,
-)
+from bayesdrill.drafting.columns import MIN_SAMPLES, FileColumn, NamedColumn, read_columns, unusable
 from bayesdrill.drafting.roles import SensorRoles
 from bayesdrill.drafting.signals import Segment, Sensor, Timing
 from bayesdrill.record.formats import FORMATS, format_of
@@ -163,16 +157,6 @@ def with_roles_of(lead: RecordFile, file: RecordFile) -> RecordFile:
     )
 
 
-def unusable(
-    record: Path, left_out: dict[str, str], why: str, columns: Sequence[FileColumn] = ()
-) -> InputError:
-    """Say why nothing can be made of a file, and what to type for `columns` of unknown meaning."""
-    reasons = [Issue(str(record), f"column {name} {text}") for name, text in left_out.items()]
-    typed = columns_option(columns) or '--columns "speed=w_2 [rpm]"'
-    message = f"{why}; say what columns are, for example {typed}, or write a config by hand"
-    return InputError([Issue(str(record), message), *reasons])
-
-
 def read_records(
     paths: Sequence[Path], given: GivenFacts
 ) -> tuple[tuple[RecordFile, ...], RecordFile]:
@@ -223,7 +207,13 @@ def _join_kinds(kinds: Sequence[Sequence[RecordFile]], given: GivenFacts) -> lis
             with_roles_of(firsts[0], file)  # says what is missing
         of_each(_refuse_without_channels, others[0])
     pairs = [
-        (first, [max(kind, key=lambda other: _alike(first.path, other.path)) for kind in others])
+        (
+            first,
+            [
+                max(kind, key=lambda other: _alike([first.path.stem, other.path.stem]))
+                for kind in others
+            ],
+        )
         for first in firsts
     ]
     used = {id(file) for _, beside in pairs for file in beside}
@@ -292,8 +282,9 @@ NUMBERED = "run"
 def experiment_labels(paths: Sequence[Path]) -> list[str]:
     """Return of each the shortest part of its name that tells it from the others, as an identifier."""
     tokens = [[*filter(None, _split(path.with_suffix("").as_posix()))] for path in paths]
-    first = _common_prefix(tokens)
-    last = min(min(map(len, tokens)) - first, _common_prefix([words[::-1] for words in tokens]))
+    first = _alike(tokens)
+    shortest, ends = min(map(len, tokens)), [words[::-1] for words in tokens]
+    last = min(shortest - first, _alike(ends))
     if any(len(words) == first + last for words in tokens):  # one has nothing that the others lack
         first, last = max(first - 1, 0), 0
     parts = ["_".join(words[first : len(words) - last])[-MAX_LABEL_LETTERS:] for words in tokens]
@@ -306,18 +297,14 @@ def experiment_labels(paths: Sequence[Path]) -> list[str]:
 def common_stem(paths: Sequence[Path]) -> str:
     """Return what the names of several files have in common."""
     stems = [_split(path.stem) for path in paths]
-    return "_".join(filter(None, stems[0][: _common_prefix(stems)])) or "experiments"
+    return "_".join(filter(None, stems[0][: _alike(stems)])) or "experiments"
 
 
 def _split(name: str) -> list[str]:
     return re.split(r"[\W_]+", name)
 
 
-def _alike(first: Path, second: Path) -> int:
-    return _common_prefix([first.stem, second.stem])
-
-
-def _common_prefix(names: Sequence[Sequence[str]]) -> int:
+def _alike(names: Sequence[Sequence[str]]) -> int:
     """How many letters, or words, all have in common before they differ."""
-    alike = itertools.takewhile(lambda column: len({*column}) == 1, zip(*names, strict=False))
-    return sum(1 for _ in alike)
+    columns = zip(*names, strict=False)
+    return sum(1 for _ in itertools.takewhile(lambda column: len({*column}) == 1, columns))

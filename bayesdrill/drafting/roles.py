@@ -376,18 +376,17 @@ ZERO_PRIOR_FACTOR = 2.0  # times where an angle begins: sd of the prior of where
 
 @dataclass(frozen=True, slots=True)
 class StartGuess:
-    """`state`: of `initial:`, empty at rest; `time` is None for the default, `window` for all, s.
+    """How a record begins: the entries `initial` and `window` of a config, empty for the default.
 
-    `zeros`: of angles that begin at rest elsewhere than at zero, sd of where they count from, in their
-    unit.  `switched`: samples before and after which a constant voltage is there.
+    `moving`: whether it is not at rest; `zeros`: of angles that begin at rest elsewhere than at zero,
+    sd of where they count from, in their unit; `late`: samples after which a constant voltage is there.
     """
 
-    state: str
-    angle: str
-    time: float | None
-    window: tuple[float, float] | None
+    initial: str
+    moving: bool
+    window: str
     zeros: Mapping[str, float]
-    switched: tuple[float, float]
+    late: float
     window_doubt: str
     doubts: tuple[str, ...]
 
@@ -400,7 +399,7 @@ def guess_start(
     `measured`: whether the voltage, or the load, is, from the time `known` [s] on.
     """
     t, dt = segment.t, segment.dt
-    time, switched = None, (1.0, 1.0)
+    time, late = None, 1.0
     begin = float(t[0]) if segment.is_cut else None
     why = "the longest part in which times increase and none is infinite" if segment.is_cut else ""
     if measured and known is not None and known > t[0]:
@@ -409,7 +408,7 @@ def guess_start(
     moving = any(_moves(channel) for channel in _telling(roles))
     onset = math.nan if measured or moving else _onset(roles)
     if not math.isnan(onset):
-        begin, switched = max(float(t[0]), onset - 2 * dt), (1.0, 3.0)
+        begin, late = max(float(t[0]), onset - 2 * dt), 3.0
         why = (
             f"nothing moves before {begin:.6g} s, and a constant voltage is there from the start on: so "
             "it starts there"
@@ -423,17 +422,22 @@ def guess_start(
         elif not -1e-9 * dt <= t[0] <= 2 * dt:
             time = float(t[0])
     doubts = [] if time is None else [f"the record begins at {t[0]:.6g} s, and so does the start"]
-    window = None if begin is None else (begin, float(t[-1]))
-    if not moving:
-        return StartGuess("", "", time, window, _zeros(roles), switched, why, tuple(doubts))
-    if not measured and time is None and window is None and t[0] != 0:
+    if not measured and moving and time is None and begin is None and t[0] != 0:
         time = float(t[0])
-    state, doubt = "free", "the rig moves when the record begins: the start is unknown"
-    if measured and _begins_steadily(roles):
-        state = "steady"
-        doubt = "the rig turns when the record begins, and all stays as it is for a while"
-    angle = _start_angle(roles, state)
-    return StartGuess(state, angle, time, window, {}, switched, why, (*doubts, doubt))
+    state = angle = ""
+    if moving and measured and _begins_steadily(roles):
+        state, angle = "steady", _start_angle(roles, "steady")
+        doubts.append("the rig turns when the record begins, and all stays as it is for a while")
+    elif moving:
+        state, angle = "free", _start_angle(roles, "free")
+        doubts.append("the rig moves when the record begins: the start is unknown")
+    initial = state
+    if time is not None or angle:
+        at = "" if time is None else f"time: {time:.12g}"
+        initial = f"{{{', '.join(filter(None, (at, state and f'state: {state}', angle)))}}}"
+    window = "" if begin is None else f"[{begin:.12g}, {float(t[-1]):.12g}]"
+    zeros = {} if moving else _zeros(roles)
+    return StartGuess(initial, moving, window, zeros, late, why, tuple(doubts))
 
 
 def _begins_steadily(roles: SensorRoles) -> bool:

@@ -2,22 +2,14 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterator, Sequence
 
 import numpy as np
 
 from bayesdrill.basics.arrays import Array
 from bayesdrill.drafting import signals
-from bayesdrill.drafting.columns import (
-    GEARBOX,
-    MOTOR,
-    ROTOR,
-    SI,
-    TWIST,
-    FileColumn,
-    is_plausible,
-    range_text,
-)
+from bayesdrill.drafting.columns import GEARBOX, MOTOR, ROTOR, SI, TWIST, FileColumn
 from bayesdrill.drafting.signals import TURNS, RawSamples, Segment, Sensor
 
 FAST = 60.0  # speeds of a rig above it are hardly in rad/s, nor angles a second in rad
@@ -42,7 +34,7 @@ def identify_sensors(
         else:
             why = "its name says nothing of" if sensor.name else "nothing says"
             left_out[sensor.name] = (
-                f"({range_text(sensor.column)}): {why} what it measures, and it is no derivative of "
+                f"({sensor.column.range_text}): {why} what it measures, and it is no derivative of "
                 "another"
             )
     return known, left_out
@@ -50,37 +42,16 @@ def identify_sensors(
 
 def infer_rate(columns: Sequence[FileColumn]) -> float:
     """Infer the rate [Hz] of a record without times by an angle and its speed; 0 where none tell."""
-    raw = RawSamples(np.zeros(0), np.zeros(0))
-    known = [
-        Sensor(column, column.values, column.meaning.kind, column.meaning.location, unit, raw)
-        for column in columns
-        if np.all(np.isfinite(column.values)) and is_plausible(column.values)
-        if column.meaning.kind in TURNS and (unit := _head_unit(column))
-    ]
+    raw, known = RawSamples(np.zeros(0), np.zeros(0)), []
+    for column in columns:
+        meaning, x = column.meaning, column.values
+        unit = meaning.unit or (SI[meaning.kind] if meaning.symbol else "")
+        if meaning.kind in TURNS and unit and np.isfinite(x).all() and signals.is_plausible(x):
+            known.append(Sensor(column, x, meaning.kind, meaning.location, unit, raw))
     for _, _, factor, share in _derivatives(known, [sensor.si for sensor in known], 1.0):
         if share > signals.EXPLAINED_SHARE and factor > 0:
             return float(f"{1 / factor:.3g}")
     return 0.0
-
-
-def _head_unit(column: FileColumn) -> str:
-    meaning = column.meaning
-    return meaning.unit or (SI[meaning.kind] if meaning.symbol else "")
-
-
-def _pairs(sensors: Sequence[Sensor]) -> list[tuple[Sensor, Sensor]]:
-    """Angles and speeds that can be of one location; those whose names agree come first."""
-    possible = [
-        (angle, speed)
-        for angle in sensors
-        for speed in sensors
-        if angle is not speed
-        and angle.kind in ("angle", "")
-        and speed.kind in ("speed", "")
-        and TWIST not in (angle.location, speed.location)
-        and (angle.location == speed.location or "" in (angle.location, speed.location))
-    ]
-    return sorted(possible, key=lambda pair: not _same_location(*pair))
 
 
 def _same_location(angle: Sensor, speed: Sensor) -> bool:
@@ -90,12 +61,23 @@ def _same_location(angle: Sensor, speed: Sensor) -> bool:
 def _derivatives(
     sensors: Sequence[Sensor], values: Sequence[Array], dt: float
 ) -> Iterator[tuple[Sensor, Sensor, float, float]]:
-    """Pairs with the factor by which the angle follows the speed's integral, and how much of it does."""
-    angles, turned = {}, {}
-    for sensor, x in zip(sensors, values, strict=True):
-        angles[id(sensor)] = signals.centred(x)
-        turned[id(sensor)] = signals.centred(signals.integral(x, dt))
-    for angle, speed in _pairs(sensors):
+    """Angles and speeds that can be of one location; those whose names agree come first.
+
+    With each pair the factor by which the angle follows the speed's integral, and how much of it does.
+    """
+    angles = {id(s): signals.centred(x) for s, x in zip(sensors, values, strict=True)}
+    turned = {
+        id(s): signals.centred(signals.integral(x, dt))
+        for s, x in zip(sensors, values, strict=True)
+    }
+    pairs = [
+        (angle, speed)
+        for angle, speed in itertools.permutations(sensors, 2)
+        if angle.kind in ("angle", "") and speed.kind in ("speed", "")
+        if TWIST not in (angle.location, speed.location)
+        if angle.location == speed.location or "" in (angle.location, speed.location)
+    ]
+    for angle, speed in sorted(pairs, key=lambda pair: not _same_location(*pair)):
         yield angle, speed, *signals.explained_by(angles[id(angle)], turned[id(speed)])
 
 

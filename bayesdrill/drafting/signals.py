@@ -16,7 +16,7 @@ import numpy as np
 
 from bayesdrill.basics import units
 from bayesdrill.basics.arrays import Array, Flags
-from bayesdrill.drafting.columns import MAX_NUMBER, MIN_SAMPLES, SI, TWIST, FileColumn, is_plausible
+from bayesdrill.drafting.columns import MAX_NUMBER, MIN_SAMPLES, SI, TWIST, FileColumn
 from bayesdrill.record import anomalies
 
 TYPICAL_RATE = 300.0  # Hz; rates of rigs lie around it, by their logarithm
@@ -456,22 +456,22 @@ def _why_unusable(column: FileColumn, rows: slice) -> str:
     meaning, values = column.meaning, column.values[rows]
     kind, unit = meaning.kind, meaning.unknown_unit
     numbers = values[np.isfinite(values)]
-    if unit and kind in TURNS:
-        return f"its unit {unit!r} does not say how far one of it turns"
-    if unit:
-        return f"its unit {unit!r} is none of time, angle, speed, voltage, current or torque"
-    if np.any(np.isinf(values)):
-        return "has infinite values"
-    if len(numbers) < MIN_SAMPLES:
-        return f"has {len(numbers)} numbers in the rows that are used"
-    if not is_plausible(numbers):
-        return f"has numbers up to {np.abs(numbers).max():.3g}, which no rig has"
-    if kind == "time":
-        return "is a second time, or does not increase"
-    if kind == "force":
-        return "is a force, which the rig does not have"
-    if meaning.reference and kind != "voltage":
-        return "is what was asked for, not what happened"
-    if np.ptp(numbers) == 0 and kind != "voltage":
-        return f"is {numbers[0]:g} in every row"
-    return ""
+    largest, same = np.abs(numbers).max(initial=0.0), not np.diff(numbers).any()
+    checks = (
+        (unit and kind in TURNS, f"its unit {unit!r} does not say how far one of it turns"),
+        (unit, f"its unit {unit!r} is none of time, angle, speed, voltage, current or torque"),
+        (np.isinf(values).any(), "has infinite values"),
+        (len(numbers) < MIN_SAMPLES, f"has {len(numbers)} numbers in the rows that are used"),
+        (not is_plausible(numbers), f"has numbers up to {largest:.3g}, which no rig has"),
+        (kind == "time", "is a second time, or does not increase"),
+        (kind == "force", "is a force, which the rig does not have"),
+        (meaning.reference and kind != "voltage", "is what was asked for, not what happened"),
+        (same and kind != "voltage", f"is {next(iter(numbers), 0.0):g} in every row"),
+    )
+    return next((why for wrong, why in checks if wrong), "")
+
+
+def is_plausible(values: Array) -> bool:
+    """Whether numbers are of a size whose squares can be computed with."""
+    largest = float(np.abs(values).max(initial=0.0))
+    return largest == 0 or 1 / MAX_NUMBER < largest < MAX_NUMBER
