@@ -1,7 +1,4 @@
-"""The columns of a file, and what their heads say: kind, location on the rig and unit.
-
-Heads are understood in several languages, by the tables of words below.
-"""
+"""The columns of a file, and what their heads say in some languages: kind, location and unit."""
 
 from __future__ import annotations
 
@@ -82,12 +79,10 @@ _GREEK = str.maketrans({"θ": "theta ", "φ": "phi ", "ϕ": "phi ", "ω": "omega
 
 @dataclass(frozen=True, slots=True)
 class Meaning:
-    """What the head of a column says: `kind` and `location` are empty where it does not say them.
+    """What the head of a column says: `kind`, `location` and `unit` are empty where it is silent.
 
-    `unit`: as a config has it; `reference`: a controller asked for it, it did not happen;
-    `unknown_unit`: what stands in the place of a unit and is none; `symbol`: of the state that the
-    head names as a config does; `word`: the one that says the kind; `backwards`: it counts against
-    the state.
+    `reference`: a controller asked for it, it did not happen; `unknown_unit`: stands where a unit
+    would; `symbol`: of a state, `word`: the one that says the kind; `backwards`: against the state.
     """
 
     kind: str = ""
@@ -207,10 +202,9 @@ MAX_NUMBER = 1e12  # of a size that is believed
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FileColumn:
-    """One column, `values (T,)`, in the unit of the file, NaN where it has no number.
+    """One column `values (T,)` of a file; `address`: the entries of a config that name it.
 
-    `address`: the entries of a config that name it; `file`: the index of its file among those that
-    make one record, 0 for that of the channels.
+    `file`: the index among the files that make one record, 0 for that of the channels.
     """
 
     name: str
@@ -309,8 +303,8 @@ def _all_columns(table: Table) -> list[FileColumn]:
     for position, (name, values) in enumerate(table.variables.items(), start=1):
         if values.ndim == 1:
             number = _number(table, name, position)
-            address: dict[str, str | int] = {"column": name if number is None else number}
-            head = table.labels.get(name, name if number is None else "")
+            address: dict[str, str | int] = {"column": number or name}
+            head = table.labels.get(name, "" if number else name)
             meaning = _meaning(head, units_below.get(name, ""))
             columns.append(FileColumn(name, address, values, meaning))
             continue

@@ -32,15 +32,15 @@ SHEET_SD = 1.0  # of the logarithm of a parameter of a data sheet
 
 def config_text(context: DraftContext, name: str, sheet: Mapping[str, Any]) -> str:
     """Write the whole config, called `name`; `sheet`: the data sheet, the entries of `nominal:`."""
-    lead, found = context.lead, context.lead.roles
+    lead, lead_roles = context.lead, context.lead.roles
     files = [file for record in context.records for file in (record, *record.beside)]
     names = ", ".join(context.file_name(file.path) for file in files)
-    model, why_gear = f"name: {found.rig.name}", []
-    if found.rig.geared:
-        model += f", i_m: {1 / found.gear:.6g}"
-        why_gear = review([found.gear_doubt], 0)
-        if found.gear_why:
-            why_gear += comment(f"gear {found.gear:.6g}:1, {found.gear_why}")
+    model, why_gear = f"name: {lead_roles.rig.name}", []
+    if lead_roles.rig.geared:
+        model += f", i_m: {1 / lead_roles.gear:.6g}"
+        why_gear = review([lead_roles.gear_doubt], 0)
+        if lead_roles.gear_why:
+            why_gear += comment(f"gear {lead_roles.gear:.6g}:1, {lead_roles.gear_why}")
     start, nominal = context.starts[lead.label], []
     if sheet:
         rows = [f"  {name}: {json.dumps(x)}" for name, x in {"tolerance": 0.2, **sheet}.items()]

@@ -56,9 +56,9 @@ def review(doubts: Iterable[str], indent: int) -> list[str]:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DraftContext:
-    """All that a config says: `records`, each understood as `lead` is, and their `starts` by label.
+    """All that a config in `folder` says of `records`, each understood as `lead` is.
 
-    `voltage` [V]: the constant one that is known; `folder`: that of the config.
+    `starts`: by label; `voltage` [V]: a constant one that is known.
     """
 
     records: tuple[RecordFile, ...]
@@ -231,10 +231,10 @@ def _lag_prior(context: DraftContext, samples: float) -> str:
 
 def input_lines(context: DraftContext) -> list[str]:
     """Write the section `inputs:`."""
-    rig = context.lead.roles.rig
-    lines = ["inputs:", *(_voltage(context) if "v" in rig.inputs else [])]
-    for name in ("t_m", "w_2", "t_1"):
-        lines += _input(context, name) if name in rig.inputs else []
+    lines = ["inputs:"]
+    for name in ("v", "t_m", "w_2", "t_1"):
+        if name in context.lead.roles.rig.inputs:
+            lines += _voltage(context) if name == "v" else _input(context, name)
     starts = context.starts.values()
     if not context.measured and any(start.moving for start in starts):
         return lines  # a constant voltage was there before, and there is no moment of a step

@@ -26,10 +26,7 @@ from bayesdrill.rig.models.linear import Model
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class GivenFacts:
-    """What the user says beside the files.
-
-    `gear`: turns of the motor for one of the shaft; `voltage`: a constant one [V]; `rate` [Hz].
-    """
+    """What the user says beside the files: `gear` as of 8:1, a constant `voltage` [V], `rate` [Hz]."""
 
     rig: Model
     gear: float | None = None
@@ -40,10 +37,7 @@ class GivenFacts:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RecordFile:
-    """A file as it is understood, or several that make one record: `beside` are the others.
-
-    `label`: of its experiment, empty where there is one alone.
-    """
+    """A file as it is understood, or several that make one record: `beside` are the others."""
 
     path: Path
     columns: Sequence[FileColumn]
@@ -101,9 +95,9 @@ def _understand(
     segment = _segment(path, time, [c for c in others if c.meaning.kind], left_out)
     known, unusable_columns = sensors.identify_sensors(others, segment)
     voltage = given.voltage is not None
-    found = roles.assign_roles(known, segment.dt, given.rig, given.gear, voltage=voltage)
-    left_out = left_out | unusable_columns | found.left_out
-    return RecordFile(path, columns, time, segment, found, left_out)
+    assigned = roles.assign_roles(known, segment.dt, given.rig, given.gear, voltage=voltage)
+    left_out = left_out | unusable_columns | assigned.left_out
+    return RecordFile(path, columns, time, segment, assigned, left_out)
 
 
 def _segment(
@@ -139,22 +133,18 @@ def with_roles_of(lead: RecordFile, file: RecordFile) -> RecordFile:
     def alike(sensor: Sensor) -> Sensor:
         column = by_key[sensor.column.key]
         if np.isfinite(column.values[segment.rows]).sum() < MIN_SAMPLES:
-            why = f"column {sensor.name} has less than {MIN_SAMPLES} numbers"
-            raise unusable(file.path, {}, why)
+            reason = f"column {sensor.name} has less than {MIN_SAMPLES} numbers"
+            raise unusable(file.path, {}, reason)
         new = signals.read_sensor(column, segment, jumped, sensor.kind, sensor.unit)
         if not new.varies and sensor.kind not in ("voltage", "torque"):
             message = f"column {sensor.name} is {new.raw.x[0]:g} in every row; leave this file out"
             raise InputError.one(str(file.path), message)
-        return dataclasses.replace(
-            new, location=sensor.location, why=sensor.why, doubts=sensor.doubts
-        )
+        why, doubts = sensor.why, sensor.doubts
+        return dataclasses.replace(new, location=sensor.location, why=why, doubts=doubts)
 
-    like_lead = lead.roles.with_sensors(alike)
-    return _on_own_clocks(
-        dataclasses.replace(
-            file, time=time, segment=segment, roles=like_lead, left_out=lead.left_out
-        )
-    )
+    same = lead.roles.with_sensors(alike)
+    record = RecordFile(file.path, file.columns, time, segment, same, lead.left_out, file.beside)
+    return _on_own_clocks(record)
 
 
 def read_records(
@@ -206,16 +196,7 @@ def _join_kinds(kinds: Sequence[Sequence[RecordFile]], given: GivenFacts) -> lis
         for file in others[0]:
             with_roles_of(firsts[0], file)  # says what is missing
         of_each(_refuse_without_channels, others[0])
-    pairs = [
-        (
-            first,
-            [
-                max(kind, key=lambda other: _alike([first.path.stem, other.path.stem]))
-                for kind in others
-            ],
-        )
-        for first in firsts
-    ]
+    pairs = [(first, [_nearest(first, kind) for kind in others]) for first in firsts]
     used = {id(file) for _, beside in pairs for file in beside}
     if {len(kind) for kind in others} != {len(firsts)} or len(used) < len(firsts) * len(others):
         message = (
@@ -225,6 +206,10 @@ def _join_kinds(kinds: Sequence[Sequence[RecordFile]], given: GivenFacts) -> lis
         )
         raise InputError.one(str(firsts[0].path), message)
     return [_join(first, beside, given) for first, beside in pairs]
+
+
+def _nearest(file: RecordFile, kind: Sequence[RecordFile]) -> RecordFile:
+    return max(kind, key=lambda other: _alike([file.path.stem, other.path.stem]))
 
 
 def _join(first: RecordFile, beside: Sequence[RecordFile], given: GivenFacts) -> RecordFile:

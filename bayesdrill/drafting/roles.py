@@ -455,14 +455,12 @@ def _begins_steadily(roles: SensorRoles) -> bool:
 
 
 def _start_angle(roles: SensorRoles, state: str) -> str:
-    """An angle that has to be named: free where one is measured and the steady state gives the others,
-    held where none is measured and only the twist matters.
-    """
+    """An angle that has to be named: free where one is measured and the steady state gives others."""
     measured = {c.sensor.location for c in roles.channels if c.sensor.kind == "angle"}
     upper, rotor = bool(measured & {GEARBOX, MOTOR}), ROTOR in measured
     if state == "steady":
         return "theta_2: free" if upper else "theta_1: free" if rotor else ""
-    return "" if upper or rotor else "theta_2: 0"
+    return "" if upper or rotor else "theta_2: 0"  # only the twist matters
 
 
 def _telling(roles: SensorRoles) -> list[DraftChannel]:

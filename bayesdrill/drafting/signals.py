@@ -1,12 +1,9 @@
-"""Columns as signals: the time and its unit, the rows that are used, and each column as a sensor.
-
-A sensor has neither glitches nor turns that begin again.  Also here is what signals say of each
-other: factors between them, differences, steps of encoders, noise.
-"""
+"""Columns as signals: the time, the rows that are used, sensors, and what signals say of each other."""
 
 from __future__ import annotations
 
 import dataclasses
+import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -25,10 +22,7 @@ EVEN_TIME_TOLERANCE = 0.01  # of the median step, of a column that may be a time
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Timing:
-    """Times `t (T,)` in s of all rows of a file.
-
-    `column`: None where a rate has to do; `why` it is so, `doubt`: what is to be reviewed.
-    """
+    """Times `t (T,)` [s] of all rows; `column` is None where a rate has to do."""
 
     t: Array
     column: FileColumn | None
@@ -106,10 +100,9 @@ WINDOW_SLACK = 1e-9  # of its times, by which a window is wider than it says
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Segment:
-    """The rows of a record that are used, with their times `t (T,)` s.
+    """The `rows` that are used, their times `t (T,)` [s], and whether others `is_cut` off.
 
-    `grid (n,)` s: an even grid without long gaps, on which signals are compared; `is_cut`: whether
-    some rows are not used.
+    `grid (n,)` [s]: an even grid without long gaps, on which signals are compared.
     """
 
     rows: slice
@@ -124,10 +117,7 @@ class Segment:
 
 
 def longest_segment(time: Timing, columns: Sequence[FileColumn]) -> Segment | None:
-    """Return the longest part in which times increase and no number of the columns is infinite.
-
-    None where it has less than `MIN_SAMPLES`.
-    """
+    """Return the longest part in which times increase and no number is infinite; None: too short."""
     sound = np.isfinite(time.t)
     for column in columns:
         sound &= ~np.isinf(column.values)
@@ -174,10 +164,7 @@ def integral(speed: Array, dt: float) -> Array:
 
 
 def explained(y: Array, *causes: Array) -> tuple[list[float], float]:
-    """Fit `y (T,)` by least squares with causes `(T,)` and a constant.
-
-    Returns the factors of the causes, and the share of the variance of `y` that they explain.
-    """
+    """Fit `y (T,)` by causes `(T,)` and a constant: their factors, and the explained variance."""
     design = np.stack([*causes, np.ones(len(y))], axis=-1)
     scale = np.maximum(np.abs(design).max(axis=0), 1e-300)
     factors = np.linalg.lstsq(design / scale, y, rcond=None)[0] / scale
@@ -202,20 +189,11 @@ def explained_by(y: Array, cause: Array) -> tuple[float, float]:
 
 
 def units_by_factor(factor: float, angle: str, speed: str) -> list[tuple[str, str]]:
-    """Return the units of angle and speed that such a factor between them can mean.
-
-    `angle`, `speed`: the units as far as they are known, else empty.
-    """
-    pairs = [
-        (a, s)
-        for a in ("rad", "deg")
-        for s in ("rad/s", "deg/s", "rpm")
-        if angle in ("", a) and speed in ("", s)
-    ]
-    near = [
-        (abs(math.log(abs(factor) / derivative_factor(*pair))), pair) for pair in pairs if factor
-    ]
-    return [pair for distance, pair in near if distance < FACTOR_TOLERANCE]
+    """Return the units of angle and speed that a factor can mean; empty ones are not known yet."""
+    pairs = itertools.product(("rad", "deg"), ("rad/s", "deg/s", "rpm"))
+    known = [p for p in pairs if factor and angle in ("", p[0]) and speed in ("", p[1])]
+    off = [abs(math.log(abs(factor) / derivative_factor(*pair))) for pair in known]
+    return [pair for pair, far in zip(known, off, strict=True) if far < FACTOR_TOLERANCE]
 
 
 def derivative_factor(angle: str, speed: str) -> float:
@@ -300,10 +278,9 @@ WRAPPED_STEP = 4.0  # times the usual step, at most, is left where it begins aga
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RawSamples:
-    """What was measured, `x (m,)` at times `t (m,)` s, without what looks like a glitch.
+    """What was measured, `x (m,)` at times `t (m,)` [s], without what looks like a glitch.
 
-    `missing`: how many samples are no number; `wraps`: after how much it begins again, 0 where it
-    does not; `glitches`: their first and last times [s].
+    `missing` samples are no number; `glitches`: first and last times [s]; `wraps`: a period, or 0.
     """
 
     t: Array
@@ -317,8 +294,7 @@ class RawSamples:
 class Sensor:
     """A column with what is believed of it: `why` is known of it, `doubts` are to be reviewed.
 
-    `values (n,)` are on the grid of its segment; `guessed`: no head and no other column tells its
-    unit.
+    `values (n,)` are on the grid of its segment; `guessed`: its unit is told by size or words alone.
     """
 
     column: FileColumn
@@ -386,9 +362,8 @@ def _without_swings(sensor: Sensor, others: Sequence[Sensor], segment: Segment) 
 
     def alone(begin: float, end: float) -> bool:
         first, last = np.searchsorted(segment.grid, (begin - 1e-9, end + 1e-9)) - (0, 1)
-        return last - first < anomalies.SHORTEST or all(
-            anomalies.leaves_chord(x, int(first), int(last)) < CALM for x in beside
-        )
+        away = (anomalies.leaves_chord(x, int(first), int(last)) for x in beside)
+        return last - first < anomalies.SHORTEST or all(x < CALM for x in away)
 
     glitches = tuple(pair for pair in sensor.raw.glitches if alone(*pair))
     return sensor.revised(raw=dataclasses.replace(sensor.raw, glitches=glitches))
@@ -408,8 +383,7 @@ def read_sensor(
 ) -> Sensor:
     """Return a column as a sensor, without glitches and unwrapped.
 
-    `jumped (T,)`: rows at which a voltage has just jumped; `kind` and `unit`: where they are known
-    otherwise than by the head.
+    `jumped (T,)`: rows at which a voltage jumps; `kind`, `unit`: where more than the head is known.
     """
     kind, unit = kind or column.meaning.kind, unit or column.meaning.unit
     values = column.values[segment.rows]
