@@ -149,7 +149,7 @@ def init(
     if not records:
         raise InputError.one("record", "no file is named; name one or several")
     files = [path.name for path in records]
-    known = record_files.Known(
+    known = record_files.GivenFacts(
         rig=arguments.known(MODELS.usable(), rig, "rig", "rig")(),
         gear=gear,
         voltage=voltage,
@@ -158,10 +158,10 @@ def init(
     )
     beside = records[0].with_suffix(".yaml")
     if len(records) > 1:
-        beside = records[0].with_name(f"{record_files.stem(records)}.yaml")
+        beside = records[0].with_name(f"{record_files.common_stem(records)}.yaml")
     target = arguments.results_folder(output, beside)
     values = None if sheet is None else yaml_source.read(Path(sheet).expanduser())
-    draft.check_draft_place(target, records, force=force)
+    draft.check_draft_path(target, records, force=force)
     made = draft.guess(records, target, known, values)
     draft.save_draft(made, records, force=force)
     return made

@@ -1,6 +1,4 @@
-"""From the files of records to a config that runs, every guess with its reason, or to why none can
-be made.
-"""
+"""From the files of records to a config that runs, or to why none can be made."""
 
 from __future__ import annotations
 
@@ -19,201 +17,175 @@ from bayesdrill.basics.errors import InputError, Issue
 from bayesdrill.basics.symbols import Symbol
 from bayesdrill.config import loading
 from bayesdrill.config.job import assemble
-from bayesdrill.config.records import sources
 from bayesdrill.config.yaml_source import Source, parse
-from bayesdrill.drafting import entries, record_files, roles, signals
+from bayesdrill.drafting import entries, record_files, roles
 from bayesdrill.drafting.columns import MOTOR, ROTOR, TWIST
-from bayesdrill.drafting.entries import REVIEW, Found, comment, review, scalar
-from bayesdrill.drafting.record_files import Examined, Experiment, Known
-from bayesdrill.drafting.roles import Start
-from bayesdrill.drafting.signals import Sensor
+from bayesdrill.drafting.entries import REVIEW, DraftContext, comment, review, scalar
+from bayesdrill.drafting.record_files import GivenFacts, RecordFile
+from bayesdrill.drafting.roles import StartGuess
+from bayesdrill.drafting.signals import TURNS, Sensor
 from bayesdrill.rig import models
 from bayesdrill.rig.models.linear import GEAR_POWERS, Model, with_named
 
-SPREAD = 1.0  # of the logarithm of a parameter of a data sheet
+SHEET_SD = 1.0  # of the logarithm of a parameter of a data sheet
 
 
-def page(found: Found, name: str, sheet: Mapping[str, Any]) -> str:
-    lead = found.lead.of
-    files = [file for one in found.every for file in (one.of, *one.of.beside)]
-    every = [found.name(file.path) for file in files]
-    gear = f", i_m: {1 / lead.found.gear:.6g}" if lead.found.rig.geared else ""
+def config_text(context: DraftContext, name: str, sheet: Mapping[str, Any]) -> str:
+    """Write the whole config, called `name`; `sheet`: the data sheet, the entries of `nominal:`."""
+    lead, lead_roles = context.lead, context.lead.roles
+    files = [file for record in context.records for file in (record, *record.beside)]
+    names = ", ".join(context.file_name(file.path) for file in files)
+    model, why_gear = f"name: {lead_roles.rig.name}", []
+    if lead_roles.rig.geared:
+        model += f", i_m: {1 / lead_roles.gear:.6g}"
+        why_gear = review([lead_roles.gear_doubt], 0)
+        if lead_roles.gear_why:
+            why_gear += comment(f"gear {lead_roles.gear:.6g}:1, {lead_roles.gear_why}")
+    start, nominal = context.starts[lead.label], []
+    if sheet:
+        rows = [f"  {name}: {json.dumps(x)}" for name, x in {"tolerance": 0.2, **sheet}.items()]
+        head = comment("By the data sheet; `tolerance`: how far it may be off.")
+        nominal = [*head, "nominal:", *rows, ""]
     lines = [
         *comment(
-            f"A first config of {', '.join(every)}, by `bayesdrill init`. What was guessed stands below "
-            "a line with REVIEW and its reason: look at each, mend it or not, and take the line away."
+            f"A first config of {names}, by `bayesdrill init`. What was guessed stands below a line "
+            "with REVIEW and its reason: look at each, mend it or not, and take the line away."
         ),
         "",
         f"name: {scalar(name)}",
         "seed: 1                 # any whole number; the same seed gives the same result",
         "",
-        *entries.record_entries(found),
+        *entries.record_lines(context),
         "",
-        *entries.input_entries(found),
-        *(_experiments(found) if found.several else _initial(found.starts[found.lead.label])),
+        *entries.input_lines(context),
         "",
-        *review([lead.found.gear_doubt] if gear else (), 0),
-        *(
-            comment(f"gear {lead.found.gear:.6g}:1, {lead.found.gear_why}")
-            if gear and lead.found.gear_why
-            else ()
-        ),
-        f"model: {{name: {lead.found.rig.name}{gear}}}",
+        *(_experiments(context) if context.several else _initial(start)),
         "",
-        *_nominal(sheet),
-        *_parameters(found, sheet),
+        *why_gear,
+        f"model: {{{model}}}",
+        "",
+        *nominal,
+        *_parameters(context, sheet),
     ]
     return "\n".join(lines) + "\n"
 
 
-def _initial(start: Start) -> list[str]:
-    entry = _state(start)
-    if entry:
-        return ["", *review(start.doubts, 0), f"initial: {entry}"]
-    where = "" if start.window is None else " where the window begins"
+def _initial(start: StartGuess) -> list[str]:
+    if start.initial:
+        return [*review(start.doubts, 0), f"initial: {start.initial}"]
+    where = " where the window begins" if start.window else ""
     what = "At rest" if start.zeros else "At rest, at angle zero"
-    return ["", *comment(f"{what}{where}: nothing to say in `initial:`")]
+    return comment(f"{what}{where}: nothing to say in `initial:`")
 
 
-def _state(start: Start) -> str:
-    """The entry `initial:`, empty where it has nothing to say."""
-    time = [] if start.time is None else [f"time: {start.time:.12g}"]
-    state = [f"state: {start.state}"] if start.state else []
-    named = [*time, *state, *([start.angle] if start.angle else [])]
-    if named == state:
-        return start.state
-    return f"{{{', '.join(named)}}}"
-
-
-def _experiments(found: Found) -> list[str]:
-    lines = ["", *comment("Each has its file, and what is its own; all else is as above.")]
-    lines.append("experiments:")
-    for one in found.every:
-        lines += _experiment(found, one)
+def _experiments(context: DraftContext) -> list[str]:
+    lines = [
+        *comment("Each has its file, and what is its own; all else is as above."),
+        "experiments:",
+    ]
+    for record in context.records:
+        lines += _experiment(context, record)
     doubt = (
         "the same sensors in each: one noise, one offset, one lag; take out what differs, and it is "
         "an unknown of each experiment"
     )
-    return [*lines, "", *review([doubt], 0), f"shared: [{', '.join(_shared(found))}]"]
+    # Unknowns of the sensors; moments of steps that are given by hand are not.
+    shared = ["t_0"] if context.measured else []
+    if context.voltage is None and context.lead.roles.v and not entries.constant_voltages(context):
+        shared.append("offset_v")
+    if context.lag is not None:
+        shared.append(f"lag_{context.lag.channel}")
+    shared += [f"sigma_{channel.name}" for channel in context.channels if not channel.derived]
+    return [*lines, "", *review([doubt], 0), f"shared: [{', '.join(shared)}]"]
 
 
-def _experiment(found: Found, one: Experiment) -> list[str]:
-    start = found.starts[one.label]
-    record = [f"file: {scalar(found.name(one.of.path))}"]
-    doubts = [*([start.window_doubt] if start.window else []), *start.doubts]
-    if start.window is not None:
-        record.append(f"window: {entries.span(start)}")
-    if files := _files(found, one, {c.name: c.sensor for c in one.of.found.channels}):
-        record.append(f"channels: {{{_flow(files)}}}")
-    sections = [f"record: {{{', '.join(record)}}}"]
-    own, known = _files(found, one, one.of.found.inputs), entries.constant_input(found)
-    if len({*known.values()}) > 1:
-        own["v"] = known[one.label]
-    if own:
-        sections.append(f"inputs: {{{_flow(own)}}}")
-    if entry := _state(start):
-        sections.append(f"initial: {entry}")
-    head, whole = review(doubts, 2), f"  {scalar(one.label)}: {{{', '.join(sections)}}}"
-    if len(whole) <= 110:
-        return [*head, whole]
-    return [*head, f"  {scalar(one.label)}:", *(f"    {section}" for section in sections)]
+def _experiment(context: DraftContext, record: RecordFile) -> list[str]:
+    def other_files(sensors: Mapping[str, Sensor]) -> dict[str, str]:
+        others = {name: record.file_of(s) for name, s in sensors.items() if s.column.file}
+        return {name: f"{{{context.file_entry(file.path)}}}" for name, file in others.items()}
+
+    start, voltages = context.starts[record.label], entries.constant_voltages(context)
+    channels = other_files({c.name: c.sensor for c in record.roles.channels})
+    inputs = other_files(record.roles.inputs)
+    if len({*voltages.values()}) > 1:
+        inputs["v"] = voltages[record.label]
+    window, initial = start.window and f"window: {start.window}", start.initial
+    file = [context.file_entry(record.path), window, _flow("channels", channels)]
+    sections = [f"record: {{{', '.join(filter(None, file))}}}", _flow("inputs", inputs)]
+    sections = [*filter(None, [*sections, initial and f"initial: {initial}"])]
+    doubts = [start.window_doubt if window else "", *start.doubts]
+    head, line = review(doubts, 2), f"  {scalar(record.label)}: {{{', '.join(sections)}}}"
+    if len(line) <= entries.LINE_LENGTH:
+        return [*head, line]
+    return [*head, f"  {scalar(record.label)}:", *(f"    {section}" for section in sections)]
 
 
-def _files(found: Found, one: Experiment, sensors: Mapping[str, Sensor]) -> dict[str, str]:
-    """Of those that stand in another file, by name, an entry with it."""
-    return {
-        name: f"{{file: {scalar(found.name(one.of.file_of(sensor).path))}}}"
-        for name, sensor in sensors.items()
-        if sensor.seen.file
-    }
+def _flow(section: str, items: Mapping[str, str]) -> str:
+    pairs = ", ".join(f"{name}: {entry}" for name, entry in items.items())
+    return f"{section}: {{{pairs}}}" if pairs else ""
 
 
-def _flow(entries_: Mapping[str, str]) -> str:
-    return ", ".join(f"{name}: {entry}" for name, entry in entries_.items())
-
-
-def _shared(found: Found) -> list[str]:
-    """Unknowns of the sensors; moments of steps that are given by hand are not."""
-    v = found.lead.of.found.v
-    names = ["t_0"] if found.measured else []
-    if found.voltage is None and v is not None and not entries.constant_input(found):
-        names.append("offset_v")
-    if found.lag is not None:
-        names.append(f"lag_{found.lag.of}")
-    return [*names, *(f"sigma_{one.name}" for one in found.channels if not one.derived)]
-
-
-def _nominal(sheet: Mapping[str, Any]) -> list[str]:
-    """The data sheet, as it was given."""
-    if not sheet:
-        return []
-    lines = [f"  {name}: {json.dumps(x)}" for name, x in {"tolerance": 0.2, **sheet}.items()]
-    said = comment("By the data sheet; `tolerance`: how far it may be off.")
-    return [*said, "nominal:", *lines, ""]
-
-
-def _parameters(found: Found, sheet: Mapping[str, Any]) -> list[str]:
+def _parameters(context: DraftContext, sheet: Mapping[str, Any]) -> list[str]:
     """Factors of the data sheet's values; without one, what the record's own scale leaves possible."""
-    turns_back = any(roles.both_ways(one.of.found) for one in found.every)
-    (scales, why), gear = _scales(found), found.lead.of.found.gear
-    rig = with_named(found.lead.of.found.rig, sheet)
+    both_ways = any(roles.turns_both_ways(record.roles) for record in context.records)
+    (scales, why), gear = _prior_scales(context), context.lead.roles.gear
+    rig = with_named(context.lead.roles.rig, sheet)
     if sheet:
-        why += (
-            f"; what is `relative` is a factor of the sheet's, with an sd of {math.exp(SPREAD):.2g}"
-        )
+        sd = math.exp(SHEET_SD)
+        why += f"; what is `relative` is a factor of the sheet's, with an sd of {sd:.2g}"
     lines = [*review([why], 0), "parameters:"]
     for name in rig.parameters:
-        if name == rig.roles.motor.friction and turns_back:
+        if name == rig.roles.motor.friction and both_ways:
             doubt = (
                 "it keeps its sign, and this rig turns both ways: held at zero, and c_m stands for all "
                 "friction"
             )
             lines += [*review([doubt], 2), f"  {name}: 0.0"]
         elif name in sheet and math.isinf(models.PARAMETERS[name].at_most):
-            prior = f"{{prior: log_normal, median: 1, sd_log: {SPREAD:g}, relative: true}}"
+            prior = f"{{prior: log_normal, median: 1, sd_log: {SHEET_SD:g}, relative: true}}"
             lines.append(f"  {name}: {prior}")
         else:
-            low, high = _ends(scales, rig, models.PARAMETERS[name], gear)
-            prior = f"  {name}: {{prior: log_uniform, low: {low:.1e}, high: {high:.1e}}}"
-            lines.append(_with_meaning(prior, 60, name))
-    wanted = [rig.roles.shaft.damping, *([rig.roles.motor.sliding] if turns_back else [])]
-    shown = [name for name in wanted if name in rig.offers and name not in rig.parameters]
-    if shown:
-        said = "Further physics is switched on by naming it, see docs/rigs.md; take the # away:"
-        lines += comment(said, 2)
-    for name in shown:
-        _, high = _ends(scales, rig, models.PARAMETERS[name], gear)
+            low, high = _prior_ends(scales, rig, models.PARAMETERS[name], gear)
+            prior = f"{{prior: log_uniform, low: {low:.1e}, high: {high:.1e}}}"
+            lines.append(_with_meaning(f"  {name}: {prior}", 60, name))
+    further = [rig.roles.shaft.damping, *([rig.roles.motor.sliding] if both_ways else [])]
+    further = [name for name in further if name in rig.offers and name not in rig.parameters]
+    if further:
+        text = "Further physics is switched on by naming it, see docs/rigs.md; take the # away:"
+        lines += comment(text, 2)
+    for name in further:
+        _, high = _prior_ends(scales, rig, models.PARAMETERS[name], gear)
         entry = f"  # {name}: {{prior: half_normal, scale: {high / 3:.1e}}}"
         lines.append(_with_meaning(entry, 48, name))
     return lines
 
 
-Ends = Mapping[str, tuple[float, float]]
-USUAL_VOLTAGE, USUAL_SPEED, USUAL_RESISTANCE = 12.0, 100.0, 2.0  # V, rad/s at the motor, ohm
+PriorEnds = Mapping[str, tuple[float, float]]
+DEFAULT_VOLTAGE, DEFAULT_SPEED, DEFAULT_RESISTANCE = 12.0, 100.0, 2.0  # V, rad/s at the motor, ohm
 UNSURE = 10.0  # times wider either way, where no torque, or no voltage and current, is measured
 
 
-def _scales(found: Found) -> tuple[Ends, str]:
+def _prior_scales(context: DraftContext) -> tuple[PriorEnds, str]:
     """By unit, the ends of priors at the motor [SI], and by what they are so.
 
     No-load speed and stalled current bound a motor: k_e is about voltage over speed, the resistance
     voltage over current, and torques are up to k_e times the stalled current.  Inertias follow from
     torque, speed and times between a step and the whole record.
     """
-    gear, t = found.lead.of.found.gear, found.lead.of.part.t
+    gear, segment = context.lead.roles.gear, context.lead.segment
 
     def largest(kind: str) -> float:
-        those = [s for one in found.every for s in one.of.sensors if s.kind == kind]
-        at_motor = [s.si / gear if kind == "torque" and s.place == ROTOR else s.si for s in those]
-        return max((float(np.quantile(np.abs(x), 0.99)) for x in at_motor), default=0.0)
+        sensors = [s for record in context.records for s in record.sensors if s.kind == kind]
+        scaled = [s.si / (gear if kind == "torque" and s.location == ROTOR else 1) for s in sensors]
+        return max((float(np.quantile(np.abs(x), 0.99)) for x in scaled), default=0.0)
 
-    voltage = abs(found.voltage or 0.0) or largest("voltage")
-    speed, current = max(_speed(one.of, gear) for one in found.every), largest("current")
-    torque = largest("torque")
-    units_ = {"V": voltage, "rad/s at the motor": speed, "A": current, "N m at the motor": torque}
-    known = ", ".join(f"{value:.3g} {unit}" for unit, value in units_.items() if value)
-    v, w = voltage or USUAL_VOLTAGE, speed or USUAL_SPEED
-    r, k = v / current if current else USUAL_RESISTANCE, v / w
+    voltage = abs(context.voltage or 0.0) or largest("voltage")
+    speed = max(_largest_speed(record, gear) for record in context.records)
+    current, torque = largest("current"), largest("torque")
+    sizes = {"V": voltage, "rad/s at the motor": speed, "A": current, "N m at the motor": torque}
+    known = ", ".join(f"{value:.3g} {unit}" for unit, value in sizes.items() if value)
+    v, w = voltage or DEFAULT_VOLTAGE, speed or DEFAULT_SPEED
+    r, k = v / current if current else DEFAULT_RESISTANCE, v / w
     far = 1.0 if torque or (voltage and current) else UNSURE
     more = "" if far == 1 else f"; resistances, torques and inertias {UNSURE:g} times further"
     torque = torque or k * v / r
@@ -226,7 +198,7 @@ def _scales(found: Found) -> tuple[Ends, str]:
         "N*m": (1e-4 * torque / far, torque * far),
         "N*m*s/rad": (1e-5 * j / far, 3 * j * far),
         "N*m/rad": (0.03 * torque / far, 1e3 * torque * far),
-        "kg*m**2": (0.1 * j * found.lead.of.part.dt / far, j * float(np.ptp(t)) * far),
+        "kg*m**2": (0.1 * j * segment.dt / far, j * float(np.ptp(segment.t)) * far),
         "rad/s": (1e-3 * w, w),
         "V": (1e-3 * v, v),
     }
@@ -236,7 +208,7 @@ def _scales(found: Found) -> tuple[Ends, str]:
     )
 
 
-def _ends(ends: Ends, rig: Model, symbol: Symbol, gear: float) -> tuple[float, float]:
+def _prior_ends(ends: PriorEnds, rig: Model, symbol: Symbol, gear: float) -> tuple[float, float]:
     """Of the prior of a parameter, SI, at its own side of the gear."""
     low, high = ends.get(symbol.unit, (1e-3, 1.0))
     behind = symbol.unit in GEAR_POWERS and rig.roles.side(symbol.name) == "load"
@@ -244,16 +216,17 @@ def _ends(ends: Ends, rig: Model, symbol: Symbol, gear: float) -> tuple[float, f
     return times * low, min(times * high, symbol.at_most)
 
 
-def _speed(of: Examined, gear: float) -> float:
-    """The largest at the motor, rad/s."""
-    found = [0.0]
-    for one in (s for s in of.sensors if s.kind in signals.TURNS and s.place != TWIST):
-        turned = one.si * (1.0 if one.place == MOTOR else gear)
-        if one.kind == "angle":
-            apart = max(1, len(turned) // 200)
-            turned = (turned[apart:] - turned[:-apart]) / (apart * of.part.dt)
-        found.append(float(np.quantile(np.abs(turned), 0.99)))
-    return max(found)
+def _largest_speed(record: RecordFile, gear: float) -> float:
+    """At the motor, rad/s."""
+    speeds, dt = [0.0], record.segment.dt
+    for sensor in record.sensors:
+        if sensor.kind in TURNS and sensor.location != TWIST:
+            x = sensor.si * (1.0 if sensor.location == MOTOR else gear)
+            if sensor.kind == "angle":
+                apart = max(1, len(x) // 200)
+                x = (x[apart:] - x[:-apart]) / (apart * dt)
+            speeds.append(float(np.quantile(np.abs(x), 0.99)))
+    return max(speeds)
 
 
 def _with_meaning(entry: str, width: int, name: str) -> str:
@@ -264,7 +237,7 @@ def _with_meaning(entry: str, width: int, name: str) -> str:
 
 @dataclass(frozen=True, slots=True)
 class Guess:
-    """`text` of a config for the place `path`; `asks`: what of it `check` would refuse."""
+    """The `text` of a config for the file `path`; `asks`: what of it `check` would refuse."""
 
     path: Path
     text: str
@@ -274,14 +247,15 @@ class Guess:
 
     @property
     def reviews(self) -> int:
+        """How many guesses are marked for review."""
         return self.text.count(f"# {REVIEW}")
 
     def __str__(self) -> str:
         marks = "1 mark" if self.reviews == 1 else f"{self.reviews} marks"
-        of = f"experiments {', '.join(self.experiments)}; " if self.experiments else ""
+        labels = f"experiments {', '.join(self.experiments)}; " if self.experiments else ""
         lines = [
-            f"{self.path}: {of}channels {', '.join(self.channels)}; {marks} REVIEW to look at",
-            *(f"still to do: {one}" for one in self.asks),
+            f"{self.path}: {labels}channels {', '.join(self.channels)}; {marks} REVIEW to look at",
+            *(f"still to do: {issue}" for issue in self.asks),
         ]
         return "\n".join([*lines, f"then: bayesdrill check {self.path}"])
 
@@ -289,41 +263,36 @@ class Guess:
 
 
 def guess(
-    records: Sequence[Path], target: Path, known: Known, sheet: Source | None = None
+    paths: Sequence[Path], target: Path, given: GivenFacts, sheet: Source | None = None
 ) -> Guess:
-    """A config at `target` for the files; `sheet`: the entries of its `nominal:`.
+    """Guess a config at `target` for the files; `sheet`: the entries of its `nominal:`.
 
     Raises `InputError` where nothing can be made of a file, or not of all together.
     """
-    every, lead = record_files.experiments(records, known)
-    lags = [roles.lag(one.of.found, one.of.part.dt) for one in every]
+    records, lead = record_files.read_records(paths, given)
+    lags = [roles.find_lag(record.roles, record.segment.dt) for record in records]
     hints = [lag for lag in lags if lag is not None]
-    found = Found(
-        every=every,
-        lead=lead,
-        starts={one.label: _start(one, known.voltage) for one in every},
-        lag=max(hints, key=lambda lag: lag.clear, default=None),  # of the one that tells it best
-        voltage=known.voltage,
-        name=lambda path: sources.name_in(target.parent, path),
-    )
+    clearest = max(hints, key=lambda lag: lag.improvement, default=None)
+    starts = {record.label: _start(record, given.voltage) for record in records}
+    context = DraftContext(records, lead, starts, clearest, given.voltage, target.parent)
     name = re.sub(r"[^A-Za-z0-9_.-]+", "_", target.stem).lstrip("_.-")[:100] or "my_rig"
-    text = page(found, name, {} if sheet is None else sheet.data)
-    channels = tuple(one.name for one in found.channels)
-    labels = tuple(one.label for one in every if one.label)
-    return Guess(target, text, channels, labels, _asks(text, target, records[0], sheet))
+    text = config_text(context, name, {} if sheet is None else sheet.data)
+    channels = tuple(channel.name for channel in context.channels)
+    labels = tuple(record.label for record in records if record.label)
+    return Guess(target, text, channels, labels, _asks(text, target, paths[0], sheet))
 
 
-def save_draft(made_: Guess, records: Sequence[Path], *, force: bool) -> None:
-    """See `check_place`."""
-    check_draft_place(made_.path, records, force=force)
-    output_files.write_text(made_.path, made_.text)
+def save_draft(draft: Guess, records: Sequence[Path], *, force: bool) -> None:
+    """Write a draft; raises `InputError` as `check_draft_path` does."""
+    check_draft_path(draft.path, records, force=force)
+    output_files.write_text(draft.path, draft.text)
 
 
-def check_draft_place(path: Path, records: Sequence[Path], *, force: bool) -> None:
-    """Never over a record, and over another file with `force` alone; raises `InputError`."""
+def check_draft_path(path: Path, records: Sequence[Path], *, force: bool) -> None:
+    """Refuse to write over a record, and without `force` over any file; raises `InputError`."""
     output_files.refuse_other_than_file(path)
-    taken = {record.absolute() for record in records}
-    if path.suffix.lower() not in (".yaml", ".yml") or path.absolute() in taken:
+    is_record = path.absolute() in {record.absolute() for record in records}
+    if path.suffix.lower() not in (".yaml", ".yml") or is_record:
         message = "is no name of a config; give an --output that ends in .yaml"
         raise InputError.one(str(path), message)
     if path.exists() and not force:
@@ -333,13 +302,12 @@ def check_draft_place(path: Path, records: Sequence[Path], *, force: bool) -> No
     output_files.refuse_unwritable(path.parent)
 
 
-def _start(one: Experiment, voltage: float | None) -> Start:
-    found = one.of.found
-    v = None if voltage is not None else found.v
-    inputs = [one for name, one in found.inputs.items() if name != "v" or one is v]
-    known = [one.raw.t[0] for one in inputs if len(one.raw.t)]
-    measured = any(one is not v or one.varies for one in inputs)
-    return roles.start(found, one.of.part, measured=measured, known=max(known, default=None))
+def _start(record: RecordFile, voltage: float | None) -> StartGuess:
+    v = None if voltage is not None else record.roles.v
+    inputs = [s for name, s in record.roles.inputs.items() if name != "v" or s is v]
+    known = max((s.raw.t[0] for s in inputs if len(s.raw.t)), default=None)
+    measured = any(sensor is not v or sensor.varies for sensor in inputs)
+    return roles.guess_start(record.roles, record.segment, measured=measured, known=known)
 
 
 def _asks(text: str, target: Path, record: Path, sheet: Source | None) -> tuple[Issue, ...]:
@@ -347,22 +315,21 @@ def _asks(text: str, target: Path, record: Path, sheet: Source | None) -> tuple[
 
     Raises `InputError` where `check` would refuse it with one, too.
     """
-    whole = parse(target, text.replace(entries.UNKNOWN, entries.UNKNOWN.replace("# ", "")))
+    asked = entries.ASKED_VOLTAGE
+    whole = parse(target, text.replace(asked, asked.replace("# ", "")))
     try:
         assemble(loading.validated(whole))
     except InputError as error:
-        marks = ("nominal", *(() if sheet is None else (f"parameters.{n}" for n in sheet.data)))
-        of_sheet = [
-            one for one in error.problems if one.place.rpartition(": ")[2].startswith(marks)
-        ]
-        if sheet is not None and of_sheet:
-            places = [one.place.rpartition(": ")[2].partition(".")[2] for one in of_sheet]
-            raise InputError(
-                [
-                    Issue(f"{sheet.path}: {p}", o.message)
-                    for p, o in zip(places, of_sheet, strict=True)
-                ]
-            ) from None
+        sheet_entries = (
+            "nominal",
+            *(f"parameters.{name}" for name in (sheet.data if sheet else ())),
+        )
+        keys = [(issue.place.rpartition(": ")[2], issue.message) for issue in error.problems]
+        wrong = [(key, message) for key, message in keys if key.startswith(sheet_entries)]
+        if sheet is not None and wrong:
+            names = [(key.partition(".")[2], message) for key, message in wrong]
+            issues = [Issue(f"{sheet.path}: {name}", message) for name, message in names]
+            raise InputError(issues) from None
         message = "`check` would refuse what can be made of it; mend it, or write a config by hand"
         raise InputError([Issue(str(record), message), *error.problems]) from None
     try:

@@ -1,6 +1,4 @@
-"""Files of records as they are understood: time, rows and columns of each, and which belong
-together.
-"""
+"""Files of records as they are understood: time, rows and columns, and which files belong together."""
 
 from __future__ import annotations
 
@@ -9,6 +7,7 @@ import itertools
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
+from operator import attrgetter
 from pathlib import Path
 
 import numpy as np
@@ -16,21 +15,18 @@ import numpy as np
 from bayesdrill import output_files
 from bayesdrill.basics import units
 from bayesdrill.basics.arrays import Array
-from bayesdrill.basics.errors import InputError, Issue, of_each
+from bayesdrill.basics.errors import InputError, of_each
 from bayesdrill.drafting import roles, sensors, signals
-from bayesdrill.drafting.columns import LEAST, NamedColumn, Seen, look, way_out
-from bayesdrill.drafting.roles import Roles
-from bayesdrill.drafting.signals import Part, Sensor, Timing
+from bayesdrill.drafting.columns import MIN_SAMPLES, FileColumn, NamedColumn, read_columns, unusable
+from bayesdrill.drafting.roles import SensorRoles
+from bayesdrill.drafting.signals import Segment, Sensor, Timing
 from bayesdrill.record.formats import FORMATS, format_of
-from bayesdrill.record.formats.table import Table
 from bayesdrill.rig.models.linear import Model
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Known:
-    """What the user says beside the files: `gear`: turns of the motor for one of the shaft; `voltage`: a
-    constant one [V]; `rate` [Hz]; `rig` and `columns`.
-    """
+class GivenFacts:
+    """What the user says beside the files: `gear` as of 8:1, a constant `voltage` [V], `rate` [Hz]."""
 
     rig: Model
     gear: float | None = None
@@ -40,280 +36,260 @@ class Known:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Examined:
+class RecordFile:
     """A file as it is understood, or several that make one record: `beside` are the others."""
 
     path: Path
-    columns: Sequence[Seen]
+    columns: Sequence[FileColumn]
     time: Timing
-    part: Part
-    found: Roles
+    segment: Segment
+    roles: SensorRoles
     left_out: dict[str, str]
-    beside: tuple[Examined, ...] = ()
+    beside: tuple[RecordFile, ...] = ()
+    label: str = ""
 
     @property
     def sensors(self) -> list[Sensor]:
-        return [*(one.sensor for one in self.found.channels), *self.found.inputs.values()]
+        """The sensors of its channels, then those of its inputs."""
+        return [*(c.sensor for c in self.roles.channels), *self.roles.inputs.values()]
 
     @property
-    def doubts(self) -> tuple[int, int]:
-        """Units that are guessed, and all that is not sure."""
-        guessed = sum(one.guessed for one in self.sensors)
-        return guessed, sum(len(one.doubts) for one in self.sensors)
+    def uncertainty(self) -> tuple[int, ...]:
+        """A rank: less the more channels and inputs it has, then guessed units, then doubts."""
+        guessed = sum(sensor.guessed for sensor in self.sensors)
+        doubts = sum(len(sensor.doubts) for sensor in self.sensors)
+        return -len(self.roles.channels), -len(self.roles.inputs), guessed, doubts
 
-    def file_of(self, sensor: Sensor) -> Examined:
-        """That in which a column of the record stands."""
-        return self.beside[sensor.seen.file - 1] if sensor.seen.file else self
+    def file_of(self, sensor: Sensor) -> RecordFile:
+        """Return the file in which a column of the record stands."""
+        return self.beside[sensor.column.file - 1] if sensor.column.file else self
 
 
-def examine(path: Path, known: Known) -> Examined:
-    """Raises `InputError` where nothing can be made of the file."""
-    columns, left_out = look(
-        _read(path), [one for one in known.columns if one.file in ("", path.name)]
-    )
+_UNCERTAINTY = attrgetter("uncertainty")
+
+
+def examine(path: Path, given: GivenFacts) -> RecordFile:
+    """Understand one file; raises `InputError` where nothing can be made of it."""
+    output_files.check_file(path, output_files.LARGEST_GUESSED)
+    reader = FORMATS[format_of(path)]
+    named = [column for column in given.columns if column.file in ("", path.name)]
+    columns, left_out = read_columns(reader.read(path, reader.options(), None), named)
     if not columns:
-        raise hopeless(path, left_out, f"no column has {LEAST} numbers or more")
+        raise unusable(path, left_out, f"no column has {MIN_SAMPLES} numbers or more")
     try:
         output_files.check_guessed(len(columns[0].values), len(columns))
     except ValueError as error:
         raise InputError.one(str(path), str(error)) from None
-    time = signals.find_time(columns, sensors.rate(columns), known.rate)
-    return _understood(path, columns, time, left_out, known)
+    time = signals.find_time(columns, sensors.infer_rate(columns), given.rate)
+    return _understand(path, columns, time, left_out, given)
 
 
-def _understood(
-    path: Path, columns: Sequence[Seen], time: Timing, left_out: dict[str, str], known: Known
-) -> Examined:
-    others = [one for one in columns if one is not time.column]
-    part = signals.part(time, [one for one in others if one.says.kind])
-    if part is None:
-        raise hopeless(path, left_out, f"nowhere {LEAST} rows follow each other in time")
-    those, why_not = sensors.sensors(others, part)
-    given = known.voltage is not None
-    found = roles.with_signs(roles.roles(those, part.dt, known.rig, known.gear, voltage=given))
-    whole = left_out | why_not | found.left_out
-    return Examined(path, columns, time, part, found, whole)
+def _understand(
+    path: Path,
+    columns: Sequence[FileColumn],
+    time: Timing,
+    left_out: dict[str, str],
+    given: GivenFacts,
+) -> RecordFile:
+    others = [column for column in columns if column is not time.column]
+    segment = _segment(path, time, [c for c in others if c.meaning.kind], left_out)
+    known, unusable_columns = sensors.identify_sensors(others, segment)
+    voltage = given.voltage is not None
+    assigned = roles.assign_roles(known, segment.dt, given.rig, given.gear, voltage=voltage)
+    left_out = left_out | unusable_columns | assigned.left_out
+    return RecordFile(path, columns, time, segment, assigned, left_out)
 
 
-def as_told(one: Examined, lead: Examined) -> Examined:
-    """The same columns as those of `lead`, with its meanings; `InputError` where one is missing."""
-    wanted = [sensor.seen for sensor in lead.sensors]
-    every = wanted if lead.time.column is None else [*wanted, lead.time.column]
-    by = {column.key: column for column in one.columns}
-    if missing := [column.name for column in every if column.key not in by]:
+def _segment(
+    path: Path, time: Timing, columns: Sequence[FileColumn], left_out: dict[str, str]
+) -> Segment:
+    segment = signals.longest_segment(time, columns)
+    if segment is None:
+        raise unusable(path, left_out, f"nowhere {MIN_SAMPLES} rows follow each other in time")
+    return segment
+
+
+def with_roles_of(lead: RecordFile, file: RecordFile) -> RecordFile:
+    """Understand the columns of `file` as those of `lead`; raises `InputError` where one is missing."""
+    wanted = [sensor.column for sensor in lead.sensors]
+    by_key = {column.key: column for column in file.columns}
+    timed = wanted if lead.time.column is None else [*wanted, lead.time.column]
+    if missing := [column.name for column in timed if column.key not in by_key]:
         raise InputError.one(
-            str(one.path),
+            str(file.path),
             f"has no column {', '.join(missing)}, and {lead.path} has; several files have to be of one "
             "kind, or complete each other at the same times; else write a config of each",
         )
-
-    def same(column: Seen) -> Seen:
-        return by[column.key]
-
-    clock = None if lead.time.column is None else same(lead.time.column)
-    if clock is None:  # as many samples a second
-        t = lead.time.dt * np.arange(len(one.time.t), dtype=np.float64)
+    if lead.time.column is None:  # as many samples a second
+        clock, t = None, lead.time.dt * np.arange(len(file.time.t), dtype=np.float64)
     else:
+        clock = by_key[lead.time.column.key]
         t = clock.values * units.factor(lead.time.unit, "s")
     time = dataclasses.replace(lead.time, t=t, column=clock)
-    used = [same(column) for column in wanted]
-    part = signals.part(time, used)
-    if part is None:
-        raise hopeless(one.path, {}, f"nowhere {LEAST} rows follow each other in time")
-    jumped = signals.jumps(used, part)
+    used = [by_key[column.key] for column in wanted]
+    segment = _segment(file.path, time, used, {})
+    jumped = signals.input_jumps(used, segment)
 
-    def sensor(like: Sensor) -> Sensor:
-        found = same(like.seen)
-        if np.isfinite(found.values[part.rows]).sum() < LEAST:
-            raise hopeless(one.path, {}, f"column {like.name} has less than {LEAST} numbers")
-        drawn = signals.draft(found, part, jumped, like.kind, like.unit)
-        if not drawn.varies and like.kind not in ("voltage", "torque"):
-            message = f"column {like.name} is {drawn.raw.x[0]:g} in every row; leave this file out"
-            raise InputError.one(str(one.path), message)
-        return dataclasses.replace(drawn, place=like.place, why=like.why, doubts=like.doubts)
+    def alike(sensor: Sensor) -> Sensor:
+        column = by_key[sensor.column.key]
+        if np.isfinite(column.values[segment.rows]).sum() < MIN_SAMPLES:
+            reason = f"column {sensor.name} has less than {MIN_SAMPLES} numbers"
+            raise unusable(file.path, {}, reason)
+        new = signals.read_sensor(column, segment, jumped, sensor.kind, sensor.unit)
+        if not new.varies and sensor.kind not in ("voltage", "torque"):
+            message = f"column {sensor.name} is {new.raw.x[0]:g} in every row; leave this file out"
+            raise InputError.one(str(file.path), message)
+        why, doubts = sensor.why, sensor.doubts
+        return dataclasses.replace(new, location=sensor.location, why=why, doubts=doubts)
 
-    found = lead.found.with_sensors(sensor)
-    whole = Examined(one.path, one.columns, time, part, found, lead.left_out, one.beside)
-    return _as_measured(whole)
-
-
-def hopeless(
-    record: Path, left_out: dict[str, str], why: str, columns: Sequence[Seen] = ()
-) -> InputError:
-    """What nothing can be made of, and what to type; `columns`: those of which nothing is known."""
-    reasons = [Issue(str(record), f"column {name} {text}") for name, text in left_out.items()]
-    typed = way_out(columns) or '--columns "speed=w_2 [rpm]"'
-    message = f"{why}; say what columns are, for example {typed}, or write a config by hand"
-    return InputError([Issue(str(record), message), *reasons])
+    same = lead.roles.with_sensors(alike)
+    record = RecordFile(file.path, file.columns, time, segment, same, lead.left_out, file.beside)
+    return _on_own_clocks(record)
 
 
-def _read(record: Path) -> Table:
-    output_files.check_file(record, output_files.LARGEST_GUESSED)
-    kind = FORMATS[format_of(record)]
-    return kind.read(record, kind.options(), None)
-
-
-LONGEST_NAME = 40
-NUMBERED = "run"
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Experiment:
-    label: str
-    of: Examined
-
-
-def experiments(records: Sequence[Path], known: Known) -> tuple[tuple[Experiment, ...], Experiment]:
-    """All, and the one as which all are understood.
+def read_records(
+    paths: Sequence[Path], given: GivenFacts
+) -> tuple[tuple[RecordFile, ...], RecordFile]:
+    """Return the records that the files make, and the one as which all are understood.
 
     Raises `InputError` where nothing can be made of a file, or not of all together.
     """
-    for k, path in enumerate(records):
-        if path.resolve() in [other.resolve() for other in records[:k]]:
+    for k, path in enumerate(paths):
+        if path.resolve() in [other.resolve() for other in paths[:k]]:
             raise InputError.one(str(path), "is named twice; name each file once")
-    kinds = _kinds(of_each(lambda path: examine(path, known), records))
-    every = _completed(kinds, known) if len(kinds) > 1 else kinds[0]
-    of_each(_refuse_without_channels, every)
-    lead = min(every, key=_unsure)
-    every = of_each(lambda one: one if one is lead else as_told(one, lead), every)
-    names = labels([one.path for one in every]) if len(every) > 1 else [""]
-    found = tuple(Experiment(name, one) for name, one in zip(names, every, strict=True))
-    return found, next(one for one in found if one.of.path == lead.path)
+    kinds = _by_kind(of_each(lambda path: examine(path, given), paths))
+    records = _join_kinds(kinds, given) if len(kinds) > 1 else kinds[0]
+    of_each(_refuse_without_channels, records)
+    lead = min(records, key=_UNCERTAINTY)
+    alike = of_each(lambda r: r if r is lead else with_roles_of(lead, r), records)
+    labels = experiment_labels([r.path for r in alike]) if len(alike) > 1 else [""]
+    pairs = zip(alike, labels, strict=True)
+    named = tuple(dataclasses.replace(record, label=label) for record, label in pairs)
+    return named, named[alike.index(lead)]
 
 
-def _refuse_without_channels(one: Examined) -> None:
-    if not one.found.channels:
+def _refuse_without_channels(file: RecordFile) -> None:
+    if not file.roles.channels:
         why = "no column is an angle, a speed or a current of the rig"
-        columns = [c for c in one.columns if c is not one.time.column]
-        nameless = [c for c in columns if not c.says.kind or c.name in one.left_out]
-        raise hopeless(one.path, one.left_out, why, nameless or columns)
+        columns = [column for column in file.columns if column is not file.time.column]
+        unknown = [c for c in columns if not c.meaning.kind or c.name in file.left_out]
+        raise unusable(file.path, file.left_out, why, unknown or columns)
 
 
-def _unsure(one: Examined) -> tuple[int, int, tuple[int, int]]:
-    return -len(one.found.channels), -len(one.found.inputs), one.doubts
-
-
-def _kinds(examined: Sequence[Examined]) -> list[list[Examined]]:
+def _by_kind(files: Sequence[RecordFile]) -> list[list[RecordFile]]:
     """Files with the columns that are used of the one that tells most, and those without, in turn."""
-    remaining, kinds = [*examined], []
+    remaining, kinds = [*files], []
     while remaining:
-        lead = min(remaining, key=_unsure)
-        used = {(sensor.seen.key, sensor.seen.says) for sensor in lead.sensors}
-        same = [o for o in remaining if used <= {(c.key, c.says) for c in o.columns}]
-        kinds.append(same)
-        remaining = [one for one in remaining if one not in same]
+        lead = min(remaining, key=_UNCERTAINTY)
+        used = {(sensor.column.key, sensor.column.meaning) for sensor in lead.sensors}
+        kinds.append([f for f in remaining if used <= {(c.key, c.meaning) for c in f.columns}])
+        remaining = [file for file in remaining if file not in kinds[-1]]
     return kinds
 
 
-def _completed(kinds: Sequence[Sequence[Examined]], known: Known) -> list[Examined]:
+def _join_kinds(kinds: Sequence[Sequence[RecordFile]], given: GivenFacts) -> list[RecordFile]:
     """Records of which each is a file of every kind."""
-    lead, *others = kinds
-    names = [
-        n
-        for kind in kinds
-        for n in (*(c.name for c in kind[0].found.channels), *kind[0].found.inputs)
-    ]
+    firsts, *others = kinds
+    leads = [kind[0].roles for kind in kinds]
+    names = [name for lead in leads for name in (*(c.name for c in lead.channels), *lead.inputs)]
     if len({*names}) < len(names) or not all(kind[0].sensors for kind in kinds):
-        for one in others[0]:
-            as_told(one, lead[0])  # says what is missing
+        for file in others[0]:
+            with_roles_of(firsts[0], file)  # says what is missing
         of_each(_refuse_without_channels, others[0])
-    pairs = []
-    for one in lead:
-        beside = [max(kind, key=lambda other: _alike(one.path, other.path)) for kind in others]
-        pairs.append((one, beside))
-    taken = {id(file) for _, beside in pairs for file in beside}
-    if {len(kind) for kind in others} != {len(lead)} or len(taken) < len(lead) * len(others):
-        held = ", ".join(str(one.path) for one in others[0])
+    pairs = [(first, [_nearest(first, kind) for kind in others]) for first in firsts]
+    used = {id(file) for _, beside in pairs for file in beside}
+    if {len(kind) for kind in others} != {len(firsts)} or len(used) < len(firsts) * len(others):
         message = (
-            f"is completed by other files: {held}; name for each record one of each kind, and let their "
-            "names begin alike (slow.csv, slow_v.csv), or write a config of each"
+            f"is completed by other files: {', '.join(str(file.path) for file in others[0])}; name for "
+            "each record one of each kind, and let their names begin alike (slow.csv, slow_v.csv), or "
+            "write a config of each"
         )
-        raise InputError.one(str(lead[0].path), message)
-    return [_joined(one, beside, known) for one, beside in pairs]
+        raise InputError.one(str(firsts[0].path), message)
+    return [_join(first, beside, given) for first, beside in pairs]
 
 
-def _alike(one: Path, other: Path) -> int:
-    return _alike_at_first([one.stem, other.stem])
+def _nearest(file: RecordFile, kind: Sequence[RecordFile]) -> RecordFile:
+    return max(kind, key=lambda other: _alike([file.path.stem, other.path.stem]))
 
 
-def _joined(one: Examined, beside: Sequence[Examined], known: Known) -> Examined:
+def _join(first: RecordFile, beside: Sequence[RecordFile], given: GivenFacts) -> RecordFile:
     """A record of several files, whose columns are understood together, at the times of the first."""
-    columns, t = [*one.columns], one.time.t
+    columns, t = [*first.columns], first.time.t
     for k, other in enumerate(beside, start=1):
-        for file in (one, other):
+        for file in (first, other):
             if file.time.column is None and not np.array_equal(t, other.time.t):
                 message = "has no column of times, and cannot be laid beside another file; add one"
                 raise InputError.one(str(file.path), message)
-        s = other.part.t
-        if np.sum((one.part.t >= s[0]) & (one.part.t <= s[-1])) < LEAST:
+        u, s = first.segment.t, other.segment.t
+        if np.sum((u >= s[0]) & (u <= s[-1])) < MIN_SAMPLES:
             raise InputError.one(
                 str(other.path),
-                f"goes from {s[0]:.6g} to {s[-1]:.6g} s, and {one.path} from {one.part.t[0]:.6g} to "
-                f"{one.part.t[-1]:.6g} s; files of one record have to overlap: bring both to one clock",
+                f"goes from {s[0]:.6g} to {s[-1]:.6g} s, and {first.path} from {u[0]:.6g} to "
+                f"{u[-1]:.6g} s; files of one record have to overlap: bring both to one clock",
             )
-        columns += [
-            dataclasses.replace(
-                c, name=f"{c.name} of {other.path.name}", file=k, values=_at(t, other, c)
-            )
-            for c in other.columns
-            if c is not other.time.column
-        ]
-    whole = _understood(one.path, columns, one.time, {}, known)
-    return _as_measured(dataclasses.replace(whole, beside=tuple(beside)))
+        for column in other.columns:
+            if column is not other.time.column:
+                name, x = f"{column.name} of {other.path.name}", _at(t, other, column)
+                columns.append(dataclasses.replace(column, name=name, file=k, values=x))
+    record = _understand(first.path, columns, first.time, {}, given)
+    return _on_own_clocks(dataclasses.replace(record, beside=tuple(beside)))
 
 
-def _as_measured(one: Examined) -> Examined:
+def _on_own_clocks(record: RecordFile) -> RecordFile:
     """With what each sensor measured on its own clock, where that is not the record's."""
 
-    def own(sensor: Sensor) -> Sensor:
-        file = one.file_of(sensor)
-        if np.array_equal(file.time.t, one.time.t):
+    def on_own_clock(sensor: Sensor) -> Sensor:
+        file = record.file_of(sensor)
+        if np.array_equal(file.time.t, record.time.t):
             return sensor
-        column = next(c for c in file.columns if c.address == sensor.seen.address)
-        calm = np.zeros(len(file.part.t), dtype=np.bool_)
-        raw = signals.draft(column, file.part, calm, sensor.kind, sensor.unit).raw
+        column = next(c for c in file.columns if c.address == sensor.column.address)
+        calm = np.zeros(len(file.segment.t), dtype=np.bool_)
+        raw = signals.read_sensor(column, file.segment, calm, sensor.kind, sensor.unit).raw
         return dataclasses.replace(sensor, raw=raw)
 
-    return dataclasses.replace(one, found=one.found.with_sensors(own))
+    return dataclasses.replace(record, roles=record.roles.with_sensors(on_own_clock))
 
 
-def _at(t: Array, file: Examined, column: Seen) -> Array:
+def _at(t: Array, file: RecordFile, column: FileColumn) -> Array:
     """A column of another file at times `t (T,)`, NaN where it has none."""
     if np.array_equal(t, file.time.t):
         return column.values
-    known = np.isfinite(column.values[file.part.rows])
-    times, values = file.part.t[known], column.values[file.part.rows][known]
-    return np.asarray(np.interp(t, times, values, left=np.nan, right=np.nan))
+    values = column.values[file.segment.rows]
+    known = np.isfinite(values)
+    x = np.interp(t, file.segment.t[known], values[known], left=np.nan, right=np.nan)
+    return np.asarray(x)
 
 
-def labels(paths: Sequence[Path]) -> list[str]:
-    """Of each the shortest part of its name that tells it from the others, as an identifier."""
-    tokens = [_tokens(path) for path in paths]
-    least = min(map(len, tokens))
-    first = _alike_at_first(tokens)
-    last = min(least - first, _alike_at_first([one[::-1] for one in tokens]))
-    if any(len(one) == first + last for one in tokens):  # one has nothing of its own
+MAX_LABEL_LETTERS = 40
+NUMBERED = "run"
+
+
+def experiment_labels(paths: Sequence[Path]) -> list[str]:
+    """Return of each the shortest part of its name that tells it from the others, as an identifier."""
+    tokens = [[*filter(None, _split(path.with_suffix("").as_posix()))] for path in paths]
+    first = _alike(tokens)
+    shortest, ends = min(map(len, tokens)), [words[::-1] for words in tokens]
+    last = min(shortest - first, _alike(ends))
+    if any(len(words) == first + last for words in tokens):  # one has nothing that the others lack
         first, last = max(first - 1, 0), 0
-    found = ["_".join(one[first : len(one) - last])[-LONGEST_NAME:] for one in tokens]
-    named = [one if one.isidentifier() else f"{NUMBERED}_{one}" for one in found]
-    if len({*named}) == len(named) and all(one.isidentifier() for one in named):
-        return named
-    return [f"{NUMBERED}_{k}" for k in range(1, len(named) + 1)]
+    parts = ["_".join(words[first : len(words) - last])[-MAX_LABEL_LETTERS:] for words in tokens]
+    labels = [part if part.isidentifier() else f"{NUMBERED}_{part}" for part in parts]
+    if len({*labels}) == len(labels) and all(label.isidentifier() for label in labels):
+        return labels
+    return [f"{NUMBERED}_{k}" for k in range(1, len(labels) + 1)]
 
 
-def _tokens(path: Path) -> list[str]:
-    """Of the whole path, as names may be alike in several folders."""
-    return [part for part in re.split(r"[\W_]+", path.with_suffix("").as_posix()) if part]
+def common_stem(paths: Sequence[Path]) -> str:
+    """Return what the names of several files have in common."""
+    stems = [_split(path.stem) for path in paths]
+    return "_".join(filter(None, stems[0][: _alike(stems)])) or "experiments"
 
 
-def stem(paths: Sequence[Path]) -> str:
-    """What the names of several files have in common."""
-    every = [re.split(r"[\W_]+", path.stem) for path in paths]
-    shared = every[0][: _alike_at_first(every)]
-    return "_".join(part for part in shared if part) or "experiments"
+def _split(name: str) -> list[str]:
+    return re.split(r"[\W_]+", name)
 
 
-def _alike_at_first(every: Sequence[Sequence[str]]) -> int:
+def _alike(names: Sequence[Sequence[str]]) -> int:
     """How many letters, or words, all have in common before they differ."""
-    alike = itertools.takewhile(lambda column: len({*column}) == 1, zip(*every, strict=False))
-    return sum(1 for _ in alike)
+    columns = zip(*names, strict=False)
+    return sum(1 for _ in itertools.takewhile(lambda column: len({*column}) == 1, columns))

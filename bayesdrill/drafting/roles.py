@@ -1,9 +1,7 @@
-"""Which channel or input of the rig each sensor is, the gear, lags between the ends, and how a
-record begins.
+"""Which channel or input of the rig each sensor is, the gear, lags, and how a record begins.
 
-How late one end of the shaft is told, by the law of rotor 1: the twist is what accelerates it.
-
-Damping in the shaft, c_s, shifts that by c_s/k_s: what is found is a hint and no value.
+How late one end of the shaft is told follows from the law of rotor 1: the twist is what accelerates
+it.  Damping in the shaft, c_s, shifts that by c_s/k_s: what is found is a hint and no value.
 """
 
 from __future__ import annotations
@@ -19,17 +17,23 @@ from scipy.ndimage import gaussian_filter1d
 
 from bayesdrill.drafting import signals
 from bayesdrill.drafting.columns import GEARBOX, MOTOR, ROTOR, STATES, TWIST
-from bayesdrill.drafting.sensors import SLOWEST
-from bayesdrill.drafting.signals import TURNS, Part, Sensor
+from bayesdrill.drafting.sensors import MIN_GEAR
+from bayesdrill.drafting.signals import TURNS, Segment, Sensor
 from bayesdrill.record import anomalies
 from bayesdrill.rig.models.linear import Model, with_named
 
-WIDE = 10.0  # the prior of a noise: so many times below and above what differs between samples
 _STATE = {meaning: state for state, meaning in STATES.items()}
+_NAMED_STATES = re.compile(r"\b(?:theta_[12]|w_[12]|i)\b")
+# By kind of a sensor of the twist: name of its channel, and what it measures, forwards or backwards.
+_TWISTS = {
+    "angle": ("twist", "theta_1 - theta_2", "theta_2 - theta_1"),
+    "speed": ("twist_rate", "w_1 - w_2", "w_2 - w_1"),
+}
+IMPOSED = ("theta_2", "w_2")  # the angle first: it is what is measured
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Channel:
+class DraftChannel:
     """A sensor under the name that the config gives it; `measures` is empty for a state itself.
 
     `derived`: the channel of which it is differences.
@@ -42,10 +46,10 @@ class Channel:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Roles:
+class SensorRoles:
     """`inputs`: measured ones, by their entries; `gear`: turns of the motor for one of the shaft."""
 
-    channels: tuple[Channel, ...]
+    channels: tuple[DraftChannel, ...]
     inputs: Mapping[str, Sensor]
     rig: Model
     gear: float
@@ -55,131 +59,130 @@ class Roles:
 
     @property
     def v(self) -> Sensor | None:
+        """The voltage, if it is measured."""
         return self.inputs.get("v")
 
-    def with_sensors(self, change: Callable[[Sensor], Sensor]) -> Roles:
-        """The same roles of sensors that `change` makes of these."""
+    def with_sensors(self, change: Callable[[Sensor], Sensor]) -> SensorRoles:
+        """Return the same roles of the sensors that `change` makes of these."""
         channels = (dataclasses.replace(c, sensor=change(c.sensor)) for c in self.channels)
         inputs = {name: change(sensor) for name, sensor in self.inputs.items()}
         return dataclasses.replace(self, channels=tuple(channels), inputs=inputs)
 
 
-def roles(
-    those: Sequence[Sensor],
-    dt: float,
-    rig: Model,
-    gear: float | None = None,
-    *,
-    voltage: bool = False,
-) -> Roles:
-    """`gear`: where it is known; `voltage`: whether a constant one is."""
+def assign_roles(
+    sensors: Sequence[Sensor], dt: float, rig: Model, gear: float | None, *, voltage: bool
+) -> SensorRoles:
+    """Assign sensors to the channels and inputs of a rig.
+
+    `dt`: step of their values, s; `gear`: None where it is not known; `voltage`: whether a constant
+    one is known.
+    """
     left_out: dict[str, str] = {}
-    turning = _placed([one for one in those if one.kind in TURNS])
-    found, sources = _ratio(turning, dt)
-    turning = [_moved(one, turning, dt) for one in turning]
-    why = doubt = ""
+    turning = _with_locations([sensor for sensor in sensors if sensor.kind in TURNS])
+    ratio, sources = _gear_ratio(turning, dt)
+    turning = [_behind_gear(sensor, turning, dt) for sensor in turning]
+    value, why, doubt = gear or 1.0, "", ""
     if gear is not None:
-        value, why = gear, "as it was given"
-        if not math.isnan(found) and abs(abs(found) / gear - 1) > 0.05:
-            doubt = f"{sources} turn as {abs(found):.4g}:1 by their units; check them, or the gear"
-    elif math.isnan(found):
-        value = 1.0
+        why = "as it was given"
+        if abs(abs(ratio) / gear - 1) > 0.05:  # not where it is NaN
+            doubt = f"{sources} turn as {abs(ratio):.4g}:1 by their units; check them, or the gear"
+    elif math.isnan(ratio):
         doubt = (
             "no two columns tell the gear; it is taken as 1:1, so that the motor's parameters are those "
             "behind it. Say `--gear 14` for 14:1"
         )
     else:
-        value = abs(found)
+        value = abs(ratio)
         doubt = f"the gear is not said; {sources} turn as {value:.5g}:1"
-    channels: dict[str, Channel] = {}
-    for one in [*turning, *(one for one in those if one.kind == "current")]:
-        name, measures = _name(one, -value if found < 0 else value)
-        kept = channels.get(name)
-        if kept is not None:
-            left_out[one.name] = f"{name} is taken from {kept.sensor.name} already"
+    channels: dict[str, DraftChannel] = {}
+    for sensor in [*turning, *(sensor for sensor in sensors if sensor.kind == "current")]:
+        name, measures = _channel_name(sensor, -value if ratio < 0 else value)
+        if name in channels:
+            left_out[sensor.name] = f"{name} is taken from {channels[name].sensor.name} already"
         elif name:
-            channels[name] = Channel(name, measures, one)
+            channels[name] = DraftChannel(name, measures, sensor)
         else:
-            left_out[one.name] = "nothing says at which end of the shaft it is"
-    _tell_differenced(channels, dt)
-    inputs, rig = _inputs(those, channels, rig, left_out, voltage=voltage)
+            left_out[sensor.name] = "nothing says at which end of the shaft it is"
+    _mark_differenced(channels, dt)
+    inputs, rig = _inputs(sensors, channels, rig, left_out, voltage=voltage)
     for name, channel in [*channels.items()]:
         if not {*_NAMED_STATES.findall(channel.measures or name)} <= {*rig.states}:
             left_out[channel.sensor.name] = f"is {name}, which the rig {rig.name} does not have"
             del channels[name]
-    return Roles(tuple(channels.values()), inputs, rig, value, why, doubt, left_out)
-
-
-_NAMED_STATES = re.compile(r"\b(?:theta_[12]|w_[12]|i)\b")
-IMPOSED = ("theta_2", "w_2")  # the angle first: it is what is measured
+    checked = tuple(_check_sign(channel, inputs.get("v")) for channel in channels.values())
+    return SensorRoles(checked, inputs, rig, value, why, doubt, left_out)
 
 
 def _inputs(
-    those: Sequence[Sensor],
-    channels: dict[str, Channel],
+    sensors: Sequence[Sensor],
+    channels: dict[str, DraftChannel],
     rig: Model,
     left_out: dict[str, str],
     *,
     voltage: bool,
 ) -> tuple[dict[str, Sensor], Model]:
     """What moves the rig, and the rig with the circuit that a voltage or a current needs."""
-    found: dict[str, Sensor] = {}
-    voltages, torques = ([o for o in those if o.kind == kind] for kind in ("voltage", "torque"))
-    motor = [one for one in torques if one.place in (MOTOR, "")]
+    inputs: dict[str, Sensor] = {}
+    voltages, torques = ([s for s in sensors if s.kind == kind] for kind in ("voltage", "torque"))
+    motor = [torque for torque in torques if torque.location in (MOTOR, "")]
     if motor and "t_m" in rig.inputs:
-        found["t_m"] = motor[0]
+        inputs["t_m"] = motor[0]
     elif voltages or voltage or "i" in channels:
         m = rig.roles.motor
         rig = with_named(rig, (m.back_emf, m.torque_constant, m.resistance, m.inductance))
-    if "v" in rig.inputs and (v := _voltage(voltages, left_out)) is not None:
-        found["v"] = v
-    if "t_1" in rig.inputs and (load := _load(torques, left_out)) is not None:
-        found["t_1"] = load
+    if "v" in rig.inputs and voltages:  # measured before asked for, the motor's before others
+        voltages.sort(key=lambda v: (v.column.meaning.reference, v.location != MOTOR))
+        inputs["v"] = _first(voltages, "voltage", left_out)
+    if "t_1" in rig.inputs:
+        unsaid = [torque.name for torque in torques if torque.location == ""]
+        left_out |= dict.fromkeys(unsaid, "is a torque, but not said to be that at rotor 1")
+        if loads := [torque for torque in torques if torque.location == ROTOR]:
+            doubt = "taken as the load on rotor 1, against positive speed; check its sign"
+            inputs["t_1"] = _first(loads, "load", left_out).revised(doubt=doubt)
     if "w_2" in rig.inputs:
         imposed = [channels.pop(name) for name in IMPOSED if name in channels]
         for channel in imposed[1:]:
             left_out[channel.sensor.name] = f"is imposed by {imposed[0].sensor.name} already"
-        if imposed:
-            found[imposed[0].name] = imposed[0].sensor
-    used = [one.seen for one in found.values()]
-    for one in [*voltages, *torques]:
-        if one.seen not in used:
-            left_out.setdefault(one.name, f"is no input of the rig {rig.name}")
-    against = "it counts backwards, which an input cannot say: turn its sign in the file"
-    turned = {n: one.but(doubt=against) for n, one in found.items() if one.seen.says.backwards}
-    return found | turned, rig
+        inputs |= {channel.name: channel.sensor for channel in imposed[:1]}
+    used = [sensor.column for sensor in inputs.values()]
+    for sensor in [*voltages, *torques]:
+        if sensor.column not in used:
+            left_out.setdefault(sensor.name, f"is no input of the rig {rig.name}")
+    doubt = "it counts backwards, which an input cannot say: turn its sign in the file"
+    backwards = {name: s for name, s in inputs.items() if s.column.meaning.backwards}
+    return inputs | {name: s.revised(doubt=doubt) for name, s in backwards.items()}, rig
 
 
-def _placed(turning: Sequence[Sensor]) -> list[Sensor]:
-    """One without a place is where no other is; with a twist, at the gearbox."""
-    placed = {one.place for one in turning if one.place}
-    if ROTOR in placed and not placed & {GEARBOX, MOTOR}:
-        free, because = GEARBOX, "the other end has a column of its own"
-    elif placed & {GEARBOX, MOTOR} and not placed & {ROTOR, TWIST}:
-        free, because = ROTOR, "the other end has a column of its own"
-    else:
-        twist = TWIST in placed
-        free = GEARBOX
-        because = "the twist is counted from there" if twist else "most encoders are there"
-    if ROTOR in placed and placed & {GEARBOX, MOTOR}:
+def _first(sensors: Sequence[Sensor], what: str, left_out: dict[str, str]) -> Sensor:
+    for sensor in sensors[1:]:
+        left_out[sensor.name] = f"the {what} is taken from {sensors[0].name} already"
+    return sensors[0]
+
+
+def _with_locations(turning: Sequence[Sensor]) -> list[Sensor]:
+    """One without a location is where no other is; with a twist, at the gearbox."""
+    located = {sensor.location for sensor in turning}
+    rotor, upper, twist = ROTOR in located, bool(located & {GEARBOX, MOTOR}), TWIST in located
+    if rotor and upper:
         return list(turning)
-    seen: set[str] = set()
-    out = []
-    for one in turning:
-        if not one.place and one.kind not in seen:
-            doubt = f"which end of the shaft is not said; taken as {free}, as {because}"
-            seen.add(one.kind)
-            one = one.but(place=free, doubt=doubt)
-        out.append(one)
-    return out
+    free, because = GEARBOX, "most encoders are there"
+    if rotor or (upper and not twist):
+        free, because = GEARBOX if rotor else ROTOR, "the other end has a column of its own"
+    elif twist:
+        because = "the twist is counted from there"
+    doubt = f"which end of the shaft is not said; taken as {free}, as {because}"
+    firsts = {sensor.kind: sensor for sensor in reversed(turning) if not sensor.location}
+    return [
+        s.revised(location=free, doubt=doubt) if s is firsts.get(s.kind) else s for s in turning
+    ]
 
 
-def _ratio(turning: Sequence[Sensor], dt: float) -> tuple[float, str]:
+def _gear_ratio(turning: Sequence[Sensor], dt: float) -> tuple[float, str]:
     """Turns of the motor for one of the shaft, NaN where it cannot be told, and of which columns."""
-    ends = [one for one in turning if one.place in (GEARBOX, ROTOR)]
-    for motor in (one for one in turning if one.place == MOTOR):
-        for end in sorted(ends, key=lambda one: one.kind != motor.kind):
-            value = _times(motor, end, dt)
+    ends = [sensor for sensor in turning if sensor.location in (GEARBOX, ROTOR)]
+    for motor in (sensor for sensor in turning if sensor.location == MOTOR):
+        for end in sorted(ends, key=lambda end: end.kind != motor.kind):
+            value = _ratio(motor, end, dt)
             if abs(value) > 1.2:
                 near = round(value)
                 value = float(near) if abs(value / near - 1) < 0.02 else float(f"{value:.4g}")
@@ -187,348 +190,330 @@ def _ratio(turning: Sequence[Sensor], dt: float) -> tuple[float, str]:
     return math.nan, ""
 
 
-def _times(motor: Sensor, end: Sensor, dt: float) -> float:
+def _ratio(motor: Sensor, end: Sensor, dt: float) -> float:
     """How many times as far the one turns as the other."""
-    if end.place == ROTOR:
+    if end.location == ROTOR:
         return signals.ratio_through_shaft(motor.angle(dt), end.angle(dt), dt)
     return signals.ratio(motor.angle(dt), end.angle(dt))
 
 
-def _moved(one: Sensor, turning: Sequence[Sensor], dt: float) -> Sensor:
+def _behind_gear(sensor: Sensor, turning: Sequence[Sensor], dt: float) -> Sensor:
     """What is called the motor's, but turns as the shaft does, is behind the gear."""
-    ends = [other for other in turning if other.place in (GEARBOX, ROTOR)]
-    if one.place != MOTOR or not ends:
-        return one
-    value = _times(one, ends[0], dt)
+    ends = [other for other in turning if other.location in (GEARBOX, ROTOR)]
+    if sensor.location != MOTOR or not ends:
+        return sensor
+    value = _ratio(sensor, ends[0], dt)
     if abs(value) > 1.2 or math.isnan(value):
-        return one
-    if abs(value) < SLOWEST:
-        doubt = f"it turns {value:.3g} times as far as {ends[0].name}, which no gear makes"
-        return one.but(doubt=f"{doubt}: one of the units is wrong")
-    doubt = f"named after the motor, but it turns {value:.3g} times as far as {ends[0].name}"
-    return one.but(place=GEARBOX, doubt=f"{doubt}: taken as behind the gear")
+        return sensor
+    times = f"it turns {value:.3g} times as far as {ends[0].name}"
+    if abs(value) < MIN_GEAR:
+        return sensor.revised(doubt=f"{times}, which no gear makes: one of the units is wrong")
+    doubt = f"named after the motor, but {times}: taken as behind the gear"
+    return sensor.revised(location=GEARBOX, doubt=doubt)
 
 
-def _name(one: Sensor, gear: float) -> tuple[str, str]:
+def _channel_name(sensor: Sensor, gear: float) -> tuple[str, str]:
     """Name and `measures` of its channel."""
-    sign = "-" if one.seen.says.backwards else ""
-    if one.kind == "current":
-        return "i", "-i" if sign else ""
-    if one.place == TWIST and one.kind == "angle":
-        return "twist", "theta_2 - theta_1" if sign else "theta_1 - theta_2"
-    if one.place == TWIST:
-        return "twist_rate", "w_2 - w_1" if sign else "w_1 - w_2"
-    if one.place == MOTOR:
-        state = _STATE[one.kind, GEARBOX]
-        name = "motor" if one.kind == "speed" else "motor_angle"
-        return name, f"{-gear if sign else gear:.6g} * {state}"
-    state = _STATE.get((one.kind, one.place), "")
-    return state, f"-{state}" if sign and state else ""
+    backwards = sensor.column.meaning.backwards
+    if sensor.location == TWIST and sensor.kind in _TWISTS:
+        name, forwards, reverse = _TWISTS[sensor.kind]
+        return name, reverse if backwards else forwards
+    if sensor.location == MOTOR and sensor.kind != "current":
+        name = "motor" if sensor.kind == "speed" else "motor_angle"
+        return name, f"{-gear if backwards else gear:.6g} * {_STATE[sensor.kind, GEARBOX]}"
+    state = "i" if sensor.kind == "current" else _STATE.get((sensor.kind, sensor.location), "")
+    return state, f"-{state}" if backwards and state else ""
 
 
-def _tell_differenced(channels: dict[str, Channel], dt: float) -> None:
-    """A speed that was made of an angle measures nothing of its own."""
+def _mark_differenced(channels: dict[str, DraftChannel], dt: float) -> None:
+    """A speed that was made of an angle measures nothing by itself."""
     for angle, speed in (("theta_1", "w_1"), ("theta_2", "w_2"), ("motor_angle", "motor")):
         if angle in channels and speed in channels:
             first, second = channels[angle].sensor, channels[speed].sensor
-            _, own, other = np.intersect1d(first.raw.t, second.raw.t, return_indices=True)
-            x, w, t = first.raw.x[own], second.raw.x[other], first.raw.t[own]
+            t, rows, others = np.intersect1d(first.raw.t, second.raw.t, return_indices=True)
             whole = len(t) > 0.99 * len(first.values)  # but for a few glitches
             alike = whole and anomalies.differenced(first.si, second.si, dt)
-            if alike or signals.differenced(x, w, t):
+            if alike or signals.differenced(first.raw.x[rows], second.raw.x[others], t):
                 channels[speed] = dataclasses.replace(channels[speed], derived=angle)
 
 
-def _voltage(those: Sequence[Sensor], left_out: dict[str, str]) -> Sensor | None:
-    """One that was measured before one that was asked for, the motor's before others."""
-    ranked = sorted(those, key=lambda one: (one.seen.says.wanted, one.place != MOTOR))
-    for one in ranked[1:]:
-        left_out[one.name] = f"the voltage is taken from {ranked[0].name} already"
-    return ranked[0] if ranked else None
+def _check_sign(channel: DraftChannel, v: Sensor | None) -> DraftChannel:
+    """The channel with a doubt where what turns goes against the voltage."""
+    sensor = channel.sensor
+    if v is None or np.ptp(v.values) == 0 or sensor.kind != "speed" or sensor.location == TWIST:
+        return channel
+    x, w = signals.centred(v.si), signals.centred(sensor.values)
+    correlation = float(x @ w) / math.sqrt(float(x @ x) * float(w @ w))
+    if not correlation < -0.3 or channel.measures.startswith("-"):
+        return channel
+    doubt = "it goes against the voltage; if it counts backwards, write `measures: -...`"
+    return dataclasses.replace(channel, sensor=sensor.revised(doubt=doubt))
 
 
-def _load(those: Sequence[Sensor], left_out: dict[str, str]) -> Sensor | None:
-    loads = [one for one in those if one.place == ROTOR]
-    for one in those:
-        if one.place == "":
-            left_out[one.name] = "is a torque, but not said to be that at rotor 1"
-    for one in loads[1:]:
-        left_out[one.name] = f"the load is taken from {loads[0].name} already"
-    if not loads:
-        return None
-    return loads[0].but(
-        doubt="taken as the load on rotor 1, against positive speed; check its sign"
-    )
-
-
-def both_ways(found: Roles) -> bool:
+def turns_both_ways(roles: SensorRoles) -> bool:
     """Whether the rig is driven, or turns, in both directions."""
-    driven = [one for name, one in found.inputs.items() if name != "t_1"]
-    seen = driven or [one.sensor for one in found.channels if one.sensor.kind == "speed"]
-    for one in seen:
-        low, high = np.percentile(one.raw.x, [2, 98])
-        if min(-low, high) > 0.1 * max(-low, high):
-            return True
-    return False
+    drives = [sensor for name, sensor in roles.inputs.items() if name != "t_1"]
+    speeds = [c.sensor for c in roles.channels if c.sensor.kind == "speed"]
+    ends = [np.percentile(sensor.raw.x, [2, 98]) for sensor in drives or speeds]
+    return any(min(-low, high) > 0.1 * max(-low, high) for low, high in ends)
 
 
-def with_signs(found: Roles) -> Roles:
-    """Doubts where what turns goes against the voltage."""
-    if found.v is None or np.ptp(found.v.values) == 0:
-        return found
-    v = found.v.si - found.v.si.mean()
-    channels = []
-    for one in found.channels:
-        if one.sensor.kind == "speed" and one.sensor.place != TWIST:
-            w = one.sensor.values - one.sensor.values.mean()
-            together = float(v @ w) / math.sqrt(float(v @ v) * float(w @ w))
-            if together < -0.3 and not one.measures.startswith("-"):
-                doubt = (
-                    "it goes against the voltage; if it counts backwards, write `measures: -...`"
-                )
-                one = dataclasses.replace(one, sensor=one.sensor.but(doubt=doubt))
-        channels.append(one)
-    return dataclasses.replace(found, channels=tuple(channels))
-
-
-WIDTHS = (2, 4, 8, 16)  # samples, of filters one of which suits the rig's swing: sd of a Gaussian
-EDGE = 4  # widths of a filter that see an end of the record
-FURTHEST = 8  # samples late, at most
-FINER = 2  # shifts a sample
-MOST = 10_000  # samples looked at
-TOLD = 0.9  # of the variance of the twist, that its law has to explain
-BETTER = 1.5  # times what is left without a lag, over what is left with it
+FILTER_WIDTHS = (2, 4, 8, 16)  # samples, sds of Gaussians, one of which suits the rig's swing
+FILTER_REACH = 4  # widths of a filter that see an end of the record
+MAX_SHIFT = 8  # samples late
+SHIFTS_PER_SAMPLE = 2
+MAX_LAG_SAMPLES = 10_000  # samples looked at
+MIN_EXPLAINED = 0.9  # of the variance of the twist, by its law
+MIN_IMPROVEMENT = 1.5  # times what is left without a lag, over what is left with it
 
 
 @dataclass(frozen=True, slots=True)
-class Lag:
-    """`of` a channel, in samples; `left`: share of the twist that is left, `before` without it."""
+class LagHint:
+    """How late a `channel` seems to be, in samples.
 
-    of: str
+    `residual`: the share of the twist's variance that its law leaves with this lag; `before`: without.
+    """
+
+    channel: str
     samples: float
-    left: float
+    residual: float
     before: float
 
     @property
-    def clear(self) -> float:
-        return self.before / self.left if self.left > 0 else math.inf
+    def improvement(self) -> float:
+        """How many times less the law leaves with the lag."""
+        return self.before / self.residual if self.residual > 0 else math.inf
 
 
-def lag(found: Roles, dt: float) -> Lag | None:
-    """Of one channel against another; None where nothing hints at any."""
-    pairs = [_clearest(*pair, found, dt) for pair in _pairs(found.channels)]
-    hints = [one for one in pairs if one is not None]
-    return max(hints, key=lambda one: one.clear, default=None)
+def find_lag(roles: SensorRoles, dt: float) -> LagHint | None:
+    """Find the clearest lag of one channel against another; None where nothing hints at any."""
+    pairs = [_lag_of_pair(*pair, roles.gear, dt) for pair in _lag_pairs(roles.channels)]
+    hints = [hint for hint in pairs if hint is not None]
+    return max(hints, key=lambda hint: hint.improvement, default=None)
 
 
-def _pairs(channels: Sequence[Channel]) -> list[tuple[Channel, Channel]]:
+def _lag_pairs(channels: Sequence[DraftChannel]) -> list[tuple[DraftChannel, DraftChannel]]:
     """Twist or rotor 1 first, each with an independent one."""
-    turning = [one for one in channels if one.sensor.kind in TURNS and not one.derived]
-    by = {
-        place: [one for one in turning if one.sensor.place == place]
-        for place in (TWIST, ROTOR, GEARBOX, MOTOR)
-    }
-    twists = [one for one in by[TWIST] if one.sensor.kind == "angle"]
-    if twists:
-        return [(twists[0], one) for one in (*by[GEARBOX], *by[MOTOR], *by[ROTOR])]
-    return [(one, other) for one in by[ROTOR] for other in (*by[GEARBOX], *by[MOTOR])]
+    turning = [c for c in channels if c.sensor.kind in TURNS and not c.derived]
+
+    def at(*locations: str) -> list[DraftChannel]:
+        return [c for location in locations for c in turning if c.sensor.location == location]
+
+    twists = [channel for channel in at(TWIST) if channel.sensor.kind == "angle"]
+    others = at(GEARBOX, MOTOR, ROTOR) if twists else at(GEARBOX, MOTOR)
+    return [(first, other) for first in twists[:1] or at(ROTOR) for other in others]
 
 
-def _clearest(first: Channel, second: Channel, found: Roles, dt: float) -> Lag | None:
-    hints: list[tuple[float, float, float]] = []
-    shifts = [k / FINER for k in range(-FURTHEST * FINER, FURTHEST * FINER + 1)]
-    for width in WIDTHS:
-        if min(len(first.sensor.values), MOST) < 20 * EDGE * width:
+def _lag_of_pair(
+    first: DraftChannel, second: DraftChannel, gear: float, dt: float
+) -> LagHint | None:
+    trials: list[tuple[float, float, float]] = []
+    for width in FILTER_WIDTHS:
+        if min(len(first.sensor.values), MAX_LAG_SAMPLES) < 20 * FILTER_REACH * width:
             break
-        unexplained = _law(first, second, width, found.gear, dt)
-        left = {shift: unexplained(shift) for shift in shifts}
-        shift = min(left, key=lambda one: left[one])
-        hints.append((left[shift], shift, left[0.0]))
-    if not hints:
+        unexplained = _twist_law(first.sensor, second.sensor, width, gear, dt)
+        steps = range(-MAX_SHIFT * SHIFTS_PER_SAMPLE, MAX_SHIFT * SHIFTS_PER_SAMPLE + 1)
+        shares = {k / SHIFTS_PER_SAMPLE: unexplained(k / SHIFTS_PER_SAMPLE) for k in steps}
+        shift = min(shares, key=lambda shift: shares[shift])
+        trials.append((shares[shift], shift, shares[0.0]))
+    if not trials:
         return None
-    after, samples, before = min(hints, key=lambda hint: hint[0])
-    told = 1 - after > TOLD and before > BETTER * after and abs(samples) < FURTHEST
+    after, samples, before = min(trials, key=lambda trial: trial[0])
+    clear = 1 - after > MIN_EXPLAINED and before > MIN_IMPROVEMENT * after
     late = first if samples > 0 else second
-    return Lag(late.name, abs(samples), after, before) if told else None
+    hint = LagHint(late.name, abs(samples), after, before)
+    return hint if clear and abs(samples) < MAX_SHIFT else None
 
 
-def _law(
-    first: Channel, second: Channel, width: int, gear: float, dt: float
+def _twist_law(
+    first: Sensor, second: Sensor, width: int, gear: float, dt: float
 ) -> Callable[[float], float]:
     """By the samples that `first` is made earlier: what rotor 1's law leaves of the twist's variance.
 
     There is one filter for all derivatives: the law holds of what it leaves.
     """
-    angles = [
-        channel.sensor.angle(dt)[:MOST] / (gear if channel.sensor.place == MOTOR else 1.0)
-        for channel in (first, second)
-    ]
-    smoothed = [
-        np.stack([gaussian_filter1d(x, width, order=d, truncate=EDGE) for d in (0, 1, 2)])
-        for x in angles
-    ]
-    margin, k = EDGE * width + FURTHEST, np.arange(len(angles[0]), dtype=np.float64)
+    smoothed = []
+    for sensor in (first, second):
+        angle = sensor.angle(dt)[:MAX_LAG_SAMPLES] / (gear if sensor.location == MOTOR else 1.0)
+        orders = [
+            gaussian_filter1d(angle, width, order=d, truncate=FILTER_REACH) for d in (0, 1, 2)
+        ]
+        smoothed.append(np.stack(orders))
+    margin, k = FILTER_REACH * width + MAX_SHIFT, np.arange(smoothed[0].shape[1], dtype=np.float64)
     inner = slice(margin, len(k) - margin)
     other = smoothed[1][:, inner]
 
-    def left(shift: float) -> float:
-        one = np.stack([np.interp(k[inner] + shift, k, x) for x in smoothed[0]])
-        if first.sensor.place == TWIST:
-            rotor = other if second.sensor.place == ROTOR else other + one
-            twist, (_, speed, acceleration) = one[0], rotor
-        else:
-            twist, (_, speed, acceleration) = one[0] - other[0], one
+    def unexplained(shift: float) -> float:
+        shifted = np.stack([np.interp(k[inner] + shift, k, x) for x in smoothed[0]])
+        twist, rotor = shifted[0] - other[0], shifted
+        if first.location == TWIST:
+            twist, rotor = shifted[0], other if second.location == ROTOR else other + shifted
+        _, speed, acceleration = rotor
         causes = [acceleration, speed, np.sign(speed), k[inner]]
         factors, share = signals.explained(twist, *causes)
         return 1 - share if factors[0] < 0 else 1.0  # else it is no spring
 
-    return left
+    return unexplained
 
 
-def wide(samples: float, dt: float) -> float:
-    """Largest lag [s] that a prior around such a hint allows, to two digits."""
+def max_lag(samples: float, dt: float) -> float:
+    """Return the largest lag [s] that a prior around such a hint allows, to two digits."""
     most = max(5.0, 2 * samples + 3) * dt
     digits = 1 - math.floor(math.log10(most))
     return math.ceil(most * 10.0**digits) / 10.0**digits
 
 
-FIRST = 9  # samples that tell the first value
-FEWEST = 100  # samples after 0 s, for which those before it are given up
-CLEAR = 6.0  # of the noise, that is no noise
-SOON = 0.4  # of the first samples' mean speed, above which it was there from the first on
-STEADY = 40  # samples that stay as they are, and the rig turns steadily
-CALM = 1.3  # times the noise, that a steady channel differs by
-FAR = 2.0  # times where an angle begins: sd of the prior of where it counts from
+FIRST_SAMPLES = 9  # that tell the first value
+MIN_AFTER_ZERO = 100  # samples after 0 s, for which those before it are given up
+CLEAR_OF_NOISE = 6.0  # times the noise, that is no noise
+IMMEDIATE_SHARE = (
+    0.4  # of the first samples' mean speed, above which it was there from the first on
+)
+STEADY_SAMPLES = 40  # that stay as they are, and the rig turns steadily
+STEADY_NOISE = 1.3  # times the noise, that a steady channel differs by
+ZERO_PRIOR_FACTOR = 2.0  # times where an angle begins: sd of the prior of where it counts from
 
 
 @dataclass(frozen=True, slots=True)
-class Start:
-    """`state`: of `initial:`, empty at rest; `time` is None for the default, `window` for all, s.
+class StartGuess:
+    """How a record begins: the entries `initial` and `window` of a config, empty for the default.
 
-    `zeros`: of angles that begin at rest elsewhere than at zero, sd of where they count from, in their
-    unit.  `switched`: samples before and after which a constant voltage is there.
+    `moving`: whether it is not at rest; `zeros`: of angles that begin at rest elsewhere than at zero,
+    sd of where they count from, in their unit; `late`: samples after which a constant voltage is there.
     """
 
-    state: str
-    angle: str
-    time: float | None
-    window: tuple[float, float] | None
+    initial: str
+    moving: bool
+    window: str
     zeros: Mapping[str, float]
-    switched: tuple[float, float]
+    late: float
     window_doubt: str
     doubts: tuple[str, ...]
 
 
-def start(found: Roles, part: Part, *, measured: bool, known: float | None = None) -> Start:
-    """Of the rows that are used; `measured`: the voltage, or the load, from the time `known` on, s."""
-    t, dt = part.t, part.dt
-    window = (float(t[0]), float(t[-1])) if part.cut else None
-    said = "the longest part in which times increase and none is infinite" if part.cut else ""
+def guess_start(
+    roles: SensorRoles, segment: Segment, *, measured: bool, known: float | None = None
+) -> StartGuess:
+    """Guess how the rows begin that are used.
+
+    `measured`: whether the voltage, or the load, is, from the time `known` [s] on.
+    """
+    t, dt = segment.t, segment.dt
+    time, late = None, 1.0
+    begin = float(t[0]) if segment.is_cut else None
+    why = "the longest part in which times increase and none is infinite" if segment.is_cut else ""
     if measured and known is not None and known > t[0]:
         t = t[t >= known]
-        window, said = (float(t[0]), float(t[-1])), "from where the inputs are known"
-    moving = any(_moves(one) for one in _telling(found))
-    time, switched = None, (1.0, 1.0)
-    late = math.nan if measured or moving else _onset(found)
-    if not math.isnan(late):
-        begin = max(float(t[0]), late - 2 * dt)
-        window, switched = (begin, float(t[-1])), (1.0, 3.0)
-        said = (
+        begin, why = float(t[0]), "from where the inputs are known"
+    moving = any(_moves(channel) for channel in _telling(roles))
+    onset = math.nan if measured or moving else _onset(roles)
+    if not math.isnan(onset):
+        begin, late = max(float(t[0]), onset - 2 * dt), 3.0
+        why = (
             f"nothing moves before {begin:.6g} s, and a constant voltage is there from the start on: so "
             "it starts there"
         )
-    elif window is None and not measured and t[0] < -1e-9 * dt and t[-1] > FEWEST * dt:
-        window = (0.0, float(t[-1]))
-        said = "times before 0 s: a constant voltage is taken to be there from 0 s on"
-    elif window is None and not measured and not -1e-9 * dt <= t[0] <= 2 * dt:
-        time = float(t[0])
+    elif begin is None and not measured:
+        if t[0] < -1e-9 * dt and t[-1] > MIN_AFTER_ZERO * dt:
+            begin, why = (
+                0.0,
+                "times before 0 s: a constant voltage is taken to be there from 0 s on",
+            )
+        elif not -1e-9 * dt <= t[0] <= 2 * dt:
+            time = float(t[0])
     doubts = [] if time is None else [f"the record begins at {t[0]:.6g} s, and so does the start"]
-    if not moving:
-        return Start("", "", time, window, _zeros(found), switched, said, tuple(doubts))
-    if not measured and time is None and window is None and t[0] != 0:
+    if not measured and moving and time is None and begin is None and t[0] != 0:
         time = float(t[0])
-    state, why = _how(found, measured=measured)
-    return Start(
-        state, _start_angle(found, state), time, window, {}, switched, said, (*doubts, why)
-    )
+    state = angle = ""
+    if moving and measured and _begins_steadily(roles):
+        state, angle = "steady", _start_angle(roles, "steady")
+        doubts.append("the rig turns when the record begins, and all stays as it is for a while")
+    elif moving:
+        state, angle = "free", _start_angle(roles, "free")
+        doubts.append("the rig moves when the record begins: the start is unknown")
+    initial = state
+    if time is not None or angle:
+        at = "" if time is None else f"time: {time:.12g}"
+        initial = f"{{{', '.join(filter(None, (at, state and f'state: {state}', angle)))}}}"
+    window = "" if begin is None else f"[{begin:.12g}, {float(t[-1]):.12g}]"
+    zeros = {} if moving else _zeros(roles)
+    return StartGuess(initial, moving, window, zeros, late, why, tuple(doubts))
 
 
-def _how(found: Roles, *, measured: bool) -> tuple[str, str]:
-    v = found.v
-    even = measured and all(_steady(one) for one in found.channels if not one.derived)
-    if even and v is not None and np.ptp(v.values[:STEADY]) <= 0.01 * np.ptp(v.values):
-        return "steady", "the rig turns when the record begins, and all stays as it is for a while"
-    return "free", "the rig moves when the record begins: the start is unknown"
-
-
-def _start_angle(found: Roles, state: str) -> str:
-    """An angle that has to be named: free where one is measured and the steady state gives the others,
-    held where none is measured and only the twist matters.
-    """
-    measured = [one.sensor.place for one in found.channels if one.sensor.kind == "angle"]
-    if state == "steady":
-        if {GEARBOX, MOTOR} & {*measured}:
-            return "theta_2: free"
-        return "theta_1: free" if ROTOR in measured else ""
-    return "" if {GEARBOX, MOTOR, ROTOR} & {*measured} else "theta_2: 0"
-
-
-def _telling(found: Roles) -> list[Channel]:
-    """Speeds if there are any: angles tell of a quick start less than of a motion."""
-    own = [one for one in found.channels if one.sensor.kind in TURNS and not one.derived]
-    speeds = [one for one in own if one.sensor.kind == "speed"]
-    turning = [one for one in own if one.sensor.place != TWIST]
-    return speeds or turning or own
-
-
-def _moves(one: Channel) -> bool:
-    """A speed that is there from the first sample on, or an angle that grows from it on."""
-    if one.sensor.kind == "speed":
-        return _first(one)[1]
-    if one.sensor.kind != "angle" or len(one.sensor.raw.x) < FIRST:
+def _begins_steadily(roles: SensorRoles) -> bool:
+    """Whether the voltage, speeds, twists and currents stay at first, and angles grow evenly."""
+    v = roles.v
+    if v is None or not np.ptp(v.values[:STEADY_SAMPLES]) <= 0.01 * np.ptp(v.values):
         return False
-    t, x = one.sensor.raw.t[:FIRST], one.sensor.raw.x[:FIRST]
+    for sensor in (channel.sensor for channel in roles.channels if not channel.derived):
+        t, x = sensor.raw.t[:STEADY_SAMPLES], sensor.raw.x[:STEADY_SAMPLES]
+        grows = sensor.kind == "angle" and sensor.location != TWIST
+        line = np.polyval(np.polyfit(t - t[0], x, 1 if grows else 0), t - t[0])
+        if not float(np.std(x - line)) <= STEADY_NOISE * sensor.noise:
+            return False
+    return True
+
+
+def _start_angle(roles: SensorRoles, state: str) -> str:
+    """An angle that has to be named: free where one is measured and the steady state gives others."""
+    measured = {c.sensor.location for c in roles.channels if c.sensor.kind == "angle"}
+    upper, rotor = bool(measured & {GEARBOX, MOTOR}), ROTOR in measured
+    if state == "steady":
+        return "theta_2: free" if upper else "theta_1: free" if rotor else ""
+    return "" if upper or rotor else "theta_2: 0"  # only the twist matters
+
+
+def _telling(roles: SensorRoles) -> list[DraftChannel]:
+    """Speeds if there are any: angles tell of a quick start less than of a motion."""
+    independent = [c for c in roles.channels if c.sensor.kind in TURNS and not c.derived]
+    speeds = [channel for channel in independent if channel.sensor.kind == "speed"]
+    turning = [channel for channel in independent if channel.sensor.location != TWIST]
+    return speeds or turning or independent
+
+
+def _moves(channel: DraftChannel) -> bool:
+    """A speed that is there from the first sample on, or an angle that grows from it on."""
+    sensor = channel.sensor
+    if sensor.kind == "speed":
+        return _first_value(sensor)[1]
+    if sensor.kind != "angle" or len(sensor.raw.x) < FIRST_SAMPLES:
+        return False
+    t, x = sensor.raw.t[:FIRST_SAMPLES], sensor.raw.x[:FIRST_SAMPLES]
     k = (t - t[0]) / (t[-1] - t[0])
-    design = np.stack([np.ones(FIRST), k, k**2], axis=-1)
+    design = np.stack([np.ones(FIRST_SAMPLES), k, k**2], axis=-1)
     slope = float(np.linalg.lstsq(design, x, rcond=None)[0][1])
-    sd = one.sensor.noise * math.sqrt(float(np.linalg.inv(design.T @ design)[1, 1]))
+    sd = sensor.noise * math.sqrt(float(np.linalg.inv(design.T @ design)[1, 1]))
     mean = float(np.polyfit(k, x, 1)[0])
-    return abs(slope) > CLEAR * sd and slope * mean > SOON * mean**2
+    return abs(slope) > CLEAR_OF_NOISE * sd and slope * mean > IMMEDIATE_SHARE * mean**2
 
 
-def _steady(one: Channel) -> bool:
-    """Whether a speed, a twist or a current stays, and an angle grows evenly."""
-    t, x = one.sensor.raw.t[:STEADY], one.sensor.raw.x[:STEADY]
-    grows = one.sensor.kind == "angle" and one.sensor.place != TWIST
-    rest = x - np.polyval(np.polyfit(t - t[0], x, 1 if grows else 0), t - t[0])
-    return float(np.std(rest)) <= CALM * one.sensor.noise
-
-
-def _zeros(found: Roles) -> dict[str, float]:
-    """Of a rig at rest, whose own angles may be counted from there."""
-    firsts = {one.name: _first(one) for one in found.channels if one.sensor.kind == "angle"}
+def _zeros(roles: SensorRoles) -> dict[str, float]:
+    """Of a rig at rest, whose angles may be counted from there."""
+    angles = [channel for channel in roles.channels if channel.sensor.kind == "angle"]
+    firsts = {channel.name: _first_value(channel.sensor) for channel in angles}
     return {
-        name: float(f"{FAR * abs(value):.2g}") for name, (value, clear) in firsts.items() if clear
+        name: float(f"{ZERO_PRIOR_FACTOR * abs(value):.2g}")
+        for name, (value, clear) in firsts.items()
+        if clear
     }
 
 
-def _first(one: Channel) -> tuple[float, bool]:
+def _first_value(sensor: Sensor) -> tuple[float, bool]:
     """In the column's unit, and whether it is clearly not zero."""
-    t, values = one.sensor.raw.t[:FIRST], one.sensor.raw.x[:FIRST]
-    fitted = float(values[0])
-    if len(values) == FIRST:
-        fitted = float(np.polyval(np.polyfit((t - t[0]) / (t[-1] - t[0]), values, 2), 0))
-    least = CLEAR * one.sensor.noise + 0.002 * float(np.abs(one.sensor.raw.x).max())
-    return float(f"{fitted:.4g}"), bool(abs(values[0]) > least and abs(fitted) > least)
+    t, x = sensor.raw.t[:FIRST_SAMPLES], sensor.raw.x[:FIRST_SAMPLES]
+    fitted = float(x[0])
+    if len(x) == FIRST_SAMPLES:
+        fitted = float(np.polyval(np.polyfit((t - t[0]) / (t[-1] - t[0]), x, 2), 0))
+    least = CLEAR_OF_NOISE * sensor.noise + 0.002 * float(np.abs(sensor.raw.x).max())
+    return float(f"{fitted:.4g}"), bool(abs(x[0]) > least and abs(fitted) > least)
 
 
-def _onset(found: Roles) -> float:
+def _onset(roles: SensorRoles) -> float:
     """When anything first moves, s; NaN where that is within the first few samples."""
     begins: list[tuple[float, int]] = []
-    for one in found.channels:
-        t, x = one.sensor.raw.t, one.sensor.raw.x
-        away = np.abs(x - np.median(x[:FIRST])) > 8 * one.sensor.noise
+    for sensor in (channel.sensor for channel in roles.channels):
+        away = np.abs(sensor.raw.x - np.median(sensor.raw.x[:FIRST_SAMPLES])) > 8 * sensor.noise
         if away.any():
-            begins.append((float(t[np.argmax(away)]), int(np.argmax(away))))
-    first = min(begins, default=(math.nan, 0))
-    return first[0] if first[1] > 3 * FIRST else math.nan
+            begins.append((float(sensor.raw.t[np.argmax(away)]), int(np.argmax(away))))
+    time, index = min(begins, default=(math.nan, 0))
+    return time if index > 3 * FIRST_SAMPLES else math.nan

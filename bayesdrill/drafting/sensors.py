@@ -2,214 +2,220 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from bayesdrill.basics import units
 from bayesdrill.basics.arrays import Array
 from bayesdrill.drafting import signals
-from bayesdrill.drafting.columns import GEARBOX, MOTOR, ROTOR, SI, TWIST, Seen, believable, span_of
-from bayesdrill.drafting.signals import TURNS, Part, Raw, Sensor
+from bayesdrill.drafting.columns import GEARBOX, MOTOR, ROTOR, SI, TWIST, FileColumn
+from bayesdrill.drafting.signals import TURNS, RawSamples, Segment, Sensor
 
 FAST = 60.0  # speeds of a rig above it are hardly in rad/s, nor angles a second in rad
-SLOWEST = 0.8  # of a motor, in turns for one of the shaft: less is a wrong unit
-AWHILE = 10  # samples, fewer than any record has
-NAMELESS = 0.999  # of an angle, that the integral of a nameless column has to explain
+MIN_GEAR = 0.8  # turns of a motor for one of the shaft: less is a wrong unit
+SPEED_SAMPLES = 10  # over which the speed of an angle is taken, fewer than any record has
+NAMELESS_SHARE = 0.999  # of an angle, that the integral of a nameless column has to explain
 RPM_WORDS = ("n", "rpm", "drehzahl", "rotacao", "upm")
 RADIAN_WORDS = ("w", "omega", "w1", "w2", "wm")
 
 
-def sensors(columns: Sequence[Seen], part: Part) -> tuple[list[Sensor], dict[str, str]]:
-    """Of the columns beside the time; and why others are left out."""
-    found, left_out = signals.drafts(columns, part)
-    dt = part.dt
-    all_ = _by_twist(_by_derivative(found, dt), dt)
+def identify_sensors(
+    columns: Sequence[FileColumn], segment: Segment
+) -> tuple[list[Sensor], dict[str, str]]:
+    """Return columns beside the time as sensors with units; and why others are left out."""
+    drafts, left_out = signals.read_sensors(columns, segment)
+    dt = segment.dt
+    sensors = _by_twist(_by_derivative(drafts, dt), dt)
     known: list[Sensor] = []
-    for one in sorted(all_, key=lambda one: one.place == MOTOR):  # whose size a gear makes
-        if one.kind:
-            known.append(_with_unit(one, [*all_, *known], dt))
-    for one in all_:
-        if not one.kind:
-            why = "its name says nothing of" if one.name else "nothing says"
-            left_out[one.name] = (
-                f"({span_of(one.seen)}): {why} what it measures, and it is no derivative of another"
+    for sensor in sorted(sensors, key=lambda s: s.location == MOTOR):  # whose size a gear makes
+        if sensor.kind:
+            known.append(_with_unit(sensor, [*sensors, *known], dt))
+        else:
+            why = "its name says nothing of" if sensor.name else "nothing says"
+            left_out[sensor.name] = (
+                f"({sensor.column.range_text}): {why} what it measures, and it is no derivative of "
+                "another"
             )
     return known, left_out
 
 
-def rate(columns: Sequence[Seen]) -> float:
-    """Of a record without times, by an angle and its speed in known units, Hz; 0: cannot be told."""
-    whole = [c for c in columns if np.all(np.isfinite(c.values)) and believable(c.values)]
-    raw = Raw(np.zeros(0), np.zeros(0))
-    every = [Sensor(c, c.values, *_told(c), raw) for c in whole if c.says.kind in TURNS]
-    known = [one for one in every if one.unit]
-    for _, _, factor, share in _followed(known, [one.si for one in known], 1.0):
-        if share > signals.EXPLAINED and factor > 0:
+def infer_rate(columns: Sequence[FileColumn]) -> float:
+    """Infer the rate [Hz] of a record without times by an angle and its speed; 0 where none tell."""
+    raw, known = RawSamples(np.zeros(0), np.zeros(0)), []
+    for column in columns:
+        meaning, x = column.meaning, column.values
+        unit = meaning.unit or (SI[meaning.kind] if meaning.symbol else "")
+        if meaning.kind in TURNS and unit and np.isfinite(x).all() and signals.is_plausible(x):
+            known.append(Sensor(column, x, meaning.kind, meaning.location, unit, raw))
+    for _, _, factor, share in _derivatives(known, [sensor.si for sensor in known], 1.0):
+        if share > signals.EXPLAINED_SHARE and factor > 0:
             return float(f"{1 / factor:.3g}")
     return 0.0
 
 
-def _told(one: Seen) -> tuple[str, str, str]:
-    says = one.says
-    symbol = {"angle": "rad", "speed": "rad/s"}.get(says.kind, "") if says.symbol else ""
-    return says.kind, says.place, says.unit or symbol
+def _same_location(angle: Sensor, speed: Sensor) -> bool:
+    return angle.location == speed.location != ""
 
 
-def _pairs(every: Sequence[Sensor]) -> Iterator[tuple[Sensor, Sensor]]:
-    """Angles and speeds that can be of one place; those whose names agree come first."""
-    possible = [
-        (angle, speed)
-        for angle in every
-        for speed in every
-        if angle is not speed
-        and angle.kind in ("angle", "")
-        and speed.kind in ("speed", "")
-        and TWIST not in (angle.place, speed.place)
-        and (angle.place == speed.place or "" in (angle.place, speed.place))
-    ]
-    yield from sorted(possible, key=lambda pair: not (pair[0].place == pair[1].place != ""))
-
-
-def _followed(
-    every: Sequence[Sensor], values: Sequence[Array], dt: float
+def _derivatives(
+    sensors: Sequence[Sensor], values: Sequence[Array], dt: float
 ) -> Iterator[tuple[Sensor, Sensor, float, float]]:
-    """Pairs with the factor by which the angle follows the speed's integral, and how much of it does."""
-    angles = {id(one): signals.centred(x) for one, x in zip(every, values, strict=True)}
+    """Angles and speeds that can be of one location; those whose names agree come first.
+
+    With each pair the factor by which the angle follows the speed's integral, and how much of it does.
+    """
+    angles = {id(s): signals.centred(x) for s, x in zip(sensors, values, strict=True)}
     turned = {
-        id(one): signals.centred(signals.integral(x, dt))
-        for one, x in zip(every, values, strict=True)
+        id(s): signals.centred(signals.integral(x, dt))
+        for s, x in zip(sensors, values, strict=True)
     }
-    for angle, speed in _pairs(every):
+    pairs = [
+        (angle, speed)
+        for angle, speed in itertools.permutations(sensors, 2)
+        if angle.kind in ("angle", "") and speed.kind in ("speed", "")
+        if TWIST not in (angle.location, speed.location)
+        if angle.location == speed.location or "" in (angle.location, speed.location)
+    ]
+    for angle, speed in sorted(pairs, key=lambda pair: not _same_location(*pair)):
         yield angle, speed, *signals.explained_by(angles[id(angle)], turned[id(speed)])
 
 
-def _by_derivative(every: Sequence[Sensor], dt: float) -> list[Sensor]:
+def _by_derivative(sensors: Sequence[Sensor], dt: float) -> list[Sensor]:
     """Where a speed is the derivative of an angle, the factor between them says both units."""
-    found = {id(one): one for one in every}
+    revised = {id(sensor): sensor for sensor in sensors}
     trials = []
-    for angle, speed, factor, share in _followed(every, [one.values for one in every], dt):
-        least = signals.EXPLAINED if angle.kind and speed.kind else NAMELESS
-        if share > least:
-            named = angle.place == speed.place != ""
-            trials.append((not named, -share, angle, speed, factor))
-    taken: set[int] = set()
+    for angle, speed, factor, share in _derivatives(sensors, [s.values for s in sensors], dt):
+        if share > (signals.EXPLAINED_SHARE if angle.kind and speed.kind else NAMELESS_SHARE):
+            trials.append((not _same_location(angle, speed), -share, angle, speed, factor))
+    paired: set[int] = set()
     for *_, angle, speed, factor in sorted(trials, key=lambda trial: trial[:2]):
-        if taken & {id(angle), id(speed)}:
-            continue
-        pair = _settled(found[id(angle)], found[id(speed)], factor)
-        if pair is not None:
-            found[id(angle)], found[id(speed)] = pair
-            taken |= {id(angle), id(speed)}
-    return list(found.values())
+        if paired.isdisjoint({id(angle), id(speed)}) and (pair := _resolve(angle, speed, factor)):
+            revised[id(angle)], revised[id(speed)] = pair
+            paired |= {id(angle), id(speed)}
+    return list(revised.values())
 
 
-def _settled(angle: Sensor, speed: Sensor, factor: float) -> tuple[Sensor, Sensor] | None:
-    """Both with units, kinds and places as far as such a factor tells them."""
-    fitting = signals.units_of(factor, angle.unit, speed.unit)
-    if angle.unit and speed.unit:
-        wanted = units.factor(speed.unit, "rad/s") / units.factor(angle.unit, "rad")
-        if 0.85 < abs(factor) / wanted < 1.18:
-            fitting = [(angle.unit, speed.unit)]
-    if not fitting and angle.unit and speed.unit and angle.place == speed.place:
+def _resolve(angle: Sensor, speed: Sensor, factor: float) -> tuple[Sensor, Sensor] | None:
+    """Both with units, kinds and locations as far as such a factor tells them."""
+    fitting = signals.units_by_factor(factor, angle.unit, speed.unit)
+    known = angle.unit != "" and speed.unit != ""
+    if known and 0.85 < abs(factor) / signals.derivative_factor(angle.unit, speed.unit) < 1.18:
+        fitting = [(angle.unit, speed.unit)]
+    if not fitting and known and angle.location == speed.location:
         doubt = f"the derivative of {angle.name} is {factor:.3g} times this: wrong units or times"
-        return angle, speed.but(doubt=doubt)
+        return angle, speed.revised(doubt=doubt)
     if not fitting:
         return None
-    units_ = fitting[1] if len(fitting) > 1 and _degrees(angle, speed) else fitting[0]
-    place = angle.place or speed.place
-    said = f"the derivative of {angle.name} is {factor:.3g} times {speed.name}"
+    ambiguous = len(fitting) > 1
+    pair_units = fitting[1] if ambiguous and _in_degrees(angle, speed) else fitting[0]
+    location = angle.location or speed.location
+    relation = f"the derivative of {angle.name} is {factor:.3g} times {speed.name}"
     pair = []
-    for one, kind, unit in ((angle, "angle", units_[0]), (speed, "speed", units_[1])):
-        told = one.but(kind=kind, unit=unit, place=place)
-        sure = one.unit or (one.seen.says.symbol and len(fitting) > 1)
-        also = ", or in degrees" if unit[:3] == "rad" else ", or in radians"
-        either = also if len(fitting) > 1 else ""
-        doubt = f"no unit is said; {said}, as in {units_[0]} and {units_[1]}{either}"
-        told = told.but(why=f"{said}, as it should be") if sure else told.but(doubt=doubt)
-        if place and not one.place:
-            told = told.but(doubt=f"taken to be where {(angle if one is speed else speed).name} is")
-        pair.append(told)
-    if factor < 0 and angle.seen.says.backwards == speed.seen.says.backwards:
-        pair[1] = pair[1].but(doubt=f"{said}: one of them counts backwards; write `measures: -...`")
+    for sensor, other, kind, unit in (
+        (angle, speed, "angle", pair_units[0]),
+        (speed, angle, "speed", pair_units[1]),
+    ):
+        revised = sensor.revised(kind=kind, unit=unit, location=location)
+        if sensor.unit or (sensor.column.meaning.symbol and ambiguous):
+            revised = revised.revised(why=f"{relation}, as it should be")
+        else:
+            also = ", or in degrees" if unit[:3] == "rad" else ", or in radians"
+            doubt = f"no unit is said; {relation}, as in {pair_units[0]} and {pair_units[1]}"
+            revised = revised.revised(doubt=doubt + also if ambiguous else doubt)
+        if location and not sensor.location:
+            revised = revised.revised(doubt=f"taken to be where {other.name} is")
+        pair.append(revised)
+    if factor < 0 and angle.column.meaning.backwards == speed.column.meaning.backwards:
+        doubt = f"{relation}: one of them counts backwards; write `measures: -...`"
+        pair[1] = pair[1].revised(doubt=doubt)
     return pair[0], pair[1]
 
 
-def _degrees(angle: Sensor, speed: Sensor) -> bool:
+def _in_degrees(angle: Sensor, speed: Sensor) -> bool:
     """Where a factor of 1 leaves both possible: by the steps of an encoder, by names, by size."""
     if counted := signals.counted_unit(angle.values):
         return counted == "deg"
-    if any(one.seen.says.symbol or one.seen.says.word in RADIAN_WORDS for one in (angle, speed)):
+    meanings = (angle.column.meaning, speed.column.meaning)
+    if any(meaning.symbol or meaning.word in RADIAN_WORDS for meaning in meanings):
         return False
     return float(np.abs(speed.values).max()) > FAST
 
 
-def _by_twist(every: Sequence[Sensor], dt: float) -> list[Sensor]:
+def _by_twist(sensors: Sequence[Sensor], dt: float) -> list[Sensor]:
     """A twist is the integral of the difference of two speeds, one of them perhaps before a gear."""
-    twists = [one for one in every if one.place == TWIST and one.kind == "angle"]
-    rotors = [one for one in every if one.kind == "speed" and one.place == ROTOR]
-    others = [one for one in every if one.kind == "speed" and one.place in (GEARBOX, MOTOR)]
+    twists = [sensor for sensor in sensors if sensor.location == TWIST and sensor.kind == "angle"]
+    speeds = [sensor for sensor in sensors if sensor.kind == "speed"]
+    rotors = [speed for speed in speeds if speed.location == ROTOR]
+    others = [speed for speed in speeds if speed.location in (GEARBOX, MOTOR)]
     if not (len(twists) == 1 and rotors and others):
-        return list(every)
+        return list(sensors)
     twist, rotor, other = twists[0], rotors[0], others[0]
-    causes = [signals.integral(one.values, dt) for one in (rotor, other)]
+    causes = [signals.integral(speed.values, dt) for speed in (rotor, other)]
     (factor, _), share = signals.explained(twist.values, *causes)
-    fitting = signals.units_of(factor, twist.unit, rotor.unit)
+    fitting = signals.units_by_factor(factor, twist.unit, rotor.unit)
     if share < 0.8 or not fitting or (len(fitting) > 1 and not (twist.unit or rotor.unit)):
-        return list(every)
-    said = (
+        return list(sensors)
+    doubt = (
         f"no unit is said; the derivative of {twist.name} is {factor:.3g} times {rotor.name} less a "
         f"part of {other.name}, as in {fitting[0][0]} and {fitting[0][1]}"
     )
     new = dict(zip((id(twist), id(rotor)), fitting[0], strict=True))
     return [
-        one.but(unit=new[id(one)], doubt=said) if id(one) in new and not one.unit else one
-        for one in every
+        s.revised(unit=new[id(s)], doubt=doubt) if id(s) in new and not s.unit else s
+        for s in sensors
     ]
 
 
-def _with_unit(one: Sensor, all_: Sequence[Sensor], dt: float) -> Sensor:
+def _with_unit(sensor: Sensor, sensors: Sequence[Sensor], dt: float) -> Sensor:
     """What no header and no relation says is taken from columns of the same kind, words or sizes."""
-    if one.unit:
-        return one.but(why=f"unit {one.unit}, by its head") if one.seen.says.unit else one
-    alike = [other for other in all_ if other.kind == one.kind and other.unit]
-    if one.kind in TURNS and alike:
-        other = alike[0]
-        return one.but(unit=other.unit, doubt=f"no unit is said; taken as that of {other.name}")
-    size = float(np.abs(one.values).max())
-    word = one.seen.says.word
-    match one.kind:
+    meaning = sensor.column.meaning
+    if sensor.unit:
+        return sensor.revised(why=f"unit {sensor.unit}, by its head" if meaning.unit else "")
+    if sensor.kind in TURNS:
+        for other in sensors:
+            if other.kind == sensor.kind and other.unit:
+                doubt = f"no unit is said; taken as that of {other.name}"
+                return sensor.revised(unit=other.unit, doubt=doubt)
+    unit, reason = _guess_unit(sensor, sensors, dt)
+    return sensor.revised(unit=unit, doubt=f"no unit is said; {unit}, {reason}", guessed=True)
+
+
+def _guess_unit(sensor: Sensor, sensors: Sequence[Sensor], dt: float) -> tuple[str, str]:
+    """A unit by the word of the head, by steps or by size, and by which."""
+    size, word = float(np.abs(sensor.values).max()), sensor.column.meaning.word
+    by_word, by_size = (
+        f"in which {word!r} is mostly counted",
+        f"by its size alone, up to {size:.3g}",
+    )
+    match sensor.kind:
         case "speed" if word in RPM_WORDS:
-            unit, reason = "rpm", f"in which {word!r} is mostly counted"
-        case "speed" if one.seen.says.symbol or word in RADIAN_WORDS:
-            unit, reason = "rad/s", f"in which {word!r} is mostly counted"
+            return "rpm", by_word
+        case "speed" if sensor.column.meaning.symbol or word in RADIAN_WORDS:
+            return "rad/s", by_word
         case "speed":
-            unit = "rpm" if size > FAST else "rad/s"
-            reason = f"by its size alone, up to {size:.3g}"
-        case "angle" if counted := signals.counted_unit(one.values):
-            unit, reason = counted, "in which its steps make a round number for one turn"
-        case "angle" if _outrun(one, all_, dt):
-            unit, reason = "deg", "as in rad it would turn further than the motor before the gear"
+            return "rpm" if size > FAST else "rad/s", by_size
+        case "angle" if counted := signals.counted_unit(sensor.values):
+            return counted, "in which its steps make a round number for one turn"
+        case "angle" if _outruns_motor(sensor, sensors, dt):
+            return "deg", "as in rad it would turn further than the motor before the gear"
         case "angle":
-            steps = np.abs(one.values[AWHILE:] - one.values[:-AWHILE]) / (AWHILE * dt)
-            fast = float(np.percentile(steps, 95)) > FAST
-            unit = "deg" if (size > 2 if one.place == TWIST else fast) else "rad"
-            reason = f"by its size alone, up to {size:.3g}"
+            steps = np.abs(sensor.values[SPEED_SAMPLES:] - sensor.values[:-SPEED_SAMPLES])
+            fast = float(np.percentile(steps / (SPEED_SAMPLES * dt), 95)) > FAST
+            return "deg" if (size > 2 if sensor.location == TWIST else fast) else "rad", by_size
         case "current":
-            unit, reason = ("mA" if size > 100 else "A"), f"by its size alone, up to {size:.3g}"
+            return "mA" if size > 100 else "A", by_size
         case "voltage":
-            unit, reason = ("mV" if size > 400 else "V"), f"by its size alone, up to {size:.3g}"
-        case _:
-            unit, reason = SI[one.kind], "the usual one"
-    return one.but(unit=unit, doubt=f"no unit is said; {unit}, {reason}", guessed=True)
+            return "mV" if size > 400 else "V", by_size
+    return SI[sensor.kind], "the usual one"
 
 
-def _outrun(one: Sensor, all_: Sequence[Sensor], dt: float) -> bool:
+def _outruns_motor(sensor: Sensor, sensors: Sequence[Sensor], dt: float) -> bool:
     """Whether an angle behind the gear, taken as in rad, turns further than a motor before it."""
-    motors = [m for m in all_ if m.place == MOTOR and m.kind == "speed"]
-    if not motors or one.place in (MOTOR, TWIST):
+    motors = [motor for motor in sensors if motor.location == MOTOR and motor.kind == "speed"]
+    if not motors or sensor.location in (MOTOR, TWIST):
         return False
     motor = motors[0]
-    unit = motor.unit or ("rpm" if motor.seen.says.word in RPM_WORDS else "rad/s")
-    turned = motor.but(unit=unit).angle(dt)
-    return abs(signals.ratio(turned, one.values)) < SLOWEST
+    unit = motor.unit or ("rpm" if motor.column.meaning.word in RPM_WORDS else "rad/s")
+    turned = motor.revised(unit=unit).angle(dt)
+    return abs(signals.ratio(turned, sensor.values)) < MIN_GEAR

@@ -14,7 +14,7 @@ from together import for_each
 import bayesdrill as bd
 from bayesdrill.config.yaml_source import parse
 from bayesdrill.drafting import signals
-from bayesdrill.drafting.columns import Seen, meaning
+from bayesdrill.drafting.columns import FileColumn, parse_head
 
 DATA = systems.ROOT.parent / "shared" / "data"
 STEP = 0.01
@@ -23,11 +23,13 @@ STEP = 0.01
 def listed(columns: dict[str, np.ndarray]) -> dict[str, tuple[tuple[float, float], ...]]:
     """Of each channel the first and last times of what looks like a glitch."""
     heads = {"v": "v [V]"}
-    seen = [Seen(n, {"column": n}, x, meaning(heads.get(n, n))) for n, x in columns.items()]
+    seen = [
+        FileColumn(n, {"column": n}, x, parse_head(heads.get(n, n))) for n, x in columns.items()
+    ]
     t = STEP * np.arange(len(columns["v"]))
-    part = signals.part(signals.Timing(t, None, "s", ""), seen)
-    assert part is not None
-    sensors, _ = signals.drafts(seen, part)
+    segment = signals.longest_segment(signals.Timing(t, None, "s", ""), seen)
+    assert segment is not None
+    sensors, _ = signals.read_sensors(seen, segment)
     return {sensor.name: sensor.raw.glitches for sensor in sensors}
 
 

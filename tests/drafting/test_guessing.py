@@ -19,7 +19,7 @@ from bayesdrill.config import loading
 from bayesdrill.config.records import simulation
 from bayesdrill.config.yaml_source import parse
 from bayesdrill.drafting import signals
-from bayesdrill.drafting.columns import GEARBOX, MOTOR, ROTOR, TWIST, meaning
+from bayesdrill.drafting.columns import GEARBOX, MOTOR, ROTOR, TWIST, parse_head
 
 CONFIGS = systems.ROOT / "configs"
 DATA = systems.ROOT.parent / "shared" / "data"
@@ -66,17 +66,17 @@ HEADS = {
 
 def test_heads_in_several_languages() -> None:
     def check(head: str) -> None:
-        said = meaning(head)
-        assert (said.kind, said.place, said.unit) == HEADS[head]
+        meaning = parse_head(head)
+        assert (meaning.kind, meaning.location, meaning.unit) == HEADS[head]
 
     for_each({str(head): (head,) for head in HEADS}, check)
 
 
 def test_a_unit_of_no_turn_is_strange() -> None:
-    assert meaning("theta_1 [counts]").strange == "counts"
-    assert meaning("position [mm]").strange == "mm"
-    assert meaning("w [rpm]", "ignored").unit == "rpm"
-    assert meaning("w", "[rpm]").unit == "rpm"
+    assert parse_head("theta_1 [counts]").unknown_unit == "counts"
+    assert parse_head("position [mm]").unknown_unit == "mm"
+    assert parse_head("w [rpm]", "ignored").unit == "rpm"
+    assert parse_head("w", "[rpm]").unit == "rpm"
 
 
 ROUND = ("nominal_step", "example_rig", "example_ties", "paper/estimates", "paper/missing_physics")

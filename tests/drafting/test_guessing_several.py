@@ -167,7 +167,9 @@ LABELS = {
 
 def test_experiments_are_called_by_what_differs() -> None:
     def check(names: tuple[str, ...]) -> None:
-        assert record_files.labels([Path(f"{name}.csv") for name in names]) == LABELS[names]
+        assert (
+            record_files.experiment_labels([Path(f"{name}.csv") for name in names]) == LABELS[names]
+        )
 
     for_each({str(names): (names,) for names in LABELS}, check)
 

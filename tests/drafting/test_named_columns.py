@@ -59,7 +59,7 @@ def test_a_matrix_that_says_nothing_is_refused_with_what_to_type(matrix: Path) -
 def test_the_name_of_a_file_may_stand_before_a_column() -> None:
     found = named_column("b.mat:data:2=w_1 [rpm]", ["a.mat", "b.mat"])
     assert (found.file, found.variable, found.column) == ("b.mat", "data", 2)
-    assert (found.says.symbol, found.says.unit) == ("w_1", "rpm")
+    assert (found.meaning.symbol, found.meaning.unit) == ("w_1", "rpm")
 
 
 def test_structures_of_simulink_are_read(tmp_path: Path) -> None:
