@@ -225,14 +225,23 @@ class Ladder:
     gear: float | None = None
 
     @classmethod
-    def of(cls, job: Job, values: Mapping[str, float] | None = None) -> Ladder:
-        """`values`: of the unknowns where it moves, else where the config begins."""
+    def of(cls, job: Job, values: Mapping[str, float]) -> Ladder:
+        """Return it with sizes and speeds at the start of the config or at `values`, the larger."""
         posterior = job.problem.posterior
         space: ParameterSpace = posterior.space
-        theta = space.vector(values or space.start)
-        every = posterior.likelihood.observations
-        sizes = edits.rig_candidates(every, space, theta)
-        return cls(job, sizes, _speeds(every, space, theta))
+        observations = posterior.likelihood.observations
+        ladder = cls(job, {}, {})
+        for at in (space.start, {**space.start, **values}):
+            theta = space.vector(at)
+            sizes = edits.rig_candidates(observations, space, theta)
+            ladder = ladder.moving(sizes, _speeds(observations, space, theta))
+        return ladder
+
+    def moving(self, sizes: Mapping[str, float], speeds: Mapping[str, float]) -> Ladder:
+        """With sizes and speeds that are at least these."""
+        return dataclasses.replace(
+            self, sizes=_largest(self.sizes, sizes), speeds=_largest(self.speeds, speeds)
+        )
 
     @property
     def roles(self) -> Roles:
@@ -241,14 +250,6 @@ class Ladder:
     def rungs(self, every: Iterable[tuple[str, ...]]) -> list[Rung]:
         """Those with these parts, where there is such a thing to try."""
         return [rung for parts in every if (rung := self._rung(parts)) is not None]
-
-    def moving(self, parts: tuple[str, ...], values: Mapping[str, float]) -> Ladder:
-        """With what the rig may lack as large as it can be where that rung moves, too."""
-        (rung,) = self.rungs([parts])
-        other = Ladder.of(rung.job(), values)
-        return dataclasses.replace(
-            self, sizes={**other.sizes, **self.sizes}, speeds={**other.speeds, **self.speeds}
-        )
 
     def singles(self) -> list[Rung]:
         """Those with one thing each beside the config as given."""
@@ -434,6 +435,10 @@ class Ladder:
         low = LEAST * min(one.dt for one in every)
         high = max(float(one.t[-1] - one.t[0]) for one in every) / LONGEST
         return log_uniform(low, max(high, 2 * low))
+
+
+def _largest(one: Mapping[str, float], other: Mapping[str, float]) -> dict[str, float]:
+    return {name: max(one.get(name, 0.0), other.get(name, 0.0)) for name in {**one, **other}}
 
 
 def _start_freed(data: dict[str, Any]) -> bool:

@@ -12,6 +12,7 @@ import math
 import time
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from types import MappingProxyType
 
 import numpy as np
 import scipy
@@ -45,7 +46,8 @@ class Maximum:
 
     `values`, `sds`: of the unknowns, SI; `log_z`: the log evidence by Laplace; `fit`: what it leaves;
     `at_ends`: unknowns at an end of their prior; `several`: whether there is another, about as high,
-    with other values of what is new; `seconds`: that an evaluation takes.
+    with other values of what is new; `seconds`: that an evaluation takes; `numbers`: samples of all
+    channels, and `log_likelihood` of them.
     """
 
     values: Mapping[str, float]
@@ -56,10 +58,22 @@ class Maximum:
     at_ends: tuple[str, ...]
     several: bool
     seconds: float
+    numbers: int
+    log_likelihood: float
+
+    def on(self, numbers: int) -> float:
+        """Return what the log likelihood would gain by so many samples, fitted as well as these."""
+        return (numbers / self.numbers - 1.0) * self.log_likelihood
 
 
-def refit(posterior: Posterior, near: Mapping[str, float], least: float) -> Maximum | None:
-    """The maximum of `posterior`, from `near`: values of those of its unknowns that are known.
+def refit(
+    posterior: Posterior,
+    near: Mapping[str, float],
+    least: float,
+    alone: Mapping[str, float] = MappingProxyType({}),
+) -> Maximum | None:
+    """The maximum of `posterior`, from `near`: values of those of its unknowns that are known; and from
+    values where what is new was `alone`.
 
     None where it has no finite response there.  One that promises no more than the log density `least`
     is not followed to its very end.  The log evidence is that of a Gaussian with the
@@ -68,7 +82,9 @@ def refit(posterior: Posterior, near: Mapping[str, float], least: float) -> Maxi
     """
     space, coordinates = posterior.space, posterior.coordinates
     surface = PosteriorSurface(posterior, physical=True)
-    rows = np.clip(coordinates.from_physical(_starts(posterior, near)), surface.low, surface.high)
+    rows = np.clip(
+        coordinates.from_physical(_starts(posterior, near, alone)), surface.low, surface.high
+    )
     first = climb(surface, rows, FIRST_STEPS)
     if not np.isfinite(first.value).any():
         return None
@@ -101,18 +117,20 @@ def refit(posterior: Posterior, near: Mapping[str, float], least: float) -> Maxi
         at_ends=tuple(name for name, end in zip(space.free, near_end, strict=True) if end),
         several=bool((apart & (heights[1:] > heights[0] - OTHER)).any()),
         seconds=seconds,
+        numbers=posterior.likelihood.numbers,
+        log_likelihood=float(posterior.likelihood(theta[None])[0]),
     )
 
 
-def _starts(posterior: Posterior, near: Mapping[str, float]) -> Array:
+def _starts(posterior: Posterior, near: Mapping[str, float], alone: Mapping[str, float]) -> Array:
     """Physical, `(S, D)`: where the config begins; and what is known where it is, with what is new where
     it begins and at several places of its prior.
     """
     space = posterior.space
-    known = space.vector(
-        {**space.start, **{name: x for name, x in near.items() if name in space.start}}
-    )
+    known = space.vector({name: near.get(name, x) for name, x in space.start.items()})
     rows = [space.vector(space.start), known]
+    if alone:
+        rows.append(space.vector({n: alone.get(n, x) for n, x in space.start.items()}))
     new = [k for k, name in enumerate(space.free) if name not in near]
     for share in QUANTILES if new else ():
         row = known.copy()

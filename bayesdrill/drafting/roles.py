@@ -407,13 +407,16 @@ def guess_start(
         begin, why = float(t[0]), "from where the inputs are known"
     moving = any(_moves(channel) for channel in _telling(roles))
     onset = math.nan if measured or moving else _onset(roles)
+    driven = measured or "v" in roles.rig.inputs  # by a constant voltage
     if not math.isnan(onset):
-        begin, late = max(float(t[0]), onset - 2 * dt), 3.0
-        why = (
-            f"nothing moves before {begin:.6g} s, and a constant voltage is there from the start on: so "
-            "it starts there"
-        )
-    elif begin is None and not measured:
+        begin, late = max(float(t[0]), onset - 2 * dt if driven else onset), 3.0
+        why = f"nothing moves before {begin:.6g} s: it is let go there"
+        if driven:
+            why = (
+                f"nothing moves before {begin:.6g} s, and a constant voltage is there from the start "
+                "on: so it starts there"
+            )
+    elif begin is None and not measured and driven:
         if t[0] < -1e-9 * dt and t[-1] > MIN_AFTER_ZERO * dt:
             begin, why = (
                 0.0,
@@ -421,6 +424,8 @@ def guess_start(
             )
         elif not -1e-9 * dt <= t[0] <= 2 * dt:
             time = float(t[0])
+    undriven = not (moving or driven)  # it can move from its start alone
+    moving = moving or undriven
     doubts = [] if time is None else [f"the record begins at {t[0]:.6g} s, and so does the start"]
     if not measured and moving and time is None and begin is None and t[0] != 0:
         time = float(t[0])
@@ -430,7 +435,8 @@ def guess_start(
         doubts.append("the rig turns when the record begins, and all stays as it is for a while")
     elif moving:
         state, angle = "free", _start_angle(roles, "free")
-        doubts.append("the rig moves when the record begins: the start is unknown")
+        why_free = "no input drives the rig" if undriven else "the rig moves when the record begins"
+        doubts.append(f"{why_free}: the start is unknown")
     initial = state
     if time is not None or angle:
         at = "" if time is None else f"time: {time:.12g}"

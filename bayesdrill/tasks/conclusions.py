@@ -78,7 +78,7 @@ def causes(
     if residual_checks.like_noise(left):
         return None
     with Crew(posterior, 1) as crew:
-        return ranking.rank(job, found.values, submit or crew.run, report)[0]
+        return ranking.rank(job, found.values, submit or crew.run, report).causes
 
 
 def settings(case: ResolvedCase) -> dict[str, Any]:

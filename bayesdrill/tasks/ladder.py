@@ -8,6 +8,7 @@ import dataclasses
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from bayesdrill import selection
 from bayesdrill.analysis.comparison import SURE, Contender
@@ -32,7 +33,7 @@ from bayesdrill.tasks.conclusions import SampledRun, concluded
 from bayesdrill.tasks.find_map import fit_plan
 from bayesdrill.tasks.remote import RefitExecutor, packed, run_jobs
 
-RANKED = "candidates"  # in `run.json`: parts of the candidates, the most probable first
+RANKED = "candidates"  # in `run.json`: their parts, the most probable first, and what makes them
 SAMPLED, MOST_SAMPLED = 2, 9  # of them
 KEPT = 20  # in `run.json`
 STEPS = 400  # of a walker, as a posterior of one maximum usually takes
@@ -101,9 +102,10 @@ class _Sampling:
     def run(self, sample: int) -> None:
         """Rank all candidates, and sample the most probable; the config as given counts as one."""
         known = (run_folder.read_run(self.folder.path) or {}).get(RANKED) if self.again else None
-        wanted = [tuple(parts) for parts in known or self._ranked()]
-        self.folder.write_run(**{RANKED: wanted})
-        rungs = Ladder.of(self.job).rungs(wanted)[:sample]
+        known = known or self._ranked()
+        self.folder.write_run(**{RANKED: known})
+        ladder = Ladder(self.job, known["sizes"], known["speeds"], known["gear"])
+        rungs = ladder.rungs(map(tuple, known["parts"]))[:sample]
         jobs = {
             f"model_{k}": (rung, made)
             for k, rung in enumerate(rungs, start=1)
@@ -124,17 +126,21 @@ class _Sampling:
         }
         run_jobs(self.crew, _fit, tasks, finish, self.folder.path, self.report)
 
-    def _ranked(self) -> list[tuple[str, ...]]:
-        """Parts of the candidates, the most probable first, the config as given among them."""
+    def _ranked(self) -> dict[str, Any]:
+        """Parts of the candidates, the most probable first, the config as given among them; and what
+        makes them: sizes, speeds, the gear.
+        """
         job = self.job
         found = self.crew.submit(search, job.problem.posterior, fit_plan(job)).result()
-        causes, seconds = ranking.rank(job.at(found), found.values, self.crew.submit, self.report)
+        ranked = ranking.rank(job.at(found), found.values, self.crew.submit, self.report)
+        causes, ladder = ranked.causes, ranked.ladder
         sampler = job.config.sampler
         evaluations = sampler.ensembles * sampler.walkers * STEPS
-        times = {parts: evaluations * each for parts, each in seconds.items()}
+        times = {parts: evaluations * each for parts, each in ranked.seconds.items()}
         self.report.say(comparison_report.ranking(causes, times))
         better = [one.parts for one in causes.ranked if one.bayes > 0.0]
-        return [*better, (), *(one.parts for one in causes.ranked[len(better) :])][:KEPT]
+        parts = [*better, (), *(one.parts for one in causes.ranked[len(better) :])][:KEPT]
+        return {"parts": parts, "sizes": ladder.sizes, "speeds": ladder.speeds, "gear": ladder.gear}
 
     def _job(self, rung: Rung) -> Job | None:
         if not rung.parts:

@@ -8,6 +8,7 @@ import dataclasses
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import Future
+from dataclasses import dataclass
 from typing import Any
 
 from bayesdrill.analysis.causes import (
@@ -43,18 +44,25 @@ PROMISE = 3.0  # natural logs of the density: what gains less is no candidate
 WINDOWS = 4  # of the record, where nothing explains all
 
 
-def rank(
-    job: Job, maximum: Mapping[str, float], submit: Submit, report: Reporter
-) -> tuple[Causes, Mapping[tuple[str, ...], float]]:
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Ranking:
+    """`ladder`: that makes the candidates; `seconds`: that an evaluation of each takes, by its parts."""
+
+    causes: Causes
+    ladder: Ladder
+    seconds: Mapping[tuple[str, ...], float]
+
+
+def rank(job: Job, maximum: Mapping[str, float], submit: Submit, report: Reporter) -> Ranking:
     """Refit all candidate models of `job` from its maximum: each part by itself, pairs of the best, and
     as long as it gets better what else gained, beside the best.
 
-    `submit` does `causes.refit` in this process or another.  Beside the causes comes how many seconds
-    an evaluation of each candidate takes, by its parts.
+    `submit` does `causes.refit` in this process or another.
     """
     given = submit(refit, job.problem.posterior, maximum, -math.inf).result()
     ranking = _Ranking(job, maximum, given, submit, report)
-    return ranking.causes(), ranking.seconds
+    causes = ranking.causes()
+    return Ranking(causes=causes, ladder=ranking.ladder, seconds=ranking.seconds)
 
 
 class _Ranking:
@@ -72,6 +80,7 @@ class _Ranking:
         report: Reporter,
     ) -> None:
         self.job, self.maximum, self.given = job, maximum, given
+        self.ladder = Ladder.of(job, maximum)
         self.submit, self.report = submit, report
         self.causes_by_parts: dict[tuple[str, ...], Cause] = {}
         self.left_out: dict[str, str] = {}
@@ -79,32 +88,33 @@ class _Ranking:
         self.values: dict[tuple[str, ...], Mapping[str, float]] = {}
 
     def causes(self) -> Causes:
-        ladder = Ladder.of(self.job)
-        self.refit_all(ladder.singles(), self.maximum)
-        ladder = self._with_best_gear(ladder)
+        self.refit_all(self.ladder.singles(), self.maximum)
+        self.ladder = self._with_best_gear(self.ladder)
         best = next(iter(self._ranked(structural=True)), None)
         if best is not None and best.parts == (START,) and best.bayes > SURE:  # it moves only there
-            ladder = ladder.moving(best.parts, self.values[best.parts])
-            self.refit_all(ladder.singles(), self.maximum)
+            (rung,) = self.ladder.rungs([best.parts])
+            there = Ladder.of(rung.job(), self.values[best.parts])
+            self.ladder = self.ladder.moving(there.sizes, there.speeds)
+            self.refit_all(self.ladder.singles(), self.maximum)
         first = [cause.parts[0] for cause in self._ranked(structural=True) if cause.bayes > SURE]
         if self.causes_by_parts and not self._ranked()[0].explains_all:
             for k, part in enumerate(first[:PAIRED]):
-                self._beside(ladder, (part,), first[k + 1 : PAIRED])
+                self._beside((part,), first[k + 1 : PAIRED])
             if first:
-                self._climb(ladder, first)
+                self._climb(first)
             best = self._ranked(structural=True)[0]
             if not best.explains_all:
-                self._beside(ladder, best.parts, (*NOISE, *TORQUES))
+                self._beside(best.parts, (*NOISE, *TORQUES))
         causes = Causes(given=self.given.fit, ranked=self._ranked(), left_out=self.left_out)
         if causes.explains and causes.best.explains_all:
             return causes
-        return dataclasses.replace(causes, windows=self._windows(ladder))
+        return dataclasses.replace(causes, windows=self._windows())
 
-    def _climb(self, ladder: Ladder, first: Sequence[str]) -> None:
+    def _climb(self, first: Sequence[str]) -> None:
         """As long as it gets better, try what gained by itself beside the best, and then all else; then
         the best without each of its parts.
         """
-        singles = [rung.parts[0] for rung in ladder.singles() if not {*rung.parts} & CATCH_ALL]
+        singles = [rung.parts[0] for rung in self.ladder.singles() if not {*rung.parts} & CATCH_ALL]
         for more in ((*first[:FEW], *PHYSICS), singles):
             before = 0.0
             while True:
@@ -112,15 +122,15 @@ class _Ranking:
                 if best.explains_all or best.bayes < before + SURE:
                     break
                 before = best.bayes
-                self._beside(ladder, best.parts, more)
+                self._beside(best.parts, more)
         before = -math.inf
         while (best := self._ranked(structural=True)[0]).bayes > before:
             before = best.bayes
-            self.refit_all(ladder.without_each(best.parts), self.values[best.parts])
+            self.refit_all(self.ladder.without_each(best.parts), self.values[best.parts])
 
-    def _beside(self, ladder: Ladder, parts: tuple[str, ...], more: Iterable[str]) -> None:
+    def _beside(self, parts: tuple[str, ...], more: Iterable[str]) -> None:
         """Refit a candidate that was refitted, with each of `more`, from where its maximum is."""
-        self.refit_all(ladder.beyond(parts, more), self.values[parts])
+        self.refit_all(self.ladder.beyond(parts, more), self.values[parts])
 
     def _ranked(self, *, structural: bool = False) -> tuple[Cause, ...]:
         """The most probable first; `structural`: without those that would absorb any misfit."""
@@ -163,7 +173,8 @@ class _Ranking:
                     self.left_out[rung.name] = error.problems[0].message
                     continue
                 least = self.given.log_posterior + PROMISE
-                future = self.submit(refit, job.problem.posterior, near, least)
+                alone = self.values.get(rung.parts[-1:], {}) if len(rung.parts) > 1 else {}
+                future = self.submit(refit, job.problem.posterior, near, least, alone)
                 under_way.append((rung, job, future))
             if under_way:
                 rung, job, future = under_way.pop(0)
@@ -183,6 +194,9 @@ class _Ranking:
         ]
         if top.several:
             doubts.append("there is another maximum, about as high")
+        more = top.on(
+            self.given.numbers
+        )  # a lag leaves out samples of a rig that moves at the start
         roles = self.job.problem.model.roles
         physics = [role for part in rung.parts for role in PHYSICS.get(part, ())]
         self.causes_by_parts[rung.parts] = Cause(
@@ -191,17 +205,17 @@ class _Ranking:
             lines=rung.lines,
             lacks=tuple(dict.fromkeys(roles[role] for role in physics)),
             new=new,
-            gain=top.log_posterior - self.given.log_posterior,
-            bayes=float(top.log_z - self.given.log_z),
+            gain=top.log_posterior + more - self.given.log_posterior,
+            bayes=float(top.log_z + more - self.given.log_z),
             fit=top.fit,
             doubts=tuple(doubts),
         )
         self.seconds[rung.parts], self.values[rung.parts] = top.seconds, top.values
 
-    def _windows(self, ladder: Ladder) -> tuple[tuple[FittedValue, ...], ...]:
+    def _windows(self) -> tuple[tuple[FittedValue, ...], ...]:
         """Refit the config as given on each window; nothing where one of them cannot be."""
         try:
-            jobs = [rung.job() for rung in ladder.windows(WINDOWS)]
+            jobs = [rung.job() for rung in self.ladder.windows(WINDOWS)]
         except InputError:
             return ()
         futures = [

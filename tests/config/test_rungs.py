@@ -28,7 +28,7 @@ NOT_OF_MODEL = ("output", "simulation", "sampler")
 
 
 def ladder(tmp_path: Path, *changes: tuple[str, str]) -> Ladder:
-    return Ladder.of(prepare(systems.small(tmp_path, ("walkers: 8", "walkers: 24"), *changes)))
+    return Ladder.of(prepare(systems.small(tmp_path, ("walkers: 8", "walkers: 24"), *changes)), {})
 
 
 def by_name(every: list[Rung]) -> dict[str, Rung]:

@@ -106,8 +106,8 @@ def of_record(of: bd.Case) -> Iterator[Any]:
     yield tried
     every = [Instead(parameter=roles[role], value=0.1, lost=1.0) for role in edits.LACKS]
     yield [[*fit_words.instead(one, roles)] for one in every]
-    rungs = Ladder.of(of.job).singles()
-    rungs += Ladder.of(of.job).beyond(("friction_both",), ())
+    rungs = Ladder.of(of.job, {}).singles()
+    rungs += Ladder.of(of.job, {}).beyond(("friction_both",), ())
     yield [(one.name, one.about, one.source.data) for one in rungs]
 
 
@@ -149,7 +149,7 @@ def of_cause(rig: Model, own: dict[str, str]) -> Iterator[Any]:
     posterior = of.job.problem.posterior
     start = posterior.space.start
     few = {"friction_rotor_1", "voltage_drop", "damping_shaft", "offset_v"}  # all take a minute
-    rungs = [one for one in Ladder.of(of.job).singles() if one.name in few]
+    rungs = [one for one in Ladder.of(of.job, {}).singles() if one.name in few]
     given = refit(posterior, start, -math.inf)
     assert given is not None
     with Crew(posterior, 1) as crew:
@@ -202,7 +202,8 @@ def test_a_rig_in_other_words_has_every_analysis() -> None:
     names, usual, own = json.loads(done.stdout)
     back = {word: name for name, word in names.items()}
     longest = sorted(back, key=len, reverse=True)
-    words_of = re.compile(rf"(?<![A-Za-z0-9])({'|'.join(longest)})(?![A-Za-z0-9])")
+    begins = r"(?:(?<=\\n)|(?<![A-Za-z0-9]))"  # a line, as JSON has it, or a word
+    words_of = re.compile(rf"{begins}({'|'.join(longest)})(?![A-Za-z0-9])")
     own = json.loads(words_of.sub(lambda found: back[found[1]], json.dumps(own)))
     for what, every in usual.items():
         assert all(every), what

@@ -155,3 +155,18 @@ def test_rigs_by_their_names(tmp_path: Path) -> None:
     assert {*found["parameters"]} == {"j_m", "c_m"}
     assert found["inputs"]["t_m"]["unit"] == "N*m"
     accepted(tmp_path / "m.yaml")
+
+
+def test_a_rig_that_nothing_drives_begins_in_an_unknown_state(tmp_path: Path) -> None:
+    """A beam that is held and then let go, its upper end at rest.  Mutant killed: a start at rest."""
+    t = 0.001 * np.arange(2000)
+    angle = 12.0 * np.where(t < 0.1, 1.0, np.exp(-(t - 0.1)) * np.cos(24.0 * (t - 0.1)))
+    noisy = angle + np.random.default_rng(1).normal(0, 0.1, len(t))
+    path = tmp_path / "decay.csv"
+    table = np.column_stack([t, noisy])
+    np.savetxt(path, table, "%.6g", ",", header="t [s],theta_1 [deg]", comments="")
+    found = made(path, rig="driven_shaft")
+    assert found["initial"] == "free"
+    assert found["record"]["window"][0] == pytest.approx(0.1, abs=0.02)
+    assert "t_0" not in found["inputs"]
+    accepted(path.with_suffix(".yaml"))

@@ -162,8 +162,8 @@ def test_what_is_missing_is_named_and_recommended(done: Done, tmp_path: Path) ->
     run = done.run
     assert run["status"] == "finished"
     assert (run["verdict"], run["recommended"]) == ("model", "friction_motor")
-    assert run["candidates"][0] == ["friction_motor"]
-    assert [] in run["candidates"]
+    assert run["candidates"]["parts"][0] == ["friction_motor"]
+    assert [] in run["candidates"]["parts"]
     page = (done.folder / "comparison.md").read_text(encoding="utf-8")
     assert "# Ladder of turned" in page
     assert "verdict: MODEL: friction_motor is e^" in page
