@@ -35,7 +35,7 @@ from bayesdrill.inference.residual_checks import (
     like_noise,
 )
 from bayesdrill.inference.step_error import StepError, step_errors
-from bayesdrill.rig.models.latent_torque import At
+from bayesdrill.rig.models.latent_torque import TorqueLocation
 from bayesdrill.rig.models.linear import Roles
 from bayesdrill.sampling.convergence import Convergence
 from bayesdrill.sampling.ensembles import Sampled
@@ -120,7 +120,7 @@ class TorqueSummary:
     """
 
     label: str
-    at: At
+    at: TorqueLocation
     low: float
     high: float
     width: float

@@ -17,9 +17,9 @@ from bayesdrill.basics.values import checked
 from bayesdrill.inference import step_error
 from bayesdrill.record.experiment import Channel, Experiment, frozen, raise_if_any
 from bayesdrill.rig import models
-from bayesdrill.rig.models.linear import Model, in_vain, lacking, with_named
+from bayesdrill.rig.models.linear import Model, missing_requirements, requirement_text, with_named
 from bayesdrill.rig.simulators import simulator
-from bayesdrill.rig.simulators.sensors import Sensing
+from bayesdrill.rig.simulators.sensors import ObservationModel
 
 NUMBERS = "a number for each name"
 
@@ -50,7 +50,10 @@ def respond(
     """
     own, found = arguments.rig(rig), list[Issue]()
     own = with_named(own, parameters)
-    found += [Issue(f"parameters.{n}", in_vain(n, of)) for n, of in lacking(own).items()]
+    found += [
+        Issue(f"parameters.{n}", requirement_text(n, of))
+        for n, of in missing_requirements(own).items()
+    ]
     signals = [signals] if isinstance(signals, str) else signals
     times = arguments.times(t, found)
     values = _numbers(own.parameters, parameters, "parameters", found)
@@ -84,7 +87,7 @@ def respond(
         t_start=float(times[0]) if series else min(0.0, float(times[0])),
     )
     theta = np.array([[values[name] for name in own.parameters]])
-    response = simulator(own, experiment, Sensing(), step_error.MOST).signals(theta)[0]
+    response = simulator(own, experiment, ObservationModel(), step_error.MOST).signals(theta)[0]
     return {name: response[:, k] for k, name in enumerate(signals)}
 
 

@@ -101,8 +101,8 @@ def _of_experiments(problem: Problem) -> dict[str, str]:
     found: dict[str, str] = {}
     for one in problem.every:
         names, sensing, said = one.experiment.names, one.response.sensing, {}
-        if not sensing.nothing:  # is told beside the rig's parameters
-            said = {"the sensors": sensing.in_words, "the start": sensing.start_in_words}
+        if not sensing.empty:  # is told beside the rig's parameters
+            said = {"the sensors": sensing.summary, "the start": sensing.start_summary}
         if one.kind:
             said["the kind of noise"] = _short(one.kind)
         noise = {f"the noise of {names[k]}": repr(sigma) for k, sigma in one.held().items()}

@@ -13,7 +13,7 @@ from bayesdrill.basics.registry import late
 if TYPE_CHECKING:
     from bayesdrill.rig.models.driven_shaft import DrivenShaft as DrivenShaft
     from bayesdrill.rig.models.friction import BitRock as BitRock
-    from bayesdrill.rig.models.friction import Both as Both
+    from bayesdrill.rig.models.friction import CombinedLaw as CombinedLaw
     from bayesdrill.rig.models.friction import Coulomb as Coulomb
     from bayesdrill.rig.models.friction import Friction as Friction
     from bayesdrill.rig.models.friction import Named as Named

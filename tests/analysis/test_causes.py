@@ -17,7 +17,7 @@ from together import for_each
 import bayesdrill as bd
 from bayesdrill.analysis.causes import Cause, Causes, refit
 from bayesdrill.report.sections import fit_words
-from bayesdrill.rig.models.linear import USUAL
+from bayesdrill.rig.models.linear import DEFAULT_ROLES
 from bayesdrill.tasks import run_entries
 
 CONFIG = """\
@@ -125,7 +125,7 @@ def test_what_is_wrong_is_first_with_its_size(
         assert new.value == pytest.approx(truth, abs=max(5 * new.sd, 0.02 * abs(truth)))
         assert new.sd < 0.1 * abs(truth)
         assert found.lacking == ((unknown,) if "added" in lacks else ())
-        assert bool(fit_words.lacking(found, USUAL)) == ("added" in lacks)
+        assert bool(fit_words.lacking(found, DEFAULT_ROLES)) == ("added" in lacks)
         said = fit_words.explained(found)
         assert f"next: add these lines to the config ({first.about}" in said
         assert "That leaves what looks like the noise." in said

@@ -35,8 +35,8 @@ from bayesdrill.inference.noise import NOISES
 from bayesdrill.inference.unknowns import Unknown
 from bayesdrill.record.formats import FORMATS
 from bayesdrill.rig import models
-from bayesdrill.rig.models.linear import Model, lacking, with_named
-from bayesdrill.rig.simulators.sensors import Sensing
+from bayesdrill.rig.models.linear import Model, missing_requirements, with_named
+from bayesdrill.rig.simulators.sensors import ObservationModel
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,7 +48,7 @@ class Sensed:
     entries: tuple[Entry, ...]
     declared: tuple[Declared | None, ...]
     free: tuple[str, ...]
-    sensing: Sensing | None
+    sensing: ObservationModel | None
 
 
 def check_sensors(found: Collector, config: Config, model: Model) -> Sensed:
@@ -243,7 +243,7 @@ def check_inputs(found: Collector, config: Config, model: Model | None) -> None:
             check_series(found, place, spec)
         elif spec is not None:
             check_quantity(found, place, spec, quantities.input_unit(entry))
-    if model is not None and not lacking(model):
+    if model is not None and not missing_requirements(model):
         _check_wanted(found, config, model)
     _check_angles(found, config)
     _check_holds(found, config)

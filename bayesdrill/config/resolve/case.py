@@ -27,7 +27,7 @@ from bayesdrill.inference.unknowns import ParameterSpace, Unknown, of_label
 from bayesdrill.rig import models
 from bayesdrill.rig.models import MODELS
 from bayesdrill.rig.models.linear import Model, with_named
-from bayesdrill.rig.simulators.sensors import Sensing
+from bayesdrill.rig.simulators.sensors import ObservationModel
 
 
 def model(config: Config, more: Collection[str] = ()) -> Model:
@@ -150,7 +150,7 @@ class ResolvedExperiment:
     channels: tuple[Measured, ...]
     entries: tuple[Entry, ...]
     declared: tuple[Declared, ...]
-    sensing: Sensing
+    sensing: ObservationModel
     free: tuple[str, ...]
     torque: Mapping[str, float | Unknown]
     beside: Beside
