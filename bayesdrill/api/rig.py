@@ -11,9 +11,9 @@ from numpy.typing import ArrayLike
 from bayesdrill.api import arguments
 from bayesdrill.basics import symbols
 from bayesdrill.basics.arrays import Array
-from bayesdrill.basics.errors import InputError, Issue, did_you_mean, shown
+from bayesdrill.basics.errors import InputError, Issue, did_you_mean, short_repr
 from bayesdrill.basics.formulas import linear_combination
-from bayesdrill.basics.values import checked
+from bayesdrill.basics.values import check_arguments
 from bayesdrill.inference import step_error
 from bayesdrill.record.experiment import Channel, Experiment, frozen, raise_if_any
 from bayesdrill.rig import models
@@ -24,13 +24,13 @@ from bayesdrill.rig.simulators.sensors import ObservationModel
 NUMBERS = "a number for each name"
 
 
-@checked
+@check_arguments
 def nominal(table: str = symbols.DEFAULT_NOMINAL) -> dict[str, float]:
     """The paper's values of all parameters, SI; raises `InputError` for a table it has not."""
     return dict(arguments.known(symbols.NOMINAL, table, "nominal", "nominal table").values)
 
 
-@checked
+@check_arguments
 def respond(
     rig: str | Model,
     parameters: Annotated[Mapping[str, float], NUMBERS],
@@ -102,9 +102,9 @@ def _numbers(
         positive = symbol is not None and symbol.held == "positive"
         read[name] = arguments.number(f"{place}.{name}", values[name], found, positive=positive)
         if symbol is not None and symbol.held == "not negative" and read[name] < 0:
-            found.append(Issue(f"{place}.{name}", f"{shown(values[name])} is negative"))
+            found.append(Issue(f"{place}.{name}", f"{short_repr(values[name])} is negative"))
         if symbol is not None and read[name] > symbol.at_most:
-            message = f"{shown(values[name])} is more than {symbol.at_most:g}"
+            message = f"{short_repr(values[name])} is more than {symbol.at_most:g}"
             found.append(Issue(f"{place}.{name}", message))
     return read
 

@@ -16,7 +16,7 @@ import numpy as np
 from bayesdrill import output_files
 from bayesdrill.basics import units
 from bayesdrill.basics.arrays import Array
-from bayesdrill.basics.errors import InputError, Issue, of_each
+from bayesdrill.basics.errors import InputError, Issue, collect_each
 from bayesdrill.drafting import roles, sensors, signals
 from bayesdrill.drafting.columns import LEAST, NamedColumn, Seen, look, way_out
 from bayesdrill.drafting.roles import Roles
@@ -171,11 +171,11 @@ def experiments(records: Sequence[Path], known: Known) -> tuple[tuple[Experiment
     for k, path in enumerate(records):
         if path.resolve() in [other.resolve() for other in records[:k]]:
             raise InputError.one(str(path), "is named twice; name each file once")
-    kinds = _kinds(of_each(lambda path: examine(path, known), records))
+    kinds = _kinds(collect_each(lambda path: examine(path, known), records))
     every = _completed(kinds, known) if len(kinds) > 1 else kinds[0]
-    of_each(_refuse_without_channels, every)
+    collect_each(_refuse_without_channels, every)
     lead = min(every, key=_unsure)
-    every = of_each(lambda one: one if one is lead else as_told(one, lead), every)
+    every = collect_each(lambda one: one if one is lead else as_told(one, lead), every)
     names = labels([one.path for one in every]) if len(every) > 1 else [""]
     found = tuple(Experiment(name, one) for name, one in zip(names, every, strict=True))
     return found, next(one for one in found if one.of.path == lead.path)
@@ -216,7 +216,7 @@ def _completed(kinds: Sequence[Sequence[Examined]], known: Known) -> list[Examin
     if len({*names}) < len(names) or not all(kind[0].sensors for kind in kinds):
         for one in others[0]:
             as_told(one, lead[0])  # says what is missing
-        of_each(_refuse_without_channels, others[0])
+        collect_each(_refuse_without_channels, others[0])
     pairs = []
     for one in lead:
         beside = [max(kind, key=lambda other: _alike(one.path, other.path)) for kind in others]

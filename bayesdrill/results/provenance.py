@@ -16,7 +16,7 @@ from typing import Any
 import bayesdrill
 from bayesdrill.basics import software
 from bayesdrill.basics.errors import InputError, Interrupted
-from bayesdrill.basics.software import DECISIVE, installed_versions, versions_in_words
+from bayesdrill.basics.software import DECISIVE, installed_versions, versions_text
 from bayesdrill.basics.symbols import INPUTS, noise_name
 from bayesdrill.config.job import Job
 from bayesdrill.config.records import sources
@@ -81,7 +81,7 @@ def marks(config: Config, problem: Problem, burn_in: str) -> dict[str, str]:
         "Record": ", ".join(records(problem).values()),
         "Seed": str(config.seed),
         BURN_IN_MARK: burn_in,
-        "Versions": versions_in_words(),
+        "Versions": versions_text(),
     }
 
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from bayesdrill.basics.registry import late
+from bayesdrill.basics.registry import lazy_attributes
 
 if TYPE_CHECKING:
     from bayesdrill.rig.models.driven_shaft import DrivenShaft as DrivenShaft
@@ -31,4 +31,4 @@ if TYPE_CHECKING:
     from bayesdrill.rig.models.motor_shaft import TwoRotors as TwoRotors
     from bayesdrill.rig.simulators.exact import Response as Response
 
-__getattr__ = late(__name__)
+__getattr__ = lazy_attributes(__name__)

@@ -9,7 +9,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from bayesdrill.basics import symbols, units
-from bayesdrill.basics.entries import strange
+from bayesdrill.basics.entries import unknown_keys
 from bayesdrill.basics.formulas import linear_combination
 from bayesdrill.basics.registry import lookup
 from bayesdrill.basics.symbols import INPUTS, noise_name
@@ -173,7 +173,7 @@ def _check_measured(
         found.run((*place, "unit"), units.factor, spec.unit, states[0].unit)
     kinds, vain = {name: kind.Entries for name, kind in NOISES.usable().items()}, dict[str, str]()
     if found.run((*place, "noise"), lookup, NOISES, spec.noise.name, "noise") is not None:
-        vain = strange(("name", "noise"), kinds, kinds[spec.noise.name], spec.noise)
+        vain = unknown_keys(("name", "noise"), kinds, kinds[spec.noise.name], spec.noise)
     for entry, message in vain.items():
         found.add((*place, "noise", entry), message)
     channel = None

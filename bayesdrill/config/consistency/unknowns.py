@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping
 
 import numpy as np
 
-from bayesdrill.basics.entries import LARGEST, SMALLEST, strange
+from bayesdrill.basics.entries import LARGEST, SMALLEST, unknown_keys
 from bayesdrill.basics.formulas import Expression, RelationError
 from bayesdrill.config import latex
 from bayesdrill.config.resolve import quantities, sensors
@@ -27,7 +27,7 @@ _TRIED = 4096  # draws from the priors, at which formulas are tried
 
 def check_model(found: Collector, config: Config, model: Model) -> None:
     """Constants of another model would be given in vain."""
-    vain = strange(("name", "model"), MODELS.usable(), type(model), config.model)
+    vain = unknown_keys(("name", "model"), MODELS.usable(), type(model), config.model)
     for entry, message in vain.items():
         found.add(("model", entry), message)
 

@@ -319,7 +319,7 @@ def channel_of(name: str, spec: ChannelSpec, states: tuple[str, ...]) -> Channel
         unit=first.unit,
         latex=latex,
         latex_unit=first.latex_unit,
-        column=units.shown(spec.unit, first.unit, first.latex_unit),
+        column=units.display_unit(spec.unit, first.unit, first.latex_unit),
         factor=factor,
     )
 
