@@ -20,7 +20,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from bayesdrill.basics.registry import late, public_names
+from bayesdrill.basics.registry import lazy_attributes, public_names
 
 if TYPE_CHECKING:
     from bayesdrill.analysis.verdict import Verdict as Verdict
@@ -61,7 +61,7 @@ __version__ = "0.1.0"
 
 __all__ = ["__version__", *public_names(__name__)]
 
-__getattr__ = late(__name__)  # the command line has to answer before NumPy is loaded
+__getattr__ = lazy_attributes(__name__)  # the command line has to answer before NumPy is loaded
 
 
 def __dir__() -> list[str]:

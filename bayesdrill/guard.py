@@ -31,7 +31,7 @@ KILLED = "a worker process was killed (out of memory?); fewer --processes need l
 def guarded() -> Iterator[None]:
     """Mistakes, a full disk, a killed worker and Ctrl-C end in a message and a status."""
     from bayesdrill.basics.errors import InputError, Interrupted, short_of_memory
-    from bayesdrill.basics.registry import blame
+    from bayesdrill.basics.registry import blamed_package
 
     try:
         _find_room()
@@ -63,7 +63,7 @@ def guarded() -> Iterator[None]:
         elif isinstance(error, OSError):
             place = f"{error.filename}: " if error.filename else ""
             _tell(f"{place}{_reason(error)}")
-        elif said := blame(error):
+        elif said := blamed_package(error):
             _tell(said)
         else:
             raise

@@ -63,7 +63,7 @@ def main() -> None:
             for of, shift in shifts(rng).items():
                 dense = Dense(model, t, series, {"t_1": 0.0}, first_order=False)
                 taken = best_of(
-                    lambda d=dense, s=shift, y=y: d.tallied(
+                    lambda d=dense, s=shift, y=y: d.sums(
                         (theta, start, start, s, rows), y, SQUARES
                     ),
                     repeats,

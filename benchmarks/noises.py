@@ -17,7 +17,7 @@ from bayesdrill.record.experiment import Channel, Experiment
 from bayesdrill.rig.models.motor_shaft import MotorShaft
 from bayesdrill.rig.simulators.contract import Simulator
 from bayesdrill.rig.simulators.exact import Response
-from bayesdrill.rig.simulators.sensors import Sensing
+from bayesdrill.rig.simulators.sensors import ObservationModel
 from bayesdrill.rig.simulators.stepped import Stepped
 from benchmarks import problem
 from benchmarks.likelihood import BATCH, best_of
@@ -45,7 +45,7 @@ def main() -> None:
     one = record(rng)
     rigs = {
         "linear": Response(MotorShaft(), one),
-        "rubs": Stepped(MotorShaft(added=("t_cm", "t_c1")), one, Sensing()),
+        "rubs": Stepped(MotorShaft(added=("t_cm", "t_c1")), one, ObservationModel()),
     }
     values = {**job.problem.nominal, "t_f": 0.0, "t_cm": 0.05, "t_c1": 0.25}
     for name, rig in rigs.items():

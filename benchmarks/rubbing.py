@@ -12,9 +12,9 @@ import numpy as np
 
 from bayesdrill.record.experiment import Channel, Experiment
 from bayesdrill.rig.models.motor_shaft import MotorShaft
-from bayesdrill.rig.simulators.contract import TURNS
+from bayesdrill.rig.simulators.contract import REVERSAL_SUBSTEPS
 from bayesdrill.rig.simulators.exact import Response
-from bayesdrill.rig.simulators.sensors import Sensing
+from bayesdrill.rig.simulators.sensors import ObservationModel
 from bayesdrill.rig.simulators.stepped import Stepped
 from benchmarks import problem
 from benchmarks.likelihood import BATCH, best_of
@@ -49,12 +49,17 @@ def main() -> None:
         base = best_of(lambda p=plain, x=linear: p.squares(x), REPEATS)
         print(f"{how}: linear {1e6 * base / BATCH:.2f} us")
         for law, own in (("Coulomb", COULOMB), ("Stribeck", STRIBECK)):
-            rig = Stepped(MotorShaft(added=tuple(own)), record, Sensing())
+            rig = Stepped(MotorShaft(added=tuple(own)), record, ObservationModel())
             full = _points(rig.parameters, nominal | own, rng, WIDE)
             near = _points(rig.parameters, nominal | own, rng, CLOSE)
-            truth = rig.finer(256).signals(full[:1])
-            for pieces, turns in ((1, 1), (1, TURNS), (2, TURNS), (4, TURNS)):
-                tried = rig.finer(pieces, turns)
+            truth = rig.with_substeps(256).signals(full[:1])
+            for pieces, turns in (
+                (1, 1),
+                (1, REVERSAL_SUBSTEPS),
+                (2, REVERSAL_SUBSTEPS),
+                (4, REVERSAL_SUBSTEPS),
+            ):
+                tried = rig.with_substeps(pieces, turns)
                 taken = best_of(lambda r=tried, x=full: r.squares(x), REPEATS)
                 close = best_of(lambda r=tried, x=near: r.squares(x), REPEATS)
                 off = np.abs(tried.signals(full[:1]) - truth)[:, :, 2:].max()

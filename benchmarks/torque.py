@@ -8,14 +8,14 @@ from __future__ import annotations
 
 import numpy as np
 
-from bayesdrill.rig.models.latent_torque import At, MissingTorque, Smoothness
+from bayesdrill.rig.models.latent_torque import MissingTorque, Smoothness, TorqueLocation
 from bayesdrill.rig.simulators.exact import Response
-from bayesdrill.rig.simulators.kalman import Filtered
+from bayesdrill.rig.simulators.kalman import KalmanFilter
 from benchmarks import problem
 from benchmarks.likelihood import BATCH, best_of
 
 REPEATS = 200
-CASES: tuple[tuple[At, Smoothness], ...] = (
+CASES: tuple[tuple[TorqueLocation, Smoothness], ...] = (
     ("motor", "1/2"),
     ("motor", "3/2"),
     ("rotor_1", "1/2"),
@@ -38,7 +38,7 @@ def main() -> None:
     rows = np.column_stack([theta, size, rng.uniform(0.1, 1.0, BATCH)])
     left = response.experiment.y - response.signals(theta)
     for at, smoothness in CASES:
-        of = Filtered(
+        of = KalmanFilter(
             response.model, MissingTorque(at=at, smoothness=smoothness), response.experiment
         )
         white, variances = of.whiten(rows, sigmas, left)

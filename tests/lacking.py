@@ -19,7 +19,7 @@ from bayesdrill.record.experiment import Experiment
 from bayesdrill.rig.models.linear import Model
 from bayesdrill.rig.models.motor_shaft import MotorShaft
 from bayesdrill.rig.simulators import simulator
-from bayesdrill.rig.simulators.sensors import Sensing
+from bayesdrill.rig.simulators.sensors import ObservationModel
 from bayesdrill.sampling.gauss_newton import climb
 
 FREE = ("j_m", "c_m", "k_e", "k_s", "j_1")
@@ -74,7 +74,7 @@ def believed(
         unknowns=(*rigs, *scatter.unknowns),
         fixed={name: values[name] for name in rig.parameters if name not in FREE},
     )
-    likelihood = likelihood_of(space, (simulator(rig, seen, Sensing()), scatter))
+    likelihood = likelihood_of(space, (simulator(rig, seen, ObservationModel()), scatter))
     return Posterior(space=space, likelihood=likelihood, coordinates=space.coordinates())
 
 

@@ -12,7 +12,7 @@ from rubbing_cases import Case, moved_of
 
 from bayesdrill.record.experiment import Experiment
 from bayesdrill.rig.models.motor_shaft import MotorShaft
-from bayesdrill.rig.simulators.sensors import Sensing
+from bayesdrill.rig.simulators.sensors import ObservationModel
 from bayesdrill.rig.simulators.stepped import Stepped
 
 
@@ -45,10 +45,12 @@ def experiment_of(
 def stepped(
     case: Case,
     pieces: int = 1,
-    sensing: Sensing | None = None,
+    sensing: ObservationModel | None = None,
     record: Experiment | None = None,
 ) -> Stepped:
-    return Stepped(model_of(case), record or experiment_of(case), sensing or Sensing(), pieces)
+    return Stepped(
+        model_of(case), record or experiment_of(case), sensing or ObservationModel(), pieces
+    )
 
 
 def parameters(case: Case, told: Mapping[str, float] | None = None) -> np.ndarray:

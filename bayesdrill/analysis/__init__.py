@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from bayesdrill.basics.registry import late
+from bayesdrill.basics.registry import lazy_attributes
 
 if TYPE_CHECKING:
     from bayesdrill.analysis.identifiability.information import Scenery as Scenery
@@ -20,4 +20,4 @@ if TYPE_CHECKING:
     from bayesdrill.analysis.identifiability.study import study_of as study_of
     from bayesdrill.analysis.verdict import Verdict as Verdict
 
-__getattr__ = late(__name__)
+__getattr__ = lazy_attributes(__name__)

@@ -12,7 +12,7 @@ import numpy as np
 from bayesdrill.basics.arrays import Array, Flags
 from bayesdrill.inference.likelihood import Observation
 from bayesdrill.inference.posterior import Posterior
-from bayesdrill.rig.energy import Energies, can_tell, energies
+from bayesdrill.rig.energy import Energies, can_balance, energies
 from bayesdrill.rig.models.friction import Friction
 from bayesdrill.rig.simulators.contract import Simulator
 
@@ -57,7 +57,7 @@ def accounts(posterior: Posterior, theta: Array, draws: Array) -> tuple[Account,
     return tuple(
         _account(one, one.told(full))
         for one in posterior.likelihood.observations
-        if one.response.model.frictions and can_tell(one.response.model)
+        if one.response.model.frictions and can_balance(one.response.model)
     )
 
 

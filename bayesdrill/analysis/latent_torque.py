@@ -22,8 +22,8 @@ from bayesdrill.inference.derived import HDI_PROBABILITY
 from bayesdrill.inference.likelihood import Observation, Torque
 from bayesdrill.inference.posterior import Posterior
 from bayesdrill.record.experiment import of_states
-from bayesdrill.rig.models.latent_torque import TORQUE, At, Loaded, angles
-from bayesdrill.rig.models.linear import USUAL, Roles
+from bayesdrill.rig.models.latent_torque import TORQUE, LoadedModel, TorqueLocation, angles
+from bayesdrill.rig.models.linear import DEFAULT_ROLES, Roles
 from bayesdrill.rig.simulators import simulator
 
 STILL = 0.05  # of the root mean square of a speed: slower is standing still
@@ -62,7 +62,7 @@ class Shaking:
     """
 
     label: str
-    at: At
+    at: TorqueLocation
     t: Array
     draws: Array
     expected: Array
@@ -70,7 +70,7 @@ class Shaking:
     inputs: Mapping[str, Array]
     courses: tuple[Course, ...]
     gear: float
-    roles: Roles = USUAL
+    roles: Roles = DEFAULT_ROLES
 
     @property
     def band(self) -> Array:
@@ -130,7 +130,7 @@ def _of(
     left = experiment.y - signals
     smooth = found.smooth(left, draws)
     drawn, _ = found.known(left, draws, rng)
-    made = found.filtered.pushed
+    made = found.filtered.augmented
     sizes = found.sizes(draws)[:, :1]
     place = made.states.index(TORQUE)
     by_torque = smooth @ found.filtered.weights.T
@@ -166,11 +166,11 @@ def _moved(one: Observation, full: Array) -> tuple[Array, Array]:
 
 def _states(one: Observation, torque: Torque, motion: Array, more: Array) -> dict[str, Array]:
     """With what the torque moves; an angle of which nothing tells follows from its speed."""
-    made, t = torque.filtered.pushed, np.asarray(one.experiment.t)
+    made, t = torque.filtered.augmented, np.asarray(one.experiment.t)
     found = {name: motion[:, k] for k, name in enumerate(made.rig.states)}
-    for name, moved in made.of_states(more).items():
+    for name, moved in made.to_rig_states(more).items():
         found[name] = found[name] + moved
-    if not made.tells:
+    if not made.observable:
         for name in angles(made.rig):
             speed = made.roles.speeds.get(name)
             if speed in made.states:
@@ -192,7 +192,7 @@ def _strayed(
         return np.full(len(experiment.channels), np.nan)
     held = torque if experiment.first_order else 0.5 * (torque + np.append(torque[1:], torque[-1]))
     loaded = simulator(
-        Loaded(response.model, of.filtered.torque),
+        LoadedModel(response.model, of.filtered.torque),
         dataclasses.replace(experiment, series={**experiment.series, TORQUE: held}),
         response.sensing,
         *(response.stepping or ()),

@@ -25,7 +25,7 @@ from bayesdrill.inference.posterior import Posterior
 from bayesdrill.inference.residual_checks import Left
 from bayesdrill.record.experiment import Channel
 from bayesdrill.rig.models.linear import dynamics
-from bayesdrill.rig.simulators.sensors import Walkers
+from bayesdrill.rig.simulators.sensors import SensorParameters
 
 BINS = 100
 MOST_CHECKED = 2000  # samples of a channel that are looked at
@@ -266,9 +266,11 @@ def frequency_responses(posterior: Posterior, theta: Array) -> tuple[FrequencyRe
 
 def _response(one: Observation, told: Array, f: Array, names: list[str]) -> NDArray[np.complex128]:
     """`(F, K, S)`: C (i w - A)^-1 B, with sensors, and inputs held or straight from sample to sample."""
-    walkers = Walkers(one.response.model, one.experiment, one.response.sensing)
-    rig, sensing, dt = walkers.wired, walkers.sensing, one.experiment.dt
-    linear = rig.linear(dict(zip(rig.parameters, walkers.told(told)[0], strict=True)))
+    walkers = SensorParameters(one.response.model, one.experiment, one.response.sensing)
+    rig, sensing, dt = walkers.observed_model, walkers.sensing, one.experiment.dt
+    linear = rig.linear(
+        dict(zip(rig.parameters, walkers.simulator_parameters(told)[0], strict=True))
+    )
     b, s = np.zeros((len(rig.states), len(names))), 2j * np.pi * f[:, None, None]
     for (row, name), value in linear.B.items():
         if name in names:
@@ -277,7 +279,7 @@ def _response(one: Observation, told: Array, f: Array, names: list[str]) -> NDAr
     late = np.zeros(len(names))
     for name, lag in sensing.input_lags.items():
         late[names.index(name)] = walkers.column(lag, told)[0]
-    late = late + walkers.later(told)[0][:, None]
+    late = late + walkers.channel_delays(told)[0][:, None]
     held = np.sinc(s.imag * dt / (2 * np.pi))
     held = held**2 if one.experiment.first_order else held * np.exp(-s * dt / 2)
     shown = walkers.gains(told)[0][:, None] * walkers.weights

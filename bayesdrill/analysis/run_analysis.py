@@ -22,7 +22,7 @@ from bayesdrill.analysis.suspicions import Moment, half_a_sample
 from bayesdrill.analysis.verdict import Judgement, basis, conclude
 from bayesdrill.basics import seeds, values
 from bayesdrill.basics.arrays import Array
-from bayesdrill.basics.errors import Sparing
+from bayesdrill.basics.errors import ErrorCollector
 from bayesdrill.basics.values import Value
 from bayesdrill.config.schema.config import Asked
 from bayesdrill.inference import derived
@@ -35,7 +35,7 @@ from bayesdrill.inference.residual_checks import (
     like_noise,
 )
 from bayesdrill.inference.step_error import StepError, step_errors
-from bayesdrill.rig.models.latent_torque import At
+from bayesdrill.rig.models.latent_torque import TorqueLocation
 from bayesdrill.rig.models.linear import Roles
 from bayesdrill.sampling.convergence import Convergence
 from bayesdrill.sampling.ensembles import Sampled
@@ -57,7 +57,7 @@ class RunDraws(Value):
     mode: Mode
     sampled: Sampled
     seed: int
-    sparing: Sparing = field(default_factory=Sparing, compare=False)
+    sparing: ErrorCollector = field(default_factory=ErrorCollector, compare=False)
 
     @cached_property
     def draws(self) -> Array:
@@ -120,7 +120,7 @@ class TorqueSummary:
     """
 
     label: str
-    at: At
+    at: TorqueLocation
     low: float
     high: float
     width: float
@@ -209,7 +209,7 @@ class RunAnalysis:
     @classmethod
     def describe(cls, name: str) -> str:
         """What a number of this name is, with its unit; raises `KeyError` for a name that is none."""
-        said = values.described(cls)[name.partition(".")[0]]
+        said = values.field_descriptions(cls)[name.partition(".")[0]]
         return f"{said['description']} [{said['unit']}]" if "unit" in said else said["description"]
 
 

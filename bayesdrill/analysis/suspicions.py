@@ -22,7 +22,7 @@ from bayesdrill.inference.posterior import Problem
 from bayesdrill.record import anomalies
 from bayesdrill.record.clocks import usual_step
 from bayesdrill.record.experiment import Channel, Experiment
-from bayesdrill.rig.models.linear import Model, driven, dynamics
+from bayesdrill.rig.models.linear import Model, constant_forcing, dynamics
 
 BITS = (12, 14, 16, 24, 32)  # of counters
 CALM = 0.4  # of a period: a larger step can only be a counter that ran over, and a smaller one none
@@ -237,5 +237,5 @@ def _later(one: Observation, scenery: Scenery, theta: Array, motion: Array) -> A
         for name in model.inputs
     }
     change = motion @ dynamics(linear, model.states, 1)[0].T
-    change = change + driven(linear, model.states, n, given)
+    change = change + constant_forcing(linear, model.states, n, given)
     return one.informed(-change[None] @ experiment.weights(model.states).T, theta)

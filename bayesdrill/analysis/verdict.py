@@ -28,7 +28,7 @@ from bayesdrill.analysis.identifiability.structure import Exponents
 from bayesdrill.analysis.identifiability.study import Study, study_of
 from bayesdrill.basics import seeds
 from bayesdrill.basics.arrays import Array
-from bayesdrill.basics.values import checked
+from bayesdrill.basics.values import check_arguments
 from bayesdrill.config.schema.config import Asked, Thresholds
 from bayesdrill.inference import residual_checks
 from bayesdrill.inference.derived import hdi
@@ -149,7 +149,7 @@ class Quantity:
     says: Says
 
 
-@checked
+@check_arguments
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Verdict:
     """`limit`: sigmas from which a quantity disagrees.  `joint`: sigmas between posterior and table

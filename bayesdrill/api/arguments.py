@@ -16,10 +16,10 @@ from pydantic import TypeAdapter, ValidationError
 
 from bayesdrill.basics.arrays import Array
 from bayesdrill.basics.entries import entries_of
-from bayesdrill.basics.errors import InputError, Issue, did_you_mean, shown
+from bayesdrill.basics.errors import InputError, Issue, did_you_mean, short_repr
 from bayesdrill.basics.progress import SILENT, Reporter
 from bayesdrill.basics.registry import lookup
-from bayesdrill.basics.values import Value, checked
+from bayesdrill.basics.values import Value, check_arguments
 from bayesdrill.config.job import Job
 from bayesdrill.record.experiment import check_time, raise_if_any
 from bayesdrill.rig.models import MODELS
@@ -83,7 +83,7 @@ def _check_constants(rig: Model) -> None:
             TypeAdapter(kind).validate_python(plain, strict=True)
         except ValidationError as error:
             why = error.errors()[0]["msg"].removeprefix("Value error, ")
-            found.append(Issue(f"rig.{name}", f"{shown(value)} cannot be this: {why}"))
+            found.append(Issue(f"rig.{name}", f"{short_repr(value)} cannot be this: {why}"))
     raise_if_any(found)
 
 
@@ -107,7 +107,7 @@ def known[T](registry: Mapping[str, T], name: Any, place: str, what: str) -> T:
 def whole(place: str, value: int, least: int) -> int:
     """Of 64 bits at most."""
     if not least <= value < 2**64:
-        message = f"{shown(value)} is no whole number from {least} to 2**64 - 1"
+        message = f"{short_repr(value)} is no whole number from {least} to 2**64 - 1"
         raise InputError.one(place, message)
     return int(value)
 
@@ -160,7 +160,7 @@ def number(place: str, value: Any, found: list[Issue], *, positive: bool = False
         read = float("nan")
     if not np.isfinite(read) or (positive and not read > 0):
         wanted = "a positive number" if positive else "a number"
-        found.append(Issue(place, f"{shown(value)} is not {wanted}"))
+        found.append(Issue(place, f"{short_repr(value)} is not {wanted}"))
     return read
 
 
@@ -174,7 +174,7 @@ def times(t: Any, found: list[Issue]) -> Array:
     return values
 
 
-@checked
+@check_arguments
 @dataclass(frozen=True, slots=True, eq=False)
 class ManyFits[T](Value):
     """`kind`: ends the name of its folder."""

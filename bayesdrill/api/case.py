@@ -15,7 +15,7 @@ from bayesdrill.api import arguments
 from bayesdrill.basics.arrays import Array
 from bayesdrill.basics.errors import InputError, Issue
 from bayesdrill.basics.progress import SILENT, Reporter
-from bayesdrill.basics.values import Value, alike, checked
+from bayesdrill.basics.values import Value, check_arguments, equal_content
 from bayesdrill.config import job
 from bayesdrill.config.job import Job, prepare
 from bayesdrill.record.experiment import raise_if_any
@@ -69,7 +69,7 @@ class Input(Value):
     lag: float | Mapping[str, Any] | None = None
 
 
-@checked
+@check_arguments
 @dataclass(frozen=True, eq=False, repr=False)
 class Case(Value):
     """From `load` or `case`.  `columns`: the record, `(T,)` each, where it is in no file."""
@@ -210,20 +210,20 @@ class Case(Value):
 
         if not isinstance(best, Best):
             raise InputError.one("best", f"give what find_map found, not {type(best).__name__}")
-        if not alike(best.job.problem.posterior, self.job.problem.posterior):
+        if not equal_content(best.job.problem.posterior, self.job.problem.posterior):
             raise InputError.one(
                 "best", "this is the maximum of another case; find that of this one"
             )
         return best.mode
 
 
-@checked
+@check_arguments
 def load(path: str | Path) -> Case:
     """The case of a YAML config; raises `InputError` with all that is wrong with it."""
     return Case(prepare(Path(path).expanduser()))
 
 
-@checked
+@check_arguments
 def case(
     t: ArrayLike,
     channels: Annotated[Mapping[str, Channel], CHANNELS],

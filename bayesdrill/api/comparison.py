@@ -13,9 +13,9 @@ from bayesdrill.api import run as single
 from bayesdrill.api.arguments import ManyFits
 from bayesdrill.api.case import load
 from bayesdrill.api.run import for_notebooks
-from bayesdrill.basics.errors import InputError, shown
+from bayesdrill.basics.errors import InputError, short_repr
 from bayesdrill.basics.progress import Reporter
-from bayesdrill.basics.values import Value, checked
+from bayesdrill.basics.values import Value, check_arguments
 from bayesdrill.config.job import Job
 from bayesdrill.report.comparison_report import ComparisonReport
 from bayesdrill.report.section import as_markdown
@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 MOST = 9  # models that a ladder samples
 
 
-@checked
+@check_arguments
 @dataclass(frozen=True, slots=True, eq=False)
 class Ladder(ManyFits["Outcome"]):
     """The config as given, and what may be missing from it: candidates ranked at their maxima, of which
@@ -53,15 +53,15 @@ class Ladder(ManyFits["Outcome"]):
         return ladder.ladder(self.job, place, how, crew, report, self.sample)
 
 
-@checked
+@check_arguments
 def ladder(config: str | Path, *, sample: int = 2) -> Ladder:
     """Of a config and its record; raises `InputError` with all that is wrong with them."""
     if not 2 <= sample <= MOST:
-        raise InputError.one("sample", f"{shown(sample)} is no whole number from 2 to {MOST}")
+        raise InputError.one("sample", f"{short_repr(sample)} is no whole number from 2 to {MOST}")
     return Ladder(load(Path(config).expanduser()).job, sample)
 
 
-@checked
+@check_arguments
 @dataclass(frozen=True, eq=False, repr=False)
 class Comparison(Value):
     """What several runs say of their unknowns, side by side; of models of one record, which is the more
@@ -151,7 +151,7 @@ class Comparison(Value):
 Overlay = Comparison
 
 
-@checked
+@check_arguments
 def overlay(
     runs: Sequence[single.Run | str | Path], names: Sequence[str] | None = None
 ) -> Comparison:
@@ -162,7 +162,7 @@ def overlay(
     return _compared("overlay", runs, names)
 
 
-@checked
+@check_arguments
 def compare(
     runs: Sequence[single.Run | str | Path], names: Sequence[str] | None = None
 ) -> Comparison:
@@ -191,7 +191,7 @@ def _compared(
     return Comparison(comparison.report(comparison.FORMS[form], named), tuple(places))
 
 
-@checked
+@check_arguments
 def check_place(
     form: str,
     folders: Sequence[str | Path],

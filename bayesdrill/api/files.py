@@ -15,10 +15,10 @@ from bayesdrill import output_files
 from bayesdrill.api import arguments
 from bayesdrill.api.arguments import ManyFits
 from bayesdrill.basics import software as citing
-from bayesdrill.basics.errors import InputError, Issue, of_each
+from bayesdrill.basics.errors import InputError, Issue, collect_each
 from bayesdrill.basics.progress import SILENT, Reporter
 from bayesdrill.basics.software import Citation
-from bayesdrill.basics.values import checked
+from bayesdrill.basics.values import check_arguments
 
 if TYPE_CHECKING:
     from bayesdrill.drafting.draft import Guess
@@ -77,7 +77,7 @@ class Example:
     __repr__ = __str__
 
 
-@checked
+@check_arguments
 def example(folder: str | Path = "configs") -> Example:
     """Writes the bundled configs and records into a folder, and overwrites nothing.
 
@@ -93,7 +93,7 @@ def example(folder: str | Path = "configs") -> Example:
     return Example(place, tuple(contents))
 
 
-@checked
+@check_arguments
 def citation(folder: str | Path | None = None) -> Citation:
     """How to cite what is installed, or what the run in `folder` was made with.
 
@@ -110,7 +110,7 @@ def citation(folder: str | Path | None = None) -> Citation:
     return citing.citation(made_with)
 
 
-@checked
+@check_arguments
 def init(
     record: str | Path | Sequence[str | Path],
     output: str | Path | None = None,
@@ -154,7 +154,7 @@ def init(
         gear=gear,
         voltage=voltage,
         rate=rate or 0.0,
-        columns=tuple(of_each(lambda text: named_column(text, files), columns)),
+        columns=tuple(collect_each(lambda text: named_column(text, files), columns)),
     )
     beside = records[0].with_suffix(".yaml")
     if len(records) > 1:
@@ -184,7 +184,7 @@ class Simulated:
         return sum(self.files.values())
 
 
-@checked
+@check_arguments
 def simulate(
     config: str | Path,
     output: str | Path | None = None,
@@ -221,7 +221,7 @@ def simulate(
     return Simulated(files)
 
 
-@checked
+@check_arguments
 def publish(
     folder: str | Path,
     output: str | Path | None = None,
@@ -246,7 +246,7 @@ def publish(
     return pipeline.republish(place, workers, report or SILENT)
 
 
-@checked
+@check_arguments
 def verify(folder: str | Path) -> Verified:
     """Whether config, record, tables and figures of a run still belong together.
 
@@ -257,7 +257,7 @@ def verify(folder: str | Path) -> Verified:
     return verifying.verify(Path(folder).expanduser())
 
 
-@checked
+@check_arguments
 class Calibration(ManyFits["Calibrated"]):
     """Refits of simulated records, which say whether a posterior is as wide as it claims."""
 
@@ -269,7 +269,7 @@ class Calibration(ManyFits["Calibrated"]):
         return calibrate.calibrate(self.job, place, how, crew, report)
 
 
-@checked
+@check_arguments
 def calibration(config: str | Path) -> Calibration:
     """Of a config, whose record need not be there yet where `simulation:` gives its times.
 
@@ -280,7 +280,7 @@ def calibration(config: str | Path) -> Calibration:
     return Calibration(prepare(Path(config).expanduser()))
 
 
-@checked
+@check_arguments
 def schema(of: str = "config") -> str:
     """The JSON schema of configs or, `of` a `run`, of the `run.json` that a posterior leaves."""
     from bayesdrill.config.schema.config import json_schema
@@ -290,7 +290,7 @@ def schema(of: str = "config") -> str:
     return arguments.known(every, of, "of", "schema")()
 
 
-@checked
+@check_arguments
 def cache(*, clear: bool = False) -> str:
     """Where compiled kernels are kept, and how much of them; `clear` removes them all first.
 

@@ -11,26 +11,26 @@ from numpy.typing import ArrayLike
 from bayesdrill.api import arguments
 from bayesdrill.basics import symbols
 from bayesdrill.basics.arrays import Array
-from bayesdrill.basics.errors import InputError, Issue, did_you_mean, shown
+from bayesdrill.basics.errors import InputError, Issue, did_you_mean, short_repr
 from bayesdrill.basics.formulas import linear_combination
-from bayesdrill.basics.values import checked
+from bayesdrill.basics.values import check_arguments
 from bayesdrill.inference import step_error
 from bayesdrill.record.experiment import Channel, Experiment, frozen, raise_if_any
 from bayesdrill.rig import models
-from bayesdrill.rig.models.linear import Model, in_vain, lacking, with_named
+from bayesdrill.rig.models.linear import Model, missing_requirements, requirement_text, with_named
 from bayesdrill.rig.simulators import simulator
-from bayesdrill.rig.simulators.sensors import Sensing
+from bayesdrill.rig.simulators.sensors import ObservationModel
 
 NUMBERS = "a number for each name"
 
 
-@checked
+@check_arguments
 def nominal(table: str = symbols.DEFAULT_NOMINAL) -> dict[str, float]:
     """The paper's values of all parameters, SI; raises `InputError` for a table it has not."""
     return dict(arguments.known(symbols.NOMINAL, table, "nominal", "nominal table").values)
 
 
-@checked
+@check_arguments
 def respond(
     rig: str | Model,
     parameters: Annotated[Mapping[str, float], NUMBERS],
@@ -50,7 +50,10 @@ def respond(
     """
     own, found = arguments.rig(rig), list[Issue]()
     own = with_named(own, parameters)
-    found += [Issue(f"parameters.{n}", in_vain(n, of)) for n, of in lacking(own).items()]
+    found += [
+        Issue(f"parameters.{n}", requirement_text(n, of))
+        for n, of in missing_requirements(own).items()
+    ]
     signals = [signals] if isinstance(signals, str) else signals
     times = arguments.times(t, found)
     values = _numbers(own.parameters, parameters, "parameters", found)
@@ -84,7 +87,7 @@ def respond(
         t_start=float(times[0]) if series else min(0.0, float(times[0])),
     )
     theta = np.array([[values[name] for name in own.parameters]])
-    response = simulator(own, experiment, Sensing(), step_error.MOST).signals(theta)[0]
+    response = simulator(own, experiment, ObservationModel(), step_error.MOST).signals(theta)[0]
     return {name: response[:, k] for k, name in enumerate(signals)}
 
 
@@ -99,9 +102,9 @@ def _numbers(
         positive = symbol is not None and symbol.held == "positive"
         read[name] = arguments.number(f"{place}.{name}", values[name], found, positive=positive)
         if symbol is not None and symbol.held == "not negative" and read[name] < 0:
-            found.append(Issue(f"{place}.{name}", f"{shown(values[name])} is negative"))
+            found.append(Issue(f"{place}.{name}", f"{short_repr(values[name])} is negative"))
         if symbol is not None and read[name] > symbol.at_most:
-            message = f"{shown(values[name])} is more than {symbol.at_most:g}"
+            message = f"{short_repr(values[name])} is more than {symbol.at_most:g}"
             found.append(Issue(f"{place}.{name}", message))
     return read
 

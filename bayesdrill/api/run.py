@@ -17,9 +17,9 @@ from bayesdrill.analysis.run_analysis import RunAnalysis
 from bayesdrill.analysis.verdict import Verdict
 from bayesdrill.api import arguments
 from bayesdrill.basics.arrays import Array
-from bayesdrill.basics.errors import InputError, shown
+from bayesdrill.basics.errors import InputError, short_repr
 from bayesdrill.basics.progress import SILENT, Reporter
-from bayesdrill.basics.values import Value, checked
+from bayesdrill.basics.values import Value, check_arguments
 from bayesdrill.config import job
 from bayesdrill.config.job import Job
 from bayesdrill.report import section, words
@@ -61,11 +61,11 @@ def _drawn(every: Sequence[Drawing], part: int, count: str, warning: str) -> Fig
     from bayesdrill.report.style import warned  # late: matplotlib takes a second
 
     if not 1 <= part <= len(every):
-        raise InputError.one("part", f"{shown(part)} given, and {count}")
+        raise InputError.one("part", f"{short_repr(part)} given, and {count}")
     return for_notebooks(warned(every[part - 1].drawn(), warning))
 
 
-@checked
+@check_arguments
 @dataclass(frozen=True, eq=False)
 class Best(Value):
     """The maximum of the posterior (MAP) that searches found.
@@ -132,7 +132,7 @@ class Best(Value):
     __repr__ = __str__
 
 
-@checked
+@check_arguments
 @dataclass(frozen=True, eq=False, repr=False)
 class Candidates(Value):
     """Models of a record beside the config as given, the most probable first; none where it fits.
@@ -150,7 +150,7 @@ class Candidates(Value):
     __repr__ = __str__
 
 
-@checked
+@check_arguments
 @dataclass(frozen=True, eq=False, repr=False)
 class Run(SampledRun):
     """A sampled posterior: draws, what they say, and figures of them.
@@ -233,7 +233,7 @@ class Run(SampledRun):
     __repr__ = __str__
 
 
-@checked
+@check_arguments
 @dataclass(frozen=True, eq=False)
 class Judged(Value):
     """`verdict`: None where no unknown has a nominal value to be compared with."""
@@ -273,7 +273,7 @@ def _as_record(columns: Mapping[str, Array] | None) -> str | None:
     return None if columns is None else job.arrays_as_csv(columns)
 
 
-@checked
+@check_arguments
 def open(folder: str | Path) -> Run:
     """The run that `save` or `bayesdrill posterior` left; raises `InputError` where there is none."""
     found = pipeline.read_result(Path(folder).expanduser())

@@ -1,5 +1,4 @@
-"""Tools for every room: errors, registries, symbols, units, formulas, dual numbers, random
-streams.
+"""Tools for every room: errors, registries, symbols, units, formulas, dual numbers, random streams.
 
 Nothing here reads or writes a file, draws a figure, or knows a command. What the rest of the
 package writes to disk goes through `output_files`, one floor up.
@@ -9,7 +8,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from bayesdrill.basics.registry import late
+from bayesdrill.basics.registry import lazy_attributes
 
 if TYPE_CHECKING:
     from bayesdrill.basics.arrays import Array as Array
@@ -27,4 +26,4 @@ if TYPE_CHECKING:
     from bayesdrill.basics.symbols import Symbol as Symbol
     from bayesdrill.basics.symbols import own_symbol as own_symbol
 
-__getattr__ = late(__name__)
+__getattr__ = lazy_attributes(__name__)

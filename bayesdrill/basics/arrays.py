@@ -1,4 +1,4 @@
-"""What arrays are called everywhere: of numbers, of yes and no, of indices, of counts."""
+"""Names for types of arrays: of numbers, of yes and no, of indices, of counts."""
 
 from __future__ import annotations
 

@@ -1,9 +1,8 @@
-"""Dual numbers, which carry exact derivatives along, and the functions that formulas apply to
-numbers of any kind.
+"""Dual numbers, which carry exact derivatives along, and functions for numbers of any kind.
 
-What formulas want beside + - * /, for numbers of any kind: arrays, duals, registers of a kernel.
-
-A kind of its own is a `Number`, and its masks are `Choice`s; all others are NumPy's.
+Formulas use these functions beside + - * /: for arrays, duals, and registers of a kernel.  A kind
+of number that computes them by itself is a `Number`, and its masks are `Choice`s; all others are
+NumPy's.
 """
 
 from __future__ import annotations
@@ -63,84 +62,100 @@ class Dual:
         return result
 
     def sqrt(self) -> Dual:
+        """Return the square root."""
         return self**0.5
 
     def exp(self) -> Dual:
+        """Return the exponential."""
         value = exp(self.value)
         return Dual(value, value * self.slope)
 
     def log(self) -> Dual:
+        """Return the natural logarithm."""
         return Dual(np.log(self.value), self.slope / self.value)
 
 
 def dual(number: Any) -> Dual:
-    """A plain number has no slope."""
+    """Return a number as a `Dual`; a plain one has no slope."""
     return number if isinstance(number, Dual) else Dual(number, 0.0)
 
 
 class Number(ABC):
-    """Of a kind that does by itself what is asked here."""
+    """A number of a kind that computes these functions by itself."""
 
     __slots__ = ()
 
     @abstractmethod
-    def exp(self) -> Any: ...
+    def exp(self) -> Any:
+        """Return the exponential."""
+        ...
 
     @abstractmethod
-    def size(self) -> Any: ...
+    def size(self) -> Any:
+        """Return the absolute value."""
+        ...
 
     @abstractmethod
-    def signed(self, like: Any) -> Any: ...
+    def signed(self, like: Any) -> Any:
+        """Return it with the sign of `like`."""
+        ...
 
     @abstractmethod
-    def below(self, other: Any) -> Choice: ...
+    def below(self, other: Any) -> Choice:
+        """Tell where it is less than `other`."""
+        ...
 
     @abstractmethod
-    def above(self, other: Any) -> Choice: ...
+    def above(self, other: Any) -> Choice:
+        """Tell where it is greater than `other`."""
+        ...
 
 
 class Choice(ABC):
-    """What comparing such numbers gives."""
+    """What a comparison of such numbers returns."""
 
     __slots__ = ()
 
     @abstractmethod
-    def chosen(self, yes: Any, no: Any) -> Any: ...
+    def chosen(self, yes: Any, no: Any) -> Any:
+        """Select `yes` where it is true, `no` elsewhere."""
+        ...
 
 
 def exp(number: Any) -> Any:
+    """Return the exponential of a number of any kind."""
     return number.exp() if isinstance(number, Dual | Number) else np.exp(number)
 
 
-def below(left: Any, right: Any) -> Any:
-    """Where `left < right`, by values: for `where`."""
-    if isinstance(left, Dual) or isinstance(right, Dual):
-        return below(dual(left).value, dual(right).value)
-    if isinstance(left, Number):
-        return left.below(right)
-    return right.above(left) if isinstance(right, Number) else np.less(left, right)
+def below(lower: Any, upper: Any) -> Any:
+    """Tell where `lower < upper`, by values, in a form that `where` takes."""
+    if isinstance(lower, Dual) or isinstance(upper, Dual):
+        return below(dual(lower).value, dual(upper).value)
+    if isinstance(lower, Number):
+        return lower.below(upper)
+    return upper.above(lower) if isinstance(upper, Number) else np.less(lower, upper)
 
 
 def where(mask: Any, yes: Any, no: Any) -> Any:
-    """`yes` or `no`, each with its slope."""
+    """Select `yes` or `no`, each with its slope."""
     if isinstance(yes, Dual) or isinstance(no, Dual):
-        one, other = dual(yes), dual(no)
+        first, second = dual(yes), dual(no)
         return Dual(
-            where(mask, one.value, other.value),
-            where(mask, one.slope, other.slope),
+            where(mask, first.value, second.value),
+            where(mask, first.slope, second.slope),
         )
     return mask.chosen(yes, no) if isinstance(mask, Choice) else np.where(mask, yes, no)
 
 
 def size(number: Any) -> Any:
-    """Its absolute value; its slope at zero is that from above."""
+    """Return the absolute value; its slope at zero is that from above."""
     if isinstance(number, Number):
         return number.size()
     return where(below(number, 0.0), -number, number)
 
 
 def signed(number: Any, like: Any) -> Any:
-    """What is not negative, with the sign of another."""
+    """Return a number that is not negative, with the sign of another."""
     if isinstance(number, Number) and not isinstance(like, Dual):
         return number.signed(like)
     return where(below(like, 0.0), -number, number)

@@ -1,4 +1,4 @@
-"""What may stand in a config: numbers with their bounds, and the entries that a chosen member brings.
+"""What may stand in a config: numbers with their bounds, and the entries that a member brings.
 
 A member of a registry (a rig, a noise, a way to search) is a dataclass, and each of its fields that
 is `Annotated` is an entry of the config: `i_m: Positive = 0.125`.
@@ -17,27 +17,32 @@ from pydantic.fields import FieldInfo
 
 
 class Strict(BaseModel):
+    """A part of a config: unknown keys, and values of other types, are errors."""
+
     model_config = ConfigDict(extra="forbid", strict=True, frozen=True, allow_inf_nan=False)
 
 
 # Of any number in a config.  No rig has others, and their squares and ratios stay finite.
 SMALLEST, LARGEST = 1e-30, 1e30
-MOST = 1_000_000  # of anything that is counted
+MAX_COUNT = 1_000_000  # of anything that is counted
 
 Number = Annotated[float, Field(ge=-LARGEST, le=LARGEST)]
 Positive = Annotated[float, Field(ge=SMALLEST, le=LARGEST)]
 NonNegative = Annotated[float, Field(ge=0, le=LARGEST)]
-Count = Annotated[int, Field(ge=1, le=MOST)]
+Count = Annotated[int, Field(ge=1, le=MAX_COUNT)]
 Latex = Annotated[str, Field(max_length=200)]  # longer, and matplotlib takes for ever
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
 class NoEntries:
-    """Of a member that has nothing to be told."""
+    """A member without entries."""
 
 
 def entries_of(kind: type) -> dict[str, Any]:
-    """What may stand at each entry of a member, as pydantic takes it; raises `ValueError`."""
+    """Return the type of each entry of a member, as pydantic takes it.
+
+    Raises `ValueError` where the member is no dataclass.
+    """
     if not dataclasses.is_dataclass(kind):
         raise ValueError(f"{getattr(kind, '__name__', kind)} is no dataclass")
     hints = typing.get_type_hints(kind, include_extras=True)
@@ -46,13 +51,13 @@ def entries_of(kind: type) -> dict[str, Any]:
 
 
 def check_entries(kind: type) -> None:
-    """Raises where the entries of what another package brings can stand in no config."""
+    """Raise an error where the entries of another package's member can stand in no config."""
     fields: dict[str, Any] = {name: (hint, ...) for name, hint in entries_of(kind).items()}
     create_model("Entries", __base__=Strict, **fields)
 
 
 def _annotated(hint: Any) -> bool:
-    """Or, where it may be left out, without that."""
+    """Tell whether a type is annotated, or is where None is left out."""
     return typing.get_origin(hint) is Annotated or any(map(_annotated, _choices(hint)))
 
 
@@ -62,57 +67,67 @@ def _choices(hint: Any) -> tuple[Any, ...]:
 
 
 def _about(hint: Any) -> str:
-    told = [
-        one.description for one in getattr(hint, "__metadata__", ()) if isinstance(one, FieldInfo)
+    descriptions = [
+        metadata.description
+        for metadata in getattr(hint, "__metadata__", ())
+        if isinstance(metadata, FieldInfo)
     ]
-    inner = [_about(one) for one in _choices(hint)]
-    return next((text for text in (*reversed(told), *inner) if text), "").rstrip(".")
+    inner = [_about(choice) for choice in _choices(hint)]
+    return next((text for text in (*reversed(descriptions), *inner) if text), "").rstrip(".")
 
 
-def chosen[B: Strict](name: str, base: type[B], key: str, members: Mapping[str, type]) -> type[B]:
-    """`base`, whose entry `key` names a member, and the entries of all members, each optional."""
-    own = base.model_fields[key]
-    named = Field(own.default, description=own.description, json_schema_extra={"enum": [*members]})
-    fields: dict[str, Any] = {key: (own.annotation, named)}
-    for entry, having in who_has(members).items():
+def member_section[B: Strict](
+    name: str, base: type[B], key: str, members: Mapping[str, type]
+) -> type[B]:
+    """Return `base` with the entries of all members, each optional; its entry `key` names a member."""
+    key_field = base.model_fields[key]
+    named = Field(
+        key_field.default, description=key_field.description, json_schema_extra={"enum": [*members]}
+    )
+    fields: dict[str, Any] = {key: (key_field.annotation, named)}
+    for entry, having in members_by_entry(members).items():
         if entry in base.model_fields:  # of a package of others, and taken
             continue
         kind = members[having[0]]
         hint = entries_of(kind)[entry]
-        (usual,) = (one.default for one in dataclasses.fields(kind) if one.name == entry)
-        default_ = "" if usual in (None, dataclasses.MISSING) else f"; default: {usual}"
-        said = f"{', '.join(having)}: {_about(hint)}{default_}."
-        fields[entry] = (hint | None, Field(None, description=said))
+        (default,) = (
+            member_field.default
+            for member_field in dataclasses.fields(kind)
+            if member_field.name == entry
+        )
+        default_ = "" if default in (None, dataclasses.MISSING) else f"; default: {default}"
+        description = f"{', '.join(having)}: {_about(hint)}{default_}."
+        fields[entry] = (hint | None, Field(None, description=description))
     where = base.__module__  # which has it by this name, so that its records can be pickled
     return create_model(name, __base__=base, __doc__=base.__doc__, __module__=where, **fields)
 
 
-def who_has(members: Mapping[str, type]) -> dict[str, list[str]]:
-    """Names of the members that have each entry."""
-    found: dict[str, list[str]] = {}
+def members_by_entry(members: Mapping[str, type]) -> dict[str, list[str]]:
+    """Return the names of the members that have each entry."""
+    holders: dict[str, list[str]] = {}
     for name, kind in members.items():
         for entry in entries_of(kind):
-            found.setdefault(entry, []).append(name)
-    return found
+            holders.setdefault(entry, []).append(name)
+    return holders
 
 
-def made[T](kind: type[T], section: Strict) -> T:
-    """The member with what its section gives; else its defaults."""
+def build_member[T](kind: type[T], section: Strict) -> T:
+    """Build the member from what its section gives, and else from its defaults."""
     given = {entry: getattr(section, entry) for entry in entries_of(kind)}
     return kind(**{entry: value for entry, value in given.items() if value is not None})
 
 
-def strange(
+def unknown_keys(
     choice: tuple[str, str], members: Mapping[str, type], kind: type, section: Strict
 ) -> dict[str, str]:
-    """Entries that are given and mean nothing to `kind`, and what to do about each.
+    """Return entries that are given and mean nothing to `kind`, and what to do about each.
 
     `choice`: the entry that names a member, and what a member is called.
     """
-    (key, what), own = choice, entries_of(kind)
+    (key, what), known = choice, entries_of(kind)
     name = getattr(section, key)
     return {
         entry: f"the {what} {name} has no {entry}; remove it, or {key}: {' or '.join(having)}"
-        for entry, having in who_has(members).items()
-        if entry not in own and getattr(section, entry) is not None
+        for entry, having in members_by_entry(members).items()
+        if entry not in known and getattr(section, entry) is not None
     }

@@ -1,4 +1,4 @@
-"""What can go wrong at the border, said so that a user can mend it."""
+"""Errors at the border, with messages from which a user can mend the input."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from concurrent.futures import BrokenExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 
-LONGEST = 60  # letters of a value in a message
+MAX_VALUE_LETTERS = 60  # letters of a value in a message
 
 
 @dataclass(frozen=True, slots=True)
@@ -24,7 +24,7 @@ class Issue:
 
 
 class InputError(Exception):
-    """The input is wrong: every problem found, at once. The command line exits with status 2."""
+    """The input is wrong: every problem, at once. The command line exits with status 2."""
 
     def __init__(self, problems: Sequence[Issue]) -> None:
         self.problems = tuple(problems)
@@ -35,18 +35,22 @@ class InputError(Exception):
 
     @classmethod
     def one(cls, place: str, message: str) -> InputError:
+        """Build the error of a single problem."""
         return cls([Issue(place, message)])
 
 
 @dataclass(frozen=True, slots=True)
-class Sparing:
-    """`missing`: what could not be made, and why."""
+class ErrorCollector:
+    """Collects what could not be made, and why, in `missing`, and goes on."""
 
     missing: list[str] = field(default_factory=list)
 
     @contextmanager
     def making(self, what: str) -> Iterator[None]:
-        """Notes what goes wrong inside; a full disk or a killed worker is no matter of `what`."""
+        """Note what goes wrong inside.
+
+        A full disk or a killed worker is raised, as it is no matter of `what`.
+        """
         try:
             yield
         except (OSError, MemoryError, BrokenExecutor):
@@ -56,22 +60,25 @@ class Sparing:
             self.missing.append(f"{what} ({type(error).__name__}: {first})")
 
 
-def of_each[T, S](do: Callable[[T], S], those: Iterable[T]) -> list[S]:
-    """What `do` makes of each; raises `InputError` with all that is wrong with any, a mistake once."""
-    found: list[S] = []
+def collect_each[T, S](do: Callable[[T], S], those: Iterable[T]) -> list[S]:
+    """Return what `do` makes of each item.
+
+    Raises `InputError` with all that is wrong with any, each mistake once.
+    """
+    results: list[S] = []
     problems: list[Issue] = []
-    for one in those:
+    for item in those:
         try:
-            found.append(do(one))
+            results.append(do(item))
         except InputError as error:
             problems += error.problems
     if problems:
         raise InputError(list(dict.fromkeys(problems)))
-    return found
+    return results
 
 
-def shown(value: object) -> str:
-    """As a message has it: in one short line, whatever it is."""
+def short_repr(value: object) -> str:
+    """Return a value as a message shows it: in one short line, whatever it is."""
     try:
         text = " ".join(repr(value).split())
     except Exception:  # whole numbers of thousands of digits, and objects of others
@@ -79,8 +86,8 @@ def shown(value: object) -> str:
     return shortened(text)
 
 
-def shortened(text: str, most: int = LONGEST) -> str:
-    """Its first letters, where it has more than `most`."""
+def shortened(text: str, most: int = MAX_VALUE_LETTERS) -> str:
+    """Return a text, or its first letters where it has more than `most`."""
     return text if len(text) <= most else f"{text[: most - 3]}..."
 
 
@@ -93,7 +100,7 @@ class Interrupted(Exception):
 
 
 def short_of_memory(error: BaseException | None) -> bool:
-    """Whether there was no room: for numbers, or for a library, of which the loader says it so."""
+    """Tell whether there was no room: for numbers, or for a library, as its loader says."""
     if error is None:
         return False
     unloaded = isinstance(error, ImportError | OSError) and "failed to map" in str(error)
@@ -102,7 +109,7 @@ def short_of_memory(error: BaseException | None) -> bool:
 
 
 def did_you_mean(word: str, known: Iterable[str]) -> str:
-    """`; did you mean X?` or, when nothing is near, `; known: A, B, ...`."""
+    """Return `; did you mean X?` or, when nothing is near, `; known: A, B, ...`."""
     names = list(known)
     folded = {name.casefold(): name for name in names}
     near = difflib.get_close_matches(word.casefold(), folded, n=1, cutoff=0.6)
@@ -112,12 +119,15 @@ def did_you_mean(word: str, known: Iterable[str]) -> str:
 
 
 def printable(text: str) -> str:
-    """Lines of `text` with a blank for each letter that is not printed, but that a terminal may obey;
-    half characters, of names that are not UTF-8, are written out.
+    """Return lines of `text` with a blank for each letter that a terminal may obey.
+
+    Half characters, of names that are not UTF-8, are written out.
     """
-    return "".join(one if one.isprintable() or one == "\n" else " " for one in encodable(text))
+    return "".join(
+        letter if letter.isprintable() or letter == "\n" else " " for letter in encodable(text)
+    )
 
 
 def encodable(text: str) -> str:
-    """As Python writes half a character, as it stands in the name of a file that is not UTF-8."""
+    """Write half characters, as in names of files that are not UTF-8, as Python does."""
     return text.encode("utf-8", "backslashreplace").decode("utf-8")

@@ -1,7 +1,7 @@
-"""Formulas of quantities written as text, such as `pi*G*d**4/(32*L)`, and linear combinations such
-as `theta_1 - theta_2`: read, never run.
+"""Formulas and linear combinations that are written as text: read, never run.
 
-What may stand in one: numbers, names, `+ - * / **`, `pi`, `sqrt`, `exp`, `log`.
+A formula is such as `pi*G*d**4/(32*L)`, a combination such as `theta_1 - theta_2`.  What may stand
+in one: numbers, names, `+ - * / **`, `pi`, `sqrt`, `exp`, `log`.
 """
 
 from __future__ import annotations
@@ -22,8 +22,8 @@ from bayesdrill.basics.errors import did_you_mean, shortened
 FUNCTIONS: Mapping[str, Callable[[Any], Any]] = MappingProxyType(
     {"sqrt": np.sqrt, "exp": np.exp, "log": np.log}
 )
-LONGEST = 1000  # numbers, names and operations
-DEEPEST = 100  # operations inside each other; a sum of n terms has n - 1
+MAX_TERMS = 1000  # numbers, names and operations
+MAX_DEPTH = 100  # operations inside each other; a sum of n terms has n - 1
 RESERVED = frozenset({"pi", *FUNCTIONS})
 
 _OPERATORS: Mapping[type[ast.operator], Callable[[Any, Any], Any]] = MappingProxyType(
@@ -45,17 +45,17 @@ class Expression:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Of the quantities in it, in the order in which they stand."""
+        """Names of the quantities in it, in the order in which they stand."""
         functions = {id(node.func) for node in ast.walk(self.tree) if isinstance(node, ast.Call)}
-        found = [
+        names = [
             node.id
             for node in ast.walk(self.tree)
             if isinstance(node, ast.Name) and id(node) not in functions and node.id != "pi"
         ]
-        return tuple(dict.fromkeys(found))
+        return tuple(dict.fromkeys(names))
 
     def value(self, named: Mapping[str, Any]) -> Any:
-        """At numbers, arrays of one shape, or `models.tangent.Dual`; inf or NaN where undefined."""
+        """Evaluate it at numbers, arrays of one shape, or `duals.Dual`; inf or NaN where undefined."""
         with np.errstate(all="ignore"):
             return _value(self.tree, named)
 
@@ -63,12 +63,15 @@ class Expression:
     def positive(self) -> bool:
         """Whether it surely is, where all unknowns are positive: a product of powers.
 
-        A sum may not be, as a number that is held can be negative.
+        A sum may not be, as a number that is fixed can be negative.
         """
         return _is_positive(self.tree)
 
     def substituted(self, others: Mapping[str, Expression]) -> Expression:
-        """With the names of `others` replaced by what they are; raises `ValueError` if that is long."""
+        """Return it with the names of `others` replaced by what they are.
+
+        Raises `ValueError` where that is too long.
+        """
 
         class Substitution(ast.NodeTransformer):
             def visit_Name(self, node: ast.Name) -> ast.expr:
@@ -80,7 +83,7 @@ class Expression:
 
 
 def expression(text: str, known: Iterable[str]) -> Expression:
-    """Of the `known` names; raises `ValueError` with a message for the user."""
+    """Read a formula of the `known` names; raises `ValueError` with a message for the user."""
     names = list(known)
 
     def check(tree: ast.expr) -> None:
@@ -93,7 +96,7 @@ def expression(text: str, known: Iterable[str]) -> Expression:
 
 
 def _parsed[T](text: str, read: Callable[[ast.expr], T], example: str) -> tuple[ast.expr, T]:
-    """The formula, and what is `read` of it; an `example` is shown where it is none."""
+    """Return the tree, and what is `read` of it; an `example` is shown where it is no formula."""
     try:
         tree = ast.parse(text.strip(), mode="eval").body
         return tree, read(tree)
@@ -103,15 +106,15 @@ def _parsed[T](text: str, read: Callable[[ast.expr], T], example: str) -> tuple[
 
 
 class RelationError(ValueError):
-    """Of the relation of `name`, together with others."""
+    """An error in the relation of `name`, together with others."""
 
     def __init__(self, name: str, message: str) -> None:
         super().__init__(message)
         self.name = name
 
 
-def resolved(relations: Mapping[str, Expression]) -> dict[str, Expression]:
-    """Relations in names that have none themselves; raises `RelationError`."""
+def resolve_relations(relations: Mapping[str, Expression]) -> dict[str, Expression]:
+    """Return relations in names that have none themselves; raises `RelationError`."""
     done: dict[str, Expression] = {}
 
     def resolve(name: str, path: tuple[str, ...]) -> Expression:
@@ -133,14 +136,14 @@ def resolved(relations: Mapping[str, Expression]) -> dict[str, Expression]:
 
 
 def _check_size(tree: ast.expr) -> None:
-    """Before anything goes down a tree, or on through one that others are put into."""
+    """Check the size before anything goes down a tree, or on through one that others are put into."""
     depth, level, count = 0, [tree], 0
     while level:
         depth, count = depth + 1, count + len(level)
-        if depth > DEEPEST or count > LONGEST:
+        if depth > MAX_DEPTH or count > MAX_TERMS:
             raise ValueError(
-                f"this formula has more than {DEEPEST} terms or {LONGEST} numbers and names, those of "
-                "the formulas that it names among them; write a shorter one"
+                f"this formula has more than {MAX_DEPTH} terms or {MAX_TERMS} numbers and names, "
+                "those of the formulas that it names among them; write a shorter one"
             )
         level = [
             inner
@@ -201,8 +204,8 @@ def _value(node: ast.expr, named: Mapping[str, Any]) -> Any:
         case ast.Call(func=ast.Name(id=name), args=[argument]):
             inner = _value(argument, named)
             # Numbers with a derivative bring their own functions.
-            own = getattr(inner, name, None)
-            return FUNCTIONS[name](inner) if own is None else own()
+            method = getattr(inner, name, None)
+            return FUNCTIONS[name](inner) if method is None else method()
     raise AssertionError(ast.dump(node))
 
 
@@ -212,7 +215,7 @@ def _power(node: ast.expr) -> int | float:
 
 
 def _is_positive(node: ast.expr) -> bool:
-    """What names nothing is computed; of the rest a product of powers is known by its form."""
+    """Compute what names nothing; of the rest know a product of powers by its form."""
     with suppress(KeyError), np.errstate(all="ignore"):
         return bool(0 < _value(node, {}) < math.inf)
     match node:
@@ -232,7 +235,7 @@ def _short(text: str) -> str:
 
 
 def linear_combination(text: str, known: Iterable[str]) -> dict[str, float]:
-    """Weights of the `known` names; raises `ValueError` with a message for the user."""
+    """Return the weights of the `known` names; raises `ValueError` with a message for the user."""
     names = list(known)
     shown = _short(text)
     _, weights = _parsed(text, lambda tree: _weights(tree, names), "theta_1 - theta_2")
@@ -249,7 +252,7 @@ def linear_combination(text: str, known: Iterable[str]) -> dict[str, float]:
 
 
 def _weights(node: ast.expr, known: list[str]) -> dict[str, float]:
-    """Weights by name; the name '' holds the constant."""
+    """Return weights by name; the name '' has the constant."""
     match node:
         case ast.Constant(value=int() | float() as value) if not isinstance(value, bool):
             return {"": float(value)}

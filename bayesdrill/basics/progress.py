@@ -1,4 +1,4 @@
-"""What long work tells while it runs: a bar on a terminal, a line now and then in a file."""
+"""Reports of progress: a bar on a terminal, a line now and then in a file."""
 
 from __future__ import annotations
 
@@ -15,20 +15,26 @@ from bayesdrill.basics.errors import printable
 
 @runtime_checkable
 class Reporter(Protocol):
-    """`say` prints a line; `update` tells how far a stage is and what it knows: 0 begins, 1 ends it."""
+    """Reports the progress of long work."""
 
-    def say(self, text: str) -> None: ...
+    def say(self, text: str) -> None:
+        """Print a line."""
+        ...
 
-    def update(self, fraction: float, text: str) -> None: ...
+    def update(self, fraction: float, text: str) -> None:
+        """Tell how far a stage is and what it knows: 0 begins it, 1 ends it."""
+        ...
 
 
 @dataclass(frozen=True, slots=True)
 class Silent:
+    """A reporter that prints nothing."""
+
     def say(self, text: str) -> None:
-        pass
+        """Do nothing."""
 
     def update(self, fraction: float, text: str) -> None:
-        pass
+        """Do nothing."""
 
 
 SILENT = Silent()
@@ -36,28 +42,30 @@ SILENT = Silent()
 
 @dataclass(slots=True)
 class Lines:
-    """A line for each stage, and one every `every` seconds, with the time left; for files and logs."""
+    """A line for each stage, and one every `interval` seconds; for files and logs."""
 
     stream: TextIO
-    every: float = 10.0
+    interval: float = 10.0
     _begun: float = field(default_factory=time.monotonic)
     _last: float = field(default_factory=time.monotonic)
 
     def say(self, text: str) -> None:
+        """See `Reporter.say`."""
         try:
             print(printable(text), file=self.stream, flush=True)
         except OSError:  # nobody reads on, or a full disk; the work is worth finishing all the same
             os.dup2(os.open(os.devnull, os.O_WRONLY), self.stream.fileno())
 
     def update(self, fraction: float, text: str) -> None:
+        """See `Reporter.update`."""
         now = time.monotonic()
         if fraction <= 0:
             self._begun = self._last = now
             self.say(f"  {text} ...")
-        elif text and now - self._last >= self.every:
+        elif text and now - self._last >= self.interval:
             self._last = now
-            left = _left(now - self._begun, fraction)
-            self.say(f"  {100 * fraction:3.0f} %  {text}{left}")
+            remaining = _time_left(now - self._begun, fraction)
+            self.say(f"  {100 * fraction:3.0f} %  {text}{remaining}")
 
 
 class Bar:
@@ -69,16 +77,18 @@ class Bar:
         self._begun = time.monotonic()
 
     def say(self, text: str) -> None:
+        """See `Reporter.say`."""
         self._console.print(printable(text), highlight=False, markup=False, soft_wrap=True)
 
     def update(self, fraction: float, text: str) -> None:
+        """See `Reporter.update`."""
         if fraction <= 0:
             self._end()
         if self._task is None:
             self._begun = time.monotonic()
             self._task = self._progress.add_task("", total=1.0)
-        left = _left(time.monotonic() - self._begun, fraction)
-        self._progress.update(self._task, completed=fraction, description=f"{text}{left}")
+        remaining = _time_left(time.monotonic() - self._begun, fraction)
+        self._progress.update(self._task, completed=fraction, description=f"{text}{remaining}")
         if fraction >= 1.0:
             self._end()
 
@@ -88,7 +98,7 @@ class Bar:
             self._task = None
 
 
-def _left(elapsed: float, fraction: float) -> str:
+def _time_left(elapsed: float, fraction: float) -> str:
     if fraction <= 0.02 or fraction >= 1:
         return ""
     seconds = elapsed * (1 - fraction) / fraction
@@ -99,7 +109,7 @@ def _left(elapsed: float, fraction: float) -> str:
 
 @contextmanager
 def reporter() -> Iterator[Reporter]:
-    """A bar on a terminal, lines elsewhere, nothing where there is no stderr."""
+    """Yield a bar on a terminal, lines elsewhere, nothing where there is no stderr."""
     if sys.stderr is None:
         yield Silent()
         return

@@ -33,16 +33,17 @@ def _sequence(seed: int, purpose: Purpose, index: int) -> np.random.SeedSequence
 
 
 def stream(seed: int, purpose: Purpose, index: int = 0) -> np.random.Generator:
+    """Return the generator of a purpose."""
     return np.random.default_rng(_sequence(seed, purpose, index))
 
 
 def bits(seed: int, purpose: Purpose, index: int = 0) -> np.random.MT19937:
-    """For streams of NumPy's legacy kind, which emcee and its moves draw from."""
+    """Return a bit generator for NumPy's legacy kind, which emcee and its moves draw from."""
     return np.random.MT19937(_sequence(seed, purpose, index))
 
 
 def legacy_state(seed: int, purpose: Purpose, index: int = 0) -> tuple[Any, ...]:
-    """The state tuple that emcee takes; it ignores anything else without a word."""
+    """Return the state tuple that emcee takes; it ignores anything else without a word."""
     state = np.random.RandomState(bits(seed, purpose, index)).get_state(legacy=True)
     assert isinstance(state, tuple)
     return state

@@ -18,26 +18,31 @@ PACKAGES = (*DECISIVE, "arviz-stats", "arviz-base", "h5py")
 
 
 def installed_versions() -> dict[str, str]:
+    """Return the versions of this package and of those that results depend on."""
     return {"bayesdrill": bayesdrill.__version__, **{name: version(name) for name in PACKAGES}}
 
 
-def unlike(there: Mapping[str, str], wanted: Mapping[str, str]) -> list[str]:
-    """What is `there` in another version than is `wanted`, with both."""
+def version_differences(there: Mapping[str, str], wanted: Mapping[str, str]) -> list[str]:
+    """Return what is `there` in another version than is `wanted`, with both."""
     return [f"{k} {there.get(k)} instead of {v}" for k, v in wanted.items() if there.get(k) != v]
 
 
 def creator() -> str:
-    """Inside of figures."""
+    """Return the name that figures carry inside."""
     return f"bayesdrill {bayesdrill.__version__}"
 
 
-def versions_in_words() -> str:
+def versions_text() -> str:
+    """Return the installed versions as one line."""
     return ", ".join(f"{name} {number}" for name, number in installed_versions().items())
 
 
 @dataclass(frozen=True, slots=True)
 class Work:
-    """`kind`: a word of CFF; `authors`: (family, given), or (group, ""); `pages`: first, last."""
+    """A work to cite.
+
+    `kind`: a word of CFF; `authors`: (family, given), or (group, ""); `pages`: first, last.
+    """
 
     key: str
     kind: str
@@ -53,18 +58,19 @@ class Work:
     version: str = ""
 
 
-def line(work: Work) -> str:
+def reference_line(work: Work) -> str:
+    """Return a work as a line of a list of references."""
     names = []
     for family, given in work.authors:
         initials = " ".join(f"{name[0]}." for name in given.split())
         names.append(f"{family}, {initials}" if given else family)
     authors = f"{', '.join(names[:-1])} and {names[-1]}" if len(names) > 1 else names[0]
     number = f"{work.volume}({work.issue})" if work.issue else work.volume
-    place = [work.within, number, "-".join(work.pages), work.version and f"Version {work.version}"]
+    source = [work.within, number, "-".join(work.pages), work.version and f"Version {work.version}"]
     parts = [
         f"{authors} ({work.year})" if work.year else authors,
         work.title,
-        ", ".join(part for part in place if part),
+        ", ".join(part for part in source if part),
         work.doi and f"doi:{work.doi}",
         work.arxiv and f"arXiv:{work.arxiv}",
     ]
@@ -72,7 +78,7 @@ def line(work: Work) -> str:
 
 
 def bibtex(work: Work) -> str:
-    """In plain letters, for every BibTeX; names and titles keep their capitals by braces."""
+    """Return a BibTeX entry in plain letters; names and titles keep their capitals by braces."""
     kind = {"article": "article", "conference-paper": "inproceedings"}.get(work.kind, "misc")
     fields = {
         "author": " and ".join(_bibtex_name(*author) for author in work.authors),
@@ -99,16 +105,17 @@ def _bibtex_name(family: str, given: str) -> str:
 
 
 def _plain(text: str) -> str:
-    """An accented letter as TeX has it: `{\\'a}`."""
+    r"""Return a text with accented letters as TeX has them: `{\'a}`."""
     marks = {"\u0300": "`", "\u0301": "'", "\u0302": "^", "\u0303": "~", "\u0308": '"'}
-    found = []
+    letters = []
     for letter in unicodedata.normalize("NFC", text):
         base, *mark = list(unicodedata.normalize("NFD", letter))
-        found.append(f"{{\\{marks[mark[0]]}{base}}}" if mark else letter)
-    return "".join(found)
+        letters.append(f"{{\\{marks[mark[0]]}{base}}}" if mark else letter)
+    return "".join(letters)
 
 
 def cff(work: Work) -> dict[str, Any]:
+    """Return a work as a reference of the Citation File Format."""
     people = [
         {"family-names": family, "given-names": given} if given else {"name": family}
         for family, given in work.authors
@@ -190,32 +197,37 @@ ARVIZ = Work(
 
 @dataclass(frozen=True, slots=True)
 class Citation:
-    """`sentence`: for a section on methods; it names the works by the keys of the BibTeX entries."""
+    """How to cite a result.
+
+    `sentence`: for a section on methods; it names the works by the keys of the BibTeX entries.
+    """
 
     sentence: str
     works: tuple[Work, ...]
 
     @property
     def text(self) -> str:
+        """The sentence, and a list of references."""
         return "\n".join(
-            [self.sentence, "", *(f"[{work.key}] {line(work)}" for work in self.works)]
+            [self.sentence, "", *(f"[{work.key}] {reference_line(work)}" for work in self.works)]
         )
 
     @property
     def bibtex(self) -> str:
+        """The works as BibTeX entries."""
         return "\n\n".join(bibtex(work) for work in self.works)
 
     @property
     def cff(self) -> str:
-        """`CITATION.cff`, by the Citation File Format 1.2.0."""
-        own, *others = self.works
+        """The text of `CITATION.cff`, by the Citation File Format 1.2.0."""
+        this, *others = self.works
         about = {
             "cff-version": "1.2.0",
             "message": "Please cite bayesdrill, and the works below that a result stands on.",
             "abstract": f"{ABOUT}.",
             "license": LICENCE,
-            **({"date-released": RELEASED} if own.year else {}),
-            **{name: value for name, value in cff(own).items() if name != "year"},
+            **({"date-released": RELEASED} if this.year else {}),
+            **{name: value for name, value in cff(this).items() if name != "year"},
             "references": [cff(work) for work in others],
         }
         return _yaml(about)
@@ -225,19 +237,22 @@ class Citation:
 
 
 def citation(versions: Mapping[str, str] | None = None) -> Citation:
-    """How to cite what a result was made with; `versions`: those of its run, or of what is installed."""
+    """Return how to cite what a result was made with.
+
+    `versions`: those of its run; else of what is installed.
+    """
     used = {**installed_versions(), **(versions or {})}
     number = used["bayesdrill"]
     # When another version was released is not known here.
-    own = replace(
+    this = replace(
         BAYESDRILL, version=number, year=RELEASED[:4] * (number == bayesdrill.__version__)
     )
     sentence = (
-        f"The posterior was computed with bayesdrill {number} [{own.key}], "
+        f"The posterior was computed with bayesdrill {number} [{this.key}], "
         f"on a model of the rig of [{PAPER.key}], sampled with emcee {used['emcee']} [{EMCEE.key}] "
         f"and diagnosed with ArviZ (arviz-stats {used['arviz-stats']}) [{ARVIZ.key}]."
     )
-    return Citation(sentence, (own, PAPER, EMCEE, ARVIZ))
+    return Citation(sentence, (this, PAPER, EMCEE, ARVIZ))
 
 
 def _yaml(data: Mapping[str, Any]) -> str:

@@ -16,10 +16,11 @@ from typing import Literal
 
 @dataclass(frozen=True, slots=True)
 class Symbol:
-    """`unit` is SI, in the notation that pint reads; `latex_unit` is what a figure shows.
+    """A quantity: its unit in SI, in the notation that pint reads, and how it is typeset.
 
-    `held`: what a parameter may be held at; whoever is unknown is positive.  `at_most`: what it cannot
-    exceed.  `typical`: values that are known of rigs, in SI, each with its source.
+    `latex_unit` is what a figure shows.  `held`: what a parameter may be fixed at; whoever is
+    unknown is positive.  `at_most`: what it cannot exceed.  `typical`: values that are known of
+    rigs, in SI, each with its source.
     """
 
     name: str
@@ -33,17 +34,17 @@ class Symbol:
 
     @property
     def plain_unit(self) -> str:
-        """For tables and sentences: `kg m^2`."""
+        """The unit for tables and sentences: `kg m^2`."""
         return plain(self.unit)
 
 
 def plain(unit: str) -> str:
-    """A unit in the notation that pint reads, as one writes it by hand."""
+    """Return a unit in the notation that pint reads, as one writes it by hand."""
     return unit.replace("**", "^").replace("*", " ")
 
 
 def fraction(above: Sequence[str], below: Sequence[str], times: str) -> str:
-    """Factors over factors, with brackets where they are needed."""
+    """Return factors over factors, with brackets where they are needed."""
     over = times.join(above)
     if not below:
         return over
@@ -52,7 +53,7 @@ def fraction(above: Sequence[str], below: Sequence[str], times: str) -> str:
 
 
 def unit_product(units: Sequence[str], exponents: Sequence[int]) -> str:
-    """Of a product of powers, as pint reads it: `(N*m/rad)*(H)**2`; of one alone its unit."""
+    """Return the unit of a product of powers, as pint reads it: `(N*m/rad)*(H)**2`."""
     powers = [(unit, e) for unit, e in zip(units, exponents, strict=False) if e]
     if len(powers) == 1 and powers[0][1] == 1:
         return powers[0][0]
@@ -63,7 +64,7 @@ def product_latex(exponents: Sequence[int], symbols: Sequence[Symbol]) -> str:
     r"""`k_T/(r_m\,k_s)`, without dollars; the first symbols belong to the exponents."""
     above, below = (
         [
-            raised(symbol.latex, str(sign * e)) if sign * e > 1 else symbol.latex
+            superscript(symbol.latex, str(sign * e)) if sign * e > 1 else symbol.latex
             for symbol, e in zip(symbols, exponents, strict=False)
             if sign * e > 0
         ]
@@ -72,8 +73,8 @@ def product_latex(exponents: Sequence[int], symbols: Sequence[Symbol]) -> str:
     return fraction(above, below, r"\,")
 
 
-def raised(latex: str, index: str) -> str:
-    """`latex` with `index` above it; TeX keeps braces around a single accent for the `{}` in them."""
+def superscript(latex: str, index: str) -> str:
+    """Return `latex` with `index` above it; TeX keeps braces around a single accent for the `{}`."""
     return (f"{{{{}}{latex}}}" if {"^", "'"} & {*latex} else latex) + f"^{{{index}}}"
 
 
@@ -270,7 +271,7 @@ _GREEK = re.compile(
 
 
 def own_symbol(name: str, unit: str, latex: str | None, meaning: str) -> Symbol:
-    """Of a name that a config brings: `omega_1` is drawn as an omega with an index."""
+    """Return the symbol of a config's own name: `omega_1` is drawn as an omega with an index."""
     head, _, index = name.partition("_")
     shown = (
         rf"\{head}" if _GREEK.fullmatch(head) else head if len(head) == 1 else rf"\mathrm{{{head}}}"
@@ -282,12 +283,12 @@ def own_symbol(name: str, unit: str, latex: str | None, meaning: str) -> Symbol:
 
 
 def noise_name(channel: str) -> str:
-    """Of the unknown standard deviation of its noise."""
+    """Return the name of the unknown standard deviation of a channel's noise."""
     return f"sigma_{channel}"
 
 
 def noise_symbol(channel: str, unit: str, latex: str, latex_unit: str) -> Symbol:
-    """The unknown standard deviation of a channel's noise, named `sigma_<channel>`."""
+    """Return the symbol of the standard deviation of a channel's noise, named `sigma_<channel>`."""
     return Symbol(
         noise_name(channel),
         unit,

@@ -1,4 +1,4 @@
-"""Units at the border: what a user's unit is in SI."""
+"""Units at the border: conversion of a user's units to SI."""
 
 from __future__ import annotations
 
@@ -9,13 +9,14 @@ from functools import cache
 from typing import Any
 
 from bayesdrill.basics import symbols
-from bayesdrill.basics.errors import LONGEST, shortened
+from bayesdrill.basics.errors import MAX_VALUE_LETTERS, shortened
 
 
 @dataclass(frozen=True, slots=True)
 class Unit:
-    """In which something is shown.  `name`: as pint reads it; `factor`: how many SI one of it is;
-    `latex` without dollars.
+    """A unit in which something is shown.
+
+    `name`: as pint reads it; `factor`: how many SI one of it is; `latex` without dollars.
     """
 
     name: str
@@ -26,23 +27,24 @@ class Unit:
 SECOND = Unit("s", 1.0, "s")
 
 
-def shown(own: str, si: str | None = None, latex: str = "") -> Unit:
-    """A user's unit of what is `si` inside; `latex`: of that.  None: of any kind, in its `coherent` one.
+def display_unit(unit: str, si: str | None = None, latex: str = "") -> Unit:
+    """Return a user's `unit` of what is `si` inside; `latex` is that of the SI unit.
 
-    In SI where it cannot be typeset.
+    With `si` None the unit is of any kind, and inside is its `coherent` one.  Where the user's
+    cannot be typeset, the SI unit is returned.
     """
-    inside, times = coherent(own) if si is None else (si, factor(own, si))
-    usual = Unit(inside, 1.0, latex or symbols.latex_unit(inside))
-    if own == inside:
-        return usual
+    inside, times = coherent(unit) if si is None else (si, factor(unit, si))
+    si_unit = Unit(inside, 1.0, latex or symbols.latex_unit(inside))
+    if unit == inside:
+        return si_unit
     try:
-        return Unit(own, times, symbols.latex_unit(own))
+        return Unit(unit, times, symbols.latex_unit(unit))
     except ValueError:
-        return usual
+        return si_unit
 
 
 def factor(unit: str, si: str) -> float:
-    """How many `si` one `unit` is; raises `ValueError` with a message for the user."""
+    """Return how many `si` one `unit` is; raises `ValueError` with a message for the user."""
     if unit == si:
         return 1.0
     if unit in _COMMON and si in _KINDS:
@@ -65,8 +67,8 @@ def factor(unit: str, si: str) -> float:
     import pint  # late: it takes 0.3 s to load, and most configs need none but common units
 
     try:
-        one, wanted = _quantity(1.0, unit), _quantity(1.0, si)
-        value = _believable(float(one.to(si).magnitude))
+        quantity, wanted = _quantity(1.0, unit), _quantity(1.0, si)
+        value = _believable(float(quantity.to(si).magnitude))
     except pint.UndefinedUnitError:
         raise ValueError(f"unit '{unit}' is not known; write for example {_examples(si)}") from None
     except pint.DimensionalityError:
@@ -75,7 +77,7 @@ def factor(unit: str, si: str) -> float:
         raise ValueError(
             f"unit '{unit}' cannot be read; write for example {_examples(si)}"
         ) from None
-    if not _same_base(one, wanted):  # counts, bits and the 1/s of Hz have no dimension either
+    if not _same_base(quantity, wanted):  # counts, bits and the 1/s of Hz have no dimension either
         raise ValueError(
             f"unit '{unit}' is not a unit of {si}, as it does not say how far one of it turns; "
             f"write {_examples(si)}"
@@ -109,14 +111,17 @@ _COHERENT = (
 
 
 def coherent(unit: str) -> tuple[str, float]:
-    """The SI unit for a user's `unit` of any kind, and how many of it one `unit` is."""
+    """Return the SI unit for a user's `unit` of any kind, and how many of it one `unit` is.
+
+    Raises `ValueError` with a message for the user.
+    """
     if unit in ("1", *_COHERENT):
         return unit, 1.0
     try:
         if not _written_as_a_unit(unit):
             raise ValueError(unit)
-        one = _quantity(1.0, unit)
-        base, nothing = one.to_base_units(), _quantity(0.0, unit).to_base_units()
+        quantity = _quantity(1.0, unit)
+        base, nothing = quantity.to_base_units(), _quantity(0.0, unit).to_base_units()
     except Exception:  # pint raises many kinds for malformed text
         message = f"unit '{shortened(unit)}' is not known; write for example m, mm, GPa or kg/m**3"
         raise ValueError(message) from None
@@ -128,8 +133,8 @@ def coherent(unit: str) -> tuple[str, float]:
     if base.magnitude == 1.0 and unit.isascii():
         return unit, 1.0
     for name in _COHERENT:
-        if _same_base(one, _quantity(1.0, name)):
-            return name, _believable(float(one.to(name).magnitude))
+        if _same_base(quantity, _quantity(1.0, name)):
+            return name, _believable(float(quantity.to(name).magnitude))
     return f"{base.units:~C}" or "1", _believable(float(base.magnitude))
 
 
@@ -137,12 +142,12 @@ def _quantity(value: float, unit: str) -> Any:
     return _registry().Quantity(value, unit)
 
 
-def _same_base(one: Any, other: Any) -> bool:
-    """Of one kind, angles and counts told apart."""
-    return bool(one.to_base_units().units == other.to_base_units().units)
+def _same_base(quantity: Any, other: Any) -> bool:
+    """Tell whether two are of one kind; angles and counts are distinguished."""
+    return bool(quantity.to_base_units().units == other.to_base_units().units)
 
 
-LARGEST = 1e30  # of one unit in another
+MAX_FACTOR = 1e30  # of one unit in another
 _COUNT = re.compile(r"counts?\s*/\s*(\d{1,9})")  # of an encoder: so many in a turn
 _POWER = re.compile(
     r"(\*\*|\^)\s*\(?\s*[-+]?\s*\d{1,2}(\.\d{1,3})?\s*\)?"
@@ -153,20 +158,20 @@ _COMPUTED = re.compile(r"#\s*#|\*\*|\^|(?<![^\W\d])(\d\d|[02-9])|1\s*#")
 
 
 def _written_as_a_unit(unit: str) -> bool:
-    """Names, with one small power each, and no number but 1.
+    """Tell whether a text is names, with one small power each, and no number but 1.
 
-    pint computes what it reads: `9**9**9` would take for ever; and reads past comments and quotes, in
-    which anything may stand.
+    pint computes what it reads: `9**9**9` would take for ever; and reads past comments and quotes,
+    in which anything may stand.
     """
     return (
-        len(unit) <= LONGEST
+        len(unit) <= MAX_VALUE_LETTERS
         and bool(_SIGNS.fullmatch(unit))
         and not _COMPUTED.search(_POWER.sub("#", unit))
     )
 
 
 def _believable(factor: float) -> float:
-    if not 1 / LARGEST <= factor <= LARGEST:
+    if not 1 / MAX_FACTOR <= factor <= MAX_FACTOR:
         raise ValueError(f"one of this unit is {factor:.3g} in SI, which no rig needs")
     return factor
 

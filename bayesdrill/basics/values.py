@@ -1,14 +1,13 @@
-"""Records that compare by content and can be pickled, and the check of what is given against
-annotations.
+"""Frozen records that compare by content, and what is given and stored of them.
 
-The border of the API: what is given must be what annotations say, wherever it is given.
+Records can be pickled.  The check of arguments against annotations is the border of the API: what
+is given must be what annotations say, wherever it is given.  Only kinds are looked at, and whether
+a path can be one; what a number may be, and what names there are, is for each call to say.  Names
+of types that a module imports for annotations alone let pass all.
 
-Only kinds are looked at here, and whether a path can be one; what a number may be, and what names there
-are, is for each call to say.  Names of types that a module imports for annotations alone let pass all.
-
-Frozen records as data for JSON and back again, by the types of their fields; and their JSON schema.
-
-Floats keep all digits; those that JSON has no number for are the strings `inf`, `-inf` and `nan`.
+Frozen records are written as data for JSON and read back again, by the types of their fields; and
+so is their JSON schema.  Floats keep all digits; those that JSON has no number for are the strings
+`inf`, `-inf` and `nan`.
 """
 
 from __future__ import annotations
@@ -39,7 +38,7 @@ class Value:
     __slots__ = ()
 
     def __eq__(self, other: object) -> bool:
-        return alike(self, other) if type(other) is type(self) else NotImplemented
+        return equal_content(self, other) if type(other) is type(self) else NotImplemented
 
     def __hash__(self) -> int:
         return hash(type(self))  # what it holds may have no hash; the few in one set are compared
@@ -53,28 +52,30 @@ class Value:
             object.__setattr__(self, name, value)
 
 
-def alike(one: Any, other: Any) -> bool:
-    """Whether two things are of one type and hold the same: NaN is as NaN, and caches do not count."""
-    if one is other:
+def equal_content(first: Any, second: Any) -> bool:
+    """Tell whether two objects are of one type and content; NaN equals NaN, caches do not count."""
+    if first is second:
         return True
-    if type(one) is not type(other):
+    if type(first) is not type(second):
         return False
-    if isinstance(one, np.ndarray):
-        numeric = one.dtype.kind in "fc"
-        return one.dtype == other.dtype and np.array_equal(one, other, equal_nan=numeric)
-    if isinstance(one, Mapping):
-        return one.keys() == other.keys() and all(alike(one[key], other[key]) for key in one)
-    if isinstance(one, list | tuple):
-        return len(one) == len(other) and all(map(alike, one, other))
-    if isinstance(one, type) or inspect.isroutine(one):
+    if isinstance(first, np.ndarray):
+        numeric = first.dtype.kind in "fc"
+        return first.dtype == second.dtype and np.array_equal(first, second, equal_nan=numeric)
+    if isinstance(first, Mapping):
+        return first.keys() == second.keys() and all(
+            equal_content(first[key], second[key]) for key in first
+        )
+    if isinstance(first, list | tuple):
+        return len(first) == len(second) and all(map(equal_content, first, second))
+    if isinstance(first, type) or inspect.isroutine(first):
         return False
-    if dataclasses.is_dataclass(one):
-        compared = (field.name for field in dataclasses.fields(one) if field.compare)
-        return all(alike(getattr(one, name), getattr(other, name)) for name in compared)
-    if getattr(type(one), "__eq__", None) is object.__eq__:
-        return alike(one.__getstate__(), other.__getstate__())
-    is_nan = one != one and other != other
-    return bool(one == other or is_nan)
+    if dataclasses.is_dataclass(first):
+        compared = (field.name for field in dataclasses.fields(first) if field.compare)
+        return all(equal_content(getattr(first, name), getattr(second, name)) for name in compared)
+    if getattr(type(first), "__eq__", None) is object.__eq__:
+        return equal_content(first.__getstate__(), second.__getstate__())
+    is_nan = first != first and second != second
+    return bool(first == second or is_nan)
 
 
 # Of what an annotation names: the kinds that fit, and what a message calls it.
@@ -92,10 +93,11 @@ KINDS: Mapping[Any, tuple[tuple[type, ...], str]] = {
 UNIONS = (Union, UnionType)
 
 
-def checked[T](what: T) -> T:
-    """A function, or a class with all public methods, that raises `InputError` for what is none of the
-    kinds that its annotations name, with every such argument at once; `Annotated[kind, "what to give"]`
-    says it in words of its own.
+def check_arguments[T](what: T) -> T:
+    """Return a function, or a class with all public methods, that checks its arguments.
+
+    It raises `InputError` for what is none of the kinds that its annotations name, with every such
+    argument at once; `Annotated[kind, "what to give"]` says it in words of its own.
     """
     if isinstance(what, type):
         for name, member in list(vars(what).items()):
@@ -120,7 +122,7 @@ def _guarded(call: Callable[..., Any]) -> Callable[..., Any]:
     def guarded(*arguments: Any, **named: Any) -> Any:
         given = signature.bind(*arguments, **named).arguments
         known = ((name, value, hints().get(name, Any)) for name, value in given.items())
-        wrong = [problem for one in known for problem in _misfits(*one)]
+        wrong = [problem for argument in known for problem in _mismatches(*argument)]
         if wrong:
             raise InputError(wrong)
         return call(*arguments, **named)
@@ -129,32 +131,32 @@ def _guarded(call: Callable[..., Any]) -> Callable[..., Any]:
 
 
 class _Names(dict[str, Any]):
-    """Of a module; those that it has not stand for anything."""
+    """The names of a module; those that it has not stand for anything."""
 
     def __missing__(self, _: str) -> Any:
         return Any
 
 
-def _misfits(place: str, value: Any, hint: Any) -> Iterator[Issue]:
+def _mismatches(location: str, value: Any, hint: Any) -> Iterator[Issue]:
     words = ""
     if typing.get_origin(hint) is Annotated:
         hint, words = typing.get_args(hint)
     choices = typing.get_args(hint) if typing.get_origin(hint) in UNIONS else (hint,)
-    hint = next((one for one in choices if _fits(value, one)), None)
+    hint = next((choice for choice in choices if _fits(value, choice)), None)
     kind = typing.get_origin(hint)
     if hint is None:
-        yield Issue(place, f"give {words or _in_words(choices)}, not {type(value).__name__}")
+        yield Issue(location, f"give {words or _in_words(choices)}, not {type(value).__name__}")
     elif kind in (Sequence, tuple):
-        for number, one in enumerate(value, start=1):
-            yield from _misfits(f"{place}, number {number}", one, typing.get_args(hint)[0])
+        for number, item in enumerate(value, start=1):
+            yield from _mismatches(f"{location}, number {number}", item, typing.get_args(hint)[0])
     elif kind is Mapping and not all(isinstance(name, str) for name in value):
-        yield Issue(place, "its names must be texts")
+        yield Issue(location, "its names must be texts")
     elif hint in (str, Path) and Path in choices:
-        yield from _no_path(place, value)
+        yield from _no_path(location, value)
 
 
 def _fits(value: Any, hint: Any) -> bool:
-    """Whether it is of that kind; what it holds is not looked at."""
+    """Tell whether a value is of that kind; what it contains is not looked at."""
     kind = typing.get_origin(hint) or hint
     if kind is typing.Literal:
         return isinstance(value, str) and value in typing.get_args(hint)
@@ -169,7 +171,9 @@ def _fits(value: Any, hint: Any) -> bool:
 
 
 def _in_words(choices: Sequence[Any]) -> str:
-    return " or ".join(_word(one) for one in choices if one is not str or Path not in choices)
+    return " or ".join(
+        _word(choice) for choice in choices if choice is not str or Path not in choices
+    )
 
 
 def _word(hint: Any) -> str:
@@ -183,44 +187,49 @@ def _word(hint: Any) -> str:
     return KINDS[kind][1] if kind in KINDS else f"a {kind.__name__}"
 
 
-def _no_path(place: str, value: str | PathLike[str]) -> Iterator[Issue]:
+def _no_path(location: str, value: str | PathLike[str]) -> Iterator[Issue]:
     if not fspath(value):
-        yield Issue(place, "the path is empty; '.' is the folder of this process")
+        yield Issue(location, "the path is empty; '.' is the folder of this process")
     try:
         Path(value).expanduser().lstat()
     except (FileNotFoundError, NotADirectoryError, PermissionError):
         pass
     except (OSError, ValueError, TypeError, RuntimeError) as error:  # RuntimeError: ~ of nobody
         reason = getattr(error, "strerror", None) or error
-        yield Issue(place, f"this cannot be a path ({reason}); give another")
+        yield Issue(location, f"this cannot be a path ({reason}); give another")
 
 
 NUMBER: dict[str, Any] = {"anyOf": [{"type": "number"}, {"enum": ["inf", "-inf", "nan"]}]}
-PLAIN: dict[Any, dict[str, Any]] = {
+PLAIN_TYPES: dict[Any, dict[str, Any]] = {
     float: NUMBER,
     int: {"type": "integer"},
     str: {"type": "string"},
     bool: {"type": "boolean"},
 }
-DESCRIBED = re.compile(r"(?P<name>\w+): (?P<description>.+?)(?: \[(?P<unit>.+)\])?")
-NAMES = ("name", "channel", "label", "parameter")  # fields by which a record is known in a list
+FIELD_LINE = re.compile(r"(?P<name>\w+): (?P<description>.+?)(?: \[(?P<unit>.+)\])?")
+LABEL_FIELDS = (
+    "name",
+    "channel",
+    "label",
+    "parameter",
+)  # fields by which a record is known in a list
 
 
 def as_data(value: Any) -> Any:
-    """Mappings, lists, numbers and strings, of a record and all that it holds."""
+    """Return mappings, lists, numbers and strings of a record and all that it contains."""
     if dataclasses.is_dataclass(value):
         return {f.name: as_data(getattr(value, f.name)) for f in dataclasses.fields(value)}
     if isinstance(value, Mapping):
-        return {str(key): as_data(one) for key, one in value.items()}
+        return {str(key): as_data(item) for key, item in value.items()}
     if isinstance(value, np.ndarray | np.generic):
         return as_data(value.tolist())
     if isinstance(value, list | tuple):
-        return [as_data(one) for one in value]
+        return [as_data(item) for item in value]
     return str(value) if isinstance(value, float) and not math.isfinite(value) else value
 
 
 def from_data[T](kind: type[T], data: Any) -> T:
-    """The record of what `as_data` gave; raises `ValueError` where names or types are not right."""
+    """Return the record of what `as_data` gave; raises `ValueError` where names or types are wrong."""
     try:
         return cast("T", _read(kind, data))
     except (KeyError, TypeError, AttributeError) as error:
@@ -230,7 +239,7 @@ def from_data[T](kind: type[T], data: Any) -> T:
 def _read(kind: Any, data: Any) -> Any:
     origin, inside = _parts(kind)
     if origin in (Union, UnionType):
-        return None if data is None else _read(_but_none(inside), data)
+        return None if data is None else _read(_without_none(inside), data)
     if origin is Literal and data in inside:
         return data
     if origin is np.ndarray:
@@ -239,25 +248,25 @@ def _read(kind: Any, data: Any) -> Any:
         kinds = inside[:1] * len(data) if inside[1:] == (...,) else inside
         return tuple(_read(*pair) for pair in zip(kinds, data, strict=True))
     if origin is Mapping:
-        return {name: _read(inside[1], one) for name, one in data.items()}
+        return {name: _read(inside[1], item) for name, item in data.items()}
     if dataclasses.is_dataclass(kind) and {*_hints(cast("type", kind))} == {*data}:
         hints = _hints(cast("type", kind))
         return cast("type", kind)(**{name: _read(hints[name], data[name]) for name in hints})
     if kind is float:
         return float(data)
-    if kind not in PLAIN or not isinstance(data, kind):
+    if kind not in PLAIN_TYPES or not isinstance(data, kind):
         raise ValueError(f"{str(data)[:100]} is no {kind}")
     return data
 
 
 def _parts(kind: Any) -> tuple[Any, tuple[Any, ...]]:
-    """Its origin, through an alias such as that of arrays, and what is in its brackets."""
+    """Return a type's origin, through an alias such as that of arrays, and what is in its brackets."""
     origin = get_origin(kind)
     return get_origin(getattr(origin, "__value__", None)) or origin, get_args(kind)
 
 
-def _but_none(kinds: tuple[Any, ...]) -> Any:
-    (kind,) = (one for one in kinds if one is not NoneType)
+def _without_none(kinds: tuple[Any, ...]) -> Any:
+    (kind,) = (choice for choice in kinds if choice is not NoneType)
     return kind
 
 
@@ -267,51 +276,54 @@ def _hints(kind: type) -> dict[str, Any]:
     return {field.name: hints[field.name] for field in dataclasses.fields(kind)}
 
 
-def described(kind: type) -> dict[str, dict[str, str]]:
-    """What fields are, by name, with their units: lines such as `size: how large it is [m]` of the
-    docstring.
+def field_descriptions(kind: type) -> dict[str, dict[str, str]]:
+    """Return descriptions of fields by name, with their units.
+
+    They are lines such as `size: how large it is [m]` of the docstring.
     """
-    lines = map(DESCRIBED.fullmatch, (inspect.getdoc(kind) or "").splitlines())
-    found = {line["name"]: line.groupdict() for line in lines if line}
-    parts = {name: found.get(name, {}) for name in _hints(kind)}
+    lines = map(FIELD_LINE.fullmatch, (inspect.getdoc(kind) or "").splitlines())
+    matches = {line["name"]: line.groupdict() for line in lines if line}
+    parts = {name: matches.get(name, {}) for name in _hints(kind)}
     return {
-        name: {key: text for key, text in one.items() if text and key != "name"}
-        for name, one in parts.items()
+        name: {key: text for key, text in part.items() if text and key != "name"}
+        for name, part in parts.items()
     }
 
 
 def schema(kind: type) -> dict[str, Any]:
-    """The JSON schema of what `as_data` makes of a record."""
-    found: dict[str, Any] = {}
-    return {**_schema(kind, found), "$defs": dict(sorted(found.items()))}
+    """Return the JSON schema of what `as_data` makes of a record."""
+    definitions: dict[str, Any] = {}
+    return {**_schema(kind, definitions), "$defs": dict(sorted(definitions.items()))}
 
 
-def _schema(kind: Any, found: dict[str, Any]) -> dict[str, Any]:
+def _schema(kind: Any, definitions: dict[str, Any]) -> dict[str, Any]:
     origin, inside = _parts(kind)
     if origin in (Union, UnionType):
-        return {"anyOf": [_schema(_but_none(inside), found), {"type": "null"}]}
+        return {"anyOf": [_schema(_without_none(inside), definitions), {"type": "null"}]}
     if origin is Literal:
         return {"enum": [*inside]}
     if origin is np.ndarray:
         row = {"type": "array", "items": NUMBER}  # of a matrix
         return {"type": "array", "items": {"anyOf": [*NUMBER["anyOf"], row]}}
     if origin is tuple and inside[1:] == (...,):
-        return {"type": "array", "items": _schema(inside[0], found)}
+        return {"type": "array", "items": _schema(inside[0], definitions)}
     if origin is tuple:
-        return {"type": "array", "prefixItems": [_schema(one, found) for one in inside]}
+        return {"type": "array", "prefixItems": [_schema(item, definitions) for item in inside]}
     if origin is Mapping:
-        return {"type": "object", "additionalProperties": _schema(inside[1], found)}
+        return {"type": "object", "additionalProperties": _schema(inside[1], definitions)}
     if not dataclasses.is_dataclass(kind):
-        return PLAIN[kind]
+        return PLAIN_TYPES[kind]
     record = cast("type", kind)
     name = f"{record.__module__.rpartition('.')[2]}.{record.__name__}"
-    if name not in found:
-        found[name] = {}  # it may hold others of its kind
-        hints, said = _hints(record), described(record)
-        found[name] = {
+    if name not in definitions:
+        definitions[name] = {}  # it may hold others of its kind
+        hints, descriptions = _hints(record), field_descriptions(record)
+        definitions[name] = {
             "type": "object",
             "description": inspect.getdoc(record),
-            "properties": {key: _schema(hints[key], found) | said[key] for key in hints},
+            "properties": {
+                key: _schema(hints[key], definitions) | descriptions[key] for key in hints
+            },
             "required": [*hints],
             "additionalProperties": False,
         }
@@ -319,19 +331,24 @@ def _schema(kind: Any, found: dict[str, Any]) -> dict[str, Any]:
 
 
 def leaves(data: Any, name: str = "") -> Iterator[tuple[str, Any]]:
-    """Numbers, strings and what is None in what `as_data` gave, by names such as `unknowns.k_s.mean`."""
+    """Yield the numbers, strings and Nones of what `as_data` gave, with their names.
+
+    A name is such as `unknowns.k_s.mean`.
+    """
     if isinstance(data, Mapping):
-        parts = {str(key): one for key, one in data.items()}
+        parts = {str(key): item for key, item in data.items()}
     elif isinstance(data, list):
-        parts = {_known(k, one): one for k, one in enumerate(data)}
-        parts = parts if len(parts) == len(data) else {str(k): one for k, one in enumerate(data)}
+        parts = {_known(k, item): item for k, item in enumerate(data)}
+        parts = parts if len(parts) == len(data) else {str(k): item for k, item in enumerate(data)}
     else:
         yield name, data
         return
-    for key, one in parts.items():
-        yield from leaves(one, f"{name}.{key}" if name else key)
+    for key, item in parts.items():
+        yield from leaves(item, f"{name}.{key}" if name else key)
 
 
-def _known(k: int, one: Any) -> str:
-    names = [one[key] for key in NAMES if one.get(key)] if isinstance(one, Mapping) else []
+def _known(k: int, item: Any) -> str:
+    names = (
+        [item[key] for key in LABEL_FIELDS if item.get(key)] if isinstance(item, Mapping) else []
+    )
     return str(names[0]) if names else str(k)

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from bayesdrill.basics.registry import late
+from bayesdrill.basics.registry import lazy_attributes
 
 if TYPE_CHECKING:
     from bayesdrill.config.job import Job as Job
@@ -21,4 +21,4 @@ if TYPE_CHECKING:
     from bayesdrill.config.schema.config import Config as Config
     from bayesdrill.config.yaml_source import Source as Source
 
-__getattr__ = late(__name__)
+__getattr__ = lazy_attributes(__name__)

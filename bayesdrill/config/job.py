@@ -12,7 +12,7 @@ import numpy as np
 
 from bayesdrill.basics.arrays import Array
 from bayesdrill.basics.entries import entries_of
-from bayesdrill.basics.errors import InputError, Issue, of_each
+from bayesdrill.basics.errors import InputError, Issue, collect_each
 from bayesdrill.basics.units import Unit
 from bayesdrill.config import loading
 from bayesdrill.config.records import reading
@@ -82,7 +82,7 @@ def prepare(path: Path) -> Job:
 def assemble(case: ResolvedCase, table: Table | None = None) -> Job:
     """With its records; `table`: the record, where it is in no file."""
     source = case.source
-    records = of_each(lambda one: reading.read(one, table), case.experiments)
+    records = collect_each(lambda one: reading.read(one, table), case.experiments)
     problem = assembly.problem(case, records)
     posterior = problem.posterior
     start = posterior.space.vector(posterior.space.start)

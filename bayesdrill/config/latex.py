@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import re
 
-from bayesdrill.basics.symbols import Symbol, raised
+from bayesdrill.basics.symbols import Symbol, superscript
 
 DEEPEST = 8  # braces inside each other
 
@@ -39,7 +39,7 @@ def check(symbol: Symbol) -> None:
     for text in (symbol.latex, rf"\mathrm{{{symbol.latex_unit}}}" if symbol.latex_unit else "1"):
         try:
             _check_latex(text)
-            shown = (text, raised(text, "2"), f"{{{text}}}^{{2}}")  # alone, and in products
+            shown = (text, superscript(text, "2"), f"{{{text}}}^{{2}}")  # alone, and in products
             MathTextParser("path").parse(" ".join(f"${one}$" for one in shown), 72)
         except Exception as error:  # a parser of formulas meets bad ones with many kinds
             why = str(error).splitlines()[-1].partition(": ")[2] or str(error)

@@ -15,7 +15,7 @@ import numpy as np
 from bayesdrill import output_files
 from bayesdrill.basics import units
 from bayesdrill.basics.arrays import Array
-from bayesdrill.basics.errors import InputError, of_each
+from bayesdrill.basics.errors import InputError, collect_each
 from bayesdrill.drafting import roles, sensors, signals
 from bayesdrill.drafting.columns import MIN_SAMPLES, FileColumn, NamedColumn, read_columns, unusable
 from bayesdrill.drafting.roles import SensorRoles
@@ -157,11 +157,11 @@ def read_records(
     for k, path in enumerate(paths):
         if path.resolve() in [other.resolve() for other in paths[:k]]:
             raise InputError.one(str(path), "is named twice; name each file once")
-    kinds = _by_kind(of_each(lambda path: examine(path, given), paths))
+    kinds = _by_kind(collect_each(lambda path: examine(path, given), paths))
     records = _join_kinds(kinds, given) if len(kinds) > 1 else kinds[0]
-    of_each(_refuse_without_channels, records)
+    collect_each(_refuse_without_channels, records)
     lead = min(records, key=_UNCERTAINTY)
-    alike = of_each(lambda r: r if r is lead else with_roles_of(lead, r), records)
+    alike = collect_each(lambda r: r if r is lead else with_roles_of(lead, r), records)
     labels = experiment_labels([r.path for r in alike]) if len(alike) > 1 else [""]
     pairs = zip(alike, labels, strict=True)
     named = tuple(dataclasses.replace(record, label=label) for record, label in pairs)
@@ -195,7 +195,7 @@ def _join_kinds(kinds: Sequence[Sequence[RecordFile]], given: GivenFacts) -> lis
     if len({*names}) < len(names) or not all(kind[0].sensors for kind in kinds):
         for file in others[0]:
             with_roles_of(firsts[0], file)  # says what is missing
-        of_each(_refuse_without_channels, others[0])
+        collect_each(_refuse_without_channels, others[0])
     pairs = [(first, [_nearest(first, kind) for kind in others]) for first in firsts]
     used = {id(file) for _, beside in pairs for file in beside}
     if {len(kind) for kind in others} != {len(firsts)} or len(used) < len(firsts) * len(others):

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from bayesdrill.basics.registry import late
+from bayesdrill.basics.registry import lazy_attributes
 
 if TYPE_CHECKING:
     from bayesdrill.inference.derived import HDI_PROBABILITY as HDI_PROBABILITY
@@ -23,4 +23,4 @@ if TYPE_CHECKING:
     from bayesdrill.inference.unknowns import ParameterSpace as ParameterSpace
     from bayesdrill.inference.unknowns import Unknown as Unknown
 
-__getattr__ = late(__name__)
+__getattr__ = lazy_attributes(__name__)

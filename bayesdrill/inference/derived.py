@@ -18,8 +18,8 @@ from bayesdrill.inference.posterior import Problem
 from bayesdrill.record.experiment import usual_inputs
 from bayesdrill.rig import models
 from bayesdrill.rig.models.friction import Named
-from bayesdrill.rig.models.linear import Linear, Model, driven, dynamics
-from bayesdrill.rig.steady_state import angles_of, ends, turning, turns
+from bayesdrill.rig.models.linear import Linear, Model, constant_forcing, dynamics
+from bayesdrill.rig.steady_state import angle_indices, equilibrium, fix_rotation, rotates_freely
 
 HDI_PROBABILITY = 0.94
 _TRIED = 1000  # draws from the priors, at which formulas are tried
@@ -180,8 +180,8 @@ def poles(model: Model, linear: Linear, n: int) -> dict[str, Array]:
     angles matter.  NaN where there is no pair, or not the poles that a time constant means.
     """
     matrix = dynamics(linear, model.states, n)
-    angles = angles_of(model)
-    if turns(matrix, angles):
+    angles = angle_indices(model)
+    if rotates_freely(matrix, angles):
         first, *others = angles
         matrix[:, others] -= matrix[:, [first]]
         matrix = np.delete(np.delete(matrix, first, axis=1), first, axis=2)
@@ -216,10 +216,10 @@ def steady(model: Model, linear: Linear, n: int, inputs: Mapping[str, float]) ->
     no such state.
     """
     matrix = dynamics(linear, model.states, n)
-    pushed = driven(linear, model.states, n, inputs)
-    angles = angles_of(model)
-    turned = turns(matrix, angles)
-    found = ends(turning(matrix, angles) if turned else matrix, pushed)
+    pushed = constant_forcing(linear, model.states, n, inputs)
+    angles = angle_indices(model)
+    turned = rotates_freely(matrix, angles)
+    found = equilibrium(fix_rotation(matrix, angles) if turned else matrix, pushed)
     speed = found[:, angles[0]] if turned else 0.0 * found[:, angles[0]]
     current = model.roles.motor.current in model.states
     at_end = found[:, model.states.index(model.roles.motor.current)] if current else _none(n)

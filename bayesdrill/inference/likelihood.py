@@ -18,8 +18,8 @@ from bayesdrill.record.experiment import Experiment, frozen
 from bayesdrill.rig.models.linear import Model
 from bayesdrill.rig.simulators import simulator
 from bayesdrill.rig.simulators.contract import Simulator
-from bayesdrill.rig.simulators.kalman import Filtered
-from bayesdrill.rig.simulators.sensors import Sensing
+from bayesdrill.rig.simulators.kalman import KalmanFilter
+from bayesdrill.rig.simulators.sensors import ObservationModel
 
 
 @dataclass(frozen=True)
@@ -75,7 +75,7 @@ class Torque(Protocol):
     """What an observation knows of a torque that its rig's equations are without; `theta (W, D)`."""
 
     @property
-    def filtered(self) -> Filtered: ...
+    def filtered(self) -> KalmanFilter: ...
 
     def sizes(self, theta: Array) -> Array:
         """Size and time of the torque, `(W, 2)`."""
@@ -186,7 +186,7 @@ class Observation:
         """By another simulator, whose parameters have these names; to be `placed`."""
         return dataclasses.replace(self, response=response, parameters=parameters)
 
-    def of_rig(self, model: Model, sensing: Sensing) -> Self:
+    def of_rig(self, model: Model, sensing: ObservationModel) -> Self:
         """Return it for another rig and other sensors, in the same steps; to be `placed`.
 
         New parameters are called among those of all as they are in rig and sensors.

@@ -22,7 +22,7 @@ from bayesdrill.inference.noise.white import White
 from bayesdrill.inference.unknowns import ParameterSpace, Unknown
 from bayesdrill.rig.models.latent_torque import SIZE, TIME
 from bayesdrill.rig.simulators.contract import Simulator
-from bayesdrill.rig.simulators.kalman import Filtered
+from bayesdrill.rig.simulators.kalman import KalmanFilter
 
 MOST_BYTES = 6e7  # of slopes at a time
 
@@ -37,7 +37,7 @@ class ShakenObservation(Observation):
     residuals are of.
     """
 
-    filtered: Filtered
+    filtered: KalmanFilter
     process: Mapping[str, float | Unknown]
     space: ParameterSpace | None = None
     fixed: tuple[float, ...] | None = None
@@ -46,7 +46,7 @@ class ShakenObservation(Observation):
         return dataclasses.replace(Observation.placed(self, space), space=space)
 
     def simulated(self, response: Simulator, parameters: Sequence[str]) -> ShakenObservation:
-        filtered = Filtered(response.model, self.filtered.torque, response.experiment)
+        filtered = KalmanFilter(response.model, self.filtered.torque, response.experiment)
         return dataclasses.replace(
             self, response=response, parameters=parameters, filtered=filtered
         )

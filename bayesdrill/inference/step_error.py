@@ -12,7 +12,7 @@ import numpy as np
 from bayesdrill.basics.arrays import Array
 from bayesdrill.inference.likelihood import Likelihood, Observation
 from bayesdrill.inference.posterior import Posterior
-from bayesdrill.rig.simulators.contract import TURNS, Simulator, Stepping
+from bayesdrill.rig.simulators.contract import REVERSAL_SUBSTEPS, Simulator, Stepping
 
 Taken = tuple[int, int]  # steps to a sample, and parts of those in which something turns
 
@@ -23,7 +23,10 @@ POINTS, SCATTER = 8, 0.1  # looked at: as many as take no longer than one; and h
 STRANGE = 1  # of them, which need not have enough
 MOST = 64
 # Pieces, and parts of those in which something turns, that are taken by themselves.
-TRIED = ((1, 1), *((pieces, TURNS) for pieces in (1, 2, 3, 4, 6, 8, 12, 16, 24, 32, 48, MOST)))
+TRIED = (
+    (1, 1),
+    *((pieces, REVERSAL_SUBSTEPS) for pieces in (1, 2, 3, 4, 6, 8, 12, 16, 24, 32, 48, MOST)),
+)
 MOST_STEPS = 4_000_000  # that a truth may take
 WEIGHED, LEAST = 1000, 16  # draws for the evidence, and where a truth is dear
 AT_ONCE = 50  # of them
@@ -123,7 +126,7 @@ def taking(posterior: Posterior, steps: Mapping[str, Taken]) -> Posterior:
 
     def made(one: Observation) -> Simulator:
         told = steps.get(one.label)
-        return one.response.finer(*told, chosen=True) if told else one.response
+        return one.response.with_substeps(*told, adaptive=True) if told else one.response
 
     return _with(posterior, made)
 
@@ -160,7 +163,7 @@ def _steps(response: Simulator) -> Stepping:
 def _fine(one: Observation, tried: Sequence[Taken], full: Array, theta: Array) -> Simulator:
     made = one.response
     for pieces, turns in tried:
-        made = one.response.finer(pieces, turns, chosen=True)
+        made = one.response.with_substeps(pieces, turns, adaptive=True)
         worst = np.sort(_errors(one, made, full, theta).max(axis=1))
         if not worst[-1 - STRANGE] > SAFE * ENOUGH:
             break
@@ -171,7 +174,7 @@ def _truth(response: Simulator, part: int = 1) -> Simulator:
     """`FINER` times as fine or as `MOST_STEPS` allow, twice at least; `part`: by so much less."""
     pieces = _steps(response).pieces
     allowed = MOST_STEPS // (pieces * len(response.experiment.t))
-    return response.finer(pieces * max(1, max(2, min(FINER, allowed)) // part))
+    return response.with_substeps(pieces * max(1, max(2, min(FINER, allowed)) // part))
 
 
 def _errors(one: Observation, response: Simulator, full: Array, theta: Array) -> Array:

@@ -23,7 +23,7 @@ import scipy
 from bayesdrill.basics.arrays import Array
 from bayesdrill.basics.duals import Dual
 from bayesdrill.basics.formulas import Expression
-from bayesdrill.basics.symbols import Symbol, raised
+from bayesdrill.basics.symbols import Symbol, superscript
 from bayesdrill.inference.priors import Prior, draw, signed, spread
 
 LOG_ROOT_2PI = 0.5 * math.log(2.0 * math.pi)
@@ -170,7 +170,7 @@ def labelled(symbol: Symbol, label: str, name: str | None = None) -> Symbol:
     return dataclasses.replace(
         symbol,
         name=of_label(symbol.name, label) if name is None else name,
-        latex=raised(symbol.latex, rf"\mathrm{{{shown}}}"),
+        latex=superscript(symbol.latex, rf"\mathrm{{{shown}}}"),
         meaning=f"{symbol.meaning}, of the experiment {label}",
     )
 

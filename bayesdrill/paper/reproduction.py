@@ -70,7 +70,7 @@ def write(found: Findings, folder: Folder, crew: Crew) -> None:
         task.result()
     said = sections(in_words(found), made, wanted)
     folder.write_text("report.md", as_markdown(TITLE, said))
-    every = (*said, made_of((("versions", software.versions_in_words()),), folder.path))
+    every = (*said, made_of((("versions", software.versions_text()),), folder.path))
     folder.write_text("report.html", as_html(TITLE, "the paper", every, figures))
 
 

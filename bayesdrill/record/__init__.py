@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from bayesdrill.basics.registry import late
+from bayesdrill.basics.registry import lazy_attributes
 
 if TYPE_CHECKING:
     from bayesdrill.record.experiment import Experiment as Experiment
@@ -18,4 +18,4 @@ if TYPE_CHECKING:
     from bayesdrill.record.formats import Wanted as Wanted
     from bayesdrill.record.formats.table import Table as Table
 
-__getattr__ = late(__name__)
+__getattr__ = lazy_attributes(__name__)

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from bayesdrill.basics.registry import late
+from bayesdrill.basics.registry import lazy_attributes
 
 if TYPE_CHECKING:
     from bayesdrill.report.pages import Page as Page
@@ -35,4 +35,4 @@ if TYPE_CHECKING:
     from bayesdrill.report.view import Drawing as Drawing
     from bayesdrill.report.view import View as View
 
-__getattr__ = late(__name__)
+__getattr__ = lazy_attributes(__name__)

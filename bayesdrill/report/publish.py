@@ -18,7 +18,7 @@ from bayesdrill import output_files
 from bayesdrill.analysis.diagnostics import Row
 from bayesdrill.basics import software
 from bayesdrill.basics.progress import Reporter
-from bayesdrill.basics.registry import Registry, callable_one
+from bayesdrill.basics.registry import Registry, check_callable
 from bayesdrill.config.schema.records import MOST_NAMED
 from bayesdrill.inference.posterior import Posterior, Problem
 from bayesdrill.inference.residual_checks import Correlation
@@ -73,7 +73,7 @@ def _recipe(name: str, module: str) -> Recipe:
 FIGURES: Registry[Recipe] = Registry(
     "figure",
     {name: _recipe(name, module) for name, module in OWN_FIGURES.items()},
-    judge=callable_one,
+    judge=check_callable,
 )
 
 

@@ -16,7 +16,7 @@ from typing import Any
 import bayesdrill
 from bayesdrill.basics import software
 from bayesdrill.basics.errors import InputError, Interrupted
-from bayesdrill.basics.software import DECISIVE, installed_versions, versions_in_words
+from bayesdrill.basics.software import DECISIVE, installed_versions, versions_text
 from bayesdrill.basics.symbols import INPUTS, noise_name
 from bayesdrill.config.job import Job
 from bayesdrill.config.records import sources
@@ -81,7 +81,7 @@ def marks(config: Config, problem: Problem, burn_in: str) -> dict[str, str]:
         "Record": ", ".join(records(problem).values()),
         "Seed": str(config.seed),
         BURN_IN_MARK: burn_in,
-        "Versions": versions_in_words(),
+        "Versions": versions_text(),
     }
 
 
@@ -101,8 +101,8 @@ def _of_experiments(problem: Problem) -> dict[str, str]:
     found: dict[str, str] = {}
     for one in problem.every:
         names, sensing, said = one.experiment.names, one.response.sensing, {}
-        if not sensing.nothing:  # is told beside the rig's parameters
-            said = {"the sensors": sensing.in_words, "the start": sensing.start_in_words}
+        if not sensing.empty:  # is told beside the rig's parameters
+            said = {"the sensors": sensing.summary, "the start": sensing.start_summary}
         if one.kind:
             said["the kind of noise"] = _short(one.kind)
         noise = {f"the noise of {names[k]}": repr(sigma) for k, sigma in one.held().items()}

@@ -8,12 +8,12 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from bayesdrill.basics.registry import late
+from bayesdrill.basics.registry import lazy_attributes
 
 if TYPE_CHECKING:
     from bayesdrill.rig.models.driven_shaft import DrivenShaft as DrivenShaft
     from bayesdrill.rig.models.friction import BitRock as BitRock
-    from bayesdrill.rig.models.friction import Both as Both
+    from bayesdrill.rig.models.friction import CombinedLaw as CombinedLaw
     from bayesdrill.rig.models.friction import Coulomb as Coulomb
     from bayesdrill.rig.models.friction import Friction as Friction
     from bayesdrill.rig.models.friction import Named as Named
@@ -31,4 +31,4 @@ if TYPE_CHECKING:
     from bayesdrill.rig.models.motor_shaft import TwoRotors as TwoRotors
     from bayesdrill.rig.simulators.exact import Response as Response
 
-__getattr__ = late(__name__)
+__getattr__ = lazy_attributes(__name__)

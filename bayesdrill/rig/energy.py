@@ -1,12 +1,13 @@
-"""Where the energy of a rig goes, by its equations: to resistance, damping, friction, or into store.
+"""Where the energy of a rig goes, by its equations: to losses or into store.
 
-Of a rig of a motor, a shaft and rotor 1 every entry of x' = A x + B u + c is a power once it is known
-what its rows weigh: j_1 by the load `t_1`, the inertia at the gearbox by the shaft, which acts at both
-of its ends alike, l_m by the voltage `v`.  What a parameter takes is what is missing where it is zero.
+Losses are resistance, damping and friction.  Of a rig of a motor, a shaft and rotor 1 every entry
+of x' = A x + B u + c is a power once it is known what its rows weigh: j_1 by the load `t_1`, the
+inertia at the gearbox by the shaft, which acts at both of its ends alike, l_m by the voltage `v`.
+What a parameter takes is what is missing where it is zero.
 
 Over a step with constant efforts and straight inputs all of it is exact: integrals of squares of
-exponentials, by doubling.  Where a speed changes its sign within a step, the effort is the mean over
-it, and the sum closes to the order of the step; `Energies.open` says by how much it does not.
+exponentials, by doubling.  Where a speed changes its sign within a step, the effort is the mean
+over it, and the sum closes to the order of the step; `Energies.open` says by how much it does not.
 """
 
 from __future__ import annotations
@@ -36,9 +37,10 @@ SHORT = 0.25  # of the fastest motion: a span over which quadrature is exact to 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Energies:
-    """J, from the first of the times `t (N,)` on: `given` by inputs; `lost`, to parameters and frictions
-    by name; `converted`: what a motor gives beyond what it takes, where k_T is not k_e; `stored`: at
-    each time.
+    """The energy balance of a rig [J], from the first of the times `t (N,)` on.
+
+    `given` by inputs; `lost`, to parameters and frictions by name; `converted`: what a motor gives
+    beyond what it takes, where k_T is not k_e; `stored`: at each time.
     """
 
     t: Array
@@ -54,8 +56,8 @@ class Energies:
         return np.asarray(came - sum(self.lost.values(), self.stored))
 
 
-def can_tell(model: Model) -> bool:
-    """Whether rows of the rig can be weighed."""
+def can_balance(model: Model) -> bool:
+    """Tell whether rows of the rig can be weighed."""
     p = dict.fromkeys(model.parameters, 1.0)
     if not {*model.states} <= {model.roles[role] for role in STATES}:
         return False
@@ -67,18 +69,22 @@ def can_tell(model: Model) -> bool:
 
 
 def energies(rig: Simulator, full: Array) -> Energies:
-    """Of one walker, `full (P,)`, at each of the rig's steps."""
+    """Return the energies of one walker, `full (P,)`, at each of the rig's steps."""
     model = rig.model
     steps = rig.steps(full[None])
     p = {name: float(x) for name, x in zip(model.parameters, full, strict=False)}
     z = _extended(model, steps)
     forms, stored = _forms(model, p)
     x = len(model.states)
-    taken = np.zeros((len(forms), len(z)))
-    for rows, held in _patterns(model, z[:, :x]):
-        over = _over_step(_generator(model, p, held), np.stack([*forms.values()]), steps.span)
-        taken[:, rows] = np.einsum("nz,fzy,ny->fn", z[rows], over, z[rows], optimize=True)
-    whole = np.concatenate([np.zeros((len(forms), 1)), np.cumsum(taken, axis=1)[:, :-1]], axis=1)
+    step_energy = np.zeros((len(forms), len(z)))
+    for rows, fixed_states in _patterns(model, z[:, :x]):
+        over = _over_step(
+            _generator(model, p, fixed_states), np.stack([*forms.values()]), steps.span
+        )
+        step_energy[:, rows] = np.einsum("nz,fzy,ny->fn", z[rows], over, z[rows], optimize=True)
+    whole = np.concatenate(
+        [np.zeros((len(forms), 1)), np.cumsum(step_energy, axis=1)[:, :-1]], axis=1
+    )
     named = dict(zip(forms, whole, strict=True))
     given = {name: named.pop(name) for name in model.inputs if name in named}
     converted = named.pop("")
@@ -93,7 +99,7 @@ def energies(rig: Simulator, full: Array) -> Energies:
 
 
 def _weights(model: Model, p: Mapping[str, float]) -> dict[str, float]:
-    """Of rows: the inertias as the shaft has them, and the inductance."""
+    """Return the weights of rows: the inertias as the shaft has them, and the inductance."""
     linear: Any = model.linear(p)
     motor, rotor = model.roles.motor, model.roles.rotor
     inertia = -1.0 / linear.B[rotor.speed, rotor.load]
@@ -106,8 +112,10 @@ def _weights(model: Model, p: Mapping[str, float]) -> dict[str, float]:
 
 
 def _forms(model: Model, p: Mapping[str, float]) -> tuple[dict[str, Array], Array]:
-    """Powers into the rig as forms of (states, 1, inputs, slopes, efforts): of inputs, parameters,
-    frictions, and, named by nothing, of the rest; and twice the stored energy as a form of states.
+    """Return powers into the rig as forms of (states, 1, inputs, slopes, efforts).
+
+    They are of inputs, parameters, frictions, and, named by nothing, of the rest; with twice the
+    stored energy as a form of states.
     """
     linear, places, weights = model.linear(p), _places(model), _weights(model, p)
     n = len(model.states) + 1 + 2 * len(model.inputs) + len(model.frictions)
@@ -121,16 +129,16 @@ def _forms(model: Model, p: Mapping[str, float]) -> tuple[dict[str, Array], Arra
         form = forms.setdefault(name, np.zeros((n, n)))
         form[model.states.index(row), places[name]] += weights[row] * float(np.asarray(value))
     whole = _autonomous(model, p, stored, n)
-    rest = whole.copy()
+    remainder = whole.copy()
     for name in (model.roles[role] for role in LOSSES):
         if name in model.parameters:
             forms[name] = whole - _autonomous(model, {**p, name: 0.0}, stored, n)
-            rest -= forms[name]
-    return {**forms, "": rest}, stored
+            remainder -= forms[name]
+    return {**forms, "": remainder}, stored
 
 
 def _autonomous(model: Model, p: Mapping[str, float], stored: Array, n: int) -> Array:
-    """x' S (A x + c), as a form."""
+    """Return the form x' S (A x + c)."""
     linear, x = model.linear(p), len(model.states)
     form = np.zeros((n, n))
     form[:x, :x] = stored @ dynamics(linear, model.states, 1)[0]
@@ -140,7 +148,7 @@ def _autonomous(model: Model, p: Mapping[str, float], stored: Array, n: int) -> 
 
 
 def _extended(model: Model, steps: Steps) -> Array:
-    """Of one walker, `(N, Z)`: states, 1, inputs and their slopes, efforts."""
+    """Return `(N, Z)` of one walker: states, 1, inputs and their slopes, efforts."""
     n = len(steps.t)
     felt = [steps.felt[name][0] for name in model.inputs]
     slopes = [steps.slopes[name][0] for name in model.inputs]
@@ -150,44 +158,48 @@ def _extended(model: Model, steps: Steps) -> Array:
 
 
 def _places(model: Model) -> dict[str, int]:
-    """Of inputs and efforts in that."""
+    """Return the indices of inputs and efforts in that."""
     x, frictions = len(model.states), model.frictions
     first = x + 1 + 2 * len(model.inputs)
     places = {name: x + 1 + k for k, name in enumerate(model.inputs)}
-    return places | {one.name: first + k for k, one in enumerate(frictions)}
+    return places | {friction.name: first + k for k, friction in enumerate(frictions)}
 
 
-def _generator(model: Model, p: Mapping[str, float], held: Sequence[str]) -> Array:
-    """How what `_extended` has changes with time, where the states `held` do not."""
+def _generator(model: Model, p: Mapping[str, float], fixed_states: Sequence[str]) -> Array:
+    """Return how what `_extended` has changes with time, where some states do not."""
     linear, x, places = model.linear(p), len(model.states), _places(model)
     u = len(model.inputs)
     n = x + 1 + 2 * u + len(model.frictions)
-    made = np.zeros((n, n))
-    made[:x, :x] = dynamics(linear, model.states, 1)[0]
+    generator = np.zeros((n, n))
+    generator[:x, :x] = dynamics(linear, model.states, 1)[0]
     for row, value in linear.c.items():
-        made[model.states.index(row), x] = np.asarray(value).item()
+        generator[model.states.index(row), x] = np.asarray(value).item()
     for (row, name), value in linear.B.items():
-        made[model.states.index(row), places[name]] += np.asarray(value).item()
-    made[range(x + 1, x + 1 + u), range(x + 1 + u, x + 1 + 2 * u)] = 1.0
-    made[[model.states.index(name) for name in held]] = 0.0
-    return made
+        generator[model.states.index(row), places[name]] += np.asarray(value).item()
+    generator[range(x + 1, x + 1 + u), range(x + 1 + u, x + 1 + 2 * u)] = 1.0
+    generator[[model.states.index(name) for name in fixed_states]] = 0.0
+    return generator
 
 
 def _patterns(model: Model, states: Array) -> Iterator[tuple[Whole, tuple[str, ...]]]:
-    """Which steps `(N,)` have the same states held, by frictions that stick through all of them."""
+    """Yield steps `(N,)` with the same fixed states, by frictions that stick through all of them."""
     frictions = model.frictions
     still = np.zeros((len(states), len(frictions)), dtype=bool)
-    for e, one in enumerate(frictions):
-        zero = states[:, model.states.index(one.against)] == 0.0
+    for e, friction in enumerate(frictions):
+        zero = states[:, model.states.index(friction.against)] == 0.0
         still[:-1, e] = zero[:-1] & zero[1:]
     for pattern in np.unique(still, axis=0):
-        names = [(one.against, one.holds) for one, on in zip(frictions, pattern, strict=True) if on]
-        held = tuple(name for pair in names for name in pair if name is not None)
-        yield np.flatnonzero((still == pattern).all(axis=1)), held
+        names = [
+            (friction.against, friction.holds)
+            for friction, on in zip(frictions, pattern, strict=True)
+            if on
+        ]
+        fixed_states = tuple(name for pair in names for name in pair if name is not None)
+        yield np.flatnonzero((still == pattern).all(axis=1)), fixed_states
 
 
 def _over_step(generator: Array, forms: Array, span: float) -> Array:
-    """Integrals over a step of z' F z for `forms (f, Z, Z)`, as forms of z at its beginning.
+    """Return integrals over a step of z' F z for `forms (f, Z, Z)`, as forms of z at its beginning.
 
     Over a short span by quadrature; then twice as long at a time.
     """

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from bayesdrill.basics.registry import late
+from bayesdrill.basics.registry import lazy_attributes
 
 if TYPE_CHECKING:
     from bayesdrill.sampling.ensembles import Memory as Memory
@@ -22,4 +22,4 @@ if TYPE_CHECKING:
     from bayesdrill.sampling.samplers.ensemble import halves as halves
     from bayesdrill.sampling.workers import Crew as Crew
 
-__getattr__ = late(__name__)
+__getattr__ = lazy_attributes(__name__)

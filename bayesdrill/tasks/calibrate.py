@@ -196,7 +196,7 @@ def _pages(job: Job, folder: Folder, said: Sequence[Section]) -> None:
     lines = (
         ("config", config.name),
         ("seed", str(config.seed)),
-        ("versions", software.versions_in_words()),
+        ("versions", software.versions_text()),
     )
     every = (*said, run_report.made_of(lines, folder.path), run_report.cite())
     page = as_html(title, "calibration", every, folder.path / FIGURES, job.problem.symbols)

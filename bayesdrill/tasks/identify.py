@@ -17,7 +17,7 @@ from bayesdrill.basics.arrays import Array
 from bayesdrill.basics.errors import InputError, did_you_mean
 from bayesdrill.basics.progress import Reporter
 from bayesdrill.basics.symbols import Symbol
-from bayesdrill.basics.values import Value, checked
+from bayesdrill.basics.values import Value, check_arguments
 from bayesdrill.config.job import Job
 from bayesdrill.inference.priors import flat_in_logs
 from bayesdrill.output_files import FIGURES, IDENTIFY
@@ -29,7 +29,7 @@ ALL = "all"
 MARK = "<!-- bayesdrill identify -->"  # begins the text, and so says whose the figures are
 
 
-@checked
+@check_arguments
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Findings(Value):
     """`study`: symmetries, bounds, products, remedies; `profiles`: of what was wanted, SI."""

@@ -156,7 +156,7 @@ class Cluster(RefitExecutor):
             self._compared.add(address)
             wrong = [f"no bayesdrill that can be loaded ({there})"]
             if isinstance(there, dict):
-                wrong = software.unlike(there, own)
+                wrong = software.version_differences(there, own)
             if wrong:
                 message = f"it has {', '.join(wrong)}; install the same there"
                 problems.append(Issue(f"worker {address}", message))
@@ -293,7 +293,7 @@ def _work[T](
     function: Callable[..., T], versions: Mapping[str, str], blob: bytes, *arguments: Any
 ) -> T:
     """Compute one job where the software is the same; raises `InputError` elsewhere."""
-    if wrong := software.unlike(software.installed_versions(), versions):
+    if wrong := software.version_differences(software.installed_versions(), versions):
         raise InputError.one("a worker", f"it has {', '.join(wrong)}; install the same there")
     with _ONE_AT_A_TIME, threadpool_limits(1):
         return function(*_unpacked(blob), *arguments)

@@ -19,13 +19,15 @@ from bayesdrill.inference.priors import Uniform
 from bayesdrill.inference.unknowns import ParameterSpace
 from bayesdrill.rig.models.motor_shaft import MotorShaft
 from bayesdrill.rig.simulators import simulator
-from bayesdrill.rig.simulators.sensors import Sensing
+from bayesdrill.rig.simulators.sensors import ObservationModel
 
 Array = NDArray[np.float64]
 
 N, DT = 3600, 0.01  # in segments of 800: frequencies are multiples of 1/8 Hz
 MEASURES = {"theta_1": {"theta_1": 1.0, "theta_2": -1.0}, "w_2": {"w_2": 1.0}}
-SENSING = Sensing(gains={"w_2": "gain"}, lags={"theta_1": "lag"}, input_gains={"v": "supply"})
+SENSING = ObservationModel(
+    gains={"w_2": "gain"}, lags={"theta_1": "lag"}, input_gains={"v": "supply"}
+)
 SENSORS = {"gain": 1.3, "lag": 0.017, "supply": 0.8}
 
 

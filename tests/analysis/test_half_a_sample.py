@@ -24,8 +24,8 @@ from bayesdrill.inference.unknowns import ParameterSpace
 from bayesdrill.record.experiment import Experiment
 from bayesdrill.rig.models.motor_shaft import MotorShaft
 from bayesdrill.rig.simulators import simulator
-from bayesdrill.rig.simulators.irregular import Measured
-from bayesdrill.rig.simulators.sensors import Sensing
+from bayesdrill.rig.simulators.irregular import IrregularSimulator
+from bayesdrill.rig.simulators.sensors import ObservationModel
 from bayesdrill.sampling.gauss_newton import climb
 from bayesdrill.tasks.conclusions import concluded
 
@@ -44,7 +44,7 @@ def voltage(n: int = N) -> np.ndarray:
 def seen() -> Experiment:
     """With noise."""
     clean = experiment(N, DT, series={"v": voltage()}, constant={"t_1": 0.0}, measures=MEASURES)
-    y = Measured(MotorShaft(), clean, Sensing()).signals(TRUTH[None])[0]
+    y = IrregularSimulator(MotorShaft(), clean, ObservationModel()).signals(TRUTH[None])[0]
     return replace(clean, y=y + SIGMA * np.random.default_rng(8).standard_normal(y.shape))
 
 
@@ -63,7 +63,7 @@ def believed(record: Experiment) -> Posterior:
         unknowns=unknowns,
         fixed={name: value for name, value in fixed.items() if name not in FREE},
     )
-    rig = simulator(MotorShaft(), record, Sensing())
+    rig = simulator(MotorShaft(), record, ObservationModel())
     likelihood = likelihood_of(space, (rig, White.of(noisy, N)))
     return Posterior(space=space, likelihood=likelihood, coordinates=space.coordinates())
 
@@ -79,7 +79,7 @@ def best(posterior: Posterior) -> np.ndarray:
 def test_half_a_sample_moves_what_a_late_step_moves() -> None:
     """Oracle: the fit of a record whose step was given half a sample late; mutant: the other way."""
     clean = experiment(N, DT, measures=MEASURES, constant={"v": 8.0, "t_1": 0.0})
-    late = Measured(MotorShaft(), clean, Sensing(delay="t_0"))
+    late = IrregularSimulator(MotorShaft(), clean, ObservationModel(delay="t_0"))
     on_time, half = (late.signals(np.append(TRUTH, shift)[None])[0] for shift in (0.0, 0.5 * DT))
     posterior = believed(replace(clean, y=on_time))
     theta = best(posterior)
@@ -118,8 +118,8 @@ def test_a_moment_that_is_unknown_is_no_matter_of_doubt() -> None:
     record = seen()
     posterior = believed(record)
     assert half_a_sample(Scenery(posterior.likelihood), best(posterior)) is not None
-    every = Sensing(lags={"alpha": "a", "w_2": "b"})
-    rig = Measured(MotorShaft(), record, every)
+    every = ObservationModel(lags={"alpha": "a", "w_2": "b"})
+    rig = IrregularSimulator(MotorShaft(), record, every)
     one = replace(posterior.likelihood.alone, response=rig)
     space = replace(
         posterior.space,

@@ -11,7 +11,7 @@ from torques import TORQUE, observed
 from bayesdrill.analysis.causes import Instead, instead
 from bayesdrill.analysis.edits import LACKS, widened
 from bayesdrill.report.sections import fit_words, verdict_words
-from bayesdrill.rig.models.linear import USUAL
+from bayesdrill.rig.models.linear import DEFAULT_ROLES
 from bayesdrill.rig.models.motor_shaft import MotorShaft
 from bayesdrill.tasks import run_entries
 
@@ -36,8 +36,8 @@ def test_a_table_is_right_with_what_is_missing(names: dict[str, tuple[bool, ...]
         assert alternative is not None
         assert alternative.parameter == name
         assert alternative.value == pytest.approx(share * truth, rel=0.05)
-        (said,) = fit_words.instead(alternative, USUAL)
-        assert fit_words.LACKED[next(role for role in LACKS if USUAL[role] == name)] in said
+        (said,) = fit_words.instead(alternative, DEFAULT_ROLES)
+        assert fit_words.LACKED[next(role for role in LACKS if DEFAULT_ROLES[role] == name)] in said
 
     for_each(
         {
@@ -87,14 +87,14 @@ def test_a_verdict_in_doubt_says_what_is_missing() -> None:
 
 def test_where_a_table_needs_no_help_nothing_is_said() -> None:
     assert run_entries.instead_data(None) == {}
-    assert list(fit_words.instead(None, USUAL)) == []
+    assert list(fit_words.instead(None, DEFAULT_ROLES)) == []
     data = run_entries.instead_data(Instead(parameter="t_cm", value=0.1, lost=-3.0))
     assert data["instead"]["log_likelihood"] == 3.0
 
 
 def test_each_that_is_tried_has_words_and_is_offered() -> None:
     assert {*fit_words.LACKED} == {*LACKS}
-    assert {USUAL[role] for role in LACKS} <= {*MotorShaft.offers}
+    assert {DEFAULT_ROLES[role] for role in LACKS} <= {*MotorShaft.offers}
 
 
 def test_what_is_tried_is_what_a_config_would_switch_on() -> None:

@@ -23,7 +23,7 @@ from bayesdrill.inference.laplace import PosteriorSurface
 from bayesdrill.inference.posterior import Posterior
 from bayesdrill.report.sections.torque_words import HARMLESS
 from bayesdrill.rig.models.latent_torque import TORQUE as LOAD
-from bayesdrill.rig.models.latent_torque import Loaded, MissingTorque
+from bayesdrill.rig.models.latent_torque import LoadedModel, MissingTorque
 from bayesdrill.rig.simulators.stepped import Stepped
 from bayesdrill.sampling.gauss_newton import climb
 
@@ -41,7 +41,7 @@ def both() -> tuple[Posterior, Posterior]:
     rubs = observed(rubs={"t_c1": FRICTION})
     one = rubs.likelihood.observations[0]
     assert isinstance(one.response, Stepped)
-    fine = of(rubs, replace(one, response=one.response.finer(PIECES)))
+    fine = of(rubs, replace(one, response=one.response.with_substeps(PIECES)))
     return fine, observed(rubs={"t_c1": FRICTION}, missing_torque={**TORQUE, "smoothness": "3/2"})
 
 
@@ -81,7 +81,7 @@ def shaken(size: float, seed: int) -> tuple[Posterior, Array, Array]:
     experiment = one.experiment
     loaded = replace(
         one.response,
-        model=Loaded(one.response.model, acts),
+        model=LoadedModel(one.response.model, acts),
         experiment=replace(experiment, series={**experiment.series, LOAD: true}),
     )
     y = one.draw(loaded.signals(rubs.space.full(theta)), theta, rng)[0]

@@ -28,21 +28,21 @@ from bayesdrill.inference.unknowns import ParameterSpace
 from bayesdrill.report.sections import torque_words
 from bayesdrill.report.sections.physics_figure import torque_figure
 from bayesdrill.report.sections.torque_words import torque_shown
-from bayesdrill.rig.models.latent_torque import At, MissingTorque
+from bayesdrill.rig.models.latent_torque import MissingTorque, TorqueLocation
 from bayesdrill.rig.models.motor_shaft import MotorShaft
 from bayesdrill.rig.simulators.exact import Response
-from bayesdrill.rig.simulators.kalman import Filtered
+from bayesdrill.rig.simulators.kalman import KalmanFilter
 
 SIZE, TIME, SIGMA = 0.1, 0.3, 0.05
 SPEEDS = {name: {name: 1.0} for name in STATES[:4]}
 
 
-def shaken(at: At, rng: np.random.Generator) -> tuple[Posterior, np.ndarray]:
+def shaken(at: TorqueLocation, rng: np.random.Generator) -> tuple[Posterior, np.ndarray]:
     """A posterior of a record, which a drawn torque has shaken; and that torque in N m."""
     t = 0.02 * np.arange(301)
     voltage = {"v": 8.0 * np.sin(1.3 * t)}
     one = experiment(301, 0.02, measures=SPEEDS, series=voltage, constant={"t_1": 0.0})
-    found = Filtered(MotorShaft(), MissingTorque(at=at, smoothness="3/2"), one)
+    found = KalmanFilter(MotorShaft(), MissingTorque(at=at, smoothness="3/2"), one)
     row, sigmas = np.append(vector(NOMINAL), [SIZE, TIME])[None], np.full((1, 4), SIGMA)
     states, shows = found.draw(row, sigmas, rng)
     clean = Response(MotorShaft(), one).signals(row[:, :-2])[0]
@@ -55,7 +55,7 @@ def shaken(at: At, rng: np.random.Generator) -> tuple[Posterior, np.ndarray]:
     observed = ShakenObservation(
         response=Response(MotorShaft(), one),
         noise=White(n_samples=301, known=dict.fromkeys(range(4), SIGMA), n_channels=4),
-        filtered=Filtered(MotorShaft(), found.torque, one),
+        filtered=KalmanFilter(MotorShaft(), found.torque, one),
         process=levels,
         parameters=base.space.model,
         levels=["s_d", "tau_d"],
@@ -65,10 +65,10 @@ def shaken(at: At, rng: np.random.Generator) -> tuple[Posterior, np.ndarray]:
     )
     likelihood = Likelihood.joint(space, [observed])
     made = Posterior(space=space, likelihood=likelihood, coordinates=space.coordinates())
-    return made, SIZE * states[0, :, found.pushed.states.index("torque")]
+    return made, SIZE * states[0, :, found.augmented.states.index("torque")]
 
 
-def seen(at: At, seed: int, n: int = 200) -> tuple[Shaking, np.ndarray]:
+def seen(at: TorqueLocation, seed: int, n: int = 200) -> tuple[Shaking, np.ndarray]:
     rng = np.random.default_rng(seed)
     target, truth = shaken(at, rng)
     theta = np.append(vector(NOMINAL), [SIZE, TIME])
@@ -79,7 +79,7 @@ def seen(at: At, seed: int, n: int = 200) -> tuple[Shaking, np.ndarray]:
 def test_the_torque_is_found_and_its_band_holds_it() -> None:
     """Of 301 samples 94 % and no less than 85: they hang together."""
 
-    def check(at: At) -> None:
+    def check(at: TorqueLocation) -> None:
         found, truth = seen(at, 4)
         low, high = found.band
         assert np.mean((truth >= low) & (truth <= high)) > 0.85

@@ -27,7 +27,7 @@ from bayesdrill.rig.models.driven_shaft import DrivenShaft
 from bayesdrill.rig.models.linear import with_named
 from bayesdrill.rig.models.motor_shaft import MotorShaft
 from bayesdrill.rig.simulators import simulator
-from bayesdrill.rig.simulators.sensors import Sensing
+from bayesdrill.rig.simulators.sensors import ObservationModel
 
 SQUARE = np.where((T // 0.7) % 2 == 0, 5.0, -5.0)
 STATIC = {"t_cm": 0.05, "t_sm": 0.1, "w_sm": 3.0}
@@ -63,7 +63,7 @@ def believed(
     ]
     fixed = {name: whole[name] for name in rig.parameters if name not in free}
     space = ParameterSpace(model=rig.parameters, unknowns=unknowns, fixed=fixed)
-    response = simulator(rig, seen, Sensing(), 2)
+    response = simulator(rig, seen, ObservationModel(), 2)
     return Posterior(
         space=space,
         likelihood=likelihood_of(space, (response, White.of(noisy, N))),

@@ -32,7 +32,7 @@ def both() -> tuple[Posterior, Posterior]:
     rubs = observed(rubs={"t_c1": FRICTION})
     one = rubs.likelihood.observations[0]
     assert isinstance(one.response, Stepped)
-    return of(rubs, replace(one, response=one.response.finer(PIECES))), observed(
+    return of(rubs, replace(one, response=one.response.with_substeps(PIECES))), observed(
         missing_torque=TORQUE
     )
 

@@ -15,7 +15,7 @@ from systems import ROOT
 from together import for_each
 
 import bayesdrill as bd
-from bayesdrill.basics.values import alike
+from bayesdrill.basics.values import equal_content
 from bayesdrill.rig.kernels.compiling import compile_kernel
 
 CONFIGS = ROOT / "configs"
@@ -101,15 +101,15 @@ def test_what_differs_in_one_thing_is_another() -> None:
 
 def test_alike_looks_into_what_has_no_equality_of_its_own() -> None:
     nothing = float("nan")
-    assert alike({"a": [np.array([1.0, nothing])]}, {"a": [np.array([1.0, nothing])]})
-    assert alike(nothing, -nothing)
-    assert not alike(np.zeros(2), np.zeros(2, int))
-    assert not alike(np.zeros(2), np.zeros((2, 1)))
-    assert not alike([1, 2], (1, 2))
-    assert not alike({"a": 1}, {"a": 1, "b": 2})
-    assert not alike([1], [1, 2])
-    assert not alike(len, max)
-    assert not alike(int, float)
+    assert equal_content({"a": [np.array([1.0, nothing])]}, {"a": [np.array([1.0, nothing])]})
+    assert equal_content(nothing, -nothing)
+    assert not equal_content(np.zeros(2), np.zeros(2, int))
+    assert not equal_content(np.zeros(2), np.zeros((2, 1)))
+    assert not equal_content([1, 2], (1, 2))
+    assert not equal_content({"a": 1}, {"a": 1, "b": 2})
+    assert not equal_content([1], [1, 2])
+    assert not equal_content(len, max)
+    assert not equal_content(int, float)
 
 
 def test_a_mistake_comes_back_from_another_process_as_it_was() -> None:

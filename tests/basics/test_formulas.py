@@ -10,7 +10,7 @@ import pytest
 from together import for_each
 
 from bayesdrill.basics.duals import Dual
-from bayesdrill.basics.formulas import RelationError, expression, resolved
+from bayesdrill.basics.formulas import RelationError, expression, resolve_relations
 
 NAMES = ("G", "d", "L", "k_e", "k_s", "j_1")
 VALUES = {"G": 79.3e9, "d": 3e-3, "L": 2.4, "k_e": 0.06, "k_s": 0.26, "j_1": 0.0283}
@@ -111,7 +111,7 @@ def test_refuses_the_rest_in_words() -> None:
 
 def test_chains_are_resolved_and_circles_named() -> None:
     chain = {"k_T": expression("2*k_e", NAMES), "k_e": expression("G + d", NAMES)}
-    assert resolved(chain)["k_T"].value(VALUES) == pytest.approx(2 * (79.3e9 + 3e-3))
+    assert resolve_relations(chain)["k_T"].value(VALUES) == pytest.approx(2 * (79.3e9 + 3e-3))
     circle = {"k_s": expression("j_1", NAMES), "j_1": expression("k_s*2", NAMES)}
     with pytest.raises(RelationError, match="k_s -> j_1 -> k_s"):
-        resolved(circle)
+        resolve_relations(circle)

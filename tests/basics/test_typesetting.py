@@ -94,7 +94,7 @@ def test_what_is_taken_can_stand_in_products_and_with_labels() -> None:
         config_latex.check(named(latex))
         parse = MathTextParser("path").parse
         parse(f"${product_latex((2, -3), [named(latex), named(latex)])}$")
-        parse(f"${symbols.raised(latex, r'\mathrm{slow}')}$")
+        parse(f"${symbols.superscript(latex, r'\mathrm{slow}')}$")
 
     for_each({str(latex): (latex,) for latex in TAKEN}, check)
 
@@ -105,7 +105,7 @@ def test_a_unit_is_nothing_but_a_unit() -> None:
 
     def check(unit: str) -> None:
         with pytest.raises(ValueError, match="unit"):
-            units.shown(unit)
+            units.display_unit(unit)
         with pytest.raises(ValueError, match="unit"):
             units.factor(unit, "m")
 
@@ -131,7 +131,7 @@ def test_common_units_are_what_pint_says_and_refused_as_it_refuses() -> None:
 
 def test_powers_of_signs_can_be_drawn() -> None:
     def check(unit: str) -> None:
-        config_latex.check(named("x", units.shown(unit).latex))
+        config_latex.check(named("x", units.display_unit(unit).latex))
 
     for_each({unit: (unit,) for unit in ["\u00b0\u00b2", "\u00b0**2"]}, check)
 
@@ -165,7 +165,8 @@ def test_latex_takes_what_is_taken(tmp_path: Path) -> None:
             continue
         rows.append(text)
     tables = [
-        rf"\begin{{tabular}}{{ll}}${row}$ & ${symbols.raised(row, 'a')}$ \\ \end{{tabular}}\newpage"
+        rf"\begin{{tabular}}{{ll}}${row}$ & "
+        rf"${symbols.superscript(row, 'a')}$ \\ \end{{tabular}}\newpage"
         for row in rows
     ]
     page = [r"\documentclass{article}\begin{document}", *tables, r"\end{document}", ""]

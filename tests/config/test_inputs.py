@@ -270,7 +270,7 @@ def test_one_measured_input_has_the_delay_of_all(tmp_path: Path) -> None:
     found = built(tmp_path, LAGGED).problem
     sensing = found.observations[0].response.sensing
     assert (sensing.delay, sensing.input_lags) == (None, {"t_1": "lag_t_1"})
-    assert sensing.in_words == "t_1: lag"
+    assert sensing.summary == "t_1: lag"
     prior = found.posterior.space.priors["lag_t_1"]
     assert (prior.low, prior.high) == pytest.approx((-0.04, 0.06))
 

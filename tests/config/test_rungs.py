@@ -14,7 +14,7 @@ from bayesdrill import selection
 from bayesdrill.config import loading
 from bayesdrill.config.job import prepare
 from bayesdrill.config.schema.config import Config
-from bayesdrill.rig.models.linear import USUAL
+from bayesdrill.rig.models.linear import DEFAULT_ROLES
 from bayesdrill.selection import Ladder, Rung
 
 TORQUES = set(selection.TORQUES) if selection.MISSING in Config.model_fields else set()
@@ -42,7 +42,7 @@ def test_each_is_valid_and_has_what_it_says(tmp_path: Path) -> None:
     assert set(found) == ALL | SENSED
     for name, one in found.items():
         problem = one.job().problem
-        physics = {USUAL[role] for role in selection.PHYSICS.get(name, ())}
+        physics = {DEFAULT_ROLES[role] for role in selection.PHYSICS.get(name, ())}
         noise = {n for n in problem.names if n.startswith(("sigma", "rho"))}
         sensed = {name} & SENSED - {"gear", "free_start"}
         assert {"k_e", "j_1"} | physics | sensed <= set(problem.names), name

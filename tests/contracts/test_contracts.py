@@ -27,7 +27,7 @@ from bayesdrill.rig.models import MODELS
 from bayesdrill.rig.models.linear import Model
 from bayesdrill.rig.simulators.contract import Simulator
 from bayesdrill.rig.simulators.exact import Response
-from bayesdrill.rig.simulators.irregular import Measured
+from bayesdrill.rig.simulators.irregular import IrregularSimulator
 from bayesdrill.rig.simulators.stepped import Stepped
 from bayesdrill.sampling.optimisers import OPTIMISERS
 from bayesdrill.sampling.optimisers.contract import Optimiser
@@ -53,7 +53,7 @@ REGISTRIES = (
     "tasks/remote.py",
 )
 CONTRACTS = (Model, Simulator, Noise, priors.Prior, Observation, Optimiser, Move, RefitExecutor)
-SIMULATORS = (Response, Measured, Stepped)
+SIMULATORS = (Response, IrregularSimulator, Stepped)
 OBSERVATIONS = (Observation, ShakenObservation)
 # Of an observation whose density is not that of independent residuals all this is its own.
 DENSITY = (

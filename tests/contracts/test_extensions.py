@@ -24,7 +24,7 @@ from pydantic import Field
 from together import together
 
 from bayesdrill.basics import registry
-from bayesdrill.basics.entries import Strict, chosen
+from bayesdrill.basics.entries import Strict, member_section
 from bayesdrill.basics.errors import Stopped
 from bayesdrill.basics.registry import Registry, lookup
 from bayesdrill.guard import guarded
@@ -360,9 +360,9 @@ def hostile(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
     for name, (text, _) in IMPORTS.items():
         (tmp_path / f"hostile_{name}.py").write_text(text)
     monkeypatch.syspath_prepend(tmp_path)
-    registry._every_entry_point.cache_clear()
+    registry._entry_points.cache_clear()
     yield tmp_path
-    registry._every_entry_point.cache_clear()
+    registry._entry_points.cache_clear()
     for name in [name for name in sys.modules if name.startswith("hostile")]:
         del sys.modules[name]
 
@@ -428,7 +428,7 @@ def test_an_entry_that_has_its_meaning_keeps_it() -> None:
         file: Annotated[int, Field(ge=3)] = 3
         more: Annotated[int, Field(ge=3)] = 3
 
-    made = chosen("Made", Base, "kind", {"a": Theirs})
+    made = member_section("Made", Base, "kind", {"a": Theirs})
     assert made.model_validate({"file": "y", "more": 4}).model_dump()["file"] == "y"
 
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 from together import together
 
-from bayesdrill.basics.entries import entries_of, made
+from bayesdrill.basics.entries import build_member, entries_of
 from bayesdrill.config.schema.config import MapSpec
 from bayesdrill.inference.unknowns import Coordinates
 from bayesdrill.sampling.optimisers import OPTIMISERS
@@ -84,5 +84,5 @@ def test_a_start_finds_the_same_alone_and_beside_others(name: str) -> None:
 def test_a_config_gives_it_its_entries(name: str) -> None:
     kind = OPTIMISERS[name]
     assert {*entries_of(kind)} <= {*MapSpec.model_fields}
-    assert made(kind, MapSpec(method=name)) == kind()
+    assert build_member(kind, MapSpec(method=name)) == kind()
     kind().check(("a", "b"))

@@ -18,7 +18,7 @@ from scipy.linalg import expm
 from together import together
 
 from bayesdrill.basics import symbols
-from bayesdrill.basics.entries import entries_of, made
+from bayesdrill.basics.entries import build_member, entries_of
 from bayesdrill.config.schema.config import ModelSpec, Parameters
 from bayesdrill.rig import models
 from bayesdrill.rig.models import MODELS
@@ -65,7 +65,7 @@ def test_its_names_have_symbols_and_places_in_a_config(name: str) -> None:
     assert {one.name for one in rig.declares} <= {*rig.parameters, *rig.offers, *rig.states}
     fields = {field.name for field in dataclasses.fields(kind)} - {"added"}
     assert fields == {*entries_of(kind)} <= {*ModelSpec.model_fields}
-    assert made(kind, ModelSpec(name=rig.name)) == kind() == PLAIN[rig.name]
+    assert build_member(kind, ModelSpec(name=rig.name)) == kind() == PLAIN[rig.name]
     assert rig.parameters == (*kind.parameters, *rig.added)
     assert {*rig.offers} == {*rig.parameters} - {*kind.parameters} or rig == kind()
     assert {name for needs in rig.offers.values() for name in needs} <= {*rig.offers}

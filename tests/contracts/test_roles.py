@@ -37,7 +37,7 @@ from bayesdrill.report.sections.physics_words import effort_symbol, speed_symbol
 from bayesdrill.report.sections.torque_words import torque_shown
 from bayesdrill.rig import MotorShaft, energy
 from bayesdrill.rig.models import MODELS
-from bayesdrill.rig.models.linear import STATES, USUAL, Model, Roles, RotorRoles
+from bayesdrill.rig.models.linear import DEFAULT_ROLES, STATES, Model, Roles, RotorRoles
 from bayesdrill.sampling.workers import Crew
 from bayesdrill.selection import Ladder
 from bayesdrill.tasks import ranking
@@ -261,8 +261,11 @@ def test_no_module_outside_rigs_knows_a_symbol_by_its_spelling() -> None:
 
 def test_roles_have_names_and_no_rig_is_asked_whether_it_has_a_member() -> None:
     for role in (*edits.LACKS, *STATES, *energy.LOSSES, *plausibility.GEOMETRY, *RIVALS):
-        assert USUAL[role] in {*symbols.PARAMETERS, *symbols.STATES}
-    assert {USUAL[role] for role in physics_words.NAMES} <= {*symbols.PARAMETERS, *symbols.INPUTS}
+        assert DEFAULT_ROLES[role] in {*symbols.PARAMETERS, *symbols.STATES}
+    assert {DEFAULT_ROLES[role] for role in physics_words.NAMES} <= {
+        *symbols.PARAMETERS,
+        *symbols.INPUTS,
+    }
     asked = re.compile(r"(?:get|has)attr\((?:model|rig|[a-z_.]+\.model|[a-z_.]+\.rig), [\"'](\w+)")
     for path in (ROOT / "bayesdrill").rglob("*.py"):
         assert not asked.findall(path.read_text()), path

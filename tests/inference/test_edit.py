@@ -16,7 +16,7 @@ from bayesdrill.inference.priors import Uniform
 from bayesdrill.inference.unknowns import Unknown
 from bayesdrill.rig.models import PARAMETERS
 from bayesdrill.rig.models.linear import with_named
-from bayesdrill.rig.simulators.sensors import Sensing
+from bayesdrill.rig.simulators.sensors import ObservationModel
 
 CASE = CASES["falling"]
 MODEL = model_of(CASE)
@@ -97,7 +97,7 @@ def test_another_rig_and_sensors_take_the_same_steps(posterior: Posterior) -> No
             for name, start in (("c_s", 0.0), ("gain", 1.0))
         ],
         each=lambda one: one.of_rig(
-            with_named(one.response.model, ["c_s"]), Sensing(gains={channel: "gain"})
+            with_named(one.response.model, ["c_s"]), ObservationModel(gains={channel: "gain"})
         ),
     )
     assert step_error.taken(damped) == step_error.taken(posterior)

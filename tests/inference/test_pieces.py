@@ -15,8 +15,8 @@ from bayesdrill.inference.noise.white import White
 from bayesdrill.inference.posterior import Posterior
 from bayesdrill.inference.step_error import ENOUGH, TRIED, chosen, step_errors
 from bayesdrill.inference.unknowns import Coordinates, ParameterSpace
-from bayesdrill.rig.simulators.contract import TURNS
-from bayesdrill.rig.simulators.sensors import Sensing
+from bayesdrill.rig.simulators.contract import REVERSAL_SUBSTEPS
+from bayesdrill.rig.simulators.sensors import ObservationModel
 from bayesdrill.rig.simulators.stepped import Stepped
 
 NAME = "falling"
@@ -31,12 +31,12 @@ def likelihood(sigma: float, pieces: int = 1) -> Likelihood:
     )
     values = dict(zip(model.parameters, parameters(CASE)[0], strict=True))
     space = ParameterSpace(model=model.parameters, unknowns=(), fixed=values)
-    return likelihood_of(space, (Stepped(model, record, Sensing(), pieces), noise))
+    return likelihood_of(space, (Stepped(model, record, ObservationModel(), pieces), noise))
 
 
-def off(pieces: int, turns: int = TURNS) -> np.ndarray:
+def off(pieces: int, turns: int = REVERSAL_SUBSTEPS) -> np.ndarray:
     """The largest distance of each state from the oracle `(K,)`."""
-    rig = Stepped(model_of(CASE), experiment_of(CASE), Sensing(), pieces, turns)
+    rig = Stepped(model_of(CASE), experiment_of(CASE), ObservationModel(), pieces, turns)
     return np.asarray(np.abs(rig.signals(parameters(CASE))[0] - moved(NAME).states).max(axis=0))
 
 

@@ -29,8 +29,8 @@ from bayesdrill.rig.models.latent_torque import MissingTorque
 from bayesdrill.rig.models.motor_shaft import MotorShaft
 from bayesdrill.rig.simulators import simulator
 from bayesdrill.rig.simulators.exact import Response
-from bayesdrill.rig.simulators.kalman import Filtered
-from bayesdrill.rig.simulators.sensors import Sensing
+from bayesdrill.rig.simulators.kalman import KalmanFilter
+from bayesdrill.rig.simulators.sensors import ObservationModel
 
 FOUR = {name: {name: 1.0} for name in STATES[:4]}
 SIZE, TIME = 0.05, 0.3
@@ -45,7 +45,7 @@ def target(*, gaps: bool = False) -> Posterior:
     """Nine parameters, one unknown sigma of two, size and time of the torque at rotor 1."""
     rng = np.random.default_rng(8)
     one = experiment(151, 0.03, measures={k: FOUR[k] for k in ("theta_1", "w_2")})
-    found = Filtered(MotorShaft(), MissingTorque(at="rotor_1"), one)
+    found = KalmanFilter(MotorShaft(), MissingTorque(at="rotor_1"), one)
     row = np.append(vector(NOMINAL), [SIZE, TIME])[None]
     y = Response(MotorShaft(), one).signals(vector(NOMINAL)[None])[0]
     y = y + found.draw(row, np.array([[0.1, 0.2]]), rng)[1][0]
@@ -57,9 +57,9 @@ def target(*, gaps: bool = False) -> Posterior:
     within = White(n_samples=151, known={0: 0.1}, n_channels=2, unknowns=(sigma,))
     torque = {"s_d": level("s_d", 1e-3, 1.0), "tau_d": level("tau_d", 0.01, 10.0)}
     observed = ShakenObservation(
-        response=simulator(MotorShaft(), one, Sensing()),
+        response=simulator(MotorShaft(), one, ObservationModel()),
         noise=within.seeing(one.counts),
-        filtered=Filtered(MotorShaft(), found.torque, one),
+        filtered=KalmanFilter(MotorShaft(), found.torque, one),
         process=torque,
         parameters=ORDER,
         levels=["sigma_w_2", "s_d", "tau_d"],

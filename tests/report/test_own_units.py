@@ -265,7 +265,7 @@ def test_sentences_have_the_unit_of_the_user_and_parameters_stay_as_they_are() -
 def test_times_are_told_in_the_unit_of_their_column() -> None:
     left = pair().own.analysis.fit[0]
     far = replace(left, farthest=9.0, rms=1.0, time=0.75, limits=replace(left.limits, most=2.0))
-    clock = units.shown("ms", "s")
+    clock = units.display_unit("ms", "s")
     assert "theta_1 9 at 750 ms" in fit_words.residual_sentences([far], clock)
 
 
@@ -393,7 +393,7 @@ WRITTEN = {
 
 def test_units_of_speeds_are_shown_as_they_are_written() -> None:
     def check(name: str) -> None:
-        found = units.shown(name, "rad/s")
+        found = units.display_unit(name, "rad/s")
         assert (found.name, found.latex) == (name, WRITTEN[name][0])
         assert found.factor == pytest.approx(WRITTEN[name][1])
 
@@ -419,7 +419,7 @@ def test_every_unit_is_a_formula_that_fonts_have() -> None:
     ]
 
     def check(name: str) -> None:
-        found = units.shown(name)
+        found = units.display_unit(name)
         assert found.name == name
         assert found.latex.isascii()
         assert found.latex.count("{") == found.latex.count("}")
@@ -434,7 +434,7 @@ def test_a_unit_that_formulas_do_not_have_is_shown_in_si() -> None:
     cases = [("\u00c5", "m"), ("\u2113", "m**3")]
 
     def check(name: str, si_unit: str) -> None:
-        found = units.shown(name)
+        found = units.display_unit(name)
         assert (found.name, found.factor, found.latex) == (si_unit, 1.0, latex_unit(si_unit))
         with pytest.raises(ValueError, match="letters"):
             latex_unit(name)
@@ -449,7 +449,7 @@ def test_what_has_no_unit_of_its_own_stays_as_it_is() -> None:
     assert row.name == "k_e"
     assert pair().own.units.rows([row]) == (row,)
     assert SI.said("k_s", 0.26) == "0.26"
-    assert OwnUnits({"q": units.shown("1")}).said("q", 0.5) == "0.5"
+    assert OwnUnits({"q": units.display_unit("1")}).said("q", 0.5) == "0.5"
     assert unit_product(["ohm", "H", "V"], (1, -2, 0)) == "(ohm)*(H)**-2"
     assert unit_product(["ohm", "H"], (0, 1)) == "H"
 

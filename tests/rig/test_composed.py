@@ -25,8 +25,8 @@ from bayesdrill.rig.models import linear
 from bayesdrill.rig.models.linear import DOT, Linear, Model, Tangent, dynamics
 from bayesdrill.rig.models.motor_shaft import OFFERS, MotorShaft, TwoRotors
 from bayesdrill.rig.simulators.exact import Response, layout
-from bayesdrill.rig.simulators.irregular import Measured
-from bayesdrill.rig.simulators.sensors import Sensing, wired
+from bayesdrill.rig.simulators.irregular import IrregularSimulator
+from bayesdrill.rig.simulators.sensors import ObservationModel, observed_model
 
 I_M = 0.2
 MORE = {
@@ -113,7 +113,11 @@ def test_its_response_is_that_of_the_balances() -> None:
         p, rig, push = parameters(added), MotorShaft(I_M, added=added), {"v": 5.5, "t_1": 0.03}
         record = experiment(61, 0.03, constant=push, start=START)
         true = exact(p, record.t, push)
-        of = Measured(rig, record, Sensing()) if any_time else Response(rig, record)
+        of = (
+            IrregularSimulator(rig, record, ObservationModel())
+            if any_time
+            else Response(rig, record)
+        )
         scale = np.abs(true).max(axis=0)
         assert of.signals(vector(rig, p))[0] / scale == pytest.approx(true / scale, abs=1e-9)
         if added:
@@ -238,7 +242,10 @@ def test_what_is_not_named_costs_not_an_operation() -> None:
         assert code(MotorShaft(added=("r_s",)), series) != code(Plain(), series)
         assert MotorShaft(stribeck=2).linear(skewed()) == Plain().linear(skewed())
         theta, record = vector(Plain(), skewed()), experiment(30, start=START)
-        for of in (Response, lambda rig, one: Measured(rig, one, Sensing(delay="t_0"))):
+        for of in (
+            Response,
+            lambda rig, one: IrregularSimulator(rig, one, ObservationModel(delay="t_0")),
+        ):
             full = theta if of is Response else np.append(theta, [[0.004]], axis=1)
             one, other = of(MotorShaft(), record), of(Plain(), record)
             assert one.signals(full).tobytes() == other.signals(full).tobytes()
@@ -273,9 +280,13 @@ def test_its_frictions_have_the_laws_of_what_is_named() -> None:
 
 def test_frictions_pass_through_the_sensors_of_inputs_and_not_through_slopes() -> None:
     rig = MotorShaft(I_M, added=("j_2", "t_cm", "v_d"))
-    behind = wired(rig, Sensing(input_gains={"v": "gain_v"}, input_offsets={"v": "offset_v"}))
+    behind = observed_model(
+        rig, ObservationModel(input_gains={"v": "gain_v"}, input_offsets={"v": "offset_v"})
+    )
     assert behind.frictions == rig.frictions
-    assert wired(MotorShaft(), Sensing(input_gains={"v": "gain_v"})).frictions == ()
+    assert (
+        observed_model(MotorShaft(), ObservationModel(input_gains={"v": "gain_v"})).frictions == ()
+    )
     p = parameters(("j_2", "t_cm", "v_d")) | {"gain_v": 1.1, "offset_v": 0.3}
     plain, through = rig.linear(p), behind.linear(p)
     for column in (("w_2", "friction_m"), ("i", "drop")):
@@ -297,6 +308,6 @@ def test_names_of_a_rig_and_of_its_kind() -> None:
     assert MotorShaft.parameters == MotorShaft(0.1).parameters == ORDER
     assert linear.with_named(rig, ["v_d"]).parameters == (*ORDER, "c_s", "w_s1", "v_d", "eta")
     assert linear.with_named(TwoRotors(), ["c_s"]) == TwoRotors()
-    assert linear.lacking(rig) == {"w_s1": ("t_c1", "t_s1")}
+    assert linear.missing_requirements(rig) == {"w_s1": ("t_c1", "t_s1")}
     assert linear.constants(rig) == {"i_m": 0.1, "stribeck": 2, "added": rig.added}
     assert linear.constants(MotorShaft()) == {"i_m": 0.125}

@@ -142,7 +142,7 @@ SHIFTS = (2.4, -0.7, 0.0, 30.0)
 
 def squares(dense: Dense, *walkers_and_record: np.ndarray | None) -> np.ndarray:
     *walkers, y = walkers_and_record
-    return dense.tallied(tuple(walkers), y, SQUARES)[..., 0]
+    return dense.sums(tuple(walkers), y, SQUARES)[..., 0]
 
 
 def test_equals_steps_in_extended_precision() -> None:

@@ -17,7 +17,7 @@ from bayesdrill.record.experiment import Experiment
 from bayesdrill.rig.models.driven_shaft import DrivenShaft
 from bayesdrill.rig.models.linear import with_named
 from bayesdrill.rig.simulators import simulator
-from bayesdrill.rig.simulators.sensors import Sensing
+from bayesdrill.rig.simulators.sensors import ObservationModel
 
 P = {"k_s": 4.3, "j_1": 8.1e-3, "c_s": 0.021, "c_1": 0.034}
 ROCK = {"b_0": 2.1e-3, "b_1": 1.7, "b_2": 5.5, "b_3": 3.9}
@@ -79,11 +79,11 @@ def test_measured_speed_and_torque_move_it_as_the_equations_do() -> None:
     rig, theta = shaft()
     straight = solved(lambda s, _: (np.interp(s, T, SPEED), np.interp(s, T, LOAD)))
     one = measured(first_order=True, w_2=SPEED, t_1=LOAD)
-    found = simulator(rig, one, Sensing()).signals(theta)[0]
+    found = simulator(rig, one, ObservationModel()).signals(theta)[0]
     assert found == pytest.approx(both(straight), abs=2e-8)
     stays = solved(lambda _, middle: (held(SPEED, middle), held(LOAD, middle)))
     one = measured(w_2=SPEED, t_1=LOAD)
-    found = simulator(rig, one, Sensing()).signals(theta)[0]
+    found = simulator(rig, one, ObservationModel()).signals(theta)[0]
     assert found == pytest.approx(both(stays), abs=2e-8)
     assert np.abs(stays - straight).max() > 0.05
 
@@ -106,7 +106,7 @@ def test_an_angle_straight_between_samples_is_a_speed_that_is_held() -> None:
     rig, theta = shaft()
     load = np.interp(T + 0.5 * DT, T, LOAD)
     one = measured(w_2=anomalies.held_speeds(angle, T), t_1=load)
-    found = simulator(rig, one, Sensing()).signals(theta)[0]
+    found = simulator(rig, one, ObservationModel()).signals(theta)[0]
     assert found[:, [0, 2]] == pytest.approx(np.array(out), abs=2e-8)
     assert found[:, 1] == pytest.approx(angle, rel=1e-12)
 
@@ -118,11 +118,11 @@ def test_a_torque_that_the_record_shows_late_acts_when_it_did() -> None:
         early = solved(lambda s, _: (np.interp(s, T, SPEED), np.interp(s - lag, T, LOAD)))
         rig, theta = shaft()
         one = measured(first_order=True, w_2=SPEED, t_1=LOAD)
-        own = simulator(rig, one, Sensing(input_lags={"t_1": "lag_t_1"}))
+        own = simulator(rig, one, ObservationModel(input_lags={"t_1": "lag_t_1"}))
         assert own.parameters[-1] == "lag_t_1"
         found = own.signals(np.append(theta, [[lag]], axis=1))[0]
         assert found == pytest.approx(both(early), abs=0.02)  # bends within a step are cut
-        plain = simulator(rig, one, Sensing()).signals(theta)[0]
+        plain = simulator(rig, one, ObservationModel()).signals(theta)[0]
         assert np.abs(plain - found).max() > 1.0
 
     for_each({str(lag): (lag,) for lag in [-0.0373, 0.0211]}, check)
@@ -142,7 +142,9 @@ def test_rock_holds_the_bit_as_its_law_and_the_weight_say() -> None:
     assert rig.inputs == ("w_2", "t_1", "wob")
     one = measured(first_order=True, **dict(zip(rig.inputs, every, strict=True)))
     apart = [
-        np.abs(simulator(rig, one, Sensing(), pieces).signals(theta)[0] - both(exact)).max()
+        np.abs(
+            simulator(rig, one, ObservationModel(), pieces).signals(theta)[0] - both(exact)
+        ).max()
         for pieces in (2, 4, 8)
     ]
     assert apart[2] < 5e-3
@@ -170,6 +172,6 @@ def test_a_steady_start_is_twisted_by_the_load_and_turns_with_the_top() -> None:
     rig, theta = shaft()
     one = measured(w_2=SPEED, t_1=LOAD)
     one = dataclasses.replace(one, start={"theta_2": 0.12})
-    first = simulator(rig, one, Sensing(steady=True)).signals(theta)[0, 0]
+    first = simulator(rig, one, ObservationModel(steady=True)).signals(theta)[0, 0]
     twist = -(LOAD[0] + P["c_1"] * SPEED[0]) / P["k_s"]
     assert first == pytest.approx([0.12 + twist, 0.12, SPEED[0], twist], rel=1e-9)

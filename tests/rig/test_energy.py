@@ -13,17 +13,17 @@ from rubbing_cases import CASES, moved
 from stepping import parameters, stepped
 from together import for_each
 
-from bayesdrill.rig.energy import Energies, can_tell, energies
+from bayesdrill.rig.energy import Energies, can_balance, energies
 from bayesdrill.rig.models.driven_shaft import DrivenShaft
 from bayesdrill.rig.models.linear import Linear
 from bayesdrill.rig.models.long_shaft import LongShaft
 from bayesdrill.rig.models.motor import Motor
 from bayesdrill.rig.models.motor_shaft import MotorShaft, TwoRotors
-from bayesdrill.rig.simulators.sensors import Sensing
+from bayesdrill.rig.simulators.sensors import ObservationModel
 from bayesdrill.rig.simulators.stepped import Stepped
 
 T = 0.01 * np.arange(401)
-SENSING = Sensing(input_gains={"v": "g"}, input_offsets={"v": "o"}, input_lags={"v": "l"})
+SENSING = ObservationModel(input_gains={"v": "g"}, input_offsets={"v": "o"}, input_lags={"v": "l"})
 TOLD = (0.87, 0.9, 0.023)
 LINEAR = skewed() | {"c_s": 2e-3, "r_s": 0.1, "c_1": 1.2e-3}
 
@@ -38,7 +38,7 @@ def total(found: Energies) -> float:
     return float(sum(np.abs(part).max() for part in every))
 
 
-def linear(*, first_order: bool, sensing: Sensing = SENSING) -> Energies:
+def linear(*, first_order: bool, sensing: ObservationModel = SENSING) -> Energies:
     """Of a rig without friction, behind a supply that is not what it says."""
     rig = MotorShaft(1 / 6, added=("c_s", "r_s", "c_1"))
     one = experiment(
@@ -69,7 +69,7 @@ def test_each_part_is_the_integral_of_its_power() -> None:
         len(T), 0.01, series={"v": drive()}, constant={"t_1": 0.07}, start={"w_1": 3.0}
     )
     full = np.array([LINEAR[name] for name in rig.parameters])
-    fine, p = Stepped(rig, one, Sensing(), 16), LINEAR
+    fine, p = Stepped(rig, one, ObservationModel(), 16), LINEAR
     theta_1, theta_2, w_1, w_2, i = fine.steps(full[None]).motion.states[0].T
     held = np.repeat(drive(), 16)[: len(i) - 1]
     w_3, twisting = w_2 * 6, (w_1 - w_2) ** 2
@@ -77,7 +77,7 @@ def test_each_part_is_the_integral_of_its_power() -> None:
         "r_m": p["r_m"] * i**2, "r_s": p["r_s"] * i**2, "c_m": p["c_m"] * w_3**2,
         "c_s": p["c_s"] * twisting, "c_1": p["c_1"] * w_1**2, "t_f": p["t_f"] * w_3,
     }  # fmt: skip
-    found = energies(Stepped(rig, one, Sensing()), full)
+    found = energies(Stepped(rig, one, ObservationModel()), full)
     for name, power in powers.items():
         assert found.lost[name][-1] == pytest.approx(_simpson(power), rel=1e-4), name
     assert set(found.lost) == set(powers)
@@ -159,11 +159,11 @@ def test_a_rig_at_rest_takes_nothing() -> None:
 
 
 def test_a_delay_of_sensors_changes_no_energy() -> None:
-    with_lags = Sensing(lags={"theta_1": "l"})
+    with_lags = ObservationModel(lags={"theta_1": "l"})
     rig = MotorShaft(1 / 6)
     one = experiment(len(T), 0.01, series={"v": drive()}, constant={"t_1": 0.0})
     full = np.array([skewed()[name] for name in rig.parameters])
-    plain = energies(Stepped(rig, one, Sensing()), full)
+    plain = energies(Stepped(rig, one, ObservationModel()), full)
     late = energies(Stepped(rig, one, with_lags), np.append(full, 0.03))
     assert plain.stored == pytest.approx(late.stored)
 
@@ -181,9 +181,9 @@ class Loadless(MotorShaft):
 
 
 def test_rigs_whose_rows_cannot_be_weighed_are_left_alone() -> None:
-    assert can_tell(MotorShaft())
-    assert can_tell(TwoRotors(j_2=1e-3))
-    assert not can_tell(Loadless())
-    assert not can_tell(LongShaft())
-    assert not can_tell(DrivenShaft())
-    assert not can_tell(Motor())
+    assert can_balance(MotorShaft())
+    assert can_balance(TwoRotors(j_2=1e-3))
+    assert not can_balance(Loadless())
+    assert not can_balance(LongShaft())
+    assert not can_balance(DrivenShaft())
+    assert not can_balance(Motor())

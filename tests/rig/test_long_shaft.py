@@ -13,7 +13,7 @@ from bayesdrill.rig.models.linear import dynamics, with_named
 from bayesdrill.rig.models.long_shaft import LongShaft
 from bayesdrill.rig.models.motor_shaft import MotorShaft
 from bayesdrill.rig.simulators import simulator
-from bayesdrill.rig.simulators.sensors import Sensing
+from bayesdrill.rig.simulators.sensors import ObservationModel
 
 # The paper's shaft: steel, 2.4 m of 3 mm.
 LENGTH, DIAMETER, MODULUS, DENSITY = 2.4, 3e-3, 80e9, 7850.0
@@ -111,7 +111,9 @@ def test_it_moves_as_its_pieces_do() -> None:
     measures = {name: {name: 1.0} for name in rig.states}
     one = experiment(150, 0.01, constant={"v": 8.0, "t_1": 0.04}, start=start, measures=measures)
     full = np.array([[p[name] for name in rig.parameters]])
-    found = dict(zip(rig.states, simulator(rig, one, Sensing()).signals(full)[0].T, strict=True))
+    found = dict(
+        zip(rig.states, simulator(rig, one, ObservationModel()).signals(full)[0].T, strict=True)
+    )
     assert found["theta_2"] == pytest.approx(solved[0], abs=1e-6)
     assert found["theta_1"] == pytest.approx(solved[n], abs=1e-6)
     assert found["w_2"] == pytest.approx(solved[n + 1], abs=1e-5)

@@ -15,8 +15,8 @@ from bayesdrill.rig import steady_state
 from bayesdrill.rig.models.motor_shaft import MotorShaft
 from bayesdrill.rig.simulators import simulator
 from bayesdrill.rig.simulators.exact import Response
-from bayesdrill.rig.simulators.irregular import Measured
-from bayesdrill.rig.simulators.sensors import Sensing
+from bayesdrill.rig.simulators.irregular import IrregularSimulator
+from bayesdrill.rig.simulators.sensors import ObservationModel
 
 THETA = vector(NOMINAL) * np.linspace(0.85, 1.2, 9)
 MEASURES = {"alpha": {"theta_1": 1.0, "theta_2": -1.0}, "w_2": {"w_2": 8.0}, "i": {"i": 1.0}}
@@ -65,12 +65,12 @@ def test_lag_gain_and_offset_of_each_channel() -> None:
     def check(first_order: bool) -> None:
         t = 2.5 + 0.01 * np.arange(120)
         one = in_motion(t, first_order=first_order)
-        sensing = Sensing(
+        sensing = ObservationModel(
             gains={"alpha": "gain_alpha"},
             offsets={"alpha": "offset_alpha", "w_2": "offset_w_2"},
             lags={"alpha": "lag_alpha", "i": "lag_i"},
         )
-        rig = Measured(MotorShaft(), one, sensing)
+        rig = IrregularSimulator(MotorShaft(), one, sensing)
         assert rig.parameters[9:] == (
             "gain_alpha",
             "offset_alpha",
@@ -91,7 +91,7 @@ def test_lag_gain_and_offset_of_each_channel() -> None:
 def test_a_step_given_late() -> None:
     """Until then the rig stands; then it does what it would have done earlier."""
     one = experiment(200, 0.01, measures=MEASURES, constant={"v": 8.0})
-    rig = Measured(MotorShaft(), one, Sensing(delay="t_0"))
+    rig = IrregularSimulator(MotorShaft(), one, ObservationModel(delay="t_0"))
     shown = rig.signals(np.append(THETA, 0.0537)[None])[0]
     fine = Response(MotorShaft(), experiment(20000, 0.0001, measures=MEASURES, constant={"v": 8.0}))
     expected = fine.signals(THETA[None])[0]
@@ -101,25 +101,34 @@ def test_a_step_given_late() -> None:
 
 def test_what_the_supply_adds() -> None:
     """Of a measured voltage and of a constant one; mutant killed: the offset taken twice."""
-    sensing = Sensing(input_gains={"v": "gain_v"}, input_offsets={"v": "offset_v"})
+    sensing = ObservationModel(input_gains={"v": "gain_v"}, input_offsets={"v": "offset_v"})
     one = in_motion(2.5 + 0.01 * np.arange(120))
-    shown = Measured(MotorShaft(), one, sensing).signals(np.append(THETA, [1.1, -0.3])[None])
+    shown = IrregularSimulator(MotorShaft(), one, sensing).signals(
+        np.append(THETA, [1.1, -0.3])[None]
+    )
     other = replace(one, series={"v": 1.1 * VOLTAGE - 0.3})
     assert shown == pytest.approx(Response(MotorShaft(), other).signals(THETA[None]), rel=1e-10)
     fixed = experiment(50, 0.01, measures=MEASURES, constant={"v": 5.0})
-    shown = Measured(MotorShaft(), fixed, sensing).signals(np.append(THETA, [1.1, -0.3])[None])
+    shown = IrregularSimulator(MotorShaft(), fixed, sensing).signals(
+        np.append(THETA, [1.1, -0.3])[None]
+    )
     fixed = replace(fixed, constant={"v": 5.2})
     assert shown == pytest.approx(Response(MotorShaft(), fixed).signals(THETA[None]), rel=1e-10)
 
 
 def test_a_steady_start_stays_steady() -> None:
     one = experiment(300, 0.01, measures=MEASURES, constant={"v": 6.0}, start={"theta_2": 1.5})
-    rig = Measured(MotorShaft(), one, Sensing(steady=True))
+    rig = IrregularSimulator(MotorShaft(), one, ObservationModel(steady=True))
     shown = rig.signals(THETA[None])[0]
     assert shown == pytest.approx(np.broadcast_to(shown[0], shown.shape), rel=1e-9)
     assert shown[0, 1] > 1
     states = replace(one, channels=experiment(2).channels, y=np.zeros((300, 5)))
-    assert Measured(MotorShaft(), states, Sensing(steady=True)).signals(THETA[None])[0, 0, 1] == 1.5
+    assert (
+        IrregularSimulator(MotorShaft(), states, ObservationModel(steady=True)).signals(
+            THETA[None]
+        )[0, 0, 1]
+        == 1.5
+    )
 
 
 def test_a_rig_that_never_comes_to_rest_has_no_steady_state() -> None:
@@ -134,14 +143,14 @@ def test_without_what_is_not_seen_sums_are_those_of_the_rest() -> None:
     one = in_motion(uneven())
     y = np.random.default_rng(1).normal(size=one.y.shape)
     y[3, 1] = y[20:30, 0] = np.nan
-    rig = simulator(MotorShaft(), replace(one, y=y), Sensing())
-    assert isinstance(rig, Measured)
+    rig = simulator(MotorShaft(), replace(one, y=y), ObservationModel())
+    assert isinstance(rig, IrregularSimulator)
     left = y - rig.signals(THETA[None])[0]
     assert rig.squares(THETA[None])[0] == pytest.approx(np.nansum(left**2, axis=0), rel=1e-12)
-    assert isinstance(simulator(MotorShaft(), in_motion(one.t[:2]), Sensing()), Response)
+    assert isinstance(simulator(MotorShaft(), in_motion(one.t[:2]), ObservationModel()), Response)
 
 
-EVERY = Sensing(
+EVERY = ObservationModel(
     gains={"alpha": "gain_alpha", "w_2": "gain_w_2"},
     offsets={"alpha": "offset_alpha"},
     lags={"alpha": "lag_alpha", "i": "lag_i"},
@@ -163,7 +172,7 @@ def test_slopes_are_those_of_the_signals() -> None:
         if steady:
             sensing, told = replace(EVERY, steady=True, states={"theta_2": "theta_2_0"}), TOLD[:-2]
         one = in_motion(uneven(60), first_order=first_order)
-        rig = Measured(MotorShaft(), one, sensing)
+        rig = IrregularSimulator(MotorShaft(), one, sensing)
         full = np.append(THETA, told)[None]
         along = np.diag(np.abs(full[0]))[None]
         exact = rig.sensitivities(full, along)[0]
@@ -192,7 +201,7 @@ def test_slopes_of_a_steady_start_leave_a_held_angle_where_it_is() -> None:
     """Mutant killed: the slope of a steady start without the angle that is held."""
     angles = {name: {name: 1.0} for name in ("theta_1", "theta_2")}
     one = experiment(40, 0.02, measures=angles, constant={"v": 6.0}, start={"theta_2": 1.5})
-    rig = Measured(MotorShaft(), one, Sensing(steady=True))
+    rig = IrregularSimulator(MotorShaft(), one, ObservationModel(steady=True))
     along = np.diag(THETA)[None]
     exact = rig.sensitivities(THETA[None], along)[0]
     h = 1e-5
@@ -205,7 +214,7 @@ def test_normal_equations_are_sums_of_slopes() -> None:
     one = in_motion(uneven())
     y = np.random.default_rng(4).normal(size=one.y.shape)
     y[5:9, 2] = np.nan
-    rig = Measured(MotorShaft(), replace(one, y=y), EVERY)
+    rig = IrregularSimulator(MotorShaft(), replace(one, y=y), EVERY)
     full = np.append(THETA, TOLD) * np.array([[1.0], [1.01]])
     along = np.random.default_rng(5).normal(size=(2, 4, full.shape[1])) * full[:, None, :]
     scales = np.array([[1.0, 0.5, 2.0], [3.0, 1.0, 0.1]])

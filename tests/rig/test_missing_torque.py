@@ -21,10 +21,15 @@ from together import for_each
 from bayesdrill.record.experiment import Experiment
 from bayesdrill.rig.models import MODELS
 from bayesdrill.rig.models.driven_shaft import DrivenShaft
-from bayesdrill.rig.models.latent_torque import At, MissingTorque, Smoothness, pushes
+from bayesdrill.rig.models.latent_torque import (
+    MissingTorque,
+    Smoothness,
+    TorqueLocation,
+    torque_gain,
+)
 from bayesdrill.rig.models.motor_shaft import MotorShaft
 from bayesdrill.rig.simulators.exact import Response
-from bayesdrill.rig.simulators.kalman import Filtered, steps_of
+from bayesdrill.rig.simulators.kalman import KalmanFilter, step_lengths
 
 Array = NDArray[np.float64]
 
@@ -54,13 +59,15 @@ def drawn(one: Experiment, seed: int = 3) -> Array:
     return np.cumsum(np.random.default_rng(seed).standard_normal(one.y.shape), axis=0) * 0.05
 
 
-def made(at: At, smooth: Smoothness, one: Experiment) -> tuple[Filtered, shaken.Process, Array]:
-    found = Filtered(MotorShaft(), MissingTorque(at=at, smoothness=smooth), one)
+def made(
+    at: TorqueLocation, smooth: Smoothness, one: Experiment
+) -> tuple[KalmanFilter, shaken.Process, Array]:
+    found = KalmanFilter(MotorShaft(), MissingTorque(at=at, smoothness=smooth), one)
     of = shaken.process(P, at, smooth, SIZE, TIME)
     return found, of, weights(one, len(found.torque.states))
 
 
-def density(found: Filtered, left: Array) -> float:
+def density(found: KalmanFilter, left: Array) -> float:
     """By the filter of all samples."""
     white, variances = found.whiten(*told(), left[None])
     return float(np.nansum(-0.5 * (np.log(2 * np.pi * variances) + white**2)))
@@ -69,7 +76,7 @@ def density(found: Filtered, left: Array) -> float:
 def test_the_likelihood_is_that_of_all_samples_together() -> None:
     """To 1e-8; with one gain, and an exact start."""
 
-    def check(at: At, smooth: Smoothness) -> None:
+    def check(at: TorqueLocation, smooth: Smoothness) -> None:
         one = experiment(80, 0.02, measures=MEASURES)
         left = drawn(one)
         clean = Response(MotorShaft(), one).signals(vector(P)[None])[0]
@@ -88,7 +95,7 @@ def test_the_likelihood_is_that_of_all_samples_together() -> None:
 def test_gaps_uneven_times_and_a_start_before_the_first_sample() -> None:
     """What was not measured has no term, and every step has its own length."""
 
-    def check(at: At, smooth: Smoothness) -> None:
+    def check(at: TorqueLocation, smooth: Smoothness) -> None:
         steps = np.resize([0.01, 0.01, 0.03, 0.01, 0.2], 49)
         t = 0.3 + np.concatenate([[0.0], np.cumsum(steps)])
         one = experiment(50, 0.02, measures=MEASURES)
@@ -143,11 +150,11 @@ def test_states_of_the_rig_are_those_that_channels_show() -> None:
 
     def check(measures: dict[str, dict[str, float]]) -> None:
         one = experiment(20, 0.02, measures=measures)
-        found = Filtered(MotorShaft(), MissingTorque(at="motor"), one)
+        found = KalmanFilter(MotorShaft(), MissingTorque(at="motor"), one)
         states, shown = found.draw(
             told(3)[0], 1e-9 * np.ones((3, len(measures))), np.random.default_rng(8)
         )
-        named = found.pushed.of_states(states)
+        named = found.augmented.to_rig_states(states)
         assert ("theta_1" in named) == ("theta_2" in named) == (measures != cases[1])
         assert states @ found.weights.T == pytest.approx(shown, abs=1e-7)
         for k, weights in enumerate(measures.values()):
@@ -166,7 +173,7 @@ def test_one_gain_is_as_good_as_all_of_them() -> None:
         rng = np.random.default_rng(1)
         one = experiment(1001, 0.01, measures=measures)
         torque = MissingTorque(at="rotor_1", smoothness="3/2")
-        found = Filtered(MotorShaft(), torque, one)
+        found = KalmanFilter(MotorShaft(), torque, one)
         row = np.append(vector(P), [size, time])[None]
         sigmas = np.array([[0.1, 0.1, 0.1]])[:, : len(measures)]
         left = found.draw(row, sigmas, rng)[1][0]
@@ -188,7 +195,7 @@ def test_one_gain_is_as_good_as_all_of_them() -> None:
 
 
 def test_slopes_are_those_of_differences() -> None:
-    def check(at: At, smooth: Smoothness) -> None:
+    def check(at: TorqueLocation, smooth: Smoothness) -> None:
         rng = np.random.default_rng(2)
         one = experiment(
             40, 0.02, measures=MEASURES, y=np.where(rng.random((40, 3)) < 0.1, np.nan, 0.0)
@@ -222,7 +229,7 @@ def test_slopes_are_those_of_differences() -> None:
 def test_draws_are_of_the_covariance() -> None:
     """20000 of them: a standard error of 1 % of each variance, and of 0.7 % of what they are apart."""
 
-    def check(at: At, smooth: Smoothness) -> None:
+    def check(at: TorqueLocation, smooth: Smoothness) -> None:
         one = experiment(12, 0.1, first=0.2, measures=MEASURES)
         found, of, rows = made(at, smooth, one)
         draws = found.draw(*told(20000), np.random.default_rng(5))[1].reshape(20000, -1)
@@ -237,7 +244,7 @@ def test_draws_are_of_the_covariance() -> None:
 def test_smoothing_is_what_is_expected_of_the_torque() -> None:
     """By covariances of torque and samples: that of a channel which shows the torque alone."""
 
-    def check(at: At, smooth: Smoothness) -> None:
+    def check(at: TorqueLocation, smooth: Smoothness) -> None:
         y = np.zeros((40, 3))
         y[9:14, 0] = np.nan
         one = experiment(40, 0.05, measures=MEASURES, y=y)
@@ -253,7 +260,7 @@ def test_smoothing_is_what_is_expected_of_the_torque() -> None:
             whole[np.ix_(samples, samples)], seen
         )
         states = found.smooth(*told(3), np.repeat(left[None], 3, axis=0))
-        ours = SIZE * states[1, :, found.pushed.states.index("torque")]
+        ours = SIZE * states[1, :, found.augmented.states.index("torque")]
         assert ours == pytest.approx(mean, abs=1e-9 * np.abs(mean).max() + 1e-10)
 
     for_each({str(case): case for case in EVERY}, check)
@@ -264,7 +271,7 @@ def test_a_rig_that_an_angle_holds_is_not_taken_for_one_that_turns() -> None:
 
     def check(measures: dict[str, dict[str, float]]) -> None:
         rig, one = MODELS["as_printed"](), experiment(80, 0.02, measures=measures)
-        found = Filtered(rig, MissingTorque(at="motor"), one)
+        found = KalmanFilter(rig, MissingTorque(at="motor"), one)
         row, sigmas = told()[0], SIGMAS[None, : len(measures)]
         left = found.draw(row, sigmas, np.random.default_rng(4))[1][0]
         clean = Response(rig, one).signals(vector(P)[None])[0]
@@ -291,16 +298,16 @@ def test_a_walker_whose_numbers_overflow_spoils_no_other() -> None:
 
 def test_a_shaft_that_is_driven_has_no_motor_to_push() -> None:
     rig, p = DrivenShaft(), {"k_s": 1.0, "j_1": 2.0}
-    assert pushes(rig, MissingTorque(at="rotor_1"), p, rig.linear(p)) == 0.5
+    assert torque_gain(rig, MissingTorque(at="rotor_1"), p, rig.linear(p)) == 0.5
     with pytest.raises(ValueError, match="no inertia at motor"):
-        pushes(rig, MissingTorque(at="motor"), p, rig.linear(p))
+        torque_gain(rig, MissingTorque(at="motor"), p, rig.linear(p))
 
 
 def test_times_of_too_many_steps_are_refused() -> None:
     one = experiment(200, measures=MEASURES)
     t = np.cumsum(np.random.default_rng(0).uniform(0.01, 0.02, 200))
     with pytest.raises(ValueError, match="199 different lengths"):
-        steps_of(dataclasses.replace(one, t=t))
+        step_lengths(dataclasses.replace(one, t=t))
 
 
 def test_it_goes_to_another_process_without_what_is_compiled() -> None:

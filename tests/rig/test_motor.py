@@ -12,11 +12,11 @@ from scipy.integrate import solve_ivp
 from scipy.linalg import expm
 
 from bayesdrill.record.experiment import Experiment
-from bayesdrill.rig.models.linear import dynamics, lacking, with_named
+from bayesdrill.rig.models.linear import dynamics, missing_requirements, with_named
 from bayesdrill.rig.models.motor import Motor
 from bayesdrill.rig.models.motor_shaft import MotorShaft
 from bayesdrill.rig.simulators import simulator
-from bayesdrill.rig.simulators.sensors import Sensing
+from bayesdrill.rig.simulators.sensors import ObservationModel
 
 P = {"j_m": 1.4e-4, "c_m": 9.3e-5, "t_f": 0.037}
 CIRCUIT = {"k_e": 0.061, "k_T": 0.057, "r_m": 0.41, "l_m": 9e-4}
@@ -45,7 +45,7 @@ def test_a_torque_brings_it_to_speed_as_an_exponential() -> None:
     """
     i_m = 0.25
     rig, theta = motor(i_m, **P)
-    found = simulator(rig, driven(rig, t_m=TORQUE), Sensing()).signals(theta)[0]
+    found = simulator(rig, driven(rig, t_m=TORQUE), ObservationModel()).signals(theta)[0]
     decay, before = P["c_m"] / P["j_m"], T < 2.0
 
     def course(t: np.ndarray, torque: float, begin: tuple[float, float]) -> np.ndarray:
@@ -73,7 +73,7 @@ def test_a_voltage_drives_it_through_its_circuit() -> None:
     a[2, 1:] = -k_e / i_m / l_m, -(r_m + r_s) / l_m, 9.0 / l_m
     start = np.array([0.7, 12.0, 0.0, 1.0])
     exact = np.array([(expm(a * t) @ start)[:3] for t in T])
-    found = simulator(rig, driven(rig, v=9.0), Sensing()).signals(theta)[0]
+    found = simulator(rig, driven(rig, v=9.0), ObservationModel()).signals(theta)[0]
     assert found == pytest.approx(exact, rel=1e-9, abs=1e-9)
 
 
@@ -94,7 +94,7 @@ def test_dry_friction_lets_it_stand_until_the_torque_is_larger() -> None:
     torque = np.where(T < 1.0, 0.03, np.where(T < 2.5, 0.06, 0.0))
     one = driven(rig, t_m=torque)
     one = dataclasses.replace(one, start={})
-    found = simulator(rig, one, Sensing(), 8).signals(theta)[0]
+    found = simulator(rig, one, ObservationModel(), 8).signals(theta)[0]
     assert (found[T <= 1.0] == 0.0).all()
     loose = (T > 1.0) & (T <= 2.5)
     at = (T[loose] - 1.0)[:, None]
@@ -113,6 +113,6 @@ def test_dry_friction_lets_it_stand_until_the_torque_is_larger() -> None:
 def test_half_a_circuit_is_none() -> None:
     rig = with_named(Motor(), ("k_e", "r_m", "v_d"))
     assert rig.inputs == ("t_m",)
-    assert lacking(rig) == {
+    assert missing_requirements(rig) == {
         "k_e": ("k_T", "l_m"), "r_m": ("k_T", "l_m"), "v_d": ("k_T", "l_m")
     }  # fmt: skip

@@ -15,12 +15,12 @@ from stepping import experiment_of, model_of, parameters, states, stepped
 from together import for_each
 
 from bayesdrill.rig.models.friction import Friction
-from bayesdrill.rig.models.linear import Around, Linear
+from bayesdrill.rig.models.linear import Linear, WrappedModel
 from bayesdrill.rig.models.motor_shaft import MotorShaft
 from bayesdrill.rig.simulators import simulator
-from bayesdrill.rig.simulators.contract import TURNS
+from bayesdrill.rig.simulators.contract import REVERSAL_SUBSTEPS
 from bayesdrill.rig.simulators.exact import Response
-from bayesdrill.rig.simulators.sensors import Sensing
+from bayesdrill.rig.simulators.sensors import ObservationModel
 from bayesdrill.rig.simulators.stepped import Stepped
 
 W_1, W_2 = 2, 3
@@ -56,7 +56,7 @@ class Fading:
 
 
 @dataclass(frozen=True)
-class Braked(Around):
+class Braked(WrappedModel):
     parameters = (*MotorShaft.parameters, "t_c1", "w_s1")
     frictions = (Friction(name="brake", against="w_1", law=Fading(), holds="theta_1"),)
 
@@ -69,7 +69,7 @@ def test_a_law_need_not_say_what_its_size_comes_down_to() -> None:
     """There were several steps to a sample only where it did."""
     one = experiment(80, 0.01, constant={"t_1": 0.0}, series={"v": 6.0 * np.sin(np.arange(80) / 9)})
     full = np.array([[*vector(NOMINAL), 0.2, 3.0]])
-    rigs = [Stepped(Braked(MotorShaft()), one, Sensing(), pieces) for pieces in (2, 4, 32)]
+    rigs = [Stepped(Braked(MotorShaft()), one, ObservationModel(), pieces) for pieces in (2, 4, 32)]
     half, quarter, fine = (rig.signals(full)[0] for rig in rigs)
     assert np.abs(quarter - fine).max() < 0.5 * np.abs(half - fine).max() < 1e-2
 
@@ -79,8 +79,8 @@ def test_a_step_that_turns_is_made_in_parts() -> None:
     truth, rig = moved("straight").states, stepped(CASES["straight"])
     full = parameters(CASES["straight"])
     whole, parts = (
-        np.abs(rig.finer(1, turns).signals(full)[0] - truth).max(axis=0)[W_1]
-        for turns in (1, TURNS)
+        np.abs(rig.with_substeps(1, turns).signals(full)[0] - truth).max(axis=0)[W_1]
+        for turns in (1, REVERSAL_SUBSTEPS)
     )
     assert parts < 1e-4
     assert parts < 0.3 * whole
@@ -220,7 +220,7 @@ def test_frictions_of_no_size_leave_the_linear_rig() -> None:
     full[:, :8] *= np.random.default_rng(2).uniform(0.8, 1.2, (3, 8))
     true = Response(MotorShaft(i_m=case.rig.i_m), record).signals(full[:, :9])
     for pieces in (1, 3):
-        found = Stepped(model, record, Sensing(), pieces).signals(full)
+        found = Stepped(model, record, ObservationModel(), pieces).signals(full)
         assert found == pytest.approx(true, rel=1e-9, abs=1e-9)
 
 
@@ -245,8 +245,8 @@ def test_a_stride_is_as_long_as_the_way_to_the_next_sample() -> None:
 
 def test_a_linear_rig_keeps_its_kernels() -> None:
     record = experiment(50)
-    assert isinstance(simulator(MotorShaft(), record, Sensing()), Response)
-    rubbing = simulator(MotorShaft(added=("t_c1",)), record, Sensing())
+    assert isinstance(simulator(MotorShaft(), record, ObservationModel()), Response)
+    rubbing = simulator(MotorShaft(added=("t_c1",)), record, ObservationModel())
     assert isinstance(rubbing, Stepped)
 
 
@@ -298,7 +298,7 @@ def test_friction_of_a_constant_sign_is_that_of_a_rig_that_turns_one_way() -> No
     record = experiment(400, 0.01, constant={"v": 8.0, "t_1": 0.1}, start={"w_2": 1.0, "w_1": 1.0})
     theta = vector({**CASES["sine"].rig.p, "t_f": 0.1})
     true = Response(MotorShaft(), record).signals(theta[None])[0]
-    rig = Stepped(MotorShaft(added=("t_cm",)), record, Sensing(), 1)
+    rig = Stepped(MotorShaft(added=("t_cm",)), record, ObservationModel(), 1)
     without = np.append(theta[:8], [0.0, 0.1])
     found = rig.signals(without[None])[0]
     assert true[:, W_2].min() > 0

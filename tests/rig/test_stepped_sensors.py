@@ -13,7 +13,7 @@ from rubbing_cases import CASES, Case, moved, moved_of
 from stepping import experiment_of, model_of, parameters, stepped
 
 from bayesdrill.rig.models.motor_shaft import MotorShaft
-from bayesdrill.rig.simulators.sensors import Sensing
+from bayesdrill.rig.simulators.sensors import ObservationModel
 from bayesdrill.rig.simulators.stepped import Stepped
 
 MEASURES = {"alpha": {"theta_1": 1.0, "theta_2": -1.0}, "w_1": {"w_1": 1.0}, "w_2": {"w_2": 8.0}}
@@ -82,7 +82,7 @@ def test_lag_gain_and_offset_of_each_channel() -> None:
     case = CASES["static"]
     step = case.t[1] - case.t[0]
     late = {"alpha": 2.4 * step, "w_2": -0.7 * step}
-    sensing = Sensing(
+    sensing = ObservationModel(
         lags={"alpha": "lag_a", "w_2": "lag_w"}, gains={"alpha": "gain"}, offsets={"w_1": "offset"}
     )
     told = {"gain": 0.97, "offset": -1.5, "lag_a": late["alpha"], "lag_w": late["w_2"]}
@@ -105,7 +105,7 @@ def test_an_input_that_is_felt_late(name: str, lag: float) -> None:
     and last.  Mutant killed: a lag that goes the other way.
     """
     case, true_v = CASES[name], moved(name).v
-    sensing = Sensing(input_lags={"v": "lag_v"})
+    sensing = ObservationModel(input_lags={"v": "lag_v"})
     rig = stepped(case, 16, sensing, experiment_of(case, MEASURES))
     assert rig.parameters[-1] == "lag_v"
     found = rig.signals(parameters(case, {"lag_v": lag}))[0]
@@ -136,7 +136,7 @@ def test_what_the_supply_adds_and_where_it_starts() -> None:
     """Gain and offset of the voltage, and states of the start that are parameters."""
     case = CASES["static"]
     starts = {"theta_2": 0.4, "w_1": -2.0, "i": 0.3}
-    sensing = Sensing(
+    sensing = ObservationModel(
         input_gains={"v": "gain_v"},
         input_offsets={"v": "offset_v"},
         states={name: f"{name}_0" for name in starts},
@@ -160,7 +160,7 @@ def test_a_start_before_the_first_sample() -> None:
         record, t=later, y=np.zeros((len(later), 3)), series={"v": case.v[37:]},
         t_start=float(later[0] - 0.1312), start=begin,
     )  # fmt: skip
-    found = Stepped(model_of(case), record, Sensing(), 16).signals(parameters(case))[0]
+    found = Stepped(model_of(case), record, ObservationModel(), 16).signals(parameters(case))[0]
     knots = np.append(record.t_start, later)
     v = np.append(case.v[37], case.v[37:])
     true = simulate(case.rig, knots, v, at=later, start=begin)
@@ -190,7 +190,7 @@ def test_slopes_are_those_of_the_oracle(name: str, n: int) -> None:
     )
     full = parameters(case)
     along = np.diag(np.where(full[0] == 0.0, 1e-2, full[0]))[None]
-    exact = Stepped(model, record, Sensing(), 64).sensitivities(full, along)[0]
+    exact = Stepped(model, record, ObservationModel(), 64).sensitivities(full, along)[0]
     h = 1e-4
     for q, one in enumerate(model.parameters):
         if one == "eta":
@@ -205,7 +205,7 @@ def test_slopes_are_those_of_the_oracle(name: str, n: int) -> None:
         assert close.mean() > 0.97, one
 
 
-EVERY = Sensing(
+EVERY = ObservationModel(
     gains={"alpha": "gain_alpha"},
     offsets={"w_1": "offset_w_1"},
     lags={"alpha": "lag_alpha"},
@@ -266,6 +266,6 @@ def test_an_input_with_a_lag_steps_a_rig_that_does_not_rub() -> None:
     model = MotorShaft(i_m=rig.i_m, added=tuple(n for n in MotorShaft.offers if n in names))
     record = experiment_of(case, MEASURES)
     full = np.array([[*(p[name] for name in model.parameters), 0.016]])
-    found = Stepped(model, record, Sensing(input_lags={"v": "late"}), 1).signals(full)[0]
+    found = Stepped(model, record, ObservationModel(input_lags={"v": "late"}), 1).signals(full)[0]
     other = dataclasses.replace(case, rig=rig)
     assert near(found, channels(_felt(other, case.v, 0.016)), 1e-8)

@@ -22,12 +22,14 @@ from bayesdrill.record.experiment import Experiment
 from bayesdrill.rig.models.motor_shaft import MotorShaft
 from bayesdrill.rig.simulators.contract import Simulator
 from bayesdrill.rig.simulators.exact import Response
-from bayesdrill.rig.simulators.irregular import Measured
-from bayesdrill.rig.simulators.sensors import Sensing
+from bayesdrill.rig.simulators.irregular import IrregularSimulator
+from bayesdrill.rig.simulators.sensors import ObservationModel
 
 W = 11
 MEASURES = {"alpha": {"theta_1": 1.0, "theta_2": -1.0}, "w_2": {"w_2": 8.0}, "i": {"i": 1.0}}
-LATE = Sensing(lags={"alpha": "lag_alpha", "i": "lag_i"}, input_lags={}, gains={"w_2": "gain_w_2"})
+LATE = ObservationModel(
+    lags={"alpha": "lag_alpha", "i": "lag_i"}, input_lags={}, gains={"w_2": "gain_w_2"}
+)
 
 
 def record(*, even: bool = True, gaps: bool = False, n: int = 60) -> Experiment:
@@ -46,18 +48,20 @@ def linear(full: int) -> np.ndarray:
 
 
 def measured(**kind: bool) -> tuple[Simulator, np.ndarray]:
-    return Measured(MotorShaft(), record(**kind), Sensing()), linear(9)
+    return IrregularSimulator(MotorShaft(), record(**kind), ObservationModel()), linear(9)
 
 
 def late(**kind: bool) -> tuple[Simulator, np.ndarray]:
     """Each walker by its own lags, into the past and the future."""
     rng = np.random.default_rng(7)
-    rig = Measured(MotorShaft(), record(**kind), LATE)
+    rig = IrregularSimulator(MotorShaft(), record(**kind), LATE)
     told = np.column_stack([rng.uniform(0.9, 1.1, W), rng.normal(0, 0.02, (W, 2))])
     return rig, np.hstack([linear(9), told])
 
 
-def rubbing(*, gaps: bool = False, sensing: Sensing | None = None) -> tuple[Simulator, np.ndarray]:
+def rubbing(
+    *, gaps: bool = False, sensing: ObservationModel | None = None
+) -> tuple[Simulator, np.ndarray]:
     case = CASES["static"]
     one = experiment_of(case)
     y = np.random.default_rng(3).normal(size=one.y.shape)
@@ -83,7 +87,9 @@ RIGS: dict[str, Callable[[], tuple[Simulator, np.ndarray]]] = {
     "late, uneven with gaps": lambda: late(even=False, gaps=True),
     "rubs": lambda: rubbing(),
     "rubs with gaps": lambda: rubbing(gaps=True),
-    "rubs, late with gaps": lambda: rubbing(gaps=True, sensing=Sensing(lags={"w_1": "lag"})),
+    "rubs, late with gaps": lambda: rubbing(
+        gaps=True, sensing=ObservationModel(lags={"w_1": "lag"})
+    ),
 }
 
 

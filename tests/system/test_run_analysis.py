@@ -16,7 +16,7 @@ from together import for_each
 
 import bayesdrill as bd
 from bayesdrill.analysis.run_analysis import RunAnalysis
-from bayesdrill.basics.values import alike, as_data, from_data
+from bayesdrill.basics.values import as_data, equal_content, from_data
 from bayesdrill.inference import derived
 from bayesdrill.inference.posterior import Posterior
 from bayesdrill.output_files import dumps_checksummed, loads_checksummed
@@ -167,7 +167,7 @@ def test_a_notebook_has_every_number_by_name(done: Path) -> None:
     """With its unit; and what is written comes back as it was."""
     for name in CHANGES:
         analysis = bd.open(done / name).analysis
-        assert alike(from_data(RunAnalysis, as_data(analysis)), analysis)
+        assert equal_content(from_data(RunAnalysis, as_data(analysis)), analysis)
         assert all(RunAnalysis.describe(field) for field in as_data(analysis))
         numbers = analysis.numbers
         assert numbers["unknowns.k_e.mean"] == analysis.unknowns[0].mean

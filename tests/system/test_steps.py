@@ -14,7 +14,7 @@ import bayesdrill as bd
 from bayesdrill.config.job import Job
 from bayesdrill.inference import step_error
 from bayesdrill.inference.step_error import step_errors
-from bayesdrill.rig.simulators.contract import TURNS
+from bayesdrill.rig.simulators.contract import REVERSAL_SUBSTEPS
 
 T = np.linspace(0.0, 4.0, 161)
 STRIBECK = {"t_cm": 0.01, "t_sm": 0.03, "w_sm": 20.0}
@@ -95,7 +95,7 @@ def test_the_evidence_is_that_of_the_rig_and_not_of_its_steps() -> None:
         whole = np.trapezoid(np.exp(logs - logs.max()), at) / (prior.high - prior.low)
         return float(logs.max() + np.log(whole))
 
-    true = log_z({"": (256, TURNS)})
+    true = log_z({"": (256, REVERSAL_SUBSTEPS)})
     assert found is not None
     assert abs(log_z(dict(run(known=True).mode.pieces)) - true) > 0.03
     assert abs(found.log_z - true) < 2 * found.error < 0.1

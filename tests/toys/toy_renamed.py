@@ -20,7 +20,7 @@ from bayesdrill.rig import (
     RotorRoles,
     ShaftRoles,
 )
-from bayesdrill.rig.models.linear import Names
+from bayesdrill.rig.models.linear import ParameterNames
 
 ROLES = Roles(
     motor=MotorRoles(
@@ -93,7 +93,7 @@ class Renamed(Model):
     offers: ClassVar[dict[str, tuple[str, ...]]] = {
         own(name): own(needs) for name, needs in MotorShaft.offers.items()
     }
-    parameters: ClassVar[Names] = Names(own(MotorShaft.parameters))
+    parameters: ClassVar[ParameterNames] = ParameterNames(own(MotorShaft.parameters))
     states: ClassVar[tuple[str, ...]] = own(MotorShaft.states)
     inputs: ClassVar[tuple[str, ...]] = MotorShaft.inputs
     roles: ClassVar[Roles] = ROLES

@@ -17,7 +17,7 @@ from bayesdrill.basics.arrays import Array
 from bayesdrill.inference.posterior import Posterior
 from bayesdrill.record.experiment import usual_inputs
 from bayesdrill.rig import steady_state
-from bayesdrill.rig.models.linear import USUAL, Model, Roles, driven, dynamics
+from bayesdrill.rig.models.linear import DEFAULT_ROLES, Model, Roles, constant_forcing, dynamics
 
 KNOWN = 0.1  # sd of the log: what is known as well is told apart, whatever it is like
 ALIKE = 2.0  # times: how much smaller an sd would be, were the others known
@@ -107,7 +107,7 @@ class Unseen:
 class Told:
     alike: tuple[Alike, ...] = ()
     unseen: tuple[Unseen, ...] = ()
-    roles: Roles = USUAL
+    roles: Roles = DEFAULT_ROLES
 
 
 NOTHING = Told()
@@ -285,11 +285,11 @@ def stops_below(model: Model, p: Mapping[str, float]) -> float:
     quick = dict.fromkeys((*model.states, *model.inputs), 0.0)
     sizes = {f.name: float(np.asarray(f.law.size(p, 1e6, quick))) for f in frictions}
     linear = model.linear(p)
-    matrix, angles = dynamics(linear, model.states, 1), steady_state.angles_of(model)
+    matrix, angles = dynamics(linear, model.states, 1), steady_state.angle_indices(model)
     speed = model.states.index(motor.speed)
 
     def at(volts: float) -> float:
-        forcing = driven(linear, model.states, 1, {motor.voltage: volts, **sizes})
+        forcing = constant_forcing(linear, model.states, 1, {motor.voltage: volts, **sizes})
         return float(steady_state.states(matrix, forcing, angles)[0, speed])
 
     still, slope = at(0.0), at(1.0) - at(0.0)

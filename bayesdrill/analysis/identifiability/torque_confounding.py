@@ -21,7 +21,7 @@ from bayesdrill.inference.likelihood import Observation
 from bayesdrill.inference.posterior import Posterior
 from bayesdrill.record.experiment import Channel, frozen
 from bayesdrill.rig import models
-from bayesdrill.rig.models.latent_torque import SIZE, At, pushes
+from bayesdrill.rig.models.latent_torque import SIZE, TorqueLocation, torque_gain
 
 FALLS = 3.0  # times: how much worse an sd is with the torque, for a parameter that is named
 KNOWN = 0.5  # of the prior's sd: with no more left a parameter is known, torque or not
@@ -48,7 +48,7 @@ class StandIn:
     """The sd of a log with the torque, without it, and before the record."""
 
     name: str
-    at: At
+    at: TorqueLocation
     sd: float
     alone: float
     before: float
@@ -127,8 +127,8 @@ def scaled(posterior: Posterior, symmetries: Sequence[Exponents]) -> tuple[tuple
                 powers = dict(zip(names, exponents, strict=False))
                 p = {name: 2.0 ** powers.get(name, 0) for name in rig.parameters}
                 ones = dict.fromkeys(rig.parameters, 1.0)
-                push = pushes(rig, torque, p, rig.linear(p))
-                if push != pushes(rig, torque, ones, rig.linear(ones)):
+                push = torque_gain(rig, torque, p, rig.linear(p))
+                if push != torque_gain(rig, torque, ones, rig.linear(ones)):
                     found.append((*(n for n, e in powers.items() if e), size))
             return tuple(found)
     return ()

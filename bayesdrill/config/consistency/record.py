@@ -9,7 +9,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from bayesdrill.basics import symbols, units
-from bayesdrill.basics.entries import strange
+from bayesdrill.basics.entries import unknown_keys
 from bayesdrill.basics.formulas import linear_combination
 from bayesdrill.basics.registry import lookup
 from bayesdrill.basics.symbols import INPUTS, noise_name
@@ -35,8 +35,8 @@ from bayesdrill.inference.noise import NOISES
 from bayesdrill.inference.unknowns import Unknown
 from bayesdrill.record.formats import FORMATS
 from bayesdrill.rig import models
-from bayesdrill.rig.models.linear import Model, lacking, with_named
-from bayesdrill.rig.simulators.sensors import Sensing
+from bayesdrill.rig.models.linear import Model, missing_requirements, with_named
+from bayesdrill.rig.simulators.sensors import ObservationModel
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,7 +48,7 @@ class Sensed:
     entries: tuple[Entry, ...]
     declared: tuple[Declared | None, ...]
     free: tuple[str, ...]
-    sensing: Sensing | None
+    sensing: ObservationModel | None
 
 
 def check_sensors(found: Collector, config: Config, model: Model) -> Sensed:
@@ -173,7 +173,7 @@ def _check_measured(
         found.run((*place, "unit"), units.factor, spec.unit, states[0].unit)
     kinds, vain = {name: kind.Entries for name, kind in NOISES.usable().items()}, dict[str, str]()
     if found.run((*place, "noise"), lookup, NOISES, spec.noise.name, "noise") is not None:
-        vain = strange(("name", "noise"), kinds, kinds[spec.noise.name], spec.noise)
+        vain = unknown_keys(("name", "noise"), kinds, kinds[spec.noise.name], spec.noise)
     for entry, message in vain.items():
         found.add((*place, "noise", entry), message)
     channel = None
@@ -243,7 +243,7 @@ def check_inputs(found: Collector, config: Config, model: Model | None) -> None:
             check_series(found, place, spec)
         elif spec is not None:
             check_quantity(found, place, spec, quantities.input_unit(entry))
-    if model is not None and not lacking(model):
+    if model is not None and not missing_requirements(model):
         _check_wanted(found, config, model)
     _check_angles(found, config)
     _check_holds(found, config)

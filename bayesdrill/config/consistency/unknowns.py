@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping
 
 import numpy as np
 
-from bayesdrill.basics.entries import LARGEST, SMALLEST, strange
+from bayesdrill.basics.entries import LARGEST, SMALLEST, unknown_keys
 from bayesdrill.basics.formulas import Expression, RelationError
 from bayesdrill.config import latex
 from bayesdrill.config.resolve import quantities, sensors
@@ -19,15 +19,15 @@ from bayesdrill.inference.posterior import Formula
 from bayesdrill.inference.unknowns import ParameterSpace, Unknown
 from bayesdrill.rig import models
 from bayesdrill.rig.models import MODELS
-from bayesdrill.rig.models.linear import Model, in_vain, lacking, with_all
-from bayesdrill.rig.simulators.sensors import Sensing
+from bayesdrill.rig.models.linear import Model, missing_requirements, requirement_text, with_all
+from bayesdrill.rig.simulators.sensors import ObservationModel
 
 _TRIED = 4096  # draws from the priors, at which formulas are tried
 
 
 def check_model(found: Collector, config: Config, model: Model) -> None:
     """Constants of another model would be given in vain."""
-    vain = strange(("name", "model"), MODELS.usable(), type(model), config.model)
+    vain = unknown_keys(("name", "model"), MODELS.usable(), type(model), config.model)
     for entry, message in vain.items():
         found.add(("model", entry), message)
 
@@ -43,7 +43,7 @@ def check_nominal(found: Collector, config: Config, model: Model) -> dict[str, f
 
 
 def check_torque(
-    found: Collector, config: Config, model: Model, sensing: Sensing | None
+    found: Collector, config: Config, model: Model, sensing: ObservationModel | None
 ) -> dict[str, float | Unknown | None]:
     """What is missing has to have an inertia, and numbers that are its own: size and time, if any."""
     acts = sensors.latent_torque(config)
@@ -88,9 +88,9 @@ def _way_out(name: str) -> str:
 def _check_added(found: Collector, config: Config, model: Model) -> None:
     """What is named means something, and nothing is said of what is not named."""
     said: set[str] = set()
-    for name, missing in lacking(model).items():
+    for name, missing in missing_requirements(model).items():
         if name not in said:
-            found.add(("parameters", name), in_vain(name, missing))
+            found.add(("parameters", name), requirement_text(name, missing))
         said |= {*model.offers[name]}
     for section in ("nominal", "simulation"):
         given = getattr(config, section)

@@ -7,7 +7,7 @@ from typing import Any
 
 from bayesdrill import output_files
 from bayesdrill.basics import symbols
-from bayesdrill.basics.entries import entries_of, strange
+from bayesdrill.basics.entries import entries_of, unknown_keys
 from bayesdrill.basics.registry import lookup
 from bayesdrill.config.consistency.unknowns import free_parameters
 from bayesdrill.config.resolve import assembly, quantities
@@ -26,7 +26,7 @@ def check_map(found: Collector, config: Config, unknown: Sequence[str] | None) -
     kind = found.run(("map", "method"), lookup, OPTIMISERS, own.method, "method")
     if kind is None:
         return
-    vain = strange(("method", "method"), OPTIMISERS.usable(), kind, own)
+    vain = unknown_keys(("method", "method"), OPTIMISERS.usable(), kind, own)
     for entry, message in vain.items():
         found.add(("map", entry), message)
     given = [entry for entry in entries_of(kind) if getattr(own, entry) is not None]

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from bayesdrill import output_files
 from bayesdrill.basics import symbols, units
 from bayesdrill.basics.arrays import Array
-from bayesdrill.basics.entries import made
+from bayesdrill.basics.entries import build_member
 from bayesdrill.basics.units import Unit
 from bayesdrill.config.records import column_cleaning, sources
 from bayesdrill.config.records.column_cleaning import Column, Findings
@@ -48,7 +48,7 @@ FAR = 1000  # times its own length after the initial state, and a record has tim
 
 def csv_options(record: RecordSpec) -> CsvOptions:
     """How a text file is written, as far as the config says so."""
-    return made(CsvOptions, record)
+    return build_member(CsvOptions, record)
 
 
 def read(one: ResolvedExperiment, table: Table | None = None) -> Experiment:
@@ -104,7 +104,7 @@ class _Reader:
             },
             written=Written(
                 files=tuple(path.name for path in sources.paths(self._one)),
-                time=units.shown(time.unit if isinstance(time, TimeColumn) else "s", "s"),
+                time=units.display_unit(time.unit if isinstance(time, TimeColumn) else "s", "s"),
                 inputs={name: _unit_of_input(config, name) for name in symbols.INPUTS},
             ),
         )
@@ -281,7 +281,7 @@ def _unit_of_input(config: Config, name: str) -> Unit:
     """SI of a speed that was given as an angle."""
     spec, symbol = getattr(config.inputs, name), symbols.INPUTS[name]
     unit = spec.unit if isinstance(spec, InputColumn | InputQuantity) else symbol.unit
-    return units.shown(unit, symbol.unit, symbol.latex_unit)
+    return units.display_unit(unit, symbol.unit, symbol.latex_unit)
 
 
 def _straight(spec: Series) -> bool:

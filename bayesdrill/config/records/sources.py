@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from bayesdrill import output_files
 from bayesdrill.basics import units
 from bayesdrill.basics.arrays import Array
-from bayesdrill.basics.entries import made
+from bayesdrill.basics.entries import build_member
 from bayesdrill.basics.errors import InputError, Issue, encodable
 from bayesdrill.config.resolve import quantities
 from bayesdrill.config.resolve.case import ResolvedExperiment
@@ -207,7 +207,7 @@ class Sources:
         try:
             output_files.check_file(path)
             kind = FORMATS[written.format or format_of(path)]
-            return kind.read(path, made(kind.options, written), self._wanted(file))
+            return kind.read(path, build_member(kind.options, written), self._wanted(file))
         except ValueError as error:
             self.add(at_file, str(error))
         except InputError as error:

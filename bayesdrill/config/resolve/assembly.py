@@ -7,8 +7,8 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from bayesdrill.basics import symbols, units
-from bayesdrill.basics.entries import made
-from bayesdrill.basics.errors import InputError, of_each
+from bayesdrill.basics.entries import build_member
+from bayesdrill.basics.errors import InputError, collect_each
 from bayesdrill.basics.registry import lookup
 from bayesdrill.basics.units import SECOND, Unit
 from bayesdrill.config.resolve import experiments, sensors
@@ -33,7 +33,7 @@ from bayesdrill.sampling.optimisers.contract import Optimiser
 
 def optimiser(config: Config) -> Optimiser:
     """How the MAP is searched."""
-    return made(lookup(OPTIMISERS, config.map.method, "method"), config.map)
+    return build_member(lookup(OPTIMISERS, config.map.method, "method"), config.map)
 
 
 FEW = 4  # steps to a sample, for the search of the maximum: there they are chosen anew
@@ -48,7 +48,7 @@ def problem(case: ResolvedCase, records: Sequence[Experiment]) -> Problem:
     labels = [one.label for one in case.experiments]
     parts, told, levels = [], dict[str, Declared](), dict[str, Unknown]()
     pairs = zip(case.experiments, records, strict=True)
-    made = of_each(lambda pair: _told_and_observation(*pair), pairs)
+    made = collect_each(lambda pair: _told_and_observation(*pair), pairs)
     for label, (own, observed) in zip(labels, made, strict=True):
         renamed = {each.name: common_or_own(config, each.name, label) for each in own}
         for each in own:
@@ -97,11 +97,11 @@ def _display_units(case: ResolvedCase) -> OwnUnits:
         own = {symbols.noise_name(c.channel.name): c.channel.shown for c in one.channels}
         for each in one.declared:
             if each.unit != each.symbol.unit:
-                own[each.name] = units.shown(each.unit, each.symbol.unit)
+                own[each.name] = units.display_unit(each.unit, each.symbol.unit)
         sensed |= {common_or_own(config, name, one.label): unit for name, unit in own.items()}
     entries = {**config.quantities, **config.derived}
     declared = {n: spec.unit for n, spec in entries.items() if not isinstance(spec, float | int)}
-    return OwnUnits(sensed | {name: units.shown(unit) for name, unit in declared.items()})
+    return OwnUnits(sensed | {name: units.display_unit(unit) for name, unit in declared.items()})
 
 
 MANY = 1e4  # of the units of a record: nobody reads so many milliseconds

@@ -12,8 +12,8 @@ from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from bayesdrill.basics.entries import made
-from bayesdrill.basics.formulas import Expression, resolved
+from bayesdrill.basics.entries import build_member
+from bayesdrill.basics.formulas import Expression, resolve_relations
 from bayesdrill.basics.registry import lookup
 from bayesdrill.config.resolve import quantities
 from bayesdrill.config.resolve.quantities import Declared, NominalTable
@@ -27,14 +27,14 @@ from bayesdrill.inference.unknowns import ParameterSpace, Unknown, of_label
 from bayesdrill.rig import models
 from bayesdrill.rig.models import MODELS
 from bayesdrill.rig.models.linear import Model, with_named
-from bayesdrill.rig.simulators.sensors import Sensing
+from bayesdrill.rig.simulators.sensors import ObservationModel
 
 
 def model(config: Config, more: Collection[str] = ()) -> Model:
     """With the constants that the config gives, as far as the model has them, and with what it offers of
     the parameters that the config names, or that are `more`.
     """
-    rig = made(lookup(MODELS, config.model.name, "model"), config.model)
+    rig = build_member(lookup(MODELS, config.model.name, "model"), config.model)
     named = {name for name, spec in config.parameters.items() if spec is not None}
     return with_named(rig, {*named, *more})
 
@@ -91,7 +91,7 @@ class RigNumbers:
             add(each)
         free = {unknown.name for unknown in unknowns}
         every = self.parameters.items()
-        relations = resolved({name: x for name, x in every if isinstance(x, Expression)})
+        relations = resolve_relations({name: x for name, x in every if isinstance(x, Expression)})
         for name in [n for n, r in relations.items() if not set(r.names) & free]:
             fixed[name] = float(relations.pop(name).value(fixed))
         for each in told:
@@ -150,7 +150,7 @@ class ResolvedExperiment:
     channels: tuple[Measured, ...]
     entries: tuple[Entry, ...]
     declared: tuple[Declared, ...]
-    sensing: Sensing
+    sensing: ObservationModel
     free: tuple[str, ...]
     torque: Mapping[str, float | Unknown]
     beside: Beside

@@ -21,7 +21,7 @@ from bayesdrill.record.experiment import Experiment, frozen
 from bayesdrill.rig import models
 from bayesdrill.rig.models.friction import Named
 from bayesdrill.rig.models.linear import Model
-from bayesdrill.rig.simulators.sensors import Sensing
+from bayesdrill.rig.simulators.sensors import ObservationModel
 
 SECTIONS = ("record", "inputs", "initial")  # which an experiment may have of its own
 EXPERIMENTS = "experiments"
@@ -169,7 +169,7 @@ def _driven(name: str, experiment: Experiment, model: Model, values: Named) -> f
 
 
 def start_beyond_lags(
-    experiment: Experiment, sensing: Sensing, values: Mapping[str, float | Prior]
+    experiment: Experiment, sensing: ObservationModel, values: Mapping[str, float | Prior]
 ) -> Experiment:
     """Without the samples that show what no record tells: of a rig that moves at the start, what was
     before it; of an input that the record shows late, what came after its end.

@@ -32,7 +32,7 @@ from bayesdrill.inference.unknowns import Role, labelled
 from bayesdrill.record import anomalies
 from bayesdrill.record.experiment import Experiment
 from bayesdrill.rig import models
-from bayesdrill.rig.models.linear import Model, referred
+from bayesdrill.rig.models.linear import Model, gear_factor
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -155,7 +155,7 @@ def nominal_value(config: Config, model: Model, name: str) -> float:
     value = (
         given.value if given.unit is None else given.value * units.factor(given.unit, symbol.unit)
     )
-    value *= 1.0 if given.side is None else referred(model, symbol, given.side)
+    value *= 1.0 if given.side is None else gear_factor(model, symbol, given.side)
     if not value <= symbol.at_most:
         raise ValueError(f"{value:g} is too large: {name} is at most {symbol.at_most:g}")
     return value

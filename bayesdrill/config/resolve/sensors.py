@@ -35,11 +35,11 @@ from bayesdrill.inference.state_space import ShakenObservation
 from bayesdrill.inference.unknowns import Role, Unknown
 from bayesdrill.record.experiment import Channel
 from bayesdrill.rig import models
-from bayesdrill.rig.models.latent_torque import SIZE, TIME, MissingTorque, pushes
+from bayesdrill.rig.models.latent_torque import SIZE, TIME, MissingTorque, torque_gain
 from bayesdrill.rig.models.linear import Model
 from bayesdrill.rig.simulators.contract import Simulator
-from bayesdrill.rig.simulators.kalman import Filtered, steps_of
-from bayesdrill.rig.simulators.sensors import Sensing
+from bayesdrill.rig.simulators.kalman import KalmanFilter, step_lengths
+from bayesdrill.rig.simulators.sensors import ObservationModel
 
 SYMBOLS = (
     Symbol(SIZE, "N*m", "s_d", r"N\,m", "size of the missing torque: its standard deviation"),
@@ -92,11 +92,11 @@ def observation(
         )
     if said := refuse_latent_torque(response.model, acts, response.sensing):
         raise ValueError(said)
-    steps_of(response.experiment)
+    step_lengths(response.experiment)
     return ShakenObservation(
         response=response,
         noise=noise,
-        filtered=Filtered(response.model, acts, response.experiment),
+        filtered=KalmanFilter(response.model, acts, response.experiment),
         process=process,
         parameters=parameters,
         levels=[*levels, *(one.name for one in process.values() if isinstance(one, Unknown))],
@@ -104,7 +104,7 @@ def observation(
     )
 
 
-def refuse_latent_torque(model: Model, acts: MissingTorque, sensing: Sensing) -> str:
+def refuse_latent_torque(model: Model, acts: MissingTorque, sensing: ObservationModel) -> str:
     """Why a rig can have no missing torque; empty where it can."""
     odd = [*sensing.gains, *sensing.lags]
     if odd:
@@ -114,7 +114,7 @@ def refuse_latent_torque(model: Model, acts: MissingTorque, sensing: Sensing) ->
         )
     try:
         one = dict.fromkeys(model.parameters, 1.0)
-        pushes(model, acts, one, model.linear(one))
+        torque_gain(model, acts, one, model.linear(one))
     except ValueError as error:
         return str(error)
     return ""
@@ -245,7 +245,7 @@ def _meaning(entry: Entry) -> str:
     }[entry.kind]
 
 
-def sensing(config: Config, found: Sequence[Entry], free: Sequence[str]) -> Sensing:
+def sensing(config: Config, found: Sequence[Entry], free: Sequence[str]) -> ObservationModel:
     """By the names of single experiments: of the entries `found`, and states that are `free`."""
     delays = [entry for entry in found if entry.kind == "delay"]
     single = [entry for entry in found if entry.kind == "lag" and entry.place[0] == "inputs"]
@@ -261,7 +261,7 @@ def sensing(config: Config, found: Sequence[Entry], free: Sequence[str]) -> Sens
         }
 
     states = {name: state_name(name) for name in free}
-    return Sensing(
+    return ObservationModel(
         gains=of("gain", inputs=False),
         offsets=of("offset", inputs=False),
         lags=of("lag", inputs=False),
@@ -319,7 +319,7 @@ def channel_of(name: str, spec: ChannelSpec, states: tuple[str, ...]) -> Channel
         unit=first.unit,
         latex=latex,
         latex_unit=first.latex_unit,
-        column=units.shown(spec.unit, first.unit, first.latex_unit),
+        column=units.display_unit(spec.unit, first.unit, first.latex_unit),
         factor=factor,
     )
 

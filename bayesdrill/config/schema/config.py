@@ -16,14 +16,14 @@ from pydantic import Discriminator, Field, Tag, create_model
 from bayesdrill.basics import symbols
 from bayesdrill.basics.entries import (
     LARGEST,
-    MOST,
+    MAX_COUNT,
     Count,
     Latex,
     NonNegative,
     Number,
     Positive,
     Strict,
-    chosen,
+    member_section,
 )
 from bayesdrill.config.schema.numbers import (
     ParameterSpec,
@@ -193,13 +193,13 @@ if TYPE_CHECKING:
     ModelSpec = ModelBase
     MapSpec = MapBase
 else:  # with what the members of the registries bring
-    ModelSpec = chosen("ModelSpec", ModelBase, "name", MODELS.usable())
-    MapSpec = chosen("MapSpec", MapBase, "method", OPTIMISERS.usable())
+    ModelSpec = member_section("ModelSpec", ModelBase, "name", MODELS.usable())
+    MapSpec = member_section("MapSpec", MapBase, "method", OPTIMISERS.usable())
 
 
 class SamplerSpec(Strict):
-    ensembles: Annotated[int, Field(ge=4, le=MOST)] = 4
-    walkers: Annotated[int, Field(ge=4, le=MOST)] = Field(
+    ensembles: Annotated[int, Field(ge=4, le=MAX_COUNT)] = 4
+    walkers: Annotated[int, Field(ge=4, le=MAX_COUNT)] = Field(
         256, description="Of each ensemble; where a rig rubs 96, and 16 more with each experiment."
     )
     moves: Annotated[dict[str, NonNegative], Field(min_length=1)] = Field(
@@ -212,7 +212,7 @@ class SamplerSpec(Strict):
     r_hat: Annotated[float, Field(gt=1, le=LARGEST)] = 1.01
     n_tau: Positive = Field(50.0, description="Steps kept, in autocorrelation times.")
     ess: Positive = Field(4000.0, description="Bulk effective sample size of every unknown.")
-    max_steps: Annotated[int, Field(ge=100, le=MOST)] = 50_000
+    max_steps: Annotated[int, Field(ge=100, le=MAX_COUNT)] = 50_000
 
 
 class CalibrationSpec(Strict):
@@ -225,7 +225,7 @@ class CalibrationSpec(Strict):
     starts: Searches = Field(16, description="Searches for the MAP of a refit, at most.")
     n_tau: Positive = Field(20.0, description="As in `sampler`, for a refit.")
     ess: Positive = Field(400.0, description="As in `sampler`, for a refit.")
-    max_steps: Annotated[int, Field(ge=100, le=MOST)] = Field(
+    max_steps: Annotated[int, Field(ge=100, le=MAX_COUNT)] = Field(
         5000, description="As in `sampler`, for a refit."
     )
 

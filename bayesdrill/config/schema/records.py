@@ -12,7 +12,7 @@ from pydantic import Discriminator, Field, Tag, create_model
 
 from bayesdrill.basics import symbols
 from bayesdrill.basics.arrays import Array
-from bayesdrill.basics.entries import MOST, Count, Number, Positive, Strict, chosen
+from bayesdrill.basics.entries import MAX_COUNT, Count, Number, Positive, Strict, member_section
 from bayesdrill.config.schema.numbers import (
     Quantity,
     Sensed,
@@ -62,7 +62,7 @@ if TYPE_CHECKING:
     FileSpec = FileBase
 else:
     _column_options = {name: one.options for name, one in FORMATS.usable().items()}
-    FileSpec = chosen("FileSpec", FileBase, "format", _column_options)
+    FileSpec = member_section("FileSpec", FileBase, "format", _column_options)
 
 FileEntry = Annotated[
     Annotated[str, Tag("<word>")] | Annotated[FileSpec, Tag("<mapping>")],
@@ -194,7 +194,7 @@ def _usual_formats() -> list[Format]:
 
 
 class OutputSpec(Strict):
-    predictive_draws: Annotated[int, Field(ge=10, le=MOST)] = Field(
+    predictive_draws: Annotated[int, Field(ge=10, le=MAX_COUNT)] = Field(
         125, description="Per ensemble, with pointwise log likelihood and predictive samples."
     )
     figures: Annotated[list[str], Field(max_length=MOST_NAMED)] | None = Field(
@@ -256,7 +256,7 @@ if TYPE_CHECKING:
     NoiseSpec = NoiseBase
 else:
     _kinds = {name: kind.Entries for name, kind in NOISES.usable().items()}
-    NoiseSpec = chosen("NoiseSpec", NoiseBase, "name", _kinds)
+    NoiseSpec = member_section("NoiseSpec", NoiseBase, "name", _kinds)
 
 
 class ChannelSpec(Series):
@@ -302,7 +302,7 @@ if TYPE_CHECKING:
     RecordSpec = RecordBase
 else:
     _experiment_options = {name: one.options for name, one in FORMATS.usable().items()}
-    RecordSpec = chosen("RecordSpec", RecordBase, "format", _experiment_options)
+    RecordSpec = member_section("RecordSpec", RecordBase, "format", _experiment_options)
 
 
 class Inputs(Strict):

@@ -17,7 +17,7 @@ from typing import Annotated, Literal
 import numpy as np
 from pydantic import Field
 
-from bayesdrill.basics.entries import MOST
+from bayesdrill.basics.entries import MAX_COUNT
 from bayesdrill.basics.errors import InputError, Issue
 from bayesdrill.record.formats.table import Array, Table, keys_of
 from bayesdrill.record.formats.text import (
@@ -42,7 +42,7 @@ class CsvOptions:
     delimiter: Annotated[str, Field(description="Default: found out")] | None = None
     decimal: Annotated[Literal[".", ","], Field(description="Default: found out")] | None = None
     header: Annotated[bool, Field(description="Default: found out")] | None = None
-    skip_rows: Annotated[int, Field(ge=0, le=MOST, description="Lines before the table")] = 0
+    skip_rows: Annotated[int, Field(ge=0, le=MAX_COUNT, description="Lines before the table")] = 0
 
 
 @dataclass(frozen=True, slots=True)

@@ -55,7 +55,7 @@ from bayesdrill.rig.kernels.numbers import (
     emit_symmetric,
     multiply_add,
 )
-from bayesdrill.rig.models.latent_torque import TIME, Pushed
+from bayesdrill.rig.models.latent_torque import TIME, AugmentedModel
 
 TAYLOR_DEGREE = 13
 MAX_TAYLOR_NORM = 0.5  # 0.5**14 / 14! = 7e-16
@@ -69,7 +69,7 @@ class StateSpace:
     `channels (K, n)`: weights of states, those of the torque last, see `weight_kinds`.
     """
 
-    model: Pushed
+    model: AugmentedModel
     channels: WeightKinds
 
     @property
@@ -80,7 +80,7 @@ class StateSpace:
     def _formulas(self, lanes: Sequence[Vector]) -> Any:
         """Return the dynamics, and what drives the torque; they have slopes where kernels do."""
         named: Any = dict(zip(self.model.parameters, lanes, strict=True))
-        return _entries(self, named), self.model.torque.driven(named[TIME])
+        return _entries(self, named), self.model.torque.intensity(named[TIME])
 
     @property
     def n(self) -> int:
@@ -132,7 +132,7 @@ def emit_transition(module: ir.Module, system: StateSpace, *, slopes: bool) -> i
     short = Vector(b, b.fmul(b.read(span, 0), b.bitcast(exponent, VEC)))
     timed = {index: entry * short for index, entry in entries.items()}
     _emit_series(memory, timed, n, phi)
-    driven = system.model.torque.driven(named[TIME]) * short
+    driven = system.model.torque.intensity(named[TIME]) * short
     _emit_squares(memory, timed, n, q, driven)
     spare, other = memory.room(n * n), memory.room(n * n)
     twice = Loop(b, halvings, [], "twice")

@@ -1,5 +1,6 @@
-"""The registry of rigs (one file and one line here, or an entry point `bayesdrill.rig`), and the
-symbols of all of them.
+"""The registry of rigs, and the symbols of all of them.
+
+A rig is one file and one line here, or an entry point `bayesdrill.rig` of another package.
 """
 
 from __future__ import annotations
@@ -15,7 +16,7 @@ from bayesdrill.rig.models.linear import Model, with_all
 from bayesdrill.rig.models.long_shaft import LongShaft
 from bayesdrill.rig.models.motor import Motor
 from bayesdrill.rig.models.motor_shaft import MotorShaft, TwoRotors
-from bayesdrill.rig.models.trial import tried
+from bayesdrill.rig.models.trial import check_rig
 
 _RIGS: dict[str, type[Model]] = {
     "motor_shaft": MotorShaft,
@@ -24,23 +25,26 @@ _RIGS: dict[str, type[Model]] = {
     "motor": Motor,
     "long_shaft": LongShaft,
 }
-MODELS: Registry[type[Model]] = Registry("rig", _RIGS, judge=tried)
+MODELS: Registry[type[Model]] = Registry("rig", _RIGS, judge=check_rig)
 
 
 def _rigs() -> list[Model]:
-    """Each with all that it offers."""
+    """Return the usable rigs, each with all that it offers."""
     return [with_all(kind()) for kind in MODELS.usable().values()]
 
 
-def _all(of: str, known: Mapping[str, Symbol]) -> Mapping[str, Symbol]:
-    """Those of `known` first: a rig cannot give another meaning to what has one."""
-    own = {
+def _all(role: str, known: Mapping[str, Symbol]) -> Mapping[str, Symbol]:
+    """Return the `known` symbols, then those that rigs declare.
+
+    None can give another meaning to a name that has one.
+    """
+    declared = {
         symbol.name: symbol
         for rig in _rigs()
         for symbol in rig.declares
-        if symbol.name in getattr(rig, of)
+        if symbol.name in getattr(rig, role)
     }
-    return MappingProxyType({**known, **{n: s for n, s in own.items() if n not in known}})
+    return MappingProxyType({**known, **{n: s for n, s in declared.items() if n not in known}})
 
 
 PARAMETERS = _all("parameters", symbols.PARAMETERS)

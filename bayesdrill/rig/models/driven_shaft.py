@@ -4,8 +4,8 @@
     theta_2' = w_2                                         w_2: the speed that is imposed, an input
     w_1' = -(k_s/j_1)(theta_1 - theta_2) - t_1/j_1
 
-`t_1` is the load torque on rotor 1: of a drill string the torque at the bit, measured or, where its law
-is `added`, computed.  What is `added`:
+`t_1` is the load torque on rotor 1: of a drill string the torque at the bit, measured or, where its
+law is `added`, computed.  What is `added`:
 
     c_s    k_s (theta_1 - theta_2) + c_s (w_1 - w_2) in the place of k_s (theta_1 - theta_2)
     c_1    w_1' = ... - (c_1/j_1) w_1
@@ -14,7 +14,8 @@ is `added`, computed.  What is `added`:
            w_1' = ... - T/j_1 against w_1, T = W b_0 (tanh(b_1 |w_1|) + b_2 |w_1| / (1 + b_3 w_1^2)),
            where the input `wob` is the weight W on the bit
 
-An angle that is imposed, straight from sample to sample, is the speed that is held between them.
+An angle that is imposed, straight from sample to sample, is the speed that is constant between
+them.
 """
 
 from __future__ import annotations
@@ -26,14 +27,14 @@ from typing import Any, ClassVar
 from bayesdrill.basics.symbols import Symbol
 from bayesdrill.rig.models.friction import (
     BitRock,
-    Both,
+    CombinedLaw,
     Friction,
     Law,
     Named,
     Stribeck,
     frictions_at,
 )
-from bayesdrill.rig.models.linear import Linear, Model, Names, Offers, dry
+from bayesdrill.rig.models.linear import Linear, Model, Offers, ParameterNames, dry_law
 from bayesdrill.rig.models.motor_shaft import FRICTION_1, Power
 
 WEIGHT = "wob"
@@ -45,14 +46,14 @@ OFFERS: Offers = MappingProxyType(
         "t_c1": (),
         "t_s1": ("t_c1", "w_s1"),
         "w_s1": ("t_c1", "t_s1"),
-        **{one: tuple(n for n in ROCK.parameters if n != one) for one in ROCK.parameters},
+        **{name: tuple(n for n in ROCK.parameters if n != name) for name in ROCK.parameters},
     }
 )
 
 
 @dataclass(frozen=True, slots=True)
 class DrivenShaft(Model):
-    """`stribeck`, `added`: as of a `MotorShaft`."""
+    """A shaft driven at its upper end; `stribeck`, `added`: as of a `MotorShaft`."""
 
     stribeck: Power = 1
     added: tuple[str, ...] = ()
@@ -60,22 +61,24 @@ class DrivenShaft(Model):
     name: ClassVar[str] = "driven_shaft"
     declares: ClassVar[tuple[Symbol, ...]] = ()
     offers: ClassVar[Offers] = OFFERS
-    parameters: ClassVar[Names] = Names(("k_s", "j_1"))
+    parameters: ClassVar[ParameterNames] = ParameterNames(("k_s", "j_1"))
     states: ClassVar[tuple[str, ...]] = ("theta_1", "theta_2", "w_1")
 
     @property
     def inputs(self) -> tuple[str, ...]:
+        """The imposed speed, the load torque and, of a bit, the weight on it."""
         return ("w_2", "t_1", WEIGHT) if self._drills else ("w_2", "t_1")
 
     @property
     def frictions(self) -> tuple[Friction, ...]:
-        """At rotor 1."""
-        law: Law | None = dry(self.added, Stribeck("t_c1", "t_s1", "w_s1", self.stribeck))
+        """The friction at rotor 1."""
+        law: Law | None = dry_law(self.added, Stribeck("t_c1", "t_s1", "w_s1", self.stribeck))
         if self._drills:
-            law = ROCK if law is None else Both(law, ROCK)
+            law = ROCK if law is None else CombinedLaw(law, ROCK)
         return frictions_at((FRICTION_1, "w_1", law, "theta_1", "at rotor 1"))
 
     def linear(self, p: Named) -> Linear:
+        """See `Model.linear`."""
         k_s, j_1 = p["k_s"], p["j_1"]
         a: dict[tuple[str, str], Any] = {
             ("theta_1", "w_1"): 1.0,
@@ -87,7 +90,7 @@ class DrivenShaft(Model):
             a["w_1", "w_1"], b["w_1", "w_2"] = -p["c_s"] / j_1, p["c_s"] / j_1
         if "c_1" in self.added:
             a["w_1", "w_1"] = a.get(("w_1", "w_1"), 0.0) - p["c_1"] / j_1
-        b |= {("w_1", one.name): -1.0 / j_1 for one in self.frictions}
+        b |= {("w_1", friction.name): -1.0 / j_1 for friction in self.frictions}
         return Linear(A=a, B=b, c={})
 
     @property

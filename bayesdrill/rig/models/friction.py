@@ -1,10 +1,11 @@
-"""Friction that is dry, and the physics that a rig takes where its parameter is named.
+"""Dry friction, and the laws of its size.
 
     at' = ... - (entry of B) * T         T = sgn(at) size   while it moves,
                                          |T| <= size        while it sticks
 
-`Friction` names an effort of a rig and its law.  Its effort is a column of the rig's `B`, whose entry in
-the row that it is `against` is negative.  Laws give sizes, never signs: they see how fast it moves.
+`Friction` names an effort of a rig and its law.  Its effort is a column of the rig's `B`, whose
+entry in the row that it is `against` is negative.  Laws give sizes, never signs: they see how fast
+it moves.
 """
 
 from __future__ import annotations
@@ -23,23 +24,30 @@ Named = Mapping[str, NDArray[np.float64] | float]
 
 
 class Law(Protocol):
-    """Frozen: kernels are kept by the rigs that they were made of.
+    """A law of friction: its size as a function of the speed.
 
-    `parameters` that it names; `seen`: states and inputs that it names beside the speed; `steady`:
-    whether its size is that of the parameters alone.
+    It is frozen, as kernels are cached by the rigs that they were compiled for.  `parameters` that
+    it names; `seen`: states and inputs that it names beside the speed; `steady`: whether its size
+    is that of the parameters alone.
     """
 
     @property
-    def parameters(self) -> tuple[str, ...]: ...
+    def parameters(self) -> tuple[str, ...]:
+        """Names of the parameters that it needs."""
+        ...
 
     @property
-    def seen(self) -> tuple[str, ...]: ...
+    def seen(self) -> tuple[str, ...]:
+        """States and inputs that it needs beside the speed."""
+        ...
 
     @property
-    def steady(self) -> bool: ...
+    def steady(self) -> bool:
+        """Whether its size is that of the parameters alone."""
+        ...
 
     def size(self, p: Named, speed: Any, seen: Mapping[str, Any]) -> Any:
-        """At a `speed` that is not negative."""
+        """Return the size at a `speed` that is not negative."""
         ...
 
 
@@ -47,15 +55,18 @@ class Law(Protocol):
 class SettlingLaw(Law, Protocol):
     """A law whose size comes down to a steady one at high speed."""
 
-    def spent(self, p: Named, speed: Any) -> tuple[Any, Any]:
-        """That size, and how far it has come: the exponent of what is left above it."""
+    def settling(self, p: Named, speed: Any) -> tuple[Any, Any]:
+        """Return that size, and the exponent of what is left above it."""
         ...
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Friction:
-    """`name`: its column of `B`; `against`: a state; `holds`: the angle that stays where it is while it
-    sticks; `where`: in words, such as `at rotor 1`; `symbol`: what figures call its effort.
+    """A dry friction of a rig.
+
+    `name`: its column of `B`; `against`: the speed (or current) that it opposes; `holds`: the angle
+    that stays where it is while it sticks; `where`: in words, such as `at rotor 1`; `symbol`: what
+    figures call its effort.
     """
 
     name: str
@@ -66,21 +77,23 @@ class Friction:
     symbol: Symbol | None = None
 
 
-Place = tuple[Symbol, str, Law | None, str | None, str]
+FrictionSpec = tuple[Symbol, str, Law | None, str | None, str]
 
 
-def frictions_at(*places: Place) -> tuple[Friction, ...]:
-    """Of symbol, state that it is against, law, what it holds and where: those that have a law."""
+def frictions_at(*places: FrictionSpec) -> tuple[Friction, ...]:
+    """Return the frictions that have a law, of (symbol, against, law, holds, where)."""
     return tuple(
-        Friction(name=own.name, against=against, law=law, holds=holds, where=where, symbol=own)
-        for own, against, law, holds, where in places
+        Friction(
+            name=symbol.name, against=against, law=law, holds=holds, where=where, symbol=symbol
+        )
+        for symbol, against, law, holds, where in places
         if law is not None
     )
 
 
 @dataclass(frozen=True, slots=True)
 class Coulomb:
-    """As much as the parameter `sliding`, at any speed."""
+    """Coulomb friction: as much as the parameter `sliding`, at any speed."""
 
     sliding: str
 
@@ -89,15 +102,20 @@ class Coulomb:
 
     @property
     def parameters(self) -> tuple[str, ...]:
+        """The name of the sliding friction."""
         return (self.sliding,)
 
     def size(self, p: Named, speed: Any, seen: Mapping[str, Any]) -> Any:
+        """See `Law.size`."""
         return p[self.sliding]
 
 
 @dataclass(frozen=True, slots=True)
 class Stribeck:
-    """`sliding + (static - sliding) exp(-(|w|/scale)^power)`, `times`: w for one of the state."""
+    """Stribeck's law, `sliding + (static - sliding) exp(-(|w|/scale)^power)`.
+
+    `times`: w for one of the state.
+    """
 
     sliding: str
     static: str
@@ -110,16 +128,19 @@ class Stribeck:
 
     @property
     def parameters(self) -> tuple[str, ...]:
+        """Names of sliding friction, static friction, and the speed over which that is lost."""
         return (self.sliding, self.static, self.scale)
 
     def size(self, p: Named, speed: Any, seen: Mapping[str, Any]) -> Any:
+        """See `Law.size`."""
         sliding: Any = p[self.sliding]
-        return sliding + (p[self.static] - sliding) * exp(-self._fallen(p, speed))
+        return sliding + (p[self.static] - sliding) * exp(-self._exponent(p, speed))
 
-    def spent(self, p: Named, speed: Any) -> tuple[Any, Any]:
-        return p[self.sliding], self._fallen(p, speed)
+    def settling(self, p: Named, speed: Any) -> tuple[Any, Any]:
+        """See `SettlingLaw.settling`."""
+        return p[self.sliding], self._exponent(p, speed)
 
-    def _fallen(self, p: Named, speed: Any) -> Any:
+    def _exponent(self, p: Named, speed: Any) -> Any:
         scale: Any = p[self.scale]
         return ((self.times / scale) * speed) ** self.power
 
@@ -142,13 +163,16 @@ class BitRock:
 
     @property
     def parameters(self) -> tuple[str, ...]:
+        """Names of the four coefficients."""
         return (self.factor, self.stiff, self.hump, self.width)
 
     @property
     def seen(self) -> tuple[str, ...]:
+        """The input that it needs: the weight on the bit."""
         return (self.weight,)
 
     def size(self, p: Named, speed: Any, seen: Mapping[str, Any]) -> Any:
+        """See `Law.size`."""
         decay = exp(-2.0 * (p[self.stiff] * speed))
         rising = (1.0 - decay) / (1.0 + decay)
         hump = p[self.hump] * speed / (1.0 + p[self.width] * speed**2)
@@ -156,31 +180,37 @@ class BitRock:
 
 
 @dataclass(frozen=True, slots=True)
-class Both:
-    """One and another at the same place."""
+class CombinedLaw:
+    """The sum of two laws at the same place."""
 
-    one: Law
-    other: Law
+    first: Law
+    second: Law
 
     @property
     def parameters(self) -> tuple[str, ...]:
-        return (*self.one.parameters, *self.other.parameters)
+        """Names of both laws' parameters."""
+        return (*self.first.parameters, *self.second.parameters)
 
     @property
     def seen(self) -> tuple[str, ...]:
-        return (*self.one.seen, *self.other.seen)
+        """States and inputs that either law needs."""
+        return (*self.first.seen, *self.second.seen)
 
     @property
     def steady(self) -> bool:
-        return self.one.steady and self.other.steady
+        """Whether both are."""
+        return self.first.steady and self.second.steady
 
     def size(self, p: Named, speed: Any, seen: Mapping[str, Any]) -> Any:
-        return self.one.size(p, speed, seen) + self.other.size(p, speed, seen)
+        """See `Law.size`."""
+        return self.first.size(p, speed, seen) + self.second.size(p, speed, seen)
 
 
 @dataclass(frozen=True, slots=True)
-class Losing:
-    """`law`, None for nothing, and (1/eta - 1) of the torque that a gear with an efficiency passes on.
+class GearLoss:
+    """The loss of a gear with an efficiency, added to a `law` (None: to nothing).
+
+    It is (1/eta - 1) of the torque that the gear passes on.
 
     That torque, on the side of the friction, is `factor k (angle_2 - angle_1)` with the parameter
     `stiffness` for k.  Where the load drives, the gear's efficiency is 2 - 1/eta.
@@ -196,14 +226,17 @@ class Losing:
 
     @property
     def parameters(self) -> tuple[str, ...]:
-        own = (self.efficiency, self.stiffness)
-        return own if self.law is None else (*self.law.parameters, *own)
+        """Names of the law's parameters, of the efficiency and of the stiffness."""
+        parameters = (self.efficiency, self.stiffness)
+        return parameters if self.law is None else (*self.law.parameters, *parameters)
 
     @property
     def seen(self) -> tuple[str, ...]:
+        """States and inputs that the law needs, and both angles."""
         return self.angles if self.law is None else (*self.law.seen, *self.angles)
 
     def size(self, p: Named, speed: Any, seen: Mapping[str, Any]) -> Any:
+        """See `Law.size`."""
         first, second = self.angles
         passed = size(p[self.stiffness] * (seen[second] - seen[first])) * self.factor
         lost = (1.0 / p[self.efficiency] - 1.0) * passed

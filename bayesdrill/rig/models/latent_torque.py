@@ -1,11 +1,11 @@
-"""A torque that a rig's equations are without: a stationary Gaussian process that acts on one inertia.
+"""A torque that a rig's equations are without: a stationary Gaussian process on one inertia.
 
     1/2    <d(t) d(t')> = s^2 exp(-r)                r = |t - t'| / tau
     3/2    <d(t) d(t')> = s^2 (1 + a) exp(-a)        a = sqrt(3) r
 
-as states that white noise drives (Matern): d has one, or with its rate two.  A torque `d` is
-positive where it pushes its inertia towards positive angles; dry friction comes out with the sign
-against the speed.
+It is a Matern process, as states that white noise drives (Hartikainen and Sarkka 2010): d has one,
+or with its rate two.  A torque `d` is positive where it pushes its inertia towards positive angles;
+dry friction comes out with the sign against the speed.
 """
 
 from __future__ import annotations
@@ -18,9 +18,9 @@ from typing import Any, Literal
 from bayesdrill.basics.arrays import Array
 from bayesdrill.rig import models, steady_state
 from bayesdrill.rig.models.friction import Named
-from bayesdrill.rig.models.linear import Around, Linear, Model, dynamics
+from bayesdrill.rig.models.linear import Linear, Model, WrappedModel, dynamics
 
-At = Literal["motor", "rotor_1"]
+TorqueLocation = Literal["motor", "rotor_1"]
 Smoothness = Literal["1/2", "3/2"]
 
 SIZE, TIME = "s_d", "tau_d"
@@ -29,41 +29,44 @@ TORQUE, RATE = "torque", "torque_rate"  # states, over `SIZE`, and over `SIZE` t
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MissingTorque:
-    """Where it acts, and how smooth it is: how often it can be differentiated, and a half."""
+    """Where the torque acts, and how smooth it is (Matern's nu)."""
 
-    at: At = "rotor_1"
+    at: TorqueLocation = "rotor_1"
     smoothness: Smoothness = "3/2"
 
     @property
     def states(self) -> tuple[str, ...]:
+        """Names of the torque's states, of unit variance."""
         return (TORQUE,) if self.smoothness == "1/2" else (TORQUE, RATE)
 
     def rate(self, time: Any) -> Any:
-        """At which it is forgotten."""
+        """Return the rate of its exponential [1/s], for a correlation time."""
         return (1.0 if self.smoothness == "1/2" else math.sqrt(3.0)) / time
 
-    def driven(self, time: Any) -> Any:
-        """Intensity of the white noise that drives the last of its states."""
+    def intensity(self, time: Any) -> Any:
+        """Return the intensity of the white noise that drives the last of its states."""
         return self.rate(time) * (2.0 if self.smoothness == "1/2" else 4.0)
 
     def linear(self, time: Any) -> dict[tuple[str, str], Any]:
-        """Its states each have unit variance, and no covariance at one time."""
+        """Return the entries of its A; its states have no covariance at one time."""
         rate = self.rate(time)
         if self.smoothness == "1/2":
             return {(TORQUE, TORQUE): -rate}
         return {(TORQUE, RATE): rate, (RATE, TORQUE): -rate, (RATE, RATE): -2.0 * rate}
 
 
-def pushes(model: Model, torque: MissingTorque, p: Named, linear: Linear) -> Any:
-    """What one N m more does to the speed of its inertia, at the motor on its own side of the gear.
+def torque_gain(model: Model, torque: MissingTorque, p: Named, linear: Linear) -> Any:
+    """Return what 1 N m more does to the rate of its inertia's speed.
+
+    At the motor it acts on the motor's side of the gear.
 
     Raises `ValueError` where the rig has no such inertia.
     """
     row, motor = model.roles.at(torque.at).speed, model.roles.motor
     if torque.at == "rotor_1":
-        found = linear.B.get((row, model.roles.rotor.load))
-        if found is not None:
-            return -found
+        entry = linear.B.get((row, model.roles.rotor.load))
+        if entry is not None:
+            return -entry
     elif (row, motor.torque) in linear.B:
         return linear.B[row, motor.torque]
     elif (row, motor.current) in linear.A and motor.torque_constant in p:
@@ -75,16 +78,17 @@ def pushes(model: Model, torque: MissingTorque, p: Named, linear: Linear) -> Any
 
 
 @dataclass(frozen=True, slots=True)
-class Pushed(Around):
-    """`rig` with the states of its missing torque behind its own, and its size and time as parameters.
+class AugmentedModel(WrappedModel):
+    """A `rig` with the states of its missing torque behind its own.
 
-    `free`: to turn, so that nothing depends on how far; its angles are those relative to the last of
-    them, which is left out where nothing `tells` of it.
+    The size and the correlation time of the torque are parameters too.  `free`: to turn, so that
+    nothing depends on how far; its angles are those relative to the last of them, which is left out
+    unless it is `observable`.
     """
 
     torque: MissingTorque
     free: bool = False
-    tells: bool = True
+    observable: bool = True
 
     @property
     def frictions(self) -> tuple[()]:
@@ -93,16 +97,18 @@ class Pushed(Around):
 
     @property
     def parameters(self) -> tuple[str, ...]:
+        """The rig's, then size and correlation time of the torque."""
         return (*self.rig.parameters, SIZE, TIME)
 
     @property
     def states(self) -> tuple[str, ...]:
-        return (*self.of_rig, *self.torque.states)
+        """The rig's, then the torque's."""
+        return (*self.rig_states, *self.torque.states)
 
     @property
-    def of_rig(self) -> tuple[str, ...]:
-        """States that are the rig's."""
-        left_out = None if self.tells else self._last
+    def rig_states(self) -> tuple[str, ...]:
+        """The states that are the rig's."""
+        left_out = None if self.observable else self._last
         return tuple(name for name in self.rig.states if name != left_out)
 
     @property
@@ -110,84 +116,95 @@ class Pushed(Around):
         return angles(self.rig)[-1]
 
     def linear(self, p: Named) -> Linear:
-        found = self.rig.linear(p)
-        a, b, c = dict(found.A), dict(found.B), dict(found.c)
+        """See `Model.linear`."""
+        linear = self.rig.linear(p)
+        a, b, c = dict(linear.A), dict(linear.B), dict(linear.c)
         if self.free:
             a, b, c = (self._relative(each) for each in (a, b, c))
-        push = pushes(self.rig, self.torque, p, found)
+        push = torque_gain(self.rig, self.torque, p, linear)
         a |= self.torque.linear(p[TIME])
         a[self.roles.at(self.torque.at).speed, TORQUE] = push * p[SIZE]
         return Linear(A=a, B=b, c=c)
 
     def _relative(self, entries: Mapping[Any, Any]) -> dict[Any, Any]:
-        """Rows of angles less that of the last, of which nothing depends."""
-        found: dict[Any, Any] = {}
+        """Subtract the row of the last angle, on which nothing depends, from those of the others."""
+        relative: dict[Any, Any] = {}
         for key, value in entries.items():
             row, column = key if isinstance(key, tuple) else (key, None)
             rows = [(row, value)]
             if row == self._last:
-                rows = [(name, -value) for name in self._others] + rows * self.tells
+                rows = [(name, -value) for name in self._others] + rows * self.observable
             for name, entry in rows if column != self._last else []:
-                place = (name, column) if isinstance(key, tuple) else name
-                found[place] = found[place] + entry if place in found else entry
-        return found
+                index = (name, column) if isinstance(key, tuple) else name
+                relative[index] = relative[index] + entry if index in relative else entry
+        return relative
 
     @property
     def _others(self) -> list[str]:
         return [name for name in angles(self.rig) if name != self._last]
 
-    def shown(self, weights: Mapping[str, float]) -> tuple[float, ...]:
-        """Of a channel: the weights of `states`, by those of the rig's."""
-        own = dict(weights)
+    def channel_weights(self, weights: Mapping[str, float]) -> tuple[float, ...]:
+        """Return a channel's weights of `states`, from those of the rig's."""
+        by_state = dict(weights)
         if self.free:
-            own[self._last] = sum(weights.get(name, 0.0) for name in angles(self.rig))
-        return tuple(float(own.get(name, 0.0)) for name in self.states)
+            by_state[self._last] = sum(weights.get(name, 0.0) for name in angles(self.rig))
+        return tuple(float(by_state.get(name, 0.0)) for name in self.states)
 
-    def begun(self, start: Mapping[str, float]) -> tuple[float, ...]:
-        """Of the rig's states at the start, those of `states`."""
-        own = dict(start)
+    def initial_state(self, start: Mapping[str, float]) -> tuple[float, ...]:
+        """Return `states` at the start, from the rig's."""
+        by_state = dict(start)
         if self.free:
             last = start.get(self._last, 0.0)
-            own |= {name: start.get(name, 0.0) - last for name in self._others}
-        return tuple(float(own.get(name, 0.0)) for name in self.states)
+            by_state |= {name: start.get(name, 0.0) - last for name in self._others}
+        return tuple(float(by_state.get(name, 0.0)) for name in self.states)
 
-    def of_states(self, found: Array) -> dict[str, Array]:
-        """The rig's, of `states (..., n)`, but for angles of which nothing tells."""
-        own = {name: found[..., self.states.index(name)] for name in self.of_rig}
+    def to_rig_states(self, states: Array) -> dict[str, Array]:
+        """Return the rig's states by name, of `states (..., n)`, but those not observable."""
+        by_state = {name: states[..., self.states.index(name)] for name in self.rig_states}
         if not self.free:
-            return own
-        if not self.tells:
-            return {name: x for name, x in own.items() if name not in self._others}
-        return own | {name: own[name] + own[self._last] for name in self._others}
+            return by_state
+        if not self.observable:
+            return {name: x for name, x in by_state.items() if name not in self._others}
+        return by_state | {name: by_state[name] + by_state[self._last] for name in self._others}
 
 
 @dataclass(frozen=True, slots=True)
-class Loaded(Around):
-    """`rig` with the torque as one more input, `TORQUE`: as if it had been measured."""
+class LoadedModel(WrappedModel):
+    """A `rig` with the torque as one more input, `TORQUE`: as if it had been measured."""
 
     torque: MissingTorque
 
     @property
     def inputs(self) -> tuple[str, ...]:
+        """The rig's inputs, and the torque."""
         return (*self.rig.inputs, TORQUE)
 
     def linear(self, p: Named) -> Linear:
-        found = self.rig.linear(p)
-        push = pushes(self.rig, self.torque, p, found)
-        b = {**found.B, (self.roles.at(self.torque.at).speed, TORQUE): push}
-        return Linear(A=found.A, B=b, c=found.c)
+        """See `Model.linear`."""
+        linear = self.rig.linear(p)
+        push = torque_gain(self.rig, self.torque, p, linear)
+        b = {**linear.B, (self.roles.at(self.torque.at).speed, TORQUE): push}
+        return Linear(A=linear.A, B=b, c=linear.c)
 
 
 def angles(model: Model) -> tuple[str, ...]:
+    """Return the names of states that are angles."""
     return tuple(name for name in model.states if models.STATES[name].unit == "rad")
 
 
-def pushed(rig: Model, torque: MissingTorque, weights: Sequence[Mapping[str, float]]) -> Pushed:
-    """`weights` of the channels, by state: whether one tells of an angle by itself."""
-    own = angles(rig)
+def augment(
+    rig: Model, torque: MissingTorque, weights: Sequence[Mapping[str, float]]
+) -> AugmentedModel:
+    """Return the rig with its torque, for channels with these `weights` by state.
+
+    The weights tell whether any channel observes an angle by itself.
+    """
+    angle_names = angles(rig)
     # No two alike: where all are one, a rig may turn freely that does not elsewhere.
-    apart = {name: 1.0 + math.sqrt(k + 2) % 1 for k, name in enumerate(rig.parameters)}
-    matrix = dynamics(rig.linear(apart), rig.states, 1)
-    free = len(own) > 1 and steady_state.turns(matrix, [rig.states.index(name) for name in own])
-    alone = any(sum(each.get(name, 0.0) for name in own) != 0.0 for each in weights)
-    return Pushed(rig, torque, free, alone or not free)
+    distinct = {name: 1.0 + math.sqrt(k + 2) % 1 for k, name in enumerate(rig.parameters)}
+    matrix = dynamics(rig.linear(distinct), rig.states, 1)
+    free = len(angle_names) > 1 and steady_state.rotates_freely(
+        matrix, [rig.states.index(name) for name in angle_names]
+    )
+    alone = any(sum(each.get(name, 0.0) for name in angle_names) != 0.0 for each in weights)
+    return AugmentedModel(rig, torque, free, alone or not free)

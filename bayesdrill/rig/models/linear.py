@@ -1,24 +1,23 @@
-"""The contract of a model: linear dynamics with named states, inputs and parameters, and the
-tangent of such a model.
+"""The contract of a model, and models that follow from another: its tangent, or with added physics.
+
+A model has linear dynamics with named states, inputs and parameters.
 
 Roles: what a rig calls the speed of rotor 1, the friction at its motor, the stiffness of its shaft.
+Whatever looks at a rig from outside asks for these, and knows no symbol by its spelling.  They are
+the names of `basics.symbols` where a rig says nothing else; a role whose name is none of a rig's
+states, inputs or parameters is one that it has not.
 
-Whatever looks at a rig from outside asks for these, and knows no symbol by its spelling.  They are the
-names of `basics.symbols` where a rig says nothing else; a role whose name is none of a rig's states,
-inputs or parameters is one that it has not.
-
-The tangent of a rig: a model whose extra states are the derivatives of the rig's own.
+The tangent of a rig is a model whose extra states are the derivatives of the rig's own.
 
     x' = A x + B u + c        x_dot' = A x_dot + A_dot x + B_dot u + c_dot
 
 for a direction in the space of parameters.  Its response is the exact sensitivity of the rig's
 response, by the same kernels: no step size, no difference of nearly equal numbers.
 
-Physics that a rig takes when its parameter is named, and is without when it is not.
-
-A rig that is composed has a class-level `offers`: parameters, each with the names that it means nothing
-without; and a field `added`, the names that this one has.  `parameters`, `linear` and `frictions` of an
-instance follow from `added`.  Of other rigs both are empty.
+Added physics is what a rig takes when its parameter is named, and is without when it is not.  A rig
+that is composed has a class-level `offers`: parameters, each with the names that it means nothing
+without; and a field `added`, the names that this one has.  `parameters`, `linear` and `frictions`
+of an instance follow from `added`.  Of other rigs both are empty.
 """
 
 from __future__ import annotations
@@ -40,7 +39,9 @@ from bayesdrill.rig.models.friction import Coulomb, Friction, Law, Named, Stribe
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MotorRoles:
-    """`angle`, `speed`: behind the gear; `voltage`, `torque`: inputs; `friction`: of constant sign;
+    """Names at the motor.
+
+    `angle`, `speed`: behind the gear; `voltage`, `torque`: inputs; `friction`: of constant sign;
     `static` friction is lost over the speed `fading`; `series`: a resistance; `drop`: a voltage.
     """
 
@@ -66,7 +67,7 @@ class MotorRoles:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ShaftRoles:
-    """`inertia`: of the shaft itself; `gear_inertia`: at the output of the gearbox."""
+    """Names of the shaft; `inertia`: its own; `gear_inertia`: at the output of the gearbox."""
 
     inertia: str = "j_s"
     gear_inertia: str = "j_2"
@@ -76,7 +77,7 @@ class ShaftRoles:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RotorRoles:
-    """`load`: an input; `static` friction is lost over the speed `fading`."""
+    """Names at rotor 1; `load`: an input; `static` friction is lost over the speed `fading`."""
 
     angle: str = "theta_1"
     speed: str = "w_1"
@@ -96,7 +97,7 @@ GEAR_POWERS: Mapping[str, int] = MappingProxyType(
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Roles:
-    """`gear`: the field of the rig with its gear reduction factor, at most 1."""
+    """Names by role; `gear`: the field of the rig with its gear reduction factor, at most 1."""
 
     motor: MotorRoles = field(default_factory=MotorRoles)
     shaft: ShaftRoles = field(default_factory=ShaftRoles)
@@ -105,15 +106,15 @@ class Roles:
 
     def __getitem__(self, role: str) -> str:
         """The name of a role such as `motor.speed`; raises `AttributeError` where there is none."""
-        found: str = attrgetter(role)(self)
-        return found
+        name: str = attrgetter(role)(self)
+        return name
 
-    def at(self, place: str) -> MotorRoles | RotorRoles:
-        """`motor`, or `rotor_1`."""
-        return self.motor if place == "motor" else self.rotor
+    def at(self, location: str) -> MotorRoles | RotorRoles:
+        """Return the roles at the `motor`, or at `rotor_1`."""
+        return self.motor if location == "motor" else self.rotor
 
     def side(self, name: str) -> str:
-        """On which side of the gear the parameter `name` is: `motor` or `load`; empty: on none."""
+        """Tell on which side of the gear a parameter is: `motor` or `load`; empty: on none."""
         m, s, r = self.motor, self.shaft, self.rotor
         at_motor = (m.inertia, m.damping, m.friction, m.sliding, m.static, m.fading)
         at_shaft = (s.inertia, s.gear_inertia, s.stiffness, s.damping)
@@ -124,16 +125,18 @@ class Roles:
 
     @property
     def speeds(self) -> Mapping[str, str]:
-        """Of angles."""
-        return {one.angle: one.speed for one in (self.rotor, self.motor)}
+        """The speed of each angle."""
+        return {
+            inertia_roles.angle: inertia_roles.speed for inertia_roles in (self.rotor, self.motor)
+        }
 
 
-USUAL = Roles()
+DEFAULT_ROLES = Roles()
 STATES = ("rotor.angle", "rotor.speed", "motor.angle", "motor.speed", "motor.current")
 
 
 Offers = Mapping[str, tuple[str, ...]]
-NOTHING: Offers = MappingProxyType({})
+NO_OFFERS: Offers = MappingProxyType({})
 
 
 @dataclass(frozen=True, slots=True)
@@ -150,7 +153,7 @@ class Linear:
 
 
 def dynamics(linear: Linear, states: tuple[str, ...], n: int) -> Array:
-    """`A (n, X, X)` in the order of `states`, for `linear` of n parameter vectors."""
+    """Return `A (n, X, X)` in the order of `states`, for `linear` of n parameter vectors."""
     index = {name: k for k, name in enumerate(states)}
     matrix = np.zeros((n, len(states), len(states)))
     for (row, column), value in linear.A.items():
@@ -158,10 +161,10 @@ def dynamics(linear: Linear, states: tuple[str, ...], n: int) -> Array:
     return matrix
 
 
-def driven(
+def constant_forcing(
     linear: Linear, states: tuple[str, ...], n: int, inputs: Mapping[str, Array | float]
 ) -> Array:
-    """`B u + c`, `(n, X)`, with `inputs` that are numbers or `(n,)`; what is not named is zero."""
+    """Return `B u + c`, `(n, X)`, with inputs that are numbers or `(n,)`; those not named are zero."""
     index = {name: k for k, name in enumerate(states)}
     out = np.zeros((n, len(states)))
     for row, value in linear.c.items():
@@ -172,31 +175,42 @@ def driven(
 
 
 class Model(Protocol):
-    """A rig: a frozen dataclass that derives from this; its annotated fields are its constants, entries
-    of `model:`.
+    """A rig: a frozen dataclass that derives from this.
 
-    Names are those of `basics.symbols`, or of `declares`: symbols of parameters and states of its own.
+    Its annotated fields are its constants, entries of `model:`.  Names are those of
+    `basics.symbols`, or of `declares`: symbols of parameters and states of its own.
     """
 
     @property
-    def declares(self) -> tuple[Symbol, ...]: ...
+    def declares(self) -> tuple[Symbol, ...]:
+        """Symbols of parameters and states that only this rig has."""
+        ...
 
     @property
-    def name(self) -> str: ...
+    def name(self) -> str:
+        """The name in the registry."""
+        ...
 
     @property
-    def parameters(self) -> tuple[str, ...]: ...
+    def parameters(self) -> tuple[str, ...]:
+        """Names of the parameters, in the order of columns."""
+        ...
 
     @property
-    def states(self) -> tuple[str, ...]: ...
+    def states(self) -> tuple[str, ...]:
+        """Names of the states x."""
+        ...
 
     @property
-    def inputs(self) -> tuple[str, ...]: ...
+    def inputs(self) -> tuple[str, ...]:
+        """Names of the inputs u."""
+        ...
 
     def linear(self, p: Named) -> Linear:
-        """The dynamics at parameters `p`: numbers, arrays of one batch shape, numbers with slopes, or
-        registers of a kernel: so they can be added, multiplied, divided and raised to whole powers,
-        and nothing else.
+        """Return the dynamics at parameters `p`.
+
+        These are numbers, arrays of one batch shape, numbers with slopes, or registers of a kernel:
+        so they can be added, multiplied, divided and raised to whole powers, and nothing else.
         """
         ...
 
@@ -204,61 +218,64 @@ class Model(Protocol):
 
     @property
     def roles(self) -> Roles:
-        """What it calls its speeds, its friction, ...; the usual names, where it does not say."""
-        return USUAL
+        """What it calls its speeds, its friction, ...; the default names, where it does not say."""
+        return DEFAULT_ROLES
 
     @property
     def offers(self) -> Offers:
-        """Physics that it takes where it is named: see `composed`."""
-        return NOTHING
+        """Physics that it takes where it is named, each parameter with those it needs."""
+        return NO_OFFERS
 
     @property
     def added(self) -> tuple[str, ...]:
-        """Of what it offers, the names that it has: a field."""
+        """The names that it has of what it offers: a field."""
         return ()
 
     @property
     def frictions(self) -> tuple[Friction, ...]:
-        """Each a column of `B`."""
+        """Dry frictions, each a column of `B`."""
         return ()
 
     @property
     def inner(self) -> tuple[str, ...]:
-        """States that no start names and no sensor sees: within a part, zero where nothing moves it."""
+        """States within a part, that no start names and no sensor sees.
+
+        They are zero where nothing moves the part.
+        """
         return ()
 
     @property
     def outer(self) -> tuple[str, ...]:
-        """All others."""
+        """All other states."""
         return tuple(name for name in self.states if name not in self.inner)
 
     @property
     def gear_ratio(self) -> float:
-        """The shaft turns so many times as fast as the motor: 1 without a gear."""
+        """Turns of the shaft for one of the motor: 1 without a gear."""
         return float(getattr(self, self.roles.gear)) if self.geared else 1.0
 
     @property
     def geared(self) -> bool:
-        """Whether one of its constants is that."""
+        """Whether one of its constants is that ratio."""
         return hasattr(self, self.roles.gear)
 
 
-def referred(rig: Model, symbol: Symbol, side: str) -> float:
-    """Compute the factor that refers a value at the `side` (`motor` or `load`) to the symbol's own side.
+def gear_factor(rig: Model, symbol: Symbol, side: str) -> float:
+    """Return the factor that refers a value at `side` (`motor` or `load`) to the symbol's own side.
 
     Raises `ValueError` where the symbol is on no side of the gear of `rig`.
     """
-    own, power = rig.roles.side(symbol.name), GEAR_POWERS.get(symbol.unit)
-    if not own or power is None:
+    own_side, power = rig.roles.side(symbol.name), GEAR_POWERS.get(symbol.unit)
+    if not own_side or power is None:
         raise ValueError(f"{symbol.name} is on no side of the gear; leave out `side:`")
-    if side == own:
+    if side == own_side:
         return 1.0
-    return float(rig.gear_ratio ** (power if own == "motor" else -power))
+    return float(rig.gear_ratio ** (power if own_side == "motor" else -power))
 
 
 @dataclass(frozen=True, slots=True)
-class Around(Model):
-    """`rig`, and more: all that is not said otherwise is the rig's; it offers nothing."""
+class WrappedModel(Model):
+    """A model around a `rig`: all that it does not define is the rig's; it offers nothing."""
 
     rig: Model
 
@@ -278,23 +295,27 @@ DOT = "_dot"
 
 
 @dataclass(frozen=True, slots=True)
-class Tangent(Around):
-    """Of `rig`: its parameters and, named with `_dot`, the direction of the derivative."""
+class Tangent(WrappedModel):
+    """The tangent of `rig`: its parameters and, named with `_dot`, the direction of the derivative."""
 
     @property
     def name(self) -> str:
+        """The rig's name, as that of a tangent."""
         return f"tangent of {self.rig.name}"
 
     @property
     def declares(self) -> tuple[Symbol, ...]:
+        """None: it is in no config."""
         return ()
 
     @property
     def parameters(self) -> tuple[str, ...]:
+        """The rig's parameters, and their direction."""
         return _with_dots(self.rig.parameters)
 
     @property
     def states(self) -> tuple[str, ...]:
+        """The rig's states, and their derivatives."""
         return _with_dots(self.rig.states)
 
     @property
@@ -303,6 +324,7 @@ class Tangent(Around):
         return ()
 
     def linear(self, p: Named) -> Linear:
+        """See `Model.linear`."""
         duals: Any = {name: Dual(p[name], p[name + DOT]) for name in self.rig.parameters}
         rig = self.rig.linear(duals)
         a: dict[tuple[str, str], Any] = {}
@@ -328,8 +350,8 @@ def _with_dots(names: tuple[str, ...]) -> tuple[str, ...]:
 
 
 @dataclass(frozen=True, slots=True)
-class Names:
-    """Those of a rig's parameters: `always`, of the class too, and behind them what is `added`."""
+class ParameterNames:
+    """A descriptor of parameters: `always`, of the class too, and behind them what is `added`."""
 
     always: tuple[str, ...]
 
@@ -338,42 +360,46 @@ class Names:
 
 
 def with_named(rig: Model, names: Collection[str]) -> Model:
-    """With what it has, and what it offers of these, in its own order."""
+    """Return the rig with what it has, and what it offers of these names, in its own order."""
     wanted = {*names, *rig.added}
     added = tuple(name for name in rig.offers if name in wanted)
     if not added:
         return rig
-    found: Model = dataclasses.replace(rig, added=added)  # type: ignore[type-var]
-    return found
+    composed: Model = dataclasses.replace(rig, added=added)  # type: ignore[type-var]
+    return composed
 
 
 def with_all(rig: Model) -> Model:
-    """With all that it offers."""
+    """Return the rig with all that it offers."""
     return with_named(rig, rig.offers)
 
 
-def lacking(rig: Model) -> dict[str, tuple[str, ...]]:
-    """What is added in vain, each with what it means nothing without."""
+def missing_requirements(rig: Model) -> dict[str, tuple[str, ...]]:
+    """Return what is added in vain, each with what it means nothing without."""
     needed = {name: rig.offers.get(name, ()) for name in rig.added}
-    found = {name: tuple(n for n in needs if n not in rig.added) for name, needs in needed.items()}
-    return {name: missing for name, missing in found.items() if missing}
+    missing_names = {
+        name: tuple(n for n in needs if n not in rig.added) for name, needs in needed.items()
+    }
+    return {name: missing for name, missing in missing_names.items() if missing}
 
 
-def in_vain(name: str, missing: Collection[str]) -> str:
-    """In words."""
+def requirement_text(name: str, missing: Collection[str]) -> str:
+    """Return the message on a name that is added in vain."""
     others = " and ".join(missing)
     return f"{name} means nothing without {others}; name {others} too, or remove {name}"
 
 
 def constants(rig: Any) -> dict[str, Any]:
-    """Its gear, and other fields that are not as they are by default, with their values."""
-    every = {one.name: (getattr(rig, one.name), one.default) for one in dataclasses.fields(rig)}
+    """Return the gear, and other fields that differ from their defaults, by name."""
+    values = {
+        entry.name: (getattr(rig, entry.name), entry.default) for entry in dataclasses.fields(rig)
+    }
     gear = rig.roles.gear
-    return {n: value for n, (value, usual) in every.items() if n == gear or value != usual}
+    return {n: value for n, (value, default) in values.items() if n == gear or value != default}
 
 
-def dry(added: Collection[str], law: Stribeck) -> Law | None:
-    """`law`, where static friction is added; sliding friction alone; or none."""
+def dry_law(added: Collection[str], law: Stribeck) -> Law | None:
+    """Return `law` where static friction is added, else sliding friction alone, or None."""
     if all(name in added for name in law.parameters):
         return law
     return Coulomb(law.sliding) if law.sliding in added else None

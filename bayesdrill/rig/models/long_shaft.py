@@ -26,19 +26,19 @@ from pydantic import Field
 
 from bayesdrill.basics.symbols import Symbol
 from bayesdrill.rig.models.friction import Friction, Named
-from bayesdrill.rig.models.linear import Linear, Model, Names, Offers
+from bayesdrill.rig.models.linear import Linear, Model, Offers, ParameterNames
 from bayesdrill.rig.models.motor_shaft import OFFERS, PARAMETERS, Gear, MotorShaft, Power
 
-MOST = 4
+MAX_ELEMENTS = 4
 Elements = Annotated[
-    int, Field(ge=1, le=MOST, description="Equal pieces of which the shaft is made.")
+    int, Field(ge=1, le=MAX_ELEMENTS, description="Equal pieces of which the shaft is made.")
 ]
 
 
 def _declared() -> tuple[Symbol, ...]:
-    """Not in rad, as they do not turn with the rig."""
+    """Return symbols of nodes within; not in rad, as they do not turn with the rig."""
     what = "of the shaft within, beyond the straight line between its ends"
-    nodes = range(1, MOST)
+    nodes = range(1, MAX_ELEMENTS)
     return (
         *(Symbol(f"phi_{k}", "1", rf"\varphi_{k}", "", f"angle {what}") for k in nodes),
         *(Symbol(f"dphi_{k}", "1/s", rf"\dot\varphi_{k}", "1/s", f"speed {what}") for k in nodes),
@@ -47,71 +47,74 @@ def _declared() -> tuple[Symbol, ...]:
 
 @dataclass(frozen=True, slots=True)
 class LongShaft(Model):
-    """`i_m`, `stribeck`, `added`: as of a `MotorShaft`."""
+    """The paper's rig with a shaft of `elements` pieces; other fields are as of a `MotorShaft`."""
 
     i_m: Gear = 1 / 8
-    elements: Elements = MOST
+    elements: Elements = MAX_ELEMENTS
     stribeck: Power = 1
     added: tuple[str, ...] = ()
 
     name: ClassVar[str] = "long_shaft"
     declares: ClassVar[tuple[Symbol, ...]] = _declared()
     offers: ClassVar[Offers] = OFFERS
-    parameters: ClassVar[Names] = Names((*PARAMETERS, "j_s"))
+    parameters: ClassVar[ParameterNames] = ParameterNames((*PARAMETERS, "j_s"))
     inputs: ClassVar[tuple[str, ...]] = MotorShaft.inputs
 
     @property
     def inner(self) -> tuple[str, ...]:
-        """States that no start needs to name."""
+        """States of the nodes within the shaft, which no start needs to name."""
         nodes = range(1, self.elements)
         return (*(f"phi_{k}" for k in nodes), *(f"dphi_{k}" for k in nodes))
 
     @property
     def states(self) -> tuple[str, ...]:
+        """Those of a `MotorShaft`, then the inner ones."""
         return (*MotorShaft.states, *self.inner)
 
     @property
     def frictions(self) -> tuple[Friction, ...]:
+        """Those of a `MotorShaft`."""
         return self._ends.frictions
 
     def linear(self, p: Named) -> Linear:
-        own, n = self._with_ends(p), self.elements
-        ends = self._ends.linear(own)
+        """See `Model.linear`."""
+        shaft, n = self._with_ends(p), self.elements
+        ends = self._ends.linear(shaft)
         a, b, c = dict(ends.A), dict(ends.B), dict(ends.c)
         if n == 1:
             return ends
         springs = [("phi", n * p["k_s"])]
         springs += [("dphi", n * p["c_s"])] if "c_s" in self.added else []
-        j_m = self._ends.lumped(own)["j_m"]
+        j_m = self._ends.lumped(shaft)["j_m"]
         for name, strength in springs:
-            a["w_1", f"{name}_{n - 1}"] = strength / own["j_1"]
+            a["w_1", f"{name}_{n - 1}"] = strength / shaft["j_1"]
             a["w_2", f"{name}_1"] = self.i_m**2 * strength / j_m
         rows: dict[Any, Any] = {**a, **b, **{(row, None): x for row, x in c.items()}}
         for k in range(1, n):
             a[f"phi_{k}", f"dphi_{k}"] = 1.0
             within = self._within(k, springs, p["j_s"] / n)
-            for (row, of), value in rows.items():
+            for (row, column), value in rows.items():
                 if row in ("w_1", "w_2"):
                     share = k / n if row == "w_1" else 1.0 - k / n
-                    within[of] = within.get(of, 0.0) - share * value
-            for of, value in within.items():
-                if of is None:
+                    within[column] = within.get(column, 0.0) - share * value
+            for column, value in within.items():
+                if column is None:
                     c[f"dphi_{k}"] = value
                 else:
-                    (a if of in self.states else b)[f"dphi_{k}", of] = value
+                    (a if column in self.states else b)[f"dphi_{k}", column] = value
         return Linear(A=a, B=b, c=c)
 
     def _within(self, k: int, springs: list[tuple[str, Any]], inertia: Any) -> dict[Any, Any]:
-        """What the pieces beside it do to node k."""
-        found: dict[Any, Any] = {}
+        """Return what the pieces beside it do to node k."""
+        combined: dict[Any, Any] = {}
         for name, strength in springs:
             for node, times in ((k - 1, 1.0), (k, -2.0), (k + 1, 1.0)):
                 if 0 < node < self.elements:
-                    found[f"{name}_{node}"] = times * strength / inertia
-        return found
+                    combined[f"{name}_{node}"] = times * strength / inertia
+        return combined
 
     def _with_ends(self, p: Named) -> Named:
-        """What is of the shaft at its ends, with rotor 1 and the motor."""
+        """Return parameters in which rotor 1 and motor have the shaft's inertia at their ends."""
         half = p["j_s"] / (2.0 * self.elements)
         return {**p, "j_1": p["j_1"] + half, "j_m": p["j_m"] + self.i_m**2 * half}
 

@@ -27,13 +27,13 @@ from typing import Any, ClassVar
 
 from bayesdrill.basics.symbols import Symbol
 from bayesdrill.rig.models.friction import Coulomb, Friction, Named, Stribeck, frictions_at
-from bayesdrill.rig.models.linear import Linear, Model, Names, Offers, dry
+from bayesdrill.rig.models.linear import Linear, Model, Offers, ParameterNames, dry_law
 from bayesdrill.rig.models.motor_shaft import DROP, FRICTION_M, Gear, Power
 
 CIRCUIT = ("k_e", "k_T", "r_m", "l_m")
 OFFERS: Offers = MappingProxyType(
     {
-        **{one: tuple(n for n in CIRCUIT if n != one) for one in CIRCUIT},
+        **{name: tuple(n for n in CIRCUIT if n != name) for name in CIRCUIT},
         "t_f": (),
         "j_2": (),
         "r_s": CIRCUIT,
@@ -47,7 +47,7 @@ OFFERS: Offers = MappingProxyType(
 
 @dataclass(frozen=True, slots=True)
 class Motor(Model):
-    """`i_m`, `stribeck`, `added`: as of a `MotorShaft`."""
+    """A motor without a shaft; `i_m`, `stribeck`, `added`: as of a `MotorShaft`."""
 
     i_m: Gear = 1.0
     stribeck: Power = 1
@@ -56,20 +56,24 @@ class Motor(Model):
     name: ClassVar[str] = "motor"
     declares: ClassVar[tuple[Symbol, ...]] = ()
     offers: ClassVar[Offers] = OFFERS
-    parameters: ClassVar[Names] = Names(("j_m", "c_m"))
+    parameters: ClassVar[ParameterNames] = ParameterNames(("j_m", "c_m"))
 
     @property
     def states(self) -> tuple[str, ...]:
+        """Angle, speed and, with a circuit, the current."""
         return ("theta_2", "w_2", "i") if self._wired else ("theta_2", "w_2")
 
     @property
     def inputs(self) -> tuple[str, ...]:
+        """The voltage of its circuit, or else its torque."""
         return ("v",) if self._wired else ("t_m",)
 
     @property
     def frictions(self) -> tuple[Friction, ...]:
-        """At the motor, and of the current."""
-        law = dry(self.added, Stribeck("t_cm", "t_sm", "w_sm", self.stribeck, times=1 / self.i_m))
+        """The friction at the motor, and the voltage drop."""
+        law = dry_law(
+            self.added, Stribeck("t_cm", "t_sm", "w_sm", self.stribeck, times=1 / self.i_m)
+        )
         drop = Coulomb("v_d") if self._wired and "v_d" in self.added else None
         return frictions_at(
             (FRICTION_M, "w_2", law, "theta_2", "at the motor"),
@@ -77,6 +81,7 @@ class Motor(Model):
         )
 
     def linear(self, p: Named) -> Linear:
+        """See `Model.linear`."""
         i_m, j_m = self.i_m, p["j_m"]
         if "j_2" in self.added:
             j_m = j_m + i_m**2 * p["j_2"]
@@ -90,8 +95,10 @@ class Motor(Model):
             b["i", "v"] = 1.0 / l_m
         else:
             b["w_2", "t_m"] = i_m / j_m
-        for one in self.frictions:
-            b[one.against, one.name] = -i_m / j_m if one.against == "w_2" else -1.0 / p["l_m"]
+        for friction in self.frictions:
+            b[friction.against, friction.name] = (
+                -i_m / j_m if friction.against == "w_2" else -1.0 / p["l_m"]
+            )
         c = {"w_2": -i_m * p["t_f"] / j_m} if "t_f" in self.added else {}
         return Linear(A=a, B=b, c=c)
 

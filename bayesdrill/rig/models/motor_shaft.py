@@ -50,8 +50,15 @@ from pydantic import AfterValidator, Field
 
 from bayesdrill.basics.entries import NonNegative, Positive
 from bayesdrill.basics.symbols import Symbol
-from bayesdrill.rig.models.friction import Coulomb, Friction, Losing, Named, Stribeck, frictions_at
-from bayesdrill.rig.models.linear import Linear, Model, Names, Offers, dry
+from bayesdrill.rig.models.friction import (
+    Coulomb,
+    Friction,
+    GearLoss,
+    Named,
+    Stribeck,
+    frictions_at,
+)
+from bayesdrill.rig.models.linear import Linear, Model, Offers, ParameterNames, dry_law
 
 PARAMETERS = ("j_m", "c_m", "k_e", "k_T", "r_m", "l_m", "k_s", "j_1", "t_f")
 OFFERS: Offers = MappingProxyType(
@@ -92,10 +99,11 @@ Power = Annotated[
 
 @dataclass(frozen=True, slots=True)
 class MotorShaft(Model):
-    """`i_m` is the gear reduction factor: theta_2 = i_m theta_3, with theta_3 the motor's angle.
+    """The paper's rig: a DC motor with a gear drives a rotor through a shaft.
 
-    `stribeck`: the power of the speed in Stribeck's law; `added`: names of further parameters, of those
-    that it `offers`.
+    `i_m` is the gear reduction factor: theta_2 = i_m theta_3, with theta_3 the motor's angle.
+    `stribeck`: the power of the speed in Stribeck's law; `added`: names of further parameters, of
+    those that it `offers`.
     """
 
     i_m: Gear = 1 / 8
@@ -105,18 +113,18 @@ class MotorShaft(Model):
     name: ClassVar[str] = "motor_shaft"
     declares: ClassVar[tuple[Symbol, ...]] = ()
     offers: ClassVar[Offers] = OFFERS
-    parameters: ClassVar[Names] = Names(PARAMETERS)
+    parameters: ClassVar[ParameterNames] = ParameterNames(PARAMETERS)
     states: ClassVar[tuple[str, ...]] = ("theta_1", "theta_2", "w_1", "w_2", "i")
     inputs: ClassVar[tuple[str, ...]] = ("v", "t_1")
 
     @property
     def frictions(self) -> tuple[Friction, ...]:
-        """At the motor, at rotor 1, and of the current."""
+        """The frictions at the motor and at rotor 1, and the voltage drop."""
         of_motor = Stribeck("t_cm", "t_sm", "w_sm", self.stribeck, times=1 / self.i_m)
-        motor = dry(self.added, of_motor)
+        motor = dry_law(self.added, of_motor)
         if "eta" in self.added:
-            motor = Losing(motor, "eta", "k_s", ("theta_1", "theta_2"), self.i_m)
-        rotor = dry(self.added, Stribeck("t_c1", "t_s1", "w_s1", self.stribeck))
+            motor = GearLoss(motor, "eta", "k_s", ("theta_1", "theta_2"), self.i_m)
+        rotor = dry_law(self.added, Stribeck("t_c1", "t_s1", "w_s1", self.stribeck))
         drop = Coulomb("v_d") if "v_d" in self.added else None
         return frictions_at(
             (FRICTION_M, "w_2", motor, "theta_2", "at the motor"),
@@ -125,15 +133,16 @@ class MotorShaft(Model):
         )
 
     def lumped(self, p: Named) -> Named:
-        """With `j_2` and `r_s` in `j_m` and `r_m`, as the equations have them."""
-        found = dict(p)
+        """Return parameters with `j_2` and `r_s` in `j_m` and `r_m`, as the equations have them."""
+        lumped = dict(p)
         if "j_2" in self.added:
-            found["j_m"] = p["j_m"] + self.i_m**2 * p["j_2"]
+            lumped["j_m"] = p["j_m"] + self.i_m**2 * p["j_2"]
         if "r_s" in self.added:
-            found["r_m"] = p["r_m"] + p["r_s"]
-        return found
+            lumped["r_m"] = p["r_m"] + p["r_s"]
+        return lumped
 
     def linear(self, p: Named) -> Linear:
+        """See `Model.linear`."""
         i_m, p = self.i_m, self.lumped(p)
         j_m, c_m, k_e, k_T = p["j_m"], p["c_m"], p["k_e"], p["k_T"]
         r_m, l_m, k_s, j_1, t_f = p["r_m"], p["l_m"], p["k_s"], p["j_1"], p["t_f"]
@@ -170,18 +179,21 @@ class MotorShaft(Model):
         return a
 
     def _rubbed(self, p: Named) -> dict[tuple[str, str], Any]:
-        """The columns of the frictions."""
+        """Return the columns of the frictions."""
         slows = {"w_1": ("j_1", -1.0), "w_2": ("j_m", -self.i_m), "i": ("l_m", -1.0)}
-        found = {}
-        for one in self.frictions:
-            by, times = slows[one.against]
-            found[one.against, one.name] = times / p[by]
-        return found
+        columns = {}
+        for friction in self.frictions:
+            by, times = slows[friction.against]
+            columns[friction.against, friction.name] = times / p[by]
+        return columns
 
 
 @dataclass(frozen=True, slots=True)
 class TwoRotors(Model):
-    """`i_m` as in `MotorShaft`; `j_2` [kg m^2] and `r_s` [ohm] may be zero."""
+    """A `MotorShaft` with a second rotor and a resistor, both known.
+
+    `i_m` as in `MotorShaft`; `j_2` [kg m^2] and `r_s` [ohm] may be zero.
+    """
 
     i_m: Gear = 1 / 8
     j_2: Annotated[
@@ -198,11 +210,12 @@ class TwoRotors(Model):
     inputs: ClassVar[tuple[str, ...]] = MotorShaft.inputs
 
     def whole(self, p: Named) -> Named:
-        """Parameters of the plain `motor_shaft` which this rig is."""
+        """Return the parameters of the plain `motor_shaft` which this rig is."""
         lumped = MotorShaft(self.i_m, added=("j_2", "r_s")).lumped(self._held(p))
         return {name: lumped[name] for name in p}
 
     def linear(self, p: Named) -> Linear:
+        """See `Model.linear`."""
         return MotorShaft(self.i_m, added=("j_2", "r_s")).linear(self._held(p))
 
     def _held(self, p: Named) -> Named:

@@ -1,4 +1,4 @@
-"""Whether a rig of another package is one: said as it is loaded, not as it first moves."""
+"""The check of a rig of another package, made as it is loaded and not as it first moves."""
 
 from __future__ import annotations
 
@@ -12,44 +12,48 @@ from bayesdrill.basics.duals import Dual
 from bayesdrill.basics.entries import check_entries
 from bayesdrill.rig.models.linear import Model, with_all
 
-WANTED = ("name", "parameters", "states", "inputs", "declares", "linear")
+REQUIRED = ("name", "parameters", "states", "inputs", "declares", "linear")
 
 
-def tried(name: str, rig: Any) -> None:
-    """Raises `ValueError` with what is missing or cannot be."""
+def check_rig(name: str, rig: Any) -> None:
+    """Raise `ValueError` with what is missing or cannot be in a rig."""
     if not (isinstance(rig, type) and dataclasses.is_dataclass(rig)):
         raise ValueError("a rig is a frozen dataclass")
     if Model not in rig.__mro__:
         raise ValueError("it is no bayesdrill.rig.Model; derive it from that")
-    missing = [one for one in WANTED if getattr(rig, one) is getattr(Model, one)]
+    missing = [
+        attribute for attribute in REQUIRED if getattr(rig, attribute) is getattr(Model, attribute)
+    ]
     if missing:
         raise ValueError(f"it has no {', '.join(missing)}")
     named: Any = rig
     if named.name != name:
         raise ValueError(f"its name is '{named.name}', and its entry point's '{name}'")
     check_entries(rig)
-    plain = _made(rig)
-    for one in (plain, with_all(plain)) if plain.offers else (plain,):
-        _known(one)
-        _rubs(one)
-        _moves(one)
+    plain = _create(rig)
+    for candidate in (plain, with_all(plain)) if plain.offers else (plain,):
+        _check_names(candidate)
+        _check_frictions(candidate)
+        _check_linear(candidate)
 
 
-def _made(kind: Any) -> Any:
+def _create(kind: Any) -> Any:
     try:
         return kind()
     except Exception as error:
         raise ValueError(f"each field wants a default ({type(error).__name__}: {error})") from None
 
 
-def _known(rig: Any) -> None:
-    """Names have symbols, and none a second meaning."""
-    own = {one.name: one for one in rig.declares}
+def _check_names(rig: Any) -> None:
+    """Check that names have symbols, and none a second meaning."""
+    declared = {symbol.name: symbol for symbol in rig.declares}
     house = {**symbols.PARAMETERS, **symbols.STATES}
-    for name in own:
-        if name in house and own[name].unit != house[name].unit:
-            raise ValueError(f"it declares {name} in {own[name].unit}; that is {house[name].unit}")
-    strange = [n for n in (*rig.parameters, *rig.states) if n not in {**own, **house}]
+    for name in declared:
+        if name in house and declared[name].unit != house[name].unit:
+            raise ValueError(
+                f"it declares {name} in {declared[name].unit}; that is {house[name].unit}"
+            )
+    strange = [n for n in (*rig.parameters, *rig.states) if n not in {**declared, **house}]
     if strange:
         raise ValueError(f"no symbol is declared of {', '.join(strange)}")
     strange = [name for name in rig.inputs if name not in symbols.INPUTS]
@@ -58,7 +62,7 @@ def _known(rig: Any) -> None:
 
 
 class _Number:
-    """It can what a register of a kernel can, and no more."""
+    """A number that can what a register of a kernel can, and no more."""
 
     def _with(self, other: Any) -> _Number:
         if not isinstance(other, _Number | int | float):
@@ -77,32 +81,36 @@ class _Number:
         return self
 
 
-def _rubs(rig: Any) -> None:
-    """Frictions have names of their own, states and parameters of the rig, and laws that can be read."""
-    taken = [*rig.states, *rig.inputs, *rig.parameters]
-    for one in rig.frictions:
-        if one.name in taken:
-            raise ValueError(f"a friction is called {one.name}, which is something else already")
-        taken.append(one.name)
-        holds = [] if one.holds is None else [one.holds]
-        strange = [name for name in (one.against, *holds) if name not in rig.states]
-        strange += [name for name in one.law.parameters if name not in rig.parameters]
-        strange += [n for n in one.law.seen if n not in (*rig.states, *rig.inputs)]
+def _check_frictions(rig: Any) -> None:
+    """Check that frictions have names of their own, known states and parameters, and readable laws."""
+    used = [*rig.states, *rig.inputs, *rig.parameters]
+    for friction in rig.frictions:
+        if friction.name in used:
+            raise ValueError(
+                f"a friction is called {friction.name}, which is something else already"
+            )
+        used.append(friction.name)
+        holds = [] if friction.holds is None else [friction.holds]
+        strange = [name for name in (friction.against, *holds) if name not in rig.states]
+        strange += [name for name in friction.law.parameters if name not in rig.parameters]
+        strange += [n for n in friction.law.seen if n not in (*rig.states, *rig.inputs)]
         if strange:
             raise ValueError(
-                f"the friction {one.name} names {', '.join(strange)}, which the rig has not"
+                f"the friction {friction.name} names {', '.join(strange)}, which the rig has not"
             )
         some: Any = Dual(np.ones(2), np.ones(2))
-        p, seen = (dict.fromkeys(names, some) for names in (one.law.parameters, one.law.seen))
+        p, signals = (
+            dict.fromkeys(names, some) for names in (friction.law.parameters, friction.law.seen)
+        )
         try:
-            one.law.size(p, some, seen)
+            friction.law.size(p, some, signals)
         except Exception as error:
             wanted = "its law wants what it does not name, or more than `basics.duals`"
             why = f"{type(error).__name__}: {error}"
-            raise ValueError(f"the friction {one.name}: {wanted} ({why})") from None
+            raise ValueError(f"the friction {friction.name}: {wanted} ({why})") from None
 
 
-def _moves(rig: Any) -> None:
+def _check_linear(rig: Any) -> None:
     try:
         linear = rig.linear({name: _Number() for name in rig.parameters})
     except Exception as error:
@@ -112,7 +120,7 @@ def _moves(rig: Any) -> None:
         raise ValueError(f"{wanted} ({type(error).__name__}: {error})") from None
     rows = {row for row, _ in (*linear.A, *linear.B)} | {*linear.c}
     strange = {*rows, *(column for _, column in linear.A)} - {*rig.states}
-    columns = {one.name: one.against for one in rig.frictions}
+    columns = {friction.name: friction.against for friction in rig.frictions}
     strange |= {name for _, name in linear.B} - {*rig.inputs, *columns}
     if strange:
         raise ValueError(f"`linear` names {', '.join(sorted(strange))}, no state or input of it")

@@ -17,13 +17,15 @@ from bayesdrill.record.experiment import Experiment, frozen
 from bayesdrill.rig.kernels.lanes import LANES
 from bayesdrill.rig.kernels.sums import INTERVALS, LOGS, NEIGHBOURS, SQUARES, ResidualSums
 from bayesdrill.rig.models.linear import Model
-from bayesdrill.rig.simulators.sensors import Sensing
+from bayesdrill.rig.simulators.sensors import ObservationModel
 
 
 @dataclass(frozen=True, slots=True)
 class Motion:
-    """What rigs do at the times of samples: `states (W, T, X)`, and `efforts (W, T, E)` of frictions in
-    the step that begins there, positive against a positive speed.  What sticks has no speed at all.
+    """What rigs do at sample times: `states (W, T, X)` and `efforts (W, T, E)` of frictions.
+
+    Efforts are those in the step that begins there, positive against a positive speed.  What sticks
+    has no speed at all.
     """
 
     states: Array
@@ -32,8 +34,9 @@ class Motion:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Steps:
-    """Steps of one length `span` [s] that begin at `t (N,)`: `motion` there, and what the rig feels of
-    each input: `felt (W, N)`, and `slopes (W, N)` with which it goes on through the step.
+    """Steps of one length `span` [s] that begin at `t (N,)`, with the `motion` there.
+
+    Of each input as the rig feels it: `felt (W, N)`, and `slopes (W, N)` through the step.
     """
 
     t: Array
@@ -43,12 +46,14 @@ class Steps:
     slopes: Mapping[str, Array]
 
 
-TURNS = 4  # 2 leave several times the error, 8 hardly less
+REVERSAL_SUBSTEPS = 4  # 2 leave several times the error, 8 hardly less
 
 
 class Stepping(NamedTuple):
-    """`pieces`: steps to a sample; `turns`: parts of a step in which something turns; `chosen`: both
-    were, for the noise.
+    """How a simulator steps.
+
+    `pieces`: steps to a sample; `turns`: parts of a step with a reversal; `chosen`: both were, for
+    the noise.
     """
 
     pieces: int
@@ -57,97 +62,106 @@ class Stepping(NamedTuple):
 
 
 class Simulator(ABC):
-    """A frozen dataclass with a `model` and an `experiment`.
+    """Computes the channels of an experiment; a frozen dataclass.
 
-    Parameters are `full (W, P)`, columns in the order of `parameters`, SI: those of the `model`, then
-    those of sensors and start.  All is batch-first, and a walker whose numbers overflow gets NaN in its
-    own row alone.
+    Parameters are `full (W, P)`, columns in the order of `parameters`, SI: those of the `model`,
+    then those of sensors and start.  All is batch-first, and a walker whose numbers overflow gets
+    NaN in its own row alone.
     """
 
     model: Model
     experiment: Experiment
-    sensing: Sensing  # what it is told beside the rig's parameters
+    sensing: ObservationModel  # what it is told beside the rig's parameters
     exact: ClassVar[bool] = False  # whether slopes come as sums from one kernel, no sample kept
 
     @cached_property
     def parameters(self) -> tuple[str, ...]:
+        """Names of the columns of `full`."""
         return (*self.model.parameters, *self.sensing.names)
 
     @property
     def record(self) -> tuple[int, int] | None:
-        """Where such a kernel reads it: addresses of channels `(T, K)`, and of inputs `(T + 1, S)`."""
+        """Addresses of channels `(T, K)` and of inputs `(T + 1, S)`, for a kernel that reads them."""
         return None
 
     @property
     def stepping(self) -> Stepping | None:
-        """None where there is no step whose size matters."""
+        """How it steps; None where there is no step whose size matters."""
         return None
 
-    def finer(self, pieces: int, turns: int = TURNS, *, chosen: bool = False) -> Self:
-        """In other steps, where it has some."""
+    def with_substeps(
+        self, substeps: int, reversal_substeps: int = REVERSAL_SUBSTEPS, *, adaptive: bool = False
+    ) -> Self:
+        """Return a simulator with other steps, where it has some."""
         return self
 
     @abstractmethod
     def motion(self, full: Array) -> Motion:
-        """As the rig moves, whatever sensors make of it."""
+        """Return the motion of the rig, whatever sensors make of it."""
 
     @abstractmethod
     def steps(self, full: Array) -> Steps:
-        """Of all steps to the last sample, which is where the last one begins."""
+        """Return all steps to the last sample, which is where the last one begins."""
 
     @abstractmethod
     def signals(self, full: Array) -> Array:
-        """The channels without noise, `(W, T, K)`."""
+        """Return the channels without noise, `(W, T, K)`."""
 
     @abstractmethod
     def course(self, full: Array, along: Array) -> tuple[Array, Array]:
-        """Signals and sensitivities at once; q at least 1."""
+        """Return signals and sensitivities at once; q at least 1."""
 
     @abstractmethod
     def sums(self, full: Array, tally: ResidualSums, weights: Array | None = None) -> Array:
-        """A tally of residuals, `(W, K, n)`, with its `weights (W, K, m)`, if it has some."""
+        """Return sums of residuals, `(W, K, n)`, with their `weights (W, K, m)`, if they have some."""
 
     def squares(self, full: Array) -> Array:
-        """Sums of squared residuals `(W, K)`, without a sample kept."""
+        """Return sums of squared residuals `(W, K)`, without storing samples."""
         return self.sums(full, SQUARES)[..., 0]
 
     def neighbours(self, full: Array) -> Array:
-        """Of residuals, likewise: `(W, K, 4)` sums of their squares and of products of those seen one
-        after the other, the last and the first.
+        """Return sums of residuals and their neighbours, `(W, K, 4)`.
+
+        They are sums of squares, and of products of residuals observed one after the other; then
+        the last residual and the first.
         """
         return self.sums(full, NEIGHBOURS)
 
     def logs(self, full: Array, weights: Array) -> Array:
-        """Sums `(W, K)` of log(1 + weight times squared residual), with `weights (W, K)`."""
+        """Return sums `(W, K)` of log(1 + weight times squared residual), with `weights (W, K)`."""
         return log_sums(self.sums(full, LOGS, weights[..., None]))
 
     def intervals(self, full: Array, over: Array, half: Array) -> Array:
-        """Sums `(W, K)` of logs of the probability that a standard normal number is within `half (W, K)`
-        of the residual times `over (W, K)`; `half` at least 0.2.
+        """Return sums `(W, K)` of logs of the probabilities of intervals.
+
+        Each is the probability that a standard normal number is within `half (W, K)` of the
+        residual times `over (W, K)`; `half` is at least 0.2.
         """
-        found = self.sums(full, INTERVALS, np.stack([over, half], axis=-1))
-        return np.asarray(log_sums(found[..., :3]) + found[..., 3])
+        totals = self.sums(full, INTERVALS, np.stack([over, half], axis=-1))
+        return np.asarray(log_sums(totals[..., :3]) + totals[..., 3])
 
     def sensitivities(self, full: Array, along: Array) -> Array:
-        """d signal along q directions `(W, q, P)` in the space of parameters: `(W, q, T, K)`."""
+        """Return slopes of signals along q directions `(W, q, P)` of parameters: `(W, q, T, K)`."""
         return self.course(full, along)[1]
 
     def normal(self, full: Array, along: Array, scales: Array) -> tuple[Array, Array, Array]:
-        """As sums, all times `scales (W, K)`: squares of residuals `(W, K)`, their products with
-        sensitivities `(W, q)`, and those of sensitivities with each other `(W, q, q)`.
+        """Return the normal equations of least squares, as sums, all times `scales (W, K)`.
+
+        They are squares of residuals `(W, K)`, their products with sensitivities `(W, q)`, and
+        those of sensitivities with each other `(W, q, q)`.
         """
         n, q, _ = along.shape
-        y, seen = self.experiment.y, self.experiment.seen
+        y, observed = self.experiment.y, self.experiment.seen
         squares, slopes, products = np.empty((n, y.shape[1])), np.empty((n, q)), np.empty((n, q, q))
-        chunk = max(1, int(MOST_BYTES / (8 * q * max(seen.size, 1))))
+        chunk = max(1, int(MAX_SENSITIVITY_BYTES / (8 * q * max(observed.size, 1))))
         for rows in (slice(k, k + chunk) for k in range(0, n, chunk)):
-            signals, found = self.course(full[rows], along[rows])
-            left = np.where(seen, y - signals, 0.0) * scales[rows, None, :]
-            shown = np.where(seen, found, 0.0) * scales[rows, None, None, :]
+            signals, slopes_here = self.course(full[rows], along[rows])
+            residuals = np.where(observed, y - signals, 0.0) * scales[rows, None, :]
+            shown = np.where(observed, slopes_here, 0.0) * scales[rows, None, None, :]
             flat = shown.reshape(*shown.shape[:2], -1)
             products[rows] = flat @ flat.swapaxes(1, 2)
-            slopes[rows] = (flat @ left.reshape(len(flat), -1, 1))[..., 0]
-            squares[rows] = (left**2).sum(axis=1)
+            slopes[rows] = (flat @ residuals.reshape(len(flat), -1, 1))[..., 0]
+            squares[rows] = (residuals**2).sum(axis=1)
         return squares, slopes, products
 
     def __getstate__(self) -> dict[str, Any]:
@@ -155,38 +169,50 @@ class Simulator(ABC):
         return {field.name: getattr(self, field.name) for field in dataclasses.fields(self)}  # type: ignore[arg-type]
 
     def of(self, experiment: Experiment) -> Self:
-        """Of another experiment with the same sensors, which may have further channels."""
+        """Return the simulator of another experiment with the same sensors.
+
+        It may have further channels.
+        """
         return dataclasses.replace(self, experiment=experiment)  # type: ignore[type-var]
 
     def with_record(self, y: Array) -> Self:
-        """The same experiment with another record `(T, K)`; what was not measured stays so."""
+        """Return the simulator of the same experiment with another record `(T, K)`.
+
+        What was not measured stays so.  Raises `ValueError` for a record of another shape.
+        """
         if y.shape != self.experiment.y.shape:
             raise ValueError(f"the record has shape {self.experiment.y.shape}, not {y.shape}")
-        kept = frozen(np.where(self.experiment.seen, y, np.nan))
-        return self.of(dataclasses.replace(self.experiment, y=kept))
+        record = frozen(np.where(self.experiment.seen, y, np.nan))
+        return self.of(dataclasses.replace(self.experiment, y=record))
 
     def with_series(self, series: Mapping[str, Array]) -> Self:
-        """The same experiment under other measured inputs."""
+        """Return the simulator of the same experiment under other measured inputs.
+
+        Raises `ValueError` where other inputs are given than it has.
+        """
         if set(series) != set(self.experiment.series):
             raise ValueError(f"series of {sorted(self.experiment.series)} are wanted")
         ordered = {name: series[name] for name in self.experiment.series}
         return self.of(dataclasses.replace(self.experiment, series=ordered))
 
 
-MOST_BYTES = 6e7  # of sensitivities at a time
-MOST_SQUARES = 1e200  # beyond which a product of their logs may have overflown
+MAX_SENSITIVITY_BYTES = 6e7  # of sensitivities at a time
+MAX_SQUARES = 1e200  # beyond which a product of their logs may have overflown
 
 
 def log_sums(tally: Array) -> Array:
-    """Of a tally of logs `(W, K, 3)`, see `kernels.sums`: `(W, K)`, NaN where squares overflow."""
+    """Return the logs `(W, K)` of products `(W, K, 3)`, see `kernels.sums`.
+
+    They are NaN where squares overflow.
+    """
     squares, product, powers = np.moveaxis(tally, -1, 0)
     whole = np.ascontiguousarray(powers).view(np.int64)
-    found = np.log(product) + math.log(2.0) * whole
-    return np.asarray(np.where(squares < MOST_SQUARES, found, np.nan))
+    logs = np.log(product) + math.log(2.0) * whole
+    return np.asarray(np.where(squares < MAX_SQUARES, logs, np.nan))
 
 
 def in_groups(*parts: Array) -> Array:
-    """Blocks `(W, ...)` side by side: `(G, n, LANES)`; the last walker fills the last group."""
+    """Put blocks `(W, ...)` side by side: `(G, n, LANES)`; the last walker fills the last group."""
     count = len(parts[0])
     groups = -(-count // LANES)
     if count % LANES:
@@ -195,5 +221,5 @@ def in_groups(*parts: Array) -> Array:
     turned = [part.reshape(groups, LANES, -1).transpose(0, 2, 1) for part in parts]
     if len(turned) == 1:
         return np.ascontiguousarray(turned[0])
-    made = np.empty((groups, sum(part.shape[1] for part in turned), LANES))
-    return np.concatenate(turned, axis=1, out=made)
+    groups_out = np.empty((groups, sum(part.shape[1] for part in turned), LANES))
+    return np.concatenate(turned, axis=1, out=groups_out)

@@ -1,8 +1,8 @@
 """The exact response of a linear model to constant and sampled inputs, to rounding.
 
-One matrix exponential per parameter vector, then a recurrence over the samples.  A sampled input
-is held between samples (zero order) or interpolated linearly (first order); for either the
-discrete system is exact (Van Loan 1978).
+One matrix exponential per parameter vector, then a recurrence over the samples.  A sampled input is
+constant between samples (zero-order hold) or interpolated linearly (first-order hold); for either
+the discrete system is exact (Van Loan 1978).
 """
 
 from __future__ import annotations
@@ -24,13 +24,13 @@ from bayesdrill.rig.kernels.recurrence import scratch_size, write_response
 from bayesdrill.rig.kernels.sums import SQUARES, ResidualSums
 from bayesdrill.rig.models.linear import DOT, Model, Tangent
 from bayesdrill.rig.simulators.contract import in_groups
-from bayesdrill.rig.simulators.sensors import Sensing
+from bayesdrill.rig.simulators.sensors import ObservationModel
 from bayesdrill.rig.simulators.stepped import Unstepped
 
 
 @dataclass(frozen=True, eq=False)
 class Response(Unstepped):
-    """Response of `model` in `experiment`; kernels are compiled when they are first asked for.
+    """The response of `model` in `experiment`; kernels are compiled when they are first asked for.
 
     Parameters come as `(W, P)`, columns in the order of `model.parameters`, SI.  A walker whose
     numbers overflow gets NaN in its own row alone.  `together`: what is compiled at once.
@@ -41,11 +41,12 @@ class Response(Unstepped):
     together: tuple[str, ...] = (SQUARES.name, "signals")
 
     # Perfect sensors, and a start that is known.
-    sensing: ClassVar[Sensing] = Sensing()  # type: ignore[misc]
+    sensing: ClassVar[ObservationModel] = ObservationModel()  # type: ignore[misc]
     exact: ClassVar[bool] = True
 
     @property
     def record(self) -> tuple[int, int]:
+        """See `Simulator.record`."""
         return self._addresses[1:]
 
     @cached_property
@@ -55,12 +56,17 @@ class Response(Unstepped):
         y = np.ascontiguousarray(self.experiment.y)
         u = np.array(series, dtype=np.float64).reshape(len(series), len(y) + 1).T
         start = [self.experiment.start.get(name, 0.0) for name in self.model.states]
-        told = constant_block(self.experiment, start, self.experiment.weights(self.model.states))
-        return told, y, np.ascontiguousarray(u)
+        constants = constant_block(
+            self.experiment, start, self.experiment.weights(self.model.states)
+        )
+        return constants, y, np.ascontiguousarray(u)
 
     @cached_property
     def _addresses(self) -> tuple[int, int, int]:
-        """Asking an array for its own takes as long as some samples of a group."""
+        """Addresses of the blocks.
+
+        Asking an array for its own takes as long as some samples of a group.
+        """
         first, second, third = (block.ctypes.data for block in self._blocks)
         return first, second, third
 
@@ -80,6 +86,7 @@ class Response(Unstepped):
         return self._kernels[name][name]
 
     def sums(self, full: Array, tally: ResidualSums, weights: Array | None = None) -> Array:
+        """See `Simulator.sums`."""
         n, k_count = len(full), self.experiment.y.shape[1]
         blocks = in_groups(full) if weights is None else in_groups(full, weights.reshape(n, -1))
         out = np.empty((len(blocks), k_count * tally.count, LANES))
@@ -87,7 +94,7 @@ class Response(Unstepped):
         return out.transpose(0, 2, 1).reshape(-1, k_count, tally.count)[:n]
 
     def signals(self, theta: Array) -> Array:
-        """The channels themselves: `(W, P) -> (W, T, K)`, SI."""
+        """Return the channels: `(W, P) -> (W, T, K)`, SI."""
         blocks, shape = in_groups(theta), self.experiment.y.shape
         out = np.empty((len(blocks), *shape, LANES))
         self._run("signals", blocks, out)
@@ -95,19 +102,20 @@ class Response(Unstepped):
         return np.ascontiguousarray(rows[: len(theta)])
 
     def normal(self, theta: Array, directions: Array, scales: Array) -> tuple[Array, Array, Array]:
-        """Least squares: sums `(W, K)`, `(W, q)` and `(W, q, q)` over samples (and channels).
+        """Return the normal equations: sums `(W, K)`, `(W, q)` and `(W, q, q)` over samples.
 
-        Of r r, r s and s s, with r what is left of the record and s its derivatives in the
-        `directions (W, q, P)` at `theta (W, P)`, both times `scales (W, K)`, q at least 1.
+        They are of r r, r s and s s, with residuals r and their sensitivities s in the `directions
+        (W, q, P)` at `theta (W, P)`, both times `scales (W, K)`, q at least 1.  The last two are
+        summed over channels too.
         """
         tangent, (n, q, _) = self._tangent, directions.shape
-        own, k_count = tangent._layout, self.experiment.y.shape[1]
+        layout, k_count = tangent._layout, self.experiment.y.shape[1]
         blocks, scaled = in_groups(theta), in_groups(scales)
         along = in_groups(directions.reshape(n, -1))
-        scratch = np.empty((scratch_size(own, q) + 8, LANES))
+        scratch = np.empty((scratch_size(layout, q) + 8, LANES))
         out = np.empty((len(blocks), k_count + q + q * q, LANES))
-        told = (one.ctypes.data for one in (blocks, along, scaled, tangent._blocks[0]))
-        addresses = (*told, *self.record, scratch.ctypes.data, out.ctypes.data)
+        inputs = (block.ctypes.data for block in (blocks, along, scaled, tangent._blocks[0]))
+        addresses = (*inputs, *self.record, scratch.ctypes.data, out.ctypes.data)
         tangent._function("normal")(len(blocks), len(self.experiment.t), q, *addresses)
         rows = out.transpose(0, 2, 1).reshape(-1, out.shape[1])[:n]
         squares, slopes, lower = np.split(rows, [k_count, k_count + q], axis=1)
@@ -115,17 +123,17 @@ class Response(Unstepped):
         return squares, slopes, products + np.tril(products, -1).swapaxes(1, 2)
 
     def sensitivities(self, theta: Array, directions: Array) -> Array:
-        """d channel in the `directions (W, q, P)` at `theta (W, P)`: `(W, q, T, K)`."""
+        """Return d channel in the `directions (W, q, P)` at `theta (W, P)`: `(W, q, T, K)`."""
         return self._tangent.along(theta, directions)
 
     def course(self, theta: Array, directions: Array) -> tuple[Array, Array]:
-        """Signals `(W, T, K)` and sensitivities `(W, q, T, K)`, in one run."""
-        found, k = self._both.along(theta, directions), self.experiment.y.shape[1]
-        return found[:, 0, :, k:], found[..., :k]
+        """Return signals `(W, T, K)` and sensitivities `(W, q, T, K)`, in one run."""
+        signals, k = self._both.along(theta, directions), self.experiment.y.shape[1]
+        return signals[:, 0, :, k:], signals[..., :k]
 
     @cached_property
     def _tangent(self) -> Response:
-        """What its channels show are the slopes of those of the rig."""
+        """The response whose channels are the slopes of those of the rig."""
         return _of_tangent(self.model, self.experiment, _slopes(self.experiment))
 
     @cached_property
@@ -134,7 +142,7 @@ class Response(Unstepped):
         return _of_tangent(self.model, self.experiment, channels)
 
     def along(self, theta: Array, directions: Array) -> Array:
-        """Of a tangent: its channels `(W, q, T, K)`."""
+        """Return the channels `(W, q, T, K)` of a tangent, in `directions (W, q, P)`."""
         n, q, p = directions.shape
         points = np.concatenate([np.repeat(theta, q, axis=0), directions.reshape(n * q, p)], axis=1)
         return self.signals(points).reshape(n, q, *self.experiment.y.shape)
@@ -145,14 +153,14 @@ class Response(Unstepped):
 
 
 def _of_tangent(model: Model, experiment: Experiment, channels: tuple[Channel, ...]) -> Response:
-    """The response of the tangent of `model`, with no record."""
+    """Return the response of the tangent of `model`, with no record."""
     y = np.zeros((len(experiment.t), len(channels)))
     record = dataclasses.replace(experiment, channels=channels, y=y)
     return Response(Tangent(model), record, ("signals",))
 
 
 def _slopes(experiment: Experiment) -> tuple[Channel, ...]:
-    """The derivatives of its channels, as channels."""
+    """Return the derivatives of its channels, as channels."""
     return tuple(
         dataclasses.replace(channel, weights={name + DOT: w for name, w in channel.weights.items()})
         for channel in experiment.channels
@@ -160,7 +168,7 @@ def _slopes(experiment: Experiment) -> tuple[Channel, ...]:
 
 
 def layout(model: Model, experiment: Experiment) -> Layout:
-    """What the kernels have to know of a rig and its experiment."""
+    """Return what kernels are specialised for, of a rig and its experiment."""
     series, constant = tuple(experiment.series), present(experiment.constant)
     return dataclasses.replace(
         Layout.from_model(model, series, constant, first_order=experiment.first_order),
@@ -170,8 +178,9 @@ def layout(model: Model, experiment: Experiment) -> Layout:
 
 
 def constant_block(experiment: Experiment, start: Sequence[float], weights: Array) -> Array:
-    """What they are told of it, see `recurrence.Constants`: with the start `(X,)` and the weights
-    `(K, X)` of the states of a model.
+    """Return the block `recurrence.Constants` of an experiment.
+
+    It has the start `(X,)` and the weights `(K, X)` of the states of a model.
     """
     inputs = [experiment.constant[name] for name in present(experiment.constant)]
     spans = (experiment.dt, float(experiment.t[0] - experiment.t_start))

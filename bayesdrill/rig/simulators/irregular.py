@@ -1,7 +1,8 @@
-"""The exact response as sensors show it: late, scaled, shifted, from an unknown start, at any times.
+"""The exact response at any times, as sensors show it.
 
-`Sensing` says which numbers that takes beside the rig's parameters.  Everything is linear in the
-states, so that sensors are rows of weights, and their derivatives other rows (`Dense` runs both).
+They may be late, scaled and shifted, and the start unknown: `ObservationModel` says which numbers
+that takes beside the rig's parameters.  Everything is linear in the states, so that sensors are
+rows of weights, and their derivatives other rows (`Dense` runs both).
 """
 
 from __future__ import annotations
@@ -31,20 +32,20 @@ from bayesdrill.rig.kernels.lanes import LANES
 from bayesdrill.rig.kernels.sums import ResidualSums
 from bayesdrill.rig.models.linear import Model, Tangent
 from bayesdrill.rig.simulators.contract import in_groups
-from bayesdrill.rig.simulators.sensors import Numbers, Sensing, Walkers
+from bayesdrill.rig.simulators.sensors import LinearSystem, ObservationModel, SensorParameters
 from bayesdrill.rig.simulators.stepped import Unstepped
-from bayesdrill.rig.simulators.time_grid import Grid, grid, runs
+from bayesdrill.rig.simulators.time_grid import Grid, build_grid, runs
 
 Mask = NDArray[np.bool_]
 
-CELLS, CELLS_PER = (32, 64), 20  # of shifts, one for 20 samples between these ends
-NEAR = 2.5  # usual steps: spans up to there are in cells
-FARTHEST = 2.0**40  # usual steps after the last sample
+CELLS, SAMPLES_PER_CELL = (32, 64), 20  # of shifts, one for 20 samples between these ends
+MAX_CELL_SPAN = 2.5  # usual steps: spans up to there are in cells
+MAX_AHEAD = 2.0**40  # usual steps after the last sample
 NONE = np.zeros(0)
 
 
 class Dense:
-    """`model` at times `t (T,)`, increasing, with inputs as in an `Experiment`.
+    """Runs `model` at times `t (T,)`, increasing, with inputs as in an `Experiment`.
 
     Walkers have `parameters (W, P)`, a start `x0 (W, X)` at `t[0]`, before which states move
     straight at the rates `before (W, X)`, and channels: at time t channel k of walker w sees
@@ -52,8 +53,8 @@ class Dense:
     and after the record inputs are constant.  `shift=None` is zero.  A walker whose numbers
     overflow gets NaN (or infinity, in a sum) in its own row alone.
 
-    Kernels are compiled when they are first wanted, and again when rows have entries that were
-    zero so far; what a walker gets depends neither on that nor on others.
+    Kernels are compiled when they are first wanted, and again when rows have entries that were zero
+    so far; what a walker gets depends neither on that nor on others.
     """
 
     def __init__(
@@ -69,12 +70,12 @@ class Dense:
         self._layout = Layout.from_model(
             model, tuple(series), present(constant), first_order=first_order
         )
-        g = self._grid = grid(self._t)
+        g = self._grid = build_grid(self._t)
         self._kept = len(table_entries(self._layout))
         self._kernels: dict[Any, tuple[Kernel, IrregularShape]] = {}
-        self._cells = int(np.clip(len(g.t) // CELLS_PER, *CELLS))
+        self._cells = int(np.clip(len(g.t) // SAMPLES_PER_CELL, *CELLS))
         steps = np.diff(g.t[:-1])
-        self._near = float(steps[steps <= NEAR * g.usual].max()) if len(steps) else 1.0
+        self._near = float(steps[steps <= MAX_CELL_SPAN * g.usual].max()) if len(steps) else 1.0
         self._farthest = float(steps.max()) if len(steps) else 0.0
         self._blocks = self._constant(series, constant)
         self._addresses = {name: block.ctypes.data for name, block in self._blocks.items()}
@@ -86,8 +87,8 @@ class Dense:
         self, series: Mapping[str, Array], constant: Mapping[str, float]
     ) -> dict[str, Array]:
         g = self._grid
-        held = np.array([*series.values()]).reshape(len(series), len(self._t)).T
-        u, slopes = _driven(g, held, self._layout.first_order)
+        inputs_at_samples = np.array([*series.values()]).reshape(len(series), len(self._t)).T
+        u, slopes = _driven(g, inputs_at_samples, self._layout.first_order)
         node, length, share = runs(g)
         inputs = [value for value in constant.values() if value != 0.0]
         numbers = np.array([g.width, self._near / self._cells, 1e-3 / g.usual, *inputs])
@@ -96,10 +97,10 @@ class Dense:
             "node": node, "length": length, "share": share, "u": u, "slopes": slopes, "t": g.t,
         }  # fmt: skip
 
-    def tallied(
+    def sums(
         self, walkers: tuple[Any, ...], y: Array, tally: ResidualSums, weights: Array | None = None
     ) -> Array:
-        """`(W, K, n)` of residuals of the record `y (T, K)`; `weights (W, K m)`, if any."""
+        """Return sums `(W, K, n)` of residuals of the record `y (T, K)`; `weights (W, K m)` if any."""
         n, k_count = len(walkers[0]), y.shape[1]
         out = np.empty((-(-n // LANES), k_count * tally.count, LANES))
         full = np.empty((len(self._grid.t), y.shape[1]))
@@ -119,7 +120,7 @@ class Dense:
         shift: Array | None,
         rows: Array,
     ) -> Array:
-        """The channels `(W, T, K)`."""
+        """Return the channels `(W, T, K)`."""
         n, k_count = rows.shape[:2]
         out = np.empty((-(-n // LANES), len(self._grid.t), k_count, LANES))
         self._run((parameters, x0, before, shift, rows), NONE, out)
@@ -141,26 +142,26 @@ class Dense:
             rows = late.rows
         shifted = late.shifted if late is not None else (False,) * rows.shape[1]
         kernel, shape = self._kernel(self._used(rows), tally, shifted)
-        g, kept = self._grid, self._kept * LANES
+        g, table_size = self._grid, self._kept * LANES
         blocks = {
             "y": y,
             "which": np.flatnonzero(shifted) if late is not None else NONE,
-            "table": np.empty(len(g.spans) * kept),
+            "table": np.empty(len(g.spans) * table_size),
             "ladder": NONE,
             "rows": NONE,
             "out": out,
         }
-        own = [parameters, x0, rows.reshape(len(rows), -1)]
+        walker_parts = [parameters, x0, rows.reshape(len(rows), -1)]
         high = 0
         if late is not None:
-            own += [before, *late.own]
+            walker_parts += [before, *late.own]
             if late.searched:
                 high = int(max(self._farthest, late.farthest) / self._near).bit_length() or 1
-            blocks["ladder"] = np.empty((high + MAX_LEVELS) * kept)
+            blocks["ladder"] = np.empty((high + MAX_LEVELS) * table_size)
             each = (self._cells + 1) * LANES * LANES * row_blocks(shape)
             blocks["rows"] = np.empty(rows.shape[1] * each)
-        own += [] if weights is None else [weights]
-        blocks["own"] = in_groups(*own)
+        walker_parts += [] if weights is None else [weights]
+        blocks["own"] = in_groups(*walker_parts)
         runs_count = len(self._blocks["node"])
         counts = (len(out), len(g.t) - 1, len(g.spans), runs_count, self._cells, high)
         assert len(counts) == len(COUNTS)
@@ -178,7 +179,7 @@ class Dense:
         return self._kernels[wanted]
 
     def _used(self, rows: Array) -> Pattern:
-        """Entries of rows that are or were not zero."""
+        """Return which entries of rows are or were not zero."""
         known = self._pattern
         if known is None or known.shape != rows.shape[1:]:
             known = np.zeros(rows.shape[1:], dtype=bool)
@@ -189,11 +190,11 @@ class Dense:
 
 
 class _Late:
-    """What the kernels want to know of shifts `(W, K)`."""
+    """What the kernels need to know of shifts `(W, K)`."""
 
     def __init__(self, g: Grid, shift: Array, rows: Array) -> None:
         n = len(g.t) - 1
-        lost = ~(shift > -FARTHEST * g.usual) | ~np.isfinite(shift)
+        lost = ~(shift > -MAX_AHEAD * g.usual) | ~np.isfinite(shift)
         self.rows = np.where(lost[:, :, None], np.nan, rows)
         shift = np.where(lost, 0.0, shift)
         head = np.searchsorted(g.t[:n], shift, side="left").astype(float)
@@ -213,120 +214,130 @@ class _Late:
         self.farthest = float(max(0.0, -shift.min()))
 
 
-def _driven(g: Grid, held: Array, first_order: bool) -> tuple[Array, Array]:
-    """Inputs `(T, S)` at samples as they are at knots, and their slopes from there on."""
+def _driven(g: Grid, inputs: Array, first_order: bool) -> tuple[Array, Array]:
+    """Return inputs `(T, S)` at samples as they are at knots, and their slopes from there on."""
     n_knots = len(g.t) - 1
     before = np.searchsorted(g.at, np.arange(n_knots), side="right") - 1
     since = (g.t[:-1] - g.t[g.at][before])[:, None]
-    slopes = np.zeros_like(held)
+    slopes = np.zeros_like(inputs)
     if first_order:
-        slopes[:-1] = np.diff(held, axis=0) / np.diff(g.t[g.at])[:, None]
+        slopes[:-1] = np.diff(inputs, axis=0) / np.diff(g.t[g.at])[:, None]
     slopes = np.ascontiguousarray(slopes[before])
-    return np.ascontiguousarray(held[before] + (slopes * since)), slopes
+    return np.ascontiguousarray(inputs[before] + (slopes * since)), slopes
 
 
 @dataclass(frozen=True)
-class Measured(Unstepped):
-    """See `simulator.Simulator`; parameters are the model's, then those that `sensing` names."""
+class IrregularSimulator(Unstepped):
+    """Simulates linear rigs at uneven times and with sensors of their own.
+
+    See `contract.Simulator`; parameters are the model's, then those that `sensing` names.
+    """
 
     model: Model
     experiment: Experiment
-    sensing: Sensing
+    sensing: ObservationModel
 
     def with_record(self, y: Array) -> Self:
-        made = super().with_record(y)
+        """See `Simulator.with_record`; kernels are shared, as no record has a part in them."""
+        other = super().with_record(y)
         for name in ("_dense", "_tangent"):  # which no record has a part in
             if name in self.__dict__:
-                made.__dict__[name] = self.__dict__[name]
-        return made
+                other.__dict__[name] = self.__dict__[name]
+        return other
 
     def signals(self, full: Array) -> Array:
+        """See `Simulator.signals`."""
         with np.errstate(all="ignore"):
-            return self._walkers.cut(self._dense.signals(*self._settings(full)))
+            return self._walkers.drop_start(self._dense.signals(*self._settings(full)))
 
     def sums(self, full: Array, tally: ResidualSums, weights: Array | None = None) -> Array:
-        own = None if weights is None else weights.reshape(len(full), -1)
+        """See `Simulator.sums`."""
+        channel_weights = None if weights is None else weights.reshape(len(full), -1)
         with np.errstate(all="ignore"):
-            return self._dense.tallied(self._settings(full), self._walkers.padded, tally, own)
+            return self._dense.sums(
+                self._settings(full), self._walkers.padded, tally, channel_weights
+            )
 
     def sensitivities(self, full: Array, along: Array) -> Array:
+        """See `Simulator.sensitivities`."""
         n, q, _ = along.shape
         points = np.repeat(full, q, axis=0)
         with np.errstate(all="ignore"):
-            found = self._slopes(points, along.reshape(n * q, -1))
-        return found.reshape(n, q, *self.experiment.y.shape)
+            slopes = self._slopes(points, along.reshape(n * q, -1))
+        return slopes.reshape(n, q, *self.experiment.y.shape)
 
     def course(self, full: Array, along: Array) -> tuple[Array, Array]:
+        """See `Simulator.course`."""
         return self.signals(full), self.sensitivities(full, along)
 
     # What `Dense` is told.
 
     @cached_property
-    def _walkers(self) -> Walkers:
-        return Walkers(self.model, self.experiment, self.sensing)
+    def _walkers(self) -> SensorParameters:
+        return SensorParameters(self.model, self.experiment, self.sensing)
 
     @cached_property
     def _dense(self) -> Dense:
-        return self._made(self._walkers.wired)
+        return self._dense_of(self._walkers.observed_model)
 
     @cached_property
     def _tangent(self) -> Dense:
-        return self._made(Tangent(self._walkers.wired))
+        return self._dense_of(Tangent(self._walkers.observed_model))
 
-    def _made(self, model: Model) -> Dense:
+    def _dense_of(self, model: Model) -> Dense:
         t, series = self._walkers.knots
         return Dense(model, t, series, self.experiment.constant, self.experiment.first_order)
 
     def _settings(self, full: Array) -> tuple[Array, Array, Array, Array | None, Array]:
         w = self._walkers
-        of = w.numbers(full)
-        start = w.begin(of, full)
-        before = w.before(of, start)
+        system = w.linear_system(full)
+        start = w.initial_state(system, full)
+        before = w.initial_rate(system, start)
         rows = w.rows(w.gains(full), full)
         rows = np.concatenate([rows, np.zeros((*rows.shape[:2], len(w.inputs)))], axis=2)
-        shift = w.later(full) if self.sensing.shifts else None
-        return w.told(full), start, before, shift, rows
+        shift = w.channel_delays(full) if self.sensing.shifts else None
+        return w.simulator_parameters(full), start, before, shift, rows
 
     def _slopes(self, full: Array, along: Array) -> Array:
-        """d signal along `along (n, P)` at `full (n, P)`: `(n, T, K)`."""
+        """Return d signal along `along (n, P)` at `full (n, P)`: `(n, T, K)`."""
         w = self._walkers
-        told, start, before, shift, rows = self._settings(full)
-        of, x = w.tangent_numbers(full, along), start.shape[1]
-        matrix, by_input, forcing = of
+        parameters, start, before, shift, rows = self._settings(full)
+        system, x = w.tangent_system(full, along), start.shape[1]
+        matrix, by_input, forcing = system
         slopes = np.zeros((*rows.shape[:2], rows.shape[2] + x))
-        gains, later = w.gains(full)[:, :, None], w.later(along)[:, :, None]
-        slopes[:, :, :x] = w.of_channels(self.sensing.gains, along)[:, :, None] * w.weights
+        gains, later = w.gains(full)[:, :, None], w.channel_delays(along)[:, :, None]
+        slopes[:, :, :x] = w.channel_values(self.sensing.gains, along)[:, :, None] * w.weights
         slopes[:, :, x : 2 * x] = gains * w.weights
-        slopes[:, :, 2 * x] = w.of_channels(self.sensing.offsets, along)
+        slopes[:, :, 2 * x] = w.channel_values(self.sensing.offsets, along)
         ahead = later * gains * w.weights  # d signal / d lag = - gain c . x'
         slopes[:, :, :x] -= np.einsum("nkx,nxy->nky", ahead, matrix[:, :x, :x])
         slopes[:, :, 2 * x] -= np.einsum("nkx,nx->nk", ahead, forcing[:, :x])
         slopes[:, :, 2 * x + 1 :] -= np.einsum("nkx,nxs->nks", ahead, by_input[:, :x])
-        begin = np.concatenate([start, w.begin_slope(of, along)], axis=1)
-        earlier = np.concatenate([before, w.before_slope(of, begin)], axis=1)
-        both = np.concatenate([told, w.told(along)], axis=1)
-        found = w.cut(self._tangent.signals(both, begin, earlier, shift, slopes))
+        begin = np.concatenate([start, w.initial_state_slope(system, along)], axis=1)
+        earlier = np.concatenate([before, w.initial_rate_slope(system, begin)], axis=1)
+        both = np.concatenate([parameters, w.simulator_parameters(along)], axis=1)
+        sensitivities = w.drop_start(self._tangent.signals(both, begin, earlier, shift, slopes))
         if shift is not None:
-            self._mend_before(found, shift, ahead, begin, earlier, of)
-        return found
+            self._mend_before(sensitivities, shift, ahead, begin, earlier, system)
+        return sensitivities
 
     def _mend_before(
         self,
-        found: Array,
+        sensitivities: Array,
         shift: Array,
         ahead: Array,
         begin: Array,
         earlier: Array,
-        of: Numbers,
+        system: LinearSystem,
     ) -> None:
-        """Before the start the states go on straight, and not as the rig moves."""
+        """Correct sensitivities before the start, where states go on straight."""
         x = self._walkers.weights.shape[1]
         when = self.experiment.t[None, :, None] - shift[:, None, :] - self.experiment.t_start
         if not (early := when < 0).any():
             return
-        matrix, by_input, forcing = (part[:, :x] for part in of)
+        matrix, by_input, forcing = (part[:, :x] for part in system)
         n, t, k = np.nonzero(early)
         here = begin[n, :x] + when[early][:, None] * earlier[n, :x]
         moved = np.einsum("axy,ay->ax", matrix[n][:, :, :x], here) + forcing[n]
         moved += np.einsum("axs,s->ax", by_input[n], self._walkers.first_inputs)
-        found[n, t, k] += np.einsum("ax,ax->a", ahead[n, k], moved - earlier[n, :x])
+        sensitivities[n, t, k] += np.einsum("ax,ax->a", ahead[n, k], moved - earlier[n, :x])

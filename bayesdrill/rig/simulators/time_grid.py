@@ -1,6 +1,4 @@
-"""Steps through the times of a record: few distinct ones between uneven times, equal ones through
-all of them.
-"""
+"""Steps through the times of a record: few distinct ones, or equal ones."""
 
 from __future__ import annotations
 
@@ -16,20 +14,28 @@ from bayesdrill.basics.arrays import Array
 
 Whole = NDArray[np.int64]
 
-SAME = 1e-12  # of a step: steps nearer to each other are one
-CLOCK = 4 * np.finfo(float).eps  # of the latest time: nor can its digits tell steps apart
-FILLED = 1.5  # times the samples: so many knots make equal steps of those between samples left out
-FEW, FEW_PER = 4, 100  # distinct steps that get an exponential each: 4, and one for 100 samples
-CELLS, CELLS_PER = (24, 192), 12  # cells of all others, one for 12 samples between these ends
-NARROWER = 1.25  # width by width
+STEP_TOLERANCE = 1e-12  # of a step: steps nearer to each other are one
+CLOCK_ROUNDING = 4 * np.finfo(float).eps  # of the latest time: nor can its digits tell steps apart
+MAX_FILL_RATIO = (
+    1.5  # times the samples: so many knots make equal steps of those between samples left out
+)
+MIN_DISTINCT_STEPS, SAMPLES_PER_STEP = (
+    4,
+    100,
+)  # distinct steps that get an exponential each: 4, and one for 100 samples
+CELLS, SAMPLES_PER_CELL = (
+    (24, 192),
+    12,
+)  # cells of all others, one for 12 samples between these ends
+WIDTH_RATIO = 1.25  # width by width
 BELOW_ONE = 1.0 - 2.0**-53
-FRESH = 10  # an exponential costs as much as so many products
-LONG = 2.0  # usual steps: longer ones are taken in pieces where steps are in cells
+EXPONENTIAL_COST = 10  # an exponential costs as much as so many products
+LONG_STEP = 2.0  # usual steps: longer ones are taken in pieces where steps are in cells
 
 
 @dataclass(frozen=True, slots=True)
 class Grid:
-    """Knots are the samples, and others within long steps.
+    """A grid of knots: the samples, and others within long steps.
 
     `t (T + 1,)` of knots from the first on, infinity at the end; `at (n,)`: the samples' knots.
     Step j is over `spans[node[j]]` and, where `share[j]` is not -1, that share of a `width` more.
@@ -51,43 +57,45 @@ class Grid:
     uniform: bool
 
 
-def grid(times: Array) -> Grid:
-    """Of samples at increasing `times (n,)`."""
+def build_grid(times: Array) -> Grid:
+    """Build the grid of samples at increasing `times (n,)`, in s."""
     t = times - times[0]
     if len(t) == 1:
         return _made(t, np.zeros(1, np.int64), np.zeros(0, np.int64), np.zeros(1), 1.0, 0.0)
     steps = np.diff(t)
-    usual = float(np.median(steps))
-    near = CLOCK * float(np.abs(times).max()) + SAME * usual
-    if t[-1] < FILLED * len(t) * steps.min():
+    median = float(np.median(steps))
+    near = CLOCK_ROUNDING * float(np.abs(times).max()) + STEP_TOLERANCE * median
+    if t[-1] < MAX_FILL_RATIO * len(t) * steps.min():
         at = np.concatenate([[0], np.cumsum(np.round(steps / steps.min()).astype(np.int64))])
         step = float(t[-1] / at[-1])
         if np.abs(t - step * at).max() <= near:
             filled = step * np.arange(at[-1] + 1)
             filled[at] = t
-            return _made(filled, at, np.zeros(at[-1], np.int64), np.array([step]), usual, near)
-    one, spans = _merged(steps, near)
+            return _made(filled, at, np.zeros(at[-1], np.int64), np.array([step]), median, near)
+    cluster, spans = _merged(steps, near)
     at = np.arange(len(t))
-    if len(spans) <= min(FEW + len(t) // FEW_PER, CELLS[1]):
-        return _made(t, at, one, spans, usual, near)
-    t, at, pieces = _in_pieces(t, steps, usual)
-    return _in_cells(t, at, pieces, usual, near)
+    if len(spans) <= min(MIN_DISTINCT_STEPS + len(t) // SAMPLES_PER_STEP, CELLS[1]):
+        return _made(t, at, cluster, spans, median, near)
+    t, at, pieces = _in_pieces(t, steps, median)
+    return _in_cells(t, at, pieces, median, near)
 
 
 def _merged(steps: Array, near: float) -> tuple[Whole, Array]:
-    """The cluster of each step, and their means."""
+    """Return the cluster of each step, and the clusters' means."""
     order = np.argsort(steps, kind="stable")
     edges = np.diff(steps[order]) > near
     cluster = np.concatenate([[0], np.cumsum(edges)])
-    one = np.empty(len(steps), np.int64)
-    one[order] = cluster
-    return one, np.bincount(one, weights=steps) / np.bincount(one)
+    cluster_of_step = np.empty(len(steps), np.int64)
+    cluster_of_step[order] = cluster
+    return cluster_of_step, np.bincount(cluster_of_step, weights=steps) / np.bincount(
+        cluster_of_step
+    )
 
 
 def _made(
-    t: Array, at: Whole, node: Whole, spans: Array, usual: float, near: float, **cells: Any
+    t: Array, at: Whole, node: Whole, spans: Array, median: float, near: float, **cells: Any
 ) -> Grid:
-    """`cells`: what else is of a grid whose steps are not all over the span of a node."""
+    """Return a grid; `cells`: what else it has if not all its steps are over the span of a node."""
     none = np.zeros(len(spans))
     nodes: dict[str, Any] = {
         "share": np.full(len(t), -1.0),
@@ -98,36 +106,41 @@ def _made(
     }
     node = np.append(node, 0)  # the last knot leads nowhere
     known: dict[str, Any] = {"t": np.append(t, np.inf), "at": at, "node": node, "spans": spans}
-    return Grid(**known, usual=usual, near=near, **(nodes | cells))
+    return Grid(**known, usual=median, near=near, **(nodes | cells))
 
 
-def _in_pieces(t: Array, steps: Array, usual: float) -> tuple[Array, Whole, Whole]:
-    """Knots within steps that are longer than `LONG` usual ones: pieces of 1, 2, 4, ... of these.
+def _in_pieces(t: Array, steps: Array, median: float) -> tuple[Array, Whole, Whole]:
+    """Put knots into steps longer than `LONG_STEP` median ones: pieces of 1, 2, 4, ... of these.
 
     With the samples' knots, and for each step its piece, 0 where it is none.
     """
-    long = np.flatnonzero(steps > LONG * usual)
-    counts = (steps[long] / usual).astype(np.int64) - 1
+    long = np.flatnonzero(steps > LONG_STEP * median)
+    counts = (steps[long] / median).astype(np.int64) - 1
     sizes = [[1 << k for k in range(int(n).bit_length()) if n >> k & 1] for n in counts]
-    inner = [t[j] + usual * np.cumsum(own) for j, own in zip(long, sizes, strict=True)]
-    after = np.repeat(long + 1, [len(own) for own in sizes])
+    inner = [
+        t[j] + median * np.cumsum(step_sizes) for j, step_sizes in zip(long, sizes, strict=True)
+    ]
+    after = np.repeat(long + 1, [len(step_sizes) for step_sizes in sizes])
     knots = np.insert(t, after, np.concatenate([*inner, np.zeros(0)]))
     extra = np.zeros(len(t), np.int64)
-    extra[long + 1] = [len(own) for own in sizes]
+    extra[long + 1] = [len(step_sizes) for step_sizes in sizes]
     at = np.arange(len(t)) + np.cumsum(extra)
     pieces = np.zeros(len(knots) - 1, np.int64)
-    for j, own in zip(long, sizes, strict=True):
-        pieces[at[j] : at[j] + len(own)] = own
+    for j, step_sizes in zip(long, sizes, strict=True):
+        pieces[at[j] : at[j] + len(step_sizes)] = step_sizes
     return knots, at, pieces
 
 
-def _in_cells(t: Array, at: Whole, pieces: Whole, usual: float, near: float) -> Grid:
-    """The narrowest cells of which not too many are met; pieces have nodes of their own."""
+def _in_cells(t: Array, at: Whole, pieces: Whole, median: float, near: float) -> Grid:
+    """Return the grid with the narrowest cells that are not too many.
+
+    Pieces have nodes of their own.
+    """
     steps, free = np.diff(t), pieces == 0
-    most = int(np.clip(len(t) // CELLS_PER, *CELLS))
+    most = int(np.clip(len(t) // SAMPLES_PER_CELL, *CELLS))
     width = float(steps[free].max())
-    while _cost(_cells(steps[free], width / NARROWER)) <= most:
-        width /= NARROWER
+    while _cost(_cells(steps[free], width / WIDTH_RATIO)) <= most:
+        width /= WIDTH_RATIO
     cells, sizes = _cells(steps[free], width), np.unique(pieces[~free])
     share, node = np.full(len(t), -1.0), np.zeros(len(steps), np.int64)
     inside = np.floor(steps[free] / width).astype(np.int64)
@@ -136,35 +149,35 @@ def _in_cells(t: Array, at: Whole, pieces: Whole, usual: float, near: float) -> 
     node[~free] = len(cells) + np.searchsorted(sizes, pieces[~free])
     none = np.zeros(len(sizes))
     return _made(
-        t, at, node, np.concatenate([cells * width, sizes * usual]), usual, near,
+        t, at, node, np.concatenate([cells * width, sizes * median]), median, near,
         share=share, inside=np.concatenate([np.ones(len(cells)), none]), width=width, uniform=False,
         chained=np.concatenate([[0], np.diff(cells) == 1, none]).astype(np.int64),
     )  # fmt: skip
 
 
 def _cells(steps: Array, width: float) -> Whole:
-    """Those met."""
+    """Return the cells in which steps are."""
     return np.unique(np.floor(steps / width).astype(np.int64))
 
 
 def _cost(cells: Whole) -> int:
-    """In products: the first of a row of neighbours wants an exponential."""
-    return len(cells) + FRESH * int(np.sum(np.diff(cells) != 1))
+    """Return the cost in products: the first of a row of neighbours needs an exponential."""
+    return len(cells) + EXPONENTIAL_COST * int(np.sum(np.diff(cells) != 1))
 
 
 def runs(g: Grid) -> tuple[Whole, Whole, Array]:
-    """Steps that follow each other and have one node and no share: node, length and share of each."""
+    """Return node, length and share of runs of steps that have one node and no share."""
     first = np.ones(len(g.node), dtype=bool)
     first[1:] = (np.diff(g.node) != 0) | (g.share[1:] >= 0.0) | (g.share[:-1] >= 0.0)
     begin = np.flatnonzero(first)
     return g.node[begin], np.diff(np.append(begin, len(g.node))), g.share[begin]
 
 
-AT_NODE = 1e-9  # of a step: a shift nearer to a whole number of them is one
+NODE_TOLERANCE = 1e-9  # of a step: a shift nearer to a whole number of them is one
 
 
-class Ahead:
-    """Nodes from the first of `t (T,)` on, `pieces` of them to the usual sample, `span` apart.
+class UniformGrid:
+    """Nodes from the first of `t (T,)` on, `pieces` of them to the median step, `span` apart.
 
     Inputs `series`, each `(T,)`, go from sample to sample (`first_order`) or are held; over a step
     they are what they are at its beginning and their slope, or their mean.
@@ -175,7 +188,7 @@ class Ahead:
     ) -> None:
         self._t, self._first_order = t, first_order
         self._series = [np.asarray(u, dtype=float) for u in series.values()]
-        g = grid(t)
+        g = build_grid(t)
         self.aligned = g.uniform or len(t) == 1
         whole = float(g.spans[0]) if g.uniform else g.usual
         self.span = whole / pieces
@@ -190,7 +203,7 @@ class Ahead:
             self.nodes = int(np.ceil(self.places[-1])) + 1
         self.samples = len(t)
         self.spans = np.array([self.span, whole])
-        self._pieces = pieces
+        self._substeps = pieces
 
     @cached_property
     def single(self) -> bool:
@@ -199,51 +212,54 @@ class Ahead:
 
     @cached_property
     def usual(self) -> Whole:
-        """`(T,)`: 1 where the next sample is as many steps away as usual; inputs go straight on."""
-        return np.asarray(self.counts == self._pieces).astype(np.int64)
+        """Where the next sample is a median step away `(T,)`, 0 or 1; inputs go straight on."""
+        return np.asarray(self.counts == self._substeps).astype(np.int64)
 
-    def every_node(self) -> Ahead:
-        """The same steps, with a sample at each node."""
-        made = object.__new__(Ahead)
+    def at_every_node(self) -> UniformGrid:
+        """Return the same steps, with a sample at each node."""
+        other = object.__new__(UniformGrid)
         cached = ("single", "usual", "_kept", "_over_steps")
-        made.__dict__.update({k: v for k, v in self.__dict__.items() if k not in cached})
-        made.samples = self.nodes + 1
-        made.aligned = True
-        made.counts = np.ones(self.nodes + 1, np.int64)
-        made.places = np.arange(self.nodes + 1.0)
-        made.nodes = self.nodes + 1
-        return made
+        other.__dict__.update({k: v for k, v in self.__dict__.items() if k not in cached})
+        other.samples = self.nodes + 1
+        other.aligned = True
+        other.counts = np.ones(self.nodes + 1, np.int64)
+        other.places = np.arange(self.nodes + 1.0)
+        other.nodes = self.nodes + 1
+        return other
 
     def between(self, t: Array) -> tuple[Whole, Array]:
-        """The node before each time, and how far it is from there in steps."""
+        """Return the node before each time, and how far it is from there in steps."""
         places = (t - self._t[0]) / self.span
         near = np.round(places)
         places = np.where(np.abs(places - near) < 1e-6, near, places)
         last = np.clip(np.floor(places), 0, self.nodes - 1).astype(np.int64)
         return last, places - last
 
-    def after(self, shift: Array) -> int:
-        """Steps beyond the last sample that shifts `(W, K)` look at."""
+    def steps_after(self, shift: Array) -> int:
+        """Return the steps beyond the last sample that shifts `(W, K)` look at."""
         ahead = -np.nanmin(shift, initial=0.0)
         return int(np.ceil(ahead / self.span)) + 1 if np.isfinite(ahead) else 1
 
     def margin(self, lag: Array) -> int:
-        """Steps before and after the record that inputs late by `lag (W, S)` come from."""
+        """Return the steps before and after the record that inputs late by `lag (W, S)` come from."""
         if not lag.size:
             return 0
         return int(np.ceil(np.nanmax(np.abs(lag), initial=0.0) / self.span)) + 2
 
     def delays(self, lags: Sequence[Array]) -> tuple[Array, ...]:
-        """For lags, and their slopes: whole steps behind the rows of `inputs`, and shares of a step."""
+        """Return whole steps behind the rows of `inputs`, and shares of a step.
+
+        They are for lags, and for slopes of these.
+        """
         ratio = lags[0] / self.span
-        whole = np.floor(ratio + AT_NODE)
+        whole = np.floor(ratio + NODE_TOLERANCE)
         shares = [np.clip(ratio - whole, 0.0, None), *(lag / self.span for lag in lags[1:])]
         return (np.nan_to_num(whole), *shares)
 
     def inputs(self, margin: int, after: int) -> Array:
-        """Over each step `(N + 1 + after, S)`, with slopes `2 S`; `margin` rows stand before and behind.
+        """Return inputs over each step `(N + 1 + after, S)`, with slopes `2 S`.
 
-        Outside the record they are constant.
+        `margin` rows stand before and behind.  Outside the record inputs are constant.
         """
         # Few sizes, each kept.
         margin, after = (1 << n.bit_length() if n else 0 for n in (margin, after))
@@ -259,7 +275,7 @@ class Ahead:
         return {}
 
     def felt(self, which: int, lag: Array) -> tuple[Array, Array]:
-        """One of the inputs, late by `lag (W,)`, as steps begin, and its slope: `(W, N)` each."""
+        """Return an input, late by `lag (W,)`, as steps begin, and its slope: `(W, N)` each."""
         rows = np.concatenate([self._first[None], self._over_steps, self._last[None]])
         whole, share = (part[:, None] for part in self.delays([lag]))
         at = 1 + np.arange(self.nodes) - whole.astype(np.int64)
@@ -301,8 +317,8 @@ class Ahead:
         return len(self._series) if self._first_order else 0
 
 
-def _means(nodes: Array, t: Array, held: Array) -> Array:
-    """Over steps, of what is held from sample to sample."""
-    whole = np.concatenate([[0.0], np.cumsum(held[:-1] * np.diff(t))])
-    beyond = np.clip(nodes - t[-1], 0.0, None) * held[-1]
+def _means(nodes: Array, t: Array, inputs: Array) -> Array:
+    """Return the means over steps of what is held from sample to sample."""
+    whole = np.concatenate([[0.0], np.cumsum(inputs[:-1] * np.diff(t))])
+    beyond = np.clip(nodes - t[-1], 0.0, None) * inputs[-1]
     return np.asarray(np.diff(np.interp(nodes, t, whole) + beyond) / np.diff(nodes))

@@ -24,7 +24,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from bayesdrill.basics.arrays import Array, Flags, Indices
-from bayesdrill.basics.registry import Registry, callable_one
+from bayesdrill.basics.registry import Registry, check_callable
 from bayesdrill.sampling.samplers.independence import Inside, Mixture, Proposal, Random, Remembered
 from bayesdrill.sampling.samplers.ridge import Sheet, bend, straighten
 
@@ -197,7 +197,7 @@ MOVES: Registry[Make] = Registry(
         "stretch": halves(stretch),
         "independence": _independent,
     },
-    judge=callable_one,
+    judge=check_callable,
 )
 
 
