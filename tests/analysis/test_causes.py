@@ -182,7 +182,7 @@ def test_where_nothing_explains_nothing_is_said_to(tmp_path: Path) -> None:
     assert found is not None
     assert not found.explains
     assert found.lacking == ()
-    assert not any(one.explains_all for one in found.ranked)
+    assert not any(one.explains_all for one in found.good)
     assert run_entries.causes_data(found) == []
     said = fit_words.explained(found)
     assert said.startswith(f"fit: {len(found.ranked)} candidates were refitted, and none explains")
