@@ -75,10 +75,10 @@ def _compare(form: str, folders: list[Path], output: Path | None, *, force: bool
     from bayesdrill.api import comparison
 
     place = comparison.check_place(form, folders, output, force=force)
-    found = (comparison.overlay if form == "overlay" else comparison.compare)(folders)
-    found.save(place, force=force)
+    result = (comparison.overlay if form == "overlay" else comparison.compare)(folders)
+    result.save(place, force=force)
     files = f"report.html, {form}.md, {form}.csv, figures/"
-    _end(found.text, place, files, good=not found.reasons)
+    _end(result.text, place, files, good=not result.reasons)
 
 
 def _end(said: str, folder: Path, files: str, *, good: bool) -> None:
@@ -329,9 +329,9 @@ def verify(
     """Say whether config, record, tables and figures of a run still belong together."""
     from bayesdrill.api import files
 
-    found = files.verify(folder)
-    say(found.said, err=not found.together)
-    if not found.together:
+    verification = files.verify(folder)
+    say(verification.said, err=not verification.together)
+    if not verification.together:
         raise typer.Exit(INPUT_WRONG)
 
 

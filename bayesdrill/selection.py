@@ -35,11 +35,13 @@ WIDER = 10.0  # either way, of the noise that was given
 
 def change_channels(data: Mapping[str, Any]) -> Iterator[tuple[str, dict[str, Any], bool]]:
     """Each with its name, and whether all experiments have it so."""
-    top, *own = [section.get("record", {}).get("channels", {}) for section in rung_sections(data)]
+    top, *others = [
+        section.get("record", {}).get("channels", {}) for section in rung_sections(data)
+    ]
     for name, channel in top.items():
-        yield name, channel, not any(name in one for one in own)
-    for one in own:
-        for name, channel in one.items():
+        yield name, channel, not any(name in channels for channels in others)
+    for channels in others:
+        for name, channel in channels.items():
             yield name, channel, False
 
 
@@ -85,8 +87,8 @@ def freed(channel: dict[str, Any]) -> bool:
 
 def reddened(channel: dict[str, Any]) -> bool:
     """That remembers, where it was white; whether it was."""
-    own = channel.get("noise", "white")
-    if (own if isinstance(own, str) else own.get("name", "white")) != "white":
+    noise = channel.get("noise", "white")
+    if (noise if isinstance(noise, str) else noise.get("name", "white")) != "white":
         return False
     freed(channel)
     channel["noise"] = RED
@@ -206,9 +208,9 @@ def _possible(parts: Sequence[str]) -> bool:
     """Whether they can go together, and together mean something that one alone does not."""
     given = {*parts}
     either, other = APART
-    sliding = {name for one in parts for name in PHYSICS.get(one, ())}
-    rests = all(STATIC[one][0] in sliding for one in parts if one in STATIC)
-    alike = any(len(given & one) > 1 for one in ALIKE)
+    sliding = {name for part in parts for name in PHYSICS.get(part, ())}
+    rests = all(STATIC[part][0] in sliding for part in parts if part in STATIC)
+    alike = any(len(given & group) > 1 for group in ALIKE)
     return rests and not alike and not (given & either and given & other)
 
 
@@ -267,7 +269,7 @@ class Ladder:
     def without_each(self, parts: tuple[str, ...]) -> list[Rung]:
         """A rung without each of its parts, in turn."""
         every = (tuple(one for one in parts if one != part) for part in parts)
-        return self.rungs(one for one in every if one and _possible(one))
+        return self.rungs(fewer for fewer in every if fewer and _possible(fewer))
 
     def with_gear(self, times: float) -> list[Rung]:
         """With another ratio, `times` the one that is given; none where the rig has no gear."""
@@ -300,11 +302,19 @@ class Ladder:
 
     def _channels(self) -> list[str]:
         observations = self.job.problem.observations
-        return list(dict.fromkeys(name for one in observations for name in one.experiment.names))
+        return list(
+            dict.fromkeys(
+                name for observation in observations for name in observation.experiment.names
+            )
+        )
 
     def _inputs(self) -> list[str]:
         observations = self.job.problem.observations
-        return list(dict.fromkeys(name for one in observations for name in one.experiment.series))
+        return list(
+            dict.fromkeys(
+                name for observation in observations for name in observation.experiment.series
+            )
+        )
 
     def _rung(self, parts: tuple[str, ...]) -> Rung | None:
         """None where there is no such thing to try."""
@@ -327,7 +337,9 @@ class Ladder:
     def _changed(self, data: dict[str, Any], part: str) -> bool:
         if part in NOISE:
             change = freed if part == UNKNOWN else reddened
-            changed = [change_sections(data, change, *one) for one in list(change_channels(data))]
+            changed = [
+                change_sections(data, change, *entry) for entry in list(change_channels(data))
+            ]
             return part in (UNKNOWN, *NOISES) and any(changed)
         if part in PHYSICS:
             wanted = [self.roles[role] for role in PHYSICS[part]]
@@ -366,12 +378,12 @@ class Ladder:
         """With a prior of that kind in the entry of a channel or an input; `t_0` is `t` and `0`."""
         if f"{kind}_{name}" == MOMENT:
             inputs = data.setdefault("inputs", {})
-            own = any("t_0" in section.get("inputs", {}) for section in rung_sections(data))
-            if not own:
+            has_moment = any("t_0" in section.get("inputs", {}) for section in rung_sections(data))
+            if not has_moment:
                 inputs[MOMENT] = self._lag()
                 share_entries(data, MOMENT)
-            return not own
-        channel, changed, own = name in self._channels(), False, False
+            return not has_moment
+        channel, changed, has_moment = name in self._channels(), False, False
         for section in rung_sections(data):
             record = section.get("record", {})
             named = record.get("channels", {}) if channel else section.get("inputs", {})
@@ -379,20 +391,22 @@ class Ladder:
             if not isinstance(entry, dict):
                 continue
             if kind in entry:
-                own = True  # of an experiment that says it otherwise
+                has_moment = True  # of an experiment that says it otherwise
             elif {"column", "variable"} & {*entry}:
                 entry[kind] = self._sensor_prior(kind, name, channel=channel)
                 changed = True
-        if changed and not own and (kind != "offset" or not channel):
+        if changed and not has_moment and (kind != "offset" or not channel):
             share_entries(data, f"{kind}_{name}")
         return changed
 
     def _lag(self) -> dict[str, Any]:
         """Either way, so many samples [s]."""
         late = 0.0
-        for one in self.job.problem.observations:
-            t = one.experiment.t
-            late = max(late, LATEST * one.experiment.dt, min(SLOW, SHARE * float(t[-1] - t[0])))
+        for observation in self.job.problem.observations:
+            t = observation.experiment.t
+            late = max(
+                late, LATEST * observation.experiment.dt, min(SLOW, SHARE * float(t[-1] - t[0]))
+            )
         return {"prior": "uniform", "low": -rounded(late), "high": rounded(late)}
 
     def _sensor_prior(self, kind: str, name: str, *, channel: bool) -> dict[str, Any]:
@@ -401,8 +415,8 @@ class Ladder:
         if kind == "gain":
             return {"prior": "log_normal", "median": 1.0, "sd_log": GAIN_SD}
         size = 0.0
-        for one in self.job.problem.observations:
-            experiment = one.experiment
+        for observation in self.job.problem.observations:
+            experiment = observation.experiment
             if channel and name in experiment.names:
                 k = experiment.names.index(name)
                 spread = float(np.nanstd(experiment.y[:, k]))
@@ -425,28 +439,28 @@ class Ladder:
         """As many as further unknowns want, where the config says how many."""
         given = (data.get("sampler") or {}).get("walkers")
         problem = self.job.problem
-        channels = sum(len(one.experiment.channels) for one in problem.observations)
+        channels = sum(len(observation.experiment.channels) for observation in problem.observations)
         least = 2 * (len(problem.names) + 2 * channels + MOST_PHYSICS)
         if isinstance(given, int) and given < least:
             data["sampler"] = {**data["sampler"], "walkers": least}
 
     def _times(self) -> dict[str, Any]:
-        every = [one.experiment for one in self.job.problem.observations]
-        low = LEAST * min(one.dt for one in every)
-        high = max(float(one.t[-1] - one.t[0]) for one in every) / LONGEST
+        every = [observation.experiment for observation in self.job.problem.observations]
+        low = LEAST * min(experiment.dt for experiment in every)
+        high = max(float(experiment.t[-1] - experiment.t[0]) for experiment in every) / LONGEST
         return log_uniform(low, max(high, 2 * low))
 
 
-def _largest(one: Mapping[str, float], other: Mapping[str, float]) -> dict[str, float]:
-    return {name: max(one.get(name, 0.0), other.get(name, 0.0)) for name in {**one, **other}}
+def _largest(first: Mapping[str, float], other: Mapping[str, float]) -> dict[str, float]:
+    return {name: max(first.get(name, 0.0), other.get(name, 0.0)) for name in {**first, **other}}
 
 
 def _start_freed(data: dict[str, Any]) -> bool:
     """Whether any start was not free, and could be."""
     changed = False
     for section in rung_sections(data):
-        own = section.get("initial", "rest" if section is data else None)
-        if own is not None and own != "free" and not isinstance(own, dict):
+        initial = section.get("initial", "rest" if section is data else None)
+        if initial is not None and initial != "free" and not isinstance(initial, dict):
             section["initial"] = "free"  # type: ignore[index]
             changed = True
     return changed
@@ -454,25 +468,25 @@ def _start_freed(data: dict[str, Any]) -> bool:
 
 def changed_entries(before: Mapping[str, Any], after: Mapping[str, Any]) -> dict[str, Any]:
     """What `after` has otherwise, mapping by mapping."""
-    found: dict[str, Any] = {}
+    entries: dict[str, Any] = {}
     for key, value in after.items():
         if key not in before or value != before[key]:
             inside = isinstance(value, dict) and isinstance(before.get(key), dict)
-            found[key] = changed_entries(before[key], value) if inside else value
-    return found
+            entries[key] = changed_entries(before[key], value) if inside else value
+    return entries
 
 
 def _speeds(every: Sequence[Observation], space: ParameterSpace, theta: Array) -> dict[str, float]:
     """Of rotor 1, and of the motor on its own side of the gear [rad/s]."""
-    found: dict[str, float] = {}
-    for one in every:
-        model, moved = one.response.model, edits.motion(one, space, theta)
+    speeds: dict[str, float] = {}
+    for observation in every:
+        model, moved = observation.response.model, edits.motion(observation, space, theta)
         roles = model.roles
         for name, gear in ((roles.rotor.speed, 1.0), (roles.motor.speed, model.gear_ratio)):
             if name in model.states:
                 largest = float(np.abs(moved[:, model.states.index(name)]).max()) / gear
-                found[name] = max(found.get(name, 0.0), largest)
-    return found
+                speeds[name] = max(speeds.get(name, 0.0), largest)
+    return speeds
 
 
 def recommended(rung: Rung, name: str, folder: Path, opening: str) -> str:

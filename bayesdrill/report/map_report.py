@@ -62,12 +62,12 @@ class MapReport:
     def sections(self) -> tuple[Section, ...]:
         table = self.problem.compared_with
         read = Note(f"`dev. %` is the deviation of the MAP from the nominal value ({table}).")
-        own, clock = self.problem.units, self.problem.clock
+        units, clock = self.problem.units, self.problem.clock
         steps = verdict_words.step_sentences(
             step_errors(self.problem.posterior.likelihood, self.best)
         )
         said = fit_words.residual_sentences(self.left, clock)
-        shown = section.of_mode(own.rows(section.mode_rows(self.problem, self.mode)))
+        shown = section.of_mode(units.rows(section.mode_rows(self.problem, self.mode)))
         doubts = words.unbelievable(self.reasons, converged=False)
         shape = output_files.shown_path(self.config.output.formats)
         captions = publish.alone_captions(self.problem, self.correlations)
@@ -78,7 +78,7 @@ class MapReport:
             *([build("", doubts)] if doubts else []),
             build("", shown, read if "nominal" in shown.heads else None, fit),
             build("Figures", *pictures, brief=False),
-            build("Maximum of the posterior (MAP)", words.mode(self.mode, own), brief=False),
+            build("Maximum of the posterior (MAP)", words.mode(self.mode, units), brief=False),
         )
 
     @property

@@ -53,24 +53,27 @@ def run_marks(run: View) -> tuple[Mark, ...]:
     converged = run.sampled.convergence.converged
     first = Mark("converged", "good") if converged else Mark("not converged", "bad")
     fit = Mark("more than noise is left", "doubt")
-    if any(one.unbelievable for one in run.analysis.fit):
+    if any(summary.unbelievable for summary in run.analysis.fit):
         fit = Mark("does not fit", "bad")
     elif like_noise(run.analysis.fit):
         fit = Mark("fits: noise is left", "good")
     if run.reasons:
-        plain = [replace(one, tone="plain") if one.tone == "good" else one for one in (fit, first)]
-        return tuple(sorted(plain, key=lambda one: one.tone != "bad"))
+        plain = [
+            replace(summary, tone="plain") if summary.tone == "good" else summary
+            for summary in (fit, first)
+        ]
+        return tuple(sorted(plain, key=lambda badge: badge.tone != "bad"))
     if run.analysis.judged is None:
         return first, fit
     return first, fit, _table_mark(run.analysis.judged.verdict, run.problem.compared_with)
 
 
-def _table_mark(found: Verdict, table: str) -> Mark:
-    if all(quantity.says == "not determined" for quantity in found.products):
+def _table_mark(verdict: Verdict, table: str) -> Mark:
+    if all(quantity.says == "not determined" for quantity in verdict.products):
         return Mark(f"says nothing of {table}", "doubt")
-    if not found.fits:
+    if not verdict.fits:
         return Mark("verdict in doubt", "doubt")
-    if found.agrees:
+    if verdict.agrees:
         return Mark(f"agrees with {table}", "good")
     return Mark(f"disagrees with {table}", "doubt")
 
@@ -121,19 +124,22 @@ def made_of(lines: tuple[tuple[str, str], ...], folder: Path, *more: Note) -> Se
 def provenance_of_records(problem: Problem) -> Iterator[tuple[str, str]]:
     """The file of each experiment, and its channels."""
     every = provenance.records(problem)
-    for one in problem.observations:
-        files = ", ".join(f"`{name}`" for name in one.experiment.written.files)
-        length = one.experiment.t[-1] - one.experiment.t[0]
-        yield one.entitled("record"), f"{files}: {every[one.label]} over {length:g} s"
-        yield one.entitled("channels"), ", ".join(one.experiment.names)
+    for observation in problem.observations:
+        files = ", ".join(f"`{name}`" for name in observation.experiment.written.files)
+        length = observation.experiment.t[-1] - observation.experiment.t[0]
+        yield (
+            observation.entitled("record"),
+            f"{files}: {every[observation.label]} over {length:g} s",
+        )
+        yield observation.entitled("channels"), ", ".join(observation.experiment.names)
 
 
 def cite(folder: Path | None = None) -> Section:
     """How to cite what the run in `folder` was made with, or what is installed."""
     run = {} if folder is None else read_run(folder) or {}
-    found = citation(run.get("versions"))
-    bibtex = Plain(found.bibtex, folded="BibTeX")
-    return build("How to cite", found.text.replace("\n\n", "\n"), bibtex, brief=False)
+    cited = citation(run.get("versions"))
+    bibtex = Plain(cited.bibtex, folded="BibTeX")
+    return build("How to cite", cited.text.replace("\n\n", "\n"), bibtex, brief=False)
 
 
 FOUND = "nothing found: energy, poles and sampling are as in a real rig"
@@ -145,51 +151,53 @@ def sections(run: View, pictures: Sequence[Picture] = ()) -> tuple[Section, ...]
 
 
 def _sections(run: View, pictures: Sequence[Picture]) -> Iterator[Section]:
-    found, judged, sampled = run.analysis, run.analysis.judged, run.sampled
+    analysis, judged, sampled = run.analysis, run.analysis.judged, run.sampled
     converged = sampled.convergence.converged
     doubts = words.unbelievable(run.reasons, converged=converged)
     yield build("Verdict", Marks(run_marks(run)), doubts, _verdict(run))
     yield build(
         "Fit",
         words.maxima(run.mode, sampled.held, run.units),
-        fit_words.residual_sentences(found.fit, run.clock),
-        "\n".join(f"fit: {each}" for each in found.inputs),
-        verdict_words.step_sentences(found.step_errors),
+        fit_words.residual_sentences(analysis.fit, run.clock),
+        "\n".join(f"fit: {each}" for each in analysis.inputs),
+        verdict_words.step_sentences(analysis.step_errors),
     )
-    if found.causes is not None:
-        yield build("What would explain it", *fit_words.candidates(found.causes), brief=False)
+    if analysis.causes is not None:
+        yield build("What would explain it", *fit_words.candidates(analysis.causes), brief=False)
     yield build("Parameters", *_parameters(run))
     if judged is not None:
         rule = None if run.reasons else Note(verdict_words.verdict_rule(judged.verdict))
         shown = _told(run, verdict_words.verdict_table(judged.verdict))
         read = Note(verdict_words.VERDICT_EXPLAINED)
         yield build("Against the nominal table", shown, rule, read)
-    if found.repeats:
+    if analysis.repeats:
         names = run.names_of_rig
-        said = verdict_words.repeats_sentence(found.repeats, names)
-        shown = verdict_words.repeats_table(found.repeats, names)
+        said = verdict_words.repeats_sentence(analysis.repeats, names)
+        shown = verdict_words.repeats_table(analysis.repeats, names)
         read = Note(verdict_words.REPEATS_EXPLAINED)
         yield build("From one experiment to the next", said, shown, read)
-    for torque in found.torques:
+    for torque in analysis.torques:
         where = f" of {torque.label}" if torque.label else ""
         parts = (torque_words.torque_sentence, torque_words.followed, torque_words.strayed)
         said = "\n".join(filter(None, (words_of(torque) for words_of in parts)))
         shown = torque_words.torque_table(torque)
         yield build(f"The missing torque{where}", said, shown, Note(torque_words.READ))
-    for energy in found.energy:
+    for energy in analysis.energy:
         where = f" in {energy.label}" if energy.label else ""
         shown = physics_words.energy_table(energy, run.problem.model)
         read = Note(physics_words.energy_note(energy, run.problem.model))
         yield build(f"Where the energy goes{where}", shown, read, brief=False)
     if pictures:
         yield build("Figures", *pictures, brief=False)
-    if found.evidence is not None:
-        said = verdict_words.evidence_sentences(found.evidence, found.vague, converged=converged)
+    if analysis.evidence is not None:
+        said = verdict_words.evidence_sentences(
+            analysis.evidence, analysis.vague, converged=converged
+        )
         yield build("Evidence", said, Note(verdict_words.EVIDENCE_EXPLAINED))
     if judged is not None:
         yield from _shown(run, judged)
-    rows = run.units.rows(found.derived)
-    follows = physics_words.derived_table(rows, found.meanings) if rows else Note("none")
+    rows = run.units.rows(analysis.derived)
+    follows = physics_words.derived_table(rows, analysis.meanings) if rows else Note("none")
     yield build("What follows from these", follows, brief=False)
     searches = words.mode(run.mode, run.units)
     yield build("Maximum of the posterior (MAP)", searches, brief=False)

@@ -35,11 +35,14 @@ HEADERS = ("", "measures", "column", "unit", "first", "from", "to")
 
 def record_columns(problem: Problem, case: ResolvedCase) -> str:
     """Of each record: time, channels and measured inputs, in the units of their columns."""
-    return "\n".join(_columns(one, case.experiment(one.label).config) for one in problem.every)
+    return "\n".join(
+        _columns(observation, case.experiment(observation.label).config)
+        for observation in problem.every
+    )
 
 
-def _columns(one: Observation, config: Config) -> str:
-    experiment = one.experiment
+def _columns(observation: Observation, config: Config) -> str:
+    experiment = observation.experiment
     lines: list[tuple[str, ...]] = [HEADERS]
     time = config.record.time
     if isinstance(time, TimeColumn):
@@ -49,35 +52,37 @@ def _columns(one: Observation, config: Config) -> str:
         lines.append(_line(name, spec.measures or name, spec, values / channel.factor))
     held = "first" if experiment.first_order else "zero"
     for name, given in quantities.measured_input(config).items():
-        own = quantities.input_entry(config, name)
-        factor = units.factor(given.unit, quantities.input_unit(own))
+        entry = quantities.input_entry(config, name)
+        factor = units.factor(given.unit, quantities.input_unit(entry))
         values = quantities.inputs_as_given(config, experiment, name) / factor
-        how = "angle" if own != name else f"hold: {held}"
-        lines.append(_line(own, f"input, {how}", given, values))
+        how = "angle" if entry != name else f"hold: {held}"
+        lines.append(_line(entry, f"input, {how}", given, values))
     sampling = clocks.in_words(experiment.t)
-    return f"{one.entitled('columns')} ({sampling}):\n{aligned(lines, left={0, 1, 2, 3})}"
+    return f"{observation.entitled('columns')} ({sampling}):\n{aligned(lines, left={0, 1, 2, 3})}"
 
 
 def record_made(problem: Problem) -> tuple[str, ...]:
     """What times each record has, where its steps are not equal, and what was done to its numbers."""
     apart = problem.posterior.likelihood.apart
-    found: list[str] = []
-    for one in problem.observations:
-        experiment, total = one.experiment, len(one.experiment.t)
+    sentences: list[str] = []
+    for observation in problem.observations:
+        experiment, total = observation.experiment, len(observation.experiment.t)
         times = [] if experiment.uniform else [f"times: {clocks.in_words(experiment.t)}"]
         seen = zip(experiment.counts, experiment.names, strict=True)
         every = ", ".join(f"{count} of {name}" for count, name in seen)
         partly = set(experiment.counts) != {total}
         some = [f"measured: {every}, at {total} times"] if partly else []
-        found += _of_experiment(one, [*times, *some, *experiment.told])
-    for one in apart:
-        found.append(f"{one.label}, its {one.numbers} samples are held out, and are no evidence")
-    return tuple(found)
+        sentences += _of_experiment(observation, [*times, *some, *experiment.told])
+    for observation in apart:
+        sentences.append(
+            f"{observation.label}, its {observation.numbers} samples are held out, and are no evidence"
+        )
+    return tuple(sentences)
 
 
-def _of_experiment(one: Observation, sentences: Sequence[str]) -> list[str]:
+def _of_experiment(observation: Observation, sentences: Sequence[str]) -> list[str]:
     """With its name in front, where there are several."""
-    return [f"{one.label}, {each}" if one.label else each for each in sentences]
+    return [f"{observation.label}, {each}" if observation.label else each for each in sentences]
 
 
 def record_suspicions(problem: Problem, most: int = FEW) -> tuple[str, ...]:
@@ -85,13 +90,13 @@ def record_suspicions(problem: Problem, most: int = FEW) -> tuple[str, ...]:
 
     `most`: how many places of each are named.
     """
-    found: list[str] = []
-    for one in problem.observations:
-        odd = [each.in_words(most) for each in one.experiment.odd]
-        factors = [channel.factor for channel in one.experiment.channels]
-        said = suspected.suspicions_of_record(one.experiment, factors, problem.model)
-        found += _of_experiment(one, [*odd, *said])
-    return (*found, *suspected.suspicions_of_start(problem))
+    sentences: list[str] = []
+    for observation in problem.observations:
+        odd = [each.in_words(most) for each in observation.experiment.odd]
+        factors = [channel.factor for channel in observation.experiment.channels]
+        said = suspected.suspicions_of_record(observation.experiment, factors, problem.model)
+        sentences += _of_experiment(observation, [*odd, *said])
+    return (*sentences, *suspected.suspicions_of_start(problem))
 
 
 def _line(name: str, measures: str, spec: Column, values: Array) -> tuple[str, ...]:
@@ -110,7 +115,7 @@ def _line(name: str, measures: str, spec: Column, values: Array) -> tuple[str, .
 def headline(problem: Problem, config: Config) -> str:
     """Return what a run is of, in one line."""
     experiments = problem.observations
-    samples = sum(len(one.experiment.t) for one in experiments)
+    samples = sum(len(experiment.experiment.t) for experiment in experiments)
     channels = ", ".join(
         dict.fromkeys(name for one in experiments for name in one.experiment.names)
     )
@@ -121,10 +126,10 @@ def headline(problem: Problem, config: Config) -> str:
     )
 
 
-def opening(problem: Problem, own: OwnUnits) -> str:
+def opening(problem: Problem, units: OwnUnits) -> str:
     """What goes in."""
     space = problem.posterior.space
-    held = ", ".join(f"{name} = {own.said(name, value)}" for name, value in space.fixed.items())
+    held = ", ".join(f"{name} = {units.said(name, value)}" for name, value in space.fixed.items())
     tied = ", ".join(f"{name} = {relation.text}" for name, relation in space.relations.items())
     return (
         f"{records(problem)}\nmodel: {model(problem)}\n"
@@ -137,8 +142,11 @@ def opening(problem: Problem, own: OwnUnits) -> str:
 def records(problem: Problem) -> str:
     """A line for each."""
     lines = []
-    for one in problem.observations:
-        experiment, ending = one.experiment, f" {one.label}" if one.label else ""
+    for observation in problem.observations:
+        experiment, ending = (
+            observation.experiment,
+            f" {observation.label}" if observation.label else "",
+        )
         length = experiment.t[-1] - experiment.t[0]
         channels = ", ".join(experiment.names)
         lines.append(f"record{ending}: {len(experiment.t)} samples of {channels} over {length:g} s")
@@ -156,26 +164,26 @@ def model(problem: Problem) -> str:
     return f"{name} ({', '.join(said)}{gear})" if said else name
 
 
-def preview(problem: Problem, config: Config, own: OwnUnits) -> str:
+def preview(problem: Problem, config: Config, units: OwnUnits) -> str:
     """What would run."""
     posterior, sampler = problem.posterior, config.sampler
     start = posterior.space.vector(posterior.space.start)
     priors = "\n".join(
         f"  {symbol.name}{f' [{symbol.plain_unit}]' if symbol.unit not in ('', '1') else ''}: "
-        f"{own.prior(symbol.name, prior).describe()}"
+        f"{units.prior(symbol.name, prior).describe()}"
         for symbol, prior in zip(
-            own.symbols(problem.symbols), posterior.space.priors.values(), strict=True
+            units.symbols(problem.symbols), posterior.space.priors.values(), strict=True
         )
     )
-    found = plausibility.plausibility_of_nominal(problem)
+    doubts = plausibility.plausibility_of_nominal(problem)
     kind = "nominal" if problem.nominal else "start"
     findings = (  # what makes table, priors, gear or record doubtful before anything is sampled
-        *(f"{kind} values, {one}" for one in found),
+        *(f"{kind} values, {doubt}" for doubt in doubts),
         *plausibility.plausibility_of_priors(problem),
         *plausibility.of_roles(problem),
         *plausibility.plausibility_of_gear(problem),
-        *(f"record: {one}" for one in record_made(problem)),
-        *(f"record, {one}" for one in record_suspicions(problem, ALL)),
+        *(f"record: {note}" for note in record_made(problem)),
+        *(f"record, {note}" for note in record_suspicions(problem, ALL)),
     )
     return (
         f"priors:\n{priors}\n"
@@ -195,7 +203,7 @@ def predictive_draws(problem: Problem, config: Config) -> int:
 
 def _numbers(problem: Problem) -> int:
     """That are predicted, of all channels."""
-    return sum(one.experiment.y.size for one in problem.observations)
+    return sum(observation.experiment.y.size for observation in problem.observations)
 
 
 def size(problem: Problem, config: Config) -> str:
@@ -217,22 +225,22 @@ def size(problem: Problem, config: Config) -> str:
 def _misfit(problem: Problem) -> str:
     """Of the start, where sigma is known; it may be large, if the rig is not as the table says."""
     likelihood, space = problem.posterior.likelihood, problem.posterior.space
-    if any(one.unknowns for one in likelihood.observations):
+    if any(observation.unknowns for observation in likelihood.observations):
         return ""
-    found = likelihood.per_number(space.vector(space.start)[None])[0]
-    return f"; misfit per number there {found:.4g}, and 1 where only noise is left"
+    mean_square = likelihood.per_number(space.vector(space.start)[None])[0]
+    return f"; misfit per number there {mean_square:.4g}, and 1 where only noise is left"
 
 
-def maxima(found: Mode, weights: NDArray[np.float64] | None, own: OwnUnits) -> str:
+def maxima(mode: Mode, weights: NDArray[np.float64] | None, units: OwnUnits) -> str:
     """Where the posterior has several maxima, and how much of it each holds, `weights (M,)`; empty for
     one.
     """
-    if not found.others or weights is None:
+    if not mode.others or weights is None:
         return ""
     names = [
         name
-        for name, x in found.values.items()
-        if any(_apart(other.values[name], x) for other in found.others)
+        for name, x in mode.values.items()
+        if any(_apart(other.values[name], x) for other in mode.others)
     ][:MOST_NAMED]
     if not names:
         shares = ", ".join(f"{weight:.1%}" for weight in weights)
@@ -243,8 +251,8 @@ def maxima(found: Mode, weights: NDArray[np.float64] | None, own: OwnUnits) -> s
     lines = [f"{len(weights)} maxima of the posterior, between which the walkers pass:"]
     order = np.argsort(-weights, kind="stable")
     for k in order[:MOST_LISTED]:
-        values = found.maxima[k].values
-        places = ", ".join(f"{name} {own.said(name, values[name])}" for name in names)
+        values = mode.maxima[k].values
+        places = ", ".join(f"{name} {units.said(name, values[name])}" for name in names)
         lines.append(f"  {weights[k]:.1%} of the draws belong to the one at {places}")
     if len(rest := order[MOST_LISTED:]):
         lines.append(f"  {weights[rest].sum():.1%} of the draws belong to the other {len(rest)}")
@@ -263,9 +271,9 @@ def warning(sampled: Sampled, left: Sequence[Left]) -> str:
 
 def misfit(left: Sequence[Left]) -> str:
     """The same of a fit alone."""
-    if any(one.far_too_large for one in left):
+    if any(summary.far_too_large for summary in left):
         return "DOES NOT FIT: far more than the noise is left"
-    if any(one.unbelievable for one in left):
+    if any(summary.unbelievable for summary in left):
         return "DOES NOT FIT: what is left is far from white"
     return "" if like_noise(left) else "MORE THAN NOISE IS LEFT by the fit"
 
@@ -287,10 +295,10 @@ DIAGNOSTICS = (
 )
 
 
-def leaning(found: Mapping[str, tuple[str, ...]]) -> str:
+def leaning(priors_of: Mapping[str, tuple[str, ...]]) -> str:
     """What is known only with the priors of others; empty where nothing is."""
     groups: dict[tuple[str, ...], list[str]] = {}
-    for name, others in found.items():
+    for name, others in priors_of.items():
         groups.setdefault(others, []).append(name)
     return "\n".join(
         f"leaning: {', '.join(names)} on the prior of {', '.join(others)}. The record says nothing of "
@@ -302,20 +310,20 @@ def leaning(found: Mapping[str, tuple[str, ...]]) -> str:
 MOST_NAMED, MOST_LISTED = 4, 6  # unknowns of a maximum elsewhere, and maxima
 
 
-def _apart(one: float, other: float) -> bool:
-    return abs(one - other) > SAME_PLACE * abs(other)
+def _apart(value: float, other: float) -> bool:
+    return abs(value - other) > SAME_PLACE * abs(other)
 
 
-def mode(found: Mode, own: OwnUnits) -> str:
+def mode(mode: Mode, units: OwnUnits) -> str:
     """How the searches for the MAP went."""
-    n, same = len(found.searches), found.same_height
+    n, same = len(mode.searches), mode.same_height
     lines = [
-        f"MAP: log posterior {found.log_posterior:.2f}; {same} of {n} searches reached it within "
-        f"{found.tolerance:.0e}"
+        f"MAP: log posterior {mode.log_posterior:.2f}; {same} of {n} searches reached it within "
+        f"{mode.tolerance:.0e}"
     ]
-    if found.wandering:
+    if mode.wandering:
         lines.append(
-            f"     they ended more than {100 * SAME_PLACE:g} % apart in {', '.join(found.wandering)}: "
+            f"     they ended more than {100 * SAME_PLACE:g} % apart in {', '.join(mode.wandering)}: "
             "the posterior is flat there"
         )
     elif same == 0:
@@ -325,39 +333,39 @@ def mode(found: Mode, own: OwnUnits) -> str:
         )
     elif same < 2 and n > 1:
         lines.append("     no second search confirms it; give map.starts or map.evaluations more")
-    for other in found.others[:MOST_LISTED]:
-        moved = {n: abs(x - other.values[n]) / max(abs(x), 1e-300) for n, x in found.values.items()}
-        apart = [name for name, x in other.values.items() if _apart(x, found.values[name])]
+    for other in mode.others[:MOST_LISTED]:
+        moved = {n: abs(x - other.values[n]) / max(abs(x), 1e-300) for n, x in mode.values.items()}
+        apart = [name for name, x in other.values.items() if _apart(x, mode.values[name])]
         apart = apart or [max(moved, key=moved.__getitem__)]
         places = ", ".join(
-            f"{name} {own.said(name, other.values[name])}" for name in apart[:MOST_NAMED]
+            f"{name} {units.said(name, other.values[name])}" for name in apart[:MOST_NAMED]
         )
-        lower = found.log_posterior - other.log_posterior
-        height = f"{lower:.3g} lower" if lower > found.tolerance else "as high"
+        lower = mode.log_posterior - other.log_posterior
+        height = f"{lower:.3g} lower" if lower > mode.tolerance else "as high"
         lines.append(
             f"     another maximum, {height}: {places}"
             + (", ..." if len(apart) > MOST_NAMED else "")
         )
-    if rest := found.others[MOST_LISTED:]:
-        lowest = found.log_posterior - rest[-1].log_posterior
+    if rest := mode.others[MOST_LISTED:]:
+        lowest = mode.log_posterior - rest[-1].log_posterior
         lines.append(f"     and {len(rest)} more, at most {lowest:.3g} lower")
     lines.append(
-        f"     gradient: a Newton step would raise the log posterior by {found.gain:.1g}"
-        + (f"; at the bound of its prior: {', '.join(found.at_bound)}" if found.at_bound else "")
+        f"     gradient: a Newton step would raise the log posterior by {mode.gain:.1g}"
+        + (f"; at the bound of its prior: {', '.join(mode.at_bound)}" if mode.at_bound else "")
     )
     return "\n".join(lines)
 
 
-def search(found: Mode) -> str:
+def search(mode: Mode) -> str:
     """Return how the searches for the MAP went, in one line, and what is to be known of it."""
-    n, same = len(found.searches), found.same_height
+    n, same = len(mode.searches), mode.same_height
     said = f"MAP: {same} of {n} searches reached the same maximum"
     if same < 2 and n > 1:
         said += "; no second one confirms it (more: map.starts, map.evaluations)"
-    if found.others:
-        said += f"; {len(found.others)} other maxima were found"
-    if found.at_bound:
-        said += f"; at an end of their priors: {', '.join(found.at_bound)}"
+    if mode.others:
+        said += f"; {len(mode.others)} other maxima were found"
+    if mode.at_bound:
+        said += f"; at an end of their priors: {', '.join(mode.at_bound)}"
     return said
 
 

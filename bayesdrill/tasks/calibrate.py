@@ -44,33 +44,37 @@ class Outcome:
     @property
     def said(self) -> str:
         """For the terminal."""
-        words, found = calibration_words, self.verdict
-        table = markdown(words.table(found))
-        return f"{words.refits(found, self.refits)}\n\n{table}\n{words.verdict(found)}"
+        words, verdict = calibration_words, self.verdict
+        table = markdown(words.table(verdict))
+        return f"{words.refits(verdict, self.refits)}\n\n{table}\n{words.verdict(verdict)}"
 
 
 def prepare(path: Path) -> Job:
     """As `job.prepare`, but nothing has to be measured yet where `simulation:` gives times."""
     case = loading.load(path)
-    there = all(path.exists() for one in case.experiments for path in sources.paths(one))
+    there = all(
+        path.exists() for experiment in case.experiments for path in sources.paths(experiment)
+    )
     read: Callable[..., Experiment] = reading.read if there else simulation.grid
-    problem = assembly.problem(case, [read(one) for one in case.experiments])
+    problem = assembly.problem(case, [read(experiment) for experiment in case.experiments])
     # What was measured plays no part but in priors of free states, and so must not stop a calibration
     # from being resumed.
-    blank = [np.where(one.experiment.seen, 0.0, np.nan) for one in problem.observations]
+    blank = [
+        np.where(observation.experiment.seen, 0.0, np.nan) for observation in problem.observations
+    ]
     posterior = problem.posterior.edit(records=blank)
     return Job(case=case, problem=dataclasses.replace(problem, posterior=posterior))
 
 
 def study(job: Job) -> Study:
-    own = job.config.calibration
-    targets = Targets(r_hat=job.config.sampler.r_hat, n_tau=own.n_tau, ess=own.ess)
+    settings = job.config.calibration
+    targets = Targets(r_hat=job.config.sampler.r_hat, n_tau=settings.n_tau, ess=settings.ess)
     plan = fit_plan(job)
-    chains = dataclasses.replace(plan.chains, targets=targets, max_steps=own.max_steps)
+    chains = dataclasses.replace(plan.chains, targets=targets, max_steps=settings.max_steps)
     return Study(
         posterior=job.problem.posterior,
-        plan=dataclasses.replace(plan, starts=own.starts, chains=chains, brief=True),
-        draws=own.draws,
+        plan=dataclasses.replace(plan, starts=settings.starts, chains=chains, brief=True),
+        draws=settings.draws,
     )
 
 
@@ -84,24 +88,24 @@ def calibrate(
     """The whole job. Raises `Interrupted` when asked to stop, and `BrokenProcessPool` when a worker
     was killed; refits that are done are saved.
     """
-    own = job.config.calibration
+    settings = job.config.calibration
     # A refit does not depend on how many there are: a calibration can be extended.
     marks = provenance.fingerprint(job.config, job.problem) | {
-        f"calibration.{name}": repr(value) for name, value in own if name != "refits"
+        f"calibration.{name}": repr(value) for name, value in settings if name != "refits"
     }
     begun = time.perf_counter()
     with Folder(output, how, marks, output_files.CALIBRATE) as folder:
         if how == "resume":
             saved(folder.path / REFITS, study(job))  # what is damaged, before anything is written
         report.say(calibration_words.opening(job.problem, job.config))
-        begin(job, folder, refits=own.refits)
+        begin(job, folder, refits=settings.refits)
 
         def progress() -> str:
             done = len(saved(folder.path / REFITS, study(job)))
-            return f"{done} of {own.refits} refits are saved in {output}"
+            return f"{done} of {settings.refits} refits are saved in {output}"
 
         with interruptions(folder, progress, (InputError,)):
-            refits = run(study(job), own.refits, folder.path / REFITS, crew, report)
+            refits = run(study(job), settings.refits, folder.path / REFITS, crew, report)
         verdict = _publish(job, folder, refits)
         folder.write_run(seconds=round(time.perf_counter() - begun, 3))
         return Outcome(folder=folder.path, verdict=verdict, refits=tuple(refits))
@@ -123,10 +127,10 @@ def run(
     folder.mkdir(exist_ok=True)
     report.update(0.0, f"{len(done)} of {n} refits")
 
-    def finish(index: int, found: Refit) -> str:
-        save(folder, found)
-        done[index] = found
-        strayed = sum(not one.converged for one in done.values())
+    def finish(index: int, refit: Refit) -> str:
+        save(folder, refit)
+        done[index] = refit
+        strayed = sum(not value.converged for value in done.values())
         doubt = f", {strayed} not converged" if strayed else ""
         return f"{len(done)} of {n} refits{doubt}"
 
@@ -144,21 +148,21 @@ def save(folder: Path, refit: Refit) -> None:
 
 def saved(folder: Path, study: Study) -> list[Refit]:
     """Raises `InputError` where a file is damaged, or of another study."""
-    found = sorted(folder.glob("*.json"))
-    those = [path for path in found if output_files.CALIBRATE.made(f"{REFITS}/{path.name}")]
+    paths = sorted(folder.glob("*.json"))
+    those = [path for path in paths if output_files.CALIBRATE.made(f"{REFITS}/{path.name}")]
     return [_read(path, study) for path in those]
 
 
 def _read(path: Path, study: Study) -> Refit:
     try:
-        found = typed(Refit, loads_checksummed(path.read_bytes()))
-        ranked = {len(study.names), *([0] if found.reasons else [])}
-        right = len(found.truth) == len(study.names) and len(found.ranks) in ranked
-        right &= 0 <= found.steps <= study.plan.chains.max_steps
-        right &= all(0 <= rank <= study.draws for rank in found.ranks)
-        if not right or found.index != int(path.stem) or not np.isfinite(found.truth).all():
+        stored = typed(Refit, loads_checksummed(path.read_bytes()))
+        ranked = {len(study.names), *([0] if stored.reasons else [])}
+        right = len(stored.truth) == len(study.names) and len(stored.ranks) in ranked
+        right &= 0 <= stored.steps <= study.plan.chains.max_steps
+        right &= all(0 <= rank <= study.draws for rank in stored.ranks)
+        if not right or stored.index != int(path.stem) or not np.isfinite(stored.truth).all():
             raise ValueError("of another study")
-        return found
+        return stored
     except ValueError:
         raise InputError.one(str(path), COMPUTED_AGAIN) from None
 

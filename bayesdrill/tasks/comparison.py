@@ -60,7 +60,7 @@ def check_number(form: Form, n: int) -> None:
         raise InputError.one("runs", message)
 
 
-FORMS: Mapping[str, Form] = MappingProxyType({one.name: one for one in (OVERLAID, COMPARED)})
+FORMS: Mapping[str, Form] = MappingProxyType({form.name: form for form in (OVERLAID, COMPARED)})
 
 
 def report(form: Form, runs: Sequence[NamedRun]) -> ComparisonReport:
@@ -69,28 +69,28 @@ def report(form: Form, runs: Sequence[NamedRun]) -> ComparisonReport:
 
     Raises `InputError` where a model is of another record, or has no evidence.
     """
-    units = overlay_units([one.run.job for one in runs])
+    units = overlay_units([run.run.job for run in runs])
     if form is OVERLAID:
         return ComparisonReport(
-            tuple(overlay_layer(one.name, one.run, units) for one in runs), units
+            tuple(overlay_layer(run.name, run.run, units) for run in runs), units
         )
     check_same_record(runs)
-    return ComparisonReport.of_models([contender(one, units) for one in runs], units)
+    return ComparisonReport.of_models([contender(run, units) for run in runs], units)
 
 
 def overlay_units(jobs: Sequence[Job]) -> OwnUnits:
     """Of each unknown those of the first run that says any; SI where a name means two things."""
-    found, kinds = SI, dict[str, set[str]]()
+    units, kinds = SI, dict[str, set[str]]()
     for job in jobs:
-        found = found.over(job.units)
+        units = units.over(job.units)
         for symbol in job.problem.symbols:
             kinds.setdefault(symbol.name, set()).add(symbol.unit)
-    same = {name: one for name, one in found.units.items() if len(kinds.get(name, ())) < 2}
+    same = {name: item for name, item in units.units.items() if len(kinds.get(name, ())) < 2}
     return OwnUnits(same)
 
 
 def overlay_layer(
-    name: str, run: SampledRun, own: OwnUnits, fit: tuple[Left, ...] | None = None
+    name: str, run: SampledRun, units: OwnUnits, fit: tuple[Left, ...] | None = None
 ) -> Layer:
     """A run under the name that it has among others, its settings in these units; `fit`: its residuals,
     where they are known.
@@ -101,7 +101,7 @@ def overlay_layer(
         mark=mark(run),
         problem=job.problem,
         draws=sampled.draws.reshape(-1, sampled.draws.shape[-1]),
-        settings=provenance.settings(job.config, job.problem, own),
+        settings=provenance.settings(job.config, job.problem, units),
         warning=words.warning(sampled, fit),
         reasons=words.reasons(sampled, fit),
     )
@@ -122,14 +122,14 @@ def residuals(run: SampledRun) -> tuple[Left, ...]:
 
 def distinct(names: Sequence[str]) -> list[str]:
     """As they are, if they are text, with a number where one comes again."""
-    found: list[str] = []
+    texts: list[str] = []
     for name in map(encodable, names):
-        n, own = 1, name
-        while own in found:
+        n, candidate = 1, name
+        while candidate in texts:
             n += 1
-            own = f"{name} ({n})"
-        found.append(own)
-    return found
+            candidate = f"{name} ({n})"
+        texts.append(candidate)
+    return texts
 
 
 def default_folder(form: Form, names: Sequence[str]) -> Path:
@@ -178,7 +178,7 @@ def entries(
         None if run is None else Path(os.path.relpath(run.resolve(), home)).as_posix()
         for run in runs
     ]
-    found: dict[str, object] = {
+    text: dict[str, object] = {
         "runs": [
             {"name": layer.name, "run": layer.mark, "folder": place}
             for layer, place in zip(report.layers, places, strict=True)
@@ -187,8 +187,8 @@ def entries(
         "reasons": list(report.reasons),
     }
     if report.decision is None or report.best is None:
-        return found
-    return found | {
+        return text
+    return text | {
         "verdict": report.decision.word,
         "best": report.best.name,
         "log_evidence": {model.name: model.log_z for model in report.models},
@@ -199,41 +199,41 @@ def entries(
 def check_same_record(runs: Sequence[NamedRun]) -> None:
     """Raises `InputError` where one is not of the record of the first: such odds mean nothing."""
     first = _record(runs[0].run.job.problem)
-    for one in runs[1:]:
-        own = _record(one.run.job.problem)
-        if own == first:
+    for run in runs[1:]:
+        record = _record(run.run.job.problem)
+        if record == first:
             continue
-        names = [name for name in {**first, **own} if own.get(name) != first.get(name)]
+        names = [name for name in {**first, **record} if record.get(name) != first.get(name)]
         what = f" of {names[0]}" if names[0] else ""
         message = (
             "odds are those of models of one record, and this is another: give runs of one, or lay "
             f"these over each other with `bayesdrill report`; the record{what} is "
-            f"{own.get(names[0], 'missing')} here and {first.get(names[0], 'missing')} in "
+            f"{record.get(names[0], 'missing')} here and {first.get(names[0], 'missing')} in "
             f"{runs[0].place}"
         )
-        raise InputError.one(one.place, message)
+        raise InputError.one(run.place, message)
 
 
 def _record(problem: Problem) -> dict[str, str]:
     """Of each experiment: channels, samples and what is held out."""
-    found, whole = {}, {one.label for one in problem.posterior.likelihood.apart}
+    digests, whole = {}, {observation.label for observation in problem.posterior.likelihood.apart}
     for label, digest in provenance.records(problem).items():
-        one = next(each for each in problem.every if each.label == label)
-        held = one.experiment.held_out
+        observation = next(each for each in problem.every if each.label == label)
+        held = observation.experiment.held_out
         apart = "" if held is None else hashlib.sha256(held.tobytes()).hexdigest()[:6]
         held_out = f", held out {apart}" if apart else ""
         held_out += ", held out as a whole" if label in whole else ""
-        found[label] = f"{digest} of {', '.join(one.experiment.names)}{held_out}"
-    return found
+        digests[label] = f"{digest} of {', '.join(observation.experiment.names)}{held_out}"
+    return digests
 
 
-def contender(named: NamedRun, own: OwnUnits) -> Contender:
+def contender(named: NamedRun, units: OwnUnits) -> Contender:
     """A run under the name that it has among others; raises `InputError` where it has no evidence."""
     run = named.run
     if run.sampled.evidence is None:
         raise InputError.one(named.place, WITHOUT)
     posterior, fit = run.job.problem.posterior, residuals(run)
-    layer = overlay_layer(named.name, run, own, fit)
+    layer = overlay_layer(named.name, run, units, fit)
     return Contender(
         layer=layer,
         converged=run.sampled.convergence.converged,
@@ -270,11 +270,11 @@ def _rig(job: Job) -> dict[str, str]:
 
 def _noise(job: Job) -> dict[str, str]:
     """Of each channel: its kind, and its size where it is known."""
-    found = {}
-    for one in job.problem.observations:
-        record = job.case.experiment(one.label).config.record
+    result = {}
+    for observation in job.problem.observations:
+        record = job.case.experiment(observation.label).config.record
         for name, channel in record.channels.items():
             known = isinstance(channel.sigma, int | float)
             size = f"sigma {channel.sigma}" if known else "sigma unknown"
-            found[one.entitled(name)] = f"{channel.noise.model_dump()}, {size}"
-    return found
+            result[observation.entitled(name)] = f"{channel.noise.model_dump()}, {size}"
+    return result

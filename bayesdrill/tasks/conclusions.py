@@ -43,7 +43,7 @@ class SampledRun(Value):
 
 def concluded(
     job: Job,
-    found: Mode,
+    mode: Mode,
     sampled: Sampled,
     scenery: Scenery | None = None,
     seconds: Mapping[str, float] | None = None,
@@ -57,50 +57,50 @@ def concluded(
     `kept`: what was evaluated before.
     """
     problem = job.problem
-    chain = RunDraws(problem, found, sampled, job.config.seed)
+    chain = RunDraws(problem, mode, sampled, job.config.seed)
     if kept is None:
         scenery = scenery or Scenery(problem.posterior.likelihood)
         suspicions = words.record_suspicions(problem)
         if alone and explained is None:
-            explained = causes(job, found)
+            explained = causes(job, mode)
         kept = analyse(chain, job.asked, scenery, suspicions, alone=alone, explained=explained)
     return View(chain, job.config, kept, seconds or {})
 
 
 def causes(
-    job: Job, found: Mode, submit: ranking.Submit | None = None, report: Reporter = SILENT
+    job: Job, mode: Mode, submit: ranking.Submit | None = None, report: Reporter = SILENT
 ) -> Causes | None:
-    """What would explain what the maximum `found` leaves, in whose steps the job is; None where only
+    """What would explain what the maximum `mode` leaves, in whose steps the job is; None where only
     noise is left.  `submit`: to other processes, or in this one.
     """
     posterior = job.problem.posterior
-    left = residual_checks.left(posterior.likelihood, posterior.space.vector(found.values))
+    left = residual_checks.left(posterior.likelihood, posterior.space.vector(mode.values))
     if residual_checks.like_noise(left):
         return None
     with Crew(posterior, 1) as crew:
-        return ranking.rank(job, found.values, submit or crew.run, report).causes
+        return ranking.rank(job, mode.values, submit or crew.run, report).causes
 
 
 def settings(case: ResolvedCase) -> dict[str, Any]:
     """All of a config but where its record is."""
-    own = (*experiments.SECTIONS, experiments.EXPERIMENTS)
-    found = case.config.model_dump(exclude_none=True, exclude=set(own))
-    for one in case.experiments:
-        alone = one.config.model_dump(exclude_none=True, include=set(experiments.SECTIONS))
+    sections = (*experiments.SECTIONS, experiments.EXPERIMENTS)
+    entries = case.config.model_dump(exclude_none=True, exclude=set(sections))
+    for experiment in case.experiments:
+        alone = experiment.config.model_dump(exclude_none=True, include=set(experiments.SECTIONS))
         for section, key in sources.named_in(alone):
             del section[key]
-        found[f"experiment {one.label}"] = alone
-    return found | {"held out": case.held_out}
+        entries[f"experiment {experiment.label}"] = alone
+    return entries | {"held out": case.held_out}
 
 
-def analysis_mark(job: Job, found: Mode, sampled: Sampled) -> str:
+def analysis_mark(job: Job, mode: Mode, sampled: Sampled) -> str:
     """A digest of all that an analysis is made of: config, record, maximum, chain, and the version."""
     given = {name: x for name, x in settings(job.case).items() if name != "output"}
     made_of = (
         bayesdrill.__version__,
         repr(given),
         repr(sorted(provenance.fingerprint(job.config, job.problem).items())),
-        repr((dict(found.values), found.doubts, found.pieces, job.asked)),
+        repr((dict(mode.values), mode.doubts, mode.pieces, job.asked)),
         chain_mark(sampled.pieces),
         repr((sampled.evidence, sampled.beyond and (sampled.beyond.pressed, sampled.beyond.kept))),
     )
@@ -108,10 +108,10 @@ def analysis_mark(job: Job, found: Mode, sampled: Sampled) -> str:
 
 
 def kept_analysis(
-    job: Job, found: Mode, sampled: Sampled, run: Mapping[str, Any]
+    job: Job, mode: Mode, sampled: Sampled, run: Mapping[str, Any]
 ) -> RunAnalysis | None:
     """What a finished run has kept in `run.json`; None where it is of something else, or not there."""
-    if run.get(ANALYSIS_OF) != analysis_mark(job, found, sampled):
+    if run.get(ANALYSIS_OF) != analysis_mark(job, mode, sampled):
         return None
     try:
         return from_data(RunAnalysis, run.get(ANALYSIS))

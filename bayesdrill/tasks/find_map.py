@@ -37,17 +37,17 @@ def check_place(output: Path, *, force: bool) -> None:
     Folder(output, "force" if force else "fresh", {}, MAP).check()
 
 
-def report(job: Job, found: Mode) -> MapReport:
-    return MapReport(job.at(found).problem, job.config, found)
+def report(job: Job, mode: Mode) -> MapReport:
+    return MapReport(job.at(mode).problem, job.config, mode)
 
 
-def save(job: Job, found: Mode, output: Path, record: str | None, *, force: bool) -> None:
+def save(job: Job, mode: Mode, output: Path, record: str | None, *, force: bool) -> None:
     """`record`: its text, where it has no file."""
     check_record(job, output, record)
-    marks, said = provenance.fingerprint(job.config, job.problem), report(job, found)
+    marks, said = provenance.fingerprint(job.config, job.problem), report(job, mode)
     with Folder(output, "force" if force else "fresh", marks, MAP) as folder:
         begin(job, folder, record)
-        write_mode(folder, found)
+        write_mode(folder, mode)
         for name, text in said.texts.items():
             folder.write_text(name, text)
         place = output / output_files.FIGURES
@@ -67,10 +67,10 @@ def read(output: Path) -> tuple[Job, Mode]:
     job = prepare(output / output_files.RESOLVED_FILE)
     marks = provenance.fingerprint(job.config, job.problem)
     with Folder(output, "read", marks, MAP) as folder:
-        found = read_mode(folder, job.problem)
-    if found is None:
+        mode = read_mode(folder, job.problem)
+    if mode is None:
         raise InputError.one(str(output / MAP_FILE), "is not there; map it again")
-    return job, found
+    return job, mode
 
 
 def mark(job: Job) -> dict[str, str]:
@@ -101,26 +101,26 @@ def fit_plan(job: Job) -> FitPlan:
 
 def end_search(crew: Crew, under_way: Searches, job: Job, report: Reporter) -> Mode:
     """The maximum, and in words how good the fit is there."""
-    found = end_searches(crew, under_way, report)
-    report.say(words.search(found))
-    return found
+    mode = end_searches(crew, under_way, report)
+    report.say(words.search(mode))
+    return mode
 
 
-def misfit(job: Job, found: Mode) -> str:
+def misfit(job: Job, mode: Mode) -> str:
     """What the maximum leaves, where no posterior about it can be believed; empty elsewhere."""
     posterior = job.problem.posterior
-    left = residual_checks.left(posterior.likelihood, posterior.space.vector(found.values))
+    left = residual_checks.left(posterior.likelihood, posterior.space.vector(mode.values))
     unbelievable = bool(fit_words.residual_reasons(left))
     return fit_words.residual_sentences(left, job.clock) if unbelievable else ""
 
 
 def explain(
-    job: Job, found: Mode, submit: ranking.Submit, report: Reporter
+    job: Job, mode: Mode, submit: ranking.Submit, report: Reporter
 ) -> tuple[Causes | None, str]:
-    """The causes of what the maximum `found` leaves, and what is said of them; None and nothing where
+    """The causes of what the maximum `mode` leaves, and what is said of them; None and nothing where
     only noise is left.
     """
-    explained = causes(job.at(found), found, submit, report)
+    explained = causes(job.at(mode), mode, submit, report)
     report.update(1.0, "")
     return explained, fit_words.explained(explained)
 
@@ -128,8 +128,8 @@ def explain(
 MAP_FILE = "map.json"
 
 
-def write_mode(folder: Folder, found: Mode) -> None:
-    folder.write_text(MAP_FILE, dumps_checksummed({"run": folder.run, **dataclasses.asdict(found)}))
+def write_mode(folder: Folder, mode: Mode) -> None:
+    folder.write_text(MAP_FILE, dumps_checksummed({"run": folder.run, **dataclasses.asdict(mode)}))
 
 
 def read_mode(folder: Folder, problem: Problem) -> Mode | None:
@@ -143,22 +143,25 @@ def read_mode(folder: Folder, problem: Problem) -> Mode | None:
     try:
         data = loads_checksummed(path.read_bytes())
         folder.refuse_foreign(MAP_FILE, data.get("run"))
-        found = typed(Mode, data)
-        if not _possible(found, problem):
+        mode = typed(Mode, data)
+        if not _possible(mode, problem):
             raise ValueError("of other unknowns")
-        return found
+        return mode
     except ValueError:
         raise InputError.one(str(path), COMPUTED_AGAIN) from None
 
 
-def _possible(found: Mode, problem: Problem) -> bool:
+def _possible(mode: Mode, problem: Problem) -> bool:
     """Whether a mode may be one of this posterior."""
-    space, labels = problem.posterior.space, {one.label for one in problem.every}
-    maxima, ends = [one.values for one in found.maxima], [one.end for one in found.searches]
-    names = {*found.at_bound, *found.steps} <= {*space.free} and {*found.pieces} <= labels
-    if not names or any(set(one) != {*space.free} for one in (*maxima, *ends, found.slope)):
+    space, labels = problem.posterior.space, {observation.label for observation in problem.every}
+    maxima, ends = (
+        [maximum.values for maximum in mode.maxima],
+        [maximum.end for maximum in mode.searches],
+    )
+    names = {*mode.at_bound, *mode.steps} <= {*space.free} and {*mode.pieces} <= labels
+    if not names or any(set(end) != {*space.free} for end in (*maxima, *ends, mode.slope)):
         return False
-    numbers = [value for one in (*maxima, *ends, found.slope) for value in one.values()]
-    numbers += [found.gain, *(one.log_posterior for one in found.maxima)]
+    numbers = [value for end in (*maxima, *ends, mode.slope) for value in end.values()]
+    numbers += [mode.gain, *(maximum.log_posterior for maximum in mode.maxima)]
     numbers += list(space.log_prior(np.array([*map(space.vector, maxima)])))
-    return bool(np.isfinite(numbers).all()) and min([1, *sum(found.pieces.values(), ())]) > 0
+    return bool(np.isfinite(numbers).all()) and min([1, *sum(mode.pieces.values(), ())]) > 0

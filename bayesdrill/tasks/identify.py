@@ -55,7 +55,7 @@ class Findings(Value):
     @property
     def shown(self) -> tuple[Profile, ...]:
         """The profiles in these units."""
-        return tuple(one.over(self.job.units.factor(one.name)) for one in self.profiles)
+        return tuple(profile.over(self.job.units.factor(profile.name)) for profile in self.profiles)
 
     def save(self, folder: str | Path, *, force: bool = False) -> str:
         """Text and figures into a folder, which may hold other results; says what is written.
@@ -78,7 +78,7 @@ def identify(job: Job, theta: Array, at: str, wanted: Sequence[str], report: Rep
         raise InputError.one("parameters", "no parameter is unknown; there is nothing to identify")
     columns = _columns(scenery.unknowns, wanted)
     report.update(0.0, "looking at what the record can show")
-    found = study_of(scenery, posterior, theta, job.asked, at, seek_remedies=True)
+    study = study_of(scenery, posterior, theta, job.asked, at, seek_remedies=True)
     profiles = []
     if columns:
         fitter = Fitter(posterior, scenery, theta)
@@ -87,7 +87,7 @@ def identify(job: Job, theta: Array, at: str, wanted: Sequence[str], report: Rep
             profiles.append(profile(fitter, scenery.unknowns, column))
     report.update(1.0, "")
     late = half_a_sample(scenery, theta)
-    return Findings(job=job, study=found, profiles=tuple(profiles), moment=late)
+    return Findings(job=job, study=study, profiles=tuple(profiles), moment=late)
 
 
 def preflight(job: Job, scenery: Scenery) -> str:

@@ -113,11 +113,11 @@ class _Sampling:
         }
         missing = {place: pair for place, pair in jobs.items() if not self._taken_up(place, *pair)}
         self.report.say(
-            comparison_report.ladder_opening([one for one, _ in jobs.values()], len(missing))
+            comparison_report.ladder_opening([value for value, _ in jobs.values()], len(missing))
         )
 
-        def finish(place: str, found: tuple[Mode, Sampled] | str) -> str:
-            self._finish(found, place, *missing[place])
+        def finish(place: str, modes: tuple[Mode, Sampled] | str) -> str:
+            self._finish(modes, place, *missing[place])
             return f"{len(self.done)} models"
 
         tasks = {
@@ -131,15 +131,15 @@ class _Sampling:
         makes them: sizes, speeds, the gear.
         """
         job = self.job
-        found = self.crew.submit(search, job.problem.posterior, fit_plan(job)).result()
-        ranked = ranking.rank(job.at(found), found.values, self.crew.submit, self.report)
+        mode = self.crew.submit(search, job.problem.posterior, fit_plan(job)).result()
+        ranked = ranking.rank(job.at(mode), mode.values, self.crew.submit, self.report)
         causes, ladder = ranked.causes, ranked.ladder
         sampler = job.config.sampler
         evaluations = sampler.ensembles * sampler.walkers * STEPS
         times = {parts: evaluations * each for parts, each in ranked.seconds.items()}
         self.report.say(comparison_report.ranking(causes, times))
-        better = [one.parts for one in causes.ranked if one.bayes > 0.0]
-        parts = [*better, (), *(one.parts for one in causes.ranked[len(better) :])][:KEPT]
+        better = [cause.parts for cause in causes.ranked if cause.bayes > 0.0]
+        parts = [*better, (), *(cause.parts for cause in causes.ranked[len(better) :])][:KEPT]
         return {"parts": parts, "sizes": ladder.sizes, "speeds": ladder.speeds, "gear": ladder.gear}
 
     def _job(self, rung: Rung) -> Job | None:
@@ -166,12 +166,12 @@ class _Sampling:
         if isinstance(made, str):
             self.left_out[rung.name] = made
             return
-        found, sampled = made
-        job = job.at(found)
+        mode, sampled = made
+        job = job.at(mode)
         # What may be missing the ranking says.
-        view = concluded(job, found, sampled, alone=False)
+        view = concluded(job, mode, sampled, alone=False)
         pipeline.write_result(job, view, self.folder.path / place, None, force=True)
-        if not self._known(place, rung, SampledRun(job, found, sampled, kept=view.analysis)):
+        if not self._known(place, rung, SampledRun(job, mode, sampled, kept=view.analysis)):
             self.left_out[rung.name] = "its evidence could not be computed"
 
     def _known(self, place: str, rung: Rung, run: SampledRun) -> bool:
@@ -202,7 +202,7 @@ def _published(job: Job, folder: Folder, work: _Sampling) -> Outcome:
         raise InputError.one(str(job.source.path), "; ".join(work.left_out.values()))
     places = sorted(work.done, reverse=True)
     every = [work.done[place] for place in places]
-    report = ComparisonReport.of_models([one for _, one in every], job.units)
+    report = ComparisonReport.of_models([observation for _, observation in every], job.units)
     report = dataclasses.replace(report, heading=f"Ladder of {job.config.name}")
     chosen = recommended([rung for rung, _ in every], report)
     about = comparison_report.about_config(chosen, job.config.name, report)
@@ -228,8 +228,8 @@ def _published(job: Job, folder: Folder, work: _Sampling) -> Outcome:
 def recommended(every: Sequence[Rung], report: ComparisonReport) -> Rung:
     """The simplest of those that are about as probable as the best."""
     models = report.models
-    least = max(one.log_z for one in models) - SURE
-    good = [k for k, one in enumerate(models) if one.log_z >= least]
+    least = max(model.log_z for model in models) - SURE
+    good = [k for k, model in enumerate(models) if model.log_z >= least]
     return every[
         min(good, key=lambda k: (len(every[k].parts), len(models[k].layer.problem.symbols), k))
     ]

@@ -124,17 +124,17 @@ def _run(
             known = find_map.end_search(crew, hunt, job, report)
             find_map.write_mode(folder, known)
         assert known is not None
-        found, job = known, job.at(known)
-        if misfit := find_map.misfit(job, found):
+        mode, job = known, job.at(known)
+        if misfit := find_map.misfit(job, mode):
             report.say(misfit)
-        explained, said = find_map.explain(job, found, crew.run, report)
+        explained, said = find_map.explain(job, mode, crew.run, report)
         if said:
             report.say(said)
-        crew.step(found.pieces)
-        if found.pieces:
+        crew.step(mode.pieces)
+        if mode.pieces:
             scenery = Scenery(job.problem.posterior.likelihood)
         clock.append(time.perf_counter())
-        sampled = _sample(job, crew, found, folder, report)
+        sampled = _sample(job, crew, mode, folder, report)
         clock.append(time.perf_counter())
         if not crew.alone:
             for _ in range(processes):  # while this process reads the draws
@@ -142,7 +142,7 @@ def _run(
         _finish_chain(job, folder, sampled)
         seconds = {"map": clock[1] - clock[0], "sampling": clock[2] - clock[1]}
         report.update(0.0, DRAWS_SAY)
-        view = concluded(job, found, sampled, scenery, seconds, explained=explained)
+        view = concluded(job, mode, sampled, scenery, seconds, explained=explained)
         return _publish(job, folder, view, crew, report, clock[-1])
 
 
@@ -150,16 +150,16 @@ def republish(output: Path, processes: int, report: Reporter = SILENT) -> Outcom
     """Tables and figures again, from the chain that `output` holds."""
     job, marks = _made(output)
     with Folder(output, "report", marks, POSTERIOR) as folder:
-        found = _finished(job, folder)
+        finished = _finished(job, folder)
         run = run_folder.read_run(output) or {}
         folder.begin()
-        with Crew(found.job.problem.posterior, processes) as crew:
+        with Crew(finished.job.problem.posterior, processes) as crew:
             seconds = dict(run.get("seconds", {}))
             seconds.pop("report", None)  # is being made again
             report.update(0.0, DRAWS_SAY)
-            parts = (found.job, found.mode, found.sampled)
-            view = concluded(*parts, seconds=seconds, kept=found.kept)
-            return _publish(found.job, folder, view, crew, report)
+            parts = (finished.job, finished.mode, finished.sampled)
+            view = concluded(*parts, seconds=seconds, kept=finished.kept)
+            return _publish(finished.job, folder, view, crew, report)
 
 
 def copied(source: Path, output: Path, *, force: bool) -> None:
@@ -207,20 +207,20 @@ def _made(output: Path) -> tuple[Job, dict[str, str]]:
 
 def _finished(job: Job, folder: Folder) -> SampledRun:
     path = folder.path
-    found = find_map.read_mode(folder, job.problem)
-    if found is None:
+    mode = find_map.read_mode(folder, job.problem)
+    if mode is None:
         message = "is not there; continue with --resume, which searches the MAP again"
         raise InputError.one(str(path / find_map.MAP_FILE), message)
-    job = job.at(found)
+    job = job.at(mode)
     problem = job.problem
     _read_ahead(job, folder)
     again = stored(problem.posterior, plan(job.config), folder.pieces, str(path))
-    again = again.doubted(found.doubts)
+    again = again.doubted(mode.doubts)
     run = run_folder.read_run(path) or {}
     beyond = folder.opened_ends(again.pieces) or not_kept(again, problem.posterior, problem.nominal)
     evidence = evidence_of_data(run)
     sampled = dataclasses.replace(again, held=maxima_weights(run), evidence=evidence, beyond=beyond)
-    return SampledRun(job, found, sampled, kept=kept_analysis(job, found, sampled, run))
+    return SampledRun(job, mode, sampled, kept=kept_analysis(job, mode, sampled, run))
 
 
 def write_result(job: Job, view: View, output: Path, record: str | None, *, force: bool) -> Outcome:
@@ -240,15 +240,15 @@ def write_result(job: Job, view: View, output: Path, record: str | None, *, forc
             return _publish(job, folder, view, crew, SILENT)
 
 
-def sample_in_memory(job: Job, found: Mode, processes: int, report: Reporter) -> Sampled:
-    """From the maximum `found`, in whose steps the job is."""
+def sample_in_memory(job: Job, mode: Mode, processes: int, report: Reporter) -> Sampled:
+    """From the maximum `mode`, in whose steps the job is."""
     with Crew(job.problem.posterior, processes) as crew:
-        return _sample(job, crew, found, Memory(), report)
+        return _sample(job, crew, mode, Memory(), report)
 
 
-def _sample(job: Job, crew: Crew, found: Mode, shelf: Shelf, report: Reporter) -> Sampled:
+def _sample(job: Job, crew: Crew, mode: Mode, shelf: Shelf, report: Reporter) -> Sampled:
     try:
-        return sample_maxima(crew, found, find_map.fit_plan(job), shelf, report)
+        return sample_maxima(crew, mode, find_map.fit_plan(job), shelf, report)
     except Nowhere as error:
         message = f"{error}; the record and the priors do not go together, check units and values"
         raise job.source.error(("parameters",), message) from None

@@ -148,15 +148,15 @@ class Cluster(RefitExecutor):
 
         One that cannot load a task leaves it lie without a word; so this is asked before.
         """
-        new = [one for one in workers if one not in self._compared]
-        own, problems = software.installed_versions(), []
+        new = [worker for worker in workers if worker not in self._compared]
+        installed, problems = software.installed_versions(), []
         for address, there in zip(new, self._client.sync(self._versions, new), strict=True):
             if there is None or isinstance(there, OSError):  # it cannot be asked now
                 continue
             self._compared.add(address)
             wrong = [f"no bayesdrill that can be loaded ({there})"]
             if isinstance(there, dict):
-                wrong = software.version_differences(there, own)
+                wrong = software.version_differences(there, installed)
             if wrong:
                 message = f"it has {', '.join(wrong)}; install the same there"
                 problems.append(Issue(f"worker {address}", message))
@@ -182,10 +182,10 @@ class Cluster(RefitExecutor):
             return ""
         self._looked = now
         try:
-            found = client.sync(
+            versions = client.sync(
                 client.scheduler.identity, n_workers=-1, callback_timeout=SILENT_SECONDS
             )
-            self.compare(workers := found["workers"])
+            self.compare(workers := versions["workers"])
         except (OSError, AttributeError):  # AttributeError: the client has given it up
             return "the scheduler does not answer"
         for address in self._heard.keys() - workers.keys():
@@ -196,7 +196,9 @@ class Cluster(RefitExecutor):
         self._last = max([self._last, *(since for _, since in self._heard.values())])
         if now - self._last > SILENT_SECONDS:
             return f"no worker has been heard of for {SILENT_SECONDS:g} s"
-        silent = {one for one, (_, since) in self._heard.items() if now - since > SILENT_SECONDS}
+        silent = {
+            worker for worker, (_, since) in self._heard.items() if now - since > SILENT_SECONDS
+        }
         for address in silent - self._given_up:
             self._given_up.add(address)
             say(f"worker {address} is silent; what it had is done by the others")
@@ -272,8 +274,8 @@ def run_jobs[K, T](
     versions = software.installed_versions()
     with ctrl_c_waits():
         keys = {crew.submit(_work, function, versions, *job): key for key, job in jobs.items()}
-    for count, (future, found) in enumerate(results(crew, keys, folder, report), 1):
-        report.update(count / len(keys), finish(keys[future], found))
+    for count, (future, result) in enumerate(results(crew, keys, folder, report), 1):
+        report.update(count / len(keys), finish(keys[future], result))
     report.update(1.0, "")
 
 

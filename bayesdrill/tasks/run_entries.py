@@ -94,23 +94,23 @@ def run_schema() -> str:
 
 def entries(view: View, made_of: str) -> dict[str, Any]:
     """All of them, from the analysis; `made_of`: a digest of what that is of."""
-    found, c, problem = view.analysis, view.analysis.convergence, view.problem
+    analysis, c, problem = view.analysis, view.analysis.convergence, view.problem
     ensembles = ("steps", "burn_in", "burn_in_rule", "thin")
     return {
         "units": {symbol.name: symbol.unit for symbol in problem.symbols},
         "converged": c.converged,
         "reasons": list(view.reasons),
         "notes": list(view.notes),
-        "fit": residual_data(found.fit),
-        "repeats": repeats_data(found.repeats, view.names_of_rig),
-        "causes": causes_data(found.causes),
-        **instead_data(found.instead if c.converged else None),
-        **({"pieces": step_data(found.step_errors)} if found.step_errors else {}),
-        **({"torque": torque_data(found.torques)} if found.torques else {}),
-        **({"energy": energy_data(found.energy)} if found.energy else {}),
-        "verdict": found.judged
+        "fit": residual_data(analysis.fit),
+        "repeats": repeats_data(analysis.repeats, view.names_of_rig),
+        "causes": causes_data(analysis.causes),
+        **instead_data(analysis.instead if c.converged else None),
+        **({"pieces": step_data(analysis.step_errors)} if analysis.step_errors else {}),
+        **({"torque": torque_data(analysis.torques)} if analysis.torques else {}),
+        **({"energy": energy_data(analysis.energy)} if analysis.energy else {}),
+        "verdict": analysis.judged
         and verdict_data(
-            found.judged.verdict,
+            analysis.judged.verdict,
             problem.compared_with,
             converged=c.converged,
             believed=not view.reasons,
@@ -120,16 +120,16 @@ def entries(view: View, made_of: str) -> dict[str, Any]:
         "tau": {name: round(float(x), 2) for name, x in zip(problem.names, c.tau, strict=True)},
         "r_hat": round(float(np.max(c.r_hat)), 5),
         "ess_bulk": round(float(np.min(c.ess_bulk)), 1),
-        "acceptance": [round(x, 4) for x in found.acceptance],
-        "failures": found.failures,
-        **evidence_data(found.evidence, found.vague),
+        "acceptance": [round(x, 4) for x in analysis.acceptance],
+        "failures": analysis.failures,
+        **evidence_data(analysis.evidence, analysis.vague),
         **_learnt(problem, view.mode, view.sampled),
-        ANALYSIS: as_data(found),
+        ANALYSIS: as_data(analysis),
         ANALYSIS_OF: made_of,
     }
 
 
-def _learnt(problem: Problem, found: Mode, sampled: Sampled) -> dict[str, Any]:
+def _learnt(problem: Problem, mode: Mode, sampled: Sampled) -> dict[str, Any]:
     """What the proposal says without a chain, and where the maxima are."""
     learnt, free = sampled.learnt, problem.posterior.space.free
     if learnt is None or sampled.held is None:
@@ -147,11 +147,11 @@ def _learnt(problem: Problem, found: Mode, sampled: Sampled) -> dict[str, Any]:
         },
         "maxima": [
             {
-                "values": dict(one.values),
-                "log_posterior": one.log_posterior,
+                "values": dict(maximum.values),
+                "log_posterior": maximum.log_posterior,
                 "weight": float(weight),
             }
-            for one, weight in zip(found.maxima, sampled.held, strict=True)
+            for maximum, weight in zip(mode.maxima, sampled.held, strict=True)
         ],
     }
 
@@ -159,7 +159,7 @@ def _learnt(problem: Problem, found: Mode, sampled: Sampled) -> dict[str, Any]:
 def maxima_weights(run: Mapping[str, Any]) -> Array | None:
     """What each maximum holds, as a finished run has counted it."""
     try:
-        return np.array([float(one["weight"]) for one in run["maxima"]])
+        return np.array([float(maximum["weight"]) for maximum in run["maxima"]])
     except (KeyError, TypeError, ValueError):
         return None
 
@@ -169,7 +169,7 @@ def _of(experiment: str) -> dict[str, str]:
     return {"experiment": experiment} if experiment else {}
 
 
-def residual_data(found: Sequence[Left]) -> list[dict[str, Any]]:
+def residual_data(summaries: Sequence[Left]) -> list[dict[str, Any]]:
     """What the fit leaves of each channel, over the noise."""
     said = {
         "more than noise": "large",
@@ -179,50 +179,54 @@ def residual_data(found: Sequence[Left]) -> list[dict[str, Any]]:
     }
     return [
         {
-            "channel": one.channel,
-            **_of(one.experiment),
-            "rms_over_sigma": round(one.rms, 5),
-            "rms_over_spread": None if math.isnan(one.share) else round(one.share, 7),
-            "correlation": round(one.correlation, 5),
-            "farthest_over_sigma": round(one.farthest, 5),
-            "says": [word for word, flag in said.items() if getattr(one, flag)],
+            "channel": summary.channel,
+            **_of(summary.experiment),
+            "rms_over_sigma": round(summary.rms, 5),
+            "rms_over_spread": None if math.isnan(summary.share) else round(summary.share, 7),
+            "correlation": round(summary.correlation, 5),
+            "farthest_over_sigma": round(summary.farthest, 5),
+            "says": [word for word, flag in said.items() if getattr(summary, flag)],
         }
-        for one in found
+        for summary in summaries
     ]
 
 
-def causes_data(found: Causes | None) -> list[dict[str, Any]] | None:
+def causes_data(causes: Causes | None) -> list[dict[str, Any]] | None:
     """Candidates that there is evidence for, the most probable first."""
-    if found is None:
+    if causes is None:
         return None
     return [
         {
-            "parts": list(one.parts),
-            "log_bayes_factor": round(one.bayes, 2),
-            "log_posterior": round(one.gain, 2),
-            "unknowns": {new.name: {"value": new.value, "sd": new.sd} for new in one.new},
-            "only_noise_left": one.explains_all,
-            "doubts": list(one.doubts),
+            "parts": list(cause.parts),
+            "log_bayes_factor": round(cause.bayes, 2),
+            "log_posterior": round(cause.gain, 2),
+            "unknowns": {new.name: {"value": new.value, "sd": new.sd} for new in cause.new},
+            "only_noise_left": cause.explains_all,
+            "doubts": list(cause.doubts),
         }
-        for one in found.good
+        for cause in causes.good
     ]
 
 
-def instead_data(found: Instead | None) -> dict[str, Any]:
+def instead_data(explanation: Instead | None) -> dict[str, Any]:
     """An entry, SI, where there is something to say."""
-    if found is None:
+    if explanation is None:
         return {}
-    said = {"parameter": found.parameter, "value": found.value, "log_likelihood": -found.lost}
+    said = {
+        "parameter": explanation.parameter,
+        "value": explanation.value,
+        "log_likelihood": -explanation.lost,
+    }
     return {"instead": said}
 
 
-def evidence_data(found: Evidence | None, priors: Sequence[Vague]) -> dict[str, Any]:
+def evidence_data(evidence: Evidence | None, priors: Sequence[Vague]) -> dict[str, Any]:
     """Entries of their own; those of steps only where there are any."""
-    if found is None:
+    if evidence is None:
         return {}
-    names = [name for name in _EVIDENCE if found.steps_error or not name.startswith(_OF_STEPS)]
-    numbers = {name: getattr(found, _EVIDENCE[name]) for name in names}
-    return numbers | {"vague_priors": [one.name for one in priors]}
+    names = [name for name in _EVIDENCE if evidence.steps_error or not name.startswith(_OF_STEPS)]
+    numbers = {name: getattr(evidence, _EVIDENCE[name]) for name in names}
+    return numbers | {"vague_priors": [prior.name for prior in priors]}
 
 
 _OF_STEPS = "log_evidence_steps"
@@ -244,50 +248,51 @@ def evidence_of_data(run: Mapping[str, Any]) -> Evidence | None:
         return None
 
 
-def repeats_data(found: Sequence[Repeat], names: Sequence[str]) -> list[dict[str, Any]]:
+def repeats_data(repeats: Sequence[Repeat], names: Sequence[str]) -> list[dict[str, Any]]:
     """Logs."""
     return [
         {
-            "product": identify_words.product(names, one.exponents),
-            "apart": dict(zip(one.labels, one.apart, strict=True)),
-            "sd": dict(zip(one.labels, one.sds, strict=True)),
-            "spread": one.spread,
-            "p": one.p,
+            "product": identify_words.product(names, repeat.exponents),
+            "apart": dict(zip(repeat.labels, repeat.apart, strict=True)),
+            "sd": dict(zip(repeat.labels, repeat.sds, strict=True)),
+            "spread": repeat.spread,
+            "p": repeat.p,
         }
-        for one in found
+        for repeat in repeats
     ]
 
 
-def step_data(found: Sequence[StepError]) -> list[dict[str, Any]]:
+def step_data(errors: Sequence[StepError]) -> list[dict[str, Any]]:
     """Errors over the noise."""
     return [
         {
-            **_of(one.label),
-            "pieces": one.pieces,
+            **_of(error.label),
+            "pieces": error.pieces,
             "over_sigma": {
-                name: round(error, 6) for name, error in zip(one.channels, one.errors, strict=True)
+                name: round(error, 6)
+                for name, error in zip(error.channels, error.errors, strict=True)
             },
         }
-        for one in found
+        for error in errors
     ]
 
 
 def verdict_data(
-    found: Verdict, table: str, *, converged: bool = True, believed: bool = True
+    verdict: Verdict, table: str, *, converged: bool = True, believed: bool = True
 ) -> dict[str, Any]:
     """`agrees` is None where the run must not be believed, or the fit is not noise."""
-    whole = verdict_words.verdict_sentence(found, table)
+    whole = verdict_words.verdict_sentence(verdict, table)
     return {
         "table": table,
-        "agrees": found.agrees if believed and found.fits else None,
-        "fits": found.fits,
+        "agrees": verdict.agrees if believed and verdict.fits else None,
+        "fits": verdict.fits,
         "sentence": whole if believed else verdict_words.no_verdict(converged=converged),
-        "joint_sigma": None if found.joint is None else round(found.joint, 3),
-        "limit_sigma": round(found.limit, 3),
-        "opened": list(found.opened),
+        "joint_sigma": None if verdict.joint is None else round(verdict.joint, 3),
+        "limit_sigma": round(verdict.limit, 3),
+        "opened": list(verdict.opened),
         "quantities": {
-            verdict_words.quantity_name(found, q): {"says": q.says, "sigma": round(q.tension, 3)}
-            for q in verdict_words.verdict_rows(found)
+            verdict_words.quantity_name(verdict, q): {"says": q.says, "sigma": round(q.tension, 3)}
+            for q in verdict_words.verdict_rows(verdict)
         },
     }
 
@@ -296,11 +301,11 @@ def torque_data(every: Sequence[TorqueSummary]) -> list[dict[str, Any]]:
     """N m."""
     return [
         {
-            "experiment": one.label,
-            "at": one.at,
-            "rms": one.rms,
-            "sd": one.sd,
-            "follows": [dataclasses.asdict(each) for each in one.follows],
+            "experiment": summary.label,
+            "at": summary.at,
+            "rms": summary.rms,
+            "sd": summary.sd,
+            "follows": [dataclasses.asdict(each) for each in summary.follows],
             "channels": {
                 c.channel: {
                     "without": c.without / c.spread,
@@ -308,28 +313,28 @@ def torque_data(every: Sequence[TorqueSummary]) -> list[dict[str, Any]]:
                     "moved": c.share,
                     **({"strayed": c.strayed} if np.isfinite(c.strayed) else {}),
                 }
-                for c in one.courses
+                for c in summary.courses
             },
         }
-        for one in every
+        for summary in every
     ]
 
 
-def energy_data(found: Sequence[EnergySummary]) -> list[dict[str, Any]]:
+def energy_data(summaries: Sequence[EnergySummary]) -> list[dict[str, Any]]:
     """J."""
 
-    def parts(one: EnergySummary, names: Sequence[str]) -> dict[str, dict[str, float | None]]:
+    def parts(summary: EnergySummary, names: Sequence[str]) -> dict[str, dict[str, float | None]]:
         return {
             part.name: {"joules": part.joules, "share": part.share, "sd": part.sd}
-            for part in physics_words.ordered(one, names)
+            for part in physics_words.ordered(summary, names)
         }
 
     return [
         {
-            **_of(one.label),
-            "in": parts(one, one.came),
-            "out": parts(one, one.went),
-            "open": one.left,
+            **_of(summary.label),
+            "in": parts(summary, summary.came),
+            "out": parts(summary, summary.went),
+            "open": summary.left,
         }
-        for one in found
+        for summary in summaries
     ]

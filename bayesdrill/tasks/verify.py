@@ -89,28 +89,30 @@ def verify(folder: Path) -> Verified:
             "this run is not finished, or of an older version; `bayesdrill report` makes it anew"
         )
         raise InputError.one(str(folder), message)
-    found = tuple(dict.fromkeys([*_changed(folder, way.kind, files), *way.problems(folder, run)]))
-    checked = len(files) - len({problem.place for problem in found})
+    problems = tuple(
+        dict.fromkeys([*_changed(folder, way.kind, files), *way.problems(folder, run)])
+    )
+    checked = len(files) - len({problem.place for problem in problems})
     numbers = sum(1 for _ in leaves(run.get(run_entries.ANALYSIS) or []))
-    return Verified(folder, checked, found, way.what, way.follows, numbers)
+    return Verified(folder, checked, problems, way.what, way.follows, numbers)
 
 
 def _of_posterior(folder: Path, run: Mapping[str, Any]) -> Iterator[Issue]:
     try:
-        found = pipeline.read_result(folder)
+        stored_run = pipeline.read_result(folder)
     except InputError as error:  # another record, a config of another run, a damaged chain
         yield from (*_configs(folder), *error.problems)
         return
-    yield from _configs(folder, found.job)
+    yield from _configs(folder, stored_run.job)
     kept = run.get(run_entries.ANALYSIS, {})
     # Candidates follow from the config as it was written, which is no longer there.
     explained = None
     with suppress(ValueError):
         explained = from_data(Causes, kept["causes"]) if kept.get("causes") else None
     view = conclusions.concluded(
-        found.job,
-        found.mode,
-        found.sampled,
+        stored_run.job,
+        stored_run.mode,
+        stored_run.sampled,
         alone=kept.get("alone", True),
         explained=explained,
     )
@@ -140,12 +142,12 @@ def _numbers(folder: Path, run: Mapping[str, Any], analysis: RunAnalysis) -> Ite
 
 def _of_map(folder: Path, _: Mapping[str, Any]) -> Iterator[Issue]:
     try:
-        job, found = find_map.read(folder)
+        job, mode = find_map.read(folder)
     except InputError as error:
         yield from (*_configs(folder), *error.problems)
         return
     yield from _configs(folder, job)
-    yield from _tables(folder, find_map.report(job, found).numbers, find_map.MAP_FILE)
+    yield from _tables(folder, find_map.report(job, mode).numbers, find_map.MAP_FILE)
     mark = find_map.mark(job)[provenance.RUN_MARK]
     yield from _figures(folder, MAP, mark, job.config.name)
 
@@ -154,42 +156,42 @@ def _of_several(
     form: Form, done: str, folder: Path, run: Mapping[str, Any], kind: Kind | None = None
 ) -> Iterator[Issue]:
     """Runs that were only in memory cannot be looked at again; `done`: what was done with all."""
-    found, told = [], run.get("runs", [])
+    problems, told = [], run.get("runs", [])
     if len(told) < 2:
         yield Issue(str(folder / output_files.RUN), "names no two runs")
         return
-    for one in told:
-        if one["folder"] is None:
+    for entry in told:
+        if entry["folder"] is None:
             continue
-        place = folder / one["folder"]
+        place = folder / entry["folder"]
         try:
-            own = dataclasses.replace(pipeline.read_result(place), kept=None)
+            stored_run = dataclasses.replace(pipeline.read_result(place), kept=None)
         except InputError as error:
             yield from error.problems
             continue
-        if comparison.mark(own) != one["run"]:
+        if comparison.mark(stored_run) != entry["run"]:
             yield Issue(str(place), f"is another run than the one that was {done}")
         else:
-            found.append(NamedRun(one["name"], place, own))
-    if len(found) == len(told):
+            problems.append(NamedRun(entry["name"], place, stored_run))
+    if len(problems) == len(told):
         try:
-            text = comparison.report(form, found).table
+            text = comparison.report(form, problems).table
             yield from _tables(folder, {f"{form.name}.csv": text}, "the chains")
         except InputError as error:  # a run without evidence
             yield from error.problems
-    mark = " ".join(one["run"] for one in told)
+    mark = " ".join(entry["run"] for entry in told)
     yield from _figures(folder, kind or form.kind, mark, form.name)
 
 
 def _of_ladder(folder: Path, run: Mapping[str, Any]) -> Iterator[Issue]:
     """Its rungs, each a run of its own, and what is said of them together."""
     yield from _configs(folder)
-    for one in run.get("runs", []):
-        if one["folder"] not in LADDER.nested:
-            yield Issue(str(folder / output_files.RUN), f"{one['folder']} is no rung of a ladder")
+    for entry in run.get("runs", []):
+        if entry["folder"] not in LADDER.nested:
+            yield Issue(str(folder / output_files.RUN), f"{entry['folder']} is no rung of a ladder")
             continue
         try:
-            yield from verify(folder / one["folder"]).problems
+            yield from verify(folder / entry["folder"]).problems
         except InputError as error:  # no finished run
             yield from error.problems
     yield from _of_several(COMPARED, "compared with others", folder, run, LADDER)
@@ -242,23 +244,23 @@ def _tables(folder: Path, texts: Mapping[str, str], source: str) -> Iterator[Iss
             yield Issue(str(path), f"does not follow from {source}")
 
 
-def _same(found: str, expected: str) -> bool:
+def _same(text: str, expected: str) -> bool:
     """To the digits that other versions of a library leave."""
     try:
-        one, other = (list(csv.reader(io.StringIO(text))) for text in (found, expected))
+        first, other = (list(csv.reader(io.StringIO(text))) for text in (text, expected))
     except csv.Error:
         return False
-    if [len(row) for row in one] != [len(row) for row in other]:
+    if [len(row) for row in first] != [len(row) for row in other]:
         return False
-    pairs = ((a, b) for r, s in zip(one, other, strict=True) for a, b in zip(r, s, strict=True))
+    pairs = ((a, b) for r, s in zip(first, other, strict=True) for a, b in zip(r, s, strict=True))
     return all(_near(a, b) for a, b in pairs)
 
 
-def _near(one: Any, other: Any) -> bool:
-    if one == other:
+def _near(value: Any, other: Any) -> bool:
+    if value == other:
         return True
     try:
-        return math.isclose(float(one), float(other), rel_tol=SAME, abs_tol=1e-12)
+        return math.isclose(float(value), float(other), rel_tol=SAME, abs_tol=1e-12)
     except (TypeError, ValueError):
         return False
 

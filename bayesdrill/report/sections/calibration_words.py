@@ -25,8 +25,8 @@ MOST_NAMED = 20  # refits that did not converge
 def opening(problem: Problem, config: Config) -> str:
     """What is repeated, and how often."""
     records = " and one of ".join(
-        f"{len(one.experiment.t)} samples of {', '.join(one.experiment.names)}"
-        for one in problem.observations
+        f"{len(observation.experiment.t)} samples of {', '.join(observation.experiment.names)}"
+        for observation in problem.observations
     )
     return (
         f"calibration: {config.calibration.refits} times, unknowns from their priors, a record of "
@@ -35,36 +35,36 @@ def opening(problem: Problem, config: Config) -> str:
     )
 
 
-def verdict(found: Verdict) -> str:
+def verdict(verdict: Verdict) -> str:
     """One sentence."""
-    if found.faults:
-        return f"not calibrated: {'; '.join(found.faults)}"
-    if found.doubts:
-        return f"no verdict: {'; '.join(found.doubts)}"
+    if verdict.faults:
+        return f"not calibrated: {'; '.join(verdict.faults)}"
+    if verdict.doubts:
+        return f"no verdict: {'; '.join(verdict.doubts)}"
     return (
-        f"calibrated: over {found.refits} refits the truth ranks among the draws as chance has it"
+        f"calibrated: over {verdict.refits} refits the truth ranks among the draws as chance has it"
     )
 
 
-def rule(found: Verdict) -> str:
+def rule(verdict: Verdict) -> str:
     """What the verdict is worth."""
     return (
         f"A right posterior would be found not calibrated in at most {100 * FALSE_ALARM:g} % of such "
-        f"studies, all {len(found.quantities)} quantities and all intervals taken together. With more "
+        f"studies, all {len(verdict.quantities)} quantities and all intervals taken together. With more "
         f"than {100 * MOST_NOT_CONVERGED:g} % of the refits not converged nothing is called calibrated; "
         "they stay in the ranks."
     )
 
 
-def refits(found: Verdict, every: Sequence[Refit]) -> str:
+def refits(verdict: Verdict, every: Sequence[Refit]) -> str:
     """How many went wrong, which, and how."""
-    if not found.not_converged:
-        return f"all {found.refits} refits converged"
+    if not verdict.not_converged:
+        return f"all {verdict.refits} refits converged"
     first = next(refit for refit in every if not refit.converged)
-    listed = ", ".join(map(str, found.not_converged[:MOST_NAMED]))
-    more = ", ..." if len(found.not_converged) > MOST_NAMED else ""
+    listed = ", ".join(map(str, verdict.not_converged[:MOST_NAMED]))
+    more = ", ..." if len(verdict.not_converged) > MOST_NAMED else ""
     return (
-        f"{len(found.not_converged)} of {found.refits} refits did not converge: {listed}{more}\n"
+        f"{len(verdict.not_converged)} of {verdict.refits} refits did not converge: {listed}{more}\n"
         f"  refit {first.index}: {first.reasons[0]}"
     )
 
@@ -87,18 +87,18 @@ def sections(found: Verdict, every: Sequence[Refit], ending: str) -> tuple[Secti
     )
 
 
-def table(found: Verdict) -> Table:
+def table(verdict: Verdict) -> Table:
     """The shares of truths in credible intervals with what chance allows."""
-    shares = [f"in {100 * i.share:.3g} % interval" for i in found.quantities[0].intervals]
-    n, lines = max(found.band.n, 1), []
-    for q in found.quantities:
+    shares = [f"in {100 * i.share:.3g} % interval" for i in verdict.quantities[0].intervals]
+    n, lines = max(verdict.band.n, 1), []
+    for q in verdict.quantities:
         word = "as by chance" if q.holds else q.shape or "leave the band"
         covered = [
             f"{100 * i.inside / n:.0f} % ({100 * i.low / n:.0f} to {100 * i.high / n:.0f})"
             + ("" if i.holds else " **outside**")
             for i in q.intervals
         ]
-        known = (q.name, f"{q.reach:.2f}", word if found.band.n else "none")
+        known = (q.name, f"{q.reach:.2f}", word if verdict.band.n else "none")
         lines.append((*known, *(covered or [""] * len(shares))))
     heads = ("", "departure / band", "ranks", *shares)
     return Table(heads, tuple(lines), frozenset(("", "ranks")))

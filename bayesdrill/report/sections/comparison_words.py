@@ -37,9 +37,9 @@ from bayesdrill.report.section import (
 from bayesdrill.report.sections import verdict_words
 
 
-def overlay_shown(row: Row, own: OwnUnits) -> Row:
+def overlay_shown(row: Row, units: OwnUnits) -> Row:
     """In the unit that its symbol then has."""
-    factor = own.factor(row.symbol.name)
+    factor = units.factor(row.symbol.name)
 
     def over(place: Place | None) -> Place | None:
         if place is None:
@@ -49,7 +49,7 @@ def overlay_shown(row: Row, own: OwnUnits) -> Row:
 
     return dataclasses.replace(
         row,
-        symbol=own.symbol(row.symbol),
+        symbol=units.symbol(row.symbol),
         places=tuple(map(over, row.places)),
         nominal=tuple(None if value is None else value / factor for value in row.nominal),
     )
@@ -57,12 +57,12 @@ def overlay_shown(row: Row, own: OwnUnits) -> Row:
 
 def in_logs(row: Row, layers: Sequence[Layer]) -> bool:
     """Whether the prior of the first run that has this unknown is flat in its log."""
-    found = (
+    priors = (
         layer.problem.posterior.space.priors.get(row.symbol.name)
         for layer in layers
         if row.symbol in layer.problem.symbols
     )
-    return flat_in_logs(next(found, None))
+    return flat_in_logs(next(priors, None))
 
 
 LONGEST = 60  # letters of a setting
@@ -82,13 +82,13 @@ def comparison_sections(
     layers: Sequence[Layer],
     models: Sequence[Contender],
     rows: Sequence[Row],
-    own: OwnUnits,
+    units: OwnUnits,
     pictures: Sequence[Picture] = (),
 ) -> tuple[Section, ...]:
     """In the order in which they are read, of runs or, if there are any, `models`; `rows` in SI."""
     drawn = [build("Figures", *pictures, brief=False)] if pictures else []
     differs = differing(layers)
-    moved = overlay_table(layers, [overlay_shown(row, own) for row in rows])
+    moved = overlay_table(layers, [overlay_shown(row, units) for row in rows])
     read, far = Note(OVERLAY_READ), list(farthest(layers, rows))
     settings = overlay_settings(layers, differs)
     if not models:
@@ -148,18 +148,18 @@ def overlay_table(layers: Sequence[Layer], rows: Sequence[Row]) -> Table:
 
 
 def farthest(layers: Sequence[Layer], rows: Sequence[Row]) -> Iterator[str]:
-    found = [(row.apart, row) for row in rows if row.apart is not None]
-    if not found:
+    pairs = [(row.apart, row) for row in rows if row.apart is not None]
+    if not pairs:
         yield "no unknown is shared by two of the runs"
         return
-    ordered = sorted(found, key=lambda one: -one[0])
+    ordered = sorted(pairs, key=lambda pair: -pair[0])
     far = [(apart, row) for apart, row in ordered if apart >= FAR]
     if not far:
         yield f"nowhere are two of them more than {ordered[0][0]:.2g} sd apart"
     for apart, row in far[:SAID]:
         assert row.pair is not None
-        one, other = (layers[k].name for k in row.pair)
-        yield f"{row.symbol.name}: {one} and {other} are {apart:.2g} sd apart"
+        first, other = (layers[k].name for k in row.pair)
+        yield f"{row.symbol.name}: {first} and {other} are {apart:.2g} sd apart"
 
 
 def _what_differs(layers: Sequence[Layer], differs: dict[str, tuple[str | None, ...]]) -> str:
@@ -216,43 +216,43 @@ COMPARISON_READ = (
 
 def comparison_verdict(models: Sequence[Contender]) -> Iterator[str]:
     """Model, noise, or neither; and what makes it doubtful."""
-    found = decide(models)
-    yield f"verdict: {_decided(models, found)}"
-    best = models[found.best]
+    decision = decide(models)
+    yield f"verdict: {_decided(models, decision)}"
+    best = models[decision.best]
     if best.like_noise:
         yield f"  the residuals of {best.name} look like the noise"
     else:
         yield f"  {best.name} leaves more than noise: none of these models explains the whole record"
-    for one in models:
-        if one.layer.reasons:
-            yield f"  DO NOT BELIEVE {doubt(one.layer)}".replace("\n", "\n  ")
-    if found.vague:
+    for model in models:
+        if model.layer.reasons:
+            yield f"  DO NOT BELIEVE {doubt(model.layer)}".replace("\n", "\n  ")
+    if decision.vague:
         yield (
-            f"  VAGUE PRIORS: {', '.join(found.vague)}. They are so wide that a model may have lost by "
-            "that alone. Give them the range that you believe."
+            f"  VAGUE PRIORS: {', '.join(decision.vague)}. They are so wide that a model may have lost "
+            "by that alone. Give them the range that you believe."
         )
-    for one in models:
-        if not one.converged:
-            yield f"  {one.name} did not converge: its evidence is rough"
+    for model in models:
+        if not model.converged:
+            yield f"  {model.name} did not converge: its evidence is rough"
 
 
-def _decided(models: Sequence[Contender], found: Decision) -> str:
-    first, best = models[found.first].name, models[found.best].name
-    gain = {name: odds(value) for name, value in found.gain.items() if math.isfinite(value)}
-    if found.word == "neither":
+def _decided(models: Sequence[Contender], decision: Decision) -> str:
+    first, best = models[decision.first].name, models[decision.best].name
+    gain = {name: odds(value) for name, value in decision.gain.items() if math.isfinite(value)}
+    if decision.word == "neither":
         return (
             f"NEITHER model nor noise: none is more than {odds(SURE)} times as probable as {first}"
         )
     lead = f"{best} is {gain['first']} times as probable as {first}"
-    if found.word == "priors":
+    if decision.word == "priors":
         return f"PRIORS: {lead}, with the same rig and the same noise"
     rig = f"{gain.get('model', '')} times as probable as any with the rig of {first}, whatever its noise"
     noise = f"{gain.get('noise', '')} times as probable as any with its noise, whatever the rig"
-    if found.word == "model":
+    if decision.word == "model":
         return f"MODEL: {best} is {rig}"
-    if found.word == "noise":
+    if decision.word == "noise":
         return f"NOISE: {lead}, with the same rig, and {noise}"
-    if found.word == "both":
+    if decision.word == "both":
         return f"MODEL AND NOISE: {best} is {rig}, and {noise}"
     return f"MODEL OR NOISE, not told apart: {lead}, and another noise or another rig does about as well"
 
@@ -269,21 +269,21 @@ def comparison_table(models: Sequence[Contender]) -> Table:
     """The most probable first."""
     heads = ("model", "unknowns", "log evidence", "against best", "probability")
     more = ("held out", "LOO", "rms", "correlation")
-    top = max(one.log_z for one in models)
+    top = max(model.log_z for model in models)
     order = sorted(range(len(models)), key=lambda k: -models[k].log_z)
     share = probabilities(models)
-    held = _against_best([one.held_out for one in models], lambda one: one.score, "-")
-    left_out = [one.loo if isinstance(one.loo, LeftOut) else None for one in models]
-    loo = _against_best(left_out, lambda one: one.elpd, "refused")
+    held = _against_best([model.held_out for model in models], lambda model: model.score, "-")
+    left_out = [model.loo if isinstance(model.loo, LeftOut) else None for model in models]
+    loo = _against_best(left_out, lambda score: score.elpd, "refused")
     lines = []
     for k in order:
-        one = models[k]
-        rms, correlation = worst(one.left)
+        model = models[k]
+        rms, correlation = worst(model.left)
         cells = (
-            one.name + ("" if one.converged else " (NOT CONVERGED)"),
-            str(len(one.layer.problem.symbols)),
-            verdict_words.evidence_said(one.evidence),
-            f"{one.log_z - top:.1f}" if one.log_z < top else "best",
+            model.name + ("" if model.converged else " (NOT CONVERGED)"),
+            str(len(model.layer.problem.symbols)),
+            verdict_words.evidence_said(model.evidence),
+            f"{model.log_z - top:.1f}" if model.log_z < top else "best",
             f"{share[k]:.3g}" if share[k] > 1e-4 else "0",
         )
         lines.append((*cells, held[k], loo[k], f"{rms:.3g}", f"{correlation:.2g}"))
@@ -292,30 +292,30 @@ def comparison_table(models: Sequence[Contender]) -> Table:
 
 def worst(left: Sequence[Left]) -> tuple[float, float]:
     """Size over the noise and correlation, each in the channel where it is farthest from 1 or 0."""
-    rms = max((one.rms for one in left), key=lambda x: abs(math.log(max(x, 1e-300))))
-    return rms, max((one.correlation for one in left), key=abs)
+    rms = max((summary.rms for summary in left), key=lambda x: abs(math.log(max(x, 1e-300))))
+    return rms, max((summary.correlation for summary in left), key=abs)
 
 
 def _against_best[S: (HeldOut, LeftOut)](
     scores: Sequence[S | None], value: Callable[[S], float], none: str
 ) -> list[str]:
     """The difference of each to the one of the largest `value`; `none`: of those that have no score."""
-    best = max((one for one in scores if one), key=value, default=None)
+    best = max((score for score in scores if score), key=value, default=None)
     cells = []
-    for one in scores:
-        if one is None or best is None:
+    for score in scores:
+        if score is None or best is None:
             cells.append(none)
         else:
-            apart, error = difference(one, best)
+            apart, error = difference(score, best)
             cells.append("best" if apart == 0.0 else f"{apart:.1f} +- {error:.1f}")
     return cells
 
 
 def predicted(models: Sequence[Contender]) -> Iterator[str]:
     """Where scores come from, and why there are none."""
-    held = [one.held_out for one in models if one.held_out is not None]
+    held = [model.held_out for model in models if model.held_out is not None]
     if held:
-        names = [one.name for one in models if one.held_out is not None]
+        names = [model.name for model in models if model.held_out is not None]
         best = names[max(range(len(held)), key=lambda k: held[k].score)]
         yield f"held out: {held[0].samples} samples, which {best} predicts best"
     else:
@@ -324,32 +324,32 @@ def predicted(models: Sequence[Contender]) -> Iterator[str]:
             "the record out of the fit, to be predicted. `held_out: true` does so for an experiment."
         )
     refused: dict[str, list[str]] = {}
-    for one in models:
-        if isinstance(one.loo, str):
-            refused.setdefault(one.loo, []).append(one.name)
-        elif one.loo.doubtful > FEW:
-            yield f"LOO of {one.name}: {one.loo.doubtful:.0%} of the samples lean on a few draws"
+    for model in models:
+        if isinstance(model.loo, str):
+            refused.setdefault(model.loo, []).append(model.name)
+        elif model.loo.doubtful > FEW:
+            yield f"LOO of {model.name}: {model.loo.doubtful:.0%} of the samples lean on a few draws"
     for reason, names in refused.items():
         yield f"LOO refused for {', '.join(names)}: {reason}"
 
 
 def comparison_csv(models: Sequence[Contender], rows: Sequence[Row]) -> str:
     """A line for each model in the order given: SI, all digits."""
-    channels = list(dict.fromkeys(one.name for model in models for one in model.left))
+    channels = list(dict.fromkeys(summary.name for model in models for summary in model.left))
     heads = ["model", "unknowns", "converged", "log_evidence", "log_evidence_error", "log_odds"]
     heads += ["probability", "held_out", "held_out_samples", "loo", "loo_refused"]
     heads += [f"{what}_{name}" for name in channels for what in ("rms", "correlation")]
     heads += [f"{row.symbol.name}_{what}" for row in rows for what in ("mean", "sd")]
     lines: list[Sequence[object]] = [heads]
-    top, share, none = max(one.log_z for one in models), probabilities(models), (None, None)
-    for k, one in enumerate(models):
-        own = {each.name: (each.rms, each.correlation) for each in one.left}
-        held, places = one.held_out, [row.places[k] for row in rows]
-        said = [one.name, len(one.layer.problem.symbols), "yes" if one.converged else "no"]
-        said += [one.log_z, one.evidence.error, one.log_z - top, share[k]]
+    top, share, none = max(model.log_z for model in models), probabilities(models), (None, None)
+    for k, model in enumerate(models):
+        residuals = {each.name: (each.rms, each.correlation) for each in model.left}
+        held, places = model.held_out, [row.places[k] for row in rows]
+        said = [model.name, len(model.layer.problem.symbols), "yes" if model.converged else "no"]
+        said += [model.log_z, model.evidence.error, model.log_z - top, share[k]]
         said += none if held is None else (held.score, held.samples)
-        said += (None, one.loo) if isinstance(one.loo, str) else (one.loo.elpd, None)
-        said += [x for name in channels for x in own.get(name, none)]
+        said += (None, model.loo) if isinstance(model.loo, str) else (model.loo.elpd, None)
+        said += [x for name in channels for x in residuals.get(name, none)]
         said += [x for p in places for x in (none if p is None else (p.mean, p.sd))]
         lines.append(said)
     return lines_as_csv(lines)

@@ -87,8 +87,8 @@ def every_fit(
     """
     clock, fits, full = problem.clock, [], problem.posterior.space.full(best[None])
     each = rubbing or [()] * len(problem.observations)
-    for one, found in zip(problem.observations, each, strict=True):
-        experiment, courses, constant = one.experiment, [], []
+    for observation, rubbings in zip(problem.observations, each, strict=True):
+        experiment, courses, constant = observation.experiment, [], []
         for name in (n for n in symbols.INPUTS if n in {*experiment.series, *experiment.constant}):
             unit = experiment.unit_of_input(name)
             label = dataclasses.replace(symbols.INPUTS[name], latex_unit=unit.latex)
@@ -100,32 +100,32 @@ def every_fit(
         fit = Fit(
             t=experiment.t / clock.factor,
             time=dataclasses.replace(TIME, latex_unit=clock.latex),
-            signals=tuple(_signals(one, full, best, left, predictive or {})),
+            signals=tuple(_signals(observation, full, best, left, predictive or {})),
             courses=tuple(courses),
             constant=tuple(constant),
-            rubs=rubs(found, clock),
-            label=one.label,
+            rubs=rubs(rubbings, clock),
+            label=observation.label,
         )
         fits.append(fit)
     return tuple(fits)
 
 
 def _signals(
-    one: Observation,
+    observation: Observation,
     full: Array,
     best: Array,
     left: Sequence[Left],
     predictive: Mapping[str, Array],
 ) -> Iterator[Signal]:
-    models, sigmas = one.followed(full, best[None])[0], one.scales(best[None])[0]
-    shares = {each.channel: each.share for each in left if each.experiment == one.label}
-    for k, channel in enumerate(one.experiment.channels):
-        unit, draws = channel.shown, predictive.get(of_label(channel.name, one.label))
+    models, sigmas = observation.followed(full, best[None])[0], observation.scales(best[None])[0]
+    shares = {each.channel: each.share for each in left if each.experiment == observation.label}
+    for k, channel in enumerate(observation.experiment.channels):
+        unit, draws = channel.shown, predictive.get(of_label(channel.name, observation.label))
         if draws is not None:
             draws = draws.reshape(-1, draws.shape[-1]).astype(np.float64) / unit.factor
         yield Signal(
             label=Symbol(channel.name, channel.unit, channel.latex, unit.latex, "channel"),
-            y=one.experiment.y[:, k] / unit.factor,
+            y=observation.experiment.y[:, k] / unit.factor,
             model=models[:, k] / unit.factor,
             predictive=draws,
             sigma=float(sigmas[k]) / unit.factor,
@@ -139,15 +139,19 @@ DIGITS = 12
 def prediction_csv(problem: Problem, theta: Array) -> dict[str, str]:
     """At `theta (D,)`, by the names of files: one, or one with a number for each experiment."""
     full, observations = problem.posterior.space.full(theta[None]), problem.observations
-    texts = [_prediction(one, full) for one in observations]
+    texts = [_prediction(observation, full) for observation in observations]
     return {f"{stem}.csv": text for stem, text in numbered("prediction", texts).items()}
 
 
-def _prediction(one: Observation, full: Array) -> str:
+def _prediction(observation: Observation, full: Array) -> str:
     """A line for each sample: time, each channel as measured and as predicted without noise, and the
     inputs; the head of a column has its unit, as in `w_1 measured [rpm]`.
     """
-    experiment, signals, unit = one.experiment, one.signals(full)[0], one.experiment.written.time
+    experiment, signals, unit = (
+        observation.experiment,
+        observation.signals(full)[0],
+        observation.experiment.written.time,
+    )
     columns = {f"t [{unit.name}]": experiment.t / unit.factor}
     for k, channel in enumerate(experiment.channels):
         name, unit = channel.name, channel.shown
@@ -163,62 +167,70 @@ def _prediction(one: Observation, full: Array) -> str:
     return text.getvalue()
 
 
-def residual_sentences(found: Sequence[Left], clock: Unit) -> str:
+def residual_sentences(summaries: Sequence[Left], clock: Unit) -> str:
     """How much is left; that it looks like the noise, or a line for each way in which it does not.
 
     `clock`: in which times are said.
     """
-    seen = [f"{percent(one.share)} of {one.name}" for one in found if not math.isnan(one.share)]
+    seen = [
+        f"{percent(summary.share)} of {summary.name}"
+        for summary in summaries
+        if not math.isnan(summary.share)
+    ]
     lines = [f"fit: the MAP leaves unexplained {', '.join(seen) or 'nothing to speak of'}."]
     # Where noise remembers, or a torque is missing; elsewhere both are what was said above.
-    ahead = [one for one in found if one.ahead != one.simulated and not math.isnan(one.share)]
+    ahead = [
+        summary
+        for summary in summaries
+        if summary.ahead != summary.simulated and not math.isnan(summary.share)
+    ]
     if ahead:
         each = ", ".join(
-            f"{one.name} {explained_share(one.simulated)} and {explained_share(one.ahead)}"
-            for one in ahead
+            f"{summary.name} {explained_share(summary.simulated)} and {explained_share(summary.ahead)}"
+            for summary in ahead
         )
         lines.append(
             "fit: explained by the simulation alone, and by predictions one step ahead, which know all "
             f"samples before: {each}."
         )
-    if large := _worst(found, "large", "rms"):
+    if large := _worst(summaries, "large", "rms"):
         lines.append(
             f"fit: the residuals are larger than the noise: {_each_channel(large, 'rms')} times sigma "
             f"(noise gives at most {large[0].limits.most:.3g}). A unit, an input, a sigma, the end of a "
             "prior or the model is wrong. Every sd and verdict here is too sure."
         )
-    if far := _worst(found, "far", "farthest"):
+    if far := _worst(summaries, "far", "farthest"):
         each = ", ".join(
-            f"{one.name} {one.farthest:.3g} at {one.time / clock.factor:.4g} {clock.name}"
-            for one in far
+            f"{summary.name} {summary.farthest:.3g} at {summary.time / clock.factor:.4g} {clock.name}"
+            for summary in far
         )
         lines.append(
             f"fit: single samples are too far off, in sigmas: {each} (noise gives at most "
             f"{far[0].limits.farthest:.2g}). They are outliers, or the model misses something short."
         )
-    if correlated := _worst(found, "correlated", "correlation"):
+    if correlated := _worst(summaries, "correlated", "correlation"):
         lines.append(
             "fit: the residuals are correlated from one sample to the next: "
             f"{_each_channel(correlated, 'correlation')} (white noise gives at most "
             f"{correlated[0].limits.correlation:.2g} either way). The model misses something, or the "
             "column was filtered or differenced. Do not trust the sds."
         )
-    if small := _worst(found, "small", "rms"):
+    if small := _worst(summaries, "small", "rms"):
         lines.append(
             f"fit: the residuals are smaller than the noise: {_each_channel(small, 'rms')} times sigma "
             f"(noise gives at least {small[0].limits.least:.3g}). These sigmas are too large, or the "
             "column was filtered."
         )
-    if like_noise(found) and not small:
-        sizes = [one.rms for one in found]
+    if like_noise(summaries) and not small:
+        sizes = [summary.rms for summary in summaries]
         sigmas = f"rms {min(sizes):.3f} to {max(sizes):.3f} sigma"
         lines.append(f"fit: the residuals look like the noise ({sigmas}).")
     return "\n".join(lines)
 
 
-def residual_reasons(found: Sequence[Left]) -> tuple[str, ...]:
+def residual_reasons(summaries: Sequence[Left]) -> tuple[str, ...]:
     """Why nothing here must be believed, though the ensembles converge; empty where it may be."""
-    doubtful = [one for one in found if one.unbelievable]
+    doubtful = [summary for summary in summaries if summary.unbelievable]
     said = []
     if large := _worst(doubtful, "large", "rms"):
         said.append(
@@ -232,14 +244,14 @@ def residual_reasons(found: Sequence[Left]) -> tuple[str, ...]:
     return tuple(said)
 
 
-def _worst(found: Sequence[Left], which: str, by: str) -> list[Left]:
+def _worst(summaries: Sequence[Left], which: str, by: str) -> list[Left]:
     """Those of which it is true, the worst first."""
-    chosen = [one for one in found if getattr(one, which)]
-    return sorted(chosen, key=lambda one: abs(getattr(one, by)), reverse=which != "small")
+    chosen = [summary for summary in summaries if getattr(summary, which)]
+    return sorted(chosen, key=lambda summary: abs(getattr(summary, by)), reverse=which != "small")
 
 
-def _each_channel(found: Sequence[Left], what: str) -> str:
-    return ", ".join(f"{one.name} {getattr(one, what):.3g}" for one in found)
+def _each_channel(summaries: Sequence[Left], what: str) -> str:
+    return ", ".join(f"{summary.name} {getattr(summary, what):.3g}" for summary in summaries)
 
 
 def percent(share: float) -> str:
@@ -275,9 +287,9 @@ LACKED: Mapping[str, str] = {
 }
 
 
-def explained(found: Causes | None) -> str:
+def explained(causes: Causes | None) -> str:
     """What would explain what the fit leaves, for a terminal: best first, and what to do."""
-    parts = candidates(found)
+    parts = candidates(causes)
     said = []
     for part in parts:
         match part:
@@ -288,60 +300,65 @@ def explained(found: Causes | None) -> str:
     return "\n".join(said)
 
 
-def candidates(found: Causes | None) -> tuple[Sentences | Table | Plain, ...]:
+def candidates(causes: Causes | None) -> tuple[Sentences | Table | Plain, ...]:
     """What would explain what the fit leaves: candidates, best first, the lines of a config that say the
     best, and what to do next; for a page.
     """
-    if found is None:
+    if causes is None:
         return ()
-    if not found.explains:
+    if not causes.explains:
         tried = (
-            f"fit: {len(found.ranked)} candidates were refitted, and none explains the misfit. They "
+            f"fit: {len(causes.ranked)} candidates were refitted, and none explains the misfit. They "
             "were gains, lags and offsets of sensors and inputs, the start, the gear, physics that the "
             "rig may lack, and the noise."
         )
-        return (Sentences("\n".join(filter(None, [tried, wandering(found), LOOK]))),)
-    best, rest = found.best, "leaves more than noise"
-    doubts = [one for one in found.good[:SHOWN] if one.doubts]
+        return (Sentences("\n".join(filter(None, [tried, wandering(causes), LOOK]))),)
+    best, rest = causes.best, "leaves more than noise"
+    doubts = [cause for cause in causes.good[:SHOWN] if cause.doubts]
     said = [
-        f"fit: {len(found.ranked)} candidates were refitted from the MAP, each with all unknowns free. "
+        f"fit: {len(causes.ranked)} candidates were refitted from the MAP, each with all unknowns free. "
         "The best are listed: log Bayes factor (by Laplace's approximation), gain of the log posterior, "
         "and what stays unexplained of each channel.",
         f"fit: A is the config with {_listed(best.words)}.",
     ]
     if doubts:
-        each = "; ".join(f"{_beside(one, best)}: {', '.join(one.doubts)}" for one in doubts)
+        each = "; ".join(f"{_beside(cause, best)}: {', '.join(cause.doubts)}" for cause in doubts)
         said.append(f"fit: do not trust the Bayes factor of {each}.")
     if best.explains_all:
         rest = "leaves what looks like the noise"
-    first = found.ranked[0]
+    first = causes.ranked[0]
     if {*first.parts} <= CATCH_ALL and first is not best:
         said.append(
             f"fit: {first.about} absorbs more, as it does of any misfit, and names no cause."
         )
-    said += filter(None, [wandering(found)])
+    said += filter(None, [wandering(causes)])
     return (
         Sentences("\n".join(said)),
-        _candidate_table(found),
+        _candidate_table(causes),
         Sentences(f"next: add these lines to the config (A{_new(best)}). That {rest}."),
         Plain(best.lines),
         Sentences("\n".join(f"next: {step}" for step in STEPS)),
     )
 
 
-def _candidate_table(found: Causes) -> Table:
-    shown = found.good[:SHOWN]
-    lines = [("as given", "0", "0", *(percent(one.share) for one in found.given))]
+def _candidate_table(causes: Causes) -> Table:
+    shown = causes.good[:SHOWN]
+    lines = [("as given", "0", "0", *(percent(summary.share) for summary in causes.given))]
     lines += [
         (
-            _beside(one, found.best),
-            f"{one.bayes:+.1f}",
-            f"{one.gain:+.1f}",
-            *(percent(x.share) for x in one.fit),
+            _beside(cause, causes.best),
+            f"{cause.bayes:+.1f}",
+            f"{cause.gain:+.1f}",
+            *(percent(x.share) for x in cause.fit),
         )
-        for one in shown
+        for cause in shown
     ]
-    heads = ("model", "log Bayes factor", "log posterior", *(one.name for one in found.given))
+    heads = (
+        "model",
+        "log Bayes factor",
+        "log posterior",
+        *(summary.name for summary in causes.given),
+    )
     return Table(heads, tuple(lines), frozenset({"model"}))
 
 
@@ -388,28 +405,28 @@ def wandering(causes: Causes) -> str:
     )
 
 
-def _new(one: Cause) -> str:
+def _new(cause: Cause) -> str:
     """Values of its further unknowns, where they are few."""
-    few = [new for new in one.new if not new.name.startswith(("sigma_", "rho_"))][:SHOWN]
+    few = [new for new in cause.new if not new.name.startswith(("sigma_", "rho_"))][:SHOWN]
     said = [f"{new.name} = {new.value:.3g} {new.unit}".strip() for new in few]
     return f": {', '.join(said)}" if said else ""
 
 
-def lacking(found: Causes | None, roles: Roles) -> str:
+def lacking(causes: Causes | None, roles: Roles) -> str:
     """What the model misses, for a verdict that stands on it; empty where nothing is known."""
-    names = () if found is None else found.lacking
+    names = () if causes is None else causes.lacking
     return " and ".join(f"{_lacked(name, roles)} ({name})" for name in names)
 
 
-def instead(found: Instead | None, roles: Roles) -> Iterable[str]:
+def instead(explanation: Instead | None, roles: Roles) -> Iterable[str]:
     """A table that may be right after all."""
-    if found is None:
+    if explanation is None:
         return
-    how = "better than" if found.lost < 0 else "about as well as"
-    missing = _missing(found.parameter, found.value, roles)
+    how = "better than" if explanation.lost < 0 else "about as well as"
+    missing = _missing(explanation.parameter, explanation.value, roles)
     yield (
         f"before you blame the table: its values with {missing} explain the record {how} any without. "
-        f"Try it: {_named(found.parameter, found.value)}."
+        f"Try it: {_named(explanation.parameter, explanation.value)}."
     )
 
 
@@ -427,17 +444,17 @@ def _named(name: str, value: float) -> str:
     return f"say `parameters: {{{name}: {{prior: uniform, low: 0, high: {WIDER * value:.2g}}}}}`"
 
 
-def moment(found: Moment | None) -> Iterable[str]:
+def moment(moment: Moment | None) -> Iterable[str]:
     """How much half a sample of it matters; nothing where it hardly does."""
-    if found is None or not found.matters:
+    if moment is None or not moment.matters:
         return
-    moved = sorted(found.shifts, key=lambda one: -abs(one[1]))
+    moved = sorted(moment.shifts, key=lambda shift: -abs(shift[1]))
     named = ", ".join(
         f"{name} by {abs(shift):.2g}" for name, shift in moved[:3] if abs(shift) > 0.1
     )
-    width = 2 * found.seconds
+    width = 2 * moment.seconds
     yield (
-        f"timing: if the inputs act half a sample ({1e3 * found.seconds:.3g} ms) later than recorded, "
+        f"timing: if the inputs act half a sample ({1e3 * moment.seconds:.3g} ms) later than recorded, "
         f"the fit is as good, and values move: {named} sds. If that is possible, add `inputs: {{t_0: "
         f"{{prior: uniform, low: -{width:.3g}, high: {width:.3g}}}}}`."
     )

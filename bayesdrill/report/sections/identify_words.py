@@ -45,37 +45,37 @@ def full(study: Study) -> str:
 
 def structure(study: Study) -> str:
     """The exact symmetries and what is left."""
-    found = study.structure
-    names = found.names
-    if not found.symmetries and not found.unexplained:
+    structure = study.structure
+    names = structure.names
+    if not structure.symmetries and not structure.unexplained:
         return (
             f"structure: no exact symmetry; all of {listed(names)} leave a trace of their own in "
             "the measured signals"
         )
-    n = len(found.symmetries) + found.unexplained
+    n = len(structure.symmetries) + structure.unexplained
     lines = [
         f"structure: {_count(n, 'exact symmetry', 'exact symmetries')}; no record "
         "of these channels, however long or clean, shows where on it the rig is:"
     ]
     lines += [f"  - {line}" for line in _symmetries(study)]
-    if found.invariants:
-        products = ", ".join(product(names, e) for e in found.invariants)
+    if structure.invariants:
+        products = ", ".join(product(names, e) for e in structure.invariants)
         lines.append(
-            f"what such a record can show are {len(found.invariants)} products of powers: {products}"
+            f"what such a record can show are {len(structure.invariants)} products of powers: {products}"
         )
     return "\n".join(lines)
 
 
 def _symmetries(study: Study) -> list[str]:
     """A sentence for each, and one for those that are no common factor."""
-    found = study.structure
-    lines = [symmetry(found.names, e) for e in found.symmetries]
-    if found.unexplained:
+    structure = study.structure
+    lines = [symmetry(structure.names, e) for e in structure.symmetries]
+    if structure.unexplained:
         blind = [known.exponents.index(1) for known in study.parameters if math.isinf(known.bound)]
         lines.append(
-            f"{_count(found.unexplained, 'change', 'changes')} of several of "
-            f"{listed([found.names[k] for k in blind])} at once, by no common factor, "
-            f"{'leaves' if found.unexplained == 1 else 'leave'} every signal as it is"
+            f"{_count(structure.unexplained, 'change', 'changes')} of several of "
+            f"{listed([structure.names[k] for k in blind])} at once, by no common factor, "
+            f"{'leaves' if structure.unexplained == 1 else 'leave'} every signal as it is"
         )
     return lines
 
@@ -105,15 +105,15 @@ def symmetry(names: Sequence[str], exponents: Exponents) -> str:
 def resting(study: Study) -> str:
     """A sentence for each scale that numbers which are held settle, or would."""
     lines = []
-    for one in study.resting:
-        verb = "depends" if len(one.unknown) == 1 else "depend"
-        through = listed(one.through)
+    for dependence in study.resting:
+        verb = "depends" if len(dependence.unknown) == 1 else "depend"
+        through = listed(dependence.through)
         why = f"{through}, which the config holds, and can be right only as far as that is"
-        if priors := one.priors((one.narrowest,), (1,)):
+        if priors := dependence.priors((dependence.narrowest,), (1,)):
             why = f"{priors_of(priors)} more than on the record, which hardly shows {through}"
         lines.append(
-            f"{listed(one.unknown)} {verb} on {why}. In the record, "
-            f"{symmetry(one.names, one.exponents)}."
+            f"{listed(dependence.unknown)} {verb} on {why}. In the record, "
+            f"{symmetry(dependence.names, dependence.exponents)}."
         )
     return "\n".join(lines)
 
@@ -146,12 +146,13 @@ def nuisances(study: Study) -> str:
     header = ("", "with the record", "prior", "")
     rows = [(f"  {n.name}", f"{n.sd:.2g}", f"{n.prior_sd:.2g}", n.word) for n in study.nuisances]
     lines.append(aligned([header, *rows], left={0, 3}))
-    for one in study.nuisances:
-        if one.like:
-            each = ", ".join(f"{other} ({times:.2g} times)" for other, times in one.like)
+    for nuisance in study.nuisances:
+        if nuisance.like:
+            each = ", ".join(f"{other} ({times:.2g} times)" for other, times in nuisance.like)
+            others = listed([other for other, _ in nuisance.like])
             lines.append(
-                f"{one.name} can hardly be told from {listed([o for o, _ in one.like])}: if it were "
-                f"known, sds would be smaller: {each}"
+                f"{nuisance.name} can hardly be told from {others}. If it were known, sds would be "
+                f"smaller: {each}."
             )
     return "\n".join(lines)
 
@@ -207,7 +208,7 @@ def _of_each(study: Study) -> str:
     return "; ".join(parts)
 
 
-def profiles(found: Sequence[Profile], study: Study, shown: Sequence[Symbol]) -> str:
+def profiles(profiles: Sequence[Profile], study: Study, shown: Sequence[Symbol]) -> str:
     """One line each, in the units of the symbols `shown`."""
     named = {symbol.name: symbol.plain_unit for symbol in shown}
     open_ones = {
@@ -216,7 +217,7 @@ def profiles(found: Sequence[Profile], study: Study, shown: Sequence[Symbol]) ->
         if math.isinf(known.bound)
     }
     rows = [("", "unit", "best fit", "95 % from", "to", "")]
-    for p in found:
+    for p in profiles:
         low, high = ("-" if x is None else f"{x:.6g}" for x in (p.low, p.high))
         best = "-" if p.shape == "flat" else f"{p.best:.6g}"
         meant = SHAPES[p.shape]
@@ -254,5 +255,5 @@ def _factor(exponent: int) -> str:
     return "f" if exponent == 1 else f"f^{exponent}"
 
 
-def _count(n: int, one: str, many: str) -> str:
-    return f"{n} {one if n == 1 else many}"
+def _count(n: int, text: str, many: str) -> str:
+    return f"{n} {text if n == 1 else many}"

@@ -128,28 +128,28 @@ def energy_names(part: str, model: Model) -> str:
         AT_START: "stored at the start",
         STORED: "stored",
     }
-    for one in model.frictions:
-        drop = one.against == motor.current
-        names[one.name] = "voltage drop" if drop else f"friction {one.where}"
+    for friction in model.frictions:
+        drop = friction.against == motor.current
+        names[friction.name] = "voltage drop" if drop else f"friction {friction.where}"
     return names.get(part, part)
 
 
-def energy_table(found: EnergySummary, model: Model) -> Table:
+def energy_table(summary: EnergySummary, model: Model) -> Table:
     """In the order: what came in, the largest first; what it went to; what is stored."""
-    surely = any(part.sd is not None for part in found.parts)
+    surely = any(part.sd is not None for part in summary.parts)
     heads = ("", "", "J", "share", *(("sd",) if surely else ()))
     lines = []
-    for side, names in (("in", found.came), ("out", found.went)):
-        for part in ordered(found, names):
+    for side, names in (("in", summary.came), ("out", summary.went)):
+        for part in ordered(summary, names):
             sure = (f"{100 * part.sd:.2g} %",) if part.sd is not None else ("",) * surely
             share = f"{100 * part.share:.3g} %"
             lines.append((side, energy_names(part.name, model), f"{part.joules:.4g}", share, *sure))
     return Table(heads, tuple(lines), frozenset(heads[:1]))
 
 
-def ordered(found: Account | EnergySummary, names: Collection[str]) -> list[Part]:
+def ordered(summary: Account | EnergySummary, names: Collection[str]) -> list[Part]:
     """The largest first; what is stored stands last."""
-    parts = [part for part in found.parts if part.name in names]
+    parts = [part for part in summary.parts if part.name in names]
     return sorted(parts, key=lambda part: (part.name == STORED, -part.joules))
 
 
@@ -176,9 +176,12 @@ class Balance:
     parts: tuple[Stacked, ...]
 
 
-def energy_balance(found: Account, model: Model, clock: Unit) -> Balance:
+def energy_balance(account: Account, model: Model, clock: Unit) -> Balance:
     """For a figure."""
-    motor, rubs = model.roles.motor, {one.name: one.against for one in model.frictions}
+    motor, rubs = (
+        model.roles.motor,
+        {friction.name: friction.against for friction in model.frictions},
+    )
     viscous = (motor.damping, model.roles.shaft.damping, model.roles.rotor.damping)
     kinds = {
         **dict.fromkeys((motor.resistance, motor.series), "electrical"),
@@ -191,31 +194,31 @@ def energy_balance(found: Account, model: Model, clock: Unit) -> Balance:
         Stacked(
             kind=kinds.get(p.name, "other"),
             name=energy_names(p.name, model),
-            joules=found.went[p.name],
+            joules=account.went[p.name],
         )
-        for p in ordered(found, found.went)
+        for p in ordered(account, account.went)
     ]
     return Balance(
-        t=found.t / clock.factor,
+        t=account.t / clock.factor,
         time=Symbol("t", clock.name, "t", clock.latex, "time"),
-        total=found.total,
-        sources=", ".join(energy_names(p.name, model) for p in ordered(found, found.came)),
+        total=account.total,
+        sources=", ".join(energy_names(p.name, model) for p in ordered(account, account.came)),
         parts=tuple(sorted(parts, key=lambda part: KINDS.index(part.kind))),
     )
 
 
-def energy_note(found: EnergySummary, model: Model) -> str:
+def energy_note(summary: EnergySummary, model: Model) -> str:
     left = (
-        f", but {100 * found.left:.2g} % of it is in neither, because of steps in which a speed "
+        f", but {100 * summary.left:.2g} % of it is in neither, because of steps in which a speed "
         "changes its sign: finer steps are `model: {pieces: ...}`"
     )
-    said = READ + (left if found.left > OPEN else "") + "."
+    said = READ + (left if summary.left > OPEN else "") + "."
     given, taken = model.roles.motor.torque_constant, model.roles.motor.back_emf
     unequal = (
         f"*{given} is not {taken}*: what a motor gives beyond what it takes, ({given} - {taken}) times "
         "current and speed; in an ideal one the two are equal."
     )
-    return f"{said} {unequal}" if CONVERTED in (*found.came, *found.went) else said
+    return f"{said} {unequal}" if CONVERTED in (*summary.came, *summary.went) else said
 
 
 TAILS = (0.5 - HDI_PROBABILITY / 2, 0.5 + HDI_PROBABILITY / 2)
@@ -262,51 +265,57 @@ class Law:
     seen: Array
 
 
-def rubs(found: Sequence[Rubbing], clock: Unit) -> tuple[Rub, ...]:
+def rubs(rubbings: Sequence[Rubbing], clock: Unit) -> tuple[Rub, ...]:
     """Of one experiment."""
     return tuple(
         Rub(
-            label=effort_symbol(one.friction),
-            effort=one.effort,
-            band=None if len(one.efforts) < 2 else np.quantile(one.efforts, TAILS, axis=0),
-            sticks=tuple((a / clock.factor, b / clock.factor) for a, b in one.intervals),
+            label=effort_symbol(rubbing.friction),
+            effort=rubbing.effort,
+            band=None if len(rubbing.efforts) < 2 else np.quantile(rubbing.efforts, TAILS, axis=0),
+            sticks=tuple((a / clock.factor, b / clock.factor) for a, b in rubbing.intervals),
         )
-        for one in found
+        for rubbing in rubbings
     )
 
 
 def laws(
-    one: Observation, found: Sequence[Rubbing], problem: Problem, best: Array, draws: Array
+    observation: Observation,
+    rubbings: Sequence[Rubbing],
+    problem: Problem,
+    best: Array,
+    draws: Array,
 ) -> tuple[Law, ...]:
     """Of one experiment, at the MAP `best (D,)` and draws `(N, D)`."""
     space, every = problem.posterior.space, []
-    for rubbing in found:
+    for rubbing in rubbings:
         points = np.vstack([best[None], draws])
-        shown = curve(one, rubbing, space.full(points))
+        shown = curve(observation, rubbing, space.full(points))
         every.append(
             Law(
-                speed=speed_symbol(rubbing.friction.against, one.response.model.roles),
+                speed=speed_symbol(rubbing.friction.against, observation.response.model.roles),
                 effort=effort_symbol(rubbing.friction),
                 where=rubbing.friction.where,
                 speeds=shown.speeds,
                 best=shown.sizes[0],
                 band=np.quantile(shown.sizes[1:], TAILS, axis=0) if len(draws) > 1 else None,
-                nominal=_nominal(one, rubbing, problem, best),
+                nominal=_nominal(observation, rubbing, problem, best),
                 seen=rubbing.speed * rubbing.gear,
             )
         )
     return tuple(every)
 
 
-def _nominal(one: Observation, rubbing: Rubbing, problem: Problem, best: Array) -> Array | None:
+def _nominal(
+    observation: Observation, rubbing: Rubbing, problem: Problem, best: Array
+) -> Array | None:
     """By the nominal values of what the law names; None where one of them is unknown and has none."""
     space = problem.posterior.space
-    named = one.named(one.response.parameters)
-    own = {named.get(name, name) for name in rubbing.friction.law.parameters}
-    if not own & {*space.free} or not own & {*space.free} <= {*problem.nominal}:
+    named = observation.named(observation.response.parameters)
+    names = {named.get(name, name) for name in rubbing.friction.law.parameters}
+    if not names & {*space.free} or not names & {*space.free} <= {*problem.nominal}:
         return None
     values = {name: problem.nominal.get(name, x) for name, x in zip(space.free, best, strict=True)}
-    return np.asarray(curve(one, rubbing, space.full(space.vector(values)[None])).sizes[0])
+    return np.asarray(curve(observation, rubbing, space.full(space.vector(values)[None])).sizes[0])
 
 
 EXPERIMENTS: Mapping[str, str] = {
@@ -318,10 +327,10 @@ EXPERIMENTS: Mapping[str, str] = {
 }
 
 
-def friction_sentences(found: Told) -> str:
+def friction_sentences(study: Told) -> str:
     """A line for each; empty where there is nothing."""
-    alike = (_alike(one, found.roles) for one in found.alike)
-    return "\n".join([*alike, *map(_unseen, found.unseen)])
+    alike = (_alike(pair, study.roles) for pair in study.alike)
+    return "\n".join([*alike, *map(_unseen, study.unseen)])
 
 
 def _alike(one: Alike, roles: Roles) -> str:
@@ -345,13 +354,13 @@ def _alike(one: Alike, roles: Roles) -> str:
     )
 
 
-def _unseen(one: Unseen) -> str:
-    speed = f"{one.deeds.slowest:.3g} rad/s"
+def _unseen(law: Unseen) -> str:
+    speed = f"{law.deeds.slowest:.3g} rad/s"
     return (
-        f"friction: static friction {one.deeds.where} does not show. Once it turns, it never sticks and "
-        f"is never slower than {speed}, while static friction is lost over {one.scale:.3g} rad/s. "
-        f"{listed(one.names)} {'is' if len(one.names) == 1 else 'are'} left to the prior."
-        f"{_proposed(one.names[0], one.proposals)}"
+        f"friction: static friction {law.deeds.where} does not show. Once it turns, it never sticks and "
+        f"is never slower than {speed}, while static friction is lost over {law.scale:.3g} rad/s. "
+        f"{listed(law.names)} {'is' if len(law.names) == 1 else 'are'} left to the prior."
+        f"{_proposed(law.names[0], law.proposals)}"
     )
 
 
@@ -369,8 +378,8 @@ def _did(deeds: Deeds, roles: Roles) -> str:
 
 def _proposed(name: str, proposals: Sequence[Proposal]) -> str:
     each = [
-        f"{EXPERIMENTS[one.what].format(volts=one.volts)} (sd {_about(one.shrink)} times smaller)"
-        for one in proposals
+        f"{EXPERIMENTS[p.what].format(volts=p.volts)} (sd {_about(p.shrink)} times smaller)"
+        for p in proposals
     ]
     return f" What would show {name}: {', or '.join(each)}." if each else ""
 

@@ -62,40 +62,40 @@ class Shown:
     against: tuple[Against, ...]
 
 
-def torque_shown(found: Shaking, clock: Unit) -> Shown:
+def torque_shown(torque: Shaking, clock: Unit) -> Shown:
     return Shown(
-        t=found.t / clock.factor,
+        t=torque.t / clock.factor,
         time=dataclasses.replace(TIME, latex_unit=clock.latex),
         torque=TORQUE,
-        expected=found.expected,
-        band=found.band,
-        against=tuple(_against(found)),
+        expected=torque.expected,
+        band=torque.band,
+        against=tuple(_against(torque)),
     )
 
 
-def _against(found: Shaking) -> Iterator[Against]:
+def _against(torque: Shaking) -> Iterator[Against]:
     """Its own speed first, the other one, the angle within a turn, the inputs that were measured."""
-    for name, speed in found.speeds:
-        geared = found.gear != 1.0
-        label = speed_symbol(name, found.roles) if geared else models.STATES[name]
-        yield _binned(found, label, speed)
-    turns = found.angle / (2 * np.pi)
+    for name, speed in torque.speeds:
+        geared = torque.gear != 1.0
+        label = speed_symbol(name, torque.roles) if geared else models.STATES[name]
+        yield _binned(torque, label, speed)
+    turns = torque.angle / (2 * np.pi)
     if np.ptp(turns) > 1.0:
-        yield _binned(found, TURN[found.at], turns % 1.0)
-    for name, values in found.inputs.items():
-        if name not in found.states:
-            yield _binned(found, symbols.INPUTS[name], values)
+        yield _binned(torque, TURN[torque.at], turns % 1.0)
+    for name, values in torque.inputs.items():
+        if name not in torque.states:
+            yield _binned(torque, symbols.INPUTS[name], values)
 
 
-def _binned(found: Shaking, label: Symbol, values: Array) -> Against:
+def _binned(torque: Shaking, label: Symbol, values: Array) -> Against:
     edges = np.linspace(values.min(), values.max(), BINS + 1)
     which = np.clip(np.searchsorted(edges, values, side="right") - 1, 0, BINS - 1)
     counts = np.bincount(which, minlength=BINS)
     good = np.flatnonzero(counts >= FEWEST)
-    sums = np.zeros((len(found.draws), BINS))
+    sums = np.zeros((len(torque.draws), BINS))
     for k in good:
-        sums[:, k] = found.draws[:, which == k].mean(axis=1)
-    means = np.bincount(which, weights=found.expected, minlength=BINS)
+        sums[:, k] = torque.draws[:, which == k].mean(axis=1)
+    means = np.bincount(which, weights=torque.expected, minlength=BINS)
     return Against(
         label=label,
         values=values,
@@ -119,12 +119,12 @@ READ = (
 )
 
 
-def torque_sentence(found: TorqueSummary) -> str:
-    of = f" in {found.label}" if found.label else ""
+def torque_sentence(summary: TorqueSummary) -> str:
+    of = f" in {summary.label}" if summary.label else ""
     return (
-        f"missing torque{of}: {WHERE[found.at]} {found.low:.3g} to {found.high:.3g} N m in 94 % of the "
-        f"samples, each known to {found.width:.2g} N m. Its sign is sure in {100 * found.sure:.0f} % of "
-        "the samples."
+        f"missing torque{of}: {WHERE[summary.at]} {summary.low:.3g} to {summary.high:.3g} N m in 94 % "
+        f"of the samples, each known to {summary.width:.2g} N m. Its sign is sure in "
+        f"{100 * summary.sure:.0f} % of the samples."
     )
 
 
@@ -139,17 +139,17 @@ def beside(*, rubs: bool) -> str:
     )
 
 
-def strayed(found: TorqueSummary) -> str:
+def strayed(summary: TorqueSummary) -> str:
     """How good an approximation it was; empty for a rig that does not rub."""
-    every = [one for one in found.courses if np.isfinite(one.strayed)]
+    every = [course for course in summary.courses if np.isfinite(course.strayed)]
     if not every:
         return ""
-    parts = ", ".join(f"{one.strayed:.2g} (`{one.channel}`)" for one in every)
+    parts = ", ".join(f"{course.strayed:.2g} (`{course.channel}`)" for course in every)
     said = (
         "missing torque: beside friction it is an approximation; the rig that rubs, with this torque as "
         f"an input, goes elsewhere by {parts} of the noise, rms"
     )
-    if max(one.strayed for one in every) <= HARMLESS:
+    if max(course.strayed for course in every) <= HARMLESS:
         return f"{said}, which does little harm"
     return (
         f"{said}: friction and inertia are NOT as sure as their sds say; leave the friction out, which "
@@ -157,34 +157,36 @@ def strayed(found: TorqueSummary) -> str:
     )
 
 
-def followed(found: TorqueSummary) -> str:
+def followed(summary: TorqueSummary) -> str:
     """What the torque follows, a line for each; what it would be in the equations."""
-    every = found.follows
-    taken = [one for one in every if one.taken]
+    every = summary.follows
+    taken = [law for law in every if law.taken]
     if not taken:
-        most = f" (at most {100 * every[0].share:.0f} %: {_what(found, every[0])})" if every else ""
+        most = (
+            f" (at most {100 * every[0].share:.0f} %: {_what(summary, every[0])})" if every else ""
+        )
         return (
             f"missing torque: it follows no speed, angle, input or time by a law known here{most}"
         )
-    return "\n".join(_line(found, one) for one in taken)
+    return "\n".join(_line(summary, law) for law in taken)
 
 
-def _line(found: TorqueSummary, one: Follows) -> str:
-    size, sd = abs(one.size), f"{one.sd:.1g}"
-    against = one.size < 0
-    turning = found.turning
+def _line(summary: TorqueSummary, law: Follows) -> str:
+    size, sd = abs(law.size), f"{law.sd:.1g}"
+    against = law.size < 0
+    turning = summary.turning
     still = f" where it turns, in {100 * turning:.0f} % of the samples," if turning < FULL else ""
-    share = f"which{still} explains {100 * one.share:.0f} % of it by itself"
-    said = f"missing torque: it follows {_what(found, one)}, {share}"
-    if one.kind == "sign" and against:
-        said += f": dry friction {AT[found.at]} of {size:.3g} N m (sd {sd})"
-    elif one.kind == "speed" and against:
-        said += f": viscous damping {AT[found.at]} of {size:.3g} N m s/rad (sd {sd})"
+    share = f"which{still} explains {100 * law.share:.0f} % of it by itself"
+    said = f"missing torque: it follows {_what(summary, law)}, {share}"
+    if law.kind == "sign" and against:
+        said += f": dry friction {AT[summary.at]} of {size:.3g} N m (sd {sd})"
+    elif law.kind == "speed" and against:
+        said += f": viscous damping {AT[summary.at]} of {size:.3g} N m s/rad (sd {sd})"
     else:
-        said += f": {one.size:.3g} {UNITS[one.kind]} (sd {sd})"
-    here = found.roles.at(found.at)  # what a config names in the place of the torque
-    name = {"sign": here.sliding, "speed": here.damping}.get(one.kind)
-    if name is None or one.of != here.speed or not against:
+        said += f": {law.size:.3g} {UNITS[law.kind]} (sd {sd})"
+    here = summary.roles.at(summary.at)  # what a config names in the place of the torque
+    name = {"sign": here.sliding, "speed": here.damping}.get(law.kind)
+    if name is None or law.of != here.speed or not against:
         return said
     prior = f"{{prior: log_uniform, low: {size / WIDE:.2g}, high: {size * WIDE:.2g}}}"
     return f"{said}; to have it in the equations, write `parameters: {{{name}: {prior}}}`"
@@ -201,18 +203,18 @@ UNITS = {
 }
 
 
-def _what(found: TorqueSummary, one: Follows) -> str:
-    motor = one.of == found.roles.motor.speed
+def _what(summary: TorqueSummary, law: Follows) -> str:
+    motor = law.of == summary.roles.motor.speed
     speed = f"the speed of {'the motor' if motor else 'rotor 1'}"
     return {
         "sign": f"the sign of {speed}",
         "speed": speed,
         "square": f"the square of {speed}",
         "turn": "the angle within a turn",
-        "input": f"the input {one.of}",
+        "input": f"the input {law.of}",
         "constant": "nothing, and is constant",
         "drift": "the time",
-    }[one.kind]
+    }[law.kind]
 
 
 def stand_ins(study: Study) -> str:
@@ -226,22 +228,24 @@ def stand_ins(study: Study) -> str:
             f"with a smaller. Hold one of {every}, or measure the torque."
         )
     do = {"hold": "holding", "measure": "a sensor of"}
-    for one in study.stand_ins:
-        ways = [f"{do[h.kind]} {h.name} (sd {h.shrink:.2g} times smaller)" for h in one.helps]
+    for confounding in study.stand_ins:
+        ways = [
+            f"{do[h.kind]} {h.name} (sd {h.shrink:.2g} times smaller)" for h in confounding.helps
+        ]
         would = f" What would show it: {', or '.join(ways)}." if ways else ""
         lines.append(
-            f"missing torque: {WHERE[one.at]} it can stand in for {one.name}: the sd of log {one.name} "
-            f"is {one.sd:.2g} with it, {one.alone:.2g} without it, {one.before:.2g} before the "
-            f"record.{would}"
+            f"missing torque: {WHERE[confounding.at]} it can stand in for {confounding.name}: the sd of "
+            f"log {confounding.name} is {confounding.sd:.2g} with it, {confounding.alone:.2g} without "
+            f"it, {confounding.before:.2g} before the record.{would}"
         )
     return "\n".join(lines)
 
 
-def torque_table(found: TorqueSummary) -> Table:
+def torque_table(summary: TorqueSummary) -> Table:
     lines = []
-    for one in found.courses:
-        sizes = (one.without, one.left, one.moved)
-        lines.append((one.channel, *(f"{100 * x / one.spread:.3g} %" for x in sizes)))
+    for course in summary.courses:
+        sizes = (course.without, course.left, course.moved)
+        lines.append((course.channel, *(f"{100 * x / course.spread:.3g} %" for x in sizes)))
     return Table(HEADS, tuple(lines), frozenset(HEADS[:1]))
 
 
@@ -249,12 +253,12 @@ def torque_csv(every: Sequence[Shaking]) -> str | None:
     """SI, a line for each sample; None where no torque is missing."""
     if not every:
         return None
-    names = list(dict.fromkeys(n for one in every for n in (*one.states, *one.inputs)))
+    names = list(dict.fromkeys(n for course in every for n in (*course.states, *course.inputs)))
     lines: list[Sequence[object]] = [["experiment", "t", "torque", "sd", "low", "high", *names]]
-    for one in every:
-        sds, (low, high) = one.draws.std(axis=0), one.band
-        columns = [one.states.get(n, one.inputs.get(n)) for n in names]
-        for k, t in enumerate(one.t):
-            row = [one.label, t, one.expected[k], sds[k], low[k], high[k]]
+    for course in every:
+        sds, (low, high) = course.draws.std(axis=0), course.band
+        columns = [course.states.get(n, course.inputs.get(n)) for n in names]
+        for k, t in enumerate(course.t):
+            row = [course.label, t, course.expected[k], sds[k], low[k], high[k]]
             lines.append([*row, *(None if c is None else c[k] for c in columns)])
     return section.lines_as_csv(lines)

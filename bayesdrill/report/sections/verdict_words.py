@@ -27,26 +27,26 @@ EVIDENCE_EXPLAINED = (
 )
 
 
-def evidence_sentences(found: Evidence, priors: Sequence[Vague], *, converged: bool) -> str:
+def evidence_sentences(evidence: Evidence, priors: Sequence[Vague], *, converged: bool) -> str:
     """A line, and one for what makes it doubtful."""
-    lines = [f"log evidence: {evidence_said(found)}"]
-    if found.steps_error:
+    lines = [f"log evidence: {evidence_said(evidence)}"]
+    if evidence.steps_error:
         lines.append(
-            f"  of which {found.steps:+.2g} +- {found.steps_error:.1g} for the error of its steps"
+            f"  of which {evidence.steps:+.2g} +- {evidence.steps_error:.1g} for the error of its steps"
         )
     if not converged:
         lines.append("  ROUGH: the ensembles did not converge")
-    elif found.error > POOR and found.steps_error > 0.5 * found.error:
+    elif evidence.error > POOR and evidence.steps_error > 0.5 * evidence.error:
         lines.append("  ROUGH: the steps of the rig are long for it; a larger `model.pieces` helps")
-    elif found.error > POOR:
+    elif evidence.error > POOR:
         lines.append(
             "  ROUGH: the proposal and the posterior have little in common; longer chains would help"
         )
     wide = [
-        f"that of {one.name} is {one.times:.0f} times as wide as what was found is large"
-        if one.decades is None
-        else f"that of {one.name} is {one.decades:.1f} decades wide"
-        for one in priors
+        f"that of {prior.name} is {prior.times:.0f} times as wide as what was found is large"
+        if prior.decades is None
+        else f"that of {prior.name} is {prior.decades:.1f} decades wide"
+        for prior in priors
     ]
     if wide:
         lines.append(
@@ -56,10 +56,10 @@ def evidence_sentences(found: Evidence, priors: Sequence[Vague], *, converged: b
     return "\n".join(lines)
 
 
-def evidence_said(found: Evidence) -> str:
+def evidence_said(evidence: Evidence) -> str:
     """To as many digits as are known."""
-    digits = max(0, min(4, -math.floor(math.log10(max(found.error, 1e-4)))))
-    return f"{found.log_z:.{digits}f} +- {found.error:.1g}"
+    digits = max(0, min(4, -math.floor(math.log10(max(evidence.error, 1e-4)))))
+    return f"{evidence.log_z:.{digits}f} +- {evidence.error:.1g}"
 
 
 REPEATS_EXPLAINED = (
@@ -68,20 +68,20 @@ REPEATS_EXPLAINED = (
 )
 
 
-def repeats_sentence(found: Sequence[Repeat], names: Sequence[str]) -> str:
+def repeats_sentence(repeats: Sequence[Repeat], names: Sequence[str]) -> str:
     """Whether the experiments agree; empty where there are not two that could differ."""
-    if not found:
+    if not repeats:
         return ""
-    far = [one for one in found if one.differs]
+    far = [repeat for repeat in repeats if repeat.differs]
     if not far:
         return (
             "experiments: as far as each can tell, all of them show the same rig "
-            f"({len(found)} products compared)."
+            f"({len(repeats)} products compared)."
         )
     each = ", ".join(
-        f"{product(names, one.exponents)} by {percent(one.spread)} (they know it to "
-        f"{percent(min(one.sds))} to {percent(max(one.sds))})"
-        for one in sorted(far, key=lambda one: one.p)
+        f"{product(names, repeat.exponents)} by {percent(repeat.spread)} (they know it to "
+        f"{percent(min(repeat.sds))} to {percent(max(repeat.sds))})"
+        for repeat in sorted(far, key=lambda repeat: repeat.p)
     )
     return (
         f"experiments: they do not show the same rig: {each}. The joint posterior is too sure. The rig "
@@ -89,47 +89,47 @@ def repeats_sentence(found: Sequence[Repeat], names: Sequence[str]) -> str:
     )
 
 
-def repeats_table(found: Sequence[Repeat], names: Sequence[str]) -> Table:
+def repeats_table(repeats: Sequence[Repeat], names: Sequence[str]) -> Table:
     """A line for each product."""
-    labels = list(dict.fromkeys(label for one in found for label in one.labels))
+    labels = list(dict.fromkeys(label for repeat in repeats for label in repeat.labels))
     heads = ("", *labels, "spread", "by chance")
     lines = []
-    for one in found:
+    for repeat in repeats:
         cells = {
             label: f"{100 * apart:+.2g} % +- {percent(sd)}"
-            for label, apart, sd in zip(one.labels, one.apart, one.sds, strict=True)
+            for label, apart, sd in zip(repeat.labels, repeat.apart, repeat.sds, strict=True)
         }
-        spread = percent(one.spread) if one.spread else "none"
-        by_chance = "**no**" if one.differs else f"{one.p:.2g}"
+        spread = percent(repeat.spread) if repeat.spread else "none"
+        by_chance = "**no**" if repeat.differs else f"{repeat.p:.2g}"
         each = (cells.get(label, "") for label in labels)
-        lines.append((product(names, one.exponents), *each, spread, by_chance))
+        lines.append((product(names, repeat.exponents), *each, spread, by_chance))
     return Table(heads, tuple(lines), frozenset(("",)))
 
 
-def step_sentences(found: Sequence[StepError]) -> str:
+def step_sentences(errors: Sequence[StepError]) -> str:
     """A line for each experiment; nothing of a rig that needs no steps."""
-    return "\n".join(map(_step_sentence, found))
+    return "\n".join(map(_step_sentence, errors))
 
 
-def _step_sentence(one: StepError) -> str:
-    where = f" in {one.label}" if one.label else ""
-    steps = "one step" if one.pieces == 1 else f"{one.pieces} steps"
+def _step_sentence(error: StepError) -> str:
+    where = f" in {error.label}" if error.label else ""
+    steps = "one step" if error.pieces == 1 else f"{error.pieces} steps"
     each = ", ".join(
-        f"{name} {error:.2g}" for name, error in zip(one.channels, one.errors, strict=True)
+        f"{name} {error:.2g}" for name, error in zip(error.channels, error.errors, strict=True)
     )
     measured = f"{steps} to a sample{where}; {FINER} times as many would move samples by"
-    worst = f"{one.worst:.2g} of the noise ({each})"
-    if one.fine:
+    worst = f"{error.worst:.2g} of the noise ({each})"
+    if error.fine:
         return f"steps: {measured} at most {worst}. That does no harm."
     return (
         f"steps: TOO FEW: {measured} up to {worst}. At most a tenth of the noise does no harm. Say "
-        f"`model: {{pieces: {steps_wanted(one)}}}`."
+        f"`model: {{pieces: {steps_wanted(error)}}}`."
     )
 
 
-def steps_wanted(one: StepError) -> int:
+def steps_wanted(error: StepError) -> int:
     """Pieces that are enough, of an error that falls as steps get shorter, the next power of two."""
-    return one.pieces << max(1, math.ceil(math.log2(one.worst / ENOUGH)))
+    return error.pieces << max(1, math.ceil(math.log2(error.worst / ENOUGH)))
 
 
 SHORT = ("", "nominal", "mean", "dev. %", "tension", "beyond tol.", "bits", "verdict")
@@ -154,7 +154,7 @@ _NONE = "verdict: none, because {}. The numbers may be wrong."
 
 
 def verdict_sentences(
-    found: Verdict,
+    verdict: Verdict,
     table: str,
     *,
     converged: bool = True,
@@ -170,21 +170,21 @@ def verdict_sentences(
     """
     if not believed:
         return no_verdict(converged=converged)
-    whole = [verdict_sentence(found, table, records)]
-    if not found.fits:
+    whole = [verdict_sentence(verdict, table, records)]
+    if not verdict.fits:
         missing = f" It may lack {lacking}, which would distort its parameters." if lacking else ""
         whole.append(
             "IN DOUBT: the verdict holds only if the model does. The fit leaves more than noise, which "
             f"is evidence against the model.{missing}"
         )
-    more = _resting(found, rests)
-    if found.opened:
+    more = _resting(verdict, rests)
+    if verdict.opened:
         more.append(
-            f"The priors of {', '.join(found.opened)} end too near to the nominal values. For the "
+            f"The priors of {', '.join(verdict.opened)} end too near to the nominal values. For the "
             "tension they are taken as open there, as no draw could lie beyond."
         )
-    more += _not_determined(found)
-    pressed = [quantity_name(found, q) for q in found.saying("pressed against the prior")]
+    more += _not_determined(verdict)
+    pressed = [quantity_name(verdict, q) for q in verdict.saying("pressed against the prior")]
     if pressed:
         more.append(
             f"At an end of its prior: {', '.join(pressed)}. The end decides there, so nothing is said "
@@ -198,21 +198,21 @@ def no_verdict(*, converged: bool) -> str:
     return _NONE.format("the model does not fit" if converged else "the run did not converge")
 
 
-def verdict_rule(found: Verdict) -> str:
+def verdict_rule(verdict: Verdict) -> str:
     """What the verdict is worth."""
     return (
-        f"*disagrees*: more than {found.limit:.2f} sigma. Were the rig as the table and its tolerances "
-        f"say, at most {100 * FALSE_ALARM:g} % of records would give any disagreement, all quantities "
-        "taken together. *In doubt*: as far, but the fit leaves more than noise, so that the model may "
+        f"*disagrees*: more than {verdict.limit:.2f} sigma. If the rig were as the table and its "
+        f"tolerances say, at most {100 * FALSE_ALARM:g} % of records would show any disagreement, all "
+        "quantities together. *In doubt*: as far, but the fit leaves more than noise: the model may "
         "be to blame and not the table. *Not determined*: the record leaves it to the prior, and so "
         "says nothing for or against the nominal value."
     )
 
 
-def verdict_sentence(found: Verdict, table: str, records: int = 1) -> str:
+def verdict_sentence(verdict: Verdict, table: str, records: int = 1) -> str:
     """Return the verdict: how much was determined, whether it agrees, and all taken together."""
-    judged = [q for q in found.products if q.says != "not determined"]
-    n, k = len(found.products), len(judged)
+    judged = [q for q in verdict.products if q.says != "not determined"]
+    n, k = len(verdict.products), len(judged)
     determines, such, says = "this record determines", "such a record", "It says"
     if records > 1:
         determines, such, says = "these records determine", "such records", "They say"
@@ -221,31 +221,31 @@ def verdict_sentence(found: Verdict, table: str, records: int = 1) -> str:
         return f"verdict: {determines} none of {can}. {says} nothing of {table}."
     joint = (
         ""
-        if found.joint is None
-        else f"taken together they are {_sigmas(found.joint)} from {table}"
+        if verdict.joint is None
+        else f"taken together they are {_sigmas(verdict.joint)} from {table}"
     )
     together = f" {joint[0].upper()}{joint[1:]}." if joint else ""
     opening = f"verdict: {determines} {k} of {can}."
     if n == 1:
         opening = f"verdict: {determines} the one quantity that is compared."
-    if found.far:
+    if verdict.far:
         listed = ", ".join(
-            f"{quantity_name(found, q)} ({100 * q.deviation:+.3g} %, {_sigmas(q.tension)})"
-            for q in found.far
+            f"{quantity_name(verdict, q)} ({100 * q.deviation:+.3g} %, {_sigmas(q.tension)})"
+            for q in verdict.far
         )
-        how = "disagree with" if found.fits else "would, if the model were right, disagree with"
+        how = "disagree with" if verdict.fits else "would, if the model were right, disagree with"
         return f"{opening} These {how} {table}: {listed}.{together}"
-    if found.far_together and not found.fits:
+    if verdict.far_together and not verdict.fits:
         return (
             f"{opening} Each by itself agrees with {table}. If the model were right, {joint}, too far "
             "for chance."
         )
-    if not found.agrees:
+    if not verdict.agrees:
         return (
             f"{opening} Each by itself agrees with {table}, but {joint}, too far for chance. The table "
             "does not describe this rig."
         )
-    if not found.fits:
+    if not verdict.fits:
         all_of_them = "it" if k == 1 else f"all {k}"
         return (
             f"{opening} If the model were right, {all_of_them} would agree with {table}.{together}"
@@ -254,16 +254,18 @@ def verdict_sentence(found: Verdict, table: str, records: int = 1) -> str:
     return f"{opening} {agree} with {table}.{together}"
 
 
-def _resting(found: Verdict, rests: Sequence[Resting]) -> list[str]:
+def _resting(verdict: Verdict, rests: Sequence[Resting]) -> list[str]:
     """What is judged only as far as a number is right that the config holds, or a prior."""
-    judged = [q for q in verdict_rows(found) if q.says != "not determined"]
+    judged = [q for q in verdict_rows(verdict) if q.says != "not determined"]
     lines: dict[tuple[str, str], list[str]] = {}
-    for one in rests:
+    for dependence in rests:
         for q in judged:
-            if one.scales(found.names, q.exponents):
-                priors = one.priors(found.names, q.exponents)
-                basis = (priors_of(priors), _LEANS) if priors else (listed(one.through), _HOLDS)
-                lines.setdefault(basis, []).append(quantity_name(found, q))
+            if dependence.scales(verdict.names, q.exponents):
+                priors = dependence.priors(verdict.names, q.exponents)
+                basis = (
+                    (priors_of(priors), _LEANS) if priors else (listed(dependence.through), _HOLDS)
+                )
+                lines.setdefault(basis, []).append(quantity_name(verdict, q))
     return [
         f"These depend on {on}: {', '.join(names)} ({why})." for (on, why), names in lines.items()
     ]
@@ -285,10 +287,10 @@ def not_kept(beyond: Opened | None) -> Iterator[str]:
         )
 
 
-def _not_determined(found: Verdict) -> list[str]:
-    open_ones = found.saying("not determined")
-    blind = [quantity_name(found, q) for q in open_ones if q.blind]
-    weak = [quantity_name(found, q) for q in open_ones if not q.blind]
+def _not_determined(verdict: Verdict) -> list[str]:
+    open_ones = verdict.saying("not determined")
+    blind = [quantity_name(verdict, q) for q in open_ones if q.blind]
+    weak = [quantity_name(verdict, q) for q in open_ones if not q.blind]
     lines = []
     if blind:
         lines.append(
@@ -304,19 +306,19 @@ def _not_determined(found: Verdict) -> list[str]:
     return lines
 
 
-def verdict_rows(found: Verdict) -> tuple[Quantity, ...]:
+def verdict_rows(verdict: Verdict) -> tuple[Quantity, ...]:
     """Products, then parameters that are not among them."""
-    shown = {quantity.exponents for quantity in found.products}
-    return (*found.products, *(q for q in found.parameters if q.exponents not in shown))
+    shown = {quantity.exponents for quantity in verdict.products}
+    return (*verdict.products, *(q for q in verdict.parameters if q.exponents not in shown))
 
 
-def verdict_table(found: Verdict) -> Table:
+def verdict_table(verdict: Verdict) -> Table:
     """Tolerances only where there are any."""
     lines = []
-    for quantity in verdict_rows(found):
+    for quantity in verdict_rows(verdict):
         low, high = (100 * end for end in quantity.tolerance)
         cells = {
-            "": quantity_name(found, quantity),
+            "": quantity_name(verdict, quantity),
             "nominal": f"{quantity.nominal:.4g}",
             "tol. %": f"{low:+.3g} to {high:+.3g}" if high > low else "",
             "mean": f"{quantity.mean:.4g}",
@@ -334,7 +336,7 @@ def verdict_table(found: Verdict) -> Table:
     return table.filled("tol. %", "beyond tol.")
 
 
-def verdict_csv(found: Verdict, symbols: Sequence[Symbol]) -> str:
+def verdict_csv(verdict: Verdict, symbols: Sequence[Symbol]) -> str:
     """All digits, SI; deviation, tolerances and probabilities are fractions.
 
     `symbols` of the unknowns.
@@ -344,12 +346,12 @@ def verdict_csv(found: Verdict, symbols: Sequence[Symbol]) -> str:
     more = ("deviation", "tension_sigma", "beyond_tolerance", "sd_ratio", "bits", "verdict")
     lines = [
         (
-            quantity_name(found, q),
-            unit_product([units[name] for name in found.names], q.exponents),
+            quantity_name(verdict, q),
+            unit_product([units[name] for name in verdict.names], q.exponents),
             *(q.nominal, *q.tolerance, q.mean, q.sd, q.hdi_low, q.hdi_high),
             *(q.deviation, q.tension, q.beyond, q.sd_ratio, q.bits, q.says),
         )
-        for q in verdict_rows(found)
+        for q in verdict_rows(verdict)
     ]
     return section.lines_as_csv([(*heads, *section.HDI_ENDS, *more), *lines])
 
@@ -358,5 +360,5 @@ def _sigmas(x: float) -> str:
     return f"{x:.1f} sigma" if x < 10 else f"{x:.0f} sigma"
 
 
-def quantity_name(found: Verdict, quantity: Quantity) -> str:
-    return product(found.names, quantity.exponents)
+def quantity_name(verdict: Verdict, quantity: Quantity) -> str:
+    return product(verdict.names, quantity.exponents)
