@@ -74,16 +74,16 @@ def _compare(form: str, folders: list[Path], output: Path | None, *, force: bool
     """Runs beside each other or as models, by the name of table and page."""
     from bayesdrill.api import comparison
 
-    place = comparison.check_place(form, folders, output, force=force)
-    found = (comparison.overlay if form == "overlay" else comparison.compare)(folders)
-    found.save(place, force=force)
+    path = comparison.check_folder(form, folders, output, force=force)
+    result = (comparison.overlay if form == "overlay" else comparison.compare)(folders)
+    result.save(path, force=force)
     files = f"report.html, {form}.md, {form}.csv, figures/"
-    _end(found.text, place, files, good=not found.reasons)
+    _end(result.text, path, files, good=not result.reasons)
 
 
-def _end(said: str, folder: Path, files: str, *, good: bool) -> None:
+def _end(text: str, folder: Path, files: str, *, good: bool) -> None:
     """What was found, where it is, and the status."""
-    say(said)
+    say(text)
     say(f"results: {folder}/ ({files})")
     if not good:
         raise typer.Exit(NOT_CONVERGED)
@@ -221,8 +221,8 @@ def map_(
         if candidates.table:
             say(candidates.table)
     if output is not None:
-        place = best.save(output, force=force)
-        say(f"results: {place}/ (report.html, map.md, prediction*.csv, figures/)")
+        path = best.save(output, force=force)
+        say(f"results: {path}/ (report.html, map.md, prediction*.csv, figures/)")
     if best.reasons:
         raise typer.Exit(NOT_CONVERGED)
 
@@ -281,8 +281,10 @@ def report(
     if len(folders) > 1:
         _compare("overlay", folders, output, force=force)
         return
-    with reporter() as told:
-        outcome = files.publish(folders[0], output, force=force, processes=processes, report=told)
+    with reporter() as progress:
+        outcome = files.publish(
+            folders[0], output, force=force, processes=processes, report=progress
+        )
     finish(outcome)
 
 
@@ -327,9 +329,9 @@ def verify(
     """Say whether config, record, tables and figures of a run still belong together."""
     from bayesdrill.api import files
 
-    found = files.verify(folder)
-    say(found.said, err=not found.together)
-    if not found.together:
+    verified = files.verify(folder)
+    say(verified.said, err=not verified.together)
+    if not verified.together:
         raise typer.Exit(INPUT_WRONG)
 
 
@@ -349,8 +351,8 @@ def simulate(
     """Make a record from the config (of several experiments, one each): response plus noise, as CSV."""
     from bayesdrill.api import files
 
-    made = files.simulate(config, output, seed=seed, force=force)
-    for path, samples in made.files.items():
+    simulated = files.simulate(config, output, seed=seed, force=force)
+    for path, samples in simulated.files.items():
         say(f"{path}: {samples} samples")
 
 

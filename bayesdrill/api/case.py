@@ -109,11 +109,11 @@ class Case(Value):
         job, space = self.job, self.job.problem.posterior.space
         values, where = space.start, "the start"
         if at is not None:
-            found = self._mode(at)
-            job, values, where = job.at(found), found.values, "the MAP"
+            mode = self._mode(at)
+            job, values, where = job.at(mode), mode.values, "the MAP"
         names = [profiles] if isinstance(profiles, str) else profiles
-        told = report or SILENT
-        return identify.identify(job, space.vector(values), where, names, told)
+        progress = report or SILENT
+        return identify.identify(job, space.vector(values), where, names, progress)
 
     @staticmethod
     def check_place(folder: str | Path, *, force: bool = False) -> None:
@@ -131,8 +131,8 @@ class Case(Value):
         from bayesdrill.tasks import find_map
 
         workers = arguments.workers(processes)
-        found = find_map.find_mode(self.job, workers, report or SILENT, quick=quick)
-        return Best(self.job, found, self.columns)
+        mode = find_map.find_mode(self.job, workers, report or SILENT, quick=quick)
+        return Best(self.job, mode, self.columns)
 
     def candidates(
         self, *, processes: int | None = 1, report: Reporter | None = None
@@ -165,8 +165,8 @@ class Case(Value):
             )
             raise InputError.one("run", message)
         how = arguments.mode(resume=resume, force=force)
-        place, workers = self.place(folder), arguments.workers(processes)
-        return pipeline.posterior(self.job, place, how, workers, report or SILENT)
+        path, workers = self.place(folder), arguments.workers(processes)
+        return pipeline.posterior(self.job, path, how, workers, report or SILENT)
 
     def place(self, folder: str | Path | None = None) -> Path:
         """Where `run` leaves its results."""
@@ -192,13 +192,13 @@ class Case(Value):
 
         job, workers = self.job, arguments.workers(processes)
         if seed is not None:
-            own = {"seed": arguments.whole("seed", seed, 0)}
-            job = job.with_settings(**own)
-        told = report or SILENT
-        found = find_map.find_mode(job, workers, told) if best is None else self._mode(best)
-        job = job.at(found)
-        sampled = pipeline.sample_in_memory(job, found, workers, told)
-        return Run(job, found, sampled, self.columns)
+            changes = {"seed": arguments.whole("seed", seed, 0)}
+            job = job.with_settings(**changes)
+        progress = report or SILENT
+        mode = find_map.find_mode(job, workers, progress) if best is None else self._mode(best)
+        job = job.at(mode)
+        sampled = pipeline.sample_in_memory(job, mode, workers, progress)
+        return Run(job, mode, sampled, self.columns)
 
     def _mode(self, best: Best) -> Maximum:
         from bayesdrill.api.run import Best
@@ -248,10 +248,12 @@ def case(
     if not isinstance(record, Mapping):
         message = f"give entries, such as a window, not {type(record).__name__}"
         raise InputError.one("record", message)
-    said = [name for name in ("model",) if name in entries]
-    said += [f"record.{name}" for name in ("file", "format", "time", "channels") if name in record]
-    if said:
-        raise InputError.one(said[0], "arrays and `rig` say this already; leave it out")
+    refused = [name for name in ("model",) if name in entries]
+    refused += [
+        f"record.{name}" for name in ("file", "format", "time", "channels") if name in record
+    ]
+    if refused:
+        raise InputError.one(refused[0], "arrays and `rig` say this already; leave it out")
     model = arguments.rig(rig)
     believed = dict(parameters)
     unsaid = [name for name in model.added if name not in believed]
@@ -259,8 +261,11 @@ def case(
     given = {
         "name": name,
         "seed": seed,
-        "record": {**record, "channels": {key: _entry(key, one) for key, one in channels.items()}},
-        "inputs": {**inputs, **{key: _entry(key, one) for key, one in measured.items()}},
+        "record": {
+            **record,
+            "channels": {key: _entry(key, channel) for key, channel in channels.items()},
+        },
+        "inputs": {**inputs, **{key: _entry(key, column) for key, column in measured.items()}},
         "model": job.model_entry(model),
         "parameters": believed,
         **({} if nominal is None else {"nominal": nominal}),
@@ -273,38 +278,42 @@ def _columns(
     t: ArrayLike, channels: Mapping[str, Channel], inputs: Mapping[str, Input | float]
 ) -> tuple[dict[str, Array], dict[str, Input]]:
     """All `(T,)` columns, and the inputs that are measured."""
-    found: list[Issue] = []
-    every: dict[str, Array] = {job.TIME: arguments.series("t", t, found)}
-    for name, one in channels.items():
-        if isinstance(one, Channel):
-            every[name] = arguments.series(f"channels.{name}", one.values, found)
+    issues: list[Issue] = []
+    columns: dict[str, Array] = {job.TIME: arguments.series("t", t, issues)}
+    for name, channel in channels.items():
+        if isinstance(channel, Channel):
+            columns[name] = arguments.series(f"channels.{name}", channel.values, issues)
         else:
-            found.append(Issue(f"channels.{name}", f"give {CHANNELS}, not {type(one).__name__}"))
+            issues.append(
+                Issue(f"channels.{name}", f"give {CHANNELS}, not {type(channel).__name__}")
+            )
     measured = {}
     for name, given in inputs.items():
         if isinstance(given, Input) and name in channels:
-            said = "an input has this name; give the channel another, with `measures`"
-            found.append(Issue(f"channels.{name}", said))
+            text = "an input has this name; give the channel another, with `measures`"
+            issues.append(Issue(f"channels.{name}", text))
         elif isinstance(given, Input):
             measured[name] = given
-            every[name] = arguments.series(f"inputs.{name}", given.values, found)
+            columns[name] = arguments.series(f"inputs.{name}", given.values, issues)
         elif not isinstance(given, Mapping):
-            arguments.number(f"inputs.{name}", given, found)
-    if not found and not channels:
-        found.append(Issue("channels", f"nothing is measured; give {CHANNELS}"))
-    lengths = {name: len(values) for name, values in every.items()}
-    if not found:
-        found += [
+            arguments.number(f"inputs.{name}", given, issues)
+    if not issues and not channels:
+        issues.append(Issue("channels", f"nothing is measured; give {CHANNELS}"))
+    lengths = {name: len(values) for name, values in columns.items()}
+    if not issues:
+        issues += [
             Issue(name, f"{n} values, but there are {lengths[job.TIME]} times")
             for name, n in lengths.items()
             if n != lengths[job.TIME]
         ]
-    hints = [f"; give {INPUTS}" if one.place.startswith("inputs.") else "" for one in found]
-    raise_if_any([Issue(one.place, one.message + h) for one, h in zip(found, hints, strict=True)])
-    return every, measured
+    hints = [f"; give {INPUTS}" if issue.place.startswith("inputs.") else "" for issue in issues]
+    raise_if_any(
+        [Issue(issue.place, issue.message + h) for issue, h in zip(issues, hints, strict=True)]
+    )
+    return columns, measured
 
 
-def _entry(column: str, of: Channel | Input) -> dict[str, Any]:
+def _entry(column: str, spec: Channel | Input) -> dict[str, Any]:
     """As a config has it, but for the numbers, which stand in `column`."""
-    fields = {f.name: getattr(of, f.name) for f in dataclasses.fields(of) if f.name != "values"}
-    return {"column": column, **{key: one for key, one in fields.items() if one is not None}}
+    fields = {f.name: getattr(spec, f.name) for f in dataclasses.fields(spec) if f.name != "values"}
+    return {"column": column, **{key: value for key, value in fields.items() if value is not None}}

@@ -47,10 +47,10 @@ class Ladder(ManyFits["Outcome"]):
 
     kind: ClassVar[str] = "ladder"
 
-    def _run(self, place: Path, how: Mode, crew: RefitExecutor, report: Reporter) -> Outcome:
+    def _run(self, path: Path, how: Mode, crew: RefitExecutor, report: Reporter) -> Outcome:
         from bayesdrill.tasks import ladder
 
-        return ladder.ladder(self.job, place, how, crew, report, self.sample)
+        return ladder.ladder(self.job, path, how, crew, report, self.sample)
 
 
 @checked
@@ -98,7 +98,7 @@ class Comparison(Value):
     @property
     def log_evidence(self) -> dict[str, float]:
         """By the names of models; a pure number."""
-        return {one.name: one.log_z for one in self.models}
+        return {model.name: model.log_z for model in self.models}
 
     @property
     def reasons(self) -> tuple[str, ...]:
@@ -118,25 +118,25 @@ class Comparison(Value):
         Raises `InputError` where there is no such figure.
         """
         wanted = self.report.form.figure if name is None else name
-        found = arguments.known(self.report.figures, wanted, "plot", "figure of these runs")
-        return for_notebooks(found.drawn())
+        figure = arguments.known(self.report.figures, wanted, "plot", "figure of these runs")
+        return for_notebooks(figure.drawn())
 
     def place(self, folder: str | Path | None = None) -> Path:
         """Where `save` leaves its results: `results/<name>-<name>` by default, of models
         `results/compare-<name>-<name>`.
         """
         names = [layer.name for layer in self.report.layers]
-        usual = comparison.default_folder(self.report.form, names)
-        return arguments.results_folder(folder, usual)
+        default = comparison.default_folder(self.report.form, names)
+        return arguments.results_folder(folder, default)
 
     def save(self, folder: str | Path | None = None, *, force: bool = False) -> Path:
         """Table, page and figures.
 
         Raises `InputError` where something else is there, or a comparison and not `force`.
         """
-        place = self.place(folder)
-        comparison.publish(self.report, self.runs, place, force=force)
-        return place
+        path = self.place(folder)
+        comparison.publish(self.report, self.runs, path, force=force)
+        return path
 
     def __str__(self) -> str:
         return self.text
@@ -175,24 +175,24 @@ def compare(
 
 
 def _compared(
-    form: str, every: Sequence[single.Run | str | Path], names: Sequence[str] | None
+    form: str, runs: Sequence[single.Run | str | Path], names: Sequence[str] | None
 ) -> Comparison:
-    comparison.check_number(comparison.FORMS[form], len(every))
-    if names is not None and len(names) != len(every):
-        raise InputError.one("names", f"{len(names)} names of {len(every)} runs")
-    opened = [one if isinstance(one, single.Run) else single.open(one) for one in every]
-    places = [None if isinstance(one, single.Run) else Path(one).expanduser() for one in every]
-    usual = [
+    comparison.check_number(comparison.FORMS[form], len(runs))
+    if names is not None and len(names) != len(runs):
+        raise InputError.one("names", f"{len(names)} names of {len(runs)} runs")
+    opened = [run if isinstance(run, single.Run) else single.open(run) for run in runs]
+    places = [None if isinstance(run, single.Run) else Path(run).expanduser() for run in runs]
+    defaults = [
         run.job.config.name if place is None else place.resolve().name
         for run, place in zip(opened, places, strict=True)
     ]
-    distinct = comparison.distinct([str(name) for name in names or usual])
+    distinct = comparison.distinct([str(name) for name in names or defaults])
     named = list(map(comparison.NamedRun, distinct, places, opened))
     return Comparison(comparison.report(comparison.FORMS[form], named), tuple(places))
 
 
 @checked
-def check_place(
+def check_folder(
     form: str,
     folders: Sequence[str | Path],
     output: str | Path | None = None,
@@ -205,8 +205,8 @@ def check_place(
     """
     comparison.check_number(comparison.FORMS[form], len(folders))
     places = [Path(folder).expanduser() for folder in folders]
-    names = comparison.distinct([place.resolve().name for place in places])
-    usual = comparison.default_folder(comparison.FORMS[form], names)
-    target = arguments.results_folder(output, usual)
+    names = comparison.distinct([path.resolve().name for path in places])
+    default = comparison.default_folder(comparison.FORMS[form], names)
+    target = arguments.results_folder(output, default)
     comparison.check_folder(comparison.FORMS[form], target, places, force=force)
     return target

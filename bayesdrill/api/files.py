@@ -43,9 +43,9 @@ FILES = (
 
 def _bundled() -> Path:
     """Of a wheel, `examples` in the package; of a checkout, `configs`, which wheels have there."""
-    for place in (PACKAGE / "examples", PACKAGE.parent / "configs"):
-        if (place / FILES[0]).is_file():
-            return place
+    for path in (PACKAGE / "examples", PACKAGE.parent / "configs"):
+        if (path / FILES[0]).is_file():
+            return path
     raise InputError.one(str(PACKAGE), "came without its examples; install bayesdrill again")
 
 
@@ -56,9 +56,9 @@ def _in_the_way(folder: Path, wanted: Iterable[Path]) -> list[Issue]:
     if folder.exists() and not folder.is_dir():
         wrong = [folder]
     no_folder = "is no folder, where the examples need one"
-    found = [(path, no_folder) for path in wrong]
-    found += [(path, "is there already") for path in wanted if output_files.what(path)]
-    return [Issue(str(path), f"{why}; move it, or give another FOLDER") for path, why in found]
+    obstacles = [(path, no_folder) for path in wrong]
+    obstacles += [(path, "is there already") for path in wanted if output_files.what(path)]
+    return [Issue(str(path), f"{why}; move it, or give another FOLDER") for path, why in obstacles]
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,14 +83,14 @@ def example(folder: str | Path = "configs") -> Example:
 
     Raises `InputError` with each of them that is there already.
     """
-    place, bundled = Path(folder).expanduser(), _bundled()
-    contents = {place / name: (bundled / name).read_bytes() for name in FILES}
-    if obstacles := _in_the_way(place, contents):
+    target, bundled = Path(folder).expanduser(), _bundled()
+    contents = {target / name: (bundled / name).read_bytes() for name in FILES}
+    if obstacles := _in_the_way(target, contents):
         raise InputError(obstacles)
     for path, content in contents.items():
         path.parent.mkdir(parents=True, exist_ok=True)
         output_files.write(path, content)
-    return Example(place, tuple(contents))
+    return Example(target, tuple(contents))
 
 
 @checked
@@ -103,10 +103,10 @@ def citation(folder: str | Path | None = None) -> Citation:
         return citing.citation()
     from bayesdrill.results.run_folder import read_run
 
-    place = Path(folder).expanduser()
-    made_with = (read_run(place) or {}).get("versions")
+    path = Path(folder).expanduser()
+    made_with = (read_run(path) or {}).get("versions")
     if not isinstance(made_with, dict):
-        raise InputError.one(str(place), "no finished run is here; give the folder of one, or none")
+        raise InputError.one(str(path), "no finished run is here; give the folder of one, or none")
     return citing.citation(made_with)
 
 
@@ -145,7 +145,7 @@ def init(
     if rate is not None and rate <= 0:
         raise InputError.one("rate", f"{rate:g} samples a second; write how many there are")
     given = [record] if isinstance(record, str | Path) else record
-    records = [Path(one).expanduser() for one in given]
+    records = [Path(path).expanduser() for path in given]
     if not records:
         raise InputError.one("record", "no file is named; name one or several")
     files = [path.name for path in records]
@@ -162,9 +162,9 @@ def init(
     target = arguments.results_folder(output, beside)
     values = None if sheet is None else yaml_source.read(Path(sheet).expanduser())
     draft.check_draft_path(target, records, force=force)
-    made = draft.guess(records, target, known, values)
-    draft.save_draft(made, records, force=force)
-    return made
+    drafted = draft.guess(records, target, known, values)
+    draft.save_draft(drafted, records, force=force)
+    return drafted
 
 
 @dataclass(frozen=True, slots=True)
@@ -201,22 +201,29 @@ def simulate(
     from bayesdrill.config.records import reading, simulation, sources
 
     case = loading.load(Path(config).expanduser())
-    own = case.config.seed if seed is None else arguments.whole("seed", seed, 0)
-    place = None if output is None else Path(output).expanduser()
-    if place is not None and case.config.experiments and place.exists() and not place.is_dir():
+    used_seed = case.config.seed if seed is None else arguments.whole("seed", seed, 0)
+    target_path = None if output is None else Path(output).expanduser()
+    if (
+        target_path is not None
+        and case.config.experiments
+        and target_path.exists()
+        and not target_path.is_dir()
+    ):
         message = "is no folder; name one for the records of several experiments"
-        raise InputError.one(str(place), message)
-    texts = simulation.simulate_all(case, own, place)
-    records = [sources.path_of(one.config, one.source) for one in case.experiments]
-    made = [(*pair, record) for pair, record in zip(texts.items(), records, strict=True)]
-    for target, text, record in made:
+        raise InputError.one(str(target_path), message)
+    texts = simulation.simulate_all(case, used_seed, target_path)
+    records = [
+        sources.path_of(experiment.config, experiment.source) for experiment in case.experiments
+    ]
+    rows = [(*pair, record) for pair, record in zip(texts.items(), records, strict=True)]
+    for target, text, record in rows:
         simulation.check_place(text, target, record, force=force)
     files = {}
-    for (target, text, record), one in zip(made, case.experiments, strict=True):
+    for (target, text, record), experiment in zip(rows, case.experiments, strict=True):
         if case.config.experiments:
             target.parent.mkdir(parents=True, exist_ok=True)
         simulation.save(text, target, record, force=force)
-        skipped = reading.csv_options(one.config.record).skip_rows
+        skipped = reading.csv_options(experiment.config.record).skip_rows
         files[target] = len(text.splitlines()) - 1 - skipped
     return Simulated(files)
 
@@ -237,13 +244,13 @@ def publish(
     from bayesdrill.tasks import pipeline
 
     source, workers = Path(folder).expanduser(), arguments.workers(processes)
-    place = arguments.results_folder(output, source)
+    path = arguments.results_folder(output, source)
     if output is not None:
-        pipeline.copied(source, place, force=force)
+        pipeline.copied(source, path, force=force)
     elif force:
         message = "goes with --output, or several folders; one is written again where it is"
         raise InputError.one("--force", message)
-    return pipeline.republish(place, workers, report or SILENT)
+    return pipeline.republish(path, workers, report or SILENT)
 
 
 @checked
@@ -263,10 +270,10 @@ class Calibration(ManyFits["Calibrated"]):
 
     kind: ClassVar[str] = "calibration"
 
-    def _run(self, place: Path, how: Mode, crew: RefitExecutor, report: Reporter) -> Calibrated:
+    def _run(self, path: Path, how: Mode, crew: RefitExecutor, report: Reporter) -> Calibrated:
         from bayesdrill.tasks import calibrate
 
-        return calibrate.calibrate(self.job, place, how, crew, report)
+        return calibrate.calibrate(self.job, path, how, crew, report)
 
 
 @checked
@@ -286,8 +293,8 @@ def schema(of: str = "config") -> str:
     from bayesdrill.config.schema.config import json_schema
     from bayesdrill.tasks.run_entries import run_schema
 
-    every = {"config": json_schema, "run": run_schema}
-    return arguments.known(every, of, "of", "schema")()
+    schemas = {"config": json_schema, "run": run_schema}
+    return arguments.known(schemas, of, "of", "schema")()
 
 
 @checked
@@ -298,15 +305,15 @@ def cache(*, clear: bool = False) -> str:
     """
     from bayesdrill.rig.kernels.cache import OFF, VARIABLE, user_cache
 
-    kept = user_cache()
-    if kept.folder is None:
+    user = user_cache()
+    if user.folder is None:
         return f"compiled kernels are not kept: {VARIABLE}={OFF}"
     try:
         if clear:
-            kept.clear()
-        sizes = kept.sizes
+            user.clear()
+        sizes = user.sizes
     except OSError as error:
         reason = error.strerror or str(error)
         message = f"{reason}; mend this, or name another folder by {VARIABLE}"
-        raise InputError.one(str(kept.folder), message) from None
-    return f"{kept.folder}: {len(sizes)} compiled kernels, {sum(sizes) / 1e6:.1f} MB"
+        raise InputError.one(str(user.folder), message) from None
+    return f"{user.folder}: {len(sizes)} compiled kernels, {sum(sizes) / 1e6:.1f} MB"

@@ -56,13 +56,13 @@ def _as_png(figure: Figure) -> bytes:
     return out.getvalue()
 
 
-def _drawn(every: Sequence[Drawing], part: int, count: str, warning: str) -> Figure:
+def _drawn(drawings: Sequence[Drawing], part: int, count: str, warning: str) -> Figure:
     """The one of this number, from 1; raises `InputError`, with the `count`, where there is none."""
     from bayesdrill.report.style import warned  # late: matplotlib takes a second
 
-    if not 1 <= part <= len(every):
+    if not 1 <= part <= len(drawings):
         raise InputError.one("part", f"{shown(part)} given, and {count}")
-    return for_notebooks(warned(every[part - 1].drawn(), warning))
+    return for_notebooks(warned(drawings[part - 1].drawn(), warning))
 
 
 @checked
@@ -104,13 +104,15 @@ class Best(Value):
         `processes`, `report`: see `Case.sample`.
         """
         with Crew(self.job.problem.posterior, arguments.workers(processes)) as crew:
-            found, said = find_map.explain(self.job, self.mode, crew.run, report or SILENT)
-        return Candidates(found.ranked if found is not None else (), said)
+            causes, report_text = find_map.explain(self.job, self.mode, crew.run, report or SILENT)
+        return Candidates(causes.ranked if causes is not None else (), report_text)
 
     def plot(self, part: int = 1) -> Figure:
         """The record, the model at the maximum, and what is left; `part`: of which experiment."""
-        every = list(self._report.figures.values())
-        return _drawn(every, part, f"there are {len(every)} experiments", self._report.warning)
+        drawings = list(self._report.figures.values())
+        return _drawn(
+            drawings, part, f"there are {len(drawings)} experiments", self._report.warning
+        )
 
     @staticmethod
     def check_place(folder: str | Path, *, force: bool = False) -> None:
@@ -122,9 +124,9 @@ class Best(Value):
 
         Raises `InputError` where something else is there, or a maximum and not `force`.
         """
-        place = Path(folder).expanduser()
-        find_map.save(self.job, self.mode, place, _as_record(self.columns), force=force)
-        return place
+        path = Path(folder).expanduser()
+        find_map.save(self.job, self.mode, path, _as_record(self.columns), force=force)
+        return path
 
     def __str__(self) -> str:
         return f"{self.table}\n\n{words.mode(self.mode, self.job.units)}"
@@ -202,10 +204,10 @@ class Run(SampledRun):
         where there are several.  Raises `InputError` where this run has no such figure.
         """
         arguments.known(FIGURES, name, "plot", "figure")
-        found = list(drawings(name, self._view).values())
-        if not found:
+        drawn = list(drawings(name, self._view).values())
+        if not drawn:
             raise InputError.one("plot", f"there is nothing to draw in a figure {name} of this run")
-        return _drawn(found, part, f"the figure {name} has {len(found)}", self._view.warning)
+        return _drawn(drawn, part, f"the figure {name} has {len(drawn)}", self._view.warning)
 
     def plot_corner(self) -> Figure:
         return self.plot("corner")
@@ -216,13 +218,13 @@ class Run(SampledRun):
         Raises `InputError` where something else is there, or results and not `force`; warns of what
         could not be made.
         """
-        place = Path(folder).expanduser()
+        path = Path(folder).expanduser()
         record = _as_record(self.columns)
-        done = pipeline.write_result(self.job, self._view, place, record, force=force)
+        done = pipeline.write_result(self.job, self._view, path, record, force=force)
         if done.missing:
-            said = f"could not be made: {'; '.join(done.missing)}; all else is in {place}"
-            warnings.warn(said, stacklevel=3)
-        return place
+            message = f"could not be made: {'; '.join(done.missing)}; all else is in {path}"
+            warnings.warn(message, stacklevel=3)
+        return path
 
     def __str__(self) -> str:
         return self.judge().text
@@ -276,5 +278,5 @@ def _as_record(columns: Mapping[str, Array] | None) -> str | None:
 @checked
 def open(folder: str | Path) -> Run:
     """The run that `save` or `bayesdrill posterior` left; raises `InputError` where there is none."""
-    found = pipeline.read_result(Path(folder).expanduser())
-    return Run(found.job, found.mode, found.sampled, kept=found.kept)
+    result = pipeline.read_result(Path(folder).expanduser())
+    return Run(result.job, result.mode, result.sampled, kept=result.kept)

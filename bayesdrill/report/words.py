@@ -54,7 +54,7 @@ def _columns(one: Observation, config: Config) -> str:
         values = quantities.inputs_as_given(config, experiment, name) / factor
         how = "angle" if own != name else f"hold: {held}"
         lines.append(_line(own, f"input, {how}", given, values))
-    sampling = clocks.in_words(experiment.t)
+    sampling = clocks.describe_times(experiment.t)
     return f"{one.entitled('columns')} ({sampling}):\n{aligned(lines, left={0, 1, 2, 3})}"
 
 
@@ -64,7 +64,7 @@ def record_made(problem: Problem) -> tuple[str, ...]:
     found: list[str] = []
     for one in problem.observations:
         experiment, total = one.experiment, len(one.experiment.t)
-        times = [] if experiment.uniform else [f"times: {clocks.in_words(experiment.t)}"]
+        times = [] if experiment.uniform else [f"times: {clocks.describe_times(experiment.t)}"]
         seen = zip(experiment.counts, experiment.names, strict=True)
         every = ", ".join(f"{count} of {name}" for count, name in seen)
         partly = set(experiment.counts) != {total}

@@ -68,7 +68,7 @@ _OTHERS = {
 
 def format_of(path: Path) -> str:
     """The key of FORMATS for a file, by its ending. Raises InputError for an unknown ending."""
-    endings = {ending: name for name, one in FORMATS.usable().items() for ending in one.suffixes}
+    endings = {ending: name for name, kind in FORMATS.usable().items() for ending in kind.suffixes}
     suffix = path.suffix.lower()
     if suffix in endings:
         return endings[suffix]

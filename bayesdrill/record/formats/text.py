@@ -45,8 +45,10 @@ _KINDS: tuple[tuple[str, str], ...] = (
 
 def advice_of_cells(cells: Iterable[str]) -> list[str]:
     """One sentence for each kind of cell that is met."""
-    kinds = [next((said for form, said in _KINDS if re.fullmatch(form, one)), "") for one in cells]
-    return list(dict.fromkeys(said for said in kinds if said))
+    kinds = [
+        next((advice for form, advice in _KINDS if re.fullmatch(form, cell)), "") for cell in cells
+    ]
+    return list(dict.fromkeys(advice for advice in kinds if advice))
 
 
 _MAGIC = {
@@ -84,7 +86,7 @@ class Lines:
     def part(self, rows: slice) -> Lines:
         return replace(self, texts=self.texts[rows], numbers=self.numbers[rows])
 
-    def place(self, index: int) -> str:
+    def location(self, index: int) -> str:
         return f"{self.path} line {self.numbers[index]}"
 
 
@@ -118,7 +120,7 @@ def _check_text(path: Path, text: str) -> None:
         raise InputError.one(str(path), f"is {kind}, not a table; export it as CSV")
 
 
-def lines_of(path: Path, text: str, skip: int) -> Lines:
+def read_lines(path: Path, text: str, skip: int) -> Lines:
     # Not str.splitlines: it also breaks at form feeds and other characters a cell may hold.
     everything = text.replace("\r\n", "\n").replace("\r", "\n").rstrip("\x1a").split("\n")
     for number, line in enumerate(everything, start=1):
@@ -128,19 +130,19 @@ def lines_of(path: Path, text: str, skip: int) -> Lines:
                 "sample, so write it with line ends, or leave out columns"
             )
             raise InputError.one(f"{path} line {number}", message)
-    kept = [
+    filled = [
         (number, line)
         for number, line in enumerate(everything[skip:], start=skip + 1)
         if (bare := line.strip()) and bare[0] not in "#%"
     ]
-    if not kept:
-        rest = f" after the {skip} lines of skip_rows" if skip else ""
-        raise InputError.one(str(path), f"holds no data{rest}: only blank lines and comments")
-    before = [bare for line in everything[skip : kept[0][0] - 1] if (bare := line.strip())]
+    if not filled:
+        where = f" after the {skip} lines of skip_rows" if skip else ""
+        raise InputError.one(str(path), f"holds no data{where}: only blank lines and comments")
+    before = [bare for line in everything[skip : filled[0][0] - 1] if (bare := line.strip())]
     return Lines(
         path=path,
-        texts=[line for _, line in kept],
-        numbers=[n for n, _ in kept],
+        texts=[line for _, line in filled],
+        numbers=[n for n, _ in filled],
         comment=before[-1] if before else "",
     )
 
