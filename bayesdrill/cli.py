@@ -24,14 +24,17 @@ app = typer.Typer(
 
 
 def resume_option(what: str) -> Any:
+    """Return the option `--resume` with its help."""
     return typer.Option("--resume", help=what)
 
 
 def force_option(what: str) -> Any:
+    """Return the option `--force` with its help."""
     return typer.Option("--force", help=what)
 
 
 def output_option(what: str) -> Any:
+    """Return the option `--output` with its help."""
     return typer.Option("--output", "-o", help=what)
 
 
@@ -90,7 +93,7 @@ def _end(text: str, folder: Path, files: str, *, good: bool) -> None:
 
 
 @app.callback()
-def top(
+def _top(
     _: Annotated[
         bool,
         typer.Option(
@@ -336,6 +339,8 @@ def verify(
 
 
 class CitationForm(StrEnum):
+    """Forms of a citation."""
+
     text = "text"
     bibtex = "bibtex"
     cff = "cff"
@@ -379,6 +384,8 @@ def paper(
 
 
 class Described(StrEnum):
+    """What has a JSON schema."""
+
     config = "config"
     run = "run"
 
@@ -422,6 +429,7 @@ def cache(
 
 
 def main() -> None:
+    """Run the command that the arguments of the process name."""
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):  # names of files need not be text
             stream.reconfigure(errors="backslashreplace")

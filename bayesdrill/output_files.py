@@ -1,5 +1,4 @@
-"""The files that bayesdrill writes: their exact names, atomic writes, checksummed JSON, and limits
-of size.
+"""The files that bayesdrill writes: exact names, atomic writes, checksummed JSON, limits of size.
 
 Everything that replaces or removes a file goes through here, and touches nothing else: no file of
 another name, nothing through a link, no folder that holds something of others.
@@ -55,9 +54,11 @@ class Kind:
 
     @property
     def folders(self) -> tuple[str, ...]:
+        """The folders below the one of the run."""
         return (*{name.split("/")[0]: None for name in self.files if "/" in name}, *self.nested)
 
     def is_output(self, name: str) -> bool:
+        """Whether such a run writes a file of this name."""
         return _matches(name, (self.mark, *self.files, *self.kept_files))
 
 
@@ -73,6 +74,7 @@ DEFAULT_FORMATS = FORMATS[:2]
 
 
 def figure_files(*stems: str, formats: Iterable[str] = DEFAULT_FORMATS) -> tuple[str, ...]:
+    """Return the names of figures with these stems, in each format."""
     return tuple(f"{FIGURES}/{stem}.{end}" for stem in stems for end in formats)
 
 

@@ -1,6 +1,4 @@
-"""What comes in from a notebook, judged before it goes on: every mistake by its name; and what jobs of
-many fits may be told.
-"""
+"""Arguments of the API, checked before they go on, each mistake by its name; and jobs of many fits."""
 
 from __future__ import annotations
 
@@ -98,6 +96,7 @@ def _check_added(rig: Model) -> None:
 
 
 def known[T](registry: Mapping[str, T], name: Any, location: str, what: str) -> T:
+    """Look up a name; raises `InputError` at `location` with the nearest known one."""
     try:
         return lookup(registry, str(name), what)
     except ValueError as error:
@@ -105,7 +104,7 @@ def known[T](registry: Mapping[str, T], name: Any, location: str, what: str) -> 
 
 
 def whole(location: str, value: int, least: int) -> int:
-    """Of 64 bits at most."""
+    """Check a whole number of at least `least` and at most 64 bits; raises `InputError`."""
     if not least <= value < 2**64:
         message = f"{shown(value)} is no whole number from {least} to 2**64 - 1"
         raise InputError.one(location, message)
@@ -113,18 +112,19 @@ def whole(location: str, value: int, least: int) -> int:
 
 
 def mode(*, resume: bool, force: bool) -> Mode:
+    """Say how a folder with results is treated; raises `InputError` where both are given."""
     if resume and force:
         raise InputError.one("", "--resume and --force exclude each other; give one of them")
     return "resume" if resume else "force" if force else "fresh"
 
 
 def results_folder(folder: str | Path | None, default: Path) -> Path:
-    """The `default` one where none is given."""
+    """Return the given folder, or the `default` one where none is given."""
     return default if folder is None else Path(folder).expanduser()
 
 
 def workers(processes: int | None) -> int:
-    """None: as many as there are processors."""
+    """Return how many processes to use; None means as many as there are processors."""
     if processes is None:
         return available()
     count = whole("processes", processes, 1)
@@ -135,7 +135,7 @@ def workers(processes: int | None) -> int:
 
 @contextmanager
 def crew(processes: Any, scheduler: str | None) -> Iterator[RefitExecutor]:
-    """`processes` of this machine, see `workers`; or those of the Dask cluster of a scheduler."""
+    """Open processes of this machine, see `workers`, or those of the Dask cluster of a scheduler."""
     from bayesdrill.tasks import remote
 
     if scheduler is None:
@@ -154,6 +154,7 @@ def is_series(value: Any) -> bool:
 
 
 def number(location: str, value: Any, issues: list[Issue], *, positive: bool = False) -> float:
+    """Read a number; a mistake is added to `issues`, and NaN comes back."""
     try:
         read = float(value) if not isinstance(value, str | bool | np.bool) else float("nan")
     except (TypeError, ValueError, OverflowError):
@@ -165,7 +166,7 @@ def number(location: str, value: Any, issues: list[Issue], *, positive: bool = F
 
 
 def times(t: Any, issues: list[Issue]) -> Array:
-    """In s, increasing."""
+    """Read times `(T,)` in s, which increase; mistakes are added to `issues`."""
     values = series("t", t, issues)
     if not issues and len(values) < 2:
         issues.append(Issue("t", f"{len(values)} times; give at least two"))
@@ -177,16 +178,17 @@ def times(t: Any, issues: list[Issue]) -> Array:
 @checked
 @dataclass(frozen=True, slots=True, eq=False)
 class ManyFits[T](Value):
-    """`kind`: ends the name of its folder."""
+    """A job of many fits of one config, which may be shared out among processes or machines.
+
+    `kind` ends the name of its folder.
+    """
 
     job: Job
 
     kind: ClassVar[str]
 
     def place(self, folder: str | Path | None = None) -> Path:
-        """Where `run` leaves its results: `results/<name>-ladder` or `results/<name>-calibration` by
-        default.
-        """
+        """Return where `run` leaves its results, by default `results/<name>-<kind>`."""
         default = Path("results") / f"{self.job.config.name}-{self.kind}"
         return results_folder(folder, default)
 
@@ -200,10 +202,11 @@ class ManyFits[T](Value):
         scheduler: str | None = None,
         report: Reporter | None = None,
     ) -> T:
-        """`folder`: see `path`; `scheduler`: address of a Dask cluster; `processes`, `report`: see
-        `Case.sample`.
+        """Run all fits and save their results in `folder` (see `place`).
 
-        Raises `InputError`, and `Interrupted` when asked to stop; what is done is kept.
+        `resume`: go on where an earlier run stopped; `force`: start over; `scheduler`: address of a Dask
+        cluster; `processes`, `report`: see `Case.sample`.  Raises `InputError`, and `Interrupted` when
+        asked to stop; what is done is kept.
         """
         how, path = mode(resume=resume, force=force), self.place(folder)
         with crew(processes, scheduler) as executor:

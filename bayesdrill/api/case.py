@@ -36,11 +36,17 @@ PRIORS = "a prior, a number or 'nominal' for each name"
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Channel(Value):
-    """`values (T,)` in `unit`; `sigma`: their noise in that unit, or its prior as in a config.
+    """A measured channel: `values (T,)` in `unit`, at the times of its case.
 
-    `measures`: a sum of states, such as `theta_1 - theta_2`, where the name is not that of one; `noise`:
-    its kind and entries, as in a config, where it is not white.  `gain`, `offset` (in that unit) and
-    `lag` (s) of its sensor: numbers or priors, as in a config.  What is wrong with it `case` says.
+        bd.Channel(w_1, "rpm", sigma=2.0)
+        bd.Channel(twist, "deg", sigma={"prior": "half_normal", "scale": 0.5},
+                   measures="theta_1 - theta_2")
+
+    `sigma`: standard deviation of its noise in that unit, or its prior as in a config.
+    `measures`: a sum of states, such as `theta_1 - theta_2`, where the name is not that of one;
+    `noise`: its kind and entries, as in a config, where it is not white.  `gain`, `offset` (in
+    that unit) and `lag` (s) of its sensor: numbers or priors, as in a config.  What is wrong with
+    it `case` says.
     """
 
     values: ArrayLike
@@ -57,6 +63,8 @@ class Channel(Value):
 class Input(Value):
     """A measured input: `values (T,)` in `unit`, between samples held (`zero`) or straight (`first`).
 
+        bd.Input(v, "V")
+
     `gain`, `offset`, `lag`: as of a `Channel`.  What is wrong with it `case` says.
     """
 
@@ -71,13 +79,20 @@ class Input(Value):
 @checked
 @dataclass(frozen=True, eq=False, repr=False)
 class Case(Value):
-    """From `load` or `case`.  `columns`: the record, `(T,)` each, where it is in no file."""
+    """A record, a rig and what is believed of its parameters; made by `bd.load` or `bd.case`.
+
+        case = bd.load("configs/nominal_step.yaml")
+        run = case.sample(case.find_map(), seed=1)
+
+    `print(case)` shows it.  `columns`: the record, `(T,)` each, where it is in no file.
+    """
 
     job: Job
     columns: Mapping[str, Array] | None = None
 
     @property
     def unknowns(self) -> tuple[str, ...]:
+        """The names of all unknowns, in the order of draws."""
         return self.job.problem.names
 
     def __str__(self) -> str:
@@ -86,7 +101,7 @@ class Case(Value):
     __repr__ = __str__
 
     def preview(self) -> str:
-        """What would run: columns and units, priors, the start, sizes, and what the record can show."""
+        """Describe what would run: columns, priors, start, sizes, and what the record can show."""
         problem, config = self.job.problem, self.job.config
         first = identify.preflight(self.job, Scenery(problem.posterior.likelihood))
         columns = [] if self.columns is not None else [words.record_columns(problem, self.job.case)]
@@ -101,10 +116,13 @@ class Case(Value):
         at: Best | None = None,
         report: Reporter | None = None,
     ) -> identify.Findings:
-        """What the record can show; `profiles`: names of parameters, or `all`.
+        """Compute what the record can show of each unknown, before any sampling.
 
-        At the start values, or `at` the maximum that was found.  Raises `InputError` where no parameter
-        is unknown.
+            case.identify("all", at=case.find_map())
+
+        `profiles`: names of parameters whose profile likelihoods are computed, or `all`; `at`: the
+        maximum at which this is evaluated, else the start values.  Raises `InputError` where no
+        parameter is unknown.
         """
         job, space = self.job, self.job.problem.posterior.space
         values, where = space.start, "the start"
@@ -117,13 +135,15 @@ class Case(Value):
 
     @staticmethod
     def check_place(folder: str | Path, *, force: bool = False) -> None:
-        """Raises `InputError` where findings could not be saved, before minutes of profiles."""
+        """Raise `InputError` where findings could not be saved, before minutes of profiles."""
         identify.check_place(Path(folder).expanduser(), force=force)
 
     def find_map(
         self, *, quick: bool = False, processes: int | None = 1, report: Reporter | None = None
     ) -> Best:
-        """The maximum of the posterior, by several searches or, `quick`, by one.
+        """Find the maximum of the posterior (MAP), by several searches or, `quick`, by one.
+
+            case.find_map().plot()
 
         `processes`, `report`: see `sample`.
         """
@@ -137,7 +157,7 @@ class Case(Value):
     def candidates(
         self, *, processes: int | None = 1, report: Reporter | None = None
     ) -> Candidates:
-        """What would explain what the best fit leaves: see `Best.candidates`."""
+        """Find the maximum, and rank models that explain what it leaves: see `Best.candidates`."""
         best = self.find_map(processes=processes, report=report)
         return best.candidates(processes=processes, report=report)
 
@@ -150,7 +170,7 @@ class Case(Value):
         processes: int | None = 1,
         report: Reporter | None = None,
     ) -> Outcome:
-        """The whole job of a case of a file, as `bayesdrill posterior` does it.
+        """Do the whole job of a case that was loaded from a file, as `bayesdrill posterior` does.
 
         What is sampled is saved as it is made, so that a run that is stopped can be resumed.
 
@@ -169,7 +189,7 @@ class Case(Value):
         return pipeline.posterior(self.job, path, how, workers, report or SILENT)
 
     def place(self, folder: str | Path | None = None) -> Path:
-        """Where `run` leaves its results."""
+        """Return where `run` leaves its results: `results/<name>` by default."""
         return arguments.results_folder(folder, Path("results") / self.job.config.name)
 
     def sample(
@@ -180,9 +200,12 @@ class Case(Value):
         processes: int | None = 1,
         report: Reporter | None = None,
     ) -> Run:
-        """Ensembles from `best` (searched for where it is not given) until they converge, or not.
+        """Sample the posterior by ensembles of walkers until they converge, or have no steps left.
 
-        `seed` instead of the config's; the same draws for the same seed, however many processes.
+            run = case.sample(seed=1, processes=None)
+
+        `best`: the maximum where they begin, searched for where it is not given.  `seed` instead of the
+        config's; the same draws for the same seed, however many processes.
         More than one process (None: all there are) wants `if __name__ == "__main__":` in a script.
         `report`: has `say(text)` and `update(fraction, text)`, which are told how far it is.  Raises
         `InputError`.
@@ -214,7 +237,12 @@ class Case(Value):
 
 @checked
 def load(path: str | Path) -> Case:
-    """The case of a YAML config; raises `InputError` with all that is wrong with it."""
+    """Load the case of a YAML config; raises `InputError` with all that is wrong with it.
+
+        case = bd.load("configs/nominal_step.yaml")
+
+    `print(case)` shows its unknowns and their priors.
+    """
     return Case(prepare(Path(path).expanduser()))
 
 
@@ -231,17 +259,21 @@ def case(
     name: str = "case",
     **entries: Any,
 ) -> Case:
-    """Of arrays, without any file: times `t (T,)` in s, increasing, and entries as in a config
-    (docs/config.md).
+    """Make a case of arrays, without any file.
 
-    `inputs`: a number in SI or a measured `Input` for each; `parameters`: for each a number, `"nominal"`
-    or a prior, such as `{"prior": "uniform", "low": 0.5, "high": 1.5, "relative": True}` (one that the
-    rig only offers, such as `c_s`, is switched on so); `nominal`: a table or values of your own
-    (`{"k_s": 0.27}`); without it a parameter that relies on a table takes `tables_2_3`, and is compared
-    with it; `rig`: a name, or a model such as `MotorShaft(i_m=1 / 8)`; `entries`: further sections, such
-    as `sampler={"ess": 1000}`, and what `record` says beside arrays, such as `record={"missing":
-    "drop"}`.  The rig is at rest at 0 s, with measured inputs at the first sample, unless
-    `initial={"w_1": ...}` says otherwise.  Raises `InputError` with all that is wrong.
+        bd.case(t, {"w_1": bd.Channel(w, "rad/s", sigma=0.1)}, {"v": 8.0, "t_1": 0.0},
+                {"k_s": {"prior": "uniform", "low": 0.1, "high": 1.0}, ...})
+
+    `t (T,)`: times in s, increasing; the other entries are as in a config (docs/config.md).
+    `inputs`: a number in SI or a measured `Input` for each; `parameters`: for each a number,
+    `"nominal"` or a prior, such as `{"prior": "uniform", "low": 0.5, "high": 1.5, "relative":
+    True}` (one that the rig only offers, such as `c_s`, is switched on so); `nominal`: a table or
+    values of your own (`{"k_s": 0.27}`); without it a parameter that relies on a table takes
+    `tables_2_3`, and is compared with it; `rig`: a name, or a model such as `MotorShaft(i_m=1 /
+    8)`; `entries`: further sections, such as `sampler={"ess": 1000}`, and what `record` says
+    beside arrays, such as `record={"missing": "drop"}`.  The rig is at rest at 0 s, with measured
+    inputs at the first sample, unless `initial={"w_1": ...}` says otherwise.  Raises `InputError`
+    with all that is wrong.
     """
     columns, measured = _columns(t, channels, inputs)
     record = entries.pop("record", {})

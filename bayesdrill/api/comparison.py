@@ -35,11 +35,11 @@ MOST = 9  # models that a ladder samples
 @checked
 @dataclass(frozen=True, slots=True, eq=False)
 class Ladder(ManyFits["Outcome"]):
-    """The config as given, and what may be missing from it: candidates ranked at their maxima, of which
-    the first `sample` are sampled and compared.
+    """The model of a config, and candidates with more physics, of which the likeliest are sampled.
 
-    What `run` returns has the `decision` in its `report`, and its `config` is what to go on with; rungs
-    that are done are kept where it is stopped.
+    Candidates are ranked at their maxima; the first `sample` are sampled and compared.  What `run`
+    returns has the `decision` in its `report`, and its `config` is what to go on with; rungs that
+    are done are kept where it is stopped.
     """
 
     job: Job
@@ -55,7 +55,12 @@ class Ladder(ManyFits["Outcome"]):
 
 @checked
 def ladder(config: str | Path, *, sample: int = 2) -> Ladder:
-    """Of a config and its record; raises `InputError` with all that is wrong with them."""
+    """Prepare a ladder of models of a config; raises `InputError` with all that is wrong with it.
+
+        bd.ladder("my_rig.yaml").run()
+
+    `sample`: how many models are sampled, 2 to 9.
+    """
     if not 2 <= sample <= MOST:
         raise InputError.one("sample", f"{shown(sample)} is no whole number from 2 to {MOST}")
     return Ladder(load(Path(config).expanduser()).job, sample)
@@ -64,10 +69,10 @@ def ladder(config: str | Path, *, sample: int = 2) -> Ladder:
 @checked
 @dataclass(frozen=True, eq=False, repr=False)
 class Comparison(Value):
-    """What several runs say of their unknowns, side by side; of models of one record, which is the more
-    probable.
+    """Several runs side by side; of models of one record, which is the more probable.
 
-    `runs`: where each is, None where it is in no folder.
+    Made by `bd.overlay` or `bd.compare`; `print` shows it.  `runs`: where each is, None where it
+    is in no folder.
     """
 
     report: ComparisonReport
@@ -75,19 +80,17 @@ class Comparison(Value):
 
     @property
     def rows(self) -> tuple[Row, ...]:
-        """Of each unknown: where each run has it, SI, and how far apart they are, in sds."""
+        """A row for each unknown: where each run has it, SI, and how far apart they are, in sds."""
         return self.report.rows
 
     @property
     def models(self) -> tuple[Contender, ...]:
-        """Of each run its `evidence`, what its fit leaves (`left`), `held_out` and `loo`; empty of an
-        overlay.
-        """
+        """For each run `evidence`, `left` (by its fit), `held_out` and `loo`; empty of an overlay."""
         return self.report.models
 
     @property
     def decision(self) -> Decision | None:
-        """`word`: model, noise, both, either, priors or neither; `best`: which of the models."""
+        """The decision: a `word` (model, noise, both, either, priors, neither) and the `best` model."""
         return self.report.decision
 
     @property
@@ -97,24 +100,23 @@ class Comparison(Value):
 
     @property
     def log_evidence(self) -> dict[str, float]:
-        """By the names of models; a pure number."""
+        """The log evidence by the names of models, without a unit."""
         return {model.name: model.log_z for model in self.models}
 
     @property
     def reasons(self) -> tuple[str, ...]:
-        """Why some run of an overlay, or the most probable model, must not be believed; empty where all
-        may be.
-        """
+        """Why a run of an overlay, or the best model, must not be believed; empty where all may be."""
         return self.report.reasons
 
     @property
     def text(self) -> str:
+        """The whole comparison in words and tables."""
         return self.report.text
 
     def plot(self, name: str | None = None) -> Figure:
-        """Of an overlay its `corner`, or `intervals`; of models their `comparison`: log odds, what each
-        leaves of each channel, and where it has each unknown.
+        """Draw a figure: of an overlay `corner` or `intervals`, of models `comparison`.
 
+        The last shows log odds, what each model leaves of each channel, and where it has each unknown.
         Raises `InputError` where there is no such figure.
         """
         wanted = self.report.form.figure if name is None else name
@@ -122,15 +124,13 @@ class Comparison(Value):
         return for_notebooks(figure.drawn())
 
     def place(self, folder: str | Path | None = None) -> Path:
-        """Where `save` leaves its results: `results/<name>-<name>` by default, of models
-        `results/compare-<name>-<name>`.
-        """
+        """Return where `save` leaves its results, by default a folder in `results/` with all names."""
         names = [layer.name for layer in self.report.layers]
         default = comparison.default_folder(self.report.form, names)
         return arguments.results_folder(folder, default)
 
     def save(self, folder: str | Path | None = None, *, force: bool = False) -> Path:
-        """Table, page and figures.
+        """Save table, page and figures, and return their folder.
 
         Raises `InputError` where something else is there, or a comparison and not `force`.
         """
@@ -155,8 +155,11 @@ Overlay = Comparison
 def overlay(
     runs: Sequence[single.Run | str | Path], names: Sequence[str] | None = None
 ) -> Comparison:
-    """Of two runs or more, of any records, priors and rigs: runs in memory, or folders of them.
+    """Lay two runs or more side by side, of any records, priors and rigs.
 
+        bd.overlay(["results/slow", run]).plot()
+
+    `runs`: in memory, or their folders.
     `names`: by default those of the folders and cases.  Raises `InputError`.
     """
     return _compared("overlay", runs, names)
@@ -166,10 +169,13 @@ def overlay(
 def compare(
     runs: Sequence[single.Run | str | Path], names: Sequence[str] | None = None
 ) -> Comparison:
-    """Of two runs or more of one record: runs in memory, or folders of them.
+    """Compare two runs or more of one record: which model is the more probable.
 
-    The first is what the others are held against.  `names`: by default those of the folders and cases.
-    Raises `InputError`, also where records are not the same.
+        bd.compare(["results/rigid", "results/elastic"]).decision
+
+    `runs`: in memory, or their folders; the first is what the others are held against.  `names`:
+    by default those of the folders and cases. Raises `InputError`, also where records are not the
+    same.
     """
     return _compared("comparison", runs, names)
 
@@ -199,7 +205,7 @@ def check_folder(
     *,
     force: bool = False,
 ) -> Path:
-    """Where the `overlay` or `comparison` of these would be saved.
+    """Return where the `overlay` or `comparison` of these would be saved.
 
     Raises `InputError` where it cannot be.
     """

@@ -1,6 +1,4 @@
-"""What is done with configs and folders as a whole: examples, drafts, simulation, calibration,
-reports, citation.
-"""
+"""Jobs on configs and folders as a whole: examples, drafts, simulation, calibration, reports."""
 
 from __future__ import annotations
 
@@ -79,7 +77,9 @@ class Example:
 
 @checked
 def example(folder: str | Path = "configs") -> Example:
-    """Writes the bundled configs and records into a folder, and overwrites nothing.
+    """Write the bundled configs and records into a folder, and overwrite nothing.
+
+        bd.example("configs")
 
     Raises `InputError` with each of them that is there already.
     """
@@ -95,7 +95,7 @@ def example(folder: str | Path = "configs") -> Example:
 
 @checked
 def citation(folder: str | Path | None = None) -> Citation:
-    """How to cite what is installed, or what the run in `folder` was made with.
+    """Return how to cite what is installed, or what the run in `folder` was made with.
 
     Raises `InputError` where no run is finished.
     """
@@ -123,7 +123,10 @@ def init(
     sheet: str | Path | None = None,
     force: bool = False,
 ) -> Guess:
-    """Writes a config for a record, with every guess marked REVIEW and its reason.
+    """Write a config for a record, with every guess marked REVIEW and its reason.
+
+        bd.init("slow.csv", gear=14, voltage=8.0)
+        bd.init("data.mat", columns=["data:1=t [ms]", "data:3=theta_2 [deg]"])
 
     Several files of one kind become several experiments of one config; files that complete each other
     become one record.  `output`: beside the (first) record by default; `voltage` [V]: constant, where no
@@ -169,18 +172,18 @@ def init(
 
 @dataclass(frozen=True, slots=True)
 class Simulated:
-    """`files`: how many samples each has."""
+    """What `simulate` wrote; `files`: how many samples each has."""
 
     files: Mapping[Path, int]
 
     @property
     def path(self) -> Path:
-        """Of the first."""
+        """The path of the first file."""
         return next(iter(self.files))
 
     @property
     def samples(self) -> int:
-        """Of all."""
+        """The number of samples of all files."""
         return sum(self.files.values())
 
 
@@ -192,7 +195,9 @@ def simulate(
     seed: int | None = None,
     force: bool = False,
 ) -> Simulated:
-    """A record of the rig of a config, as CSV: exact response, and noise with a seed.
+    """Write a record of the rig of a config, as CSV: exact response, and noise with a seed.
+
+        bd.simulate("configs/nominal_step.yaml", "mine.csv", seed=7)
 
     `output`: the record that the config names, by default; of several experiments a folder, for a file
     of each.  `seed`: the config's.  Raises `InputError`, before anything is written.
@@ -237,7 +242,7 @@ def publish(
     processes: int | None = 1,
     report: Reporter | None = None,
 ) -> Outcome:
-    """Tables and figures again, from the chain in a folder; raises `InputError` where there is none.
+    """Make tables and figures again from the chain in a folder; raises `InputError` without one.
 
     `output`: a folder that gets a copy of the run with them, where the first may only be read.
     """
@@ -255,7 +260,7 @@ def publish(
 
 @checked
 def verify(folder: str | Path) -> Verified:
-    """Whether config, record, tables and figures of a run still belong together.
+    """Check whether config, record, tables and figures of a run still belong together.
 
     The tables are computed again from the chain.  Raises `InputError` where there is no finished run.
     """
@@ -278,9 +283,12 @@ class Calibration(ManyFits["Calibrated"]):
 
 @checked
 def calibration(config: str | Path) -> Calibration:
-    """Of a config, whose record need not be there yet where `simulation:` gives its times.
+    """Prepare the calibration of a config: refits of records that are simulated from its prior.
 
-    Raises `InputError` with all that is wrong with it.
+        bd.calibration("configs/nominal_step.yaml").run(processes=None)
+
+    Its record need not be there yet where `simulation:` gives its times.  Raises `InputError` with
+    all that is wrong with it.
     """
     from bayesdrill.tasks.calibrate import prepare
 
@@ -289,7 +297,7 @@ def calibration(config: str | Path) -> Calibration:
 
 @checked
 def schema(of: str = "config") -> str:
-    """The JSON schema of configs or, `of` a `run`, of the `run.json` that a posterior leaves."""
+    """Return the JSON schema of configs or, `of` a `run`, of the `run.json` that a posterior leaves."""
     from bayesdrill.config.schema.config import json_schema
     from bayesdrill.tasks.run_entries import run_schema
 
@@ -299,7 +307,7 @@ def schema(of: str = "config") -> str:
 
 @checked
 def cache(*, clear: bool = False) -> str:
-    """Where compiled kernels are kept, and how much of them; `clear` removes them all first.
+    """Say where compiled kernels are kept, and how large they are; `clear` removes them first.
 
     Raises `InputError` where the folder is refused, or cannot be cleared.
     """

@@ -26,7 +26,12 @@ NUMBERS = "a number for each name"
 
 @checked
 def nominal(table: str = symbols.DEFAULT_NOMINAL) -> dict[str, float]:
-    """The paper's values of all parameters, SI; raises `InputError` for a table it has not."""
+    """Return the paper's values of all parameters, SI; raises `InputError` for an unknown table.
+
+        bd.nominal()["k_s"]    # N m/rad
+
+    `table`: the name of a table of the paper.
+    """
     return dict(arguments.known(symbols.NOMINAL, table, "nominal", "nominal table").values)
 
 
@@ -41,12 +46,16 @@ def respond(
     initial: Annotated[Mapping[str, float] | None, "a number for each state"] = None,
     hold: str = "zero",
 ) -> dict[str, Array]:
-    """`signals` (states, or sums such as `theta_1 - theta_2`) at times `t (T,)`, exact, all in SI.
+    """Simulate a rig exactly: its `signals` at times `t (T,)`, each `(T,)`, all in SI.
 
-    Times increase, in any steps.  `inputs`: a number, or `(T,)` values between which they are held
-    (`zero`) or straight (`first`); loads that are not named are zero.  The state is `initial` (else
-    zero) at 0 s; with measured inputs at the first time.  To name a parameter that the rig only offers,
-    such as `c_s`, is to switch it on.  Raises `InputError` with all that is wrong.
+        t = np.linspace(0, 2, 401)
+        bd.respond(bd.MotorShaft(i_m=1 / 8), bd.nominal(), t, {"v": 8.0}, ["w_1", "theta_1 - theta_2"])
+
+    `signals`: states, or sums of them.  Times increase, in any steps.  `inputs`: a number, or
+    `(T,)` values between which they are held (`zero`) or straight (`first`); loads that are not
+    named are zero.  The state is `initial` (else zero) at 0 s; with measured inputs at the first
+    time.  To name a parameter that the rig only offers, such as `c_s`, is to switch it on.  Raises
+    `InputError` with all that is wrong.
     """
     model, issues = arguments.rig(rig), list[Issue]()
     model = with_named(model, parameters)

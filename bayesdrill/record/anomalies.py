@@ -56,11 +56,11 @@ class Spans:
 
     @property
     def count(self) -> int:
-        """Of samples."""
+        """The number of samples in all runs."""
         return int(np.sum(self.last - self.first + 1))
 
     def mask(self, n: int) -> Mask:
-        """`(n,)`."""
+        """Return which of `n` samples are in a run: `(n,)`."""
         edges = np.zeros(n + 1, dtype=np.intp)
         np.add.at(edges, self.first, 1)
         np.add.at(edges, self.last + 1, -1)
@@ -68,7 +68,7 @@ class Spans:
 
 
 def spans(mask: Mask) -> Spans:
-    """Runs of what is true."""
+    """Return the runs of what is true in `mask (T,)`."""
     padded = np.concatenate([[False], mask, [False]])
     edges = np.flatnonzero(padded[1:] != padded[:-1])
     return Spans(edges[::2], edges[1::2] - 1)
@@ -77,7 +77,7 @@ def spans(mask: Mask) -> Spans:
 def spikes(
     x: Array, caused: Mask | None = None, *, wide: bool = True, inert: bool = False
 ) -> Spans:
-    """In `x (T,)`, numbers all; `caused (T,)`: samples at which an input has just jumped.
+    """Find spikes in `x (T,)`, numbers all; `caused (T,)`: samples at which an input has just jumped.
 
     `wide`: also spikes of more than two samples, which in an input may be meant; `inert`: an angle or a
     speed, which no input moves there and back within `MAX_SHORT_SPIKE` samples.
@@ -95,14 +95,14 @@ def spikes(
 
 
 def jumps(x: Array) -> NDArray[np.intp]:
-    """Samples of `x (T,)`, of an input, at which it has just jumped; gaps are passed over."""
+    """Return the samples of an input `x (T,)` at which it has just jumped; gaps are passed over."""
     known = np.flatnonzero(np.isfinite(x))
     steps = np.abs(np.diff(x[known]))
     return known[1:][steps > INPUT_JUMP * np.ptp(x[known])]
 
 
 def stuck(x: Array) -> Spans:
-    """The longest run of one value in `x (T,)`, where noise else makes no two samples the same.
+    """Find the longest run of one value in `x (T,)`, where noise makes no two samples the same.
 
     Not where the record begins: there a rig may stand still, switched off.
     """
@@ -120,7 +120,7 @@ def stuck(x: Array) -> Spans:
 
 
 def saturated(x: Array) -> Spans:
-    """Runs of `x (T,)` at exactly its largest or its least value, which it ran into without turning."""
+    """Find runs of `x (T,)` at its largest or least value, which it ran into without turning."""
     mask = np.zeros(len(x), dtype=np.bool_)
     steps = np.abs(np.diff(x))
     if not np.any(steps):
@@ -170,7 +170,7 @@ def _off_chord(x: Array, width: int) -> Array:
 
 
 def leaves_chord(x: Array, first: int, last: int) -> float:
-    """How far `x (T,)` is from the chord over the samples `first` to `last`, over what is usual."""
+    """Return how far `x (T,)` is from the chord over samples `first` to `last`, over the typical."""
     if first < 1 or last > len(x) - 2:
         return 0.0
     off = np.abs(_off_chord(x, last - first + 1)).max(axis=1)
@@ -251,19 +251,19 @@ MAX_FILTER_POLE = (
 
 
 def ambiguous(x: Array, period: float) -> NDArray[np.intp]:
-    """Samples before which the jump is of nearly half a period, so that its way cannot be told."""
+    """Return the samples before which the jump is of half a period, so that its way is unknown."""
     jumps = np.abs(np.diff(x)) / period
     return np.flatnonzero(np.abs(jumps - np.round(jumps)) > 0.5 - WRAP_MARGIN) + 1
 
 
 def unwrap(x: Array, period: float) -> tuple[Array, int]:
-    """`x (T,)` with every jump of more than half a period taken back, and how many there were."""
+    """Unwrap `x (T,)`: each jump of more than half a period is taken back; and count the jumps."""
     turns = np.round(np.diff(x) / period)
     return x - period * np.concatenate([[0.0], np.cumsum(turns)]), int(np.sum(turns != 0))
 
 
 def held_speeds(x: Array, t: Array) -> Array:
-    """`(T,)`: an angle `x (T,)` that is straight between its samples turns at these speeds after each.
+    """Return the speeds `(T,)` after each sample of an angle `x (T,)` that is straight between them.
 
     Of the last one nothing is known: it is that of the one before.
     """
@@ -272,19 +272,19 @@ def held_speeds(x: Array, t: Array) -> Array:
 
 
 def integrate_speeds(w: Array, t: Array, begin: float) -> Array:
-    """The angle `(T,)` again, of speeds `w (T,)` that are held after each sample."""
+    """Return the angle `(T,)` again, of speeds `w (T,)` that are held after each sample."""
     return np.concatenate([[begin], begin + np.cumsum(w[:-1] * np.diff(t))])
 
 
 def quotients(x: Array, t: Array) -> dict[str, Array]:
-    """Difference quotients of `x (T,)`, `(T - 2,)`, at all samples but the first and the last."""
+    """Return difference quotients of `x (T,)`, `(T - 2,)`, at all samples but the first and the last."""
     slopes = np.diff(x) / np.diff(t)
     central = (x[2:] - x[:-2]) / (t[2:] - t[:-2])
     return {"backward": slopes[:-1], "forward": slopes[1:], "central": central}
 
 
 def nearest_quotient(x: Array, w: Array, t: Array) -> tuple[str, float]:
-    """Which difference quotient of `x` `w (T,)` is like, and its rms distance over the rms of `w`."""
+    """Return the difference quotient of `x` that `w (T,)` is like, and its relative rms distance."""
     middle = w[1:-1]
     size = float(np.sqrt(np.mean(middle**2))) or 1.0
     off = {

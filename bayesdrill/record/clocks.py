@@ -1,6 +1,4 @@
-"""Times of records: even and uneven, several clocks as one, and decimation with a filter of zero
-phase.
-"""
+"""Times of records: even and uneven, several clocks as one, and zero-phase decimation."""
 
 from __future__ import annotations
 
@@ -28,6 +26,7 @@ class Grid:
 
     @property
     def times(self) -> Array:
+        """The times `(T,)`, in the unit of `step`."""
         return np.asarray(self.begin + self.step * self.indices, dtype=np.float64)
 
     @property
@@ -56,13 +55,13 @@ def grid(t: Array) -> Grid | None:
 
 
 def on_grid(t: Array) -> Array:
-    """`t` itself where its steps are equal or have no grid, else the times of the grid."""
+    """Return `t (T,)` itself where its steps are equal or have no grid, else the times of the grid."""
     nearest = None if is_even(t) else grid(t)
     return t if nearest is None else nearest.times
 
 
 def describe_times(t: Array) -> str:
-    """What the times `t (T,)` are like, s."""
+    """Describe the times `t (T,)` [s] in words."""
     if len(t) < 2:
         return f"one sample, at {t[0]:.6g} s"
     if is_even(t):
@@ -91,7 +90,7 @@ def _gaps(t: Array, grid: Grid) -> str:
 
 
 def union(clocks: Sequence[Array]) -> Array:
-    """Times of all `clocks`, each increasing; those that are the same on several stand once."""
+    """Merge the times of all `clocks`, each increasing; a time that several share stands once."""
     t = np.sort(np.concatenate(clocks))
     step = min(map(median_step, clocks))
     near = max(SAME_TIME * step if step < math.inf else 0.0, _rounding(t))
@@ -99,13 +98,13 @@ def union(clocks: Sequence[Array]) -> Array:
 
 
 def crowded_time(t: Array, clocks: Sequence[Array]) -> float:
-    """A time of the `union` `t` that is followed by another after far less than a step; NaN: none."""
+    """Return a time of the `union` `t` that another follows after far less than a step, or NaN."""
     close = np.flatnonzero(np.diff(t) < STEP_TOLERANCE * min(map(median_step, clocks)))
     return float(t[close[0]]) if len(close) else math.nan
 
 
 def median_step(clock: Array) -> float:
-    """Step; of a single time there is none, and it is as good as any."""
+    """Return the median step; infinite for a single time, which is as good as any."""
     return float(np.median(np.diff(clock))) if len(clock) > 1 else math.inf
 
 
@@ -114,7 +113,7 @@ def _rounding(t: Array) -> float:
 
 
 def indices_in(t: Array, clock: Array) -> NDArray[np.intp]:
-    """Where each time of `clock`, one of those of the `union` `t`, stands there."""
+    """Return the index of each time of `clock`, one of those of the `union` `t`, in it."""
     if len(t) < 2:
         return np.zeros(len(clock), dtype=np.intp)
     after = np.clip(np.searchsorted(t, clock), 1, len(t) - 1)
@@ -122,7 +121,7 @@ def indices_in(t: Array, clock: Array) -> NDArray[np.intp]:
 
 
 def hold_input(t: Array, clock: Array, values: Array, *, first_order: bool) -> Array:
-    """An input known at `clock (n,)`, at times `t (T,)`: straight between samples, or as the last was.
+    """Interpolate an input known at `clock (n,)` at times `t (T,)`: first-order or zero-order hold.
 
     Before the first sample it is the first, after the last the last.
     """
@@ -151,17 +150,20 @@ class DecimatedSignals:
 
 
 def filter_length(factor: int) -> int:
-    """Samples of the filter, an odd number."""
+    """Return how many samples the filter has, an odd number."""
     return TAPS_PER_FACTOR * factor + 1
 
 
 def cutoff(factor: int, dt: float) -> float:
-    """Hz."""
+    """Return the cutoff frequency [Hz], where half of the amplitude passes."""
     return CUTOFF_SHARE / (2 * factor * dt)
 
 
 def decimated(y: Array, factor: int) -> DecimatedSignals:
-    """Of `y (T, K)` at equal steps, without NaN; within half the filter of an end nothing is left."""
+    """Filter `y (T, K)`, at equal steps and without NaN, by a Kaiser-window FIR, and decimate it.
+
+    Within half the filter of an end nothing is left.
+    """
     from scipy.signal import firwin, oaconvolve
 
     filter_ = firwin(filter_length(factor), CUTOFF_SHARE / factor, window=("kaiser", KAISER_BETA))

@@ -54,16 +54,14 @@ class Written:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Odd:
-    """Samples of a column that a sensor may have made: `said` of them, `where` each run stands, and what
-    to `do`.
-    """
+    """Samples that a sensor may have made: `said` of them, `where` each run is, what to `do`."""
 
     said: str
     where: tuple[str, ...]
     do: str = ""
 
     def in_words(self, most: int) -> str:
-        """With the first `most` places."""
+        """Describe them with the first `most` places."""
         if not self.where:
             return f"{self.said}{self.do}"
         more_places = len(self.where) - most
@@ -117,7 +115,7 @@ class Experiment:
         return ~np.isnan(self.y)
 
     def weights(self, states: Sequence[str]) -> Array:
-        """Channels as sums of `states`: `(K, X)`."""
+        """Return the weights `(K, X)` of `states` in each channel."""
         rows = [[c.weights.get(name, 0.0) for name in states] for c in self.channels]
         return np.array(rows, dtype=np.float64)
 
@@ -127,12 +125,13 @@ class Experiment:
         return tuple(int(n) for n in self.seen.sum(axis=0))
 
     def unit_of_input(self, name: str) -> Unit:
-        """In which people are shown it."""
+        """Return the unit in which people are shown an input."""
         known, symbol = self.written.inputs.get(name), INPUTS[name]
         return known or Unit(symbol.unit, 1.0, symbol.latex_unit)
 
     @property
     def names(self) -> tuple[str, ...]:
+        """The names of the channels."""
         return tuple(channel.name for channel in self.channels)
 
 
@@ -148,7 +147,7 @@ def is_even(t: Array) -> bool:
 
 
 def channels_of_states(states: Sequence[str]) -> tuple[Channel, ...]:
-    """A channel for each state, for those who want to see all of them."""
+    """Return a channel for each state, for those who want to see all of them."""
     return tuple(
         Channel(name=f"state {name}", weights={name: 1.0}, unit="", latex="", latex_unit="")
         for name in states
@@ -156,19 +155,19 @@ def channels_of_states(states: Sequence[str]) -> tuple[Channel, ...]:
 
 
 def frozen(values: Array) -> Array:
-    """A contiguous copy that nobody can write to."""
+    """Return a contiguous copy that nobody can write to."""
     copy = np.array(values, dtype=np.float64, order="C")
     copy.setflags(write=False)
     return copy
 
 
 def times(duration: float, rate: float) -> Array:
-    """From 0 to `duration` [s], both ends, at `rate` [Hz]."""
+    """Return times from 0 to `duration` [s], both ends, at `rate` [Hz]."""
     return np.arange(round(duration * rate) + 1) / rate
 
 
 def regular(experiment: Experiment, duration: float, rate: float) -> Experiment:
-    """The same with constant inputs, for `duration` [s] at `rate` [Hz] from 0; its signals are zero."""
+    """Return the same with `duration` [s] at `rate` [Hz] from 0, constant inputs and zero signals."""
     t = times(duration, rate)
     y = np.zeros((len(t), len(experiment.channels)))
     return dataclasses.replace(experiment, t=frozen(t), y=frozen(y))
@@ -184,10 +183,10 @@ def check_series(
     missing: bool = False,
     instead: str = "",
 ) -> list[Issue]:
-    """Numbers all present, unless some may be `missing`, and of a size whose fourth powers are numbers
-    too; not all the same where a model explains them.
+    """Check that numbers are present, of a computable size, and vary where they have to.
 
-    `instead`: a way out beside mending.
+    Some may be `missing`; of the size fourth powers have to be numbers, too; those that a model
+    explains have to be `varying`; `instead`: a way out beside mending.
     """
     bad = np.flatnonzero(np.isinf(values) if missing else ~np.isfinite(values))
     if len(bad):
@@ -217,7 +216,7 @@ def check_series(
 
 
 def check_time(location: str, t: Array, where: Callable[[int], str]) -> list[Issue]:
-    """Increasing; steps need not be equal."""
+    """Check that times increase; steps need not be equal."""
     problems = check_series(location, "time", t, where, varying=False)
     if problems or len(t) < 2:
         return problems
@@ -253,7 +252,7 @@ def _why_back(t: Array, steps: Array) -> str:
 
 
 def calendar_hint(t: Array) -> str:
-    """A suspicion of times that should be in seconds; empty where there is none."""
+    """Return a suspicion of times that are days of a calendar; empty where there is none."""
     if EARLIEST_DAY < t[0] < LATEST_DAY and t[-1] - t[0] < 1:
         return (
             f"; numbers like {t[0]:.6g} may be days of a calendar (Excel, MATLAB's datenum): save "
@@ -263,7 +262,10 @@ def calendar_hint(t: Array) -> str:
 
 
 def check_length(location: str, counts: Sequence[int], n_unknown: int) -> list[Issue]:
-    """More numbers than unknowns, and at least two samples to have a step; `counts`: of each channel."""
+    """Check that there are more numbers than unknowns, and two samples to have a step.
+
+    `counts`: samples of each channel.
+    """
     if max(counts) >= 2 and sum(counts) > n_unknown:
         return []
     there = f"{count_noun(max(counts), 'sample')} of {count_noun(len(counts), 'channel')}"
@@ -272,12 +274,13 @@ def check_length(location: str, counts: Sequence[int], n_unknown: int) -> list[I
 
 
 def raise_if_any(problems: list[Issue]) -> None:
+    """Raise an `InputError` with all problems, if there is one."""
     if problems:
         raise InputError(problems)
 
 
 def count_noun(n: int, what: str) -> str:
-    """`1 sample`, `2 samples`."""
+    """Count things in words: `1 sample`, `2 samples`."""
     return f"{n} {what}" if n == 1 else f"{n} {what}s"
 
 
@@ -288,7 +291,7 @@ def _rows(indices: NDArray[np.intp], where: Callable[[int], str]) -> str:
 
 
 def typical_inputs(experiment: Experiment) -> dict[str, float]:
-    """SI: of what drives a rig the root mean square, for a scale; of the others the mean."""
+    """Return typical inputs, SI: the root mean square of what drives a rig, else the mean."""
     sizes = dict(experiment.constant)
     for name, series in experiment.series.items():
         size = np.sqrt(np.mean(series**2)) if name in DRIVES else np.mean(series)

@@ -1,5 +1,6 @@
-"""Where a result comes from: versions, what a resumed run must share, the config with defaults; written
-as a job begins, with what is said where it stops.
+"""Where a result comes from: versions, what a resumed run must share, the config with defaults.
+
+It is written as a job begins, with what is said where it stops.
 """
 
 from __future__ import annotations
@@ -58,8 +59,10 @@ def fingerprint(config: Config, problem: Problem) -> dict[str, str]:
 
 
 def settings(config: Config, problem: Problem, display_units: OwnUnits) -> dict[str, str]:
-    """What a reader compares of two runs: as the fingerprint, with all that is said of a parameter under
-    its own name and in these units, and without what only finds the posterior.
+    """Return what a reader compares of two runs, by what it is called.
+
+    It is the fingerprint, with all that is said of a parameter under its name and in these units, and
+    without what only finds the posterior.
     """
     posterior = problem.posterior
     space = posterior.space
@@ -177,8 +180,10 @@ def resolved(case: ResolvedCase, folder: Path) -> str:
 
 
 def _remove_defaults(sections: dict[str, Any], config: Config, rig: Model) -> None:
-    """Those that would mean something else as entries: inputs that the rig has not are refused, and so
-    are states of a steady start; of a free one they would be held.
+    """Remove those that would mean something else as entries.
+
+    Inputs that the rig has not are refused, and so are states of a steady start; of a free one they
+    would be held.
     """
     removed = {"inputs": {*INPUTS} - {*rig.inputs} - config.inputs.model_fields_set}
     if config.initial.state != "given":

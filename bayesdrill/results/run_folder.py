@@ -395,6 +395,7 @@ class Folder:
             self.path_of(name).unlink()
 
     def write_text(self, name: str, text: str) -> None:
+        """Write a text file of this run."""
         output_files.write_text(self.path_of(name), text)
 
     def take_over(self, name: str, other: Path) -> None:
@@ -475,9 +476,7 @@ class Folder:
         output_files.remove_outputs(self.path, output_files.UNFINISHED)
 
     def keep_opened_ends(self, opened: Opened | None, pieces: list[list[Piece]]) -> None:
-        """What was found beyond ends of priors, of the chain of these `pieces`; None: no end was in
-        the way.
-        """
+        """Keep what was found beyond ends of priors, of the chain of these `pieces`; None: nothing."""
         self.take_away({OPENED})
         if opened is not None:
             with atomic_write(self.path_of(OPENED)) as path:

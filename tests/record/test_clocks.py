@@ -18,7 +18,7 @@ def test_a_grid_with_samples_missing_is_found_through_few_digits() -> None:
         t = (begin + np.arange(100) / rate)[KEPT]
         found = clocks.grid(np.round(t, 6))
         assert found is not None
-        assert found.place.tolist() == KEPT.tolist()
+        assert found.indices.tolist() == KEPT.tolist()
         assert found.step == pytest.approx(1 / rate, rel=1e-5)
         assert np.abs(found.times - t).max() < 1e-6
         assert found.missing == 6

@@ -279,8 +279,9 @@ def decimated_experiment(experiment: Experiment, factor: int) -> Experiment:
     told = (
         f"{', '.join(names)}: filtered and decimated, one sample of {factor} is left "
         f"({len(found.samples)} of {len(experiment.t)}); the filter is a zero-phase FIR of {taps} "
-        f"samples, half of the amplitude at {half:.6g} Hz, and {taps // 2} samples at either end are dropped; it "
-        f"took away (sd) {taken}; sigma is the noise of what is left; the model is not filtered"
+        f"samples, half of the amplitude at {half:.6g} Hz, and {taps // 2} samples at either end are "
+        f"dropped; it took away (sd) {taken}; sigma is the noise of what is left; the model is not "
+        "filtered"
     )
     return dataclasses.replace(experiment, t=frozen(t), y=frozen(y), told=(*experiment.told, told))
 

@@ -49,7 +49,7 @@ class FileContents:
             self.variables[name] = np.ascontiguousarray(flat, dtype=np.float64)
 
     def add_fields(self, name: str, values: np.ndarray[Any, Any]) -> None:
-        """The same of an array of records, field by field, and with the longer side as time.
+        """Do as `add` with an array of records, field by field, and with the longer side as time.
 
         A record has more samples than channels, and writers differ in what they call a row.
         """
@@ -62,6 +62,7 @@ class FileContents:
             self.add(name, values)
 
     def table(self, path: Path) -> Table:
+        """Return what was gathered as the table of a file."""
         return Table(
             path=path,
             variables=self.variables,
@@ -73,7 +74,7 @@ class FileContents:
 
 @contextmanager
 def report_damage(path: Path, message: Callable[[str], str]) -> Iterator[None]:
-    """Damaged bytes come up as anything: `message(reason)` of it, as an `InputError` of the file."""
+    """Turn what damaged bytes raise into an `InputError` of the file, with `message(reason)`."""
     try:
         yield
     except InputError:
@@ -88,7 +89,7 @@ def _cut_short(what: str) -> Callable[[str], str]:
 
 
 def too_large(shape: tuple[int, ...], itemsize: int) -> str:
-    """Why an array is not read, foreseen before it takes up memory; empty where it may be."""
+    """Say why an array is not read, foreseen before it takes up memory; empty where it may be."""
     size = itemsize * float(np.prod(np.array(shape, dtype=np.float64)))
     if size <= LARGEST_FILE:
         return ""

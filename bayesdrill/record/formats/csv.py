@@ -1,6 +1,4 @@
-"""Text tables: find the delimiter and the decimal sign, then read numbers, or say exactly what is
-wrong.
-"""
+"""Text tables: find delimiter and decimal sign, then read numbers, or say exactly what is wrong."""
 
 from __future__ import annotations
 
@@ -72,7 +70,7 @@ def without_empty_tail(lines: Lines, dialect: Dialect) -> Lines:
 
 
 def find_dialect(texts: Sequence[str], options: CsvOptions) -> Dialect:
-    """The dialect under which most cells of a sample are numbers in rows of equal width."""
+    """Find the dialect under which most cells of a sample are numbers in rows of equal width."""
     sample = [*texts[:50], *texts[50:][-50:]]
     candidates = [*_DIALECTS, *([Dialect(",", ",")] if _quoted_commas(sample) else [])]
     if options.delimiter is not None:
@@ -115,6 +113,7 @@ def _score(sample: Sequence[str], dialect: Dialect) -> tuple[float, bool]:
 
 
 def typical_width(texts: Sequence[str], dialect: Dialect) -> int:
+    """Return how many cells most lines have."""
     sample = [*texts[:500], *texts[500:][-500:]]
     widths = Counter(len(split(line, dialect.separator)) for line in sample)
     return widths.most_common(1)[0][0]
@@ -166,7 +165,7 @@ class _Faults:
 
 
 def parse(body: Lines, dialect: Dialect, names: Sequence[str]) -> Array:
-    """All rows as `(T, n)`. Raises InputError with every kind of fault found."""
+    """Parse all rows as `(T, n)`; raises InputError with every kind of fault found."""
     ragged = _Faults("rows with a wrong number of cells")
     bad = _Faults("cells without a number")
     parts = []
@@ -255,7 +254,7 @@ def read(path: Path, options: CsvOptions) -> Table:
 
 
 def table(path: Path, text: str, options: CsvOptions) -> Table:
-    """Of a text that stands, or is to stand, in the file `path`."""
+    """Read the table of a text that stands, or is to stand, in the file `path`."""
     check_options(path, options)
     lines = read_lines(path, text, options.skip_rows)
     dialect = find_dialect(lines.texts, options)
@@ -283,7 +282,7 @@ def table(path: Path, text: str, options: CsvOptions) -> Table:
 
 
 def check_options(path: Path, options: CsvOptions) -> None:
-    """Raises InputError for marks that no table can be written with."""
+    """Raise InputError for marks that no table can be written with."""
     problems = []
     if options.delimiter is not None and len(options.delimiter) != 1:
         problems.append(f"delimiter {options.delimiter!r} is not one character; use , ; | or a tab")

@@ -1,8 +1,6 @@
-"""MATLAB files: v5 to v7 through SciPy, v7.3 through h5py; how deep cells lie in each other is
-looked at first.
+"""MATLAB files: v5 to v7 through SciPy, v7.3 through h5py.
 
-How deep cells and structs of a MATLAB file (v5 to v7) lie in each other, found without recursion.
-
+How deep cells and structs of a file of v5 to v7 lie in each other is looked at first, without recursion:
 SciPy reads each inside the one that holds it, and some thousands end the process.  Elements are a flat
 stream of tags, which is followed here as SciPy follows it: how many a cell holds is known from its
 dimensions, never from the length in its tag.

@@ -1,6 +1,4 @@
-"""Text files as lines that hold something, lines as cells, and what a cell that is no number was
-meant to be.
-"""
+"""Text files as lines, lines as cells, and what a cell that is no number was meant to be."""
 
 from __future__ import annotations
 
@@ -44,7 +42,7 @@ _KINDS: tuple[tuple[str, str], ...] = (
 
 
 def advice_of_cells(cells: Iterable[str]) -> list[str]:
-    """One sentence for each kind of cell that is met."""
+    """Return one sentence for each kind of cell that is met."""
     kinds = [
         next((advice for form, advice in _KINDS if re.fullmatch(form, cell)), "") for cell in cells
     ]
@@ -84,13 +82,16 @@ class Lines:
     comment: str = ""
 
     def part(self, rows: slice) -> Lines:
+        """Return some of the lines."""
         return replace(self, texts=self.texts[rows], numbers=self.numbers[rows])
 
     def location(self, index: int) -> str:
+        """Return the file and line of one of them, as messages have it."""
         return f"{self.path} line {self.numbers[index]}"
 
 
 def decode(path: Path) -> str:
+    """Read a text in UTF-8, UTF-16 or Latin-1; raises InputError for what is no table."""
     raw = read_bytes(path)
     for magic, message in _MAGIC.items():
         if raw.startswith(magic):
@@ -121,6 +122,7 @@ def _check_text(path: Path, text: str) -> None:
 
 
 def read_lines(path: Path, text: str, skip: int) -> Lines:
+    """Return the lines after the first `skip` that hold something; raises InputError without any."""
     # Not str.splitlines: it also breaks at form feeds and other characters a cell may hold.
     everything = text.replace("\r\n", "\n").replace("\r", "\n").rstrip("\x1a").split("\n")
     for number, line in enumerate(everything, start=1):
@@ -148,6 +150,7 @@ def read_lines(path: Path, text: str, skip: int) -> Lines:
 
 
 def split(line: str, separator: str | None) -> list[str]:
+    """Split a line into cells, at runs of white space where the separator is None."""
     if '"' not in line:
         return line.split(separator)
     if separator is None:
@@ -159,7 +162,7 @@ def split(line: str, separator: str | None) -> list[str]:
 
 
 def to_number(cell: str, decimal: str) -> float | None:
-    """The number in a cell, NaN for an empty one or a word for that, None for anything else."""
+    """Return the number in a cell, NaN for an empty one or a word for that, None for anything else."""
     cell = cell.strip().replace("\u2212", "-")
     if len(cell) > _LONGEST_NUMBER:
         return None
@@ -178,4 +181,5 @@ def to_number(cell: str, decimal: str) -> float | None:
 
 
 def short(text: str) -> str:
+    """Quote a text of a file in few letters."""
     return repr(shortened(text.strip(), 40))
