@@ -24,14 +24,17 @@ app = typer.Typer(
 
 
 def resume_option(what: str) -> Any:
+    """Return the option `--resume` with its help."""
     return typer.Option("--resume", help=what)
 
 
 def force_option(what: str) -> Any:
+    """Return the option `--force` with its help."""
     return typer.Option("--force", help=what)
 
 
 def output_option(what: str) -> Any:
+    """Return the option `--output` with its help."""
     return typer.Option("--output", "-o", help=what)
 
 
@@ -74,23 +77,23 @@ def _compare(form: str, folders: list[Path], output: Path | None, *, force: bool
     """Runs beside each other or as models, by the name of table and page."""
     from bayesdrill.api import comparison
 
-    place = comparison.check_place(form, folders, output, force=force)
+    path = comparison.check_folder(form, folders, output, force=force)
     result = (comparison.overlay if form == "overlay" else comparison.compare)(folders)
-    result.save(place, force=force)
+    result.save(path, force=force)
     files = f"report.html, {form}.md, {form}.csv, figures/"
-    _end(result.text, place, files, good=not result.reasons)
+    _end(result.text, path, files, good=not result.reasons)
 
 
-def _end(said: str, folder: Path, files: str, *, good: bool) -> None:
+def _end(text: str, folder: Path, files: str, *, good: bool) -> None:
     """What was found, where it is, and the status."""
-    say(said)
+    say(text)
     say(f"results: {folder}/ ({files})")
     if not good:
         raise typer.Exit(NOT_CONVERGED)
 
 
 @app.callback()
-def top(
+def _top(
     _: Annotated[
         bool,
         typer.Option(
@@ -221,8 +224,8 @@ def map_(
         if candidates.table:
             say(candidates.table)
     if output is not None:
-        place = best.save(output, force=force)
-        say(f"results: {place}/ (report.html, map.md, prediction*.csv, figures/)")
+        path = best.save(output, force=force)
+        say(f"results: {path}/ (report.html, map.md, prediction*.csv, figures/)")
     if best.reasons:
         raise typer.Exit(NOT_CONVERGED)
 
@@ -283,8 +286,10 @@ def report(
     if len(folders) > 1:
         _compare("overlay", folders, output, force=force)
         return
-    with reporter() as told:
-        outcome = files.publish(folders[0], output, force=force, processes=processes, report=told)
+    with reporter() as progress:
+        outcome = files.publish(
+            folders[0], output, force=force, processes=processes, report=progress
+        )
     finish(outcome)
 
 
@@ -336,6 +341,8 @@ def verify(
 
 
 class CitationForm(StrEnum):
+    """Forms of a citation."""
+
     text = "text"
     bibtex = "bibtex"
     cff = "cff"
@@ -351,8 +358,8 @@ def simulate(
     """Make a record from the config (of several experiments, one each): response plus noise, as CSV."""
     from bayesdrill.api import files
 
-    made = files.simulate(config, output, seed=seed, force=force)
-    for path, samples in made.files.items():
+    simulated = files.simulate(config, output, seed=seed, force=force)
+    for path, samples in simulated.files.items():
         say(f"{path}: {samples} samples")
 
 
@@ -379,6 +386,8 @@ def paper(
 
 
 class Described(StrEnum):
+    """What has a JSON schema."""
+
     config = "config"
     run = "run"
 
@@ -422,6 +431,7 @@ def cache(
 
 
 def main() -> None:
+    """Run the command that the arguments of the process name."""
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):  # names of files need not be text
             stream.reconfigure(errors="backslashreplace")

@@ -61,10 +61,10 @@ def guarded() -> Iterator[None]:
         if short_of_memory(error):
             _tell("out of memory; a shorter record, fewer walkers or fewer steps need less")
         elif isinstance(error, OSError):
-            place = f"{error.filename}: " if error.filename else ""
-            _tell(f"{place}{_reason(error)}")
-        elif said := blamed_package(error):
-            _tell(said)
+            where = f"{error.filename}: " if error.filename else ""
+            _tell(f"{where}{_reason(error)}")
+        elif text := blamed_package(error):
+            _tell(text)
         else:
             raise
         raise typer.Exit(INPUT_WRONG) from None
@@ -89,8 +89,8 @@ def finish(outcome: Any, *, verbose: bool = False) -> None:
     for what in outcome.missing:
         say(f"could not be made: {what}", err=True)
     if outcome.missing:
-        again = f"`bayesdrill report {outcome.folder}`"
-        say(f"all else is written; once this is mended, {again} makes it", err=True)
+        command = f"`bayesdrill report {outcome.folder}`"
+        say(f"all else is written; once this is mended, {command} makes it", err=True)
     if outcome.reasons:
         raise typer.Exit(NOT_CONVERGED)
     if outcome.missing:

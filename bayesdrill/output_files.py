@@ -1,5 +1,4 @@
-"""The files that bayesdrill writes: their exact names, atomic writes, checksummed JSON, and limits
-of size.
+"""The files that bayesdrill writes: exact names, atomic writes, checksummed JSON, limits of size.
 
 Everything that replaces or removes a file goes through here, and touches nothing else: no file of
 another name, nothing through a link, no folder that holds something of others.
@@ -42,37 +41,40 @@ class Kind:
     """What `bayesdrill <job>` writes into its folder; `#` stands for a number.
 
     `mark`: by this file, which is never taken away, the folder is known; `nested`: folders of runs
-    of their own; `again`: what can be done where results exist; `kept`: what it writes once and no
-    later run takes away.
+    of their own; `continue_hint`: what can be done where results exist; `kept_files`: what it writes
+    once and no later run takes away.
     """
 
     job: str
     mark: str
     files: tuple[str, ...]
     nested: tuple[str, ...] = ()
-    again: str = "continue them with --resume, or start over with --force"
-    kept: tuple[str, ...] = ()
+    continue_hint: str = "continue them with --resume, or start over with --force"
+    kept_files: tuple[str, ...] = ()
 
     @property
     def folders(self) -> tuple[str, ...]:
+        """The folders below the one of the run."""
         return (*{name.split("/")[0]: None for name in self.files if "/" in name}, *self.nested)
 
-    def made(self, name: str) -> bool:
-        return _among(name, (self.mark, *self.files, *self.kept))
+    def is_output(self, name: str) -> bool:
+        """Whether such a run writes a file of this name."""
+        return _matches(name, (self.mark, *self.files, *self.kept_files))
 
 
-def numbered[T](stem: str, every: Sequence[T]) -> dict[str, T]:
+def numbered[T](stem: str, items: Sequence[T]) -> dict[str, T]:
     """By the stems of files: one keeps the name, several have numbers, as `#` in a `Kind` has it."""
-    if len(every) == 1:
-        return {stem: every[0]}
-    return {f"{stem}_{k}": one for k, one in enumerate(every, start=1)}
+    if len(items) == 1:
+        return {stem: items[0]}
+    return {f"{stem}_{k}": item for k, item in enumerate(items, start=1)}
 
 
 FORMATS = ("pdf", "png", "svg")  # of figures
-USUAL = FORMATS[:2]
+DEFAULT_FORMATS = FORMATS[:2]
 
 
-def figure_files(*stems: str, formats: Iterable[str] = USUAL) -> tuple[str, ...]:
+def figure_files(*stems: str, formats: Iterable[str] = DEFAULT_FORMATS) -> tuple[str, ...]:
+    """Return the names of figures with these stems, in each format."""
     return tuple(f"{FIGURES}/{stem}.{end}" for stem in stems for end in formats)
 
 
@@ -122,7 +124,7 @@ POSTERIOR = Kind(
         *figure_files(*RUN_FIGURES, *(f"{stem}_#" for stem in EACH), formats=FORMATS),
         *UNFINISHED.files,
     ),
-    kept=(RECORD,),  # its config may be started over from this very folder
+    kept_files=(RECORD,),  # its config may be started over from this very folder
 )
 CALIBRATE = Kind(
     "calibrate",
@@ -136,13 +138,13 @@ OVERLAY = Kind(
     "report",
     RUN,
     ("overlay.csv", "overlay.md", "report.html", *figure_files("corner", "intervals")),
-    again="make them anew with --force, or give another --output",
+    continue_hint="make them anew with --force, or give another --output",
 )
 COMPARE = Kind(
     "compare",
     RUN,
     ("comparison.csv", "comparison.md", "report.html", *figure_files("comparison")),
-    again="make them anew with --force, or give another --output",
+    continue_hint="make them anew with --force, or give another --output",
 )
 MAP = Kind(
     "map",
@@ -153,8 +155,8 @@ MAP = Kind(
         *CONFIGS,
         *figure_files("fit", "fit_#", formats=FORMATS),
     ),
-    again="make them anew with --force, or give another --output",
-    kept=(RECORD,),
+    continue_hint="make them anew with --force, or give another --output",
+    kept_files=(RECORD,),
 )
 IDENTIFY = Kind("identify", "identify.md", figure_files("spectrum", "profiles", formats=FORMATS))
 
@@ -186,14 +188,14 @@ def paper_files(records: Sequence[str]) -> Kind:
             *("report.md", "report.html", *figure_files(*drawn)),
         ),
         nested=tuple(records),
-        again="make them anew with --force, or give another --output",
+        continue_hint="make them anew with --force, or give another --output",
     )
 
 
 def present(folder: Path, kind: Kind) -> list[str]:
     """Files and folders in `folder` that bear a name of this kind, whatever they are."""
     names = _names(folder, ("", *kind.folders))
-    return [name for name in names if kind.made(name) and not _among(name, kind.kept)]
+    return [name for name in names if kind.is_output(name) and not _matches(name, kind.kept_files)]
 
 
 def existing_outputs(folder: Path, kind: Kind) -> list[Issue]:
@@ -201,14 +203,14 @@ def existing_outputs(folder: Path, kind: Kind) -> list[Issue]:
     files = dict.fromkeys((LOCK, *present(folder, kind)), "a file")
     wrong = []
     for name, wanted in (files | dict.fromkeys(kind.folders, "a folder")).items():
-        found = what(folder / name)
-        if found not in ("", wanted):
+        present_kind = what(folder / name)
+        if present_kind not in ("", wanted):
             why = (
                 "which no run writes"
                 if wanted == "a file"
                 else "where a run has a folder of its own"
             )
-            message = f"{found}, {why}; move it, or give another --output"
+            message = f"{present_kind}, {why}; move it, or give another --output"
             wrong.append(Issue(str(folder / name), message))
     return wrong
 
@@ -245,7 +247,7 @@ def clean_up(folder: Path, kind: Kind) -> None:
     """What a run that was killed had begun to write; the folder must be locked."""
     for name in _names(folder, ("", *kind.folders)):
         aside = re.fullmatch(r"((?:.*/)?)\.(.*)\.\d+\.aside(\.[^./]*)", name)  # see `atomic_write`
-        if aside and kind.made("".join(aside.groups())) and what(folder / name) == "a file":
+        if aside and kind.is_output("".join(aside.groups())) and what(folder / name) == "a file":
             (folder / name).unlink()
 
 
@@ -291,8 +293,8 @@ def write_text(path: Path, text: str) -> None:
 
 def refuse_other_than_file(path: Path) -> None:
     """Raises `InputError` for links, folders, devices and pipes."""
-    if (found := what(path)) not in ("", "a file"):
-        message = f"{found}, which is never replaced; give another --output"
+    if (kind := what(path)) not in ("", "a file"):
+        message = f"{kind}, which is never replaced; give another --output"
         raise InputError.one(str(path), message)
 
 
@@ -302,16 +304,16 @@ def refuse_unwritable(folder: Path, below: Iterable[str] = ()) -> None:
     It is tried, as mode bits do not know of read-only disks; nothing is left behind, and no folder made.
     """
     parents = (folder, *folder.absolute().parents)
-    nearest = next(one for one in parents if os.path.lexists(one))
-    for place in (nearest, *(folder / name for name in below if (folder / name).is_dir())):
-        if not place.is_dir():
+    nearest = next(parent for parent in parents if os.path.lexists(parent))
+    for path in (nearest, *(folder / name for name in below if (folder / name).is_dir())):
+        if not path.is_dir():
             raise InputError.one(str(folder), "a file is in the way; give another --output")
         try:
-            with tempfile.TemporaryFile(dir=place):
+            with tempfile.TemporaryFile(dir=path):
                 pass
         except OSError as error:
             message = f"nothing can be written here ({error.strerror}); give another --output"
-            raise InputError.one(str(place), message) from None
+            raise InputError.one(str(path), message) from None
 
 
 def refuse_endless(path: Path) -> None:
@@ -339,17 +341,17 @@ def what(path: Path) -> str:
 
 def _names(folder: Path, below: Iterable[str]) -> list[str]:
     """What lies in `folder` and those `below` that are no links, as relative names."""
-    found = []
+    names = []
     for name in below:
         if what(folder / name) == "a folder" or (not name and folder.is_dir()):
-            found += [f"{name}/{one}" if name else one for one in os.listdir(folder / name)]
-    return sorted(found)
+            names += [f"{name}/{entry}" if name else entry for entry in os.listdir(folder / name)]
+    return sorted(names)
 
 
-def _among(name: str, patterns: Iterable[str]) -> bool:
+def _matches(name: str, patterns: Iterable[str]) -> bool:
     """Whether it is one of these, in which `#` stands for a number."""
-    every = (re.escape(one).replace(r"\#", r"\d+") for one in patterns)
-    return any(re.fullmatch(one, name, re.ASCII) for one in every)
+    forms = (re.escape(pattern).replace(r"\#", r"\d+") for pattern in patterns)
+    return any(re.fullmatch(form, name, re.ASCII) for form in forms)
 
 
 LARGEST_FILE = 1_000_000_000  # bytes of a record: five million numbers as text are a tenth of that
@@ -439,8 +441,8 @@ def typed[T](kind: type[T], entries: Mapping[str, Any]) -> T:
     """The dataclass or typed dict of `opened` entries; raises `ValueError` where types are not right."""
     # Half a character, of the name of a file, is none in the text that is validated.
     text = json.dumps(entries, ensure_ascii=False).encode("utf-8", "replace")
-    found: T = _adapter(cast("Hashable", kind)).validate_json(text, strict=True)
-    return found
+    data: T = _adapter(cast("Hashable", kind)).validate_json(text, strict=True)
+    return data
 
 
 @cache

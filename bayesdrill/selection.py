@@ -26,7 +26,7 @@ from bayesdrill.config.yaml_source import Source, as_yaml
 from bayesdrill.inference.likelihood import Observation
 from bayesdrill.inference.noise import NOISES
 from bayesdrill.inference.unknowns import ParameterSpace
-from bayesdrill.record.experiment import DRIVES, usual_inputs
+from bayesdrill.record.experiment import DRIVES, typical_inputs
 from bayesdrill.record.formats.table import Table
 from bayesdrill.rig.models.linear import MotorRoles, Roles, RotorRoles
 
@@ -422,7 +422,7 @@ class Ladder:
                 spread = float(np.nanstd(experiment.y[:, k]))
                 size = max(size, spread / experiment.channels[k].shown.factor)
             elif not channel and name in experiment.series:
-                usual = SUPPLY_SD * usual_inputs(experiment)[name]
+                usual = SUPPLY_SD * typical_inputs(experiment)[name]
                 size = max(size, usual / experiment.unit_of_input(name).factor)
         return {"prior": "normal", "mean": 0.0, "sd": rounded(size)}
 

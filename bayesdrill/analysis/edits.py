@@ -15,7 +15,7 @@ from bayesdrill.inference.likelihood import Observation
 from bayesdrill.inference.posterior import Posterior
 from bayesdrill.inference.priors import Uniform
 from bayesdrill.inference.unknowns import MOVES, ParameterSpace, Unknown
-from bayesdrill.record.experiment import of_states
+from bayesdrill.record.experiment import channels_of_states
 from bayesdrill.rig.models.linear import Linear, Model, with_named
 
 ZERO = np.zeros(1)
@@ -52,7 +52,7 @@ def motion(one: Observation, space: ParameterSpace, theta: Array) -> Array:
     """All states at the samples `(T, X)`, at `theta (D,)`."""
     states = one.response.model.states
     y = np.zeros((len(one.experiment.t), len(states)))
-    shown = dataclasses.replace(one.experiment, channels=of_states(states), y=y)
+    shown = dataclasses.replace(one.experiment, channels=channels_of_states(states), y=y)
     return np.asarray(one.response.of(shown).signals(one.told(space.full(theta[None])))[0])
 
 

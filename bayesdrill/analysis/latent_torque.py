@@ -21,7 +21,7 @@ from bayesdrill.basics.arrays import Array, Flags
 from bayesdrill.inference.derived import HDI_PROBABILITY
 from bayesdrill.inference.likelihood import Observation, Torque
 from bayesdrill.inference.posterior import Posterior
-from bayesdrill.record.experiment import of_states
+from bayesdrill.record.experiment import channels_of_states
 from bayesdrill.rig.models.latent_torque import TORQUE, LoadedModel, TorqueLocation, angles
 from bayesdrill.rig.models.linear import DEFAULT_ROLES, Roles
 from bayesdrill.rig.simulators import simulator
@@ -154,7 +154,7 @@ def _of(
 def _moved(one: Observation, full: Array) -> tuple[Array, Array]:
     """Channels `(N, T, K)` and states `(N, T, X)` without the torque."""
     experiment, k = one.experiment, len(one.experiment.channels)
-    every = of_states(one.response.model.states)
+    every = channels_of_states(one.response.model.states)
     shown = dataclasses.replace(
         experiment,
         y=np.zeros((len(experiment.t), k + len(every))),

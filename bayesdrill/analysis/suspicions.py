@@ -20,7 +20,7 @@ from bayesdrill.basics.arrays import Array, Flags
 from bayesdrill.inference.likelihood import Observation
 from bayesdrill.inference.posterior import Problem
 from bayesdrill.record import anomalies
-from bayesdrill.record.clocks import usual_step
+from bayesdrill.record.clocks import median_step
 from bayesdrill.record.experiment import Channel, Experiment
 from bayesdrill.rig.models.linear import Model, constant_forcing, dynamics
 
@@ -217,7 +217,7 @@ def _step(experiment: Experiment) -> float:
     """The usual one between two samples of an input or, where all are constant, of a channel."""
     if experiment.series:
         return min(experiment.input_steps.get(name, experiment.dt) for name in experiment.series)
-    return min(usual_step(experiment.t[seen]) for seen in experiment.seen.T)
+    return min(median_step(experiment.t[seen]) for seen in experiment.seen.T)
 
 
 def _told(one: Observation) -> bool:

@@ -1,6 +1,4 @@
-"""What comes in from a notebook, judged before it goes on: every mistake by its name; and what jobs of
-many fits may be told.
-"""
+"""Arguments of the API, checked before they go on, each mistake by its name; and jobs of many fits."""
 
 from __future__ import annotations
 
@@ -34,8 +32,8 @@ if TYPE_CHECKING:
 MOST_PROCESSES = 256  # of which each takes the memory of an interpreter with all libraries
 
 
-def series(place: str, values: Any, found: list[Issue]) -> Array:
-    """`(T,)` numbers; what a mask hides is NaN.  Of anything else a problem is `found`."""
+def series(location: str, values: Any, issues: list[Issue]) -> Array:
+    """`(T,)` numbers; what a mask hides is NaN.  Of anything else a problem is `issues`."""
     try:
         masked = np.ma.getmaskarray(values) if isinstance(values, np.ma.MaskedArray) else None
         raw = np.asarray(values)
@@ -44,17 +42,17 @@ def series(place: str, values: Any, found: list[Issue]) -> Array:
     if raw.ndim == 2 and 1 in raw.shape:
         raw = raw.reshape(-1)
     if raw.dtype.kind in "mM":
-        found.append(Issue(place, "these are dates or durations; give seconds, as numbers"))
+        issues.append(Issue(location, "these are dates or durations; give seconds, as numbers"))
     elif raw.dtype.kind not in "iufbO" or (raw.dtype.kind == "O" and raw.ndim == 0):
         kind = type(values).__name__ if raw.ndim == 0 else raw.dtype
-        found.append(Issue(place, f"wanted is an array of numbers, not {kind}"))
+        issues.append(Issue(location, f"wanted is an array of numbers, not {kind}"))
     elif raw.ndim != 1:
-        found.append(Issue(place, f"wanted is one row of numbers, not the shape {raw.shape}"))
+        issues.append(Issue(location, f"wanted is one row of numbers, not the shape {raw.shape}"))
     else:
         try:
             numbers = raw.astype(np.float64)
         except (TypeError, ValueError, OverflowError):
-            found.append(Issue(place, "not all of these are numbers"))
+            issues.append(Issue(location, "not all of these are numbers"))
         else:
             return numbers if masked is None else np.where(masked.reshape(-1), np.nan, numbers)
     return np.zeros(0)
@@ -75,7 +73,7 @@ def rig(value: Any) -> Model:
 
 
 def _check_constants(rig: Model) -> None:
-    found = []
+    problems = []
     for name, kind in entries_of(type(rig)).items():
         value = getattr(rig, name)
         plain = value.item() if getattr(value, "shape", None) == () else value
@@ -83,8 +81,8 @@ def _check_constants(rig: Model) -> None:
             TypeAdapter(kind).validate_python(plain, strict=True)
         except ValidationError as error:
             why = error.errors()[0]["msg"].removeprefix("Value error, ")
-            found.append(Issue(f"rig.{name}", f"{short_repr(value)} cannot be this: {why}"))
-    raise_if_any(found)
+            problems.append(Issue(f"rig.{name}", f"{short_repr(value)} cannot be this: {why}"))
+    raise_if_any(problems)
 
 
 def _check_added(rig: Model) -> None:
@@ -97,53 +95,55 @@ def _check_added(rig: Model) -> None:
             raise InputError.one("rig.added", f"{rig.name} has no {name!r} to add{hint}")
 
 
-def known[T](registry: Mapping[str, T], name: Any, place: str, what: str) -> T:
+def known[T](registry: Mapping[str, T], name: Any, location: str, what: str) -> T:
+    """Look up a name; raises `InputError` at `location` with the nearest known one."""
     try:
         return lookup(registry, str(name), what)
     except ValueError as error:
-        raise InputError.one(place, str(error)) from None
+        raise InputError.one(location, str(error)) from None
 
 
-def whole(place: str, value: int, least: int) -> int:
-    """Of 64 bits at most."""
+def whole(location: str, value: int, least: int) -> int:
+    """Check a whole number of at least `least` and at most 64 bits; raises `InputError`."""
     if not least <= value < 2**64:
         message = f"{short_repr(value)} is no whole number from {least} to 2**64 - 1"
-        raise InputError.one(place, message)
+        raise InputError.one(location, message)
     return int(value)
 
 
 def mode(*, resume: bool, force: bool) -> Mode:
+    """Say how a folder with results is treated; raises `InputError` where both are given."""
     if resume and force:
         raise InputError.one("", "--resume and --force exclude each other; give one of them")
     return "resume" if resume else "force" if force else "fresh"
 
 
-def results_folder(folder: str | Path | None, usual: Path) -> Path:
-    """The `usual` one where none is given."""
-    return usual if folder is None else Path(folder).expanduser()
+def results_folder(folder: str | Path | None, default: Path) -> Path:
+    """Return the given folder, or the `default` one where none is given."""
+    return default if folder is None else Path(folder).expanduser()
 
 
 def workers(processes: int | None) -> int:
-    """None: as many as there are processors."""
+    """Return how many processes to use; None means as many as there are processors."""
     if processes is None:
         return available()
-    found = whole("processes", processes, 1)
-    if found > MOST_PROCESSES:
-        raise InputError.one("processes", f"{found} are more than {MOST_PROCESSES}; give fewer")
-    return found
+    count = whole("processes", processes, 1)
+    if count > MOST_PROCESSES:
+        raise InputError.one("processes", f"{count} are more than {MOST_PROCESSES}; give fewer")
+    return count
 
 
 @contextmanager
 def crew(processes: Any, scheduler: str | None) -> Iterator[RefitExecutor]:
-    """`processes` of this machine, see `workers`; or those of the Dask cluster of a scheduler."""
+    """Open processes of this machine, see `workers`, or those of the Dask cluster of a scheduler."""
     from bayesdrill.tasks import remote
 
     if scheduler is None:
-        with remote.local_executor(workers(processes)) as found:
-            yield found
+        with remote.local_executor(workers(processes)) as executor:
+            yield executor
     else:
-        with remote.dask_executor(scheduler) as found:
-            yield found
+        with remote.dask_executor(scheduler) as executor:
+            yield executor
 
 
 def is_series(value: Any) -> bool:
@@ -153,42 +153,44 @@ def is_series(value: Any) -> bool:
     return hasattr(value, "__len__") and not isinstance(value, str)
 
 
-def number(place: str, value: Any, found: list[Issue], *, positive: bool = False) -> float:
+def number(location: str, value: Any, issues: list[Issue], *, positive: bool = False) -> float:
+    """Read a number; a mistake is added to `issues`, and NaN comes back."""
     try:
         read = float(value) if not isinstance(value, str | bool | np.bool) else float("nan")
     except (TypeError, ValueError, OverflowError):
         read = float("nan")
     if not np.isfinite(read) or (positive and not read > 0):
         wanted = "a positive number" if positive else "a number"
-        found.append(Issue(place, f"{short_repr(value)} is not {wanted}"))
+        issues.append(Issue(location, f"{short_repr(value)} is not {wanted}"))
     return read
 
 
-def times(t: Any, found: list[Issue]) -> Array:
-    """In s, increasing."""
-    values = series("t", t, found)
-    if not found and len(values) < 2:
-        found.append(Issue("t", f"{len(values)} times; give at least two"))
-    if not found:
-        found += check_time("t", values, lambda index: f"sample {index + 1}")
+def times(t: Any, issues: list[Issue]) -> Array:
+    """Read times `(T,)` in s, which increase; mistakes are added to `issues`."""
+    values = series("t", t, issues)
+    if not issues and len(values) < 2:
+        issues.append(Issue("t", f"{len(values)} times; give at least two"))
+    if not issues:
+        issues += check_time("t", values, lambda index: f"sample {index + 1}")
     return values
 
 
 @check_arguments
 @dataclass(frozen=True, slots=True, eq=False)
 class ManyFits[T](Value):
-    """`kind`: ends the name of its folder."""
+    """A job of many fits of one config, which may be shared out among processes or machines.
+
+    `kind` ends the name of its folder.
+    """
 
     job: Job
 
     kind: ClassVar[str]
 
     def place(self, folder: str | Path | None = None) -> Path:
-        """Where `run` leaves its results: `results/<name>-ladder` or `results/<name>-calibration` by
-        default.
-        """
-        usual = Path("results") / f"{self.job.config.name}-{self.kind}"
-        return results_folder(folder, usual)
+        """Return where `run` leaves its results, by default `results/<name>-<kind>`."""
+        default = Path("results") / f"{self.job.config.name}-{self.kind}"
+        return results_folder(folder, default)
 
     def run(
         self,
@@ -200,15 +202,16 @@ class ManyFits[T](Value):
         scheduler: str | None = None,
         report: Reporter | None = None,
     ) -> T:
-        """`folder`: see `place`; `scheduler`: address of a Dask cluster; `processes`, `report`: see
-        `Case.sample`.
+        """Run all fits and save their results in `folder` (see `place`).
 
-        Raises `InputError`, and `Interrupted` when asked to stop; what is done is kept.
+        `resume`: go on where an earlier run stopped; `force`: start over; `scheduler`: address of a Dask
+        cluster; `processes`, `report`: see `Case.sample`.  Raises `InputError`, and `Interrupted` when
+        asked to stop; what is done is kept.
         """
-        how, place = mode(resume=resume, force=force), self.place(folder)
+        how, path = mode(resume=resume, force=force), self.place(folder)
         with crew(processes, scheduler) as executor:
-            return self._run(place, how, executor, report or SILENT)
+            return self._run(path, how, executor, report or SILENT)
 
     @abstractmethod
-    def _run(self, place: Path, how: Mode, executor: RefitExecutor, report: Reporter) -> T:
+    def _run(self, path: Path, how: Mode, executor: RefitExecutor, report: Reporter) -> T:
         """Do the job."""

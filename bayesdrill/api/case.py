@@ -36,11 +36,17 @@ PRIORS = "a prior, a number or 'nominal' for each name"
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Channel(Value):
-    """`values (T,)` in `unit`; `sigma`: their noise in that unit, or its prior as in a config.
+    """A measured channel: `values (T,)` in `unit`, at the times of its case.
 
-    `measures`: a sum of states, such as `theta_1 - theta_2`, where the name is not that of one; `noise`:
-    its kind and entries, as in a config, where it is not white.  `gain`, `offset` (in that unit) and
-    `lag` (s) of its sensor: numbers or priors, as in a config.  What is wrong with it `case` says.
+        bd.Channel(w_1, "rpm", sigma=2.0)
+        bd.Channel(twist, "deg", sigma={"prior": "half_normal", "scale": 0.5},
+                   measures="theta_1 - theta_2")
+
+    `sigma`: standard deviation of its noise in that unit, or its prior as in a config.
+    `measures`: a sum of states, such as `theta_1 - theta_2`, where the name is not that of one;
+    `noise`: its kind and entries, as in a config, where it is not white.  `gain`, `offset` (in
+    that unit) and `lag` (s) of its sensor: numbers or priors, as in a config.  What is wrong with
+    it `case` says.
     """
 
     values: ArrayLike
@@ -58,6 +64,8 @@ class Input(Value):
     """A measured input: `values (T,)` in `unit`, between samples held (`zero`) or straight (`first`); by
     default an angle is straight, and all else is held.
 
+        bd.Input(v, "V")
+
     `gain`, `offset`, `lag`: as of a `Channel`.  What is wrong with it `case` says.
     """
 
@@ -72,13 +80,20 @@ class Input(Value):
 @check_arguments
 @dataclass(frozen=True, eq=False, repr=False)
 class Case(Value):
-    """From `load` or `case`.  `columns`: the record, `(T,)` each, where it is in no file."""
+    """A record, a rig and what is believed of its parameters; made by `bd.load` or `bd.case`.
+
+        case = bd.load("configs/nominal_step.yaml")
+        run = case.sample(case.find_map(), seed=1)
+
+    `print(case)` shows it.  `columns`: the record, `(T,)` each, where it is in no file.
+    """
 
     job: Job
     columns: Mapping[str, Array] | None = None
 
     @property
     def unknowns(self) -> tuple[str, ...]:
+        """The names of all unknowns, in the order of draws."""
         return self.job.problem.names
 
     def __str__(self) -> str:
@@ -87,7 +102,7 @@ class Case(Value):
     __repr__ = __str__
 
     def preview(self) -> str:
-        """What would run: columns and units, priors, the start, sizes, and what the record can show."""
+        """Describe what would run: columns, priors, start, sizes, and what the record can show."""
         problem, config = self.job.problem, self.job.config
         first = identify.preflight(self.job, Scenery(problem.posterior.likelihood))
         columns = [] if self.columns is not None else [words.record_columns(problem, self.job.case)]
@@ -102,29 +117,34 @@ class Case(Value):
         at: Best | None = None,
         report: Reporter | None = None,
     ) -> identify.Findings:
-        """What the record can show; `profiles`: names of parameters, or `all`.
+        """Compute what the record can show of each unknown, before any sampling.
 
-        At the start values, or `at` the maximum that was found.  Raises `InputError` where no parameter
-        is unknown.
+            case.identify("all", at=case.find_map())
+
+        `profiles`: names of parameters whose profile likelihoods are computed, or `all`; `at`: the
+        maximum at which this is evaluated, else the start values.  Raises `InputError` where no
+        parameter is unknown.
         """
         job, space = self.job, self.job.problem.posterior.space
         values, where = space.start, "the start"
         if at is not None:
-            found = self._mode(at)
-            job, values, where = job.at(found), found.values, "the MAP"
+            mode = self._mode(at)
+            job, values, where = job.at(mode), mode.values, "the MAP"
         names = [profiles] if isinstance(profiles, str) else profiles
-        told = report or SILENT
-        return identify.identify(job, space.vector(values), where, names, told)
+        progress = report or SILENT
+        return identify.identify(job, space.vector(values), where, names, progress)
 
     @staticmethod
     def check_place(folder: str | Path, *, force: bool = False) -> None:
-        """Raises `InputError` where findings could not be saved, before minutes of profiles."""
+        """Raise `InputError` where findings could not be saved, before minutes of profiles."""
         identify.check_place(Path(folder).expanduser(), force=force)
 
     def find_map(
         self, *, quick: bool = False, processes: int | None = 1, report: Reporter | None = None
     ) -> Best:
-        """The maximum of the posterior, by several searches or, `quick`, by one.
+        """Find the maximum of the posterior (MAP), by several searches or, `quick`, by one.
+
+            case.find_map().plot()
 
         `processes`, `report`: see `sample`.
         """
@@ -132,13 +152,13 @@ class Case(Value):
         from bayesdrill.tasks import find_map
 
         workers = arguments.workers(processes)
-        found = find_map.find_mode(self.job, workers, report or SILENT, quick=quick)
-        return Best(self.job, found, self.columns)
+        mode = find_map.find_mode(self.job, workers, report or SILENT, quick=quick)
+        return Best(self.job, mode, self.columns)
 
     def candidates(
         self, *, processes: int | None = 1, report: Reporter | None = None
     ) -> Candidates:
-        """What would explain what the best fit leaves: see `Best.candidates`."""
+        """Find the maximum, and rank models that explain what it leaves: see `Best.candidates`."""
         best = self.find_map(processes=processes, report=report)
         return best.candidates(processes=processes, report=report)
 
@@ -152,7 +172,7 @@ class Case(Value):
         report: Reporter | None = None,
         verbose: bool = False,
     ) -> Outcome:
-        """The whole job of a case of a file, as `bayesdrill posterior` does it.
+        """Do the whole job of a case that was loaded from a file, as `bayesdrill posterior` does.
 
         What is sampled is saved as it is made, so that a run that is stopped can be resumed.
 
@@ -168,13 +188,13 @@ class Case(Value):
             )
             raise InputError.one("run", message)
         how = arguments.mode(resume=resume, force=force)
-        place, workers = self.place(folder), arguments.workers(processes)
+        path, workers = self.place(folder), arguments.workers(processes)
         told = report or SILENT
         details = told if verbose else SILENT
-        return pipeline.posterior(self.job, place, how, workers, told, details)
+        return pipeline.posterior(self.job, path, how, workers, told, details)
 
     def place(self, folder: str | Path | None = None) -> Path:
-        """Where `run` leaves its results."""
+        """Return where `run` leaves its results: `results/<name>` by default."""
         return arguments.results_folder(folder, Path("results") / self.job.config.name)
 
     def sample(
@@ -185,9 +205,12 @@ class Case(Value):
         processes: int | None = 1,
         report: Reporter | None = None,
     ) -> Run:
-        """Ensembles from `best` (searched for where it is not given) until they converge, or not.
+        """Sample the posterior by ensembles of walkers until they converge, or have no steps left.
 
-        `seed` instead of the config's; the same draws for the same seed, however many processes.
+            run = case.sample(seed=1, processes=None)
+
+        `best`: the maximum where they begin, searched for where it is not given.  `seed` instead of the
+        config's; the same draws for the same seed, however many processes.
         More than one process (None: all there are) wants `if __name__ == "__main__":` in a script.
         `report`: has `say(text)` and `update(fraction, text)`, which are told how far it is.  Raises
         `InputError`.
@@ -197,13 +220,13 @@ class Case(Value):
 
         job, workers = self.job, arguments.workers(processes)
         if seed is not None:
-            own = {"seed": arguments.whole("seed", seed, 0)}
-            job = job.with_settings(**own)
-        told = report or SILENT
-        found = find_map.find_mode(job, workers, told) if best is None else self._mode(best)
-        job = job.at(found)
-        sampled = pipeline.sample_in_memory(job, found, workers, told)
-        return Run(job, found, sampled, self.columns)
+            changes = {"seed": arguments.whole("seed", seed, 0)}
+            job = job.with_settings(**changes)
+        progress = report or SILENT
+        mode = find_map.find_mode(job, workers, progress) if best is None else self._mode(best)
+        job = job.at(mode)
+        sampled = pipeline.sample_in_memory(job, mode, workers, progress)
+        return Run(job, mode, sampled, self.columns)
 
     def _mode(self, best: Best) -> Maximum:
         from bayesdrill.api.run import Best
@@ -219,7 +242,12 @@ class Case(Value):
 
 @check_arguments
 def load(path: str | Path) -> Case:
-    """The case of a YAML config; raises `InputError` with all that is wrong with it."""
+    """Load the case of a YAML config; raises `InputError` with all that is wrong with it.
+
+        case = bd.load("configs/nominal_step.yaml")
+
+    `print(case)` shows its unknowns and their priors.
+    """
     return Case(prepare(Path(path).expanduser()))
 
 
@@ -236,27 +264,33 @@ def case(
     name: str = "case",
     **entries: Any,
 ) -> Case:
-    """Of arrays, without any file: times `t (T,)` in s, increasing, and entries as in a config
-    (docs/config.md).
+    """Make a case of arrays, without any file.
 
-    `inputs`: a number in SI or a measured `Input` for each; `parameters`: for each a number, `"nominal"`
-    or a prior, such as `{"prior": "uniform", "low": 0.5, "high": 1.5, "relative": True}` (one that the
-    rig only offers, such as `c_s`, is switched on so); `nominal`: a table or values of your own
-    (`{"k_s": 0.27}`); without it a parameter that relies on a table takes `tables_2_3`, and is compared
-    with it; `rig`: a name, or a model such as `MotorShaft(i_m=1 / 8)`; `entries`: further sections, such
-    as `sampler={"ess": 1000}`, and what `record` says beside arrays, such as `record={"missing":
-    "drop"}`.  The rig is at rest at 0 s, with measured inputs at the first sample, unless
-    `initial={"w_1": ...}` says otherwise.  Raises `InputError` with all that is wrong.
+        bd.case(t, {"w_1": bd.Channel(w, "rad/s", sigma=0.1)}, {"v": 8.0, "t_1": 0.0},
+                {"k_s": {"prior": "uniform", "low": 0.1, "high": 1.0}, ...})
+
+    `t (T,)`: times in s, increasing; the other entries are as in a config (docs/config.md).
+    `inputs`: a number in SI or a measured `Input` for each; `parameters`: for each a number,
+    `"nominal"` or a prior, such as `{"prior": "uniform", "low": 0.5, "high": 1.5, "relative":
+    True}` (one that the rig only offers, such as `c_s`, is switched on so); `nominal`: a table or
+    values of your own (`{"k_s": 0.27}`); without it a parameter that relies on a table takes
+    `tables_2_3`, and is compared with it; `rig`: a name, or a model such as `MotorShaft(i_m=1 /
+    8)`; `entries`: further sections, such as `sampler={"ess": 1000}`, and what `record` says
+    beside arrays, such as `record={"missing": "drop"}`.  The rig is at rest at 0 s, with measured
+    inputs at the first sample, unless `initial={"w_1": ...}` says otherwise.  Raises `InputError`
+    with all that is wrong.
     """
     columns, measured = _columns(t, channels, inputs)
     record = entries.pop("record", {})
     if not isinstance(record, Mapping):
         message = f"give entries, such as a window, not {type(record).__name__}"
         raise InputError.one("record", message)
-    said = [name for name in ("model",) if name in entries]
-    said += [f"record.{name}" for name in ("file", "format", "time", "channels") if name in record]
-    if said:
-        raise InputError.one(said[0], "arrays and `rig` say this already; leave it out")
+    refused = [name for name in ("model",) if name in entries]
+    refused += [
+        f"record.{name}" for name in ("file", "format", "time", "channels") if name in record
+    ]
+    if refused:
+        raise InputError.one(refused[0], "arrays and `rig` say this already; leave it out")
     model = arguments.rig(rig)
     believed = dict(parameters)
     unsaid = [name for name in model.added if name not in believed]
@@ -264,8 +298,11 @@ def case(
     given = {
         "name": name,
         "seed": seed,
-        "record": {**record, "channels": {key: _entry(key, one) for key, one in channels.items()}},
-        "inputs": {**inputs, **{key: _entry(key, one) for key, one in measured.items()}},
+        "record": {
+            **record,
+            "channels": {key: _entry(key, channel) for key, channel in channels.items()},
+        },
+        "inputs": {**inputs, **{key: _entry(key, column) for key, column in measured.items()}},
         "model": job.model_entry(model),
         "parameters": believed,
         **({} if nominal is None else {"nominal": nominal}),
@@ -278,38 +315,42 @@ def _columns(
     t: ArrayLike, channels: Mapping[str, Channel], inputs: Mapping[str, Input | float]
 ) -> tuple[dict[str, Array], dict[str, Input]]:
     """All `(T,)` columns, and the inputs that are measured."""
-    found: list[Issue] = []
-    every: dict[str, Array] = {job.TIME: arguments.series("t", t, found)}
-    for name, one in channels.items():
-        if isinstance(one, Channel):
-            every[name] = arguments.series(f"channels.{name}", one.values, found)
+    issues: list[Issue] = []
+    columns: dict[str, Array] = {job.TIME: arguments.series("t", t, issues)}
+    for name, channel in channels.items():
+        if isinstance(channel, Channel):
+            columns[name] = arguments.series(f"channels.{name}", channel.values, issues)
         else:
-            found.append(Issue(f"channels.{name}", f"give {CHANNELS}, not {type(one).__name__}"))
+            issues.append(
+                Issue(f"channels.{name}", f"give {CHANNELS}, not {type(channel).__name__}")
+            )
     measured = {}
     for name, given in inputs.items():
         if isinstance(given, Input) and name in channels:
-            said = "an input has this name; give the channel another, with `measures`"
-            found.append(Issue(f"channels.{name}", said))
+            text = "an input has this name; give the channel another, with `measures`"
+            issues.append(Issue(f"channels.{name}", text))
         elif isinstance(given, Input):
             measured[name] = given
-            every[name] = arguments.series(f"inputs.{name}", given.values, found)
+            columns[name] = arguments.series(f"inputs.{name}", given.values, issues)
         elif not isinstance(given, Mapping):
-            arguments.number(f"inputs.{name}", given, found)
-    if not found and not channels:
-        found.append(Issue("channels", f"nothing is measured; give {CHANNELS}"))
-    lengths = {name: len(values) for name, values in every.items()}
-    if not found:
-        found += [
+            arguments.number(f"inputs.{name}", given, issues)
+    if not issues and not channels:
+        issues.append(Issue("channels", f"nothing is measured; give {CHANNELS}"))
+    lengths = {name: len(values) for name, values in columns.items()}
+    if not issues:
+        issues += [
             Issue(name, f"{n} values, but there are {lengths[job.TIME]} times")
             for name, n in lengths.items()
             if n != lengths[job.TIME]
         ]
-    hints = [f"; give {INPUTS}" if one.place.startswith("inputs.") else "" for one in found]
-    raise_if_any([Issue(one.place, one.message + h) for one, h in zip(found, hints, strict=True)])
-    return every, measured
+    hints = [f"; give {INPUTS}" if issue.place.startswith("inputs.") else "" for issue in issues]
+    raise_if_any(
+        [Issue(issue.place, issue.message + h) for issue, h in zip(issues, hints, strict=True)]
+    )
+    return columns, measured
 
 
-def _entry(column: str, of: Channel | Input) -> dict[str, Any]:
+def _entry(column: str, spec: Channel | Input) -> dict[str, Any]:
     """As a config has it, but for the numbers, which stand in `column`."""
-    fields = {f.name: getattr(of, f.name) for f in dataclasses.fields(of) if f.name != "values"}
-    return {"column": column, **{key: one for key, one in fields.items() if one is not None}}
+    fields = {f.name: getattr(spec, f.name) for f in dataclasses.fields(spec) if f.name != "values"}
+    return {"column": column, **{key: value for key, value in fields.items() if value is not None}}

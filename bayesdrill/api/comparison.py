@@ -35,11 +35,11 @@ MOST = 9  # models that a ladder samples
 @check_arguments
 @dataclass(frozen=True, slots=True, eq=False)
 class Ladder(ManyFits["Outcome"]):
-    """The config as given, and what may be missing from it: candidates ranked at their maxima, of which
-    the first `sample` are sampled and compared.
+    """The model of a config, and candidates with more physics, of which the likeliest are sampled.
 
-    What `run` returns has the `decision` in its `report`, and its `config` is what to go on with; rungs
-    that are done are kept where it is stopped.
+    Candidates are ranked at their maxima; the first `sample` are sampled and compared.  What `run`
+    returns has the `decision` in its `report`, and its `config` is what to go on with; rungs that
+    are done are kept where it is stopped.
     """
 
     job: Job
@@ -47,15 +47,20 @@ class Ladder(ManyFits["Outcome"]):
 
     kind: ClassVar[str] = "ladder"
 
-    def _run(self, place: Path, how: Mode, crew: RefitExecutor, report: Reporter) -> Outcome:
+    def _run(self, path: Path, how: Mode, crew: RefitExecutor, report: Reporter) -> Outcome:
         from bayesdrill.tasks import ladder
 
-        return ladder.ladder(self.job, place, how, crew, report, self.sample)
+        return ladder.ladder(self.job, path, how, crew, report, self.sample)
 
 
 @check_arguments
 def ladder(config: str | Path, *, sample: int = 2) -> Ladder:
-    """Of a config and its record; raises `InputError` with all that is wrong with them."""
+    """Prepare a ladder of models of a config; raises `InputError` with all that is wrong with it.
+
+        bd.ladder("my_rig.yaml").run()
+
+    `sample`: how many models are sampled, 2 to 9.
+    """
     if not 2 <= sample <= MOST:
         raise InputError.one("sample", f"{short_repr(sample)} is no whole number from 2 to {MOST}")
     return Ladder(load(Path(config).expanduser()).job, sample)
@@ -64,10 +69,10 @@ def ladder(config: str | Path, *, sample: int = 2) -> Ladder:
 @check_arguments
 @dataclass(frozen=True, eq=False, repr=False)
 class Comparison(Value):
-    """What several runs say of their unknowns, side by side; of models of one record, which is the more
-    probable.
+    """Several runs side by side; of models of one record, which is the more probable.
 
-    `runs`: where each is, None where it is in no folder.
+    Made by `bd.overlay` or `bd.compare`; `print` shows it.  `runs`: where each is, None where it
+    is in no folder.
     """
 
     report: ComparisonReport
@@ -75,19 +80,17 @@ class Comparison(Value):
 
     @property
     def rows(self) -> tuple[Row, ...]:
-        """Of each unknown: where each run has it, SI, and how far apart they are, in sds."""
+        """A row for each unknown: where each run has it, SI, and how far apart they are, in sds."""
         return self.report.rows
 
     @property
     def models(self) -> tuple[Contender, ...]:
-        """Of each run its `evidence`, what its fit leaves (`left`), `held_out` and `loo`; empty of an
-        overlay.
-        """
+        """For each run `evidence`, `left` (by its fit), `held_out` and `loo`; empty of an overlay."""
         return self.report.models
 
     @property
     def decision(self) -> Decision | None:
-        """`word`: model, noise, both, either, priors or neither; `best`: which of the models."""
+        """The decision: a `word` (model, noise, both, either, priors, neither) and the `best` model."""
         return self.report.decision
 
     @property
@@ -97,46 +100,43 @@ class Comparison(Value):
 
     @property
     def log_evidence(self) -> dict[str, float]:
-        """By the names of models; a pure number."""
-        return {one.name: one.log_z for one in self.models}
+        """The log evidence by the names of models, without a unit."""
+        return {model.name: model.log_z for model in self.models}
 
     @property
     def reasons(self) -> tuple[str, ...]:
-        """Why some run of an overlay, or the most probable model, must not be believed; empty where all
-        may be.
-        """
+        """Why a run of an overlay, or the best model, must not be believed; empty where all may be."""
         return self.report.reasons
 
     @property
     def text(self) -> str:
+        """The whole comparison in words and tables."""
         return self.report.text
 
     def plot(self, name: str | None = None) -> Figure:
-        """Of an overlay its `corner`, or `intervals`; of models their `comparison`: log odds, what each
-        leaves of each channel, and where it has each unknown.
+        """Draw a figure: of an overlay `corner` or `intervals`, of models `comparison`.
 
+        The last shows log odds, what each model leaves of each channel, and where it has each unknown.
         Raises `InputError` where there is no such figure.
         """
         wanted = self.report.form.figure if name is None else name
-        found = arguments.known(self.report.figures, wanted, "plot", "figure of these runs")
-        return for_notebooks(found.drawn())
+        figure = arguments.known(self.report.figures, wanted, "plot", "figure of these runs")
+        return for_notebooks(figure.drawn())
 
     def place(self, folder: str | Path | None = None) -> Path:
-        """Where `save` leaves its results: `results/<name>-<name>` by default, of models
-        `results/compare-<name>-<name>`.
-        """
+        """Return where `save` leaves its results, by default a folder in `results/` with all names."""
         names = [layer.name for layer in self.report.layers]
-        usual = comparison.default_folder(self.report.form, names)
-        return arguments.results_folder(folder, usual)
+        default = comparison.default_folder(self.report.form, names)
+        return arguments.results_folder(folder, default)
 
     def save(self, folder: str | Path | None = None, *, force: bool = False) -> Path:
-        """Table, page and figures.
+        """Save table, page and figures, and return their folder.
 
         Raises `InputError` where something else is there, or a comparison and not `force`.
         """
-        place = self.place(folder)
-        comparison.publish(self.report, self.runs, place, force=force)
-        return place
+        path = self.place(folder)
+        comparison.publish(self.report, self.runs, path, force=force)
+        return path
 
     def __str__(self) -> str:
         return self.text
@@ -155,8 +155,11 @@ Overlay = Comparison
 def overlay(
     runs: Sequence[single.Run | str | Path], names: Sequence[str] | None = None
 ) -> Comparison:
-    """Of two runs or more, of any records, priors and rigs: runs in memory, or folders of them.
+    """Lay two runs or more side by side, of any records, priors and rigs.
 
+        bd.overlay(["results/slow", run]).plot()
+
+    `runs`: in memory, or their folders.
     `names`: by default those of the folders and cases.  Raises `InputError`.
     """
     return _compared("overlay", runs, names)
@@ -166,47 +169,50 @@ def overlay(
 def compare(
     runs: Sequence[single.Run | str | Path], names: Sequence[str] | None = None
 ) -> Comparison:
-    """Of two runs or more of one record: runs in memory, or folders of them.
+    """Compare two runs or more of one record: which model is the more probable.
 
-    The first is what the others are held against.  `names`: by default those of the folders and cases.
-    Raises `InputError`, also where records are not the same.
+        bd.compare(["results/rigid", "results/elastic"]).decision
+
+    `runs`: in memory, or their folders; the first is what the others are held against.  `names`:
+    by default those of the folders and cases. Raises `InputError`, also where records are not the
+    same.
     """
     return _compared("comparison", runs, names)
 
 
 def _compared(
-    form: str, every: Sequence[single.Run | str | Path], names: Sequence[str] | None
+    form: str, runs: Sequence[single.Run | str | Path], names: Sequence[str] | None
 ) -> Comparison:
-    comparison.check_number(comparison.FORMS[form], len(every))
-    if names is not None and len(names) != len(every):
-        raise InputError.one("names", f"{len(names)} names of {len(every)} runs")
-    opened = [one if isinstance(one, single.Run) else single.open(one) for one in every]
-    places = [None if isinstance(one, single.Run) else Path(one).expanduser() for one in every]
-    usual = [
+    comparison.check_number(comparison.FORMS[form], len(runs))
+    if names is not None and len(names) != len(runs):
+        raise InputError.one("names", f"{len(names)} names of {len(runs)} runs")
+    opened = [run if isinstance(run, single.Run) else single.open(run) for run in runs]
+    places = [None if isinstance(run, single.Run) else Path(run).expanduser() for run in runs]
+    defaults = [
         run.job.config.name if place is None else place.resolve().name
         for run, place in zip(opened, places, strict=True)
     ]
-    distinct = comparison.distinct([str(name) for name in names or usual])
+    distinct = comparison.distinct([str(name) for name in names or defaults])
     named = list(map(comparison.NamedRun, distinct, places, opened))
     return Comparison(comparison.report(comparison.FORMS[form], named), tuple(places))
 
 
 @check_arguments
-def check_place(
+def check_folder(
     form: str,
     folders: Sequence[str | Path],
     output: str | Path | None = None,
     *,
     force: bool = False,
 ) -> Path:
-    """Where the `overlay` or `comparison` of these would be saved.
+    """Return where the `overlay` or `comparison` of these would be saved.
 
     Raises `InputError` where it cannot be.
     """
     comparison.check_number(comparison.FORMS[form], len(folders))
     places = [Path(folder).expanduser() for folder in folders]
-    names = comparison.distinct([place.resolve().name for place in places])
-    usual = comparison.default_folder(comparison.FORMS[form], names)
-    target = arguments.results_folder(output, usual)
+    names = comparison.distinct([path.resolve().name for path in places])
+    default = comparison.default_folder(comparison.FORMS[form], names)
+    target = arguments.results_folder(output, default)
     comparison.check_folder(comparison.FORMS[form], target, places, force=force)
     return target

@@ -1,6 +1,4 @@
-"""What is done with configs and folders as a whole: examples, drafts, simulation, calibration,
-reports, citation.
-"""
+"""Jobs on configs and folders as a whole: examples, drafts, simulation, calibration, reports."""
 
 from __future__ import annotations
 
@@ -43,9 +41,9 @@ FILES = (
 
 def _bundled() -> Path:
     """Of a wheel, `examples` in the package; of a checkout, `configs`, which wheels have there."""
-    for place in (PACKAGE / "examples", PACKAGE.parent / "configs"):
-        if (place / FILES[0]).is_file():
-            return place
+    for path in (PACKAGE / "examples", PACKAGE.parent / "configs"):
+        if (path / FILES[0]).is_file():
+            return path
     raise InputError.one(str(PACKAGE), "came without its examples; install bayesdrill again")
 
 
@@ -56,9 +54,9 @@ def _in_the_way(folder: Path, wanted: Iterable[Path]) -> list[Issue]:
     if folder.exists() and not folder.is_dir():
         wrong = [folder]
     no_folder = "is no folder, where the examples need one"
-    found = [(path, no_folder) for path in wrong]
-    found += [(path, "is there already") for path in wanted if output_files.what(path)]
-    return [Issue(str(path), f"{why}; move it, or give another FOLDER") for path, why in found]
+    obstacles = [(path, no_folder) for path in wrong]
+    obstacles += [(path, "is there already") for path in wanted if output_files.what(path)]
+    return [Issue(str(path), f"{why}; move it, or give another FOLDER") for path, why in obstacles]
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,23 +77,25 @@ class Example:
 
 @check_arguments
 def example(folder: str | Path = "configs") -> Example:
-    """Writes the bundled configs and records into a folder, and overwrites nothing.
+    """Write the bundled configs and records into a folder, and overwrite nothing.
+
+        bd.example("configs")
 
     Raises `InputError` with each of them that is there already.
     """
-    place, bundled = Path(folder).expanduser(), _bundled()
-    contents = {place / name: (bundled / name).read_bytes() for name in FILES}
-    if obstacles := _in_the_way(place, contents):
+    target, bundled = Path(folder).expanduser(), _bundled()
+    contents = {target / name: (bundled / name).read_bytes() for name in FILES}
+    if obstacles := _in_the_way(target, contents):
         raise InputError(obstacles)
     for path, content in contents.items():
         path.parent.mkdir(parents=True, exist_ok=True)
         output_files.write(path, content)
-    return Example(place, tuple(contents))
+    return Example(target, tuple(contents))
 
 
 @check_arguments
 def citation(folder: str | Path | None = None) -> Citation:
-    """How to cite what is installed, or what the run in `folder` was made with.
+    """Return how to cite what is installed, or what the run in `folder` was made with.
 
     Raises `InputError` where no run is finished.
     """
@@ -103,10 +103,10 @@ def citation(folder: str | Path | None = None) -> Citation:
         return citing.citation()
     from bayesdrill.results.run_folder import read_run
 
-    place = Path(folder).expanduser()
-    made_with = (read_run(place) or {}).get("versions")
+    path = Path(folder).expanduser()
+    made_with = (read_run(path) or {}).get("versions")
     if not isinstance(made_with, dict):
-        raise InputError.one(str(place), "no finished run is here; give the folder of one, or none")
+        raise InputError.one(str(path), "no finished run is here; give the folder of one, or none")
     return citing.citation(made_with)
 
 
@@ -123,7 +123,10 @@ def init(
     sheet: str | Path | None = None,
     force: bool = False,
 ) -> Guess:
-    """Writes a config for a record, with every guess marked REVIEW and its reason.
+    """Write a config for a record, with every guess marked REVIEW and its reason.
+
+        bd.init("slow.csv", gear=14, voltage=8.0)
+        bd.init("data.mat", columns=["data:1=t [ms]", "data:3=theta_2 [deg]"])
 
     Several files of one kind become several experiments of one config; files that complete each other
     become one record.  `output`: beside the (first) record by default; `voltage` [V]: constant, where no
@@ -145,7 +148,7 @@ def init(
     if rate is not None and rate <= 0:
         raise InputError.one("rate", f"{rate:g} samples a second; write how many there are")
     given = [record] if isinstance(record, str | Path) else record
-    records = [Path(one).expanduser() for one in given]
+    records = [Path(path).expanduser() for path in given]
     if not records:
         raise InputError.one("record", "no file is named; name one or several")
     files = [path.name for path in records]
@@ -162,25 +165,25 @@ def init(
     target = arguments.results_folder(output, beside)
     values = None if sheet is None else yaml_source.read(Path(sheet).expanduser())
     draft.check_draft_path(target, records, force=force)
-    made = draft.guess(records, target, known, values)
-    draft.save_draft(made, records, force=force)
-    return made
+    drafted = draft.guess(records, target, known, values)
+    draft.save_draft(drafted, records, force=force)
+    return drafted
 
 
 @dataclass(frozen=True, slots=True)
 class Simulated:
-    """`files`: how many samples each has."""
+    """What `simulate` wrote; `files`: how many samples each has."""
 
     files: Mapping[Path, int]
 
     @property
     def path(self) -> Path:
-        """Of the first."""
+        """The path of the first file."""
         return next(iter(self.files))
 
     @property
     def samples(self) -> int:
-        """Of all."""
+        """The number of samples of all files."""
         return sum(self.files.values())
 
 
@@ -192,7 +195,9 @@ def simulate(
     seed: int | None = None,
     force: bool = False,
 ) -> Simulated:
-    """A record of the rig of a config, as CSV: exact response, and noise with a seed.
+    """Write a record of the rig of a config, as CSV: exact response, and noise with a seed.
+
+        bd.simulate("configs/nominal_step.yaml", "mine.csv", seed=7)
 
     `output`: the record that the config names, by default; of several experiments a folder, for a file
     of each.  `seed`: the config's.  Raises `InputError`, before anything is written.
@@ -201,22 +206,29 @@ def simulate(
     from bayesdrill.config.records import reading, simulation, sources
 
     case = loading.load(Path(config).expanduser())
-    own = case.config.seed if seed is None else arguments.whole("seed", seed, 0)
-    place = None if output is None else Path(output).expanduser()
-    if place is not None and case.config.experiments and place.exists() and not place.is_dir():
+    used_seed = case.config.seed if seed is None else arguments.whole("seed", seed, 0)
+    target_path = None if output is None else Path(output).expanduser()
+    if (
+        target_path is not None
+        and case.config.experiments
+        and target_path.exists()
+        and not target_path.is_dir()
+    ):
         message = "is no folder; name one for the records of several experiments"
-        raise InputError.one(str(place), message)
-    texts = simulation.simulate_all(case, own, place)
-    records = [sources.path_of(one.config, one.source) for one in case.experiments]
-    made = [(*pair, record) for pair, record in zip(texts.items(), records, strict=True)]
-    for target, text, record in made:
+        raise InputError.one(str(target_path), message)
+    texts = simulation.simulate_all(case, used_seed, target_path)
+    records = [
+        sources.path_of(experiment.config, experiment.source) for experiment in case.experiments
+    ]
+    rows = [(*pair, record) for pair, record in zip(texts.items(), records, strict=True)]
+    for target, text, record in rows:
         simulation.check_place(text, target, record, force=force)
     files = {}
-    for (target, text, record), one in zip(made, case.experiments, strict=True):
+    for (target, text, record), experiment in zip(rows, case.experiments, strict=True):
         if case.config.experiments:
             target.parent.mkdir(parents=True, exist_ok=True)
         simulation.save(text, target, record, force=force)
-        skipped = reading.csv_options(one.config.record).skip_rows
+        skipped = reading.csv_options(experiment.config.record).skip_rows
         files[target] = len(text.splitlines()) - 1 - skipped
     return Simulated(files)
 
@@ -230,25 +242,25 @@ def publish(
     processes: int | None = 1,
     report: Reporter | None = None,
 ) -> Outcome:
-    """Tables and figures again, from the chain in a folder; raises `InputError` where there is none.
+    """Make tables and figures again from the chain in a folder; raises `InputError` without one.
 
     `output`: a folder that gets a copy of the run with them, where the first may only be read.
     """
     from bayesdrill.tasks import pipeline
 
     source, workers = Path(folder).expanduser(), arguments.workers(processes)
-    place = arguments.results_folder(output, source)
+    path = arguments.results_folder(output, source)
     if output is not None:
-        pipeline.copied(source, place, force=force)
+        pipeline.copied(source, path, force=force)
     elif force:
         message = "goes with --output, or several folders; one is written again where it is"
         raise InputError.one("--force", message)
-    return pipeline.republish(place, workers, report or SILENT)
+    return pipeline.republish(path, workers, report or SILENT)
 
 
 @check_arguments
 def verify(folder: str | Path) -> Verified:
-    """Whether config, record, tables and figures of a run still belong together.
+    """Check whether config, record, tables and figures of a run still belong together.
 
     The tables are computed again from the chain.  Raises `InputError` where there is no finished run.
     """
@@ -263,17 +275,20 @@ class Calibration(ManyFits["Calibrated"]):
 
     kind: ClassVar[str] = "calibration"
 
-    def _run(self, place: Path, how: Mode, crew: RefitExecutor, report: Reporter) -> Calibrated:
+    def _run(self, path: Path, how: Mode, crew: RefitExecutor, report: Reporter) -> Calibrated:
         from bayesdrill.tasks import calibrate
 
-        return calibrate.calibrate(self.job, place, how, crew, report)
+        return calibrate.calibrate(self.job, path, how, crew, report)
 
 
 @check_arguments
 def calibration(config: str | Path) -> Calibration:
-    """Of a config, whose record need not be there yet where `simulation:` gives its times.
+    """Prepare the calibration of a config: refits of records that are simulated from its prior.
 
-    Raises `InputError` with all that is wrong with it.
+        bd.calibration("configs/nominal_step.yaml").run(processes=None)
+
+    Its record need not be there yet where `simulation:` gives its times.  Raises `InputError` with
+    all that is wrong with it.
     """
     from bayesdrill.tasks.calibrate import prepare
 
@@ -282,31 +297,31 @@ def calibration(config: str | Path) -> Calibration:
 
 @check_arguments
 def schema(of: str = "config") -> str:
-    """The JSON schema of configs or, `of` a `run`, of the `run.json` that a posterior leaves."""
+    """Return the JSON schema of configs or, `of` a `run`, of the `run.json` that a posterior leaves."""
     from bayesdrill.config.schema.config import json_schema
     from bayesdrill.tasks.run_entries import run_schema
 
-    every = {"config": json_schema, "run": run_schema}
-    return arguments.known(every, of, "of", "schema")()
+    schemas = {"config": json_schema, "run": run_schema}
+    return arguments.known(schemas, of, "of", "schema")()
 
 
 @check_arguments
 def cache(*, clear: bool = False) -> str:
-    """Where compiled kernels are kept, and how much of them; `clear` removes them all first.
+    """Say where compiled kernels are kept, and how large they are; `clear` removes them first.
 
     Raises `InputError` where the folder is refused, or cannot be cleared.
     """
     from bayesdrill.rig.kernels.cache import CACHE_OFF, CACHE_VARIABLE, user_cache
 
-    kept = user_cache()
-    if kept.folder is None:
+    user = user_cache()
+    if user.folder is None:
         return f"compiled kernels are not kept: {CACHE_VARIABLE}={CACHE_OFF}"
     try:
         if clear:
-            kept.clear()
-        sizes = kept.sizes
+            user.clear()
+        sizes = user.sizes
     except OSError as error:
         reason = error.strerror or str(error)
         message = f"{reason}; mend this, or name another folder by {CACHE_VARIABLE}"
-        raise InputError.one(str(kept.folder), message) from None
-    return f"{kept.folder}: {len(sizes)} compiled kernels, {sum(sizes) / 1e6:.1f} MB"
+        raise InputError.one(str(user.folder), message) from None
+    return f"{user.folder}: {len(sizes)} compiled kernels, {sum(sizes) / 1e6:.1f} MB"

@@ -26,7 +26,12 @@ NUMBERS = "a number for each name"
 
 @check_arguments
 def nominal(table: str = symbols.DEFAULT_NOMINAL) -> dict[str, float]:
-    """The paper's values of all parameters, SI; raises `InputError` for a table it has not."""
+    """Return the paper's values of all parameters, SI; raises `InputError` for an unknown table.
+
+        bd.nominal()["k_s"]    # N m/rad
+
+    `table`: the name of a table of the paper.
+    """
     return dict(arguments.known(symbols.NOMINAL, table, "nominal", "nominal table").values)
 
 
@@ -41,81 +46,87 @@ def respond(
     initial: Annotated[Mapping[str, float] | None, "a number for each state"] = None,
     hold: str = "zero",
 ) -> dict[str, Array]:
-    """`signals` (states, or sums such as `theta_1 - theta_2`) at times `t (T,)`, exact, all in SI.
+    """Simulate a rig exactly: its `signals` at times `t (T,)`, each `(T,)`, all in SI.
 
-    Times increase, in any steps.  `inputs`: a number, or `(T,)` values between which they are held
-    (`zero`) or straight (`first`); loads that are not named are zero.  The state is `initial` (else
-    zero) at 0 s; with measured inputs at the first time.  To name a parameter that the rig only offers,
-    such as `c_s`, is to switch it on.  Raises `InputError` with all that is wrong.
+        t = np.linspace(0, 2, 401)
+        bd.respond(bd.MotorShaft(i_m=1 / 8), bd.nominal(), t, {"v": 8.0}, ["w_1", "theta_1 - theta_2"])
+
+    `signals`: states, or sums of them.  Times increase, in any steps.  `inputs`: a number, or
+    `(T,)` values between which they are held (`zero`) or straight (`first`); loads that are not
+    named are zero.  The state is `initial` (else zero) at 0 s; with measured inputs at the first
+    time.  To name a parameter that the rig only offers, such as `c_s`, is to switch it on.  Raises
+    `InputError` with all that is wrong.
     """
-    own, found = arguments.rig(rig), list[Issue]()
-    own = with_named(own, parameters)
-    found += [
+    model, issues = arguments.rig(rig), list[Issue]()
+    model = with_named(model, parameters)
+    issues += [
         Issue(f"parameters.{n}", requirement_text(n, of))
-        for n, of in missing_requirements(own).items()
+        for n, of in missing_requirements(model).items()
     ]
     signals = [signals] if isinstance(signals, str) else signals
-    times = arguments.times(t, found)
-    values = _numbers(own.parameters, parameters, "parameters", found)
-    at_rest = dict.fromkeys(own.states, 0.0)
-    start = _numbers(own.states, at_rest | dict(initial or {}), "initial", found)
-    idle: dict[str, ArrayLike] = {name: 0.0 for name in own.inputs if name == "t_1"}
+    times = arguments.times(t, issues)
+    values = _numbers(model.parameters, parameters, "parameters", issues)
+    at_rest = dict.fromkeys(model.states, 0.0)
+    start = _numbers(model.states, at_rest | dict(initial or {}), "initial", issues)
+    idle: dict[str, ArrayLike] = {name: 0.0 for name in model.inputs if name == "t_1"}
     given: dict[str, Array] = {}
     for name, value in (idle | dict(inputs)).items():
         if arguments.is_series(value):
-            given[name] = arguments.series(f"inputs.{name}", value, found)
+            given[name] = arguments.series(f"inputs.{name}", value, issues)
         else:
-            given[name] = np.array(arguments.number(f"inputs.{name}", value, found))
-    _check_names(own.inputs, given, "inputs", found)
+            given[name] = np.array(arguments.number(f"inputs.{name}", value, issues))
+    _check_names(model.inputs, given, "inputs", issues)
     if hold not in ("zero", "first"):
-        found.append(Issue("hold", f"'{hold}' is neither zero nor first"))
-    series = {name: one for name, one in given.items() if one.ndim}
-    for name, one in series.items():
-        if one.shape != times.shape or not np.isfinite(one).all():
-            found.append(Issue(f"inputs.{name}", "give one number for each of the times"))
+        issues.append(Issue("hold", f"'{hold}' is neither zero nor first"))
+    series = {name: signal for name, signal in given.items() if signal.ndim}
+    for name, signal in series.items():
+        if signal.shape != times.shape or not np.isfinite(signal).all():
+            issues.append(Issue(f"inputs.{name}", "give one number for each of the times"))
     if not signals:
-        found.append(Issue("signals", "none is named; name a state, or a sum of states"))
-    raise_if_any(found)
+        issues.append(Issue("signals", "none is named; name a state, or a sum of states"))
+    raise_if_any(issues)
     experiment = Experiment(
         t=frozen(times),
         y=frozen(np.zeros((len(times), len(signals)))),
-        channels=tuple(_channel(name, own) for name in signals),
-        constant={name: float(one) for name, one in given.items() if not one.ndim},
-        series={name: frozen(one) for name, one in series.items()},
+        channels=tuple(_channel(name, model) for name in signals),
+        constant={name: float(value) for name, value in given.items() if not value.ndim},
+        series={name: frozen(signal) for name, signal in series.items()},
         first_order=hold == "first",
         start=start,
         t_start=float(times[0]) if series else min(0.0, float(times[0])),
     )
-    theta = np.array([[values[name] for name in own.parameters]])
-    response = simulator(own, experiment, ObservationModel(), step_error.MOST).signals(theta)[0]
+    theta = np.array([[values[name] for name in model.parameters]])
+    response = simulator(model, experiment, ObservationModel(), step_error.MOST).signals(theta)[0]
     return {name: response[:, k] for k, name in enumerate(signals)}
 
 
 def _numbers(
-    names: Sequence[str], values: Mapping[str, float], place: str, found: list[Issue]
+    names: Sequence[str], values: Mapping[str, float], location: str, issues: list[Issue]
 ) -> dict[str, float]:
     """One for each of `names`; parameters are as they may be held."""
-    _check_names(names, values, place, found)
+    _check_names(names, values, location, issues)
     read = {}
     for name in (name for name in names if name in values):
-        symbol = models.PARAMETERS[name] if place == "parameters" else None
+        symbol = models.PARAMETERS[name] if location == "parameters" else None
         positive = symbol is not None and symbol.held == "positive"
-        read[name] = arguments.number(f"{place}.{name}", values[name], found, positive=positive)
+        read[name] = arguments.number(f"{location}.{name}", values[name], issues, positive=positive)
         if symbol is not None and symbol.held == "not negative" and read[name] < 0:
-            found.append(Issue(f"{place}.{name}", f"{short_repr(values[name])} is negative"))
+            issues.append(Issue(f"{location}.{name}", f"{short_repr(values[name])} is negative"))
         if symbol is not None and read[name] > symbol.at_most:
             message = f"{short_repr(values[name])} is more than {symbol.at_most:g}"
-            found.append(Issue(f"{place}.{name}", message))
+            issues.append(Issue(f"{location}.{name}", message))
     return read
 
 
 def _check_names(
-    names: Sequence[str], values: Mapping[str, object], place: str, found: list[Issue]
+    names: Sequence[str], values: Mapping[str, object], location: str, issues: list[Issue]
 ) -> None:
     for name in values:
         if name not in names:
-            found.append(Issue(f"{place}.{name}", f"the rig has none{did_you_mean(name, names)}"))
-    found += [Issue(f"{place}.{name}", "is missing") for name in names if name not in values]
+            issues.append(
+                Issue(f"{location}.{name}", f"the rig has none{did_you_mean(name, names)}")
+            )
+    issues += [Issue(f"{location}.{name}", "is missing") for name in names if name not in values]
 
 
 def _channel(name: str, rig: Model) -> Channel:

@@ -1,6 +1,4 @@
-"""What comes out of a case: a maximum, a sampled posterior, a verdict; with figures as a notebook
-gets them.
-"""
+"""What comes out of a case: a maximum, a sampled posterior, a verdict, and figures for notebooks."""
 
 from __future__ import annotations
 
@@ -44,7 +42,7 @@ DPI = 200  # sharp on a screen
 
 
 def for_notebooks(figure: Figure) -> Figure:
-    """It shows itself as the last line of a cell."""
+    """Let a figure show itself as the last line of a cell."""
     # A notebook asks a figure for its picture only once pyplot is loaded, which nothing here does.
     figure._repr_png_ = partial(_as_png, figure)  # type: ignore[attr-defined]
     return figure
@@ -56,19 +54,19 @@ def _as_png(figure: Figure) -> bytes:
     return out.getvalue()
 
 
-def _drawn(every: Sequence[Drawing], part: int, count: str, warning: str) -> Figure:
+def _drawn(drawings: Sequence[Drawing], part: int, count: str, warning: str) -> Figure:
     """The one of this number, from 1; raises `InputError`, with the `count`, where there is none."""
     from bayesdrill.report.style import warned  # late: matplotlib takes a second
 
-    if not 1 <= part <= len(every):
+    if not 1 <= part <= len(drawings):
         raise InputError.one("part", f"{short_repr(part)} given, and {count}")
-    return for_notebooks(warned(every[part - 1].drawn(), warning))
+    return for_notebooks(warned(drawings[part - 1].drawn(), warning))
 
 
 @check_arguments
 @dataclass(frozen=True, eq=False)
 class Best(Value):
-    """The maximum of the posterior (MAP) that searches found.
+    """The maximum of the posterior (MAP); made by `case.find_map()`, and shown by `print`.
 
     `columns`: the record `(T,)` each, where it is in no file.
     """
@@ -79,12 +77,12 @@ class Best(Value):
 
     @property
     def values(self) -> Mapping[str, float]:
-        """SI."""
+        """The value of each unknown at the maximum, SI."""
         return self.mode.values
 
     @property
     def table(self) -> str:
-        """Beside the nominal values, and what the fit leaves."""
+        """The values beside the nominal ones, and what the fit leaves, as text."""
         return self._report.text
 
     @property
@@ -99,32 +97,37 @@ class Best(Value):
     def candidates(
         self, *, processes: int | None = 1, report: Reporter | None = None
     ) -> Candidates:
-        """What would explain what the fit leaves: candidate models, each refitted from this maximum.
+        """Rank models that would explain what the fit leaves, each refitted from this maximum.
 
         `processes`, `report`: see `Case.sample`.
         """
         with Crew(self.job.problem.posterior, arguments.workers(processes)) as crew:
-            found, said = find_map.explain(self.job, self.mode, crew.run, report or SILENT)
-        return Candidates(found.ranked if found is not None else (), said)
+            causes, report_text = find_map.explain(self.job, self.mode, crew.run, report or SILENT)
+        return Candidates(causes.ranked if causes is not None else (), report_text)
 
     def plot(self, part: int = 1) -> Figure:
-        """The record, the model at the maximum, and what is left; `part`: of which experiment."""
-        every = list(self._report.figures.values())
-        return _drawn(every, part, f"there are {len(every)} experiments", self._report.warning)
+        """Draw the record, the model at the maximum, and what is left.
+
+        `part`: which experiment, from 1; raises `InputError` where there is no such one.
+        """
+        drawings = list(self._report.figures.values())
+        return _drawn(
+            drawings, part, f"there are {len(drawings)} experiments", self._report.warning
+        )
 
     @staticmethod
     def check_place(folder: str | Path, *, force: bool = False) -> None:
-        """Raises `InputError` where a maximum could not be saved, before minutes of searches."""
+        """Raise `InputError` where a maximum could not be saved, before minutes of searches."""
         find_map.check_place(Path(folder).expanduser(), force=force)
 
     def save(self, folder: str | Path, *, force: bool = False) -> Path:
-        """As `bayesdrill map --output` leaves it: values, prediction, fit and config.
+        """Save values, prediction, fit and config, as `bayesdrill map --output` does.
 
         Raises `InputError` where something else is there, or a maximum and not `force`.
         """
-        place = Path(folder).expanduser()
-        find_map.save(self.job, self.mode, place, _as_record(self.columns), force=force)
-        return place
+        path = Path(folder).expanduser()
+        find_map.save(self.job, self.mode, path, _as_record(self.columns), force=force)
+        return path
 
     def __str__(self) -> str:
         return f"{self.table}\n\n{words.mode(self.mode, self.job.units)}"
@@ -155,8 +158,11 @@ class Candidates(Value):
 class Run(SampledRun):
     """A sampled posterior: draws, what they say, and figures of them.
 
-    `columns`: the record `(T,)` each, where it is in no file; `kept`: its analysis, where its folder has
-    it.
+        run = bd.open("results/mine")
+        run.draws["k_s"].mean(), run.plot_corner(), run.to_arviz()
+
+    Made by `case.sample` or `bd.open`.  `columns`: the record `(T,)` each, where it is in no file;
+    `kept`: its analysis, where its folder has it.
     """
 
     sampled: Sampled
@@ -164,6 +170,7 @@ class Run(SampledRun):
 
     @property
     def converged(self) -> bool:
+        """Whether the ensembles agree, and there are as many effective draws as were asked for."""
         return self.sampled.convergence.converged
 
     @property
@@ -178,13 +185,14 @@ class Run(SampledRun):
 
     @property
     def analysis(self) -> RunAnalysis:
-        """Every number of the report by name, evaluated once, and read where its folder has it: see
-        `RunAnalysis`, whose `describe` gives the unit of each.
+        """Every number of the report by name; `describe` of `RunAnalysis` gives the unit of each.
+
+        It is evaluated once, and read where the folder of the run has it.
         """
         return self._view.analysis
 
     def judge(self) -> Judged:
-        """What fit and draws say of the nominal table."""
+        """Judge what fit and draws say of the nominal table; `print` shows the whole report."""
         return Judged(self._view)
 
     @cached_property
@@ -192,37 +200,40 @@ class Run(SampledRun):
         return conclusions.concluded(self.job, self.mode, self.sampled, kept=self.kept)
 
     def to_arviz(self) -> DataTree:
-        """The groups of the ArviZ schema: `chain` is an ensemble."""
+        """Return the groups of the ArviZ schema, such as for `arviz.summary`; a chain is an ensemble."""
         return self._view.tree
 
     def plot(self, name: str, part: int = 1) -> Figure:
-        """`corner`, `trace`, `prior_posterior`, `fit`, and with a verdict `invariants` and `ridge`.
+        """Draw `corner`, `trace`, `prior_posterior`, `fit`, or with a verdict `invariants`, `ridge`.
+
+            run.plot("fit", part=2).savefig("fit.png")
 
         In no window: `figure.savefig(...)`, or the last line of a cell.  `part`: of which experiment,
         where there are several.  Raises `InputError` where this run has no such figure.
         """
         arguments.known(FIGURES, name, "plot", "figure")
-        found = list(drawings(name, self._view).values())
-        if not found:
+        drawn = list(drawings(name, self._view).values())
+        if not drawn:
             raise InputError.one("plot", f"there is nothing to draw in a figure {name} of this run")
-        return _drawn(found, part, f"the figure {name} has {len(found)}", self._view.warning)
+        return _drawn(drawn, part, f"the figure {name} has {len(drawn)}", self._view.warning)
 
     def plot_corner(self) -> Figure:
+        """Draw the corner plot: each unknown, and each pair of them."""
         return self.plot("corner")
 
     def save(self, folder: str | Path, *, force: bool = False) -> Path:
-        """As `bayesdrill posterior` leaves it: tables, figures, chain and config.
+        """Save tables, figures, chain and config, as `bayesdrill posterior` does.
 
         Raises `InputError` where something else is there, or results and not `force`; warns of what
         could not be made.
         """
-        place = Path(folder).expanduser()
+        path = Path(folder).expanduser()
         record = _as_record(self.columns)
-        done = pipeline.write_result(self.job, self._view, place, record, force=force)
+        done = pipeline.write_result(self.job, self._view, path, record, force=force)
         if done.missing:
-            said = f"could not be made: {'; '.join(done.missing)}; all else is in {place}"
-            warnings.warn(said, stacklevel=3)
-        return place
+            message = f"could not be made: {'; '.join(done.missing)}; all else is in {path}"
+            warnings.warn(message, stacklevel=3)
+        return path
 
     def __str__(self) -> str:
         return self.judge().text
@@ -236,12 +247,13 @@ class Run(SampledRun):
 @check_arguments
 @dataclass(frozen=True, eq=False)
 class Judged(Value):
-    """`verdict`: None where no unknown has a nominal value to be compared with."""
+    """The report of a run: what its fit and draws say of the nominal values."""
 
     view: View
 
     @property
     def verdict(self) -> Verdict | None:
+        """The verdict; None where no unknown has a nominal value to be compared with."""
         judgement = self.view.analysis.judged
         return None if judgement is None else judgement.verdict
 
@@ -257,6 +269,7 @@ class Judged(Value):
 
     @property
     def text(self) -> str:
+        """The whole report in words and tables."""
         return "\n\n".join(as_text(sections(self.view)))
 
     def __str__(self) -> str:
@@ -275,6 +288,11 @@ def _as_record(columns: Mapping[str, Array] | None) -> str | None:
 
 @check_arguments
 def open(folder: str | Path) -> Run:
-    """The run that `save` or `bayesdrill posterior` left; raises `InputError` where there is none."""
-    found = pipeline.read_result(Path(folder).expanduser())
-    return Run(found.job, found.mode, found.sampled, kept=found.kept)
+    """Open the run that `save` or `bayesdrill posterior` left; raises `InputError` without one.
+
+        run = bd.open("results/mine")
+
+    Nothing is sampled again, and `print(run)` shows its report.
+    """
+    result = pipeline.read_result(Path(folder).expanduser())
+    return Run(result.job, result.mode, result.sampled, kept=result.kept)

@@ -325,7 +325,7 @@ def _pick(
         number = table.lines is not None and name.variable.isdecimal()
         column = name.column or (int(name.variable) if number else name.variable)
         variable = name.variable if name.column else None
-        values = table.pick(column, variable, place=f"--columns '{name.text}'")
+        values = table.pick(column, variable, location=f"--columns '{name.text}'")
         address: dict[str, str | int] = {} if variable is None else {"variable": variable}
         title = name.variable if name.column is None else f"{name.variable}, column {name.column}"
         picked.append(FileColumn(title, {**address, "column": column}, values, name.meaning))

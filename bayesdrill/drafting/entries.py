@@ -149,7 +149,7 @@ def _time(context: DraftContext) -> list[str]:
     lines = [*review([time.doubt], 2), f"  {time_entry(time)}"]
     if time.column is None:
         return lines
-    texts = [clocks.in_words(clocks.on_grid(record.segment.t)) for record in context.records]
+    texts = [clocks.describe_times(clocks.on_grid(record.segment.t)) for record in context.records]
     uneven = [text for text in texts if "missing in" in text or "unequal" in text]
     text = f"{time.rate:.6g} samples a second" + (f", {time.why}" if time.why else "")
     if uneven:

@@ -363,7 +363,7 @@ def _without_swings(sensor: Sensor, others: Sequence[Sensor], segment: Segment) 
     def alone(begin: float, end: float) -> bool:
         first, last = np.searchsorted(segment.grid, (begin - 1e-9, end + 1e-9)) - (0, 1)
         away = (anomalies.leaves_chord(x, int(first), int(last)) for x in beside)
-        return last - first < anomalies.SHORTEST or all(x < CALM for x in away)
+        return last - first < anomalies.MAX_SHORT_SPIKE or all(x < CALM for x in away)
 
     glitches = tuple(pair for pair in sensor.raw.glitches if alone(*pair))
     return sensor.revised(raw=dataclasses.replace(sensor.raw, glitches=glitches))
@@ -395,7 +395,7 @@ def read_sensor(
         if period and not unit:
             unit = turned
             doubt = f"no unit is said; {turned}, as it begins again after {period:.6g}"
-        x = anomalies.unwrapped(x, period)[0] if period else x
+        x = anomalies.unwrap(x, period)[0] if period else x
     if kind in (*TURNS, "current"):
         spikes = anomalies.spikes(x, jumped[known], inert=kind in TURNS)
     glitches = tuple(zip(t[spikes.first].tolist(), t[spikes.last].tolist(), strict=True))
@@ -418,7 +418,7 @@ def _wraps(x: Array, unit: str) -> tuple[float, str]:
         far = steps > 0.5 * period
         if not far.any() or not WRAPPED_SHARE * period < np.ptp(x) < 1.001 * period:
             continue
-        taken_back = np.abs(np.diff(anomalies.unwrapped(x, period)[0]))
+        taken_back = np.abs(np.diff(anomalies.unwrap(x, period)[0]))
         typical = float(np.quantile(taken_back[~far], 0.99)) if (~far).any() else math.inf
         smooth = np.all(taken_back[far] <= WRAPPED_STEP * typical)
         if smooth and not len(anomalies.ambiguous(x, period)):

@@ -15,7 +15,7 @@ from bayesdrill.basics import symbols
 from bayesdrill.basics.arrays import Array
 from bayesdrill.basics.symbols import Symbol, product_latex, unit_product
 from bayesdrill.inference.posterior import Problem
-from bayesdrill.record.experiment import usual_inputs
+from bayesdrill.record.experiment import typical_inputs
 from bayesdrill.rig import models
 from bayesdrill.rig.models.friction import Named
 from bayesdrill.rig.models.linear import Linear, Model, constant_forcing, dynamics
@@ -151,7 +151,7 @@ def _following(problem: Problem, named: Named, n: int) -> dict[str, Array]:
     told = first.named(model.parameters)
     p = {name: np.broadcast_to(named[told[name]], n) for name in model.parameters}
     linear = model.linear(p)
-    found = poles(model, linear, n) | steady(model, linear, n, usual_inputs(first.experiment))
+    found = poles(model, linear, n) | steady(model, linear, n, typical_inputs(first.experiment))
     known: dict[str, Array | float] = {**named, **found}
     for own in problem.derived:
         value = np.broadcast_to(own.expression.value(known), n)

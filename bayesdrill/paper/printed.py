@@ -29,7 +29,7 @@ import numpy as np
 from bayesdrill.analysis import Scenery, from_sensitivities, plausibility
 from bayesdrill.basics import Array, symbols
 from bayesdrill.inference import Posterior, derived, hdi
-from bayesdrill.record import usual_inputs
+from bayesdrill.record import typical_inputs
 from bayesdrill.rig import Model, MotorShaft, Named, TwoRotors
 
 START = MappingProxyType({"c_m": 1e-3, "k_e": 1e-2})  # of the two-parameter study
@@ -242,7 +242,7 @@ class Cause:
 
 def causes(posterior: Posterior, mode: Array, estimate: Array, draws: Array) -> tuple[Cause, ...]:
     """From the MAP and the heuristic's estimate `(D,)`, and draws `(N, D)`."""
-    inputs = usual_inputs(posterior.likelihood.response.experiment)
+    inputs = typical_inputs(posterior.likelihood.response.experiment)
     guess = quantities(MotorShaft(), GUESS, inputs, 1)
     rigs: dict[str, Mapping[str, float]] = {
         "table_3": {n: e.value for n, e in NINE_PARAMETERS.items()},

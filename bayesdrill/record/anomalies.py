@@ -1,7 +1,6 @@
-"""Samples that the sensor made, not the rig: spikes, stuck counts, ends of a range, angles that
-begin again, differences.
+"""Samples that the sensor made, not the rig: spikes, stuck or clipped values, wraps, differences.
 
-A spike leaves the signal and comes back to it within `LONGEST` samples, about as fast as it left.  Up to
+A spike leaves the signal and comes back to it within a few samples, about as fast as it left.  Up to
 three samples are judged against the chord between their neighbours, longer ones against a running
 median, which keeps steps and follows ramps.  The yardstick is what the signal itself leaves of these,
 around the spike: the peaks of a swing are alike, and so are trains of pulses and quantised speeds.  What
@@ -21,28 +20,28 @@ from bayesdrill.basics.arrays import Array
 
 Mask = NDArray[np.bool_]
 
-SHORTEST = 3  # samples of a spike that is judged against the chord between its neighbours
-LONGEST = (6, 20)  # samples of a spike, by the width of the median it is judged against
-SPREADS = 2.0  # sds of the channel that a short spike leaves its chord by, at least
-WIDER = 6  # times the length of a long spike, in which a swing would go to the other side
-APART = 5.0  # times what the signal does around it
+MAX_SHORT_SPIKE = 3  # samples of a spike that is judged against the chord between its neighbours
+MAX_LONG_SPIKES = (6, 20)  # samples of a spike, by the width of the median it is judged against
+MIN_SPIKE_SDS = 2.0  # sds of the channel that a short spike leaves its chord by, at least
+SWING_WINDOW = 6  # times the length of a long spike, in which a swing would go to the other side
+MIN_DEPARTURE = 5.0  # times what the signal does around it
 AROUND_SPIKE = 60  # samples on either side, that are its yardstick
-LIKE_IT = 0.95  # quantile of these: other spikes may be among them
-HIGH = 6.0  # times the usual departure
-USUAL = 0.9  # quantile of departures that is usual
-AS_FAST = 3.0  # times: the way back against the way there
-SWING = 0.3  # of the height, to the other side: an oscillation, not a spike
-BACK = 0.35  # of the height: how near the signal is afterwards to where it was
-JUMP = 0.2  # of an input's range within one step
-OFTEN = 0.1  # of all samples: an input that jumps so often is no cause of a single spike
-FEWEST = 60  # samples, to judge anything
-SHORT = 10_000  # samples whose medians take less than loading what has a quicker one
+AROUND_QUANTILE = 0.95  # quantile of these: other spikes may be among them
+MIN_LONG_DEPARTURE = 6.0  # times the usual departure
+TYPICAL_QUANTILE = 0.9  # quantile of departures that is usual
+MAX_SLOPE_RATIO = 3.0  # times: the way back against the way there
+MAX_SWING = 0.3  # of the height, to the other side: an oscillation, not a spike
+MAX_RETURN_ERROR = 0.35  # of the height: how near the signal is afterwards to where it was
+INPUT_JUMP = 0.2  # of an input's range within one step
+MAX_JUMP_SHARE = 0.1  # of all samples: an input that jumps so often is no cause of a single spike
+MIN_SAMPLES = 60  # samples, to judge anything
+MAX_NUMPY_MEDIAN = 10_000  # samples whose medians take less than loading what has a quicker one
 
-LONG = 10  # samples of a run of one value, at least
-RARE = 0.05  # share of steps that may be zero in a channel that has noise
-CLIPPED = 3  # samples of a run at an end of the range, at least
-MANY = 10  # of all such samples, at least
-STEEP = 2.5  # last digits in a step: so fast no signal turns round
+MIN_STUCK_RUN = 10  # samples of a run of one value, at least
+MAX_ZERO_STEPS = 0.05  # share of steps that may be zero in a channel that has noise
+MIN_CLIPPED_RUN = 3  # samples of a run at an end of the range, at least
+MIN_CLIPPED_SAMPLES = 10  # of all such samples, at least
+MIN_CLIPPED_STEP = 2.5  # last digits in a step: so fast no signal turns round
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,11 +56,11 @@ class Spans:
 
     @property
     def count(self) -> int:
-        """Of samples."""
+        """The number of samples in all runs."""
         return int(np.sum(self.last - self.first + 1))
 
     def mask(self, n: int) -> Mask:
-        """`(n,)`."""
+        """Return which of `n` samples are in a run: `(n,)`."""
         edges = np.zeros(n + 1, dtype=np.intp)
         np.add.at(edges, self.first, 1)
         np.add.at(edges, self.last + 1, -1)
@@ -69,7 +68,7 @@ class Spans:
 
 
 def spans(mask: Mask) -> Spans:
-    """Runs of what is true."""
+    """Return the runs of what is true in `mask (T,)`."""
     padded = np.concatenate([[False], mask, [False]])
     edges = np.flatnonzero(padded[1:] != padded[:-1])
     return Spans(edges[::2], edges[1::2] - 1)
@@ -78,32 +77,32 @@ def spans(mask: Mask) -> Spans:
 def spikes(
     x: Array, caused: Mask | None = None, *, wide: bool = True, inert: bool = False
 ) -> Spans:
-    """In `x (T,)`, numbers all; `caused (T,)`: samples at which an input has just jumped.
+    """Find spikes in `x (T,)`, numbers all; `caused (T,)`: samples at which an input has just jumped.
 
     `wide`: also spikes of more than two samples, which in an input may be meant; `inert`: an angle or a
-    speed, which no input moves there and back within `SHORTEST` samples.
+    speed, which no input moves there and back within `MAX_SHORT_SPIKE` samples.
     """
-    if len(x) < FEWEST:
+    if len(x) < MIN_SAMPLES:
         return spans(np.zeros(len(x), dtype=np.bool_))
-    if caused is not None and np.mean(caused) > OFTEN:
+    if caused is not None and np.mean(caused) > MAX_JUMP_SHARE:
         caused = None
-    found = np.zeros(len(x), dtype=np.bool_)
-    for width in range(1, SHORTEST + 1 if wide else SHORTEST):
-        found |= _short_spikes(x, width, None if inert else caused)
-    for longest in LONGEST if wide else ():
-        found |= _spikes(x, longest, caused)
-    return spans(found)
+    mask = np.zeros(len(x), dtype=np.bool_)
+    for width in range(1, MAX_SHORT_SPIKE + 1 if wide else MAX_SHORT_SPIKE):
+        mask |= _short_spikes(x, width, None if inert else caused)
+    for longest in MAX_LONG_SPIKES if wide else ():
+        mask |= _spikes(x, longest, caused)
+    return spans(mask)
 
 
 def jumps(x: Array) -> NDArray[np.intp]:
-    """Samples of `x (T,)`, of an input, at which it has just jumped; gaps are passed over."""
+    """Return the samples of an input `x (T,)` at which it has just jumped; gaps are passed over."""
     known = np.flatnonzero(np.isfinite(x))
     steps = np.abs(np.diff(x[known]))
-    return known[1:][steps > JUMP * np.ptp(x[known])]
+    return known[1:][steps > INPUT_JUMP * np.ptp(x[known])]
 
 
 def stuck(x: Array) -> Spans:
-    """The longest run of one value in `x (T,)`, where noise else makes no two samples the same.
+    """Find the longest run of one value in `x (T,)`, where noise makes no two samples the same.
 
     Not where the record begins: there a rig may stand still, switched off.
     """
@@ -115,33 +114,33 @@ def stuck(x: Array) -> Spans:
     at = int(np.argmax(lengths))
     first, length = int(runs.first[at]), int(lengths[at]) + 1
     others = len(same) - length + 1
-    if length < LONG or first == 0 or np.sum(same) - length + 1 > RARE * others:
+    if length < MIN_STUCK_RUN or first == 0 or np.sum(same) - length + 1 > MAX_ZERO_STEPS * others:
         return spans(np.zeros(0, dtype=np.bool_))
     return Spans(np.array([first]), np.array([first + length - 1]))
 
 
 def saturated(x: Array) -> Spans:
-    """Runs of `x (T,)` at exactly its largest or its least value, which it ran into without turning."""
-    found = np.zeros(len(x), dtype=np.bool_)
+    """Find runs of `x (T,)` at its largest or least value, which it ran into without turning."""
+    mask = np.zeros(len(x), dtype=np.bool_)
     steps = np.abs(np.diff(x))
     if not np.any(steps):
-        return spans(found)
+        return spans(mask)
     digit = float(steps[steps > 0].min())
     for end in (float(x.max()), float(x.min())):
         runs = spans(x == end)
-        keep = runs.last - runs.first + 1 >= CLIPPED
+        keep = runs.last - runs.first + 1 >= MIN_CLIPPED_RUN
         first, last = runs.first[keep], runs.last[keep]
         inner = first[first >= 2]
-        steep = np.abs(x[inner - 1] - x[inner - 2]) > STEEP * digit
-        enough = len(first) >= 2 and int(np.sum(last - first + 1)) >= MANY
+        steep = np.abs(x[inner - 1] - x[inner - 2]) > MIN_CLIPPED_STEP * digit
+        enough = len(first) >= 2 and int(np.sum(last - first + 1)) >= MIN_CLIPPED_SAMPLES
         if end != 0.0 and enough and len(inner) and np.mean(steep) > 0.5:
-            found |= Spans(first, last).mask(len(x))
-    return spans(found)
+            mask |= Spans(first, last).mask(len(x))
+    return spans(mask)
 
 
 def _running_median(x: Array, size: int) -> Array:
     """The median `(T,)` of the `size` samples around each, the ends of `x (T,)` repeated."""
-    if len(x) > SHORT:
+    if len(x) > MAX_NUMPY_MEDIAN:
         return np.asarray(scipy.ndimage.median_filter(x, size, mode="nearest"))
     around = sliding_window_view(np.pad(x, size // 2, mode="edge"), size)
     return np.partition(around, size // 2, axis=-1)[:, size // 2]
@@ -153,12 +152,12 @@ def _short_spikes(x: Array, width: int, caused: Mask | None) -> Mask:
     height = np.maximum(np.maximum(off.min(axis=1), -off.max(axis=1)), 0.0)
     moved = np.abs(np.diff(x))
     step = float(np.median(moved[moved > 0])) if moved.any() else 0.0
-    least = max(SPREADS * float(np.std(x)), APART * step)
-    back = np.abs(x[width + 1 :] - x[: -width - 1]) < BACK * height
+    least = max(MIN_SPIKE_SDS * float(np.std(x)), MIN_DEPARTURE * step)
+    back = np.abs(x[width + 1 :] - x[: -width - 1]) < MAX_RETURN_ERROR * height
     mask = np.zeros(len(x), dtype=np.bool_)
     for at in np.flatnonzero(back & (height > least)).tolist():
         first = at + 1
-        high = height[at] > APART * _usual_around(height, at, at + 1, width)
+        high = height[at] > MIN_DEPARTURE * _typical_around(height, at, at + 1, width)
         if high and not (caused is not None and caused[first - 1 : first + 1].any()):
             mask[first : first + width] = True
     return mask
@@ -171,49 +170,52 @@ def _off_chord(x: Array, width: int) -> Array:
 
 
 def leaves_chord(x: Array, first: int, last: int) -> float:
-    """How far `x (T,)` is from the chord over the samples `first` to `last`, over what is usual."""
+    """Return how far `x (T,)` is from the chord over samples `first` to `last`, over the typical."""
     if first < 1 or last > len(x) - 2:
         return 0.0
     off = np.abs(_off_chord(x, last - first + 1)).max(axis=1)
-    usual = float(np.quantile(off, USUAL))
-    return float(off[first - 1]) / usual if usual > 0 else 0.0
+    typical = float(np.quantile(off, TYPICAL_QUANTILE))
+    return float(off[first - 1]) / typical if typical > 0 else 0.0
 
 
-def _usual_around(height: Array, begin: int, end: int, margin: int) -> float:
+def _typical_around(height: Array, begin: int, end: int, margin: int) -> float:
     """What is usual of `height` before and after the samples from `begin` to `end`."""
     before = height[max(0, begin - AROUND_SPIKE) : max(0, begin - margin)]
-    return float(np.quantile(np.r_[before, height[end + margin : end + AROUND_SPIKE]], LIKE_IT))
+    return float(
+        np.quantile(np.r_[before, height[end + margin : end + AROUND_SPIKE]], AROUND_QUANTILE)
+    )
 
 
 def _spikes(x: Array, longest: int, caused: Mask | None) -> Mask:
     away = x - _running_median(x, 4 * longest + 1)
     steps = np.abs(np.diff(x))
     moved = steps[steps > 0]
-    usual = max(
-        float(np.quantile(np.abs(away), USUAL)), float(np.median(moved)) if len(moved) else 0.0
+    typical = max(
+        float(np.quantile(np.abs(away), TYPICAL_QUANTILE)),
+        float(np.median(moved)) if len(moved) else 0.0,
     )
     mask = np.zeros(len(x), dtype=np.bool_)
-    if usual == 0.0:
+    if typical == 0.0:
         return mask
     for sign in (1.0, -1.0):
-        one = sign * away
-        high = spans(one > HIGH * usual)
+        height = sign * away
+        high = spans(height > MIN_LONG_DEPARTURE * typical)
         for first, last in zip(high.first.tolist(), high.last.tolist(), strict=True):
-            peak = first + int(np.argmax(one[first : last + 1]))
-            begin, end = _foot(one, peak, usual, longest)
-            if _is_spike(sign * x, one, (begin, peak, end), longest) and not (
+            peak = first + int(np.argmax(height[first : last + 1]))
+            begin, end = _foot(height, peak, typical, longest)
+            if _is_spike(sign * x, height, (begin, peak, end), longest) and not (
                 caused is not None and caused[max(0, begin - longest) : peak + 1].any()
             ):
                 mask[begin : end + 1] = True
     return mask
 
 
-def _foot(away: Array, peak: int, usual: float, longest: int) -> tuple[int, int]:
+def _foot(away: Array, peak: int, typical: float, longest: int) -> tuple[int, int]:
     """The samples around `peak` that are unusually far out."""
     begin = end = peak
-    while begin > 0 and away[begin - 1] > usual and peak - begin <= 2 * longest:
+    while begin > 0 and away[begin - 1] > typical and peak - begin <= 2 * longest:
         begin -= 1
-    while end < len(away) - 1 and away[end + 1] > usual and end - peak <= 2 * longest:
+    while end < len(away) - 1 and away[end + 1] > typical and end - peak <= 2 * longest:
         end += 1
     return begin, end
 
@@ -226,38 +228,42 @@ def _is_spike(x: Array, away: Array, at: tuple[int, int, int], longest: int) -> 
     wide = int(np.sum(away[begin : end + 1] > height / 2))
     up = float(np.max(np.diff(x[begin - 1 : peak + 1])))
     down = float(-np.min(np.diff(x[peak : end + 2])))
-    around = away[max(0, begin - WIDER * longest) : end + WIDER * longest + 1]
+    around = away[max(0, begin - SWING_WINDOW * longest) : end + SWING_WINDOW * longest + 1]
     return (
         wide <= longest
         and end - begin < 2 * longest
-        and down < AS_FAST * up
-        and up < AS_FAST * down
-        and -float(np.min(around)) < SWING * height
-        and abs(x[end + 1] - x[begin - 1]) < BACK * height
+        and down < MAX_SLOPE_RATIO * up
+        and up < MAX_SLOPE_RATIO * down
+        and -float(np.min(around)) < MAX_SWING * height
+        and abs(x[end + 1] - x[begin - 1]) < MAX_RETURN_ERROR * height
     )
 
 
-CLEAR = 0.1  # of a period: so near half of it a jump may be one way or the other
-SHARED = 0.02  # of what a speed's own past leaves, at most, and its noise is that of the angle
-FEWEST_TURNS = 50  # samples
-AROUND = 3  # samples on either side that a filter may use
-SLOWEST = 0.95  # of the last value that a filter keeps; with all of it, sums are no differences
+WRAP_MARGIN = 0.1  # of a period: so near half of it a jump may be one way or the other
+MAX_NOISE_RATIO = (
+    0.02  # of what a speed's own past leaves, at most, and its noise is that of the angle
+)
+MIN_DIFFERENCED_SAMPLES = 50  # samples
+FILTER_REACH = 3  # samples on either side that a filter may use
+MAX_FILTER_POLE = (
+    0.95  # of the last value that a filter keeps; with all of it, sums are no differences
+)
 
 
 def ambiguous(x: Array, period: float) -> NDArray[np.intp]:
-    """Samples before which the jump is of nearly half a period, so that its way cannot be told."""
+    """Return the samples before which the jump is of half a period, so that its way is unknown."""
     jumps = np.abs(np.diff(x)) / period
-    return np.flatnonzero(np.abs(jumps - np.round(jumps)) > 0.5 - CLEAR) + 1
+    return np.flatnonzero(np.abs(jumps - np.round(jumps)) > 0.5 - WRAP_MARGIN) + 1
 
 
-def unwrapped(x: Array, period: float) -> tuple[Array, int]:
-    """`x (T,)` with every jump of more than half a period taken back, and how many there were."""
+def unwrap(x: Array, period: float) -> tuple[Array, int]:
+    """Unwrap `x (T,)`: each jump of more than half a period is taken back; and count the jumps."""
     turns = np.round(np.diff(x) / period)
     return x - period * np.concatenate([[0.0], np.cumsum(turns)]), int(np.sum(turns != 0))
 
 
 def held_speeds(x: Array, t: Array) -> Array:
-    """`(T,)`: an angle `x (T,)` that is straight between its samples turns at these speeds after each.
+    """Return the speeds `(T,)` after each sample of an angle `x (T,)` that is straight between them.
 
     Of the last one nothing is known: it is that of the one before.
     """
@@ -265,25 +271,25 @@ def held_speeds(x: Array, t: Array) -> Array:
     return np.append(speeds, speeds[-1:] if len(speeds) else 0.0)
 
 
-def turned(w: Array, t: Array, begin: float) -> Array:
-    """The angle `(T,)` again, of speeds `w (T,)` that are held after each sample."""
+def integrate_speeds(w: Array, t: Array, begin: float) -> Array:
+    """Return the angle `(T,)` again, of speeds `w (T,)` that are held after each sample."""
     return np.concatenate([[begin], begin + np.cumsum(w[:-1] * np.diff(t))])
 
 
 def quotients(x: Array, t: Array) -> dict[str, Array]:
-    """Difference quotients of `x (T,)`, `(T - 2,)`, at all samples but the first and the last."""
+    """Return difference quotients of `x (T,)`, `(T - 2,)`, at all samples but the first and the last."""
     slopes = np.diff(x) / np.diff(t)
     central = (x[2:] - x[:-2]) / (t[2:] - t[:-2])
     return {"backward": slopes[:-1], "forward": slopes[1:], "central": central}
 
 
 def nearest_quotient(x: Array, w: Array, t: Array) -> tuple[str, float]:
-    """Which difference quotient of `x` `w (T,)` is like, and its rms distance over the rms of `w`."""
+    """Return the difference quotient of `x` that `w (T,)` is like, and its relative rms distance."""
     middle = w[1:-1]
     size = float(np.sqrt(np.mean(middle**2))) or 1.0
     off = {
-        kind: float(np.sqrt(np.mean((middle - one) ** 2))) / size
-        for kind, one in quotients(x, t).items()
+        kind: float(np.sqrt(np.mean((middle - quotient) ** 2))) / size
+        for kind, quotient in quotients(x, t).items()
     }
     kind = min(off, key=lambda name: off[name])
     return kind, off[kind]
@@ -294,21 +300,23 @@ def differenced(x: Array, w: Array, dt: float) -> bool:
 
     What the past of `w` does not foretell is its own noise, unless the newest steps of `x` foretell it.
     """
-    if len(x) < FEWEST_TURNS or not np.any(np.diff(w)):
+    if len(x) < MIN_DIFFERENCED_SAMPLES or not np.any(np.diff(w)):
         return False
     step, n = np.diff(x, prepend=x[0]) / dt, len(w)
 
     def lagged(y: Array, lags: range) -> list[Array]:
-        return [y[AROUND - k : n - AROUND - k] for k in lags]
+        return [y[FILTER_REACH - k : n - FILTER_REACH - k] for k in lags]
 
     (now,) = lagged(w, range(1))
-    alone, _ = _left(now, lagged(w, range(1, AROUND + 1)))
-    both, factors = _left(now, [*lagged(w, range(1, 2)), *lagged(step, range(-AROUND, AROUND + 1))])
+    alone, _ = _residual_sd(now, lagged(w, range(1, FILTER_REACH + 1)))
+    both, factors = _residual_sd(
+        now, [*lagged(w, range(1, 2)), *lagged(step, range(-FILTER_REACH, FILTER_REACH + 1))]
+    )
     rough = alone > 1e-9 * float(np.ptp(w))  # less is rounding
-    return rough and both < SHARED * alone and float(factors[0]) < SLOWEST
+    return rough and both < MAX_NOISE_RATIO * alone and float(factors[0]) < MAX_FILTER_POLE
 
 
-def _left(y: Array, causes: list[Array]) -> tuple[float, Array]:
+def _residual_sd(y: Array, causes: list[Array]) -> tuple[float, Array]:
     """Standard deviation of what no sum of the causes and a constant explains, and their factors."""
     design = np.stack([*causes, np.ones(len(y))], axis=-1)
     factors = np.linalg.lstsq(design, y, rcond=None)[0]

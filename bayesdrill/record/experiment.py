@@ -16,9 +16,9 @@ from bayesdrill.basics.symbols import INPUTS
 from bayesdrill.basics.units import SECOND, Unit
 
 EARLIEST_DAY, LATEST_DAY = 20_000, 800_000  # of the calendars of Excel and MATLAB, in our time
-COARSE = 0.1  # of all steps: more that are zero are no mistake of single rows
+MAX_REPEATED_TIMES = 0.1  # of all steps: more that are zero are no mistake of single rows
 DRIVES = ("v", "w_2", "t_m")  # inputs without which a rig would stand still
-FARTHEST = 1e40  # of a column; 9.91e37, which SCPI writes for NaN, may be masked as a glitch
+MAX_VALUE = 1e40  # of a column; 9.91e37, which SCPI writes for NaN, may be masked as a glitch
 STEP_TOLERANCE = 1e-3  # how far a time step may be from the usual one, relative
 
 
@@ -54,20 +54,18 @@ class Written:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Odd:
-    """Samples of a column that a sensor may have made: `said` of them, `where` each run stands, and what
-    to `do`.
-    """
+    """Samples that a sensor may have made: `said` of them, `where` each run is, what to `do`."""
 
     said: str
     where: tuple[str, ...]
     do: str = ""
 
     def in_words(self, most: int) -> str:
-        """With the first `most` places."""
+        """Describe them with the first `most` places."""
         if not self.where:
             return f"{self.said}{self.do}"
-        rest = len(self.where) - most
-        more = f" and {rest} more" if rest > 0 else ""
+        more_places = len(self.where) - most
+        more = f" and {more_places} more" if more_places > 0 else ""
         return f"{self.said}: {'; '.join(self.where[:most])}{more}{self.do}"
 
 
@@ -109,7 +107,7 @@ class Experiment:
     @property
     def uniform(self) -> bool:
         """Whether all steps are equal, to `STEP_TOLERANCE` of a step."""
-        return even(self.t)
+        return is_even(self.t)
 
     @property
     def seen(self) -> NDArray[np.bool_]:
@@ -117,7 +115,7 @@ class Experiment:
         return ~np.isnan(self.y)
 
     def weights(self, states: Sequence[str]) -> Array:
-        """Channels as sums of `states`: `(K, X)`."""
+        """Return the weights `(K, X)` of `states` in each channel."""
         rows = [[c.weights.get(name, 0.0) for name in states] for c in self.channels]
         return np.array(rows, dtype=np.float64)
 
@@ -127,28 +125,29 @@ class Experiment:
         return tuple(int(n) for n in self.seen.sum(axis=0))
 
     def unit_of_input(self, name: str) -> Unit:
-        """In which people are shown it."""
+        """Return the unit in which people are shown an input."""
         known, symbol = self.written.inputs.get(name), INPUTS[name]
         return known or Unit(symbol.unit, 1.0, symbol.latex_unit)
 
     @property
     def names(self) -> tuple[str, ...]:
+        """The names of the channels."""
         return tuple(channel.name for channel in self.channels)
 
 
-def even(t: Array) -> bool:
+def is_even(t: Array) -> bool:
     """Whether steps of `t (T,)` are equal, to `STEP_TOLERANCE` of one, and stay with their grid."""
     if len(t) < 3:
         return True
     steps, step = np.diff(t), (t[-1] - t[0]) / (len(t) - 1)
-    usual = float(np.median(steps))
+    median = float(np.median(steps))
     drift = np.abs(t - (t[0] + np.arange(len(t)) * step))
-    uneven = np.abs(steps - usual) > STEP_TOLERANCE * usual
-    return not (bool(uneven.any()) and float(drift.max()) > STEP_TOLERANCE * usual)
+    uneven = np.abs(steps - median) > STEP_TOLERANCE * median
+    return not (bool(uneven.any()) and float(drift.max()) > STEP_TOLERANCE * median)
 
 
-def of_states(states: Sequence[str]) -> tuple[Channel, ...]:
-    """A channel for each state, for those who want to see all of them."""
+def channels_of_states(states: Sequence[str]) -> tuple[Channel, ...]:
+    """Return a channel for each state, for those who want to see all of them."""
     return tuple(
         Channel(name=f"state {name}", weights={name: 1.0}, unit="", latex="", latex_unit="")
         for name in states
@@ -156,26 +155,26 @@ def of_states(states: Sequence[str]) -> tuple[Channel, ...]:
 
 
 def frozen(values: Array) -> Array:
-    """A contiguous copy that nobody can write to."""
+    """Return a contiguous copy that nobody can write to."""
     copy = np.array(values, dtype=np.float64, order="C")
     copy.setflags(write=False)
     return copy
 
 
 def times(duration: float, rate: float) -> Array:
-    """From 0 to `duration` [s], both ends, at `rate` [Hz]."""
+    """Return times from 0 to `duration` [s], both ends, at `rate` [Hz]."""
     return np.arange(round(duration * rate) + 1) / rate
 
 
 def regular(experiment: Experiment, duration: float, rate: float) -> Experiment:
-    """The same with constant inputs, for `duration` [s] at `rate` [Hz] from 0; its signals are zero."""
+    """Return the same with `duration` [s] at `rate` [Hz] from 0, constant inputs and zero signals."""
     t = times(duration, rate)
     y = np.zeros((len(t), len(experiment.channels)))
     return dataclasses.replace(experiment, t=frozen(t), y=frozen(y))
 
 
 def check_series(
-    place: str,
+    location: str,
     what: str,
     values: Array,
     where: Callable[[int], str],
@@ -184,41 +183,41 @@ def check_series(
     missing: bool = False,
     instead: str = "",
 ) -> list[Issue]:
-    """Numbers all present, unless some may be `missing`, and of a size whose fourth powers are numbers
-    too; not all the same where a model explains them.
+    """Check that numbers are present, of a computable size, and vary where they have to.
 
-    `instead`: a way out beside mending.
+    Some may be `missing`; of the size fourth powers have to be numbers, too; those that a model
+    explains have to be `varying`; `instead`: a way out beside mending.
     """
     bad = np.flatnonzero(np.isinf(values) if missing else ~np.isfinite(values))
     if len(bad):
         count, rows = count_noun(len(bad), "value"), _rows(bad, where)
         message = f"{what} has {count} without a number, {rows}; mend or cut these rows{instead}"
-        return [Issue(place, message)]
-    found = values[~np.isnan(values)]
-    if varying and len(values) and not len(found):
+        return [Issue(location, message)]
+    numbers = values[~np.isnan(values)]
+    if varying and len(values) and not len(numbers):
         message = f"{what} has no number that is used; check missing samples, masks and windows"
-        return [Issue(place, message)]
-    beyond = np.flatnonzero(np.abs(values) > FARTHEST)
+        return [Issue(location, message)]
+    beyond = np.flatnonzero(np.abs(values) > MAX_VALUE)
     if len(beyond):
         count, rows = count_noun(len(beyond), "number"), _rows(beyond, where)
-        message = f"{what} has {count} beyond {FARTHEST:g}, {rows}; mend or cut these rows"
-        return [Issue(place, message)]
-    width = float(np.ptp(found)) if len(found) else 0.0
+        message = f"{what} has {count} beyond {MAX_VALUE:g}, {rows}; mend or cut these rows"
+        return [Issue(location, message)]
+    width = float(np.ptp(numbers)) if len(numbers) else 0.0
     if 0 < width < SMALLEST:
         message = f"{what} varies by {width:.3g}, which nothing measures; check the column"
-        return [Issue(place, message)]
-    if varying and len(found) > 1 and width == 0:
+        return [Issue(location, message)]
+    if varying and len(numbers) > 1 and width == 0:
         message = (
-            f"{what} is {found[0]:g} in every row: a constant channel carries no information; check the "
-            "column, or leave the channel out"
+            f"{what} is {numbers[0]:g} in every row: a constant channel carries no information; check "
+            "the column, or leave the channel out"
         )
-        return [Issue(place, message)]
+        return [Issue(location, message)]
     return []
 
 
-def check_time(place: str, t: Array, where: Callable[[int], str]) -> list[Issue]:
-    """Increasing; steps need not be equal."""
-    problems = check_series(place, "time", t, where, varying=False)
+def check_time(location: str, t: Array, where: Callable[[int], str]) -> list[Issue]:
+    """Check that times increase; steps need not be equal."""
+    problems = check_series(location, "time", t, where, varying=False)
     if problems or len(t) < 2:
         return problems
     steps = np.diff(t)
@@ -229,21 +228,21 @@ def check_time(place: str, t: Array, where: Callable[[int], str]) -> list[Issue]
             f"time does not increase, {_rows(back + 1, where)}: {t[first - 1]:.10g} s is followed by "
             f"{t[first]:.10g} s; {_why_back(t, steps)}"
         )
-        return [Issue(place, message)]
+        return [Issue(location, message)]
     if steps.min() < SMALLEST:
         message = f"time has steps of {steps.min():.3g} s; check the column and its unit"
-        return [Issue(place, message)]
-    if not even(t) and calendar(t):
-        return [Issue(place, f"time steps are not equal{calendar(t)}")]
+        return [Issue(location, message)]
+    if not is_even(t) and calendar_hint(t):
+        return [Issue(location, f"time steps are not equal{calendar_hint(t)}")]
     return []
 
 
 def _why_back(t: Array, steps: Array) -> str:
     back = steps <= 0
-    if np.mean(steps == 0) > COARSE:
+    if np.mean(steps == 0) > MAX_REPEATED_TIMES:
         return (
             "so many times are repeated that they have too few digits: say time: {rate: ...} instead of "
-            f"the column, or export more digits{calendar(t)}"
+            f"the column, or export more digits{calendar_hint(t)}"
         )
     if np.all(steps < 0):
         return "each row is earlier than the one before: turn the rows around, or check the column"
@@ -252,8 +251,8 @@ def _why_back(t: Array, steps: Array) -> str:
     return "sort the rows, remove repeated ones, or check the column and unit"
 
 
-def calendar(t: Array) -> str:
-    """A suspicion of times that should be in seconds; empty where there is none."""
+def calendar_hint(t: Array) -> str:
+    """Return a suspicion of times that are days of a calendar; empty where there is none."""
     if EARLIEST_DAY < t[0] < LATEST_DAY and t[-1] - t[0] < 1:
         return (
             f"; numbers like {t[0]:.6g} may be days of a calendar (Excel, MATLAB's datenum): save "
@@ -262,22 +261,26 @@ def calendar(t: Array) -> str:
     return ""
 
 
-def check_length(place: str, counts: Sequence[int], n_unknown: int) -> list[Issue]:
-    """More numbers than unknowns, and at least two samples to have a step; `counts`: of each channel."""
+def check_length(location: str, counts: Sequence[int], n_unknown: int) -> list[Issue]:
+    """Check that there are more numbers than unknowns, and two samples to have a step.
+
+    `counts`: samples of each channel.
+    """
     if max(counts) >= 2 and sum(counts) > n_unknown:
         return []
     there = f"{count_noun(max(counts), 'sample')} of {count_noun(len(counts), 'channel')}"
     message = f"{there} cannot determine {count_noun(n_unknown, 'unknown')}"
-    return [Issue(place, f"{message}; use a longer record or fix parameters")]
+    return [Issue(location, f"{message}; use a longer record or fix parameters")]
 
 
 def raise_if_any(problems: list[Issue]) -> None:
+    """Raise an `InputError` with all problems, if there is one."""
     if problems:
         raise InputError(problems)
 
 
 def count_noun(n: int, what: str) -> str:
-    """`1 sample`, `2 samples`."""
+    """Count things in words: `1 sample`, `2 samples`."""
     return f"{n} {what}" if n == 1 else f"{n} {what}s"
 
 
@@ -287,10 +290,10 @@ def _rows(indices: NDArray[np.intp], where: Callable[[int], str]) -> str:
     return f"at {named}{more}"
 
 
-def usual_inputs(experiment: Experiment) -> dict[str, float]:
-    """SI: of what drives a rig the root mean square, for a scale; of the others the mean."""
-    found = dict(experiment.constant)
+def typical_inputs(experiment: Experiment) -> dict[str, float]:
+    """Return typical inputs, SI: the root mean square of what drives a rig, else the mean."""
+    sizes = dict(experiment.constant)
     for name, series in experiment.series.items():
         size = np.sqrt(np.mean(series**2)) if name in DRIVES else np.mean(series)
-        found[name] = float(size)
-    return found | {name: abs(found[name]) or 1.0 for name in DRIVES if name in found}
+        sizes[name] = float(size)
+    return sizes | {name: abs(sizes[name]) or 1.0 for name in DRIVES if name in sizes}

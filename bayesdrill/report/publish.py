@@ -139,7 +139,7 @@ def everything(view: View, folder: Folder, crew: Crew, report: Reporter) -> tupl
     with sparing.making("posterior.nc"):
         image = io.BytesIO()
         view.tree.to_netcdf(image, engine="h5netcdf")
-        output_files.write(folder.place("posterior.nc"), image.getvalue())
+        output_files.write(folder.path_of("posterior.nc"), image.getvalue())
     pictures = []
     for k, (stem, says, task) in enumerate(tasks):
         report.update(0.6 + 0.4 * k / len(tasks), f"figure {stem}")
@@ -168,7 +168,7 @@ def draw(
     folder: Path,
     note: Mapping[str, str],
     warning: str = "",
-    formats: tuple[str, ...] = output_files.USUAL,
+    formats: tuple[str, ...] = output_files.DEFAULT_FORMATS,
     dpi: int = DPI,
 ) -> None:
     from bayesdrill.report.style import save, warned

@@ -249,7 +249,7 @@ def save(
     stem: str,
     metadata: Mapping[str, str],
     *,
-    formats: Sequence[str] = output_files.USUAL,
+    formats: Sequence[str] = output_files.DEFAULT_FORMATS,
     dpi: int = DPI,
 ) -> list[Path]:
     """`<stem>.pdf`, ... with `metadata` inside and no date: same figure, same bytes.

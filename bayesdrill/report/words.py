@@ -57,7 +57,7 @@ def _columns(observation: Observation, config: Config) -> str:
         values = quantities.inputs_as_given(config, experiment, name) / factor
         how = "angle" if entry != name else f"hold: {held}"
         lines.append(_line(entry, f"input, {how}", given, values))
-    sampling = clocks.in_words(experiment.t)
+    sampling = clocks.describe_times(experiment.t)
     return f"{observation.entitled('columns')} ({sampling}):\n{aligned(lines, left={0, 1, 2, 3})}"
 
 
@@ -67,7 +67,7 @@ def record_made(problem: Problem) -> tuple[str, ...]:
     sentences: list[str] = []
     for observation in problem.observations:
         experiment, total = observation.experiment, len(observation.experiment.t)
-        times = [] if experiment.uniform else [f"times: {clocks.in_words(experiment.t)}"]
+        times = [] if experiment.uniform else [f"times: {clocks.describe_times(experiment.t)}"]
         seen = zip(experiment.counts, experiment.names, strict=True)
         every = ", ".join(f"{count} of {name}" for count, name in seen)
         partly = set(experiment.counts) != {total}

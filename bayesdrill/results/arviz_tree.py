@@ -40,17 +40,20 @@ def make_tree(
     chain, evenly spaced; their `draw` coordinate says which.
     """
     draws = sampled.draws
-    chosen = np.unique(np.linspace(0, draws.shape[1] - 1, predictive_draws).astype(int))
+    used_draws = np.unique(np.linspace(0, draws.shape[1] - 1, predictive_draws).astype(int))
     columns = _columns(problem)
-    predictive, pointwise = _predict(problem, columns, draws[:, chosen], rng)
+    predictive, pointwise = _predict(problem, columns, draws[:, used_draws], rng)
     prior = problem.posterior.space.draw(PRIOR_DRAWS, prior_rng)[None]
     inputs: dict[str, Any] = {}
     dims = {c.name: [c.clock] for c in columns}
-    for one in problem.observations:
-        for name, value in (*one.experiment.constant.items(), *one.experiment.series.items()):
-            inputs[of_label(name, one.label)] = np.asarray(value)
-            if name in one.experiment.series:
-                dims[of_label(name, one.label)] = [_clock(one)]
+    for observation in problem.observations:
+        for name, value in (
+            *observation.experiment.constant.items(),
+            *observation.experiment.series.items(),
+        ):
+            inputs[of_label(name, observation.label)] = np.asarray(value)
+            if name in observation.experiment.series:
+                dims[of_label(name, observation.label)] = [_clock(observation)]
     names = problem.names
     tree: DataTree = from_dict(
         {
@@ -65,20 +68,23 @@ def make_tree(
     tree["sample_stats"].attrs["lp"] = "log density over the sampler's coordinates, unnormalised"
     tree["sample_stats"]["lp"].attrs.update(units="1", long_name="log posterior density")
     tree["sample_stats"].attrs["acceptance_rate"] = sampled.acceptance
-    rest: DataTree = from_dict(
+    groups: DataTree = from_dict(
         {
             "posterior_predictive": predictive,
             "log_likelihood": pointwise,
-            "observed_data": {c.name: c.one.experiment.y[:, c.place] for c in columns},
+            "observed_data": {c.name: c.observation.experiment.y[:, c.index] for c in columns},
             "constant_data": inputs,
         },
         dims=dims,
         coords={
-            **{_clock(one): one.experiment.t for one in problem.observations},
-            "draw": chosen,
+            **{
+                _clock(observation): observation.experiment.t
+                for observation in problem.observations
+            },
+            "draw": used_draws,
         },
     )
-    for name, group in rest.children.items():
+    for name, group in groups.children.items():
         tree[name] = group.copy()
     _describe(tree, problem, columns, derived.symbols)
     tree.attrs.update(attributes)
@@ -91,18 +97,18 @@ def _predict(
 ) -> tuple[dict[str, NDArray[np.float32]], dict[str, NDArray[np.float32]]]:
     """Predictive samples and pointwise log likelihood `(E, N, T)` per channel, in 32 bits."""
     space = problem.posterior.space
-    shapes = {c.name: (*draws.shape[:2], len(c.one.experiment.t)) for c in columns}
+    shapes = {c.name: (*draws.shape[:2], len(c.observation.experiment.t)) for c in columns}
     predictive = {name: np.empty(shape, np.float32) for name, shape in shapes.items()}
     pointwise = {name: np.empty(shape, np.float32) for name, shape in shapes.items()}
     for chain, theta in enumerate(draws):
         full = space.full(theta)
-        for one in problem.observations:
-            signals = one.signals(full)
-            fresh = one.again(signals, theta, rng)
-            log_p = one.pointwise(one.experiment.y - signals, theta)
-            for c in (c for c in columns if c.one is one):
-                predictive[c.name][chain] = fresh[..., c.place]
-                pointwise[c.name][chain] = log_p[..., c.place]
+        for observation in problem.observations:
+            signals = observation.signals(full)
+            fresh = observation.again(signals, theta, rng)
+            log_p = observation.pointwise(observation.experiment.y - signals, theta)
+            for c in (c for c in columns if c.observation is observation):
+                predictive[c.name][chain] = fresh[..., c.index]
+                pointwise[c.name][chain] = log_p[..., c.index]
     return predictive, pointwise
 
 
@@ -112,23 +118,23 @@ class _Column:
 
     name: str
     clock: str
-    one: Observation
-    place: int
+    observation: Observation
+    index: int
 
     @property
     def channel(self) -> Channel:
-        return self.one.experiment.channels[self.place]
+        return self.observation.experiment.channels[self.index]
 
 
-def _clock(one: Observation) -> str:
-    return of_label("time", one.label)
+def _clock(observation: Observation) -> str:
+    return of_label("time", observation.label)
 
 
 def _columns(problem: Problem) -> list[_Column]:
     return [
-        _Column(of_label(name, one.label), _clock(one), one, place)
-        for one in problem.observations
-        for place, name in enumerate(one.experiment.names)
+        _Column(of_label(name, observation.label), _clock(observation), observation, index)
+        for observation in problem.observations
+        for index, name in enumerate(observation.experiment.names)
     ]
 
 
@@ -137,19 +143,19 @@ def _describe(
 ) -> None:
     """Units and meanings."""
     inputs = [
-        dataclasses.replace(INPUTS[name], name=of_label(name, one.label))
-        for one in problem.observations
-        for name in (*one.experiment.constant, *one.experiment.series)
+        dataclasses.replace(INPUTS[name], name=of_label(name, observation.label))
+        for observation in problem.observations
+        for name in (*observation.experiment.constant, *observation.experiment.series)
     ]
     symbols = {"posterior": problem.symbols, "prior": problem.symbols}
-    for group, every in {**symbols, "derived": derived, "constant_data": inputs}.items():
-        for symbol in every:
+    for group, variables in {**symbols, "derived": derived, "constant_data": inputs}.items():
+        for symbol in variables:
             tree[group][symbol.name].attrs.update(units=symbol.unit, long_name=symbol.meaning)
     for c in columns:
         for group in ("posterior_predictive", "observed_data"):
             tree[group][c.name].attrs["units"] = c.channel.unit
-        said = f"log density of each sample of {c.name} in {c.channel.unit}"
-        tree["log_likelihood"][c.name].attrs.update(units="1", long_name=said)
+        text = f"log density of each sample of {c.name} in {c.channel.unit}"
+        tree["log_likelihood"][c.name].attrs.update(units="1", long_name=text)
     for group in ("posterior_predictive", "log_likelihood", "observed_data", "constant_data"):
         for clock in map(_clock, problem.observations):
             if clock in tree[group].coords:

@@ -1,5 +1,6 @@
-"""Where a result comes from: versions, what a resumed run must share, the config with defaults; written
-as a job begins, with what is said where it stops.
+"""Where a result comes from: versions, what a resumed run must share, the config with defaults.
+
+It is written as a job begins, with what is said where it stops.
 """
 
 from __future__ import annotations
@@ -57,19 +58,24 @@ def fingerprint(config: Config, problem: Problem) -> dict[str, str]:
     }
 
 
-def settings(config: Config, problem: Problem, own: OwnUnits) -> dict[str, str]:
-    """What a reader compares of two runs: as the fingerprint, with all that is said of a parameter under
-    its own name and in these units, and without what only finds the posterior.
+def settings(config: Config, problem: Problem, display_units: OwnUnits) -> dict[str, str]:
+    """Return what a reader compares of two runs, by what it is called.
+
+    It is the fingerprint, with all that is said of a parameter under its name and in these units, and
+    without what only finds the posterior.
     """
     posterior = problem.posterior
     space = posterior.space
     return {
         **_of_experiments(problem),
         "the model": _model(problem.model),
-        **{name: own.believed(name, prior) for name, prior in space.priors.items()},
-        **{name: f"held at {own.said(name, value, 6)}" for name, value in space.fixed.items()},
+        **{name: display_units.believed(name, prior) for name, prior in space.priors.items()},
+        **{
+            name: f"held at {display_units.said(name, value, 6)}"
+            for name, value in space.fixed.items()
+        },
         **{name: r.text for name, r in space.relations.items()},
-        **_noise_held(config, problem, own),
+        **_noise_held(config, problem, display_units),
         "the seed": str(config.seed),
     }
 
@@ -87,37 +93,42 @@ def marks(config: Config, problem: Problem, burn_in: str) -> dict[str, str]:
 
 def records(problem: Problem) -> dict[str, str]:
     """How long each is, and a digest of it, by the names of experiments."""
-    return {one.label: _of_experiment(one.experiment)["the record"] for one in problem.every}
+    return {
+        experiment.label: _of_experiment(experiment.experiment)["the record"]
+        for experiment in problem.every
+    }
 
 
 def _model(rig: Model) -> str:
     """As Python has it, without what is as it is by default."""
-    held = ", ".join(f"{name}={value!r}" for name, value in constants(rig).items())
-    return f"{type(rig).__name__}({held})"
+    constants_text = ", ".join(f"{name}={value!r}" for name, value in constants(rig).items())
+    return f"{type(rig).__name__}({constants_text})"
 
 
 def _of_experiments(problem: Problem) -> dict[str, str]:
     """Of several, each name with that of its experiment."""
-    found: dict[str, str] = {}
-    for one in problem.every:
-        names, sensing, said = one.experiment.names, one.response.sensing, {}
+    entries: dict[str, str] = {}
+    for observation in problem.every:
+        names, sensing, facts = observation.experiment.names, observation.response.sensing, {}
         if not sensing.empty:  # is told beside the rig's parameters
-            said = {"the sensors": sensing.summary, "the start": sensing.start_summary}
-        if one.kind:
-            said["the kind of noise"] = _short(one.kind)
-        noise = {f"the noise of {names[k]}": repr(sigma) for k, sigma in one.held().items()}
-        said = _of_experiment(one.experiment) | {n: x for n, x in said.items() if x} | noise
-        found |= {one.entitled(name): value for name, value in said.items()}
-    for one in problem.posterior.likelihood.apart:
-        found[one.entitled("what counts")] = "nothing: it is held out"
-    return found
+            facts = {"the sensors": sensing.summary, "the start": sensing.start_summary}
+        if observation.kind:
+            facts["the kind of noise"] = _short(observation.kind)
+        noise = {f"the noise of {names[k]}": repr(sigma) for k, sigma in observation.held().items()}
+        facts = (
+            _of_experiment(observation.experiment) | {n: x for n, x in facts.items() if x} | noise
+        )
+        entries |= {observation.entitled(name): value for name, value in facts.items()}
+    for observation in problem.posterior.likelihood.apart:
+        entries[observation.entitled("what counts")] = "nothing: it is held out"
+    return entries
 
 
 def _of_experiment(experiment: Experiment) -> dict[str, str]:
     digest = hashlib.sha256()
     for values in (experiment.t, experiment.y):
         digest.update(values.tobytes())
-    held = "first" if experiment.first_order else "zero"
+    hold = "first" if experiment.first_order else "zero"
     return {
         "the record": f"{len(experiment.t)} samples ({digest.hexdigest()[:12]})",
         **{
@@ -126,37 +137,39 @@ def _of_experiment(experiment: Experiment) -> dict[str, str]:
         },
         **{f"the input {name}": repr(value) for name, value in experiment.constant.items()},
         **{
-            f"the input {name}": f"measured, hold: {held} ({_short(repr(series.tolist()))})"
+            f"the input {name}": f"measured, hold: {hold} ({_short(repr(series.tolist()))})"
             for name, series in experiment.series.items()
         },
         "the initial state": f"{dict(experiment.start)} at {experiment.t_start!r} s",
     }
 
 
-def _noise_held(config: Config, problem: Problem, own: OwnUnits) -> dict[str, str]:
+def _noise_held(config: Config, problem: Problem, display_units: OwnUnits) -> dict[str, str]:
     """Of channels whose noise is known."""
-    found = {}
-    for one in problem.observations:
-        names = one.experiment.names
-        for k, sigma in one.held().items():
+    entries = {}
+    for observation in problem.observations:
+        names = observation.experiment.names
+        for k, sigma in observation.held().items():
             if isinstance(sigma, float):
-                shown = experiments.common_or_own(config, noise_name(names[k]), one.label)
-                found[one.entitled(f"the noise of {names[k]}")] = own.said(shown, sigma, 6)
-    return found
+                shown = experiments.common_or_own(config, noise_name(names[k]), observation.label)
+                entries[observation.entitled(f"the noise of {names[k]}")] = display_units.said(
+                    shown, sigma, 6
+                )
+    return entries
 
 
 def resolved(case: ResolvedCase, folder: Path) -> str:
     """The config with every default, its record relative to `folder`, versions as comments."""
     config = case.config
     data: dict[str, Any] = config.model_dump(exclude_none=True)
-    for one in case.experiments:
+    for experiment in case.experiments:
         sections = data
-        if one.label:
-            own = one.config.model_dump(exclude_none=True)
-            sections = {key: own[key] for key in experiments.SECTIONS}
-            held = {"held_out": True} if config.experiments[one.label].held_out else {}
-            data["experiments"][one.label] = sections | held
-        _remove_defaults(sections, one.config, case.model)
+        if experiment.label:
+            entries = experiment.config.model_dump(exclude_none=True)
+            sections = {key: entries[key] for key in experiments.SECTIONS}
+            held_out = {"held_out": True} if config.experiments[experiment.label].held_out else {}
+            data["experiments"][experiment.label] = sections | held_out
+        _remove_defaults(sections, experiment.config, case.model)
         sources.rebase(sections, case.source.path.parent, folder)
     # Of several, those of the first are no defaults of the others.
     for key in experiments.SECTIONS if config.experiments else (experiments.EXPERIMENTS, *WHOSE):
@@ -167,8 +180,10 @@ def resolved(case: ResolvedCase, folder: Path) -> str:
 
 
 def _remove_defaults(sections: dict[str, Any], config: Config, rig: Model) -> None:
-    """Those that would mean something else as entries: inputs that the rig has not are refused, and so
-    are states of a steady start; of a free one they would be held.
+    """Remove those that would mean something else as entries.
+
+    Inputs that the rig has not are refused, and so are states of a steady start; of a free one they
+    would be held.
     """
     removed = {"inputs": {*INPUTS} - {*rig.inputs} - config.inputs.model_fields_set}
     if config.initial.state != "given":
@@ -185,8 +200,8 @@ def _short(text: str) -> str:
 
 def check_record(job: Job, output: Path, record: str | None = None) -> None:
     """Raises `InputError` where the record itself lies in `output`; `record`: as of `begin`."""
-    every = (path for one in job.case.experiments for path in sources.paths(one))
-    places = [path.parent.resolve() for path in every]
+    paths = (path for experiment in job.case.experiments for path in sources.paths(experiment))
+    places = [path.parent.resolve() for path in paths]
     if record is None and output.resolve() in places:
         raise InputError.one(str(output), "holds the record of this run; give another folder")
 

@@ -48,7 +48,7 @@ COMPUTED_AGAIN = f"is damaged; {AGAIN}"
 
 def write_piece(path: Path, piece: Piece, run: str) -> None:
     """Zip keeps a checksum of each array; `run`: the mark of the run that it is a piece of."""
-    kind, keys, *rest = piece.state.random
+    kind, keys, *remaining = piece.state.random
     np.savez(
         path,
         z=piece.z,
@@ -61,7 +61,7 @@ def write_piece(path: Path, piece: Piece, run: str) -> None:
         end_log_p=piece.state.log_p,
         random_kind=kind,
         random_keys=keys,
-        random_rest=np.array(rest, dtype=np.float64),
+        random_rest=np.array(remaining, dtype=np.float64),
     )
 
 
@@ -159,7 +159,7 @@ def _write_ensemble(group: Any, parts: list[Piece], attributes: Mapping[str, Any
     log_p = np.concatenate([part.log_p for part in parts])
     group.create_dataset("log_prob", data=log_p, maxshape=(None, n_walkers), fletcher32=True)
     group.create_dataset("accepted", data=np.sum([part.accepted for part in parts], axis=0))
-    own = {"failures": sum(part.failures for part in parts), **attributes}
+    summary = {"failures": sum(part.failures for part in parts), **attributes}
     layout = {
         "version": version("emcee"),
         "nwalkers": n_walkers,
@@ -167,7 +167,7 @@ def _write_ensemble(group: Any, parts: list[Piece], attributes: Mapping[str, Any
         "has_blobs": False,
         "iteration": n_steps,
     }
-    group.attrs.update({**layout, **own})
+    group.attrs.update({**layout, **summary})
     for index, value in enumerate(parts[-1].state.random):
         group.attrs[f"random_state_{index}"] = value
 
@@ -199,23 +199,23 @@ def read_chain(path: Path, ensemble: int) -> tuple[Piece, str | None]:
     try:
         with h5py.File(path, "r") as file:
             group = file[f"ensemble_{ensemble}"]
-            found = _contents(group)
-            if group.attrs[SEAL] != _checksum(found):
+            contents = _contents(group)
+            if group.attrs[SEAL] != _checksum(contents):
                 raise ValueError("the checksum does not fit")
-        kind, keys, position, has_gauss, cached = (found[f"random_state_{k}"] for k in range(5))
+        kind, keys, position, has_gauss, cached = (contents[f"random_state_{k}"] for k in range(5))
         random = (str(kind), keys, int(position), int(has_gauss), cached)
-        z, log_p = found["chain"], found["log_prob"]
+        z, log_p = contents["chain"], contents["log_prob"]
         piece = _consistent(
             Piece(
                 z=z,
                 log_p=log_p,
-                accepted=found["accepted"],
-                failures=int(found["failures"]),
+                accepted=contents["accepted"],
+                failures=int(contents["failures"]),
                 state=State(z[-1], log_p[-1], random),
                 seconds=1.0,
             )
         )
-        return piece, found.get("run")
+        return piece, contents.get("run")
     except DAMAGED:
         raise InputError.one(str(path), COMPUTED_AGAIN) from None
 
@@ -325,17 +325,20 @@ class Folder:
             message = f"these are results of `bayesdrill {run.get('job')}`; give another --output"
             raise InputError.one(str(self.path), message)
         if self.mode == "fresh":
-            raise InputError.one(str(self.path), f"results exist already; {self.kind.again}")
+            raise InputError.one(
+                str(self.path), f"results exist already; {self.kind.continue_hint}"
+            )
         if self.mode != "force":
             self._refuse_changes(run.get("fingerprint", {}))
 
     def _refuse_changes(self, old: Mapping[str, Any]) -> None:
         """Only to go on with a chain must versions be the same."""
-        own, versions = self.fingerprint, self.mode == "resume"
+        fingerprint, versions = self.fingerprint, self.mode == "resume"
         changes = [
-            f"cannot resume: {name} was {_value(old, name)} and is {_value(own, name)}"
-            for name in {**old, **own}
-            if old.get(name) != own.get(name) and (versions or not name.startswith(VERSION_OF))
+            f"cannot resume: {name} was {_value(old, name)} and is {_value(fingerprint, name)}"
+            for name in {**old, **fingerprint}
+            if old.get(name) != fingerprint.get(name)
+            and (versions or not name.startswith(VERSION_OF))
         ]
         if changes:
             way_out = "put this back, start over with --force, or give another --output"
@@ -374,13 +377,13 @@ class Folder:
         message = f"is of {whose}, and this folder of run {self.run}; put back its own, or {AGAIN}"
         raise InputError.one(str(path), message)
 
-    def place(self, name: str) -> Path:
+    def path_of(self, name: str) -> Path:
         """Raises `KeyError` for a file that a later --force would not know as ours."""
-        if not self.kind.made(name):
+        if not self.kind.is_output(name):
             raise KeyError(name)
         return self.path / name
 
-    def made(self) -> list[str]:
+    def report_files(self) -> list[str]:
         """Files of this run that nothing changes any more, until it is reported again."""
         return [
             name for name in output_files.present(self.path, self.kind) if name != self.kind.mark
@@ -388,17 +391,18 @@ class Folder:
 
     def take_away(self, names: Collection[str]) -> None:
         """What an earlier report of this run has written, and this one will not."""
-        for name in set(self.made()) & set(names):
-            self.place(name).unlink()
+        for name in set(self.report_files()) & set(names):
+            self.path_of(name).unlink()
 
     def write_text(self, name: str, text: str) -> None:
-        output_files.write_text(self.place(name), text)
+        """Write a text file of this run."""
+        output_files.write_text(self.path_of(name), text)
 
     def take_over(self, name: str, other: Path) -> None:
         """The file of this name that another folder holds."""
-        place = self.place(name)
-        place.parent.mkdir(exist_ok=True)
-        with atomic_write(place) as path:
+        target = self.path_of(name)
+        target.parent.mkdir(exist_ok=True)
+        with atomic_write(target) as path:
             shutil.copyfile(other / name, path)
 
     def write_run(self, **entries: Any) -> None:
@@ -422,7 +426,9 @@ class Folder:
     def save(self, ensemble: int, first_step: int, piece: Piece) -> None:
         """One file a piece: an interrupted run loses at most the pieces under way."""
         (self.path / PIECES).mkdir(exist_ok=True)
-        with atomic_write(self.place(f"{PIECES}/ensemble_{ensemble}_{first_step:09d}.npz")) as path:
+        with atomic_write(
+            self.path_of(f"{PIECES}/ensemble_{ensemble}_{first_step:09d}.npz")
+        ) as path:
             write_piece(path, piece, self.run)
 
     def read_ahead(self, ensembles: int, shape: tuple[int, int]) -> None:
@@ -433,9 +439,9 @@ class Folder:
         self._chains = {ensemble: self._read(ensemble) for ensemble in range(ensembles)}
         others = {p.z.shape[1:] for chain in self._chains.values() for p in chain} - {shape}
         for walkers, unknowns in others:
-            found = f"a chain of {walkers} walkers in {unknowns} unknowns"
-            own = f"this run has {shape[0]} in {shape[1]}"
-            message = f"holds {found}, and {own}; put back its own, or start over with --force"
+            chain = f"a chain of {walkers} walkers in {unknowns} unknowns"
+            expected = f"this run has {shape[0]} in {shape[1]}"
+            message = f"holds {chain}, and {expected}; put back its own, or start over with --force"
             raise InputError.one(str(self.path), message)
 
     def pieces(self, ensemble: int) -> list[Piece]:
@@ -443,12 +449,12 @@ class Folder:
         return self._chains.pop(ensemble, None) or self._read(ensemble)
 
     def _read(self, ensemble: int) -> list[Piece]:
-        found = []
+        read_pieces = []
         if (self.path / CHAIN).exists():
             piece, run = read_chain(self.path / CHAIN, ensemble)
             self.refuse_foreign(CHAIN, run)
-            found.append(piece)
-        have = sum(len(piece.z) for piece in found)
+            read_pieces.append(piece)
+        have = sum(len(piece.z) for piece in read_pieces)
         for name in self._unfinished():
             if not name.startswith(f"{PIECES}/ensemble_{ensemble}_"):
                 continue
@@ -456,25 +462,25 @@ class Folder:
             if first == f"{have:09d}":  # others are not ours
                 piece, run = read_piece(self.path / name)
                 self.refuse_foreign(name, run)
-                found.append(piece)
+                read_pieces.append(piece)
                 have += len(piece.z)
-        return found
+        return read_pieces
 
     def finish_chain(self, pieces: list[list[Piece]], attributes: Mapping[str, Any]) -> None:
         """`chain.h5` in emcee's layout; then the pieces go."""
         if not self._unfinished():
             return  # nothing is new
-        output_files.write(self.place(CHAIN), chain_image(pieces, {"run": self.run, **attributes}))
+        output_files.write(
+            self.path_of(CHAIN), chain_image(pieces, {"run": self.run, **attributes})
+        )
         output_files.remove_outputs(self.path, output_files.UNFINISHED)
 
-    def keep_opened_ends(self, found: Opened | None, pieces: list[list[Piece]]) -> None:
-        """What was found beyond ends of priors, of the chain of these `pieces`; None: no end was in
-        the way.
-        """
+    def keep_opened_ends(self, opened: Opened | None, pieces: list[list[Piece]]) -> None:
+        """Keep what was found beyond ends of priors, of the chain of these `pieces`; None: nothing."""
         self.take_away({OPENED})
-        if found is not None:
-            with atomic_write(self.place(OPENED)) as path:
-                write_opened(path, found, pieces)
+        if opened is not None:
+            with atomic_write(self.path_of(OPENED)) as path:
+                write_opened(path, opened, pieces)
 
     def opened_ends(self, pieces: list[list[Piece]]) -> Opened | None:
         """None where nothing was kept; raises `InputError` where it is damaged or of another chain."""
@@ -484,8 +490,10 @@ class Folder:
 
 def mark(fingerprint: Mapping[str, Any]) -> str:
     """Which run it is, in twelve letters: by record, config and seed, whatever versions made it."""
-    own = {name: value for name, value in fingerprint.items() if not name.startswith(VERSION_OF)}
-    lines = [f"{name}: {value}" for name, value in sorted(own.items())]
+    settings = {
+        name: value for name, value in fingerprint.items() if not name.startswith(VERSION_OF)
+    }
+    lines = [f"{name}: {value}" for name, value in sorted(settings.items())]
     return hashlib.sha256("\n".join(lines).encode()).hexdigest()[:12]
 
 

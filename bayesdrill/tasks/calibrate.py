@@ -149,7 +149,7 @@ def save(folder: Path, refit: Refit) -> None:
 def saved(folder: Path, study: Study) -> list[Refit]:
     """Raises `InputError` where a file is damaged, or of another study."""
     paths = sorted(folder.glob("*.json"))
-    those = [path for path in paths if output_files.CALIBRATE.made(f"{REFITS}/{path.name}")]
+    those = [path for path in paths if output_files.CALIBRATE.is_output(f"{REFITS}/{path.name}")]
     return [_read(path, study) for path in those]
 
 

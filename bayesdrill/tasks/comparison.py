@@ -183,7 +183,7 @@ def entries(
             {"name": layer.name, "run": layer.mark, "folder": place}
             for layer, place in zip(report.layers, places, strict=True)
         ],
-        "files": {name: output_files.digest(folder.path / name) for name in folder.made()},
+        "files": {name: output_files.digest(folder.path / name) for name in folder.report_files()},
         "reasons": list(report.reasons),
     }
     if report.decision is None or report.best is None:

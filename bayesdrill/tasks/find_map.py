@@ -57,7 +57,7 @@ def save(job: Job, mode: Mode, output: Path, record: str | None, *, force: bool)
         for stem, figure in said.figures.items():
             publish.draw(job.problem.posterior, stem, figure, place, note, *look)
         folder.write_text("report.html", said.page(output))
-        files = {name: output_files.digest(output / name) for name in folder.made()}
+        files = {name: output_files.digest(output / name) for name in folder.report_files()}
         fit = run_entries.residual_data(said.left)
         folder.write_run(status="finished", reasons=list(said.reasons), fit=fit, files=files)
 

@@ -279,7 +279,7 @@ def _publish(
     if begun is not None:
         seconds["report"] = time.perf_counter() - begun
         folder.write_run(seconds={name: round(value, 3) for name, value in seconds.items()})
-    files = {name: output_files.digest(folder.path / name) for name in folder.made()}
+    files = {name: output_files.digest(folder.path / name) for name in folder.report_files()}
     folder.write_run(
         status="finished",
         missing=missing,

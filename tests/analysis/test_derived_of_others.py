@@ -8,7 +8,7 @@ from oracles import NOMINAL
 from rigs import experiment
 
 from bayesdrill.inference import derived
-from bayesdrill.record.experiment import usual_inputs
+from bayesdrill.record.experiment import typical_inputs
 from bayesdrill.rig.models.driven_shaft import DrivenShaft
 from bayesdrill.rig.models.linear import Model, with_named
 from bayesdrill.rig.models.long_shaft import LongShaft
@@ -63,6 +63,6 @@ def test_what_drives_a_rig_is_usual_by_its_size() -> None:
     """Of one that goes both ways too; a load by its mean.  Mutant killed: the mean of a drive."""
     both = np.array([3.0, -4.0, 3.0, -4.0])
     series = {"w_2": both, "t_1": both + 2.0}
-    found = usual_inputs(experiment(4, constant={}, series=series))
+    found = typical_inputs(experiment(4, constant={}, series=series))
     assert found == {"w_2": pytest.approx(np.sqrt(12.5)), "t_1": pytest.approx(1.5)}
-    assert usual_inputs(experiment(4, constant={"t_m": -0.3})) == {"t_m": pytest.approx(0.3)}
+    assert typical_inputs(experiment(4, constant={"t_m": -0.3})) == {"t_m": pytest.approx(0.3)}

@@ -133,7 +133,7 @@ def test_it_is_drawn_and_says_what_it_shows(name: str) -> None:
     assert figure.axes
     assert labels(figure)
     for end in output_files.FORMATS:
-        assert POSTERIOR.made(f"{output_files.FIGURES}/{name}.{end}")
+        assert POSTERIOR.is_output(f"{output_files.FIGURES}/{name}.{end}")
 
 
 @together("size", WIDTHS)

@@ -18,7 +18,7 @@ def test_turns_are_taken_back() -> None:
     def check(period: float) -> None:
         x = TURNING * period / (2 * np.pi)
         wrapped = np.mod(x + 0.3 * period, period)
-        straight, jumps = anomalies.unwrapped(wrapped, period)
+        straight, jumps = anomalies.unwrap(wrapped, period)
         np.testing.assert_allclose(straight - straight[0], x - x[0], atol=1e-9 * period)
         assert jumps == np.sum(np.abs(np.diff(wrapped)) > period / 2) > 10
         assert len(anomalies.ambiguous(wrapped, period)) == 0

@@ -18,7 +18,7 @@ def test_a_grid_with_samples_missing_is_found_through_few_digits() -> None:
         t = (begin + np.arange(100) / rate)[KEPT]
         found = clocks.grid(np.round(t, 6))
         assert found is not None
-        assert found.place.tolist() == KEPT.tolist()
+        assert found.indices.tolist() == KEPT.tolist()
         assert found.step == pytest.approx(1 / rate, rel=1e-5)
         assert np.abs(found.times - t).max() < 1e-6
         assert found.missing == 6
@@ -45,7 +45,7 @@ def test_jitter_has_no_grid() -> None:
     t = np.cumsum(np.random.default_rng(3).uniform(0.9, 1.1, 80))
     assert clocks.grid(t) is None
     assert clocks.on_grid(t) is t
-    said = clocks.in_words(t)
+    said = clocks.describe_times(t)
     assert said.startswith("80 times at unequal steps")
     steps = np.diff(t)
     for number in (steps.min(), steps.max()):
@@ -55,10 +55,10 @@ def test_jitter_has_no_grid() -> None:
 
 def test_words_say_what_is_missing_and_where() -> None:
     t = np.arange(100) * 0.01
-    assert clocks.in_words(t) == "a sample every 0.01 s (100 Hz), the first at 0 s"
-    said = clocks.in_words(t[KEPT])
+    assert clocks.describe_times(t) == "a sample every 0.01 s (100 Hz), the first at 0 s"
+    said = clocks.describe_times(t[KEPT])
     assert "6 missing in 2 gaps, the longest of 5 between 0.19 and 0.25 s" in said
-    assert "2 missing in 1 gap, of 2 between 0.04 and 0.07 s" in clocks.in_words(
+    assert "2 missing in 1 gap, of 2 between 0.04 and 0.07 s" in clocks.describe_times(
         np.delete(t, [5, 6])
     )
 
@@ -71,23 +71,31 @@ def test_clocks_become_one_and_common_times_stand_once() -> None:
     }
     assert len(t) == len(exact)
     assert np.all(np.diff(t) > 1e-4)
-    np.testing.assert_allclose(t[clocks.places(t, fast)], fast, rtol=0, atol=1e-12)
-    np.testing.assert_allclose(t[clocks.places(t, slow)], slow, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(t[clocks.indices_in(t, fast)], fast, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(t[clocks.indices_in(t, slow)], slow, rtol=0, atol=1e-12)
 
 
 def test_times_that_are_nearly_the_same_are_named() -> None:
     t = np.arange(50) * 0.02
     other = t + np.where(np.arange(50) == 31, 1e-5, 0.0)
-    assert np.isnan(clocks.crowded(clocks.union([t, t + 0.01]), [t, t + 0.01]))
-    assert clocks.crowded(clocks.union([t, other]), [t, other]) == pytest.approx(0.62)
+    assert np.isnan(clocks.crowded_time(clocks.union([t, t + 0.01]), [t, t + 0.01]))
+    assert clocks.crowded_time(clocks.union([t, other]), [t, other]) == pytest.approx(0.62)
 
 
 def test_inputs_are_held_exactly_between_samples_of_their_own() -> None:
     """Mutants killed: the next sample instead of the last; the last one before a sample's own time."""
     clock, values = np.array([1.0, 2.0, 4.0]), np.array([5.0, -1.0, 3.0])
     t = np.array([1.0, 1.5, 2.0 - 1e-13, 2.0, 3.0, 4.0, 9.0])
-    assert clocks.held(t, clock, values, first_order=False).tolist() == [5, 5, -1, -1, -1, 3, 3]
-    assert clocks.held(t, clock, values, first_order=True)[[0, 1, 3, 4, 5]].tolist() == [
+    assert clocks.hold_input(t, clock, values, first_order=False).tolist() == [
+        5,
+        5,
+        -1,
+        -1,
+        -1,
+        3,
+        3,
+    ]
+    assert clocks.hold_input(t, clock, values, first_order=True)[[0, 1, 3, 4, 5]].tolist() == [
         5,
         2,
         -1,

@@ -22,10 +22,10 @@ def test_slow_tones_pass_in_phase() -> None:
 
     def check(share: float) -> None:
         found = clocks.decimated(np.stack([tone(share), 2 - tone(share)], axis=-1), FACTOR)
-        np.testing.assert_allclose(found.y[:, 0], tone(share)[found.kept], atol=2e-4)
-        np.testing.assert_allclose(found.y[:, 1], 2 - tone(share)[found.kept], atol=4e-4)
-        assert np.all(np.diff(found.kept) == FACTOR)
-        assert found.taken.max() < 2e-4
+        np.testing.assert_allclose(found.y[:, 0], tone(share)[found.samples], atol=2e-4)
+        np.testing.assert_allclose(found.y[:, 1], 2 - tone(share)[found.samples], atol=4e-4)
+        assert np.all(np.diff(found.samples) == FACTOR)
+        assert found.removed.max() < 2e-4
 
     for_each({str(share): (share,) for share in [0.05, 0.3, 0.5]}, check)
 
@@ -34,7 +34,7 @@ def test_what_would_alias_is_taken_away() -> None:
     def check(share: float) -> None:
         found = clocks.decimated(tone(share)[:, None], FACTOR)
         assert np.abs(found.y).max() < 2e-4
-        assert found.taken == pytest.approx([np.std(tone(share)[found.kept])], rel=1e-3)
+        assert found.removed == pytest.approx([np.std(tone(share)[found.samples])], rel=1e-3)
 
     for_each({str(share): (share,) for share in [1.25, 1.6, 2.0, 5.3]}, check)
 
@@ -48,6 +48,6 @@ def test_the_cutoff_that_is_named_passes_half() -> None:
 def test_edges_are_dropped() -> None:
     found = clocks.decimated(np.ones((500, 1)), FACTOR)
     half = clocks.filter_length(FACTOR) // 2
-    assert found.kept[0] == half
-    assert 500 - half - FACTOR <= found.kept[-1] < 500 - half
+    assert found.samples[0] == half
+    assert 500 - half - FACTOR <= found.samples[-1] < 500 - half
     np.testing.assert_allclose(found.y, 1.0, atol=1e-12)

@@ -242,7 +242,7 @@ def test_what_cannot_be_picked(write) -> None:
         table = load(write("t [s],w_1 [rpm],theta,x,twin,twin\n1,2,3,4,5,6\n"))
         assert table.pick(6) == [6.0]
         with pytest.raises(InputError) as caught:
-            table.pick(column, variable, place="signals.w")
+            table.pick(column, variable, location="signals.w")
         assert caught.value.problems[0].place == "signals.w"
         assert "run.csv" in str(caught.value)
         assert said in str(caught.value)

@@ -16,7 +16,7 @@ from together import for_each
 from bayesdrill.basics.entries import NoEntries
 from bayesdrill.basics.errors import InputError
 from bayesdrill.record.formats import FORMATS
-from bayesdrill.record.formats.matlab import DEEPEST, read, too_deep
+from bayesdrill.record.formats.matlab import MAX_DEPTH, read, too_deep
 from bayesdrill.record.formats.table import Table
 
 T = np.array([10.0, 10.5, 11.25, 12.0])
@@ -144,7 +144,7 @@ def test_what_cannot_be_picked(table: Table) -> None:
 
     def check(column, variable, said: str) -> None:
         with pytest.raises(InputError) as caught:
-            table.pick(column, variable, place="signals.w")
+            table.pick(column, variable, location="signals.w")
         assert str(caught.value).startswith("signals.w: ")
         assert "run.mat" in str(caught.value)
         assert said in str(caught.value)
@@ -383,7 +383,7 @@ def test_cells_in_cells_end_no_process(tmp_path_factory: pytest.TempPathFactory)
         tmp_path = tmp_path_factory.mktemp("case")
         path = tmp_path / "run.mat"
         path.write_bytes(nested(20_000, packed=packed))
-        with pytest.raises(InputError, match=f"more than {DEEPEST} deep; save plain arrays"):
+        with pytest.raises(InputError, match=f"more than {MAX_DEPTH} deep; save plain arrays"):
             read(path, wanted)
 
     for_each(
@@ -399,14 +399,14 @@ def test_cells_in_cells_end_no_process(tmp_path_factory: pytest.TempPathFactory)
 def test_how_deep_is_counted_as_scipy_counts(tmp_path: Path) -> None:
     """By what a cell holds, whatever stands in its tag; fields and empty cells are no depth."""
     for packed in (False, True):
-        assert not too_deep(nested(DEEPEST, packed=packed))
-        assert too_deep(nested(DEEPEST + 1, packed=packed))
+        assert not too_deep(nested(MAX_DEPTH, packed=packed))
+        assert too_deep(nested(MAX_DEPTH + 1, packed=packed))
     path = tmp_path / "run.mat"
     path.write_bytes(nested(5, packed=False, lies=True))
     assert "deep" in scipy.io.loadmat(path)
-    assert too_deep(nested(DEEPEST + 1, packed=False, lies=True))
+    assert too_deep(nested(MAX_DEPTH + 1, packed=False, lies=True))
     deep: object = T
-    for k in range(DEEPEST // 2):
+    for k in range(MAX_DEPTH // 2):
         cell = np.empty((1, 3), dtype=object)
         cell[:] = [["text", {f"field_{k}": deep, "other": W}, np.zeros((0, 0))]]
         deep = cell

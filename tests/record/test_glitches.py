@@ -57,7 +57,7 @@ def test_there_are_records() -> None:
 
 
 def test_medians_of_a_short_record_are_those_of_a_long_one() -> None:
-    x = np.random.default_rng(4).normal(size=anomalies.SHORT + 1).cumsum()
+    x = np.random.default_rng(4).normal(size=anomalies.MAX_NUMPY_MEDIAN + 1).cumsum()
     part = anomalies._running_median(x[:-1], 25)
     assert np.array_equal(part[:-12], anomalies._running_median(x, 25)[: len(part) - 12])
 

@@ -318,4 +318,4 @@ def test_a_rig_that_does_not_rub_has_none_of_it() -> None:
 
 def test_its_files_are_known(tmp_path: Path) -> None:
     names = ("friction.pdf", "friction_2.png", "energy.svg", "energy_11.pdf")
-    assert all(POSTERIOR.made(f"figures/{name}") for name in names)
+    assert all(POSTERIOR.is_output(f"figures/{name}") for name in names)

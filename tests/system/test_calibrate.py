@@ -155,7 +155,7 @@ def test_the_record_that_was_measured_plays_no_part(copy: Done) -> None:
 
 def test_a_calibration_leaves_a_complete_folder_and_nothing_else(done: Done) -> None:
     assert set(systems.listing(done.folder)) == FILES
-    assert {name for name in FILES if not output_files.CALIBRATE.made(name)} == {
+    assert {name for name in FILES if not output_files.CALIBRATE.is_output(name)} == {
         *(".lock", "figures", ".refits"),
     }
     run = run_of(done.folder)

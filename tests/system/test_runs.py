@@ -169,7 +169,7 @@ def test_what_the_fit_leaves_is_said_everywhere(done: Done) -> None:
 def test_a_run_leaves_a_complete_folder_and_nothing_else(done: Done) -> None:
     assert done.ran.status == 0, done.ran.text
     assert set(systems.listing(done.folder)) == FILES
-    assert {name for name in FILES if not POSTERIOR.made(name)} == {".lock", "figures"}
+    assert {name for name in FILES if not POSTERIOR.is_output(name)} == {".lock", "figures"}
     assert (done.folder / "config.yaml").read_bytes() == done.config.read_bytes()
     for name in FIGURES:
         magic = b"%PDF" if name.endswith("pdf") else b"\x89PNG"

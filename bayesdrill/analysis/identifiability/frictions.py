@@ -15,7 +15,7 @@ from bayesdrill.analysis.energy import Rubbing, rubbings
 from bayesdrill.analysis.identifiability.information import Scene, Scenery
 from bayesdrill.basics.arrays import Array
 from bayesdrill.inference.posterior import Posterior
-from bayesdrill.record.experiment import usual_inputs
+from bayesdrill.record.experiment import typical_inputs
 from bayesdrill.rig import steady_state
 from bayesdrill.rig.models.linear import DEFAULT_ROLES, Model, Roles, constant_forcing, dynamics
 
@@ -251,7 +251,7 @@ class _Scene:
         supply = self.model.roles.motor.voltage
         if supply not in self.model.inputs:
             return
-        size = float(np.mean([usual_inputs(one.experiment)[supply] for one in every]))
+        size = float(np.mean([typical_inputs(one.experiment)[supply] for one in every]))
         stop = stops_below(self.model, self.rig)
         if any(supply in one.experiment.series for one in every):
             yield "turned", None, self._another(-1.0)

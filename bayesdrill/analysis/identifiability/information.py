@@ -24,7 +24,7 @@ from bayesdrill.basics.arrays import Array
 from bayesdrill.inference.laplace import natural_spread
 from bayesdrill.inference.likelihood import Likelihood, Observation
 from bayesdrill.inference.unknowns import MOVES
-from bayesdrill.record.experiment import of_states
+from bayesdrill.record.experiment import channels_of_states
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -132,7 +132,7 @@ class _Stage:
         n, self.constant = len(experiment.t), experiment.constant
         self.base = {name: experiment.series.get(name, np.zeros(n)) for name in model.inputs}
         self._late = (np.arange(n) >= n // 2).astype(float)
-        every = of_states(model.states)
+        every = channels_of_states(model.states)
         shown = dataclasses.replace(
             experiment,
             y=np.zeros((n, self.k + len(every))),

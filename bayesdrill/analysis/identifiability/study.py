@@ -40,7 +40,7 @@ from bayesdrill.basics.symbols import INPUTS
 from bayesdrill.config.schema.config import Asked, Class, Thresholds
 from bayesdrill.inference.posterior import Posterior
 from bayesdrill.inference.priors import spread_of_log
-from bayesdrill.record.experiment import usual_inputs
+from bayesdrill.record.experiment import typical_inputs
 from bayesdrill.rig.models import INNER, STATES
 
 WEIGHED_TO = 0.01  # what fixing or weighing a part is taken to give: one per cent
@@ -121,7 +121,7 @@ def _other_drives(scenery: Scenery) -> Iterator[tuple[str, Scene]]:
     every = [one.experiment for one in scenery.likelihood.observations]
     for name in (n for n in DRIVES if n in scenery.inputs):
         if any(one.constant.get(name, 0.0) or name in one.series for one in every):
-            size = OTHER * float(np.mean([usual_inputs(one)[name] for one in every]))
+            size = OTHER * float(np.mean([typical_inputs(one)[name] for one in every]))
             unit = INPUTS[name].plain_unit
             yield f"another experiment at {size:.3g} {unit}", Scene(times={name: OTHER})
 

@@ -102,7 +102,7 @@ def unwrapped(sources: Sources, one: Column, turn: float, findings: Findings) ->
         )
         sources.add((*one.place, "wraps"), message)
         return one
-    values, (straight, count) = one.values.copy(), anomalies.unwrapped(x, period)
+    values, (straight, count) = one.values.copy(), anomalies.unwrap(x, period)
     values[known] = straight
     findings.told.append(
         f"{one.name}: unwrapped {count_noun(count, 'jump')} of {period:.6g} {one.spec.unit}"
@@ -250,7 +250,7 @@ def _compared(one: Column, of: Column) -> tuple[str, float, float] | None:
         moved = units.factor(one.spec.unit, "rad/s")
     except ValueError:
         return None
-    if np.sum(both) < anomalies.FEWEST_TURNS:
+    if np.sum(both) < anomalies.MIN_DIFFERENCED_SAMPLES:
         return None
     x, w, t = of.values[both] * turned, one.values[both] * moved, one.clock.t[both]
     slope = next(iter(anomalies.quotients(x, t).values()))

@@ -34,7 +34,7 @@ from bayesdrill.record.experiment import (
     Experiment,
     Odd,
     Written,
-    calendar,
+    calendar_hint,
     check_length,
     check_series,
     frozen,
@@ -97,7 +97,7 @@ class _Reader:
             odd=tuple(findings.odd),
             held_out=None if held is None else frozen(held),
             input_steps={
-                name: clocks.usual_step(
+                name: clocks.median_step(
                     columns["inputs", quantities.input_entry(config, name)].clock.t
                 )
                 for name in series
@@ -138,7 +138,7 @@ class _Reader:
             f"{len(t)} times of {len(own)} clocks ({', '.join(str(len(one)) for one in own)} samples); "
             "times nearer than 1e-9 of a step are one"
         )
-        close = clocks.crowded(t, own)
+        close = clocks.crowded_time(t, own)
         if not math.isnan(close):
             said = f"clocks: two of the record's times, at {close:.10g} s, are nearly the same"
             do = "; one clock, written with different digits? Then give both columns the same `time:`"
@@ -176,7 +176,7 @@ class _Reader:
         return held
 
     def _rows(self, t: Array, clock: Array) -> NDArray[np.intp]:
-        return clocks.places(t, clock) if self._sources.several else np.arange(len(t))
+        return clocks.indices_in(t, clock) if self._sources.several else np.arange(len(t))
 
     def _inputs(
         self, t: Array, columns: dict[Place, Column]
@@ -214,7 +214,7 @@ class _Reader:
             self._sources.add(one.place, message + ("" if late else rule))
         elif early:
             self._findings.told.append(f"{one.name}: held after its last sample at {clock[-1]:g} s")
-        return clocks.held(t, clock, values, first_order=_straight(one.spec))
+        return clocks.hold_input(t, clock, values, first_order=_straight(one.spec))
 
     def _column(self, place: Place, spec: Series) -> Column | None:
         clock, values = self._sources.clock(place), self._sources.column(place, spec)
@@ -271,7 +271,7 @@ class _Reader:
             message = (
                 f"the record begins at {time[0]:.10g} s, and the initial state is at {begin:g} s by "
                 "default; if these are times of a clock, give `initial: {time: ...}`"
-                f"{calendar(time)}"
+                f"{calendar_hint(time)}"
             )
             raise self._source.error(("record", "time"), message)
         return min(begin, float(time[0]))

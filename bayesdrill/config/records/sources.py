@@ -146,7 +146,7 @@ class Sources:
     def _pick(self, place: Place, spec: Column, table: Table, instead: str = "") -> Array | None:
         try:
             return table.pick(
-                spec.column, spec.variable, place=self.label(location_of(place, spec))
+                spec.column, spec.variable, location=self.label(location_of(place, spec))
             )
         except InputError as error:
             self.problems += [Issue(p.place, f"{p.message}{instead}") for p in error.problems]
@@ -268,19 +268,20 @@ def decimated_experiment(experiment: Experiment, factor: int) -> Experiment:
     found = clocks.decimated(experiment.y, factor)
     if experiment.series:
         t, y = experiment.t, np.full_like(experiment.y, np.nan)
-        y[found.kept] = found.y
+        y[found.samples] = found.y
     else:
-        t, y = experiment.t[found.kept], found.y
+        t, y = experiment.t[found.samples], found.y
     taps, half = clocks.filter_length(factor), clocks.cutoff(factor, dt)
     taken = ", ".join(
         f"{sd:.3g} {one.unit} of {one.name}"
-        for sd, one in zip(found.taken, experiment.channels, strict=True)
+        for sd, one in zip(found.removed, experiment.channels, strict=True)
     )
     told = (
         f"{', '.join(names)}: filtered and decimated, one sample of {factor} is left "
-        f"({len(found.kept)} of {len(experiment.t)}); the filter is a zero-phase FIR of {taps} samples, "
-        f"half of the amplitude at {half:.6g} Hz, and {taps // 2} samples at either end are dropped; it "
-        f"took away (sd) {taken}; sigma is the noise of what is left; the model is not filtered"
+        f"({len(found.samples)} of {len(experiment.t)}); the filter is a zero-phase FIR of {taps} "
+        f"samples, half of the amplitude at {half:.6g} Hz, and {taps // 2} samples at either end are "
+        f"dropped; it took away (sd) {taken}; sigma is the noise of what is left; the model is not "
+        "filtered"
     )
     return dataclasses.replace(experiment, t=frozen(t), y=frozen(y), told=(*experiment.told, told))
 

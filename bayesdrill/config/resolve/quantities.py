@@ -324,4 +324,4 @@ def inputs_as_given(config: Config, experiment: Experiment, name: str) -> Array:
     own, series = input_entry(config, name), experiment.series[name]
     if own == name:
         return series
-    return anomalies.turned(series, experiment.t, experiment.start[own])
+    return anomalies.integrate_speeds(series, experiment.t, experiment.start[own])

@@ -19,7 +19,9 @@ Wanted = Collection[str] | None  # variables that will be picked, by name; None:
 
 @dataclass(frozen=True, slots=True)
 class Format:
-    """`suffixes`: endings of its files, in small letters; `options`: a dataclass, whose annotated fields
+    """A format of records: how its files end, and how they are read.
+
+    `suffixes`: endings of its files, in small letters; `options`: a dataclass, whose annotated fields
     are entries of `record:`; `read(path, options, wanted)` raises `InputError`.
     """
 
@@ -67,8 +69,8 @@ _OTHERS = {
 
 
 def format_of(path: Path) -> str:
-    """The key of FORMATS for a file, by its ending. Raises InputError for an unknown ending."""
-    endings = {ending: name for name, one in FORMATS.usable().items() for ending in one.suffixes}
+    """Return the key of FORMATS for a file, by its ending; raises InputError for an unknown ending."""
+    endings = {ending: name for name, kind in FORMATS.usable().items() for ending in kind.suffixes}
     suffix = path.suffix.lower()
     if suffix in endings:
         return endings[suffix]

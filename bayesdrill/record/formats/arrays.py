@@ -19,12 +19,12 @@ from bayesdrill.record.formats.table import Array, Table, keys_of, read_bytes
 _NUMERIC = "fiub"
 """numpy dtype kinds of real numbers and logicals."""
 
-MOST_TOLD = 120  # letters of a reader's own words: some quote half of the file
+MAX_REASON_LETTERS = 120  # letters of a reader's own words: some quote half of the file
 ITSELF = "save the numbers themselves in this file"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Found:
+class FileContents:
     """What a walk through a file has gathered so far; of `unread` only the names are looked at."""
 
     variables: dict[str, Array] = field(default_factory=dict)
@@ -49,19 +49,20 @@ class Found:
             self.variables[name] = np.ascontiguousarray(flat, dtype=np.float64)
 
     def add_fields(self, name: str, values: np.ndarray[Any, Any]) -> None:
-        """The same of an array of records, field by field, and with the longer side as time.
+        """Do as `add` with an array of records, field by field, and with the longer side as time.
 
         A record has more samples than channels, and writers differ in what they call a row.
         """
         if values.dtype.names:
-            for one in values.dtype.names:
-                self.add_fields(f"{name}.{one}", values[one])
+            for field_name in values.dtype.names:
+                self.add_fields(f"{name}.{field_name}", values[field_name])
         elif values.ndim == 2 and values.shape[0] < values.shape[1]:
             self.add(name, values.T)
         else:
             self.add(name, values)
 
     def table(self, path: Path) -> Table:
+        """Return what was gathered as the table of a file."""
         return Table(
             path=path,
             variables=self.variables,
@@ -72,15 +73,15 @@ class Found:
 
 
 @contextmanager
-def damage_told(path: Path, message: Callable[[str], str]) -> Iterator[None]:
-    """Damaged bytes come up as anything: `message(reason)` of it, as an `InputError` of the file."""
+def report_damage(path: Path, message: Callable[[str], str]) -> Iterator[None]:
+    """Turn what damaged bytes raise into an `InputError` of the file, with `message(reason)`."""
     try:
         yield
     except InputError:
         raise
     except Exception as error:
         reason = (str(error).strip().splitlines() or [type(error).__name__])[0]
-        raise InputError.one(str(path), message(shortened(reason, MOST_TOLD))) from error
+        raise InputError.one(str(path), message(shortened(reason, MAX_REASON_LETTERS))) from error
 
 
 def _cut_short(what: str) -> Callable[[str], str]:
@@ -88,7 +89,7 @@ def _cut_short(what: str) -> Callable[[str], str]:
 
 
 def too_large(shape: tuple[int, ...], itemsize: int) -> str:
-    """Why an array is not read, foreseen before it takes up memory; empty where it may be."""
+    """Say why an array is not read, foreseen before it takes up memory; empty where it may be."""
     size = itemsize * float(np.prod(np.array(shape, dtype=np.float64)))
     if size <= LARGEST_FILE:
         return ""
@@ -111,18 +112,18 @@ def read_hdf5(path: Path, wanted: Collection[str] | None = None) -> Table:
         raise InputError.one(
             str(path), "is a MATLAB file; give it the ending .mat, or say the format: mat"
         )
-    found = Found()
+    contents = FileContents()
     used = None if wanted is None else {form for name in wanted for form in _records(name)}
     broken = _cut_short("HDF5 file") if head.startswith(_HDF5_MAGIC) else _no_hdf5
-    with damage_told(path, broken), h5py.File(path, "r") as file:
-        for name, item in datasets(file, found, separator="/", called="group"):
+    with report_damage(path, broken), h5py.File(path, "r") as file:
+        for name, item in datasets(file, contents, separator="/", called="group"):
             if used is not None and name not in used:
-                found.unread.append(name)
+                contents.unread.append(name)
             elif reason := _unfit_dataset(item):
-                found.ignored[name] = reason
+                contents.ignored[name] = reason
             else:
-                found.add_fields(name, np.asarray(item[()]))
-    return found.table(path)
+                contents.add_fields(name, np.asarray(item[()]))
+    return contents.table(path)
 
 
 def _records(name: str) -> tuple[str, ...]:
@@ -137,7 +138,7 @@ def _no_hdf5(_: str) -> str:
 
 def datasets(
     group: Any,
-    found: Found,
+    contents: FileContents,
     *,
     separator: str,
     called: str,
@@ -145,8 +146,9 @@ def datasets(
     hidden: str = "/",
     prefix: str = "",
 ) -> Iterator[tuple[str, Any]]:
-    """Names and items below a group of HDF5, which is `called` so; why others are left out is `found`.
+    """Yield names and items below a group of HDF5, which is `called` so.
 
+    Why others are left out is added to `contents`.
     `unfit(name, item)`: why nothing of it is read; `hidden`: how names begin that are the writer's own.
     """
     import h5py
@@ -156,22 +158,22 @@ def datasets(
         if name.startswith(hidden):
             continue
         if not isinstance(group.get(member, getlink=True), h5py.HardLink):
-            found.ignored[name] = f"is a link to elsewhere; {ITSELF}"
+            contents.ignored[name] = f"is a link to elsewhere; {ITSELF}"
             continue
         item = group[member]
         if reason := unfit(name, item):
-            found.ignored[name] = reason
+            contents.ignored[name] = reason
         elif not isinstance(item, h5py.Group):
             yield name, item
         elif (
             address := h5py.h5o.get_info(item.id).addr
-        ) in found.groups:  # a walk might have no end
-            found.ignored[name] = f"is the same {called} under a second name; give the first"
+        ) in contents.groups:  # a walk might have no end
+            contents.ignored[name] = f"is the same {called} under a second name; give the first"
         else:
-            found.groups.add(address)
+            contents.groups.add(address)
             yield from datasets(
                 item,
-                found,
+                contents,
                 separator=separator,
                 called=called,
                 unfit=unfit,
@@ -225,19 +227,23 @@ def read_npz(path: Path, wanted: Collection[str] | None = None) -> Table:
     if not head.startswith(_ZIP):
         raise InputError.one(str(path), _other(head))
     used = None if wanted is None else {name.split(".")[0] for name in wanted} | {*wanted}
-    found = Found()
-    with damage_told(path, _cut_short(".npz file")), zipfile.ZipFile(path) as file:
+    contents = FileContents()
+    with report_damage(path, _cut_short(".npz file")), zipfile.ZipFile(path) as file:
         for member in file.namelist():
             name = member.removesuffix(".npy")
             if name == member:
-                found.ignored[name] = "is no array"
+                contents.ignored[name] = "is no array"
             elif used is not None and name not in used:
-                found.unread.append(name)
+                contents.unread.append(name)
             else:
-                _add(name, file, member, found)
-    if not found.variables and not found.unread and {*found.ignored.values()} <= {"is no array"}:
+                _add(name, file, member, contents)
+    if (
+        not contents.variables
+        and not contents.unread
+        and {*contents.ignored.values()} <= {"is no array"}
+    ):
         raise InputError.one(str(path), "is a zip archive without arrays; save it with numpy.savez")
-    return found.table(path)
+    return contents.table(path)
 
 
 def _other(head: bytes) -> str:
@@ -246,30 +252,30 @@ def _other(head: bytes) -> str:
     return "is not an .npz file; save it with numpy.savez('run.npz', t=t, w_1=w_1)"
 
 
-def _add(name: str, file: zipfile.ZipFile, member: str, found: Found) -> None:
+def _add(name: str, file: zipfile.ZipFile, member: str, contents: FileContents) -> None:
     """The head of an array says what it is, before anything of it is opened."""
     with file.open(member) as stream:
         version: Any = np.lib.format.read_magic(stream)
         if version not in _HEADERS:
-            found.ignored[name] = "has names of fields beyond Latin letters; save plain arrays"
+            contents.ignored[name] = "has names of fields beyond Latin letters; save plain arrays"
             return
         shape, _, dtype = _HEADERS[version](stream)
     if dtype.hasobject:
-        found.ignored[name] = (
+        contents.ignored[name] = (
             "holds Python objects, which are never opened, as they can run code; save plain "
             f"numbers: {name}=np.asarray({name}, float)"
         )
     elif dtype.kind in "US":
-        found.ignored[name] = "is text, not numbers"
+        contents.ignored[name] = "is text, not numbers"
     elif dtype.kind in "mM":
-        found.ignored[name] = (
+        contents.ignored[name] = (
             f"holds dates or durations; save seconds: ({name} - {name}[0]) / np.timedelta64(1, 's')"
         )
     elif reason := too_large(shape, dtype.itemsize):
-        found.ignored[name] = reason
+        contents.ignored[name] = reason
     else:
         with file.open(member) as stream:
-            found.add_fields(name, np.lib.format.read_array(stream, allow_pickle=False))
+            contents.add_fields(name, np.lib.format.read_array(stream, allow_pickle=False))
 
 
 _PARQUET_MAGIC = b"PAR1"
@@ -291,7 +297,7 @@ def read_parquet(path: Path, wanted: Collection[str] | None = None) -> Table:
         importlib.import_module("pyarrow.parquet")
     except ImportError:
         raise InputError.one(str(path), _MISSING) from None
-    with damage_told(path, _cut_short("Parquet file")):
+    with report_damage(path, _cut_short("Parquet file")):
         return _table(path, wanted)
 
 

@@ -1,6 +1,4 @@
-"""Text tables: find the delimiter and the decimal sign, then read numbers, or say exactly what is
-wrong.
-"""
+"""Text tables: find delimiter and decimal sign, then read numbers, or say exactly what is wrong."""
 
 from __future__ import annotations
 
@@ -24,7 +22,7 @@ from bayesdrill.record.formats.text import (
     Lines,
     advice_of_cells,
     decode,
-    lines_of,
+    read_lines,
     short,
     split,
     to_number,
@@ -72,14 +70,14 @@ def without_empty_tail(lines: Lines, dialect: Dialect) -> Lines:
 
 
 def find_dialect(texts: Sequence[str], options: CsvOptions) -> Dialect:
-    """The dialect under which most cells of a sample are numbers in rows of equal width."""
+    """Find the dialect under which most cells of a sample are numbers in rows of equal width."""
     sample = [*texts[:50], *texts[50:][-50:]]
     candidates = [*_DIALECTS, *([Dialect(",", ",")] if _quoted_commas(sample) else [])]
     if options.delimiter is not None:
         separator = None if options.delimiter == " " else options.delimiter
         candidates = [Dialect(separator, "."), Dialect(separator, ",")]
     if options.decimal is not None:
-        separators = dict.fromkeys(one.separator for one in candidates)
+        separators = dict.fromkeys(candidate.separator for candidate in candidates)
         candidates = [Dialect(sep, options.decimal) for sep in separators if sep != options.decimal]
     return max(candidates, key=lambda dialect: _score(sample, dialect))
 
@@ -114,7 +112,8 @@ def _score(sample: Sequence[str], dialect: Dialect) -> tuple[float, bool]:
     return round(score, 9), width > 1
 
 
-def usual_width(texts: Sequence[str], dialect: Dialect) -> int:
+def typical_width(texts: Sequence[str], dialect: Dialect) -> int:
+    """Return how many cells most lines have."""
     sample = [*texts[:500], *texts[500:][-500:]]
     widths = Counter(len(split(line, dialect.separator)) for line in sample)
     return widths.most_common(1)[0][0]
@@ -128,7 +127,7 @@ def without_trailing_delimiter(body: Lines, header: str | None, dialect: Dialect
     texts = [line.rstrip(" ") for line in body.texts]
     if not all(line.endswith(mark) for line in texts):
         return body
-    width = usual_width(texts, dialect)
+    width = typical_width(texts, dialect)
     if header is not None:
         names = split(header, mark)
         if len(names) == width and names[-1].strip():
@@ -151,10 +150,10 @@ class _Faults:
         self.first: list[Issue] = []
         self.cells: list[str] = []  # of these
 
-    def add(self, place: str, message: str, cell: str = "") -> None:
+    def add(self, location: str, message: str, cell: str = "") -> None:
         self.count += 1
         if len(self.first) < _SHOWN:
-            self.first.append(Issue(place, message))
+            self.first.append(Issue(location, message))
             self.cells.append(cell)
 
     def report(self, path: Path, advice: str) -> list[Issue]:
@@ -166,15 +165,15 @@ class _Faults:
 
 
 def parse(body: Lines, dialect: Dialect, names: Sequence[str]) -> Array:
-    """All rows as `(T, n)`. Raises InputError with every kind of fault found."""
+    """Parse all rows as `(T, n)`; raises InputError with every kind of fault found."""
     ragged = _Faults("rows with a wrong number of cells")
     bad = _Faults("cells without a number")
     parts = []
     for start in range(0, len(body.texts), _CHUNK):
         chunk = body.part(slice(start, start + _CHUNK))
         rows = [split(line, dialect.separator) for line in chunk.texts]
-        usual = max(map(len, chunk.texts)) <= _LONG
-        part = _parse_fast(rows, dialect, len(names)) if usual else None
+        short_lines = max(map(len, chunk.texts)) <= _LONG
+        part = _parse_fast(rows, dialect, len(names)) if short_lines else None
         if part is None:
             part = _parse_carefully(rows, chunk, dialect, names, ragged, bad)
         parts.append(part)
@@ -182,7 +181,7 @@ def parse(body: Lines, dialect: Dialect, names: Sequence[str]) -> Array:
     problems = ragged.report(body.path, mend)
     if bad.count:
         advice = "; ".join(advice_of_cells(bad.cells)) or _cell_advice(bad, dialect)
-        if {problem.place for problem in bad.first} == {body.place(0)} and bad.count < _SHOWN:
+        if {problem.place for problem in bad.first} == {body.location(0)} and bad.count < _SHOWN:
             advice = f"{advice}; if that line is not one of the record, remove it"
         problems += bad.report(body.path, advice)
     if problems:
@@ -218,14 +217,14 @@ def _parse_carefully(
     values = np.full((len(rows), len(names)), np.nan)
     for i, row in enumerate(rows):
         if len(row) != len(names):
-            ragged.add(lines.place(i), f"{len(row)} cells where {len(names)} are due")
+            ragged.add(lines.location(i), f"{len(row)} cells where {len(names)} are due")
             continue
         for j, cell in enumerate(row):
             value = to_number(cell, dialect.decimal)
             if value is None:
                 text = cell.strip()
                 message = f"column {short(names[j])}: {short(text)} is not a number"
-                bad.add(lines.place(i), message, text)
+                bad.add(lines.location(i), message, text)
             else:
                 values[i, j] = value
     return values
@@ -255,9 +254,9 @@ def read(path: Path, options: CsvOptions) -> Table:
 
 
 def table(path: Path, text: str, options: CsvOptions) -> Table:
-    """Of a text that stands, or is to stand, in the file `path`."""
+    """Read the table of a text that stands, or is to stand, in the file `path`."""
     check_options(path, options)
-    lines = lines_of(path, text, options.skip_rows)
+    lines = read_lines(path, text, options.skip_rows)
     dialect = find_dialect(lines.texts, options)
     lines = without_empty_tail(lines, dialect)
     header, body = _split_header(lines, dialect, options.header)
@@ -272,7 +271,7 @@ def table(path: Path, text: str, options: CsvOptions) -> Table:
         dialect = Dialect(dialect.separator, "," if commas else dialect.decimal)
     body = without_trailing_delimiter(body, header, dialect)
     _check_numbers(body, dialect)
-    width = usual_width(body.texts, dialect)
+    width = typical_width(body.texts, dialect)
     names, ignored = _names(header, lines, dialect, width)
     if header is None:
         ignored = _in_comment(lines, dialect, width)
@@ -283,7 +282,7 @@ def table(path: Path, text: str, options: CsvOptions) -> Table:
 
 
 def check_options(path: Path, options: CsvOptions) -> None:
-    """Raises InputError for marks that no table can be written with."""
+    """Raise InputError for marks that no table can be written with."""
     problems = []
     if options.delimiter is not None and len(options.delimiter) != 1:
         problems.append(f"delimiter {options.delimiter!r} is not one character; use , ; | or a tab")
@@ -307,16 +306,16 @@ def _split_header(lines: Lines, dialect: Dialect, wanted: bool | None) -> tuple[
     if wanted is None and not words:
         return None, lines
     if wanted is None and numeric:
-        if len(lines.texts) > 1 and all(_census(one, dialect)[1] for one in lines.texts):
+        if len(lines.texts) > 1 and all(_census(line, dialect)[1] for line in lines.texts):
             message = "each line begins with a name: the table lies on its side; transpose it"
-            raise InputError.one(lines.place(0), message)
+            raise InputError.one(lines.location(0), message)
         raise InputError.one(
-            lines.place(0),
+            lines.location(0),
             f"mixes numbers and text such as {short(words[0])}; "
             f"say header: true if it names the columns, or mend the cell",
         )
     below = (_census(line, dialect) for line in lines.texts[1 : 1 + _ROWS_OF_WORDS])
-    wordy = itertools.takewhile(lambda found: not found[0] and _are_words(found[1]), below)
+    wordy = itertools.takewhile(lambda census: not census[0] and _are_words(census[1]), below)
     count = 1 + sum(1 for _ in wordy)
     first = count if count < len(lines.texts) else min(count, 2)
     return lines.texts[0], lines.part(slice(first, None))
@@ -331,7 +330,7 @@ def _census(line: str, dialect: Dialect) -> tuple[int, list[str]]:
 
 def _are_words(cells: list[str]) -> bool:
     """Some, and none that would be a number with the other decimal sign."""
-    return bool(cells) and all(to_number(one, sign) is None for one in cells for sign in ".,")
+    return bool(cells) and all(to_number(cell, sign) is None for cell in cells for sign in ".,")
 
 
 def _check_numbers(body: Lines, dialect: Dialect) -> None:
@@ -352,7 +351,7 @@ def _names(
     names = _header_cells(header, dialect, width)
     if len(names) != width:
         raise InputError.one(
-            lines.place(0),
+            lines.location(0),
             f"the header has {len(names)} cells and the rows have {width}; "
             f"{_why_not(header, lines, dialect, width)}",
         )
@@ -396,8 +395,8 @@ def _header_cells(header: str, dialect: Dialect, width: int) -> list[str]:
         return names[:width] if len(names) == width + 1 and not names[-1] else names
     # `t [s]  w_1 [rpm]`: a blank inside a name is told from one between names by trial.
     with_units = re.findall(r'"[^"]*"|[^\s\[(]+(?:\s*(?:\[[^\[\]]*\]|\([^()]*\)))?', header)
-    apart = re.split(r"\s{2,}|\t", header.strip())
-    for guess in (names, with_units, apart):
+    columns = re.split(r"\s{2,}|\t", header.strip())
+    for guess in (names, with_units, columns):
         if len(guess) == width:
             return [name.strip('"') for name in guess]
     return names

@@ -1,8 +1,6 @@
-"""MATLAB files: v5 to v7 through SciPy, v7.3 through h5py; how deep cells lie in each other is
-looked at first.
+"""MATLAB files: v5 to v7 through SciPy, v7.3 through h5py.
 
-How deep cells and structs of a MATLAB file (v5 to v7) lie in each other, found without recursion.
-
+How deep cells and structs of a file of v5 to v7 lie in each other is looked at first, without recursion:
 SciPy reads each inside the one that holds it, and some thousands end the process.  Elements are a flat
 stream of tags, which is followed here as SciPy follows it: how many a cell holds is known from its
 dimensions, never from the length in its tag.
@@ -22,10 +20,10 @@ import numpy as np
 
 from bayesdrill.basics.errors import InputError
 from bayesdrill.output_files import LARGEST_FILE
-from bayesdrill.record.formats.arrays import ITSELF, Found, damage_told, datasets
+from bayesdrill.record.formats.arrays import ITSELF, FileContents, datasets, report_damage
 from bayesdrill.record.formats.table import Table, read_bytes
 
-DEEPEST = 100  # ten times what anyone nests, and a tenth of what SciPy stands
+MAX_DEPTH = 100  # ten times what anyone nests, and a tenth of what SciPy stands
 
 _MATRIX, _COMPRESSED = 14, 15  # kinds of elements
 # Classes of matrices that hold others.
@@ -36,7 +34,7 @@ _DIMENSIONS = 32  # at most
 
 
 def too_deep(file: bytes) -> bool:
-    """Whether something lies deeper than `DEEPEST`; of compressed numbers only the beginning is read.
+    """Whether something lies deeper than `MAX_DEPTH`; of compressed numbers only the beginning is read.
 
     Raises `zlib.error` or `struct.error` where the file is damaged.
     """
@@ -69,18 +67,18 @@ class _Walk:
         self._data, self._order, self._at = memoryview(data), order, 0
 
     def too_deep(self) -> bool:
-        left = [1]  # matrices still to come, at each depth
+        remaining = [1]  # matrices still to come, at each depth
         try:
-            while left and len(left) <= DEEPEST + 1:
-                if left[-1] == 0:
-                    left.pop()
+            while remaining and len(remaining) <= MAX_DEPTH + 1:
+                if remaining[-1] == 0:
+                    remaining.pop()
                     continue
-                left[-1] -= 1
-                if held := self._enter():
-                    left.append(held)
+                remaining[-1] -= 1
+                if count := self._enter():
+                    remaining.append(count)
         except struct.error:  # the end, or cut short
             return False
-        return bool(left)
+        return bool(remaining)
 
     def _enter(self) -> int:
         """From the tag of a matrix to that of the next: how many it holds."""
@@ -88,22 +86,22 @@ class _Walk:
         if size == 0:
             self._at += 8
             return 0
-        kind, held = _class(self._data, self._at, self._order), 0
+        kind, count = _class(self._data, self._at, self._order), 0
         self._at += _CLASS + 8
         if kind in (_FUNCTION, _OPAQUE):
-            held = 1
+            count = 1
         if kind != _OPAQUE:
             begin, size = self._element()
-            held = held or math.prod(self._words(begin, min(size // 4, _DIMENSIONS)))
+            count = count or math.prod(self._words(begin, min(size // 4, _DIMENSIONS)))
             self._element()  # its name
         if kind == _OBJECT:
             self._element()  # that of its class
         if kind in (_STRUCT, _OBJECT):
             letters = self._words(self._element()[0], 1)[0]
-            held *= self._element()[1] // max(letters, 1)
+            count *= self._element()[1] // max(letters, 1)
         while self._words(self._at, 1)[0] != _MATRIX:
             self._element()
-        return held if kind in _HOLDING else 0
+        return count if kind in _HOLDING else 0
 
     def _element(self) -> tuple[int, int]:
         """Past one that is no matrix: where what it holds begins, and how many bytes that is."""
@@ -127,9 +125,9 @@ def read(path: Path, wanted: Collection[str] | None = None) -> Table:
 
     head = read_bytes(path, 128)
     is_hdf5 = head.startswith(b"MATLAB 7.3") or bool(h5py.is_hdf5(path))
-    with damage_told(path, lambda reason: _broken(head, reason)):
-        found = _read_v73(path, wanted) if is_hdf5 else _read_v5(path, wanted)
-    return found.table(path)
+    with report_damage(path, lambda reason: _broken(head, reason)):
+        contents = _read_v73(path, wanted) if is_hdf5 else _read_v5(path, wanted)
+    return contents.table(path)
 
 
 def _broken(head: bytes, reason: str) -> str:
@@ -141,27 +139,27 @@ def _broken(head: bytes, reason: str) -> str:
     )
 
 
-def _read_v5(path: Path, wanted: Collection[str] | None) -> Found:
+def _read_v5(path: Path, wanted: Collection[str] | None) -> FileContents:
     from scipy.io import loadmat
 
-    found = Found()
+    contents = FileContents()
     used = None if wanted is None else {name.split(".")[0] for name in wanted}
     with warnings.catch_warnings():
         # scipy warns of objects it cannot name; they are reported below when asked for.
         warnings.simplefilter("ignore")
         if too_deep(path.read_bytes()):
-            message = f"holds cells or structs more than {DEEPEST} deep; save plain arrays"
+            message = f"holds cells or structs more than {MAX_DEPTH} deep; save plain arrays"
             raise InputError.one(str(path), message)
         content: Mapping[str, Any] = loadmat(path, mat_dtype=False, variable_names=used)
         if used is not None and not used <= content.keys():  # for what is said of the mistake
             content = loadmat(path, mat_dtype=False)
     for name, value in content.items():
         if not name.startswith("__"):
-            _walk_v5(name, value, found)
-    return found
+            _walk_v5(name, value, contents)
+    return contents
 
 
-def _walk_v5(name: str, value: Any, found: Found) -> None:
+def _walk_v5(name: str, value: Any, contents: FileContents) -> None:
     from scipy.io.matlab import MatlabFunction, MatlabObject, MatlabOpaque
 
     if isinstance(value, MatlabOpaque):
@@ -169,52 +167,52 @@ def _walk_v5(name: str, value: Any, found: Found) -> None:
         known = value.dtype.names or ()
         name = _text(value["s0"].flat[0]) if "s0" in known else name
         kinds = [_text(value[key].flat[0]) for key in ("_Class", "s2") if key in known]
-        found.ignored[name] = _opaque(name, kinds[0] if kinds else "")
+        contents.ignored[name] = _opaque(name, kinds[0] if kinds else "")
     elif isinstance(value, MatlabObject | MatlabFunction):
-        found.ignored[name] = _opaque(name, str(getattr(value, "classname", "function")))
+        contents.ignored[name] = _opaque(name, str(getattr(value, "classname", "function")))
     elif not isinstance(value, np.ndarray):
-        found.ignored[name] = "is sparse; save full(...) of it"
+        contents.ignored[name] = "is sparse; save full(...) of it"
     elif value.dtype.names is not None:
         if "values" in value.dtype.names:
-            _add_signals(name, value, found)
+            _add_signals(name, value, contents)
             return
         if value.size != 1:
-            found.ignored[name] = f"is an array of {value.size} structs; save a single struct"
+            contents.ignored[name] = f"is an array of {value.size} structs; save a single struct"
             return
         for field_name in value.dtype.names:
-            _walk_v5(f"{name}.{field_name}", value[field_name].flat[0], found)
+            _walk_v5(f"{name}.{field_name}", value[field_name].flat[0], contents)
     elif value.dtype.kind in "US":
-        found.ignored[name] = "is text, not numbers"
+        contents.ignored[name] = "is text, not numbers"
     elif value.dtype.kind == "O":
-        found.ignored[name] = "is a cell array; save cell2mat(...) of it"
+        contents.ignored[name] = "is a cell array; save cell2mat(...) of it"
     else:
-        found.add_fields(name, value)
+        contents.add_fields(name, value)
 
 
-def _add_signals(name: str, signals: np.ndarray[Any, Any], found: Found) -> None:
+def _add_signals(name: str, signals: np.ndarray[Any, Any], contents: FileContents) -> None:
     """Of Simulink's structure with time: the values of each signal, and what it is called."""
     for number, signal in enumerate(signals.flat, start=1):
-        one = f"{name}({number}).values" if signals.size > 1 else f"{name}.values"
-        found.add_fields(one, signal["values"])
+        variable = f"{name}({number}).values" if signals.size > 1 else f"{name}.values"
+        contents.add_fields(variable, signal["values"])
         texts = [signal[key] for key in ("label", "title") if key in (signals.dtype.names or ())]
-        said = [str(text.flat[0]) for text in texts if text.dtype.kind == "U" and text.size]
-        if said:
-            found.labels[one] = said[0]
+        titles = [str(text.flat[0]) for text in texts if text.dtype.kind == "U" and text.size]
+        if titles:
+            contents.labels[variable] = titles[0]
 
 
-def _read_v73(path: Path, wanted: Collection[str] | None) -> Found:
+def _read_v73(path: Path, wanted: Collection[str] | None) -> FileContents:
     import h5py
 
-    found = Found()
+    contents = FileContents()
     layout = {"separator": ".", "called": "struct", "hidden": "#"}  # #refs#: MATLAB's own
     with h5py.File(path, "r") as file:
-        for name, item in datasets(file, found, unfit=_unfit, **layout):
+        for name, item in datasets(file, contents, unfit=_unfit, **layout):
             if wanted is None or name in wanted:
                 # MATLAB writes column by column, so HDF5 shows every array transposed.
-                found.add_fields(name, np.asarray(item[()]).T)
+                contents.add_fields(name, np.asarray(item[()]).T)
             else:
-                found.unread.append(name)
-    return found
+                contents.unread.append(name)
+    return contents
 
 
 def _unfit(name: str, item: Any) -> str:

@@ -49,18 +49,18 @@ class Table:
         column: str | int | None = None,
         variable: str | None = None,
         *,
-        place: str | None = None,
+        location: str | None = None,
     ) -> Array:
         """One column, `(T,)`: a name, a number from 1, or in a file of arrays a variable's column.
 
-        Raises InputError at `place` (the file when None); the message names the file itself.
+        Raises InputError at `location` (the file when None); the message names the file itself.
         """
         try:
             if self.lines is not None:
                 return self._pick_from_table(column, variable)
             return self._pick_from_arrays(column, variable)
         except LookupError as error:
-            raise InputError.one(place or str(self.path), str(error.args[0])) from None
+            raise InputError.one(location or str(self.path), str(error.args[0])) from None
 
     def _pick_from_table(self, column: str | int | None, variable: str | None) -> Array:
         file = self.path.name
@@ -168,19 +168,19 @@ def _shape(values: Array) -> str:
 
 def read_bytes(path: Path, count: int = -1) -> bytes:
     """The first `count` bytes of a file (-1: all). Raises InputError when there are none."""
-    place = str(path)
+    location = str(path)
     try:
         with path.open("rb") as file:
             content = file.read(count)
     except FileNotFoundError:
-        raise InputError.one(place, f"there is no such file{_neighbour(path)}") from None
+        raise InputError.one(location, f"there is no such file{_neighbour(path)}") from None
     except IsADirectoryError:
-        raise InputError.one(place, "is a folder; name a file in it") from None
+        raise InputError.one(location, "is a folder; name a file in it") from None
     except (OSError, ValueError) as error:  # ValueError: a NUL in the name
         reason = getattr(error, "strerror", None) or str(error)
-        raise InputError.one(place, f"cannot be opened: {reason}") from None
+        raise InputError.one(location, f"cannot be opened: {reason}") from None
     if not content:
-        raise InputError.one(place, "the file is empty; write it again from the rig's software")
+        raise InputError.one(location, "the file is empty; write it again from the rig's software")
     return content
 
 

@@ -1,6 +1,4 @@
-"""Text files as lines that hold something, lines as cells, and what a cell that is no number was
-meant to be.
-"""
+"""Text files as lines, lines as cells, and what a cell that is no number was meant to be."""
 
 from __future__ import annotations
 
@@ -44,9 +42,11 @@ _KINDS: tuple[tuple[str, str], ...] = (
 
 
 def advice_of_cells(cells: Iterable[str]) -> list[str]:
-    """One sentence for each kind of cell that is met."""
-    kinds = [next((said for form, said in _KINDS if re.fullmatch(form, one)), "") for one in cells]
-    return list(dict.fromkeys(said for said in kinds if said))
+    """Return one sentence for each kind of cell that is met."""
+    kinds = [
+        next((advice for form, advice in _KINDS if re.fullmatch(form, cell)), "") for cell in cells
+    ]
+    return list(dict.fromkeys(advice for advice in kinds if advice))
 
 
 _MAGIC = {
@@ -82,13 +82,16 @@ class Lines:
     comment: str = ""
 
     def part(self, rows: slice) -> Lines:
+        """Return some of the lines."""
         return replace(self, texts=self.texts[rows], numbers=self.numbers[rows])
 
-    def place(self, index: int) -> str:
+    def location(self, index: int) -> str:
+        """Return the file and line of one of them, as messages have it."""
         return f"{self.path} line {self.numbers[index]}"
 
 
 def decode(path: Path) -> str:
+    """Read a text in UTF-8, UTF-16 or Latin-1; raises InputError for what is no table."""
     raw = read_bytes(path)
     for magic, message in _MAGIC.items():
         if raw.startswith(magic):
@@ -118,7 +121,8 @@ def _check_text(path: Path, text: str) -> None:
         raise InputError.one(str(path), f"is {kind}, not a table; export it as CSV")
 
 
-def lines_of(path: Path, text: str, skip: int) -> Lines:
+def read_lines(path: Path, text: str, skip: int) -> Lines:
+    """Return the lines after the first `skip` that hold something; raises InputError without any."""
     # Not str.splitlines: it also breaks at form feeds and other characters a cell may hold.
     everything = text.replace("\r\n", "\n").replace("\r", "\n").rstrip("\x1a").split("\n")
     for number, line in enumerate(everything, start=1):
@@ -128,24 +132,25 @@ def lines_of(path: Path, text: str, skip: int) -> Lines:
                 "sample, so write it with line ends, or leave out columns"
             )
             raise InputError.one(f"{path} line {number}", message)
-    kept = [
+    filled = [
         (number, line)
         for number, line in enumerate(everything[skip:], start=skip + 1)
         if (bare := line.strip()) and bare[0] not in "#%"
     ]
-    if not kept:
-        rest = f" after the {skip} lines of skip_rows" if skip else ""
-        raise InputError.one(str(path), f"holds no data{rest}: only blank lines and comments")
-    before = [bare for line in everything[skip : kept[0][0] - 1] if (bare := line.strip())]
+    if not filled:
+        where = f" after the {skip} lines of skip_rows" if skip else ""
+        raise InputError.one(str(path), f"holds no data{where}: only blank lines and comments")
+    before = [bare for line in everything[skip : filled[0][0] - 1] if (bare := line.strip())]
     return Lines(
         path=path,
-        texts=[line for _, line in kept],
-        numbers=[n for n, _ in kept],
+        texts=[line for _, line in filled],
+        numbers=[n for n, _ in filled],
         comment=before[-1] if before else "",
     )
 
 
 def split(line: str, separator: str | None) -> list[str]:
+    """Split a line into cells, at runs of white space where the separator is None."""
     if '"' not in line:
         return line.split(separator)
     if separator is None:
@@ -157,7 +162,7 @@ def split(line: str, separator: str | None) -> list[str]:
 
 
 def to_number(cell: str, decimal: str) -> float | None:
-    """The number in a cell, NaN for an empty one or a word for that, None for anything else."""
+    """Return the number in a cell, NaN for an empty one or a word for that, None for anything else."""
     cell = cell.strip().replace("\u2212", "-")
     if len(cell) > _LONGEST_NUMBER:
         return None
@@ -176,4 +181,5 @@ def to_number(cell: str, decimal: str) -> float | None:
 
 
 def short(text: str) -> str:
+    """Quote a text of a file in few letters."""
     return repr(shortened(text.strip(), 40))
