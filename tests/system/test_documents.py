@@ -22,7 +22,9 @@ from documents import (
     cells,
     commands,
     files,
+    prose,
     script,
+    sentences,
 )
 from oracles import NOMINAL
 from ruamel.yaml import YAML
@@ -267,3 +269,31 @@ def test_no_machine_path_or_registry_host_is_committed() -> None:
 def test_no_place_is_left_to_be_worded() -> None:
     for path in DOCUMENTS:
         assert "@@" not in path.read_text(), path
+
+
+LONGEST, WIDEST = 40, 100  # words of a sentence, columns of a line
+WRITTEN = [path for path in DOCUMENTS if path.name != "paper.md"]  # that is made of its template
+
+
+def test_no_sentence_of_the_documents_is_too_long() -> None:
+    for path in WRITTEN:
+        for number, sentence in sentences(path):
+            words = len(re.findall(r"\S*\w\S*", sentence))
+            assert words <= LONGEST, f"{path.name}:{number}: {words} words: {sentence}"
+
+
+def test_lines_of_the_documents_are_not_too_wide() -> None:
+    """A line may be longer where a link, a path or a formula cannot be broken."""
+    for path in WRITTEN:
+        for number, line in prose(path):
+            broken = len(line) <= WIDEST or " " not in re.sub(
+                r"`[^`]*`|\]\([^)]*\)", "", line.strip()
+            )
+            assert broken, f"{path.name}:{number}: {len(line)} columns"
+
+
+def test_the_readme_is_short_and_the_glossary_in_order() -> None:
+    assert len(README.read_text().splitlines()) <= 120
+    terms = re.findall(r"^## (.*)$", (DOCS / "glossary.md").read_text(), re.MULTILINE)
+    assert terms == sorted(terms, key=str.lower)
+    assert len(terms) > 70
