@@ -53,7 +53,7 @@ def anchors(path: Path) -> set[str]:
 
 
 FENCE = re.compile(r" *(```+|~~~)")
-ITEM = re.compile(r" *(?:[-*]|\d+\.) +")
+ITEM = re.compile(r"^ *(?:[-*]|\d+\.) +")
 NO_PROSE = ("|", "#", "![", "<!--")  # tables, headings, figures, marks
 
 
