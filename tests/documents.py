@@ -58,10 +58,12 @@ NO_PROSE = ("|", "#", "![", "<!--")  # tables, headings, figures, marks
 
 
 def prose(path: Path) -> list[tuple[int, str]]:
-    """Lines with their numbers; empty where there is code, a table, a heading or a figure."""
+    """Lines with their numbers; empty where there is code, a table, a heading or a figure, or what
+    a tool writes."""
     lines = []
     fence, listed, code, blank = "", False, False, True
-    text = re.sub(r"\A---\n.*?^---\n", _blank_lines, path.read_text(), flags=re.M | re.S)
+    written = r"\A---\n.*?^---\n|^<!-- (\w+) -->\n.*?^<!-- /\1 -->\n"
+    text = re.sub(written, _blank_lines, path.read_text(), flags=re.M | re.S)
     for number, line in enumerate(text.splitlines(), 1):
         bare = line.strip()
         if match := FENCE.match(line):
