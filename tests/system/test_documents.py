@@ -144,10 +144,15 @@ def test_every_script_and_notebook_is_python() -> None:
         assert "assert run.converged" in cells(path), path.name
 
 
+@pytest.fixture(scope="module")
+def ran() -> set[str]:
+    """The commands that ran in the tree: no run overwrites another."""
+    return set()
+
+
 @pytest.mark.slow
-def test_every_command_runs_in_order(tree: Path) -> None:
+def test_every_command_runs_in_order(tree: Path, ran: set[str]) -> None:
     """One after the other, as the README has them: later ones need what earlier ones left."""
-    ran: set[str] = set()
     follow(README, tree, ran)
     assert {"make posterior", "make test"} <= ran
     assert (tree / "results" / "nominal_step" / "figures" / "corner.pdf").exists()
@@ -155,8 +160,7 @@ def test_every_command_runs_in_order(tree: Path) -> None:
 
 
 @pytest.mark.slow
-def test_commands_of_all_other_pages_run(tree: Path) -> None:
-    ran: set[str] = set()
+def test_commands_of_all_other_pages_run(tree: Path, ran: set[str]) -> None:
     for path in DOCUMENTS:
         follow(path, tree, ran)
     assert len(ran) > 30
