@@ -4,7 +4,7 @@
     python docs/results.py --check    says what is not of today's configs and records, and exits with 1
 
 Runs write to `results/<name>`, which is no part of the project, so that what is published is in no
-run's way.
+run's way. The figure `docs/figures/products` shows what is published, and is made with it.
 """
 
 from __future__ import annotations
@@ -20,6 +20,7 @@ import bayesdrill as bd
 from bayesdrill import output_files
 from bayesdrill.results import provenance
 from bayesdrill.results.run_folder import VERSION_OF
+from docs import products
 
 ROOT = Path(__file__).parent.parent
 PAPER = "paper"
@@ -67,6 +68,7 @@ def stale(root: Path) -> Iterator[str]:
         folder = published(root) / name
         yield from (f"{name}: {what}" for what in _other_run(found[name], _run(folder)))
         yield from (f"{name}: {what}" for what in _other_files(folder, _run(folder)))
+    yield from products.stale(root)
 
 
 def _run(folder: Path) -> dict[str, Any]:
@@ -103,6 +105,7 @@ def main() -> int:
         publish(results / name, published(ROOT) / name, output_files.POSTERIOR)
     records = [path.parent.name for path in (results / PAPER).glob("*/run.json")]
     publish(results / PAPER, published(ROOT) / PAPER, output_files.paper_files(records))
+    products.save(ROOT)
     return 0
 
 

@@ -50,3 +50,54 @@ def anchors(path: Path) -> set[str]:
     headings = re.findall(r"^#+ (.*)$", text, re.MULTILINE)
     plain = [re.sub(r"\[([^\]]*)\]\([^)]*\)", r"\1", heading) for heading in headings]
     return {re.sub(r"[^\w\- ]", "", heading.lower()).replace(" ", "-") for heading in plain}
+
+
+FENCE = re.compile(r" *(```+|~~~)")
+ITEM = re.compile(r"^ *(?:[-*]|\d+\.) +")
+NO_PROSE = ("|", "#", "![", "<!--")  # tables, headings, figures, marks
+
+
+def prose(path: Path) -> list[tuple[int, str]]:
+    """Lines with their numbers; empty where there is code, a table, a heading or a figure, or what
+    a tool writes."""
+    lines = []
+    fence, listed, code, blank = "", False, False, True
+    written = r"\A---\n.*?^---\n|^<!-- (\w+) -->\n.*?^<!-- /\1 -->\n"
+    text = re.sub(written, _blank_lines, path.read_text(), flags=re.M | re.S)
+    for number, line in enumerate(text.splitlines(), 1):
+        bare = line.strip()
+        if match := FENCE.match(line):
+            closed = fence and bare.startswith(fence)
+            fence = "" if closed else fence or match[1]
+            line = ""
+        if bare and not line.startswith(" "):
+            listed = bool(ITEM.match(line))
+        code = line.startswith("    ") and not listed and (blank or code)
+        blank = not bare
+        lines.append((number, "" if fence or code or bare.startswith(NO_PROSE) else line))
+    return lines
+
+
+def _blank_lines(match: re.Match[str]) -> str:
+    return "\n" * match[0].count("\n")
+
+
+def sentences(path: Path) -> list[tuple[int, str]]:
+    """Sentences of the prose, without marks of links, code and formulas, with the lines of their
+    paragraphs."""
+    paragraphs: list[tuple[int, list[str]]] = []
+    ended = True
+    for number, line in prose(path):
+        if line.strip() and (ended or ITEM.match(line)):
+            paragraphs.append((number, []))
+        if line.strip():
+            paragraphs[-1][1].append(ITEM.sub("", line).strip())
+        ended = not line.strip()
+    found = []
+    for number, lines in paragraphs:
+        text = re.sub(r"`[^`]+`|\$[^$]+\$", "X", " ".join(lines))
+        text = re.sub(r"\[([^\]]*)\]\([^)]*\)", r"\1", text)
+        text = re.sub(r"\b(al|cf|e\.g|i\.e|vs)\.", r"\1", text)
+        split = re.split(r"(?<=[.!?])[)*\"]*\s+(?=[\"(*\[]*[A-Z0-9])", text)
+        found += [(number, sentence) for sentence in split]
+    return found

@@ -22,7 +22,9 @@ from documents import (
     cells,
     commands,
     files,
+    prose,
     script,
+    sentences,
 )
 from oracles import NOMINAL
 from ruamel.yaml import YAML
@@ -142,10 +144,15 @@ def test_every_script_and_notebook_is_python() -> None:
         assert "assert run.converged" in cells(path), path.name
 
 
+@pytest.fixture(scope="module")
+def ran() -> set[str]:
+    """The commands that ran in the tree: no run overwrites another."""
+    return set()
+
+
 @pytest.mark.slow
-def test_every_command_runs_in_order(tree: Path) -> None:
+def test_every_command_runs_in_order(tree: Path, ran: set[str]) -> None:
     """One after the other, as the README has them: later ones need what earlier ones left."""
-    ran: set[str] = set()
     follow(README, tree, ran)
     assert {"make posterior", "make test"} <= ran
     assert (tree / "results" / "nominal_step" / "figures" / "corner.pdf").exists()
@@ -153,8 +160,7 @@ def test_every_command_runs_in_order(tree: Path) -> None:
 
 
 @pytest.mark.slow
-def test_commands_of_all_other_pages_run(tree: Path) -> None:
-    ran: set[str] = set()
+def test_commands_of_all_other_pages_run(tree: Path, ran: set[str]) -> None:
     for path in DOCUMENTS:
         follow(path, tree, ran)
     assert len(ran) > 30
@@ -267,3 +273,31 @@ def test_no_machine_path_or_registry_host_is_committed() -> None:
 def test_no_place_is_left_to_be_worded() -> None:
     for path in DOCUMENTS:
         assert "@@" not in path.read_text(), path
+
+
+LONGEST, WIDEST = 40, 100  # words of a sentence, columns of a line
+WRITTEN = [path for path in DOCUMENTS if path.name != "paper.md"]  # that is made of its template
+
+
+def test_no_sentence_of_the_documents_is_too_long() -> None:
+    for path in WRITTEN:
+        for number, sentence in sentences(path):
+            words = len(re.findall(r"\S*\w\S*", sentence))
+            assert words <= LONGEST, f"{path.name}:{number}: {words} words: {sentence}"
+
+
+def test_lines_of_the_documents_are_not_too_wide() -> None:
+    """A line may be longer where a link, a path or a formula cannot be broken."""
+    for path in WRITTEN:
+        for number, line in prose(path):
+            broken = len(line) <= WIDEST or " " not in re.sub(
+                r"`[^`]*`|\]\([^)]*\)", "", line.strip()
+            )
+            assert broken, f"{path.name}:{number}: {len(line)} columns"
+
+
+def test_the_readme_is_short_and_the_glossary_in_order() -> None:
+    assert len(README.read_text().splitlines()) <= 120
+    terms = re.findall(r"^## (.*)$", (DOCS / "glossary.md").read_text(), re.MULTILINE)
+    assert terms == sorted(terms, key=str.lower)
+    assert len(terms) > 70
