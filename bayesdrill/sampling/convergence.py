@@ -41,24 +41,24 @@ class Kept:
     n_tau: float  # wanted
 
 
-def suspicions(kept: Kept) -> tuple[str, ...]:
+def suspicions(chain: Kept) -> tuple[str, ...]:
     """A sentence for each trouble: value, place, what to do.
 
     A walker found out by one look is left out of the next, so that each trouble has one name.
     """
-    stay, medians = longest_stay(kept.theta), np.median(kept.log_p, axis=1)
+    stay, medians = longest_stay(chain.theta), np.median(chain.log_p, axis=1)
     # Walkers that once did not move for too long.
-    usual, least = float(np.median(stay)), STILL_SHARE * kept.theta.shape[1]
-    still = stay >= (least if usual >= least else max(least, STILL_RATIO * usual))
+    median_stay, least = float(np.median(stay)), STILL_SHARE * chain.theta.shape[1]
+    still = stay >= (least if median_stay >= least else max(least, STILL_RATIO * median_stay))
     # Walkers whose median log density is rare among the better half of the walkers.
-    better = np.moveaxis(kept.log_p, 1, 2)[medians >= np.median(medians)]
+    better = np.moveaxis(chain.log_p, 1, 2)[medians >= np.median(medians)]
     low = (medians < np.quantile(better, LOW)) & ~still
     sound = ~(still | low)
-    found = [*_of_still(kept, still, stay), *_of_low(kept, low, sound, medians)]
+    troubles = [*_of_still(chain, still, stay), *_of_low(chain, low, sound, medians)]
     if (sound.sum(axis=1) > 1).any():
-        sd = _series(kept.theta, sound).std(axis=0)
-        found += _of_two_places(kept, sound, sd) or _of_growing_tau(kept, sound, sd)
-    return tuple(found)
+        sd = _series(chain.theta, sound).std(axis=0)
+        troubles += _of_two_places(chain, sound, sd) or _of_growing_tau(chain, sound, sd)
+    return tuple(troubles)
 
 
 def longest_stay(theta: Array) -> Indices:
@@ -106,7 +106,7 @@ def two_groups(means: Array) -> tuple[float, float]:
     return float(below[best]), float(above[best])
 
 
-def long_run_tau(theta: Array, chosen: Flags, sd: Array, parts: int = 1) -> Array:
+def long_run_tau(theta: Array, selected: Flags, sd: Array, parts: int = 1) -> Array:
     """`(D,)`: tau from how far the walkers' means over a part of the chain spread; `sd` of all.
 
     No window cuts it short, so it sees slow motion of any size, up to the length of a part.  Means
@@ -114,7 +114,7 @@ def long_run_tau(theta: Array, chosen: Flags, sd: Array, parts: int = 1) -> Arra
     """
     length = theta.shape[1] // parts
     total, freedom = np.zeros(theta.shape[-1]), 0
-    for chain, flags in zip(theta, chosen, strict=True):
+    for chain, flags in zip(theta, selected, strict=True):
         blocks = chain[: length * parts].reshape(parts, length, *chain.shape[1:])
         means = blocks.mean(axis=1)[:, flags]
         total += ((means - means.mean(axis=(0, 1))) ** 2).sum(axis=(0, 1)) if flags.any() else 0.0
@@ -122,8 +122,8 @@ def long_run_tau(theta: Array, chosen: Flags, sd: Array, parts: int = 1) -> Arra
     return np.asarray(length * total / max(freedom, 1) / np.where(sd > 0, sd, 1.0) ** 2)
 
 
-def _of_still(kept: Kept, still: Flags, stay: Indices) -> Iterator[str]:
-    n_steps = kept.theta.shape[1]
+def _of_still(chain: Kept, still: Flags, stay: Indices) -> Iterator[str]:
+    n_steps = chain.theta.shape[1]
     if still.mean() > 0.5:
         yield (
             f"{still.sum()} of {still.size} walkers did not move for {STILL_SHARE:.0%} of {n_steps} "
@@ -134,68 +134,68 @@ def _of_still(kept: Kept, still: Flags, stay: Indices) -> Iterator[str]:
         ensemble, walker = np.unravel_index(int(np.argmax(stay)), stay.shape)
         yield (
             f"{_counted(still)} stuck: the longest did not move for {stay.max()} of {n_steps} steps "
-            f"({_where(kept, int(ensemble), int(walker), ~still)}); start over with another seed, and "
+            f"({_where(chain, int(ensemble), int(walker), ~still)}); start over with another seed, and "
             "if it happens there again look at what the model does at this place"
         )
 
 
-def _of_low(kept: Kept, low: Flags, sound: Flags, medians: Array) -> Iterator[str]:
+def _of_low(chain: Kept, low: Flags, sound: Flags, medians: Array) -> Iterator[str]:
     if not low.any():
         return
     ensemble, walker = np.unravel_index(int(np.argmin(np.where(low, medians, np.inf))), low.shape)
     yield (
         f"{_counted(low)} far from where the posterior is: log density {medians[ensemble, walker]:.1f}"
         f", the others' {np.median(medians[sound]):.1f} "
-        f"({_where(kept, int(ensemble), int(walker), sound)}); caught in a lesser maximum or still on "
+        f"({_where(chain, int(ensemble), int(walker), sound)}); caught in a lesser maximum or still on "
         "the way: start over with another seed, or give the prior an end that leaves the place out"
     )
 
 
-def _of_two_places(kept: Kept, sound: Flags, sd: Array) -> list[str]:
-    means = kept.theta.mean(axis=1)[sound]
+def _of_two_places(chain: Kept, sound: Flags, sd: Array) -> list[str]:
+    means = chain.theta.mean(axis=1)[sound]
     places = []
-    for d, name in enumerate(kept.names):
+    for d, name in enumerate(chain.names):
         low, high = two_groups(means[:, d])
-        found = split(_series(kept.theta, sound, d)) if high - low > APART * sd[d] else None
-        if found:
+        groups = split(_series(chain.theta, sound, d)) if high - low > APART * sd[d] else None
+        if groups:
             places.append(
-                f"{name}: {1 - found.share:.1%} of the draws near {found.low:.4g}, {found.share:.1%} "
-                f"near {found.high:.4g}, {found.crossings} crossings"
+                f"{name}: {1 - groups.share:.1%} of the draws near {groups.low:.4g}, {groups.share:.1%} "
+                f"near {groups.high:.4g}, {groups.crossings} crossings"
             )
     if not places:
         return []
     return [
         f"the walkers sit in two places and hardly ever cross between them (SI; {'; '.join(places)} by "
-        f"{len(means)} walkers in {kept.theta.shape[1]} steps): the shares are those of the start, "
+        f"{len(means)} walkers in {chain.theta.shape[1]} steps): the shares are those of the start, "
         "not of the posterior; give the prior an end that leaves one place out, or a record that "
         "tells them apart"
     ]
 
 
-def _of_growing_tau(kept: Kept, sound: Flags, sd: Array) -> list[str]:
-    n_steps, freedom = kept.theta.shape[1], int((sound.sum(axis=1) - 1).clip(0).sum())
-    whole = long_run_tau(kept.theta, sound, sd)
+def _of_growing_tau(chain: Kept, sound: Flags, sd: Array) -> list[str]:
+    n_steps, freedom = chain.theta.shape[1], int((sound.sum(axis=1) - 1).clip(0).sum())
+    whole = long_run_tau(chain.theta, sound, sd)
     by_chance = float(scipy.special.chdtri(freedom, CHANCE)) / freedom
-    grown = (whole > by_chance * kept.tau) & (whole > n_steps / kept.n_tau)
+    grown = (whole > by_chance * chain.tau) & (whole > n_steps / chain.n_tau)
     if not grown.any():
         return []
     worst = int(np.argmax(np.where(grown, whole, 0.0)))
-    quarter, half = (float(long_run_tau(kept.theta, sound, sd, n)[worst]) for n in (4, 2))
+    quarter, half = (float(long_run_tau(chain.theta, sound, sd, n)[worst]) for n in (4, 2))
     return [
-        f"the autocorrelation time of {kept.names[worst]} still grows with the chain: {quarter:.0f} "
+        f"the autocorrelation time of {chain.names[worst]} still grows with the chain: {quarter:.0f} "
         f"steps from quarters of it, {half:.0f} from halves, {whole[worst]:.0f} from the whole, where "
-        f"its correlations seem to fade after {kept.tau[worst]:.0f}; the chain is at most "
+        f"its correlations seem to fade after {chain.tau[worst]:.0f}; the chain is at most "
         f"{n_steps / whole[worst]:.0f} of these times long and needs more steps"
     ]
 
 
-def _series(theta: Array, chosen: Flags, d: int | slice = slice(None)) -> Array:
+def _series(theta: Array, selected: Flags, d: int | slice = slice(None)) -> Array:
     """The chosen walkers of all ensembles side by side: `(S, N)` of unknown `d`, or `(S N, D)`."""
     if isinstance(d, slice):
-        if chosen.all():
+        if selected.all():
             return theta.reshape(-1, theta.shape[-1])
-        return np.swapaxes(theta, 1, 2)[chosen].reshape(-1, theta.shape[-1])
-    return np.swapaxes(theta[..., d], 1, 2)[chosen].T
+        return np.swapaxes(theta, 1, 2)[selected].reshape(-1, theta.shape[-1])
+    return np.swapaxes(theta[..., d], 1, 2)[selected].T
 
 
 def _counted(flags: Flags) -> str:
@@ -204,14 +204,14 @@ def _counted(flags: Flags) -> str:
     return f"{n} of {flags.size} walkers ({where}) {'is' if n == 1 else 'are'}"
 
 
-def _where(kept: Kept, ensemble: int, walker: int, sound: Flags) -> str:
+def _where(chain: Kept, ensemble: int, walker: int, sound: Flags) -> str:
     """The unknown in which this walker is farthest from the sound ones, in their spreads."""
-    others = _series(kept.theta, sound)
-    mean, centre = kept.theta[ensemble, :, walker].mean(axis=0), others.mean(axis=0)
+    others = _series(chain.theta, sound)
+    mean, centre = chain.theta[ensemble, :, walker].mean(axis=0), others.mean(axis=0)
     sd = others.std(axis=0)
     d = int(np.argmax(np.abs(mean - centre) / np.where(sd > 0, sd, 1.0)))
     return (
-        f"walker {walker} of ensemble {ensemble}, at {kept.names[d]} {mean[d]:.4g} where the others "
+        f"walker {walker} of ensemble {ensemble}, at {chain.names[d]} {mean[d]:.4g} where the others "
         f"have {centre[d]:.4g} +- {sd[d]:.2g} in SI"
     )
 
@@ -296,46 +296,46 @@ def assess(
     names: tuple[str, ...],
     targets: Targets,
     log_p: Array | None = None,
-    found: Length | None = None,
+    measured: Length | None = None,
 ) -> Convergence:
     """Judge physical chains `(E, S, W, D)`.
 
     `log_p (E, S, W)` finds walkers that are far from the rest; without it they are not looked for.
-    `found`: their length, where it has been measured already.
+    `measured`: their length, where it has been measured already.
     """
     from arviz_stats.base import array_stats  # late: it takes half a second to load
 
     n_steps = theta.shape[1]
-    found = found or length(theta)
-    burn_in, tau, n_tau = found.burn_in, found.tau, found.n_tau
-    capped = found.wanted > burn_in
-    kept = theta[:, burn_in:]
-    thin = max(1, min(math.ceil(float(tau.max())), kept.shape[1] // 4))
+    measured = measured or length(theta)
+    burn_in, tau, n_tau = measured.burn_in, measured.tau, measured.n_tau
+    capped = measured.wanted > burn_in
+    post_burn_in = theta[:, burn_in:]
+    thin = max(1, min(math.ceil(float(tau.max())), post_burn_in.shape[1] // 4))
     draws = thinned(theta, burn_in, thin)
     r_hat = _each(array_stats.rhat, draws, method="rank")
     # ArviZ takes draws for a series in which walkers take turns, and so cannot see that a walker
     # still remembers where it was at its last draw.
-    still = draws.shape[0] * draws.shape[1] / autocorrelation_time(kept[:, ::thin])
+    still = draws.shape[0] * draws.shape[1] / autocorrelation_time(post_burn_in[:, ::thin])
     ess_bulk = np.minimum(_each(array_stats.ess, draws, method="bulk"), still)
     ess_tail = np.minimum(_each(array_stats.ess, draws, method="tail", prob=0.9), still)
-    apart = not (r_hat <= targets.r_hat).all()
+    disagreeing = not (r_hat <= targets.r_hat).all()
     missing = list(_reasons(names, targets, tau, r_hat, ess_bulk, n_tau))
     named: tuple[str, ...] = ()
-    if kept.shape[1] >= LEAST_KEPT:
-        density = np.zeros(kept.shape[:-1]) if log_p is None else log_p[:, burn_in:]
-        seen = Kept(theta=kept, log_p=density, names=names, tau=tau, n_tau=targets.n_tau)
-        named = suspicions(seen)
+    if post_burn_in.shape[1] >= LEAST_KEPT:
+        density = np.zeros(post_burn_in.shape[:-1]) if log_p is None else log_p[:, burn_in:]
+        chain = Kept(theta=post_burn_in, log_p=density, names=names, tau=tau, n_tau=targets.n_tau)
+        named = suspicions(chain)
     if capped and not named:
         missing.append(
             f"the run is too short to judge its burn-in: {BURN_IN_TAUS} autocorrelation times are "
-            f"{found.wanted} steps, half of the run is {burn_in}"
+            f"{measured.wanted} steps, half of the run is {burn_in}"
         )
     return Convergence(
         steps=n_steps,
         burn_in=burn_in,
         burn_in_rule=f"half of the run, too short for {BURN_IN_TAUS} autocorrelation times"
         if capped
-        else f"{BURN_IN_TAUS} autocorrelation times of {found.early:.1f} steps",
+        else f"{BURN_IN_TAUS} autocorrelation times of {measured.early:.1f} steps",
         thin=thin,
         tau=tau,
         r_hat=r_hat,
@@ -344,7 +344,7 @@ def assess(
         n_tau=n_tau,
         reasons=(*named, *missing),
         slowest=names[int(np.argmax(tau))],
-        enough=None if named or apart else _enough(n_steps, targets, n_tau, ess_bulk),
+        enough=None if named or disagreeing else _enough(n_steps, targets, n_tau, ess_bulk),
     )
 
 
@@ -356,8 +356,8 @@ def _enough(steps: int, targets: Targets, n_tau: float, ess: Array) -> int | Non
 
 def thinned(chains: Array, burn_in: int, thin: int) -> Array:
     """`(E, S, W, ...)` to nearly independent draws `(E, draws, ...)`, in order of time."""
-    kept = chains[:, burn_in::thin]
-    return np.ascontiguousarray(kept.reshape(kept.shape[0], -1, *kept.shape[3:]))
+    steps = chains[:, burn_in::thin]
+    return np.ascontiguousarray(steps.reshape(steps.shape[0], -1, *steps.shape[3:]))
 
 
 def futile(trail: Sequence[tuple[int, float]], wanted: float, allowed: int, most: int) -> str:
@@ -418,8 +418,8 @@ def autocorrelation(chains: Array) -> Autocorrelation:
     tau = 2.0 * np.cumsum(rho, axis=0) - 1.0
     inside = np.arange(n_steps)[:, None] < WINDOW * tau
     window = np.where(inside.all(axis=0), n_steps - 1, np.argmin(inside, axis=0))
-    found = np.maximum(tau[window, np.arange(tau.shape[1])], 1.0)
-    return Autocorrelation(rho=rho, tau=np.asarray(found), window=window)
+    tau_in_window = np.maximum(tau[window, np.arange(tau.shape[1])], 1.0)
+    return Autocorrelation(rho=rho, tau=np.asarray(tau_in_window), window=window)
 
 
 def autocorrelation_time(chains: Array) -> Array:

@@ -86,17 +86,19 @@ def prepare(
     report.update(0.0, "learning the proposal")
     random = np.random.RandomState(seeds.bits(seed, "learn", 0))
     z = posterior.coordinates.from_physical(maxima)
-    again, tops = (AGAIN, z) if fits(posterior, maxima) else (0, z[:1])
+    max_added_ridges, modes = (AGAIN, z) if fits(posterior, maxima) else (0, z[:1])
     surface = PosteriorSurface(posterior)
     with threadpool_limits(1):
         rng = seeds.stream(seed, "learn", 1)
         # Where the density over the coordinates is highest, most of the posterior is near.
-        central, settle = climb(surface, tops, UPWARD).u, not dear(posterior)
-        for k in range(1, len(tops)):  # one is not moved to where another is
+        central, settle = climb(surface, modes, UPWARD).u, not dear(posterior)
+        for k in range(1, len(modes)):  # one is not moved to where another is
             near = np.abs(central[:k] - central[k]) < SAME_MODE * surface.spread
             if near.all(axis=1).any():
-                central[k] = tops[k]
-        return learn(surface, expand, list(central), random, rng, again, report, settle=settle)
+                central[k] = modes[k]
+        return learn(
+            surface, expand, list(central), random, rng, max_added_ridges, report, settle=settle
+        )
 
 
 def fits(posterior: Posterior, maxima: Array) -> bool:
@@ -104,8 +106,8 @@ def fits(posterior: Posterior, maxima: Array) -> bool:
 
     If it leaves far more it is not believed, however well it is sampled, and little is spent on it.
     """
-    left = float(posterior.likelihood.per_number(maxima[:1])[0])
-    return left < FAR_TOO_LARGE**2
+    misfit = float(posterior.likelihood.per_number(maxima[:1])[0])
+    return misfit < FAR_TOO_LARGE**2
 
 
 def dear(posterior: Posterior) -> bool:
@@ -113,9 +115,11 @@ def dear(posterior: Posterior) -> bool:
     settled ridges, of some 1e5 points, takes minutes: where each sample has its own, and not sums alone.
     """
     observations = posterior.likelihood.observations
-    each = [one for one in observations if not one.response.exact]
-    numbers = sum(len(one.experiment.t) for one in each) * len(posterior.space.free)
-    return numbers > MOST_SLOPES or any(one.response.model.frictions for one in observations)
+    each = [observation for observation in observations if not observation.response.exact]
+    numbers = sum(len(observation.experiment.t) for observation in each) * len(posterior.space.free)
+    return numbers > MOST_SLOPES or any(
+        observation.response.model.frictions for observation in observations
+    )
 
 
 def expanded(posterior: Posterior, u: Array, directions: Array) -> Expansion:
@@ -213,9 +217,9 @@ class Sampled:
     def doubted(self, reasons: tuple[str, ...]) -> Sampled:
         """With further `reasons` not to believe it."""
         convergence = self.convergence
-        every = (*convergence.reasons, *reasons)
+        all_reasons = (*convergence.reasons, *reasons)
         return dataclasses.replace(
-            self, convergence=dataclasses.replace(convergence, reasons=every)
+            self, convergence=dataclasses.replace(convergence, reasons=all_reasons)
         )
 
     @property
@@ -226,8 +230,8 @@ class Sampled:
     @property
     def log_p(self) -> Array:
         """`(E, N)`: log density over the sampler's coordinates, of the same draws."""
-        every = _stack([[piece.log_p for piece in pieces] for pieces in self.pieces])
-        return thinned(every, self.convergence.burn_in, self.convergence.thin)
+        log_p = _stack([[piece.log_p for piece in pieces] for pieces in self.pieces])
+        return thinned(log_p, self.convergence.burn_in, self.convergence.thin)
 
     @property
     def acceptance(self) -> Array:
@@ -253,8 +257,8 @@ def walk(
     proposal: Proposal,
 ) -> Piece:
     """`n_steps` of one ensemble further."""
-    own = bound(proposal, posterior)
-    return advance(posterior.evaluate, state, n_steps, moves, own, posterior.supports)
+    bound_proposal = bound(proposal, posterior)
+    return advance(posterior.evaluate, state, n_steps, moves, bound_proposal, posterior.supports)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -282,9 +286,9 @@ class _Walk:
         length = PIECE
 
         def submit(ensemble: int) -> None:
-            left = goal - self.steps[ensemble]
-            if left > 0:
-                arguments = min(length, left), dict(self.plan.moves), self.proposal
+            remaining = goal - self.steps[ensemble]
+            if remaining > 0:
+                arguments = min(length, remaining), dict(self.plan.moves), self.proposal
                 running[self.crew.submit(walk, self._state(ensemble), *arguments)] = ensemble
 
         for ensemble in range(self.plan.ensembles):
@@ -359,12 +363,12 @@ def weighed(posterior: Posterior, sampled: Sampled, seed: int) -> Sampled:
         for name in ("z", "log_p")
     )
     with threadpool_limits(1):
-        found = evidence(posterior, sampled.learnt.proposal, z, log_p, seed)
+        estimate = evidence(posterior, sampled.learnt.proposal, z, log_p, seed)
         draws = sampled.draws.reshape(-1, z.shape[-1])
-        shift = None if found is None else evidence_shift(posterior, draws)
-    if found is not None and shift is not None:
-        found = found.in_finer_steps(*shift)
-    return dataclasses.replace(sampled, evidence=found)
+        shift = None if estimate is None else evidence_shift(posterior, draws)
+    if estimate is not None and shift is not None:
+        estimate = estimate.in_finer_steps(*shift)
+    return dataclasses.replace(sampled, evidence=estimate)
 
 
 def _until_judged(
@@ -386,14 +390,14 @@ def _until_judged(
     while True:
         under_way.advance_to(goal, tell)
         theta = under_way.first(goal)
-        seen = length(theta)
-        trail.append((goal, seen.n_tau))
+        measured = length(theta)
+        trail.append((goal, measured.n_tau))
         hopeless = futile(trail, plan.targets.n_tau, plan.max_steps, most)
         ending = bool(hopeless) or goal == last
-        following = min(seen.next_check(goal, plan.targets.n_tau), last)
+        following = min(measured.next_check(goal, plan.targets.n_tau), last)
         # Shorter lengths were judged before an interruption, and found wanting.
-        if goal >= have and (ending or seen.n_tau >= plan.targets.n_tau):
-            sampled = _judge(under_way.posterior, plan, under_way.pieces, theta, seen)
+        if goal >= have and (ending or measured.n_tau >= plan.targets.n_tau):
+            sampled = _judge(under_way.posterior, plan, under_way.pieces, theta, measured)
             convergence = sampled.convergence
             # How much of the way to the targets, as far as length goes.
             far = convergence.n_tau / plan.targets.n_tau
@@ -406,8 +410,8 @@ def _until_judged(
             if convergence.converged or ending:
                 return dataclasses.replace(sampled, convergence=convergence, learnt=learnt)
         else:
-            share = min(seen.n_tau / plan.targets.n_tau, 0.99)
-            report.update(share, f"{goal} steps: {seen.n_tau:.0f} autocorrelation times")
+            share = min(measured.n_tau / plan.targets.n_tau, 0.99)
+            report.update(share, f"{goal} steps: {measured.n_tau:.0f} autocorrelation times")
         goal = following
 
 
@@ -416,11 +420,11 @@ def _judge(
     plan: Plan,
     pieces: list[list[Piece]],
     theta: Array,
-    seen: Length | None = None,
+    measured: Length | None = None,
 ) -> Sampled:
-    """`theta (E, S, W, D)`: all of the pieces, physical; `seen`: its length, if that is known."""
+    """`theta (E, S, W, D)`: all of the pieces, physical; `measured`: its length, if that is known."""
     log_p = _stack([[piece.log_p for piece in chain] for chain in pieces])
-    convergence = assess(theta, posterior.space.free, plan.targets, log_p, seen)
+    convergence = assess(theta, posterior.space.free, plan.targets, log_p, measured)
     return Sampled(pieces=pieces, theta=theta, convergence=convergence)
 
 
@@ -447,15 +451,15 @@ def _state_of(c: Convergence) -> str:
 
 
 def stored(
-    posterior: Posterior, plan: Plan, pieces: Callable[[int], list[Piece]], place: str
+    posterior: Posterior, plan: Plan, pieces: Callable[[int], list[Piece]], location: str
 ) -> Sampled:
-    """The `pieces` of each ensemble, judged again; raises `InputError` where `place` lacks some."""
+    """The `pieces` of each ensemble, judged again; raises `InputError` where `location` lacks some."""
     chains = [pieces(ensemble) for ensemble in range(plan.ensembles)]
     steps = min(map(_steps, chains))
     first = min(FIRST_CHECK, plan.most_steps(len(posterior.space.free)))
     if steps < first or max(map(_steps, chains)) != steps:
         raise InputError.one(
-            place, "the run stopped before its first check; continue it with --resume"
+            location, "the run stopped before its first check; continue it with --resume"
         )
     theta = [[_physical(posterior, piece) for piece in chain] for chain in chains]
     return _judge(posterior, plan, chains, _stack(theta))

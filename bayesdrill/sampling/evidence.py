@@ -56,46 +56,46 @@ def evidence(
     """
     random = Random(seeds.bits(seed, "evidence"))
     if proposal.settled is None:
-        every: tuple[Mixture, ...] = (proposal.mixture,)
+        mixtures: tuple[Mixture, ...] = (proposal.mixture,)
         inside, most = proposal.share, DRAWS
     else:
-        own = bound(proposal, posterior).widest
-        every, most = (proposal.mixture, own.mixture), SETTLED_DRAWS
-        inside = 0.5 * (proposal.share + own.share)
-    apart = max(1, -(-log_p.size // most))
-    kept, there = z[:, ::apart], log_p[:, ::apart]
-    log_q = log_density(every, kept.reshape(-1, z.shape[-1]))
+        widest = bound(proposal, posterior).widest
+        mixtures, most = (proposal.mixture, widest.mixture), SETTLED_DRAWS
+        inside = 0.5 * (proposal.share + widest.share)
+    thin = max(1, -(-log_p.size // most))
+    thinned, there = z[:, ::thin], log_p[:, ::thin]
+    log_q = log_density(mixtures, thinned.reshape(-1, z.shape[-1]))
     on_chain = there - log_q.reshape(there.shape)
     tried = math.ceil(min(there.size / inside, MOST_TRIED * there.size))
-    drawn = _draw(posterior, posterior.supports, every, tried, random)
+    drawn = _draw(posterior, posterior.supports, mixtures, tried, random)
     return bridge(on_chain, drawn, tried)
 
 
-def log_density(every: tuple[Mixture, ...], u: Array) -> Array:
+def log_density(mixtures: tuple[Mixture, ...], u: Array) -> Array:
     """Of mixtures in equal shares, at `u (N, D)`: `(N,)`."""
     parts = []
     for begin in range(0, len(u), AT_ONCE):
         some = u[begin : begin + AT_ONCE]
-        each = [one.log_density(some) for one in every]
-        parts.append(np.logaddexp.reduce(each, axis=0) - math.log(len(every)))
+        each = [mixture.log_density(some) for mixture in mixtures]
+        parts.append(np.logaddexp.reduce(each, axis=0) - math.log(len(mixtures)))
     return np.concatenate(parts)
 
 
 def _draw(
-    posterior: Posterior, inside: Inside, every: tuple[Mixture, ...], n: int, random: Random
+    posterior: Posterior, inside: Inside, mixtures: tuple[Mixture, ...], n: int, random: Random
 ) -> Array:
     """Logs of p over q at those of `n` draws that are inside the prior; elsewhere p is zero."""
-    found = []
+    log_ratios = []
     for begin in range(0, n, AT_ONCE):
         count = min(AT_ONCE, n - begin)
-        shares = random.multinomial(count, [1.0 / len(every)] * len(every))
+        shares = random.multinomial(count, [1.0 / len(mixtures)] * len(mixtures))
         u = np.concatenate(
-            [one.draw(int(k), random).u for one, k in zip(every, shares, strict=True)]
+            [mixture.draw(int(k), random).u for mixture, k in zip(mixtures, shares, strict=True)]
         )
         u = u[inside(u)]
         if len(u) > 0:
-            found.append(posterior(u) - log_density(every, u))
-    return np.concatenate(found) if found else np.empty(0)
+            log_ratios.append(posterior(u) - log_density(mixtures, u))
+    return np.concatenate(log_ratios) if log_ratios else np.empty(0)
 
 
 def bridge(on_chain: Array, drawn: Array, tried: int) -> Evidence | None:
@@ -108,8 +108,8 @@ def bridge(on_chain: Array, drawn: Array, tried: int) -> Evidence | None:
     drawn = drawn[np.isfinite(drawn)]
     if len(drawn) == 0:
         return None
-    usual = float(np.median(on_chain))
-    p, q = (np.exp(np.clip(x - usual, -MOST, MOST)) for x in (on_chain, drawn))
+    median = float(np.median(on_chain))
+    p, q = (np.exp(np.clip(x - median, -MOST, MOST)) for x in (on_chain, drawn))
     s = on_chain.size / (on_chain.size + tried)
     t = 1.0 - s
     z, before = 1.0, 0.0
@@ -124,7 +124,7 @@ def bridge(on_chain: Array, drawn: Array, tried: int) -> Evidence | None:
     spread_q = float((of_q**2).sum() / tried) / mean_q**2 - 1.0
     spread_p = float(walkers.var(ddof=1) / walkers.mean() ** 2)
     error = math.hypot(math.sqrt(spread_q / tried + spread_p / len(walkers)), _apart(q, tried, z))
-    return Evidence(log_z=usual + math.log(z), error=error, overlap=min(mean_q, 1.0))
+    return Evidence(log_z=median + math.log(z), error=error, overlap=min(mean_q, 1.0))
 
 
 def _apart(w: Array, tried: int, z: float) -> float:

@@ -57,9 +57,9 @@ class Searches:
 def fit(posterior: Posterior, plan: FitPlan) -> tuple[Mode, Sampled]:
     """Fit a posterior in this process alone; raises `Nowhere` where nothing can be sampled."""
     with Crew(posterior, 1) as crew:
-        found = end_searches(crew, begin_searches(crew, plan, SILENT), SILENT)
-        crew.step(found.pieces)
-        return found, sample_maxima(crew, found, plan, Memory(), SILENT)
+        mode = end_searches(crew, begin_searches(crew, plan, SILENT), SILENT)
+        crew.step(mode.pieces)
+        return mode, sample_maxima(crew, mode, plan, Memory(), SILENT)
 
 
 def begin_searches(crew: Crew, plan: FitPlan, report: Reporter) -> Searches:
@@ -91,21 +91,19 @@ def end_searches(crew: Crew, under_way: Searches, report: Reporter) -> Mode:
         report.update(done / (len(under_way.searches) + 1), SEARCHING)
     report.update(0.0, "looking for other maxima")
     scouted = [task.result() for task in under_way.scouts]
-    found = crew.submit(mode_search.summarise, tuple(searches), scouted).result()
+    mode = crew.submit(mode_search.summarise, tuple(searches), scouted).result()
     report.update(1.0, "")
-    return found
+    return mode
 
 
-def sample_maxima(
-    crew: Crew, found: Mode, plan: FitPlan, shelf: Shelf, report: Reporter
-) -> Sampled:
-    """Sample ensembles about all maxima `found`, in whose steps the crew is, and weigh what they say.
+def sample_maxima(crew: Crew, mode: Mode, plan: FitPlan, shelf: Shelf, report: Reporter) -> Sampled:
+    """Sample ensembles about all maxima `mode`, in whose steps the crew is, and weigh what they say.
 
     Raises `Nowhere` where nothing can be sampled.
     """
     posterior, chains = crew.posterior, plan.chains
-    maxima = mode_search.tops(posterior, found)
-    sampled = sample(crew, posterior, maxima, chains, shelf, report).doubted(found.doubts)
+    maxima = mode_search.tops(posterior, mode)
+    sampled = sample(crew, posterior, maxima, chains, shelf, report).doubted(mode.doubts)
     if plan.brief:
         return sampled
     report.update(0.0, "computing the evidence")
@@ -123,14 +121,14 @@ def _first_arrived(posterior: Posterior, plan: FitPlan) -> list[Search]:
     points = mode_search.starts(posterior, plan.starts, seeds.stream(plan.chains.seed, "map"))
     points = points[np.argsort(-posterior.density(points), kind="stable")]
     likelihood = posterior.likelihood
-    known = not any(one.unknowns for one in likelihood.observations)
+    known = not any(observation.unknowns for observation in likelihood.observations)
     noise_alone = 1.0 + np.sqrt(2.0 / likelihood.numbers)  # squares over the noise, on average
-    found: list[Search] = []
+    searches: list[Search] = []
     for point in points:
-        found.append(mode_search.search(posterior, plan.optimiser, plan.evaluations, point))
-        best = max(found, key=lambda search: search.log_posterior)
+        searches.append(mode_search.search(posterior, plan.optimiser, plan.evaluations, point))
+        best = max(searches, key=lambda search: search.log_posterior)
         near = best.log_posterior - mode_search.SAME_LOG_DENSITY
-        if sum(search.log_posterior > near for search in found) >= 2:
+        if sum(search.log_posterior > near for search in searches) >= 2:
             break
         end = posterior.space.vector(best.end)
         if known and laplace.excess(posterior, end) <= noise_alone:

@@ -70,8 +70,8 @@ def _exactly(surface: Surface, u: Array) -> Expansion:
     steps = DIFFERENCE * np.diag(surface.spread)
     around = [np.clip(u[:, None] + side * steps, surface.low, surface.high) for side in (1.0, -1.0)]
     slopes = [_roughly(surface, at.reshape(-1, d)).slope.reshape(n, d, d) for at in around]
-    apart = np.einsum("wdd->wd", around[0] - around[1])
-    second = (slopes[1] - slopes[0]) / np.maximum(apart, 1e-300)[:, :, None]
+    distance = np.einsum("wdd->wd", around[0] - around[1])
+    second = (slopes[1] - slopes[0]) / np.maximum(distance, 1e-300)[:, :, None]
     scale = surface.spread[:, None] * surface.spread
     values, vectors = np.linalg.eigh(0.5 * (second + second.swapaxes(1, 2)) * scale)
     downward = (vectors * np.abs(values)[:, None, :]) @ vectors.swapaxes(1, 2) / scale
@@ -88,13 +88,13 @@ def _move(
         wanted = value + 0.5 * _foreseen(here, tried[k] - u)
         tried[k], values[k] = _corrected(surface, tried[k], values[k], wanted)
     best = np.argmax(values, axis=0)
-    found = np.take_along_axis(values, best[None], axis=0)[0]
-    advanced = found > value
+    best_values = np.take_along_axis(values, best[None], axis=0)[0]
+    advanced = best_values > value
     there = np.array(tried)[best, np.arange(len(u))]
     less = np.maximum(damping * np.array(DAMPINGS)[best] * LESS, LEAST_DAMPING)
     return (
         np.where(advanced[:, None], there, u),
-        np.where(advanced, found, value),
+        np.where(advanced, best_values, value),
         np.where(advanced, less, damping * DAMPINGS[-1] * 10.0),
         advanced,
     )
@@ -116,8 +116,8 @@ def _corrected(surface: Surface, u: Array, value: Array, wanted: Array) -> tuple
             break
         here = surface.expand(u[off], np.eye(u.shape[1]))
         there = _stepped(surface, u[off], here, np.full(len(off), TIGHT_DAMPING))
-        found = surface.value(there)
-        u[off], value[off] = there, found
+        there_values = surface.value(there)
+        u[off], value[off] = there, there_values
     return u, value
 
 
@@ -134,18 +134,18 @@ def bounded_step(surface: Surface, u: Array, here: Expansion, damping: Array) ->
     matrix = matrix * scale[:, :, None] * scale[:, None, :] + ROUNDING * np.eye(d)
     slope = here.slope * scale
     low, high = (surface.low - u) / scale, (surface.high - u) / scale
-    held = ((low >= 0) & (slope < 0)) | ((high <= 0) & (slope > 0))
+    clamped = ((low >= 0) & (slope < 0)) | ((high <= 0) & (slope > 0))
     step, arrived = np.zeros_like(u), np.zeros(len(u), dtype=bool)
     for _ in range(3 * d):
-        rest = slope - np.einsum("wij,wj->wi", matrix, step)
-        inward = np.where(held, np.where(step <= low, rest, -rest), 0.0)
+        remaining = slope - np.einsum("wij,wj->wi", matrix, step)
+        inward = np.where(clamped, np.where(step <= low, remaining, -remaining), 0.0)
         let_go = arrived & (inward.max(axis=1) > RELEASE)
-        held[let_go, np.argmax(inward, axis=1)[let_go]] = False
+        clamped[let_go, np.argmax(inward, axis=1)[let_go]] = False
         if (arrived & ~let_go).all():
             break
-        free = ~held
+        free = ~clamped
         inner = np.where(free[:, :, None] & free[:, None, :], matrix, np.eye(d))
-        way = np.linalg.solve(inner, np.where(free, rest, 0.0)[..., None])[..., 0]
+        way = np.linalg.solve(inner, np.where(free, remaining, 0.0)[..., None])[..., 0]
         wall = np.where(way > 0, high, low) - step
         with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
             reach = np.where(free & (way != 0), wall / way, np.inf)
@@ -153,7 +153,7 @@ def bounded_step(surface: Surface, u: Array, here: Expansion, damping: Array) ->
         hit = (reach <= first[:, None]) & (first < 1.0)[:, None]
         step = step + np.minimum(1.0, first)[:, None] * way
         step = np.where(hit, np.where(way > 0, high, low), step)
-        held |= hit
+        clamped |= hit
         arrived = first >= 1.0
     return np.asarray(np.clip(step, low, high) * scale)
 

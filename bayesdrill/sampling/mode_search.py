@@ -125,8 +125,8 @@ class Mode:
             for other in self.others
         )
 
-    def _differ(self, name: str, one: float, other: float) -> bool:
-        return abs(one - other) > SAME_PLACE * self.steps.get(name, abs(other))
+    def _differ(self, name: str, value: float, other: float) -> bool:
+        return abs(value - other) > SAME_PLACE * self.steps.get(name, abs(other))
 
 
 def starts(posterior: Posterior, n: int, rng: np.random.Generator) -> Array:
@@ -136,11 +136,11 @@ def starts(posterior: Posterior, n: int, rng: np.random.Generator) -> Array:
     first = inverse_dynamics.regression_start(posterior)
     if first is None:
         first = posterior.space.vector(posterior.space.start)
-    rest = []
+    others = []
     for _ in range(n - 1):
         candidates = posterior.space.draw(CANDIDATES, rng)
-        rest.append(candidates[int(np.argmax(posterior.density(candidates)))])
-    return np.array([first, *rest])
+        others.append(candidates[int(np.argmax(posterior.density(candidates)))])
+    return np.array([first, *others])
 
 
 def task(posterior: Posterior) -> Task:
@@ -157,12 +157,12 @@ def searches(
     posterior: Posterior, optimiser: Optimiser, evaluations: int, starts: Array
 ) -> list[Search]:
     """A search from each of the physical `starts (S, D)`; polished, it ends at the very maximum."""
-    found = optimiser(task(posterior), starts, evaluations)
-    return [_ended(posterior, optimiser, *pair) for pair in zip(starts, found, strict=True)]
+    optima = optimiser(task(posterior), starts, evaluations)
+    return [_ended(posterior, optimiser, *pair) for pair in zip(starts, optima, strict=True)]
 
 
-def _ended(posterior: Posterior, optimiser: Optimiser, start: Array, found: Optimum) -> Search:
-    theta, value, settled = found.theta, found.value, found.settled
+def _ended(posterior: Posterior, optimiser: Optimiser, start: Array, optimum: Optimum) -> Search:
+    theta, value, settled = optimum.theta, optimum.value, optimum.settled
     if optimiser.polished:
         surface = PosteriorSurface(posterior, physical=True)
         # A simplex may go on for ever towards an end that has none.
@@ -176,7 +176,7 @@ def _ended(posterior: Posterior, optimiser: Optimiser, start: Array, found: Opti
         start=_named(posterior, start),
         end=_named(posterior, theta),
         log_posterior=value,
-        evaluations=found.evaluations,
+        evaluations=optimum.evaluations,
         settled=settled,
     )
 
@@ -201,11 +201,11 @@ def summarise(
     """`scouted`: further points that were reached, physical `(n, D)`, and their log densities `(n,)`."""
     scouted = [some for some in scouted if len(some[0])]
     if steps := step_error.taken(posterior):
-        best = max(searches, key=lambda one: one.log_posterior)
+        best = max(searches, key=lambda search: search.log_posterior)
         posterior = step_error.chosen(posterior, posterior.space.vector(best.end))
         # Heights are compared, and were those of other steps.
         if step_error.taken(posterior) != steps:
-            searches = tuple(_anew(posterior, one) for one in searches)
+            searches = tuple(_anew(posterior, search) for search in searches)
             scouted = [(theta, posterior.density(theta)) for theta, _ in scouted]
     surface = PosteriorSurface(posterior, physical=True)
     to, back = posterior.coordinates.from_physical, posterior.coordinates.to_physical
@@ -233,7 +233,9 @@ def summarise(
             Other(values=_named(posterior, at), log_posterior=float(height))
             for at, height in zip(theta[1:], heights[1:], strict=True)
         ),
-        steps={one.name: one.scale for one in posterior.space.unknowns if one.signed},
+        steps={
+            unknown.name: unknown.scale for unknown in posterior.space.unknowns if unknown.signed
+        },
         pieces=step_error.taken(posterior),
         left_out=left_out,
     )
@@ -244,15 +246,15 @@ def _tops(surface: Surface, points: Array, values: Array, known: int = 0) -> tup
 
     Of the first `known` points it is known that they are maxima.
     """
-    chosen = multiple_modes.apart(surface, points, values, known)
-    fresh = [k for k in chosen if k >= known]
+    distinct = multiple_modes.apart(surface, points, values, known)
+    fresh = [k for k in distinct if k >= known]
     ends, heights = points.copy(), values.copy()
     top = climb(surface, points[fresh], POLISH, exact=True)
     better = top.value > values[fresh]
     ends[fresh] = np.where(better[:, None], top.u, points[fresh])
     heights[fresh] = np.where(better, top.value, values[fresh])
-    ends, heights = ends[sorted(chosen)], heights[sorted(chosen)]
-    known = len(chosen) - len(fresh)
+    ends, heights = ends[sorted(distinct)], heights[sorted(distinct)]
+    known = len(distinct) - len(fresh)
     order = multiple_modes.apart(surface, ends, heights, known)  # two may have ended at one place
     return ends[order], heights[order]
 
@@ -263,24 +265,24 @@ def _looked_around(
     """Maxima `ends (M, D)` and those that are found from them, and so on; and how much of the posterior
     is left out.
     """
-    seen, left_out = np.empty((0, ends.shape[1])), 0.0
+    visited, left_out = np.empty((0, ends.shape[1])), 0.0
     for _ in range(ROUNDS):
-        fresh = [u for u in ends if not (seen == u).all(axis=1).any()][:MOST_CENTRES]
-        seen = np.concatenate([seen, *(u[None] for u in fresh)])
+        fresh = [u for u in ends if not (visited == u).all(axis=1).any()][:MOST_CENTRES]
+        visited = np.concatenate([visited, *(u[None] for u in fresh)])
         around = [multiple_modes.starts(surface, u) for u in fresh]
-        left_out = max([left_out, *(one.left_out for one in around)])
-        if not any(len(one.u) for one in around):
+        left_out = max([left_out, *(nearby.left_out for nearby in around)])
+        if not any(len(nearby.u) for nearby in around):
             break
-        starts = np.concatenate([one.u for one in around])
+        starts = np.concatenate([nearby.u for nearby in around])
         more, values = multiple_modes.scout(surface, starts, multiple_modes.AROUND)
-        every = np.concatenate([ends, more]), np.concatenate([heights, values])
-        ends, heights = _tops(surface, *every, known=len(ends))
-    held = multiple_modes.shares_held(surface.posterior, ends)
-    order = np.argsort(-held, kind="stable")
-    enough = int(np.searchsorted(np.cumsum(held[order]), 1.0 - NOTHING)) + 1
-    kept = np.union1d(order[: min(enough, MOST)], 0)  # the highest stays
-    left_out = 1.0 - (1.0 - left_out) * float(held[kept].sum())
-    return ends[kept], heights[kept], left_out
+        candidates = np.concatenate([ends, more]), np.concatenate([heights, values])
+        ends, heights = _tops(surface, *candidates, known=len(ends))
+    shares = multiple_modes.shares_held(surface.posterior, ends)
+    order = np.argsort(-shares, kind="stable")
+    enough = int(np.searchsorted(np.cumsum(shares[order]), 1.0 - NOTHING)) + 1
+    selected = np.union1d(order[: min(enough, MOST)], 0)  # the highest stays
+    left_out = 1.0 - (1.0 - left_out) * float(shares[selected].sum())
+    return ends[selected], heights[selected], left_out
 
 
 def _polished(surface: Surface, u: Array) -> Climbed:
@@ -288,26 +290,26 @@ def _polished(surface: Surface, u: Array) -> Climbed:
     return climb(surface, climb(surface, u, POLISH).u, EXACT, exact=True)
 
 
-def _anew(posterior: Posterior, one: Search) -> Search:
+def _anew(posterior: Posterior, search: Search) -> Search:
     """From where it ended, with other steps."""
     surface = PosteriorSurface(posterior, physical=True)
-    start = posterior.coordinates.from_physical(posterior.space.vector(one.end)[None])
+    start = posterior.coordinates.from_physical(posterior.space.vector(search.end)[None])
     top = _polished(surface, start)
     end = _named(posterior, posterior.coordinates.to_physical(top.u)[0])
-    return replace(one, end=end, log_posterior=float(np.nan_to_num(top.value[0], neginf=LOWEST)))
+    return replace(search, end=end, log_posterior=float(np.nan_to_num(top.value[0], neginf=LOWEST)))
 
 
-def tops(posterior: Posterior, found: Mode) -> Array:
+def tops(posterior: Posterior, mode: Mode) -> Array:
     """All maxima, `(M, D)` physical, the highest first."""
-    return np.array([posterior.space.vector(one.values) for one in found.maxima])
+    return np.array([posterior.space.vector(maximum.values) for maximum in mode.maxima])
 
 
 def _at_bound(posterior: Posterior, values: Mapping[str, float]) -> tuple[str, ...]:
     close = []
-    for one in posterior.space.unknowns:
-        name, prior = one.name, one.prior
-        if one.signed:
-            near = 1e-3 * one.scale
+    for unknown in posterior.space.unknowns:
+        name, prior = unknown.name, unknown.prior
+        if unknown.signed:
+            near = 1e-3 * unknown.scale
             if min(values[name] - prior.low, prior.high - values[name]) < near:
                 close.append(name)
             continue

@@ -49,9 +49,9 @@ def scout(surface: Surface, starts: Array, most: int = BEST_STARTS) -> tuple[Arr
     order = np.argsort(-first.value, kind="stable")
     cells = np.rint((first.u[order] - surface.low) / (CLOSE * surface.spread))
     best = order[np.sort(np.unique(cells, axis=0, return_index=True)[1])][:most]
-    found = climb(surface, first.u[best], MORE_STEPS)
-    good = np.isfinite(found.value)
-    return found.u[good], found.value[good]
+    climbed = climb(surface, first.u[best], MORE_STEPS)
+    good = np.isfinite(climbed.value)
+    return climbed.u[good], climbed.value[good]
 
 
 def apart(surface: Surface, points: Array, values: Array, known: int = 0) -> list[int]:
@@ -60,22 +60,22 @@ def apart(surface: Surface, points: Array, values: Array, known: int = 0) -> lis
     The first `known` of them are so already, and stay what stands for their maximum.
     """
     rank = values + np.where(np.arange(len(values)) < known, KNOWN, 0.0)
-    left = [int(k) for k in np.argsort(-rank, kind="stable")]
-    left = [k for k in left if values[k] >= values[left[0]] - LOWER]
-    chosen: list[int] = []
-    while left:
-        highest, *rest = left
-        chosen.append(highest)
-        fresh = [k for k in rest if k >= known]
+    remaining = [int(k) for k in np.argsort(-rank, kind="stable")]
+    remaining = [k for k in remaining if values[k] >= values[remaining[0]] - LOWER]
+    distinct: list[int] = []
+    while remaining:
+        highest, *lower = remaining
+        distinct.append(highest)
+        fresh = [k for k in lower if k >= known]
         if not fresh:
-            return [*chosen, *rest]
+            return [*distinct, *lower]
         others = points[fresh]
         same = (np.abs(others - points[highest]) < SAME_MODE * surface.spread).all(axis=1)
         same[~same] = joined(surface, points[highest], others[~same])
         same[~same] = ~valleys(surface, points[highest], others[~same])
-        dropped = {k for k, one in zip(fresh, same, strict=True) if one}
-        left = [k for k in rest if k not in dropped]
-    return chosen
+        dropped = {k for k, is_same in zip(fresh, same, strict=True) if is_same}
+        remaining = [k for k in lower if k not in dropped]
+    return distinct
 
 
 def valleys(surface: Surface, start: Array, others: Array) -> NDArray[np.bool_]:
@@ -108,10 +108,10 @@ def joined(surface: Surface, start: Array, others: Array) -> NDArray[np.bool_]:
     steps = PATH if psi.shape[1] else 1
     for k in range(1, steps + 1):
         ahead = 2.0 * at - before if k > 1 else at  # straight on from the last two
-        found, roots, _, arrived = ridge_tracing.led_back(
+        ridge_tau, roots, _, arrived = ridge_tracing.led_back(
             surface.expand, base, psi * (k / steps), ahead
         )
-        before, at = at, found
+        before, at = at, ridge_tau
     roots[~arrived] = np.eye(tau.shape[1])  # of no use, where there is no density
     off = np.linalg.solve(roots, (tau - at)[..., None])[..., 0]
     return np.asarray(arrived & (np.linalg.norm(off, axis=1) < SAME))
@@ -167,14 +167,14 @@ def swings(surface: PosteriorSurface, u: Array) -> Around:
     posterior = surface.posterior
     here = frequencies(posterior, u[None])[0]
     slowest, fastest = _reach(surface, u)
-    found, left_out = [np.empty((0, len(u)))], 0.0
+    aliases, left_out = [np.empty((0, len(u)))], 0.0
     for pair in np.flatnonzero(here > 0):
         wanted = _aliases(posterior, here[pair], slowest[pair], fastest[pair])
         at = _moved(surface, u, int(pair), np.unique(wanted[:MOST_TRIED]))
-        kept, share = _heaviest(surface, at)
-        found.append(kept)
+        heaviest, share = _heaviest(surface, at)
+        aliases.append(heaviest)
         left_out = max(left_out, 1.0 - share * MOST_TRIED / max(len(wanted), MOST_TRIED))
-    return Around(np.concatenate(found), left_out)
+    return Around(np.concatenate(aliases), left_out)
 
 
 def _heaviest(surface: PosteriorSurface, at: Array) -> tuple[Array, float]:
@@ -182,17 +182,17 @@ def _heaviest(surface: PosteriorSurface, at: Array) -> tuple[Array, float]:
     if len(at) <= MOST_ALIASES:
         return at, 1.0
     u = climb(surface, at, CLIMBED).u
-    held = shares_held(surface.posterior, u)
-    most = np.argsort(-held, kind="stable")[:MOST_ALIASES]
-    return u[most], float(held[most].sum())
+    shares = shares_held(surface.posterior, u)
+    most = np.argsort(-shares, kind="stable")[:MOST_ALIASES]
+    return u[most], float(shares[most].sum())
 
 
 def returns(surface: PosteriorSurface, u: Array) -> Around:
     """Maxima along each unknown by itself, but for that of `u (D,)`."""
-    posterior, found, left_out = surface.posterior, list[Array](), 0.0
+    posterior, maxima, left_out = surface.posterior, list[Array](), 0.0
     step = min(
-        float(np.diff(one.experiment.t).min(initial=np.inf))
-        for one in posterior.likelihood.observations
+        float(np.diff(observation.experiment.t).min(initial=np.inf))
+        for observation in posterior.likelihood.observations
     )
     ends = posterior.coordinates.to_physical(np.stack([surface.low, surface.high]))
     for d, unknown in enumerate(posterior.space.unknowns):
@@ -204,22 +204,22 @@ def returns(surface: PosteriorSurface, u: Array) -> Around:
         along = np.linspace(surface.low[d], surface.high[d], scanned)
         line[:, d] = np.sort(np.append(along, u[d]))
         value = surface.value(line)
-        own = int(np.searchsorted(line[:, d], u[d]))
-        tops = [k for k in peaks(value, VALLEY_ALONG_LINE) if _apart(value, k, own)]
-        tops = sorted(tops, key=lambda k: -value[k])
-        found.append(line[tops[:PER_UNKNOWN]])
-        high = sum(value[k] > value.max() - LOWER for k in tops)
+        index = int(np.searchsorted(line[:, d], u[d]))
+        modes = [k for k in peaks(value, VALLEY_ALONG_LINE) if _apart(value, k, index)]
+        modes = sorted(modes, key=lambda k: -value[k])
+        maxima.append(line[modes[:PER_UNKNOWN]])
+        high = sum(value[k] > value.max() - LOWER for k in modes)
         left_out = max(left_out, 1.0 - PER_UNKNOWN / max(high, PER_UNKNOWN))
-    return Around(np.concatenate(found), left_out)
+    return Around(np.concatenate(maxima), left_out)
 
 
 def peaks(value: Array, valley: float) -> list[int]:
     """Indices of maxima of `value (N,)`, -inf allowed, with valleys deeper than `valley` between."""
-    found: list[int] = []
+    maxima: list[int] = []
     top, lowest, rising = 0, 0, True
     for k, x in enumerate(value):
         if rising and x < value[top] - valley:
-            found.append(top)
+            maxima.append(top)
             lowest, rising = k, False
         elif not rising and x > value[lowest] + valley:
             top, rising = k, True
@@ -227,30 +227,30 @@ def peaks(value: Array, valley: float) -> list[int]:
             top = k
         elif not rising and x < value[lowest]:
             lowest = k
-    return [*found, top] if rising and np.isfinite(value[top]) else found
+    return [*maxima, top] if rising and np.isfinite(value[top]) else maxima
 
 
-def _apart(value: Array, one: int, other: int) -> bool:
+def _apart(value: Array, first: int, second: int) -> bool:
     """Whether there is a valley between two places of a line."""
-    between = value[min(one, other) : max(one, other) + 1]
-    return bool(between.min() < min(value[one], value[other]) - VALLEY_ALONG_LINE)
+    between = value[min(first, second) : max(first, second) + 1]
+    return bool(between.min() < min(value[first], value[second]) - VALLEY_ALONG_LINE)
 
 
 def _aliases(posterior: Posterior, omega: float, low: float, high: float) -> Array:
     """Frequencies from `low` to `high` whose samples are like those of `omega`, the most alike first."""
     patterns: dict[bytes, Array] = {}
-    for one in posterior.likelihood.observations:
-        for seen in one.experiment.seen.T:
-            t = one.experiment.t[seen]
+    for observation in posterior.likelihood.observations:
+        for sampled in observation.experiment.seen.T:
+            t = observation.experiment.t[sampled]
             patterns[t.tobytes()] = t
-    found, alike = [np.empty(0)], [np.empty(0)]
+    omegas, similarities = [np.empty(0)], [np.empty(0)]
     for t in patterns.values():
         delta, height = window_peaks(t, high + omega)
         each = np.abs(np.concatenate([omega - delta, omega + delta]))
         inside = (each > low) & (each < high)
-        found.append(each[inside])
-        alike.append(np.tile(height, 2)[inside])
-    return np.concatenate(found)[np.argsort(-np.concatenate(alike), kind="stable")]
+        omegas.append(each[inside])
+        similarities.append(np.tile(height, 2)[inside])
+    return np.concatenate(omegas)[np.argsort(-np.concatenate(similarities), kind="stable")]
 
 
 def window_peaks(t: Array, highest: float) -> tuple[Array, Array]:
@@ -276,9 +276,9 @@ def frequencies(posterior: Posterior, u: Array) -> Array:
     theta = posterior.coordinates.to_physical(u)
     full = dict(zip(model.parameters, posterior.likelihood.rig(theta).T, strict=True))
     matrices = dynamics(model.linear(full), model.states, len(u))
-    every = np.linalg.eigvals(np.where(np.isfinite(matrices), matrices, 0.0))
-    size = np.abs(every).max(axis=1, keepdims=True)
-    swings = np.sort(np.where(every.imag > OSCILLATES * size, every.imag, 0.0), axis=1)
+    poles = np.linalg.eigvals(np.where(np.isfinite(matrices), matrices, 0.0))
+    size = np.abs(poles).max(axis=1, keepdims=True)
+    swings = np.sort(np.where(poles.imag > OSCILLATES * size, poles.imag, 0.0), axis=1)
     return np.asarray(swings[:, ::-1][:, :PAIRS])
 
 
@@ -286,9 +286,9 @@ def _slopes(posterior: Posterior, u: Array, pair: int, steps: Array) -> tuple[Ar
     """Logs of the frequency of a pair at `u (W, D)`, and their slopes over the priors' spreads."""
     n, d = u.shape
     around = [u[:, None] + side * steps for side in (1.0, -1.0)]
-    every = np.concatenate([u, *(at.reshape(-1, d) for at in around)])
+    points = np.concatenate([u, *(at.reshape(-1, d) for at in around)])
     with np.errstate(divide="ignore", invalid="ignore"):
-        logs = np.log(frequencies(posterior, every)[:, pair])
+        logs = np.log(frequencies(posterior, points)[:, pair])
         up, down = logs[n:].reshape(2, n, d)
         slope = (up - down) / (2 * STEP)
     return logs[:n], np.where(np.isfinite(slope), slope, 0.0)
@@ -313,7 +313,9 @@ def _moved(surface: PosteriorSurface, u: Array, pair: int, wanted: Array) -> Arr
     those that are found, `(m, D)`.
     """
     posterior, steps = surface.posterior, STEP * np.diag(surface.spread)
-    span = max(float(np.ptp(one.experiment.t)) for one in posterior.likelihood.observations)
+    span = max(
+        float(np.ptp(observation.experiment.t)) for observation in posterior.likelihood.observations
+    )
     near = SAME_ALIAS / (span * wanted)
     at = np.repeat(u[None], len(wanted), axis=0)
     for _ in range(ITERATIONS):

@@ -46,9 +46,9 @@ def with_open_ends(
     )
     beyond = Opened(names=names, draws=None, pressed=names)
     with suppress(Nowhere), Crew(edited, 1) as crew:
-        found = sample(crew, edited, maxima, plan, Memory(), report)
-        if found.convergence.converged:
-            draws = found.draws.reshape(-1, maxima.shape[1])
+        extended = sample(crew, edited, maxima, plan, Memory(), report)
+        if extended.convergence.converged:
+            draws = extended.draws.reshape(-1, maxima.shape[1])
             columns = dict(zip(posterior.space.free, draws.T, strict=True))
             crowded = [n for n in names if pressed_against(columns[n], priors[n]) is not None]
             beyond = Opened(names=names, draws=draws, pressed=tuple(crowded))
@@ -86,9 +86,9 @@ def _wider(prior: Prior, nominal: float, draws: Array) -> Prior:
         ends.append(end)
         if not (0 < end < math.inf and _near(prior, nominal, sign) and _felt(end, draws, sign)):
             continue
-        own = math.log(prior.high / prior.low) if prior.low > 0 else REACH
+        prior_range = math.log(prior.high / prior.low) if prior.low > 0 else REACH
         past = 2.0 * max(sign * math.log(end / nominal), 0.0)
-        ends[-1] = end * math.exp(-sign * max(min(own, REACH), past))
+        ends[-1] = end * math.exp(-sign * max(min(prior_range, REACH), past))
     low, high = ends
     return prior if (low, high) == (prior.low, prior.high) else prior.extended(low, high)
 

@@ -102,7 +102,7 @@ def descend(simplex: Array, most: int, x_tolerance: float, tolerance: float) -> 
 def in_lock_step[T](searches: Sequence[AskTell[T]], function: Callable[[Array], Array]) -> list[T]:
     """What each search finds; `function((W, D)) -> (W,)` sees the points of all of them at once."""
     asked = {search: next(search) for search in searches}
-    found: dict[AskTell[T], T] = {}
+    results: dict[AskTell[T], T] = {}
     while asked:
         values, first = function(np.concatenate([*asked.values()])), 0
         for search, points in tuple(asked.items()):
@@ -110,10 +110,10 @@ def in_lock_step[T](searches: Sequence[AskTell[T]], function: Callable[[Array], 
             try:
                 asked[search] = search.send(values[first:last])
             except StopIteration as end:
-                found[search] = end.value
+                results[search] = end.value
                 del asked[search]
             first = last
-    return [found[search] for search in searches]
+    return [results[search] for search in searches]
 
 
 SIMPLEX = 200.0  # evaluations of a simplex for each unknown; more do not help it far from the top
@@ -185,8 +185,8 @@ def _scaled[T](search: AskTell[T], z: Array, root: Array) -> AskTell[T]:
         try:
             points = search.send(values)
         except StopIteration as end:
-            found: T = end.value
-            return found
+            result: T = end.value
+            return result
 
 
 def _steps(task: Task, theta: Array, *, far: bool) -> Array:

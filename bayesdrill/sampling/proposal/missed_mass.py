@@ -58,38 +58,38 @@ def look(
     expand: Expand,
     proposal: Proposal,
     sheets: Sequence[int],
-    seen: tuple[Array, Array],
+    weighted_draws: tuple[Array, Array],
     seed: Random,
     rng: np.random.Generator,
     report: Reporter = SILENT,
 ) -> Look | None:
     """None where `proposal` leaves nothing out, or where nothing can be seen.
 
-    `sheets`: those of the proposal that are looked along.  `seen`: draws of the posterior `(N, D)`,
-    and their weights for each of those sheets `(S, N)`.
+    `sheets`: those of the proposal that are looked along.  `weighted_draws`: draws of the posterior
+    `(N, D)`, and their weights for each of those sheets `(S, N)`.
     """
-    chosen = [proposal.mixture.sheets[s] for s in sheets]
-    if all(sheet.n_loose in (0, len(sheet.frame.centre)) for sheet in chosen):
+    selected = [proposal.mixture.sheets[s] for s in sheets]
+    if all(sheet.n_loose in (0, len(sheet.frame.centre)) for sheet in selected):
         return None
     for k in range(ROUNDS):
-        found = _wide(chosen, *seen)
-        draws, shares, inside = _drawn(surface, settled(found, expand), DRAWS, seed)
+        mixture = _wide(selected, *weighted_draws)
+        draws, shares, inside = _drawn(surface, settled(mixture, expand), DRAWS, seed)
         if len(draws.u) == 0 or (k == 0 and _nothing(surface, proposal, draws)):
             return None
-        seen = draws.u, shares * draws.tempered(ENOUGH * len(draws.u))
+        weighted_draws = draws.u, shares * draws.tempered(ENOUGH * len(draws.u))
     begin = draws.u[seed.choice(len(draws.u), size=WALKERS, p=draws.weights)]
-    own = Proposal(_wide(chosen, *seen), inside, draws.usual, alone=1.0)
-    found = _completed(surface, expand, own, begin, seed, rng, report)
-    draws, _, inside = _drawn(surface, settled(found, expand), LAST_DRAWS, seed)
+    newton_proposal = Proposal(_wide(selected, *weighted_draws), inside, draws.usual, alone=1.0)
+    mixture = _completed(surface, expand, newton_proposal, begin, seed, rng, report)
+    draws, _, inside = _drawn(surface, settled(mixture, expand), LAST_DRAWS, seed)
     if _nothing(surface, proposal, draws):
         return None  # a few draws of many looked like it by chance
-    return Look(Proposal(found, inside, draws.usual, alone=SETTLED_ALONE), draws)
+    return Look(Proposal(mixture, inside, draws.usual, alone=SETTLED_ALONE), draws)
 
 
 def _completed(
     surface: Surface,
     expand: Expand,
-    own: Proposal,
+    newton_proposal: Proposal,
     begin: Array,
     seed: Random,
     rng: np.random.Generator,
@@ -101,12 +101,14 @@ def _completed(
     leads to nothing but the edge of such a place.  Walkers that step by themselves go on into it.
     """
     state = State(begin, surface.value(begin), tuple(seed.get_state()))
-    first = len(own.mixture.sheets)
+    first = len(newton_proposal.mixture.sheets)
     for k in range(MORE):
         report.update((k + 1) / (MORE + 1), "looking for what the proposal leaves out")
         # Into such a place walkers of all others have to step first: then those that are there go on.
-        limit = -np.inf if k == 0 else own.usual
-        walking = replace(own, mixture=settled(own.mixture, expand), usual=limit)
+        limit = -np.inf if k == 0 else newton_proposal.usual
+        walking = replace(
+            newton_proposal, mixture=settled(newton_proposal.mixture, expand), usual=limit
+        )
         evaluate = lambda u: (surface.value(u), 0)  # noqa: E731
         piece = advance(evaluate, state, STEPS, {"independence": 1.0}, walking, surface.inside)
         u, value = (
@@ -114,19 +116,21 @@ def _completed(
             for some in (piece.z, piece.log_p)
         )
         shares, log_q = walking.mixture.shares(*walking.mixture.straightened(u))
-        held = _held(value - log_q)
-        if held.mean() < HELD_BACK:
-            return _wide(own.mixture.sheets, u, shares / len(u))
-        known = np.where(held, 0.0, shares)
+        waiting = _held(value - log_q)
+        if waiting.mean() < HELD_BACK:
+            return _wide(newton_proposal.mixture.sheets, u, shares / len(u))
+        known = np.where(waiting, 0.0, shares)
         # The last ridge began at the edge of what is seen by now: once more from its middle.
-        joint = [np.vstack([known[:-1], known[-1] + held])] if len(known) > first else []
-        for every in [*joint, np.vstack([known, held])]:
-            found, ratio = _ending(surface, expand, own.mixture, u, value, every, rng)
+        joint = [np.vstack([known[:-1], known[-1] + waiting])] if len(known) > first else []
+        for trial_shares in [*joint, np.vstack([known, waiting])]:
+            mixture, ratio = _ending(
+                surface, expand, newton_proposal.mixture, u, value, trial_shares, rng
+            )
             if _held(ratio).mean() < STILL_HELD_BACK:
                 break
-        own = replace(own, mixture=found, usual=float(np.median(ratio)))
+        newton_proposal = replace(newton_proposal, mixture=mixture, usual=float(np.median(ratio)))
         state = piece.state
-    return own.mixture
+    return newton_proposal.mixture
 
 
 def _held(ratio: Array) -> NDArray[np.bool_]:
@@ -160,27 +164,31 @@ def _ending(
 def _wide(sheets: Sequence[Sheet], u: Array, weights: Array) -> Mixture:
     """A component for each sheet, wider than draws `u (N, D)` of `weights (S, N)` along it."""
     means, roots = [], []
-    for sheet, own in zip(sheets, weights, strict=True):
+    for sheet, sheet_weights in zip(sheets, weights, strict=True):
         n, d = sheet.n_loose, u.shape[1]
-        middle, root = moments(sheet.frame.split(u)[0], own + HARDLY)
+        middle, root = moments(sheet.frame.split(u)[0], sheet_weights + HARDLY)
         means.append(np.concatenate([middle, np.zeros(d - n)]))
         roots.append(ACROSS * np.eye(d))
         roots[-1][:n, :n] = ALONG * root
-    held = weights.sum(axis=1)
-    return independence.mixture(sheets, range(len(sheets)), held, np.array(means), np.array(roots))
+    totals = weights.sum(axis=1)
+    return independence.mixture(
+        sheets, range(len(sheets)), totals, np.array(means), np.array(roots)
+    )
 
 
-def _drawn(surface: Surface, found: Mixture, n: int, seed: Random) -> tuple[Weighed, Array, float]:
+def _drawn(
+    surface: Surface, mixture: Mixture, n: int, seed: Random
+) -> tuple[Weighed, Array, float]:
     """Of `n` draws, or more where many are outside the prior, those with a density; each sheet's shares
     of them `(S, N)`; and how many of all are inside.
     """
-    inside = surface.inside(found.draw(n, seed).u).mean()
-    every = found.draw(int(n / max(float(inside), 1.0 / REPEATED)), seed)
-    value = surface.value(every.u)
+    inside = surface.inside(mixture.draw(n, seed).u).mean()
+    drawn = mixture.draw(int(n / max(float(inside), 1.0 / REPEATED)), seed)
+    value = surface.value(drawn.u)
     good = np.isfinite(value)
-    kept = every.those(good)
-    shares, log_q = found.shares(*found.coordinates(kept))
-    return Weighed(kept.u, value[good] - log_q, np.zeros(len(log_q))), shares, float(inside)
+    valid = drawn.those(good)
+    shares, log_q = mixture.shares(*mixture.coordinates(valid))
+    return Weighed(valid.u, value[good] - log_q, np.zeros(len(log_q))), shares, float(inside)
 
 
 def _nothing(surface: Surface, proposal: Proposal, draws: Weighed) -> bool:

@@ -49,42 +49,44 @@ def split(
     """
     scale = surface.spread
     slope, curvature = here.slope[0] * scale, here.curvature[0] * np.outer(scale, scale)
-    apart = np.zeros((len(centre), 0)) if still is None else still
-    values, vectors = _directions(curvature, apart)
+    separate = np.zeros((len(centre), 0)) if still is None else still
+    values, vectors = _directions(curvature, separate)
     tight_from = max(TIGHT, STRAIGHT * float(np.sqrt(max(values[-1], 0.0))))
     tight = values >= tight_from
-    known = np.zeros(apart.shape[1])
+    known = np.zeros(separate.shape[1])
     if np.linalg.norm((slope @ vectors[:, tight]) / np.sqrt(values[tight])) > PRESSED:
         near = NEAR_END * scale
         pressed = (centre <= surface.low + near) & (slope < 0)
         pressed |= (centre >= surface.high - near) & (slope > 0)
-        apart, own = _beside(apart, np.flatnonzero(pressed))
-        known = np.concatenate([known, np.diag(curvature)[own] + slope[own] ** 2])
-        values, vectors = _directions(curvature, apart)
+        separate, separate_unknowns = _beside(separate, np.flatnonzero(pressed))
+        known = np.concatenate(
+            [known, np.diag(curvature)[separate_unknowns] + slope[separate_unknowns] ** 2]
+        )
+        values, vectors = _directions(curvature, separate)
     n_loose = int((values < tight_from).sum())
-    columns = scale[:, None] * np.concatenate([apart, vectors], axis=1)
+    columns = scale[:, None] * np.concatenate([separate, vectors], axis=1)
     return (
         ridge.frame(centre, columns, len(known) + n_loose),
         np.concatenate([known, np.maximum(values[:n_loose], 0.0)]),
     )
 
 
-def _beside(apart: Array, unknowns: Indices) -> tuple[Array, list[int]]:
-    """Columns at right angles: those `apart`, then what `unknowns` add to them, and which these are."""
-    own: list[int] = []
+def _beside(separate: Array, unknowns: Indices) -> tuple[Array, list[int]]:
+    """Orthonormal columns: those `separate`, then what `unknowns` add, and which of them do."""
+    added: list[int] = []
     for d in map(int, unknowns):
-        axis = np.eye(len(apart))[d] - apart @ apart[d]
+        axis = np.eye(len(separate))[d] - separate @ separate[d]
         if (length := float(np.linalg.norm(axis))) > OWN:
-            apart, own = np.column_stack([apart, axis / length]), [*own, d]
-    return apart, own
+            separate, added = np.column_stack([separate, axis / length]), [*added, d]
+    return separate, added
 
 
 def _directions(curvature: Array, without: Array) -> tuple[Array, Array]:
     """Eigenvalues, the smallest first, and vectors `(D, n)`, at right angles to those `without`."""
     whole = np.linalg.qr(without, mode="complete")[0]
-    rest = whole[:, without.shape[1] :]
-    values, vectors = np.linalg.eigh(rest.T @ curvature @ rest)
-    return values, rest @ vectors
+    complement = whole[:, without.shape[1] :]
+    values, vectors = np.linalg.eigh(complement.T @ curvature @ complement)
+    return values, complement @ vectors
 
 
 def unmoved(surface: Surface, expand: Expand, rng: np.random.Generator) -> Array:
@@ -97,10 +99,12 @@ def unmoved(surface: Surface, expand: Expand, rng: np.random.Generator) -> Array
     here = expand(np.clip(scattered, surface.low, surface.high), np.eye(d))
     whitened = here.curvature * np.outer(surface.spread, surface.spread)
     largest = np.linalg.eigvalsh(whitened)[:, -1]
-    seen = largest > 0
-    if not seen.any():
+    informed = largest > 0
+    if not informed.any():
         return np.zeros((d, 0))
-    values, vectors = np.linalg.eigh((whitened[seen] / largest[seen, None, None]).mean(axis=0))
+    values, vectors = np.linalg.eigh(
+        (whitened[informed] / largest[informed, None, None]).mean(axis=0)
+    )
     return np.asarray(vectors[:, values < STILL])
 
 
@@ -147,12 +151,12 @@ def trace(
     expand: Expand,
     centre: Array,
     rng: np.random.Generator,
-    seen: tuple[Array, Array] | None = None,
+    weighted_draws: tuple[Array, Array] | None = None,
 ) -> Traced:
     """The ridge through the maximum `centre (D,)`; `expand` may share the points among processes.
 
-    `seen`: draws of the posterior `(N, D)` and their weights `(N,)`, which say where the ridge is
-    wanted; else the priors do, with what the record knows at the maximum.
+    `weighted_draws`: draws of the posterior `(N, D)` and their weights `(N,)`, which say where the
+    ridge is wanted; else the priors do, with what the record knows at the maximum.
     """
     here = expand(centre[None], np.eye(len(centre)))
     still = unmoved(surface, expand, rng)
@@ -162,11 +166,11 @@ def trace(
         scale = surface.spread
         base = ridge.frame(centre, np.diag(scale), len(centre))
         known = np.diag(here.curvature[0]) * scale**2 + (here.slope[0] * scale) ** 2
-    if seen is None:
+    if weighted_draws is None:
         cloud = None
         psi, spread = _foreseen(surface, base, known)
     else:
-        drawn, weights = base.split(seen[0])[0], seen[1]
+        drawn, weights = base.split(weighted_draws[0])[0], weighted_draws[1]
         psi, spread = moments(drawn, weights)
         # As many again, the rare ones more often than their weights say.
         share = np.sqrt(weights)
@@ -176,12 +180,12 @@ def trace(
         return Traced(at, 0.0, psi, spread)
     bent = np.arange(still.shape[1], len(known))
     for _ in range(SHORTER):
-        found = _followed(surface, expand, at, bent, psi, spread, cloud, rng)
-        if found.off < ASTRAY:
+        traced = _followed(surface, expand, at, bent, psi, spread, cloud, rng)
+        if traced.off < ASTRAY:
             break
         psi, spread = 0.5 * psi, 0.5 * spread  # a shorter piece of it is better than none
         cloud = None if cloud is None else 0.5 * cloud
-    return found
+    return traced
 
 
 def _foreseen(surface: Surface, base: Frame, known: Array) -> tuple[Array, Array]:
@@ -286,17 +290,17 @@ def _scattered(
         wanted = psi + BEYOND * (cloud[rng.integers(len(cloud), size=4 * n)] - psi)
     inwards = np.ones(len(wanted))
     for _ in range(12):
-        seen = min(share, MARGIN) * inwards[:, None] * wanted
-        outside = ~surface.inside(at.frame.join(seen, at.at(seen)))
+        points = min(share, MARGIN) * inwards[:, None] * wanted
+        outside = ~surface.inside(at.frame.join(points, at.at(points)))
         if not outside.any():
             break
         inwards[outside] *= 0.85
     whole = np.flatnonzero(inwards == 1.0)
     drawn = np.flatnonzero(inwards < 1.0)
-    chosen = np.concatenate([whole[: (3 * n) // 4], drawn])[:n]
-    if len(chosen) < n:
-        chosen = np.concatenate([chosen, whole[(3 * n) // 4 :]])[:n]
-    return np.asarray(inwards[chosen, None] * wanted[chosen])
+    selected = np.concatenate([whole[: (3 * n) // 4], drawn])[:n]
+    if len(selected) < n:
+        selected = np.concatenate([selected, whole[(3 * n) // 4 :]])[:n]
+    return np.asarray(inwards[selected, None] * wanted[selected])
 
 
 def _arrived(
@@ -308,15 +312,15 @@ def _arrived(
     A little beyond the ends of the priors, too: without such points polynomials are at their worst
     at the ends.  But not far below the ridge: at a lesser maximum, where nothing is.
     """
-    found, roots, value, arrived = led_back(expand, at.frame, psi, at.at(psi))
-    u, beyond = at.frame.join(psi, found), BEYOND_ENDS * (surface.high - surface.low)
+    tau, roots, value, arrived = led_back(expand, at.frame, psi, at.at(psi))
+    u, beyond = at.frame.join(psi, tau), BEYOND_ENDS * (surface.high - surface.low)
     near = (u > surface.low - beyond) & (u < surface.high + beyond)
     arrived &= np.isfinite(value) | near.all(axis=1)
-    new = [some[arrived] for some in (psi, found, roots, value)]
+    new = [some[arrived] for some in (psi, tau, roots, value)]
     points = [np.concatenate(pair) for pair in zip(before or new, new, strict=True)]
     value = points[3]
-    kept = (value > value.max(initial=-np.inf) - DEEP) | (value == -np.inf)
-    return [some[kept] for some in points]
+    on_ridge = (value > value.max(initial=-np.inf) - DEEP) | (value == -np.inf)
+    return [some[on_ridge] for some in points]
 
 
 def led_back(
@@ -374,11 +378,13 @@ def _best_fit(
     base: Frame, bent: Indices, psi: Array, tau: Array, roots: Array, *, last: bool
 ) -> tuple[Ridge, float]:
     """The polynomials of the degree that points held out ask for, and how far off those are."""
-    held = np.arange(len(psi)) % HELD_OUT == HELD_OUT - 1
-    some = psi[~held], tau[~held], roots[~held]
-    within = held & ridge.fit(base, *some, 0, 0, bent).within(psi)  # no fit knows what lies beyond
-    held = within if within.any() else held
-    others = psi[held], tau[held], roots[held]
+    held_out = np.arange(len(psi)) % HELD_OUT == HELD_OUT - 1
+    some = psi[~held_out], tau[~held_out], roots[~held_out]
+    within = held_out & ridge.fit(base, *some, 0, 0, bent).within(
+        psi
+    )  # no fit knows what lies beyond
+    held_out = within if within.any() else held_out
+    others = psi[held_out], tau[held_out], roots[held_out]
     n = len(some[0])
 
     def tried(degree: int, root_degree: int) -> Ridge:
@@ -387,12 +393,12 @@ def _best_fit(
     degrees = [d for d in range(1, MOST_DEGREE + 1) if d == 1 or _terms(len(bent), d) < 0.7 * n]
     degree, off = _least(degrees, lambda d: ridge.residuals(tried(d, 0), *others))
     if not last:
-        made = ridge.fit(base, psi, tau, roots, degree, 0, bent)
-        return ridge.further(made, EXTRAPOLATED), off
+        fitted = ridge.fit(base, psi, tau, roots, degree, 0, bent)
+        return ridge.further(fitted, EXTRAPOLATED), off
     lower = [d for d in range(degree + 1) if d <= 1 or _terms(len(bent), d) < n / 5]
     root_degree, _ = _least(lower, lambda d: ridge.root_residuals(tried(degree, d), *others))
-    made = ridge.fit(base, psi, tau, roots, degree, root_degree, bent)
-    return ridge.further(made, CORNERS ** (1.0 / max(degree, 1))), off
+    fitted = ridge.fit(base, psi, tau, roots, degree, root_degree, bent)
+    return ridge.further(fitted, CORNERS ** (1.0 / max(degree, 1))), off
 
 
 def _least(degrees: Sequence[int], errors: Callable[[int], Array]) -> tuple[int, float]:
@@ -402,10 +408,10 @@ def _least(degrees: Sequence[int], errors: Callable[[int], Array]) -> tuple[int,
     """
     best, least = degrees[0], np.inf
     for degree in degrees:
-        found = float(np.quantile(errors(degree), NEARLY_ALL))
-        if found < WORTHWHILE * least:
-            best, least = degree, found
-        if found < GOOD_ENOUGH:
+        error = float(np.quantile(errors(degree), NEARLY_ALL))
+        if error < WORTHWHILE * least:
+            best, least = degree, error
+        if error < GOOD_ENOUGH:
             break
     return best, least
 
@@ -437,15 +443,15 @@ class Settled:
         return self.ridge.n_loose
 
     def along(self, psi: Array) -> tuple[Array, Array, Array]:
-        place, root, log_det = self.ridge.along(psi)
-        found, roots, _, arrived = led_back(
-            self.expand, self.frame, psi, place, NEAR, NEWTON_ITERATIONS
+        tau, root, log_det = self.ridge.along(psi)
+        newton_tau, roots, _, arrived = led_back(
+            self.expand, self.frame, psi, tau, NEAR, NEWTON_ITERATIONS
         )
-        row = np.arange(place.shape[1])
-        place = np.where(arrived[:, None], found, place)
+        row = np.arange(tau.shape[1])
+        tau = np.where(arrived[:, None], newton_tau, tau)
         root[:, :, arrived] = np.moveaxis(roots[arrived], 0, 2)
         log_det[arrived] = np.log(root[row, row][:, arrived]).sum(axis=0)
-        return place, root, log_det
+        return tau, root, log_det
 
     def within(self, psi: Array) -> Flags:
         return self.ridge.within(psi)
@@ -453,13 +459,13 @@ class Settled:
 
 def bound(proposal: Proposal, posterior: Posterior) -> Proposal:
     """With the ridges of its `settled` part, where it has one, brought home along the posterior."""
-    own = proposal.settled
-    if own is None:
+    newton = proposal.settled
+    if newton is None:
         return proposal
     expand = PosteriorSurface(posterior).bent
-    return replace(proposal, settled=replace(own, mixture=settled(own.mixture, expand)))
+    return replace(proposal, settled=replace(newton, mixture=settled(newton.mixture, expand)))
 
 
-def settled(found: Mixture, expand: Expand) -> Mixture:
+def settled(mixture: Mixture, expand: Expand) -> Mixture:
     """The same mixture over settled ridges."""
-    return replace(found, sheets=tuple(Settled(sheet, expand) for sheet in found.sheets))
+    return replace(mixture, sheets=tuple(Settled(sheet, expand) for sheet in mixture.sheets))

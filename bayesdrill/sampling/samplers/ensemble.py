@@ -114,14 +114,14 @@ class Independent:
 
     def propose(self, model: Any, state: Any) -> tuple[Any, Flags]:
         everyone = np.arange(len(state.coords))
-        one = self.proposal.one_of(model.random)
-        known = self.remembered[one is self.proposal.settled]
+        proposal = self.proposal.one_of(model.random)
+        known = self.remembered[proposal is self.proposal.settled]
         before = known.at(state.coords)
-        fresh, after = one.draw(len(everyone), self.inside, model.random)
+        fresh, after = proposal.draw(len(everyone), self.inside, model.random)
         moved = _accept(model, state, everyone, fresh, before - after)
         known.keep(state.coords, np.where(moved, after, before))
-        if one is self.proposal.widest and model.random.random_sample() < one.alone:
-            moved |= alone(model, state, one, known.at(state.coords))
+        if proposal is self.proposal.widest and model.random.random_sample() < proposal.alone:
+            moved |= alone(model, state, proposal, known.at(state.coords))
         return state, moved
 
 
@@ -160,8 +160,8 @@ def _accept(
 def differential_evolution(walkers: Array, others: Array, random: Random) -> tuple[Array, Array]:
     """Along the difference of two of the others (ter Braak 2006; Nelson et al. 2014)."""
     n, d = walkers.shape
-    first, apart = random.randint(len(others), size=n), random.randint(1, len(others), size=n)
-    second = (first + apart) % len(others)
+    first, offset = random.randint(len(others), size=n), random.randint(1, len(others), size=n)
+    second = (first + offset) % len(others)
     gamma = GAMMA / np.sqrt(2 * d) * (1.0 + GAMMA_SPREAD * random.standard_normal((n, 1)))
     return walkers + gamma * (others[first] - others[second]), np.zeros(n)
 
@@ -205,8 +205,10 @@ def mixture(
     weights: Mapping[str, float], learnt: Proposal | None, inside: Inside
 ) -> list[tuple[Move, float]]:
     """What emcee takes as `moves`; those that need a proposal only where one has been learnt."""
-    made = [(MOVES[name](learnt, inside), weight) for name, weight in weights.items() if weight > 0]
-    return [(move, weight) for move, weight in made if move is not None]
+    built = [
+        (MOVES[name](learnt, inside), weight) for name, weight in weights.items() if weight > 0
+    ]
+    return [(move, weight) for move, weight in built if move is not None]
 
 
 @dataclass(frozen=True, slots=True)

@@ -102,8 +102,8 @@ class Weighed:
         return flat(low)
 
     def those_with_a_density(self) -> Weighed:
-        kept = np.isfinite(self.log_w)
-        return Weighed(self.u[kept], self.log_w[kept], self.log_q[kept])
+        finite = np.isfinite(self.log_w)
+        return Weighed(self.u[finite], self.log_w[finite], self.log_q[finite])
 
 
 def normalised(log_w: Array) -> Array:
@@ -157,18 +157,18 @@ class Mixture:
 
     def draw(self, n: int, random: Random) -> Drawn:
         """`n` draws, inside the prior or not."""
-        chosen = np.searchsorted(np.cumsum(self.weights)[:-1], random.random_sample(n))
+        component = np.searchsorted(np.cumsum(self.weights)[:-1], random.random_sample(n))
         normal = random.standard_normal((n, self.means.shape[1]))
         y, u, jacobian = np.empty_like(normal), np.empty_like(normal), np.empty(n)
         for k, (mean, root) in enumerate(zip(self.means, self.roots, strict=True)):
-            mine = np.flatnonzero(chosen == k)
+            mine = np.flatnonzero(component == k)
             y[mine] = mean + normal[mine] @ root.T
         if len(self.sheets) == 1:
-            return Drawn(*bend(self.sheets[0], y), y, self.sheet[chosen])
+            return Drawn(*bend(self.sheets[0], y), y, self.sheet[component])
         for s, sheet in enumerate(self.sheets):
-            mine = np.flatnonzero(self.sheet[chosen] == s)
+            mine = np.flatnonzero(self.sheet[component] == s)
             u[mine], jacobian[mine] = bend(sheet, y[mine])
-        return Drawn(u, jacobian, y, self.sheet[chosen])
+        return Drawn(u, jacobian, y, self.sheet[component])
 
     def coordinates(self, drawn: Drawn) -> tuple[Array, Array]:
         """`straightened`, of draws of its own: on the sheet they come from they are known already."""
@@ -247,49 +247,52 @@ def fitted(
     What the mixture puts outside the prior is added to the draws in each round, so that it is free
     to be anything there: a density that ends at a wall is met by components that reach beyond.
     """
-    found = start
+    current = start
     y, jacobian = start.straightened(u)
-    floors = [_floor(*own) for own in zip(y, _of_sheets(start, y, jacobian, weights), strict=True)]
+    floors = [
+        _floor(*sheet_draws)
+        for sheet_draws in zip(y, _of_sheets(start, y, jacobian, weights), strict=True)
+    ]
     for _ in range(rounds):
-        drawn = found.draw(len(u), random).u
+        drawn = current.draw(len(u), random).u
         out = ~inside(drawn)
         share = max(1.0 - float(out.mean()), 1.0 / len(u))
-        y_out, jacobian_out = found.straightened(drawn[out])
-        every = np.concatenate([weights, np.full(int(out.sum()), FILL / (share * len(u)))])
+        y_out, jacobian_out = current.straightened(drawn[out])
+        all_weights = np.concatenate([weights, np.full(int(out.sum()), FILL / (share * len(u)))])
         points = np.concatenate([y, y_out], axis=1)
         jacobians = np.concatenate([jacobian, jacobian_out], axis=1)
-        found = _step(found, points, jacobians, every, floors)
-    return found
+        current = _step(current, points, jacobians, all_weights, floors)
+    return current
 
 
 def _step(
-    found: Mixture, y: Array, jacobian: Array, weights: Array, floors: list[Array]
+    current: Mixture, y: Array, jacobian: Array, weights: Array, floors: list[Array]
 ) -> Mixture:
-    parts = found.log_parts(y, jacobian)
+    parts = current.log_parts(y, jacobian)
     parts -= parts.max(axis=0)
     shares = np.exp(parts)
     shares *= weights / shares.sum(axis=0)
     totals = shares.sum(axis=1)
-    means, roots = found.means.copy(), found.roots.copy()
+    means, roots = current.means.copy(), current.roots.copy()
     dimension = means.shape[1]
     for k, total in enumerate(totals):
         if total < 1e-12 or effective(shares[k]) < 2 * dimension:
             continue  # too few draws to move it
-        points = y[found.sheet[k]]
+        points = y[current.sheet[k]]
         means[k] = shares[k] @ points / total
         off = points - means[k]
         covariance = (off * shares[k][:, None]).T @ off / total
         with suppress(np.linalg.LinAlgError):  # of one draw that outweighs all others
-            roots[k] = np.linalg.cholesky(covariance + floors[found.sheet[k]])
-    return mixture(found.sheets, found.sheet, np.maximum(totals, 1e-12), means, roots)
+            roots[k] = np.linalg.cholesky(covariance + floors[current.sheet[k]])
+    return mixture(current.sheets, current.sheet, np.maximum(totals, 1e-12), means, roots)
 
 
-def _of_sheets(found: Mixture, y: Array, jacobian: Array, weights: Array) -> list[Array]:
+def _of_sheets(current: Mixture, y: Array, jacobian: Array, weights: Array) -> list[Array]:
     """How much of each weight every sheet stands for: `(N,)` each."""
-    if len(found.sheets) == 1:
+    if len(current.sheets) == 1:
         return [weights]
-    shares, _ = found.shares(y, jacobian)
-    return [weights * shares[found.sheet == s].sum(axis=0) for s in range(len(found.sheets))]
+    shares, _ = current.shares(y, jacobian)
+    return [weights * shares[current.sheet == s].sum(axis=0) for s in range(len(current.sheets))]
 
 
 def _floor(y: Array, weights: Array) -> Array:
@@ -343,18 +346,18 @@ class Proposal:
         no walker, so the chain stays exact.
         """
         have = 0
-        found: list[tuple[Array, Array]] = []
+        batches: list[tuple[Array, Array]] = []
         for attempt in range(MOST_REDRAWS):
             wanted = min(1.2 * (n - have) / self.share, MOST_AT_ONCE * n)
             drawn = self.mixture.draw(int(wanted) + 8, random)
             if attempt < MOST_REDRAWS - 1:
                 drawn = drawn.those(np.flatnonzero(inside(drawn.u))[: n - have])
             log_q = self.mixture.log_density_at(*self.mixture.coordinates(drawn))
-            found.append((drawn.u, log_q))
+            batches.append((drawn.u, log_q))
             have += len(drawn.u)
             if have >= n:
                 break
-        return tuple(np.concatenate(parts)[:n] for parts in zip(*found, strict=True))  # type: ignore[return-value]
+        return tuple(np.concatenate(parts)[:n] for parts in zip(*batches, strict=True))  # type: ignore[return-value]
 
 
 class Remembered:

@@ -114,8 +114,8 @@ def bend(sheet: Sheet, y: Array) -> tuple[Array, Array]:
 def straighten(sheet: Sheet, u: Array) -> tuple[Array, Array]:
     """`u (W, D)` to y, and log |du / dy| `(W,)`."""
     psi, tau = sheet.frame.split(u)
-    place, root, log_det = sheet.along(psi)
-    e = _solved(root, tau - place)
+    on_ridge, root, log_det = sheet.along(psi)
+    e = _solved(root, tau - on_ridge)
     return np.concatenate([psi, e], axis=1), log_det + sheet.frame.log_volume
 
 
@@ -172,12 +172,12 @@ class Ridge:
         return (self.place.T @ rows).T, root, entries[:n].sum(axis=0)
 
 
-def _solved(root: Array, rest: Array) -> Array:
+def _solved(root: Array, rhs: Array) -> Array:
     """Forward substitution, over the t rows of all walkers at once."""
-    e = np.empty((root.shape[0], len(rest)))
+    e = np.empty((root.shape[0], len(rhs)))
     for row in range(len(root)):
         known = np.einsum("jw,jw->w", root[row, :row], e[:row])
-        e[row] = (rest[:, row] - known) / root[row, row]
+        e[row] = (rhs[:, row] - known) / root[row, row]
     return np.asarray(e.T)
 
 
@@ -206,18 +206,18 @@ def fit(
     entries = np.concatenate([np.log(diagonal), below], axis=1)
     low, high = entries.min(axis=0), entries.max(axis=0)
     beyond = LEEWAY * (high - low)
-    own, own_root = powers(n_loose, degree), powers(n_loose, min(root_degree, degree))
-    rows = own.of(scaled).T
+    monomials, root_monomials = powers(n_loose, degree), powers(n_loose, min(root_degree, degree))
+    rows = monomials.of(scaled).T
     return Ridge(
         frame=base,
         bent=bent,
         middle=middle,
         width=width,
         reach=1.0,
-        powers=own,
+        powers=monomials,
         place=np.linalg.lstsq(rows, tau, rcond=1e-10)[0],
-        root_powers=own_root,
-        root=np.linalg.lstsq(rows[:, : own_root.terms], entries, rcond=1e-10)[0],
+        root_powers=root_monomials,
+        root=np.linalg.lstsq(rows[:, : root_monomials.terms], entries, rcond=1e-10)[0],
         ends=np.array([low - beyond, high + beyond]),
     )
 
@@ -233,11 +233,11 @@ def root_residuals(ridge: Ridge, psi: Array, tau: Array, roots: Array) -> Array:
 
     The worst direction counts.
     """
-    said = np.moveaxis(ridge.along(psi)[1], 2, 0)
-    ratio = np.linalg.solve(said, roots)
+    predicted = np.moveaxis(ridge.along(psi)[1], 2, 0)
+    ratio = np.linalg.solve(predicted, roots)
     return np.asarray(np.abs(np.log(np.linalg.svd(ratio, compute_uv=False))).max(axis=1))
 
 
-def further(found: Ridge, factor: float) -> Ridge:
+def further(ridge_map: Ridge, factor: float) -> Ridge:
     """The same, followed as many times further than its points reach."""
-    return dataclasses.replace(found, reach=factor * found.reach)
+    return dataclasses.replace(ridge_map, reach=factor * ridge_map.reach)
