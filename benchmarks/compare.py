@@ -25,7 +25,7 @@ from bayesdrill.config.job import Job
 from bayesdrill.inference.laplace import PosteriorSurface
 from bayesdrill.rig.models.motor_shaft import MotorShaft
 from bayesdrill.sampling.fit import FitPlan, fit
-from bayesdrill.sampling.gauss_newton import climb
+from bayesdrill.sampling.gauss_newton import gauss_newton
 from bayesdrill.tasks import comparison, find_map
 from bayesdrill.tasks.conclusions import SampledRun
 
@@ -160,7 +160,7 @@ class Bench:
         posterior = of(self.known, clean).problem.posterior
         surface = PosteriorSurface(posterior, physical=True)
         start = posterior.coordinates.from_physical(theta[None, : len(posterior.space.free)])
-        best = posterior.coordinates.to_physical(climb(surface, start, 60).u)
+        best = posterior.coordinates.to_physical(gauss_newton(surface, start, 60).u)
         left = clean - posterior.likelihood.signals(best)[0]
         return float(np.sqrt(np.mean(left**2)))
 

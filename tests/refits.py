@@ -21,7 +21,7 @@ from bayesdrill.config.job import Job
 from bayesdrill.report.sections import fit_words
 from bayesdrill.sampling import mode_search
 from bayesdrill.sampling.fit import fit
-from bayesdrill.sampling.opened_ends import with_open_ends
+from bayesdrill.sampling.opened_ends import with_extended_priors
 from bayesdrill.tasks import calibrate, conclusions
 from benchmarks.zoo import entries as e
 from benchmarks.zoo import folder
@@ -51,8 +51,8 @@ class Trial:
         plan, chains = calibrate.study(own).plan, conclusions.plan(own.config)
         own_chains = replace(plan.chains, seed=seed)
         found, sampled = fit(posterior, replace(plan, chains=own_chains))
-        tops, nominal = mode_search.tops(posterior, found), own.problem.nominal
-        sampled = with_open_ends(sampled, posterior, nominal, tops, chains, Silent())
+        tops, nominal = mode_search.modes(posterior, found), own.problem.nominal
+        sampled = with_extended_priors(sampled, posterior, nominal, tops, chains, Silent())
         scenery = Scenery(posterior.likelihood)
         _, left, judged = conclude(own.problem, own.asked, found, sampled, scenery)
         assert judged is not None

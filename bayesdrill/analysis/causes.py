@@ -22,7 +22,7 @@ from bayesdrill.inference import residual_checks, step_error
 from bayesdrill.inference.laplace import PosteriorSurface
 from bayesdrill.inference.posterior import Posterior, Problem
 from bayesdrill.inference.residual_checks import Left, like_noise
-from bayesdrill.sampling.gauss_newton import climb
+from bayesdrill.sampling.gauss_newton import gauss_newton
 
 # Where in its prior what is new is sought from, together with the start that its config gives it.
 QUANTILES = (0.02, 0.2, 0.35, 0.42, 0.58, 0.65, 0.8)
@@ -34,9 +34,8 @@ SURE = 5.0  # natural logs: a candidate that is no better explains nothing
 NOISE = ("unknown_noise", "ar1")
 TORQUES = {"missing_torque_motor": "motor", "missing_torque_rotor_1": "rotor_1"}
 CATCH_ALL = {*NOISE, *TORQUES}
-NAMED_SHARE = (
-    0.5  # of what a catch-all gains in log evidence: a cause that gains as much is named first
-)
+# of what a catch-all gains in log evidence: a cause that gains as much is named first
+NAMED_SHARE = 0.5
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -69,7 +68,7 @@ def refit(posterior: Posterior, near: Mapping[str, float], least: float) -> Maxi
     space, coordinates = posterior.space, posterior.coordinates
     surface = PosteriorSurface(posterior, physical=True)
     rows = np.clip(coordinates.from_physical(_starts(posterior, near)), surface.low, surface.high)
-    first = climb(surface, rows, FIRST_STEPS)
+    first = gauss_newton(surface, rows, FIRST_STEPS)
     if not np.isfinite(first.value).any():
         return None
     begun = time.perf_counter()  # its code is compiled by now
@@ -81,7 +80,7 @@ def refit(posterior: Posterior, near: Mapping[str, float], least: float) -> Maxi
     if step_error.taken(posterior):
         posterior = step_error.chosen(posterior, coordinates.to_physical(u)[0])
         surface = PosteriorSurface(posterior, physical=True)
-    top = climb(surface, u, steps)
+    top = gauss_newton(surface, u, steps)
     order = np.argsort(-top.value, kind="stable")
     u, heights = top.u[order], top.value[order]
     if not np.isfinite(heights[0]):
@@ -292,7 +291,7 @@ def _held(
     low, high = np.clip(wider.coordinates.from_physical(ends), surface.low, surface.high)
     surface.low = np.where(fixed, low, surface.low)
     surface.high = np.where(fixed, high, surface.high)
-    top = climb(surface, wider.coordinates.from_physical(rows), INSTEAD_STEPS)
+    top = gauss_newton(surface, wider.coordinates.from_physical(rows), INSTEAD_STEPS)
     there = wider.coordinates.to_physical(top.u)
     likely = wider.likelihood(there)
     if not np.isfinite(likely).any():

@@ -38,7 +38,7 @@ from bayesdrill.inference.step_error import StepError, step_errors
 from bayesdrill.rig.models.latent_torque import At
 from bayesdrill.rig.models.linear import Roles
 from bayesdrill.sampling.convergence import Convergence
-from bayesdrill.sampling.ensembles import Sampled
+from bayesdrill.sampling.ensembles import SamplingResult
 from bayesdrill.sampling.evidence import Evidence
 from bayesdrill.sampling.mode_search import Mode
 
@@ -55,7 +55,7 @@ class RunDraws(Value):
 
     problem: Problem
     mode: Mode
-    sampled: Sampled
+    sampled: SamplingResult
     seed: int
     sparing: Sparing = field(default_factory=Sparing, compare=False)
 

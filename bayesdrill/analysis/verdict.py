@@ -34,7 +34,7 @@ from bayesdrill.inference import residual_checks
 from bayesdrill.inference.derived import hdi
 from bayesdrill.inference.posterior import Problem
 from bayesdrill.inference.residual_checks import Left
-from bayesdrill.sampling.ensembles import Opened, Sampled
+from bayesdrill.sampling.ensembles import ExtendedPriors, SamplingResult
 from bayesdrill.sampling.mode_search import Mode
 
 FARTHEST, STEP = 3.0, 0.25  # sigma: tails are counted up to here, ...
@@ -203,7 +203,7 @@ def judge(
     tolerance: Mapping[str, float],
     pressed: Collection[str],
     thresholds: Thresholds,
-    beyond: Opened | None = None,
+    beyond: ExtendedPriors | None = None,
     *,
     fits: bool = True,
 ) -> Verdict:
@@ -395,7 +395,7 @@ def _word(row: Row, quantity: Quantity) -> Word:
 
 
 def conclude(
-    problem: Problem, asked: Asked, found: Mode, sampled: Sampled, scenery: Scenery
+    problem: Problem, asked: Asked, found: Mode, sampled: SamplingResult, scenery: Scenery
 ) -> tuple[tuple[Row, ...], tuple[Left, ...], Judgement | None]:
     """A row for each unknown, one for each channel, and the verdict where there is a table."""
     posterior, space = problem.posterior, problem.posterior.space
@@ -416,7 +416,7 @@ def conclude(
         problem.tolerance,
         [row.name for row in rows if row.pressed_against is not None],
         asked.thresholds,
-        sampled.beyond,
+        sampled.extended,
         fits=residual_checks.like_noise(left),
     )
     findings = (

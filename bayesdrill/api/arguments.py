@@ -24,7 +24,7 @@ from bayesdrill.config.job import Job
 from bayesdrill.record.experiment import check_time, raise_if_any
 from bayesdrill.rig.models import MODELS
 from bayesdrill.rig.models.linear import Model
-from bayesdrill.sampling.workers import available
+from bayesdrill.sampling.workers import available_processors
 
 if TYPE_CHECKING:
     from bayesdrill.results.run_folder import Mode
@@ -126,7 +126,7 @@ def results_folder(folder: str | Path | None, usual: Path) -> Path:
 def workers(processes: int | None) -> int:
     """None: as many as there are processors."""
     if processes is None:
-        return available()
+        return available_processors()
     found = whole("processes", processes, 1)
     if found > MOST_PROCESSES:
         raise InputError.one("processes", f"{found} are more than {MOST_PROCESSES}; give fewer")

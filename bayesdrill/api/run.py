@@ -28,10 +28,10 @@ from bayesdrill.report.publish import FIGURES, drawings
 from bayesdrill.report.run_report import sections
 from bayesdrill.report.section import as_markdown, as_text
 from bayesdrill.report.view import Drawing, View
-from bayesdrill.sampling.ensembles import Sampled
+from bayesdrill.sampling.ensembles import SamplingResult
 from bayesdrill.sampling.evidence import Evidence
 from bayesdrill.sampling.mode_search import Mode
-from bayesdrill.sampling.workers import Crew
+from bayesdrill.sampling.workers import WorkerPool
 from bayesdrill.tasks import conclusions, find_map, pipeline
 from bayesdrill.tasks.conclusions import SampledRun
 
@@ -103,8 +103,10 @@ class Best(Value):
 
         `processes`, `report`: see `Case.sample`.
         """
-        with Crew(self.job.problem.posterior, arguments.workers(processes)) as crew:
-            found, said = find_map.explain(self.job, self.mode, crew.run, report or SILENT)
+        with WorkerPool(self.job.problem.posterior, arguments.workers(processes)) as pool:
+            found, said = find_map.explain(
+                self.job, self.mode, pool.submit_function, report or SILENT
+            )
         return Candidates(found.ranked if found is not None else (), said)
 
     def plot(self, part: int = 1) -> Figure:
@@ -159,7 +161,7 @@ class Run(SampledRun):
     it.
     """
 
-    sampled: Sampled
+    sampled: SamplingResult
     columns: Mapping[str, Array] | None = None
 
     @property

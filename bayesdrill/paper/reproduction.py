@@ -26,7 +26,7 @@ from bayesdrill.report import (
     made_of,
 )
 from bayesdrill.results import Folder
-from bayesdrill.sampling import Crew
+from bayesdrill.sampling import WorkerPool
 
 TITLE = "The paper, repeated"
 ITERATIONS = 10  # of each pair, in the paper
@@ -56,12 +56,12 @@ def in_words(found: Findings) -> tuple[str, ...]:
     return tuple(said)
 
 
-def write(found: Findings, folder: Folder, crew: Crew) -> None:
+def write(found: Findings, folder: Folder, pool: WorkerPool) -> None:
     figures = folder.path / output_files.FIGURES
     figures.mkdir(exist_ok=True)
     note = {"Title": "paper", "Creator": software.creator()}
     wanted = drawings(found)
-    tasks = [crew.submit(draw, stem, drawing, figures, note) for stem, drawing in wanted.items()]
+    tasks = [pool.submit(draw, stem, drawing, figures, note) for stem, drawing in wanted.items()]
     made = tables(found)
     for one in made:
         folder.write_text(f"{one.stem}.csv", one.csv)

@@ -27,7 +27,7 @@ from bayesdrill.paper.searches import (
 )
 from bayesdrill.results import Folder
 from bayesdrill.rig import MotorShaft
-from bayesdrill.sampling import Crew
+from bayesdrill.sampling import WorkerPool
 from bayesdrill.tasks import conclusions, pipeline
 
 RECORDS = 400  # of each sigma in the verification study
@@ -81,8 +81,8 @@ def _run(studies: Studies, folder: Folder, processes: int, clock: _Clock) -> Fin
     likelihood, experiment = two.posterior.likelihood, two.experiment
     truth, plan = two.posterior.space.vector(nominal), conclusions.plan(studies.two.config)
     sigmas = tuple(printed.TWO_PARAMETERS)
-    with Crew(two.posterior, processes) as crew:
-        verification = verify(crew, two.posterior, truth, sigmas, RECORDS, plan)
+    with WorkerPool(two.posterior, processes) as pool:
+        verification = verify(pool, two.posterior, truth, sigmas, RECORDS, plan)
     lengths = precision.lengths(likelihood, nominal, LENGTHS)
     clock.done(f"two parameters: {RECORDS} records at each of {len(sigmas)} sigmas")
     nines = tuple(
@@ -98,11 +98,11 @@ def _run(studies: Studies, folder: Folder, processes: int, clock: _Clock) -> Fin
     symmetries, centre = study.structure.symmetries, nines[0].truth
     if centre is None:  # of the distances of ends
         centre = np.median(nines[0].draws, axis=0)
-    with Crew(posterior, processes) as crew:
-        ends = many_searches(crew, posterior, centre, symmetries, STARTS, seed)
+    with WorkerPool(posterior, processes) as pool:
+        ends = many_searches(pool, posterior, centre, symmetries, STARTS, seed)
     clock.done(f"all at once: {len(ends)} searches")
-    with Crew(posterior, processes) as crew:
-        controls = control(crew, posterior, search, SIGMAS, CONTROLS, seed)
+    with WorkerPool(posterior, processes) as pool:
+        controls = control(pool, posterior, search, SIGMAS, CONTROLS, seed)
     clock.done(f"the heuristic on {CONTROLS} nominal records at each of {len(SIGMAS)} sigmas")
     findings = Findings(
         readings=forward.readings(experiment, nominal),
@@ -120,8 +120,8 @@ def _run(studies: Studies, folder: Folder, processes: int, clock: _Clock) -> Fin
         nines=nines,
         tones=printed.tones(nominal["j_1"], nominal["j_m"] / MotorShaft().i_m ** 2, TONES),
     )
-    with Crew(two.posterior, processes) as crew:
-        reproduction.write(findings, folder, crew)
+    with WorkerPool(two.posterior, processes) as pool:
+        reproduction.write(findings, folder, pool)
     clock.done("tables and figures")
     folder.write_run(status="finished", converged=findings.converged, seconds=clock.seconds)
     return findings
@@ -152,8 +152,8 @@ def _nine(
 ) -> Nine:
     """Heuristic and posterior of one record; the posterior has a results folder of its own."""
     name, posterior = nine.config.name, nine.problem.posterior
-    with Crew(posterior, processes) as crew:
-        found = run_heuristic(crew, posterior, search, OTHERS, nine.config.seed)
+    with WorkerPool(posterior, processes) as pool:
+        found = run_heuristic(pool, posterior, search, OTHERS, nine.config.seed)
     clock.done(f"{name}: the heuristic from {OTHERS + 1} starts, and with the paper's integrator")
     whole = pipeline.posterior(nine, folder / name, "force", processes, Silent())
     state = "converged" if whole.sampled.convergence.converged else "NOT converged"

@@ -27,12 +27,12 @@ from bayesdrill.paper.plugins import Fminsearch
 from bayesdrill.paper.precision import WAYS, bounds
 from bayesdrill.sampling import (
     THOROUGH,
-    Crew,
-    Memory,
+    MemoryBackend,
     Optimiser,
     Optimum,
     Plan,
     Task,
+    WorkerPool,
     mode_search,
     sample,
 )
@@ -86,7 +86,7 @@ class End:
 
 
 def many_searches(
-    crew: Crew,
+    pool: WorkerPool,
     posterior: Posterior,
     reference: Array,
     symmetries: Sequence[Exponents],
@@ -99,7 +99,7 @@ def many_searches(
     around = rng.uniform(1 - WITHIN, 1 + WITHIN, (starts - 1, len(centre)))
     points = np.vstack([centre, centre * around])
     tasks = [
-        (way, crew.submit(MisfitSearch(optimiser, EVALUATIONS), point))
+        (way, pool.submit(MisfitSearch(optimiser, EVALUATIONS), point))
         for way, optimiser in precision.WAYS.items()
         for point in points
     ]
@@ -164,7 +164,7 @@ class Heuristic:
 
 
 def run_heuristic(
-    crew: Crew, posterior: Posterior, search: MisfitSearch, starts: int, seed: int
+    pool: WorkerPool, posterior: Posterior, search: MisfitSearch, starts: int, seed: int
 ) -> Heuristic:
     """From the configured start, and from `starts` others around it."""
     guess = posterior.space.vector(posterior.space.start)
@@ -173,8 +173,8 @@ def run_heuristic(
     by_integrator = None
     # All inputs are constant in the paper.  First, because it takes longest.
     if not posterior.likelihood.response.experiment.series:
-        by_integrator = crew.submit(replace(search, stepped=True), guess)
-    tasks = [crew.submit(search, point) for point in (guess, *(guess * around))]
+        by_integrator = pool.submit(replace(search, stepped=True), guess)
+    tasks = [pool.submit(search, point) for point in (guess, *(guess * around))]
     found, *rest = [task.result() for task in tasks]
     first = precision.misfit_per_number(posterior, guess)
     # The misfit is -2 log likelihood but for a constant, which the first point tells.
@@ -204,7 +204,7 @@ class Control:
 
 
 def control(
-    crew: Crew,
+    pool: WorkerPool,
     posterior: Posterior,
     search: MisfitSearch,
     sigmas: Sequence[float],
@@ -214,7 +214,7 @@ def control(
     """Of records made at the configured start, which the search begins at too, by noise."""
     truth = posterior.space.vector(posterior.space.start)
     tasks = {
-        sigma: [crew.submit(_of_record, search, truth, sigma, seed, k) for k in range(records)]
+        sigma: [pool.submit(_of_record, search, truth, sigma, seed, k) for k in range(records)]
         for sigma in sigmas
     }
     found = []
@@ -253,7 +253,7 @@ class Verification:
 
 
 def verify(
-    crew: Crew,
+    pool: WorkerPool,
     posterior: Posterior,
     truth: Array,
     sigmas: Sequence[float],
@@ -269,15 +269,15 @@ def verify(
     start = space.vector(space.start)
     tasks: dict[tuple[str, float], list[Future[Array]]] = {
         (way, sigma): [
-            crew.submit(estimates, way, sigma, truth, start, seed, tuple(map(int, batch)))
+            pool.submit(estimates, way, sigma, truth, start, seed, tuple(map(int, batch)))
             for batch in np.array_split(np.arange(records), min(BATCHES, records))
         ]
         for sigma in sigmas
         for way in WAYS
     }
-    posteriors = {s: crew.submit(_posterior, s, truth, plan) for s in sigmas}
+    posteriors = {s: pool.submit(_posterior, s, truth, plan) for s in sigmas}
     by_trapezoid = {
-        (name, s): crew.submit(_by_trapezoid, s, truth, start, seed, **how)
+        (name, s): pool.submit(_by_trapezoid, s, truth, start, seed, **how)
         for s in sigmas
         for name, how in _STEPPED.items()
     }
@@ -357,9 +357,9 @@ def _posterior(
     """Mean and standard deviation `(D,)` from record 0, and whether the ensembles converged."""
     target = precision.made_record(precision.with_sigma(posterior, sigma), truth, plan.seed, 0)
     found = mode_search.search(target, THOROUGH, VERIFICATION_EVALUATIONS, truth)
-    with Crew(target, 1) as alone:
+    with WorkerPool(target, 1) as alone:
         start = target.space.vector(found.end)
-        sampled = sample(alone, target, start[None], plan, Memory(), Silent())
+        sampled = sample(alone, target, start[None], plan, MemoryBackend(), Silent())
     draws = sampled.draws.reshape(-1, len(truth))
     return draws.mean(axis=0), draws.std(axis=0, ddof=1), sampled.convergence.converged
 

@@ -31,7 +31,7 @@ from bayesdrill.report.section import Picture, as_markdown
 from bayesdrill.report.sections import physics_words, torque_words, verdict_words
 from bayesdrill.report.view import Drawing, View, captioned
 from bayesdrill.results.run_folder import Folder
-from bayesdrill.sampling.workers import Crew
+from bayesdrill.sampling.workers import WorkerPool
 
 RESIDUALS = "Whether residuals are white, and whether they follow an input (positive lags)."
 FIT_ALONE = "Record and model at the MAP; beside them what is left, and the noise."
@@ -107,7 +107,7 @@ TABLES: Mapping[str, Callable[[View], str | None]] = MappingProxyType(
 _SEVERAL = tuple(f"{stem}_{k}" for stem in EACH for k in range(1, MOST_NAMED + 1))
 
 
-def everything(view: View, folder: Folder, crew: Crew, report: Reporter) -> tuple[str, ...]:
+def everything(view: View, folder: Folder, pool: WorkerPool, report: Reporter) -> tuple[str, ...]:
     """What could not be made, and why; all else is written.
 
     Raises `OSError` when the disk is full; files already there stay whole.
@@ -128,7 +128,7 @@ def everything(view: View, folder: Folder, crew: Crew, report: Reporter) -> tupl
         report.update(0.5 * k / len(wanted), f"figure {name}")
         with sparing.making(f"figures/{name}"):
             for stem, found in drawings(name, view).items():
-                tasks.append((stem, found.says, crew.submit(draw, stem, found, *place)))
+                tasks.append((stem, found.says, pool.submit(draw, stem, found, *place)))
     # While others draw, the rest.
     report.update(0.5, "tables")
     for name, table in TABLES.items():

@@ -150,7 +150,7 @@ def _sections(run: View, pictures: Sequence[Picture]) -> Iterator[Section]:
     yield build("Verdict", Marks(run_marks(run)), doubts, _verdict(run))
     yield build(
         "Fit",
-        words.maxima(run.mode, sampled.held, run.units),
+        words.maxima(run.mode, sampled.mode_shares, run.units),
         fit_words.residual_sentences(found.fit, run.clock),
         "\n".join(f"fit: {each}" for each in found.inputs),
         verdict_words.step_sentences(found.step_errors),

@@ -21,7 +21,7 @@ from bayesdrill.report import section, words
 from bayesdrill.report.scales import WIDTHS
 from bayesdrill.report.sections import fit_words, verdict_words
 from bayesdrill.results import provenance
-from bayesdrill.sampling.ensembles import Sampled
+from bayesdrill.sampling.ensembles import SamplingResult
 from bayesdrill.sampling.mode_search import Mode
 
 if TYPE_CHECKING:
@@ -78,7 +78,7 @@ class View(Value):
         return self.chain.mode
 
     @property
-    def sampled(self) -> Sampled:
+    def sampled(self) -> SamplingResult:
         return self.chain.sampled
 
     @property
@@ -101,7 +101,7 @@ class View(Value):
         """Sentences on priors, record and rig that are no reason to doubt the draws."""
         found = self.analysis
         others = (
-            *verdict_words.not_kept(self.sampled.beyond),
+            *verdict_words.not_kept(self.sampled.extended),
             *fit_words.moment(found.moment),
             *found.course,
             *found.rig,

@@ -25,8 +25,8 @@ from bayesdrill.record import clocks
 from bayesdrill.report.section import aligned
 from bayesdrill.report.sections import fit_words
 from bayesdrill.rig.models.linear import constants
-from bayesdrill.sampling.ensembles import Sampled
-from bayesdrill.sampling.mode_search import SAME_PLACE, Mode
+from bayesdrill.sampling.ensembles import SamplingResult
+from bayesdrill.sampling.mode_search import SAME_POINT, Mode
 
 FEW, ALL = 3, 50  # places of what is odd that a report names, and `check`
 
@@ -223,7 +223,7 @@ def maxima(found: Mode, weights: NDArray[np.float64] | None, own: OwnUnits) -> s
     if not names:
         shares = ", ".join(f"{weight:.1%}" for weight in weights)
         return (
-            f"{len(weights)} maxima of the posterior, within {SAME_PLACE:.0%} of each other in every "
+            f"{len(weights)} maxima of the posterior, within {SAME_POINT:.0%} of each other in every "
             f"unknown, between which the walkers pass: {shares} of the draws belong to them"
         )
     lines = [f"{len(weights)} maxima of the posterior, between which the walkers pass:"]
@@ -237,12 +237,12 @@ def maxima(found: Mode, weights: NDArray[np.float64] | None, own: OwnUnits) -> s
     return "\n".join(lines)
 
 
-def reasons(sampled: Sampled, left: Sequence[Left]) -> tuple[str, ...]:
+def reasons(sampled: SamplingResult, left: Sequence[Left]) -> tuple[str, ...]:
     """Why a run must not be believed: it did not converge, or does not fit; empty where it may be."""
     return (*sampled.convergence.reasons, *fit_words.residual_reasons(left))
 
 
-def warning(sampled: Sampled, left: Sequence[Left]) -> str:
+def warning(sampled: SamplingResult, left: Sequence[Left]) -> str:
     """What every figure must carry; empty where there is nothing to warn of."""
     return misfit(left) if sampled.convergence.converged else "NOT CONVERGED"
 
@@ -289,7 +289,7 @@ MOST_NAMED, MOST_LISTED = 4, 6  # unknowns of a maximum elsewhere, and maxima
 
 
 def _apart(one: float, other: float) -> bool:
-    return abs(one - other) > SAME_PLACE * abs(other)
+    return abs(one - other) > SAME_POINT * abs(other)
 
 
 def mode(found: Mode, own: OwnUnits) -> str:
@@ -301,7 +301,7 @@ def mode(found: Mode, own: OwnUnits) -> str:
     ]
     if found.wandering:
         lines.append(
-            f"     they ended more than {100 * SAME_PLACE:g} % apart in {', '.join(found.wandering)}: "
+            f"     they ended more than {100 * SAME_POINT:g} % apart in {', '.join(found.wandering)}: "
             "the posterior is flat there"
         )
     elif same == 0:
@@ -334,7 +334,7 @@ def mode(found: Mode, own: OwnUnits) -> str:
     return "\n".join(lines)
 
 
-def convergence(sampled: Sampled) -> str:
+def convergence(sampled: SamplingResult) -> str:
     """Whether the ensembles may be believed."""
     c = sampled.convergence
     n_ensembles, _, n_walkers, _ = sampled.theta.shape

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 from bayesdrill.basics.registry import late
 
 if TYPE_CHECKING:
-    from bayesdrill.sampling.ensembles import Memory as Memory
+    from bayesdrill.sampling.ensembles import MemoryBackend as MemoryBackend
     from bayesdrill.sampling.ensembles import Plan as Plan
     from bayesdrill.sampling.ensembles import sample as sample
     from bayesdrill.sampling.optimisers.contract import Optimiser as Optimiser
@@ -20,6 +20,6 @@ if TYPE_CHECKING:
     from bayesdrill.sampling.optimisers.contract import Task as Task
     from bayesdrill.sampling.optimisers.nelder_mead import THOROUGH as THOROUGH
     from bayesdrill.sampling.samplers.ensemble import halves as halves
-    from bayesdrill.sampling.workers import Crew as Crew
+    from bayesdrill.sampling.workers import WorkerPool as WorkerPool
 
 __getattr__ = late(__name__)

@@ -20,18 +20,21 @@ import scipy
 
 from bayesdrill.basics.arrays import Array, Flags, Indices
 
-STILL_SHARE = 0.5  # of the kept steps: a walker that stands still for as long is stuck, ...
-STILL_RATIO = 5.0  # ... if that is as many times longer than half of the walkers ever do
-LOW = 0.001  # quantile of the better walkers' log density: none spends half of its time below it
-APART = 1.0  # standard deviations between two groups of walkers, at least
-VALLEY = 0.5  # density between the groups over that in the thinner one; unimodal: 1 or more
-BINS = 12  # between the centres of the two groups
-STAY = 0.5  # of the kept steps: mean time until a walker of a group leaves it
-CHANCE = 1e-6  # that the means of healthy walkers spread this far, for each unknown
+STUCK_SHARE = 0.5  # of the kept steps: a walker that stands still for as long is stuck, ...
+STUCK_RATIO = 5.0  # ... if that is as many times longer than half of the walkers ever do
+# quantile of the better walkers' log density: none spends half of its time below it
+LOW_DENSITY_QUANTILE = 0.001
+MIN_GROUP_DISTANCE = 1.0  # standard deviations between two groups of walkers, at least
+# density between the groups over that in the thinner one; unimodal: 1 or more
+MAX_VALLEY_RATIO = 0.5
+GROUP_BINS = 12  # between the centres of the two groups
+MIN_STAY_SHARE = 0.5  # of the kept steps: mean time until a walker of a group leaves it
+# that the means of healthy walkers spread this far, for each unknown
+FALSE_ALARM_PROBABILITY = 1e-6
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Kept:
+class PostBurnInChain:
     """The steps that are judged: `theta (E, S, W, D)`, `log_p (E, S, W)`, `tau (D,)`."""
 
     theta: Array
@@ -41,23 +44,26 @@ class Kept:
     n_tau: float  # wanted
 
 
-def suspicions(chain: Kept) -> tuple[str, ...]:
+def walker_troubles(chain: PostBurnInChain) -> tuple[str, ...]:
     """A sentence for each trouble: value, place, what to do.
 
     A walker found out by one look is left out of the next, so that each trouble has one name.
     """
     stay, medians = longest_stay(chain.theta), np.median(chain.log_p, axis=1)
     # Walkers that once did not move for too long.
-    median_stay, least = float(np.median(stay)), STILL_SHARE * chain.theta.shape[1]
-    still = stay >= (least if median_stay >= least else max(least, STILL_RATIO * median_stay))
+    median_stay, least = float(np.median(stay)), STUCK_SHARE * chain.theta.shape[1]
+    still = stay >= (least if median_stay >= least else max(least, STUCK_RATIO * median_stay))
     # Walkers whose median log density is rare among the better half of the walkers.
     better = np.moveaxis(chain.log_p, 1, 2)[medians >= np.median(medians)]
-    low = (medians < np.quantile(better, LOW)) & ~still
+    low = (medians < np.quantile(better, LOW_DENSITY_QUANTILE)) & ~still
     sound = ~(still | low)
-    troubles = [*_of_still(chain, still, stay), *_of_low(chain, low, sound, medians)]
+    troubles = [
+        *_stuck_walkers(chain, still, stay),
+        *_low_density_walkers(chain, low, sound, medians),
+    ]
     if (sound.sum(axis=1) > 1).any():
         sd = _series(chain.theta, sound).std(axis=0)
-        troubles += _of_two_places(chain, sound, sd) or _of_growing_tau(chain, sound, sd)
+        troubles += _two_groups_of_walkers(chain, sound, sd) or _growing_tau(chain, sound, sd)
     return tuple(troubles)
 
 
@@ -70,7 +76,7 @@ def longest_stay(theta: Array) -> Indices:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Split:
+class BimodalSplit:
     """Two groups of walkers: their places, the share in the upper, crossings between them."""
 
     low: float
@@ -79,11 +85,11 @@ class Split:
     crossings: int
 
 
-def split(x: Array) -> Split | None:
+def find_two_groups(x: Array) -> BimodalSplit | None:
     """Two places of one unknown `(S, N)` that its walkers hardly ever leave, or None."""
-    low, high = two_groups(x.mean(axis=0))
-    counts, _ = np.histogram(x, bins=BINS, range=(low, high))
-    if counts[1:-1].min() >= VALLEY * min(counts[0], counts[-1]):
+    low, high = group_centres(x.mean(axis=0))
+    counts, _ = np.histogram(x, bins=GROUP_BINS, range=(low, high))
+    if counts[1:-1].min() >= MAX_VALLEY_RATIO * min(counts[0], counts[-1]):
         return None
     # A walker belongs to the place whose centre it was at, or beyond, last.
     side = np.where(x >= high, 1, np.where(x <= low, -1, 0))
@@ -91,12 +97,12 @@ def split(x: Array) -> Split | None:
     side = np.take_along_axis(side, last, axis=0)
     crossings = int((side[1:] * side[:-1] < 0).sum())
     upper, lower = int((side > 0).sum()), int((side < 0).sum())
-    if min(upper, lower) / max(0.5 * crossings, 1.0) < STAY * len(x):
+    if min(upper, lower) / max(0.5 * crossings, 1.0) < MIN_STAY_SHARE * len(x):
         return None
-    return Split(low=low, high=high, share=upper / (upper + lower), crossings=crossings)
+    return BimodalSplit(low=low, high=high, share=upper / (upper + lower), crossings=crossings)
 
 
-def two_groups(means: Array) -> tuple[float, float]:
+def group_centres(means: Array) -> tuple[float, float]:
     """Centres of the two groups that the walkers' means `(N,)` fall into: least squares."""
     means = np.sort(means)
     k = np.arange(1, len(means))
@@ -122,11 +128,11 @@ def long_run_tau(theta: Array, selected: Flags, sd: Array, parts: int = 1) -> Ar
     return np.asarray(length * total / max(freedom, 1) / np.where(sd > 0, sd, 1.0) ** 2)
 
 
-def _of_still(chain: Kept, still: Flags, stay: Indices) -> Iterator[str]:
+def _stuck_walkers(chain: PostBurnInChain, still: Flags, stay: Indices) -> Iterator[str]:
     n_steps = chain.theta.shape[1]
     if still.mean() > 0.5:
         yield (
-            f"{still.sum()} of {still.size} walkers did not move for {STILL_SHARE:.0%} of {n_steps} "
+            f"{still.sum()} of {still.size} walkers did not move for {STUCK_SHARE:.0%} of {n_steps} "
             "steps or longer: the moves do not suit this posterior; give sampler.moves other shares"
         )
     elif still.any():
@@ -139,7 +145,9 @@ def _of_still(chain: Kept, still: Flags, stay: Indices) -> Iterator[str]:
         )
 
 
-def _of_low(chain: Kept, low: Flags, sound: Flags, medians: Array) -> Iterator[str]:
+def _low_density_walkers(
+    chain: PostBurnInChain, low: Flags, sound: Flags, medians: Array
+) -> Iterator[str]:
     if not low.any():
         return
     ensemble, walker = np.unravel_index(int(np.argmin(np.where(low, medians, np.inf))), low.shape)
@@ -151,12 +159,16 @@ def _of_low(chain: Kept, low: Flags, sound: Flags, medians: Array) -> Iterator[s
     )
 
 
-def _of_two_places(chain: Kept, sound: Flags, sd: Array) -> list[str]:
+def _two_groups_of_walkers(chain: PostBurnInChain, sound: Flags, sd: Array) -> list[str]:
     means = chain.theta.mean(axis=1)[sound]
     places = []
     for d, name in enumerate(chain.names):
-        low, high = two_groups(means[:, d])
-        groups = split(_series(chain.theta, sound, d)) if high - low > APART * sd[d] else None
+        low, high = group_centres(means[:, d])
+        groups = (
+            find_two_groups(_series(chain.theta, sound, d))
+            if high - low > MIN_GROUP_DISTANCE * sd[d]
+            else None
+        )
         if groups:
             places.append(
                 f"{name}: {1 - groups.share:.1%} of the draws near {groups.low:.4g}, {groups.share:.1%} "
@@ -172,10 +184,10 @@ def _of_two_places(chain: Kept, sound: Flags, sd: Array) -> list[str]:
     ]
 
 
-def _of_growing_tau(chain: Kept, sound: Flags, sd: Array) -> list[str]:
+def _growing_tau(chain: PostBurnInChain, sound: Flags, sd: Array) -> list[str]:
     n_steps, freedom = chain.theta.shape[1], int((sound.sum(axis=1) - 1).clip(0).sum())
     whole = long_run_tau(chain.theta, sound, sd)
-    by_chance = float(scipy.special.chdtri(freedom, CHANCE)) / freedom
+    by_chance = float(scipy.special.chdtri(freedom, FALSE_ALARM_PROBABILITY)) / freedom
     grown = (whole > by_chance * chain.tau) & (whole > n_steps / chain.n_tau)
     if not grown.any():
         return []
@@ -204,7 +216,7 @@ def _counted(flags: Flags) -> str:
     return f"{n} of {flags.size} walkers ({where}) {'is' if n == 1 else 'are'}"
 
 
-def _where(chain: Kept, ensemble: int, walker: int, sound: Flags) -> str:
+def _where(chain: PostBurnInChain, ensemble: int, walker: int, sound: Flags) -> str:
     """The unknown in which this walker is farthest from the sound ones, in their spreads."""
     others = _series(chain.theta, sound)
     mean, centre = chain.theta[ensemble, :, walker].mean(axis=0), others.mean(axis=0)
@@ -217,12 +229,13 @@ def _where(chain: Kept, ensemble: int, walker: int, sound: Flags) -> str:
 
 
 BURN_IN_TAUS = 5  # steps dropped, in autocorrelation times
-AMPLY = 1.2  # so many times the steps that seem to be needed, since tau is not known well ...
-LEAST_GROWTH, MOST_GROWTH = 1.25, 1.5  # ... but not more often or less
-WINDOW = 5.0  # Sokal's window for the autocorrelation time
-PATIENCE = 1000  # steps before which no run is called futile
-GROWING = 1.3  # twice the steps of a sound chain are twice as many autocorrelation times
-LEAST_KEPT = 50  # steps, below which nothing can be told of single walkers
+# so many times the steps that seem to be needed, since tau is not known well ...
+STEPS_MARGIN = 1.2
+MIN_CHECK_GROWTH, MAX_CHECK_GROWTH = 1.25, 1.5  # ... but not more often or less
+SOKAL_WINDOW = 5.0  # Sokal's window for the autocorrelation time
+MIN_STEPS_TO_STOP = 1000  # steps before which no run is called futile
+MIN_N_TAU_GROWTH = 1.3  # twice the steps of a sound chain are twice as many autocorrelation times
+MIN_STEPS_FOR_WALKERS = 50  # steps, below which nothing can be told of single walkers
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -262,7 +275,7 @@ class Convergence:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Length:
+class ChainLength:
     """Of a chain in autocorrelation times: `n_tau` of the longest of `tau (D,)`, after `burn_in` steps.
 
     `early`: the longest of the second half, by which `burn_in` is chosen; `wanted`: what it should be.
@@ -276,11 +289,11 @@ class Length:
 
     def next_check(self, steps: int, n_tau: float) -> int:
         """After how many steps to look again: when the chain is likely to be as long as it should be."""
-        foreseen = AMPLY * (BURN_IN_TAUS + n_tau) * float(self.tau.max())
-        return math.ceil(min(max(foreseen, LEAST_GROWTH * steps), MOST_GROWTH * steps))
+        foreseen = STEPS_MARGIN * (BURN_IN_TAUS + n_tau) * float(self.tau.max())
+        return math.ceil(min(max(foreseen, MIN_CHECK_GROWTH * steps), MAX_CHECK_GROWTH * steps))
 
 
-def length(theta: Array) -> Length:
+def chain_length(theta: Array) -> ChainLength:
     """Of physical chains `(E, S, W, D)`."""
     half = theta.shape[1] // 2
     early = float(autocorrelation_time(theta[:, half:]).max())
@@ -288,7 +301,7 @@ def length(theta: Array) -> Length:
     burn_in = min(wanted, half)
     tau = autocorrelation_time(theta[:, burn_in:])
     n_tau = (theta.shape[1] - burn_in) / float(tau.max())
-    return Length(burn_in=burn_in, wanted=wanted, early=early, tau=tau, n_tau=n_tau)
+    return ChainLength(burn_in=burn_in, wanted=wanted, early=early, tau=tau, n_tau=n_tau)
 
 
 def assess(
@@ -296,7 +309,7 @@ def assess(
     names: tuple[str, ...],
     targets: Targets,
     log_p: Array | None = None,
-    measured: Length | None = None,
+    measured: ChainLength | None = None,
 ) -> Convergence:
     """Judge physical chains `(E, S, W, D)`.
 
@@ -306,7 +319,7 @@ def assess(
     from arviz_stats.base import array_stats  # late: it takes half a second to load
 
     n_steps = theta.shape[1]
-    measured = measured or length(theta)
+    measured = measured or chain_length(theta)
     burn_in, tau, n_tau = measured.burn_in, measured.tau, measured.n_tau
     capped = measured.wanted > burn_in
     post_burn_in = theta[:, burn_in:]
@@ -321,10 +334,12 @@ def assess(
     disagreeing = not (r_hat <= targets.r_hat).all()
     missing = list(_reasons(names, targets, tau, r_hat, ess_bulk, n_tau))
     named: tuple[str, ...] = ()
-    if post_burn_in.shape[1] >= LEAST_KEPT:
+    if post_burn_in.shape[1] >= MIN_STEPS_FOR_WALKERS:
         density = np.zeros(post_burn_in.shape[:-1]) if log_p is None else log_p[:, burn_in:]
-        chain = Kept(theta=post_burn_in, log_p=density, names=names, tau=tau, n_tau=targets.n_tau)
-        named = suspicions(chain)
+        chain = PostBurnInChain(
+            theta=post_burn_in, log_p=density, names=names, tau=tau, n_tau=targets.n_tau
+        )
+        named = walker_troubles(chain)
     if capped and not named:
         missing.append(
             f"the run is too short to judge its burn-in: {BURN_IN_TAUS} autocorrelation times are "
@@ -344,14 +359,14 @@ def assess(
         n_tau=n_tau,
         reasons=(*named, *missing),
         slowest=names[int(np.argmax(tau))],
-        enough=None if named or disagreeing else _enough(n_steps, targets, n_tau, ess_bulk),
+        enough=None if named or disagreeing else _steps_needed(n_steps, targets, n_tau, ess_bulk),
     )
 
 
-def _enough(steps: int, targets: Targets, n_tau: float, ess: Array) -> int | None:
+def _steps_needed(steps: int, targets: Targets, n_tau: float, ess: Array) -> int | None:
     """By proportion, with something to spare; None where nothing is missing."""
     short = max(targets.n_tau / n_tau, targets.ess / float(ess.min()))
-    return math.ceil(AMPLY * short * steps) if short > 1 else None
+    return math.ceil(STEPS_MARGIN * short * steps) if short > 1 else None
 
 
 def thinned(chains: Array, burn_in: int, thin: int) -> Array:
@@ -360,17 +375,17 @@ def thinned(chains: Array, burn_in: int, thin: int) -> Array:
     return np.ascontiguousarray(steps.reshape(steps.shape[0], -1, *steps.shape[3:]))
 
 
-def futile(trail: Sequence[tuple[int, float]], wanted: float, allowed: int, most: int) -> str:
+def futility(trail: Sequence[tuple[int, float]], wanted: float, allowed: int, most: int) -> str:
     """Why more steps would not help, or nothing.
 
     `trail`: (steps, how many autocorrelation times long) at each check, of which `wanted` are
     wanted.  `allowed`: sampler.max_steps; `most`: that, or fewer where the chain would be too large.
     """
     steps, n_tau = trail[-1]
-    if steps < PATIENCE or n_tau >= wanted:
+    if steps < MIN_STEPS_TO_STOP or n_tau >= wanted:
         return ""
     earlier = [(n, count) for n, count in trail if n <= steps / 2]
-    if earlier and n_tau < GROWING * earlier[-1][1]:
+    if earlier and n_tau < MIN_N_TAU_GROWTH * earlier[-1][1]:
         n, count = earlier[-1]
         return (
             f"stopped early: tau grows with the chain, {n / count:.0f} steps after {n} and "
@@ -416,7 +431,7 @@ def autocorrelation(chains: Array) -> Autocorrelation:
     with np.errstate(invalid="ignore", divide="ignore"):
         rho = np.nan_to_num(total / total[0], nan=1.0)
     tau = 2.0 * np.cumsum(rho, axis=0) - 1.0
-    inside = np.arange(n_steps)[:, None] < WINDOW * tau
+    inside = np.arange(n_steps)[:, None] < SOKAL_WINDOW * tau
     window = np.where(inside.all(axis=0), n_steps - 1, np.argmin(inside, axis=0))
     tau_in_window = np.maximum(tau[window, np.arange(tau.shape[1])], 1.0)
     return Autocorrelation(rho=rho, tau=np.asarray(tau_in_window), window=window)

@@ -14,16 +14,16 @@ import numpy as np
 from bayesdrill.basics import seeds
 from bayesdrill.basics.arrays import Array
 from bayesdrill.inference.posterior import Posterior
-from bayesdrill.sampling.proposal.ridge_tracing import bound
+from bayesdrill.sampling.proposal.ridge_tracing import bind_to_posterior
 from bayesdrill.sampling.samplers.independence import Inside, Mixture, Proposal, Random
 
-DRAWS = 40_000  # of the chain at most, and as many of the proposal inside the prior
-SETTLED_DRAWS = 4000  # of each, where a draw costs some hundred responses
-MOST_TRIED = 50  # times as many at most, where hardly any is inside the prior
-AT_ONCE = 4000  # draws
-CHANCE = 3.0  # standard errors that two estimates of the evidence may be apart
-MOST = 500.0  # of a log of p over q, over the usual: the rest makes no difference
-ROUNDS, CLOSE = 1000, 1e-10  # of the equation whose solution the evidence is
+MAX_DRAWS = 40_000  # of the chain at most, and as many of the proposal inside the prior
+MAX_NEWTON_DRAWS = 4000  # of each, where a draw costs some hundred responses
+MAX_TRIES_PER_DRAW = 50  # times as many at most, where hardly any is inside the prior
+BATCH_DRAWS = 4000  # draws
+MAX_DISAGREEMENT = 3.0  # standard errors that two estimates of the evidence may be apart
+MAX_LOG_RATIO = 500.0  # of a log of p over q, over the usual: the rest makes no difference
+MAX_ITERATIONS, RELATIVE_TOLERANCE = 1000, 1e-10  # of the equation whose solution the evidence is
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -55,18 +55,18 @@ def evidence(
     have nothing in common that was seen.
     """
     random = Random(seeds.bits(seed, "evidence"))
-    if proposal.settled is None:
+    if proposal.newton is None:
         mixtures: tuple[Mixture, ...] = (proposal.mixture,)
-        inside, most = proposal.share, DRAWS
+        inside, most = proposal.share, MAX_DRAWS
     else:
-        widest = bound(proposal, posterior).widest
-        mixtures, most = (proposal.mixture, widest.mixture), SETTLED_DRAWS
+        widest = bind_to_posterior(proposal, posterior).widest
+        mixtures, most = (proposal.mixture, widest.mixture), MAX_NEWTON_DRAWS
         inside = 0.5 * (proposal.share + widest.share)
     thin = max(1, -(-log_p.size // most))
     thinned, there = z[:, ::thin], log_p[:, ::thin]
     log_q = log_density(mixtures, thinned.reshape(-1, z.shape[-1]))
     on_chain = there - log_q.reshape(there.shape)
-    tried = math.ceil(min(there.size / inside, MOST_TRIED * there.size))
+    tried = math.ceil(min(there.size / inside, MAX_TRIES_PER_DRAW * there.size))
     drawn = _draw(posterior, posterior.supports, mixtures, tried, random)
     return bridge(on_chain, drawn, tried)
 
@@ -74,8 +74,8 @@ def evidence(
 def log_density(mixtures: tuple[Mixture, ...], u: Array) -> Array:
     """Of mixtures in equal shares, at `u (N, D)`: `(N,)`."""
     parts = []
-    for begin in range(0, len(u), AT_ONCE):
-        some = u[begin : begin + AT_ONCE]
+    for begin in range(0, len(u), BATCH_DRAWS):
+        some = u[begin : begin + BATCH_DRAWS]
         each = [mixture.log_density(some) for mixture in mixtures]
         parts.append(np.logaddexp.reduce(each, axis=0) - math.log(len(mixtures)))
     return np.concatenate(parts)
@@ -86,8 +86,8 @@ def _draw(
 ) -> Array:
     """Logs of p over q at those of `n` draws that are inside the prior; elsewhere p is zero."""
     log_ratios = []
-    for begin in range(0, n, AT_ONCE):
-        count = min(AT_ONCE, n - begin)
+    for begin in range(0, n, BATCH_DRAWS):
+        count = min(BATCH_DRAWS, n - begin)
         shares = random.multinomial(count, [1.0 / len(mixtures)] * len(mixtures))
         u = np.concatenate(
             [mixture.draw(int(k), random).u for mixture, k in zip(mixtures, shares, strict=True)]
@@ -109,25 +109,27 @@ def bridge(on_chain: Array, drawn: Array, tried: int) -> Evidence | None:
     if len(drawn) == 0:
         return None
     median = float(np.median(on_chain))
-    p, q = (np.exp(np.clip(x - median, -MOST, MOST)) for x in (on_chain, drawn))
+    p, q = (np.exp(np.clip(x - median, -MAX_LOG_RATIO, MAX_LOG_RATIO)) for x in (on_chain, drawn))
     s = on_chain.size / (on_chain.size + tried)
     t = 1.0 - s
     z, before = 1.0, 0.0
-    for _ in range(ROUNDS):
+    for _ in range(MAX_ITERATIONS):
         of_q, of_p = q / (s * q + t * z), 1.0 / (s * p + t * z)
         before, z = z, float(of_q.sum() / tried / of_p.mean())
-        if abs(z - before) < CLOSE * z:
+        if abs(z - before) < RELATIVE_TOLERANCE * z:
             break
     # What a walker remembers from step to step stays within its own mean.
     walkers = of_p.mean(axis=1).ravel()
     mean_q = float(of_q.sum() / tried)
     spread_q = float((of_q**2).sum() / tried) / mean_q**2 - 1.0
     spread_p = float(walkers.var(ddof=1) / walkers.mean() ** 2)
-    error = math.hypot(math.sqrt(spread_q / tried + spread_p / len(walkers)), _apart(q, tried, z))
+    error = math.hypot(
+        math.sqrt(spread_q / tried + spread_p / len(walkers)), _disagreement(q, tried, z)
+    )
     return Evidence(log_z=median + math.log(z), error=error, overlap=min(mean_q, 1.0))
 
 
-def _apart(w: Array, tried: int, z: float) -> float:
+def _disagreement(w: Array, tried: int, z: float) -> float:
     """How far the log of `z` is from what draws of q say by themselves, by their weights `w`; 0 where
     that is chance.  Walkers that do not pass between maxima hold shares that are not the posterior's.
     """
@@ -136,4 +138,4 @@ def _apart(w: Array, tried: int, z: float) -> float:
     alone = math.log(largest) + math.log(float(shares.sum()) / tried)
     chance = math.sqrt(max(0.0, float((shares**2).sum() / shares.sum() ** 2) - 1.0 / tried))
     far = abs(math.log(z) - alone)
-    return far if far > CHANCE * chance else 0.0
+    return far if far > MAX_DISAGREEMENT * chance else 0.0

@@ -18,20 +18,23 @@ from bayesdrill.inference.laplace import PosteriorSurface, Surface
 from bayesdrill.inference.posterior import Posterior
 from bayesdrill.inference.step_error import Taken
 from bayesdrill.sampling import multiple_modes
-from bayesdrill.sampling.gauss_newton import Climbed, climb, gain_left
+from bayesdrill.sampling.gauss_newton import GaussNewtonResult, gauss_newton, newton_gain
 from bayesdrill.sampling.optimisers.contract import Optimiser, Optimum, Task
 
 SAME_LOG_DENSITY = 1e-3  # searches that end nearer than this have found the same height
-ROUNDING = 1e-12  # of the log posterior: nor can two searches agree better than its own digits
-SAME_PLACE = 0.01  # ... and the same place, when no unknown differs by more than 1 %
-CANDIDATES = 4096  # prior draws of which a search starts at the best
-SCOUTS = 24  # plain draws from the prior that are sent uphill without a simplex
-LOWEST = -1e300  # log density of a search that has led nowhere
-MOST = 64  # maxima that are kept, those that hold most
-NOTHING = 1e-5  # of the posterior: maxima that hold no more together are none
-MOST_LEFT_OUT = 0.02  # of the posterior: with more it is not believed
-ROUNDS, MOST_CENTRES = 2, 8  # of looking for maxima around others, and around how many at a time
-POLISH, EXACT = 40, 8  # steps of Gauss and Newton, and of Newton, at the end of a search
+# of the log posterior: nor can two searches agree better than its own digits
+RELATIVE_ROUNDING = 1e-12
+SAME_POINT = 0.01  # ... and the same place, when no unknown differs by more than 1 %
+CANDIDATES_PER_START = 4096  # prior draws of which a search starts at the best
+MULTI_STARTS = 24  # plain draws from the prior that are sent uphill without a simplex
+LOWEST_LOG_DENSITY = -1e300  # log density of a search that has led nowhere
+MAX_MAXIMA = 64  # maxima that are kept, those that hold most
+NEGLIGIBLE_MASS = 1e-5  # of the posterior: maxima that hold no more together are none
+MAX_MISSED_MASS = 0.02  # of the posterior: with more it is not believed
+# of looking for maxima around others, and around how many at a time
+SEARCH_ROUNDS, MAX_CENTRES = 2, 8
+# steps of Gauss and Newton, and of Newton, at the end of a search
+POLISH_STEPS, NEWTON_STEPS = 40, 8
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -46,7 +49,7 @@ class Search:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Other:
+class LocalMaximum:
     """Another maximum, which no ridge joins to the highest."""
 
     values: Mapping[str, float]
@@ -71,7 +74,7 @@ class Mode:
     gain: float
     at_bound: tuple[str, ...]
     searches: tuple[Search, ...]
-    others: tuple[Other, ...] = ()
+    others: tuple[LocalMaximum, ...] = ()
     steps: Mapping[str, float] = field(default_factory=dict)
     pieces: Mapping[str, Taken] = field(default_factory=dict)
     left_out: float = 0.0
@@ -79,7 +82,7 @@ class Mode:
     @property
     def doubts(self) -> tuple[str, ...]:
         """Why a posterior about these maxima must not be believed."""
-        if self.left_out < MOST_LEFT_OUT:
+        if self.left_out < MAX_MISSED_MASS:
             return ()
         return (
             f"the search for maxima stopped at {len(self.maxima)} of them: others, which the record "
@@ -88,14 +91,14 @@ class Mode:
         )
 
     @property
-    def maxima(self) -> tuple[Other, ...]:
+    def maxima(self) -> tuple[LocalMaximum, ...]:
         """All of them, the highest first."""
-        return (Other(values=self.values, log_posterior=self.log_posterior), *self.others)
+        return (LocalMaximum(values=self.values, log_posterior=self.log_posterior), *self.others)
 
     @property
     def tolerance(self) -> float:
         """How much two heights may differ and still be the same."""
-        return max(SAME_LOG_DENSITY, ROUNDING * abs(self.log_posterior))
+        return max(SAME_LOG_DENSITY, RELATIVE_ROUNDING * abs(self.log_posterior))
 
     @property
     def highest(self) -> tuple[Search, ...]:
@@ -126,7 +129,7 @@ class Mode:
         )
 
     def _differ(self, name: str, value: float, other: float) -> bool:
-        return abs(value - other) > SAME_PLACE * self.steps.get(name, abs(other))
+        return abs(value - other) > SAME_POINT * self.steps.get(name, abs(other))
 
 
 def starts(posterior: Posterior, n: int, rng: np.random.Generator) -> Array:
@@ -138,7 +141,7 @@ def starts(posterior: Posterior, n: int, rng: np.random.Generator) -> Array:
         first = posterior.space.vector(posterior.space.start)
     others = []
     for _ in range(n - 1):
-        candidates = posterior.space.draw(CANDIDATES, rng)
+        candidates = posterior.space.draw(CANDIDATES_PER_START, rng)
         others.append(candidates[int(np.argmax(posterior.density(candidates)))])
     return np.array([first, *others])
 
@@ -158,10 +161,14 @@ def searches(
 ) -> list[Search]:
     """A search from each of the physical `starts (S, D)`; polished, it ends at the very maximum."""
     optima = optimiser(task(posterior), starts, evaluations)
-    return [_ended(posterior, optimiser, *pair) for pair in zip(starts, optima, strict=True)]
+    return [
+        _finished_search(posterior, optimiser, *pair) for pair in zip(starts, optima, strict=True)
+    ]
 
 
-def _ended(posterior: Posterior, optimiser: Optimiser, start: Array, optimum: Optimum) -> Search:
+def _finished_search(
+    posterior: Posterior, optimiser: Optimiser, start: Array, optimum: Optimum
+) -> Search:
     theta, value, settled = optimum.theta, optimum.value, optimum.settled
     if optimiser.polished:
         surface = PosteriorSurface(posterior, physical=True)
@@ -170,7 +177,7 @@ def _ended(posterior: Posterior, optimiser: Optimiser, start: Array, optimum: Op
         value = float(surface.value(u)[0])
         top = _polished(surface, u)
         if top.value[0] > value:
-            u, value, settled = top.u, float(top.value[0]), bool(top.arrived[0])
+            u, value, settled = top.u, float(top.value[0]), bool(top.converged[0])
         theta = posterior.coordinates.to_physical(u)[0]
     return Search(
         start=_named(posterior, start),
@@ -186,10 +193,10 @@ def search(posterior: Posterior, optimiser: Optimiser, evaluations: int, start: 
     return searches(posterior, optimiser, evaluations, start[None])[0]
 
 
-def scouts(posterior: Posterior, starts: Array) -> tuple[Array, Array]:
+def multi_start(posterior: Posterior, starts: Array) -> tuple[Array, Array]:
     """Where physical `starts (n, D)` lead, `(m, D)`, and how high `(m,)`; without a simplex."""
     surface = PosteriorSurface(posterior, physical=True)
-    u, value = multiple_modes.scout(surface, posterior.coordinates.from_physical(starts))
+    u, value = multiple_modes.best_ends(surface, posterior.coordinates.from_physical(starts))
     return posterior.coordinates.to_physical(u), value
 
 
@@ -205,14 +212,14 @@ def summarise(
         posterior = step_error.chosen(posterior, posterior.space.vector(best.end))
         # Heights are compared, and were those of other steps.
         if step_error.taken(posterior) != steps:
-            searches = tuple(_anew(posterior, search) for search in searches)
+            searches = tuple(_polished_again(posterior, search) for search in searches)
             scouted = [(theta, posterior.density(theta)) for theta, _ in scouted]
     surface = PosteriorSurface(posterior, physical=True)
     to, back = posterior.coordinates.from_physical, posterior.coordinates.to_physical
     searched = np.array([posterior.space.vector(s.end) for s in searches])
     points = np.concatenate([to(theta) for theta in (searched, *(some[0] for some in scouted))])
     values = np.concatenate([[s.log_posterior for s in searches], *(some[1] for some in scouted)])
-    ends, heights, left_out = _looked_around(surface, *_tops(surface, points, values))
+    ends, heights, left_out = _search_around(surface, *_distinct_maxima(surface, points, values))
     theta = back(ends)
     here = surface.expand(ends[:1], np.eye(ends.shape[1]))
     conditional = np.sqrt(np.maximum(np.einsum("wdd->wd", here.curvature)[0], 1e-300))
@@ -226,11 +233,11 @@ def summarise(
         values=_named(posterior, theta[0]),
         log_posterior=float(heights[0]),
         slope=_named(posterior, inward / conditional),
-        gain=float(gain_left(surface, ends[:1], here)[0]),
+        gain=float(newton_gain(surface, ends[:1], here)[0]),
         at_bound=_at_bound(posterior, _named(posterior, theta[0])),
         searches=searches,
         others=tuple(
-            Other(values=_named(posterior, at), log_posterior=float(height))
+            LocalMaximum(values=_named(posterior, at), log_posterior=float(height))
             for at, height in zip(theta[1:], heights[1:], strict=True)
         ),
         steps={
@@ -241,65 +248,71 @@ def summarise(
     )
 
 
-def _tops(surface: Surface, points: Array, values: Array, known: int = 0) -> tuple[Array, Array]:
+def _distinct_maxima(
+    surface: Surface, points: Array, values: Array, known: int = 0
+) -> tuple[Array, Array]:
     """The very maxima `(M, D)` that `points (n, D)` lead to, and their heights, the highest first.
 
     Of the first `known` points it is known that they are maxima.
     """
-    distinct = multiple_modes.apart(surface, points, values, known)
+    distinct = multiple_modes.distinct_modes(surface, points, values, known)
     fresh = [k for k in distinct if k >= known]
     ends, heights = points.copy(), values.copy()
-    top = climb(surface, points[fresh], POLISH, exact=True)
+    top = gauss_newton(surface, points[fresh], POLISH_STEPS, exact=True)
     better = top.value > values[fresh]
     ends[fresh] = np.where(better[:, None], top.u, points[fresh])
     heights[fresh] = np.where(better, top.value, values[fresh])
     ends, heights = ends[sorted(distinct)], heights[sorted(distinct)]
     known = len(distinct) - len(fresh)
-    order = multiple_modes.apart(surface, ends, heights, known)  # two may have ended at one place
+    order = multiple_modes.distinct_modes(
+        surface, ends, heights, known
+    )  # two may have ended at one place
     return ends[order], heights[order]
 
 
-def _looked_around(
+def _search_around(
     surface: PosteriorSurface, ends: Array, heights: Array
 ) -> tuple[Array, Array, float]:
     """Maxima `ends (M, D)` and those that are found from them, and so on; and how much of the posterior
     is left out.
     """
     visited, left_out = np.empty((0, ends.shape[1])), 0.0
-    for _ in range(ROUNDS):
-        fresh = [u for u in ends if not (visited == u).all(axis=1).any()][:MOST_CENTRES]
+    for _ in range(SEARCH_ROUNDS):
+        fresh = [u for u in ends if not (visited == u).all(axis=1).any()][:MAX_CENTRES]
         visited = np.concatenate([visited, *(u[None] for u in fresh)])
-        around = [multiple_modes.starts(surface, u) for u in fresh]
-        left_out = max([left_out, *(nearby.left_out for nearby in around)])
+        around = [multiple_modes.nearby_starts(surface, u) for u in fresh]
+        left_out = max([left_out, *(nearby.missed_share for nearby in around)])
         if not any(len(nearby.u) for nearby in around):
             break
         starts = np.concatenate([nearby.u for nearby in around])
-        more, values = multiple_modes.scout(surface, starts, multiple_modes.AROUND)
+        more, values = multiple_modes.best_ends(surface, starts, multiple_modes.MAX_NEARBY_STARTS)
         candidates = np.concatenate([ends, more]), np.concatenate([heights, values])
-        ends, heights = _tops(surface, *candidates, known=len(ends))
+        ends, heights = _distinct_maxima(surface, *candidates, known=len(ends))
     shares = multiple_modes.shares_held(surface.posterior, ends)
     order = np.argsort(-shares, kind="stable")
-    enough = int(np.searchsorted(np.cumsum(shares[order]), 1.0 - NOTHING)) + 1
-    selected = np.union1d(order[: min(enough, MOST)], 0)  # the highest stays
+    enough = int(np.searchsorted(np.cumsum(shares[order]), 1.0 - NEGLIGIBLE_MASS)) + 1
+    selected = np.union1d(order[: min(enough, MAX_MAXIMA)], 0)  # the highest stays
     left_out = 1.0 - (1.0 - left_out) * float(shares[selected].sum())
     return ends[selected], heights[selected], left_out
 
 
-def _polished(surface: Surface, u: Array) -> Climbed:
+def _polished(surface: Surface, u: Array) -> GaussNewtonResult:
     """The rest of the way from `u (W, D)`."""
-    return climb(surface, climb(surface, u, POLISH).u, EXACT, exact=True)
+    return gauss_newton(surface, gauss_newton(surface, u, POLISH_STEPS).u, NEWTON_STEPS, exact=True)
 
 
-def _anew(posterior: Posterior, search: Search) -> Search:
+def _polished_again(posterior: Posterior, search: Search) -> Search:
     """From where it ended, with other steps."""
     surface = PosteriorSurface(posterior, physical=True)
     start = posterior.coordinates.from_physical(posterior.space.vector(search.end)[None])
     top = _polished(surface, start)
     end = _named(posterior, posterior.coordinates.to_physical(top.u)[0])
-    return replace(search, end=end, log_posterior=float(np.nan_to_num(top.value[0], neginf=LOWEST)))
+    return replace(
+        search, end=end, log_posterior=float(np.nan_to_num(top.value[0], neginf=LOWEST_LOG_DENSITY))
+    )
 
 
-def tops(posterior: Posterior, mode: Mode) -> Array:
+def modes(posterior: Posterior, mode: Mode) -> Array:
     """All maxima, `(M, D)` physical, the highest first."""
     return np.array([posterior.space.vector(maximum.values) for maximum in mode.maxima])
 

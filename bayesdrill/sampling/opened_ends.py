@@ -17,52 +17,64 @@ from bayesdrill.basics.arrays import Array
 from bayesdrill.basics.progress import Reporter
 from bayesdrill.inference.posterior import Posterior
 from bayesdrill.inference.priors import Prior
-from bayesdrill.sampling.ensembles import Memory, Opened, Plan, Sampled, sample
-from bayesdrill.sampling.proposal.learning import Nowhere
-from bayesdrill.sampling.workers import Crew
+from bayesdrill.sampling.ensembles import (
+    ExtendedPriors,
+    MemoryBackend,
+    Plan,
+    SamplingResult,
+    sample,
+)
+from bayesdrill.sampling.proposal.learning import NoSupportError
+from bayesdrill.sampling.workers import WorkerPool
 
 END_MASS = 0.05  # of the prior, at an end of it; half of the draws there is a crowd
-RISING = 0.25  # of the draws are nearer than half the median where their density is flat
-NEAR = 0.05  # of the prior between nominal value and end, or less
-TAIL, SIGMA = 1e-3, 2.28e-2  # shares of the draws at three and two sigma of a normal
-REACH = math.log(10.0)  # an end is moved by the prior's own range, but by no more than this factor
+# of the draws are nearer than half the median where their density is flat
+MIN_SHARE_NEAR_END = 0.25
+NEAR_END_MASS = 0.05  # of the prior between nominal value and end, or less
+# shares of the draws at three and two sigma of a normal
+THREE_SIGMA_TAIL, TWO_SIGMA_TAIL = 1e-3, 2.28e-2
+MAX_LOG_EXTENSION = math.log(
+    10.0
+)  # an end is moved by the prior's own range, but by no more than this factor
 
 
-def with_open_ends(
-    sampled: Sampled,
+def with_extended_priors(
+    sampled: SamplingResult,
     posterior: Posterior,
     nominal: Mapping[str, float],
     maxima: Array,
     plan: Plan,
     report: Reporter,
-) -> Sampled:
+) -> SamplingResult:
     """With what is seen beyond ends of priors that are in the way; `maxima (M, D)`, physical."""
-    priors = _in_the_way(sampled, posterior, nominal)
+    priors = _priors_to_extend(sampled, posterior, nominal)
     if not priors:
         return sampled
     names, edited = tuple(priors), posterior.edit(priors=priors)
     report.say(
         f"priors of {', '.join(names)} end near nominal values: once more without these ends"
     )
-    beyond = Opened(names=names, draws=None, pressed=names)
-    with suppress(Nowhere), Crew(edited, 1) as crew:
-        extended = sample(crew, edited, maxima, plan, Memory(), report)
+    beyond = ExtendedPriors(names=names, draws=None, pressed=names)
+    with suppress(NoSupportError), WorkerPool(edited, 1) as pool:
+        extended = sample(pool, edited, maxima, plan, MemoryBackend(), report)
         if extended.convergence.converged:
             draws = extended.draws.reshape(-1, maxima.shape[1])
             columns = dict(zip(posterior.space.free, draws.T, strict=True))
             crowded = [n for n in names if pressed_against(columns[n], priors[n]) is not None]
-            beyond = Opened(names=names, draws=draws, pressed=tuple(crowded))
-    return dataclasses.replace(sampled, beyond=beyond)
+            beyond = ExtendedPriors(names=names, draws=draws, pressed=tuple(crowded))
+    return dataclasses.replace(sampled, extended=beyond)
 
 
-def not_kept(sampled: Sampled, posterior: Posterior, nominal: Mapping[str, float]) -> Opened | None:
+def unsaved_extension(
+    sampled: SamplingResult, posterior: Posterior, nominal: Mapping[str, float]
+) -> ExtendedPriors | None:
     """What is known of ends in the way where a run has kept nothing from beyond: no more than names."""
-    names = tuple(_in_the_way(sampled, posterior, nominal))
-    return Opened(names=names, draws=None, pressed=names, kept=False) if names else None
+    names = tuple(_priors_to_extend(sampled, posterior, nominal))
+    return ExtendedPriors(names=names, draws=None, pressed=names, saved=False) if names else None
 
 
-def _in_the_way(
-    sampled: Sampled, posterior: Posterior, nominal: Mapping[str, float]
+def _priors_to_extend(
+    sampled: SamplingResult, posterior: Posterior, nominal: Mapping[str, float]
 ) -> dict[str, Prior]:
     """Priors that end too near to their nominal values, with these ends moved; none of a chain that
     has not converged.
@@ -72,37 +84,41 @@ def _in_the_way(
     space = posterior.space
     draws = sampled.draws.reshape(-1, len(space.free))
     wider = {
-        name: _wider(prior, nominal[name], draws[:, column])
+        name: _extended_prior(prior, nominal[name], draws[:, column])
         for column, (name, prior) in enumerate(space.priors.items())
         if name in nominal
     }
     return {name: prior for name, prior in wider.items() if prior is not space.priors[name]}
 
 
-def _wider(prior: Prior, nominal: float, draws: Array) -> Prior:
+def _extended_prior(prior: Prior, nominal: float, draws: Array) -> Prior:
     """The same density with the ends moved that are near the nominal value and that draws feel."""
     ends = []
     for end, sign in ((prior.low, 1.0), (prior.high, -1.0)):
         ends.append(end)
-        if not (0 < end < math.inf and _near(prior, nominal, sign) and _felt(end, draws, sign)):
+        if not (
+            0 < end < math.inf
+            and _ends_near(prior, nominal, sign)
+            and _cuts_off_a_tail(end, draws, sign)
+        ):
             continue
-        prior_range = math.log(prior.high / prior.low) if prior.low > 0 else REACH
+        prior_range = math.log(prior.high / prior.low) if prior.low > 0 else MAX_LOG_EXTENSION
         past = 2.0 * max(sign * math.log(end / nominal), 0.0)
-        ends[-1] = end * math.exp(-sign * max(min(prior_range, REACH), past))
+        ends[-1] = end * math.exp(-sign * max(min(prior_range, MAX_LOG_EXTENSION), past))
     low, high = ends
     return prior if (low, high) == (prior.low, prior.high) else prior.extended(low, high)
 
 
-def _near(prior: Prior, nominal: float, sign: float) -> bool:
+def _ends_near(prior: Prior, nominal: float, sign: float) -> bool:
     """Whether little of the prior lies between nominal value and its lower (upper: -1) end."""
-    share = float(prior.quantile(np.array(NEAR if sign > 0 else 1.0 - NEAR)))
+    share = float(prior.quantile(np.array(NEAR_END_MASS if sign > 0 else 1.0 - NEAR_END_MASS)))
     return sign * (nominal - share) <= 0
 
 
-def _felt(end: float, draws: Array, sign: float) -> bool:
+def _cuts_off_a_tail(end: float, draws: Array, sign: float) -> bool:
     """Whether the end cuts off what draws `(N,)` show of a tail: farther out it does no harm."""
     logs = sign * np.log(draws)
-    far, less = np.quantile(logs, [TAIL, SIGMA])
+    far, less = np.quantile(logs, [THREE_SIGMA_TAIL, TWO_SIGMA_TAIL])
     return bool(far - sign * math.log(end) < less - far)
 
 
@@ -128,7 +144,7 @@ def pressed_against(x: Array, prior: Prior) -> float | None:
         if sign * (middle - at(END_MASS)) > 0:
             continue
         halves = (0.5 * (end + middle), at(0.5 * _mass_between(at, middle, sign)))
-        if all(np.mean(sign * (half - x) > 0) > RISING for half in halves):
+        if all(np.mean(sign * (half - x) > 0) > MIN_SHARE_NEAR_END for half in halves):
             return end
     return None
 

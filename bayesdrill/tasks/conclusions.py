@@ -24,9 +24,9 @@ from bayesdrill.report.view import View
 from bayesdrill.results import provenance
 from bayesdrill.results.run_folder import chain_mark
 from bayesdrill.sampling.convergence import Targets
-from bayesdrill.sampling.ensembles import Plan, Sampled
+from bayesdrill.sampling.ensembles import Plan, SamplingResult
 from bayesdrill.sampling.mode_search import Mode
-from bayesdrill.sampling.workers import Crew
+from bayesdrill.sampling.workers import WorkerPool
 from bayesdrill.tasks import ranking
 from bayesdrill.tasks.run_entries import ANALYSIS, ANALYSIS_OF
 
@@ -37,14 +37,14 @@ class SampledRun(Value):
 
     job: Job
     mode: Mode
-    sampled: Sampled
+    sampled: SamplingResult
     kept: RunAnalysis | None = field(default=None, compare=False, kw_only=True)
 
 
 def concluded(
     job: Job,
     found: Mode,
-    sampled: Sampled,
+    sampled: SamplingResult,
     scenery: Scenery | None = None,
     seconds: Mapping[str, float] | None = None,
     *,
@@ -77,8 +77,8 @@ def causes(
     left = residual_checks.left(posterior.likelihood, posterior.space.vector(found.values))
     if residual_checks.like_noise(left):
         return None
-    with Crew(posterior, 1) as crew:
-        return ranking.rank(job, found.values, submit or crew.run, report)[0]
+    with WorkerPool(posterior, 1) as pool:
+        return ranking.rank(job, found.values, submit or pool.submit_function, report)[0]
 
 
 def settings(case: ResolvedCase) -> dict[str, Any]:
@@ -93,7 +93,7 @@ def settings(case: ResolvedCase) -> dict[str, Any]:
     return found | {"held out": case.held_out}
 
 
-def analysis_mark(job: Job, found: Mode, sampled: Sampled) -> str:
+def analysis_mark(job: Job, found: Mode, sampled: SamplingResult) -> str:
     """A digest of all that an analysis is made of: config, record, maximum, chain, and the version."""
     given = {name: x for name, x in settings(job.case).items() if name != "output"}
     made_of = (
@@ -101,14 +101,19 @@ def analysis_mark(job: Job, found: Mode, sampled: Sampled) -> str:
         repr(given),
         repr(sorted(provenance.fingerprint(job.config, job.problem).items())),
         repr((dict(found.values), found.doubts, found.pieces, job.asked)),
-        chain_mark(sampled.pieces),
-        repr((sampled.evidence, sampled.beyond and (sampled.beyond.pressed, sampled.beyond.kept))),
+        chain_mark(sampled.segments),
+        repr(
+            (
+                sampled.evidence,
+                sampled.extended and (sampled.extended.pressed, sampled.extended.saved),
+            )
+        ),
     )
     return hashlib.sha256("\n".join(made_of).encode("utf-8", "replace")).hexdigest()
 
 
 def kept_analysis(
-    job: Job, found: Mode, sampled: Sampled, run: Mapping[str, Any]
+    job: Job, found: Mode, sampled: SamplingResult, run: Mapping[str, Any]
 ) -> RunAnalysis | None:
     """What a finished run has kept in `run.json`; None where it is of something else, or not there."""
     if run.get(ANALYSIS_OF) != analysis_mark(job, found, sampled):

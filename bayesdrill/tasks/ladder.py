@@ -21,11 +21,11 @@ from bayesdrill.report.comparison_report import ComparisonReport
 from bayesdrill.results import provenance, run_folder
 from bayesdrill.results.provenance import begin, check_record, interruptions
 from bayesdrill.results.run_folder import Folder
-from bayesdrill.sampling.ensembles import Sampled
+from bayesdrill.sampling.ensembles import SamplingResult
 from bayesdrill.sampling.fit import FitPlan, begin_searches, end_searches, fit
 from bayesdrill.sampling.mode_search import Mode
-from bayesdrill.sampling.proposal.learning import Nowhere
-from bayesdrill.sampling.workers import Crew
+from bayesdrill.sampling.proposal.learning import NoSupportError
+from bayesdrill.sampling.workers import WorkerPool
 from bayesdrill.selection import Ladder, Rung
 from bayesdrill.tasks import comparison, pipeline, ranking
 from bayesdrill.tasks.conclusions import SampledRun, concluded
@@ -62,7 +62,7 @@ def ladder(
     job: Job,
     output: Path,
     how: run_folder.Mode,
-    crew: RefitExecutor,
+    pool: RefitExecutor,
     report: Reporter,
     sample: int = SAMPLED,
 ) -> Outcome:
@@ -77,7 +77,7 @@ def ladder(
     check_record(job, output)
     with Folder(output, how, marks, LADDER) as folder:
         begin(job, folder)
-        work = _Sampling(job, folder, crew, report, again=how == "resume")
+        work = _Sampling(job, folder, pool, report, again=how == "resume")
 
         def progress() -> str:
             return f"{len(work.done)} models are done and kept in {output}"
@@ -91,10 +91,10 @@ class _Sampling:
     """Models under way: `done` has what each that was sampled says, `left_out` why others were not."""
 
     def __init__(
-        self, job: Job, folder: Folder, crew: RefitExecutor, report: Reporter, *, again: bool
+        self, job: Job, folder: Folder, pool: RefitExecutor, report: Reporter, *, again: bool
     ) -> None:
         self.job, self.folder, self.again = job, folder, again
-        self.crew, self.report = crew, report
+        self.pool, self.report = pool, report
         self.done: dict[str, tuple[Rung, Contender]] = {}
         self.left_out: dict[str, str] = {}
 
@@ -114,7 +114,7 @@ class _Sampling:
             comparison_report.ladder_opening([one for one, _ in jobs.values()], len(missing))
         )
 
-        def finish(place: str, found: tuple[Mode, Sampled] | str) -> str:
+        def finish(place: str, found: tuple[Mode, SamplingResult] | str) -> str:
             self._finish(found, place, *missing[place])
             return f"{len(self.done)} models"
 
@@ -122,13 +122,13 @@ class _Sampling:
             place: (packed(made.problem.posterior, fit_plan(made)),)
             for place, (_, made) in missing.items()
         }
-        run_jobs(self.crew, _fit, tasks, finish, self.folder.path, self.report)
+        run_jobs(self.pool, _fit, tasks, finish, self.folder.path, self.report)
 
     def _ranked(self) -> list[tuple[str, ...]]:
         """Parts of the candidates, the most probable first, the config as given among them."""
         job = self.job
-        found = self.crew.submit(search, job.problem.posterior, fit_plan(job)).result()
-        causes, seconds = ranking.rank(job.at(found), found.values, self.crew.submit, self.report)
+        found = self.pool.submit(search, job.problem.posterior, fit_plan(job)).result()
+        causes, seconds = ranking.rank(job.at(found), found.values, self.pool.submit, self.report)
         sampler = job.config.sampler
         evaluations = sampler.ensembles * sampler.walkers * STEPS
         times = {parts: evaluations * each for parts, each in seconds.items()}
@@ -156,7 +156,9 @@ class _Sampling:
             return False
         return self._known(place, rung, pipeline.read_result(folder))
 
-    def _finish(self, made: tuple[Mode, Sampled] | str, place: str, rung: Rung, job: Job) -> None:
+    def _finish(
+        self, made: tuple[Mode, SamplingResult] | str, place: str, rung: Rung, job: Job
+    ) -> None:
         if isinstance(made, str):
             self.left_out[rung.name] = made
             return
@@ -178,15 +180,15 @@ class _Sampling:
 
 def search(posterior: Posterior, plan: FitPlan) -> Mode:
     """The MAP, in this process alone."""
-    with Crew(posterior, 1) as crew:
-        return end_searches(crew, begin_searches(crew, plan, SILENT), SILENT)
+    with WorkerPool(posterior, 1) as pool:
+        return end_searches(pool, begin_searches(pool, plan, SILENT), SILENT)
 
 
-def _fit(posterior: Posterior, plan: FitPlan) -> tuple[Mode, Sampled] | str:
+def _fit(posterior: Posterior, plan: FitPlan) -> tuple[Mode, SamplingResult] | str:
     """A sentence where nothing can be sampled."""
     try:
         return fit(posterior, plan)
-    except Nowhere as error:
+    except NoSupportError as error:
         return str(error)
 
 

@@ -23,7 +23,7 @@ from bayesdrill.inference.residual_checks import Left
 from bayesdrill.inference.step_error import StepError
 from bayesdrill.report.sections import identify_words, physics_words, verdict_words
 from bayesdrill.report.view import View
-from bayesdrill.sampling.ensembles import Sampled
+from bayesdrill.sampling.ensembles import SamplingResult
 from bayesdrill.sampling.evidence import Evidence
 from bayesdrill.sampling.mode_search import Mode
 
@@ -129,10 +129,10 @@ def entries(view: View, made_of: str) -> dict[str, Any]:
     }
 
 
-def _learnt(problem: Problem, found: Mode, sampled: Sampled) -> dict[str, Any]:
+def _learnt(problem: Problem, found: Mode, sampled: SamplingResult) -> dict[str, Any]:
     """What the proposal says without a chain, and where the maxima are."""
     learnt, free = sampled.learnt, problem.posterior.space.free
-    if learnt is None or sampled.held is None:
+    if learnt is None or sampled.mode_shares is None:
         return {}
     theta = problem.posterior.coordinates.to_physical(learnt.u)
     mean = learnt.weights @ theta
@@ -151,7 +151,7 @@ def _learnt(problem: Problem, found: Mode, sampled: Sampled) -> dict[str, Any]:
                 "log_posterior": one.log_posterior,
                 "weight": float(weight),
             }
-            for one, weight in zip(found.maxima, sampled.held, strict=True)
+            for one, weight in zip(found.maxima, sampled.mode_shares, strict=True)
         ],
     }
 

@@ -26,7 +26,7 @@ from bayesdrill.rig.models.motor_shaft import MotorShaft
 from bayesdrill.rig.simulators import simulator
 from bayesdrill.rig.simulators.irregular import Measured
 from bayesdrill.rig.simulators.sensors import Sensing
-from bayesdrill.sampling.gauss_newton import climb
+from bayesdrill.sampling.gauss_newton import gauss_newton
 from bayesdrill.tasks.conclusions import concluded
 
 FREE = ("j_m", "k_e", "k_s", "j_1")
@@ -71,7 +71,7 @@ def believed(record: Experiment) -> Posterior:
 def best(posterior: Posterior) -> np.ndarray:
     surface = PosteriorSurface(posterior, physical=True)
     start = posterior.space.vector(posterior.space.start)
-    top = climb(surface, posterior.coordinates.from_physical(start[None]), 60)
+    top = gauss_newton(surface, posterior.coordinates.from_physical(start[None]), 60)
     return posterior.coordinates.to_physical(top.u)[0]
 
 

@@ -21,7 +21,7 @@ from bayesdrill.inference.unknowns import ParameterSpace
 from bayesdrill.report.sections import verdict_words
 from bayesdrill.rig.models.motor_shaft import MotorShaft
 from bayesdrill.rig.simulators.exact import Response
-from bayesdrill.sampling.gauss_newton import climb
+from bayesdrill.sampling.gauss_newton import gauss_newton
 
 SIGMA = 0.05
 FREE = ("k_e", "k_s", "j_1")
@@ -58,7 +58,7 @@ def compared(stiffer: float, seed: int = 0) -> tuple[Repeat, ...]:
     posterior = Posterior(space=space, likelihood=likelihood, coordinates=space.coordinates())
     surface = PosteriorSurface(posterior, physical=True)
     start = posterior.coordinates.from_physical(space.vector(space.start)[None])
-    theta = posterior.coordinates.to_physical(climb(surface, start, 40).u)[0]
+    theta = posterior.coordinates.to_physical(gauss_newton(surface, start, 40).u)[0]
     return repeats(Scenery(likelihood), theta, [(1, 0, 0), (0, 1, -1), (0, 0, 1)])
 
 

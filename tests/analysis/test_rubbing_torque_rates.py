@@ -25,7 +25,7 @@ from bayesdrill.report.sections.torque_words import HARMLESS
 from bayesdrill.rig.models.latent_torque import TORQUE as LOAD
 from bayesdrill.rig.models.latent_torque import Loaded, MissingTorque
 from bayesdrill.rig.simulators.stepped import Stepped
-from bayesdrill.sampling.gauss_newton import climb
+from bayesdrill.sampling.gauss_newton import gauss_newton
 
 Array = NDArray[np.float64]
 
@@ -111,7 +111,7 @@ def strayed(size: float, seed: int) -> float:
     """At the maximum."""
     target, truth, _ = shaken(size, seed)
     start = target.coordinates.from_physical(truth[None])
-    best = target.coordinates.to_physical(climb(PosteriorSurface(target), start, 60).u[:1])
+    best = target.coordinates.to_physical(gauss_newton(PosteriorSurface(target), start, 60).u[:1])
     (found,) = shakings(target, best, np.random.default_rng(seed))
     return max(course.strayed for course in found.courses)
 

@@ -38,7 +38,7 @@ from bayesdrill.report.sections.torque_words import torque_shown
 from bayesdrill.rig import MotorShaft, energy
 from bayesdrill.rig.models import MODELS
 from bayesdrill.rig.models.linear import STATES, USUAL, Model, Roles, RotorRoles
-from bayesdrill.sampling.workers import Crew
+from bayesdrill.sampling.workers import WorkerPool
 from bayesdrill.selection import Ladder
 from bayesdrill.tasks import ranking
 
@@ -152,8 +152,8 @@ def of_cause(rig: Model, own: dict[str, str]) -> Iterator[Any]:
     rungs = [one for one in Ladder.of(of.job).singles() if one.name in few]
     given = refit(posterior, start, -math.inf)
     assert given is not None
-    with Crew(posterior, 1) as crew:
-        work = ranking._Ranking(of.job, start, given, crew.run, SILENT)
+    with WorkerPool(posterior, 1) as pool:
+        work = ranking._Ranking(of.job, start, given, pool.submit_function, SILENT)
         work.refit_all(rungs, start)
     causes = Causes(given=given.fit, ranked=work._ranked())
     yield repr(causes)

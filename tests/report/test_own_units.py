@@ -36,7 +36,7 @@ from bayesdrill.report.sections.comparison_figure import intervals_figure, overl
 from bayesdrill.report.view import View
 from bayesdrill.results.run_folder import Folder
 from bayesdrill.rig.models.motor_shaft import MotorShaft
-from bayesdrill.sampling.mode_search import Other
+from bayesdrill.sampling.mode_search import LocalMaximum
 from bayesdrill.tasks import calibrate, comparison, conclusions, run_entries
 
 T = np.linspace(0.0, 6.0, 121)
@@ -246,7 +246,9 @@ def test_the_table_for_papers_is_in_these_units() -> None:
 
 def test_sentences_have_the_unit_of_the_user_and_parameters_stay_as_they_are() -> None:
     view = pair().own
-    other = Other(values={**view.mode.values, "sigma_w_1": 2.0, "d": 4e-3}, log_posterior=-9.0)
+    other = LocalMaximum(
+        values={**view.mode.values, "sigma_w_1": 2.0, "d": 4e-3}, log_posterior=-9.0
+    )
     moved = replace(view.mode, others=(other,))
     said = words.mode(moved, view.units)
     assert "sigma_w_1 19.1 rpm" in said

@@ -23,7 +23,7 @@ from bayesdrill.inference.priors import flat_in_logs
 from bayesdrill.report import scales, style
 from bayesdrill.report.pages import SMALL_PANELS, Page, difference_panel, legend_above
 from bayesdrill.report.view import Drawing, View
-from bayesdrill.sampling.convergence import WINDOW, autocorrelation
+from bayesdrill.sampling.convergence import SOKAL_WINDOW, autocorrelation
 
 STEPS = 300  # drawn at most
 QUANTILES = (0.05, 0.5, 0.95)  # of the walkers
@@ -213,7 +213,7 @@ def autocorrelation_figure(
         handles = [
             *_thin_handles(len(each)),
             Line2D([], [], label=r"time $\tau$", **TAU),
-            Patch(label=rf"lags summed up for $\tau$ ({WINDOW:g} $\tau$)", **SUMMED),
+            Patch(label=rf"lags summed up for $\tau$ ({SOKAL_WINDOW:g} $\tau$)", **SUMMED),
         ]
         page = SMALL_PANELS.fitting(width, len(handles))
         figure, panels = page.build(len(symbols))

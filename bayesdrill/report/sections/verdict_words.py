@@ -15,7 +15,7 @@ from bayesdrill.report import section
 from bayesdrill.report.section import Table
 from bayesdrill.report.sections.identify_words import percent, priors_of, product
 from bayesdrill.report.sections.physics_words import listed
-from bayesdrill.sampling.ensembles import Opened
+from bayesdrill.sampling.ensembles import ExtendedPriors
 from bayesdrill.sampling.evidence import Evidence
 
 POOR = 0.1  # error, from which on it is said to be rough
@@ -270,9 +270,9 @@ NOT_KEPT = (
 )
 
 
-def not_kept(beyond: Opened | None) -> Iterator[str]:
+def not_kept(beyond: ExtendedPriors | None) -> Iterator[str]:
     """Of a run that has left nothing of what lies beyond ends of priors."""
-    if beyond is not None and not beyond.kept:
+    if beyond is not None and not beyond.saved:
         yield (
             f"priors of {', '.join(beyond.names)} end near nominal values, and draws beyond were not "
             "kept by the version that sampled this run, so that nothing is said of these values: "

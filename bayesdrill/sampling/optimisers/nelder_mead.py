@@ -26,7 +26,7 @@ type AskTell[T] = Generator[Array, Array, T]
 
 
 @dataclass(slots=True)
-class Descent:
+class SimplexRun:
     """How far a simplex has come.  `evaluations`: at most `most`; `first`: the value at the start;
     `lowest`: at `x (D,)`, of all that were asked for; `history`: the lowest after each iteration;
     `stopped`: by its tolerances.
@@ -55,13 +55,15 @@ class Descent:
         return values
 
 
-def descend(simplex: Array, most: int, x_tolerance: float, tolerance: float) -> AskTell[Descent]:
+def nelder_mead(
+    simplex: Array, most: int, x_tolerance: float, tolerance: float
+) -> AskTell[SimplexRun]:
     """Minimise from `simplex (D + 1, D)` until it and its values are as small as the tolerances.
 
     The points are those of `scipy.optimize.minimize`: Nelder and Mead (1965), with the coefficients
     of Gao and Han (2012) for more than two unknowns.
     """
-    run, n = Descent(most, simplex[0]), simplex.shape[1]
+    run, n = SimplexRun(most, simplex[0]), simplex.shape[1]
     away, near, shrink = (1 + 2 / n, 0.75 - 1 / (2 * n), 1 - 1 / n) if n > 2 else (2.0, 0.5, 0.5)
     values = yield from run.ask(simplex)
     order = np.argsort(values)
@@ -116,12 +118,14 @@ def in_lock_step[T](searches: Sequence[AskTell[T]], function: Callable[[Array], 
     return [results[search] for search in searches]
 
 
-SIMPLEX = 200.0  # evaluations of a simplex for each unknown; more do not help it far from the top
-ROUGHLY = 1.0  # of the log density: how near a simplex has to come, where slopes do the rest
+# evaluations of a simplex for each unknown; more do not help it far from the top
+EVALUATIONS_PER_UNKNOWN = 200.0
+# of the log density: how near a simplex has to come, where slopes do the rest
+ROUGH_TOLERANCE = 1.0
 LOG_TOLERANCE = 1e-3  # ... and where they do not: what a restart gains that another follows
-MOST_STEP = 0.3  # of a standard deviation, in a log: where the record says little it is long
-FAR = 100.0  # of the log density: a run that gained more was far from the optimum ...
-TENTH = 0.1  # ... and there first steps of the simplex are this, in a log of each unknown
+MAX_STEP = 0.3  # of a standard deviation, in a log: where the record says little it is long
+FAR_GAIN = 100.0  # of the log density: a run that gained more was far from the optimum ...
+LOG_STEP = 0.1  # ... and there first steps of the simplex are this, in a log of each unknown
 
 
 @dataclass(frozen=True, slots=True)
@@ -132,8 +136,8 @@ class NelderMead:
     By default as far as it is good for, where slopes go the rest of the way.
     """
 
-    enough: float = ROUGHLY
-    per_unknown: float = SIMPLEX
+    enough: float = ROUGH_TOLERANCE
+    per_unknown: float = EVALUATIONS_PER_UNKNOWN
     polished: bool = True
 
     def check(self, unknown: Sequence[str]) -> None:
@@ -159,9 +163,9 @@ def _search(task: Task, start: Array, evaluations: int, enough: float) -> AskTel
     history: list[float] = []
     gain, done = np.inf, False
     while not done and spent < evaluations:
-        root = _steps(task, physical(z[None])[0], far=gain > FAR)
+        root = _steps(task, physical(z[None])[0], far=gain > FAR_GAIN)
         most = min(evaluations - spent, 400 * len(z))
-        run = yield from _scaled(descend(corners, most, 1e-2, 0.1 * enough), z, root)
+        run = yield from _scaled(nelder_mead(corners, most, 1e-2, 0.1 * enough), z, root)
         spent += run.evaluations
         gain = run.first - run.lowest
         if gain > 0:
@@ -192,7 +196,7 @@ def _scaled[T](search: AskTell[T], z: Array, root: Array) -> AskTell[T]:
 def _steps(task: Task, theta: Array, *, far: bool) -> Array:
     """Columns: first steps of the simplex, in the coordinates of the search."""
     if far:
-        return TENTH * laplace.slopes_by_logs(task.coordinates, theta)
+        return LOG_STEP * laplace.slopes_by_logs(task.coordinates, theta)
     columns = laplace.root(task.covariance(theta))
     longest = np.abs(columns).max(axis=0)
-    return np.asarray(columns * np.minimum(1.0, MOST_STEP / longest))
+    return np.asarray(columns * np.minimum(1.0, MAX_STEP / longest))

@@ -15,61 +15,63 @@ import numpy as np
 from bayesdrill.basics.arrays import Array
 from bayesdrill.basics.progress import SILENT, Reporter
 from bayesdrill.inference.laplace import Surface
-from bayesdrill.sampling.proposal.missed_mass import look
+from bayesdrill.sampling.proposal.missed_mass import check_coverage
 from bayesdrill.sampling.proposal.ridge_tracing import (
-    ASTRAY,
+    USELESS_ERROR,
     Expand,
-    Traced,
-    beside,
+    TracedRidge,
     distances,
     moments,
     trace,
+    trace_box,
 )
 from bayesdrill.sampling.samplers import independence
 from bayesdrill.sampling.samplers.independence import (
-    LONG,
+    LONG_LOG_RATIO,
     Mixture,
     Proposal,
-    Weighed,
-    effective,
+    WeightedDraws,
+    effective_count,
     normalised,
 )
 
 Random = np.random.RandomState
 Component = tuple[int, float, Array, Array]  # sheet, weight, mean, root
 
-DRAWS = 2400  # of one round, ...
-WIDER, WIDER_DRAWS = 1.5, 800  # ... and so many that are as many times wider
-MANY = 6  # ridges: for each so many more draws
-REPEATED = 50  # times as many at most, where hardly any is inside the prior
-ROUNDS = 12
-WORTH = 1.04  # a round that improves the effective share of the draws by less is the last
-ENOUGH = 0.3  # of effective draws; with less it goes on
-LEAST_SHARE = 0.1  # of effective draws: below it the density is flattened until there are as many
-REDRAWN = 0.4  # of a density: what a draw costs that falls outside the prior
-AGAIN = 4  # times that a ridge is added, ...
-FEW, ALONE = 5, 2.0  # rounds after which so few effective draws are no beginning
-GOOD = 0.3  # ... unless as many draws are effective
-LIKELY = 0.9  # quantile of the weights: a new centre is a draw above it
-STRAYS = 0.01  # of the posterior: more than that beyond the ridges is not left there
-COMPONENTS, ALL_COMPONENTS = 4, 32  # of a ridge, and of all
-DEAR = 20.0  # what it costs to leave some of the posterior where walkers wait long
-TRAPPED = 0.005  # of the posterior, where the proposal is far too thin: with more it goes on
-EXPECTATIONS = (12, 6)  # of the fit, in the first round and later
+DRAWS_PER_ROUND = 2400  # of one round, ...
+WIDE_FACTOR, WIDE_DRAWS = 1.5, 800  # ... and so many that are as many times wider
+RIDGES_PER_BATCH = 6  # ridges: for each so many more draws
+MAX_TRIES_PER_DRAW = 50  # times as many at most, where hardly any is inside the prior
+MAX_ROUNDS = 12
+MIN_IMPROVEMENT = 1.04  # a round that improves the effective share of the draws by less is the last
+MIN_EFFECTIVE_SHARE = 0.3  # of effective draws; with less it goes on
+# of effective draws: below it the density is flattened until there are as many
+MIN_TEMPERED_SHARE = 0.1
+REDRAW_COST = 0.4  # of a density: what a draw costs that falls outside the prior
+MAX_ADDED_RIDGES = 4  # times that a ridge is added, ...
+FEW_ROUNDS, HOPELESS_DRAWS = 5, 2.0  # rounds after which so few effective draws are no beginning
+GOOD_EFFECTIVE_SHARE = 0.3  # ... unless as many draws are effective
+CENTRE_QUANTILE = 0.9  # quantile of the weights: a new centre is a draw above it
+MAX_STRAY_MASS = 0.01  # of the posterior: more than that beyond the ridges is not left there
+MAX_COMPONENTS_OF_RIDGE, MAX_COMPONENTS = 4, 32  # of a ridge, and of all
+TRAPPED_COST = 20.0  # what it costs to leave some of the posterior where walkers wait long
+# of the posterior, where the proposal is far too thin: with more it goes on
+MAX_TRAPPED_MASS = 0.005
+EM_ROUNDS = (12, 6)  # of the fit, in the first round and later
 # Wider than all draws, to hold the tails: weight, and how many times, along the ridge and across it.
-WIDE = ((0.08, 2.0, 1.05), (0.04, 1.2, 1.5))
-NARROWED = 0.7  # several components are narrower than one, to begin with
-FIRST_FIBRE = 1.2  # standard deviations of the tight directions, to begin with
-LOST = 1e-6  # of the posterior: a ridge with less is left out
-HELD = 1e-3  # of the posterior: a maximum with less is not looked at again
+TAIL_COMPONENTS = ((0.08, 2.0, 1.05), (0.04, 1.2, 1.5))
+COMPONENT_SCALE = 0.7  # several components are narrower than one, to begin with
+INITIAL_TIGHT_SDS = 1.2  # standard deviations of the tight directions, to begin with
+NEGLIGIBLE_RIDGE = 1e-6  # of the posterior: a ridge with less is left out
+NEGLIGIBLE_MAXIMUM = 1e-3  # of the posterior: a maximum with less is not looked at again
 
 
-class Nowhere(ValueError):
+class NoSupportError(ValueError):
     """No draw has a density."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Learnt:
+class LearnedProposal:
     """`proposal`; of its draws `u (N, D)` with normalised `weights (N,)`: the effective `share`.
 
     `off`: how far each ridge is from its polynomial, in standard deviations; `origin`: which of the
@@ -99,45 +101,49 @@ def learn(
     maxima: Sequence[Array],
     seed: Random,
     rng: np.random.Generator,
-    max_added_ridges: int = AGAIN,
+    max_added_ridges: int = MAX_ADDED_RIDGES,
     report: Reporter = SILENT,
     *,
     settle: bool = True,
-) -> Learnt:
-    """From the `maxima` (each `(D,)`); raises `Nowhere` where no draw has a density.
+) -> LearnedProposal:
+    """From the `maxima` (each `(D,)`); raises `NoSupportError` where no draw has a density.
 
     `max_added_ridges`: how many ridges are added at most.  `settle`: whether to look along settled
     ridges for what the proposal leaves out.
     """
     parts = [(origin, trace(surface, expand, at, rng)) for origin, at in enumerate(maxima)]
     try:
-        best = last = _fitted(surface, parts, seed, max_added_ridges, report)
-    except Nowhere:  # the posterior is narrower than all that its curvature foresees
-        parts = [(0, beside(surface, maxima[0], rng))]
-        best = last = _fitted(surface, parts, seed, max_added_ridges, report)
+        best = last = _best_mixture(surface, parts, seed, max_added_ridges, report)
+    except NoSupportError:  # the posterior is narrower than all that its curvature foresees
+        parts = [(0, trace_box(surface, maxima[0], rng))]
+        best = last = _best_mixture(surface, parts, seed, max_added_ridges, report)
     for _ in range(max_added_ridges):
         if best.good:
             break
         # One more ridge where draws weigh most: there the posterior is, and the proposal is not.
         # Or the same, followed as far as draws have been seen.
-        new_parts = [(k, trace(surface, expand, at, rng, draws)) for k, at, draws in _midst(last)]
-        good_parts = [part for part in parts if part[1].off < ASTRAY]
-        parts = new_parts if last.strays > STRAYS else good_parts + new_parts
+        new_parts = [
+            (k, trace(surface, expand, at, rng, draws)) for k, at, draws in _central_draws(last)
+        ]
+        good_parts = [part for part in parts if part[1].off < USELESS_ERROR]
+        parts = new_parts if last.strays > MAX_STRAY_MASS else good_parts + new_parts
         try:
-            last = _fitted(surface, parts, seed, max_added_ridges, report)
-        except Nowhere:  # at ends of priors ridges may lead out of them
+            last = _best_mixture(surface, parts, seed, max_added_ridges, report)
+        except NoSupportError:  # at ends of priors ridges may lead out of them
             break
         best, last = _compared(best, last)
         best = max(
-            best, last, key=lambda candidate: candidate.worth / (1.0 + DEAR * candidate.strays)
+            best,
+            last,
+            key=lambda candidate: candidate.worth / (1.0 + TRAPPED_COST * candidate.strays),
         )
     looked = None
     if max_added_ridges > 0 and settle:
         report.update(0.0, "looking for what the proposal leaves out")
-        looked = look(surface, expand, best.proposal, *_heaviest(best), seed, rng, report)
+        looked = check_coverage(surface, expand, best.proposal, *_heaviest(best), seed, rng, report)
     draws = looked.draws if looked else best.draws
-    return Learnt(
-        proposal=replace(best.proposal, settled=looked.proposal if looked else None),
+    return LearnedProposal(
+        proposal=replace(best.proposal, newton=looked.proposal if looked else None),
         u=draws.u,
         weights=draws.weights,
         share=draws.share,
@@ -156,15 +162,15 @@ def _heaviest(learning_round: _Round) -> tuple[list[int], tuple[Array, Array]]:
     for maximum in sorted(set(learning_round.origin)):
         ridges = [s for s in range(len(origin)) if origin[s] == maximum]
         masses = [float(shares[mixture.sheet == s].sum()) for s in ridges]
-        if sum(masses) > HELD:
+        if sum(masses) > NEGLIGIBLE_MAXIMUM:
             sheets.append(ridges[int(np.argmax(masses))])
     each = [shares[origin[mixture.sheet] == origin[s]].sum(axis=0) for s in sheets]
     return sheets, (u, np.array(each))
 
 
-def _fitted(
+def _best_mixture(
     surface: Surface,
-    parts: Sequence[tuple[int, Traced]],
+    parts: Sequence[tuple[int, TracedRidge]],
     seed: Random,
     max_added_ridges: int,
     report: Reporter,
@@ -174,21 +180,21 @@ def _fitted(
     narrow = mixture = _begin(traced)
     off = tuple(traced_ridge.off for traced_ridge in traced)
     rounds: list[_Round] = []
-    for _ in range(ROUNDS if max_added_ridges else ROUNDS // 3):
+    for _ in range(MAX_ROUNDS if max_added_ridges else MAX_ROUNDS // 3):
         done = _draw(mixture, off, origin, surface, seed)
-        settled = bool(rounds) and done.share < WORTH * rounds[-1].share
+        settled = bool(rounds) and done.share < MIN_IMPROVEMENT * rounds[-1].share
         rounds.append(done)
         text = f"learning the proposal, round {len(rounds)}: {done.share:.0%} of its draws count"
-        report.update(len(rounds) / (ROUNDS + 1), text)
-        good = done.share > ENOUGH and done.draws.trapped < TRAPPED
-        hopeless = done.draws.effective < ALONE  # one draw outweighs all others
-        if (settled and good) or (len(rounds) > FEW and hopeless):
+        report.update(len(rounds) / (MAX_ROUNDS + 1), text)
+        good = done.share > MIN_EFFECTIVE_SHARE and done.draws.trapped < MAX_TRAPPED_MASS
+        hopeless = done.draws.effective < HOPELESS_DRAWS  # one draw outweighs all others
+        if (settled and good) or (len(rounds) > FEW_ROUNDS and hopeless):
             break
         u, weights = done.seen
         first = len(rounds) == 1
-        begin = _several(narrow, u, weights, seed) if first else narrow
-        expectations = EXPECTATIONS[0 if first else 1]
-        narrow = independence.fitted(begin, u, weights, surface.inside, expectations, seed)
+        begin = _several_components(narrow, u, weights, seed) if first else narrow
+        expectations = EM_ROUNDS[0 if first else 1]
+        narrow = independence.fit_mixture(begin, u, weights, surface.inside, expectations, seed)
         mixture = _with_tails(narrow, u, weights)
     return _best(rounds)
 
@@ -212,7 +218,7 @@ def _compared(candidate: _Round, other: _Round) -> tuple[_Round, _Round]:
     Draws of one maximum say that a proposal which draws there alone is perfect.
     """
     pair = (candidate, other)
-    with_density = [round_.draws.those_with_a_density() for round_ in pair]
+    with_density = [round_.draws.supported() for round_ in pair]
     u = np.concatenate([draws.u for draws in with_density])
     log_every, log_q = zip(
         *(_densities(round_.proposal.mixture, round_.counts, u) for round_ in pair), strict=True
@@ -220,7 +226,10 @@ def _compared(candidate: _Round, other: _Round) -> tuple[_Round, _Round]:
     log_q_at = np.split(np.stack(log_q), [len(with_density[0].u)], axis=1)
     log_p = np.concatenate([with_density[k].log_w + log_q_at[k][k] for k in range(2)])
     weights = normalised(log_p - np.logaddexp(*log_every))
-    thin = [log_p > q + round_.draws.usual + LONG for q, round_ in zip(log_q, pair, strict=True)]
+    thin = [
+        log_p > q + round_.draws.typical_log_ratio + LONG_LOG_RATIO
+        for q, round_ in zip(log_q, pair, strict=True)
+    ]
     first, second = (
         replace(round_, missed=max(round_.missed, float(weights[where].sum())))
         for round_, where in zip(pair, thin, strict=True)
@@ -228,7 +237,7 @@ def _compared(candidate: _Round, other: _Round) -> tuple[_Round, _Round]:
     return first, second
 
 
-def _midst(learning_round: _Round) -> list[tuple[int, Array, tuple[Array, Array]]]:
+def _central_draws(learning_round: _Round) -> list[tuple[int, Array, tuple[Array, Array]]]:
     """For each maximum that holds something: a draw near the middle of its own, and those draws."""
     u, weights = learning_round.seen
     shares = responsibilities(learning_round.proposal.mixture, u, weights)[1]
@@ -236,11 +245,11 @@ def _midst(learning_round: _Round) -> list[tuple[int, Array, tuple[Array, Array]
     middles = []
     for origin in dict.fromkeys(learning_round.origin):
         mode_shares = shares[owner == origin].sum(axis=0)
-        if mode_shares.sum() < LOST:
+        if mode_shares.sum() < NEGLIGIBLE_RIDGE:
             continue
         far = distances(u, mode_shares)
         likely = np.flatnonzero(
-            mode_shares >= np.quantile(mode_shares, LIKELY)
+            mode_shares >= np.quantile(mode_shares, CENTRE_QUANTILE)
         )  # of few draws, all
         middles.append((origin, u[likely[np.argmin(far[likely])]], (u, mode_shares)))
     return middles
@@ -251,7 +260,7 @@ class _Round:
     proposal: Proposal
     off: tuple[float, ...]
     origin: tuple[int, ...]
-    draws: Weighed
+    draws: WeightedDraws
     counts: tuple[int, int]
     missed: float = 0.0
 
@@ -266,13 +275,13 @@ class _Round:
     @property
     def seen(self) -> tuple[Array, Array]:
         """Draws `(N, D)` that have a density, and their weights, flattened where they must be."""
-        draws = self.draws.those_with_a_density()
-        return draws.u, draws.tempered(LEAST_SHARE * len(draws.u))
+        draws = self.draws.supported()
+        return draws.u, draws.tempered(MIN_TEMPERED_SHARE * len(draws.u))
 
     @property
     def strays(self) -> float:
         """How much of the posterior lies beyond where its ridges were followed."""
-        draws, mixture = self.draws.those_with_a_density(), self.proposal.mixture
+        draws, mixture = self.draws.supported(), self.proposal.mixture
         y, shares = responsibilities(mixture, draws.u, draws.weights)
         beyond = 0.0
         for s, sheet in enumerate(mixture.sheets):
@@ -284,12 +293,16 @@ class _Round:
 
     @property
     def good(self) -> bool:
-        return self.share > GOOD and self.strays < STRAYS and self.trapped < 2.0 * TRAPPED
+        return (
+            self.share > GOOD_EFFECTIVE_SHARE
+            and self.strays < MAX_STRAY_MASS
+            and self.trapped < 2.0 * MAX_TRAPPED_MASS
+        )
 
     @property
     def worth(self) -> float:
         """Effective draws for what they cost: one outside the prior costs less than the model."""
-        cost = (1.0 + REDRAWN / self.proposal.share) * (1.0 + DEAR * self.trapped)
+        cost = (1.0 + REDRAW_COST / self.proposal.share) * (1.0 + TRAPPED_COST * self.trapped)
         return self.share / cost
 
 
@@ -301,17 +314,19 @@ def _draw(
     seed: Random,
 ) -> _Round:
     """Each draw is weighed with the density of all of them (the balance heuristic)."""
-    wide = mixture.widened(WIDER)
-    times = max(1, len(mixture.sheets) // MANY)
-    narrow_draws, n_narrow = _inside(mixture, times * DRAWS, surface, seed)
-    wide_draws, n_wide = _inside(wide, times * WIDER_DRAWS, surface, seed)
+    wide = mixture.widened(WIDE_FACTOR)
+    times = max(1, len(mixture.sheets) // RIDGES_PER_BATCH)
+    narrow_draws, n_narrow = _inside(mixture, times * DRAWS_PER_ROUND, surface, seed)
+    wide_draws, n_wide = _inside(wide, times * WIDE_DRAWS, surface, seed)
     u = np.concatenate([narrow_draws, wide_draws])
     log_every, log_q = _densities(mixture, (n_narrow, n_wide), u)
     log_w = surface.value(u) - log_q
     if not np.isfinite(log_w).any():
-        raise Nowhere("no point of finite posterior was found around the maximum")
-    draws = Weighed(u, log_w, log_q - log_every)
-    proposal = Proposal(mixture, max(len(narrow_draws) / n_narrow, 1.0 / n_narrow), draws.usual)
+        raise NoSupportError("no point of finite posterior was found around the maximum")
+    draws = WeightedDraws(u, log_w, log_q - log_every)
+    proposal = Proposal(
+        mixture, max(len(narrow_draws) / n_narrow, 1.0 / n_narrow), draws.typical_log_ratio
+    )
     return _Round(proposal, off, origin, draws, (n_narrow, n_wide))
 
 
@@ -321,7 +336,7 @@ def _densities(mixture: Mixture, counts: tuple[int, int], u: Array) -> tuple[Arr
     """
     y, jacobian = mixture.straightened(u)
     log_q = mixture.log_density_at(y, jacobian)
-    log_wide = mixture.widened(WIDER).log_density_at(y, jacobian)
+    log_wide = mixture.widened(WIDE_FACTOR).log_density_at(y, jacobian)
     return np.logaddexp(np.log(counts[0]) + log_q, np.log(counts[1]) + log_wide), log_q
 
 
@@ -329,19 +344,19 @@ def _inside(mixture: Mixture, n: int, surface: Surface, seed: Random) -> tuple[A
     """About `n` draws inside the prior `(N, D)`, and of how many they are those inside."""
     first = mixture.draw(n, seed).u
     inside = first[surface.inside(first)]
-    more = n * (n - len(inside)) // max(len(inside), n // REPEATED)
+    more = n * (n - len(inside)) // max(len(inside), n // MAX_TRIES_PER_DRAW)
     if more == 0:
         return inside, n
     more_draws = mixture.draw(more, seed).u
     return np.concatenate([inside, more_draws[surface.inside(more_draws)]]), n + more
 
 
-def _begin(traced: Sequence[Traced]) -> Mixture:
+def _begin(traced: Sequence[TracedRidge]) -> Mixture:
     """One component for each ridge, as wide as record and priors let it be."""
     means, roots = [], []
     for traced_ridge in traced:
         n_loose, d = len(traced_ridge.psi), len(traced_ridge.ridge.frame.centre)
-        root = FIRST_FIBRE * np.eye(d)
+        root = INITIAL_TIGHT_SDS * np.eye(d)
         root[:n_loose, :n_loose] = traced_ridge.spread
         means.append(np.concatenate([traced_ridge.psi, np.zeros(d - n_loose)]))
         roots.append(root)
@@ -351,22 +366,22 @@ def _begin(traced: Sequence[Traced]) -> Mixture:
     return independence.mixture(ridges, range(count), equal, np.array(means), np.array(roots))
 
 
-def _several(mixture: Mixture, u: Array, weights: Array, seed: Random) -> Mixture:
+def _several_components(mixture: Mixture, u: Array, weights: Array, seed: Random) -> Mixture:
     """Several components for each ridge, begun at some of its own draws, picked by weight."""
     y, jacobian = mixture.straightened(u)
     owner = mixture.sheet[np.argmax(mixture.log_parts(y, jacobian), axis=0)]
     parts: list[Component] = []
-    most = max(1, min(COMPONENTS, ALL_COMPONENTS // len(mixture.sheets)))
+    most = max(1, min(MAX_COMPONENTS_OF_RIDGE, MAX_COMPONENTS // len(mixture.sheets)))
     for s in range(len(mixture.sheets)):
         mine = np.flatnonzero(owner == s)
         sheet_weights = weights[mine]
         count = (
-            int(np.clip(effective(sheet_weights) / (5 * u.shape[1]), 0, most))
+            int(np.clip(effective_count(sheet_weights) / (5 * u.shape[1]), 0, most))
             if sheet_weights.any()
             else 0
         )
         if count == 0:  # too little is known of it yet
-            share = max(float(sheet_weights.sum()), LOST)
+            share = max(float(sheet_weights.sum()), NEGLIGIBLE_RIDGE)
             of_sheet = np.flatnonzero(mixture.sheet == s)
             parts += [(s, share, mixture.means[k], mixture.roots[k]) for k in of_sheet]
             continue
@@ -374,7 +389,7 @@ def _several(mixture: Mixture, u: Array, weights: Array, seed: Random) -> Mixtur
         centre, root = moments(points, sheet_weights)
         picked = points[seed.choice(len(mine), size=count, p=sheet_weights / sheet_weights.sum())]
         means = [centre] if count == 1 else list(picked)
-        wide = root if count == 1 else NARROWED * root
+        wide = root if count == 1 else COMPONENT_SCALE * root
         parts += [(s, float(sheet_weights.sum()) / count, mean, wide) for mean in means]
     return _joined(mixture, parts)
 
@@ -387,10 +402,10 @@ def _with_tails(narrow: Mixture, u: Array, weights: Array) -> Mixture:
     for s in range(len(narrow.sheets)):
         mine = narrow.sheet == s
         sheet_shares = shares[mine].sum(axis=0)
-        if sheet_shares.any() and effective(sheet_shares) > 2 * u.shape[1]:
+        if sheet_shares.any() and effective_count(sheet_shares) > 2 * u.shape[1]:
             centre, root = moments(y[s], sheet_shares)
             known = float(narrow.weights[mine].sum())
-            for weight, along, across in WIDE:
+            for weight, along, across in TAIL_COMPONENTS:
                 wider = np.full(u.shape[1], across)
                 wider[: narrow.sheets[s].n_loose] = along
                 parts.append((s, weight * known, centre, wider[:, None] * root))

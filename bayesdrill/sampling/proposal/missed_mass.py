@@ -16,44 +16,53 @@ from numpy.typing import NDArray
 from bayesdrill.basics.arrays import Array
 from bayesdrill.basics.progress import SILENT, Reporter
 from bayesdrill.inference.laplace import Surface
-from bayesdrill.sampling.proposal.ridge_tracing import Expand, distances, moments, settled, trace
+from bayesdrill.sampling.proposal.ridge_tracing import (
+    Expand,
+    distances,
+    moments,
+    newton_mixture,
+    trace,
+)
 from bayesdrill.sampling.samplers import independence
 from bayesdrill.sampling.samplers.ensemble import State, advance
 from bayesdrill.sampling.samplers.independence import (
-    LONG,
-    SETTLED_ALONE,
+    LONG_LOG_RATIO,
+    NEWTON_LOCAL_SHARE,
     Mixture,
     Proposal,
-    Weighed,
+    WeightedDraws,
 )
-from bayesdrill.sampling.samplers.ridge import Sheet
+from bayesdrill.sampling.samplers.ridge import QuadraticSurface
 
 Random = np.random.RandomState
 
-DRAWS, LAST_DRAWS = 400, 1600  # of a round; the last ones judge once more
-ROUNDS = 2
-LEFT_OUT = 0.01  # of the posterior, where p over q is e^FAR times what is usual
-FAR = 3.0
-LEAST = 0.02  # of effective draws: with less nothing is seen, and one looks on
-REPEATED = 10  # times as many at most, where few are inside the prior
-ENOUGH = 0.1  # of effective draws: below it the density is flattened until there are as many
-HARDLY = 1e-9  # of the posterior: where a sheet has none of the draws
-ALONG, ACROSS = 1.3, 1.05  # times as wide as what is known, along the ridge and across it
-MORE = 4  # times at most that a place which walkers get to, and draws do not, gets a ridge
-WALKERS, STEPS, EVERY = 96, 90, 3  # that look for them; the last two thirds are seen
-HELD_BACK = 0.01  # of the walkers, in places that are left too slowly
-STILL_HELD_BACK = 0.02  # of them: with more, such a place gets another ridge
+DRAWS_PER_ROUND, LAST_DRAWS = 400, 1600  # of a round; the last ones judge once more
+LEARNING_ROUNDS = 2
+MAX_MISSED_MASS = 0.01  # of the posterior, where p over q is e^FAR times what is usual
+FAR_LOG_RATIO = 3.0
+MIN_EFFECTIVE_SHARE = 0.02  # of effective draws: with less nothing is seen, and one looks on
+MAX_TRIES_PER_DRAW = 10  # times as many at most, where few are inside the prior
+# of effective draws: below it the density is flattened until there are as many
+MIN_TEMPERED_SHARE = 0.1
+NEGLIGIBLE_WEIGHT = 1e-9  # of the posterior: where a sheet has none of the draws
+# times as wide as what is known, along the ridge and across it
+WIDTH_ALONG, WIDTH_ACROSS = 1.3, 1.05
+# times at most that a place which walkers get to, and draws do not, gets a ridge
+MAX_ADDED_RIDGES = 4
+WALKERS, STEPS, THINNING = 96, 90, 3  # that look for them; the last two thirds are seen
+MAX_TRAPPED_WALKERS = 0.01  # of the walkers, in places that are left too slowly
+MAX_STILL_TRAPPED = 0.02  # of them: with more, such a place gets another ridge
 
 
 @dataclass(frozen=True, slots=True)
-class Look:
+class CoverageCheck:
     """Along settled ridges: `proposal` of its own, whose `draws` all have a density."""
 
     proposal: Proposal
-    draws: Weighed
+    draws: WeightedDraws
 
 
-def look(
+def check_coverage(
     surface: Surface,
     expand: Expand,
     proposal: Proposal,
@@ -62,7 +71,7 @@ def look(
     seed: Random,
     rng: np.random.Generator,
     report: Reporter = SILENT,
-) -> Look | None:
+) -> CoverageCheck | None:
     """None where `proposal` leaves nothing out, or where nothing can be seen.
 
     `sheets`: those of the proposal that are looked along.  `weighted_draws`: draws of the posterior
@@ -71,22 +80,28 @@ def look(
     selected = [proposal.mixture.sheets[s] for s in sheets]
     if all(sheet.n_loose in (0, len(sheet.frame.centre)) for sheet in selected):
         return None
-    for k in range(ROUNDS):
+    for k in range(LEARNING_ROUNDS):
         mixture = _wide(selected, *weighted_draws)
-        draws, shares, inside = _drawn(surface, settled(mixture, expand), DRAWS, seed)
-        if len(draws.u) == 0 or (k == 0 and _nothing(surface, proposal, draws)):
+        draws, shares, inside = _drawn(
+            surface, newton_mixture(mixture, expand), DRAWS_PER_ROUND, seed
+        )
+        if len(draws.u) == 0 or (k == 0 and _covers(surface, proposal, draws)):
             return None
-        weighted_draws = draws.u, shares * draws.tempered(ENOUGH * len(draws.u))
+        weighted_draws = draws.u, shares * draws.tempered(MIN_TEMPERED_SHARE * len(draws.u))
     begin = draws.u[seed.choice(len(draws.u), size=WALKERS, p=draws.weights)]
-    newton_proposal = Proposal(_wide(selected, *weighted_draws), inside, draws.usual, alone=1.0)
-    mixture = _completed(surface, expand, newton_proposal, begin, seed, rng, report)
-    draws, _, inside = _drawn(surface, settled(mixture, expand), LAST_DRAWS, seed)
-    if _nothing(surface, proposal, draws):
+    newton_proposal = Proposal(
+        _wide(selected, *weighted_draws), inside, draws.typical_log_ratio, local_share=1.0
+    )
+    mixture = _add_ridges(surface, expand, newton_proposal, begin, seed, rng, report)
+    draws, _, inside = _drawn(surface, newton_mixture(mixture, expand), LAST_DRAWS, seed)
+    if _covers(surface, proposal, draws):
         return None  # a few draws of many looked like it by chance
-    return Look(Proposal(mixture, inside, draws.usual, alone=SETTLED_ALONE), draws)
+    return CoverageCheck(
+        Proposal(mixture, inside, draws.typical_log_ratio, local_share=NEWTON_LOCAL_SHARE), draws
+    )
 
 
-def _completed(
+def _add_ridges(
     surface: Surface,
     expand: Expand,
     newton_proposal: Proposal,
@@ -102,22 +117,24 @@ def _completed(
     """
     state = State(begin, surface.value(begin), tuple(seed.get_state()))
     first = len(newton_proposal.mixture.sheets)
-    for k in range(MORE):
-        report.update((k + 1) / (MORE + 1), "looking for what the proposal leaves out")
+    for k in range(MAX_ADDED_RIDGES):
+        report.update((k + 1) / (MAX_ADDED_RIDGES + 1), "looking for what the proposal leaves out")
         # Into such a place walkers of all others have to step first: then those that are there go on.
-        limit = -np.inf if k == 0 else newton_proposal.usual
+        limit = -np.inf if k == 0 else newton_proposal.typical_log_ratio
         walking = replace(
-            newton_proposal, mixture=settled(newton_proposal.mixture, expand), usual=limit
+            newton_proposal,
+            mixture=newton_mixture(newton_proposal.mixture, expand),
+            typical_log_ratio=limit,
         )
         evaluate = lambda u: (surface.value(u), 0)  # noqa: E731
-        piece = advance(evaluate, state, STEPS, {"independence": 1.0}, walking, surface.inside)
+        segment = advance(evaluate, state, STEPS, {"independence": 1.0}, walking, surface.inside)
         u, value = (
-            some[STEPS // 3 :: EVERY].reshape(-1, *some.shape[2:])
-            for some in (piece.z, piece.log_p)
+            some[STEPS // 3 :: THINNING].reshape(-1, *some.shape[2:])
+            for some in (segment.z, segment.log_p)
         )
         shares, log_q = walking.mixture.shares(*walking.mixture.straightened(u))
-        waiting = _held(value - log_q)
-        if waiting.mean() < HELD_BACK:
+        waiting = _waiting(value - log_q)
+        if waiting.mean() < MAX_TRAPPED_WALKERS:
             return _wide(newton_proposal.mixture.sheets, u, shares / len(u))
         known = np.where(waiting, 0.0, shares)
         # The last ridge began at the edge of what is seen by now: once more from its middle.
@@ -126,16 +143,18 @@ def _completed(
             mixture, ratio = _ending(
                 surface, expand, newton_proposal.mixture, u, value, trial_shares, rng
             )
-            if _held(ratio).mean() < STILL_HELD_BACK:
+            if _waiting(ratio).mean() < MAX_STILL_TRAPPED:
                 break
-        newton_proposal = replace(newton_proposal, mixture=mixture, usual=float(np.median(ratio)))
-        state = piece.state
+        newton_proposal = replace(
+            newton_proposal, mixture=mixture, typical_log_ratio=float(np.median(ratio))
+        )
+        state = segment.state
     return newton_proposal.mixture
 
 
-def _held(ratio: Array) -> NDArray[np.bool_]:
+def _waiting(ratio: Array) -> NDArray[np.bool_]:
     """Which walkers wait long, of logs of p over q `(N,)`."""
-    return np.asarray(ratio > np.median(ratio) + LONG)
+    return np.asarray(ratio > np.median(ratio) + LONG_LOG_RATIO)
 
 
 def _ending(
@@ -156,20 +175,20 @@ def _ending(
     last = trace(surface, expand, centre, rng, (some, weights)).ridge
     sheets = [*before.sheets[: len(shares) - 1], last]
     # The places begin where others end: which points belong to which, once more.
-    whole = settled(_wide(sheets, u, shares / len(u)), expand)
+    whole = newton_mixture(_wide(sheets, u, shares / len(u)), expand)
     shares, log_q = whole.shares(*whole.straightened(u))
     return _wide(sheets, u, shares / len(u)), value - log_q
 
 
-def _wide(sheets: Sequence[Sheet], u: Array, weights: Array) -> Mixture:
+def _wide(sheets: Sequence[QuadraticSurface], u: Array, weights: Array) -> Mixture:
     """A component for each sheet, wider than draws `u (N, D)` of `weights (S, N)` along it."""
     means, roots = [], []
     for sheet, sheet_weights in zip(sheets, weights, strict=True):
         n, d = sheet.n_loose, u.shape[1]
-        middle, root = moments(sheet.frame.split(u)[0], sheet_weights + HARDLY)
+        middle, root = moments(sheet.frame.split(u)[0], sheet_weights + NEGLIGIBLE_WEIGHT)
         means.append(np.concatenate([middle, np.zeros(d - n)]))
-        roots.append(ACROSS * np.eye(d))
-        roots[-1][:n, :n] = ALONG * root
+        roots.append(WIDTH_ACROSS * np.eye(d))
+        roots[-1][:n, :n] = WIDTH_ALONG * root
     totals = weights.sum(axis=1)
     return independence.mixture(
         sheets, range(len(sheets)), totals, np.array(means), np.array(roots)
@@ -178,21 +197,21 @@ def _wide(sheets: Sequence[Sheet], u: Array, weights: Array) -> Mixture:
 
 def _drawn(
     surface: Surface, mixture: Mixture, n: int, seed: Random
-) -> tuple[Weighed, Array, float]:
+) -> tuple[WeightedDraws, Array, float]:
     """Of `n` draws, or more where many are outside the prior, those with a density; each sheet's shares
     of them `(S, N)`; and how many of all are inside.
     """
     inside = surface.inside(mixture.draw(n, seed).u).mean()
-    drawn = mixture.draw(int(n / max(float(inside), 1.0 / REPEATED)), seed)
+    drawn = mixture.draw(int(n / max(float(inside), 1.0 / MAX_TRIES_PER_DRAW)), seed)
     value = surface.value(drawn.u)
     good = np.isfinite(value)
-    valid = drawn.those(good)
+    valid = drawn.select(good)
     shares, log_q = mixture.shares(*mixture.coordinates(valid))
-    return Weighed(valid.u, value[good] - log_q, np.zeros(len(log_q))), shares, float(inside)
+    return WeightedDraws(valid.u, value[good] - log_q, np.zeros(len(log_q))), shares, float(inside)
 
 
-def _nothing(surface: Surface, proposal: Proposal, draws: Weighed) -> bool:
+def _covers(surface: Surface, proposal: Proposal, draws: WeightedDraws) -> bool:
     """Whether hardly any of the posterior is where the proposal hardly ever goes, as far as one sees."""
     ratio = surface.value(draws.u) - proposal.mixture.log_density(draws.u)
-    left_out = float(draws.weights[ratio > proposal.usual + FAR].sum())
-    return left_out < LEFT_OUT and draws.effective > LEAST * len(draws.u)
+    missed_mass = float(draws.weights[ratio > proposal.typical_log_ratio + FAR_LOG_RATIO].sum())
+    return missed_mass < MAX_MISSED_MASS and draws.effective > MIN_EFFECTIVE_SHARE * len(draws.u)

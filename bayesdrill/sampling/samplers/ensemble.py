@@ -1,4 +1,4 @@
-"""One emcee ensemble, advanced piece by piece (the same chain however it is cut), and the registry
+"""One emcee ensemble, advanced segment by segment (the same chain however it is cut), and the registry
 of its moves.
 
 Steps of walkers that the proposal would hardly ever lead away.
@@ -25,10 +25,20 @@ import numpy as np
 
 from bayesdrill.basics.arrays import Array, Flags, Indices
 from bayesdrill.basics.registry import Registry, callable_one
-from bayesdrill.sampling.samplers.independence import Inside, Mixture, Proposal, Random, Remembered
-from bayesdrill.sampling.samplers.ridge import Sheet, bend, straighten
+from bayesdrill.sampling.samplers.independence import (
+    CachedLogDensity,
+    Inside,
+    Mixture,
+    Proposal,
+    Random,
+)
+from bayesdrill.sampling.samplers.ridge import (
+    QuadraticSurface,
+    from_ridge_coordinates,
+    to_ridge_coordinates,
+)
 
-SHORTEST, LONGEST = 0.01, 1.0  # of a component's widths, over the root of the dimension
+MIN_LENGTH, MAX_LENGTH = 0.01, 1.0  # of a component's widths, over the root of the dimension
 
 
 def local_steps(mixture: Mixture, u: Array, random: Random) -> tuple[Array, Array, Array]:
@@ -43,13 +53,13 @@ def local_steps(mixture: Mixture, u: Array, random: Random) -> tuple[Array, Arra
     parts = mixture.log_parts(y, before)
     shares = np.exp(parts - parts.max(axis=0)).cumsum(axis=0)
     k = (shares < shares[-1] * random.random_sample(n)).sum(axis=0)
-    length = SHORTEST * (LONGEST / SHORTEST) ** random.random_sample((n, 1)) / np.sqrt(d)
+    length = MIN_LENGTH * (MAX_LENGTH / MIN_LENGTH) ** random.random_sample((n, 1)) / np.sqrt(d)
     step = np.einsum("nij,nj->ni", mixture.roots[k], random.standard_normal((n, d)))
     sheet = mixture.sheet[k]
     fresh = np.empty_like(u)
     for s in np.unique(sheet):
         mine = sheet == s
-        fresh[mine] = bend(mixture.sheets[s], (y[s] + length * step)[mine])[0]
+        fresh[mine] = from_ridge_coordinates(mixture.sheets[s], (y[s] + length * step)[mine])[0]
     y, after = mixture.straightened(fresh)
     parts_after = mixture.log_parts(y, after)
     log_q, log_q_after = (np.logaddexp.reduce(some, axis=0) for some in (parts, parts_after))
@@ -58,7 +68,7 @@ def local_steps(mixture: Mixture, u: Array, random: Random) -> tuple[Array, Arra
     return fresh, factor, log_q_after
 
 
-STRETCH = 2.0  # Goodman and Weare's a
+STRETCH_SCALE = 2.0  # Goodman and Weare's a
 GAMMA = 2.38  # over sqrt(2 D): ter Braak's scale of a difference
 GAMMA_SPREAD = 1e-5  # relative: a little noise keeps walkers out of a common plane
 
@@ -70,7 +80,7 @@ class Move(Protocol):
 
 
 @dataclass(frozen=True, slots=True)
-class Halves:
+class SplitEnsembleMove:
     """Each half of the walkers, split at random, moves by where the other half stands.
 
     `proposal(walkers, others, random)`: new points and their Hastings factors (logs).  `along`: the
@@ -78,7 +88,7 @@ class Halves:
     """
 
     proposal: Callable[[Array, Array, Random], tuple[Array, Array]]
-    along: Sheet | None = None
+    along: QuadraticSurface | None = None
 
     def propose(self, model: Any, state: Any) -> tuple[Any, Flags]:
         accepted = np.zeros(len(state.coords), dtype=bool)
@@ -94,14 +104,14 @@ class Halves:
     ) -> tuple[Array, Array]:
         if self.along is None:
             return self.proposal(walkers[half], walkers[others], random)
-        y, before = straighten(self.along, walkers)
+        y, before = to_ridge_coordinates(self.along, walkers)
         there, factor = self.proposal(y[half], y[others], random)
-        fresh, after = bend(self.along, there)
+        fresh, after = from_ridge_coordinates(self.along, there)
         return fresh, factor + after - before[half]
 
 
 @dataclass(frozen=True, slots=True)
-class Independent:
+class IndependenceMove:
     """All walkers at once, to points that do not depend on where any of them stands.
 
     After a share of the steps (of the settled ones, where there are any), those that would wait long
@@ -110,22 +120,22 @@ class Independent:
 
     proposal: Proposal
     inside: Inside
-    remembered: tuple[Remembered, Remembered]  # of the proposal, and of the widest
+    remembered: tuple[CachedLogDensity, CachedLogDensity]  # of the proposal, and of the widest
 
     def propose(self, model: Any, state: Any) -> tuple[Any, Flags]:
         everyone = np.arange(len(state.coords))
-        proposal = self.proposal.one_of(model.random)
-        known = self.remembered[proposal is self.proposal.settled]
+        proposal = self.proposal.pick(model.random)
+        known = self.remembered[proposal is self.proposal.newton]
         before = known.at(state.coords)
         fresh, after = proposal.draw(len(everyone), self.inside, model.random)
         moved = _accept(model, state, everyone, fresh, before - after)
         known.keep(state.coords, np.where(moved, after, before))
-        if proposal is self.proposal.widest and model.random.random_sample() < proposal.alone:
-            moved |= alone(model, state, proposal, known.at(state.coords))
+        if proposal is self.proposal.widest and model.random.random_sample() < proposal.local_share:
+            moved |= step_trapped(model, state, proposal, known.at(state.coords))
         return state, moved
 
 
-def alone(model: Any, state: Any, proposal: Proposal, log_q: Array) -> Flags:
+def step_trapped(model: Any, state: Any, proposal: Proposal, log_q: Array) -> Flags:
     """Steps of those walkers that would wait long; `log_q (W,)` is the proposal's where they stand."""
     moved = np.zeros(len(log_q), dtype=bool)
     which = np.flatnonzero(state.log_prob > proposal.high(log_q))
@@ -169,28 +179,32 @@ def differential_evolution(walkers: Array, others: Array, random: Random) -> tup
 def stretch(walkers: Array, others: Array, random: Random) -> tuple[Array, Array]:
     """Along the line through one of the others (Goodman and Weare 2010)."""
     n, d = walkers.shape
-    factor = np.square((STRETCH - 1.0) * np.asarray(random.random_sample(n)) + 1.0) / STRETCH
+    factor = (
+        np.square((STRETCH_SCALE - 1.0) * np.asarray(random.random_sample(n)) + 1.0) / STRETCH_SCALE
+    )
     centre = others[random.randint(len(others), size=n)]
     return centre + factor[:, None] * (walkers - centre), (d - 1.0) * np.log(factor)
 
 
-Make = Callable[[Proposal | None, Inside], Move | None]
+MoveFactory = Callable[[Proposal | None, Inside], Move | None]
 
 
-def halves(proposal: Callable[[Array, Array, Random], tuple[Array, Array]]) -> Make:
+def halves(proposal: Callable[[Array, Array, Random], tuple[Array, Array]]) -> MoveFactory:
     """Along the first ridge, where one has been learnt."""
-    return lambda learnt, _: Halves(proposal, learnt.mixture.sheets[0] if learnt else None)
+    return lambda learnt, _: SplitEnsembleMove(
+        proposal, learnt.mixture.sheets[0] if learnt else None
+    )
 
 
 def _independent(learnt: Proposal | None, inside: Inside) -> Move | None:
     """None as long as nothing has been learnt."""
     if learnt is None:
         return None
-    remembered = Remembered(learnt.mixture), Remembered(learnt.widest.mixture)
-    return Independent(learnt, inside, remembered)
+    remembered = CachedLogDensity(learnt.mixture), CachedLogDensity(learnt.widest.mixture)
+    return IndependenceMove(learnt, inside, remembered)
 
 
-MOVES: Registry[Make] = Registry(
+MOVES: Registry[MoveFactory] = Registry(
     "move",
     {
         "differential_evolution": halves(differential_evolution),
@@ -201,7 +215,7 @@ MOVES: Registry[Make] = Registry(
 )
 
 
-def mixture(
+def moves_with_weights(
     weights: Mapping[str, float], learnt: Proposal | None, inside: Inside
 ) -> list[tuple[Move, float]]:
     """What emcee takes as `moves`; those that need a proposal only where one has been learnt."""
@@ -221,10 +235,10 @@ class State:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Piece:
+class ChainSegment:
     """Consecutive steps: `z (S, W, D)`, `log_p (S, W)`, `accepted (W,)` counts, and the end.
 
-    `seconds`: how long they took; nothing but the length of the next piece depends on it.
+    `seconds`: how long they took; nothing but the length of the next segment depends on it.
     """
 
     z: Array
@@ -235,7 +249,7 @@ class Piece:
     seconds: float
 
 
-def everywhere(z: Array) -> Flags:
+def always_inside(z: Array) -> Flags:
     return np.ones(len(z), dtype=bool)
 
 
@@ -245,8 +259,8 @@ def advance(
     n_steps: int,
     moves: Mapping[str, float],
     proposal: Proposal | None = None,
-    inside: Callable[[Array], Flags] = everywhere,
-) -> Piece:
+    inside: Callable[[Array], Flags] = always_inside,
+) -> ChainSegment:
     """`n_steps` further; `evaluate` gives the log density of a batch and its failures.
 
     `proposal`: what the independence move draws from; without it that move is left out.
@@ -265,11 +279,11 @@ def advance(
     begun = time.perf_counter()
     n_walkers, n_dim = state.z.shape
     sampler = emcee.EnsembleSampler(
-        n_walkers, n_dim, target, moves=mixture(moves, proposal, inside), vectorize=True
+        n_walkers, n_dim, target, moves=moves_with_weights(moves, proposal, inside), vectorize=True
     )
     start = emcee.State(state.z, log_prob=state.log_p, random_state=state.random)
     end = sampler.run_mcmc(start, n_steps, skip_initial_state_check=True)
-    return Piece(
+    return ChainSegment(
         z=sampler.get_chain(),
         log_p=sampler.get_log_prob(),
         accepted=sampler.backend.accepted.copy(),

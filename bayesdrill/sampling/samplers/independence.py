@@ -27,15 +27,19 @@ from dataclasses import dataclass
 import numpy as np
 
 from bayesdrill.basics.arrays import Array, Flags, Indices
-from bayesdrill.sampling.samplers.ridge import Sheet, bend, straighten
+from bayesdrill.sampling.samplers.ridge import (
+    QuadraticSurface,
+    from_ridge_coordinates,
+    to_ridge_coordinates,
+)
 
 Random = np.random.RandomState
 
-LONG = 2.0  # of the log of p over q above the usual: e^2 times as long as usual
+LONG_LOG_RATIO = 2.0  # of the log of p over q above the usual: e^2 times as long as usual
 
 
 @dataclass(frozen=True, slots=True)
-class Weighed:
+class WeightedDraws:
     """Draws `u (N, D)`, logs of p over q `(N,)`, and of how much of q each of them stands for `(N,)`.
 
     Neither p nor q need be normalised; p may be zero.
@@ -52,7 +56,7 @@ class Weighed:
 
     @property
     def effective(self) -> float:
-        return effective(self.weights)
+        return effective_count(self.weights)
 
     @property
     def share(self) -> float:
@@ -76,10 +80,10 @@ class Weighed:
     @property
     def trapped(self) -> float:
         """How much of p is where q is so thin that a walker would wait long for another point."""
-        return float(self.weights[self.log_w > self.usual + LONG].sum())
+        return float(self.weights[self.log_w > self.typical_log_ratio + LONG_LOG_RATIO].sum())
 
     @property
-    def usual(self) -> float:
+    def typical_log_ratio(self) -> float:
         """The log of p over q where most of p is: its median over p."""
         order = np.argsort(self.log_w)
         middle = int(np.searchsorted(np.cumsum(self.weights[order]), 0.5))
@@ -93,17 +97,17 @@ class Weighed:
                 return normalised(np.where(finite, self.log_q + power * self.log_w, -np.inf))
 
         finite = np.isfinite(self.log_w)
-        if effective(flat(1.0)) >= least:
+        if effective_count(flat(1.0)) >= least:
             return flat(1.0)
         low, high = 0.0, 1.0
         for _ in range(40):
             middle = 0.5 * (low + high)
-            low, high = (middle, high) if effective(flat(middle)) >= least else (low, middle)
+            low, high = (middle, high) if effective_count(flat(middle)) >= least else (low, middle)
         return flat(low)
 
-    def those_with_a_density(self) -> Weighed:
+    def supported(self) -> WeightedDraws:
         finite = np.isfinite(self.log_w)
-        return Weighed(self.u[finite], self.log_w[finite], self.log_q[finite])
+        return WeightedDraws(self.u[finite], self.log_w[finite], self.log_q[finite])
 
 
 def normalised(log_w: Array) -> Array:
@@ -111,7 +115,7 @@ def normalised(log_w: Array) -> Array:
     return np.asarray(weights / weights.sum())
 
 
-def effective(weights: Array) -> float:
+def effective_count(weights: Array) -> float:
     """As how many equal ones these `weights (N,)` count (Kish)."""
     largest = float(weights.max())
     if largest == 0.0:
@@ -122,13 +126,14 @@ def effective(weights: Array) -> float:
 
 Inside = Callable[[Array], Flags]
 
-FILL = 0.8  # of what the prior cuts off: with all of it, nine of ten draws would be cut off in a corner
-FLOOR = 1e-4  # of the variance of all draws of a sheet, added to that of its components
+# Of what the prior cuts off: with all of it, nine of ten draws would be cut off in a corner.
+CUT_OFF_FILL = 0.8
+VARIANCE_FLOOR = 1e-4  # of the variance of all draws of a sheet, added to that of its components
 LOG_2PI = float(np.log(2.0 * np.pi))
 
 
 @dataclass(frozen=True, slots=True)
-class Drawn:
+class MixtureDraws:
     """`u (n, D)`, log |du / dy| `(n,)` and `y (n, D)`, each on the sheet that it was drawn on."""
 
     u: Array
@@ -136,8 +141,8 @@ class Drawn:
     y: Array
     sheet: Indices
 
-    def those(self, good: Flags | Indices) -> Drawn:
-        return Drawn(self.u[good], self.jacobian[good], self.y[good], self.sheet[good])
+    def select(self, good: Flags | Indices) -> MixtureDraws:
+        return MixtureDraws(self.u[good], self.jacobian[good], self.y[good], self.sheet[good])
 
 
 @dataclass(frozen=True, slots=True)
@@ -147,7 +152,7 @@ class Mixture:
     `means (K, D)` and lower Cholesky factors `roots (K, D, D)` in the sheet's coordinates.
     """
 
-    sheets: tuple[Sheet, ...]
+    sheets: tuple[QuadraticSurface, ...]
     sheet: Indices
     weights: Array
     means: Array
@@ -155,7 +160,7 @@ class Mixture:
     inverses: Array
     constants: Array
 
-    def draw(self, n: int, random: Random) -> Drawn:
+    def draw(self, n: int, random: Random) -> MixtureDraws:
         """`n` draws, inside the prior or not."""
         component = np.searchsorted(np.cumsum(self.weights)[:-1], random.random_sample(n))
         normal = random.standard_normal((n, self.means.shape[1]))
@@ -164,20 +169,22 @@ class Mixture:
             mine = np.flatnonzero(component == k)
             y[mine] = mean + normal[mine] @ root.T
         if len(self.sheets) == 1:
-            return Drawn(*bend(self.sheets[0], y), y, self.sheet[component])
+            return MixtureDraws(
+                *from_ridge_coordinates(self.sheets[0], y), y, self.sheet[component]
+            )
         for s, sheet in enumerate(self.sheets):
             mine = np.flatnonzero(self.sheet[component] == s)
-            u[mine], jacobian[mine] = bend(sheet, y[mine])
-        return Drawn(u, jacobian, y, self.sheet[component])
+            u[mine], jacobian[mine] = from_ridge_coordinates(sheet, y[mine])
+        return MixtureDraws(u, jacobian, y, self.sheet[component])
 
-    def coordinates(self, drawn: Drawn) -> tuple[Array, Array]:
+    def coordinates(self, drawn: MixtureDraws) -> tuple[Array, Array]:
         """`straightened`, of draws of its own: on the sheet they come from they are known already."""
         y = np.repeat(drawn.y[None], len(self.sheets), axis=0)
         jacobian = np.repeat(drawn.jacobian[None], len(self.sheets), axis=0)
         for s, sheet in enumerate(self.sheets):
             others = np.flatnonzero(drawn.sheet != s)
             if len(others) > 0:
-                y[s, others], jacobian[s, others] = straighten(sheet, drawn.u[others])
+                y[s, others], jacobian[s, others] = to_ridge_coordinates(sheet, drawn.u[others])
         return y, jacobian
 
     def widened(self, factor: float) -> Mixture:
@@ -202,7 +209,7 @@ class Mixture:
 
     def straightened(self, u: Array) -> tuple[Array, Array]:
         """`y (S, W, D)` on each sheet and log |du / dy| `(S, W)`."""
-        y, jacobian = zip(*(straighten(sheet, u) for sheet in self.sheets), strict=True)
+        y, jacobian = zip(*(to_ridge_coordinates(sheet, u) for sheet in self.sheets), strict=True)
         return np.array(y), np.array(jacobian)
 
     def log_parts(self, y: Array, jacobian: Array) -> Array:
@@ -219,7 +226,7 @@ def _summed(parts: Array) -> Array:
 
 
 def mixture(
-    sheets: Sequence[Sheet],
+    sheets: Sequence[QuadraticSurface],
     sheet: Sequence[int] | Indices,
     weights: Array,
     means: Array,
@@ -234,7 +241,7 @@ def mixture(
     return Mixture(tuple(sheets), which, weights, means, roots, inverses, constants)
 
 
-def fitted(
+def fit_mixture(
     start: Mixture,
     u: Array,
     weights: Array,
@@ -251,14 +258,16 @@ def fitted(
     y, jacobian = start.straightened(u)
     floors = [
         _floor(*sheet_draws)
-        for sheet_draws in zip(y, _of_sheets(start, y, jacobian, weights), strict=True)
+        for sheet_draws in zip(y, _weights_of_sheets(start, y, jacobian, weights), strict=True)
     ]
     for _ in range(rounds):
         drawn = current.draw(len(u), random).u
         out = ~inside(drawn)
         share = max(1.0 - float(out.mean()), 1.0 / len(u))
         y_out, jacobian_out = current.straightened(drawn[out])
-        all_weights = np.concatenate([weights, np.full(int(out.sum()), FILL / (share * len(u)))])
+        all_weights = np.concatenate(
+            [weights, np.full(int(out.sum()), CUT_OFF_FILL / (share * len(u)))]
+        )
         points = np.concatenate([y, y_out], axis=1)
         jacobians = np.concatenate([jacobian, jacobian_out], axis=1)
         current = _step(current, points, jacobians, all_weights, floors)
@@ -276,7 +285,7 @@ def _step(
     means, roots = current.means.copy(), current.roots.copy()
     dimension = means.shape[1]
     for k, total in enumerate(totals):
-        if total < 1e-12 or effective(shares[k]) < 2 * dimension:
+        if total < 1e-12 or effective_count(shares[k]) < 2 * dimension:
             continue  # too few draws to move it
         points = y[current.sheet[k]]
         means[k] = shares[k] @ points / total
@@ -287,7 +296,7 @@ def _step(
     return mixture(current.sheets, current.sheet, np.maximum(totals, 1e-12), means, roots)
 
 
-def _of_sheets(current: Mixture, y: Array, jacobian: Array, weights: Array) -> list[Array]:
+def _weights_of_sheets(current: Mixture, y: Array, jacobian: Array, weights: Array) -> list[Array]:
     """How much of each weight every sheet stands for: `(N,)` each."""
     if len(current.sheets) == 1:
         return [weights]
@@ -299,59 +308,59 @@ def _floor(y: Array, weights: Array) -> Array:
     total = max(float(weights.sum()), 1e-300)
     mean = weights @ y / total
     spread = weights @ (y - mean) ** 2 / total
-    return np.diag(FLOOR * spread + 1e-12)
+    return np.diag(VARIANCE_FLOOR * spread + 1e-12)
 
 
-SETTLED = 0.5  # of the steps, where there is such a proposal
-ALONE = 0.2  # of the steps: the model is as dear for one walker as for thirty, ...
-SETTLED_ALONE = 0.5  # ... and of those along settled ridges: there more are left waiting
-MOST_REDRAWS = 8
-MOST_AT_ONCE = 10  # draws for each that is wanted: in a corner of the prior few are inside
+NEWTON_SHARE = 0.5  # of the steps, where there is such a proposal
+LOCAL_SHARE = 0.2  # of the steps: the model is as dear for one walker as for thirty, ...
+NEWTON_LOCAL_SHARE = 0.5  # ... and of those along settled ridges: there more are left waiting
+MAX_REDRAWS = 8
+MAX_DRAWS_PER_WANTED = 10  # draws for each that is wanted: in a corner of the prior few are inside
 
 
 @dataclass(frozen=True, slots=True)
 class Proposal:
     """`share`: of the mixture's draws that are inside the prior, about.
 
-    `usual`: log p - log q where most of p is.  `alone`: after which share of its steps walkers that
-    would wait step by themselves.  `settled`: another, which costs far more and goes where this one
-    hardly ever does.
+    `typical_log_ratio`: log p - log q where most of p is.  `local_share`: after which share of its
+    steps walkers that would wait step by themselves.  `newton`: another, which costs far more and
+    goes where this one hardly ever does.
     """
 
     mixture: Mixture
     share: float
-    usual: float
-    alone: float = ALONE
-    settled: Proposal | None = None
+    typical_log_ratio: float
+    local_share: float = LOCAL_SHARE
+    newton: Proposal | None = None
 
-    def one_of(self, random: Random) -> Proposal:
+    def pick(self, random: Random) -> Proposal:
         """What a step draws from: mostly this."""
-        if self.settled is None or random.random_sample() > SETTLED:
+        if self.newton is None or random.random_sample() > NEWTON_SHARE:
             return self
-        return self.settled
+        return self.newton
 
     @property
     def widest(self) -> Proposal:
         """What leaves least of the posterior out."""
-        return self.settled or self
+        return self.newton or self
 
     def high(self, log_q: Array) -> Array:
         """Above which log p a walker where q is `log_q (W,)` would wait long."""
-        return self.usual + LONG + log_q
+        return self.typical_log_ratio + LONG_LOG_RATIO + log_q
 
     def draw(self, n: int, inside: Inside, random: Random) -> tuple[Array, Array]:
         """`n` draws `(n, D)` inside the prior, and their log q `(n,)`.
 
-        After `MOST_REDRAWS` some may be outside, where they are never accepted: that depends on
+        After `MAX_REDRAWS` some may be outside, where they are never accepted: that depends on
         no walker, so the chain stays exact.
         """
         have = 0
         batches: list[tuple[Array, Array]] = []
-        for attempt in range(MOST_REDRAWS):
-            wanted = min(1.2 * (n - have) / self.share, MOST_AT_ONCE * n)
+        for attempt in range(MAX_REDRAWS):
+            wanted = min(1.2 * (n - have) / self.share, MAX_DRAWS_PER_WANTED * n)
             drawn = self.mixture.draw(int(wanted) + 8, random)
-            if attempt < MOST_REDRAWS - 1:
-                drawn = drawn.those(np.flatnonzero(inside(drawn.u))[: n - have])
+            if attempt < MAX_REDRAWS - 1:
+                drawn = drawn.select(np.flatnonzero(inside(drawn.u))[: n - have])
             log_q = self.mixture.log_density_at(*self.mixture.coordinates(drawn))
             batches.append((drawn.u, log_q))
             have += len(drawn.u)
@@ -360,7 +369,7 @@ class Proposal:
         return tuple(np.concatenate(parts)[:n] for parts in zip(*batches, strict=True))  # type: ignore[return-value]
 
 
-class Remembered:
+class CachedLogDensity:
     """Log q where walkers stand, of one mixture: asked for again where they have moved."""
 
     def __init__(self, mixture: Mixture) -> None:

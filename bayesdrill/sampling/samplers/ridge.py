@@ -20,11 +20,11 @@ import numpy as np
 
 from bayesdrill.basics.arrays import Array, Flags, Indices
 
-LEEWAY = 0.25  # of the range of a root's entries: beyond it a polynomial has lost its way
+RANGE_MARGIN = 0.25  # of the range of a root's entries: beyond it a polynomial has lost its way
 
 
 @dataclass(frozen=True, slots=True)
-class Powers:
+class Monomials:
     """Monomials of `n` variables up to `degree`: 1, and then each that stands before times a variable.
 
     `products`: (monomial, variable) of all but the first.
@@ -38,7 +38,7 @@ class Powers:
     def terms(self) -> int:
         return 1 + len(self.products)
 
-    def of(self, x: Array) -> Array:
+    def evaluate(self, x: Array) -> Array:
         """`(n, W) -> (terms, W)`."""
         rows = np.empty((self.terms, x.shape[1]))
         rows[0] = 1.0
@@ -47,7 +47,7 @@ class Powers:
         return rows
 
 
-def powers(n: int, degree: int) -> Powers:
+def build_monomials(n: int, degree: int) -> Monomials:
     products: list[tuple[int, int]] = []
     last = [(0, 0)]  # each monomial of the degree before, and the largest variable in it
     for _ in range(degree if n else 0):
@@ -55,11 +55,11 @@ def powers(n: int, degree: int) -> Powers:
         pairs = [(m, v) for m, largest in last for v in range(largest, n)]
         products += pairs
         last = [(begin + k, v) for k, (_, v) in enumerate(pairs)]
-    return Powers(n, degree, tuple(products))
+    return Monomials(n, degree, tuple(products))
 
 
 @dataclass(frozen=True, slots=True)
-class Frame:
+class LocalBasis:
     """The fixed basis: u = centre + loose psi + tight tau, with columns `(D, l)` and `(D, t)`.
 
     `back (D, D)`: the inverse of both sets of columns side by side; `log_volume`: the log of their
@@ -82,18 +82,18 @@ class Frame:
         return np.asarray(self.centre + psi @ self.loose.T + tau @ self.tight.T)
 
 
-def frame(centre: Array, columns: Array, n_loose: int) -> Frame:
+def local_basis(centre: Array, columns: Array, n_loose: int) -> LocalBasis:
     """Of `columns (D, D)`, the loose ones first."""
     volume = float(np.linalg.slogdet(columns)[1])
     back = np.linalg.inv(columns)
-    return Frame(centre, columns[:, :n_loose], columns[:, n_loose:], back, volume)
+    return LocalBasis(centre, columns[:, :n_loose], columns[:, n_loose:], back, volume)
 
 
-class Sheet(Protocol):
+class QuadraticSurface(Protocol):
     """What has a ridge: `along` gives t `(W, t)`, R `(t, t, W)` and log det R `(W,)` at psi `(W, l)`."""
 
     @property
-    def frame(self) -> Frame: ...
+    def frame(self) -> LocalBasis: ...
 
     @property
     def n_loose(self) -> int: ...
@@ -103,7 +103,7 @@ class Sheet(Protocol):
     def within(self, psi: Array) -> Flags: ...
 
 
-def bend(sheet: Sheet, y: Array) -> tuple[Array, Array]:
+def from_ridge_coordinates(sheet: QuadraticSurface, y: Array) -> tuple[Array, Array]:
     """`y (W, D)` to u, and log |du / dy| `(W,)`."""
     psi, e = y[:, : sheet.n_loose], y[:, sheet.n_loose :]
     tau, root, log_det = sheet.along(psi)
@@ -111,17 +111,17 @@ def bend(sheet: Sheet, y: Array) -> tuple[Array, Array]:
     return sheet.frame.join(psi, tau), log_det + sheet.frame.log_volume
 
 
-def straighten(sheet: Sheet, u: Array) -> tuple[Array, Array]:
+def to_ridge_coordinates(sheet: QuadraticSurface, u: Array) -> tuple[Array, Array]:
     """`u (W, D)` to y, and log |du / dy| `(W,)`."""
     psi, tau = sheet.frame.split(u)
     on_ridge, root, log_det = sheet.along(psi)
-    e = _solved(root, tau - on_ridge)
+    e = _forward_substitution(root, tau - on_ridge)
     return np.concatenate([psi, e], axis=1), log_det + sheet.frame.log_volume
 
 
 @dataclass(frozen=True, slots=True)
-class Ridge:
-    """`place (terms, t)` of the tight directions; `root (terms, t (t + 1) / 2)` of their covariance.
+class RidgeMap:
+    """`location (terms, t)` of the tight directions; `root (terms, t (t + 1) / 2)` of their covariance.
 
     Polynomials in those of psi that are `bent`: along the others nothing changes.
     psi is scaled by `middle`, `width (l,)`, so that the points of the fit lie in the unit ball, and
@@ -130,14 +130,14 @@ class Ridge:
     (2, t (t + 1) / 2)`.
     """
 
-    frame: Frame
+    frame: LocalBasis
     bent: Indices
     middle: Array
     width: Array
     reach: float
-    powers: Powers
-    place: Array
-    root_powers: Powers
+    powers: Monomials
+    location: Array
+    root_powers: Monomials
     root: Array
     ends: Array
 
@@ -160,19 +160,19 @@ class Ridge:
         if len(scaled):
             far = np.sqrt(np.einsum("lw,lw->w", scaled, scaled))
             scaled *= self.reach / np.maximum(far, self.reach)
-        rows = self.powers.of(scaled)
+        rows = self.powers.evaluate(scaled)
         entries = self.root.T @ rows[: self.root_powers.terms]
         np.clip(entries, self.ends[0][:, None], self.ends[1][:, None], out=entries)
-        n = self.place.shape[1]
+        n = self.location.shape[1]
         root = np.zeros((n, n, psi.shape[0]))
         diagonal = np.exp(entries[:n])
         root[range(n), range(n)] = diagonal
         lower = np.tril_indices(n, -1)
         root[lower] = entries[n:] * diagonal[lower[1]]
-        return (self.place.T @ rows).T, root, entries[:n].sum(axis=0)
+        return (self.location.T @ rows).T, root, entries[:n].sum(axis=0)
 
 
-def _solved(root: Array, rhs: Array) -> Array:
+def _forward_substitution(root: Array, rhs: Array) -> Array:
     """Forward substitution, over the t rows of all walkers at once."""
     e = np.empty((root.shape[0], len(rhs)))
     for row in range(len(root)):
@@ -181,15 +181,15 @@ def _solved(root: Array, rhs: Array) -> Array:
     return np.asarray(e.T)
 
 
-def fit(
-    base: Frame,
+def fit_ridge(
+    base: LocalBasis,
     psi: Array,
     tau: Array,
     roots: Array,
     degree: int,
     root_degree: int,
     bent: Indices | None = None,
-) -> Ridge:
+) -> RidgeMap:
     """To points `psi (N, l)` of a ridge: `tau (N, t)` and `roots (N, t, t)` there."""
     bent = np.arange(psi.shape[1]) if bent is None else bent
     psi = psi[:, bent]
@@ -205,30 +205,33 @@ def fit(
     below = roots[:, row, column] / diagonal[:, column]
     entries = np.concatenate([np.log(diagonal), below], axis=1)
     low, high = entries.min(axis=0), entries.max(axis=0)
-    beyond = LEEWAY * (high - low)
-    monomials, root_monomials = powers(n_loose, degree), powers(n_loose, min(root_degree, degree))
-    rows = monomials.of(scaled).T
-    return Ridge(
+    beyond = RANGE_MARGIN * (high - low)
+    monomials, root_monomials = (
+        build_monomials(n_loose, degree),
+        build_monomials(n_loose, min(root_degree, degree)),
+    )
+    rows = monomials.evaluate(scaled).T
+    return RidgeMap(
         frame=base,
         bent=bent,
         middle=middle,
         width=width,
         reach=1.0,
         powers=monomials,
-        place=np.linalg.lstsq(rows, tau, rcond=1e-10)[0],
+        location=np.linalg.lstsq(rows, tau, rcond=1e-10)[0],
         root_powers=root_monomials,
         root=np.linalg.lstsq(rows[:, : root_monomials.terms], entries, rcond=1e-10)[0],
         ends=np.array([low - beyond, high + beyond]),
     )
 
 
-def residuals(ridge: Ridge, psi: Array, tau: Array, roots: Array) -> Array:
+def residuals(ridge: RidgeMap, psi: Array, tau: Array, roots: Array) -> Array:
     """How far points of the ridge are from where it says, in standard deviations there: `(N,)`."""
     off = np.linalg.solve(roots, (tau - ridge.at(psi))[..., None])[..., 0]
     return np.asarray(np.linalg.norm(off, axis=1))
 
 
-def root_residuals(ridge: Ridge, psi: Array, tau: Array, roots: Array) -> Array:
+def root_residuals(ridge: RidgeMap, psi: Array, tau: Array, roots: Array) -> Array:
     """How far covariances are from where the ridge says, in the log of a standard deviation: `(N,)`.
 
     The worst direction counts.
@@ -238,6 +241,6 @@ def root_residuals(ridge: Ridge, psi: Array, tau: Array, roots: Array) -> Array:
     return np.asarray(np.abs(np.log(np.linalg.svd(ratio, compute_uv=False))).max(axis=1))
 
 
-def further(ridge_map: Ridge, factor: float) -> Ridge:
+def extended_reach(ridge_map: RidgeMap, factor: float) -> RidgeMap:
     """The same, followed as many times further than its points reach."""
     return dataclasses.replace(ridge_map, reach=factor * ridge_map.reach)
