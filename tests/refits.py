@@ -20,8 +20,8 @@ from bayesdrill.config import job
 from bayesdrill.config.job import Job
 from bayesdrill.report.sections import fit_words
 from bayesdrill.sampling import mode_search
+from bayesdrill.sampling.extended_priors import with_extended_priors
 from bayesdrill.sampling.fit import fit
-from bayesdrill.sampling.opened_ends import with_extended_priors
 from bayesdrill.tasks import calibrate, conclusions
 from benchmarks.zoo import entries as e
 from benchmarks.zoo import folder

@@ -95,8 +95,8 @@ class Band:
         return float(np.max(away / room, where=~open_ended, initial=0.0))
 
     def holds(self, ranks: Counts) -> bool:
-        found = self.counts(ranks)
-        return bool(np.all((found >= self.low) & (found <= self.high)))
+        counts = self.counts(ranks)
+        return bool(np.all((counts >= self.low) & (counts <= self.high)))
 
 
 @functools.cache
@@ -113,8 +113,8 @@ def ecdf_band(n: int, n_draws: int, false_alarm: float) -> Band:
             inside, (low, high) = level, tried
         else:
             outside = level
-    held = _stays(n, shares, low, high)
-    return Band(n=n, shares=shares, low=low, high=high, false_alarm=1.0 - held)
+    probability = _stays(n, shares, low, high)
+    return Band(n=n, shares=shares, low=low, high=high, false_alarm=1.0 - probability)
 
 
 @functools.cache
@@ -147,14 +147,14 @@ def _stays(n: int, shares: Array, low: Counts, high: Counts) -> float:
         p = (share - before) / (1.0 - before)
         now = np.arange(first, last + 1)
         more = now[None, :] - have[:, None]
-        left = n - have[:, None]
+        remaining = n - have[:, None]
         new = np.maximum(more, 0)
         log_p = (
-            log_factorial[left]
+            log_factorial[remaining]
             - log_factorial[new]
-            - log_factorial[left - np.minimum(new, left)]
+            - log_factorial[remaining - np.minimum(new, remaining)]
             + new * np.log(p)
-            + (left - new) * np.log1p(-p)
+            + (remaining - new) * np.log1p(-p)
         )
         probability = probability @ np.where(more >= 0, np.exp(log_p), 0.0)
         have, before = now, share
@@ -223,9 +223,9 @@ def refit(study: Study, index: int) -> Refit:
         draws = pool[rng.choice(len(pool), study.draws, replace=len(pool) < study.draws)]
         values = np.column_stack([draws, posterior.likelihood(draws)])
         ranks = tuple(rank(x, column, rng) for x, column in zip(truth, values.T, strict=True))
-        found = sampled.convergence
-        r_hat, ess = float(found.r_hat.max()), float(found.ess_bulk.min())
-        steps, reasons = found.steps, found.reasons
+        convergence = sampled.convergence
+        r_hat, ess = float(convergence.r_hat.max()), float(convergence.ess_bulk.min())
+        steps, reasons = convergence.steps, convergence.reasons
     return Refit(
         index=index,
         truth=tuple(map(float, truth)),
@@ -251,7 +251,7 @@ def _simulated(posterior: Posterior, rng: np.random.Generator) -> tuple[Array, P
         message = f"the model has no finite response at {TRIES} draws from the priors; narrow them"
         raise InputError.one("parameters", message)
     pairs = zip(likelihood.observations, signals, strict=True)
-    records = [one.draw(each, theta, rng)[0] for one, each in pairs]
+    records = [observation.draw(each, theta, rng)[0] for observation, each in pairs]
     return theta[0], posterior.edit(records=records)
 
 
@@ -307,32 +307,32 @@ class Verdict:
     @cached_property
     def faults(self) -> tuple[str, ...]:
         """What chance does not explain, worst first."""
-        found = []
+        faults = []
         for quantity in sorted(self.quantities, key=lambda q: -q.reach):
             if not quantity.holds:
                 why = f" ({quantity.shape})" if quantity.shape else ""
-                found.append(f"ranks of {quantity.name} leave the band{why}")
+                faults.append(f"ranks of {quantity.name} leave the band{why}")
         for quantity in self.quantities:
             for interval in quantity.intervals:
                 if not interval.holds:
-                    found.append(
+                    faults.append(
                         f"{100 * interval.share:.3g} % intervals of {quantity.name} hold the truth in "
                         f"{100 * interval.inside / self.band.n:.0f} % of the refits"
                     )
-        return tuple(found)
+        return tuple(faults)
 
     @cached_property
     def doubts(self) -> tuple[str, ...]:
         """Why nothing can be said, however good the ranks look."""
-        found = []
+        doubts = []
         if len(self.not_converged) > MOST_NOT_CONVERGED * self.refits:
-            found.append(
+            doubts.append(
                 f"{len(self.not_converged)} of {self.refits} refits did not converge (at most "
                 f"{100 * MOST_NOT_CONVERGED:g} % may)"
             )
         if self.lost:
-            found.append(f"{len(self.lost)} of {self.refits} refits gave no draws at all")
-        return tuple(found)
+            doubts.append(f"{len(self.lost)} of {self.refits} refits gave no draws at all")
+        return tuple(doubts)
 
 
 def judge_calibration(names: Sequence[str], refits: Sequence[Refit], n_draws: int) -> Verdict:
@@ -345,14 +345,14 @@ def judge_calibration(names: Sequence[str], refits: Sequence[Refit], n_draws: in
     for column, name in enumerate(names):
         ranks, unknown = table[:, column], column < n_unknown
         holds = band.holds(ranks)
-        told = shape(ranks, n_draws, of_fit=not unknown) if len(ranks) and not holds else None
+        fault = shape(ranks, n_draws, of_fit=not unknown) if len(ranks) and not holds else None
         quantities.append(
             Quantity(
                 name=name,
                 ranks=ranks,
                 reach=band.reach(ranks),
                 holds=holds,
-                shape=told,
+                shape=fault,
                 intervals=_intervals(ranks, n_draws, n_unknown) if unknown else (),
             )
         )
@@ -368,12 +368,12 @@ def judge_calibration(names: Sequence[str], refits: Sequence[Refit], n_draws: in
 
 def _intervals(ranks: Counts, n_draws: int, n_unknown: int) -> tuple[Interval, ...]:
     """Between two of the sorted draws, so that their probability is exact: 25/100 ... 75/100."""
-    found = []
+    intervals = []
     for level in LEVELS:
         out = math.floor(0.5 * (1.0 - level) * (n_draws + 1) + 0.5)
         share = 1.0 - 2 * out / (n_draws + 1)
         inside = int(((ranks >= out) & (ranks <= n_draws - out)).sum())
         alarm = 0.5 * FALSE_ALARM / (n_unknown * len(LEVELS))
         low, high = count_band(len(ranks), share, alarm)
-        found.append(Interval(share=share, inside=inside, low=low, high=high))
-    return tuple(found)
+        intervals.append(Interval(share=share, inside=inside, low=low, high=high))
+    return tuple(intervals)

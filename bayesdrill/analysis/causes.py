@@ -90,7 +90,7 @@ def refit(posterior: Posterior, near: Mapping[str, float], least: float) -> Maxi
     near_end = np.minimum(u[0] - surface.low, surface.high - u[0]) < AT_END * surface.spread
     # Along a ridge of what is known all is one maximum.
     new = [name not in near for name in space.free]
-    apart = (np.abs(u[1:] - u[0]) / surface.spread)[:, new].max(axis=1, initial=0.0) > NEAR
+    distinct = (np.abs(u[1:] - u[0]) / surface.spread)[:, new].max(axis=1, initial=0.0) > NEAR
     return Maximum(
         values=dict(zip(space.free, map(float, theta), strict=True)),
         sds=dict(zip(space.free, map(float, sds), strict=True)),
@@ -98,7 +98,7 @@ def refit(posterior: Posterior, near: Mapping[str, float], least: float) -> Maxi
         log_z=log_z,
         fit=residual_checks.left(posterior.likelihood, theta),
         at_ends=tuple(name for name, end in zip(space.free, near_end, strict=True) if end),
-        several=bool((apart & (heights[1:] > heights[0] - OTHER)).any()),
+        several=bool((distinct & (heights[1:] > heights[0] - OTHER)).any()),
         seconds=seconds,
     )
 
@@ -193,7 +193,7 @@ class Causes:
     @property
     def good(self) -> tuple[Cause, ...]:
         """Those for which there is some evidence."""
-        return tuple(one for one in self.ranked if one.bayes > SURE)
+        return tuple(cause for cause in self.ranked if cause.bayes > SURE)
 
     @property
     def explains(self) -> bool:
@@ -244,18 +244,18 @@ def instead(problem: Problem, theta: Array) -> Instead | None:
     """What fits the record with the table about as well as the MAP `theta (D,)` without; the best."""
     posterior = problem.posterior
     wide = widened(posterior, theta)
-    held = [k for k, name in enumerate(posterior.space.free) if name in problem.nominal]
-    if not wide.sizes or not held or not _allowed(problem):
+    tabled = [k for k, name in enumerate(posterior.space.free) if name in problem.nominal]
+    if not wide.sizes or not tabled or not _allowed(problem):
         return None
-    limit = 0.5 * float(scipy.special.chdtri(len(held), AS_WELL))
-    bare = _held(problem, wide, theta, held, None)
+    limit = 0.5 * float(scipy.special.chdtri(len(tabled), AS_WELL))
+    bare = _held(problem, wide, theta, tabled, None)
     if bare is None or bare[1] <= limit:
         return None  # the table needs no help
     best: Instead | None = None
     for which, name in zip(wide.tried, wide.sizes, strict=True):
-        found = _held(problem, wide, theta, held, which)
-        if found is not None and found[1] <= min(limit, limit if best is None else best.lost):
-            best = Instead(parameter=name, value=found[0], lost=found[1])
+        fitted = _held(problem, wide, theta, tabled, which)
+        if fitted is not None and fitted[1] <= min(limit, limit if best is None else best.lost):
+            best = Instead(parameter=name, value=fitted[0], lost=fitted[1])
     return best
 
 
@@ -271,19 +271,19 @@ def _allowed(problem: Problem) -> bool:
 
 
 def _held(
-    problem: Problem, wide: Widened, theta: Array, held: list[int], which: int | None
+    problem: Problem, wide: Widened, theta: Array, tabled: list[int], which: int | None
 ) -> tuple[float, float] | None:
     """With the unknown `which` of what is tried, or with nothing: its value, and what is lost."""
     space, wider = problem.posterior.space, wide.posterior
     start = wide.at(theta)
     ends = np.stack([start, start])
-    for k in held:
+    for k in tabled:
         name = space.free[k]
         off = problem.tolerance.get(name, 0.0)
         ends[:, k] = problem.nominal[name] * np.array([1.0 - off, 1.0 + off])
     surface = PosteriorSurface(wider, physical=True)
     fixed = np.zeros(len(start), dtype=bool)
-    fixed[[*held, *wide.tried]] = True
+    fixed[[*tabled, *wide.tried]] = True
     rows = np.repeat(start[None], len(SHARES), axis=0)
     if which is not None:
         fixed[which] = False

@@ -99,32 +99,36 @@ def overlay_rows(layers: Sequence[Layer]) -> tuple[Row, ...]:
     for symbol in dict.fromkeys(s for layer in layers for s in layer.problem.symbols):
         places = tuple(_place(symbol, layer) for layer in layers)
         nominal = tuple(layer.problem.nominal.get(symbol.name) for layer in layers)
-        apart, pair = max(_distances(places), default=(None, None))
-        rows.append(Row(symbol=symbol, places=places, nominal=nominal, apart=apart, pair=pair))
+        distance, pair = max(_distances(places), default=(None, None))
+        rows.append(Row(symbol=symbol, places=places, nominal=nominal, apart=distance, pair=pair))
     return tuple(rows)
 
 
 def _place(symbol: Symbol, layer: Layer) -> Place | None:
-    x, held = layer.of(symbol), layer.problem.posterior.space.fixed.get(symbol.name)
+    x, fixed = layer.of(symbol), layer.problem.posterior.space.fixed.get(symbol.name)
     if x is not None:
         low, high = hdi(x)
         return Place(mean=float(x.mean()), sd=float(x.std(ddof=1)), low=low, high=high)
-    return None if held is None else Place(mean=held, sd=0.0, low=held, high=held)
+    return None if fixed is None else Place(mean=fixed, sd=0.0, low=fixed, high=fixed)
 
 
 def _distances(places: Sequence[Place | None]) -> Iterator[tuple[float, tuple[int, int]]]:
     """Of all pairs that have an sd, in sds."""
-    free = [(k, place) for k, place in enumerate(places) if place is not None and place.sd > 0]
-    for (k, one), (j, other) in itertools.combinations(free, 2):
-        sd = math.sqrt(0.5 * (one.sd**2 + other.sd**2))
-        yield abs(one.mean - other.mean) / sd, (k, j)
+    free = [
+        (k, estimate)
+        for k, estimate in enumerate(places)
+        if estimate is not None and estimate.sd > 0
+    ]
+    for (k, first), (j, second) in itertools.combinations(free, 2):
+        sd = math.sqrt(0.5 * (first.sd**2 + second.sd**2))
+        yield abs(first.mean - second.mean) / sd, (k, j)
 
 
 def differing(layers: Sequence[Layer]) -> dict[str, tuple[str | None, ...]]:
     """What is not the same in all runs, and what it is in each; None where a run has no such thing."""
     names = dict.fromkeys(name for layer in layers for name in layer.settings)
-    found = {name: tuple(layer.settings.get(name) for layer in layers) for name in names}
-    return {name: values for name, values in found.items() if len(set(values)) > 1}
+    settings = {name: tuple(layer.settings.get(name) for layer in layers) for name in names}
+    return {name: values for name, values in settings.items() if len(set(values)) > 1}
 
 
 SURE = 3.0  # of log odds: twenty to one
@@ -194,12 +198,12 @@ def decide(models: Sequence[Contender]) -> Decision:
 
     def over(those: Callable[[Contender], bool]) -> float:
         """Log odds of the best against the best of those that are not like it."""
-        return top.log_z - max((one.log_z for one in models if those(one)), default=-math.inf)
+        return top.log_z - max((model.log_z for model in models if those(model)), default=-math.inf)
 
     gain = {
         "first": top.log_z - first.log_z,
-        "model": over(lambda one: one.rig == first.rig),
-        "noise": over(lambda one: one.noise == first.noise),
+        "model": over(lambda model: model.rig == first.rig),
+        "noise": over(lambda model: model.noise == first.noise),
     }
     error = BY_CHANCE * math.hypot(top.evidence.error, first.evidence.error)
     word = _word(top, first, gain) if gain["first"] > SURE + error else "neither"
@@ -222,26 +226,26 @@ def _word(top: Contender, first: Contender, gain: Mapping[str, float]) -> Word:
 
 def _vague(models: Sequence[Contender], top: Contender) -> tuple[str, ...]:
     """What the best has in common with the others makes no difference, however wide it is."""
-    close = [one for one in models if 0.0 < top.log_z - one.log_z < WIDE]
+    close = [model for model in models if 0.0 < top.log_z - model.log_z < WIDE]
     names = [
         each.name
-        for one in close
-        for each in one.vague
-        if one.beliefs[each.name] != top.beliefs.get(each.name)
+        for model in close
+        for each in model.vague
+        if model.beliefs[each.name] != top.beliefs.get(each.name)
     ]
     return tuple(dict.fromkeys(names))
 
 
 def probabilities(models: Sequence[Contender]) -> tuple[float, ...]:
     """Of each, where one of them is right and all were as likely before."""
-    log_z = np.array([one.log_z for one in models])
+    log_z = np.array([model.log_z for model in models])
     share = np.exp(log_z - log_z.max())
     return tuple(map(float, share / share.sum()))
 
 
-def difference(one: HeldOut | LeftOut, other: HeldOut | LeftOut) -> tuple[float, float]:
+def difference(first: HeldOut | LeftOut, second: HeldOut | LeftOut) -> tuple[float, float]:
     """Of two scores of the same samples, and its standard error."""
-    each = one.each - other.each
+    each = first.each - second.each
     return float(each.sum()), math.sqrt(len(each)) * float(each.std())
 
 
@@ -266,20 +270,26 @@ class Repeat:
 
 def repeats(scenery: Scenery, theta: Array, products: Sequence[Exponents]) -> tuple[Repeat, ...]:
     """Of products that more than one experiment determines; at `theta (D,)`, the joint maximum."""
-    every = scenery.likelihood.observations
-    if len(every) < 2 or not products:
+    observations = scenery.likelihood.observations
+    if len(observations) < 2 or not products:
         return ()
     full = scenery.likelihood.space.full(theta[None])
-    rests = [one.informed(one.residuals(full).samples, theta).ravel() for one in every]
+    rests = [
+        observation.informed(observation.residuals(full).samples, theta).ravel()
+        for observation in observations
+    ]
     alone = [scenery.alone(*pair) for pair in zip(scenery.each(theta), rests, strict=True)]
-    found = []
+    determined = []
     for exponents in products:
         powers = np.array(exponents, dtype=float)
-        told = [(one.label, *_of(a, powers)) for one, a in zip(every, alone, strict=True)]
-        known = [(label, x, sd) for label, x, sd in told if np.isfinite(sd)]
+        estimates = [
+            (observation.label, *_of(a, powers))
+            for observation, a in zip(observations, alone, strict=True)
+        ]
+        known = [(label, x, sd) for label, x, sd in estimates if np.isfinite(sd)]
         if len(known) > 1:
-            found.append((exponents, known))
-    return tuple(_compared(exponents, known, len(found)) for exponents, known in found)
+            determined.append((exponents, known))
+    return tuple(_compared(exponents, known, len(determined)) for exponents, known in determined)
 
 
 def _compared(
@@ -304,10 +314,10 @@ def _compared(
 
 def _of(alone: tuple[Array, Array], powers: Array) -> tuple[float, float]:
     """The log of a product and its sd, of one experiment; infinite where it says nothing of it."""
-    left, values, rows = np.linalg.svd(alone[0])
-    seen = values > RANK_TOLERANCE * values[0]
+    u, values, rows = np.linalg.svd(alone[0])
+    determined = values > RANK_TOLERANCE * values[0]
     along = rows @ powers
-    if np.linalg.norm(along[~seen]) > BLIND * np.linalg.norm(powers):
+    if np.linalg.norm(along[~determined]) > BLIND * np.linalg.norm(powers):
         return 0.0, np.inf
-    weights = along[seen] / values[seen]
-    return float(weights @ (left[:, seen].T @ alone[1])), float(np.linalg.norm(weights))
+    weights = along[determined] / values[determined]
+    return float(weights @ (u[:, determined].T @ alone[1])), float(np.linalg.norm(weights))

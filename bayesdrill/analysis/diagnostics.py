@@ -22,8 +22,8 @@ from bayesdrill.inference.derived import hdi
 from bayesdrill.inference.posterior import Posterior, Problem
 from bayesdrill.inference.priors import Prior, spread
 from bayesdrill.sampling.convergence import Convergence, thinned
+from bayesdrill.sampling.extended_priors import pressed_against
 from bayesdrill.sampling.mode_search import Mode
-from bayesdrill.sampling.opened_ends import pressed_against
 
 Word = Literal["determined", "weak", "through others", "prior only"]
 
@@ -130,16 +130,16 @@ def leaning(rows: Sequence[Row], draws: Array) -> Mapping[str, tuple[str, ...]]:
     some = draws[:: max(1, len(draws) // MOST_DRAWS)]
     ranks = rankdata(some, axis=0)
     z = (ranks - ranks.mean(axis=0)) / np.maximum(ranks.std(axis=0), 1e-300)
-    found = {}
+    dependence = {}
     for d, row in enumerate(rows):
         if row.word != "determined":
             continue
         slopes, *_ = np.linalg.lstsq(z[:, alone], z[:, d])
         if 1 - np.mean((z[:, d] - z[:, alone] @ slopes) ** 2) >= MOSTLY:
-            found[row.name] = tuple(
+            dependence[row.name] = tuple(
                 rows[k].name for k, slope in zip(alone, slopes, strict=True) if abs(slope) > NAMED
             )
-    return found
+    return dependence
 
 
 BINS = 50
@@ -179,8 +179,8 @@ SHARES = np.arange(1, BINS) / BINS
 
 def independent(theta: Array, burn_in: int, tau: float) -> Array:
     """Of chains `(E, S, W, D)` the draws `(E, N, D)` that have forgotten each other."""
-    kept = theta.shape[1] - burn_in
-    return thinned(theta, burn_in, max(1, min(math.ceil(APART * tau), kept // 2)))
+    steps = theta.shape[1] - burn_in
+    return thinned(theta, burn_in, max(1, min(math.ceil(APART * tau), steps // 2)))
 
 
 def ranks(draws: Array, rng: np.random.Generator) -> tuple[Ranks, ...]:
@@ -188,13 +188,13 @@ def ranks(draws: Array, rng: np.random.Generator) -> tuple[Ranks, ...]:
     from arviz_stats.base import array_stats  # late: it takes half a second to load
 
     room = _room(draws.shape[0], draws.shape[1], FALSE_ALARM / draws.shape[2], rng)
-    total, found = draws.shape[0] * draws.shape[1], []
+    total, histograms = draws.shape[0] * draws.shape[1], []
     for d in range(draws.shape[2]):
         rank = array_stats.compute_ranks(draws[..., d], axis=None)  # type: ignore[no-untyped-call]
         bins = np.ceil(BINS * rank / total).astype(np.int64) - 1
         counts = np.stack([np.bincount(row, minlength=BINS) for row in bins])
-        found.append(Ranks(counts=counts, room=room))
-    return tuple(found)
+        histograms.append(Ranks(counts=counts, room=room))
+    return tuple(histograms)
 
 
 def _room(n_ensembles: int, n: int, false_alarm: float, rng: np.random.Generator) -> Array:

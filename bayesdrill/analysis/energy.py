@@ -55,21 +55,21 @@ def accounts(posterior: Posterior, theta: Array, draws: Array) -> tuple[Account,
     """Of experiments whose rig rubs, at the MAP `theta (D,)` and draws `(N, D)`."""
     full = posterior.space.full(np.vstack([theta[None], draws]))
     return tuple(
-        _account(one, one.told(full))
-        for one in posterior.likelihood.observations
-        if one.response.model.frictions and can_tell(one.response.model)
+        _account(observation, observation.told(full))
+        for observation in posterior.likelihood.observations
+        if observation.response.model.frictions and can_tell(observation.response.model)
     )
 
 
-def _account(one: Observation, told: Array) -> Account:
+def _account(observation: Observation, arguments: Array) -> Account:
     """At parameters `told (1 + N, P)` of its simulator: of the MAP, and of draws."""
-    rig = one.response
-    best = energies(rig, told[0])
+    rig = observation.response
+    best = energies(rig, arguments[0])
     flows = _flows(best)
     names = _sides(flows)
     came = {name: flows[name] for name in names[0]}
     went = {name: -flows[name] for name in names[1]}
-    shares = [_shares(_flows(energies(rig, each)), names) for each in told[1:]]
+    shares = [_shares(_flows(energies(rig, each)), names) for each in arguments[1:]]
     parts = [
         Part(
             name=name,
@@ -80,24 +80,26 @@ def _account(one: Observation, told: Array) -> Account:
         for name, share in _shares(flows, names).items()
     ]
     total = sum(part[-1] for part in came.values())
-    left = float(np.abs(best.open[-1]) / total) if total else 0.0
-    return Account(label=one.label, t=best.t, came=came, went=went, parts=tuple(parts), left=left)
+    imbalance = float(np.abs(best.open[-1]) / total) if total else 0.0
+    return Account(
+        label=observation.label, t=best.t, came=came, went=went, parts=tuple(parts), left=imbalance
+    )
 
 
-def _flows(found: Energies) -> dict[str, Array]:
+def _flows(energies: Energies) -> dict[str, Array]:
     """By name, what comes in is positive."""
-    flows = {**found.given, CONVERTED: found.converted}
-    flows |= {name: -part for name, part in found.lost.items()}
-    start = np.full(len(found.t), found.stored[0])
-    return {**flows, AT_START: start, STORED: -found.stored}
+    flows = {**energies.given, CONVERTED: energies.converted}
+    flows |= {name: -part for name, part in energies.lost.items()}
+    start = np.full(len(energies.t), energies.stored[0])
+    return {**flows, AT_START: start, STORED: -energies.stored}
 
 
 def _sides(flows: dict[str, Array]) -> tuple[list[str], list[str]]:
     """Names of what came in and of what went, in the end; what is next to nothing has none."""
     scale = max(float(np.abs(part).max()) for part in flows.values())
-    kept = [n for n, part in flows.items() if n == STORED or np.abs(part).max() > NOTHING * scale]
-    came = [name for name in kept if name != STORED and flows[name][-1] >= 0]
-    return came, [name for name in kept if name not in came]
+    names = [n for n, part in flows.items() if n == STORED or np.abs(part).max() > NOTHING * scale]
+    came = [name for name in names if name != STORED and flows[name][-1] >= 0]
+    return came, [name for name in names if name not in came]
 
 
 def _shares(flows: dict[str, Array], names: tuple[list[str], list[str]]) -> dict[str, float]:
@@ -172,20 +174,20 @@ class Rubbing:
 def rubbings(posterior: Posterior, theta: Array, draws: Array) -> tuple[tuple[Rubbing, ...], ...]:
     """Of each experiment, at the MAP `theta (D,)` and draws `(N, D)`; empty where nothing rubs."""
     full = posterior.space.full(np.vstack([theta[None], draws]))
-    return tuple(tuple(_of(one, full)) for one in posterior.likelihood.observations)
+    return tuple(tuple(_of(observation, full)) for observation in posterior.likelihood.observations)
 
 
-def _of(one: Observation, full: Array) -> Iterator[Rubbing]:
-    rig = one.response
+def _of(observation: Observation, full: Array) -> Iterator[Rubbing]:
+    rig = observation.response
     if not rig.model.frictions:
         return
-    motion = rig.motion(one.told(full))
+    motion = rig.motion(observation.told(full))
     for e, friction in enumerate(rig.model.frictions):
         speed = motion.states[0, :, rig.model.states.index(friction.against)]
         still = speed == 0.0
         yield Rubbing(
             friction=friction,
-            label=one.label,
+            label=observation.label,
             t=np.asarray(rig.experiment.t),
             speed=speed,
             effort=motion.efforts[0, :, e],
@@ -209,31 +211,31 @@ class Curve:
     sizes: Array
 
 
-def curve(one: Observation, rubbing: Rubbing, full: Array) -> Curve:
+def curve(observation: Observation, rubbing: Rubbing, full: Array) -> Curve:
     """Of parameters `full (W, P)`, over the speeds that the record saw; where a law sees more than the
     speed, at the root mean square of that.
     """
-    rig, friction = one.response, rubbing.friction
+    rig, friction = observation.response, rubbing.friction
     far = BEYOND * float(np.abs(rubbing.speed).max()) or 1.0
     one_way = far * np.geomspace(NEAREST, 1.0, SPEEDS)
     speeds = np.concatenate([-one_way[::-1], [0.0], one_way])
-    told = one.told(full)
+    arguments = observation.told(full)
     names = rig.model.parameters
-    p = {name: told[:, k, None] for k, name in enumerate(names)}
-    seen = {name: np.asarray(x) for name, x in _seen(rig, friction, told[:1]).items()}
-    sizes = friction.law.size(p, np.abs(speeds), seen)
-    signed = np.broadcast_to(sizes, (len(told), len(speeds))) * np.sign(speeds)
+    p = {name: arguments[:, k, None] for k, name in enumerate(names)}
+    looked_at = {name: np.asarray(x) for name, x in _seen(rig, friction, arguments[:1]).items()}
+    sizes = friction.law.size(p, np.abs(speeds), looked_at)
+    signed = np.broadcast_to(sizes, (len(arguments), len(speeds))) * np.sign(speeds)
     return Curve(speeds=speeds * rubbing.gear, sizes=np.asarray(signed))
 
 
-def _seen(rig: Simulator, friction: Friction, told: Array) -> dict[str, float]:
+def _seen(rig: Simulator, friction: Friction, arguments: Array) -> dict[str, float]:
     """States, and inputs, that the law looks at; of two angles only their difference counts."""
-    steps = rig.steps(told)
+    steps = rig.steps(arguments)
     angles = [name for name in friction.law.seen if name in rig.model.states]
     others = [name for name in friction.law.seen if name not in rig.model.states]
-    found = {name: float(np.sqrt(np.mean(steps.felt[name] ** 2))) for name in others}
+    values = {name: float(np.sqrt(np.mean(steps.felt[name] ** 2))) for name in others}
     if len(angles) == 2:
         first, second = (steps.motion.states[0, :, rig.model.states.index(n)] for n in angles)
-        found[angles[0]] = 0.0
-        found[angles[1]] = float(np.sqrt(np.mean((second - first) ** 2)))
-    return found
+        values[angles[0]] = 0.0
+        values[angles[1]] = float(np.sqrt(np.mean((second - first) ** 2)))
+    return values

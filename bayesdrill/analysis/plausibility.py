@@ -71,12 +71,12 @@ def plausibility_of_gear(problem: Problem) -> Iterator[str]:
     motor, gear = model.roles.motor, model.gear_ratio
     if not model.geared:
         return
-    every = [c for one in problem.observations for c in one.experiment.channels]
-    for channel in {c.name: c for c in every}.values():
+    channels = [c for observation in problem.observations for c in observation.experiment.channels]
+    for channel in {c.name: c for c in channels}.values():
         match list(channel.weights.items()):
             case [(motor.speed | motor.angle as state, float(times))]:
-                apart = min(abs(abs(times) * own - 1) for own in (1.0, gear))
-                if apart > SAME_GEAR:
+                error = min(abs(abs(times) * ratio - 1) for ratio in (1.0, gear))
+                if error > SAME_GEAR:
                     yield (
                         f"{channel.name} measures {times:g} * {state}, but the motor turns "
                         f"{1 / gear:.4g} times as fast as the shaft (model.{model.roles.gear}: "
@@ -142,23 +142,23 @@ def poles(model: Model, values: Mapping[str, Array]) -> NDArray[np.complex128]:
 
 
 def _ideal(motor: MotorRoles) -> str:
-    given, taken = motor.torque_constant, motor.back_emf
+    k_T, k_e = motor.torque_constant, motor.back_emf
     return (
-        f"in SI units the two are equal in an ideal motor, and losses make {given} the smaller one; "
-        f"{given}, {taken}, the supply or the gear reduction is not what it is taken to be"
+        f"in SI units the two are equal in an ideal motor, and losses make {k_T} the smaller one; "
+        f"{k_T}, {k_e}, the supply or the gear reduction is not what it is taken to be"
     )
 
 
 def _energy_of_nominal(values: Mapping[str, float], roles: Roles) -> Iterator[str]:
-    given, taken = roles.motor.torque_constant, roles.motor.back_emf
-    if not {given, taken} <= {*values}:
+    k_T, k_e = roles.motor.torque_constant, roles.motor.back_emf
+    if not {k_T, k_e} <= {*values}:
         return
-    ratio = values[given] / values[taken]
+    ratio = values[k_T] / values[k_e]
     if ratio <= 1 + APPRECIABLE:
         return
     yield (
-        f"energy: {given} = {values[given]:.4g} N m/A is {ratio:.3g} times {taken} = "
-        f"{values[taken]:.4g} V s/rad, so the motor would give {ratio:.3g} times the power that it "
+        f"energy: {k_T} = {values[k_T]:.4g} N m/A is {ratio:.3g} times {k_e} = "
+        f"{values[k_e]:.4g} V s/rad, so the motor would give {ratio:.3g} times the power that it "
         f"takes up; {_ideal(roles.motor)}"
     )
 
@@ -166,14 +166,14 @@ def _energy_of_nominal(values: Mapping[str, float], roles: Roles) -> Iterator[st
 def _energy_of_draws(
     values: Mapping[str, Array], known: Information, roles: Roles
 ) -> Iterator[str]:
-    given, taken = roles.motor.torque_constant, roles.motor.back_emf
-    if not {given, taken} <= {*values}:
+    k_T, k_e = roles.motor.torque_constant, roles.motor.back_emf
+    if not {k_T, k_e} <= {*values}:
         return
-    ratio = values[given] / values[taken]
+    ratio = values[k_T] / values[k_e]
     share = float(np.mean(ratio > 1 + APPRECIABLE))
     if share <= FEW:
         return
-    powers = np.array([{given: 1.0, taken: -1.0}.get(name, 0.0) for name in known.names])
+    powers = np.array([{k_T: 1.0, k_e: -1.0}.get(name, 0.0) for name in known.names])
     blind = bool(powers.any()) and not math.isfinite(known.bound(powers))
     whence = (
         "; the record cannot show this ratio, so it is what the priors and what is held allow"
@@ -181,7 +181,7 @@ def _energy_of_draws(
         else f"; {_ideal(roles.motor)}"
     )
     yield (
-        f"energy: {given} is more than {100 * APPRECIABLE:g} % above {taken} in {_percent(share)} of "
+        f"energy: {k_T} is more than {100 * APPRECIABLE:g} % above {k_e} in {_percent(share)} of "
         f"the draws (median ratio {np.median(ratio):.3g}), where the motor would give more power than "
         f"it takes up{whence}"
     )
@@ -199,38 +199,38 @@ def _geometry(values: Mapping[str, float], roles: Roles) -> Iterator[str]:
             )
 
 
-def _poles(every: NDArray[np.complex128], problem: Problem) -> Iterator[str]:
+def _poles(poles: NDArray[np.complex128], problem: Problem) -> Iterator[str]:
     """`every (W, X)`; one row for nominal values, draws otherwise."""
-    step = min(one.experiment.dt for one in problem.observations)
-    size = np.abs(every).max(axis=1)
-    largest = every.real.max(axis=1)
+    step = min(observation.experiment.dt for observation in problem.observations)
+    size = np.abs(poles).max(axis=1)
+    largest = poles.real.max(axis=1)
     share = float(np.mean(largest > UNSTABLE * size))
     if share > 0:
         yield (
-            f"stability: a pole lies in the right half plane{_in(every, share)}, at most "
+            f"stability: a pole lies in the right half plane{_in(poles, share)}, at most "
             f"{largest.max():.3g} 1/s: the rig would run away by itself"
         )
-    decay = np.abs(every.real).max(axis=1)
+    decay = np.abs(poles.real).max(axis=1)
     share = float(np.mean(decay * step > 1))
     if share > FEW:
         middle, motor = float(np.median(decay)), problem.model.roles.motor
         yield (
             f"sampling: the fastest motion dies out within {1e3 / middle:.3g} ms (pole at "
-            f"{-middle:.3g} 1/s), the record has a sample every {1e3 * step:.3g} ms{_in(every, share)}: "
+            f"{-middle:.3g} 1/s), the record has a sample every {1e3 * step:.3g} ms{_in(poles, share)}: "
             f"what sets it, mostly {motor.inductance}/{motor.resistance}, is seen only through slower "
             "motions"
         )
-    turns = np.abs(every.imag).max(axis=1) / (2 * math.pi)
+    turns = np.abs(poles.imag).max(axis=1) / (2 * math.pi)
     share = float(np.mean(2 * turns * step > 1))
     if share > FEW:
         yield (
             f"sampling: an oscillation of {np.median(turns):.3g} Hz is faster than half of the "
-            f"{1 / step:.4g} samples per second{_in(every, share)}: the record shows a false frequency"
+            f"{1 / step:.4g} samples per second{_in(poles, share)}: the record shows a false frequency"
         )
 
 
-def _in(every: NDArray[np.complex128], share: float) -> str:
-    return "" if len(every) == 1 else f" (in {_percent(share)} of the draws)"
+def _in(poles: NDArray[np.complex128], share: float) -> str:
+    return "" if len(poles) == 1 else f" (in {_percent(share)} of the draws)"
 
 
 def _percent(share: float) -> str:
@@ -253,8 +253,10 @@ class Vague:
 
 def vague(rows: Sequence[Row], draws: Array, priors: Mapping[str, Prior]) -> tuple[Vague, ...]:
     """Of unknowns that the record narrows; `draws (N, D)` in the order of `rows`."""
-    found = (_vague(row.name, x, priors[row.name]) for row, x in zip(rows, draws.T, strict=True))
-    return tuple(one for one in found if one is not None)
+    priors_or_none = (
+        _vague(row.name, x, priors[row.name]) for row, x in zip(rows, draws.T, strict=True)
+    )
+    return tuple(prior for prior in priors_or_none if prior is not None)
 
 
 def _vague(name: str, x: Array, prior: Prior) -> Vague | None:

@@ -66,11 +66,13 @@ class Check:
 
 def checks(likelihood: Likelihood, theta: Array) -> tuple[Check, ...]:
     """Of each channel, by draws `theta (N, D)`."""
-    every = [
-        (one.label, channel, pit[~np.isnan(pit)])
-        for one in likelihood.observations
+    transforms = [
+        (observation.label, channel, pit[~np.isnan(pit)])
+        for observation in likelihood.observations
         for channel, pit in zip(
-            one.experiment.channels, leave_one_out_check(likelihood, one, theta).T, strict=True
+            observation.experiment.channels,
+            leave_one_out_check(likelihood, observation, theta).T,
+            strict=True,
         )
         if not np.isnan(pit).all()
     ]
@@ -79,23 +81,25 @@ def checks(likelihood: Likelihood, theta: Array) -> tuple[Check, ...]:
             channel=channel,
             label=label,
             pit=pit,
-            band=ecdf_band(len(pit), BINS - 1, FALSE_ALARM / len(every)),  # kept for each length
+            band=ecdf_band(
+                len(pit), BINS - 1, FALSE_ALARM / len(transforms)
+            ),  # kept for each length
         )
-        for label, channel, pit in every
+        for label, channel, pit in transforms
     )
 
 
-def leave_one_out_check(likelihood: Likelihood, one: Observation, theta: Array) -> Array:
+def leave_one_out_check(likelihood: Likelihood, observation: Observation, theta: Array) -> Array:
     """PITs `(T, K)` of at most `MOST` samples, evenly spaced; NaN where nothing was measured.
 
     What is left of a sample is whitened, so that each counts on those before it where the noise
     remembers them.
     """
-    rest = one.residuals(likelihood.space.full(theta)).samples
-    n = len(one.experiment.t)
-    seen = np.unique(np.linspace(0, n - 1, min(n, MOST_CHECKED)).round().astype(int))
-    below = scipy.special.ndtr(one.whiten(rest, theta)[:, seen])
-    log_p = one.pointwise(rest, theta)[:, seen]
+    residuals = observation.residuals(likelihood.space.full(theta)).samples
+    n = len(observation.experiment.t)
+    checked = np.unique(np.linspace(0, n - 1, min(n, MOST_CHECKED)).round().astype(int))
+    below = scipy.special.ndtr(observation.whiten(residuals, theta)[:, checked])
+    log_p = observation.pointwise(residuals, theta)[:, checked]
     weights = np.exp(log_p.min(axis=0) - log_p)
     weights = np.minimum(weights, weights.mean(axis=0) * len(theta) ** 0.5)
     return np.asarray((weights * below).sum(axis=0) / weights.sum(axis=0))
@@ -128,32 +132,39 @@ class LeftOut:
 
 def held_out(posterior: Posterior, theta: Array) -> HeldOut | None:
     """By draws `theta (N, D)`: stretches and whole experiments; None where nothing is held out."""
-    theta, found = _some(theta), []
+    theta, log_densities = _some(theta), []
     full, likelihood = posterior.space.full(theta), posterior.likelihood
-    stretches = [(one, one.experiment.held_out) for one in likelihood.observations]
-    for one, held in (*stretches, *((one, one.experiment.y) for one in likelihood.apart)):
-        if held is not None:
-            rest = held - one.signals(full)
+    stretches = [
+        (observation, observation.experiment.held_out) for observation in likelihood.observations
+    ]
+    for observation, measured in (
+        *stretches,
+        *((observation, observation.experiment.y) for observation in likelihood.apart),
+    ):
+        if measured is not None:
+            residuals = measured - observation.signals(full)
             # By itself: what remembers is not told what stands beside it.
-            log_p = one.on(held).pointwise(rest, theta)[:, ~np.isnan(held)]
-            found.append(scipy.special.logsumexp(log_p, axis=0) - np.log(len(theta)))
-    if not found:
+            log_p = observation.on(measured).pointwise(residuals, theta)[:, ~np.isnan(measured)]
+            log_densities.append(scipy.special.logsumexp(log_p, axis=0) - np.log(len(theta)))
+    if not log_densities:
         return None
-    each = np.concatenate(found)
+    each = np.concatenate(log_densities)
     return HeldOut(score=float(each.sum()), samples=len(each), each=each)
 
 
-def leave_one_out(posterior: Posterior, theta: Array, left: tuple[Left, ...]) -> LeftOut | str:
+def leave_one_out(
+    posterior: Posterior, theta: Array, residual_rows: tuple[Left, ...]
+) -> LeftOut | str:
     """By draws `theta (N, D)`; or why that would tell nothing: samples that tell of each other by more
     than the unknowns, or too many of them.
     """
     observations = posterior.likelihood.observations
-    if sum(one.numbers for one in observations) > MOST_SCORED:
+    if sum(observation.numbers for observation in observations) > MOST_SCORED:
         return f"more than {MOST_SCORED} samples"
-    if any(remembers(one, theta) for one in observations):
+    if any(remembers(observation, theta) for observation in observations):
         return "its noise remembers: a sample that is left out is told by those beside it"
-    if coloured := [one for one in left if one.correlated]:
-        worst = max(coloured, key=lambda one: abs(one.correlation))
+    if coloured := [row for row in residual_rows if row.correlated]:
+        worst = max(coloured, key=lambda row: abs(row.correlation))
         return (
             f"what it leaves is not white (correlation of neighbours {worst.correlation:.2f} in "
             f"{worst.name}): a sample that is left out is told by those beside it"
@@ -162,28 +173,28 @@ def leave_one_out(posterior: Posterior, theta: Array, left: tuple[Left, ...]) ->
 
     smoothed: Any = array_stats.psislw
     theta = _some(theta)
-    full, found = posterior.space.full(theta), []
-    for one in observations:
-        log_p = one.pointwise(one.residuals(full).samples, theta)
-        found.append(log_p[:, one.experiment.seen].T)
-    log_p = np.concatenate(found)
-    each, told = log_p.mean(axis=1), np.zeros(len(log_p))
+    full, log_densities = posterior.space.full(theta), []
+    for observation in observations:
+        log_p = observation.pointwise(observation.residuals(full).samples, theta)
+        log_densities.append(log_p[:, observation.experiment.seen].T)
+    log_p = np.concatenate(log_densities)
+    each, pareto_k = log_p.mean(axis=1), np.zeros(len(log_p))
     differ = np.ptp(log_p, axis=1) > AGREED  # of those at rest nothing is to be smoothed
-    log_w, told[differ] = smoothed(log_p[differ])
+    log_w, pareto_k[differ] = smoothed(log_p[differ])
     each[differ] = scipy.special.logsumexp(log_w + log_p[differ], axis=1)
-    return LeftOut(elpd=float(each.sum()), each=each, doubtful=float((told > BAD).mean()))
+    return LeftOut(elpd=float(each.sum()), each=each, doubtful=float((pareto_k > BAD).mean()))
 
 
-def remembers(one: Observation, theta: Array) -> bool:
+def remembers(observation: Observation, theta: Array) -> bool:
     """Whether its noise says of a sample what those before it were, at the first of `theta (N, D)`."""
-    if one.white:
+    if observation.white:
         return False
-    first, seen = theta[:1], one.experiment.seen
-    samples = np.where(seen, np.zeros((2, *seen.shape)), np.nan)
-    for k, sigma in enumerate(one.scales(first)[0]):
-        rows = np.flatnonzero(seen[:, k])
+    first, sampled = theta[:1], observation.experiment.seen
+    samples = np.where(sampled, np.zeros((2, *sampled.shape)), np.nan)
+    for k, sigma in enumerate(observation.scales(first)[0]):
+        rows = np.flatnonzero(sampled[:, k])
         samples[1, rows[len(rows) // 2], k] = sigma
-    quiet, struck = one.whiten(samples, np.repeat(first, 2, axis=0))
+    quiet, struck = observation.whiten(samples, np.repeat(first, 2, axis=0))
     felt = np.abs(struck - quiet)[samples[1] == 0.0]
     return bool(np.nanmax(felt, initial=0.0) > AGREED)
 
@@ -226,27 +237,31 @@ def frequency_responses(posterior: Posterior, theta: Array) -> tuple[FrequencyRe
     from scipy.ndimage import uniform_filter1d
     from scipy.signal import csd  # late: it takes half a second to load
 
-    full, found = posterior.space.full(theta[None]), []
-    for one in posterior.likelihood.observations:
-        experiment = one.experiment
+    full, responses = posterior.space.full(theta[None]), []
+    for observation in posterior.likelihood.observations:
+        experiment = observation.experiment
         series = {name: u for name, u in experiment.series.items() if np.ptp(u) > 0}
-        if one.response.model.frictions or not experiment.uniform or not series:
+        if observation.response.model.frictions or not experiment.uniform or not series:
             continue
-        u, e = np.array([*series.values()]), np.nan_to_num(one.residuals(full).samples[0].T)
+        u, e = np.array([*series.values()]), np.nan_to_num(observation.residuals(full).samples[0].T)
         length, both = 2 * u.shape[1] // (SEGMENTS + 1), np.concatenate([u, e])
-        f, every = csd(both[:, None], both[None], 1.0 / experiment.dt, nperseg=length)
-        f, spectra, n = f[1:], np.moveaxis(every[..., 1:], -1, 0), len(u)  # (F, S + K, S + K)
+        f, spectra_of_pairs = csd(both[:, None], both[None], 1.0 / experiment.dt, nperseg=length)
+        f, spectra, n = (
+            f[1:],
+            np.moveaxis(spectra_of_pairs[..., 1:], -1, 0),
+            len(u),
+        )  # (F, S + K, S + K)
         inverse = np.linalg.pinv(spectra[:, :n, :n], hermitian=True)
         more = (inverse @ spectra[:, :n, n:]).swapaxes(1, 2)  # (F, K, S)
         noise = np.einsum("fkk->fk", spectra[:, n:, n:] - more.conj() @ spectra[:, :n, n:]).real
         # By itself it has few degrees of freedom.
         noise = uniform_filter1d(noise, SMOOTH, axis=0)
         share = np.einsum("fss->fs", inverse).real / (2.0 * max(SEGMENTS - n, 1))
-        modelled = _response(one, one.told(full), f, [*series])
+        modelled = _response(observation, observation.told(full), f, [*series])
         measured = modelled + more
         error = np.sqrt(np.maximum(noise, 0.0)[:, :, None] * share[:, None]) / np.abs(measured)
         measured[(error > EXCITED) | (share == 0.0)[:, None]] = np.nan
-        found += [
+        responses += [
             FrequencyResponse(
                 channel=channel,
                 input=name,
@@ -255,20 +270,24 @@ def frequency_responses(posterior: Posterior, theta: Array) -> tuple[FrequencyRe
                 modelled=modelled[:, k, column],
                 measured=measured[:, k, column],
                 error=error[:, k, column],
-                label=one.label,
+                label=observation.label,
             )
             for k, channel in enumerate(experiment.channels)
             for column, name in enumerate(series)
             if experiment.seen[:, k].mean() > LEAST_SEEN
         ]
-    return tuple(found)
+    return tuple(responses)
 
 
-def _response(one: Observation, told: Array, f: Array, names: list[str]) -> NDArray[np.complex128]:
+def _response(
+    observation: Observation, arguments: Array, f: Array, names: list[str]
+) -> NDArray[np.complex128]:
     """`(F, K, S)`: C (i w - A)^-1 B, with sensors, and inputs held or straight from sample to sample."""
-    walkers = Walkers(one.response.model, one.experiment, one.response.sensing)
-    rig, sensing, dt = walkers.wired, walkers.sensing, one.experiment.dt
-    linear = rig.linear(dict(zip(rig.parameters, walkers.told(told)[0], strict=True)))
+    walkers = Walkers(
+        observation.response.model, observation.experiment, observation.response.sensing
+    )
+    rig, sensing, dt = walkers.wired, walkers.sensing, observation.experiment.dt
+    linear = rig.linear(dict(zip(rig.parameters, walkers.told(arguments)[0], strict=True)))
     b, s = np.zeros((len(rig.states), len(names))), 2j * np.pi * f[:, None, None]
     for (row, name), value in linear.B.items():
         if name in names:
@@ -276,9 +295,9 @@ def _response(one: Observation, told: Array, f: Array, names: list[str]) -> NDAr
     states = np.linalg.solve(s * np.eye(len(b)) - dynamics(linear, rig.states, 1), b[None])
     late = np.zeros(len(names))
     for name, lag in sensing.input_lags.items():
-        late[names.index(name)] = walkers.column(lag, told)[0]
-    late = late + walkers.later(told)[0][:, None]
-    held = np.sinc(s.imag * dt / (2 * np.pi))
-    held = held**2 if one.experiment.first_order else held * np.exp(-s * dt / 2)
-    shown = walkers.gains(told)[0][:, None] * walkers.weights
-    return np.asarray(shown @ states * held * np.exp(-s * late))
+        late[names.index(name)] = walkers.column(lag, arguments)[0]
+    late = late + walkers.later(arguments)[0][:, None]
+    hold = np.sinc(s.imag * dt / (2 * np.pi))
+    hold = hold**2 if observation.experiment.first_order else hold * np.exp(-s * dt / 2)
+    shown = walkers.gains(arguments)[0][:, None] * walkers.weights
+    return np.asarray(shown @ states * hold * np.exp(-s * late))

@@ -103,11 +103,11 @@ class RunDraws(Value):
         products = tuple(quantity.exponents for quantity in verdict)
         if products not in self._derived:
             problem, draws = self.problem, self.sampled.draws
-            found = Derived(symbols=(), values=np.empty((*draws.shape[:2], 0)), nominal={})
+            result = Derived(symbols=(), values=np.empty((*draws.shape[:2], 0)), nominal={})
             with self.sparing.making("derived quantities"):
                 following = derived.derive(problem, draws)
-                found = derived.with_products(following, problem, draws, products)
-            self._derived[products] = found
+                result = derived.with_products(following, problem, draws, products)
+            self._derived[products] = result
         return self._derived[products]
 
 
@@ -209,8 +209,12 @@ class RunAnalysis:
     @classmethod
     def describe(cls, name: str) -> str:
         """What a number of this name is, with its unit; raises `KeyError` for a name that is none."""
-        said = values.described(cls)[name.partition(".")[0]]
-        return f"{said['description']} [{said['unit']}]" if "unit" in said else said["description"]
+        description = values.described(cls)[name.partition(".")[0]]
+        return (
+            f"{description['description']} [{description['unit']}]"
+            if "unit" in description
+            else description["description"]
+        )
 
 
 def analyse(
@@ -229,23 +233,23 @@ def analyse(
     """
     problem, sampled, best = run.problem, run.sampled, run.best
     posterior = problem.posterior
-    rows, left, judged = conclude(problem, asked, run.mode, sampled, scenery)
-    fits = like_noise(left)
+    rows, residual_rows, judged = conclude(problem, asked, run.mode, sampled, scenery)
+    fits = like_noise(residual_rows)
     blamed = alone and judged is not None and bool(judged.verdict.far)
-    every = () if judged is None else basis(judged.study, judged.study.names)
+    products = () if judged is None else basis(judged.study, judged.study.names)
     following = run.derived(judged)
     rows_of_derived: tuple[derived.Row, ...] = ()
     with run.sparing.making("derived quantities"):
         rows_of_derived = derived.summarise(following)
     return RunAnalysis(
         unknowns=rows,
-        fit=left,
+        fit=residual_rows,
         inputs=() if fits else input_sentences(correlations(posterior.likelihood, best)),
         sandwich=diagnostics.sandwich_sds(posterior, best)
-        if any(one.correlated for one in left)
+        if any(row.correlated for row in residual_rows)
         else {},
         judged=judged,
-        repeats=repeats(scenery, best, every),
+        repeats=repeats(scenery, best, products),
         causes=explained,
         instead=causes.instead(problem, best) if blamed else None,
         derived=rows_of_derived,
@@ -277,21 +281,21 @@ def analyse(
     )
 
 
-def torque_summary(found: Shaking) -> TorqueSummary:
+def torque_summary(estimate: Shaking) -> TorqueSummary:
     """What is said of the missing torque of one experiment."""
-    low, high = np.quantile(found.expected, MIDDLE)
-    band = found.band
+    low, high = np.quantile(estimate.expected, MIDDLE)
+    band = estimate.band
     return TorqueSummary(
-        label=found.label,
-        at=found.at,
+        label=estimate.label,
+        at=estimate.at,
         low=float(low),
         high=float(high),
         width=float(np.mean(band[1] - band[0]) / 2),
-        rms=float(np.sqrt(np.mean(found.expected**2))),
-        sd=float(found.draws.std(axis=0).mean()),
+        rms=float(np.sqrt(np.mean(estimate.expected**2))),
+        sd=float(estimate.draws.std(axis=0).mean()),
         sure=float(np.mean((band[0] > 0) | (band[1] < 0))),
-        turning=float(found.turning.mean()),
-        follows=follows(found),
-        courses=found.courses,
-        roles=found.roles,
+        turning=float(estimate.turning.mean()),
+        follows=follows(estimate),
+        courses=estimate.courses,
+        roles=estimate.roles,
     )

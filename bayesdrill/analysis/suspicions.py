@@ -44,21 +44,29 @@ def suspicions_of_record(
     """Of the columns alone; `factors (K,)`: SI units in one unit of each channel's column."""
     columns = zip(experiment.channels, experiment.y.T, factors, strict=True)
     overruns = (_overrun(channel, experiment.t, y, factor) for channel, y, factor in columns)
-    return (*(said for said in overruns if said), *_pairs(experiment, model))
+    return (*(overrun for overrun in overruns if overrun), *_pairs(experiment, model))
 
 
 def suspicions_of_start(problem: Problem) -> tuple[str, ...]:
     """Channels that are the start's prediction times what a wrong unit would bring."""
     space = problem.posterior.space
     full = space.full(space.vector(space.start)[None])
-    every = ((one, one.signals(full)[0]) for one in problem.observations)
+    predictions = (
+        (observation, observation.signals(full)[0]) for observation in problem.observations
+    )
     gear = problem.model.gear_ratio
-    return tuple(said for one, predicted in every for said in _of_start(one, predicted, gear))
+    return tuple(
+        sentence
+        for observation, predicted in predictions
+        for sentence in _of_start(observation, predicted, gear)
+    )
 
 
-def _of_start(one: Observation, predicted: Array, gear: float) -> Iterator[str]:
-    every = zip(one.experiment.channels, one.experiment.y.T, predicted.T, strict=True)
-    for channel, measured, expected in every:
+def _of_start(observation: Observation, predicted: Array, gear: float) -> Iterator[str]:
+    columns = zip(
+        observation.experiment.channels, observation.experiment.y.T, predicted.T, strict=True
+    )
+    for channel, measured, expected in columns:
         y, p = measured[~np.isnan(measured)], expected[~np.isnan(measured)]
         power = float(p @ p)
         if not (math.isfinite(power) and power > 0):
@@ -81,10 +89,10 @@ def _named(times: float, near: float, gear: float) -> str:
     turns = max(gear, 1 / gear)
     geared = [(turns, f"a side of the gear for the other ({turns:.4g})")] if turns > FAR else []
     known = (*FACTORS, *geared)
-    apart = sorted((abs(size - math.log(factor)), said) for factor, said in known)
-    units = " or ".join(said for off, said in apart if off < near)
+    distances = sorted((abs(size - math.log(factor)), mistake) for factor, mistake in known)
+    units = " or ".join(mistake for off, mistake in distances if off < near)
     signs = "a sign" if times < 0 and (units or size < math.log(FAR)) else ""
-    return " and ".join(said for said in (units, signs) if said)
+    return " and ".join(mistake for mistake in (units, signs) if mistake)
 
 
 def _overrun(channel: Channel, t: Array, y: Array, factor: float) -> str:
@@ -93,12 +101,12 @@ def _overrun(channel: Channel, t: Array, y: Array, factor: float) -> str:
     steps = np.abs(np.diff(y / factor))
     turn = 2 * math.pi / factor if channel.unit == "rad" else math.nan
     periods = [(2.0**bits, f"2^{bits} counts") for bits in BITS] + [(turn, "one turn")]
-    for period, said in periods:
+    for period, what in periods:
         jumps = np.abs(steps - period) < CALM * period
         if np.any(jumps) and np.all(steps[~jumps] < CALM * period) and _goes_on(y, jumps):
             first = int(np.argmax(jumps))
             return (
-                f"overflow: {channel.name} jumps by about {period:.6g}, {said}, "
+                f"overflow: {channel.name} jumps by about {period:.6g}, {what}, "
                 f"{int(np.sum(jumps))} times, first at {t[first + 1]:.6g} s; a counter that ran over? "
                 f"Say wraps: {period:.6g} at {channel.name}, or unwrap the column: "
                 f"np.unwrap(x, period={period:.6g})"
@@ -185,7 +193,7 @@ class Moment:
 
     @property
     def worst(self) -> tuple[str, float]:
-        return max(self.shifts, key=lambda one: abs(one[1]))
+        return max(self.shifts, key=lambda shift: abs(shift[1]))
 
     @property
     def matters(self) -> bool:
@@ -194,13 +202,15 @@ class Moment:
 
 def half_a_sample(scenery: Scenery, theta: Array) -> Moment | None:
     """At `theta (D,)`; None where the moment is unknown, or all channels have lags of their own."""
-    every = scenery.likelihood.observations
-    if not scenery.unknowns or any(_told(one) for one in every):
+    observations = scenery.likelihood.observations
+    if not scenery.unknowns or any(_told(observation) for observation in observations):
         return None
-    half = 0.5 * min(_step(one.experiment) for one in every)
+    half = 0.5 * min(_step(observation.experiment) for observation in observations)
     motions = scenery.motions(theta)
-    pairs = zip(every, motions, strict=True)
-    late = np.concatenate([_later(one, scenery, theta, motion).ravel() for one, motion in pairs])
+    pairs = zip(observations, motions, strict=True)
+    late = np.concatenate(
+        [_later(observation, scenery, theta, motion).ravel() for observation, motion in pairs]
+    )
     rows = scenery.every(theta)
     if not (np.isfinite(half) and np.isfinite(rows).all() and np.isfinite(late).all()):
         return None
@@ -217,20 +227,22 @@ def _step(experiment: Experiment) -> float:
     """The usual one between two samples of an input or, where all are constant, of a channel."""
     if experiment.series:
         return min(experiment.input_steps.get(name, experiment.dt) for name in experiment.series)
-    return min(usual_step(experiment.t[seen]) for seen in experiment.seen.T)
+    return min(usual_step(experiment.t[sampled]) for sampled in experiment.seen.T)
 
 
-def _told(one: Observation) -> bool:
-    sensing = one.response.sensing
-    every_input = bool(sensing.input_lags) and len(sensing.input_lags) == len(one.experiment.series)
-    every_channel = len(sensing.lags) == len(one.experiment.channels)
+def _told(observation: Observation) -> bool:
+    sensing = observation.response.sensing
+    every_input = bool(sensing.input_lags) and len(sensing.input_lags) == len(
+        observation.experiment.series
+    )
+    every_channel = len(sensing.lags) == len(observation.experiment.channels)
     return sensing.delay is not None or every_input or every_channel
 
 
-def _later(one: Observation, scenery: Scenery, theta: Array, motion: Array) -> Array:
+def _later(observation: Observation, scenery: Scenery, theta: Array, motion: Array) -> Array:
     """d signal / d delay over the noise, where it was measured: minus how fast each channel changes."""
-    experiment, model = one.experiment, one.response.model
-    linear = model.linear(rig_at(one, scenery.likelihood.space, theta))
+    experiment, model = observation.experiment, observation.response.model
+    linear = model.linear(rig_at(observation, scenery.likelihood.space, theta))
     n = len(experiment.t)
     given = {
         name: experiment.constant.get(name, 0.0) + experiment.series.get(name, 0.0)
@@ -238,4 +250,4 @@ def _later(one: Observation, scenery: Scenery, theta: Array, motion: Array) -> A
     }
     change = motion @ dynamics(linear, model.states, 1)[0].T
     change = change + driven(linear, model.states, n, given)
-    return one.informed(-change[None] @ experiment.weights(model.states).T, theta)
+    return observation.informed(-change[None] @ experiment.weights(model.states).T, theta)

@@ -169,8 +169,10 @@ class Verdict:
 
     def saying(self, says: Says) -> tuple[Quantity, ...]:
         """Parameters and products, each once."""
-        every = {quantity.exponents: quantity for quantity in (*self.products, *self.parameters)}
-        return tuple(quantity for quantity in every.values() if quantity.says == says)
+        quantities = {
+            quantity.exponents: quantity for quantity in (*self.products, *self.parameters)
+        }
+        return tuple(quantity for quantity in quantities.values() if quantity.says == says)
 
     @property
     def far(self) -> tuple[Quantity, ...]:
@@ -215,13 +217,13 @@ def judge(
     m, free = len(study.names), beyond is None or beyond.draws is not None
     names = () if beyond is None else beyond.names
     crowd = {*pressed} if beyond is None else {*pressed} - {*names} | {*beyond.pressed}
-    seen = draws if beyond is None or beyond.draws is None else beyond.draws[:, :m]
+    extended = draws if beyond is None or beyond.draws is None else beyond.draws[:, :m]
     table = np.array([math.log(nominal.get(name, math.nan)) for name in study.names])
     offs = [tolerance.get(name, 0.0) for name in study.names]
     scene = _Scene(
         study=study,
         logs=np.log(draws) - table,
-        seen=np.log(seen) - table,
+        seen=np.log(extended) - table,
         prior_logs=np.log(prior_draws) - table,
         table=table,
         ends=np.array([(math.log1p(-off), math.log1p(off)) for off in offs]),
@@ -231,17 +233,17 @@ def judge(
         fits=fits,
     )
     units = [tuple(int(x) for x in row) for row in np.eye(m, dtype=int)[np.isfinite(table)]]
-    chosen = basis(study, nominal)
-    looked_at = dict.fromkeys((*units, *chosen))
+    products_shown = basis(study, nominal)
+    looked_at = dict.fromkeys((*units, *products_shown))
     shown = {e: scene.shows(e) for e in looked_at}
     limit = sigma_limit(1 + sum(shown.values()))
-    found = {e: scene.quantity(e, shown=shown[e], limit=limit) for e in looked_at}
+    quantities = {e: scene.quantity(e, shown=shown[e], limit=limit) for e in looked_at}
     return Verdict(
         names=study.names,
-        parameters=tuple(found[e] for e in units),
-        products=tuple(found[e] for e in chosen),
+        parameters=tuple(quantities[e] for e in units),
+        products=tuple(quantities[e] for e in products_shown),
         limit=limit,
-        joint=scene.joint([e for e in chosen if shown[e] and not scene.hides(e)]),
+        joint=scene.joint([e for e in products_shown if shown[e] and not scene.hides(e)]),
         fits=fits,
         opened=names if free else (),
     )
@@ -259,11 +261,11 @@ def basis(study: Study, among: Collection[str]) -> tuple[Exponents, ...]:
     simple = simple[np.isfinite(study.information.bounds_of(simple))]
     before = np.array([parameter.prior_sd for parameter in study.parameters])
     best = products(study.information, before, simple)
-    chosen = [product.exponents for product in best if product.price < 1.0]
+    selected = [product.exponents for product in best if product.price < 1.0]
     for exponents in study.structure.invariants_of(among):
-        if np.linalg.matrix_rank(np.array([*chosen, exponents], dtype=float)) > len(chosen):
-            chosen.append(exponents)
-    return tuple(chosen)
+        if np.linalg.matrix_rank(np.array([*selected, exponents], dtype=float)) > len(selected):
+            selected.append(exponents)
+    return tuple(selected)
 
 
 def sigma_limit(n: int) -> float:
@@ -378,7 +380,9 @@ def reconciled(rows: Sequence[Row], verdict: Verdict) -> tuple[Row, ...]:
 
     So the verdict, which can, has the word where both say something of an unknown.
     """
-    judged = {verdict.names[one.exponents.index(1)]: one for one in verdict.parameters}
+    judged = {
+        verdict.names[quantity.exponents.index(1)]: quantity for quantity in verdict.parameters
+    }
     return tuple(
         dataclasses.replace(row, word=_word(row, judged[row.name])) if row.name in judged else row
         for row in rows
@@ -395,17 +399,17 @@ def _word(row: Row, quantity: Quantity) -> Word:
 
 
 def conclude(
-    problem: Problem, asked: Asked, found: Mode, sampled: SamplingResult, scenery: Scenery
+    problem: Problem, asked: Asked, mode: Mode, sampled: SamplingResult, scenery: Scenery
 ) -> tuple[tuple[Row, ...], tuple[Left, ...], Judgement | None]:
     """A row for each unknown, one for each channel, and the verdict where there is a table."""
     posterior, space = problem.posterior, problem.posterior.space
-    rows = summarise(problem, sampled.draws, found, sampled.convergence)
-    mode = space.vector(found.values)
-    left = residual_checks.left(posterior.likelihood, mode)
+    rows = summarise(problem, sampled.draws, mode, sampled.convergence)
+    best = space.vector(mode.values)
+    residual_rows = residual_checks.left(posterior.likelihood, best)
     if not any(name in problem.nominal for name in scenery.unknowns):
-        return rows, left, None
-    study = study_of(scenery, posterior, mode, asked, "the MAP")
-    draws, m = sampled.draws.reshape(-1, len(mode)), len(study.names)
+        return rows, residual_rows, None
+    study = study_of(scenery, posterior, best, asked, "the MAP")
+    draws, m = sampled.draws.reshape(-1, len(best)), len(study.names)
     prior_draws = space.draw(PRIOR_DRAWS, seeds.stream(asked.seed, "identify", 1))
     prior_draws = prior_draws[np.isfinite(space.log_prior(prior_draws))]
     verdict = judge(
@@ -417,11 +421,11 @@ def conclude(
         [row.name for row in rows if row.pressed_against is not None],
         asked.thresholds,
         sampled.extended,
-        fits=residual_checks.like_noise(left),
+        fits=residual_checks.like_noise(residual_rows),
     )
     findings = (
         *plausibility.plausibility_of_draws(problem, draws, study.information),
-        *plausibility.plausibility_of_course(scenery, mode),
+        *plausibility.plausibility_of_course(scenery, best),
     )
     judged = Judgement(study=study, verdict=verdict, findings=findings)
-    return reconciled(rows, verdict), left, judged
+    return reconciled(rows, verdict), residual_rows, judged

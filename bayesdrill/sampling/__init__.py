@@ -1,8 +1,8 @@
-"""The maximum (MAP) and the draws: optimisers, modes, the proposal, ensembles, convergence,
-evidence.
+"""Find the maximum of a posterior (MAP) and sample it.
 
-All of it sees a log density and nothing of a rig or a file. What the draws mean is in
-`analysis`.
+Optimisers, modes, the proposal, ensembles, convergence, and the evidence.
+
+All of it sees a log density and nothing of a rig or a file. What the draws mean is in `analysis`.
 """
 
 from __future__ import annotations

@@ -1,5 +1,4 @@
-"""Whether the ensembles may be believed, which of their steps, and troubles that R-hat does not
-see.
+"""Judge whether ensembles have converged, and name troubles that R-hat does not see.
 
 R-hat is blind where every ensemble has the same trouble, and a few walkers out of many hardly move
 an average.  So each walker is looked at by itself: does it move, is it where the others are, does
@@ -35,7 +34,11 @@ FALSE_ALARM_PROBABILITY = 1e-6
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PostBurnInChain:
-    """The steps that are judged: `theta (E, S, W, D)`, `log_p (E, S, W)`, `tau (D,)`."""
+    """Steps of a chain after its burn-in, which are judged.
+
+    `theta (E, S, W, D)`, `log_p (E, S, W)` and `tau (D,)`; `n_tau`: how many autocorrelation times
+    are wanted.
+    """
 
     theta: Array
     log_p: Array
@@ -45,7 +48,7 @@ class PostBurnInChain:
 
 
 def walker_troubles(chain: PostBurnInChain) -> tuple[str, ...]:
-    """A sentence for each trouble: value, place, what to do.
+    """Return a sentence for each trouble of single walkers: value, place, and what to do.
 
     A walker found out by one look is left out of the next, so that each trouble has one name.
     """
@@ -68,7 +71,7 @@ def walker_troubles(chain: PostBurnInChain) -> tuple[str, ...]:
 
 
 def longest_stay(theta: Array) -> Indices:
-    """`(E, S, W, D) -> (E, W)`: most steps in a row without a move."""
+    """Count the most steps in a row without a move, `(E, S, W, D) -> (E, W)`."""
     moved = (theta[:, 1:] != theta[:, :-1]).any(axis=-1)
     step = np.arange(1, theta.shape[1])[:, None]
     last = np.maximum.accumulate(np.where(moved, step, 0), axis=1)
@@ -77,7 +80,7 @@ def longest_stay(theta: Array) -> Indices:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BimodalSplit:
-    """Two groups of walkers: their places, the share in the upper, crossings between them."""
+    """Two groups of walkers: their centres, the share in the upper, and crossings between them."""
 
     low: float
     high: float
@@ -86,7 +89,7 @@ class BimodalSplit:
 
 
 def find_two_groups(x: Array) -> BimodalSplit | None:
-    """Two places of one unknown `(S, N)` that its walkers hardly ever leave, or None."""
+    """Find two places of one unknown `(S, N)` that its walkers hardly ever leave, or None."""
     low, high = group_centres(x.mean(axis=0))
     counts, _ = np.histogram(x, bins=GROUP_BINS, range=(low, high))
     if counts[1:-1].min() >= MAX_VALLEY_RATIO * min(counts[0], counts[-1]):
@@ -103,7 +106,7 @@ def find_two_groups(x: Array) -> BimodalSplit | None:
 
 
 def group_centres(means: Array) -> tuple[float, float]:
-    """Centres of the two groups that the walkers' means `(N,)` fall into: least squares."""
+    """Return the centres of two groups of walkers' means `(N,)`, by least squares."""
     means = np.sort(means)
     k = np.arange(1, len(means))
     sums = np.cumsum(means)[:-1]
@@ -113,7 +116,9 @@ def group_centres(means: Array) -> tuple[float, float]:
 
 
 def long_run_tau(theta: Array, selected: Flags, sd: Array, parts: int = 1) -> Array:
-    """`(D,)`: tau from how far the walkers' means over a part of the chain spread; `sd` of all.
+    """Estimate tau `(D,)` from how far the walkers' means over a part of the chain spread.
+
+    `(D,)`: tau from how far the walkers' means over a part of the chain spread; `sd` of all.
 
     No window cuts it short, so it sees slow motion of any size, up to the length of a part.  Means
     are compared within an ensemble; that ensembles differ is for R-hat to say.
@@ -240,7 +245,7 @@ MIN_STEPS_FOR_WALKERS = 50  # steps, below which nothing can be told of single w
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Targets:
-    """When to stop: every R-hat <= r_hat, N/tau >= n_tau, every bulk ESS >= ess."""
+    """Targets at which sampling stops: every R-hat, N/tau and bulk ESS must meet its own."""
 
     r_hat: float
     n_tau: float
@@ -249,11 +254,14 @@ class Targets:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Convergence:
-    """`steps` per ensemble, of which `burn_in` are dropped and every `thin`-th is kept.
+    """What the ensembles say of each other, and which of their steps are kept.
+
+    `steps` per ensemble, of which `burn_in` are dropped and every `thin`-th is kept.
 
     `tau`, `r_hat`, `ess_bulk`, `ess_tail` are `(D,)`; `reasons` says in words why the result must
     not be believed; `burn_in_rule` how `burn_in` was chosen.  `slowest`: the unknown of the longest
-    `tau`; `enough`: how many steps would do, where nothing but length is missing, and None elsewhere.
+    `tau`; `enough`: how many steps would do, where nothing but length is missing, and None
+    elsewhere.
     """
 
     steps: int
@@ -271,14 +279,19 @@ class Convergence:
 
     @property
     def converged(self) -> bool:
+        """Whether nothing speaks against the result."""
         return not self.reasons
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ChainLength:
-    """Of a chain in autocorrelation times: `n_tau` of the longest of `tau (D,)`, after `burn_in` steps.
+    """The length of a chain in autocorrelation times.
 
-    `early`: the longest of the second half, by which `burn_in` is chosen; `wanted`: what it should be.
+    Of a chain in autocorrelation times: `n_tau` of the longest of `tau (D,)`, after `burn_in`
+    steps.
+
+    `early`: the longest of the second half, by which `burn_in` is chosen; `wanted`: what it should
+    be.
     """
 
     burn_in: int
@@ -288,13 +301,13 @@ class ChainLength:
     n_tau: float
 
     def next_check(self, steps: int, n_tau: float) -> int:
-        """After how many steps to look again: when the chain is likely to be as long as it should be."""
+        """Return after how many steps to look again: when the chain is likely to be long enough."""
         foreseen = STEPS_MARGIN * (BURN_IN_TAUS + n_tau) * float(self.tau.max())
         return math.ceil(min(max(foreseen, MIN_CHECK_GROWTH * steps), MAX_CHECK_GROWTH * steps))
 
 
 def chain_length(theta: Array) -> ChainLength:
-    """Of physical chains `(E, S, W, D)`."""
+    """Measure the length of physical chains `(E, S, W, D)` in autocorrelation times."""
     half = theta.shape[1] // 2
     early = float(autocorrelation_time(theta[:, half:]).max())
     wanted = math.ceil(BURN_IN_TAUS * early)
@@ -370,16 +383,17 @@ def _steps_needed(steps: int, targets: Targets, n_tau: float, ess: Array) -> int
 
 
 def thinned(chains: Array, burn_in: int, thin: int) -> Array:
-    """`(E, S, W, ...)` to nearly independent draws `(E, draws, ...)`, in order of time."""
+    """Thin `(E, S, W, ...)` to nearly independent draws `(E, draws, ...)`, in order of time."""
     steps = chains[:, burn_in::thin]
     return np.ascontiguousarray(steps.reshape(steps.shape[0], -1, *steps.shape[3:]))
 
 
 def futility(trail: Sequence[tuple[int, float]], wanted: float, allowed: int, most: int) -> str:
-    """Why more steps would not help, or nothing.
+    """Return why more steps would not help, or an empty text.
 
     `trail`: (steps, how many autocorrelation times long) at each check, of which `wanted` are
-    wanted.  `allowed`: sampler.max_steps; `most`: that, or fewer where the chain would be too large.
+    wanted.  `allowed`: sampler.max_steps; `most`: that, or fewer where the chain would be too
+    large.
     """
     steps, n_tau = trail[-1]
     if steps < MIN_STEPS_TO_STOP or n_tau >= wanted:
@@ -406,7 +420,10 @@ def futility(trail: Sequence[tuple[int, float]], wanted: float, allowed: int, mo
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Autocorrelation:
-    """`rho (S, D)` by lag in steps; its sum up to the lag `window (D,)` gives `tau (D,)`, at least 1."""
+    """Autocorrelation of chains, and its integral in Sokal's window.
+
+    `rho (S, D)` by lag in steps; its sum up to the lag `window (D,)` gives `tau (D,)`, at least 1.
+    """
 
     rho: Array
     tau: Array
@@ -414,8 +431,9 @@ class Autocorrelation:
 
 
 def autocorrelation(chains: Array) -> Autocorrelation:
-    """Of `(E, S, W, D)`, averaged over walkers and ensembles, then summed in Sokal's window
-    (Goodman and Weare 2010, as emcee does per ensemble).
+    """Compute the autocorrelation of `(E, S, W, D)`, averaged over walkers and ensembles.
+
+    It is summed in Sokal's window (Goodman and Weare 2010), as emcee does per ensemble.
     """
     n_steps = chains.shape[1]
     total: Array = np.zeros((n_steps, chains.shape[-1]))
@@ -438,7 +456,7 @@ def autocorrelation(chains: Array) -> Autocorrelation:
 
 
 def autocorrelation_time(chains: Array) -> Array:
-    """Integrated, in steps: `(E, S, W, D) -> (D,)`."""
+    """Return the integrated autocorrelation time in steps, `(E, S, W, D) -> (D,)`."""
     return autocorrelation(chains).tau
 
 

@@ -1,6 +1,4 @@
-"""Independent ensembles: prepared, advanced side by side until the targets are met, and kept in a
-backend.
-"""
+"""Run independent ensembles side by side until the targets are met, and keep them in a backend."""
 
 from __future__ import annotations
 
@@ -48,23 +46,29 @@ from bayesdrill.sampling.workers import WorkerPool
 
 
 class Backend(Protocol):
-    """`segments`: those of one ensemble in order; `save`: the segment that begins at `first_step`."""
+    """Storage of the chains of a run."""
 
-    def segments(self, ensemble: int) -> list[ChainSegment]: ...
+    def segments(self, ensemble: int) -> list[ChainSegment]:
+        """Return the segments of one ensemble in order."""
+        ...
 
-    def save(self, ensemble: int, first_step: int, segment: ChainSegment) -> None: ...
+    def save(self, ensemble: int, first_step: int, segment: ChainSegment) -> None:
+        """Store the segment of an ensemble that begins at `first_step`."""
+        ...
 
 
 @dataclass(frozen=True, slots=True)
 class MemoryBackend:
-    """For chains that are not worth a folder."""
+    """A backend in memory, for chains that are not worth a folder."""
 
     saved: dict[int, list[ChainSegment]] = field(default_factory=dict)
 
     def segments(self, ensemble: int) -> list[ChainSegment]:
+        """Return the segments of one ensemble in order."""
         return list(self.saved.get(ensemble, []))
 
     def save(self, ensemble: int, first_step: int, segment: ChainSegment) -> None:
+        """Append a segment to those of its ensemble."""
         self.saved.setdefault(ensemble, []).append(segment)
 
 
@@ -80,7 +84,7 @@ MAX_START_DEPTH = 50.0
 def prepare(
     pool: WorkerPool, posterior: Posterior, maxima: Array, seed: int, report: Reporter = SILENT
 ) -> LearnedProposal:
-    """The proposal, the same whatever the number of processes."""
+    """Learn the proposal; it is the same whatever the number of processes."""
 
     def expand(u: Array, directions: Array) -> Expansion:
         if len(u) <= POINTS_PER_TASK:
@@ -111,17 +115,16 @@ def prepare(
 
 
 def fits(posterior: Posterior, maxima: Array) -> bool:
-    """Whether the best fit leaves about the noise.
-
-    If it leaves far more it is not believed, however well it is sampled, and little is spent on it.
-    """
+    """Return whether the best fit leaves about the noise."""
     misfit = float(posterior.likelihood.per_number(maxima[:1])[0])
     return misfit < FAR_TOO_LARGE**2
 
 
 def slopes_are_expensive(posterior: Posterior) -> bool:
-    """Whether slopes are no way home, as they jump where friction lets go, or so many that a walk along
-    settled ridges, of some 1e5 points, takes minutes: where each sample has its own, and not sums alone.
+    """Return whether Newton ridges are too expensive to be walked along.
+
+    Slopes jump where friction lets go. And a walk along such ridges, of some 1e5 points, takes
+    minutes where each sample has slopes of its own, and not sums alone.
     """
     observations = posterior.likelihood.observations
     each = [observation for observation in observations if not observation.response.exact]
@@ -132,18 +135,20 @@ def slopes_are_expensive(posterior: Posterior) -> bool:
 
 
 def expanded(posterior: Posterior, u: Array, directions: Array) -> Expansion:
-    """See `surface.Surface.expand`."""
+    """Expand the log density about points `u (W, D)`; see `laplace.Surface.expand`."""
     return PosteriorSurface(posterior).expand(u, directions)
 
 
 def begin_walkers(
     posterior: Posterior, proposal: Proposal, n: int, seed: int, ensemble: int
 ) -> State:
-    """Walkers around all maxima alike, wider than the proposal: shares are for the moves to find.
+    """Place walkers around all maxima alike, wider than the proposal.
 
-    But none starts where the proposal would hardly ever lead it away: where it is not found wider, it
-    is drawn from the proposal itself.  Where hardly a draw is inside the prior, those outside are
-    mirrored at its ends, nearer and nearer to the first maximum.
+    Shares of the maxima are for the moves to find.
+
+    But none starts where the proposal would hardly ever lead it away: where it is not found wider,
+    it is drawn from the proposal itself.  Where hardly a draw is inside the prior, those outside
+    are mirrored at its ends, nearer and nearer to the first maximum.
     """
     random = np.random.RandomState(seeds.bits(seed, "start", ensemble))
     proposal = bind_to_posterior(proposal, posterior).widest
@@ -179,6 +184,8 @@ MAX_STEPS_OF_A_MISFIT = 800  # steps
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Plan:
+    """How ensembles are run: their number and size, moves, targets, and the seed."""
+
     ensembles: int
     walkers: int
     moves: Mapping[str, float]
@@ -187,13 +194,15 @@ class Plan:
     seed: int
 
     def most_steps(self, unknowns: int) -> int:
-        """`max_steps`, or as many as a chain of this size may have."""
+        """Return `max_steps`, or as many steps as a chain of this size may have."""
         return min(self.max_steps, steps_of_chain(self.ensembles, self.walkers, unknowns))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ExtendedPriors:
-    """`names`: unknowns whose priors end too near to their nominal values.
+    """Unknowns whose priors were extended, and what is seen beyond their ends.
+
+    `names`: unknowns whose priors end too near to their nominal values.
 
     `draws (N, D)`: of the posterior with these ends moved; None where it did not converge, so that
     nothing can be said of what depends on them.  `pressed`: those whose draws crowd there as well.
@@ -208,12 +217,14 @@ class ExtendedPriors:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SamplingResult:
-    """`theta (E, S, W, D)` physical; `segments` of each ensemble as they were saved.
+    """The chains of a run, and what was learnt from them.
+
+    `theta (E, S, W, D)` physical; `segments` of each ensemble as they were saved.
 
     `learnt`: what the proposal was learnt from, and `mode_shares (M,)`: how many of the draws each
     maximum has; None where a chain was only read again.  `evidence`: where it was asked for, see
-    `with_evidence`.
-    `extended`: what is seen beyond ends of priors that are in the way, None where none is.
+    `with_evidence`. `extended`: what is seen beyond ends of priors that are in the way, None where
+    none is.
     """
 
     segments: list[list[ChainSegment]]
@@ -225,7 +236,7 @@ class SamplingResult:
     extended: ExtendedPriors | None = None
 
     def with_reasons(self, reasons: tuple[str, ...]) -> SamplingResult:
-        """With further `reasons` not to believe it."""
+        """Return a copy with further `reasons` not to believe it."""
         convergence = self.convergence
         all_reasons = (*convergence.reasons, *reasons)
         return dataclasses.replace(
@@ -234,28 +245,28 @@ class SamplingResult:
 
     @property
     def draws(self) -> Array:
-        """`(E, N, D)`: nearly independent draws of `theta`."""
+        """Nearly independent draws of `theta`, `(E, N, D)`."""
         return thinned(self.theta, self.convergence.burn_in, self.convergence.thin)
 
     @property
     def log_p(self) -> Array:
-        """`(E, N)`: log density over the sampler's coordinates, of the same draws."""
+        """The log density of the draws over the sampler's coordinates, `(E, N)`."""
         log_p = _stack([[segment.log_p for segment in segments] for segments in self.segments])
         return thinned(log_p, self.convergence.burn_in, self.convergence.thin)
 
     @property
     def acceptance(self) -> Array:
-        """`(E,)` shares of proposals accepted."""
+        """The shares of proposals accepted, `(E,)`."""
         return np.array([sum(p.accepted.mean() for p in ps) / _steps(ps) for ps in self.segments])
 
     @property
     def failures(self) -> int:
-        """Proposals inside the prior whose response overflowed."""
+        """The number of proposals inside the prior whose response overflowed."""
         return sum(segment.failures for segments in self.segments for segment in segments)
 
 
 def preload(_: Posterior) -> None:
-    """For a process that has nothing else to do yet: loads what its ensembles will need."""
+    """Load what ensembles will need, in a process that has nothing else to do yet."""
     importlib.import_module("emcee")
 
 
@@ -266,7 +277,7 @@ def walk(
     moves: Mapping[str, float],
     proposal: Proposal,
 ) -> ChainSegment:
-    """`n_steps` of one ensemble further."""
+    """Advance one ensemble by `n_steps`."""
     bound_proposal = bind_to_posterior(proposal, posterior)
     return advance(posterior.evaluate, state, n_steps, moves, bound_proposal, posterior.supports)
 
@@ -343,7 +354,7 @@ def sample(
     backend: Backend,
     report: Reporter,
 ) -> SamplingResult:
-    """Continue what `backend` holds until converged or `max_steps`; every segment is saved.
+    """Continue the chains of `backend` until converged or `max_steps`, and save every segment.
 
     `maxima (M, D)`: physical, each of which may hold some of the posterior.
     """
@@ -373,7 +384,7 @@ def sample(
 
 
 def with_evidence(posterior: Posterior, sampled: SamplingResult, seed: int) -> SamplingResult:
-    """With the evidence of the posterior, as far as a proposal has been learnt."""
+    """Return a copy with the evidence of the posterior, as far as a proposal has been learnt."""
     if sampled.learnt is None:
         return sampled
     since = sampled.convergence.burn_in
@@ -474,7 +485,7 @@ def _state_of(c: Convergence) -> str:
 def load_sampled(
     posterior: Posterior, plan: Plan, segments: Callable[[int], list[ChainSegment]], location: str
 ) -> SamplingResult:
-    """The `segments` of each ensemble, judged again; raises `InputError` where `location` lacks some."""
+    """Judge the stored `segments` of each ensemble; raises `InputError` if some are missing."""
     chains = [segments(ensemble) for ensemble in range(plan.ensembles)]
     steps = min(map(_steps, chains))
     first = min(FIRST_CHECK, plan.most_steps(len(posterior.space.free)))

@@ -1,7 +1,10 @@
-"""The evidence Z of a posterior: the integral of likelihood times prior, by bridge sampling.
+"""Estimate the evidence Z of a posterior by bridge sampling.
+
+It is the integral of likelihood times prior.
 
 The proposal that ensembles draw from is a normalised density q near the posterior, so that draws of
-both, each weighed with both densities, give Z with hardly any further response (Meng and Wong 1996).
+both, each weighed with both densities, give Z with hardly any further response (Meng and Wong
+1996).
 """
 
 from __future__ import annotations
@@ -28,10 +31,13 @@ MAX_ITERATIONS, RELATIVE_TOLERANCE = 1000, 1e-10  # of the equation whose soluti
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Evidence:
-    """`log_z`: of densities that are all normalised, the record's in SI; `error`: its standard error.
+    """The log evidence of a posterior, with its standard error.
 
-    `overlap`: the share of what posterior and proposal have in common, from 0 to 1.  `steps`: what finer
-    steps of a rig that is stepped have added to `log_z`, and `steps_error` what they have to `error`.
+    `log_z`: of densities that are all normalised, the record's in SI; `error`: its standard error.
+
+    `overlap`: the share of what posterior and proposal have in common, from 0 to 1.  `steps`: what
+    finer steps of a rig that is stepped have added to `log_z`, and `steps_error` what they have to
+    `error`.
     """
 
     log_z: float
@@ -41,7 +47,7 @@ class Evidence:
     steps_error: float = 0.0
 
     def in_finer_steps(self, added: float, error: float) -> Evidence:
-        """With what these add, and the standard error of that."""
+        """Return a copy with what finer steps add, and the standard error of that."""
         log_z, both = self.log_z + added, math.hypot(self.error, error)
         return replace(self, log_z=log_z, error=both, steps=added, steps_error=error)
 
@@ -49,10 +55,12 @@ class Evidence:
 def evidence(
     posterior: Posterior, proposal: Proposal, z: Array, log_p: Array, seed: int
 ) -> Evidence | None:
-    """From steps of ensembles `z (E, S, W, D)`, and the log density there `(E, S, W)`.
+    """Estimate the evidence from steps of ensembles and draws of the proposal.
 
-    Draws from a stream of its own, so that no chain depends on it.  None where posterior and proposal
-    have nothing in common that was seen.
+    From steps of ensembles `z (E, S, W, D)`, and the log density there `(E, S, W)`.
+
+    Draws from a stream of its own, so that no chain depends on it.  None where posterior and
+    proposal have nothing in common that was seen.
     """
     random = Random(seeds.bits(seed, "evidence"))
     if proposal.newton is None:
@@ -72,7 +80,7 @@ def evidence(
 
 
 def log_density(mixtures: tuple[Mixture, ...], u: Array) -> Array:
-    """Of mixtures in equal shares, at `u (N, D)`: `(N,)`."""
+    """Return the log density of mixtures in equal shares at `u (N, D)`: `(N,)`."""
     parts = []
     for begin in range(0, len(u), BATCH_DRAWS):
         some = u[begin : begin + BATCH_DRAWS]
@@ -99,11 +107,13 @@ def _draw(
 
 
 def bridge(on_chain: Array, drawn: Array, tried: int) -> Evidence | None:
-    """From logs of p over q: at steps `(E, S, W)` of walkers over p, and at those of the `tried` draws
+    """Solve the bridge equation for the evidence (Meng and Wong 1996).
+
+    From logs of p over q: at steps `(E, S, W)` of walkers over p, and at those of the `tried` draws
     of q where p is not zero.
 
-    With shares s, t of the two kinds of draws and w = p / q, Z solves
-    Z = E_q[w / (s w + t Z)] / E_p[1 / (s w + t Z)]: means of what is bounded, whatever the weights.
+    With shares s, t of the two kinds of draws and w = p / q, Z solves Z = E_q[w / (s w + t Z)] /
+    E_p[1 / (s w + t Z)]: means of what is bounded, whatever the weights.
     """
     drawn = drawn[np.isfinite(drawn)]
     if len(drawn) == 0:
@@ -130,8 +140,10 @@ def bridge(on_chain: Array, drawn: Array, tried: int) -> Evidence | None:
 
 
 def _disagreement(w: Array, tried: int, z: float) -> float:
-    """How far the log of `z` is from what draws of q say by themselves, by their weights `w`; 0 where
-    that is chance.  Walkers that do not pass between maxima hold shares that are not the posterior's.
+    """Return how far the log of `z` is from what draws of q say by themselves.
+
+    `w`: their weights; 0 where that is chance. Walkers that do not pass between maxima hold shares
+    that are not the posterior's.
     """
     largest = float(w.max())  # squares of weights far from the chain's are too small for numbers
     shares = w / largest

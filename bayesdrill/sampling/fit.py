@@ -1,8 +1,9 @@
-"""The fit of a posterior: its maxima, ensembles about them, the evidence, and what lies beyond ends of
-priors that are in the way.
+"""Fit a posterior: its maxima, ensembles about them, and the evidence.
 
-The main job, a notebook, a worker elsewhere and a refit of a calibration all fit like this, with the
-same streams of random numbers for the same purposes.
+Also what lies beyond ends of priors that are in the way.
+
+The main job, a notebook, a worker elsewhere and a refit of a calibration all fit like this, with
+the same streams of random numbers for the same purposes.
 """
 
 from __future__ import annotations
@@ -27,8 +28,8 @@ from bayesdrill.sampling.ensembles import (
     sample,
     with_evidence,
 )
+from bayesdrill.sampling.extended_priors import with_extended_priors
 from bayesdrill.sampling.mode_search import Mode, Search
-from bayesdrill.sampling.opened_ends import with_extended_priors
 from bayesdrill.sampling.optimisers.contract import Optimiser
 from bayesdrill.sampling.workers import WorkerPool
 
@@ -42,8 +43,8 @@ class FitPlan:
     """How a posterior is fitted.
 
     `optimiser`, `starts`, `evaluations`: of the searches for the MAP; `chains`: of the ensembles.
-    `nominal`: values that ends of priors must not hide.  `brief`: one search after the other, until one
-    is seen to have arrived, and no evidence: for what is fitted many times.
+    `nominal`: values that ends of priors must not hide.  `brief`: one search after the other, until
+    one is seen to have arrived, and no evidence: for what is fitted many times.
     """
 
     optimiser: Optimiser
@@ -56,14 +57,14 @@ class FitPlan:
 
 @dataclass(frozen=True, slots=True)
 class PendingSearches:
-    """Searches for the MAP under way, and for maxima elsewhere."""
+    """Searches for the MAP that are under way, and for maxima elsewhere."""
 
     searches: list[Future[list[Search]]]
     multi_starts: list[Future[tuple[Array, Array]]]
 
 
 def fit(posterior: Posterior, plan: FitPlan) -> tuple[Mode, SamplingResult]:
-    """Fit a posterior in this process alone; raises `Nowhere` where nothing can be sampled."""
+    """Fit a posterior in this process; raises `NoSupportError` where nothing can be sampled."""
     with WorkerPool(posterior, 1) as pool:
         mode = end_searches(pool, begin_searches(pool, plan, SILENT), SILENT)
         pool.set_steps(mode.pieces)
@@ -71,7 +72,7 @@ def fit(posterior: Posterior, plan: FitPlan) -> tuple[Mode, SamplingResult]:
 
 
 def begin_searches(pool: WorkerPool, plan: FitPlan, report: Reporter) -> PendingSearches:
-    """Submit all searches; a pool that is alone has done them then."""
+    """Submit all searches; a pool without workers has done them then."""
     posterior, seed = pool.posterior, plan.chains.seed
     plain = posterior.space.draw(mode_search.MULTI_STARTS, seeds.stream(seed, "scout"))
     if plan.brief:
@@ -95,7 +96,7 @@ def begin_searches(pool: WorkerPool, plan: FitPlan, report: Reporter) -> Pending
 
 
 def end_searches(pool: WorkerPool, under_way: PendingSearches, report: Reporter) -> Mode:
-    """Wait for all searches, and sum up the maxima that they found."""
+    """Wait for all searches, and sum up the maxima that they have reached."""
     searches: list[Search] = []
     for done, task in enumerate(under_way.searches, 1):
         searches += task.result()
@@ -110,9 +111,10 @@ def end_searches(pool: WorkerPool, under_way: PendingSearches, report: Reporter)
 def sample_maxima(
     pool: WorkerPool, mode: Mode, plan: FitPlan, backend: Backend, report: Reporter
 ) -> SamplingResult:
-    """Sample ensembles about all maxima `mode`, in whose steps the pool is, and weigh what they say.
+    """Sample ensembles about all maxima of `mode`, and weigh them.
 
-    Raises `Nowhere` where nothing can be sampled.
+    The pool takes the posterior in the steps of that mode. Raises `NoSupportError` where nothing
+    can be sampled.
     """
     posterior, chains = pool.posterior, plan.chains
     maxima = mode_search.modes(posterior, mode)

@@ -25,7 +25,10 @@ MIN_GAIN = 1e-9  # of the log density: a point that would gain less by its next 
 
 @dataclass(frozen=True, slots=True)
 class GaussNewtonResult:
-    """`u (W, D)`, `value (W,)`, and what another step would gain, `gain (W,)`."""
+    """Where each start has led.
+
+    `u (W, D)`, `value (W,)`, and what another step would gain, `gain (W,)`.
+    """
 
     u: Array
     value: Array
@@ -33,13 +36,14 @@ class GaussNewtonResult:
 
     @property
     def converged(self) -> Flags:
+        """Whether another step would gain next to nothing, `(W,)`."""
         return np.asarray(self.gain < 1e-6)
 
 
 def gauss_newton(
     surface: Surface, start: Array, steps: int, *, exact: bool = False
 ) -> GaussNewtonResult:
-    """From `start (W, D)`, each point by itself; at most `steps` steps of each.
+    """Climb from `start (W, D)`, each point by itself, in at most `steps` steps.
 
     `exact`: with the second derivatives themselves, for the last steps to a maximum.
     """
@@ -126,7 +130,7 @@ def _back_to_ridge(surface: Surface, u: Array, value: Array, wanted: Array) -> t
 
 
 def bounded_step(surface: Surface, u: Array, here: Expansion, damping: Array) -> Array:
-    """The damped step of Gauss and Newton within the box, `(W, D)`.
+    """Return the damped step of Gauss and Newton within the box, `(W, D)`.
 
     The first unknown on the way out stops at its wall, the others are solved for again, and so on;
     one whose slope then points inside is let go.
@@ -163,7 +167,7 @@ def bounded_step(surface: Surface, u: Array, here: Expansion, damping: Array) ->
 
 
 def newton_gain(surface: Surface, u: Array, here: Expansion) -> Array:
-    """What an undamped step would gain, by the slopes and curvatures alone: `(W,)`."""
+    """Return what an undamped step would gain, by slopes and curvatures alone: `(W,)`."""
     step = bounded_step(surface, u, here, np.full(len(u), 1e-9))
     return _predicted_gain(here, step)
 

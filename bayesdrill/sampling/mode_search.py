@@ -1,7 +1,7 @@
-"""The maximum of the posterior (MAP): several searches, whether they agree, and other maxima.
+"""Search the maximum of the posterior (MAP), and other maxima.
 
-Nelder and Mead find the way; damped Gauss-Newton with exact slopes goes the rest of it.  Plain draws
-from the prior are sent up the same way, and unknowns whose poles the samples cannot tell from
+Nelder and Mead find the way; damped Gauss-Newton with exact slopes goes the rest of it.  Plain
+draws from the prior are sent up the same way, and unknowns whose poles the samples cannot tell from
 those of the MAP: a maximum that no search has looked for is not found by many searches for another.
 """
 
@@ -39,7 +39,7 @@ POLISH_STEPS, NEWTON_STEPS = 40, 8
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Search:
-    """One search: where it began and ended (physical), and how."""
+    """A search for the maximum: where it began and ended (physical), and how."""
 
     start: Mapping[str, float]
     end: Mapping[str, float]
@@ -81,7 +81,7 @@ class Mode:
 
     @property
     def doubts(self) -> tuple[str, ...]:
-        """Why a posterior about these maxima must not be believed."""
+        """Reasons why a posterior about these maxima must not be believed."""
         if self.left_out < MAX_MISSED_MASS:
             return ()
         return (
@@ -92,7 +92,7 @@ class Mode:
 
     @property
     def maxima(self) -> tuple[LocalMaximum, ...]:
-        """All of them, the highest first."""
+        """All maxima, the highest first."""
         return (LocalMaximum(values=self.values, log_posterior=self.log_posterior), *self.others)
 
     @property
@@ -108,6 +108,7 @@ class Mode:
 
     @property
     def same_height(self) -> int:
+        """The number of searches that reached the height of the best."""
         return len(self.highest)
 
     @property
@@ -133,8 +134,10 @@ class Mode:
 
 
 def starts(posterior: Posterior, n: int, rng: np.random.Generator) -> Array:
-    """`(n, D)` physical: the configured start, or that of inverse dynamics where it is better, then the
-    best of some prior draws each.
+    """Return physical starts of searches, `(n, D)`.
+
+    The first is the configured start, or that of inverse dynamics where it is better. Each other is
+    the best of some prior draws.
     """
     first = inverse_dynamics.regression_start(posterior)
     if first is None:
@@ -147,7 +150,7 @@ def starts(posterior: Posterior, n: int, rng: np.random.Generator) -> Array:
 
 
 def task(posterior: Posterior) -> Task:
-    """The posterior density."""
+    """Pose the posterior density as an optimiser's task."""
     return Task(
         names=posterior.space.free,
         density=posterior.density,
@@ -159,7 +162,7 @@ def task(posterior: Posterior) -> Task:
 def searches(
     posterior: Posterior, optimiser: Optimiser, evaluations: int, starts: Array
 ) -> list[Search]:
-    """A search from each of the physical `starts (S, D)`; polished, it ends at the very maximum."""
+    """Search from each of the physical `starts (S, D)`; polished, it ends at the very maximum."""
     optima = optimiser(task(posterior), starts, evaluations)
     return [
         _finished_search(posterior, optimiser, *pair) for pair in zip(starts, optima, strict=True)
@@ -189,12 +192,12 @@ def _finished_search(
 
 
 def search(posterior: Posterior, optimiser: Optimiser, evaluations: int, start: Array) -> Search:
-    """One search from the physical point `start (D,)`."""
+    """Search from the physical point `start (D,)`."""
     return searches(posterior, optimiser, evaluations, start[None])[0]
 
 
 def multi_start(posterior: Posterior, starts: Array) -> tuple[Array, Array]:
-    """Where physical `starts (n, D)` lead, `(m, D)`, and how high `(m,)`; without a simplex."""
+    """Climb from physical `starts (n, D)`: the ends `(m, D)` and their log densities `(m,)`."""
     surface = PosteriorSurface(posterior, physical=True)
     u, value = multiple_modes.best_ends(surface, posterior.coordinates.from_physical(starts))
     return posterior.coordinates.to_physical(u), value
@@ -205,7 +208,10 @@ def summarise(
     searches: tuple[Search, ...],
     scouted: Sequence[tuple[Array, Array]] = (),
 ) -> Mode:
-    """`scouted`: further points that were reached, physical `(n, D)`, and their log densities `(n,)`."""
+    """Sum up all searches: the highest maximum, and the others.
+
+    `scouted`: further points that were reached, physical `(n, D)`, and their log densities `(n,)`.
+    """
     scouted = [some for some in scouted if len(some[0])]
     if steps := step_error.taken(posterior):
         best = max(searches, key=lambda search: search.log_posterior)
@@ -273,8 +279,9 @@ def _distinct_maxima(
 def _search_around(
     surface: PosteriorSurface, ends: Array, heights: Array
 ) -> tuple[Array, Array, float]:
-    """Maxima `ends (M, D)` and those that are found from them, and so on; and how much of the posterior
-    is left out.
+    """Search around maxima `ends (M, D)`, and around those that are reached from them.
+
+    Also returns how much of the posterior is left out.
     """
     visited, left_out = np.empty((0, ends.shape[1])), 0.0
     for _ in range(SEARCH_ROUNDS):
@@ -313,7 +320,7 @@ def _polished_again(posterior: Posterior, search: Search) -> Search:
 
 
 def modes(posterior: Posterior, mode: Mode) -> Array:
-    """All maxima, `(M, D)` physical, the highest first."""
+    """Return all maxima, `(M, D)` physical, the highest first."""
     return np.array([posterior.space.vector(maximum.values) for maximum in mode.maxima])
 
 

@@ -1,15 +1,14 @@
-"""Other maxima of a density: where to look for them (aliases, lags), and how different ones are
-told apart.
+"""Find other maxima of a density (aliases, lags), and tell distinct ones apart.
 
 Two points of one ridge are joined by it, however far apart they are; two maxima are not.  So one
 walks from one to the other along the loose directions of the first, led back to the ridge by its
 tight ones at each step, and looks where one arrives.
 
-A swing of frequency omega that is seen at times t leaves nearly the same samples as one of
-|omega +- delta|, where delta is a peak of the window |sum exp(i delta t)|: 2 pi over the step of even
-samples, and 2 pi over the gap between two stretches (Scargle 1982; VanderPlas 2018).  What returns in
-other unknowns, such as a lag under a periodic drive, an angle a turn further or a sign, shows as further
-maxima along each of them by itself.
+A swing of frequency omega that is seen at times t leaves nearly the same samples as one of |omega
++- delta|, where delta is a peak of the window |sum exp(i delta t)|: 2 pi over the step of even
+samples, and 2 pi over the gap between two stretches (Scargle 1982; VanderPlas 2018).  What returns
+in other unknowns, such as a lag under a periodic drive, an angle a turn further or a sign, shows as
+further maxima along each of them by itself.
 """
 
 from __future__ import annotations
@@ -46,7 +45,7 @@ KNOWN_BONUS = 1e-6
 
 
 def best_ends(surface: Surface, starts: Array, most: int = MAX_STARTS) -> tuple[Array, Array]:
-    """Where `starts (n, D)` lead: the `most` promising ones, `(m, D)`, and their log densities."""
+    """Climb from `starts (n, D)`: the `most` promising ends `(m, D)`, and their log densities."""
     first = gauss_newton(surface, starts, FIRST_STEPS)
     order = np.argsort(-first.value, kind="stable")
     cells = np.rint((first.u[order] - surface.low) / (CELL_SIZE * surface.spread))
@@ -57,7 +56,7 @@ def best_ends(surface: Surface, starts: Array, most: int = MAX_STARTS) -> tuple[
 
 
 def distinct_modes(surface: Surface, points: Array, values: Array, known: int = 0) -> list[int]:
-    """Which of `points (n, D)` are maxima of their own, the highest first.
+    """Return which of `points (n, D)` are maxima of their own, the highest first.
 
     The first `known` of them are so already, and stay what stands for their maximum.
     """
@@ -81,7 +80,7 @@ def distinct_modes(surface: Surface, points: Array, values: Array, known: int = 
 
 
 def split_by_valley(surface: Surface, start: Array, others: Array) -> NDArray[np.bool_]:
-    """Whether the density falls by `VALLEY` on the straight ways from `start (D,)` to `others (n, D)`.
+    """Return whether a valley parts `start (D,)` from each of `others (n, D)`, on a straight way.
 
     It does not between corners of a plateau, nor where one maximum has ripples.
     """
@@ -94,7 +93,7 @@ def split_by_valley(surface: Surface, start: Array, others: Array) -> NDArray[np
 
 
 def joined_by_ridge(surface: Surface, start: Array, others: Array) -> NDArray[np.bool_]:
-    """Whether the ridge through `start (D,)` leads to each of `others (n, D)`: `(n,)`.
+    """Return whether the ridge through `start (D,)` leads to each of `others (n, D)`: `(n,)`.
 
     Where nothing is tight all of the prior is the ridge, and a valley parts it.
     """
@@ -120,7 +119,7 @@ def joined_by_ridge(surface: Surface, start: Array, others: Array) -> NDArray[np
 
 
 def shares_held(posterior: Posterior, ends: Array) -> Array:
-    """How much of the posterior each of the maxima `ends (M, D)` holds, by Laplace: `(M,)`, sum 1."""
+    """Return the share of the posterior of each maximum `ends (M, D)`, by Laplace: `(M,)`, sum 1."""
     if len(ends) == 1:
         return np.ones(1)
     over = PosteriorSurface(posterior)
@@ -160,14 +159,14 @@ class NearbyStarts:
 
 
 def nearby_starts(surface: PosteriorSurface, u: Array) -> NearbyStarts:
-    """From where a search may find other maxima than the one at `u (D,)`."""
+    """Return starts from which a search may find other maxima than the one at `u (D,)`."""
     aliased, returned = alias_starts(surface, u), scan_starts(surface, u)
     missed_share = max(aliased.missed_share, returned.missed_share)
     return NearbyStarts(np.concatenate([aliased.u, returned.u]), missed_share)
 
 
 def alias_starts(surface: PosteriorSurface, u: Array) -> NearbyStarts:
-    """Where a pair of poles swings at an alias of its frequency at `u (D,)`."""
+    """Return points where a pair of poles swings at an alias of its frequency at `u (D,)`."""
     posterior = surface.posterior
     here = frequencies(posterior, u[None])[0]
     slowest, fastest = _frequency_range(surface, u)
@@ -194,7 +193,7 @@ def _heaviest(surface: PosteriorSurface, at: Array) -> tuple[Array, float]:
 
 
 def scan_starts(surface: PosteriorSurface, u: Array) -> NearbyStarts:
-    """Maxima along each unknown by itself, but for that of `u (D,)`."""
+    """Return maxima along each unknown by itself, but for that of `u (D,)`."""
     posterior, maxima, missed_share = surface.posterior, list[Array](), 0.0
     step = min(
         float(np.diff(observation.experiment.t).min(initial=np.inf))
@@ -222,7 +221,7 @@ def scan_starts(surface: PosteriorSurface, u: Array) -> NearbyStarts:
 
 
 def peaks(value: Array, valley: float) -> list[int]:
-    """Indices of maxima of `value (N,)`, -inf allowed, with valleys deeper than `valley` between."""
+    """Return indices of maxima of `value (N,)` parted by more than `valley`; -inf is allowed."""
     maxima: list[int] = []
     top, lowest, rising = 0, 0, True
     for k, x in enumerate(value):
@@ -262,8 +261,10 @@ def _aliases(posterior: Posterior, omega: float, low: float, high: float) -> Arr
 
 
 def window_peaks(t: Array, highest: float) -> tuple[Array, Array]:
-    """Angular frequencies up to `highest` at which the window of times `t (N,)` peaks, and its height
-    there, as a share of that at zero.
+    """Return the peaks of the spectral window of times `t (N,)` up to the frequency `highest`.
+
+    Angular frequencies, and heights there as shares of that at zero (Scargle 1982; VanderPlas
+    2018).
     """
     span = float(t[-1] - t[0])
     if len(t) < 2 or not 0 < highest * span < MAX_CELLS / CELLS_PER_RADIAN:
@@ -283,7 +284,7 @@ def window_peaks(t: Array, highest: float) -> tuple[Array, Array]:
 
 
 def frequencies(posterior: Posterior, u: Array) -> Array:
-    """Imaginary parts of the fastest pairs of poles at `u (W, D)`: `(W, PAIRS)`, 0 where none is."""
+    """Return imaginary parts of the fastest poles at `u (W, D)`: `(W, POLE_PAIRS)`, 0 if none."""
     model = posterior.likelihood.observations[0].response.model
     theta = posterior.coordinates.to_physical(u)
     full = dict(zip(model.parameters, posterior.likelihood.rig(theta).T, strict=True))
@@ -307,8 +308,9 @@ def _slopes(posterior: Posterior, u: Array, pair: int, steps: Array) -> tuple[Ar
 
 
 def _frequency_range(surface: PosteriorSurface, u: Array) -> tuple[Array, Array]:
-    """The slowest and the fastest that each pair may be within the priors: where all unknowns are at
-    the ends that slow it down, or speed it up, at `u (D,)`.
+    """Return the slowest and the fastest that each pair of poles may be within the priors.
+
+    All unknowns are at the ends that slow it down, or speed it up, at `u (D,)`.
     """
     steps, ends = SLOPE_STEP * np.diag(surface.spread), []
     for pair in range(POLE_PAIRS):
@@ -321,8 +323,9 @@ def _frequency_range(surface: PosteriorSurface, u: Array) -> tuple[Array, Array]
 
 
 def _at_frequencies(surface: PosteriorSurface, u: Array, pair: int, wanted: Array) -> Array:
-    """The unknowns nearest to `u (D,)`, in the priors' spreads, at which a pair swings as `wanted (n,)`;
-    those that are found, `(m, D)`.
+    """Return the points `(m, D)` nearest to `u (D,)` at which a pair swings as `wanted (n,)`.
+
+    Nearest in the priors' spreads; those that are not reached are left out.
     """
     posterior, steps = surface.posterior, SLOPE_STEP * np.diag(surface.spread)
     span = max(

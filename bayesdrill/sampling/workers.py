@@ -1,7 +1,7 @@
-"""Work in processes: tasks `function(posterior, *arguments)` that need one posterior.
+"""Run tasks `function(posterior, *arguments)` in worker processes that share one posterior.
 
-Every worker gets the posterior once, computes on one thread, and leaves Ctrl-C to the parent.
-With one process the work is done in this one.
+Every worker gets the posterior once, computes on one thread, and leaves Ctrl-C to the parent. With
+one process the work is done in this one.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ SIGTERM_SECONDS = 5.0  # seconds from SIGTERM to the end of a worker
 
 
 class WorkerPool:
-    """A context manager; `submit` returns a future."""
+    """A pool of workers that share one posterior; a context manager."""
 
     def __init__(self, posterior: Posterior, processes: int) -> None:
         self._posterior = posterior
@@ -46,6 +46,7 @@ class WorkerPool:
         *arguments: P.args,
         **named: P.kwargs,
     ) -> Future[T]:
+        """Submit `function(posterior, ...)` and return its future."""
         if self._pool is not None:
             with held_signals():
                 return self._pool.submit(
@@ -59,17 +60,17 @@ class WorkerPool:
     def submit_function[**P, T](
         self, function: Callable[P, T], *arguments: P.args, **named: P.kwargs
     ) -> Future[T]:
-        """As `submit`, of a function that needs another posterior than that of the pool."""
+        """Submit a function that needs another posterior than that of the pool."""
         return self.submit(_call, function, arguments, named)
 
     def set_steps(self, steps: Mapping[str, Taken]) -> None:
-        """From now on the posterior is taken in these steps (`inference.step_error`)."""
+        """Take the posterior in these steps from now on (`inference.step_error`)."""
         self._steps = dict(steps)
         self._posterior = step_error.taking(self._posterior, steps)
 
     @property
     def posterior(self) -> Posterior:
-        """In the steps that it is taken in."""
+        """The posterior in the steps that it is taken in."""
         return self._posterior
 
     @property
@@ -93,7 +94,7 @@ class WorkerPool:
 def start_workers(
     processes: int, prepare: Callable[..., None], *arguments: Any
 ) -> ProcessPoolExecutor:
-    """Fresh processes that compute on one thread, leave Ctrl-C to this one and die with it.
+    """Start processes that compute on one thread, leave Ctrl-C to this one and die with it.
 
     Each calls `prepare(*arguments)` before its first task.
     """
@@ -112,7 +113,7 @@ def start_workers(
 
 
 def shut_down(pool: ProcessPoolExecutor, patience: float) -> None:
-    """Ends a pool: its workers have `patience` seconds for the task that they are at.
+    """Shut a pool down: its workers have `patience` seconds for the task that they are at.
 
     One that is ended while it hands over a long result leaves half a message, for whose rest the
     pool would wait; one that is stopped would never end by itself.
@@ -128,7 +129,7 @@ def shut_down(pool: ProcessPoolExecutor, patience: float) -> None:
 
 @contextmanager
 def held_signals() -> Iterator[None]:
-    """Hold Ctrl-C and SIGHUP back for a moment: what starts meanwhile never hears of them at all."""
+    """Hold Ctrl-C and SIGHUP back for a moment: what starts meanwhile never hears of them."""
     if not hasattr(signal, "pthread_sigmask"):
         yield
         return
@@ -140,7 +141,7 @@ def held_signals() -> Iterator[None]:
 
 
 def available_processors() -> int:
-    """Processors that this process may use."""
+    """Return the number of processors that this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 

@@ -31,9 +31,9 @@ from bayesdrill.sampling.ensembles import (
     load_sampled,
     preload,
 )
+from bayesdrill.sampling.extended_priors import unsaved_extension
 from bayesdrill.sampling.fit import begin_searches, sample_maxima
 from bayesdrill.sampling.mode_search import Mode
-from bayesdrill.sampling.opened_ends import unsaved_extension
 from bayesdrill.sampling.proposal.learning import NoSupportError
 from bayesdrill.sampling.workers import WorkerPool
 from bayesdrill.tasks import find_map

@@ -20,7 +20,7 @@ from bayesdrill.inference.posterior import Posterior
 from bayesdrill.inference.priors import LogNormal, LogUniform, Prior, TruncatedNormal, Uniform
 from bayesdrill.sampling.convergence import Targets
 from bayesdrill.sampling.ensembles import ExtendedPriors, Plan, SamplingResult
-from bayesdrill.sampling.opened_ends import with_extended_priors
+from bayesdrill.sampling.extended_priors import with_extended_priors
 
 SIGMA = np.full(4, 0.1)
 PLAN = Plan(

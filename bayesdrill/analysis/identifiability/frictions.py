@@ -155,19 +155,22 @@ class _Scene:
 
     def _sd(self, name: str, precision: Array, known: Sequence[str] = ()) -> float:
         """Of the log, where others are `known`."""
-        kept = [k for k, other in enumerate(self.names) if other not in known]
-        inside = precision[np.ix_(kept, kept)]
-        own = 1.0 / np.sqrt(np.diag(inside))
-        spread = np.linalg.pinv(inside * own[:, None] * own, hermitian=True)
-        k = [self.names[j] for j in kept].index(name)
-        return float(own[k] * np.sqrt(spread[k, k]))
+        unknown = [k for k, other in enumerate(self.names) if other not in known]
+        inside = precision[np.ix_(unknown, unknown)]
+        scale = 1.0 / np.sqrt(np.diag(inside))
+        spread = np.linalg.pinv(inside * scale[:, None] * scale, hermitian=True)
+        k = [self.names[j] for j in unknown].index(name)
+        return float(scale[k] * np.sqrt(spread[k, k]))
 
     def alike(self) -> Iterator[Alike]:
-        said: set[frozenset[str]] = set()
+        reported: set[frozenset[str]] = set()
         roles = self.model.roles
         for role, others in RIVALS.items():
-            name, every = roles[role], [f"{'offset_' * (r == SUPPLY)}{roles[r]}" for r in others]
-            rivals = [one for one in every if one in self.names]
+            name, candidates = (
+                roles[role],
+                [f"{'offset_' * (r == SUPPLY)}{roles[r]}" for r in others],
+            )
+            rivals = [candidate for candidate in candidates if candidate in self.names]
             if name not in self.names or not rivals:
                 continue
             alone = self._sd(name, self.known)
@@ -175,9 +178,9 @@ class _Scene:
             if alone < KNOWN or fall < ALIKE:
                 continue
             named = self._enough(name, rivals, alone, fall)
-            if all(frozenset((name, one)) in said for one in named):
+            if all(frozenset((name, rival)) in reported for rival in named):
                 continue
-            said |= {frozenset((name, one)) for one in named}
+            reported |= {frozenset((name, rival)) for rival in named}
             yield Alike(
                 name=name,
                 rivals=named,
@@ -192,9 +195,9 @@ class _Scene:
         """One after the other, those whose knowledge would help most."""
         named: list[str] = []
         while len(named) < len(rivals):
-            rest = [one for one in rivals if one not in named]
-            sds = [self._sd(name, self.known, [*named, one]) for one in rest]
-            named.append(rest[int(np.argmin(sds))])
+            others = [rival for rival in rivals if rival not in named]
+            sds = [self._sd(name, self.known, [*named, rival]) for rival in others]
+            named.append(others[int(np.argmin(sds))])
             if np.log(alone / min(sds)) >= MOST_OF_IT * np.log(fall):
                 break
         return tuple(named)
@@ -202,7 +205,7 @@ class _Scene:
     def unseen(self) -> Iterator[Unseen]:
         for at in (self.model.roles.motor, self.model.roles.rotor):
             scale = at.fading
-            names = tuple(one for one in (at.static, scale) if one in self.names)
+            names = tuple(parameter for parameter in (at.static, scale) if parameter in self.names)
             if not names:
                 continue
             deeds = self._of([f for f in self.frictions if f.friction.against == at.speed])
@@ -215,17 +218,17 @@ class _Scene:
                 names=tuple(lost), scale=speed, deeds=deeds, proposals=self._proposals(lost[0])
             )
 
-    def _of(self, every: Sequence[Rubbing]) -> Deeds | None:
-        if not every:
+    def _of(self, motions: Sequence[Rubbing]) -> Deeds | None:
+        if not motions:
             return None
-        one_sign = len({np.sign(f.speed[f.speed != 0][-1]) for f in every if f.speed.any()}) == 1
+        one_sign = len({np.sign(f.speed[f.speed != 0][-1]) for f in motions if f.speed.any()}) == 1
         return Deeds(
-            where=every[0].friction.where,
-            against=every[0].friction.against,
-            reversals=sum(f.reversals for f in every) + (not one_sign),
-            stuck=float(np.mean([f.stuck_later for f in every])),
-            slowest=min(f.slowest for f in every),
-            fastest=max(f.fastest for f in every),
+            where=motions[0].friction.where,
+            against=motions[0].friction.against,
+            reversals=sum(f.reversals for f in motions) + (not one_sign),
+            stuck=float(np.mean([f.stuck_later for f in motions])),
+            slowest=min(f.slowest for f in motions),
+            fastest=max(f.fastest for f in motions),
         )
 
     # Experiments that could be made.
@@ -238,22 +241,24 @@ class _Scene:
                 for what, volts, rows in self._scenes()
                 if np.isfinite(rows).all()
             ]
-        found = [
+        proposals = [
             Proposal(what=what, volts=volts, shrink=now / self._sd(name, then))
             for what, volts, then in self.tried
         ]
-        helpful = [one for one in found if one.shrink > HELPS]
-        return tuple(sorted(helpful, key=lambda one: -one.shrink)[:MOST_PROPOSED])
+        helpful = [proposal for proposal in proposals if proposal.shrink > HELPS]
+        return tuple(sorted(helpful, key=lambda proposal: -proposal.shrink)[:MOST_PROPOSED])
 
     def _scenes(self) -> Iterator[tuple[str, float | None, Array]]:
         """What it is, its voltage, and the rows of all that would then be known."""
-        every = self.scenery.likelihood.observations
+        observations = self.scenery.likelihood.observations
         supply = self.model.roles.motor.voltage
         if supply not in self.model.inputs:
             return
-        size = float(np.mean([usual_inputs(one.experiment)[supply] for one in every]))
+        size = float(
+            np.mean([usual_inputs(observation.experiment)[supply] for observation in observations])
+        )
         stop = stops_below(self.model, self.rig)
-        if any(supply in one.experiment.series for one in every):
+        if any(supply in observation.experiment.series for observation in observations):
             yield "turned", None, self._another(-1.0)
             if 0 < stop < size:
                 yield "stops", BELOW * stop, self._another(BELOW * stop / size)

@@ -46,7 +46,7 @@ class Scenery:
 
     def __init__(self, likelihood: Likelihood) -> None:
         self.likelihood = likelihood
-        self._stages = tuple(_Stage(one) for one in likelihood.observations)
+        self._stages = tuple(_Stage(observation) for observation in likelihood.observations)
         model = likelihood.observations[0].response.model
         self.states, self.inputs = model.states, model.inputs
         space = likelihood.space
@@ -75,16 +75,16 @@ class Scenery:
         """`sensitivities` of all records, and of as many others of the same sensors in a scene."""
         return self._of_rig(np.vstack([self.every(theta), self.every(theta, scene)]))
 
-    def alone(self, rows: Array, rest: Array) -> tuple[Array, Array]:
+    def alone(self, rows: Array, residuals: Array) -> tuple[Array, Array]:
         """`R (m, m)` and `b (m,)` of rows `(n, m + k)`, and what is left over the noise, `rest (n,)`.
 
         These rows alone know the rig's unknowns as `R' R`, and would move them by `R^-1 b`, whatever the
         nuisances are.
         """
         m = len(self.unknowns)
-        matrix = self._with_priors(np.insert(rows, m, rest, axis=1), m + 1)
-        found = without(matrix, m + 1)
-        return found[:m, :m], found[:m, m]
+        matrix = self._with_priors(np.insert(rows, m, residuals, axis=1), m + 1)
+        reduced = without(matrix, m + 1)
+        return reduced[:m, :m], reduced[:m, m]
 
     def _of_rig(self, rows: Array) -> Array:
         m = len(self.unknowns)
@@ -94,8 +94,8 @@ class Scenery:
 
     def _with_priors(self, rows: Array, before: int) -> Array:
         """Of nuisances, which stand in the columns from `before` on."""
-        held = np.hstack([np.zeros((len(self.known), before)), np.diag(self.known)])
-        return np.vstack([rows, held])
+        priors = np.hstack([np.zeros((len(self.known), before)), np.diag(self.known)])
+        return np.vstack([rows, priors])
 
     def every(self, theta: Array, scene: Scene = AS_IT_IS) -> Array:
         """`(n, m + k)`: of nuisances as well, on their natural scale."""
@@ -119,35 +119,39 @@ def without(rows: Array, m: int) -> Array:
     """The first m columns of `rows (n, m + k)`, without what the others explain of them: `(m, m)`."""
     k = rows.shape[1] - m
     turned = np.linalg.qr(np.hstack([rows[:, m:], rows[:, :m]]), mode="r")
-    left = turned[k:, k:]
-    return np.asarray(np.vstack([left, np.zeros((m - len(left), m))]) if len(left) < m else left)
+    remaining = turned[k:, k:]
+    return np.asarray(
+        np.vstack([remaining, np.zeros((m - len(remaining), m))])
+        if len(remaining) < m
+        else remaining
+    )
 
 
 class _Stage:
     """One experiment with its states for further channels, whose inputs can all be changed."""
 
-    def __init__(self, one: Observation) -> None:
-        model, experiment = one.response.model, one.experiment
-        self._one, self._states, self.k = one, model.states, len(experiment.channels)
+    def __init__(self, observation: Observation) -> None:
+        model, experiment = observation.response.model, observation.experiment
+        self._one, self._states, self.k = observation, model.states, len(experiment.channels)
         n, self.constant = len(experiment.t), experiment.constant
         self.base = {name: experiment.series.get(name, np.zeros(n)) for name in model.inputs}
         self._late = (np.arange(n) >= n // 2).astype(float)
-        every = of_states(model.states)
+        state_channels = of_states(model.states)
         shown = dataclasses.replace(
             experiment,
-            y=np.zeros((n, self.k + len(every))),
-            channels=(*experiment.channels, *every),
+            y=np.zeros((n, self.k + len(state_channels))),
+            channels=(*experiment.channels, *state_channels),
             series=self.base,
         )
-        self._response = one.response.of(shown)
+        self._response = observation.response.of(shown)
 
     def whitened(self, full: Array, along: Array, theta: Array, scene: Scene) -> Array:
         """Rows over the noise, zero where nothing was measured: `(n, m + k)`."""
         slopes = self.course(full, along, scene)[1]
         rows = self._one.informed(slopes[:, :, : self.k], theta)
-        places = [self._states.index(name) for name in scene.extra]
-        more = slopes[:, :, [self.k + place for place in places]]
-        if places:
+        indices = [self._states.index(name) for name in scene.extra]
+        more = slopes[:, :, [self.k + index for index in indices]]
+        if indices:
             rows = np.concatenate([rows, more / np.array([*scene.extra.values()])], axis=2)
         return np.asarray(rows.reshape(len(rows), -1).T)
 
@@ -187,10 +191,10 @@ class Information:
     def bounds_of(self, exponents: Array) -> Array:
         """`bound` of many products, `(n, m) -> (n,)`."""
         _, values, rows = np.linalg.svd(self.root)
-        seen = values > RANK_TOLERANCE * values[0]
+        determined = values > RANK_TOLERANCE * values[0]
         along = exponents @ rows.T
-        hidden = np.linalg.norm(along[:, ~seen], axis=1)
-        known = np.linalg.norm(along[:, seen] / values[seen], axis=1)
+        hidden = np.linalg.norm(along[:, ~determined], axis=1)
+        known = np.linalg.norm(along[:, determined] / values[determined], axis=1)
         return np.where(hidden > BLIND * np.linalg.norm(exponents, axis=1), np.inf, known)
 
     def with_knowledge(self, exponents: Array, sd: float) -> Information:
@@ -234,13 +238,13 @@ class Direction:
 def directions(information: Information) -> tuple[Direction, ...]:
     """The sloppy spectrum: independent products, from the best determined to the worst."""
     _, values, rows = np.linalg.svd(information.root)
-    found = []
+    spectrum = []
     for value, row in zip(values, rows, strict=True):
         largest = row[np.argmax(np.abs(row))]
         blind = value <= RANK_TOLERANCE * values[0]
         sd = float("inf") if blind else float(1.0 / (value * np.abs(largest)))
-        found.append(Direction(exponents=tuple(map(float, row / largest)), sd=sd))
-    return tuple(found)
+        spectrum.append(Direction(exponents=tuple(map(float, row / largest)), sd=sd))
+    return tuple(spectrum)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -273,12 +277,12 @@ def products(information: Information, prior_sd: Array, candidates: Array) -> tu
     sd = np.linalg.norm(candidates @ spread, axis=1)
     before = np.linalg.norm(candidates * prior_sd, axis=1)
     price = sd / before * np.abs(candidates).sum(axis=1)
-    chosen: list[int] = []
+    selected: list[int] = []
     for index in np.argsort(price, kind="stable"):
-        if len(chosen) == rank:
+        if len(selected) == rank:
             break
-        if np.linalg.matrix_rank(candidates[[*chosen, index]]) > len(chosen):
-            chosen.append(int(index))
+        if np.linalg.matrix_rank(candidates[[*selected, index]]) > len(selected):
+            selected.append(int(index))
     return tuple(
         Product(
             exponents=tuple(int(x) for x in candidates[k]),
@@ -286,7 +290,7 @@ def products(information: Information, prior_sd: Array, candidates: Array) -> tu
             prior_sd=float(before[k]),
             bound=information.bound(candidates[k]),
         )
-        for k in chosen
+        for k in selected
     )
 
 

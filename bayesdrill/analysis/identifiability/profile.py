@@ -68,15 +68,17 @@ class Fitter:
         self._m = len(scenery.unknowns) + len(scenery.nuisances)
         moving, self._noise = posterior.space.unknowns[: self._m], theta[self._m :]
         self._coordinates = replace(posterior.space, unknowns=moving).coordinates()
-        ends = np.array([ends_of(one.prior, TAIL) for one in moving]).T
+        ends = np.array([ends_of(unknown.prior, TAIL) for unknown in moving]).T
         self.low, self.high = self._coordinates.to_natural(ends)
         self.best = self._fit(self._coordinates.to_natural(theta[None, : self._m])[0], None)
         if len(self._noise):  # unknown levels, from what the best fit leaves
             theta = self._theta(self.best.logs)
-            full, found = self._likelihood.space.full(theta[None]), theta.copy()
-            for one in self._likelihood.observations:
-                found[one.own] = one.fitted(one.residuals(full).samples[0], theta)
-            self._noise = found[self._m :]
+            full, theta_fitted = self._likelihood.space.full(theta[None]), theta.copy()
+            for observation in self._likelihood.observations:
+                theta_fitted[observation.own] = observation.fitted(
+                    observation.residuals(full).samples[0], theta
+                )
+            self._noise = theta_fitted[self._m :]
             self.best = self._fit(self.best.logs, None)
 
     def held(self, start: Array, column: int, value: float) -> Fitted:
@@ -92,12 +94,12 @@ class Fitter:
         known = information.from_sensitivities(names, rows)
         return known.with_priors((self.high - self.low) / np.sqrt(12.0)).bounds()
 
-    def _fit(self, logs: Array, held: int | None) -> Fitted:
+    def _fit(self, logs: Array, fixed: int | None) -> Fitted:
         """Gauss and Newton with damping, and steps that bend as the residuals do.
 
         Ridges are thin and bent: a straight step along one has to be short, and many are wanted.
         """
-        free = np.array([k for k in range(self._m) if k != held], dtype=np.intp)
+        free = np.array([k for k in range(self._m) if k != fixed], dtype=np.intp)
         logs = np.clip(logs, self.low, self.high)
         residuals = self._residuals(logs)
         damping = 1e-8
@@ -114,13 +116,13 @@ class Fitter:
                 if np.linalg.norm(bend) <= MOST_BEND * np.linalg.norm(step):
                     step = step + 0.5 * bend
                 there = self._moved(logs, free, step)
-                found = self._residuals(there)
-                if found @ found < before:
+                residuals_there = self._residuals(there)
+                if residuals_there @ residuals_there < before:
                     break
                 damping *= 10.0
             else:
                 break
-            logs, residuals, damping = there, found, max(0.1 * damping, 1e-12)
+            logs, residuals, damping = there, residuals_there, max(0.1 * damping, 1e-12)
             if before - residuals @ residuals < ENOUGH:
                 break
         return Fitted(logs, float(0.5 * residuals @ residuals))
@@ -220,15 +222,15 @@ def _side(
     near = [centre + sign * k * sd for k in NEAR if k * sd < abs(end - centre)]
     reached = near[-1] if near else centre
     far = np.linspace(reached, end, FAR + 1)[1:]
-    found: list[tuple[float, Fitted]] = []
+    fits: list[tuple[float, Fitted]] = []
     start = fitter.best.logs
     for value in [*near, *map(float, far)]:
         fit = fitter.held(start, column, value)
-        found.append((value, fit))
+        fits.append((value, fit))
         start = fit.logs
         if fit.cost - fitter.best.cost > FAR_ENOUGH:
             break
-    return found
+    return fits
 
 
 def _shape(low: float | None, high: float | None, logs: Array, lowest: int) -> Shape:

@@ -49,13 +49,14 @@ class Structure:
 
     def invariants_of(self, names: Collection[str]) -> tuple[Exponents, ...]:
         """Independent products of these unknowns alone that nothing of this changes, sparsest first."""
-        own = [k for k, name in enumerate(self.names) if name in names]
+        columns = [k for k, name in enumerate(self.names) if name in names]
         m = len(self.names)
-        changed = _complement(np.array(self.invariants, dtype=float).reshape(-1, m), m)[:, own]
-        found = [
-            dict(zip(own, e, strict=True)) for e in sparse_basis(_complement(changed, len(own)))
+        changed = _complement(np.array(self.invariants, dtype=float).reshape(-1, m), m)[:, columns]
+        factors = [
+            dict(zip(columns, e, strict=True))
+            for e in sparse_basis(_complement(changed, len(columns)))
         ]
-        return tuple(tuple(powers.get(k, 0) for k in range(m)) for powers in found)
+        return tuple(tuple(powers.get(k, 0) for k in range(m)) for powers in factors)
 
 
 def null_space(sensitivities: Sequence[Array]) -> Array:
@@ -79,9 +80,9 @@ def analyse(
 ) -> Structure:
     """`sensitivities`: `(T K, m)` at several points; `unchanged`: proves one candidate."""
     null = null_space(sensitivities)
-    found = sparse_basis(null)
-    proven = tuple(exponents for exponents in found if unchanged(exponents))
-    each = [null_space([one]) for one in sensitivities if one.any()]
+    candidates = sparse_basis(null)
+    proven = tuple(exponents for exponents in candidates if unchanged(exponents))
+    each = [null_space([point]) for point in sensitivities if point.any()]
     blind = min(map(len, each), default=len(null))
     if blind > len(null):  # of a sum only the sum may show: its direction turns with its terms
         hidden = np.concatenate(each)
@@ -89,11 +90,11 @@ def analyse(
         hidden = np.array(proven, dtype=float).reshape(-1, len(names))
     else:
         hidden = null
-    rest = _complement(hidden, len(names))
+    complement = _complement(hidden, len(names))
     return Structure(
         names=names,
         symmetries=proven,
-        invariants=sparse_basis(rest),
+        invariants=sparse_basis(complement),
         unexplained=blind - len(proven),
     )
 
@@ -113,11 +114,13 @@ def sparse_basis(rows: Array) -> tuple[Exponents, ...]:
             exponents = _whole(row)
             if exponents is not None:
                 candidates.add(exponents)
-    chosen: list[Exponents] = []
+    independent: list[Exponents] = []
     for candidate in sorted(candidates, key=_complexity):
-        if np.linalg.matrix_rank(np.array([*chosen, candidate], dtype=float)) > len(chosen):
-            chosen.append(candidate)
-    return tuple(chosen)
+        if np.linalg.matrix_rank(np.array([*independent, candidate], dtype=float)) > len(
+            independent
+        ):
+            independent.append(candidate)
+    return tuple(independent)
 
 
 def doubled(theta: Array, exponents: Exponents) -> Array:
@@ -210,13 +213,15 @@ class Resting:
     @property
     def narrowest(self) -> str:
         """The unknown that the record narrows most."""
-        left = dict(zip(self.names, np.diag(self.following), strict=False))
-        return min(self.unknown, key=left.__getitem__)
+        following = dict(zip(self.names, np.diag(self.following), strict=False))
+        return min(self.unknown, key=following.__getitem__)
 
     def scales(self, names: Sequence[str], exponents: Sequence[float]) -> bool:
         """Whether a product of powers is another where what is held is."""
-        own = dict(zip(self.names, self.exponents, strict=True))
-        return sum(own[name] * e for name, e in zip(names, exponents, strict=True)) != 0
+        exponents_by_name = dict(zip(self.names, self.exponents, strict=True))
+        return (
+            sum(exponents_by_name[name] * e for name, e in zip(names, exponents, strict=True)) != 0
+        )
 
     def priors(self, names: Sequence[str], exponents: Sequence[float]) -> tuple[str, ...]:
         """Whose priors settle a product of powers that this scales; none where what is held does.
@@ -230,7 +235,7 @@ class Resting:
         if follows @ scale / (powers @ scale) < MOSTLY:
             return ()
         large = np.abs(follows) >= MOSTLY * np.abs(follows).max()
-        return tuple(name for name, one in zip(self.names, large, strict=False) if one)
+        return tuple(name for name, is_large in zip(self.names, large, strict=False) if is_large)
 
 
 def resting(
@@ -248,11 +253,11 @@ def resting(
     through it.
     """
     space, model = posterior.space, posterior.likelihood.observations[0].response.model
-    held = tuple(name for name in model.parameters if space.fixed.get(name, 0.0) > 0.0)
-    if not held:
+    fixed = tuple(name for name in model.parameters if space.fixed.get(name, 0.0) > 0.0)
+    if not fixed:
         return ()
     first = len(space.columns("rig", "quantity"))
-    symbols = {one.name: one for one in (*PARAMETERS.values(), *model.declares)}
+    symbols = {symbol.name: symbol for symbol in (*PARAMETERS.values(), *model.declares)}
     low, high = NEAR
     freed = [
         Unknown(
@@ -261,17 +266,21 @@ def resting(
             prior=Uniform(low=low * space.fixed[name], high=high * space.fixed[name]),
             start=space.fixed[name],
         )
-        for name in held
+        for name in fixed
     ]
     wider = posterior.edit(free=freed)
-    at = np.insert(theta, first, [space.fixed[name] for name in held])
-    found = structure_of(wider, Scenery(wider.likelihood), at, rng)
+    at = np.insert(theta, first, [space.fixed[name] for name in fixed])
+    structure = structure_of(wider, Scenery(wider.likelihood), at, rng)
     follows = following(known, prior_sd)
-    every = (
-        Resting(names=found.names, exponents=e, held=held, following=follows)
-        for e in found.symmetries
+    dependent = (
+        Resting(names=structure.names, exponents=e, held=fixed, following=follows)
+        for e in structure.symmetries
     )
-    return tuple(one for one in every if 0 < len(one.through) <= len(one.unknown))
+    return tuple(
+        dependence
+        for dependence in dependent
+        if 0 < len(dependence.through) <= len(dependence.unknown)
+    )
 
 
 def following(known: Information, prior_sd: Array) -> Array:

@@ -83,17 +83,21 @@ def remedies(
     rows = [names.index(name) for name in of_interest]
     before = now.with_priors(prior_sd).bounds()[rows]
     moves = [np.array(exponents, dtype=float) for exponents in symmetries]
-    found = []
+    remedies_tried = []
     for what, after in _tried(scenery, theta, now):
         sd = after.with_priors(prior_sd).bounds()[rows]
         # What is known to all digits, by a record at the edge of numbers, gets no better.
-        usual = (before > 0) & (sd > 0) & (before < np.inf)
-        ratio = np.divide(before, sd, out=np.ones_like(sd), where=usual)
-        seen = information.RANK_TOLERANCE * np.linalg.norm(after.root)
-        breaks = [k for k, move in enumerate(moves) if np.linalg.norm(after.root @ move) > seen]
+        finite = (before > 0) & (sd > 0) & (before < np.inf)
+        ratio = np.divide(before, sd, out=np.ones_like(sd), where=finite)
+        threshold = information.RANK_TOLERANCE * np.linalg.norm(after.root)
+        breaks = [
+            k for k, move in enumerate(moves) if np.linalg.norm(after.root @ move) > threshold
+        ]
         shrink = float(np.exp(np.mean(np.log(ratio))))
-        found.append(Remedy(what=what, breaks=tuple(breaks), left=after.n_blind, shrink=shrink))
-    return tuple(sorted(found, key=lambda remedy: (remedy.left, -remedy.shrink)))
+        remedies_tried.append(
+            Remedy(what=what, breaks=tuple(breaks), left=after.n_blind, shrink=shrink)
+        )
+    return tuple(sorted(remedies_tried, key=lambda remedy: (remedy.left, -remedy.shrink)))
 
 
 def _tried(scenery: Scenery, theta: Array, now: Information) -> Iterator[tuple[str, Information]]:
@@ -101,11 +105,11 @@ def _tried(scenery: Scenery, theta: Array, now: Information) -> Iterator[tuple[s
     for name, unit in zip(names, np.eye(len(names)), strict=True):
         yield f"weigh or measure {name} to 1 %", now.with_knowledge(unit, WEIGHED_TO)
     roles = scenery.likelihood.observations[0].response.model.roles
-    for one, other in ((roles[one], roles[other]) for one, other in TIES):
-        if one in names and other in names:
+    for first, second in ((roles[first], roles[second]) for first, second in TIES):
+        if first in names and second in names:
             equal = np.zeros(len(names))
-            equal[names.index(one)], equal[names.index(other)] = 1.0, -1.0
-            yield f"tie {one} = {other}", now.with_knowledge(equal, WEIGHED_TO)
+            equal[names.index(first)], equal[names.index(second)] = 1.0, -1.0
+            yield f"tie {first} = {second}", now.with_knowledge(equal, WEIGHED_TO)
     for what, scene in _other_drives(scenery):
         sensitivities = scenery.repeated(theta, scene)
         if np.isfinite(sensitivities).all():
@@ -118,27 +122,34 @@ def _tried(scenery: Scenery, theta: Array, now: Information) -> Iterator[tuple[s
 
 def _other_drives(scenery: Scenery) -> Iterator[tuple[str, Scene]]:
     """The experiments there are, once more with less of what drives the rig."""
-    every = [one.experiment for one in scenery.likelihood.observations]
+    experiments = [observation.experiment for observation in scenery.likelihood.observations]
     for name in (n for n in DRIVES if n in scenery.inputs):
-        if any(one.constant.get(name, 0.0) or name in one.series for one in every):
-            size = OTHER * float(np.mean([usual_inputs(one)[name] for one in every]))
+        if any(
+            experiment.constant.get(name, 0.0) or name in experiment.series
+            for experiment in experiments
+        ):
+            size = OTHER * float(
+                np.mean([usual_inputs(experiment)[name] for experiment in experiments])
+            )
             unit = INPUTS[name].plain_unit
             yield f"another experiment at {size:.3g} {unit}", Scene(times={name: OTHER})
 
 
 def _more_channels(scenery: Scenery, theta: Array) -> Iterator[tuple[str, Scene]]:
     """Each state that is not measured yet, with the signal-to-noise ratio of the others."""
-    motions, every = scenery.motions(theta), scenery.likelihood.observations
-    seen = [one.experiment.weights(scenery.states) for one in every]
+    motions, observations = scenery.motions(theta), scenery.likelihood.observations
+    channel_weights = [
+        observation.experiment.weights(scenery.states) for observation in observations
+    ]
     swings = [
-        np.median((motion @ weights.T).std(axis=0) / one.scales(theta[None])[0])
-        for one, motion, weights in zip(every, motions, seen, strict=True)
+        np.median((motion @ weights.T).std(axis=0) / observation.scales(theta[None])[0])
+        for observation, motion, weights in zip(observations, motions, channel_weights, strict=True)
     ]
     ratio = np.median(swings)
     spreads = np.median([motion.std(axis=0) for motion in motions], axis=0)
     for name, unit, spread in zip(scenery.states, np.eye(len(spreads)), spreads, strict=True):
         new = name not in INNER and any(
-            np.linalg.matrix_rank(np.vstack([w, unit])) > len(w) for w in seen
+            np.linalg.matrix_rank(np.vstack([w, unit])) > len(w) for w in channel_weights
         )
         sigma = float(spread / ratio) if ratio > 0 else 0.0
         if new and sigma > 0:
@@ -151,26 +162,28 @@ def _more_channels(scenery: Scenery, theta: Array) -> Iterator[tuple[str, Scene]
 def _other_inputs(scenery: Scenery, theta: Array) -> Iterator[tuple[str, Scene]]:
     """A change of each input half-way through the record."""
     for name, (what, free) in DRIVES.items():
-        usual = scenery.usual_input(name) if name in scenery.inputs else 0.0
-        if usual == 0.0:
+        mean = scenery.usual_input(name) if name in scenery.inputs else 0.0
+        if mean == 0.0:
             continue
-        said = f"change the {what} to {OTHER * usual:.3g} {INPUTS[name].plain_unit} half-way"
-        yield said, Scene(late={name: (OTHER - 1.0) * usual})
+        what_changes = f"change the {what} to {OTHER * mean:.3g} {INPUTS[name].plain_unit} half-way"
+        yield what_changes, Scene(late={name: (OTHER - 1.0) * mean})
         if free:
             coast = f"let the rig coast down half-way ({free})"
-            yield coast, Scene(late={name: -usual})
+            yield coast, Scene(late={name: -mean})
     torque = scenery.likelihood.observations[0].response.model.roles.rotor.load
     if torque not in scenery.inputs:
         return
-    found = []  # changes of channels, in shares of their ranges
+    changes = []  # changes of channels, in shares of their ranges
     pairs = zip(
         scenery.motions(theta), scenery.motions(theta, Scene(late={torque: 1.0})), strict=True
     )
-    for one, (before, after) in zip(scenery.likelihood.observations, pairs, strict=True):
-        here, there = (x @ one.experiment.weights(scenery.states).T for x in (before, after))
+    for observation, (before, after) in zip(scenery.likelihood.observations, pairs, strict=True):
+        here, there = (
+            x @ observation.experiment.weights(scenery.states).T for x in (before, after)
+        )
         with np.errstate(all="ignore"):  # of a channel that stands still: no number, or infinite
-            found.append(np.max(np.ptp(there - here, axis=0) / np.ptp(here, axis=0)))
-    change = float(np.max(found))
+            changes.append(np.max(np.ptp(there - here, axis=0) / np.ptp(here, axis=0)))
+    change = float(np.max(changes))
     if 0 < change < np.inf:
         load = LOAD_SHARE / change
         loaded = f"apply a known load torque of {load:.2g} N m half-way"
@@ -253,7 +266,7 @@ def study_of(
     rng = seeds.stream(asked.seed, "identify")
     names, thresholds = scenery.unknowns, asked.thresholds
     of_interest = tuple(asked.of_interest) or names
-    found = structure_of(posterior, scenery, theta, rng)
+    structure = structure_of(posterior, scenery, theta, rng)
     known = from_sensitivities(names, scenery.sensitivities(theta))
     prior_sd = prior_spreads(posterior)[: len(names)]
     simple = products(known, prior_sd, simple_exponents(len(names)))
@@ -261,18 +274,18 @@ def study_of(
         names=names,
         at=at,
         of_interest=of_interest,
-        structure=found,
+        structure=structure,
         parameters=_parameters(known, prior_sd, thresholds),
         products=tuple(_known(p, thresholds) for p in simple),
         information=known,
-        remedies=remedies(scenery, theta, found.symmetries, prior_sd, of_interest)
+        remedies=remedies(scenery, theta, structure.symmetries, prior_sd, of_interest)
         if seek_remedies
         else (),
         nuisances=_nuisances(scenery, posterior, theta, thresholds),
         frictions=told_apart(scenery, posterior, theta),
         stand_ins=stand_ins(posterior, theta, prior_spreads(posterior), rng),
         resting=resting(posterior, theta, known, prior_sd, rng),
-        scaled=scaled(posterior, found.symmetries),
+        scaled=scaled(posterior, structure.symmetries),
     )
 
 
@@ -288,15 +301,15 @@ def _nuisances(
     sds = np.sqrt(np.diag(covariance))
     alike = covariance / np.outer(sds, sds)
     steps = posterior.coordinates.natural(theta[None])[0]
-    found = []
+    nuisances = []
     for k, name in enumerate(scenery.nuisances, start=len(scenery.unknowns)):
         falls = {
             other: 1.0 / np.sqrt(max(1.0 - alike[k, j] ** 2, 1e-12))
             for j, other in enumerate(scenery.unknowns)
         }
-        like = sorted(falls.items(), key=lambda one: -one[1])
+        like = sorted(falls.items(), key=lambda fall: -fall[1])
         before = scenery.prior_spreads[k]
-        found.append(
+        nuisances.append(
             Nuisance(
                 name=name,
                 sd=float(sds[k] * steps[k]),
@@ -305,7 +318,7 @@ def _nuisances(
                 like=tuple((other, float(x)) for other, x in like if x > ALIKE),
             )
         )
-    return tuple(found)
+    return tuple(nuisances)
 
 
 def prior_spreads(posterior: Posterior) -> Array:

@@ -59,8 +59,8 @@ def stand_ins(
     posterior: Posterior, theta: Array, before: Array, rng: np.random.Generator
 ) -> tuple[StandIn, ...]:
     """Of the rig's parameters at `theta (D,)`; `before (D,)`: sds of logs under the priors."""
-    every = posterior.likelihood.observations
-    torques = [one.torque for one in every if one.torque]
+    observations = posterior.likelihood.observations
+    torques = [observation.torque for observation in observations if observation.torque]
     if not torques:
         return ()
     seeds = rng.integers(2**32, size=DRAWN)
@@ -72,9 +72,17 @@ def stand_ins(
     if not np.isfinite(known).all():
         return ()
     names = posterior.space.free
-    rig = [k for k, one in enumerate(posterior.space.unknowns) if one.role in ("rig", "quantity")]
+    rig = [
+        k
+        for k, unknown in enumerate(posterior.space.unknowns)
+        if unknown.role in ("rig", "quantity")
+    ]
     sds = np.sqrt(np.diag(np.linalg.inv(known)))
-    without = posterior.edit(each=lambda one: one.torque.times(NOTHING) if one.torque else one)
+    without = posterior.edit(
+        each=lambda observation: (
+            observation.torque.times(NOTHING) if observation.torque else observation
+        )
+    )
     nothing = theta.copy()
     nothing[[k for k, name in enumerate(names) if name.startswith(SIZE)]] *= NOTHING
     alone = np.sqrt(np.diag(np.linalg.inv(information(without, nothing))))
@@ -88,16 +96,19 @@ def stand_ins(
     more = {state: information(_showing(posterior, theta, state), theta) for state in unseen}
 
     def helps(k: int) -> tuple[Help, ...]:
-        found = []
+        remedies = []
         for j in (j for j in rig if j != k):
-            rest = [i for i in range(len(sds)) if i != j]
-            held = np.linalg.inv(known[np.ix_(rest, rest)])
-            sd = float(np.sqrt(held[rest.index(k), rest.index(k)]))
-            found.append(Help(kind="hold", name=names[j], shrink=float(sds[k]) / sd))
+            others = [i for i in range(len(sds)) if i != j]
+            covariance = np.linalg.inv(known[np.ix_(others, others)])
+            sd = float(np.sqrt(covariance[others.index(k), others.index(k)]))
+            remedies.append(Help(kind="hold", name=names[j], shrink=float(sds[k]) / sd))
         for state, wider in more.items():
             sd = float(np.sqrt(np.linalg.inv(wider)[k, k]))
-            found.append(Help(kind="measure", name=state, shrink=float(sds[k]) / sd))
-        good = sorted((one for one in found if one.shrink > HELPS), key=lambda one: -one.shrink)
+            remedies.append(Help(kind="measure", name=state, shrink=float(sds[k]) / sd))
+        good = sorted(
+            (remedy for remedy in remedies if remedy.shrink > HELPS),
+            key=lambda remedy: -remedy.shrink,
+        )
         return tuple(good[:MOST])
 
     return tuple(
@@ -117,20 +128,20 @@ def scaled(posterior: Posterior, symmetries: Sequence[Exponents]) -> tuple[tuple
     """Of each symmetry that changes the inertia on which a torque acts: what goes with it, the
     size of the torque among it.
     """
-    for one in posterior.likelihood.observations:
-        if one.torque:
-            rig, torque = one.torque.filtered.model, one.torque.filtered.torque
+    for observation in posterior.likelihood.observations:
+        if observation.torque:
+            rig, torque = observation.torque.filtered.model, observation.torque.filtered.torque
             names = posterior.space.free
             size = next((name for name in names if name.startswith(SIZE)), SIZE)
-            found = []
+            scalings = []
             for exponents in symmetries:
                 powers = dict(zip(names, exponents, strict=False))
                 p = {name: 2.0 ** powers.get(name, 0) for name in rig.parameters}
                 ones = dict.fromkeys(rig.parameters, 1.0)
                 push = pushes(rig, torque, p, rig.linear(p))
                 if push != pushes(rig, torque, ones, rig.linear(ones)):
-                    found.append((*(n for n, e in powers.items() if e), size))
-            return tuple(found)
+                    scalings.append((*(n for n, e in powers.items() if e), size))
+            return tuple(scalings)
     return ()
 
 
@@ -142,8 +153,8 @@ def _information(posterior: Posterior, theta: Array, before: Array, seeds: Count
     for seed in seeds:
         rng = np.random.default_rng(seed)
         drawn = [
-            one.draw(one.signals(full), theta[None], rng)[0]
-            for one in posterior.likelihood.observations
+            observation.draw(observation.signals(full), theta[None], rng)[0]
+            for observation in posterior.likelihood.observations
         ]
         surface = PosteriorSurface(posterior.edit(records=drawn))
         curvature = surface.of_record(theta[None], np.diag(steps))[1][0]
@@ -157,16 +168,18 @@ def _showing(posterior: Posterior, theta: Array, state: str) -> Posterior:
     name = f"state {state}"
     channel = Channel(name=name, weights={state: 1.0}, unit=unit, latex="", latex_unit="")
 
-    def showing(one: Observation) -> Observation:
-        if one.torque is None:
-            return one
+    def showing(observation: Observation) -> Observation:
+        if observation.torque is None:
+            return observation
         experiment = dataclasses.replace(
-            one.experiment,
-            channels=(*one.experiment.channels, channel),
-            y=frozen(np.column_stack([one.experiment.y, np.zeros(len(one.experiment.t))])),
+            observation.experiment,
+            channels=(*observation.experiment.channels, channel),
+            y=frozen(
+                np.column_stack([observation.experiment.y, np.zeros(len(observation.experiment.t))])
+            ),
         )
-        response = one.response.of(experiment)
-        spread = float(response.signals(one.told(full))[0, :, -1].std())
-        return one.torque.showing(response, SENSOR * spread or 1.0)
+        response = observation.response.of(experiment)
+        spread = float(response.signals(observation.told(full))[0, :, -1].std())
+        return observation.torque.showing(response, SENSOR * spread or 1.0)
 
     return posterior.edit(each=showing)

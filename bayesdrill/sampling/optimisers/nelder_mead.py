@@ -27,9 +27,10 @@ type AskTell[T] = Generator[Array, Array, T]
 
 @dataclass(slots=True)
 class SimplexRun:
-    """How far a simplex has come.  `evaluations`: at most `most`; `first`: the value at the start;
-    `lowest`: at `x (D,)`, of all that were asked for; `history`: the lowest after each iteration;
-    `stopped`: by its tolerances.
+    """The progress of a simplex.
+
+    `evaluations`: at most `most`; `first`: the value at the start; `lowest`: at `x (D,)`, of all
+    that were asked for; `history`: the lowest after each iteration; `stopped`: by its tolerances.
     """
 
     most: int
@@ -41,7 +42,7 @@ class SimplexRun:
     history: list[float] = field(default_factory=list)
 
     def ask(self, points: Array) -> AskTell[Array]:
-        """The values at `points (n, D)`; inf at those that are one too many."""
+        """Ask for the values at `points (n, D)`; inf at those that are too many."""
         values = np.full(len(points), np.inf)
         asked = points[: self.most - self.evaluations]
         if len(asked):
@@ -102,7 +103,7 @@ def nelder_mead(
 
 
 def in_lock_step[T](searches: Sequence[AskTell[T]], function: Callable[[Array], Array]) -> list[T]:
-    """What each search finds; `function((W, D)) -> (W,)` sees the points of all of them at once."""
+    """Run searches in lock-step; `function((W, D)) -> (W,)` sees the points of all of them at once."""
     asked = {search: next(search) for search in searches}
     results: dict[AskTell[T], T] = {}
     while asked:
@@ -130,10 +131,11 @@ LOG_STEP = 0.1  # ... and there first steps of the simplex are this, in a log of
 
 @dataclass(frozen=True, slots=True)
 class NelderMead:
-    """A restart that gains less than `enough` of the log density is the last; `per_unknown` evaluations
-    at most.
+    """Nelder-Mead with restarts.
 
-    By default as far as it is good for, where slopes go the rest of the way.
+    A restart that gains less than `enough` of the log density is the last; `per_unknown`: the most
+    evaluations for each unknown. The defaults go as far as a simplex is good for, where slopes go
+    the rest of the way.
     """
 
     enough: float = ROUGH_TOLERANCE
@@ -141,9 +143,10 @@ class NelderMead:
     polished: bool = True
 
     def check(self, unknown: Sequence[str]) -> None:
-        """It searches whatever is unknown."""
+        """Accept whatever is unknown."""
 
     def __call__(self, task: Task, starts: Array, evaluations: int) -> list[Optimum]:
+        """Search from each of the physical `starts (S, D)`."""
         most = int(min(evaluations, self.per_unknown * len(task.names)))
 
         def lost(z: Array) -> Array:

@@ -67,12 +67,14 @@ NEGLIGIBLE_MAXIMUM = 1e-3  # of the posterior: a maximum with less is not looked
 
 
 class NoSupportError(ValueError):
-    """No draw has a density."""
+    """Raised where no draw has a density."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LearnedProposal:
-    """`proposal`; of its draws `u (N, D)` with normalised `weights (N,)`: the effective `share`.
+    """A proposal, and the draws by which it was judged.
+
+    `proposal`; of its draws `u (N, D)` with normalised `weights (N,)`: the effective `share`.
 
     `off`: how far each ridge is from its polynomial, in standard deviations; `origin`: which of the
     maxima it belongs to.
@@ -87,7 +89,7 @@ class LearnedProposal:
     origin: tuple[int, ...]
 
     def shares(self, u: Array, n_maxima: int) -> Array:
-        """How many of draws `u (N, D)` each maximum holds: `(n_maxima,)`, their sum 1."""
+        """Return the share of draws `u (N, D)` that each maximum holds: `(n_maxima,)`, sum 1."""
         equal = np.full(len(u), 1.0 / len(u))
         component_shares = responsibilities(self.proposal.mixture, u, equal)[1].sum(axis=1)
         mode_shares = np.zeros(n_maxima)
@@ -106,7 +108,9 @@ def learn(
     *,
     settle: bool = True,
 ) -> LearnedProposal:
-    """From the `maxima` (each `(D,)`); raises `NoSupportError` where no draw has a density.
+    """Learn a proposal from the `maxima` (each `(D,)`).
+
+    Raises `NoSupportError` where no draw has a density.
 
     `max_added_ridges`: how many ridges are added at most.  `settle`: whether to look along settled
     ridges for what the proposal leaves out.
@@ -331,8 +335,9 @@ def _draw(
 
 
 def _densities(mixture: Mixture, counts: tuple[int, int], u: Array) -> tuple[Array, Array]:
-    """Logs at `u (N, D)` of how densely it was drawn there, by `counts` of a mixture and of a wider one,
-    and of the mixture itself.
+    """Return logs at `u (N, D)` of how densely it was drawn there, and of the mixture itself.
+
+    It was drawn by `counts` of the mixture and of a wider one.
     """
     y, jacobian = mixture.straightened(u)
     log_q = mixture.log_density_at(y, jacobian)
@@ -420,7 +425,7 @@ def _joined(mixture: Mixture, parts: Sequence[Component]) -> Mixture:
 
 
 def responsibilities(mixture: Mixture, u: Array, weights: Array) -> tuple[Array, Array]:
-    """Coordinates `(S, N, D)`, and how much of each weight every component stands for `(K, N)`."""
+    """Return coordinates `(S, N, D)` and each component's part of each weight, `(K, N)`."""
     y, jacobian = mixture.straightened(u)
     parts = mixture.log_parts(y, jacobian)
     shares = np.exp(parts - parts.max(axis=0))

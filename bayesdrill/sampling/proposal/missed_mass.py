@@ -1,4 +1,4 @@
-"""What a proposal leaves out of the posterior, looked for along settled ridges.
+"""Look along Newton ridges for posterior mass that a proposal misses.
 
 A proposal is judged by its own draws, which never go where it does not lead.  So points are brought
 to the ridge by Gauss and Newton, wherever its loose directions go; and only where some of the
@@ -32,7 +32,7 @@ from bayesdrill.sampling.samplers.independence import (
     Proposal,
     WeightedDraws,
 )
-from bayesdrill.sampling.samplers.ridge import QuadraticSurface
+from bayesdrill.sampling.samplers.ridge import RidgeCoordinates
 
 Random = np.random.RandomState
 
@@ -56,7 +56,7 @@ MAX_STILL_TRAPPED = 0.02  # of them: with more, such a place gets another ridge
 
 @dataclass(frozen=True, slots=True)
 class CoverageCheck:
-    """Along settled ridges: `proposal` of its own, whose `draws` all have a density."""
+    """A proposal along Newton ridges, and its `draws`, all of which have a density."""
 
     proposal: Proposal
     draws: WeightedDraws
@@ -72,7 +72,9 @@ def check_coverage(
     rng: np.random.Generator,
     report: Reporter = SILENT,
 ) -> CoverageCheck | None:
-    """None where `proposal` leaves nothing out, or where nothing can be seen.
+    """Look for posterior mass that `proposal` misses.
+
+    None where `proposal` leaves nothing out, or where nothing can be seen.
 
     `sheets`: those of the proposal that are looked along.  `weighted_draws`: draws of the posterior
     `(N, D)`, and their weights for each of those sheets `(S, N)`.
@@ -166,8 +168,10 @@ def _ending(
     shares: Array,
     rng: np.random.Generator,
 ) -> tuple[Mixture, Array]:
-    """Sheets of `before`, and a last one traced from the middle of those `u (N, D)` of which it has
-    the larger of the `shares (S, N)`; and the logs of p over q then `(N,)`.
+    """Trace one more sheet from the middle of the draws `u (N, D)` that are mostly its own.
+
+    It follows the sheets of `before`; `shares (S, N)`. Returns the logs of p over q then, `(N,)`,
+    too.
     """
     mine = shares[-1] > 0.5
     some, weights = u[mine], shares[-1][mine] / shares[-1][mine].sum()
@@ -180,7 +184,7 @@ def _ending(
     return _wide(sheets, u, shares / len(u)), value - log_q
 
 
-def _wide(sheets: Sequence[QuadraticSurface], u: Array, weights: Array) -> Mixture:
+def _wide(sheets: Sequence[RidgeCoordinates], u: Array, weights: Array) -> Mixture:
     """A component for each sheet, wider than draws `u (N, D)` of `weights (S, N)` along it."""
     means, roots = [], []
     for sheet, sheet_weights in zip(sheets, weights, strict=True):
@@ -198,8 +202,9 @@ def _wide(sheets: Sequence[QuadraticSurface], u: Array, weights: Array) -> Mixtu
 def _drawn(
     surface: Surface, mixture: Mixture, n: int, seed: Random
 ) -> tuple[WeightedDraws, Array, float]:
-    """Of `n` draws, or more where many are outside the prior, those with a density; each sheet's shares
-    of them `(S, N)`; and how many of all are inside.
+    """Draw `n` times, or more where many are outside the prior, and keep draws with a density.
+
+    Returns each sheet's shares of them `(S, N)`, and how many of all are inside, too.
     """
     inside = surface.inside(mixture.draw(n, seed).u).mean()
     drawn = mixture.draw(int(n / max(float(inside), 1.0 / MAX_TRIES_PER_DRAW)), seed)

@@ -1,4 +1,4 @@
-"""The ridge of a maximum, traced from the log density itself: no formula of any rig is in it.
+"""Trace the ridge of a maximum from the log density itself; no formula of any rig is in it.
 
 At the maximum the curvature, in units of what the priors know, splits the unknowns into directions
 that the record knows far better (tight) and the rest (loose).  Then points are sent out along the
@@ -23,7 +23,7 @@ from bayesdrill.inference.laplace import Expansion, PosteriorSurface, Surface
 from bayesdrill.inference.posterior import Posterior
 from bayesdrill.sampling.samplers import ridge
 from bayesdrill.sampling.samplers.independence import Mixture, Proposal
-from bayesdrill.sampling.samplers.ridge import LocalBasis, QuadraticSurface, RidgeMap
+from bayesdrill.sampling.samplers.ridge import LocalBasis, RidgeCoordinates, RidgeMap
 
 Expand = Callable[[Array, Array], Expansion]
 
@@ -42,7 +42,7 @@ NEGLIGIBLE_CURVATURE = 1e-12  # of the largest knowledge: what is less is roundi
 def split_directions(
     surface: Surface, centre: Array, here: Expansion, still: Array | None = None
 ) -> tuple[LocalBasis, Array]:
-    """The basis at the maximum `centre (D,)`, and the record's knowledge of its loose part `(l,)`.
+    """Return the basis at the maximum `centre (D,)` and the knowledge of its loose part `(l,)`.
 
     `here`: the expansion there; `still (D, f)`: directions along which nothing changes, which come
     first.  An unknown that the end of its prior keeps from going further is no part of a tight
@@ -91,7 +91,7 @@ def _directions(curvature: Array, without: Array) -> tuple[Array, Array]:
 
 
 def flat_directions(surface: Surface, expand: Expand, rng: np.random.Generator) -> Array:
-    """Directions `(D, f)` in units of the spreads along which the density changes nowhere at all.
+    """Return directions `(D, f)`, in units of the spreads, along which the density never changes.
 
     Looked for at points all over the prior: what is flat at one of them may bend elsewhere.
     """
@@ -139,7 +139,9 @@ PRIOR_MARGIN = 0.9  # points are wanted a little beyond the prior's ends too
 
 @dataclass(frozen=True, slots=True)
 class TracedRidge:
-    """`ridge`, and how far held-out points of it are from its polynomial, in standard deviations.
+    """A ridge, and how well its polynomial fits.
+
+    `ridge`, and how far held-out points of it are from its polynomial, in standard deviations.
 
     `psi (l,)`, `spread (l, l)`: mean and covariance root of the loose directions, to begin with.
     """
@@ -157,7 +159,9 @@ def trace(
     rng: np.random.Generator,
     weighted_draws: tuple[Array, Array] | None = None,
 ) -> TracedRidge:
-    """The ridge through the maximum `centre (D,)`; `expand` may share the points among processes.
+    """Trace the ridge through the maximum `centre (D,)`.
+
+    `expand` may share the points among processes.
 
     `weighted_draws`: draws of the posterior `(N, D)` and their weights `(N,)`, which say where the
     ridge is wanted; else the priors do, with what the record knows at the maximum.
@@ -234,7 +238,7 @@ def _follow(
 
 
 def trace_box(surface: Surface, centre: Array, rng: np.random.Generator) -> TracedRidge:
-    """No ridge, but as much of the room on the inner side of `centre (D,)` as has a density."""
+    """Return no ridge, but as much of the box on the inner side of `centre (D,)` as has a density."""
     inward = np.where(centre - surface.low < surface.high - centre, 1.0, -1.0)
     size = surface.spread
     for _ in range(MAX_SHRINKINGS):
@@ -250,7 +254,7 @@ def trace_box(surface: Surface, centre: Array, rng: np.random.Generator) -> Trac
 
 
 def moments(points: Array, weights: Array) -> tuple[Array, Array]:
-    """Mean and root of the covariance of weighted `points (N, n)`."""
+    """Return mean and covariance root of weighted `points (N, n)`."""
     share = weights / weights.sum()
     centre = share @ points
     off = points - centre
@@ -260,7 +264,7 @@ def moments(points: Array, weights: Array) -> tuple[Array, Array]:
 
 
 def distances(points: Array, weights: Array) -> Array:
-    """Of `points (N, n)` from their weighted middle, in standard deviations: `(N,)`."""
+    """Return distances of `points (N, n)` from their weighted mean, in standard deviations: `(N,)`."""
     middle, root = moments(points, weights)
     return np.asarray(np.linalg.norm(np.linalg.solve(root, (points - middle).T), axis=0))
 
@@ -312,8 +316,9 @@ def _scatter(
 def _arrivals(
     surface: Surface, expand: Expand, at: RidgeMap, psi: Array, before: list[Array]
 ) -> list[Array]:
-    """`psi (N, l)`, `tau (N, t)`, covariance roots `(N, t, t)` and log densities of what arrived, behind
-    those `before`.
+    """Return points that arrived on the ridge, behind those `before`.
+
+    `psi (N, l)`, `tau (N, t)`, covariance roots `(N, t, t)` and log densities.
 
     A little beyond the ends of the priors, too: without such points polynomials are at their worst
     at the ends.  But not far below the ridge: at a lesser maximum, where nothing is.
@@ -337,9 +342,10 @@ def return_to_ridge(
     near: float = CONVERGED_SDS,
     iterations: int = ITERATIONS,
 ) -> tuple[Array, Array, Array, Flags]:
-    """To the ridge at `psi (N, l)`: `tau (N, t)`, covariance roots `(N, t, t)`, the log density
-    `(N,)` about there, and whether they arrived: by a last step from where they were `near`, in
-    standard deviations.
+    """Lead points back to the ridge at `psi (N, l)` by Gauss-Newton.
+
+    Returns `tau (N, t)`, covariance roots `(N, t, t)`, the log density `(N,)` about there, and
+    whether they arrived: by a last step from where they were `near`, in standard deviations.
     """
     tau = tau.copy()
     n_tight = tau.shape[1]
@@ -371,7 +377,7 @@ def return_to_ridge(
 
 
 def covariance_roots(curvature: Array) -> Array:
-    """Lower triangles R `(N, t, t)` with R R' the inverse of each curvature."""
+    """Return lower triangles R `(N, t, t)` with R R' the inverse of each curvature."""
     n = curvature.shape[1]
     scale = 1.0 / np.sqrt(np.maximum(np.einsum("nii->ni", curvature), 1e-300))
     scaled = curvature * scale[:, :, None] * scale[:, None, :] + 1e-12 * np.eye(n)
@@ -432,23 +438,28 @@ NEWTON_ITERATIONS = 9  # where polynomials are far astray, half of them are spen
 
 @dataclass(frozen=True, slots=True)
 class NewtonRidge:
-    """`ridge`, from whose place and root each point is brought to where the ridge is.
+    """Coordinates along a ridge to which Gauss-Newton leads every point back.
+
+    `ridge`, from whose place and root each point is brought to where the ridge is.
 
     A function of psi alone, whether or not it arrives.
     """
 
-    ridge: QuadraticSurface
+    ridge: RidgeCoordinates
     expand: Expand
 
     @property
     def frame(self) -> LocalBasis:
+        """The fixed basis."""
         return self.ridge.frame
 
     @property
     def n_loose(self) -> int:
+        """The number of loose directions."""
         return self.ridge.n_loose
 
     def along(self, psi: Array) -> tuple[Array, Array, Array]:
+        """Return t `(W, t)`, R `(t, t, W)` and log det R `(W,)` at psi `(W, l)`."""
         tau, root, log_det = self.ridge.along(psi)
         newton_tau, roots, _, arrived = return_to_ridge(
             self.expand, self.frame, psi, tau, NEAR_SDS, NEWTON_ITERATIONS
@@ -460,11 +471,12 @@ class NewtonRidge:
         return tau, root, log_det
 
     def within(self, psi: Array) -> Flags:
+        """Return whether `psi (W, l)` is where points of the fit lie: `(W,)`."""
         return self.ridge.within(psi)
 
 
 def bind_to_posterior(proposal: Proposal, posterior: Posterior) -> Proposal:
-    """With the ridges of its `newton` part, where it has one, brought home along the posterior."""
+    """Bind the Newton ridges of a proposal, where it has any, to the posterior."""
     newton = proposal.newton
     if newton is None:
         return proposal
@@ -473,5 +485,5 @@ def bind_to_posterior(proposal: Proposal, posterior: Posterior) -> Proposal:
 
 
 def newton_mixture(mixture: Mixture, expand: Expand) -> Mixture:
-    """The same mixture over settled ridges."""
+    """Return the same mixture over Newton ridges."""
     return replace(mixture, sheets=tuple(NewtonRidge(sheet, expand) for sheet in mixture.sheets))

@@ -1,5 +1,6 @@
-"""One emcee ensemble, advanced segment by segment (the same chain however it is cut), and the registry
-of its moves.
+"""Advance one emcee ensemble segment by segment, and register its moves.
+
+The chain is the same however it is cut.
 
 Steps of walkers that the proposal would hardly ever lead away.
 
@@ -33,7 +34,7 @@ from bayesdrill.sampling.samplers.independence import (
     Random,
 )
 from bayesdrill.sampling.samplers.ridge import (
-    QuadraticSurface,
+    RidgeCoordinates,
     from_ridge_coordinates,
     to_ridge_coordinates,
 )
@@ -42,7 +43,7 @@ MIN_LENGTH, MAX_LENGTH = 0.01, 1.0  # of a component's widths, over the root of 
 
 
 def local_steps(mixture: Mixture, u: Array, random: Random) -> tuple[Array, Array, Array]:
-    """From `u (n, D)`: new points, their Hastings factors (logs) and their log q, both `(n,)`.
+    """Return new points from `u (n, D)`, their Hastings factors (logs) and their log q, `(n,)`.
 
     The component is drawn by its share of q, which is another where the step ends; the step has its
     shape, and a length between far and near.
@@ -74,23 +75,26 @@ GAMMA_SPREAD = 1e-5  # relative: a little noise keeps walkers out of a common pl
 
 
 class Move(Protocol):
-    """`propose(model, state)`: emcee's contract; `state` is changed in place and given back."""
+    """A move by emcee's contract."""
 
-    def propose(self, model: Any, state: Any) -> tuple[Any, Flags]: ...
+    def propose(self, model: Any, state: Any) -> tuple[Any, Flags]:
+        """Advance all walkers by a step; `state` is changed in place and given back."""
+        ...
 
 
 @dataclass(frozen=True, slots=True)
 class SplitEnsembleMove:
-    """Each half of the walkers, split at random, moves by where the other half stands.
+    """A move of each half of the walkers, split at random, by where the other half stands.
 
     `proposal(walkers, others, random)`: new points and their Hastings factors (logs).  `along`: the
     ridge in whose coordinates that happens, where there is one.
     """
 
     proposal: Callable[[Array, Array, Random], tuple[Array, Array]]
-    along: QuadraticSurface | None = None
+    along: RidgeCoordinates | None = None
 
     def propose(self, model: Any, state: Any) -> tuple[Any, Flags]:
+        """Advance one half of the walkers, then the other."""
         accepted = np.zeros(len(state.coords), dtype=bool)
         order = model.random.permutation(len(state.coords))
         middle = len(order) // 2
@@ -112,10 +116,10 @@ class SplitEnsembleMove:
 
 @dataclass(frozen=True, slots=True)
 class IndependenceMove:
-    """All walkers at once, to points that do not depend on where any of them stands.
+    """A move of all walkers at once, to points that do not depend on where any of them stands.
 
-    After a share of the steps (of the settled ones, where there are any), those that would wait long
-    for such a point take a step by themselves.
+    After a share of the steps (of the settled ones, where there are any), those that would wait
+    long for such a point take a step by themselves.
     """
 
     proposal: Proposal
@@ -123,6 +127,7 @@ class IndependenceMove:
     remembered: tuple[CachedLogDensity, CachedLogDensity]  # of the proposal, and of the widest
 
     def propose(self, model: Any, state: Any) -> tuple[Any, Flags]:
+        """Advance all walkers by a draw of the proposal, and perhaps by local steps."""
         everyone = np.arange(len(state.coords))
         proposal = self.proposal.pick(model.random)
         known = self.remembered[proposal is self.proposal.newton]
@@ -136,7 +141,7 @@ class IndependenceMove:
 
 
 def step_trapped(model: Any, state: Any, proposal: Proposal, log_q: Array) -> Flags:
-    """Steps of those walkers that would wait long; `log_q (W,)` is the proposal's where they stand."""
+    """Step those walkers that would wait long; `log_q (W,)` is the proposal's where they stand."""
     moved = np.zeros(len(log_q), dtype=bool)
     which = np.flatnonzero(state.log_prob > proposal.high(log_q))
     if len(which) > 0:
@@ -168,7 +173,7 @@ def _accept(
 
 
 def differential_evolution(walkers: Array, others: Array, random: Random) -> tuple[Array, Array]:
-    """Along the difference of two of the others (ter Braak 2006; Nelson et al. 2014)."""
+    """Move along the difference of two others (ter Braak 2006; Nelson et al. 2014)."""
     n, d = walkers.shape
     first, offset = random.randint(len(others), size=n), random.randint(1, len(others), size=n)
     second = (first + offset) % len(others)
@@ -177,7 +182,7 @@ def differential_evolution(walkers: Array, others: Array, random: Random) -> tup
 
 
 def stretch(walkers: Array, others: Array, random: Random) -> tuple[Array, Array]:
-    """Along the line through one of the others (Goodman and Weare 2010)."""
+    """Move along the line through one of the others (Goodman and Weare 2010)."""
     n, d = walkers.shape
     factor = (
         np.square((STRETCH_SCALE - 1.0) * np.asarray(random.random_sample(n)) + 1.0) / STRETCH_SCALE
@@ -190,7 +195,7 @@ MoveFactory = Callable[[Proposal | None, Inside], Move | None]
 
 
 def halves(proposal: Callable[[Array, Array, Random], tuple[Array, Array]]) -> MoveFactory:
-    """Along the first ridge, where one has been learnt."""
+    """Return a factory of moves along the first ridge, where one has been learnt."""
     return lambda learnt, _: SplitEnsembleMove(
         proposal, learnt.mixture.sheets[0] if learnt else None
     )
@@ -218,7 +223,10 @@ MOVES: Registry[MoveFactory] = Registry(
 def moves_with_weights(
     weights: Mapping[str, float], learnt: Proposal | None, inside: Inside
 ) -> list[tuple[Move, float]]:
-    """What emcee takes as `moves`; those that need a proposal only where one has been learnt."""
+    """Return what emcee takes as `moves`.
+
+    Those that need a proposal are there only where one has been learnt.
+    """
     built = [
         (MOVES[name](learnt, inside), weight) for name, weight in weights.items() if weight > 0
     ]
@@ -250,6 +258,7 @@ class ChainSegment:
 
 
 def always_inside(z: Array) -> Flags:
+    """Return that every point of `z (n, D)` may have a density."""
     return np.ones(len(z), dtype=bool)
 
 
@@ -261,10 +270,10 @@ def advance(
     proposal: Proposal | None = None,
     inside: Callable[[Array], Flags] = always_inside,
 ) -> ChainSegment:
-    """`n_steps` further; `evaluate` gives the log density of a batch and its failures.
+    """Advance an ensemble by `n_steps`; `evaluate` gives log densities of a batch and its failures.
 
-    `proposal`: what the independence move draws from; without it that move is left out.
-    `inside`: whether points `(n, D)` may have a density at all, cheaper than asking for it.
+    `proposal`: what the independence move draws from; without it that move is left out. `inside`:
+    whether points `(n, D)` may have a density at all, cheaper than asking for it.
     """
     import emcee  # late: it takes half a second to load
 

@@ -1,5 +1,4 @@
-"""An independence proposal: a Gaussian mixture over sheets of coordinates, fitted to weighted
-draws.
+"""Fit an independence proposal to weighted draws: a Gaussian mixture over ridge coordinates.
 
 What draws from a proposal q say of the target p: weights, and how q would do.
 
@@ -10,9 +9,9 @@ A sheet is a ridge with coordinates of its own; every component belongs to one. 
 one maximum has one sheet.  Together they are one normalised density over u (up to what the prior
 cuts off, which is the same for all of it).
 
-An independence proposal: it is learnt before the first step, and depends on nothing that the
-chain does, so that detailed balance holds exactly: u' drawn from the density q is accepted with
-min(1, p(u') q(u) / (p(u) q(u'))).
+An independence proposal: it is learnt before the first step, and depends on nothing that the chain
+does, so that detailed balance holds exactly: u' drawn from the density q is accepted with min(1,
+p(u') q(u) / (p(u) q(u'))).
 
 Draws outside the prior are drawn again, which costs no response of the model where no ridge is
 settled; what the cut does to the norm of q cancels.
@@ -28,7 +27,7 @@ import numpy as np
 
 from bayesdrill.basics.arrays import Array, Flags, Indices
 from bayesdrill.sampling.samplers.ridge import (
-    QuadraticSurface,
+    RidgeCoordinates,
     from_ridge_coordinates,
     to_ridge_coordinates,
 )
@@ -51,22 +50,23 @@ class WeightedDraws:
 
     @property
     def weights(self) -> Array:
-        """`(N,)`, their sum 1: the draws are those of p then."""
+        """Normalised weights `(N,)`: with them the draws are those of p."""
         return normalised(self.log_q + self.log_w)
 
     @property
     def effective(self) -> float:
+        """The effective number of these draws."""
         return effective_count(self.weights)
 
     @property
     def share(self) -> float:
-        """Of draws from q alone, how many would be effective."""
+        """How many of draws from q alone would be effective."""
         ratio, q = np.exp(self.log_w - self.log_w.max()), normalised(self.log_q)
         return float((q @ ratio) ** 2 / (q @ ratio**2))
 
     @property
     def acceptance(self) -> float:
-        """Of independent proposals in the long run.
+        """The acceptance of independent proposals in the long run.
 
         A move from x to y is accepted with min(1, w(y) / w(x)), x from p and y from q: the mean of
         the smaller of two weights, over the mean weight.
@@ -90,7 +90,7 @@ class WeightedDraws:
         return float(self.log_w[order[min(middle, len(order) - 1)]])
 
     def tempered(self, least: float) -> Array:
-        """Weights of p^b q^(1 - b) with b the largest up to 1 that leaves so many effective draws."""
+        """Return weights of p^b q^(1 - b), with the largest b up to 1 for `least` effective draws."""
 
         def flat(power: float) -> Array:
             with np.errstate(invalid="ignore"):
@@ -106,17 +106,19 @@ class WeightedDraws:
         return flat(low)
 
     def supported(self) -> WeightedDraws:
+        """Return the draws where p is not zero."""
         finite = np.isfinite(self.log_w)
         return WeightedDraws(self.u[finite], self.log_w[finite], self.log_q[finite])
 
 
 def normalised(log_w: Array) -> Array:
+    """Return weights with sum 1 of their logs `(N,)`."""
     weights = np.exp(log_w - log_w.max())
     return np.asarray(weights / weights.sum())
 
 
 def effective_count(weights: Array) -> float:
-    """As how many equal ones these `weights (N,)` count (Kish)."""
+    """Return the effective number of draws with these `weights (N,)` (Kish)."""
     largest = float(weights.max())
     if largest == 0.0:
         return 0.0
@@ -134,7 +136,10 @@ LOG_2PI = float(np.log(2.0 * np.pi))
 
 @dataclass(frozen=True, slots=True)
 class MixtureDraws:
-    """`u (n, D)`, log |du / dy| `(n,)` and `y (n, D)`, each on the sheet that it was drawn on."""
+    """Draws of a mixture.
+
+    `u (n, D)`, log |du / dy| `(n,)` and `y (n, D)`, each on the sheet that it was drawn on.
+    """
 
     u: Array
     jacobian: Array
@@ -142,17 +147,20 @@ class MixtureDraws:
     sheet: Indices
 
     def select(self, good: Flags | Indices) -> MixtureDraws:
+        """Return those draws that are `good`."""
         return MixtureDraws(self.u[good], self.jacobian[good], self.y[good], self.sheet[good])
 
 
 @dataclass(frozen=True, slots=True)
 class Mixture:
-    """`sheet (K,)`: which of `sheets` a component lives on; `weights (K,)` sum to 1.
+    """A Gaussian mixture over sheets of coordinates.
+
+    `sheet (K,)`: which of `sheets` a component lives on; `weights (K,)` sum to 1.
 
     `means (K, D)` and lower Cholesky factors `roots (K, D, D)` in the sheet's coordinates.
     """
 
-    sheets: tuple[QuadraticSurface, ...]
+    sheets: tuple[RidgeCoordinates, ...]
     sheet: Indices
     weights: Array
     means: Array
@@ -161,7 +169,7 @@ class Mixture:
     constants: Array
 
     def draw(self, n: int, random: Random) -> MixtureDraws:
-        """`n` draws, inside the prior or not."""
+        """Draw `n` points, inside the prior or not."""
         component = np.searchsorted(np.cumsum(self.weights)[:-1], random.random_sample(n))
         normal = random.standard_normal((n, self.means.shape[1]))
         y, u, jacobian = np.empty_like(normal), np.empty_like(normal), np.empty(n)
@@ -178,7 +186,7 @@ class Mixture:
         return MixtureDraws(u, jacobian, y, self.sheet[component])
 
     def coordinates(self, drawn: MixtureDraws) -> tuple[Array, Array]:
-        """`straightened`, of draws of its own: on the sheet they come from they are known already."""
+        """Return `straightened` of draws of its own, known already on the sheet they come from."""
         y = np.repeat(drawn.y[None], len(self.sheets), axis=0)
         jacobian = np.repeat(drawn.jacobian[None], len(self.sheets), axis=0)
         for s, sheet in enumerate(self.sheets):
@@ -188,32 +196,32 @@ class Mixture:
         return y, jacobian
 
     def widened(self, factor: float) -> Mixture:
-        """With every component as many times wider, and equal shares for the sheets."""
+        """Return a mixture with components `factor` times as wide, and equal shares for the sheets."""
         each = np.array([self.weights[self.sheet == s].sum() for s in self.sheet])
         weights = self.weights / each
         return mixture(self.sheets, self.sheet, weights, self.means, factor * self.roots)
 
     def log_density(self, u: Array) -> Array:
-        """`(W, D) -> (W,)` over u."""
+        """Return the log density over u, `(W, D) -> (W,)`."""
         return self.log_density_at(*self.straightened(u))
 
     def log_density_at(self, y: Array, jacobian: Array) -> Array:
-        """Of what has been `straightened` already: `(W,)` over u."""
+        """Return the log density over u of `straightened` points: `(W,)`."""
         return _summed(self.log_parts(y, jacobian))
 
     def shares(self, y: Array, jacobian: Array) -> tuple[Array, Array]:
-        """Of each component in the density there: `(K, W)`; and its log `(W,)`."""
+        """Return the share of each component in the density, `(K, W)`, and the log of that `(W,)`."""
         parts = self.log_parts(y, jacobian)
         log_q = _summed(parts)
         return np.exp(parts - log_q), log_q
 
     def straightened(self, u: Array) -> tuple[Array, Array]:
-        """`y (S, W, D)` on each sheet and log |du / dy| `(S, W)`."""
+        """Return `y (S, W, D)` on each sheet and log |du / dy| `(S, W)`."""
         y, jacobian = zip(*(to_ridge_coordinates(sheet, u) for sheet in self.sheets), strict=True)
         return np.array(y), np.array(jacobian)
 
     def log_parts(self, y: Array, jacobian: Array) -> Array:
-        """Log density over u of each component, its weight included: `(K, W)`."""
+        """Return the log density over u of each component, its weight included: `(K, W)`."""
         standard = (y[self.sheet] - self.means[:, None, :]) @ self.inverses.transpose(0, 2, 1)
         squares = np.einsum("kwd,kwd->kw", standard, standard)
         return np.asarray(self.constants[:, None] - jacobian[self.sheet] - 0.5 * squares)
@@ -226,12 +234,13 @@ def _summed(parts: Array) -> Array:
 
 
 def mixture(
-    sheets: Sequence[QuadraticSurface],
+    sheets: Sequence[RidgeCoordinates],
     sheet: Sequence[int] | Indices,
     weights: Array,
     means: Array,
     roots: Array,
 ) -> Mixture:
+    """Build a mixture of components on `sheets`; `weights (K,)` need not be normalised."""
     weights = weights / weights.sum()
     log_det = np.log(np.diagonal(roots, axis1=1, axis2=2)).sum(axis=1)
     with np.errstate(divide="ignore"):
@@ -249,7 +258,9 @@ def fit_mixture(
     rounds: int,
     random: Random,
 ) -> Mixture:
-    """Expectation and maximisation from `start`, for draws `u (N, D)` that weigh `weights (N,)`.
+    """Fit a mixture by expectation and maximisation.
+
+    Expectation and maximisation from `start`, for draws `u (N, D)` that weigh `weights (N,)`.
 
     What the mixture puts outside the prior is added to the draws in each round, so that it is free
     to be anything there: a density that ends at a wall is met by components that reach beyond.
@@ -320,7 +331,9 @@ MAX_DRAWS_PER_WANTED = 10  # draws for each that is wanted: in a corner of the p
 
 @dataclass(frozen=True, slots=True)
 class Proposal:
-    """`share`: of the mixture's draws that are inside the prior, about.
+    """A mixture from which steps are drawn inside the prior.
+
+    `share`: of the mixture's draws that are inside the prior, about.
 
     `typical_log_ratio`: log p - log q where most of p is.  `local_share`: after which share of its
     steps walkers that would wait step by themselves.  `newton`: another, which costs far more and
@@ -334,25 +347,25 @@ class Proposal:
     newton: Proposal | None = None
 
     def pick(self, random: Random) -> Proposal:
-        """What a step draws from: mostly this."""
+        """Return what a step draws from: mostly this proposal."""
         if self.newton is None or random.random_sample() > NEWTON_SHARE:
             return self
         return self.newton
 
     @property
     def widest(self) -> Proposal:
-        """What leaves least of the posterior out."""
+        """The proposal that leaves least of the posterior out."""
         return self.newton or self
 
     def high(self, log_q: Array) -> Array:
-        """Above which log p a walker where q is `log_q (W,)` would wait long."""
+        """Return the log p above which a walker would wait long, where q is `log_q (W,)`."""
         return self.typical_log_ratio + LONG_LOG_RATIO + log_q
 
     def draw(self, n: int, inside: Inside, random: Random) -> tuple[Array, Array]:
-        """`n` draws `(n, D)` inside the prior, and their log q `(n,)`.
+        """Draw `n` points `(n, D)` inside the prior, and return their log q `(n,)` too.
 
-        After `MAX_REDRAWS` some may be outside, where they are never accepted: that depends on
-        no walker, so the chain stays exact.
+        After `MAX_REDRAWS` some may be outside, where they are never accepted: that depends on no
+        walker, so the chain stays exact.
         """
         have = 0
         batches: list[tuple[Array, Array]] = []
@@ -370,7 +383,7 @@ class Proposal:
 
 
 class CachedLogDensity:
-    """Log q where walkers stand, of one mixture: asked for again where they have moved."""
+    """Log q of one mixture where walkers stand; it is computed again where they have moved."""
 
     def __init__(self, mixture: Mixture) -> None:
         self.mixture = mixture
@@ -378,7 +391,7 @@ class CachedLogDensity:
         self._log_q = np.empty(0)
 
     def at(self, u: Array) -> Array:
-        """`(W, D)` to `(W,)`."""
+        """Return log q at `u (W, D)`: `(W,)`."""
         if self._u.shape != u.shape:
             self.keep(u, self.mixture.log_density(u))
         moved = np.flatnonzero((self._u != u).any(axis=1))
@@ -389,5 +402,5 @@ class CachedLogDensity:
         return self._log_q
 
     def keep(self, u: Array, log_q: Array) -> None:
-        """For the next time."""
+        """Keep log q of these points for the next step."""
         self._u, self._log_q = u.copy(), log_q

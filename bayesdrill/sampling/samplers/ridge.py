@@ -1,4 +1,4 @@
-"""Coordinates in which a posterior is a bundle of near-Gaussian fibres over its loose directions.
+"""Coordinates in which a posterior is a bundle of near-Gaussian fibres along a ridge.
 
 Some directions a record determines well (tight), others hardly (loose).  As one walks along the
 loose ones, the place where the tight ones have their maximum moves: along the ridge.  With x the
@@ -36,10 +36,11 @@ class Monomials:
 
     @property
     def terms(self) -> int:
+        """The number of monomials."""
         return 1 + len(self.products)
 
     def evaluate(self, x: Array) -> Array:
-        """`(n, W) -> (terms, W)`."""
+        """Evaluate all monomials, `(n, W) -> (terms, W)`."""
         rows = np.empty((self.terms, x.shape[1]))
         rows[0] = 1.0
         for row, (before, variable) in enumerate(self.products, start=1):
@@ -48,6 +49,7 @@ class Monomials:
 
 
 def build_monomials(n: int, degree: int) -> Monomials:
+    """Build the monomials of `n` variables up to `degree`."""
     products: list[tuple[int, int]] = []
     last = [(0, 0)]  # each monomial of the degree before, and the largest variable in it
     for _ in range(degree if n else 0):
@@ -73,46 +75,55 @@ class LocalBasis:
     log_volume: float
 
     def split(self, u: Array) -> tuple[Array, Array]:
-        """`(W, D)` to psi `(W, l)` and tau `(W, t)`."""
+        """Split `u (W, D)` into psi `(W, l)` and tau `(W, t)`."""
         x = (u - self.centre) @ self.back.T
         n = self.loose.shape[1]
         return x[:, :n], x[:, n:]
 
     def join(self, psi: Array, tau: Array) -> Array:
+        """Join psi `(W, l)` and tau `(W, t)` to `u (W, D)`."""
         return np.asarray(self.centre + psi @ self.loose.T + tau @ self.tight.T)
 
 
 def local_basis(centre: Array, columns: Array, n_loose: int) -> LocalBasis:
-    """Of `columns (D, D)`, the loose ones first."""
+    """Build the basis of `columns (D, D)`, the loose ones first."""
     volume = float(np.linalg.slogdet(columns)[1])
     back = np.linalg.inv(columns)
     return LocalBasis(centre, columns[:, :n_loose], columns[:, n_loose:], back, volume)
 
 
-class QuadraticSurface(Protocol):
-    """What has a ridge: `along` gives t `(W, t)`, R `(t, t, W)` and log det R `(W,)` at psi `(W, l)`."""
+class RidgeCoordinates(Protocol):
+    """The contract of coordinates along a ridge."""
 
     @property
-    def frame(self) -> LocalBasis: ...
+    def frame(self) -> LocalBasis:
+        """The fixed basis."""
+        ...
 
     @property
-    def n_loose(self) -> int: ...
+    def n_loose(self) -> int:
+        """The number of loose directions."""
+        ...
 
-    def along(self, psi: Array) -> tuple[Array, Array, Array]: ...
+    def along(self, psi: Array) -> tuple[Array, Array, Array]:
+        """Return t `(W, t)`, R `(t, t, W)` and log det R `(W,)` at psi `(W, l)`."""
+        ...
 
-    def within(self, psi: Array) -> Flags: ...
+    def within(self, psi: Array) -> Flags:
+        """Return whether `psi (W, l)` is where points of the fit lie: `(W,)`."""
+        ...
 
 
-def from_ridge_coordinates(sheet: QuadraticSurface, y: Array) -> tuple[Array, Array]:
-    """`y (W, D)` to u, and log |du / dy| `(W,)`."""
+def from_ridge_coordinates(sheet: RidgeCoordinates, y: Array) -> tuple[Array, Array]:
+    """Map `y (W, D)` to u, and return log |du / dy| `(W,)` too."""
     psi, e = y[:, : sheet.n_loose], y[:, sheet.n_loose :]
     tau, root, log_det = sheet.along(psi)
     tau = tau + np.einsum("ijw,wj->wi", root, e)
     return sheet.frame.join(psi, tau), log_det + sheet.frame.log_volume
 
 
-def to_ridge_coordinates(sheet: QuadraticSurface, u: Array) -> tuple[Array, Array]:
-    """`u (W, D)` to y, and log |du / dy| `(W,)`."""
+def to_ridge_coordinates(sheet: RidgeCoordinates, u: Array) -> tuple[Array, Array]:
+    """Map `u (W, D)` to y, and return log |du / dy| `(W,)` too."""
     psi, tau = sheet.frame.split(u)
     on_ridge, root, log_det = sheet.along(psi)
     e = _forward_substitution(root, tau - on_ridge)
@@ -121,13 +132,16 @@ def to_ridge_coordinates(sheet: QuadraticSurface, u: Array) -> tuple[Array, Arra
 
 @dataclass(frozen=True, slots=True)
 class RidgeMap:
-    """`location (terms, t)` of the tight directions; `root (terms, t (t + 1) / 2)` of their covariance.
+    """A ridge as polynomials of the loose directions.
 
-    Polynomials in those of psi that are `bent`: along the others nothing changes.
-    psi is scaled by `middle`, `width (l,)`, so that the points of the fit lie in the unit ball, and
-    kept within `reach` of it: a polynomial knows nothing of what lies beyond.  Of the root, logs of
-    the diagonal and the rest over the diagonal's column are polynomials, which stay between `ends
-    (2, t (t + 1) / 2)`.
+    `location (terms, t)` of the tight directions; `root (terms, t (t + 1) / 2)` of their
+    covariance.
+
+    Polynomials in those of psi that are `bent`: along the others nothing changes. psi is scaled by
+    `middle`, `width (l,)`, so that the points of the fit lie in the unit ball, and kept within
+    `reach` of it: a polynomial knows nothing of what lies beyond.  Of the root, logs of the
+    diagonal and the rest over the diagonal's column are polynomials, which stay between `ends (2, t
+    (t + 1) / 2)`.
     """
 
     frame: LocalBasis
@@ -143,19 +157,20 @@ class RidgeMap:
 
     @property
     def n_loose(self) -> int:
+        """The number of loose directions."""
         return int(self.frame.loose.shape[1])
 
     def at(self, psi: Array) -> Array:
-        """The ridge itself: `(W, l)` to tau `(W, t)`."""
+        """Return tau `(W, t)` on the ridge at psi `(W, l)`."""
         return self.along(psi)[0]
 
     def within(self, psi: Array) -> Flags:
-        """Whether `psi (W, l)` is where points of the fit lie: `(W,)`."""
+        """Return whether `psi (W, l)` is where points of the fit lie: `(W,)`."""
         scaled = (psi[:, self.bent] - self.middle) / self.width
         return np.asarray((scaled**2).sum(axis=1) <= 1.0)
 
     def along(self, psi: Array) -> tuple[Array, Array, Array]:
-        """t `(W, t)`, R `(t, t, W)` and log det R `(W,)`."""
+        """Return t `(W, t)`, R `(t, t, W)` and log det R `(W,)`."""
         scaled = ((psi[:, self.bent] - self.middle) / self.width).T
         if len(scaled):
             far = np.sqrt(np.einsum("lw,lw->w", scaled, scaled))
@@ -190,7 +205,7 @@ def fit_ridge(
     root_degree: int,
     bent: Indices | None = None,
 ) -> RidgeMap:
-    """To points `psi (N, l)` of a ridge: `tau (N, t)` and `roots (N, t, t)` there."""
+    """Fit a ridge to points `psi (N, l)`, with `tau (N, t)` and `roots (N, t, t)` there."""
     bent = np.arange(psi.shape[1]) if bent is None else bent
     psi = psi[:, bent]
     n_loose = psi.shape[1]
@@ -226,13 +241,13 @@ def fit_ridge(
 
 
 def residuals(ridge: RidgeMap, psi: Array, tau: Array, roots: Array) -> Array:
-    """How far points of the ridge are from where it says, in standard deviations there: `(N,)`."""
+    """Return how far points of the ridge are off, in standard deviations there: `(N,)`."""
     off = np.linalg.solve(roots, (tau - ridge.at(psi))[..., None])[..., 0]
     return np.asarray(np.linalg.norm(off, axis=1))
 
 
 def root_residuals(ridge: RidgeMap, psi: Array, tau: Array, roots: Array) -> Array:
-    """How far covariances are from where the ridge says, in the log of a standard deviation: `(N,)`.
+    """Return how far covariances are off, in the log of a standard deviation: `(N,)`.
 
     The worst direction counts.
     """
@@ -242,5 +257,5 @@ def root_residuals(ridge: RidgeMap, psi: Array, tau: Array, roots: Array) -> Arr
 
 
 def extended_reach(ridge_map: RidgeMap, factor: float) -> RidgeMap:
-    """The same, followed as many times further than its points reach."""
+    """Return the same ridge, followed `factor` times further than its points reach."""
     return dataclasses.replace(ridge_map, reach=factor * ridge_map.reach)

@@ -1,7 +1,8 @@
-"""Ends of priors: whether draws crowd at one, and priors that end where the table stands, opened there.
+"""Extend priors whose ends are in the way, and see whether draws crowd at an end.
 
-Against an end of a prior a tail cannot be counted: a box that begins at the nominal value has no draw
-below it, however well the record agrees.  What the record says there is seen where the prior goes on.
+Against an end of a prior a tail cannot be counted: a box that begins at the nominal value has no
+draw below it, however well the record agrees.  What the record says there is seen where the prior
+goes on.
 """
 
 from __future__ import annotations
@@ -46,7 +47,7 @@ def with_extended_priors(
     plan: Plan,
     report: Reporter,
 ) -> SamplingResult:
-    """With what is seen beyond ends of priors that are in the way; `maxima (M, D)`, physical."""
+    """Add what is seen beyond ends of priors that are in the way; `maxima (M, D)`, physical."""
     priors = _priors_to_extend(sampled, posterior, nominal)
     if not priors:
         return sampled
@@ -68,7 +69,7 @@ def with_extended_priors(
 def unsaved_extension(
     sampled: SamplingResult, posterior: Posterior, nominal: Mapping[str, float]
 ) -> ExtendedPriors | None:
-    """What is known of ends in the way where a run has kept nothing from beyond: no more than names."""
+    """Return names alone of priors that end too near, where a run has saved no draws beyond."""
     names = tuple(_priors_to_extend(sampled, posterior, nominal))
     return ExtendedPriors(names=names, draws=None, pressed=names, saved=False) if names else None
 
@@ -76,8 +77,9 @@ def unsaved_extension(
 def _priors_to_extend(
     sampled: SamplingResult, posterior: Posterior, nominal: Mapping[str, float]
 ) -> dict[str, Prior]:
-    """Priors that end too near to their nominal values, with these ends moved; none of a chain that
-    has not converged.
+    """Return priors that end too near to their nominal values, with these ends moved.
+
+    None of a chain that has not converged.
     """
     if not sampled.convergence.converged:
         return {}
@@ -123,12 +125,12 @@ def _cuts_off_a_tail(end: float, draws: Array, sign: float) -> bool:
 
 
 def pressed_against(x: Array, prior: Prior) -> float | None:
-    """The end of `prior` that draws `(N,)` crowd at, as if they wanted past it, or None.
+    """Return the end of `prior` that draws `(N,)` crowd at, as if they wanted past it, or None.
 
     Half of them lie in the last `END_MASS` of the prior's mass, and they get denser towards the end
     both along x and relative to the prior.  What the corners of a box of priors do alone is weaker:
-    where all nine parameters share one scale, a marginal rises like its eighth power, and 37 % of it
-    lie in the last twentieth.
+    where all nine parameters share one scale, a marginal rises like its eighth power, and 37 % of
+    it lie in the last twentieth.
     """
     if prior.vanishes_at_ends:
         return None
