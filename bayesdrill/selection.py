@@ -461,7 +461,7 @@ def _speeds(every: Sequence[Observation], space: ParameterSpace, theta: Array) -
     """Of rotor 1, and of the motor on its own side of the gear [rad/s]."""
     found: dict[str, float] = {}
     for one in every:
-        model, moved = one.response.model, edits.motion(one, space, theta)
+        model, moved = one.response.model, edits.state_motion(one, space, theta)
         roles = model.roles
         for name, gear in ((roles.rotor.speed, 1.0), (roles.motor.speed, model.gear_ratio)):
             if name in model.states:

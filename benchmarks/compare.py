@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import bayesdrill as bd
-from bayesdrill.analysis.comparison import Contender, Decision, decide
+from bayesdrill.analysis.comparison import ModelDecision, RunSummary, decide
 from bayesdrill.config.job import Job
 from bayesdrill.inference.laplace import PosteriorSurface
 from bayesdrill.rig.models.motor_shaft import MotorShaft
@@ -164,7 +164,7 @@ class Bench:
         left = clean - posterior.likelihood.signals(best)[0]
         return float(np.sqrt(np.mean(left**2)))
 
-    def compared(self, kind: Kind, index: int) -> tuple[list[Contender], float]:
+    def compared(self, kind: Kind, index: int) -> tuple[list[RunSummary], float]:
         """As runs are, and the size of what is wrong."""
         y, size = self.record(kind, index)
         found = []
@@ -178,7 +178,7 @@ class Bench:
     def found(self, kind: Kind, index: int) -> Found:
         begun = time.process_time()
         models, size = self.compared(kind, index)
-        decision: Decision = decide(models)
+        decision: ModelDecision = decide(models)
         right = next(one for one in models if one.name == kind.right)
         others = max(one.log_z for one in models if one is not right)
         return Found(

@@ -12,7 +12,7 @@ import numpy as np
 from scipy.signal import lfilter
 from threadpoolctl import threadpool_limits
 
-from bayesdrill.analysis.identifiability.information import Scenery
+from bayesdrill.analysis.identifiability.information import SensitivityStudy
 from bayesdrill.analysis.verdict import Verdict, conclude
 from bayesdrill.basics import seeds
 from bayesdrill.basics.progress import Silent
@@ -53,7 +53,7 @@ class Trial:
         found, sampled = fit(posterior, replace(plan, chains=own_chains))
         tops, nominal = mode_search.modes(posterior, found), own.problem.nominal
         sampled = with_extended_priors(sampled, posterior, nominal, tops, chains, Silent())
-        scenery = Scenery(posterior.likelihood)
+        scenery = SensitivityStudy(posterior.likelihood)
         _, left, judged = conclude(own.problem, own.asked, found, sampled, scenery)
         assert judged is not None
         return judged.verdict, [*sampled.convergence.reasons, *fit_words.residual_reasons(left)]

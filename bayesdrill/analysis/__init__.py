@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 from bayesdrill.basics.registry import late
 
 if TYPE_CHECKING:
-    from bayesdrill.analysis.identifiability.information import Scenery as Scenery
+    from bayesdrill.analysis.identifiability.information import SensitivityStudy as SensitivityStudy
     from bayesdrill.analysis.identifiability.information import (
         from_sensitivities as from_sensitivities,
     )

@@ -33,7 +33,7 @@ from bayesdrill.basics.errors import InputError
 from bayesdrill.inference.posterior import Posterior
 from bayesdrill.sampling.fit import FitPlan, fit
 
-PLAIN = 3.0  # standard errors from which a shift or a spread of the ranks is named
+NAMED_SHIFT_SDS = 3.0  # standard errors from which a shift or a spread of the ranks is named
 
 
 def rank(truth: float, draws: Array, rng: np.random.Generator) -> int:
@@ -53,22 +53,22 @@ def shape(ranks: Counts, n_draws: int, *, of_fit: bool = False) -> str | None:
     n = len(u)
     moved = float(u.mean()) * np.sqrt(12.0 * n)
     if of_fit:
-        if abs(moved) < PLAIN:
+        if abs(moved) < NAMED_SHIFT_SDS:
             return None
         return "posterior too wide" if moved > 0 else "posterior too narrow"
     spread = (float((u**2).mean()) - 1.0 / 12.0) * np.sqrt(180.0 * n)
-    if max(abs(moved), abs(spread)) < PLAIN:
+    if max(abs(moved), abs(spread)) < NAMED_SHIFT_SDS:
         return None
-    if abs(moved) >= max(PLAIN, 0.5 * abs(spread)):
+    if abs(moved) >= max(NAMED_SHIFT_SDS, 0.5 * abs(spread)):
         return "posterior too low" if moved > 0 else "posterior too high"
     return "posterior too narrow" if spread > 0 else "posterior too wide"
 
 
-HALVINGS = 40  # of the interval in which the pointwise level is sought
+LEVEL_BISECTIONS = 40  # of the interval in which the pointwise level is sought
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Band:
+class RankBand:
     """Of `n` ranks, between `low` and `high` (both allowed) are below `(i + 1) / (L + 1)`, each `(L,)`.
 
     `false_alarm`: the exact probability that uniform ranks leave it somewhere.
@@ -100,21 +100,21 @@ class Band:
 
 
 @functools.cache
-def ecdf_band(n: int, n_draws: int, false_alarm: float) -> Band:
+def ecdf_band(n: int, n_draws: int, false_alarm: float) -> RankBand:
     """The narrowest band that `n` uniform ranks among `n_draws` leave with at most `false_alarm`."""
     shares = np.arange(1, n_draws + 1) / (n_draws + 1)
     table = scipy.special.bdtr(np.arange(n + 1)[:, None], n, shares)  # (n + 1, L): P(count <= row)
     inside, outside = 0.0, 1.0  # levels: at the first the band holds often enough
     low, high = _pointwise(table, inside)
-    for _ in range(HALVINGS):
+    for _ in range(LEVEL_BISECTIONS):
         level = 0.5 * (inside + outside) if inside > 0 else 0.1 * outside
         tried = _pointwise(table, level)
-        if _stays(n, shares, *tried) >= 1.0 - false_alarm:
+        if _stay_probability(n, shares, *tried) >= 1.0 - false_alarm:
             inside, (low, high) = level, tried
         else:
             outside = level
-    probability = _stays(n, shares, low, high)
-    return Band(n=n, shares=shares, low=low, high=high, false_alarm=1.0 - probability)
+    probability = _stay_probability(n, shares, low, high)
+    return RankBand(n=n, shares=shares, low=low, high=high, false_alarm=1.0 - probability)
 
 
 @functools.cache
@@ -133,7 +133,7 @@ def _pointwise(table: Array, level: float) -> tuple[Counts, Counts]:
     return low, np.minimum(high, len(table) - 1)
 
 
-def _stays(n: int, shares: Array, low: Counts, high: Counts) -> float:
+def _stay_probability(n: int, shares: Array, low: Counts, high: Counts) -> float:
     """The probability that the counts of `n` uniforms stay between `low` and `high` at all shares.
 
     Counts are a Markov chain: of those still above one share, each is below the next one
@@ -161,12 +161,12 @@ def _stays(n: int, shares: Array, low: Counts, high: Counts) -> float:
     return float(probability.sum())
 
 
-FIT = "log likelihood"  # the quantity that depends on the record (Modrak et al. 2023)
-TRIES = 1000  # draws from the prior until the model has a finite response
+LOG_LIKELIHOOD = "log likelihood"  # the quantity that depends on the record (Modrak et al. 2023)
+MAX_PRIOR_TRIES = 1000  # draws from the prior until the model has a finite response
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Study:
+class CalibrationStudy:
     """What is repeated: `posterior` without its record, and how it is fitted.
 
     `draws`: L, among which the truth is ranked.
@@ -179,7 +179,7 @@ class Study:
     @property
     def names(self) -> tuple[str, ...]:
         """Of the quantities that are ranked."""
-        return (*self.posterior.space.free, FIT)
+        return (*self.posterior.space.free, LOG_LIKELIHOOD)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -203,7 +203,7 @@ class Refit:
         return not self.reasons
 
 
-def refit(study: Study, index: int) -> Refit:
+def refit(study: CalibrationStudy, index: int) -> Refit:
     """Refit `index`, counted from 0; the truth is used to make the record and to be ranked."""
     begun = time.perf_counter()
     rng = seeds.stream(study.plan.chains.seed, "calibrate", index)
@@ -241,14 +241,14 @@ def refit(study: Study, index: int) -> Refit:
 def _simulated(posterior: Posterior, rng: np.random.Generator) -> tuple[Array, Posterior]:
     """Unknowns `(D,)` from the prior, and the posterior of a record that they made."""
     likelihood = posterior.likelihood
-    for _ in range(TRIES):
+    for _ in range(MAX_PRIOR_TRIES):
         theta = posterior.space.draw(1, rng)
         signals = likelihood.every_signal(theta)
         # Where the model overflows the posterior is zero: such unknowns are no part of the prior.
         if all(np.all(np.isfinite(each)) for each in signals):
             break
     else:
-        message = f"the model has no finite response at {TRIES} draws from the priors; narrow them"
+        message = f"the model has no finite response at {MAX_PRIOR_TRIES} draws from the priors; narrow them"
         raise InputError.one("parameters", message)
     pairs = zip(likelihood.observations, signals, strict=True)
     records = [observation.draw(each, theta, rng)[0] for observation, each in pairs]
@@ -257,11 +257,11 @@ def _simulated(posterior: Posterior, rng: np.random.Generator) -> tuple[Array, P
 
 FALSE_ALARM = 0.01  # of the whole verdict
 LEVELS = (0.5, 0.8, 0.94)  # of the credible intervals
-MOST_NOT_CONVERGED = 0.05  # of the refits; with more there is no verdict
+MAX_NOT_CONVERGED = 0.05  # of the refits; with more there is no verdict
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Interval:
+class IntervalCoverage:
     """How many truths lay in the central interval of probability `share`; `low` to `high` is chance."""
 
     share: float
@@ -275,7 +275,7 @@ class Interval:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Quantity:
+class RankedQuantity:
     """One unknown, or the log likelihood (which has no `intervals`); `ranks (N,)`.
 
     `shape`: what is wrong, where it can be told; None for uniform ranks.
@@ -286,16 +286,16 @@ class Quantity:
     reach: float
     holds: bool
     shape: str | None
-    intervals: tuple[Interval, ...]
+    intervals: tuple[IntervalCoverage, ...]
 
 
 @dataclass(frozen=True, kw_only=True)
-class Verdict:
+class CalibrationVerdict:
     """`not_converged`: indices of refits that missed their targets, `lost`: of those without ranks."""
 
     n_draws: int
-    band: Band
-    quantities: tuple[Quantity, ...]
+    band: RankBand
+    quantities: tuple[RankedQuantity, ...]
     refits: int
     not_converged: tuple[int, ...]
     lost: tuple[int, ...]
@@ -325,17 +325,19 @@ class Verdict:
     def doubts(self) -> tuple[str, ...]:
         """Why nothing can be said, however good the ranks look."""
         doubts = []
-        if len(self.not_converged) > MOST_NOT_CONVERGED * self.refits:
+        if len(self.not_converged) > MAX_NOT_CONVERGED * self.refits:
             doubts.append(
                 f"{len(self.not_converged)} of {self.refits} refits did not converge (at most "
-                f"{100 * MOST_NOT_CONVERGED:g} % may)"
+                f"{100 * MAX_NOT_CONVERGED:g} % may)"
             )
         if self.lost:
             doubts.append(f"{len(self.lost)} of {self.refits} refits gave no draws at all")
         return tuple(doubts)
 
 
-def judge_calibration(names: Sequence[str], refits: Sequence[Refit], n_draws: int) -> Verdict:
+def judge_calibration(
+    names: Sequence[str], refits: Sequence[Refit], n_draws: int
+) -> CalibrationVerdict:
     """`names` of the quantities, the log likelihood last; `refits` in the order of their index."""
     ranked = [refit for refit in refits if refit.ranks]
     table = np.array([refit.ranks for refit in ranked], dtype=np.int64).reshape(-1, len(names))
@@ -347,7 +349,7 @@ def judge_calibration(names: Sequence[str], refits: Sequence[Refit], n_draws: in
         holds = band.holds(ranks)
         fault = shape(ranks, n_draws, of_fit=not unknown) if len(ranks) and not holds else None
         quantities.append(
-            Quantity(
+            RankedQuantity(
                 name=name,
                 ranks=ranks,
                 reach=band.reach(ranks),
@@ -356,7 +358,7 @@ def judge_calibration(names: Sequence[str], refits: Sequence[Refit], n_draws: in
                 intervals=_intervals(ranks, n_draws, n_unknown) if unknown else (),
             )
         )
-    return Verdict(
+    return CalibrationVerdict(
         n_draws=n_draws,
         band=band,
         quantities=tuple(quantities),
@@ -366,7 +368,7 @@ def judge_calibration(names: Sequence[str], refits: Sequence[Refit], n_draws: in
     )
 
 
-def _intervals(ranks: Counts, n_draws: int, n_unknown: int) -> tuple[Interval, ...]:
+def _intervals(ranks: Counts, n_draws: int, n_unknown: int) -> tuple[IntervalCoverage, ...]:
     """Between two of the sorted draws, so that their probability is exact: 25/100 ... 75/100."""
     intervals = []
     for level in LEVELS:
@@ -375,5 +377,5 @@ def _intervals(ranks: Counts, n_draws: int, n_unknown: int) -> tuple[Interval, .
         inside = int(((ranks >= out) & (ranks <= n_draws - out)).sum())
         alarm = 0.5 * FALSE_ALARM / (n_unknown * len(LEVELS))
         low, high = count_band(len(ranks), share, alarm)
-        intervals.append(Interval(share=share, inside=inside, low=low, high=high))
+        intervals.append(IntervalCoverage(share=share, inside=inside, low=low, high=high))
     return tuple(intervals)

@@ -16,7 +16,7 @@ from dataclasses import dataclass, field
 import numpy as np
 import scipy
 
-from bayesdrill.analysis.edits import Widened, widened
+from bayesdrill.analysis.edits import EditedPosterior, with_candidates
 from bayesdrill.basics.arrays import Array
 from bayesdrill.inference import residual_checks, step_error
 from bayesdrill.inference.laplace import PosteriorSurface
@@ -25,21 +25,22 @@ from bayesdrill.inference.residual_checks import Left, like_noise
 from bayesdrill.sampling.gauss_newton import gauss_newton
 
 # Where in its prior what is new is sought from, together with the start that its config gives it.
-QUANTILES = (0.02, 0.2, 0.35, 0.42, 0.58, 0.65, 0.8)
-FIRST_STEPS, STEPS, FOLLOWED = 4, 30, 2  # uphill: of all starts, and of the best few
-AT_END = 1e-3  # of the spread of a prior
-OTHER, NEAR = 3.0, 0.1  # another maximum: so little lower, and so far, in spreads of the priors
-SURE = 5.0  # natural logs: a candidate that is no better explains nothing
+START_QUANTILES = (0.02, 0.2, 0.35, 0.42, 0.58, 0.65, 0.8)
+FIRST_STEPS, LAST_STEPS, CLIMBED_STARTS = 4, 30, 2  # uphill: of all starts, and of the best few
+NEAR_END = 1e-3  # of the spread of a prior
+# another maximum: so little lower, and so far, in spreads of the priors
+OTHER_MAXIMUM_DEPTH, SAME_MAXIMUM = 3.0, 0.1
+SURE_LOG_ODDS = 5.0  # natural logs: a candidate that is no better explains nothing
 # Parts that absorb any misfit and name no cause: noises, and torques with the place where they act.
 NOISE = ("unknown_noise", "ar1")
 TORQUES = {"missing_torque_motor": "motor", "missing_torque_rotor_1": "rotor_1"}
 CATCH_ALL = {*NOISE, *TORQUES}
 # of what a catch-all gains in log evidence: a cause that gains as much is named first
-NAMED_SHARE = 0.5
+MIN_SHARE_OF_CATCH_ALL = 0.5
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Maximum:
+class RefitMaximum:
     """The maximum of a posterior, found by Gauss and Newton from several starts.
 
     `values`, `sds`: of the unknowns, SI; `log_z`: the log evidence by Laplace; `fit`: what it leaves;
@@ -57,7 +58,9 @@ class Maximum:
     seconds: float
 
 
-def refit(posterior: Posterior, near: Mapping[str, float], least: float) -> Maximum | None:
+def refit_candidate(
+    posterior: Posterior, near: Mapping[str, float], least: float
+) -> RefitMaximum | None:
     """The maximum of `posterior`, from `near`: values of those of its unknowns that are known.
 
     None where it has no finite response there.  One that promises no more than the log density `least`
@@ -74,9 +77,9 @@ def refit(posterior: Posterior, near: Mapping[str, float], least: float) -> Maxi
     begun = time.perf_counter()  # its code is compiled by now
     surface.value(rows)
     seconds = (time.perf_counter() - begun) / len(rows)
-    best = np.argsort(-first.value, kind="stable")[:FOLLOWED]
+    best = np.argsort(-first.value, kind="stable")[:CLIMBED_STARTS]
     u, value, gain = first.u[best], first.value[best], first.gain[best]
-    steps = STEPS if (value + gain)[np.isfinite(value)].max() > least else 0
+    steps = LAST_STEPS if (value + gain)[np.isfinite(value)].max() > least else 0
     if step_error.taken(posterior):
         posterior = step_error.chosen(posterior, coordinates.to_physical(u)[0])
         surface = PosteriorSurface(posterior, physical=True)
@@ -87,18 +90,20 @@ def refit(posterior: Posterior, near: Mapping[str, float], least: float) -> Maxi
         return None
     theta = coordinates.to_physical(u[:1])[0]
     log_z, sds = _laplace(posterior, u[:1])
-    near_end = np.minimum(u[0] - surface.low, surface.high - u[0]) < AT_END * surface.spread
+    near_end = np.minimum(u[0] - surface.low, surface.high - u[0]) < NEAR_END * surface.spread
     # Along a ridge of what is known all is one maximum.
     new = [name not in near for name in space.free]
-    distinct = (np.abs(u[1:] - u[0]) / surface.spread)[:, new].max(axis=1, initial=0.0) > NEAR
-    return Maximum(
+    distinct = (np.abs(u[1:] - u[0]) / surface.spread)[:, new].max(
+        axis=1, initial=0.0
+    ) > SAME_MAXIMUM
+    return RefitMaximum(
         values=dict(zip(space.free, map(float, theta), strict=True)),
         sds=dict(zip(space.free, map(float, sds), strict=True)),
         log_posterior=float(heights[0]),
         log_z=log_z,
         fit=residual_checks.left(posterior.likelihood, theta),
         at_ends=tuple(name for name, end in zip(space.free, near_end, strict=True) if end),
-        several=bool((distinct & (heights[1:] > heights[0] - OTHER)).any()),
+        several=bool((distinct & (heights[1:] > heights[0] - OTHER_MAXIMUM_DEPTH)).any()),
         seconds=seconds,
     )
 
@@ -113,7 +118,7 @@ def _starts(posterior: Posterior, near: Mapping[str, float]) -> Array:
     )
     rows = [space.vector(space.start), known]
     new = [k for k, name in enumerate(space.free) if name not in near]
-    for share in QUANTILES if new else ():
+    for share in START_QUANTILES if new else ():
         row = known.copy()
         row[new] = [space.unknowns[k].prior.quantile(np.array(share)) for k in new]
         rows.append(row)
@@ -193,7 +198,7 @@ class Causes:
     @property
     def good(self) -> tuple[Cause, ...]:
         """Those for which there is some evidence."""
-        return tuple(cause for cause in self.ranked if cause.bayes > SURE)
+        return tuple(cause for cause in self.ranked if cause.bayes > SURE_LOG_ODDS)
 
     @property
     def explains(self) -> bool:
@@ -211,11 +216,13 @@ class Causes:
             alone = {cause.parts: cause.bayes for cause in self.ranked}
             for cause in self.ranked:
                 absorbing = tuple(part for part in cause.parts if part in CATCH_ALL)
-                least = max(NAMED_SHARE * first.bayes, alone.get(absorbing, 0.0) + SURE)
+                least = max(
+                    MIN_SHARE_OF_CATCH_ALL * first.bayes, alone.get(absorbing, 0.0) + SURE_LOG_ODDS
+                )
                 if absorbing != cause.parts and cause.bayes > least:
                     first = cause
                     break
-        near = [c for c in self.ranked if first.bayes - SURE < c.bayes <= first.bayes]
+        near = [c for c in self.ranked if first.bayes - SURE_LOG_ODDS < c.bayes <= first.bayes]
         return min(near, key=lambda cause: len(cause.parts))
 
     @property
@@ -224,13 +231,13 @@ class Causes:
         return self.best.lacks if self.explains else ()
 
 
-INSTEAD_STEPS = 40  # uphill
-SHARES = (0.02, 0.2)  # of what it can be, from which it is sought
-AS_WELL = 0.01  # of records of a rig that is so: more is lost by holding the table
+TABLE_FIT_STEPS = 40  # uphill
+START_SHARES = (0.02, 0.2)  # of what it can be, from which it is sought
+REJECTED_SHARE = 0.01  # of records of a rig that is so: more is lost by holding the table
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Instead:
+class EquivalentExplanation:
     """`parameter` that the rig lacks, and its `value` [SI] where all nominal values hold; `lost`: of the
     log likelihood, against the MAP, which has none of it; negative where it fits better.
     """
@@ -240,22 +247,22 @@ class Instead:
     lost: float
 
 
-def instead(problem: Problem, theta: Array) -> Instead | None:
+def equivalent_explanation(problem: Problem, theta: Array) -> EquivalentExplanation | None:
     """What fits the record with the table about as well as the MAP `theta (D,)` without; the best."""
     posterior = problem.posterior
-    wide = widened(posterior, theta)
+    wide = with_candidates(posterior, theta)
     tabled = [k for k, name in enumerate(posterior.space.free) if name in problem.nominal]
     if not wide.sizes or not tabled or not _allowed(problem):
         return None
-    limit = 0.5 * float(scipy.special.chdtri(len(tabled), AS_WELL))
-    bare = _held(problem, wide, theta, tabled, None)
+    limit = 0.5 * float(scipy.special.chdtri(len(tabled), REJECTED_SHARE))
+    bare = _fit_with_table(problem, wide, theta, tabled, None)
     if bare is None or bare[1] <= limit:
         return None  # the table needs no help
-    best: Instead | None = None
+    best: EquivalentExplanation | None = None
     for which, name in zip(wide.tried, wide.sizes, strict=True):
-        fitted = _held(problem, wide, theta, tabled, which)
+        fitted = _fit_with_table(problem, wide, theta, tabled, which)
         if fitted is not None and fitted[1] <= min(limit, limit if best is None else best.lost):
-            best = Instead(parameter=name, value=fitted[0], lost=fitted[1])
+            best = EquivalentExplanation(parameter=name, value=fitted[0], lost=fitted[1])
     return best
 
 
@@ -270,8 +277,8 @@ def _allowed(problem: Problem) -> bool:
     )
 
 
-def _held(
-    problem: Problem, wide: Widened, theta: Array, tabled: list[int], which: int | None
+def _fit_with_table(
+    problem: Problem, wide: EditedPosterior, theta: Array, tabled: list[int], which: int | None
 ) -> tuple[float, float] | None:
     """With the unknown `which` of what is tried, or with nothing: its value, and what is lost."""
     space, wider = problem.posterior.space, wide.posterior
@@ -284,14 +291,14 @@ def _held(
     surface = PosteriorSurface(wider, physical=True)
     fixed = np.zeros(len(start), dtype=bool)
     fixed[[*tabled, *wide.tried]] = True
-    rows = np.repeat(start[None], len(SHARES), axis=0)
+    rows = np.repeat(start[None], len(START_SHARES), axis=0)
     if which is not None:
         fixed[which] = False
-        rows[:, which] = [wider.space.unknowns[which].prior.high * share for share in SHARES]
+        rows[:, which] = [wider.space.unknowns[which].prior.high * share for share in START_SHARES]
     low, high = np.clip(wider.coordinates.from_physical(ends), surface.low, surface.high)
     surface.low = np.where(fixed, low, surface.low)
     surface.high = np.where(fixed, high, surface.high)
-    top = gauss_newton(surface, wider.coordinates.from_physical(rows), INSTEAD_STEPS)
+    top = gauss_newton(surface, wider.coordinates.from_physical(rows), TABLE_FIT_STEPS)
     there = wider.coordinates.to_physical(top.u)
     likely = wider.likelihood(there)
     if not np.isfinite(likely).any():

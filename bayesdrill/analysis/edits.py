@@ -33,7 +33,7 @@ def rig_candidates(
     names = [name for name in lacks if name in model.offers and name not in model.parameters]
     moved = (
         [
-            (rig_at(observation, space, theta), motion(observation, space, theta))
+            (rig_parameters(observation, space, theta), state_motion(observation, space, theta))
             for observation in observations
         ]
         if names
@@ -46,14 +46,16 @@ def rig_candidates(
     return {name: size for name, size in sizes.items() if size > 0}
 
 
-def rig_at(observation: Observation, space: ParameterSpace, theta: Array) -> dict[str, float]:
+def rig_parameters(
+    observation: Observation, space: ParameterSpace, theta: Array
+) -> dict[str, float]:
     """The rig's parameters at `theta (D,)`."""
     arguments = observation.told(space.full(theta[None]))[0]
     names = observation.response.model.parameters
     return dict(zip(names, map(float, arguments[: len(names)]), strict=False))
 
 
-def motion(observation: Observation, space: ParameterSpace, theta: Array) -> Array:
+def state_motion(observation: Observation, space: ParameterSpace, theta: Array) -> Array:
     """All states at the samples `(T, X)`, at `theta (D,)`."""
     states = observation.response.model.states
     y = np.zeros((len(observation.experiment.t), len(states)))
@@ -103,7 +105,7 @@ def _rates(linear: Linear, row: str, named: Mapping[str, Array]) -> float:
 
 
 @dataclass(frozen=True, slots=True)
-class Widened:
+class EditedPosterior:
     """`sizes`: of what is tried, in the order in which it stands in `posterior`, before the noise."""
 
     posterior: Posterior
@@ -120,7 +122,7 @@ class Widened:
         return np.insert(theta, self.tried.start, np.zeros(len(self.sizes)))
 
 
-def widened(posterior: Posterior, theta: Array) -> Widened:
+def with_candidates(posterior: Posterior, theta: Array) -> EditedPosterior:
     """With all unknown that the rig lacks, at `theta (D,)`."""
     sizes = rig_candidates(posterior.likelihood.observations, posterior.space, theta)
     free = [
@@ -135,4 +137,4 @@ def widened(posterior: Posterior, theta: Array) -> Widened:
             with_named(observation.response.model, [*sizes]), observation.response.sensing
         )
 
-    return Widened(posterior.edit(free=free, each=with_tried), sizes)
+    return EditedPosterior(posterior.edit(free=free, each=with_tried), sizes)

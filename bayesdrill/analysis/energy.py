@@ -17,11 +17,11 @@ from bayesdrill.rig.models.friction import Friction
 from bayesdrill.rig.simulators.contract import Simulator
 
 STORED, CONVERTED, AT_START = "stored", "conversion", "start"
-NOTHING = 1e-9  # of the largest flow
+NEGLIGIBLE_SHARE = 1e-9  # of the largest flow
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Part:
+class EnergyPart:
     """`name`: of an input, a parameter, a friction, or `conversion`, `start` and `stored`; `joules`
     until the end; `share` of all that came in, and its `sd` over draws, None without any.
     """
@@ -33,17 +33,17 @@ class Part:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Account:
+class EnergyAccount:
     """Of one experiment: `came` in and `went` at each of the times `t (N,)`, J, by name; what is stored
-    at the start has come in.  `left`: the share that is in neither, of the order of the steps.
+    at the start has come in.  `imbalance`: the share that is in neither, of the order of the steps.
     """
 
     label: str
     t: Array
     came: dict[str, Array]
     went: dict[str, Array]
-    parts: tuple[Part, ...]
-    left: float
+    parts: tuple[EnergyPart, ...]
+    imbalance: float
 
     @property
     def total(self) -> Array:
@@ -51,7 +51,7 @@ class Account:
         return np.asarray(sum(self.came.values(), np.zeros(len(self.t))))
 
 
-def accounts(posterior: Posterior, theta: Array, draws: Array) -> tuple[Account, ...]:
+def energy_accounts(posterior: Posterior, theta: Array, draws: Array) -> tuple[EnergyAccount, ...]:
     """Of experiments whose rig rubs, at the MAP `theta (D,)` and draws `(N, D)`."""
     full = posterior.space.full(np.vstack([theta[None], draws]))
     return tuple(
@@ -61,7 +61,7 @@ def accounts(posterior: Posterior, theta: Array, draws: Array) -> tuple[Account,
     )
 
 
-def _account(observation: Observation, arguments: Array) -> Account:
+def _account(observation: Observation, arguments: Array) -> EnergyAccount:
     """At parameters `told (1 + N, P)` of its simulator: of the MAP, and of draws."""
     rig = observation.response
     best = energies(rig, arguments[0])
@@ -71,7 +71,7 @@ def _account(observation: Observation, arguments: Array) -> Account:
     went = {name: -flows[name] for name in names[1]}
     shares = [_shares(_flows(energies(rig, each)), names) for each in arguments[1:]]
     parts = [
-        Part(
+        EnergyPart(
             name=name,
             joules=float((came | went)[name][-1]),
             share=share,
@@ -81,8 +81,13 @@ def _account(observation: Observation, arguments: Array) -> Account:
     ]
     total = sum(part[-1] for part in came.values())
     imbalance = float(np.abs(best.open[-1]) / total) if total else 0.0
-    return Account(
-        label=observation.label, t=best.t, came=came, went=went, parts=tuple(parts), left=imbalance
+    return EnergyAccount(
+        label=observation.label,
+        t=best.t,
+        came=came,
+        went=went,
+        parts=tuple(parts),
+        imbalance=imbalance,
     )
 
 
@@ -97,7 +102,11 @@ def _flows(energies: Energies) -> dict[str, Array]:
 def _sides(flows: dict[str, Array]) -> tuple[list[str], list[str]]:
     """Names of what came in and of what went, in the end; what is next to nothing has none."""
     scale = max(float(np.abs(part).max()) for part in flows.values())
-    names = [n for n, part in flows.items() if n == STORED or np.abs(part).max() > NOTHING * scale]
+    names = [
+        n
+        for n, part in flows.items()
+        if n == STORED or np.abs(part).max() > NEGLIGIBLE_SHARE * scale
+    ]
     came = [name for name in names if name != STORED and flows[name][-1] >= 0]
     return came, [name for name in names if name not in came]
 
@@ -110,13 +119,14 @@ def _shares(flows: dict[str, Array], names: tuple[list[str], list[str]]) -> dict
     return {name: signs[name] * end / total if total else 0.0 for name, end in ends.items()}
 
 
-SPEEDS = 200  # of each sign, at which a law is drawn: ...
-NEAREST = 1e-4  # ... from this share of the largest one on, as static friction falls near zero
-BEYOND = 1.05  # of the largest speed of the record
+CURVE_POINTS = 200  # of each sign, at which a law is drawn: ...
+# ... from this share of the largest one on, as static friction falls near zero
+SMALLEST_SPEED = 1e-4
+SPEED_MARGIN = 1.05  # of the largest speed of the record
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Rubbing:
+class FrictionMotion:
     """One friction in one experiment, at samples `t (T,)`: of the MAP its `speed`, `effort` and where it
     `sticks` until the next sample, `(T,)`; `efforts (N, T)` of draws.  `gear`: its own speed is so many
     times that of the state.
@@ -171,13 +181,18 @@ class Rubbing:
         return float(np.abs(self.speed).max() * self.gear)
 
 
-def rubbings(posterior: Posterior, theta: Array, draws: Array) -> tuple[tuple[Rubbing, ...], ...]:
+def friction_motions(
+    posterior: Posterior, theta: Array, draws: Array
+) -> tuple[tuple[FrictionMotion, ...], ...]:
     """Of each experiment, at the MAP `theta (D,)` and draws `(N, D)`; empty where nothing rubs."""
     full = posterior.space.full(np.vstack([theta[None], draws]))
-    return tuple(tuple(_of(observation, full)) for observation in posterior.likelihood.observations)
+    return tuple(
+        tuple(_friction_motions(observation, full))
+        for observation in posterior.likelihood.observations
+    )
 
 
-def _of(observation: Observation, full: Array) -> Iterator[Rubbing]:
+def _friction_motions(observation: Observation, full: Array) -> Iterator[FrictionMotion]:
     rig = observation.response
     if not rig.model.frictions:
         return
@@ -185,7 +200,7 @@ def _of(observation: Observation, full: Array) -> Iterator[Rubbing]:
     for e, friction in enumerate(rig.model.frictions):
         speed = motion.states[0, :, rig.model.states.index(friction.against)]
         still = speed == 0.0
-        yield Rubbing(
+        yield FrictionMotion(
             friction=friction,
             label=observation.label,
             t=np.asarray(rig.experiment.t),
@@ -204,31 +219,33 @@ def geared(rig: Simulator, friction: Friction) -> float:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Curve:
+class FrictionCurve:
     """A law at its own `speeds (G,)`: `sizes (W, G)` of so many walkers, signed as the speeds."""
 
     speeds: Array
     sizes: Array
 
 
-def curve(observation: Observation, rubbing: Rubbing, full: Array) -> Curve:
+def friction_curve(observation: Observation, rubbing: FrictionMotion, full: Array) -> FrictionCurve:
     """Of parameters `full (W, P)`, over the speeds that the record saw; where a law sees more than the
     speed, at the root mean square of that.
     """
     rig, friction = observation.response, rubbing.friction
-    far = BEYOND * float(np.abs(rubbing.speed).max()) or 1.0
-    one_way = far * np.geomspace(NEAREST, 1.0, SPEEDS)
+    far = SPEED_MARGIN * float(np.abs(rubbing.speed).max()) or 1.0
+    one_way = far * np.geomspace(SMALLEST_SPEED, 1.0, CURVE_POINTS)
     speeds = np.concatenate([-one_way[::-1], [0.0], one_way])
     arguments = observation.told(full)
     names = rig.model.parameters
     p = {name: arguments[:, k, None] for k, name in enumerate(names)}
-    looked_at = {name: np.asarray(x) for name, x in _seen(rig, friction, arguments[:1]).items()}
+    looked_at = {
+        name: np.asarray(x) for name, x in _law_inputs(rig, friction, arguments[:1]).items()
+    }
     sizes = friction.law.size(p, np.abs(speeds), looked_at)
     signed = np.broadcast_to(sizes, (len(arguments), len(speeds))) * np.sign(speeds)
-    return Curve(speeds=speeds * rubbing.gear, sizes=np.asarray(signed))
+    return FrictionCurve(speeds=speeds * rubbing.gear, sizes=np.asarray(signed))
 
 
-def _seen(rig: Simulator, friction: Friction, arguments: Array) -> dict[str, float]:
+def _law_inputs(rig: Simulator, friction: Friction, arguments: Array) -> dict[str, float]:
     """States, and inputs, that the law looks at; of two angles only their difference counts."""
     steps = rig.steps(arguments)
     angles = [name for name in friction.law.seen if name in rig.model.states]

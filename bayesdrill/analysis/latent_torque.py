@@ -26,13 +26,13 @@ from bayesdrill.rig.models.latent_torque import TORQUE, At, Loaded, angles
 from bayesdrill.rig.models.linear import USUAL, Roles
 from bayesdrill.rig.simulators import simulator
 
-STILL = 0.05  # of the root mean square of a speed: slower is standing still
-HARDLY = 0.05  # of all samples
+STANDSTILL = 0.05  # of the root mean square of a speed: slower is standing still
+MIN_TURNING_SHARE = 0.05  # of all samples
 TAILS = (0.5 - HDI_PROBABILITY / 2, 0.5 + HDI_PROBABILITY / 2)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Course:
+class ChannelMotion:
     """What a channel did: its spread, and root mean squares of what is left without the torque and
     with it, at the mean of the draws, SI; `moved`: what the torque moves; `strayed`: of a rig that rubs,
     how far from all that it would be with this torque as an input, in sd of the noise (NaN elsewhere).
@@ -52,7 +52,7 @@ class Course:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Shaking:
+class TorqueEstimate:
     """Of one experiment, at its times `t (T,)`: `draws (N, T)` of the torque [N m], `expected
     (T,)` their mean without the chance of drawing.
 
@@ -68,7 +68,7 @@ class Shaking:
     expected: Array
     states: Mapping[str, Array]
     inputs: Mapping[str, Array]
-    courses: tuple[Course, ...]
+    courses: tuple[ChannelMotion, ...]
     gear: float
     roles: Roles = USUAL
 
@@ -87,8 +87,8 @@ class Shaking:
         """`(T,)`: where that is no standstill, at which dry friction may be anything; all of a record
         that hardly has another.
         """
-        fast = np.abs(self.speed) > STILL * np.sqrt(np.mean(self.speed**2))
-        return fast if fast.mean() > HARDLY else np.ones(len(self.t), dtype=bool)
+        fast = np.abs(self.speed) > STANDSTILL * np.sqrt(np.mean(self.speed**2))
+        return fast if fast.mean() > MIN_TURNING_SHARE else np.ones(len(self.t), dtype=bool)
 
     @property
     def angle(self) -> Array:
@@ -105,33 +105,35 @@ class Shaking:
         return [(n, self.states[n] * gears.get(n, 1.0)) for n in names if n in self.states]
 
 
-def shakings(posterior: Posterior, draws: Array, rng: np.random.Generator) -> tuple[Shaking, ...]:
+def torque_estimates(
+    posterior: Posterior, draws: Array, rng: np.random.Generator
+) -> tuple[TorqueEstimate, ...]:
     """Of each experiment, by draws `(N, D)`; empty where no torque is missing."""
     observations = posterior.likelihood.observations
     return tuple(
-        _of(observation, torque, posterior, draws, rng)
+        _estimate(observation, torque, posterior, draws, rng)
         for observation in observations
         if (torque := observation.torque)
     )
 
 
-def rubs_besides(posterior: Posterior) -> bool:
+def has_friction_too(posterior: Posterior) -> bool:
     """Whether a torque is missing of a rig that rubs, which is an approximation."""
     observations = posterior.likelihood.observations
-    return any(observation.torque and _rubs(observation) for observation in observations)
+    return any(observation.torque and _has_friction(observation) for observation in observations)
 
 
-def _rubs(observation: Observation) -> bool:
+def _has_friction(observation: Observation) -> bool:
     return bool(observation.response.model.frictions)
 
 
-def _of(
+def _estimate(
     observation: Observation,
     torque: Torque,
     posterior: Posterior,
     draws: Array,
     rng: np.random.Generator,
-) -> Shaking:
+) -> TorqueEstimate:
     full = posterior.space.full(draws)
     experiment = observation.experiment
     signals, motion = _moved(observation, full)
@@ -144,8 +146,8 @@ def _of(
     by_torque = smooth @ torque.filtered.weights.T
     first = full[:1], draws[:1]
     pushed = sizes[0] * smooth[0, :, index]
-    strayed = _strayed(observation, torque, first, signals[0] + by_torque[0], pushed)
-    return Shaking(
+    strayed = _nonlinear_error(observation, torque, first, signals[0] + by_torque[0], pushed)
+    return TorqueEstimate(
         label=observation.label,
         at=augmented.torque.at,
         t=np.asarray(experiment.t),
@@ -191,14 +193,14 @@ def _states(
     return states | {name: np.asarray(u) for name, u in series.items() if name == driven}
 
 
-def _strayed(
+def _nonlinear_error(
     observation: Observation, latent: Torque, draw: tuple[Array, Array], shown: Array, torque: Array
 ) -> Array:
     """`(K,)`: the rig that rubs, driven by `torque (T,)` at one `draw` (all parameters, all unknowns),
     from what is `shown (T, K)`: there the torque moves it as if no friction changed its sign.
     """
     response, experiment = observation.response, observation.experiment
-    if not _rubs(observation):
+    if not _has_friction(observation):
         return np.full(len(experiment.channels), np.nan)
     input_torque = (
         torque if experiment.first_order else 0.5 * (torque + np.append(torque[1:], torque[-1]))
@@ -216,10 +218,10 @@ def _strayed(
 
 def _courses(
     observation: Observation, residuals: Array, moved: Array, strayed: Array
-) -> tuple[Course, ...]:
+) -> tuple[ChannelMotion, ...]:
     """Means over the draws `(T, K)`."""
     return tuple(
-        Course(
+        ChannelMotion(
             channel=observation.experiment.names[k],
             spread=float(observation.experiment.y[sampled, k].std()),
             without=_size(residuals[sampled, k]),
@@ -235,13 +237,13 @@ def _size(values: Array) -> float:
     return float(np.sqrt(np.mean(values**2)))
 
 
-WORTH = 0.3  # of what is left of the squares: less is not worth a second word
-LEAST = 0.1  # of all
-FLAT = 1e-9  # of its size: what varies less is constant
+MIN_SHARE_OF_REST = 0.3  # of what is left of the squares: less is not worth a second word
+MIN_SHARE = 0.1  # of all
+CONSTANT_RATIO = 1e-9  # of its size: what varies less is constant
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Follows:
+class TorqueRegression:
     """`kind` of `of` (a speed, an angle, an input): `share` of the squares of the torque that it
     explains by itself; `taken`: whether it is among those that explain it together, and then
     `size` with its `sd` over the draws, N m per unit of it, of an angle its amplitude.
@@ -255,35 +257,42 @@ class Follows:
     sd: float = 0.0
 
 
-def follows(estimate: Shaking) -> tuple[Follows, ...]:
+def regress_torque(estimate: TorqueEstimate) -> tuple[TorqueRegression, ...]:
     """Those taken first, in their order; then all others by their shares."""
     turning = estimate.turning
     candidates = ((kind, name, rows[turning]) for kind, name, rows in _candidates(estimate))
     regressors = [
         regressor
         for regressor in candidates
-        if np.isfinite(regressor[2]).all() and np.abs(regressor[2]).max() > FLAT
+        if np.isfinite(regressor[2]).all() and np.abs(regressor[2]).max() > CONSTANT_RATIO
     ]
     torque = estimate.expected[turning]
     total = float(torque @ torque)
     if total == 0.0 or not regressors:
         return ()
-    alone = {k: 1.0 - _left(torque, rows) / total for k, (_, _, rows) in enumerate(regressors)}
+    alone = {
+        k: 1.0 - _residual_squares(torque, rows) / total
+        for k, (_, _, rows) in enumerate(regressors)
+    }
     selected: list[int] = []
     remaining, rows = total, np.empty((len(torque), 0))
     while len(selected) < len(regressors):
         lefts = {
-            k: _left(torque, np.column_stack([rows, rows_of_regressor]))
+            k: _residual_squares(torque, np.column_stack([rows, rows_of_regressor]))
             for k, (_, _, rows_of_regressor) in enumerate(regressors)
             if k not in selected
         }
         best = min(lefts, key=lambda k: lefts[k])
-        if remaining - lefts[best] < WORTH * remaining or remaining - lefts[best] < LEAST * total:
+        if (
+            remaining - lefts[best] < MIN_SHARE_OF_REST * remaining
+            or remaining - lefts[best] < MIN_SHARE * total
+        ):
             break
         selected.append(best)
         remaining, rows = lefts[best], np.column_stack([rows, regressors[best][2]])
     regressions = {
-        k: Follows(kind=regressors[k][0], of=regressors[k][1], share=alone[k]) for k in alone
+        k: TorqueRegression(kind=regressors[k][0], of=regressors[k][1], share=alone[k])
+        for k in alone
     }
     if selected:
         weights = np.linalg.lstsq(rows, estimate.draws[:, turning].T, rcond=None)[0]  # (rows, N)
@@ -297,7 +306,7 @@ def follows(estimate: Shaking) -> tuple[Follows, ...]:
     return tuple(regressions[k] for k in (*selected, *others))
 
 
-def _candidates(estimate: Shaking) -> Iterator[tuple[str, str, Array]]:
+def _candidates(estimate: TorqueEstimate) -> Iterator[tuple[str, str, Array]]:
     for name, speed in estimate.speeds:
         yield "sign", name, np.sign(speed)[:, None]
         yield "speed", name, speed[:, None]
@@ -315,7 +324,7 @@ def _candidates(estimate: Shaking) -> Iterator[tuple[str, str, Array]]:
     yield "drift", "", (estimate.t - estimate.t.mean())[:, None]
 
 
-def _left(torque: Array, rows: Array) -> float:
+def _residual_squares(torque: Array, rows: Array) -> float:
     weights = np.linalg.lstsq(rows, torque, rcond=None)[0]
     residuals = torque - rows @ weights
     return float(residuals @ residuals)

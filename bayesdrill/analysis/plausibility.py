@@ -12,8 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from bayesdrill.analysis.diagnostics import Row
-from bayesdrill.analysis.identifiability.information import Information, Scenery
+from bayesdrill.analysis.diagnostics import ParameterRow
+from bayesdrill.analysis.identifiability.information import Information, SensitivityStudy
 from bayesdrill.basics.arrays import Array
 from bayesdrill.inference.posterior import Problem
 from bayesdrill.inference.priors import Prior, spread, spread_of_log
@@ -113,15 +113,17 @@ def plausibility_of_draws(problem: Problem, draws: Array, known: Information) ->
     return (*energy, *_poles(poles(model, values), problem))
 
 
-def plausibility_of_course(scenery: Scenery, theta: Array) -> tuple[str, ...]:
+def plausibility_of_course(sensitivity: SensitivityStudy, theta: Array) -> tuple[str, ...]:
     """Of the motion at unknowns `theta (D,)`: whether friction brakes all the time."""
-    likelihood = scenery.likelihood
+    likelihood = sensitivity.likelihood
     rig = likelihood.observations[0].response.model
     motor = rig.roles.motor
-    if motor.friction not in rig.parameters or motor.speed not in scenery.states:
+    if motor.friction not in rig.parameters or motor.speed not in sensitivity.states:
         return ()
     friction = float(likelihood.rig(theta[None])[0, rig.parameters.index(motor.friction)])
-    speeds = [motion[:, scenery.states.index(motor.speed)] for motion in scenery.motions(theta)]
+    speeds = [
+        motion[:, sensitivity.states.index(motor.speed)] for motion in sensitivity.motions(theta)
+    ]
     other_way = [np.sign(friction) * w < -APPRECIABLE * np.abs(w).max() for w in speeds]
     share = float(np.mean(np.concatenate(other_way)))
     if share <= FEW:
@@ -237,13 +239,14 @@ def _percent(share: float) -> str:
     return f"{100 * share:.3g} %"
 
 
-DECADES = 2.1  # of a log-uniform prior, or of one that is as wide: with more it is vague
-TIMES = 100.0  # as wide as what was found is large, where it is no matter of factors
-NARROWED = 0.5  # of its width: an unknown of which more is left costs little, however wide
+DIFFUSE_DECADES = 2.1  # of a log-uniform prior, or of one that is as wide: with more it is vague
+DIFFUSE_RATIO = 100.0  # as wide as what was found is large, where it is no matter of factors
+# of its width: an unknown of which more is left costs little, however wide
+MAX_REMAINING_WIDTH = 0.5
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Vague:
+class DiffusePrior:
     """The prior of `name`: so many `decades` wide, or `times` as wide as what was found is large."""
 
     name: str
@@ -251,22 +254,24 @@ class Vague:
     times: float | None = None
 
 
-def vague(rows: Sequence[Row], draws: Array, priors: Mapping[str, Prior]) -> tuple[Vague, ...]:
+def diffuse_priors(
+    rows: Sequence[ParameterRow], draws: Array, priors: Mapping[str, Prior]
+) -> tuple[DiffusePrior, ...]:
     """Of unknowns that the record narrows; `draws (N, D)` in the order of `rows`."""
     priors_or_none = (
-        _vague(row.name, x, priors[row.name]) for row, x in zip(rows, draws.T, strict=True)
+        _diffuse_prior(row.name, x, priors[row.name]) for row, x in zip(rows, draws.T, strict=True)
     )
     return tuple(prior for prior in priors_or_none if prior is not None)
 
 
-def _vague(name: str, x: Array, prior: Prior) -> Vague | None:
+def _diffuse_prior(name: str, x: Array, prior: Prior) -> DiffusePrior | None:
     if prior.in_logs:
         wide = spread_of_log(prior)
         decades = wide * math.sqrt(12.0) / math.log(10.0)
-        if decades > DECADES and float(np.log(x).std()) < NARROWED * wide:
-            return Vague(name=name, decades=decades)
+        if decades > DIFFUSE_DECADES and float(np.log(x).std()) < MAX_REMAINING_WIDTH * wide:
+            return DiffusePrior(name=name, decades=decades)
     wide = spread(prior)
     times = wide / math.sqrt(float(np.mean(x**2)))
-    if times > TIMES and float(x.std()) < NARROWED * wide:
-        return Vague(name=name, times=times)
+    if times > DIFFUSE_RATIO and float(x.std()) < MAX_REMAINING_WIDTH * wide:
+        return DiffusePrior(name=name, times=times)
     return None

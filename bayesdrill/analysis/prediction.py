@@ -17,7 +17,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from bayesdrill.analysis.calibration import Band, ecdf_band, shape
+from bayesdrill.analysis.calibration import RankBand, ecdf_band, shape
 from bayesdrill.basics.arrays import Array
 from bayesdrill.basics.units import Unit
 from bayesdrill.inference.likelihood import Likelihood, Observation
@@ -27,8 +27,8 @@ from bayesdrill.record.experiment import Channel
 from bayesdrill.rig.models.linear import dynamics
 from bayesdrill.rig.simulators.sensors import Walkers
 
-BINS = 100
-MOST_CHECKED = 2000  # samples of a channel that are looked at
+PIT_BINS = 100
+MAX_CHECKED = 2000  # samples of a channel that are looked at
 FALSE_ALARM = 0.01  # of records of the model, with its noise, leave any band, at most
 SAYS = {
     "posterior too low": "measured lies above",
@@ -39,18 +39,18 @@ SAYS = {
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Check:
+class PredictionCheck:
     """Of one channel: `pit (T,)`, and the band of their distribution; `label`: of its experiment."""
 
     channel: Channel
     pit: Array
-    band: Band
+    band: RankBand
     label: str = ""
 
     @property
     def ranks(self) -> NDArray[np.int64]:
-        """In which of `BINS` equal parts of its prediction each sample lies."""
-        return np.minimum((BINS * self.pit).astype(np.int64), BINS - 1)
+        """In which of `PIT_BINS` equal parts of its prediction each sample lies."""
+        return np.minimum((PIT_BINS * self.pit).astype(np.int64), PIT_BINS - 1)
 
     @property
     def holds(self) -> bool:
@@ -61,10 +61,10 @@ class Check:
         """What is wrong with the prediction; empty where chance explains all."""
         if self.holds:
             return ""
-        return SAYS.get(shape(self.ranks, BINS - 1) or "", "not as predicted")
+        return SAYS.get(shape(self.ranks, PIT_BINS - 1) or "", "not as predicted")
 
 
-def checks(likelihood: Likelihood, theta: Array) -> tuple[Check, ...]:
+def prediction_checks(likelihood: Likelihood, theta: Array) -> tuple[PredictionCheck, ...]:
     """Of each channel, by draws `theta (N, D)`."""
     transforms = [
         (observation.label, channel, pit[~np.isnan(pit)])
@@ -77,12 +77,12 @@ def checks(likelihood: Likelihood, theta: Array) -> tuple[Check, ...]:
         if not np.isnan(pit).all()
     ]
     return tuple(
-        Check(
+        PredictionCheck(
             channel=channel,
             label=label,
             pit=pit,
             band=ecdf_band(
-                len(pit), BINS - 1, FALSE_ALARM / len(transforms)
+                len(pit), PIT_BINS - 1, FALSE_ALARM / len(transforms)
             ),  # kept for each length
         )
         for label, channel, pit in transforms
@@ -97,7 +97,7 @@ def leave_one_out_check(likelihood: Likelihood, observation: Observation, theta:
     """
     residuals = observation.residuals(likelihood.space.full(theta)).samples
     n = len(observation.experiment.t)
-    checked = np.unique(np.linspace(0, n - 1, min(n, MOST_CHECKED)).round().astype(int))
+    checked = np.unique(np.linspace(0, n - 1, min(n, MAX_CHECKED)).round().astype(int))
     below = scipy.special.ndtr(observation.whiten(residuals, theta)[:, checked])
     log_p = observation.pointwise(residuals, theta)[:, checked]
     weights = np.exp(log_p.min(axis=0) - log_p)
@@ -105,15 +105,15 @@ def leave_one_out_check(likelihood: Likelihood, observation: Observation, theta:
     return np.asarray((weights * below).sum(axis=0) / weights.sum(axis=0))
 
 
-DRAWS = 800  # looked at
-MOST_SCORED = 50_000  # samples whose densities are kept for all draws
-AGREED = 1e-12  # of the log densities of a sample: all draws give it the same
-BAD = 0.7  # of Pareto's k, from which on a sample leans on a few draws
-FEW = 0.01  # of the samples may
+MAX_DRAWS = 800  # looked at
+MAX_SCORED = 50_000  # samples whose densities are kept for all draws
+EQUAL_LOG_DENSITY = 1e-12  # of the log densities of a sample: all draws give it the same
+BAD_PARETO_K = 0.7  # of Pareto's k, from which on a sample leans on a few draws
+MAX_BAD_SHARE = 0.01  # of the samples may
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class HeldOut:
+class HeldOutScore:
     """`score`: sum of the logs of the predictive densities of so many `samples`, SI; `each (n,)`."""
 
     score: float
@@ -122,7 +122,7 @@ class HeldOut:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class LeftOut:
+class LooScore:
     """Of each sample without itself: `elpd`, its parts `each (n,)`, and the share that is `doubtful`."""
 
     elpd: float
@@ -130,7 +130,7 @@ class LeftOut:
     doubtful: float
 
 
-def held_out(posterior: Posterior, theta: Array) -> HeldOut | None:
+def held_out(posterior: Posterior, theta: Array) -> HeldOutScore | None:
     """By draws `theta (N, D)`: stretches and whole experiments; None where nothing is held out."""
     theta, log_densities = _some(theta), []
     full, likelihood = posterior.space.full(theta), posterior.likelihood
@@ -149,19 +149,19 @@ def held_out(posterior: Posterior, theta: Array) -> HeldOut | None:
     if not log_densities:
         return None
     each = np.concatenate(log_densities)
-    return HeldOut(score=float(each.sum()), samples=len(each), each=each)
+    return HeldOutScore(score=float(each.sum()), samples=len(each), each=each)
 
 
 def leave_one_out(
     posterior: Posterior, theta: Array, residual_rows: tuple[Left, ...]
-) -> LeftOut | str:
+) -> LooScore | str:
     """By draws `theta (N, D)`; or why that would tell nothing: samples that tell of each other by more
     than the unknowns, or too many of them.
     """
     observations = posterior.likelihood.observations
-    if sum(observation.numbers for observation in observations) > MOST_SCORED:
-        return f"more than {MOST_SCORED} samples"
-    if any(remembers(observation, theta) for observation in observations):
+    if sum(observation.numbers for observation in observations) > MAX_SCORED:
+        return f"more than {MAX_SCORED} samples"
+    if any(has_memory(observation, theta) for observation in observations):
         return "its noise remembers: a sample that is left out is told by those beside it"
     if coloured := [row for row in residual_rows if row.correlated]:
         worst = max(coloured, key=lambda row: abs(row.correlation))
@@ -179,13 +179,15 @@ def leave_one_out(
         log_densities.append(log_p[:, observation.experiment.seen].T)
     log_p = np.concatenate(log_densities)
     each, pareto_k = log_p.mean(axis=1), np.zeros(len(log_p))
-    differ = np.ptp(log_p, axis=1) > AGREED  # of those at rest nothing is to be smoothed
+    differ = np.ptp(log_p, axis=1) > EQUAL_LOG_DENSITY  # of those at rest nothing is to be smoothed
     log_w, pareto_k[differ] = smoothed(log_p[differ])
     each[differ] = scipy.special.logsumexp(log_w + log_p[differ], axis=1)
-    return LeftOut(elpd=float(each.sum()), each=each, doubtful=float((pareto_k > BAD).mean()))
+    return LooScore(
+        elpd=float(each.sum()), each=each, doubtful=float((pareto_k > BAD_PARETO_K).mean())
+    )
 
 
-def remembers(observation: Observation, theta: Array) -> bool:
+def has_memory(observation: Observation, theta: Array) -> bool:
     """Whether its noise says of a sample what those before it were, at the first of `theta (N, D)`."""
     if observation.white:
         return False
@@ -196,17 +198,18 @@ def remembers(observation: Observation, theta: Array) -> bool:
         samples[1, rows[len(rows) // 2], k] = sigma
     quiet, struck = observation.whiten(samples, np.repeat(first, 2, axis=0))
     felt = np.abs(struck - quiet)[samples[1] == 0.0]
-    return bool(np.nanmax(felt, initial=0.0) > AGREED)
+    return bool(np.nanmax(felt, initial=0.0) > EQUAL_LOG_DENSITY)
 
 
 def _some(theta: Array) -> Array:
-    return theta[:: max(1, -(-len(theta) // DRAWS))]
+    return theta[:: max(1, -(-len(theta) // MAX_DRAWS))]
 
 
 SEGMENTS = 8  # of a record, half over each other, that a spectrum is the mean of
-SMOOTH = 7  # frequencies over which the spectrum of noise is alike
-LEAST_SEEN = 0.9  # of the samples of a channel; the others count as the model has them
-EXCITED = 0.25  # sd over magnitude of a response, to which an input that excites lets it be known
+SMOOTHED_FREQUENCIES = 7  # frequencies over which the spectrum of noise is alike
+MIN_SAMPLED_SHARE = 0.9  # of the samples of a channel; the others count as the model has them
+# sd over magnitude of a response, to which an input that excites lets it be known
+MAX_RELATIVE_SD = 0.25
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -255,12 +258,12 @@ def frequency_responses(posterior: Posterior, theta: Array) -> tuple[FrequencyRe
         more = (inverse @ spectra[:, :n, n:]).swapaxes(1, 2)  # (F, K, S)
         noise = np.einsum("fkk->fk", spectra[:, n:, n:] - more.conj() @ spectra[:, :n, n:]).real
         # By itself it has few degrees of freedom.
-        noise = uniform_filter1d(noise, SMOOTH, axis=0)
+        noise = uniform_filter1d(noise, SMOOTHED_FREQUENCIES, axis=0)
         share = np.einsum("fss->fs", inverse).real / (2.0 * max(SEGMENTS - n, 1))
         modelled = _response(observation, observation.told(full), f, [*series])
         measured = modelled + more
         error = np.sqrt(np.maximum(noise, 0.0)[:, :, None] * share[:, None]) / np.abs(measured)
-        measured[(error > EXCITED) | (share == 0.0)[:, None]] = np.nan
+        measured[(error > MAX_RELATIVE_SD) | (share == 0.0)[:, None]] = np.nan
         responses += [
             FrequencyResponse(
                 channel=channel,
@@ -274,7 +277,7 @@ def frequency_responses(posterior: Posterior, theta: Array) -> tuple[FrequencyRe
             )
             for k, channel in enumerate(experiment.channels)
             for column, name in enumerate(series)
-            if experiment.seen[:, k].mean() > LEAST_SEEN
+            if experiment.seen[:, k].mean() > MIN_SAMPLED_SHARE
         ]
     return tuple(responses)
 

@@ -10,15 +10,20 @@ from typing import Any
 import numpy as np
 
 from bayesdrill.analysis import causes, diagnostics, energy, latent_torque, plausibility
-from bayesdrill.analysis.causes import Causes, Instead
-from bayesdrill.analysis.comparison import Repeat, repeats
-from bayesdrill.analysis.diagnostics import Row
-from bayesdrill.analysis.energy import Account, Part, Rubbing
-from bayesdrill.analysis.identifiability.information import Scenery
+from bayesdrill.analysis.causes import Causes, EquivalentExplanation
+from bayesdrill.analysis.comparison import RepeatedProduct, repeats
+from bayesdrill.analysis.diagnostics import ParameterRow
+from bayesdrill.analysis.energy import EnergyAccount, EnergyPart, FrictionMotion
+from bayesdrill.analysis.identifiability.information import SensitivityStudy
 from bayesdrill.analysis.identifiability.structure import Exponents
-from bayesdrill.analysis.latent_torque import Course, Follows, Shaking, follows
-from bayesdrill.analysis.plausibility import Vague
-from bayesdrill.analysis.suspicions import Moment, half_a_sample
+from bayesdrill.analysis.latent_torque import (
+    ChannelMotion,
+    TorqueEstimate,
+    TorqueRegression,
+    regress_torque,
+)
+from bayesdrill.analysis.plausibility import DiffusePrior
+from bayesdrill.analysis.suspicions import InputTiming, half_sample_shift
 from bayesdrill.analysis.verdict import Judgement, basis, conclude
 from bayesdrill.basics import seeds, values
 from bayesdrill.basics.arrays import Array
@@ -42,8 +47,8 @@ from bayesdrill.sampling.ensembles import SamplingResult
 from bayesdrill.sampling.evidence import Evidence
 from bayesdrill.sampling.mode_search import Mode
 
-BANDS, ACCOUNTS, PATHS = 100, 25, 300  # draws
-MIDDLE = (0.03, 0.97)  # of the samples of a torque
+BAND_DRAWS, ENERGY_DRAWS, TORQUE_DRAWS = 100, 25, 300  # draws
+CENTRAL_SHARES = (0.03, 0.97)  # of the samples of a torque
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,24 +79,24 @@ class RunDraws(Value):
         return self.draws[:: max(1, -(-len(self.draws) // n))]
 
     @cached_property
-    def rubbing(self) -> tuple[tuple[Rubbing, ...], ...]:
+    def rubbing(self) -> tuple[tuple[FrictionMotion, ...], ...]:
         """Of each experiment; nothing where the rig does not rub."""
         if not self.problem.model.frictions:
             return ()
-        return energy.rubbings(self.problem.posterior, self.best, self.some(BANDS))
+        return energy.friction_motions(self.problem.posterior, self.best, self.some(BAND_DRAWS))
 
     @cached_property
-    def accounts(self) -> tuple[Account, ...]:
+    def accounts(self) -> tuple[EnergyAccount, ...]:
         """Where the energy goes, of a rig that rubs."""
         if not self.problem.model.frictions:
             return ()
-        return energy.accounts(self.problem.posterior, self.best, self.some(ACCOUNTS))
+        return energy.energy_accounts(self.problem.posterior, self.best, self.some(ENERGY_DRAWS))
 
     @cached_property
-    def shaking(self) -> tuple[Shaking, ...]:
+    def shaking(self) -> tuple[TorqueEstimate, ...]:
         """The missing torque of each experiment, where there is one."""
         rng = seeds.stream(self.seed, "torque")
-        return latent_torque.shakings(self.problem.posterior, self.some(PATHS), rng)
+        return latent_torque.torque_estimates(self.problem.posterior, self.some(TORQUE_DRAWS), rng)
 
     @cached_property
     def _derived(self) -> dict[tuple[Exponents, ...], Derived]:
@@ -128,8 +133,8 @@ class TorqueSummary:
     sd: float
     sure: float
     turning: float
-    follows: tuple[Follows, ...]
-    courses: tuple[Course, ...]
+    follows: tuple[TorqueRegression, ...]
+    courses: tuple[ChannelMotion, ...]
     roles: Roles
 
 
@@ -140,7 +145,7 @@ class EnergySummary:
     """
 
     label: str
-    parts: tuple[Part, ...]
+    parts: tuple[EnergyPart, ...]
     came: tuple[str, ...]
     went: tuple[str, ...]
     left: float
@@ -176,26 +181,26 @@ class RunAnalysis:
     alone: whether no other model of the record is tried beside it, so that causes are looked for
     """
 
-    unknowns: tuple[Row, ...]
+    unknowns: tuple[ParameterRow, ...]
     fit: tuple[Left, ...]
     inputs: tuple[str, ...]
     sandwich: Mapping[str, float]
     judged: Judgement | None
-    repeats: tuple[Repeat, ...]
+    repeats: tuple[RepeatedProduct, ...]
     causes: Causes | None
-    instead: Instead | None
+    instead: EquivalentExplanation | None
     derived: tuple[derived.Row, ...]
     meanings: Mapping[str, str]
     convergence: Convergence
     acceptance: tuple[float, ...]
     failures: int
     evidence: Evidence | None
-    vague: tuple[Vague, ...]
+    vague: tuple[DiffusePrior, ...]
     leaning: Mapping[str, tuple[str, ...]]
     step_errors: tuple[StepError, ...]
     torques: tuple[TorqueSummary, ...]
     energy: tuple[EnergySummary, ...]
-    moment: Moment | None
+    moment: InputTiming | None
     course: tuple[str, ...]
     rig: tuple[str, ...]
     suspicions: tuple[str, ...]
@@ -220,7 +225,7 @@ class RunAnalysis:
 def analyse(
     run: RunDraws,
     asked: Asked,
-    scenery: Scenery,
+    sensitivity: SensitivityStudy,
     suspicions: tuple[str, ...] = (),
     *,
     alone: bool = True,
@@ -228,12 +233,12 @@ def analyse(
 ) -> RunAnalysis:
     """Evaluate all that is said of a finished run; nothing is sampled.
 
-    `scenery`: of its likelihood; `suspicions`, `alone`, and what is `explained` by which causes: see
+    `sensitivity`: of its likelihood; `suspicions`, `alone`, and what is `explained` by which causes: see
     `RunAnalysis`.
     """
     problem, sampled, best = run.problem, run.sampled, run.best
     posterior = problem.posterior
-    rows, residual_rows, judged = conclude(problem, asked, run.mode, sampled, scenery)
+    rows, residual_rows, judged = conclude(problem, asked, run.mode, sampled, sensitivity)
     fits = like_noise(residual_rows)
     blamed = alone and judged is not None and bool(judged.verdict.far)
     products = () if judged is None else basis(judged.study, judged.study.names)
@@ -249,17 +254,17 @@ def analyse(
         if any(row.correlated for row in residual_rows)
         else {},
         judged=judged,
-        repeats=repeats(scenery, best, products),
+        repeats=repeats(sensitivity, best, products),
         causes=explained,
-        instead=causes.instead(problem, best) if blamed else None,
+        instead=causes.equivalent_explanation(problem, best) if blamed else None,
         derived=rows_of_derived,
         meanings={symbol.name: symbol.meaning for symbol in following.symbols},
         convergence=sampled.convergence,
         acceptance=tuple(map(float, sampled.acceptance)),
         failures=sampled.failures,
         evidence=sampled.evidence,
-        vague=plausibility.vague(rows, run.draws, posterior.space.priors),
-        leaning=diagnostics.leaning(rows, run.draws),
+        vague=plausibility.diffuse_priors(rows, run.draws, posterior.space.priors),
+        leaning=diagnostics.prior_dependence(rows, run.draws),
         step_errors=step_errors(posterior.likelihood, best),
         torques=tuple(map(torque_summary, run.shaking)),
         energy=tuple(
@@ -268,22 +273,22 @@ def analyse(
                 parts=account.parts,
                 came=tuple(account.came),
                 went=tuple(account.went),
-                left=account.left,
+                left=account.imbalance,
             )
             for account in run.accounts
         ),
         # What another moment would leave looks like noise only where this fit does.
-        moment=half_a_sample(scenery, best) if fits else None,
-        course=tuple(plausibility.plausibility_of_course(scenery, best)),
+        moment=half_sample_shift(sensitivity, best) if fits else None,
+        course=tuple(plausibility.plausibility_of_course(sensitivity, best)),
         rig=(*plausibility.of_roles(problem), *plausibility.plausibility_of_gear(problem)),
         suspicions=suspicions,
         alone=alone,
     )
 
 
-def torque_summary(estimate: Shaking) -> TorqueSummary:
+def torque_summary(estimate: TorqueEstimate) -> TorqueSummary:
     """What is said of the missing torque of one experiment."""
-    low, high = np.quantile(estimate.expected, MIDDLE)
+    low, high = np.quantile(estimate.expected, CENTRAL_SHARES)
     band = estimate.band
     return TorqueSummary(
         label=estimate.label,
@@ -295,7 +300,7 @@ def torque_summary(estimate: Shaking) -> TorqueSummary:
         sd=float(estimate.draws.std(axis=0).mean()),
         sure=float(np.mean((band[0] > 0) | (band[1] < 0))),
         turning=float(estimate.turning.mean()),
-        follows=follows(estimate),
+        follows=regress_torque(estimate),
         courses=estimate.courses,
         roles=estimate.roles,
     )

@@ -14,8 +14,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from bayesdrill.analysis.edits import rig_at
-from bayesdrill.analysis.identifiability.information import Scenery, root_of
+from bayesdrill.analysis.edits import rig_parameters
+from bayesdrill.analysis.identifiability.information import SensitivityStudy, root_of
 from bayesdrill.basics.arrays import Array, Flags
 from bayesdrill.inference.likelihood import Observation
 from bayesdrill.inference.posterior import Problem
@@ -25,17 +25,18 @@ from bayesdrill.record.experiment import Channel, Experiment
 from bayesdrill.rig.models.linear import Model, driven, dynamics
 
 BITS = (12, 14, 16, 24, 32)  # of counters
-CALM = 0.4  # of a period: a larger step can only be a counter that ran over, and a smaller one none
-LIKE = 0.98  # R^2, of two columns that are one motion in different units
-FAR = 1.5  # times: no error of a sensor is that large
+# of a period: a larger step can only be a counter that ran over, and a smaller one none
+MAX_CALM_STEP = 0.4
+MIN_R_SQUARED = 0.98  # R^2, of two columns that are one motion in different units
+MIN_UNIT_FACTOR = 1.5  # times: no error of a sensor is that large
 FACTORS = (
     (180 / math.pi, "degrees for radians (57.3)"),
     (30 / math.pi, "rpm for rad/s (9.55)"),
     (2 * math.pi, "revolutions for radians (6.28)"),
     (1000.0, "thousandths for the whole, as mA for A (1000)"),
 )  # or the other way round
-NEAR = 0.05  # of a factor between two columns, logarithmic
-NEAR_OF_START = 0.2  # which may itself be off
+NEAR_FACTOR = 0.05  # of a factor between two columns, logarithmic
+NEAR_START_FACTOR = 0.2  # which may itself be off
 
 
 def suspicions_of_record(
@@ -58,11 +59,11 @@ def suspicions_of_start(problem: Problem) -> tuple[str, ...]:
     return tuple(
         sentence
         for observation, predicted in predictions
-        for sentence in _of_start(observation, predicted, gear)
+        for sentence in _unit_errors(observation, predicted, gear)
     )
 
 
-def _of_start(observation: Observation, predicted: Array, gear: float) -> Iterator[str]:
+def _unit_errors(observation: Observation, predicted: Array, gear: float) -> Iterator[str]:
     columns = zip(
         observation.experiment.channels, observation.experiment.y.T, predicted.T, strict=True
     )
@@ -73,25 +74,29 @@ def _of_start(observation: Observation, predicted: Array, gear: float) -> Iterat
             continue
         times = float(y @ p) / power
         alike = 1 - float(np.sum((y - times * p) ** 2)) / float(y @ y)
-        named = _named(times, NEAR_OF_START, gear)
-        if alike > LIKE and named:
+        named = _likely_mistakes(times, NEAR_START_FACTOR, gear)
+        if alike > MIN_R_SQUARED and named:
             yield (
                 f"unit: {channel.name} is {times:.3g} times what the start values predict; was it "
                 f"{named}? See its unit, its column and `measures`"
             )
 
 
-def _named(times: float, near: float, gear: float) -> str:
+def _likely_mistakes(times: float, near: float, gear: float) -> str:
     """Mistakes that would bring this factor, the nearest first; empty where there is none."""
-    if times == 0 or 1 / FAR < times < FAR:
+    if times == 0 or 1 / MIN_UNIT_FACTOR < times < MIN_UNIT_FACTOR:
         return ""
     size = abs(math.log(abs(times)))
     turns = max(gear, 1 / gear)
-    geared = [(turns, f"a side of the gear for the other ({turns:.4g})")] if turns > FAR else []
+    geared = (
+        [(turns, f"a side of the gear for the other ({turns:.4g})")]
+        if turns > MIN_UNIT_FACTOR
+        else []
+    )
     known = (*FACTORS, *geared)
     distances = sorted((abs(size - math.log(factor)), mistake) for factor, mistake in known)
     units = " or ".join(mistake for off, mistake in distances if off < near)
-    signs = "a sign" if times < 0 and (units or size < math.log(FAR)) else ""
+    signs = "a sign" if times < 0 and (units or size < math.log(MIN_UNIT_FACTOR)) else ""
     return " and ".join(mistake for mistake in (units, signs) if mistake)
 
 
@@ -102,8 +107,8 @@ def _overrun(channel: Channel, t: Array, y: Array, factor: float) -> str:
     turn = 2 * math.pi / factor if channel.unit == "rad" else math.nan
     periods = [(2.0**bits, f"2^{bits} counts") for bits in BITS] + [(turn, "one turn")]
     for period, what in periods:
-        jumps = np.abs(steps - period) < CALM * period
-        if np.any(jumps) and np.all(steps[~jumps] < CALM * period) and _goes_on(y, jumps):
+        jumps = np.abs(steps - period) < MAX_CALM_STEP * period
+        if np.any(jumps) and np.all(steps[~jumps] < MAX_CALM_STEP * period) and _goes_on(y, jumps):
             first = int(np.argmax(jumps))
             return (
                 f"overflow: {channel.name} jumps by about {period:.6g}, {what}, "
@@ -154,15 +159,15 @@ def _ratio(angle: Channel, speed: Channel, speeds: Mapping[str, str]) -> float |
 
 def _pair(angle: str, a: Array, speed: str, w: Array, t: Array, gear: float) -> Iterator[str]:
     times, alike = _slope(_summed(w, t), a)
-    if alike > LIKE and 1 / FAR < times < FAR:
+    if alike > MIN_R_SQUARED and 1 / MIN_UNIT_FACTOR < times < MIN_UNIT_FACTOR:
         return
     back, backwards = _slope(_summed(a, t), w)
-    if backwards > LIKE and abs(back - 1) < 2 * NEAR:
+    if backwards > MIN_R_SQUARED and abs(back - 1) < 2 * NEAR_FACTOR:
         yield (
             f"columns: {speed} grows as the sum of {angle} over time would, and not the other way "
             "round; are the two columns swapped?"
         )
-    elif alike >= LIKE and (named := _named(times, NEAR, gear)):
+    elif alike >= MIN_R_SQUARED and (named := _likely_mistakes(times, NEAR_FACTOR, gear)):
         yield (
             f"unit: {angle} grows {times:.3g} times as fast as {speed} says; is one of them {named}? "
             "See their units, columns and `measures`"
@@ -181,11 +186,11 @@ def _slope(x: Array, y: Array) -> tuple[float, float]:
     return (across / float(x @ x), across**2 / size) if size > 0 else (math.nan, 0.0)
 
 
-MATTERS = 0.5  # sds, of a shift that is worth a word
+MIN_SHIFT_SDS = 0.5  # sds, of a shift that is worth a word
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Moment:
+class InputTiming:
     """By how many of its sds each unknown of the rig would move, if the inputs came `seconds` later."""
 
     seconds: float
@@ -197,30 +202,35 @@ class Moment:
 
     @property
     def matters(self) -> bool:
-        return abs(self.worst[1]) > MATTERS
+        return abs(self.worst[1]) > MIN_SHIFT_SDS
 
 
-def half_a_sample(scenery: Scenery, theta: Array) -> Moment | None:
+def half_sample_shift(sensitivity: SensitivityStudy, theta: Array) -> InputTiming | None:
     """At `theta (D,)`; None where the moment is unknown, or all channels have lags of their own."""
-    observations = scenery.likelihood.observations
-    if not scenery.unknowns or any(_told(observation) for observation in observations):
+    observations = sensitivity.likelihood.observations
+    if not sensitivity.unknowns or any(_lag_is_free(observation) for observation in observations):
         return None
     half = 0.5 * min(_step(observation.experiment) for observation in observations)
-    motions = scenery.motions(theta)
+    motions = sensitivity.motions(theta)
     pairs = zip(observations, motions, strict=True)
     late = np.concatenate(
-        [_later(observation, scenery, theta, motion).ravel() for observation, motion in pairs]
+        [
+            _delay_sensitivity(observation, sensitivity, theta, motion).ravel()
+            for observation, motion in pairs
+        ]
     )
-    rows = scenery.every(theta)
+    rows = sensitivity.with_nuisances(theta)
     if not (np.isfinite(half) and np.isfinite(rows).all() and np.isfinite(late).all()):
         return None
-    matrix = np.vstack([rows, np.diag(1.0 / scenery.prior_spreads)])
+    matrix = np.vstack([rows, np.diag(1.0 / sensitivity.prior_spreads)])
     target = np.append(half * late, np.zeros(rows.shape[1]))
     moved = np.linalg.lstsq(matrix, target, rcond=None)[0]
     sds = np.linalg.norm(np.linalg.inv(root_of(matrix)), axis=1)
-    m = len(scenery.unknowns)
+    m = len(sensitivity.unknowns)
     ratio = (moved / sds)[:m]
-    return Moment(seconds=half, shifts=tuple(zip(scenery.unknowns, map(float, ratio), strict=True)))
+    return InputTiming(
+        seconds=half, shifts=tuple(zip(sensitivity.unknowns, map(float, ratio), strict=True))
+    )
 
 
 def _step(experiment: Experiment) -> float:
@@ -230,7 +240,7 @@ def _step(experiment: Experiment) -> float:
     return min(usual_step(experiment.t[sampled]) for sampled in experiment.seen.T)
 
 
-def _told(observation: Observation) -> bool:
+def _lag_is_free(observation: Observation) -> bool:
     sensing = observation.response.sensing
     every_input = bool(sensing.input_lags) and len(sensing.input_lags) == len(
         observation.experiment.series
@@ -239,10 +249,12 @@ def _told(observation: Observation) -> bool:
     return sensing.delay is not None or every_input or every_channel
 
 
-def _later(observation: Observation, scenery: Scenery, theta: Array, motion: Array) -> Array:
+def _delay_sensitivity(
+    observation: Observation, sensitivity: SensitivityStudy, theta: Array, motion: Array
+) -> Array:
     """d signal / d delay over the noise, where it was measured: minus how fast each channel changes."""
     experiment, model = observation.experiment, observation.response.model
-    linear = model.linear(rig_at(observation, scenery.likelihood.space, theta))
+    linear = model.linear(rig_parameters(observation, sensitivity.likelihood.space, theta))
     n = len(experiment.t)
     given = {
         name: experiment.constant.get(name, 0.0) + experiment.series.get(name, 0.0)

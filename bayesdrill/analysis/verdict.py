@@ -18,14 +18,14 @@ import scipy
 from numpy.typing import NDArray
 
 from bayesdrill.analysis import plausibility
-from bayesdrill.analysis.diagnostics import Row, Word, summarise
+from bayesdrill.analysis.diagnostics import ParameterRow, Word, summarise
 from bayesdrill.analysis.identifiability.information import (
-    Scenery,
+    SensitivityStudy,
     products,
     simple_exponents,
 )
 from bayesdrill.analysis.identifiability.structure import Exponents
-from bayesdrill.analysis.identifiability.study import Study, study_of
+from bayesdrill.analysis.identifiability.study import IdentifiabilityStudy, study_of
 from bayesdrill.basics import seeds
 from bayesdrill.basics.arrays import Array
 from bayesdrill.basics.values import checked
@@ -37,9 +37,10 @@ from bayesdrill.inference.residual_checks import Left
 from bayesdrill.sampling.ensembles import ExtendedPriors, SamplingResult
 from bayesdrill.sampling.mode_search import Mode
 
-FARTHEST, STEP = 3.0, 0.25  # sigma: tails are counted up to here, ...
-LEAST_BEYOND = 25  # ... where at least so many draws lie beyond
-FAR_OUT = 1000.0  # a squared distance whose tail probability no longer fits into a float
+MAX_COUNTED_SIGMA, SIGMA_STEP = 3.0, 0.25  # sigma: tails are counted up to here, ...
+MIN_DRAWS_BEYOND = 25  # ... where at least so many draws lie beyond
+# a squared distance whose tail probability no longer fits into a float
+MAX_SQUARED_DISTANCE = 1000.0
 PRIOR_BINS = 100  # of equal mass, for the density of a product under the prior
 
 
@@ -54,8 +55,10 @@ def tension(logs: Array, low: float, high: float) -> float:
     side = np.sign(value - middle)
     if side == 0:
         return 0.0
-    top = min(FARTHEST, float(-scipy.special.ndtri(min(LEAST_BEYOND / len(logs), 0.4))))
-    scores = np.linspace(0.0, top, max(3, round(top / STEP) + 1))
+    top = min(
+        MAX_COUNTED_SIGMA, float(-scipy.special.ndtri(min(MIN_DRAWS_BEYOND / len(logs), 0.4)))
+    )
+    scores = np.linspace(0.0, top, max(3, round(top / SIGMA_STEP) + 1))
     places = np.abs(np.quantile(logs, scipy.special.ndtr(side * scores)) - middle)
     distance = abs(value - middle)
     if distance <= places[-1]:
@@ -84,11 +87,11 @@ def joint_tension(logs: Array, powers: Array, ends: Array) -> float:
         middle = middle - matrix @ nearest.x
     squared = float(middle @ middle)
     beyond = int(np.sum(np.sum(spread**2, axis=0) >= squared))
-    if beyond >= LEAST_BEYOND:
+    if beyond >= MIN_DRAWS_BEYOND:
         return float(-scipy.special.ndtri(0.5 * beyond / len(logs)))
-    if squared > FAR_OUT:
+    if squared > MAX_SQUARED_DISTANCE:
         return math.sqrt(squared)
-    p = min(float(scipy.special.chdtrc(len(powers), squared)), LEAST_BEYOND / len(logs))
+    p = min(float(scipy.special.chdtrc(len(powers), squared)), MIN_DRAWS_BEYOND / len(logs))
     return float(-scipy.special.ndtri(0.5 * p))
 
 
@@ -119,7 +122,8 @@ def _entropy(logs: Array) -> float:
 Says = Literal["agrees", "disagrees", "in doubt", "not determined", "pressed against the prior"]
 
 FALSE_ALARM = 0.01  # of records of a rig that is nominal: any "disagrees" at all
-BORROWED = 0.25  # sd over the prior's: below, something much better known stands behind a symmetry
+# sd over the prior's: below, something much better known stands behind a symmetry
+MAX_BLIND_SD_RATIO = 0.25
 PRIOR_DRAWS = 100_000
 
 
@@ -192,13 +196,13 @@ class Verdict:
 class Judgement:
     """`findings`: sentences of `physics` on the posterior."""
 
-    study: Study
+    study: IdentifiabilityStudy
     verdict: Verdict
     findings: tuple[str, ...]
 
 
 def judge(
-    study: Study,
+    study: IdentifiabilityStudy,
     draws: Array,
     prior_draws: Array,
     nominal: Mapping[str, float],
@@ -220,10 +224,10 @@ def judge(
     extended = draws if beyond is None or beyond.draws is None else beyond.draws[:, :m]
     table = np.array([math.log(nominal.get(name, math.nan)) for name in study.names])
     offs = [tolerance.get(name, 0.0) for name in study.names]
-    scene = _Scene(
+    scene = _TableComparison(
         study=study,
         logs=np.log(draws) - table,
-        seen=np.log(extended) - table,
+        extended_logs=np.log(extended) - table,
         prior_logs=np.log(prior_draws) - table,
         table=table,
         ends=np.array([(math.log1p(-off), math.log1p(off)) for off in offs]),
@@ -249,7 +253,7 @@ def judge(
     )
 
 
-def basis(study: Study, among: Collection[str]) -> tuple[Exponents, ...]:
+def basis(study: IdentifiabilityStudy, among: Collection[str]) -> tuple[Exponents, ...]:
     """Independent products of unknowns `among` these alone that no symmetry changes: all there are.
 
     First those that the record narrows, the most narrowed first, then the sparsest: where others take
@@ -274,15 +278,15 @@ def sigma_limit(n: int) -> float:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class _Scene:
+class _TableComparison:
     """`logs`, `prior_logs`: of the draws over the nominal values; `ends (m, 2)` of the tolerance.
 
-    `seen`: as `logs`, but beyond ends that are in the way; of those `unseen` it shows nothing.
+    `extended_logs`: as `logs`, but beyond ends that are in the way; of those `unseen` it shows nothing.
     """
 
-    study: Study
+    study: IdentifiabilityStudy
     logs: Array
-    seen: Array
+    extended_logs: Array
     prior_logs: Array
     table: Array
     ends: Array
@@ -300,7 +304,7 @@ class _Scene:
         )
         drawn = self._sd_ratio(exponents)
         if self._blind(exponents):
-            return bool(max(linear, drawn) < BORROWED)
+            return bool(max(linear, drawn) < MAX_BLIND_SD_RATIO)
         if self.thresholds.judge(linear) == "left to the prior":
             return False
         return self.thresholds.judge(drawn) == "determined"
@@ -309,7 +313,7 @@ class _Scene:
         logs = _combined(self.logs, exponents)
         nominal = math.exp(_combined(self.table, exponents))
         low, high = self._tolerance(exponents)
-        far = tension(_combined(self.seen, exponents), low, high)
+        far = tension(_combined(self.extended_logs, exponents), low, high)
         x = nominal * np.exp(logs)
         near, distant = hdi(x)
         mean = float(x.mean())
@@ -339,7 +343,7 @@ class _Scene:
         powers = np.array(products, dtype=float)
         used = np.any(powers != 0, axis=0)
         ends = np.where(used[:, None], self.ends, 0.0)
-        logs = np.where(used, self.seen, 0.0) @ powers.T
+        logs = np.where(used, self.extended_logs, 0.0) @ powers.T
         return joint_tension(logs, powers, ends)
 
     def hides(self, exponents: Exponents) -> bool:
@@ -375,7 +379,7 @@ def _combined(logs: Array, exponents: Exponents) -> Array:
     return np.asarray(logs[..., used] @ np.array(exponents, dtype=float)[used])
 
 
-def reconciled(rows: Sequence[Row], verdict: Verdict) -> tuple[Row, ...]:
+def reconciled(rows: Sequence[ParameterRow], verdict: Verdict) -> tuple[ParameterRow, ...]:
     """Draws alone cannot tell what the record narrows from what the priors of others do.
 
     So the verdict, which can, has the word where both say something of an unknown.
@@ -389,7 +393,7 @@ def reconciled(rows: Sequence[Row], verdict: Verdict) -> tuple[Row, ...]:
     )
 
 
-def _word(row: Row, quantity: Quantity) -> Word:
+def _word(row: ParameterRow, quantity: Quantity) -> Word:
     match quantity.says:
         case "agrees" | "disagrees" | "in doubt":
             return "determined"
@@ -399,16 +403,20 @@ def _word(row: Row, quantity: Quantity) -> Word:
 
 
 def conclude(
-    problem: Problem, asked: Asked, mode: Mode, sampled: SamplingResult, scenery: Scenery
-) -> tuple[tuple[Row, ...], tuple[Left, ...], Judgement | None]:
+    problem: Problem,
+    asked: Asked,
+    mode: Mode,
+    sampled: SamplingResult,
+    sensitivity: SensitivityStudy,
+) -> tuple[tuple[ParameterRow, ...], tuple[Left, ...], Judgement | None]:
     """A row for each unknown, one for each channel, and the verdict where there is a table."""
     posterior, space = problem.posterior, problem.posterior.space
     rows = summarise(problem, sampled.draws, mode, sampled.convergence)
     best = space.vector(mode.values)
     residual_rows = residual_checks.left(posterior.likelihood, best)
-    if not any(name in problem.nominal for name in scenery.unknowns):
+    if not any(name in problem.nominal for name in sensitivity.unknowns):
         return rows, residual_rows, None
-    study = study_of(scenery, posterior, best, asked, "the MAP")
+    study = study_of(sensitivity, posterior, best, asked, "the MAP")
     draws, m = sampled.draws.reshape(-1, len(best)), len(study.names)
     prior_draws = space.draw(PRIOR_DRAWS, seeds.stream(asked.seed, "identify", 1))
     prior_draws = prior_draws[np.isfinite(space.log_prior(prior_draws))]
@@ -425,7 +433,7 @@ def conclude(
     )
     findings = (
         *plausibility.plausibility_of_draws(problem, draws, study.information),
-        *plausibility.plausibility_of_course(scenery, best),
+        *plausibility.plausibility_of_course(sensitivity, best),
     )
     judged = Judgement(study=study, verdict=verdict, findings=findings)
     return reconciled(rows, verdict), residual_rows, judged

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.stats import chi2
 
-from bayesdrill.analysis import Scenery, from_sensitivities
+from bayesdrill.analysis import SensitivityStudy, from_sensitivities
 from bayesdrill.basics import Array, seeds
 from bayesdrill.config import ResolvedCase, path_of, simulate
 from bayesdrill.config import truth as simulated_truth
@@ -39,11 +39,11 @@ class Length:
 
 def bounds(likelihood: Likelihood, truth: Array) -> Array:
     """Cramer-Rao bounds of the unknowns `(D,)`, physical, for noise of sigma 1 in every channel."""
-    scenery = Scenery(likelihood)
+    sensitivity = SensitivityStudy(likelihood)
     sigma = likelihood.alone.scales(truth[None])[0]
-    rows = scenery.sensitivities(truth)
+    rows = sensitivity.sensitivities(truth)
     each = (rows.reshape(-1, len(sigma), rows.shape[1]) * sigma[:, None]).reshape(rows.shape)
-    known = from_sensitivities(scenery.unknowns, each)
+    known = from_sensitivities(sensitivity.unknowns, each)
     return np.asarray(known.bounds() * truth)
 
 

@@ -26,7 +26,7 @@ from types import MappingProxyType
 
 import numpy as np
 
-from bayesdrill.analysis import Scenery, from_sensitivities, plausibility
+from bayesdrill.analysis import SensitivityStudy, from_sensitivities, plausibility
 from bayesdrill.basics import Array, symbols
 from bayesdrill.inference import Posterior, derived, hdi
 from bayesdrill.record import usual_inputs
@@ -302,9 +302,9 @@ def _at(posterior: Posterior, theta: Array, inputs: Mapping[str, float]) -> dict
 
 
 def _alone(posterior: Posterior, mode: Array, inputs: Mapping[str, float]) -> dict[str, float]:
-    scenery = Scenery(posterior.likelihood)
-    names = scenery.unknowns
-    known = from_sensitivities(names, scenery.sensitivities(mode))
+    sensitivity = SensitivityStudy(posterior.likelihood)
+    names = sensitivity.unknowns
+    known = from_sensitivities(names, sensitivity.sensitivities(mode))
     steps = STEP * np.eye(len(names), len(mode))
     up, down = (_at(posterior, mode * np.exp(sign * steps), inputs) for sign in (1, -1))
     with np.errstate(invalid="ignore"):

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from bayesdrill import output_files
-from bayesdrill.analysis import Scenery, study_of
+from bayesdrill.analysis import SensitivityStudy, study_of
 from bayesdrill.basics import Array, Interrupted, Reporter, Silent, software
 from bayesdrill.config import Job, ResolvedCase
 from bayesdrill.paper import forward, precision, printed, reproduction
@@ -94,7 +94,7 @@ def _run(studies: Studies, folder: Folder, processes: int, clock: _Clock) -> Fin
     first, search = studies.nines[0], MisfitSearch(studies.pairwise[0], EVALUATIONS)
     posterior, seed = first.problem.posterior, first.config.seed
     start = posterior.space.vector(posterior.space.start)
-    study = study_of(Scenery(posterior.likelihood), posterior, start, first.asked)
+    study = study_of(SensitivityStudy(posterior.likelihood), posterior, start, first.asked)
     symmetries, centre = study.structure.symmetries, nines[0].truth
     if centre is None:  # of the distances of ends
         centre = np.median(nines[0].draws, axis=0)

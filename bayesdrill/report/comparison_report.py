@@ -11,7 +11,13 @@ from pathlib import Path
 
 from bayesdrill.analysis import comparison
 from bayesdrill.analysis.causes import Causes
-from bayesdrill.analysis.comparison import Contender, Decision, Layer, Row, decide
+from bayesdrill.analysis.comparison import (
+    ModelDecision,
+    OverlayRow,
+    PosteriorSummary,
+    RunSummary,
+    decide,
+)
 from bayesdrill.inference.display_units import OwnUnits
 from bayesdrill.output_files import COMPARE, OVERLAY, Kind
 from bayesdrill.report.section import Picture, Section, as_markdown, as_text
@@ -70,13 +76,13 @@ class ComparisonReport:
     `units`: in which people are shown unknowns; `heading`: of pages.
     """
 
-    layers: tuple[Layer, ...]
+    layers: tuple[PosteriorSummary, ...]
     units: OwnUnits
-    models: tuple[Contender, ...] = ()
+    models: tuple[RunSummary, ...] = ()
     heading: str = ""
 
     @classmethod
-    def of_models(cls, models: Sequence[Contender], units: OwnUnits) -> ComparisonReport:
+    def of_models(cls, models: Sequence[RunSummary], units: OwnUnits) -> ComparisonReport:
         return cls(tuple(model.layer for model in models), units, tuple(models))
 
     @property
@@ -84,17 +90,17 @@ class ComparisonReport:
         return COMPARED if self.models else OVERLAID
 
     @cached_property
-    def rows(self) -> tuple[Row, ...]:
+    def rows(self) -> tuple[OverlayRow, ...]:
         """SI."""
         return comparison.overlay_rows(self.layers)
 
     @cached_property
-    def decision(self) -> Decision | None:
+    def decision(self) -> ModelDecision | None:
         """None of runs that are no models of one record."""
         return decide(self.models) if self.models else None
 
     @property
-    def best(self) -> Contender | None:
+    def best(self) -> RunSummary | None:
         """The most probable of the models."""
         return None if self.decision is None else self.models[self.decision.best]
 

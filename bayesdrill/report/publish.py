@@ -15,7 +15,7 @@ from pathlib import Path
 from types import MappingProxyType
 
 from bayesdrill import output_files
-from bayesdrill.analysis.diagnostics import Row
+from bayesdrill.analysis.diagnostics import ParameterRow
 from bayesdrill.basics import software
 from bayesdrill.basics.progress import Reporter
 from bayesdrill.basics.registry import Registry, callable_one
@@ -87,7 +87,7 @@ def drawn(wanted: Collection[str] | None) -> list[str]:
 # What follows from a chain alone; None where a run has no such table.
 TABLES: Mapping[str, Callable[[View], str | None]] = MappingProxyType(
     {
-        "summary.csv": lambda view: section.records_as_csv(Row, view.analysis.unknowns),
+        "summary.csv": lambda view: section.records_as_csv(ParameterRow, view.analysis.unknowns),
         "derived.csv": lambda view: physics_words.derived_csv(view.analysis.derived),
         "verdict.csv": lambda view: (
             verdict_words.verdict_csv(view.analysis.judged.verdict, view.problem.symbols)

@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import bayesdrill
-from bayesdrill.analysis.diagnostics import Row
+from bayesdrill.analysis.diagnostics import ParameterRow
 from bayesdrill.basics.symbols import Symbol
 from bayesdrill.inference.derived import HDI_PROBABILITY
 from bayesdrill.report.scales import DPI, Typesetter, printed, unit_of
@@ -134,7 +134,9 @@ _USUAL = range(-1, 3)  # powers of ten that are written out
 _BEYOND = re.compile(r"[^\x00-\x7f]+")  # ASCII; in names, and in LaTeX outside of formulas alone
 
 
-def latex_table(rows: Sequence[Row], symbols: Sequence[Symbol], *, believed: bool = True) -> str:
+def latex_table(
+    rows: Sequence[ParameterRow], symbols: Sequence[Symbol], *, believed: bool = True
+) -> str:
     """A `tabular` for a table of one's own, with the places of two digits of each sd.
 
     Without what the record says, where that must not be `believed`.
@@ -155,7 +157,7 @@ def latex_table(rows: Sequence[Row], symbols: Sequence[Symbol], *, believed: boo
     return "\n".join(table) + "\n"
 
 
-def _cells(row: Row, symbol: Symbol) -> tuple[str, ...]:
+def _cells(row: ParameterRow, symbol: Symbol) -> tuple[str, ...]:
     power = _exponent(max(abs(row.hdi_low), abs(row.hdi_high)))
     power = 0 if power in _USUAL else power
     sd = row.sd / 10.0**power

@@ -13,7 +13,7 @@ import numpy as np
 
 from bayesdrill import output_files
 from bayesdrill.analysis.causes import Causes
-from bayesdrill.analysis.diagnostics import Row
+from bayesdrill.analysis.diagnostics import ParameterRow
 from bayesdrill.analysis.verdict import Judgement, Verdict
 from bayesdrill.basics.software import citation
 from bayesdrill.inference.posterior import Problem
@@ -271,11 +271,11 @@ TAIL = 0.001  # of a prior, outside of the range
 DECADES = 1.5  # from which on a range that is flat in logs is drawn so
 
 
-def bars(rows: Sequence[Row], priors: Mapping[str, Prior]) -> tuple[Bar, ...]:
+def bars(rows: Sequence[ParameterRow], priors: Mapping[str, Prior]) -> tuple[Bar, ...]:
     return tuple(_bar(row, priors[row.name]) for row in rows)
 
 
-def _bar(row: Row, prior: Prior) -> Bar:
+def _bar(row: ParameterRow, prior: Prior) -> Bar:
     shown = [row.hdi_low, row.hdi_high, row.map]
     ends = [float(x) for x in prior.quantile(np.array([TAIL, 1 - TAIL]))]
     every = [*shown, *ends, *([] if row.nominal is None else [row.nominal])]

@@ -13,7 +13,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Literal
 
-from bayesdrill.analysis.diagnostics import MEANING, Row
+from bayesdrill.analysis.diagnostics import MEANING, ParameterRow
 from bayesdrill.basics.errors import printable
 from bayesdrill.basics.symbols import plain
 from bayesdrill.inference.derived import HDI_PROBABILITY
@@ -242,7 +242,7 @@ HDI_ENDS = tuple(f"hdi{100 * HDI_PROBABILITY:.0f}_{end}" for end in ("low", "hig
 CSV_HEADS = {"hdi_low": HDI_ENDS[0], "hdi_high": HDI_ENDS[1], "word": "the_record_says"}
 
 
-def cells(row: Row) -> tuple[str, ...]:
+def cells(row: ParameterRow) -> tuple[str, ...]:
     """What is shown of a row, in the order of `HEADERS`."""
     return (
         row.name,
@@ -278,12 +278,12 @@ def lines_as_csv(lines: Iterable[Sequence[object]]) -> str:
     return out.getvalue()
 
 
-def as_record(row: Row) -> dict[str, Any]:
+def as_record(row: ParameterRow) -> dict[str, Any]:
     """As a line of `summary.csv`."""
     return {CSV_HEADS.get(name, name): value for name, value in dataclasses.asdict(row).items()}
 
 
-def of_rows(rows: Sequence[Row], bars: tuple[Bar, ...] = ()) -> Table:
+def of_rows(rows: Sequence[ParameterRow], bars: tuple[Bar, ...] = ()) -> Table:
     left = frozenset((HEADERS[0], HEADERS[1], HEADERS[-1]))
     return Table(HEADERS, tuple(map(cells, rows)), left, bars=bars).filled()
 
@@ -295,7 +295,7 @@ SANDWICH_EXPLAINED = (
 
 
 def sandwich_table(
-    rows: Sequence[Row],
+    rows: Sequence[ParameterRow],
     sds: Mapping[str, float],
     windows: Mapping[str, Sequence[float]],
     own: OwnUnits,
@@ -353,13 +353,13 @@ def of_mode(rows: Sequence[ModeRow]) -> Table:
     return Table(heads, tuple(lines), frozenset(heads[:2])).filled()
 
 
-def in_words(rows: Sequence[Row]) -> list[str]:
+def in_words(rows: Sequence[ParameterRow]) -> list[str]:
     """Which unknowns the record determines, and which it cannot."""
     named = {word: [row.name for row in rows if row.word == word] for word in MEANING}
     return [f"{word}: {', '.join(named[word])} ({MEANING[word]})" for word in named if named[word]]
 
 
-def notes(rows: Sequence[Row], own: OwnUnits) -> list[str]:
+def notes(rows: Sequence[ParameterRow], own: OwnUnits) -> list[str]:
     """What is no reason to doubt the draws, but one to doubt the prior or the model; `rows` in SI."""
     return [
         f"note: {row.name} is pressed against the end {own.said(row.name, row.pressed_against)} of its "

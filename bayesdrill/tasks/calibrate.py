@@ -12,7 +12,12 @@ import numpy as np
 
 from bayesdrill import output_files
 from bayesdrill.analysis import calibration
-from bayesdrill.analysis.calibration import Refit, Study, Verdict, judge_calibration
+from bayesdrill.analysis.calibration import (
+    CalibrationStudy,
+    CalibrationVerdict,
+    Refit,
+    judge_calibration,
+)
 from bayesdrill.basics import software
 from bayesdrill.basics.errors import InputError
 from bayesdrill.basics.progress import Reporter
@@ -38,7 +43,7 @@ RANKS = "ranks.csv"
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Outcome:
     folder: Path
-    verdict: Verdict
+    verdict: CalibrationVerdict
     refits: tuple[Refit, ...]
 
     @property
@@ -62,12 +67,12 @@ def prepare(path: Path) -> Job:
     return Job(case=case, problem=dataclasses.replace(problem, posterior=posterior))
 
 
-def study(job: Job) -> Study:
+def study(job: Job) -> CalibrationStudy:
     own = job.config.calibration
     targets = Targets(r_hat=job.config.sampler.r_hat, n_tau=own.n_tau, ess=own.ess)
     plan = fit_plan(job)
     chains = dataclasses.replace(plan.chains, targets=targets, max_steps=own.max_steps)
-    return Study(
+    return CalibrationStudy(
         posterior=job.problem.posterior,
         plan=dataclasses.replace(plan, starts=own.starts, chains=chains, brief=True),
         draws=own.draws,
@@ -108,7 +113,7 @@ def calibrate(
 
 
 def run(
-    study: Study,
+    study: CalibrationStudy,
     n: int,
     folder: Path,
     crew: RefitExecutor,
@@ -142,14 +147,14 @@ def save(folder: Path, refit: Refit) -> None:
     )
 
 
-def saved(folder: Path, study: Study) -> list[Refit]:
+def saved(folder: Path, study: CalibrationStudy) -> list[Refit]:
     """Raises `InputError` where a file is damaged, or of another study."""
     found = sorted(folder.glob("*.json"))
     those = [path for path in found if output_files.CALIBRATE.made(f"{REFITS}/{path.name}")]
     return [_read(path, study) for path in those]
 
 
-def _read(path: Path, study: Study) -> Refit:
+def _read(path: Path, study: CalibrationStudy) -> Refit:
     try:
         found = typed(Refit, loads_checksummed(path.read_bytes()))
         ranked = {len(study.names), *([0] if found.reasons else [])}
@@ -163,7 +168,7 @@ def _read(path: Path, study: Study) -> Refit:
         raise InputError.one(str(path), COMPUTED_AGAIN) from None
 
 
-def _publish(job: Job, folder: Folder, refits: Sequence[Refit]) -> Verdict:
+def _publish(job: Job, folder: Folder, refits: Sequence[Refit]) -> CalibrationVerdict:
     names = study(job).names
     verdict = judge_calibration(names, refits, job.config.calibration.draws)
     folder.write_text(RANKS, calibration_words.ranks_csv(names, refits))
@@ -203,7 +208,7 @@ def _pages(job: Job, folder: Folder, said: Sequence[Section]) -> None:
     folder.write_text("report.html", page)
 
 
-def _draw(job: Job, folder: Folder, verdict: Verdict) -> None:
+def _draw(job: Job, folder: Folder, verdict: CalibrationVerdict) -> None:
     # Late: matplotlib takes a second to load.
     from bayesdrill.report.sections.calibration_figure import save as save_figure
 

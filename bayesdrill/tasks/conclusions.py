@@ -9,7 +9,7 @@ from typing import Any
 
 import bayesdrill
 from bayesdrill.analysis.causes import Causes
-from bayesdrill.analysis.identifiability.information import Scenery
+from bayesdrill.analysis.identifiability.information import SensitivityStudy
 from bayesdrill.analysis.run_analysis import RunAnalysis, RunDraws, analyse
 from bayesdrill.basics.progress import SILENT, Reporter
 from bayesdrill.basics.values import Value, from_data
@@ -45,7 +45,7 @@ def concluded(
     job: Job,
     found: Mode,
     sampled: SamplingResult,
-    scenery: Scenery | None = None,
+    scenery: SensitivityStudy | None = None,
     seconds: Mapping[str, float] | None = None,
     *,
     alone: bool = True,
@@ -59,7 +59,7 @@ def concluded(
     problem = job.problem
     chain = RunDraws(problem, found, sampled, job.config.seed)
     if kept is None:
-        scenery = scenery or Scenery(problem.posterior.likelihood)
+        scenery = scenery or SensitivityStudy(problem.posterior.likelihood)
         suspicions = words.record_suspicions(problem)
         if alone and explained is None:
             explained = causes(job, found)

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from bayesdrill import selection
-from bayesdrill.analysis.comparison import SURE, Contender
+from bayesdrill.analysis.comparison import SURE_LOG_ODDS, RunSummary
 from bayesdrill.basics.errors import InputError
 from bayesdrill.basics.progress import SILENT, Reporter
 from bayesdrill.config.job import Job
@@ -95,7 +95,7 @@ class _Sampling:
     ) -> None:
         self.job, self.folder, self.again = job, folder, again
         self.pool, self.report = pool, report
-        self.done: dict[str, tuple[Rung, Contender]] = {}
+        self.done: dict[str, tuple[Rung, RunSummary]] = {}
         self.left_out: dict[str, str] = {}
 
     def run(self, sample: int) -> None:
@@ -224,7 +224,7 @@ def _published(job: Job, folder: Folder, work: _Sampling) -> Outcome:
 def recommended(every: Sequence[Rung], report: ComparisonReport) -> Rung:
     """The simplest of those that are about as probable as the best."""
     models = report.models
-    least = max(one.log_z for one in models) - SURE
+    least = max(one.log_z for one in models) - SURE_LOG_ODDS
     good = [k for k, one in enumerate(models) if one.log_z >= least]
     return every[
         min(good, key=lambda k: (len(every[k].parts), len(models[k].layer.problem.symbols), k))

@@ -10,8 +10,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from bayesdrill import output_files
-from bayesdrill.analysis.diagnostics import Row
-from bayesdrill.analysis.identifiability.information import Scenery
+from bayesdrill.analysis.diagnostics import ParameterRow
+from bayesdrill.analysis.identifiability.information import SensitivityStudy
 from bayesdrill.analysis.verdict import Verdict
 from bayesdrill.basics.errors import InputError
 from bayesdrill.basics.progress import SILENT, Reporter
@@ -55,7 +55,7 @@ class Outcome:
     folder: Path
     mode: Mode
     sampled: SamplingResult
-    rows: tuple[Row, ...]
+    rows: tuple[ParameterRow, ...]
     verdict: Verdict | None
     said: str
     reasons: tuple[str, ...]
@@ -103,7 +103,7 @@ def _run(job: Job, folder: Folder, known: Mode | None, processes: int, report: R
         hunt = None if known else begin_searches(pool, find_map.fit_plan(job), report)
         # While others search the MAP, this process looks at what the record can show, and loads
         # what sampling and report will need.
-        scenery = Scenery(job.problem.posterior.likelihood)
+        scenery = SensitivityStudy(job.problem.posterior.likelihood)
         report.update(0.0, "looking at what the record can show")
         report.say(preflight(job, scenery))
         if not pool.in_process:
@@ -123,7 +123,7 @@ def _run(job: Job, folder: Folder, known: Mode | None, processes: int, report: R
             report.say(said)
         pool.set_steps(found.pieces)
         if found.pieces:
-            scenery = Scenery(job.problem.posterior.likelihood)
+            scenery = SensitivityStudy(job.problem.posterior.likelihood)
         clock.append(time.perf_counter())
         sampled = _sample(job, pool, found, folder, report)
         clock.append(time.perf_counter())

@@ -13,13 +13,13 @@ from typing import Any
 from bayesdrill.analysis.causes import (
     CATCH_ALL,
     NOISE,
-    SURE,
+    SURE_LOG_ODDS,
     TORQUES,
     Cause,
     Causes,
     FittedValue,
-    Maximum,
-    refit,
+    RefitMaximum,
+    refit_candidate,
 )
 from bayesdrill.basics.errors import InputError
 from bayesdrill.basics.progress import Reporter
@@ -52,7 +52,7 @@ def rank(
     `submit` does `causes.refit` in this process or another.  Beside the causes comes how many seconds
     an evaluation of each candidate takes, by its parts.
     """
-    given = submit(refit, job.problem.posterior, maximum, -math.inf).result()
+    given = submit(refit_candidate, job.problem.posterior, maximum, -math.inf).result()
     ranking = _Ranking(job, maximum, given, submit, report)
     return ranking.causes(), ranking.seconds
 
@@ -67,7 +67,7 @@ class _Ranking:
         self,
         job: Job,
         maximum: Mapping[str, float],
-        given: Maximum,
+        given: RefitMaximum,
         submit: Submit,
         report: Reporter,
     ) -> None:
@@ -83,10 +83,14 @@ class _Ranking:
         self.refit_all(ladder.singles(), self.maximum)
         ladder = self._with_best_gear(ladder)
         best = next(iter(self._ranked(structural=True)), None)
-        if best is not None and best.parts == (START,) and best.bayes > SURE:  # it moves only there
+        if (
+            best is not None and best.parts == (START,) and best.bayes > SURE_LOG_ODDS
+        ):  # it moves only there
             ladder = ladder.moving(best.parts, self.values[best.parts])
             self.refit_all(ladder.singles(), self.maximum)
-        first = [cause.parts[0] for cause in self._ranked(structural=True) if cause.bayes > SURE]
+        first = [
+            cause.parts[0] for cause in self._ranked(structural=True) if cause.bayes > SURE_LOG_ODDS
+        ]
         if self.causes_by_parts and not self._ranked()[0].explains_all:
             for k, part in enumerate(first[:PAIRED]):
                 self._beside(ladder, (part,), first[k + 1 : PAIRED])
@@ -109,7 +113,7 @@ class _Ranking:
             before = 0.0
             while True:
                 best = self._ranked(structural=True)[0]
-                if best.explains_all or best.bayes < before + SURE:
+                if best.explains_all or best.bayes < before + SURE_LOG_ODDS:
                     break
                 before = best.bayes
                 self._beside(ladder, best.parts, more)
@@ -138,7 +142,7 @@ class _Ranking:
                 cause = self.causes_by_parts.get((GEAR,))
                 if cause is not None and (best is None or cause.bayes > best.bayes):
                     best, ladder = cause, dataclasses.replace(ladder, gear=factor)
-            if best is None or best.bayes < SURE:
+            if best is None or best.bayes < SURE_LOG_ODDS:
                 break
             times = ladder.gear or 1.0
         self.causes_by_parts.pop((GEAR,), None)
@@ -163,7 +167,7 @@ class _Ranking:
                     self.left_out[rung.name] = error.problems[0].message
                     continue
                 least = self.given.log_posterior + PROMISE
-                future = self.submit(refit, job.problem.posterior, near, least)
+                future = self.submit(refit_candidate, job.problem.posterior, near, least)
                 under_way.append((rung, job, future))
             if under_way:
                 rung, job, future = under_way.pop(0)
@@ -172,7 +176,7 @@ class _Ranking:
             if total > 1:
                 self.report.update(share, said)
 
-    def _keep(self, rung: Rung, job: Job, top: Maximum | None) -> None:
+    def _keep(self, rung: Rung, job: Job, top: RefitMaximum | None) -> None:
         if top is None:
             self.left_out[rung.name] = "has no finite response near the maximum"
             return
@@ -205,7 +209,8 @@ class _Ranking:
         except InputError:
             return ()
         futures = [
-            self.submit(refit, job.problem.posterior, self.maximum, -math.inf) for job in jobs
+            self.submit(refit_candidate, job.problem.posterior, self.maximum, -math.inf)
+            for job in jobs
         ]
         maxima = [future.result() for future in futures]
         if None in maxima:
@@ -216,7 +221,7 @@ class _Ranking:
         return tuple(_fitted(symbols, top) for top in maxima)
 
 
-def _fitted(symbols: Iterable[Symbol], top: Maximum) -> tuple[FittedValue, ...]:
+def _fitted(symbols: Iterable[Symbol], top: RefitMaximum) -> tuple[FittedValue, ...]:
     units = {"1": ""}
     return tuple(
         FittedValue(

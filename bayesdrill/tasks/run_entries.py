@@ -11,9 +11,9 @@ from typing import Any
 
 import numpy as np
 
-from bayesdrill.analysis.causes import Causes, Instead
-from bayesdrill.analysis.comparison import Repeat
-from bayesdrill.analysis.plausibility import Vague
+from bayesdrill.analysis.causes import Causes, EquivalentExplanation
+from bayesdrill.analysis.comparison import RepeatedProduct
+from bayesdrill.analysis.plausibility import DiffusePrior
 from bayesdrill.analysis.run_analysis import EnergySummary, RunAnalysis, TorqueSummary
 from bayesdrill.analysis.verdict import Verdict
 from bayesdrill.basics.arrays import Array
@@ -208,7 +208,7 @@ def causes_data(found: Causes | None) -> list[dict[str, Any]] | None:
     ]
 
 
-def instead_data(found: Instead | None) -> dict[str, Any]:
+def instead_data(found: EquivalentExplanation | None) -> dict[str, Any]:
     """An entry, SI, where there is something to say."""
     if found is None:
         return {}
@@ -216,7 +216,7 @@ def instead_data(found: Instead | None) -> dict[str, Any]:
     return {"instead": said}
 
 
-def evidence_data(found: Evidence | None, priors: Sequence[Vague]) -> dict[str, Any]:
+def evidence_data(found: Evidence | None, priors: Sequence[DiffusePrior]) -> dict[str, Any]:
     """Entries of their own; those of steps only where there are any."""
     if found is None:
         return {}
@@ -244,7 +244,7 @@ def evidence_of_data(run: Mapping[str, Any]) -> Evidence | None:
         return None
 
 
-def repeats_data(found: Sequence[Repeat], names: Sequence[str]) -> list[dict[str, Any]]:
+def repeats_data(found: Sequence[RepeatedProduct], names: Sequence[str]) -> list[dict[str, Any]]:
     """Logs."""
     return [
         {

@@ -12,7 +12,7 @@ from pictures import posterior
 from together import for_each
 
 import bayesdrill as bd
-from bayesdrill.analysis.comparison import Layer, differing, overlay_rows
+from bayesdrill.analysis.comparison import PosteriorSummary, differing, overlay_rows
 from bayesdrill.inference.posterior import Problem
 
 CONFIG = Path(__file__).parents[2] / "configs" / "nominal_step.yaml"
@@ -23,12 +23,12 @@ def problem() -> Problem:
     return bd.load(CONFIG).job.problem
 
 
-def layer(name: str, shift: float = 0.0, stretch: float = 1.0, **settings: str) -> Layer:
+def layer(name: str, shift: float = 0.0, stretch: float = 1.0, **settings: str) -> PosteriorSummary:
     """Of the bundled problem; draws moved by `shift` sds and stretched about their means."""
     x = posterior(3000)[:, :9]
     mean, sd = x.mean(axis=0), x.std(axis=0, ddof=1)
     moved = mean + stretch * (x - mean) + shift * sd
-    return Layer(name=name, mark=name, problem=problem(), draws=moved, settings=settings)
+    return PosteriorSummary(name=name, mark=name, problem=problem(), draws=moved, settings=settings)
 
 
 def test_a_run_is_not_apart_from_itself() -> None:
@@ -76,7 +76,7 @@ def test_what_is_held_or_missing_is_no_distance() -> None:
     other = dataclasses.replace(whole, problem=less, draws=whole.draws[:, columns])
     found = {row.symbol.name: row for row in overlay_rows([whole, other])}
     assert found["k_e"].places[1] is not None
-    assert found["k_e"].places[1].held
+    assert found["k_e"].places[1].fixed
     assert found["k_e"].places[1].mean == 0.06
     assert found["k_s"].places[1] is None
     assert not found["k_e"].shared

@@ -14,7 +14,7 @@ from pictures import clashes, drawn, posterior
 from together import for_each
 
 import bayesdrill as bd
-from bayesdrill.analysis.comparison import Layer, overlay_rows
+from bayesdrill.analysis.comparison import PosteriorSummary, overlay_rows
 from bayesdrill.inference.display_units import SI
 from bayesdrill.report import style
 from bayesdrill.report.comparison_report import OVERLAID
@@ -30,7 +30,7 @@ CONFIG = Path(__file__).parents[2] / "configs" / "nominal_step.yaml"
 PROBLEM = bd.load(CONFIG).job.problem
 
 
-def layers(n_runs: int, unknowns: int) -> list[Layer]:
+def layers(n_runs: int, unknowns: int) -> list[PosteriorSummary]:
     """The runs lie beside each other, each narrower; the last has not the last unknown."""
     found = []
     for k in range(n_runs):
@@ -38,7 +38,7 @@ def layers(n_runs: int, unknowns: int) -> list[Layer]:
         sd = x.std(axis=0)
         moved = x.mean(axis=0) + (x - x.mean(axis=0)) / (1 + 0.5 * k) + 0.8 * k * sd
         found.append(
-            Layer(
+            PosteriorSummary(
                 name=f"run_with_a_name_{k}",
                 mark=str(k),
                 problem=dataclasses.replace(PROBLEM, symbols=PROBLEM.symbols[:unknowns]),

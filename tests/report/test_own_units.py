@@ -21,7 +21,7 @@ from together import for_each
 
 import bayesdrill as bd
 from bayesdrill import output_files
-from bayesdrill.analysis.calibration import FIT, Refit, judge_calibration
+from bayesdrill.analysis.calibration import LOG_LIKELIHOOD, Refit, judge_calibration
 from bayesdrill.analysis.identifiability.profile import Profile
 from bayesdrill.basics import units
 from bayesdrill.basics.symbols import latex_unit, unit_product
@@ -501,7 +501,7 @@ def test_a_calibration_is_drawn_as_large_and_in_the_files_that_the_config_wants(
     tmp_path: Path,
 ) -> None:
     """Mutants killed: the usual files whatever the config says; files of before that stay."""
-    names = [*users().unknowns, FIT]
+    names = [*users().unknowns, LOG_LIKELIHOOD]
     rng = np.random.default_rng(2)
     how: dict[str, Any] = {"r_hat": 1.0, "ess": 500.0, "steps": 800, "reasons": (), "seconds": 0.0}
     refits = [

@@ -20,7 +20,7 @@ from together import for_each
 
 import bayesdrill as bd
 from bayesdrill import output_files
-from bayesdrill.analysis.diagnostics import Row
+from bayesdrill.analysis.diagnostics import ParameterRow
 from bayesdrill.api.run import Judged
 from bayesdrill.basics.symbols import PARAMETERS, Symbol
 from bayesdrill.inference.priors import LogUniform, Uniform
@@ -422,7 +422,7 @@ def test_sentences_that_go_on_are_bullets_below() -> None:
     assert as_text(sections) == ("last", "page's first")
 
 
-ROW = Row(
+ROW = ParameterRow(
     name="k_s", unit="N*m/rad", nominal=0.26, map=0.31, mean=0.3, sd=0.0123, hdi_low=0.28,
     hdi_high=0.32, deviation=0.15, r_hat=1.0, ess_bulk=1.0, ess_tail=1.0, shrinkage=0.5,
     word="weak", pressed_against=None,

@@ -18,7 +18,7 @@ from rubbing import Rig, simulate
 from together import for_each
 
 import bayesdrill as bd
-from bayesdrill.analysis.energy import AT_START, CONVERTED, STORED, accounts
+from bayesdrill.analysis.energy import AT_START, CONVERTED, STORED, energy_accounts
 from bayesdrill.inference.step_error import StepError
 from bayesdrill.output_files import POSTERIOR
 from bayesdrill.report import scales, style
@@ -210,7 +210,7 @@ def test_a_rig_that_runs_down_brings_its_energy() -> None:
     rig = dataclasses.replace(one, response=one.response.of(moving))
     likelihood = dataclasses.replace(posterior.likelihood, observations=(rig,))
     coasting = dataclasses.replace(posterior, likelihood=likelihood)
-    (account,) = accounts(coasting, view().chain.best, np.empty((0, len(view().chain.best))))
+    (account,) = energy_accounts(coasting, view().chain.best, np.empty((0, len(view().chain.best))))
     # A motor whose terminals are at no voltage brakes, and its k_T over k_e brakes more.
     assert {*account.came} == {AT_START}
     assert account.parts[0].sd is None

@@ -12,7 +12,7 @@ from pictures import SIGMAS, SYMBOLS, TABLE, clashes, drawn, mode_of, posterior,
 from together import for_each
 from verdicts import PRIOR_SD, linear_study
 
-from bayesdrill.analysis.calibration import FIT, Refit, judge_calibration
+from bayesdrill.analysis.calibration import LOG_LIKELIHOOD, Refit, judge_calibration
 from bayesdrill.analysis.identifiability.profile import Profile
 from bayesdrill.basics.symbols import PARAMETERS, Symbol
 from bayesdrill.inference.priors import LogUniform, Prior
@@ -114,7 +114,7 @@ def test_profiles_and_calibrations_are_as_wide_as_said(many: tuple[int, ...]) ->
         symbols = {symbol.name: symbol for symbol in SYMBOLS[:n]}
         found = [profile_of(symbol) for symbol in symbols.values()]
         profiles = drawn(profile_figure(found, symbols, TABLE, LOGS, inches))
-        names = [*symbols, FIT]
+        names = [*symbols, LOG_LIKELIHOOD]
         ranks = np.random.default_rng(n).integers(0, 100, (60, n + 1))
         refits = [refit(k, tuple(map(int, row))) for k, row in enumerate(ranks)]
         calibration = drawn(

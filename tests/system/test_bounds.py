@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from bayesdrill.analysis.identifiability import information
-from bayesdrill.analysis.identifiability.information import Scenery
+from bayesdrill.analysis.identifiability.information import SensitivityStudy
 from bayesdrill.analysis.identifiability.profile import Fitter
 from bayesdrill.basics import seeds
 from bayesdrill.basics.progress import Silent
@@ -49,7 +49,7 @@ def job(tmp_path_factory: pytest.TempPathFactory) -> Job:
 def bounds_at_nominal(job: Job) -> np.ndarray:
     posterior = job.problem.posterior
     nominal = posterior.space.vector(job.problem.nominal)
-    scenery = Scenery(posterior.likelihood)
+    scenery = SensitivityStudy(posterior.likelihood)
     rows = scenery.sensitivities(nominal)
     return information.from_sensitivities(TWO, rows).bounds()
 
@@ -74,7 +74,7 @@ def test_bounds_are_the_spread_of_repeated_fits(job: Job) -> None:
     likelihood = posterior.likelihood
     clean = likelihood.signals(nominal[None])
     rng = seeds.stream(12, "record")
-    scenery = Scenery(likelihood)
+    scenery = SensitivityStudy(likelihood)
     found = []
     for _ in range(FITS):
         y = likelihood.noise.draw(clean, np.empty((1, 0)), rng)[0]

@@ -11,23 +11,23 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from bayesdrill.analysis.energy import Rubbing, rubbings
-from bayesdrill.analysis.identifiability.information import Scene, Scenery
+from bayesdrill.analysis.energy import FrictionMotion, friction_motions
+from bayesdrill.analysis.identifiability.information import DesignVariant, SensitivityStudy
 from bayesdrill.basics.arrays import Array
 from bayesdrill.inference.posterior import Posterior
 from bayesdrill.record.experiment import usual_inputs
 from bayesdrill.rig import steady_state
 from bayesdrill.rig.models.linear import USUAL, Model, Roles, driven, dynamics
 
-KNOWN = 0.1  # sd of the log: what is known as well is told apart, whatever it is like
-ALIKE = 2.0  # times: how much smaller an sd would be, were the others known
-MOST_OF_IT = 0.8  # of the log of that: enough of the others are named
-HELPS = 1.5  # times: an experiment that is proposed
-MOST_PROPOSED = 2
-FAR = 3.0  # speed scales: static friction is gone
-LOST = 0.9  # of a prior's spread: nothing is learnt
-ONE = 0.25  # of the mean speed: a record goes at one
-BELOW = 0.8  # of the voltage at which it stands still
+KNOWN_SD = 0.1  # sd of the log: what is known as well is told apart, whatever it is like
+MIN_FALL = 2.0  # times: how much smaller an sd would be, were the others known
+MIN_EXPLAINED_FALL = 0.8  # of the log of that: enough of the others are named
+MIN_HELPFUL_FALL = 1.5  # times: an experiment that is proposed
+MAX_PROPOSED = 2
+STICTION_GONE_SPEEDS = 3.0  # speed scales: static friction is gone
+LOST_SHARE = 0.9  # of a prior's spread: nothing is learnt
+ONE_SPEED_SHARE = 0.25  # of the mean speed: a record goes at one
+BELOW_STALL = 0.8  # of the voltage at which it stands still
 
 SUPPLY = "motor.voltage"  # stands for its offset
 # What each is like, if both are unknown; by roles.
@@ -49,7 +49,7 @@ RIVALS: Mapping[str, tuple[str, ...]] = {
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Deeds:
+class Excitation:
     """Of what rubs at `where`, against a state, over all records: how often it turned round, the share
     of the time it stuck, and its speeds after the start, least and greatest, in its own unit (A of a
     current).
@@ -68,11 +68,11 @@ class Deeds:
 
     @property
     def one_speed(self) -> bool:
-        return self.fastest - self.slowest < ONE * (self.fastest + self.slowest)
+        return self.fastest - self.slowest < ONE_SPEED_SHARE * (self.fastest + self.slowest)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Proposal:
+class ProposedExperiment:
     """An experiment, and by what factor the sd in question would fall; `volts`: of it, if it has one."""
 
     what: str
@@ -81,77 +81,81 @@ class Proposal:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Alike:
+class Confounded:
     """`name` can hardly be told from `rivals`: its sd would `fall` so many times, were these known."""
 
     name: str
     rivals: tuple[str, ...]
     fall: float
-    deeds: Deeds | None
-    proposals: tuple[Proposal, ...]
+    deeds: Excitation | None
+    proposals: tuple[ProposedExperiment, ...]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Unseen:
+class UnseenStiction:
     """Static friction that no record shows: `names` that it leaves to the prior; `scale`: the speed over
     which it is lost.
     """
 
     names: tuple[str, ...]
     scale: float
-    deeds: Deeds
-    proposals: tuple[Proposal, ...]
+    deeds: Excitation
+    proposals: tuple[ProposedExperiment, ...]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Told:
-    alike: tuple[Alike, ...] = ()
-    unseen: tuple[Unseen, ...] = ()
+class FrictionConfounding:
+    alike: tuple[Confounded, ...] = ()
+    unseen: tuple[UnseenStiction, ...] = ()
     roles: Roles = USUAL
 
 
-NOTHING = Told()
+NO_CONFOUNDING = FrictionConfounding()
 
 
-def told_apart(scenery: Scenery, posterior: Posterior, theta: Array) -> Told:
+def distinguish(
+    sensitivity: SensitivityStudy, posterior: Posterior, theta: Array
+) -> FrictionConfounding:
     """At `theta (D,)`; nothing of a rig that has none of it."""
-    names = (*scenery.unknowns, *scenery.nuisances)
-    roles = scenery.likelihood.observations[0].response.model.roles
+    names = (*sensitivity.unknowns, *sensitivity.nuisances)
+    roles = sensitivity.likelihood.observations[0].response.model.roles
     static = [name for at in (roles.motor, roles.rotor) for name in (at.static, at.fading)]
     wanted = {*(roles[role] for role in RIVALS), *static}
     if not wanted & {*names}:
-        return NOTHING
-    rows = scenery.every(theta)
+        return NO_CONFOUNDING
+    rows = sensitivity.with_nuisances(theta)
     if not np.isfinite(rows).all():
-        return NOTHING
-    scene = _Scene(scenery, posterior, theta, names, rows)
-    return Told(alike=tuple(scene.alike()), unseen=tuple(scene.unseen()), roles=roles)
+        return NO_CONFOUNDING
+    scene = _FrictionStudy(sensitivity, posterior, theta, names, rows)
+    return FrictionConfounding(
+        alike=tuple(scene.alike()), unseen=tuple(scene.unseen()), roles=roles
+    )
 
 
-class _Scene:
+class _FrictionStudy:
     """`rows (n, m + k)`: of these records over the noise."""
 
     def __init__(
         self,
-        scenery: Scenery,
+        sensitivity: SensitivityStudy,
         posterior: Posterior,
         theta: Array,
         names: tuple[str, ...],
         rows: Array,
     ) -> None:
-        self.scenery, self.theta, self.names, self.rows = scenery, theta, names, rows
+        self.sensitivity, self.theta, self.names, self.rows = sensitivity, theta, names, rows
         self.known = self._precision(rows)
         none = np.empty((0, len(theta)))
-        self.frictions = [f for each in rubbings(posterior, theta, none) for f in each]
-        self.model = scenery.likelihood.observations[0].response.model
+        self.frictions = [f for each in friction_motions(posterior, theta, none) for f in each]
+        self.model = sensitivity.likelihood.observations[0].response.model
         self.rig = dict(
-            zip(self.model.parameters, scenery.likelihood.rig(theta[None])[0], strict=True)
+            zip(self.model.parameters, sensitivity.likelihood.rig(theta[None])[0], strict=True)
         )
         self.tried: list[tuple[str, float | None, Array]] | None = None
 
     def _precision(self, rows: Array) -> Array:
         """With the priors `(m + k, m + k)`."""
-        return np.asarray(rows.T @ rows + np.diag(self.scenery.prior_spreads**-2.0))
+        return np.asarray(rows.T @ rows + np.diag(self.sensitivity.prior_spreads**-2.0))
 
     def _sd(self, name: str, precision: Array, known: Sequence[str] = ()) -> float:
         """Of the log, where others are `known`."""
@@ -162,7 +166,7 @@ class _Scene:
         k = [self.names[j] for j in unknown].index(name)
         return float(scale[k] * np.sqrt(spread[k, k]))
 
-    def alike(self) -> Iterator[Alike]:
+    def alike(self) -> Iterator[Confounded]:
         reported: set[frozenset[str]] = set()
         roles = self.model.roles
         for role, others in RIVALS.items():
@@ -175,21 +179,23 @@ class _Scene:
                 continue
             alone = self._sd(name, self.known)
             fall = alone / self._sd(name, self.known, rivals)
-            if alone < KNOWN or fall < ALIKE:
+            if alone < KNOWN_SD or fall < MIN_FALL:
                 continue
-            named = self._enough(name, rivals, alone, fall)
+            named = self._named_rivals(name, rivals, alone, fall)
             if all(frozenset((name, rival)) in reported for rival in named):
                 continue
             reported |= {frozenset((name, rival)) for rival in named}
-            yield Alike(
+            yield Confounded(
                 name=name,
                 rivals=named,
                 fall=alone / self._sd(name, self.known, named),
-                deeds=self._of([f for f in self.frictions if name in f.friction.law.parameters]),
+                deeds=self._excitation(
+                    [f for f in self.frictions if name in f.friction.law.parameters]
+                ),
                 proposals=self._proposals(name),
             )
 
-    def _enough(
+    def _named_rivals(
         self, name: str, rivals: Sequence[str], alone: float, fall: float
     ) -> tuple[str, ...]:
         """One after the other, those whose knowledge would help most."""
@@ -198,31 +204,36 @@ class _Scene:
             others = [rival for rival in rivals if rival not in named]
             sds = [self._sd(name, self.known, [*named, rival]) for rival in others]
             named.append(others[int(np.argmin(sds))])
-            if np.log(alone / min(sds)) >= MOST_OF_IT * np.log(fall):
+            if np.log(alone / min(sds)) >= MIN_EXPLAINED_FALL * np.log(fall):
                 break
         return tuple(named)
 
-    def unseen(self) -> Iterator[Unseen]:
+    def unseen(self) -> Iterator[UnseenStiction]:
         for at in (self.model.roles.motor, self.model.roles.rotor):
             scale = at.fading
             names = tuple(parameter for parameter in (at.static, scale) if parameter in self.names)
             if not names:
                 continue
-            deeds = self._of([f for f in self.frictions if f.friction.against == at.speed])
+            deeds = self._excitation([f for f in self.frictions if f.friction.against == at.speed])
             speed = float(self.rig.get(scale, np.nan))
-            spreads = dict(zip(self.names, self.scenery.prior_spreads, strict=True))
-            lost = [n for n in names if self._sd(n, self.known) > LOST * spreads[n]]
-            if deeds is None or deeds.stuck > 0 or deeds.slowest < FAR * speed or not lost:
+            spreads = dict(zip(self.names, self.sensitivity.prior_spreads, strict=True))
+            lost = [n for n in names if self._sd(n, self.known) > LOST_SHARE * spreads[n]]
+            if (
+                deeds is None
+                or deeds.stuck > 0
+                or deeds.slowest < STICTION_GONE_SPEEDS * speed
+                or not lost
+            ):
                 continue
-            yield Unseen(
+            yield UnseenStiction(
                 names=tuple(lost), scale=speed, deeds=deeds, proposals=self._proposals(lost[0])
             )
 
-    def _of(self, motions: Sequence[Rubbing]) -> Deeds | None:
+    def _excitation(self, motions: Sequence[FrictionMotion]) -> Excitation | None:
         if not motions:
             return None
         one_sign = len({np.sign(f.speed[f.speed != 0][-1]) for f in motions if f.speed.any()}) == 1
-        return Deeds(
+        return Excitation(
             where=motions[0].friction.where,
             against=motions[0].friction.against,
             reversals=sum(f.reversals for f in motions) + (not one_sign),
@@ -233,7 +244,7 @@ class _Scene:
 
     # Experiments that could be made.
 
-    def _proposals(self, name: str) -> tuple[Proposal, ...]:
+    def _proposals(self, name: str) -> tuple[ProposedExperiment, ...]:
         now = self._sd(name, self.known)
         if self.tried is None:
             self.tried = [
@@ -242,42 +253,44 @@ class _Scene:
                 if np.isfinite(rows).all()
             ]
         proposals = [
-            Proposal(what=what, volts=volts, shrink=now / self._sd(name, then))
+            ProposedExperiment(what=what, volts=volts, shrink=now / self._sd(name, then))
             for what, volts, then in self.tried
         ]
-        helpful = [proposal for proposal in proposals if proposal.shrink > HELPS]
-        return tuple(sorted(helpful, key=lambda proposal: -proposal.shrink)[:MOST_PROPOSED])
+        helpful = [proposal for proposal in proposals if proposal.shrink > MIN_HELPFUL_FALL]
+        return tuple(sorted(helpful, key=lambda proposal: -proposal.shrink)[:MAX_PROPOSED])
 
     def _scenes(self) -> Iterator[tuple[str, float | None, Array]]:
         """What it is, its voltage, and the rows of all that would then be known."""
-        observations = self.scenery.likelihood.observations
+        observations = self.sensitivity.likelihood.observations
         supply = self.model.roles.motor.voltage
         if supply not in self.model.inputs:
             return
         size = float(
             np.mean([usual_inputs(observation.experiment)[supply] for observation in observations])
         )
-        stop = stops_below(self.model, self.rig)
+        stop = stall_voltage(self.model, self.rig)
         if any(supply in observation.experiment.series for observation in observations):
-            yield "turned", None, self._another(-1.0)
+            yield "turned", None, self._at_other_voltage(-1.0)
             if 0 < stop < size:
-                yield "stops", BELOW * stop, self._another(BELOW * stop / size)
-        elif v := self.scenery.usual_input(supply):
-            yield "turned half-way", None, self._late(-2.0 * v)
+                yield "stops", BELOW_STALL * stop, self._at_other_voltage(BELOW_STALL * stop / size)
+        elif v := self.sensitivity.mean_input(supply):
+            yield "turned half-way", None, self._changed_half_way(-2.0 * v)
             if 0 < stop < abs(v):
-                low = float(np.sign(v)) * BELOW * stop
-                yield "stops half-way", low, self._late(low - v)
-        yield "half", 0.5 * size, self._another(0.5)
+                low = float(np.sign(v)) * BELOW_STALL * stop
+                yield "stops half-way", low, self._changed_half_way(low - v)
+        yield "half", 0.5 * size, self._at_other_voltage(0.5)
 
-    def _another(self, times: float) -> Array:
-        scene = Scene(times={self.model.roles.motor.voltage: times})
-        return np.vstack([self.rows, self.scenery.every(self.theta, scene)])
+    def _at_other_voltage(self, times: float) -> Array:
+        scene = DesignVariant(times={self.model.roles.motor.voltage: times})
+        return np.vstack([self.rows, self.sensitivity.with_nuisances(self.theta, scene)])
 
-    def _late(self, change: float) -> Array:
-        return self.scenery.every(self.theta, Scene(late={self.model.roles.motor.voltage: change}))
+    def _changed_half_way(self, change: float) -> Array:
+        return self.sensitivity.with_nuisances(
+            self.theta, DesignVariant(late={self.model.roles.motor.voltage: change})
+        )
 
 
-def stops_below(model: Model, p: Mapping[str, float]) -> float:
+def stall_voltage(model: Model, p: Mapping[str, float]) -> float:
     """The voltage that holds it at the very edge of turning, against all friction as it slips; V.
 
     Below it the rig comes to rest: friction at rest is no less.  Zero where none holds it, or nothing

@@ -28,7 +28,7 @@ from bayesdrill.record.experiment import of_states
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Scene:
+class DesignVariant:
     """`extra`: states that are measured too, each with its sigma; `late`: what is added to inputs in the
     second half of each record; `times`: what inputs are multiplied with throughout.
     """
@@ -38,15 +38,17 @@ class Scene:
     times: Mapping[str, float] = field(default_factory=dict)
 
 
-AS_IT_IS = Scene()
+AS_RECORDED = DesignVariant()
 
 
-class Scenery:
+class SensitivityStudy:
     """Sensitivities of a likelihood's rig at physical points `theta`, in any scene."""
 
     def __init__(self, likelihood: Likelihood) -> None:
         self.likelihood = likelihood
-        self._stages = tuple(_Stage(observation) for observation in likelihood.observations)
+        self._stages = tuple(
+            _ExtendedExperiment(observation) for observation in likelihood.observations
+        )
         model = likelihood.observations[0].response.model
         self.states, self.inputs = model.states, model.inputs
         space = likelihood.space
@@ -56,26 +58,28 @@ class Scenery:
         self.prior_spreads = np.array([natural_spread(u) for u in moving])
         self.known = 1.0 / self.prior_spreads[len(self.unknowns) :]
 
-    def usual_input(self, name: str) -> float:
+    def mean_input(self, name: str) -> float:
         """The mean of an input over the records."""
         means = [
             float(stage.constant.get(name, 0.0) + stage.base[name].mean()) for stage in self._stages
         ]
         return float(np.mean(means))
 
-    def sensitivities(self, theta: Array, scene: Scene = AS_IT_IS) -> Array:
+    def sensitivities(self, theta: Array, scene: DesignVariant = AS_RECORDED) -> Array:
         """d channel / d log unknown over sigma at `theta (D,)`: `(n, m)`, of the m unknowns of the rig.
 
         What nuisances explain of them, as freely as their priors allow, is taken away.  Not finite
         where the response overflows.
         """
-        return self._of_rig(self.every(theta, scene))
+        return self._of_rig(self.with_nuisances(theta, scene))
 
-    def repeated(self, theta: Array, scene: Scene) -> Array:
+    def with_repeats(self, theta: Array, scene: DesignVariant) -> Array:
         """`sensitivities` of all records, and of as many others of the same sensors in a scene."""
-        return self._of_rig(np.vstack([self.every(theta), self.every(theta, scene)]))
+        return self._of_rig(
+            np.vstack([self.with_nuisances(theta), self.with_nuisances(theta, scene)])
+        )
 
-    def alone(self, rows: Array, residuals: Array) -> tuple[Array, Array]:
+    def local_estimate(self, rows: Array, residuals: Array) -> tuple[Array, Array]:
         """`R (m, m)` and `b (m,)` of rows `(n, m + k)`, and what is left over the noise, `rest (n,)`.
 
         These rows alone know the rig's unknowns as `R' R`, and would move them by `R^-1 b`, whatever the
@@ -83,39 +87,39 @@ class Scenery:
         """
         m = len(self.unknowns)
         matrix = self._with_priors(np.insert(rows, m, residuals, axis=1), m + 1)
-        reduced = without(matrix, m + 1)
+        reduced = project_out(matrix, m + 1)
         return reduced[:m, :m], reduced[:m, m]
 
     def _of_rig(self, rows: Array) -> Array:
         m = len(self.unknowns)
         if not self.nuisances or not np.isfinite(rows).all():
             return rows[:, :m]
-        return without(self._with_priors(rows, m), m)
+        return project_out(self._with_priors(rows, m), m)
 
     def _with_priors(self, rows: Array, before: int) -> Array:
         """Of nuisances, which stand in the columns from `before` on."""
         priors = np.hstack([np.zeros((len(self.known), before)), np.diag(self.known)])
         return np.vstack([rows, priors])
 
-    def every(self, theta: Array, scene: Scene = AS_IT_IS) -> Array:
+    def with_nuisances(self, theta: Array, scene: DesignVariant = AS_RECORDED) -> Array:
         """`(n, m + k)`: of nuisances as well, on their natural scale."""
-        parts = self.each(theta, scene)
+        parts = self.by_experiment(theta, scene)
         return parts[0] if len(parts) == 1 else np.concatenate(parts)
 
-    def each(self, theta: Array, scene: Scene = AS_IT_IS) -> list[Array]:
-        """`every` of each experiment by itself."""
+    def by_experiment(self, theta: Array, scene: DesignVariant = AS_RECORDED) -> list[Array]:
+        """`with_nuisances` of each experiment by itself."""
         space = self.likelihood.space
         full, along = space.full(theta[None]), space.slopes(theta[None])
         return [stage.whitened(full, along, theta, scene) for stage in self._stages]
 
-    def motions(self, theta: Array, scene: Scene = AS_IT_IS) -> list[Array]:
+    def motions(self, theta: Array, scene: DesignVariant = AS_RECORDED) -> list[Array]:
         """The states of each experiment, `(T, X)`."""
         space = self.likelihood.space
         full, along = space.full(theta[None]), space.slopes(theta[None])
         return [stage.course(full, along, scene)[0][:, stage.k :] for stage in self._stages]
 
 
-def without(rows: Array, m: int) -> Array:
+def project_out(rows: Array, m: int) -> Array:
     """The first m columns of `rows (n, m + k)`, without what the others explain of them: `(m, m)`."""
     k = rows.shape[1] - m
     turned = np.linalg.qr(np.hstack([rows[:, m:], rows[:, :m]]), mode="r")
@@ -127,7 +131,7 @@ def without(rows: Array, m: int) -> Array:
     )
 
 
-class _Stage:
+class _ExtendedExperiment:
     """One experiment with its states for further channels, whose inputs can all be changed."""
 
     def __init__(self, observation: Observation) -> None:
@@ -145,7 +149,7 @@ class _Stage:
         )
         self._response = observation.response.of(shown)
 
-    def whitened(self, full: Array, along: Array, theta: Array, scene: Scene) -> Array:
+    def whitened(self, full: Array, along: Array, theta: Array, scene: DesignVariant) -> Array:
         """Rows over the noise, zero where nothing was measured: `(n, m + k)`."""
         slopes = self.course(full, along, scene)[1]
         rows = self._one.informed(slopes[:, :, : self.k], theta)
@@ -155,7 +159,7 @@ class _Stage:
             rows = np.concatenate([rows, more / np.array([*scene.extra.values()])], axis=2)
         return np.asarray(rows.reshape(len(rows), -1).T)
 
-    def course(self, full: Array, along: Array, scene: Scene) -> tuple[Array, Array]:
+    def course(self, full: Array, along: Array, scene: DesignVariant) -> tuple[Array, Array]:
         """Signals `(T, K + X)` and slopes `(q, T, K + X)`."""
         response = self._response
         if scene.late or scene.times:
@@ -169,8 +173,9 @@ class _Stage:
 
 
 RANK_TOLERANCE = 1e-11  # of the largest singular value; exact nulls come out at 1e-16
-BLIND = 1e-6  # share of a direction that may lie in the blind ones before its bound is infinite
-MOST_FACTORS = 3  # in a simple product
+# share of a direction that may lie in the blind ones before its bound is infinite
+BLIND_SHARE = 1e-6
+MAX_FACTORS = 3  # in a simple product
 
 
 @dataclass(frozen=True, slots=True)
@@ -195,7 +200,7 @@ class Information:
         along = exponents @ rows.T
         hidden = np.linalg.norm(along[:, ~determined], axis=1)
         known = np.linalg.norm(along[:, determined] / values[determined], axis=1)
-        return np.where(hidden > BLIND * np.linalg.norm(exponents, axis=1), np.inf, known)
+        return np.where(hidden > BLIND_SHARE * np.linalg.norm(exponents, axis=1), np.inf, known)
 
     def with_knowledge(self, exponents: Array, sd: float) -> Information:
         """The log of a product of powers known to `sd` from elsewhere."""
@@ -297,7 +302,7 @@ def products(information: Information, prior_sd: Array, candidates: Array) -> tu
 def simple_exponents(m: int) -> Array:
     """All products of up to three unknowns with exponents up to 2, the first one positive."""
     rows = []
-    for size in range(1, min(MOST_FACTORS, m) + 1):
+    for size in range(1, min(MAX_FACTORS, m) + 1):
         for places in itertools.combinations(range(m), size):
             for powers in itertools.product((1, -1, 2, -2), repeat=size):
                 if powers[0] > 0 and math.gcd(*powers) == 1:

@@ -20,7 +20,11 @@ from fractions import Fraction
 
 import numpy as np
 
-from bayesdrill.analysis.identifiability.information import RANK_TOLERANCE, Information, Scenery
+from bayesdrill.analysis.identifiability.information import (
+    RANK_TOLERANCE,
+    Information,
+    SensitivityStudy,
+)
 from bayesdrill.basics.arrays import Array
 from bayesdrill.inference.posterior import Posterior
 from bayesdrill.inference.priors import Uniform
@@ -31,8 +35,8 @@ Exponents = tuple[int, ...]
 
 SAME_RESPONSE = 1e-9  # relative to the largest value of each channel
 SAME_DIRECTION = 1e-6  # null directions of different points are equal to this
-LARGEST_DENOMINATOR = 6
-MOST_BASES = 5000
+MAX_DENOMINATOR = 6
+MAX_BASES = 5000
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -73,7 +77,7 @@ def null_space(sensitivities: Sequence[Array]) -> Array:
     return np.asarray(rows[rank:])
 
 
-def analyse(
+def find_structure(
     names: tuple[str, ...],
     sensitivities: Sequence[Array],
     unchanged: Callable[[Exponents], bool],
@@ -106,7 +110,7 @@ def sparse_basis(rows: Array) -> tuple[Exponents, ...]:
     """
     n, m = rows.shape
     candidates: set[Exponents] = set()
-    for pivots in itertools.islice(itertools.combinations(range(m), n), MOST_BASES):
+    for pivots in itertools.islice(itertools.combinations(range(m), n), MAX_BASES):
         block = rows[:, pivots]
         if n == 0 or np.linalg.cond(block) > 1e8:
             continue
@@ -123,7 +127,7 @@ def sparse_basis(rows: Array) -> tuple[Exponents, ...]:
     return tuple(independent)
 
 
-def doubled(theta: Array, exponents: Exponents) -> Array:
+def scaled_by_two(theta: Array, exponents: Exponents) -> Array:
     """`theta (..., D)` with each unknown times 2 to its exponent, which rounds nothing."""
     powers = np.zeros(theta.shape[-1])
     powers[: len(exponents)] = exponents
@@ -140,7 +144,7 @@ def _complement(rows: Array, m: int) -> Array:
 
 def _whole(row: Array) -> Exponents | None:
     """The row times the least factor that makes all entries whole; None if there is none."""
-    near = [Fraction(float(x)).limit_denominator(LARGEST_DENOMINATOR) for x in row]
+    near = [Fraction(float(x)).limit_denominator(MAX_DENOMINATOR) for x in row]
     if any(abs(float(f) - x) > 1e-6 for f, x in zip(near, row, strict=True)):
         return None
     factor = math.lcm(*(f.denominator for f in near))
@@ -158,14 +162,14 @@ def _complexity(exponents: Exponents) -> tuple[int, int, Exponents]:
 
 
 PRIOR_POINTS = 4  # beside the start: where symmetries are looked for and proven
-MOST_DRAWS = 100  # of the prior, to find that many with a finite response
+MAX_DRAWS = 100  # of the prior, to find that many with a finite response
 
 
 def structure_of(
-    posterior: Posterior, scenery: Scenery, theta: Array, rng: np.random.Generator
+    posterior: Posterior, sensitivity: SensitivityStudy, theta: Array, rng: np.random.Generator
 ) -> Structure:
     """At `theta (D,)` and at draws from the prior."""
-    drawn = posterior.space.draw(MOST_DRAWS, rng)
+    drawn = posterior.space.draw(MAX_DRAWS, rng)
     finite = drawn[np.isfinite(posterior.density(drawn))][:PRIOR_POINTS]
     points = np.vstack([theta, finite])
     likelihood = posterior.likelihood
@@ -173,22 +177,22 @@ def structure_of(
 
     def unchanged(exponents: Exponents) -> bool:
         """Whether all signals agree to rounding."""
-        there = likelihood.every_signal(doubled(points, exponents))
+        there = likelihood.every_signal(scaled_by_two(points, exponents))
         return all(
             np.all(np.abs(x - y) <= SAME_RESPONSE * np.abs(x).max(axis=(0, 1)))
             for x, y in zip(here, there, strict=True)
         )
 
-    sensitivities = [scenery.sensitivities(point) for point in points]
-    return analyse(scenery.unknowns, sensitivities, unchanged)
+    sensitivities = [sensitivity.sensitivities(point) for point in points]
+    return find_structure(sensitivity.unknowns, sensitivities, unchanged)
 
 
-NEAR = 0.5, 1.5  # times what is held: where the structure is looked at
-MOSTLY = 0.5  # of a scale, what priors settle; of the largest part, what is named as well
+FREED_RANGE = 0.5, 1.5  # times what is held: where the structure is looked at
+MIN_PRIOR_SHARE = 0.5  # of a scale, what priors settle; of the largest part, what is named as well
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Resting:
+class DependsOnFixed:
     """With `exponents` of `names`, of which the last are `held`, no measured signal changes.
 
     `following (m, m)`: of unknowns, by how much the mean of each log follows the middle of each prior.
@@ -232,19 +236,19 @@ class Resting:
         given = dict(zip(names, exponents, strict=True))
         powers = np.array([given.get(name, 0.0) for name in self.names[:m]])
         scale, follows = np.array(self.exponents[:m]), powers @ self.following
-        if follows @ scale / (powers @ scale) < MOSTLY:
+        if follows @ scale / (powers @ scale) < MIN_PRIOR_SHARE:
             return ()
-        large = np.abs(follows) >= MOSTLY * np.abs(follows).max()
+        large = np.abs(follows) >= MIN_PRIOR_SHARE * np.abs(follows).max()
         return tuple(name for name, is_large in zip(self.names, large, strict=False) if is_large)
 
 
-def resting(
+def depends_on_fixed(
     posterior: Posterior,
     theta: Array,
     known: Information,
     prior_sd: Array,
     rng: np.random.Generator,
-) -> tuple[Resting, ...]:
+) -> tuple[DependsOnFixed, ...]:
     """At `theta (D,)`; `rng` draws the points at which the structure is looked at.
 
     `known` of the record there, `prior_sd (m,)` of the logs.
@@ -258,7 +262,7 @@ def resting(
         return ()
     first = len(space.columns("rig", "quantity"))
     symbols = {symbol.name: symbol for symbol in (*PARAMETERS.values(), *model.declares)}
-    low, high = NEAR
+    low, high = FREED_RANGE
     freed = [
         Unknown(
             symbol=symbols[name],
@@ -270,10 +274,10 @@ def resting(
     ]
     wider = posterior.edit(free=freed)
     at = np.insert(theta, first, [space.fixed[name] for name in fixed])
-    structure = structure_of(wider, Scenery(wider.likelihood), at, rng)
-    follows = following(known, prior_sd)
+    structure = structure_of(wider, SensitivityStudy(wider.likelihood), at, rng)
+    follows = prior_following(known, prior_sd)
     dependent = (
-        Resting(names=structure.names, exponents=e, held=fixed, following=follows)
+        DependsOnFixed(names=structure.names, exponents=e, held=fixed, following=follows)
         for e in structure.symmetries
     )
     return tuple(
@@ -283,7 +287,7 @@ def resting(
     )
 
 
-def following(known: Information, prior_sd: Array) -> Array:
+def prior_following(known: Information, prior_sd: Array) -> Array:
     """`(m, m)`: by how much the mean of each log follows the middle of each prior."""
     spread = np.linalg.inv(known.with_priors(prior_sd).root)
     return np.asarray(spread @ spread.T / prior_sd**2)

@@ -14,26 +14,34 @@ from dataclasses import dataclass
 import numpy as np
 
 from bayesdrill.analysis.identifiability import information
-from bayesdrill.analysis.identifiability.frictions import NOTHING, Told, told_apart
+from bayesdrill.analysis.identifiability.frictions import (
+    NO_CONFOUNDING,
+    FrictionConfounding,
+    distinguish,
+)
 from bayesdrill.analysis.identifiability.information import (
+    DesignVariant,
     Direction,
     Information,
     Product,
-    Scene,
-    Scenery,
+    SensitivityStudy,
     directions,
     from_sensitivities,
     products,
     simple_exponents,
 )
 from bayesdrill.analysis.identifiability.structure import (
+    DependsOnFixed,
     Exponents,
-    Resting,
     Structure,
-    resting,
+    depends_on_fixed,
     structure_of,
 )
-from bayesdrill.analysis.identifiability.torque_confounding import StandIn, scaled, stand_ins
+from bayesdrill.analysis.identifiability.torque_confounding import (
+    TorqueConfounding,
+    find_confounded,
+    scaled_with_torque,
+)
 from bayesdrill.basics import seeds
 from bayesdrill.basics.arrays import Array
 from bayesdrill.basics.symbols import INPUTS
@@ -47,7 +55,7 @@ WEIGHED_TO = 0.01  # what fixing or weighing a part is taken to give: one per ce
 # Equal in SI by conservation of energy in an ideal motor.
 TIES = (("motor.torque_constant", "motor.back_emf"),)
 LOAD_SHARE = 0.1  # of a channel's range: what the known load that is tried changes at most
-OTHER = 0.5  # times the usual drive, in the second half of the record or in another one
+OTHER_DRIVE = 0.5  # times the usual drive, in the second half of the record or in another one
 # What drives rigs: in words, and how one lets go of it.
 DRIVES = {
     "v": ("voltage", "motor terminals shorted"),
@@ -71,20 +79,20 @@ class Remedy:
 
 
 def remedies(
-    scenery: Scenery,
+    sensitivity: SensitivityStudy,
     theta: Array,
     symmetries: Sequence[Exponents],
     prior_sd: Array,
     of_interest: Sequence[str],
 ) -> tuple[Remedy, ...]:
     """Every single action that can be tried, what helps most first."""
-    names = scenery.unknowns
-    now = information.from_sensitivities(names, scenery.sensitivities(theta))
+    names = sensitivity.unknowns
+    now = information.from_sensitivities(names, sensitivity.sensitivities(theta))
     rows = [names.index(name) for name in of_interest]
     before = now.with_priors(prior_sd).bounds()[rows]
     moves = [np.array(exponents, dtype=float) for exponents in symmetries]
     remedies_tried = []
-    for what, after in _tried(scenery, theta, now):
+    for what, after in _actions(sensitivity, theta, now):
         sd = after.with_priors(prior_sd).bounds()[rows]
         # What is known to all digits, by a record at the edge of numbers, gets no better.
         finite = (before > 0) & (sd > 0) & (before < np.inf)
@@ -100,46 +108,53 @@ def remedies(
     return tuple(sorted(remedies_tried, key=lambda remedy: (remedy.left, -remedy.shrink)))
 
 
-def _tried(scenery: Scenery, theta: Array, now: Information) -> Iterator[tuple[str, Information]]:
-    names = scenery.unknowns
+def _actions(
+    sensitivity: SensitivityStudy, theta: Array, now: Information
+) -> Iterator[tuple[str, Information]]:
+    names = sensitivity.unknowns
     for name, unit in zip(names, np.eye(len(names)), strict=True):
         yield f"weigh or measure {name} to 1 %", now.with_knowledge(unit, WEIGHED_TO)
-    roles = scenery.likelihood.observations[0].response.model.roles
+    roles = sensitivity.likelihood.observations[0].response.model.roles
     for first, second in ((roles[first], roles[second]) for first, second in TIES):
         if first in names and second in names:
             equal = np.zeros(len(names))
             equal[names.index(first)], equal[names.index(second)] = 1.0, -1.0
             yield f"tie {first} = {second}", now.with_knowledge(equal, WEIGHED_TO)
-    for what, scene in _other_drives(scenery):
-        sensitivities = scenery.repeated(theta, scene)
+    for what, scene in _other_drives(sensitivity):
+        sensitivities = sensitivity.with_repeats(theta, scene)
         if np.isfinite(sensitivities).all():
             yield what, information.from_sensitivities(names, sensitivities)
-    for what, scene in [*_more_channels(scenery, theta), *_other_inputs(scenery, theta)]:
-        sensitivities = scenery.sensitivities(theta, scene)
+    for what, scene in [*_more_channels(sensitivity, theta), *_other_inputs(sensitivity, theta)]:
+        sensitivities = sensitivity.sensitivities(theta, scene)
         if np.isfinite(sensitivities).all():
             yield what, information.from_sensitivities(names, sensitivities)
 
 
-def _other_drives(scenery: Scenery) -> Iterator[tuple[str, Scene]]:
+def _other_drives(sensitivity: SensitivityStudy) -> Iterator[tuple[str, DesignVariant]]:
     """The experiments there are, once more with less of what drives the rig."""
-    experiments = [observation.experiment for observation in scenery.likelihood.observations]
-    for name in (n for n in DRIVES if n in scenery.inputs):
+    experiments = [observation.experiment for observation in sensitivity.likelihood.observations]
+    for name in (n for n in DRIVES if n in sensitivity.inputs):
         if any(
             experiment.constant.get(name, 0.0) or name in experiment.series
             for experiment in experiments
         ):
-            size = OTHER * float(
+            size = OTHER_DRIVE * float(
                 np.mean([usual_inputs(experiment)[name] for experiment in experiments])
             )
             unit = INPUTS[name].plain_unit
-            yield f"another experiment at {size:.3g} {unit}", Scene(times={name: OTHER})
+            yield (
+                f"another experiment at {size:.3g} {unit}",
+                DesignVariant(times={name: OTHER_DRIVE}),
+            )
 
 
-def _more_channels(scenery: Scenery, theta: Array) -> Iterator[tuple[str, Scene]]:
+def _more_channels(
+    sensitivity: SensitivityStudy, theta: Array
+) -> Iterator[tuple[str, DesignVariant]]:
     """Each state that is not measured yet, with the signal-to-noise ratio of the others."""
-    motions, observations = scenery.motions(theta), scenery.likelihood.observations
+    motions, observations = sensitivity.motions(theta), sensitivity.likelihood.observations
     channel_weights = [
-        observation.experiment.weights(scenery.states) for observation in observations
+        observation.experiment.weights(sensitivity.states) for observation in observations
     ]
     swings = [
         np.median((motion @ weights.T).std(axis=0) / observation.scales(theta[None])[0])
@@ -147,7 +162,7 @@ def _more_channels(scenery: Scenery, theta: Array) -> Iterator[tuple[str, Scene]
     ]
     ratio = np.median(swings)
     spreads = np.median([motion.std(axis=0) for motion in motions], axis=0)
-    for name, unit, spread in zip(scenery.states, np.eye(len(spreads)), spreads, strict=True):
+    for name, unit, spread in zip(sensitivity.states, np.eye(len(spreads)), spreads, strict=True):
         new = name not in INNER and any(
             np.linalg.matrix_rank(np.vstack([w, unit])) > len(w) for w in channel_weights
         )
@@ -155,31 +170,39 @@ def _more_channels(scenery: Scenery, theta: Array) -> Iterator[tuple[str, Scene]
         if new and sigma > 0:
             yield (
                 f"measure {name} (noise {sigma:.2g} {STATES[name].unit})",
-                Scene(extra={name: sigma}),
+                DesignVariant(extra={name: sigma}),
             )
 
 
-def _other_inputs(scenery: Scenery, theta: Array) -> Iterator[tuple[str, Scene]]:
+def _other_inputs(
+    sensitivity: SensitivityStudy, theta: Array
+) -> Iterator[tuple[str, DesignVariant]]:
     """A change of each input half-way through the record."""
     for name, (what, free) in DRIVES.items():
-        mean = scenery.usual_input(name) if name in scenery.inputs else 0.0
+        mean = sensitivity.mean_input(name) if name in sensitivity.inputs else 0.0
         if mean == 0.0:
             continue
-        what_changes = f"change the {what} to {OTHER * mean:.3g} {INPUTS[name].plain_unit} half-way"
-        yield what_changes, Scene(late={name: (OTHER - 1.0) * mean})
+        what_changes = (
+            f"change the {what} to {OTHER_DRIVE * mean:.3g} {INPUTS[name].plain_unit} half-way"
+        )
+        yield what_changes, DesignVariant(late={name: (OTHER_DRIVE - 1.0) * mean})
         if free:
             coast = f"let the rig coast down half-way ({free})"
-            yield coast, Scene(late={name: -mean})
-    torque = scenery.likelihood.observations[0].response.model.roles.rotor.load
-    if torque not in scenery.inputs:
+            yield coast, DesignVariant(late={name: -mean})
+    torque = sensitivity.likelihood.observations[0].response.model.roles.rotor.load
+    if torque not in sensitivity.inputs:
         return
     changes = []  # changes of channels, in shares of their ranges
     pairs = zip(
-        scenery.motions(theta), scenery.motions(theta, Scene(late={torque: 1.0})), strict=True
+        sensitivity.motions(theta),
+        sensitivity.motions(theta, DesignVariant(late={torque: 1.0})),
+        strict=True,
     )
-    for observation, (before, after) in zip(scenery.likelihood.observations, pairs, strict=True):
+    for observation, (before, after) in zip(
+        sensitivity.likelihood.observations, pairs, strict=True
+    ):
         here, there = (
-            x @ observation.experiment.weights(scenery.states).T for x in (before, after)
+            x @ observation.experiment.weights(sensitivity.states).T for x in (before, after)
         )
         with np.errstate(all="ignore"):  # of a channel that stands still: no number, or infinite
             changes.append(np.max(np.ptp(there - here, axis=0) / np.ptp(here, axis=0)))
@@ -187,14 +210,14 @@ def _other_inputs(scenery: Scenery, theta: Array) -> Iterator[tuple[str, Scene]]
     if 0 < change < np.inf:
         load = LOAD_SHARE / change
         loaded = f"apply a known load torque of {load:.2g} N m half-way"
-        yield loaded, Scene(late={torque: load})
+        yield loaded, DesignVariant(late={torque: load})
 
 
-ALIKE = 2.0  # times: how much smaller an sd would be, for a nuisance that is named with it
+MIN_FALL = 2.0  # times: how much smaller an sd would be, for a nuisance that is named with it
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Known:
+class KnownProduct:
     """A parameter or a simple product: sd of its log with record and prior, and before.
 
     `bound`: Cramer-Rao, from the record alone; inf if the record does not determine it.
@@ -222,7 +245,7 @@ class Nuisance:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Study:
+class IdentifiabilityStudy:
     """At a physical point, which `at` names.
 
     `information` is that of the record alone, `directions` its sloppy spectrum.  `stand_ins`:
@@ -234,15 +257,15 @@ class Study:
     at: str
     of_interest: tuple[str, ...]
     structure: Structure
-    parameters: tuple[Known, ...]
-    products: tuple[Known, ...]
+    parameters: tuple[KnownProduct, ...]
+    products: tuple[KnownProduct, ...]
     information: Information
     remedies: tuple[Remedy, ...]
     nuisances: tuple[Nuisance, ...] = ()
-    frictions: Told = NOTHING
-    stand_ins: tuple[StandIn, ...] = ()
+    frictions: FrictionConfounding = NO_CONFOUNDING
+    stand_ins: tuple[TorqueConfounding, ...] = ()
     scaled: tuple[tuple[str, ...], ...] = ()
-    resting: tuple[Resting, ...] = ()
+    resting: tuple[DependsOnFixed, ...] = ()
 
     @property
     def directions(self) -> tuple[Direction, ...]:
@@ -250,27 +273,27 @@ class Study:
 
 
 def study_of(
-    scenery: Scenery,
+    sensitivity: SensitivityStudy,
     posterior: Posterior,
     theta: Array,
     asked: Asked,
     at: str = "the start",
     *,
     seek_remedies: bool = False,
-) -> Study:
+) -> IdentifiabilityStudy:
     """At `theta (D,)`, as it is `asked` for.
 
     Remedies take as long as all else together, and are sought on request.
     """
     # Draws the points at which the structure is looked at.
     rng = seeds.stream(asked.seed, "identify")
-    names, thresholds = scenery.unknowns, asked.thresholds
+    names, thresholds = sensitivity.unknowns, asked.thresholds
     of_interest = tuple(asked.of_interest) or names
-    structure = structure_of(posterior, scenery, theta, rng)
-    known = from_sensitivities(names, scenery.sensitivities(theta))
+    structure = structure_of(posterior, sensitivity, theta, rng)
+    known = from_sensitivities(names, sensitivity.sensitivities(theta))
     prior_sd = prior_spreads(posterior)[: len(names)]
     simple = products(known, prior_sd, simple_exponents(len(names)))
-    return Study(
+    return IdentifiabilityStudy(
         names=names,
         at=at,
         of_interest=of_interest,
@@ -278,44 +301,44 @@ def study_of(
         parameters=_parameters(known, prior_sd, thresholds),
         products=tuple(_known(p, thresholds) for p in simple),
         information=known,
-        remedies=remedies(scenery, theta, structure.symmetries, prior_sd, of_interest)
+        remedies=remedies(sensitivity, theta, structure.symmetries, prior_sd, of_interest)
         if seek_remedies
         else (),
-        nuisances=_nuisances(scenery, posterior, theta, thresholds),
-        frictions=told_apart(scenery, posterior, theta),
-        stand_ins=stand_ins(posterior, theta, prior_spreads(posterior), rng),
-        resting=resting(posterior, theta, known, prior_sd, rng),
-        scaled=scaled(posterior, structure.symmetries),
+        nuisances=_nuisances(sensitivity, posterior, theta, thresholds),
+        frictions=distinguish(sensitivity, posterior, theta),
+        stand_ins=find_confounded(posterior, theta, prior_spreads(posterior), rng),
+        resting=depends_on_fixed(posterior, theta, known, prior_sd, rng),
+        scaled=scaled_with_torque(posterior, structure.symmetries),
     )
 
 
 def _nuisances(
-    scenery: Scenery, posterior: Posterior, theta: Array, thresholds: Thresholds
+    sensitivity: SensitivityStudy, posterior: Posterior, theta: Array, thresholds: Thresholds
 ) -> tuple[Nuisance, ...]:
-    rows = scenery.every(theta)
-    if not scenery.nuisances or not np.isfinite(rows).all():
+    rows = sensitivity.with_nuisances(theta)
+    if not sensitivity.nuisances or not np.isfinite(rows).all():
         return ()
-    joint = from_sensitivities((*scenery.unknowns, *scenery.nuisances), rows)
-    inverse = np.linalg.inv(joint.with_priors(scenery.prior_spreads).root)
+    joint = from_sensitivities((*sensitivity.unknowns, *sensitivity.nuisances), rows)
+    inverse = np.linalg.inv(joint.with_priors(sensitivity.prior_spreads).root)
     covariance = inverse @ inverse.T
     sds = np.sqrt(np.diag(covariance))
     alike = covariance / np.outer(sds, sds)
     steps = posterior.coordinates.natural(theta[None])[0]
     nuisances = []
-    for k, name in enumerate(scenery.nuisances, start=len(scenery.unknowns)):
+    for k, name in enumerate(sensitivity.nuisances, start=len(sensitivity.unknowns)):
         falls = {
             other: 1.0 / np.sqrt(max(1.0 - alike[k, j] ** 2, 1e-12))
-            for j, other in enumerate(scenery.unknowns)
+            for j, other in enumerate(sensitivity.unknowns)
         }
         like = sorted(falls.items(), key=lambda fall: -fall[1])
-        before = scenery.prior_spreads[k]
+        before = sensitivity.prior_spreads[k]
         nuisances.append(
             Nuisance(
                 name=name,
                 sd=float(sds[k] * steps[k]),
                 prior_sd=float(before * steps[k]),
                 word=thresholds.judge(float(sds[k] / before)),
-                like=tuple((other, float(x)) for other, x in like if x > ALIKE),
+                like=tuple((other, float(x)) for other, x in like if x > MIN_FALL),
             )
         )
     return tuple(nuisances)
@@ -326,11 +349,13 @@ def prior_spreads(posterior: Posterior) -> Array:
     return np.array([spread_of_log(prior) for prior in posterior.space.priors.values()])
 
 
-def _parameters(known: Information, prior_sd: Array, thresholds: Thresholds) -> tuple[Known, ...]:
+def _parameters(
+    known: Information, prior_sd: Array, thresholds: Thresholds
+) -> tuple[KnownProduct, ...]:
     joint, alone = known.with_priors(prior_sd).bounds(), known.bounds()
     units = np.eye(len(prior_sd), dtype=int)
     return tuple(
-        Known(
+        KnownProduct(
             exponents=tuple(int(x) for x in unit),
             sd=float(sd),
             prior_sd=float(before),
@@ -341,8 +366,8 @@ def _parameters(known: Information, prior_sd: Array, thresholds: Thresholds) -> 
     )
 
 
-def _known(product: Product, thresholds: Thresholds) -> Known:
-    return Known(
+def _known(product: Product, thresholds: Thresholds) -> KnownProduct:
+    return KnownProduct(
         exponents=product.exponents,
         sd=product.sd,
         prior_sd=product.prior_sd,

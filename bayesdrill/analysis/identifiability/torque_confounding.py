@@ -23,17 +23,17 @@ from bayesdrill.record.experiment import Channel, frozen
 from bayesdrill.rig import models
 from bayesdrill.rig.models.latent_torque import SIZE, At, pushes
 
-FALLS = 3.0  # times: how much worse an sd is with the torque, for a parameter that is named
-KNOWN = 0.5  # of the prior's sd: with no more left a parameter is known, torque or not
-HELPS = 2.0  # times: by how much better, for what is proposed
-SENSOR = 0.01  # of its spread: noise of a sensor that is proposed
-NOTHING = 1e-9  # times its size: a torque that is none
-DRAWN = 2  # records, over which curvatures are averaged
-MOST = 3  # proposals
+MIN_LOSS = 3.0  # times: how much worse an sd is with the torque, for a parameter that is named
+KNOWN_SHARE = 0.5  # of the prior's sd: with no more left a parameter is known, torque or not
+MIN_HELPFUL_FALL = 2.0  # times: by how much better, for what is proposed
+SENSOR_NOISE = 0.01  # of its spread: noise of a sensor that is proposed
+NO_TORQUE = 1e-9  # times its size: a torque that is none
+DRAWN_RECORDS = 2  # records, over which curvatures are averaged
+MAX_REMEDIES = 3  # proposals
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Help:
+class TorqueRemedy:
     """`kind` hold: a parameter by name; measure: a state.  `shrink`: times by which the sd would
     fall.
     """
@@ -44,7 +44,7 @@ class Help:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class StandIn:
+class TorqueConfounding:
     """The sd of a log with the torque, without it, and before the record."""
 
     name: str
@@ -52,18 +52,18 @@ class StandIn:
     sd: float
     alone: float
     before: float
-    helps: tuple[Help, ...]
+    helps: tuple[TorqueRemedy, ...]
 
 
-def stand_ins(
+def find_confounded(
     posterior: Posterior, theta: Array, before: Array, rng: np.random.Generator
-) -> tuple[StandIn, ...]:
+) -> tuple[TorqueConfounding, ...]:
     """Of the rig's parameters at `theta (D,)`; `before (D,)`: sds of logs under the priors."""
     observations = posterior.likelihood.observations
     torques = [observation.torque for observation in observations if observation.torque]
     if not torques:
         return ()
-    seeds = rng.integers(2**32, size=DRAWN)
+    seeds = rng.integers(2**32, size=DRAWN_RECORDS)
 
     def information(some: Posterior, at: Array) -> Array:
         return _information(some, at, before, seeds)
@@ -80,13 +80,13 @@ def stand_ins(
     sds = np.sqrt(np.diag(np.linalg.inv(known)))
     without = posterior.edit(
         each=lambda observation: (
-            observation.torque.times(NOTHING) if observation.torque else observation
+            observation.torque.times(NO_TORQUE) if observation.torque else observation
         )
     )
     nothing = theta.copy()
-    nothing[[k for k, name in enumerate(names) if name.startswith(SIZE)]] *= NOTHING
+    nothing[[k for k, name in enumerate(names) if name.startswith(SIZE)]] *= NO_TORQUE
     alone = np.sqrt(np.diag(np.linalg.inv(information(without, nothing))))
-    worse = [k for k in rig if sds[k] > FALLS * alone[k] and sds[k] > KNOWN * before[k]]
+    worse = [k for k in rig if sds[k] > MIN_LOSS * alone[k] and sds[k] > KNOWN_SHARE * before[k]]
     if not worse:
         return ()
     # States that no channel shows by itself.
@@ -95,24 +95,24 @@ def stand_ins(
     unseen = [name for name in first.response.model.states if name not in shown]
     more = {state: information(_showing(posterior, theta, state), theta) for state in unseen}
 
-    def helps(k: int) -> tuple[Help, ...]:
+    def helps(k: int) -> tuple[TorqueRemedy, ...]:
         remedies = []
         for j in (j for j in rig if j != k):
             others = [i for i in range(len(sds)) if i != j]
             covariance = np.linalg.inv(known[np.ix_(others, others)])
             sd = float(np.sqrt(covariance[others.index(k), others.index(k)]))
-            remedies.append(Help(kind="hold", name=names[j], shrink=float(sds[k]) / sd))
+            remedies.append(TorqueRemedy(kind="hold", name=names[j], shrink=float(sds[k]) / sd))
         for state, wider in more.items():
             sd = float(np.sqrt(np.linalg.inv(wider)[k, k]))
-            remedies.append(Help(kind="measure", name=state, shrink=float(sds[k]) / sd))
+            remedies.append(TorqueRemedy(kind="measure", name=state, shrink=float(sds[k]) / sd))
         good = sorted(
-            (remedy for remedy in remedies if remedy.shrink > HELPS),
+            (remedy for remedy in remedies if remedy.shrink > MIN_HELPFUL_FALL),
             key=lambda remedy: -remedy.shrink,
         )
-        return tuple(good[:MOST])
+        return tuple(good[:MAX_REMEDIES])
 
     return tuple(
-        StandIn(
+        TorqueConfounding(
             name=names[k],
             at=torques[0].filtered.torque.at,
             sd=float(sds[k]),
@@ -124,7 +124,9 @@ def stand_ins(
     )
 
 
-def scaled(posterior: Posterior, symmetries: Sequence[Exponents]) -> tuple[tuple[str, ...], ...]:
+def scaled_with_torque(
+    posterior: Posterior, symmetries: Sequence[Exponents]
+) -> tuple[tuple[str, ...], ...]:
     """Of each symmetry that changes the inertia on which a torque acts: what goes with it, the
     size of the torque among it.
     """
@@ -180,6 +182,6 @@ def _showing(posterior: Posterior, theta: Array, state: str) -> Posterior:
         )
         response = observation.response.of(experiment)
         spread = float(response.signals(observation.told(full))[0, :, -1].std())
-        return observation.torque.showing(response, SENSOR * spread or 1.0)
+        return observation.torque.showing(response, SENSOR_NOISE * spread or 1.0)
 
     return posterior.edit(each=showing)

@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
-from bayesdrill.analysis.calibration import Quantity, Verdict
+from bayesdrill.analysis.calibration import CalibrationVerdict, RankedQuantity
 from bayesdrill.basics.symbols import Symbol
 from bayesdrill.config.schema.records import OutputSpec
 from bayesdrill.report import scales, style
@@ -29,7 +29,7 @@ MARKERS = ("o", "s", "^")  # of the levels
 
 
 def calibration_figure(
-    verdict: Verdict, symbols: Sequence[Symbol], width: float = scales.DOUBLE
+    verdict: CalibrationVerdict, symbols: Sequence[Symbol], width: float = scales.DOUBLE
 ) -> Figure:
     """Differences of the empirical distribution of ranks from uniform, above shares of truths in
     credible intervals; `symbols` of the unknowns, the log likelihood is the last quantity."""
@@ -49,7 +49,7 @@ def calibration_figure(
 
 
 def save(
-    verdict: Verdict,
+    verdict: CalibrationVerdict,
     symbols: Sequence[Symbol],
     output: OutputSpec,
     folder: Path,
@@ -60,7 +60,7 @@ def save(
     style.save(figure, folder, "calibration", note, formats=tuple(output.formats), dpi=output.dpi)
 
 
-def _most(verdict: Verdict) -> float:
+def _most(verdict: CalibrationVerdict) -> float:
     """The end of the vertical axis, the same in all panels."""
     band, n = verdict.band, max(verdict.band.n, 1)
     ends = [np.abs(edge / n - band.shares).max() for edge in (band.low, band.high)]
@@ -68,7 +68,9 @@ def _most(verdict: Verdict) -> float:
     return float(max(ends))
 
 
-def _difference(panel: Axes, label: str, quantity: Quantity, verdict: Verdict, most: float) -> None:
+def _difference(
+    panel: Axes, label: str, quantity: RankedQuantity, verdict: CalibrationVerdict, most: float
+) -> None:
     band, n = verdict.band, max(verdict.band.n, 1)
     shares = np.concatenate([[0.0], band.shares, [1.0]])
     counts = np.stack([band.low, band.high, band.counts(quantity.ranks)])
@@ -92,7 +94,7 @@ def _mark(marker: str, holds: bool) -> dict[str, Any]:
     }
 
 
-def _coverage(panel: Axes, verdict: Verdict, labels: Sequence[str]) -> None:
+def _coverage(panel: Axes, verdict: CalibrationVerdict, labels: Sequence[str]) -> None:
     n = max(verdict.band.n, 1)
     unknown = [quantity for quantity in verdict.quantities if quantity.intervals]
     shares = [interval.share for interval in unknown[0].intervals]
@@ -115,7 +117,7 @@ def _coverage(panel: Axes, verdict: Verdict, labels: Sequence[str]) -> None:
     panel.set_ylabel("truths inside [%]")
 
 
-def _handles(verdict: Verdict) -> list[Any]:
+def _handles(verdict: CalibrationVerdict) -> list[Any]:
     every = verdict.quantities
     handles: list[Any] = [Patch(label="what chance allows", **style.BAND)]
     if any(q.holds for q in every):

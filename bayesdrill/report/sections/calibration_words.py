@@ -4,7 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from bayesdrill.analysis.calibration import FALSE_ALARM, MOST_NOT_CONVERGED, Refit, Verdict
+from bayesdrill.analysis.calibration import (
+    FALSE_ALARM,
+    MAX_NOT_CONVERGED,
+    CalibrationVerdict,
+    Refit,
+)
 from bayesdrill.config.schema.config import Config
 from bayesdrill.inference.posterior import Problem
 from bayesdrill.report.section import (
@@ -35,7 +40,7 @@ def opening(problem: Problem, config: Config) -> str:
     )
 
 
-def verdict(found: Verdict) -> str:
+def verdict(found: CalibrationVerdict) -> str:
     """One sentence."""
     if found.faults:
         return f"not calibrated: {'; '.join(found.faults)}"
@@ -46,17 +51,17 @@ def verdict(found: Verdict) -> str:
     )
 
 
-def rule(found: Verdict) -> str:
+def rule(found: CalibrationVerdict) -> str:
     """What the verdict is worth."""
     return (
         f"A right posterior would be found not calibrated in at most {100 * FALSE_ALARM:g} % of such "
         f"studies, all {len(found.quantities)} quantities and all intervals taken together. With more "
-        f"than {100 * MOST_NOT_CONVERGED:g} % of the refits not converged nothing is called calibrated; "
+        f"than {100 * MAX_NOT_CONVERGED:g} % of the refits not converged nothing is called calibrated; "
         "they stay in the ranks."
     )
 
 
-def refits(found: Verdict, every: Sequence[Refit]) -> str:
+def refits(found: CalibrationVerdict, every: Sequence[Refit]) -> str:
     """How many went wrong, which, and how."""
     if not found.not_converged:
         return f"all {found.refits} refits converged"
@@ -69,7 +74,7 @@ def refits(found: Verdict, every: Sequence[Refit]) -> str:
     )
 
 
-def sections(found: Verdict, every: Sequence[Refit], ending: str) -> tuple[Section, ...]:
+def sections(found: CalibrationVerdict, every: Sequence[Refit], ending: str) -> tuple[Section, ...]:
     """The verdict first; `ending`: of the file of the figure that a page shows."""
     says = verdict(found)
     tone: Tone = "bad" if found.faults else "doubt" if found.doubts else "good"
@@ -87,7 +92,7 @@ def sections(found: Verdict, every: Sequence[Refit], ending: str) -> tuple[Secti
     )
 
 
-def table(found: Verdict) -> Table:
+def table(found: CalibrationVerdict) -> Table:
     """The shares of truths in credible intervals with what chance allows."""
     shares = [f"in {100 * i.share:.3g} % interval" for i in found.quantities[0].intervals]
     n, lines = max(found.band.n, 1), []

@@ -18,7 +18,7 @@ from matplotlib.lines import Line2D
 from matplotlib.ticker import NullFormatter, NullLocator
 from numpy.typing import NDArray
 
-from bayesdrill.analysis.comparison import SURE, Contender, Layer, Row
+from bayesdrill.analysis.comparison import SURE_LOG_ODDS, OverlayRow, PosteriorSummary, RunSummary
 from bayesdrill.basics.arrays import Array
 from bayesdrill.inference.derived import HDI_PROBABILITY
 from bayesdrill.inference.display_units import OwnUnits
@@ -74,7 +74,7 @@ LOOKS = (
 )
 
 
-def run_handles(layers: Sequence[Layer], *, marked: bool) -> list[Line2D]:
+def run_handles(layers: Sequence[PosteriorSummary], *, marked: bool) -> list[Line2D]:
     """For a legend: the name of each run, with its warning."""
     names = [elided(overlay_warnings(layer), LONGEST).replace("$", r"\$") for layer in layers]
     return [
@@ -99,13 +99,15 @@ TICK_SIZE, LABEL_SIZE = 8.5, 10.0
 class _Column:
     """An unknown on the axis that all runs share; `draws` of each run, None where it has none."""
 
-    row: Row
+    row: OverlayRow
     scale: scales.Scale
     draws: tuple[Array | None, ...]
     ends: tuple[tuple[float, float], ...]
 
 
-def overlay_corner_figure(layers: Sequence[Layer], rows: Sequence[Row], own: OwnUnits) -> Figure:
+def overlay_corner_figure(
+    layers: Sequence[PosteriorSummary], rows: Sequence[OverlayRow], own: OwnUnits
+) -> Figure:
     """Of the unknowns that two runs or more have, `rows` in SI.
 
     A run is left out of panels of what it has not.  Axes are logarithmic where the prior of the first
@@ -124,9 +126,11 @@ def overlay_corner_figure(layers: Sequence[Layer], rows: Sequence[Row], own: Own
     return figure
 
 
-def _column(si: Row, layers: Sequence[Layer], own: OwnUnits) -> _Column:
+def _column(si: OverlayRow, layers: Sequence[PosteriorSummary], own: OwnUnits) -> _Column:
     row, factor, log = overlay_shown(si, own), own.factor(si.symbol.name), in_logs(si, layers)
-    every = [None if x is None else x / factor for x in (layer.of(si.symbol) for layer in layers)]
+    every = [
+        None if x is None else x / factor for x in (layer.draws_of(si.symbol) for layer in layers)
+    ]
     priors = [layer.problem.posterior.space.priors.get(si.symbol.name) for layer in layers]
     tails = [0.5 - CENTRAL / 2, 0.5 + CENTRAL / 2]
     found = np.array([np.quantile(x, tails) for x in every if x is not None])
@@ -190,7 +194,7 @@ def _numbers(columns: Sequence[_Column], axis: Axis, k: int, outer: bool) -> Non
         axis.set_major_formatter(NullFormatter())
 
 
-def _legend(figure: Figure, layers: Sequence[Layer], columns: Sequence[_Column]) -> None:
+def _legend(figure: Figure, layers: Sequence[PosteriorSummary], columns: Sequence[_Column]) -> None:
     width, height = figure.get_size_inches()
     said: list[Any] = run_handles(layers, marked=False)
     if any(c.row.agreed is not None and c.scale.side(c.row.agreed) == 0 for c in columns):
@@ -223,7 +227,9 @@ CREDIBLE = f"narrowest {100 * HDI_PROBABILITY:.0f} % interval"
 INTERVALS, MODELS = (0.17, 0.2), (0.19, 0.22)  # inches of a run and of the margins of a panel
 
 
-def intervals_figure(layers: Sequence[Layer], rows: Sequence[Row], own: OwnUnits) -> Figure:
+def intervals_figure(
+    layers: Sequence[PosteriorSummary], rows: Sequence[OverlayRow], own: OwnUnits
+) -> Figure:
     """Of all unknowns of any run, `rows` in SI; a run that has not got one leaves a gap.
 
     Axes are logarithmic where the prior of the first run is flat in the log.
@@ -244,7 +250,9 @@ def intervals_figure(layers: Sequence[Layer], rows: Sequence[Row], own: OwnUnits
     return figure
 
 
-def _scaled(si: Row, layers: Sequence[Layer], own: OwnUnits) -> tuple[Row, scales.Scale]:
+def _scaled(
+    si: OverlayRow, layers: Sequence[PosteriorSummary], own: OwnUnits
+) -> tuple[OverlayRow, scales.Scale]:
     """As it is shown, on an axis with all intervals, what is held, and the nominal value if it is not
     too far.
     """
@@ -257,7 +265,7 @@ def _scaled(si: Row, layers: Sequence[Layer], own: OwnUnits) -> tuple[Row, scale
 
 def _intervals(
     panel: Axes,
-    row: Row,
+    row: OverlayRow,
     scale: scales.Scale,
     order: Sequence[int],
     looks: Sequence[Look],
@@ -272,7 +280,7 @@ def _intervals(
             panel.plot([float(scale(nominal))] * 2, [y - 0.5, y + 0.5], zorder=1, **style.NOMINAL)
         if place is None:
             continue
-        if place.held:
+        if place.fixed:
             panel.plot([float(scale(place.mean))], [y], zorder=3, color=look.color, **HELD)
             continue
         ends = scale(np.array([place.low, place.high]))
@@ -292,7 +300,9 @@ def _below_each_other(
     style.set_ticks(panel.yaxis, places if names else np.array([]), names)
 
 
-def _handles(layers: Sequence[Layer], every: Sequence[tuple[Row, scales.Scale]]) -> list[Line2D]:
+def _handles(
+    layers: Sequence[PosteriorSummary], every: Sequence[tuple[OverlayRow, scales.Scale]]
+) -> list[Line2D]:
     said = run_handles(layers, marked=True)
     for handle in said:
         handle.set(markersize=4, linestyle="-")
@@ -300,7 +310,7 @@ def _handles(layers: Sequence[Layer], every: Sequence[tuple[Row, scales.Scale]])
     sides = {scale.side(row.agreed) for row, scale in every if row.agreed is not None}
     different = any(row.agreed is None and any(v is not None for v in row.nominal) for row in rows)
     said += style.nominal_handles(sides | ({0} if different else set()))
-    if any(place is not None and place.held for row in rows for place in row.places):
+    if any(place is not None and place.fixed for row in rows for place in row.places):
         said.append(Line2D([], [], label="held there", color="0.3", linestyle="none", **HELD))
     return [*said, Line2D([], [], linestyle="none", label=f"mean and {CREDIBLE}")]
 
@@ -317,7 +327,9 @@ READ = (
 )
 
 
-def comparison_figure(models: Sequence[Contender], rows: Sequence[Row], own: OwnUnits) -> Figure:
+def comparison_figure(
+    models: Sequence[RunSummary], rows: Sequence[OverlayRow], own: OwnUnits
+) -> Figure:
     """The most probable on top and black; `rows` of unknowns in SI."""
     order = sorted(range(len(models)), key=lambda k: -models[k].log_z)
     layers = [one.layer for one in models]
@@ -327,7 +339,7 @@ def comparison_figure(models: Sequence[Contender], rows: Sequence[Row], own: Own
     shared = [_scaled(row, layers, own) for row in common[:MOST_UNKNOWNS]]
     names = [_name(models[k]) for k in order]
     left = float(np.clip(0.14 + LETTER * max(map(len, names)), LEAST_LEFT, MOST_LEFT))
-    channels = list(dict.fromkeys(one.name for model in models for one in model.left))
+    channels = list(dict.fromkeys(one.name for model in models for one in model.residuals))
     with style.styled():
         handles = _model_handles(models)
         several = any(one.label for one in layers[0].problem.observations)
@@ -353,27 +365,27 @@ def comparison_figure(models: Sequence[Contender], rows: Sequence[Row], own: Own
     return figure
 
 
-def _name(one: Contender) -> str:
+def _name(one: RunSummary) -> str:
     name = elided(one.name, LONGEST_MODEL)
     return (name if one.converged else f"{name} *").replace("$", r"\$")
 
 
-def _odds(panel: Axes, models: Sequence[Contender]) -> None:
+def _odds(panel: Axes, models: Sequence[RunSummary]) -> None:
     """Against the most probable, on an axis that is straight as long as they are not sure."""
     off = np.array([models[0].log_z - one.log_z for one in models])
-    panel.set_xscale("symlog", linthresh=SURE, linscale=0.8)
-    panel.axvspan(0.0, SURE, **style.CHANCE)
+    panel.set_xscale("symlog", linthresh=SURE_LOG_ODDS, linscale=0.8)
+    panel.axvspan(0.0, SURE_LOG_ODDS, **style.CHANCE)
     for k, (one, x) in enumerate(zip(models, off, strict=True)):
         y, colour = len(models) - 1 - k, _colour(k)
         panel.plot([0.0, x], [y, y], color=colour, linewidth=1.4, solid_capstyle="butt")
         panel.plot([x], [y], marker="o", markersize=4, color=colour, linestyle="none")
         panel.plot([x - one.evidence.error, x + one.evidence.error], [y, y], color=colour)
-    most = max(1.6 * float(off.max()), 2.0 * SURE)
+    most = max(1.6 * float(off.max()), 2.0 * SURE_LOG_ODDS)
     panel.set_xlim(-0.3, most)
     decades = 10.0 ** np.arange(1, 9)
     # Two of three decades at most, so that numbers keep apart.
     far = decades[decades < most][:: 1 + int(np.log10(most) > 3.5)]
-    ticks = np.array([0.0, SURE, *far])
+    ticks = np.array([0.0, SURE_LOG_ODDS, *far])
     powers = [rf"$10^{{{int(np.log10(max(x, 1.0)) + 0.5)}}}$" for x in ticks]
     texts = [f"{x:.0f}" if x < 1e4 else power for x, power in zip(ticks, powers, strict=True)]
     style.set_ticks(panel.xaxis, ticks, texts)
@@ -383,7 +395,7 @@ def _odds(panel: Axes, models: Sequence[Contender]) -> None:
 
 def _left(
     panel: Axes,
-    models: Sequence[Contender],
+    models: Sequence[RunSummary],
     channels: Sequence[str],
     of: Callable[[Any], float],
     wanted: float,
@@ -391,7 +403,7 @@ def _left(
 ) -> None:
     """Of each channel a mark for each model; `wanted`: where noise alone would be."""
     log = wanted == 1.0
-    values = [of(one) for model in models for one in model.left]
+    values = [of(one) for model in models for one in model.residuals]
     low, high = min(*values, wanted), max(*values, wanted)
     if log:
         low, high = min(low, 0.8), max(high, 1.25)
@@ -400,7 +412,7 @@ def _left(
     scale = scales.scale(low, high, log=log, margin=0.08)
     panel.axvline(float(scale(wanted)), zorder=1, **LIMIT)
     for k, model in enumerate(models):
-        for one in model.left:
+        for one in model.residuals:
             mark = MARKS[channels.index(one.name) % len(MARKS)]
             look: dict[str, Any] = {"marker": mark, "markersize": 4.2, "linestyle": "none"}
             y = len(models) - 1 - k
@@ -414,7 +426,7 @@ def _colour(k: int) -> str:
     return style.BLACK if k == 0 else style.MIDDLE
 
 
-def _model_handles(models: Sequence[Contender]) -> list[Line2D]:
+def _model_handles(models: Sequence[RunSummary]) -> list[Line2D]:
     """Of all channels of any model, and what a hollow mark says."""
     symbols = {}
     for one in (one for model in models for one in model.layer.problem.observations):

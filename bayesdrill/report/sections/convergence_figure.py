@@ -15,7 +15,13 @@ from matplotlib.patches import Patch
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
-from bayesdrill.analysis.diagnostics import FALSE_ALARM, SHARES, Ranks, independent, ranks
+from bayesdrill.analysis.diagnostics import (
+    FALSE_ALARM,
+    SHARES,
+    RankHistogram,
+    independent_draws,
+    rank_histograms,
+)
 from bayesdrill.basics import seeds
 from bayesdrill.basics.arrays import Array
 from bayesdrill.basics.symbols import Symbol
@@ -237,7 +243,7 @@ PLACES = np.concatenate([[0.0], SHARES, [1.0]])
 
 
 def rank_figure(
-    ranks: Sequence[Ranks], symbols: Sequence[Symbol], width: float = scales.DOUBLE
+    ranks: Sequence[RankHistogram], symbols: Sequence[Symbol], width: float = scales.DOUBLE
 ) -> Figure:
     """How many more of an ensemble's draws than expected are below each share of all, in per cent."""
     most = 100 * max(max(np.abs(one.away).max(), one.room.max()) / one.draws for one in ranks)
@@ -259,7 +265,7 @@ def rank_figure(
     return figure
 
 
-def _rank_handles(ranks: Sequence[Ranks]) -> list[Any]:
+def _rank_handles(ranks: Sequence[RankHistogram]) -> list[Any]:
     holds = np.array([one.holds for one in ranks])  # (D, E)
     chance = Patch(label=f"{100 * (1 - FALSE_ALARM):g} % of chance, together", **style.CHANCE)
     handles = [*_thin_handles(holds.shape[1]), chance]
@@ -286,8 +292,8 @@ RANK = "Whether the ensembles see the same: ranks of the draws of each among tho
 
 def draw_rank(run: View) -> Drawing:
     c = run.sampled.convergence
-    draws = independent(run.sampled.theta, c.burn_in, float(c.tau.max()))
-    found = ranks(draws, seeds.stream(run.config.seed, "rank"))
+    draws = independent_draws(run.sampled.theta, c.burn_in, float(c.tau.max()))
+    found = rank_histograms(draws, seeds.stream(run.config.seed, "rank"))
     return Drawing(rank_figure, (found, run.problem.symbols, run.width), says=RANK)
 
 

@@ -21,10 +21,10 @@ from scipy.stats import norm
 
 from bayesdrill.analysis.prediction import (
     FALSE_ALARM,
-    Check,
     FrequencyResponse,
-    checks,
+    PredictionCheck,
     frequency_responses,
+    prediction_checks,
 )
 from bayesdrill.basics.arrays import Array, Indices
 from bayesdrill.basics.symbols import INPUTS, Symbol
@@ -351,7 +351,7 @@ BINS = 36
 FOUND: dict[str, Any] = {"facecolor": style.LIGHT, "edgecolor": style.BLACK, "linewidth": 0.7}
 
 
-def predictive_figure(checks: Sequence[Check], width: float = scales.DOUBLE) -> Figure:
+def predictive_figure(checks: Sequence[PredictionCheck], width: float = scales.DOUBLE) -> Figure:
     """A row for each channel: samples in standard deviations of their prediction, and their PIT."""
     most = max(float(np.abs(_away(one)).max()) for one in checks)
     wide = width >= scales.DOUBLE
@@ -380,13 +380,13 @@ def predictive_figure(checks: Sequence[Check], width: float = scales.DOUBLE) -> 
     return figure
 
 
-def _away(one: Check) -> Any:
+def _away(one: PredictionCheck) -> Any:
     """Lower and upper edge of the band and the record between, less the expected, in per cent."""
     counts = np.stack([one.band.low, one.band.high, one.band.counts(one.ranks)])
     return 100 * (counts / one.band.n - one.band.shares)
 
 
-def _densities(panel: Axes, one: Check) -> None:
+def _densities(panel: Axes, one: PredictionCheck) -> None:
     edges = np.linspace(-FARTHEST, FARTHEST, BINS + 1)
     tail = norm.cdf(-FARTHEST)
     heights, _ = np.histogram(ndtri(np.clip(one.pit, tail, 1 - tail)), edges, density=True)
@@ -402,7 +402,7 @@ def _densities(panel: Axes, one: Check) -> None:
     style.corner_text(panel, f"${one.channel.latex}$")
 
 
-def _difference(panel: Axes, one: Check, most: float) -> None:
+def _difference(panel: Axes, one: PredictionCheck, most: float) -> None:
     places = np.concatenate([[0.0], one.band.shares, [1.0]])
     low, high, found = np.pad(_away(one), ((0, 0), (1, 1)))
     difference_panel(panel, places, (low, high), most)
@@ -543,7 +543,7 @@ def draw_predictive_check(run: View) -> Drawing:
     each = words.predictive_draws(run.problem, run.config)
     chosen = np.unique(np.linspace(0, draws.shape[1] - 1, each).astype(int))
     theta = draws[:, chosen].reshape(-1, draws.shape[-1])
-    found = checks(run.problem.posterior.likelihood, theta)
+    found = prediction_checks(run.problem.posterior.likelihood, theta)
     return Drawing(predictive_figure, (found, run.width), says=PREDICTIVE_CHECK)
 
 

@@ -15,7 +15,7 @@ from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
 from scipy.interpolate import PchipInterpolator
 
 from bayesdrill.analysis.identifiability.profile import THRESHOLD, Profile
-from bayesdrill.analysis.identifiability.study import Study
+from bayesdrill.analysis.identifiability.study import IdentifiabilityStudy
 from bayesdrill.basics.symbols import Symbol
 from bayesdrill.report import scales, style
 from bayesdrill.report.pages import Page, legend_above
@@ -101,7 +101,9 @@ LEAST_EXPONENT = 0.15  # smaller ones are left out of a label
 BEYOND = 30.0  # how far the axis reaches past the largest finite sd
 
 
-def spectrum_figure(study: Study, latex: Mapping[str, str], width: float = scales.DOUBLE) -> Figure:
+def spectrum_figure(
+    study: IdentifiabilityStudy, latex: Mapping[str, str], width: float = scales.DOUBLE
+) -> Figure:
     """A bar for each direction, its length the Cramer-Rao bound on a logarithmic axis."""
     wide, n = width >= scales.DOUBLE, len(study.directions)
     left, bar = (SPECTRUM.left, BAR) if wide else (0.12, NARROW_BAR)
@@ -125,7 +127,7 @@ def spectrum_figure(study: Study, latex: Mapping[str, str], width: float = scale
     return figure
 
 
-def _bars(panel: Axes, study: Study, thick: float) -> None:
+def _bars(panel: Axes, study: IdentifiabilityStudy, thick: float) -> None:
     sd = 100.0 * np.array([d.sd for d in study.directions])
     finite = np.isfinite(sd)
     prior = 100.0 * float(np.median([known.prior_sd for known in study.parameters]))

@@ -18,7 +18,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from numpy.typing import NDArray
 
-from bayesdrill.analysis.run_analysis import BANDS
+from bayesdrill.analysis.run_analysis import BAND_DRAWS
 from bayesdrill.basics.arrays import Array
 from bayesdrill.basics.symbols import Symbol
 from bayesdrill.inference.derived import HDI_PROBABILITY
@@ -242,7 +242,7 @@ def draw_friction(run: View) -> tuple[Drawing, ...]:
     """Of a rig that rubs."""
     chain = run.chain
     shown = (
-        (one.label, laws(one, found, run.problem, chain.best, chain.some(BANDS)))
+        (one.label, laws(one, found, run.problem, chain.best, chain.some(BAND_DRAWS)))
         for one, found in zip(run.problem.observations, chain.rubbing, strict=False)
     )
     return for_each_experiment(friction_figure, shown, run.width, FRICTION)

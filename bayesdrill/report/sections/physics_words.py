@@ -11,8 +11,22 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from bayesdrill.analysis.energy import AT_START, CONVERTED, STORED, Account, Part, Rubbing, curve
-from bayesdrill.analysis.identifiability.frictions import Alike, Deeds, Proposal, Told, Unseen
+from bayesdrill.analysis.energy import (
+    AT_START,
+    CONVERTED,
+    STORED,
+    EnergyAccount,
+    EnergyPart,
+    FrictionMotion,
+    friction_curve,
+)
+from bayesdrill.analysis.identifiability.frictions import (
+    Confounded,
+    Excitation,
+    FrictionConfounding,
+    ProposedExperiment,
+    UnseenStiction,
+)
 from bayesdrill.basics.arrays import Array
 from bayesdrill.basics.symbols import Symbol, own_symbol, plain
 from bayesdrill.basics.units import Unit
@@ -147,7 +161,7 @@ def energy_table(found: EnergySummary, model: Model) -> Table:
     return Table(heads, tuple(lines), frozenset(heads[:1]))
 
 
-def ordered(found: Account | EnergySummary, names: Collection[str]) -> list[Part]:
+def ordered(found: EnergyAccount | EnergySummary, names: Collection[str]) -> list[EnergyPart]:
     """The largest first; what is stored stands last."""
     parts = [part for part in found.parts if part.name in names]
     return sorted(parts, key=lambda part: (part.name == STORED, -part.joules))
@@ -176,7 +190,7 @@ class Balance:
     parts: tuple[Stacked, ...]
 
 
-def energy_balance(found: Account, model: Model, clock: Unit) -> Balance:
+def energy_balance(found: EnergyAccount, model: Model, clock: Unit) -> Balance:
     """For a figure."""
     motor, rubs = model.roles.motor, {one.name: one.against for one in model.frictions}
     viscous = (motor.damping, model.roles.shaft.damping, model.roles.rotor.damping)
@@ -262,7 +276,7 @@ class Law:
     seen: Array
 
 
-def rubs(found: Sequence[Rubbing], clock: Unit) -> tuple[Rub, ...]:
+def rubs(found: Sequence[FrictionMotion], clock: Unit) -> tuple[Rub, ...]:
     """Of one experiment."""
     return tuple(
         Rub(
@@ -276,13 +290,13 @@ def rubs(found: Sequence[Rubbing], clock: Unit) -> tuple[Rub, ...]:
 
 
 def laws(
-    one: Observation, found: Sequence[Rubbing], problem: Problem, best: Array, draws: Array
+    one: Observation, found: Sequence[FrictionMotion], problem: Problem, best: Array, draws: Array
 ) -> tuple[Law, ...]:
     """Of one experiment, at the MAP `best (D,)` and draws `(N, D)`."""
     space, every = problem.posterior.space, []
     for rubbing in found:
         points = np.vstack([best[None], draws])
-        shown = curve(one, rubbing, space.full(points))
+        shown = friction_curve(one, rubbing, space.full(points))
         every.append(
             Law(
                 speed=speed_symbol(rubbing.friction.against, one.response.model.roles),
@@ -298,7 +312,9 @@ def laws(
     return tuple(every)
 
 
-def _nominal(one: Observation, rubbing: Rubbing, problem: Problem, best: Array) -> Array | None:
+def _nominal(
+    one: Observation, rubbing: FrictionMotion, problem: Problem, best: Array
+) -> Array | None:
     """By the nominal values of what the law names; None where one of them is unknown and has none."""
     space = problem.posterior.space
     named = one.named(one.response.parameters)
@@ -306,7 +322,7 @@ def _nominal(one: Observation, rubbing: Rubbing, problem: Problem, best: Array) 
     if not own & {*space.free} or not own & {*space.free} <= {*problem.nominal}:
         return None
     values = {name: problem.nominal.get(name, x) for name, x in zip(space.free, best, strict=True)}
-    return np.asarray(curve(one, rubbing, space.full(space.vector(values)[None])).sizes[0])
+    return np.asarray(friction_curve(one, rubbing, space.full(space.vector(values)[None])).sizes[0])
 
 
 EXPERIMENTS: Mapping[str, str] = {
@@ -318,13 +334,13 @@ EXPERIMENTS: Mapping[str, str] = {
 }
 
 
-def friction_sentences(found: Told) -> str:
+def friction_sentences(found: FrictionConfounding) -> str:
     """A line for each; empty where there is nothing."""
     alike = (_alike(one, found.roles) for one in found.alike)
     return "\n".join([*alike, *map(_unseen, found.unseen)])
 
 
-def _alike(one: Alike, roles: Roles) -> str:
+def _alike(one: Confounded, roles: Roles) -> str:
     motor, shaft, rotor = roles.motor, roles.shaft, roles.rotor
     known = "it were" if len(one.rivals) == 1 else "these were"
     swings = f"both take from each swing, and only {rotor.damping} from steady turning"
@@ -345,7 +361,7 @@ def _alike(one: Alike, roles: Roles) -> str:
     )
 
 
-def _unseen(one: Unseen) -> str:
+def _unseen(one: UnseenStiction) -> str:
     speed = f"{one.deeds.slowest:.3g} rad/s"
     return (
         f"friction: static friction {one.deeds.where} does not show: once it turns, it never sticks and "
@@ -355,7 +371,7 @@ def _unseen(one: Unseen) -> str:
     )
 
 
-def _did(deeds: Deeds, roles: Roles) -> str:
+def _did(deeds: Excitation, roles: Roles) -> str:
     """What the rig did not do."""
     what, unit = {
         roles.motor.speed: ("the motor turns", "rad/s"),
@@ -367,7 +383,7 @@ def _did(deeds: Deeds, roles: Roles) -> str:
     return f"{what} at about one speed, {speeds}" if deeds.one_speed else ""
 
 
-def _proposed(name: str, proposals: Sequence[Proposal]) -> str:
+def _proposed(name: str, proposals: Sequence[ProposedExperiment]) -> str:
     each = [
         f"{EXPERIMENTS[one.what].format(volts=one.volts)} (sd {_about(one.shrink)} times smaller)"
         for one in proposals

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from bayesdrill.analysis.identifiability.study import Study
-from bayesdrill.analysis.latent_torque import TAILS, Follows, Shaking
+from bayesdrill.analysis.identifiability.study import IdentifiabilityStudy
+from bayesdrill.analysis.latent_torque import TAILS, TorqueEstimate, TorqueRegression
 from bayesdrill.basics import symbols
 from bayesdrill.basics.arrays import Array
 from bayesdrill.basics.symbols import Symbol
@@ -62,7 +62,7 @@ class Shown:
     against: tuple[Against, ...]
 
 
-def torque_shown(found: Shaking, clock: Unit) -> Shown:
+def torque_shown(found: TorqueEstimate, clock: Unit) -> Shown:
     return Shown(
         t=found.t / clock.factor,
         time=dataclasses.replace(TIME, latex_unit=clock.latex),
@@ -73,7 +73,7 @@ def torque_shown(found: Shaking, clock: Unit) -> Shown:
     )
 
 
-def _against(found: Shaking) -> Iterator[Against]:
+def _against(found: TorqueEstimate) -> Iterator[Against]:
     """Its own speed first, the other one, the angle within a turn, the inputs that were measured."""
     for name, speed in found.speeds:
         geared = found.gear != 1.0
@@ -87,7 +87,7 @@ def _against(found: Shaking) -> Iterator[Against]:
             yield _binned(found, symbols.INPUTS[name], values)
 
 
-def _binned(found: Shaking, label: Symbol, values: Array) -> Against:
+def _binned(found: TorqueEstimate, label: Symbol, values: Array) -> Against:
     edges = np.linspace(values.min(), values.max(), BINS + 1)
     which = np.clip(np.searchsorted(edges, values, side="right") - 1, 0, BINS - 1)
     counts = np.bincount(which, minlength=BINS)
@@ -169,7 +169,7 @@ def followed(found: TorqueSummary) -> str:
     return "\n".join(_line(found, one) for one in taken)
 
 
-def _line(found: TorqueSummary, one: Follows) -> str:
+def _line(found: TorqueSummary, one: TorqueRegression) -> str:
     size, sd = abs(one.size), f"{one.sd:.1g}"
     against = one.size < 0
     turning = found.turning
@@ -201,7 +201,7 @@ UNITS = {
 }
 
 
-def _what(found: TorqueSummary, one: Follows) -> str:
+def _what(found: TorqueSummary, one: TorqueRegression) -> str:
     motor = one.of == found.roles.motor.speed
     speed = f"the speed of {'the motor' if motor else 'rotor 1'}"
     return {
@@ -215,7 +215,7 @@ def _what(found: TorqueSummary, one: Follows) -> str:
     }[one.kind]
 
 
-def stand_ins(study: Study) -> str:
+def stand_ins(study: IdentifiabilityStudy) -> str:
     """What a missing torque can stand in for, a line for each; empty where there is nothing."""
     lines = []
     for *others, size in study.scaled:
@@ -245,7 +245,7 @@ def torque_table(found: TorqueSummary) -> Table:
     return Table(HEADS, tuple(lines), frozenset(HEADS[:1]))
 
 
-def torque_csv(every: Sequence[Shaking]) -> str | None:
+def torque_csv(every: Sequence[TorqueEstimate]) -> str | None:
     """SI, a line for each sample; None where no torque is missing."""
     if not every:
         return None

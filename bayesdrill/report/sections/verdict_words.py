@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 
-from bayesdrill.analysis.comparison import Repeat
-from bayesdrill.analysis.identifiability.structure import Resting
-from bayesdrill.analysis.plausibility import Vague
+from bayesdrill.analysis.comparison import RepeatedProduct
+from bayesdrill.analysis.identifiability.structure import DependsOnFixed
+from bayesdrill.analysis.plausibility import DiffusePrior
 from bayesdrill.analysis.verdict import FALSE_ALARM, Quantity, Verdict
 from bayesdrill.basics.symbols import Symbol, unit_product
 from bayesdrill.inference.step_error import ENOUGH, FINER, StepError
@@ -28,7 +28,7 @@ EVIDENCE_EXPLAINED = (
 )
 
 
-def evidence_sentences(found: Evidence, priors: Sequence[Vague], *, converged: bool) -> str:
+def evidence_sentences(found: Evidence, priors: Sequence[DiffusePrior], *, converged: bool) -> str:
     """A line, and one for what makes it doubtful."""
     lines = [f"log evidence: {evidence_said(found)}"]
     if found.steps_error:
@@ -70,7 +70,7 @@ REPEATS_EXPLAINED = (
 )
 
 
-def repeats_sentence(found: Sequence[Repeat], names: Sequence[str]) -> str:
+def repeats_sentence(found: Sequence[RepeatedProduct], names: Sequence[str]) -> str:
     """Whether the experiments agree; empty where there are not two that could differ."""
     if not found:
         return ""
@@ -92,7 +92,7 @@ def repeats_sentence(found: Sequence[Repeat], names: Sequence[str]) -> str:
     )
 
 
-def repeats_table(found: Sequence[Repeat], names: Sequence[str]) -> Table:
+def repeats_table(found: Sequence[RepeatedProduct], names: Sequence[str]) -> Table:
     """A line for each product."""
     labels = list(dict.fromkeys(label for one in found for label in one.labels))
     heads = ("", *labels, "spread", "by chance")
@@ -164,7 +164,7 @@ def verdict_sentences(
     believed: bool = True,
     records: int = 1,
     lacking: str = "",
-    rests: Sequence[Resting] = (),
+    rests: Sequence[DependsOnFixed] = (),
 ) -> str:
     """The whole in a sentence, then what it rests on, what is not determined and what is pressed.
 
@@ -251,7 +251,7 @@ def verdict_sentence(found: Verdict, table: str, records: int = 1) -> str:
     return f"{opening}; {every} with {table}{together}"
 
 
-def _resting(found: Verdict, rests: Sequence[Resting]) -> list[str]:
+def _resting(found: Verdict, rests: Sequence[DependsOnFixed]) -> list[str]:
     """What is judged only as far as a number is right that the config holds, or a prior."""
     judged = [q for q in verdict_rows(found) if q.says != "not determined"]
     lines: dict[tuple[str, str], list[str]] = {}
