@@ -248,7 +248,10 @@ def _simulated(posterior: Posterior, rng: np.random.Generator) -> tuple[Array, P
         if all(np.all(np.isfinite(each)) for each in signals):
             break
     else:
-        message = f"the model has no finite response at {MAX_PRIOR_TRIES} draws from the priors; narrow them"
+        message = (
+            f"the model has no finite response at {MAX_PRIOR_TRIES} draws from the priors; narrow "
+            "them"
+        )
         raise InputError.one("parameters", message)
     pairs = zip(likelihood.observations, signals, strict=True)
     records = [observation.draw(each, theta, rng)[0] for observation, each in pairs]
