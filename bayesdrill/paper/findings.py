@@ -122,20 +122,20 @@ def prepare(configs: Path) -> Studies:
         raise InputError(problems)
     pairwise = []
     for nine in nines:
-        own = nine.config.map.model_copy(update={"method": "pairwise"})
-        pairwise.append(optimiser_of(nine.config.model_copy(update={"map": own})))
+        settings = nine.config.map.model_copy(update={"method": "pairwise"})
+        pairwise.append(optimiser_of(nine.config.model_copy(update={"map": settings})))
         pairwise[-1].check(nine.problem.names)
     return Studies(two=two, nines=tuple(nines), pairwise=tuple(pairwise), makers=makers)
 
 
 def _of_noise(jobs: Sequence[Job]) -> list[Issue]:
     return [
-        own.source.problem(
+        jobs_of_noise.source.problem(
             ("record", "channels"),
             "the paper's misfit needs known noise; give each sigma as a number",
         )
-        for own in jobs
-        if own.problem.posterior.likelihood.noise.unknowns
+        for jobs_of_noise in jobs
+        if jobs_of_noise.problem.posterior.likelihood.noise.unknowns
     ]
 
 
@@ -153,14 +153,14 @@ def _of_two(two: Job) -> list[Issue]:
 
 
 def _of_nines(nines: Sequence[Job]) -> list[Issue]:
-    taken, problems = {output_files.FIGURES}, []
+    used, problems = {output_files.FIGURES}, []
     for nine in nines:
         if len(set(nine.problem.names) & set(printed.NINE_PARAMETERS)) < 2:
             message = "the heuristic needs two unknown parameters or more; give a prior to more"
             problems.append(nine.source.problem(("parameters",), message))
         name = nine.config.name.casefold()  # as some file systems do
-        if name in taken:
+        if name in used:
             message = f"{name} is the name of something else in the results; give another"
             problems.append(nine.source.problem(("name",), message))
-        taken.add(name)
+        used.add(name)
     return problems

@@ -106,7 +106,7 @@ def _march(
     rate = float(np.max(np.abs(slope) / size))
     # As long as a third-order error of that relative rate of change allows.
     h = min(longest, SAFETY * rtol**THIRD / rate) if rate > 0 else longest
-    made, inverse = 0.0, matrix  # the step that `inverse` is for
+    inverse_step, inverse = 0.0, matrix  # the step that `inverse` is for
     # Slope of the slope over the step before; at the start, the true one, as of a step of length 0.
     bend, before = matrix @ slope, 0.0
     while now < end:
@@ -114,8 +114,8 @@ def _march(
             h = end - now
         if not h > 16 * np.spacing(max(abs(now), abs(end))) and h < end - now:
             break
-        if h != made:
-            inverse, made = _inverse(matrix, h), h
+        if h != inverse_step:
+            inverse, inverse_step = _inverse(matrix, h), h
         x_new = x + inverse @ (h * slope)
         slope_new = matrix @ x_new + forcing
         bend_new = (slope_new - slope) / h
@@ -142,11 +142,11 @@ def _march(
 
 def _inverse(matrix: Array, h: float) -> Array:
     """(1 - h A/2)^-1; no numbers where there is none, which is then a step in vain."""
-    left = np.eye(len(matrix)) - 0.5 * h * matrix
+    lhs = np.eye(len(matrix)) - 0.5 * h * matrix
     try:
-        return np.linalg.inv(left)
+        return np.linalg.inv(lhs)
     except np.linalg.LinAlgError:
-        return np.full_like(left, np.nan)
+        return np.full_like(lhs, np.nan)
 
 
 def _between(ends: Array, states: Array, slopes: Array, t: Array) -> Array:
@@ -207,11 +207,11 @@ class Error:
 def readings(experiment: Experiment, p: Mapping[str, float]) -> tuple[Reading, ...]:
     """The same step with each reading, at parameters `p` (SI), followed for `FOLLOWED` s."""
     experiment = regular(experiment, FOLLOWED, 1 / experiment.dt)
-    k, found = experiment.names.index("w_2"), []
+    k, readings = experiment.names.index("w_2"), []
     for name, (matrix, model) in READINGS.items():
         exact, stepped, steps = _both(model, experiment, p)
         end = derived.steady(model, model.linear(p), 1, experiment.constant)["w_end"]
-        found.append(
+        readings.append(
             Reading(
                 name=name,
                 matrix=matrix,
@@ -225,7 +225,7 @@ def readings(experiment: Experiment, p: Mapping[str, float]) -> tuple[Reading, .
                 curve=exact[:, k],
             )
         )
-    return tuple(found)
+    return tuple(readings)
 
 
 def errors(experiment: Experiment, p: Mapping[str, float]) -> tuple[Error, ...]:

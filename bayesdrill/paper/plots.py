@@ -101,7 +101,7 @@ def readings_figure(readings: Sequence[Reading]) -> Figure:
         everything = scales.scale(*ranges[0])
         panels[0].axhspan(*(float(everything(x)) for x in near), **BAND)
         panels[1].set_facecolor(BAND["color"])
-        looks = {_ending(one): CURVES[k % len(CURVES)] for k, one in enumerate(readings)}
+        looks = {_ending(reading): CURVES[k % len(CURVES)] for k, reading in enumerate(readings)}
         _legend(figure, looks, 2, handlelength=3.0, labelspacing=0.25, columnspacing=1.6)
     return figure
 
@@ -155,25 +155,25 @@ def _errors(panel: Axes, v: Verification, k: int, printed: Mapping[float, paper.
     sigmas, each = np.array([*v.values]), v.values.values()
 
     def percent(what: str) -> Array:
-        return np.array([100.0 * abs(own[what][k]) / abs(own["truth"][k]) for own in each])
+        return np.array([100.0 * abs(values[what][k]) / abs(values["truth"][k]) for values in each])
 
     shown = np.array([[s, cell.deviation] for s, cell in sorted(printed.items())]).reshape(-1, 2)
     bound, fminsearch, scaled = map(percent, ("bound", "sd_fminsearch", "sd_scaled"))
-    every = [usable(np.concatenate([bound, fminsearch, scaled, shown[:, 1]]))]
+    errors = [usable(np.concatenate([bound, fminsearch, scaled, shown[:, 1]]))]
     for side, way in ((-1, "fminsearch"), (1, "scaled")):
-        for sigma, own in v.values.items():
-            truth = own["truth"][k]
+        for sigma, values in v.values.items():
+            truth = values["truth"][k]
             off = 100.0 * np.abs(v.estimates[way][sigma][:, k] - truth) / abs(truth)
             off = off[off > 0]
             panel.plot(np.full(len(off), sigma * 10 ** (side * ASIDE)), off, **SINGLES)
-            every.append(off)
+            errors.append(off)
     panel.plot(sigmas, bound, zorder=2, **BOUND)
     panel.plot(sigmas, fminsearch, zorder=3, **FMINSEARCH)
     panel.plot(sigmas, scaled, zorder=4, **SCALED)
     panel.plot(*shown.T, zorder=5, **PRINTED)
-    lowest, *singles = every
+    lowest, *singles = errors
     low = min([lowest.min(), *(np.quantile(off, LEAST_SHARE) for off in singles if len(off))])
-    high = max(off.max() for off in every if len(off))
+    high = max(off.max() for off in errors if len(off))
     set_decades(panel.yaxis, low / 1.6, high * 1.6)
     set_decades(panel.xaxis, sigmas.min() / 2.2, sigmas.max() * 2.2)
 
@@ -252,9 +252,9 @@ def _scales(panel: Axes, ends: Sequence[End], symmetries: Sequence[str]) -> None
     factors = np.exp([end.scales[: len(symmetries)] for end in ends]).reshape(len(ends), -1)
     strip = len(symmetries) == 1
     for k, way in enumerate(_ways(ends)):
-        chosen = [end.way == way for end in ends]
-        x = factors[chosen, 0]
-        y = np.full(len(x), float(k)) if strip else factors[chosen, 1]
+        selected = [end.way == way for end in ends]
+        x = factors[selected, 0]
+        y = np.full(len(x), float(k)) if strip else factors[selected, 1]
         _marks(panel, x, y, [end for end in ends if end.way == way])
     panel.plot([1.0], [0.5 * (len(_ways(ends)) - 1) if strip else 1.0], **TRUTH)
     for axis, factor, latex in zip((panel.xaxis, panel.yaxis), factors.T, symmetries, strict=False):
@@ -270,9 +270,9 @@ def _scales(panel: Axes, ends: Sequence[End], symmetries: Sequence[str]) -> None
 
 def _misfits(panel: Axes, ends: Sequence[End]) -> None:
     for way in _ways(ends):
-        chosen = [end for end in ends if end.way == way]
-        x, y = np.array([(end.distance, end.misfit) for end in chosen]).T
-        _marks(panel, x, y, chosen)
+        selected = [end for end in ends if end.way == way]
+        x, y = np.array([(end.distance, end.misfit) for end in selected]).T
+        _marks(panel, x, y, selected)
     panel.axhline(1.0, **FLOOR)
     finite = [end.distance for end in ends if np.isfinite(end.distance)]
     _from_zero(panel, max([0.1, *finite]), 0.03)
@@ -283,9 +283,9 @@ def _misfits(panel: Axes, ends: Sequence[End]) -> None:
 def _marks(panel: Axes, x: Array, y: Array, ends: Sequence[End]) -> None:
     """Filled where the noise floor was reached, open where it was not."""
     for reached in (True, False):
-        chosen = np.array([end.reached is reached for end in ends], dtype=bool)
-        if chosen.any():
-            panel.plot(x[chosen], y[chosen], **_end(ends[0].way, reached=reached))
+        selected = np.array([end.reached is reached for end in ends], dtype=bool)
+        if selected.any():
+            panel.plot(x[selected], y[selected], **_end(ends[0].way, reached=reached))
 
 
 def _end(way: str, *, reached: bool) -> dict[str, Any]:
@@ -313,20 +313,20 @@ PATHS: tuple[Look, ...] = (
 )
 
 
-def convergence_figure(found: Sequence[tuple[str, Heuristic]]) -> Figure:
+def convergence_figure(heuristics: Sequence[tuple[str, Heuristic]]) -> Figure:
     """Misfit per number after each iteration, by name of the record."""
     with style.styled():
         figure, (panel,) = replace(ALONE, row=2.0, top=0.46).build(1)
         looks = {}
-        for k, (name, heuristic) in enumerate(found):
+        for k, (name, heuristic) in enumerate(heuristics):
             look, misfits = PATHS[k % len(PATHS)], heuristic.misfits
             panel.step(np.arange(len(misfits)), misfits, where="post", zorder=3, **look)
             panel.plot(len(misfits) - 1, misfits[-1], marker="o", markersize=4, color=look["color"])
             looks[f"record {name}".replace("$", r"\$")] = look
         panel.axhline(1.0, **FLOOR)
-        every = [heuristic.misfits for _, heuristic in found]
-        _misfit_axis(panel, np.concatenate(every))
-        _from_zero(panel, max(len(misfits) for misfits in every) - 1 or 1, 0.02)
+        series = [heuristic.misfits for _, heuristic in heuristics]
+        _misfit_axis(panel, np.concatenate(series))
+        _from_zero(panel, max(len(misfits) for misfits in series) - 1 or 1, 0.02)
         panel.set_xlabel("iteration of the heuristic")
         _legend(figure, {**looks, "noise floor": FLOOR}, 2, labelspacing=0.25)
     return figure

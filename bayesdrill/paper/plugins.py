@@ -118,13 +118,13 @@ def descend(function: Callable[[Array], float], start: Array, **options: Any) ->
         history.append(lowest)
 
     with np.errstate(invalid="ignore"):  # where all of a simplex is impossible
-        found = minimize(noted, start, method="Nelder-Mead", callback=note, options=options)
+        result = minimize(noted, start, method="Nelder-Mead", callback=note, options=options)
     return Run(
-        x=best if lowest < found.fun else np.asarray(found.x),
+        x=best if lowest < result.fun else np.asarray(result.x),
         first=values[0],
         lowest=lowest,
         evaluations=len(values),
-        stopped=bool(found.status == 0),
+        stopped=bool(result.status == 0),
         history=tuple(history),
     )
 
@@ -177,8 +177,8 @@ ORDER = ("t_f", "j_m", "c_m", "k_e", "k_T", "r_m", "l_m", "k_s", "j_1")  # the p
 
 def circle(names: Sequence[str]) -> Pairs:
     """The paper's pairs of those unknowns: each with the next, and the last with the first."""
-    rest = [name for name in names if name not in ORDER]
-    chain = [*(name for name in ORDER if name in names), *rest]
+    others = [name for name in names if name not in ORDER]
+    chain = [*(name for name in ORDER if name in names), *others]
     if len(chain) < 2:
         raise ValueError("pairs need two unknowns; there is only one, so use nelder_mead")
     return tuple(zip(chain, [*chain[1:], chain[0]], strict=True))[

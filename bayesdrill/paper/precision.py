@@ -58,14 +58,14 @@ def lengths(
     likelihood: Likelihood, truth: Mapping[str, float], grid: Sequence[tuple[float, float]]
 ) -> tuple[Length, ...]:
     """Of records of (duration [s], rate [Hz]), otherwise like the one there is."""
-    found = []
+    lengths = []
     for duration, rate in grid:
         experiment = regular(likelihood.response.experiment, duration, rate)
         response = Response(likelihood.response.model, experiment)
         noise = likelihood.noise.for_length(len(experiment.t))
         longer = likelihood.with_alone(response=response, noise=noise)
-        found.append(Length(duration=duration, rate=rate, bounds=at_sigma_1(longer, truth)))
-    return tuple(found)
+        lengths.append(Length(duration=duration, rate=rate, bounds=at_sigma_1(longer, truth)))
+    return tuple(lengths)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -83,7 +83,7 @@ class Implied:
     noise_k_e: float
 
 
-def implied_noise(one: Mapping[str, float]) -> tuple[Implied, ...]:
+def implied_noise(values: Mapping[str, float]) -> tuple[Implied, ...]:
     """Given the relative bounds at sigma 1: what noise the printed deviations would come from."""
     table = {
         f"{sigma:g}": {name: cell.deviation for name, cell in row.items()}
@@ -93,15 +93,15 @@ def implied_noise(one: Mapping[str, float]) -> tuple[Implied, ...]:
         name: float(np.mean([row[name] ** 2 for row in table.values()])) for name in printed.START
     }
     table["rms"] = {name: math.sqrt(square) for name, square in squares.items()}
-    table["bound"] = {name: 100 * 1e-3 * one[name] for name in printed.START}
+    table["bound"] = {name: 100 * 1e-3 * values[name] for name in printed.START}
     return tuple(
         Implied(
             row=label,
             c_m_percent=row["c_m"],
             k_e_percent=row["k_e"],
             ratio=row["c_m"] / row["k_e"],
-            noise_c_m=row["c_m"] / 100 / one["c_m"],
-            noise_k_e=row["k_e"] / 100 / one["k_e"],
+            noise_c_m=row["c_m"] / 100 / values["c_m"],
+            noise_k_e=row["k_e"] / 100 / values["k_e"],
         )
         for label, row in table.items()
     )
@@ -155,7 +155,7 @@ def with_sigma(posterior: Posterior, sigma: float) -> Posterior:
     noise = posterior.likelihood.noise
     known = dict.fromkeys(range(noise.n_channels), sigma)
     other = dataclasses.replace(noise, known=known)
-    return posterior.edit(each=lambda one: dataclasses.replace(one, noise=other))
+    return posterior.edit(each=lambda observation: dataclasses.replace(observation, noise=other))
 
 
 SAME = 1e-6  # relative, and absolute: records hold nine digits
@@ -176,11 +176,11 @@ def truth_of(case: ResolvedCase, makers: Sequence[ResolvedCase]) -> dict[str, fl
     return None
 
 
-def _of_model(own: Model, rig: Model, values: dict[str, float]) -> dict[str, float] | None:
-    """The parameters of `own` that make it the `rig` with these `values`; None if it cannot be told."""
-    if own == rig:
+def _of_model(model: Model, rig: Model, values: dict[str, float]) -> dict[str, float] | None:
+    """Return the parameters of `model` that make it the `rig` with these `values`, or None."""
+    if model == rig:
         return values
-    if isinstance(own, MotorShaft) and isinstance(rig, TwoRotors) and own.i_m == rig.i_m:
+    if isinstance(model, MotorShaft) and isinstance(rig, TwoRotors) and model.i_m == rig.i_m:
         return {name: float(x) for name, x in rig.whole(values).items()}
     return None
 
@@ -190,10 +190,10 @@ def _same(text: str, other: str) -> bool:
     if text.partition("\n")[0] != other.partition("\n")[0]:
         return False
     try:
-        one, two = (
+        first, second = (
             np.loadtxt(io.StringIO(table), delimiter=",", skiprows=1, ndmin=2)
             for table in (text, other)
         )
     except ValueError:  # other numbers than a simulation writes
         return False
-    return one.shape == two.shape and np.allclose(one, two, rtol=SAME, atol=SAME)
+    return first.shape == second.shape and np.allclose(first, second, rtol=SAME, atol=SAME)

@@ -136,7 +136,7 @@ def inconsistencies() -> tuple[Inconsistency, ...]:
         for name, cell in row.items()
     ]
     estimates += [(f"{n} in Table 3: deviation", n, cell) for n, cell in NINE_PARAMETERS.items()]
-    return (*of_tables, *_of_rig(), *filter(None, (_odd(*one) for one in estimates)))
+    return (*of_tables, *_of_rig(), *filter(None, (_odd(*estimate) for estimate in estimates)))
 
 
 def _of_rig() -> list[Inconsistency]:
@@ -256,28 +256,31 @@ def causes(posterior: Posterior, mode: Array, estimate: Array, draws: Array) -> 
     columns["heuristic"] = _at(posterior, estimate[None], inputs)
     drawn = _at(posterior, draws, inputs)
     alone = _alone(posterior, mode, inputs)
-    found = []
+    causes = []
     for name, value in guess.items():
         logs = np.log(drawn[name] / value)
         logs = logs[np.isfinite(logs)]
         there = np.ptp(logs) > GIVEN
         low, high = np.exp(hdi(logs)).tolist() if there else (None, None)
-        found.append(
+        causes.append(
             Cause(
                 quantity=name,
-                **{column: float((own[name] / value)[0]) for column, own in columns.items()},
+                **{
+                    column: float((values_by_name[name] / value)[0])
+                    for column, values_by_name in columns.items()
+                },
                 posterior=float(np.exp(np.median(logs))) if there else None,
                 hdi_low=low,
                 hdi_high=high,
                 alone=alone[name] if there else None,
             )
         )
-    return tuple(found)
+    return tuple(causes)
 
 
 def quantities(model: Model, p: Named, inputs: Mapping[str, float], n: int) -> dict[str, Array]:
     """By name, each `(n,)`, SI; NaN where a draw has no such value."""
-    found = {
+    values = {
         name: np.asarray(math.prod(np.asarray(p[q]) ** float(e) for q, e in powers.items()))
         for name, powers in PRODUCTS.items()
     }
@@ -285,8 +288,8 @@ def quantities(model: Model, p: Named, inputs: Mapping[str, float], n: int) -> d
     rigs = {name: np.broadcast_to(np.asarray(p[name], dtype=float), n) for name in model.parameters}
     linear = model.linear(rigs)
     both = {**derived.poles(model, linear, n), **derived.steady(model, linear, n, inputs)}
-    every = {**found, **{name: both[name] for name in FOLLOWING}}
-    return {name: np.broadcast_to(x, n) for name, x in every.items()}
+    quantities = {**values, **{name: both[name] for name in FOLLOWING}}
+    return {name: np.broadcast_to(x, n) for name, x in quantities.items()}
 
 
 def with_missing(*, j_2: float = 0.0, r_s: float = 0.0) -> dict[str, float]:
@@ -337,15 +340,15 @@ def tones(j_1: float, j_2: float, n: int) -> tuple[Tone, ...]:
 
     def residue(phase: float) -> float:
         """At w L/c = phase; a_n is then J_n phase over the inertia of the shaft itself."""
-        own = DENSITY * area * plausibility.SHAFT_LENGTH
-        a_1, a_2 = j_1 * phase / own, j_2 * phase / own
+        inertia = DENSITY * area * plausibility.SHAFT_LENGTH
+        a_1, a_2 = j_1 * phase / inertia, j_2 * phase / inertia
         return (a_1 + a_2) * math.cos(phase) + (1 - a_1 * a_2) * math.sin(phase)
 
     lumped = math.sqrt(stiffness * (1 / j_1 + 1 / j_2)) / (2 * math.pi)
-    found = []
+    tones = []
     for mode in range(1, n + 1):
         low, high = (mode - 1) * math.pi + 1e-9, mode * math.pi - 1e-9
         phase = brentq(residue, low, high, xtol=1e-15, rtol=1e-14)
         frequency = phase * speed / plausibility.SHAFT_LENGTH / (2 * math.pi)
-        found.append(Tone(mode=mode, distributed=frequency, lumped=lumped if mode == 1 else None))
-    return tuple(found)
+        tones.append(Tone(mode=mode, distributed=frequency, lumped=lumped if mode == 1 else None))
+    return tuple(tones)

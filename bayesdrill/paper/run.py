@@ -153,12 +153,12 @@ def _nine(
     """Heuristic and posterior of one record; the posterior has a results folder of its own."""
     name, posterior = nine.config.name, nine.problem.posterior
     with WorkerPool(posterior, processes) as pool:
-        found = run_heuristic(pool, posterior, search, OTHERS, nine.config.seed)
+        heuristic = run_heuristic(pool, posterior, search, OTHERS, nine.config.seed)
     clock.done(f"{name}: the heuristic from {OTHERS + 1} starts, and with the paper's integrator")
     whole = pipeline.posterior(nine, folder / name, "force", processes, Silent())
     state = "converged" if whole.sampled.convergence.converged else "NOT converged"
     clock.done(f"{name}: the posterior, {state}")
-    draws = whole.sampled.draws.reshape(-1, len(found.estimate))
+    draws = whole.sampled.draws.reshape(-1, len(heuristic.estimate))
     values = truth_of(nine.case, makers)
     truth = None if values is None else posterior.space.vector(values)
     mode = posterior.space.vector(whole.mode.values)
@@ -172,28 +172,28 @@ def _nine(
             *(f"{name} = {tie.text}" for name, tie in posterior.space.relations.items()),
         ),
         experiment=nine.problem.experiment,
-        heuristic=found,
-        signals=posterior.likelihood.signals(found.estimate[None])[0],
+        heuristic=heuristic,
+        signals=posterior.likelihood.signals(heuristic.estimate[None])[0],
         truth=truth,
         draws=draws,
         verdict=whole.verdict,
-        misfits=_misfits(nine, found, mode, truth),
-        causes=printed.causes(posterior, mode, found.estimate, draws),
+        misfits=_misfits(nine, heuristic, mode, truth),
+        causes=printed.causes(posterior, mode, heuristic.estimate, draws),
         converged=whole.sampled.convergence.converged,
     )
 
 
-def _misfits(nine: Job, found: Heuristic, mode: Array, truth: Array | None) -> Misfits:
+def _misfits(nine: Job, heuristic: Heuristic, mode: Array, truth: Array | None) -> Misfits:
     posterior = nine.problem.posterior
     numbers = posterior.likelihood.numbers
     low, high = precision.expected_misfit(numbers)
     return Misfits(
         record=nine.config.name,
         numbers=numbers,
-        guess=precision.misfit_per_number(posterior, found.guess),
-        heuristic=precision.misfit_per_number(posterior, found.estimate),
-        others=float(found.others_misfits.max()),
-        stepped=found.stepped_misfit,
+        guess=precision.misfit_per_number(posterior, heuristic.guess),
+        heuristic=precision.misfit_per_number(posterior, heuristic.estimate),
+        others=float(heuristic.others_misfits.max()),
+        stepped=heuristic.stepped_misfit,
         map=precision.misfit_per_number(posterior, mode),
         truth=None if truth is None else precision.misfit_per_number(posterior, truth),
         low=low,

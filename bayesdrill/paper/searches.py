@@ -103,23 +103,23 @@ def many_searches(
         for way, optimiser in precision.WAYS.items()
         for point in points
     ]
-    found = [(way, task.result()) for way, task in tasks]
+    results = [(way, task.result()) for way, task in tasks]
     likelihood = posterior.likelihood
-    misfits = likelihood.per_number(np.array([end.theta for _, end in found]))
+    misfits = likelihood.per_number(np.array([end.theta for _, end in results]))
     _, floor = precision.expected_misfit(likelihood.numbers)
     least = misfits.min() + SAME / likelihood.numbers
     ends = []
-    for (way, end), left in zip(found, misfits, strict=True):
-        scales, rest, distance = distinct_ends(end.theta, reference, symmetries)
+    for (way, end), misfit in zip(results, misfits, strict=True):
+        scales, remainder, distance = distinct_ends(end.theta, reference, symmetries)
         ends.append(
             End(
                 way=way,
-                misfit=float(left),
-                reached=bool(left < floor),
-                best=bool(left < least),
+                misfit=float(misfit),
+                reached=bool(misfit < floor),
+                best=bool(misfit < least),
                 settled=end.settled,
                 scales=scales,
-                rest=rest,
+                rest=remainder,
                 distance=distance,
             )
         )
@@ -135,10 +135,10 @@ def distinct_ends(
     for row, exponents in zip(rows, symmetries, strict=True):
         row[: len(exponents)] = exponents  # noise levels have no part in them
     scales = np.linalg.lstsq(rows.T, logs, rcond=None)[0]
-    rest = logs - scales @ rows
+    remainder = logs - scales @ rows
     return (
         tuple(map(float, scales)),
-        float(np.sqrt(np.mean(rest**2))),
+        float(np.sqrt(np.mean(remainder**2))),
         float(np.sqrt(np.mean(logs**2))),
     )
 
@@ -175,16 +175,16 @@ def run_heuristic(
     if not posterior.likelihood.response.experiment.series:
         by_integrator = pool.submit(replace(search, stepped=True), guess)
     tasks = [pool.submit(search, point) for point in (guess, *(guess * around))]
-    found, *rest = [task.result() for task in tasks]
+    first_result, *other_results = [task.result() for task in tasks]
     first = precision.misfit_per_number(posterior, guess)
     # The misfit is -2 log likelihood but for a constant, which the first point tells.
     density = posterior.likelihood(guess[None])[0]
-    path = first - 2.0 * (np.array(found.history) - density) / posterior.likelihood.numbers
-    others = np.array([other.theta for other in rest]).reshape(starts, len(guess))
+    path = first - 2.0 * (np.array(first_result.history) - density) / posterior.likelihood.numbers
+    others = np.array([other.theta for other in other_results]).reshape(starts, len(guess))
     end = None if by_integrator is None else by_integrator.result().theta
     return Heuristic(
         guess=guess,
-        estimate=found.theta,
+        estimate=first_result.theta,
         misfits=np.array([first, *path]),
         others=others,
         others_misfits=posterior.likelihood.per_number(others),
@@ -217,15 +217,15 @@ def control(
         sigma: [pool.submit(_of_record, search, truth, sigma, seed, k) for k in range(records)]
         for sigma in sigmas
     }
-    found = []
-    for sigma, own in tasks.items():
-        estimates = np.array([task.result() for task in own])
+    controls = []
+    for sigma, futures in tasks.items():
+        estimates = np.array([task.result() for task in futures])
         largest = 100 * np.abs(estimates / truth - 1).max(axis=0)
-        found += [
+        controls += [
             Control(sigma=sigma, parameter=name, largest_percent=float(off), records=records)
             for name, off in zip(posterior.space.free, largest, strict=True)
         ]
-    return tuple(found)
+    return tuple(controls)
 
 
 VERIFICATION_EVALUATIONS = 4000  # of one search, at most
@@ -281,38 +281,38 @@ def verify(
         for s in sigmas
         for name, how in _STEPPED.items()
     }
-    found: dict[str, dict[float, Array]] = {
+    estimates_by_way: dict[str, dict[float, Array]] = {
         way: {s: np.concatenate([t.result() for t in tasks[way, s]]) for s in sigmas}
         for way in WAYS
     }
-    one = bounds(posterior.likelihood, truth)
+    bound = bounds(posterior.likelihood, truth)
     values: dict[float, dict[str, Array]] = {}
     for sigma in sigmas:
         clean = precision.clean_record(precision.with_sigma(posterior, sigma), truth)
         mean, sd, _ = posteriors[sigma].result()
         values[sigma] = {
-            **{way: found[way][sigma][0] for way in WAYS},
+            **{way: estimates_by_way[way][sigma][0] for way in WAYS},
             **{name: by_trapezoid[name, sigma].result() for name in _STEPPED},
             "weights_only": _search("fminsearch", clean, start),
             "posterior": mean,
             "posterior_sd": sd,
-            "bound": sigma * one,
+            "bound": sigma * bound,
             "truth": truth,
-            **{f"sd_{way}": found[way][sigma].std(axis=0, ddof=1) for way in WAYS},
+            **{f"sd_{way}": estimates_by_way[way][sigma].std(axis=0, ddof=1) for way in WAYS},
         }
     return Verification(
         names=space.free,
         records=records,
         values=values,
-        estimates=found,
+        estimates=estimates_by_way,
         converged=all(posteriors[sigma].result()[2] for sigma in sigmas),
     )
 
 
 _STEPPED: Mapping[str, Mapping[str, bool]] = {
-    "trapezoid_both": {"own": True, "noisy": True},
-    "trapezoid_fit": {"own": False, "noisy": True},
-    "weights_only_trapezoid": {"own": True, "noisy": False},
+    "trapezoid_both": {"from_integrator": True, "noisy": True},
+    "trapezoid_fit": {"from_integrator": False, "noisy": True},
+    "weights_only_trapezoid": {"from_integrator": True, "noisy": False},
 }
 
 
@@ -356,9 +356,9 @@ def _posterior(
 ) -> tuple[Array, Array, bool]:
     """Mean and standard deviation `(D,)` from record 0, and whether the ensembles converged."""
     target = precision.made_record(precision.with_sigma(posterior, sigma), truth, plan.seed, 0)
-    found = mode_search.search(target, THOROUGH, VERIFICATION_EVALUATIONS, truth)
+    search = mode_search.search(target, THOROUGH, VERIFICATION_EVALUATIONS, truth)
     with WorkerPool(target, 1) as alone:
-        start = target.space.vector(found.end)
+        start = target.space.vector(search.end)
         sampled = sample(alone, target, start[None], plan, MemoryBackend(), Silent())
     draws = sampled.draws.reshape(-1, len(truth))
     return draws.mean(axis=0), draws.std(axis=0, ddof=1), sampled.convergence.converged
@@ -371,17 +371,17 @@ def _by_trapezoid(
     start: Array,
     seed: int,
     *,
-    own: bool,
+    from_integrator: bool,
     noisy: bool,
 ) -> Array:
     """The estimate from record 0 as the paper integrates: `(D,)`.
 
-    `own`: the record is what that integrator gives; `noisy`: with noise.
+    `from_integrator`: the record is what that integrator gives; `noisy`: with noise.
     """
     sized = precision.with_sigma(posterior, sigma)
     exact = precision.clean_record(sized, truth)
     target = precision.made_record(sized, truth, seed, 0) if noisy else exact
-    if own:
+    if from_integrator:
         y = target.likelihood.response.experiment.y - exact.likelihood.response.experiment.y
         stepped = forward.stepped_signals(target.likelihood, truth)
         target = target.edit(records=[y + stepped])

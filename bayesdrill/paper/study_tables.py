@@ -122,32 +122,36 @@ ESTIMATES = (
 )  # of which only the deviation is told
 
 
-def lines_2(found: Verification) -> list[Row]:
+def lines_2(verification: Verification) -> list[Row]:
     """Of Table 2, one for each unknown at each sigma.  `*_percent` are relative to the truth."""
     lines: list[Row] = []
-    for sigma, values in found.values.items():
-        for k, name in enumerate(found.names):
-            own = {what: float(x[k]) for what, x in values.items()}
-            paper, scale = printed.TWO_PARAMETERS[sigma][name], 100.0 / own["truth"]
-            off = {what: scale * abs(x - own["truth"]) for what, x in own.items()}
+    for sigma, values in verification.values.items():
+        for k, name in enumerate(verification.names):
+            values_of_unknown = {what: float(x[k]) for what, x in values.items()}
+            paper, scale = printed.TWO_PARAMETERS[sigma][name], 100.0 / values_of_unknown["truth"]
+            off = {
+                what: scale * abs(x - values_of_unknown["truth"])
+                for what, x in values_of_unknown.items()
+            }
             lines.append(
                 {
                     "sigma": sigma,
                     "parameter": name,
                     "printed": paper.value,
                     "printed_percent": paper.deviation,
-                    "fminsearch": own["fminsearch"],
+                    "fminsearch": values_of_unknown["fminsearch"],
                     "fminsearch_percent": off["fminsearch"],
-                    "scaled": own["scaled"],
+                    "scaled": values_of_unknown["scaled"],
                     "scaled_percent": off["scaled"],
                     **{f"{what}_percent": off[what] for what in ESTIMATES},
-                    "bound_percent": scale * own["bound"],
-                    "posterior": own["posterior"],
-                    "posterior_sd_percent": scale * own["posterior_sd"],
-                    "spread_fminsearch_percent": scale * own["sd_fminsearch"],
-                    "spread_scaled_percent": scale * own["sd_scaled"],
-                    "efficiency_scaled": own["sd_scaled"] / own["bound"],
-                    "records": found.records,
+                    "bound_percent": scale * values_of_unknown["bound"],
+                    "posterior": values_of_unknown["posterior"],
+                    "posterior_sd_percent": scale * values_of_unknown["posterior_sd"],
+                    "spread_fminsearch_percent": scale * values_of_unknown["sd_fminsearch"],
+                    "spread_scaled_percent": scale * values_of_unknown["sd_scaled"],
+                    "efficiency_scaled": values_of_unknown["sd_scaled"]
+                    / values_of_unknown["bound"],
+                    "records": verification.records,
                 }
             )
     return lines
@@ -161,7 +165,7 @@ def lines_3(nine: Nine) -> list[Row]:
     `starts_percent`: standard deviation of the estimates from other starts, over the guess.
     `posterior`: its median; HDI: of the logarithm, 94 %; `holds`: whether the truth is in it.
     """
-    found, ours = nine.heuristic, [n for n in nine.names if n not in printed.NINE_PARAMETERS]
+    heuristic, ours = nine.heuristic, [n for n in nine.names if n not in printed.NINE_PARAMETERS]
     says = {
         nine.names[np.flatnonzero(q.exponents)[0]]: q.says
         for q in nine.verdict.parameters
@@ -170,8 +174,8 @@ def lines_3(nine: Nine) -> list[Row]:
     lines: list[Row] = []
     for name in (*(n for n in printed.NINE_PARAMETERS if n in nine.names), *ours):
         paper, k = printed.NINE_PARAMETERS.get(name), nine.names.index(name)
-        guess, estimate = float(found.guess[k]), float(found.estimate[k])
-        stepped = None if found.stepped is None else float(found.stepped[k])
+        guess, estimate = float(heuristic.guess[k]), float(heuristic.estimate[k])
+        stepped = None if heuristic.stepped is None else float(heuristic.stepped[k])
         truth = None if nine.truth is None else float(nine.truth[k])
         low, high = map(float, np.exp(hdi(np.log(nine.draws[:, k]))))
         lines.append(
@@ -185,7 +189,7 @@ def lines_3(nine: Nine) -> list[Row]:
                 "heuristic_percent": _off(estimate, guess),
                 "stepped": stepped,
                 "stepped_percent": _off(stepped, guess),
-                "starts_percent": 100 * float(found.others[:, k].std(ddof=1)) / guess,
+                "starts_percent": 100 * float(heuristic.others[:, k].std(ddof=1)) / guess,
                 "truth": truth,
                 "true_percent": _off(truth, guess),
                 "off_percent": _off(estimate, truth),
@@ -205,15 +209,15 @@ def _off(value: float | None, reference: float | None) -> float | None:
     return None if value is None or reference is None else 100 * (value / reference - 1)
 
 
-def ways(found: Findings) -> list[Row]:
+def ways(findings: Findings) -> list[Row]:
     """All searches of one way: how many are as good as the best, and how those lie apart.
 
     `scale_*`: standard deviation along a symmetry, `rest`: off both, of the logs; 0.01 is 1 %.  None
     where there is none.
     """
     lines: list[Row] = []
-    for way in dict.fromkeys(end.way for end in found.ends):
-        ends = [end for end in found.ends if end.way == way]
+    for way in dict.fromkeys(end.way for end in findings.ends):
+        ends = [end for end in findings.ends if end.way == way]
         there = [end for end in ends if end.best]
         misfits = np.array([end.misfit for end in ends])
         lines.append(
@@ -245,7 +249,7 @@ def _rms(values: Sequence[float]) -> float | None:
 ATTAINED = printed.TWO_PARAMETERS[1.0]["c_m"].deviation  # per cent of c_m at sigma 1
 
 
-def lengths(found: Sequence[Length]) -> list[Row]:
+def lengths(lengths: Sequence[Length]) -> list[Row]:
     """Cramer-Rao bounds of a record at sigma 0.001, and how many such records at sigma 1 attain c_m."""
     return [
         {
@@ -255,7 +259,7 @@ def lengths(found: Sequence[Length]) -> list[Row]:
             "k_e_percent": 0.1 * line.bounds["k_e"],
             "repeats": (100 * line.bounds["c_m"] / ATTAINED) ** 2,
         }
-        for line in found
+        for line in lengths
     ]
 
 
@@ -272,18 +276,18 @@ def products(nine: Nine) -> list[Row]:
     ]
 
 
-def tables(found: Findings) -> tuple[Table, ...]:
+def tables(findings: Findings) -> tuple[Table, ...]:
     """In the order of the paper."""
-    by_kind = zip(*map(_of_record, found.nines), strict=True)
+    by_kind = zip(*map(_of_record, findings.nines), strict=True)
     return (
-        *_of_paper(found),
-        *_of_searches(found),
+        *_of_paper(findings),
+        *_of_searches(findings),
         *(t for kind in by_kind for t in kind),
-        _shaft(found),
+        _shaft(findings),
     )
 
 
-def _of_paper(found: Findings) -> tuple[Table, ...]:
+def _of_paper(findings: Findings) -> tuple[Table, ...]:
     """What it prints, and its study of two parameters."""
     return (
         table(
@@ -307,7 +311,7 @@ def _of_paper(found: Findings) -> tuple[Table, ...]:
             "The printed matrix",
             f"Speed of theta_2 [rad/s] {FOLLOWED:g} s after the step, by the reading of the printed "
             "matrix; the same by the paper's integrator; and where it settles.",
-            as_rows(found.readings, leave=("t", "curve")),
+            as_rows(findings.readings, leave=("t", "curve")),
             f"matrix | after {FOLLOWED:g} s | trapezoidal rule | in the end | steps",
             "{matrix} | {w_2} | {w_2_trapezoid} | {w_end} | {steps}",
         ),
@@ -316,17 +320,17 @@ def _of_paper(found: Findings) -> tuple[Table, ...]:
             "The paper's integrator",
             "Distance of the trapezoidal rule with adaptive steps (relative tolerance 1e-3) from the "
             "exact response, in rad and rad/s.",
-            as_rows(found.errors),
+            as_rows(findings.errors),
             "channel | largest | rms | steps",
             "{channel} | {largest} | {rms} | {steps}",
         ),
-        _table_2(found.verification),
+        _table_2(findings.verification),
         table(
             "implied",
             "Which noise Table 2 has",
             "Deviations of Table 2 in per cent, their ratio, and for each the sigma_n at which it is "
             "the Cramer-Rao bound; then their root mean square, and the bounds at 0.001.",
-            as_rows(found.implied),
+            as_rows(findings.implied),
             "sigma_n | c_m % | k_e % | ratio | noise by c_m | noise by k_e",
             "{row} | {c_m_percent} | {k_e_percent} | {ratio:.3g} | {noise_c_m:.2g} | {noise_k_e:.2g}",
         ),
@@ -335,24 +339,24 @@ def _of_paper(found: Findings) -> tuple[Table, ...]:
             "For which record length",
             "Cramer-Rao bounds at sigma_n 0.001 (they grow with sigma_n), and how many such records at "
             f"sigma_n 1 it takes to know c_m to the {ATTAINED:g} % of Table 2.",
-            lengths(found.lengths),
+            lengths(findings.lengths),
             "duration s | rate Hz | c_m % at 0.001 | k_e % at 0.001 | records at 1",
             "{duration:g} | {rate:g} | {c_m_percent} | {k_e_percent} | {repeats:.2g}",
         ),
     )
 
 
-def _table_2(found: Verification) -> Table:
+def _table_2(verification: Verification) -> Table:
     """In Markdown two tables: the paper's layout, and what an estimate can attain."""
-    lines = lines_2(found)
+    lines = lines_2(verification)
     layout = grid(
-        ("sigma_n", "", *(head for name in found.names for head in (name, "dev. %"))),
+        ("sigma_n", "", *(head for name in verification.names for head in (name, "dev. %"))),
         (
             (
                 *(f"{sigma:g}" if by == "paper" else "", by),
                 *(part for n in lines if n["sigma"] == sigma for part in _estimate(n, by)),
             )
-            for sigma in found.values
+            for sigma in verification.values
             for by in ("paper", "fminsearch", "scaled")
         ),
     )
@@ -360,7 +364,8 @@ def _table_2(found: Verification) -> Table:
         "table_2",
         "Table 2: two parameters",
         "First the paper's layout: its estimates, and those of one record here. Then, in per cent "
-        f"of the true value: Cramer-Rao bound, spread of the estimates over {found.records} records, "
+        f"of the true value: Cramer-Rao bound, spread of the estimates over {verification.records} "
+        "records, "
         "standard deviation of the posterior of one; and deviations where sigma is but a weight and the "
         "record has no noise, and with the paper's integrator (of an exact record, of its own).",
         lines,
@@ -380,19 +385,19 @@ def _estimate(line: Row, by: str) -> tuple[str, str]:
     return f"{line[what] * 10**power:.1f}e-{power}", percent(line[f"{what}_percent"])
 
 
-def _of_searches(found: Findings) -> tuple[Table, ...]:
+def _of_searches(findings: Findings) -> tuple[Table, ...]:
     """All parameters at once, and the heuristic."""
-    factors = " and on ".join(", ".join(names) for names in found.symmetries)
+    factors = " and on ".join(", ".join(names) for names in findings.symmetries)
     return (
         table(
             "simultaneous",
             "All parameters at once",
-            f"Searches of `{found.searched}` from starts within {100 * searches.WITHIN:.0f} % of the "
+            f"Searches of `{findings.searched}` from starts within {100 * searches.WITHIN:.0f} % of the "
             "guesses: how many leave no more than noise, how many are as good as the best (within "
             f"{searches.SAME:g} of its misfit), how many stopped by themselves. How those that are as "
             f"good scatter: standard deviations of the log of a common factor on {factors}, and root "
             "mean square distance off both, all relative to the truth.",
-            ways(found),
+            ways(findings),
             "way | searches | noise only | best | stopped | misfit median | worst | factor 1 | "
             "factor 2 | off both",
             "{way} | {searches} | {reached} | {best} | {settled} | {misfit_median} | {misfit_worst} | "
@@ -405,12 +410,12 @@ def _of_searches(found: Findings) -> tuple[Table, ...]:
             "`high`. `other starts`: the largest of the heuristic's. `ode23t`: the heuristic with the "
             "paper's integrator, its misfit computed with that (empty with a measured input, which the "
             "paper has not).",
-            as_rows(nine.misfits for nine in found.nines),
+            as_rows(nine.misfits for nine in findings.nines),
             "record | numbers | guess | heuristic | other starts | ode23t | MAP | truth | low | high",
             "{record} | {numbers} | {guess} | {heuristic} | {others} | {stepped} | {map} | {truth} | "
             "{low} | {high}",
         ),
-        _control(found.control),
+        _control(findings.control),
     )
 
 
@@ -489,12 +494,12 @@ def _of_record(nine: Nine) -> tuple[Table, Table, Table]:
     )
 
 
-def _shaft(found: Findings) -> Table:
+def _shaft(findings: Findings) -> Table:
     return table(
         "shaft",
         "The shaft as a continuum",
         "Natural frequencies [Hz] of a steel shaft with both inertias, and of the model's spring.",
-        as_rows(found.tones),
+        as_rows(findings.tones),
         "mode | distributed | spring",
         "{mode} | {distributed:.7g} | {lumped:.7g}",
     )
@@ -502,15 +507,15 @@ def _shaft(found: Findings) -> Table:
 
 def doubts(nine: Nine) -> list[str]:
     """What takes the worth away from all that is said of a record."""
-    found, m = [], nine.misfits
+    doubts, m = [], nine.misfits
     if not m.explained:
-        found.append(
+        doubts.append(
             f"even the MAP leaves a misfit of {m.map:.4g} per number, where noise leaves at most "
             f"{m.high:.3g}: a unit, the voltage, a sigma or the model does not fit this record, and "
             "estimates and intervals say little"
         )
     if not nine.converged:
-        found.append(
+        doubts.append(
             f"the posterior did not converge (`{nine.name}/run.json` says why): do not use its numbers"
         )
-    return found
+    return doubts

@@ -142,12 +142,12 @@ class ComparisonReport:
         if self.models:
             given = (self.models, self.rows, self.units)
             return {COMPARED.figure: Drawing(comparison_figure, given, says=MODELS)}
-        drawn, found = (self.layers, self.rows, self.units), {}
+        drawn, drawings = (self.layers, self.rows, self.units), {}
         if self.rows:
-            found["intervals"] = Drawing(intervals_figure, drawn, says=INTERVALS)
+            drawings["intervals"] = Drawing(intervals_figure, drawn, says=INTERVALS)
         if any(row.shared for row in self.rows):
-            found[OVERLAID.figure] = Drawing(overlay_corner_figure, drawn, says=CORNER)
-        return found
+            drawings[OVERLAID.figure] = Drawing(overlay_corner_figure, drawn, says=CORNER)
+        return drawings
 
     @property
     def table(self) -> str:
@@ -182,29 +182,34 @@ def ranking(causes: Causes, seconds: Mapping[tuple[str, ...], float]) -> str:
         f"{len(causes.ranked)} candidates, each at its maximum: log Bayes factor against the config as "
         "given, by Laplace's approximation, and the processor time that sampling would take"
     ]
-    for one in causes.ranked[:RANKED]:
-        doubts = f" [not to be trusted: {'; '.join(one.doubts)}]" if one.doubts else ""
-        minutes = seconds[one.parts] / 60.0
-        lines.append(f"  {one.bayes:+10.1f}  {minutes:6.1f} min  {one.about}{doubts}")
+    for cause in causes.ranked[:RANKED]:
+        doubts = f" [not to be trusted: {'; '.join(cause.doubts)}]" if cause.doubts else ""
+        minutes = seconds[cause.parts] / 60.0
+        lines.append(f"  {cause.bayes:+10.1f}  {minutes:6.1f} min  {cause.about}{doubts}")
     return "\n".join(lines)
 
 
-def ladder_opening(every: Sequence[Rung], missing: int) -> str:
+def ladder_opening(candidates: Sequence[Rung], missing: int) -> str:
     """What is to be sampled."""
-    done = f" ({len(every) - missing} of them done before)" if missing < len(every) else ""
+    done = (
+        f" ({len(candidates) - missing} of them done before)" if missing < len(candidates) else ""
+    )
     return "\n".join(
-        [f"to sample{done}:", *(f"  {one.name}: {one.about}" for one in every)],
+        [
+            f"to sample{done}:",
+            *(f"  {candidate.name}: {candidate.about}" for candidate in candidates),
+        ],
     )
 
 
-def ladder_conclusion(chosen: Rung, left_out: Mapping[str, str], config: Path) -> str:
+def ladder_conclusion(candidate: Rung, left_out: Mapping[str, str], config: Path) -> str:
     """What was not tried, and what to go on with."""
     missing = [f"left out: {name}: {reason}" for name, reason in left_out.items()]
-    return "\n".join([*missing, f"recommended: {chosen.about}: {config}"])
+    return "\n".join([*missing, f"recommended: {candidate.about}: {config}"])
 
 
-def about_config(chosen: Rung, name: str, report: ComparisonReport) -> str:
+def about_config(candidate: Rung, name: str, report: ComparisonReport) -> str:
     """For the head of the config."""
     verdict = next(iter(comparison_words.comparison_verdict(report.models)))
     simplest = "the simplest of the models that are about as probable as the best"
-    return f"{name}: {chosen.about}, {simplest}.\n{verdict}"
+    return f"{name}: {candidate.about}, {simplest}.\n{verdict}"

@@ -265,17 +265,17 @@ def _seen(x: Array, y: Array, ranges: Sequence[Ends], smooth: Sequence[float]) -
     counts, _, _ = np.histogram2d(x, y, BINS, ranges)
     density = gaussian_filter(counts, smooth)
     ordered = np.sort(density, axis=None)[::-1]
-    held = np.cumsum(ordered) / ordered.sum()
+    cumulative = np.cumsum(ordered) / ordered.sum()
     slope = np.hypot(*np.gradient(density)) * math.sqrt(smooth[0] * smooth[1])
     kernel = 4.0 * math.pi * smooth[0] * smooth[1]  # bins that one of them is a mean over
-    found = []
+    levels = []
     for level in LEVELS:
-        height = ordered[np.searchsorted(held, level)]
+        height = ordered[np.searchsorted(cumulative, level)]
         noise = math.sqrt(height / kernel)
         near = np.abs(density - height) <= max(2.0 * noise, np.abs(density - height).min())
         if np.median(slope[near]) > STEEP * noise:
-            found.append(level)
-    return tuple(found)
+            levels.append(level)
+    return tuple(levels)
 
 
 def central(x: Array, ends: Ends | None = None) -> Ends:

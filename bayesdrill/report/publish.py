@@ -44,18 +44,24 @@ def drawings(name: str, run: View) -> dict[str, Drawing]:
 
     Raises `TypeError` for a recipe that is none.
     """
-    found = FIGURES[name](run)
-    every = found if isinstance(found, tuple) else () if found is None else (found,)
-    for one in every:
-        if not isinstance(one, Drawing):
-            raise TypeError(f"a recipe gives a Drawing or None, not {type(one).__name__}")
-    return numbered(name, every)
+    recipe_result = FIGURES[name](run)
+    figures = (
+        recipe_result
+        if isinstance(recipe_result, tuple)
+        else ()
+        if recipe_result is None
+        else (recipe_result,)
+    )
+    for figure in figures:
+        if not isinstance(figure, Drawing):
+            raise TypeError(f"a recipe gives a Drawing or None, not {type(figure).__name__}")
+    return numbered(name, figures)
 
 
 def alone_captions(problem: Problem, residuals: Sequence[Correlation]) -> dict[str, str]:
     """What `fits_alone` shows, without drawing it."""
-    fits = [captioned(one.label, FIT_ALONE) for one in problem.observations]
-    labels = dict.fromkeys(one.experiment for one in residuals)
+    fits = [captioned(observation.label, FIT_ALONE) for observation in problem.observations]
+    labels = dict.fromkeys(correlation.experiment for correlation in residuals)
     shown = [captioned(label, RESIDUALS) for label in labels]
     return numbered("fit", fits) | numbered("residuals", shown)
 
@@ -64,8 +70,8 @@ def _recipe(name: str, module: str) -> Recipe:
     """`draw_<name>` of a module of this folder, which is loaded when something is to be drawn."""
 
     def draw(run: View) -> Drawing | tuple[Drawing, ...] | None:
-        found: Recipe = getattr(importlib.import_module(f"{__package__}.{module}"), f"draw_{name}")
-        return found(run)
+        recipe: Recipe = getattr(importlib.import_module(f"{__package__}.{module}"), f"draw_{name}")
+        return recipe(run)
 
     return draw
 
@@ -116,7 +122,7 @@ def everything(view: View, folder: Folder, pool: WorkerPool, report: Reporter) -
     figures = folder.path / FOLDER
     figures.mkdir(exist_ok=True)
     note = {"Title": view.config.name, "Creator": software.creator(), **view.marks}
-    place = (figures, note, view.warning, tuple(output.formats), output.dpi)
+    destination = (figures, note, view.warning, tuple(output.formats), output.dpi)
     tasks: list[tuple[str, str, Future[None]]] = []
     wanted = drawn(output.figures)
     folder.take_away(
@@ -127,8 +133,8 @@ def everything(view: View, folder: Folder, pool: WorkerPool, report: Reporter) -
     for k, name in enumerate(wanted, 1):
         report.update(0.5 * k / len(wanted), f"figure {name}")
         with sparing.making(f"figures/{name}"):
-            for stem, found in drawings(name, view).items():
-                tasks.append((stem, found.says, pool.submit(draw, stem, found, *place)))
+            for stem, drawing in drawings(name, view).items():
+                tasks.append((stem, drawing.says, pool.submit(draw, stem, drawing, *destination)))
     # While others draw, the rest.
     report.update(0.5, "tables")
     for name, table in TABLES.items():
@@ -150,8 +156,10 @@ def everything(view: View, folder: Folder, pool: WorkerPool, report: Reporter) -
         folder.write_text("summary.md", as_markdown(view.config.name, sections(view, pictures)))
     with sparing.making("report.html"):
         made_of = run_report.provenance_section(view, folder.path)
-        said = (*sections(view, pictures), made_of, run_report.cite(folder.path))
-        text = render.as_html(view.config.name, "posterior", said, figures, view.problem.symbols)
+        page_sections = (*sections(view, pictures), made_of, run_report.cite(folder.path))
+        text = render.as_html(
+            view.config.name, "posterior", page_sections, figures, view.problem.symbols
+        )
         folder.write_text("report.html", text)
     return tuple(sparing.missing)
 
@@ -173,5 +181,5 @@ def draw(
 ) -> None:
     from bayesdrill.report.style import save, warned
 
-    own = {**note, "Title": f"{note['Title']}: {stem}"}
-    save(warned(what.drawn(), warning), folder, stem, own, formats=formats, dpi=dpi)
+    metadata = {**note, "Title": f"{note['Title']}: {stem}"}
+    save(warned(what.drawn(), warning), folder, stem, metadata, formats=formats, dpi=dpi)

@@ -77,7 +77,7 @@ def as_html(
         what=what,
         sections=sections,
         version=bayesdrill.__version__,
-        shown={stem: one for stem, one in shown.items() if one is not None},
+        shown={stem: picture for stem, picture in shown.items() if picture is not None},
         words=WORDS,
         style=_own(environment, "style.css"),
         script=_own(environment, "zoom.js"),
@@ -107,15 +107,15 @@ def _embedded(path: Path) -> Shown | None:
     if path.suffix == ".png":
         kind, width, height = "png", *struct.unpack(">II", data[_PNG_SIZE])
     else:  # as many pixels as a PNG of the same figure has by default
-        points = (float(one) for one in _SVG_SIZE.findall(data)[0])
-        kind, width, height = "svg+xml", *(round(one / 72 * DPI) for one in points)
+        points = (float(length) for length in _SVG_SIZE.findall(data)[0])
+        kind, width, height = "svg+xml", *(round(length / 72 * DPI) for length in points)
     return Shown(f"data:image/{kind};base64,{base64.b64encode(data).decode()}", width, height)
 
 
 def after(text: str, known: str) -> str:
     """What stands after a word that the title has said already."""
-    rest = text.removeprefix(known)
-    return text if rest == text else rest[:1].upper() + rest[1:]
+    remainder = text.removeprefix(known)
+    return text if remainder == text else remainder[:1].upper() + remainder[1:]
 
 
 def slug(text: str) -> str:
@@ -145,8 +145,8 @@ def latex_table(
     shown = [True] * len(_HEADS)
     shown[_NOMINAL] = any(row.nominal is not None for row in rows)
     shown[-1] = believed
-    every = (_HEADS, *(_cells(row, named[row.name]) for row in rows))
-    lines = [" & ".join(compress(line, shown)) + r" \\" for line in every]
+    lines_of_cells = (_HEADS, *(_cells(row, named[row.name]) for row in rows))
+    lines = [" & ".join(compress(line, shown)) + r" \\" for line in lines_of_cells]
     columns = "".join(compress("llrrrrl", shown))
     table = (
         r"% needs \usepackage{booktabs,siunitx}",

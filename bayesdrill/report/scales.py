@@ -61,8 +61,8 @@ def in_ratios(low: float, high: float, most: int) -> tuple[list[float], list[str
         return even_numbers(low, high, most)
     first, last = math.floor(math.log10(low)), math.ceil(math.log10(high))
     for series in SERIES:
-        found = [m * 10.0**k for k in range(first, last + 1) for m in series]
-        values = [value for value in found if low <= value <= high]
+        candidates = [m * 10.0**k for k in range(first, last + 1) for m in series]
+        values = [value for value in candidates if low <= value <= high]
         if len(values) <= most:
             break
     else:
@@ -114,22 +114,22 @@ _EMPHASIS = re.compile(r"(?<![\w*)])\*([A-Za-z][^*]*)\*(?!\w)")
 def printed(symbols: Iterable[Symbol] = ()) -> Mapping[str, Markup]:
     """Of the rig's symbols and of these, by name; without those that have no simple form."""
     known = (*PARAMETERS.values(), *STATES.values(), *INPUTS.values(), *symbols)
-    found = {symbol.name: _letter(symbol.latex) for symbol in known}
-    return {name: Markup("<var>{}</var>").format(html) for name, html in found.items() if html}
+    letters = {symbol.name: _letter(symbol.latex) for symbol in known}
+    return {name: Markup("<var>{}</var>").format(html) for name, html in letters.items() if html}
 
 
 def _letter(latex: str) -> Markup:
     """Empty where it is more than a letter with an index."""
     dotted = latex.startswith(_DOT)
-    found = _INDEXED.fullmatch(latex.removeprefix(_DOT).replace(r"\mathrm", ""))
-    if found is None:
+    matched = _INDEXED.fullmatch(latex.removeprefix(_DOT).replace(r"\mathrm", ""))
+    if matched is None:
         return Markup()
-    letter = found["letter"]
+    letter = matched["letter"]
     greek = letter in name2codepoint
     if len(letter) > 1 and not greek:
         return Markup()
-    inside = (found["inside"] or "").strip("{}")
-    index = found["index"] or _letter(inside) or inside
+    inside = (matched["inside"] or "").strip("{}")
+    index = matched["index"] or _letter(inside) or inside
     if index and "\\" in index:
         return Markup()
     base = Markup(f"&{letter};") if greek else letter
@@ -169,11 +169,15 @@ class Typesetter:
 
     def _strong(self, text: str) -> Markup:
         strong = Markup("<strong>{}</strong>").format
-        return _within(_STRONG, text, lambda one: strong(self._emphasis(one)), self._emphasis)
+        return _within(
+            _STRONG, text, lambda strong_text: strong(self._emphasis(strong_text)), self._emphasis
+        )
 
     def _emphasis(self, text: str) -> Markup:
         slanted = Markup("<em>{}</em>").format
-        return _within(_EMPHASIS, text, lambda one: slanted(self.plain(one)), self.plain)
+        return _within(
+            _EMPHASIS, text, lambda emphasised: slanted(self.plain(emphasised)), self.plain
+        )
 
 
 def _powers(text: str) -> Markup:
@@ -248,8 +252,8 @@ class Scale:
         if not self.log or not CURVED <= 10.0 ** (self.high - self.low) < CROWDED:
             return np.empty(0)
         decades = range(math.floor(self.low), math.ceil(self.high) + 1)
-        every = np.log10([m * 10.0**k for k in decades for m in range(1, 10)])
-        return np.asarray(every[(every >= self.low) & (every <= self.high)])
+        positions = np.log10([m * 10.0**k for k in decades for m in range(1, 10)])
+        return np.asarray(positions[(positions >= self.low) & (positions <= self.high)])
 
     def label(self, what: Labelled, separator: str = " ") -> str:
         return axis_label(what, self.power, self.origin, separator)

@@ -51,8 +51,8 @@ def heuristic_figure(pairs: Sequence[Pair], iterations: int) -> Figure:
     places = [*((x, UPPER) for x in along), *((x, LOWER) for x in reversed(along))]
     with style.styled():
         figure, sheet = _sheet(scales.DOUBLE, UPPER + 0.5 * BOX + 0.1)
-        for place, pair in zip(places, pairs, strict=False):
-            _pair_box(sheet, place, pair, iterations, order)
+        for position, pair in zip(places, pairs, strict=False):
+            _pair_box(sheet, position, pair, iterations, order)
         _cycle(sheet, places, pairs)
         _key(sheet, order)
     return figure
@@ -218,9 +218,11 @@ PITCH = (scales.DOUBLE - ENTRY) / 5
 WIDE, BOX = 0.96, 0.78  # of a box
 
 
-def _pair_box(sheet: Axes, place: Point, pair: Pair, iterations: int, order: Sequence[str]) -> None:
+def _pair_box(
+    sheet: Axes, position: Point, pair: Pair, iterations: int, order: Sequence[str]
+) -> None:
     """What one step of the cycle does; the strip below shows which parameters it moves."""
-    x, y = place
+    x, y = position
     _box(sheet, x, y, WIDE, BOX, **HOLLOW)
     _text(sheet, x, y + 0.26, _math(*pair), fontsize=10.0)
     words = f"{iterations} iterations\nNelder\N{EN DASH}Mead"
@@ -237,7 +239,9 @@ def _cycle(sheet: Axes, places: Sequence[Point], pairs: Sequence[Pair]) -> None:
     or out, and the way in.
     """
     half, tall = WIDE / 2, BOX / 2
-    passed = [_math(*(name for name in one if name in other)) for one, other in pairwise(pairs)]
+    passed = [
+        _math(*(name for name in pair if name in following)) for pair, following in pairwise(pairs)
+    ]
     for ((x, y), (u, v)), words in zip(pairwise(places), [*passed, ""], strict=True):
         if y == v:
             way = half if u > x else -half
@@ -251,9 +255,9 @@ def _cycle(sheet: Axes, places: Sequence[Point], pairs: Sequence[Pair]) -> None:
     sheet.add_patch(Polygon(corners, **SOLID))
     _text(sheet, x, y, "misfit\nsteady?", fontsize=NOTE, linespacing=1.05)
     _arrow(sheet, (x, y + tall), (x, upper - tall))
-    again = _math(*(name for name in pairs[-1] if name in pairs[0]))
+    shared = _math(*(name for name in pairs[-1] if name in pairs[0]))
     _text(sheet, x - 0.07, (y + upper) / 2, "no", ha="right", fontsize=NOTE)
-    _text(sheet, x + 0.07, (y + upper) / 2, again, ha="left", fontsize=NOTE)
+    _text(sheet, x + 0.07, (y + upper) / 2, shared, ha="left", fontsize=NOTE)
     edge = x - half
     _arrow(sheet, (edge - 0.28, upper), (edge, upper))
     _arrow(sheet, (edge, y), (edge - 0.28, y))

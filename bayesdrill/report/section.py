@@ -122,9 +122,9 @@ class Table:
         """Those columns that there are, in this order."""
         return self._of([self.heads.index(head) for head in heads if head in self.heads])
 
-    def _of(self, kept: Sequence[int]) -> Table:
-        lines = tuple(tuple(line[k] for k in kept) for line in self.lines)
-        return replace(self, heads=tuple(self.heads[k] for k in kept), lines=lines)
+    def _of(self, columns: Sequence[int]) -> Table:
+        lines = tuple(tuple(line[k] for k in columns) for line in self.lines)
+        return replace(self, heads=tuple(self.heads[k] for k in columns), lines=lines)
 
 
 Block = Sentences | Note | Plain | Marks | Picture | Table
@@ -141,8 +141,8 @@ class Section:
 
 def build(title: str, *blocks: Block | str | None, brief: bool = True) -> Section:
     """A section of these blocks; text is `Sentences`, and what is empty is left out."""
-    kept = [Sentences(one) if isinstance(one, str) else one for one in blocks if one]
-    return Section(title, tuple(kept), brief)
+    selected = [Sentences(block) if isinstance(block, str) else block for block in blocks if block]
+    return Section(title, tuple(selected), brief)
 
 
 def as_text(sections: Sequence[Section]) -> tuple[str, ...]:
@@ -153,9 +153,9 @@ def as_text(sections: Sequence[Section]) -> tuple[str, ...]:
 
 def _paragraphs(section: Section) -> Iterator[str]:
     for table in (block for block in section.blocks if isinstance(block, Table)):
-        own = table if table.brief is None else table.only(table.brief)
-        left = {k for k, head in enumerate(own.heads) if head in own.left}
-        yield aligned([own.heads, *own.lines], left=left)
+        shown = table if table.brief is None else table.only(table.brief)
+        left = {k for k, head in enumerate(shown.heads) if head in shown.left}
+        yield aligned([shown.heads, *shown.lines], left=left)
     yield from (block.text for block in section.blocks if isinstance(block, Sentences))
 
 
@@ -180,15 +180,15 @@ def _in_markdown(block: Block) -> str:
             return f"{fence}text\n{text}\n{fence}"
         case Sentences(text):
             bullets = (
-                ["- " + one.text, *("  - " + more for more in one.more)] for one in items(text)
+                ["- " + item.text, *("  - " + more for more in item.more)] for item in items(text)
             )
             return _no_html("\n".join(itertools.chain(*bullets)))
         case Table():
             return _no_html(markdown(block).rstrip())
         case Note(text):
             return _no_html(text)
-        case Marks(every):
-            return _no_html(", ".join(f"**{mark.text}**" for mark in every))
+        case Marks(badges):
+            return _no_html(", ".join(f"**{mark.text}**" for mark in badges))
         case Picture(stem, says, ending):
             picture = "" if ending == "pdf" else "!"  # which no page shows
             return _no_html(f"{picture}[{says}](figures/{stem}.{ending})")
@@ -196,14 +196,14 @@ def _in_markdown(block: Block) -> str:
 
 def items(text: str) -> list[Item]:
     """Of sentences: lines, where those that begin with blanks go on with the one before."""
-    found: list[Item] = []
+    sentences: list[Item] = []
     for line in text.splitlines():
-        own = line.strip().removeprefix("- ")
-        if line.startswith(" ") and found:
-            found[-1] = replace(found[-1], more=(*found[-1].more, own))
+        sentence = line.strip().removeprefix("- ")
+        if line.startswith(" ") and sentences:
+            sentences[-1] = replace(sentences[-1], more=(*sentences[-1].more, sentence))
         else:
-            found.append(Item(own))
-    return found
+            sentences.append(Item(sentence))
+    return sentences
 
 
 def markdown(table: Table) -> str:
@@ -298,7 +298,7 @@ def sandwich_table(
     rows: Sequence[ParameterRow],
     sds: Mapping[str, float],
     windows: Mapping[str, Sequence[float]],
-    own: OwnUnits,
+    display_units: OwnUnits,
 ) -> Table:
     """The posterior's sds beside those of `sds`, SI, and the ends of what refits on `windows` gave."""
     ends = f"MAP of {len(next(iter(windows.values())))} windows" if windows else ""
@@ -311,8 +311,8 @@ def sandwich_table(
         *filter(None, [ends]),
     )
     lines = []
-    for row, shown in zip(rows, own.rows(rows), strict=True):
-        sd, factor = sds[row.name], own.factor(row.name)
+    for row, shown in zip(rows, display_units.rows(rows), strict=True):
+        sd, factor = sds[row.name], display_units.factor(row.name)
         cells = [f"{sd / factor:.2g}", f"{sd / row.sd:.3g}" if row.sd else ""]
         if windows:
             values = windows.get(row.name, ())
@@ -359,10 +359,11 @@ def in_words(rows: Sequence[ParameterRow]) -> list[str]:
     return [f"{word}: {', '.join(named[word])} ({MEANING[word]})" for word in named if named[word]]
 
 
-def notes(rows: Sequence[ParameterRow], own: OwnUnits) -> list[str]:
+def notes(rows: Sequence[ParameterRow], display_units: OwnUnits) -> list[str]:
     """What is no reason to doubt the draws, but one to doubt the prior or the model; `rows` in SI."""
     return [
-        f"note: {row.name} is pressed against the end {own.said(row.name, row.pressed_against)} of its "
+        f"note: {row.name} is pressed against the end "
+        f"{display_units.said(row.name, row.pressed_against)} of its "
         "prior, as if the record wanted it beyond: widen the prior, or doubt the model, the units and "
         "what is held"
         for row in rows

@@ -136,10 +136,10 @@ def styled(width: float = DOUBLE) -> Iterator[None]:
         yield
 
 
-def letters(of: str) -> float:
+def letters(size: str) -> float:
     """Points, in the figure that is being built."""
     now: Any = matplotlib.rcParams
-    return float(now[of])
+    return float(now[size])
 
 
 def set_numbers(axis: Axis, scale: Scale, most: int, **room: float) -> None:
@@ -349,7 +349,7 @@ def _lower(figure: Figure, height: float, share: float) -> None:
         lowered = (box.x0, box.y0 * share, box.width, box.height * share)
         legend.set_bbox_to_anchor(lowered, transform=figure.transFigure)
     down = Affine2D().scale(1.0, share) + figure.transFigure
-    own: list[Artist] = [*figure.artists, *figure.lines, *figure.patches, *figure.texts]
-    for artist in own:
+    artists: list[Artist] = [*figure.artists, *figure.lines, *figure.patches, *figure.texts]
+    for artist in artists:
         if not isinstance(artist, Legend):
             artist.set_transform(down)

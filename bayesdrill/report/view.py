@@ -55,7 +55,9 @@ def for_each_experiment(
     says: str,
 ) -> tuple[Drawing, ...]:
     """A drawing of what is `shown` of each, by its label."""
-    return tuple(Drawing(figure, (one, width), says=captioned(label, says)) for label, one in shown)
+    return tuple(
+        Drawing(figure, (data, width), says=captioned(label, says)) for label, data in shown
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,16 +101,19 @@ class View(Value):
     @property
     def notes(self) -> tuple[str, ...]:
         """Sentences on priors, record and rig that are no reason to doubt the draws."""
-        found = self.analysis
+        analysis = self.analysis
         others = (
             *verdict_words.not_kept(self.sampled.extended),
-            *fit_words.moment(found.moment),
-            *found.course,
-            *found.rig,
-            *(f"record: {one}" for one in words.record_made(self.problem)),
-            *(f"record, {one}" for one in found.suspicions),
+            *fit_words.moment(analysis.moment),
+            *analysis.course,
+            *analysis.rig,
+            *(f"record: {sentence}" for sentence in words.record_made(self.problem)),
+            *(f"record, {sentence}" for sentence in analysis.suspicions),
         )
-        return (*section.notes(found.unknowns, self.units), *(f"note: {one}" for one in others))
+        return (
+            *section.notes(analysis.unknowns, self.units),
+            *(f"note: {sentence}" for sentence in others),
+        )
 
     @cached_property
     def marks(self) -> Mapping[str, str]:
@@ -143,17 +148,17 @@ class View(Value):
 
     def shown(self, names: Sequence[str] | None = None) -> Shown:
         """For figures: the unknowns of these names, or all where none is among them."""
-        problem, own = self.problem, self.units
-        every = range(len(problem.symbols))
-        chosen = [k for k in every if problem.names[k] in (names or ())] or every
-        picked = [problem.symbols[k] for k in chosen]
+        problem, display_units = self.problem, self.units
+        columns = range(len(problem.symbols))
+        selected = [k for k in columns if problem.names[k] in (names or ())] or columns
+        picked = [problem.symbols[k] for k in selected]
         return Shown(
-            columns=tuple(chosen),
-            factors=own.factors(picked),
-            symbols=own.symbols(picked),
-            priors=own.priors(problem.posterior.space.priors),
-            nominal=own.values(problem.nominal),
-            mode=own.values(self.mode.values),
+            columns=tuple(selected),
+            factors=display_units.factors(picked),
+            symbols=display_units.symbols(picked),
+            priors=display_units.priors(problem.posterior.space.priors),
+            nominal=display_units.values(problem.nominal),
+            mode=display_units.values(self.mode.values),
         )
 
     @cached_property

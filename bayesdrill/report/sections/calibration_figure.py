@@ -74,9 +74,11 @@ def _difference(
     band, n = verdict.band, max(verdict.band.n, 1)
     shares = np.concatenate([[0.0], band.shares, [1.0]])
     counts = np.stack([band.low, band.high, band.counts(quantity.ranks)])
-    low, high, found = np.pad(counts / n - band.shares, ((0, 0), (1, 1)))
+    low, high, difference = np.pad(counts / n - band.shares, ((0, 0), (1, 1)))
     difference_panel(panel, shares, (low, high), most, 3, style.BAND)
-    panel.plot(shares, found, zorder=3, **(style.BLACK_LINE if quantity.holds else style.OUTSIDE))
+    panel.plot(
+        shares, difference, zorder=3, **(style.BLACK_LINE if quantity.holds else style.OUTSIDE)
+    )
     style.corner_text(panel, f"${label}$")
     if not quantity.holds:
         word = (quantity.shape or "leaves the band").removeprefix("posterior ")
@@ -118,13 +120,13 @@ def _coverage(panel: Axes, verdict: CalibrationVerdict, labels: Sequence[str]) -
 
 
 def _handles(verdict: CalibrationVerdict) -> list[Any]:
-    every = verdict.quantities
+    quantities = verdict.quantities
     handles: list[Any] = [Patch(label="what chance allows", **style.BAND)]
-    if any(q.holds for q in every):
+    if any(q.holds for q in quantities):
         handles.append(Line2D([], [], label="ranks of the truth", **style.BLACK_LINE))
-    if not all(q.holds for q in every):
+    if not all(q.holds for q in quantities):
         handles.append(Line2D([], [], label="ranks that leave the band", **style.OUTSIDE))
-    intervals = next(q.intervals for q in every if q.intervals)
+    intervals = next(q.intervals for q in quantities if q.intervals)
     for marker, interval in zip(MARKERS, intervals, strict=True):
         label = f"{100 * interval.share:.3g} % interval"
         handles.append(Line2D([], [], label=label, linestyle="none", **_mark(marker, True)))

@@ -59,8 +59,8 @@ class Look:
 
     @property
     def contour(self) -> dict[str, Any]:
-        own = {"colors": self.color, "linestyles": [self.linestyle]}
-        return {**own, "linewidths": 0.9 * self.linewidth}
+        options = {"colors": self.color, "linestyles": [self.linestyle]}
+        return {**options, "linewidths": 0.9 * self.linewidth}
 
 
 # Thin and thick, dark and light in turn; none has the dashes of a nominal value.
@@ -106,14 +106,14 @@ class _Column:
 
 
 def overlay_corner_figure(
-    layers: Sequence[PosteriorSummary], rows: Sequence[OverlayRow], own: OwnUnits
+    layers: Sequence[PosteriorSummary], rows: Sequence[OverlayRow], display_units: OwnUnits
 ) -> Figure:
     """Of the unknowns that two runs or more have, `rows` in SI.
 
     A run is left out of panels of what it has not.  Axes are logarithmic where the prior of the first
     run is flat in the log.
     """
-    columns = [_column(row, layers, own) for row in rows if row.shared]
+    columns = [_column(row, layers, display_units) for row in rows if row.shared]
     n = len(columns)
     with style.styled():
         figure, panels = _corner_page(n, len(layers) + 4)
@@ -126,21 +126,25 @@ def overlay_corner_figure(
     return figure
 
 
-def _column(si: OverlayRow, layers: Sequence[PosteriorSummary], own: OwnUnits) -> _Column:
-    row, factor, log = overlay_shown(si, own), own.factor(si.symbol.name), in_logs(si, layers)
-    every = [
+def _column(si: OverlayRow, layers: Sequence[PosteriorSummary], display_units: OwnUnits) -> _Column:
+    row, factor, log = (
+        overlay_shown(si, display_units),
+        display_units.factor(si.symbol.name),
+        in_logs(si, layers),
+    )
+    draws = [
         None if x is None else x / factor for x in (layer.draws_of(si.symbol) for layer in layers)
     ]
     priors = [layer.problem.posterior.space.priors.get(si.symbol.name) for layer in layers]
     tails = [0.5 - CENTRAL / 2, 0.5 + CENTRAL / 2]
-    found = np.array([np.quantile(x, tails) for x in every if x is not None])
-    low, high = float(found[:, 0].min()), float(found[:, 1].max())
+    quantiles = np.array([np.quantile(x, tails) for x in draws if x is not None])
+    low, high = float(quantiles[:, 0].min()), float(quantiles[:, 1].max())
     low, high = scales.reaching(low, high, row.agreed, CORNER_REACH, log=log)
     scale = scales.scale(low, high, log=log, margin=0.06)
     return _Column(
         row=row,
         scale=scale,
-        draws=tuple(None if x is None else scale(x) for x in every),
+        draws=tuple(None if x is None else scale(x) for x in draws),
         ends=tuple(
             (-math.inf, math.inf)
             if prior is None
@@ -177,9 +181,9 @@ def _histograms(panel: Axes, column: _Column) -> None:
 
 def _contours(panel: Axes, column: _Column, row: _Column) -> None:
     pairs = zip(column.draws, row.draws, column.ends, row.ends, LOOKS, strict=False)
-    for x, y, one, other, look in pairs:
+    for x, y, x_ends, y_ends, look in pairs:
         if x is not None and y is not None:
-            contours(panel, (x, y), (one, other), lines=look.contour)
+            contours(panel, (x, y), (x_ends, y_ends), lines=look.contour)
     style.mark_values(panel, column.scale, column.row.agreed, arrow=False)
     style.mark_values(panel, row.scale, row.row.agreed, vertical=True, arrow=False)
 
@@ -196,20 +200,20 @@ def _numbers(columns: Sequence[_Column], axis: Axis, k: int, outer: bool) -> Non
 
 def _legend(figure: Figure, layers: Sequence[PosteriorSummary], columns: Sequence[_Column]) -> None:
     width, height = figure.get_size_inches()
-    said: list[Any] = run_handles(layers, marked=False)
+    handles: list[Any] = run_handles(layers, marked=False)
     if any(c.row.agreed is not None and c.scale.side(c.row.agreed) == 0 for c in columns):
-        said.append(Line2D([], [], label="nominal value", **style.NOMINAL))
+        handles.append(Line2D([], [], label="nominal value", **style.NOMINAL))
     notes = []
     if len(columns) > 1:
-        one, two = (f"{100 * level:.1f} %" for level in LEVELS)
+        inner, outer = (f"{100 * level:.1f} %" for level in LEVELS)
         notes = [
-            f"contours: {one} and {two} of the draws of a run;",
+            f"contours: {inner} and {outer} of the draws of a run;",
             "none where the density is flat",
         ]
     notes.append("histograms: each as high as its panel")
-    said += [Line2D([], [], linestyle="none", label=note) for note in notes]
+    handles += [Line2D([], [], linestyle="none", label=note) for note in notes]
     figure.legend(
-        handles=said,
+        handles=handles,
         loc="upper right",
         bbox_to_anchor=(1 - 0.5 * RIGHT / width, 1 - 0.5 * TOP / height),
         fontsize=8.0 if len(columns) < 5 else 12.0,
@@ -228,37 +232,40 @@ INTERVALS, MODELS = (0.17, 0.2), (0.19, 0.22)  # inches of a run and of the marg
 
 
 def intervals_figure(
-    layers: Sequence[PosteriorSummary], rows: Sequence[OverlayRow], own: OwnUnits
+    layers: Sequence[PosteriorSummary], rows: Sequence[OverlayRow], display_units: OwnUnits
 ) -> Figure:
     """Of all unknowns of any run, `rows` in SI; a run that has not got one leaves a gap.
 
     Axes are logarithmic where the prior of the first run is flat in the log.
     """
-    every = [_scaled(row, layers, own) for row in rows]
+    scaled_rows = [_scaled(row, layers, display_units) for row in rows]
     n, (height, frame) = len(layers), INTERVALS
     with style.styled():
-        said = _handles(layers, every)
-        longest = max(len(str(handle.get_label())) for handle in said)
+        handles = _handles(layers, scaled_rows)
+        longest = max(len(str(handle.get_label())) for handle in handles)
         fitting = int(AXES.width / (HANDLE + LEGEND_LETTER * longest))
-        columns = max(1, min(len(said), 4, fitting))
-        top = LEGEND_MARGIN + LEGEND_LINE * -(-len(said) // columns)
+        columns = max(1, min(len(handles), 4, fitting))
+        top = LEGEND_MARGIN + LEGEND_LINE * -(-len(handles) // columns)
         figure, panels = replace(AXES, row=frame + n * height, top=top).build(len(rows))
-        for panel, (row, scale) in zip(panels, every, strict=True):
+        for panel, (row, scale) in zip(panels, scaled_rows, strict=True):
             _intervals(panel, row, scale, range(n), LOOKS)
             _below_each_other(panel, n, INTERVALS)
-        legend_above(figure, said, columns, columnspacing=1.4, handlelength=2.6)
+        legend_above(figure, handles, columns, columnspacing=1.4, handlelength=2.6)
     return figure
 
 
 def _scaled(
-    si: OverlayRow, layers: Sequence[PosteriorSummary], own: OwnUnits
+    si: OverlayRow, layers: Sequence[PosteriorSummary], display_units: OwnUnits
 ) -> tuple[OverlayRow, scales.Scale]:
     """As it is shown, on an axis with all intervals, what is held, and the nominal value if it is not
     too far.
     """
-    row, log = overlay_shown(si, own), in_logs(si, layers)
-    found = [place for place in row.places if place is not None]
-    low, high = min(place.low for place in found), max(place.high for place in found)
+    row, log = overlay_shown(si, display_units), in_logs(si, layers)
+    estimates = [estimate for estimate in row.places if estimate is not None]
+    low, high = (
+        min(estimate.low for estimate in estimates),
+        max(estimate.high for estimate in estimates),
+    )
     low, high = scales.reaching(low, high, row.agreed, INTERVALS_REACH, log=log)
     return row, scales.scale(low, high, log=log, margin=0.08)
 
@@ -275,18 +282,18 @@ def _intervals(
     """Where each run has an unknown, the first of the `order` on top; `arrow`: to nominal values."""
     style.mark_values(panel, scale, row.agreed, arrow=arrow, zorder=1)
     for y, run, look in zip(range(len(order) - 1, -1, -1), order, looks, strict=False):
-        place, nominal = row.places[run], row.nominal[run]
+        estimate, nominal = row.places[run], row.nominal[run]
         if row.agreed is None and nominal is not None and scale.side(nominal) == 0:
             panel.plot([float(scale(nominal))] * 2, [y - 0.5, y + 0.5], zorder=1, **style.NOMINAL)
-        if place is None:
+        if estimate is None:
             continue
-        if place.fixed:
-            panel.plot([float(scale(place.mean))], [y], zorder=3, color=look.color, **HELD)
+        if estimate.fixed:
+            panel.plot([float(scale(estimate.mean))], [y], zorder=3, color=look.color, **HELD)
             continue
-        ends = scale(np.array([place.low, place.high]))
+        ends = scale(np.array([estimate.low, estimate.high]))
         panel.plot(ends, [y, y], zorder=2, color=look.color, **BAR)
         mark: dict[str, Any] = {"marker": look.marker, "color": look.color, "markersize": look.size}
-        panel.plot([float(scale(place.mean))], [y], zorder=3, linestyle="none", **mark)
+        panel.plot([float(scale(estimate.mean))], [y], zorder=3, linestyle="none", **mark)
     style.scale_axis(panel.xaxis, scale, scale.label(row.symbol))
 
 
@@ -301,18 +308,18 @@ def _below_each_other(
 
 
 def _handles(
-    layers: Sequence[PosteriorSummary], every: Sequence[tuple[OverlayRow, scales.Scale]]
+    layers: Sequence[PosteriorSummary], scaled_rows: Sequence[tuple[OverlayRow, scales.Scale]]
 ) -> list[Line2D]:
-    said = run_handles(layers, marked=True)
-    for handle in said:
+    handles = run_handles(layers, marked=True)
+    for handle in handles:
         handle.set(markersize=4, linestyle="-")
-    rows = [row for row, _ in every]
-    sides = {scale.side(row.agreed) for row, scale in every if row.agreed is not None}
+    rows = [row for row, _ in scaled_rows]
+    sides = {scale.side(row.agreed) for row, scale in scaled_rows if row.agreed is not None}
     different = any(row.agreed is None and any(v is not None for v in row.nominal) for row in rows)
-    said += style.nominal_handles(sides | ({0} if different else set()))
-    if any(place is not None and place.fixed for row in rows for place in row.places):
-        said.append(Line2D([], [], label="held there", color="0.3", linestyle="none", **HELD))
-    return [*said, Line2D([], [], linestyle="none", label=f"mean and {CREDIBLE}")]
+    handles += style.nominal_handles(sides | ({0} if different else set()))
+    if any(estimate is not None and estimate.fixed for row in rows for estimate in row.places):
+        handles.append(Line2D([], [], label="held there", color="0.3", linestyle="none", **HELD))
+    return [*handles, Line2D([], [], linestyle="none", label=f"mean and {CREDIBLE}")]
 
 
 FEW, MOST_UNKNOWNS = 4, 12  # models of which all is shown, and unknowns
@@ -328,21 +335,21 @@ READ = (
 
 
 def comparison_figure(
-    models: Sequence[RunSummary], rows: Sequence[OverlayRow], own: OwnUnits
+    models: Sequence[RunSummary], rows: Sequence[OverlayRow], display_units: OwnUnits
 ) -> Figure:
     """The most probable on top and black; `rows` of unknowns in SI."""
     order = sorted(range(len(models)), key=lambda k: -models[k].log_z)
-    layers = [one.layer for one in models]
+    layers = [model.layer for model in models]
     # Unknowns that two models share, and of many models half of them; the table has all.
     least = max(2, len(models) / 2) if len(models) > FEW else 2
     common = [row for row in rows if sum(p is not None and p.sd > 0 for p in row.places) >= least]
-    shared = [_scaled(row, layers, own) for row in common[:MOST_UNKNOWNS]]
+    shared = [_scaled(row, layers, display_units) for row in common[:MOST_UNKNOWNS]]
     names = [_name(models[k]) for k in order]
     left = float(np.clip(0.14 + LETTER * max(map(len, names)), LEAST_LEFT, MOST_LEFT))
-    channels = list(dict.fromkeys(one.name for model in models for one in model.residuals))
+    channels = list(dict.fromkeys(row.name for model in models for row in model.residuals))
     with style.styled():
         handles = _model_handles(models)
-        several = any(one.label for one in layers[0].problem.observations)
+        several = any(observation.label for observation in layers[0].problem.observations)
         per_line = min(PER_LONG_LINE if several else PER_LINE, len(handles))
         row_height, top = MODELS[1] + len(models) * MODELS[0], -(-len(handles) // per_line)
         page = replace(AXES, row=row_height, left=left, gap_x=0.18, top=0.44 + LEGEND_LINE * top)
@@ -350,8 +357,8 @@ def comparison_figure(
         ordered = [models[k] for k in order]
         _odds(panels[0], ordered)
         rms = "rms of residuals over noise"
-        _left(panels[1], ordered, channels, lambda one: one.rms, 1.0, rms)
-        _left(panels[2], ordered, channels, lambda one: one.correlation, 0.0, "their correlation")
+        _left(panels[1], ordered, channels, lambda row: row.rms, 1.0, rms)
+        _left(panels[2], ordered, channels, lambda row: row.correlation, 0.0, "their correlation")
         looks = [Look(_colour(k), "-", "o", size=3.6) for k in range(len(order))]
         for panel, (row, scale) in zip(panels[SCORES:], shared, strict=True):
             _intervals(panel, row, scale, order, looks, arrow=False)
@@ -365,21 +372,21 @@ def comparison_figure(
     return figure
 
 
-def _name(one: RunSummary) -> str:
-    name = elided(one.name, LONGEST_MODEL)
-    return (name if one.converged else f"{name} *").replace("$", r"\$")
+def _name(model: RunSummary) -> str:
+    name = elided(model.name, LONGEST_MODEL)
+    return (name if model.converged else f"{name} *").replace("$", r"\$")
 
 
 def _odds(panel: Axes, models: Sequence[RunSummary]) -> None:
     """Against the most probable, on an axis that is straight as long as they are not sure."""
-    off = np.array([models[0].log_z - one.log_z for one in models])
+    off = np.array([models[0].log_z - model.log_z for model in models])
     panel.set_xscale("symlog", linthresh=SURE_LOG_ODDS, linscale=0.8)
     panel.axvspan(0.0, SURE_LOG_ODDS, **style.CHANCE)
-    for k, (one, x) in enumerate(zip(models, off, strict=True)):
+    for k, (model, x) in enumerate(zip(models, off, strict=True)):
         y, colour = len(models) - 1 - k, _colour(k)
         panel.plot([0.0, x], [y, y], color=colour, linewidth=1.4, solid_capstyle="butt")
         panel.plot([x], [y], marker="o", markersize=4, color=colour, linestyle="none")
-        panel.plot([x - one.evidence.error, x + one.evidence.error], [y, y], color=colour)
+        panel.plot([x - model.evidence.error, x + model.evidence.error], [y, y], color=colour)
     most = max(1.6 * float(off.max()), 2.0 * SURE_LOG_ODDS)
     panel.set_xlim(-0.3, most)
     decades = 10.0 ** np.arange(1, 9)
@@ -397,13 +404,13 @@ def _left(
     panel: Axes,
     models: Sequence[RunSummary],
     channels: Sequence[str],
-    of: Callable[[Any], float],
+    value_of: Callable[[Any], float],
     wanted: float,
     label: str,
 ) -> None:
     """Of each channel a mark for each model; `wanted`: where noise alone would be."""
     log = wanted == 1.0
-    values = [of(one) for model in models for one in model.residuals]
+    values = [value_of(row) for model in models for row in model.residuals]
     low, high = min(*values, wanted), max(*values, wanted)
     if log:
         low, high = min(low, 0.8), max(high, 1.25)
@@ -412,12 +419,12 @@ def _left(
     scale = scales.scale(low, high, log=log, margin=0.08)
     panel.axvline(float(scale(wanted)), zorder=1, **LIMIT)
     for k, model in enumerate(models):
-        for one in model.residuals:
-            mark = MARKS[channels.index(one.name) % len(MARKS)]
+        for row in model.residuals:
+            mark = MARKS[channels.index(row.name) % len(MARKS)]
             look: dict[str, Any] = {"marker": mark, "markersize": 4.2, "linestyle": "none"}
             y = len(models) - 1 - k
-            face = _colour(k) if one.like_noise else "white"
-            x = float(scale(of(one)))
+            face = _colour(k) if row.like_noise else "white"
+            x = float(scale(value_of(row)))
             panel.plot([x], [y], color=_colour(k), markerfacecolor=face, **look)
     style.scale_axis(panel.xaxis, scale, label)
 
@@ -429,10 +436,12 @@ def _colour(k: int) -> str:
 def _model_handles(models: Sequence[RunSummary]) -> list[Line2D]:
     """Of all channels of any model, and what a hollow mark says."""
     symbols = {}
-    for one in (one for model in models for one in model.layer.problem.observations):
-        where = " in " + one.label.replace("$", r"\$") if one.label else ""
-        for channel in one.experiment.channels:
-            symbols[channel.name, one.label] = f"${channel.latex}${where}"
+    for observation in (
+        observation for model in models for observation in model.layer.problem.observations
+    ):
+        where = " in " + observation.label.replace("$", r"\$") if observation.label else ""
+        for channel in observation.experiment.channels:
+            symbols[channel.name, observation.label] = f"${channel.latex}${where}"
     marks = [
         Line2D([], [], marker=MARKS[k % len(MARKS)], color=style.DARK, label=symbol)
         for k, symbol in enumerate(symbols.values())

@@ -84,10 +84,10 @@ def trace_figure(
     n_ensembles, n_steps = theta.shape[:2]
     steps = style.thin(n_steps, STEPS)
     bands = np.quantile(theta[:, steps], QUANTILES, axis=2)  # (3, E, steps, D)
-    kept = steps >= min(burn_in, steps[-1])
+    after_burn_in = steps >= min(burn_in, steps[-1])
     known = [nominal.get(symbol.name) for symbol in symbols]
     scales = [
-        _scale(bands[..., d], kept, value, log=symbol.name in logs)
+        _scale(bands[..., d], after_burn_in, value, log=symbol.name in logs)
         for d, (symbol, value) in enumerate(zip(symbols, known, strict=True))
     ]
     sides = {s.side(value) for s, value in zip(scales, known, strict=True) if value is not None}
@@ -117,15 +117,15 @@ def trace_figure(
 
 
 def _scale(
-    bands: Array, kept: NDArray[np.bool_], nominal: float | None, *, log: bool
+    bands: Array, after_burn_in: NDArray[np.bool_], nominal: float | None, *, log: bool
 ) -> scales.Scale:
     """An axis for bands `(3, E, steps)`: all after burn-in, and of burn-in what is not too far."""
     to, back = (np.log, np.exp) if log else (np.asarray, np.asarray)
-    every, after = to(bands), to(bands[..., kept])
+    scaled, after = to(bands), to(bands[..., after_burn_in])
     low, high = float(after.min()), float(after.max())
     width = high - low
-    low = max(float(every.min()), low - EXCURSION * width)
-    high = min(float(every.max()), high + EXCURSION * width)
+    low = max(float(scaled.min()), low - EXCURSION * width)
+    high = min(float(scaled.max()), high + EXCURSION * width)
     ends = scales.reaching(float(back(low)), float(back(high)), nominal, REACH, log=log)
     return scales.scale(*ends, log=log, margin=0.06)
 
@@ -152,8 +152,8 @@ def _page(n: int, n_handles: int, width: float) -> tuple[Figure, list[Axes]]:
 
 def ensemble_line(ensemble: int, width: float | None = None) -> dict[str, Any]:
     """How the lines of an ensemble look, of its own `width` or of this one."""
-    colour, own, dashes = LOOKS[ensemble % len(LOOKS)]
-    return {"color": colour, "linestyle": dashes, "linewidth": width or own}
+    colour, line_width, dashes = LOOKS[ensemble % len(LOOKS)]
+    return {"color": colour, "linestyle": dashes, "linewidth": width or line_width}
 
 
 def _thin_handles(n_ensembles: int) -> list[Any]:
@@ -210,8 +210,8 @@ def autocorrelation_figure(
     theta: Array, symbols: Sequence[Symbol], width: float = scales.DOUBLE
 ) -> Figure:
     """Of chains after burn-in `(E, S, W, D)`: each ensemble, and all of them as `tau` is taken from."""
-    every = autocorrelation(theta)
-    lags = min(theta.shape[1], math.ceil(BEYOND * (int(every.window.max()) + 1)) + 1)
+    result = autocorrelation(theta)
+    lags = min(theta.shape[1], math.ceil(BEYOND * (int(result.window.max()) + 1)) + 1)
     each = [autocorrelation(chain[None]).rho[:lags] for chain in theta]
     low = min(0.0, float(min(rho.min() for rho in each)))
     wide = width >= scales.DOUBLE
@@ -224,17 +224,17 @@ def autocorrelation_figure(
         page = SMALL_PANELS.fitting(width, len(handles))
         figure, panels = page.build(len(symbols))
         for d, (panel, symbol) in enumerate(zip(panels, symbols, strict=True)):
-            panel.axvspan(0, float(every.window[d]), zorder=0, **SUMMED)
+            panel.axvspan(0, float(result.window[d]), zorder=0, **SUMMED)
             panel.axhline(0.0, color=style.MIDDLE, linewidth=0.5, zorder=1)
-            panel.axvline(float(every.tau[d]), zorder=2, **TAU)
+            panel.axvline(float(result.tau[d]), zorder=2, **TAU)
             for k, rho in enumerate(each):
                 panel.plot(np.arange(len(rho)), rho[:, d], zorder=3, **ensemble_line(k, THIN))
             _step_axis(panel, lags, 4)
             panel.set_ylim(1.15 * low - 0.06, 1.3)
             style.set_ticks(panel.yaxis, np.array([0.0, 0.5, 1.0]), ["0", "0.5", "1"])
             page.frame(panel, d, len(symbols), "lag [steps]", "autocorrelation")
-            said = rf"${symbol.latex}$: $\tau = {every.tau[d]:.3g}$" + " steps" * wide
-            style.corner_text(panel, said, "right")
+            text = rf"${symbol.latex}$: $\tau = {result.tau[d]:.3g}$" + " steps" * wide
+            style.corner_text(panel, text, "right")
         legend_above(figure, handles, 6 if wide else 2)
     return figure
 
@@ -246,18 +246,23 @@ def rank_figure(
     ranks: Sequence[RankHistogram], symbols: Sequence[Symbol], width: float = scales.DOUBLE
 ) -> Figure:
     """How many more of an ensemble's draws than expected are below each share of all, in per cent."""
-    most = 100 * max(max(np.abs(one.away).max(), one.room.max()) / one.draws for one in ranks)
+    most = 100 * max(
+        max(np.abs(histogram.away).max(), histogram.room.max()) / histogram.draws
+        for histogram in ranks
+    )
     wide = width >= scales.DOUBLE
     with style.styled(width):
         handles = _rank_handles(ranks)
         page = SMALL_PANELS.fitting(width, len(handles))
         figure, panels = page.build(len(ranks))
-        for k, (panel, one, symbol) in enumerate(zip(panels, ranks, symbols, strict=True)):
-            room = np.pad(100 * one.room / one.draws, 1)
+        for k, (panel, histogram, symbol) in enumerate(zip(panels, ranks, symbols, strict=True)):
+            room = np.pad(100 * histogram.room / histogram.draws, 1)
             difference_panel(panel, PLACES, (-room, room), float(most))
-            for ensemble, (away, holds) in enumerate(zip(one.away, one.holds, strict=True)):
+            for ensemble, (away, holds) in enumerate(
+                zip(histogram.away, histogram.holds, strict=True)
+            ):
                 look = {**ensemble_line(ensemble, THIN), **({} if holds else style.OUTSIDE)}
-                line = np.pad(100 * away / one.draws, 1)
+                line = np.pad(100 * away / histogram.draws, 1)
                 panel.plot(PLACES, line, zorder=2 if holds else 3, **look)
             style.corner_text(panel, f"${symbol.latex}$")
             page.frame(panel, k, len(ranks), "rank, as a share", "ECDF difference [%]")
@@ -266,7 +271,7 @@ def rank_figure(
 
 
 def _rank_handles(ranks: Sequence[RankHistogram]) -> list[Any]:
-    holds = np.array([one.holds for one in ranks])  # (D, E)
+    holds = np.array([histogram.holds for histogram in ranks])  # (D, E)
     chance = Patch(label=f"{100 * (1 - FALSE_ALARM):g} % of chance, together", **style.CHANCE)
     handles = [*_thin_handles(holds.shape[1]), chance]
     if not holds.all():
@@ -293,15 +298,17 @@ RANK = "Whether the ensembles see the same: ranks of the draws of each among tho
 def draw_rank(run: View) -> Drawing:
     c = run.sampled.convergence
     draws = independent_draws(run.sampled.theta, c.burn_in, float(c.tau.max()))
-    found = rank_histograms(draws, seeds.stream(run.config.seed, "rank"))
-    return Drawing(rank_figure, (found, run.problem.symbols, run.width), says=RANK)
+    histograms = rank_histograms(draws, seeds.stream(run.config.seed, "rank"))
+    return Drawing(rank_figure, (histograms, run.problem.symbols, run.width), says=RANK)
 
 
 AUTOCORRELATION = "How long the walkers remember: autocorrelation, its time and its window."
 
 
 def draw_autocorrelation(run: View) -> Drawing:
-    kept = run.sampled.theta[:, run.sampled.convergence.burn_in :]
+    after_burn_in = run.sampled.theta[:, run.sampled.convergence.burn_in :]
     return Drawing(
-        autocorrelation_figure, (kept, run.problem.symbols, run.width), says=AUTOCORRELATION
+        autocorrelation_figure,
+        (after_burn_in, run.problem.symbols, run.width),
+        says=AUTOCORRELATION,
     )

@@ -145,8 +145,8 @@ def _beside(n: int, page: tuple[float, ...], across: float, deep: float) -> bool
     if n == 1:
         return True
     rows = min(n, math.ceil(deep / pitch))
-    taken = left + max(rows * pitch, (rows - 1) * pitch + TITLE * letters)
-    return rows < n and width - across > taken
+    occupied = left + max(rows * pitch, (rows - 1) * pitch + TITLE * letters)
+    return rows < n and width - across > occupied
 
 
 Handles = list[Line2D | Patch]
@@ -193,8 +193,8 @@ def legend(figure: Figure, first: Handles, second: Handles, page: CornerPage) ->
     if page.above:
         look["labelspacing"] = 0.35
         groups = [("upper left", 0.05 / width, first), ("upper right", 1.0, second)]
-    for place, x, group in groups:
-        figure.legend(handles=group, loc=place, bbox_to_anchor=(x, high), **look)
+    for location, x, group in groups:
+        figure.legend(handles=group, loc=location, bbox_to_anchor=(x, high), **look)
 
 
 POINTS = 2000  # drawn in a panel; contours and histograms count all draws
@@ -302,14 +302,14 @@ def _points(
     figure: Figure, panels: NDArray[np.object_], columns: Sequence[Column], page: CornerPage
 ) -> None:
     """Some draws below all panels, as one artist: each rasterised one costs a page of pixels."""
-    kept = style.thin(len(columns[0].x), round(POINTS * page.fine**2))
+    shown = style.thin(len(columns[0].x), round(POINTS * page.fine**2))
     places = []
     for i, j in itertools.combinations(range(len(columns)), 2):
         panel = panels[j, i]
         panel.patch.set_visible(False)
         ends = ((columns[k].scale.low, columns[k].scale.high) for k in (i, j))
         low, high = np.transpose([*ends])
-        inside = np.stack([columns[k].x[kept] for k in (i, j)], axis=-1)
+        inside = np.stack([columns[k].x[shown] for k in (i, j)], axis=-1)
         inside = (inside - low) / (high - low)
         inside = inside[np.all((inside > 0) & (inside < 1), axis=-1)]
         box = panel.get_position()
@@ -403,11 +403,11 @@ CORNER = (
 
 
 def draw_corner(run: View) -> Drawing:
-    own, at_map = run.units, run.chain.best[None]
+    display_units, at_map = run.units, run.chain.best[None]
     names = run.config.output.corner or run.config.output.parameters
     shown = physics_words.derived_shown(run.problem, names, run.sampled.draws, run.derived, at_map)
-    draws = shown.draws / own.factors(shown.symbols)
-    nominal, mode = own.values(shown.nominal), own.values(shown.mode)
-    priors = own.priors(run.problem.posterior.space.priors)
-    given = (draws, own.symbols(shown.symbols), nominal, mode, priors, run.width)
+    draws = shown.draws / display_units.factors(shown.symbols)
+    nominal, mode = display_units.values(shown.nominal), display_units.values(shown.mode)
+    priors = display_units.priors(run.problem.posterior.space.priors)
+    given = (draws, display_units.symbols(shown.symbols), nominal, mode, priors, run.width)
     return Drawing(corner_figure, given, says=CORNER)

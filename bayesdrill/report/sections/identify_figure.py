@@ -119,8 +119,8 @@ def spectrum_figure(
         panel.set_ylim(n - 0.4, -0.6 if wide else -0.8)
         if not wide:
             across = panel.get_yaxis_transform()
-            for place, label in enumerate(labels):
-                panel.text(0.01, place - 0.24, label, transform=across, va="bottom")
+            for position, label in enumerate(labels):
+                panel.text(0.01, position - 0.24, label, transform=across, va="bottom")
         look = {"columnspacing": 2.0, "handlelength": 2.0, "labelspacing": 0.5}
         at = (1 - SPECTRUM.right / width, 1.0)
         legend_above(figure, handles, 3, loc="upper right", bbox_to_anchor=at, **look)
@@ -139,11 +139,11 @@ def _bars(panel: Axes, study: IdentifiabilityStudy, thick: float) -> None:
     for mask, look in ((inside, KNOWN), (finite & ~inside, UNKNOWN), (~finite, BLIND)):
         panel.barh(places[mask], shown[mask], height=thick, left=smallest, **look)
     panel.axvline(prior, **style.PRIOR_LINE)
-    for place, one in enumerate(study.directions):
-        if np.isfinite(one.sd):
+    for position, direction in enumerate(study.directions):
+        if np.isfinite(direction.sd):
             panel.annotate(
-                percent(one.sd),
-                (smallest + 100.0 * one.sd, place),
+                percent(direction.sd),
+                (smallest + 100.0 * direction.sd, position),
                 xytext=(3, 0),
                 textcoords="offset points",
                 va="center",

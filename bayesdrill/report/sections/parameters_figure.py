@@ -124,7 +124,7 @@ def strongest_pair(draws: Array, structure: Structure) -> Pair | None:
     None where none do, for want of a symmetry or because priors hold the unknowns in place.
     """
     spread = np.cov(np.log(draws[:, : len(structure.names)]).T)
-    best, found = LEAST, None
+    best, strongest = LEAST, None
     for symmetry in structure.symmetries:
         used = [k for k, exponent in enumerate(symmetry) if exponent]
         for i, j in itertools.combinations(used, 2):
@@ -132,8 +132,8 @@ def strongest_pair(draws: Array, structure: Structure) -> Pair | None:
             # 1 where draws differ along the symmetry alone, 0 where without regard to it.
             along = 2 * p * q * spread[i, j] / (q**2 * spread[i, i] + p**2 * spread[j, j])
             if along > best:
-                best, found = float(along), Pair((i, j), (p, q))
-    return found
+                best, strongest = float(along), Pair((i, j), (p, q))
+    return strongest
 
 
 def ridge_figure(
@@ -145,7 +145,7 @@ def ridge_figure(
     mode: Mapping[str, float],
 ) -> Figure:
     """Of draws `(N, D)` in the units of the symbols; the exact line passes through the MAP."""
-    factor, kept = np.geomspace(1 / REACH, REACH, CORNERS), style.thin(len(draws), POINTS)
+    factor, shown = np.geomspace(1 / REACH, REACH, CORNERS), style.thin(len(draws), POINTS)
     box, line, dots, cross, marks = [], [], [], [], []
     with style.styled():
         figure, (panel,) = RIDGE_PAGE.build(1)
@@ -159,7 +159,7 @@ def ridge_figure(
             best = mode[symbol.name]
             box.append(scale(np.array(ends)))
             line.append(scale(best * factor**power))
-            dots.append(scale(x[kept]))
+            dots.append(scale(x[shown]))
             cross.append([float(scale(best))])
             marks.append((scale, nominal[symbol.name] if marked else None))
             style.scale_axis(axis, scale, scale.label(symbol))
@@ -197,7 +197,7 @@ def _ridge_legend(figure: Figure, *, marked: bool) -> None:
 
 
 def invariants_figure(
-    found: Verdict,
+    verdict: Verdict,
     draws: Array,
     mode: Array,
     symbols: Sequence[Symbol],
@@ -207,21 +207,21 @@ def invariants_figure(
 
     In per cent, so that a product known to 1e-5 has as readable an axis as one known to a half.
     """
-    sure = [q for q in found.products if q.says != "not determined"]
-    chosen = sure or list(found.products)
+    sure = [q for q in verdict.products if q.says != "not determined"]
+    selected = sure or list(verdict.products)
     shown = [
         Symbol(
-            name=product(found.names, quantity.exponents),
+            name=product(verdict.names, quantity.exponents),
             unit="%",
             latex=rf"\Delta\,{product_latex(quantity.exponents, symbols)}",
             latex_unit=r"\%\;of\;nominal",
             meaning="deviation from the nominal value",
         )
-        for quantity in chosen
+        for quantity in selected
     ]
-    powers = np.array([quantity.exponents for quantity in chosen], dtype=float)
-    table = np.log([quantity.nominal for quantity in chosen])
-    m = len(found.names)
+    powers = np.array([quantity.exponents for quantity in selected], dtype=float)
+    table = np.log([quantity.nominal for quantity in selected])
+    m = len(verdict.names)
     off = 100 * np.expm1(np.log(draws[:, :m]) @ powers.T - table)
     at = 100 * np.expm1(np.log(mode[:m]) @ powers.T - table)
     return corner_figure(
