@@ -15,7 +15,7 @@ from bayesdrill.analysis.identifiability.information import (
     root_of,
     simple_exponents,
 )
-from bayesdrill.analysis.identifiability.structure import Structure
+from bayesdrill.analysis.identifiability.structure import ScalingStructure
 from bayesdrill.analysis.identifiability.study import IdentifiabilityStudy, KnownProduct
 from bayesdrill.analysis.verdict import Verdict, judge
 from bayesdrill.config.schema.config import Thresholds
@@ -49,7 +49,7 @@ def linear_study(prior_sd: np.ndarray) -> IdentifiabilityStudy:
         names=NAMES,
         at="the start",
         of_interest=NAMES,
-        structure=Structure(
+        structure=ScalingStructure(
             names=NAMES,
             symmetries=((1, 1, 0),),
             invariants=((0, 0, 1), (1, -1, 0)),

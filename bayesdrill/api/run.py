@@ -27,7 +27,7 @@ from bayesdrill.report.map_report import MapReport
 from bayesdrill.report.publish import FIGURES, drawings
 from bayesdrill.report.run_report import sections
 from bayesdrill.report.section import as_markdown, as_text
-from bayesdrill.report.view import Drawing, View
+from bayesdrill.report.view import Drawing, ReportContext
 from bayesdrill.sampling.ensembles import SamplingResult
 from bayesdrill.sampling.evidence import Evidence
 from bayesdrill.sampling.mode_search import Mode
@@ -190,7 +190,7 @@ class Run(SampledRun):
         return Judged(self._view)
 
     @cached_property
-    def _view(self) -> View:
+    def _view(self) -> ReportContext:
         return conclusions.concluded(self.job, self.mode, self.sampled, kept=self.kept)
 
     def to_arviz(self) -> DataTree:
@@ -240,7 +240,7 @@ class Run(SampledRun):
 class Judged(Value):
     """`verdict`: None where no unknown has a nominal value to be compared with."""
 
-    view: View
+    view: ReportContext
 
     @property
     def verdict(self) -> Verdict | None:

@@ -14,10 +14,10 @@ from bayesdrill.basics import Array, InputError, Issue
 from bayesdrill.config import Job, ResolvedCase, job, loading
 from bayesdrill.config import optimiser as optimiser_of
 from bayesdrill.paper import printed
-from bayesdrill.paper.forward import Error, Reading
-from bayesdrill.paper.precision import Implied, Length
-from bayesdrill.paper.printed import Cause, Tone
-from bayesdrill.paper.searches import Control, End, Heuristic, Verification
+from bayesdrill.paper.forward import IntegratorError, MatrixReading
+from bayesdrill.paper.precision import ImpliedNoise, RecordLength
+from bayesdrill.paper.printed import DeviationCause, NaturalFrequency
+from bayesdrill.paper.searches import ControlRun, Heuristic, SearchEnd, Verification
 from bayesdrill.record import Experiment
 from bayesdrill.sampling import Optimiser
 
@@ -49,7 +49,7 @@ class Misfits:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Nine:
+class NineParameterStudy:
     """The nine-parameter study of one record; vectors `(D,)` of `names`, physical, SI.
 
     `draws (N, D)`: of the posterior; `signals (T, K)`: of the heuristic's estimate; `given`: the
@@ -67,25 +67,25 @@ class Nine:
     draws: Array
     verdict: Verdict
     misfits: Misfits
-    causes: tuple[Cause, ...]
+    causes: tuple[DeviationCause, ...]
     converged: bool
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Findings:
+class PaperFindings:
     """`ends`: of simultaneous searches, whose distances are from the truth of `searched`."""
 
-    readings: tuple[Reading, ...]
-    errors: tuple[Error, ...]
+    readings: tuple[MatrixReading, ...]
+    errors: tuple[IntegratorError, ...]
     verification: Verification
-    lengths: tuple[Length, ...]
-    implied: tuple[Implied, ...]
+    lengths: tuple[RecordLength, ...]
+    implied: tuple[ImpliedNoise, ...]
     searched: str
     symmetries: tuple[tuple[str, ...], ...]
-    ends: tuple[End, ...]
-    control: tuple[Control, ...]
-    nines: tuple[Nine, ...]
-    tones: tuple[Tone, ...]
+    ends: tuple[SearchEnd, ...]
+    control: tuple[ControlRun, ...]
+    nines: tuple[NineParameterStudy, ...]
+    tones: tuple[NaturalFrequency, ...]
 
     @property
     def converged(self) -> bool:

@@ -175,7 +175,7 @@ FOLLOWED = 30.0  # s; the speed of theta_2 has settled by then but for a swing t
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Reading:
+class MatrixReading:
     """A way to read the printed matrix: the speed of theta_2 [rad/s] at `time` [s] and in the end.
 
     `error`: largest distance of the paper's integrator from the exact speed until `time`, `steps`
@@ -195,7 +195,7 @@ class Reading:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Error:
+class IntegratorError:
     """Of the paper's integrator in one channel of the record, at its default tolerances."""
 
     channel: str
@@ -204,7 +204,7 @@ class Error:
     steps: int
 
 
-def readings(experiment: Experiment, p: Mapping[str, float]) -> tuple[Reading, ...]:
+def readings(experiment: Experiment, p: Mapping[str, float]) -> tuple[MatrixReading, ...]:
     """The same step with each reading, at parameters `p` (SI), followed for `FOLLOWED` s."""
     experiment = regular(experiment, FOLLOWED, 1 / experiment.dt)
     k, readings = experiment.names.index("w_2"), []
@@ -212,7 +212,7 @@ def readings(experiment: Experiment, p: Mapping[str, float]) -> tuple[Reading, .
         exact, stepped, steps = _both(model, experiment, p)
         end = derived.steady(model, model.linear(p), 1, experiment.constant)["w_end"]
         readings.append(
-            Reading(
+            MatrixReading(
                 name=name,
                 matrix=matrix,
                 time=float(experiment.t[-1]),
@@ -228,12 +228,12 @@ def readings(experiment: Experiment, p: Mapping[str, float]) -> tuple[Reading, .
     return tuple(readings)
 
 
-def errors(experiment: Experiment, p: Mapping[str, float]) -> tuple[Error, ...]:
+def errors(experiment: Experiment, p: Mapping[str, float]) -> tuple[IntegratorError, ...]:
     """Of the integrator on the corrected model."""
     exact, stepped, steps = _both(MotorShaft(), experiment, p)
     off = stepped - exact
     return tuple(
-        Error(
+        IntegratorError(
             channel=name,
             largest=float(np.abs(off[:, k]).max()),
             rms=float(np.sqrt(np.mean(off[:, k] ** 2))),

@@ -15,8 +15,8 @@ from matplotlib.lines import Line2D
 from bayesdrill.basics import PARAMETERS, STATES, Array, own_symbol
 from bayesdrill.inference import HDI_PROBABILITY, hdi
 from bayesdrill.paper import printed as paper
-from bayesdrill.paper.forward import Reading
-from bayesdrill.paper.searches import End, Heuristic, Verification
+from bayesdrill.paper.forward import MatrixReading
+from bayesdrill.paper.searches import Heuristic, SearchEnd, Verification
 from bayesdrill.record import Experiment
 from bayesdrill.report import (
     LINE_POINTS,
@@ -30,22 +30,22 @@ from bayesdrill.report import (
     usable,
 )
 
-Look = Mapping[str, Any]
+LineStyle = Mapping[str, Any]
 
 NOMINAL_COLOUR = style.NOMINAL["color"]
 DASHED, DOTTED, DASH_DOTTED = (0, (4, 2)), (0, (1, 1.2)), (0, (6, 1.5, 1, 1.5))
 
 
-def _line(color: str, width: float, dashes: Any = "-", **more: Any) -> Look:
+def _line(color: str, width: float, dashes: Any = "-", **more: Any) -> LineStyle:
     return {"color": color, "linestyle": dashes, "linewidth": width, **more}
 
 
-def _mark(color: str, marker: str, size: float, edge: float | None, **more: Any) -> Look:
+def _mark(color: str, marker: str, size: float, edge: float | None, **more: Any) -> LineStyle:
     looks = {"color": color, "marker": marker, "markersize": size, "markeredgewidth": edge}
     return {**looks, "linestyle": "none", **more}
 
 
-def _legend(figure: Figure, looks: Mapping[str, Look], columns: int, **more: Any) -> None:
+def _legend(figure: Figure, looks: Mapping[str, LineStyle], columns: int, **more: Any) -> None:
     """Above all panels, by label."""
     handles = [Line2D([], [], label=label, **look) for label, look in looks.items()]
     figure.legend(handles=handles, loc="upper center", ncols=columns, borderaxespad=0.3, **more)
@@ -70,17 +70,17 @@ SHORT = {
     "i_n": r"$A_{51}$ over $j_m$, $i_n = i_m$",
     "printed": r"$A_{51}$ over $j_1$ (printed), $i_n = i_m$",
 }
-CURVES: tuple[Look, ...] = (
+CURVES: tuple[LineStyle, ...] = (
     _line(style.BLACK, 1.4),
     _line(NOMINAL_COLOUR, 1.1, DASHED),
     _line(style.MAP_COLOUR, 1.4, DOTTED),
     _line(style.MIDDLE, 1.0, DASH_DOTTED),
 )
-BAND: Look = {"color": "0.95", "linewidth": 0, "zorder": -2}  # that range, in both panels
+BAND: LineStyle = {"color": "0.95", "linewidth": 0, "zorder": -2}  # that range, in both panels
 BELOW, ABOVE = 0.25, 1.3  # what the near panel shows, over the largest of the right speed
 
 
-def readings_figure(readings: Sequence[Reading]) -> Figure:
+def readings_figure(readings: Sequence[MatrixReading]) -> Figure:
     """Speeds of theta_2 over time: all of them, and those near the first, which is the right one."""
     far = np.concatenate([reading.curve for reading in readings])
     right = float(np.abs(readings[0].curve).max())
@@ -113,7 +113,7 @@ def _axes(panel: Axes, time: scales.Scale, numbers: scales.Scale) -> None:
     style.set_ticks(panel.yaxis, *scales.ticks(numbers.low, numbers.high, 5))
 
 
-def _ending(reading: Reading) -> str:
+def _ending(reading: MatrixReading) -> str:
     end = f"{round(reading.w_end, 1) + 0.0:g}".replace("-", "\N{MINUS SIGN}")
     return rf"{SHORT[reading.name]}; settles at {end} rad/s"
 
@@ -124,8 +124,8 @@ BOUND = _line(style.BLACK, 1.0)
 FMINSEARCH = _mark(NOMINAL_COLOUR, "o", 6.5, 1.1, markerfacecolor="none")
 SCALED = _mark(style.BLACK, "+", 6, 1.0)
 PRINTED = _line(style.MAP_COLOUR, 0.9, (0, (1, 1.5)), marker="D", markersize=4)
-SINGLES: Look = {**style.DOTS, "color": style.MIDDLE, "markersize": 1.6, "alpha": 0.4}
-BIG: Look = {**SINGLES, "markersize": 2.5, "alpha": 0.8, "rasterized": False}
+SINGLES: LineStyle = {**style.DOTS, "color": style.MIDDLE, "markersize": 1.6, "alpha": 0.4}
+BIG: LineStyle = {**SINGLES, "markersize": 2.5, "alpha": 0.8, "rasterized": False}
 ASIDE = 0.14  # decades, between a sigma and the single estimates of each way
 LEAST_SHARE = 0.02  # of the single estimates may be below the panel
 
@@ -224,7 +224,7 @@ WAYS: Mapping[str, tuple[str, str, str]] = {  # label, colour, marker
 TRUTH = _mark(style.BLACK, "+", 10, 1.2, zorder=5)
 
 
-def simultaneous_figure(ends: Sequence[End], symmetries: Sequence[str]) -> Figure:
+def simultaneous_figure(ends: Sequence[SearchEnd], symmetries: Sequence[str]) -> Figure:
     """Ends along the first two symmetries, and their misfits against their distance from the truth.
 
     `symmetries`: the parameters that each scales, in LaTeX without dollars.
@@ -247,7 +247,7 @@ def simultaneous_figure(ends: Sequence[End], symmetries: Sequence[str]) -> Figur
     return figure
 
 
-def _scales(panel: Axes, ends: Sequence[End], symmetries: Sequence[str]) -> None:
+def _scales(panel: Axes, ends: Sequence[SearchEnd], symmetries: Sequence[str]) -> None:
     """Factors on logarithmic axes, the truth at 1; of one symmetry a row for each way."""
     factors = np.exp([end.scales[: len(symmetries)] for end in ends]).reshape(len(ends), -1)
     strip = len(symmetries) == 1
@@ -268,7 +268,7 @@ def _scales(panel: Axes, ends: Sequence[End], symmetries: Sequence[str]) -> None
         panel.axhline(1.0, color=style.LIGHT, linewidth=0.7, zorder=0)
 
 
-def _misfits(panel: Axes, ends: Sequence[End]) -> None:
+def _misfits(panel: Axes, ends: Sequence[SearchEnd]) -> None:
     for way in _ways(ends):
         selected = [end for end in ends if end.way == way]
         x, y = np.array([(end.distance, end.misfit) for end in selected]).T
@@ -280,7 +280,7 @@ def _misfits(panel: Axes, ends: Sequence[End]) -> None:
     panel.set_xlabel("distance from the truth (rms of logarithms)")
 
 
-def _marks(panel: Axes, x: Array, y: Array, ends: Sequence[End]) -> None:
+def _marks(panel: Axes, x: Array, y: Array, ends: Sequence[SearchEnd]) -> None:
     """Filled where the noise floor was reached, open where it was not."""
     for reached in (True, False):
         selected = np.array([end.reached is reached for end in ends], dtype=bool)
@@ -298,14 +298,14 @@ def _end(way: str, *, reached: bool) -> dict[str, Any]:
     }
 
 
-def _ways(ends: Sequence[End]) -> list[str]:
+def _ways(ends: Sequence[SearchEnd]) -> list[str]:
     return [way for way in WAYS if any(end.way == way for end in ends)]
 
 
 # The path of the heuristic
 
 ALONE = replace(ENDS, columns=1, width=scales.DOUBLE * 0.72)
-PATHS: tuple[Look, ...] = (
+PATHS: tuple[LineStyle, ...] = (
     _line(style.BLACK, 1.2),
     _line(NOMINAL_COLOUR, 1.2, (0, (4, 1.5))),
     _line(style.MAP_COLOUR, 1.4, DOTTED),
@@ -353,8 +353,8 @@ LINE = 0.34  # inches
 KEY, COLUMNS = 0.165, 3  # height of a row of the legend, and its columns
 UP, DOWN = -0.13, 0.22  # rows: the posterior, and below it the heuristic
 MIDDLE = (0.25, 0.75)  # quantiles: the thick bar
-THIN: Look = {"color": style.DARK, "linewidth": 1.1, "solid_capstyle": "butt"}
-THICK: Look = {"color": style.DARK, "linewidth": 4.0, "solid_capstyle": "butt"}
+THIN: LineStyle = {"color": style.DARK, "linewidth": 1.1, "solid_capstyle": "butt"}
+THICK: LineStyle = {"color": style.DARK, "linewidth": 4.0, "solid_capstyle": "butt"}
 ESTIMATE = _mark(style.MAP_COLOUR, "D", 4.5, None, zorder=4)
 OTHERS = _mark(style.MAP_COLOUR, "o", 2.4, 0, alpha=0.4, zorder=3)
 GUESS = _line(style.MIDDLE, 0.8, DASHED, zorder=0)

@@ -81,7 +81,7 @@ class AsPrinted(Model):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Run:
+class FminsearchRun:
     """`first`: the value at the start; `history`: the lowest value after each iteration; `stopped`: by
     its tolerances.
     """
@@ -94,7 +94,7 @@ class Run:
     history: tuple[float, ...]
 
 
-def descend(function: Callable[[Array], float], start: Array, **options: Any) -> Run:
+def descend(function: Callable[[Array], float], start: Array, **options: Any) -> FminsearchRun:
     """Minimise `function` from `start (D,)`; `options` are those of SciPy's Nelder-Mead.
 
     SciPy's own first simplex is that of MATLAB's fminsearch, each coordinate 5 % larger by turns, and
@@ -119,7 +119,7 @@ def descend(function: Callable[[Array], float], start: Array, **options: Any) ->
 
     with np.errstate(invalid="ignore"):  # where all of a simplex is impossible
         result = minimize(noted, start, method="Nelder-Mead", callback=note, options=options)
-    return Run(
+    return FminsearchRun(
         x=best if lowest < result.fun else np.asarray(result.x),
         first=values[0],
         lowest=lowest,
@@ -232,7 +232,7 @@ class Pairwise:
         columns = [[task.names.index(name) for name in pair] for pair in pairs]
         history: list[float] = []
         while not settled and spent < evaluations:
-            cycle: list[Run] = []
+            cycle: list[FminsearchRun] = []
             for pair in columns:
                 if spent == evaluations:
                     break

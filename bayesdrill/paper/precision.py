@@ -29,7 +29,7 @@ from bayesdrill.sampling import THOROUGH, Optimiser, Task, mode_search
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Length:
+class RecordLength:
     """Relative Cramer-Rao bounds at sigma 1 of a record of `duration` s at `rate` Hz, by unknown."""
 
     duration: float
@@ -56,7 +56,7 @@ def at_sigma_1(likelihood: Likelihood, truth: Mapping[str, float]) -> dict[str, 
 
 def lengths(
     likelihood: Likelihood, truth: Mapping[str, float], grid: Sequence[tuple[float, float]]
-) -> tuple[Length, ...]:
+) -> tuple[RecordLength, ...]:
     """Of records of (duration [s], rate [Hz]), otherwise like the one there is."""
     lengths = []
     for duration, rate in grid:
@@ -64,12 +64,12 @@ def lengths(
         response = Response(likelihood.response.model, experiment)
         noise = likelihood.noise.for_length(len(experiment.t))
         longer = likelihood.with_alone(response=response, noise=noise)
-        lengths.append(Length(duration=duration, rate=rate, bounds=at_sigma_1(longer, truth)))
+        lengths.append(RecordLength(duration=duration, rate=rate, bounds=at_sigma_1(longer, truth)))
     return tuple(lengths)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Implied:
+class ImpliedNoise:
     """Deviations of Table 2 in per cent, and the noise whose Cramer-Rao bound each is.
 
     `row`: the sigma_n of Table 2, `rms` over all of them, or `bound`: the bounds at 0.001.
@@ -83,7 +83,7 @@ class Implied:
     noise_k_e: float
 
 
-def implied_noise(values: Mapping[str, float]) -> tuple[Implied, ...]:
+def implied_noise(values: Mapping[str, float]) -> tuple[ImpliedNoise, ...]:
     """Given the relative bounds at sigma 1: what noise the printed deviations would come from."""
     table = {
         f"{sigma:g}": {name: cell.deviation for name, cell in row.items()}
@@ -95,7 +95,7 @@ def implied_noise(values: Mapping[str, float]) -> tuple[Implied, ...]:
     table["rms"] = {name: math.sqrt(square) for name, square in squares.items()}
     table["bound"] = {name: 100 * 1e-3 * values[name] for name in printed.START}
     return tuple(
-        Implied(
+        ImpliedNoise(
             row=label,
             c_m_percent=row["c_m"],
             k_e_percent=row["k_e"],

@@ -216,7 +216,7 @@ GIVEN = 1e-9  # logs of draws that all lie within this are rounding alone
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Cause:
+class DeviationCause:
     """A quantity over its value at the initial guesses of the paper.
 
     `table_3`: of the printed estimates, `table_3_digits` of those with the digits of the percentages;
@@ -240,7 +240,9 @@ class Cause:
     alone: float | None
 
 
-def causes(posterior: Posterior, mode: Array, estimate: Array, draws: Array) -> tuple[Cause, ...]:
+def causes(
+    posterior: Posterior, mode: Array, estimate: Array, draws: Array
+) -> tuple[DeviationCause, ...]:
     """From the MAP and the heuristic's estimate `(D,)`, and draws `(N, D)`."""
     inputs = usual_inputs(posterior.likelihood.response.experiment)
     guess = quantities(MotorShaft(), GUESS, inputs, 1)
@@ -263,7 +265,7 @@ def causes(posterior: Posterior, mode: Array, estimate: Array, draws: Array) -> 
         there = np.ptp(logs) > GIVEN
         low, high = np.exp(hdi(logs)).tolist() if there else (None, None)
         causes.append(
-            Cause(
+            DeviationCause(
                 quantity=name,
                 **{
                     column: float((values_by_name[name] / value)[0])
@@ -322,7 +324,7 @@ DENSITY = 7850.0  # kg/m^3, of steel; the paper gives none
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Tone:
+class NaturalFrequency:
     """A natural frequency [Hz] of the free shaft with both inertias; `lumped`: of the spring."""
 
     mode: int
@@ -330,7 +332,7 @@ class Tone:
     lumped: float | None
 
 
-def tones(j_1: float, j_2: float, n: int) -> tuple[Tone, ...]:
+def natural_frequencies(j_1: float, j_2: float, n: int) -> tuple[NaturalFrequency, ...]:
     """The first `n` with inertias `j_1` and `j_2` [kg m^2] at the ends of the paper's shaft."""
     from scipy.optimize import brentq
 
@@ -350,5 +352,7 @@ def tones(j_1: float, j_2: float, n: int) -> tuple[Tone, ...]:
         low, high = (mode - 1) * math.pi + 1e-9, mode * math.pi - 1e-9
         phase = brentq(residue, low, high, xtol=1e-15, rtol=1e-14)
         frequency = phase * speed / plausibility.SHAFT_LENGTH / (2 * math.pi)
-        tones.append(Tone(mode=mode, distributed=frequency, lumped=lumped if mode == 1 else None))
+        tones.append(
+            NaturalFrequency(mode=mode, distributed=frequency, lumped=lumped if mode == 1 else None)
+        )
     return tuple(tones)

@@ -11,9 +11,9 @@ import numpy as np
 from bayesdrill import output_files
 from bayesdrill.basics import software, symbols
 from bayesdrill.paper import printed
-from bayesdrill.paper.findings import Findings
+from bayesdrill.paper.findings import PaperFindings
 from bayesdrill.paper.plugins import ORDER, circle
-from bayesdrill.paper.study_tables import Table, doubts, lines_2, lines_3, percent, tables
+from bayesdrill.paper.study_tables import StudyTable, doubts, lines_2, lines_3, percent, tables
 from bayesdrill.report import (
     Drawing,
     Note,
@@ -32,7 +32,7 @@ TITLE = "The paper, repeated"
 ITERATIONS = 10  # of each pair, in the paper
 
 
-def in_words(findings: Findings) -> tuple[str, ...]:
+def in_words(findings: PaperFindings) -> tuple[str, ...]:
     """What a reader of the paper wants to know first, and what must not be believed."""
     sentences = [
         f"Table 2, sigma_n {line['sigma']:g}: c_m can be known to {percent(line['bound_percent'])} %; "
@@ -56,7 +56,7 @@ def in_words(findings: Findings) -> tuple[str, ...]:
     return tuple(sentences)
 
 
-def write(findings: Findings, folder: Folder, pool: WorkerPool) -> None:
+def write(findings: PaperFindings, folder: Folder, pool: WorkerPool) -> None:
     figures = folder.path / output_files.FIGURES
     figures.mkdir(exist_ok=True)
     note = {"Title": "paper", "Creator": software.creator()}
@@ -78,7 +78,7 @@ def write(findings: Findings, folder: Folder, pool: WorkerPool) -> None:
 
 
 def sections(
-    first: Sequence[str], report_tables: Sequence[Table], figures: Mapping[str, Drawing]
+    first: Sequence[str], report_tables: Sequence[StudyTable], figures: Mapping[str, Drawing]
 ) -> tuple[Section, ...]:
     """`first`: what is said before all tables."""
     tables = (Section(table.title, (Note(table.says), *table.grids)) for table in report_tables)
@@ -90,7 +90,7 @@ def sections(
     )
 
 
-def drawings(findings: Findings) -> dict[str, Drawing]:
+def drawings(findings: PaperFindings) -> dict[str, Drawing]:
     """The figures, by the stems of their files."""
     # Late: matplotlib takes a second to load.
     from bayesdrill.paper import plots

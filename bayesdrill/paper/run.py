@@ -15,7 +15,7 @@ from bayesdrill.analysis import SensitivityStudy, study_of
 from bayesdrill.basics import Array, Interrupted, Reporter, Silent, software
 from bayesdrill.config import Job, ResolvedCase
 from bayesdrill.paper import forward, precision, printed, reproduction
-from bayesdrill.paper.findings import Findings, Misfits, Nine, Studies, prepare
+from bayesdrill.paper.findings import Misfits, NineParameterStudy, PaperFindings, Studies, prepare
 from bayesdrill.paper.precision import truth_of
 from bayesdrill.paper.searches import (
     Heuristic,
@@ -41,7 +41,7 @@ TONES = 4
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Outcome:
+class PaperRunResult:
     """`said`: sentences for the terminal."""
 
     folder: Path
@@ -51,7 +51,7 @@ class Outcome:
 
 def reproduce(
     configs: Path, output: Path, processes: int, report: Reporter, *, force: bool
-) -> Outcome:
+) -> PaperRunResult:
     """Everything, from the configs of a folder; the tables do not depend on `processes`."""
     studies = prepare(configs)
     names = [nine.config.name for nine in studies.nines]
@@ -71,12 +71,12 @@ def reproduce(
             with suppress(OSError):  # a full disk
                 folder.write_run(status="interrupted")
             raise
-    return Outcome(
+    return PaperRunResult(
         folder=output, converged=findings.converged, said=reproduction.in_words(findings)
     )
 
 
-def _run(studies: Studies, folder: Folder, processes: int, clock: _Clock) -> Findings:
+def _run(studies: Studies, folder: Folder, processes: int, clock: _Clock) -> PaperFindings:
     two, nominal = studies.two.problem, studies.two.problem.nominal
     likelihood, experiment = two.posterior.likelihood, two.experiment
     truth, plan = two.posterior.space.vector(nominal), conclusions.plan(studies.two.config)
@@ -104,7 +104,7 @@ def _run(studies: Studies, folder: Folder, processes: int, clock: _Clock) -> Fin
     with WorkerPool(posterior, processes) as pool:
         controls = control(pool, posterior, search, SIGMAS, CONTROLS, seed)
     clock.done(f"the heuristic on {CONTROLS} nominal records at each of {len(SIGMAS)} sigmas")
-    findings = Findings(
+    findings = PaperFindings(
         readings=forward.readings(experiment, nominal),
         errors=forward.errors(experiment, nominal),
         verification=verification,
@@ -118,7 +118,9 @@ def _run(studies: Studies, folder: Folder, processes: int, clock: _Clock) -> Fin
         ends=ends,
         control=controls,
         nines=nines,
-        tones=printed.tones(nominal["j_1"], nominal["j_m"] / MotorShaft().i_m ** 2, TONES),
+        tones=printed.natural_frequencies(
+            nominal["j_1"], nominal["j_m"] / MotorShaft().i_m ** 2, TONES
+        ),
     )
     with WorkerPool(two.posterior, processes) as pool:
         reproduction.write(findings, folder, pool)
@@ -149,7 +151,7 @@ def _nine(
     folder: Path,
     processes: int,
     clock: _Clock,
-) -> Nine:
+) -> NineParameterStudy:
     """Heuristic and posterior of one record; the posterior has a results folder of its own."""
     name, posterior = nine.config.name, nine.problem.posterior
     with WorkerPool(posterior, processes) as pool:
@@ -163,7 +165,7 @@ def _nine(
     truth = None if values is None else posterior.space.vector(values)
     mode = posterior.space.vector(whole.mode.values)
     assert whole.verdict is not None  # there are unknowns with nominal values
-    return Nine(
+    return NineParameterStudy(
         name=name,
         names=nine.problem.names,
         units=tuple(symbol.plain_unit for symbol in nine.problem.symbols),

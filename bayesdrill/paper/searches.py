@@ -67,7 +67,7 @@ def _of_record(
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class End:
+class SearchEnd:
     """Of one search.  `misfit`: per measured number (1: the noise).
 
     `reached`: no more than noise is left; `best`: as good as the best of all searches.
@@ -92,7 +92,7 @@ def many_searches(
     symmetries: Sequence[Exponents],
     starts: int,
     seed: int,
-) -> tuple[End, ...]:
+) -> tuple[SearchEnd, ...]:
     """From the configured start and others around it, each way; distances are from `reference (D,)`."""
     centre = posterior.space.vector(posterior.space.start)
     rng = seeds.stream(seed, "starts")
@@ -112,7 +112,7 @@ def many_searches(
     for (way, end), misfit in zip(results, misfits, strict=True):
         scales, remainder, distance = distinct_ends(end.theta, reference, symmetries)
         ends.append(
-            End(
+            SearchEnd(
                 way=way,
                 misfit=float(misfit),
                 reached=bool(misfit < floor),
@@ -194,7 +194,7 @@ def run_heuristic(
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Control:
+class ControlRun:
     """Largest distance of the estimates of a parameter from its true value; 0: it never moved."""
 
     sigma: float
@@ -210,7 +210,7 @@ def control(
     sigmas: Sequence[float],
     records: int,
     seed: int,
-) -> tuple[Control, ...]:
+) -> tuple[ControlRun, ...]:
     """Of records made at the configured start, which the search begins at too, by noise."""
     truth = posterior.space.vector(posterior.space.start)
     tasks = {
@@ -222,7 +222,7 @@ def control(
         estimates = np.array([task.result() for task in futures])
         largest = 100 * np.abs(estimates / truth - 1).max(axis=0)
         controls += [
-            Control(sigma=sigma, parameter=name, largest_percent=float(off), records=records)
+            ControlRun(sigma=sigma, parameter=name, largest_percent=float(off), records=records)
             for name, off in zip(posterior.space.free, largest, strict=True)
         ]
     return tuple(controls)

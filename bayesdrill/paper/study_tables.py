@@ -17,10 +17,10 @@ import numpy as np
 
 from bayesdrill.inference import hdi
 from bayesdrill.paper import printed, searches
-from bayesdrill.paper.findings import Findings, Nine
+from bayesdrill.paper.findings import NineParameterStudy, PaperFindings
 from bayesdrill.paper.forward import FOLLOWED
-from bayesdrill.paper.precision import Length
-from bayesdrill.paper.searches import Control, Verification
+from bayesdrill.paper.precision import RecordLength
+from bayesdrill.paper.searches import ControlRun, Verification
 from bayesdrill.report import Table as Grid
 from bayesdrill.report import markdown, product
 
@@ -31,7 +31,7 @@ Layout = tuple[
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Table:
+class StudyTable:
     """`stem` names its files; `says` is its caption; `rows` are those of the CSV."""
 
     stem: str
@@ -54,7 +54,7 @@ class Table:
         return "\n".join(map(markdown, self.grids))
 
 
-def table(stem: str, title: str, says: str, rows: Sequence[Row], *layouts: str) -> Table:
+def table(stem: str, title: str, says: str, rows: Sequence[Row], *layouts: str) -> StudyTable:
     """With a grid of all rows for each pair of `layouts`: heads and, as `cell` reads them, what stands
     below each, as in Markdown.
     """
@@ -62,7 +62,7 @@ def table(stem: str, title: str, says: str, rows: Sequence[Row], *layouts: str) 
     for layout in itertools.batched(layouts, 2):
         heads, cells = ([part.strip() for part in line.split("|")] for line in layout)
         grids.append(grid(heads, [[cell(text, row) for text in cells] for row in rows]))
-    return Table(stem=stem, title=title, says=says, rows=rows, grids=tuple(grids))
+    return StudyTable(stem=stem, title=title, says=says, rows=rows, grids=tuple(grids))
 
 
 def grid(heads: Sequence[str], lines: Iterable[Sequence[str]]) -> Grid:
@@ -157,7 +157,7 @@ def lines_2(verification: Verification) -> list[Row]:
     return lines
 
 
-def lines_3(nine: Nine) -> list[Row]:
+def lines_3(nine: NineParameterStudy) -> list[Row]:
     """Of Table 3.  Deviations are relative to the initial guess, with their signs, the printed one to
     the paper's; those off the truth, `*off_percent`, to that.
 
@@ -209,7 +209,7 @@ def _off(value: float | None, reference: float | None) -> float | None:
     return None if value is None or reference is None else 100 * (value / reference - 1)
 
 
-def ways(findings: Findings) -> list[Row]:
+def ways(findings: PaperFindings) -> list[Row]:
     """All searches of one way: how many are as good as the best, and how those lie apart.
 
     `scale_*`: standard deviation along a symmetry, `rest`: off both, of the logs; 0.01 is 1 %.  None
@@ -249,7 +249,7 @@ def _rms(values: Sequence[float]) -> float | None:
 ATTAINED = printed.TWO_PARAMETERS[1.0]["c_m"].deviation  # per cent of c_m at sigma 1
 
 
-def lengths(lengths: Sequence[Length]) -> list[Row]:
+def lengths(lengths: Sequence[RecordLength]) -> list[Row]:
     """Cramer-Rao bounds of a record at sigma 0.001, and how many such records at sigma 1 attain c_m."""
     return [
         {
@@ -263,7 +263,7 @@ def lengths(lengths: Sequence[Length]) -> list[Row]:
     ]
 
 
-def products(nine: Nine) -> list[Row]:
+def products(nine: NineParameterStudy) -> list[Row]:
     """Products in the verdict on one record."""
     return [
         {
@@ -276,7 +276,7 @@ def products(nine: Nine) -> list[Row]:
     ]
 
 
-def tables(findings: Findings) -> tuple[Table, ...]:
+def tables(findings: PaperFindings) -> tuple[StudyTable, ...]:
     """In the order of the paper."""
     by_kind = zip(*map(_of_record, findings.nines), strict=True)
     return (
@@ -287,7 +287,7 @@ def tables(findings: Findings) -> tuple[Table, ...]:
     )
 
 
-def _of_paper(findings: Findings) -> tuple[Table, ...]:
+def _of_paper(findings: PaperFindings) -> tuple[StudyTable, ...]:
     """What it prints, and its study of two parameters."""
     return (
         table(
@@ -346,7 +346,7 @@ def _of_paper(findings: Findings) -> tuple[Table, ...]:
     )
 
 
-def _table_2(verification: Verification) -> Table:
+def _table_2(verification: Verification) -> StudyTable:
     """In Markdown two tables: the paper's layout, and what an estimate can attain."""
     lines = lines_2(verification)
     layout = grid(
@@ -385,7 +385,7 @@ def _estimate(line: Row, by: str) -> tuple[str, str]:
     return f"{line[what] * 10**power:.1f}e-{power}", percent(line[f"{what}_percent"])
 
 
-def _of_searches(findings: Findings) -> tuple[Table, ...]:
+def _of_searches(findings: PaperFindings) -> tuple[StudyTable, ...]:
     """All parameters at once, and the heuristic."""
     factors = " and on ".join(", ".join(names) for names in findings.symmetries)
     return (
@@ -419,7 +419,7 @@ def _of_searches(findings: Findings) -> tuple[Table, ...]:
     )
 
 
-def _control(lines: Sequence[Control]) -> Table:
+def _control(lines: Sequence[ControlRun]) -> StudyTable:
     """In Markdown a column for each noise."""
     sigmas = list(dict.fromkeys(line.sigma for line in lines))
     cells = {(line.parameter, line.sigma): line.largest_percent for line in lines}
@@ -428,7 +428,7 @@ def _control(lines: Sequence[Control]) -> Table:
         ("", *(f"noise {sigma:g}" for sigma in sigmas)),
         ((name, *(percent(cells[name, sigma]) for sigma in sigmas)) for name in parameters),
     )
-    return Table(
+    return StudyTable(
         stem="control",
         title="A rig that is as the table says",
         says=f"The heuristic on {lines[0].records} records of the nominal rig at each noise (in rad and "
@@ -439,7 +439,7 @@ def _control(lines: Sequence[Control]) -> Table:
     )
 
 
-def _of_record(nine: Nine) -> tuple[Table, Table, Table]:
+def _of_record(nine: NineParameterStudy) -> tuple[StudyTable, StudyTable, StudyTable]:
     """Two with two grids each, the paper's layout and what is true, what could be behind Table 3 and
     what this record shows; and the verdict.
     """
@@ -494,7 +494,7 @@ def _of_record(nine: Nine) -> tuple[Table, Table, Table]:
     )
 
 
-def _shaft(findings: Findings) -> Table:
+def _shaft(findings: PaperFindings) -> StudyTable:
     return table(
         "shaft",
         "The shaft as a continuum",
@@ -505,7 +505,7 @@ def _shaft(findings: Findings) -> Table:
     )
 
 
-def doubts(nine: Nine) -> list[str]:
+def doubts(nine: NineParameterStudy) -> list[str]:
     """What takes the worth away from all that is said of a record."""
     doubts, m = [], nine.misfits
     if not m.explained:

@@ -33,6 +33,6 @@ if TYPE_CHECKING:
     from bayesdrill.report.style import set_factors as set_factors
     from bayesdrill.report.style import usable as usable
     from bayesdrill.report.view import Drawing as Drawing
-    from bayesdrill.report.view import View as View
+    from bayesdrill.report.view import ReportContext as ReportContext
 
 __getattr__ = late(__name__)

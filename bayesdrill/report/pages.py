@@ -111,7 +111,8 @@ def legend_above(figure: Figure, handles: Sequence[Any], most: int, **look: Any)
     figure.legend(handles=handles, ncols=min(most, len(handles)), **{**LEGEND, **look})
 
 
-HEAD, FOOT = 1.7, 1.12  # of the largest difference: the ends of a panel, which has its name above
+# of the largest difference: the ends of a panel, which has its name above
+HEAD_ROOM, FOOT_ROOM = 1.7, 1.12
 
 
 def difference_panel(
@@ -128,9 +129,9 @@ def difference_panel(
     panel.fill_between(shares, *band, zorder=0, **look)
     panel.axhline(0.0, color=style.MIDDLE, linewidth=0.5, zorder=1)
     panel.set_xlim(0, 1)
-    panel.set_ylim(-FOOT * most, HEAD * most)
+    panel.set_ylim(-FOOT_ROOM * most, HEAD_ROOM * most)
     style.set_ticks(panel.xaxis, np.array([0.0, 0.5, 1.0]), ["0", "0.5", "1"])
-    style.set_ticks(panel.yaxis, *ticks(-FOOT * most, FOOT * most, numbers))
+    style.set_ticks(panel.yaxis, *ticks(-FOOT_ROOM * most, FOOT_ROOM * most, numbers))
 
 
 CORNER_GAP = 0.06  # between panels, in panels
@@ -193,15 +194,15 @@ Ends = tuple[float, float]
 LEVELS = tuple(1.0 - math.exp(-0.5 * sigma**2) for sigma in (1.0, 2.0))  # 39.3 %, 86.5 %
 
 BINS = 52  # across the draws of one unknown and a margin for the smoothing
-CENTRAL = 0.999  # share of the draws inside an axis
-SLANTED = 0.9  # correlation from which on bins are sheared, and reflect at ends no more
-BROADER = 1.3  # than Scott's rule, which is for bells: a box has no top
-STEEP = (
-    2.0  # sds of its noise that a density falls across a bandwidth at a contour; 0.8 of noise alone
-)
+CENTRAL_SHARE = 0.999  # share of the draws inside an axis
+# correlation from which on bins are sheared, and reflect at ends no more
+MIN_SHEARED_CORRELATION = 0.9
+BANDWIDTH_FACTOR = 1.3  # than Scott's rule, which is for bells: a box has no top
+# sds of its noise that a density falls across a bandwidth at a contour; 0.8 of noise alone
+MIN_SLOPE_SDS = 2.0
 
 CONTOUR = {"colors": style.BLACK}
-INNER, OUTER = "0.68", "0.85"  # greys between the contours
+INNER_GREY, OUTER_GREY = "0.68", "0.85"  # greys between the contours
 
 
 def contours(
@@ -220,20 +221,22 @@ def contours(
     """
     x, y = xy
     correlation = float(np.corrcoef(x, y)[0, 1]) if np.ptp(x) > 0 and np.ptp(y) > 0 else 0.0
-    slanted = abs(correlation) > SLANTED
+    slanted = abs(correlation) > MIN_SHEARED_CORRELATION
     slope = float(np.cov(x, y)[0, 1] / max(np.var(x), 1e-300)) if slanted else 0.0
     shear = Affine2D(np.array([[1.0, 0.0, 0.0], [slope, 1.0, 0.0], [0.0, 0.0, 1.0]]))
     transform = shear + panel.transData
     across = y - slope * x
     ranges = [central(x, ends[0]), central(across, None if slanted else ends[1])]
     smooth = [_bandwidth(values, span) for values, span in zip((x, across), ranges, strict=True)]
-    levels = _seen(x, across, ranges, smooth)
+    levels = _resolved_levels(x, across, ranges, smooth)
     if not levels and lines is None:
         (left, right), (low, high) = ranges
-        panel.fill([left, right, right, left], [low, low, high, high], color=OUTER, linewidth=0)
+        panel.fill(
+            [left, right, right, left], [low, low, high, high], color=OUTER_GREY, linewidth=0
+        )
     if not levels:
         return
-    fills = dict(zip(LEVELS, (INNER, OUTER), strict=True))
+    fills = dict(zip(LEVELS, (INNER_GREY, OUTER_GREY), strict=True))
     corner.hist2d(
         x,
         across,
@@ -257,10 +260,14 @@ def contours(
 
 def _bandwidth(x: Array, ends: Ends) -> float:
     """In bins."""
-    return float(BROADER * np.std(x) * len(x) ** (-1 / 6) / (ends[1] - ends[0]) * BINS) or 1.0
+    return (
+        float(BANDWIDTH_FACTOR * np.std(x) * len(x) ** (-1 / 6) / (ends[1] - ends[0]) * BINS) or 1.0
+    )
 
 
-def _seen(x: Array, y: Array, ranges: Sequence[Ends], smooth: Sequence[float]) -> tuple[float, ...]:
+def _resolved_levels(
+    x: Array, y: Array, ranges: Sequence[Ends], smooth: Sequence[float]
+) -> tuple[float, ...]:
     """Of `LEVELS`, those whose contour lies where the density falls by more than its noise."""
     counts, _, _ = np.histogram2d(x, y, BINS, ranges)
     density = gaussian_filter(counts, smooth)
@@ -273,14 +280,14 @@ def _seen(x: Array, y: Array, ranges: Sequence[Ends], smooth: Sequence[float]) -
         height = ordered[np.searchsorted(cumulative, level)]
         noise = math.sqrt(height / kernel)
         near = np.abs(density - height) <= max(2.0 * noise, np.abs(density - height).min())
-        if np.median(slope[near]) > STEEP * noise:
+        if np.median(slope[near]) > MIN_SLOPE_SDS * noise:
             levels.append(level)
     return tuple(levels)
 
 
 def central(x: Array, ends: Ends | None = None) -> Ends:
     """Where nearly all of the draws are, and more than the smoothing reaches, but inside `ends`."""
-    low, high = np.quantile(x, [0.5 - CENTRAL / 2, 0.5 + CENTRAL / 2])
+    low, high = np.quantile(x, [0.5 - CENTRAL_SHARE / 2, 0.5 + CENTRAL_SHARE / 2])
     margin = 0.15 * float(high - low) or 1e-9
     first, last = ends or (-math.inf, math.inf)
     return max(float(low) - margin, first), min(float(high) + margin, last)

@@ -29,17 +29,17 @@ from bayesdrill.report.run_report import sections
 from bayesdrill.report.scales import DPI
 from bayesdrill.report.section import Picture, as_markdown
 from bayesdrill.report.sections import physics_words, torque_words, verdict_words
-from bayesdrill.report.view import Drawing, View, captioned
+from bayesdrill.report.view import Drawing, ReportContext, captioned
 from bayesdrill.results.run_folder import Folder
 from bayesdrill.sampling.workers import WorkerPool
 
 RESIDUALS = "Whether residuals are white, and whether they follow an input (positive lags)."
 FIT_ALONE = "Record and model at the MAP; beside them what is left, and the noise."
 
-Recipe = Callable[[View], Drawing | tuple[Drawing, ...] | None]
+Recipe = Callable[[ReportContext], Drawing | tuple[Drawing, ...] | None]
 
 
-def drawings(name: str, run: View) -> dict[str, Drawing]:
+def drawings(name: str, run: ReportContext) -> dict[str, Drawing]:
     """What is to be drawn of this run, by the stems of the files: one, or one for each experiment.
 
     Raises `TypeError` for a recipe that is none.
@@ -69,7 +69,7 @@ def alone_captions(problem: Problem, residuals: Sequence[Correlation]) -> dict[s
 def _recipe(name: str, module: str) -> Recipe:
     """`draw_<name>` of a module of this folder, which is loaded when something is to be drawn."""
 
-    def draw(run: View) -> Drawing | tuple[Drawing, ...] | None:
+    def draw(run: ReportContext) -> Drawing | tuple[Drawing, ...] | None:
         recipe: Recipe = getattr(importlib.import_module(f"{__package__}.{module}"), f"draw_{name}")
         return recipe(run)
 
@@ -83,7 +83,7 @@ FIGURES: Registry[Recipe] = Registry(
 )
 
 
-def drawn(wanted: Collection[str] | None) -> list[str]:
+def wanted_figures(wanted: Collection[str] | None) -> list[str]:
     """Names of the figures that a config asks for; None: all but those on request."""
     if wanted is None:
         return [name for name in FIGURES if name not in ON_REQUEST]
@@ -91,7 +91,7 @@ def drawn(wanted: Collection[str] | None) -> list[str]:
 
 
 # What follows from a chain alone; None where a run has no such table.
-TABLES: Mapping[str, Callable[[View], str | None]] = MappingProxyType(
+TABLES: Mapping[str, Callable[[ReportContext], str | None]] = MappingProxyType(
     {
         "summary.csv": lambda view: section.records_as_csv(ParameterRow, view.analysis.unknowns),
         "derived.csv": lambda view: physics_words.derived_csv(view.analysis.derived),
@@ -113,7 +113,9 @@ TABLES: Mapping[str, Callable[[View], str | None]] = MappingProxyType(
 _SEVERAL = tuple(f"{stem}_{k}" for stem in EACH for k in range(1, MOST_NAMED + 1))
 
 
-def everything(view: View, folder: Folder, pool: WorkerPool, report: Reporter) -> tuple[str, ...]:
+def write_results(
+    view: ReportContext, folder: Folder, pool: WorkerPool, report: Reporter
+) -> tuple[str, ...]:
     """What could not be made, and why; all else is written.
 
     Raises `OSError` when the disk is full; files already there stay whole.
@@ -124,7 +126,7 @@ def everything(view: View, folder: Folder, pool: WorkerPool, report: Reporter) -
     note = {"Title": view.config.name, "Creator": software.creator(), **view.marks}
     destination = (figures, note, view.warning, tuple(output.formats), output.dpi)
     tasks: list[tuple[str, str, Future[None]]] = []
-    wanted = drawn(output.figures)
+    wanted = wanted_figures(output.figures)
     folder.take_away(
         set(output_files.figure_files(*FIGURES, *_SEVERAL, formats=output_files.FORMATS))
         - set(output_files.figure_files(*wanted, formats=output.formats))

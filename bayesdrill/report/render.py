@@ -29,7 +29,7 @@ _SVG_SIZE = re.compile(rb'<svg[^>]*\bwidth="([\d.]+)pt" height="([\d.]+)pt"')
 
 
 @dataclass(frozen=True, slots=True)
-class Shown:
+class EmbeddedPicture:
     """A picture inside the page."""
 
     url: str
@@ -79,28 +79,28 @@ def as_html(
         version=bayesdrill.__version__,
         shown={stem: picture for stem, picture in shown.items() if picture is not None},
         words=WORDS,
-        style=_own(environment, "style.css"),
-        script=_own(environment, "zoom.js"),
+        style=_inline_asset(environment, "style.css"),
+        script=_inline_asset(environment, "zoom.js"),
     )
 
 
 @dataclass(frozen=True, slots=True)
-class _Own:
+class _InlineAsset:
     """A style or a script of the house: what stands in the page, and by what a browser knows it."""
 
     text: Markup
     digest: str
 
 
-def _own(environment: jinja2.Environment, name: str) -> _Own:
+def _inline_asset(environment: jinja2.Environment, name: str) -> _InlineAsset:
     from markupsafe import Markup
 
     text = environment.get_template(name).render()
     digest = base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()
-    return _Own(Markup(text), f"'sha256-{digest}'")
+    return _InlineAsset(Markup(text), f"'sha256-{digest}'")
 
 
-def _embedded(path: Path) -> Shown | None:
+def _embedded(path: Path) -> EmbeddedPicture | None:
     if path.suffix not in (".png", ".svg") or not path.exists():
         return None
     data = path.read_bytes()
@@ -109,7 +109,9 @@ def _embedded(path: Path) -> Shown | None:
     else:  # as many pixels as a PNG of the same figure has by default
         points = (float(length) for length in _SVG_SIZE.findall(data)[0])
         kind, width, height = "svg+xml", *(round(length / 72 * DPI) for length in points)
-    return Shown(f"data:image/{kind};base64,{base64.b64encode(data).decode()}", width, height)
+    return EmbeddedPicture(
+        f"data:image/{kind};base64,{base64.b64encode(data).decode()}", width, height
+    )
 
 
 def after(text: str, known: str) -> str:

@@ -28,7 +28,7 @@ WIDTHS: Mapping[str, float] = MappingProxyType({"single": SINGLE, "double": DOUB
 
 # Of each decade of a logarithmic axis, from many numbers to few.
 SERIES: tuple[tuple[float, ...], ...] = ((1.0, 2.0, 5.0), (1.0, 3.0), (1.0,))
-CURVED = 4.0  # the ratio of its ends from which on a logarithmic axis has numbers of a series
+CURVED_RATIO = 4.0  # the ratio of its ends from which on a logarithmic axis has numbers of a series
 
 
 def near_round(x: float, width: float) -> float:
@@ -57,7 +57,7 @@ def even_numbers(low: float, high: float, most: int) -> tuple[list[float], list[
 
 def in_ratios(low: float, high: float, most: int) -> tuple[list[float], list[str]]:
     """Two to `most` (3 or more) numbers of an axis that is logarithmic from `low` to `high`."""
-    if high / low < CURVED:
+    if high / low < CURVED_RATIO:
         return even_numbers(low, high, most)
     first, last = math.floor(math.log10(low)), math.ceil(math.log10(high))
     for series in SERIES:
@@ -184,9 +184,10 @@ def _powers(text: str) -> Markup:
     return _within(_POWER, text, Markup("<sup>{}</sup>").format, str)
 
 
-LONG = 1e4  # the ratio of its ends from which on a logarithmic axis says its powers of ten at its ticks
-CROWDED = 1e5  # and that from which on small ticks would be too many
-NARROW = 1e-3  # an axis narrower than this, relative to its numbers, counts from an origin
+# The ratio of its ends from which on a logarithmic axis says its powers of ten at its ticks.
+LONG_LOG_RATIO = 1e4
+CROWDED_RATIO = 1e5  # and that from which on small ticks would be too many
+NARROW_RATIO = 1e-3  # an axis narrower than this, relative to its numbers, counts from an origin
 
 
 class Labelled(Protocol):
@@ -249,7 +250,7 @@ class Scale:
     @property
     def between(self) -> Array:
         """Places of 1, 2, ... 9 of each decade, where a logarithmic axis has few of these."""
-        if not self.log or not CURVED <= 10.0 ** (self.high - self.low) < CROWDED:
+        if not self.log or not CURVED_RATIO <= 10.0 ** (self.high - self.low) < CROWDED_RATIO:
             return np.empty(0)
         decades = range(math.floor(self.low), math.ceil(self.high) + 1)
         positions = np.log10([m * 10.0**k for k in decades for m in range(1, 10)])
@@ -267,15 +268,15 @@ def scale(low: float, high: float, *, log: bool = False, margin: float = 0.0) ->
     if not high > low:
         half = 1e-9 * abs(low) or 1.0
         low, high = low - half, high + half
-    if log and low > 0 and high > (1 + NARROW) * low:
+    if log and low > 0 and high > (1 + NARROW_RATIO) * low:
         beyond = (high / low) ** margin
         low, high = low / beyond, high * beyond
-        power = _power(math.sqrt(low * high)) if high / low < LONG else 0
+        power = _power(math.sqrt(low * high)) if high / low < LONG_LOG_RATIO else 0
         return Scale(0.0, power, math.log10(low) - power, math.log10(high) - power, log=True)
     beyond = margin * (high - low)
     low, high = low - beyond, high + beyond
     origin = 0.0
-    if high - low < NARROW * max(abs(low), abs(high)):
+    if high - low < NARROW_RATIO * max(abs(low), abs(high)):
         origin = near_round(0.5 * (low + high), high - low)
     farthest = max(abs(low - origin), abs(high - origin))
     power = _power(farthest) if origin == 0.0 else math.floor(math.log10(farthest))

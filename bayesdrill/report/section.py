@@ -64,7 +64,7 @@ Tone = Literal["good", "plain", "doubt", "bad"]
 
 
 @dataclass(frozen=True, slots=True)
-class Mark:
+class Badge:
     """Of a run, at a glance."""
 
     text: str
@@ -72,10 +72,10 @@ class Mark:
 
 
 @dataclass(frozen=True, slots=True)
-class Marks:
+class Badges:
     """For a page, not for a terminal."""
 
-    items: tuple[Mark, ...]
+    items: tuple[Badge, ...]
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,7 +90,7 @@ class Picture:
 
 
 @dataclass(frozen=True, slots=True)
-class Bar:
+class IntervalBar:
     """An interval and two values, as shares (0 to 1) of the range that is drawn."""
 
     low: float
@@ -109,7 +109,7 @@ class Table:
     lines: tuple[tuple[str, ...], ...]
     left: frozenset[str]
     brief: tuple[str, ...] | None = None
-    bars: tuple[Bar, ...] = ()
+    bars: tuple[IntervalBar, ...] = ()
 
     def filled(self, *heads: str) -> Table:
         """Without those of these columns, or of all, that are empty in every line."""
@@ -127,7 +127,7 @@ class Table:
         return replace(self, heads=tuple(self.heads[k] for k in columns), lines=lines)
 
 
-Block = Sentences | Note | Plain | Marks | Picture | Table
+Block = Sentences | Note | Plain | Badges | Picture | Table
 
 
 @dataclass(frozen=True, slots=True)
@@ -187,7 +187,7 @@ def _in_markdown(block: Block) -> str:
             return _no_html(markdown(block).rstrip())
         case Note(text):
             return _no_html(text)
-        case Marks(badges):
+        case Badges(badges):
             return _no_html(", ".join(f"**{mark.text}**" for mark in badges))
         case Picture(stem, says, ending):
             picture = "" if ending == "pdf" else "!"  # which no page shows
@@ -283,7 +283,7 @@ def as_record(row: ParameterRow) -> dict[str, Any]:
     return {CSV_HEADS.get(name, name): value for name, value in dataclasses.asdict(row).items()}
 
 
-def of_rows(rows: Sequence[ParameterRow], bars: tuple[Bar, ...] = ()) -> Table:
+def of_rows(rows: Sequence[ParameterRow], bars: tuple[IntervalBar, ...] = ()) -> Table:
     left = frozenset((HEADERS[0], HEADERS[1], HEADERS[-1]))
     return Table(HEADERS, tuple(map(cells, rows)), left, bars=bars).filled()
 

@@ -61,7 +61,7 @@ def for_each_experiment(
 
 
 @dataclass(frozen=True, eq=False)
-class View(Value):
+class ReportContext(Value):
     """`chain`: its draws; `analysis`: all that is said of it; `seconds`: how long its parts took, where
     that is known.
     """

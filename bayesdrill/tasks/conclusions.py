@@ -20,7 +20,7 @@ from bayesdrill.config.resolve.case import ResolvedCase
 from bayesdrill.config.schema.config import Config
 from bayesdrill.inference import residual_checks
 from bayesdrill.report import words
-from bayesdrill.report.view import View
+from bayesdrill.report.view import ReportContext
 from bayesdrill.results import provenance
 from bayesdrill.results.run_folder import chain_mark
 from bayesdrill.sampling.convergence import Targets
@@ -51,7 +51,7 @@ def concluded(
     alone: bool = True,
     explained: Causes | None = None,
     kept: RunAnalysis | None = None,
-) -> View:
+) -> ReportContext:
     """`scenery`: of the job's likelihood, where there is one already; `alone`: no other model of the
     record is tried beside it; `explained`: the causes of a bad fit, which are looked for otherwise;
     `kept`: what was evaluated before.
@@ -64,7 +64,7 @@ def concluded(
         if alone and explained is None:
             explained = causes(job, found)
         kept = analyse(chain, job.asked, scenery, suspicions, alone=alone, explained=explained)
-    return View(chain, job.config, kept, seconds or {})
+    return ReportContext(chain, job.config, kept, seconds or {})
 
 
 def causes(

@@ -20,7 +20,7 @@ from bayesdrill.output_files import POSTERIOR, RESOLVED_FILE
 from bayesdrill.report import publish, words
 from bayesdrill.report.run_report import sections
 from bayesdrill.report.section import as_text
-from bayesdrill.report.view import View
+from bayesdrill.report.view import ReportContext
 from bayesdrill.results import provenance, run_folder
 from bayesdrill.results.provenance import begin, check_record, interruptions
 from bayesdrill.results.run_folder import Folder
@@ -218,7 +218,9 @@ def _finished(job: Job, folder: Folder) -> SampledRun:
     return SampledRun(job, found, sampled, kept=kept_analysis(job, found, sampled, run))
 
 
-def write_result(job: Job, view: View, output: Path, record: str | None, *, force: bool) -> Outcome:
+def write_result(
+    job: Job, view: ReportContext, output: Path, record: str | None, *, force: bool
+) -> Outcome:
     """What was sampled in memory, as `posterior` leaves it; `record`: its text, where it has no file."""
     check_record(job, output, record)
     marks = provenance.fingerprint(job.config, job.problem)
@@ -264,14 +266,14 @@ def _finish_chain(job: Job, folder: Folder, sampled: SamplingResult) -> None:
 def _publish(
     job: Job,
     folder: Folder,
-    view: View,
+    view: ReportContext,
     pool: WorkerPool,
     report: Reporter,
     begun: float | None = None,
 ) -> Outcome:
     """`begun`: when the report began, of a run that is timed."""
     seconds, judged = dict(view.seconds), view.analysis.judged
-    missing = publish.everything(view, folder, pool, report)
+    missing = publish.write_results(view, folder, pool, report)
     report.update(1.0, "")
     if begun is not None:
         seconds["report"] = time.perf_counter() - begun

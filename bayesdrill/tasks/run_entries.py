@@ -22,7 +22,7 @@ from bayesdrill.inference.posterior import Problem
 from bayesdrill.inference.residual_checks import Left
 from bayesdrill.inference.step_error import StepError
 from bayesdrill.report.sections import identify_words, physics_words, verdict_words
-from bayesdrill.report.view import View
+from bayesdrill.report.view import ReportContext
 from bayesdrill.sampling.ensembles import SamplingResult
 from bayesdrill.sampling.evidence import Evidence
 from bayesdrill.sampling.mode_search import Mode
@@ -92,7 +92,7 @@ def run_schema() -> str:
     return json.dumps(found, indent=2) + "\n"
 
 
-def entries(view: View, made_of: str) -> dict[str, Any]:
+def entries(view: ReportContext, made_of: str) -> dict[str, Any]:
     """All of them, from the analysis; `made_of`: a digest of what that is of."""
     found, c, problem = view.analysis, view.analysis.convergence, view.problem
     ensembles = ("steps", "burn_in", "burn_in_rule", "thin")

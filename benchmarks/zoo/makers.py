@@ -90,7 +90,7 @@ class Otherwise:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class FrictionMotion:
+class Rubbing:
     """By a small integrator of its own, with dry friction that changes its sign."""
 
     duration: float

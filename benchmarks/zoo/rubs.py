@@ -5,7 +5,7 @@ from __future__ import annotations
 from benchmarks.zoo import entries as e
 from benchmarks.zoo.driven import loop
 from benchmarks.zoo.friction import DryFriction
-from benchmarks.zoo.makers import Driven, FrictionMotion, Steady
+from benchmarks.zoo.makers import Driven, Rubbing, Steady
 from benchmarks.zoo.row import Entry, Row
 from benchmarks.zoo.signals import Chirp, RandomSteps, Square
 
@@ -49,7 +49,7 @@ def _slipping() -> tuple[Row, ...]:
             name="rubs_reversing",
             shows="dry friction at both ends, a square wave, a record of another integrator",
             config=e.experiment(e.paper(), e.states(0.1), _eight(**COULOMB), v=e.measured("v")),
-            made=FrictionMotion(
+            made=Rubbing(
                 duration=10,
                 rate=100,
                 voltage=Square(6.0, 3.2),
@@ -78,7 +78,7 @@ def _sticking() -> tuple[Row, ...]:
             name="rubs_stick_slip",
             shows="stick-slip of rotor 1 at 1.5 V, a record of another integrator",
             config=e.experiment(e.paper(), e.states(0.1), _eight(**STRIBECK), v=e.measured("v")),
-            made=FrictionMotion(
+            made=Rubbing(
                 duration=15,
                 rate=100,
                 voltage=Square(1.5, 1000.0),

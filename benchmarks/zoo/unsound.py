@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from benchmarks.zoo import entries as e
 from benchmarks.zoo.friction import DryFriction
-from benchmarks.zoo.makers import Driven, FrictionMotion, Otherwise, Taken
+from benchmarks.zoo.makers import Driven, Otherwise, Rubbing, Taken
 from benchmarks.zoo.row import MORE_THAN_NOISE, Entry, Row
 from benchmarks.zoo.signals import Levels, RandomSteps, Square
 
@@ -55,7 +55,7 @@ def _friction() -> tuple[Row, ...]:
             name="dry_friction",
             shows="dry friction at motor and rotor under a square wave",
             config=driven,
-            made=FrictionMotion(
+            made=Rubbing(
                 duration=10,
                 rate=100,
                 voltage=Square(6.0, 5.0),
@@ -67,7 +67,7 @@ def _friction() -> tuple[Row, ...]:
             name="stick_slip",
             shows="a bit that sticks and slips at a steady low voltage",
             config=e.experiment(e.paper(), e.states(0.1), NINE, v=e.measured("v")),
-            made=FrictionMotion(
+            made=Rubbing(
                 duration=20,
                 rate=50,
                 voltage=Levels((1.0,)),

@@ -220,7 +220,7 @@ def test_tones_of_the_shaft_are_those_of_finite_elements() -> None:
     inertia[0, 0] += j_1
     inertia[-1, -1] += j_2
     squares = scipy.linalg.eigh(stiffness, inertia, eigvals_only=True, subset_by_index=[1, 3])
-    found = printed.tones(j_1, j_2, 3)
+    found = printed.natural_frequencies(j_1, j_2, 3)
     expected = np.sqrt(squares) / (2 * np.pi)
     assert [tone.distributed for tone in found] == pytest.approx(expected, rel=1e-4)
     assert found[0].distributed / found[0].lumped == pytest.approx(1.0, abs=1e-6)

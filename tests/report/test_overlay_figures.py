@@ -21,7 +21,7 @@ from bayesdrill.report.comparison_report import OVERLAID
 from bayesdrill.report.section import as_markdown, as_text
 from bayesdrill.report.sections import comparison_words
 from bayesdrill.report.sections.comparison_figure import (
-    LOOKS,
+    RUN_STYLES,
     intervals_figure,
     overlay_corner_figure,
 )
@@ -85,13 +85,13 @@ def test_no_legend_lies_on_a_panel() -> None:
 
 def test_runs_are_told_apart_without_colours() -> None:
     """By grey and width where lines are whole, by dashes else; none has those of a nominal value."""
-    assert len(LOOKS) == OVERLAID.most
-    grey = {look: np.dot(to_rgb(look.color), (0.299, 0.587, 0.114)) for look in LOOKS}
-    whole = sorted(grey[look] for look in LOOKS if look.linestyle == "-")
+    assert len(RUN_STYLES) == OVERLAID.most
+    grey = {look: np.dot(to_rgb(look.color), (0.299, 0.587, 0.114)) for look in RUN_STYLES}
+    whole = sorted(grey[look] for look in RUN_STYLES if look.linestyle == "-")
     assert min(np.diff(whole)) > 0.1
-    dashes = [look.linestyle for look in LOOKS if look.linestyle != "-"]
+    dashes = [look.linestyle for look in RUN_STYLES if look.linestyle != "-"]
     assert len({*dashes, style.NOMINAL["linestyle"]}) == len(dashes) + 1
-    assert len({look.marker for look in LOOKS}) == len(LOOKS)
+    assert len({look.marker for look in RUN_STYLES}) == len(RUN_STYLES)
 
 
 def test_intervals_stand_where_the_numbers_are_and_gaps_where_none_is() -> None:

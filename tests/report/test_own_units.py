@@ -33,7 +33,7 @@ from bayesdrill.report.run_report import sections
 from bayesdrill.report.section import as_markdown
 from bayesdrill.report.sections import fit_words, physics_words
 from bayesdrill.report.sections.comparison_figure import intervals_figure, overlay_corner_figure
-from bayesdrill.report.view import View
+from bayesdrill.report.view import ReportContext
 from bayesdrill.results.run_folder import Folder
 from bayesdrill.rig.models.motor_shaft import MotorShaft
 from bayesdrill.sampling.mode_search import LocalMaximum
@@ -98,8 +98,8 @@ def usual() -> bd.Case:
 class Pair:
     """One chain, seen by a case in users' units and by the same case in SI."""
 
-    own: View
-    plain: View
+    own: ReportContext
+    plain: ReportContext
 
 
 @cache

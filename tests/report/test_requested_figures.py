@@ -183,9 +183,9 @@ def test_a_channel_that_is_not_as_predicted_is_named() -> None:
 
 
 def test_they_are_drawn_on_request_alone(tmp_path: Path) -> None:
-    usual = publish.drawn(None)
+    usual = publish.wanted_figures(None)
     assert "corner" in usual
     assert not {"rank", "autocorrelation", "predictive_check", "frequency_response"} & {*usual}
-    assert publish.drawn(["rank", "corner"]) == ["corner", "rank"]
+    assert publish.wanted_figures(["rank", "corner"]) == ["corner", "rank"]
     for found in style.save(rank_case(1, 0.0), tmp_path, "rank", {}):
         assert found.stat().st_size > 1000

@@ -27,9 +27,9 @@ from bayesdrill.report.run_report import sections
 from bayesdrill.report.section import as_markdown
 from bayesdrill.report.sections import physics_words, verdict_words
 from bayesdrill.report.sections.fit_figure import fit_figure
-from bayesdrill.report.sections.physics_figure import energy_figure, friction_figure, looks
+from bayesdrill.report.sections.physics_figure import energy_figure, friction_figure, line_styles
 from bayesdrill.report.sections.physics_words import Law
-from bayesdrill.report.view import View
+from bayesdrill.report.view import ReportContext
 from bayesdrill.tasks import run_entries
 
 T = 0.04 * np.arange(250)
@@ -62,7 +62,7 @@ def case() -> bd.Case:
 
 
 @cache
-def view() -> View:
+def view() -> ReportContext:
     return case().sample(processes=1)._view
 
 
@@ -235,7 +235,7 @@ def test_the_figure_of_energy_stacks_to_what_came_in() -> None:
 def test_parts_are_told_apart_in_grey() -> None:
     """By grey, by hatches, or both; no colour is wanted."""
     (one,) = drawings("energy", view()).values()
-    seen = looks(one.arguments[0].parts)
+    seen = line_styles(one.arguments[0].parts)
     assert len({(look["facecolor"], look["hatch"]) for look in seen}) == len(seen)
     assert all(0.0 <= float(look["facecolor"]) <= 1.0 for look in seen)
     many = dataclasses.replace(

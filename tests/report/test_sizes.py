@@ -21,7 +21,11 @@ from bayesdrill.report.sections.calibration_figure import calibration_figure
 from bayesdrill.report.sections.convergence_figure import trace_figure
 from bayesdrill.report.sections.corner_figure import corner_figure
 from bayesdrill.report.sections.identify_figure import profile_figure, spectrum_figure
-from bayesdrill.report.sections.parameters_figure import Pair, prior_posterior_figure, ridge_figure
+from bayesdrill.report.sections.parameters_figure import (
+    CorrelatedPair,
+    prior_posterior_figure,
+    ridge_figure,
+)
 from bayesdrill.report.style import warned
 
 LOGS = {"c_m", "sigma_w_1", "sigma_i"}
@@ -180,7 +184,9 @@ def test_a_warning_stands_on_the_page_and_moves_all_else_down() -> None:
             figure = trace_figure(theta, some, 5, TABLE, mode, (), inches)
         elif kind == "ridge":
             priors = {s.name: prior_of(s) for s in SYMBOLS}
-            figure = ridge_figure(draws, Pair((6, 7), (1, 1)), SYMBOLS, priors, TABLE, mode)
+            figure = ridge_figure(
+                draws, CorrelatedPair((6, 7), (1, 1)), SYMBOLS, priors, TABLE, mode
+            )
         else:
             layout = "constrained" if kind == "laid out" else None
             figure = Figure(figsize=(inches, 3.0), layout=layout)

@@ -40,7 +40,7 @@ MAX_BASES = 5000
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Structure:
+class ScalingStructure:
     """`symmetries`: proven exponents of the unknowns, sparsest first.  `invariants`: independent
     products that nothing of this changes.  `unexplained`: further directions that no signal shows,
     but that are no product of powers with small whole exponents, or not the same one everywhere.
@@ -81,7 +81,7 @@ def find_structure(
     names: tuple[str, ...],
     sensitivities: Sequence[Array],
     unchanged: Callable[[Exponents], bool],
-) -> Structure:
+) -> ScalingStructure:
     """`sensitivities`: `(T K, m)` at several points; `unchanged`: proves one candidate."""
     null = null_space(sensitivities)
     candidates = sparse_basis(null)
@@ -95,7 +95,7 @@ def find_structure(
     else:
         hidden = null
     complement = _complement(hidden, len(names))
-    return Structure(
+    return ScalingStructure(
         names=names,
         symmetries=proven,
         invariants=sparse_basis(complement),
@@ -167,7 +167,7 @@ MAX_DRAWS = 100  # of the prior, to find that many with a finite response
 
 def structure_of(
     posterior: Posterior, sensitivity: SensitivityStudy, theta: Array, rng: np.random.Generator
-) -> Structure:
+) -> ScalingStructure:
     """At `theta (D,)` and at draws from the prior."""
     drawn = posterior.space.draw(MAX_DRAWS, rng)
     finite = drawn[np.isfinite(posterior.density(drawn))][:PRIOR_POINTS]

@@ -33,7 +33,7 @@ from bayesdrill.analysis.identifiability.information import (
 from bayesdrill.analysis.identifiability.structure import (
     DependsOnFixed,
     Exponents,
-    Structure,
+    ScalingStructure,
     depends_on_fixed,
     structure_of,
 )
@@ -256,7 +256,7 @@ class IdentifiabilityStudy:
     names: tuple[str, ...]
     at: str
     of_interest: tuple[str, ...]
-    structure: Structure
+    structure: ScalingStructure
     parameters: tuple[KnownProduct, ...]
     products: tuple[KnownProduct, ...]
     information: Information

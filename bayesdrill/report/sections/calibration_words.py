@@ -13,8 +13,8 @@ from bayesdrill.analysis.calibration import (
 from bayesdrill.config.schema.config import Config
 from bayesdrill.inference.posterior import Problem
 from bayesdrill.report.section import (
-    Mark,
-    Marks,
+    Badge,
+    Badges,
     Note,
     Picture,
     Section,
@@ -78,7 +78,7 @@ def sections(found: CalibrationVerdict, every: Sequence[Refit], ending: str) -> 
     """The verdict first; `ending`: of the file of the figure that a page shows."""
     says = verdict(found)
     tone: Tone = "bad" if found.faults else "doubt" if found.doubts else "good"
-    marks = Marks((Mark(says.split(":")[0], tone),))
+    marks = Badges((Badge(says.split(":")[0], tone),))
     read = Note(
         f"Ranks are among {found.n_draws} draws. `departure / band` is the farthest departure of their "
         "distribution from uniform, above 1 outside of what chance allows; the same for intervals in "

@@ -40,11 +40,11 @@ from bayesdrill.report.sections.comparison_words import (
     overlay_warnings,
 )
 
-LONGEST = 48  # letters of a name in a legend
+MAX_NAME_LETTERS = 48  # letters of a name in a legend
 
 
 @dataclass(frozen=True, slots=True)
-class Look:
+class RunStyle:
     """Colours that print as different greys."""
 
     color: str
@@ -64,29 +64,31 @@ class Look:
 
 
 # Thin and thick, dark and light in turn; none has the dashes of a nominal value.
-LOOKS = (
-    Look("0.0", "-", "o", 0.9),
-    Look("#e0832b", "-", "s", 1.7),
-    Look("#1d6b58", (0, (6, 1, 1, 1)), "^", 1.1),
-    Look("#7b4fb0", (0, (1, 1)), "D", 1.5),
-    Look("0.72", "-", "v", 2.2),
-    Look("#6b3d1e", (0, (10, 2)), "P"),
+RUN_STYLES = (
+    RunStyle("0.0", "-", "o", 0.9),
+    RunStyle("#e0832b", "-", "s", 1.7),
+    RunStyle("#1d6b58", (0, (6, 1, 1, 1)), "^", 1.1),
+    RunStyle("#7b4fb0", (0, (1, 1)), "D", 1.5),
+    RunStyle("0.72", "-", "v", 2.2),
+    RunStyle("#6b3d1e", (0, (10, 2)), "P"),
 )
 
 
 def run_handles(layers: Sequence[PosteriorSummary], *, marked: bool) -> list[Line2D]:
     """For a legend: the name of each run, with its warning."""
-    names = [elided(overlay_warnings(layer), LONGEST).replace("$", r"\$") for layer in layers]
+    names = [
+        elided(overlay_warnings(layer), MAX_NAME_LETTERS).replace("$", r"\$") for layer in layers
+    ]
     return [
         Line2D([], [], label=name, marker=look.marker if marked else "", **look.line)
-        for name, look in zip(names, LOOKS, strict=False)
+        for name, look in zip(names, RUN_STYLES, strict=False)
     ]
 
 
-CENTRAL = 0.998  # of the draws of each run, inside an axis
+CENTRAL_SHARE = 0.998  # of the draws of each run, inside an axis
 CORNER_REACH = 0.5  # the axis grows by this share of its width at most to show the nominal value
 BINS = 40  # across an axis
-UNSEEN = 0.02  # of an axis that a run fills less of, its histogram would be a spike
+MIN_FILLED_SHARE = 0.02  # of an axis that a run fills less of, its histogram would be a spike
 
 # Inches; a corner of nine is printed at two thirds of its size.
 PANEL_LARGEST, PANEL_SMALLEST, PANELS_WIDTH = 2.0, 1.03, 9.3
@@ -136,7 +138,7 @@ def _column(si: OverlayRow, layers: Sequence[PosteriorSummary], display_units: O
         None if x is None else x / factor for x in (layer.draws_of(si.symbol) for layer in layers)
     ]
     priors = [layer.problem.posterior.space.priors.get(si.symbol.name) for layer in layers]
-    tails = [0.5 - CENTRAL / 2, 0.5 + CENTRAL / 2]
+    tails = [0.5 - CENTRAL_SHARE / 2, 0.5 + CENTRAL_SHARE / 2]
     quantiles = np.array([np.quantile(x, tails) for x in draws if x is not None])
     low, high = float(quantiles[:, 0].min()), float(quantiles[:, 1].max())
     low, high = scales.reaching(low, high, row.agreed, CORNER_REACH, log=log)
@@ -166,11 +168,11 @@ def _corner_page(n: int, lines: int) -> tuple[Figure, NDArray[np.object_]]:
 
 def _histograms(panel: Axes, column: _Column) -> None:
     """Each as high as its panel: a narrow posterior would dwarf a wide one."""
-    for x, ends, look in zip(column.draws, column.ends, LOOKS, strict=False):
+    for x, ends, look in zip(column.draws, column.ends, RUN_STYLES, strict=False):
         if x is None:
             continue
         first, last = max(float(x.min()), ends[0]), min(float(x.max()), ends[1])
-        share = max((last - first) / (column.scale.high - column.scale.low), UNSEEN)
+        share = max((last - first) / (column.scale.high - column.scale.low), MIN_FILLED_SHARE)
         edges = np.linspace(first, last, max(12, round(BINS * share)) + 1)
         counts, _ = np.histogram(x, edges)
         panel.stairs(counts / counts.max(), edges, **look.line)
@@ -180,7 +182,7 @@ def _histograms(panel: Axes, column: _Column) -> None:
 
 
 def _contours(panel: Axes, column: _Column, row: _Column) -> None:
-    pairs = zip(column.draws, row.draws, column.ends, row.ends, LOOKS, strict=False)
+    pairs = zip(column.draws, row.draws, column.ends, row.ends, RUN_STYLES, strict=False)
     for x, y, x_ends, y_ends, look in pairs:
         if x is not None and y is not None:
             contours(panel, (x, y), (x_ends, y_ends), lines=look.contour)
@@ -225,8 +227,8 @@ def _legend(figure: Figure, layers: Sequence[PosteriorSummary], columns: Sequenc
 HANDLE, LEGEND_LETTER = 0.55, 0.062  # of a legend: inches of a handle with its gaps, of a letter
 LEGEND_LINE, LEGEND_MARGIN = 0.17, 0.2
 INTERVALS_REACH = 1.0  # how far an axis may grow for the nominal value, in widths
-BAR: dict[str, Any] = {"linewidth": 1.2, "marker": "|", "markersize": 5}
-HELD: dict[str, Any] = {"marker": "x", "markersize": 5, "markeredgewidth": 1.2}
+INTERVAL_BAR: dict[str, Any] = {"linewidth": 1.2, "marker": "|", "markersize": 5}
+FIXED_MARKER: dict[str, Any] = {"marker": "x", "markersize": 5, "markeredgewidth": 1.2}
 CREDIBLE = f"narrowest {100 * HDI_PROBABILITY:.0f} % interval"
 INTERVALS, MODELS = (0.17, 0.2), (0.19, 0.22)  # inches of a run and of the margins of a panel
 
@@ -248,7 +250,7 @@ def intervals_figure(
         top = LEGEND_MARGIN + LEGEND_LINE * -(-len(handles) // columns)
         figure, panels = replace(AXES, row=frame + n * height, top=top).build(len(rows))
         for panel, (row, scale) in zip(panels, scaled_rows, strict=True):
-            _intervals(panel, row, scale, range(n), LOOKS)
+            _intervals(panel, row, scale, range(n), RUN_STYLES)
             _below_each_other(panel, n, INTERVALS)
         legend_above(figure, handles, columns, columnspacing=1.4, handlelength=2.6)
     return figure
@@ -275,7 +277,7 @@ def _intervals(
     row: OverlayRow,
     scale: scales.Scale,
     order: Sequence[int],
-    looks: Sequence[Look],
+    looks: Sequence[RunStyle],
     *,
     arrow: bool = True,
 ) -> None:
@@ -288,10 +290,12 @@ def _intervals(
         if estimate is None:
             continue
         if estimate.fixed:
-            panel.plot([float(scale(estimate.mean))], [y], zorder=3, color=look.color, **HELD)
+            panel.plot(
+                [float(scale(estimate.mean))], [y], zorder=3, color=look.color, **FIXED_MARKER
+            )
             continue
         ends = scale(np.array([estimate.low, estimate.high]))
-        panel.plot(ends, [y, y], zorder=2, color=look.color, **BAR)
+        panel.plot(ends, [y, y], zorder=2, color=look.color, **INTERVAL_BAR)
         mark: dict[str, Any] = {"marker": look.marker, "color": look.color, "markersize": look.size}
         panel.plot([float(scale(estimate.mean))], [y], zorder=3, linestyle="none", **mark)
     style.scale_axis(panel.xaxis, scale, scale.label(row.symbol))
@@ -318,14 +322,16 @@ def _handles(
     different = any(row.agreed is None and any(v is not None for v in row.nominal) for row in rows)
     handles += style.nominal_handles(sides | ({0} if different else set()))
     if any(estimate is not None and estimate.fixed for row in rows for estimate in row.places):
-        handles.append(Line2D([], [], label="held there", color="0.3", linestyle="none", **HELD))
+        handles.append(
+            Line2D([], [], label="held there", color="0.3", linestyle="none", **FIXED_MARKER)
+        )
     return [*handles, Line2D([], [], linestyle="none", label=f"mean and {CREDIBLE}")]
 
 
-FEW, MOST_UNKNOWNS = 4, 12  # models of which all is shown, and unknowns
-SCORES = 3  # panels that are not of unknowns
-LETTER, LEAST_LEFT, MOST_LEFT = 0.058, 0.5, 2.2  # inches of a letter of a name, and of all of them
-LONGEST_MODEL = 42  # letters of a name
+FEW_MODELS, MAX_UNKNOWNS = 4, 12  # models of which all is shown, and unknowns
+SCORE_PANELS = 3  # panels that are not of unknowns
+LETTER, MIN_LEFT, MAX_LEFT = 0.058, 0.5, 2.2  # inches of a letter of a name, and of all of them
+MAX_MODEL_LETTERS = 42  # letters of a name
 MARKS = ("o", "s", "^", "D", "v", "P", "X", "*")  # of channels
 LIMIT: dict[str, Any] = {"color": style.MIDDLE, "linewidth": 0.7, "linestyle": (0, (1, 1.5))}
 PER_LINE, PER_LONG_LINE = 6, 4  # of the legend; with names of experiments
@@ -341,11 +347,11 @@ def comparison_figure(
     order = sorted(range(len(models)), key=lambda k: -models[k].log_z)
     layers = [model.layer for model in models]
     # Unknowns that two models share, and of many models half of them; the table has all.
-    least = max(2, len(models) / 2) if len(models) > FEW else 2
+    least = max(2, len(models) / 2) if len(models) > FEW_MODELS else 2
     common = [row for row in rows if sum(p is not None and p.sd > 0 for p in row.places) >= least]
-    shared = [_scaled(row, layers, display_units) for row in common[:MOST_UNKNOWNS]]
+    shared = [_scaled(row, layers, display_units) for row in common[:MAX_UNKNOWNS]]
     names = [_name(models[k]) for k in order]
-    left = float(np.clip(0.14 + LETTER * max(map(len, names)), LEAST_LEFT, MOST_LEFT))
+    left = float(np.clip(0.14 + LETTER * max(map(len, names)), MIN_LEFT, MAX_LEFT))
     channels = list(dict.fromkeys(row.name for model in models for row in model.residuals))
     with style.styled():
         handles = _model_handles(models)
@@ -353,14 +359,16 @@ def comparison_figure(
         per_line = min(PER_LONG_LINE if several else PER_LINE, len(handles))
         row_height, top = MODELS[1] + len(models) * MODELS[0], -(-len(handles) // per_line)
         page = replace(AXES, row=row_height, left=left, gap_x=0.18, top=0.44 + LEGEND_LINE * top)
-        figure, panels = page.build(SCORES + len(shared))
+        figure, panels = page.build(SCORE_PANELS + len(shared))
         ordered = [models[k] for k in order]
         _odds(panels[0], ordered)
         rms = "rms of residuals over noise"
-        _left(panels[1], ordered, channels, lambda row: row.rms, 1.0, rms)
-        _left(panels[2], ordered, channels, lambda row: row.correlation, 0.0, "their correlation")
-        looks = [Look(_colour(k), "-", "o", size=3.6) for k in range(len(order))]
-        for panel, (row, scale) in zip(panels[SCORES:], shared, strict=True):
+        _residual_panel(panels[1], ordered, channels, lambda row: row.rms, 1.0, rms)
+        _residual_panel(
+            panels[2], ordered, channels, lambda row: row.correlation, 0.0, "their correlation"
+        )
+        looks = [RunStyle(_colour(k), "-", "o", size=3.6) for k in range(len(order))]
+        for panel, (row, scale) in zip(panels[SCORE_PANELS:], shared, strict=True):
             _intervals(panel, row, scale, order, looks, arrow=False)
         for k, panel in enumerate(panels):
             _below_each_other(panel, len(models), MODELS, names if k % AXES.columns == 0 else None)
@@ -373,7 +381,7 @@ def comparison_figure(
 
 
 def _name(model: RunSummary) -> str:
-    name = elided(model.name, LONGEST_MODEL)
+    name = elided(model.name, MAX_MODEL_LETTERS)
     return (name if model.converged else f"{name} *").replace("$", r"\$")
 
 
@@ -400,7 +408,7 @@ def _odds(panel: Axes, models: Sequence[RunSummary]) -> None:
     panel.set_xlabel("log odds against the best", labelpad=2)
 
 
-def _left(
+def _residual_panel(
     panel: Axes,
     models: Sequence[RunSummary],
     channels: Sequence[str],

@@ -28,7 +28,7 @@ from bayesdrill.basics.symbols import Symbol
 from bayesdrill.inference.priors import flat_in_logs
 from bayesdrill.report import scales, style
 from bayesdrill.report.pages import SMALL_PANELS, Page, difference_panel, legend_above
-from bayesdrill.report.view import Drawing, View
+from bayesdrill.report.view import Drawing, ReportContext
 from bayesdrill.sampling.convergence import SOKAL_WINDOW, autocorrelation
 
 STEPS = 300  # drawn at most
@@ -282,7 +282,7 @@ def _rank_handles(ranks: Sequence[RankHistogram]) -> list[Any]:
 TRACE = "What the walkers of each ensemble did, step by step."
 
 
-def draw_trace(run: View) -> Drawing:
+def draw_trace(run: ReportContext) -> Drawing:
     shown, sampled = run.shown(run.config.output.parameters), run.sampled
     logs = [name for name, prior in shown.priors.items() if flat_in_logs(prior)]
     values = (shown.nominal, shown.mode, logs, run.width)
@@ -295,7 +295,7 @@ def draw_trace(run: View) -> Drawing:
 RANK = "Whether the ensembles see the same: ranks of the draws of each among those of all."
 
 
-def draw_rank(run: View) -> Drawing:
+def draw_rank(run: ReportContext) -> Drawing:
     c = run.sampled.convergence
     draws = independent_draws(run.sampled.theta, c.burn_in, float(c.tau.max()))
     histograms = rank_histograms(draws, seeds.stream(run.config.seed, "rank"))
@@ -305,7 +305,7 @@ def draw_rank(run: View) -> Drawing:
 AUTOCORRELATION = "How long the walkers remember: autocorrelation, its time and its window."
 
 
-def draw_autocorrelation(run: View) -> Drawing:
+def draw_autocorrelation(run: ReportContext) -> Drawing:
     after_burn_in = run.sampled.theta[:, run.sampled.convergence.burn_in :]
     return Drawing(
         autocorrelation_figure,

@@ -24,11 +24,11 @@ from bayesdrill.inference.priors import Prior, flat_in_logs
 from bayesdrill.report import scales, style
 from bayesdrill.report.pages import (
     BINS,
-    CENTRAL,
+    CENTRAL_SHARE,
     CORNER_GAP,
-    INNER,
+    INNER_GREY,
     LEVELS,
-    OUTER,
+    OUTER_GREY,
     central,
     contours,
     corner_axes,
@@ -37,7 +37,7 @@ from bayesdrill.report.pages import (
 )
 from bayesdrill.report.scales import DOUBLE, SINGLE
 from bayesdrill.report.sections import physics_words
-from bayesdrill.report.view import Drawing, View
+from bayesdrill.report.view import Drawing, ReportContext
 
 LARGEST = 2.2  # panel
 LEAST = 13.0  # points from one panel to the next: a page grows rather than have less
@@ -152,7 +152,7 @@ def _beside(n: int, page: tuple[float, ...], across: float, deep: float) -> bool
 Handles = list[Line2D | Patch]
 
 
-def _handles(columns: Sequence[Column]) -> tuple[Handles, Handles]:
+def _handles(columns: Sequence[CornerColumn]) -> tuple[Handles, Handles]:
     """Lines, then shades and notes."""
     credible = f"{100 * HDI_PROBABILITY:.0f} %"
     lines: Handles = [
@@ -170,7 +170,7 @@ def _handles(columns: Sequence[Column]) -> tuple[Handles, Handles]:
     shades: Handles = []
     notes = [f"titles: median and {credible} interval, as on the axes"]
     if len(columns) > 1:
-        for grey, level, sds in zip((INNER, OUTER), LEVELS, (1, 2), strict=True):
+        for grey, level, sds in zip((INNER_GREY, OUTER_GREY), LEVELS, (1, 2), strict=True):
             text = rf"{100 * level:.1f} % of the draws (${sds}\sigma$ in two dimensions)"
             shades.append(Patch(facecolor=grey, edgecolor="black", linewidth=0.7, label=text))
         notes.append("no contour where the density is flat")
@@ -204,7 +204,7 @@ SMALLEST = 5.2  # letters of ticks, points
 
 
 @dataclass(frozen=True, slots=True)
-class Column:
+class CornerColumn:
     """One unknown on its axis; what follows `title` are numbers on this axis, `x` is `(N,)`."""
 
     symbol: Symbol
@@ -257,7 +257,7 @@ def corner_figure(
 
 def _column(
     x: Array, symbol: Symbol, nominal: float | None, mode: float | None, prior: Prior | None
-) -> Column:
+) -> CornerColumn:
     scale = _scale(x, nominal, mode, log=flat_in_logs(prior))
     density, ends = None, (-math.inf, math.inf)
     if prior is not None:
@@ -266,7 +266,7 @@ def _column(
         density = (places, scale.density(prior, places))
     interval = np.array(hdi(x))
     near, far = (float(end) for end in scale(interval))
-    return Column(
+    return CornerColumn(
         symbol=symbol,
         scale=scale,
         nominal=nominal,
@@ -281,7 +281,9 @@ def _column(
 
 def _scale(x: Array, nominal: float | None, mode: float | None, *, log: bool) -> scales.Scale:
     """The axis: nearly all draws, the mode, and the nominal value if it is not too far."""
-    low, high = (float(q) for q in np.quantile(x, [0.5 - CENTRAL / 2, 0.5 + CENTRAL / 2]))
+    low, high = (
+        float(q) for q in np.quantile(x, [0.5 - CENTRAL_SHARE / 2, 0.5 + CENTRAL_SHARE / 2])
+    )
     low, high = scales.reaching(low, high, mode, log=log)
     low, high = scales.reaching(low, high, nominal, REACH, log=log)
     return scales.scale(low, high, log=log, margin=0.06)
@@ -299,7 +301,7 @@ def _title(symbol: Symbol, scale: scales.Scale, median: float, interval: Array) 
 
 
 def _points(
-    figure: Figure, panels: NDArray[np.object_], columns: Sequence[Column], page: CornerPage
+    figure: Figure, panels: NDArray[np.object_], columns: Sequence[CornerColumn], page: CornerPage
 ) -> None:
     """Some draws below all panels, as one artist: each rasterised one costs a page of pixels."""
     shown = style.thin(len(columns[0].x), round(POINTS * page.fine**2))
@@ -320,7 +322,7 @@ def _points(
         figure.add_artist(Line2D(x, y, transform=figure.transFigure, **look))
 
 
-def _edges(column: Column) -> Array:
+def _edges(column: CornerColumn) -> Array:
     """Of bins, as many as give `BINS`, or fewer for few draws, across the draws."""
     low, high = central(column.x)
     across = min(float(BINS), 2.2 * math.cbrt(len(column.x)))
@@ -330,7 +332,7 @@ def _edges(column: Column) -> Array:
     return np.linspace(first, last, max(1, min(n, 4 * BINS)) + 1)
 
 
-def _marginal(panel: Axes, column: Column, page: CornerPage) -> None:
+def _marginal(panel: Axes, column: CornerColumn, page: CornerPage) -> None:
     """A histogram of all draws, with bins that end where the prior does, and the prior on its scale."""
     panel.axvspan(*column.interval, color=style.FAINT, zorder=-2, linewidth=0)
     edges = _edges(column)
@@ -348,7 +350,7 @@ def _marginal(panel: Axes, column: Column, page: CornerPage) -> None:
     panel.set_title(column.title, fontsize=page.letters, loc="left", pad=0.6 * page.letters - 1)
 
 
-def _marks(panel: Axes, column: Column, row: Column, page: CornerPage) -> None:
+def _marks(panel: Axes, column: CornerColumn, row: CornerColumn, page: CornerPage) -> None:
     """Nominal values as lines and the mode as a cross."""
     look: dict[str, Any] = {"arrow": False, "fine": page.fine}
     style.mark_values(panel, column.scale, column.nominal, **look)
@@ -358,7 +360,9 @@ def _marks(panel: Axes, column: Column, row: Column, page: CornerPage) -> None:
         panel.plot([x], [y], **style.finer(style.CROSS, page.fine))
 
 
-def _arrange(panels: NDArray[np.object_], columns: Sequence[Column], page: CornerPage) -> None:
+def _arrange(
+    panels: NDArray[np.object_], columns: Sequence[CornerColumn], page: CornerPage
+) -> None:
     """Ticks in every panel, their texts and the labels at the left and at the bottom only."""
 
     def numbers(axis: Axis, k: int, outer: bool) -> None:
@@ -371,7 +375,7 @@ def _arrange(panels: NDArray[np.object_], columns: Sequence[Column], page: Corne
         _upright(panels, columns, page)
 
 
-def _numbers(axis: Axis, column: Column, page: CornerPage, *, outer: bool) -> None:
+def _numbers(axis: Axis, column: CornerColumn, page: CornerPage, *, outer: bool) -> None:
     places, texts = column.scale.ticks(clear=CLEAR, letter=page.letter)
     style.set_ticks(axis, places, texts if outer else None)
     small = column.scale.between.tolist() if page.fine == 1.0 else []
@@ -383,7 +387,9 @@ def _numbers(axis: Axis, column: Column, page: CornerPage, *, outer: bool) -> No
         axis.labelpad = 0.2 * page.letters
 
 
-def _upright(panels: NDArray[np.object_], columns: Sequence[Column], page: CornerPage) -> None:
+def _upright(
+    panels: NDArray[np.object_], columns: Sequence[CornerColumn], page: CornerPage
+) -> None:
     """Where panels are too small for ticks: the ends of each axis under its label."""
     look: dict[str, Any] = {"fontsize": page.letters, "labelpad": 2}
     for k, column in enumerate(columns):
@@ -402,7 +408,7 @@ CORNER = (
 )
 
 
-def draw_corner(run: View) -> Drawing:
+def draw_corner(run: ReportContext) -> Drawing:
     display_units, at_map = run.units, run.chain.best[None]
     names = run.config.output.corner or run.config.output.parameters
     shown = physics_words.derived_shown(run.problem, names, run.sampled.draws, run.derived, at_map)

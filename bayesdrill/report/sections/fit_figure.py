@@ -46,7 +46,7 @@ from bayesdrill.report.scales import WIDTHS
 from bayesdrill.report.sections import fit_words
 from bayesdrill.report.sections.fit_words import Course, Fit, Signal, every_fit
 from bayesdrill.report.sections.physics_words import Rub
-from bayesdrill.report.view import Drawing, View, for_each_experiment
+from bayesdrill.report.view import Drawing, ReportContext, for_each_experiment
 
 FIT_SHARE = 0.6  # of the width, for the signals, where the residuals are beside them
 
@@ -475,7 +475,7 @@ def residuals_figure(correlations: Sequence[Correlation], width: float = scales.
     return figure
 
 
-def draw_residuals(run: View) -> tuple[Drawing, ...] | None:
+def draw_residuals(run: ReportContext) -> tuple[Drawing, ...] | None:
     asked = "residuals" in (run.config.output.figures or ())
     if like_noise(run.analysis.fit) and not asked:
         return None
@@ -543,7 +543,7 @@ def _bode(panel: Axes, response: FrequencyResponse, *, phase: bool) -> None:
 FREQUENCY_RESPONSE = "How inputs move channels: measured, where they excite, and by the model."
 
 
-def draw_frequency_response(run: View) -> tuple[Drawing, ...]:
+def draw_frequency_response(run: ReportContext) -> tuple[Drawing, ...]:
     responses = frequency_responses(run.problem.posterior, run.chain.best)
     each = (
         (label, tuple(group))
@@ -556,7 +556,7 @@ FIT = "Record, model at the MAP and posterior predictive band; beside them what 
 FIT_RUBBED = f"{FIT} Below: what rubs, and when it sticks."
 
 
-def draw_fit(run: View) -> tuple[Drawing, ...]:
+def draw_fit(run: ReportContext) -> tuple[Drawing, ...]:
     group = run.tree["posterior_predictive"]
     draws = {str(name): np.asarray(values) for name, values in group.data_vars.items()}
     best, rubbing = run.chain.best, run.chain.rubbing
@@ -568,7 +568,7 @@ def draw_fit(run: View) -> tuple[Drawing, ...]:
 PREDICTIVE_CHECK = "Whether the record is as the posterior predicts it, channel by channel."
 
 
-def draw_predictive_check(run: View) -> Drawing:
+def draw_predictive_check(run: ReportContext) -> Drawing:
     draws = run.sampled.draws
     each = words.predictive_draws(run.problem, run.config)
     columns = np.unique(np.linspace(0, draws.shape[1] - 1, each).astype(int))

@@ -17,7 +17,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch, Rectangle
 
-from bayesdrill.analysis.identifiability.structure import Structure
+from bayesdrill.analysis.identifiability.structure import ScalingStructure
 from bayesdrill.analysis.verdict import Verdict
 from bayesdrill.basics.arrays import Array
 from bayesdrill.basics.symbols import Symbol, product_latex
@@ -27,7 +27,7 @@ from bayesdrill.report.pages import AXES, Page, legend_above
 from bayesdrill.report.scales import DOUBLE
 from bayesdrill.report.sections.corner_figure import corner_figure
 from bayesdrill.report.sections.identify_words import product
-from bayesdrill.report.view import Drawing, View
+from bayesdrill.report.view import Drawing, ReportContext
 
 PAGE = dataclasses.replace(AXES, row=1.05, top=0.36)
 SMALL = dataclasses.replace(
@@ -107,24 +107,24 @@ POINTS = 3000
 REACH, CORNERS = 1e4, 4001  # the line is drawn over this factor, and cut by the axes
 BAND: dict[str, Any] = {"color": style.LIGHT, "linewidth": 6.0, "solid_capstyle": "butt"}
 DOTS: dict[str, Any] = {**style.DOTS, "markersize": 1.8, "alpha": 0.6, "zorder": 3}
-LEAST = 0.5  # of a pair worth showing
+MIN_CORRELATION = 0.5  # of a pair worth showing
 
 
 @dataclass(frozen=True, slots=True)
-class Pair:
+class CorrelatedPair:
     """Columns of two unknowns and their exponents in one symmetry."""
 
     columns: tuple[int, int]
     exponents: tuple[int, int]
 
 
-def strongest_pair(draws: Array, structure: Structure) -> Pair | None:
+def strongest_pair(draws: Array, structure: ScalingStructure) -> CorrelatedPair | None:
     """Of draws `(N, D)`, the two unknowns that follow one symmetry most closely.
 
     None where none do, for want of a symmetry or because priors hold the unknowns in place.
     """
     spread = np.cov(np.log(draws[:, : len(structure.names)]).T)
-    best, strongest = LEAST, None
+    best, strongest = MIN_CORRELATION, None
     for symmetry in structure.symmetries:
         used = [k for k, exponent in enumerate(symmetry) if exponent]
         for i, j in itertools.combinations(used, 2):
@@ -132,13 +132,13 @@ def strongest_pair(draws: Array, structure: Structure) -> Pair | None:
             # 1 where draws differ along the symmetry alone, 0 where without regard to it.
             along = 2 * p * q * spread[i, j] / (q**2 * spread[i, i] + p**2 * spread[j, j])
             if along > best:
-                best, strongest = float(along), Pair((i, j), (p, q))
+                best, strongest = float(along), CorrelatedPair((i, j), (p, q))
     return strongest
 
 
 def ridge_figure(
     draws: Array,
-    pair: Pair,
+    pair: CorrelatedPair,
     symbols: Sequence[Symbol],
     priors: Mapping[str, Prior],
     nominal: Mapping[str, float],
@@ -237,7 +237,7 @@ def invariants_figure(
 INVARIANTS = "The products of parameters that such a record can show (corner plot)."
 
 
-def draw_invariants(run: View) -> Drawing | None:
+def draw_invariants(run: ReportContext) -> Drawing | None:
     if run.analysis.judged is None or not run.analysis.judged.verdict.products:
         return None
     verdict, symbols = run.analysis.judged.verdict, run.problem.symbols
@@ -251,7 +251,7 @@ RIDGE = (
 )
 
 
-def draw_ridge(run: View) -> Drawing | None:
+def draw_ridge(run: ReportContext) -> Drawing | None:
     """Where there is a symmetry."""
     judged, shown = run.analysis.judged, run.shown()
     pair = None if judged is None else strongest_pair(run.draws, judged.study.structure)
@@ -264,7 +264,7 @@ def draw_ridge(run: View) -> Drawing | None:
 PRIOR_POSTERIOR = "Prior against posterior of each parameter: what the record has added."
 
 
-def draw_prior_posterior(run: View) -> Drawing:
+def draw_prior_posterior(run: ReportContext) -> Drawing:
     shown = run.shown(run.config.output.parameters)
     values = (shown.priors, shown.nominal, shown.mode, run.width)
     return Drawing(

@@ -27,7 +27,7 @@ from bayesdrill.report.pages import Page, inches_panel, legend_above
 from bayesdrill.report.sections.fit_figure import extremes
 from bayesdrill.report.sections.physics_words import Balance, Law, Stacked, energy_balance, laws
 from bayesdrill.report.sections.torque_words import Against, Shown, torque_shown
-from bayesdrill.report.view import Drawing, View, for_each_experiment
+from bayesdrill.report.view import Drawing, ReportContext, for_each_experiment
 
 JOULES = Symbol("E", "J", "E", "J", "energy so far")
 SHARE = Symbol("share", "%", r"\mathrm{share}", r"\%", "of what came in")
@@ -102,14 +102,14 @@ def _stack(panel: Axes, balance: Balance, t: Array, edges: Array) -> list[Patch]
     """Each between two of `edges (P + 1, N)`."""
     handles = []
     for part, look, low, high in zip(
-        balance.parts, looks(balance.parts), edges[:-1], edges[1:], strict=True
+        balance.parts, line_styles(balance.parts), edges[:-1], edges[1:], strict=True
     ):
         panel.fill_between(t, low, high, **look)
         handles.append(Patch(label=part.name, **look))
     return handles
 
 
-def looks(parts: Sequence[Stacked]) -> list[dict[str, Any]]:
+def line_styles(parts: Sequence[Stacked]) -> list[dict[str, Any]]:
     """Those of one kind differ in their hatches."""
     counts: dict[str, int] = {}
     styles = []
@@ -242,7 +242,7 @@ def _finish(panel: Axes, x: scales.Scale, y: scales.Scale, across: Symbol, torqu
 FRICTION = "Each friction against its speed: its law, where the record saw it, and nominal values."
 
 
-def draw_friction(run: View) -> tuple[Drawing, ...]:
+def draw_friction(run: ReportContext) -> tuple[Drawing, ...]:
     """Of a rig that rubs."""
     chain = run.chain
     shown = (
@@ -258,7 +258,7 @@ def draw_friction(run: View) -> tuple[Drawing, ...]:
 ENERGY = "Where the energy goes: what came in, and what became of it, in joules and as shares."
 
 
-def draw_energy(run: View) -> tuple[Drawing, ...]:
+def draw_energy(run: ReportContext) -> tuple[Drawing, ...]:
     model, clock = run.problem.model, run.clock
     shown = (
         (account.label, energy_balance(account, model, clock)) for account in run.chain.accounts
@@ -269,7 +269,7 @@ def draw_energy(run: View) -> tuple[Drawing, ...]:
 TORQUE = "The missing torque over time, and against what the rig did: speeds, angle, inputs."
 
 
-def draw_torque(run: View) -> tuple[Drawing, ...]:
+def draw_torque(run: ReportContext) -> tuple[Drawing, ...]:
     """Of a rig whose equations leave one out."""
     shown = ((estimate.label, torque_shown(estimate, run.clock)) for estimate in run.chain.shaking)
     return for_each_experiment(torque_figure, shown, run.width, TORQUE)

@@ -47,7 +47,7 @@ from bayesdrill.rig.kernels.lanes import (
     whole_numbers,
 )
 from bayesdrill.rig.kernels.numbers import (
-    MemoryBackend,
+    Memory,
     Number,
     dot,
     emit_even,
@@ -119,7 +119,7 @@ def emit_transition(module: ir.Module, system: StateSpace, *, slopes: bool) -> i
     turned = emit_even(module, n, adds=True, slopes=slopes)
     made, b = begin_function(module, "transition_d" if slopes else "transition", 0, [VECTORS] * 4)
     parameters, span, phi, q = made.args
-    memory = MemoryBackend(b, slopes)
+    memory = Memory(b, slopes)
     named = dict(zip(system.model.parameters, memory.row(parameters, system.p), strict=True))
     entries = _entries(system, named)
     halvings = _halvings(b, entries, n, b.read(span, 0))
@@ -176,7 +176,7 @@ def _moved(
 
 
 def _emit_series(
-    memory: MemoryBackend, timed: dict[tuple[int, int], Number], n: int, phi: ir.Value
+    memory: Memory, timed: dict[tuple[int, int], Number], n: int, phi: ir.Value
 ) -> None:
     """exp of what is timed, a column at a time."""
     b = memory.b
@@ -203,7 +203,7 @@ def _over(b: Builder, index: ir.Value) -> Lane:
 
 
 def _emit_squares(
-    memory: MemoryBackend, timed: dict[tuple[int, int], Number], n: int, q: ir.Value, driven: Number
+    memory: Memory, timed: dict[tuple[int, int], Number], n: int, q: ir.Value, driven: Number
 ) -> None:
     """The integral over 0 to 1, times the intensity `driven`."""
     b = memory.b
@@ -245,7 +245,7 @@ class Gains:
     and the root of one over it.  `weights (K, n)`: the block of those of the channels.
     """
 
-    memory: MemoryBackend
+    memory: Memory
     system: StateSpace
     block: ir.Value
     weights: ir.Value
@@ -293,9 +293,7 @@ class Gains:
         return innovation, [fused(gain, innovation, x) for gain, x in pairs]
 
 
-def predict_covariance(
-    memory: MemoryBackend, n: int, p: ir.Value, phi: ir.Value, q: ir.Value
-) -> None:
+def predict_covariance(memory: Memory, n: int, p: ir.Value, phi: ir.Value, q: ir.Value) -> None:
     """p = phi p phi' + q, in place."""
     b = memory.b
     half = emit_product(b.module, (n, n, n), slopes=memory.slopes)
@@ -349,7 +347,7 @@ class _Writer:
         self.a, self.b = begin_kernel(module, name, COUNTS, BLOCKS)
         b = self.b
         self.system, self.slopes, self.smooth = system, name == "slopes", name == "smooth"
-        self.memory = m = MemoryBackend(b, self.slopes)
+        self.memory = m = Memory(b, self.slopes)
         n = self.n = system.n
         self.spread = emit_transition(module, system, slopes=self.slopes)
         self.p, self.x = m.room(n * n), m.room(n)
@@ -397,7 +395,7 @@ def _emit_revise(module: ir.Module, system: StateSpace, *, slopes: bool) -> ir.F
     n = system.n
     made, b = begin_function(module, "revise", 0, [VECTORS] * 5 + [NUMBERS, NUMBERS, WHOLE])
     p, gains, variances, phi, q, seen, weights, flag = made.args
-    memory = MemoryBackend(b, slopes)
+    memory = Memory(b, slopes)
     found = Gains(memory, system, gains, weights)
     old = [dual(memory.get(p, i * n + i)) for i in range(n)]
     for k in range(system.k):
@@ -410,7 +408,7 @@ def _emit_revise(module: ir.Module, system: StateSpace, *, slopes: bool) -> ir.F
     return made
 
 
-def _moving(memory: MemoryBackend, n: int, p: ir.Value, old: list[Dual]) -> ir.Value:
+def _moving(memory: Memory, n: int, p: ir.Value, old: list[Dual]) -> ir.Value:
     """Lanes in which a variance changes still."""
     b = memory.b
     moving = ir.Constant(ir.VectorType(ir.IntType(1), LANES), [0] * LANES)

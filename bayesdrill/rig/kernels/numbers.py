@@ -157,7 +157,7 @@ TINY = 1e-13  # of a diagonal: a pivot below it is rounding
 
 
 @dataclass(frozen=True, slots=True)
-class MemoryBackend:
+class Memory:
     """Where numbers are kept: `width` vectors each."""
 
     b: Builder
@@ -217,7 +217,7 @@ def emit_product(
     if b is None:
         return made
     out, a, other = made.args
-    memory = MemoryBackend(b, slopes)
+    memory = Memory(b, slopes)
     together = next(size for size in (3, 2, 1) if m % size in (0, 1) and size <= m)
 
     def some(first: ir.Value, count: int) -> None:
@@ -259,7 +259,7 @@ def emit_even(
     if b is None:
         return made
     out, a, other = made.args
-    memory = MemoryBackend(b, slopes)
+    memory = Memory(b, slopes)
 
     def line(base: ir.Value, i: int) -> list[Number]:
         return [memory.get(base, k * n + i if left else i * n + k) for k in range(n)]

@@ -45,7 +45,7 @@ from bayesdrill.rig.kernels.lanes import (
     vector,
 )
 from bayesdrill.rig.kernels.numbers import (
-    MemoryBackend,
+    Memory,
     Number,
     dot,
     emit_decomposed,
@@ -77,7 +77,7 @@ def block_sizes(n: int, k: int) -> dict[str, int]:
 class Measurement:
     """Of what channels show of the state: `variances (K,)` of its noise, and `weights (K, n)`."""
 
-    m: MemoryBackend
+    m: Memory
     system: StateSpace
     variances: ir.Value
     weights: ir.Value
@@ -129,7 +129,7 @@ def emit_riccati(module: ir.Module, system: StateSpace) -> ir.Function:
     made, b = begin_function(module, "riccati", 1, [VECTORS, VECTORS, NUMBERS, I64.as_pointer()])
     samples, block, variances, weights, first = made.args
     n = system.n
-    memory, at = MemoryBackend(b, False), addresses(b, block, I64(0), block_sizes(n, system.k))
+    memory, at = Memory(b, False), addresses(b, block, I64(0), block_sizes(n, system.k))
     phi, q, p, g = (at[name] for name in ("phi", "q", "p", "g"))
     one, other, information = (memory.room(n * n) for _ in range(3))
     grown, grows = memory.room(system.k), b.alloca(ir.IntType(1), I64(1))
@@ -186,7 +186,7 @@ def _emit_doubling(module: ir.Module, system: StateSpace) -> ir.Function:
         argument.add_attribute("noalias")
     transition, following, information, p, variances, weights, grown, grows = made.args
     b = Builder(made.append_basic_block())
-    m = MemoryBackend(b, False)
+    m = Memory(b, False)
     lu, x, e, more = (m.room(n * n) for _ in range(4))
     b.call(plain, [x, p, information])
     _add_one(m, n, x)
@@ -204,12 +204,12 @@ def _emit_doubling(module: ir.Module, system: StateSpace) -> ir.Function:
     return made
 
 
-def _add_one(m: MemoryBackend, n: int, x: ir.Value) -> None:
+def _add_one(m: Memory, n: int, x: ir.Value) -> None:
     for i in range(n):
         m.put(m.get(x, i * n + i) + 1.0, x, i * n + i)
 
 
-def _differs(m: MemoryBackend, n: int, before: list[Number], now: ir.Value) -> ir.Value:
+def _differs(m: Memory, n: int, before: list[Number], now: ir.Value) -> ir.Value:
     """Whether a diagonal has grown by more than rounding, and twice the stretch may tell more."""
     grown = ir.Constant(ir.VectorType(ir.IntType(1), LANES), [0] * LANES)
     for i, old in enumerate(before):
@@ -224,7 +224,7 @@ def _emit_prepend(module: ir.Module, n: int) -> ir.Function:
     along = emit_even(module, n, left=True, adds=True)
     made, b = begin_function(module, "prepend", 0, [VECTORS] * 4)
     transition, information, p, end = made.args
-    m = MemoryBackend(b, False)
+    m = Memory(b, False)
     lu, x, e = (m.room(n * n) for _ in range(3))
     b.call(plain, [x, p, end])
     _add_one(m, n, x)
@@ -243,7 +243,7 @@ def _emit_gain(module: ir.Module, system: StateSpace) -> ir.Function:
     onward = emit_product(module, (n, n, n))
     made, b = begin_function(module, "gain", 0, [VECTORS, VECTORS, NUMBERS])
     block, variances, weights = made.args
-    m, at = MemoryBackend(b, False), addresses(b, block, I64(0), block_sizes(n, system.k))
+    m, at = Memory(b, False), addresses(b, block, I64(0), block_sizes(n, system.k))
     pulls, gains = at["pulls"], Gains(m, system, at["gains"], weights)
     left, passed = m.room(n * n), m.room(n * n)
     b.copy(at["p"], left, n * n)
@@ -276,7 +276,7 @@ def emit_start(module: ir.Module, n: int) -> ir.Function:
     plain, decomposed = emit_product(module, (n, n, n)), emit_decomposed(module, n)
     made, b = begin_function(module, "start", 0, [VECTORS] * 6)
     p, g, start, shown, gained, determinant = made.args
-    m = MemoryBackend(b, False)
+    m = Memory(b, False)
     settled, known, lu = (m.room(n * n) for _ in range(3))
     row, solved, other = m.room(n), m.room(n), m.room(1)
     for product, covariance in ((settled, p), (known, start)):
@@ -318,7 +318,7 @@ def write_steady_state(module: ir.Module, system: StateSpace, layout: Layout) ->
     riccati, start_of = emit_riccati(module, system), emit_start(module, system.n)
     a, b = begin_kernel(module, "steadily", COUNTS, BLOCKS)
     n, k_count, size = system.n, system.k, layout.size
-    m, constants = MemoryBackend(b, False), Constants(b, layout, a["constants"])
+    m, constants = Memory(b, False), Constants(b, layout, a["constants"])
     sizes = block_sizes(n, k_count)
     weights = constants.all_weights
     e, block, start = m.room(size * size), m.room(sum(sizes.values())), m.room(n * n)
@@ -364,7 +364,7 @@ def write_steady_state(module: ir.Module, system: StateSpace, layout: Layout) ->
 class _Samples:
     """What all samples of a group of walkers have in common."""
 
-    m: MemoryBackend
+    m: Memory
     system: StateSpace
     layout: Layout
     a: dict[str, ir.Value]
