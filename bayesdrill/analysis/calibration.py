@@ -1,5 +1,4 @@
-"""Simulation-based calibration: many simulated records refitted, where the truth ranks, and one
-verdict on all.
+"""Calibrate a posterior by simulation: refit many simulated records, and rank the truth.
 
 With the right posterior the rank of a true value among L draws is uniform on 0 ... L (Talts et al.
 2018).  The band for the empirical distribution function of N ranks is that of Saeilynoja, Buerkner
@@ -8,10 +7,10 @@ stays inside with the wanted probability, which their recursion gives exactly.
 
 `refit` is a function of the study and the index alone: it can run anywhere, and run again.
 
-The verdict on all ranks is wrong with at most `FALSE_ALARM` where the posterior is right.  Half of that
-chance goes to the rank bands, shared equally by the quantities, and half to the
-credible intervals, shared equally by unknowns and levels: a union bound, as the ranks of one refit
-depend on each other.
+The verdict on all ranks is wrong with at most `FALSE_ALARM` where the posterior is right.  Half of
+that chance goes to the rank bands, shared equally by the quantities, and half to the credible
+intervals, shared equally by unknowns and levels: a union bound, as the ranks of one refit depend on
+each other.
 """
 
 from __future__ import annotations
@@ -37,17 +36,17 @@ NAMED_SHIFT_SDS = 3.0  # standard errors from which a shift or a spread of the r
 
 
 def rank(truth: float, draws: Array, rng: np.random.Generator) -> int:
-    """How many of `draws (L,)` are below `truth`, 0 to L; ties are broken at random."""
+    """Count the `draws (L,)` below `truth`, 0 to L; ties are broken at random."""
     below, equal = int((draws < truth).sum()), int((draws == truth).sum())
     return below + int(rng.integers(equal + 1))
 
 
 def shape(ranks: Counts, n_draws: int, *, of_fit: bool = False) -> str | None:
-    """What is wrong with a posterior whose `ranks (N,)` are not uniform; None where unclear.
+    """Name what is wrong with a posterior whose `ranks (N,)` are not uniform; None where unclear.
 
-    By the mean and the spread of the ranks: a shift spreads them too, to one end alone.  `of_fit`: those
-    of the log likelihood, of which only too much or too little can be said: draws that crowd around the
-    best fit all fit the record better than the truth does.
+    By the mean and the spread of the ranks: a shift spreads them too, to one end alone.  `of_fit`:
+    those of the log likelihood, of which only too much or too little can be said: draws that crowd
+    around the best fit all fit the record better than the truth does.
     """
     u = (ranks + 0.5) / (n_draws + 1) - 0.5
     n = len(u)
@@ -69,7 +68,10 @@ LEVEL_BISECTIONS = 40  # of the interval in which the pointwise level is sought
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RankBand:
-    """Of `n` ranks, between `low` and `high` (both allowed) are below `(i + 1) / (L + 1)`, each `(L,)`.
+    """A band for the empirical distribution function of uniform ranks.
+
+    Of `n` ranks, between `low` and `high` (both allowed) are below `(i + 1) / (L + 1)`, each
+    `(L,)`.
 
     `false_alarm`: the exact probability that uniform ranks leave it somewhere.
     """
@@ -81,12 +83,12 @@ class RankBand:
     false_alarm: float
 
     def counts(self, ranks: Counts) -> Counts:
-        """How many of `ranks (n,)` are below each share: `(L,)`."""
+        """Count the `ranks (n,)` below each share: `(L,)`."""
         n_draws = len(self.shares)
         return np.cumsum(np.bincount(ranks, minlength=n_draws + 1))[:n_draws]
 
     def reach(self, ranks: Counts) -> float:
-        """The farthest departure from uniform, in half-widths of the band: above 1 is outside."""
+        """Return the farthest departure from uniform, in half-widths: above 1 is outside."""
         expected = self.n * self.shares
         away = self.counts(ranks) - expected
         room = np.where(away > 0, self.high, self.low) - expected
@@ -95,13 +97,14 @@ class RankBand:
         return float(np.max(away / room, where=~open_ended, initial=0.0))
 
     def holds(self, ranks: Counts) -> bool:
+        """Return whether all `ranks (n,)` stay inside."""
         counts = self.counts(ranks)
         return bool(np.all((counts >= self.low) & (counts <= self.high)))
 
 
 @functools.cache
 def ecdf_band(n: int, n_draws: int, false_alarm: float) -> RankBand:
-    """The narrowest band that `n` uniform ranks among `n_draws` leave with at most `false_alarm`."""
+    """Return the narrowest band that `n` uniform ranks leave with at most `false_alarm`."""
     shares = np.arange(1, n_draws + 1) / (n_draws + 1)
     table = scipy.special.bdtr(np.arange(n + 1)[:, None], n, shares)  # (n + 1, L): P(count <= row)
     inside, outside = 0.0, 1.0  # levels: at the first the band holds often enough
@@ -119,7 +122,7 @@ def ecdf_band(n: int, n_draws: int, false_alarm: float) -> RankBand:
 
 @functools.cache
 def count_band(n: int, share: float, false_alarm: float) -> tuple[int, int]:
-    """The counts of `n` independent events of probability `share` to be expected, ends included."""
+    """Return the expected counts of `n` independent events of probability `share`, ends included."""
     low, high = _pointwise(
         scipy.special.bdtr(np.arange(n + 1)[:, None], n, np.array([share])), false_alarm
     )
@@ -167,7 +170,7 @@ MAX_PRIOR_TRIES = 1000  # draws from the prior until the model has a finite resp
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CalibrationStudy:
-    """What is repeated: `posterior` without its record, and how it is fitted.
+    """A study that is repeated: `posterior` without its record, and how it is fitted.
 
     `draws`: L, among which the truth is ranked.
     """
@@ -178,13 +181,15 @@ class CalibrationStudy:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Of the quantities that are ranked."""
+        """The names of the quantities that are ranked."""
         return (*self.posterior.space.free, LOG_LIKELIHOOD)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Refit:
-    """`truth` and `ranks` in the order of `Study.names`; no ranks where nothing could be sampled.
+    """One refit of a simulated record.
+
+    `truth` and `ranks` in the order of `Study.names`; no ranks where nothing could be sampled.
 
     `reasons`: why it has not converged; `seconds` it took, which is no part of the result.
     """
@@ -200,11 +205,12 @@ class Refit:
 
     @property
     def converged(self) -> bool:
+        """Whether the refit met its targets."""
         return not self.reasons
 
 
 def refit(study: CalibrationStudy, index: int) -> Refit:
-    """Refit `index`, counted from 0; the truth is used to make the record and to be ranked."""
+    """Refit record `index`, counted from 0; the truth makes the record and is ranked."""
     begun = time.perf_counter()
     rng = seeds.stream(study.plan.chains.seed, "calibrate", index)
     theta, posterior = _simulated(study.posterior, rng)
@@ -265,7 +271,7 @@ MAX_NOT_CONVERGED = 0.05  # of the refits; with more there is no verdict
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class IntervalCoverage:
-    """How many truths lay in the central interval of probability `share`; `low` to `high` is chance."""
+    """The coverage of the central interval of probability `share`; `low` to `high` is chance."""
 
     share: float
     inside: int
@@ -274,6 +280,7 @@ class IntervalCoverage:
 
     @property
     def holds(self) -> bool:
+        """Whether chance explains the coverage."""
         return self.low <= self.inside <= self.high
 
 
@@ -294,7 +301,10 @@ class RankedQuantity:
 
 @dataclass(frozen=True, kw_only=True)
 class CalibrationVerdict:
-    """`not_converged`: indices of refits that missed their targets, `lost`: of those without ranks."""
+    """The verdict on all ranks.
+
+    `not_converged`: indices of refits that missed their targets, `lost`: of those without ranks.
+    """
 
     n_draws: int
     band: RankBand
@@ -305,11 +315,12 @@ class CalibrationVerdict:
 
     @property
     def calibrated(self) -> bool:
+        """Whether nothing speaks against the posterior."""
         return not self.faults and not self.doubts
 
     @cached_property
     def faults(self) -> tuple[str, ...]:
-        """What chance does not explain, worst first."""
+        """Faults that chance does not explain, worst first."""
         faults = []
         for quantity in sorted(self.quantities, key=lambda q: -q.reach):
             if not quantity.holds:
@@ -326,7 +337,7 @@ class CalibrationVerdict:
 
     @cached_property
     def doubts(self) -> tuple[str, ...]:
-        """Why nothing can be said, however good the ranks look."""
+        """Reasons why nothing can be said, however good the ranks look."""
         doubts = []
         if len(self.not_converged) > MAX_NOT_CONVERGED * self.refits:
             doubts.append(
@@ -341,7 +352,10 @@ class CalibrationVerdict:
 def judge_calibration(
     names: Sequence[str], refits: Sequence[Refit], n_draws: int
 ) -> CalibrationVerdict:
-    """`names` of the quantities, the log likelihood last; `refits` in the order of their index."""
+    """Judge the ranks of all refits.
+
+    `names` of the quantities, the log likelihood last; `refits` in the order of their index.
+    """
     ranked = [refit for refit in refits if refit.ranks]
     table = np.array([refit.ranks for refit in ranked], dtype=np.int64).reshape(-1, len(names))
     band = ecdf_band(len(ranked), n_draws, 0.5 * FALSE_ALARM / len(names))

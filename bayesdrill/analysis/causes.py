@@ -1,9 +1,11 @@
-"""What would explain what the fit leaves: candidate models, each refitted from the maximum, ranked by
-the evidence for it; and whether the nominal table may be right after all.
+"""Rank candidate models by what they would explain of a fit that leaves more than noise.
 
-What the rig is held without bends the parameters that it has, and the fit may well look like noise.  So
-before a table is blamed, each thing that the rig offers and has not is tried by itself: parameters
-are held at their nominal values, within their tolerances, and all else is sought again.
+Each is refitted from the maximum, and ranked by the evidence for it. The nominal table may be right
+after all.
+
+What the rig is held without bends the parameters that it has, and the fit may well look like noise.
+So before a table is blamed, each thing that the rig offers and has not is tried by itself:
+parameters are held at their nominal values, within their tolerances, and all else is sought again.
 """
 
 from __future__ import annotations
@@ -61,12 +63,13 @@ class RefitMaximum:
 def refit_candidate(
     posterior: Posterior, near: Mapping[str, float], least: float
 ) -> RefitMaximum | None:
-    """The maximum of `posterior`, from `near`: values of those of its unknowns that are known.
+    """Find the maximum of `posterior` from `near`, values of those of its unknowns that are known.
 
-    None where it has no finite response there.  One that promises no more than the log density `least`
-    is not followed to its very end.  The log evidence is that of a Gaussian with the
-    curvature at the maximum; the priors count in it as Gaussians of their spread, so that a direction
-    which the record does not determine costs each candidate the same (MacKay 2003, ch. 27).
+    None where it has no finite response there.  One that promises no more than the log density
+    `least` is not followed to its very end.  The log evidence is that of a Gaussian with the
+    curvature at the maximum; the priors count in it as Gaussians of their spread, so that a
+    direction which the record does not determine costs each candidate the same (MacKay 2003, ch.
+    27).
     """
     space, coordinates = posterior.space, posterior.coordinates
     surface = PosteriorSurface(posterior, physical=True)
@@ -109,8 +112,10 @@ def refit_candidate(
 
 
 def _starts(posterior: Posterior, near: Mapping[str, float]) -> Array:
-    """Physical, `(S, D)`: where the config begins; and what is known where it is, with what is new where
-    it begins and at several places of its prior.
+    """Return physical starts `(S, D)` of a refit.
+
+    Where the config begins; and what is known where it is, with what is new where it begins and at
+    several places of its prior.
     """
     space = posterior.space
     known = space.vector(
@@ -173,7 +178,7 @@ class Cause:
 
     @property
     def about(self) -> str:
-        """What it has beside the config as given, in words."""
+        """The parts beside the config as given, in words."""
         return " and ".join(self.words)
 
     @property
@@ -197,19 +202,20 @@ class Causes:
 
     @property
     def good(self) -> tuple[Cause, ...]:
-        """Those for which there is some evidence."""
+        """The candidates for which there is some evidence."""
         return tuple(cause for cause in self.ranked if cause.bayes > SURE_LOG_ODDS)
 
     @property
     def explains(self) -> bool:
+        """Whether there is evidence for any candidate."""
         return bool(self.good)
 
     @property
     def best(self) -> Cause:
-        """The one with the fewest parts of those that are about as probable as the first.
+        """The candidate with the fewest parts of those that are about as probable as the first.
 
-        Where that is a catch-all, the first that names a cause, if it gains a good share of that, and
-        gains beside its own catch-all.
+        Where that is a catch-all, the first that names a cause, if it gains a good share of that,
+        and gains beside its own catch-all.
         """
         first = self.ranked[0]
         if {*first.parts} <= CATCH_ALL:
@@ -227,7 +233,7 @@ class Causes:
 
     @property
     def lacking(self) -> tuple[str, ...]:
-        """Parameters that the rig lacks."""
+        """The parameters that the rig lacks."""
         return self.best.lacks if self.explains else ()
 
 
@@ -238,8 +244,10 @@ REJECTED_SHARE = 0.01  # of records of a rig that is so: more is lost by holding
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class EquivalentExplanation:
-    """`parameter` that the rig lacks, and its `value` [SI] where all nominal values hold; `lost`: of the
-    log likelihood, against the MAP, which has none of it; negative where it fits better.
+    """A parameter that explains the record as well as a rig off the nominal table.
+
+    `parameter` that the rig lacks, and its `value` [SI] where all nominal values hold; `lost`: of
+    the log likelihood, against the MAP, which has none of it; negative where it fits better.
     """
 
     parameter: str
@@ -248,7 +256,7 @@ class EquivalentExplanation:
 
 
 def equivalent_explanation(problem: Problem, theta: Array) -> EquivalentExplanation | None:
-    """What fits the record with the table about as well as the MAP `theta (D,)` without; the best."""
+    """Find what fits the record with the table about as well as the MAP `theta (D,)` without it."""
     posterior = problem.posterior
     wide = with_candidates(posterior, theta)
     tabled = [k for k, name in enumerate(posterior.space.free) if name in problem.nominal]

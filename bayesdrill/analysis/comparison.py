@@ -1,5 +1,4 @@
-"""Several models or experiments side by side: which is the more probable, how far they are apart,
-do repeats agree.
+"""Compare several models or experiments: which is more probable, and whether repeats agree.
 
 Whether experiments with one rig tell the same of it: their spread, against what each knows.
 
@@ -51,7 +50,7 @@ class PosteriorSummary:
     reasons: tuple[str, ...] = ()
 
     def draws_of(self, symbol: Symbol) -> Array | None:
-        """Draws `(N,)` of an unknown; None where it is none of this run."""
+        """Return the draws `(N,)` of an unknown; None where it is none of this run."""
         if symbol not in self.problem.symbols:
             return None
         return self.draws[:, self.problem.symbols.index(symbol)]
@@ -59,7 +58,10 @@ class PosteriorSummary:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MarginalEstimate:
-    """Where a run has a quantity, SI: mean, sd and the narrowest interval; all one where it is held."""
+    """A run's estimate of a quantity, SI: mean, sd and the narrowest interval.
+
+    All are one number where it is held fixed.
+    """
 
     mean: float
     sd: float
@@ -68,6 +70,7 @@ class MarginalEstimate:
 
     @property
     def fixed(self) -> bool:
+        """Whether the run holds the quantity fixed."""
         return self.sd == 0.0
 
 
@@ -98,7 +101,7 @@ class OverlayRow:
 
 
 def overlay_rows(layers: Sequence[PosteriorSummary]) -> tuple[OverlayRow, ...]:
-    """In the order of the runs and of their unknowns."""
+    """Return a row for each unknown of any run, in the order of the runs."""
     rows = []
     for symbol in dict.fromkeys(s for layer in layers for s in layer.problem.symbols):
         places = tuple(_marginal(symbol, layer) for layer in layers)
@@ -133,7 +136,7 @@ def _distances(
 
 
 def differing(layers: Sequence[PosteriorSummary]) -> dict[str, tuple[str | None, ...]]:
-    """What is not the same in all runs, and what it is in each; None where a run has no such thing."""
+    """Return what differs between runs, and what it is in each; None where a run has no such thing."""
     names = dict.fromkeys(name for layer in layers for name in layer.settings)
     settings = {name: tuple(layer.settings.get(name) for layer in layers) for name in names}
     return {name: values for name, values in settings.items() if len(set(values)) > 1}
@@ -148,8 +151,10 @@ Word = Literal["model", "noise", "both", "either", "priors", "neither"]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RunSummary:
-    """A run among others. `rig`, `noise`: what it says of either, without priors, by which two are told
-    to be the same; `beliefs`: its priors, by unknowns; `loo`: or why there is none.
+    """A run among others, with its evidence.
+
+    `rig`, `noise`: what it says of either, without priors, by which two are recognised as the same;
+    `beliefs`: its priors, by unknowns; `loo`: or why there is none.
     """
 
     layer: PosteriorSummary
@@ -165,27 +170,32 @@ class RunSummary:
 
     @property
     def name(self) -> str:
+        """The name of the run."""
         return self.layer.name
 
     @property
     def mark(self) -> str:
+        """What files say of whose they are."""
         return self.layer.mark
 
     @property
     def log_z(self) -> float:
+        """The log evidence."""
         return self.evidence.log_z
 
     @property
     def like_noise(self) -> bool:
+        """Whether its residuals look like noise."""
         return like_noise(self.residuals)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ModelDecision:
-    """`first`: what others are held against, `best`: the most probable; `gain`: log odds of it against
-    those of the same rig (`model`), of the same noise (`noise`), or the first.
+    """Which of several models is the most probable, and by how much.
 
-    `vague`: unknowns of models that lose by no more than priors which are too wide can make them.
+    `first`: what others are held against, `best`: the most probable; `gain`: log odds of it against
+    those of the same rig (`model`), of the same noise (`noise`), or the first. `vague`: unknowns of
+    models that lose by no more than priors which are too wide can make them.
     """
 
     word: Word
@@ -195,11 +205,12 @@ class ModelDecision:
     vague: tuple[str, ...]
 
     def sure(self, what: str) -> bool:
+        """Return whether the gain against `what` is beyond doubt."""
         return self.gain[what] > SURE_LOG_ODDS
 
 
 def decide(models: Sequence[RunSummary]) -> ModelDecision:
-    """The first is what is held against all others."""
+    """Decide between models; the first is held against all others."""
     first = models[0]
     best = max(range(len(models)), key=lambda k: models[k].log_z)
     top = models[best]
@@ -245,7 +256,7 @@ def _vague(models: Sequence[RunSummary], top: RunSummary) -> tuple[str, ...]:
 
 
 def probabilities(models: Sequence[RunSummary]) -> tuple[float, ...]:
-    """Of each, where one of them is right and all were as likely before."""
+    """Return each model's probability, if one is right and all were as likely before."""
     log_z = np.array([model.log_z for model in models])
     share = np.exp(log_z - log_z.max())
     return tuple(map(float, share / share.sum()))
@@ -254,7 +265,7 @@ def probabilities(models: Sequence[RunSummary]) -> tuple[float, ...]:
 def difference(
     first: HeldOutScore | LooScore, second: HeldOutScore | LooScore
 ) -> tuple[float, float]:
-    """Of two scores of the same samples, and its standard error."""
+    """Return the difference of two scores of the same samples, and its standard error."""
     each = first.each - second.each
     return float(each.sum()), math.sqrt(len(each)) * float(each.std())
 
@@ -264,7 +275,9 @@ FALSE_ALARM = 0.01  # of sets of repeats of one rig, any product at all
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RepeatedProduct:
-    """A product: how far each experiment (by name) puts its log from the joint one, and each one's sd.
+    """A product of unknowns as each of several experiments has it.
+
+    A product: how far each experiment (by name) puts its log from the joint one, and each one's sd.
 
     `p`: of a spread as large by chance; `spread`: sd of the log between experiments, beyond that.
     """
@@ -281,7 +294,7 @@ class RepeatedProduct:
 def repeats(
     sensitivity: SensitivityStudy, theta: Array, products: Sequence[Exponents]
 ) -> tuple[RepeatedProduct, ...]:
-    """Of products that more than one experiment determines; at `theta (D,)`, the joint maximum."""
+    """Compare products that more than one experiment determines, at the joint maximum `theta (D,)`."""
     observations = sensitivity.likelihood.observations
     if len(observations) < 2 or not products:
         return ()

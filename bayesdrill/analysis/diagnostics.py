@@ -1,9 +1,9 @@
-"""What the draws say of each unknown, whether priors of others lean on it, and whether ensembles
-see the same.
+"""Diagnose the draws of each unknown, its dependence on priors, and the ensembles' agreement.
 
-Ranks as ArviZ plots them: where all ensembles draw from one distribution, the ranks of each are uniform
-(Vehtari et al. 2021; Saeilynoja, Buerkner and Vehtari 2022).  How far chance takes them is found by
-dealing the ranks out anew: tables of the same numbers of draws in all ensembles and all bins.
+Ranks as ArviZ plots them: where all ensembles draw from one distribution, the ranks of each are
+uniform (Vehtari et al. 2021; Saeilynoja, Buerkner and Vehtari 2022).  How far chance takes them is
+found by dealing the ranks out anew: tables of the same numbers of draws in all ensembles and all
+bins.
 """
 
 from __future__ import annotations
@@ -41,7 +41,9 @@ MEANING: dict[Word, str] = {
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ParameterRow:
-    """One unknown, SI. `deviation` is of the mean from the nominal value, relative.
+    """A row of the summary table.
+
+    One unknown, SI. `deviation` is of the mean from the nominal value, relative.
 
     `shrinkage`: 1 - sd / sd of the prior.  `nominal` and `deviation` are None for noise levels.
     `pressed_against`: the end of the prior that the draws crowd at, or None.
@@ -67,7 +69,7 @@ class ParameterRow:
 def summarise(
     problem: Problem, draws: Array, mode: Mode, convergence: Convergence
 ) -> tuple[ParameterRow, ...]:
-    """A row for each unknown, from nearly independent physical draws `(E, N, D)`."""
+    """Return a row for each unknown, from nearly independent physical draws `(E, N, D)`."""
     rows = []
     for d, symbol in enumerate(problem.symbols):
         x = draws[..., d].ravel()
@@ -99,7 +101,7 @@ def summarise(
 
 
 def distance_to_prior(x: Array, prior: Prior) -> float:
-    """Kolmogorov distance between draws `(N,)` and the prior."""
+    """Return the Kolmogorov distance between draws `(N,)` and the prior."""
     shares = np.linspace(0.0, 1.0, 201)[1:-1]
     below = np.searchsorted(np.sort(x), prior.quantile(shares)) / len(x)
     return float(np.max(np.abs(below - shares)))
@@ -117,10 +119,11 @@ MAX_DRAWS = 4000  # looked at
 
 
 def prior_dependence(rows: Sequence[ParameterRow], draws: Array) -> Mapping[str, tuple[str, ...]]:
-    """By the name of an unknown that is called determined, those left to their priors that explain
-    most of what is left of it: were their priors wider, so would its posterior be.
+    """Return unknowns that are determined by the priors of others alone, with those others.
 
-    `draws (N, D)`, in the order of `rows`.  By ranks, so that no ridge need be straight.
+    The others are left to their priors, and explain most of what is left of the unknown: were their
+    priors wider, so would its posterior be. `draws (N, D)`, in the order of `rows`. By ranks, so
+    that no ridge need be straight.
     """
     alone = [d for d, row in enumerate(rows) if row.word == "prior only"]
     if not alone:
@@ -152,7 +155,9 @@ TAUS_BETWEEN_DRAWS = 2  # autocorrelation times between draws that count as inde
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RankHistogram:
-    """Of one unknown: `counts (E, BINS)` of each ensemble's draws, in bins of as many draws of all.
+    """Ranks of each ensemble's draws of an unknown among all draws.
+
+    Of one unknown: `counts (E, BINS)` of each ensemble's draws, in bins of as many draws of all.
 
     `room (BINS - 1,)`: how far the counts below each share go from the expected by chance.
     """
@@ -162,17 +167,17 @@ class RankHistogram:
 
     @property
     def draws(self) -> int:
-        """Of each ensemble."""
+        """The number of draws of each ensemble."""
         return int(self.counts[0].sum())
 
     @property
     def away(self) -> Array:
-        """Counts below each share, less those expected: `(E, BINS - 1)`."""
+        """Counts below each share, less those expected: `(E, RANK_BINS - 1)`."""
         return np.cumsum(self.counts, axis=1)[:, :-1] - self.draws * SHARES
 
     @property
     def holds(self) -> NDArray[np.bool_]:
-        """Of which ensembles `(E,)` chance explains the ranks."""
+        """Whether chance explains the ranks of each ensemble, `(E,)`."""
         return np.asarray(np.all(np.abs(self.away) <= self.room, axis=1))
 
 
@@ -180,13 +185,13 @@ SHARES = np.arange(1, RANK_BINS) / RANK_BINS
 
 
 def independent_draws(theta: Array, burn_in: int, tau: float) -> Array:
-    """Of chains `(E, S, W, D)` the draws `(E, N, D)` that have forgotten each other."""
+    """Thin chains `(E, S, W, D)` to draws `(E, N, D)` that have forgotten each other."""
     steps = theta.shape[1] - burn_in
     return thinned(theta, burn_in, max(1, min(math.ceil(TAUS_BETWEEN_DRAWS * tau), steps // 2)))
 
 
 def rank_histograms(draws: Array, rng: np.random.Generator) -> tuple[RankHistogram, ...]:
-    """For each unknown, of independent draws `(E, N, D)` of two or more ensembles."""
+    """Return a histogram for each unknown, of independent draws `(E, N, D)` of several ensembles."""
     from arviz_stats.base import array_stats  # late: it takes half a second to load
 
     room = _chance_widths(draws.shape[0], draws.shape[1], FALSE_ALARM / draws.shape[2], rng)

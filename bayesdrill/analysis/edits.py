@@ -27,7 +27,7 @@ LACKS = ("motor.sliding", "rotor.sliding", "motor.drop", "rotor.damping", "shaft
 def rig_candidates(
     observations: tuple[Observation, ...], space: ParameterSpace, theta: Array
 ) -> dict[str, float]:
-    """What the rig offers and has not, with the most that it can be; `theta (D,)`: where it moves."""
+    """Return what the rig offers and has not, with the most that it can be, at `theta (D,)`."""
     model = observations[0].response.model
     lacks = [model.roles[role] for role in LACKS]
     names = [name for name in lacks if name in model.offers and name not in model.parameters]
@@ -49,14 +49,14 @@ def rig_candidates(
 def rig_parameters(
     observation: Observation, space: ParameterSpace, theta: Array
 ) -> dict[str, float]:
-    """The rig's parameters at `theta (D,)`."""
+    """Return the rig's parameters at `theta (D,)`."""
     arguments = observation.told(space.full(theta[None]))[0]
     names = observation.response.model.parameters
     return dict(zip(names, map(float, arguments[: len(names)]), strict=False))
 
 
 def state_motion(observation: Observation, space: ParameterSpace, theta: Array) -> Array:
-    """All states at the samples `(T, X)`, at `theta (D,)`."""
+    """Return all states at the samples `(T, X)`, at `theta (D,)`."""
     states = observation.response.model.states
     y = np.zeros((len(observation.experiment.t), len(states)))
     shown = dataclasses.replace(observation.experiment, channels=of_states(states), y=y)
@@ -106,24 +106,27 @@ def _rates(linear: Linear, row: str, named: Mapping[str, Array]) -> float:
 
 @dataclass(frozen=True, slots=True)
 class EditedPosterior:
-    """`sizes`: of what is tried, in the order in which it stands in `posterior`, before the noise."""
+    """A posterior with candidates free that the rig lacks.
+
+    `sizes`: of what is tried, in the order in which it stands in `posterior`, before the noise.
+    """
 
     posterior: Posterior
     sizes: Mapping[str, float]
 
     @property
     def tried(self) -> range:
-        """Places of what is tried among the unknowns."""
+        """The columns of what is tried among the unknowns."""
         last = len(self.posterior.space.columns(*MOVES))
         return range(last - len(self.sizes), last)
 
     def at(self, theta: Array) -> Array:
-        """The unknowns `theta (D,)`, with nothing of what is tried, `(E,)`."""
+        """Return the unknowns `theta (D,)`, with nothing of what is tried: `(E,)`."""
         return np.insert(theta, self.tried.start, np.zeros(len(self.sizes)))
 
 
 def with_candidates(posterior: Posterior, theta: Array) -> EditedPosterior:
-    """With all unknown that the rig lacks, at `theta (D,)`."""
+    """Free all unknowns that the rig lacks, at `theta (D,)`."""
     sizes = rig_candidates(posterior.likelihood.observations, posterior.space, theta)
     free = [
         Unknown(

@@ -1,6 +1,4 @@
-"""Where the energy goes in each experiment, and what frictions do in it: how fast, how large,
-where they stick.
-"""
+"""Account for the energy of each experiment, and describe what frictions do in it."""
 
 from __future__ import annotations
 
@@ -22,7 +20,9 @@ NEGLIGIBLE_SHARE = 1e-9  # of the largest flow
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class EnergyPart:
-    """`name`: of an input, a parameter, a friction, or `conversion`, `start` and `stored`; `joules`
+    """A part of the energy of one experiment.
+
+    `name`: of an input, a parameter, a friction, or `conversion`, `start` and `stored`; `joules`
     until the end; `share` of all that came in, and its `sd` over draws, None without any.
     """
 
@@ -34,8 +34,10 @@ class EnergyPart:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class EnergyAccount:
-    """Of one experiment: `came` in and `went` at each of the times `t (N,)`, J, by name; what is stored
-    at the start has come in.  `imbalance`: the share that is in neither, of the order of the steps.
+    """The energy of one experiment.
+
+    `came` in and `went` at each of the times `t (N,)`, J, by name; what is stored at the start has
+    come in. `imbalance`: the share that is in neither, of the order of the steps.
     """
 
     label: str
@@ -47,12 +49,12 @@ class EnergyAccount:
 
     @property
     def total(self) -> Array:
-        """All that came in so far `(N,)`."""
+        """All that came in so far, `(N,)`."""
         return np.asarray(sum(self.came.values(), np.zeros(len(self.t))))
 
 
 def energy_accounts(posterior: Posterior, theta: Array, draws: Array) -> tuple[EnergyAccount, ...]:
-    """Of experiments whose rig rubs, at the MAP `theta (D,)` and draws `(N, D)`."""
+    """Account for experiments with friction, at the MAP `theta (D,)` and draws `(N, D)`."""
     full = posterior.space.full(np.vstack([theta[None], draws]))
     return tuple(
         _account(observation, observation.told(full))
@@ -127,9 +129,11 @@ SPEED_MARGIN = 1.05  # of the largest speed of the record
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FrictionMotion:
-    """One friction in one experiment, at samples `t (T,)`: of the MAP its `speed`, `effort` and where it
-    `sticks` until the next sample, `(T,)`; `efforts (N, T)` of draws.  `gear`: its own speed is so many
-    times that of the state.
+    """The motion of one friction in one experiment.
+
+    At samples `t (T,)`: of the MAP its `speed`, `effort` and where it `sticks` until the next
+    sample, `(T,)`; `efforts (N, T)` of draws. `gear`: its own speed is so many times that of the
+    state.
     """
 
     friction: Friction
@@ -143,13 +147,13 @@ class FrictionMotion:
 
     @property
     def stuck(self) -> float:
-        """The share of the time."""
+        """The share of the time that it sticks."""
         steps = np.diff(self.t)
         return float(steps[self.sticks[:-1]].sum() / steps.sum())
 
     @property
     def intervals(self) -> tuple[tuple[float, float], ...]:
-        """When it sticks."""
+        """The intervals in which it sticks."""
         edges = np.diff(np.concatenate([[0], self.sticks.astype(int), [0]]))
         first, last = np.flatnonzero(edges > 0), np.flatnonzero(edges < 0)
         ends = np.minimum(last, len(self.t) - 1)
@@ -157,20 +161,21 @@ class FrictionMotion:
 
     @property
     def stuck_later(self) -> float:
-        """The same, of what comes after its start from rest."""
+        """The share of the time that it sticks after its start from rest."""
         steps = np.where(np.cumsum(~self.sticks[:-1]) > 0, np.diff(self.t), 0.0)
         return float(steps[self.sticks[:-1]].sum() / np.diff(self.t).sum())
 
     @property
     def reversals(self) -> int:
-        """How often it goes on the other way."""
+        """The number of reversals."""
         signs = np.sign(self.speed[self.speed != 0.0])
         return int(np.count_nonzero(np.diff(signs)))
 
     @property
     def slowest(self) -> float:
-        """The least speed of its own once it has gone at half of its greatest; what comes before is a
-        start from rest.
+        """The least speed once it has gone at half of its greatest.
+
+        What comes before is a start from rest.
         """
         size = np.abs(self.speed) * self.gear
         first = int(np.argmax(size >= 0.5 * size.max()))
@@ -178,13 +183,17 @@ class FrictionMotion:
 
     @property
     def fastest(self) -> float:
+        """The greatest speed."""
         return float(np.abs(self.speed).max() * self.gear)
 
 
 def friction_motions(
     posterior: Posterior, theta: Array, draws: Array
 ) -> tuple[tuple[FrictionMotion, ...], ...]:
-    """Of each experiment, at the MAP `theta (D,)` and draws `(N, D)`; empty where nothing rubs."""
+    """Return the friction of each experiment, at the MAP `theta (D,)` and draws `(N, D)`.
+
+    Empty where there is no friction.
+    """
     full = posterior.space.full(np.vstack([theta[None], draws]))
     return tuple(
         tuple(_friction_motions(observation, full))
@@ -213,22 +222,26 @@ def _friction_motions(observation: Observation, full: Array) -> Iterator[Frictio
 
 
 def geared(rig: Simulator, friction: Friction) -> float:
-    """How many times as fast the motor turns as what its friction is said to be against."""
+    """Return how many times as fast the motor turns as what its friction is said to be against."""
     model = rig.model
     return 1.0 / model.gear_ratio if friction.against == model.roles.motor.speed else 1.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FrictionCurve:
-    """A law at its own `speeds (G,)`: `sizes (W, G)` of so many walkers, signed as the speeds."""
+    """A friction law over its speed.
+
+    A law at its own `speeds (G,)`: `sizes (W, G)` of so many walkers, signed as the speeds.
+    """
 
     speeds: Array
     sizes: Array
 
 
 def friction_curve(observation: Observation, rubbing: FrictionMotion, full: Array) -> FrictionCurve:
-    """Of parameters `full (W, P)`, over the speeds that the record saw; where a law sees more than the
-    speed, at the root mean square of that.
+    """Compute a friction law of parameters `full (W, P)`, over the speeds that the record has.
+
+    Where the law depends on more than the speed, that is at its root mean square.
     """
     rig, friction = observation.response, rubbing.friction
     far = SPEED_MARGIN * float(np.abs(rubbing.speed).max()) or 1.0

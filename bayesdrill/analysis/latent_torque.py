@@ -1,12 +1,14 @@
-"""The missing torque as the posterior has it over time, and what it follows: a speed, an angle, an
-input, the time.
+"""Estimate the missing torque over time, and find what it follows.
+
+A speed, an angle, an input, or the time.
 
 Each draw of the unknowns has a torque of its own, drawn with all samples known (by simulation: a
 torque drawn from its prior, and what all samples say of the difference), so that the draws are
 those of unknowns and torque together, and a band of them holds what is uncertain of both.
 
 Each is held against the torque by itself, by least squares, where its inertia turns.  The one that
-explains most is taken first, then what takes most of what is left, as long as that is a good part of it.
+explains most is taken first, then what takes most of what is left, as long as that is a good part
+of it.
 """
 
 from __future__ import annotations
@@ -33,9 +35,11 @@ TAILS = (0.5 - HDI_PROBABILITY / 2, 0.5 + HDI_PROBABILITY / 2)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ChannelMotion:
-    """What a channel did: its spread, and root mean squares of what is left without the torque and
-    with it, at the mean of the draws, SI; `moved`: what the torque moves; `strayed`: of a rig that rubs,
-    how far from all that it would be with this torque as an input, in sd of the noise (NaN elsewhere).
+    """What a channel did: its spread, and root mean squares without the torque and with it.
+
+    Of what is left, at the mean of the draws, SI; `moved`: what the torque moves; `strayed`: of a
+    rig with friction, how far from all that it would be with this torque as an input, in sd of the
+    noise (NaN elsewhere).
     """
 
     channel: str
@@ -47,18 +51,18 @@ class ChannelMotion:
 
     @property
     def share(self) -> float:
-        """Of the motion: what the torque moves, over the spread of the channel."""
+        """What the torque moves, over the spread of the channel."""
         return self.moved / self.spread if self.spread > 0 else float("nan")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TorqueEstimate:
-    """Of one experiment, at its times `t (T,)`: `draws (N, T)` of the torque [N m], `expected
-    (T,)` their mean without the chance of drawing.
+    """The missing torque of one experiment, at its times `t (T,)`.
 
-    `states`: of the rig, angles [rad] and speeds [rad/s] among them, `(T,)` by name, means of the draws;
-    `inputs`: those that were measured; `gear`: the motor turns so many times as fast as its side
-    of the shaft.
+    `draws (N, T)` of the torque [N m], `expected (T,)` their mean without the chance of drawing.
+    `states`: of the rig, angles [rad] and speeds [rad/s] among them, `(T,)` by name, means of the
+    draws; `inputs`: those that were measured; `gear`: the motor turns so many times as fast as its
+    side of the shaft.
     """
 
     label: str
@@ -74,31 +78,32 @@ class TorqueEstimate:
 
     @property
     def band(self) -> Array:
-        """`(2, T)`."""
+        """The HDI-wide band of the draws, `(2, T)`."""
         return np.asarray(np.quantile(self.draws, TAILS, axis=0))
 
     @property
     def speed(self) -> Array:
-        """Of the inertia on which it acts, of the motor by itself."""
+        """The speed of the inertia on which it acts; of the motor, by itself."""
         return self.speeds[0][1]
 
     @property
     def turning(self) -> Flags:
-        """`(T,)`: where that is no standstill, at which dry friction may be anything; all of a record
-        that hardly has another.
+        """Where the inertia turns, `(T,)`.
+
+        At a standstill dry friction may be anything. All of a record that hardly has another.
         """
         fast = np.abs(self.speed) > STANDSTILL * np.sqrt(np.mean(self.speed**2))
         return fast if fast.mean() > MIN_TURNING_SHARE else np.ones(len(self.t), dtype=bool)
 
     @property
     def angle(self) -> Array:
-        """Of the same."""
+        """The angle of the inertia on which it acts."""
         angle = self.states[self.roles.at(self.at).angle]
         return angle * self.gear if self.at == "motor" else angle
 
     @property
     def speeds(self) -> list[tuple[str, Array]]:
-        """By name, its own first; of the motor by itself."""
+        """Speeds by name, that of the inertia on which it acts first."""
         motor, rotor = self.roles.motor.speed, self.roles.rotor.speed
         names = (motor, rotor) if self.at == "motor" else (rotor, motor)
         gears = {motor: self.gear}
@@ -108,7 +113,7 @@ class TorqueEstimate:
 def torque_estimates(
     posterior: Posterior, draws: Array, rng: np.random.Generator
 ) -> tuple[TorqueEstimate, ...]:
-    """Of each experiment, by draws `(N, D)`; empty where no torque is missing."""
+    """Estimate the torque of each experiment by draws `(N, D)`; empty where none is missing."""
     observations = posterior.likelihood.observations
     return tuple(
         _estimate(observation, torque, posterior, draws, rng)
@@ -118,7 +123,7 @@ def torque_estimates(
 
 
 def has_friction_too(posterior: Posterior) -> bool:
-    """Whether a torque is missing of a rig that rubs, which is an approximation."""
+    """Return whether a torque is missing of a rig with friction, which is an approximation."""
     observations = posterior.likelihood.observations
     return any(observation.torque and _has_friction(observation) for observation in observations)
 
@@ -196,8 +201,10 @@ def _states(
 def _nonlinear_error(
     observation: Observation, latent: Torque, draw: tuple[Array, Array], shown: Array, torque: Array
 ) -> Array:
-    """`(K,)`: the rig that rubs, driven by `torque (T,)` at one `draw` (all parameters, all unknowns),
-    from what is `shown (T, K)`: there the torque moves it as if no friction changed its sign.
+    """Return how far a rig with friction is from its linear prediction, `(K,)`.
+
+    It is driven by `torque (T,)` at one `draw` (all parameters, all unknowns), and compared with
+    what is `shown (T, K)`: there the torque moves it as if no friction changed its sign.
     """
     response, experiment = observation.response, observation.experiment
     if not _has_friction(observation):
@@ -244,9 +251,11 @@ CONSTANT_RATIO = 1e-9  # of its size: what varies less is constant
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TorqueRegression:
-    """`kind` of `of` (a speed, an angle, an input): `share` of the squares of the torque that it
-    explains by itself; `taken`: whether it is among those that explain it together, and then
-    `size` with its `sd` over the draws, N m per unit of it, of an angle its amplitude.
+    """The regression of the torque on one thing.
+
+    `kind` of `of` (a speed, an angle, an input): `share` of the squares of the torque that it
+    explains by itself; `taken`: whether it is among those that explain it together, and then `size`
+    with its `sd` over the draws, N m per unit of it, of an angle its amplitude.
     """
 
     kind: str
@@ -258,7 +267,7 @@ class TorqueRegression:
 
 
 def regress_torque(estimate: TorqueEstimate) -> tuple[TorqueRegression, ...]:
-    """Those taken first, in their order; then all others by their shares."""
+    """Regress the torque on candidates: those taken first, in their order; then all others."""
     turning = estimate.turning
     candidates = ((kind, name, rows[turning]) for kind, name, rows in _candidates(estimate))
     regressors = [

@@ -41,7 +41,7 @@ GEOMETRY: Mapping[str, tuple[float, str]] = {  # by roles
 
 
 def plausibility_of_priors(problem: Problem) -> Iterator[str]:
-    """Nominal values that are where a prior has as good as nothing, though it does not exclude them."""
+    """Yield nominal values where a prior has as good as nothing, though it does not exclude them."""
     for name, prior in problem.posterior.space.priors.items():
         if (value := problem.nominal.get(name)) is None:
             continue
@@ -66,7 +66,7 @@ def of_roles(problem: Problem) -> Iterator[str]:
 
 
 def plausibility_of_gear(problem: Problem) -> Iterator[str]:
-    """Channels that turn neither with the shaft nor, by the gear of the model, with the motor."""
+    """Yield channels that turn neither with the shaft nor, by the gear, with the motor."""
     model = problem.model
     motor, gear = model.roles.motor, model.gear_ratio
     if not model.geared:
@@ -85,10 +85,7 @@ def plausibility_of_gear(problem: Problem) -> Iterator[str]:
 
 
 def plausibility_of_nominal(problem: Problem) -> tuple[str, ...]:
-    """Of nominal values, or where there are none of held ones and those at the start.
-
-    What the config gives itself is not held against the paper's rig.
-    """
+    """Yield what is odd of nominal values, or of fixed ones and those at the start."""
     space = problem.posterior.space
     values = {**space.start, **problem.nominal, **space.fixed}
     values |= {name: float(relation.value(values)) for name, relation in space.relations.items()}
@@ -105,7 +102,7 @@ def plausibility_of_nominal(problem: Problem) -> tuple[str, ...]:
 
 
 def plausibility_of_draws(problem: Problem, draws: Array, known: Information) -> tuple[str, ...]:
-    """Of posterior draws `(N, D)`; `known` says what the record alone determines."""
+    """Yield what is odd of draws `(N, D)`; `known` says what the record alone determines."""
     model = problem.model
     rig = problem.posterior.likelihood.rig(draws[:: max(1, len(draws) // MOST_DRAWS)])
     values = dict(zip(model.parameters, rig.T, strict=True))
@@ -114,7 +111,7 @@ def plausibility_of_draws(problem: Problem, draws: Array, known: Information) ->
 
 
 def plausibility_of_course(sensitivity: SensitivityStudy, theta: Array) -> tuple[str, ...]:
-    """Of the motion at unknowns `theta (D,)`: whether friction brakes all the time."""
+    """Yield whether friction brakes all the time, in the motion at unknowns `theta (D,)`."""
     likelihood = sensitivity.likelihood
     rig = likelihood.observations[0].response.model
     motor = rig.roles.motor
@@ -137,7 +134,7 @@ def plausibility_of_course(sensitivity: SensitivityStudy, theta: Array) -> tuple
 
 
 def poles(model: Model, values: Mapping[str, Array]) -> NDArray[np.complex128]:
-    """Eigenvalues of the dynamics at parameters `(W,)` each: `(W, X)`, in 1/s."""
+    """Return eigenvalues of the dynamics at parameters `(W,)` each: `(W, X)`, in 1/s."""
     size = len(next(iter(values.values())))
     matrix = dynamics(model.linear(values), model.states, size)
     return np.asarray(np.linalg.eigvals(matrix), dtype=np.complex128)
@@ -247,7 +244,10 @@ MAX_REMAINING_WIDTH = 0.5
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DiffusePrior:
-    """The prior of `name`: so many `decades` wide, or `times` as wide as what was found is large."""
+    """A prior too wide for the evidence to mean much.
+
+    The prior of `name`: so many `decades` wide, or `times` as wide as what was found is large.
+    """
 
     name: str
     decades: float | None = None
@@ -257,7 +257,7 @@ class DiffusePrior:
 def diffuse_priors(
     rows: Sequence[ParameterRow], draws: Array, priors: Mapping[str, Prior]
 ) -> tuple[DiffusePrior, ...]:
-    """Of unknowns that the record narrows; `draws (N, D)` in the order of `rows`."""
+    """Return diffuse priors of unknowns that the record narrows; `draws (N, D)` like `rows`."""
     priors_or_none = (
         _diffuse_prior(row.name, x, priors[row.name]) for row, x in zip(rows, draws.T, strict=True)
     )

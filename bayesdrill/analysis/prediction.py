@@ -1,11 +1,12 @@
-"""Whether the record is as the posterior predicts it: where each sample lies in its own prediction; and
-how well draws predict samples (held out, PSIS-LOO).
+"""Check the record against its posterior prediction, and score predictions of samples.
 
-The probability integral transform (PIT) of a sample is the share of its prediction below it; where model
-and noise are right they are uniform.  Each is of the posterior without that sample, for a sample that
-helps to predict itself is predicted too well: draws weigh as one over what they give that sample, but
-none more than the root of their number times the mean (Ionides 2008).  Pareto smoothing would refuse
-samples at which all draws agree, such as the first of a rig at rest.
+Where each sample lies in its own prediction; and held-out and leave-one-out scores (PSIS-LOO).
+
+The probability integral transform (PIT) of a sample is the share of its prediction below it; where
+model and noise are right they are uniform.  Each is of the posterior without that sample, for a
+sample that helps to predict itself is predicted too well: draws weigh as one over what they give
+that sample, but none more than the root of their number times the mean (Ionides 2008).  Pareto
+smoothing would refuse samples at which all draws agree, such as the first of a rig at rest.
 """
 
 from __future__ import annotations
@@ -40,7 +41,10 @@ SAYS = {
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PredictionCheck:
-    """Of one channel: `pit (T,)`, and the band of their distribution; `label`: of its experiment."""
+    """A check of one channel against its prediction.
+
+    Of one channel: `pit (T,)`, and the band of their distribution; `label`: of its experiment.
+    """
 
     channel: Channel
     pit: Array
@@ -49,11 +53,12 @@ class PredictionCheck:
 
     @property
     def ranks(self) -> NDArray[np.int64]:
-        """In which of `PIT_BINS` equal parts of its prediction each sample lies."""
+        """Which of `PIT_BINS` equal parts of its prediction each sample lies in."""
         return np.minimum((PIT_BINS * self.pit).astype(np.int64), PIT_BINS - 1)
 
     @property
     def holds(self) -> bool:
+        """Whether chance explains the ranks."""
         return self.band.holds(self.ranks)
 
     @property
@@ -65,7 +70,7 @@ class PredictionCheck:
 
 
 def prediction_checks(likelihood: Likelihood, theta: Array) -> tuple[PredictionCheck, ...]:
-    """Of each channel, by draws `theta (N, D)`."""
+    """Check each channel by draws `theta (N, D)`."""
     transforms = [
         (observation.label, channel, pit[~np.isnan(pit)])
         for observation in likelihood.observations
@@ -90,7 +95,7 @@ def prediction_checks(likelihood: Likelihood, theta: Array) -> tuple[PredictionC
 
 
 def leave_one_out_check(likelihood: Likelihood, observation: Observation, theta: Array) -> Array:
-    """PITs `(T, K)` of at most `MOST` samples, evenly spaced; NaN where nothing was measured.
+    """Return PITs `(T, K)` of at most `MAX_CHECKED` samples, evenly spaced; NaN where unmeasured.
 
     What is left of a sample is whitened, so that each counts on those before it where the noise
     remembers them.
@@ -114,7 +119,10 @@ MAX_BAD_SHARE = 0.01  # of the samples may
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class HeldOutScore:
-    """`score`: sum of the logs of the predictive densities of so many `samples`, SI; `each (n,)`."""
+    """The score of samples that were held out.
+
+    `score`: sum of the logs of the predictive densities of so many `samples`, SI; `each (n,)`.
+    """
 
     score: float
     samples: int
@@ -123,7 +131,10 @@ class HeldOutScore:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LooScore:
-    """Of each sample without itself: `elpd`, its parts `each (n,)`, and the share that is `doubtful`."""
+    """The leave-one-out score of each sample.
+
+    Of each sample without itself: `elpd`, its parts `each (n,)`, and the share that is `doubtful`.
+    """
 
     elpd: float
     each: Array
@@ -131,7 +142,7 @@ class LooScore:
 
 
 def held_out(posterior: Posterior, theta: Array) -> HeldOutScore | None:
-    """By draws `theta (N, D)`: stretches and whole experiments; None where nothing is held out."""
+    """Score stretches and experiments that are held out, by draws `theta (N, D)`; None without any."""
     theta, log_densities = _some(theta), []
     full, likelihood = posterior.space.full(theta), posterior.likelihood
     stretches = [
@@ -155,8 +166,9 @@ def held_out(posterior: Posterior, theta: Array) -> HeldOutScore | None:
 def leave_one_out(
     posterior: Posterior, theta: Array, residual_rows: tuple[Left, ...]
 ) -> LooScore | str:
-    """By draws `theta (N, D)`; or why that would tell nothing: samples that tell of each other by more
-    than the unknowns, or too many of them.
+    """Score each sample without itself, by draws `theta (N, D)`, or say why not.
+
+    Samples may tell of each other by more than the unknowns, or be too many.
     """
     observations = posterior.likelihood.observations
     if sum(observation.numbers for observation in observations) > MAX_SCORED:
@@ -188,7 +200,7 @@ def leave_one_out(
 
 
 def has_memory(observation: Observation, theta: Array) -> bool:
-    """Whether its noise says of a sample what those before it were, at the first of `theta (N, D)`."""
+    """Return whether the noise says of a sample what those before it were, at `theta (N, D)`."""
     if observation.white:
         return False
     first, sampled = theta[:1], observation.experiment.seen
@@ -214,9 +226,11 @@ MAX_RELATIVE_SD = 0.25
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FrequencyResponse:
-    """From a measured `input`, shown in `unit`, to a `channel`, SI, at `frequencies (F,)` [Hz]:
-    `modelled` and `measured (F,)`, complex, and sd over magnitude `error (F,)`; NaN where the input does
-    not excite the channel.
+    """The response of a channel to a measured input over frequency.
+
+    `input`, shown in `unit`, to `channel`, SI, at `frequencies (F,)` [Hz]: `modelled` and `measured
+    (F,)`, complex, and sd over magnitude `error (F,)`; NaN where the input does not excite the
+    channel.
     """
 
     channel: Channel
@@ -230,12 +244,13 @@ class FrequencyResponse:
 
 
 def frequency_responses(posterior: Posterior, theta: Array) -> tuple[FrequencyResponse, ...]:
-    """Return those of each experiment at the MAP `theta (D,)`: of linear rigs with measured inputs and
-    equal steps.
+    """Return the frequency responses of each experiment at the MAP `theta (D,)`.
 
-    What is measured is what the model has, and what Welch's method says of the residuals by the inputs:
-    so the start and leakage at a resonance bias it only as far as the model is wrong (errors: Bendat
-    and Piersol, Random Data, 4th ed., section 9.2).
+    Of linear rigs with measured inputs and equal steps.
+
+    What is measured is what the model has, and what Welch's method says of the residuals by the
+    inputs: so the start and leakage at a resonance bias it only as far as the model is wrong
+    (errors: Bendat and Piersol, Random Data, 4th ed., section 9.2).
     """
     from scipy.ndimage import uniform_filter1d
     from scipy.signal import csd  # late: it takes half a second to load

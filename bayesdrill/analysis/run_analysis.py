@@ -53,7 +53,7 @@ CENTRAL_SHARES = (0.03, 0.97)  # of the samples of a torque
 
 @dataclass(frozen=True, eq=False)
 class RunDraws(Value):
-    """Draws of a finished run, and what figures show of them; each made once, when it is asked for.
+    """Draws of a finished run, and what figures show of them; each is made when first asked for.
 
     `sparing` is told of derived quantities that fail.
     """
@@ -66,7 +66,7 @@ class RunDraws(Value):
 
     @cached_property
     def draws(self) -> Array:
-        """`(N, D)`, of all ensembles."""
+        """The draws `(N, D)` of all ensembles."""
         return self.sampled.draws.reshape(-1, self.sampled.draws.shape[-1])
 
     @cached_property
@@ -75,19 +75,19 @@ class RunDraws(Value):
         return self.problem.posterior.space.vector(self.mode.values)
 
     def some(self, n: int) -> Array:
-        """At most `n` draws `(n, D)`, evenly spaced."""
+        """Return at most `n` draws `(n, D)`, evenly spaced."""
         return self.draws[:: max(1, -(-len(self.draws) // n))]
 
     @cached_property
     def rubbing(self) -> tuple[tuple[FrictionMotion, ...], ...]:
-        """Of each experiment; nothing where the rig does not rub."""
+        """The friction of each experiment; nothing where the rig has none."""
         if not self.problem.model.frictions:
             return ()
         return energy.friction_motions(self.problem.posterior, self.best, self.some(BAND_DRAWS))
 
     @cached_property
     def accounts(self) -> tuple[EnergyAccount, ...]:
-        """Where the energy goes, of a rig that rubs."""
+        """The energy accounts of a rig with friction."""
         if not self.problem.model.frictions:
             return ()
         return energy.energy_accounts(self.problem.posterior, self.best, self.some(ENERGY_DRAWS))
@@ -103,7 +103,7 @@ class RunDraws(Value):
         return {}  # by the products that they have with them
 
     def derived(self, judged: Judgement | None) -> Derived:
-        """With the products of a verdict; nothing where they cannot be made."""
+        """Return derived quantities with the products of a verdict; nothing where that fails."""
         verdict = () if judged is None else judged.verdict.products
         products = tuple(quantity.exponents for quantity in verdict)
         if products not in self._derived:
@@ -118,10 +118,11 @@ class RunDraws(Value):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TorqueSummary:
-    """The missing torque of one experiment, N m: from `low` to `high` in 94 % of the samples, each known
-    to `width`; `rms` of the expected one, and mean `sd` of the draws.
+    """The missing torque of one experiment, N m.
 
-    `sure`: share of the samples whose sign is sure; `turning`: of those in which its inertia turns.
+    From `low` to `high` in 94 % of the samples, each known to `width`; `rms` of the expected one,
+    and mean `sd` of the draws. `sure`: share of the samples whose sign is sure; `turning`: of those
+    in which its inertia turns.
     """
 
     label: str
@@ -140,8 +141,9 @@ class TorqueSummary:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class EnergySummary:
-    """Of one experiment: the `parts` that `came` in and `went`, until the end; `left`: the share that is
-    in neither, of the order of the steps.
+    """The energy of one experiment: the `parts` that `came` in and `went`, until the end.
+
+    `left`: the share that is in neither, of the order of the steps.
     """
 
     label: str
@@ -208,12 +210,12 @@ class RunAnalysis:
 
     @property
     def numbers(self) -> Mapping[str, Any]:
-        """By names such as `unknowns.k_s.mean`, `fit.w_1.rms` and `evidence.log_z`."""
+        """All numbers, by names such as `unknowns.k_s.mean`, `fit.w_1.rms` and `evidence.log_z`."""
         return dict(values.leaves(values.as_data(self)))
 
     @classmethod
     def describe(cls, name: str) -> str:
-        """What a number of this name is, with its unit; raises `KeyError` for a name that is none."""
+        """Describe the number of this name, with its unit; raises `KeyError` for an unknown name."""
         description = values.described(cls)[name.partition(".")[0]]
         return (
             f"{description['description']} [{description['unit']}]"
@@ -287,7 +289,7 @@ def analyse(
 
 
 def torque_summary(estimate: TorqueEstimate) -> TorqueSummary:
-    """What is said of the missing torque of one experiment."""
+    """Sum up the missing torque of one experiment."""
     low, high = np.quantile(estimate.expected, CENTRAL_SHARES)
     band = estimate.band
     return TorqueSummary(

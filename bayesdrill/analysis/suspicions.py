@@ -1,9 +1,4 @@
-"""What a record looks like that was read with a wrong column, unit, counter or moment.
-
-Findings are sentences; none is an error, and none is said of what may as well be sound.
-
-A step that is given between two samples leaves a fit that looks like noise, and moves what is inferred.
-"""
+"""Find records that were read with a wrong column, unit, counter or timing."""
 
 from __future__ import annotations
 
@@ -42,14 +37,14 @@ NEAR_START_FACTOR = 0.2  # which may itself be off
 def suspicions_of_record(
     experiment: Experiment, factors: Sequence[float], model: Model
 ) -> tuple[str, ...]:
-    """Of the columns alone; `factors (K,)`: SI units in one unit of each channel's column."""
+    """Return suspicions of the columns; `factors (K,)`: SI units in a unit of each column."""
     columns = zip(experiment.channels, experiment.y.T, factors, strict=True)
     overruns = (_overrun(channel, experiment.t, y, factor) for channel, y, factor in columns)
     return (*(overrun for overrun in overruns if overrun), *_pairs(experiment, model))
 
 
 def suspicions_of_start(problem: Problem) -> tuple[str, ...]:
-    """Channels that are the start's prediction times what a wrong unit would bring."""
+    """Return channels that are the start's prediction times what a wrong unit would bring."""
     space = problem.posterior.space
     full = space.full(space.vector(space.start)[None])
     predictions = (
@@ -191,22 +186,27 @@ MIN_SHIFT_SDS = 0.5  # sds, of a shift that is worth a word
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class InputTiming:
-    """By how many of its sds each unknown of the rig would move, if the inputs came `seconds` later."""
+    """By how many sds each unknown of the rig would move, if the inputs came `seconds` later."""
 
     seconds: float
     shifts: tuple[tuple[str, float], ...]
 
     @property
     def worst(self) -> tuple[str, float]:
+        """The unknown that would move most, and by how much."""
         return max(self.shifts, key=lambda shift: abs(shift[1]))
 
     @property
     def matters(self) -> bool:
+        """Whether any unknown would move so far that it is worth a word."""
         return abs(self.worst[1]) > MIN_SHIFT_SDS
 
 
 def half_sample_shift(sensitivity: SensitivityStudy, theta: Array) -> InputTiming | None:
-    """At `theta (D,)`; None where the moment is unknown, or all channels have lags of their own."""
+    """Return what inputs half a sample later would move, at `theta (D,)`.
+
+    None where the timing is unknown, or all channels have lags of their own.
+    """
     observations = sensitivity.likelihood.observations
     if not sensitivity.unknowns or any(_lag_is_free(observation) for observation in observations):
         return None
@@ -252,7 +252,10 @@ def _lag_is_free(observation: Observation) -> bool:
 def _delay_sensitivity(
     observation: Observation, sensitivity: SensitivityStudy, theta: Array, motion: Array
 ) -> Array:
-    """d signal / d delay over the noise, where it was measured: minus how fast each channel changes."""
+    """Return the derivative of signals by a delay over the noise, where it was measured.
+
+    That is minus how fast each channel changes.
+    """
     experiment, model = observation.experiment, observation.response.model
     linear = model.linear(rig_parameters(observation, sensitivity.likelihood.space, theta))
     n = len(experiment.t)

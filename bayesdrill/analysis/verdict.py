@@ -1,5 +1,4 @@
-"""The verdict: what the posterior says of the nominal table, how far draws are from it, and where
-it says nothing.
+"""Judge the nominal table by the posterior: how far draws are from it, and where they say nothing.
 
 All in logs of the unknowns.  Quantities are the parameters, and independent products of their
 powers that no exact symmetry changes: as many as the record can show at all.
@@ -45,7 +44,7 @@ PRIOR_BINS = 100  # of equal mass, for the density of a product under the prior
 
 
 def tension(logs: Array, low: float, high: float) -> float:
-    """Sigmas between draws `(N,)` and the nearest value from `low` to `high`.
+    """Return sigmas between draws `(N,)` and the nearest value from `low` to `high`.
 
     The two-sided tail probability of that value, as sigmas of a normal; where too few draws lie
     beyond it to be counted, the tail goes on as wide as it was up to there, or wider.
@@ -69,11 +68,12 @@ def tension(logs: Array, low: float, high: float) -> float:
 
 
 def joint_tension(logs: Array, powers: Array, ends: Array) -> float:
-    """Sigmas between draws `(N, K)` of products with `powers (K, m)` and the nearest point at which
-    every factor is within its tolerance, `ends (m, 2)`.
+    """Return sigmas between draws `(N, K)` of products and the nearest point within tolerance.
 
-    Of the Mahalanobis distance: the share of draws at least as far out, as sigmas of a normal; where
-    too few are, chi-squared says how many would be.
+    Products with `powers (K, m)`; every factor is within its tolerance, `ends (m, 2)`.
+
+    Of the Mahalanobis distance: the share of draws at least as far out, as sigmas of a normal;
+    where too few are, chi-squared says how many would be.
     """
     centre = logs.mean(axis=0)
     scale = logs.std(axis=0)
@@ -96,10 +96,10 @@ def joint_tension(logs: Array, powers: Array, ends: Array) -> float:
 
 
 def bits_gained(logs: Array, prior_logs: Array) -> float:
-    """Kullback-Leibler divergence from prior to posterior, in bits, from draws of both.
+    """Return the Kullback-Leibler divergence from prior to posterior, in bits, from draws of both.
 
-    Entropy of the posterior from spacings of its sorted draws (Ebrahimi's, nearly unbiased), density
-    of the prior from bins of equal mass.  Below zero only by chance, and then zero.
+    Entropy of the posterior from spacings of its sorted draws (Ebrahimi's, nearly unbiased),
+    density of the prior from bins of equal mass.  Below zero only by chance, and then zero.
     """
     edges = np.quantile(prior_logs, np.linspace(0.0, 1.0, PRIOR_BINS + 1))
     log_density = -math.log(PRIOR_BINS) - np.log(np.maximum(np.diff(edges), 1e-300))
@@ -156,10 +156,12 @@ class Quantity:
 @checked
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Verdict:
-    """`limit`: sigmas from which a quantity disagrees.  `joint`: sigmas between posterior and table
-    over the determined products together, None if there are not two.  `fits`: the fit leaves nothing
+    """The verdict on a nominal table.
+
+    `limit`: sigmas from which a quantity disagrees. `joint`: sigmas between posterior and table
+    over the determined products together, None if there are not two. `fits`: the fit leaves nothing
     but noise; where it does not, what would disagree is *in doubt*: it counts on the model, against
-    which the fit is evidence.  `opened`: unknowns whose priors end so near to their nominal values
+    which the fit is evidence. `opened`: unknowns whose priors end so near to their nominal values
     that tensions are counted with these ends opened.
     """
 
@@ -172,7 +174,7 @@ class Verdict:
     opened: tuple[str, ...] = ()
 
     def saying(self, says: Says) -> tuple[Quantity, ...]:
-        """Parameters and products, each once."""
+        """Return parameters and products of this verdict, each once."""
         quantities = {
             quantity.exponents: quantity for quantity in (*self.products, *self.parameters)
         }
@@ -180,21 +182,26 @@ class Verdict:
 
     @property
     def far(self) -> tuple[Quantity, ...]:
-        """What is farther from the table than chance, whoever is to blame."""
+        """Quantities that are farther from the table than chance, whoever is to blame."""
         return (*self.saying("disagrees"), *self.saying("in doubt"))
 
     @property
     def far_together(self) -> bool:
+        """Whether the determined products together are farther from the table than chance."""
         return self.joint is not None and self.joint > self.limit
 
     @property
     def agrees(self) -> bool:
+        """Whether nothing is farther from the table than chance."""
         return not self.far_together and not self.far
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Judgement:
-    """`findings`: sentences of `physics` on the posterior."""
+    """A study, the verdict, and findings on the posterior.
+
+    `findings`: sentences of `physics` on the posterior.
+    """
 
     study: IdentifiabilityStudy
     verdict: Verdict
@@ -213,10 +220,12 @@ def judge(
     *,
     fits: bool = True,
 ) -> Verdict:
-    """From nearly independent physical draws `(N, m)` of `study.names`, and of their prior.
+    """Judge the nominal table by the draws.
 
-    Quantities with an unknown that has no nominal value are left out; `pressed` names unknowns whose
-    draws crowd at an end of their prior.  Tensions are counted in the draws of `beyond`.
+    From nearly independent physical draws `(N, m)` of `study.names`, and of their prior.
+
+    Quantities with an unknown that has no nominal value are left out; `pressed` names unknowns
+    whose draws crowd at an end of their prior.  Tensions are counted in the draws of `beyond`.
     """
     m, free = len(study.names), beyond is None or beyond.draws is not None
     names = () if beyond is None else beyond.names
@@ -254,10 +263,10 @@ def judge(
 
 
 def basis(study: IdentifiabilityStudy, among: Collection[str]) -> tuple[Exponents, ...]:
-    """Independent products of unknowns `among` these alone that no symmetry changes: all there are.
+    """Return independent products of unknowns `among` these alone that no symmetry changes.
 
-    First those that the record narrows, the most narrowed first, then the sparsest: where others take
-    part in what is narrowed most of all, the rest would not span what it tells of these.
+    First those that the record narrows, the most narrowed first, then the sparsest: where others
+    take part in what is narrowed most of all, the rest would not span what it tells of these.
     """
     simple = simple_exponents(len(study.names))
     foreign = [name not in among for name in study.names]
@@ -273,7 +282,7 @@ def basis(study: IdentifiabilityStudy, among: Collection[str]) -> tuple[Exponent
 
 
 def sigma_limit(n: int) -> float:
-    """So that `n` looks together pass it by chance with probability `FALSE_ALARM` at most."""
+    """Return the sigmas that `n` looks together pass by chance with `FALSE_ALARM` at most."""
     return float(-scipy.special.ndtri(0.5 * FALSE_ALARM / n))
 
 
@@ -380,7 +389,9 @@ def _combined(logs: Array, exponents: Exponents) -> Array:
 
 
 def reconciled(rows: Sequence[ParameterRow], verdict: Verdict) -> tuple[ParameterRow, ...]:
-    """Draws alone cannot tell what the record narrows from what the priors of others do.
+    """Reconcile the words of `rows` with the verdict.
+
+    Draws alone cannot tell what the record narrows from what the priors of others do.
 
     So the verdict, which can, has the word where both say something of an unknown.
     """
@@ -409,7 +420,7 @@ def conclude(
     sampled: SamplingResult,
     sensitivity: SensitivityStudy,
 ) -> tuple[tuple[ParameterRow, ...], tuple[Left, ...], Judgement | None]:
-    """A row for each unknown, one for each channel, and the verdict where there is a table."""
+    """Return a row for each unknown, one for each channel, and the verdict where there is a table."""
     posterior, space = problem.posterior, problem.posterior.space
     rows = summarise(problem, sampled.draws, mode, sampled.convergence)
     best = space.vector(mode.values)

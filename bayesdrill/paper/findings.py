@@ -1,6 +1,4 @@
-"""All that the studies of the paper find, as one record, and their configs, checked before
-anything runs.
-"""
+"""Collect what the studies of the paper find, and check their configs before anything runs."""
 
 from __future__ import annotations
 
@@ -73,7 +71,10 @@ class NineParameterStudy:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PaperFindings:
-    """`ends`: of simultaneous searches, whose distances are from the truth of `searched`."""
+    """All that the studies of the paper find.
+
+    `ends`: of simultaneous searches, whose distances are from the truth of `searched`.
+    """
 
     readings: tuple[MatrixReading, ...]
     errors: tuple[IntegratorError, ...]
@@ -89,6 +90,7 @@ class PaperFindings:
 
     @property
     def converged(self) -> bool:
+        """Whether all posteriors have converged."""
         return self.verification.converged and all(nine.converged for nine in self.nines)
 
 
@@ -99,7 +101,10 @@ MAKERS = ("estimates.yaml", "missing_physics.yaml")  # make records, whose truth
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Studies:
-    """`pairwise`: the heuristic for the unknowns of each of `nines`; `makers` made the records."""
+    """The configs of all studies.
+
+    `pairwise`: the heuristic for the unknowns of each of `nines`; `makers` made the records.
+    """
 
     two: Job
     nines: tuple[Job, ...]
@@ -108,7 +113,7 @@ class Studies:
 
 
 def prepare(configs: Path) -> Studies:
-    """Raises `InputError` with all that would stop them later."""
+    """Prepare all studies; raises `InputError` with all that would stop them later."""
     if not configs.is_dir():
         message = (
             f"no such folder; give the one that holds {', '.join((TWO, *NINES))}, "

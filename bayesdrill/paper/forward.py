@@ -1,5 +1,6 @@
-"""The paper's forward model beside the exact one: its printed matrix, its integrator (MATLAB's
-ode23t), its misfit.
+"""Integrate the paper's forward model beside the exact one.
+
+Its printed matrix, its integrator (MATLAB's ode23t), its misfit.
 
 The integrator is one of the same kind, written anew: the trapezoidal rule with steps that fit a
 tolerance, for `x' = A x + f` with both constant:
@@ -50,7 +51,7 @@ THIRD = 1 / 3  # errors grow as h^3
 
 @dataclass(frozen=True, slots=True)
 class Solution:
-    """`x (T, X)`, NaN from where no step was short enough; steps taken, and tried in vain."""
+    """A solution `x (T, X)`, NaN from where no step was short enough; and the steps it took."""
 
     x: Array
     steps: int
@@ -58,10 +59,7 @@ class Solution:
 
 
 def six_states(model: Model, p: Named, inputs: Mapping[str, float]) -> tuple[Array, Array]:
-    """`A (6, 6)` and constant forcing `(6,)` with the charge q, in the paper's order: `SIX_STATES`.
-
-    `p`: numbers by name, SI; `inputs` not named are zero.
-    """
+    """Return `A (6, 6)` and forcing `(6,)` with the charge q, in the order of `SIX_STATES`."""
     index = {name: k for k, name in enumerate(SIX_STATES)}
     linear = model.linear(p)
     matrix, forcing = np.zeros((6, 6)), np.zeros(6)
@@ -78,7 +76,7 @@ def six_states(model: Model, p: Named, inputs: Mapping[str, float]) -> tuple[Arr
 def integrate(
     matrix: Array, forcing: Array, x0: Array, t: Array, rtol: float = 1e-3, atol: float = 1e-6
 ) -> Solution:
-    """`x' = matrix x + forcing` from `x0 (X,)` at `t[0]`, at the increasing times `t (T,)`.
+    """Integrate `x' = matrix x + forcing` from `x0 (X,)` at `t[0]`, at increasing times `t (T,)`.
 
     Raises `ValueError` where times do not increase or a tolerance is not positive.
     """
@@ -196,7 +194,7 @@ class MatrixReading:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class IntegratorError:
-    """Of the paper's integrator in one channel of the record, at its default tolerances."""
+    """The error of the paper's integrator in one channel, at its default tolerances."""
 
     channel: str
     largest: float
@@ -205,7 +203,7 @@ class IntegratorError:
 
 
 def readings(experiment: Experiment, p: Mapping[str, float]) -> tuple[MatrixReading, ...]:
-    """The same step with each reading, at parameters `p` (SI), followed for `FOLLOWED` s."""
+    """Return the same step with each reading, at parameters `p` (SI), followed for `FOLLOWED` s."""
     experiment = regular(experiment, FOLLOWED, 1 / experiment.dt)
     k, readings = experiment.names.index("w_2"), []
     for name, (matrix, model) in READINGS.items():
@@ -229,7 +227,7 @@ def readings(experiment: Experiment, p: Mapping[str, float]) -> tuple[MatrixRead
 
 
 def errors(experiment: Experiment, p: Mapping[str, float]) -> tuple[IntegratorError, ...]:
-    """Of the integrator on the corrected model."""
+    """Return the errors of the integrator on the corrected model."""
     exact, stepped, steps = _both(MotorShaft(), experiment, p)
     off = stepped - exact
     return tuple(
@@ -253,10 +251,7 @@ def _both(model: Model, experiment: Experiment, p: Mapping[str, float]) -> tuple
 
 
 def paper_signals(model: Model, experiment: Experiment, p: Array) -> tuple[Array, int]:
-    """Channels `(T, K)` as the paper integrates, at parameters `p (P,)`; and the steps taken.
-
-    Raises `ValueError` unless all inputs are constant, as they are in the paper.
-    """
+    """Return channels `(T, K)` as the paper integrates, at parameters `p (P,)`; and the steps."""
     if experiment.series:
         raise ValueError(f"{', '.join(experiment.series)} must be constant")
     named = dict(zip(model.parameters, p, strict=True))
@@ -271,20 +266,20 @@ def paper_signals(model: Model, experiment: Experiment, p: Array) -> tuple[Array
 
 
 def stepped_signals(likelihood: Likelihood, theta: Array) -> Array:
-    """The channels without noise, `(T, K)`, at `theta (D,)`."""
+    """Return the channels without noise, `(T, K)`, at `theta (D,)`."""
     (full,) = likelihood.space.full(theta[None])
     return paper_signals(likelihood.response.model, likelihood.response.experiment, full)[0]
 
 
 def stepped_misfit(likelihood: Likelihood, theta: Array) -> float:
-    """As `Likelihood.per_number`, at one point `(D,)`; for known noise."""
+    """Return the misfit per number at one point `(D,)`; for known noise."""
     sigma = likelihood.noise.scales(np.empty((1, 0)))
     off = stepped_signals(likelihood, theta) - likelihood.response.experiment.y
     return float(np.mean((off / sigma) ** 2))
 
 
 def stepped_task(exact: Task, likelihood: Likelihood) -> Task:
-    """The same task with the integrator's misfit; `exact` says where the density is above zero."""
+    """Pose the task with the integrator's misfit; `exact` says where the density is above zero."""
 
     def density(theta: Array) -> Array:
         inside = exact.density(theta) > -np.inf

@@ -1,4 +1,4 @@
-"""Figures of the paper's studies: printed matrix, two-parameter test, fit, searches, and Table 3."""
+"""Draw the paper's studies: printed matrix, two-parameter test, fit, searches, and Table 3."""
 
 from __future__ import annotations
 
@@ -81,7 +81,7 @@ BELOW, ABOVE = 0.25, 1.3  # what the near panel shows, over the largest of the r
 
 
 def readings_figure(readings: Sequence[MatrixReading]) -> Figure:
-    """Speeds of theta_2 over time: all of them, and those near the first, which is the right one."""
+    """Draw speeds of theta_2 over time: all of them, and those near the first, which is right."""
     far = np.concatenate([reading.curve for reading in readings])
     right = float(np.abs(readings[0].curve).max())
     near = (-BELOW * right, ABOVE * right)
@@ -133,7 +133,7 @@ LEAST_SHARE = 0.02  # of the single estimates may be below the panel
 def verification_figure(
     v: Verification, printed: Mapping[float, Mapping[str, paper.Estimate]]
 ) -> Figure:
-    """A panel for each unknown, relative errors in per cent; `printed` by sigma and name."""
+    """Draw relative errors of each unknown in per cent; `printed` by sigma and name."""
     with style.styled():
         figure, panels = PAIR.build(len(v.names))
         for k, (panel, name) in enumerate(zip(panels, v.names, strict=True)):
@@ -187,7 +187,7 @@ MARKS = 41
 
 
 def fit_paper_figure(experiment: Experiment, estimated: Array) -> Figure:
-    """A panel for each channel, SI: the record as a line, `estimated (T, K)` as marks."""
+    """Draw each channel, SI: the record as a line, `estimated (T, K)` as marks."""
     t, n = experiment.t, len(experiment.channels)
     margin = 0.015 * float(t[-1] - t[0])
     time = scales.scale(float(t[0]) - margin, float(t[-1]) + margin)
@@ -225,10 +225,7 @@ TRUTH = _mark(style.BLACK, "+", 10, 1.2, zorder=5)
 
 
 def simultaneous_figure(ends: Sequence[SearchEnd], symmetries: Sequence[str]) -> Figure:
-    """Ends along the first two symmetries, and their misfits against their distance from the truth.
-
-    `symmetries`: the parameters that each scales, in LaTeX without dollars.
-    """
+    """Draw ends along two symmetries, and misfits against the distance from the truth."""
     shown = symmetries[:2]
     page = ENDS if shown else replace(ENDS, width=scales.SINGLE, top=ENDS.top + 0.2)
     with style.styled():
@@ -314,7 +311,7 @@ PATHS: tuple[LineStyle, ...] = (
 
 
 def convergence_figure(heuristics: Sequence[tuple[str, Heuristic]]) -> Figure:
-    """Misfit per number after each iteration, by name of the record."""
+    """Draw the misfit per number after each iteration, by name of the record."""
     with style.styled():
         figure, (panel,) = replace(ALONE, row=2.0, top=0.46).build(1)
         looks = {}
@@ -369,11 +366,7 @@ def table_3_figure(
     draws: Array,
     paper: Array,
 ) -> Figure:
-    """A row for each of `names`, over its guess: posterior above, the heuristic's estimates below.
-
-    SI: truth `(D,)`, draws `(N, D)`; `paper (D,)`: what it prints, NaN where it has nothing, not drawn
-    if it is the truth itself.
-    """
+    """Draw each of `names` over its guess: posterior above, the heuristic's estimates below."""
     n, guess = len(names), heuristic.guess
     printed = np.isfinite(paper)
     other = bool(printed.any()) and (

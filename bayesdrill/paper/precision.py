@@ -1,8 +1,7 @@
-"""The paper's misfit and how well an estimate can do at all: Cramer-Rao bounds, and records of
-known truth.
+"""Compute the paper's misfit, Cramer-Rao bounds, and records of known truth.
 
-Where a truth is claimed the record is made anew, and must be the one there is: a measured record that
-takes the place of a simulated one has no truth, whatever configs say.
+Where a truth is claimed the record is made anew, and must be the one there is: a measured record
+that takes the place of a simulated one has no truth, whatever configs say.
 """
 
 from __future__ import annotations
@@ -38,7 +37,7 @@ class RecordLength:
 
 
 def bounds(likelihood: Likelihood, truth: Array) -> Array:
-    """Cramer-Rao bounds of the unknowns `(D,)`, physical, for noise of sigma 1 in every channel."""
+    """Return Cramer-Rao bounds of the unknowns `(D,)`, physical, for sigma 1 in every channel."""
     sensitivity = SensitivityStudy(likelihood)
     sigma = likelihood.alone.scales(truth[None])[0]
     rows = sensitivity.sensitivities(truth)
@@ -48,7 +47,7 @@ def bounds(likelihood: Likelihood, truth: Array) -> Array:
 
 
 def at_sigma_1(likelihood: Likelihood, truth: Mapping[str, float]) -> dict[str, float]:
-    """`bounds` relative to the truth, by unknown."""
+    """Return `bounds` relative to the truth, by unknown."""
     theta = likelihood.space.vector(truth)
     relative = bounds(likelihood, theta) / theta
     return dict(zip(likelihood.space.free, map(float, relative), strict=True))
@@ -57,7 +56,7 @@ def at_sigma_1(likelihood: Likelihood, truth: Mapping[str, float]) -> dict[str, 
 def lengths(
     likelihood: Likelihood, truth: Mapping[str, float], grid: Sequence[tuple[float, float]]
 ) -> tuple[RecordLength, ...]:
-    """Of records of (duration [s], rate [Hz]), otherwise like the one there is."""
+    """Return bounds of records of (duration [s], rate [Hz]), otherwise like the one there is."""
     lengths = []
     for duration, rate in grid:
         experiment = regular(likelihood.response.experiment, duration, rate)
@@ -84,7 +83,7 @@ class ImpliedNoise:
 
 
 def implied_noise(values: Mapping[str, float]) -> tuple[ImpliedNoise, ...]:
-    """Given the relative bounds at sigma 1: what noise the printed deviations would come from."""
+    """Return what noise the printed deviations would come from; `values`: relative bounds."""
     table = {
         f"{sigma:g}": {name: cell.deviation for name, cell in row.items()}
         for sigma, row in printed.TWO_PARAMETERS.items()
@@ -115,7 +114,7 @@ SHARE = 0.95  # of records have a misfit within `expected` at their truth
 
 
 def misfit_task(posterior: Posterior) -> Task:
-    """The likelihood alone, where the priors have a density: they bound a search, no more."""
+    """Pose the likelihood alone, where the priors have a density: they bound a search, no more."""
     whole = mode_search.task(posterior)
 
     def density(theta: Array) -> Array:
@@ -128,30 +127,33 @@ def misfit_task(posterior: Posterior) -> Task:
 
 
 def misfit_per_number(posterior: Posterior, theta: Array) -> float:
-    """The misfit at `theta (D,)` over the count of what was measured: 1 where only noise is left."""
+    """Return the misfit at `theta (D,)` per measured number: 1 where only noise is left."""
     return float(posterior.likelihood.per_number(theta[None])[0])
 
 
 def expected_misfit(numbers: int) -> tuple[float, float]:
-    """Where the misfit per number is at the truth, in all but one of twenty records."""
+    """Return the misfit per number at the truth, in all but one of twenty records."""
     low, high = chi2.ppf([0.5 - 0.5 * SHARE, 0.5 + 0.5 * SHARE], numbers) / numbers
     return float(low), float(high)
 
 
 def made_record(posterior: Posterior, truth: Array, seed: int, index: int) -> Posterior:
-    """With record `index` of the rig `truth (D,)`: its noise is the same for every sigma but in size."""
+    """Return a copy with record `index` of the rig `truth (D,)`.
+
+    Its noise is the same for every sigma but in size.
+    """
     rng = seeds.stream(seed, "study", index)
     y = posterior.likelihood.signals(truth[None])
     return posterior.edit(records=[*posterior.likelihood.noise.draw(y, np.empty((1, 0)), rng)])
 
 
 def clean_record(posterior: Posterior, truth: Array) -> Posterior:
-    """With a record without noise."""
+    """Return a copy with a record without noise."""
     return posterior.edit(records=[*posterior.likelihood.signals(truth[None])])
 
 
 def with_sigma(posterior: Posterior, sigma: float) -> Posterior:
-    """With this noise in every channel."""
+    """Return a copy with this noise in every channel."""
     noise = posterior.likelihood.noise
     known = dict.fromkeys(range(noise.n_channels), sigma)
     other = dataclasses.replace(noise, known=known)
@@ -162,10 +164,7 @@ SAME = 1e-6  # relative, and absolute: records hold nine digits
 
 
 def truth_of(case: ResolvedCase, makers: Sequence[ResolvedCase]) -> dict[str, float] | None:
-    """Parameters of its model with which its record was simulated by one of `makers`.
-
-    Of a rig with more to it, those of the paper's model that it is the same as.
-    """
+    """Return parameters of its model with which its record was simulated by one of `makers`."""
     path = path_of(case.config, case.source)
     for other in makers:
         if path_of(other.config, other.source).resolve() != path.resolve():

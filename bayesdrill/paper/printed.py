@@ -1,5 +1,4 @@
-"""What the paper prints, what follows from it by arithmetic, and what missing physics would do to
-it.
+"""List what the paper prints, what follows from it, and what missing physics would do to it.
 
 The tables are those of Sandoval, Cunha Jr and Sampaio (ENIEF 2013), Tables 1 to 3.
 
@@ -44,15 +43,17 @@ class Estimate:
 
     @property
     def value(self) -> float:
+        """The printed estimate, SI."""
         return float(self.text)
 
     @property
     def deviation(self) -> float:
+        """The printed deviation in per cent."""
         return float(self.percent)
 
 
 def half_digit(text: str) -> float:
-    """Half a unit of the last digit of a number as printed: how far its rounding may have moved it."""
+    """Return half a unit of the last digit of a number as printed."""
     exponent = Decimal(text).as_tuple().exponent
     assert isinstance(exponent, int)  # a number
     return float(Decimal(5).scaleb(exponent - 1))
@@ -94,7 +95,7 @@ MENDED: Mapping[str, str] = MappingProxyType(
 
 
 def table_1() -> list[Mapping[str, str | float]]:
-    """Its lines, SI: what it prints, what is the nominal value here, and why."""
+    """Return the lines of Table 1, SI: what it prints, what is the nominal value here, and why."""
     return [
         {
             "parameter": name,
@@ -119,7 +120,7 @@ class Inconsistency:
 
 
 def inconsistencies() -> tuple[Inconsistency, ...]:
-    """Those that numbers show; what is wrong with the matrix is in `plugins.AsPrinted`."""
+    """Return what numbers contradict; what is wrong with the matrix is in `plugins.AsPrinted`."""
     of_tables = [
         Inconsistency(
             what=f"{name}: Table 1, and the initial guess of Table 3",
@@ -187,12 +188,12 @@ def _odd(what: str, name: str, cell: Estimate) -> Inconsistency | None:
 
 
 def implied(name: str) -> float:
-    """The estimate of Table 3 with the digits that its percentage has, SI."""
+    """Return the estimate of Table 3 with the digits that its percentage has, SI."""
     return GUESS[name] * (1.0 + signed_deviation(name) / 100)
 
 
 def signed_deviation(name: str) -> float:
-    """That of Table 3 in per cent, with the sign that its estimate has."""
+    """Return the deviation of Table 3 in per cent, with the sign that its estimate has."""
     cell = NINE_PARAMETERS[name]
     return math.copysign(cell.deviation, cell.value - GUESS[name])
 
@@ -243,7 +244,7 @@ class DeviationCause:
 def causes(
     posterior: Posterior, mode: Array, estimate: Array, draws: Array
 ) -> tuple[DeviationCause, ...]:
-    """From the MAP and the heuristic's estimate `(D,)`, and draws `(N, D)`."""
+    """Compare quantities of the MAP, the heuristic's estimate `(D,)`, and draws `(N, D)`."""
     inputs = usual_inputs(posterior.likelihood.response.experiment)
     guess = quantities(MotorShaft(), GUESS, inputs, 1)
     rigs: dict[str, Mapping[str, float]] = {
@@ -281,7 +282,7 @@ def causes(
 
 
 def quantities(model: Model, p: Named, inputs: Mapping[str, float], n: int) -> dict[str, Array]:
-    """By name, each `(n,)`, SI; NaN where a draw has no such value."""
+    """Return quantities by name, each `(n,)`, SI; NaN where a draw has no such value."""
     values = {
         name: np.asarray(math.prod(np.asarray(p[q]) ** float(e) for q, e in powers.items()))
         for name, powers in PRODUCTS.items()
@@ -295,7 +296,7 @@ def quantities(model: Model, p: Named, inputs: Mapping[str, float], n: int) -> d
 
 
 def with_missing(*, j_2: float = 0.0, r_s: float = 0.0) -> dict[str, float]:
-    """The nominal rig with these, as a rig of the paper's model."""
+    """Return the nominal rig with these, as a rig of the paper's model."""
     whole = TwoRotors(j_2=j_2, r_s=r_s).whole(GUESS)
     return {name: float(x) for name, x in whole.items()}
 
@@ -333,7 +334,7 @@ class NaturalFrequency:
 
 
 def natural_frequencies(j_1: float, j_2: float, n: int) -> tuple[NaturalFrequency, ...]:
-    """The first `n` with inertias `j_1` and `j_2` [kg m^2] at the ends of the paper's shaft."""
+    """Return the first `n`, with inertias `j_1` and `j_2` [kg m^2] at the ends of the shaft."""
     from scipy.optimize import brentq
 
     area = math.pi * plausibility.SHAFT_DIAMETER**4 / 32

@@ -1,6 +1,4 @@
-"""The files of the paper's reproduction: tables in its order, figures, and a report that shows
-them.
-"""
+"""Write the paper's reproduction: tables in its order, figures, and a report that shows them."""
 
 from __future__ import annotations
 
@@ -33,7 +31,7 @@ ITERATIONS = 10  # of each pair, in the paper
 
 
 def in_words(findings: PaperFindings) -> tuple[str, ...]:
-    """What a reader of the paper wants to know first, and what must not be believed."""
+    """Say what a reader of the paper wants to know first, and what must not be believed."""
     sentences = [
         f"Table 2, sigma_n {line['sigma']:g}: c_m can be known to {percent(line['bound_percent'])} %; "
         f"the paper reports {line['printed_percent']:g} %"
@@ -57,6 +55,7 @@ def in_words(findings: PaperFindings) -> tuple[str, ...]:
 
 
 def write(findings: PaperFindings, folder: Folder, pool: WorkerPool) -> None:
+    """Write all files of the reproduction to `folder`."""
     figures = folder.path / output_files.FIGURES
     figures.mkdir(exist_ok=True)
     note = {"Title": "paper", "Creator": software.creator()}
@@ -80,7 +79,7 @@ def write(findings: PaperFindings, folder: Folder, pool: WorkerPool) -> None:
 def sections(
     first: Sequence[str], report_tables: Sequence[StudyTable], figures: Mapping[str, Drawing]
 ) -> tuple[Section, ...]:
-    """`first`: what is said before all tables."""
+    """Return the sections of the report; `first`: what is said before all tables."""
     tables = (Section(table.title, (Note(table.says), *table.grids)) for table in report_tables)
     pictures = tuple(Picture(stem, drawing.says) for stem, drawing in figures.items())
     return (
@@ -91,7 +90,7 @@ def sections(
 
 
 def drawings(findings: PaperFindings) -> dict[str, Drawing]:
-    """The figures, by the stems of their files."""
+    """Return the figures, by the stems of their files."""
     # Late: matplotlib takes a second to load.
     from bayesdrill.paper import plots
     from bayesdrill.report import heuristic_figure, rig_figure

@@ -1,4 +1,4 @@
-"""The studies of the paper, one after the other, each beside what a full posterior says of it."""
+"""Run the studies of the paper, one after the other, each beside a full posterior."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ TONES = 4
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PaperRunResult:
-    """`said`: sentences for the terminal."""
+    """The result of a run; `said`: sentences for the terminal."""
 
     folder: Path
     converged: bool
@@ -52,7 +52,7 @@ class PaperRunResult:
 def reproduce(
     configs: Path, output: Path, processes: int, report: Reporter, *, force: bool
 ) -> PaperRunResult:
-    """Everything, from the configs of a folder; the tables do not depend on `processes`."""
+    """Reproduce everything from the configs of a folder; tables do not depend on `processes`."""
     studies = prepare(configs)
     names = [nine.config.name for nine in studies.nines]
     for name in names:

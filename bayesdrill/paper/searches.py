@@ -44,14 +44,14 @@ WITHIN = 0.5  # starts are drawn from 1 - this to 1 + this of the configured one
 
 @dataclass(frozen=True, slots=True)
 class MisfitSearch:
-    """For the least misfit; `stepped`: in that which the paper's integrator has."""
+    """A search for the least misfit; `stepped`: in that which the paper's integrator has."""
 
     optimiser: Optimiser
     evaluations: int
     stepped: bool = False
 
     def __call__(self, posterior: Posterior, point: Array) -> Optimum:
-        """From `point (D,)`."""
+        """Search from `point (D,)`."""
         task = precision.misfit_task(posterior)
         if self.stepped:
             task = forward.stepped_task(task, posterior.likelihood)
@@ -68,12 +68,7 @@ def _of_record(
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SearchEnd:
-    """Of one search.  `misfit`: per measured number (1: the noise).
-
-    `reached`: no more than noise is left; `best`: as good as the best of all searches.
-    `scales`: log distance from the truth along each symmetry; `rest`: root mean square of the logs'
-    distance off all of them; `distance`: of all of it.
-    """
+    """The end of one search; `misfit`: per measured number (1: the noise)."""
 
     way: str
     misfit: float
@@ -93,7 +88,10 @@ def many_searches(
     starts: int,
     seed: int,
 ) -> tuple[SearchEnd, ...]:
-    """From the configured start and others around it, each way; distances are from `reference (D,)`."""
+    """Search from the configured start and others around it, each way.
+
+    Distances are from `reference (D,)`.
+    """
     centre = posterior.space.vector(posterior.space.start)
     rng = seeds.stream(seed, "starts")
     around = rng.uniform(1 - WITHIN, 1 + WITHIN, (starts - 1, len(centre)))
@@ -129,7 +127,7 @@ def many_searches(
 def distinct_ends(
     theta: Array, reference: Array, symmetries: Sequence[Exponents]
 ) -> tuple[tuple[float, ...], float, float]:
-    """Log distance along each symmetry, and the root mean square off them all, and of everything."""
+    """Return log distances along each symmetry, off them all, and of everything (rms)."""
     logs = np.log(theta / reference)
     rows = np.zeros((len(symmetries), len(theta)))
     for row, exponents in zip(rows, symmetries, strict=True):
@@ -148,10 +146,12 @@ AROUND = 0.2  # other starts are from 1 - this to 1 + this of the configured one
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Heuristic:
-    """`guess`, `estimate` `(D,)` physical; `misfits`: per measured number, at the guess and then after
+    """The paper's pairwise heuristic on one record.
+
+    `guess`, `estimate` `(D,)` physical; `misfits`: per measured number, at the guess and then after
     each iteration; `others (S, D)`: estimates from other starts, `others_misfits (S,)` theirs;
-    `stepped (D,)`: the estimate with the paper's integrator, whose misfit it is that `stepped_misfit`
-    tells; None with a measured input, which the paper does not have.
+    `stepped (D,)`: the estimate with the paper's integrator, whose misfit it is that
+    `stepped_misfit` tells; None with a measured input, which the paper does not have.
     """
 
     guess: Array
@@ -166,7 +166,7 @@ class Heuristic:
 def run_heuristic(
     pool: WorkerPool, posterior: Posterior, search: MisfitSearch, starts: int, seed: int
 ) -> Heuristic:
-    """From the configured start, and from `starts` others around it."""
+    """Run the heuristic from the configured start, and from `starts` others around it."""
     guess = posterior.space.vector(posterior.space.start)
     rng = seeds.stream(seed, "around")
     around = rng.uniform(1 - AROUND, 1 + AROUND, (starts, len(guess)))
@@ -211,7 +211,7 @@ def control(
     records: int,
     seed: int,
 ) -> tuple[ControlRun, ...]:
-    """Of records made at the configured start, which the search begins at too, by noise."""
+    """Control the search on records made at the configured start, where it begins too."""
     truth = posterior.space.vector(posterior.space.start)
     tasks = {
         sigma: [pool.submit(_of_record, search, truth, sigma, seed, k) for k in range(records)]
@@ -234,15 +234,17 @@ BATCHES = 8  # in which the records of one sigma are shared out
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Verification:
-    """`values` by sigma and name, `(D,)` of the unknowns `names`, SI; `estimates` by way and sigma:
+    """The two-parameter verification of the paper, repeated.
+
+    `values` by sigma and name, `(D,)` of the unknowns `names`, SI; `estimates` by way and sigma:
     `(R, D)`, one row for each record.
 
     Of the first record: `fminsearch`, `scaled`; by fminsearch with the paper's integrator for the
-    model, `trapezoid_both` where the integrator made the record too, `trapezoid_fit` where the exact
-    response did.  `weights_only`: by fminsearch from a record without noise, where sigma is but a
-    weight (`weights_only_trapezoid`: with the integrator for both).  `posterior`, `posterior_sd`: of
-    the first record, with the priors.  `bound`: Cramer-Rao, of the standard deviation; `truth`.
-    `sd_*`: of the estimates from all records.
+    model, `trapezoid_both` where the integrator made the record too, `trapezoid_fit` where the
+    exact response did.  `weights_only`: by fminsearch from a record without noise, where sigma is
+    but a weight (`weights_only_trapezoid`: with the integrator for both).  `posterior`,
+    `posterior_sd`: of the first record, with the priors.  `bound`: Cramer-Rao, of the standard
+    deviation; `truth`. `sd_*`: of the estimates from all records.
     """
 
     names: tuple[str, ...]
@@ -260,7 +262,9 @@ def verify(
     records: int,
     plan: Plan,
 ) -> Verification:
-    """`truth (D,)` physical makes the records; the search begins at the start of the space.
+    """Verify the estimates of two parameters on records of known truth.
+
+    `truth (D,)` physical makes the records; the search begins at the start of the space.
 
     `plan`: how posteriors are sampled; its seed is that of the records too.
     """
@@ -325,7 +329,7 @@ def estimates(
     seed: int,
     indices: tuple[int, ...],
 ) -> Array:
-    """Of the records with these numbers: `(R, D)`."""
+    """Return the estimates of the records with these numbers: `(R, D)`."""
     target = precision.with_sigma(posterior, sigma)
     return np.array(
         [_search(way, precision.made_record(target, truth, seed, k), start) for k in indices]

@@ -1,6 +1,4 @@
-"""Tables of the paper's studies, from what was found: the paper's numbers beside ours, as CSV and
-for pages.
-"""
+"""Tabulate the paper's studies: the paper's numbers beside ours, as CSV and for pages."""
 
 from __future__ import annotations
 
@@ -32,7 +30,10 @@ Layout = tuple[
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StudyTable:
-    """`stem` names its files; `says` is its caption; `rows` are those of the CSV."""
+    """A table of a study.
+
+    `stem` names its files; `says` is its caption; `rows` are those of the CSV.
+    """
 
     stem: str
     title: str
@@ -42,6 +43,7 @@ class StudyTable:
 
     @property
     def csv(self) -> str:
+        """The table as CSV."""
         out = io.StringIO()
         writer = csv.DictWriter(out, list(self.rows[0]) if self.rows else [], lineterminator="\n")
         writer.writeheader()
@@ -50,13 +52,14 @@ class StudyTable:
 
     @property
     def markdown(self) -> str:
-        """Grids below each other."""
+        """The grids below each other, in Markdown."""
         return "\n".join(map(markdown, self.grids))
 
 
 def table(stem: str, title: str, says: str, rows: Sequence[Row], *layouts: str) -> StudyTable:
-    """With a grid of all rows for each pair of `layouts`: heads and, as `cell` reads them, what stands
-    below each, as in Markdown.
+    """Build a table with a grid of all rows for each pair of `layouts`.
+
+    Heads and, as `cell` reads them, what stands below each, as in Markdown.
     """
     grids = []
     for layout in itertools.batched(layouts, 2):
@@ -66,6 +69,7 @@ def table(stem: str, title: str, says: str, rows: Sequence[Row], *layouts: str) 
 
 
 def grid(heads: Sequence[str], lines: Iterable[Sequence[str]]) -> Grid:
+    """Build a grid; columns of words begin at the left."""
     cells = tuple(map(tuple, lines))
     columns = zip(heads, *cells, strict=True) if cells else ()
     words = {head for head, *column in columns if any(_is_text(cell) for cell in column)}
@@ -78,8 +82,10 @@ def _is_text(cell: str) -> bool:
 
 
 class _Numbers(string.Formatter):
-    """Texts such as `{low:.3g} to {high:.3g}`: a number without a format has four digits; `%` is that of
-    `percent`, and `share` that of a share in per cent.
+    """Formats texts such as `{low:.3g} to {high:.3g}`.
+
+    A number without a format has four digits; `%` is that of `percent`, and `share` that of a share
+    in per cent.
     """
 
     def format_field(self, value: Any, format_spec: str) -> str:
@@ -94,17 +100,18 @@ _NUMBERS = _Numbers()
 
 
 def cell(text: str, row: Row) -> str:
-    """The text with values of the row in the place of their names; empty where one of them is None."""
+    """Fill a text with values of the row; it is empty where one of them is None."""
     names = [name for _, name, _, _ in _NUMBERS.parse(text) if name]
     return "" if any(row[name] is None for name in names) else _NUMBERS.vformat(text, (), row)
 
 
 def percent(x: float) -> str:
+    """Return a number as text in per cent."""
     return f"{x:.2g}" if x < 99.5 else f"{x:.0f}"
 
 
 def as_rows(records: Iterable[Any], leave: Sequence[str] = ()) -> list[Row]:
-    """A column for each field of these frozen records, but those to `leave`."""
+    """Return rows with a column for each field of these frozen records, but those to `leave`."""
     named = {"hdi_low": "hdi94_low", "hdi_high": "hdi94_high"}
     return [
         {
@@ -123,7 +130,10 @@ ESTIMATES = (
 
 
 def lines_2(verification: Verification) -> list[Row]:
-    """Of Table 2, one for each unknown at each sigma.  `*_percent` are relative to the truth."""
+    """Return lines of Table 2, one for each unknown at each sigma.
+
+    `*_percent` are relative to the truth.
+    """
     lines: list[Row] = []
     for sigma, values in verification.values.items():
         for k, name in enumerate(verification.names):
@@ -158,12 +168,13 @@ def lines_2(verification: Verification) -> list[Row]:
 
 
 def lines_3(nine: NineParameterStudy) -> list[Row]:
-    """Of Table 3.  Deviations are relative to the initial guess, with their signs, the printed one to
-    the paper's; those off the truth, `*off_percent`, to that.
+    """Return lines of Table 3.
 
-    `stepped`: the heuristic with the paper's integrator; None with a measured input.
-    `starts_percent`: standard deviation of the estimates from other starts, over the guess.
-    `posterior`: its median; HDI: of the logarithm, 94 %; `holds`: whether the truth is in it.
+    Deviations are relative to the initial guess, with their signs, the printed one to the paper's;
+    those off the truth, `*off_percent`, to that. `stepped`: the heuristic with the paper's
+    integrator; None with a measured input. `starts_percent`: standard deviation of the estimates
+    from other starts, over the guess. `posterior`: its median; HDI: of the logarithm, 94 %;
+    `holds`: whether the truth is inside.
     """
     heuristic, ours = nine.heuristic, [n for n in nine.names if n not in printed.NINE_PARAMETERS]
     says = {
@@ -210,11 +221,7 @@ def _off(value: float | None, reference: float | None) -> float | None:
 
 
 def ways(findings: PaperFindings) -> list[Row]:
-    """All searches of one way: how many are as good as the best, and how those lie apart.
-
-    `scale_*`: standard deviation along a symmetry, `rest`: off both, of the logs; 0.01 is 1 %.  None
-    where there is none.
-    """
+    """Sum up all searches of one way: how many are as good as the best, and how those differ."""
     lines: list[Row] = []
     for way in dict.fromkeys(end.way for end in findings.ends):
         ends = [end for end in findings.ends if end.way == way]
@@ -250,7 +257,7 @@ ATTAINED = printed.TWO_PARAMETERS[1.0]["c_m"].deviation  # per cent of c_m at si
 
 
 def lengths(lengths: Sequence[RecordLength]) -> list[Row]:
-    """Cramer-Rao bounds of a record at sigma 0.001, and how many such records at sigma 1 attain c_m."""
+    """Return bounds of records at sigma 0.001, and how many such at sigma 1 attain c_m."""
     return [
         {
             "duration": line.duration,
@@ -264,7 +271,7 @@ def lengths(lengths: Sequence[RecordLength]) -> list[Row]:
 
 
 def products(nine: NineParameterStudy) -> list[Row]:
-    """Products in the verdict on one record."""
+    """Return products in the verdict on one record."""
     return [
         {
             "product": product(nine.verdict.names, q.exponents),
@@ -277,7 +284,7 @@ def products(nine: NineParameterStudy) -> list[Row]:
 
 
 def tables(findings: PaperFindings) -> tuple[StudyTable, ...]:
-    """In the order of the paper."""
+    """Return all tables, in the order of the paper."""
     by_kind = zip(*map(_of_record, findings.nines), strict=True)
     return (
         *_of_paper(findings),
@@ -440,8 +447,10 @@ def _control(lines: Sequence[ControlRun]) -> StudyTable:
 
 
 def _of_record(nine: NineParameterStudy) -> tuple[StudyTable, StudyTable, StudyTable]:
-    """Two with two grids each, the paper's layout and what is true, what could be behind Table 3 and
-    what this record shows; and the verdict.
+    """Return the tables of one record, and the verdict.
+
+    Two with two grids each: the paper's layout and what is true; what could be behind Table 3 and
+    what this record shows.
     """
     careful = "".join(f"**Careful: {doubt}.** " for doubt in doubts(nine))
     given = f" Not searched: {', '.join(nine.given)}." if nine.given else ""
@@ -506,7 +515,7 @@ def _shaft(findings: PaperFindings) -> StudyTable:
 
 
 def doubts(nine: NineParameterStudy) -> list[str]:
-    """What takes the worth away from all that is said of a record."""
+    """Return what takes the worth away from all that is said of a record."""
     doubts, m = [], nine.misfits
     if not m.explained:
         doubts.append(

@@ -1,4 +1,4 @@
-"""A page of equal panels, and contours of two unknowns."""
+"""Lay out pages of equal panels, and draw contours of two unknowns."""
 
 from __future__ import annotations
 
@@ -28,8 +28,9 @@ NARROW_GAP = 0.8
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Page:
-    """Inches, of panels in three columns; `row`: the height of a panel; `foot`: room for something else
-    below all of them.
+    """The layout of panels in columns; all sizes in inches.
+
+    `row`: the height of a panel; `foot`: room for something else below all of them.
     """
 
     columns: int = 3
@@ -44,7 +45,7 @@ class Page:
     foot: float = 0.0
 
     def fitting(self, width: float, n_handles: int) -> Page:
-        """As it is, or for one column of a page of text, below a legend of two columns."""
+        """Return this layout, or one for a column of text, below a legend of two columns."""
         if width >= self.width:
             return self
         return replace(
@@ -58,7 +59,7 @@ class Page:
         )
 
     def frame(self, panel: Axes, k: int, n: int, x: str, y: str) -> None:
-        """Numbers and labels at the foot of each column and beside each row, of panel `k` of `n`."""
+        """Label the foot of each column and the side of each row, of panel `k` of `n`."""
         columns = min(n, self.columns)
         foot, side = k + columns >= n, k % columns == 0
         panel.tick_params(labelleft=side, labelbottom=foot)
@@ -68,7 +69,7 @@ class Page:
             panel.set_ylabel(y)
 
     def build(self, n: int) -> tuple[Figure, list[Axes]]:
-        """A figure and its `n` panels, row by row."""
+        """Build a figure and its `n` panels, row by row."""
         columns = min(n, self.columns)
         rows = math.ceil(n / columns)
         height = self.bottom + self.foot + rows * self.row + (rows - 1) * self.gap_y + self.top
@@ -85,7 +86,7 @@ class Page:
 
 
 def inches_panel(figure: Figure, x: float, y: float, width: float, height: float) -> Axes:
-    """With its lower left corner at `x, y` from that of the figure."""
+    """Add a panel with its lower left corner at `x, y` from that of the figure, in inches."""
     across, up = figure.get_size_inches()
     return figure.add_axes((x / across, y / up, width / across, height / up))
 
@@ -107,7 +108,7 @@ LEGEND: Mapping[str, Any] = MappingProxyType(
 
 
 def legend_above(figure: Figure, handles: Sequence[Any], most: int, **look: Any) -> None:
-    """In at most so many columns; `look`: what is not as in `LEGEND`."""
+    """Put a legend above, in at most `most` columns; `look`: what is not as in `LEGEND`."""
     figure.legend(handles=handles, ncols=min(most, len(handles)), **{**LEGEND, **look})
 
 
@@ -123,8 +124,9 @@ def difference_panel(
     numbers: int = 5,
     look: Mapping[str, Any] = style.CHANCE,
 ) -> None:
-    """For differences of empirical distributions, up to `most`: zero and the `band` that chance allows
-    at `shares (S,)`.
+    """Draw the frame for differences of empirical distributions, up to `most`.
+
+    Zero, and the `band` that chance allows at `shares (S,)`.
     """
     panel.fill_between(shares, *band, zorder=0, **look)
     panel.axhline(0.0, color=style.MIDDLE, linewidth=0.5, zorder=1)
@@ -140,7 +142,7 @@ CORNER_GAP = 0.06  # between panels, in panels
 def corner_panels(
     n: int, size: tuple[float, float], left: float, bottom: float, inside: float
 ) -> tuple[Figure, NDArray[np.object_]]:
-    """A figure of this `size` and its panels `(n, n)`, None above the diagonal; inches."""
+    """Build a figure of this `size` and its panels `(n, n)`, None above the diagonal; inches."""
     width, height = size
     figure = Figure(figsize=size)
     grid = figure.add_gridspec(
@@ -165,8 +167,9 @@ def corner_axes(
     shown: Sequence[Scale],
     numbers: Callable[[Axis, int, bool], None],
 ) -> None:
-    """Limits of all panels `(n, n)`; `numbers(axis, k, outer)` sets the ticks of unknown `k`, `outer` at
-    the left and at the bottom.
+    """Set the limits of all panels `(n, n)`.
+
+    `numbers(axis, k, outer)` sets the ticks of unknown `k`, `outer` at the left and at the bottom.
     """
     n = len(shown)
     for i in range(n):
@@ -182,7 +185,7 @@ def corner_axes(
 
 
 def corner_label(axis: Axis, label: str, letters: float, ticks: float, pad: float) -> None:
-    """The numbers of an outer axis, slanted; sizes in points."""
+    """Set the numbers of an outer axis, slanted; sizes in points."""
     axis.set_tick_params(labelsize=ticks, pad=pad)
     for text in axis.get_ticklabels():
         text.set(rotation=45, ha="right", va="center_baseline", rotation_mode="anchor")
@@ -212,12 +215,12 @@ def contours(
     fine: float = 1.0,
     lines: Mapping[str, Any] | None = None,
 ) -> None:
-    """Filled contours by `corner`, of a smoothed density that is reflected at priors' ends.
+    """Draw filled contours by `corner`, of a smoothed density that is reflected at priors' ends.
 
     Where the two are nearly one line, bins are sheared along the regression of y on x: upright ones
-    would show a ridge as wide as the bins.  A contour that noise alone would draw, because the density
-    is flat there, is left out.  `xy`: draws `(N,)` each; `ends`: of their priors; `fine`: of lines;
-    `lines`: how contours look that are not filled.
+    would show a ridge as wide as the bins.  A contour that noise alone would draw, because the
+    density is flat there, is left out.  `xy`: draws `(N,)` each; `ends`: of their priors; `fine`:
+    of lines; `lines`: how contours look that are not filled.
     """
     x, y = xy
     correlation = float(np.corrcoef(x, y)[0, 1]) if np.ptp(x) > 0 and np.ptp(y) > 0 else 0.0
@@ -286,7 +289,7 @@ def _resolved_levels(
 
 
 def central(x: Array, ends: Ends | None = None) -> Ends:
-    """Where nearly all of the draws are, and more than the smoothing reaches, but inside `ends`."""
+    """Return where nearly all draws are, and more than the smoothing reaches, but inside `ends`."""
     low, high = np.quantile(x, [0.5 - CENTRAL_SHARE / 2, 0.5 + CENTRAL_SHARE / 2])
     margin = 0.15 * float(high - low) or 1e-9
     first, last = ends or (-math.inf, math.inf)

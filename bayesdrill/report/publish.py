@@ -1,9 +1,4 @@
-"""Figures of a run and the files of its folder: tables, figures, and the ArviZ tree.
-
-A figure is one file and one line in `output_files`, or an entry point `bayesdrill.figure`.  Its recipe
-says of a finished run what is to be drawn, or None where there is nothing.  Recipes load what draws when
-they are asked: matplotlib takes a second, and drawing longer than all tables together.
-"""
+"""Write the files of a run: tables, figures, and the ArviZ tree."""
 
 from __future__ import annotations
 
@@ -40,7 +35,9 @@ Recipe = Callable[[ReportContext], Drawing | tuple[Drawing, ...] | None]
 
 
 def drawings(name: str, run: ReportContext) -> dict[str, Drawing]:
-    """What is to be drawn of this run, by the stems of the files: one, or one for each experiment.
+    """Return what is to be drawn of this run, by the stems of the files.
+
+    One figure, or one for each experiment.
 
     Raises `TypeError` for a recipe that is none.
     """
@@ -59,7 +56,7 @@ def drawings(name: str, run: ReportContext) -> dict[str, Drawing]:
 
 
 def alone_captions(problem: Problem, residuals: Sequence[Correlation]) -> dict[str, str]:
-    """What `fits_alone` shows, without drawing it."""
+    """Return captions of what `fits_alone` shows, without drawing it."""
     fits = [captioned(observation.label, FIT_ALONE) for observation in problem.observations]
     labels = dict.fromkeys(correlation.experiment for correlation in residuals)
     shown = [captioned(label, RESIDUALS) for label in labels]
@@ -84,7 +81,7 @@ FIGURES: Registry[Recipe] = Registry(
 
 
 def wanted_figures(wanted: Collection[str] | None) -> list[str]:
-    """Names of the figures that a config asks for; None: all but those on request."""
+    """Return names of the figures that a config asks for; None: all but those on request."""
     if wanted is None:
         return [name for name in FIGURES if name not in ON_REQUEST]
     return [name for name in FIGURES if name in wanted]
@@ -116,7 +113,7 @@ _SEVERAL = tuple(f"{stem}_{k}" for stem in EACH for k in range(1, MOST_NAMED + 1
 def write_results(
     view: ReportContext, folder: Folder, pool: WorkerPool, report: Reporter
 ) -> tuple[str, ...]:
-    """What could not be made, and why; all else is written.
+    """Write all files of a run, and return what could not be made, and why.
 
     Raises `OSError` when the disk is full; files already there stay whole.
     """
@@ -167,7 +164,7 @@ def write_results(
 
 
 def load_drawing(_: Posterior) -> None:
-    """For a process that has nothing else to do yet: loads what draws."""
+    """Load what draws, in a process that has nothing else to do yet."""
     importlib.import_module(f"{__package__}.pages")
 
 
@@ -181,6 +178,7 @@ def draw(
     formats: tuple[str, ...] = output_files.USUAL,
     dpi: int = DPI,
 ) -> None:
+    """Draw a figure and save its files, in a worker process."""
     from bayesdrill.report.style import save, warned
 
     metadata = {**note, "Title": f"{note['Title']}: {stem}"}

@@ -1,4 +1,4 @@
-"""Sections as one page of HTML that needs nothing beside it, and the summary as a LaTeX table."""
+"""Render sections as one self-contained page of HTML, and the summary as a LaTeX table."""
 
 from __future__ import annotations
 
@@ -44,7 +44,9 @@ def as_html(
     figures: Path,
     symbols: Sequence[Symbol] = (),
 ) -> str:
-    """`what`: the kind of report; `figures`: where the PNG or SVG of pictures are; those without
+    """Render sections as a page of HTML.
+
+    `what`: the kind of report; `figures`: where the PNG or SVG of pictures are; those without
     either are left out.
     """
     import jinja2  # late: templates are for pages alone
@@ -115,13 +117,13 @@ def _embedded(path: Path) -> EmbeddedPicture | None:
 
 
 def after(text: str, known: str) -> str:
-    """What stands after a word that the title has said already."""
+    """Return what stands after a word that the title has said already."""
     remainder = text.removeprefix(known)
     return text if remainder == text else remainder[:1].upper() + remainder[1:]
 
 
 def slug(text: str) -> str:
-    """For names of places in the page."""
+    """Return a name for a place in the page."""
     return re.sub(r"[^a-z0-9]+", "-", text.lower()).strip("-")
 
 
@@ -139,7 +141,7 @@ _BEYOND = re.compile(r"[^\x00-\x7f]+")  # ASCII; in names, and in LaTeX outside 
 def latex_table(
     rows: Sequence[ParameterRow], symbols: Sequence[Symbol], *, believed: bool = True
 ) -> str:
-    """A `tabular` for a table of one's own, with the places of two digits of each sd.
+    """Return a `tabular` for a table of one's own, with two digits of each sd.
 
     Without what the record says, where that must not be `believed`.
     """

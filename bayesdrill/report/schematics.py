@@ -1,4 +1,4 @@
-"""Two drawings that explain the paper: the rig, and its pairwise search for the nine parameters."""
+"""Draw the rig of the paper, and its pairwise search for the nine parameters."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ UNMEASURED: dict[str, Any] = HOLLOW | {"linestyle": (0, (3, 2)), "edgecolor": st
 
 
 def rig_figure() -> Figure:
-    """Supply, DC motor, gearbox, shaft and rotors, with the paper's symbols."""
+    """Draw supply, DC motor, gearbox, shaft and rotors, with the paper's symbols."""
     with style.styled():
         figure, sheet = _sheet(scales.DOUBLE, 2.44)
         _circuit(sheet)
@@ -41,10 +41,7 @@ def rig_figure() -> Figure:
 
 
 def heuristic_figure(pairs: Sequence[Pair], iterations: int) -> Figure:
-    """The cycle of the nine `pairs`, each searched for `iterations`, until the misfit is steady.
-
-    Names are keys of `PARAMETERS`; each pair shares one with the next.
-    """
+    """Draw the cycle of the nine `pairs`, each searched for `iterations`."""
     order = [first for first, _ in pairs]
     # There along the upper row and back along the lower one; the decision is last.
     along = [ENTRY + (k + 0.5) * PITCH for k in range(5)]
@@ -235,8 +232,9 @@ def _pair_box(
 
 
 def _cycle(sheet: Axes, places: Sequence[Point], pairs: Sequence[Pair]) -> None:
-    """Arrows from box to box, with what each hands to the next as its start; the decision, round again
-    or out, and the way in.
+    """Draw arrows from box to box, with what each hands to the next as its start.
+
+    And the decision, round again or out, and the way in.
     """
     half, tall = WIDE / 2, BOX / 2
     passed = [

@@ -1,4 +1,4 @@
-"""A finished run as tables and figures look at it; each thing is made once, when asked for."""
+"""Give tables and figures what they show of a finished run; each is made when first asked for."""
 
 from __future__ import annotations
 
@@ -41,10 +41,12 @@ class Drawing:
     says: str = ""
 
     def drawn(self) -> Figure:
+        """Draw the figure."""
         return self.figure(*self.arguments)
 
 
 def captioned(label: str, says: str) -> str:
+    """Return a caption that begins with the label of its experiment, if it has one."""
     return f"{label}: {says}" if label else says
 
 
@@ -54,7 +56,7 @@ def for_each_experiment(
     width: float,
     says: str,
 ) -> tuple[Drawing, ...]:
-    """A drawing of what is `shown` of each, by its label."""
+    """Return a drawing of what is `shown` of each experiment, by its label."""
     return tuple(
         Drawing(figure, (data, width), says=captioned(label, says)) for label, data in shown
     )
@@ -62,8 +64,10 @@ def for_each_experiment(
 
 @dataclass(frozen=True, eq=False)
 class ReportContext(Value):
-    """`chain`: its draws; `analysis`: all that is said of it; `seconds`: how long its parts took, where
-    that is known.
+    """A finished run, as tables and figures look at it.
+
+    `chain`: its draws; `analysis`: all that is said of it; `seconds`: how long its parts took,
+    where that is known.
     """
 
     chain: RunDraws
@@ -73,29 +77,32 @@ class ReportContext(Value):
 
     @property
     def problem(self) -> Problem:
+        """The posterior with its names."""
         return self.chain.problem
 
     @property
     def mode(self) -> Mode:
+        """The maximum of the posterior."""
         return self.chain.mode
 
     @property
     def sampled(self) -> SamplingResult:
+        """The chains."""
         return self.chain.sampled
 
     @property
     def draws(self) -> Array:
-        """`(N, D)`, of all ensembles."""
+        """The draws `(N, D)` of all ensembles."""
         return self.chain.draws
 
     @property
     def warning(self) -> str:
-        """What every figure must carry; empty where there is nothing to warn of."""
+        """The warning that every figure must carry; empty where there is none."""
         return words.warning(self.sampled, self.analysis.fit)
 
     @property
     def reasons(self) -> tuple[str, ...]:
-        """Why the result must not be believed: it did not converge, or does not fit."""
+        """Reasons why the result must not be believed: it did not converge, or does not fit."""
         return words.reasons(self.sampled, self.analysis.fit)
 
     @property
@@ -117,37 +124,37 @@ class ReportContext(Value):
 
     @cached_property
     def marks(self) -> Mapping[str, str]:
-        """For the inside of figures and tree."""
+        """The metadata of figures and tree."""
         c = self.sampled.convergence
         return provenance.marks(self.config, self.problem, f"{c.burn_in} of {c.steps} steps")
 
     @property
     def names_of_rig(self) -> tuple[str, ...]:
-        """Of which products are made."""
+        """The names of which products are made."""
         return () if self.analysis.judged is None else self.analysis.judged.study.names
 
     @cached_property
     def derived(self) -> Derived:
-        """Draws of what follows from the unknowns."""
+        """Draws of derived quantities."""
         return self.chain.derived(self.analysis.judged)
 
     @property
     def width(self) -> float:
-        """Of figures, inches."""
+        """The width of figures, inches."""
         return WIDTHS[self.config.output.size]
 
     @property
     def units(self) -> OwnUnits:
-        """In which people are shown unknowns and what follows from them."""
+        """The units in which people are shown unknowns and derived quantities."""
         return self.problem.units
 
     @property
     def clock(self) -> Unit:
-        """In which people are told times."""
+        """The unit in which people are told times."""
         return self.problem.clock
 
     def shown(self, names: Sequence[str] | None = None) -> Shown:
-        """For figures: the unknowns of these names, or all where none is among them."""
+        """Return what figures show of the unknowns of these names, or of all if none is among them."""
         problem, display_units = self.problem, self.units
         columns = range(len(problem.symbols))
         selected = [k for k in columns if problem.names[k] in (names or ())] or columns
@@ -163,7 +170,7 @@ class ReportContext(Value):
 
     @cached_property
     def tree(self) -> DataTree:
-        """For ArviZ."""
+        """The tree for ArviZ."""
         # Late: xarray takes half a second to load.
         from bayesdrill.results.arviz_tree import make_tree
 

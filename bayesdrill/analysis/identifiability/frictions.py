@@ -1,4 +1,4 @@
-"""Which friction, damping and drop such records can hardly tell from what, by what they did not do.
+"""Find frictions, dampings and drops that a record can hardly distinguish.
 
 Information as everywhere, with the priors; what the rig did at the same point says why; and each
 experiment that could be made is tried by computing.
@@ -50,9 +50,10 @@ RIVALS: Mapping[str, tuple[str, ...]] = {
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Excitation:
-    """Of what rubs at `where`, against a state, over all records: how often it turned round, the share
-    of the time it stuck, and its speeds after the start, least and greatest, in its own unit (A of a
-    current).
+    """How a record excites a friction at `where`, against a state, over all records.
+
+    How often it turned round, the share of the time it stuck, and its speeds after the start, least
+    and greatest, in its own unit (A of a current).
     """
 
     where: str
@@ -64,10 +65,12 @@ class Excitation:
 
     @property
     def one_way(self) -> bool:
+        """Whether it never reverses."""
         return self.reversals == 0
 
     @property
     def one_speed(self) -> bool:
+        """Whether its speed hardly changes."""
         return self.fastest - self.slowest < ONE_SPEED_SHARE * (self.fastest + self.slowest)
 
 
@@ -93,8 +96,9 @@ class Confounded:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class UnseenStiction:
-    """Static friction that no record shows: `names` that it leaves to the prior; `scale`: the speed over
-    which it is lost.
+    """Static friction that no record shows.
+
+    `names` that it leaves to the prior; `scale`: the speed over which it is lost.
     """
 
     names: tuple[str, ...]
@@ -105,6 +109,8 @@ class UnseenStiction:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FrictionConfounding:
+    """Frictions that a record can hardly distinguish, and stiction that it does not show."""
+
     alike: tuple[Confounded, ...] = ()
     unseen: tuple[UnseenStiction, ...] = ()
     roles: Roles = USUAL
@@ -116,7 +122,7 @@ NO_CONFOUNDING = FrictionConfounding()
 def distinguish(
     sensitivity: SensitivityStudy, posterior: Posterior, theta: Array
 ) -> FrictionConfounding:
-    """At `theta (D,)`; nothing of a rig that has none of it."""
+    """Find what the record can hardly distinguish at `theta (D,)`; nothing of a rig without it."""
     names = (*sensitivity.unknowns, *sensitivity.nuisances)
     roles = sensitivity.likelihood.observations[0].response.model.roles
     static = [name for at in (roles.motor, roles.rotor) for name in (at.static, at.fading)]
@@ -291,10 +297,10 @@ class _FrictionStudy:
 
 
 def stall_voltage(model: Model, p: Mapping[str, float]) -> float:
-    """The voltage that holds it at the very edge of turning, against all friction as it slips; V.
+    """Return the voltage [V] that holds the rig at the edge of turning, against all friction.
 
-    Below it the rig comes to rest: friction at rest is no less.  Zero where none holds it, or nothing
-    is driven by a voltage.
+    Below it the rig comes to rest: friction at rest is no less.  Zero where none holds it, or
+    nothing is driven by a voltage.
     """
     motor = model.roles.motor
     if motor.speed not in model.states or motor.voltage not in model.inputs:

@@ -1,9 +1,10 @@
-"""Exact sensitivities of what is measured, and how well they determine unknowns: Fisher and
-Cramer-Rao.
+"""Compute exact sensitivities of measured signals, and how well they determine unknowns.
+
+Fisher information and Cramer-Rao bounds.
 
 A scene is the experiments as they are, or with further channels, or with inputs changed half-way.
-What is unknown of sensors and starts is taken out of the sensitivities: what is left of them is what
-the record says of the rig, whatever these are.
+What is unknown of sensors and starts is taken out of the sensitivities: what is left of them is
+what the record says of the rig, whatever these are.
 
 All is in the logs of the unknowns, so that a standard deviation of 0.01 is one per cent.  The
 information is kept as its square root R (information = R' R): squaring would lose the digits that
@@ -29,8 +30,10 @@ from bayesdrill.record.experiment import of_states
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DesignVariant:
-    """`extra`: states that are measured too, each with its sigma; `late`: what is added to inputs in the
-    second half of each record; `times`: what inputs are multiplied with throughout.
+    """A change of the experiment that is tried by computing.
+
+    `extra`: states that are measured too, each with its sigma; `late`: what is added to inputs in
+    the second half of each record; `times`: what inputs are multiplied with throughout.
     """
 
     extra: Mapping[str, float] = field(default_factory=dict)
@@ -42,7 +45,7 @@ AS_RECORDED = DesignVariant()
 
 
 class SensitivityStudy:
-    """Sensitivities of a likelihood's rig at physical points `theta`, in any scene."""
+    """Sensitivities of a likelihood's rig at physical points `theta`, in any design variant."""
 
     def __init__(self, likelihood: Likelihood) -> None:
         self.likelihood = likelihood
@@ -59,14 +62,14 @@ class SensitivityStudy:
         self.known = 1.0 / self.prior_spreads[len(self.unknowns) :]
 
     def mean_input(self, name: str) -> float:
-        """The mean of an input over the records."""
+        """Return the mean of an input over the records."""
         means = [
             float(stage.constant.get(name, 0.0) + stage.base[name].mean()) for stage in self._stages
         ]
         return float(np.mean(means))
 
     def sensitivities(self, theta: Array, scene: DesignVariant = AS_RECORDED) -> Array:
-        """d channel / d log unknown over sigma at `theta (D,)`: `(n, m)`, of the m unknowns of the rig.
+        """Return d channel / d log unknown over sigma at `theta (D,)`: `(n, m)`.
 
         What nuisances explain of them, as freely as their priors allow, is taken away.  Not finite
         where the response overflows.
@@ -74,16 +77,16 @@ class SensitivityStudy:
         return self._of_rig(self.with_nuisances(theta, scene))
 
     def with_repeats(self, theta: Array, scene: DesignVariant) -> Array:
-        """`sensitivities` of all records, and of as many others of the same sensors in a scene."""
+        """Return `sensitivities` of all records, and of as many others in a design variant."""
         return self._of_rig(
             np.vstack([self.with_nuisances(theta), self.with_nuisances(theta, scene)])
         )
 
     def local_estimate(self, rows: Array, residuals: Array) -> tuple[Array, Array]:
-        """`R (m, m)` and `b (m,)` of rows `(n, m + k)`, and what is left over the noise, `rest (n,)`.
+        """Return the information of rows `(n, m + k)`, and where their `residuals (n,)` lead.
 
-        These rows alone know the rig's unknowns as `R' R`, and would move them by `R^-1 b`, whatever the
-        nuisances are.
+        `R (m, m)` and `b (m,)`: these rows alone know the rig's unknowns as `R' R`, and would move
+        them by `R^-1 b`, whatever the nuisances are.
         """
         m = len(self.unknowns)
         matrix = self._with_priors(np.insert(rows, m, residuals, axis=1), m + 1)
@@ -102,25 +105,25 @@ class SensitivityStudy:
         return np.vstack([rows, priors])
 
     def with_nuisances(self, theta: Array, scene: DesignVariant = AS_RECORDED) -> Array:
-        """`(n, m + k)`: of nuisances as well, on their natural scale."""
+        """Return sensitivities `(n, m + k)` to nuisances as well, on their natural scale."""
         parts = self.by_experiment(theta, scene)
         return parts[0] if len(parts) == 1 else np.concatenate(parts)
 
     def by_experiment(self, theta: Array, scene: DesignVariant = AS_RECORDED) -> list[Array]:
-        """`with_nuisances` of each experiment by itself."""
+        """Return `with_nuisances` of each experiment by itself."""
         space = self.likelihood.space
         full, along = space.full(theta[None]), space.slopes(theta[None])
         return [stage.whitened(full, along, theta, scene) for stage in self._stages]
 
     def motions(self, theta: Array, scene: DesignVariant = AS_RECORDED) -> list[Array]:
-        """The states of each experiment, `(T, X)`."""
+        """Return the states of each experiment, `(T, X)`."""
         space = self.likelihood.space
         full, along = space.full(theta[None]), space.slopes(theta[None])
         return [stage.course(full, along, scene)[0][:, stage.k :] for stage in self._stages]
 
 
 def project_out(rows: Array, m: int) -> Array:
-    """The first m columns of `rows (n, m + k)`, without what the others explain of them: `(m, m)`."""
+    """Project the last k columns of `rows (n, m + k)` out of the first m: `(m, m)`."""
     k = rows.shape[1] - m
     turned = np.linalg.qr(np.hstack([rows[:, m:], rows[:, :m]]), mode="r")
     remaining = turned[k:, k:]
@@ -180,21 +183,24 @@ MAX_FACTORS = 3  # in a simple product
 
 @dataclass(frozen=True, slots=True)
 class Information:
-    """`root (m, m)`: of the information of the record about `names`, in logs."""
+    """The information of a record.
+
+    `root (m, m)`: of the information of the record about `names`, in logs.
+    """
 
     names: tuple[str, ...]
     root: Array
 
     def bound(self, exponents: Array) -> float:
-        """Cramer-Rao bound of the sd of the log of a product of powers; inf if not determined."""
+        """Return the Cramer-Rao bound of the log of a product of powers; inf if not determined."""
         return float(self.bounds_of(exponents[None])[0])
 
     def bounds(self) -> Array:
-        """Of each unknown: `(m,)`."""
+        """Return the bound of each unknown, `(m,)`."""
         return self.bounds_of(np.eye(len(self.names)))
 
     def bounds_of(self, exponents: Array) -> Array:
-        """`bound` of many products, `(n, m) -> (n,)`."""
+        """Return the bounds of many products, `(n, m) -> (n,)`."""
         _, values, rows = np.linalg.svd(self.root)
         determined = values > RANK_TOLERANCE * values[0]
         along = exponents @ rows.T
@@ -203,27 +209,27 @@ class Information:
         return np.where(hidden > BLIND_SHARE * np.linalg.norm(exponents, axis=1), np.inf, known)
 
     def with_knowledge(self, exponents: Array, sd: float) -> Information:
-        """The log of a product of powers known to `sd` from elsewhere."""
+        """Add that the log of a product of powers is known to `sd` from elsewhere."""
         return Information(self.names, root_of(np.vstack([self.root, exponents / sd])))
 
     def with_priors(self, sd: Array) -> Information:
-        """Priors taken as Gaussian in the logs, with these standard deviations `(m,)`."""
+        """Add priors, taken as Gaussian in the logs, with these standard deviations `(m,)`."""
         return Information(self.names, root_of(np.vstack([self.root, np.diag(1.0 / sd)])))
 
     @property
     def n_blind(self) -> int:
-        """Independent products of which the record says nothing."""
+        """The number of independent products of which the record says nothing."""
         values = np.linalg.svd(self.root, compute_uv=False)
         return int(np.sum(values <= RANK_TOLERANCE * values[0]))
 
 
 def from_sensitivities(names: tuple[str, ...], sensitivities: Array) -> Information:
-    """From d signal / d log unknown over sigma, `(n, m)`."""
+    """Build the information of d signal / d log unknown over sigma, `(n, m)`."""
     return Information(names, root_of(sensitivities))
 
 
 def root_of(rows: Array) -> Array:
-    """`(n, m) -> (m, m)` with the same `rows' rows`."""
+    """Reduce rows `(n, m)` to `(m, m)` with the same `rows' rows`."""
     m = rows.shape[1]
     reduced = np.linalg.qr(rows, mode="r")
     return np.asarray(np.vstack([reduced, np.zeros((m - len(reduced), m))]))
@@ -241,7 +247,7 @@ class Direction:
 
 
 def directions(information: Information) -> tuple[Direction, ...]:
-    """The sloppy spectrum: independent products, from the best determined to the worst."""
+    """Return the sloppy spectrum: independent products, from the best determined to the worst."""
     _, values, rows = np.linalg.svd(information.root)
     spectrum = []
     for value, row in zip(values, rows, strict=True):
@@ -267,11 +273,12 @@ class Product:
 
     @property
     def price(self) -> float:
+        """What is left of the prior's sd, for each factor."""
         return self.sd / self.prior_sd * sum(map(abs, self.exponents))
 
 
 def products(information: Information, prior_sd: Array, candidates: Array) -> tuple[Product, ...]:
-    """As many independent ones of the `candidates (n, m)` as there are, the most narrowed first.
+    """Return as many independent `candidates (n, m)` as there are, the most narrowed first.
 
     Each is the one that the record narrows most of those independent of the ones before it; a
     factor more has to pay for itself.
@@ -300,7 +307,7 @@ def products(information: Information, prior_sd: Array, candidates: Array) -> tu
 
 
 def simple_exponents(m: int) -> Array:
-    """All products of up to three unknowns with exponents up to 2, the first one positive."""
+    """Return all products of up to three unknowns with exponents up to 2, the first positive."""
     rows = []
     for size in range(1, min(MAX_FACTORS, m) + 1):
         for places in itertools.combinations(range(m), size):

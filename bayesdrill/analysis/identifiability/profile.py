@@ -35,7 +35,9 @@ MAX_ACCELERATION = 1.5  # of the step itself: what would turn it further is left
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Profile:
-    """`values (n,)` physical, `loss (n,)`: the best log likelihood minus the profile's.
+    """The profile likelihood of one parameter.
+
+    `values (n,)` physical, `loss (n,)`: the best log likelihood minus the profile's.
 
     `low`, `high`: where the loss passes `THRESHOLD`; None where it does not inside the prior.
     """
@@ -49,7 +51,7 @@ class Profile:
     shape: Shape
 
     def over(self, factor: float) -> Profile:
-        """In a unit of so many of this one."""
+        """Return the profile in a unit of so many of this one."""
         ends = (None if x is None else x / factor for x in (self.low, self.high))
         low, high = ends
         values, best = self.values / factor, self.best / factor
@@ -57,8 +59,9 @@ class Profile:
 
 
 class Fitter:
-    """Least squares over all that moves, on its natural scale, inside the priors: logs of the rig's
-    unknowns, then what sensors and starts leave open.
+    """Least squares over all that moves, on its natural scale, inside the priors.
+
+    Logs of the rig's unknowns, then what sensors and starts leave open.
     """
 
     def __init__(self, posterior: Posterior, sensitivity: SensitivityStudy, theta: Array) -> None:
@@ -82,13 +85,13 @@ class Fitter:
             self.best = self._fit(self.best.logs, None)
 
     def fit_at(self, start: Array, column: int, value: float) -> ProfileFit:
-        """The fit with the log of one unknown held at `value`."""
+        """Fit with the log of one unknown held at `value`."""
         logs = start.copy()
         logs[column] = value
         return self._fit(logs, column)
 
     def spread(self) -> Array:
-        """Standard deviations of the logs at the best fit, the range of the prior at most."""
+        """Return sds of the logs at the best fit, the range of the prior at most."""
         rows = self._jacobian(self.best.logs)
         names = (*self._scenery.unknowns, *self._scenery.nuisances)
         known = information.from_sensitivities(names, rows)
@@ -145,7 +148,7 @@ class Fitter:
         return moved
 
     def along(self, column: int, values: Array) -> Array:
-        """One unknown in SI, of `values (n,)` on its natural scale."""
+        """Return one unknown in SI, of `values (n,)` on its natural scale."""
         rows = np.zeros((len(values), self._m))
         rows[:, column] = values
         return self._coordinates.from_natural(rows)[:, column]
@@ -165,14 +168,17 @@ class Fitter:
 
 @dataclass(frozen=True, slots=True)
 class ProfileFit:
-    """`logs (m,)` of the unknowns; `cost`: minus the log likelihood, up to a constant."""
+    """A fit with one unknown held.
+
+    `logs (m,)` of the unknowns; `cost`: minus the log likelihood, up to a constant.
+    """
 
     logs: Array
     cost: float
 
 
 def profile(fitter: Fitter, names: tuple[str, ...], column: int) -> Profile:
-    """Of the unknown in `column`."""
+    """Profile the likelihood over the unknown in `column`."""
     best = fitter.best
     centre, sd = best.logs[column], fitter.spread()[column]
     down = _side(fitter, column, centre, sd, fitter.low[column])

@@ -1,13 +1,12 @@
-"""Exact scaling symmetries of a posterior, and unknowns that are known only as far as held numbers
-are right.
+"""Find exact scaling symmetries of a posterior, and unknowns that depend on fixed numbers.
 
-Symmetries are products of powers of the unknowns that no measured signal shows.  They are found in the
-null space of the log-sensitivities at several points of the prior, written with small whole exponents,
-and each one proven by scaling: twice the factor, the same response to rounding.
+Symmetries are products of powers of the unknowns that no measured signal shows.  They are found in
+the null space of the log-sensitivities at several points of the prior, written with small whole
+exponents, and each one proven by scaling: twice the factor, the same response to rounding.
 
 A number that is held settles a scale that no signal shows: were it another, so would be all that is
-told through it, and the record would look the same.  Unless the record hardly shows that number: then
-priors settle the scale, held or not.
+told through it, and the record would look the same.  Unless the record hardly shows that number:
+then priors settle the scale, held or not.
 """
 
 from __future__ import annotations
@@ -41,8 +40,10 @@ MAX_BASES = 5000
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ScalingStructure:
-    """`symmetries`: proven exponents of the unknowns, sparsest first.  `invariants`: independent
-    products that nothing of this changes.  `unexplained`: further directions that no signal shows,
+    """The scaling symmetries of a posterior.
+
+    `symmetries`: proven exponents of the unknowns, sparsest first. `invariants`: independent
+    products that nothing of this changes. `unexplained`: further directions that no signal shows,
     but that are no product of powers with small whole exponents, or not the same one everywhere.
     """
 
@@ -52,7 +53,7 @@ class ScalingStructure:
     unexplained: int
 
     def invariants_of(self, names: Collection[str]) -> tuple[Exponents, ...]:
-        """Independent products of these unknowns alone that nothing of this changes, sparsest first."""
+        """Return independent products of these unknowns alone that are invariant, sparsest first."""
         columns = [k for k, name in enumerate(self.names) if name in names]
         m = len(self.names)
         changed = _complement(np.array(self.invariants, dtype=float).reshape(-1, m), m)[:, columns]
@@ -64,7 +65,7 @@ class ScalingStructure:
 
 
 def null_space(sensitivities: Sequence[Array]) -> Array:
-    """Directions of log unknowns that change nothing at any of the points: `(n, m)` rows.
+    """Return directions of log unknowns that change nothing at any of the points: `(n, m)` rows.
 
     Points at which nothing moves, as of a rig that sticks from the start, say nothing.
     """
@@ -82,7 +83,10 @@ def find_structure(
     sensitivities: Sequence[Array],
     unchanged: Callable[[Exponents], bool],
 ) -> ScalingStructure:
-    """`sensitivities`: `(T K, m)` at several points; `unchanged`: proves one candidate."""
+    """Find the scaling symmetries in sensitivities at several points.
+
+    `sensitivities`: `(T K, m)` at several points; `unchanged`: proves one candidate.
+    """
     null = null_space(sensitivities)
     candidates = sparse_basis(null)
     proven = tuple(exponents for exponents in candidates if unchanged(exponents))
@@ -104,7 +108,7 @@ def find_structure(
 
 
 def sparse_basis(rows: Array) -> tuple[Exponents, ...]:
-    """Independent vectors of the span of `rows (n, m)` with small whole entries, sparsest first.
+    """Return independent whole-number vectors in the span of `rows (n, m)`, sparsest first.
 
     Fewer than n where the span has no such basis.
     """
@@ -128,7 +132,7 @@ def sparse_basis(rows: Array) -> tuple[Exponents, ...]:
 
 
 def scaled_by_two(theta: Array, exponents: Exponents) -> Array:
-    """`theta (..., D)` with each unknown times 2 to its exponent, which rounds nothing."""
+    """Return `theta (..., D)` with each unknown times 2 to its exponent, which rounds nothing."""
     powers = np.zeros(theta.shape[-1])
     powers[: len(exponents)] = exponents
     return np.asarray(theta * 2.0**powers)
@@ -168,7 +172,7 @@ MAX_DRAWS = 100  # of the prior, to find that many with a finite response
 def structure_of(
     posterior: Posterior, sensitivity: SensitivityStudy, theta: Array, rng: np.random.Generator
 ) -> ScalingStructure:
-    """At `theta (D,)` and at draws from the prior."""
+    """Find the scaling symmetries at `theta (D,)` and at draws from the prior."""
     drawn = posterior.space.draw(MAX_DRAWS, rng)
     finite = drawn[np.isfinite(posterior.density(drawn))][:PRIOR_POINTS]
     points = np.vstack([theta, finite])
@@ -193,9 +197,12 @@ MIN_PRIOR_SHARE = 0.5  # of a scale, what priors settle; of the largest part, wh
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DependsOnFixed:
-    """With `exponents` of `names`, of which the last are `held`, no measured signal changes.
+    """A scale that a number which is held fixed settles.
 
-    `following (m, m)`: of unknowns, by how much the mean of each log follows the middle of each prior.
+    With `exponents` of `names`, of which the last are `held`, no measured signal changes.
+
+    `following (m, m)`: of unknowns, by how much the mean of each log follows the middle of each
+    prior.
     """
 
     names: tuple[str, ...]
@@ -205,12 +212,13 @@ class DependsOnFixed:
 
     @property
     def unknown(self) -> tuple[str, ...]:
-        """Those that are known through what is held."""
+        """The unknowns that are known through what is held."""
         named = zip(self.names, self.exponents, strict=True)
         return tuple(name for name, e in named if e and name not in self.held)
 
     @property
     def through(self) -> tuple[str, ...]:
+        """The numbers that are held and settle the scale."""
         named = zip(self.names, self.exponents, strict=True)
         return tuple(name for name, e in named if e and name in self.held)
 
@@ -221,14 +229,14 @@ class DependsOnFixed:
         return min(self.unknown, key=following.__getitem__)
 
     def scales(self, names: Sequence[str], exponents: Sequence[float]) -> bool:
-        """Whether a product of powers is another where what is held is."""
+        """Return whether a product of powers is another where what is held is."""
         exponents_by_name = dict(zip(self.names, self.exponents, strict=True))
         return (
             sum(exponents_by_name[name] * e for name, e in zip(names, exponents, strict=True)) != 0
         )
 
     def priors(self, names: Sequence[str], exponents: Sequence[float]) -> tuple[str, ...]:
-        """Whose priors settle a product of powers that this scales; none where what is held does.
+        """Return whose priors settle a product that this scales; none where what is held does.
 
         What priors do together follows them all, and what is held the rest of the way.
         """
@@ -249,7 +257,9 @@ def depends_on_fixed(
     prior_sd: Array,
     rng: np.random.Generator,
 ) -> tuple[DependsOnFixed, ...]:
-    """At `theta (D,)`; `rng` draws the points at which the structure is looked at.
+    """Find scales that fixed numbers settle.
+
+    At `theta (D,)`; `rng` draws the points at which the structure is looked at.
 
     `known` of the record there, `prior_sd (m,)` of the logs.
 
@@ -288,6 +298,6 @@ def depends_on_fixed(
 
 
 def prior_following(known: Information, prior_sd: Array) -> Array:
-    """`(m, m)`: by how much the mean of each log follows the middle of each prior."""
+    """Return how much the mean of each log follows the middle of each prior, `(m, m)`."""
     spread = np.linalg.inv(known.with_priors(prior_sd).root)
     return np.asarray(spread @ spread.T / prior_sd**2)

@@ -1,9 +1,8 @@
-"""The whole study of one config: structure, bounds, simple products, and remedies tried by
-computing.
+"""Study the identifiability of one config: structure, bounds, products, and remedies.
 
-An action that would help is another scene (a channel more, another course of the inputs), or knowledge
-from elsewhere (weighing a part, a tie that theory gives).  Tried at the start values, with the priors
-taken as Gaussian in the logs.
+An action that would help is another scene (a channel more, another course of the inputs), or
+knowledge from elsewhere (weighing a part, a tie that theory gives).  Tried at the start values,
+with the priors taken as Gaussian in the logs.
 """
 
 from __future__ import annotations
@@ -85,7 +84,7 @@ def remedies(
     prior_sd: Array,
     of_interest: Sequence[str],
 ) -> tuple[Remedy, ...]:
-    """Every single action that can be tried, what helps most first."""
+    """Try every single action, and return what helps most first."""
     names = sensitivity.unknowns
     now = information.from_sensitivities(names, sensitivity.sensitivities(theta))
     rows = [names.index(name) for name in of_interest]
@@ -218,7 +217,9 @@ MIN_FALL = 2.0  # times: how much smaller an sd would be, for a nuisance that is
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class KnownProduct:
-    """A parameter or a simple product: sd of its log with record and prior, and before.
+    """How well a product of unknowns is known.
+
+    A parameter or a simple product: sd of its log with record and prior, and before.
 
     `bound`: Cramer-Rao, from the record alone; inf if the record does not determine it.
     """
@@ -232,9 +233,10 @@ class KnownProduct:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Nuisance:
-    """A number of a sensor or a start, SI: sd with record and priors, and before.  `like`: unknowns of
-    the rig that it can hardly be told from, each with the factor by which its sd would fall if this
-    one were known.
+    """A number of a sensor or a start, SI: sd with record and priors, and before.
+
+    `like`: unknowns of the rig that it can hardly be told from, each with the factor by which its
+    sd would fall if this one were known.
     """
 
     name: str
@@ -246,7 +248,9 @@ class Nuisance:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class IdentifiabilityStudy:
-    """At a physical point, which `at` names.
+    """The identifiability of the unknowns.
+
+    At a physical point, which `at` names.
 
     `information` is that of the record alone, `directions` its sloppy spectrum.  `stand_ins`:
     parameters that a missing torque can stand in for; `scaled`: names that can be multiplied
@@ -269,6 +273,7 @@ class IdentifiabilityStudy:
 
     @property
     def directions(self) -> tuple[Direction, ...]:
+        """The sloppy spectrum of the record."""
         return directions(self.information)
 
 
@@ -281,7 +286,7 @@ def study_of(
     *,
     seek_remedies: bool = False,
 ) -> IdentifiabilityStudy:
-    """At `theta (D,)`, as it is `asked` for.
+    """Study the identifiability at `theta (D,)`, as it is `asked` for.
 
     Remedies take as long as all else together, and are sought on request.
     """
@@ -345,7 +350,7 @@ def _nuisances(
 
 
 def prior_spreads(posterior: Posterior) -> Array:
-    """Standard deviations of the logs under the priors `(D,)`."""
+    """Return standard deviations of the logs under the priors, `(D,)`."""
     return np.array([spread_of_log(prior) for prior in posterior.space.priors.values()])
 
 

@@ -1,5 +1,4 @@
-"""What a missing torque can stand in for: parameters that a record would show without it, and what
-helps.
+"""Find parameters that a missing torque can stand in for, and what helps.
 
 The Fisher information of all unknowns together, of mean and covariance, as the curvature that a
 record drawn at the point has (Gauss and Newton), with what the priors know; beside it that of the
@@ -34,8 +33,9 @@ MAX_REMEDIES = 3  # proposals
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TorqueRemedy:
-    """`kind` hold: a parameter by name; measure: a state.  `shrink`: times by which the sd would
-    fall.
+    """What would help to distinguish a parameter from the missing torque.
+
+    `kind` hold: a parameter by name; measure: a state. `shrink`: times by which the sd would fall.
     """
 
     kind: str
@@ -45,7 +45,10 @@ class TorqueRemedy:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TorqueConfounding:
-    """The sd of a log with the torque, without it, and before the record."""
+    """A parameter that a missing torque can stand in for.
+
+    The sd of a log with the torque, without it, and before the record.
+    """
 
     name: str
     at: At
@@ -58,7 +61,10 @@ class TorqueConfounding:
 def find_confounded(
     posterior: Posterior, theta: Array, before: Array, rng: np.random.Generator
 ) -> tuple[TorqueConfounding, ...]:
-    """Of the rig's parameters at `theta (D,)`; `before (D,)`: sds of logs under the priors."""
+    """Find the rig's parameters that a missing torque can stand in for, at `theta (D,)`.
+
+    `before (D,)`: sds of logs under the priors.
+    """
     observations = posterior.likelihood.observations
     torques = [observation.torque for observation in observations if observation.torque]
     if not torques:
@@ -127,8 +133,9 @@ def find_confounded(
 def scaled_with_torque(
     posterior: Posterior, symmetries: Sequence[Exponents]
 ) -> tuple[tuple[str, ...], ...]:
-    """Of each symmetry that changes the inertia on which a torque acts: what goes with it, the
-    size of the torque among it.
+    """Return symmetries that change the inertia on which a torque acts, with what goes with it.
+
+    The size of the torque is among it.
     """
     for observation in posterior.likelihood.observations:
         if observation.torque:

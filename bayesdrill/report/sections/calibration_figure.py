@@ -1,4 +1,4 @@
-"""Ranks of a calibration against chance: a panel for each quantity, and one for the intervals."""
+"""Draw ranks of a calibration against chance: a panel for each quantity, and one for intervals."""
 
 from __future__ import annotations
 
@@ -31,8 +31,10 @@ MARKERS = ("o", "s", "^")  # of the levels
 def calibration_figure(
     verdict: CalibrationVerdict, symbols: Sequence[Symbol], width: float = scales.DOUBLE
 ) -> Figure:
-    """Differences of the empirical distribution of ranks from uniform, above shares of truths in
-    credible intervals; `symbols` of the unknowns, the log likelihood is the last quantity."""
+    """Draw rank distributions against uniform, above the coverage of credible intervals.
+
+    `symbols` of the unknowns; the log likelihood is the last quantity.
+    """
     labels = [*(symbol.latex for symbol in symbols), FIT]
     with style.styled(width):
         handles = _handles(verdict)
@@ -55,7 +57,7 @@ def save(
     folder: Path,
     note: Mapping[str, str],
 ) -> None:
-    """`calibration.*` in `folder`, as large and in such files as a config asks for."""
+    """Save `calibration.*` in `folder`, as large and in such files as a config asks for."""
     figure = calibration_figure(verdict, symbols, scales.WIDTHS[output.size])
     style.save(figure, folder, "calibration", note, formats=tuple(output.formats), dpi=output.dpi)
 

@@ -1,5 +1,6 @@
-"""Several runs over each other in one corner, as rows of intervals, and as models of one record: log
-odds, what each leaves of each channel, and where it has each unknown.
+"""Draw several runs in one corner, as rows of intervals, and as models of one record.
+
+Log odds, what each leaves of each channel, and where it has each unknown.
 """
 
 from __future__ import annotations
@@ -55,10 +56,12 @@ class RunStyle:
 
     @property
     def line(self) -> dict[str, Any]:
+        """Options of a line."""
         return {"color": self.color, "linestyle": self.linestyle, "linewidth": self.linewidth}
 
     @property
     def contour(self) -> dict[str, Any]:
+        """Options of contours."""
         options = {"colors": self.color, "linestyles": [self.linestyle]}
         return {**options, "linewidths": 0.9 * self.linewidth}
 
@@ -75,7 +78,7 @@ RUN_STYLES = (
 
 
 def run_handles(layers: Sequence[PosteriorSummary], *, marked: bool) -> list[Line2D]:
-    """For a legend: the name of each run, with its warning."""
+    """Return legend handles: the name of each run, with its warning."""
     names = [
         elided(overlay_warnings(layer), MAX_NAME_LETTERS).replace("$", r"\$") for layer in layers
     ]
@@ -110,10 +113,10 @@ class _Column:
 def overlay_corner_figure(
     layers: Sequence[PosteriorSummary], rows: Sequence[OverlayRow], display_units: OwnUnits
 ) -> Figure:
-    """Of the unknowns that two runs or more have, `rows` in SI.
+    """Draw a corner of the unknowns that two runs or more have, `rows` in SI.
 
-    A run is left out of panels of what it has not.  Axes are logarithmic where the prior of the first
-    run is flat in the log.
+    A run is left out of panels of what it has not.  Axes are logarithmic where the prior of the
+    first run is flat in the log.
     """
     columns = [_column(row, layers, display_units) for row in rows if row.shared]
     n = len(columns)
@@ -236,7 +239,7 @@ INTERVALS, MODELS = (0.17, 0.2), (0.19, 0.22)  # inches of a run and of the marg
 def intervals_figure(
     layers: Sequence[PosteriorSummary], rows: Sequence[OverlayRow], display_units: OwnUnits
 ) -> Figure:
-    """Of all unknowns of any run, `rows` in SI; a run that has not got one leaves a gap.
+    """Draw intervals of all unknowns, `rows` in SI; a run without one leaves a gap.
 
     Axes are logarithmic where the prior of the first run is flat in the log.
     """
@@ -259,8 +262,9 @@ def intervals_figure(
 def _scaled(
     si: OverlayRow, layers: Sequence[PosteriorSummary], display_units: OwnUnits
 ) -> tuple[OverlayRow, scales.Scale]:
-    """As it is shown, on an axis with all intervals, what is held, and the nominal value if it is not
-    too far.
+    """Return a row as it is shown, and its axis.
+
+    The axis holds all intervals, what is held fixed, and the nominal value if it is not too far.
     """
     row, log = overlay_shown(si, display_units), in_logs(si, layers)
     estimates = [estimate for estimate in row.places if estimate is not None]
@@ -343,7 +347,7 @@ READ = (
 def comparison_figure(
     models: Sequence[RunSummary], rows: Sequence[OverlayRow], display_units: OwnUnits
 ) -> Figure:
-    """The most probable on top and black; `rows` of unknowns in SI."""
+    """Draw models, the most probable on top and black; `rows` of unknowns in SI."""
     order = sorted(range(len(models)), key=lambda k: -models[k].log_z)
     layers = [model.layer for model in models]
     # Unknowns that two models share, and of many models half of them; the table has all.

@@ -1,4 +1,4 @@
-"""The walkers: step by step, how long they remember, and whether the ensembles see the same."""
+"""Draw the walkers: step by step, their autocorrelation, and the ensembles' ranks."""
 
 from __future__ import annotations
 
@@ -78,8 +78,9 @@ def trace_figure(
     logs: Collection[str] = (),
     width: float = scales.DOUBLE,
 ) -> Figure:
-    """Medians and 5 to 95 % bands over the walkers of chains `(E, S, W, D)`, by step, in the units of
-    the symbols; the axes of the unknowns in `logs` are logarithmic.
+    """Draw medians and 5 to 95 % bands over the walkers of chains `(E, S, W, D)`, by step.
+
+    In the units of the symbols; the axes of the unknowns in `logs` are logarithmic.
     """
     n_ensembles, n_steps = theta.shape[:2]
     steps = style.thin(n_steps, STEPS)
@@ -151,7 +152,7 @@ def _page(n: int, n_handles: int, width: float) -> tuple[Figure, list[Axes]]:
 
 
 def ensemble_line(ensemble: int, width: float | None = None) -> dict[str, Any]:
-    """How the lines of an ensemble look, of its own `width` or of this one."""
+    """Return the style of the lines of an ensemble, of its own `width` or of this one."""
     colour, line_width, dashes = LOOKS[ensemble % len(LOOKS)]
     return {"color": colour, "linestyle": dashes, "linewidth": width or line_width}
 
@@ -209,7 +210,7 @@ SUMMED: dict[str, Any] = {"color": style.FAINT, "linewidth": 0}
 def autocorrelation_figure(
     theta: Array, symbols: Sequence[Symbol], width: float = scales.DOUBLE
 ) -> Figure:
-    """Of chains after burn-in `(E, S, W, D)`: each ensemble, and all of them as `tau` is taken from."""
+    """Draw the autocorrelation of chains `(E, S, W, D)`, of each ensemble and of all."""
     result = autocorrelation(theta)
     lags = min(theta.shape[1], math.ceil(BEYOND * (int(result.window.max()) + 1)) + 1)
     each = [autocorrelation(chain[None]).rho[:lags] for chain in theta]
@@ -245,7 +246,7 @@ PLACES = np.concatenate([[0.0], SHARES, [1.0]])
 def rank_figure(
     ranks: Sequence[RankHistogram], symbols: Sequence[Symbol], width: float = scales.DOUBLE
 ) -> Figure:
-    """How many more of an ensemble's draws than expected are below each share of all, in per cent."""
+    """Draw how many more draws of an ensemble than expected are below each share, in per cent."""
     most = 100 * max(
         max(np.abs(histogram.away).max(), histogram.room.max()) / histogram.draws
         for histogram in ranks
@@ -283,6 +284,7 @@ TRACE = "What the walkers of each ensemble did, step by step."
 
 
 def draw_trace(run: ReportContext) -> Drawing:
+    """Return the drawing of traces."""
     shown, sampled = run.shown(run.config.output.parameters), run.sampled
     logs = [name for name, prior in shown.priors.items() if flat_in_logs(prior)]
     values = (shown.nominal, shown.mode, logs, run.width)
@@ -296,6 +298,7 @@ RANK = "Whether the ensembles see the same: ranks of the draws of each among tho
 
 
 def draw_rank(run: ReportContext) -> Drawing:
+    """Return the drawing of ranks, of two or more ensembles."""
     c = run.sampled.convergence
     draws = independent_draws(run.sampled.theta, c.burn_in, float(c.tau.max()))
     histograms = rank_histograms(draws, seeds.stream(run.config.seed, "rank"))
@@ -306,6 +309,7 @@ AUTOCORRELATION = "How long the walkers remember: autocorrelation, its time and 
 
 
 def draw_autocorrelation(run: ReportContext) -> Drawing:
+    """Return the drawing of autocorrelations."""
     after_burn_in = run.sampled.theta[:, run.sampled.convergence.burn_in :]
     return Drawing(
         autocorrelation_figure,

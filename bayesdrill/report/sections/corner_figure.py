@@ -1,4 +1,4 @@
-"""The joint posterior: all marginals of one and of two unknowns, on a page with a legend."""
+"""Draw the joint posterior: all marginals of one and of two unknowns, with a legend."""
 
 from __future__ import annotations
 
@@ -50,11 +50,7 @@ LEGEND = 2.35, 0.21  # inches of a legend beside, or above, of 8 points, and of 
 
 @dataclass(frozen=True, slots=True)
 class CornerPage:
-    """Inches, and `letters` in points.
-
-    `pitch`: from one panel to the next; `compact`: symbols at the left, and at the foot upright labels
-    with the ends of each axis, instead of ticks with texts; `above`: the legend is, not in the corner.
-    """
+    """The layout of a corner: inches, and `letters` in points."""
 
     n: int
     width: float
@@ -70,7 +66,7 @@ class CornerPage:
 
     @classmethod
     def of(cls, n: int, width: float, lines: int) -> CornerPage:
-        """For `n` unknowns in at most `width`, with a legend of so many `lines`."""
+        """Lay out `n` unknowns in at most `width`, with a legend of so many `lines`."""
         compact, fits = False, _pitch(n, width, compact=False)
         if fits[1] < READABLE:
             compact, fits = True, _pitch(n, width, compact=True)
@@ -103,25 +99,27 @@ class CornerPage:
 
     @property
     def inside(self) -> float:
-        """All panels, and the gaps between them."""
+        """The size of all panels, and the gaps between them."""
         return self.n * self.pitch - CORNER_GAP * self.panel
 
     @property
     def panel(self) -> float:
+        """The size of a panel."""
         return self.pitch / (1 + CORNER_GAP)
 
     @property
     def height(self) -> float:
+        """The height of the page."""
         return self.bottom + self.inside + self.top
 
     @property
     def fine(self) -> float:
-        """By which lines and marks are thinner than in a large panel."""
+        """The factor by which lines and marks are thinner than in a large panel."""
         return min(1.0, max(0.45, self.panel / 1.05))
 
     @property
     def letter(self) -> float:
-        """Of a tick, in panels."""
+        """The size of a letter of a tick, in panels."""
         return 0.43 * self.letters / (72 * self.pitch)
 
 
@@ -180,7 +178,7 @@ def _handles(columns: Sequence[CornerColumn]) -> tuple[Handles, Handles]:
 
 
 def legend(figure: Figure, first: Handles, second: Handles, page: CornerPage) -> None:
-    """In the empty upper right or beside a single panel; where there is no room, above."""
+    """Put the legend in the empty upper right, beside a single panel, or above."""
     width, height = page.width, page.height
     edge = 0.5 * min(page.right, 0.2) / width
     look: dict[str, Any] = {
@@ -226,11 +224,7 @@ def corner_figure(
     priors: Mapping[str, Prior],
     width: float = scales.DOUBLE,
 ) -> Figure:
-    """A D by D corner of draws `(N, D)` in the units of the symbols, at most `width` inches wide.
-
-    Nominal values and priors may miss some symbols.  An unknown whose prior is flat in its log has
-    a logarithmic axis, and is counted there.
-    """
+    """Draw a D by D corner of draws `(N, D)` in the units of the symbols, at most `width` wide."""
     columns = [
         _column(x, symbol, nominal.get(symbol.name), mode.get(symbol.name), priors.get(symbol.name))
         for x, symbol in zip(draws.T, symbols, strict=True)
@@ -409,6 +403,7 @@ CORNER = (
 
 
 def draw_corner(run: ReportContext) -> Drawing:
+    """Return the drawing of the joint posterior."""
     display_units, at_map = run.units, run.chain.best[None]
     names = run.config.output.corner or run.config.output.parameters
     shown = physics_words.derived_shown(run.problem, names, run.sampled.draws, run.derived, at_map)

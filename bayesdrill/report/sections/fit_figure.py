@@ -1,6 +1,4 @@
-"""The record against the model: inputs, channels, what is left, and how samples lie in their own
-prediction.
-"""
+"""Draw the record against the model: inputs, channels, residuals, and prediction checks."""
 
 from __future__ import annotations
 
@@ -53,7 +51,9 @@ FIT_SHARE = 0.6  # of the width, for the signals, where the residuals are beside
 
 @dataclass(frozen=True, slots=True)
 class _Sizes:
-    """Inches: `row` of signals, `rest` of residuals, `course` of an input or a friction, `legend` above
+    """The sizes of panels in inches.
+
+    `row` of signals, `rest` of residuals, `course` of an input or a friction, `legend` above
     signals.
     """
 
@@ -75,10 +75,11 @@ _NARROW = _Sizes(0.95, 0.55, 0.55, 0.68, 0.27, 0.38, 0.0, 0.1, 0.17, 0.5)
 
 @dataclass(frozen=True, slots=True)
 class FitPage:
-    """`courses`: a panel for each input; `rows`: signals and residuals of each channel; `rubs`: a panel
-    for each friction.
+    """A page with its panels.
 
-    `said`: the height in the figure, as a share, of the line that says what is constant.
+    `courses`: a panel for each input; `rows`: signals and residuals of each channel; `rubs`: a
+    panel for each friction. `said`: the height in the figure, as a share, of the line that says
+    what is constant.
     """
 
     figure: Figure
@@ -90,11 +91,12 @@ class FitPage:
 
     @property
     def panels(self) -> list[Axes]:
+        """All panels."""
         return [*self.courses, *(panel for row in self.rows for panel in row), *self.rubs]
 
 
 def build_fit_page(n: int, n_courses: int, n_rubs: int, width: float, *, constant: bool) -> FitPage:
-    """For `n` channels; times are written at the foot of each column only."""
+    """Build a page for `n` channels; times are written at the foot of each column only."""
     beside = width >= scales.DOUBLE
     size = _WIDE if beside else _NARROW
     channel = size.row if beside else size.row + size.gap_y + size.rest
@@ -149,7 +151,7 @@ SIGMAS = float(ndtri(TAILS[1]))  # 1.88: half the width of the band of the noise
 
 
 def fit_figure(fit: Fit, width: float = scales.DOUBLE) -> Figure:
-    """Inputs above; for each channel its signals, and beside them (below, in one column) residuals."""
+    """Draw inputs; and for each channel its signals, and beside or below them its residuals."""
     t = fit.t
     time = scales.scale(float(t[0]), float(t[-1]), margin=0.01)
     with style.styled(width):
@@ -176,7 +178,7 @@ def fit_figure(fit: Fit, width: float = scales.DOUBLE) -> Figure:
 
 
 def extremes(y: Array, most: int) -> Indices:
-    """At most `most` indices, with the least and greatest of each stretch: no peak is lost."""
+    """Return at most `most` indices, with the extremes of each stretch: no peak is lost."""
     n = len(y)
     if n <= most:
         return np.arange(n)
@@ -188,13 +190,13 @@ def extremes(y: Array, most: int) -> Indices:
 
 
 def measured(y: Array) -> Indices:
-    """At most `DOTS` of the samples of a channel `y (T,)`, which may have few of the record's times."""
+    """Return at most `DOTS` indices of the samples of a channel `y (T,)` that were measured."""
     sampled = np.flatnonzero(~np.isnan(y))
     return sampled[style.thin(len(sampled), DOTS)]
 
 
 def corners(u: Array, most: int) -> Indices:
-    """Where stairs through `u` begin, rise and end; of too many, the `extremes`."""
+    """Return where stairs through `u` begin, rise and end; of too many, the `extremes`."""
     changes = np.flatnonzero(np.diff(u)) + 1
     indices = np.unique(np.concatenate([[0, len(u) - 1], changes]))
     return indices if len(indices) <= most else extremes(u, most)
@@ -354,7 +356,7 @@ FOUND: dict[str, Any] = {"facecolor": style.LIGHT, "edgecolor": style.BLACK, "li
 
 
 def predictive_figure(checks: Sequence[PredictionCheck], width: float = scales.DOUBLE) -> Figure:
-    """A row for each channel: samples in standard deviations of their prediction, and their PIT."""
+    """Draw samples in standard deviations of their prediction, and their PIT, by channel."""
     most = max(float(np.abs(_away(check)).max()) for check in checks)
     wide = width >= scales.DOUBLE
     with style.styled(width):
@@ -425,7 +427,7 @@ STEM: dict[str, Any] = {"color": style.DARK, "linewidth": 1.1}
 
 
 def residuals_figure(correlations: Sequence[Correlation], width: float = scales.DOUBLE) -> Figure:
-    """A row for each channel: correlations of its residuals with themselves, and with each input."""
+    """Draw correlations of residuals with themselves and with each input, by channel."""
     beside = [
         correlation
         for correlation in correlations
@@ -476,6 +478,7 @@ def residuals_figure(correlations: Sequence[Correlation], width: float = scales.
 
 
 def draw_residuals(run: ReportContext) -> tuple[Drawing, ...] | None:
+    """Return drawings of the residuals' correlations."""
     asked = "residuals" in (run.config.output.figures or ())
     if like_noise(run.analysis.fit) and not asked:
         return None
@@ -492,7 +495,7 @@ def _residual_drawings(correlations: Sequence[Correlation], width: float) -> tup
 def frequency_figure(
     responses: Sequence[FrequencyResponse], width: float = scales.DOUBLE
 ) -> Figure:
-    """A row for each channel and input: magnitude and phase of the response G over the frequency."""
+    """Draw magnitude and phase of the frequency response, by channel and input."""
     with style.styled(width):
         measured = r"measured, where the input excites ($\pm$2 sd)"
         handles: list[Any] = [
@@ -544,6 +547,7 @@ FREQUENCY_RESPONSE = "How inputs move channels: measured, where they excite, and
 
 
 def draw_frequency_response(run: ReportContext) -> tuple[Drawing, ...]:
+    """Return drawings of frequency responses, where there are any."""
     responses = frequency_responses(run.problem.posterior, run.chain.best)
     each = (
         (label, tuple(group))
@@ -557,6 +561,7 @@ FIT_RUBBED = f"{FIT} Below: what rubs, and when it sticks."
 
 
 def draw_fit(run: ReportContext) -> tuple[Drawing, ...]:
+    """Return drawings of record and model."""
     group = run.tree["posterior_predictive"]
     draws = {str(name): np.asarray(values) for name, values in group.data_vars.items()}
     best, rubbing = run.chain.best, run.chain.rubbing
@@ -569,6 +574,7 @@ PREDICTIVE_CHECK = "Whether the record is as the posterior predicts it, channel 
 
 
 def draw_predictive_check(run: ReportContext) -> Drawing:
+    """Return the drawing of prediction checks."""
     draws = run.sampled.draws
     each = words.predictive_draws(run.problem, run.config)
     columns = np.unique(np.linspace(0, draws.shape[1] - 1, each).astype(int))

@@ -1,4 +1,4 @@
-"""Profile likelihoods, and how well a record determines each principal product of the unknowns."""
+"""Draw profile likelihoods, and how well a record determines each principal product."""
 
 from __future__ import annotations
 
@@ -35,8 +35,9 @@ def profile_figure(
     logs: Collection[str] = (),
     width: float = scales.DOUBLE,
 ) -> Figure:
-    """A panel for each parameter: the loss against its value, in the units of the symbols, and where it
-    passes 95 %; the axes of the parameters in `logs` are logarithmic.
+    """Draw the loss against the value of each parameter, and where it passes 95 %.
+
+    In the units of the symbols; the axes of the parameters in `logs` are logarithmic.
     """
     alone = len(profiles) == 1
     with style.styled(width):
@@ -104,7 +105,7 @@ BEYOND = 30.0  # how far the axis reaches past the largest finite sd
 def spectrum_figure(
     study: IdentifiabilityStudy, latex: Mapping[str, str], width: float = scales.DOUBLE
 ) -> Figure:
-    """A bar for each direction, its length the Cramer-Rao bound on a logarithmic axis."""
+    """Draw a bar for each direction, its length the Cramer-Rao bound on a logarithmic axis."""
     wide, n = width >= scales.DOUBLE, len(study.directions)
     left, bar = (SPECTRUM.left, BAR) if wide else (0.12, NARROW_BAR)
     labels = [_label(study.names, d.exponents, latex) for d in study.directions]

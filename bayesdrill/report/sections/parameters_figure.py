@@ -1,6 +1,4 @@
-"""Each unknown before and after the record, the ridge that an exact symmetry draws, and the
-products a record shows.
-"""
+"""Draw unknowns before and after the record, the ridge of a symmetry, and products."""
 
 from __future__ import annotations
 
@@ -52,10 +50,7 @@ def prior_posterior_figure(
     mode: Mapping[str, float],
     width: float = scales.DOUBLE,
 ) -> Figure:
-    """Of draws `(N, D)` in the units of the symbols, over the range of each prior.
-
-    The axis is logarithmic where a prior is flat in the log.
-    """
+    """Draw priors and draws `(N, D)` in the units of the symbols, over the range of each prior."""
     page = PAGE if width >= scales.DOUBLE and len(symbols) > 1 else SMALL
     with style.styled(page.width):
         figure, panels = page.build(len(symbols))
@@ -119,10 +114,7 @@ class CorrelatedPair:
 
 
 def strongest_pair(draws: Array, structure: ScalingStructure) -> CorrelatedPair | None:
-    """Of draws `(N, D)`, the two unknowns that follow one symmetry most closely.
-
-    None where none do, for want of a symmetry or because priors hold the unknowns in place.
-    """
+    """Return the two unknowns of draws `(N, D)` that follow one symmetry most closely."""
     spread = np.cov(np.log(draws[:, : len(structure.names)]).T)
     best, strongest = MIN_CORRELATION, None
     for symmetry in structure.symmetries:
@@ -144,7 +136,7 @@ def ridge_figure(
     nominal: Mapping[str, float],
     mode: Mapping[str, float],
 ) -> Figure:
-    """Of draws `(N, D)` in the units of the symbols; the exact line passes through the MAP."""
+    """Draw the ridge of draws `(N, D)` in their units; the exact line passes through the MAP."""
     factor, shown = np.geomspace(1 / REACH, REACH, CORNERS), style.thin(len(draws), POINTS)
     box, line, dots, cross, marks = [], [], [], [], []
     with style.styled():
@@ -203,10 +195,7 @@ def invariants_figure(
     symbols: Sequence[Symbol],
     width: float = DOUBLE,
 ) -> Figure:
-    """Of SI draws `(N, D)` and the MAP `(D,)`; determined products, or all where none is.
-
-    In per cent, so that a product known to 1e-5 has as readable an axis as one known to a half.
-    """
+    """Draw products of SI draws `(N, D)` at the MAP `(D,)`: determined ones, or all if none is."""
     sure = [q for q in verdict.products if q.says != "not determined"]
     selected = sure or list(verdict.products)
     shown = [
@@ -238,6 +227,7 @@ INVARIANTS = "The products of parameters that such a record can show (corner plo
 
 
 def draw_invariants(run: ReportContext) -> Drawing | None:
+    """Return the drawing of products, where there is a verdict."""
     if run.analysis.judged is None or not run.analysis.judged.verdict.products:
         return None
     verdict, symbols = run.analysis.judged.verdict, run.problem.symbols
@@ -252,7 +242,7 @@ RIDGE = (
 
 
 def draw_ridge(run: ReportContext) -> Drawing | None:
-    """Where there is a symmetry."""
+    """Return the drawing of the ridge, where there is a symmetry."""
     judged, shown = run.analysis.judged, run.shown()
     pair = None if judged is None else strongest_pair(run.draws, judged.study.structure)
     if pair is None:
@@ -265,6 +255,7 @@ PRIOR_POSTERIOR = "Prior against posterior of each parameter: what the record ha
 
 
 def draw_prior_posterior(run: ReportContext) -> Drawing:
+    """Return the drawing of priors and posteriors."""
     shown = run.shown(run.config.output.parameters)
     values = (shown.priors, shown.nominal, shown.mode, run.width)
     return Drawing(

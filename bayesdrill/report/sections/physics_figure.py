@@ -1,8 +1,4 @@
-"""Where the energy goes, each friction against its speed, and the missing torque over time.
-
-The missing torque: over time, and against what the rig did: speeds, an angle within a turn, an
-input.
-"""
+"""Draw the energy, each friction against its speed, and the missing torque over time."""
 
 from __future__ import annotations
 
@@ -49,7 +45,7 @@ HATCHES = ("", "\\\\\\\\", "////", "xxxx")
 
 
 def energy_figure(balance: Balance, width: float = scales.DOUBLE) -> Figure:
-    """Above in joules, below as shares of what came in until then."""
+    """Draw energies in joules, and below them shares of what came in until then."""
     broad = width >= scales.DOUBLE
     page, columns = (ENERGY_PAGE, 4) if broad else (ENERGY_SMALL, 2)
     top = 0.1 + LINE * math.ceil((len(balance.parts) + 1) / columns)
@@ -110,7 +106,7 @@ def _stack(panel: Axes, balance: Balance, t: Array, edges: Array) -> list[Patch]
 
 
 def line_styles(parts: Sequence[Stacked]) -> list[dict[str, Any]]:
-    """Those of one kind differ in their hatches."""
+    """Return styles of parts; those of one kind differ in their hatches."""
     counts: dict[str, int] = {}
     styles = []
     for part in parts:
@@ -139,7 +135,7 @@ SEEN: dict[str, Any] = {"color": style.MIDDLE}
 
 
 def friction_figure(laws: Sequence[Law], width: float = scales.DOUBLE) -> Figure:
-    """A panel for each."""
+    """Draw a panel for each friction law."""
     page = PAGE if width >= scales.DOUBLE else SMALL
     with style.styled(page.width):
         figure, panels = page.build(len(laws))
@@ -188,7 +184,7 @@ TORQUE_POINTS = 1200  # of a line over time, and dots of a panel
 
 
 def torque_figure(shown: Shown, width: float = scales.DOUBLE) -> Figure:
-    """Above over time; below a panel for each thing that the torque may follow."""
+    """Draw the torque over time, and against each thing that it may follow."""
     page = TORQUE_PAGE if width >= scales.DOUBLE else TORQUE_SMALL
     y = scales.scale(float(shown.band[0].min()), float(shown.band[1].max()), margin=0.04)
     with style.styled(width):
@@ -243,7 +239,7 @@ FRICTION = "Each friction against its speed: its law, where the record saw it, a
 
 
 def draw_friction(run: ReportContext) -> tuple[Drawing, ...]:
-    """Of a rig that rubs."""
+    """Return drawings of friction laws, of a rig with friction."""
     chain = run.chain
     shown = (
         (
@@ -259,6 +255,7 @@ ENERGY = "Where the energy goes: what came in, and what became of it, in joules 
 
 
 def draw_energy(run: ReportContext) -> tuple[Drawing, ...]:
+    """Return drawings of the energy, of a rig with friction."""
     model, clock = run.problem.model, run.clock
     shown = (
         (account.label, energy_balance(account, model, clock)) for account in run.chain.accounts
@@ -270,6 +267,6 @@ TORQUE = "The missing torque over time, and against what the rig did: speeds, an
 
 
 def draw_torque(run: ReportContext) -> tuple[Drawing, ...]:
-    """Of a rig whose equations leave one out."""
+    """Return drawings of the torque that a rig's equations leave out."""
     shown = ((estimate.label, torque_shown(estimate, run.clock)) for estimate in run.chain.shaking)
     return for_each_experiment(torque_figure, shown, run.width, TORQUE)
