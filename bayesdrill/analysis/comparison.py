@@ -78,14 +78,14 @@ class MarginalEstimate:
 class OverlayRow:
     """An unknown of some run; `places`, `nominal`: of each run, None where it has none.
 
-    `apart`: the largest difference of two means over the root mean square of their sds, and `pair`
+    `distance`: the largest difference of two means over the root mean square of their sds, and `pair`
     the two runs; None where fewer than two have it as an unknown.
     """
 
     symbol: Symbol
     places: tuple[MarginalEstimate | None, ...]
     nominal: tuple[float | None, ...]
-    apart: float | None
+    distance: float | None
     pair: tuple[int, int] | None
 
     @property
@@ -108,7 +108,7 @@ def overlay_rows(layers: Sequence[PosteriorSummary]) -> tuple[OverlayRow, ...]:
         nominal = tuple(layer.problem.nominal.get(symbol.name) for layer in layers)
         distance, pair = max(_distances(places), default=(None, None))
         rows.append(
-            OverlayRow(symbol=symbol, places=places, nominal=nominal, apart=distance, pair=pair)
+            OverlayRow(symbol=symbol, places=places, nominal=nominal, distance=distance, pair=pair)
         )
     return tuple(rows)
 

@@ -79,21 +79,21 @@ class RunDraws(Value):
         return self.draws[:: max(1, -(-len(self.draws) // n))]
 
     @cached_property
-    def rubbing(self) -> tuple[tuple[FrictionMotion, ...], ...]:
+    def friction_motions(self) -> tuple[tuple[FrictionMotion, ...], ...]:
         """The friction of each experiment; nothing where the rig has none."""
         if not self.problem.model.frictions:
             return ()
         return energy.friction_motions(self.problem.posterior, self.best, self.some(BAND_DRAWS))
 
     @cached_property
-    def accounts(self) -> tuple[EnergyAccount, ...]:
+    def energy_accounts(self) -> tuple[EnergyAccount, ...]:
         """The energy accounts of a rig with friction."""
         if not self.problem.model.frictions:
             return ()
         return energy.energy_accounts(self.problem.posterior, self.best, self.some(ENERGY_DRAWS))
 
     @cached_property
-    def shaking(self) -> tuple[TorqueEstimate, ...]:
+    def torque_estimates(self) -> tuple[TorqueEstimate, ...]:
         """The missing torque of each experiment, where there is one."""
         rng = seeds.stream(self.seed, "torque")
         return latent_torque.torque_estimates(self.problem.posterior, self.some(TORQUE_DRAWS), rng)
@@ -268,7 +268,7 @@ def analyse(
         vague=plausibility.diffuse_priors(rows, run.draws, posterior.space.priors),
         leaning=diagnostics.prior_dependence(rows, run.draws),
         step_errors=step_errors(posterior.likelihood, best),
-        torques=tuple(map(torque_summary, run.shaking)),
+        torques=tuple(map(torque_summary, run.torque_estimates)),
         energy=tuple(
             EnergySummary(
                 label=account.label,
@@ -277,7 +277,7 @@ def analyse(
                 went=tuple(account.went),
                 left=account.imbalance,
             )
-            for account in run.accounts
+            for account in run.energy_accounts
         ),
         # What another moment would leave looks like noise only where this fit does.
         moment=half_sample_shift(sensitivity, best) if fits else None,

@@ -97,7 +97,7 @@ TABLES: Mapping[str, Callable[[ReportContext], str | None]] = MappingProxyType(
             if view.analysis.judged is not None
             else None
         ),
-        "torque.csv": lambda view: torque_words.torque_csv(view.chain.shaking),
+        "torque.csv": lambda view: torque_words.torque_csv(view.chain.torque_estimates),
         "table.tex": lambda view: render.latex_table(
             view.units.rows(view.analysis.unknowns),
             view.units.symbols(view.problem.symbols),

@@ -34,7 +34,7 @@ def layer(name: str, shift: float = 0.0, stretch: float = 1.0, **settings: str) 
 def test_a_run_is_not_apart_from_itself() -> None:
     found = overlay_rows([layer("a"), layer("a")])
     assert [row.symbol.name for row in found] == list(problem().names)
-    assert all(row.apart == 0.0 and row.pair == (0, 1) for row in found)
+    assert all(row.distance == 0.0 and row.pair == (0, 1) for row in found)
     assert all(row.agreed == problem().nominal[row.symbol.name] for row in found)
     assert differing([layer("a", seed="1"), layer("b", seed="1")]) == {}
 
@@ -44,7 +44,7 @@ def test_a_shift_of_the_draws_is_how_far_they_are_apart() -> None:
 
     def check(shift: float, stretch: float) -> None:
         for row in overlay_rows([layer("a"), layer("b", shift, stretch)]):
-            assert row.apart == pytest.approx(abs(shift) / np.sqrt((1 + stretch**2) / 2))
+            assert row.distance == pytest.approx(abs(shift) / np.sqrt((1 + stretch**2) / 2))
             one, other = row.places
             assert one is not None
             assert other is not None
@@ -57,7 +57,7 @@ def test_a_shift_of_the_draws_is_how_far_they_are_apart() -> None:
 def test_of_several_runs_the_farthest_two_are_named() -> None:
     for row in overlay_rows([layer("a", 0.2), layer("b", -1.0), layer("c", 1.5)]):
         assert row.pair == (1, 2)
-        assert row.apart == pytest.approx(2.5)
+        assert row.distance == pytest.approx(2.5)
 
 
 def test_what_is_held_or_missing_is_no_distance() -> None:
@@ -80,8 +80,8 @@ def test_what_is_held_or_missing_is_no_distance() -> None:
     assert found["k_e"].places[1].mean == 0.06
     assert found["k_s"].places[1] is None
     assert not found["k_e"].shared
-    assert found["k_s"].apart is None
-    assert found["c_m"].apart == 0.0
+    assert found["k_s"].distance is None
+    assert found["c_m"].distance == 0.0
     assert found["j_1"].agreed is None  # two nominal values
 
 

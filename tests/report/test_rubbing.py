@@ -98,7 +98,7 @@ def panel_of(found: Figure, what: str) -> Axes:
 def test_the_fit_shows_frictions_with_their_bands_and_where_they_stick() -> None:
     """Mutants killed: efforts of another friction, times of sticking by samples."""
     found = figure("fit")
-    moved = view().chain.rubbing[0]
+    moved = view().chain.friction_motions[0]
     for rub, what in zip(moved, ("T_m", "T_1"), strict=True):
         panel = panel_of(found, what)
         (line,) = panel.get_lines()
@@ -142,8 +142,8 @@ def test_a_law_is_drawn_at_the_speeds_of_the_motor_with_map_and_nominal_values()
     motor, rotor = figure("friction").axes
     best = view().mode.values
     for panel, rub, name in (
-        (motor, view().chain.rubbing[0][0], "t_cm"),
-        (rotor, view().chain.rubbing[0][1], "t_c1"),
+        (motor, view().chain.friction_motions[0][0], "t_cm"),
+        (rotor, view().chain.friction_motions[0][1], "t_c1"),
     ):
         lines = {line.get_color(): line for line in panel.get_lines() if len(line.get_xdata()) > 9}
         for colour, size in ((style.NOMINAL["color"], TABLE[name]), (style.BLACK, best[name])):
@@ -164,7 +164,7 @@ def test_the_speeds_of_the_record_stand_below() -> None:
     (steps,) = (p for p in panel.patches if isinstance(p, StepPatch))
     heights, edges, low = steps.get_data()
     counts, _ = np.histogram(
-        view().chain.rubbing[0][1].speed, [si(panel.get_xlabel(), e) for e in edges]
+        view().chain.friction_motions[0][1].speed, [si(panel.get_xlabel(), e) for e in edges]
     )
     np.testing.assert_allclose((heights - low) / (heights - low).max(), counts / counts.max())
 
@@ -184,7 +184,7 @@ def test_a_law_without_draws_and_nominal_values_is_a_line() -> None:
 
 def test_shares_of_the_energy_close() -> None:
     """Mutants killed: a part left out, a part counted on both sides."""
-    (account,) = view().chain.accounts
+    (account,) = view().chain.energy_accounts
     assert sum(account.came.values())[-1] == pytest.approx(account.total[-1])
     went = sum(account.went.values())
     assert np.abs(went - account.total).max() < 2e-3 * account.total[-1]
@@ -223,7 +223,7 @@ def test_the_figure_of_energy_stacks_to_what_came_in() -> None:
     found = figure("energy")
     joules, shares = found.axes
     (total,) = joules.get_lines()
-    (account,) = view().chain.accounts
+    (account,) = view().chain.energy_accounts
     assert si(joules.get_ylabel(), total.get_ydata()[-1]) == pytest.approx(account.total[-1])
     tops = [band.get_paths()[0].vertices[:, 1].max() for band in joules.collections]
     assert tops == sorted(tops)
@@ -308,8 +308,8 @@ def test_a_rig_that_does_not_rub_has_none_of_it() -> None:
     plain = case.sample(processes=1)._view
     assert drawings("friction", plain) == {}
     assert drawings("energy", plain) == {}
-    assert plain.chain.accounts == plain.analysis.energy == ()
-    assert plain.chain.rubbing == ()
+    assert plain.chain.energy_accounts == plain.analysis.energy == ()
+    assert plain.chain.friction_motions == ()
     assert plain.analysis.step_errors == ()
     text = as_markdown("x", sections(plain))
     assert "energy goes" not in text

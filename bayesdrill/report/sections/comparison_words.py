@@ -119,7 +119,7 @@ def overlay_csv(layers: Sequence[PosteriorSummary], rows: Sequence[OverlayRow]) 
             if place is not None:
                 sd = (place.sd, place.low, place.high)
                 numbers = (nominal, place.mean, *((None,) * 3 if place.fixed else sd))
-                last = ("yes" if place.fixed else "no", row.apart)
+                last = ("yes" if place.fixed else "no", row.distance)
                 lines.append((row.symbol.name, row.symbol.unit, layer.name, *numbers, *last))
     return lines_as_csv(lines)
 
@@ -136,7 +136,7 @@ def overlay_table(layers: Sequence[PosteriorSummary], rows: Sequence[OverlayRow]
     for row in rows:
         known = [value for value in row.nominal if value is not None]
         nominal = "" if not known else "differs" if row.agreed is None else f"{row.agreed:.4g}"
-        apart = "" if row.apart is None else f"{row.apart:.2f}"
+        apart = "" if row.distance is None else f"{row.distance:.2f}"
         if row.pair is not None and len(layers) > 2:
             apart += f" ({', '.join(layers[k].name for k in row.pair)})"
         cells = []
@@ -148,7 +148,7 @@ def overlay_table(layers: Sequence[PosteriorSummary], rows: Sequence[OverlayRow]
 
 
 def farthest(layers: Sequence[PosteriorSummary], rows: Sequence[OverlayRow]) -> Iterator[str]:
-    found = [(row.apart, row) for row in rows if row.apart is not None]
+    found = [(row.distance, row) for row in rows if row.distance is not None]
     if not found:
         yield "no unknown is shared by two of the runs"
         return

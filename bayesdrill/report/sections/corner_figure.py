@@ -65,7 +65,7 @@ class CornerPage:
     above: bool
 
     @classmethod
-    def of(cls, n: int, width: float, lines: int) -> CornerPage:
+    def build(cls, n: int, width: float, lines: int) -> CornerPage:
         """Lay out `n` unknowns in at most `width`, with a legend of so many `lines`."""
         compact, fits = False, _pitch(n, width, compact=False)
         if fits[1] < READABLE:
@@ -231,7 +231,7 @@ def corner_figure(
     ]
     with style.styled(width):
         first, second = _handles(columns)
-        page = CornerPage.of(len(columns), width, len(first) + len(second))
+        page = CornerPage.build(len(columns), width, len(first) + len(second))
         size = (page.width, page.height)
         figure, panels = corner_panels(page.n, size, page.left, page.bottom, page.inside)
         for panel in panels[np.tril_indices(page.n)]:

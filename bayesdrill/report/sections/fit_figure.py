@@ -53,12 +53,12 @@ FIT_SHARE = 0.6  # of the width, for the signals, where the residuals are beside
 class _Sizes:
     """The sizes of panels in inches.
 
-    `row` of signals, `rest` of residuals, `course` of an input or a friction, `legend` above
+    `row` of signals, `residuals`, `course` of an input or a friction, `legend` above
     signals.
     """
 
     row: float
-    rest: float
+    residuals: float
     course: float
     left: float
     right: float
@@ -78,7 +78,7 @@ class FitPage:
     """A page with its panels.
 
     `courses`: a panel for each input; `rows`: signals and residuals of each channel; `rubs`: a
-    panel for each friction. `said`: the height in the figure, as a share, of the line that says
+    panel for each friction. `constant_line`: the height in the figure, as a share, of the line that says
     what is constant.
     """
 
@@ -86,7 +86,7 @@ class FitPage:
     courses: list[Axes]
     rows: list[tuple[Axes, Axes]]
     rubs: list[Axes]
-    said: float
+    constant_line: float
     left: float
 
     @property
@@ -99,7 +99,7 @@ def build_fit_page(n: int, n_courses: int, n_rubs: int, width: float, *, constan
     """Build a page for `n` channels; times are written at the foot of each column only."""
     beside = width >= scales.DOUBLE
     size = _WIDE if beside else _NARROW
-    channel = size.row if beside else size.row + size.gap_y + size.rest
+    channel = size.row if beside else size.row + size.gap_y + size.residuals
     inputs = n_courses * (size.course + size.gap_y) + (size.line if n_courses else 0.0)
     constant_line = (
         size.line if constant and (n_courses or not beside) else 0.0
@@ -126,9 +126,9 @@ def build_fit_page(n: int, n_courses: int, n_rubs: int, width: float, *, constan
         y = top + k * (channel + size.gap_y)
         signals = panel(size.left, y, share, size.row)
         if beside:
-            residuals = panel(size.left + share + size.gap_x, y, free - share, size.rest)
+            residuals = panel(size.left + share + size.gap_x, y, free - share, size.residuals)
         else:
-            residuals = panel(size.left, y + size.row + size.gap_y, share, size.rest)
+            residuals = panel(size.left, y + size.row + size.gap_y, share, size.residuals)
         rows.append((signals, residuals))
     y = top + n * (channel + size.gap_y) + size.line
     rubs = [
@@ -330,7 +330,9 @@ def _legends(page: FitPage, fit: Fit, *, beside: bool) -> None:
             each.append(f"${label.latex} = {number}{unit}$")
         values = ", ".join(each)
         size = style.letters("legend.fontsize")
-        page.figure.text(page.left, page.said, f"constant input: {values}", va="top", size=size)
+        page.figure.text(
+            page.left, page.constant_line, f"constant input: {values}", va="top", size=size
+        )
 
 
 def _legend(panel: Axes, entries: dict[str, Any], columns: int, x: float = 0.0) -> None:
@@ -564,7 +566,7 @@ def draw_fit(run: ReportContext) -> tuple[Drawing, ...]:
     """Return drawings of record and model."""
     group = run.tree["posterior_predictive"]
     draws = {str(name): np.asarray(values) for name, values in group.data_vars.items()}
-    best, rubbing = run.chain.best, run.chain.rubbing
+    best, rubbing = run.chain.best, run.chain.friction_motions
     fits = every_fit(run.problem, best, run.analysis.fit, draws, rubbing)
     says = FIT_RUBBED if rubbing else FIT
     return for_each_experiment(fit_figure, ((fit.label, fit) for fit in fits), run.width, says)

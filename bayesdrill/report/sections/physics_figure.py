@@ -246,7 +246,9 @@ def draw_friction(run: ReportContext) -> tuple[Drawing, ...]:
             observation.label,
             laws(observation, motions, run.problem, chain.best, chain.some(BAND_DRAWS)),
         )
-        for observation, motions in zip(run.problem.observations, chain.rubbing, strict=False)
+        for observation, motions in zip(
+            run.problem.observations, chain.friction_motions, strict=False
+        )
     )
     return for_each_experiment(friction_figure, shown, run.width, FRICTION)
 
@@ -258,7 +260,8 @@ def draw_energy(run: ReportContext) -> tuple[Drawing, ...]:
     """Return drawings of the energy, of a rig with friction."""
     model, clock = run.problem.model, run.clock
     shown = (
-        (account.label, energy_balance(account, model, clock)) for account in run.chain.accounts
+        (account.label, energy_balance(account, model, clock))
+        for account in run.chain.energy_accounts
     )
     return for_each_experiment(energy_figure, shown, run.width, ENERGY)
 
@@ -268,5 +271,8 @@ TORQUE = "The missing torque over time, and against what the rig did: speeds, an
 
 def draw_torque(run: ReportContext) -> tuple[Drawing, ...]:
     """Return drawings of the torque that a rig's equations leave out."""
-    shown = ((estimate.label, torque_shown(estimate, run.clock)) for estimate in run.chain.shaking)
+    shown = (
+        (estimate.label, torque_shown(estimate, run.clock))
+        for estimate in run.chain.torque_estimates
+    )
     return for_each_experiment(torque_figure, shown, run.width, TORQUE)

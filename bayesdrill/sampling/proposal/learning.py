@@ -159,7 +159,7 @@ def learn(
 
 def _heaviest(learning_round: _Round) -> tuple[list[int], tuple[Array, Array]]:
     """The ridge of each maximum that holds most of its own; and draws, with their weights for each."""
-    u, weights = learning_round.seen
+    u, weights = learning_round.weighted_draws
     mixture, origin = learning_round.proposal.mixture, np.array(learning_round.origin)
     shares = responsibilities(mixture, u, weights)[1]
     sheets = []
@@ -194,7 +194,7 @@ def _best_mixture(
         hopeless = done.draws.effective < HOPELESS_DRAWS  # one draw outweighs all others
         if (settled and good) or (len(rounds) > FEW_ROUNDS and hopeless):
             break
-        u, weights = done.seen
+        u, weights = done.weighted_draws
         first = len(rounds) == 1
         begin = _several_components(narrow, u, weights, seed) if first else narrow
         expectations = EM_ROUNDS[0 if first else 1]
@@ -243,7 +243,7 @@ def _compared(candidate: _Round, other: _Round) -> tuple[_Round, _Round]:
 
 def _central_draws(learning_round: _Round) -> list[tuple[int, Array, tuple[Array, Array]]]:
     """For each maximum that holds something: a draw near the middle of its own, and those draws."""
-    u, weights = learning_round.seen
+    u, weights = learning_round.weighted_draws
     shares = responsibilities(learning_round.proposal.mixture, u, weights)[1]
     owner = np.array(learning_round.origin)[learning_round.proposal.mixture.sheet]
     middles = []
@@ -277,7 +277,7 @@ class _Round:
         return self.draws.share
 
     @property
-    def seen(self) -> tuple[Array, Array]:
+    def weighted_draws(self) -> tuple[Array, Array]:
         """Draws `(N, D)` that have a density, and their weights, flattened where they must be."""
         draws = self.draws.supported()
         return draws.u, draws.tempered(MIN_TEMPERED_SHARE * len(draws.u))
