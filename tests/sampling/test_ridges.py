@@ -99,10 +99,10 @@ def test_powers_are_all_monomials_once() -> None:
         for chosen in itertools.combinations_with_replacement(range(3), degree)
     ]
     assert found.terms == len(every)
-    rows = found.of(x)
+    rows = found.evaluate(x)
     assert np.sort(rows, axis=0) == pytest.approx(np.sort(every, axis=0), rel=1e-12)
     fewer = ridge.build_monomials(3, 2)  # the first of them
-    assert np.array_equal(rows[: fewer.terms], fewer.of(x))
+    assert np.array_equal(rows[: fewer.terms], fewer.evaluate(x))
 
 
 def test_a_direction_along_which_nothing_bends_is_left_out_of_the_polynomials() -> None:

@@ -64,9 +64,9 @@ def test_points_are_brought_to_the_ridge() -> None:
     def check(far: bool, n_loose: int, n_tight: int) -> None:
         surface, found = learnt(n_loose, n_tight)
         own = found.proposal.mixture.sheets[0]
-        place = own.place.copy()
+        place = own.location.copy()
         place[0] += 0.8 if far else 10.0 * np.exp(own.ends[1, :n_tight])  # as wide as it gets
-        moved = replace(own, place=place, root=0.9 * own.root)
+        moved = replace(own, location=place, root=0.9 * own.root)
         home = NewtonRidge(moved, surface.expand)
         psi, e = np.split(to_ridge_coordinates(own, found.u)[0], [n_loose], axis=1)
         assert (
