@@ -480,7 +480,7 @@ def _speeds(every: Sequence[Observation], space: ParameterSpace, theta: Array) -
     """Of rotor 1, and of the motor on its own side of the gear [rad/s]."""
     speeds: dict[str, float] = {}
     for observation in every:
-        model, moved = observation.response.model, edits.motion(observation, space, theta)
+        model, moved = observation.response.model, edits.state_motion(observation, space, theta)
         roles = model.roles
         for name, gear in ((roles.rotor.speed, 1.0), (roles.motor.speed, model.gear_ratio)):
             if name in model.states:

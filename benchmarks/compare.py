@@ -20,12 +20,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 import bayesdrill as bd
-from bayesdrill.analysis.comparison import Contender, Decision, decide
+from bayesdrill.analysis.comparison import ModelDecision, RunSummary, decide
 from bayesdrill.config.job import Job
 from bayesdrill.inference.laplace import PosteriorSurface
 from bayesdrill.rig.models.motor_shaft import MotorShaft
 from bayesdrill.sampling.fit import FitPlan, fit
-from bayesdrill.sampling.gauss_newton import climb
+from bayesdrill.sampling.gauss_newton import gauss_newton
 from bayesdrill.tasks import comparison, find_map
 from bayesdrill.tasks.conclusions import SampledRun
 
@@ -160,11 +160,11 @@ class Bench:
         posterior = of(self.known, clean).problem.posterior
         surface = PosteriorSurface(posterior, physical=True)
         start = posterior.coordinates.from_physical(theta[None, : len(posterior.space.free)])
-        best = posterior.coordinates.to_physical(climb(surface, start, 60).u)
+        best = posterior.coordinates.to_physical(gauss_newton(surface, start, 60).u)
         left = clean - posterior.likelihood.signals(best)[0]
         return float(np.sqrt(np.mean(left**2)))
 
-    def compared(self, kind: Kind, index: int) -> tuple[list[Contender], float]:
+    def compared(self, kind: Kind, index: int) -> tuple[list[RunSummary], float]:
         """As runs are, and the size of what is wrong."""
         y, size = self.record(kind, index)
         found = []
@@ -178,7 +178,7 @@ class Bench:
     def found(self, kind: Kind, index: int) -> Found:
         begun = time.process_time()
         models, size = self.compared(kind, index)
-        decision: Decision = decide(models)
+        decision: ModelDecision = decide(models)
         right = next(one for one in models if one.name == kind.right)
         others = max(one.log_z for one in models if one is not right)
         return Found(

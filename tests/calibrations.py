@@ -8,7 +8,7 @@ from types import SimpleNamespace
 
 import numpy as np
 
-from bayesdrill.analysis.calibration import Study
+from bayesdrill.analysis.calibration import CalibrationStudy
 from bayesdrill.inference.noise.contract import Residuals
 from bayesdrill.inference.noise.white import White
 
@@ -30,7 +30,7 @@ class Misfit:
         return self.right.log_likelihood(wrong, own)
 
 
-def with_misfit(study: Study, factor: float) -> Study:
+def with_misfit(study: CalibrationStudy, factor: float) -> CalibrationStudy:
     """The same study, its records made as before and its posteriors wrong."""
     likelihood = study.posterior.likelihood
     noise = Misfit(likelihood.noise, factor)

@@ -9,8 +9,8 @@ from pathlib import Path
 from pictures import posterior
 
 import bayesdrill as bd
-from bayesdrill.analysis.comparison import Contender, Layer
-from bayesdrill.analysis.plausibility import Vague
+from bayesdrill.analysis.comparison import PosteriorSummary, RunSummary
+from bayesdrill.analysis.plausibility import DiffusePrior
 from bayesdrill.inference.posterior import Posterior, Problem
 from bayesdrill.inference.residual_checks import Left, limits
 from bayesdrill.sampling.evidence import Evidence
@@ -65,9 +65,9 @@ def model(
     unknowns: int = 3,
     moved: float = 0.0,
     experiments: tuple[str, ...] = ("",),
-) -> Contender:
+) -> RunSummary:
     x = posterior(1500)[:, :unknowns]
-    layer = Layer(
+    layer = PosteriorSummary(
         name=name,
         mark=name,
         problem=dataclasses.replace(
@@ -78,12 +78,12 @@ def model(
         draws=x + moved * x.std(axis=0),
         settings={"the model": rig, "the noise": noise},
     )
-    return Contender(
+    return RunSummary(
         layer=layer,
         converged=name != "stopped",
         evidence=Evidence(log_z=log_z, error=error, overlap=0.7),
-        left=left(rms, correlation, experiments),
-        vague=(Vague(name=vague, decades=4.0),) if vague else (),
+        residuals=left(rms, correlation, experiments),
+        vague=(DiffusePrior(name=vague, decades=4.0),) if vague else (),
         rig={"the model": rig},
         noise={"w_1": noise},
         beliefs={vague: prior} if vague else {},

@@ -20,7 +20,7 @@ from bayesdrill.rig.models.linear import Model
 from bayesdrill.rig.models.motor_shaft import MotorShaft
 from bayesdrill.rig.simulators import simulator
 from bayesdrill.rig.simulators.sensors import ObservationModel
-from bayesdrill.sampling.gauss_newton import climb
+from bayesdrill.sampling.gauss_newton import gauss_newton
 
 FREE = ("j_m", "c_m", "k_e", "k_s", "j_1")
 MEASURES = {"alpha": {"theta_1": 1.0, "theta_2": -1.0}, "w_2": {"w_2": 1.0}}
@@ -81,7 +81,7 @@ def believed(
 def best(posterior: Posterior) -> np.ndarray:
     surface = PosteriorSurface(posterior, physical=True)
     start = posterior.space.vector(posterior.space.start)
-    top = climb(surface, posterior.coordinates.from_physical(start[None]), 60)
+    top = gauss_newton(surface, posterior.coordinates.from_physical(start[None]), 60)
     return np.asarray(posterior.coordinates.to_physical(top.u)[0])
 
 

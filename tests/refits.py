@@ -12,7 +12,7 @@ import numpy as np
 from scipy.signal import lfilter
 from threadpoolctl import threadpool_limits
 
-from bayesdrill.analysis.identifiability.information import Scenery
+from bayesdrill.analysis.identifiability.information import SensitivityStudy
 from bayesdrill.analysis.verdict import Verdict, conclude
 from bayesdrill.basics import seeds
 from bayesdrill.basics.progress import Silent
@@ -20,8 +20,8 @@ from bayesdrill.config import job
 from bayesdrill.config.job import Job
 from bayesdrill.report.sections import fit_words
 from bayesdrill.sampling import mode_search
+from bayesdrill.sampling.extended_priors import with_extended_priors
 from bayesdrill.sampling.fit import fit
-from bayesdrill.sampling.opened_ends import with_open_ends
 from bayesdrill.tasks import calibrate, conclusions
 from benchmarks.zoo import entries as e
 from benchmarks.zoo import folder
@@ -51,9 +51,9 @@ class Trial:
         plan, chains = calibrate.study(own).plan, conclusions.plan(own.config)
         own_chains = replace(plan.chains, seed=seed)
         found, sampled = fit(posterior, replace(plan, chains=own_chains))
-        tops, nominal = mode_search.tops(posterior, found), own.problem.nominal
-        sampled = with_open_ends(sampled, posterior, nominal, tops, chains, Silent())
-        scenery = Scenery(posterior.likelihood)
+        tops, nominal = mode_search.modes(posterior, found), own.problem.nominal
+        sampled = with_extended_priors(sampled, posterior, nominal, tops, chains, Silent())
+        scenery = SensitivityStudy(posterior.likelihood)
         _, left, judged = conclude(own.problem, own.asked, found, sampled, scenery)
         assert judged is not None
         return judged.verdict, [*sampled.convergence.reasons, *fit_words.residual_reasons(left)]

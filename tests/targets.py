@@ -15,7 +15,7 @@ import scipy.stats
 from scipy.special import ndtr, ndtri
 
 from bayesdrill.sampling.samplers import ridge
-from bayesdrill.sampling.samplers.ridge import Ridge
+from bayesdrill.sampling.samplers.ridge import RidgeMap
 
 SHAPE = 1.5  # of the gamma variables whose logs are mixed: skewed to the left
 
@@ -63,7 +63,7 @@ class Target:
         """Of how many, from 0 on, each of `x (n, d)` is part: `(n,)`."""
         return np.zeros(len(x), dtype=int)
 
-    def ridges(self, d: int) -> list[Ridge]:
+    def ridges(self, d: int) -> list[RidgeMap]:
         """Two that bend one way and the other, where the target needs none."""
         base = self.unmix(self.draw(500, d, np.random.default_rng(7)))
         lower = np.linalg.cholesky(np.cov(base.T))
@@ -155,7 +155,7 @@ class Bent(Target):
         along = (self._mass(psi) - share[0]) / (share[1] - share[0])
         return np.concatenate([along, (ndtr(e) - least) / (1.0 - least)], axis=1)
 
-    def ridges(self, d: int) -> list[Ridge]:
+    def ridges(self, d: int) -> list[RidgeMap]:
         """Its own, nearly, and once more in other units, as far as a lower degree goes."""
         rng, n = np.random.default_rng(3), loose(d)
         psi = np.log(rng.gamma(self.shape, size=(600, n)))
@@ -164,8 +164,8 @@ class Bent(Target):
         root[:, range(1, d - n), range(d - n - 1)] = owed[:, 1:]
         made = []
         for size, degree in ((1.0, 6), (2.0, 4)):
-            base = ridge.frame(np.array(self.centre[:d]), size * self.mixing(d), n)
-            made.append(ridge.fit(base, psi / size, place / size, root / size, degree, 2))
+            base = ridge.local_basis(np.array(self.centre[:d]), size * self.mixing(d), n)
+            made.append(ridge.fit_ridge(base, psi / size, place / size, root / size, degree, 2))
         return made
 
     def _within(self, psi: np.ndarray, e: np.ndarray) -> np.ndarray:
@@ -232,7 +232,7 @@ class Humps(Target):
         found[:, 0] = self.first * ndtr(base[:, 0]) + (1.0 - self.first) * high
         return found
 
-    def ridges(self, d: int) -> list[Ridge]:
+    def ridges(self, d: int) -> list[RidgeMap]:
         """One through each, neither of them straight."""
         far = self.mix(self.apart * np.eye(d)[:1])[0]
         whole = self.mixing(d)
@@ -244,7 +244,7 @@ def loose(d: int) -> int:
     return (d + 1) // 3
 
 
-def waved(centre: np.ndarray, columns: np.ndarray, bend: float) -> Ridge:
+def waved(centre: np.ndarray, columns: np.ndarray, bend: float) -> RidgeMap:
     """A ridge that bends in all its directions, and whose root changes along it."""
     d, n = len(centre), loose(len(centre))
     psi = np.random.default_rng(5).standard_normal((300, n))
@@ -252,7 +252,7 @@ def waved(centre: np.ndarray, columns: np.ndarray, bend: float) -> Ridge:
     root = np.exp(bend * psi.sum(axis=1))[:, None, None] * (
         np.eye(d - n) + 0.2 * np.eye(d - n, k=-1)
     )
-    return ridge.fit(ridge.frame(centre, columns, n), psi, tau, root, 2, 1)
+    return ridge.fit_ridge(ridge.local_basis(centre, columns, n), psi, tau, root, 2, 1)
 
 
 WILD = Skewed()

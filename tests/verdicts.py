@@ -15,8 +15,8 @@ from bayesdrill.analysis.identifiability.information import (
     root_of,
     simple_exponents,
 )
-from bayesdrill.analysis.identifiability.structure import Structure
-from bayesdrill.analysis.identifiability.study import Known, Study
+from bayesdrill.analysis.identifiability.structure import ScalingStructure
+from bayesdrill.analysis.identifiability.study import IdentifiabilityStudy, KnownProduct
 from bayesdrill.analysis.verdict import Verdict, judge
 from bayesdrill.config.schema.config import Thresholds
 
@@ -29,15 +29,15 @@ TABLE = {name: NOMINAL[name] for name in NAMES}
 ROOT = root_of(np.array([[100.0, -100.0, 0.0], [0.0, 0.0, 50.0]]))
 
 
-def linear_study(prior_sd: np.ndarray) -> Study:
+def linear_study(prior_sd: np.ndarray) -> IdentifiabilityStudy:
     known = Information(NAMES, ROOT)
     words = Thresholds()
     joint = known.with_priors(prior_sd)
 
-    def judged(exponents: tuple[int, ...]) -> Known:
+    def judged(exponents: tuple[int, ...]) -> KnownProduct:
         e = np.array(exponents, dtype=float)
         sd, before = joint.bound(e), float(np.linalg.norm(prior_sd * e))
-        return Known(
+        return KnownProduct(
             exponents=exponents,
             sd=sd,
             prior_sd=before,
@@ -45,11 +45,11 @@ def linear_study(prior_sd: np.ndarray) -> Study:
             word=words.judge(sd / before),
         )
 
-    return Study(
+    return IdentifiabilityStudy(
         names=NAMES,
         at="the start",
         of_interest=NAMES,
-        structure=Structure(
+        structure=ScalingStructure(
             names=NAMES,
             symmetries=((1, 1, 0),),
             invariants=((0, 0, 1), (1, -1, 0)),
@@ -83,7 +83,7 @@ def verdict(
     return judge(LINEAR, draws, PRIOR, TABLE, limits, pressed, Thresholds(), fits=fits)
 
 
-def off_by(study: Study, named: Collection[str], off: float) -> dict[str, float]:
+def off_by(study: IdentifiabilityStudy, named: Collection[str], off: float) -> dict[str, float]:
     """With each of the `named` in turn off by so much: sigmas by which the record shows it.
 
     The most over all products of up to three of them, with powers up to two, that no symmetry changes

@@ -1,8 +1,9 @@
-"""What to believe: identifiability, verdict, causes of a bad fit, physics, comparison,
-calibration.
+"""Say what to believe of a posterior.
 
-All of it looks at a `Problem` and at draws, and says it in numbers. Sentences, tables and
-figures of it are in `report`.
+Identifiability, verdict, causes of a bad fit, physics, comparison, and calibration.
+
+All of it looks at a `Problem` and at draws, and says it in numbers. Sentences, tables and figures
+of it are in `report`.
 """
 
 from __future__ import annotations
@@ -12,7 +13,7 @@ from typing import TYPE_CHECKING
 from bayesdrill.basics.registry import lazy_attributes
 
 if TYPE_CHECKING:
-    from bayesdrill.analysis.identifiability.information import Scenery as Scenery
+    from bayesdrill.analysis.identifiability.information import SensitivityStudy as SensitivityStudy
     from bayesdrill.analysis.identifiability.information import (
         from_sensitivities as from_sensitivities,
     )

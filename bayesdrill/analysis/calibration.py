@@ -1,5 +1,4 @@
-"""Simulation-based calibration: many simulated records refitted, where the truth ranks, and one
-verdict on all.
+"""Calibrate a posterior by simulation: refit many simulated records, and rank the truth.
 
 With the right posterior the rank of a true value among L draws is uniform on 0 ... L (Talts et al.
 2018).  The band for the empirical distribution function of N ranks is that of Saeilynoja, Buerkner
@@ -8,10 +7,10 @@ stays inside with the wanted probability, which their recursion gives exactly.
 
 `refit` is a function of the study and the index alone: it can run anywhere, and run again.
 
-The verdict on all ranks is wrong with at most `FALSE_ALARM` where the posterior is right.  Half of that
-chance goes to the rank bands, shared equally by the quantities, and half to the
-credible intervals, shared equally by unknowns and levels: a union bound, as the ranks of one refit
-depend on each other.
+The verdict on all ranks is wrong with at most `FALSE_ALARM` where the posterior is right.  Half of
+that chance goes to the rank bands, shared equally by the quantities, and half to the credible
+intervals, shared equally by unknowns and levels: a union bound, as the ranks of one refit depend on
+each other.
 """
 
 from __future__ import annotations
@@ -33,43 +32,46 @@ from bayesdrill.basics.errors import InputError
 from bayesdrill.inference.posterior import Posterior
 from bayesdrill.sampling.fit import FitPlan, fit
 
-PLAIN = 3.0  # standard errors from which a shift or a spread of the ranks is named
+NAMED_SHIFT_SDS = 3.0  # standard errors from which a shift or a spread of the ranks is named
 
 
 def rank(truth: float, draws: Array, rng: np.random.Generator) -> int:
-    """How many of `draws (L,)` are below `truth`, 0 to L; ties are broken at random."""
+    """Count the `draws (L,)` below `truth`, 0 to L; ties are broken at random."""
     below, equal = int((draws < truth).sum()), int((draws == truth).sum())
     return below + int(rng.integers(equal + 1))
 
 
 def shape(ranks: Counts, n_draws: int, *, of_fit: bool = False) -> str | None:
-    """What is wrong with a posterior whose `ranks (N,)` are not uniform; None where unclear.
+    """Name what is wrong with a posterior whose `ranks (N,)` are not uniform; None where unclear.
 
-    By the mean and the spread of the ranks: a shift spreads them too, to one end alone.  `of_fit`: those
-    of the log likelihood, of which only too much or too little can be said: draws that crowd around the
-    best fit all fit the record better than the truth does.
+    By the mean and the spread of the ranks: a shift spreads them too, to one end alone.  `of_fit`:
+    those of the log likelihood, of which only too much or too little can be said: draws that crowd
+    around the best fit all fit the record better than the truth does.
     """
     u = (ranks + 0.5) / (n_draws + 1) - 0.5
     n = len(u)
     moved = float(u.mean()) * np.sqrt(12.0 * n)
     if of_fit:
-        if abs(moved) < PLAIN:
+        if abs(moved) < NAMED_SHIFT_SDS:
             return None
         return "posterior too wide" if moved > 0 else "posterior too narrow"
     spread = (float((u**2).mean()) - 1.0 / 12.0) * np.sqrt(180.0 * n)
-    if max(abs(moved), abs(spread)) < PLAIN:
+    if max(abs(moved), abs(spread)) < NAMED_SHIFT_SDS:
         return None
-    if abs(moved) >= max(PLAIN, 0.5 * abs(spread)):
+    if abs(moved) >= max(NAMED_SHIFT_SDS, 0.5 * abs(spread)):
         return "posterior too low" if moved > 0 else "posterior too high"
     return "posterior too narrow" if spread > 0 else "posterior too wide"
 
 
-HALVINGS = 40  # of the interval in which the pointwise level is sought
+LEVEL_BISECTIONS = 40  # of the interval in which the pointwise level is sought
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Band:
-    """Of `n` ranks, between `low` and `high` (both allowed) are below `(i + 1) / (L + 1)`, each `(L,)`.
+class RankBand:
+    """A band for the empirical distribution function of uniform ranks.
+
+    Of `n` ranks, between `low` and `high` (both allowed) are below `(i + 1) / (L + 1)`, each
+    `(L,)`.
 
     `false_alarm`: the exact probability that uniform ranks leave it somewhere.
     """
@@ -81,12 +83,12 @@ class Band:
     false_alarm: float
 
     def counts(self, ranks: Counts) -> Counts:
-        """How many of `ranks (n,)` are below each share: `(L,)`."""
+        """Count the `ranks (n,)` below each share: `(L,)`."""
         n_draws = len(self.shares)
         return np.cumsum(np.bincount(ranks, minlength=n_draws + 1))[:n_draws]
 
     def reach(self, ranks: Counts) -> float:
-        """The farthest departure from uniform, in half-widths of the band: above 1 is outside."""
+        """Return the farthest departure from uniform, in half-widths: above 1 is outside."""
         expected = self.n * self.shares
         away = self.counts(ranks) - expected
         room = np.where(away > 0, self.high, self.low) - expected
@@ -95,31 +97,32 @@ class Band:
         return float(np.max(away / room, where=~open_ended, initial=0.0))
 
     def holds(self, ranks: Counts) -> bool:
-        found = self.counts(ranks)
-        return bool(np.all((found >= self.low) & (found <= self.high)))
+        """Return whether all `ranks (n,)` stay inside."""
+        counts = self.counts(ranks)
+        return bool(np.all((counts >= self.low) & (counts <= self.high)))
 
 
 @functools.cache
-def ecdf_band(n: int, n_draws: int, false_alarm: float) -> Band:
-    """The narrowest band that `n` uniform ranks among `n_draws` leave with at most `false_alarm`."""
+def ecdf_band(n: int, n_draws: int, false_alarm: float) -> RankBand:
+    """Return the narrowest band that `n` uniform ranks leave with at most `false_alarm`."""
     shares = np.arange(1, n_draws + 1) / (n_draws + 1)
     table = scipy.special.bdtr(np.arange(n + 1)[:, None], n, shares)  # (n + 1, L): P(count <= row)
     inside, outside = 0.0, 1.0  # levels: at the first the band holds often enough
     low, high = _pointwise(table, inside)
-    for _ in range(HALVINGS):
+    for _ in range(LEVEL_BISECTIONS):
         level = 0.5 * (inside + outside) if inside > 0 else 0.1 * outside
         tried = _pointwise(table, level)
-        if _stays(n, shares, *tried) >= 1.0 - false_alarm:
+        if _stay_probability(n, shares, *tried) >= 1.0 - false_alarm:
             inside, (low, high) = level, tried
         else:
             outside = level
-    held = _stays(n, shares, low, high)
-    return Band(n=n, shares=shares, low=low, high=high, false_alarm=1.0 - held)
+    probability = _stay_probability(n, shares, low, high)
+    return RankBand(n=n, shares=shares, low=low, high=high, false_alarm=1.0 - probability)
 
 
 @functools.cache
 def count_band(n: int, share: float, false_alarm: float) -> tuple[int, int]:
-    """The counts of `n` independent events of probability `share` to be expected, ends included."""
+    """Return the expected counts of `n` independent events of probability `share`, ends included."""
     low, high = _pointwise(
         scipy.special.bdtr(np.arange(n + 1)[:, None], n, np.array([share])), false_alarm
     )
@@ -133,7 +136,7 @@ def _pointwise(table: Array, level: float) -> tuple[Counts, Counts]:
     return low, np.minimum(high, len(table) - 1)
 
 
-def _stays(n: int, shares: Array, low: Counts, high: Counts) -> float:
+def _stay_probability(n: int, shares: Array, low: Counts, high: Counts) -> float:
     """The probability that the counts of `n` uniforms stay between `low` and `high` at all shares.
 
     Counts are a Markov chain: of those still above one share, each is below the next one
@@ -147,27 +150,27 @@ def _stays(n: int, shares: Array, low: Counts, high: Counts) -> float:
         p = (share - before) / (1.0 - before)
         now = np.arange(first, last + 1)
         more = now[None, :] - have[:, None]
-        left = n - have[:, None]
+        remaining = n - have[:, None]
         new = np.maximum(more, 0)
         log_p = (
-            log_factorial[left]
+            log_factorial[remaining]
             - log_factorial[new]
-            - log_factorial[left - np.minimum(new, left)]
+            - log_factorial[remaining - np.minimum(new, remaining)]
             + new * np.log(p)
-            + (left - new) * np.log1p(-p)
+            + (remaining - new) * np.log1p(-p)
         )
         probability = probability @ np.where(more >= 0, np.exp(log_p), 0.0)
         have, before = now, share
     return float(probability.sum())
 
 
-FIT = "log likelihood"  # the quantity that depends on the record (Modrak et al. 2023)
-TRIES = 1000  # draws from the prior until the model has a finite response
+LOG_LIKELIHOOD = "log likelihood"  # the quantity that depends on the record (Modrak et al. 2023)
+MAX_PRIOR_TRIES = 1000  # draws from the prior until the model has a finite response
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Study:
-    """What is repeated: `posterior` without its record, and how it is fitted.
+class CalibrationStudy:
+    """A study that is repeated: `posterior` without its record, and how it is fitted.
 
     `draws`: L, among which the truth is ranked.
     """
@@ -178,13 +181,15 @@ class Study:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Of the quantities that are ranked."""
-        return (*self.posterior.space.free, FIT)
+        """The names of the quantities that are ranked."""
+        return (*self.posterior.space.free, LOG_LIKELIHOOD)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Refit:
-    """`truth` and `ranks` in the order of `Study.names`; no ranks where nothing could be sampled.
+    """One refit of a simulated record.
+
+    `truth` and `ranks` in the order of `Study.names`; no ranks where nothing could be sampled.
 
     `reasons`: why it has not converged; `seconds` it took, which is no part of the result.
     """
@@ -200,11 +205,12 @@ class Refit:
 
     @property
     def converged(self) -> bool:
+        """Whether the refit met its targets."""
         return not self.reasons
 
 
-def refit(study: Study, index: int) -> Refit:
-    """Refit `index`, counted from 0; the truth is used to make the record and to be ranked."""
+def refit(study: CalibrationStudy, index: int) -> Refit:
+    """Refit record `index`, counted from 0; the truth makes the record and is ranked."""
     begun = time.perf_counter()
     rng = seeds.stream(study.plan.chains.seed, "calibrate", index)
     theta, posterior = _simulated(study.posterior, rng)
@@ -223,9 +229,9 @@ def refit(study: Study, index: int) -> Refit:
         draws = pool[rng.choice(len(pool), study.draws, replace=len(pool) < study.draws)]
         values = np.column_stack([draws, posterior.likelihood(draws)])
         ranks = tuple(rank(x, column, rng) for x, column in zip(truth, values.T, strict=True))
-        found = sampled.convergence
-        r_hat, ess = float(found.r_hat.max()), float(found.ess_bulk.min())
-        steps, reasons = found.steps, found.reasons
+        convergence = sampled.convergence
+        r_hat, ess = float(convergence.r_hat.max()), float(convergence.ess_bulk.min())
+        steps, reasons = convergence.steps, convergence.reasons
     return Refit(
         index=index,
         truth=tuple(map(float, truth)),
@@ -241,28 +247,31 @@ def refit(study: Study, index: int) -> Refit:
 def _simulated(posterior: Posterior, rng: np.random.Generator) -> tuple[Array, Posterior]:
     """Unknowns `(D,)` from the prior, and the posterior of a record that they made."""
     likelihood = posterior.likelihood
-    for _ in range(TRIES):
+    for _ in range(MAX_PRIOR_TRIES):
         theta = posterior.space.draw(1, rng)
         signals = likelihood.every_signal(theta)
         # Where the model overflows the posterior is zero: such unknowns are no part of the prior.
         if all(np.all(np.isfinite(each)) for each in signals):
             break
     else:
-        message = f"the model has no finite response at {TRIES} draws from the priors; narrow them"
+        message = (
+            f"the model has no finite response at {MAX_PRIOR_TRIES} draws from the priors; narrow "
+            "them"
+        )
         raise InputError.one("parameters", message)
     pairs = zip(likelihood.observations, signals, strict=True)
-    records = [one.draw(each, theta, rng)[0] for one, each in pairs]
+    records = [observation.draw(each, theta, rng)[0] for observation, each in pairs]
     return theta[0], posterior.edit(records=records)
 
 
 FALSE_ALARM = 0.01  # of the whole verdict
 LEVELS = (0.5, 0.8, 0.94)  # of the credible intervals
-MOST_NOT_CONVERGED = 0.05  # of the refits; with more there is no verdict
+MAX_NOT_CONVERGED = 0.05  # of the refits; with more there is no verdict
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Interval:
-    """How many truths lay in the central interval of probability `share`; `low` to `high` is chance."""
+class IntervalCoverage:
+    """The coverage of the central interval of probability `share`; `low` to `high` is chance."""
 
     share: float
     inside: int
@@ -271,11 +280,12 @@ class Interval:
 
     @property
     def holds(self) -> bool:
+        """Whether chance explains the coverage."""
         return self.low <= self.inside <= self.high
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Quantity:
+class RankedQuantity:
     """One unknown, or the log likelihood (which has no `intervals`); `ranks (N,)`.
 
     `shape`: what is wrong, where it can be told; None for uniform ranks.
@@ -286,57 +296,66 @@ class Quantity:
     reach: float
     holds: bool
     shape: str | None
-    intervals: tuple[Interval, ...]
+    intervals: tuple[IntervalCoverage, ...]
 
 
 @dataclass(frozen=True, kw_only=True)
-class Verdict:
-    """`not_converged`: indices of refits that missed their targets, `lost`: of those without ranks."""
+class CalibrationVerdict:
+    """The verdict on all ranks.
+
+    `not_converged`: indices of refits that missed their targets, `lost`: of those without ranks.
+    """
 
     n_draws: int
-    band: Band
-    quantities: tuple[Quantity, ...]
+    band: RankBand
+    quantities: tuple[RankedQuantity, ...]
     refits: int
     not_converged: tuple[int, ...]
     lost: tuple[int, ...]
 
     @property
     def calibrated(self) -> bool:
+        """Whether nothing speaks against the posterior."""
         return not self.faults and not self.doubts
 
     @cached_property
     def faults(self) -> tuple[str, ...]:
-        """What chance does not explain, worst first."""
-        found = []
+        """Faults that chance does not explain, worst first."""
+        faults = []
         for quantity in sorted(self.quantities, key=lambda q: -q.reach):
             if not quantity.holds:
                 why = f" ({quantity.shape})" if quantity.shape else ""
-                found.append(f"ranks of {quantity.name} leave the band{why}")
+                faults.append(f"ranks of {quantity.name} leave the band{why}")
         for quantity in self.quantities:
             for interval in quantity.intervals:
                 if not interval.holds:
-                    found.append(
+                    faults.append(
                         f"{100 * interval.share:.3g} % intervals of {quantity.name} hold the truth in "
                         f"{100 * interval.inside / self.band.n:.0f} % of the refits"
                     )
-        return tuple(found)
+        return tuple(faults)
 
     @cached_property
     def doubts(self) -> tuple[str, ...]:
-        """Why nothing can be said, however good the ranks look."""
-        found = []
-        if len(self.not_converged) > MOST_NOT_CONVERGED * self.refits:
-            found.append(
+        """Reasons why nothing can be said, however good the ranks look."""
+        doubts = []
+        if len(self.not_converged) > MAX_NOT_CONVERGED * self.refits:
+            doubts.append(
                 f"{len(self.not_converged)} of {self.refits} refits did not converge (at most "
-                f"{100 * MOST_NOT_CONVERGED:g} % may)"
+                f"{100 * MAX_NOT_CONVERGED:g} % may)"
             )
         if self.lost:
-            found.append(f"{len(self.lost)} of {self.refits} refits gave no draws at all")
-        return tuple(found)
+            doubts.append(f"{len(self.lost)} of {self.refits} refits gave no draws at all")
+        return tuple(doubts)
 
 
-def judge_calibration(names: Sequence[str], refits: Sequence[Refit], n_draws: int) -> Verdict:
-    """`names` of the quantities, the log likelihood last; `refits` in the order of their index."""
+def judge_calibration(
+    names: Sequence[str], refits: Sequence[Refit], n_draws: int
+) -> CalibrationVerdict:
+    """Judge the ranks of all refits.
+
+    `names` of the quantities, the log likelihood last; `refits` in the order of their index.
+    """
     ranked = [refit for refit in refits if refit.ranks]
     table = np.array([refit.ranks for refit in ranked], dtype=np.int64).reshape(-1, len(names))
     band = ecdf_band(len(ranked), n_draws, 0.5 * FALSE_ALARM / len(names))
@@ -345,18 +364,18 @@ def judge_calibration(names: Sequence[str], refits: Sequence[Refit], n_draws: in
     for column, name in enumerate(names):
         ranks, unknown = table[:, column], column < n_unknown
         holds = band.holds(ranks)
-        told = shape(ranks, n_draws, of_fit=not unknown) if len(ranks) and not holds else None
+        fault = shape(ranks, n_draws, of_fit=not unknown) if len(ranks) and not holds else None
         quantities.append(
-            Quantity(
+            RankedQuantity(
                 name=name,
                 ranks=ranks,
                 reach=band.reach(ranks),
                 holds=holds,
-                shape=told,
+                shape=fault,
                 intervals=_intervals(ranks, n_draws, n_unknown) if unknown else (),
             )
         )
-    return Verdict(
+    return CalibrationVerdict(
         n_draws=n_draws,
         band=band,
         quantities=tuple(quantities),
@@ -366,14 +385,14 @@ def judge_calibration(names: Sequence[str], refits: Sequence[Refit], n_draws: in
     )
 
 
-def _intervals(ranks: Counts, n_draws: int, n_unknown: int) -> tuple[Interval, ...]:
+def _intervals(ranks: Counts, n_draws: int, n_unknown: int) -> tuple[IntervalCoverage, ...]:
     """Between two of the sorted draws, so that their probability is exact: 25/100 ... 75/100."""
-    found = []
+    intervals = []
     for level in LEVELS:
         out = math.floor(0.5 * (1.0 - level) * (n_draws + 1) + 0.5)
         share = 1.0 - 2 * out / (n_draws + 1)
         inside = int(((ranks >= out) & (ranks <= n_draws - out)).sum())
         alarm = 0.5 * FALSE_ALARM / (n_unknown * len(LEVELS))
         low, high = count_band(len(ranks), share, alarm)
-        found.append(Interval(share=share, inside=inside, low=low, high=high))
-    return tuple(found)
+        intervals.append(IntervalCoverage(share=share, inside=inside, low=low, high=high))
+    return tuple(intervals)

@@ -1,9 +1,11 @@
-"""What would explain what the fit leaves: candidate models, each refitted from the maximum, ranked by
-the evidence for it; and whether the nominal table may be right after all.
+"""Rank candidate models by what they would explain of a fit that leaves more than noise.
 
-What the rig is held without bends the parameters that it has, and the fit may well look like noise.  So
-before a table is blamed, each thing that the rig offers and has not is tried by itself: parameters
-are held at their nominal values, within their tolerances, and all else is sought again.
+Each is refitted from the maximum, and ranked by the evidence for it. The nominal table may be right
+after all.
+
+What the rig is held without bends the parameters that it has, and the fit may well look like noise.
+So before a table is blamed, each thing that the rig offers and has not is tried by itself:
+parameters are held at their nominal values, within their tolerances, and all else is sought again.
 """
 
 from __future__ import annotations
@@ -17,31 +19,31 @@ from types import MappingProxyType
 import numpy as np
 import scipy
 
-from bayesdrill.analysis.edits import Widened, widened
+from bayesdrill.analysis.edits import EditedPosterior, with_candidates
 from bayesdrill.basics.arrays import Array
 from bayesdrill.inference import residual_checks, step_error
 from bayesdrill.inference.laplace import PosteriorSurface
 from bayesdrill.inference.posterior import Posterior, Problem
 from bayesdrill.inference.residual_checks import Left, like_noise
-from bayesdrill.sampling.gauss_newton import climb
+from bayesdrill.sampling.gauss_newton import gauss_newton
 
 # Where in its prior what is new is sought from, together with the start that its config gives it.
-QUANTILES = (0.02, 0.2, 0.35, 0.42, 0.58, 0.65, 0.8)
-FIRST_STEPS, STEPS, FOLLOWED = 4, 30, 2  # uphill: of all starts, and of the best few
-AT_END = 1e-3  # of the spread of a prior
-OTHER, NEAR = 3.0, 0.1  # another maximum: so little lower, and so far, in spreads of the priors
-SURE = 5.0  # natural logs: a candidate that is no better explains nothing
+START_QUANTILES = (0.02, 0.2, 0.35, 0.42, 0.58, 0.65, 0.8)
+FIRST_STEPS, LAST_STEPS, CLIMBED_STARTS = 4, 30, 2  # uphill: of all starts, and of the best few
+NEAR_END = 1e-3  # of the spread of a prior
+# another maximum: so little lower, and so far, in spreads of the priors
+OTHER_MAXIMUM_DEPTH, SAME_MAXIMUM = 3.0, 0.1
+SURE_LOG_ODDS = 5.0  # natural logs: a candidate that is no better explains nothing
 # Parts that absorb any misfit and name no cause: noises, and torques with the place where they act.
 NOISE = ("unknown_noise", "ar1")
 TORQUES = {"missing_torque_motor": "motor", "missing_torque_rotor_1": "rotor_1"}
 CATCH_ALL = {*NOISE, *TORQUES}
-NAMED_SHARE = (
-    0.5  # of what a catch-all gains in log evidence: a cause that gains as much is named first
-)
+# of what a catch-all gains in log evidence: a cause that gains as much is named first
+MIN_SHARE_OF_CATCH_ALL = 0.5
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Maximum:
+class RefitMaximum:
     """The maximum of a posterior, found by Gauss and Newton from several starts.
 
     `values`, `sds`: of the unknowns, SI; `log_z`: the log evidence by Laplace; `fit`: what it leaves;
@@ -66,56 +68,59 @@ class Maximum:
         return (numbers / self.numbers - 1.0) * self.log_likelihood
 
 
-def refit(
+def refit_candidate(
     posterior: Posterior,
     near: Mapping[str, float],
     least: float,
     alone: Mapping[str, float] = MappingProxyType({}),
-) -> Maximum | None:
+) -> RefitMaximum | None:
     """The maximum of `posterior`, from `near`: values of those of its unknowns that are known; and from
     values where what is new was `alone`.
 
-    None where it has no finite response there.  One that promises no more than the log density `least`
-    is not followed to its very end.  The log evidence is that of a Gaussian with the
-    curvature at the maximum; the priors count in it as Gaussians of their spread, so that a direction
-    which the record does not determine costs each candidate the same (MacKay 2003, ch. 27).
+    None where it has no finite response there.  One that promises no more than the log density
+    `least` is not followed to its very end.  The log evidence is that of a Gaussian with the
+    curvature at the maximum; the priors count in it as Gaussians of their spread, so that a
+    direction which the record does not determine costs each candidate the same (MacKay 2003, ch.
+    27).
     """
     space, coordinates = posterior.space, posterior.coordinates
     surface = PosteriorSurface(posterior, physical=True)
     rows = np.clip(
         coordinates.from_physical(_starts(posterior, near, alone)), surface.low, surface.high
     )
-    first = climb(surface, rows, FIRST_STEPS)
+    first = gauss_newton(surface, rows, FIRST_STEPS)
     if not np.isfinite(first.value).any():
         return None
     begun = time.perf_counter()  # its code is compiled by now
     surface.value(rows)
     seconds = (time.perf_counter() - begun) / len(rows)
-    best = np.argsort(-first.value, kind="stable")[:FOLLOWED]
+    best = np.argsort(-first.value, kind="stable")[:CLIMBED_STARTS]
     u, value, gain = first.u[best], first.value[best], first.gain[best]
-    steps = STEPS if (value + gain)[np.isfinite(value)].max() > least else 0
+    steps = LAST_STEPS if (value + gain)[np.isfinite(value)].max() > least else 0
     if step_error.taken(posterior):
         posterior = step_error.chosen(posterior, coordinates.to_physical(u)[0])
         surface = PosteriorSurface(posterior, physical=True)
-    top = climb(surface, u, steps)
+    top = gauss_newton(surface, u, steps)
     order = np.argsort(-top.value, kind="stable")
     u, heights = top.u[order], top.value[order]
     if not np.isfinite(heights[0]):
         return None
     theta = coordinates.to_physical(u[:1])[0]
     log_z, sds = _laplace(posterior, u[:1])
-    near_end = np.minimum(u[0] - surface.low, surface.high - u[0]) < AT_END * surface.spread
+    near_end = np.minimum(u[0] - surface.low, surface.high - u[0]) < NEAR_END * surface.spread
     # Along a ridge of what is known all is one maximum.
     new = [name not in near for name in space.free]
-    apart = (np.abs(u[1:] - u[0]) / surface.spread)[:, new].max(axis=1, initial=0.0) > NEAR
-    return Maximum(
+    distinct = (np.abs(u[1:] - u[0]) / surface.spread)[:, new].max(
+        axis=1, initial=0.0
+    ) > SAME_MAXIMUM
+    return RefitMaximum(
         values=dict(zip(space.free, map(float, theta), strict=True)),
         sds=dict(zip(space.free, map(float, sds), strict=True)),
         log_posterior=float(heights[0]),
         log_z=log_z,
         fit=residual_checks.left(posterior.likelihood, theta),
         at_ends=tuple(name for name, end in zip(space.free, near_end, strict=True) if end),
-        several=bool((apart & (heights[1:] > heights[0] - OTHER)).any()),
+        several=bool((distinct & (heights[1:] > heights[0] - OTHER_MAXIMUM_DEPTH)).any()),
         seconds=seconds,
         numbers=posterior.likelihood.numbers,
         log_likelihood=float(posterior.likelihood(theta[None])[0]),
@@ -123,8 +128,10 @@ def refit(
 
 
 def _starts(posterior: Posterior, near: Mapping[str, float], alone: Mapping[str, float]) -> Array:
-    """Physical, `(S, D)`: where the config begins; and what is known where it is, with what is new where
-    it begins and at several places of its prior.
+    """Return physical starts `(S, D)` of a refit.
+
+    Where the config begins; and what is known where it is, with what is new where it begins and at
+    several places of its prior.
     """
     space = posterior.space
     known = space.vector({name: near.get(name, x) for name, x in space.start.items()})
@@ -132,7 +139,7 @@ def _starts(posterior: Posterior, near: Mapping[str, float], alone: Mapping[str,
     if alone:
         rows.append(space.vector({n: alone.get(n, x) for n, x in space.start.items()}))
     new = [k for k, name in enumerate(space.free) if name not in near]
-    for share in QUANTILES if new else ():
+    for share in START_QUANTILES if new else ():
         row = known.copy()
         row[new] = [space.unknowns[k].prior.quantile(np.array(share)) for k in new]
         rows.append(row)
@@ -187,7 +194,7 @@ class Cause:
 
     @property
     def about(self) -> str:
-        """What it has beside the config as given, in words."""
+        """The parts beside the config as given, in words."""
         return " and ".join(self.words)
 
     @property
@@ -211,47 +218,52 @@ class Causes:
 
     @property
     def good(self) -> tuple[Cause, ...]:
-        """Those for which there is some evidence."""
-        return tuple(one for one in self.ranked if one.bayes > SURE)
+        """The candidates for which there is some evidence."""
+        return tuple(cause for cause in self.ranked if cause.bayes > SURE_LOG_ODDS)
 
     @property
     def explains(self) -> bool:
+        """Whether there is evidence for any candidate."""
         return bool(self.good)
 
     @property
     def best(self) -> Cause:
-        """The one with the fewest parts of those that are about as probable as the first.
+        """The candidate with the fewest parts of those that are about as probable as the first.
 
-        Where that is a catch-all, the first that names a cause, if it gains a good share of that, and
-        gains beside its own catch-all.
+        Where that is a catch-all, the first that names a cause, if it gains a good share of that,
+        and gains beside its own catch-all.
         """
         first = self.ranked[0]
         if {*first.parts} <= CATCH_ALL:
             alone = {cause.parts: cause.bayes for cause in self.ranked}
             for cause in self.ranked:
                 absorbing = tuple(part for part in cause.parts if part in CATCH_ALL)
-                least = max(NAMED_SHARE * first.bayes, alone.get(absorbing, 0.0) + SURE)
+                least = max(
+                    MIN_SHARE_OF_CATCH_ALL * first.bayes, alone.get(absorbing, 0.0) + SURE_LOG_ODDS
+                )
                 if absorbing != cause.parts and cause.bayes > least:
                     first = cause
                     break
-        near = [c for c in self.ranked if first.bayes - SURE < c.bayes <= first.bayes]
+        near = [c for c in self.ranked if first.bayes - SURE_LOG_ODDS < c.bayes <= first.bayes]
         return min(near, key=lambda cause: len(cause.parts))
 
     @property
     def lacking(self) -> tuple[str, ...]:
-        """Parameters that the rig lacks."""
+        """The parameters that the rig lacks."""
         return self.best.lacks if self.explains else ()
 
 
-INSTEAD_STEPS = 40  # uphill
-SHARES = (0.02, 0.2)  # of what it can be, from which it is sought
-AS_WELL = 0.01  # of records of a rig that is so: more is lost by holding the table
+TABLE_FIT_STEPS = 40  # uphill
+START_SHARES = (0.02, 0.2)  # of what it can be, from which it is sought
+REJECTED_SHARE = 0.01  # of records of a rig that is so: more is lost by holding the table
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Instead:
-    """`parameter` that the rig lacks, and its `value` [SI] where all nominal values hold; `lost`: of the
-    log likelihood, against the MAP, which has none of it; negative where it fits better.
+class EquivalentExplanation:
+    """A parameter that explains the record as well as a rig off the nominal table.
+
+    `parameter` that the rig lacks, and its `value` [SI] where all nominal values hold; `lost`: of
+    the log likelihood, against the MAP, which has none of it; negative where it fits better.
     """
 
     parameter: str
@@ -259,22 +271,22 @@ class Instead:
     lost: float
 
 
-def instead(problem: Problem, theta: Array) -> Instead | None:
-    """What fits the record with the table about as well as the MAP `theta (D,)` without; the best."""
+def equivalent_explanation(problem: Problem, theta: Array) -> EquivalentExplanation | None:
+    """Find what fits the record with the table about as well as the MAP `theta (D,)` without it."""
     posterior = problem.posterior
-    wide = widened(posterior, theta)
-    held = [k for k, name in enumerate(posterior.space.free) if name in problem.nominal]
-    if not wide.sizes or not held or not _allowed(problem):
+    wide = with_candidates(posterior, theta)
+    tabled = [k for k, name in enumerate(posterior.space.free) if name in problem.nominal]
+    if not wide.sizes or not tabled or not _allowed(problem):
         return None
-    limit = 0.5 * float(scipy.special.chdtri(len(held), AS_WELL))
-    bare = _held(problem, wide, theta, held, None)
+    limit = 0.5 * float(scipy.special.chdtri(len(tabled), REJECTED_SHARE))
+    bare = _fit_with_table(problem, wide, theta, tabled, None)
     if bare is None or bare[1] <= limit:
         return None  # the table needs no help
-    best: Instead | None = None
+    best: EquivalentExplanation | None = None
     for which, name in zip(wide.tried, wide.sizes, strict=True):
-        found = _held(problem, wide, theta, held, which)
-        if found is not None and found[1] <= min(limit, limit if best is None else best.lost):
-            best = Instead(parameter=name, value=found[0], lost=found[1])
+        fitted = _fit_with_table(problem, wide, theta, tabled, which)
+        if fitted is not None and fitted[1] <= min(limit, limit if best is None else best.lost):
+            best = EquivalentExplanation(parameter=name, value=fitted[0], lost=fitted[1])
     return best
 
 
@@ -289,28 +301,28 @@ def _allowed(problem: Problem) -> bool:
     )
 
 
-def _held(
-    problem: Problem, wide: Widened, theta: Array, held: list[int], which: int | None
+def _fit_with_table(
+    problem: Problem, wide: EditedPosterior, theta: Array, tabled: list[int], which: int | None
 ) -> tuple[float, float] | None:
     """With the unknown `which` of what is tried, or with nothing: its value, and what is lost."""
     space, wider = problem.posterior.space, wide.posterior
     start = wide.at(theta)
     ends = np.stack([start, start])
-    for k in held:
+    for k in tabled:
         name = space.free[k]
         off = problem.tolerance.get(name, 0.0)
         ends[:, k] = problem.nominal[name] * np.array([1.0 - off, 1.0 + off])
     surface = PosteriorSurface(wider, physical=True)
     fixed = np.zeros(len(start), dtype=bool)
-    fixed[[*held, *wide.tried]] = True
-    rows = np.repeat(start[None], len(SHARES), axis=0)
+    fixed[[*tabled, *wide.tried]] = True
+    rows = np.repeat(start[None], len(START_SHARES), axis=0)
     if which is not None:
         fixed[which] = False
-        rows[:, which] = [wider.space.unknowns[which].prior.high * share for share in SHARES]
+        rows[:, which] = [wider.space.unknowns[which].prior.high * share for share in START_SHARES]
     low, high = np.clip(wider.coordinates.from_physical(ends), surface.low, surface.high)
     surface.low = np.where(fixed, low, surface.low)
     surface.high = np.where(fixed, high, surface.high)
-    top = climb(surface, wider.coordinates.from_physical(rows), INSTEAD_STEPS)
+    top = gauss_newton(surface, wider.coordinates.from_physical(rows), TABLE_FIT_STEPS)
     there = wider.coordinates.to_physical(top.u)
     likely = wider.likelihood(there)
     if not np.isfinite(likely).any():

@@ -1,5 +1,4 @@
-"""Several models or experiments side by side: which is the more probable, how far they are apart,
-do repeats agree.
+"""Compare several models or experiments: which is more probable, and whether repeats agree.
 
 Whether experiments with one rig tell the same of it: their spread, against what each knows.
 
@@ -18,10 +17,14 @@ from typing import Literal
 import numpy as np
 import scipy
 
-from bayesdrill.analysis.identifiability.information import BLIND, RANK_TOLERANCE, Scenery
+from bayesdrill.analysis.identifiability.information import (
+    BLIND_SHARE,
+    RANK_TOLERANCE,
+    SensitivityStudy,
+)
 from bayesdrill.analysis.identifiability.structure import Exponents
-from bayesdrill.analysis.plausibility import Vague
-from bayesdrill.analysis.prediction import HeldOut, LeftOut
+from bayesdrill.analysis.plausibility import DiffusePrior
+from bayesdrill.analysis.prediction import HeldOutScore, LooScore
 from bayesdrill.basics.arrays import Array
 from bayesdrill.basics.symbols import Symbol
 from bayesdrill.inference.derived import hdi
@@ -31,7 +34,7 @@ from bayesdrill.sampling.evidence import Evidence
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Layer:
+class PosteriorSummary:
     """One run under its `name`: `draws (N, D)`, SI; `settings`: what a reader compares of two runs.
 
     `mark`: by which files say whose they are; `warning`: what its figures carry, `reasons`: why it must
@@ -46,16 +49,19 @@ class Layer:
     warning: str = ""
     reasons: tuple[str, ...] = ()
 
-    def of(self, symbol: Symbol) -> Array | None:
-        """Draws `(N,)` of an unknown; None where it is none of this run."""
+    def draws_of(self, symbol: Symbol) -> Array | None:
+        """Return the draws `(N,)` of an unknown; None where it is none of this run."""
         if symbol not in self.problem.symbols:
             return None
         return self.draws[:, self.problem.symbols.index(symbol)]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Place:
-    """Where a run has a quantity, SI: mean, sd and the narrowest interval; all one where it is held."""
+class MarginalEstimate:
+    """A run's estimate of a quantity, SI: mean, sd and the narrowest interval.
+
+    All are one number where it is held fixed.
+    """
 
     mean: float
     sd: float
@@ -63,22 +69,23 @@ class Place:
     high: float
 
     @property
-    def held(self) -> bool:
+    def fixed(self) -> bool:
+        """Whether the run holds the quantity fixed."""
         return self.sd == 0.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Row:
+class OverlayRow:
     """An unknown of some run; `places`, `nominal`: of each run, None where it has none.
 
-    `apart`: the largest difference of two means over the root mean square of their sds, and `pair`
+    `distance`: the largest difference of two means over the root mean square of their sds, and `pair`
     the two runs; None where fewer than two have it as an unknown.
     """
 
     symbol: Symbol
-    places: tuple[Place | None, ...]
+    places: tuple[MarginalEstimate | None, ...]
     nominal: tuple[float | None, ...]
-    apart: float | None
+    distance: float | None
     pair: tuple[int, int] | None
 
     @property
@@ -93,87 +100,102 @@ class Row:
         return self.pair is not None
 
 
-def overlay_rows(layers: Sequence[Layer]) -> tuple[Row, ...]:
-    """In the order of the runs and of their unknowns."""
+def overlay_rows(layers: Sequence[PosteriorSummary]) -> tuple[OverlayRow, ...]:
+    """Return a row for each unknown of any run, in the order of the runs."""
     rows = []
     for symbol in dict.fromkeys(s for layer in layers for s in layer.problem.symbols):
-        places = tuple(_place(symbol, layer) for layer in layers)
+        places = tuple(_marginal(symbol, layer) for layer in layers)
         nominal = tuple(layer.problem.nominal.get(symbol.name) for layer in layers)
-        apart, pair = max(_distances(places), default=(None, None))
-        rows.append(Row(symbol=symbol, places=places, nominal=nominal, apart=apart, pair=pair))
+        distance, pair = max(_distances(places), default=(None, None))
+        rows.append(
+            OverlayRow(symbol=symbol, places=places, nominal=nominal, distance=distance, pair=pair)
+        )
     return tuple(rows)
 
 
-def _place(symbol: Symbol, layer: Layer) -> Place | None:
-    x, held = layer.of(symbol), layer.problem.posterior.space.fixed.get(symbol.name)
+def _marginal(symbol: Symbol, layer: PosteriorSummary) -> MarginalEstimate | None:
+    x, fixed = layer.draws_of(symbol), layer.problem.posterior.space.fixed.get(symbol.name)
     if x is not None:
         low, high = hdi(x)
-        return Place(mean=float(x.mean()), sd=float(x.std(ddof=1)), low=low, high=high)
-    return None if held is None else Place(mean=held, sd=0.0, low=held, high=held)
+        return MarginalEstimate(mean=float(x.mean()), sd=float(x.std(ddof=1)), low=low, high=high)
+    return None if fixed is None else MarginalEstimate(mean=fixed, sd=0.0, low=fixed, high=fixed)
 
 
-def _distances(places: Sequence[Place | None]) -> Iterator[tuple[float, tuple[int, int]]]:
+def _distances(
+    places: Sequence[MarginalEstimate | None],
+) -> Iterator[tuple[float, tuple[int, int]]]:
     """Of all pairs that have an sd, in sds."""
-    free = [(k, place) for k, place in enumerate(places) if place is not None and place.sd > 0]
-    for (k, one), (j, other) in itertools.combinations(free, 2):
-        sd = math.sqrt(0.5 * (one.sd**2 + other.sd**2))
-        yield abs(one.mean - other.mean) / sd, (k, j)
+    free = [
+        (k, estimate)
+        for k, estimate in enumerate(places)
+        if estimate is not None and estimate.sd > 0
+    ]
+    for (k, first), (j, second) in itertools.combinations(free, 2):
+        sd = math.sqrt(0.5 * (first.sd**2 + second.sd**2))
+        yield abs(first.mean - second.mean) / sd, (k, j)
 
 
-def differing(layers: Sequence[Layer]) -> dict[str, tuple[str | None, ...]]:
-    """What is not the same in all runs, and what it is in each; None where a run has no such thing."""
+def differing(layers: Sequence[PosteriorSummary]) -> dict[str, tuple[str | None, ...]]:
+    """Return what differs between runs, and what it is in each; None where a run has no such thing."""
     names = dict.fromkeys(name for layer in layers for name in layer.settings)
-    found = {name: tuple(layer.settings.get(name) for layer in layers) for name in names}
-    return {name: values for name, values in found.items() if len(set(values)) > 1}
+    settings = {name: tuple(layer.settings.get(name) for layer in layers) for name in names}
+    return {name: values for name, values in settings.items() if len(set(values)) > 1}
 
 
-SURE = 3.0  # of log odds: twenty to one
-WIDE = 10.0  # of log odds: what priors that are too wide may take off
-BY_CHANCE = 3.0  # standard errors of a difference that is none
+SURE_LOG_ODDS = 3.0  # of log odds: twenty to one
+MAX_LOG_ODDS_OF_PRIORS = 10.0  # of log odds: what priors that are too wide may take off
+MAX_CHANCE_SE = 3.0  # standard errors of a difference that is none
 
 Word = Literal["model", "noise", "both", "either", "priors", "neither"]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Contender:
-    """A run among others. `rig`, `noise`: what it says of either, without priors, by which two are told
-    to be the same; `beliefs`: its priors, by unknowns; `loo`: or why there is none.
+class RunSummary:
+    """A run among others, with its evidence.
+
+    `rig`, `noise`: what it says of either, without priors, by which two are recognised as the same;
+    `beliefs`: its priors, by unknowns; `loo`: or why there is none.
     """
 
-    layer: Layer
+    layer: PosteriorSummary
     converged: bool
     evidence: Evidence
-    left: tuple[Left, ...]
-    vague: tuple[Vague, ...]
+    residuals: tuple[Left, ...]
+    vague: tuple[DiffusePrior, ...]
     rig: Mapping[str, str]
     noise: Mapping[str, str]
     beliefs: Mapping[str, str]
-    held_out: HeldOut | None
-    loo: LeftOut | str
+    held_out: HeldOutScore | None
+    loo: LooScore | str
 
     @property
     def name(self) -> str:
+        """The name of the run."""
         return self.layer.name
 
     @property
     def mark(self) -> str:
+        """What files say of whose they are."""
         return self.layer.mark
 
     @property
     def log_z(self) -> float:
+        """The log evidence."""
         return self.evidence.log_z
 
     @property
     def like_noise(self) -> bool:
-        return like_noise(self.left)
+        """Whether its residuals look like noise."""
+        return like_noise(self.residuals)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Decision:
-    """`first`: what others are held against, `best`: the most probable; `gain`: log odds of it against
-    those of the same rig (`model`), of the same noise (`noise`), or the first.
+class ModelDecision:
+    """Which of several models is the most probable, and by how much.
 
-    `vague`: unknowns of models that lose by no more than priors which are too wide can make them.
+    `first`: what others are held against, `best`: the most probable; `gain`: log odds of it against
+    those of the same rig (`model`), of the same noise (`noise`), or the first. `vague`: unknowns of
+    models that lose by no more than priors which are too wide can make them.
     """
 
     word: Word
@@ -183,34 +205,35 @@ class Decision:
     vague: tuple[str, ...]
 
     def sure(self, what: str) -> bool:
-        return self.gain[what] > SURE
+        """Return whether the gain against `what` is beyond doubt."""
+        return self.gain[what] > SURE_LOG_ODDS
 
 
-def decide(models: Sequence[Contender]) -> Decision:
-    """The first is what is held against all others."""
+def decide(models: Sequence[RunSummary]) -> ModelDecision:
+    """Decide between models; the first is held against all others."""
     first = models[0]
     best = max(range(len(models)), key=lambda k: models[k].log_z)
     top = models[best]
 
-    def over(those: Callable[[Contender], bool]) -> float:
+    def over(those: Callable[[RunSummary], bool]) -> float:
         """Log odds of the best against the best of those that are not like it."""
-        return top.log_z - max((one.log_z for one in models if those(one)), default=-math.inf)
+        return top.log_z - max((model.log_z for model in models if those(model)), default=-math.inf)
 
     gain = {
         "first": top.log_z - first.log_z,
-        "model": over(lambda one: one.rig == first.rig),
-        "noise": over(lambda one: one.noise == first.noise),
+        "model": over(lambda model: model.rig == first.rig),
+        "noise": over(lambda model: model.noise == first.noise),
     }
-    error = BY_CHANCE * math.hypot(top.evidence.error, first.evidence.error)
-    word = _word(top, first, gain) if gain["first"] > SURE + error else "neither"
-    return Decision(word=word, first=0, best=best, gain=gain, vague=_vague(models, top))
+    error = MAX_CHANCE_SE * math.hypot(top.evidence.error, first.evidence.error)
+    word = _word(top, first, gain) if gain["first"] > SURE_LOG_ODDS + error else "neither"
+    return ModelDecision(word=word, first=0, best=best, gain=gain, vague=_vague(models, top))
 
 
-def _word(top: Contender, first: Contender, gain: Mapping[str, float]) -> Word:
+def _word(top: RunSummary, first: RunSummary, gain: Mapping[str, float]) -> Word:
     """Of a model that is better than the first."""
     if top.rig == first.rig and top.noise == first.noise:
         return "priors"
-    model, noise = gain["model"] > SURE, gain["noise"] > SURE
+    model, noise = gain["model"] > SURE_LOG_ODDS, gain["noise"] > SURE_LOG_ODDS
     if top.rig == first.rig:
         return "noise" if noise else "either"
     if top.noise == first.noise:
@@ -220,28 +243,30 @@ def _word(top: Contender, first: Contender, gain: Mapping[str, float]) -> Word:
     return "model" if model else "noise" if noise else "either"
 
 
-def _vague(models: Sequence[Contender], top: Contender) -> tuple[str, ...]:
+def _vague(models: Sequence[RunSummary], top: RunSummary) -> tuple[str, ...]:
     """What the best has in common with the others makes no difference, however wide it is."""
-    close = [one for one in models if 0.0 < top.log_z - one.log_z < WIDE]
+    close = [model for model in models if 0.0 < top.log_z - model.log_z < MAX_LOG_ODDS_OF_PRIORS]
     names = [
         each.name
-        for one in close
-        for each in one.vague
-        if one.beliefs[each.name] != top.beliefs.get(each.name)
+        for model in close
+        for each in model.vague
+        if model.beliefs[each.name] != top.beliefs.get(each.name)
     ]
     return tuple(dict.fromkeys(names))
 
 
-def probabilities(models: Sequence[Contender]) -> tuple[float, ...]:
-    """Of each, where one of them is right and all were as likely before."""
-    log_z = np.array([one.log_z for one in models])
+def probabilities(models: Sequence[RunSummary]) -> tuple[float, ...]:
+    """Return each model's probability, if one is right and all were as likely before."""
+    log_z = np.array([model.log_z for model in models])
     share = np.exp(log_z - log_z.max())
     return tuple(map(float, share / share.sum()))
 
 
-def difference(one: HeldOut | LeftOut, other: HeldOut | LeftOut) -> tuple[float, float]:
-    """Of two scores of the same samples, and its standard error."""
-    each = one.each - other.each
+def difference(
+    first: HeldOutScore | LooScore, second: HeldOutScore | LooScore
+) -> tuple[float, float]:
+    """Return the difference of two scores of the same samples, and its standard error."""
+    each = first.each - second.each
     return float(each.sum()), math.sqrt(len(each)) * float(each.std())
 
 
@@ -249,8 +274,10 @@ FALSE_ALARM = 0.01  # of sets of repeats of one rig, any product at all
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Repeat:
-    """A product: how far each experiment (by name) puts its log from the joint one, and each one's sd.
+class RepeatedProduct:
+    """A product of unknowns as each of several experiments has it.
+
+    A product: how far each experiment (by name) puts its log from the joint one, and each one's sd.
 
     `p`: of a spread as large by chance; `spread`: sd of the log between experiments, beyond that.
     """
@@ -264,34 +291,45 @@ class Repeat:
     differs: bool
 
 
-def repeats(scenery: Scenery, theta: Array, products: Sequence[Exponents]) -> tuple[Repeat, ...]:
-    """Of products that more than one experiment determines; at `theta (D,)`, the joint maximum."""
-    every = scenery.likelihood.observations
-    if len(every) < 2 or not products:
+def repeats(
+    sensitivity: SensitivityStudy, theta: Array, products: Sequence[Exponents]
+) -> tuple[RepeatedProduct, ...]:
+    """Compare products that more than one experiment determines, at the joint maximum `theta (D,)`."""
+    observations = sensitivity.likelihood.observations
+    if len(observations) < 2 or not products:
         return ()
-    full = scenery.likelihood.space.full(theta[None])
-    rests = [one.informed(one.residuals(full).samples, theta).ravel() for one in every]
-    alone = [scenery.alone(*pair) for pair in zip(scenery.each(theta), rests, strict=True)]
-    found = []
+    full = sensitivity.likelihood.space.full(theta[None])
+    rests = [
+        observation.informed(observation.residuals(full).samples, theta).ravel()
+        for observation in observations
+    ]
+    alone = [
+        sensitivity.local_estimate(*pair)
+        for pair in zip(sensitivity.by_experiment(theta), rests, strict=True)
+    ]
+    determined = []
     for exponents in products:
         powers = np.array(exponents, dtype=float)
-        told = [(one.label, *_of(a, powers)) for one, a in zip(every, alone, strict=True)]
-        known = [(label, x, sd) for label, x, sd in told if np.isfinite(sd)]
+        estimates = [
+            (observation.label, *_product_estimate(a, powers))
+            for observation, a in zip(observations, alone, strict=True)
+        ]
+        known = [(label, x, sd) for label, x, sd in estimates if np.isfinite(sd)]
         if len(known) > 1:
-            found.append((exponents, known))
-    return tuple(_compared(exponents, known, len(found)) for exponents, known in found)
+            determined.append((exponents, known))
+    return tuple(_compared(exponents, known, len(determined)) for exponents, known in determined)
 
 
 def _compared(
     exponents: Exponents, known: Sequence[tuple[str, float, float]], looks: int
-) -> Repeat:
+) -> RepeatedProduct:
     labels, x, sds = zip(*known, strict=True)
     at, weights = np.array(x), 1.0 / np.array(sds) ** 2
     mean = weights @ at / weights.sum()
     q, freedom = float(weights @ (at - mean) ** 2), len(at) - 1
     c = weights.sum() - (weights**2).sum() / weights.sum()
     p = float(scipy.special.chdtrc(freedom, q))
-    return Repeat(
+    return RepeatedProduct(
         exponents=exponents,
         labels=labels,
         apart=tuple(map(float, at - mean)),
@@ -302,12 +340,12 @@ def _compared(
     )
 
 
-def _of(alone: tuple[Array, Array], powers: Array) -> tuple[float, float]:
+def _product_estimate(alone: tuple[Array, Array], powers: Array) -> tuple[float, float]:
     """The log of a product and its sd, of one experiment; infinite where it says nothing of it."""
-    left, values, rows = np.linalg.svd(alone[0])
-    seen = values > RANK_TOLERANCE * values[0]
+    u, values, rows = np.linalg.svd(alone[0])
+    determined = values > RANK_TOLERANCE * values[0]
     along = rows @ powers
-    if np.linalg.norm(along[~seen]) > BLIND * np.linalg.norm(powers):
+    if np.linalg.norm(along[~determined]) > BLIND_SHARE * np.linalg.norm(powers):
         return 0.0, np.inf
-    weights = along[seen] / values[seen]
-    return float(weights @ (left[:, seen].T @ alone[1])), float(np.linalg.norm(weights))
+    weights = along[determined] / values[determined]
+    return float(weights @ (u[:, determined].T @ alone[1])), float(np.linalg.norm(weights))

@@ -1,9 +1,9 @@
-"""What the draws say of each unknown, whether priors of others lean on it, and whether ensembles
-see the same.
+"""Diagnose the draws of each unknown, its dependence on priors, and the ensembles' agreement.
 
-Ranks as ArviZ plots them: where all ensembles draw from one distribution, the ranks of each are uniform
-(Vehtari et al. 2021; Saeilynoja, Buerkner and Vehtari 2022).  How far chance takes them is found by
-dealing the ranks out anew: tables of the same numbers of draws in all ensembles and all bins.
+Ranks as ArviZ plots them: where all ensembles draw from one distribution, the ranks of each are
+uniform (Vehtari et al. 2021; Saeilynoja, Buerkner and Vehtari 2022).  How far chance takes them is
+found by dealing the ranks out anew: tables of the same numbers of draws in all ensembles and all
+bins.
 """
 
 from __future__ import annotations
@@ -22,8 +22,8 @@ from bayesdrill.inference.derived import hdi
 from bayesdrill.inference.posterior import Posterior, Problem
 from bayesdrill.inference.priors import Prior, spread
 from bayesdrill.sampling.convergence import Convergence, thinned
+from bayesdrill.sampling.extended_priors import pressed_against
 from bayesdrill.sampling.mode_search import Mode
-from bayesdrill.sampling.opened_ends import pressed_against
 
 Word = Literal["determined", "weak", "through others", "prior only"]
 
@@ -40,8 +40,10 @@ MEANING: dict[Word, str] = {
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Row:
-    """One unknown, SI. `deviation` is of the mean from the nominal value, relative.
+class ParameterRow:
+    """A row of the summary table.
+
+    One unknown, SI. `deviation` is of the mean from the nominal value, relative.
 
     `shrinkage`: 1 - sd / sd of the prior.  `nominal` and `deviation` are None for noise levels.
     `pressed_against`: the end of the prior that the draws crowd at, or None.
@@ -66,8 +68,8 @@ class Row:
 
 def summarise(
     problem: Problem, draws: Array, mode: Mode, convergence: Convergence
-) -> tuple[Row, ...]:
-    """A row for each unknown, from nearly independent physical draws `(E, N, D)`."""
+) -> tuple[ParameterRow, ...]:
+    """Return a row for each unknown, from nearly independent physical draws `(E, N, D)`."""
     rows = []
     for d, symbol in enumerate(problem.symbols):
         x = draws[..., d].ravel()
@@ -77,7 +79,7 @@ def summarise(
         prior = problem.posterior.space.priors[symbol.name]
         shrinkage = 1.0 - sd / spread(prior)
         rows.append(
-            Row(
+            ParameterRow(
                 name=symbol.name,
                 unit=symbol.unit,
                 nominal=nominal,
@@ -99,7 +101,7 @@ def summarise(
 
 
 def distance_to_prior(x: Array, prior: Prior) -> float:
-    """Kolmogorov distance between draws `(N,)` and the prior."""
+    """Return the Kolmogorov distance between draws `(N,)` and the prior."""
     shares = np.linspace(0.0, 1.0, 201)[1:-1]
     below = np.searchsorted(np.sort(x), prior.quantile(shares)) / len(x)
     return float(np.max(np.abs(below - shares)))
@@ -111,46 +113,51 @@ def _word(shrinkage: float, distance: float) -> Word:
     return "determined" if shrinkage > DETERMINED_SHRINKAGE else "weak"
 
 
-MOSTLY = 0.8  # of the variance of the ranks
-NAMED = 0.3  # share of an unknown in that, as a standardised slope
-MOST_DRAWS = 4000  # looked at
+MIN_EXPLAINED = 0.8  # of the variance of the ranks
+MIN_SLOPE = 0.3  # share of an unknown in that, as a standardised slope
+MAX_DRAWS = 4000  # looked at
 
 
-def leaning(rows: Sequence[Row], draws: Array) -> Mapping[str, tuple[str, ...]]:
-    """By the name of an unknown that is called determined, those left to their priors that explain
-    most of what is left of it: were their priors wider, so would its posterior be.
+def prior_dependence(rows: Sequence[ParameterRow], draws: Array) -> Mapping[str, tuple[str, ...]]:
+    """Return unknowns that are determined by the priors of others alone, with those others.
 
-    `draws (N, D)`, in the order of `rows`.  By ranks, so that no ridge need be straight.
+    The others are left to their priors, and explain most of what is left of the unknown: were their
+    priors wider, so would its posterior be. `draws (N, D)`, in the order of `rows`. By ranks, so
+    that no ridge need be straight.
     """
     alone = [d for d, row in enumerate(rows) if row.word == "prior only"]
     if not alone:
         return {}
     from scipy.stats import rankdata  # late: it takes half a second to load
 
-    some = draws[:: max(1, len(draws) // MOST_DRAWS)]
+    some = draws[:: max(1, len(draws) // MAX_DRAWS)]
     ranks = rankdata(some, axis=0)
     z = (ranks - ranks.mean(axis=0)) / np.maximum(ranks.std(axis=0), 1e-300)
-    found = {}
+    dependence = {}
     for d, row in enumerate(rows):
         if row.word != "determined":
             continue
         slopes, *_ = np.linalg.lstsq(z[:, alone], z[:, d])
-        if 1 - np.mean((z[:, d] - z[:, alone] @ slopes) ** 2) >= MOSTLY:
-            found[row.name] = tuple(
-                rows[k].name for k, slope in zip(alone, slopes, strict=True) if abs(slope) > NAMED
+        if 1 - np.mean((z[:, d] - z[:, alone] @ slopes) ** 2) >= MIN_EXPLAINED:
+            dependence[row.name] = tuple(
+                rows[k].name
+                for k, slope in zip(alone, slopes, strict=True)
+                if abs(slope) > MIN_SLOPE
             )
-    return found
+    return dependence
 
 
-BINS = 50
-TABLES, BLOCK = 20_000, 2_000  # dealt out, so many at a time
+RANK_BINS = 50
+RANDOM_TABLES, TABLES_PER_BLOCK = 20_000, 2_000  # dealt out, so many at a time
 FALSE_ALARM = 0.01  # of sound runs leave the band with any ensemble in any unknown, at most
-APART = 2  # autocorrelation times between draws that count as independent
+TAUS_BETWEEN_DRAWS = 2  # autocorrelation times between draws that count as independent
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Ranks:
-    """Of one unknown: `counts (E, BINS)` of each ensemble's draws, in bins of as many draws of all.
+class RankHistogram:
+    """Ranks of each ensemble's draws of an unknown among all draws.
+
+    Of one unknown: `counts (E, BINS)` of each ensemble's draws, in bins of as many draws of all.
 
     `room (BINS - 1,)`: how far the counts below each share go from the expected by chance.
     """
@@ -160,54 +167,54 @@ class Ranks:
 
     @property
     def draws(self) -> int:
-        """Of each ensemble."""
+        """The number of draws of each ensemble."""
         return int(self.counts[0].sum())
 
     @property
     def away(self) -> Array:
-        """Counts below each share, less those expected: `(E, BINS - 1)`."""
+        """Counts below each share, less those expected: `(E, RANK_BINS - 1)`."""
         return np.cumsum(self.counts, axis=1)[:, :-1] - self.draws * SHARES
 
     @property
     def holds(self) -> NDArray[np.bool_]:
-        """Of which ensembles `(E,)` chance explains the ranks."""
+        """Whether chance explains the ranks of each ensemble, `(E,)`."""
         return np.asarray(np.all(np.abs(self.away) <= self.room, axis=1))
 
 
-SHARES = np.arange(1, BINS) / BINS
+SHARES = np.arange(1, RANK_BINS) / RANK_BINS
 
 
-def independent(theta: Array, burn_in: int, tau: float) -> Array:
-    """Of chains `(E, S, W, D)` the draws `(E, N, D)` that have forgotten each other."""
-    kept = theta.shape[1] - burn_in
-    return thinned(theta, burn_in, max(1, min(math.ceil(APART * tau), kept // 2)))
+def independent_draws(theta: Array, burn_in: int, tau: float) -> Array:
+    """Thin chains `(E, S, W, D)` to draws `(E, N, D)` that have forgotten each other."""
+    steps = theta.shape[1] - burn_in
+    return thinned(theta, burn_in, max(1, min(math.ceil(TAUS_BETWEEN_DRAWS * tau), steps // 2)))
 
 
-def ranks(draws: Array, rng: np.random.Generator) -> tuple[Ranks, ...]:
-    """For each unknown, of independent draws `(E, N, D)` of two or more ensembles."""
+def rank_histograms(draws: Array, rng: np.random.Generator) -> tuple[RankHistogram, ...]:
+    """Return a histogram for each unknown, of independent draws `(E, N, D)` of several ensembles."""
     from arviz_stats.base import array_stats  # late: it takes half a second to load
 
-    room = _room(draws.shape[0], draws.shape[1], FALSE_ALARM / draws.shape[2], rng)
-    total, found = draws.shape[0] * draws.shape[1], []
+    room = _chance_widths(draws.shape[0], draws.shape[1], FALSE_ALARM / draws.shape[2], rng)
+    total, histograms = draws.shape[0] * draws.shape[1], []
     for d in range(draws.shape[2]):
         rank = array_stats.compute_ranks(draws[..., d], axis=None)  # type: ignore[no-untyped-call]
-        bins = np.ceil(BINS * rank / total).astype(np.int64) - 1
-        counts = np.stack([np.bincount(row, minlength=BINS) for row in bins])
-        found.append(Ranks(counts=counts, room=room))
-    return tuple(found)
+        bins = np.ceil(RANK_BINS * rank / total).astype(np.int64) - 1
+        counts = np.stack([np.bincount(row, minlength=RANK_BINS) for row in bins])
+        histograms.append(RankHistogram(counts=counts, room=room))
+    return tuple(histograms)
 
 
-def _room(n_ensembles: int, n: int, false_alarm: float, rng: np.random.Generator) -> Array:
+def _chance_widths(n_ensembles: int, n: int, false_alarm: float, rng: np.random.Generator) -> Array:
     """Half-widths that any of the ensembles leaves with this probability."""
     from scipy.stats import random_table
 
     total = n_ensembles * n
-    ends = np.floor(np.arange(BINS + 1) * total / BINS).astype(np.int64)
+    ends = np.floor(np.arange(RANK_BINS + 1) * total / RANK_BINS).astype(np.int64)
     spread = np.sqrt(n * SHARES * (1.0 - SHARES) * (total - n) / (total - 1))
     table = random_table(np.diff(ends), np.full(n_ensembles, n))
     farthest = []
-    for _ in range(TABLES // BLOCK):
-        dealt = np.cumsum(table.rvs(BLOCK, random_state=rng), axis=1)[:, :-1]
+    for _ in range(RANDOM_TABLES // TABLES_PER_BLOCK):
+        dealt = np.cumsum(table.rvs(TABLES_PER_BLOCK, random_state=rng), axis=1)[:, :-1]
         away = np.abs(dealt - (n * SHARES)[:, None]) / spread[:, None]
         farthest.append(away.max(axis=(1, 2)))
     return np.asarray(spread * np.quantile(np.concatenate(farthest), 1.0 - false_alarm))

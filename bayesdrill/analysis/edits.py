@@ -25,14 +25,19 @@ LACKS = ("motor.sliding", "rotor.sliding", "motor.drop", "rotor.damping", "shaft
 
 
 def rig_candidates(
-    every: tuple[Observation, ...], space: ParameterSpace, theta: Array
+    observations: tuple[Observation, ...], space: ParameterSpace, theta: Array
 ) -> dict[str, float]:
-    """What the rig offers and has not, with the most that it can be; `theta (D,)`: where it moves."""
-    model = every[0].response.model
+    """Return what the rig offers and has not, with the most that it can be, at `theta (D,)`."""
+    model = observations[0].response.model
     lacks = [model.roles[role] for role in LACKS]
     names = [name for name in lacks if name in model.offers and name not in model.parameters]
     moved = (
-        [(rig_at(one, space, theta), motion(one, space, theta)) for one in every] if names else []
+        [
+            (rig_parameters(observation, space, theta), state_motion(observation, space, theta))
+            for observation in observations
+        ]
+        if names
+        else []
     )
     sizes = {
         name: max(_size(with_named(model, (name,)), name, p, states) for p, states in moved)
@@ -41,19 +46,23 @@ def rig_candidates(
     return {name: size for name, size in sizes.items() if size > 0}
 
 
-def rig_at(one: Observation, space: ParameterSpace, theta: Array) -> dict[str, float]:
-    """The rig's parameters at `theta (D,)`."""
-    told = one.told(space.full(theta[None]))[0]
-    names = one.response.model.parameters
-    return dict(zip(names, map(float, told[: len(names)]), strict=False))
+def rig_parameters(
+    observation: Observation, space: ParameterSpace, theta: Array
+) -> dict[str, float]:
+    """Return the rig's parameters at `theta (D,)`."""
+    arguments = observation.told(space.full(theta[None]))[0]
+    names = observation.response.model.parameters
+    return dict(zip(names, map(float, arguments[: len(names)]), strict=False))
 
 
-def motion(one: Observation, space: ParameterSpace, theta: Array) -> Array:
-    """All states at the samples `(T, X)`, at `theta (D,)`."""
-    states = one.response.model.states
-    y = np.zeros((len(one.experiment.t), len(states)))
-    shown = dataclasses.replace(one.experiment, channels=channels_of_states(states), y=y)
-    return np.asarray(one.response.of(shown).signals(one.told(space.full(theta[None])))[0])
+def state_motion(observation: Observation, space: ParameterSpace, theta: Array) -> Array:
+    """Return all states at the samples `(T, X)`, at `theta (D,)`."""
+    states = observation.response.model.states
+    y = np.zeros((len(observation.experiment.t), len(states)))
+    shown = dataclasses.replace(observation.experiment, channels=channels_of_states(states), y=y)
+    return np.asarray(
+        observation.response.of(shown).signals(observation.told(space.full(theta[None])))[0]
+    )
 
 
 def _size(model: Model, name: str, p: Mapping[str, float], states: Array) -> float:
@@ -63,17 +72,19 @@ def _size(model: Model, name: str, p: Mapping[str, float], states: Array) -> flo
     """
     without, alone = (model.linear({**p, name: value}) for value in (0.0, 1.0))
     named = dict(zip(model.states, states.T, strict=True))
-    found = [0.0]
+    sizes = [0.0]
     for row in model.states:
         acting = _rates(without, row, named)
         changed = [(k, x) for k, x in alone.A.items() if k[0] == row and x != without.A.get(k, 0.0)]
-        own = sum((np.asarray(x - without.A.get(k, 0.0)) * named[k[1]] for k, x in changed), ZERO)
-        for one in model.frictions:
-            if name in one.law.parameters and (row, one.name) in alone.B:
-                own = own + np.asarray(alone.B[row, one.name]) * np.sign(named[one.against])
-        if (size := float(np.sqrt(np.mean(own**2)))) > 0:
-            found.append(acting / size)
-    return max(found)
+        added = sum((np.asarray(x - without.A.get(k, 0.0)) * named[k[1]] for k, x in changed), ZERO)
+        for friction in model.frictions:
+            if name in friction.law.parameters and (row, friction.name) in alone.B:
+                added = added + np.asarray(alone.B[row, friction.name]) * np.sign(
+                    named[friction.against]
+                )
+        if (size := float(np.sqrt(np.mean(added**2)))) > 0:
+            sizes.append(acting / size)
+    return max(sizes)
 
 
 def _rates(linear: Linear, row: str, named: Mapping[str, Array]) -> float:
@@ -81,36 +92,41 @@ def _rates(linear: Linear, row: str, named: Mapping[str, Array]) -> float:
 
     Angles act by their differences alone, in springs: together, as a rig may have turned anywhere.
     """
-    every = [(k[1], x * named[k[1]]) for k, x in linear.A.items() if k[0] == row]
+    terms = [(k[1], x * named[k[1]]) for k, x in linear.A.items() if k[0] == row]
     rates: dict[str, list[float]] = {}
-    for (of, by), x in linear.A.items():
-        rates.setdefault(of, []).append(float(x) if of != by else math.nan)
-    turned = {of for of, each in rates.items() if each == [1.0]}  # whose rate is another state
-    springs = [part for of, part in every if of in turned]
-    parts = [sum(springs, ZERO), *(part for of, part in every if of not in turned)]
+    for (state, by), x in linear.A.items():
+        rates.setdefault(state, []).append(float(x) if state != by else math.nan)
+    turned = {
+        state for state, each in rates.items() if each == [1.0]
+    }  # whose rate is another state
+    springs = [part for state, part in terms if state in turned]
+    parts = [sum(springs, ZERO), *(part for state, part in terms if state not in turned)]
     return float(np.sqrt(np.mean(sum(map(np.abs, parts), ZERO) ** 2)))
 
 
 @dataclass(frozen=True, slots=True)
-class Widened:
-    """`sizes`: of what is tried, in the order in which it stands in `posterior`, before the noise."""
+class EditedPosterior:
+    """A posterior with candidates free that the rig lacks.
+
+    `sizes`: of what is tried, in the order in which it stands in `posterior`, before the noise.
+    """
 
     posterior: Posterior
     sizes: Mapping[str, float]
 
     @property
     def tried(self) -> range:
-        """Places of what is tried among the unknowns."""
+        """The columns of what is tried among the unknowns."""
         last = len(self.posterior.space.columns(*MOVES))
         return range(last - len(self.sizes), last)
 
     def at(self, theta: Array) -> Array:
-        """The unknowns `theta (D,)`, with nothing of what is tried, `(E,)`."""
+        """Return the unknowns `theta (D,)`, with nothing of what is tried: `(E,)`."""
         return np.insert(theta, self.tried.start, np.zeros(len(self.sizes)))
 
 
-def widened(posterior: Posterior, theta: Array) -> Widened:
-    """With all unknown that the rig lacks, at `theta (D,)`."""
+def with_candidates(posterior: Posterior, theta: Array) -> EditedPosterior:
+    """Free all unknowns that the rig lacks, at `theta (D,)`."""
     sizes = rig_candidates(posterior.likelihood.observations, posterior.space, theta)
     free = [
         Unknown(
@@ -119,7 +135,9 @@ def widened(posterior: Posterior, theta: Array) -> Widened:
         for name, size in sizes.items()
     ]
 
-    def with_tried(one: Observation) -> Observation:
-        return one.of_rig(with_named(one.response.model, [*sizes]), one.response.sensing)
+    def with_tried(observation: Observation) -> Observation:
+        return observation.of_rig(
+            with_named(observation.response.model, [*sizes]), observation.response.sensing
+        )
 
-    return Widened(posterior.edit(free=free, each=with_tried), sizes)
+    return EditedPosterior(posterior.edit(free=free, each=with_tried), sizes)

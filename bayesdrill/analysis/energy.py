@@ -1,6 +1,4 @@
-"""Where the energy goes in each experiment, and what frictions do in it: how fast, how large,
-where they stick.
-"""
+"""Account for the energy of each experiment, and describe what frictions do in it."""
 
 from __future__ import annotations
 
@@ -17,12 +15,14 @@ from bayesdrill.rig.models.friction import Friction
 from bayesdrill.rig.simulators.contract import Simulator
 
 STORED, CONVERTED, AT_START = "stored", "conversion", "start"
-NOTHING = 1e-9  # of the largest flow
+NEGLIGIBLE_SHARE = 1e-9  # of the largest flow
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Part:
-    """`name`: of an input, a parameter, a friction, or `conversion`, `start` and `stored`; `joules`
+class EnergyPart:
+    """A part of the energy of one experiment.
+
+    `name`: of an input, a parameter, a friction, or `conversion`, `start` and `stored`; `joules`
     until the end; `share` of all that came in, and its `sd` over draws, None without any.
     """
 
@@ -33,45 +33,47 @@ class Part:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Account:
-    """Of one experiment: `came` in and `went` at each of the times `t (N,)`, J, by name; what is stored
-    at the start has come in.  `left`: the share that is in neither, of the order of the steps.
+class EnergyAccount:
+    """The energy of one experiment.
+
+    `came` in and `went` at each of the times `t (N,)`, J, by name; what is stored at the start has
+    come in. `imbalance`: the share that is in neither, of the order of the steps.
     """
 
     label: str
     t: Array
     came: dict[str, Array]
     went: dict[str, Array]
-    parts: tuple[Part, ...]
-    left: float
+    parts: tuple[EnergyPart, ...]
+    imbalance: float
 
     @property
     def total(self) -> Array:
-        """All that came in so far `(N,)`."""
+        """All that came in so far, `(N,)`."""
         return np.asarray(sum(self.came.values(), np.zeros(len(self.t))))
 
 
-def accounts(posterior: Posterior, theta: Array, draws: Array) -> tuple[Account, ...]:
-    """Of experiments whose rig rubs, at the MAP `theta (D,)` and draws `(N, D)`."""
+def energy_accounts(posterior: Posterior, theta: Array, draws: Array) -> tuple[EnergyAccount, ...]:
+    """Account for experiments with friction, at the MAP `theta (D,)` and draws `(N, D)`."""
     full = posterior.space.full(np.vstack([theta[None], draws]))
     return tuple(
-        _account(one, one.told(full))
-        for one in posterior.likelihood.observations
-        if one.response.model.frictions and can_balance(one.response.model)
+        _account(observation, observation.told(full))
+        for observation in posterior.likelihood.observations
+        if observation.response.model.frictions and can_balance(observation.response.model)
     )
 
 
-def _account(one: Observation, told: Array) -> Account:
+def _account(observation: Observation, arguments: Array) -> EnergyAccount:
     """At parameters `told (1 + N, P)` of its simulator: of the MAP, and of draws."""
-    rig = one.response
-    best = energies(rig, told[0])
+    rig = observation.response
+    best = energies(rig, arguments[0])
     flows = _flows(best)
     names = _sides(flows)
     came = {name: flows[name] for name in names[0]}
     went = {name: -flows[name] for name in names[1]}
-    shares = [_shares(_flows(energies(rig, each)), names) for each in told[1:]]
+    shares = [_shares(_flows(energies(rig, each)), names) for each in arguments[1:]]
     parts = [
-        Part(
+        EnergyPart(
             name=name,
             joules=float((came | went)[name][-1]),
             share=share,
@@ -80,24 +82,35 @@ def _account(one: Observation, told: Array) -> Account:
         for name, share in _shares(flows, names).items()
     ]
     total = sum(part[-1] for part in came.values())
-    left = float(np.abs(best.open[-1]) / total) if total else 0.0
-    return Account(label=one.label, t=best.t, came=came, went=went, parts=tuple(parts), left=left)
+    imbalance = float(np.abs(best.open[-1]) / total) if total else 0.0
+    return EnergyAccount(
+        label=observation.label,
+        t=best.t,
+        came=came,
+        went=went,
+        parts=tuple(parts),
+        imbalance=imbalance,
+    )
 
 
-def _flows(found: Energies) -> dict[str, Array]:
+def _flows(energies: Energies) -> dict[str, Array]:
     """By name, what comes in is positive."""
-    flows = {**found.given, CONVERTED: found.converted}
-    flows |= {name: -part for name, part in found.lost.items()}
-    start = np.full(len(found.t), found.stored[0])
-    return {**flows, AT_START: start, STORED: -found.stored}
+    flows = {**energies.given, CONVERTED: energies.converted}
+    flows |= {name: -part for name, part in energies.lost.items()}
+    start = np.full(len(energies.t), energies.stored[0])
+    return {**flows, AT_START: start, STORED: -energies.stored}
 
 
 def _sides(flows: dict[str, Array]) -> tuple[list[str], list[str]]:
     """Names of what came in and of what went, in the end; what is next to nothing has none."""
     scale = max(float(np.abs(part).max()) for part in flows.values())
-    kept = [n for n, part in flows.items() if n == STORED or np.abs(part).max() > NOTHING * scale]
-    came = [name for name in kept if name != STORED and flows[name][-1] >= 0]
-    return came, [name for name in kept if name not in came]
+    names = [
+        n
+        for n, part in flows.items()
+        if n == STORED or np.abs(part).max() > NEGLIGIBLE_SHARE * scale
+    ]
+    came = [name for name in names if name != STORED and flows[name][-1] >= 0]
+    return came, [name for name in names if name not in came]
 
 
 def _shares(flows: dict[str, Array], names: tuple[list[str], list[str]]) -> dict[str, float]:
@@ -108,16 +121,19 @@ def _shares(flows: dict[str, Array], names: tuple[list[str], list[str]]) -> dict
     return {name: signs[name] * end / total if total else 0.0 for name, end in ends.items()}
 
 
-SPEEDS = 200  # of each sign, at which a law is drawn: ...
-NEAREST = 1e-4  # ... from this share of the largest one on, as static friction falls near zero
-BEYOND = 1.05  # of the largest speed of the record
+CURVE_POINTS = 200  # of each sign, at which a law is drawn: ...
+# ... from this share of the largest one on, as static friction falls near zero
+SMALLEST_SPEED = 1e-4
+SPEED_MARGIN = 1.05  # of the largest speed of the record
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Rubbing:
-    """One friction in one experiment, at samples `t (T,)`: of the MAP its `speed`, `effort` and where it
-    `sticks` until the next sample, `(T,)`; `efforts (N, T)` of draws.  `gear`: its own speed is so many
-    times that of the state.
+class FrictionMotion:
+    """The motion of one friction in one experiment.
+
+    At samples `t (T,)`: of the MAP its `speed`, `effort` and where it `sticks` until the next
+    sample, `(T,)`; `efforts (N, T)` of draws. `gear`: its own speed is so many times that of the
+    state.
     """
 
     friction: Friction
@@ -131,13 +147,13 @@ class Rubbing:
 
     @property
     def stuck(self) -> float:
-        """The share of the time."""
+        """The share of the time that it sticks."""
         steps = np.diff(self.t)
         return float(steps[self.sticks[:-1]].sum() / steps.sum())
 
     @property
     def intervals(self) -> tuple[tuple[float, float], ...]:
-        """When it sticks."""
+        """The intervals in which it sticks."""
         edges = np.diff(np.concatenate([[0], self.sticks.astype(int), [0]]))
         first, last = np.flatnonzero(edges > 0), np.flatnonzero(edges < 0)
         ends = np.minimum(last, len(self.t) - 1)
@@ -145,20 +161,21 @@ class Rubbing:
 
     @property
     def stuck_later(self) -> float:
-        """The same, of what comes after its start from rest."""
+        """The share of the time that it sticks after its start from rest."""
         steps = np.where(np.cumsum(~self.sticks[:-1]) > 0, np.diff(self.t), 0.0)
         return float(steps[self.sticks[:-1]].sum() / np.diff(self.t).sum())
 
     @property
     def reversals(self) -> int:
-        """How often it goes on the other way."""
+        """The number of reversals."""
         signs = np.sign(self.speed[self.speed != 0.0])
         return int(np.count_nonzero(np.diff(signs)))
 
     @property
     def slowest(self) -> float:
-        """The least speed of its own once it has gone at half of its greatest; what comes before is a
-        start from rest.
+        """The least speed once it has gone at half of its greatest.
+
+        What comes before is a start from rest.
         """
         size = np.abs(self.speed) * self.gear
         first = int(np.argmax(size >= 0.5 * size.max()))
@@ -166,26 +183,35 @@ class Rubbing:
 
     @property
     def fastest(self) -> float:
+        """The greatest speed."""
         return float(np.abs(self.speed).max() * self.gear)
 
 
-def rubbings(posterior: Posterior, theta: Array, draws: Array) -> tuple[tuple[Rubbing, ...], ...]:
-    """Of each experiment, at the MAP `theta (D,)` and draws `(N, D)`; empty where nothing rubs."""
+def friction_motions(
+    posterior: Posterior, theta: Array, draws: Array
+) -> tuple[tuple[FrictionMotion, ...], ...]:
+    """Return the friction of each experiment, at the MAP `theta (D,)` and draws `(N, D)`.
+
+    Empty where there is no friction.
+    """
     full = posterior.space.full(np.vstack([theta[None], draws]))
-    return tuple(tuple(_of(one, full)) for one in posterior.likelihood.observations)
+    return tuple(
+        tuple(_friction_motions(observation, full))
+        for observation in posterior.likelihood.observations
+    )
 
 
-def _of(one: Observation, full: Array) -> Iterator[Rubbing]:
-    rig = one.response
+def _friction_motions(observation: Observation, full: Array) -> Iterator[FrictionMotion]:
+    rig = observation.response
     if not rig.model.frictions:
         return
-    motion = rig.motion(one.told(full))
+    motion = rig.motion(observation.told(full))
     for e, friction in enumerate(rig.model.frictions):
         speed = motion.states[0, :, rig.model.states.index(friction.against)]
         still = speed == 0.0
-        yield Rubbing(
+        yield FrictionMotion(
             friction=friction,
-            label=one.label,
+            label=observation.label,
             t=np.asarray(rig.experiment.t),
             speed=speed,
             effort=motion.efforts[0, :, e],
@@ -196,44 +222,50 @@ def _of(one: Observation, full: Array) -> Iterator[Rubbing]:
 
 
 def geared(rig: Simulator, friction: Friction) -> float:
-    """How many times as fast the motor turns as what its friction is said to be against."""
+    """Return how many times as fast the motor turns as what its friction is said to be against."""
     model = rig.model
     return 1.0 / model.gear_ratio if friction.against == model.roles.motor.speed else 1.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Curve:
-    """A law at its own `speeds (G,)`: `sizes (W, G)` of so many walkers, signed as the speeds."""
+class FrictionCurve:
+    """A friction law over its speed.
+
+    A law at its own `speeds (G,)`: `sizes (W, G)` of so many walkers, signed as the speeds.
+    """
 
     speeds: Array
     sizes: Array
 
 
-def curve(one: Observation, rubbing: Rubbing, full: Array) -> Curve:
-    """Of parameters `full (W, P)`, over the speeds that the record saw; where a law sees more than the
-    speed, at the root mean square of that.
+def friction_curve(observation: Observation, rubbing: FrictionMotion, full: Array) -> FrictionCurve:
+    """Compute a friction law of parameters `full (W, P)`, over the speeds that the record has.
+
+    Where the law depends on more than the speed, that is at its root mean square.
     """
-    rig, friction = one.response, rubbing.friction
-    far = BEYOND * float(np.abs(rubbing.speed).max()) or 1.0
-    one_way = far * np.geomspace(NEAREST, 1.0, SPEEDS)
+    rig, friction = observation.response, rubbing.friction
+    far = SPEED_MARGIN * float(np.abs(rubbing.speed).max()) or 1.0
+    one_way = far * np.geomspace(SMALLEST_SPEED, 1.0, CURVE_POINTS)
     speeds = np.concatenate([-one_way[::-1], [0.0], one_way])
-    told = one.told(full)
+    arguments = observation.told(full)
     names = rig.model.parameters
-    p = {name: told[:, k, None] for k, name in enumerate(names)}
-    seen = {name: np.asarray(x) for name, x in _seen(rig, friction, told[:1]).items()}
-    sizes = friction.law.size(p, np.abs(speeds), seen)
-    signed = np.broadcast_to(sizes, (len(told), len(speeds))) * np.sign(speeds)
-    return Curve(speeds=speeds * rubbing.gear, sizes=np.asarray(signed))
+    p = {name: arguments[:, k, None] for k, name in enumerate(names)}
+    looked_at = {
+        name: np.asarray(x) for name, x in _law_inputs(rig, friction, arguments[:1]).items()
+    }
+    sizes = friction.law.size(p, np.abs(speeds), looked_at)
+    signed = np.broadcast_to(sizes, (len(arguments), len(speeds))) * np.sign(speeds)
+    return FrictionCurve(speeds=speeds * rubbing.gear, sizes=np.asarray(signed))
 
 
-def _seen(rig: Simulator, friction: Friction, told: Array) -> dict[str, float]:
+def _law_inputs(rig: Simulator, friction: Friction, arguments: Array) -> dict[str, float]:
     """States, and inputs, that the law looks at; of two angles only their difference counts."""
-    steps = rig.steps(told)
+    steps = rig.steps(arguments)
     angles = [name for name in friction.law.seen if name in rig.model.states]
     others = [name for name in friction.law.seen if name not in rig.model.states]
-    found = {name: float(np.sqrt(np.mean(steps.felt[name] ** 2))) for name in others}
+    values = {name: float(np.sqrt(np.mean(steps.felt[name] ** 2))) for name in others}
     if len(angles) == 2:
         first, second = (steps.motion.states[0, :, rig.model.states.index(n)] for n in angles)
-        found[angles[0]] = 0.0
-        found[angles[1]] = float(np.sqrt(np.mean((second - first) ** 2)))
-    return found
+        values[angles[0]] = 0.0
+        values[angles[1]] = float(np.sqrt(np.mean((second - first) ** 2)))
+    return values

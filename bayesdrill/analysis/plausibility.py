@@ -12,8 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from bayesdrill.analysis.diagnostics import Row
-from bayesdrill.analysis.identifiability.information import Information, Scenery
+from bayesdrill.analysis.diagnostics import ParameterRow
+from bayesdrill.analysis.identifiability.information import Information, SensitivityStudy
 from bayesdrill.basics.arrays import Array
 from bayesdrill.inference.posterior import Problem
 from bayesdrill.inference.priors import Prior, spread, spread_of_log
@@ -41,7 +41,7 @@ GEOMETRY: Mapping[str, tuple[float, str]] = {  # by roles
 
 
 def plausibility_of_priors(problem: Problem) -> Iterator[str]:
-    """Nominal values that are where a prior has as good as nothing, though it does not exclude them."""
+    """Yield nominal values where a prior has as good as nothing, though it does not exclude them."""
     for name, prior in problem.posterior.space.priors.items():
         if (value := problem.nominal.get(name)) is None:
             continue
@@ -66,17 +66,17 @@ def of_roles(problem: Problem) -> Iterator[str]:
 
 
 def plausibility_of_gear(problem: Problem) -> Iterator[str]:
-    """Channels that turn neither with the shaft nor, by the gear of the model, with the motor."""
+    """Yield channels that turn neither with the shaft nor, by the gear, with the motor."""
     model = problem.model
     motor, gear = model.roles.motor, model.gear_ratio
     if not model.geared:
         return
-    every = [c for one in problem.observations for c in one.experiment.channels]
-    for channel in {c.name: c for c in every}.values():
+    channels = [c for observation in problem.observations for c in observation.experiment.channels]
+    for channel in {c.name: c for c in channels}.values():
         match list(channel.weights.items()):
             case [(motor.speed | motor.angle as state, float(times))]:
-                apart = min(abs(abs(times) * own - 1) for own in (1.0, gear))
-                if apart > SAME_GEAR:
+                error = min(abs(abs(times) * ratio - 1) for ratio in (1.0, gear))
+                if error > SAME_GEAR:
                     yield (
                         f"{channel.name} measures {times:g} * {state}, but the motor turns "
                         f"{1 / gear:.4g} times as fast as the shaft (model.{model.roles.gear}: "
@@ -85,10 +85,7 @@ def plausibility_of_gear(problem: Problem) -> Iterator[str]:
 
 
 def plausibility_of_nominal(problem: Problem) -> tuple[str, ...]:
-    """Of nominal values, or where there are none of held ones and those at the start.
-
-    What the config gives itself is not held against the paper's rig.
-    """
+    """Yield what is odd of nominal values, or of fixed ones and those at the start."""
     space = problem.posterior.space
     values = {**space.start, **problem.nominal, **space.fixed}
     values |= {name: float(relation.value(values)) for name, relation in space.relations.items()}
@@ -105,7 +102,7 @@ def plausibility_of_nominal(problem: Problem) -> tuple[str, ...]:
 
 
 def plausibility_of_draws(problem: Problem, draws: Array, known: Information) -> tuple[str, ...]:
-    """Of posterior draws `(N, D)`; `known` says what the record alone determines."""
+    """Yield what is odd of draws `(N, D)`; `known` says what the record alone determines."""
     model = problem.model
     rig = problem.posterior.likelihood.rig(draws[:: max(1, len(draws) // MOST_DRAWS)])
     values = dict(zip(model.parameters, rig.T, strict=True))
@@ -113,15 +110,17 @@ def plausibility_of_draws(problem: Problem, draws: Array, known: Information) ->
     return (*energy, *_poles(poles(model, values), problem))
 
 
-def plausibility_of_course(scenery: Scenery, theta: Array) -> tuple[str, ...]:
-    """Of the motion at unknowns `theta (D,)`: whether friction brakes all the time."""
-    likelihood = scenery.likelihood
+def plausibility_of_course(sensitivity: SensitivityStudy, theta: Array) -> tuple[str, ...]:
+    """Yield whether friction brakes all the time, in the motion at unknowns `theta (D,)`."""
+    likelihood = sensitivity.likelihood
     rig = likelihood.observations[0].response.model
     motor = rig.roles.motor
-    if motor.friction not in rig.parameters or motor.speed not in scenery.states:
+    if motor.friction not in rig.parameters or motor.speed not in sensitivity.states:
         return ()
     friction = float(likelihood.rig(theta[None])[0, rig.parameters.index(motor.friction)])
-    speeds = [motion[:, scenery.states.index(motor.speed)] for motion in scenery.motions(theta)]
+    speeds = [
+        motion[:, sensitivity.states.index(motor.speed)] for motion in sensitivity.motions(theta)
+    ]
     other_way = [np.sign(friction) * w < -APPRECIABLE * np.abs(w).max() for w in speeds]
     share = float(np.mean(np.concatenate(other_way)))
     if share <= FEW:
@@ -135,30 +134,30 @@ def plausibility_of_course(scenery: Scenery, theta: Array) -> tuple[str, ...]:
 
 
 def poles(model: Model, values: Mapping[str, Array]) -> NDArray[np.complex128]:
-    """Eigenvalues of the dynamics at parameters `(W,)` each: `(W, X)`, in 1/s."""
+    """Return eigenvalues of the dynamics at parameters `(W,)` each: `(W, X)`, in 1/s."""
     size = len(next(iter(values.values())))
     matrix = dynamics(model.linear(values), model.states, size)
     return np.asarray(np.linalg.eigvals(matrix), dtype=np.complex128)
 
 
 def _ideal(motor: MotorRoles) -> str:
-    given, taken = motor.torque_constant, motor.back_emf
+    k_T, k_e = motor.torque_constant, motor.back_emf
     return (
-        f"in SI units the two are equal in an ideal motor, and losses make {given} the smaller one; "
-        f"{given}, {taken}, the supply or the gear reduction is not what it is taken to be"
+        f"in SI units the two are equal in an ideal motor, and losses make {k_T} the smaller one; "
+        f"{k_T}, {k_e}, the supply or the gear reduction is not what it is taken to be"
     )
 
 
 def _energy_of_nominal(values: Mapping[str, float], roles: Roles) -> Iterator[str]:
-    given, taken = roles.motor.torque_constant, roles.motor.back_emf
-    if not {given, taken} <= {*values}:
+    k_T, k_e = roles.motor.torque_constant, roles.motor.back_emf
+    if not {k_T, k_e} <= {*values}:
         return
-    ratio = values[given] / values[taken]
+    ratio = values[k_T] / values[k_e]
     if ratio <= 1 + APPRECIABLE:
         return
     yield (
-        f"energy: {given} = {values[given]:.4g} N m/A is {ratio:.3g} times {taken} = "
-        f"{values[taken]:.4g} V s/rad, so the motor would give {ratio:.3g} times the power that it "
+        f"energy: {k_T} = {values[k_T]:.4g} N m/A is {ratio:.3g} times {k_e} = "
+        f"{values[k_e]:.4g} V s/rad, so the motor would give {ratio:.3g} times the power that it "
         f"takes up; {_ideal(roles.motor)}"
     )
 
@@ -166,14 +165,14 @@ def _energy_of_nominal(values: Mapping[str, float], roles: Roles) -> Iterator[st
 def _energy_of_draws(
     values: Mapping[str, Array], known: Information, roles: Roles
 ) -> Iterator[str]:
-    given, taken = roles.motor.torque_constant, roles.motor.back_emf
-    if not {given, taken} <= {*values}:
+    k_T, k_e = roles.motor.torque_constant, roles.motor.back_emf
+    if not {k_T, k_e} <= {*values}:
         return
-    ratio = values[given] / values[taken]
+    ratio = values[k_T] / values[k_e]
     share = float(np.mean(ratio > 1 + APPRECIABLE))
     if share <= FEW:
         return
-    powers = np.array([{given: 1.0, taken: -1.0}.get(name, 0.0) for name in known.names])
+    powers = np.array([{k_T: 1.0, k_e: -1.0}.get(name, 0.0) for name in known.names])
     blind = bool(powers.any()) and not math.isfinite(known.bound(powers))
     whence = (
         "; the record cannot show this ratio, so it is what the priors and what is held allow"
@@ -181,7 +180,7 @@ def _energy_of_draws(
         else f"; {_ideal(roles.motor)}"
     )
     yield (
-        f"energy: {given} is more than {100 * APPRECIABLE:g} % above {taken} in {_percent(share)} of "
+        f"energy: {k_T} is more than {100 * APPRECIABLE:g} % above {k_e} in {_percent(share)} of "
         f"the draws (median ratio {np.median(ratio):.3g}), where the motor would give more power than "
         f"it takes up{whence}"
     )
@@ -199,72 +198,80 @@ def _geometry(values: Mapping[str, float], roles: Roles) -> Iterator[str]:
             )
 
 
-def _poles(every: NDArray[np.complex128], problem: Problem) -> Iterator[str]:
+def _poles(poles: NDArray[np.complex128], problem: Problem) -> Iterator[str]:
     """`every (W, X)`; one row for nominal values, draws otherwise."""
-    step = min(one.experiment.dt for one in problem.observations)
-    size = np.abs(every).max(axis=1)
-    largest = every.real.max(axis=1)
+    step = min(observation.experiment.dt for observation in problem.observations)
+    size = np.abs(poles).max(axis=1)
+    largest = poles.real.max(axis=1)
     share = float(np.mean(largest > UNSTABLE * size))
     if share > 0:
         yield (
-            f"stability: a pole lies in the right half plane{_in(every, share)}, at most "
+            f"stability: a pole lies in the right half plane{_in(poles, share)}, at most "
             f"{largest.max():.3g} 1/s: the rig would run away by itself"
         )
-    decay = np.abs(every.real).max(axis=1)
+    decay = np.abs(poles.real).max(axis=1)
     share = float(np.mean(decay * step > 1))
     if share > FEW:
         middle, motor = float(np.median(decay)), problem.model.roles.motor
         yield (
             f"sampling: the fastest motion dies out within {1e3 / middle:.3g} ms (pole at "
-            f"{-middle:.3g} 1/s), the record has a sample every {1e3 * step:.3g} ms{_in(every, share)}: "
+            f"{-middle:.3g} 1/s), the record has a sample every {1e3 * step:.3g} ms{_in(poles, share)}: "
             f"what sets it, mostly {motor.inductance}/{motor.resistance}, is seen only through slower "
             "motions"
         )
-    turns = np.abs(every.imag).max(axis=1) / (2 * math.pi)
+    turns = np.abs(poles.imag).max(axis=1) / (2 * math.pi)
     share = float(np.mean(2 * turns * step > 1))
     if share > FEW:
         yield (
             f"sampling: an oscillation of {np.median(turns):.3g} Hz is faster than half of the "
-            f"{1 / step:.4g} samples per second{_in(every, share)}: the record shows a false frequency"
+            f"{1 / step:.4g} samples per second{_in(poles, share)}: the record shows a false frequency"
         )
 
 
-def _in(every: NDArray[np.complex128], share: float) -> str:
-    return "" if len(every) == 1 else f" (in {_percent(share)} of the draws)"
+def _in(poles: NDArray[np.complex128], share: float) -> str:
+    return "" if len(poles) == 1 else f" (in {_percent(share)} of the draws)"
 
 
 def _percent(share: float) -> str:
     return f"{100 * share:.3g} %"
 
 
-DECADES = 2.1  # of a log-uniform prior, or of one that is as wide: with more it is vague
-TIMES = 100.0  # as wide as what was found is large, where it is no matter of factors
-NARROWED = 0.5  # of its width: an unknown of which more is left costs little, however wide
+DIFFUSE_DECADES = 2.1  # of a log-uniform prior, or of one that is as wide: with more it is vague
+DIFFUSE_RATIO = 100.0  # as wide as what was found is large, where it is no matter of factors
+# of its width: an unknown of which more is left costs little, however wide
+MAX_REMAINING_WIDTH = 0.5
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Vague:
-    """The prior of `name`: so many `decades` wide, or `times` as wide as what was found is large."""
+class DiffusePrior:
+    """A prior too wide for the evidence to mean much.
+
+    The prior of `name`: so many `decades` wide, or `times` as wide as what was found is large.
+    """
 
     name: str
     decades: float | None = None
     times: float | None = None
 
 
-def vague(rows: Sequence[Row], draws: Array, priors: Mapping[str, Prior]) -> tuple[Vague, ...]:
-    """Of unknowns that the record narrows; `draws (N, D)` in the order of `rows`."""
-    found = (_vague(row.name, x, priors[row.name]) for row, x in zip(rows, draws.T, strict=True))
-    return tuple(one for one in found if one is not None)
+def diffuse_priors(
+    rows: Sequence[ParameterRow], draws: Array, priors: Mapping[str, Prior]
+) -> tuple[DiffusePrior, ...]:
+    """Return diffuse priors of unknowns that the record narrows; `draws (N, D)` like `rows`."""
+    priors_or_none = (
+        _diffuse_prior(row.name, x, priors[row.name]) for row, x in zip(rows, draws.T, strict=True)
+    )
+    return tuple(prior for prior in priors_or_none if prior is not None)
 
 
-def _vague(name: str, x: Array, prior: Prior) -> Vague | None:
+def _diffuse_prior(name: str, x: Array, prior: Prior) -> DiffusePrior | None:
     if prior.in_logs:
         wide = spread_of_log(prior)
         decades = wide * math.sqrt(12.0) / math.log(10.0)
-        if decades > DECADES and float(np.log(x).std()) < NARROWED * wide:
-            return Vague(name=name, decades=decades)
+        if decades > DIFFUSE_DECADES and float(np.log(x).std()) < MAX_REMAINING_WIDTH * wide:
+            return DiffusePrior(name=name, decades=decades)
     wide = spread(prior)
     times = wide / math.sqrt(float(np.mean(x**2)))
-    if times > TIMES and float(x.std()) < NARROWED * wide:
-        return Vague(name=name, times=times)
+    if times > DIFFUSE_RATIO and float(x.std()) < MAX_REMAINING_WIDTH * wide:
+        return DiffusePrior(name=name, times=times)
     return None

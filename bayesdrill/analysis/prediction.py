@@ -1,11 +1,12 @@
-"""Whether the record is as the posterior predicts it: where each sample lies in its own prediction; and
-how well draws predict samples (held out, PSIS-LOO).
+"""Check the record against its posterior prediction, and score predictions of samples.
 
-The probability integral transform (PIT) of a sample is the share of its prediction below it; where model
-and noise are right they are uniform.  Each is of the posterior without that sample, for a sample that
-helps to predict itself is predicted too well: draws weigh as one over what they give that sample, but
-none more than the root of their number times the mean (Ionides 2008).  Pareto smoothing would refuse
-samples at which all draws agree, such as the first of a rig at rest.
+Where each sample lies in its own prediction; and held-out and leave-one-out scores (PSIS-LOO).
+
+The probability integral transform (PIT) of a sample is the share of its prediction below it; where
+model and noise are right they are uniform.  Each is of the posterior without that sample, for a
+sample that helps to predict itself is predicted too well: draws weigh as one over what they give
+that sample, but none more than the root of their number times the mean (Ionides 2008).  Pareto
+smoothing would refuse samples at which all draws agree, such as the first of a rig at rest.
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from bayesdrill.analysis.calibration import Band, ecdf_band, shape
+from bayesdrill.analysis.calibration import RankBand, ecdf_band, shape
 from bayesdrill.basics.arrays import Array
 from bayesdrill.basics.units import Unit
 from bayesdrill.inference.likelihood import Likelihood, Observation
@@ -27,8 +28,8 @@ from bayesdrill.record.experiment import Channel
 from bayesdrill.rig.models.linear import dynamics
 from bayesdrill.rig.simulators.sensors import SensorParameters
 
-BINS = 100
-MOST_CHECKED = 2000  # samples of a channel that are looked at
+PIT_BINS = 100
+MAX_CHECKED = 2000  # samples of a channel that are looked at
 FALSE_ALARM = 0.01  # of records of the model, with its noise, leave any band, at most
 SAYS = {
     "posterior too low": "measured lies above",
@@ -39,21 +40,25 @@ SAYS = {
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Check:
-    """Of one channel: `pit (T,)`, and the band of their distribution; `label`: of its experiment."""
+class PredictionCheck:
+    """A check of one channel against its prediction.
+
+    Of one channel: `pit (T,)`, and the band of their distribution; `label`: of its experiment.
+    """
 
     channel: Channel
     pit: Array
-    band: Band
+    band: RankBand
     label: str = ""
 
     @property
     def ranks(self) -> NDArray[np.int64]:
-        """In which of `BINS` equal parts of its prediction each sample lies."""
-        return np.minimum((BINS * self.pit).astype(np.int64), BINS - 1)
+        """Which of `PIT_BINS` equal parts of its prediction each sample lies in."""
+        return np.minimum((PIT_BINS * self.pit).astype(np.int64), PIT_BINS - 1)
 
     @property
     def holds(self) -> bool:
+        """Whether chance explains the ranks."""
         return self.band.holds(self.ranks)
 
     @property
@@ -61,56 +66,63 @@ class Check:
         """What is wrong with the prediction; empty where chance explains all."""
         if self.holds:
             return ""
-        return SAYS.get(shape(self.ranks, BINS - 1) or "", "not as predicted")
+        return SAYS.get(shape(self.ranks, PIT_BINS - 1) or "", "not as predicted")
 
 
-def checks(likelihood: Likelihood, theta: Array) -> tuple[Check, ...]:
-    """Of each channel, by draws `theta (N, D)`."""
-    every = [
-        (one.label, channel, pit[~np.isnan(pit)])
-        for one in likelihood.observations
+def prediction_checks(likelihood: Likelihood, theta: Array) -> tuple[PredictionCheck, ...]:
+    """Check each channel by draws `theta (N, D)`."""
+    transforms = [
+        (observation.label, channel, pit[~np.isnan(pit)])
+        for observation in likelihood.observations
         for channel, pit in zip(
-            one.experiment.channels, leave_one_out_check(likelihood, one, theta).T, strict=True
+            observation.experiment.channels,
+            leave_one_out_check(likelihood, observation, theta).T,
+            strict=True,
         )
         if not np.isnan(pit).all()
     ]
     return tuple(
-        Check(
+        PredictionCheck(
             channel=channel,
             label=label,
             pit=pit,
-            band=ecdf_band(len(pit), BINS - 1, FALSE_ALARM / len(every)),  # kept for each length
+            band=ecdf_band(
+                len(pit), PIT_BINS - 1, FALSE_ALARM / len(transforms)
+            ),  # kept for each length
         )
-        for label, channel, pit in every
+        for label, channel, pit in transforms
     )
 
 
-def leave_one_out_check(likelihood: Likelihood, one: Observation, theta: Array) -> Array:
-    """PITs `(T, K)` of at most `MOST` samples, evenly spaced; NaN where nothing was measured.
+def leave_one_out_check(likelihood: Likelihood, observation: Observation, theta: Array) -> Array:
+    """Return PITs `(T, K)` of at most `MAX_CHECKED` samples, evenly spaced; NaN where unmeasured.
 
     What is left of a sample is whitened, so that each counts on those before it where the noise
     remembers them.
     """
-    rest = one.residuals(likelihood.space.full(theta)).samples
-    n = len(one.experiment.t)
-    seen = np.unique(np.linspace(0, n - 1, min(n, MOST_CHECKED)).round().astype(int))
-    below = scipy.special.ndtr(one.whiten(rest, theta)[:, seen])
-    log_p = one.pointwise(rest, theta)[:, seen]
+    residuals = observation.residuals(likelihood.space.full(theta)).samples
+    n = len(observation.experiment.t)
+    checked = np.unique(np.linspace(0, n - 1, min(n, MAX_CHECKED)).round().astype(int))
+    below = scipy.special.ndtr(observation.whiten(residuals, theta)[:, checked])
+    log_p = observation.pointwise(residuals, theta)[:, checked]
     weights = np.exp(log_p.min(axis=0) - log_p)
     weights = np.minimum(weights, weights.mean(axis=0) * len(theta) ** 0.5)
     return np.asarray((weights * below).sum(axis=0) / weights.sum(axis=0))
 
 
-DRAWS = 800  # looked at
-MOST_SCORED = 50_000  # samples whose densities are kept for all draws
-AGREED = 1e-12  # of the log densities of a sample: all draws give it the same
-BAD = 0.7  # of Pareto's k, from which on a sample leans on a few draws
-FEW = 0.01  # of the samples may
+MAX_DRAWS = 800  # looked at
+MAX_SCORED = 50_000  # samples whose densities are kept for all draws
+EQUAL_LOG_DENSITY = 1e-12  # of the log densities of a sample: all draws give it the same
+BAD_PARETO_K = 0.7  # of Pareto's k, from which on a sample leans on a few draws
+MAX_BAD_SHARE = 0.01  # of the samples may
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class HeldOut:
-    """`score`: sum of the logs of the predictive densities of so many `samples`, SI; `each (n,)`."""
+class HeldOutScore:
+    """The score of samples that were held out.
+
+    `score`: sum of the logs of the predictive densities of so many `samples`, SI; `each (n,)`.
+    """
 
     score: float
     samples: int
@@ -118,42 +130,53 @@ class HeldOut:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class LeftOut:
-    """Of each sample without itself: `elpd`, its parts `each (n,)`, and the share that is `doubtful`."""
+class LooScore:
+    """The leave-one-out score of each sample.
+
+    Of each sample without itself: `elpd`, its parts `each (n,)`, and the share that is `doubtful`.
+    """
 
     elpd: float
     each: Array
     doubtful: float
 
 
-def held_out(posterior: Posterior, theta: Array) -> HeldOut | None:
-    """By draws `theta (N, D)`: stretches and whole experiments; None where nothing is held out."""
-    theta, found = _some(theta), []
+def held_out(posterior: Posterior, theta: Array) -> HeldOutScore | None:
+    """Score stretches and experiments that are held out, by draws `theta (N, D)`; None without any."""
+    theta, log_densities = _some(theta), []
     full, likelihood = posterior.space.full(theta), posterior.likelihood
-    stretches = [(one, one.experiment.held_out) for one in likelihood.observations]
-    for one, held in (*stretches, *((one, one.experiment.y) for one in likelihood.apart)):
-        if held is not None:
-            rest = held - one.signals(full)
+    stretches = [
+        (observation, observation.experiment.held_out) for observation in likelihood.observations
+    ]
+    for observation, measured in (
+        *stretches,
+        *((observation, observation.experiment.y) for observation in likelihood.apart),
+    ):
+        if measured is not None:
+            residuals = measured - observation.signals(full)
             # By itself: what remembers is not told what stands beside it.
-            log_p = one.on(held).pointwise(rest, theta)[:, ~np.isnan(held)]
-            found.append(scipy.special.logsumexp(log_p, axis=0) - np.log(len(theta)))
-    if not found:
+            log_p = observation.on(measured).pointwise(residuals, theta)[:, ~np.isnan(measured)]
+            log_densities.append(scipy.special.logsumexp(log_p, axis=0) - np.log(len(theta)))
+    if not log_densities:
         return None
-    each = np.concatenate(found)
-    return HeldOut(score=float(each.sum()), samples=len(each), each=each)
+    each = np.concatenate(log_densities)
+    return HeldOutScore(score=float(each.sum()), samples=len(each), each=each)
 
 
-def leave_one_out(posterior: Posterior, theta: Array, left: tuple[Left, ...]) -> LeftOut | str:
-    """By draws `theta (N, D)`; or why that would tell nothing: samples that tell of each other by more
-    than the unknowns, or too many of them.
+def leave_one_out(
+    posterior: Posterior, theta: Array, residual_rows: tuple[Left, ...]
+) -> LooScore | str:
+    """Score each sample without itself, by draws `theta (N, D)`, or say why not.
+
+    Samples may tell of each other by more than the unknowns, or be too many.
     """
     observations = posterior.likelihood.observations
-    if sum(one.numbers for one in observations) > MOST_SCORED:
-        return f"more than {MOST_SCORED} samples"
-    if any(remembers(one, theta) for one in observations):
+    if sum(observation.numbers for observation in observations) > MAX_SCORED:
+        return f"more than {MAX_SCORED} samples"
+    if any(has_memory(observation, theta) for observation in observations):
         return "its noise remembers: a sample that is left out is told by those beside it"
-    if coloured := [one for one in left if one.correlated]:
-        worst = max(coloured, key=lambda one: abs(one.correlation))
+    if coloured := [row for row in residual_rows if row.correlated]:
+        worst = max(coloured, key=lambda row: abs(row.correlation))
         return (
             f"what it leaves is not white (correlation of neighbours {worst.correlation:.2f} in "
             f"{worst.name}): a sample that is left out is told by those beside it"
@@ -162,47 +185,52 @@ def leave_one_out(posterior: Posterior, theta: Array, left: tuple[Left, ...]) ->
 
     smoothed: Any = array_stats.psislw
     theta = _some(theta)
-    full, found = posterior.space.full(theta), []
-    for one in observations:
-        log_p = one.pointwise(one.residuals(full).samples, theta)
-        found.append(log_p[:, one.experiment.seen].T)
-    log_p = np.concatenate(found)
-    each, told = log_p.mean(axis=1), np.zeros(len(log_p))
-    differ = np.ptp(log_p, axis=1) > AGREED  # of those at rest nothing is to be smoothed
-    log_w, told[differ] = smoothed(log_p[differ])
+    full, log_densities = posterior.space.full(theta), []
+    for observation in observations:
+        log_p = observation.pointwise(observation.residuals(full).samples, theta)
+        log_densities.append(log_p[:, observation.experiment.seen].T)
+    log_p = np.concatenate(log_densities)
+    each, pareto_k = log_p.mean(axis=1), np.zeros(len(log_p))
+    differ = np.ptp(log_p, axis=1) > EQUAL_LOG_DENSITY  # of those at rest nothing is to be smoothed
+    log_w, pareto_k[differ] = smoothed(log_p[differ])
     each[differ] = scipy.special.logsumexp(log_w + log_p[differ], axis=1)
-    return LeftOut(elpd=float(each.sum()), each=each, doubtful=float((told > BAD).mean()))
+    return LooScore(
+        elpd=float(each.sum()), each=each, doubtful=float((pareto_k > BAD_PARETO_K).mean())
+    )
 
 
-def remembers(one: Observation, theta: Array) -> bool:
-    """Whether its noise says of a sample what those before it were, at the first of `theta (N, D)`."""
-    if one.white:
+def has_memory(observation: Observation, theta: Array) -> bool:
+    """Return whether the noise says of a sample what those before it were, at `theta (N, D)`."""
+    if observation.white:
         return False
-    first, seen = theta[:1], one.experiment.seen
-    samples = np.where(seen, np.zeros((2, *seen.shape)), np.nan)
-    for k, sigma in enumerate(one.scales(first)[0]):
-        rows = np.flatnonzero(seen[:, k])
+    first, sampled = theta[:1], observation.experiment.seen
+    samples = np.where(sampled, np.zeros((2, *sampled.shape)), np.nan)
+    for k, sigma in enumerate(observation.scales(first)[0]):
+        rows = np.flatnonzero(sampled[:, k])
         samples[1, rows[len(rows) // 2], k] = sigma
-    quiet, struck = one.whiten(samples, np.repeat(first, 2, axis=0))
+    quiet, struck = observation.whiten(samples, np.repeat(first, 2, axis=0))
     felt = np.abs(struck - quiet)[samples[1] == 0.0]
-    return bool(np.nanmax(felt, initial=0.0) > AGREED)
+    return bool(np.nanmax(felt, initial=0.0) > EQUAL_LOG_DENSITY)
 
 
 def _some(theta: Array) -> Array:
-    return theta[:: max(1, -(-len(theta) // DRAWS))]
+    return theta[:: max(1, -(-len(theta) // MAX_DRAWS))]
 
 
 SEGMENTS = 8  # of a record, half over each other, that a spectrum is the mean of
-SMOOTH = 7  # frequencies over which the spectrum of noise is alike
-LEAST_SEEN = 0.9  # of the samples of a channel; the others count as the model has them
-EXCITED = 0.25  # sd over magnitude of a response, to which an input that excites lets it be known
+SMOOTHED_FREQUENCIES = 7  # frequencies over which the spectrum of noise is alike
+MIN_SAMPLED_SHARE = 0.9  # of the samples of a channel; the others count as the model has them
+# sd over magnitude of a response, to which an input that excites lets it be known
+MAX_RELATIVE_SD = 0.25
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FrequencyResponse:
-    """From a measured `input`, shown in `unit`, to a `channel`, SI, at `frequencies (F,)` [Hz]:
-    `modelled` and `measured (F,)`, complex, and sd over magnitude `error (F,)`; NaN where the input does
-    not excite the channel.
+    """The response of a channel to a measured input over frequency.
+
+    `input`, shown in `unit`, to `channel`, SI, at `frequencies (F,)` [Hz]: `modelled` and `measured
+    (F,)`, complex, and sd over magnitude `error (F,)`; NaN where the input does not excite the
+    channel.
     """
 
     channel: Channel
@@ -216,37 +244,42 @@ class FrequencyResponse:
 
 
 def frequency_responses(posterior: Posterior, theta: Array) -> tuple[FrequencyResponse, ...]:
-    """Return those of each experiment at the MAP `theta (D,)`: of linear rigs with measured inputs and
-    equal steps.
+    """Return the frequency responses of each experiment at the MAP `theta (D,)`.
 
-    What is measured is what the model has, and what Welch's method says of the residuals by the inputs:
-    so the start and leakage at a resonance bias it only as far as the model is wrong (errors: Bendat
-    and Piersol, Random Data, 4th ed., section 9.2).
+    Of linear rigs with measured inputs and equal steps.
+
+    What is measured is what the model has, and what Welch's method says of the residuals by the
+    inputs: so the start and leakage at a resonance bias it only as far as the model is wrong
+    (errors: Bendat and Piersol, Random Data, 4th ed., section 9.2).
     """
     from scipy.ndimage import uniform_filter1d
     from scipy.signal import csd  # late: it takes half a second to load
 
-    full, found = posterior.space.full(theta[None]), []
-    for one in posterior.likelihood.observations:
-        experiment = one.experiment
+    full, responses = posterior.space.full(theta[None]), []
+    for observation in posterior.likelihood.observations:
+        experiment = observation.experiment
         series = {name: u for name, u in experiment.series.items() if np.ptp(u) > 0}
-        if one.response.model.frictions or not experiment.uniform or not series:
+        if observation.response.model.frictions or not experiment.uniform or not series:
             continue
-        u, e = np.array([*series.values()]), np.nan_to_num(one.residuals(full).samples[0].T)
+        u, e = np.array([*series.values()]), np.nan_to_num(observation.residuals(full).samples[0].T)
         length, both = 2 * u.shape[1] // (SEGMENTS + 1), np.concatenate([u, e])
-        f, every = csd(both[:, None], both[None], 1.0 / experiment.dt, nperseg=length)
-        f, spectra, n = f[1:], np.moveaxis(every[..., 1:], -1, 0), len(u)  # (F, S + K, S + K)
+        f, spectra_of_pairs = csd(both[:, None], both[None], 1.0 / experiment.dt, nperseg=length)
+        f, spectra, n = (
+            f[1:],
+            np.moveaxis(spectra_of_pairs[..., 1:], -1, 0),
+            len(u),
+        )  # (F, S + K, S + K)
         inverse = np.linalg.pinv(spectra[:, :n, :n], hermitian=True)
         more = (inverse @ spectra[:, :n, n:]).swapaxes(1, 2)  # (F, K, S)
         noise = np.einsum("fkk->fk", spectra[:, n:, n:] - more.conj() @ spectra[:, :n, n:]).real
         # By itself it has few degrees of freedom.
-        noise = uniform_filter1d(noise, SMOOTH, axis=0)
+        noise = uniform_filter1d(noise, SMOOTHED_FREQUENCIES, axis=0)
         share = np.einsum("fss->fs", inverse).real / (2.0 * max(SEGMENTS - n, 1))
-        modelled = _response(one, one.told(full), f, [*series])
+        modelled = _response(observation, observation.told(full), f, [*series])
         measured = modelled + more
         error = np.sqrt(np.maximum(noise, 0.0)[:, :, None] * share[:, None]) / np.abs(measured)
-        measured[(error > EXCITED) | (share == 0.0)[:, None]] = np.nan
-        found += [
+        measured[(error > MAX_RELATIVE_SD) | (share == 0.0)[:, None]] = np.nan
+        responses += [
             FrequencyResponse(
                 channel=channel,
                 input=name,
@@ -255,21 +288,25 @@ def frequency_responses(posterior: Posterior, theta: Array) -> tuple[FrequencyRe
                 modelled=modelled[:, k, column],
                 measured=measured[:, k, column],
                 error=error[:, k, column],
-                label=one.label,
+                label=observation.label,
             )
             for k, channel in enumerate(experiment.channels)
             for column, name in enumerate(series)
-            if experiment.seen[:, k].mean() > LEAST_SEEN
+            if experiment.seen[:, k].mean() > MIN_SAMPLED_SHARE
         ]
-    return tuple(found)
+    return tuple(responses)
 
 
-def _response(one: Observation, told: Array, f: Array, names: list[str]) -> NDArray[np.complex128]:
+def _response(
+    observation: Observation, arguments: Array, f: Array, names: list[str]
+) -> NDArray[np.complex128]:
     """`(F, K, S)`: C (i w - A)^-1 B, with sensors, and inputs held or straight from sample to sample."""
-    walkers = SensorParameters(one.response.model, one.experiment, one.response.sensing)
-    rig, sensing, dt = walkers.observed_model, walkers.sensing, one.experiment.dt
+    walkers = SensorParameters(
+        observation.response.model, observation.experiment, observation.response.sensing
+    )
+    rig, sensing, dt = walkers.observed_model, walkers.sensing, observation.experiment.dt
     linear = rig.linear(
-        dict(zip(rig.parameters, walkers.simulator_parameters(told)[0], strict=True))
+        dict(zip(rig.parameters, walkers.simulator_parameters(arguments)[0], strict=True))
     )
     b, s = np.zeros((len(rig.states), len(names))), 2j * np.pi * f[:, None, None]
     for (row, name), value in linear.B.items():
@@ -278,9 +315,9 @@ def _response(one: Observation, told: Array, f: Array, names: list[str]) -> NDAr
     states = np.linalg.solve(s * np.eye(len(b)) - dynamics(linear, rig.states, 1), b[None])
     late = np.zeros(len(names))
     for name, lag in sensing.input_lags.items():
-        late[names.index(name)] = walkers.column(lag, told)[0]
-    late = late + walkers.channel_delays(told)[0][:, None]
-    held = np.sinc(s.imag * dt / (2 * np.pi))
-    held = held**2 if one.experiment.first_order else held * np.exp(-s * dt / 2)
-    shown = walkers.gains(told)[0][:, None] * walkers.weights
-    return np.asarray(shown @ states * held * np.exp(-s * late))
+        late[names.index(name)] = walkers.column(lag, arguments)[0]
+    late = late + walkers.channel_delays(arguments)[0][:, None]
+    hold = np.sinc(s.imag * dt / (2 * np.pi))
+    hold = hold**2 if observation.experiment.first_order else hold * np.exp(-s * dt / 2)
+    shown = walkers.gains(arguments)[0][:, None] * walkers.weights
+    return np.asarray(shown @ states * hold * np.exp(-s * late))

@@ -10,15 +10,20 @@ from typing import Any
 import numpy as np
 
 from bayesdrill.analysis import causes, diagnostics, energy, latent_torque, plausibility
-from bayesdrill.analysis.causes import Causes, Instead
-from bayesdrill.analysis.comparison import Repeat, repeats
-from bayesdrill.analysis.diagnostics import Row
-from bayesdrill.analysis.energy import Account, Part, Rubbing
-from bayesdrill.analysis.identifiability.information import Scenery
+from bayesdrill.analysis.causes import Causes, EquivalentExplanation
+from bayesdrill.analysis.comparison import RepeatedProduct, repeats
+from bayesdrill.analysis.diagnostics import ParameterRow
+from bayesdrill.analysis.energy import EnergyAccount, EnergyPart, FrictionMotion
+from bayesdrill.analysis.identifiability.information import SensitivityStudy
 from bayesdrill.analysis.identifiability.structure import Exponents
-from bayesdrill.analysis.latent_torque import Course, Follows, Shaking, follows
-from bayesdrill.analysis.plausibility import Vague
-from bayesdrill.analysis.suspicions import Moment, half_a_sample
+from bayesdrill.analysis.latent_torque import (
+    ChannelMotion,
+    TorqueEstimate,
+    TorqueRegression,
+    regress_torque,
+)
+from bayesdrill.analysis.plausibility import DiffusePrior
+from bayesdrill.analysis.suspicions import InputTiming, half_sample_shift
 from bayesdrill.analysis.verdict import Judgement, basis, conclude
 from bayesdrill.basics import seeds, values
 from bayesdrill.basics.arrays import Array
@@ -38,30 +43,30 @@ from bayesdrill.inference.step_error import StepError, step_errors
 from bayesdrill.rig.models.latent_torque import TorqueLocation
 from bayesdrill.rig.models.linear import Roles
 from bayesdrill.sampling.convergence import Convergence
-from bayesdrill.sampling.ensembles import Sampled
+from bayesdrill.sampling.ensembles import SamplingResult
 from bayesdrill.sampling.evidence import Evidence
 from bayesdrill.sampling.mode_search import Mode
 
-BANDS, ACCOUNTS, PATHS = 100, 25, 300  # draws
-MIDDLE = (0.03, 0.97)  # of the samples of a torque
+BAND_DRAWS, ENERGY_DRAWS, TORQUE_DRAWS = 100, 25, 300  # draws
+CENTRAL_SHARES = (0.03, 0.97)  # of the samples of a torque
 
 
 @dataclass(frozen=True, eq=False)
 class RunDraws(Value):
-    """Draws of a finished run, and what figures show of them; each made once, when it is asked for.
+    """Draws of a finished run, and what figures show of them; each is made when first asked for.
 
     `sparing` is told of derived quantities that fail.
     """
 
     problem: Problem
     mode: Mode
-    sampled: Sampled
+    sampled: SamplingResult
     seed: int
     sparing: ErrorCollector = field(default_factory=ErrorCollector, compare=False)
 
     @cached_property
     def draws(self) -> Array:
-        """`(N, D)`, of all ensembles."""
+        """The draws `(N, D)` of all ensembles."""
         return self.sampled.draws.reshape(-1, self.sampled.draws.shape[-1])
 
     @cached_property
@@ -70,53 +75,54 @@ class RunDraws(Value):
         return self.problem.posterior.space.vector(self.mode.values)
 
     def some(self, n: int) -> Array:
-        """At most `n` draws `(n, D)`, evenly spaced."""
+        """Return at most `n` draws `(n, D)`, evenly spaced."""
         return self.draws[:: max(1, -(-len(self.draws) // n))]
 
     @cached_property
-    def rubbing(self) -> tuple[tuple[Rubbing, ...], ...]:
-        """Of each experiment; nothing where the rig does not rub."""
+    def friction_motions(self) -> tuple[tuple[FrictionMotion, ...], ...]:
+        """The friction of each experiment; nothing where the rig has none."""
         if not self.problem.model.frictions:
             return ()
-        return energy.rubbings(self.problem.posterior, self.best, self.some(BANDS))
+        return energy.friction_motions(self.problem.posterior, self.best, self.some(BAND_DRAWS))
 
     @cached_property
-    def accounts(self) -> tuple[Account, ...]:
-        """Where the energy goes, of a rig that rubs."""
+    def energy_accounts(self) -> tuple[EnergyAccount, ...]:
+        """The energy accounts of a rig with friction."""
         if not self.problem.model.frictions:
             return ()
-        return energy.accounts(self.problem.posterior, self.best, self.some(ACCOUNTS))
+        return energy.energy_accounts(self.problem.posterior, self.best, self.some(ENERGY_DRAWS))
 
     @cached_property
-    def shaking(self) -> tuple[Shaking, ...]:
+    def torque_estimates(self) -> tuple[TorqueEstimate, ...]:
         """The missing torque of each experiment, where there is one."""
         rng = seeds.stream(self.seed, "torque")
-        return latent_torque.shakings(self.problem.posterior, self.some(PATHS), rng)
+        return latent_torque.torque_estimates(self.problem.posterior, self.some(TORQUE_DRAWS), rng)
 
     @cached_property
     def _derived(self) -> dict[tuple[Exponents, ...], Derived]:
         return {}  # by the products that they have with them
 
     def derived(self, judged: Judgement | None) -> Derived:
-        """With the products of a verdict; nothing where they cannot be made."""
+        """Return derived quantities with the products of a verdict; nothing where that fails."""
         verdict = () if judged is None else judged.verdict.products
         products = tuple(quantity.exponents for quantity in verdict)
         if products not in self._derived:
             problem, draws = self.problem, self.sampled.draws
-            found = Derived(symbols=(), values=np.empty((*draws.shape[:2], 0)), nominal={})
+            result = Derived(symbols=(), values=np.empty((*draws.shape[:2], 0)), nominal={})
             with self.sparing.making("derived quantities"):
                 following = derived.derive(problem, draws)
-                found = derived.with_products(following, problem, draws, products)
-            self._derived[products] = found
+                result = derived.with_products(following, problem, draws, products)
+            self._derived[products] = result
         return self._derived[products]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TorqueSummary:
-    """The missing torque of one experiment, N m: from `low` to `high` in 94 % of the samples, each known
-    to `width`; `rms` of the expected one, and mean `sd` of the draws.
+    """The missing torque of one experiment, N m.
 
-    `sure`: share of the samples whose sign is sure; `turning`: of those in which its inertia turns.
+    From `low` to `high` in 94 % of the samples, each known to `width`; `rms` of the expected one,
+    and mean `sd` of the draws. `sure`: share of the samples whose sign is sure; `turning`: of those
+    in which its inertia turns.
     """
 
     label: str
@@ -128,19 +134,20 @@ class TorqueSummary:
     sd: float
     sure: float
     turning: float
-    follows: tuple[Follows, ...]
-    courses: tuple[Course, ...]
+    follows: tuple[TorqueRegression, ...]
+    courses: tuple[ChannelMotion, ...]
     roles: Roles
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class EnergySummary:
-    """Of one experiment: the `parts` that `came` in and `went`, until the end; `left`: the share that is
-    in neither, of the order of the steps.
+    """The energy of one experiment: the `parts` that `came` in and `went`, until the end.
+
+    `left`: the share that is in neither, of the order of the steps.
     """
 
     label: str
-    parts: tuple[Part, ...]
+    parts: tuple[EnergyPart, ...]
     came: tuple[str, ...]
     went: tuple[str, ...]
     left: float
@@ -176,26 +183,26 @@ class RunAnalysis:
     alone: whether no other model of the record is tried beside it, so that causes are looked for
     """
 
-    unknowns: tuple[Row, ...]
+    unknowns: tuple[ParameterRow, ...]
     fit: tuple[Left, ...]
     inputs: tuple[str, ...]
     sandwich: Mapping[str, float]
     judged: Judgement | None
-    repeats: tuple[Repeat, ...]
+    repeats: tuple[RepeatedProduct, ...]
     causes: Causes | None
-    instead: Instead | None
+    instead: EquivalentExplanation | None
     derived: tuple[derived.Row, ...]
     meanings: Mapping[str, str]
     convergence: Convergence
     acceptance: tuple[float, ...]
     failures: int
     evidence: Evidence | None
-    vague: tuple[Vague, ...]
+    vague: tuple[DiffusePrior, ...]
     leaning: Mapping[str, tuple[str, ...]]
     step_errors: tuple[StepError, ...]
     torques: tuple[TorqueSummary, ...]
     energy: tuple[EnergySummary, ...]
-    moment: Moment | None
+    moment: InputTiming | None
     course: tuple[str, ...]
     rig: tuple[str, ...]
     suspicions: tuple[str, ...]
@@ -203,20 +210,24 @@ class RunAnalysis:
 
     @property
     def numbers(self) -> Mapping[str, Any]:
-        """By names such as `unknowns.k_s.mean`, `fit.w_1.rms` and `evidence.log_z`."""
+        """All numbers, by names such as `unknowns.k_s.mean`, `fit.w_1.rms` and `evidence.log_z`."""
         return dict(values.leaves(values.as_data(self)))
 
     @classmethod
     def describe(cls, name: str) -> str:
-        """What a number of this name is, with its unit; raises `KeyError` for a name that is none."""
-        said = values.field_descriptions(cls)[name.partition(".")[0]]
-        return f"{said['description']} [{said['unit']}]" if "unit" in said else said["description"]
+        """Describe the number of this name, with its unit; raises `KeyError` for an unknown name."""
+        description = values.field_descriptions(cls)[name.partition(".")[0]]
+        return (
+            f"{description['description']} [{description['unit']}]"
+            if "unit" in description
+            else description["description"]
+        )
 
 
 def analyse(
     run: RunDraws,
     asked: Asked,
-    scenery: Scenery,
+    sensitivity: SensitivityStudy,
     suspicions: tuple[str, ...] = (),
     *,
     alone: bool = True,
@@ -224,74 +235,74 @@ def analyse(
 ) -> RunAnalysis:
     """Evaluate all that is said of a finished run; nothing is sampled.
 
-    `scenery`: of its likelihood; `suspicions`, `alone`, and what is `explained` by which causes: see
+    `sensitivity`: of its likelihood; `suspicions`, `alone`, and what is `explained` by which causes: see
     `RunAnalysis`.
     """
     problem, sampled, best = run.problem, run.sampled, run.best
     posterior = problem.posterior
-    rows, left, judged = conclude(problem, asked, run.mode, sampled, scenery)
-    fits = like_noise(left)
+    rows, residual_rows, judged = conclude(problem, asked, run.mode, sampled, sensitivity)
+    fits = like_noise(residual_rows)
     blamed = alone and judged is not None and bool(judged.verdict.far)
-    every = () if judged is None else basis(judged.study, judged.study.names)
+    products = () if judged is None else basis(judged.study, judged.study.names)
     following = run.derived(judged)
     rows_of_derived: tuple[derived.Row, ...] = ()
     with run.sparing.making("derived quantities"):
         rows_of_derived = derived.summarise(following)
     return RunAnalysis(
         unknowns=rows,
-        fit=left,
+        fit=residual_rows,
         inputs=() if fits else input_sentences(correlations(posterior.likelihood, best)),
         sandwich=diagnostics.sandwich_sds(posterior, best)
-        if any(one.correlated for one in left)
+        if any(row.correlated for row in residual_rows)
         else {},
         judged=judged,
-        repeats=repeats(scenery, best, every),
+        repeats=repeats(sensitivity, best, products),
         causes=explained,
-        instead=causes.instead(problem, best) if blamed else None,
+        instead=causes.equivalent_explanation(problem, best) if blamed else None,
         derived=rows_of_derived,
         meanings={symbol.name: symbol.meaning for symbol in following.symbols},
         convergence=sampled.convergence,
         acceptance=tuple(map(float, sampled.acceptance)),
         failures=sampled.failures,
         evidence=sampled.evidence,
-        vague=plausibility.vague(rows, run.draws, posterior.space.priors),
-        leaning=diagnostics.leaning(rows, run.draws),
+        vague=plausibility.diffuse_priors(rows, run.draws, posterior.space.priors),
+        leaning=diagnostics.prior_dependence(rows, run.draws),
         step_errors=step_errors(posterior.likelihood, best),
-        torques=tuple(map(torque_summary, run.shaking)),
+        torques=tuple(map(torque_summary, run.torque_estimates)),
         energy=tuple(
             EnergySummary(
                 label=account.label,
                 parts=account.parts,
                 came=tuple(account.came),
                 went=tuple(account.went),
-                left=account.left,
+                left=account.imbalance,
             )
-            for account in run.accounts
+            for account in run.energy_accounts
         ),
         # What another moment would leave looks like noise only where this fit does.
-        moment=half_a_sample(scenery, best) if fits else None,
-        course=tuple(plausibility.plausibility_of_course(scenery, best)),
+        moment=half_sample_shift(sensitivity, best) if fits else None,
+        course=tuple(plausibility.plausibility_of_course(sensitivity, best)),
         rig=(*plausibility.of_roles(problem), *plausibility.plausibility_of_gear(problem)),
         suspicions=suspicions,
         alone=alone,
     )
 
 
-def torque_summary(found: Shaking) -> TorqueSummary:
-    """What is said of the missing torque of one experiment."""
-    low, high = np.quantile(found.expected, MIDDLE)
-    band = found.band
+def torque_summary(estimate: TorqueEstimate) -> TorqueSummary:
+    """Sum up the missing torque of one experiment."""
+    low, high = np.quantile(estimate.expected, CENTRAL_SHARES)
+    band = estimate.band
     return TorqueSummary(
-        label=found.label,
-        at=found.at,
+        label=estimate.label,
+        at=estimate.at,
         low=float(low),
         high=float(high),
         width=float(np.mean(band[1] - band[0]) / 2),
-        rms=float(np.sqrt(np.mean(found.expected**2))),
-        sd=float(found.draws.std(axis=0).mean()),
+        rms=float(np.sqrt(np.mean(estimate.expected**2))),
+        sd=float(estimate.draws.std(axis=0).mean()),
         sure=float(np.mean((band[0] > 0) | (band[1] < 0))),
-        turning=float(found.turning.mean()),
-        follows=follows(found),
-        courses=found.courses,
-        roles=found.roles,
+        turning=float(estimate.turning.mean()),
+        follows=regress_torque(estimate),
+        courses=estimate.courses,
+        roles=estimate.roles,
     )

@@ -1,9 +1,4 @@
-"""What a record looks like that was read with a wrong column, unit, counter or moment.
-
-Findings are sentences; none is an error, and none is said of what may as well be sound.
-
-A step that is given between two samples leaves a fit that looks like noise, and moves what is inferred.
-"""
+"""Find records that were read with a wrong column, unit, counter or timing."""
 
 from __future__ import annotations
 
@@ -14,8 +9,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from bayesdrill.analysis.edits import rig_at
-from bayesdrill.analysis.identifiability.information import Scenery, root_of
+from bayesdrill.analysis.edits import rig_parameters
+from bayesdrill.analysis.identifiability.information import SensitivityStudy, root_of
 from bayesdrill.basics.arrays import Array, Flags
 from bayesdrill.inference.likelihood import Observation
 from bayesdrill.inference.posterior import Problem
@@ -25,66 +20,79 @@ from bayesdrill.record.experiment import Channel, Experiment
 from bayesdrill.rig.models.linear import Model, constant_forcing, dynamics
 
 BITS = (12, 14, 16, 24, 32)  # of counters
-CALM = 0.4  # of a period: a larger step can only be a counter that ran over, and a smaller one none
-LIKE = 0.98  # R^2, of two columns that are one motion in different units
-FAR = 1.5  # times: no error of a sensor is that large
+# of a period: a larger step can only be a counter that ran over, and a smaller one none
+MAX_CALM_STEP = 0.4
+MIN_R_SQUARED = 0.98  # R^2, of two columns that are one motion in different units
+MIN_UNIT_FACTOR = 1.5  # times: no error of a sensor is that large
 FACTORS = (
     (180 / math.pi, "degrees for radians (57.3)"),
     (30 / math.pi, "rpm for rad/s (9.55)"),
     (2 * math.pi, "revolutions for radians (6.28)"),
     (1000.0, "thousandths for the whole, as mA for A (1000)"),
 )  # or the other way round
-NEAR = 0.05  # of a factor between two columns, logarithmic
-NEAR_OF_START = 0.2  # which may itself be off
+NEAR_FACTOR = 0.05  # of a factor between two columns, logarithmic
+NEAR_START_FACTOR = 0.2  # which may itself be off
 
 
 def suspicions_of_record(
     experiment: Experiment, factors: Sequence[float], model: Model
 ) -> tuple[str, ...]:
-    """Of the columns alone; `factors (K,)`: SI units in one unit of each channel's column."""
+    """Return suspicions of the columns; `factors (K,)`: SI units in a unit of each column."""
     columns = zip(experiment.channels, experiment.y.T, factors, strict=True)
     overruns = (_overrun(channel, experiment.t, y, factor) for channel, y, factor in columns)
-    return (*(said for said in overruns if said), *_pairs(experiment, model))
+    return (*(overrun for overrun in overruns if overrun), *_pairs(experiment, model))
 
 
 def suspicions_of_start(problem: Problem) -> tuple[str, ...]:
-    """Channels that are the start's prediction times what a wrong unit would bring."""
+    """Return channels that are the start's prediction times what a wrong unit would bring."""
     space = problem.posterior.space
     full = space.full(space.vector(space.start)[None])
-    every = ((one, one.signals(full)[0]) for one in problem.observations)
+    predictions = (
+        (observation, observation.signals(full)[0]) for observation in problem.observations
+    )
     gear = problem.model.gear_ratio
-    return tuple(said for one, predicted in every for said in _of_start(one, predicted, gear))
+    return tuple(
+        sentence
+        for observation, predicted in predictions
+        for sentence in _unit_errors(observation, predicted, gear)
+    )
 
 
-def _of_start(one: Observation, predicted: Array, gear: float) -> Iterator[str]:
-    every = zip(one.experiment.channels, one.experiment.y.T, predicted.T, strict=True)
-    for channel, measured, expected in every:
+def _unit_errors(observation: Observation, predicted: Array, gear: float) -> Iterator[str]:
+    columns = zip(
+        observation.experiment.channels, observation.experiment.y.T, predicted.T, strict=True
+    )
+    for channel, measured, expected in columns:
         y, p = measured[~np.isnan(measured)], expected[~np.isnan(measured)]
         power = float(p @ p)
         if not (math.isfinite(power) and power > 0):
             continue
         times = float(y @ p) / power
         alike = 1 - float(np.sum((y - times * p) ** 2)) / float(y @ y)
-        named = _named(times, NEAR_OF_START, gear)
-        if alike > LIKE and named:
+        named = _likely_mistakes(times, NEAR_START_FACTOR, gear)
+        if alike > MIN_R_SQUARED and named:
             yield (
                 f"unit: {channel.name} is {times:.3g} times what the start values predict; was it "
                 f"{named}? See its unit, its column and `measures`"
             )
 
 
-def _named(times: float, near: float, gear: float) -> str:
+def _likely_mistakes(times: float, near: float, gear: float) -> str:
     """Mistakes that would bring this factor, the nearest first; empty where there is none."""
-    if times == 0 or 1 / FAR < times < FAR:
+    if times == 0 or 1 / MIN_UNIT_FACTOR < times < MIN_UNIT_FACTOR:
         return ""
     size = abs(math.log(abs(times)))
     turns = max(gear, 1 / gear)
-    geared = [(turns, f"a side of the gear for the other ({turns:.4g})")] if turns > FAR else []
+    geared = (
+        [(turns, f"a side of the gear for the other ({turns:.4g})")]
+        if turns > MIN_UNIT_FACTOR
+        else []
+    )
     known = (*FACTORS, *geared)
-    apart = sorted((abs(size - math.log(factor)), said) for factor, said in known)
-    units = " or ".join(said for off, said in apart if off < near)
-    signs = "a sign" if times < 0 and (units or size < math.log(FAR)) else ""
-    return " and ".join(said for said in (units, signs) if said)
+    distances = sorted((abs(size - math.log(factor)), mistake) for factor, mistake in known)
+    units = " or ".join(mistake for off, mistake in distances if off < near)
+    signs = "a sign" if times < 0 and (units or size < math.log(MIN_UNIT_FACTOR)) else ""
+    return " and ".join(mistake for mistake in (units, signs) if mistake)
 
 
 def _overrun(channel: Channel, t: Array, y: Array, factor: float) -> str:
@@ -93,12 +101,12 @@ def _overrun(channel: Channel, t: Array, y: Array, factor: float) -> str:
     steps = np.abs(np.diff(y / factor))
     turn = 2 * math.pi / factor if channel.unit == "rad" else math.nan
     periods = [(2.0**bits, f"2^{bits} counts") for bits in BITS] + [(turn, "one turn")]
-    for period, said in periods:
-        jumps = np.abs(steps - period) < CALM * period
-        if np.any(jumps) and np.all(steps[~jumps] < CALM * period) and _goes_on(y, jumps):
+    for period, what in periods:
+        jumps = np.abs(steps - period) < MAX_CALM_STEP * period
+        if np.any(jumps) and np.all(steps[~jumps] < MAX_CALM_STEP * period) and _goes_on(y, jumps):
             first = int(np.argmax(jumps))
             return (
-                f"overflow: {channel.name} jumps by about {period:.6g}, {said}, "
+                f"overflow: {channel.name} jumps by about {period:.6g}, {what}, "
                 f"{int(np.sum(jumps))} times, first at {t[first + 1]:.6g} s; a counter that ran over? "
                 f"Say wraps: {period:.6g} at {channel.name}, or unwrap the column: "
                 f"np.unwrap(x, period={period:.6g})"
@@ -146,15 +154,15 @@ def _ratio(angle: Channel, speed: Channel, speeds: Mapping[str, str]) -> float |
 
 def _pair(angle: str, a: Array, speed: str, w: Array, t: Array, gear: float) -> Iterator[str]:
     times, alike = _slope(_summed(w, t), a)
-    if alike > LIKE and 1 / FAR < times < FAR:
+    if alike > MIN_R_SQUARED and 1 / MIN_UNIT_FACTOR < times < MIN_UNIT_FACTOR:
         return
     back, backwards = _slope(_summed(a, t), w)
-    if backwards > LIKE and abs(back - 1) < 2 * NEAR:
+    if backwards > MIN_R_SQUARED and abs(back - 1) < 2 * NEAR_FACTOR:
         yield (
             f"columns: {speed} grows as the sum of {angle} over time would, and not the other way "
             "round; are the two columns swapped?"
         )
-    elif alike >= LIKE and (named := _named(times, NEAR, gear)):
+    elif alike >= MIN_R_SQUARED and (named := _likely_mistakes(times, NEAR_FACTOR, gear)):
         yield (
             f"unit: {angle} grows {times:.3g} times as fast as {speed} says; is one of them {named}? "
             "See their units, columns and `measures`"
@@ -173,64 +181,83 @@ def _slope(x: Array, y: Array) -> tuple[float, float]:
     return (across / float(x @ x), across**2 / size) if size > 0 else (math.nan, 0.0)
 
 
-MATTERS = 0.5  # sds, of a shift that is worth a word
+MIN_SHIFT_SDS = 0.5  # sds, of a shift that is worth a word
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Moment:
-    """By how many of its sds each unknown of the rig would move, if the inputs came `seconds` later."""
+class InputTiming:
+    """By how many sds each unknown of the rig would move, if the inputs came `seconds` later."""
 
     seconds: float
     shifts: tuple[tuple[str, float], ...]
 
     @property
     def worst(self) -> tuple[str, float]:
-        return max(self.shifts, key=lambda one: abs(one[1]))
+        """The unknown that would move most, and by how much."""
+        return max(self.shifts, key=lambda shift: abs(shift[1]))
 
     @property
     def matters(self) -> bool:
-        return abs(self.worst[1]) > MATTERS
+        """Whether any unknown would move so far that it is worth a word."""
+        return abs(self.worst[1]) > MIN_SHIFT_SDS
 
 
-def half_a_sample(scenery: Scenery, theta: Array) -> Moment | None:
-    """At `theta (D,)`; None where the moment is unknown, or all channels have lags of their own."""
-    every = scenery.likelihood.observations
-    if not scenery.unknowns or any(_told(one) for one in every):
+def half_sample_shift(sensitivity: SensitivityStudy, theta: Array) -> InputTiming | None:
+    """Return what inputs half a sample later would move, at `theta (D,)`.
+
+    None where the timing is unknown, or all channels have lags of their own.
+    """
+    observations = sensitivity.likelihood.observations
+    if not sensitivity.unknowns or any(_lag_is_free(observation) for observation in observations):
         return None
-    half = 0.5 * min(_step(one.experiment) for one in every)
-    motions = scenery.motions(theta)
-    pairs = zip(every, motions, strict=True)
-    late = np.concatenate([_later(one, scenery, theta, motion).ravel() for one, motion in pairs])
-    rows = scenery.every(theta)
+    half = 0.5 * min(_step(observation.experiment) for observation in observations)
+    motions = sensitivity.motions(theta)
+    pairs = zip(observations, motions, strict=True)
+    late = np.concatenate(
+        [
+            _delay_sensitivity(observation, sensitivity, theta, motion).ravel()
+            for observation, motion in pairs
+        ]
+    )
+    rows = sensitivity.with_nuisances(theta)
     if not (np.isfinite(half) and np.isfinite(rows).all() and np.isfinite(late).all()):
         return None
-    matrix = np.vstack([rows, np.diag(1.0 / scenery.prior_spreads)])
+    matrix = np.vstack([rows, np.diag(1.0 / sensitivity.prior_spreads)])
     target = np.append(half * late, np.zeros(rows.shape[1]))
     moved = np.linalg.lstsq(matrix, target, rcond=None)[0]
     sds = np.linalg.norm(np.linalg.inv(root_of(matrix)), axis=1)
-    m = len(scenery.unknowns)
+    m = len(sensitivity.unknowns)
     ratio = (moved / sds)[:m]
-    return Moment(seconds=half, shifts=tuple(zip(scenery.unknowns, map(float, ratio), strict=True)))
+    return InputTiming(
+        seconds=half, shifts=tuple(zip(sensitivity.unknowns, map(float, ratio), strict=True))
+    )
 
 
 def _step(experiment: Experiment) -> float:
     """The usual one between two samples of an input or, where all are constant, of a channel."""
     if experiment.series:
         return min(experiment.input_steps.get(name, experiment.dt) for name in experiment.series)
-    return min(median_step(experiment.t[seen]) for seen in experiment.seen.T)
+    return min(median_step(experiment.t[sampled]) for sampled in experiment.seen.T)
 
 
-def _told(one: Observation) -> bool:
-    sensing = one.response.sensing
-    every_input = bool(sensing.input_lags) and len(sensing.input_lags) == len(one.experiment.series)
-    every_channel = len(sensing.lags) == len(one.experiment.channels)
+def _lag_is_free(observation: Observation) -> bool:
+    sensing = observation.response.sensing
+    every_input = bool(sensing.input_lags) and len(sensing.input_lags) == len(
+        observation.experiment.series
+    )
+    every_channel = len(sensing.lags) == len(observation.experiment.channels)
     return sensing.delay is not None or every_input or every_channel
 
 
-def _later(one: Observation, scenery: Scenery, theta: Array, motion: Array) -> Array:
-    """d signal / d delay over the noise, where it was measured: minus how fast each channel changes."""
-    experiment, model = one.experiment, one.response.model
-    linear = model.linear(rig_at(one, scenery.likelihood.space, theta))
+def _delay_sensitivity(
+    observation: Observation, sensitivity: SensitivityStudy, theta: Array, motion: Array
+) -> Array:
+    """Return the derivative of signals by a delay over the noise, where it was measured.
+
+    That is minus how fast each channel changes.
+    """
+    experiment, model = observation.experiment, observation.response.model
+    linear = model.linear(rig_parameters(observation, sensitivity.likelihood.space, theta))
     n = len(experiment.t)
     given = {
         name: experiment.constant.get(name, 0.0) + experiment.series.get(name, 0.0)
@@ -238,4 +265,4 @@ def _later(one: Observation, scenery: Scenery, theta: Array, motion: Array) -> A
     }
     change = motion @ dynamics(linear, model.states, 1)[0].T
     change = change + constant_forcing(linear, model.states, n, given)
-    return one.informed(-change[None] @ experiment.weights(model.states).T, theta)
+    return observation.informed(-change[None] @ experiment.weights(model.states).T, theta)

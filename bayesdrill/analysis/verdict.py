@@ -1,5 +1,4 @@
-"""The verdict: what the posterior says of the nominal table, how far draws are from it, and where
-it says nothing.
+"""Judge the nominal table by the posterior: how far draws are from it, and where they say nothing.
 
 All in logs of the unknowns.  Quantities are the parameters, and independent products of their
 powers that no exact symmetry changes: as many as the record can show at all.
@@ -18,14 +17,14 @@ import scipy
 from numpy.typing import NDArray
 
 from bayesdrill.analysis import plausibility
-from bayesdrill.analysis.diagnostics import Row, Word, summarise
+from bayesdrill.analysis.diagnostics import ParameterRow, Word, summarise
 from bayesdrill.analysis.identifiability.information import (
-    Scenery,
+    SensitivityStudy,
     products,
     simple_exponents,
 )
 from bayesdrill.analysis.identifiability.structure import Exponents
-from bayesdrill.analysis.identifiability.study import Study, study_of
+from bayesdrill.analysis.identifiability.study import IdentifiabilityStudy, study_of
 from bayesdrill.basics import seeds
 from bayesdrill.basics.arrays import Array
 from bayesdrill.basics.values import check_arguments
@@ -34,17 +33,18 @@ from bayesdrill.inference import residual_checks
 from bayesdrill.inference.derived import hdi
 from bayesdrill.inference.posterior import Problem
 from bayesdrill.inference.residual_checks import Left
-from bayesdrill.sampling.ensembles import Opened, Sampled
+from bayesdrill.sampling.ensembles import ExtendedPriors, SamplingResult
 from bayesdrill.sampling.mode_search import Mode
 
-FARTHEST, STEP = 3.0, 0.25  # sigma: tails are counted up to here, ...
-LEAST_BEYOND = 25  # ... where at least so many draws lie beyond
-FAR_OUT = 1000.0  # a squared distance whose tail probability no longer fits into a float
+MAX_COUNTED_SIGMA, SIGMA_STEP = 3.0, 0.25  # sigma: tails are counted up to here, ...
+MIN_DRAWS_BEYOND = 25  # ... where at least so many draws lie beyond
+# a squared distance whose tail probability no longer fits into a float
+MAX_SQUARED_DISTANCE = 1000.0
 PRIOR_BINS = 100  # of equal mass, for the density of a product under the prior
 
 
 def tension(logs: Array, low: float, high: float) -> float:
-    """Sigmas between draws `(N,)` and the nearest value from `low` to `high`.
+    """Return sigmas between draws `(N,)` and the nearest value from `low` to `high`.
 
     The two-sided tail probability of that value, as sigmas of a normal; where too few draws lie
     beyond it to be counted, the tail goes on as wide as it was up to there, or wider.
@@ -54,8 +54,10 @@ def tension(logs: Array, low: float, high: float) -> float:
     side = np.sign(value - middle)
     if side == 0:
         return 0.0
-    top = min(FARTHEST, float(-scipy.special.ndtri(min(LEAST_BEYOND / len(logs), 0.4))))
-    scores = np.linspace(0.0, top, max(3, round(top / STEP) + 1))
+    top = min(
+        MAX_COUNTED_SIGMA, float(-scipy.special.ndtri(min(MIN_DRAWS_BEYOND / len(logs), 0.4)))
+    )
+    scores = np.linspace(0.0, top, max(3, round(top / SIGMA_STEP) + 1))
     places = np.abs(np.quantile(logs, scipy.special.ndtr(side * scores)) - middle)
     distance = abs(value - middle)
     if distance <= places[-1]:
@@ -66,11 +68,12 @@ def tension(logs: Array, low: float, high: float) -> float:
 
 
 def joint_tension(logs: Array, powers: Array, ends: Array) -> float:
-    """Sigmas between draws `(N, K)` of products with `powers (K, m)` and the nearest point at which
-    every factor is within its tolerance, `ends (m, 2)`.
+    """Return sigmas between draws `(N, K)` of products and the nearest point within tolerance.
 
-    Of the Mahalanobis distance: the share of draws at least as far out, as sigmas of a normal; where
-    too few are, chi-squared says how many would be.
+    Products with `powers (K, m)`; every factor is within its tolerance, `ends (m, 2)`.
+
+    Of the Mahalanobis distance: the share of draws at least as far out, as sigmas of a normal;
+    where too few are, chi-squared says how many would be.
     """
     centre = logs.mean(axis=0)
     scale = logs.std(axis=0)
@@ -84,19 +87,19 @@ def joint_tension(logs: Array, powers: Array, ends: Array) -> float:
         middle = middle - matrix @ nearest.x
     squared = float(middle @ middle)
     beyond = int(np.sum(np.sum(spread**2, axis=0) >= squared))
-    if beyond >= LEAST_BEYOND:
+    if beyond >= MIN_DRAWS_BEYOND:
         return float(-scipy.special.ndtri(0.5 * beyond / len(logs)))
-    if squared > FAR_OUT:
+    if squared > MAX_SQUARED_DISTANCE:
         return math.sqrt(squared)
-    p = min(float(scipy.special.chdtrc(len(powers), squared)), LEAST_BEYOND / len(logs))
+    p = min(float(scipy.special.chdtrc(len(powers), squared)), MIN_DRAWS_BEYOND / len(logs))
     return float(-scipy.special.ndtri(0.5 * p))
 
 
 def bits_gained(logs: Array, prior_logs: Array) -> float:
-    """Kullback-Leibler divergence from prior to posterior, in bits, from draws of both.
+    """Return the Kullback-Leibler divergence from prior to posterior, in bits, from draws of both.
 
-    Entropy of the posterior from spacings of its sorted draws (Ebrahimi's, nearly unbiased), density
-    of the prior from bins of equal mass.  Below zero only by chance, and then zero.
+    Entropy of the posterior from spacings of its sorted draws (Ebrahimi's, nearly unbiased),
+    density of the prior from bins of equal mass.  Below zero only by chance, and then zero.
     """
     edges = np.quantile(prior_logs, np.linspace(0.0, 1.0, PRIOR_BINS + 1))
     log_density = -math.log(PRIOR_BINS) - np.log(np.maximum(np.diff(edges), 1e-300))
@@ -119,7 +122,8 @@ def _entropy(logs: Array) -> float:
 Says = Literal["agrees", "disagrees", "in doubt", "not determined", "pressed against the prior"]
 
 FALSE_ALARM = 0.01  # of records of a rig that is nominal: any "disagrees" at all
-BORROWED = 0.25  # sd over the prior's: below, something much better known stands behind a symmetry
+# sd over the prior's: below, something much better known stands behind a symmetry
+MAX_BLIND_SD_RATIO = 0.25
 PRIOR_DRAWS = 100_000
 
 
@@ -152,10 +156,12 @@ class Quantity:
 @check_arguments
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Verdict:
-    """`limit`: sigmas from which a quantity disagrees.  `joint`: sigmas between posterior and table
-    over the determined products together, None if there are not two.  `fits`: the fit leaves nothing
+    """The verdict on a nominal table.
+
+    `limit`: sigmas from which a quantity disagrees. `joint`: sigmas between posterior and table
+    over the determined products together, None if there are not two. `fits`: the fit leaves nothing
     but noise; where it does not, what would disagree is *in doubt*: it counts on the model, against
-    which the fit is evidence.  `opened`: unknowns whose priors end so near to their nominal values
+    which the fit is evidence. `opened`: unknowns whose priors end so near to their nominal values
     that tensions are counted with these ends opened.
     """
 
@@ -168,60 +174,69 @@ class Verdict:
     opened: tuple[str, ...] = ()
 
     def saying(self, says: Says) -> tuple[Quantity, ...]:
-        """Parameters and products, each once."""
-        every = {quantity.exponents: quantity for quantity in (*self.products, *self.parameters)}
-        return tuple(quantity for quantity in every.values() if quantity.says == says)
+        """Return parameters and products of this verdict, each once."""
+        quantities = {
+            quantity.exponents: quantity for quantity in (*self.products, *self.parameters)
+        }
+        return tuple(quantity for quantity in quantities.values() if quantity.says == says)
 
     @property
     def far(self) -> tuple[Quantity, ...]:
-        """What is farther from the table than chance, whoever is to blame."""
+        """Quantities that are farther from the table than chance, whoever is to blame."""
         return (*self.saying("disagrees"), *self.saying("in doubt"))
 
     @property
     def far_together(self) -> bool:
+        """Whether the determined products together are farther from the table than chance."""
         return self.joint is not None and self.joint > self.limit
 
     @property
     def agrees(self) -> bool:
+        """Whether nothing is farther from the table than chance."""
         return not self.far_together and not self.far
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Judgement:
-    """`findings`: sentences of `physics` on the posterior."""
+    """A study, the verdict, and findings on the posterior.
 
-    study: Study
+    `findings`: sentences of `physics` on the posterior.
+    """
+
+    study: IdentifiabilityStudy
     verdict: Verdict
     findings: tuple[str, ...]
 
 
 def judge(
-    study: Study,
+    study: IdentifiabilityStudy,
     draws: Array,
     prior_draws: Array,
     nominal: Mapping[str, float],
     tolerance: Mapping[str, float],
     pressed: Collection[str],
     thresholds: Thresholds,
-    beyond: Opened | None = None,
+    beyond: ExtendedPriors | None = None,
     *,
     fits: bool = True,
 ) -> Verdict:
-    """From nearly independent physical draws `(N, m)` of `study.names`, and of their prior.
+    """Judge the nominal table by the draws.
 
-    Quantities with an unknown that has no nominal value are left out; `pressed` names unknowns whose
-    draws crowd at an end of their prior.  Tensions are counted in the draws of `beyond`.
+    From nearly independent physical draws `(N, m)` of `study.names`, and of their prior.
+
+    Quantities with an unknown that has no nominal value are left out; `pressed` names unknowns
+    whose draws crowd at an end of their prior.  Tensions are counted in the draws of `beyond`.
     """
     m, free = len(study.names), beyond is None or beyond.draws is not None
     names = () if beyond is None else beyond.names
     crowd = {*pressed} if beyond is None else {*pressed} - {*names} | {*beyond.pressed}
-    seen = draws if beyond is None or beyond.draws is None else beyond.draws[:, :m]
+    extended = draws if beyond is None or beyond.draws is None else beyond.draws[:, :m]
     table = np.array([math.log(nominal.get(name, math.nan)) for name in study.names])
     offs = [tolerance.get(name, 0.0) for name in study.names]
-    scene = _Scene(
+    scene = _TableComparison(
         study=study,
         logs=np.log(draws) - table,
-        seen=np.log(seen) - table,
+        extended_logs=np.log(extended) - table,
         prior_logs=np.log(prior_draws) - table,
         table=table,
         ends=np.array([(math.log1p(-off), math.log1p(off)) for off in offs]),
@@ -231,27 +246,27 @@ def judge(
         fits=fits,
     )
     units = [tuple(int(x) for x in row) for row in np.eye(m, dtype=int)[np.isfinite(table)]]
-    chosen = basis(study, nominal)
-    looked_at = dict.fromkeys((*units, *chosen))
+    products_shown = basis(study, nominal)
+    looked_at = dict.fromkeys((*units, *products_shown))
     shown = {e: scene.shows(e) for e in looked_at}
     limit = sigma_limit(1 + sum(shown.values()))
-    found = {e: scene.quantity(e, shown=shown[e], limit=limit) for e in looked_at}
+    quantities = {e: scene.quantity(e, shown=shown[e], limit=limit) for e in looked_at}
     return Verdict(
         names=study.names,
-        parameters=tuple(found[e] for e in units),
-        products=tuple(found[e] for e in chosen),
+        parameters=tuple(quantities[e] for e in units),
+        products=tuple(quantities[e] for e in products_shown),
         limit=limit,
-        joint=scene.joint([e for e in chosen if shown[e] and not scene.hides(e)]),
+        joint=scene.joint([e for e in products_shown if shown[e] and not scene.hides(e)]),
         fits=fits,
         opened=names if free else (),
     )
 
 
-def basis(study: Study, among: Collection[str]) -> tuple[Exponents, ...]:
-    """Independent products of unknowns `among` these alone that no symmetry changes: all there are.
+def basis(study: IdentifiabilityStudy, among: Collection[str]) -> tuple[Exponents, ...]:
+    """Return independent products of unknowns `among` these alone that no symmetry changes.
 
-    First those that the record narrows, the most narrowed first, then the sparsest: where others take
-    part in what is narrowed most of all, the rest would not span what it tells of these.
+    First those that the record narrows, the most narrowed first, then the sparsest: where others
+    take part in what is narrowed most of all, the rest would not span what it tells of these.
     """
     simple = simple_exponents(len(study.names))
     foreign = [name not in among for name in study.names]
@@ -259,28 +274,28 @@ def basis(study: Study, among: Collection[str]) -> tuple[Exponents, ...]:
     simple = simple[np.isfinite(study.information.bounds_of(simple))]
     before = np.array([parameter.prior_sd for parameter in study.parameters])
     best = products(study.information, before, simple)
-    chosen = [product.exponents for product in best if product.price < 1.0]
+    selected = [product.exponents for product in best if product.price < 1.0]
     for exponents in study.structure.invariants_of(among):
-        if np.linalg.matrix_rank(np.array([*chosen, exponents], dtype=float)) > len(chosen):
-            chosen.append(exponents)
-    return tuple(chosen)
+        if np.linalg.matrix_rank(np.array([*selected, exponents], dtype=float)) > len(selected):
+            selected.append(exponents)
+    return tuple(selected)
 
 
 def sigma_limit(n: int) -> float:
-    """So that `n` looks together pass it by chance with probability `FALSE_ALARM` at most."""
+    """Return the sigmas that `n` looks together pass by chance with `FALSE_ALARM` at most."""
     return float(-scipy.special.ndtri(0.5 * FALSE_ALARM / n))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class _Scene:
+class _TableComparison:
     """`logs`, `prior_logs`: of the draws over the nominal values; `ends (m, 2)` of the tolerance.
 
-    `seen`: as `logs`, but beyond ends that are in the way; of those `unseen` it shows nothing.
+    `extended_logs`: as `logs`, but beyond ends that are in the way; of those `unseen` it shows nothing.
     """
 
-    study: Study
+    study: IdentifiabilityStudy
     logs: Array
-    seen: Array
+    extended_logs: Array
     prior_logs: Array
     table: Array
     ends: Array
@@ -298,7 +313,7 @@ class _Scene:
         )
         drawn = self._sd_ratio(exponents)
         if self._blind(exponents):
-            return bool(max(linear, drawn) < BORROWED)
+            return bool(max(linear, drawn) < MAX_BLIND_SD_RATIO)
         if self.thresholds.judge(linear) == "left to the prior":
             return False
         return self.thresholds.judge(drawn) == "determined"
@@ -307,7 +322,7 @@ class _Scene:
         logs = _combined(self.logs, exponents)
         nominal = math.exp(_combined(self.table, exponents))
         low, high = self._tolerance(exponents)
-        far = tension(_combined(self.seen, exponents), low, high)
+        far = tension(_combined(self.extended_logs, exponents), low, high)
         x = nominal * np.exp(logs)
         near, distant = hdi(x)
         mean = float(x.mean())
@@ -337,7 +352,7 @@ class _Scene:
         powers = np.array(products, dtype=float)
         used = np.any(powers != 0, axis=0)
         ends = np.where(used[:, None], self.ends, 0.0)
-        logs = np.where(used, self.seen, 0.0) @ powers.T
+        logs = np.where(used, self.extended_logs, 0.0) @ powers.T
         return joint_tension(logs, powers, ends)
 
     def hides(self, exponents: Exponents) -> bool:
@@ -373,19 +388,23 @@ def _combined(logs: Array, exponents: Exponents) -> Array:
     return np.asarray(logs[..., used] @ np.array(exponents, dtype=float)[used])
 
 
-def reconciled(rows: Sequence[Row], verdict: Verdict) -> tuple[Row, ...]:
-    """Draws alone cannot tell what the record narrows from what the priors of others do.
+def reconciled(rows: Sequence[ParameterRow], verdict: Verdict) -> tuple[ParameterRow, ...]:
+    """Reconcile the words of `rows` with the verdict.
+
+    Draws alone cannot tell what the record narrows from what the priors of others do.
 
     So the verdict, which can, has the word where both say something of an unknown.
     """
-    judged = {verdict.names[one.exponents.index(1)]: one for one in verdict.parameters}
+    judged = {
+        verdict.names[quantity.exponents.index(1)]: quantity for quantity in verdict.parameters
+    }
     return tuple(
         dataclasses.replace(row, word=_word(row, judged[row.name])) if row.name in judged else row
         for row in rows
     )
 
 
-def _word(row: Row, quantity: Quantity) -> Word:
+def _word(row: ParameterRow, quantity: Quantity) -> Word:
     match quantity.says:
         case "agrees" | "disagrees" | "in doubt":
             return "determined"
@@ -395,17 +414,21 @@ def _word(row: Row, quantity: Quantity) -> Word:
 
 
 def conclude(
-    problem: Problem, asked: Asked, found: Mode, sampled: Sampled, scenery: Scenery
-) -> tuple[tuple[Row, ...], tuple[Left, ...], Judgement | None]:
-    """A row for each unknown, one for each channel, and the verdict where there is a table."""
+    problem: Problem,
+    asked: Asked,
+    mode: Mode,
+    sampled: SamplingResult,
+    sensitivity: SensitivityStudy,
+) -> tuple[tuple[ParameterRow, ...], tuple[Left, ...], Judgement | None]:
+    """Return a row for each unknown, one for each channel, and the verdict where there is a table."""
     posterior, space = problem.posterior, problem.posterior.space
-    rows = summarise(problem, sampled.draws, found, sampled.convergence)
-    mode = space.vector(found.values)
-    left = residual_checks.left(posterior.likelihood, mode)
-    if not any(name in problem.nominal for name in scenery.unknowns):
-        return rows, left, None
-    study = study_of(scenery, posterior, mode, asked, "the MAP")
-    draws, m = sampled.draws.reshape(-1, len(mode)), len(study.names)
+    rows = summarise(problem, sampled.draws, mode, sampled.convergence)
+    best = space.vector(mode.values)
+    residual_rows = residual_checks.left(posterior.likelihood, best)
+    if not any(name in problem.nominal for name in sensitivity.unknowns):
+        return rows, residual_rows, None
+    study = study_of(sensitivity, posterior, best, asked, "the MAP")
+    draws, m = sampled.draws.reshape(-1, len(best)), len(study.names)
     prior_draws = space.draw(PRIOR_DRAWS, seeds.stream(asked.seed, "identify", 1))
     prior_draws = prior_draws[np.isfinite(space.log_prior(prior_draws))]
     verdict = judge(
@@ -416,12 +439,12 @@ def conclude(
         problem.tolerance,
         [row.name for row in rows if row.pressed_against is not None],
         asked.thresholds,
-        sampled.beyond,
-        fits=residual_checks.like_noise(left),
+        sampled.extended,
+        fits=residual_checks.like_noise(residual_rows),
     )
     findings = (
         *plausibility.plausibility_of_draws(problem, draws, study.information),
-        *plausibility.plausibility_of_course(scenery, mode),
+        *plausibility.plausibility_of_course(sensitivity, best),
     )
     judged = Judgement(study=study, verdict=verdict, findings=findings)
-    return reconciled(rows, verdict), left, judged
+    return reconciled(rows, verdict), residual_rows, judged

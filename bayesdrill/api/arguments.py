@@ -22,7 +22,7 @@ from bayesdrill.config.job import Job
 from bayesdrill.record.experiment import check_time, raise_if_any
 from bayesdrill.rig.models import MODELS
 from bayesdrill.rig.models.linear import Model
-from bayesdrill.sampling.workers import available
+from bayesdrill.sampling.workers import available_processors
 
 if TYPE_CHECKING:
     from bayesdrill.results.run_folder import Mode
@@ -126,7 +126,7 @@ def results_folder(folder: str | Path | None, default: Path) -> Path:
 def workers(processes: int | None) -> int:
     """Return how many processes to use; None means as many as there are processors."""
     if processes is None:
-        return available()
+        return available_processors()
     count = whole("processes", processes, 1)
     if count > MOST_PROCESSES:
         raise InputError.one("processes", f"{count} are more than {MOST_PROCESSES}; give fewer")

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from numpy.typing import ArrayLike
 
-from bayesdrill.analysis.identifiability.information import Scenery
+from bayesdrill.analysis.identifiability.information import SensitivityStudy
 from bayesdrill.api import arguments
 from bayesdrill.basics.arrays import Array
 from bayesdrill.basics.errors import InputError, Issue
@@ -104,7 +104,7 @@ class Case(Value):
     def preview(self) -> str:
         """Describe what would run: columns, priors, start, sizes, and what the record can show."""
         problem, config = self.job.problem, self.job.config
-        first = identify.preflight(self.job, Scenery(problem.posterior.likelihood))
+        first = identify.preflight(self.job, SensitivityStudy(problem.posterior.likelihood))
         columns = [] if self.columns is not None else [words.record_columns(problem, self.job.case)]
         return "\n".join(
             [str(self), *columns, words.preview(problem, config, self.job.units), first]

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar
 
-from bayesdrill.analysis.comparison import Contender, Decision, Row
+from bayesdrill.analysis.comparison import ModelDecision, OverlayRow, RunSummary
 from bayesdrill.api import arguments
 from bayesdrill.api import run as single
 from bayesdrill.api.arguments import ManyFits
@@ -79,17 +79,17 @@ class Comparison(Value):
     runs: tuple[Path | None, ...]
 
     @property
-    def rows(self) -> tuple[Row, ...]:
+    def rows(self) -> tuple[OverlayRow, ...]:
         """A row for each unknown: where each run has it, SI, and how far apart they are, in sds."""
         return self.report.rows
 
     @property
-    def models(self) -> tuple[Contender, ...]:
+    def models(self) -> tuple[RunSummary, ...]:
         """For each run `evidence`, `left` (by its fit), `held_out` and `loo`; empty of an overlay."""
         return self.report.models
 
     @property
-    def decision(self) -> Decision | None:
+    def decision(self) -> ModelDecision | None:
         """The decision: a `word` (model, noise, both, either, priors, neither) and the `best` model."""
         return self.report.decision
 

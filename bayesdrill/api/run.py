@@ -25,11 +25,11 @@ from bayesdrill.report.map_report import MapReport
 from bayesdrill.report.publish import FIGURES, drawings
 from bayesdrill.report.run_report import sections
 from bayesdrill.report.section import as_markdown, as_text
-from bayesdrill.report.view import Drawing, View
-from bayesdrill.sampling.ensembles import Sampled
+from bayesdrill.report.view import Drawing, ReportContext
+from bayesdrill.sampling.ensembles import SamplingResult
 from bayesdrill.sampling.evidence import Evidence
 from bayesdrill.sampling.mode_search import Mode
-from bayesdrill.sampling.workers import Crew
+from bayesdrill.sampling.workers import WorkerPool
 from bayesdrill.tasks import conclusions, find_map, pipeline
 from bayesdrill.tasks.conclusions import SampledRun
 
@@ -101,8 +101,10 @@ class Best(Value):
 
         `processes`, `report`: see `Case.sample`.
         """
-        with Crew(self.job.problem.posterior, arguments.workers(processes)) as crew:
-            causes, report_text = find_map.explain(self.job, self.mode, crew.run, report or SILENT)
+        with WorkerPool(self.job.problem.posterior, arguments.workers(processes)) as pool:
+            causes, report_text = find_map.explain(
+                self.job, self.mode, pool.submit_function, report or SILENT
+            )
         return Candidates(causes.ranked if causes is not None else (), report_text)
 
     def plot(self, part: int = 1) -> Figure:
@@ -165,7 +167,7 @@ class Run(SampledRun):
     `kept`: its analysis, where its folder has it.
     """
 
-    sampled: Sampled
+    sampled: SamplingResult
     columns: Mapping[str, Array] | None = None
 
     @property
@@ -196,7 +198,7 @@ class Run(SampledRun):
         return Judged(self._view)
 
     @cached_property
-    def _view(self) -> View:
+    def _view(self) -> ReportContext:
         return conclusions.concluded(self.job, self.mode, self.sampled, kept=self.kept)
 
     def to_arviz(self) -> DataTree:
@@ -249,7 +251,7 @@ class Run(SampledRun):
 class Judged(Value):
     """The report of a run: what its fit and draws say of the nominal values."""
 
-    view: View
+    view: ReportContext
 
     @property
     def verdict(self) -> Verdict | None:

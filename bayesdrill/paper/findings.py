@@ -1,6 +1,4 @@
-"""All that the studies of the paper find, as one record, and their configs, checked before
-anything runs.
-"""
+"""Collect what the studies of the paper find, and check their configs before anything runs."""
 
 from __future__ import annotations
 
@@ -14,10 +12,10 @@ from bayesdrill.basics import Array, InputError, Issue
 from bayesdrill.config import Job, ResolvedCase, job, loading
 from bayesdrill.config import optimiser as optimiser_of
 from bayesdrill.paper import printed
-from bayesdrill.paper.forward import Error, Reading
-from bayesdrill.paper.precision import Implied, Length
-from bayesdrill.paper.printed import Cause, Tone
-from bayesdrill.paper.searches import Control, End, Heuristic, Verification
+from bayesdrill.paper.forward import IntegratorError, MatrixReading
+from bayesdrill.paper.precision import ImpliedNoise, RecordLength
+from bayesdrill.paper.printed import DeviationCause, NaturalFrequency
+from bayesdrill.paper.searches import ControlRun, Heuristic, SearchEnd, Verification
 from bayesdrill.record import Experiment
 from bayesdrill.sampling import Optimiser
 
@@ -49,7 +47,7 @@ class Misfits:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Nine:
+class NineParameterStudy:
     """The nine-parameter study of one record; vectors `(D,)` of `names`, physical, SI.
 
     `draws (N, D)`: of the posterior; `signals (T, K)`: of the heuristic's estimate; `given`: the
@@ -67,28 +65,32 @@ class Nine:
     draws: Array
     verdict: Verdict
     misfits: Misfits
-    causes: tuple[Cause, ...]
+    causes: tuple[DeviationCause, ...]
     converged: bool
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Findings:
-    """`ends`: of simultaneous searches, whose distances are from the truth of `searched`."""
+class PaperFindings:
+    """All that the studies of the paper find.
 
-    readings: tuple[Reading, ...]
-    errors: tuple[Error, ...]
+    `ends`: of simultaneous searches, whose distances are from the truth of `searched`.
+    """
+
+    readings: tuple[MatrixReading, ...]
+    errors: tuple[IntegratorError, ...]
     verification: Verification
-    lengths: tuple[Length, ...]
-    implied: tuple[Implied, ...]
+    lengths: tuple[RecordLength, ...]
+    implied: tuple[ImpliedNoise, ...]
     searched: str
     symmetries: tuple[tuple[str, ...], ...]
-    ends: tuple[End, ...]
-    control: tuple[Control, ...]
-    nines: tuple[Nine, ...]
-    tones: tuple[Tone, ...]
+    ends: tuple[SearchEnd, ...]
+    control: tuple[ControlRun, ...]
+    nines: tuple[NineParameterStudy, ...]
+    tones: tuple[NaturalFrequency, ...]
 
     @property
     def converged(self) -> bool:
+        """Whether all posteriors have converged."""
         return self.verification.converged and all(nine.converged for nine in self.nines)
 
 
@@ -99,7 +101,10 @@ MAKERS = ("estimates.yaml", "missing_physics.yaml")  # make records, whose truth
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Studies:
-    """`pairwise`: the heuristic for the unknowns of each of `nines`; `makers` made the records."""
+    """The configs of all studies.
+
+    `pairwise`: the heuristic for the unknowns of each of `nines`; `makers` made the records.
+    """
 
     two: Job
     nines: tuple[Job, ...]
@@ -108,7 +113,7 @@ class Studies:
 
 
 def prepare(configs: Path) -> Studies:
-    """Raises `InputError` with all that would stop them later."""
+    """Prepare all studies; raises `InputError` with all that would stop them later."""
     if not configs.is_dir():
         message = (
             f"no such folder; give the one that holds {', '.join((TWO, *NINES))}, "
@@ -122,20 +127,20 @@ def prepare(configs: Path) -> Studies:
         raise InputError(problems)
     pairwise = []
     for nine in nines:
-        own = nine.config.map.model_copy(update={"method": "pairwise"})
-        pairwise.append(optimiser_of(nine.config.model_copy(update={"map": own})))
+        settings = nine.config.map.model_copy(update={"method": "pairwise"})
+        pairwise.append(optimiser_of(nine.config.model_copy(update={"map": settings})))
         pairwise[-1].check(nine.problem.names)
     return Studies(two=two, nines=tuple(nines), pairwise=tuple(pairwise), makers=makers)
 
 
 def _of_noise(jobs: Sequence[Job]) -> list[Issue]:
     return [
-        own.source.problem(
+        jobs_of_noise.source.problem(
             ("record", "channels"),
             "the paper's misfit needs known noise; give each sigma as a number",
         )
-        for own in jobs
-        if own.problem.posterior.likelihood.noise.unknowns
+        for jobs_of_noise in jobs
+        if jobs_of_noise.problem.posterior.likelihood.noise.unknowns
     ]
 
 
@@ -153,14 +158,14 @@ def _of_two(two: Job) -> list[Issue]:
 
 
 def _of_nines(nines: Sequence[Job]) -> list[Issue]:
-    taken, problems = {output_files.FIGURES}, []
+    used, problems = {output_files.FIGURES}, []
     for nine in nines:
         if len(set(nine.problem.names) & set(printed.NINE_PARAMETERS)) < 2:
             message = "the heuristic needs two unknown parameters or more; give a prior to more"
             problems.append(nine.source.problem(("parameters",), message))
         name = nine.config.name.casefold()  # as some file systems do
-        if name in taken:
+        if name in used:
             message = f"{name} is the name of something else in the results; give another"
             problems.append(nine.source.problem(("name",), message))
-        taken.add(name)
+        used.add(name)
     return problems

@@ -1,5 +1,6 @@
-"""The paper's forward model beside the exact one: its printed matrix, its integrator (MATLAB's
-ode23t), its misfit.
+"""Integrate the paper's forward model beside the exact one.
+
+Its printed matrix, its integrator (MATLAB's ode23t), its misfit.
 
 The integrator is one of the same kind, written anew: the trapezoidal rule with steps that fit a
 tolerance, for `x' = A x + f` with both constant:
@@ -50,7 +51,7 @@ THIRD = 1 / 3  # errors grow as h^3
 
 @dataclass(frozen=True, slots=True)
 class Solution:
-    """`x (T, X)`, NaN from where no step was short enough; steps taken, and tried in vain."""
+    """A solution `x (T, X)`, NaN from where no step was short enough; and the steps it took."""
 
     x: Array
     steps: int
@@ -58,10 +59,7 @@ class Solution:
 
 
 def six_states(model: Model, p: Named, inputs: Mapping[str, float]) -> tuple[Array, Array]:
-    """`A (6, 6)` and constant forcing `(6,)` with the charge q, in the paper's order: `SIX_STATES`.
-
-    `p`: numbers by name, SI; `inputs` not named are zero.
-    """
+    """Return `A (6, 6)` and forcing `(6,)` with the charge q, in the order of `SIX_STATES`."""
     index = {name: k for k, name in enumerate(SIX_STATES)}
     linear = model.linear(p)
     matrix, forcing = np.zeros((6, 6)), np.zeros(6)
@@ -78,7 +76,7 @@ def six_states(model: Model, p: Named, inputs: Mapping[str, float]) -> tuple[Arr
 def integrate(
     matrix: Array, forcing: Array, x0: Array, t: Array, rtol: float = 1e-3, atol: float = 1e-6
 ) -> Solution:
-    """`x' = matrix x + forcing` from `x0 (X,)` at `t[0]`, at the increasing times `t (T,)`.
+    """Integrate `x' = matrix x + forcing` from `x0 (X,)` at `t[0]`, at increasing times `t (T,)`.
 
     Raises `ValueError` where times do not increase or a tolerance is not positive.
     """
@@ -106,7 +104,7 @@ def _march(
     rate = float(np.max(np.abs(slope) / size))
     # As long as a third-order error of that relative rate of change allows.
     h = min(longest, SAFETY * rtol**THIRD / rate) if rate > 0 else longest
-    made, inverse = 0.0, matrix  # the step that `inverse` is for
+    inverse_step, inverse = 0.0, matrix  # the step that `inverse` is for
     # Slope of the slope over the step before; at the start, the true one, as of a step of length 0.
     bend, before = matrix @ slope, 0.0
     while now < end:
@@ -114,8 +112,8 @@ def _march(
             h = end - now
         if not h > 16 * np.spacing(max(abs(now), abs(end))) and h < end - now:
             break
-        if h != made:
-            inverse, made = _inverse(matrix, h), h
+        if h != inverse_step:
+            inverse, inverse_step = _inverse(matrix, h), h
         x_new = x + inverse @ (h * slope)
         slope_new = matrix @ x_new + forcing
         bend_new = (slope_new - slope) / h
@@ -142,11 +140,11 @@ def _march(
 
 def _inverse(matrix: Array, h: float) -> Array:
     """(1 - h A/2)^-1; no numbers where there is none, which is then a step in vain."""
-    left = np.eye(len(matrix)) - 0.5 * h * matrix
+    lhs = np.eye(len(matrix)) - 0.5 * h * matrix
     try:
-        return np.linalg.inv(left)
+        return np.linalg.inv(lhs)
     except np.linalg.LinAlgError:
-        return np.full_like(left, np.nan)
+        return np.full_like(lhs, np.nan)
 
 
 def _between(ends: Array, states: Array, slopes: Array, t: Array) -> Array:
@@ -175,7 +173,7 @@ FOLLOWED = 30.0  # s; the speed of theta_2 has settled by then but for a swing t
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Reading:
+class MatrixReading:
     """A way to read the printed matrix: the speed of theta_2 [rad/s] at `time` [s] and in the end.
 
     `error`: largest distance of the paper's integrator from the exact speed until `time`, `steps`
@@ -195,8 +193,8 @@ class Reading:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Error:
-    """Of the paper's integrator in one channel of the record, at its default tolerances."""
+class IntegratorError:
+    """The error of the paper's integrator in one channel, at its default tolerances."""
 
     channel: str
     largest: float
@@ -204,15 +202,15 @@ class Error:
     steps: int
 
 
-def readings(experiment: Experiment, p: Mapping[str, float]) -> tuple[Reading, ...]:
-    """The same step with each reading, at parameters `p` (SI), followed for `FOLLOWED` s."""
+def readings(experiment: Experiment, p: Mapping[str, float]) -> tuple[MatrixReading, ...]:
+    """Return the same step with each reading, at parameters `p` (SI), followed for `FOLLOWED` s."""
     experiment = regular(experiment, FOLLOWED, 1 / experiment.dt)
-    k, found = experiment.names.index("w_2"), []
+    k, readings = experiment.names.index("w_2"), []
     for name, (matrix, model) in READINGS.items():
         exact, stepped, steps = _both(model, experiment, p)
         end = derived.steady(model, model.linear(p), 1, experiment.constant)["w_end"]
-        found.append(
-            Reading(
+        readings.append(
+            MatrixReading(
                 name=name,
                 matrix=matrix,
                 time=float(experiment.t[-1]),
@@ -225,15 +223,15 @@ def readings(experiment: Experiment, p: Mapping[str, float]) -> tuple[Reading, .
                 curve=exact[:, k],
             )
         )
-    return tuple(found)
+    return tuple(readings)
 
 
-def errors(experiment: Experiment, p: Mapping[str, float]) -> tuple[Error, ...]:
-    """Of the integrator on the corrected model."""
+def errors(experiment: Experiment, p: Mapping[str, float]) -> tuple[IntegratorError, ...]:
+    """Return the errors of the integrator on the corrected model."""
     exact, stepped, steps = _both(MotorShaft(), experiment, p)
     off = stepped - exact
     return tuple(
-        Error(
+        IntegratorError(
             channel=name,
             largest=float(np.abs(off[:, k]).max()),
             rms=float(np.sqrt(np.mean(off[:, k] ** 2))),
@@ -253,10 +251,7 @@ def _both(model: Model, experiment: Experiment, p: Mapping[str, float]) -> tuple
 
 
 def paper_signals(model: Model, experiment: Experiment, p: Array) -> tuple[Array, int]:
-    """Channels `(T, K)` as the paper integrates, at parameters `p (P,)`; and the steps taken.
-
-    Raises `ValueError` unless all inputs are constant, as they are in the paper.
-    """
+    """Return channels `(T, K)` as the paper integrates, at parameters `p (P,)`; and the steps."""
     if experiment.series:
         raise ValueError(f"{', '.join(experiment.series)} must be constant")
     named = dict(zip(model.parameters, p, strict=True))
@@ -271,20 +266,20 @@ def paper_signals(model: Model, experiment: Experiment, p: Array) -> tuple[Array
 
 
 def stepped_signals(likelihood: Likelihood, theta: Array) -> Array:
-    """The channels without noise, `(T, K)`, at `theta (D,)`."""
+    """Return the channels without noise, `(T, K)`, at `theta (D,)`."""
     (full,) = likelihood.space.full(theta[None])
     return paper_signals(likelihood.response.model, likelihood.response.experiment, full)[0]
 
 
 def stepped_misfit(likelihood: Likelihood, theta: Array) -> float:
-    """As `Likelihood.per_number`, at one point `(D,)`; for known noise."""
+    """Return the misfit per number at one point `(D,)`; for known noise."""
     sigma = likelihood.noise.scales(np.empty((1, 0)))
     off = stepped_signals(likelihood, theta) - likelihood.response.experiment.y
     return float(np.mean((off / sigma) ** 2))
 
 
 def stepped_task(exact: Task, likelihood: Likelihood) -> Task:
-    """The same task with the integrator's misfit; `exact` says where the density is above zero."""
+    """Pose the task with the integrator's misfit; `exact` says where the density is above zero."""
 
     def density(theta: Array) -> Array:
         inside = exact.density(theta) > -np.inf

@@ -1,4 +1,4 @@
-"""Figures of the paper's studies: printed matrix, two-parameter test, fit, searches, and Table 3."""
+"""Draw the paper's studies: printed matrix, two-parameter test, fit, searches, and Table 3."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ from matplotlib.lines import Line2D
 from bayesdrill.basics import PARAMETERS, STATES, Array, own_symbol
 from bayesdrill.inference import HDI_PROBABILITY, hdi
 from bayesdrill.paper import printed as paper
-from bayesdrill.paper.forward import Reading
-from bayesdrill.paper.searches import End, Heuristic, Verification
+from bayesdrill.paper.forward import MatrixReading
+from bayesdrill.paper.searches import Heuristic, SearchEnd, Verification
 from bayesdrill.record import Experiment
 from bayesdrill.report import (
     LINE_POINTS,
@@ -30,22 +30,22 @@ from bayesdrill.report import (
     usable,
 )
 
-Look = Mapping[str, Any]
+LineStyle = Mapping[str, Any]
 
 NOMINAL_COLOUR = style.NOMINAL["color"]
 DASHED, DOTTED, DASH_DOTTED = (0, (4, 2)), (0, (1, 1.2)), (0, (6, 1.5, 1, 1.5))
 
 
-def _line(color: str, width: float, dashes: Any = "-", **more: Any) -> Look:
+def _line(color: str, width: float, dashes: Any = "-", **more: Any) -> LineStyle:
     return {"color": color, "linestyle": dashes, "linewidth": width, **more}
 
 
-def _mark(color: str, marker: str, size: float, edge: float | None, **more: Any) -> Look:
+def _mark(color: str, marker: str, size: float, edge: float | None, **more: Any) -> LineStyle:
     looks = {"color": color, "marker": marker, "markersize": size, "markeredgewidth": edge}
     return {**looks, "linestyle": "none", **more}
 
 
-def _legend(figure: Figure, looks: Mapping[str, Look], columns: int, **more: Any) -> None:
+def _legend(figure: Figure, looks: Mapping[str, LineStyle], columns: int, **more: Any) -> None:
     """Above all panels, by label."""
     handles = [Line2D([], [], label=label, **look) for label, look in looks.items()]
     figure.legend(handles=handles, loc="upper center", ncols=columns, borderaxespad=0.3, **more)
@@ -70,18 +70,18 @@ SHORT = {
     "i_n": r"$A_{51}$ over $j_m$, $i_n = i_m$",
     "printed": r"$A_{51}$ over $j_1$ (printed), $i_n = i_m$",
 }
-CURVES: tuple[Look, ...] = (
+CURVES: tuple[LineStyle, ...] = (
     _line(style.BLACK, 1.4),
     _line(NOMINAL_COLOUR, 1.1, DASHED),
     _line(style.MAP_COLOUR, 1.4, DOTTED),
     _line(style.MIDDLE, 1.0, DASH_DOTTED),
 )
-BAND: Look = {"color": "0.95", "linewidth": 0, "zorder": -2}  # that range, in both panels
+BAND: LineStyle = {"color": "0.95", "linewidth": 0, "zorder": -2}  # that range, in both panels
 BELOW, ABOVE = 0.25, 1.3  # what the near panel shows, over the largest of the right speed
 
 
-def readings_figure(readings: Sequence[Reading]) -> Figure:
-    """Speeds of theta_2 over time: all of them, and those near the first, which is the right one."""
+def readings_figure(readings: Sequence[MatrixReading]) -> Figure:
+    """Draw speeds of theta_2 over time: all of them, and those near the first, which is right."""
     far = np.concatenate([reading.curve for reading in readings])
     right = float(np.abs(readings[0].curve).max())
     near = (-BELOW * right, ABOVE * right)
@@ -101,7 +101,7 @@ def readings_figure(readings: Sequence[Reading]) -> Figure:
         everything = scales.scale(*ranges[0])
         panels[0].axhspan(*(float(everything(x)) for x in near), **BAND)
         panels[1].set_facecolor(BAND["color"])
-        looks = {_ending(one): CURVES[k % len(CURVES)] for k, one in enumerate(readings)}
+        looks = {_ending(reading): CURVES[k % len(CURVES)] for k, reading in enumerate(readings)}
         _legend(figure, looks, 2, handlelength=3.0, labelspacing=0.25, columnspacing=1.6)
     return figure
 
@@ -113,7 +113,7 @@ def _axes(panel: Axes, time: scales.Scale, numbers: scales.Scale) -> None:
     style.set_ticks(panel.yaxis, *scales.ticks(numbers.low, numbers.high, 5))
 
 
-def _ending(reading: Reading) -> str:
+def _ending(reading: MatrixReading) -> str:
     end = f"{round(reading.w_end, 1) + 0.0:g}".replace("-", "\N{MINUS SIGN}")
     return rf"{SHORT[reading.name]}; settles at {end} rad/s"
 
@@ -124,8 +124,8 @@ BOUND = _line(style.BLACK, 1.0)
 FMINSEARCH = _mark(NOMINAL_COLOUR, "o", 6.5, 1.1, markerfacecolor="none")
 SCALED = _mark(style.BLACK, "+", 6, 1.0)
 PRINTED = _line(style.MAP_COLOUR, 0.9, (0, (1, 1.5)), marker="D", markersize=4)
-SINGLES: Look = {**style.DOTS, "color": style.MIDDLE, "markersize": 1.6, "alpha": 0.4}
-BIG: Look = {**SINGLES, "markersize": 2.5, "alpha": 0.8, "rasterized": False}
+SINGLES: LineStyle = {**style.DOTS, "color": style.MIDDLE, "markersize": 1.6, "alpha": 0.4}
+BIG: LineStyle = {**SINGLES, "markersize": 2.5, "alpha": 0.8, "rasterized": False}
 ASIDE = 0.14  # decades, between a sigma and the single estimates of each way
 LEAST_SHARE = 0.02  # of the single estimates may be below the panel
 
@@ -133,7 +133,7 @@ LEAST_SHARE = 0.02  # of the single estimates may be below the panel
 def verification_figure(
     v: Verification, printed: Mapping[float, Mapping[str, paper.Estimate]]
 ) -> Figure:
-    """A panel for each unknown, relative errors in per cent; `printed` by sigma and name."""
+    """Draw relative errors of each unknown in per cent; `printed` by sigma and name."""
     with style.styled():
         figure, panels = PAIR.build(len(v.names))
         for k, (panel, name) in enumerate(zip(panels, v.names, strict=True)):
@@ -155,25 +155,25 @@ def _errors(panel: Axes, v: Verification, k: int, printed: Mapping[float, paper.
     sigmas, each = np.array([*v.values]), v.values.values()
 
     def percent(what: str) -> Array:
-        return np.array([100.0 * abs(own[what][k]) / abs(own["truth"][k]) for own in each])
+        return np.array([100.0 * abs(values[what][k]) / abs(values["truth"][k]) for values in each])
 
     shown = np.array([[s, cell.deviation] for s, cell in sorted(printed.items())]).reshape(-1, 2)
     bound, fminsearch, scaled = map(percent, ("bound", "sd_fminsearch", "sd_scaled"))
-    every = [usable(np.concatenate([bound, fminsearch, scaled, shown[:, 1]]))]
+    errors = [usable(np.concatenate([bound, fminsearch, scaled, shown[:, 1]]))]
     for side, way in ((-1, "fminsearch"), (1, "scaled")):
-        for sigma, own in v.values.items():
-            truth = own["truth"][k]
+        for sigma, values in v.values.items():
+            truth = values["truth"][k]
             off = 100.0 * np.abs(v.estimates[way][sigma][:, k] - truth) / abs(truth)
             off = off[off > 0]
             panel.plot(np.full(len(off), sigma * 10 ** (side * ASIDE)), off, **SINGLES)
-            every.append(off)
+            errors.append(off)
     panel.plot(sigmas, bound, zorder=2, **BOUND)
     panel.plot(sigmas, fminsearch, zorder=3, **FMINSEARCH)
     panel.plot(sigmas, scaled, zorder=4, **SCALED)
     panel.plot(*shown.T, zorder=5, **PRINTED)
-    lowest, *singles = every
+    lowest, *singles = errors
     low = min([lowest.min(), *(np.quantile(off, LEAST_SHARE) for off in singles if len(off))])
-    high = max(off.max() for off in every if len(off))
+    high = max(off.max() for off in errors if len(off))
     set_decades(panel.yaxis, low / 1.6, high * 1.6)
     set_decades(panel.xaxis, sigmas.min() / 2.2, sigmas.max() * 2.2)
 
@@ -187,7 +187,7 @@ MARKS = 41
 
 
 def fit_paper_figure(experiment: Experiment, estimated: Array) -> Figure:
-    """A panel for each channel, SI: the record as a line, `estimated (T, K)` as marks."""
+    """Draw each channel, SI: the record as a line, `estimated (T, K)` as marks."""
     t, n = experiment.t, len(experiment.channels)
     margin = 0.015 * float(t[-1] - t[0])
     time = scales.scale(float(t[0]) - margin, float(t[-1]) + margin)
@@ -224,11 +224,8 @@ WAYS: Mapping[str, tuple[str, str, str]] = {  # label, colour, marker
 TRUTH = _mark(style.BLACK, "+", 10, 1.2, zorder=5)
 
 
-def simultaneous_figure(ends: Sequence[End], symmetries: Sequence[str]) -> Figure:
-    """Ends along the first two symmetries, and their misfits against their distance from the truth.
-
-    `symmetries`: the parameters that each scales, in LaTeX without dollars.
-    """
+def simultaneous_figure(ends: Sequence[SearchEnd], symmetries: Sequence[str]) -> Figure:
+    """Draw ends along two symmetries, and misfits against the distance from the truth."""
     shown = symmetries[:2]
     page = ENDS if shown else replace(ENDS, width=scales.SINGLE, top=ENDS.top + 0.2)
     with style.styled():
@@ -247,14 +244,14 @@ def simultaneous_figure(ends: Sequence[End], symmetries: Sequence[str]) -> Figur
     return figure
 
 
-def _scales(panel: Axes, ends: Sequence[End], symmetries: Sequence[str]) -> None:
+def _scales(panel: Axes, ends: Sequence[SearchEnd], symmetries: Sequence[str]) -> None:
     """Factors on logarithmic axes, the truth at 1; of one symmetry a row for each way."""
     factors = np.exp([end.scales[: len(symmetries)] for end in ends]).reshape(len(ends), -1)
     strip = len(symmetries) == 1
     for k, way in enumerate(_ways(ends)):
-        chosen = [end.way == way for end in ends]
-        x = factors[chosen, 0]
-        y = np.full(len(x), float(k)) if strip else factors[chosen, 1]
+        selected = [end.way == way for end in ends]
+        x = factors[selected, 0]
+        y = np.full(len(x), float(k)) if strip else factors[selected, 1]
         _marks(panel, x, y, [end for end in ends if end.way == way])
     panel.plot([1.0], [0.5 * (len(_ways(ends)) - 1) if strip else 1.0], **TRUTH)
     for axis, factor, latex in zip((panel.xaxis, panel.yaxis), factors.T, symmetries, strict=False):
@@ -268,11 +265,11 @@ def _scales(panel: Axes, ends: Sequence[End], symmetries: Sequence[str]) -> None
         panel.axhline(1.0, color=style.LIGHT, linewidth=0.7, zorder=0)
 
 
-def _misfits(panel: Axes, ends: Sequence[End]) -> None:
+def _misfits(panel: Axes, ends: Sequence[SearchEnd]) -> None:
     for way in _ways(ends):
-        chosen = [end for end in ends if end.way == way]
-        x, y = np.array([(end.distance, end.misfit) for end in chosen]).T
-        _marks(panel, x, y, chosen)
+        selected = [end for end in ends if end.way == way]
+        x, y = np.array([(end.distance, end.misfit) for end in selected]).T
+        _marks(panel, x, y, selected)
     panel.axhline(1.0, **FLOOR)
     finite = [end.distance for end in ends if np.isfinite(end.distance)]
     _from_zero(panel, max([0.1, *finite]), 0.03)
@@ -280,12 +277,12 @@ def _misfits(panel: Axes, ends: Sequence[End]) -> None:
     panel.set_xlabel("distance from the truth (rms of logarithms)")
 
 
-def _marks(panel: Axes, x: Array, y: Array, ends: Sequence[End]) -> None:
+def _marks(panel: Axes, x: Array, y: Array, ends: Sequence[SearchEnd]) -> None:
     """Filled where the noise floor was reached, open where it was not."""
     for reached in (True, False):
-        chosen = np.array([end.reached is reached for end in ends], dtype=bool)
-        if chosen.any():
-            panel.plot(x[chosen], y[chosen], **_end(ends[0].way, reached=reached))
+        selected = np.array([end.reached is reached for end in ends], dtype=bool)
+        if selected.any():
+            panel.plot(x[selected], y[selected], **_end(ends[0].way, reached=reached))
 
 
 def _end(way: str, *, reached: bool) -> dict[str, Any]:
@@ -298,14 +295,14 @@ def _end(way: str, *, reached: bool) -> dict[str, Any]:
     }
 
 
-def _ways(ends: Sequence[End]) -> list[str]:
+def _ways(ends: Sequence[SearchEnd]) -> list[str]:
     return [way for way in WAYS if any(end.way == way for end in ends)]
 
 
 # The path of the heuristic
 
 ALONE = replace(ENDS, columns=1, width=scales.DOUBLE * 0.72)
-PATHS: tuple[Look, ...] = (
+PATHS: tuple[LineStyle, ...] = (
     _line(style.BLACK, 1.2),
     _line(NOMINAL_COLOUR, 1.2, (0, (4, 1.5))),
     _line(style.MAP_COLOUR, 1.4, DOTTED),
@@ -313,20 +310,20 @@ PATHS: tuple[Look, ...] = (
 )
 
 
-def convergence_figure(found: Sequence[tuple[str, Heuristic]]) -> Figure:
-    """Misfit per number after each iteration, by name of the record."""
+def convergence_figure(heuristics: Sequence[tuple[str, Heuristic]]) -> Figure:
+    """Draw the misfit per number after each iteration, by name of the record."""
     with style.styled():
         figure, (panel,) = replace(ALONE, row=2.0, top=0.46).build(1)
         looks = {}
-        for k, (name, heuristic) in enumerate(found):
+        for k, (name, heuristic) in enumerate(heuristics):
             look, misfits = PATHS[k % len(PATHS)], heuristic.misfits
             panel.step(np.arange(len(misfits)), misfits, where="post", zorder=3, **look)
             panel.plot(len(misfits) - 1, misfits[-1], marker="o", markersize=4, color=look["color"])
             looks[f"record {name}".replace("$", r"\$")] = look
         panel.axhline(1.0, **FLOOR)
-        every = [heuristic.misfits for _, heuristic in found]
-        _misfit_axis(panel, np.concatenate(every))
-        _from_zero(panel, max(len(misfits) for misfits in every) - 1 or 1, 0.02)
+        series = [heuristic.misfits for _, heuristic in heuristics]
+        _misfit_axis(panel, np.concatenate(series))
+        _from_zero(panel, max(len(misfits) for misfits in series) - 1 or 1, 0.02)
         panel.set_xlabel("iteration of the heuristic")
         _legend(figure, {**looks, "noise floor": FLOOR}, 2, labelspacing=0.25)
     return figure
@@ -353,8 +350,8 @@ LINE = 0.34  # inches
 KEY, COLUMNS = 0.165, 3  # height of a row of the legend, and its columns
 UP, DOWN = -0.13, 0.22  # rows: the posterior, and below it the heuristic
 MIDDLE = (0.25, 0.75)  # quantiles: the thick bar
-THIN: Look = {"color": style.DARK, "linewidth": 1.1, "solid_capstyle": "butt"}
-THICK: Look = {"color": style.DARK, "linewidth": 4.0, "solid_capstyle": "butt"}
+THIN: LineStyle = {"color": style.DARK, "linewidth": 1.1, "solid_capstyle": "butt"}
+THICK: LineStyle = {"color": style.DARK, "linewidth": 4.0, "solid_capstyle": "butt"}
 ESTIMATE = _mark(style.MAP_COLOUR, "D", 4.5, None, zorder=4)
 OTHERS = _mark(style.MAP_COLOUR, "o", 2.4, 0, alpha=0.4, zorder=3)
 GUESS = _line(style.MIDDLE, 0.8, DASHED, zorder=0)
@@ -369,11 +366,7 @@ def table_3_figure(
     draws: Array,
     paper: Array,
 ) -> Figure:
-    """A row for each of `names`, over its guess: posterior above, the heuristic's estimates below.
-
-    SI: truth `(D,)`, draws `(N, D)`; `paper (D,)`: what it prints, NaN where it has nothing, not drawn
-    if it is the truth itself.
-    """
+    """Draw each of `names` over its guess: posterior above, the heuristic's estimates below."""
     n, guess = len(names), heuristic.guess
     printed = np.isfinite(paper)
     other = bool(printed.any()) and (

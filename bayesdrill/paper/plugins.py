@@ -1,43 +1,4 @@
-"""What the paper brings by entry points: its printed matrix with two errors, MATLAB's fminsearch,
-and its pairwise search.
-
-The matrix that the paper prints, with its two errors: to see what they do, never to be believed.
-
-    w_2' = (i_m^2 k_s/j_1) theta_1 - (i_m^2 k_s/j_m) theta_2 - (c_m/j_m) w_2 + (i_m k_T/j_m) i
-           - i_m t_f/j_m
-    i'   = -(i_n k_e/l_m) w_2 - (r_m/l_m) i + v/l_m
-
-Sandoval, Cunha Jr and Sampaio (ENIEF 2013), the matrix below the state vector; the other rows are
-those of `motor_shaft`.  Wrong in it, by the paper's own equations:
-
-A(5,1)  stands over j_1; the equation of the second angle has j_m, as has A(5,2) beside it.  With
-        j_1 the shaft pulls at the motor although it is not twisted, as if a spring held the motor
-        to the room: the rig stops after 14 turns, its motor stalled with the current v/r_m.
-A(6,5)  has `i_n`, which the paper does not define.  The motor's speed is w_2/i_m, so 1/i_m is
-        right; `i_n` read as `i_m`, the only similar symbol, makes the counter-voltage i_m^2 (1/64)
-        of what it is.
-
-Speeds in rad/s at the nominal values and 8 V, from rest:
-
-    A(5,1) over   A(6,5) with   w_1, w_2 at 10 s   w_2 at 30 s   both in the end
-    j_m           1/i_m             13.4,   16.3         15.90     15.91   right
-    j_1           1/i_m             -4.5,    2.6          0.07      0      (w_1 swings for minutes)
-    j_m           i_m              661.1,  658.1        660.3     660.3
-    j_1           i_m             -244.3,   10.8         -0.4       0      as printed
-
-Nelder-Mead as MATLAB's fminsearch runs it by default, on the unknowns as they are.
-
-What it minimises is the paper's misfit (-2 log density, up to a constant).  Both tolerances are
-absolute, 1e-4, and both must be met: those on the unknowns are coarser than a damping of 1e-4 and
-finer than what a record says of a resistance.  Kept to show what follows from that.
-
-The paper's heuristic: Nelder-Mead on two unknowns at a time, pair after pair, round and round.
-
-Sandoval, Cunha Jr and Sampaio (ENIEF 2013), section 5.2: ten iterations on (t_f, j_m), ten on
-(j_m, c_m), and so on to (j_1, t_f), each from where the last one ended; again, until the misfit is
-steady.  Where parameters can stand in for each other it ends at a low misfit and at values that
-depend on its start: use it to repeat the paper, not to find the MAP.
-"""
+"""Register the paper's printed matrix, MATLAB's fminsearch, and the pairwise search."""
 
 from __future__ import annotations
 
@@ -71,6 +32,7 @@ class AsPrinted(Model):
     inputs: ClassVar[tuple[str, ...]] = MotorShaft.inputs
 
     def linear(self, p: Named) -> Linear:
+        """Return the linear model as the paper prints it."""
         right = MotorShaft(self.i_m).linear(p)
         i_n = self.i_m if self.i_n is None else self.i_n
         printed = {
@@ -81,8 +43,10 @@ class AsPrinted(Model):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Run:
-    """`first`: the value at the start; `history`: the lowest value after each iteration; `stopped`: by
+class FminsearchRun:
+    """The run of a search.
+
+    `first`: the value at the start; `history`: the lowest value after each iteration; `stopped`: by
     its tolerances.
     """
 
@@ -94,7 +58,7 @@ class Run:
     history: tuple[float, ...]
 
 
-def descend(function: Callable[[Array], float], start: Array, **options: Any) -> Run:
+def descend(function: Callable[[Array], float], start: Array, **options: Any) -> FminsearchRun:
     """Minimise `function` from `start (D,)`; `options` are those of SciPy's Nelder-Mead.
 
     SciPy's own first simplex is that of MATLAB's fminsearch, each coordinate 5 % larger by turns, and
@@ -118,13 +82,13 @@ def descend(function: Callable[[Array], float], start: Array, **options: Any) ->
         history.append(lowest)
 
     with np.errstate(invalid="ignore"):  # where all of a simplex is impossible
-        found = minimize(noted, start, method="Nelder-Mead", callback=note, options=options)
-    return Run(
-        x=best if lowest < found.fun else np.asarray(found.x),
+        result = minimize(noted, start, method="Nelder-Mead", callback=note, options=options)
+    return FminsearchRun(
+        x=best if lowest < result.fun else np.asarray(result.x),
         first=values[0],
         lowest=lowest,
         evaluations=len(values),
-        stopped=bool(found.status == 0),
+        stopped=bool(result.status == 0),
         history=tuple(history),
     )
 
@@ -140,9 +104,10 @@ class Fminsearch:
     polished: ClassVar[bool] = False
 
     def check(self, unknown: Sequence[str]) -> None:
-        """It searches whatever is unknown."""
+        """Accept whatever is unknown."""
 
     def __call__(self, task: Task, starts: Array, evaluations: int) -> list[Optimum]:
+        """Search from each of the physical `starts (S, D)`."""
         return [self._search(task, start, evaluations) for start in starts]
 
     def _search(self, task: Task, start: Array, evaluations: int) -> Optimum:
@@ -165,7 +130,7 @@ class Fminsearch:
 
 
 def misfit(task: Task, theta: Array) -> float:
-    """The paper's misfit, up to a constant; inf where the density is zero."""
+    """Return the paper's misfit, up to a constant; inf where the density is zero."""
     return -2.0 * task.at(theta)
 
 
@@ -176,9 +141,9 @@ ORDER = ("t_f", "j_m", "c_m", "k_e", "k_T", "r_m", "l_m", "k_s", "j_1")  # the p
 
 
 def circle(names: Sequence[str]) -> Pairs:
-    """The paper's pairs of those unknowns: each with the next, and the last with the first."""
-    rest = [name for name in names if name not in ORDER]
-    chain = [*(name for name in ORDER if name in names), *rest]
+    """Return the paper's pairs of those unknowns: each with the next, and the last with the first."""
+    others = [name for name in names if name not in ORDER]
+    chain = [*(name for name in ORDER if name in names), *others]
     if len(chain) < 2:
         raise ValueError("pairs need two unknowns; there is only one, so use nelder_mead")
     return tuple(zip(chain, [*chain[1:], chain[0]], strict=True))[
@@ -209,6 +174,7 @@ class Pairwise:
     polished: ClassVar[bool] = False
 
     def check(self, unknown: Sequence[str]) -> None:
+        """Check that pairs name all unknowns, each with another; raises `ValueError` otherwise."""
         pairs = self.pairs or circle(unknown)
         for name in (name for pair in pairs for name in pair):
             if name not in unknown:
@@ -224,6 +190,7 @@ class Pairwise:
             )
 
     def __call__(self, task: Task, starts: Array, evaluations: int) -> list[Optimum]:
+        """Search from each of the physical `starts (S, D)`."""
         return [self._search(task, start, evaluations) for start in starts]
 
     def _search(self, task: Task, start: Array, evaluations: int) -> Optimum:
@@ -232,7 +199,7 @@ class Pairwise:
         columns = [[task.names.index(name) for name in pair] for pair in pairs]
         history: list[float] = []
         while not settled and spent < evaluations:
-            cycle: list[Run] = []
+            cycle: list[FminsearchRun] = []
             for pair in columns:
                 if spent == evaluations:
                     break

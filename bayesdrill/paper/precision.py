@@ -1,8 +1,7 @@
-"""The paper's misfit and how well an estimate can do at all: Cramer-Rao bounds, and records of
-known truth.
+"""Compute the paper's misfit, Cramer-Rao bounds, and records of known truth.
 
-Where a truth is claimed the record is made anew, and must be the one there is: a measured record that
-takes the place of a simulated one has no truth, whatever configs say.
+Where a truth is claimed the record is made anew, and must be the one there is: a measured record
+that takes the place of a simulated one has no truth, whatever configs say.
 """
 
 from __future__ import annotations
@@ -16,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.stats import chi2
 
-from bayesdrill.analysis import Scenery, from_sensitivities
+from bayesdrill.analysis import SensitivityStudy, from_sensitivities
 from bayesdrill.basics import Array, seeds
 from bayesdrill.config import ResolvedCase, path_of, simulate
 from bayesdrill.config import truth as simulated_truth
@@ -29,7 +28,7 @@ from bayesdrill.sampling import THOROUGH, Optimiser, Task, mode_search
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Length:
+class RecordLength:
     """Relative Cramer-Rao bounds at sigma 1 of a record of `duration` s at `rate` Hz, by unknown."""
 
     duration: float
@@ -38,17 +37,17 @@ class Length:
 
 
 def bounds(likelihood: Likelihood, truth: Array) -> Array:
-    """Cramer-Rao bounds of the unknowns `(D,)`, physical, for noise of sigma 1 in every channel."""
-    scenery = Scenery(likelihood)
+    """Return Cramer-Rao bounds of the unknowns `(D,)`, physical, for sigma 1 in every channel."""
+    sensitivity = SensitivityStudy(likelihood)
     sigma = likelihood.alone.scales(truth[None])[0]
-    rows = scenery.sensitivities(truth)
+    rows = sensitivity.sensitivities(truth)
     each = (rows.reshape(-1, len(sigma), rows.shape[1]) * sigma[:, None]).reshape(rows.shape)
-    known = from_sensitivities(scenery.unknowns, each)
+    known = from_sensitivities(sensitivity.unknowns, each)
     return np.asarray(known.bounds() * truth)
 
 
 def at_sigma_1(likelihood: Likelihood, truth: Mapping[str, float]) -> dict[str, float]:
-    """`bounds` relative to the truth, by unknown."""
+    """Return `bounds` relative to the truth, by unknown."""
     theta = likelihood.space.vector(truth)
     relative = bounds(likelihood, theta) / theta
     return dict(zip(likelihood.space.free, map(float, relative), strict=True))
@@ -56,20 +55,20 @@ def at_sigma_1(likelihood: Likelihood, truth: Mapping[str, float]) -> dict[str, 
 
 def lengths(
     likelihood: Likelihood, truth: Mapping[str, float], grid: Sequence[tuple[float, float]]
-) -> tuple[Length, ...]:
-    """Of records of (duration [s], rate [Hz]), otherwise like the one there is."""
-    found = []
+) -> tuple[RecordLength, ...]:
+    """Return bounds of records of (duration [s], rate [Hz]), otherwise like the one there is."""
+    lengths = []
     for duration, rate in grid:
         experiment = regular(likelihood.response.experiment, duration, rate)
         response = Response(likelihood.response.model, experiment)
         noise = likelihood.noise.for_length(len(experiment.t))
         longer = likelihood.with_alone(response=response, noise=noise)
-        found.append(Length(duration=duration, rate=rate, bounds=at_sigma_1(longer, truth)))
-    return tuple(found)
+        lengths.append(RecordLength(duration=duration, rate=rate, bounds=at_sigma_1(longer, truth)))
+    return tuple(lengths)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Implied:
+class ImpliedNoise:
     """Deviations of Table 2 in per cent, and the noise whose Cramer-Rao bound each is.
 
     `row`: the sigma_n of Table 2, `rms` over all of them, or `bound`: the bounds at 0.001.
@@ -83,8 +82,8 @@ class Implied:
     noise_k_e: float
 
 
-def implied_noise(one: Mapping[str, float]) -> tuple[Implied, ...]:
-    """Given the relative bounds at sigma 1: what noise the printed deviations would come from."""
+def implied_noise(values: Mapping[str, float]) -> tuple[ImpliedNoise, ...]:
+    """Return what noise the printed deviations would come from; `values`: relative bounds."""
     table = {
         f"{sigma:g}": {name: cell.deviation for name, cell in row.items()}
         for sigma, row in printed.TWO_PARAMETERS.items()
@@ -93,15 +92,15 @@ def implied_noise(one: Mapping[str, float]) -> tuple[Implied, ...]:
         name: float(np.mean([row[name] ** 2 for row in table.values()])) for name in printed.START
     }
     table["rms"] = {name: math.sqrt(square) for name, square in squares.items()}
-    table["bound"] = {name: 100 * 1e-3 * one[name] for name in printed.START}
+    table["bound"] = {name: 100 * 1e-3 * values[name] for name in printed.START}
     return tuple(
-        Implied(
+        ImpliedNoise(
             row=label,
             c_m_percent=row["c_m"],
             k_e_percent=row["k_e"],
             ratio=row["c_m"] / row["k_e"],
-            noise_c_m=row["c_m"] / 100 / one["c_m"],
-            noise_k_e=row["k_e"] / 100 / one["k_e"],
+            noise_c_m=row["c_m"] / 100 / values["c_m"],
+            noise_k_e=row["k_e"] / 100 / values["k_e"],
         )
         for label, row in table.items()
     )
@@ -115,7 +114,7 @@ SHARE = 0.95  # of records have a misfit within `expected` at their truth
 
 
 def misfit_task(posterior: Posterior) -> Task:
-    """The likelihood alone, where the priors have a density: they bound a search, no more."""
+    """Pose the likelihood alone, where the priors have a density: they bound a search, no more."""
     whole = mode_search.task(posterior)
 
     def density(theta: Array) -> Array:
@@ -128,44 +127,44 @@ def misfit_task(posterior: Posterior) -> Task:
 
 
 def misfit_per_number(posterior: Posterior, theta: Array) -> float:
-    """The misfit at `theta (D,)` over the count of what was measured: 1 where only noise is left."""
+    """Return the misfit at `theta (D,)` per measured number: 1 where only noise is left."""
     return float(posterior.likelihood.per_number(theta[None])[0])
 
 
 def expected_misfit(numbers: int) -> tuple[float, float]:
-    """Where the misfit per number is at the truth, in all but one of twenty records."""
+    """Return the misfit per number at the truth, in all but one of twenty records."""
     low, high = chi2.ppf([0.5 - 0.5 * SHARE, 0.5 + 0.5 * SHARE], numbers) / numbers
     return float(low), float(high)
 
 
 def made_record(posterior: Posterior, truth: Array, seed: int, index: int) -> Posterior:
-    """With record `index` of the rig `truth (D,)`: its noise is the same for every sigma but in size."""
+    """Return a copy with record `index` of the rig `truth (D,)`.
+
+    Its noise is the same for every sigma but in size.
+    """
     rng = seeds.stream(seed, "study", index)
     y = posterior.likelihood.signals(truth[None])
     return posterior.edit(records=[*posterior.likelihood.noise.draw(y, np.empty((1, 0)), rng)])
 
 
 def clean_record(posterior: Posterior, truth: Array) -> Posterior:
-    """With a record without noise."""
+    """Return a copy with a record without noise."""
     return posterior.edit(records=[*posterior.likelihood.signals(truth[None])])
 
 
 def with_sigma(posterior: Posterior, sigma: float) -> Posterior:
-    """With this noise in every channel."""
+    """Return a copy with this noise in every channel."""
     noise = posterior.likelihood.noise
     known = dict.fromkeys(range(noise.n_channels), sigma)
     other = dataclasses.replace(noise, known=known)
-    return posterior.edit(each=lambda one: dataclasses.replace(one, noise=other))
+    return posterior.edit(each=lambda observation: dataclasses.replace(observation, noise=other))
 
 
 SAME = 1e-6  # relative, and absolute: records hold nine digits
 
 
 def truth_of(case: ResolvedCase, makers: Sequence[ResolvedCase]) -> dict[str, float] | None:
-    """Parameters of its model with which its record was simulated by one of `makers`.
-
-    Of a rig with more to it, those of the paper's model that it is the same as.
-    """
+    """Return parameters of its model with which its record was simulated by one of `makers`."""
     path = path_of(case.config, case.source)
     for other in makers:
         if path_of(other.config, other.source).resolve() != path.resolve():
@@ -176,11 +175,11 @@ def truth_of(case: ResolvedCase, makers: Sequence[ResolvedCase]) -> dict[str, fl
     return None
 
 
-def _of_model(own: Model, rig: Model, values: dict[str, float]) -> dict[str, float] | None:
-    """The parameters of `own` that make it the `rig` with these `values`; None if it cannot be told."""
-    if own == rig:
+def _of_model(model: Model, rig: Model, values: dict[str, float]) -> dict[str, float] | None:
+    """Return the parameters of `model` that make it the `rig` with these `values`, or None."""
+    if model == rig:
         return values
-    if isinstance(own, MotorShaft) and isinstance(rig, TwoRotors) and own.i_m == rig.i_m:
+    if isinstance(model, MotorShaft) and isinstance(rig, TwoRotors) and model.i_m == rig.i_m:
         return {name: float(x) for name, x in rig.whole(values).items()}
     return None
 
@@ -190,10 +189,10 @@ def _same(text: str, other: str) -> bool:
     if text.partition("\n")[0] != other.partition("\n")[0]:
         return False
     try:
-        one, two = (
+        first, second = (
             np.loadtxt(io.StringIO(table), delimiter=",", skiprows=1, ndmin=2)
             for table in (text, other)
         )
     except ValueError:  # other numbers than a simulation writes
         return False
-    return one.shape == two.shape and np.allclose(one, two, rtol=SAME, atol=SAME)
+    return first.shape == second.shape and np.allclose(first, second, rtol=SAME, atol=SAME)

@@ -1,5 +1,4 @@
-"""What the paper prints, what follows from it by arithmetic, and what missing physics would do to
-it.
+"""List what the paper prints, what follows from it, and what missing physics would do to it.
 
 The tables are those of Sandoval, Cunha Jr and Sampaio (ENIEF 2013), Tables 1 to 3.
 
@@ -26,7 +25,7 @@ from types import MappingProxyType
 
 import numpy as np
 
-from bayesdrill.analysis import Scenery, from_sensitivities, plausibility
+from bayesdrill.analysis import SensitivityStudy, from_sensitivities, plausibility
 from bayesdrill.basics import Array, symbols
 from bayesdrill.inference import Posterior, derived, hdi
 from bayesdrill.record import typical_inputs
@@ -44,15 +43,17 @@ class Estimate:
 
     @property
     def value(self) -> float:
+        """The printed estimate, SI."""
         return float(self.text)
 
     @property
     def deviation(self) -> float:
+        """The printed deviation in per cent."""
         return float(self.percent)
 
 
 def half_digit(text: str) -> float:
-    """Half a unit of the last digit of a number as printed: how far its rounding may have moved it."""
+    """Return half a unit of the last digit of a number as printed."""
     exponent = Decimal(text).as_tuple().exponent
     assert isinstance(exponent, int)  # a number
     return float(Decimal(5).scaleb(exponent - 1))
@@ -94,7 +95,7 @@ MENDED: Mapping[str, str] = MappingProxyType(
 
 
 def table_1() -> list[Mapping[str, str | float]]:
-    """Its lines, SI: what it prints, what is the nominal value here, and why."""
+    """Return the lines of Table 1, SI: what it prints, what is the nominal value here, and why."""
     return [
         {
             "parameter": name,
@@ -119,7 +120,7 @@ class Inconsistency:
 
 
 def inconsistencies() -> tuple[Inconsistency, ...]:
-    """Those that numbers show; what is wrong with the matrix is in `plugins.AsPrinted`."""
+    """Return what numbers contradict; what is wrong with the matrix is in `plugins.AsPrinted`."""
     of_tables = [
         Inconsistency(
             what=f"{name}: Table 1, and the initial guess of Table 3",
@@ -136,7 +137,7 @@ def inconsistencies() -> tuple[Inconsistency, ...]:
         for name, cell in row.items()
     ]
     estimates += [(f"{n} in Table 3: deviation", n, cell) for n, cell in NINE_PARAMETERS.items()]
-    return (*of_tables, *_of_rig(), *filter(None, (_odd(*one) for one in estimates)))
+    return (*of_tables, *_of_rig(), *filter(None, (_odd(*estimate) for estimate in estimates)))
 
 
 def _of_rig() -> list[Inconsistency]:
@@ -187,12 +188,12 @@ def _odd(what: str, name: str, cell: Estimate) -> Inconsistency | None:
 
 
 def implied(name: str) -> float:
-    """The estimate of Table 3 with the digits that its percentage has, SI."""
+    """Return the estimate of Table 3 with the digits that its percentage has, SI."""
     return GUESS[name] * (1.0 + signed_deviation(name) / 100)
 
 
 def signed_deviation(name: str) -> float:
-    """That of Table 3 in per cent, with the sign that its estimate has."""
+    """Return the deviation of Table 3 in per cent, with the sign that its estimate has."""
     cell = NINE_PARAMETERS[name]
     return math.copysign(cell.deviation, cell.value - GUESS[name])
 
@@ -216,7 +217,7 @@ GIVEN = 1e-9  # logs of draws that all lie within this are rounding alone
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Cause:
+class DeviationCause:
     """A quantity over its value at the initial guesses of the paper.
 
     `table_3`: of the printed estimates, `table_3_digits` of those with the digits of the percentages;
@@ -240,8 +241,10 @@ class Cause:
     alone: float | None
 
 
-def causes(posterior: Posterior, mode: Array, estimate: Array, draws: Array) -> tuple[Cause, ...]:
-    """From the MAP and the heuristic's estimate `(D,)`, and draws `(N, D)`."""
+def causes(
+    posterior: Posterior, mode: Array, estimate: Array, draws: Array
+) -> tuple[DeviationCause, ...]:
+    """Compare quantities of the MAP, the heuristic's estimate `(D,)`, and draws `(N, D)`."""
     inputs = typical_inputs(posterior.likelihood.response.experiment)
     guess = quantities(MotorShaft(), GUESS, inputs, 1)
     rigs: dict[str, Mapping[str, float]] = {
@@ -256,28 +259,31 @@ def causes(posterior: Posterior, mode: Array, estimate: Array, draws: Array) -> 
     columns["heuristic"] = _at(posterior, estimate[None], inputs)
     drawn = _at(posterior, draws, inputs)
     alone = _alone(posterior, mode, inputs)
-    found = []
+    causes = []
     for name, value in guess.items():
         logs = np.log(drawn[name] / value)
         logs = logs[np.isfinite(logs)]
         there = np.ptp(logs) > GIVEN
         low, high = np.exp(hdi(logs)).tolist() if there else (None, None)
-        found.append(
-            Cause(
+        causes.append(
+            DeviationCause(
                 quantity=name,
-                **{column: float((own[name] / value)[0]) for column, own in columns.items()},
+                **{
+                    column: float((values_by_name[name] / value)[0])
+                    for column, values_by_name in columns.items()
+                },
                 posterior=float(np.exp(np.median(logs))) if there else None,
                 hdi_low=low,
                 hdi_high=high,
                 alone=alone[name] if there else None,
             )
         )
-    return tuple(found)
+    return tuple(causes)
 
 
 def quantities(model: Model, p: Named, inputs: Mapping[str, float], n: int) -> dict[str, Array]:
-    """By name, each `(n,)`, SI; NaN where a draw has no such value."""
-    found = {
+    """Return quantities by name, each `(n,)`, SI; NaN where a draw has no such value."""
+    values = {
         name: np.asarray(math.prod(np.asarray(p[q]) ** float(e) for q, e in powers.items()))
         for name, powers in PRODUCTS.items()
     }
@@ -285,12 +291,12 @@ def quantities(model: Model, p: Named, inputs: Mapping[str, float], n: int) -> d
     rigs = {name: np.broadcast_to(np.asarray(p[name], dtype=float), n) for name in model.parameters}
     linear = model.linear(rigs)
     both = {**derived.poles(model, linear, n), **derived.steady(model, linear, n, inputs)}
-    every = {**found, **{name: both[name] for name in FOLLOWING}}
-    return {name: np.broadcast_to(x, n) for name, x in every.items()}
+    quantities = {**values, **{name: both[name] for name in FOLLOWING}}
+    return {name: np.broadcast_to(x, n) for name, x in quantities.items()}
 
 
 def with_missing(*, j_2: float = 0.0, r_s: float = 0.0) -> dict[str, float]:
-    """The nominal rig with these, as a rig of the paper's model."""
+    """Return the nominal rig with these, as a rig of the paper's model."""
     whole = TwoRotors(j_2=j_2, r_s=r_s).whole(GUESS)
     return {name: float(x) for name, x in whole.items()}
 
@@ -302,9 +308,9 @@ def _at(posterior: Posterior, theta: Array, inputs: Mapping[str, float]) -> dict
 
 
 def _alone(posterior: Posterior, mode: Array, inputs: Mapping[str, float]) -> dict[str, float]:
-    scenery = Scenery(posterior.likelihood)
-    names = scenery.unknowns
-    known = from_sensitivities(names, scenery.sensitivities(mode))
+    sensitivity = SensitivityStudy(posterior.likelihood)
+    names = sensitivity.unknowns
+    known = from_sensitivities(names, sensitivity.sensitivities(mode))
     steps = STEP * np.eye(len(names), len(mode))
     up, down = (_at(posterior, mode * np.exp(sign * steps), inputs) for sign in (1, -1))
     with np.errstate(invalid="ignore"):
@@ -319,7 +325,7 @@ DENSITY = 7850.0  # kg/m^3, of steel; the paper gives none
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Tone:
+class NaturalFrequency:
     """A natural frequency [Hz] of the free shaft with both inertias; `lumped`: of the spring."""
 
     mode: int
@@ -327,8 +333,8 @@ class Tone:
     lumped: float | None
 
 
-def tones(j_1: float, j_2: float, n: int) -> tuple[Tone, ...]:
-    """The first `n` with inertias `j_1` and `j_2` [kg m^2] at the ends of the paper's shaft."""
+def natural_frequencies(j_1: float, j_2: float, n: int) -> tuple[NaturalFrequency, ...]:
+    """Return the first `n`, with inertias `j_1` and `j_2` [kg m^2] at the ends of the shaft."""
     from scipy.optimize import brentq
 
     area = math.pi * plausibility.SHAFT_DIAMETER**4 / 32
@@ -337,15 +343,17 @@ def tones(j_1: float, j_2: float, n: int) -> tuple[Tone, ...]:
 
     def residue(phase: float) -> float:
         """At w L/c = phase; a_n is then J_n phase over the inertia of the shaft itself."""
-        own = DENSITY * area * plausibility.SHAFT_LENGTH
-        a_1, a_2 = j_1 * phase / own, j_2 * phase / own
+        inertia = DENSITY * area * plausibility.SHAFT_LENGTH
+        a_1, a_2 = j_1 * phase / inertia, j_2 * phase / inertia
         return (a_1 + a_2) * math.cos(phase) + (1 - a_1 * a_2) * math.sin(phase)
 
     lumped = math.sqrt(stiffness * (1 / j_1 + 1 / j_2)) / (2 * math.pi)
-    found = []
+    tones = []
     for mode in range(1, n + 1):
         low, high = (mode - 1) * math.pi + 1e-9, mode * math.pi - 1e-9
         phase = brentq(residue, low, high, xtol=1e-15, rtol=1e-14)
         frequency = phase * speed / plausibility.SHAFT_LENGTH / (2 * math.pi)
-        found.append(Tone(mode=mode, distributed=frequency, lumped=lumped if mode == 1 else None))
-    return tuple(found)
+        tones.append(
+            NaturalFrequency(mode=mode, distributed=frequency, lumped=lumped if mode == 1 else None)
+        )
+    return tuple(tones)

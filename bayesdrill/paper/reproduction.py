@@ -1,6 +1,4 @@
-"""The files of the paper's reproduction: tables in its order, figures, and a report that shows
-them.
-"""
+"""Write the paper's reproduction: tables in its order, figures, and a report that shows them."""
 
 from __future__ import annotations
 
@@ -11,9 +9,9 @@ import numpy as np
 from bayesdrill import output_files
 from bayesdrill.basics import software, symbols
 from bayesdrill.paper import printed
-from bayesdrill.paper.findings import Findings
+from bayesdrill.paper.findings import PaperFindings
 from bayesdrill.paper.plugins import ORDER, circle
-from bayesdrill.paper.study_tables import Table, doubts, lines_2, lines_3, percent, tables
+from bayesdrill.paper.study_tables import StudyTable, doubts, lines_2, lines_3, percent, tables
 from bayesdrill.report import (
     Drawing,
     Note,
@@ -26,21 +24,21 @@ from bayesdrill.report import (
     made_of,
 )
 from bayesdrill.results import Folder
-from bayesdrill.sampling import Crew
+from bayesdrill.sampling import WorkerPool
 
 TITLE = "The paper, repeated"
 ITERATIONS = 10  # of each pair, in the paper
 
 
-def in_words(found: Findings) -> tuple[str, ...]:
-    """What a reader of the paper wants to know first, and what must not be believed."""
-    said = [
+def in_words(findings: PaperFindings) -> tuple[str, ...]:
+    """Say what a reader of the paper wants to know first, and what must not be believed."""
+    sentences = [
         f"Table 2, sigma_n {line['sigma']:g}: c_m can be known to {percent(line['bound_percent'])} %; "
         f"the paper reports {line['printed_percent']:g} %"
-        for line in lines_2(found.verification)
+        for line in lines_2(findings.verification)
         if line["parameter"] == "c_m"
     ]
-    for nine in found.nines:
+    for nine in findings.nines:
         lines = [line for line in lines_3(nine) if line["truth"] is not None]
         text = f"{nine.name}: the heuristic ends at a misfit of {nine.misfits.heuristic:.3f} per number"
         if lines:
@@ -50,35 +48,39 @@ def in_words(found: Findings) -> tuple[str, ...]:
                 f", {worst['parameter']} {worst['off_percent']:+.0f} % off; the posterior's 94 % "
                 f"intervals hold the truth of {inside} of {len(lines)} parameters"
             )
-        said += [text, *(f"{nine.name}: {doubt}" for doubt in doubts(nine))]
-    if not found.verification.converged:
-        said.append("Table 2: a posterior did not converge: do not use `posterior sd`")
-    return tuple(said)
+        sentences += [text, *(f"{nine.name}: {doubt}" for doubt in doubts(nine))]
+    if not findings.verification.converged:
+        sentences.append("Table 2: a posterior did not converge: do not use `posterior sd`")
+    return tuple(sentences)
 
 
-def write(found: Findings, folder: Folder, crew: Crew) -> None:
+def write(findings: PaperFindings, folder: Folder, pool: WorkerPool) -> None:
+    """Write all files of the reproduction to `folder`."""
     figures = folder.path / output_files.FIGURES
     figures.mkdir(exist_ok=True)
     note = {"Title": "paper", "Creator": software.creator()}
-    wanted = drawings(found)
-    tasks = [crew.submit(draw, stem, drawing, figures, note) for stem, drawing in wanted.items()]
-    made = tables(found)
-    for one in made:
-        folder.write_text(f"{one.stem}.csv", one.csv)
-        folder.write_text(f"{one.stem}.md", f"{one.says}\n\n{one.markdown}")
+    wanted = drawings(findings)
+    tasks = [pool.submit(draw, stem, drawing, figures, note) for stem, drawing in wanted.items()]
+    report_tables = tables(findings)
+    for table in report_tables:
+        folder.write_text(f"{table.stem}.csv", table.csv)
+        folder.write_text(f"{table.stem}.md", f"{table.says}\n\n{table.markdown}")
     for task in tasks:
         task.result()
-    said = sections(in_words(found), made, wanted)
-    folder.write_text("report.md", as_markdown(TITLE, said))
-    every = (*said, made_of((("versions", software.versions_text()),), folder.path))
-    folder.write_text("report.html", as_html(TITLE, "the paper", every, figures))
+    page_sections = sections(in_words(findings), report_tables, wanted)
+    folder.write_text("report.md", as_markdown(TITLE, page_sections))
+    all_sections = (
+        *page_sections,
+        made_of((("versions", software.versions_text()),), folder.path),
+    )
+    folder.write_text("report.html", as_html(TITLE, "the paper", all_sections, figures))
 
 
 def sections(
-    first: Sequence[str], made: Sequence[Table], figures: Mapping[str, Drawing]
+    first: Sequence[str], report_tables: Sequence[StudyTable], figures: Mapping[str, Drawing]
 ) -> tuple[Section, ...]:
-    """`first`: what is said before all tables."""
-    tables = (Section(table.title, (Note(table.says), *table.grids)) for table in made)
+    """Return the sections of the report; `first`: what is said before all tables."""
+    tables = (Section(table.title, (Note(table.says), *table.grids)) for table in report_tables)
     pictures = tuple(Picture(stem, drawing.says) for stem, drawing in figures.items())
     return (
         Section("What comes out", (Sentences("\n".join(first)),)),
@@ -87,13 +89,15 @@ def sections(
     )
 
 
-def drawings(found: Findings) -> dict[str, Drawing]:
-    """The figures, by the stems of their files."""
+def drawings(findings: PaperFindings) -> dict[str, Drawing]:
+    """Return the figures, by the stems of their files."""
     # Late: matplotlib takes a second to load.
     from bayesdrill.paper import plots
     from bayesdrill.report import heuristic_figure, rig_figure
 
-    scaled = [", ".join(symbols.PARAMETERS[name].latex for name in own) for own in found.symmetries]
+    scaled = [
+        ", ".join(symbols.PARAMETERS[name].latex for name in names) for names in findings.symmetries
+    ]
     wanted = {
         "rig": Drawing(rig_figure, says="The rig."),
         "heuristic": Drawing(
@@ -101,28 +105,28 @@ def drawings(found: Findings) -> dict[str, Drawing]:
         ),
         "matrix": Drawing(
             plots.readings_figure,
-            (found.readings,),
+            (findings.readings,),
             "Speed of theta_2 with four readings of the printed matrix.",
         ),
         "table_2": Drawing(
             plots.verification_figure,
-            (found.verification, dict(printed.TWO_PARAMETERS)),
+            (findings.verification, dict(printed.TWO_PARAMETERS)),
             "Error of the two-parameter estimates against the noise.",
         ),
         "simultaneous": Drawing(
             plots.simultaneous_figure,
-            (found.ends, scaled),
+            (findings.ends, scaled),
             "Where searches for all unknowns at once end.",
         ),
         "convergence": Drawing(
             plots.convergence_figure,
-            ([(nine.name, nine.heuristic) for nine in found.nines],),
+            ([(nine.name, nine.heuristic) for nine in findings.nines],),
             "Misfit after each iteration of the heuristic.",
         ),
     }
-    for nine in found.nines:
+    for nine in findings.nines:
         estimates = [printed.NINE_PARAMETERS.get(name) for name in nine.names]
-        paper = np.array([np.nan if one is None else one.value for one in estimates])
+        paper = np.array([np.nan if estimate is None else estimate.value for estimate in estimates])
         wanted[f"fit_{nine.name}"] = Drawing(
             plots.fit_paper_figure,
             (nine.experiment, nine.signals),

@@ -1,4 +1,4 @@
-"""The studies of the paper, one after the other, each beside what a full posterior says of it."""
+"""Run the studies of the paper, one after the other, each beside a full posterior."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ from pathlib import Path
 import numpy as np
 
 from bayesdrill import output_files
-from bayesdrill.analysis import Scenery, study_of
+from bayesdrill.analysis import SensitivityStudy, study_of
 from bayesdrill.basics import Array, Interrupted, Reporter, Silent, software
 from bayesdrill.config import Job, ResolvedCase
 from bayesdrill.paper import forward, precision, printed, reproduction
-from bayesdrill.paper.findings import Findings, Misfits, Nine, Studies, prepare
+from bayesdrill.paper.findings import Misfits, NineParameterStudy, PaperFindings, Studies, prepare
 from bayesdrill.paper.precision import truth_of
 from bayesdrill.paper.searches import (
     Heuristic,
@@ -27,7 +27,7 @@ from bayesdrill.paper.searches import (
 )
 from bayesdrill.results import Folder
 from bayesdrill.rig import MotorShaft
-from bayesdrill.sampling import Crew
+from bayesdrill.sampling import WorkerPool
 from bayesdrill.tasks import conclusions, pipeline
 
 RECORDS = 400  # of each sigma in the verification study
@@ -41,8 +41,8 @@ TONES = 4
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Outcome:
-    """`said`: sentences for the terminal."""
+class PaperRunResult:
+    """The result of a run; `said`: sentences for the terminal."""
 
     folder: Path
     converged: bool
@@ -51,8 +51,8 @@ class Outcome:
 
 def reproduce(
     configs: Path, output: Path, processes: int, report: Reporter, *, force: bool
-) -> Outcome:
-    """Everything, from the configs of a folder; the tables do not depend on `processes`."""
+) -> PaperRunResult:
+    """Reproduce everything from the configs of a folder; tables do not depend on `processes`."""
     studies = prepare(configs)
     names = [nine.config.name for nine in studies.nines]
     for name in names:
@@ -71,18 +71,18 @@ def reproduce(
             with suppress(OSError):  # a full disk
                 folder.write_run(status="interrupted")
             raise
-    return Outcome(
+    return PaperRunResult(
         folder=output, converged=findings.converged, said=reproduction.in_words(findings)
     )
 
 
-def _run(studies: Studies, folder: Folder, processes: int, clock: _Clock) -> Findings:
+def _run(studies: Studies, folder: Folder, processes: int, clock: _Clock) -> PaperFindings:
     two, nominal = studies.two.problem, studies.two.problem.nominal
     likelihood, experiment = two.posterior.likelihood, two.experiment
     truth, plan = two.posterior.space.vector(nominal), conclusions.plan(studies.two.config)
     sigmas = tuple(printed.TWO_PARAMETERS)
-    with Crew(two.posterior, processes) as crew:
-        verification = verify(crew, two.posterior, truth, sigmas, RECORDS, plan)
+    with WorkerPool(two.posterior, processes) as pool:
+        verification = verify(pool, two.posterior, truth, sigmas, RECORDS, plan)
     lengths = precision.lengths(likelihood, nominal, LENGTHS)
     clock.done(f"two parameters: {RECORDS} records at each of {len(sigmas)} sigmas")
     nines = tuple(
@@ -94,17 +94,17 @@ def _run(studies: Studies, folder: Folder, processes: int, clock: _Clock) -> Fin
     first, search = studies.nines[0], MisfitSearch(studies.pairwise[0], EVALUATIONS)
     posterior, seed = first.problem.posterior, first.config.seed
     start = posterior.space.vector(posterior.space.start)
-    study = study_of(Scenery(posterior.likelihood), posterior, start, first.asked)
+    study = study_of(SensitivityStudy(posterior.likelihood), posterior, start, first.asked)
     symmetries, centre = study.structure.symmetries, nines[0].truth
     if centre is None:  # of the distances of ends
         centre = np.median(nines[0].draws, axis=0)
-    with Crew(posterior, processes) as crew:
-        ends = many_searches(crew, posterior, centre, symmetries, STARTS, seed)
+    with WorkerPool(posterior, processes) as pool:
+        ends = many_searches(pool, posterior, centre, symmetries, STARTS, seed)
     clock.done(f"all at once: {len(ends)} searches")
-    with Crew(posterior, processes) as crew:
-        controls = control(crew, posterior, search, SIGMAS, CONTROLS, seed)
+    with WorkerPool(posterior, processes) as pool:
+        controls = control(pool, posterior, search, SIGMAS, CONTROLS, seed)
     clock.done(f"the heuristic on {CONTROLS} nominal records at each of {len(SIGMAS)} sigmas")
-    findings = Findings(
+    findings = PaperFindings(
         readings=forward.readings(experiment, nominal),
         errors=forward.errors(experiment, nominal),
         verification=verification,
@@ -118,10 +118,12 @@ def _run(studies: Studies, folder: Folder, processes: int, clock: _Clock) -> Fin
         ends=ends,
         control=controls,
         nines=nines,
-        tones=printed.tones(nominal["j_1"], nominal["j_m"] / MotorShaft().i_m ** 2, TONES),
+        tones=printed.natural_frequencies(
+            nominal["j_1"], nominal["j_m"] / MotorShaft().i_m ** 2, TONES
+        ),
     )
-    with Crew(two.posterior, processes) as crew:
-        reproduction.write(findings, folder, crew)
+    with WorkerPool(two.posterior, processes) as pool:
+        reproduction.write(findings, folder, pool)
     clock.done("tables and figures")
     folder.write_run(status="finished", converged=findings.converged, seconds=clock.seconds)
     return findings
@@ -149,21 +151,21 @@ def _nine(
     folder: Path,
     processes: int,
     clock: _Clock,
-) -> Nine:
+) -> NineParameterStudy:
     """Heuristic and posterior of one record; the posterior has a results folder of its own."""
     name, posterior = nine.config.name, nine.problem.posterior
-    with Crew(posterior, processes) as crew:
-        found = run_heuristic(crew, posterior, search, OTHERS, nine.config.seed)
+    with WorkerPool(posterior, processes) as pool:
+        heuristic = run_heuristic(pool, posterior, search, OTHERS, nine.config.seed)
     clock.done(f"{name}: the heuristic from {OTHERS + 1} starts, and with the paper's integrator")
     whole = pipeline.posterior(nine, folder / name, "force", processes, Silent())
     state = "converged" if whole.sampled.convergence.converged else "NOT converged"
     clock.done(f"{name}: the posterior, {state}")
-    draws = whole.sampled.draws.reshape(-1, len(found.estimate))
+    draws = whole.sampled.draws.reshape(-1, len(heuristic.estimate))
     values = truth_of(nine.case, makers)
     truth = None if values is None else posterior.space.vector(values)
     mode = posterior.space.vector(whole.mode.values)
     assert whole.verdict is not None  # there are unknowns with nominal values
-    return Nine(
+    return NineParameterStudy(
         name=name,
         names=nine.problem.names,
         units=tuple(symbol.plain_unit for symbol in nine.problem.symbols),
@@ -172,28 +174,28 @@ def _nine(
             *(f"{name} = {tie.text}" for name, tie in posterior.space.relations.items()),
         ),
         experiment=nine.problem.experiment,
-        heuristic=found,
-        signals=posterior.likelihood.signals(found.estimate[None])[0],
+        heuristic=heuristic,
+        signals=posterior.likelihood.signals(heuristic.estimate[None])[0],
         truth=truth,
         draws=draws,
         verdict=whole.verdict,
-        misfits=_misfits(nine, found, mode, truth),
-        causes=printed.causes(posterior, mode, found.estimate, draws),
+        misfits=_misfits(nine, heuristic, mode, truth),
+        causes=printed.causes(posterior, mode, heuristic.estimate, draws),
         converged=whole.sampled.convergence.converged,
     )
 
 
-def _misfits(nine: Job, found: Heuristic, mode: Array, truth: Array | None) -> Misfits:
+def _misfits(nine: Job, heuristic: Heuristic, mode: Array, truth: Array | None) -> Misfits:
     posterior = nine.problem.posterior
     numbers = posterior.likelihood.numbers
     low, high = precision.expected_misfit(numbers)
     return Misfits(
         record=nine.config.name,
         numbers=numbers,
-        guess=precision.misfit_per_number(posterior, found.guess),
-        heuristic=precision.misfit_per_number(posterior, found.estimate),
-        others=float(found.others_misfits.max()),
-        stepped=found.stepped_misfit,
+        guess=precision.misfit_per_number(posterior, heuristic.guess),
+        heuristic=precision.misfit_per_number(posterior, heuristic.estimate),
+        others=float(heuristic.others_misfits.max()),
+        stepped=heuristic.stepped_misfit,
         map=precision.misfit_per_number(posterior, mode),
         truth=None if truth is None else precision.misfit_per_number(posterior, truth),
         low=low,

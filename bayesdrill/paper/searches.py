@@ -27,12 +27,12 @@ from bayesdrill.paper.plugins import Fminsearch
 from bayesdrill.paper.precision import WAYS, bounds
 from bayesdrill.sampling import (
     THOROUGH,
-    Crew,
-    Memory,
+    MemoryBackend,
     Optimiser,
     Optimum,
     Plan,
     Task,
+    WorkerPool,
     mode_search,
     sample,
 )
@@ -44,14 +44,14 @@ WITHIN = 0.5  # starts are drawn from 1 - this to 1 + this of the configured one
 
 @dataclass(frozen=True, slots=True)
 class MisfitSearch:
-    """For the least misfit; `stepped`: in that which the paper's integrator has."""
+    """A search for the least misfit; `stepped`: in that which the paper's integrator has."""
 
     optimiser: Optimiser
     evaluations: int
     stepped: bool = False
 
     def __call__(self, posterior: Posterior, point: Array) -> Optimum:
-        """From `point (D,)`."""
+        """Search from `point (D,)`."""
         task = precision.misfit_task(posterior)
         if self.stepped:
             task = forward.stepped_task(task, posterior.likelihood)
@@ -67,13 +67,8 @@ def _of_record(
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class End:
-    """Of one search.  `misfit`: per measured number (1: the noise).
-
-    `reached`: no more than noise is left; `best`: as good as the best of all searches.
-    `scales`: log distance from the truth along each symmetry; `rest`: root mean square of the logs'
-    distance off all of them; `distance`: of all of it.
-    """
+class SearchEnd:
+    """The end of one search; `misfit`: per measured number (1: the noise)."""
 
     way: str
     misfit: float
@@ -86,40 +81,43 @@ class End:
 
 
 def many_searches(
-    crew: Crew,
+    pool: WorkerPool,
     posterior: Posterior,
     reference: Array,
     symmetries: Sequence[Exponents],
     starts: int,
     seed: int,
-) -> tuple[End, ...]:
-    """From the configured start and others around it, each way; distances are from `reference (D,)`."""
+) -> tuple[SearchEnd, ...]:
+    """Search from the configured start and others around it, each way.
+
+    Distances are from `reference (D,)`.
+    """
     centre = posterior.space.vector(posterior.space.start)
     rng = seeds.stream(seed, "starts")
     around = rng.uniform(1 - WITHIN, 1 + WITHIN, (starts - 1, len(centre)))
     points = np.vstack([centre, centre * around])
     tasks = [
-        (way, crew.submit(MisfitSearch(optimiser, EVALUATIONS), point))
+        (way, pool.submit(MisfitSearch(optimiser, EVALUATIONS), point))
         for way, optimiser in precision.WAYS.items()
         for point in points
     ]
-    found = [(way, task.result()) for way, task in tasks]
+    results = [(way, task.result()) for way, task in tasks]
     likelihood = posterior.likelihood
-    misfits = likelihood.per_number(np.array([end.theta for _, end in found]))
+    misfits = likelihood.per_number(np.array([end.theta for _, end in results]))
     _, floor = precision.expected_misfit(likelihood.numbers)
     least = misfits.min() + SAME / likelihood.numbers
     ends = []
-    for (way, end), left in zip(found, misfits, strict=True):
-        scales, rest, distance = distinct_ends(end.theta, reference, symmetries)
+    for (way, end), misfit in zip(results, misfits, strict=True):
+        scales, remainder, distance = distinct_ends(end.theta, reference, symmetries)
         ends.append(
-            End(
+            SearchEnd(
                 way=way,
-                misfit=float(left),
-                reached=bool(left < floor),
-                best=bool(left < least),
+                misfit=float(misfit),
+                reached=bool(misfit < floor),
+                best=bool(misfit < least),
                 settled=end.settled,
                 scales=scales,
-                rest=rest,
+                rest=remainder,
                 distance=distance,
             )
         )
@@ -129,16 +127,16 @@ def many_searches(
 def distinct_ends(
     theta: Array, reference: Array, symmetries: Sequence[Exponents]
 ) -> tuple[tuple[float, ...], float, float]:
-    """Log distance along each symmetry, and the root mean square off them all, and of everything."""
+    """Return log distances along each symmetry, off them all, and of everything (rms)."""
     logs = np.log(theta / reference)
     rows = np.zeros((len(symmetries), len(theta)))
     for row, exponents in zip(rows, symmetries, strict=True):
         row[: len(exponents)] = exponents  # noise levels have no part in them
     scales = np.linalg.lstsq(rows.T, logs, rcond=None)[0]
-    rest = logs - scales @ rows
+    remainder = logs - scales @ rows
     return (
         tuple(map(float, scales)),
-        float(np.sqrt(np.mean(rest**2))),
+        float(np.sqrt(np.mean(remainder**2))),
         float(np.sqrt(np.mean(logs**2))),
     )
 
@@ -148,10 +146,12 @@ AROUND = 0.2  # other starts are from 1 - this to 1 + this of the configured one
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Heuristic:
-    """`guess`, `estimate` `(D,)` physical; `misfits`: per measured number, at the guess and then after
+    """The paper's pairwise heuristic on one record.
+
+    `guess`, `estimate` `(D,)` physical; `misfits`: per measured number, at the guess and then after
     each iteration; `others (S, D)`: estimates from other starts, `others_misfits (S,)` theirs;
-    `stepped (D,)`: the estimate with the paper's integrator, whose misfit it is that `stepped_misfit`
-    tells; None with a measured input, which the paper does not have.
+    `stepped (D,)`: the estimate with the paper's integrator, whose misfit it is that
+    `stepped_misfit` tells; None with a measured input, which the paper does not have.
     """
 
     guess: Array
@@ -164,27 +164,27 @@ class Heuristic:
 
 
 def run_heuristic(
-    crew: Crew, posterior: Posterior, search: MisfitSearch, starts: int, seed: int
+    pool: WorkerPool, posterior: Posterior, search: MisfitSearch, starts: int, seed: int
 ) -> Heuristic:
-    """From the configured start, and from `starts` others around it."""
+    """Run the heuristic from the configured start, and from `starts` others around it."""
     guess = posterior.space.vector(posterior.space.start)
     rng = seeds.stream(seed, "around")
     around = rng.uniform(1 - AROUND, 1 + AROUND, (starts, len(guess)))
     by_integrator = None
     # All inputs are constant in the paper.  First, because it takes longest.
     if not posterior.likelihood.response.experiment.series:
-        by_integrator = crew.submit(replace(search, stepped=True), guess)
-    tasks = [crew.submit(search, point) for point in (guess, *(guess * around))]
-    found, *rest = [task.result() for task in tasks]
+        by_integrator = pool.submit(replace(search, stepped=True), guess)
+    tasks = [pool.submit(search, point) for point in (guess, *(guess * around))]
+    first_result, *other_results = [task.result() for task in tasks]
     first = precision.misfit_per_number(posterior, guess)
     # The misfit is -2 log likelihood but for a constant, which the first point tells.
     density = posterior.likelihood(guess[None])[0]
-    path = first - 2.0 * (np.array(found.history) - density) / posterior.likelihood.numbers
-    others = np.array([other.theta for other in rest]).reshape(starts, len(guess))
+    path = first - 2.0 * (np.array(first_result.history) - density) / posterior.likelihood.numbers
+    others = np.array([other.theta for other in other_results]).reshape(starts, len(guess))
     end = None if by_integrator is None else by_integrator.result().theta
     return Heuristic(
         guess=guess,
-        estimate=found.theta,
+        estimate=first_result.theta,
         misfits=np.array([first, *path]),
         others=others,
         others_misfits=posterior.likelihood.per_number(others),
@@ -194,7 +194,7 @@ def run_heuristic(
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Control:
+class ControlRun:
     """Largest distance of the estimates of a parameter from its true value; 0: it never moved."""
 
     sigma: float
@@ -204,28 +204,28 @@ class Control:
 
 
 def control(
-    crew: Crew,
+    pool: WorkerPool,
     posterior: Posterior,
     search: MisfitSearch,
     sigmas: Sequence[float],
     records: int,
     seed: int,
-) -> tuple[Control, ...]:
-    """Of records made at the configured start, which the search begins at too, by noise."""
+) -> tuple[ControlRun, ...]:
+    """Control the search on records made at the configured start, where it begins too."""
     truth = posterior.space.vector(posterior.space.start)
     tasks = {
-        sigma: [crew.submit(_of_record, search, truth, sigma, seed, k) for k in range(records)]
+        sigma: [pool.submit(_of_record, search, truth, sigma, seed, k) for k in range(records)]
         for sigma in sigmas
     }
-    found = []
-    for sigma, own in tasks.items():
-        estimates = np.array([task.result() for task in own])
+    controls = []
+    for sigma, futures in tasks.items():
+        estimates = np.array([task.result() for task in futures])
         largest = 100 * np.abs(estimates / truth - 1).max(axis=0)
-        found += [
-            Control(sigma=sigma, parameter=name, largest_percent=float(off), records=records)
+        controls += [
+            ControlRun(sigma=sigma, parameter=name, largest_percent=float(off), records=records)
             for name, off in zip(posterior.space.free, largest, strict=True)
         ]
-    return tuple(found)
+    return tuple(controls)
 
 
 VERIFICATION_EVALUATIONS = 4000  # of one search, at most
@@ -234,15 +234,17 @@ BATCHES = 8  # in which the records of one sigma are shared out
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Verification:
-    """`values` by sigma and name, `(D,)` of the unknowns `names`, SI; `estimates` by way and sigma:
+    """The two-parameter verification of the paper, repeated.
+
+    `values` by sigma and name, `(D,)` of the unknowns `names`, SI; `estimates` by way and sigma:
     `(R, D)`, one row for each record.
 
     Of the first record: `fminsearch`, `scaled`; by fminsearch with the paper's integrator for the
-    model, `trapezoid_both` where the integrator made the record too, `trapezoid_fit` where the exact
-    response did.  `weights_only`: by fminsearch from a record without noise, where sigma is but a
-    weight (`weights_only_trapezoid`: with the integrator for both).  `posterior`, `posterior_sd`: of
-    the first record, with the priors.  `bound`: Cramer-Rao, of the standard deviation; `truth`.
-    `sd_*`: of the estimates from all records.
+    model, `trapezoid_both` where the integrator made the record too, `trapezoid_fit` where the
+    exact response did.  `weights_only`: by fminsearch from a record without noise, where sigma is
+    but a weight (`weights_only_trapezoid`: with the integrator for both).  `posterior`,
+    `posterior_sd`: of the first record, with the priors.  `bound`: Cramer-Rao, of the standard
+    deviation; `truth`. `sd_*`: of the estimates from all records.
     """
 
     names: tuple[str, ...]
@@ -253,14 +255,16 @@ class Verification:
 
 
 def verify(
-    crew: Crew,
+    pool: WorkerPool,
     posterior: Posterior,
     truth: Array,
     sigmas: Sequence[float],
     records: int,
     plan: Plan,
 ) -> Verification:
-    """`truth (D,)` physical makes the records; the search begins at the start of the space.
+    """Verify the estimates of two parameters on records of known truth.
+
+    `truth (D,)` physical makes the records; the search begins at the start of the space.
 
     `plan`: how posteriors are sampled; its seed is that of the records too.
     """
@@ -269,50 +273,50 @@ def verify(
     start = space.vector(space.start)
     tasks: dict[tuple[str, float], list[Future[Array]]] = {
         (way, sigma): [
-            crew.submit(estimates, way, sigma, truth, start, seed, tuple(map(int, batch)))
+            pool.submit(estimates, way, sigma, truth, start, seed, tuple(map(int, batch)))
             for batch in np.array_split(np.arange(records), min(BATCHES, records))
         ]
         for sigma in sigmas
         for way in WAYS
     }
-    posteriors = {s: crew.submit(_posterior, s, truth, plan) for s in sigmas}
+    posteriors = {s: pool.submit(_posterior, s, truth, plan) for s in sigmas}
     by_trapezoid = {
-        (name, s): crew.submit(_by_trapezoid, s, truth, start, seed, **how)
+        (name, s): pool.submit(_by_trapezoid, s, truth, start, seed, **how)
         for s in sigmas
         for name, how in _STEPPED.items()
     }
-    found: dict[str, dict[float, Array]] = {
+    estimates_by_way: dict[str, dict[float, Array]] = {
         way: {s: np.concatenate([t.result() for t in tasks[way, s]]) for s in sigmas}
         for way in WAYS
     }
-    one = bounds(posterior.likelihood, truth)
+    bound = bounds(posterior.likelihood, truth)
     values: dict[float, dict[str, Array]] = {}
     for sigma in sigmas:
         clean = precision.clean_record(precision.with_sigma(posterior, sigma), truth)
         mean, sd, _ = posteriors[sigma].result()
         values[sigma] = {
-            **{way: found[way][sigma][0] for way in WAYS},
+            **{way: estimates_by_way[way][sigma][0] for way in WAYS},
             **{name: by_trapezoid[name, sigma].result() for name in _STEPPED},
             "weights_only": _search("fminsearch", clean, start),
             "posterior": mean,
             "posterior_sd": sd,
-            "bound": sigma * one,
+            "bound": sigma * bound,
             "truth": truth,
-            **{f"sd_{way}": found[way][sigma].std(axis=0, ddof=1) for way in WAYS},
+            **{f"sd_{way}": estimates_by_way[way][sigma].std(axis=0, ddof=1) for way in WAYS},
         }
     return Verification(
         names=space.free,
         records=records,
         values=values,
-        estimates=found,
+        estimates=estimates_by_way,
         converged=all(posteriors[sigma].result()[2] for sigma in sigmas),
     )
 
 
 _STEPPED: Mapping[str, Mapping[str, bool]] = {
-    "trapezoid_both": {"own": True, "noisy": True},
-    "trapezoid_fit": {"own": False, "noisy": True},
-    "weights_only_trapezoid": {"own": True, "noisy": False},
+    "trapezoid_both": {"from_integrator": True, "noisy": True},
+    "trapezoid_fit": {"from_integrator": False, "noisy": True},
+    "weights_only_trapezoid": {"from_integrator": True, "noisy": False},
 }
 
 
@@ -325,7 +329,7 @@ def estimates(
     seed: int,
     indices: tuple[int, ...],
 ) -> Array:
-    """Of the records with these numbers: `(R, D)`."""
+    """Return the estimates of the records with these numbers: `(R, D)`."""
     target = precision.with_sigma(posterior, sigma)
     return np.array(
         [_search(way, precision.made_record(target, truth, seed, k), start) for k in indices]
@@ -356,10 +360,10 @@ def _posterior(
 ) -> tuple[Array, Array, bool]:
     """Mean and standard deviation `(D,)` from record 0, and whether the ensembles converged."""
     target = precision.made_record(precision.with_sigma(posterior, sigma), truth, plan.seed, 0)
-    found = mode_search.search(target, THOROUGH, VERIFICATION_EVALUATIONS, truth)
-    with Crew(target, 1) as alone:
-        start = target.space.vector(found.end)
-        sampled = sample(alone, target, start[None], plan, Memory(), Silent())
+    search = mode_search.search(target, THOROUGH, VERIFICATION_EVALUATIONS, truth)
+    with WorkerPool(target, 1) as alone:
+        start = target.space.vector(search.end)
+        sampled = sample(alone, target, start[None], plan, MemoryBackend(), Silent())
     draws = sampled.draws.reshape(-1, len(truth))
     return draws.mean(axis=0), draws.std(axis=0, ddof=1), sampled.convergence.converged
 
@@ -371,17 +375,17 @@ def _by_trapezoid(
     start: Array,
     seed: int,
     *,
-    own: bool,
+    from_integrator: bool,
     noisy: bool,
 ) -> Array:
     """The estimate from record 0 as the paper integrates: `(D,)`.
 
-    `own`: the record is what that integrator gives; `noisy`: with noise.
+    `from_integrator`: the record is what that integrator gives; `noisy`: with noise.
     """
     sized = precision.with_sigma(posterior, sigma)
     exact = precision.clean_record(sized, truth)
     target = precision.made_record(sized, truth, seed, 0) if noisy else exact
-    if own:
+    if from_integrator:
         y = target.likelihood.response.experiment.y - exact.likelihood.response.experiment.y
         stepped = forward.stepped_signals(target.likelihood, truth)
         target = target.edit(records=[y + stepped])

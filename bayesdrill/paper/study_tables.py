@@ -1,6 +1,4 @@
-"""Tables of the paper's studies, from what was found: the paper's numbers beside ours, as CSV and
-for pages.
-"""
+"""Tabulate the paper's studies: the paper's numbers beside ours, as CSV and for pages."""
 
 from __future__ import annotations
 
@@ -17,10 +15,10 @@ import numpy as np
 
 from bayesdrill.inference import hdi
 from bayesdrill.paper import printed, searches
-from bayesdrill.paper.findings import Findings, Nine
+from bayesdrill.paper.findings import NineParameterStudy, PaperFindings
 from bayesdrill.paper.forward import FOLLOWED
-from bayesdrill.paper.precision import Length
-from bayesdrill.paper.searches import Control, Verification
+from bayesdrill.paper.precision import RecordLength
+from bayesdrill.paper.searches import ControlRun, Verification
 from bayesdrill.report import Table as Grid
 from bayesdrill.report import markdown, product
 
@@ -31,8 +29,11 @@ Layout = tuple[
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Table:
-    """`stem` names its files; `says` is its caption; `rows` are those of the CSV."""
+class StudyTable:
+    """A table of a study.
+
+    `stem` names its files; `says` is its caption; `rows` are those of the CSV.
+    """
 
     stem: str
     title: str
@@ -42,6 +43,7 @@ class Table:
 
     @property
     def csv(self) -> str:
+        """The table as CSV."""
         out = io.StringIO()
         writer = csv.DictWriter(out, list(self.rows[0]) if self.rows else [], lineterminator="\n")
         writer.writeheader()
@@ -50,22 +52,24 @@ class Table:
 
     @property
     def markdown(self) -> str:
-        """Grids below each other."""
+        """The grids below each other, in Markdown."""
         return "\n".join(map(markdown, self.grids))
 
 
-def table(stem: str, title: str, says: str, rows: Sequence[Row], *layouts: str) -> Table:
-    """With a grid of all rows for each pair of `layouts`: heads and, as `cell` reads them, what stands
-    below each, as in Markdown.
+def table(stem: str, title: str, says: str, rows: Sequence[Row], *layouts: str) -> StudyTable:
+    """Build a table with a grid of all rows for each pair of `layouts`.
+
+    Heads and, as `cell` reads them, what stands below each, as in Markdown.
     """
     grids = []
     for layout in itertools.batched(layouts, 2):
         heads, cells = ([part.strip() for part in line.split("|")] for line in layout)
         grids.append(grid(heads, [[cell(text, row) for text in cells] for row in rows]))
-    return Table(stem=stem, title=title, says=says, rows=rows, grids=tuple(grids))
+    return StudyTable(stem=stem, title=title, says=says, rows=rows, grids=tuple(grids))
 
 
 def grid(heads: Sequence[str], lines: Iterable[Sequence[str]]) -> Grid:
+    """Build a grid; columns of words begin at the left."""
     cells = tuple(map(tuple, lines))
     columns = zip(heads, *cells, strict=True) if cells else ()
     words = {head for head, *column in columns if any(_is_text(cell) for cell in column)}
@@ -78,8 +82,10 @@ def _is_text(cell: str) -> bool:
 
 
 class _Numbers(string.Formatter):
-    """Texts such as `{low:.3g} to {high:.3g}`: a number without a format has four digits; `%` is that of
-    `percent`, and `share` that of a share in per cent.
+    """Formats texts such as `{low:.3g} to {high:.3g}`.
+
+    A number without a format has four digits; `%` is that of `percent`, and `share` that of a share
+    in per cent.
     """
 
     def format_field(self, value: Any, format_spec: str) -> str:
@@ -94,17 +100,18 @@ _NUMBERS = _Numbers()
 
 
 def cell(text: str, row: Row) -> str:
-    """The text with values of the row in the place of their names; empty where one of them is None."""
+    """Fill a text with values of the row; it is empty where one of them is None."""
     names = [name for _, name, _, _ in _NUMBERS.parse(text) if name]
     return "" if any(row[name] is None for name in names) else _NUMBERS.vformat(text, (), row)
 
 
 def percent(x: float) -> str:
+    """Return a number as text in per cent."""
     return f"{x:.2g}" if x < 99.5 else f"{x:.0f}"
 
 
 def as_rows(records: Iterable[Any], leave: Sequence[str] = ()) -> list[Row]:
-    """A column for each field of these frozen records, but those to `leave`."""
+    """Return rows with a column for each field of these frozen records, but those to `leave`."""
     named = {"hdi_low": "hdi94_low", "hdi_high": "hdi94_high"}
     return [
         {
@@ -122,46 +129,54 @@ ESTIMATES = (
 )  # of which only the deviation is told
 
 
-def lines_2(found: Verification) -> list[Row]:
-    """Of Table 2, one for each unknown at each sigma.  `*_percent` are relative to the truth."""
+def lines_2(verification: Verification) -> list[Row]:
+    """Return lines of Table 2, one for each unknown at each sigma.
+
+    `*_percent` are relative to the truth.
+    """
     lines: list[Row] = []
-    for sigma, values in found.values.items():
-        for k, name in enumerate(found.names):
-            own = {what: float(x[k]) for what, x in values.items()}
-            paper, scale = printed.TWO_PARAMETERS[sigma][name], 100.0 / own["truth"]
-            off = {what: scale * abs(x - own["truth"]) for what, x in own.items()}
+    for sigma, values in verification.values.items():
+        for k, name in enumerate(verification.names):
+            values_of_unknown = {what: float(x[k]) for what, x in values.items()}
+            paper, scale = printed.TWO_PARAMETERS[sigma][name], 100.0 / values_of_unknown["truth"]
+            off = {
+                what: scale * abs(x - values_of_unknown["truth"])
+                for what, x in values_of_unknown.items()
+            }
             lines.append(
                 {
                     "sigma": sigma,
                     "parameter": name,
                     "printed": paper.value,
                     "printed_percent": paper.deviation,
-                    "fminsearch": own["fminsearch"],
+                    "fminsearch": values_of_unknown["fminsearch"],
                     "fminsearch_percent": off["fminsearch"],
-                    "scaled": own["scaled"],
+                    "scaled": values_of_unknown["scaled"],
                     "scaled_percent": off["scaled"],
                     **{f"{what}_percent": off[what] for what in ESTIMATES},
-                    "bound_percent": scale * own["bound"],
-                    "posterior": own["posterior"],
-                    "posterior_sd_percent": scale * own["posterior_sd"],
-                    "spread_fminsearch_percent": scale * own["sd_fminsearch"],
-                    "spread_scaled_percent": scale * own["sd_scaled"],
-                    "efficiency_scaled": own["sd_scaled"] / own["bound"],
-                    "records": found.records,
+                    "bound_percent": scale * values_of_unknown["bound"],
+                    "posterior": values_of_unknown["posterior"],
+                    "posterior_sd_percent": scale * values_of_unknown["posterior_sd"],
+                    "spread_fminsearch_percent": scale * values_of_unknown["sd_fminsearch"],
+                    "spread_scaled_percent": scale * values_of_unknown["sd_scaled"],
+                    "efficiency_scaled": values_of_unknown["sd_scaled"]
+                    / values_of_unknown["bound"],
+                    "records": verification.records,
                 }
             )
     return lines
 
 
-def lines_3(nine: Nine) -> list[Row]:
-    """Of Table 3.  Deviations are relative to the initial guess, with their signs, the printed one to
-    the paper's; those off the truth, `*off_percent`, to that.
+def lines_3(nine: NineParameterStudy) -> list[Row]:
+    """Return lines of Table 3.
 
-    `stepped`: the heuristic with the paper's integrator; None with a measured input.
-    `starts_percent`: standard deviation of the estimates from other starts, over the guess.
-    `posterior`: its median; HDI: of the logarithm, 94 %; `holds`: whether the truth is in it.
+    Deviations are relative to the initial guess, with their signs, the printed one to the paper's;
+    those off the truth, `*off_percent`, to that. `stepped`: the heuristic with the paper's
+    integrator; None with a measured input. `starts_percent`: standard deviation of the estimates
+    from other starts, over the guess. `posterior`: its median; HDI: of the logarithm, 94 %;
+    `holds`: whether the truth is inside.
     """
-    found, ours = nine.heuristic, [n for n in nine.names if n not in printed.NINE_PARAMETERS]
+    heuristic, ours = nine.heuristic, [n for n in nine.names if n not in printed.NINE_PARAMETERS]
     says = {
         nine.names[np.flatnonzero(q.exponents)[0]]: q.says
         for q in nine.verdict.parameters
@@ -170,8 +185,8 @@ def lines_3(nine: Nine) -> list[Row]:
     lines: list[Row] = []
     for name in (*(n for n in printed.NINE_PARAMETERS if n in nine.names), *ours):
         paper, k = printed.NINE_PARAMETERS.get(name), nine.names.index(name)
-        guess, estimate = float(found.guess[k]), float(found.estimate[k])
-        stepped = None if found.stepped is None else float(found.stepped[k])
+        guess, estimate = float(heuristic.guess[k]), float(heuristic.estimate[k])
+        stepped = None if heuristic.stepped is None else float(heuristic.stepped[k])
         truth = None if nine.truth is None else float(nine.truth[k])
         low, high = map(float, np.exp(hdi(np.log(nine.draws[:, k]))))
         lines.append(
@@ -185,7 +200,7 @@ def lines_3(nine: Nine) -> list[Row]:
                 "heuristic_percent": _off(estimate, guess),
                 "stepped": stepped,
                 "stepped_percent": _off(stepped, guess),
-                "starts_percent": 100 * float(found.others[:, k].std(ddof=1)) / guess,
+                "starts_percent": 100 * float(heuristic.others[:, k].std(ddof=1)) / guess,
                 "truth": truth,
                 "true_percent": _off(truth, guess),
                 "off_percent": _off(estimate, truth),
@@ -205,15 +220,11 @@ def _off(value: float | None, reference: float | None) -> float | None:
     return None if value is None or reference is None else 100 * (value / reference - 1)
 
 
-def ways(found: Findings) -> list[Row]:
-    """All searches of one way: how many are as good as the best, and how those lie apart.
-
-    `scale_*`: standard deviation along a symmetry, `rest`: off both, of the logs; 0.01 is 1 %.  None
-    where there is none.
-    """
+def ways(findings: PaperFindings) -> list[Row]:
+    """Sum up all searches of one way: how many are as good as the best, and how those differ."""
     lines: list[Row] = []
-    for way in dict.fromkeys(end.way for end in found.ends):
-        ends = [end for end in found.ends if end.way == way]
+    for way in dict.fromkeys(end.way for end in findings.ends):
+        ends = [end for end in findings.ends if end.way == way]
         there = [end for end in ends if end.best]
         misfits = np.array([end.misfit for end in ends])
         lines.append(
@@ -245,8 +256,8 @@ def _rms(values: Sequence[float]) -> float | None:
 ATTAINED = printed.TWO_PARAMETERS[1.0]["c_m"].deviation  # per cent of c_m at sigma 1
 
 
-def lengths(found: Sequence[Length]) -> list[Row]:
-    """Cramer-Rao bounds of a record at sigma 0.001, and how many such records at sigma 1 attain c_m."""
+def lengths(lengths: Sequence[RecordLength]) -> list[Row]:
+    """Return bounds of records at sigma 0.001, and how many such at sigma 1 attain c_m."""
     return [
         {
             "duration": line.duration,
@@ -255,12 +266,12 @@ def lengths(found: Sequence[Length]) -> list[Row]:
             "k_e_percent": 0.1 * line.bounds["k_e"],
             "repeats": (100 * line.bounds["c_m"] / ATTAINED) ** 2,
         }
-        for line in found
+        for line in lengths
     ]
 
 
-def products(nine: Nine) -> list[Row]:
-    """Products in the verdict on one record."""
+def products(nine: NineParameterStudy) -> list[Row]:
+    """Return products in the verdict on one record."""
     return [
         {
             "product": product(nine.verdict.names, q.exponents),
@@ -272,18 +283,18 @@ def products(nine: Nine) -> list[Row]:
     ]
 
 
-def tables(found: Findings) -> tuple[Table, ...]:
-    """In the order of the paper."""
-    by_kind = zip(*map(_of_record, found.nines), strict=True)
+def tables(findings: PaperFindings) -> tuple[StudyTable, ...]:
+    """Return all tables, in the order of the paper."""
+    by_kind = zip(*map(_of_record, findings.nines), strict=True)
     return (
-        *_of_paper(found),
-        *_of_searches(found),
+        *_of_paper(findings),
+        *_of_searches(findings),
         *(t for kind in by_kind for t in kind),
-        _shaft(found),
+        _shaft(findings),
     )
 
 
-def _of_paper(found: Findings) -> tuple[Table, ...]:
+def _of_paper(findings: PaperFindings) -> tuple[StudyTable, ...]:
     """What it prints, and its study of two parameters."""
     return (
         table(
@@ -307,7 +318,7 @@ def _of_paper(found: Findings) -> tuple[Table, ...]:
             "The printed matrix",
             f"Speed of theta_2 [rad/s] {FOLLOWED:g} s after the step, by the reading of the printed "
             "matrix; the same by the paper's integrator; and where it settles.",
-            as_rows(found.readings, leave=("t", "curve")),
+            as_rows(findings.readings, leave=("t", "curve")),
             f"matrix | after {FOLLOWED:g} s | trapezoidal rule | in the end | steps",
             "{matrix} | {w_2} | {w_2_trapezoid} | {w_end} | {steps}",
         ),
@@ -316,17 +327,17 @@ def _of_paper(found: Findings) -> tuple[Table, ...]:
             "The paper's integrator",
             "Distance of the trapezoidal rule with adaptive steps (relative tolerance 1e-3) from the "
             "exact response, in rad and rad/s.",
-            as_rows(found.errors),
+            as_rows(findings.errors),
             "channel | largest | rms | steps",
             "{channel} | {largest} | {rms} | {steps}",
         ),
-        _table_2(found.verification),
+        _table_2(findings.verification),
         table(
             "implied",
             "Which noise Table 2 has",
             "Deviations of Table 2 in per cent, their ratio, and for each the sigma_n at which it is "
             "the Cramer-Rao bound; then their root mean square, and the bounds at 0.001.",
-            as_rows(found.implied),
+            as_rows(findings.implied),
             "sigma_n | c_m % | k_e % | ratio | noise by c_m | noise by k_e",
             "{row} | {c_m_percent} | {k_e_percent} | {ratio:.3g} | {noise_c_m:.2g} | {noise_k_e:.2g}",
         ),
@@ -335,24 +346,24 @@ def _of_paper(found: Findings) -> tuple[Table, ...]:
             "For which record length",
             "Cramer-Rao bounds at sigma_n 0.001 (they grow with sigma_n), and how many such records at "
             f"sigma_n 1 it takes to know c_m to the {ATTAINED:g} % of Table 2.",
-            lengths(found.lengths),
+            lengths(findings.lengths),
             "duration s | rate Hz | c_m % at 0.001 | k_e % at 0.001 | records at 1",
             "{duration:g} | {rate:g} | {c_m_percent} | {k_e_percent} | {repeats:.2g}",
         ),
     )
 
 
-def _table_2(found: Verification) -> Table:
+def _table_2(verification: Verification) -> StudyTable:
     """In Markdown two tables: the paper's layout, and what an estimate can attain."""
-    lines = lines_2(found)
+    lines = lines_2(verification)
     layout = grid(
-        ("sigma_n", "", *(head for name in found.names for head in (name, "dev. %"))),
+        ("sigma_n", "", *(head for name in verification.names for head in (name, "dev. %"))),
         (
             (
                 *(f"{sigma:g}" if by == "paper" else "", by),
                 *(part for n in lines if n["sigma"] == sigma for part in _estimate(n, by)),
             )
-            for sigma in found.values
+            for sigma in verification.values
             for by in ("paper", "fminsearch", "scaled")
         ),
     )
@@ -360,7 +371,8 @@ def _table_2(found: Verification) -> Table:
         "table_2",
         "Table 2: two parameters",
         "First the paper's layout: its estimates, and those of one record here. Then, in per cent "
-        f"of the true value: Cramer-Rao bound, spread of the estimates over {found.records} records, "
+        f"of the true value: Cramer-Rao bound, spread of the estimates over {verification.records} "
+        "records, "
         "standard deviation of the posterior of one; and deviations where sigma is but a weight and the "
         "record has no noise, and with the paper's integrator (of an exact record, of its own).",
         lines,
@@ -380,19 +392,19 @@ def _estimate(line: Row, by: str) -> tuple[str, str]:
     return f"{line[what] * 10**power:.1f}e-{power}", percent(line[f"{what}_percent"])
 
 
-def _of_searches(found: Findings) -> tuple[Table, ...]:
+def _of_searches(findings: PaperFindings) -> tuple[StudyTable, ...]:
     """All parameters at once, and the heuristic."""
-    factors = " and on ".join(", ".join(names) for names in found.symmetries)
+    factors = " and on ".join(", ".join(names) for names in findings.symmetries)
     return (
         table(
             "simultaneous",
             "All parameters at once",
-            f"Searches of `{found.searched}` from starts within {100 * searches.WITHIN:.0f} % of the "
+            f"Searches of `{findings.searched}` from starts within {100 * searches.WITHIN:.0f} % of the "
             "guesses: how many leave no more than noise, how many are as good as the best (within "
             f"{searches.SAME:g} of its misfit), how many stopped by themselves. How those that are as "
             f"good scatter: standard deviations of the log of a common factor on {factors}, and root "
             "mean square distance off both, all relative to the truth.",
-            ways(found),
+            ways(findings),
             "way | searches | noise only | best | stopped | misfit median | worst | factor 1 | "
             "factor 2 | off both",
             "{way} | {searches} | {reached} | {best} | {settled} | {misfit_median} | {misfit_worst} | "
@@ -405,16 +417,16 @@ def _of_searches(found: Findings) -> tuple[Table, ...]:
             "`high`. `other starts`: the largest of the heuristic's. `ode23t`: the heuristic with the "
             "paper's integrator, its misfit computed with that (empty with a measured input, which the "
             "paper has not).",
-            as_rows(nine.misfits for nine in found.nines),
+            as_rows(nine.misfits for nine in findings.nines),
             "record | numbers | guess | heuristic | other starts | ode23t | MAP | truth | low | high",
             "{record} | {numbers} | {guess} | {heuristic} | {others} | {stepped} | {map} | {truth} | "
             "{low} | {high}",
         ),
-        _control(found.control),
+        _control(findings.control),
     )
 
 
-def _control(lines: Sequence[Control]) -> Table:
+def _control(lines: Sequence[ControlRun]) -> StudyTable:
     """In Markdown a column for each noise."""
     sigmas = list(dict.fromkeys(line.sigma for line in lines))
     cells = {(line.parameter, line.sigma): line.largest_percent for line in lines}
@@ -423,7 +435,7 @@ def _control(lines: Sequence[Control]) -> Table:
         ("", *(f"noise {sigma:g}" for sigma in sigmas)),
         ((name, *(percent(cells[name, sigma]) for sigma in sigmas)) for name in parameters),
     )
-    return Table(
+    return StudyTable(
         stem="control",
         title="A rig that is as the table says",
         says=f"The heuristic on {lines[0].records} records of the nominal rig at each noise (in rad and "
@@ -434,9 +446,11 @@ def _control(lines: Sequence[Control]) -> Table:
     )
 
 
-def _of_record(nine: Nine) -> tuple[Table, Table, Table]:
-    """Two with two grids each, the paper's layout and what is true, what could be behind Table 3 and
-    what this record shows; and the verdict.
+def _of_record(nine: NineParameterStudy) -> tuple[StudyTable, StudyTable, StudyTable]:
+    """Return the tables of one record, and the verdict.
+
+    Two with two grids each: the paper's layout and what is true; what could be behind Table 3 and
+    what this record shows.
     """
     careful = "".join(f"**Careful: {doubt}.** " for doubt in doubts(nine))
     given = f" Not searched: {', '.join(nine.given)}." if nine.given else ""
@@ -489,28 +503,28 @@ def _of_record(nine: Nine) -> tuple[Table, Table, Table]:
     )
 
 
-def _shaft(found: Findings) -> Table:
+def _shaft(findings: PaperFindings) -> StudyTable:
     return table(
         "shaft",
         "The shaft as a continuum",
         "Natural frequencies [Hz] of a steel shaft with both inertias, and of the model's spring.",
-        as_rows(found.tones),
+        as_rows(findings.tones),
         "mode | distributed | spring",
         "{mode} | {distributed:.7g} | {lumped:.7g}",
     )
 
 
-def doubts(nine: Nine) -> list[str]:
-    """What takes the worth away from all that is said of a record."""
-    found, m = [], nine.misfits
+def doubts(nine: NineParameterStudy) -> list[str]:
+    """Return what takes the worth away from all that is said of a record."""
+    doubts, m = [], nine.misfits
     if not m.explained:
-        found.append(
+        doubts.append(
             f"even the MAP leaves a misfit of {m.map:.4g} per number, where noise leaves at most "
             f"{m.high:.3g}: a unit, the voltage, a sigma or the model does not fit this record, and "
             "estimates and intervals say little"
         )
     if not nine.converged:
-        found.append(
+        doubts.append(
             f"the posterior did not converge (`{nine.name}/run.json` says why): do not use its numbers"
         )
-    return found
+    return doubts

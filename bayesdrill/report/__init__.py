@@ -1,7 +1,7 @@
-"""What people look at: tables, sentences and figures of results that stand.
+"""Show results: tables, sentences and figures of runs that are finished.
 
-`section` and `render` are the page, `style`, `scales` and `pages` what figures share,
-`sections/` one pair of modules for each section. Nothing here computes what a result is.
+`section` and `render` are the page, `style`, `scales` and `pages` what figures share, `sections/`
+one pair of modules for each section. Nothing here computes what a result is.
 """
 
 from __future__ import annotations
@@ -33,6 +33,6 @@ if TYPE_CHECKING:
     from bayesdrill.report.style import set_factors as set_factors
     from bayesdrill.report.style import usable as usable
     from bayesdrill.report.view import Drawing as Drawing
-    from bayesdrill.report.view import View as View
+    from bayesdrill.report.view import ReportContext as ReportContext
 
 __getattr__ = lazy_attributes(__name__)

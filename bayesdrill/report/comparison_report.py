@@ -1,6 +1,4 @@
-"""What is said and drawn of several runs, beside each other or as models of one record; what a
-ladder recommends.
-"""
+"""Report several runs, beside each other or as models of one record; and what a ladder recommends."""
 
 from __future__ import annotations
 
@@ -11,7 +9,13 @@ from pathlib import Path
 
 from bayesdrill.analysis import comparison
 from bayesdrill.analysis.causes import Causes
-from bayesdrill.analysis.comparison import Contender, Decision, Layer, Row, decide
+from bayesdrill.analysis.comparison import (
+    ModelDecision,
+    OverlayRow,
+    PosteriorSummary,
+    RunSummary,
+    decide,
+)
 from bayesdrill.inference.display_units import OwnUnits
 from bayesdrill.output_files import COMPARE, OVERLAY, Kind
 from bayesdrill.report.section import Picture, Section, as_markdown, as_text
@@ -65,59 +69,63 @@ COMPARED = Form(
 
 @dataclass(frozen=True)
 class ComparisonReport:
-    """Of two runs or more, `layers`; as `models` of one record, where they are that.
+    """A report of two runs or more, `layers`; as `models` of one record, where they are that.
 
     `units`: in which people are shown unknowns; `heading`: of pages.
     """
 
-    layers: tuple[Layer, ...]
+    layers: tuple[PosteriorSummary, ...]
     units: OwnUnits
-    models: tuple[Contender, ...] = ()
+    models: tuple[RunSummary, ...] = ()
     heading: str = ""
 
     @classmethod
-    def of_models(cls, models: Sequence[Contender], units: OwnUnits) -> ComparisonReport:
+    def of_models(cls, models: Sequence[RunSummary], units: OwnUnits) -> ComparisonReport:
+        """Build the report of several models of one record."""
         return cls(tuple(model.layer for model in models), units, tuple(models))
 
     @property
     def form(self) -> Form:
+        """The form of the comparison: of models of one record, or of runs beside each other."""
         return COMPARED if self.models else OVERLAID
 
     @cached_property
-    def rows(self) -> tuple[Row, ...]:
-        """SI."""
+    def rows(self) -> tuple[OverlayRow, ...]:
+        """The rows of all unknowns, SI."""
         return comparison.overlay_rows(self.layers)
 
     @cached_property
-    def decision(self) -> Decision | None:
-        """None of runs that are no models of one record."""
+    def decision(self) -> ModelDecision | None:
+        """The decision between models; None of runs that are no models of one record."""
         return decide(self.models) if self.models else None
 
     @property
-    def best(self) -> Contender | None:
+    def best(self) -> RunSummary | None:
         """The most probable of the models."""
         return None if self.decision is None else self.models[self.decision.best]
 
     @property
     def title(self) -> str:
+        """The title of the report."""
         return self.heading or self.form.between.join(layer.name for layer in self.layers)
 
     @property
     def mark(self) -> str:
-        """By which a figure says whose it is: the marks of all runs."""
+        """The marks of all runs, by which a figure says whose it is."""
         return " ".join(layer.mark for layer in self.layers)
 
     @property
     def reasons(self) -> tuple[str, ...]:
-        """Why it must not be believed, because of the most probable model or, where there is none, of
-        any run; empty where it may be.
+        """Reasons why the report must not be believed; empty where it may be.
+
+        Because of the most probable model or, where there is none, of any run.
         """
         layers = self.layers if self.best is None else (self.best.layer,)
         return tuple(f"{layer.name}: {reason}" for layer in layers for reason in layer.reasons)
 
     @cached_property
     def sections(self) -> tuple[Section, ...]:
-        """With the figures, which a page shows and a terminal does not."""
+        """The sections, with the figures, which a page shows and a terminal does not."""
         pictures = [Picture(name, drawing.says) for name, drawing in self.figures.items()]
         return comparison_words.comparison_sections(
             self.layers, self.models, self.rows, self.units, pictures
@@ -125,7 +133,7 @@ class ComparisonReport:
 
     @cached_property
     def figures(self) -> Mapping[str, Drawing]:
-        """By name; no corner where no two runs share an unknown."""
+        """The figures by name; no corner where no two runs share an unknown."""
         # Late: matplotlib takes a second to load.
         from bayesdrill.report.sections.comparison_figure import (
             comparison_figure,
@@ -136,28 +144,28 @@ class ComparisonReport:
         if self.models:
             given = (self.models, self.rows, self.units)
             return {COMPARED.figure: Drawing(comparison_figure, given, says=MODELS)}
-        drawn, found = (self.layers, self.rows, self.units), {}
+        drawn, drawings = (self.layers, self.rows, self.units), {}
         if self.rows:
-            found["intervals"] = Drawing(intervals_figure, drawn, says=INTERVALS)
+            drawings["intervals"] = Drawing(intervals_figure, drawn, says=INTERVALS)
         if any(row.shared for row in self.rows):
-            found[OVERLAID.figure] = Drawing(overlay_corner_figure, drawn, says=CORNER)
-        return found
+            drawings[OVERLAID.figure] = Drawing(overlay_corner_figure, drawn, says=CORNER)
+        return drawings
 
     @property
     def table(self) -> str:
-        """CSV."""
+        """The table as CSV."""
         if self.models:
             return comparison_words.comparison_csv(self.models, self.rows)
         return comparison_words.overlay_csv(self.layers, self.rows)
 
     @property
     def texts(self) -> Mapping[str, str]:
-        """Files by name."""
+        """The text files by name."""
         name, page = self.form.name, as_markdown(self.title, self.sections)
         return {f"{name}.csv": self.table, f"{name}.md": page}
 
     def page(self, figures: Path) -> str:
-        """HTML, with the pictures that stand in `figures`."""
+        """Return the page as HTML, with the pictures that stand in `figures`."""
         # Late: templates are for this page alone.
         from bayesdrill.report.render import as_html
 
@@ -166,39 +174,44 @@ class ComparisonReport:
 
     @property
     def text(self) -> str:
-        """For a terminal."""
+        """The report for a terminal."""
         return "\n\n".join(as_text(self.sections))
 
 
 def ranking(causes: Causes, seconds: Mapping[tuple[str, ...], float]) -> str:
-    """The candidates, the most probable first, with the processor time that sampling would take [s]."""
+    """Return the ranked candidates, with the processor time that sampling would take [s]."""
     lines = [
         f"{len(causes.ranked)} candidates, each at its maximum: log Bayes factor against the config as "
         "given, by Laplace's approximation, and the processor time that sampling would take"
     ]
-    for one in causes.ranked[:RANKED]:
-        doubts = f" [not to be trusted: {'; '.join(one.doubts)}]" if one.doubts else ""
-        minutes = seconds[one.parts] / 60.0
-        lines.append(f"  {one.bayes:+10.1f}  {minutes:6.1f} min  {one.about}{doubts}")
+    for cause in causes.ranked[:RANKED]:
+        doubts = f" [not to be trusted: {'; '.join(cause.doubts)}]" if cause.doubts else ""
+        minutes = seconds[cause.parts] / 60.0
+        lines.append(f"  {cause.bayes:+10.1f}  {minutes:6.1f} min  {cause.about}{doubts}")
     return "\n".join(lines)
 
 
-def ladder_opening(every: Sequence[Rung], missing: int) -> str:
-    """What is to be sampled."""
-    done = f" ({len(every) - missing} of them done before)" if missing < len(every) else ""
+def ladder_opening(candidates: Sequence[Rung], missing: int) -> str:
+    """Say what is to be sampled."""
+    done = (
+        f" ({len(candidates) - missing} of them done before)" if missing < len(candidates) else ""
+    )
     return "\n".join(
-        [f"to sample{done}:", *(f"  {one.name}: {one.about}" for one in every)],
+        [
+            f"to sample{done}:",
+            *(f"  {candidate.name}: {candidate.about}" for candidate in candidates),
+        ],
     )
 
 
-def ladder_conclusion(chosen: Rung, left_out: Mapping[str, str], config: Path) -> str:
-    """What was not tried, and what to go on with."""
+def ladder_conclusion(candidate: Rung, left_out: Mapping[str, str], config: Path) -> str:
+    """Say what was not tried, and what to go on with."""
     missing = [f"left out: {name}: {reason}" for name, reason in left_out.items()]
-    return "\n".join([*missing, f"recommended: {chosen.about}: {config}"])
+    return "\n".join([*missing, f"recommended: {candidate.about}: {config}"])
 
 
-def about_config(chosen: Rung, name: str, report: ComparisonReport) -> str:
-    """For the head of the config."""
+def about_config(candidate: Rung, name: str, report: ComparisonReport) -> str:
+    """Return the head of the recommended config."""
     verdict = next(iter(comparison_words.comparison_verdict(report.models)))
     simplest = "the simplest of the models that are about as probable as the best"
-    return f"{name}: {chosen.about}, {simplest}.\n{verdict}"
+    return f"{name}: {candidate.about}, {simplest}.\n{verdict}"

@@ -1,4 +1,4 @@
-"""A page of equal panels, and contours of two unknowns."""
+"""Lay out pages of equal panels, and draw contours of two unknowns."""
 
 from __future__ import annotations
 
@@ -28,8 +28,9 @@ NARROW_GAP = 0.8
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Page:
-    """Inches, of panels in three columns; `row`: the height of a panel; `foot`: room for something else
-    below all of them.
+    """The layout of panels in columns; all sizes in inches.
+
+    `row`: the height of a panel; `foot`: room for something else below all of them.
     """
 
     columns: int = 3
@@ -44,7 +45,7 @@ class Page:
     foot: float = 0.0
 
     def fitting(self, width: float, n_handles: int) -> Page:
-        """As it is, or for one column of a page of text, below a legend of two columns."""
+        """Return this layout, or one for a column of text, below a legend of two columns."""
         if width >= self.width:
             return self
         return replace(
@@ -58,7 +59,7 @@ class Page:
         )
 
     def frame(self, panel: Axes, k: int, n: int, x: str, y: str) -> None:
-        """Numbers and labels at the foot of each column and beside each row, of panel `k` of `n`."""
+        """Label the foot of each column and the side of each row, of panel `k` of `n`."""
         columns = min(n, self.columns)
         foot, side = k + columns >= n, k % columns == 0
         panel.tick_params(labelleft=side, labelbottom=foot)
@@ -68,7 +69,7 @@ class Page:
             panel.set_ylabel(y)
 
     def build(self, n: int) -> tuple[Figure, list[Axes]]:
-        """A figure and its `n` panels, row by row."""
+        """Build a figure and its `n` panels, row by row."""
         columns = min(n, self.columns)
         rows = math.ceil(n / columns)
         height = self.bottom + self.foot + rows * self.row + (rows - 1) * self.gap_y + self.top
@@ -85,7 +86,7 @@ class Page:
 
 
 def inches_panel(figure: Figure, x: float, y: float, width: float, height: float) -> Axes:
-    """With its lower left corner at `x, y` from that of the figure."""
+    """Add a panel with its lower left corner at `x, y` from that of the figure, in inches."""
     across, up = figure.get_size_inches()
     return figure.add_axes((x / across, y / up, width / across, height / up))
 
@@ -107,11 +108,12 @@ LEGEND: Mapping[str, Any] = MappingProxyType(
 
 
 def legend_above(figure: Figure, handles: Sequence[Any], most: int, **look: Any) -> None:
-    """In at most so many columns; `look`: what is not as in `LEGEND`."""
+    """Put a legend above, in at most `most` columns; `look`: what is not as in `LEGEND`."""
     figure.legend(handles=handles, ncols=min(most, len(handles)), **{**LEGEND, **look})
 
 
-HEAD, FOOT = 1.7, 1.12  # of the largest difference: the ends of a panel, which has its name above
+# of the largest difference: the ends of a panel, which has its name above
+HEAD_ROOM, FOOT_ROOM = 1.7, 1.12
 
 
 def difference_panel(
@@ -122,15 +124,16 @@ def difference_panel(
     numbers: int = 5,
     look: Mapping[str, Any] = style.CHANCE,
 ) -> None:
-    """For differences of empirical distributions, up to `most`: zero and the `band` that chance allows
-    at `shares (S,)`.
+    """Draw the frame for differences of empirical distributions, up to `most`.
+
+    Zero, and the `band` that chance allows at `shares (S,)`.
     """
     panel.fill_between(shares, *band, zorder=0, **look)
     panel.axhline(0.0, color=style.MIDDLE, linewidth=0.5, zorder=1)
     panel.set_xlim(0, 1)
-    panel.set_ylim(-FOOT * most, HEAD * most)
+    panel.set_ylim(-FOOT_ROOM * most, HEAD_ROOM * most)
     style.set_ticks(panel.xaxis, np.array([0.0, 0.5, 1.0]), ["0", "0.5", "1"])
-    style.set_ticks(panel.yaxis, *ticks(-FOOT * most, FOOT * most, numbers))
+    style.set_ticks(panel.yaxis, *ticks(-FOOT_ROOM * most, FOOT_ROOM * most, numbers))
 
 
 CORNER_GAP = 0.06  # between panels, in panels
@@ -139,7 +142,7 @@ CORNER_GAP = 0.06  # between panels, in panels
 def corner_panels(
     n: int, size: tuple[float, float], left: float, bottom: float, inside: float
 ) -> tuple[Figure, NDArray[np.object_]]:
-    """A figure of this `size` and its panels `(n, n)`, None above the diagonal; inches."""
+    """Build a figure of this `size` and its panels `(n, n)`, None above the diagonal; inches."""
     width, height = size
     figure = Figure(figsize=size)
     grid = figure.add_gridspec(
@@ -164,8 +167,9 @@ def corner_axes(
     shown: Sequence[Scale],
     numbers: Callable[[Axis, int, bool], None],
 ) -> None:
-    """Limits of all panels `(n, n)`; `numbers(axis, k, outer)` sets the ticks of unknown `k`, `outer` at
-    the left and at the bottom.
+    """Set the limits of all panels `(n, n)`.
+
+    `numbers(axis, k, outer)` sets the ticks of unknown `k`, `outer` at the left and at the bottom.
     """
     n = len(shown)
     for i in range(n):
@@ -181,7 +185,7 @@ def corner_axes(
 
 
 def corner_label(axis: Axis, label: str, letters: float, ticks: float, pad: float) -> None:
-    """The numbers of an outer axis, slanted; sizes in points."""
+    """Set the numbers of an outer axis, slanted; sizes in points."""
     axis.set_tick_params(labelsize=ticks, pad=pad)
     for text in axis.get_ticklabels():
         text.set(rotation=45, ha="right", va="center_baseline", rotation_mode="anchor")
@@ -193,15 +197,15 @@ Ends = tuple[float, float]
 LEVELS = tuple(1.0 - math.exp(-0.5 * sigma**2) for sigma in (1.0, 2.0))  # 39.3 %, 86.5 %
 
 BINS = 52  # across the draws of one unknown and a margin for the smoothing
-CENTRAL = 0.999  # share of the draws inside an axis
-SLANTED = 0.9  # correlation from which on bins are sheared, and reflect at ends no more
-BROADER = 1.3  # than Scott's rule, which is for bells: a box has no top
-STEEP = (
-    2.0  # sds of its noise that a density falls across a bandwidth at a contour; 0.8 of noise alone
-)
+CENTRAL_SHARE = 0.999  # share of the draws inside an axis
+# correlation from which on bins are sheared, and reflect at ends no more
+MIN_SHEARED_CORRELATION = 0.9
+BANDWIDTH_FACTOR = 1.3  # than Scott's rule, which is for bells: a box has no top
+# sds of its noise that a density falls across a bandwidth at a contour; 0.8 of noise alone
+MIN_SLOPE_SDS = 2.0
 
 CONTOUR = {"colors": style.BLACK}
-INNER, OUTER = "0.68", "0.85"  # greys between the contours
+INNER_GREY, OUTER_GREY = "0.68", "0.85"  # greys between the contours
 
 
 def contours(
@@ -211,29 +215,31 @@ def contours(
     fine: float = 1.0,
     lines: Mapping[str, Any] | None = None,
 ) -> None:
-    """Filled contours by `corner`, of a smoothed density that is reflected at priors' ends.
+    """Draw filled contours by `corner`, of a smoothed density that is reflected at priors' ends.
 
     Where the two are nearly one line, bins are sheared along the regression of y on x: upright ones
-    would show a ridge as wide as the bins.  A contour that noise alone would draw, because the density
-    is flat there, is left out.  `xy`: draws `(N,)` each; `ends`: of their priors; `fine`: of lines;
-    `lines`: how contours look that are not filled.
+    would show a ridge as wide as the bins.  A contour that noise alone would draw, because the
+    density is flat there, is left out.  `xy`: draws `(N,)` each; `ends`: of their priors; `fine`:
+    of lines; `lines`: how contours look that are not filled.
     """
     x, y = xy
     correlation = float(np.corrcoef(x, y)[0, 1]) if np.ptp(x) > 0 and np.ptp(y) > 0 else 0.0
-    slanted = abs(correlation) > SLANTED
+    slanted = abs(correlation) > MIN_SHEARED_CORRELATION
     slope = float(np.cov(x, y)[0, 1] / max(np.var(x), 1e-300)) if slanted else 0.0
     shear = Affine2D(np.array([[1.0, 0.0, 0.0], [slope, 1.0, 0.0], [0.0, 0.0, 1.0]]))
     transform = shear + panel.transData
     across = y - slope * x
     ranges = [central(x, ends[0]), central(across, None if slanted else ends[1])]
     smooth = [_bandwidth(values, span) for values, span in zip((x, across), ranges, strict=True)]
-    levels = _seen(x, across, ranges, smooth)
+    levels = _resolved_levels(x, across, ranges, smooth)
     if not levels and lines is None:
         (left, right), (low, high) = ranges
-        panel.fill([left, right, right, left], [low, low, high, high], color=OUTER, linewidth=0)
+        panel.fill(
+            [left, right, right, left], [low, low, high, high], color=OUTER_GREY, linewidth=0
+        )
     if not levels:
         return
-    fills = dict(zip(LEVELS, (INNER, OUTER), strict=True))
+    fills = dict(zip(LEVELS, (INNER_GREY, OUTER_GREY), strict=True))
     corner.hist2d(
         x,
         across,
@@ -257,30 +263,34 @@ def contours(
 
 def _bandwidth(x: Array, ends: Ends) -> float:
     """In bins."""
-    return float(BROADER * np.std(x) * len(x) ** (-1 / 6) / (ends[1] - ends[0]) * BINS) or 1.0
+    return (
+        float(BANDWIDTH_FACTOR * np.std(x) * len(x) ** (-1 / 6) / (ends[1] - ends[0]) * BINS) or 1.0
+    )
 
 
-def _seen(x: Array, y: Array, ranges: Sequence[Ends], smooth: Sequence[float]) -> tuple[float, ...]:
+def _resolved_levels(
+    x: Array, y: Array, ranges: Sequence[Ends], smooth: Sequence[float]
+) -> tuple[float, ...]:
     """Of `LEVELS`, those whose contour lies where the density falls by more than its noise."""
     counts, _, _ = np.histogram2d(x, y, BINS, ranges)
     density = gaussian_filter(counts, smooth)
     ordered = np.sort(density, axis=None)[::-1]
-    held = np.cumsum(ordered) / ordered.sum()
+    cumulative = np.cumsum(ordered) / ordered.sum()
     slope = np.hypot(*np.gradient(density)) * math.sqrt(smooth[0] * smooth[1])
     kernel = 4.0 * math.pi * smooth[0] * smooth[1]  # bins that one of them is a mean over
-    found = []
+    levels = []
     for level in LEVELS:
-        height = ordered[np.searchsorted(held, level)]
+        height = ordered[np.searchsorted(cumulative, level)]
         noise = math.sqrt(height / kernel)
         near = np.abs(density - height) <= max(2.0 * noise, np.abs(density - height).min())
-        if np.median(slope[near]) > STEEP * noise:
-            found.append(level)
-    return tuple(found)
+        if np.median(slope[near]) > MIN_SLOPE_SDS * noise:
+            levels.append(level)
+    return tuple(levels)
 
 
 def central(x: Array, ends: Ends | None = None) -> Ends:
-    """Where nearly all of the draws are, and more than the smoothing reaches, but inside `ends`."""
-    low, high = np.quantile(x, [0.5 - CENTRAL / 2, 0.5 + CENTRAL / 2])
+    """Return where nearly all draws are, and more than the smoothing reaches, but inside `ends`."""
+    low, high = np.quantile(x, [0.5 - CENTRAL_SHARE / 2, 0.5 + CENTRAL_SHARE / 2])
     margin = 0.15 * float(high - low) or 1e-9
     first, last = ends or (-math.inf, math.inf)
     return max(float(low) - margin, first), min(float(high) + margin, last)

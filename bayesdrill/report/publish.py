@@ -1,9 +1,4 @@
-"""Figures of a run and the files of its folder: tables, figures, and the ArviZ tree.
-
-A figure is one file and one line in `output_files`, or an entry point `bayesdrill.figure`.  Its recipe
-says of a finished run what is to be drawn, or None where there is nothing.  Recipes load what draws when
-they are asked: matplotlib takes a second, and drawing longer than all tables together.
-"""
+"""Write the files of a run: tables, figures, and the ArviZ tree."""
 
 from __future__ import annotations
 
@@ -15,7 +10,7 @@ from pathlib import Path
 from types import MappingProxyType
 
 from bayesdrill import output_files
-from bayesdrill.analysis.diagnostics import Row
+from bayesdrill.analysis.diagnostics import ParameterRow
 from bayesdrill.basics import software
 from bayesdrill.basics.progress import Reporter
 from bayesdrill.basics.registry import Registry, check_callable
@@ -29,33 +24,41 @@ from bayesdrill.report.run_report import sections
 from bayesdrill.report.scales import DPI
 from bayesdrill.report.section import Picture, as_markdown
 from bayesdrill.report.sections import physics_words, torque_words, verdict_words
-from bayesdrill.report.view import Drawing, View, captioned
+from bayesdrill.report.view import Drawing, ReportContext, captioned
 from bayesdrill.results.run_folder import Folder
-from bayesdrill.sampling.workers import Crew
+from bayesdrill.sampling.workers import WorkerPool
 
 RESIDUALS = "Whether residuals are white, and whether they follow an input (positive lags)."
 FIT_ALONE = "Record and model at the MAP; beside them what is left, and the noise."
 
-Recipe = Callable[[View], Drawing | tuple[Drawing, ...] | None]
+Recipe = Callable[[ReportContext], Drawing | tuple[Drawing, ...] | None]
 
 
-def drawings(name: str, run: View) -> dict[str, Drawing]:
-    """What is to be drawn of this run, by the stems of the files: one, or one for each experiment.
+def drawings(name: str, run: ReportContext) -> dict[str, Drawing]:
+    """Return what is to be drawn of this run, by the stems of the files.
+
+    One figure, or one for each experiment.
 
     Raises `TypeError` for a recipe that is none.
     """
-    found = FIGURES[name](run)
-    every = found if isinstance(found, tuple) else () if found is None else (found,)
-    for one in every:
-        if not isinstance(one, Drawing):
-            raise TypeError(f"a recipe gives a Drawing or None, not {type(one).__name__}")
-    return numbered(name, every)
+    recipe_result = FIGURES[name](run)
+    figures = (
+        recipe_result
+        if isinstance(recipe_result, tuple)
+        else ()
+        if recipe_result is None
+        else (recipe_result,)
+    )
+    for figure in figures:
+        if not isinstance(figure, Drawing):
+            raise TypeError(f"a recipe gives a Drawing or None, not {type(figure).__name__}")
+    return numbered(name, figures)
 
 
 def alone_captions(problem: Problem, residuals: Sequence[Correlation]) -> dict[str, str]:
-    """What `fits_alone` shows, without drawing it."""
-    fits = [captioned(one.label, FIT_ALONE) for one in problem.observations]
-    labels = dict.fromkeys(one.experiment for one in residuals)
+    """Return captions of what `fits_alone` shows, without drawing it."""
+    fits = [captioned(observation.label, FIT_ALONE) for observation in problem.observations]
+    labels = dict.fromkeys(correlation.experiment for correlation in residuals)
     shown = [captioned(label, RESIDUALS) for label in labels]
     return numbered("fit", fits) | numbered("residuals", shown)
 
@@ -63,9 +66,9 @@ def alone_captions(problem: Problem, residuals: Sequence[Correlation]) -> dict[s
 def _recipe(name: str, module: str) -> Recipe:
     """`draw_<name>` of a module of this folder, which is loaded when something is to be drawn."""
 
-    def draw(run: View) -> Drawing | tuple[Drawing, ...] | None:
-        found: Recipe = getattr(importlib.import_module(f"{__package__}.{module}"), f"draw_{name}")
-        return found(run)
+    def draw(run: ReportContext) -> Drawing | tuple[Drawing, ...] | None:
+        recipe: Recipe = getattr(importlib.import_module(f"{__package__}.{module}"), f"draw_{name}")
+        return recipe(run)
 
     return draw
 
@@ -77,24 +80,24 @@ FIGURES: Registry[Recipe] = Registry(
 )
 
 
-def drawn(wanted: Collection[str] | None) -> list[str]:
-    """Names of the figures that a config asks for; None: all but those on request."""
+def wanted_figures(wanted: Collection[str] | None) -> list[str]:
+    """Return names of the figures that a config asks for; None: all but those on request."""
     if wanted is None:
         return [name for name in FIGURES if name not in ON_REQUEST]
     return [name for name in FIGURES if name in wanted]
 
 
 # What follows from a chain alone; None where a run has no such table.
-TABLES: Mapping[str, Callable[[View], str | None]] = MappingProxyType(
+TABLES: Mapping[str, Callable[[ReportContext], str | None]] = MappingProxyType(
     {
-        "summary.csv": lambda view: section.records_as_csv(Row, view.analysis.unknowns),
+        "summary.csv": lambda view: section.records_as_csv(ParameterRow, view.analysis.unknowns),
         "derived.csv": lambda view: physics_words.derived_csv(view.analysis.derived),
         "verdict.csv": lambda view: (
             verdict_words.verdict_csv(view.analysis.judged.verdict, view.problem.symbols)
             if view.analysis.judged is not None
             else None
         ),
-        "torque.csv": lambda view: torque_words.torque_csv(view.chain.shaking),
+        "torque.csv": lambda view: torque_words.torque_csv(view.chain.torque_estimates),
         "table.tex": lambda view: render.latex_table(
             view.units.rows(view.analysis.unknowns),
             view.units.symbols(view.problem.symbols),
@@ -107,8 +110,10 @@ TABLES: Mapping[str, Callable[[View], str | None]] = MappingProxyType(
 _SEVERAL = tuple(f"{stem}_{k}" for stem in EACH for k in range(1, MOST_NAMED + 1))
 
 
-def everything(view: View, folder: Folder, crew: Crew, report: Reporter) -> tuple[str, ...]:
-    """What could not be made, and why; all else is written.
+def write_results(
+    view: ReportContext, folder: Folder, pool: WorkerPool, report: Reporter
+) -> tuple[str, ...]:
+    """Write all files of a run, and return what could not be made, and why.
 
     Raises `OSError` when the disk is full; files already there stay whole.
     """
@@ -116,9 +121,9 @@ def everything(view: View, folder: Folder, crew: Crew, report: Reporter) -> tupl
     figures = folder.path / FOLDER
     figures.mkdir(exist_ok=True)
     note = {"Title": view.config.name, "Creator": software.creator(), **view.marks}
-    place = (figures, note, view.warning, tuple(output.formats), output.dpi)
+    destination = (figures, note, view.warning, tuple(output.formats), output.dpi)
     tasks: list[tuple[str, str, Future[None]]] = []
-    wanted = drawn(output.figures)
+    wanted = wanted_figures(output.figures)
     folder.take_away(
         set(output_files.figure_files(*FIGURES, *_SEVERAL, formats=output_files.FORMATS))
         - set(output_files.figure_files(*wanted, formats=output.formats))
@@ -127,8 +132,8 @@ def everything(view: View, folder: Folder, crew: Crew, report: Reporter) -> tupl
     for k, name in enumerate(wanted, 1):
         report.update(0.5 * k / len(wanted), f"figure {name}")
         with sparing.making(f"figures/{name}"):
-            for stem, found in drawings(name, view).items():
-                tasks.append((stem, found.says, crew.submit(draw, stem, found, *place)))
+            for stem, drawing in drawings(name, view).items():
+                tasks.append((stem, drawing.says, pool.submit(draw, stem, drawing, *destination)))
     # While others draw, the rest.
     report.update(0.5, "tables")
     for name, table in TABLES.items():
@@ -150,14 +155,16 @@ def everything(view: View, folder: Folder, crew: Crew, report: Reporter) -> tupl
         folder.write_text("summary.md", as_markdown(view.config.name, sections(view, pictures)))
     with sparing.making("report.html"):
         made_of = run_report.provenance_section(view, folder.path)
-        said = (*sections(view, pictures), made_of, run_report.cite(folder.path))
-        text = render.as_html(view.config.name, "posterior", said, figures, view.problem.symbols)
+        page_sections = (*sections(view, pictures), made_of, run_report.cite(folder.path))
+        text = render.as_html(
+            view.config.name, "posterior", page_sections, figures, view.problem.symbols
+        )
         folder.write_text("report.html", text)
     return tuple(sparing.missing)
 
 
 def load_drawing(_: Posterior) -> None:
-    """For a process that has nothing else to do yet: loads what draws."""
+    """Load what draws, in a process that has nothing else to do yet."""
     importlib.import_module(f"{__package__}.pages")
 
 
@@ -171,7 +178,8 @@ def draw(
     formats: tuple[str, ...] = output_files.DEFAULT_FORMATS,
     dpi: int = DPI,
 ) -> None:
+    """Draw a figure and save its files, in a worker process."""
     from bayesdrill.report.style import save, warned
 
-    own = {**note, "Title": f"{note['Title']}: {stem}"}
-    save(warned(what.drawn(), warning), folder, stem, own, formats=formats, dpi=dpi)
+    metadata = {**note, "Title": f"{note['Title']}: {stem}"}
+    save(warned(what.drawn(), warning), folder, stem, metadata, formats=formats, dpi=dpi)

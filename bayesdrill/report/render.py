@@ -1,4 +1,4 @@
-"""Sections as one page of HTML that needs nothing beside it, and the summary as a LaTeX table."""
+"""Render sections as one self-contained page of HTML, and the summary as a LaTeX table."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import bayesdrill
-from bayesdrill.analysis.diagnostics import Row
+from bayesdrill.analysis.diagnostics import ParameterRow
 from bayesdrill.basics.symbols import Symbol
 from bayesdrill.inference.derived import HDI_PROBABILITY
 from bayesdrill.report.scales import DPI, Typesetter, printed, unit_of
@@ -29,7 +29,7 @@ _SVG_SIZE = re.compile(rb'<svg[^>]*\bwidth="([\d.]+)pt" height="([\d.]+)pt"')
 
 
 @dataclass(frozen=True, slots=True)
-class Shown:
+class EmbeddedPicture:
     """A picture inside the page."""
 
     url: str
@@ -44,7 +44,9 @@ def as_html(
     figures: Path,
     symbols: Sequence[Symbol] = (),
 ) -> str:
-    """`what`: the kind of report; `figures`: where the PNG or SVG of pictures are; those without
+    """Render sections as a page of HTML.
+
+    `what`: the kind of report; `figures`: where the PNG or SVG of pictures are; those without
     either are left out.
     """
     import jinja2  # late: templates are for pages alone
@@ -77,49 +79,51 @@ def as_html(
         what=what,
         sections=sections,
         version=bayesdrill.__version__,
-        shown={stem: one for stem, one in shown.items() if one is not None},
+        shown={stem: picture for stem, picture in shown.items() if picture is not None},
         words=WORDS,
-        style=_own(environment, "style.css"),
-        script=_own(environment, "zoom.js"),
+        style=_inline_asset(environment, "style.css"),
+        script=_inline_asset(environment, "zoom.js"),
     )
 
 
 @dataclass(frozen=True, slots=True)
-class _Own:
+class _InlineAsset:
     """A style or a script of the house: what stands in the page, and by what a browser knows it."""
 
     text: Markup
     digest: str
 
 
-def _own(environment: jinja2.Environment, name: str) -> _Own:
+def _inline_asset(environment: jinja2.Environment, name: str) -> _InlineAsset:
     from markupsafe import Markup
 
     text = environment.get_template(name).render()
     digest = base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()
-    return _Own(Markup(text), f"'sha256-{digest}'")
+    return _InlineAsset(Markup(text), f"'sha256-{digest}'")
 
 
-def _embedded(path: Path) -> Shown | None:
+def _embedded(path: Path) -> EmbeddedPicture | None:
     if path.suffix not in (".png", ".svg") or not path.exists():
         return None
     data = path.read_bytes()
     if path.suffix == ".png":
         kind, width, height = "png", *struct.unpack(">II", data[_PNG_SIZE])
     else:  # as many pixels as a PNG of the same figure has by default
-        points = (float(one) for one in _SVG_SIZE.findall(data)[0])
-        kind, width, height = "svg+xml", *(round(one / 72 * DPI) for one in points)
-    return Shown(f"data:image/{kind};base64,{base64.b64encode(data).decode()}", width, height)
+        points = (float(length) for length in _SVG_SIZE.findall(data)[0])
+        kind, width, height = "svg+xml", *(round(length / 72 * DPI) for length in points)
+    return EmbeddedPicture(
+        f"data:image/{kind};base64,{base64.b64encode(data).decode()}", width, height
+    )
 
 
 def after(text: str, known: str) -> str:
-    """What stands after a word that the title has said already."""
-    rest = text.removeprefix(known)
-    return text if rest == text else rest[:1].upper() + rest[1:]
+    """Return what stands after a word that the title has said already."""
+    remainder = text.removeprefix(known)
+    return text if remainder == text else remainder[:1].upper() + remainder[1:]
 
 
 def slug(text: str) -> str:
-    """For names of places in the page."""
+    """Return a name for a place in the page."""
     return re.sub(r"[^a-z0-9]+", "-", text.lower()).strip("-")
 
 
@@ -134,8 +138,10 @@ _USUAL = range(-1, 3)  # powers of ten that are written out
 _BEYOND = re.compile(r"[^\x00-\x7f]+")  # ASCII; in names, and in LaTeX outside of formulas alone
 
 
-def latex_table(rows: Sequence[Row], symbols: Sequence[Symbol], *, believed: bool = True) -> str:
-    """A `tabular` for a table of one's own, with the places of two digits of each sd.
+def latex_table(
+    rows: Sequence[ParameterRow], symbols: Sequence[Symbol], *, believed: bool = True
+) -> str:
+    """Return a `tabular` for a table of one's own, with two digits of each sd.
 
     Without what the record says, where that must not be `believed`.
     """
@@ -143,8 +149,8 @@ def latex_table(rows: Sequence[Row], symbols: Sequence[Symbol], *, believed: boo
     shown = [True] * len(_HEADS)
     shown[_NOMINAL] = any(row.nominal is not None for row in rows)
     shown[-1] = believed
-    every = (_HEADS, *(_cells(row, named[row.name]) for row in rows))
-    lines = [" & ".join(compress(line, shown)) + r" \\" for line in every]
+    lines_of_cells = (_HEADS, *(_cells(row, named[row.name]) for row in rows))
+    lines = [" & ".join(compress(line, shown)) + r" \\" for line in lines_of_cells]
     columns = "".join(compress("llrrrrl", shown))
     table = (
         r"% needs \usepackage{booktabs,siunitx}",
@@ -155,7 +161,7 @@ def latex_table(rows: Sequence[Row], symbols: Sequence[Symbol], *, believed: boo
     return "\n".join(table) + "\n"
 
 
-def _cells(row: Row, symbol: Symbol) -> tuple[str, ...]:
+def _cells(row: ParameterRow, symbol: Symbol) -> tuple[str, ...]:
     power = _exponent(max(abs(row.hdi_low), abs(row.hdi_high)))
     power = 0 if power in _USUAL else power
     sd = row.sd / 10.0**power

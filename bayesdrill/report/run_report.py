@@ -13,7 +13,7 @@ import numpy as np
 
 from bayesdrill import output_files
 from bayesdrill.analysis.causes import Causes
-from bayesdrill.analysis.diagnostics import Row
+from bayesdrill.analysis.diagnostics import ParameterRow
 from bayesdrill.analysis.verdict import Judgement, Verdict
 from bayesdrill.basics.software import citation
 from bayesdrill.inference.posterior import Problem
@@ -23,10 +23,10 @@ from bayesdrill.output_files import CONFIG_FILE, RESOLVED_FILE
 from bayesdrill.report import section, words
 from bayesdrill.report.section import (
     WORDS,
-    Bar,
+    Badge,
+    Badges,
     Block,
-    Mark,
-    Marks,
+    IntervalBar,
     Note,
     Picture,
     Plain,
@@ -43,20 +43,20 @@ from bayesdrill.report.sections import (
     torque_words,
     verdict_words,
 )
-from bayesdrill.report.view import View
+from bayesdrill.report.view import ReportContext
 from bayesdrill.results import provenance
 from bayesdrill.results.run_folder import CHAIN, read_run
 
 
-def run_marks(run: View) -> tuple[Mark, ...]:
+def run_marks(run: ReportContext) -> tuple[Badge, ...]:
     """Nothing is good about a run that must not be believed; what is bad about it comes first."""
     converged = run.sampled.convergence.converged
-    first = Mark("converged", "good") if converged else Mark("not converged", "bad")
-    fit = Mark("more than noise is left", "doubt")
+    first = Badge("converged", "good") if converged else Badge("not converged", "bad")
+    fit = Badge("more than noise is left", "doubt")
     if any(summary.unbelievable for summary in run.analysis.fit):
-        fit = Mark("does not fit", "bad")
+        fit = Badge("does not fit", "bad")
     elif like_noise(run.analysis.fit):
-        fit = Mark("fits: noise is left", "good")
+        fit = Badge("fits: noise is left", "good")
     if run.reasons:
         plain = [
             replace(summary, tone="plain") if summary.tone == "good" else summary
@@ -68,14 +68,14 @@ def run_marks(run: View) -> tuple[Mark, ...]:
     return first, fit, _table_mark(run.analysis.judged.verdict, run.problem.compared_with)
 
 
-def _table_mark(verdict: Verdict, table: str) -> Mark:
+def _table_mark(verdict: Verdict, table: str) -> Badge:
     if all(quantity.says == "not determined" for quantity in verdict.products):
-        return Mark(f"says nothing of {table}", "doubt")
+        return Badge(f"says nothing of {table}", "doubt")
     if not verdict.fits:
-        return Mark("verdict in doubt", "doubt")
+        return Badge("verdict in doubt", "doubt")
     if verdict.agrees:
-        return Mark(f"agrees with {table}", "good")
-    return Mark(f"disagrees with {table}", "doubt")
+        return Badge(f"agrees with {table}", "good")
+    return Badge(f"disagrees with {table}", "doubt")
 
 
 CHECKED = (
@@ -84,7 +84,7 @@ CHECKED = (
 )
 
 
-def provenance_section(run: View, folder: Path) -> Section:
+def provenance_section(run: ReportContext, folder: Path) -> Section:
     """`folder`: of the run, which holds config and chain."""
     config, marks = run.config, run.marks
     c, sampler = run.sampled.convergence, config.sampler
@@ -145,19 +145,19 @@ def cite(folder: Path | None = None) -> Section:
 FOUND = "nothing found: energy, poles and sampling are as in a real rig"
 
 
-def sections(run: View, pictures: Sequence[Picture] = ()) -> tuple[Section, ...]:
+def sections(run: ReportContext, pictures: Sequence[Picture] = ()) -> tuple[Section, ...]:
     """Of which a terminal shows the brief ones, the last first."""
     return tuple(_sections(run, pictures))
 
 
-def _sections(run: View, pictures: Sequence[Picture]) -> Iterator[Section]:
+def _sections(run: ReportContext, pictures: Sequence[Picture]) -> Iterator[Section]:
     analysis, judged, sampled = run.analysis, run.analysis.judged, run.sampled
     converged = sampled.convergence.converged
     doubts = words.unbelievable(run.reasons, converged=converged)
-    yield build("Verdict", Marks(run_marks(run)), doubts, _verdict(run))
+    yield build("Verdict", Badges(run_marks(run)), doubts, _verdict(run))
     yield build(
         "Fit",
-        words.maxima(run.mode, sampled.held, run.units),
+        words.maxima(run.mode, sampled.mode_shares, run.units),
         fit_words.residual_sentences(analysis.fit, run.clock),
         "\n".join(f"fit: {each}" for each in analysis.inputs),
         verdict_words.step_sentences(analysis.step_errors),
@@ -209,7 +209,7 @@ MOST_LINES = 16  # of a table on a screen
 ON_SCREEN = ("", "unit", "nominal", "mean", "sd", "dev. %", "the record says")
 
 
-def screen(run: View) -> str:
+def screen(run: ReportContext) -> str:
     """Return what a terminal shows: convergence, the parameters, the fit, and last the verdict."""
     rows = run.analysis.unknowns
     table = _told(run, section.of_rows(run.units.rows(rows[:MOST_LINES]))).only(ON_SCREEN)
@@ -226,7 +226,7 @@ def screen(run: View) -> str:
     return "\n\n".join(filter(None, parts))
 
 
-def _verdict(run: View) -> str:
+def _verdict(run: ReportContext) -> str:
     """The whole in a line, then what it rests on; empty where nothing is compared."""
     judged, roles = run.analysis.judged, run.problem.model.roles
     if judged is None:
@@ -245,7 +245,7 @@ def _verdict(run: View) -> str:
     return "\n".join([said, *more])
 
 
-def _parameters(run: View) -> tuple[Block | str, ...]:
+def _parameters(run: ReportContext) -> tuple[Block | str, ...]:
     unknowns = run.analysis.unknowns
     read = (
         "`shrinkage` is one minus the ratio of the posterior's to the prior's standard deviation."
@@ -276,12 +276,12 @@ def _windows(causes: Causes | None) -> dict[str, list[float]]:
     return values
 
 
-def _told(run: View, table: Table) -> Table:
+def _told(run: ReportContext, table: Table) -> Table:
     """Without words for what is known, where it must not be believed."""
     return table.only([head for head in table.heads if not (run.reasons and head in WORDS)])
 
 
-def _shown(run: View, judged: Judgement) -> Iterator[Section]:
+def _shown(run: ReportContext, judged: Judgement) -> Iterator[Section]:
     study, records = judged.study, len(run.problem.observations)
     known = () if run.reasons else (identify_words.knowledge,)
     parts = (identify_words.structure, identify_words.resting, *known)
@@ -301,11 +301,11 @@ TAIL = 0.001  # of a prior, outside of the range
 DECADES = 1.5  # from which on a range that is flat in logs is drawn so
 
 
-def bars(rows: Sequence[Row], priors: Mapping[str, Prior]) -> tuple[Bar, ...]:
+def bars(rows: Sequence[ParameterRow], priors: Mapping[str, Prior]) -> tuple[IntervalBar, ...]:
     return tuple(_bar(row, priors[row.name]) for row in rows)
 
 
-def _bar(row: Row, prior: Prior) -> Bar:
+def _bar(row: ParameterRow, prior: Prior) -> IntervalBar:
     shown = [row.hdi_low, row.hdi_high, row.map]
     ends = [float(x) for x in prior.quantile(np.array([TAIL, 1 - TAIL]))]
     every = [*shown, *ends, *([] if row.nominal is None else [row.nominal])]
@@ -318,4 +318,4 @@ def _bar(row: Row, prior: Prior) -> Bar:
         return (x - low) / (high - low) if high > low else 0.5
 
     nominal = None if row.nominal is None else share(row.nominal)
-    return Bar(share(row.hdi_low), share(row.hdi_high), nominal, share(row.map))
+    return IntervalBar(share(row.hdi_low), share(row.hdi_high), nominal, share(row.map))

@@ -1,6 +1,4 @@
-"""Numbers, symbols and axes as they are printed: round numbers, LaTeX names, plain or logarithmic
-scales.
-"""
+"""Print numbers, symbols and axes: round numbers, LaTeX names, plain or logarithmic scales."""
 
 from __future__ import annotations
 
@@ -28,11 +26,11 @@ WIDTHS: Mapping[str, float] = MappingProxyType({"single": SINGLE, "double": DOUB
 
 # Of each decade of a logarithmic axis, from many numbers to few.
 SERIES: tuple[tuple[float, ...], ...] = ((1.0, 2.0, 5.0), (1.0, 3.0), (1.0,))
-CURVED = 4.0  # the ratio of its ends from which on a logarithmic axis has numbers of a series
+CURVED_RATIO = 4.0  # the ratio of its ends from which on a logarithmic axis has numbers of a series
 
 
 def near_round(x: float, width: float) -> float:
-    """The number of fewest digits that is within `width` of x."""
+    """Return the number of fewest digits that is within `width` of x."""
     return next(
         rounded
         for rounded in (float(f"{x:.{digits}e}") for digits in range(18))
@@ -41,7 +39,7 @@ def near_round(x: float, width: float) -> float:
 
 
 def even_numbers(low: float, high: float, most: int) -> tuple[list[float], list[str]]:
-    """The multiples of the finest step that gives at most `most`, and their texts."""
+    """Return multiples of the finest step that gives at most `most`, and their texts."""
     exponent = math.floor(math.log10((high - low) / most)) - 1
     while True:
         for factor, decimals in ((1.0, 0), (2.0, 0), (2.5, 1), (5.0, 0)):
@@ -56,13 +54,13 @@ def even_numbers(low: float, high: float, most: int) -> tuple[list[float], list[
 
 
 def in_ratios(low: float, high: float, most: int) -> tuple[list[float], list[str]]:
-    """Two to `most` (3 or more) numbers of an axis that is logarithmic from `low` to `high`."""
-    if high / low < CURVED:
+    """Return two to `most` (3 or more) numbers of a logarithmic axis from `low` to `high`."""
+    if high / low < CURVED_RATIO:
         return even_numbers(low, high, most)
     first, last = math.floor(math.log10(low)), math.ceil(math.log10(high))
     for series in SERIES:
-        found = [m * 10.0**k for k in range(first, last + 1) for m in series]
-        values = [value for value in found if low <= value <= high]
+        candidates = [m * 10.0**k for k in range(first, last + 1) for m in series]
+        values = [value for value in candidates if low <= value <= high]
         if len(values) <= most:
             break
     else:
@@ -81,12 +79,12 @@ def in_ratios(low: float, high: float, most: int) -> tuple[list[float], list[str
 
 
 def short_number(x: float) -> str:
-    """Three digits."""
+    """Return a number with three digits."""
     return f"{x:.3g}".replace("-", "\N{MINUS SIGN}")
 
 
 def latex_number(x: float) -> str:
-    """All its digits."""
+    """Return a number with all its digits, as LaTeX."""
     mantissa, exponent = f"{x:.15e}".split("e")
     digits = repr(float(mantissa)).removesuffix(".0")
     if -2 <= int(exponent) <= 2:
@@ -95,7 +93,7 @@ def latex_number(x: float) -> str:
 
 
 def with_spread(x: float, low: float, high: float) -> str:
-    """LaTeX of x and its interval, with two digits of the interval's shorter side."""
+    """Return LaTeX of x and its interval, with two digits of the interval's shorter side."""
     shorter = min(x - low, high - x)
     places = max(0, 1 - math.floor(math.log10(shorter))) if shorter > 0 else 3
     return f"{x:.{places}f}^{{+{high - x:.{places}f}}}_{{-{x - low:.{places}f}}}"
@@ -112,24 +110,24 @@ _EMPHASIS = re.compile(r"(?<![\w*)])\*([A-Za-z][^*]*)\*(?!\w)")
 
 
 def printed(symbols: Iterable[Symbol] = ()) -> Mapping[str, Markup]:
-    """Of the rig's symbols and of these, by name; without those that have no simple form."""
+    """Return HTML of the rig's symbols and of these, by name, if they have a simple form."""
     known = (*PARAMETERS.values(), *STATES.values(), *INPUTS.values(), *symbols)
-    found = {symbol.name: _letter(symbol.latex) for symbol in known}
-    return {name: Markup("<var>{}</var>").format(html) for name, html in found.items() if html}
+    letters = {symbol.name: _letter(symbol.latex) for symbol in known}
+    return {name: Markup("<var>{}</var>").format(html) for name, html in letters.items() if html}
 
 
 def _letter(latex: str) -> Markup:
     """Empty where it is more than a letter with an index."""
     dotted = latex.startswith(_DOT)
-    found = _INDEXED.fullmatch(latex.removeprefix(_DOT).replace(r"\mathrm", ""))
-    if found is None:
+    matched = _INDEXED.fullmatch(latex.removeprefix(_DOT).replace(r"\mathrm", ""))
+    if matched is None:
         return Markup()
-    letter = found["letter"]
+    letter = matched["letter"]
     greek = letter in name2codepoint
     if len(letter) > 1 and not greek:
         return Markup()
-    inside = (found["inside"] or "").strip("{}")
-    index = found["index"] or _letter(inside) or inside
+    inside = (matched["inside"] or "").strip("{}")
+    index = matched["index"] or _letter(inside) or inside
     if index and "\\" in index:
         return Markup()
     base = Markup(f"&{letter};") if greek else letter
@@ -152,7 +150,7 @@ def _within(
 
 
 class Typesetter:
-    """Text as HTML: escaped, names as they are printed, `code`, **strong** and *emphasis*."""
+    """Typesets text as HTML: escaped, names as they are printed, `code`, **strong** and *emphasis*."""
 
     def __init__(self, names: Mapping[str, Markup]) -> None:
         self._names = names
@@ -160,45 +158,56 @@ class Typesetter:
         self._pattern = re.compile(_WORD.format("|".join(map(re.escape, longest))))
 
     def plain(self, text: str) -> Markup:
-        """Names and powers alone."""
+        """Typeset names and powers alone."""
         return _within(self._pattern, text, self._names.__getitem__, _powers)
 
     def prose(self, text: str) -> Markup:
-        """Backticks keep what is inside as it is."""
+        """Typeset prose; backticks keep what is inside as it is."""
         return _within(_CODE, text, Markup("<code>{}</code>").format, self._strong)
 
     def _strong(self, text: str) -> Markup:
         strong = Markup("<strong>{}</strong>").format
-        return _within(_STRONG, text, lambda one: strong(self._emphasis(one)), self._emphasis)
+        return _within(
+            _STRONG, text, lambda strong_text: strong(self._emphasis(strong_text)), self._emphasis
+        )
 
     def _emphasis(self, text: str) -> Markup:
         slanted = Markup("<em>{}</em>").format
-        return _within(_EMPHASIS, text, lambda one: slanted(self.plain(one)), self.plain)
+        return _within(
+            _EMPHASIS, text, lambda emphasised: slanted(self.plain(emphasised)), self.plain
+        )
 
 
 def _powers(text: str) -> Markup:
     return _within(_POWER, text, Markup("<sup>{}</sup>").format, str)
 
 
-LONG = 1e4  # the ratio of its ends from which on a logarithmic axis says its powers of ten at its ticks
-CROWDED = 1e5  # and that from which on small ticks would be too many
-NARROW = 1e-3  # an axis narrower than this, relative to its numbers, counts from an origin
+# The ratio of its ends from which on a logarithmic axis says its powers of ten at its ticks.
+LONG_LOG_RATIO = 1e4
+CROWDED_RATIO = 1e5  # and that from which on small ticks would be too many
+NARROW_RATIO = 1e-3  # an axis narrower than this, relative to its numbers, counts from an origin
 
 
 class Labelled(Protocol):
-    """What a symbol and a channel have in common; LaTeX without dollars."""
+    """The label of a symbol or a channel; LaTeX without dollars."""
 
     @property
-    def latex(self) -> str: ...
+    def latex(self) -> str:
+        """The name."""
+        ...
 
     @property
-    def latex_unit(self) -> str: ...
+    def latex_unit(self) -> str:
+        """The unit."""
+        ...
 
 
 @dataclass(frozen=True, slots=True)
 class Scale:
-    """Numbers on an axis, shown from low to high: u = (x - origin) / 10**power of the value x, or
-    log10(x / 10**power) where the axis is logarithmic.
+    """The scale of an axis, shown from `low` to `high`.
+
+    u = (x - origin) / 10**power of the value x, or log10(x / 10**power) where the axis is
+    logarithmic.
     """
 
     origin: float
@@ -208,6 +217,7 @@ class Scale:
     log: bool = False
 
     def __call__(self, x: Array | float) -> Array:
+        """Return the positions of values `x` on the axis."""
         values = np.asarray(x, dtype=np.float64)
         if self.log:
             with np.errstate(divide="ignore", invalid="ignore"):
@@ -215,22 +225,25 @@ class Scale:
         return np.asarray((values - self.origin) / 10.0**self.power)
 
     def number(self, x: Array | float) -> Array:
-        """What the texts of the axis call the value x: in its power of ten, from its origin."""
+        """Return what the texts of the axis call the value x: in its power of ten, from its origin."""
         return np.asarray((np.asarray(x) - self.origin) / 10.0**self.power, dtype=np.float64)
 
     def value(self, u: Array | float) -> Array:
-        """The value at the number `u` of the axis."""
+        """Return the value at the number `u` of the axis."""
         numbers = 10.0 ** np.asarray(u) if self.log else np.asarray(u)
         return np.asarray(self.origin + numbers * 10.0**self.power, dtype=np.float64)
 
     def density(self, prior: Prior, u: Array) -> Array:
-        """Of a prior of the values, along the axis: flat where the prior is flat in what it shows."""
+        """Return the density of a prior of the values, along the axis.
+
+        It is flat where the prior is flat in what the axis shows.
+        """
         x = self.value(u)
         stretch = x * math.log(10.0) if self.log else 10.0**self.power
         return np.asarray(np.exp(prior.logpdf(x)) * stretch)
 
     def side(self, x: float | None) -> int:
-        """-1, 0 or 1: the value x is below, on or above the axis; 0 when there is none."""
+        """Return -1, 0 or 1: x is below, on or above the axis; 0 when there is none."""
         if x is None:
             return 0
         u = float(self(x))
@@ -239,39 +252,40 @@ class Scale:
     def ticks(
         self, most: int = 3, *, clear: float = 0.05, letter: float = 0.0
     ) -> tuple[Array, list[str]]:
-        """As `ticks`, with round values where the axis is logarithmic."""
+        """Return ticks as `ticks` does, with round values where the axis is logarithmic."""
         return ticks(self.low, self.high, most, clear=clear, letter=letter, log=self.log)
 
     @property
     def between(self) -> Array:
-        """Places of 1, 2, ... 9 of each decade, where a logarithmic axis has few of these."""
-        if not self.log or not CURVED <= 10.0 ** (self.high - self.low) < CROWDED:
+        """Positions of 1, 2, ... 9 of each decade, where a logarithmic axis has few of these."""
+        if not self.log or not CURVED_RATIO <= 10.0 ** (self.high - self.low) < CROWDED_RATIO:
             return np.empty(0)
         decades = range(math.floor(self.low), math.ceil(self.high) + 1)
-        every = np.log10([m * 10.0**k for k in decades for m in range(1, 10)])
-        return np.asarray(every[(every >= self.low) & (every <= self.high)])
+        positions = np.log10([m * 10.0**k for k in decades for m in range(1, 10)])
+        return np.asarray(positions[(positions >= self.low) & (positions <= self.high)])
 
     def label(self, what: Labelled, separator: str = " ") -> str:
+        """Return the label of the axis for a symbol or a channel."""
         return axis_label(what, self.power, self.origin, separator)
 
 
 def scale(low: float, high: float, *, log: bool = False, margin: float = 0.0) -> Scale:
-    """For the values from `low` to `high` and a `margin` in widths of the axis, with few digits.
+    """Return a scale for values from `low` to `high`, and a `margin` in widths of the axis.
 
     `log`: a logarithmic axis, unless it is so short that it would look the same.
     """
     if not high > low:
         half = 1e-9 * abs(low) or 1.0
         low, high = low - half, high + half
-    if log and low > 0 and high > (1 + NARROW) * low:
+    if log and low > 0 and high > (1 + NARROW_RATIO) * low:
         beyond = (high / low) ** margin
         low, high = low / beyond, high * beyond
-        power = _power(math.sqrt(low * high)) if high / low < LONG else 0
+        power = _power(math.sqrt(low * high)) if high / low < LONG_LOG_RATIO else 0
         return Scale(0.0, power, math.log10(low) - power, math.log10(high) - power, log=True)
     beyond = margin * (high - low)
     low, high = low - beyond, high + beyond
     origin = 0.0
-    if high - low < NARROW * max(abs(low), abs(high)):
+    if high - low < NARROW_RATIO * max(abs(low), abs(high)):
         origin = near_round(0.5 * (low + high), high - low)
     farthest = max(abs(low - origin), abs(high - origin))
     power = _power(farthest) if origin == 0.0 else math.floor(math.log10(farthest))
@@ -288,7 +302,7 @@ def _power(farthest: float) -> int:
 def reaching(
     low: float, high: float, value: float | None, farthest: float = math.inf, *, log: bool = False
 ) -> tuple[float, float]:
-    """The ends, moved to show `value` where it is within `farthest` of them, in widths."""
+    """Return the ends, moved to show `value` where it is within `farthest` of them, in widths."""
     if value is None or (log and not (low > 0 and value > 0)):
         return low, high
     first, last, at = (math.log(x) if log else x for x in (low, high, value))
@@ -308,7 +322,7 @@ def axis_label(what: Labelled, power: int, origin: float = 0.0, separator: str =
 
 
 def unit_of(power: int, latex_unit: str) -> str:
-    """A power of ten and a unit in LaTeX; empty where there is neither."""
+    """Return a power of ten and a unit in LaTeX; empty where there is neither."""
     ten = rf"10^{{{power}}}" if power else ""
     unit = rf"\mathrm{{{latex_unit}}}" if latex_unit else ""
     inside = r"\,".join(part for part in (ten, unit) if part)
@@ -324,11 +338,7 @@ def ticks(
     letter: float = 0.0,
     log: bool = False,
 ) -> tuple[Array, list[str]]:
-    """Two to `most` (3 or more) round numbers and their texts.
-
-    Shares of the axis: `clear` stays free at both ends; `letter` is the room that a letter of a
-    text needs, and where three texts have less, only the outer two stay.
-    """
+    """Return two to `most` (3 or more) round numbers and their texts."""
     length = high - low
     low, high = low + clear * length, high - clear * length
     if log:

@@ -1,4 +1,4 @@
-"""Two drawings that explain the paper: the rig, and its pairwise search for the nine parameters."""
+"""Draw the rig of the paper, and its pairwise search for the nine parameters."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ UNMEASURED: dict[str, Any] = HOLLOW | {"linestyle": (0, (3, 2)), "edgecolor": st
 
 
 def rig_figure() -> Figure:
-    """Supply, DC motor, gearbox, shaft and rotors, with the paper's symbols."""
+    """Draw supply, DC motor, gearbox, shaft and rotors, with the paper's symbols."""
     with style.styled():
         figure, sheet = _sheet(scales.DOUBLE, 2.44)
         _circuit(sheet)
@@ -41,18 +41,15 @@ def rig_figure() -> Figure:
 
 
 def heuristic_figure(pairs: Sequence[Pair], iterations: int) -> Figure:
-    """The cycle of the nine `pairs`, each searched for `iterations`, until the misfit is steady.
-
-    Names are keys of `PARAMETERS`; each pair shares one with the next.
-    """
+    """Draw the cycle of the nine `pairs`, each searched for `iterations`."""
     order = [first for first, _ in pairs]
     # There along the upper row and back along the lower one; the decision is last.
     along = [ENTRY + (k + 0.5) * PITCH for k in range(5)]
     places = [*((x, UPPER) for x in along), *((x, LOWER) for x in reversed(along))]
     with style.styled():
         figure, sheet = _sheet(scales.DOUBLE, UPPER + 0.5 * BOX + 0.1)
-        for place, pair in zip(places, pairs, strict=False):
-            _pair_box(sheet, place, pair, iterations, order)
+        for position, pair in zip(places, pairs, strict=False):
+            _pair_box(sheet, position, pair, iterations, order)
         _cycle(sheet, places, pairs)
         _key(sheet, order)
     return figure
@@ -218,9 +215,11 @@ PITCH = (scales.DOUBLE - ENTRY) / 5
 WIDE, BOX = 0.96, 0.78  # of a box
 
 
-def _pair_box(sheet: Axes, place: Point, pair: Pair, iterations: int, order: Sequence[str]) -> None:
+def _pair_box(
+    sheet: Axes, position: Point, pair: Pair, iterations: int, order: Sequence[str]
+) -> None:
     """What one step of the cycle does; the strip below shows which parameters it moves."""
-    x, y = place
+    x, y = position
     _box(sheet, x, y, WIDE, BOX, **HOLLOW)
     _text(sheet, x, y + 0.26, _math(*pair), fontsize=10.0)
     words = f"{iterations} iterations\nNelder\N{EN DASH}Mead"
@@ -233,11 +232,14 @@ def _pair_box(sheet: Axes, place: Point, pair: Pair, iterations: int, order: Seq
 
 
 def _cycle(sheet: Axes, places: Sequence[Point], pairs: Sequence[Pair]) -> None:
-    """Arrows from box to box, with what each hands to the next as its start; the decision, round again
-    or out, and the way in.
+    """Draw arrows from box to box, with what each hands to the next as its start.
+
+    And the decision, round again or out, and the way in.
     """
     half, tall = WIDE / 2, BOX / 2
-    passed = [_math(*(name for name in one if name in other)) for one, other in pairwise(pairs)]
+    passed = [
+        _math(*(name for name in pair if name in following)) for pair, following in pairwise(pairs)
+    ]
     for ((x, y), (u, v)), words in zip(pairwise(places), [*passed, ""], strict=True):
         if y == v:
             way = half if u > x else -half
@@ -251,9 +253,9 @@ def _cycle(sheet: Axes, places: Sequence[Point], pairs: Sequence[Pair]) -> None:
     sheet.add_patch(Polygon(corners, **SOLID))
     _text(sheet, x, y, "misfit\nsteady?", fontsize=NOTE, linespacing=1.05)
     _arrow(sheet, (x, y + tall), (x, upper - tall))
-    again = _math(*(name for name in pairs[-1] if name in pairs[0]))
+    shared = _math(*(name for name in pairs[-1] if name in pairs[0]))
     _text(sheet, x - 0.07, (y + upper) / 2, "no", ha="right", fontsize=NOTE)
-    _text(sheet, x + 0.07, (y + upper) / 2, again, ha="left", fontsize=NOTE)
+    _text(sheet, x + 0.07, (y + upper) / 2, shared, ha="left", fontsize=NOTE)
     edge = x - half
     _arrow(sheet, (edge - 0.28, upper), (edge, upper))
     _arrow(sheet, (edge, y), (edge - 0.28, y))

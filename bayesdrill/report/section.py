@@ -1,5 +1,7 @@
-"""A report as a list of sections with their data: terminal, Markdown and HTML show the same list, and
-tables have the same rows for the terminal, for CSV and for Markdown.
+"""Build a report as a list of sections with their data.
+
+Terminal, Markdown and HTML show the same list, and tables have the same rows for the terminal, for
+CSV and for Markdown.
 """
 
 from __future__ import annotations
@@ -13,7 +15,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Literal
 
-from bayesdrill.analysis.diagnostics import MEANING, Row
+from bayesdrill.analysis.diagnostics import MEANING, ParameterRow
 from bayesdrill.basics.errors import printable
 from bayesdrill.basics.symbols import plain
 from bayesdrill.inference.derived import HDI_PROBABILITY
@@ -26,7 +28,7 @@ _TAG = re.compile(r"<(?=[A-Za-z/!?])")
 
 @dataclass(frozen=True, slots=True)
 class Sentences:
-    """A line for each; lines that begin with blanks go on with the one before."""
+    """Lines of text; lines that begin with blanks go on with the one before."""
 
     text: str
 
@@ -64,24 +66,25 @@ Tone = Literal["good", "plain", "doubt", "bad"]
 
 
 @dataclass(frozen=True, slots=True)
-class Mark:
-    """Of a run, at a glance."""
+class Badge:
+    """A mark of a run that is seen at a glance."""
 
     text: str
     tone: Tone
 
 
 @dataclass(frozen=True, slots=True)
-class Marks:
-    """For a page, not for a terminal."""
+class Badges:
+    """Badges for a page, not for a terminal."""
 
-    items: tuple[Mark, ...]
+    items: tuple[Badge, ...]
 
 
 @dataclass(frozen=True, slots=True)
 class Picture:
-    """A figure of the same folder, by the stem of its files; `says`: what is seen in it; `ending`: of
-    the file for a page.
+    """A figure of the same folder, by the stem of its files.
+
+    `says`: what is seen in it; `ending`: of the file for a page.
     """
 
     stem: str
@@ -90,7 +93,7 @@ class Picture:
 
 
 @dataclass(frozen=True, slots=True)
-class Bar:
+class IntervalBar:
     """An interval and two values, as shares (0 to 1) of the range that is drawn."""
 
     low: float
@@ -101,7 +104,9 @@ class Bar:
 
 @dataclass(frozen=True, slots=True)
 class Table:
-    """`left`: heads of columns that begin at the left; `brief`: what a terminal shows, or else all;
+    """A table of texts.
+
+    `left`: heads of columns that begin at the left; `brief`: what a terminal shows, or else all;
     `bars`: of each line, where a page can draw them, or none at all.
     """
 
@@ -109,30 +114,33 @@ class Table:
     lines: tuple[tuple[str, ...], ...]
     left: frozenset[str]
     brief: tuple[str, ...] | None = None
-    bars: tuple[Bar, ...] = ()
+    bars: tuple[IntervalBar, ...] = ()
 
     def filled(self, *heads: str) -> Table:
-        """Without those of these columns, or of all, that are empty in every line."""
+        """Return the table without those of these columns, or of all, that are empty in every line."""
         needed = [any(cells) for cells in zip(*self.lines, strict=True)] or [True] * len(self.heads)
         return self._of(
             [k for k, head in enumerate(self.heads) if needed[k] or (heads and head not in heads)]
         )
 
     def only(self, heads: Sequence[str]) -> Table:
-        """Those columns that there are, in this order."""
+        """Return those of these columns that there are, in this order."""
         return self._of([self.heads.index(head) for head in heads if head in self.heads])
 
-    def _of(self, kept: Sequence[int]) -> Table:
-        lines = tuple(tuple(line[k] for k in kept) for line in self.lines)
-        return replace(self, heads=tuple(self.heads[k] for k in kept), lines=lines)
+    def _of(self, columns: Sequence[int]) -> Table:
+        lines = tuple(tuple(line[k] for k in columns) for line in self.lines)
+        return replace(self, heads=tuple(self.heads[k] for k in columns), lines=lines)
 
 
-Block = Sentences | Note | Plain | Marks | Picture | Table
+Block = Sentences | Note | Plain | Badges | Picture | Table
 
 
 @dataclass(frozen=True, slots=True)
 class Section:
-    """`title`: empty where it goes on; `brief`: whether a terminal shows it."""
+    """A section of a report.
+
+    `title`: empty where it goes on; `brief`: whether a terminal shows it.
+    """
 
     title: str
     blocks: tuple[Block, ...]
@@ -140,27 +148,27 @@ class Section:
 
 
 def build(title: str, *blocks: Block | str | None, brief: bool = True) -> Section:
-    """A section of these blocks; text is `Sentences`, and what is empty is left out."""
-    kept = [Sentences(one) if isinstance(one, str) else one for one in blocks if one]
-    return Section(title, tuple(kept), brief)
+    """Build a section of these blocks; text is `Sentences`, and what is empty is left out."""
+    selected = [Sentences(block) if isinstance(block, str) else block for block in blocks if block]
+    return Section(title, tuple(selected), brief)
 
 
 def as_text(sections: Sequence[Section]) -> tuple[str, ...]:
-    """Paragraphs for a terminal: what a page begins with stands last, where it is read."""
+    """Return paragraphs for a terminal; what a page begins with stands last, where it is read."""
     shown = [section for section in reversed(sections) if section.brief]
     return tuple(printable(text) for section in shown for text in _paragraphs(section))
 
 
 def _paragraphs(section: Section) -> Iterator[str]:
     for table in (block for block in section.blocks if isinstance(block, Table)):
-        own = table if table.brief is None else table.only(table.brief)
-        left = {k for k, head in enumerate(own.heads) if head in own.left}
-        yield aligned([own.heads, *own.lines], left=left)
+        shown = table if table.brief is None else table.only(table.brief)
+        left = {k for k, head in enumerate(shown.heads) if head in shown.left}
+        yield aligned([shown.heads, *shown.lines], left=left)
     yield from (block.text for block in section.blocks if isinstance(block, Sentences))
 
 
 def as_markdown(title: str, sections: Sequence[Section]) -> str:
-    """A page."""
+    """Return a page of Markdown."""
     parts = [_no_html(f"# {title}")]
     for section in sections:
         parts += [_no_html(f"## {section.title}")] * bool(section.title)
@@ -180,34 +188,34 @@ def _in_markdown(block: Block) -> str:
             return f"{fence}text\n{text}\n{fence}"
         case Sentences(text):
             bullets = (
-                ["- " + one.text, *("  - " + more for more in one.more)] for one in items(text)
+                ["- " + item.text, *("  - " + more for more in item.more)] for item in items(text)
             )
             return _no_html("\n".join(itertools.chain(*bullets)))
         case Table():
             return _no_html(markdown(block).rstrip())
         case Note(text):
             return _no_html(text)
-        case Marks(every):
-            return _no_html(", ".join(f"**{mark.text}**" for mark in every))
+        case Badges(badges):
+            return _no_html(", ".join(f"**{mark.text}**" for mark in badges))
         case Picture(stem, says, ending):
             picture = "" if ending == "pdf" else "!"  # which no page shows
             return _no_html(f"{picture}[{says}](figures/{stem}.{ending})")
 
 
 def items(text: str) -> list[Item]:
-    """Of sentences: lines, where those that begin with blanks go on with the one before."""
-    found: list[Item] = []
+    """Split sentences: lines, where those that begin with blanks go on with the one before."""
+    sentences: list[Item] = []
     for line in text.splitlines():
-        own = line.strip().removeprefix("- ")
-        if line.startswith(" ") and found:
-            found[-1] = replace(found[-1], more=(*found[-1].more, own))
+        sentence = line.strip().removeprefix("- ")
+        if line.startswith(" ") and sentences:
+            sentences[-1] = replace(sentences[-1], more=(*sentences[-1].more, sentence))
         else:
-            found.append(Item(own))
-    return found
+            sentences.append(Item(sentence))
+    return sentences
 
 
 def markdown(table: Table) -> str:
-    """Its last line ended."""
+    """Return a table in Markdown, its last line ended."""
     bar = "|" + " --- |" * len(table.heads)
     return "\n".join([_line(table.heads), bar, *map(_line, table.lines)]) + "\n"
 
@@ -218,7 +226,7 @@ def _line(cells: Sequence[str]) -> str:
 
 
 def aligned(table: Sequence[tuple[str, ...]], left: set[int]) -> str:
-    """Columns for a wide terminal; those of `left` begin at the left."""
+    """Return aligned columns for a wide terminal; those of `left` begin at the left."""
     widths = [max(len(line[k]) for line in table) for k in range(len(table[0]))]
     return "\n".join(
         "  ".join(
@@ -242,8 +250,8 @@ HDI_ENDS = tuple(f"hdi{100 * HDI_PROBABILITY:.0f}_{end}" for end in ("low", "hig
 CSV_HEADS = {"hdi_low": HDI_ENDS[0], "hdi_high": HDI_ENDS[1], "word": "the_record_says"}
 
 
-def cells(row: Row) -> tuple[str, ...]:
-    """What is shown of a row, in the order of `HEADERS`."""
+def cells(row: ParameterRow) -> tuple[str, ...]:
+    """Return what is shown of a row, in the order of `HEADERS`."""
     return (
         row.name,
         plain(row.unit),
@@ -262,8 +270,9 @@ def cells(row: Row) -> tuple[str, ...]:
 
 
 def records_as_csv(kind: type, rows: Sequence[object], leave: Sequence[str] = ()) -> str:
-    """A column for each field of the record `kind` but those to `leave`: all digits, SI, and shares as
-    fractions.
+    """Return CSV with a column for each field of the record `kind` but those to `leave`.
+
+    All digits, SI, and shares as fractions.
     """
     keys = [field.name for field in dataclasses.fields(kind) if field.name not in leave]
     heads = [CSV_HEADS.get(key, key) for key in keys]
@@ -271,19 +280,20 @@ def records_as_csv(kind: type, rows: Sequence[object], leave: Sequence[str] = ()
 
 
 def lines_as_csv(lines: Iterable[Sequence[object]]) -> str:
-    """Of all tables; what is None is empty."""
+    """Return CSV of lines; what is None is empty."""
     out = io.StringIO()
     writer = csv.writer(out, lineterminator="\n")
     writer.writerows(["" if value is None else value for value in line] for line in lines)
     return out.getvalue()
 
 
-def as_record(row: Row) -> dict[str, Any]:
-    """As a line of `summary.csv`."""
+def as_record(row: ParameterRow) -> dict[str, Any]:
+    """Return a row as a line of `summary.csv`."""
     return {CSV_HEADS.get(name, name): value for name, value in dataclasses.asdict(row).items()}
 
 
-def of_rows(rows: Sequence[Row], bars: tuple[Bar, ...] = ()) -> Table:
+def of_rows(rows: Sequence[ParameterRow], bars: tuple[IntervalBar, ...] = ()) -> Table:
+    """Return the summary table of `rows`."""
     left = frozenset((HEADERS[0], HEADERS[1], HEADERS[-1]))
     return Table(HEADERS, tuple(map(cells, rows)), left, bars=bars).filled()
 
@@ -295,12 +305,12 @@ SANDWICH_EXPLAINED = (
 
 
 def sandwich_table(
-    rows: Sequence[Row],
+    rows: Sequence[ParameterRow],
     sds: Mapping[str, float],
     windows: Mapping[str, Sequence[float]],
-    own: OwnUnits,
+    display_units: OwnUnits,
 ) -> Table:
-    """The posterior's sds beside those of `sds`, SI, and the ends of what refits on `windows` gave."""
+    """Return the posterior's sds beside `sds`, SI, and the ends of refits on `windows`."""
     ends = f"MAP of {len(next(iter(windows.values())))} windows" if windows else ""
     heads = (
         "",
@@ -311,8 +321,8 @@ def sandwich_table(
         *filter(None, [ends]),
     )
     lines = []
-    for row, shown in zip(rows, own.rows(rows), strict=True):
-        sd, factor = sds[row.name], own.factor(row.name)
+    for row, shown in zip(rows, display_units.rows(rows), strict=True):
+        sd, factor = sds[row.name], display_units.factor(row.name)
         cells = [f"{sd / factor:.2g}", f"{sd / row.sd:.3g}" if row.sd else ""]
         if windows:
             values = windows.get(row.name, ())
@@ -334,7 +344,7 @@ class ModeRow:
 
 
 def mode_rows(problem: Problem, mode: Mode) -> tuple[ModeRow, ...]:
-    """SI."""
+    """Return the lines of `map.csv`, SI."""
     nominal, best = problem.nominal, mode.values
     return tuple(
         ModeRow(name=s.name, unit=s.unit, nominal=nominal.get(s.name), map=best[s.name])
@@ -343,7 +353,7 @@ def mode_rows(problem: Problem, mode: Mode) -> tuple[ModeRow, ...]:
 
 
 def of_mode(rows: Sequence[ModeRow]) -> Table:
-    """The MAP beside the nominal values."""
+    """Return a table of the MAP beside the nominal values."""
     heads, lines = ("", "unit", "nominal", "MAP", "dev. %"), []
     for row in rows:
         nominal = off = ""
@@ -353,16 +363,17 @@ def of_mode(rows: Sequence[ModeRow]) -> Table:
     return Table(heads, tuple(lines), frozenset(heads[:2])).filled()
 
 
-def in_words(rows: Sequence[Row]) -> list[str]:
-    """Which unknowns the record determines, and which it cannot."""
+def in_words(rows: Sequence[ParameterRow]) -> list[str]:
+    """Say which unknowns the record determines, and which it cannot."""
     named = {word: [row.name for row in rows if row.word == word] for word in MEANING}
     return [f"{word}: {', '.join(named[word])} ({MEANING[word]})" for word in named if named[word]]
 
 
-def notes(rows: Sequence[Row], own: OwnUnits) -> list[str]:
-    """What is no reason to doubt the draws, but one to doubt the prior or the model; `rows` in SI."""
+def notes(rows: Sequence[ParameterRow], display_units: OwnUnits) -> list[str]:
+    """Return notes that doubt the prior or the model, but not the draws; `rows` in SI."""
     return [
-        f"note: {row.name} is pressed against the end {own.said(row.name, row.pressed_against)} of its "
+        f"note: {row.name} is pressed against the end "
+        f"{display_units.said(row.name, row.pressed_against)} of its "
         "prior, as if the record wanted it beyond. Widen the prior, or doubt the model, the units and "
         "what is held."
         for row in rows

@@ -1,6 +1,4 @@
-"""What all figures share: fonts and greys, ticks and axes, warnings on the page, and files that
-appear whole.
-"""
+"""Share the style of figures: fonts and greys, ticks and axes, warnings, and saving."""
 
 from __future__ import annotations
 
@@ -125,10 +123,7 @@ _ONE_AT_A_TIME = threading.RLock()
 
 @contextmanager
 def styled(width: float = DOUBLE) -> Iterator[None]:
-    """Figures are built and saved inside, of one thread; what the caller had set comes back after it.
-
-    Letters are smaller in a figure of one column.
-    """
+    """Build and save figures inside, of one thread; what the caller had set comes back after it."""
     rc: Any = dict(RC)
     if width <= SINGLE:
         rc |= {name: SMALL * size for name, size in RC.items() if name in _SIZES}
@@ -136,21 +131,21 @@ def styled(width: float = DOUBLE) -> Iterator[None]:
         yield
 
 
-def letters(of: str) -> float:
-    """Points, in the figure that is being built."""
+def letters(size: str) -> float:
+    """Return a font size in points, in the figure that is being built."""
     now: Any = matplotlib.rcParams
-    return float(now[of])
+    return float(now[size])
 
 
 def set_numbers(axis: Axis, scale: Scale, most: int, **room: float) -> None:
-    """At most `most` ticks with texts; a logarithmic axis shows by small ones that it is one."""
+    """Set at most `most` ticks with texts; a logarithmic axis shows small ones too."""
     set_ticks(axis, *scale.ticks(most, **room))
     axis.set_minor_locator(FixedLocator(scale.between.tolist()))
     axis.set_minor_formatter(NullFormatter())
 
 
 def scale_axis(axis: Axis, scale: Scale, label: str, most: int = 4) -> None:
-    """Ends, at most so many numbers, and the label."""
+    """Set the ends of an axis, at most `most` numbers, and the label."""
     panel = axis.axes
     if axis.axis_name == "x":  # type: ignore[attr-defined]
         panel.set_xlim(scale.low, scale.high)
@@ -162,13 +157,13 @@ def scale_axis(axis: Axis, scale: Scale, label: str, most: int = 4) -> None:
 
 
 def set_ticks(axis: Axis, places: Array, texts: Sequence[str] | None) -> None:
-    """Fixed ticks with fixed texts, or with none: no offset text appears on this axis."""
+    """Set fixed ticks with fixed texts, or with none: no offset text appears on this axis."""
     axis.set_major_locator(FixedLocator(places.tolist()))
     axis.set_major_formatter(NullFormatter() if texts is None else FixedFormatter(texts))
 
 
 def side_label(panel: Axes, text: str) -> None:
-    """The label of a vertical axis, at the same distance in all panels."""
+    """Set the label of a vertical axis, at the same distance in all panels."""
     width = TICKS_WIDTH * letters("ytick.labelsize") / RC["ytick.labelsize"]
     move = ScaledTranslation(-width, 0, panel.figure.dpi_scale_trans)
     panel.set_ylabel(text, linespacing=1.12)
@@ -176,7 +171,7 @@ def side_label(panel: Axes, text: str) -> None:
 
 
 def finer(look: Mapping[str, Any], share: float) -> dict[str, Any]:
-    """With lines and marks of this share of their sizes."""
+    """Draw inside with lines and marks of this share of their sizes."""
     sizes = ("linewidth", "markersize", "markeredgewidth")
     return {**look, **{name: look[name] * share for name in sizes if name in look}}
 
@@ -192,10 +187,7 @@ def mark_values(
     zorder: float = 2.0,
     fine: float = 1.0,
 ) -> int:
-    """Lines across the axis of `scale`, a `vertical` one or not, at the nominal value and the MAP.
-
-    Returns on which side of the axis the nominal value is, to where an `arrow` may point.
-    """
+    """Draw lines across the axis of `scale`, at the nominal value and the MAP."""
     line = panel.axhline if vertical else panel.axvline
     side = scale.side(nominal)
     if nominal is not None and side == 0:
@@ -211,13 +203,13 @@ def mark_values(
 
 
 def corner_text(panel: Axes, text: str, side: str = "left", **look: Any) -> None:
-    """At the top of a panel, at this side."""
+    """Write a text at the top of a panel, at this side."""
     x = 0.03 if side == "left" else 0.97
     panel.text(x, 0.93, text, transform=panel.transAxes, ha=side, va="top", **look)
 
 
 def nominal_handles(sides: Collection[int], *, marker: str = ">") -> list[Line2D]:
-    """For a legend: nominal values on the axes (side 0) and beyond them."""
+    """Return legend handles of nominal values on the axes (side 0) and beyond them."""
     handles = []
     if 0 in sides:
         handles.append(Line2D([], [], label="nominal value", **NOMINAL))
@@ -227,7 +219,7 @@ def nominal_handles(sides: Collection[int], *, marker: str = ">") -> list[Line2D
 
 
 def thin(n: int, most: int) -> NDArray[np.intp]:
-    """At most `most` indices of `n`, evenly spaced from the first to the last."""
+    """Return at most `most` indices of `n`, evenly spaced from the first to the last."""
     if n <= most:
         return np.arange(n)
     return np.unique(np.linspace(0, n - 1, most).round().astype(np.intp))
@@ -252,10 +244,7 @@ def save(
     formats: Sequence[str] = output_files.DEFAULT_FORMATS,
     dpi: int = DPI,
 ) -> list[Path]:
-    """`<stem>.pdf`, ... with `metadata` inside and no date: same figure, same bytes.
-
-    `dpi`: of PNG, and of what is drawn as pixels in the other formats.
-    """
+    """Save `<stem>.pdf`, ... with `metadata` inside and no date: same figure, same bytes."""
     written = []
     with styled():
         for kind in formats:
@@ -282,7 +271,7 @@ MOST = 8  # ticks
 
 
 def set_decades(axis: Axis, low: float, high: float, base: int = 10) -> None:
-    """From `low` to `high` on a logarithmic axis, with powers of the `base` for ticks."""
+    """Set a logarithmic axis from `low` to `high`, with powers of the `base` for ticks."""
     name: Any = axis.axis_name  # type: ignore[attr-defined]
     axis.axes.set(**{f"{name}scale": "log", f"{name}lim": (low, high)})
     first, last = (np.log(end) / np.log(base) for end in (low, high))
@@ -299,14 +288,14 @@ def set_decades(axis: Axis, low: float, high: float, base: int = 10) -> None:
 
 
 def set_factors(axis: Axis, factors: Array) -> None:
-    """Shows at least 0.5 to 2 and all factors; ticks are powers of 2, or of 10 on a long axis."""
+    """Set an axis of factors: at least 0.5 to 2, with powers of 2, or of 10 if it is long."""
     sure = usable(factors)
     low, high = min(0.48, 0.85 * sure.min(initial=1.0)), max(2.1, 1.18 * sure.max(initial=1.0))
     set_decades(axis, low, high, 2 if high / low < 2**MOST else 10)
 
 
 def usable(x: Array) -> Array:
-    """Those that a logarithmic axis can show."""
+    """Return those values that a logarithmic axis can show."""
     return x[np.isfinite(x) & (x > 0)]
 
 
@@ -314,10 +303,7 @@ MARGIN, LINE, LETTER = 0.09, 0.16, 0.066  # inches: of the strip, a line of it, 
 
 
 def warned(figure: Figure, warning: str) -> Figure:
-    """The figure, with `warning` above what it shows; it is no part of what a window or a file cuts.
-
-    The page grows at its top, and nothing else changes its size.
-    """
+    """Return the figure with `warning` above what it shows."""
     if not warning:
         return figure
     width, height = (float(inches) for inches in figure.get_size_inches())
@@ -349,7 +335,7 @@ def _lower(figure: Figure, height: float, share: float) -> None:
         lowered = (box.x0, box.y0 * share, box.width, box.height * share)
         legend.set_bbox_to_anchor(lowered, transform=figure.transFigure)
     down = Affine2D().scale(1.0, share) + figure.transFigure
-    own: list[Artist] = [*figure.artists, *figure.lines, *figure.patches, *figure.texts]
-    for artist in own:
+    artists: list[Artist] = [*figure.artists, *figure.lines, *figure.patches, *figure.texts]
+    for artist in artists:
         if not isinstance(artist, Legend):
             artist.set_transform(down)

@@ -1,4 +1,4 @@
-"""A finished run as tables and figures look at it; each thing is made once, when asked for."""
+"""Give tables and figures what they show of a finished run; each is made when first asked for."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from bayesdrill.report import section, words
 from bayesdrill.report.scales import WIDTHS
 from bayesdrill.report.sections import fit_words, verdict_words
 from bayesdrill.results import provenance
-from bayesdrill.sampling.ensembles import Sampled
+from bayesdrill.sampling.ensembles import SamplingResult
 from bayesdrill.sampling.mode_search import Mode
 
 if TYPE_CHECKING:
@@ -41,10 +41,12 @@ class Drawing:
     says: str = ""
 
     def drawn(self) -> Figure:
+        """Draw the figure."""
         return self.figure(*self.arguments)
 
 
 def captioned(label: str, says: str) -> str:
+    """Return a caption that begins with the label of its experiment, if it has one."""
     return f"{label}: {says}" if label else says
 
 
@@ -54,14 +56,18 @@ def for_each_experiment(
     width: float,
     says: str,
 ) -> tuple[Drawing, ...]:
-    """A drawing of what is `shown` of each, by its label."""
-    return tuple(Drawing(figure, (one, width), says=captioned(label, says)) for label, one in shown)
+    """Return a drawing of what is `shown` of each experiment, by its label."""
+    return tuple(
+        Drawing(figure, (data, width), says=captioned(label, says)) for label, data in shown
+    )
 
 
 @dataclass(frozen=True, eq=False)
-class View(Value):
-    """`chain`: its draws; `analysis`: all that is said of it; `seconds`: how long its parts took, where
-    that is known.
+class ReportContext(Value):
+    """A finished run, as tables and figures look at it.
+
+    `chain`: its draws; `analysis`: all that is said of it; `seconds`: how long its parts took,
+    where that is known.
     """
 
     chain: RunDraws
@@ -71,94 +77,100 @@ class View(Value):
 
     @property
     def problem(self) -> Problem:
+        """The posterior with its names."""
         return self.chain.problem
 
     @property
     def mode(self) -> Mode:
+        """The maximum of the posterior."""
         return self.chain.mode
 
     @property
-    def sampled(self) -> Sampled:
+    def sampled(self) -> SamplingResult:
+        """The chains."""
         return self.chain.sampled
 
     @property
     def draws(self) -> Array:
-        """`(N, D)`, of all ensembles."""
+        """The draws `(N, D)` of all ensembles."""
         return self.chain.draws
 
     @property
     def warning(self) -> str:
-        """What every figure must carry; empty where there is nothing to warn of."""
+        """The warning that every figure must carry; empty where there is none."""
         return words.warning(self.sampled, self.analysis.fit)
 
     @property
     def reasons(self) -> tuple[str, ...]:
-        """Why the result must not be believed: it did not converge, or does not fit."""
+        """Reasons why the result must not be believed: it did not converge, or does not fit."""
         return words.reasons(self.sampled, self.analysis.fit)
 
     @property
     def notes(self) -> tuple[str, ...]:
         """Sentences on priors, record and rig that are no reason to doubt the draws."""
-        found = self.analysis
+        analysis = self.analysis
         others = (
-            *verdict_words.not_kept(self.sampled.beyond),
-            *fit_words.moment(found.moment),
-            *found.course,
-            *found.rig,
-            *(f"record: {one}" for one in words.record_made(self.problem)),
-            *(f"record, {one}" for one in found.suspicions),
+            *verdict_words.not_kept(self.sampled.extended),
+            *fit_words.moment(analysis.moment),
+            *analysis.course,
+            *analysis.rig,
+            *(f"record: {sentence}" for sentence in words.record_made(self.problem)),
+            *(f"record, {sentence}" for sentence in analysis.suspicions),
         )
-        return (*section.notes(found.unknowns, self.units), *(f"note: {one}" for one in others))
+        return (
+            *section.notes(analysis.unknowns, self.units),
+            *(f"note: {sentence}" for sentence in others),
+        )
 
     @cached_property
     def marks(self) -> Mapping[str, str]:
-        """For the inside of figures and tree."""
+        """The metadata of figures and tree."""
         c = self.sampled.convergence
         return provenance.marks(self.config, self.problem, f"{c.burn_in} of {c.steps} steps")
 
     @property
     def names_of_rig(self) -> tuple[str, ...]:
-        """Of which products are made."""
+        """The names of which products are made."""
         return () if self.analysis.judged is None else self.analysis.judged.study.names
 
     @cached_property
     def derived(self) -> Derived:
-        """Draws of what follows from the unknowns."""
+        """Draws of derived quantities."""
         return self.chain.derived(self.analysis.judged)
 
     @property
     def width(self) -> float:
-        """Of figures, inches."""
+        """The width of figures, inches."""
         return WIDTHS[self.config.output.size]
 
     @property
     def units(self) -> OwnUnits:
-        """In which people are shown unknowns and what follows from them."""
+        """The units in which people are shown unknowns and derived quantities."""
         return self.problem.units
 
     @property
     def clock(self) -> Unit:
-        """In which people are told times."""
+        """The unit in which people are told times."""
         return self.problem.clock
 
     def shown(self, names: Sequence[str] | None = None) -> Shown:
-        """For figures: the unknowns of these names, or all where none is among them."""
-        problem, own = self.problem, self.units
-        every = range(len(problem.symbols))
-        chosen = [k for k in every if problem.names[k] in (names or ())] or every
-        picked = [problem.symbols[k] for k in chosen]
+        """Return what figures show of the unknowns of these names, or of all if none is among them."""
+        problem, display_units = self.problem, self.units
+        columns = range(len(problem.symbols))
+        selected = [k for k in columns if problem.names[k] in (names or ())] or columns
+        picked = [problem.symbols[k] for k in selected]
         return Shown(
-            columns=tuple(chosen),
-            factors=own.factors(picked),
-            symbols=own.symbols(picked),
-            priors=own.priors(problem.posterior.space.priors),
-            nominal=own.values(problem.nominal),
-            mode=own.values(self.mode.values),
+            columns=tuple(selected),
+            factors=display_units.factors(picked),
+            symbols=display_units.symbols(picked),
+            priors=display_units.priors(problem.posterior.space.priors),
+            nominal=display_units.values(problem.nominal),
+            mode=display_units.values(self.mode.values),
         )
 
     @cached_property
     def tree(self) -> DataTree:
-        """For ArviZ."""
+        """The tree for ArviZ."""
         # Late: xarray takes half a second to load.
         from bayesdrill.results.arviz_tree import make_tree
 

@@ -25,8 +25,8 @@ from bayesdrill.record import clocks
 from bayesdrill.report.section import aligned
 from bayesdrill.report.sections import fit_words
 from bayesdrill.rig.models.linear import constants
-from bayesdrill.sampling.ensembles import Sampled
-from bayesdrill.sampling.mode_search import SAME_PLACE, Mode
+from bayesdrill.sampling.ensembles import SamplingResult
+from bayesdrill.sampling.mode_search import SAME_POINT, Mode
 
 FEW, ALL = 3, 50  # places of what is odd that a report names, and `check`
 
@@ -245,7 +245,7 @@ def maxima(mode: Mode, weights: NDArray[np.float64] | None, units: OwnUnits) -> 
     if not names:
         shares = ", ".join(f"{weight:.1%}" for weight in weights)
         return (
-            f"{len(weights)} maxima of the posterior, within {SAME_PLACE:.0%} of each other in every "
+            f"{len(weights)} maxima of the posterior, within {SAME_POINT:.0%} of each other in every "
             f"unknown, between which the walkers pass: {shares} of the draws belong to them"
         )
     lines = [f"{len(weights)} maxima of the posterior, between which the walkers pass:"]
@@ -259,12 +259,12 @@ def maxima(mode: Mode, weights: NDArray[np.float64] | None, units: OwnUnits) -> 
     return "\n".join(lines)
 
 
-def reasons(sampled: Sampled, left: Sequence[Left]) -> tuple[str, ...]:
+def reasons(sampled: SamplingResult, left: Sequence[Left]) -> tuple[str, ...]:
     """Why a run must not be believed: it did not converge, or does not fit; empty where it may be."""
     return (*sampled.convergence.reasons, *fit_words.residual_reasons(left))
 
 
-def warning(sampled: Sampled, left: Sequence[Left]) -> str:
+def warning(sampled: SamplingResult, left: Sequence[Left]) -> str:
     """What every figure must carry; empty where there is nothing to warn of."""
     return misfit(left) if sampled.convergence.converged else "NOT CONVERGED"
 
@@ -311,7 +311,7 @@ MOST_NAMED, MOST_LISTED = 4, 6  # unknowns of a maximum elsewhere, and maxima
 
 
 def _apart(value: float, other: float) -> bool:
-    return abs(value - other) > SAME_PLACE * abs(other)
+    return abs(value - other) > SAME_POINT * abs(other)
 
 
 def mode(mode: Mode, units: OwnUnits) -> str:
@@ -323,7 +323,7 @@ def mode(mode: Mode, units: OwnUnits) -> str:
     ]
     if mode.wandering:
         lines.append(
-            f"     they ended more than {100 * SAME_PLACE:g} % apart in {', '.join(mode.wandering)}: "
+            f"     they ended more than {100 * SAME_POINT:g} % apart in {', '.join(mode.wandering)}: "
             "the posterior is flat there"
         )
     elif same == 0:
@@ -369,7 +369,7 @@ def search(mode: Mode) -> str:
     return said
 
 
-def sampling(sampled: Sampled) -> str:
+def sampling(sampled: SamplingResult) -> str:
     """Return in one line whether the ensembles converged; more where they did not."""
     c = sampled.convergence
     if not c.converged:
@@ -381,7 +381,7 @@ def sampling(sampled: Sampled) -> str:
     )
 
 
-def convergence(sampled: Sampled) -> str:
+def convergence(sampled: SamplingResult) -> str:
     """Whether the ensembles may be believed."""
     c = sampled.convergence
     n_ensembles, _, n_walkers, _ = sampled.theta.shape

@@ -19,14 +19,14 @@ from bayesdrill.inference.likelihood import Observation
 from bayesdrill.inference.posterior import Problem
 from bayesdrill.inference.unknowns import of_label
 from bayesdrill.record.experiment import Channel
-from bayesdrill.sampling.ensembles import Sampled
+from bayesdrill.sampling.ensembles import SamplingResult
 
 PRIOR_DRAWS = 2000
 
 
 def make_tree(
     problem: Problem,
-    sampled: Sampled,
+    sampled: SamplingResult,
     predictive_draws: int,
     rng: np.random.Generator,
     prior_rng: np.random.Generator,

@@ -32,8 +32,8 @@ from bayesdrill.output_files import (
     loads_checksummed,
     typed,
 )
-from bayesdrill.sampling.ensembles import Opened
-from bayesdrill.sampling.samplers.ensemble import Piece, State
+from bayesdrill.sampling.ensembles import ExtendedPriors
+from bayesdrill.sampling.samplers.ensemble import ChainSegment, State
 
 SEAL = "checksum"
 # What NumPy, zipfile and HDF5 raise when bytes of a file are not what they were.
@@ -46,7 +46,7 @@ AGAIN = "delete it and continue with --resume, which computes it again"
 COMPUTED_AGAIN = f"is damaged; {AGAIN}"
 
 
-def write_piece(path: Path, piece: Piece, run: str) -> None:
+def write_piece(path: Path, piece: ChainSegment, run: str) -> None:
     """Zip keeps a checksum of each array; `run`: the mark of the run that it is a piece of."""
     kind, keys, *remaining = piece.state.random
     np.savez(
@@ -65,7 +65,7 @@ def write_piece(path: Path, piece: Piece, run: str) -> None:
     )
 
 
-def read_piece(path: Path) -> tuple[Piece, str | None]:
+def read_piece(path: Path) -> tuple[ChainSegment, str | None]:
     """And of which run it is; raises `InputError` where the file is damaged."""
     try:
         with path.open("rb") as raw, np.load(raw) as file:
@@ -73,7 +73,7 @@ def read_piece(path: Path) -> tuple[Piece, str | None]:
             kind, keys = str(file["random_kind"]), file["random_keys"]
             random = (kind, keys, int(position), int(has_gauss), cached)
             piece = _consistent(
-                Piece(
+                ChainSegment(
                     z=file["z"],
                     log_p=file["log_p"],
                     accepted=file["accepted"],
@@ -87,7 +87,9 @@ def read_piece(path: Path) -> tuple[Piece, str | None]:
         raise InputError.one(str(path), COMPUTED_AGAIN) from None
 
 
-def write_opened(path: Path, opened: Opened, pieces: Sequence[Sequence[Piece]]) -> None:
+def write_opened(
+    path: Path, opened: ExtendedPriors, pieces: Sequence[Sequence[ChainSegment]]
+) -> None:
     """With a mark of the chain of these `pieces`, beyond which it was found."""
     draws = () if opened.draws is None else opened.draws
     np.savez(
@@ -95,7 +97,7 @@ def write_opened(path: Path, opened: Opened, pieces: Sequence[Sequence[Piece]]) 
     )
 
 
-def read_opened(path: Path, pieces: Sequence[Sequence[Piece]]) -> Opened:
+def read_opened(path: Path, pieces: Sequence[Sequence[ChainSegment]]) -> ExtendedPriors:
     """Raises `InputError` where the file is damaged, or of another chain."""
     try:
         with path.open("rb") as raw, np.load(raw) as file:
@@ -103,12 +105,12 @@ def read_opened(path: Path, pieces: Sequence[Sequence[Piece]]) -> Opened:
             draws, mark = file["draws"].reshape(-1, pieces[0][0].z.shape[-1]), str(file["chain"])
         if mark != chain_mark(pieces):
             raise ValueError("of another chain")
-        return Opened(names=names, draws=draws if draws.size else None, pressed=pressed)
+        return ExtendedPriors(names=names, draws=draws if draws.size else None, pressed=pressed)
     except DAMAGED:
         raise InputError.one(str(path), f"is of another chain, or {COMPUTED_AGAIN}") from None
 
 
-def chain_mark(pieces: Sequence[Sequence[Piece]]) -> str:
+def chain_mark(pieces: Sequence[Sequence[ChainSegment]]) -> str:
     """Of a chain, however it was cut."""
     digest = hashlib.sha256()
     for chain in pieces:
@@ -116,7 +118,7 @@ def chain_mark(pieces: Sequence[Sequence[Piece]]) -> str:
     return digest.hexdigest()
 
 
-def _consistent(piece: Piece) -> Piece:
+def _consistent(piece: ChainSegment) -> ChainSegment:
     """Itself; raises `ValueError` or `TypeError` where what it holds is not of one ensemble."""
     steps, walkers, unknowns = piece.z.shape
     state = piece.state
@@ -133,7 +135,7 @@ def _consistent(piece: Piece) -> Piece:
     return piece
 
 
-def chain_image(pieces: list[list[Piece]], attributes: Mapping[str, Any]) -> bytes:
+def chain_image(pieces: list[list[ChainSegment]], attributes: Mapping[str, Any]) -> bytes:
     """The bytes of `chain.h5`, made in memory: HDF5 crashes the process when a disk fills up.
 
     One group `ensemble_<k>` each, as `emcee.backends.HDFBackend` lays it out.
@@ -151,7 +153,7 @@ def chain_image(pieces: list[list[Piece]], attributes: Mapping[str, Any]) -> byt
         return bytes(file.id.get_file_image())
 
 
-def _write_ensemble(group: Any, parts: list[Piece], attributes: Mapping[str, Any]) -> None:
+def _write_ensemble(group: Any, parts: list[ChainSegment], attributes: Mapping[str, Any]) -> None:
     z = np.concatenate([part.z for part in parts])
     n_steps, n_walkers, n_dim = z.shape
     # With checksums of their own, for whoever reads them with emcee.
@@ -192,7 +194,7 @@ def _checksum(contents: Mapping[str, Any]) -> str:
     return digest.hexdigest()
 
 
-def read_chain(path: Path, ensemble: int) -> tuple[Piece, str | None]:
+def read_chain(path: Path, ensemble: int) -> tuple[ChainSegment, str | None]:
     """One finished ensemble, and of which run it is; raises `InputError` where the file is damaged."""
     import h5py
 
@@ -206,7 +208,7 @@ def read_chain(path: Path, ensemble: int) -> tuple[Piece, str | None]:
         random = (str(kind), keys, int(position), int(has_gauss), cached)
         z, log_p = contents["chain"], contents["log_prob"]
         piece = _consistent(
-            Piece(
+            ChainSegment(
                 z=z,
                 log_p=log_p,
                 accepted=contents["accepted"],
@@ -263,7 +265,7 @@ class Folder:
     fingerprint: Mapping[str, Any]
     kind: Kind
     _open: ExitStack = field(default_factory=ExitStack)
-    _chains: dict[int, list[Piece]] = field(default_factory=dict)
+    _chains: dict[int, list[ChainSegment]] = field(default_factory=dict)
 
     def __enter__(self) -> Self:
         """Raises `InputError` when results are in the way, differ, or are being written."""
@@ -423,7 +425,7 @@ class Folder:
         """Pieces that are not in the chain yet."""
         return [n for n in output_files.present(self.path, output_files.UNFINISHED) if n != RUN]
 
-    def save(self, ensemble: int, first_step: int, piece: Piece) -> None:
+    def save(self, ensemble: int, first_step: int, piece: ChainSegment) -> None:
         """One file a piece: an interrupted run loses at most the pieces under way."""
         (self.path / PIECES).mkdir(exist_ok=True)
         with atomic_write(
@@ -444,11 +446,11 @@ class Folder:
             message = f"holds {chain}, and {expected}; put back its own, or start over with --force"
             raise InputError.one(str(self.path), message)
 
-    def pieces(self, ensemble: int) -> list[Piece]:
+    def segments(self, ensemble: int) -> list[ChainSegment]:
         """What was saved so far, in order: a finished chain first, then the pieces after it."""
         return self._chains.pop(ensemble, None) or self._read(ensemble)
 
-    def _read(self, ensemble: int) -> list[Piece]:
+    def _read(self, ensemble: int) -> list[ChainSegment]:
         read_pieces = []
         if (self.path / CHAIN).exists():
             piece, run = read_chain(self.path / CHAIN, ensemble)
@@ -466,7 +468,7 @@ class Folder:
                 have += len(piece.z)
         return read_pieces
 
-    def finish_chain(self, pieces: list[list[Piece]], attributes: Mapping[str, Any]) -> None:
+    def finish_chain(self, pieces: list[list[ChainSegment]], attributes: Mapping[str, Any]) -> None:
         """`chain.h5` in emcee's layout; then the pieces go."""
         if not self._unfinished():
             return  # nothing is new
@@ -475,14 +477,16 @@ class Folder:
         )
         output_files.remove_outputs(self.path, output_files.UNFINISHED)
 
-    def keep_opened_ends(self, opened: Opened | None, pieces: list[list[Piece]]) -> None:
+    def keep_opened_ends(
+        self, opened: ExtendedPriors | None, pieces: list[list[ChainSegment]]
+    ) -> None:
         """Keep what was found beyond ends of priors, of the chain of these `pieces`; None: nothing."""
         self.take_away({OPENED})
         if opened is not None:
             with atomic_write(self.path_of(OPENED)) as path:
                 write_opened(path, opened, pieces)
 
-    def opened_ends(self, pieces: list[list[Piece]]) -> Opened | None:
+    def opened_ends(self, pieces: list[list[ChainSegment]]) -> ExtendedPriors | None:
         """None where nothing was kept; raises `InputError` where it is damaged or of another chain."""
         path = self.path / OPENED
         return read_opened(path, pieces) if output_files.what(path) else None

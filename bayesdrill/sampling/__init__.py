@@ -1,8 +1,8 @@
-"""The maximum (MAP) and the draws: optimisers, modes, the proposal, ensembles, convergence,
-evidence.
+"""Find the maximum of a posterior (MAP) and sample it.
 
-All of it sees a log density and nothing of a rig or a file. What the draws mean is in
-`analysis`.
+Optimisers, modes, the proposal, ensembles, convergence, and the evidence.
+
+All of it sees a log density and nothing of a rig or a file. What the draws mean is in `analysis`.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 from bayesdrill.basics.registry import lazy_attributes
 
 if TYPE_CHECKING:
-    from bayesdrill.sampling.ensembles import Memory as Memory
+    from bayesdrill.sampling.ensembles import MemoryBackend as MemoryBackend
     from bayesdrill.sampling.ensembles import Plan as Plan
     from bayesdrill.sampling.ensembles import sample as sample
     from bayesdrill.sampling.optimisers.contract import Optimiser as Optimiser
@@ -20,6 +20,6 @@ if TYPE_CHECKING:
     from bayesdrill.sampling.optimisers.contract import Task as Task
     from bayesdrill.sampling.optimisers.nelder_mead import THOROUGH as THOROUGH
     from bayesdrill.sampling.samplers.ensemble import halves as halves
-    from bayesdrill.sampling.workers import Crew as Crew
+    from bayesdrill.sampling.workers import WorkerPool as WorkerPool
 
 __getattr__ = lazy_attributes(__name__)

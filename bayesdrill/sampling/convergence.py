@@ -1,5 +1,4 @@
-"""Whether the ensembles may be believed, which of their steps, and troubles that R-hat does not
-see.
+"""Judge whether ensembles have converged, and name troubles that R-hat does not see.
 
 R-hat is blind where every ensemble has the same trouble, and a few walkers out of many hardly move
 an average.  So each walker is looked at by itself: does it move, is it where the others are, does
@@ -20,19 +19,26 @@ import scipy
 
 from bayesdrill.basics.arrays import Array, Flags, Indices
 
-STILL_SHARE = 0.5  # of the kept steps: a walker that stands still for as long is stuck, ...
-STILL_RATIO = 5.0  # ... if that is as many times longer than half of the walkers ever do
-LOW = 0.001  # quantile of the better walkers' log density: none spends half of its time below it
-APART = 1.0  # standard deviations between two groups of walkers, at least
-VALLEY = 0.5  # density between the groups over that in the thinner one; unimodal: 1 or more
-BINS = 12  # between the centres of the two groups
-STAY = 0.5  # of the kept steps: mean time until a walker of a group leaves it
-CHANCE = 1e-6  # that the means of healthy walkers spread this far, for each unknown
+STUCK_SHARE = 0.5  # of the kept steps: a walker that stands still for as long is stuck, ...
+STUCK_RATIO = 5.0  # ... if that is as many times longer than half of the walkers ever do
+# quantile of the better walkers' log density: none spends half of its time below it
+LOW_DENSITY_QUANTILE = 0.001
+MIN_GROUP_DISTANCE = 1.0  # standard deviations between two groups of walkers, at least
+# density between the groups over that in the thinner one; unimodal: 1 or more
+MAX_VALLEY_RATIO = 0.5
+GROUP_BINS = 12  # between the centres of the two groups
+MIN_STAY_SHARE = 0.5  # of the kept steps: mean time until a walker of a group leaves it
+# that the means of healthy walkers spread this far, for each unknown
+FALSE_ALARM_PROBABILITY = 1e-6
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Kept:
-    """The steps that are judged: `theta (E, S, W, D)`, `log_p (E, S, W)`, `tau (D,)`."""
+class PostBurnInChain:
+    """Steps of a chain after its burn-in, which are judged.
+
+    `theta (E, S, W, D)`, `log_p (E, S, W)` and `tau (D,)`; `n_tau`: how many autocorrelation times
+    are wanted.
+    """
 
     theta: Array
     log_p: Array
@@ -41,28 +47,31 @@ class Kept:
     n_tau: float  # wanted
 
 
-def suspicions(kept: Kept) -> tuple[str, ...]:
-    """A sentence for each trouble: value, place, what to do.
+def walker_troubles(chain: PostBurnInChain) -> tuple[str, ...]:
+    """Return a sentence for each trouble of single walkers: value, place, and what to do.
 
     A walker found out by one look is left out of the next, so that each trouble has one name.
     """
-    stay, medians = longest_stay(kept.theta), np.median(kept.log_p, axis=1)
+    stay, medians = longest_stay(chain.theta), np.median(chain.log_p, axis=1)
     # Walkers that once did not move for too long.
-    usual, least = float(np.median(stay)), STILL_SHARE * kept.theta.shape[1]
-    still = stay >= (least if usual >= least else max(least, STILL_RATIO * usual))
+    median_stay, least = float(np.median(stay)), STUCK_SHARE * chain.theta.shape[1]
+    still = stay >= (least if median_stay >= least else max(least, STUCK_RATIO * median_stay))
     # Walkers whose median log density is rare among the better half of the walkers.
-    better = np.moveaxis(kept.log_p, 1, 2)[medians >= np.median(medians)]
-    low = (medians < np.quantile(better, LOW)) & ~still
+    better = np.moveaxis(chain.log_p, 1, 2)[medians >= np.median(medians)]
+    low = (medians < np.quantile(better, LOW_DENSITY_QUANTILE)) & ~still
     sound = ~(still | low)
-    found = [*_of_still(kept, still, stay), *_of_low(kept, low, sound, medians)]
+    troubles = [
+        *_stuck_walkers(chain, still, stay),
+        *_low_density_walkers(chain, low, sound, medians),
+    ]
     if (sound.sum(axis=1) > 1).any():
-        sd = _series(kept.theta, sound).std(axis=0)
-        found += _of_two_places(kept, sound, sd) or _of_growing_tau(kept, sound, sd)
-    return tuple(found)
+        sd = _series(chain.theta, sound).std(axis=0)
+        troubles += _two_groups_of_walkers(chain, sound, sd) or _growing_tau(chain, sound, sd)
+    return tuple(troubles)
 
 
 def longest_stay(theta: Array) -> Indices:
-    """`(E, S, W, D) -> (E, W)`: most steps in a row without a move."""
+    """Count the most steps in a row without a move, `(E, S, W, D) -> (E, W)`."""
     moved = (theta[:, 1:] != theta[:, :-1]).any(axis=-1)
     step = np.arange(1, theta.shape[1])[:, None]
     last = np.maximum.accumulate(np.where(moved, step, 0), axis=1)
@@ -70,8 +79,8 @@ def longest_stay(theta: Array) -> Indices:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Split:
-    """Two groups of walkers: their places, the share in the upper, crossings between them."""
+class BimodalSplit:
+    """Two groups of walkers: their centres, the share in the upper, and crossings between them."""
 
     low: float
     high: float
@@ -79,11 +88,11 @@ class Split:
     crossings: int
 
 
-def split(x: Array) -> Split | None:
-    """Two places of one unknown `(S, N)` that its walkers hardly ever leave, or None."""
-    low, high = two_groups(x.mean(axis=0))
-    counts, _ = np.histogram(x, bins=BINS, range=(low, high))
-    if counts[1:-1].min() >= VALLEY * min(counts[0], counts[-1]):
+def find_two_groups(x: Array) -> BimodalSplit | None:
+    """Find two places of one unknown `(S, N)` that its walkers hardly ever leave, or None."""
+    low, high = group_centres(x.mean(axis=0))
+    counts, _ = np.histogram(x, bins=GROUP_BINS, range=(low, high))
+    if counts[1:-1].min() >= MAX_VALLEY_RATIO * min(counts[0], counts[-1]):
         return None
     # A walker belongs to the place whose centre it was at, or beyond, last.
     side = np.where(x >= high, 1, np.where(x <= low, -1, 0))
@@ -91,13 +100,13 @@ def split(x: Array) -> Split | None:
     side = np.take_along_axis(side, last, axis=0)
     crossings = int((side[1:] * side[:-1] < 0).sum())
     upper, lower = int((side > 0).sum()), int((side < 0).sum())
-    if min(upper, lower) / max(0.5 * crossings, 1.0) < STAY * len(x):
+    if min(upper, lower) / max(0.5 * crossings, 1.0) < MIN_STAY_SHARE * len(x):
         return None
-    return Split(low=low, high=high, share=upper / (upper + lower), crossings=crossings)
+    return BimodalSplit(low=low, high=high, share=upper / (upper + lower), crossings=crossings)
 
 
-def two_groups(means: Array) -> tuple[float, float]:
-    """Centres of the two groups that the walkers' means `(N,)` fall into: least squares."""
+def group_centres(means: Array) -> tuple[float, float]:
+    """Return the centres of two groups of walkers' means `(N,)`, by least squares."""
     means = np.sort(means)
     k = np.arange(1, len(means))
     sums = np.cumsum(means)[:-1]
@@ -106,15 +115,17 @@ def two_groups(means: Array) -> tuple[float, float]:
     return float(below[best]), float(above[best])
 
 
-def long_run_tau(theta: Array, chosen: Flags, sd: Array, parts: int = 1) -> Array:
-    """`(D,)`: tau from how far the walkers' means over a part of the chain spread; `sd` of all.
+def long_run_tau(theta: Array, selected: Flags, sd: Array, parts: int = 1) -> Array:
+    """Estimate tau `(D,)` from how far the walkers' means over a part of the chain spread.
+
+    `(D,)`: tau from how far the walkers' means over a part of the chain spread; `sd` of all.
 
     No window cuts it short, so it sees slow motion of any size, up to the length of a part.  Means
     are compared within an ensemble; that ensembles differ is for R-hat to say.
     """
     length = theta.shape[1] // parts
     total, freedom = np.zeros(theta.shape[-1]), 0
-    for chain, flags in zip(theta, chosen, strict=True):
+    for chain, flags in zip(theta, selected, strict=True):
         blocks = chain[: length * parts].reshape(parts, length, *chain.shape[1:])
         means = blocks.mean(axis=1)[:, flags]
         total += ((means - means.mean(axis=(0, 1))) ** 2).sum(axis=(0, 1)) if flags.any() else 0.0
@@ -122,11 +133,11 @@ def long_run_tau(theta: Array, chosen: Flags, sd: Array, parts: int = 1) -> Arra
     return np.asarray(length * total / max(freedom, 1) / np.where(sd > 0, sd, 1.0) ** 2)
 
 
-def _of_still(kept: Kept, still: Flags, stay: Indices) -> Iterator[str]:
-    n_steps = kept.theta.shape[1]
+def _stuck_walkers(chain: PostBurnInChain, still: Flags, stay: Indices) -> Iterator[str]:
+    n_steps = chain.theta.shape[1]
     if still.mean() > 0.5:
         yield (
-            f"{still.sum()} of {still.size} walkers did not move for {STILL_SHARE:.0%} of {n_steps} "
+            f"{still.sum()} of {still.size} walkers did not move for {STUCK_SHARE:.0%} of {n_steps} "
             "steps or longer: the moves do not suit this posterior; give sampler.moves other shares"
         )
     elif still.any():
@@ -134,68 +145,74 @@ def _of_still(kept: Kept, still: Flags, stay: Indices) -> Iterator[str]:
         ensemble, walker = np.unravel_index(int(np.argmax(stay)), stay.shape)
         yield (
             f"{_counted(still)} stuck: the longest did not move for {stay.max()} of {n_steps} steps "
-            f"({_where(kept, int(ensemble), int(walker), ~still)}); start over with another seed, and "
+            f"({_where(chain, int(ensemble), int(walker), ~still)}); start over with another seed, and "
             "if it happens there again look at what the model does at this place"
         )
 
 
-def _of_low(kept: Kept, low: Flags, sound: Flags, medians: Array) -> Iterator[str]:
+def _low_density_walkers(
+    chain: PostBurnInChain, low: Flags, sound: Flags, medians: Array
+) -> Iterator[str]:
     if not low.any():
         return
     ensemble, walker = np.unravel_index(int(np.argmin(np.where(low, medians, np.inf))), low.shape)
     yield (
         f"{_counted(low)} far from where the posterior is: log density {medians[ensemble, walker]:.1f}"
         f", the others' {np.median(medians[sound]):.1f} "
-        f"({_where(kept, int(ensemble), int(walker), sound)}); caught in a lesser maximum or still on "
+        f"({_where(chain, int(ensemble), int(walker), sound)}); caught in a lesser maximum or still on "
         "the way: start over with another seed, or give the prior an end that leaves the place out"
     )
 
 
-def _of_two_places(kept: Kept, sound: Flags, sd: Array) -> list[str]:
-    means = kept.theta.mean(axis=1)[sound]
+def _two_groups_of_walkers(chain: PostBurnInChain, sound: Flags, sd: Array) -> list[str]:
+    means = chain.theta.mean(axis=1)[sound]
     places = []
-    for d, name in enumerate(kept.names):
-        low, high = two_groups(means[:, d])
-        found = split(_series(kept.theta, sound, d)) if high - low > APART * sd[d] else None
-        if found:
+    for d, name in enumerate(chain.names):
+        low, high = group_centres(means[:, d])
+        groups = (
+            find_two_groups(_series(chain.theta, sound, d))
+            if high - low > MIN_GROUP_DISTANCE * sd[d]
+            else None
+        )
+        if groups:
             places.append(
-                f"{name}: {1 - found.share:.1%} of the draws near {found.low:.4g}, {found.share:.1%} "
-                f"near {found.high:.4g}, {found.crossings} crossings"
+                f"{name}: {1 - groups.share:.1%} of the draws near {groups.low:.4g}, {groups.share:.1%} "
+                f"near {groups.high:.4g}, {groups.crossings} crossings"
             )
     if not places:
         return []
     return [
         f"the walkers sit in two places and hardly ever cross between them (SI; {'; '.join(places)} by "
-        f"{len(means)} walkers in {kept.theta.shape[1]} steps): the shares are those of the start, "
+        f"{len(means)} walkers in {chain.theta.shape[1]} steps): the shares are those of the start, "
         "not of the posterior; give the prior an end that leaves one place out, or a record that "
         "tells them apart"
     ]
 
 
-def _of_growing_tau(kept: Kept, sound: Flags, sd: Array) -> list[str]:
-    n_steps, freedom = kept.theta.shape[1], int((sound.sum(axis=1) - 1).clip(0).sum())
-    whole = long_run_tau(kept.theta, sound, sd)
-    by_chance = float(scipy.special.chdtri(freedom, CHANCE)) / freedom
-    grown = (whole > by_chance * kept.tau) & (whole > n_steps / kept.n_tau)
+def _growing_tau(chain: PostBurnInChain, sound: Flags, sd: Array) -> list[str]:
+    n_steps, freedom = chain.theta.shape[1], int((sound.sum(axis=1) - 1).clip(0).sum())
+    whole = long_run_tau(chain.theta, sound, sd)
+    by_chance = float(scipy.special.chdtri(freedom, FALSE_ALARM_PROBABILITY)) / freedom
+    grown = (whole > by_chance * chain.tau) & (whole > n_steps / chain.n_tau)
     if not grown.any():
         return []
     worst = int(np.argmax(np.where(grown, whole, 0.0)))
-    quarter, half = (float(long_run_tau(kept.theta, sound, sd, n)[worst]) for n in (4, 2))
+    quarter, half = (float(long_run_tau(chain.theta, sound, sd, n)[worst]) for n in (4, 2))
     return [
-        f"the autocorrelation time of {kept.names[worst]} still grows with the chain: {quarter:.0f} "
+        f"the autocorrelation time of {chain.names[worst]} still grows with the chain: {quarter:.0f} "
         f"steps from quarters of it, {half:.0f} from halves, {whole[worst]:.0f} from the whole, where "
-        f"its correlations seem to fade after {kept.tau[worst]:.0f}; the chain is at most "
+        f"its correlations seem to fade after {chain.tau[worst]:.0f}; the chain is at most "
         f"{n_steps / whole[worst]:.0f} of these times long and needs more steps"
     ]
 
 
-def _series(theta: Array, chosen: Flags, d: int | slice = slice(None)) -> Array:
+def _series(theta: Array, selected: Flags, d: int | slice = slice(None)) -> Array:
     """The chosen walkers of all ensembles side by side: `(S, N)` of unknown `d`, or `(S N, D)`."""
     if isinstance(d, slice):
-        if chosen.all():
+        if selected.all():
             return theta.reshape(-1, theta.shape[-1])
-        return np.swapaxes(theta, 1, 2)[chosen].reshape(-1, theta.shape[-1])
-    return np.swapaxes(theta[..., d], 1, 2)[chosen].T
+        return np.swapaxes(theta, 1, 2)[selected].reshape(-1, theta.shape[-1])
+    return np.swapaxes(theta[..., d], 1, 2)[selected].T
 
 
 def _counted(flags: Flags) -> str:
@@ -204,30 +221,31 @@ def _counted(flags: Flags) -> str:
     return f"{n} of {flags.size} walkers ({where}) {'is' if n == 1 else 'are'}"
 
 
-def _where(kept: Kept, ensemble: int, walker: int, sound: Flags) -> str:
+def _where(chain: PostBurnInChain, ensemble: int, walker: int, sound: Flags) -> str:
     """The unknown in which this walker is farthest from the sound ones, in their spreads."""
-    others = _series(kept.theta, sound)
-    mean, centre = kept.theta[ensemble, :, walker].mean(axis=0), others.mean(axis=0)
+    others = _series(chain.theta, sound)
+    mean, centre = chain.theta[ensemble, :, walker].mean(axis=0), others.mean(axis=0)
     sd = others.std(axis=0)
     d = int(np.argmax(np.abs(mean - centre) / np.where(sd > 0, sd, 1.0)))
     return (
-        f"walker {walker} of ensemble {ensemble}, at {kept.names[d]} {mean[d]:.4g} where the others "
+        f"walker {walker} of ensemble {ensemble}, at {chain.names[d]} {mean[d]:.4g} where the others "
         f"have {centre[d]:.4g} +- {sd[d]:.2g} in SI"
     )
 
 
 BURN_IN_TAUS = 5  # steps dropped, in autocorrelation times
-AMPLY = 1.2  # so many times the steps that seem to be needed, since tau is not known well ...
-LEAST_GROWTH, MOST_GROWTH = 1.25, 1.5  # ... but not more often or less
-WINDOW = 5.0  # Sokal's window for the autocorrelation time
-PATIENCE = 1000  # steps before which no run is called futile
-GROWING = 1.3  # twice the steps of a sound chain are twice as many autocorrelation times
-LEAST_KEPT = 50  # steps, below which nothing can be told of single walkers
+# so many times the steps that seem to be needed, since tau is not known well ...
+STEPS_MARGIN = 1.2
+MIN_CHECK_GROWTH, MAX_CHECK_GROWTH = 1.25, 1.5  # ... but not more often or less
+SOKAL_WINDOW = 5.0  # Sokal's window for the autocorrelation time
+MIN_STEPS_TO_STOP = 1000  # steps before which no run is called futile
+MIN_N_TAU_GROWTH = 1.3  # twice the steps of a sound chain are twice as many autocorrelation times
+MIN_STEPS_FOR_WALKERS = 50  # steps, below which nothing can be told of single walkers
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Targets:
-    """When to stop: every R-hat <= r_hat, N/tau >= n_tau, every bulk ESS >= ess."""
+    """Targets at which sampling stops: every R-hat, N/tau and bulk ESS must meet its own."""
 
     r_hat: float
     n_tau: float
@@ -236,11 +254,14 @@ class Targets:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Convergence:
-    """`steps` per ensemble, of which `burn_in` are dropped and every `thin`-th is kept.
+    """What the ensembles say of each other, and which of their steps are kept.
+
+    `steps` per ensemble, of which `burn_in` are dropped and every `thin`-th is kept.
 
     `tau`, `r_hat`, `ess_bulk`, `ess_tail` are `(D,)`; `reasons` says in words why the result must
     not be believed; `burn_in_rule` how `burn_in` was chosen.  `slowest`: the unknown of the longest
-    `tau`; `enough`: how many steps would do, where nothing but length is missing, and None elsewhere.
+    `tau`; `enough`: how many steps would do, where nothing but length is missing, and None
+    elsewhere.
     """
 
     steps: int
@@ -258,14 +279,19 @@ class Convergence:
 
     @property
     def converged(self) -> bool:
+        """Whether nothing speaks against the result."""
         return not self.reasons
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Length:
-    """Of a chain in autocorrelation times: `n_tau` of the longest of `tau (D,)`, after `burn_in` steps.
+class ChainLength:
+    """The length of a chain in autocorrelation times.
 
-    `early`: the longest of the second half, by which `burn_in` is chosen; `wanted`: what it should be.
+    Of a chain in autocorrelation times: `n_tau` of the longest of `tau (D,)`, after `burn_in`
+    steps.
+
+    `early`: the longest of the second half, by which `burn_in` is chosen; `wanted`: what it should
+    be.
     """
 
     burn_in: int
@@ -275,20 +301,20 @@ class Length:
     n_tau: float
 
     def next_check(self, steps: int, n_tau: float) -> int:
-        """After how many steps to look again: when the chain is likely to be as long as it should be."""
-        foreseen = AMPLY * (BURN_IN_TAUS + n_tau) * float(self.tau.max())
-        return math.ceil(min(max(foreseen, LEAST_GROWTH * steps), MOST_GROWTH * steps))
+        """Return after how many steps to look again: when the chain is likely to be long enough."""
+        foreseen = STEPS_MARGIN * (BURN_IN_TAUS + n_tau) * float(self.tau.max())
+        return math.ceil(min(max(foreseen, MIN_CHECK_GROWTH * steps), MAX_CHECK_GROWTH * steps))
 
 
-def length(theta: Array) -> Length:
-    """Of physical chains `(E, S, W, D)`."""
+def chain_length(theta: Array) -> ChainLength:
+    """Measure the length of physical chains `(E, S, W, D)` in autocorrelation times."""
     half = theta.shape[1] // 2
     early = float(autocorrelation_time(theta[:, half:]).max())
     wanted = math.ceil(BURN_IN_TAUS * early)
     burn_in = min(wanted, half)
     tau = autocorrelation_time(theta[:, burn_in:])
     n_tau = (theta.shape[1] - burn_in) / float(tau.max())
-    return Length(burn_in=burn_in, wanted=wanted, early=early, tau=tau, n_tau=n_tau)
+    return ChainLength(burn_in=burn_in, wanted=wanted, early=early, tau=tau, n_tau=n_tau)
 
 
 def assess(
@@ -296,46 +322,48 @@ def assess(
     names: tuple[str, ...],
     targets: Targets,
     log_p: Array | None = None,
-    found: Length | None = None,
+    measured: ChainLength | None = None,
 ) -> Convergence:
     """Judge physical chains `(E, S, W, D)`.
 
     `log_p (E, S, W)` finds walkers that are far from the rest; without it they are not looked for.
-    `found`: their length, where it has been measured already.
+    `measured`: their length, where it has been measured already.
     """
     from arviz_stats.base import array_stats  # late: it takes half a second to load
 
     n_steps = theta.shape[1]
-    found = found or length(theta)
-    burn_in, tau, n_tau = found.burn_in, found.tau, found.n_tau
-    capped = found.wanted > burn_in
-    kept = theta[:, burn_in:]
-    thin = max(1, min(math.ceil(float(tau.max())), kept.shape[1] // 4))
+    measured = measured or chain_length(theta)
+    burn_in, tau, n_tau = measured.burn_in, measured.tau, measured.n_tau
+    capped = measured.wanted > burn_in
+    post_burn_in = theta[:, burn_in:]
+    thin = max(1, min(math.ceil(float(tau.max())), post_burn_in.shape[1] // 4))
     draws = thinned(theta, burn_in, thin)
     r_hat = _each(array_stats.rhat, draws, method="rank")
     # ArviZ takes draws for a series in which walkers take turns, and so cannot see that a walker
     # still remembers where it was at its last draw.
-    still = draws.shape[0] * draws.shape[1] / autocorrelation_time(kept[:, ::thin])
+    still = draws.shape[0] * draws.shape[1] / autocorrelation_time(post_burn_in[:, ::thin])
     ess_bulk = np.minimum(_each(array_stats.ess, draws, method="bulk"), still)
     ess_tail = np.minimum(_each(array_stats.ess, draws, method="tail", prob=0.9), still)
-    apart = not (r_hat <= targets.r_hat).all()
+    disagreeing = not (r_hat <= targets.r_hat).all()
     missing = list(_reasons(names, targets, tau, r_hat, ess_bulk, n_tau))
     named: tuple[str, ...] = ()
-    if kept.shape[1] >= LEAST_KEPT:
-        density = np.zeros(kept.shape[:-1]) if log_p is None else log_p[:, burn_in:]
-        seen = Kept(theta=kept, log_p=density, names=names, tau=tau, n_tau=targets.n_tau)
-        named = suspicions(seen)
+    if post_burn_in.shape[1] >= MIN_STEPS_FOR_WALKERS:
+        density = np.zeros(post_burn_in.shape[:-1]) if log_p is None else log_p[:, burn_in:]
+        chain = PostBurnInChain(
+            theta=post_burn_in, log_p=density, names=names, tau=tau, n_tau=targets.n_tau
+        )
+        named = walker_troubles(chain)
     if capped and not named:
         missing.append(
             f"the run is too short to judge its burn-in: {BURN_IN_TAUS} autocorrelation times are "
-            f"{found.wanted} steps, half of the run is {burn_in}"
+            f"{measured.wanted} steps, half of the run is {burn_in}"
         )
     return Convergence(
         steps=n_steps,
         burn_in=burn_in,
         burn_in_rule=f"half of the run, too short for {BURN_IN_TAUS} autocorrelation times"
         if capped
-        else f"{BURN_IN_TAUS} autocorrelation times of {found.early:.1f} steps",
+        else f"{BURN_IN_TAUS} autocorrelation times of {measured.early:.1f} steps",
         thin=thin,
         tau=tau,
         r_hat=r_hat,
@@ -344,33 +372,34 @@ def assess(
         n_tau=n_tau,
         reasons=(*named, *missing),
         slowest=names[int(np.argmax(tau))],
-        enough=None if named or apart else _enough(n_steps, targets, n_tau, ess_bulk),
+        enough=None if named or disagreeing else _steps_needed(n_steps, targets, n_tau, ess_bulk),
     )
 
 
-def _enough(steps: int, targets: Targets, n_tau: float, ess: Array) -> int | None:
+def _steps_needed(steps: int, targets: Targets, n_tau: float, ess: Array) -> int | None:
     """By proportion, with something to spare; None where nothing is missing."""
     short = max(targets.n_tau / n_tau, targets.ess / float(ess.min()))
-    return math.ceil(AMPLY * short * steps) if short > 1 else None
+    return math.ceil(STEPS_MARGIN * short * steps) if short > 1 else None
 
 
 def thinned(chains: Array, burn_in: int, thin: int) -> Array:
-    """`(E, S, W, ...)` to nearly independent draws `(E, draws, ...)`, in order of time."""
-    kept = chains[:, burn_in::thin]
-    return np.ascontiguousarray(kept.reshape(kept.shape[0], -1, *kept.shape[3:]))
+    """Thin `(E, S, W, ...)` to nearly independent draws `(E, draws, ...)`, in order of time."""
+    steps = chains[:, burn_in::thin]
+    return np.ascontiguousarray(steps.reshape(steps.shape[0], -1, *steps.shape[3:]))
 
 
-def futile(trail: Sequence[tuple[int, float]], wanted: float, allowed: int, most: int) -> str:
-    """Why more steps would not help, or nothing.
+def futility(trail: Sequence[tuple[int, float]], wanted: float, allowed: int, most: int) -> str:
+    """Return why more steps would not help, or an empty text.
 
     `trail`: (steps, how many autocorrelation times long) at each check, of which `wanted` are
-    wanted.  `allowed`: sampler.max_steps; `most`: that, or fewer where the chain would be too large.
+    wanted.  `allowed`: sampler.max_steps; `most`: that, or fewer where the chain would be too
+    large.
     """
     steps, n_tau = trail[-1]
-    if steps < PATIENCE or n_tau >= wanted:
+    if steps < MIN_STEPS_TO_STOP or n_tau >= wanted:
         return ""
     earlier = [(n, count) for n, count in trail if n <= steps / 2]
-    if earlier and n_tau < GROWING * earlier[-1][1]:
+    if earlier and n_tau < MIN_N_TAU_GROWTH * earlier[-1][1]:
         n, count = earlier[-1]
         return (
             f"stopped early: tau grows with the chain, {n / count:.0f} steps after {n} and "
@@ -391,7 +420,10 @@ def futile(trail: Sequence[tuple[int, float]], wanted: float, allowed: int, most
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Autocorrelation:
-    """`rho (S, D)` by lag in steps; its sum up to the lag `window (D,)` gives `tau (D,)`, at least 1."""
+    """Autocorrelation of chains, and its integral in Sokal's window.
+
+    `rho (S, D)` by lag in steps; its sum up to the lag `window (D,)` gives `tau (D,)`, at least 1.
+    """
 
     rho: Array
     tau: Array
@@ -399,8 +431,9 @@ class Autocorrelation:
 
 
 def autocorrelation(chains: Array) -> Autocorrelation:
-    """Of `(E, S, W, D)`, averaged over walkers and ensembles, then summed in Sokal's window
-    (Goodman and Weare 2010, as emcee does per ensemble).
+    """Compute the autocorrelation of `(E, S, W, D)`, averaged over walkers and ensembles.
+
+    It is summed in Sokal's window (Goodman and Weare 2010), as emcee does per ensemble.
     """
     n_steps = chains.shape[1]
     total: Array = np.zeros((n_steps, chains.shape[-1]))
@@ -416,14 +449,14 @@ def autocorrelation(chains: Array) -> Autocorrelation:
     with np.errstate(invalid="ignore", divide="ignore"):
         rho = np.nan_to_num(total / total[0], nan=1.0)
     tau = 2.0 * np.cumsum(rho, axis=0) - 1.0
-    inside = np.arange(n_steps)[:, None] < WINDOW * tau
+    inside = np.arange(n_steps)[:, None] < SOKAL_WINDOW * tau
     window = np.where(inside.all(axis=0), n_steps - 1, np.argmin(inside, axis=0))
-    found = np.maximum(tau[window, np.arange(tau.shape[1])], 1.0)
-    return Autocorrelation(rho=rho, tau=np.asarray(found), window=window)
+    tau_in_window = np.maximum(tau[window, np.arange(tau.shape[1])], 1.0)
+    return Autocorrelation(rho=rho, tau=np.asarray(tau_in_window), window=window)
 
 
 def autocorrelation_time(chains: Array) -> Array:
-    """Integrated, in steps: `(E, S, W, D) -> (D,)`."""
+    """Return the integrated autocorrelation time in steps, `(E, S, W, D) -> (D,)`."""
     return autocorrelation(chains).tau
 
 

@@ -1,7 +1,10 @@
-"""The evidence Z of a posterior: the integral of likelihood times prior, by bridge sampling.
+"""Estimate the evidence Z of a posterior by bridge sampling.
+
+It is the integral of likelihood times prior.
 
 The proposal that ensembles draw from is a normalised density q near the posterior, so that draws of
-both, each weighed with both densities, give Z with hardly any further response (Meng and Wong 1996).
+both, each weighed with both densities, give Z with hardly any further response (Meng and Wong
+1996).
 """
 
 from __future__ import annotations
@@ -14,24 +17,27 @@ import numpy as np
 from bayesdrill.basics import seeds
 from bayesdrill.basics.arrays import Array
 from bayesdrill.inference.posterior import Posterior
-from bayesdrill.sampling.proposal.ridge_tracing import bound
+from bayesdrill.sampling.proposal.ridge_tracing import bind_to_posterior
 from bayesdrill.sampling.samplers.independence import Inside, Mixture, Proposal, Random
 
-DRAWS = 40_000  # of the chain at most, and as many of the proposal inside the prior
-SETTLED_DRAWS = 4000  # of each, where a draw costs some hundred responses
-MOST_TRIED = 50  # times as many at most, where hardly any is inside the prior
-AT_ONCE = 4000  # draws
-CHANCE = 3.0  # standard errors that two estimates of the evidence may be apart
-MOST = 500.0  # of a log of p over q, over the usual: the rest makes no difference
-ROUNDS, CLOSE = 1000, 1e-10  # of the equation whose solution the evidence is
+MAX_DRAWS = 40_000  # of the chain at most, and as many of the proposal inside the prior
+MAX_NEWTON_DRAWS = 4000  # of each, where a draw costs some hundred responses
+MAX_TRIES_PER_DRAW = 50  # times as many at most, where hardly any is inside the prior
+BATCH_DRAWS = 4000  # draws
+MAX_DISAGREEMENT = 3.0  # standard errors that two estimates of the evidence may be apart
+MAX_LOG_RATIO = 500.0  # of a log of p over q, over the usual: the rest makes no difference
+MAX_ITERATIONS, RELATIVE_TOLERANCE = 1000, 1e-10  # of the equation whose solution the evidence is
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Evidence:
-    """`log_z`: of densities that are all normalised, the record's in SI; `error`: its standard error.
+    """The log evidence of a posterior, with its standard error.
 
-    `overlap`: the share of what posterior and proposal have in common, from 0 to 1.  `steps`: what finer
-    steps of a rig that is stepped have added to `log_z`, and `steps_error` what they have to `error`.
+    `log_z`: of densities that are all normalised, the record's in SI; `error`: its standard error.
+
+    `overlap`: the share of what posterior and proposal have in common, from 0 to 1.  `steps`: what
+    finer steps of a rig that is stepped have added to `log_z`, and `steps_error` what they have to
+    `error`.
     """
 
     log_z: float
@@ -41,7 +47,7 @@ class Evidence:
     steps_error: float = 0.0
 
     def in_finer_steps(self, added: float, error: float) -> Evidence:
-        """With what these add, and the standard error of that."""
+        """Return a copy with what finer steps add, and the standard error of that."""
         log_z, both = self.log_z + added, math.hypot(self.error, error)
         return replace(self, log_z=log_z, error=both, steps=added, steps_error=error)
 
@@ -49,91 +55,99 @@ class Evidence:
 def evidence(
     posterior: Posterior, proposal: Proposal, z: Array, log_p: Array, seed: int
 ) -> Evidence | None:
-    """From steps of ensembles `z (E, S, W, D)`, and the log density there `(E, S, W)`.
+    """Estimate the evidence from steps of ensembles and draws of the proposal.
 
-    Draws from a stream of its own, so that no chain depends on it.  None where posterior and proposal
-    have nothing in common that was seen.
+    From steps of ensembles `z (E, S, W, D)`, and the log density there `(E, S, W)`.
+
+    Draws from a stream of its own, so that no chain depends on it.  None where posterior and
+    proposal have nothing in common that was seen.
     """
     random = Random(seeds.bits(seed, "evidence"))
-    if proposal.settled is None:
-        every: tuple[Mixture, ...] = (proposal.mixture,)
-        inside, most = proposal.share, DRAWS
+    if proposal.newton is None:
+        mixtures: tuple[Mixture, ...] = (proposal.mixture,)
+        inside, most = proposal.share, MAX_DRAWS
     else:
-        own = bound(proposal, posterior).widest
-        every, most = (proposal.mixture, own.mixture), SETTLED_DRAWS
-        inside = 0.5 * (proposal.share + own.share)
-    apart = max(1, -(-log_p.size // most))
-    kept, there = z[:, ::apart], log_p[:, ::apart]
-    log_q = log_density(every, kept.reshape(-1, z.shape[-1]))
+        widest = bind_to_posterior(proposal, posterior).widest
+        mixtures, most = (proposal.mixture, widest.mixture), MAX_NEWTON_DRAWS
+        inside = 0.5 * (proposal.share + widest.share)
+    thin = max(1, -(-log_p.size // most))
+    thinned, there = z[:, ::thin], log_p[:, ::thin]
+    log_q = log_density(mixtures, thinned.reshape(-1, z.shape[-1]))
     on_chain = there - log_q.reshape(there.shape)
-    tried = math.ceil(min(there.size / inside, MOST_TRIED * there.size))
-    drawn = _draw(posterior, posterior.supports, every, tried, random)
+    tried = math.ceil(min(there.size / inside, MAX_TRIES_PER_DRAW * there.size))
+    drawn = _draw(posterior, posterior.supports, mixtures, tried, random)
     return bridge(on_chain, drawn, tried)
 
 
-def log_density(every: tuple[Mixture, ...], u: Array) -> Array:
-    """Of mixtures in equal shares, at `u (N, D)`: `(N,)`."""
+def log_density(mixtures: tuple[Mixture, ...], u: Array) -> Array:
+    """Return the log density of mixtures in equal shares at `u (N, D)`: `(N,)`."""
     parts = []
-    for begin in range(0, len(u), AT_ONCE):
-        some = u[begin : begin + AT_ONCE]
-        each = [one.log_density(some) for one in every]
-        parts.append(np.logaddexp.reduce(each, axis=0) - math.log(len(every)))
+    for begin in range(0, len(u), BATCH_DRAWS):
+        some = u[begin : begin + BATCH_DRAWS]
+        each = [mixture.log_density(some) for mixture in mixtures]
+        parts.append(np.logaddexp.reduce(each, axis=0) - math.log(len(mixtures)))
     return np.concatenate(parts)
 
 
 def _draw(
-    posterior: Posterior, inside: Inside, every: tuple[Mixture, ...], n: int, random: Random
+    posterior: Posterior, inside: Inside, mixtures: tuple[Mixture, ...], n: int, random: Random
 ) -> Array:
     """Logs of p over q at those of `n` draws that are inside the prior; elsewhere p is zero."""
-    found = []
-    for begin in range(0, n, AT_ONCE):
-        count = min(AT_ONCE, n - begin)
-        shares = random.multinomial(count, [1.0 / len(every)] * len(every))
+    log_ratios = []
+    for begin in range(0, n, BATCH_DRAWS):
+        count = min(BATCH_DRAWS, n - begin)
+        shares = random.multinomial(count, [1.0 / len(mixtures)] * len(mixtures))
         u = np.concatenate(
-            [one.draw(int(k), random).u for one, k in zip(every, shares, strict=True)]
+            [mixture.draw(int(k), random).u for mixture, k in zip(mixtures, shares, strict=True)]
         )
         u = u[inside(u)]
         if len(u) > 0:
-            found.append(posterior(u) - log_density(every, u))
-    return np.concatenate(found) if found else np.empty(0)
+            log_ratios.append(posterior(u) - log_density(mixtures, u))
+    return np.concatenate(log_ratios) if log_ratios else np.empty(0)
 
 
 def bridge(on_chain: Array, drawn: Array, tried: int) -> Evidence | None:
-    """From logs of p over q: at steps `(E, S, W)` of walkers over p, and at those of the `tried` draws
+    """Solve the bridge equation for the evidence (Meng and Wong 1996).
+
+    From logs of p over q: at steps `(E, S, W)` of walkers over p, and at those of the `tried` draws
     of q where p is not zero.
 
-    With shares s, t of the two kinds of draws and w = p / q, Z solves
-    Z = E_q[w / (s w + t Z)] / E_p[1 / (s w + t Z)]: means of what is bounded, whatever the weights.
+    With shares s, t of the two kinds of draws and w = p / q, Z solves Z = E_q[w / (s w + t Z)] /
+    E_p[1 / (s w + t Z)]: means of what is bounded, whatever the weights.
     """
     drawn = drawn[np.isfinite(drawn)]
     if len(drawn) == 0:
         return None
-    usual = float(np.median(on_chain))
-    p, q = (np.exp(np.clip(x - usual, -MOST, MOST)) for x in (on_chain, drawn))
+    median = float(np.median(on_chain))
+    p, q = (np.exp(np.clip(x - median, -MAX_LOG_RATIO, MAX_LOG_RATIO)) for x in (on_chain, drawn))
     s = on_chain.size / (on_chain.size + tried)
     t = 1.0 - s
     z, before = 1.0, 0.0
-    for _ in range(ROUNDS):
+    for _ in range(MAX_ITERATIONS):
         of_q, of_p = q / (s * q + t * z), 1.0 / (s * p + t * z)
         before, z = z, float(of_q.sum() / tried / of_p.mean())
-        if abs(z - before) < CLOSE * z:
+        if abs(z - before) < RELATIVE_TOLERANCE * z:
             break
     # What a walker remembers from step to step stays within its own mean.
     walkers = of_p.mean(axis=1).ravel()
     mean_q = float(of_q.sum() / tried)
     spread_q = float((of_q**2).sum() / tried) / mean_q**2 - 1.0
     spread_p = float(walkers.var(ddof=1) / walkers.mean() ** 2)
-    error = math.hypot(math.sqrt(spread_q / tried + spread_p / len(walkers)), _apart(q, tried, z))
-    return Evidence(log_z=usual + math.log(z), error=error, overlap=min(mean_q, 1.0))
+    error = math.hypot(
+        math.sqrt(spread_q / tried + spread_p / len(walkers)), _disagreement(q, tried, z)
+    )
+    return Evidence(log_z=median + math.log(z), error=error, overlap=min(mean_q, 1.0))
 
 
-def _apart(w: Array, tried: int, z: float) -> float:
-    """How far the log of `z` is from what draws of q say by themselves, by their weights `w`; 0 where
-    that is chance.  Walkers that do not pass between maxima hold shares that are not the posterior's.
+def _disagreement(w: Array, tried: int, z: float) -> float:
+    """Return how far the log of `z` is from what draws of q say by themselves.
+
+    `w`: their weights; 0 where that is chance. Walkers that do not pass between maxima hold shares
+    that are not the posterior's.
     """
     largest = float(w.max())  # squares of weights far from the chain's are too small for numbers
     shares = w / largest
     alone = math.log(largest) + math.log(float(shares.sum()) / tried)
     chance = math.sqrt(max(0.0, float((shares**2).sum() / shares.sum() ** 2) - 1.0 / tried))
     far = abs(math.log(z) - alone)
-    return far if far > CHANCE * chance else 0.0
+    return far if far > MAX_DISAGREEMENT * chance else 0.0

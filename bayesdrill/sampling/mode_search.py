@@ -1,7 +1,7 @@
-"""The maximum of the posterior (MAP): several searches, whether they agree, and other maxima.
+"""Search the maximum of the posterior (MAP), and other maxima.
 
-Nelder and Mead find the way; damped Gauss-Newton with exact slopes goes the rest of it.  Plain draws
-from the prior are sent up the same way, and unknowns whose poles the samples cannot tell from
+Nelder and Mead find the way; damped Gauss-Newton with exact slopes goes the rest of it.  Plain
+draws from the prior are sent up the same way, and unknowns whose poles the samples cannot tell from
 those of the MAP: a maximum that no search has looked for is not found by many searches for another.
 """
 
@@ -18,25 +18,28 @@ from bayesdrill.inference.laplace import PosteriorSurface, Surface
 from bayesdrill.inference.posterior import Posterior
 from bayesdrill.inference.step_error import Taken
 from bayesdrill.sampling import multiple_modes
-from bayesdrill.sampling.gauss_newton import Climbed, climb, gain_left
+from bayesdrill.sampling.gauss_newton import GaussNewtonResult, gauss_newton, newton_gain
 from bayesdrill.sampling.optimisers.contract import Optimiser, Optimum, Task
 
 SAME_LOG_DENSITY = 1e-3  # searches that end nearer than this have found the same height
-ROUNDING = 1e-12  # of the log posterior: nor can two searches agree better than its own digits
-SAME_PLACE = 0.01  # ... and the same place, when no unknown differs by more than 1 %
-CANDIDATES = 4096  # prior draws of which a search starts at the best
-SCOUTS = 24  # plain draws from the prior that are sent uphill without a simplex
-LOWEST = -1e300  # log density of a search that has led nowhere
-MOST = 64  # maxima that are kept, those that hold most
-NOTHING = 1e-5  # of the posterior: maxima that hold no more together are none
-MOST_LEFT_OUT = 0.02  # of the posterior: with more it is not believed
-ROUNDS, MOST_CENTRES = 2, 8  # of looking for maxima around others, and around how many at a time
-POLISH, EXACT = 40, 8  # steps of Gauss and Newton, and of Newton, at the end of a search
+# of the log posterior: nor can two searches agree better than its own digits
+RELATIVE_ROUNDING = 1e-12
+SAME_POINT = 0.01  # ... and the same place, when no unknown differs by more than 1 %
+CANDIDATES_PER_START = 4096  # prior draws of which a search starts at the best
+MULTI_STARTS = 24  # plain draws from the prior that are sent uphill without a simplex
+LOWEST_LOG_DENSITY = -1e300  # log density of a search that has led nowhere
+MAX_MAXIMA = 64  # maxima that are kept, those that hold most
+NEGLIGIBLE_MASS = 1e-5  # of the posterior: maxima that hold no more together are none
+MAX_MISSED_MASS = 0.02  # of the posterior: with more it is not believed
+# of looking for maxima around others, and around how many at a time
+SEARCH_ROUNDS, MAX_CENTRES = 2, 8
+# steps of Gauss and Newton, and of Newton, at the end of a search
+POLISH_STEPS, NEWTON_STEPS = 40, 8
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Search:
-    """One search: where it began and ended (physical), and how."""
+    """A search for the maximum: where it began and ended (physical), and how."""
 
     start: Mapping[str, float]
     end: Mapping[str, float]
@@ -46,7 +49,7 @@ class Search:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Other:
+class LocalMaximum:
     """Another maximum, which no ridge joins to the highest."""
 
     values: Mapping[str, float]
@@ -71,15 +74,15 @@ class Mode:
     gain: float
     at_bound: tuple[str, ...]
     searches: tuple[Search, ...]
-    others: tuple[Other, ...] = ()
+    others: tuple[LocalMaximum, ...] = ()
     steps: Mapping[str, float] = field(default_factory=dict)
     pieces: Mapping[str, Taken] = field(default_factory=dict)
     left_out: float = 0.0
 
     @property
     def doubts(self) -> tuple[str, ...]:
-        """Why a posterior about these maxima must not be believed."""
-        if self.left_out < MOST_LEFT_OUT:
+        """Reasons why a posterior about these maxima must not be believed."""
+        if self.left_out < MAX_MISSED_MASS:
             return ()
         return (
             f"the search for maxima stopped at {len(self.maxima)} of them: others, which the record "
@@ -88,14 +91,14 @@ class Mode:
         )
 
     @property
-    def maxima(self) -> tuple[Other, ...]:
-        """All of them, the highest first."""
-        return (Other(values=self.values, log_posterior=self.log_posterior), *self.others)
+    def maxima(self) -> tuple[LocalMaximum, ...]:
+        """All maxima, the highest first."""
+        return (LocalMaximum(values=self.values, log_posterior=self.log_posterior), *self.others)
 
     @property
     def tolerance(self) -> float:
         """How much two heights may differ and still be the same."""
-        return max(SAME_LOG_DENSITY, ROUNDING * abs(self.log_posterior))
+        return max(SAME_LOG_DENSITY, RELATIVE_ROUNDING * abs(self.log_posterior))
 
     @property
     def highest(self) -> tuple[Search, ...]:
@@ -105,6 +108,7 @@ class Mode:
 
     @property
     def same_height(self) -> int:
+        """The number of searches that reached the height of the best."""
         return len(self.highest)
 
     @property
@@ -125,26 +129,28 @@ class Mode:
             for other in self.others
         )
 
-    def _differ(self, name: str, one: float, other: float) -> bool:
-        return abs(one - other) > SAME_PLACE * self.steps.get(name, abs(other))
+    def _differ(self, name: str, value: float, other: float) -> bool:
+        return abs(value - other) > SAME_POINT * self.steps.get(name, abs(other))
 
 
 def starts(posterior: Posterior, n: int, rng: np.random.Generator) -> Array:
-    """`(n, D)` physical: the configured start, or that of inverse dynamics where it is better, then the
-    best of some prior draws each.
+    """Return physical starts of searches, `(n, D)`.
+
+    The first is the configured start, or that of inverse dynamics where it is better. Each other is
+    the best of some prior draws.
     """
     first = inverse_dynamics.regression_start(posterior)
     if first is None:
         first = posterior.space.vector(posterior.space.start)
-    rest = []
+    others = []
     for _ in range(n - 1):
-        candidates = posterior.space.draw(CANDIDATES, rng)
-        rest.append(candidates[int(np.argmax(posterior.density(candidates)))])
-    return np.array([first, *rest])
+        candidates = posterior.space.draw(CANDIDATES_PER_START, rng)
+        others.append(candidates[int(np.argmax(posterior.density(candidates)))])
+    return np.array([first, *others])
 
 
 def task(posterior: Posterior) -> Task:
-    """The posterior density."""
+    """Pose the posterior density as an optimiser's task."""
     return Task(
         names=posterior.space.free,
         density=posterior.density,
@@ -156,13 +162,17 @@ def task(posterior: Posterior) -> Task:
 def searches(
     posterior: Posterior, optimiser: Optimiser, evaluations: int, starts: Array
 ) -> list[Search]:
-    """A search from each of the physical `starts (S, D)`; polished, it ends at the very maximum."""
-    found = optimiser(task(posterior), starts, evaluations)
-    return [_ended(posterior, optimiser, *pair) for pair in zip(starts, found, strict=True)]
+    """Search from each of the physical `starts (S, D)`; polished, it ends at the very maximum."""
+    optima = optimiser(task(posterior), starts, evaluations)
+    return [
+        _finished_search(posterior, optimiser, *pair) for pair in zip(starts, optima, strict=True)
+    ]
 
 
-def _ended(posterior: Posterior, optimiser: Optimiser, start: Array, found: Optimum) -> Search:
-    theta, value, settled = found.theta, found.value, found.settled
+def _finished_search(
+    posterior: Posterior, optimiser: Optimiser, start: Array, optimum: Optimum
+) -> Search:
+    theta, value, settled = optimum.theta, optimum.value, optimum.settled
     if optimiser.polished:
         surface = PosteriorSurface(posterior, physical=True)
         # A simplex may go on for ever towards an end that has none.
@@ -170,26 +180,26 @@ def _ended(posterior: Posterior, optimiser: Optimiser, start: Array, found: Opti
         value = float(surface.value(u)[0])
         top = _polished(surface, u)
         if top.value[0] > value:
-            u, value, settled = top.u, float(top.value[0]), bool(top.arrived[0])
+            u, value, settled = top.u, float(top.value[0]), bool(top.converged[0])
         theta = posterior.coordinates.to_physical(u)[0]
     return Search(
         start=_named(posterior, start),
         end=_named(posterior, theta),
         log_posterior=value,
-        evaluations=found.evaluations,
+        evaluations=optimum.evaluations,
         settled=settled,
     )
 
 
 def search(posterior: Posterior, optimiser: Optimiser, evaluations: int, start: Array) -> Search:
-    """One search from the physical point `start (D,)`."""
+    """Search from the physical point `start (D,)`."""
     return searches(posterior, optimiser, evaluations, start[None])[0]
 
 
-def scouts(posterior: Posterior, starts: Array) -> tuple[Array, Array]:
-    """Where physical `starts (n, D)` lead, `(m, D)`, and how high `(m,)`; without a simplex."""
+def multi_start(posterior: Posterior, starts: Array) -> tuple[Array, Array]:
+    """Climb from physical `starts (n, D)`: the ends `(m, D)` and their log densities `(m,)`."""
     surface = PosteriorSurface(posterior, physical=True)
-    u, value = multiple_modes.scout(surface, posterior.coordinates.from_physical(starts))
+    u, value = multiple_modes.best_ends(surface, posterior.coordinates.from_physical(starts))
     return posterior.coordinates.to_physical(u), value
 
 
@@ -198,21 +208,24 @@ def summarise(
     searches: tuple[Search, ...],
     scouted: Sequence[tuple[Array, Array]] = (),
 ) -> Mode:
-    """`scouted`: further points that were reached, physical `(n, D)`, and their log densities `(n,)`."""
+    """Sum up all searches: the highest maximum, and the others.
+
+    `scouted`: further points that were reached, physical `(n, D)`, and their log densities `(n,)`.
+    """
     scouted = [some for some in scouted if len(some[0])]
     if steps := step_error.taken(posterior):
-        best = max(searches, key=lambda one: one.log_posterior)
+        best = max(searches, key=lambda search: search.log_posterior)
         posterior = step_error.chosen(posterior, posterior.space.vector(best.end))
         # Heights are compared, and were those of other steps.
         if step_error.taken(posterior) != steps:
-            searches = tuple(_anew(posterior, one) for one in searches)
+            searches = tuple(_polished_again(posterior, search) for search in searches)
             scouted = [(theta, posterior.density(theta)) for theta, _ in scouted]
     surface = PosteriorSurface(posterior, physical=True)
     to, back = posterior.coordinates.from_physical, posterior.coordinates.to_physical
     searched = np.array([posterior.space.vector(s.end) for s in searches])
     points = np.concatenate([to(theta) for theta in (searched, *(some[0] for some in scouted))])
     values = np.concatenate([[s.log_posterior for s in searches], *(some[1] for some in scouted)])
-    ends, heights, left_out = _looked_around(surface, *_tops(surface, points, values))
+    ends, heights, left_out = _search_around(surface, *_distinct_maxima(surface, points, values))
     theta = back(ends)
     here = surface.expand(ends[:1], np.eye(ends.shape[1]))
     conditional = np.sqrt(np.maximum(np.einsum("wdd->wd", here.curvature)[0], 1e-300))
@@ -226,88 +239,97 @@ def summarise(
         values=_named(posterior, theta[0]),
         log_posterior=float(heights[0]),
         slope=_named(posterior, inward / conditional),
-        gain=float(gain_left(surface, ends[:1], here)[0]),
+        gain=float(newton_gain(surface, ends[:1], here)[0]),
         at_bound=_at_bound(posterior, _named(posterior, theta[0])),
         searches=searches,
         others=tuple(
-            Other(values=_named(posterior, at), log_posterior=float(height))
+            LocalMaximum(values=_named(posterior, at), log_posterior=float(height))
             for at, height in zip(theta[1:], heights[1:], strict=True)
         ),
-        steps={one.name: one.scale for one in posterior.space.unknowns if one.signed},
+        steps={
+            unknown.name: unknown.scale for unknown in posterior.space.unknowns if unknown.signed
+        },
         pieces=step_error.taken(posterior),
         left_out=left_out,
     )
 
 
-def _tops(surface: Surface, points: Array, values: Array, known: int = 0) -> tuple[Array, Array]:
+def _distinct_maxima(
+    surface: Surface, points: Array, values: Array, known: int = 0
+) -> tuple[Array, Array]:
     """The very maxima `(M, D)` that `points (n, D)` lead to, and their heights, the highest first.
 
     Of the first `known` points it is known that they are maxima.
     """
-    chosen = multiple_modes.apart(surface, points, values, known)
-    fresh = [k for k in chosen if k >= known]
+    distinct = multiple_modes.distinct_modes(surface, points, values, known)
+    fresh = [k for k in distinct if k >= known]
     ends, heights = points.copy(), values.copy()
-    top = climb(surface, points[fresh], POLISH, exact=True)
+    top = gauss_newton(surface, points[fresh], POLISH_STEPS, exact=True)
     better = top.value > values[fresh]
     ends[fresh] = np.where(better[:, None], top.u, points[fresh])
     heights[fresh] = np.where(better, top.value, values[fresh])
-    ends, heights = ends[sorted(chosen)], heights[sorted(chosen)]
-    known = len(chosen) - len(fresh)
-    order = multiple_modes.apart(surface, ends, heights, known)  # two may have ended at one place
+    ends, heights = ends[sorted(distinct)], heights[sorted(distinct)]
+    known = len(distinct) - len(fresh)
+    order = multiple_modes.distinct_modes(
+        surface, ends, heights, known
+    )  # two may have ended at one place
     return ends[order], heights[order]
 
 
-def _looked_around(
+def _search_around(
     surface: PosteriorSurface, ends: Array, heights: Array
 ) -> tuple[Array, Array, float]:
-    """Maxima `ends (M, D)` and those that are found from them, and so on; and how much of the posterior
-    is left out.
+    """Search around maxima `ends (M, D)`, and around those that are reached from them.
+
+    Also returns how much of the posterior is left out.
     """
-    seen, left_out = np.empty((0, ends.shape[1])), 0.0
-    for _ in range(ROUNDS):
-        fresh = [u for u in ends if not (seen == u).all(axis=1).any()][:MOST_CENTRES]
-        seen = np.concatenate([seen, *(u[None] for u in fresh)])
-        around = [multiple_modes.starts(surface, u) for u in fresh]
-        left_out = max([left_out, *(one.left_out for one in around)])
-        if not any(len(one.u) for one in around):
+    visited, left_out = np.empty((0, ends.shape[1])), 0.0
+    for _ in range(SEARCH_ROUNDS):
+        fresh = [u for u in ends if not (visited == u).all(axis=1).any()][:MAX_CENTRES]
+        visited = np.concatenate([visited, *(u[None] for u in fresh)])
+        around = [multiple_modes.nearby_starts(surface, u) for u in fresh]
+        left_out = max([left_out, *(nearby.missed_share for nearby in around)])
+        if not any(len(nearby.u) for nearby in around):
             break
-        starts = np.concatenate([one.u for one in around])
-        more, values = multiple_modes.scout(surface, starts, multiple_modes.AROUND)
-        every = np.concatenate([ends, more]), np.concatenate([heights, values])
-        ends, heights = _tops(surface, *every, known=len(ends))
-    held = multiple_modes.shares_held(surface.posterior, ends)
-    order = np.argsort(-held, kind="stable")
-    enough = int(np.searchsorted(np.cumsum(held[order]), 1.0 - NOTHING)) + 1
-    kept = np.union1d(order[: min(enough, MOST)], 0)  # the highest stays
-    left_out = 1.0 - (1.0 - left_out) * float(held[kept].sum())
-    return ends[kept], heights[kept], left_out
+        starts = np.concatenate([nearby.u for nearby in around])
+        more, values = multiple_modes.best_ends(surface, starts, multiple_modes.MAX_NEARBY_STARTS)
+        candidates = np.concatenate([ends, more]), np.concatenate([heights, values])
+        ends, heights = _distinct_maxima(surface, *candidates, known=len(ends))
+    shares = multiple_modes.shares_held(surface.posterior, ends)
+    order = np.argsort(-shares, kind="stable")
+    enough = int(np.searchsorted(np.cumsum(shares[order]), 1.0 - NEGLIGIBLE_MASS)) + 1
+    selected = np.union1d(order[: min(enough, MAX_MAXIMA)], 0)  # the highest stays
+    left_out = 1.0 - (1.0 - left_out) * float(shares[selected].sum())
+    return ends[selected], heights[selected], left_out
 
 
-def _polished(surface: Surface, u: Array) -> Climbed:
+def _polished(surface: Surface, u: Array) -> GaussNewtonResult:
     """The rest of the way from `u (W, D)`."""
-    return climb(surface, climb(surface, u, POLISH).u, EXACT, exact=True)
+    return gauss_newton(surface, gauss_newton(surface, u, POLISH_STEPS).u, NEWTON_STEPS, exact=True)
 
 
-def _anew(posterior: Posterior, one: Search) -> Search:
+def _polished_again(posterior: Posterior, search: Search) -> Search:
     """From where it ended, with other steps."""
     surface = PosteriorSurface(posterior, physical=True)
-    start = posterior.coordinates.from_physical(posterior.space.vector(one.end)[None])
+    start = posterior.coordinates.from_physical(posterior.space.vector(search.end)[None])
     top = _polished(surface, start)
     end = _named(posterior, posterior.coordinates.to_physical(top.u)[0])
-    return replace(one, end=end, log_posterior=float(np.nan_to_num(top.value[0], neginf=LOWEST)))
+    return replace(
+        search, end=end, log_posterior=float(np.nan_to_num(top.value[0], neginf=LOWEST_LOG_DENSITY))
+    )
 
 
-def tops(posterior: Posterior, found: Mode) -> Array:
-    """All maxima, `(M, D)` physical, the highest first."""
-    return np.array([posterior.space.vector(one.values) for one in found.maxima])
+def modes(posterior: Posterior, mode: Mode) -> Array:
+    """Return all maxima, `(M, D)` physical, the highest first."""
+    return np.array([posterior.space.vector(maximum.values) for maximum in mode.maxima])
 
 
 def _at_bound(posterior: Posterior, values: Mapping[str, float]) -> tuple[str, ...]:
     close = []
-    for one in posterior.space.unknowns:
-        name, prior = one.name, one.prior
-        if one.signed:
-            near = 1e-3 * one.scale
+    for unknown in posterior.space.unknowns:
+        name, prior = unknown.name, unknown.prior
+        if unknown.signed:
+            near = 1e-3 * unknown.scale
             if min(values[name] - prior.low, prior.high - values[name]) < near:
                 close.append(name)
             continue

@@ -1,15 +1,14 @@
-"""Other maxima of a density: where to look for them (aliases, lags), and how different ones are
-told apart.
+"""Find other maxima of a density (aliases, lags), and tell distinct ones apart.
 
 Two points of one ridge are joined by it, however far apart they are; two maxima are not.  So one
 walks from one to the other along the loose directions of the first, led back to the ridge by its
 tight ones at each step, and looks where one arrives.
 
-A swing of frequency omega that is seen at times t leaves nearly the same samples as one of
-|omega +- delta|, where delta is a peak of the window |sum exp(i delta t)|: 2 pi over the step of even
-samples, and 2 pi over the gap between two stretches (Scargle 1982; VanderPlas 2018).  What returns in
-other unknowns, such as a lag under a periodic drive, an angle a turn further or a sign, shows as further
-maxima along each of them by itself.
+A swing of frequency omega that is seen at times t leaves nearly the same samples as one of |omega
++- delta|, where delta is a peak of the window |sum exp(i delta t)|: 2 pi over the step of even
+samples, and 2 pi over the gap between two stretches (Scargle 1982; VanderPlas 2018).  What returns
+in other unknowns, such as a lag under a periodic drive, an angle a turn further or a sign, shows as
+further maxima along each of them by itself.
 """
 
 from __future__ import annotations
@@ -24,66 +23,68 @@ from bayesdrill.basics.arrays import Array
 from bayesdrill.inference.laplace import PosteriorSurface, Surface
 from bayesdrill.inference.posterior import Posterior
 from bayesdrill.rig.models.linear import dynamics
-from bayesdrill.sampling.gauss_newton import climb
+from bayesdrill.sampling.gauss_newton import gauss_newton
 from bayesdrill.sampling.proposal import ridge_tracing
 
 FIRST_STEPS = 8  # of all starts, and then ...
-BEST_STARTS = 10  # ... as many of those spread over the prior go on, ...
-AROUND = 128  # ... or of those that are likely to lead to other maxima, for ...
-MORE_STEPS = 25  # ... as many steps
-LOWER = 25.0  # of the log density: a maximum lower than the highest by more holds nothing
-PATH = 10  # steps between two points
+MAX_STARTS = 10  # ... as many of those spread over the prior go on, ...
+MAX_NEARBY_STARTS = 128  # ... or of those that are likely to lead to other maxima, for ...
+LAST_STEPS = 25  # ... as many steps
+# of the log density: a maximum lower than the highest by more holds nothing
+NEGLIGIBLE_DEPTH = 25.0
+PATH_STEPS = 10  # steps between two points
 SAME_MODE = 1e-3  # of the priors' spreads: the same point
-CLOSE = 1e-4  # of the priors' spreads: points that are likely to end at the same maximum
-SAME = 3.0  # standard deviations of the tight directions
+CELL_SIZE = 1e-4  # of the priors' spreads: points that are likely to end at the same maximum
+SAME_RIDGE_SDS = 3.0  # standard deviations of the tight directions
 # Of the log density: what is no deeper parts no maxima, but ripples of one.
 VALLEY_BETWEEN_MODES = 0.5
-ALONG = 24  # places between two points, at which one looks for a valley; at no even ...
-UNEVEN = 0.5 * (5.0**0.5 - 1.0)  # ... distances, as a row of maxima has them
-KNOWN = 1e-6  # of the log density: a point that is higher by less is no better than a known one
+VALLEY_PROBES = 24  # places between two points, at which one looks for a valley; at no even ...
+GOLDEN_FRACTION = 0.5 * (5.0**0.5 - 1.0)  # ... distances, as a row of maxima has them
+# of the log density: a point that is higher by less is no better than a known one
+KNOWN_BONUS = 1e-6
 
 
-def scout(surface: Surface, starts: Array, most: int = BEST_STARTS) -> tuple[Array, Array]:
-    """Where `starts (n, D)` lead: the `most` promising ones, `(m, D)`, and their log densities."""
-    first = climb(surface, starts, FIRST_STEPS)
+def best_ends(surface: Surface, starts: Array, most: int = MAX_STARTS) -> tuple[Array, Array]:
+    """Climb from `starts (n, D)`: the `most` promising ends `(m, D)`, and their log densities."""
+    first = gauss_newton(surface, starts, FIRST_STEPS)
     order = np.argsort(-first.value, kind="stable")
-    cells = np.rint((first.u[order] - surface.low) / (CLOSE * surface.spread))
+    cells = np.rint((first.u[order] - surface.low) / (CELL_SIZE * surface.spread))
     best = order[np.sort(np.unique(cells, axis=0, return_index=True)[1])][:most]
-    found = climb(surface, first.u[best], MORE_STEPS)
-    good = np.isfinite(found.value)
-    return found.u[good], found.value[good]
+    climbed = gauss_newton(surface, first.u[best], LAST_STEPS)
+    good = np.isfinite(climbed.value)
+    return climbed.u[good], climbed.value[good]
 
 
-def apart(surface: Surface, points: Array, values: Array, known: int = 0) -> list[int]:
-    """Which of `points (n, D)` are maxima of their own, the highest first.
+def distinct_modes(surface: Surface, points: Array, values: Array, known: int = 0) -> list[int]:
+    """Return which of `points (n, D)` are maxima of their own, the highest first.
 
     The first `known` of them are so already, and stay what stands for their maximum.
     """
-    rank = values + np.where(np.arange(len(values)) < known, KNOWN, 0.0)
-    left = [int(k) for k in np.argsort(-rank, kind="stable")]
-    left = [k for k in left if values[k] >= values[left[0]] - LOWER]
-    chosen: list[int] = []
-    while left:
-        highest, *rest = left
-        chosen.append(highest)
-        fresh = [k for k in rest if k >= known]
+    rank = values + np.where(np.arange(len(values)) < known, KNOWN_BONUS, 0.0)
+    remaining = [int(k) for k in np.argsort(-rank, kind="stable")]
+    remaining = [k for k in remaining if values[k] >= values[remaining[0]] - NEGLIGIBLE_DEPTH]
+    distinct: list[int] = []
+    while remaining:
+        highest, *lower = remaining
+        distinct.append(highest)
+        fresh = [k for k in lower if k >= known]
         if not fresh:
-            return [*chosen, *rest]
+            return [*distinct, *lower]
         others = points[fresh]
         same = (np.abs(others - points[highest]) < SAME_MODE * surface.spread).all(axis=1)
-        same[~same] = joined(surface, points[highest], others[~same])
-        same[~same] = ~valleys(surface, points[highest], others[~same])
-        dropped = {k for k, one in zip(fresh, same, strict=True) if one}
-        left = [k for k in rest if k not in dropped]
-    return chosen
+        same[~same] = joined_by_ridge(surface, points[highest], others[~same])
+        same[~same] = ~split_by_valley(surface, points[highest], others[~same])
+        dropped = {k for k, is_same in zip(fresh, same, strict=True) if is_same}
+        remaining = [k for k in lower if k not in dropped]
+    return distinct
 
 
-def valleys(surface: Surface, start: Array, others: Array) -> NDArray[np.bool_]:
-    """Whether the density falls by `VALLEY` on the straight ways from `start (D,)` to `others (n, D)`.
+def split_by_valley(surface: Surface, start: Array, others: Array) -> NDArray[np.bool_]:
+    """Return whether a valley parts `start (D,)` from each of `others (n, D)`, on a straight way.
 
     It does not between corners of a plateau, nor where one maximum has ripples.
     """
-    between = np.sort(np.arange(1, ALONG + 1) * UNEVEN % 1.0)
+    between = np.sort(np.arange(1, VALLEY_PROBES + 1) * GOLDEN_FRACTION % 1.0)
     share = np.concatenate([[0.0], between, [1.0]])[:, None, None]
     ways = start + share * (others - start)
     value = surface.value(ways.reshape(-1, len(start))).reshape(ways.shape[:2])
@@ -91,34 +92,34 @@ def valleys(surface: Surface, start: Array, others: Array) -> NDArray[np.bool_]:
     return np.asarray((value.min(axis=0) < lower - VALLEY_BETWEEN_MODES) | ~np.isfinite(lower))
 
 
-def joined(surface: Surface, start: Array, others: Array) -> NDArray[np.bool_]:
-    """Whether the ridge through `start (D,)` leads to each of `others (n, D)`: `(n,)`.
+def joined_by_ridge(surface: Surface, start: Array, others: Array) -> NDArray[np.bool_]:
+    """Return whether the ridge through `start (D,)` leads to each of `others (n, D)`: `(n,)`.
 
     Where nothing is tight all of the prior is the ridge, and a valley parts it.
     """
     here = surface.expand(start[None], np.eye(len(start)))
-    base, _ = ridge_tracing.split(surface, start, here)
+    base, _ = ridge_tracing.split_directions(surface, start, here)
     psi, tau = base.split(others)
     if tau.shape[1] == 0:
-        return ~valleys(surface, start, others)
+        return ~split_by_valley(surface, start, others)
     at = np.zeros_like(tau)
     before = np.zeros_like(tau)
     arrived = np.zeros(len(others), dtype=bool)
     roots = np.zeros((len(others), tau.shape[1], tau.shape[1]))
-    steps = PATH if psi.shape[1] else 1
+    steps = PATH_STEPS if psi.shape[1] else 1
     for k in range(1, steps + 1):
         ahead = 2.0 * at - before if k > 1 else at  # straight on from the last two
-        found, roots, _, arrived = ridge_tracing.led_back(
+        ridge_tau, roots, _, arrived = ridge_tracing.return_to_ridge(
             surface.expand, base, psi * (k / steps), ahead
         )
-        before, at = at, found
+        before, at = at, ridge_tau
     roots[~arrived] = np.eye(tau.shape[1])  # of no use, where there is no density
     off = np.linalg.solve(roots, (tau - at)[..., None])[..., 0]
-    return np.asarray(arrived & (np.linalg.norm(off, axis=1) < SAME))
+    return np.asarray(arrived & (np.linalg.norm(off, axis=1) < SAME_RIDGE_SDS))
 
 
 def shares_held(posterior: Posterior, ends: Array) -> Array:
-    """How much of the posterior each of the maxima `ends (M, D)` holds, by Laplace: `(M,)`, sum 1."""
+    """Return the share of the posterior of each maximum `ends (M, D)`, by Laplace: `(M,)`, sum 1."""
     if len(ends) == 1:
         return np.ones(1)
     over = PosteriorSurface(posterior)
@@ -130,96 +131,102 @@ def shares_held(posterior: Posterior, ends: Array) -> Array:
     return np.asarray(mass / mass.sum())
 
 
-PAIRS = 2  # of poles that are looked at, the fastest
-ALIKE = 0.3  # of the window's height: lower peaks are no aliases
-MOST_TRIED = 384  # aliases of a pair of poles, the most alike first, of which ...
-MOST_ALIASES = 96  # ... so many are starts: where they are more, ...
-CLIMBED = 8  # ... those that hold most of where they lead to in so many steps
-PER_RADIAN, MOST_CELLS = 3, 2**19  # cells of time for each radian of the fastest swing, at most
-FINER = 4  # times that the window is drawn finer than its peaks are wide
-ITERATIONS = 12
+POLE_PAIRS = 2  # of poles that are looked at, the fastest
+MIN_ALIAS_HEIGHT = 0.3  # of the window's height: lower peaks are no aliases
+MAX_ALIASES_TRIED = 384  # aliases of a pair of poles, the most alike first, of which ...
+MAX_ALIASES = 96  # ... so many are starts: where they are more, ...
+ALIAS_STEPS = 8  # ... those that hold most of where they lead to in so many steps
+# cells of time for each radian of the fastest swing, at most
+CELLS_PER_RADIAN, MAX_CELLS = 3, 2**19
+WINDOW_OVERSAMPLING = 4  # times that the window is drawn finer than its peaks are wide
+MAX_ITERATIONS = 12
 SAME_ALIAS = 0.3  # radians over the whole record: what is left is for the search
-STEP = 1e-5  # of the priors' spreads
-OSCILLATES = 1e-6  # of the largest pole: an imaginary part above it is no rounding
-SCANNED, MOST_SCANNED = 240, 2000  # points along each unknown; along a moment so many ...
-PER_SAMPLE = 2  # ... from sample to sample, as what is written down in steps may repeat itself
-PER_UNKNOWN = 96  # starts that come of them
+SLOPE_STEP = 1e-5  # of the priors' spreads
+MIN_IMAGINARY = 1e-6  # of the largest pole: an imaginary part above it is no rounding
+SCAN_POINTS, MAX_SCAN_POINTS = 240, 2000  # points along each unknown; along a moment so many ...
+# ... from sample to sample, as what is written down in steps may repeat itself
+SCAN_POINTS_PER_SAMPLE = 2
+MAX_STARTS_PER_UNKNOWN = 96  # starts that come of them
 VALLEY_ALONG_LINE = 1.0  # of the log density: what is less deep parts no maxima
 
 
 @dataclass(frozen=True, slots=True)
-class Around:
+class NearbyStarts:
     """Starts `u (n, D)`, and the share of all aliases within the priors that they leave out."""
 
     u: Array
-    left_out: float
+    missed_share: float
 
 
-def starts(surface: PosteriorSurface, u: Array) -> Around:
-    """From where a search may find other maxima than the one at `u (D,)`."""
-    aliased, returned = swings(surface, u), returns(surface, u)
-    left_out = max(aliased.left_out, returned.left_out)
-    return Around(np.concatenate([aliased.u, returned.u]), left_out)
+def nearby_starts(surface: PosteriorSurface, u: Array) -> NearbyStarts:
+    """Return starts from which a search may find other maxima than the one at `u (D,)`."""
+    aliased, returned = alias_starts(surface, u), scan_starts(surface, u)
+    missed_share = max(aliased.missed_share, returned.missed_share)
+    return NearbyStarts(np.concatenate([aliased.u, returned.u]), missed_share)
 
 
-def swings(surface: PosteriorSurface, u: Array) -> Around:
-    """Where a pair of poles swings at an alias of its frequency at `u (D,)`."""
+def alias_starts(surface: PosteriorSurface, u: Array) -> NearbyStarts:
+    """Return points where a pair of poles swings at an alias of its frequency at `u (D,)`."""
     posterior = surface.posterior
     here = frequencies(posterior, u[None])[0]
-    slowest, fastest = _reach(surface, u)
-    found, left_out = [np.empty((0, len(u)))], 0.0
+    slowest, fastest = _frequency_range(surface, u)
+    aliases, missed_share = [np.empty((0, len(u)))], 0.0
     for pair in np.flatnonzero(here > 0):
         wanted = _aliases(posterior, here[pair], slowest[pair], fastest[pair])
-        at = _moved(surface, u, int(pair), np.unique(wanted[:MOST_TRIED]))
-        kept, share = _heaviest(surface, at)
-        found.append(kept)
-        left_out = max(left_out, 1.0 - share * MOST_TRIED / max(len(wanted), MOST_TRIED))
-    return Around(np.concatenate(found), left_out)
+        at = _at_frequencies(surface, u, int(pair), np.unique(wanted[:MAX_ALIASES_TRIED]))
+        heaviest, share = _heaviest(surface, at)
+        aliases.append(heaviest)
+        missed_share = max(
+            missed_share, 1.0 - share * MAX_ALIASES_TRIED / max(len(wanted), MAX_ALIASES_TRIED)
+        )
+    return NearbyStarts(np.concatenate(aliases), missed_share)
 
 
 def _heaviest(surface: PosteriorSurface, at: Array) -> tuple[Array, float]:
-    """The `MOST_ALIASES` near `at (n, D)` that hold most, and their share of what all of them hold."""
-    if len(at) <= MOST_ALIASES:
+    """The `MAX_ALIASES` near `at (n, D)` that hold most, and their share of what all of them hold."""
+    if len(at) <= MAX_ALIASES:
         return at, 1.0
-    u = climb(surface, at, CLIMBED).u
-    held = shares_held(surface.posterior, u)
-    most = np.argsort(-held, kind="stable")[:MOST_ALIASES]
-    return u[most], float(held[most].sum())
+    u = gauss_newton(surface, at, ALIAS_STEPS).u
+    shares = shares_held(surface.posterior, u)
+    most = np.argsort(-shares, kind="stable")[:MAX_ALIASES]
+    return u[most], float(shares[most].sum())
 
 
-def returns(surface: PosteriorSurface, u: Array) -> Around:
-    """Maxima along each unknown by itself, but for that of `u (D,)`."""
-    posterior, found, left_out = surface.posterior, list[Array](), 0.0
+def scan_starts(surface: PosteriorSurface, u: Array) -> NearbyStarts:
+    """Return maxima along each unknown by itself, but for that of `u (D,)`."""
+    posterior, maxima, missed_share = surface.posterior, list[Array](), 0.0
     step = min(
-        float(np.diff(one.experiment.t).min(initial=np.inf))
-        for one in posterior.likelihood.observations
+        float(np.diff(observation.experiment.t).min(initial=np.inf))
+        for observation in posterior.likelihood.observations
     )
     ends = posterior.coordinates.to_physical(np.stack([surface.low, surface.high]))
     for d, unknown in enumerate(posterior.space.unknowns):
-        scanned = SCANNED
+        scanned = SCAN_POINTS
         if unknown.role == "sensor" and unknown.symbol.unit == "s":
-            many = PER_SAMPLE * (ends[1, d] - ends[0, d]) / step
-            scanned = int(np.clip(many, SCANNED, MOST_SCANNED))
+            many = SCAN_POINTS_PER_SAMPLE * (ends[1, d] - ends[0, d]) / step
+            scanned = int(np.clip(many, SCAN_POINTS, MAX_SCAN_POINTS))
         line = np.repeat(u[None], scanned + 1, axis=0)
         along = np.linspace(surface.low[d], surface.high[d], scanned)
         line[:, d] = np.sort(np.append(along, u[d]))
         value = surface.value(line)
-        own = int(np.searchsorted(line[:, d], u[d]))
-        tops = [k for k in peaks(value, VALLEY_ALONG_LINE) if _apart(value, k, own)]
-        tops = sorted(tops, key=lambda k: -value[k])
-        found.append(line[tops[:PER_UNKNOWN]])
-        high = sum(value[k] > value.max() - LOWER for k in tops)
-        left_out = max(left_out, 1.0 - PER_UNKNOWN / max(high, PER_UNKNOWN))
-    return Around(np.concatenate(found), left_out)
+        index = int(np.searchsorted(line[:, d], u[d]))
+        modes = [k for k in peaks(value, VALLEY_ALONG_LINE) if _valley_between(value, k, index)]
+        modes = sorted(modes, key=lambda k: -value[k])
+        maxima.append(line[modes[:MAX_STARTS_PER_UNKNOWN]])
+        high = sum(value[k] > value.max() - NEGLIGIBLE_DEPTH for k in modes)
+        missed_share = max(
+            missed_share, 1.0 - MAX_STARTS_PER_UNKNOWN / max(high, MAX_STARTS_PER_UNKNOWN)
+        )
+    return NearbyStarts(np.concatenate(maxima), missed_share)
 
 
 def peaks(value: Array, valley: float) -> list[int]:
-    """Indices of maxima of `value (N,)`, -inf allowed, with valleys deeper than `valley` between."""
-    found: list[int] = []
+    """Return indices of maxima of `value (N,)` parted by more than `valley`; -inf is allowed."""
+    maxima: list[int] = []
     top, lowest, rising = 0, 0, True
     for k, x in enumerate(value):
         if rising and x < value[top] - valley:
-            found.append(top)
+            maxima.append(top)
             lowest, rising = k, False
         elif not rising and x > value[lowest] + valley:
             top, rising = k, True
@@ -227,79 +234,86 @@ def peaks(value: Array, valley: float) -> list[int]:
             top = k
         elif not rising and x < value[lowest]:
             lowest = k
-    return [*found, top] if rising and np.isfinite(value[top]) else found
+    return [*maxima, top] if rising and np.isfinite(value[top]) else maxima
 
 
-def _apart(value: Array, one: int, other: int) -> bool:
+def _valley_between(value: Array, first: int, second: int) -> bool:
     """Whether there is a valley between two places of a line."""
-    between = value[min(one, other) : max(one, other) + 1]
-    return bool(between.min() < min(value[one], value[other]) - VALLEY_ALONG_LINE)
+    between = value[min(first, second) : max(first, second) + 1]
+    return bool(between.min() < min(value[first], value[second]) - VALLEY_ALONG_LINE)
 
 
 def _aliases(posterior: Posterior, omega: float, low: float, high: float) -> Array:
     """Frequencies from `low` to `high` whose samples are like those of `omega`, the most alike first."""
     patterns: dict[bytes, Array] = {}
-    for one in posterior.likelihood.observations:
-        for seen in one.experiment.seen.T:
-            t = one.experiment.t[seen]
+    for observation in posterior.likelihood.observations:
+        for sampled in observation.experiment.seen.T:
+            t = observation.experiment.t[sampled]
             patterns[t.tobytes()] = t
-    found, alike = [np.empty(0)], [np.empty(0)]
+    omegas, similarities = [np.empty(0)], [np.empty(0)]
     for t in patterns.values():
         delta, height = window_peaks(t, high + omega)
         each = np.abs(np.concatenate([omega - delta, omega + delta]))
         inside = (each > low) & (each < high)
-        found.append(each[inside])
-        alike.append(np.tile(height, 2)[inside])
-    return np.concatenate(found)[np.argsort(-np.concatenate(alike), kind="stable")]
+        omegas.append(each[inside])
+        similarities.append(np.tile(height, 2)[inside])
+    return np.concatenate(omegas)[np.argsort(-np.concatenate(similarities), kind="stable")]
 
 
 def window_peaks(t: Array, highest: float) -> tuple[Array, Array]:
-    """Angular frequencies up to `highest` at which the window of times `t (N,)` peaks, and its height
-    there, as a share of that at zero.
+    """Return the peaks of the spectral window of times `t (N,)` up to the frequency `highest`.
+
+    Angular frequencies, and heights there as shares of that at zero (Scargle 1982; VanderPlas
+    2018).
     """
     span = float(t[-1] - t[0])
-    if len(t) < 2 or not 0 < highest * span < MOST_CELLS / PER_RADIAN:
+    if len(t) < 2 or not 0 < highest * span < MAX_CELLS / CELLS_PER_RADIAN:
         return np.empty(0), np.empty(0)
-    cells = int(np.ceil(PER_RADIAN * highest * span)) + 1
+    cells = int(np.ceil(CELLS_PER_RADIAN * highest * span)) + 1
     counts = np.bincount(np.rint((t - t[0]) / span * (cells - 1)).astype(int), minlength=cells)
-    size = scipy.fft.next_fast_len(FINER * cells, real=True)
+    size = scipy.fft.next_fast_len(WINDOW_OVERSAMPLING * cells, real=True)
     height = np.abs(scipy.fft.rfft(counts, size)) / len(t)
     delta = 2.0 * np.pi * np.arange(len(height)) / size * (cells - 1) / span
-    inner = (height[1:-1] >= height[:-2]) & (height[1:-1] > height[2:]) & (height[1:-1] > ALIKE)
+    inner = (
+        (height[1:-1] >= height[:-2])
+        & (height[1:-1] > height[2:])
+        & (height[1:-1] > MIN_ALIAS_HEIGHT)
+    )
     top = 1 + np.flatnonzero(inner & (delta[1:-1] <= highest))
     return delta[top], height[top]
 
 
 def frequencies(posterior: Posterior, u: Array) -> Array:
-    """Imaginary parts of the fastest pairs of poles at `u (W, D)`: `(W, PAIRS)`, 0 where none is."""
+    """Return imaginary parts of the fastest poles at `u (W, D)`: `(W, POLE_PAIRS)`, 0 if none."""
     model = posterior.likelihood.observations[0].response.model
     theta = posterior.coordinates.to_physical(u)
     full = dict(zip(model.parameters, posterior.likelihood.rig(theta).T, strict=True))
     matrices = dynamics(model.linear(full), model.states, len(u))
-    every = np.linalg.eigvals(np.where(np.isfinite(matrices), matrices, 0.0))
-    size = np.abs(every).max(axis=1, keepdims=True)
-    swings = np.sort(np.where(every.imag > OSCILLATES * size, every.imag, 0.0), axis=1)
-    return np.asarray(swings[:, ::-1][:, :PAIRS])
+    poles = np.linalg.eigvals(np.where(np.isfinite(matrices), matrices, 0.0))
+    size = np.abs(poles).max(axis=1, keepdims=True)
+    swings = np.sort(np.where(poles.imag > MIN_IMAGINARY * size, poles.imag, 0.0), axis=1)
+    return np.asarray(swings[:, ::-1][:, :POLE_PAIRS])
 
 
 def _slopes(posterior: Posterior, u: Array, pair: int, steps: Array) -> tuple[Array, Array]:
     """Logs of the frequency of a pair at `u (W, D)`, and their slopes over the priors' spreads."""
     n, d = u.shape
     around = [u[:, None] + side * steps for side in (1.0, -1.0)]
-    every = np.concatenate([u, *(at.reshape(-1, d) for at in around)])
+    points = np.concatenate([u, *(at.reshape(-1, d) for at in around)])
     with np.errstate(divide="ignore", invalid="ignore"):
-        logs = np.log(frequencies(posterior, every)[:, pair])
+        logs = np.log(frequencies(posterior, points)[:, pair])
         up, down = logs[n:].reshape(2, n, d)
-        slope = (up - down) / (2 * STEP)
+        slope = (up - down) / (2 * SLOPE_STEP)
     return logs[:n], np.where(np.isfinite(slope), slope, 0.0)
 
 
-def _reach(surface: PosteriorSurface, u: Array) -> tuple[Array, Array]:
-    """The slowest and the fastest that each pair may be within the priors: where all unknowns are at
-    the ends that slow it down, or speed it up, at `u (D,)`.
+def _frequency_range(surface: PosteriorSurface, u: Array) -> tuple[Array, Array]:
+    """Return the slowest and the fastest that each pair of poles may be within the priors.
+
+    All unknowns are at the ends that slow it down, or speed it up, at `u (D,)`.
     """
-    steps, ends = STEP * np.diag(surface.spread), []
-    for pair in range(PAIRS):
+    steps, ends = SLOPE_STEP * np.diag(surface.spread), []
+    for pair in range(POLE_PAIRS):
         slope = _slopes(surface.posterior, u[None], pair, steps)[1][0]
         slow = np.where(slope > 0, surface.low, np.where(slope < 0, surface.high, u))
         fast = np.where(slope > 0, surface.high, np.where(slope < 0, surface.low, u))
@@ -308,15 +322,18 @@ def _reach(surface: PosteriorSurface, u: Array) -> tuple[Array, Array]:
     return low, high
 
 
-def _moved(surface: PosteriorSurface, u: Array, pair: int, wanted: Array) -> Array:
-    """The unknowns nearest to `u (D,)`, in the priors' spreads, at which a pair swings as `wanted (n,)`;
-    those that are found, `(m, D)`.
+def _at_frequencies(surface: PosteriorSurface, u: Array, pair: int, wanted: Array) -> Array:
+    """Return the points `(m, D)` nearest to `u (D,)` at which a pair swings as `wanted (n,)`.
+
+    Nearest in the priors' spreads; those that are not reached are left out.
     """
-    posterior, steps = surface.posterior, STEP * np.diag(surface.spread)
-    span = max(float(np.ptp(one.experiment.t)) for one in posterior.likelihood.observations)
+    posterior, steps = surface.posterior, SLOPE_STEP * np.diag(surface.spread)
+    span = max(
+        float(np.ptp(observation.experiment.t)) for observation in posterior.likelihood.observations
+    )
     near = SAME_ALIAS / (span * wanted)
     at = np.repeat(u[None], len(wanted), axis=0)
-    for _ in range(ITERATIONS):
+    for _ in range(MAX_ITERATIONS):
         logs, slope = _slopes(posterior, at, pair, steps)
         off = np.log(wanted) - logs
         done = np.abs(off) < near

@@ -1,7 +1,7 @@
-"""Work in processes: tasks `function(posterior, *arguments)` that need one posterior.
+"""Run tasks `function(posterior, *arguments)` in worker processes that share one posterior.
 
-Every worker gets the posterior once, computes on one thread, and leaves Ctrl-C to the parent.
-With one process the work is done in this one.
+Every worker gets the posterior once, computes on one thread, and leaves Ctrl-C to the parent. With
+one process the work is done in this one.
 """
 
 from __future__ import annotations
@@ -26,19 +26,19 @@ from bayesdrill.inference.posterior import Posterior
 from bayesdrill.inference.step_error import Taken
 
 SPAWN = multiprocessing.get_context("spawn")
-PATIENCE = 10.0  # seconds that a worker has for its task, where the work is stopped
-GRACE = 5.0  # seconds from SIGTERM to the end of a worker
+TASK_SECONDS = 10.0  # seconds that a worker has for its task, where the work is stopped
+SIGTERM_SECONDS = 5.0  # seconds from SIGTERM to the end of a worker
 
 
-class Crew:
-    """A context manager; `submit` returns a future."""
+class WorkerPool:
+    """A pool of workers that share one posterior; a context manager."""
 
     def __init__(self, posterior: Posterior, processes: int) -> None:
         self._posterior = posterior
         self._steps: dict[str, Taken] = {}
         self._pool: ProcessPoolExecutor | None = None
         if processes > 1:
-            self._pool = workers(processes, _take, posterior)
+            self._pool = start_workers(processes, _set_posterior, posterior)
 
     def submit[**P, T](
         self,
@@ -46,32 +46,35 @@ class Crew:
         *arguments: P.args,
         **named: P.kwargs,
     ) -> Future[T]:
+        """Submit `function(posterior, ...)` and return its future."""
         if self._pool is not None:
-            with ctrl_c_waits():
-                return self._pool.submit(_work, self._steps, function, arguments, named)
+            with held_signals():
+                return self._pool.submit(
+                    _call_with_posterior, self._steps, function, arguments, named
+                )
         future: Future[T] = Future()
         with threadpool_limits(1):
             future.set_result(function(self._posterior, *arguments, **named))
         return future
 
-    def run[**P, T](
+    def submit_function[**P, T](
         self, function: Callable[P, T], *arguments: P.args, **named: P.kwargs
     ) -> Future[T]:
-        """As `submit`, of a function that needs another posterior than that of the crew."""
-        return self.submit(_apart, function, arguments, named)
+        """Submit a function that needs another posterior than that of the pool."""
+        return self.submit(_call, function, arguments, named)
 
-    def step(self, steps: Mapping[str, Taken]) -> None:
-        """From now on the posterior is taken in these steps (`inference.step_error`)."""
+    def set_steps(self, steps: Mapping[str, Taken]) -> None:
+        """Take the posterior in these steps from now on (`inference.step_error`)."""
         self._steps = dict(steps)
         self._posterior = step_error.taking(self._posterior, steps)
 
     @property
     def posterior(self) -> Posterior:
-        """In the steps that it is taken in."""
+        """The posterior in the steps that it is taken in."""
         return self._posterior
 
     @property
-    def alone(self) -> bool:
+    def in_process(self) -> bool:
         """Whether the work is done in this process."""
         return self._pool is None
 
@@ -85,20 +88,22 @@ class Crew:
         trace: TracebackType | None,
     ) -> None:
         if self._pool is not None:
-            closed(self._pool, PATIENCE)
+            shut_down(self._pool, TASK_SECONDS)
 
 
-def workers(processes: int, prepare: Callable[..., None], *arguments: Any) -> ProcessPoolExecutor:
-    """Fresh processes that compute on one thread, leave Ctrl-C to this one and die with it.
+def start_workers(
+    processes: int, prepare: Callable[..., None], *arguments: Any
+) -> ProcessPoolExecutor:
+    """Start processes that compute on one thread, leave Ctrl-C to this one and die with it.
 
     Each calls `prepare(*arguments)` before its first task.
     """
     try:
-        with ctrl_c_waits():  # it starts a process that looks after its semaphores
+        with held_signals():  # it starts a process that looks after its semaphores
             return ProcessPoolExecutor(
                 max_workers=processes,
                 mp_context=SPAWN,
-                initializer=_enlist,
+                initializer=_start_worker,
                 initargs=(prepare, *arguments),
             )
     except OSError as error:  # its semaphores are files of /dev/shm, or the like
@@ -107,13 +112,13 @@ def workers(processes: int, prepare: Callable[..., None], *arguments: Any) -> Pr
         raise InputError.one("", message) from None
 
 
-def closed(pool: ProcessPoolExecutor, patience: float) -> None:
-    """Ends a pool: its workers have `patience` seconds for the task that they are at.
+def shut_down(pool: ProcessPoolExecutor, patience: float) -> None:
+    """Shut a pool down: its workers have `patience` seconds for the task that they are at.
 
     One that is ended while it hands over a long result leaves half a message, for whose rest the
     pool would wait; one that is stopped would never end by itself.
     """
-    with ctrl_c_waits():
+    with held_signals():
         pool.shutdown(wait=False, cancel_futures=True)
         end = time.monotonic() + patience
         for worker in multiprocessing.active_children():
@@ -123,8 +128,8 @@ def closed(pool: ProcessPoolExecutor, patience: float) -> None:
 
 
 @contextmanager
-def ctrl_c_waits() -> Iterator[None]:
-    """Hold Ctrl-C and SIGHUP back for a moment: what starts meanwhile never hears of them at all."""
+def held_signals() -> Iterator[None]:
+    """Hold Ctrl-C and SIGHUP back for a moment: what starts meanwhile never hears of them."""
     if not hasattr(signal, "pthread_sigmask"):
         yield
         return
@@ -135,38 +140,38 @@ def ctrl_c_waits() -> Iterator[None]:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
-def available() -> int:
-    """Processors that this process may use."""
+def available_processors() -> int:
+    """Return the number of processors that this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 # A worker process serves one posterior for all of its life; this is where it keeps it.
-_POST: dict[str, Any] = {}
+_WORKER: dict[str, Any] = {}
 
 
-def _enlist(prepare: Callable[..., None], *arguments: Any) -> None:
+def _start_worker(prepare: Callable[..., None], *arguments: Any) -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     if hasattr(signal, "SIGHUP"):
         signal.signal(signal.SIGHUP, signal.SIG_IGN)
-    signal.signal(signal.SIGTERM, _leave_soon)
-    threading.Thread(target=_outlive_no_parent, daemon=True).start()
+    signal.signal(signal.SIGTERM, _exit_soon)
+    threading.Thread(target=_exit_with_parent, daemon=True).start()
     threadpool_limits(1)
     atexit.register(os._exit, 0)  # nothing is left to be saved: no need to take all apart
     prepare(*arguments)
 
 
-def _take(posterior: Posterior) -> None:
-    _POST["posterior"] = posterior
+def _set_posterior(posterior: Posterior) -> None:
+    _WORKER["posterior"] = posterior
 
 
-def _leave_soon(_number: int, _frame: object) -> None:
+def _exit_soon(_number: int, _frame: object) -> None:
     """SIGTERM to all processes reaches this one too: the parent ends it, if it is given the time."""
-    timer = threading.Timer(GRACE, os._exit, (1,))
+    timer = threading.Timer(SIGTERM_SECONDS, os._exit, (1,))
     timer.daemon = True
     timer.start()
 
 
-def _outlive_no_parent() -> None:
+def _exit_with_parent() -> None:
     """A parent that was killed cannot tell its workers to stop."""
     parent = multiprocessing.parent_process()
     if parent is not None:
@@ -174,7 +179,7 @@ def _outlive_no_parent() -> None:
         os._exit(1)
 
 
-def _apart(
+def _call(
     _: Posterior,
     function: Callable[..., Any],
     arguments: tuple[Any, ...],
@@ -183,12 +188,12 @@ def _apart(
     return function(*arguments, **named)
 
 
-def _work(
+def _call_with_posterior(
     steps: dict[str, Taken],
     function: Callable[..., Any],
     arguments: tuple[Any, ...],
     named: dict[str, Any],
 ) -> Any:
     if steps:
-        _take(step_error.taking(_POST["posterior"], steps))
-    return function(_POST["posterior"], *arguments, **named)
+        _set_posterior(step_error.taking(_WORKER["posterior"], steps))
+    return function(_WORKER["posterior"], *arguments, **named)

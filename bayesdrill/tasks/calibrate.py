@@ -12,7 +12,12 @@ import numpy as np
 
 from bayesdrill import output_files
 from bayesdrill.analysis import calibration
-from bayesdrill.analysis.calibration import Refit, Study, Verdict, judge_calibration
+from bayesdrill.analysis.calibration import (
+    CalibrationStudy,
+    CalibrationVerdict,
+    Refit,
+    judge_calibration,
+)
 from bayesdrill.basics import software
 from bayesdrill.basics.errors import InputError
 from bayesdrill.basics.progress import Reporter
@@ -38,7 +43,7 @@ RANKS = "ranks.csv"
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Outcome:
     folder: Path
-    verdict: Verdict
+    verdict: CalibrationVerdict
     refits: tuple[Refit, ...]
 
     @property
@@ -66,12 +71,12 @@ def prepare(path: Path) -> Job:
     return Job(case=case, problem=dataclasses.replace(problem, posterior=posterior))
 
 
-def study(job: Job) -> Study:
+def study(job: Job) -> CalibrationStudy:
     settings = job.config.calibration
     targets = Targets(r_hat=job.config.sampler.r_hat, n_tau=settings.n_tau, ess=settings.ess)
     plan = fit_plan(job)
     chains = dataclasses.replace(plan.chains, targets=targets, max_steps=settings.max_steps)
-    return Study(
+    return CalibrationStudy(
         posterior=job.problem.posterior,
         plan=dataclasses.replace(plan, starts=settings.starts, chains=chains, brief=True),
         draws=settings.draws,
@@ -112,7 +117,7 @@ def calibrate(
 
 
 def run(
-    study: Study,
+    study: CalibrationStudy,
     n: int,
     folder: Path,
     crew: RefitExecutor,
@@ -146,14 +151,14 @@ def save(folder: Path, refit: Refit) -> None:
     )
 
 
-def saved(folder: Path, study: Study) -> list[Refit]:
+def saved(folder: Path, study: CalibrationStudy) -> list[Refit]:
     """Raises `InputError` where a file is damaged, or of another study."""
     paths = sorted(folder.glob("*.json"))
     those = [path for path in paths if output_files.CALIBRATE.is_output(f"{REFITS}/{path.name}")]
     return [_read(path, study) for path in those]
 
 
-def _read(path: Path, study: Study) -> Refit:
+def _read(path: Path, study: CalibrationStudy) -> Refit:
     try:
         stored = typed(Refit, loads_checksummed(path.read_bytes()))
         ranked = {len(study.names), *([0] if stored.reasons else [])}
@@ -167,7 +172,7 @@ def _read(path: Path, study: Study) -> Refit:
         raise InputError.one(str(path), COMPUTED_AGAIN) from None
 
 
-def _publish(job: Job, folder: Folder, refits: Sequence[Refit]) -> Verdict:
+def _publish(job: Job, folder: Folder, refits: Sequence[Refit]) -> CalibrationVerdict:
     names = study(job).names
     verdict = judge_calibration(names, refits, job.config.calibration.draws)
     folder.write_text(RANKS, calibration_words.ranks_csv(names, refits))
@@ -207,7 +212,7 @@ def _pages(job: Job, folder: Folder, said: Sequence[Section]) -> None:
     folder.write_text("report.html", page)
 
 
-def _draw(job: Job, folder: Folder, verdict: Verdict) -> None:
+def _draw(job: Job, folder: Folder, verdict: CalibrationVerdict) -> None:
     # Late: matplotlib takes a second to load.
     from bayesdrill.report.sections.calibration_figure import save as save_figure
 

@@ -13,9 +13,9 @@ from types import MappingProxyType
 
 from bayesdrill import output_files
 from bayesdrill.analysis import prediction
-from bayesdrill.analysis.comparison import Contender, Layer
+from bayesdrill.analysis.comparison import PosteriorSummary, RunSummary
 from bayesdrill.analysis.diagnostics import summarise
-from bayesdrill.analysis.plausibility import Vague, vague
+from bayesdrill.analysis.plausibility import DiffusePrior, diffuse_priors
 from bayesdrill.basics import software
 from bayesdrill.basics.arrays import Array
 from bayesdrill.basics.errors import InputError, encodable
@@ -91,12 +91,12 @@ def overlay_units(jobs: Sequence[Job]) -> OwnUnits:
 
 def overlay_layer(
     name: str, run: SampledRun, units: OwnUnits, fit: tuple[Left, ...] | None = None
-) -> Layer:
+) -> PosteriorSummary:
     """A run under the name that it has among others, its settings in these units; `fit`: its residuals,
     where they are known.
     """
     job, sampled, fit = run.job, run.sampled, residuals(run) if fit is None else fit
-    return Layer(
+    return PosteriorSummary(
         name=name,
         mark=mark(run),
         problem=job.problem,
@@ -227,18 +227,18 @@ def _record(problem: Problem) -> dict[str, str]:
     return digests
 
 
-def contender(named: NamedRun, units: OwnUnits) -> Contender:
+def contender(named: NamedRun, units: OwnUnits) -> RunSummary:
     """A run under the name that it has among others; raises `InputError` where it has no evidence."""
     run = named.run
     if run.sampled.evidence is None:
         raise InputError.one(named.place, WITHOUT)
     posterior, fit = run.job.problem.posterior, residuals(run)
     layer = overlay_layer(named.name, run, units, fit)
-    return Contender(
+    return RunSummary(
         layer=layer,
         converged=run.sampled.convergence.converged,
         evidence=run.sampled.evidence,
-        left=fit,
+        residuals=fit,
         vague=_vague(run, layer.draws) if run.kept is None else run.kept.vague,
         rig=_rig(run.job),
         noise=_noise(run.job),
@@ -248,11 +248,11 @@ def contender(named: NamedRun, units: OwnUnits) -> Contender:
     )
 
 
-def _vague(run: SampledRun, draws: Array) -> tuple[Vague, ...]:
+def _vague(run: SampledRun, draws: Array) -> tuple[DiffusePrior, ...]:
     """Priors that are too wide for the evidence to mean much; `draws (N, D)`."""
     problem, sampled = run.job.problem, run.sampled
     rows = summarise(problem, sampled.draws, run.mode, sampled.convergence)
-    return vague(rows, draws, problem.posterior.space.priors)
+    return diffuse_priors(rows, draws, problem.posterior.space.priors)
 
 
 def _rig(job: Job) -> dict[str, str]:

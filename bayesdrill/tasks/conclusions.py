@@ -9,7 +9,7 @@ from typing import Any
 
 import bayesdrill
 from bayesdrill.analysis.causes import Causes
-from bayesdrill.analysis.identifiability.information import Scenery
+from bayesdrill.analysis.identifiability.information import SensitivityStudy
 from bayesdrill.analysis.run_analysis import RunAnalysis, RunDraws, analyse
 from bayesdrill.basics.progress import SILENT, Reporter
 from bayesdrill.basics.values import Value, from_data
@@ -20,13 +20,13 @@ from bayesdrill.config.resolve.case import ResolvedCase
 from bayesdrill.config.schema.config import Config
 from bayesdrill.inference import residual_checks
 from bayesdrill.report import words
-from bayesdrill.report.view import View
+from bayesdrill.report.view import ReportContext
 from bayesdrill.results import provenance
 from bayesdrill.results.run_folder import chain_mark
 from bayesdrill.sampling.convergence import Targets
-from bayesdrill.sampling.ensembles import Plan, Sampled
+from bayesdrill.sampling.ensembles import Plan, SamplingResult
 from bayesdrill.sampling.mode_search import Mode
-from bayesdrill.sampling.workers import Crew
+from bayesdrill.sampling.workers import WorkerPool
 from bayesdrill.tasks import ranking
 from bayesdrill.tasks.run_entries import ANALYSIS, ANALYSIS_OF
 
@@ -37,21 +37,21 @@ class SampledRun(Value):
 
     job: Job
     mode: Mode
-    sampled: Sampled
+    sampled: SamplingResult
     kept: RunAnalysis | None = field(default=None, compare=False, kw_only=True)
 
 
 def concluded(
     job: Job,
     mode: Mode,
-    sampled: Sampled,
-    scenery: Scenery | None = None,
+    sampled: SamplingResult,
+    scenery: SensitivityStudy | None = None,
     seconds: Mapping[str, float] | None = None,
     *,
     alone: bool = True,
     explained: Causes | None = None,
     kept: RunAnalysis | None = None,
-) -> View:
+) -> ReportContext:
     """`scenery`: of the job's likelihood, where there is one already; `alone`: no other model of the
     record is tried beside it; `explained`: the causes of a bad fit, which are looked for otherwise;
     `kept`: what was evaluated before.
@@ -59,12 +59,12 @@ def concluded(
     problem = job.problem
     chain = RunDraws(problem, mode, sampled, job.config.seed)
     if kept is None:
-        scenery = scenery or Scenery(problem.posterior.likelihood)
+        scenery = scenery or SensitivityStudy(problem.posterior.likelihood)
         suspicions = words.record_suspicions(problem)
         if alone and explained is None:
             explained = causes(job, mode)
         kept = analyse(chain, job.asked, scenery, suspicions, alone=alone, explained=explained)
-    return View(chain, job.config, kept, seconds or {})
+    return ReportContext(chain, job.config, kept, seconds or {})
 
 
 def causes(
@@ -77,8 +77,8 @@ def causes(
     left = residual_checks.left(posterior.likelihood, posterior.space.vector(mode.values))
     if residual_checks.like_noise(left):
         return None
-    with Crew(posterior, 1) as crew:
-        return ranking.rank(job, mode.values, submit or crew.run, report).causes
+    with WorkerPool(posterior, 1) as pool:
+        return ranking.rank(job, mode.values, submit or pool.submit_function, report).causes
 
 
 def settings(case: ResolvedCase) -> dict[str, Any]:
@@ -93,7 +93,7 @@ def settings(case: ResolvedCase) -> dict[str, Any]:
     return entries | {"held out": case.held_out}
 
 
-def analysis_mark(job: Job, mode: Mode, sampled: Sampled) -> str:
+def analysis_mark(job: Job, mode: Mode, sampled: SamplingResult) -> str:
     """A digest of all that an analysis is made of: config, record, maximum, chain, and the version."""
     given = {name: x for name, x in settings(job.case).items() if name != "output"}
     made_of = (
@@ -101,14 +101,19 @@ def analysis_mark(job: Job, mode: Mode, sampled: Sampled) -> str:
         repr(given),
         repr(sorted(provenance.fingerprint(job.config, job.problem).items())),
         repr((dict(mode.values), mode.doubts, mode.pieces, job.asked)),
-        chain_mark(sampled.pieces),
-        repr((sampled.evidence, sampled.beyond and (sampled.beyond.pressed, sampled.beyond.kept))),
+        chain_mark(sampled.segments),
+        repr(
+            (
+                sampled.evidence,
+                sampled.extended and (sampled.extended.pressed, sampled.extended.saved),
+            )
+        ),
     )
     return hashlib.sha256("\n".join(made_of).encode("utf-8", "replace")).hexdigest()
 
 
 def kept_analysis(
-    job: Job, mode: Mode, sampled: Sampled, run: Mapping[str, Any]
+    job: Job, mode: Mode, sampled: SamplingResult, run: Mapping[str, Any]
 ) -> RunAnalysis | None:
     """What a finished run has kept in `run.json`; None where it is of something else, or not there."""
     if run.get(ANALYSIS_OF) != analysis_mark(job, mode, sampled):

@@ -25,9 +25,9 @@ from bayesdrill.report.sections import fit_words
 from bayesdrill.results import provenance
 from bayesdrill.results.provenance import begin, check_record
 from bayesdrill.results.run_folder import COMPUTED_AGAIN, Folder
-from bayesdrill.sampling.fit import FitPlan, Searches, begin_searches, end_searches
+from bayesdrill.sampling.fit import FitPlan, PendingSearches, begin_searches, end_searches
 from bayesdrill.sampling.mode_search import Mode
-from bayesdrill.sampling.workers import Crew
+from bayesdrill.sampling.workers import WorkerPool
 from bayesdrill.tasks import ranking, run_entries
 from bayesdrill.tasks.conclusions import causes, plan
 
@@ -83,8 +83,8 @@ def find_mode(job: Job, processes: int, report: Reporter, *, quick: bool = False
     """The MAP alone, `quick`: from the configured start; nothing is written."""
     if quick:
         job = job.with_settings(map=job.config.map.model_copy(update={"starts": 1}))
-    with Crew(job.problem.posterior, processes) as crew:
-        return end_search(crew, begin_searches(crew, fit_plan(job), report), job, report)
+    with WorkerPool(job.problem.posterior, processes) as pool:
+        return end_search(pool, begin_searches(pool, fit_plan(job), report), job, report)
 
 
 def fit_plan(job: Job) -> FitPlan:
@@ -99,9 +99,9 @@ def fit_plan(job: Job) -> FitPlan:
     )
 
 
-def end_search(crew: Crew, under_way: Searches, job: Job, report: Reporter) -> Mode:
+def end_search(pool: WorkerPool, under_way: PendingSearches, job: Job, report: Reporter) -> Mode:
     """The maximum, and in words how good the fit is there."""
-    mode = end_searches(crew, under_way, report)
+    mode = end_searches(pool, under_way, report)
     report.say(words.search(mode))
     return mode
 

@@ -8,11 +8,11 @@ from pathlib import Path
 
 from bayesdrill import output_files
 from bayesdrill.analysis import plausibility
-from bayesdrill.analysis.identifiability.information import Scenery
+from bayesdrill.analysis.identifiability.information import SensitivityStudy
 from bayesdrill.analysis.identifiability.profile import Fitter, Profile, profile
-from bayesdrill.analysis.identifiability.study import Study, study_of
-from bayesdrill.analysis.latent_torque import rubs_besides
-from bayesdrill.analysis.suspicions import Moment, half_a_sample
+from bayesdrill.analysis.identifiability.study import IdentifiabilityStudy, study_of
+from bayesdrill.analysis.latent_torque import has_friction_too
+from bayesdrill.analysis.suspicions import InputTiming, half_sample_shift
 from bayesdrill.basics.arrays import Array
 from bayesdrill.basics.errors import InputError, did_you_mean
 from bayesdrill.basics.progress import Reporter
@@ -35,9 +35,9 @@ class Findings(Value):
     """`study`: symmetries, bounds, products, remedies; `profiles`: of what was wanted, SI."""
 
     job: Job
-    study: Study
+    study: IdentifiabilityStudy
     profiles: tuple[Profile, ...]
-    moment: Moment | None = None
+    moment: InputTiming | None = None
 
     @property
     def text(self) -> str:
@@ -73,7 +73,7 @@ class Findings(Value):
 def identify(job: Job, theta: Array, at: str, wanted: Sequence[str], report: Reporter) -> Findings:
     """At the physical point `theta (D,)`; profiles of the parameters `wanted`, or of `all`."""
     posterior = job.problem.posterior
-    scenery = Scenery(posterior.likelihood)
+    scenery = SensitivityStudy(posterior.likelihood)
     if not scenery.unknowns:
         raise InputError.one("parameters", "no parameter is unknown; there is nothing to identify")
     columns = _columns(scenery.unknowns, wanted)
@@ -86,11 +86,11 @@ def identify(job: Job, theta: Array, at: str, wanted: Sequence[str], report: Rep
             report.update(done / len(columns), f"profile of {scenery.unknowns[column]}")
             profiles.append(profile(fitter, scenery.unknowns, column))
     report.update(1.0, "")
-    late = half_a_sample(scenery, theta)
+    late = half_sample_shift(scenery, theta)
     return Findings(job=job, study=study, profiles=tuple(profiles), moment=late)
 
 
-def preflight(job: Job, scenery: Scenery) -> str:
+def preflight(job: Job, scenery: SensitivityStudy) -> str:
     """What the record can show at the start values, in a few lines."""
     if not scenery.unknowns:
         return "no parameter of the rig is unknown: only sensors, starts or noise are looked for"
@@ -98,9 +98,9 @@ def preflight(job: Job, scenery: Scenery) -> str:
     start = posterior.space.vector(posterior.space.start)
     study = study_of(scenery, posterior, start, job.asked)
     said = [words.brief(study), physics_words.friction_sentences(study.frictions)]
-    rubs = rubs_besides(posterior)
+    rubs = has_friction_too(posterior)
     said += [torque_words.stand_ins(study), torque_words.beside(rubs=rubs)]
-    late = fit_words.moment(half_a_sample(scenery, start))
+    late = fit_words.moment(half_sample_shift(scenery, start))
     return "\n".join(
         [*filter(None, said), *late, *plausibility.plausibility_of_course(scenery, start)]
     )

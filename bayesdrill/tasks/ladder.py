@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from bayesdrill import selection
-from bayesdrill.analysis.comparison import SURE, Contender
+from bayesdrill.analysis.comparison import SURE_LOG_ODDS, RunSummary
 from bayesdrill.basics.errors import InputError
 from bayesdrill.basics.progress import SILENT, Reporter
 from bayesdrill.config.job import Job
@@ -22,11 +22,11 @@ from bayesdrill.report.comparison_report import ComparisonReport
 from bayesdrill.results import provenance, run_folder
 from bayesdrill.results.provenance import begin, check_record, interruptions
 from bayesdrill.results.run_folder import Folder
-from bayesdrill.sampling.ensembles import Sampled
+from bayesdrill.sampling.ensembles import SamplingResult
 from bayesdrill.sampling.fit import FitPlan, begin_searches, end_searches, fit
 from bayesdrill.sampling.mode_search import Mode
-from bayesdrill.sampling.proposal.learning import Nowhere
-from bayesdrill.sampling.workers import Crew
+from bayesdrill.sampling.proposal.learning import NoSupportError
+from bayesdrill.sampling.workers import WorkerPool
 from bayesdrill.selection import Ladder, Rung
 from bayesdrill.tasks import comparison, pipeline, ranking
 from bayesdrill.tasks.conclusions import SampledRun, concluded
@@ -63,7 +63,7 @@ def ladder(
     job: Job,
     output: Path,
     how: run_folder.Mode,
-    crew: RefitExecutor,
+    pool: RefitExecutor,
     report: Reporter,
     sample: int = SAMPLED,
 ) -> Outcome:
@@ -78,7 +78,7 @@ def ladder(
     check_record(job, output)
     with Folder(output, how, marks, LADDER) as folder:
         begin(job, folder)
-        work = _Sampling(job, folder, crew, report, again=how == "resume")
+        work = _Sampling(job, folder, pool, report, again=how == "resume")
 
         def progress() -> str:
             return f"{len(work.done)} models are done and kept in {output}"
@@ -92,11 +92,11 @@ class _Sampling:
     """Models under way: `done` has what each that was sampled says, `left_out` why others were not."""
 
     def __init__(
-        self, job: Job, folder: Folder, crew: RefitExecutor, report: Reporter, *, again: bool
+        self, job: Job, folder: Folder, pool: RefitExecutor, report: Reporter, *, again: bool
     ) -> None:
         self.job, self.folder, self.again = job, folder, again
-        self.crew, self.report = crew, report
-        self.done: dict[str, tuple[Rung, Contender]] = {}
+        self.pool, self.report = pool, report
+        self.done: dict[str, tuple[Rung, RunSummary]] = {}
         self.left_out: dict[str, str] = {}
 
     def run(self, sample: int) -> None:
@@ -116,7 +116,7 @@ class _Sampling:
             comparison_report.ladder_opening([value for value, _ in jobs.values()], len(missing))
         )
 
-        def finish(place: str, modes: tuple[Mode, Sampled] | str) -> str:
+        def finish(place: str, modes: tuple[Mode, SamplingResult] | str) -> str:
             self._finish(modes, place, *missing[place])
             return f"{len(self.done)} models"
 
@@ -124,15 +124,15 @@ class _Sampling:
             place: (packed(made.problem.posterior, fit_plan(made)),)
             for place, (_, made) in missing.items()
         }
-        run_jobs(self.crew, _fit, tasks, finish, self.folder.path, self.report)
+        run_jobs(self.pool, _fit, tasks, finish, self.folder.path, self.report)
 
     def _ranked(self) -> dict[str, Any]:
         """Parts of the candidates, the most probable first, the config as given among them; and what
         makes them: sizes, speeds, the gear.
         """
         job = self.job
-        mode = self.crew.submit(search, job.problem.posterior, fit_plan(job)).result()
-        ranked = ranking.rank(job.at(mode), mode.values, self.crew.submit, self.report)
+        mode = self.pool.submit(search, job.problem.posterior, fit_plan(job)).result()
+        ranked = ranking.rank(job.at(mode), mode.values, self.pool.submit, self.report)
         causes, ladder = ranked.causes, ranked.ladder
         sampler = job.config.sampler
         evaluations = sampler.ensembles * sampler.walkers * STEPS
@@ -162,7 +162,9 @@ class _Sampling:
             return False
         return self._known(place, rung, pipeline.read_result(folder))
 
-    def _finish(self, made: tuple[Mode, Sampled] | str, place: str, rung: Rung, job: Job) -> None:
+    def _finish(
+        self, made: tuple[Mode, SamplingResult] | str, place: str, rung: Rung, job: Job
+    ) -> None:
         if isinstance(made, str):
             self.left_out[rung.name] = made
             return
@@ -184,15 +186,15 @@ class _Sampling:
 
 def search(posterior: Posterior, plan: FitPlan) -> Mode:
     """The MAP, in this process alone."""
-    with Crew(posterior, 1) as crew:
-        return end_searches(crew, begin_searches(crew, plan, SILENT), SILENT)
+    with WorkerPool(posterior, 1) as pool:
+        return end_searches(pool, begin_searches(pool, plan, SILENT), SILENT)
 
 
-def _fit(posterior: Posterior, plan: FitPlan) -> tuple[Mode, Sampled] | str:
+def _fit(posterior: Posterior, plan: FitPlan) -> tuple[Mode, SamplingResult] | str:
     """A sentence where nothing can be sampled."""
     try:
         return fit(posterior, plan)
-    except Nowhere as error:
+    except NoSupportError as error:
         return str(error)
 
 
@@ -228,7 +230,7 @@ def _published(job: Job, folder: Folder, work: _Sampling) -> Outcome:
 def recommended(every: Sequence[Rung], report: ComparisonReport) -> Rung:
     """The simplest of those that are about as probable as the best."""
     models = report.models
-    least = max(model.log_z for model in models) - SURE
+    least = max(model.log_z for model in models) - SURE_LOG_ODDS
     good = [k for k, model in enumerate(models) if model.log_z >= least]
     return every[
         min(good, key=lambda k: (len(every[k].parts), len(models[k].layer.problem.symbols), k))

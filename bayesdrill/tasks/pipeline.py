@@ -10,8 +10,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from bayesdrill import output_files
-from bayesdrill.analysis.diagnostics import Row
-from bayesdrill.analysis.identifiability.information import Scenery
+from bayesdrill.analysis.diagnostics import ParameterRow
+from bayesdrill.analysis.identifiability.information import SensitivityStudy
 from bayesdrill.analysis.verdict import Verdict
 from bayesdrill.basics.errors import InputError
 from bayesdrill.basics.progress import SILENT, Reporter
@@ -20,16 +20,22 @@ from bayesdrill.output_files import POSTERIOR, RESOLVED_FILE
 from bayesdrill.report import publish, words
 from bayesdrill.report.run_report import screen, sections
 from bayesdrill.report.section import as_text
-from bayesdrill.report.view import View
+from bayesdrill.report.view import ReportContext
 from bayesdrill.results import provenance, run_folder
 from bayesdrill.results.provenance import begin, check_record, interruptions
 from bayesdrill.results.run_folder import Folder
-from bayesdrill.sampling.ensembles import Memory, Sampled, Shelf, loaded, stored
+from bayesdrill.sampling.ensembles import (
+    Backend,
+    MemoryBackend,
+    SamplingResult,
+    load_sampled,
+    preload,
+)
+from bayesdrill.sampling.extended_priors import unsaved_extension
 from bayesdrill.sampling.fit import begin_searches, sample_maxima
 from bayesdrill.sampling.mode_search import Mode
-from bayesdrill.sampling.opened_ends import not_kept
-from bayesdrill.sampling.proposal.learning import Nowhere
-from bayesdrill.sampling.workers import Crew
+from bayesdrill.sampling.proposal.learning import NoSupportError
+from bayesdrill.sampling.workers import WorkerPool
 from bayesdrill.tasks import find_map
 from bayesdrill.tasks.conclusions import SampledRun, analysis_mark, concluded, kept_analysis, plan
 from bayesdrill.tasks.identify import preflight
@@ -48,8 +54,8 @@ class Outcome:
 
     folder: Path
     mode: Mode
-    sampled: Sampled
-    rows: tuple[Row, ...]
+    sampled: SamplingResult
+    rows: tuple[ParameterRow, ...]
     verdict: Verdict | None
     summary: str
     details: str
@@ -108,42 +114,42 @@ def _run(
     details: Reporter,
 ) -> Outcome:
     clock = [time.perf_counter()]
-    with Crew(job.problem.posterior, processes) as crew:
-        hunt = None if known else begin_searches(crew, find_map.fit_plan(job), report)
+    with WorkerPool(job.problem.posterior, processes) as pool:
+        hunt = None if known else begin_searches(pool, find_map.fit_plan(job), report)
         # While others search the MAP, this process looks at what the record can show, and loads
         # what sampling and report will need.
-        scenery = Scenery(job.problem.posterior.likelihood)
+        scenery = SensitivityStudy(job.problem.posterior.likelihood)
         report.update(0.0, "looking at what the record can show")
         details.say(preflight(job, scenery))
-        if not crew.alone:
+        if not pool.in_process:
             for _ in range(processes):  # one for each, as it is done with its searches
-                crew.submit(loaded)
+                pool.submit(preload)
             for name in ("scipy.stats", "arviz_stats.base"):  # they take a while to load
                 importlib.import_module(name)
         if hunt is not None:
-            known = find_map.end_search(crew, hunt, job, report)
+            known = find_map.end_search(pool, hunt, job, report)
             find_map.write_mode(folder, known)
         assert known is not None
         mode, job = known, job.at(known)
         if misfit := find_map.misfit(job, mode):
             report.say(misfit)
-        explained, said = find_map.explain(job, mode, crew.run, report)
+        explained, said = find_map.explain(job, mode, pool.submit_function, report)
         if said:
             report.say(said)
-        crew.step(mode.pieces)
+        pool.set_steps(mode.pieces)
         if mode.pieces:
-            scenery = Scenery(job.problem.posterior.likelihood)
+            scenery = SensitivityStudy(job.problem.posterior.likelihood)
         clock.append(time.perf_counter())
-        sampled = _sample(job, crew, mode, folder, report)
+        sampled = _sample(job, pool, mode, folder, report)
         clock.append(time.perf_counter())
-        if not crew.alone:
+        if not pool.in_process:
             for _ in range(processes):  # while this process reads the draws
-                crew.submit(publish.load_drawing)
+                pool.submit(publish.load_drawing)
         _finish_chain(job, folder, sampled)
         seconds = {"map": clock[1] - clock[0], "sampling": clock[2] - clock[1]}
         report.update(0.0, DRAWS_SAY)
         view = concluded(job, mode, sampled, scenery, seconds, explained=explained)
-        return _publish(job, folder, view, crew, report, clock[-1])
+        return _publish(job, folder, view, pool, report, clock[-1])
 
 
 def republish(output: Path, processes: int, report: Reporter = SILENT) -> Outcome:
@@ -153,13 +159,13 @@ def republish(output: Path, processes: int, report: Reporter = SILENT) -> Outcom
         finished = _finished(job, folder)
         run = run_folder.read_run(output) or {}
         folder.begin()
-        with Crew(finished.job.problem.posterior, processes) as crew:
+        with WorkerPool(finished.job.problem.posterior, processes) as pool:
             seconds = dict(run.get("seconds", {}))
             seconds.pop("report", None)  # is being made again
             report.update(0.0, DRAWS_SAY)
             parts = (finished.job, finished.mode, finished.sampled)
             view = concluded(*parts, seconds=seconds, kept=finished.kept)
-            return _publish(finished.job, folder, view, crew, report)
+            return _publish(finished.job, folder, view, pool, report)
 
 
 def copied(source: Path, output: Path, *, force: bool) -> None:
@@ -214,67 +220,75 @@ def _finished(job: Job, folder: Folder) -> SampledRun:
     job = job.at(mode)
     problem = job.problem
     _read_ahead(job, folder)
-    again = stored(problem.posterior, plan(job.config), folder.pieces, str(path))
-    again = again.doubted(mode.doubts)
+    again = load_sampled(problem.posterior, plan(job.config), folder.segments, str(path))
+    again = again.with_reasons(mode.doubts)
     run = run_folder.read_run(path) or {}
-    beyond = folder.opened_ends(again.pieces) or not_kept(again, problem.posterior, problem.nominal)
+    beyond = folder.opened_ends(again.segments) or unsaved_extension(
+        again, problem.posterior, problem.nominal
+    )
     evidence = evidence_of_data(run)
-    sampled = dataclasses.replace(again, held=maxima_weights(run), evidence=evidence, beyond=beyond)
+    sampled = dataclasses.replace(
+        again, mode_shares=maxima_weights(run), evidence=evidence, extended=beyond
+    )
     return SampledRun(job, mode, sampled, kept=kept_analysis(job, mode, sampled, run))
 
 
-def write_result(job: Job, view: View, output: Path, record: str | None, *, force: bool) -> Outcome:
+def write_result(
+    job: Job, view: ReportContext, output: Path, record: str | None, *, force: bool
+) -> Outcome:
     """What was sampled in memory, as `posterior` leaves it; `record`: its text, where it has no file."""
     check_record(job, output, record)
     marks = provenance.fingerprint(job.config, job.problem)
     with Folder(output, "force" if force else "fresh", marks, POSTERIOR) as folder:
         begin(job, folder, record)
         find_map.write_mode(folder, view.mode)
-        for ensemble, pieces in enumerate(view.sampled.pieces):
+        for ensemble, pieces in enumerate(view.sampled.segments):
             first = 0
             for piece in pieces:
                 folder.save(ensemble, first, piece)
                 first += len(piece.z)
         _finish_chain(job, folder, view.sampled)
-        with Crew(job.problem.posterior, 1) as crew:
-            return _publish(job, folder, view, crew, SILENT)
+        with WorkerPool(job.problem.posterior, 1) as pool:
+            return _publish(job, folder, view, pool, SILENT)
 
 
-def sample_in_memory(job: Job, mode: Mode, processes: int, report: Reporter) -> Sampled:
+def sample_in_memory(job: Job, mode: Mode, processes: int, report: Reporter) -> SamplingResult:
     """From the maximum `mode`, in whose steps the job is."""
-    with Crew(job.problem.posterior, processes) as crew:
-        return _sample(job, crew, mode, Memory(), report)
+    with WorkerPool(job.problem.posterior, processes) as pool:
+        return _sample(job, pool, mode, MemoryBackend(), report)
 
 
-def _sample(job: Job, crew: Crew, mode: Mode, shelf: Shelf, report: Reporter) -> Sampled:
+def _sample(
+    job: Job, pool: WorkerPool, mode: Mode, backend: Backend, report: Reporter
+) -> SamplingResult:
     try:
-        return sample_maxima(crew, mode, find_map.fit_plan(job), shelf, report)
-    except Nowhere as error:
+        return sample_maxima(pool, mode, find_map.fit_plan(job), backend, report)
+    except NoSupportError as error:
         message = f"{error}; the record and the priors do not go together, check units and values"
         raise job.source.error(("parameters",), message) from None
 
 
-def _finish_chain(job: Job, folder: Folder, sampled: Sampled) -> None:
+def _finish_chain(job: Job, folder: Folder, sampled: SamplingResult) -> None:
     names = ",".join(job.problem.names)
     logs = job.problem.posterior.coordinates.logs
     coordinates = ",".join("log" if log else "linear" for log in logs)
     units = ",".join(symbol.unit for symbol in job.problem.symbols)
     attributes = {"coordinates": coordinates, "unknowns": names, "units": units}
-    folder.finish_chain(sampled.pieces, attributes)
-    folder.keep_opened_ends(sampled.beyond, sampled.pieces)
+    folder.finish_chain(sampled.segments, attributes)
+    folder.keep_opened_ends(sampled.extended, sampled.segments)
 
 
 def _publish(
     job: Job,
     folder: Folder,
-    view: View,
-    crew: Crew,
+    view: ReportContext,
+    pool: WorkerPool,
     report: Reporter,
     begun: float | None = None,
 ) -> Outcome:
     """`begun`: when the report began, of a run that is timed."""
     seconds, judged = dict(view.seconds), view.analysis.judged
-    missing = publish.everything(view, folder, crew, report)
+    missing = publish.write_results(view, folder, pool, report)
     report.update(1.0, "")
     if begun is not None:
         seconds["report"] = time.perf_counter() - begun

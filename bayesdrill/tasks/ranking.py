@@ -14,13 +14,13 @@ from typing import Any
 from bayesdrill.analysis.causes import (
     CATCH_ALL,
     NOISE,
-    SURE,
+    SURE_LOG_ODDS,
     TORQUES,
     Cause,
     Causes,
     FittedValue,
-    Maximum,
-    refit,
+    RefitMaximum,
+    refit_candidate,
 )
 from bayesdrill.basics.errors import InputError
 from bayesdrill.basics.progress import Reporter
@@ -59,7 +59,7 @@ def rank(job: Job, maximum: Mapping[str, float], submit: Submit, report: Reporte
 
     `submit` does `causes.refit` in this process or another.
     """
-    given = submit(refit, job.problem.posterior, maximum, -math.inf).result()
+    given = submit(refit_candidate, job.problem.posterior, maximum, -math.inf).result()
     ranking = _Ranking(job, maximum, given, submit, report)
     causes = ranking.causes()
     return Ranking(causes=causes, ladder=ranking.ladder, seconds=ranking.seconds)
@@ -75,7 +75,7 @@ class _Ranking:
         self,
         job: Job,
         maximum: Mapping[str, float],
-        given: Maximum,
+        given: RefitMaximum,
         submit: Submit,
         report: Reporter,
     ) -> None:
@@ -91,12 +91,16 @@ class _Ranking:
         self.refit_all(self.ladder.singles(), self.maximum)
         self.ladder = self._with_best_gear(self.ladder)
         best = next(iter(self._ranked(structural=True)), None)
-        if best is not None and best.parts == (START,) and best.bayes > SURE:  # it moves only there
+        if (
+            best is not None and best.parts == (START,) and best.bayes > SURE_LOG_ODDS
+        ):  # it moves only there
             (rung,) = self.ladder.rungs([best.parts])
             there = Ladder.of(rung.job(), self.values[best.parts])
             self.ladder = self.ladder.moving(there.sizes, there.speeds)
             self.refit_all(self.ladder.singles(), self.maximum)
-        first = [cause.parts[0] for cause in self._ranked(structural=True) if cause.bayes > SURE]
+        first = [
+            cause.parts[0] for cause in self._ranked(structural=True) if cause.bayes > SURE_LOG_ODDS
+        ]
         if self.causes_by_parts and not self._ranked()[0].explains_all:
             for k, part in enumerate(first[:PAIRED]):
                 self._beside((part,), first[k + 1 : PAIRED])
@@ -119,7 +123,7 @@ class _Ranking:
             before = 0.0
             while True:
                 best = self._ranked(structural=True)[0]
-                if best.explains_all or best.bayes < before + SURE:
+                if best.explains_all or best.bayes < before + SURE_LOG_ODDS:
                     break
                 before = best.bayes
                 self._beside(best.parts, more)
@@ -148,7 +152,7 @@ class _Ranking:
                 cause = self.causes_by_parts.get((GEAR,))
                 if cause is not None and (best is None or cause.bayes > best.bayes):
                     best, ladder = cause, dataclasses.replace(ladder, gear=factor)
-            if best is None or best.bayes < SURE:
+            if best is None or best.bayes < SURE_LOG_ODDS:
                 break
             times = ladder.gear or 1.0
         self.causes_by_parts.pop((GEAR,), None)
@@ -174,7 +178,7 @@ class _Ranking:
                     continue
                 least = self.given.log_posterior + PROMISE
                 alone = self.values.get(rung.parts[-1:], {}) if len(rung.parts) > 1 else {}
-                future = self.submit(refit, job.problem.posterior, near, least, alone)
+                future = self.submit(refit_candidate, job.problem.posterior, near, least, alone)
                 under_way.append((rung, job, future))
             if under_way:
                 rung, job, future = under_way.pop(0)
@@ -183,7 +187,7 @@ class _Ranking:
             if total > 1:
                 self.report.update(share, said)
 
-    def _keep(self, rung: Rung, job: Job, top: Maximum | None) -> None:
+    def _keep(self, rung: Rung, job: Job, top: RefitMaximum | None) -> None:
         if top is None:
             self.left_out[rung.name] = "has no finite response near the maximum"
             return
@@ -219,7 +223,8 @@ class _Ranking:
         except InputError:
             return ()
         futures = [
-            self.submit(refit, job.problem.posterior, self.maximum, -math.inf) for job in jobs
+            self.submit(refit_candidate, job.problem.posterior, self.maximum, -math.inf)
+            for job in jobs
         ]
         maxima = [future.result() for future in futures]
         if None in maxima:
@@ -230,7 +235,7 @@ class _Ranking:
         return tuple(_fitted(symbols, top) for top in maxima)
 
 
-def _fitted(symbols: Iterable[Symbol], top: Maximum) -> tuple[FittedValue, ...]:
+def _fitted(symbols: Iterable[Symbol], top: RefitMaximum) -> tuple[FittedValue, ...]:
     units = {"1": ""}
     return tuple(
         FittedValue(

@@ -21,7 +21,7 @@ from threadpoolctl import threadpool_limits
 from bayesdrill.basics import software
 from bayesdrill.basics.errors import InputError, Issue
 from bayesdrill.basics.progress import Reporter
-from bayesdrill.sampling.workers import closed, ctrl_c_waits, workers
+from bayesdrill.sampling.workers import held_signals, shut_down, start_workers
 
 ADDRESS = re.compile(r"((tcp|tls|ws|wss)://)?(\[[0-9a-fA-F:]+\]|[^/:\s\[\]]+):\d{1,5}")
 PATIENCE = 5.0  # seconds for a scheduler to answer, a first worker, and what a worker is asked
@@ -32,13 +32,13 @@ SILENT_SECONDS = 20.0  # after which who says nothing is given up; heartbeats co
 @contextmanager
 def local_executor(processes: int) -> Iterator[RefitExecutor]:
     """`processes` workers; those still at a refit when the block is left by an error are ended."""
-    pool = workers(processes, _nothing)
+    pool = start_workers(processes, _nothing)
     try:
         yield RefitExecutor(pool)
     except BaseException:
         # A refit may take minutes, and is lost anyway.  Results are far shorter than what a pipe
         # takes in one piece, so that none is cut in the middle.
-        closed(pool, 0.0)
+        shut_down(pool, 0.0)
         raise
     pool.shutdown()
 
@@ -272,7 +272,7 @@ def run_jobs[K, T](
     kept.  A job that is computed twice, as a worker was lost, is finished once.  Raises as `results`.
     """
     versions = software.installed_versions()
-    with ctrl_c_waits():
+    with held_signals():
         keys = {crew.submit(_work, function, versions, *job): key for key, job in jobs.items()}
     for count, (future, result) in enumerate(results(crew, keys, folder, report), 1):
         report.update(count / len(keys), finish(keys[future], result))

@@ -11,9 +11,9 @@ from typing import Any
 
 import numpy as np
 
-from bayesdrill.analysis.causes import Causes, Instead
-from bayesdrill.analysis.comparison import Repeat
-from bayesdrill.analysis.plausibility import Vague
+from bayesdrill.analysis.causes import Causes, EquivalentExplanation
+from bayesdrill.analysis.comparison import RepeatedProduct
+from bayesdrill.analysis.plausibility import DiffusePrior
 from bayesdrill.analysis.run_analysis import EnergySummary, RunAnalysis, TorqueSummary
 from bayesdrill.analysis.verdict import Verdict
 from bayesdrill.basics.arrays import Array
@@ -22,8 +22,8 @@ from bayesdrill.inference.posterior import Problem
 from bayesdrill.inference.residual_checks import Left
 from bayesdrill.inference.step_error import StepError
 from bayesdrill.report.sections import identify_words, physics_words, verdict_words
-from bayesdrill.report.view import View
-from bayesdrill.sampling.ensembles import Sampled
+from bayesdrill.report.view import ReportContext
+from bayesdrill.sampling.ensembles import SamplingResult
 from bayesdrill.sampling.evidence import Evidence
 from bayesdrill.sampling.mode_search import Mode
 
@@ -92,7 +92,7 @@ def run_schema() -> str:
     return json.dumps(found, indent=2) + "\n"
 
 
-def entries(view: View, made_of: str) -> dict[str, Any]:
+def entries(view: ReportContext, made_of: str) -> dict[str, Any]:
     """All of them, from the analysis; `made_of`: a digest of what that is of."""
     analysis, c, problem = view.analysis, view.analysis.convergence, view.problem
     ensembles = ("steps", "burn_in", "burn_in_rule", "thin")
@@ -129,10 +129,10 @@ def entries(view: View, made_of: str) -> dict[str, Any]:
     }
 
 
-def _learnt(problem: Problem, mode: Mode, sampled: Sampled) -> dict[str, Any]:
+def _learnt(problem: Problem, mode: Mode, sampled: SamplingResult) -> dict[str, Any]:
     """What the proposal says without a chain, and where the maxima are."""
     learnt, free = sampled.learnt, problem.posterior.space.free
-    if learnt is None or sampled.held is None:
+    if learnt is None or sampled.mode_shares is None:
         return {}
     theta = problem.posterior.coordinates.to_physical(learnt.u)
     mean = learnt.weights @ theta
@@ -151,7 +151,7 @@ def _learnt(problem: Problem, mode: Mode, sampled: Sampled) -> dict[str, Any]:
                 "log_posterior": maximum.log_posterior,
                 "weight": float(weight),
             }
-            for maximum, weight in zip(mode.maxima, sampled.held, strict=True)
+            for maximum, weight in zip(mode.maxima, sampled.mode_shares, strict=True)
         ],
     }
 
@@ -208,7 +208,7 @@ def causes_data(causes: Causes | None) -> list[dict[str, Any]] | None:
     ]
 
 
-def instead_data(explanation: Instead | None) -> dict[str, Any]:
+def instead_data(explanation: EquivalentExplanation | None) -> dict[str, Any]:
     """An entry, SI, where there is something to say."""
     if explanation is None:
         return {}
@@ -220,7 +220,7 @@ def instead_data(explanation: Instead | None) -> dict[str, Any]:
     return {"instead": said}
 
 
-def evidence_data(evidence: Evidence | None, priors: Sequence[Vague]) -> dict[str, Any]:
+def evidence_data(evidence: Evidence | None, priors: Sequence[DiffusePrior]) -> dict[str, Any]:
     """Entries of their own; those of steps only where there are any."""
     if evidence is None:
         return {}
@@ -248,7 +248,7 @@ def evidence_of_data(run: Mapping[str, Any]) -> Evidence | None:
         return None
 
 
-def repeats_data(repeats: Sequence[Repeat], names: Sequence[str]) -> list[dict[str, Any]]:
+def repeats_data(repeats: Sequence[RepeatedProduct], names: Sequence[str]) -> list[dict[str, Any]]:
     """Logs."""
     return [
         {

@@ -116,8 +116,8 @@ def _of_posterior(folder: Path, run: Mapping[str, Any]) -> Iterator[Issue]:
         alone=kept.get("alone", True),
         explained=explained,
     )
-    beyond = view.sampled.beyond
-    if beyond is None or beyond.kept:
+    beyond = view.sampled.extended
+    if beyond is None or beyond.saved:
         texts = {name: table(view) or "" for name, table in publish.TABLES.items()}
         yield from _tables(folder, texts, "the chain")
         yield from _numbers(folder, run, view.analysis)

@@ -11,9 +11,9 @@ from together import for_each
 
 from bayesdrill.analysis.calibration import (
     FALSE_ALARM,
-    FIT,
+    LOG_LIKELIHOOD,
+    CalibrationVerdict,
     Refit,
-    Verdict,
     count_band,
     ecdf_band,
     judge_calibration,
@@ -41,8 +41,8 @@ def refits(table: np.ndarray, strayed: int = 0, lost: int = 0) -> list[Refit]:
     ]
 
 
-def verdict(table: np.ndarray, n_draws: int = L, **how: int) -> Verdict:
-    names = [*(f"q_{k}" for k in range(table.shape[1] - 1)), FIT]
+def verdict(table: np.ndarray, n_draws: int = L, **how: int) -> CalibrationVerdict:
+    names = [*(f"q_{k}" for k in range(table.shape[1] - 1)), LOG_LIKELIHOOD]
     return judge_calibration(names, refits(table, **how), n_draws)
 
 
@@ -179,7 +179,7 @@ def test_a_posterior_that_ignores_the_record_is_seen_by_its_log_likelihood() -> 
         row[:] = rank(truth, draws, rng), rank(-((y - truth) ** 2), -((y - draws) ** 2), rng)
     found = verdict(table)
     assert found.quantities[0].holds
-    assert found.faults == (f"ranks of {FIT} leave the band (posterior too wide)",)
+    assert found.faults == (f"ranks of {LOG_LIKELIHOOD} leave the band (posterior too wide)",)
 
 
 def test_correlated_draws_look_too_narrow_and_thinned_ones_do_not() -> None:

@@ -15,7 +15,7 @@ from scipy.stats import multivariate_normal
 from together import for_each
 
 import bayesdrill as bd
-from bayesdrill.analysis.causes import Cause, Causes, refit
+from bayesdrill.analysis.causes import Cause, Causes, refit_candidate
 from bayesdrill.report.sections import fit_words
 from bayesdrill.rig.models.linear import DEFAULT_ROLES
 from bayesdrill.tasks import run_entries
@@ -368,7 +368,7 @@ def test_the_evidence_of_a_straight_model_is_exact() -> None:
     )
     posterior = case.job.problem.posterior
     assert {*posterior.space.free} == {*sds}
-    top = refit(posterior, {}, -np.inf)
+    top = refit_candidate(posterior, {}, -np.inf)
     assert top is not None
     assert top.log_z == pytest.approx(exact, abs=0.01)
     assert top.at_ends == ()
@@ -382,7 +382,7 @@ def test_a_maximum_at_the_end_of_a_prior_is_said_to_be(tmp_path: Path) -> None:
     )
     for case, at_end in ((bd.load(path), False), (amended(path, narrow), True)):
         posterior = case.job.problem.posterior
-        top = refit(posterior, posterior.space.start, -np.inf)
+        top = refit_candidate(posterior, posterior.space.start, -np.inf)
         assert top is not None
         assert ("k_s" in top.at_ends) == at_end
 
@@ -398,7 +398,7 @@ def test_the_evidence_is_that_of_sampling(tmp_path: Path) -> None:
         run = case.sample(seed=3)
         evidence = run.sampled.evidence
         assert evidence is not None
-        top = refit(run.job.problem.posterior, run.mode.values, -np.inf)
+        top = refit_candidate(run.job.problem.posterior, run.mode.values, -np.inf)
         assert top is not None
         assert (top.at_ends == ()) == trusted
         if trusted:

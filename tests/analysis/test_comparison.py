@@ -10,14 +10,14 @@ from comparisons import model, problem
 from together import for_each
 
 from bayesdrill.analysis import comparison
-from bayesdrill.analysis.comparison import Contender, Word, decide, probabilities
+from bayesdrill.analysis.comparison import RunSummary, Word, decide, probabilities
 from bayesdrill.report.sections import comparison_words
 
 GIVEN = model("given", 0.0)
 FRICTION = {"rig": "rubbing"}
 RED = {"noise": "ar1"}
 
-CASES: dict[str, tuple[list[Contender], Word, str]] = {
+CASES: dict[str, tuple[list[RunSummary], Word, str]] = {
     "one thing alone": ([GIVEN, model("b", 2.0, **FRICTION), model("c", 1.0, **RED)], "neither", "b"),
     "the first": ([GIVEN, model("b", -5.0, **FRICTION)], "neither", "given"),
     "by chance": ([GIVEN, model("b", 4.0, **FRICTION, error=1.0)], "neither", "b"),
@@ -43,7 +43,7 @@ CASES: dict[str, tuple[list[Contender], Word, str]] = {
 def test_the_word_is_that_of_the_odds() -> None:
     """Mutants killed: the best against the first alone; no standard error."""
 
-    def check(models: list[Contender], word: Word, best: str) -> None:
+    def check(models: list[RunSummary], word: Word, best: str) -> None:
         found = decide(models)
         assert (found.word, models[found.best].name) == (word, best)
         said = next(iter(comparison_words.comparison_verdict(models)))
@@ -67,7 +67,7 @@ def test_vague_priors_are_named_where_they_may_have_decided() -> None:
     Mutants killed: all vague priors; those of the best.
     """
 
-    def named(*others: Contender) -> tuple[str, ...]:
+    def named(*others: RunSummary) -> tuple[str, ...]:
         return decide([model("best", 0.0, vague="k_s"), *others]).vague
 
     assert named(model("b", -4.0, vague="c_s")) == ("c_s",)

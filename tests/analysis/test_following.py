@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from together import for_each
 
-from bayesdrill.analysis.latent_torque import Shaking, follows
+from bayesdrill.analysis.latent_torque import TorqueEstimate, regress_torque
 from bayesdrill.analysis.run_analysis import torque_summary
 from bayesdrill.report.sections import torque_words
 
@@ -21,9 +21,9 @@ W_1, W_2 = 5 * np.sin(2.0 * T) + 2 * np.sin(5.1 * T), 3 * np.cos(1.7 * T) + 1.0
 V = 8 * np.sin(0.9 * T + 0.4)
 
 
-def shaking(torque: np.ndarray, at: str = "rotor_1", noise: float = 0.01) -> Shaking:
+def shaking(torque: np.ndarray, at: str = "rotor_1", noise: float = 0.01) -> TorqueEstimate:
     rng = np.random.default_rng(3)
-    return Shaking(
+    return TorqueEstimate(
         label="",
         at=at,  # type: ignore[arg-type]
         t=T,
@@ -55,7 +55,7 @@ MADE = {
 def test_each_law_is_found_with_its_size() -> None:
     def check(kind: str) -> None:
         torque, at, of, size = MADE[kind]
-        found = follows(shaking(torque, at))
+        found = regress_torque(shaking(torque, at))
         assert [(one.kind, one.of) for one in found if one.taken] == [(kind, of)]
         assert found[0].size == pytest.approx(size, rel=0.02)
         assert found[0].share == pytest.approx(1.0, abs=1e-6)
@@ -66,7 +66,7 @@ def test_each_law_is_found_with_its_size() -> None:
 
 def test_two_laws_are_found_one_after_the_other() -> None:
     torque = -0.2 * np.sign(W_1) + 0.1 + 0.02 * np.random.default_rng(1).standard_normal(len(T))
-    found = [one for one in follows(shaking(torque)) if one.taken]
+    found = [one for one in regress_torque(shaking(torque)) if one.taken]
     assert [one.kind for one in found] == ["sign", "constant"]
     assert found[0].size == pytest.approx(-0.2, rel=0.03)
     assert found[1].size == pytest.approx(0.1, rel=0.03)
@@ -79,7 +79,7 @@ def test_what_friction_does_at_rest_does_not_count_against_it() -> None:
     still = shaking(held)
     resting = {**still.states, "w_1": np.where(rests, 1e-3 * np.cos(9.0 * T), W_1)}
     still = dataclasses.replace(still, states=resting)
-    first, second, *_ = follows(still)
+    first, second, *_ = regress_torque(still)
     assert (first.kind, first.of, first.taken) == ("sign", "w_1", True)
     assert first.size == pytest.approx(-0.2, rel=0.01)
     assert first.share > 0.99
@@ -91,10 +91,10 @@ def test_what_friction_does_at_rest_does_not_count_against_it() -> None:
 
 def test_what_follows_nothing_is_said_to() -> None:
     torque = 0.1 * np.sin(40.0 * T)
-    found = follows(shaking(torque))
+    found = regress_torque(shaking(torque))
     assert not any(one.taken for one in found)
     assert "follows no speed" in torque_words.followed(torque_summary(shaking(torque)))
-    assert follows(dataclasses.replace(shaking(torque), expected=np.zeros(len(T)))) == ()
+    assert regress_torque(dataclasses.replace(shaking(torque), expected=np.zeros(len(T)))) == ()
 
 
 def test_the_line_of_the_config_is_said() -> None:

@@ -11,7 +11,7 @@ from oracles import NOMINAL, ORDER, matrices
 from rigs import experiment, likelihood_of, posterior, unknown
 from together import together
 
-from bayesdrill.analysis.prediction import EXCITED, FrequencyResponse, frequency_responses
+from bayesdrill.analysis.prediction import MAX_RELATIVE_SD, FrequencyResponse, frequency_responses
 from bayesdrill.inference.noise.contract import Noisy
 from bayesdrill.inference.noise.white import White
 from bayesdrill.inference.posterior import Posterior
@@ -96,7 +96,7 @@ def driven(k_s: float, seed: int) -> tuple[Posterior, Array]:
 def off(found: FrequencyResponse, truth: FrequencyResponse) -> Array:
     """In sds of magnitude, where the input excites."""
     seen = np.isfinite(found.measured)
-    assert (found.error[seen] <= EXCITED).all()
+    assert (found.error[seen] <= MAX_RELATIVE_SD).all()
     sd = found.error * np.abs(found.measured)
     return np.asarray(np.abs(found.measured - truth.modelled)[seen] / sd[seen])
 

@@ -11,8 +11,8 @@ from rigs import experiment, likelihood_of, unknown, vector
 from together import for_each
 
 import bayesdrill as bd
-from bayesdrill.analysis.identifiability.information import Scenery
-from bayesdrill.analysis.suspicions import half_a_sample
+from bayesdrill.analysis.identifiability.information import SensitivityStudy
+from bayesdrill.analysis.suspicions import half_sample_shift
 from bayesdrill.inference.laplace import PosteriorSurface
 from bayesdrill.inference.likelihood import Likelihood
 from bayesdrill.inference.noise.contract import Noisy
@@ -26,7 +26,7 @@ from bayesdrill.rig.models.motor_shaft import MotorShaft
 from bayesdrill.rig.simulators import simulator
 from bayesdrill.rig.simulators.irregular import IrregularSimulator
 from bayesdrill.rig.simulators.sensors import ObservationModel
-from bayesdrill.sampling.gauss_newton import climb
+from bayesdrill.sampling.gauss_newton import gauss_newton
 from bayesdrill.tasks.conclusions import concluded
 
 FREE = ("j_m", "k_e", "k_s", "j_1")
@@ -71,7 +71,7 @@ def believed(record: Experiment) -> Posterior:
 def best(posterior: Posterior) -> np.ndarray:
     surface = PosteriorSurface(posterior, physical=True)
     start = posterior.space.vector(posterior.space.start)
-    top = climb(surface, posterior.coordinates.from_physical(start[None]), 60)
+    top = gauss_newton(surface, posterior.coordinates.from_physical(start[None]), 60)
     return posterior.coordinates.to_physical(top.u)[0]
 
 
@@ -83,12 +83,12 @@ def test_half_a_sample_moves_what_a_late_step_moves() -> None:
     on_time, half = (late.signals(np.append(TRUTH, shift)[None])[0] for shift in (0.0, 0.5 * DT))
     posterior = believed(replace(clean, y=on_time))
     theta = best(posterior)
-    scenery = Scenery(posterior.likelihood)
-    found = half_a_sample(scenery, theta)
+    scenery = SensitivityStudy(posterior.likelihood)
+    found = half_sample_shift(scenery, theta)
     assert found is not None
     assert found.matters
     moved = best(believed(replace(clean, y=half)))
-    rows = scenery.every(theta)
+    rows = scenery.with_nuisances(theta)
     sds = np.sqrt(np.diag(np.linalg.inv(rows.T @ rows)))
     # To first order, in logs: half a sample is much of what such a step can be late by.
     actual = np.log(moved / theta) / sds
@@ -107,7 +107,7 @@ def test_half_a_sample_is_one_of_the_input() -> None:
         record = seen()
         fewer = np.where(np.arange(N)[:, None] % 4 == 0, record.y, np.nan)
         posterior = believed(replace(record, y=fewer, input_steps=own))
-        found = half_a_sample(Scenery(posterior.likelihood), best(posterior))
+        found = half_sample_shift(SensitivityStudy(posterior.likelihood), best(posterior))
         assert found is not None
         assert found.seconds == pytest.approx(seconds)
 
@@ -117,7 +117,7 @@ def test_half_a_sample_is_one_of_the_input() -> None:
 def test_a_moment_that_is_unknown_is_no_matter_of_doubt() -> None:
     record = seen()
     posterior = believed(record)
-    assert half_a_sample(Scenery(posterior.likelihood), best(posterior)) is not None
+    assert half_sample_shift(SensitivityStudy(posterior.likelihood), best(posterior)) is not None
     every = ObservationModel(lags={"alpha": "a", "w_2": "b"})
     rig = IrregularSimulator(MotorShaft(), record, every)
     one = replace(posterior.likelihood.alone, response=rig)
@@ -127,7 +127,7 @@ def test_a_moment_that_is_unknown_is_no_matter_of_doubt() -> None:
         fixed={**posterior.space.fixed, "a": 0.0, "b": 0.0},
     )
     likelihood = Likelihood((one,), space)
-    assert half_a_sample(Scenery(likelihood), best(posterior)) is None
+    assert half_sample_shift(SensitivityStudy(likelihood), best(posterior)) is None
 
 
 def test_half_a_sample_is_told_only_where_the_fit_is_noise() -> None:

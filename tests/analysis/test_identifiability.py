@@ -11,10 +11,14 @@ from rigs import measured, posterior, vector
 from together import for_each
 
 from bayesdrill.analysis.identifiability import information, structure
-from bayesdrill.analysis.identifiability.information import Scenery
+from bayesdrill.analysis.identifiability.information import SensitivityStudy
 from bayesdrill.analysis.identifiability.profile import THRESHOLD, Fitter, Profile, profile
-from bayesdrill.analysis.identifiability.structure import analyse, doubled, sparse_basis
-from bayesdrill.analysis.identifiability.study import Study, study_of
+from bayesdrill.analysis.identifiability.structure import (
+    find_structure,
+    scaled_by_two,
+    sparse_basis,
+)
+from bayesdrill.analysis.identifiability.study import IdentifiabilityStudy, study_of
 from bayesdrill.basics.duals import Dual
 from bayesdrill.basics.symbols import PARAMETERS
 from bayesdrill.config.schema.config import Asked
@@ -26,15 +30,15 @@ from bayesdrill.rig.simulators.exact import Response
 SIGMA = np.array([0.02, 0.01, 0.05, 0.03])  # unequal
 
 
-def studied(record=None, sigma=SIGMA, **options) -> Study:
+def studied(record=None, sigma=SIGMA, **options) -> IdentifiabilityStudy:
     record = measured(SIGMA) if record is None else record
     target = posterior(record, sigma, **options)
     theta = target.space.vector(target.space.start)
-    return study_of(Scenery(target.likelihood), target, theta, Asked(), seek_remedies=True)
+    return study_of(SensitivityStudy(target.likelihood), target, theta, Asked(), seek_remedies=True)
 
 
 @pytest.fixture(scope="module")
-def bundled() -> Study:
+def bundled() -> IdentifiabilityStudy:
     return studied()
 
 
@@ -50,7 +54,7 @@ ELECTRICAL = exponents(k_T=1, r_m=1, l_m=1)
 MECHANICAL = exponents(j_m=1, c_m=1, k_s=1, j_1=1, t_f=1, k_T=1)
 
 
-def test_exactly_the_two_symmetries_and_seven_invariants(bundled: Study) -> None:
+def test_exactly_the_two_symmetries_and_seven_invariants(bundled: IdentifiabilityStudy) -> None:
     assert set(bundled.structure.symmetries) == {ELECTRICAL, MECHANICAL}
     assert bundled.structure.unexplained == 0
     invariants = np.array(bundled.structure.invariants)
@@ -59,7 +63,7 @@ def test_exactly_the_two_symmetries_and_seven_invariants(bundled: Study) -> None
     assert not np.any(invariants @ np.array([ELECTRICAL, MECHANICAL]).T)
 
 
-def test_the_symmetries_in_words(bundled: Study) -> None:
+def test_the_symmetries_in_words(bundled: IdentifiabilityStudy) -> None:
     text = words.full(bundled)
     assert (
         "j_m, c_m, k_T, k_s, j_1 and t_f can all be multiplied by the same factor without changing "
@@ -89,7 +93,7 @@ def test_measuring_the_current_leaves_one() -> None:
 
     target = posterior(experiment(101, 0.03, y=np.ones((101, 5))), np.full(5, 0.1))
     theta = vector(NOMINAL)
-    found = study_of(Scenery(target.likelihood), target, theta, Asked())
+    found = study_of(SensitivityStudy(target.likelihood), target, theta, Asked())
     assert found.structure.symmetries == (MECHANICAL,)
 
 
@@ -108,10 +112,10 @@ def test_noise_levels_that_are_unknown_take_no_part() -> None:
 def test_a_direction_that_is_no_symmetry_is_not_claimed() -> None:
     """Mutant killed: candidates believed without being proven."""
     slopes = np.array([[1.0, -1.0, 0.0], [0.0, 0.0, 1.0]])  # null at these points: (1, 1, 0)
-    found = analyse(("a", "b", "c"), [slopes], lambda _: False)
+    found = find_structure(("a", "b", "c"), [slopes], lambda _: False)
     assert found.symmetries == ()
     assert found.unexplained == 1
-    assert analyse(("a", "b", "c"), [slopes], lambda _: True).symmetries == ((1, 1, 0),)
+    assert find_structure(("a", "b", "c"), [slopes], lambda _: True).symmetries == ((1, 1, 0),)
 
 
 def test_only_what_is_null_everywhere_counts() -> None:
@@ -128,7 +132,7 @@ def test_a_direction_that_turns_from_place_to_place_is_still_blind() -> None:
         np.array([[a / (a + b), b / (a + b), 0.0], [0.0, 0.0, 1.0]])
         for a, b in ((1.0, 2.0), (3.0, 1.0), (0.4, 0.7))
     ]
-    found = analyse(("a", "b", "c"), points, lambda _: True)
+    found = find_structure(("a", "b", "c"), points, lambda _: True)
     assert found.symmetries == ()
     assert found.unexplained == 1
     assert found.invariants == ((0, 0, 1),)
@@ -142,7 +146,7 @@ def test_a_known_inertia_beside_the_motors_settles_no_scale() -> None:
     response = Response(rig, likelihood.response.experiment)
     target = replace(target, likelihood=likelihood.with_alone(response=response))
     theta = target.space.vector(target.space.start)
-    found = study_of(Scenery(target.likelihood), target, theta, Asked())
+    found = study_of(SensitivityStudy(target.likelihood), target, theta, Asked())
     assert found.structure.symmetries == ()
     assert found.structure.unexplained == 2
     shown = np.array(found.structure.invariants, dtype=float)
@@ -178,15 +182,15 @@ def test_sparse_basis_finds_small_whole_exponents_under_any_mixing() -> None:
 
 def test_doubling_rounds_nothing() -> None:
     theta = np.array([[0.1, 0.3, 1e-7]])
-    twice = doubled(theta, (1, -2, 0))
-    assert np.array_equal(doubled(twice, (-1, 2, 0)), theta)
+    twice = scaled_by_two(theta, (1, -2, 0))
+    assert np.array_equal(scaled_by_two(twice, (-1, 2, 0)), theta)
 
 
 def test_sensitivities_are_the_slopes_of_the_response() -> None:
     """Mutant killed: a Dual's quotient rule; against Richardson differences of the response."""
     target = posterior(measured(SIGMA), SIGMA)
     theta = vector(NOMINAL) * np.linspace(0.8, 1.2, 9)
-    scenery = Scenery(target.likelihood)
+    scenery = SensitivityStudy(target.likelihood)
     exact = scenery.sensitivities(theta).reshape(-1, 4, 9)
 
     def slopes(h: float) -> np.ndarray:
@@ -233,12 +237,12 @@ def test_simple_products_name_what_is_known() -> None:
     assert np.linalg.matrix_rank(np.array([k.exponents for k in found])) == 9
 
 
-def test_a_parameter_without_a_trace_has_no_bound(bundled: Study) -> None:
+def test_a_parameter_without_a_trace_has_no_bound(bundled: IdentifiabilityStudy) -> None:
     bounds = dict(zip(bundled.names, (k.bound for k in bundled.parameters), strict=True))
     assert [name for name, bound in bounds.items() if np.isfinite(bound)] == ["k_e"]
 
 
-def test_remedies_say_what_they_break(bundled: Study) -> None:
+def test_remedies_say_what_they_break(bundled: IdentifiabilityStudy) -> None:
     found = {r.what.split(" (")[0]: r for r in bundled.remedies}
     electrical = bundled.structure.symmetries.index(ELECTRICAL)
     mechanical = bundled.structure.symmetries.index(MECHANICAL)
@@ -264,7 +268,7 @@ def test_profile_of_a_gaussian_problem_is_a_parabola() -> None:
     small = np.full(4, 1e-3)
     target = posterior(measured(small), small, free=("k_s", "j_m"))
     theta = target.space.vector(target.space.start)
-    fitter = Fitter(target, Scenery(target.likelihood), theta)
+    fitter = Fitter(target, SensitivityStudy(target.likelihood), theta)
     found = profile(fitter, ("k_s", "j_m"), 0)
     sd = fitter.spread()[0]
     assert found.shape == "bounded"
@@ -279,7 +283,7 @@ def test_profile_of_a_gaussian_problem_is_a_parabola() -> None:
 def test_profile_of_what_the_record_does_not_show_is_flat() -> None:
     target = posterior(measured(SIGMA), SIGMA, free=without("j_1"))
     theta = target.space.vector(target.space.start)
-    fitter = Fitter(target, Scenery(target.likelihood), theta)
+    fitter = Fitter(target, SensitivityStudy(target.likelihood), theta)
     names = without("j_1")
     flat = profile(fitter, names, names.index("l_m"))
     assert flat.shape == "flat"
@@ -294,7 +298,7 @@ def test_a_profile_whose_best_fit_is_an_end_of_its_prior_has_each_place_once() -
     prior = Uniform(0.5 * high, high)
     target = replace(target, space=target.space.with_priors({"k_s": prior}))
     theta = target.space.vector({"k_s": high, "j_m": NOMINAL["j_m"]})
-    found = profile(Fitter(target, Scenery(target.likelihood), theta), ("k_s", "j_m"), 0)
+    found = profile(Fitter(target, SensitivityStudy(target.likelihood), theta), ("k_s", "j_m"), 0)
     assert found.best == pytest.approx(high)
     assert np.diff(found.values).min() > 1e-6 * high
 
@@ -332,7 +336,7 @@ def test_the_tie_of_an_ideal_motor_leaves_one() -> None:
     tied = job.assemble(loading.validated(source))
     target = tied.problem.posterior
     theta = target.space.vector(target.space.start)
-    found = study_of(Scenery(target.likelihood), target, theta, tied.asked).structure
+    found = study_of(SensitivityStudy(target.likelihood), target, theta, tied.asked).structure
     assert len(found.symmetries) == 1
     # k_T stays, so the factor of the mechanical scale is undone by the electrical one.
     powers = dict(zip(found.names, found.symmetries[0], strict=True))

@@ -8,8 +8,8 @@ from lacking import T, against_the_table, believed, best, record
 from together import for_each
 from torques import TORQUE, observed
 
-from bayesdrill.analysis.causes import Instead, instead
-from bayesdrill.analysis.edits import LACKS, widened
+from bayesdrill.analysis.causes import EquivalentExplanation, equivalent_explanation
+from bayesdrill.analysis.edits import LACKS, with_candidates
 from bayesdrill.report.sections import fit_words, verdict_words
 from bayesdrill.rig.models.linear import DEFAULT_ROLES
 from bayesdrill.rig.models.motor_shaft import MotorShaft
@@ -32,7 +32,7 @@ def test_a_table_is_right_with_what_is_missing(names: dict[str, tuple[bool, ...]
         truth = SIZES[name]
         posterior = believed(record({name: share * truth}, STEADY if steady else None))
         theta = best(posterior)
-        alternative = instead(against_the_table(posterior), theta)
+        alternative = equivalent_explanation(against_the_table(posterior), theta)
         assert alternative is not None
         assert alternative.parameter == name
         assert alternative.value == pytest.approx(share * truth, rel=0.05)
@@ -52,7 +52,7 @@ def test_a_table_is_right_with_what_is_missing(names: dict[str, tuple[bool, ...]
 def test_a_table_that_is_wrong_is_not_excused() -> None:
     def check(steady: bool) -> None:
         posterior = believed(record({"k_e": 0.065}, STEADY if steady else None))
-        assert instead(against_the_table(posterior), best(posterior)) is None
+        assert equivalent_explanation(against_the_table(posterior), best(posterior)) is None
 
     for_each({str(steady): (steady,) for steady in [False, True]}, check)
 
@@ -60,19 +60,19 @@ def test_a_table_that_is_wrong_is_not_excused() -> None:
 def test_a_table_that_fits_needs_no_help_and_tolerances_count() -> None:
     posterior = believed(record({}))
     theta = best(posterior)
-    assert instead(against_the_table(posterior), theta) is None
+    assert equivalent_explanation(against_the_table(posterior), theta) is None
     # With a k_s that is 3 % off friction does not help, unless the table allows for it.
     rubs = believed(record({"t_c1": 0.05}))
     off = {"k_s": 1.03 * 0.26}
-    assert instead(against_the_table(rubs, **off), best(rubs)) is None
-    within = instead(against_the_table(rubs, 0.05, **off), best(rubs))
+    assert equivalent_explanation(against_the_table(rubs, **off), best(rubs)) is None
+    within = equivalent_explanation(against_the_table(rubs, 0.05, **off), best(rubs))
     assert within is not None
     assert within.parameter == "t_c1"
 
 
 def test_a_table_beyond_the_priors_is_no_table_of_this_rig() -> None:
     posterior = believed(record({"t_c1": 0.05}))
-    assert instead(against_the_table(posterior, k_s=26.0), best(posterior)) is None
+    assert equivalent_explanation(against_the_table(posterior, k_s=26.0), best(posterior)) is None
 
 
 def test_a_verdict_in_doubt_says_what_is_missing() -> None:
@@ -88,7 +88,7 @@ def test_a_verdict_in_doubt_says_what_is_missing() -> None:
 def test_where_a_table_needs_no_help_nothing_is_said() -> None:
     assert run_entries.instead_data(None) == {}
     assert list(fit_words.instead(None, DEFAULT_ROLES)) == []
-    data = run_entries.instead_data(Instead(parameter="t_cm", value=0.1, lost=-3.0))
+    data = run_entries.instead_data(EquivalentExplanation(parameter="t_cm", value=0.1, lost=-3.0))
     assert data["instead"]["log_likelihood"] == 3.0
 
 
@@ -106,7 +106,7 @@ def test_what_is_tried_is_what_a_config_would_switch_on() -> None:
     without = observed(missing_torque=known)
     rubs = observed(missing_torque=known, rubs={"t_c1": 0.15})
     theta = without.space.vector(without.space.start)
-    wide = widened(without, theta)
+    wide = with_candidates(without, theta)
     free = wide.posterior.space.free
     at = wide.at(theta)
     assert wide.posterior.likelihood(at[None]) == pytest.approx(without.likelihood(theta[None]))

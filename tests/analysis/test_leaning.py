@@ -7,18 +7,23 @@ import dataclasses
 import numpy as np
 from together import for_each
 
-from bayesdrill.analysis.diagnostics import Row, Word, leaning
+from bayesdrill.analysis.diagnostics import ParameterRow, Word, prior_dependence
 from bayesdrill.report import words as said_of
 
 RNG = np.random.default_rng(4)
 N = 6000
 
 
-def row(name: str, word: Word) -> Row:
+def row(name: str, word: Word) -> ParameterRow:
     numbers = dict.fromkeys(
-        (f.name for f in dataclasses.fields(Row) if f.name not in ("name", "unit", "word")), 1.0
+        (
+            f.name
+            for f in dataclasses.fields(ParameterRow)
+            if f.name not in ("name", "unit", "word")
+        ),
+        1.0,
     )
-    return Row(name=name, unit="1", word=word, **numbers)  # type: ignore[arg-type]
+    return ParameterRow(name=name, unit="1", word=word, **numbers)  # type: ignore[arg-type]
 
 
 A, B, C = RNG.uniform(1.0, 3.0, (3, N))  # left to their priors
@@ -38,7 +43,7 @@ def test_what_others_left_to_their_priors_explain_leans_on_them() -> None:
     def check(draws: np.ndarray, on: tuple[str, ...] | None) -> None:
         words: tuple[Word, ...] = ("prior only", "determined", "prior only", "prior only")
         rows = [row(name, word) for name, word in zip("axbc", words, strict=True)]
-        found = leaning(rows, np.stack([A, draws, B, C], axis=1))
+        found = prior_dependence(rows, np.stack([A, draws, B, C], axis=1))
         assert found == ({} if on is None else {"x": on})
 
     for_each({str(case): case for case in cases}, check)
@@ -46,8 +51,8 @@ def test_what_others_left_to_their_priors_explain_leans_on_them() -> None:
 
 def test_only_what_is_called_determined_can_lean_and_only_on_what_is_not_known() -> None:
     draws = np.stack([A, A + 0.01 * NOISE], axis=1)
-    assert leaning([row("a", "weak"), row("x", "determined")], draws) == {}
-    assert leaning([row("a", "prior only"), row("x", "through others")], draws) == {}
+    assert prior_dependence([row("a", "weak"), row("x", "determined")], draws) == {}
+    assert prior_dependence([row("a", "prior only"), row("x", "through others")], draws) == {}
 
 
 def test_those_that_lean_on_the_same_are_said_together() -> None:

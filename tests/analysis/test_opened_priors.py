@@ -19,8 +19,8 @@ from bayesdrill.config.schema.config import Thresholds
 from bayesdrill.inference.posterior import Posterior
 from bayesdrill.inference.priors import LogNormal, LogUniform, Prior, TruncatedNormal, Uniform
 from bayesdrill.sampling.convergence import Targets
-from bayesdrill.sampling.ensembles import Opened, Plan, Sampled
-from bayesdrill.sampling.opened_ends import with_open_ends
+from bayesdrill.sampling.ensembles import ExtendedPriors, Plan, SamplingResult
+from bayesdrill.sampling.extended_priors import with_extended_priors
 
 SIGMA = np.full(4, 0.1)
 PLAN = Plan(
@@ -35,11 +35,11 @@ K_S = NOMINAL["k_s"]
 NAMED = {"k_s": K_S}
 
 
-def opened(target: Posterior, draws: np.ndarray, maxima: np.ndarray) -> Opened | None:
+def opened(target: Posterior, draws: np.ndarray, maxima: np.ndarray) -> ExtendedPriors | None:
     """What is seen beyond ends, of a chain of these draws `(N, D)` that has converged."""
     convergence: Any = SimpleNamespace(converged=True, burn_in=0, thin=1)
-    sampled = Sampled(pieces=[], theta=draws[None, :, None], convergence=convergence)
-    return with_open_ends(sampled, target, NAMED, maxima, PLAN, Silent()).beyond
+    sampled = SamplingResult(segments=[], theta=draws[None, :, None], convergence=convergence)
+    return with_extended_priors(sampled, target, NAMED, maxima, PLAN, Silent()).extended
 
 
 def test_an_end_at_the_nominal_value_does_not_count() -> None:
@@ -98,7 +98,7 @@ def test_tensions_are_counted_where_the_ends_are_open() -> None:
     free, inside = cut(TABLE, 4)
     blind = judge(LINEAR, inside, PRIOR, TABLE, {}, ["r_m"], Thresholds())
     whole = judge(LINEAR, free, PRIOR, TABLE, {}, (), Thresholds())
-    beyond = Opened(names=("r_m",), draws=free, pressed=())
+    beyond = ExtendedPriors(names=("r_m",), draws=free, pressed=())
     found = judge(LINEAR, inside, PRIOR, TABLE, {}, ["r_m"], Thresholds(), beyond)
     assert found.joint == whole.joint
     assert found.opened == ("r_m",)
@@ -115,7 +115,7 @@ def test_what_could_not_be_opened_is_pressed() -> None:
     _, inside = cut(TABLE, 5)
     found = judge(
         LINEAR, inside, PRIOR, TABLE, {}, (), Thresholds(),
-        Opened(names=("r_m",), draws=None, pressed=("r_m",)),
+        ExtendedPriors(names=("r_m",), draws=None, pressed=("r_m",)),
     )  # fmt: skip
     (pressed,) = found.saying("pressed against the prior")
     assert pressed.exponents == tuple(int(name == "r_m") for name in NAMES)

@@ -12,7 +12,7 @@ from pictures import posterior
 from together import for_each
 
 import bayesdrill as bd
-from bayesdrill.analysis.comparison import Layer, differing, overlay_rows
+from bayesdrill.analysis.comparison import PosteriorSummary, differing, overlay_rows
 from bayesdrill.inference.posterior import Problem
 
 CONFIG = Path(__file__).parents[2] / "configs" / "nominal_step.yaml"
@@ -23,18 +23,18 @@ def problem() -> Problem:
     return bd.load(CONFIG).job.problem
 
 
-def layer(name: str, shift: float = 0.0, stretch: float = 1.0, **settings: str) -> Layer:
+def layer(name: str, shift: float = 0.0, stretch: float = 1.0, **settings: str) -> PosteriorSummary:
     """Of the bundled problem; draws moved by `shift` sds and stretched about their means."""
     x = posterior(3000)[:, :9]
     mean, sd = x.mean(axis=0), x.std(axis=0, ddof=1)
     moved = mean + stretch * (x - mean) + shift * sd
-    return Layer(name=name, mark=name, problem=problem(), draws=moved, settings=settings)
+    return PosteriorSummary(name=name, mark=name, problem=problem(), draws=moved, settings=settings)
 
 
 def test_a_run_is_not_apart_from_itself() -> None:
     found = overlay_rows([layer("a"), layer("a")])
     assert [row.symbol.name for row in found] == list(problem().names)
-    assert all(row.apart == 0.0 and row.pair == (0, 1) for row in found)
+    assert all(row.distance == 0.0 and row.pair == (0, 1) for row in found)
     assert all(row.agreed == problem().nominal[row.symbol.name] for row in found)
     assert differing([layer("a", seed="1"), layer("b", seed="1")]) == {}
 
@@ -44,7 +44,7 @@ def test_a_shift_of_the_draws_is_how_far_they_are_apart() -> None:
 
     def check(shift: float, stretch: float) -> None:
         for row in overlay_rows([layer("a"), layer("b", shift, stretch)]):
-            assert row.apart == pytest.approx(abs(shift) / np.sqrt((1 + stretch**2) / 2))
+            assert row.distance == pytest.approx(abs(shift) / np.sqrt((1 + stretch**2) / 2))
             one, other = row.places
             assert one is not None
             assert other is not None
@@ -57,7 +57,7 @@ def test_a_shift_of_the_draws_is_how_far_they_are_apart() -> None:
 def test_of_several_runs_the_farthest_two_are_named() -> None:
     for row in overlay_rows([layer("a", 0.2), layer("b", -1.0), layer("c", 1.5)]):
         assert row.pair == (1, 2)
-        assert row.apart == pytest.approx(2.5)
+        assert row.distance == pytest.approx(2.5)
 
 
 def test_what_is_held_or_missing_is_no_distance() -> None:
@@ -76,12 +76,12 @@ def test_what_is_held_or_missing_is_no_distance() -> None:
     other = dataclasses.replace(whole, problem=less, draws=whole.draws[:, columns])
     found = {row.symbol.name: row for row in overlay_rows([whole, other])}
     assert found["k_e"].places[1] is not None
-    assert found["k_e"].places[1].held
+    assert found["k_e"].places[1].fixed
     assert found["k_e"].places[1].mean == 0.06
     assert found["k_s"].places[1] is None
     assert not found["k_e"].shared
-    assert found["k_s"].apart is None
-    assert found["c_m"].apart == 0.0
+    assert found["k_s"].distance is None
+    assert found["c_m"].distance == 0.0
     assert found["j_1"].agreed is None  # two nominal values
 
 

@@ -9,7 +9,7 @@ from oracles import NOMINAL
 from together import for_each
 
 import bayesdrill as bd
-from bayesdrill.analysis.prediction import LeftOut, held_out, leave_one_out, remembers
+from bayesdrill.analysis.prediction import LooScore, has_memory, held_out, leave_one_out
 from bayesdrill.inference import residual_checks
 
 T = np.linspace(0.0, 4.0, 81)
@@ -54,7 +54,7 @@ def test_each_sample_without_itself() -> None:
     theta = draws(np.ones(len(T), dtype=bool))
     left = residual_checks.left(posterior.likelihood, theta.mean(axis=0))
     found = leave_one_out(posterior, theta, left)
-    assert isinstance(found, LeftOut)
+    assert isinstance(found, LooScore)
     each = []
     for k in range(len(T)):
         seen = np.arange(len(T)) != k
@@ -108,11 +108,11 @@ def test_a_noise_that_remembers_is_found_out() -> None:
 
     def check(rho: float | None) -> None:
         white = case().job.problem.posterior
-        assert not remembers(white.likelihood.observations[0], np.zeros((1, 1)))
+        assert not has_memory(white.likelihood.observations[0], np.zeros((1, 1)))
         own = {"name": "ar1"} if rho is None else {"name": "ar1", "rho": rho}
         red = case(noise=own).job.problem.posterior
         theta = red.space.draw(2, np.random.default_rng(1))
-        assert remembers(red.likelihood.observations[0], theta) == (rho != 0.0)
+        assert has_memory(red.likelihood.observations[0], theta) == (rho != 0.0)
 
     for_each({str(rho): (rho,) for rho in [0.0, 0.6, None]}, check)
 
@@ -127,7 +127,7 @@ def test_a_missing_torque_predicts_what_is_held_out_and_remembers() -> None:
         assert found is not None
         scores.append(found.score)
         (one,) = posterior.likelihood.observations
-        assert remembers(one, draws(~AWAY)) == (size > 1e-3)
+        assert has_memory(one, draws(~AWAY)) == (size > 1e-3)
     white = held_out(case(away=True).job.problem.posterior, draws(~AWAY))
     assert white is not None
     assert scores[0] == pytest.approx(white.score, abs=1e-3)

@@ -12,7 +12,7 @@ from rigs import likelihood_of
 from scipy.special import ndtr
 from together import for_each
 
-from bayesdrill.analysis.prediction import checks, leave_one_out_check
+from bayesdrill.analysis.prediction import leave_one_out_check, prediction_checks
 from bayesdrill.basics.symbols import Symbol
 from bayesdrill.inference.likelihood import Likelihood
 from bayesdrill.inference.noise.white import White
@@ -91,7 +91,7 @@ def test_a_wrong_prediction_leaves_the_band_and_is_named() -> None:
     def check(believed: float, moved: float, says: str) -> None:
         y = record(1000)
         theta = posterior(y, believed, 400) - moved
-        (found,) = checks(likelihood(y, believed), theta)
+        (found,) = prediction_checks(likelihood(y, believed), theta)
         assert found.holds is (says == "")
         assert found.says == says
 
@@ -100,7 +100,7 @@ def test_a_wrong_prediction_leaves_the_band_and_is_named() -> None:
 
 def test_a_long_record_is_looked_at_from_end_to_end() -> None:
     y = record(5000)
-    (found,) = checks(likelihood(y), posterior(y, SIGMA, 50))
+    (found,) = prediction_checks(likelihood(y), posterior(y, SIGMA, 50))
     assert len(found.pit) == 2000
     assert found.holds
     assert found.band.counts(found.ranks)[-1] <= 2000

@@ -13,7 +13,7 @@ from bayesdrill.inference.priors import (
     TruncatedNormal,
     Uniform,
 )
-from bayesdrill.sampling.opened_ends import pressed_against
+from bayesdrill.sampling.extended_priors import pressed_against
 
 N = 4000
 U = (np.arange(N) + 0.5) / N

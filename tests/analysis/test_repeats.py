@@ -9,8 +9,8 @@ import pytest
 from oracles import NOMINAL, ORDER
 from rigs import experiment, likelihood_of, unknown, vector
 
-from bayesdrill.analysis.comparison import Repeat, repeats
-from bayesdrill.analysis.identifiability.information import Scenery
+from bayesdrill.analysis.comparison import RepeatedProduct, repeats
+from bayesdrill.analysis.identifiability.information import SensitivityStudy
 from bayesdrill.inference.laplace import PosteriorSurface
 from bayesdrill.inference.likelihood import Likelihood, Observation
 from bayesdrill.inference.noise.contract import Noisy
@@ -21,7 +21,7 @@ from bayesdrill.inference.unknowns import ParameterSpace
 from bayesdrill.report.sections import verdict_words
 from bayesdrill.rig.models.motor_shaft import MotorShaft
 from bayesdrill.rig.simulators.exact import Response
-from bayesdrill.sampling.gauss_newton import climb
+from bayesdrill.sampling.gauss_newton import gauss_newton
 
 SIGMA = 0.05
 FREE = ("k_e", "k_s", "j_1")
@@ -29,7 +29,7 @@ MEASURES = {"w_1": {"w_1": 1.0}, "w_2": {"w_2": 1.0}}
 VOLTS = (3.0, 8.0, 5.0)
 
 
-def compared(stiffer: float, seed: int = 0) -> tuple[Repeat, ...]:
+def compared(stiffer: float, seed: int = 0) -> tuple[RepeatedProduct, ...]:
     """Three experiments, in the last of which the shaft is so many times as stiff."""
     rng = np.random.default_rng(seed)
     parts = []
@@ -58,8 +58,8 @@ def compared(stiffer: float, seed: int = 0) -> tuple[Repeat, ...]:
     posterior = Posterior(space=space, likelihood=likelihood, coordinates=space.coordinates())
     surface = PosteriorSurface(posterior, physical=True)
     start = posterior.coordinates.from_physical(space.vector(space.start)[None])
-    theta = posterior.coordinates.to_physical(climb(surface, start, 40).u)[0]
-    return repeats(Scenery(likelihood), theta, [(1, 0, 0), (0, 1, -1), (0, 0, 1)])
+    theta = posterior.coordinates.to_physical(gauss_newton(surface, start, 40).u)[0]
+    return repeats(SensitivityStudy(likelihood), theta, [(1, 0, 0), (0, 1, -1), (0, 0, 1)])
 
 
 @pytest.mark.slow
@@ -96,4 +96,4 @@ def test_one_experiment_has_none_to_compare() -> None:
     )
     noise = White.of([Noisy(channel=c, sigma=1.0, start=1.0) for c in record.channels], 50)
     alone = likelihood_of(space, (Response(MotorShaft(), record), noise))
-    assert repeats(Scenery(alone), np.array([0.26]), [(1,)]) == ()
+    assert repeats(SensitivityStudy(alone), np.array([0.26]), [(1,)]) == ()

@@ -18,11 +18,15 @@ from verdicts import TABLE, gaussian, verdict
 
 from bayesdrill.analysis.identifiability.information import (
     Information,
-    Scenery,
+    SensitivityStudy,
     from_sensitivities,
     root_of,
 )
-from bayesdrill.analysis.identifiability.structure import Resting, following, resting
+from bayesdrill.analysis.identifiability.structure import (
+    DependsOnFixed,
+    depends_on_fixed,
+    prior_following,
+)
 from bayesdrill.analysis.identifiability.study import prior_spreads, study_of
 from bayesdrill.config.schema.config import Asked
 from bayesdrill.inference.posterior import Posterior
@@ -34,21 +38,21 @@ MECHANICAL = frozenset({"j_m", "c_m", "k_T", "k_s", "j_1", "t_f"})
 ELECTRICAL = frozenset({"k_T", "r_m", "l_m"})
 
 
-def found(*held: str, sigma: np.ndarray | None = SIGMA) -> tuple[Resting, ...]:
+def found(*held: str, sigma: np.ndarray | None = SIGMA) -> tuple[DependsOnFixed, ...]:
     free = tuple(name for name in ORDER if name not in held)
     target = posterior(measured(SIGMA), sigma, free=free)
     theta = target.space.vector(target.space.start)
     return rests(target, theta)
 
 
-def rests(target: Posterior, theta: np.ndarray) -> tuple[Resting, ...]:
-    scenery = Scenery(target.likelihood)
+def rests(target: Posterior, theta: np.ndarray) -> tuple[DependsOnFixed, ...]:
+    scenery = SensitivityStudy(target.likelihood)
     known = from_sensitivities(scenery.unknowns, scenery.sensitivities(theta))
     before = prior_spreads(target)[: len(scenery.unknowns)]
-    return resting(target, theta, known, before, np.random.default_rng(1))
+    return depends_on_fixed(target, theta, known, before, np.random.default_rng(1))
 
 
-def sets(found: tuple[Resting, ...]) -> set[tuple[frozenset[str], frozenset[str]]]:
+def sets(found: tuple[DependsOnFixed, ...]) -> set[tuple[frozenset[str], frozenset[str]]]:
     return {(frozenset(one.unknown), frozenset(one.through)) for one in found}
 
 
@@ -98,13 +102,13 @@ def test_what_the_record_hardly_shows_settles_nothing() -> None:
     names, before = ("k_s", "r_m", "k_e"), np.array([3.0, 0.3, 0.3])
     ratio = np.array([1.0, 1.0, -1.0]) / 1e-3
 
-    def rest(sd: float) -> Resting:
+    def rest(sd: float) -> DependsOnFixed:
         known = Information(names, root_of(np.vstack([ratio, [0.0, 1.0 / sd, 0.0]])))
-        return Resting(
+        return DependsOnFixed(
             names=(*names, "l_m"),
             exponents=(-1, 1, 0, 1),
             held=("l_m",),
-            following=following(known, before),
+            following=prior_following(known, before),
         )
 
     loose, tight = rest(3.0), rest(0.03)
@@ -120,7 +124,7 @@ def test_a_record_too_loud_for_the_inductance_rests_on_the_resistance_s_prior() 
     sigma = 100.0 * SIGMA
     target = posterior(measured(sigma), sigma, free=("j_m", "k_e", "k_T", "r_m"))
     theta = target.space.vector(target.space.start)
-    made = study_of(Scenery(target.likelihood), target, theta, Asked())
+    made = study_of(SensitivityStudy(target.likelihood), target, theta, Asked())
     text = identify_words.resting(made)
     assert "depend on the prior" in text
     assert "more than on the record, which hardly shows l_m." in text
@@ -129,7 +133,7 @@ def test_a_record_too_loud_for_the_inductance_rests_on_the_resistance_s_prior() 
 def test_in_words_before_sampling_and_in_the_verdict() -> None:
     target = posterior(measured(SIGMA), SIGMA, free=tuple(name for name in ORDER if name != "l_m"))
     theta = target.space.vector(target.space.start)
-    made = study_of(Scenery(target.likelihood), target, theta, Asked())
+    made = study_of(SensitivityStudy(target.likelihood), target, theta, Asked())
     for text in (identify_words.full(made), identify_words.brief(made)):
         assert "k_T and r_m depend on l_m, which the config holds, and can be right only" in text
     judged = verdict(gaussian({**TABLE, "r_m": 1.2 * TABLE["r_m"]}, np.random.default_rng(2)))

@@ -18,14 +18,14 @@ from scipy.stats import binom
 from together import for_each
 from torques import FREE, FRICTION, PIECES, TORQUE, T, observed, of, weighed
 
-from bayesdrill.analysis.latent_torque import shakings
+from bayesdrill.analysis.latent_torque import torque_estimates
 from bayesdrill.inference.laplace import PosteriorSurface
 from bayesdrill.inference.posterior import Posterior
 from bayesdrill.report.sections.torque_words import HARMLESS
 from bayesdrill.rig.models.latent_torque import TORQUE as LOAD
 from bayesdrill.rig.models.latent_torque import LoadedModel, MissingTorque
 from bayesdrill.rig.simulators.stepped import Stepped
-from bayesdrill.sampling.gauss_newton import climb
+from bayesdrill.sampling.gauss_newton import gauss_newton
 
 Array = NDArray[np.float64]
 
@@ -97,7 +97,7 @@ def told(seed: int) -> Told:
     at, rng = target.coordinates.from_physical(truth[None]), np.random.default_rng(seed)
     u, weights = weighed(target, at, seed, enough=0.15)
     physical = target.coordinates.to_physical(u[rng.choice(len(u), SHOWN, p=weights)])
-    (found,) = shakings(target, physical, rng)
+    (found,) = torque_estimates(target, physical, rng)
     low, high = found.band
     return Told(
         below=dict(zip(target.space.free, map(float, weights @ (u < at)), strict=True)),
@@ -111,8 +111,8 @@ def strayed(size: float, seed: int) -> float:
     """At the maximum."""
     target, truth, _ = shaken(size, seed)
     start = target.coordinates.from_physical(truth[None])
-    best = target.coordinates.to_physical(climb(PosteriorSurface(target), start, 60).u[:1])
-    (found,) = shakings(target, best, np.random.default_rng(seed))
+    best = target.coordinates.to_physical(gauss_newton(PosteriorSurface(target), start, 60).u[:1])
+    (found,) = torque_estimates(target, best, np.random.default_rng(seed))
     return max(course.strayed for course in found.courses)
 
 
@@ -161,7 +161,7 @@ def test_where_nothing_rubs_the_rig_goes_where_the_torque_moves_it() -> None:
         theta = space.vector({**space.start, "s_d": 0.1, "tau_d": 1.0})
         full = space.full(theta[None])
         y = one.draw(one.signals(full), theta[None], rng)[0]
-        (found,) = shakings(of(target, one.with_record(y)), theta[None], rng)
+        (found,) = torque_estimates(of(target, one.with_record(y)), theta[None], rng)
         assert max(course.moved for course in found.courses) > 0.5
         assert max(course.strayed for course in found.courses) < 0.1
 

@@ -16,7 +16,7 @@ from oracles import NOMINAL
 from rigs import STATES, experiment, posterior, unknown, vector
 from together import for_each
 
-from bayesdrill.analysis.latent_torque import Shaking, shakings
+from bayesdrill.analysis.latent_torque import TorqueEstimate, torque_estimates
 from bayesdrill.analysis.run_analysis import torque_summary
 from bayesdrill.basics.units import Unit
 from bayesdrill.inference.likelihood import Likelihood
@@ -68,11 +68,11 @@ def shaken(at: TorqueLocation, rng: np.random.Generator) -> tuple[Posterior, np.
     return made, SIZE * states[0, :, found.augmented.states.index("torque")]
 
 
-def seen(at: TorqueLocation, seed: int, n: int = 200) -> tuple[Shaking, np.ndarray]:
+def seen(at: TorqueLocation, seed: int, n: int = 200) -> tuple[TorqueEstimate, np.ndarray]:
     rng = np.random.default_rng(seed)
     target, truth = shaken(at, rng)
     theta = np.append(vector(NOMINAL), [SIZE, TIME])
-    (found,) = shakings(target, np.repeat(theta[None], n, axis=0), rng)
+    (found,) = torque_estimates(target, np.repeat(theta[None], n, axis=0), rng)
     return found, truth
 
 
@@ -99,7 +99,7 @@ def test_draws_have_the_mean_that_is_expected_and_differ_as_unknowns_do() -> Non
     target, _ = shaken("rotor_1", rng)
     theta = np.repeat(np.append(vector(NOMINAL), [SIZE, TIME])[None], 600, axis=0)
     theta[:, 7] *= np.linspace(0.7, 1.3, 600)
-    (wider,) = shakings(target, theta, rng)
+    (wider,) = torque_estimates(target, theta, rng)
     assert wider.draws.std(axis=0).mean() > 1.1 * found.draws.std(axis=0).mean()
 
 

@@ -11,8 +11,12 @@ from oracles import NOMINAL
 from rigs import experiment, likelihood_of
 from together import for_each
 
-from bayesdrill.analysis.identifiability.frictions import Told, stops_below, told_apart
-from bayesdrill.analysis.identifiability.information import Scenery
+from bayesdrill.analysis.identifiability.frictions import (
+    FrictionConfounding,
+    distinguish,
+    stall_voltage,
+)
+from bayesdrill.analysis.identifiability.information import SensitivityStudy
 from bayesdrill.analysis.identifiability.study import prior_spreads, study_of
 from bayesdrill.config.schema.config import Asked
 from bayesdrill.inference.noise.contract import Noisy
@@ -75,9 +79,9 @@ def _most(name: str) -> float:
     return 1.0 if name == "eta" else np.inf
 
 
-def told(posterior: Posterior) -> Told:
+def told(posterior: Posterior) -> FrictionConfounding:
     theta = posterior.space.vector(posterior.space.start)
-    return told_apart(Scenery(posterior.likelihood), posterior, theta)
+    return distinguish(SensitivityStudy(posterior.likelihood), posterior, theta)
 
 
 def turning(v: float, t_f: float) -> dict[str, float]:
@@ -134,14 +138,16 @@ def test_what_is_proposed_does_what_is_said() -> None:
     sds = []
     for posterior in (before, after):
         theta = posterior.space.vector(posterior.space.start)
-        found = study_of(Scenery(posterior.likelihood), posterior, theta, Asked())
+        found = study_of(SensitivityStudy(posterior.likelihood), posterior, theta, Asked())
         sds.append(found.parameters[0].sd)
     (one,) = told(before).alike
     (proposal,) = (p for p in one.proposals if p.what == "turned half-way")
     assert proposal.shrink == pytest.approx(sds[0] / sds[1], rel=1e-3)
     # Of a measured voltage one more record, turned: both together know what each knows.
     records = [believed(("t_cm", "t_f"), values, np.full(N, volts)) for volts in (8.0, -8.0)]
-    rows = np.vstack([Scenery(record.likelihood).every(theta) for record in records])
+    rows = np.vstack(
+        [SensitivityStudy(record.likelihood).with_nuisances(theta) for record in records]
+    )
     prior = np.diag(prior_spreads(before) ** -2.0)
     alone, both = (
         np.sqrt(np.linalg.inv(known.T @ known + prior)[0, 0])
@@ -210,17 +216,17 @@ def test_what_a_gear_loses_is_like_friction_at_the_motor() -> None:
 
 def test_a_rig_without_any_of_it_is_told_nothing() -> None:
     posterior = believed(("k_e", "k_s"), {}, 8.0)
-    assert told(posterior) == Told()
-    assert friction_sentences(Told()) == ""
+    assert told(posterior) == FrictionConfounding()
+    assert friction_sentences(FrictionConfounding()) == ""
     theta = posterior.space.vector(posterior.space.start)
-    found = study_of(Scenery(posterior.likelihood), posterior, theta, Asked())
+    found = study_of(SensitivityStudy(posterior.likelihood), posterior, theta, Asked())
     assert "friction" not in identify_words.full(found)
 
 
 def test_identify_says_it() -> None:
     posterior = believed(("t_cm", "t_f"), {"t_cm": 0.05, "t_f": 0.04}, 8.0)
     theta = posterior.space.vector(posterior.space.start)
-    found = study_of(Scenery(posterior.likelihood), posterior, theta, Asked())
+    found = study_of(SensitivityStudy(posterior.likelihood), posterior, theta, Asked())
     assert "friction: t_cm can hardly be told from t_f" in identify_words.full(found)
 
 
@@ -232,9 +238,9 @@ def test_the_voltage_that_holds_it_at_rest() -> None:
         p = {**NOMINAL, "t_f": 0.01, **added}
         torque = 0.01 + added["t_cm"] + added.get("t_c1", 0.0) / 8
         volts = NOMINAL["r_m"] * torque / NOMINAL["k_T"] + added.get("v_d", 0.0)
-        assert stops_below(rig, p) == pytest.approx(volts, rel=1e-9)
-        assert stops_below(MotorShaft(), {**NOMINAL, "t_f": 0.0}) == pytest.approx(0.0, abs=1e-12)
-        assert stops_below(DrivenShaft(), {}) == 0.0
+        assert stall_voltage(rig, p) == pytest.approx(volts, rel=1e-9)
+        assert stall_voltage(MotorShaft(), {**NOMINAL, "t_f": 0.0}) == pytest.approx(0.0, abs=1e-12)
+        assert stall_voltage(DrivenShaft(), {}) == 0.0
 
     for_each(
         {

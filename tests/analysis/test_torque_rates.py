@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from scipy.stats import binom
 from torques import FREE, FRICTION, PIECES, TORQUE, observed, of, weighed
 
-from bayesdrill.analysis.latent_torque import follows, shakings
+from bayesdrill.analysis.latent_torque import regress_torque, torque_estimates
 from bayesdrill.inference.posterior import Posterior
 from bayesdrill.rig.simulators.stepped import Stepped
 
@@ -69,10 +69,10 @@ def told(seed: int) -> Told:
     both_logs = u[:, ratio] @ [1, -1] < true[:, ratio] @ [1, -1]
     below["k_s/j_1"] = float(weights @ both_logs)
     physical = target.coordinates.to_physical(u[rng.choice(len(u), SHOWN, p=weights)])
-    (found,) = shakings(target, physical, rng)
+    (found,) = torque_estimates(target, physical, rng)
     turns, law = np.abs(found.speed) > MOVING, -friction * np.sign(found.speed)
     low, high = found.band
-    first = follows(found)[0]
+    first = regress_torque(found)[0]
     return Told(
         below={name: float(below[name]) for name in (*FREE, "k_s/j_1")},
         law=(first.kind, first.of),

@@ -17,8 +17,8 @@ from scipy.stats import chi2, norm
 from together import for_each
 from verdicts import LINEAR, PRIOR, PRIOR_SD, TABLE, gaussian, linear_study, verdict
 
-from bayesdrill.analysis.diagnostics import Row
-from bayesdrill.analysis.identifiability.information import Scenery
+from bayesdrill.analysis.diagnostics import ParameterRow
+from bayesdrill.analysis.identifiability.information import SensitivityStudy
 from bayesdrill.analysis.identifiability.study import study_of
 from bayesdrill.analysis.verdict import (
     FALSE_ALARM,
@@ -248,7 +248,7 @@ def test_deviation_is_that_of_the_paper_and_an_unknown_without_nominal_is_left_o
 def test_seven_independent_products_of_the_real_rig_are_looked_at() -> None:
     target = posterior(measured(np.full(4, 0.1)), np.full(4, 0.1))
     theta = target.space.vector(target.space.start)
-    scenery = Scenery(target.likelihood)
+    scenery = SensitivityStudy(target.likelihood)
     found = study_of(scenery, target, theta, Asked())
     powers = np.array(basis(found, found.names), dtype=float)
     assert np.linalg.matrix_rank(powers) == len(powers) == 7
@@ -311,9 +311,9 @@ def test_tolerances_that_are_none_are_refused() -> None:
     )
 
 
-def row(name: str, word: str) -> Row:
-    empty = {field.name: 0.0 for field in dataclasses.fields(Row)}
-    return Row(**{**empty, "name": name, "word": word})  # type: ignore[arg-type]
+def row(name: str, word: str) -> ParameterRow:
+    empty = {field.name: 0.0 for field in dataclasses.fields(ParameterRow)}
+    return ParameterRow(**{**empty, "name": name, "word": word})  # type: ignore[arg-type]
 
 
 def test_both_tables_have_one_word_for_one_unknown() -> None:

@@ -14,8 +14,8 @@ import refits
 from verdicts import off_by
 
 import bayesdrill as bd
-from bayesdrill.analysis.identifiability.information import Scenery
-from bayesdrill.analysis.identifiability.study import Study, study_of
+from bayesdrill.analysis.identifiability.information import SensitivityStudy
+from bayesdrill.analysis.identifiability.study import IdentifiabilityStudy, study_of
 from bayesdrill.analysis.verdict import Verdict, basis, judge
 from bayesdrill.config.job import Job
 from bayesdrill.config.schema.config import Thresholds
@@ -44,14 +44,16 @@ RIGS = {
 }
 
 
-def studied(job: Job, values: dict[str, float]) -> Study:
+def studied(job: Job, values: dict[str, float]) -> IdentifiabilityStudy:
     posterior = job.problem.posterior
     theta = posterior.space.vector({**posterior.space.start, **values})
-    return study_of(Scenery(posterior.likelihood), posterior, theta, job.asked)
+    return study_of(SensitivityStudy(posterior.likelihood), posterior, theta, job.asked)
 
 
 @pytest.fixture(scope="module", params=RIGS)
-def rig(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Study:
+def rig(
+    request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory
+) -> IdentifiabilityStudy:
     row = refits.row(RIGS[request.param])
     true = {"t_cm": 0.03, "t_c1": 0.2, "c_s": 3e-3}
     own = {name: x for name, x in true.items() if name in row.config["parameters"]}
@@ -60,11 +62,11 @@ def rig(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory
     return studied(job, {**job.problem.nominal, **own})
 
 
-def named(study: Study) -> list[str]:
+def named(study: IdentifiabilityStudy) -> list[str]:
     return [name for name in study.names if name not in ("t_cm", "t_c1", "t_s1", "w_s1", "c_s")]
 
 
-def judged(study: Study, off: dict[str, float]) -> Verdict:
+def judged(study: IdentifiabilityStudy, off: dict[str, float]) -> Verdict:
     """Of the middle record of a rig whose values are `off` the table's by so much, relatively."""
     before = np.array([one.prior_sd for one in study.parameters])
     known = study.information.root.T @ study.information.root
@@ -78,7 +80,7 @@ def judged(study: Study, off: dict[str, float]) -> Verdict:
     return judge(study, np.exp(draws), np.exp(prior), table, {}, (), Thresholds())
 
 
-def test_products_span_all_that_no_symmetry_changes(rig: Study) -> None:
+def test_products_span_all_that_no_symmetry_changes(rig: IdentifiabilityStudy) -> None:
     """Of the table's unknowns alone: as many as there are of these, less the symmetries that they take
     part in.  Mutants killed: products that others take part in, dropped from a basis of all; products
     that only priors know.
@@ -94,7 +96,7 @@ def test_products_span_all_that_no_symmetry_changes(rig: Study) -> None:
     assert spring in powers[:2].tolist()
 
 
-def test_a_value_of_the_table_that_is_off_is_told(rig: Study) -> None:
+def test_a_value_of_the_table_that_is_off_is_told(rig: IdentifiabilityStudy) -> None:
     """Each in turn by 10 %, where any product shows it; and nothing where nothing is off."""
     shown = [name for name, sigmas in off_by(rig, named(rig), 0.1).items() if sigmas > 6]
     assert {"j_m", "k_s", "j_1"} <= {*shown}

@@ -21,12 +21,12 @@ from together import together
 from bayesdrill.basics.errors import InputError
 from bayesdrill.guard import INPUT_WRONG, INTERRUPTED, guarded, saved_in
 from bayesdrill.sampling import workers
-from bayesdrill.sampling.workers import Crew
+from bayesdrill.sampling.workers import WorkerPool
 
 
 def test_a_worker_that_is_killed_ends_in_a_message(capsys: pytest.CaptureFixture[str]) -> None:
     """Whatever the command. The task ends its process at once, as the kernel does when memory is out."""
-    with pytest.raises(typer.Exit) as ended, guarded(), Crew(9, 2) as pool:  # type: ignore[arg-type]
+    with pytest.raises(typer.Exit) as ended, guarded(), WorkerPool(9, 2) as pool:  # type: ignore[arg-type]
         pool.submit(os._exit).result()
     assert ended.value.exit_code == INPUT_WRONG
     said = capsys.readouterr().err
@@ -35,7 +35,7 @@ def test_a_worker_that_is_killed_ends_in_a_message(capsys: pytest.CaptureFixture
 
 
 def test_a_run_that_loses_a_worker_says_how_to_go_on(tmp_path: Path) -> None:
-    with pytest.raises(InputError) as ended, saved_in(tmp_path), Crew(9, 2) as pool:  # type: ignore[arg-type]
+    with pytest.raises(InputError) as ended, saved_in(tmp_path), WorkerPool(9, 2) as pool:  # type: ignore[arg-type]
         pool.submit(os._exit).result()
     (problem,) = ended.value.problems
     assert problem.place == str(tmp_path)
@@ -115,7 +115,7 @@ def test_no_room_for_semaphores_is_not_blamed_on_the_results(
 
     monkeypatch.setattr(workers, "ProcessPoolExecutor", full)
     with pytest.raises(InputError) as ended, saved_in(tmp_path):
-        Crew(9, 2)  # type: ignore[arg-type]
+        WorkerPool(9, 2)  # type: ignore[arg-type]
     (problem,) = ended.value.problems
     assert str(tmp_path) not in str(problem)
     assert "/dev/shm" in str(problem)

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from bayesdrill.analysis.identifiability.information import Scenery
+from bayesdrill.analysis.identifiability.information import SensitivityStudy
 from bayesdrill.api.files import FILES
 from bayesdrill.config import loading
 from bayesdrill.config.job import prepare
@@ -39,7 +39,7 @@ def test_what_it_was_made_with_is_plausible_and_its_start_is_not() -> None:
     assert abs(posterior.likelihood.per_number(theta)[0] - 1) < 4 * np.sqrt(2 / n)
     start = posterior.space.vector(posterior.space.start)[None]
     assert posterior.likelihood.per_number(start)[0] > 20
-    said = identify.preflight(job, Scenery(posterior.likelihood))
+    said = identify.preflight(job, SensitivityStudy(posterior.likelihood))
     first, resting = said.splitlines()
     assert first == "the record determines every unknown"
     assert resting.startswith("k_s, j_1 and t_f depend on j_m, c_m and k_T, which the config holds")

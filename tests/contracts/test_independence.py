@@ -17,17 +17,22 @@ from targets import TARGETS, Target
 from together import together
 
 from bayesdrill.sampling.samplers import independence
-from bayesdrill.sampling.samplers.ensemble import Piece, State, advance, alone
+from bayesdrill.sampling.samplers.ensemble import ChainSegment, State, advance, step_trapped
 from bayesdrill.sampling.samplers.independence import (
-    LONG,
+    LONG_LOG_RATIO,
+    CachedLogDensity,
     Mixture,
     Proposal,
-    Remembered,
-    Weighed,
-    fitted,
+    WeightedDraws,
+    fit_mixture,
     mixture,
 )
-from bayesdrill.sampling.samplers.ridge import bend, fit, frame, straighten
+from bayesdrill.sampling.samplers.ridge import (
+    fit_ridge,
+    from_ridge_coordinates,
+    local_basis,
+    to_ridge_coordinates,
+)
 
 FAIL = 1e-6
 STEPS = 12
@@ -36,7 +41,7 @@ TWO = {name: TARGETS[name] for name in ("wild", "bent", "cut", "boxed", "humps")
 CUT = TARGETS["cut"]
 
 
-def walked(target: Target, d: int, proposal: Proposal, steps: int = STEPS) -> Piece:
+def walked(target: Target, d: int, proposal: Proposal, steps: int = STEPS) -> ChainSegment:
     z = target.draw(4000, d, np.random.default_rng(50 + d))
     state = State(z, target.log_density(z), np.random.RandomState(50 + d).get_state())
     evaluate = lambda z: (target.log_density(z), 0)  # noqa: E731
@@ -67,7 +72,9 @@ def test_densities_are_remembered_of_walkers_that_stay() -> None:
             asked.append(len(u))
             return mixture.log_density(u)
 
-    known = Remembered(Counting(*(getattr(mixture, f.name) for f in dataclasses.fields(Mixture))))
+    known = CachedLogDensity(
+        Counting(*(getattr(mixture, f.name) for f in dataclasses.fields(Mixture)))
+    )
     known.at(z)
     z[[3, 17]] += 0.1
     assert known.at(z) == pytest.approx(mixture.log_density(z), rel=1e-12)
@@ -76,7 +83,7 @@ def test_densities_are_remembered_of_walkers_that_stay() -> None:
 
 def test_redraws_that_run_out_keep_the_target(monkeypatch: pytest.MonkeyPatch) -> None:
     """Draws outside the prior are then proposed, and never accepted."""
-    monkeypatch.setattr(independence, "MOST_REDRAWS", 1)
+    monkeypatch.setattr(independence, "MAX_REDRAWS", 1)
     few = replace(rough(CUT, 5), share=1.0)
     piece = walked(CUT, 5, few)
     assert CUT.inside(piece.z.reshape(-1, 5)).all()
@@ -92,7 +99,7 @@ def test_a_forgotten_proposal_density_is_found_out() -> None:
 
     own = rough(CUT, 2)
     fields = (getattr(own.mixture, field.name) for field in dataclasses.fields(Mixture))
-    forgetful = replace(own, mixture=Forgetful(*fields), usual=np.inf)
+    forgetful = replace(own, mixture=Forgetful(*fields), typical_log_ratio=np.inf)
     assert CUT.p_values(walked(CUT, 2, forgetful).state.z).min() < FAIL
 
 
@@ -105,7 +112,7 @@ def test_steps_of_walkers_by_themselves_keep_the_target(name: str, d: int) -> No
     """
     target = TWO[name]
     own = rough(target, d, 2)
-    waiting = Waiting(replace(own, usual=own.usual - LONG))
+    waiting = Waiting(replace(own, typical_log_ratio=own.typical_log_ratio - LONG_LOG_RATIO))
     z = target.draw(4000, d, np.random.default_rng(60 + d))
     random = np.random.RandomState(60 + d).get_state()
     sampler = emcee.EnsembleSampler(4000, d, target.log_density, moves=waiting, vectorize=True)
@@ -123,16 +130,16 @@ class Waiting:
 
     def propose(self, model, state):
         log_q = self.proposal.mixture.log_density(state.coords)
-        return state, alone(model, state, self.proposal, log_q)
+        return state, step_trapped(model, state, self.proposal, log_q)
 
 
 def test_acceptance_foreseen_is_that_of_the_move() -> None:
     """From draws of the proposal alone, before any walker takes a step."""
-    proposal = replace(rough(CUT, 5), usual=np.inf)
+    proposal = replace(rough(CUT, 5), typical_log_ratio=np.inf)
     u, log_q = proposal.draw(40_000, CUT.inside, np.random.RandomState(2))
     assert CUT.inside(u).all()
     alike = np.zeros(len(u))
-    weighed = Weighed(u, CUT.log_density(u) - log_q, alike)
+    weighed = WeightedDraws(u, CUT.log_density(u) - log_q, alike)
     piece = walked(CUT, 5, proposal)
     assert weighed.acceptance == pytest.approx(piece.accepted.mean() / STEPS, abs=0.02)
 
@@ -143,7 +150,9 @@ def test_a_walker_in_a_tail_does_not_wait_for_ever() -> None:
     """
     d, out = 2, 5.0
     psi = np.linspace(-9.0, 9.0, 40)[:, None]
-    flat = fit(frame(np.zeros(d), np.eye(d), 1), psi, 0.0 * psi, np.ones((40, 1, 1)), 1, 0)
+    flat = fit_ridge(
+        local_basis(np.zeros(d), np.eye(d), 1), psi, 0.0 * psi, np.ones((40, 1, 1)), 1, 0
+    )
     narrow = mixture([flat], [0], np.ones(1), np.zeros((1, d)), 0.7 * np.eye(d)[None])
     z = np.full((64, d), out / np.sqrt(d))
 
@@ -166,8 +175,8 @@ def bent_mixture() -> Mixture:
     sheets = []
     for centre, bow in (([1.0, 2.0], 0.3), ([-2.0, 0.0], -0.2)):
         roots = 0.4 * np.exp(0.5 * psi)[:, :, None]
-        base = frame(np.array(centre), (1.0 + bow) * turned, 1)
-        sheets.append(fit(base, psi, bow * psi**2, roots, 2, 1))
+        base = local_basis(np.array(centre), (1.0 + bow) * turned, 1)
+        sheets.append(fit_ridge(base, psi, bow * psi**2, roots, 2, 1))
     means = np.array([[0.0, 0.0], [1.0, 0.3], [-0.5, 0.0]])
     roots = np.array(
         [[[0.7, 0.0], [0.3, 1.0]], [[0.4, 0.0], [0.0, 1.2]], [[0.9, 0.0], [-0.2, 0.8]]]
@@ -202,14 +211,19 @@ def test_what_the_prior_cuts_off_is_filled_up() -> None:
     d = 4
     draws = np.random.default_rng(0).uniform(2.0, 3.0, (3000, d))
     none = np.zeros((1, 0))
-    base = fit(
-        frame(np.full(d, 2.5), np.eye(d), d), np.zeros((1, d)), none, np.zeros((1, 0, 0)), 0, 0
+    base = fit_ridge(
+        local_basis(np.full(d, 2.5), np.eye(d), d),
+        np.zeros((1, d)),
+        none,
+        np.zeros((1, 0, 0)),
+        0,
+        0,
     )
     start = mixture([base], [0], np.ones(1), np.zeros((1, d)), 0.3 * np.eye(d)[None])
     equal = np.full(len(draws), 1.0 / len(draws))
-    found = fitted(start, draws, equal, inside, 25, np.random.RandomState(1))
+    found = fit_mixture(start, draws, equal, inside, 25, np.random.RandomState(1))
     u, log_q = Proposal(found, 0.3, 0.0).draw(10_000, inside, np.random.RandomState(2))
-    assert Weighed(u, -log_q, np.zeros(len(u))).acceptance > 0.65
+    assert WeightedDraws(u, -log_q, np.zeros(len(u))).acceptance > 0.65
 
 
 def test_a_wider_mixture_has_equal_shares_of_its_ridges() -> None:
@@ -218,7 +232,7 @@ def test_a_wider_mixture_has_equal_shares_of_its_ridges() -> None:
     wide = found.widened(1.5)
     drawn = wide.draw(20_000, np.random.RandomState(5)).u
     assert TARGETS["humps"].hump(drawn).mean() == pytest.approx(0.5, abs=0.02)
-    y, _ = straighten(wide.sheets[0], drawn[TARGETS["humps"].hump(drawn) == 0])
-    own = straighten(wide.sheets[0], found.draw(20_000, np.random.RandomState(6)).u)[0]
-    own = own[TARGETS["humps"].hump(bend(wide.sheets[0], own)[0]) == 0]
+    y, _ = to_ridge_coordinates(wide.sheets[0], drawn[TARGETS["humps"].hump(drawn) == 0])
+    own = to_ridge_coordinates(wide.sheets[0], found.draw(20_000, np.random.RandomState(6)).u)[0]
+    own = own[TARGETS["humps"].hump(from_ridge_coordinates(wide.sheets[0], own)[0]) == 0]
     assert y.std(axis=0) == pytest.approx(1.5 * own.std(axis=0), rel=0.1)

@@ -18,7 +18,14 @@ from targets import TARGETS, Target
 from together import together
 
 from bayesdrill.config.schema.config import SamplerSpec
-from bayesdrill.sampling.samplers.ensemble import MOVES, Piece, State, advance, everywhere, mixture
+from bayesdrill.sampling.samplers.ensemble import (
+    MOVES,
+    ChainSegment,
+    State,
+    advance,
+    always_inside,
+    moves_with_weights,
+)
 from bayesdrill.sampling.samplers.independence import Proposal
 
 FAIL = 1e-6  # one false alarm in a million
@@ -29,7 +36,7 @@ STRAIGHT = {name: TARGETS[name] for name in ("mild", "wild")}
 # Every move where a ridge bends; of the targets that are harder in another way, each with one move.
 PAIRS = [(move, "bent") for move in MOVES]
 PAIRS += [("differential_evolution", name) for name in TARGETS if name not in ("mild", "bent")]
-WITHOUT = [name for name in MOVES if mixture({name: 1.0}, None, everywhere)]
+WITHOUT = [name for name in MOVES if moves_with_weights({name: 1.0}, None, always_inside)]
 
 
 def walked(
@@ -38,7 +45,7 @@ def walked(
     moves: Mapping[str, float],
     proposal: Proposal | None,
     steps: int = STEPS,
-) -> Piece:
+) -> ChainSegment:
     """From i.i.d. draws."""
     z = target.draw(WALKERS, d, np.random.default_rng(100 + d))
     state = State(z, target.log_density(z), np.random.RandomState(100 + d).get_state())
@@ -137,5 +144,5 @@ def test_the_snooker_move_of_emcee_is_found_out(d: int) -> None:
 
 
 def test_the_snooker_move_is_not_registered() -> None:
-    made = [make(rough(TARGETS["mild"], 2), everywhere) for make in MOVES.values()]
+    made = [make(rough(TARGETS["mild"], 2), always_inside) for make in MOVES.values()]
     assert not any(isinstance(move, emcee.moves.DESnookerMove) for move in made)

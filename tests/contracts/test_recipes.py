@@ -21,7 +21,7 @@ from bayesdrill import output_files
 from bayesdrill.output_files import POSTERIOR
 from bayesdrill.report.publish import FIGURES, drawings
 from bayesdrill.report.scales import WIDTHS
-from bayesdrill.report.view import View
+from bayesdrill.report.view import ReportContext
 
 OWN = [name for name in FIGURES if not name.startswith("toy_")]
 T = np.linspace(0.0, 4.0, 161)
@@ -97,7 +97,7 @@ def abroad(*, shaken: bool = False) -> bd.Run:
         return bd.load(Path(place) / "abroad.yaml").sample()
 
 
-def showing(name: str, other: bd.Run) -> View:
+def showing(name: str, other: bd.Run) -> ReportContext:
     """Of a run that has what a figure shows: a missing torque, a linear rig under a voltage, or what
     another has; `residuals` of a fit that leaves noise are drawn where they are named.
     """
@@ -106,12 +106,12 @@ def showing(name: str, other: bd.Run) -> View:
     return dataclasses.replace(view, config=view.config.model_copy(update={"output": output}))
 
 
-def sized(view: View, size: str) -> View:
+def sized(view: ReportContext, size: str) -> ReportContext:
     output = view.config.output.model_copy(update={"size": size})
     return dataclasses.replace(view, config=view.config.model_copy(update={"output": output}))
 
 
-def figure_of(name: str, view: View) -> Figure:
+def figure_of(name: str, view: ReportContext) -> Figure:
     (drawing,) = drawings(name, view).values()
     other = pickle.loads(pickle.dumps(drawing))  # as a worker gets it
     return drawn(other.drawn())

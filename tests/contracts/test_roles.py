@@ -22,11 +22,11 @@ from oracles import NOMINAL
 
 import bayesdrill as bd
 from bayesdrill.analysis import edits, plausibility
-from bayesdrill.analysis.causes import Causes, Instead, refit
-from bayesdrill.analysis.energy import accounts, curve, rubbings
-from bayesdrill.analysis.identifiability.frictions import RIVALS, stops_below
-from bayesdrill.analysis.identifiability.information import Scenery
-from bayesdrill.analysis.latent_torque import follows, shakings
+from bayesdrill.analysis.causes import Causes, EquivalentExplanation, refit_candidate
+from bayesdrill.analysis.energy import energy_accounts, friction_curve, friction_motions
+from bayesdrill.analysis.identifiability.frictions import RIVALS, stall_voltage
+from bayesdrill.analysis.identifiability.information import SensitivityStudy
+from bayesdrill.analysis.latent_torque import regress_torque, torque_estimates
 from bayesdrill.analysis.run_analysis import torque_summary
 from bayesdrill.basics import symbols
 from bayesdrill.basics.progress import SILENT
@@ -38,7 +38,7 @@ from bayesdrill.report.sections.torque_words import torque_shown
 from bayesdrill.rig import MotorShaft, energy
 from bayesdrill.rig.models import MODELS
 from bayesdrill.rig.models.linear import DEFAULT_ROLES, STATES, Model, Roles, RotorRoles
-from bayesdrill.sampling.workers import Crew
+from bayesdrill.sampling.workers import WorkerPool
 from bayesdrill.selection import Ladder
 from bayesdrill.tasks import ranking
 
@@ -104,7 +104,9 @@ def of_record(of: bd.Case) -> Iterator[Any]:
     yield derived.at(problem, theta[None])
     tried = edits.rig_candidates(posterior.likelihood.observations, posterior.space, theta)
     yield tried
-    every = [Instead(parameter=roles[role], value=0.1, lost=1.0) for role in edits.LACKS]
+    every = [
+        EquivalentExplanation(parameter=roles[role], value=0.1, lost=1.0) for role in edits.LACKS
+    ]
     yield [[*fit_words.instead(one, roles)] for one in every]
     rungs = Ladder.of(of.job, {}).singles()
     rungs += Ladder.of(of.job, {}).beyond(("friction_both",), ())
@@ -116,17 +118,23 @@ def of_friction(of: bd.Case) -> Iterator[Any]:
     problem, posterior = of.job.problem, of.job.problem.posterior
     theta, none = posterior.space.vector(posterior.space.start), np.empty((0, len(problem.names)))
     model, full = problem.model, posterior.space.full(theta[None])
-    scenery = Scenery(posterior.likelihood)
+    scenery = SensitivityStudy(posterior.likelihood)
     yield plausibility.plausibility_of_course(scenery, theta)
     found = of.identify()
     yield [str(found), repr(found.study.remedies)]
-    (one,), (rubs,) = posterior.likelihood.observations, rubbings(posterior, theta, none)
+    (one,), (rubs,) = posterior.likelihood.observations, friction_motions(posterior, theta, none)
     for each in rubs:
         law = each.friction
         yield [law.where, effort_symbol(law).latex, speed_symbol(law.against, model.roles).latex]
-        yield [each.gear, each.stuck, each.slowest, each.effort, curve(one, each, full).sizes]
-    yield stops_below(model, dict(zip(model.parameters, full[0], strict=False)))
-    (account,) = accounts(posterior, theta, none)
+        yield [
+            each.gear,
+            each.stuck,
+            each.slowest,
+            each.effort,
+            friction_curve(one, each, full).sizes,
+        ]
+    yield stall_voltage(model, dict(zip(model.parameters, full[0], strict=False)))
+    (account,) = energy_accounts(posterior, theta, none)
     yield [
         physics_words.energy_table(account, model).lines,
         physics_words.energy_note(account, model),
@@ -150,10 +158,10 @@ def of_cause(rig: Model, own: dict[str, str]) -> Iterator[Any]:
     start = posterior.space.start
     few = {"friction_rotor_1", "voltage_drop", "damping_shaft", "offset_v"}  # all take a minute
     rungs = [one for one in Ladder.of(of.job, {}).singles() if one.name in few]
-    given = refit(posterior, start, -math.inf)
+    given = refit_candidate(posterior, start, -math.inf)
     assert given is not None
-    with Crew(posterior, 1) as crew:
-        work = ranking._Ranking(of.job, start, given, crew.run, SILENT)
+    with WorkerPool(posterior, 1) as pool:
+        work = ranking._Ranking(of.job, start, given, pool.submit_function, SILENT)
         work.refit_all(rungs, start)
     causes = Causes(given=given.fit, ranked=work._ranked())
     yield repr(causes)
@@ -165,8 +173,8 @@ def of_torque(of: bd.Case) -> Iterator[Any]:
     """What a missing torque was, what it follows, and what it can stand in for."""
     posterior = of.job.problem.posterior
     theta = posterior.space.vector(posterior.space.start)
-    (found,) = shakings(posterior, theta[None], np.random.default_rng(1))
-    yield [found.expected, found.angle, found.gear, repr(follows(found))]
+    (found,) = torque_estimates(posterior, theta[None], np.random.default_rng(1))
+    yield [found.expected, found.angle, found.gear, repr(regress_torque(found))]
     yield torque_words.followed(torque_summary(found))
     yield [(each.label.latex, each.means) for each in torque_shown(found, of.job.clock).against]
 

@@ -9,7 +9,7 @@ import pairs
 import pytest
 from together import for_each
 
-from bayesdrill.analysis.identifiability.information import Scenery
+from bayesdrill.analysis.identifiability.information import SensitivityStudy
 from bayesdrill.inference import laplace
 from bayesdrill.inference.laplace import PosteriorSurface
 from bayesdrill.inference.posterior import Posterior
@@ -128,8 +128,8 @@ def test_the_information_of_a_point_is_that_of_slopes_and_priors() -> None:
     posterior = target()
     theta = points(posterior, 1)[0]
     root = laplace.information_root(posterior, theta)
-    scenery = Scenery(posterior.likelihood)
-    rows = scenery.every(theta)
+    scenery = SensitivityStudy(posterior.likelihood)
+    rows = scenery.with_nuisances(theta)
     m = rows.shape[1]
     known = np.diag([1 / laplace.natural_spread(u) ** 2 for u in posterior.space.unknowns[:m]])
     expected = rows.T @ rows / laplace.excess(posterior, theta) + known
@@ -145,10 +145,10 @@ def test_the_rig_without_its_sensors_is_a_schur_complement() -> None:
     """Information of the rig, with what else is unknown taken out as freely as its priors allow."""
     posterior = target()
     theta = points(posterior, 1)[0]
-    scenery = Scenery(posterior.likelihood)
+    scenery = SensitivityStudy(posterior.likelihood)
     assert scenery.unknowns == ("k_e", "k_s", "t_f_late", "t_f_moving")
     found = scenery.sensitivities(theta)
-    rows, m = scenery.every(theta), len(scenery.unknowns)
+    rows, m = scenery.with_nuisances(theta), len(scenery.unknowns)
     moving = posterior.space.unknowns[m : rows.shape[1]]
     whole = rows.T @ rows
     whole[m:, m:] += np.diag([1 / laplace.natural_spread(u) ** 2 for u in moving])

@@ -22,7 +22,7 @@ from bayesdrill.inference.priors import LogUniform, Uniform
 from bayesdrill.inference.unknowns import ParameterSpace
 from bayesdrill.rig.models.motor_shaft import PARAMETERS, MotorShaft
 from bayesdrill.rig.simulators.exact import Response
-from bayesdrill.sampling.gauss_newton import climb
+from bayesdrill.sampling.gauss_newton import gauss_newton
 
 FREE = ("k_e", "k_s", "j_1")
 SIGMA = (0.1, 0.1)
@@ -78,7 +78,7 @@ class Bench:
         truth |= dict(zip(("sigma_w_1", "sigma_w_2"), SIGMA, strict=True))
         true = target.coordinates.from_physical(target.space.vector(truth)[None])
         surface = PosteriorSurface(target)
-        found = climb(surface, true, 60)
+        found = gauss_newton(surface, true, 60)
         best = target.coordinates.to_physical(found.u)[0]
         covariance = laplace.covariance(target, best)
         proposal = multivariate_t(found.u[0], 1.3 * covariance, df=TAILS, seed=seed)

@@ -11,7 +11,7 @@ from together import together
 
 from bayesdrill.basics.symbols import PARAMETERS
 from bayesdrill.paper import printed
-from bayesdrill.paper.forward import READINGS, Reading
+from bayesdrill.paper.forward import READINGS, MatrixReading
 from bayesdrill.paper.plots import SHORT, fit_paper_figure, readings_figure, verification_figure
 from bayesdrill.paper.searches import Verification
 from bayesdrill.record.experiment import Channel, Experiment
@@ -31,7 +31,7 @@ def si(label: str, u: Array) -> Array:
 # The printed matrix
 
 
-def readings() -> tuple[Reading, ...]:
+def readings() -> tuple[MatrixReading, ...]:
     t = np.linspace(0.0, 10.0, 401)
     fast = 1 - np.exp(-t / 0.03)
     curves = (
@@ -42,7 +42,7 @@ def readings() -> tuple[Reading, ...]:
     )
     ends = (15.913, 1e-15, 660.26, -0.02)
     found = [
-        Reading(
+        MatrixReading(
             name=name,
             matrix=matrix,
             time=10.0,

@@ -22,7 +22,7 @@ from bayesdrill.paper import searches as study
 from bayesdrill.paper.forward import SIX_STATES, integrate, six_states
 from bayesdrill.paper.plugins import Pairwise
 from bayesdrill.paper.precision import truth_of
-from bayesdrill.sampling.workers import Crew
+from bayesdrill.sampling.workers import WorkerPool
 
 ROOT = Path(__file__).parents[2]
 PAPER = ROOT.parent / "shared" / "paper" / "ENIEF2013-3496_paper.tex"
@@ -177,8 +177,8 @@ def test_path_of_the_heuristic_begins_and_ends_at_its_misfits() -> None:
     own = Pairwise()
     start = {name: 1.15 * NOMINAL[name] for name in names}
     target = starting(target, start)
-    with Crew(target, 1) as crew:
-        found = searches.run_heuristic(crew, target, searches.MisfitSearch(own, 5000), 3, 5)
+    with WorkerPool(target, 1) as pool:
+        found = searches.run_heuristic(pool, target, searches.MisfitSearch(own, 5000), 3, 5)
     assert found.misfits[0] == pytest.approx(precision.misfit_per_number(target, found.guess))
     assert found.misfits[-1] == pytest.approx(
         precision.misfit_per_number(target, found.estimate), rel=1e-6
@@ -220,7 +220,7 @@ def test_tones_of_the_shaft_are_those_of_finite_elements() -> None:
     inertia[0, 0] += j_1
     inertia[-1, -1] += j_2
     squares = scipy.linalg.eigh(stiffness, inertia, eigvals_only=True, subset_by_index=[1, 3])
-    found = printed.tones(j_1, j_2, 3)
+    found = printed.natural_frequencies(j_1, j_2, 3)
     expected = np.sqrt(squares) / (2 * np.pi)
     assert [tone.distributed for tone in found] == pytest.approx(expected, rel=1e-4)
     assert found[0].distributed / found[0].lumped == pytest.approx(1.0, abs=1e-6)

@@ -14,7 +14,7 @@ from pictures import SYMBOLS, clashes, drawn, marked, posterior, within, xy
 from together import together
 
 from bayesdrill.paper.plots import convergence_figure, simultaneous_figure, table_3_figure
-from bayesdrill.paper.searches import End, Heuristic
+from bayesdrill.paper.searches import Heuristic, SearchEnd
 from bayesdrill.report.style import set_decades
 
 Array = NDArray[np.float64]
@@ -43,8 +43,8 @@ def test_decades_are_labelled_with_what_they_are(ends_at: tuple[float, float]) -
         assert place == pytest.approx(10.0 ** int(power[1]) if power else float(label))
 
 
-def end(way: str, misfit: float, scales: tuple[float, ...], distance: float) -> End:
-    return End(
+def end(way: str, misfit: float, scales: tuple[float, ...], distance: float) -> SearchEnd:
+    return SearchEnd(
         way=way,
         misfit=misfit,
         reached=misfit < 1.1,
@@ -56,7 +56,7 @@ def end(way: str, misfit: float, scales: tuple[float, ...], distance: float) -> 
     )
 
 
-def ends(n_scales: int) -> tuple[End, ...]:
+def ends(n_scales: int) -> tuple[SearchEnd, ...]:
     found = [
         ("fminsearch", 0.98, (-0.1, -0.4), 0.26),
         ("fminsearch", 546.6, (-0.5, -3.1), 1.8),

@@ -25,7 +25,7 @@ from bayesdrill.rig.simulators.exact import Response
 from bayesdrill.sampling.convergence import Targets
 from bayesdrill.sampling.ensembles import Plan
 from bayesdrill.sampling.optimisers.contract import Optimum, Task
-from bayesdrill.sampling.workers import Crew
+from bayesdrill.sampling.workers import WorkerPool
 
 Array = NDArray[np.float64]
 
@@ -179,8 +179,8 @@ def test_the_heuristic_ends_lower_in_the_misfit_that_it_searches() -> None:
     """Mutants killed: the exact misfit for the integrator's, in the search and in what is told."""
     names = ("k_e", "t_f")
     rig = target(names, np.full(4, 0.002), 101, at(names, 1.1, 0.9))
-    with Crew(rig, 1) as crew:
-        found = searches.run_heuristic(crew, rig, MisfitSearch(Fminsearch(), 400), 1, 5)
+    with WorkerPool(rig, 1) as pool:
+        found = searches.run_heuristic(pool, rig, MisfitSearch(Fminsearch(), 400), 1, 5)
     own = [forward.stepped_misfit(rig.likelihood, x) for x in (found.stepped, found.estimate)]
     exact = [precision.misfit_per_number(rig, x) for x in (found.stepped, found.estimate)]
     assert found.stepped_misfit == pytest.approx(own[0])
@@ -199,8 +199,8 @@ def test_with_a_measured_voltage_the_heuristic_has_no_end_by_the_integrator() ->
         likelihood.response.experiment, constant={"t_1": 0.0}, series={"v": np.full(41, 8.0)}
     )
     driven = likelihood.with_alone(response=Response(MotorShaft(), own))
-    with Crew(measured := replace(rig, likelihood=driven), 1) as crew:
-        found = searches.run_heuristic(crew, measured, MisfitSearch(Fminsearch(), 60), 1, 5)
+    with WorkerPool(measured := replace(rig, likelihood=driven), 1) as pool:
+        found = searches.run_heuristic(pool, measured, MisfitSearch(Fminsearch(), 60), 1, 5)
     assert (found.stepped, found.stepped_misfit) == (None, None)
     assert found.misfits[-1] < found.misfits[0]
 
@@ -231,8 +231,8 @@ def verified() -> Verified:
     y = rig.likelihood.signals(truth * np.exp(1e-5 * np.array([[1, 0], [-1, 0], [0, 1], [0, -1]])))
     slopes = (y[::2] - y[1::2]).reshape(2, -1) / (2e-5 * truth[:, None])
     one = np.sqrt(np.diag(np.linalg.inv(slopes @ slopes.T)))
-    with Crew(rig, 1) as crew:
-        return rig, study.verify(crew, rig, truth, SIGMAS, 4, plan), truth, one
+    with WorkerPool(rig, 1) as pool:
+        return rig, study.verify(pool, rig, truth, SIGMAS, 4, plan), truth, one
 
 
 @together("sigma", SIGMAS)
@@ -320,8 +320,8 @@ def test_ends_of_searches_are_told_apart_by_their_misfits(
     """
     truth = np.array([NOMINAL[name] for name in swinging.space.free])
     rig = precision.made_record(precision.with_sigma(swinging, sigma), truth, 8, 0)
-    with Crew(rig, 1) as crew:
-        ends = searches.many_searches(crew, rig, truth, ((1, -1),), 4, 3)
+    with WorkerPool(rig, 1) as pool:
+        ends = searches.many_searches(pool, rig, truth, ((1, -1),), 4, 3)
     assert [end.way for end in ends] == 4 * ["fminsearch"] + 4 * ["scaled"]
     numbers = 4 * 401
     low, high = precision.expected_misfit(numbers)
@@ -371,8 +371,8 @@ def test_the_control_tells_the_largest_of_what_a_search_makes_of_records_with_th
         return [Optimum(theta=theta, value=0.0, evaluations=1, settled=True, history=())]
 
     sigmas = (0.02, 0.5)
-    with Crew(rig, 1) as crew:
-        found = searches.control(crew, rig, MisfitSearch(off, 77), sigmas, 3, 9)
+    with WorkerPool(rig, 1) as pool:
+        found = searches.control(pool, rig, MisfitSearch(off, 77), sigmas, 3, 9)
     assert seen == pytest.approx(np.repeat(sigmas, 3), rel=0.15)  # four standard deviations
     assert len(set(seen)) == 6
     assert [(c.sigma, c.parameter, c.records) for c in found] == [

@@ -24,12 +24,20 @@ from bayesdrill.analysis.verdict import Quantity, Verdict
 from bayesdrill.basics.symbols import PARAMETERS
 from bayesdrill.paper import printed, reproduction
 from bayesdrill.paper import study_tables as pages
-from bayesdrill.paper.findings import Findings, Misfits, Nine
-from bayesdrill.paper.forward import Error, Reading
-from bayesdrill.paper.precision import Implied, Length
-from bayesdrill.paper.printed import FOLLOWING, PRODUCTS, Cause, Tone
-from bayesdrill.paper.searches import Control, End, Heuristic, Verification
-from bayesdrill.paper.study_tables import ATTAINED, Table, lengths, lines_2, lines_3, products, ways
+from bayesdrill.paper.findings import Misfits, NineParameterStudy, PaperFindings
+from bayesdrill.paper.forward import IntegratorError, MatrixReading
+from bayesdrill.paper.precision import ImpliedNoise, RecordLength
+from bayesdrill.paper.printed import FOLLOWING, PRODUCTS, DeviationCause, NaturalFrequency
+from bayesdrill.paper.searches import ControlRun, Heuristic, SearchEnd, Verification
+from bayesdrill.paper.study_tables import (
+    ATTAINED,
+    StudyTable,
+    lengths,
+    lines_2,
+    lines_3,
+    products,
+    ways,
+)
 
 RNG = np.random.default_rng(11)
 NAMES = ("k_s", "t_f", "j_m", "l_m", "c_m", "k_T", "j_1", "r_m", "k_e")  # in no one's order
@@ -58,7 +66,7 @@ def filled[T](kind: type[T], **given: object) -> T:
     return kind(**own)
 
 
-# Findings made up
+# PaperFindings made up
 
 
 def verification() -> Verification:
@@ -92,14 +100,14 @@ def unit(name: str) -> tuple[int, ...]:
     return tuple(int(name == other) for other in NAMES)
 
 
-def nine(name: str, truth: np.ndarray | None) -> Nine:
+def nine(name: str, truth: np.ndarray | None) -> NineParameterStudy:
     guess = np.array([printed.GUESS[n] for n in NAMES])
     words = {"k_s": "disagrees", "j_1": "agrees", "r_m": "cannot say"}
     product = tuple(a - 2 * b for a, b in zip(unit("k_s"), unit("j_1"), strict=True))
     quantities = [(q, 10 * uneven()) for q in (*PRODUCTS, *FOLLOWING)]
     quantities[3] = (quantities[3][0], math.inf)
     quantities[4] = (quantities[4][0], 0.0123)
-    return Nine(
+    return NineParameterStudy(
         name=name,
         names=NAMES,
         units=tuple(PARAMETERS[name].plain_unit for name in NAMES),
@@ -132,16 +140,16 @@ def nine(name: str, truth: np.ndarray | None) -> Nine:
             map=0.9731,
             high=1.0371,
         ),
-        causes=tuple(filled(Cause, quantity=q, alone=a) for q, a in quantities),
+        causes=tuple(filled(DeviationCause, quantity=q, alone=a) for q, a in quantities),
         converged=True,
     )
 
 
-def ends() -> tuple[End, ...]:
+def ends() -> tuple[SearchEnd, ...]:
     counts = {"fminsearch": (5, 2, 0, 3), "scaled": (7, 6, 4, 5)}
     return tuple(
         filled(
-            End,
+            SearchEnd,
             way=way,
             reached=k < reached,
             best=k < best,
@@ -154,34 +162,34 @@ def ends() -> tuple[End, ...]:
 
 
 @cache
-def findings() -> Findings:
+def findings() -> PaperFindings:
     truth = np.array([printed.GUESS[n] for n in NAMES]) * [uneven() for _ in NAMES]
     one = {"c_m": 37.9, "k_e": 0.33}
     series = {"t": np.arange(3.0), "curve": np.arange(3.0)}
-    return Findings(
-        readings=tuple(filled(Reading, name=n, matrix=f"A as {n}", **series) for n in "ab"),
-        errors=tuple(filled(Error, channel=c) for c in ("theta_1", "w_1")),
+    return PaperFindings(
+        readings=tuple(filled(MatrixReading, name=n, matrix=f"A as {n}", **series) for n in "ab"),
+        errors=tuple(filled(IntegratorError, channel=c) for c in ("theta_1", "w_1")),
         verification=verification(),
         lengths=tuple(
-            Length(duration=d, rate=r, bounds={n: uneven() * b for n, b in one.items()})
+            RecordLength(duration=d, rate=r, bounds={n: uneven() * b for n, b in one.items()})
             for d, r in ((3.0, 70.0), (11.0, 900.0))
         ),
-        implied=tuple(filled(Implied, row=r) for r in ("0.001", "rms")),
+        implied=tuple(filled(ImpliedNoise, row=r) for r in ("0.001", "rms")),
         searched="one",
         symmetries=(("j_m", "k_T"), ("r_m", "l_m")),
         ends=ends(),
         control=tuple(
-            filled(Control, sigma=s, parameter=p, records=12)
+            filled(ControlRun, sigma=s, parameter=p, records=12)
             for s in CONTROL_SIGMAS
             for p in ("c_m", "k_e", "t_f")
         ),
         nines=(nine("one", truth), nine("two", None)),
-        tones=(filled(Tone, mode=1), filled(Tone, mode=2, lumped=None)),
+        tones=(filled(NaturalFrequency, mode=1), filled(NaturalFrequency, mode=2, lumped=None)),
     )
 
 
 @cache
-def tables() -> dict[str, Table]:
+def tables() -> dict[str, StudyTable]:
     made = pages.tables(findings())
     found = {table.stem: table for table in made}
     assert len(found) == len(made)

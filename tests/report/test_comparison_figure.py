@@ -9,12 +9,12 @@ from matplotlib.figure import Figure
 from pictures import clashes, drawn, marked, xy
 from together import for_each
 
-from bayesdrill.analysis.comparison import Contender, overlay_rows
+from bayesdrill.analysis.comparison import RunSummary, overlay_rows
 from bayesdrill.inference.display_units import SI
 from bayesdrill.report.sections.comparison_figure import comparison_figure
 
 
-def models(n: int, unknowns: int, wide: float) -> list[Contender]:
+def models(n: int, unknowns: int, wide: float) -> list[RunSummary]:
     """The last is the most probable, and by far."""
     return [
         model(
@@ -30,7 +30,7 @@ def models(n: int, unknowns: int, wide: float) -> list[Contender]:
     ]
 
 
-def figure(given: list[Contender]) -> Figure:
+def figure(given: list[RunSummary]) -> Figure:
     return drawn(comparison_figure(given, overlay_rows([one.layer for one in given]), SI))
 
 

@@ -26,7 +26,7 @@ def test_all_that_is_held_back_and_all_that_changes_nothing_is_loose() -> None:
         here = Expansion(
             np.zeros(1), slope[None], (whitened / np.outer(walls.spread, walls.spread))[None]
         )
-        base, known = ridge_tracing.split(walls, centre, here, still)
+        base, known = ridge_tracing.split_directions(walls, centre, here, still)
         apart = np.linalg.matrix_rank(np.concatenate([still, np.eye(D)[:, :pressed]], axis=1))
         assert base.loose.shape == (D, apart)
         assert known.shape == (apart,)

@@ -16,7 +16,11 @@ from bayesdrill.basics.symbols import PARAMETERS
 from bayesdrill.inference.priors import LogUniform, Prior, Uniform, flat_in_logs
 from bayesdrill.report import scales
 from bayesdrill.report.sections.corner_figure import corner_figure
-from bayesdrill.report.sections.parameters_figure import Pair, prior_posterior_figure, ridge_figure
+from bayesdrill.report.sections.parameters_figure import (
+    CorrelatedPair,
+    prior_posterior_figure,
+    ridge_figure,
+)
 
 PAIR = (SYMBOLS[0], SYMBOLS[6])  # j_m, flat in its log; k_s, flat itself
 LOW, HIGH = 0.02 * TABLE["j_m"], 50 * TABLE["j_m"]
@@ -104,7 +108,9 @@ def test_on_two_logarithmic_axes_a_symmetry_is_a_straight_line() -> None:
     priors: dict[str, Prior] = {
         s.name: LogUniform(1e-2 * mode[s.name], 1e2 * mode[s.name]) for s in SYMBOLS
     }
-    figure = drawn(ridge_figure(draws, Pair((6, 7), (1, 2)), SYMBOLS, priors, TABLE, mode))
+    figure = drawn(
+        ridge_figure(draws, CorrelatedPair((6, 7), (1, 2)), SYMBOLS, priors, TABLE, mode)
+    )
     assert list(clashes(figure)) == []
     (panel,) = figure.axes
     x, y = (np.asarray(values, dtype=float) for values in panel.lines[0].get_data())

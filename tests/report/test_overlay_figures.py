@@ -14,14 +14,14 @@ from pictures import clashes, drawn, posterior
 from together import for_each
 
 import bayesdrill as bd
-from bayesdrill.analysis.comparison import Layer, overlay_rows
+from bayesdrill.analysis.comparison import PosteriorSummary, overlay_rows
 from bayesdrill.inference.display_units import SI
 from bayesdrill.report import style
 from bayesdrill.report.comparison_report import OVERLAID
 from bayesdrill.report.section import as_markdown, as_text
 from bayesdrill.report.sections import comparison_words
 from bayesdrill.report.sections.comparison_figure import (
-    LOOKS,
+    RUN_STYLES,
     intervals_figure,
     overlay_corner_figure,
 )
@@ -30,7 +30,7 @@ CONFIG = Path(__file__).parents[2] / "configs" / "nominal_step.yaml"
 PROBLEM = bd.load(CONFIG).job.problem
 
 
-def layers(n_runs: int, unknowns: int) -> list[Layer]:
+def layers(n_runs: int, unknowns: int) -> list[PosteriorSummary]:
     """The runs lie beside each other, each narrower; the last has not the last unknown."""
     found = []
     for k in range(n_runs):
@@ -38,7 +38,7 @@ def layers(n_runs: int, unknowns: int) -> list[Layer]:
         sd = x.std(axis=0)
         moved = x.mean(axis=0) + (x - x.mean(axis=0)) / (1 + 0.5 * k) + 0.8 * k * sd
         found.append(
-            Layer(
+            PosteriorSummary(
                 name=f"run_with_a_name_{k}",
                 mark=str(k),
                 problem=dataclasses.replace(PROBLEM, symbols=PROBLEM.symbols[:unknowns]),
@@ -85,13 +85,13 @@ def test_no_legend_lies_on_a_panel() -> None:
 
 def test_runs_are_told_apart_without_colours() -> None:
     """By grey and width where lines are whole, by dashes else; none has those of a nominal value."""
-    assert len(LOOKS) == OVERLAID.most
-    grey = {look: np.dot(to_rgb(look.color), (0.299, 0.587, 0.114)) for look in LOOKS}
-    whole = sorted(grey[look] for look in LOOKS if look.linestyle == "-")
+    assert len(RUN_STYLES) == OVERLAID.most
+    grey = {look: np.dot(to_rgb(look.color), (0.299, 0.587, 0.114)) for look in RUN_STYLES}
+    whole = sorted(grey[look] for look in RUN_STYLES if look.linestyle == "-")
     assert min(np.diff(whole)) > 0.1
-    dashes = [look.linestyle for look in LOOKS if look.linestyle != "-"]
+    dashes = [look.linestyle for look in RUN_STYLES if look.linestyle != "-"]
     assert len({*dashes, style.NOMINAL["linestyle"]}) == len(dashes) + 1
-    assert len({look.marker for look in LOOKS}) == len(LOOKS)
+    assert len({look.marker for look in RUN_STYLES}) == len(RUN_STYLES)
 
 
 def test_intervals_stand_where_the_numbers_are_and_gaps_where_none_is() -> None:

@@ -21,7 +21,7 @@ from together import for_each
 
 import bayesdrill as bd
 from bayesdrill import output_files
-from bayesdrill.analysis.calibration import FIT, Refit, judge_calibration
+from bayesdrill.analysis.calibration import LOG_LIKELIHOOD, Refit, judge_calibration
 from bayesdrill.analysis.identifiability.profile import Profile
 from bayesdrill.basics import units
 from bayesdrill.basics.symbols import latex_unit, unit_product
@@ -33,10 +33,10 @@ from bayesdrill.report.run_report import sections
 from bayesdrill.report.section import as_markdown
 from bayesdrill.report.sections import fit_words, physics_words
 from bayesdrill.report.sections.comparison_figure import intervals_figure, overlay_corner_figure
-from bayesdrill.report.view import View
+from bayesdrill.report.view import ReportContext
 from bayesdrill.results.run_folder import Folder
 from bayesdrill.rig.models.motor_shaft import MotorShaft
-from bayesdrill.sampling.mode_search import Other
+from bayesdrill.sampling.mode_search import LocalMaximum
 from bayesdrill.tasks import calibrate, comparison, conclusions, run_entries
 
 T = np.linspace(0.0, 6.0, 121)
@@ -98,8 +98,8 @@ def usual() -> bd.Case:
 class Pair:
     """One chain, seen by a case in users' units and by the same case in SI."""
 
-    own: View
-    plain: View
+    own: ReportContext
+    plain: ReportContext
 
 
 @cache
@@ -246,7 +246,9 @@ def test_the_table_for_papers_is_in_these_units() -> None:
 
 def test_sentences_have_the_unit_of_the_user_and_parameters_stay_as_they_are() -> None:
     view = pair().own
-    other = Other(values={**view.mode.values, "sigma_w_1": 2.0, "d": 4e-3}, log_posterior=-9.0)
+    other = LocalMaximum(
+        values={**view.mode.values, "sigma_w_1": 2.0, "d": 4e-3}, log_posterior=-9.0
+    )
     moved = replace(view.mode, others=(other,))
     said = words.mode(moved, view.units)
     assert "sigma_w_1 19.1 rpm" in said
@@ -499,7 +501,7 @@ def test_a_calibration_is_drawn_as_large_and_in_the_files_that_the_config_wants(
     tmp_path: Path,
 ) -> None:
     """Mutants killed: the usual files whatever the config says; files of before that stay."""
-    names = [*users().unknowns, FIT]
+    names = [*users().unknowns, LOG_LIKELIHOOD]
     rng = np.random.default_rng(2)
     how: dict[str, Any] = {"r_hat": 1.0, "ess": 500.0, "steps": 800, "reasons": (), "seconds": 0.0}
     refits = [

@@ -20,7 +20,7 @@ from together import for_each
 
 import bayesdrill as bd
 from bayesdrill import output_files
-from bayesdrill.analysis.diagnostics import Row
+from bayesdrill.analysis.diagnostics import ParameterRow
 from bayesdrill.api.run import Judged
 from bayesdrill.basics.symbols import PARAMETERS, Symbol
 from bayesdrill.inference.priors import LogUniform, Uniform
@@ -30,9 +30,9 @@ from bayesdrill.report.render import as_html
 from bayesdrill.report.run_report import bars, sections
 from bayesdrill.report.scales import Typesetter, printed
 from bayesdrill.report.section import (
-    Bar,
-    Mark,
-    Marks,
+    Badge,
+    Badges,
+    IntervalBar,
     Note,
     Picture,
     Plain,
@@ -42,7 +42,7 @@ from bayesdrill.report.section import (
     as_markdown,
     as_text,
 )
-from bayesdrill.report.view import View
+from bayesdrill.report.view import ReportContext
 
 ALONE = frozenset(("meta", "img", "rect", "line", "br"))  # elements without an end
 
@@ -185,7 +185,7 @@ def test_terminal_markdown_and_page_show_the_same_list(saved: Path) -> None:
 def test_the_marks_say_what_the_verdict_says() -> None:
     view = run()._view
     blocks = [block for section in sections(view) for block in section.blocks]
-    (shown,) = (block for block in blocks if isinstance(block, Marks))
+    (shown,) = (block for block in blocks if isinstance(block, Badges))
     assert {mark.text: mark.tone for mark in shown.items} == {
         "converged": "good",
         "fits: noise is left": "good",
@@ -212,18 +212,18 @@ def test_a_table_is_in_doubt_where_the_fit_is_no_noise() -> None:
     assert said == {True: ("agrees with tables_2_3", "good"), False: ("verdict in doubt", "doubt")}
 
 
-def analysed(view: View, **said: object) -> View:
+def analysed(view: ReportContext, **said: object) -> ReportContext:
     """As if this were said of it."""
     return dataclasses.replace(view, analysis=dataclasses.replace(view.analysis, **said))  # type: ignore[arg-type]
 
 
-def unfit() -> View:
+def unfit() -> ReportContext:
     """Of a run that converged to what does not fit."""
     view = run()._view
     return analysed(view, fit=tuple(dataclasses.replace(one, rms=9.0) for one in view.analysis.fit))
 
 
-def stopped() -> View:
+def stopped() -> ReportContext:
     view = run()._view
     convergence = dataclasses.replace(view.sampled.convergence, reasons=("too short",))
     sampled = dataclasses.replace(view.sampled, convergence=convergence)
@@ -238,7 +238,7 @@ def stopped() -> View:
     ],
 )
 def test_nothing_is_good_about_a_run_that_must_not_be_believed(
-    made: Callable[[], View], shown: list[str]
+    made: Callable[[], ReportContext], shown: list[str]
 ) -> None:
     """Mutants killed: a green `converged` beside `does not fit`; what the draws *determine*; reasons of
     the fit alone, or of the sampler.
@@ -288,7 +288,13 @@ def test_texts_of_users_stay_texts() -> None:
     table = Table(("", evil), ((evil, evil),), frozenset())
     said = Section(
         evil,
-        (Sentences(evil), Note(evil), Plain(evil, folded=evil), table, Marks((Mark(evil, "bad"),))),
+        (
+            Sentences(evil),
+            Note(evil),
+            Plain(evil, folded=evil),
+            table,
+            Badges((Badge(evil, "bad"),)),
+        ),
     )
     html = page(said)
     assert len(html.all("script")) == 1
@@ -311,7 +317,7 @@ def written(text: str, folder: Path) -> tuple[str, str]:
             Plain(text, folded=text),
             table,
         ),
-        *(Marks((Mark(text, "bad"),)), Picture("fit", text)),
+        *(Badges((Badge(text, "bad"),)), Picture("fit", text)),
     )
     said = (Section("the first", blocks), Section(text, (Note("q, lt"),)))
     return as_html(text, text, said, folder, own), as_markdown(text, said)
@@ -422,7 +428,7 @@ def test_sentences_that_go_on_are_bullets_below() -> None:
     assert as_text(sections) == ("last", "page's first")
 
 
-ROW = Row(
+ROW = ParameterRow(
     name="k_s", unit="N*m/rad", nominal=0.26, map=0.31, mean=0.3, sd=0.0123, hdi_low=0.28,
     hdi_high=0.32, deviation=0.15, r_hat=1.0, ess_bulk=1.0, ess_tail=1.0, shrinkage=0.5,
     word="weak", pressed_against=None,
@@ -437,7 +443,7 @@ def test_bars_stand_on_the_range_of_the_prior_in_logs_where_it_has_decades() -> 
     assert logs.high == pytest.approx(np.log(32) / np.log(1000), abs=2e-3)
     far = dataclasses.replace(ROW, nominal=2.0)
     (wide,) = bars([far], {"k_s": Uniform(0.2, 0.4)})
-    assert wide == Bar(wide.low, wide.high, 1.0, wide.best)
+    assert wide == IntervalBar(wide.low, wide.high, 1.0, wide.best)
     assert max(wide.low, wide.high, wide.best) < 0.1
 
 

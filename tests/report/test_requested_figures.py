@@ -15,8 +15,8 @@ from pictures import SYMBOLS, clashes, drawn
 from together import for_each
 
 from bayesdrill.analysis.calibration import ecdf_band
-from bayesdrill.analysis.diagnostics import ranks
-from bayesdrill.analysis.prediction import Check, FrequencyResponse
+from bayesdrill.analysis.diagnostics import rank_histograms
+from bayesdrill.analysis.prediction import FrequencyResponse, PredictionCheck
 from bayesdrill.basics.units import Unit
 from bayesdrill.inference.residual_checks import Correlation
 from bayesdrill.record.experiment import Channel
@@ -36,7 +36,7 @@ Array = NDArray[np.float64]
 def rank_case(n: int, moved: float) -> Figure:
     x = np.random.default_rng(1).standard_normal((5, 400, n))
     x[3, :, 0] += moved
-    return drawn(rank_figure(ranks(x, np.random.default_rng(2)), SYMBOLS[:n]))
+    return drawn(rank_figure(rank_histograms(x, np.random.default_rng(2)), SYMBOLS[:n]))
 
 
 def chains(rho: float, n: int = 3) -> Array:
@@ -48,11 +48,11 @@ def chains(rho: float, n: int = 3) -> Array:
     return x
 
 
-def check(name: str, pit: Array) -> Check:
+def check(name: str, pit: Array) -> PredictionCheck:
     channel = Channel(
         name=name, weights={}, unit="rad/s", latex=r"\dot\theta_1", latex_unit="rad/s"
     )
-    return Check(channel=channel, pit=pit, band=ecdf_band(len(pit), 99, 0.005))
+    return PredictionCheck(channel=channel, pit=pit, band=ecdf_band(len(pit), 99, 0.005))
 
 
 def check_case() -> Figure:
@@ -183,9 +183,9 @@ def test_a_channel_that_is_not_as_predicted_is_named() -> None:
 
 
 def test_they_are_drawn_on_request_alone(tmp_path: Path) -> None:
-    usual = publish.drawn(None)
+    usual = publish.wanted_figures(None)
     assert "corner" in usual
     assert not {"rank", "autocorrelation", "predictive_check", "frequency_response"} & {*usual}
-    assert publish.drawn(["rank", "corner"]) == ["corner", "rank"]
+    assert publish.wanted_figures(["rank", "corner"]) == ["corner", "rank"]
     for found in style.save(rank_case(1, 0.0), tmp_path, "rank", {}):
         assert found.stat().st_size > 1000

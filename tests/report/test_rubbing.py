@@ -18,7 +18,7 @@ from rubbing import Rig, simulate
 from together import for_each
 
 import bayesdrill as bd
-from bayesdrill.analysis.energy import AT_START, CONVERTED, STORED, accounts
+from bayesdrill.analysis.energy import AT_START, CONVERTED, STORED, energy_accounts
 from bayesdrill.inference.step_error import StepError
 from bayesdrill.output_files import POSTERIOR
 from bayesdrill.report import scales, style
@@ -27,9 +27,9 @@ from bayesdrill.report.run_report import sections
 from bayesdrill.report.section import as_markdown
 from bayesdrill.report.sections import physics_words, verdict_words
 from bayesdrill.report.sections.fit_figure import fit_figure
-from bayesdrill.report.sections.physics_figure import energy_figure, friction_figure, looks
+from bayesdrill.report.sections.physics_figure import energy_figure, friction_figure, line_styles
 from bayesdrill.report.sections.physics_words import Law
-from bayesdrill.report.view import View
+from bayesdrill.report.view import ReportContext
 from bayesdrill.tasks import run_entries
 
 T = 0.04 * np.arange(250)
@@ -62,7 +62,7 @@ def case() -> bd.Case:
 
 
 @cache
-def view() -> View:
+def view() -> ReportContext:
     return case().sample(processes=1)._view
 
 
@@ -98,7 +98,7 @@ def panel_of(found: Figure, what: str) -> Axes:
 def test_the_fit_shows_frictions_with_their_bands_and_where_they_stick() -> None:
     """Mutants killed: efforts of another friction, times of sticking by samples."""
     found = figure("fit")
-    moved = view().chain.rubbing[0]
+    moved = view().chain.friction_motions[0]
     for rub, what in zip(moved, ("T_m", "T_1"), strict=True):
         panel = panel_of(found, what)
         (line,) = panel.get_lines()
@@ -142,8 +142,8 @@ def test_a_law_is_drawn_at_the_speeds_of_the_motor_with_map_and_nominal_values()
     motor, rotor = figure("friction").axes
     best = view().mode.values
     for panel, rub, name in (
-        (motor, view().chain.rubbing[0][0], "t_cm"),
-        (rotor, view().chain.rubbing[0][1], "t_c1"),
+        (motor, view().chain.friction_motions[0][0], "t_cm"),
+        (rotor, view().chain.friction_motions[0][1], "t_c1"),
     ):
         lines = {line.get_color(): line for line in panel.get_lines() if len(line.get_xdata()) > 9}
         for colour, size in ((style.NOMINAL["color"], TABLE[name]), (style.BLACK, best[name])):
@@ -164,7 +164,7 @@ def test_the_speeds_of_the_record_stand_below() -> None:
     (steps,) = (p for p in panel.patches if isinstance(p, StepPatch))
     heights, edges, low = steps.get_data()
     counts, _ = np.histogram(
-        view().chain.rubbing[0][1].speed, [si(panel.get_xlabel(), e) for e in edges]
+        view().chain.friction_motions[0][1].speed, [si(panel.get_xlabel(), e) for e in edges]
     )
     np.testing.assert_allclose((heights - low) / (heights - low).max(), counts / counts.max())
 
@@ -184,7 +184,7 @@ def test_a_law_without_draws_and_nominal_values_is_a_line() -> None:
 
 def test_shares_of_the_energy_close() -> None:
     """Mutants killed: a part left out, a part counted on both sides."""
-    (account,) = view().chain.accounts
+    (account,) = view().chain.energy_accounts
     assert sum(account.came.values())[-1] == pytest.approx(account.total[-1])
     went = sum(account.went.values())
     assert np.abs(went - account.total).max() < 2e-3 * account.total[-1]
@@ -210,7 +210,7 @@ def test_a_rig_that_runs_down_brings_its_energy() -> None:
     rig = dataclasses.replace(one, response=one.response.of(moving))
     likelihood = dataclasses.replace(posterior.likelihood, observations=(rig,))
     coasting = dataclasses.replace(posterior, likelihood=likelihood)
-    (account,) = accounts(coasting, view().chain.best, np.empty((0, len(view().chain.best))))
+    (account,) = energy_accounts(coasting, view().chain.best, np.empty((0, len(view().chain.best))))
     # A motor whose terminals are at no voltage brakes, and its k_T over k_e brakes more.
     assert {*account.came} == {AT_START}
     assert account.parts[0].sd is None
@@ -223,7 +223,7 @@ def test_the_figure_of_energy_stacks_to_what_came_in() -> None:
     found = figure("energy")
     joules, shares = found.axes
     (total,) = joules.get_lines()
-    (account,) = view().chain.accounts
+    (account,) = view().chain.energy_accounts
     assert si(joules.get_ylabel(), total.get_ydata()[-1]) == pytest.approx(account.total[-1])
     tops = [band.get_paths()[0].vertices[:, 1].max() for band in joules.collections]
     assert tops == sorted(tops)
@@ -235,7 +235,7 @@ def test_the_figure_of_energy_stacks_to_what_came_in() -> None:
 def test_parts_are_told_apart_in_grey() -> None:
     """By grey, by hatches, or both; no colour is wanted."""
     (one,) = drawings("energy", view()).values()
-    seen = looks(one.arguments[0].parts)
+    seen = line_styles(one.arguments[0].parts)
     assert len({(look["facecolor"], look["hatch"]) for look in seen}) == len(seen)
     assert all(0.0 <= float(look["facecolor"]) <= 1.0 for look in seen)
     many = dataclasses.replace(
@@ -308,8 +308,8 @@ def test_a_rig_that_does_not_rub_has_none_of_it() -> None:
     plain = case.sample(processes=1)._view
     assert drawings("friction", plain) == {}
     assert drawings("energy", plain) == {}
-    assert plain.chain.accounts == plain.analysis.energy == ()
-    assert plain.chain.rubbing == ()
+    assert plain.chain.energy_accounts == plain.analysis.energy == ()
+    assert plain.chain.friction_motions == ()
     assert plain.analysis.step_errors == ()
     text = as_markdown("x", sections(plain))
     assert "energy goes" not in text

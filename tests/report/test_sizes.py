@@ -12,7 +12,7 @@ from pictures import SIGMAS, SYMBOLS, TABLE, clashes, drawn, mode_of, posterior,
 from together import for_each
 from verdicts import PRIOR_SD, linear_study
 
-from bayesdrill.analysis.calibration import FIT, Refit, judge_calibration
+from bayesdrill.analysis.calibration import LOG_LIKELIHOOD, Refit, judge_calibration
 from bayesdrill.analysis.identifiability.profile import Profile
 from bayesdrill.basics.symbols import PARAMETERS, Symbol
 from bayesdrill.inference.priors import LogUniform, Prior
@@ -21,7 +21,11 @@ from bayesdrill.report.sections.calibration_figure import calibration_figure
 from bayesdrill.report.sections.convergence_figure import trace_figure
 from bayesdrill.report.sections.corner_figure import corner_figure
 from bayesdrill.report.sections.identify_figure import profile_figure, spectrum_figure
-from bayesdrill.report.sections.parameters_figure import Pair, prior_posterior_figure, ridge_figure
+from bayesdrill.report.sections.parameters_figure import (
+    CorrelatedPair,
+    prior_posterior_figure,
+    ridge_figure,
+)
 from bayesdrill.report.style import warned
 
 LOGS = {"c_m", "sigma_w_1", "sigma_i"}
@@ -114,7 +118,7 @@ def test_profiles_and_calibrations_are_as_wide_as_said(many: tuple[int, ...]) ->
         symbols = {symbol.name: symbol for symbol in SYMBOLS[:n]}
         found = [profile_of(symbol) for symbol in symbols.values()]
         profiles = drawn(profile_figure(found, symbols, TABLE, LOGS, inches))
-        names = [*symbols, FIT]
+        names = [*symbols, LOG_LIKELIHOOD]
         ranks = np.random.default_rng(n).integers(0, 100, (60, n + 1))
         refits = [refit(k, tuple(map(int, row))) for k, row in enumerate(ranks)]
         calibration = drawn(
@@ -180,7 +184,9 @@ def test_a_warning_stands_on_the_page_and_moves_all_else_down() -> None:
             figure = trace_figure(theta, some, 5, TABLE, mode, (), inches)
         elif kind == "ridge":
             priors = {s.name: prior_of(s) for s in SYMBOLS}
-            figure = ridge_figure(draws, Pair((6, 7), (1, 1)), SYMBOLS, priors, TABLE, mode)
+            figure = ridge_figure(
+                draws, CorrelatedPair((6, 7), (1, 1)), SYMBOLS, priors, TABLE, mode
+            )
         else:
             layout = "constrained" if kind == "laid out" else None
             figure = Figure(figsize=(inches, 3.0), layout=layout)

@@ -8,10 +8,10 @@ from pictures import SYMBOLS, TABLE, clashes, drawn, mode_of, posterior, prior_o
 from together import for_each
 from verdicts import NAMES, gaussian, verdict
 
-from bayesdrill.analysis.identifiability.structure import Structure
+from bayesdrill.analysis.identifiability.structure import ScalingStructure
 from bayesdrill.basics.symbols import PARAMETERS, product_latex
 from bayesdrill.report.sections.parameters_figure import (
-    Pair,
+    CorrelatedPair,
     invariants_figure,
     prior_posterior_figure,
     ridge_figure,
@@ -44,9 +44,9 @@ def test_posterior_and_prior_are_densities_on_one_scale() -> None:
         assert np.trapezoid(y, x) == pytest.approx(1.0, abs=0.02)
 
 
-def symmetric(*symmetries: tuple[int, ...]) -> Structure:
+def symmetric(*symmetries: tuple[int, ...]) -> ScalingStructure:
     names = tuple(symbol.name for symbol in ALL[:9])
-    return Structure(names=names, symmetries=symmetries, invariants=(), unexplained=0)
+    return ScalingStructure(names=names, symmetries=symmetries, invariants=(), unexplained=0)
 
 
 def test_the_ridge_is_the_pair_that_follows_a_symmetry_most_closely() -> None:
@@ -57,7 +57,7 @@ def test_the_ridge_is_the_pair_that_follows_a_symmetry_most_closely() -> None:
     draws = posterior(3000)
     assert strongest_pair(draws, symmetric()) is None
     together = symmetric((1, 0, 0, 0, 0, 0, 1, 1, 0), (0, 1, 0, 0, 0, 1, 0, 0, 0))
-    assert strongest_pair(draws, together) == Pair((6, 7), (1, 1))
+    assert strongest_pair(draws, together) == CorrelatedPair((6, 7), (1, 1))
     against = symmetric((0, 0, 0, 0, 0, 0, 1, -1, 0))
     assert strongest_pair(draws, against) is None
 
@@ -65,7 +65,7 @@ def test_the_ridge_is_the_pair_that_follows_a_symmetry_most_closely() -> None:
 def test_the_exact_line_passes_through_the_map_with_the_slope_of_the_exponents() -> None:
     draws = posterior(2000)[:, :9]
     mode = mode_of(draws, ALL[:9])
-    figure = drawn(ridge_figure(draws, Pair((6, 7), (1, 2)), ALL, PRIORS, TABLE, mode))
+    figure = drawn(ridge_figure(draws, CorrelatedPair((6, 7), (1, 2)), ALL, PRIORS, TABLE, mode))
     assert not list(clashes(figure))
     (panel,) = figure.axes
     x, y = (

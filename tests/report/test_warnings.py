@@ -10,7 +10,7 @@ from together import for_each
 from bayesdrill.inference.display_units import OwnUnits
 from bayesdrill.inference.residual_checks import Left, Limits
 from bayesdrill.report import words
-from bayesdrill.sampling.mode_search import Mode, Other
+from bayesdrill.sampling.mode_search import LocalMaximum, Mode
 
 LIMITS = Limits(least=0.95, most=1.05, correlation=0.06, farthest=4.5)
 WHITE = Left(
@@ -42,7 +42,7 @@ def test_maxima_are_told_apart_by_their_places_or_said_to_be_close() -> None:
     ]
 
     def check(elsewhere: float, said: str) -> None:
-        other = Other(values={"k_s": elsewhere, "j_1": 3.0}, log_posterior=-1.0)
+        other = LocalMaximum(values={"k_s": elsewhere, "j_1": 3.0}, log_posterior=-1.0)
         found = Mode(
             values={"k_s": 2.0, "j_1": 3.0}, log_posterior=0.0, slope={}, gain=0.0, at_bound=(),
             searches=(), others=(other,),

@@ -61,7 +61,7 @@ def at(target: Posterior, k_s: float) -> np.ndarray:
 
 
 def swings(target: Posterior, u: np.ndarray) -> np.ndarray:
-    return multiple_modes.swings(PosteriorSurface(target, physical=True), u).u
+    return multiple_modes.alias_starts(PosteriorSurface(target, physical=True), u).u
 
 
 def test_frequencies_are_those_of_the_equations_of_motion() -> None:
@@ -92,8 +92,10 @@ def test_the_other_stiffness_of_a_torsion_near_half_the_sampling_rate() -> None:
         assert min(abs(speed - wanted) for speed in speeds) < 1.0 / 11.0  # a radian over the record
         assert PosteriorSurface(target).inside(found).all()
         surface = PosteriorSurface(target, physical=True)
-        points, values = multiple_modes.scout(surface, np.vstack([at(target, one), found]))
-        ends = target.coordinates.to_physical(points[multiple_modes.apart(surface, points, values)])
+        points, values = multiple_modes.best_ends(surface, np.vstack([at(target, one), found]))
+        ends = target.coordinates.to_physical(
+            points[multiple_modes.distinct_modes(surface, points, values)]
+        )
         named = [rig(**dict(zip(names, row, strict=True))) for row in ends]
         ratios = sorted(p["k_s"] / p["j_1"] for p in named)
         assert ratios == pytest.approx(

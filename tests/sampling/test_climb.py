@@ -12,7 +12,7 @@ from surfaces import Walled, humps, ridged
 from together import for_each
 
 from bayesdrill.inference.laplace import Expansion
-from bayesdrill.sampling.gauss_newton import bounded_step, climb, gain_left
+from bayesdrill.sampling.gauss_newton import bounded_step, gauss_newton, newton_gain
 
 
 @dataclass(frozen=True)
@@ -93,10 +93,10 @@ def test_the_highest_point_of_a_box_is_reached() -> None:
         surface, matrix, target = linear(3, d)
         rng = np.random.default_rng(1)
         start = rng.uniform(surface.low, surface.high, (20, d))
-        found = climb(surface, start, 30)
+        found = gauss_newton(surface, start, 30)
         best = scipy.optimize.lsq_linear(matrix, target, (surface.low, surface.high), tol=1e-14)
         assert found.value == pytest.approx(np.full(20, -best.cost), rel=1e-9)
-        assert found.arrived.all()
+        assert found.converged.all()
         assert surface.inside(found.u).all()
 
     for_each({str(d): (d,) for d in [2, 5, 9]}, check)
@@ -123,8 +123,8 @@ def test_a_valley_shaped_like_a_banana_is_followed() -> None:
     def check(exact: bool) -> None:
         surface = banana(-3.0, 4.0)
         start = np.random.default_rng(2).uniform(-2.5, 3.5, (30, 2))
-        found = climb(surface, start, 60, exact=exact)
-        assert found.arrived.all()
+        found = gauss_newton(surface, start, 60, exact=exact)
+        assert found.converged.all()
         assert found.u == pytest.approx(np.ones((30, 2)), abs=1e-4)
 
     for_each({str(exact): (exact,) for exact in [False, True]}, check)
@@ -134,7 +134,7 @@ def test_a_valley_that_a_wall_cuts_off_is_followed_to_the_wall() -> None:
     def check(low: float, high: float) -> None:
         surface = banana(low, high)
         start = np.random.default_rng(3).uniform(low, high, (20, 2))
-        found = climb(surface, start, 60)
+        found = gauss_newton(surface, start, 60)
         ends = [
             scipy.optimize.minimize(
                 lambda u: -float(surface.log_density(u[None])[0]),
@@ -168,7 +168,7 @@ def test_second_derivatives_lead_to_the_very_maximum() -> None:
     """Where those of Gauss and Newton are wrong, and upward where it curves upward."""
     surface = Saddle(np.zeros(2), np.full(2, 2.0), 1.0)
     start = np.array([[0.2, 0.5], [-0.3, -1.0], [1.9, 0.0]])
-    found = climb(surface, start, 15, exact=True)
+    found = gauss_newton(surface, start, 15, exact=True)
     assert found.u == pytest.approx(np.array([[1.0, 0.0], [-1.0, 0.0], [1.0, 0.0]]), abs=1e-5)
     assert found.value == pytest.approx(np.full(3, 0.25), abs=1e-10)
 
@@ -176,9 +176,9 @@ def test_second_derivatives_lead_to_the_very_maximum() -> None:
 def test_each_point_climbs_by_itself() -> None:
     surface = banana(-3.0, 4.0)
     start = np.random.default_rng(4).uniform(-2.5, 3.5, (9, 2))
-    together = climb(surface, start, 12)
+    together = gauss_newton(surface, start, 12)
     for k in (0, 5, 8):
-        alone = climb(surface, start[k : k + 1], 12)
+        alone = gauss_newton(surface, start[k : k + 1], 12)
         assert alone.u[0] == pytest.approx(together.u[k], abs=1e-9)
     assert (together.value >= surface.value(start)).all()
 
@@ -193,10 +193,10 @@ def test_where_there_is_no_density_nothing_moves() -> None:
 
     holed = Holed(**{name: getattr(surface, name) for name in surface.__dataclass_fields__})
     start = np.vstack([surface.means[0], surface.means[1] + 2.0])
-    found = climb(holed, start, 20)
+    found = gauss_newton(holed, start, 20)
     assert found.u[0] == pytest.approx(start[0])
     assert found.value[0] == -np.inf
-    assert list(found.arrived) == [False, True]
+    assert list(found.converged) == [False, True]
     assert found.u[1] == pytest.approx(surface.means[1], abs=1e-3)
 
 
@@ -204,19 +204,19 @@ def test_what_is_left_to_gain_is_what_the_next_step_gains() -> None:
     surface, _, _ = linear(3, 5)
     start = 0.3 * surface.spread[None]
     here = surface.expand(start, np.eye(5))
-    gain = gain_left(surface, start, here)
-    best = climb(surface, start, 30).value
+    gain = newton_gain(surface, start, here)
+    best = gauss_newton(surface, start, 30).value
     assert gain == pytest.approx(best - surface.value(start), rel=1e-6)
     none = Expansion(here.value, 0.0 * here.slope, here.curvature)
-    assert gain_left(surface, start, none) == pytest.approx([0.0])
+    assert newton_gain(surface, start, none) == pytest.approx([0.0])
 
 
 def test_a_long_bent_ridge_is_reached_from_afar() -> None:
     """But from where the way leads into a corner of the box, a maximum too."""
     surface = ridged(1, 3)
     start = np.random.default_rng(5).uniform(surface.low, surface.high, (30, 4))
-    found = climb(surface, start, 40)
-    assert found.arrived.all()
+    found = gauss_newton(surface, start, 40)
+    assert found.converged.all()
     on_walls = ((found.u == surface.low) | (found.u == surface.high)).any(axis=1)
     assert found.value[~on_walls] == pytest.approx(np.zeros((~on_walls).sum()), abs=1e-6)
     assert (~on_walls).sum() > 10

@@ -17,8 +17,8 @@ from bayesdrill.sampling.convergence import (
     Targets,
     assess,
     autocorrelation_time,
-    futile,
-    length,
+    chain_length,
+    futility,
     thinned,
 )
 
@@ -122,7 +122,7 @@ def test_runs_that_more_steps_would_not_help_are_given_up() -> None:
     ]
 
     def check(trail: list[tuple[int, float]], says: str | None) -> None:
-        found = futile(trail, wanted=50, allowed=20_000, most=20_000)
+        found = futility(trail, wanted=50, allowed=20_000, most=20_000)
         assert (says in found) if says else found == ""
         assert not found or found.startswith("stopped early: ")
 
@@ -131,7 +131,7 @@ def test_runs_that_more_steps_would_not_help_are_given_up() -> None:
 
 def test_a_chain_that_would_be_too_large_is_not_for_max_steps_to_mend() -> None:
     """Mutant killed: advice that changes nothing."""
-    found = futile([(500, 3.0), (1000, 6.0)], wanted=50, allowed=20_000, most=8_000)
+    found = futility([(500, 3.0), (1000, 6.0)], wanted=50, allowed=20_000, most=8_000)
     assert "about 8333 steps, more than the 8000 that a chain of so many walkers" in found
     assert "sampler.walkers a smaller number" in found
     assert "max_steps" not in found
@@ -143,18 +143,18 @@ def test_the_next_check_is_when_the_chain_is_long_enough() -> None:
     def check(rho: float) -> None:
         tau = (1.0 + rho) / (1.0 - rho)
         steps = math.ceil(BURN_IN_TAUS * tau + 40 * tau)  # not quite the 50 that are wanted
-        found = length(ar1((4, steps, 64, 1), rho))
+        found = chain_length(ar1((4, steps, 64, 1), rho))
         assert found.n_tau < 50
         ahead = found.next_check(steps, 50)
         assert 1.05 * 55 * tau < ahead < 1.4 * 55 * tau
-        assert length(ar1((4, ahead, 64, 1), rho)).n_tau > 50
+        assert chain_length(ar1((4, ahead, 64, 1), rho)).n_tau > 50
 
     for_each({str(rho): (rho,) for rho in [0.0, 0.5, 0.9]}, check)
 
 
 def test_checks_are_neither_rare_nor_many() -> None:
     """However far there is to go, and also where the length is not what is missing."""
-    found = length(ar1((4, 200, 16, 1), 0.5))
+    found = chain_length(ar1((4, 200, 16, 1), 0.5))
     assert found.next_check(200, 1e6) == 300
     assert found.next_check(200, 1.0) == 250
 

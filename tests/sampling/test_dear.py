@@ -7,7 +7,7 @@ from together import for_each
 
 import bayesdrill as bd
 from bayesdrill.inference.posterior import Posterior
-from bayesdrill.sampling.ensembles import dear
+from bayesdrill.sampling.ensembles import slopes_are_expensive
 
 BOX = {"prior": "uniform", "low": 0.5, "high": 1.5, "relative": True}
 RIG = {**dict.fromkeys(("j_m", "c_m", "k_e", "k_T", "r_m", "l_m", "t_f"), "nominal"), "k_s": BOX}
@@ -28,6 +28,6 @@ def test_long_records_with_samples_of_their_own_are() -> None:
     ]
 
     def check(samples: int, channel: dict[str, object], is_dear: bool) -> None:
-        assert dear(of(samples, **channel)) == is_dear
+        assert slopes_are_expensive(of(samples, **channel)) == is_dear
 
     for_each({str(case): case for case in cases}, check)

@@ -13,17 +13,17 @@ from together import for_each
 
 from bayesdrill.inference.laplace import Expansion, PosteriorSurface, Surface, joined
 from bayesdrill.sampling.proposal.learning import (
-    Learnt,
+    LearnedProposal,
     _begin,
     _best,
+    _central_draws,
     _compared,
     _draw,
-    _midst,
     learn,
 )
 from bayesdrill.sampling.proposal.ridge_tracing import Expand, trace
 from bayesdrill.sampling.samplers.ensemble import State, advance
-from bayesdrill.sampling.samplers.independence import Weighed, effective, normalised
+from bayesdrill.sampling.samplers.independence import WeightedDraws, effective_count, normalised
 
 APART = 20.0  # standard deviations
 UNEQUAL = {"equal": ((0.5, 0.5), (1.0, 1.0)), "one of ten": ((0.9, 0.1), (1.0, 0.5))}
@@ -31,7 +31,7 @@ HUMPS = [(kind, d) for kind in UNEQUAL for d in (1, 2, 5)]
 
 
 @cache
-def two(kind: str, d: int) -> tuple[Gaussians, Learnt]:
+def two(kind: str, d: int) -> tuple[Gaussians, LearnedProposal]:
     surface = humps(d, *UNEQUAL[kind], APART)
     seed, rng = np.random.RandomState(1), np.random.default_rng(2)
     return surface, learn(surface, surface.expand, list(surface.means), seed, rng)
@@ -144,7 +144,7 @@ def test_what_is_learnt_does_not_depend_on_how_the_points_are_shared() -> None:
     surface = PosteriorSurface(target)
     start = target.coordinates.from_physical(target.space.vector(target.space.start)[None])[0]
 
-    def learnt(size: int, seed: int = 1) -> Learnt:
+    def learnt(size: int, seed: int = 1) -> LearnedProposal:
         random, rng = np.random.RandomState(seed), np.random.default_rng(seed)
         return learn(surface, chunked(surface, size), [start], random, rng)
 
@@ -154,7 +154,7 @@ def test_what_is_learnt_does_not_depend_on_how_the_points_are_shared() -> None:
     assert not same(learnt(10**6, 2), whole)
 
 
-def same(one: Learnt, other: Learnt) -> bool:
+def same(one: LearnedProposal, other: LearnedProposal) -> bool:
     mixtures = [found.proposal.mixture for found in (one, other)]
     pairs = [[getattr(m, name) for m in mixtures] for name in ("weights", "means", "roots")]
     sheets = zip(*(m.sheets for m in mixtures), strict=True)
@@ -168,11 +168,11 @@ def test_weights_are_flattened_no_more_than_they_must() -> None:
     log_w = 50.0 * np.random.default_rng(6).standard_normal(1000)
 
     def flattened(log_w: np.ndarray) -> np.ndarray:
-        return Weighed(np.zeros((len(log_w), 1)), log_w, np.zeros(len(log_w))).tempered(100.0)
+        return WeightedDraws(np.zeros((len(log_w), 1)), log_w, np.zeros(len(log_w))).tempered(100.0)
 
     flat = flattened(log_w)
     assert flat.sum() == pytest.approx(1.0)
-    assert effective(flat) == pytest.approx(100.0, rel=1e-3)
+    assert effective_count(flat) == pytest.approx(100.0, rel=1e-3)
     assert np.array_equal(np.argsort(flat), np.argsort(log_w))
     gentle = 0.1 * log_w / 50.0
     assert flattened(gentle) == pytest.approx(normalised(gentle))
@@ -182,12 +182,12 @@ def test_weights_are_flattened_no_more_than_they_must() -> None:
 
 
 def test_no_density_at_all_is_said() -> None:
-    class Nowhere(Gaussians):
+    class NoSupportError(Gaussians):
         def value(self, u: np.ndarray) -> np.ndarray:
             return np.full(len(u), -np.inf)
 
     like = humps(2, (0.5, 0.5), (1.0, 1.0), APART)
-    surface = Nowhere(**{name: getattr(like, name) for name in like.__dataclass_fields__})
+    surface = NoSupportError(**{name: getattr(like, name) for name in like.__dataclass_fields__})
     seed, rng = np.random.RandomState(1), np.random.default_rng(2)
     with pytest.raises(ValueError, match="no point of finite posterior"):
         learn(surface, surface.expand, list(surface.means), seed, rng)
@@ -198,7 +198,7 @@ def test_the_middle_of_a_single_draw_is_that_draw() -> None:
     surface, learnt = two("equal", 2)
     u = surface.means[:1] + 0.1
     one = SimpleNamespace(seen=(u, np.ones(1)), proposal=learnt.proposal, origin=learnt.origin)
-    ((origin, middle, (drawn, own)),) = _midst(one)  # type: ignore[arg-type]
+    ((origin, middle, (drawn, own)),) = _central_draws(one)  # type: ignore[arg-type]
     assert origin == 0
     assert middle.tolist() == u[0].tolist() == drawn[0].tolist()
     assert own == pytest.approx([1.0])

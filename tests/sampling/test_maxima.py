@@ -22,7 +22,7 @@ def test_points_of_one_long_bent_ridge_are_one_maximum() -> None:
         far = surface.parts(points[0] + 0.5 * (points[1:] - points[0]))[1]
         assert np.linalg.norm(far, axis=1).max() > 10.0  # what lies straight between them is off it
         values = -1e-3 * np.arange(12.0)
-        assert multiple_modes.apart(surface, points, values) == [0]
+        assert multiple_modes.distinct_modes(surface, points, values) == [0]
 
     for_each({str(case): case for case in [(1, 1), (1, 3), (2, 1), (2, 3)]}, check)
 
@@ -35,7 +35,7 @@ def test_two_humps_are_two_maxima_the_highest_first() -> None:
         rng = np.random.default_rng(4)
         near = surface.means[np.arange(10) % 2] + 1e-4 * rng.standard_normal((10, d))
         values = surface.value(near)
-        found = multiple_modes.apart(surface, near, values)
+        found = multiple_modes.distinct_modes(surface, near, values)
         assert found == [
             int(np.argmax(values)),
             int(np.argmax(np.where(np.arange(10) % 2, -1e9, values))),
@@ -48,9 +48,12 @@ def test_two_humps_are_two_maxima_the_highest_first() -> None:
 def test_a_valley_parts_what_the_record_hardly_knows() -> None:
     """Humps so wide that nothing is tight.  Mutant killed: all that is loose is one."""
     surface = humps(1, (0.6, 0.4), (3.0, 3.0), 10.0)
-    assert multiple_modes.apart(surface, surface.means, surface.value(surface.means)) == [0, 1]
+    assert multiple_modes.distinct_modes(surface, surface.means, surface.value(surface.means)) == [
+        0,
+        1,
+    ]
     one = humps(1, (0.6, 0.4), (3.0, 3.0), 1.0)
-    assert multiple_modes.apart(one, one.means, one.value(one.means)) == [
+    assert multiple_modes.distinct_modes(one, one.means, one.value(one.means)) == [
         int(np.argmax(one.value(one.means)))
     ]
 
@@ -64,14 +67,14 @@ def test_of_a_long_row_of_maxima_none_is_taken_for_another() -> None:
     row = dataclasses.replace(
         one, weights=np.ones(count), means=means, roots=np.repeat(one.roots, count, axis=0)
     )
-    assert len(multiple_modes.apart(row, means, row.value(means))) == count
+    assert len(multiple_modes.distinct_modes(row, means, row.value(means))) == count
 
 
 def test_what_is_much_lower_holds_nothing() -> None:
     """A maximum e^25 times lower is left out."""
     surface = humps(2, (1.0, 1e-9, 1e-13), (1.0, 1.0, 1.0), 20.0)
     values = surface.value(surface.means)
-    assert multiple_modes.apart(surface, surface.means, values) == [0, 1]
+    assert multiple_modes.distinct_modes(surface, surface.means, values) == [0, 1]
 
 
 def test_a_second_ridge_beside_the_first_is_another() -> None:
@@ -91,9 +94,9 @@ def test_a_second_ridge_beside_the_first_is_another() -> None:
     psi = np.array([[-0.3], [0.1], [0.5]])
     on = one.at(psi, np.zeros((3, 2)))
     points = np.concatenate([on, on + shift])
-    same = multiple_modes.joined(both, points[0], points[1:])
+    same = multiple_modes.joined_by_ridge(both, points[0], points[1:])
     assert list(same) == [True, True, False, False, False]
-    assert multiple_modes.apart(both, points, -1e-3 * np.arange(6.0)) == [0, 3]
+    assert multiple_modes.distinct_modes(both, points, -1e-3 * np.arange(6.0)) == [0, 3]
 
 
 def test_where_there_is_no_density_no_path_arrives() -> None:
@@ -108,18 +111,18 @@ def test_where_there_is_no_density_no_path_arrives() -> None:
 
     cut = Cut(**{field.name: getattr(one, field.name) for field in dataclasses.fields(one)})
     points = one.at(np.array([[-0.3], [0.0], [0.3]]), np.zeros((3, 1)))
-    assert list(multiple_modes.joined(cut, points[0], points[1:])) == [True, False]
+    assert list(multiple_modes.joined_by_ridge(cut, points[0], points[1:])) == [True, False]
 
 
 def test_scouts_find_both_humps() -> None:
     surface = humps(2, (0.5, 0.5), (1.0, 1.0), 20.0)
     starts = np.random.default_rng(5).uniform(surface.low, surface.high, (24, 2))
-    points, values = multiple_modes.scout(surface, starts)
+    points, values = multiple_modes.best_ends(surface, starts)
     assert values == pytest.approx(surface.value(points))
     assert set(surface.belongs(points)) == {0, 1}
     near = np.linalg.norm(points - surface.means[surface.belongs(points)], axis=1)
     assert (near < 1e-3).sum() >= len(points) - 1
-    chosen = multiple_modes.apart(surface, points, values)
+    chosen = multiple_modes.distinct_modes(surface, points, values)
     assert len(chosen) == 2
 
 
@@ -128,17 +131,17 @@ def test_a_point_at_the_very_maximum_is_joined_to_itself() -> None:
     surface = humps(3, (1.0,), (1.0,), 0.0)
     twice = np.repeat(surface.means, 3, axis=0)
     assert not surface.expand(twice, np.eye(3)).slope.any()
-    assert multiple_modes.apart(surface, twice, np.zeros(3)) == [0]
+    assert multiple_modes.distinct_modes(surface, twice, np.zeros(3)) == [0]
 
 
 def test_scouts_without_a_density_are_left_at_home() -> None:
     surface = humps(2, (0.5, 0.5), (1.0, 1.0), 20.0)
 
-    class Nowhere(Gaussians):
+    class NoSupportError(Gaussians):
         def value(self, u: np.ndarray) -> np.ndarray:
             return np.full(len(u), -np.inf)
 
     like = {field.name: getattr(surface, field.name) for field in dataclasses.fields(surface)}
-    points, values = multiple_modes.scout(Nowhere(**like), surface.means)
+    points, values = multiple_modes.best_ends(NoSupportError(**like), surface.means)
     assert points.shape == (0, 2)
     assert len(values) == 0

@@ -30,9 +30,9 @@ from bayesdrill.sampling.optimisers.contract import Optimum, Task
 from bayesdrill.sampling.optimisers.nelder_mead import (
     THOROUGH,
     AskTell,
-    Descent,
-    descend,
+    SimplexRun,
     in_lock_step,
+    nelder_mead,
 )
 
 CONFIGS = Path(__file__).parents[2] / "configs"
@@ -198,7 +198,7 @@ def test_simplices_in_lock_step_ask_for_the_points_of_scipy() -> None:
             ]
         expected, asked[:] = [*asked], [[] for _ in simplices]
         searches = [
-            _numbered(k, descend(simplex, int(most[k]), 1e-2, 0.1))
+            _numbered(k, nelder_mead(simplex, int(most[k]), 1e-2, 0.1))
             for k, simplex in enumerate(simplices)
         ]
         runs = in_lock_step(searches, lambda x: np.array([hill(int(row[0]), row[1:]) for row in x]))
@@ -207,7 +207,7 @@ def test_simplices_in_lock_step_ask_for_the_points_of_scipy() -> None:
         assert [run.stopped for run in runs] == [end.status == 0 for end in ends]
 
 
-def _numbered(k: int, search: AskTell[Descent]) -> AskTell[Descent]:
+def _numbered(k: int, search: AskTell[SimplexRun]) -> AskTell[SimplexRun]:
     """Its points with a first column that says whose they are."""
     points = next(search)
     while True:
@@ -320,7 +320,9 @@ def test_searches_that_end_in_another_maximum_do_not_wander() -> None:
         values=here.end, log_posterior=5.0, slope={}, gain=0.0, at_bound=(), searches=(here, there)
     )  # fmt: skip
     assert one.wandering == ("k_e",)
-    two = dataclasses.replace(one, others=(mode_search.Other(values=there.end, log_posterior=5.0),))
+    two = dataclasses.replace(
+        one, others=(mode_search.LocalMaximum(values=there.end, log_posterior=5.0),)
+    )
     assert two.wandering == ()
     assert [top.values["k_e"] for top in two.maxima] == [0.06, 0.08]
     three = dataclasses.replace(two, searches=(here, there, astray))
@@ -344,7 +346,7 @@ def test_gradient_at_a_slope_is_seen(monkeypatch: pytest.MonkeyPatch) -> None:
     start = {name: float(x) for name, x in zip(target.space.free, off, strict=True)}
     stuck = dataclasses.replace(search, end=start, log_posterior=target.density(off[None])[0])
     assert mode_search.summarise(target, (stuck,)).gain < 1e-6
-    monkeypatch.setattr(mode_search, "POLISH", 0)
+    monkeypatch.setattr(mode_search, "POLISH_STEPS", 0)
     found = mode_search.summarise(target, (stuck,))
     assert found.values == pytest.approx(start)
     assert found.gain > 1.0

@@ -11,8 +11,8 @@ from together import for_each
 
 from bayesdrill.basics.progress import Silent
 from bayesdrill.sampling.convergence import Targets
-from bayesdrill.sampling.ensembles import Memory, Plan, Sampled, sample
-from bayesdrill.sampling.workers import Crew
+from bayesdrill.sampling.ensembles import MemoryBackend, Plan, SamplingResult, sample
+from bayesdrill.sampling.workers import WorkerPool
 
 SIGMA = np.full(4, 0.1)
 PLAN = Plan(
@@ -25,16 +25,16 @@ PLAN = Plan(
 )
 
 
-def run(shelf: Memory) -> Sampled:
+def run(backend: MemoryBackend) -> SamplingResult:
     target = posterior(measured(SIGMA, n=60), SIGMA, free=("k_s", "j_1"))
     maximum = target.space.vector(target.space.start)[None]
-    return sample(Crew(target, 1), target, maximum, PLAN, shelf, Silent())
+    return sample(WorkerPool(target, 1), target, maximum, PLAN, backend, Silent())
 
 
 @cache
-def whole() -> tuple[Sampled, Memory]:
-    shelf = Memory()
-    return run(shelf), shelf
+def whole() -> tuple[SamplingResult, MemoryBackend]:
+    backend = MemoryBackend()
+    return run(backend), backend
 
 
 def test_a_run_that_would_take_too_long_is_given_up() -> None:
@@ -54,8 +54,8 @@ def test_a_run_that_was_cut_is_given_up_at_the_same_step(cases: list[tuple[int, 
     """Mutant killed: ensembles that were cut at different steps cannot go on."""
 
     def check(kept: tuple[int, int]) -> None:
-        sampled, shelf = whole()
-        cut = Memory({k: shelf.pieces(k)[:n] for k, n in enumerate(kept) if n})
+        sampled, backend = whole()
+        cut = MemoryBackend({k: backend.segments(k)[:n] for k, n in enumerate(kept) if n})
         again = run(cut)
         assert again.convergence.steps == sampled.convergence.steps
         assert again.convergence.reasons == sampled.convergence.reasons

@@ -12,12 +12,17 @@ from together import for_each
 
 from bayesdrill.sampling.proposal import ridge_tracing
 from bayesdrill.sampling.samplers import ridge
-from bayesdrill.sampling.samplers.ridge import Frame, Ridge, bend, straighten
+from bayesdrill.sampling.samplers.ridge import (
+    LocalBasis,
+    RidgeMap,
+    from_ridge_coordinates,
+    to_ridge_coordinates,
+)
 
 SHAPES = [(1, 1), (2, 3), (4, 5), (0, 3), (3, 0)]  # loose and tight directions
 
 
-def curved(n_loose: int, n_tight: int, seed: int = 3) -> Ridge:
+def curved(n_loose: int, n_tight: int, seed: int = 3) -> RidgeMap:
     """Cubic, in a slanted basis of unequal units, with a root that changes along it."""
     rng = np.random.default_rng(seed)
     d = n_loose + n_tight
@@ -27,11 +32,11 @@ def curved(n_loose: int, n_tight: int, seed: int = 3) -> Ridge:
     roots = np.tril(0.3 * rng.standard_normal((n_tight, n_tight)), -1) + np.eye(n_tight)
     roots = np.exp(0.2 * along)[:, None, None] * roots
     columns = np.geomspace(1.0, 100.0, d)[:, None] * rng.standard_normal((d, d))
-    base = ridge.frame(10.0 * rng.standard_normal(d), columns, n_loose)
-    return ridge.fit(base, psi, tau, roots, 3, 2)
+    base = ridge.local_basis(10.0 * rng.standard_normal(d), columns, n_loose)
+    return ridge.fit_ridge(base, psi, tau, roots, 3, 2)
 
 
-def far_and_near(found: Ridge, n: int = 12) -> np.ndarray:
+def far_and_near(found: RidgeMap, n: int = 12) -> np.ndarray:
     """Coordinates within the points of its fit and beyond them."""
     d = len(found.frame.centre)
     return np.random.default_rng(4).standard_normal((n, d)) * np.geomspace(0.5, 30.0, n)[:, None]
@@ -43,8 +48,8 @@ def test_bending_and_straightening_undo_each_other() -> None:
     def check(n_loose: int, n_tight: int) -> None:
         found = curved(n_loose, n_tight)
         y = far_and_near(found)
-        u, bent = bend(found, y)
-        back, straightened = straighten(found, u)
+        u, bent = from_ridge_coordinates(found, y)
+        back, straightened = to_ridge_coordinates(found, u)
         assert back == pytest.approx(y, rel=1e-7, abs=1e-7)
         assert straightened == pytest.approx(bent, abs=1e-7)
 
@@ -60,11 +65,14 @@ def test_volumes_are_those_of_a_numerical_determinant() -> None:
     def check(n_loose: int, n_tight: int) -> None:
         found = curved(n_loose, n_tight)
         y = far_and_near(found)
-        _, log_volume = bend(found, y)
+        _, log_volume = from_ridge_coordinates(found, y)
         h = 1e-5
         steps = h * np.eye(y.shape[1])
         for row, volume in zip(y, log_volume, strict=True):
-            columns = (bend(found, row + steps)[0] - bend(found, row - steps)[0]) / (2 * h)
+            columns = (
+                from_ridge_coordinates(found, row + steps)[0]
+                - from_ridge_coordinates(found, row - steps)[0]
+            ) / (2 * h)
             assert np.linalg.slogdet(columns)[1] == pytest.approx(volume, abs=1e-4)
 
     for_each({str(case): case for case in SHAPES}, check)
@@ -77,32 +85,32 @@ def test_a_polynomial_says_nothing_of_what_lies_beyond_its_points() -> None:
     edge = found.at(found.middle + way)
     assert found.at(found.middle + 40.0 * way) == pytest.approx(edge)
     assert not np.allclose(found.at(found.middle + 0.9 * way), edge)
-    further = ridge.further(found, 2.0)
+    further = ridge.extended_reach(found, 2.0)
     assert further.at(found.middle + way) == pytest.approx(edge)
     assert not np.allclose(further.at(found.middle + 2.0 * way), edge)
 
 
 def test_powers_are_all_monomials_once() -> None:
     x = np.random.default_rng(1).uniform(0.5, 2.0, (3, 7))
-    found = ridge.powers(3, 4)
+    found = ridge.build_monomials(3, 4)
     every = [
         np.prod([x[v] for v in chosen], axis=0) if chosen else np.ones(7)
         for degree in range(5)
         for chosen in itertools.combinations_with_replacement(range(3), degree)
     ]
     assert found.terms == len(every)
-    rows = found.of(x)
+    rows = found.evaluate(x)
     assert np.sort(rows, axis=0) == pytest.approx(np.sort(every, axis=0), rel=1e-12)
-    fewer = ridge.powers(3, 2)  # the first of them
-    assert np.array_equal(rows[: fewer.terms], fewer.of(x))
+    fewer = ridge.build_monomials(3, 2)  # the first of them
+    assert np.array_equal(rows[: fewer.terms], fewer.evaluate(x))
 
 
 def test_a_direction_along_which_nothing_bends_is_left_out_of_the_polynomials() -> None:
     rng = np.random.default_rng(2)
     psi = rng.standard_normal((60, 2))
     tau = psi[:, 1:] ** 2
-    base = Frame(np.zeros(3), np.eye(3)[:, :2], np.eye(3)[:, 2:], np.eye(3), 0.0)
-    found = ridge.fit(base, psi, tau, np.ones((60, 1, 1)), 2, 0, np.array([1]))
+    base = LocalBasis(np.zeros(3), np.eye(3)[:, :2], np.eye(3)[:, 2:], np.eye(3), 0.0)
+    found = ridge.fit_ridge(base, psi, tau, np.ones((60, 1, 1)), 2, 0, np.array([1]))
     moved = psi + np.array([[100.0, 0.0]])
     assert found.at(moved) == pytest.approx(tau, abs=1e-9)
 
@@ -133,11 +141,11 @@ def test_a_strongly_bent_ridge_is_followed() -> None:
         fresh = surface.at(psi, np.zeros((1000, n_tight)))
         psi = psi[surface.inside(fresh)]
         exact = surface.at(psi, np.zeros((len(psi), n_tight)))
-        off = np.linalg.norm(straighten(traced.ridge, exact)[0][:, n_loose:], axis=1)
+        off = np.linalg.norm(to_ridge_coordinates(traced.ridge, exact)[0][:, n_loose:], axis=1)
         assert np.median(off) < 0.1
         assert np.quantile(off, 0.9) < 0.2
         noisy = surface.at(psi, rng.standard_normal((len(psi), n_tight)))
-        e = straighten(traced.ridge, noisy)[0][:, n_loose:]
+        e = to_ridge_coordinates(traced.ridge, noisy)[0][:, n_loose:]
         assert np.cov(e.T).reshape(n_tight, n_tight) == pytest.approx(np.eye(n_tight), abs=0.25)
 
     for_each(
@@ -162,7 +170,7 @@ def test_a_ridge_is_followed_up_to_the_ends_of_the_priors() -> None:
         found = ridge_tracing.trace(
             surface, surface.expand, start, np.random.default_rng(seed)
         ).ridge
-        off = np.linalg.norm(straighten(found, last)[0][:, 2:], axis=1)
+        off = np.linalg.norm(to_ridge_coordinates(found, last)[0][:, 2:], axis=1)
         assert np.quantile(off, 0.9) < 0.3
 
 
@@ -170,7 +178,7 @@ def test_the_outermost_point_does_not_decide_how_bent_a_ridge_is() -> None:
     """No polynomial reaches it from the others.  Mutant killed: judged there."""
     psi = np.linspace(-1.0, 1.0, 48)[:, None]
     psi[47] = 6.0  # every fourth point is held out: this one too
-    base, roots = ridge.frame(np.zeros(2), np.eye(2), 1), np.full((48, 1, 1), 0.01)
+    base, roots = ridge.local_basis(np.zeros(2), np.eye(2), 1), np.full((48, 1, 1), 0.01)
     _, off = ridge_tracing._best_fit(
         base, np.arange(1), psi, 0.1 * np.sin(2.0 * psi), roots, last=True
     )
@@ -180,10 +188,10 @@ def test_the_outermost_point_does_not_decide_how_bent_a_ridge_is() -> None:
 def test_a_point_that_is_on_the_ridge_has_arrived() -> None:
     """Where the slope is zero to the last bit.  Mutant killed: no slope taken for no density."""
     surface = humps(3, (1.0,), (1.0,), 0.0)
-    base = ridge.frame(surface.means[0], np.eye(3), 1)
+    base = ridge.local_basis(surface.means[0], np.eye(3), 1)
     psi, tau = np.zeros((1, 1)), np.zeros((1, 2))
     assert not surface.expand(surface.means, base.tight).slope.any()
-    found, _, _, arrived = ridge_tracing.led_back(surface.expand, base, psi, tau)
+    found, _, _, arrived = ridge_tracing.return_to_ridge(surface.expand, base, psi, tau)
     assert arrived.all()
     assert np.array_equal(found, tau)
 
@@ -195,10 +203,10 @@ def test_a_direction_along_which_nothing_changes_anywhere_is_known() -> None:
     flat /= np.linalg.norm(flat)
     long = surface.roots[0] + 1e8 * surface.spread[:, None] * np.outer(flat, flat)
     endless = dataclasses.replace(surface, roots=long[None])
-    found = ridge_tracing.unmoved(endless, endless.expand, np.random.default_rng(1))
+    found = ridge_tracing.flat_directions(endless, endless.expand, np.random.default_rng(1))
     assert np.abs(flat @ found) == pytest.approx([1.0], abs=1e-6)
     for bent in (ridged(1, 1), ridged(2, 3), surface):
-        here = ridge_tracing.unmoved(bent, bent.expand, np.random.default_rng(1))
+        here = ridge_tracing.flat_directions(bent, bent.expand, np.random.default_rng(1))
         assert here.shape == (len(bent.middle), 0)
 
 
@@ -206,10 +214,10 @@ def test_tight_directions_are_those_that_the_record_knows() -> None:
     """Against the covariance of the hump itself, in units of the priors' spreads."""
     surface = humps(5, (1.0,), (1.0,), 0.0)
     here = surface.expand(surface.means, np.eye(5))
-    base, known = ridge_tracing.split(surface, surface.means[0], here)
+    base, known = ridge_tracing.split_directions(surface, surface.means[0], here)
     whitened = surface.roots[0] / surface.spread[:, None]
     knowledge = np.sort(1.0 / np.linalg.svd(whitened, compute_uv=False) ** 2)
-    loose = knowledge < ridge_tracing.TIGHT
+    loose = knowledge < ridge_tracing.TIGHT_RATIO
     assert base.loose.shape[1] == loose.sum() == 3
     assert known == pytest.approx(knowledge[loose])
     psi, tau = base.split(surface.means + surface.roots[0].T)
@@ -225,6 +233,6 @@ def test_an_unknown_that_its_wall_holds_back_is_loose() -> None:
     start = low.low
     here = low.expand(start[None], np.eye(2))
     assert here.slope[0, 0] < 0
-    base, _ = ridge_tracing.split(low, start, here)
+    base, _ = ridge_tracing.split_directions(low, start, here)
     assert base.loose.shape[1] >= 1
     assert base.loose[1, 0] == pytest.approx(0.0, abs=1e-12)

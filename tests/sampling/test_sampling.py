@@ -16,12 +16,19 @@ from bayesdrill.basics.progress import Silent
 from bayesdrill.inference.laplace import PosteriorSurface
 from bayesdrill.inference.posterior import Posterior
 from bayesdrill.sampling.convergence import Targets
-from bayesdrill.sampling.ensembles import Memory, Plan, Sampled, begin_walkers, prepare, sample
-from bayesdrill.sampling.proposal.learning import Learnt, learn
+from bayesdrill.sampling.ensembles import (
+    MemoryBackend,
+    Plan,
+    SamplingResult,
+    begin_walkers,
+    prepare,
+    sample,
+)
+from bayesdrill.sampling.proposal.learning import LearnedProposal, learn
 from bayesdrill.sampling.samplers.ensemble import State
 from bayesdrill.sampling.samplers.independence import Proposal, mixture
-from bayesdrill.sampling.samplers.ridge import fit, frame
-from bayesdrill.sampling.workers import Crew
+from bayesdrill.sampling.samplers.ridge import fit_ridge, local_basis
+from bayesdrill.sampling.workers import WorkerPool
 
 N = 16  # walkers
 MOVES = {
@@ -31,14 +38,14 @@ MOVES = {
 
 
 @cache
-def problem() -> tuple[Posterior, np.ndarray, Learnt]:
+def problem() -> tuple[Posterior, np.ndarray, LearnedProposal]:
     """Three unknowns, the one maximum that is known (nearly), and what is learnt from it."""
     target = seen("step", SIGMA, free=("k_s", "j_1", "t_f"))
     maximum = target.space.vector(target.space.start)[None]
-    return target, maximum, prepare(Crew(target, 1), target, maximum, 1)
+    return target, maximum, prepare(WorkerPool(target, 1), target, maximum, 1)
 
 
-def run(moves: dict[str, float], seed: int = 1) -> Sampled:
+def run(moves: dict[str, float], seed: int = 1) -> SamplingResult:
     """Two ensembles, a few steps."""
     target, maxima, _ = problem()
     plan = Plan(
@@ -49,12 +56,12 @@ def run(moves: dict[str, float], seed: int = 1) -> Sampled:
         max_steps=12,
         seed=seed,
     )
-    return sample(Crew(target, 1), target, maxima, plan, Memory(), Silent())
+    return sample(WorkerPool(target, 1), target, maxima, plan, MemoryBackend(), Silent())
 
 
-def steps(sampled: Sampled) -> list[set[bytes]]:
+def steps(sampled: SamplingResult) -> list[set[bytes]]:
     """Of each ensemble, every place where a walker has been."""
-    chains = [np.concatenate([piece.z for piece in pieces]) for pieces in sampled.pieces]
+    chains = [np.concatenate([piece.z for piece in pieces]) for pieces in sampled.segments]
     return [{row.tobytes() for row in chain.reshape(-1, chain.shape[-1])} for chain in chains]
 
 
@@ -118,10 +125,10 @@ def test_starts_in_a_corner_of_the_priors_are_mirrored_into_it() -> None:
     target = seen("step", 1e6 * SIGMA, free=("k_s", "j_1", "t_f"))
     surface = PosteriorSurface(target)
     d = len(surface.low)
-    base = frame(surface.low + 1e-9 * surface.spread, np.diag(surface.spread), d)
+    base = local_basis(surface.low + 1e-9 * surface.spread, np.diag(surface.spread), d)
     point = np.zeros((1, d)), np.zeros((1, 0)), np.zeros((1, 0, 0))
     mean, root = np.full((1, d), -400.0), 50.0 * np.eye(d)[None]
-    beyond = mixture([fit(base, *point, 0, 0)], [0], np.ones(1), mean, root)
+    beyond = mixture([fit_ridge(base, *point, 0, 0)], [0], np.ones(1), mean, root)
     state = begin_walkers(target, Proposal(beyond, 1e-6, 0.0), 64, 1, 0)
     assert target.supports(state.z).all()
     assert np.isfinite(state.log_p).all()
@@ -136,7 +143,7 @@ def test_no_walker_starts_where_it_would_wait() -> None:
     d = 5
     surface = humps(d, (1.0,), (1.0,), 0.0)
     none = np.zeros((1, d)), np.zeros((1, 0)), np.zeros((1, 0, 0))
-    base = fit(frame(surface.means[0], surface.roots[0], d), *none, 0, 0)
+    base = fit_ridge(local_basis(surface.means[0], surface.roots[0], d), *none, 0, 0)
     narrow = mixture([base], [0], np.ones(1), np.zeros((1, d)), 0.3 * np.eye(d)[None])
     middle = surface.means
     usual = float((surface.value(middle) - narrow.log_density(middle))[0])

@@ -10,16 +10,16 @@ import pytest
 from surfaces import Ridged, corner, ridged
 from together import for_each
 
-from bayesdrill.sampling.proposal.learning import Learnt, learn
-from bayesdrill.sampling.proposal.missed_mass import Look, look
-from bayesdrill.sampling.proposal.ridge_tracing import Settled, settled
+from bayesdrill.sampling.proposal.learning import LearnedProposal, learn
+from bayesdrill.sampling.proposal.missed_mass import CoverageCheck, check_coverage
+from bayesdrill.sampling.proposal.ridge_tracing import NewtonRidge, newton_mixture
 from bayesdrill.sampling.samplers.ensemble import State, advance
 from bayesdrill.sampling.samplers.independence import Proposal, mixture, normalised
-from bayesdrill.sampling.samplers.ridge import bend, straighten
+from bayesdrill.sampling.samplers.ridge import from_ridge_coordinates, to_ridge_coordinates
 
 
 @cache
-def learnt(n_loose: int, n_tight: int) -> tuple[Ridged, Learnt]:
+def learnt(n_loose: int, n_tight: int) -> tuple[Ridged, LearnedProposal]:
     surface = ridged(n_loose, n_tight)
     start = surface.at(np.full((1, n_loose), 0.1), np.zeros((1, n_tight)))[0]
     seed, rng = np.random.RandomState(1), np.random.default_rng(3)
@@ -36,15 +36,17 @@ def shortened(proposal: Proposal) -> Proposal:
     return replace(proposal, mixture=mixture(own.sheets, own.sheet, own.weights, means, roots))
 
 
-def looked(surface: Ridged, proposal: Proposal, u: np.ndarray, weights: np.ndarray) -> Look | None:
+def looked(
+    surface: Ridged, proposal: Proposal, u: np.ndarray, weights: np.ndarray
+) -> CoverageCheck | None:
     seed = np.random.RandomState(4)
-    return look(
+    return check_coverage(
         surface, surface.expand, proposal, [0], (u, weights[None]), seed, np.random.default_rng(6)
     )
 
 
 @cache
-def found_beyond(n_loose: int, n_tight: int) -> tuple[Proposal, np.ndarray, Look | None]:
+def found_beyond(n_loose: int, n_tight: int) -> tuple[Proposal, np.ndarray, CoverageCheck | None]:
     """A proposal of a piece, draws of it, and what is found beside them; looked for once."""
     surface, found = learnt(n_loose, n_tight)
     piece = shortened(found.proposal)
@@ -62,16 +64,19 @@ def test_points_are_brought_to_the_ridge() -> None:
     def check(far: bool, n_loose: int, n_tight: int) -> None:
         surface, found = learnt(n_loose, n_tight)
         own = found.proposal.mixture.sheets[0]
-        place = own.place.copy()
+        place = own.location.copy()
         place[0] += 0.8 if far else 10.0 * np.exp(own.ends[1, :n_tight])  # as wide as it gets
-        moved = replace(own, place=place, root=0.9 * own.root)
-        home = Settled(moved, surface.expand)
-        psi, e = np.split(straighten(own, found.u)[0], [n_loose], axis=1)
-        assert np.median(np.linalg.norm(straighten(moved, found.u)[0][:, n_loose:], axis=1)) > 5.0
-        y, log_volume = straighten(home, found.u)
+        moved = replace(own, location=place, root=0.9 * own.root)
+        home = NewtonRidge(moved, surface.expand)
+        psi, e = np.split(to_ridge_coordinates(own, found.u)[0], [n_loose], axis=1)
+        assert (
+            np.median(np.linalg.norm(to_ridge_coordinates(moved, found.u)[0][:, n_loose:], axis=1))
+            > 5.0
+        )
+        y, log_volume = to_ridge_coordinates(home, found.u)
         assert y[:, :n_loose] == pytest.approx(psi)
         assert np.quantile(np.abs(y[:, n_loose:] - e), 0.9) < 0.3
-        back, again = bend(home, y)
+        back, again = from_ridge_coordinates(home, y)
         assert back == pytest.approx(found.u, rel=1e-6, abs=1e-6)
         assert again == pytest.approx(log_volume, abs=1e-6)
 
@@ -83,7 +88,7 @@ def test_points_are_brought_to_the_ridge() -> None:
 def test_what_does_not_arrive_stays_where_the_polynomials_have_it() -> None:
     surface, found = learnt(1, 1)
     own = found.proposal.mixture.sheets[0]
-    nowhere = Settled(own, lambda u, q: surface.expand(np.full_like(u, np.nan), q))
+    nowhere = NewtonRidge(own, lambda u, q: surface.expand(np.full_like(u, np.nan), q))
     psi = np.linspace(-1.0, 1.0, 7)[:, None]
     for one, other in zip(nowhere.along(psi), own.along(psi), strict=True):
         assert np.array_equal(one, other)
@@ -92,7 +97,7 @@ def test_what_does_not_arrive_stays_where_the_polynomials_have_it() -> None:
 def test_a_proposal_that_leaves_nothing_out_is_enough() -> None:
     def check(n_loose: int, n_tight: int) -> None:
         surface, found = learnt(n_loose, n_tight)
-        assert found.proposal.settled is None
+        assert found.proposal.newton is None
         assert looked(surface, found.proposal, found.u, found.weights) is None
 
     for_each({str(case): case for case in [(1, 1), (2, 3)]}, check)
@@ -123,8 +128,8 @@ def test_walkers_reach_what_the_proposal_leaves_out() -> None:
     surface, found = learnt(2, 3)
     piece, u, seen = found_beyond(2, 3)
     assert seen is not None
-    own = replace(seen.proposal, mixture=settled(seen.proposal.mixture, surface.expand))
-    whole = replace(piece, settled=own)
+    own = replace(seen.proposal, mixture=newton_mixture(seen.proposal.mixture, surface.expand))
+    whole = replace(piece, newton=own)
     start = u[:200]
     state = State(start, surface.value(start), np.random.RandomState(5).get_state())
     evaluate = lambda u: (surface.value(u), 0)  # noqa: E731

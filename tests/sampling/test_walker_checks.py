@@ -10,7 +10,7 @@ from scipy.special import ndtr
 from together import for_each
 
 from bayesdrill.basics import seeds
-from bayesdrill.sampling.convergence import Convergence, Targets, assess, split
+from bayesdrill.sampling.convergence import Convergence, Targets, assess, find_two_groups
 from bayesdrill.sampling.samplers.ensemble import State, advance
 
 NAMES = ("k_T", "k_s", "r_m")
@@ -141,8 +141,8 @@ def test_two_places_between_which_walkers_cross_are_no_trouble() -> None:
     assert judge(fine).reasons == ()
     seldom = np.cumsum(np.random.default_rng(9).random((1000, 100)) < 0.004, axis=0) % 2
     noise = np.random.default_rng(10).standard_normal((1000, 100))
-    assert split(6.0 * seldom + noise) is None
-    never = split(20.0 * (np.arange(100) % 4 == 0) + noise)
+    assert find_two_groups(6.0 * seldom + noise) is None
+    never = find_two_groups(20.0 * (np.arange(100) % 4 == 0) + noise)
     assert never is not None
     assert never.crossings == 0
     assert never.share == pytest.approx(0.25, abs=0.01)

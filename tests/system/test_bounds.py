@@ -10,15 +10,15 @@ import numpy as np
 import pytest
 
 from bayesdrill.analysis.identifiability import information
-from bayesdrill.analysis.identifiability.information import Scenery
+from bayesdrill.analysis.identifiability.information import SensitivityStudy
 from bayesdrill.analysis.identifiability.profile import Fitter
 from bayesdrill.basics import seeds
 from bayesdrill.basics.progress import Silent
 from bayesdrill.config import loading
 from bayesdrill.config.job import Job, assemble
 from bayesdrill.sampling import ensembles
-from bayesdrill.sampling.ensembles import Memory
-from bayesdrill.sampling.workers import Crew
+from bayesdrill.sampling.ensembles import MemoryBackend
+from bayesdrill.sampling.workers import WorkerPool
 from bayesdrill.tasks import conclusions
 
 CONFIG = Path(__file__).parents[2] / "configs" / "nominal_step.yaml"
@@ -49,7 +49,7 @@ def job(tmp_path_factory: pytest.TempPathFactory) -> Job:
 def bounds_at_nominal(job: Job) -> np.ndarray:
     posterior = job.problem.posterior
     nominal = posterior.space.vector(job.problem.nominal)
-    scenery = Scenery(posterior.likelihood)
+    scenery = SensitivityStudy(posterior.likelihood)
     rows = scenery.sensitivities(nominal)
     return information.from_sensitivities(TWO, rows).bounds()
 
@@ -58,9 +58,9 @@ def bounds_at_nominal(job: Job) -> np.ndarray:
 def test_bounds_are_the_posteriors_spread(job: Job) -> None:
     posterior = job.problem.posterior
     start = posterior.space.vector(job.problem.nominal)
-    with Crew(posterior, 1) as crew:
+    with WorkerPool(posterior, 1) as pool:
         plan = conclusions.plan(job.config)
-        sampled = ensembles.sample(crew, posterior, start[None], plan, Memory(), Silent())
+        sampled = ensembles.sample(pool, posterior, start[None], plan, MemoryBackend(), Silent())
     assert sampled.convergence.converged
     spread = np.log(sampled.draws.reshape(-1, len(TWO))).std(axis=0)
     assert np.allclose(spread, bounds_at_nominal(job), rtol=0.1)
@@ -74,7 +74,7 @@ def test_bounds_are_the_spread_of_repeated_fits(job: Job) -> None:
     likelihood = posterior.likelihood
     clean = likelihood.signals(nominal[None])
     rng = seeds.stream(12, "record")
-    scenery = Scenery(likelihood)
+    scenery = SensitivityStudy(likelihood)
     found = []
     for _ in range(FITS):
         y = likelihood.noise.draw(clean, np.empty((1, 0)), rng)[0]

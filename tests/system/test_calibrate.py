@@ -23,7 +23,7 @@ from calibrations import with_misfit
 from together import together
 
 from bayesdrill import output_files
-from bayesdrill.analysis.calibration import Refit, Study, judge_calibration, refit
+from bayesdrill.analysis.calibration import CalibrationStudy, Refit, judge_calibration, refit
 from bayesdrill.basics.errors import InputError, Interrupted
 from bayesdrill.basics.progress import Silent
 from bayesdrill.output_files import dumps_checksummed, loads_checksummed
@@ -110,14 +110,16 @@ def copy(done: Done, tmp_path: Path) -> Done:
 
 
 @pytest.fixture
-def study(done: Done) -> Study:
+def study(done: Done) -> CalibrationStudy:
     return calibrate.study(calibrate.prepare(done.config))
 
 
 # --- one refit -----------------------------------------------------------------------------------
 
 
-def test_a_refit_depends_on_the_study_and_its_index_alone(done: Done, study: Study) -> None:
+def test_a_refit_depends_on_the_study_and_its_index_alone(
+    done: Done, study: CalibrationStudy
+) -> None:
     """Computed again, in another order; kills a random stream that is shared by refits."""
     again = [refit(study, index) for index in (3, 1)]
     kept = {each.index: each for each in calibrate.saved(done.folder / ".refits", study)}
@@ -125,7 +127,7 @@ def test_a_refit_depends_on_the_study_and_its_index_alone(done: Done, study: Stu
     assert len({each.truth for each in kept.values()}) == 10
 
 
-def test_another_record_shares_the_compiled_code(study: Study) -> None:
+def test_another_record_shares_the_compiled_code(study: CalibrationStudy) -> None:
     response = study.posterior.likelihood.response
     y = np.random.default_rng(1).standard_normal(response.experiment.y.shape)
     theta = study.posterior.space.full(study.posterior.space.draw(9, np.random.default_rng(2)))
@@ -187,7 +189,7 @@ def test_a_calibration_leaves_a_complete_folder_and_nothing_else(done: Done) -> 
     ids=str,
 )
 def test_a_refit_of_another_study_is_not_believed(
-    change: dict[str, object], done: Done, study: Study, tmp_path: Path
+    change: dict[str, object], done: Done, study: CalibrationStudy, tmp_path: Path
 ) -> None:
     """Sealed as the house does it, with other types, or ranks that cannot be."""
     data = loads_checksummed((done.folder / ".refits" / "000001.json").read_bytes())
@@ -198,7 +200,9 @@ def test_a_refit_of_another_study_is_not_believed(
         calibrate.saved(tmp_path, study)
 
 
-def test_ctrl_c_keeps_the_refits_that_are_done(done: Done, study: Study, tmp_path: Path) -> None:
+def test_ctrl_c_keeps_the_refits_that_are_done(
+    done: Done, study: CalibrationStudy, tmp_path: Path
+) -> None:
     folder = tmp_path / "out"
     with pytest.raises(Interrupted, match="saved"):
         here(done.config, folder, report=Stopping(0.05))
@@ -373,14 +377,14 @@ def test_without_distributed_a_scheduler_is_refused(done: Done, tmp_path: Path) 
 # --- right and wrong likelihoods -----------------------------------------------------------------
 
 
-def refits(study: Study, n: int, folder: Path) -> list[Refit]:
+def refits(study: CalibrationStudy, n: int, folder: Path) -> list[Refit]:
     folder.mkdir()
     with remote.local_executor(2) as crew:
         return calibrate.run(study, n, folder / ".refits", crew, Silent())
 
 
 @pytest.fixture(scope="module")
-def pair(tmp_path_factory: pytest.TempPathFactory) -> Study:
+def pair(tmp_path_factory: pytest.TempPathFactory) -> CalibrationStudy:
     """Two unknowns, 101 samples, ranks among 99 draws."""
     change = ("output: {", "calibration: {ess: 100}\noutput: {")
     config = systems.small(tmp_path_factory.mktemp("pair"), change)
@@ -388,7 +392,7 @@ def pair(tmp_path_factory: pytest.TempPathFactory) -> Study:
 
 
 @pytest.mark.slow
-def test_the_right_likelihood_is_calibrated(pair: Study, tmp_path: Path) -> None:
+def test_the_right_likelihood_is_calibrated(pair: CalibrationStudy, tmp_path: Path) -> None:
     """200 refits; kills a walker's move, a prior, a Jacobian or a noise that is not what it says."""
     found = judge_calibration(pair.names, refits(pair, 200, tmp_path / "right"), pair.draws)
     assert found.calibrated, words.verdict(found)
@@ -398,7 +402,9 @@ def test_the_right_likelihood_is_calibrated(pair: Study, tmp_path: Path) -> None
 @pytest.mark.parametrize(
     ("factor", "shape"), [(2.0, "posterior too narrow"), (0.5, "posterior too wide")]
 )
-def test_a_wrong_likelihood_is_not(factor: float, shape: str, pair: Study, tmp_path: Path) -> None:
+def test_a_wrong_likelihood_is_not(
+    factor: float, shape: str, pair: CalibrationStudy, tmp_path: Path
+) -> None:
     """2 is the 1/2 of the misfit forgotten: the posterior is too narrow by sqrt 2."""
     broken = with_misfit(pair, factor)
     found = judge_calibration(pair.names, refits(broken, 200, tmp_path / "wrong"), pair.draws)

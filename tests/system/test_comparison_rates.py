@@ -12,7 +12,7 @@ from together import together
 from bayesdrill.config.job import Job
 from bayesdrill.inference.laplace import PosteriorSurface
 from bayesdrill.sampling.fit import fit
-from bayesdrill.sampling.gauss_newton import climb
+from bayesdrill.sampling.gauss_newton import gauss_newton
 from benchmarks import compare
 from benchmarks.compare import KINDS, RED, Bench, Kind, rightly
 
@@ -57,7 +57,7 @@ def left(job: Job, y: NDArray[np.float64]) -> float:
     posterior = compare.of(job, y).problem.posterior
     start = posterior.space.vector(posterior.space.start)[None]
     surface = PosteriorSurface(posterior, physical=True)
-    top = climb(surface, posterior.coordinates.from_physical(start), 60)
+    top = gauss_newton(surface, posterior.coordinates.from_physical(start), 60)
     best = posterior.coordinates.to_physical(top.u)
     return float(np.mean((y - posterior.likelihood.signals(best)[0]) ** 2))
 
@@ -71,5 +71,5 @@ def test_a_correlation_that_is_none_needs_no_look_along_settled_ridges() -> None
     job = compare.of(bench().jobs[RED], y)
     _, sampled = fit(job.problem.posterior, compare.plan(job, 3))
     assert sampled.learnt is not None
-    assert sampled.learnt.proposal.settled is None
+    assert sampled.learnt.proposal.newton is None
     assert sampled.learnt.share > 0.8

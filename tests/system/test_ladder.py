@@ -16,7 +16,7 @@ import pytest
 import systems
 
 from bayesdrill import output_files
-from bayesdrill.analysis.causes import Maximum, refit
+from bayesdrill.analysis.causes import RefitMaximum, refit_candidate
 from bayesdrill.basics.errors import Interrupted
 from bayesdrill.basics.progress import Silent
 from bayesdrill.config import loading
@@ -123,7 +123,7 @@ def test_a_thing_that_is_worth_nothing_alone_is_tried_beside_the_best(tmp_path: 
     which a missing torque, that absorbs anything, keeps friction out.
     """
     job = prepare(systems.small(tmp_path, ("walkers: 8", "walkers: 24")))
-    template = refit(job.problem.posterior, job.problem.posterior.space.start, -math.inf)
+    template = refit_candidate(job.problem.posterior, job.problem.posterior.space.start, -math.inf)
     assert template is not None
     worth = {"missing_torque_motor": 120.0, "friction_motor": 50.0, "friction_both": 100.0}
 
@@ -140,8 +140,8 @@ def test_a_thing_that_is_worth_nothing_alone_is_tried_beside_the_best(tmp_path: 
                 top = dataclasses.replace(template, log_z=self.given.log_z + log_z, fit=fit)
                 self._keep(rung, job, top)
 
-    def submit(*_: object) -> Future[Maximum]:
-        future: Future[Maximum] = Future()
+    def submit(*_: object) -> Future[RefitMaximum]:
+        future: Future[RefitMaximum] = Future()
         future.set_result(template)
         return future
 

@@ -16,8 +16,8 @@ from scipy.io import loadmat
 from together import together
 
 import bayesdrill as bd
-from bayesdrill.analysis.identifiability.torque_confounding import scaled
-from bayesdrill.analysis.latent_torque import Shaking, follows, shakings
+from bayesdrill.analysis.identifiability.torque_confounding import scaled_with_torque
+from bayesdrill.analysis.latent_torque import TorqueEstimate, regress_torque, torque_estimates
 from bayesdrill.analysis.run_analysis import torque_summary
 from bayesdrill.basics import seeds
 from bayesdrill.inference.posterior import Posterior
@@ -70,12 +70,12 @@ def rubbing(folder: Path, seed: int) -> Path:
     return folder / "torque.yaml"
 
 
-def inferred(posterior: Posterior, mode: Array, n: int = 200) -> tuple[Array, Shaking]:
+def inferred(posterior: Posterior, mode: Array, n: int = 200) -> tuple[Array, TorqueEstimate]:
     """Draws of the unknowns by their normal approximation, and the torque with them."""
     rng = seeds.stream(7, "torque")
     drawn = near(posterior, mode, n, rng)
     theta = posterior.coordinates.to_physical(drawn)
-    return theta, shakings(posterior, theta, rng)[0]
+    return theta, torque_estimates(posterior, theta, rng)[0]
 
 
 @pytest.mark.slow
@@ -92,7 +92,7 @@ def test_the_torque_of_a_rig_that_rubs_is_its_friction(seed: int, tmp_path: Path
     moving = np.abs(found.speed) > 1.0
     law, (low, high) = -FRICTION * np.sign(found.speed), found.band
     assert np.mean(((law > low) & (law < high))[moving]) > 0.85
-    first = follows(found)[0]
+    first = regress_torque(found)[0]
     assert (first.kind, first.of, first.taken) == ("sign", "w_1", True)
     assert -first.size == pytest.approx(FRICTION, rel=0.15)
     said = torque_words.followed(torque_summary(found))
@@ -150,7 +150,7 @@ def test_the_torque_at_a_bit_is_what_a_load_cell_measured_that_it_was_never_show
     case = drilling(tmp_path)
     posterior = case.job.problem.posterior
     mode = posterior.space.vector(case.find_map(processes=1).mode.values)
-    (found,) = shakings(posterior, mode[None], seeds.stream(7, "torque"))
+    (found,) = torque_estimates(posterior, mode[None], seeds.stream(7, "torque"))
     of = loadmat(STRING)
     t, torque = (
         of[f"{name}_175_complete"].ravel() for name in ("Time_Sample", "Bit_Torque_Sample")
@@ -173,7 +173,9 @@ def test_with_a_free_spring_it_is_said_what_cannot_be_told_apart(tmp_path: Path)
     case = drilling(tmp_path, ("k_s: 4.11, j_1: 7.8e-3, c_s: 0.0149", priors))
     study = case.identify().study
     assert study.scaled == (("k_s", "j_1", "s_d"),)
-    assert scaled(case.job.problem.posterior, study.structure.symmetries) == study.scaled
+    assert (
+        scaled_with_torque(case.job.problem.posterior, study.structure.symmetries) == study.scaled
+    )
     said = torque_words.stand_ins(study)
     assert "k_s and j_1 and s_d can be changed together" in said
     assert "Hold one of k_s and j_1" in said
@@ -238,7 +240,7 @@ def test_the_torque_of_a_servo_is_its_friction(window: str, tmp_path: Path) -> N
     values = case.find_map(processes=1).mode.values
     assert values["k_s"] / values["j_1"] == pytest.approx(0.9 / 2.4e-3, rel=0.03)
     _, found = inferred(posterior, posterior.space.vector(values), 50)
-    first = follows(found)[0]
+    first = regress_torque(found)[0]
     assert (first.kind, first.of, first.taken) == ("sign", "w_2", True)
     assert 2.4e-3 < -first.size < 3.1e-3
     turns = np.abs(found.speed) > 5.0  # rad/s; about a jump it is rounded off

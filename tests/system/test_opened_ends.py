@@ -9,7 +9,7 @@ import pytest
 import systems
 
 from bayesdrill.output_files import OPENED
-from bayesdrill.sampling import opened_ends
+from bayesdrill.sampling import extended_priors
 
 AT_NOMINAL = ("k_e: {prior: uniform, low: 0.5", "k_e: {prior: uniform, low: 1.0")
 
@@ -33,7 +33,7 @@ def out(done: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     def refused(*_: object) -> None:
         raise AssertionError("a posterior is sampled")
 
-    monkeypatch.setattr(opened_ends, "sample", refused)
+    monkeypatch.setattr(extended_priors, "sample", refused)
     shutil.copytree(done, tmp_path / "rig")
     return tmp_path / "rig" / "out"
 

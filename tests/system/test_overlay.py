@@ -78,10 +78,10 @@ def test_the_table_is_that_of_the_runs(runs: Path) -> None:
 
 def test_a_run_beside_itself_is_nowhere_apart(runs: Path) -> None:
     found = bd.overlay([runs / "one", bd.open(runs / "one")], names=["a", "a"])
-    assert [row.apart for row in found.rows] == [0.0, 0.0]
+    assert [row.distance for row in found.rows] == [0.0, 0.0]
     assert "record, noise, priors and seed are the same" in found.text
     assert "a (2)" in found._repr_markdown_()
-    assert bd.overlay([runs / "one", runs / "seeded"]).rows[0].apart > 0.0
+    assert bd.overlay([runs / "one", runs / "seeded"]).rows[0].distance > 0.0
 
 
 def test_a_run_that_did_not_converge_carries_its_warning(runs: Path) -> None:

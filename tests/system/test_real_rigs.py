@@ -18,7 +18,7 @@ from scipy.signal import lfilter
 
 import bayesdrill as bd
 from bayesdrill.analysis.comparison import repeats
-from bayesdrill.analysis.identifiability.information import Scenery
+from bayesdrill.analysis.identifiability.information import SensitivityStudy
 from bayesdrill.config.job import prepare
 
 SHARED = ROOT.parent / "shared" / "data"
@@ -225,7 +225,7 @@ def test_repeats_of_a_servo_differ_as_they_do_one_by_one(tmp_path: Path) -> None
     best = bd.Case(job).find_map().values
     theta = problem.posterior.space.vector(best)
     products = [(1, 0, 0), (0, 1, 0), (0, 0, 1)]
-    found = repeats(Scenery(problem.posterior.likelihood), theta, products)
+    found = repeats(SensitivityStudy(problem.posterior.likelihood), theta, products)
     for one, (name, exact) in zip(found, one_by_one().items(), strict=True):
         assert one.labels == REPEATS
         logs = np.log(exact / best[name])

@@ -12,8 +12,8 @@ from together import together
 from bayesdrill.basics.progress import Silent
 from bayesdrill.config.job import prepare
 from bayesdrill.sampling import ensembles, mode_search
-from bayesdrill.sampling.ensembles import Memory
-from bayesdrill.sampling.workers import Crew
+from bayesdrill.sampling.ensembles import MemoryBackend
+from bayesdrill.sampling.workers import WorkerPool
 from bayesdrill.tasks import conclusions, find_map
 from benchmarks.zoo import folder, rows
 
@@ -34,12 +34,12 @@ def test_means_scatter_as_their_errors_say(tmp_path: Path, name: str) -> None:
     job = prepare(folder.write(row, tmp_path)[0])
     posterior = job.problem.posterior
     means, errors = [], []
-    tops = mode_search.tops(posterior, find_map.find_mode(job, 2, Silent()))
+    tops = mode_search.modes(posterior, find_map.find_mode(job, 2, Silent()))
     plan = conclusions.plan(job.config)
-    with Crew(posterior, 2) as crew:
+    with WorkerPool(posterior, 2) as pool:
         for seed in range(SEEDS):
             own = dataclasses.replace(plan, seed=seed)
-            sampled = ensembles.sample(crew, posterior, tops, own, Memory(), Silent())
+            sampled = ensembles.sample(pool, posterior, tops, own, MemoryBackend(), Silent())
             assert sampled.convergence.converged, sampled.convergence.reasons
             draws = sampled.draws.reshape(-1, tops.shape[1])
             means.append(draws.mean(axis=0))

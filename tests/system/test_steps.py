@@ -109,7 +109,7 @@ def test_what_was_saved_goes_on_in_them(tmp_path: Path) -> None:
     assert taken(again.job) == taken(mine.job)
     assert again.mode.pieces == mine.mode.pieces
     posterior = mine.job.problem.posterior
-    last = mine.sampled.pieces[0][-1]
+    last = mine.sampled.segments[0][-1]
     assert posterior(last.z[-1]) == pytest.approx(last.log_p[-1], abs=1e-9)
 
     told = YAML_SAFE.load((tmp_path / "out" / "config.yaml").read_text())

@@ -11,7 +11,7 @@ from refits import Trial
 from together import together
 from verdicts import off_by
 
-from bayesdrill.analysis.identifiability.information import Scenery
+from bayesdrill.analysis.identifiability.information import SensitivityStudy
 from bayesdrill.analysis.identifiability.study import study_of
 from bayesdrill.config.records import simulation
 from benchmarks.zoo import entries as e
@@ -100,7 +100,7 @@ def test_a_value_of_the_table_that_is_off_is_told(tmp_path: Path, parameters: e.
     job = refits.built(tmp_path, made(parameters))
     posterior = job.problem.posterior
     theta = posterior.space.vector({**job.problem.nominal, **true(job)})
-    found = study_of(Scenery(posterior.likelihood), posterior, theta, job.asked)
+    found = study_of(SensitivityStudy(posterior.likelihood), posterior, theta, job.asked)
     named = [name for name in found.names if name in job.problem.nominal]
     shown = [name for name, sigmas in off_by(found, named, OFF).items() if sigmas > 7]
     assert len(shown) >= 4

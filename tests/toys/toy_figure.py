@@ -7,13 +7,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from bayesdrill.report import Drawing, View
+from bayesdrill.report import Drawing, ReportContext
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-def order(run: View) -> Drawing:
+def order(run: ReportContext) -> Drawing:
     return Drawing(_drawn, (run.draws[:, 0], run.problem.symbols[0].latex))
 
 

@@ -27,7 +27,7 @@ class Entries:
 
 
 @dataclass(frozen=True, slots=True)
-class Memory:
+class MemoryBackend:
     """Stationary: all samples have the sd `sigma`.  Its unknowns are sigmas, then correlations."""
 
     levels: White
@@ -38,7 +38,7 @@ class Memory:
     Entries: ClassVar[type] = Entries
 
     @classmethod
-    def of(cls, channels: Sequence[Noisy], n_samples: int) -> Memory:
+    def of(cls, channels: Sequence[Noisy], n_samples: int) -> MemoryBackend:
         levels = White.of(channels, n_samples)
         held = tuple(c.entries.get("correlation") for c in channels)
         own = [_unknown(c) for c, value in zip(channels, held, strict=True) if value is None]
@@ -48,7 +48,7 @@ class Memory:
     def n_channels(self) -> int:
         return self.levels.n_channels
 
-    def for_length(self, n_samples: int) -> Memory:
+    def for_length(self, n_samples: int) -> MemoryBackend:
         return dataclasses.replace(self, levels=self.levels.for_length(n_samples))
 
     def held(self) -> Mapping[int, object]:

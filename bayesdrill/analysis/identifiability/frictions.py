@@ -1,4 +1,4 @@
-"""Which friction, damping and drop such records can hardly tell from what, by what they did not do.
+"""Find frictions, dampings and drops that a record can hardly distinguish.
 
 Information as everywhere, with the priors; what the rig did at the same point says why; and each
 experiment that could be made is tried by computing.
@@ -11,23 +11,23 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from bayesdrill.analysis.energy import Rubbing, rubbings
-from bayesdrill.analysis.identifiability.information import Scene, Scenery
+from bayesdrill.analysis.energy import FrictionMotion, friction_motions
+from bayesdrill.analysis.identifiability.information import DesignVariant, SensitivityStudy
 from bayesdrill.basics.arrays import Array
 from bayesdrill.inference.posterior import Posterior
 from bayesdrill.record.experiment import typical_inputs
 from bayesdrill.rig import steady_state
 from bayesdrill.rig.models.linear import DEFAULT_ROLES, Model, Roles, constant_forcing, dynamics
 
-KNOWN = 0.1  # sd of the log: what is known as well is told apart, whatever it is like
-ALIKE = 2.0  # times: how much smaller an sd would be, were the others known
-MOST_OF_IT = 0.8  # of the log of that: enough of the others are named
-HELPS = 1.5  # times: an experiment that is proposed
-MOST_PROPOSED = 2
-FAR = 3.0  # speed scales: static friction is gone
-LOST = 0.9  # of a prior's spread: nothing is learnt
-ONE = 0.25  # of the mean speed: a record goes at one
-BELOW = 0.8  # of the voltage at which it stands still
+KNOWN_SD = 0.1  # sd of the log: what is known as well is told apart, whatever it is like
+MIN_FALL = 2.0  # times: how much smaller an sd would be, were the others known
+MIN_EXPLAINED_FALL = 0.8  # of the log of that: enough of the others are named
+MIN_HELPFUL_FALL = 1.5  # times: an experiment that is proposed
+MAX_PROPOSED = 2
+STICTION_GONE_SPEEDS = 3.0  # speed scales: static friction is gone
+LOST_SHARE = 0.9  # of a prior's spread: nothing is learnt
+ONE_SPEED_SHARE = 0.25  # of the mean speed: a record goes at one
+BELOW_STALL = 0.8  # of the voltage at which it stands still
 
 SUPPLY = "motor.voltage"  # stands for its offset
 # What each is like, if both are unknown; by roles.
@@ -49,10 +49,11 @@ RIVALS: Mapping[str, tuple[str, ...]] = {
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Deeds:
-    """Of what rubs at `where`, against a state, over all records: how often it turned round, the share
-    of the time it stuck, and its speeds after the start, least and greatest, in its own unit (A of a
-    current).
+class Excitation:
+    """How a record excites a friction at `where`, against a state, over all records.
+
+    How often it turned round, the share of the time it stuck, and its speeds after the start, least
+    and greatest, in its own unit (A of a current).
     """
 
     where: str
@@ -64,15 +65,17 @@ class Deeds:
 
     @property
     def one_way(self) -> bool:
+        """Whether it never reverses."""
         return self.reversals == 0
 
     @property
     def one_speed(self) -> bool:
-        return self.fastest - self.slowest < ONE * (self.fastest + self.slowest)
+        """Whether its speed hardly changes."""
+        return self.fastest - self.slowest < ONE_SPEED_SHARE * (self.fastest + self.slowest)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Proposal:
+class ProposedExperiment:
     """An experiment, and by what factor the sd in question would fall; `volts`: of it, if it has one."""
 
     what: str
@@ -81,156 +84,173 @@ class Proposal:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Alike:
+class Confounded:
     """`name` can hardly be told from `rivals`: its sd would `fall` so many times, were these known."""
 
     name: str
     rivals: tuple[str, ...]
     fall: float
-    deeds: Deeds | None
-    proposals: tuple[Proposal, ...]
+    deeds: Excitation | None
+    proposals: tuple[ProposedExperiment, ...]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Unseen:
-    """Static friction that no record shows: `names` that it leaves to the prior; `scale`: the speed over
-    which it is lost.
+class UnseenStiction:
+    """Static friction that no record shows.
+
+    `names` that it leaves to the prior; `scale`: the speed over which it is lost.
     """
 
     names: tuple[str, ...]
     scale: float
-    deeds: Deeds
-    proposals: tuple[Proposal, ...]
+    deeds: Excitation
+    proposals: tuple[ProposedExperiment, ...]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Told:
-    alike: tuple[Alike, ...] = ()
-    unseen: tuple[Unseen, ...] = ()
+class FrictionConfounding:
+    """Frictions that a record can hardly distinguish, and stiction that it does not show."""
+
+    alike: tuple[Confounded, ...] = ()
+    unseen: tuple[UnseenStiction, ...] = ()
     roles: Roles = DEFAULT_ROLES
 
 
-NOTHING = Told()
+NO_CONFOUNDING = FrictionConfounding()
 
 
-def told_apart(scenery: Scenery, posterior: Posterior, theta: Array) -> Told:
-    """At `theta (D,)`; nothing of a rig that has none of it."""
-    names = (*scenery.unknowns, *scenery.nuisances)
-    roles = scenery.likelihood.observations[0].response.model.roles
+def distinguish(
+    sensitivity: SensitivityStudy, posterior: Posterior, theta: Array
+) -> FrictionConfounding:
+    """Find what the record can hardly distinguish at `theta (D,)`; nothing of a rig without it."""
+    names = (*sensitivity.unknowns, *sensitivity.nuisances)
+    roles = sensitivity.likelihood.observations[0].response.model.roles
     static = [name for at in (roles.motor, roles.rotor) for name in (at.static, at.fading)]
     wanted = {*(roles[role] for role in RIVALS), *static}
     if not wanted & {*names}:
-        return NOTHING
-    rows = scenery.every(theta)
+        return NO_CONFOUNDING
+    rows = sensitivity.with_nuisances(theta)
     if not np.isfinite(rows).all():
-        return NOTHING
-    scene = _Scene(scenery, posterior, theta, names, rows)
-    return Told(alike=tuple(scene.alike()), unseen=tuple(scene.unseen()), roles=roles)
+        return NO_CONFOUNDING
+    scene = _FrictionStudy(sensitivity, posterior, theta, names, rows)
+    return FrictionConfounding(
+        alike=tuple(scene.alike()), unseen=tuple(scene.unseen()), roles=roles
+    )
 
 
-class _Scene:
+class _FrictionStudy:
     """`rows (n, m + k)`: of these records over the noise."""
 
     def __init__(
         self,
-        scenery: Scenery,
+        sensitivity: SensitivityStudy,
         posterior: Posterior,
         theta: Array,
         names: tuple[str, ...],
         rows: Array,
     ) -> None:
-        self.scenery, self.theta, self.names, self.rows = scenery, theta, names, rows
+        self.sensitivity, self.theta, self.names, self.rows = sensitivity, theta, names, rows
         self.known = self._precision(rows)
         none = np.empty((0, len(theta)))
-        self.frictions = [f for each in rubbings(posterior, theta, none) for f in each]
-        self.model = scenery.likelihood.observations[0].response.model
+        self.frictions = [f for each in friction_motions(posterior, theta, none) for f in each]
+        self.model = sensitivity.likelihood.observations[0].response.model
         self.rig = dict(
-            zip(self.model.parameters, scenery.likelihood.rig(theta[None])[0], strict=True)
+            zip(self.model.parameters, sensitivity.likelihood.rig(theta[None])[0], strict=True)
         )
         self.tried: list[tuple[str, float | None, Array]] | None = None
 
     def _precision(self, rows: Array) -> Array:
         """With the priors `(m + k, m + k)`."""
-        return np.asarray(rows.T @ rows + np.diag(self.scenery.prior_spreads**-2.0))
+        return np.asarray(rows.T @ rows + np.diag(self.sensitivity.prior_spreads**-2.0))
 
     def _sd(self, name: str, precision: Array, known: Sequence[str] = ()) -> float:
         """Of the log, where others are `known`."""
-        kept = [k for k, other in enumerate(self.names) if other not in known]
-        inside = precision[np.ix_(kept, kept)]
-        own = 1.0 / np.sqrt(np.diag(inside))
-        spread = np.linalg.pinv(inside * own[:, None] * own, hermitian=True)
-        k = [self.names[j] for j in kept].index(name)
-        return float(own[k] * np.sqrt(spread[k, k]))
+        unknown = [k for k, other in enumerate(self.names) if other not in known]
+        inside = precision[np.ix_(unknown, unknown)]
+        scale = 1.0 / np.sqrt(np.diag(inside))
+        spread = np.linalg.pinv(inside * scale[:, None] * scale, hermitian=True)
+        k = [self.names[j] for j in unknown].index(name)
+        return float(scale[k] * np.sqrt(spread[k, k]))
 
-    def alike(self) -> Iterator[Alike]:
-        said: set[frozenset[str]] = set()
+    def alike(self) -> Iterator[Confounded]:
+        reported: set[frozenset[str]] = set()
         roles = self.model.roles
         for role, others in RIVALS.items():
-            name, every = roles[role], [f"{'offset_' * (r == SUPPLY)}{roles[r]}" for r in others]
-            rivals = [one for one in every if one in self.names]
+            name, candidates = (
+                roles[role],
+                [f"{'offset_' * (r == SUPPLY)}{roles[r]}" for r in others],
+            )
+            rivals = [candidate for candidate in candidates if candidate in self.names]
             if name not in self.names or not rivals:
                 continue
             alone = self._sd(name, self.known)
             fall = alone / self._sd(name, self.known, rivals)
-            if alone < KNOWN or fall < ALIKE:
+            if alone < KNOWN_SD or fall < MIN_FALL:
                 continue
-            named = self._enough(name, rivals, alone, fall)
-            if all(frozenset((name, one)) in said for one in named):
+            named = self._named_rivals(name, rivals, alone, fall)
+            if all(frozenset((name, rival)) in reported for rival in named):
                 continue
-            said |= {frozenset((name, one)) for one in named}
-            yield Alike(
+            reported |= {frozenset((name, rival)) for rival in named}
+            yield Confounded(
                 name=name,
                 rivals=named,
                 fall=alone / self._sd(name, self.known, named),
-                deeds=self._of([f for f in self.frictions if name in f.friction.law.parameters]),
+                deeds=self._excitation(
+                    [f for f in self.frictions if name in f.friction.law.parameters]
+                ),
                 proposals=self._proposals(name),
             )
 
-    def _enough(
+    def _named_rivals(
         self, name: str, rivals: Sequence[str], alone: float, fall: float
     ) -> tuple[str, ...]:
         """One after the other, those whose knowledge would help most."""
         named: list[str] = []
         while len(named) < len(rivals):
-            rest = [one for one in rivals if one not in named]
-            sds = [self._sd(name, self.known, [*named, one]) for one in rest]
-            named.append(rest[int(np.argmin(sds))])
-            if np.log(alone / min(sds)) >= MOST_OF_IT * np.log(fall):
+            others = [rival for rival in rivals if rival not in named]
+            sds = [self._sd(name, self.known, [*named, rival]) for rival in others]
+            named.append(others[int(np.argmin(sds))])
+            if np.log(alone / min(sds)) >= MIN_EXPLAINED_FALL * np.log(fall):
                 break
         return tuple(named)
 
-    def unseen(self) -> Iterator[Unseen]:
+    def unseen(self) -> Iterator[UnseenStiction]:
         for at in (self.model.roles.motor, self.model.roles.rotor):
             scale = at.fading
-            names = tuple(one for one in (at.static, scale) if one in self.names)
+            names = tuple(parameter for parameter in (at.static, scale) if parameter in self.names)
             if not names:
                 continue
-            deeds = self._of([f for f in self.frictions if f.friction.against == at.speed])
+            deeds = self._excitation([f for f in self.frictions if f.friction.against == at.speed])
             speed = float(self.rig.get(scale, np.nan))
-            spreads = dict(zip(self.names, self.scenery.prior_spreads, strict=True))
-            lost = [n for n in names if self._sd(n, self.known) > LOST * spreads[n]]
-            if deeds is None or deeds.stuck > 0 or deeds.slowest < FAR * speed or not lost:
+            spreads = dict(zip(self.names, self.sensitivity.prior_spreads, strict=True))
+            lost = [n for n in names if self._sd(n, self.known) > LOST_SHARE * spreads[n]]
+            if (
+                deeds is None
+                or deeds.stuck > 0
+                or deeds.slowest < STICTION_GONE_SPEEDS * speed
+                or not lost
+            ):
                 continue
-            yield Unseen(
+            yield UnseenStiction(
                 names=tuple(lost), scale=speed, deeds=deeds, proposals=self._proposals(lost[0])
             )
 
-    def _of(self, every: Sequence[Rubbing]) -> Deeds | None:
-        if not every:
+    def _excitation(self, motions: Sequence[FrictionMotion]) -> Excitation | None:
+        if not motions:
             return None
-        one_sign = len({np.sign(f.speed[f.speed != 0][-1]) for f in every if f.speed.any()}) == 1
-        return Deeds(
-            where=every[0].friction.where,
-            against=every[0].friction.against,
-            reversals=sum(f.reversals for f in every) + (not one_sign),
-            stuck=float(np.mean([f.stuck_later for f in every])),
-            slowest=min(f.slowest for f in every),
-            fastest=max(f.fastest for f in every),
+        one_sign = len({np.sign(f.speed[f.speed != 0][-1]) for f in motions if f.speed.any()}) == 1
+        return Excitation(
+            where=motions[0].friction.where,
+            against=motions[0].friction.against,
+            reversals=sum(f.reversals for f in motions) + (not one_sign),
+            stuck=float(np.mean([f.stuck_later for f in motions])),
+            slowest=min(f.slowest for f in motions),
+            fastest=max(f.fastest for f in motions),
         )
 
     # Experiments that could be made.
 
-    def _proposals(self, name: str) -> tuple[Proposal, ...]:
+    def _proposals(self, name: str) -> tuple[ProposedExperiment, ...]:
         now = self._sd(name, self.known)
         if self.tried is None:
             self.tried = [
@@ -238,45 +258,51 @@ class _Scene:
                 for what, volts, rows in self._scenes()
                 if np.isfinite(rows).all()
             ]
-        found = [
-            Proposal(what=what, volts=volts, shrink=now / self._sd(name, then))
+        proposals = [
+            ProposedExperiment(what=what, volts=volts, shrink=now / self._sd(name, then))
             for what, volts, then in self.tried
         ]
-        helpful = [one for one in found if one.shrink > HELPS]
-        return tuple(sorted(helpful, key=lambda one: -one.shrink)[:MOST_PROPOSED])
+        helpful = [proposal for proposal in proposals if proposal.shrink > MIN_HELPFUL_FALL]
+        return tuple(sorted(helpful, key=lambda proposal: -proposal.shrink)[:MAX_PROPOSED])
 
     def _scenes(self) -> Iterator[tuple[str, float | None, Array]]:
         """What it is, its voltage, and the rows of all that would then be known."""
-        every = self.scenery.likelihood.observations
+        observations = self.sensitivity.likelihood.observations
         supply = self.model.roles.motor.voltage
         if supply not in self.model.inputs:
             return
-        size = float(np.mean([typical_inputs(one.experiment)[supply] for one in every]))
-        stop = stops_below(self.model, self.rig)
-        if any(supply in one.experiment.series for one in every):
-            yield "turned", None, self._another(-1.0)
+        size = float(
+            np.mean(
+                [typical_inputs(observation.experiment)[supply] for observation in observations]
+            )
+        )
+        stop = stall_voltage(self.model, self.rig)
+        if any(supply in observation.experiment.series for observation in observations):
+            yield "turned", None, self._at_other_voltage(-1.0)
             if 0 < stop < size:
-                yield "stops", BELOW * stop, self._another(BELOW * stop / size)
-        elif v := self.scenery.usual_input(supply):
-            yield "turned half-way", None, self._late(-2.0 * v)
+                yield "stops", BELOW_STALL * stop, self._at_other_voltage(BELOW_STALL * stop / size)
+        elif v := self.sensitivity.mean_input(supply):
+            yield "turned half-way", None, self._changed_half_way(-2.0 * v)
             if 0 < stop < abs(v):
-                low = float(np.sign(v)) * BELOW * stop
-                yield "stops half-way", low, self._late(low - v)
-        yield "half", 0.5 * size, self._another(0.5)
+                low = float(np.sign(v)) * BELOW_STALL * stop
+                yield "stops half-way", low, self._changed_half_way(low - v)
+        yield "half", 0.5 * size, self._at_other_voltage(0.5)
 
-    def _another(self, times: float) -> Array:
-        scene = Scene(times={self.model.roles.motor.voltage: times})
-        return np.vstack([self.rows, self.scenery.every(self.theta, scene)])
+    def _at_other_voltage(self, times: float) -> Array:
+        scene = DesignVariant(times={self.model.roles.motor.voltage: times})
+        return np.vstack([self.rows, self.sensitivity.with_nuisances(self.theta, scene)])
 
-    def _late(self, change: float) -> Array:
-        return self.scenery.every(self.theta, Scene(late={self.model.roles.motor.voltage: change}))
+    def _changed_half_way(self, change: float) -> Array:
+        return self.sensitivity.with_nuisances(
+            self.theta, DesignVariant(late={self.model.roles.motor.voltage: change})
+        )
 
 
-def stops_below(model: Model, p: Mapping[str, float]) -> float:
-    """The voltage that holds it at the very edge of turning, against all friction as it slips; V.
+def stall_voltage(model: Model, p: Mapping[str, float]) -> float:
+    """Return the voltage [V] that holds the rig at the edge of turning, against all friction.
 
-    Below it the rig comes to rest: friction at rest is no less.  Zero where none holds it, or nothing
-    is driven by a voltage.
+    Below it the rig comes to rest: friction at rest is no less.  Zero where none holds it, or
+    nothing is driven by a voltage.
     """
     motor = model.roles.motor
     if motor.speed not in model.states or motor.voltage not in model.inputs:

@@ -1,9 +1,10 @@
-"""Exact sensitivities of what is measured, and how well they determine unknowns: Fisher and
-Cramer-Rao.
+"""Compute exact sensitivities of measured signals, and how well they determine unknowns.
+
+Fisher information and Cramer-Rao bounds.
 
 A scene is the experiments as they are, or with further channels, or with inputs changed half-way.
-What is unknown of sensors and starts is taken out of the sensitivities: what is left of them is what
-the record says of the rig, whatever these are.
+What is unknown of sensors and starts is taken out of the sensitivities: what is left of them is
+what the record says of the rig, whatever these are.
 
 All is in the logs of the unknowns, so that a standard deviation of 0.01 is one per cent.  The
 information is kept as its square root R (information = R' R): squaring would lose the digits that
@@ -28,9 +29,11 @@ from bayesdrill.record.experiment import channels_of_states
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Scene:
-    """`extra`: states that are measured too, each with its sigma; `late`: what is added to inputs in the
-    second half of each record; `times`: what inputs are multiplied with throughout.
+class DesignVariant:
+    """A change of the experiment that is tried by computing.
+
+    `extra`: states that are measured too, each with its sigma; `late`: what is added to inputs in
+    the second half of each record; `times`: what inputs are multiplied with throughout.
     """
 
     extra: Mapping[str, float] = field(default_factory=dict)
@@ -38,15 +41,17 @@ class Scene:
     times: Mapping[str, float] = field(default_factory=dict)
 
 
-AS_IT_IS = Scene()
+AS_RECORDED = DesignVariant()
 
 
-class Scenery:
-    """Sensitivities of a likelihood's rig at physical points `theta`, in any scene."""
+class SensitivityStudy:
+    """Sensitivities of a likelihood's rig at physical points `theta`, in any design variant."""
 
     def __init__(self, likelihood: Likelihood) -> None:
         self.likelihood = likelihood
-        self._stages = tuple(_Stage(one) for one in likelihood.observations)
+        self._stages = tuple(
+            _ExtendedExperiment(observation) for observation in likelihood.observations
+        )
         model = likelihood.observations[0].response.model
         self.states, self.inputs = model.states, model.inputs
         space = likelihood.space
@@ -56,102 +61,108 @@ class Scenery:
         self.prior_spreads = np.array([natural_spread(u) for u in moving])
         self.known = 1.0 / self.prior_spreads[len(self.unknowns) :]
 
-    def usual_input(self, name: str) -> float:
-        """The mean of an input over the records."""
+    def mean_input(self, name: str) -> float:
+        """Return the mean of an input over the records."""
         means = [
             float(stage.constant.get(name, 0.0) + stage.base[name].mean()) for stage in self._stages
         ]
         return float(np.mean(means))
 
-    def sensitivities(self, theta: Array, scene: Scene = AS_IT_IS) -> Array:
-        """d channel / d log unknown over sigma at `theta (D,)`: `(n, m)`, of the m unknowns of the rig.
+    def sensitivities(self, theta: Array, scene: DesignVariant = AS_RECORDED) -> Array:
+        """Return d channel / d log unknown over sigma at `theta (D,)`: `(n, m)`.
 
         What nuisances explain of them, as freely as their priors allow, is taken away.  Not finite
         where the response overflows.
         """
-        return self._of_rig(self.every(theta, scene))
+        return self._of_rig(self.with_nuisances(theta, scene))
 
-    def repeated(self, theta: Array, scene: Scene) -> Array:
-        """`sensitivities` of all records, and of as many others of the same sensors in a scene."""
-        return self._of_rig(np.vstack([self.every(theta), self.every(theta, scene)]))
+    def with_repeats(self, theta: Array, scene: DesignVariant) -> Array:
+        """Return `sensitivities` of all records, and of as many others in a design variant."""
+        return self._of_rig(
+            np.vstack([self.with_nuisances(theta), self.with_nuisances(theta, scene)])
+        )
 
-    def alone(self, rows: Array, rest: Array) -> tuple[Array, Array]:
-        """`R (m, m)` and `b (m,)` of rows `(n, m + k)`, and what is left over the noise, `rest (n,)`.
+    def local_estimate(self, rows: Array, residuals: Array) -> tuple[Array, Array]:
+        """Return the information of rows `(n, m + k)`, and where their `residuals (n,)` lead.
 
-        These rows alone know the rig's unknowns as `R' R`, and would move them by `R^-1 b`, whatever the
-        nuisances are.
+        `R (m, m)` and `b (m,)`: these rows alone know the rig's unknowns as `R' R`, and would move
+        them by `R^-1 b`, whatever the nuisances are.
         """
         m = len(self.unknowns)
-        matrix = self._with_priors(np.insert(rows, m, rest, axis=1), m + 1)
-        found = without(matrix, m + 1)
-        return found[:m, :m], found[:m, m]
+        matrix = self._with_priors(np.insert(rows, m, residuals, axis=1), m + 1)
+        reduced = project_out(matrix, m + 1)
+        return reduced[:m, :m], reduced[:m, m]
 
     def _of_rig(self, rows: Array) -> Array:
         m = len(self.unknowns)
         if not self.nuisances or not np.isfinite(rows).all():
             return rows[:, :m]
-        return without(self._with_priors(rows, m), m)
+        return project_out(self._with_priors(rows, m), m)
 
     def _with_priors(self, rows: Array, before: int) -> Array:
         """Of nuisances, which stand in the columns from `before` on."""
-        held = np.hstack([np.zeros((len(self.known), before)), np.diag(self.known)])
-        return np.vstack([rows, held])
+        priors = np.hstack([np.zeros((len(self.known), before)), np.diag(self.known)])
+        return np.vstack([rows, priors])
 
-    def every(self, theta: Array, scene: Scene = AS_IT_IS) -> Array:
-        """`(n, m + k)`: of nuisances as well, on their natural scale."""
-        parts = self.each(theta, scene)
+    def with_nuisances(self, theta: Array, scene: DesignVariant = AS_RECORDED) -> Array:
+        """Return sensitivities `(n, m + k)` to nuisances as well, on their natural scale."""
+        parts = self.by_experiment(theta, scene)
         return parts[0] if len(parts) == 1 else np.concatenate(parts)
 
-    def each(self, theta: Array, scene: Scene = AS_IT_IS) -> list[Array]:
-        """`every` of each experiment by itself."""
+    def by_experiment(self, theta: Array, scene: DesignVariant = AS_RECORDED) -> list[Array]:
+        """Return `with_nuisances` of each experiment by itself."""
         space = self.likelihood.space
         full, along = space.full(theta[None]), space.slopes(theta[None])
         return [stage.whitened(full, along, theta, scene) for stage in self._stages]
 
-    def motions(self, theta: Array, scene: Scene = AS_IT_IS) -> list[Array]:
-        """The states of each experiment, `(T, X)`."""
+    def motions(self, theta: Array, scene: DesignVariant = AS_RECORDED) -> list[Array]:
+        """Return the states of each experiment, `(T, X)`."""
         space = self.likelihood.space
         full, along = space.full(theta[None]), space.slopes(theta[None])
         return [stage.course(full, along, scene)[0][:, stage.k :] for stage in self._stages]
 
 
-def without(rows: Array, m: int) -> Array:
-    """The first m columns of `rows (n, m + k)`, without what the others explain of them: `(m, m)`."""
+def project_out(rows: Array, m: int) -> Array:
+    """Project the last k columns of `rows (n, m + k)` out of the first m: `(m, m)`."""
     k = rows.shape[1] - m
     turned = np.linalg.qr(np.hstack([rows[:, m:], rows[:, :m]]), mode="r")
-    left = turned[k:, k:]
-    return np.asarray(np.vstack([left, np.zeros((m - len(left), m))]) if len(left) < m else left)
+    remaining = turned[k:, k:]
+    return np.asarray(
+        np.vstack([remaining, np.zeros((m - len(remaining), m))])
+        if len(remaining) < m
+        else remaining
+    )
 
 
-class _Stage:
+class _ExtendedExperiment:
     """One experiment with its states for further channels, whose inputs can all be changed."""
 
-    def __init__(self, one: Observation) -> None:
-        model, experiment = one.response.model, one.experiment
-        self._one, self._states, self.k = one, model.states, len(experiment.channels)
+    def __init__(self, observation: Observation) -> None:
+        model, experiment = observation.response.model, observation.experiment
+        self._one, self._states, self.k = observation, model.states, len(experiment.channels)
         n, self.constant = len(experiment.t), experiment.constant
         self.base = {name: experiment.series.get(name, np.zeros(n)) for name in model.inputs}
         self._late = (np.arange(n) >= n // 2).astype(float)
-        every = channels_of_states(model.states)
+        state_channels = channels_of_states(model.states)
         shown = dataclasses.replace(
             experiment,
-            y=np.zeros((n, self.k + len(every))),
-            channels=(*experiment.channels, *every),
+            y=np.zeros((n, self.k + len(state_channels))),
+            channels=(*experiment.channels, *state_channels),
             series=self.base,
         )
-        self._response = one.response.of(shown)
+        self._response = observation.response.of(shown)
 
-    def whitened(self, full: Array, along: Array, theta: Array, scene: Scene) -> Array:
+    def whitened(self, full: Array, along: Array, theta: Array, scene: DesignVariant) -> Array:
         """Rows over the noise, zero where nothing was measured: `(n, m + k)`."""
         slopes = self.course(full, along, scene)[1]
         rows = self._one.informed(slopes[:, :, : self.k], theta)
-        places = [self._states.index(name) for name in scene.extra]
-        more = slopes[:, :, [self.k + place for place in places]]
-        if places:
+        indices = [self._states.index(name) for name in scene.extra]
+        more = slopes[:, :, [self.k + index for index in indices]]
+        if indices:
             rows = np.concatenate([rows, more / np.array([*scene.extra.values()])], axis=2)
         return np.asarray(rows.reshape(len(rows), -1).T)
 
-    def course(self, full: Array, along: Array, scene: Scene) -> tuple[Array, Array]:
+    def course(self, full: Array, along: Array, scene: DesignVariant) -> tuple[Array, Array]:
         """Signals `(T, K + X)` and slopes `(q, T, K + X)`."""
         response = self._response
         if scene.late or scene.times:
@@ -165,56 +176,60 @@ class _Stage:
 
 
 RANK_TOLERANCE = 1e-11  # of the largest singular value; exact nulls come out at 1e-16
-BLIND = 1e-6  # share of a direction that may lie in the blind ones before its bound is infinite
-MOST_FACTORS = 3  # in a simple product
+# share of a direction that may lie in the blind ones before its bound is infinite
+BLIND_SHARE = 1e-6
+MAX_FACTORS = 3  # in a simple product
 
 
 @dataclass(frozen=True, slots=True)
 class Information:
-    """`root (m, m)`: of the information of the record about `names`, in logs."""
+    """The information of a record.
+
+    `root (m, m)`: of the information of the record about `names`, in logs.
+    """
 
     names: tuple[str, ...]
     root: Array
 
     def bound(self, exponents: Array) -> float:
-        """Cramer-Rao bound of the sd of the log of a product of powers; inf if not determined."""
+        """Return the Cramer-Rao bound of the log of a product of powers; inf if not determined."""
         return float(self.bounds_of(exponents[None])[0])
 
     def bounds(self) -> Array:
-        """Of each unknown: `(m,)`."""
+        """Return the bound of each unknown, `(m,)`."""
         return self.bounds_of(np.eye(len(self.names)))
 
     def bounds_of(self, exponents: Array) -> Array:
-        """`bound` of many products, `(n, m) -> (n,)`."""
+        """Return the bounds of many products, `(n, m) -> (n,)`."""
         _, values, rows = np.linalg.svd(self.root)
-        seen = values > RANK_TOLERANCE * values[0]
+        determined = values > RANK_TOLERANCE * values[0]
         along = exponents @ rows.T
-        hidden = np.linalg.norm(along[:, ~seen], axis=1)
-        known = np.linalg.norm(along[:, seen] / values[seen], axis=1)
-        return np.where(hidden > BLIND * np.linalg.norm(exponents, axis=1), np.inf, known)
+        hidden = np.linalg.norm(along[:, ~determined], axis=1)
+        known = np.linalg.norm(along[:, determined] / values[determined], axis=1)
+        return np.where(hidden > BLIND_SHARE * np.linalg.norm(exponents, axis=1), np.inf, known)
 
     def with_knowledge(self, exponents: Array, sd: float) -> Information:
-        """The log of a product of powers known to `sd` from elsewhere."""
+        """Add that the log of a product of powers is known to `sd` from elsewhere."""
         return Information(self.names, root_of(np.vstack([self.root, exponents / sd])))
 
     def with_priors(self, sd: Array) -> Information:
-        """Priors taken as Gaussian in the logs, with these standard deviations `(m,)`."""
+        """Add priors, taken as Gaussian in the logs, with these standard deviations `(m,)`."""
         return Information(self.names, root_of(np.vstack([self.root, np.diag(1.0 / sd)])))
 
     @property
     def n_blind(self) -> int:
-        """Independent products of which the record says nothing."""
+        """The number of independent products of which the record says nothing."""
         values = np.linalg.svd(self.root, compute_uv=False)
         return int(np.sum(values <= RANK_TOLERANCE * values[0]))
 
 
 def from_sensitivities(names: tuple[str, ...], sensitivities: Array) -> Information:
-    """From d signal / d log unknown over sigma, `(n, m)`."""
+    """Build the information of d signal / d log unknown over sigma, `(n, m)`."""
     return Information(names, root_of(sensitivities))
 
 
 def root_of(rows: Array) -> Array:
-    """`(n, m) -> (m, m)` with the same `rows' rows`."""
+    """Reduce rows `(n, m)` to `(m, m)` with the same `rows' rows`."""
     m = rows.shape[1]
     reduced = np.linalg.qr(rows, mode="r")
     return np.asarray(np.vstack([reduced, np.zeros((m - len(reduced), m))]))
@@ -232,15 +247,15 @@ class Direction:
 
 
 def directions(information: Information) -> tuple[Direction, ...]:
-    """The sloppy spectrum: independent products, from the best determined to the worst."""
+    """Return the sloppy spectrum: independent products, from the best determined to the worst."""
     _, values, rows = np.linalg.svd(information.root)
-    found = []
+    spectrum = []
     for value, row in zip(values, rows, strict=True):
         largest = row[np.argmax(np.abs(row))]
         blind = value <= RANK_TOLERANCE * values[0]
         sd = float("inf") if blind else float(1.0 / (value * np.abs(largest)))
-        found.append(Direction(exponents=tuple(map(float, row / largest)), sd=sd))
-    return tuple(found)
+        spectrum.append(Direction(exponents=tuple(map(float, row / largest)), sd=sd))
+    return tuple(spectrum)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -258,11 +273,12 @@ class Product:
 
     @property
     def price(self) -> float:
+        """What is left of the prior's sd, for each factor."""
         return self.sd / self.prior_sd * sum(map(abs, self.exponents))
 
 
 def products(information: Information, prior_sd: Array, candidates: Array) -> tuple[Product, ...]:
-    """As many independent ones of the `candidates (n, m)` as there are, the most narrowed first.
+    """Return as many independent `candidates (n, m)` as there are, the most narrowed first.
 
     Each is the one that the record narrows most of those independent of the ones before it; a
     factor more has to pay for itself.
@@ -273,12 +289,12 @@ def products(information: Information, prior_sd: Array, candidates: Array) -> tu
     sd = np.linalg.norm(candidates @ spread, axis=1)
     before = np.linalg.norm(candidates * prior_sd, axis=1)
     price = sd / before * np.abs(candidates).sum(axis=1)
-    chosen: list[int] = []
+    selected: list[int] = []
     for index in np.argsort(price, kind="stable"):
-        if len(chosen) == rank:
+        if len(selected) == rank:
             break
-        if np.linalg.matrix_rank(candidates[[*chosen, index]]) > len(chosen):
-            chosen.append(int(index))
+        if np.linalg.matrix_rank(candidates[[*selected, index]]) > len(selected):
+            selected.append(int(index))
     return tuple(
         Product(
             exponents=tuple(int(x) for x in candidates[k]),
@@ -286,14 +302,14 @@ def products(information: Information, prior_sd: Array, candidates: Array) -> tu
             prior_sd=float(before[k]),
             bound=information.bound(candidates[k]),
         )
-        for k in chosen
+        for k in selected
     )
 
 
 def simple_exponents(m: int) -> Array:
-    """All products of up to three unknowns with exponents up to 2, the first one positive."""
+    """Return all products of up to three unknowns with exponents up to 2, the first positive."""
     rows = []
-    for size in range(1, min(MOST_FACTORS, m) + 1):
+    for size in range(1, min(MAX_FACTORS, m) + 1):
         for places in itertools.combinations(range(m), size):
             for powers in itertools.product((1, -1, 2, -2), repeat=size):
                 if powers[0] > 0 and math.gcd(*powers) == 1:

@@ -13,7 +13,7 @@ import numpy as np
 import scipy
 
 from bayesdrill.analysis.identifiability import information
-from bayesdrill.analysis.identifiability.information import Scenery
+from bayesdrill.analysis.identifiability.information import SensitivityStudy
 from bayesdrill.basics.arrays import Array, Indices
 from bayesdrill.inference.laplace import ends_of
 from bayesdrill.inference.posterior import Posterior
@@ -27,15 +27,17 @@ FAR_ENOUGH = 25.0  # of a loss: nobody looks further out
 TAIL = 5e-4  # where a prior without ends is taken to end
 AT_BOUND = 1e-3  # relative
 AT_END = 1e-9  # of a log: the same place
-MOST_STEPS = 50
-ENOUGH = 1e-5  # of the sum of squares: a fit that gains less is done
-PROBE = 0.1  # share of a step over which it is seen how the residuals bend
-MOST_BEND = 1.5  # of the step itself: what would turn it further is left out
+MAX_STEPS = 50
+MIN_GAIN = 1e-5  # of the sum of squares: a fit that gains less is done
+PROBE_SHARE = 0.1  # share of a step over which it is seen how the residuals bend
+MAX_ACCELERATION = 1.5  # of the step itself: what would turn it further is left out
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Profile:
-    """`values (n,)` physical, `loss (n,)`: the best log likelihood minus the profile's.
+    """The profile likelihood of one parameter.
+
+    `values (n,)` physical, `loss (n,)`: the best log likelihood minus the profile's.
 
     `low`, `high`: where the loss passes `THRESHOLD`; None where it does not inside the prior.
     """
@@ -49,7 +51,7 @@ class Profile:
     shape: Shape
 
     def over(self, factor: float) -> Profile:
-        """In a unit of so many of this one."""
+        """Return the profile in a unit of so many of this one."""
         ends = (None if x is None else x / factor for x in (self.low, self.high))
         low, high = ends
         values, best = self.values / factor, self.best / factor
@@ -57,73 +59,76 @@ class Profile:
 
 
 class Fitter:
-    """Least squares over all that moves, on its natural scale, inside the priors: logs of the rig's
-    unknowns, then what sensors and starts leave open.
+    """Least squares over all that moves, on its natural scale, inside the priors.
+
+    Logs of the rig's unknowns, then what sensors and starts leave open.
     """
 
-    def __init__(self, posterior: Posterior, scenery: Scenery, theta: Array) -> None:
+    def __init__(self, posterior: Posterior, sensitivity: SensitivityStudy, theta: Array) -> None:
         self._likelihood = posterior.likelihood.pinned(theta)
         same = self._likelihood is posterior.likelihood
-        self._scenery = scenery if same else Scenery(self._likelihood)
-        self._m = len(scenery.unknowns) + len(scenery.nuisances)
+        self._scenery = sensitivity if same else SensitivityStudy(self._likelihood)
+        self._m = len(sensitivity.unknowns) + len(sensitivity.nuisances)
         moving, self._noise = posterior.space.unknowns[: self._m], theta[self._m :]
         self._coordinates = replace(posterior.space, unknowns=moving).coordinates()
-        ends = np.array([ends_of(one.prior, TAIL) for one in moving]).T
+        ends = np.array([ends_of(unknown.prior, TAIL) for unknown in moving]).T
         self.low, self.high = self._coordinates.to_natural(ends)
         self.best = self._fit(self._coordinates.to_natural(theta[None, : self._m])[0], None)
         if len(self._noise):  # unknown levels, from what the best fit leaves
             theta = self._theta(self.best.logs)
-            full, found = self._likelihood.space.full(theta[None]), theta.copy()
-            for one in self._likelihood.observations:
-                found[one.own] = one.fitted(one.residuals(full).samples[0], theta)
-            self._noise = found[self._m :]
+            full, theta_fitted = self._likelihood.space.full(theta[None]), theta.copy()
+            for observation in self._likelihood.observations:
+                theta_fitted[observation.own] = observation.fitted(
+                    observation.residuals(full).samples[0], theta
+                )
+            self._noise = theta_fitted[self._m :]
             self.best = self._fit(self.best.logs, None)
 
-    def held(self, start: Array, column: int, value: float) -> Fitted:
-        """The fit with the log of one unknown held at `value`."""
+    def fit_at(self, start: Array, column: int, value: float) -> ProfileFit:
+        """Fit with the log of one unknown held at `value`."""
         logs = start.copy()
         logs[column] = value
         return self._fit(logs, column)
 
     def spread(self) -> Array:
-        """Standard deviations of the logs at the best fit, the range of the prior at most."""
+        """Return sds of the logs at the best fit, the range of the prior at most."""
         rows = self._jacobian(self.best.logs)
         names = (*self._scenery.unknowns, *self._scenery.nuisances)
         known = information.from_sensitivities(names, rows)
         return known.with_priors((self.high - self.low) / np.sqrt(12.0)).bounds()
 
-    def _fit(self, logs: Array, held: int | None) -> Fitted:
+    def _fit(self, logs: Array, fixed: int | None) -> ProfileFit:
         """Gauss and Newton with damping, and steps that bend as the residuals do.
 
         Ridges are thin and bent: a straight step along one has to be short, and many are wanted.
         """
-        free = np.array([k for k in range(self._m) if k != held], dtype=np.intp)
+        free = np.array([k for k in range(self._m) if k != fixed], dtype=np.intp)
         logs = np.clip(logs, self.low, self.high)
         residuals = self._residuals(logs)
         damping = 1e-8
-        for _ in range(MOST_STEPS if len(free) else 0):
+        for _ in range(MAX_STEPS if len(free) else 0):
             rows = self._jacobian(logs)[:, free]
             turned, reduced = np.linalg.qr(np.column_stack([rows, residuals]))
             before = residuals @ residuals
             while damping < 1e8:
                 step = self._step(reduced, logs[free], free, damping)
-                probe = self._residuals(self._moved(logs, free, PROBE * step)) - residuals
-                bent = (2.0 / PROBE) * (probe / PROBE - rows @ step)
+                probe = self._residuals(self._moved(logs, free, PROBE_SHARE * step)) - residuals
+                bent = (2.0 / PROBE_SHARE) * (probe / PROBE_SHARE - rows @ step)
                 reduced_bent = np.column_stack([reduced[:, :-1], turned.T @ bent])
                 bend = self._step(reduced_bent, logs[free], free, damping)
-                if np.linalg.norm(bend) <= MOST_BEND * np.linalg.norm(step):
+                if np.linalg.norm(bend) <= MAX_ACCELERATION * np.linalg.norm(step):
                     step = step + 0.5 * bend
                 there = self._moved(logs, free, step)
-                found = self._residuals(there)
-                if found @ found < before:
+                residuals_there = self._residuals(there)
+                if residuals_there @ residuals_there < before:
                     break
                 damping *= 10.0
             else:
                 break
-            logs, residuals, damping = there, found, max(0.1 * damping, 1e-12)
-            if before - residuals @ residuals < ENOUGH:
+            logs, residuals, damping = there, residuals_there, max(0.1 * damping, 1e-12)
+            if before - residuals @ residuals < MIN_GAIN:
                 break
-        return Fitted(logs, float(0.5 * residuals @ residuals))
+        return ProfileFit(logs, float(0.5 * residuals @ residuals))
 
     def _step(self, reduced: Array, logs: Array, free: Indices, damping: float) -> Array:
         """The damped linear least-squares step that stays inside the priors."""
@@ -143,7 +148,7 @@ class Fitter:
         return moved
 
     def along(self, column: int, values: Array) -> Array:
-        """One unknown in SI, of `values (n,)` on its natural scale."""
+        """Return one unknown in SI, of `values (n,)` on its natural scale."""
         rows = np.zeros((len(values), self._m))
         rows[:, column] = values
         return self._coordinates.from_natural(rows)[:, column]
@@ -157,20 +162,23 @@ class Fitter:
         return np.asarray(np.nan_to_num(residuals, nan=1e6, posinf=1e6, neginf=-1e6))
 
     def _jacobian(self, logs: Array) -> Array:
-        slopes = self._scenery.every(self._theta(logs))
+        slopes = self._scenery.with_nuisances(self._theta(logs))
         return np.nan_to_num(slopes, posinf=0.0, neginf=0.0)
 
 
 @dataclass(frozen=True, slots=True)
-class Fitted:
-    """`logs (m,)` of the unknowns; `cost`: minus the log likelihood, up to a constant."""
+class ProfileFit:
+    """A fit with one unknown held.
+
+    `logs (m,)` of the unknowns; `cost`: minus the log likelihood, up to a constant.
+    """
 
     logs: Array
     cost: float
 
 
 def profile(fitter: Fitter, names: tuple[str, ...], column: int) -> Profile:
-    """Of the unknown in `column`."""
+    """Profile the likelihood over the unknown in `column`."""
     best = fitter.best
     centre, sd = best.logs[column], fitter.spread()[column]
     down = _side(fitter, column, centre, sd, fitter.low[column])
@@ -188,7 +196,7 @@ def profile(fitter: Fitter, names: tuple[str, ...], column: int) -> Profile:
             if loss[k] < THRESHOLD <= loss[following]:
 
                 def excess(value: float, start: Array = fits[k].logs) -> float:
-                    fit = fitter.held(start, column, value)
+                    fit = fitter.fit_at(start, column, value)
                     return float(fit.cost - costs[lowest] - THRESHOLD)
 
                 # Relative to the bracket: a well-known log changes in its last digits only.
@@ -212,7 +220,7 @@ def profile(fitter: Fitter, names: tuple[str, ...], column: int) -> Profile:
 
 def _side(
     fitter: Fitter, column: int, centre: float, sd: float, end: float
-) -> list[tuple[float, Fitted]]:
+) -> list[tuple[float, ProfileFit]]:
     """From the best fit to one end of the prior, each from the one before; none where it is there."""
     if abs(end - centre) < AT_END:
         return []
@@ -220,15 +228,15 @@ def _side(
     near = [centre + sign * k * sd for k in NEAR if k * sd < abs(end - centre)]
     reached = near[-1] if near else centre
     far = np.linspace(reached, end, FAR + 1)[1:]
-    found: list[tuple[float, Fitted]] = []
+    fits: list[tuple[float, ProfileFit]] = []
     start = fitter.best.logs
     for value in [*near, *map(float, far)]:
-        fit = fitter.held(start, column, value)
-        found.append((value, fit))
+        fit = fitter.fit_at(start, column, value)
+        fits.append((value, fit))
         start = fit.logs
         if fit.cost - fitter.best.cost > FAR_ENOUGH:
             break
-    return found
+    return fits
 
 
 def _shape(low: float | None, high: float | None, logs: Array, lowest: int) -> Shape:

@@ -1,13 +1,12 @@
-"""Exact scaling symmetries of a posterior, and unknowns that are known only as far as held numbers
-are right.
+"""Find exact scaling symmetries of a posterior, and unknowns that depend on fixed numbers.
 
-Symmetries are products of powers of the unknowns that no measured signal shows.  They are found in the
-null space of the log-sensitivities at several points of the prior, written with small whole exponents,
-and each one proven by scaling: twice the factor, the same response to rounding.
+Symmetries are products of powers of the unknowns that no measured signal shows.  They are found in
+the null space of the log-sensitivities at several points of the prior, written with small whole
+exponents, and each one proven by scaling: twice the factor, the same response to rounding.
 
 A number that is held settles a scale that no signal shows: were it another, so would be all that is
-told through it, and the record would look the same.  Unless the record hardly shows that number: then
-priors settle the scale, held or not.
+told through it, and the record would look the same.  Unless the record hardly shows that number:
+then priors settle the scale, held or not.
 """
 
 from __future__ import annotations
@@ -20,7 +19,11 @@ from fractions import Fraction
 
 import numpy as np
 
-from bayesdrill.analysis.identifiability.information import RANK_TOLERANCE, Information, Scenery
+from bayesdrill.analysis.identifiability.information import (
+    RANK_TOLERANCE,
+    Information,
+    SensitivityStudy,
+)
 from bayesdrill.basics.arrays import Array
 from bayesdrill.inference.posterior import Posterior
 from bayesdrill.inference.priors import Uniform
@@ -31,14 +34,16 @@ Exponents = tuple[int, ...]
 
 SAME_RESPONSE = 1e-9  # relative to the largest value of each channel
 SAME_DIRECTION = 1e-6  # null directions of different points are equal to this
-LARGEST_DENOMINATOR = 6
-MOST_BASES = 5000
+MAX_DENOMINATOR = 6
+MAX_BASES = 5000
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Structure:
-    """`symmetries`: proven exponents of the unknowns, sparsest first.  `invariants`: independent
-    products that nothing of this changes.  `unexplained`: further directions that no signal shows,
+class ScalingStructure:
+    """The scaling symmetries of a posterior.
+
+    `symmetries`: proven exponents of the unknowns, sparsest first. `invariants`: independent
+    products that nothing of this changes. `unexplained`: further directions that no signal shows,
     but that are no product of powers with small whole exponents, or not the same one everywhere.
     """
 
@@ -48,18 +53,19 @@ class Structure:
     unexplained: int
 
     def invariants_of(self, names: Collection[str]) -> tuple[Exponents, ...]:
-        """Independent products of these unknowns alone that nothing of this changes, sparsest first."""
-        own = [k for k, name in enumerate(self.names) if name in names]
+        """Return independent products of these unknowns alone that are invariant, sparsest first."""
+        columns = [k for k, name in enumerate(self.names) if name in names]
         m = len(self.names)
-        changed = _complement(np.array(self.invariants, dtype=float).reshape(-1, m), m)[:, own]
-        found = [
-            dict(zip(own, e, strict=True)) for e in sparse_basis(_complement(changed, len(own)))
+        changed = _complement(np.array(self.invariants, dtype=float).reshape(-1, m), m)[:, columns]
+        factors = [
+            dict(zip(columns, e, strict=True))
+            for e in sparse_basis(_complement(changed, len(columns)))
         ]
-        return tuple(tuple(powers.get(k, 0) for k in range(m)) for powers in found)
+        return tuple(tuple(powers.get(k, 0) for k in range(m)) for powers in factors)
 
 
 def null_space(sensitivities: Sequence[Array]) -> Array:
-    """Directions of log unknowns that change nothing at any of the points: `(n, m)` rows.
+    """Return directions of log unknowns that change nothing at any of the points: `(n, m)` rows.
 
     Points at which nothing moves, as of a rig that sticks from the start, say nothing.
     """
@@ -72,16 +78,19 @@ def null_space(sensitivities: Sequence[Array]) -> Array:
     return np.asarray(rows[rank:])
 
 
-def analyse(
+def find_structure(
     names: tuple[str, ...],
     sensitivities: Sequence[Array],
     unchanged: Callable[[Exponents], bool],
-) -> Structure:
-    """`sensitivities`: `(T K, m)` at several points; `unchanged`: proves one candidate."""
+) -> ScalingStructure:
+    """Find the scaling symmetries in sensitivities at several points.
+
+    `sensitivities`: `(T K, m)` at several points; `unchanged`: proves one candidate.
+    """
     null = null_space(sensitivities)
-    found = sparse_basis(null)
-    proven = tuple(exponents for exponents in found if unchanged(exponents))
-    each = [null_space([one]) for one in sensitivities if one.any()]
+    candidates = sparse_basis(null)
+    proven = tuple(exponents for exponents in candidates if unchanged(exponents))
+    each = [null_space([point]) for point in sensitivities if point.any()]
     blind = min(map(len, each), default=len(null))
     if blind > len(null):  # of a sum only the sum may show: its direction turns with its terms
         hidden = np.concatenate(each)
@@ -89,23 +98,23 @@ def analyse(
         hidden = np.array(proven, dtype=float).reshape(-1, len(names))
     else:
         hidden = null
-    rest = _complement(hidden, len(names))
-    return Structure(
+    complement = _complement(hidden, len(names))
+    return ScalingStructure(
         names=names,
         symmetries=proven,
-        invariants=sparse_basis(rest),
+        invariants=sparse_basis(complement),
         unexplained=blind - len(proven),
     )
 
 
 def sparse_basis(rows: Array) -> tuple[Exponents, ...]:
-    """Independent vectors of the span of `rows (n, m)` with small whole entries, sparsest first.
+    """Return independent whole-number vectors in the span of `rows (n, m)`, sparsest first.
 
     Fewer than n where the span has no such basis.
     """
     n, m = rows.shape
     candidates: set[Exponents] = set()
-    for pivots in itertools.islice(itertools.combinations(range(m), n), MOST_BASES):
+    for pivots in itertools.islice(itertools.combinations(range(m), n), MAX_BASES):
         block = rows[:, pivots]
         if n == 0 or np.linalg.cond(block) > 1e8:
             continue
@@ -113,15 +122,17 @@ def sparse_basis(rows: Array) -> tuple[Exponents, ...]:
             exponents = _whole(row)
             if exponents is not None:
                 candidates.add(exponents)
-    chosen: list[Exponents] = []
+    independent: list[Exponents] = []
     for candidate in sorted(candidates, key=_complexity):
-        if np.linalg.matrix_rank(np.array([*chosen, candidate], dtype=float)) > len(chosen):
-            chosen.append(candidate)
-    return tuple(chosen)
+        if np.linalg.matrix_rank(np.array([*independent, candidate], dtype=float)) > len(
+            independent
+        ):
+            independent.append(candidate)
+    return tuple(independent)
 
 
-def doubled(theta: Array, exponents: Exponents) -> Array:
-    """`theta (..., D)` with each unknown times 2 to its exponent, which rounds nothing."""
+def scaled_by_two(theta: Array, exponents: Exponents) -> Array:
+    """Return `theta (..., D)` with each unknown times 2 to its exponent, which rounds nothing."""
     powers = np.zeros(theta.shape[-1])
     powers[: len(exponents)] = exponents
     return np.asarray(theta * 2.0**powers)
@@ -137,7 +148,7 @@ def _complement(rows: Array, m: int) -> Array:
 
 def _whole(row: Array) -> Exponents | None:
     """The row times the least factor that makes all entries whole; None if there is none."""
-    near = [Fraction(float(x)).limit_denominator(LARGEST_DENOMINATOR) for x in row]
+    near = [Fraction(float(x)).limit_denominator(MAX_DENOMINATOR) for x in row]
     if any(abs(float(f) - x) > 1e-6 for f, x in zip(near, row, strict=True)):
         return None
     factor = math.lcm(*(f.denominator for f in near))
@@ -155,14 +166,14 @@ def _complexity(exponents: Exponents) -> tuple[int, int, Exponents]:
 
 
 PRIOR_POINTS = 4  # beside the start: where symmetries are looked for and proven
-MOST_DRAWS = 100  # of the prior, to find that many with a finite response
+MAX_DRAWS = 100  # of the prior, to find that many with a finite response
 
 
 def structure_of(
-    posterior: Posterior, scenery: Scenery, theta: Array, rng: np.random.Generator
-) -> Structure:
-    """At `theta (D,)` and at draws from the prior."""
-    drawn = posterior.space.draw(MOST_DRAWS, rng)
+    posterior: Posterior, sensitivity: SensitivityStudy, theta: Array, rng: np.random.Generator
+) -> ScalingStructure:
+    """Find the scaling symmetries at `theta (D,)` and at draws from the prior."""
+    drawn = posterior.space.draw(MAX_DRAWS, rng)
     finite = drawn[np.isfinite(posterior.density(drawn))][:PRIOR_POINTS]
     points = np.vstack([theta, finite])
     likelihood = posterior.likelihood
@@ -170,25 +181,28 @@ def structure_of(
 
     def unchanged(exponents: Exponents) -> bool:
         """Whether all signals agree to rounding."""
-        there = likelihood.every_signal(doubled(points, exponents))
+        there = likelihood.every_signal(scaled_by_two(points, exponents))
         return all(
             np.all(np.abs(x - y) <= SAME_RESPONSE * np.abs(x).max(axis=(0, 1)))
             for x, y in zip(here, there, strict=True)
         )
 
-    sensitivities = [scenery.sensitivities(point) for point in points]
-    return analyse(scenery.unknowns, sensitivities, unchanged)
+    sensitivities = [sensitivity.sensitivities(point) for point in points]
+    return find_structure(sensitivity.unknowns, sensitivities, unchanged)
 
 
-NEAR = 0.5, 1.5  # times what is held: where the structure is looked at
-MOSTLY = 0.5  # of a scale, what priors settle; of the largest part, what is named as well
+FREED_RANGE = 0.5, 1.5  # times what is held: where the structure is looked at
+MIN_PRIOR_SHARE = 0.5  # of a scale, what priors settle; of the largest part, what is named as well
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Resting:
-    """With `exponents` of `names`, of which the last are `held`, no measured signal changes.
+class DependsOnFixed:
+    """A scale that a number which is held fixed settles.
 
-    `following (m, m)`: of unknowns, by how much the mean of each log follows the middle of each prior.
+    With `exponents` of `names`, of which the last are `held`, no measured signal changes.
+
+    `following (m, m)`: of unknowns, by how much the mean of each log follows the middle of each
+    prior.
     """
 
     names: tuple[str, ...]
@@ -198,28 +212,31 @@ class Resting:
 
     @property
     def unknown(self) -> tuple[str, ...]:
-        """Those that are known through what is held."""
+        """The unknowns that are known through what is held."""
         named = zip(self.names, self.exponents, strict=True)
         return tuple(name for name, e in named if e and name not in self.held)
 
     @property
     def through(self) -> tuple[str, ...]:
+        """The numbers that are held and settle the scale."""
         named = zip(self.names, self.exponents, strict=True)
         return tuple(name for name, e in named if e and name in self.held)
 
     @property
     def narrowest(self) -> str:
         """The unknown that the record narrows most."""
-        left = dict(zip(self.names, np.diag(self.following), strict=False))
-        return min(self.unknown, key=left.__getitem__)
+        following = dict(zip(self.names, np.diag(self.following), strict=False))
+        return min(self.unknown, key=following.__getitem__)
 
     def scales(self, names: Sequence[str], exponents: Sequence[float]) -> bool:
-        """Whether a product of powers is another where what is held is."""
-        own = dict(zip(self.names, self.exponents, strict=True))
-        return sum(own[name] * e for name, e in zip(names, exponents, strict=True)) != 0
+        """Return whether a product of powers is another where what is held is."""
+        exponents_by_name = dict(zip(self.names, self.exponents, strict=True))
+        return (
+            sum(exponents_by_name[name] * e for name, e in zip(names, exponents, strict=True)) != 0
+        )
 
     def priors(self, names: Sequence[str], exponents: Sequence[float]) -> tuple[str, ...]:
-        """Whose priors settle a product of powers that this scales; none where what is held does.
+        """Return whose priors settle a product that this scales; none where what is held does.
 
         What priors do together follows them all, and what is held the rest of the way.
         """
@@ -227,20 +244,22 @@ class Resting:
         given = dict(zip(names, exponents, strict=True))
         powers = np.array([given.get(name, 0.0) for name in self.names[:m]])
         scale, follows = np.array(self.exponents[:m]), powers @ self.following
-        if follows @ scale / (powers @ scale) < MOSTLY:
+        if follows @ scale / (powers @ scale) < MIN_PRIOR_SHARE:
             return ()
-        large = np.abs(follows) >= MOSTLY * np.abs(follows).max()
-        return tuple(name for name, one in zip(self.names, large, strict=False) if one)
+        large = np.abs(follows) >= MIN_PRIOR_SHARE * np.abs(follows).max()
+        return tuple(name for name, is_large in zip(self.names, large, strict=False) if is_large)
 
 
-def resting(
+def depends_on_fixed(
     posterior: Posterior,
     theta: Array,
     known: Information,
     prior_sd: Array,
     rng: np.random.Generator,
-) -> tuple[Resting, ...]:
-    """At `theta (D,)`; `rng` draws the points at which the structure is looked at.
+) -> tuple[DependsOnFixed, ...]:
+    """Find scales that fixed numbers settle.
+
+    At `theta (D,)`; `rng` draws the points at which the structure is looked at.
 
     `known` of the record there, `prior_sd (m,)` of the logs.
 
@@ -248,12 +267,12 @@ def resting(
     through it.
     """
     space, model = posterior.space, posterior.likelihood.observations[0].response.model
-    held = tuple(name for name in model.parameters if space.fixed.get(name, 0.0) > 0.0)
-    if not held:
+    fixed = tuple(name for name in model.parameters if space.fixed.get(name, 0.0) > 0.0)
+    if not fixed:
         return ()
     first = len(space.columns("rig", "quantity"))
-    symbols = {one.name: one for one in (*PARAMETERS.values(), *model.declares)}
-    low, high = NEAR
+    symbols = {symbol.name: symbol for symbol in (*PARAMETERS.values(), *model.declares)}
+    low, high = FREED_RANGE
     freed = [
         Unknown(
             symbol=symbols[name],
@@ -261,20 +280,24 @@ def resting(
             prior=Uniform(low=low * space.fixed[name], high=high * space.fixed[name]),
             start=space.fixed[name],
         )
-        for name in held
+        for name in fixed
     ]
     wider = posterior.edit(free=freed)
-    at = np.insert(theta, first, [space.fixed[name] for name in held])
-    found = structure_of(wider, Scenery(wider.likelihood), at, rng)
-    follows = following(known, prior_sd)
-    every = (
-        Resting(names=found.names, exponents=e, held=held, following=follows)
-        for e in found.symmetries
+    at = np.insert(theta, first, [space.fixed[name] for name in fixed])
+    structure = structure_of(wider, SensitivityStudy(wider.likelihood), at, rng)
+    follows = prior_following(known, prior_sd)
+    dependent = (
+        DependsOnFixed(names=structure.names, exponents=e, held=fixed, following=follows)
+        for e in structure.symmetries
     )
-    return tuple(one for one in every if 0 < len(one.through) <= len(one.unknown))
+    return tuple(
+        dependence
+        for dependence in dependent
+        if 0 < len(dependence.through) <= len(dependence.unknown)
+    )
 
 
-def following(known: Information, prior_sd: Array) -> Array:
-    """`(m, m)`: by how much the mean of each log follows the middle of each prior."""
+def prior_following(known: Information, prior_sd: Array) -> Array:
+    """Return how much the mean of each log follows the middle of each prior, `(m, m)`."""
     spread = np.linalg.inv(known.with_priors(prior_sd).root)
     return np.asarray(spread @ spread.T / prior_sd**2)

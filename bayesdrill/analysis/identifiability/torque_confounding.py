@@ -1,5 +1,4 @@
-"""What a missing torque can stand in for: parameters that a record would show without it, and what
-helps.
+"""Find parameters that a missing torque can stand in for, and what helps.
 
 The Fisher information of all unknowns together, of mean and covariance, as the curvature that a
 record drawn at the point has (Gauss and Newton), with what the priors know; beside it that of the
@@ -23,19 +22,20 @@ from bayesdrill.record.experiment import Channel, frozen
 from bayesdrill.rig import models
 from bayesdrill.rig.models.latent_torque import SIZE, TorqueLocation, torque_gain
 
-FALLS = 3.0  # times: how much worse an sd is with the torque, for a parameter that is named
-KNOWN = 0.5  # of the prior's sd: with no more left a parameter is known, torque or not
-HELPS = 2.0  # times: by how much better, for what is proposed
-SENSOR = 0.01  # of its spread: noise of a sensor that is proposed
-NOTHING = 1e-9  # times its size: a torque that is none
-DRAWN = 2  # records, over which curvatures are averaged
-MOST = 3  # proposals
+MIN_LOSS = 3.0  # times: how much worse an sd is with the torque, for a parameter that is named
+KNOWN_SHARE = 0.5  # of the prior's sd: with no more left a parameter is known, torque or not
+MIN_HELPFUL_FALL = 2.0  # times: by how much better, for what is proposed
+SENSOR_NOISE = 0.01  # of its spread: noise of a sensor that is proposed
+NO_TORQUE = 1e-9  # times its size: a torque that is none
+DRAWN_RECORDS = 2  # records, over which curvatures are averaged
+MAX_REMEDIES = 3  # proposals
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Help:
-    """`kind` hold: a parameter by name; measure: a state.  `shrink`: times by which the sd would
-    fall.
+class TorqueRemedy:
+    """What would help to distinguish a parameter from the missing torque.
+
+    `kind` hold: a parameter by name; measure: a state. `shrink`: times by which the sd would fall.
     """
 
     kind: str
@@ -44,26 +44,32 @@ class Help:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class StandIn:
-    """The sd of a log with the torque, without it, and before the record."""
+class TorqueConfounding:
+    """A parameter that a missing torque can stand in for.
+
+    The sd of a log with the torque, without it, and before the record.
+    """
 
     name: str
     at: TorqueLocation
     sd: float
     alone: float
     before: float
-    helps: tuple[Help, ...]
+    helps: tuple[TorqueRemedy, ...]
 
 
-def stand_ins(
+def find_confounded(
     posterior: Posterior, theta: Array, before: Array, rng: np.random.Generator
-) -> tuple[StandIn, ...]:
-    """Of the rig's parameters at `theta (D,)`; `before (D,)`: sds of logs under the priors."""
-    every = posterior.likelihood.observations
-    torques = [one.torque for one in every if one.torque]
+) -> tuple[TorqueConfounding, ...]:
+    """Find the rig's parameters that a missing torque can stand in for, at `theta (D,)`.
+
+    `before (D,)`: sds of logs under the priors.
+    """
+    observations = posterior.likelihood.observations
+    torques = [observation.torque for observation in observations if observation.torque]
     if not torques:
         return ()
-    seeds = rng.integers(2**32, size=DRAWN)
+    seeds = rng.integers(2**32, size=DRAWN_RECORDS)
 
     def information(some: Posterior, at: Array) -> Array:
         return _information(some, at, before, seeds)
@@ -72,13 +78,21 @@ def stand_ins(
     if not np.isfinite(known).all():
         return ()
     names = posterior.space.free
-    rig = [k for k, one in enumerate(posterior.space.unknowns) if one.role in ("rig", "quantity")]
+    rig = [
+        k
+        for k, unknown in enumerate(posterior.space.unknowns)
+        if unknown.role in ("rig", "quantity")
+    ]
     sds = np.sqrt(np.diag(np.linalg.inv(known)))
-    without = posterior.edit(each=lambda one: one.torque.times(NOTHING) if one.torque else one)
+    without = posterior.edit(
+        each=lambda observation: (
+            observation.torque.times(NO_TORQUE) if observation.torque else observation
+        )
+    )
     nothing = theta.copy()
-    nothing[[k for k, name in enumerate(names) if name.startswith(SIZE)]] *= NOTHING
+    nothing[[k for k, name in enumerate(names) if name.startswith(SIZE)]] *= NO_TORQUE
     alone = np.sqrt(np.diag(np.linalg.inv(information(without, nothing))))
-    worse = [k for k in rig if sds[k] > FALLS * alone[k] and sds[k] > KNOWN * before[k]]
+    worse = [k for k in rig if sds[k] > MIN_LOSS * alone[k] and sds[k] > KNOWN_SHARE * before[k]]
     if not worse:
         return ()
     # States that no channel shows by itself.
@@ -87,21 +101,24 @@ def stand_ins(
     unseen = [name for name in first.response.model.states if name not in shown]
     more = {state: information(_showing(posterior, theta, state), theta) for state in unseen}
 
-    def helps(k: int) -> tuple[Help, ...]:
-        found = []
+    def helps(k: int) -> tuple[TorqueRemedy, ...]:
+        remedies = []
         for j in (j for j in rig if j != k):
-            rest = [i for i in range(len(sds)) if i != j]
-            held = np.linalg.inv(known[np.ix_(rest, rest)])
-            sd = float(np.sqrt(held[rest.index(k), rest.index(k)]))
-            found.append(Help(kind="hold", name=names[j], shrink=float(sds[k]) / sd))
+            others = [i for i in range(len(sds)) if i != j]
+            covariance = np.linalg.inv(known[np.ix_(others, others)])
+            sd = float(np.sqrt(covariance[others.index(k), others.index(k)]))
+            remedies.append(TorqueRemedy(kind="hold", name=names[j], shrink=float(sds[k]) / sd))
         for state, wider in more.items():
             sd = float(np.sqrt(np.linalg.inv(wider)[k, k]))
-            found.append(Help(kind="measure", name=state, shrink=float(sds[k]) / sd))
-        good = sorted((one for one in found if one.shrink > HELPS), key=lambda one: -one.shrink)
-        return tuple(good[:MOST])
+            remedies.append(TorqueRemedy(kind="measure", name=state, shrink=float(sds[k]) / sd))
+        good = sorted(
+            (remedy for remedy in remedies if remedy.shrink > MIN_HELPFUL_FALL),
+            key=lambda remedy: -remedy.shrink,
+        )
+        return tuple(good[:MAX_REMEDIES])
 
     return tuple(
-        StandIn(
+        TorqueConfounding(
             name=names[k],
             at=torques[0].filtered.torque.at,
             sd=float(sds[k]),
@@ -113,24 +130,27 @@ def stand_ins(
     )
 
 
-def scaled(posterior: Posterior, symmetries: Sequence[Exponents]) -> tuple[tuple[str, ...], ...]:
-    """Of each symmetry that changes the inertia on which a torque acts: what goes with it, the
-    size of the torque among it.
+def scaled_with_torque(
+    posterior: Posterior, symmetries: Sequence[Exponents]
+) -> tuple[tuple[str, ...], ...]:
+    """Return symmetries that change the inertia on which a torque acts, with what goes with it.
+
+    The size of the torque is among it.
     """
-    for one in posterior.likelihood.observations:
-        if one.torque:
-            rig, torque = one.torque.filtered.model, one.torque.filtered.torque
+    for observation in posterior.likelihood.observations:
+        if observation.torque:
+            rig, torque = observation.torque.filtered.model, observation.torque.filtered.torque
             names = posterior.space.free
             size = next((name for name in names if name.startswith(SIZE)), SIZE)
-            found = []
+            scalings = []
             for exponents in symmetries:
                 powers = dict(zip(names, exponents, strict=False))
                 p = {name: 2.0 ** powers.get(name, 0) for name in rig.parameters}
                 ones = dict.fromkeys(rig.parameters, 1.0)
                 push = torque_gain(rig, torque, p, rig.linear(p))
                 if push != torque_gain(rig, torque, ones, rig.linear(ones)):
-                    found.append((*(n for n, e in powers.items() if e), size))
-            return tuple(found)
+                    scalings.append((*(n for n, e in powers.items() if e), size))
+            return tuple(scalings)
     return ()
 
 
@@ -142,8 +162,8 @@ def _information(posterior: Posterior, theta: Array, before: Array, seeds: Count
     for seed in seeds:
         rng = np.random.default_rng(seed)
         drawn = [
-            one.draw(one.signals(full), theta[None], rng)[0]
-            for one in posterior.likelihood.observations
+            observation.draw(observation.signals(full), theta[None], rng)[0]
+            for observation in posterior.likelihood.observations
         ]
         surface = PosteriorSurface(posterior.edit(records=drawn))
         curvature = surface.of_record(theta[None], np.diag(steps))[1][0]
@@ -157,16 +177,18 @@ def _showing(posterior: Posterior, theta: Array, state: str) -> Posterior:
     name = f"state {state}"
     channel = Channel(name=name, weights={state: 1.0}, unit=unit, latex="", latex_unit="")
 
-    def showing(one: Observation) -> Observation:
-        if one.torque is None:
-            return one
+    def showing(observation: Observation) -> Observation:
+        if observation.torque is None:
+            return observation
         experiment = dataclasses.replace(
-            one.experiment,
-            channels=(*one.experiment.channels, channel),
-            y=frozen(np.column_stack([one.experiment.y, np.zeros(len(one.experiment.t))])),
+            observation.experiment,
+            channels=(*observation.experiment.channels, channel),
+            y=frozen(
+                np.column_stack([observation.experiment.y, np.zeros(len(observation.experiment.t))])
+            ),
         )
-        response = one.response.of(experiment)
-        spread = float(response.signals(one.told(full))[0, :, -1].std())
-        return one.torque.showing(response, SENSOR * spread or 1.0)
+        response = observation.response.of(experiment)
+        spread = float(response.signals(observation.told(full))[0, :, -1].std())
+        return observation.torque.showing(response, SENSOR_NOISE * spread or 1.0)
 
     return posterior.edit(each=showing)

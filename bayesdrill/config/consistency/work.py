@@ -18,7 +18,7 @@ from bayesdrill.output_files import RUN_FIGURES
 from bayesdrill.rig import models
 from bayesdrill.rig.models.linear import Model
 from bayesdrill.sampling.optimisers import OPTIMISERS
-from bayesdrill.sampling.samplers.ensemble import MOVES, everywhere, mixture
+from bayesdrill.sampling.samplers.ensemble import MOVES, always_inside, moves_with_weights
 
 
 def check_map(found: Collector, config: Config, unknown: Sequence[str] | None) -> None:
@@ -52,8 +52,12 @@ def check_counts(found: Collector, config: Config, unknown: Sequence[str] | None
     for name in sampler.moves:
         found.run(("sampler", "moves", name), lookup, MOVES, name, "move")
     known = {name: weight for name, weight in sampler.moves.items() if name in MOVES}
-    if not mixture(known, None, everywhere):
-        waiting = [name for name in MOVES.usable() if not mixture({name: 1.0}, None, everywhere)]
+    if not moves_with_weights(known, None, always_inside):
+        waiting = [
+            name
+            for name in MOVES.usable()
+            if not moves_with_weights({name: 1.0}, None, always_inside)
+        ]
         message = (
             f"no move but {' or '.join(waiting)} has a share, and that never leaves a place that its "
             "proposal has missed; give another move one"

@@ -1,3 +1,4 @@
-"""One pair of modules for each section of a report: `<section>_words` (sentences, tables, data)
-and `<section>_figure`.
+"""Words and figures of each section of a report.
+
+One pair of modules each: `<section>_words` (sentences, tables, data) and `<section>_figure`.
 """

@@ -1,4 +1,4 @@
-"""Ranks of a calibration against chance: a panel for each quantity, and one for the intervals."""
+"""Draw ranks of a calibration against chance: a panel for each quantity, and one for intervals."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
-from bayesdrill.analysis.calibration import Quantity, Verdict
+from bayesdrill.analysis.calibration import CalibrationVerdict, RankedQuantity
 from bayesdrill.basics.symbols import Symbol
 from bayesdrill.config.schema.records import OutputSpec
 from bayesdrill.report import scales, style
@@ -29,10 +29,12 @@ MARKERS = ("o", "s", "^")  # of the levels
 
 
 def calibration_figure(
-    verdict: Verdict, symbols: Sequence[Symbol], width: float = scales.DOUBLE
+    verdict: CalibrationVerdict, symbols: Sequence[Symbol], width: float = scales.DOUBLE
 ) -> Figure:
-    """Differences of the empirical distribution of ranks from uniform, above shares of truths in
-    credible intervals; `symbols` of the unknowns, the log likelihood is the last quantity."""
+    """Draw rank distributions against uniform, above the coverage of credible intervals.
+
+    `symbols` of the unknowns; the log likelihood is the last quantity.
+    """
     labels = [*(symbol.latex for symbol in symbols), FIT]
     with style.styled(width):
         handles = _handles(verdict)
@@ -49,18 +51,18 @@ def calibration_figure(
 
 
 def save(
-    verdict: Verdict,
+    verdict: CalibrationVerdict,
     symbols: Sequence[Symbol],
     output: OutputSpec,
     folder: Path,
     note: Mapping[str, str],
 ) -> None:
-    """`calibration.*` in `folder`, as large and in such files as a config asks for."""
+    """Save `calibration.*` in `folder`, as large and in such files as a config asks for."""
     figure = calibration_figure(verdict, symbols, scales.WIDTHS[output.size])
     style.save(figure, folder, "calibration", note, formats=tuple(output.formats), dpi=output.dpi)
 
 
-def _most(verdict: Verdict) -> float:
+def _most(verdict: CalibrationVerdict) -> float:
     """The end of the vertical axis, the same in all panels."""
     band, n = verdict.band, max(verdict.band.n, 1)
     ends = [np.abs(edge / n - band.shares).max() for edge in (band.low, band.high)]
@@ -68,13 +70,17 @@ def _most(verdict: Verdict) -> float:
     return float(max(ends))
 
 
-def _difference(panel: Axes, label: str, quantity: Quantity, verdict: Verdict, most: float) -> None:
+def _difference(
+    panel: Axes, label: str, quantity: RankedQuantity, verdict: CalibrationVerdict, most: float
+) -> None:
     band, n = verdict.band, max(verdict.band.n, 1)
     shares = np.concatenate([[0.0], band.shares, [1.0]])
     counts = np.stack([band.low, band.high, band.counts(quantity.ranks)])
-    low, high, found = np.pad(counts / n - band.shares, ((0, 0), (1, 1)))
+    low, high, difference = np.pad(counts / n - band.shares, ((0, 0), (1, 1)))
     difference_panel(panel, shares, (low, high), most, 3, style.BAND)
-    panel.plot(shares, found, zorder=3, **(style.BLACK_LINE if quantity.holds else style.OUTSIDE))
+    panel.plot(
+        shares, difference, zorder=3, **(style.BLACK_LINE if quantity.holds else style.OUTSIDE)
+    )
     style.corner_text(panel, f"${label}$")
     if not quantity.holds:
         word = (quantity.shape or "leaves the band").removeprefix("posterior ")
@@ -92,7 +98,7 @@ def _mark(marker: str, holds: bool) -> dict[str, Any]:
     }
 
 
-def _coverage(panel: Axes, verdict: Verdict, labels: Sequence[str]) -> None:
+def _coverage(panel: Axes, verdict: CalibrationVerdict, labels: Sequence[str]) -> None:
     n = max(verdict.band.n, 1)
     unknown = [quantity for quantity in verdict.quantities if quantity.intervals]
     shares = [interval.share for interval in unknown[0].intervals]
@@ -115,14 +121,14 @@ def _coverage(panel: Axes, verdict: Verdict, labels: Sequence[str]) -> None:
     panel.set_ylabel("truths inside [%]")
 
 
-def _handles(verdict: Verdict) -> list[Any]:
-    every = verdict.quantities
+def _handles(verdict: CalibrationVerdict) -> list[Any]:
+    quantities = verdict.quantities
     handles: list[Any] = [Patch(label="what chance allows", **style.BAND)]
-    if any(q.holds for q in every):
+    if any(q.holds for q in quantities):
         handles.append(Line2D([], [], label="ranks of the truth", **style.BLACK_LINE))
-    if not all(q.holds for q in every):
+    if not all(q.holds for q in quantities):
         handles.append(Line2D([], [], label="ranks that leave the band", **style.OUTSIDE))
-    intervals = next(q.intervals for q in every if q.intervals)
+    intervals = next(q.intervals for q in quantities if q.intervals)
     for marker, interval in zip(MARKERS, intervals, strict=True):
         label = f"{100 * interval.share:.3g} % interval"
         handles.append(Line2D([], [], label=label, linestyle="none", **_mark(marker, True)))

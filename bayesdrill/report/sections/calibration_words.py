@@ -4,12 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from bayesdrill.analysis.calibration import FALSE_ALARM, MOST_NOT_CONVERGED, Refit, Verdict
+from bayesdrill.analysis.calibration import (
+    FALSE_ALARM,
+    MAX_NOT_CONVERGED,
+    CalibrationVerdict,
+    Refit,
+)
 from bayesdrill.config.schema.config import Config
 from bayesdrill.inference.posterior import Problem
 from bayesdrill.report.section import (
-    Mark,
-    Marks,
+    Badge,
+    Badges,
     Note,
     Picture,
     Section,
@@ -35,7 +40,7 @@ def opening(problem: Problem, config: Config) -> str:
     )
 
 
-def verdict(verdict: Verdict) -> str:
+def verdict(verdict: CalibrationVerdict) -> str:
     """One sentence."""
     if verdict.faults:
         return f"not calibrated: {'; '.join(verdict.faults)}"
@@ -46,17 +51,17 @@ def verdict(verdict: Verdict) -> str:
     )
 
 
-def rule(verdict: Verdict) -> str:
+def rule(verdict: CalibrationVerdict) -> str:
     """What the verdict is worth."""
     return (
         f"A right posterior would be found not calibrated in at most {100 * FALSE_ALARM:g} % of such "
         f"studies, all {len(verdict.quantities)} quantities and all intervals taken together. With more "
-        f"than {100 * MOST_NOT_CONVERGED:g} % of the refits not converged nothing is called calibrated; "
+        f"than {100 * MAX_NOT_CONVERGED:g} % of the refits not converged nothing is called calibrated; "
         "they stay in the ranks."
     )
 
 
-def refits(verdict: Verdict, every: Sequence[Refit]) -> str:
+def refits(verdict: CalibrationVerdict, every: Sequence[Refit]) -> str:
     """How many went wrong, which, and how."""
     if not verdict.not_converged:
         return f"all {verdict.refits} refits converged"
@@ -69,11 +74,11 @@ def refits(verdict: Verdict, every: Sequence[Refit]) -> str:
     )
 
 
-def sections(found: Verdict, every: Sequence[Refit], ending: str) -> tuple[Section, ...]:
+def sections(found: CalibrationVerdict, every: Sequence[Refit], ending: str) -> tuple[Section, ...]:
     """The verdict first; `ending`: of the file of the figure that a page shows."""
     says = verdict(found)
     tone: Tone = "bad" if found.faults else "doubt" if found.doubts else "good"
-    marks = Marks((Mark(says.split(":")[0], tone),))
+    marks = Badges((Badge(says.split(":")[0], tone),))
     read = Note(
         f"Ranks are among {found.n_draws} draws. `departure / band` is the farthest departure of their "
         "distribution from uniform, above 1 outside of what chance allows; the same for intervals in "
@@ -87,7 +92,7 @@ def sections(found: Verdict, every: Sequence[Refit], ending: str) -> tuple[Secti
     )
 
 
-def table(verdict: Verdict) -> Table:
+def table(verdict: CalibrationVerdict) -> Table:
     """The shares of truths in credible intervals with what chance allows."""
     shares = [f"in {100 * i.share:.3g} % interval" for i in verdict.quantities[0].intervals]
     n, lines = max(verdict.band.n, 1), []

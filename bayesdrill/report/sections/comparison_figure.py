@@ -1,5 +1,6 @@
-"""Several runs over each other in one corner, as rows of intervals, and as models of one record: log
-odds, what each leaves of each channel, and where it has each unknown.
+"""Draw several runs in one corner, as rows of intervals, and as models of one record.
+
+Log odds, what each leaves of each channel, and where it has each unknown.
 """
 
 from __future__ import annotations
@@ -18,7 +19,7 @@ from matplotlib.lines import Line2D
 from matplotlib.ticker import NullFormatter, NullLocator
 from numpy.typing import NDArray
 
-from bayesdrill.analysis.comparison import SURE, Contender, Layer, Row
+from bayesdrill.analysis.comparison import SURE_LOG_ODDS, OverlayRow, PosteriorSummary, RunSummary
 from bayesdrill.basics.arrays import Array
 from bayesdrill.inference.derived import HDI_PROBABILITY
 from bayesdrill.inference.display_units import OwnUnits
@@ -40,11 +41,11 @@ from bayesdrill.report.sections.comparison_words import (
     overlay_warnings,
 )
 
-LONGEST = 48  # letters of a name in a legend
+MAX_NAME_LETTERS = 48  # letters of a name in a legend
 
 
 @dataclass(frozen=True, slots=True)
-class Look:
+class RunStyle:
     """Colours that print as different greys."""
 
     color: str
@@ -55,38 +56,42 @@ class Look:
 
     @property
     def line(self) -> dict[str, Any]:
+        """Options of a line."""
         return {"color": self.color, "linestyle": self.linestyle, "linewidth": self.linewidth}
 
     @property
     def contour(self) -> dict[str, Any]:
-        own = {"colors": self.color, "linestyles": [self.linestyle]}
-        return {**own, "linewidths": 0.9 * self.linewidth}
+        """Options of contours."""
+        options = {"colors": self.color, "linestyles": [self.linestyle]}
+        return {**options, "linewidths": 0.9 * self.linewidth}
 
 
 # Thin and thick, dark and light in turn; none has the dashes of a nominal value.
-LOOKS = (
-    Look("0.0", "-", "o", 0.9),
-    Look("#e0832b", "-", "s", 1.7),
-    Look("#1d6b58", (0, (6, 1, 1, 1)), "^", 1.1),
-    Look("#7b4fb0", (0, (1, 1)), "D", 1.5),
-    Look("0.72", "-", "v", 2.2),
-    Look("#6b3d1e", (0, (10, 2)), "P"),
+RUN_STYLES = (
+    RunStyle("0.0", "-", "o", 0.9),
+    RunStyle("#e0832b", "-", "s", 1.7),
+    RunStyle("#1d6b58", (0, (6, 1, 1, 1)), "^", 1.1),
+    RunStyle("#7b4fb0", (0, (1, 1)), "D", 1.5),
+    RunStyle("0.72", "-", "v", 2.2),
+    RunStyle("#6b3d1e", (0, (10, 2)), "P"),
 )
 
 
-def run_handles(layers: Sequence[Layer], *, marked: bool) -> list[Line2D]:
-    """For a legend: the name of each run, with its warning."""
-    names = [elided(overlay_warnings(layer), LONGEST).replace("$", r"\$") for layer in layers]
+def run_handles(layers: Sequence[PosteriorSummary], *, marked: bool) -> list[Line2D]:
+    """Return legend handles: the name of each run, with its warning."""
+    names = [
+        elided(overlay_warnings(layer), MAX_NAME_LETTERS).replace("$", r"\$") for layer in layers
+    ]
     return [
         Line2D([], [], label=name, marker=look.marker if marked else "", **look.line)
-        for name, look in zip(names, LOOKS, strict=False)
+        for name, look in zip(names, RUN_STYLES, strict=False)
     ]
 
 
-CENTRAL = 0.998  # of the draws of each run, inside an axis
+CENTRAL_SHARE = 0.998  # of the draws of each run, inside an axis
 CORNER_REACH = 0.5  # the axis grows by this share of its width at most to show the nominal value
 BINS = 40  # across an axis
-UNSEEN = 0.02  # of an axis that a run fills less of, its histogram would be a spike
+MIN_FILLED_SHARE = 0.02  # of an axis that a run fills less of, its histogram would be a spike
 
 # Inches; a corner of nine is printed at two thirds of its size.
 PANEL_LARGEST, PANEL_SMALLEST, PANELS_WIDTH = 2.0, 1.03, 9.3
@@ -99,19 +104,21 @@ TICK_SIZE, LABEL_SIZE = 8.5, 10.0
 class _Column:
     """An unknown on the axis that all runs share; `draws` of each run, None where it has none."""
 
-    row: Row
+    row: OverlayRow
     scale: scales.Scale
     draws: tuple[Array | None, ...]
     ends: tuple[tuple[float, float], ...]
 
 
-def overlay_corner_figure(layers: Sequence[Layer], rows: Sequence[Row], own: OwnUnits) -> Figure:
-    """Of the unknowns that two runs or more have, `rows` in SI.
+def overlay_corner_figure(
+    layers: Sequence[PosteriorSummary], rows: Sequence[OverlayRow], display_units: OwnUnits
+) -> Figure:
+    """Draw a corner of the unknowns that two runs or more have, `rows` in SI.
 
-    A run is left out of panels of what it has not.  Axes are logarithmic where the prior of the first
-    run is flat in the log.
+    A run is left out of panels of what it has not.  Axes are logarithmic where the prior of the
+    first run is flat in the log.
     """
-    columns = [_column(row, layers, own) for row in rows if row.shared]
+    columns = [_column(row, layers, display_units) for row in rows if row.shared]
     n = len(columns)
     with style.styled():
         figure, panels = _corner_page(n, len(layers) + 4)
@@ -124,19 +131,25 @@ def overlay_corner_figure(layers: Sequence[Layer], rows: Sequence[Row], own: Own
     return figure
 
 
-def _column(si: Row, layers: Sequence[Layer], own: OwnUnits) -> _Column:
-    row, factor, log = overlay_shown(si, own), own.factor(si.symbol.name), in_logs(si, layers)
-    every = [None if x is None else x / factor for x in (layer.of(si.symbol) for layer in layers)]
+def _column(si: OverlayRow, layers: Sequence[PosteriorSummary], display_units: OwnUnits) -> _Column:
+    row, factor, log = (
+        overlay_shown(si, display_units),
+        display_units.factor(si.symbol.name),
+        in_logs(si, layers),
+    )
+    draws = [
+        None if x is None else x / factor for x in (layer.draws_of(si.symbol) for layer in layers)
+    ]
     priors = [layer.problem.posterior.space.priors.get(si.symbol.name) for layer in layers]
-    tails = [0.5 - CENTRAL / 2, 0.5 + CENTRAL / 2]
-    found = np.array([np.quantile(x, tails) for x in every if x is not None])
-    low, high = float(found[:, 0].min()), float(found[:, 1].max())
+    tails = [0.5 - CENTRAL_SHARE / 2, 0.5 + CENTRAL_SHARE / 2]
+    quantiles = np.array([np.quantile(x, tails) for x in draws if x is not None])
+    low, high = float(quantiles[:, 0].min()), float(quantiles[:, 1].max())
     low, high = scales.reaching(low, high, row.agreed, CORNER_REACH, log=log)
     scale = scales.scale(low, high, log=log, margin=0.06)
     return _Column(
         row=row,
         scale=scale,
-        draws=tuple(None if x is None else scale(x) for x in every),
+        draws=tuple(None if x is None else scale(x) for x in draws),
         ends=tuple(
             (-math.inf, math.inf)
             if prior is None
@@ -158,11 +171,11 @@ def _corner_page(n: int, lines: int) -> tuple[Figure, NDArray[np.object_]]:
 
 def _histograms(panel: Axes, column: _Column) -> None:
     """Each as high as its panel: a narrow posterior would dwarf a wide one."""
-    for x, ends, look in zip(column.draws, column.ends, LOOKS, strict=False):
+    for x, ends, look in zip(column.draws, column.ends, RUN_STYLES, strict=False):
         if x is None:
             continue
         first, last = max(float(x.min()), ends[0]), min(float(x.max()), ends[1])
-        share = max((last - first) / (column.scale.high - column.scale.low), UNSEEN)
+        share = max((last - first) / (column.scale.high - column.scale.low), MIN_FILLED_SHARE)
         edges = np.linspace(first, last, max(12, round(BINS * share)) + 1)
         counts, _ = np.histogram(x, edges)
         panel.stairs(counts / counts.max(), edges, **look.line)
@@ -172,10 +185,10 @@ def _histograms(panel: Axes, column: _Column) -> None:
 
 
 def _contours(panel: Axes, column: _Column, row: _Column) -> None:
-    pairs = zip(column.draws, row.draws, column.ends, row.ends, LOOKS, strict=False)
-    for x, y, one, other, look in pairs:
+    pairs = zip(column.draws, row.draws, column.ends, row.ends, RUN_STYLES, strict=False)
+    for x, y, x_ends, y_ends, look in pairs:
         if x is not None and y is not None:
-            contours(panel, (x, y), (one, other), lines=look.contour)
+            contours(panel, (x, y), (x_ends, y_ends), lines=look.contour)
     style.mark_values(panel, column.scale, column.row.agreed, arrow=False)
     style.mark_values(panel, row.scale, row.row.agreed, vertical=True, arrow=False)
 
@@ -190,22 +203,22 @@ def _numbers(columns: Sequence[_Column], axis: Axis, k: int, outer: bool) -> Non
         axis.set_major_formatter(NullFormatter())
 
 
-def _legend(figure: Figure, layers: Sequence[Layer], columns: Sequence[_Column]) -> None:
+def _legend(figure: Figure, layers: Sequence[PosteriorSummary], columns: Sequence[_Column]) -> None:
     width, height = figure.get_size_inches()
-    said: list[Any] = run_handles(layers, marked=False)
+    handles: list[Any] = run_handles(layers, marked=False)
     if any(c.row.agreed is not None and c.scale.side(c.row.agreed) == 0 for c in columns):
-        said.append(Line2D([], [], label="nominal value", **style.NOMINAL))
+        handles.append(Line2D([], [], label="nominal value", **style.NOMINAL))
     notes = []
     if len(columns) > 1:
-        one, two = (f"{100 * level:.1f} %" for level in LEVELS)
+        inner, outer = (f"{100 * level:.1f} %" for level in LEVELS)
         notes = [
-            f"contours: {one} and {two} of the draws of a run;",
+            f"contours: {inner} and {outer} of the draws of a run;",
             "none where the density is flat",
         ]
     notes.append("histograms: each as high as its panel")
-    said += [Line2D([], [], linestyle="none", label=note) for note in notes]
+    handles += [Line2D([], [], linestyle="none", label=note) for note in notes]
     figure.legend(
-        handles=said,
+        handles=handles,
         loc="upper right",
         bbox_to_anchor=(1 - 0.5 * RIGHT / width, 1 - 0.5 * TOP / height),
         fontsize=8.0 if len(columns) < 5 else 12.0,
@@ -217,68 +230,78 @@ def _legend(figure: Figure, layers: Sequence[Layer], columns: Sequence[_Column])
 HANDLE, LEGEND_LETTER = 0.55, 0.062  # of a legend: inches of a handle with its gaps, of a letter
 LEGEND_LINE, LEGEND_MARGIN = 0.17, 0.2
 INTERVALS_REACH = 1.0  # how far an axis may grow for the nominal value, in widths
-BAR: dict[str, Any] = {"linewidth": 1.2, "marker": "|", "markersize": 5}
-HELD: dict[str, Any] = {"marker": "x", "markersize": 5, "markeredgewidth": 1.2}
+INTERVAL_BAR: dict[str, Any] = {"linewidth": 1.2, "marker": "|", "markersize": 5}
+FIXED_MARKER: dict[str, Any] = {"marker": "x", "markersize": 5, "markeredgewidth": 1.2}
 CREDIBLE = f"narrowest {100 * HDI_PROBABILITY:.0f} % interval"
 INTERVALS, MODELS = (0.17, 0.2), (0.19, 0.22)  # inches of a run and of the margins of a panel
 
 
-def intervals_figure(layers: Sequence[Layer], rows: Sequence[Row], own: OwnUnits) -> Figure:
-    """Of all unknowns of any run, `rows` in SI; a run that has not got one leaves a gap.
+def intervals_figure(
+    layers: Sequence[PosteriorSummary], rows: Sequence[OverlayRow], display_units: OwnUnits
+) -> Figure:
+    """Draw intervals of all unknowns, `rows` in SI; a run without one leaves a gap.
 
     Axes are logarithmic where the prior of the first run is flat in the log.
     """
-    every = [_scaled(row, layers, own) for row in rows]
+    scaled_rows = [_scaled(row, layers, display_units) for row in rows]
     n, (height, frame) = len(layers), INTERVALS
     with style.styled():
-        said = _handles(layers, every)
-        longest = max(len(str(handle.get_label())) for handle in said)
+        handles = _handles(layers, scaled_rows)
+        longest = max(len(str(handle.get_label())) for handle in handles)
         fitting = int(AXES.width / (HANDLE + LEGEND_LETTER * longest))
-        columns = max(1, min(len(said), 4, fitting))
-        top = LEGEND_MARGIN + LEGEND_LINE * -(-len(said) // columns)
+        columns = max(1, min(len(handles), 4, fitting))
+        top = LEGEND_MARGIN + LEGEND_LINE * -(-len(handles) // columns)
         figure, panels = replace(AXES, row=frame + n * height, top=top).build(len(rows))
-        for panel, (row, scale) in zip(panels, every, strict=True):
-            _intervals(panel, row, scale, range(n), LOOKS)
+        for panel, (row, scale) in zip(panels, scaled_rows, strict=True):
+            _intervals(panel, row, scale, range(n), RUN_STYLES)
             _below_each_other(panel, n, INTERVALS)
-        legend_above(figure, said, columns, columnspacing=1.4, handlelength=2.6)
+        legend_above(figure, handles, columns, columnspacing=1.4, handlelength=2.6)
     return figure
 
 
-def _scaled(si: Row, layers: Sequence[Layer], own: OwnUnits) -> tuple[Row, scales.Scale]:
-    """As it is shown, on an axis with all intervals, what is held, and the nominal value if it is not
-    too far.
+def _scaled(
+    si: OverlayRow, layers: Sequence[PosteriorSummary], display_units: OwnUnits
+) -> tuple[OverlayRow, scales.Scale]:
+    """Return a row as it is shown, and its axis.
+
+    The axis holds all intervals, what is held fixed, and the nominal value if it is not too far.
     """
-    row, log = overlay_shown(si, own), in_logs(si, layers)
-    found = [place for place in row.places if place is not None]
-    low, high = min(place.low for place in found), max(place.high for place in found)
+    row, log = overlay_shown(si, display_units), in_logs(si, layers)
+    estimates = [estimate for estimate in row.places if estimate is not None]
+    low, high = (
+        min(estimate.low for estimate in estimates),
+        max(estimate.high for estimate in estimates),
+    )
     low, high = scales.reaching(low, high, row.agreed, INTERVALS_REACH, log=log)
     return row, scales.scale(low, high, log=log, margin=0.08)
 
 
 def _intervals(
     panel: Axes,
-    row: Row,
+    row: OverlayRow,
     scale: scales.Scale,
     order: Sequence[int],
-    looks: Sequence[Look],
+    looks: Sequence[RunStyle],
     *,
     arrow: bool = True,
 ) -> None:
     """Where each run has an unknown, the first of the `order` on top; `arrow`: to nominal values."""
     style.mark_values(panel, scale, row.agreed, arrow=arrow, zorder=1)
     for y, run, look in zip(range(len(order) - 1, -1, -1), order, looks, strict=False):
-        place, nominal = row.places[run], row.nominal[run]
+        estimate, nominal = row.places[run], row.nominal[run]
         if row.agreed is None and nominal is not None and scale.side(nominal) == 0:
             panel.plot([float(scale(nominal))] * 2, [y - 0.5, y + 0.5], zorder=1, **style.NOMINAL)
-        if place is None:
+        if estimate is None:
             continue
-        if place.held:
-            panel.plot([float(scale(place.mean))], [y], zorder=3, color=look.color, **HELD)
+        if estimate.fixed:
+            panel.plot(
+                [float(scale(estimate.mean))], [y], zorder=3, color=look.color, **FIXED_MARKER
+            )
             continue
-        ends = scale(np.array([place.low, place.high]))
-        panel.plot(ends, [y, y], zorder=2, color=look.color, **BAR)
+        ends = scale(np.array([estimate.low, estimate.high]))
+        panel.plot(ends, [y, y], zorder=2, color=look.color, **INTERVAL_BAR)
         mark: dict[str, Any] = {"marker": look.marker, "color": look.color, "markersize": look.size}
-        panel.plot([float(scale(place.mean))], [y], zorder=3, linestyle="none", **mark)
+        panel.plot([float(scale(estimate.mean))], [y], zorder=3, linestyle="none", **mark)
     style.scale_axis(panel.xaxis, scale, scale.label(row.symbol))
 
 
@@ -292,23 +315,27 @@ def _below_each_other(
     style.set_ticks(panel.yaxis, places if names else np.array([]), names)
 
 
-def _handles(layers: Sequence[Layer], every: Sequence[tuple[Row, scales.Scale]]) -> list[Line2D]:
-    said = run_handles(layers, marked=True)
-    for handle in said:
+def _handles(
+    layers: Sequence[PosteriorSummary], scaled_rows: Sequence[tuple[OverlayRow, scales.Scale]]
+) -> list[Line2D]:
+    handles = run_handles(layers, marked=True)
+    for handle in handles:
         handle.set(markersize=4, linestyle="-")
-    rows = [row for row, _ in every]
-    sides = {scale.side(row.agreed) for row, scale in every if row.agreed is not None}
+    rows = [row for row, _ in scaled_rows]
+    sides = {scale.side(row.agreed) for row, scale in scaled_rows if row.agreed is not None}
     different = any(row.agreed is None and any(v is not None for v in row.nominal) for row in rows)
-    said += style.nominal_handles(sides | ({0} if different else set()))
-    if any(place is not None and place.held for row in rows for place in row.places):
-        said.append(Line2D([], [], label="held there", color="0.3", linestyle="none", **HELD))
-    return [*said, Line2D([], [], linestyle="none", label=f"mean and {CREDIBLE}")]
+    handles += style.nominal_handles(sides | ({0} if different else set()))
+    if any(estimate is not None and estimate.fixed for row in rows for estimate in row.places):
+        handles.append(
+            Line2D([], [], label="held there", color="0.3", linestyle="none", **FIXED_MARKER)
+        )
+    return [*handles, Line2D([], [], linestyle="none", label=f"mean and {CREDIBLE}")]
 
 
-FEW, MOST_UNKNOWNS = 4, 12  # models of which all is shown, and unknowns
-SCORES = 3  # panels that are not of unknowns
-LETTER, LEAST_LEFT, MOST_LEFT = 0.058, 0.5, 2.2  # inches of a letter of a name, and of all of them
-LONGEST_MODEL = 42  # letters of a name
+FEW_MODELS, MAX_UNKNOWNS = 4, 12  # models of which all is shown, and unknowns
+SCORE_PANELS = 3  # panels that are not of unknowns
+LETTER, MIN_LEFT, MAX_LEFT = 0.058, 0.5, 2.2  # inches of a letter of a name, and of all of them
+MAX_MODEL_LETTERS = 42  # letters of a name
 MARKS = ("o", "s", "^", "D", "v", "P", "X", "*")  # of channels
 LIMIT: dict[str, Any] = {"color": style.MIDDLE, "linewidth": 0.7, "linestyle": (0, (1, 1.5))}
 PER_LINE, PER_LONG_LINE = 6, 4  # of the legend; with names of experiments
@@ -317,31 +344,35 @@ READ = (
 )
 
 
-def comparison_figure(models: Sequence[Contender], rows: Sequence[Row], own: OwnUnits) -> Figure:
-    """The most probable on top and black; `rows` of unknowns in SI."""
+def comparison_figure(
+    models: Sequence[RunSummary], rows: Sequence[OverlayRow], display_units: OwnUnits
+) -> Figure:
+    """Draw models, the most probable on top and black; `rows` of unknowns in SI."""
     order = sorted(range(len(models)), key=lambda k: -models[k].log_z)
-    layers = [one.layer for one in models]
+    layers = [model.layer for model in models]
     # Unknowns that two models share, and of many models half of them; the table has all.
-    least = max(2, len(models) / 2) if len(models) > FEW else 2
+    least = max(2, len(models) / 2) if len(models) > FEW_MODELS else 2
     common = [row for row in rows if sum(p is not None and p.sd > 0 for p in row.places) >= least]
-    shared = [_scaled(row, layers, own) for row in common[:MOST_UNKNOWNS]]
+    shared = [_scaled(row, layers, display_units) for row in common[:MAX_UNKNOWNS]]
     names = [_name(models[k]) for k in order]
-    left = float(np.clip(0.14 + LETTER * max(map(len, names)), LEAST_LEFT, MOST_LEFT))
-    channels = list(dict.fromkeys(one.name for model in models for one in model.left))
+    left = float(np.clip(0.14 + LETTER * max(map(len, names)), MIN_LEFT, MAX_LEFT))
+    channels = list(dict.fromkeys(row.name for model in models for row in model.residuals))
     with style.styled():
         handles = _model_handles(models)
-        several = any(one.label for one in layers[0].problem.observations)
+        several = any(observation.label for observation in layers[0].problem.observations)
         per_line = min(PER_LONG_LINE if several else PER_LINE, len(handles))
         row_height, top = MODELS[1] + len(models) * MODELS[0], -(-len(handles) // per_line)
         page = replace(AXES, row=row_height, left=left, gap_x=0.18, top=0.44 + LEGEND_LINE * top)
-        figure, panels = page.build(SCORES + len(shared))
+        figure, panels = page.build(SCORE_PANELS + len(shared))
         ordered = [models[k] for k in order]
         _odds(panels[0], ordered)
         rms = "rms of residuals over noise"
-        _left(panels[1], ordered, channels, lambda one: one.rms, 1.0, rms)
-        _left(panels[2], ordered, channels, lambda one: one.correlation, 0.0, "their correlation")
-        looks = [Look(_colour(k), "-", "o", size=3.6) for k in range(len(order))]
-        for panel, (row, scale) in zip(panels[SCORES:], shared, strict=True):
+        _residual_panel(panels[1], ordered, channels, lambda row: row.rms, 1.0, rms)
+        _residual_panel(
+            panels[2], ordered, channels, lambda row: row.correlation, 0.0, "their correlation"
+        )
+        looks = [RunStyle(_colour(k), "-", "o", size=3.6) for k in range(len(order))]
+        for panel, (row, scale) in zip(panels[SCORE_PANELS:], shared, strict=True):
             _intervals(panel, row, scale, order, looks, arrow=False)
         for k, panel in enumerate(panels):
             _below_each_other(panel, len(models), MODELS, names if k % AXES.columns == 0 else None)
@@ -353,27 +384,27 @@ def comparison_figure(models: Sequence[Contender], rows: Sequence[Row], own: Own
     return figure
 
 
-def _name(one: Contender) -> str:
-    name = elided(one.name, LONGEST_MODEL)
-    return (name if one.converged else f"{name} *").replace("$", r"\$")
+def _name(model: RunSummary) -> str:
+    name = elided(model.name, MAX_MODEL_LETTERS)
+    return (name if model.converged else f"{name} *").replace("$", r"\$")
 
 
-def _odds(panel: Axes, models: Sequence[Contender]) -> None:
+def _odds(panel: Axes, models: Sequence[RunSummary]) -> None:
     """Against the most probable, on an axis that is straight as long as they are not sure."""
-    off = np.array([models[0].log_z - one.log_z for one in models])
-    panel.set_xscale("symlog", linthresh=SURE, linscale=0.8)
-    panel.axvspan(0.0, SURE, **style.CHANCE)
-    for k, (one, x) in enumerate(zip(models, off, strict=True)):
+    off = np.array([models[0].log_z - model.log_z for model in models])
+    panel.set_xscale("symlog", linthresh=SURE_LOG_ODDS, linscale=0.8)
+    panel.axvspan(0.0, SURE_LOG_ODDS, **style.CHANCE)
+    for k, (model, x) in enumerate(zip(models, off, strict=True)):
         y, colour = len(models) - 1 - k, _colour(k)
         panel.plot([0.0, x], [y, y], color=colour, linewidth=1.4, solid_capstyle="butt")
         panel.plot([x], [y], marker="o", markersize=4, color=colour, linestyle="none")
-        panel.plot([x - one.evidence.error, x + one.evidence.error], [y, y], color=colour)
-    most = max(1.6 * float(off.max()), 2.0 * SURE)
+        panel.plot([x - model.evidence.error, x + model.evidence.error], [y, y], color=colour)
+    most = max(1.6 * float(off.max()), 2.0 * SURE_LOG_ODDS)
     panel.set_xlim(-0.3, most)
     decades = 10.0 ** np.arange(1, 9)
     # Two of three decades at most, so that numbers keep apart.
     far = decades[decades < most][:: 1 + int(np.log10(most) > 3.5)]
-    ticks = np.array([0.0, SURE, *far])
+    ticks = np.array([0.0, SURE_LOG_ODDS, *far])
     powers = [rf"$10^{{{int(np.log10(max(x, 1.0)) + 0.5)}}}$" for x in ticks]
     texts = [f"{x:.0f}" if x < 1e4 else power for x, power in zip(ticks, powers, strict=True)]
     style.set_ticks(panel.xaxis, ticks, texts)
@@ -381,17 +412,17 @@ def _odds(panel: Axes, models: Sequence[Contender]) -> None:
     panel.set_xlabel("log odds against the best", labelpad=2)
 
 
-def _left(
+def _residual_panel(
     panel: Axes,
-    models: Sequence[Contender],
+    models: Sequence[RunSummary],
     channels: Sequence[str],
-    of: Callable[[Any], float],
+    value_of: Callable[[Any], float],
     wanted: float,
     label: str,
 ) -> None:
     """Of each channel a mark for each model; `wanted`: where noise alone would be."""
     log = wanted == 1.0
-    values = [of(one) for model in models for one in model.left]
+    values = [value_of(row) for model in models for row in model.residuals]
     low, high = min(*values, wanted), max(*values, wanted)
     if log:
         low, high = min(low, 0.8), max(high, 1.25)
@@ -400,12 +431,12 @@ def _left(
     scale = scales.scale(low, high, log=log, margin=0.08)
     panel.axvline(float(scale(wanted)), zorder=1, **LIMIT)
     for k, model in enumerate(models):
-        for one in model.left:
-            mark = MARKS[channels.index(one.name) % len(MARKS)]
+        for row in model.residuals:
+            mark = MARKS[channels.index(row.name) % len(MARKS)]
             look: dict[str, Any] = {"marker": mark, "markersize": 4.2, "linestyle": "none"}
             y = len(models) - 1 - k
-            face = _colour(k) if one.like_noise else "white"
-            x = float(scale(of(one)))
+            face = _colour(k) if row.like_noise else "white"
+            x = float(scale(value_of(row)))
             panel.plot([x], [y], color=_colour(k), markerfacecolor=face, **look)
     style.scale_axis(panel.xaxis, scale, label)
 
@@ -414,13 +445,15 @@ def _colour(k: int) -> str:
     return style.BLACK if k == 0 else style.MIDDLE
 
 
-def _model_handles(models: Sequence[Contender]) -> list[Line2D]:
+def _model_handles(models: Sequence[RunSummary]) -> list[Line2D]:
     """Of all channels of any model, and what a hollow mark says."""
     symbols = {}
-    for one in (one for model in models for one in model.layer.problem.observations):
-        where = " in " + one.label.replace("$", r"\$") if one.label else ""
-        for channel in one.experiment.channels:
-            symbols[channel.name, one.label] = f"${channel.latex}${where}"
+    for observation in (
+        observation for model in models for observation in model.layer.problem.observations
+    ):
+        where = " in " + observation.label.replace("$", r"\$") if observation.label else ""
+        for channel in observation.experiment.channels:
+            symbols[channel.name, observation.label] = f"${channel.latex}${where}"
     marks = [
         Line2D([], [], marker=MARKS[k % len(MARKS)], color=style.DARK, label=symbol)
         for k, symbol in enumerate(symbols.values())

@@ -9,18 +9,18 @@ import math
 from collections.abc import Callable, Iterator, Sequence
 
 from bayesdrill.analysis.comparison import (
-    SURE,
-    Contender,
-    Decision,
-    Layer,
-    Place,
-    Row,
+    SURE_LOG_ODDS,
+    MarginalEstimate,
+    ModelDecision,
+    OverlayRow,
+    PosteriorSummary,
+    RunSummary,
     decide,
     difference,
     differing,
     probabilities,
 )
-from bayesdrill.analysis.prediction import FEW, HeldOut, LeftOut
+from bayesdrill.analysis.prediction import MAX_BAD_SHARE, HeldOutScore, LooScore
 from bayesdrill.inference.display_units import OwnUnits
 from bayesdrill.inference.priors import flat_in_logs
 from bayesdrill.inference.residual_checks import Left
@@ -37,11 +37,11 @@ from bayesdrill.report.section import (
 from bayesdrill.report.sections import verdict_words
 
 
-def overlay_shown(row: Row, units: OwnUnits) -> Row:
+def overlay_shown(row: OverlayRow, units: OwnUnits) -> OverlayRow:
     """In the unit that its symbol then has."""
     factor = units.factor(row.symbol.name)
 
-    def over(place: Place | None) -> Place | None:
+    def over(place: MarginalEstimate | None) -> MarginalEstimate | None:
         if place is None:
             return None
         values = {name: getattr(place, name) / factor for name in ("mean", "sd", "low", "high")}
@@ -55,7 +55,7 @@ def overlay_shown(row: Row, units: OwnUnits) -> Row:
     )
 
 
-def in_logs(row: Row, layers: Sequence[Layer]) -> bool:
+def in_logs(row: OverlayRow, layers: Sequence[PosteriorSummary]) -> bool:
     """Whether the prior of the first run that has this unknown is flat in its log."""
     priors = (
         layer.problem.posterior.space.priors.get(row.symbol.name)
@@ -79,9 +79,9 @@ COLUMNS = ("name", "unit", "run", "nominal", "mean", "sd", *HDI_ENDS, "held", "a
 
 
 def comparison_sections(
-    layers: Sequence[Layer],
-    models: Sequence[Contender],
-    rows: Sequence[Row],
+    layers: Sequence[PosteriorSummary],
+    models: Sequence[RunSummary],
+    rows: Sequence[OverlayRow],
     units: OwnUnits,
     pictures: Sequence[Picture] = (),
 ) -> tuple[Section, ...]:
@@ -111,44 +111,44 @@ def comparison_sections(
     )
 
 
-def overlay_csv(layers: Sequence[Layer], rows: Sequence[Row]) -> str:
+def overlay_csv(layers: Sequence[PosteriorSummary], rows: Sequence[OverlayRow]) -> str:
     """A line for each unknown and run that has it, SI, all digits; `apart` is of all runs."""
     lines: list[Sequence[object]] = [COLUMNS]
     for row in rows:
         for layer, place, nominal in zip(layers, row.places, row.nominal, strict=True):
             if place is not None:
                 sd = (place.sd, place.low, place.high)
-                numbers = (nominal, place.mean, *((None,) * 3 if place.held else sd))
-                last = ("yes" if place.held else "no", row.apart)
+                numbers = (nominal, place.mean, *((None,) * 3 if place.fixed else sd))
+                last = ("yes" if place.fixed else "no", row.distance)
                 lines.append((row.symbol.name, row.symbol.unit, layer.name, *numbers, *last))
     return lines_as_csv(lines)
 
 
-def doubt(layer: Layer) -> str:
+def doubt(layer: PosteriorSummary) -> str:
     """What its figures carry, and why it must not be believed."""
     because = "".join(f"\n  - {reason}" for reason in layer.reasons)
     return f"{layer.name}: {layer.warning}{because}"
 
 
-def overlay_table(layers: Sequence[Layer], rows: Sequence[Row]) -> Table:
+def overlay_table(layers: Sequence[PosteriorSummary], rows: Sequence[OverlayRow]) -> Table:
     heads = ("", "unit", "nominal", *(layer.name for layer in layers), APART)
     lines = []
     for row in rows:
         known = [value for value in row.nominal if value is not None]
         nominal = "" if not known else "differs" if row.agreed is None else f"{row.agreed:.4g}"
-        apart = "" if row.apart is None else f"{row.apart:.2f}"
+        apart = "" if row.distance is None else f"{row.distance:.2f}"
         if row.pair is not None and len(layers) > 2:
             apart += f" ({', '.join(layers[k].name for k in row.pair)})"
         cells = []
         for place in row.places:
-            sure = f"\N{PLUS-MINUS SIGN} {place.sd:.2g}" if place and not place.held else "held"
+            sure = f"\N{PLUS-MINUS SIGN} {place.sd:.2g}" if place and not place.fixed else "held"
             cells.append("" if place is None else f"{place.mean:.4g} {sure}")
         lines.append((row.symbol.name, row.symbol.plain_unit, nominal, *cells, apart))
     return Table(heads, tuple(lines), frozenset(heads[:2])).filled("nominal", APART)
 
 
-def farthest(layers: Sequence[Layer], rows: Sequence[Row]) -> Iterator[str]:
-    pairs = [(row.apart, row) for row in rows if row.apart is not None]
+def farthest(layers: Sequence[PosteriorSummary], rows: Sequence[OverlayRow]) -> Iterator[str]:
+    pairs = [(row.distance, row) for row in rows if row.distance is not None]
     if not pairs:
         yield "no unknown is shared by two of the runs"
         return
@@ -162,7 +162,9 @@ def farthest(layers: Sequence[Layer], rows: Sequence[Row]) -> Iterator[str]:
         yield f"{row.symbol.name}: {first} and {other} are {apart:.2g} sd apart"
 
 
-def _what_differs(layers: Sequence[Layer], differs: dict[str, tuple[str | None, ...]]) -> str:
+def _what_differs(
+    layers: Sequence[PosteriorSummary], differs: dict[str, tuple[str | None, ...]]
+) -> str:
     spaces = [layer.problem.posterior.space for layer in layers]
     unknown = {name for s in spaces for name in (*s.free, *s.fixed, *s.relations)}
     believed = [name for name in differs if name in unknown]
@@ -180,7 +182,7 @@ def _what_differs(layers: Sequence[Layer], differs: dict[str, tuple[str | None, 
 
 
 def overlay_settings(
-    layers: Sequence[Layer], differs: dict[str, tuple[str | None, ...]]
+    layers: Sequence[PosteriorSummary], differs: dict[str, tuple[str | None, ...]]
 ) -> Table | Note:
     if not differs:
         return Note("nothing")
@@ -198,7 +200,7 @@ def elided(text: str, most: int) -> str:
     return text if len(text) <= most else f"{text[: left // 2]}...{text[-(left - left // 2) :]}"
 
 
-def overlay_warnings(layer: Layer) -> str:
+def overlay_warnings(layer: PosteriorSummary) -> str:
     """Its name, for legends, with what it must be doubted for."""
     return f"{layer.name} ({layer.warning})" if layer.warning else layer.name
 
@@ -214,7 +216,7 @@ COMPARISON_READ = (
 )
 
 
-def comparison_verdict(models: Sequence[Contender]) -> Iterator[str]:
+def comparison_verdict(models: Sequence[RunSummary]) -> Iterator[str]:
     """Model, noise, or neither; and what makes it doubtful."""
     decision = decide(models)
     yield f"verdict: {_decided(models, decision)}"
@@ -236,12 +238,13 @@ def comparison_verdict(models: Sequence[Contender]) -> Iterator[str]:
             yield f"  {model.name} did not converge: its evidence is rough"
 
 
-def _decided(models: Sequence[Contender], decision: Decision) -> str:
+def _decided(models: Sequence[RunSummary], decision: ModelDecision) -> str:
     first, best = models[decision.first].name, models[decision.best].name
     gain = {name: odds(value) for name, value in decision.gain.items() if math.isfinite(value)}
     if decision.word == "neither":
         return (
-            f"NEITHER model nor noise: none is more than {odds(SURE)} times as probable as {first}"
+            f"NEITHER model nor noise: none is more than {odds(SURE_LOG_ODDS)} times as probable as "
+            f"{first}"
         )
     lead = f"{best} is {gain['first']} times as probable as {first}"
     if decision.word == "priors":
@@ -265,7 +268,7 @@ def odds(log: float) -> str:
     return f"{value:.0f}" if value >= 10 else f"{value:.2g}"
 
 
-def comparison_table(models: Sequence[Contender]) -> Table:
+def comparison_table(models: Sequence[RunSummary]) -> Table:
     """The most probable first."""
     heads = ("model", "unknowns", "log evidence", "against best", "probability")
     more = ("held out", "LOO", "rms", "correlation")
@@ -273,12 +276,12 @@ def comparison_table(models: Sequence[Contender]) -> Table:
     order = sorted(range(len(models)), key=lambda k: -models[k].log_z)
     share = probabilities(models)
     held = _against_best([model.held_out for model in models], lambda model: model.score, "-")
-    left_out = [model.loo if isinstance(model.loo, LeftOut) else None for model in models]
+    left_out = [model.loo if isinstance(model.loo, LooScore) else None for model in models]
     loo = _against_best(left_out, lambda score: score.elpd, "refused")
     lines = []
     for k in order:
         model = models[k]
-        rms, correlation = worst(model.left)
+        rms, correlation = worst(model.residuals)
         cells = (
             model.name + ("" if model.converged else " (NOT CONVERGED)"),
             str(len(model.layer.problem.symbols)),
@@ -296,7 +299,7 @@ def worst(left: Sequence[Left]) -> tuple[float, float]:
     return rms, max((summary.correlation for summary in left), key=abs)
 
 
-def _against_best[S: (HeldOut, LeftOut)](
+def _against_best[S: (HeldOutScore, LooScore)](
     scores: Sequence[S | None], value: Callable[[S], float], none: str
 ) -> list[str]:
     """The difference of each to the one of the largest `value`; `none`: of those that have no score."""
@@ -311,7 +314,7 @@ def _against_best[S: (HeldOut, LeftOut)](
     return cells
 
 
-def predicted(models: Sequence[Contender]) -> Iterator[str]:
+def predicted(models: Sequence[RunSummary]) -> Iterator[str]:
     """Where scores come from, and why there are none."""
     held = [model.held_out for model in models if model.held_out is not None]
     if held:
@@ -327,15 +330,15 @@ def predicted(models: Sequence[Contender]) -> Iterator[str]:
     for model in models:
         if isinstance(model.loo, str):
             refused.setdefault(model.loo, []).append(model.name)
-        elif model.loo.doubtful > FEW:
+        elif model.loo.doubtful > MAX_BAD_SHARE:
             yield f"LOO of {model.name}: {model.loo.doubtful:.0%} of the samples lean on a few draws"
     for reason, names in refused.items():
         yield f"LOO refused for {', '.join(names)}: {reason}"
 
 
-def comparison_csv(models: Sequence[Contender], rows: Sequence[Row]) -> str:
+def comparison_csv(models: Sequence[RunSummary], rows: Sequence[OverlayRow]) -> str:
     """A line for each model in the order given: SI, all digits."""
-    channels = list(dict.fromkeys(summary.name for model in models for summary in model.left))
+    channels = list(dict.fromkeys(summary.name for model in models for summary in model.residuals))
     heads = ["model", "unknowns", "converged", "log_evidence", "log_evidence_error", "log_odds"]
     heads += ["probability", "held_out", "held_out_samples", "loo", "loo_refused"]
     heads += [f"{what}_{name}" for name in channels for what in ("rms", "correlation")]
@@ -343,7 +346,7 @@ def comparison_csv(models: Sequence[Contender], rows: Sequence[Row]) -> str:
     lines: list[Sequence[object]] = [heads]
     top, share, none = max(model.log_z for model in models), probabilities(models), (None, None)
     for k, model in enumerate(models):
-        residuals = {each.name: (each.rms, each.correlation) for each in model.left}
+        residuals = {each.name: (each.rms, each.correlation) for each in model.residuals}
         held, places = model.held_out, [row.places[k] for row in rows]
         said = [model.name, len(model.layer.problem.symbols), "yes" if model.converged else "no"]
         said += [model.log_z, model.evidence.error, model.log_z - top, share[k]]

@@ -1,4 +1,4 @@
-"""The walkers: step by step, how long they remember, and whether the ensembles see the same."""
+"""Draw the walkers: step by step, their autocorrelation, and the ensembles' ranks."""
 
 from __future__ import annotations
 
@@ -15,15 +15,21 @@ from matplotlib.patches import Patch
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
-from bayesdrill.analysis.diagnostics import FALSE_ALARM, SHARES, Ranks, independent, ranks
+from bayesdrill.analysis.diagnostics import (
+    FALSE_ALARM,
+    SHARES,
+    RankHistogram,
+    independent_draws,
+    rank_histograms,
+)
 from bayesdrill.basics import seeds
 from bayesdrill.basics.arrays import Array
 from bayesdrill.basics.symbols import Symbol
 from bayesdrill.inference.priors import flat_in_logs
 from bayesdrill.report import scales, style
 from bayesdrill.report.pages import SMALL_PANELS, Page, difference_panel, legend_above
-from bayesdrill.report.view import Drawing, View
-from bayesdrill.sampling.convergence import WINDOW, autocorrelation
+from bayesdrill.report.view import Drawing, ReportContext
+from bayesdrill.sampling.convergence import SOKAL_WINDOW, autocorrelation
 
 STEPS = 300  # drawn at most
 QUANTILES = (0.05, 0.5, 0.95)  # of the walkers
@@ -72,16 +78,17 @@ def trace_figure(
     logs: Collection[str] = (),
     width: float = scales.DOUBLE,
 ) -> Figure:
-    """Medians and 5 to 95 % bands over the walkers of chains `(E, S, W, D)`, by step, in the units of
-    the symbols; the axes of the unknowns in `logs` are logarithmic.
+    """Draw medians and 5 to 95 % bands over the walkers of chains `(E, S, W, D)`, by step.
+
+    In the units of the symbols; the axes of the unknowns in `logs` are logarithmic.
     """
     n_ensembles, n_steps = theta.shape[:2]
     steps = style.thin(n_steps, STEPS)
     bands = np.quantile(theta[:, steps], QUANTILES, axis=2)  # (3, E, steps, D)
-    kept = steps >= min(burn_in, steps[-1])
+    after_burn_in = steps >= min(burn_in, steps[-1])
     known = [nominal.get(symbol.name) for symbol in symbols]
     scales = [
-        _scale(bands[..., d], kept, value, log=symbol.name in logs)
+        _scale(bands[..., d], after_burn_in, value, log=symbol.name in logs)
         for d, (symbol, value) in enumerate(zip(symbols, known, strict=True))
     ]
     sides = {s.side(value) for s, value in zip(scales, known, strict=True) if value is not None}
@@ -111,15 +118,15 @@ def trace_figure(
 
 
 def _scale(
-    bands: Array, kept: NDArray[np.bool_], nominal: float | None, *, log: bool
+    bands: Array, after_burn_in: NDArray[np.bool_], nominal: float | None, *, log: bool
 ) -> scales.Scale:
     """An axis for bands `(3, E, steps)`: all after burn-in, and of burn-in what is not too far."""
     to, back = (np.log, np.exp) if log else (np.asarray, np.asarray)
-    every, after = to(bands), to(bands[..., kept])
+    scaled, after = to(bands), to(bands[..., after_burn_in])
     low, high = float(after.min()), float(after.max())
     width = high - low
-    low = max(float(every.min()), low - EXCURSION * width)
-    high = min(float(every.max()), high + EXCURSION * width)
+    low = max(float(scaled.min()), low - EXCURSION * width)
+    high = min(float(scaled.max()), high + EXCURSION * width)
     ends = scales.reaching(float(back(low)), float(back(high)), nominal, REACH, log=log)
     return scales.scale(*ends, log=log, margin=0.06)
 
@@ -145,9 +152,9 @@ def _page(n: int, n_handles: int, width: float) -> tuple[Figure, list[Axes]]:
 
 
 def ensemble_line(ensemble: int, width: float | None = None) -> dict[str, Any]:
-    """How the lines of an ensemble look, of its own `width` or of this one."""
-    colour, own, dashes = LOOKS[ensemble % len(LOOKS)]
-    return {"color": colour, "linestyle": dashes, "linewidth": width or own}
+    """Return the style of the lines of an ensemble, of its own `width` or of this one."""
+    colour, line_width, dashes = LOOKS[ensemble % len(LOOKS)]
+    return {"color": colour, "linestyle": dashes, "linewidth": width or line_width}
 
 
 def _thin_handles(n_ensembles: int) -> list[Any]:
@@ -203,9 +210,9 @@ SUMMED: dict[str, Any] = {"color": style.FAINT, "linewidth": 0}
 def autocorrelation_figure(
     theta: Array, symbols: Sequence[Symbol], width: float = scales.DOUBLE
 ) -> Figure:
-    """Of chains after burn-in `(E, S, W, D)`: each ensemble, and all of them as `tau` is taken from."""
-    every = autocorrelation(theta)
-    lags = min(theta.shape[1], math.ceil(BEYOND * (int(every.window.max()) + 1)) + 1)
+    """Draw the autocorrelation of chains `(E, S, W, D)`, of each ensemble and of all."""
+    result = autocorrelation(theta)
+    lags = min(theta.shape[1], math.ceil(BEYOND * (int(result.window.max()) + 1)) + 1)
     each = [autocorrelation(chain[None]).rho[:lags] for chain in theta]
     low = min(0.0, float(min(rho.min() for rho in each)))
     wide = width >= scales.DOUBLE
@@ -213,22 +220,22 @@ def autocorrelation_figure(
         handles = [
             *_thin_handles(len(each)),
             Line2D([], [], label=r"time $\tau$", **TAU),
-            Patch(label=rf"lags summed up for $\tau$ ({WINDOW:g} $\tau$)", **SUMMED),
+            Patch(label=rf"lags summed up for $\tau$ ({SOKAL_WINDOW:g} $\tau$)", **SUMMED),
         ]
         page = SMALL_PANELS.fitting(width, len(handles))
         figure, panels = page.build(len(symbols))
         for d, (panel, symbol) in enumerate(zip(panels, symbols, strict=True)):
-            panel.axvspan(0, float(every.window[d]), zorder=0, **SUMMED)
+            panel.axvspan(0, float(result.window[d]), zorder=0, **SUMMED)
             panel.axhline(0.0, color=style.MIDDLE, linewidth=0.5, zorder=1)
-            panel.axvline(float(every.tau[d]), zorder=2, **TAU)
+            panel.axvline(float(result.tau[d]), zorder=2, **TAU)
             for k, rho in enumerate(each):
                 panel.plot(np.arange(len(rho)), rho[:, d], zorder=3, **ensemble_line(k, THIN))
             _step_axis(panel, lags, 4)
             panel.set_ylim(1.15 * low - 0.06, 1.3)
             style.set_ticks(panel.yaxis, np.array([0.0, 0.5, 1.0]), ["0", "0.5", "1"])
             page.frame(panel, d, len(symbols), "lag [steps]", "autocorrelation")
-            said = rf"${symbol.latex}$: $\tau = {every.tau[d]:.3g}$" + " steps" * wide
-            style.corner_text(panel, said, "right")
+            text = rf"${symbol.latex}$: $\tau = {result.tau[d]:.3g}$" + " steps" * wide
+            style.corner_text(panel, text, "right")
         legend_above(figure, handles, 6 if wide else 2)
     return figure
 
@@ -237,21 +244,26 @@ PLACES = np.concatenate([[0.0], SHARES, [1.0]])
 
 
 def rank_figure(
-    ranks: Sequence[Ranks], symbols: Sequence[Symbol], width: float = scales.DOUBLE
+    ranks: Sequence[RankHistogram], symbols: Sequence[Symbol], width: float = scales.DOUBLE
 ) -> Figure:
-    """How many more of an ensemble's draws than expected are below each share of all, in per cent."""
-    most = 100 * max(max(np.abs(one.away).max(), one.room.max()) / one.draws for one in ranks)
+    """Draw how many more draws of an ensemble than expected are below each share, in per cent."""
+    most = 100 * max(
+        max(np.abs(histogram.away).max(), histogram.room.max()) / histogram.draws
+        for histogram in ranks
+    )
     wide = width >= scales.DOUBLE
     with style.styled(width):
         handles = _rank_handles(ranks)
         page = SMALL_PANELS.fitting(width, len(handles))
         figure, panels = page.build(len(ranks))
-        for k, (panel, one, symbol) in enumerate(zip(panels, ranks, symbols, strict=True)):
-            room = np.pad(100 * one.room / one.draws, 1)
+        for k, (panel, histogram, symbol) in enumerate(zip(panels, ranks, symbols, strict=True)):
+            room = np.pad(100 * histogram.room / histogram.draws, 1)
             difference_panel(panel, PLACES, (-room, room), float(most))
-            for ensemble, (away, holds) in enumerate(zip(one.away, one.holds, strict=True)):
+            for ensemble, (away, holds) in enumerate(
+                zip(histogram.away, histogram.holds, strict=True)
+            ):
                 look = {**ensemble_line(ensemble, THIN), **({} if holds else style.OUTSIDE)}
-                line = np.pad(100 * away / one.draws, 1)
+                line = np.pad(100 * away / histogram.draws, 1)
                 panel.plot(PLACES, line, zorder=2 if holds else 3, **look)
             style.corner_text(panel, f"${symbol.latex}$")
             page.frame(panel, k, len(ranks), "rank, as a share", "ECDF difference [%]")
@@ -259,8 +271,8 @@ def rank_figure(
     return figure
 
 
-def _rank_handles(ranks: Sequence[Ranks]) -> list[Any]:
-    holds = np.array([one.holds for one in ranks])  # (D, E)
+def _rank_handles(ranks: Sequence[RankHistogram]) -> list[Any]:
+    holds = np.array([histogram.holds for histogram in ranks])  # (D, E)
     chance = Patch(label=f"{100 * (1 - FALSE_ALARM):g} % of chance, together", **style.CHANCE)
     handles = [*_thin_handles(holds.shape[1]), chance]
     if not holds.all():
@@ -271,7 +283,8 @@ def _rank_handles(ranks: Sequence[Ranks]) -> list[Any]:
 TRACE = "What the walkers of each ensemble did, step by step."
 
 
-def draw_trace(run: View) -> Drawing:
+def draw_trace(run: ReportContext) -> Drawing:
+    """Return the drawing of traces."""
     shown, sampled = run.shown(run.config.output.parameters), run.sampled
     logs = [name for name, prior in shown.priors.items() if flat_in_logs(prior)]
     values = (shown.nominal, shown.mode, logs, run.width)
@@ -284,18 +297,22 @@ def draw_trace(run: View) -> Drawing:
 RANK = "Whether the ensembles see the same: ranks of the draws of each among those of all."
 
 
-def draw_rank(run: View) -> Drawing:
+def draw_rank(run: ReportContext) -> Drawing:
+    """Return the drawing of ranks, of two or more ensembles."""
     c = run.sampled.convergence
-    draws = independent(run.sampled.theta, c.burn_in, float(c.tau.max()))
-    found = ranks(draws, seeds.stream(run.config.seed, "rank"))
-    return Drawing(rank_figure, (found, run.problem.symbols, run.width), says=RANK)
+    draws = independent_draws(run.sampled.theta, c.burn_in, float(c.tau.max()))
+    histograms = rank_histograms(draws, seeds.stream(run.config.seed, "rank"))
+    return Drawing(rank_figure, (histograms, run.problem.symbols, run.width), says=RANK)
 
 
 AUTOCORRELATION = "How long the walkers remember: autocorrelation, its time and its window."
 
 
-def draw_autocorrelation(run: View) -> Drawing:
-    kept = run.sampled.theta[:, run.sampled.convergence.burn_in :]
+def draw_autocorrelation(run: ReportContext) -> Drawing:
+    """Return the drawing of autocorrelations."""
+    after_burn_in = run.sampled.theta[:, run.sampled.convergence.burn_in :]
     return Drawing(
-        autocorrelation_figure, (kept, run.problem.symbols, run.width), says=AUTOCORRELATION
+        autocorrelation_figure,
+        (after_burn_in, run.problem.symbols, run.width),
+        says=AUTOCORRELATION,
     )

@@ -1,4 +1,4 @@
-"""The joint posterior: all marginals of one and of two unknowns, on a page with a legend."""
+"""Draw the joint posterior: all marginals of one and of two unknowns, with a legend."""
 
 from __future__ import annotations
 
@@ -24,11 +24,11 @@ from bayesdrill.inference.priors import Prior, flat_in_logs
 from bayesdrill.report import scales, style
 from bayesdrill.report.pages import (
     BINS,
-    CENTRAL,
+    CENTRAL_SHARE,
     CORNER_GAP,
-    INNER,
+    INNER_GREY,
     LEVELS,
-    OUTER,
+    OUTER_GREY,
     central,
     contours,
     corner_axes,
@@ -37,7 +37,7 @@ from bayesdrill.report.pages import (
 )
 from bayesdrill.report.scales import DOUBLE, SINGLE
 from bayesdrill.report.sections import physics_words
-from bayesdrill.report.view import Drawing, View
+from bayesdrill.report.view import Drawing, ReportContext
 
 LARGEST = 2.2  # panel
 LEAST = 13.0  # points from one panel to the next: a page grows rather than have less
@@ -50,11 +50,7 @@ LEGEND = 2.35, 0.21  # inches of a legend beside, or above, of 8 points, and of 
 
 @dataclass(frozen=True, slots=True)
 class CornerPage:
-    """Inches, and `letters` in points.
-
-    `pitch`: from one panel to the next; `compact`: symbols at the left, and at the foot upright labels
-    with the ends of each axis, instead of ticks with texts; `above`: the legend is, not in the corner.
-    """
+    """The layout of a corner: inches, and `letters` in points."""
 
     n: int
     width: float
@@ -69,8 +65,8 @@ class CornerPage:
     above: bool
 
     @classmethod
-    def of(cls, n: int, width: float, lines: int) -> CornerPage:
-        """For `n` unknowns in at most `width`, with a legend of so many `lines`."""
+    def build(cls, n: int, width: float, lines: int) -> CornerPage:
+        """Lay out `n` unknowns in at most `width`, with a legend of so many `lines`."""
         compact, fits = False, _pitch(n, width, compact=False)
         if fits[1] < READABLE:
             compact, fits = True, _pitch(n, width, compact=True)
@@ -103,25 +99,27 @@ class CornerPage:
 
     @property
     def inside(self) -> float:
-        """All panels, and the gaps between them."""
+        """The size of all panels, and the gaps between them."""
         return self.n * self.pitch - CORNER_GAP * self.panel
 
     @property
     def panel(self) -> float:
+        """The size of a panel."""
         return self.pitch / (1 + CORNER_GAP)
 
     @property
     def height(self) -> float:
+        """The height of the page."""
         return self.bottom + self.inside + self.top
 
     @property
     def fine(self) -> float:
-        """By which lines and marks are thinner than in a large panel."""
+        """The factor by which lines and marks are thinner than in a large panel."""
         return min(1.0, max(0.45, self.panel / 1.05))
 
     @property
     def letter(self) -> float:
-        """Of a tick, in panels."""
+        """The size of a letter of a tick, in panels."""
         return 0.43 * self.letters / (72 * self.pitch)
 
 
@@ -145,14 +143,14 @@ def _beside(n: int, page: tuple[float, ...], across: float, deep: float) -> bool
     if n == 1:
         return True
     rows = min(n, math.ceil(deep / pitch))
-    taken = left + max(rows * pitch, (rows - 1) * pitch + TITLE * letters)
-    return rows < n and width - across > taken
+    occupied = left + max(rows * pitch, (rows - 1) * pitch + TITLE * letters)
+    return rows < n and width - across > occupied
 
 
 Handles = list[Line2D | Patch]
 
 
-def _handles(columns: Sequence[Column]) -> tuple[Handles, Handles]:
+def _handles(columns: Sequence[CornerColumn]) -> tuple[Handles, Handles]:
     """Lines, then shades and notes."""
     credible = f"{100 * HDI_PROBABILITY:.0f} %"
     lines: Handles = [
@@ -170,7 +168,7 @@ def _handles(columns: Sequence[Column]) -> tuple[Handles, Handles]:
     shades: Handles = []
     notes = [f"titles: median and {credible} interval, as on the axes"]
     if len(columns) > 1:
-        for grey, level, sds in zip((INNER, OUTER), LEVELS, (1, 2), strict=True):
+        for grey, level, sds in zip((INNER_GREY, OUTER_GREY), LEVELS, (1, 2), strict=True):
             text = rf"{100 * level:.1f} % of the draws (${sds}\sigma$ in two dimensions)"
             shades.append(Patch(facecolor=grey, edgecolor="black", linewidth=0.7, label=text))
         notes.append("no contour where the density is flat")
@@ -180,7 +178,7 @@ def _handles(columns: Sequence[Column]) -> tuple[Handles, Handles]:
 
 
 def legend(figure: Figure, first: Handles, second: Handles, page: CornerPage) -> None:
-    """In the empty upper right or beside a single panel; where there is no room, above."""
+    """Put the legend in the empty upper right, beside a single panel, or above."""
     width, height = page.width, page.height
     edge = 0.5 * min(page.right, 0.2) / width
     look: dict[str, Any] = {
@@ -193,8 +191,8 @@ def legend(figure: Figure, first: Handles, second: Handles, page: CornerPage) ->
     if page.above:
         look["labelspacing"] = 0.35
         groups = [("upper left", 0.05 / width, first), ("upper right", 1.0, second)]
-    for place, x, group in groups:
-        figure.legend(handles=group, loc=place, bbox_to_anchor=(x, high), **look)
+    for location, x, group in groups:
+        figure.legend(handles=group, loc=location, bbox_to_anchor=(x, high), **look)
 
 
 POINTS = 2000  # drawn in a panel; contours and histograms count all draws
@@ -204,7 +202,7 @@ SMALLEST = 5.2  # letters of ticks, points
 
 
 @dataclass(frozen=True, slots=True)
-class Column:
+class CornerColumn:
     """One unknown on its axis; what follows `title` are numbers on this axis, `x` is `(N,)`."""
 
     symbol: Symbol
@@ -226,18 +224,14 @@ def corner_figure(
     priors: Mapping[str, Prior],
     width: float = scales.DOUBLE,
 ) -> Figure:
-    """A D by D corner of draws `(N, D)` in the units of the symbols, at most `width` inches wide.
-
-    Nominal values and priors may miss some symbols.  An unknown whose prior is flat in its log has
-    a logarithmic axis, and is counted there.
-    """
+    """Draw a D by D corner of draws `(N, D)` in the units of the symbols, at most `width` wide."""
     columns = [
         _column(x, symbol, nominal.get(symbol.name), mode.get(symbol.name), priors.get(symbol.name))
         for x, symbol in zip(draws.T, symbols, strict=True)
     ]
     with style.styled(width):
         first, second = _handles(columns)
-        page = CornerPage.of(len(columns), width, len(first) + len(second))
+        page = CornerPage.build(len(columns), width, len(first) + len(second))
         size = (page.width, page.height)
         figure, panels = corner_panels(page.n, size, page.left, page.bottom, page.inside)
         for panel in panels[np.tril_indices(page.n)]:
@@ -257,7 +251,7 @@ def corner_figure(
 
 def _column(
     x: Array, symbol: Symbol, nominal: float | None, mode: float | None, prior: Prior | None
-) -> Column:
+) -> CornerColumn:
     scale = _scale(x, nominal, mode, log=flat_in_logs(prior))
     density, ends = None, (-math.inf, math.inf)
     if prior is not None:
@@ -266,7 +260,7 @@ def _column(
         density = (places, scale.density(prior, places))
     interval = np.array(hdi(x))
     near, far = (float(end) for end in scale(interval))
-    return Column(
+    return CornerColumn(
         symbol=symbol,
         scale=scale,
         nominal=nominal,
@@ -281,7 +275,9 @@ def _column(
 
 def _scale(x: Array, nominal: float | None, mode: float | None, *, log: bool) -> scales.Scale:
     """The axis: nearly all draws, the mode, and the nominal value if it is not too far."""
-    low, high = (float(q) for q in np.quantile(x, [0.5 - CENTRAL / 2, 0.5 + CENTRAL / 2]))
+    low, high = (
+        float(q) for q in np.quantile(x, [0.5 - CENTRAL_SHARE / 2, 0.5 + CENTRAL_SHARE / 2])
+    )
     low, high = scales.reaching(low, high, mode, log=log)
     low, high = scales.reaching(low, high, nominal, REACH, log=log)
     return scales.scale(low, high, log=log, margin=0.06)
@@ -299,17 +295,17 @@ def _title(symbol: Symbol, scale: scales.Scale, median: float, interval: Array) 
 
 
 def _points(
-    figure: Figure, panels: NDArray[np.object_], columns: Sequence[Column], page: CornerPage
+    figure: Figure, panels: NDArray[np.object_], columns: Sequence[CornerColumn], page: CornerPage
 ) -> None:
     """Some draws below all panels, as one artist: each rasterised one costs a page of pixels."""
-    kept = style.thin(len(columns[0].x), round(POINTS * page.fine**2))
+    shown = style.thin(len(columns[0].x), round(POINTS * page.fine**2))
     places = []
     for i, j in itertools.combinations(range(len(columns)), 2):
         panel = panels[j, i]
         panel.patch.set_visible(False)
         ends = ((columns[k].scale.low, columns[k].scale.high) for k in (i, j))
         low, high = np.transpose([*ends])
-        inside = np.stack([columns[k].x[kept] for k in (i, j)], axis=-1)
+        inside = np.stack([columns[k].x[shown] for k in (i, j)], axis=-1)
         inside = (inside - low) / (high - low)
         inside = inside[np.all((inside > 0) & (inside < 1), axis=-1)]
         box = panel.get_position()
@@ -320,7 +316,7 @@ def _points(
         figure.add_artist(Line2D(x, y, transform=figure.transFigure, **look))
 
 
-def _edges(column: Column) -> Array:
+def _edges(column: CornerColumn) -> Array:
     """Of bins, as many as give `BINS`, or fewer for few draws, across the draws."""
     low, high = central(column.x)
     across = min(float(BINS), 2.2 * math.cbrt(len(column.x)))
@@ -330,7 +326,7 @@ def _edges(column: Column) -> Array:
     return np.linspace(first, last, max(1, min(n, 4 * BINS)) + 1)
 
 
-def _marginal(panel: Axes, column: Column, page: CornerPage) -> None:
+def _marginal(panel: Axes, column: CornerColumn, page: CornerPage) -> None:
     """A histogram of all draws, with bins that end where the prior does, and the prior on its scale."""
     panel.axvspan(*column.interval, color=style.FAINT, zorder=-2, linewidth=0)
     edges = _edges(column)
@@ -348,7 +344,7 @@ def _marginal(panel: Axes, column: Column, page: CornerPage) -> None:
     panel.set_title(column.title, fontsize=page.letters, loc="left", pad=0.6 * page.letters - 1)
 
 
-def _marks(panel: Axes, column: Column, row: Column, page: CornerPage) -> None:
+def _marks(panel: Axes, column: CornerColumn, row: CornerColumn, page: CornerPage) -> None:
     """Nominal values as lines and the mode as a cross."""
     look: dict[str, Any] = {"arrow": False, "fine": page.fine}
     style.mark_values(panel, column.scale, column.nominal, **look)
@@ -358,7 +354,9 @@ def _marks(panel: Axes, column: Column, row: Column, page: CornerPage) -> None:
         panel.plot([x], [y], **style.finer(style.CROSS, page.fine))
 
 
-def _arrange(panels: NDArray[np.object_], columns: Sequence[Column], page: CornerPage) -> None:
+def _arrange(
+    panels: NDArray[np.object_], columns: Sequence[CornerColumn], page: CornerPage
+) -> None:
     """Ticks in every panel, their texts and the labels at the left and at the bottom only."""
 
     def numbers(axis: Axis, k: int, outer: bool) -> None:
@@ -371,7 +369,7 @@ def _arrange(panels: NDArray[np.object_], columns: Sequence[Column], page: Corne
         _upright(panels, columns, page)
 
 
-def _numbers(axis: Axis, column: Column, page: CornerPage, *, outer: bool) -> None:
+def _numbers(axis: Axis, column: CornerColumn, page: CornerPage, *, outer: bool) -> None:
     places, texts = column.scale.ticks(clear=CLEAR, letter=page.letter)
     style.set_ticks(axis, places, texts if outer else None)
     small = column.scale.between.tolist() if page.fine == 1.0 else []
@@ -383,7 +381,9 @@ def _numbers(axis: Axis, column: Column, page: CornerPage, *, outer: bool) -> No
         axis.labelpad = 0.2 * page.letters
 
 
-def _upright(panels: NDArray[np.object_], columns: Sequence[Column], page: CornerPage) -> None:
+def _upright(
+    panels: NDArray[np.object_], columns: Sequence[CornerColumn], page: CornerPage
+) -> None:
     """Where panels are too small for ticks: the ends of each axis under its label."""
     look: dict[str, Any] = {"fontsize": page.letters, "labelpad": 2}
     for k, column in enumerate(columns):
@@ -402,12 +402,13 @@ CORNER = (
 )
 
 
-def draw_corner(run: View) -> Drawing:
-    own, at_map = run.units, run.chain.best[None]
+def draw_corner(run: ReportContext) -> Drawing:
+    """Return the drawing of the joint posterior."""
+    display_units, at_map = run.units, run.chain.best[None]
     names = run.config.output.corner or run.config.output.parameters
     shown = physics_words.derived_shown(run.problem, names, run.sampled.draws, run.derived, at_map)
-    draws = shown.draws / own.factors(shown.symbols)
-    nominal, mode = own.values(shown.nominal), own.values(shown.mode)
-    priors = own.priors(run.problem.posterior.space.priors)
-    given = (draws, own.symbols(shown.symbols), nominal, mode, priors, run.width)
+    draws = shown.draws / display_units.factors(shown.symbols)
+    nominal, mode = display_units.values(shown.nominal), display_units.values(shown.mode)
+    priors = display_units.priors(run.problem.posterior.space.priors)
+    given = (draws, display_units.symbols(shown.symbols), nominal, mode, priors, run.width)
     return Drawing(corner_figure, given, says=CORNER)

@@ -1,6 +1,4 @@
-"""The record against the model: inputs, channels, what is left, and how samples lie in their own
-prediction.
-"""
+"""Draw the record against the model: inputs, channels, residuals, and prediction checks."""
 
 from __future__ import annotations
 
@@ -21,10 +19,10 @@ from scipy.stats import norm
 
 from bayesdrill.analysis.prediction import (
     FALSE_ALARM,
-    Check,
     FrequencyResponse,
-    checks,
+    PredictionCheck,
     frequency_responses,
+    prediction_checks,
 )
 from bayesdrill.basics.arrays import Array, Indices
 from bayesdrill.basics.symbols import INPUTS, Symbol
@@ -46,19 +44,21 @@ from bayesdrill.report.scales import WIDTHS
 from bayesdrill.report.sections import fit_words
 from bayesdrill.report.sections.fit_words import Course, Fit, Signal, every_fit
 from bayesdrill.report.sections.physics_words import Rub
-from bayesdrill.report.view import Drawing, View, for_each_experiment
+from bayesdrill.report.view import Drawing, ReportContext, for_each_experiment
 
 FIT_SHARE = 0.6  # of the width, for the signals, where the residuals are beside them
 
 
 @dataclass(frozen=True, slots=True)
 class _Sizes:
-    """Inches: `row` of signals, `rest` of residuals, `course` of an input or a friction, `legend` above
+    """The sizes of panels in inches.
+
+    `row` of signals, `residuals`, `course` of an input or a friction, `legend` above
     signals.
     """
 
     row: float
-    rest: float
+    residuals: float
     course: float
     left: float
     right: float
@@ -75,32 +75,36 @@ _NARROW = _Sizes(0.95, 0.55, 0.55, 0.68, 0.27, 0.38, 0.0, 0.1, 0.17, 0.5)
 
 @dataclass(frozen=True, slots=True)
 class FitPage:
-    """`courses`: a panel for each input; `rows`: signals and residuals of each channel; `rubs`: a panel
-    for each friction.
+    """A page with its panels.
 
-    `said`: the height in the figure, as a share, of the line that says what is constant.
+    `courses`: a panel for each input; `rows`: signals and residuals of each channel; `rubs`: a
+    panel for each friction. `constant_line`: the height in the figure, as a share, of the line that says
+    what is constant.
     """
 
     figure: Figure
     courses: list[Axes]
     rows: list[tuple[Axes, Axes]]
     rubs: list[Axes]
-    said: float
+    constant_line: float
     left: float
 
     @property
     def panels(self) -> list[Axes]:
+        """All panels."""
         return [*self.courses, *(panel for row in self.rows for panel in row), *self.rubs]
 
 
 def build_fit_page(n: int, n_courses: int, n_rubs: int, width: float, *, constant: bool) -> FitPage:
-    """For `n` channels; times are written at the foot of each column only."""
+    """Build a page for `n` channels; times are written at the foot of each column only."""
     beside = width >= scales.DOUBLE
     size = _WIDE if beside else _NARROW
-    channel = size.row if beside else size.row + size.gap_y + size.rest
+    channel = size.row if beside else size.row + size.gap_y + size.residuals
     inputs = n_courses * (size.course + size.gap_y) + (size.line if n_courses else 0.0)
-    said = size.line if constant and (n_courses or not beside) else 0.0  # or above the one legend
-    top = 0.06 + said + inputs + size.legend
+    constant_line = (
+        size.line if constant and (n_courses or not beside) else 0.0
+    )  # or above the one legend
+    top = 0.06 + constant_line + inputs + size.legend
     rubbing = size.gap_y + size.line + n_rubs * (size.course + size.gap_y) if n_rubs else 0.0
     height = top + n * channel + (n - 1) * size.gap_y + rubbing + size.bottom
     figure = Figure(figsize=(width, height))
@@ -108,11 +112,11 @@ def build_fit_page(n: int, n_courses: int, n_rubs: int, width: float, *, constan
     share = FIT_SHARE * free if beside else free
 
     def panel(x: float, y: float, w: float, h: float) -> Axes:
-        made = inches_panel(figure, x, height - y - h, w, h)
-        made.tick_params(labelbottom=False)
-        return made
+        axes = inches_panel(figure, x, height - y - h, w, h)
+        axes.tick_params(labelbottom=False)
+        return axes
 
-    y = 0.06 + said + (size.line if n_courses else 0.0)
+    y = 0.06 + constant_line + (size.line if n_courses else 0.0)
     courses = [
         panel(size.left, y + k * (size.course + size.gap_y), share, size.course)
         for k in range(n_courses)
@@ -122,18 +126,18 @@ def build_fit_page(n: int, n_courses: int, n_rubs: int, width: float, *, constan
         y = top + k * (channel + size.gap_y)
         signals = panel(size.left, y, share, size.row)
         if beside:
-            rest = panel(size.left + share + size.gap_x, y, free - share, size.rest)
+            residuals = panel(size.left + share + size.gap_x, y, free - share, size.residuals)
         else:
-            rest = panel(size.left, y + size.row + size.gap_y, share, size.rest)
-        rows.append((signals, rest))
+            residuals = panel(size.left, y + size.row + size.gap_y, share, size.residuals)
+        rows.append((signals, residuals))
     y = top + n * (channel + size.gap_y) + size.line
     rubs = [
         panel(size.left, y + k * (size.course + size.gap_y), share, size.course)
         for k in range(n_rubs)
     ]
-    signals, rest = rows[-1]
+    signals, residuals = rows[-1]
     left = rubs[-1] if rubs else signals
-    for foot in (left, rest) if beside else (rubs or [rest])[-1:]:
+    for foot in (left, residuals) if beside else (rubs or [residuals])[-1:]:
         foot.tick_params(labelbottom=True)
     return FitPage(figure, courses, rows, rubs, 1 - 0.06 / height, size.left / width)
 
@@ -147,7 +151,7 @@ SIGMAS = float(ndtri(TAILS[1]))  # 1.88: half the width of the band of the noise
 
 
 def fit_figure(fit: Fit, width: float = scales.DOUBLE) -> Figure:
-    """Inputs above; for each channel its signals, and beside them (below, in one column) residuals."""
+    """Draw inputs; and for each channel its signals, and beside or below them its residuals."""
     t = fit.t
     time = scales.scale(float(t[0]), float(t[-1]), margin=0.01)
     with style.styled(width):
@@ -174,28 +178,28 @@ def fit_figure(fit: Fit, width: float = scales.DOUBLE) -> Figure:
 
 
 def extremes(y: Array, most: int) -> Indices:
-    """At most `most` indices, with the least and greatest of each stretch: no peak is lost."""
+    """Return at most `most` indices, with the extremes of each stretch: no peak is lost."""
     n = len(y)
     if n <= most:
         return np.arange(n)
     length = -(-n // ((most - 2) // 2))
     starts = np.arange(0, n, length)
     padded = np.concatenate([y, np.full(len(starts) * length - n, y[-1])]).reshape(-1, length)
-    kept = np.stack([starts + padded.argmin(axis=1), starts + padded.argmax(axis=1)])
-    return np.unique(np.concatenate([[0, n - 1], np.minimum(kept, n - 1).ravel()]))
+    indices = np.stack([starts + padded.argmin(axis=1), starts + padded.argmax(axis=1)])
+    return np.unique(np.concatenate([[0, n - 1], np.minimum(indices, n - 1).ravel()]))
 
 
 def measured(y: Array) -> Indices:
-    """At most `DOTS` of the samples of a channel `y (T,)`, which may have few of the record's times."""
-    seen = np.flatnonzero(~np.isnan(y))
-    return seen[style.thin(len(seen), DOTS)]
+    """Return at most `DOTS` indices of the samples of a channel `y (T,)` that were measured."""
+    sampled = np.flatnonzero(~np.isnan(y))
+    return sampled[style.thin(len(sampled), DOTS)]
 
 
 def corners(u: Array, most: int) -> Indices:
-    """Where stairs through `u` begin, rise and end; of too many, the `extremes`."""
+    """Return where stairs through `u` begin, rise and end; of too many, the `extremes`."""
     changes = np.flatnonzero(np.diff(u)) + 1
-    found = np.unique(np.concatenate([[0, len(u) - 1], changes]))
-    return found if len(found) <= most else extremes(u, most)
+    indices = np.unique(np.concatenate([[0, len(u) - 1], changes]))
+    return indices if len(indices) <= most else extremes(u, most)
 
 
 DOT: dict[str, Any] = {**style.DOTS, "color": "0.45", "alpha": 0.8, "zorder": 1}
@@ -261,16 +265,16 @@ def _signals(panel: Axes, signal: Signal, time: scales.Scale, t: Array) -> None:
 
 def _residuals(panel: Axes, signal: Signal, time: scales.Scale, t: Array) -> None:
     """Measured minus MAP, the band of the noise, and how much of the channel this is."""
-    rest, sigma = signal.y - signal.model, signal.sigma
+    residual, sigma = signal.y - signal.model, signal.sigma
     label = Symbol("rest", "", r"\mathrm{residual}", signal.label.latex_unit, "")
-    far = max(float(np.nanmax(np.abs(rest))), SIGMAS * sigma)
+    far = max(float(np.nanmax(np.abs(residual))), SIGMAS * sigma)
     scale = _numbers(panel, label, -far, far)
     ends = scale(np.array([-1.0, 1.0]) * SIGMAS * sigma)
     panel.axhspan(*ends, zorder=0, **style.BAND)
     for end in ends:
         panel.axhline(end, zorder=2, **EDGE)
-    dots = measured(rest)
-    panel.plot(time(t[dots]), scale(rest[dots]), **(DOT | _size(len(dots))))
+    dots = measured(residual)
+    panel.plot(time(t[dots]), scale(residual[dots]), **(DOT | _size(len(dots))))
     panel.axhline(float(scale(0.0)), zorder=2, **style.BLACK_LINE)
     if not math.isnan(signal.share):
         share = f"unexplained: {fit_words.percent(signal.share)}"
@@ -305,13 +309,13 @@ def _legends(page: FitPage, fit: Fit, *, beside: bool) -> None:
         "model at the MAP": line,
         f"{SHARE} {what}": band,
     }
-    rest = {noise: edged, LEFT: Line2D([], [], linestyle="none")}
+    residual_handles = {noise: edged, LEFT: Line2D([], [], linestyle="none")}
     left, right = page.rows[0]
     if beside:
         _legend(left, signals, 3)
-        _legend(right, {"measured minus model at the MAP": dot, **rest}, 1)
+        _legend(right, {"measured minus model at the MAP": dot, **residual_handles}, 1)
     else:
-        _legend(left, signals | rest, 2, 0.02 - page.left / left.get_position().width)
+        _legend(left, signals | residual_handles, 2, 0.02 - page.left / left.get_position().width)
     if fit.rubs:
         rubs = {"friction at the MAP": line, "it sticks": Patch(**STICKS)}
         known = {} if fit.rubs[0].band is None else {f"{SHARE} posterior": band}
@@ -324,9 +328,11 @@ def _legends(page: FitPage, fit: Fit, *, beside: bool) -> None:
             number = scales.latex_number(float(f"{value:.5g}"))
             unit = rf"\,\mathrm{{{label.latex_unit}}}" if label.latex_unit else ""
             each.append(f"${label.latex} = {number}{unit}$")
-        said = ", ".join(each)
+        values = ", ".join(each)
         size = style.letters("legend.fontsize")
-        page.figure.text(page.left, page.said, f"constant input: {said}", va="top", size=size)
+        page.figure.text(
+            page.left, page.constant_line, f"constant input: {values}", va="top", size=size
+        )
 
 
 def _legend(panel: Axes, entries: dict[str, Any], columns: int, x: float = 0.0) -> None:
@@ -351,9 +357,9 @@ BINS = 36
 FOUND: dict[str, Any] = {"facecolor": style.LIGHT, "edgecolor": style.BLACK, "linewidth": 0.7}
 
 
-def predictive_figure(checks: Sequence[Check], width: float = scales.DOUBLE) -> Figure:
-    """A row for each channel: samples in standard deviations of their prediction, and their PIT."""
-    most = max(float(np.abs(_away(one)).max()) for one in checks)
+def predictive_figure(checks: Sequence[PredictionCheck], width: float = scales.DOUBLE) -> Figure:
+    """Draw samples in standard deviations of their prediction, and their PIT, by channel."""
+    most = max(float(np.abs(_away(check)).max()) for check in checks)
     wide = width >= scales.DOUBLE
     with style.styled(width):
         chance = f"{100 * (1 - FALSE_ALARM):g} % of chance, together"
@@ -362,16 +368,16 @@ def predictive_figure(checks: Sequence[Check], width: float = scales.DOUBLE) -> 
             Line2D([], [], label="as predicted", **style.NOMINAL),
             Patch(label=chance, **style.CHANCE),
         ]
-        if any(one.holds for one in checks):
+        if any(check.holds for check in checks):
             handles.append(Line2D([], [], label="record", **style.BLACK_LINE))
-        if not all(one.holds for one in checks):
+        if not all(check.holds for check in checks):
             handles.append(Line2D([], [], label="record, leaves the band", **style.OUTSIDE))
         page = PAGE.fitting(width, len(handles))
         figure, panels = page.build(2 * len(checks))
-        for k, one in enumerate(checks):
+        for k, check in enumerate(checks):
             left, right = panels[2 * k : 2 * k + 2]
-            _densities(left, one)
-            _difference(right, one, most)
+            _densities(left, check)
+            _difference(right, check, most)
             for panel in (left, right):
                 panel.tick_params(labelbottom=k == len(checks) - 1)
         panels[-2].set_xlabel("measured less predicted" + ", in sds of the prediction" * wide)
@@ -380,16 +386,16 @@ def predictive_figure(checks: Sequence[Check], width: float = scales.DOUBLE) -> 
     return figure
 
 
-def _away(one: Check) -> Any:
+def _away(check: PredictionCheck) -> Any:
     """Lower and upper edge of the band and the record between, less the expected, in per cent."""
-    counts = np.stack([one.band.low, one.band.high, one.band.counts(one.ranks)])
-    return 100 * (counts / one.band.n - one.band.shares)
+    counts = np.stack([check.band.low, check.band.high, check.band.counts(check.ranks)])
+    return 100 * (counts / check.band.n - check.band.shares)
 
 
-def _densities(panel: Axes, one: Check) -> None:
+def _densities(panel: Axes, check: PredictionCheck) -> None:
     edges = np.linspace(-FARTHEST, FARTHEST, BINS + 1)
     tail = norm.cdf(-FARTHEST)
-    heights, _ = np.histogram(ndtri(np.clip(one.pit, tail, 1 - tail)), edges, density=True)
+    heights, _ = np.histogram(ndtri(np.clip(check.pit, tail, 1 - tail)), edges, density=True)
     panel.stairs(heights, edges, fill=True, color=FOUND["facecolor"], zorder=1)
     panel.stairs(heights, edges, color=FOUND["edgecolor"], linewidth=0.7, zorder=2)
     places = np.linspace(-FARTHEST, FARTHEST, 401)
@@ -399,17 +405,17 @@ def _densities(panel: Axes, one: Check) -> None:
     style.set_ticks(panel.xaxis, np.arange(-4.0, 5.0, 2.0), ["\u22124", "\u22122", "0", "2", "4"])
     style.set_ticks(panel.yaxis, np.array([]), None)
     panel.set_ylabel("density")
-    style.corner_text(panel, f"${one.channel.latex}$")
+    style.corner_text(panel, f"${check.channel.latex}$")
 
 
-def _difference(panel: Axes, one: Check, most: float) -> None:
-    places = np.concatenate([[0.0], one.band.shares, [1.0]])
-    low, high, found = np.pad(_away(one), ((0, 0), (1, 1)))
+def _difference(panel: Axes, check: PredictionCheck, most: float) -> None:
+    places = np.concatenate([[0.0], check.band.shares, [1.0]])
+    low, high, difference = np.pad(_away(check), ((0, 0), (1, 1)))
     difference_panel(panel, places, (low, high), most)
-    panel.plot(places, found, zorder=2, **(style.BLACK_LINE if one.holds else style.OUTSIDE))
+    panel.plot(places, difference, zorder=2, **(style.BLACK_LINE if check.holds else style.OUTSIDE))
     panel.set_ylabel("ECDF difference [%]")
-    if one.says:
-        style.corner_text(panel, one.says, "right", fontsize=style.letters("legend.fontsize"))
+    if check.says:
+        style.corner_text(panel, check.says, "right", fontsize=style.letters("legend.fontsize"))
 
 
 POINT: dict[str, Any] = {
@@ -422,55 +428,76 @@ POINT: dict[str, Any] = {
 STEM: dict[str, Any] = {"color": style.DARK, "linewidth": 1.1}
 
 
-def residuals_figure(found: Sequence[Correlation], width: float = scales.DOUBLE) -> Figure:
-    """A row for each channel: correlations of its residuals with themselves, and with each input."""
-    beside = [one for one in found if one.channel == found[0].channel]
-    high = 1.1 * max(float(np.maximum(one.values, one.band).max()) for one in found)
-    low = 1.1 * min(float(np.minimum(one.values, -one.band).min()) for one in found)
+def residuals_figure(correlations: Sequence[Correlation], width: float = scales.DOUBLE) -> Figure:
+    """Draw correlations of residuals with themselves and with each input, by channel."""
+    beside = [
+        correlation
+        for correlation in correlations
+        if correlation.channel == correlations[0].channel
+    ]
+    high = 1.1 * max(
+        float(np.maximum(correlation.values, correlation.band).max())
+        for correlation in correlations
+    )
+    low = 1.1 * min(
+        float(np.minimum(correlation.values, -correlation.band).min())
+        for correlation in correlations
+    )
     with style.styled(width):
         handles: list[Any] = [
             Patch(label=f"{100 * CHANCE:g} % of chance, each lag", **style.CHANCE),
             Line2D([], [], label="inside", **STEM),
         ]
-        if any((np.abs(one.values) > one.band).any() for one in found):
+        if any(
+            (np.abs(correlation.values) > correlation.band).any() for correlation in correlations
+        ):
             handles.append(Line2D([], [], label="outside", **style.OUTSIDE))
         page = Page(row=1.2, top=0.36).fitting(width, len(handles))
         page = replace(page, columns=len(beside))
-        figure, panels = page.build(len(found))
-        for k, (panel, one) in enumerate(zip(panels, found, strict=True)):
-            panel.fill_between(one.lags, -one.band, one.band, zorder=0, **style.CHANCE)
+        figure, panels = page.build(len(correlations))
+        for k, (panel, correlation) in enumerate(zip(panels, correlations, strict=True)):
+            panel.fill_between(
+                correlation.lags, -correlation.band, correlation.band, zorder=0, **style.CHANCE
+            )
             panel.axhline(0.0, color=style.MIDDLE, linewidth=0.5, zorder=1)
             for inside, look in ((True, STEM), (False, dict(style.OUTSIDE))):
-                chosen = (np.abs(one.values) <= one.band) == inside
-                panel.vlines(one.lags[chosen], 0.0, one.values[chosen], zorder=2, **look)
+                shown = (np.abs(correlation.values) <= correlation.band) == inside
+                panel.vlines(
+                    correlation.lags[shown], 0.0, correlation.values[shown], zorder=2, **look
+                )
             panel.set_ylim(low, high + 0.3 * (high - low))  # the name is above
             style.set_ticks(panel.yaxis, *scales.ticks(low, high, 4))
             panel.xaxis.set_major_locator(MaxNLocator(4, integer=True, prune="both"))
-            panel.set_xlim(one.lags[0] - 1, one.lags[-1] + 1)
-            style.corner_text(panel, f"${one.channel.latex}$")
-            other = f"with ${INPUTS[one.input].latex}$" if one.input else "with itself"
+            panel.set_xlim(correlation.lags[0] - 1, correlation.lags[-1] + 1)
+            style.corner_text(panel, f"${correlation.channel.latex}$")
+            other = (
+                f"with ${INPUTS[correlation.input].latex}$" if correlation.input else "with itself"
+            )
             style.corner_text(panel, other, "right", fontsize=style.letters("legend.fontsize"))
-            page.frame(panel, k, len(found), "lag [samples]", "correlation")
+            page.frame(panel, k, len(correlations), "lag [samples]", "correlation")
         legend_above(figure, handles, 3)
     return figure
 
 
-def draw_residuals(run: View) -> tuple[Drawing, ...] | None:
+def draw_residuals(run: ReportContext) -> tuple[Drawing, ...] | None:
+    """Return drawings of the residuals' correlations."""
     asked = "residuals" in (run.config.output.figures or ())
     if like_noise(run.analysis.fit) and not asked:
         return None
-    found = correlations(run.problem.posterior.likelihood, run.chain.best)
-    return _residual_drawings(found, run.width)
+    results = correlations(run.problem.posterior.likelihood, run.chain.best)
+    return _residual_drawings(results, run.width)
 
 
-def _residual_drawings(found: Sequence[Correlation], width: float) -> tuple[Drawing, ...]:
-    each = groupby(found, key=lambda correlation: correlation.experiment)
+def _residual_drawings(correlations: Sequence[Correlation], width: float) -> tuple[Drawing, ...]:
+    each = groupby(correlations, key=lambda correlation: correlation.experiment)
     shown = ((label, tuple(group)) for label, group in each)
     return for_each_experiment(residuals_figure, shown, width, RESIDUALS)
 
 
-def frequency_figure(found: Sequence[FrequencyResponse], width: float = scales.DOUBLE) -> Figure:
-    """A row for each channel and input: magnitude and phase of the response G over the frequency."""
+def frequency_figure(
+    responses: Sequence[FrequencyResponse], width: float = scales.DOUBLE
+) -> Figure:
+    """Draw magnitude and phase of the frequency response, by channel and input."""
     with style.styled(width):
         measured = r"measured, where the input excites ($\pm$2 sd)"
         handles: list[Any] = [
@@ -478,9 +505,9 @@ def frequency_figure(found: Sequence[FrequencyResponse], width: float = scales.D
             Line2D([], [], label=measured, **POINT),
         ]
         page = replace(PAGE, left=0.7, gap_x=0.75, top=0.36).fitting(width, 4)
-        figure, panels = page.build(2 * len(found))
+        figure, panels = page.build(2 * len(responses))
         for k, panel in enumerate(panels):
-            _bode(panel, found[k // 2], phase=bool(k % 2))
+            _bode(panel, responses[k // 2], phase=bool(k % 2))
             panel.tick_params(labelbottom=k >= len(panels) - 2)
         for panel in panels[-2:]:
             panel.set_xlabel("frequency [Hz]")
@@ -488,37 +515,46 @@ def frequency_figure(found: Sequence[FrequencyResponse], width: float = scales.D
     return figure
 
 
-def _bode(panel: Axes, one: FrequencyResponse, *, phase: bool) -> None:
+def _bode(panel: Axes, response: FrequencyResponse, *, phase: bool) -> None:
     """The magnitude, or the phase in degrees, of what is measured next to the model's."""
-    there, shown = np.isfinite(one.measured), one.channel.shown
+    there, shown = np.isfinite(response.measured), response.channel.shown
     model, measured = (
-        np.abs(of) * one.unit.factor / shown.factor for of in (one.modelled, one.measured)
+        np.abs(values) * response.unit.factor / shown.factor
+        for values in (response.modelled, response.measured)
     )
-    error = measured * one.error
+    error = measured * response.error
     if phase:
-        model = np.degrees(np.unwrap(np.angle(one.modelled)))
-        measured = model + np.degrees(np.angle(one.measured / one.modelled))
-        error = np.degrees(one.error)
-    every = np.concatenate([model, measured[there]])
-    x = scales.scale(one.frequencies[0], one.frequencies[-1], log=True, margin=0.03)
-    y = scales.scale(float(every.min()), float(every.max()), log=not phase, margin=0.2)
+        model = np.degrees(np.unwrap(np.angle(response.modelled)))
+        measured = model + np.degrees(np.angle(response.measured / response.modelled))
+        error = np.degrees(response.error)
+    magnitudes = np.concatenate([model, measured[there]])
+    x = scales.scale(response.frequencies[0], response.frequencies[-1], log=True, margin=0.03)
+    y = scales.scale(float(magnitudes.min()), float(magnitudes.max()), log=not phase, margin=0.2)
     ends = y(np.stack([measured - 2 * error, measured + 2 * error])[:, there])
-    panel.plot(x(one.frequencies), y(model), zorder=1, **style.BLACK_LINE)
-    panel.vlines(x(one.frequencies[there]), *ends, color=POINT["color"], linewidth=0.6, zorder=2)
-    panel.plot(x(one.frequencies[there]), y(measured[there]), zorder=3, **POINT)
-    unit = f"{shown.latex}/{one.unit.latex}"
+    panel.plot(x(response.frequencies), y(model), zorder=1, **style.BLACK_LINE)
+    panel.vlines(
+        x(response.frequencies[there]), *ends, color=POINT["color"], linewidth=0.6, zorder=2
+    )
+    panel.plot(x(response.frequencies[there]), y(measured[there]), zorder=3, **POINT)
+    unit = f"{shown.latex}/{response.unit.latex}"
     what, unit = (r"\arg\, G", r"^\circ") if phase else ("|G|", unit)
     style.scale_axis(panel.xaxis, x, "", 5)
     style.scale_axis(panel.yaxis, y, y.label(Symbol("", "", what, unit, "")), 4)
-    style.corner_text(panel, rf"${INPUTS[one.input].latex} \to {one.channel.latex}$", "right")
+    style.corner_text(
+        panel, rf"${INPUTS[response.input].latex} \to {response.channel.latex}$", "right"
+    )
 
 
 FREQUENCY_RESPONSE = "How inputs move channels: measured, where they excite, and by the model."
 
 
-def draw_frequency_response(run: View) -> tuple[Drawing, ...]:
-    found = frequency_responses(run.problem.posterior, run.chain.best)
-    each = ((label, tuple(group)) for label, group in groupby(found, key=lambda one: one.label))
+def draw_frequency_response(run: ReportContext) -> tuple[Drawing, ...]:
+    """Return drawings of frequency responses, where there are any."""
+    responses = frequency_responses(run.problem.posterior, run.chain.best)
+    each = (
+        (label, tuple(group))
+        for label, group in groupby(responses, key=lambda response: response.label)
+    )
     return for_each_experiment(frequency_figure, each, run.width, FREQUENCY_RESPONSE)
 
 
@@ -526,38 +562,41 @@ FIT = "Record, model at the MAP and posterior predictive band; beside them what 
 FIT_RUBBED = f"{FIT} Below: what rubs, and when it sticks."
 
 
-def draw_fit(run: View) -> tuple[Drawing, ...]:
+def draw_fit(run: ReportContext) -> tuple[Drawing, ...]:
+    """Return drawings of record and model."""
     group = run.tree["posterior_predictive"]
     draws = {str(name): np.asarray(values) for name, values in group.data_vars.items()}
-    best, rubbing = run.chain.best, run.chain.rubbing
-    found = every_fit(run.problem, best, run.analysis.fit, draws, rubbing)
+    best, rubbing = run.chain.best, run.chain.friction_motions
+    fits = every_fit(run.problem, best, run.analysis.fit, draws, rubbing)
     says = FIT_RUBBED if rubbing else FIT
-    return for_each_experiment(fit_figure, ((fit.label, fit) for fit in found), run.width, says)
+    return for_each_experiment(fit_figure, ((fit.label, fit) for fit in fits), run.width, says)
 
 
 PREDICTIVE_CHECK = "Whether the record is as the posterior predicts it, channel by channel."
 
 
-def draw_predictive_check(run: View) -> Drawing:
+def draw_predictive_check(run: ReportContext) -> Drawing:
+    """Return the drawing of prediction checks."""
     draws = run.sampled.draws
     each = words.predictive_draws(run.problem, run.config)
-    chosen = np.unique(np.linspace(0, draws.shape[1] - 1, each).astype(int))
-    theta = draws[:, chosen].reshape(-1, draws.shape[-1])
-    found = checks(run.problem.posterior.likelihood, theta)
-    return Drawing(predictive_figure, (found, run.width), says=PREDICTIVE_CHECK)
+    columns = np.unique(np.linspace(0, draws.shape[1] - 1, each).astype(int))
+    theta = draws[:, columns].reshape(-1, draws.shape[-1])
+    results = prediction_checks(run.problem.posterior.likelihood, theta)
+    return Drawing(predictive_figure, (results, run.width), says=PREDICTIVE_CHECK)
 
 
 def fits_alone(
     problem: Problem,
     config: Config,
     best: Array,
-    left: Sequence[Left],
-    found: Sequence[Correlation],
+    residual_rows: Sequence[Left],
+    correlations: Sequence[Correlation],
 ) -> dict[str, Drawing]:
-    """Of the MAP `(D,)`, without draws, by stem; `left`: what it leaves, and what is `found` to follow
-    it, where it is more than noise.
+    """Return drawings of the MAP `best (D,)`, without draws, by stem.
+
+    `residual_rows`: what it leaves; `correlations`: of that, where it is more than noise.
     """
     width = WIDTHS[config.output.size]
-    shown = ((fit.label, fit) for fit in every_fit(problem, best, left))
+    shown = ((fit.label, fit) for fit in every_fit(problem, best, residual_rows))
     fits = numbered("fit", for_each_experiment(fit_figure, shown, width, FIT_ALONE))
-    return fits | numbered("residuals", _residual_drawings(found, width))
+    return fits | numbered("residuals", _residual_drawings(correlations, width))

@@ -13,9 +13,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from bayesdrill.analysis.causes import CATCH_ALL, Cause, Causes, Instead
-from bayesdrill.analysis.energy import Rubbing
-from bayesdrill.analysis.suspicions import Moment
+from bayesdrill.analysis.causes import CATCH_ALL, Cause, Causes, EquivalentExplanation
+from bayesdrill.analysis.energy import FrictionMotion
+from bayesdrill.analysis.suspicions import InputTiming
 from bayesdrill.basics import symbols
 from bayesdrill.basics.arrays import Array
 from bayesdrill.basics.symbols import Symbol
@@ -78,7 +78,7 @@ def every_fit(
     best: Array,
     left: Sequence[Left],
     predictive: Mapping[str, Array] | None = None,
-    rubbing: Sequence[Sequence[Rubbing]] = (),
+    rubbing: Sequence[Sequence[FrictionMotion]] = (),
 ) -> tuple[Fit, ...]:
     """Of each experiment, at the MAP `(D,)` and what it leaves.
 
@@ -418,7 +418,7 @@ def lacking(causes: Causes | None, roles: Roles) -> str:
     return " and ".join(f"{_lacked(name, roles)} ({name})" for name in names)
 
 
-def instead(explanation: Instead | None, roles: Roles) -> Iterable[str]:
+def instead(explanation: EquivalentExplanation | None, roles: Roles) -> Iterable[str]:
     """A table that may be right after all."""
     if explanation is None:
         return
@@ -444,7 +444,7 @@ def _named(name: str, value: float) -> str:
     return f"say `parameters: {{{name}: {{prior: uniform, low: 0, high: {WIDER * value:.2g}}}}}`"
 
 
-def moment(moment: Moment | None) -> Iterable[str]:
+def moment(moment: InputTiming | None) -> Iterable[str]:
     """How much half a sample of it matters; nothing where it hardly does."""
     if moment is None or not moment.matters:
         return

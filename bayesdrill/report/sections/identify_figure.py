@@ -1,4 +1,4 @@
-"""Profile likelihoods, and how well a record determines each principal product of the unknowns."""
+"""Draw profile likelihoods, and how well a record determines each principal product."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
 from scipy.interpolate import PchipInterpolator
 
 from bayesdrill.analysis.identifiability.profile import THRESHOLD, Profile
-from bayesdrill.analysis.identifiability.study import Study
+from bayesdrill.analysis.identifiability.study import IdentifiabilityStudy
 from bayesdrill.basics.symbols import Symbol
 from bayesdrill.report import scales, style
 from bayesdrill.report.pages import Page, legend_above
@@ -35,8 +35,9 @@ def profile_figure(
     logs: Collection[str] = (),
     width: float = scales.DOUBLE,
 ) -> Figure:
-    """A panel for each parameter: the loss against its value, in the units of the symbols, and where it
-    passes 95 %; the axes of the parameters in `logs` are logarithmic.
+    """Draw the loss against the value of each parameter, and where it passes 95 %.
+
+    In the units of the symbols; the axes of the parameters in `logs` are logarithmic.
     """
     alone = len(profiles) == 1
     with style.styled(width):
@@ -101,8 +102,10 @@ LEAST_EXPONENT = 0.15  # smaller ones are left out of a label
 BEYOND = 30.0  # how far the axis reaches past the largest finite sd
 
 
-def spectrum_figure(study: Study, latex: Mapping[str, str], width: float = scales.DOUBLE) -> Figure:
-    """A bar for each direction, its length the Cramer-Rao bound on a logarithmic axis."""
+def spectrum_figure(
+    study: IdentifiabilityStudy, latex: Mapping[str, str], width: float = scales.DOUBLE
+) -> Figure:
+    """Draw a bar for each direction, its length the Cramer-Rao bound on a logarithmic axis."""
     wide, n = width >= scales.DOUBLE, len(study.directions)
     left, bar = (SPECTRUM.left, BAR) if wide else (0.12, NARROW_BAR)
     labels = [_label(study.names, d.exponents, latex) for d in study.directions]
@@ -117,15 +120,15 @@ def spectrum_figure(study: Study, latex: Mapping[str, str], width: float = scale
         panel.set_ylim(n - 0.4, -0.6 if wide else -0.8)
         if not wide:
             across = panel.get_yaxis_transform()
-            for place, label in enumerate(labels):
-                panel.text(0.01, place - 0.24, label, transform=across, va="bottom")
+            for position, label in enumerate(labels):
+                panel.text(0.01, position - 0.24, label, transform=across, va="bottom")
         look = {"columnspacing": 2.0, "handlelength": 2.0, "labelspacing": 0.5}
         at = (1 - SPECTRUM.right / width, 1.0)
         legend_above(figure, handles, 3, loc="upper right", bbox_to_anchor=at, **look)
     return figure
 
 
-def _bars(panel: Axes, study: Study, thick: float) -> None:
+def _bars(panel: Axes, study: IdentifiabilityStudy, thick: float) -> None:
     sd = 100.0 * np.array([d.sd for d in study.directions])
     finite = np.isfinite(sd)
     prior = 100.0 * float(np.median([known.prior_sd for known in study.parameters]))
@@ -137,11 +140,11 @@ def _bars(panel: Axes, study: Study, thick: float) -> None:
     for mask, look in ((inside, KNOWN), (finite & ~inside, UNKNOWN), (~finite, BLIND)):
         panel.barh(places[mask], shown[mask], height=thick, left=smallest, **look)
     panel.axvline(prior, **style.PRIOR_LINE)
-    for place, one in enumerate(study.directions):
-        if np.isfinite(one.sd):
+    for position, direction in enumerate(study.directions):
+        if np.isfinite(direction.sd):
             panel.annotate(
-                percent(one.sd),
-                (smallest + 100.0 * one.sd, place),
+                percent(direction.sd),
+                (smallest + 100.0 * direction.sd, position),
                 xytext=(3, 0),
                 textcoords="offset points",
                 va="center",

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 from bayesdrill.analysis.identifiability.profile import Profile
 from bayesdrill.analysis.identifiability.structure import Exponents
-from bayesdrill.analysis.identifiability.study import Known, Study
+from bayesdrill.analysis.identifiability.study import IdentifiabilityStudy, KnownProduct
 from bayesdrill.basics.symbols import Symbol, fraction
 from bayesdrill.report.section import aligned
 from bayesdrill.report.sections import physics_words, torque_words
@@ -35,7 +35,7 @@ def product(names: Sequence[str], exponents: Sequence[float]) -> str:
     return fraction(above, below, " ")
 
 
-def full(study: Study) -> str:
+def full(study: IdentifiabilityStudy) -> str:
     """All that `identify` prints."""
     rubs, stands = physics_words.friction_sentences(study.frictions), torque_words.stand_ins(study)
     parts = [structure(study), resting(study), knowledge(study), nuisances(study)]
@@ -43,7 +43,7 @@ def full(study: Study) -> str:
     return "\n\n".join(part for part in parts if part).rstrip()
 
 
-def structure(study: Study) -> str:
+def structure(study: IdentifiabilityStudy) -> str:
     """The exact symmetries and what is left."""
     structure = study.structure
     names = structure.names
@@ -66,7 +66,7 @@ def structure(study: Study) -> str:
     return "\n".join(lines)
 
 
-def _symmetries(study: Study) -> list[str]:
+def _symmetries(study: IdentifiabilityStudy) -> list[str]:
     """A sentence for each, and one for those that are no common factor."""
     structure = study.structure
     lines = [symmetry(structure.names, e) for e in structure.symmetries]
@@ -102,7 +102,7 @@ def symmetry(names: Sequence[str], exponents: Exponents) -> str:
     return f"with {', '.join(parts)}, for any factor f, no measured signal changes"
 
 
-def resting(study: Study) -> str:
+def resting(study: IdentifiabilityStudy) -> str:
     """A sentence for each scale that numbers which are held settle, or would."""
     lines = []
     for dependence in study.resting:
@@ -123,7 +123,7 @@ def priors_of(names: Sequence[str]) -> str:
     return f"the {'prior' if len(names) == 1 else 'priors'} of {listed(names)}"
 
 
-def knowledge(study: Study) -> str:
+def knowledge(study: IdentifiabilityStudy) -> str:
     """How well parameters and simple products would be known, before sampling."""
     lines = [
         "what to expect (Fisher information at "
@@ -138,7 +138,7 @@ def knowledge(study: Study) -> str:
     return "\n".join(lines)
 
 
-def nuisances(study: Study) -> str:
+def nuisances(study: IdentifiabilityStudy) -> str:
     """Sensors and starts: how well each would be known, and what it can hardly be told from."""
     if not study.nuisances:
         return ""
@@ -157,7 +157,7 @@ def nuisances(study: Study) -> str:
     return "\n".join(lines)
 
 
-def remedies(study: Study) -> str:
+def remedies(study: IdentifiabilityStudy) -> str:
     """What would help, the best first."""
     helpful = [r for r in study.remedies if r.breaks or r.shrink > 1.05]
     if not helpful:
@@ -178,7 +178,7 @@ def remedies(study: Study) -> str:
     return "\n".join(lines)
 
 
-def brief(study: Study) -> str:
+def brief(study: IdentifiabilityStudy) -> str:
     """For the start of a run: the symmetries, or that there are none, and where to read on."""
     symmetries, rests = _symmetries(study), resting(study).splitlines()
     if not symmetries:
@@ -191,7 +191,7 @@ def brief(study: Study) -> str:
     return "\n".join([*lines, *rests])
 
 
-def _of_each(study: Study) -> str:
+def _of_each(study: IdentifiabilityStudy) -> str:
     """Where no symmetry hides anything: what the record does not know well, even so."""
     named = list(zip(study.names, study.parameters, strict=True))
     loose = [f"{name} to {percent(known.bound)}" for name, known in named if known.bound > WELL]
@@ -208,7 +208,9 @@ def _of_each(study: Study) -> str:
     return "; ".join(parts)
 
 
-def profiles(profiles: Sequence[Profile], study: Study, shown: Sequence[Symbol]) -> str:
+def profiles(
+    profiles: Sequence[Profile], study: IdentifiabilityStudy, shown: Sequence[Symbol]
+) -> str:
     """One line each, in the units of the symbols `shown`."""
     named = {symbol.name: symbol.plain_unit for symbol in shown}
     open_ones = {
@@ -227,7 +229,7 @@ def profiles(profiles: Sequence[Profile], study: Study, shown: Sequence[Symbol])
     return "profile likelihood:\n" + aligned(rows, left={0, 1, 5})
 
 
-def _row(study: Study, known: Known) -> tuple[str, ...]:
+def _row(study: IdentifiabilityStudy, known: KnownProduct) -> tuple[str, ...]:
     # Narrowed without a trace of its own: ratios are known, and the others have priors.
     shared = math.isinf(known.bound) and known.word != "left to the prior"
     return (

@@ -1,6 +1,4 @@
-"""Each unknown before and after the record, the ridge that an exact symmetry draws, and the
-products a record shows.
-"""
+"""Draw unknowns before and after the record, the ridge of a symmetry, and products."""
 
 from __future__ import annotations
 
@@ -17,7 +15,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch, Rectangle
 
-from bayesdrill.analysis.identifiability.structure import Structure
+from bayesdrill.analysis.identifiability.structure import ScalingStructure
 from bayesdrill.analysis.verdict import Verdict
 from bayesdrill.basics.arrays import Array
 from bayesdrill.basics.symbols import Symbol, product_latex
@@ -27,7 +25,7 @@ from bayesdrill.report.pages import AXES, Page, legend_above
 from bayesdrill.report.scales import DOUBLE
 from bayesdrill.report.sections.corner_figure import corner_figure
 from bayesdrill.report.sections.identify_words import product
-from bayesdrill.report.view import Drawing, View
+from bayesdrill.report.view import Drawing, ReportContext
 
 PAGE = dataclasses.replace(AXES, row=1.05, top=0.36)
 SMALL = dataclasses.replace(
@@ -52,10 +50,7 @@ def prior_posterior_figure(
     mode: Mapping[str, float],
     width: float = scales.DOUBLE,
 ) -> Figure:
-    """Of draws `(N, D)` in the units of the symbols, over the range of each prior.
-
-    The axis is logarithmic where a prior is flat in the log.
-    """
+    """Draw priors and draws `(N, D)` in the units of the symbols, over the range of each prior."""
     page = PAGE if width >= scales.DOUBLE and len(symbols) > 1 else SMALL
     with style.styled(page.width):
         figure, panels = page.build(len(symbols))
@@ -107,24 +102,21 @@ POINTS = 3000
 REACH, CORNERS = 1e4, 4001  # the line is drawn over this factor, and cut by the axes
 BAND: dict[str, Any] = {"color": style.LIGHT, "linewidth": 6.0, "solid_capstyle": "butt"}
 DOTS: dict[str, Any] = {**style.DOTS, "markersize": 1.8, "alpha": 0.6, "zorder": 3}
-LEAST = 0.5  # of a pair worth showing
+MIN_CORRELATION = 0.5  # of a pair worth showing
 
 
 @dataclass(frozen=True, slots=True)
-class Pair:
+class CorrelatedPair:
     """Columns of two unknowns and their exponents in one symmetry."""
 
     columns: tuple[int, int]
     exponents: tuple[int, int]
 
 
-def strongest_pair(draws: Array, structure: Structure) -> Pair | None:
-    """Of draws `(N, D)`, the two unknowns that follow one symmetry most closely.
-
-    None where none do, for want of a symmetry or because priors hold the unknowns in place.
-    """
+def strongest_pair(draws: Array, structure: ScalingStructure) -> CorrelatedPair | None:
+    """Return the two unknowns of draws `(N, D)` that follow one symmetry most closely."""
     spread = np.cov(np.log(draws[:, : len(structure.names)]).T)
-    best, found = LEAST, None
+    best, strongest = MIN_CORRELATION, None
     for symmetry in structure.symmetries:
         used = [k for k, exponent in enumerate(symmetry) if exponent]
         for i, j in itertools.combinations(used, 2):
@@ -132,20 +124,20 @@ def strongest_pair(draws: Array, structure: Structure) -> Pair | None:
             # 1 where draws differ along the symmetry alone, 0 where without regard to it.
             along = 2 * p * q * spread[i, j] / (q**2 * spread[i, i] + p**2 * spread[j, j])
             if along > best:
-                best, found = float(along), Pair((i, j), (p, q))
-    return found
+                best, strongest = float(along), CorrelatedPair((i, j), (p, q))
+    return strongest
 
 
 def ridge_figure(
     draws: Array,
-    pair: Pair,
+    pair: CorrelatedPair,
     symbols: Sequence[Symbol],
     priors: Mapping[str, Prior],
     nominal: Mapping[str, float],
     mode: Mapping[str, float],
 ) -> Figure:
-    """Of draws `(N, D)` in the units of the symbols; the exact line passes through the MAP."""
-    factor, kept = np.geomspace(1 / REACH, REACH, CORNERS), style.thin(len(draws), POINTS)
+    """Draw the ridge of draws `(N, D)` in their units; the exact line passes through the MAP."""
+    factor, shown = np.geomspace(1 / REACH, REACH, CORNERS), style.thin(len(draws), POINTS)
     box, line, dots, cross, marks = [], [], [], [], []
     with style.styled():
         figure, (panel,) = RIDGE_PAGE.build(1)
@@ -159,7 +151,7 @@ def ridge_figure(
             best = mode[symbol.name]
             box.append(scale(np.array(ends)))
             line.append(scale(best * factor**power))
-            dots.append(scale(x[kept]))
+            dots.append(scale(x[shown]))
             cross.append([float(scale(best))])
             marks.append((scale, nominal[symbol.name] if marked else None))
             style.scale_axis(axis, scale, scale.label(symbol))
@@ -197,31 +189,28 @@ def _ridge_legend(figure: Figure, *, marked: bool) -> None:
 
 
 def invariants_figure(
-    found: Verdict,
+    verdict: Verdict,
     draws: Array,
     mode: Array,
     symbols: Sequence[Symbol],
     width: float = DOUBLE,
 ) -> Figure:
-    """Of SI draws `(N, D)` and the MAP `(D,)`; determined products, or all where none is.
-
-    In per cent, so that a product known to 1e-5 has as readable an axis as one known to a half.
-    """
-    sure = [q for q in found.products if q.says != "not determined"]
-    chosen = sure or list(found.products)
+    """Draw products of SI draws `(N, D)` at the MAP `(D,)`: determined ones, or all if none is."""
+    sure = [q for q in verdict.products if q.says != "not determined"]
+    selected = sure or list(verdict.products)
     shown = [
         Symbol(
-            name=product(found.names, quantity.exponents),
+            name=product(verdict.names, quantity.exponents),
             unit="%",
             latex=rf"\Delta\,{product_latex(quantity.exponents, symbols)}",
             latex_unit=r"\%\;of\;nominal",
             meaning="deviation from the nominal value",
         )
-        for quantity in chosen
+        for quantity in selected
     ]
-    powers = np.array([quantity.exponents for quantity in chosen], dtype=float)
-    table = np.log([quantity.nominal for quantity in chosen])
-    m = len(found.names)
+    powers = np.array([quantity.exponents for quantity in selected], dtype=float)
+    table = np.log([quantity.nominal for quantity in selected])
+    m = len(verdict.names)
     off = 100 * np.expm1(np.log(draws[:, :m]) @ powers.T - table)
     at = 100 * np.expm1(np.log(mode[:m]) @ powers.T - table)
     return corner_figure(
@@ -237,7 +226,8 @@ def invariants_figure(
 INVARIANTS = "The products of parameters that such a record can show (corner plot)."
 
 
-def draw_invariants(run: View) -> Drawing | None:
+def draw_invariants(run: ReportContext) -> Drawing | None:
+    """Return the drawing of products, where there is a verdict."""
     if run.analysis.judged is None or not run.analysis.judged.verdict.products:
         return None
     verdict, symbols = run.analysis.judged.verdict, run.problem.symbols
@@ -251,8 +241,8 @@ RIDGE = (
 )
 
 
-def draw_ridge(run: View) -> Drawing | None:
-    """Where there is a symmetry."""
+def draw_ridge(run: ReportContext) -> Drawing | None:
+    """Return the drawing of the ridge, where there is a symmetry."""
     judged, shown = run.analysis.judged, run.shown()
     pair = None if judged is None else strongest_pair(run.draws, judged.study.structure)
     if pair is None:
@@ -264,7 +254,8 @@ def draw_ridge(run: View) -> Drawing | None:
 PRIOR_POSTERIOR = "Prior against posterior of each parameter: what the record has added."
 
 
-def draw_prior_posterior(run: View) -> Drawing:
+def draw_prior_posterior(run: ReportContext) -> Drawing:
+    """Return the drawing of priors and posteriors."""
     shown = run.shown(run.config.output.parameters)
     values = (shown.priors, shown.nominal, shown.mode, run.width)
     return Drawing(

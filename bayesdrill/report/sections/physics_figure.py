@@ -1,8 +1,4 @@
-"""Where the energy goes, each friction against its speed, and the missing torque over time.
-
-The missing torque: over time, and against what the rig did: speeds, an angle within a turn, an
-input.
-"""
+"""Draw the energy, each friction against its speed, and the missing torque over time."""
 
 from __future__ import annotations
 
@@ -18,7 +14,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from numpy.typing import NDArray
 
-from bayesdrill.analysis.run_analysis import BANDS
+from bayesdrill.analysis.run_analysis import BAND_DRAWS
 from bayesdrill.basics.arrays import Array
 from bayesdrill.basics.symbols import Symbol
 from bayesdrill.inference.derived import HDI_PROBABILITY
@@ -27,7 +23,7 @@ from bayesdrill.report.pages import Page, inches_panel, legend_above
 from bayesdrill.report.sections.fit_figure import extremes
 from bayesdrill.report.sections.physics_words import Balance, Law, Stacked, energy_balance, laws
 from bayesdrill.report.sections.torque_words import Against, Shown, torque_shown
-from bayesdrill.report.view import Drawing, View, for_each_experiment
+from bayesdrill.report.view import Drawing, ReportContext, for_each_experiment
 
 JOULES = Symbol("E", "J", "E", "J", "energy so far")
 SHARE = Symbol("share", "%", r"\mathrm{share}", r"\%", "of what came in")
@@ -48,73 +44,75 @@ LOOKS: Mapping[str, tuple[str, str]] = {
 HATCHES = ("", "\\\\\\\\", "////", "xxxx")
 
 
-def energy_figure(found: Balance, width: float = scales.DOUBLE) -> Figure:
-    """Above in joules, below as shares of what came in until then."""
+def energy_figure(balance: Balance, width: float = scales.DOUBLE) -> Figure:
+    """Draw energies in joules, and below them shares of what came in until then."""
     broad = width >= scales.DOUBLE
     page, columns = (ENERGY_PAGE, 4) if broad else (ENERGY_SMALL, 2)
-    top = 0.1 + LINE * math.ceil((len(found.parts) + 1) / columns)
+    top = 0.1 + LINE * math.ceil((len(balance.parts) + 1) / columns)
     with style.styled(width):
         figure, panels = dataclasses.replace(page, top=top).build(2)
-        drawn = extremes(found.total, ENERGY_POINTS)
-        time = scales.scale(float(found.t[0]), float(found.t[-1]))
-        handles = _joules(panels[0], found, drawn, time)
-        _shares(panels[1], found, drawn, time)
+        drawn = extremes(balance.total, ENERGY_POINTS)
+        time = scales.scale(float(balance.t[0]), float(balance.t[-1]))
+        handles = _joules(panels[0], balance, drawn, time)
+        _shares(panels[1], balance, drawn, time)
         for panel in panels:
             panel.set_xlim(time.low, time.high)
             style.set_ticks(panel.xaxis, *time.ticks(5))
         panels[0].tick_params(labelbottom=False)
-        panels[1].set_xlabel(time.label(found.time))
+        panels[1].set_xlabel(time.label(balance.time))
         look = {"borderpad": 0.0, "labelspacing": 0.25, "handlelength": 1.8}
         at = (page.left / width if broad else 0.02, 1.0)
         legend_above(figure, handles, columns, loc="upper left", bbox_to_anchor=at, **look)
     return figure
 
 
-def _joules(panel: Axes, found: Balance, drawn: NDArray[np.intp], time: scales.Scale) -> list[Any]:
-    edges = np.cumsum([np.zeros(len(drawn)), *(p.joules[drawn] for p in found.parts)], axis=0)
-    low, high = min(0.0, float(edges.min())), max(float(edges.max()), float(found.total.max()))
+def _joules(
+    panel: Axes, balance: Balance, drawn: NDArray[np.intp], time: scales.Scale
+) -> list[Any]:
+    edges = np.cumsum([np.zeros(len(drawn)), *(p.joules[drawn] for p in balance.parts)], axis=0)
+    low, high = min(0.0, float(edges.min())), max(float(edges.max()), float(balance.total.max()))
     scale = scales.scale(low, high or 1.0, margin=0.03)
     style.scale_axis(panel.yaxis, scale, scale.label(JOULES, "\n"))
     panel.set_ylim(scale.low if low < 0 else 0.0, scale.high)
-    handles = _stack(panel, found, time(found.t[drawn]), scale(edges))
+    handles = _stack(panel, balance, time(balance.t[drawn]), scale(edges))
     (line,) = panel.plot(
-        time(found.t[drawn]), scale(found.total[drawn]), color=style.BLACK, linewidth=1.0
+        time(balance.t[drawn]), scale(balance.total[drawn]), color=style.BLACK, linewidth=1.0
     )
-    line.set_label(f"came in: {found.sources}")
+    line.set_label(f"came in: {balance.sources}")
     return [line, *handles]
 
 
-def _shares(panel: Axes, found: Balance, drawn: NDArray[np.intp], time: scales.Scale) -> None:
-    kept = drawn[found.total[drawn] > FIRST * float(found.total.max())]
-    if not len(kept):
+def _shares(panel: Axes, balance: Balance, drawn: NDArray[np.intp], time: scales.Scale) -> None:
+    selected = drawn[balance.total[drawn] > FIRST * float(balance.total.max())]
+    if not len(selected):
         return
-    parts = [100.0 * p.joules[kept] / found.total[kept] for p in found.parts]
-    edges = np.cumsum([np.zeros(len(kept)), *parts], axis=0)
-    _stack(panel, found, time(found.t[kept]), edges)
+    parts = [100.0 * p.joules[selected] / balance.total[selected] for p in balance.parts]
+    edges = np.cumsum([np.zeros(len(selected)), *parts], axis=0)
+    _stack(panel, balance, time(balance.t[selected]), edges)
     panel.set_ylim(0, 100)
     style.set_ticks(panel.yaxis, np.arange(0, 101, 25.0), ["0", "25", "50", "75", "100"])
     style.side_label(panel, f"${SHARE.latex}$\n[$\\mathrm{{{SHARE.latex_unit}}}$]")
 
 
-def _stack(panel: Axes, found: Balance, t: Array, edges: Array) -> list[Patch]:
+def _stack(panel: Axes, balance: Balance, t: Array, edges: Array) -> list[Patch]:
     """Each between two of `edges (P + 1, N)`."""
     handles = []
     for part, look, low, high in zip(
-        found.parts, looks(found.parts), edges[:-1], edges[1:], strict=True
+        balance.parts, line_styles(balance.parts), edges[:-1], edges[1:], strict=True
     ):
         panel.fill_between(t, low, high, **look)
         handles.append(Patch(label=part.name, **look))
     return handles
 
 
-def looks(parts: Sequence[Stacked]) -> list[dict[str, Any]]:
-    """Those of one kind differ in their hatches."""
-    seen: dict[str, int] = {}
-    found = []
+def line_styles(parts: Sequence[Stacked]) -> list[dict[str, Any]]:
+    """Return styles of parts; those of one kind differ in their hatches."""
+    counts: dict[str, int] = {}
+    styles = []
     for part in parts:
-        k = seen[part.kind] = seen.get(part.kind, -1) + 1
+        k = counts[part.kind] = counts.get(part.kind, -1) + 1
         face, hatch = LOOKS[part.kind]
-        found.append(
+        styles.append(
             {
                 "facecolor": face,
                 "edgecolor": style.BLACK,
@@ -122,7 +120,7 @@ def looks(parts: Sequence[Stacked]) -> list[dict[str, Any]]:
                 "linewidth": 0.4,
             }
         )
-    return found
+    return styles
 
 
 PAGE = Page(row=1.6, left=0.84, right=0.1, gap_x=0.94, gap_y=0.6, top=0.36)
@@ -137,7 +135,7 @@ SEEN: dict[str, Any] = {"color": style.MIDDLE}
 
 
 def friction_figure(laws: Sequence[Law], width: float = scales.DOUBLE) -> Figure:
-    """A panel for each."""
+    """Draw a panel for each friction law."""
     page = PAGE if width >= scales.DOUBLE else SMALL
     with style.styled(page.width):
         figure, panels = page.build(len(laws))
@@ -155,16 +153,16 @@ def friction_figure(laws: Sequence[Law], width: float = scales.DOUBLE) -> Figure
 
 
 def _law(panel: Axes, law: Law) -> None:
-    every = [law.best, *([] if law.band is None else law.band)]
-    every += [] if law.nominal is None else [law.nominal]
-    far = HEAD * max(float(np.abs(one).max()) for one in every) or 1.0
+    curves = [law.best, *([] if law.band is None else law.band)]
+    curves += [] if law.nominal is None else [law.nominal]
+    far = HEAD * max(float(np.abs(curve).max()) for curve in curves) or 1.0
     x = scales.scale(float(law.speeds[0]), float(law.speeds[-1]))
     y = scales.scale(-far, far)
     room = FOOT / (1.0 - FOOT) * (y.high - y.low)
     if law.band is not None:
-        for side, rest, beside in ((law.speeds <= 0, -1, -2), (law.speeds >= 0, 0, 1)):
+        for side, outside, beside in ((law.speeds <= 0, -1, -2), (law.speeds >= 0, 0, 1)):
             band = law.band[:, side].copy()
-            band[:, rest] = band[:, beside]  # where a law has both signs
+            band[:, outside] = band[:, beside]  # where a law has both signs
             panel.fill_between(x(law.speeds[side]), *y(band), zorder=1, **style.BAND)
     if law.nominal is not None:
         panel.plot(x(law.speeds), y(law.nominal), zorder=2, **style.NOMINAL)
@@ -185,17 +183,17 @@ TORQUE_SMALL = dataclasses.replace(TORQUE_PAGE, columns=1, width=scales.SINGLE, 
 TORQUE_POINTS = 1200  # of a line over time, and dots of a panel
 
 
-def torque_figure(found: Shown, width: float = scales.DOUBLE) -> Figure:
-    """Above over time; below a panel for each thing that the torque may follow."""
+def torque_figure(shown: Shown, width: float = scales.DOUBLE) -> Figure:
+    """Draw the torque over time, and against each thing that it may follow."""
     page = TORQUE_PAGE if width >= scales.DOUBLE else TORQUE_SMALL
-    y = scales.scale(float(found.band[0].min()), float(found.band[1].max()), margin=0.04)
+    y = scales.scale(float(shown.band[0].min()), float(shown.band[1].max()), margin=0.04)
     with style.styled(width):
-        figure, panels = page.build(len(found.against))
+        figure, panels = page.build(len(shown.against))
         height, inside = figure.get_figheight(), width - page.left - page.right
         first = (page.left, height - FIRST_TOP - FIRST_ROW, inside, FIRST_ROW)
-        _over_time(inches_panel(figure, *first), found, y)
-        for k, (panel, one) in enumerate(zip(panels, found.against, strict=True)):
-            _against(panel, one, found, y, labelled=k % page.columns == 0)
+        _over_time(inches_panel(figure, *first), shown, y)
+        for k, (panel, regressor) in enumerate(zip(panels, shown.against, strict=True)):
+            _against(panel, regressor, shown, y, labelled=k % page.columns == 0)
         handles = [
             Line2D([], [], label="mean", **style.BLACK_LINE),
             Patch(label=f"{100 * HDI_PROBABILITY:.0f} % posterior", **style.BAND),
@@ -205,22 +203,24 @@ def torque_figure(found: Shown, width: float = scales.DOUBLE) -> Figure:
     return figure
 
 
-def _over_time(panel: Axes, found: Shown, y: scales.Scale) -> None:
-    x = scales.scale(float(found.t[0]), float(found.t[-1]))
-    some = style.thin(len(found.t), TORQUE_POINTS)
-    t = x(found.t[some])
-    panel.fill_between(t, *y(found.band[:, some]), **style.BAND)
-    panel.plot(t, y(found.expected[some]), **style.BLACK_LINE)
-    _finish(panel, x, y, found.time, found.torque)
+def _over_time(panel: Axes, shown: Shown, y: scales.Scale) -> None:
+    x = scales.scale(float(shown.t[0]), float(shown.t[-1]))
+    some = style.thin(len(shown.t), TORQUE_POINTS)
+    t = x(shown.t[some])
+    panel.fill_between(t, *y(shown.band[:, some]), **style.BAND)
+    panel.plot(t, y(shown.expected[some]), **style.BLACK_LINE)
+    _finish(panel, x, y, shown.time, shown.torque)
 
 
-def _against(panel: Axes, one: Against, found: Shown, y: scales.Scale, *, labelled: bool) -> None:
-    x = scales.scale(float(one.values.min()), float(one.values.max()), margin=0.02)
-    some = style.thin(len(one.values), TORQUE_POINTS)
-    panel.plot(x(one.values[some]), y(found.expected[some]), **style.DOTS)
-    panel.fill_between(x(one.centres), *y(one.band), zorder=1, **style.BAND)
-    panel.plot(x(one.centres), y(one.means), zorder=3, **style.BLACK_LINE)
-    _finish(panel, x, y, one.label, found.torque)
+def _against(
+    panel: Axes, regressor: Against, shown: Shown, y: scales.Scale, *, labelled: bool
+) -> None:
+    x = scales.scale(float(regressor.values.min()), float(regressor.values.max()), margin=0.02)
+    some = style.thin(len(regressor.values), TORQUE_POINTS)
+    panel.plot(x(regressor.values[some]), y(shown.expected[some]), **style.DOTS)
+    panel.fill_between(x(regressor.centres), *y(regressor.band), zorder=1, **style.BAND)
+    panel.plot(x(regressor.centres), y(regressor.means), zorder=3, **style.BLACK_LINE)
+    _finish(panel, x, y, regressor.label, shown.torque)
     if not labelled:
         panel.set_ylabel("")
         panel.tick_params(labelleft=False)
@@ -238,12 +238,17 @@ def _finish(panel: Axes, x: scales.Scale, y: scales.Scale, across: Symbol, torqu
 FRICTION = "Each friction against its speed: its law, where the record saw it, and nominal values."
 
 
-def draw_friction(run: View) -> tuple[Drawing, ...]:
-    """Of a rig that rubs."""
+def draw_friction(run: ReportContext) -> tuple[Drawing, ...]:
+    """Return drawings of friction laws, of a rig with friction."""
     chain = run.chain
     shown = (
-        (one.label, laws(one, found, run.problem, chain.best, chain.some(BANDS)))
-        for one, found in zip(run.problem.observations, chain.rubbing, strict=False)
+        (
+            observation.label,
+            laws(observation, motions, run.problem, chain.best, chain.some(BAND_DRAWS)),
+        )
+        for observation, motions in zip(
+            run.problem.observations, chain.friction_motions, strict=False
+        )
     )
     return for_each_experiment(friction_figure, shown, run.width, FRICTION)
 
@@ -251,16 +256,23 @@ def draw_friction(run: View) -> tuple[Drawing, ...]:
 ENERGY = "Where the energy goes: what came in, and what became of it, in joules and as shares."
 
 
-def draw_energy(run: View) -> tuple[Drawing, ...]:
+def draw_energy(run: ReportContext) -> tuple[Drawing, ...]:
+    """Return drawings of the energy, of a rig with friction."""
     model, clock = run.problem.model, run.clock
-    shown = ((one.label, energy_balance(one, model, clock)) for one in run.chain.accounts)
+    shown = (
+        (account.label, energy_balance(account, model, clock))
+        for account in run.chain.energy_accounts
+    )
     return for_each_experiment(energy_figure, shown, run.width, ENERGY)
 
 
 TORQUE = "The missing torque over time, and against what the rig did: speeds, angle, inputs."
 
 
-def draw_torque(run: View) -> tuple[Drawing, ...]:
-    """Of a rig whose equations leave one out."""
-    shown = ((one.label, torque_shown(one, run.clock)) for one in run.chain.shaking)
+def draw_torque(run: ReportContext) -> tuple[Drawing, ...]:
+    """Return drawings of the torque that a rig's equations leave out."""
+    shown = (
+        (estimate.label, torque_shown(estimate, run.clock))
+        for estimate in run.chain.torque_estimates
+    )
     return for_each_experiment(torque_figure, shown, run.width, TORQUE)

@@ -11,8 +11,22 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from bayesdrill.analysis.energy import AT_START, CONVERTED, STORED, Account, Part, Rubbing, curve
-from bayesdrill.analysis.identifiability.frictions import Alike, Deeds, Proposal, Told, Unseen
+from bayesdrill.analysis.energy import (
+    AT_START,
+    CONVERTED,
+    STORED,
+    EnergyAccount,
+    EnergyPart,
+    FrictionMotion,
+    friction_curve,
+)
+from bayesdrill.analysis.identifiability.frictions import (
+    Confounded,
+    Excitation,
+    FrictionConfounding,
+    ProposedExperiment,
+    UnseenStiction,
+)
 from bayesdrill.basics.arrays import Array
 from bayesdrill.basics.symbols import Symbol, own_symbol, plain
 from bayesdrill.basics.units import Unit
@@ -147,7 +161,7 @@ def energy_table(summary: EnergySummary, model: Model) -> Table:
     return Table(heads, tuple(lines), frozenset(heads[:1]))
 
 
-def ordered(summary: Account | EnergySummary, names: Collection[str]) -> list[Part]:
+def ordered(summary: EnergyAccount | EnergySummary, names: Collection[str]) -> list[EnergyPart]:
     """The largest first; what is stored stands last."""
     parts = [part for part in summary.parts if part.name in names]
     return sorted(parts, key=lambda part: (part.name == STORED, -part.joules))
@@ -176,7 +190,7 @@ class Balance:
     parts: tuple[Stacked, ...]
 
 
-def energy_balance(account: Account, model: Model, clock: Unit) -> Balance:
+def energy_balance(account: EnergyAccount, model: Model, clock: Unit) -> Balance:
     """For a figure."""
     motor, rubs = (
         model.roles.motor,
@@ -265,7 +279,7 @@ class Law:
     seen: Array
 
 
-def rubs(rubbings: Sequence[Rubbing], clock: Unit) -> tuple[Rub, ...]:
+def rubs(rubbings: Sequence[FrictionMotion], clock: Unit) -> tuple[Rub, ...]:
     """Of one experiment."""
     return tuple(
         Rub(
@@ -280,7 +294,7 @@ def rubs(rubbings: Sequence[Rubbing], clock: Unit) -> tuple[Rub, ...]:
 
 def laws(
     observation: Observation,
-    rubbings: Sequence[Rubbing],
+    rubbings: Sequence[FrictionMotion],
     problem: Problem,
     best: Array,
     draws: Array,
@@ -289,7 +303,7 @@ def laws(
     space, every = problem.posterior.space, []
     for rubbing in rubbings:
         points = np.vstack([best[None], draws])
-        shown = curve(observation, rubbing, space.full(points))
+        shown = friction_curve(observation, rubbing, space.full(points))
         every.append(
             Law(
                 speed=speed_symbol(rubbing.friction.against, observation.response.model.roles),
@@ -306,7 +320,7 @@ def laws(
 
 
 def _nominal(
-    observation: Observation, rubbing: Rubbing, problem: Problem, best: Array
+    observation: Observation, rubbing: FrictionMotion, problem: Problem, best: Array
 ) -> Array | None:
     """By the nominal values of what the law names; None where one of them is unknown and has none."""
     space = problem.posterior.space
@@ -315,7 +329,9 @@ def _nominal(
     if not names & {*space.free} or not names & {*space.free} <= {*problem.nominal}:
         return None
     values = {name: problem.nominal.get(name, x) for name, x in zip(space.free, best, strict=True)}
-    return np.asarray(curve(observation, rubbing, space.full(space.vector(values)[None])).sizes[0])
+    return np.asarray(
+        friction_curve(observation, rubbing, space.full(space.vector(values)[None])).sizes[0]
+    )
 
 
 EXPERIMENTS: Mapping[str, str] = {
@@ -327,13 +343,13 @@ EXPERIMENTS: Mapping[str, str] = {
 }
 
 
-def friction_sentences(study: Told) -> str:
+def friction_sentences(study: FrictionConfounding) -> str:
     """A line for each; empty where there is nothing."""
     alike = (_alike(pair, study.roles) for pair in study.alike)
     return "\n".join([*alike, *map(_unseen, study.unseen)])
 
 
-def _alike(one: Alike, roles: Roles) -> str:
+def _alike(one: Confounded, roles: Roles) -> str:
     motor, shaft, rotor = roles.motor, roles.shaft, roles.rotor
     known = "it were" if len(one.rivals) == 1 else "these were"
     swings = f"both take from each swing, and only {rotor.damping} from steady turning"
@@ -354,7 +370,7 @@ def _alike(one: Alike, roles: Roles) -> str:
     )
 
 
-def _unseen(law: Unseen) -> str:
+def _unseen(law: UnseenStiction) -> str:
     speed = f"{law.deeds.slowest:.3g} rad/s"
     return (
         f"friction: static friction {law.deeds.where} does not show. Once it turns, it never sticks and "
@@ -364,7 +380,7 @@ def _unseen(law: Unseen) -> str:
     )
 
 
-def _did(deeds: Deeds, roles: Roles) -> str:
+def _did(deeds: Excitation, roles: Roles) -> str:
     """What the rig did not do."""
     what, unit = {
         roles.motor.speed: ("the motor turns", "rad/s"),
@@ -376,7 +392,7 @@ def _did(deeds: Deeds, roles: Roles) -> str:
     return f"{what} at about one speed, {speeds}" if deeds.one_speed else ""
 
 
-def _proposed(name: str, proposals: Sequence[Proposal]) -> str:
+def _proposed(name: str, proposals: Sequence[ProposedExperiment]) -> str:
     each = [
         f"{EXPERIMENTS[p.what].format(volts=p.volts)} (sd {_about(p.shrink)} times smaller)"
         for p in proposals

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from bayesdrill.analysis.identifiability.study import Study
-from bayesdrill.analysis.latent_torque import TAILS, Follows, Shaking
+from bayesdrill.analysis.identifiability.study import IdentifiabilityStudy
+from bayesdrill.analysis.latent_torque import TAILS, TorqueEstimate, TorqueRegression
 from bayesdrill.basics import symbols
 from bayesdrill.basics.arrays import Array
 from bayesdrill.basics.symbols import Symbol
@@ -62,7 +62,7 @@ class Shown:
     against: tuple[Against, ...]
 
 
-def torque_shown(torque: Shaking, clock: Unit) -> Shown:
+def torque_shown(torque: TorqueEstimate, clock: Unit) -> Shown:
     return Shown(
         t=torque.t / clock.factor,
         time=dataclasses.replace(TIME, latex_unit=clock.latex),
@@ -73,7 +73,7 @@ def torque_shown(torque: Shaking, clock: Unit) -> Shown:
     )
 
 
-def _against(torque: Shaking) -> Iterator[Against]:
+def _against(torque: TorqueEstimate) -> Iterator[Against]:
     """Its own speed first, the other one, the angle within a turn, the inputs that were measured."""
     for name, speed in torque.speeds:
         geared = torque.gear != 1.0
@@ -87,7 +87,7 @@ def _against(torque: Shaking) -> Iterator[Against]:
             yield _binned(torque, symbols.INPUTS[name], values)
 
 
-def _binned(torque: Shaking, label: Symbol, values: Array) -> Against:
+def _binned(torque: TorqueEstimate, label: Symbol, values: Array) -> Against:
     edges = np.linspace(values.min(), values.max(), BINS + 1)
     which = np.clip(np.searchsorted(edges, values, side="right") - 1, 0, BINS - 1)
     counts = np.bincount(which, minlength=BINS)
@@ -171,7 +171,7 @@ def followed(summary: TorqueSummary) -> str:
     return "\n".join(_line(summary, law) for law in taken)
 
 
-def _line(summary: TorqueSummary, law: Follows) -> str:
+def _line(summary: TorqueSummary, law: TorqueRegression) -> str:
     size, sd = abs(law.size), f"{law.sd:.1g}"
     against = law.size < 0
     turning = summary.turning
@@ -203,7 +203,7 @@ UNITS = {
 }
 
 
-def _what(summary: TorqueSummary, law: Follows) -> str:
+def _what(summary: TorqueSummary, law: TorqueRegression) -> str:
     motor = law.of == summary.roles.motor.speed
     speed = f"the speed of {'the motor' if motor else 'rotor 1'}"
     return {
@@ -217,7 +217,7 @@ def _what(summary: TorqueSummary, law: Follows) -> str:
     }[law.kind]
 
 
-def stand_ins(study: Study) -> str:
+def stand_ins(study: IdentifiabilityStudy) -> str:
     """What a missing torque can stand in for, a line for each; empty where there is nothing."""
     lines = []
     for *others, size in study.scaled:
@@ -249,7 +249,7 @@ def torque_table(summary: TorqueSummary) -> Table:
     return Table(HEADS, tuple(lines), frozenset(HEADS[:1]))
 
 
-def torque_csv(every: Sequence[Shaking]) -> str | None:
+def torque_csv(every: Sequence[TorqueEstimate]) -> str | None:
     """SI, a line for each sample; None where no torque is missing."""
     if not every:
         return None

@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 
-from bayesdrill.analysis.comparison import Repeat
-from bayesdrill.analysis.identifiability.structure import Resting
-from bayesdrill.analysis.plausibility import Vague
+from bayesdrill.analysis.comparison import RepeatedProduct
+from bayesdrill.analysis.identifiability.structure import DependsOnFixed
+from bayesdrill.analysis.plausibility import DiffusePrior
 from bayesdrill.analysis.verdict import FALSE_ALARM, Quantity, Verdict
 from bayesdrill.basics.symbols import Symbol, unit_product
 from bayesdrill.inference.step_error import ENOUGH, FINER, StepError
@@ -15,7 +15,7 @@ from bayesdrill.report import section
 from bayesdrill.report.section import Table
 from bayesdrill.report.sections.identify_words import percent, priors_of, product
 from bayesdrill.report.sections.physics_words import listed
-from bayesdrill.sampling.ensembles import Opened
+from bayesdrill.sampling.ensembles import ExtendedPriors
 from bayesdrill.sampling.evidence import Evidence
 
 POOR = 0.1  # error, from which on it is said to be rough
@@ -27,7 +27,9 @@ EVIDENCE_EXPLAINED = (
 )
 
 
-def evidence_sentences(evidence: Evidence, priors: Sequence[Vague], *, converged: bool) -> str:
+def evidence_sentences(
+    evidence: Evidence, priors: Sequence[DiffusePrior], *, converged: bool
+) -> str:
     """A line, and one for what makes it doubtful."""
     lines = [f"log evidence: {evidence_said(evidence)}"]
     if evidence.steps_error:
@@ -68,7 +70,7 @@ REPEATS_EXPLAINED = (
 )
 
 
-def repeats_sentence(repeats: Sequence[Repeat], names: Sequence[str]) -> str:
+def repeats_sentence(repeats: Sequence[RepeatedProduct], names: Sequence[str]) -> str:
     """Whether the experiments agree; empty where there are not two that could differ."""
     if not repeats:
         return ""
@@ -89,7 +91,7 @@ def repeats_sentence(repeats: Sequence[Repeat], names: Sequence[str]) -> str:
     )
 
 
-def repeats_table(repeats: Sequence[Repeat], names: Sequence[str]) -> Table:
+def repeats_table(repeats: Sequence[RepeatedProduct], names: Sequence[str]) -> Table:
     """A line for each product."""
     labels = list(dict.fromkeys(label for repeat in repeats for label in repeat.labels))
     heads = ("", *labels, "spread", "by chance")
@@ -161,7 +163,7 @@ def verdict_sentences(
     believed: bool = True,
     records: int = 1,
     lacking: str = "",
-    rests: Sequence[Resting] = (),
+    rests: Sequence[DependsOnFixed] = (),
 ) -> str:
     """The whole in a sentence, then what it rests on, what is not determined and what is pressed.
 
@@ -254,7 +256,7 @@ def verdict_sentence(verdict: Verdict, table: str, records: int = 1) -> str:
     return f"{opening} {agree} with {table}.{together}"
 
 
-def _resting(verdict: Verdict, rests: Sequence[Resting]) -> list[str]:
+def _resting(verdict: Verdict, rests: Sequence[DependsOnFixed]) -> list[str]:
     """What is judged only as far as a number is right that the config holds, or a prior."""
     judged = [q for q in verdict_rows(verdict) if q.says != "not determined"]
     lines: dict[tuple[str, str], list[str]] = {}
@@ -277,9 +279,9 @@ NOT_KEPT = (
 )
 
 
-def not_kept(beyond: Opened | None) -> Iterator[str]:
+def not_kept(beyond: ExtendedPriors | None) -> Iterator[str]:
     """Of a run that has left nothing of what lies beyond ends of priors."""
-    if beyond is not None and not beyond.kept:
+    if beyond is not None and not beyond.saved:
         yield (
             f"The priors of {', '.join(beyond.names)} end near nominal values. The version that sampled "
             "this run did not keep draws beyond, so nothing is said of these values. Continue it with "

@@ -11,7 +11,11 @@ from bayesdrill.sampling.optimisers.nelder_mead import NelderMead
 
 
 def _is_optimiser(_: str, member: Any) -> None:
-    missing = [one for one in ("polished", "check", "__call__") if not hasattr(member, one)]
+    missing = [
+        attribute
+        for attribute in ("polished", "check", "__call__")
+        if not hasattr(member, attribute)
+    ]
     if not isinstance(member, type) or missing:
         raise ValueError(f"an optimiser is a dataclass with {', '.join(missing) or 'entries'}")
     check_entries(member)

@@ -12,7 +12,7 @@ from bayesdrill.inference.unknowns import Coordinates
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Task:
-    """What is to be maximised: a density over the physical unknowns `names`.
+    """A density over the physical unknowns `names` that is to be maximised.
 
     `density((W, D)) -> (W,)`, -inf outside its support.  `covariance(theta (D,)) -> (D, D)` in
     `coordinates`: what makes steps of one in its principal directions sensible there.
@@ -24,17 +24,17 @@ class Task:
     covariance: Callable[[Array], Array]
 
     def at(self, theta: Array) -> float:
-        """The log density at one point `(D,)`."""
+        """Return the log density at one point `(D,)`."""
         return float(self.density(theta[None])[0])
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Optimum:
-    """The best point found from one start, physical: `theta (D,)`.
+    """The best point reached from one start, physical: `theta (D,)`.
 
     `value`: the highest seen; `evaluations`: all that were made.  `settled`: the search stopped by
-    itself, before its evaluations ran out.  `history`: the best log density after each iteration of a
-    simplex.
+    itself, before its evaluations ran out.  `history`: the best log density after each iteration of
+    a simplex.
     """
 
     theta: Array
@@ -51,10 +51,12 @@ class Optimiser(Protocol):
     """
 
     @property
-    def polished(self) -> bool: ...
+    def polished(self) -> bool:
+        """Whether Gauss-Newton finishes each search."""
+        ...
 
     def check(self, unknown: Sequence[str]) -> None:
-        """Raises `ValueError` where it cannot search these unknowns."""
+        """Check that it can search these unknowns; raises `ValueError` otherwise."""
         ...
 
     def __call__(self, task: Task, starts: Array, evaluations: int) -> Sequence[Optimum]:

@@ -26,10 +26,11 @@ type AskTell[T] = Generator[Array, Array, T]
 
 
 @dataclass(slots=True)
-class Descent:
-    """How far a simplex has come.  `evaluations`: at most `most`; `first`: the value at the start;
-    `lowest`: at `x (D,)`, of all that were asked for; `history`: the lowest after each iteration;
-    `stopped`: by its tolerances.
+class SimplexRun:
+    """The progress of a simplex.
+
+    `evaluations`: at most `most`; `first`: the value at the start; `lowest`: at `x (D,)`, of all
+    that were asked for; `history`: the lowest after each iteration; `stopped`: by its tolerances.
     """
 
     most: int
@@ -41,7 +42,7 @@ class Descent:
     history: list[float] = field(default_factory=list)
 
     def ask(self, points: Array) -> AskTell[Array]:
-        """The values at `points (n, D)`; inf at those that are one too many."""
+        """Ask for the values at `points (n, D)`; inf at those that are too many."""
         values = np.full(len(points), np.inf)
         asked = points[: self.most - self.evaluations]
         if len(asked):
@@ -55,13 +56,15 @@ class Descent:
         return values
 
 
-def descend(simplex: Array, most: int, x_tolerance: float, tolerance: float) -> AskTell[Descent]:
+def nelder_mead(
+    simplex: Array, most: int, x_tolerance: float, tolerance: float
+) -> AskTell[SimplexRun]:
     """Minimise from `simplex (D + 1, D)` until it and its values are as small as the tolerances.
 
     The points are those of `scipy.optimize.minimize`: Nelder and Mead (1965), with the coefficients
     of Gao and Han (2012) for more than two unknowns.
     """
-    run, n = Descent(most, simplex[0]), simplex.shape[1]
+    run, n = SimplexRun(most, simplex[0]), simplex.shape[1]
     away, near, shrink = (1 + 2 / n, 0.75 - 1 / (2 * n), 1 - 1 / n) if n > 2 else (2.0, 0.5, 0.5)
     values = yield from run.ask(simplex)
     order = np.argsort(values)
@@ -100,9 +103,9 @@ def descend(simplex: Array, most: int, x_tolerance: float, tolerance: float) -> 
 
 
 def in_lock_step[T](searches: Sequence[AskTell[T]], function: Callable[[Array], Array]) -> list[T]:
-    """What each search finds; `function((W, D)) -> (W,)` sees the points of all of them at once."""
+    """Run searches in lock-step; `function((W, D)) -> (W,)` sees the points of all of them at once."""
     asked = {search: next(search) for search in searches}
-    found: dict[AskTell[T], T] = {}
+    results: dict[AskTell[T], T] = {}
     while asked:
         values, first = function(np.concatenate([*asked.values()])), 0
         for search, points in tuple(asked.items()):
@@ -110,36 +113,40 @@ def in_lock_step[T](searches: Sequence[AskTell[T]], function: Callable[[Array], 
             try:
                 asked[search] = search.send(values[first:last])
             except StopIteration as end:
-                found[search] = end.value
+                results[search] = end.value
                 del asked[search]
             first = last
-    return [found[search] for search in searches]
+    return [results[search] for search in searches]
 
 
-SIMPLEX = 200.0  # evaluations of a simplex for each unknown; more do not help it far from the top
-ROUGHLY = 1.0  # of the log density: how near a simplex has to come, where slopes do the rest
+# evaluations of a simplex for each unknown; more do not help it far from the top
+EVALUATIONS_PER_UNKNOWN = 200.0
+# of the log density: how near a simplex has to come, where slopes do the rest
+ROUGH_TOLERANCE = 1.0
 LOG_TOLERANCE = 1e-3  # ... and where they do not: what a restart gains that another follows
-MOST_STEP = 0.3  # of a standard deviation, in a log: where the record says little it is long
-FAR = 100.0  # of the log density: a run that gained more was far from the optimum ...
-TENTH = 0.1  # ... and there first steps of the simplex are this, in a log of each unknown
+MAX_STEP = 0.3  # of a standard deviation, in a log: where the record says little it is long
+FAR_GAIN = 100.0  # of the log density: a run that gained more was far from the optimum ...
+LOG_STEP = 0.1  # ... and there first steps of the simplex are this, in a log of each unknown
 
 
 @dataclass(frozen=True, slots=True)
 class NelderMead:
-    """A restart that gains less than `enough` of the log density is the last; `per_unknown` evaluations
-    at most.
+    """Nelder-Mead with restarts.
 
-    By default as far as it is good for, where slopes go the rest of the way.
+    A restart that gains less than `enough` of the log density is the last; `per_unknown`: the most
+    evaluations for each unknown. The defaults go as far as a simplex is good for, where slopes go
+    the rest of the way.
     """
 
-    enough: float = ROUGHLY
-    per_unknown: float = SIMPLEX
+    enough: float = ROUGH_TOLERANCE
+    per_unknown: float = EVALUATIONS_PER_UNKNOWN
     polished: bool = True
 
     def check(self, unknown: Sequence[str]) -> None:
-        """It searches whatever is unknown."""
+        """Accept whatever is unknown."""
 
     def __call__(self, task: Task, starts: Array, evaluations: int) -> list[Optimum]:
+        """Search from each of the physical `starts (S, D)`."""
         most = int(min(evaluations, self.per_unknown * len(task.names)))
 
         def lost(z: Array) -> Array:
@@ -159,9 +166,9 @@ def _search(task: Task, start: Array, evaluations: int, enough: float) -> AskTel
     history: list[float] = []
     gain, done = np.inf, False
     while not done and spent < evaluations:
-        root = _steps(task, physical(z[None])[0], far=gain > FAR)
+        root = _steps(task, physical(z[None])[0], far=gain > FAR_GAIN)
         most = min(evaluations - spent, 400 * len(z))
-        run = yield from _scaled(descend(corners, most, 1e-2, 0.1 * enough), z, root)
+        run = yield from _scaled(nelder_mead(corners, most, 1e-2, 0.1 * enough), z, root)
         spent += run.evaluations
         gain = run.first - run.lowest
         if gain > 0:
@@ -185,14 +192,14 @@ def _scaled[T](search: AskTell[T], z: Array, root: Array) -> AskTell[T]:
         try:
             points = search.send(values)
         except StopIteration as end:
-            found: T = end.value
-            return found
+            result: T = end.value
+            return result
 
 
 def _steps(task: Task, theta: Array, *, far: bool) -> Array:
     """Columns: first steps of the simplex, in the coordinates of the search."""
     if far:
-        return TENTH * laplace.slopes_by_logs(task.coordinates, theta)
+        return LOG_STEP * laplace.slopes_by_logs(task.coordinates, theta)
     columns = laplace.root(task.covariance(theta))
     longest = np.abs(columns).max(axis=0)
-    return np.asarray(columns * np.minimum(1.0, MOST_STEP / longest))
+    return np.asarray(columns * np.minimum(1.0, MAX_STEP / longest))

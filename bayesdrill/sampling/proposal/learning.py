@@ -15,62 +15,66 @@ import numpy as np
 from bayesdrill.basics.arrays import Array
 from bayesdrill.basics.progress import SILENT, Reporter
 from bayesdrill.inference.laplace import Surface
-from bayesdrill.sampling.proposal.missed_mass import look
+from bayesdrill.sampling.proposal.missed_mass import check_coverage
 from bayesdrill.sampling.proposal.ridge_tracing import (
-    ASTRAY,
+    USELESS_ERROR,
     Expand,
-    Traced,
-    beside,
+    TracedRidge,
     distances,
     moments,
     trace,
+    trace_box,
 )
 from bayesdrill.sampling.samplers import independence
 from bayesdrill.sampling.samplers.independence import (
-    LONG,
+    LONG_LOG_RATIO,
     Mixture,
     Proposal,
-    Weighed,
-    effective,
+    WeightedDraws,
+    effective_count,
     normalised,
 )
 
 Random = np.random.RandomState
 Component = tuple[int, float, Array, Array]  # sheet, weight, mean, root
 
-DRAWS = 2400  # of one round, ...
-WIDER, WIDER_DRAWS = 1.5, 800  # ... and so many that are as many times wider
-MANY = 6  # ridges: for each so many more draws
-REPEATED = 50  # times as many at most, where hardly any is inside the prior
-ROUNDS = 12
-WORTH = 1.04  # a round that improves the effective share of the draws by less is the last
-ENOUGH = 0.3  # of effective draws; with less it goes on
-LEAST_SHARE = 0.1  # of effective draws: below it the density is flattened until there are as many
-REDRAWN = 0.4  # of a density: what a draw costs that falls outside the prior
-AGAIN = 4  # times that a ridge is added, ...
-FEW, ALONE = 5, 2.0  # rounds after which so few effective draws are no beginning
-GOOD = 0.3  # ... unless as many draws are effective
-LIKELY = 0.9  # quantile of the weights: a new centre is a draw above it
-STRAYS = 0.01  # of the posterior: more than that beyond the ridges is not left there
-COMPONENTS, ALL_COMPONENTS = 4, 32  # of a ridge, and of all
-DEAR = 20.0  # what it costs to leave some of the posterior where walkers wait long
-TRAPPED = 0.005  # of the posterior, where the proposal is far too thin: with more it goes on
-EXPECTATIONS = (12, 6)  # of the fit, in the first round and later
+DRAWS_PER_ROUND = 2400  # of one round, ...
+WIDE_FACTOR, WIDE_DRAWS = 1.5, 800  # ... and so many that are as many times wider
+RIDGES_PER_BATCH = 6  # ridges: for each so many more draws
+MAX_TRIES_PER_DRAW = 50  # times as many at most, where hardly any is inside the prior
+MAX_ROUNDS = 12
+MIN_IMPROVEMENT = 1.04  # a round that improves the effective share of the draws by less is the last
+MIN_EFFECTIVE_SHARE = 0.3  # of effective draws; with less it goes on
+# of effective draws: below it the density is flattened until there are as many
+MIN_TEMPERED_SHARE = 0.1
+REDRAW_COST = 0.4  # of a density: what a draw costs that falls outside the prior
+MAX_ADDED_RIDGES = 4  # times that a ridge is added, ...
+FEW_ROUNDS, HOPELESS_DRAWS = 5, 2.0  # rounds after which so few effective draws are no beginning
+GOOD_EFFECTIVE_SHARE = 0.3  # ... unless as many draws are effective
+CENTRE_QUANTILE = 0.9  # quantile of the weights: a new centre is a draw above it
+MAX_STRAY_MASS = 0.01  # of the posterior: more than that beyond the ridges is not left there
+MAX_COMPONENTS_OF_RIDGE, MAX_COMPONENTS = 4, 32  # of a ridge, and of all
+TRAPPED_COST = 20.0  # what it costs to leave some of the posterior where walkers wait long
+# of the posterior, where the proposal is far too thin: with more it goes on
+MAX_TRAPPED_MASS = 0.005
+EM_ROUNDS = (12, 6)  # of the fit, in the first round and later
 # Wider than all draws, to hold the tails: weight, and how many times, along the ridge and across it.
-WIDE = ((0.08, 2.0, 1.05), (0.04, 1.2, 1.5))
-NARROWED = 0.7  # several components are narrower than one, to begin with
-FIRST_FIBRE = 1.2  # standard deviations of the tight directions, to begin with
-LOST = 1e-6  # of the posterior: a ridge with less is left out
-HELD = 1e-3  # of the posterior: a maximum with less is not looked at again
+TAIL_COMPONENTS = ((0.08, 2.0, 1.05), (0.04, 1.2, 1.5))
+COMPONENT_SCALE = 0.7  # several components are narrower than one, to begin with
+INITIAL_TIGHT_SDS = 1.2  # standard deviations of the tight directions, to begin with
+NEGLIGIBLE_RIDGE = 1e-6  # of the posterior: a ridge with less is left out
+NEGLIGIBLE_MAXIMUM = 1e-3  # of the posterior: a maximum with less is not looked at again
 
 
-class Nowhere(ValueError):
-    """No draw has a density."""
+class NoSupportError(ValueError):
+    """Raised where no draw has a density."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Learnt:
-    """`proposal`; of its draws `u (N, D)` with normalised `weights (N,)`: the effective `share`.
+class LearnedProposal:
+    """A proposal, and the draws by which it was judged.
+
+    `proposal`; of its draws `u (N, D)` with normalised `weights (N,)`: the effective `share`.
 
     `off`: how far each ridge is from its polynomial, in standard deviations; `origin`: which of the
     maxima it belongs to.
@@ -85,12 +89,12 @@ class Learnt:
     origin: tuple[int, ...]
 
     def shares(self, u: Array, n_maxima: int) -> Array:
-        """How many of draws `u (N, D)` each maximum holds: `(n_maxima,)`, their sum 1."""
+        """Return the share of draws `u (N, D)` that each maximum holds: `(n_maxima,)`, sum 1."""
         equal = np.full(len(u), 1.0 / len(u))
-        own = responsibilities(self.proposal.mixture, u, equal)[1].sum(axis=1)
-        held = np.zeros(n_maxima)
-        np.add.at(held, np.array(self.origin)[self.proposal.mixture.sheet], own)
-        return held
+        component_shares = responsibilities(self.proposal.mixture, u, equal)[1].sum(axis=1)
+        mode_shares = np.zeros(n_maxima)
+        np.add.at(mode_shares, np.array(self.origin)[self.proposal.mixture.sheet], component_shares)
+        return mode_shares
 
 
 def learn(
@@ -99,43 +103,51 @@ def learn(
     maxima: Sequence[Array],
     seed: Random,
     rng: np.random.Generator,
-    again: int = AGAIN,
+    max_added_ridges: int = MAX_ADDED_RIDGES,
     report: Reporter = SILENT,
     *,
     settle: bool = True,
-) -> Learnt:
-    """From the `maxima` (each `(D,)`); raises `Nowhere` where no draw has a density.
+) -> LearnedProposal:
+    """Learn a proposal from the `maxima` (each `(D,)`).
 
-    `again`: how many ridges are added at most.  `settle`: whether to look along settled ridges for
-    what the proposal leaves out.
+    Raises `NoSupportError` where no draw has a density.
+
+    `max_added_ridges`: how many ridges are added at most.  `settle`: whether to look along settled
+    ridges for what the proposal leaves out.
     """
     parts = [(origin, trace(surface, expand, at, rng)) for origin, at in enumerate(maxima)]
     try:
-        best = last = _fitted(surface, parts, seed, again, report)
-    except Nowhere:  # the posterior is narrower than all that its curvature foresees
-        parts = [(0, beside(surface, maxima[0], rng))]
-        best = last = _fitted(surface, parts, seed, again, report)
-    for _ in range(again):
+        best = last = _best_mixture(surface, parts, seed, max_added_ridges, report)
+    except NoSupportError:  # the posterior is narrower than all that its curvature foresees
+        parts = [(0, trace_box(surface, maxima[0], rng))]
+        best = last = _best_mixture(surface, parts, seed, max_added_ridges, report)
+    for _ in range(max_added_ridges):
         if best.good:
             break
         # One more ridge where draws weigh most: there the posterior is, and the proposal is not.
         # Or the same, followed as far as draws have been seen.
-        found = [(k, trace(surface, expand, at, rng, seen)) for k, at, seen in _midst(last)]
-        kept = [part for part in parts if part[1].off < ASTRAY]
-        parts = found if last.strays > STRAYS else kept + found
+        new_parts = [
+            (k, trace(surface, expand, at, rng, draws)) for k, at, draws in _central_draws(last)
+        ]
+        good_parts = [part for part in parts if part[1].off < USELESS_ERROR]
+        parts = new_parts if last.strays > MAX_STRAY_MASS else good_parts + new_parts
         try:
-            last = _fitted(surface, parts, seed, again, report)
-        except Nowhere:  # at ends of priors ridges may lead out of them
+            last = _best_mixture(surface, parts, seed, max_added_ridges, report)
+        except NoSupportError:  # at ends of priors ridges may lead out of them
             break
         best, last = _compared(best, last)
-        best = max(best, last, key=lambda one: one.worth / (1.0 + DEAR * one.strays))
+        best = max(
+            best,
+            last,
+            key=lambda candidate: candidate.worth / (1.0 + TRAPPED_COST * candidate.strays),
+        )
     looked = None
-    if again > 0 and settle:
+    if max_added_ridges > 0 and settle:
         report.update(0.0, "looking for what the proposal leaves out")
-        looked = look(surface, expand, best.proposal, *_heaviest(best), seed, rng, report)
+        looked = check_coverage(surface, expand, best.proposal, *_heaviest(best), seed, rng, report)
     draws = looked.draws if looked else best.draws
-    return Learnt(
-        proposal=replace(best.proposal, settled=looked.proposal if looked else None),
+    return LearnedProposal(
+        proposal=replace(best.proposal, newton=looked.proposal if looked else None),
         u=draws.u,
         weights=draws.weights,
         share=draws.share,
@@ -145,100 +157,105 @@ def learn(
     )
 
 
-def _heaviest(found: _Round) -> tuple[list[int], tuple[Array, Array]]:
+def _heaviest(learning_round: _Round) -> tuple[list[int], tuple[Array, Array]]:
     """The ridge of each maximum that holds most of its own; and draws, with their weights for each."""
-    u, weights = found.seen
-    mixture, origin = found.proposal.mixture, np.array(found.origin)
+    u, weights = learning_round.weighted_draws
+    mixture, origin = learning_round.proposal.mixture, np.array(learning_round.origin)
     shares = responsibilities(mixture, u, weights)[1]
     sheets = []
-    for one in sorted(set(found.origin)):
-        own = [s for s in range(len(origin)) if origin[s] == one]
-        held = [float(shares[mixture.sheet == s].sum()) for s in own]
-        if sum(held) > HELD:
-            sheets.append(own[int(np.argmax(held))])
+    for maximum in sorted(set(learning_round.origin)):
+        ridges = [s for s in range(len(origin)) if origin[s] == maximum]
+        masses = [float(shares[mixture.sheet == s].sum()) for s in ridges]
+        if sum(masses) > NEGLIGIBLE_MAXIMUM:
+            sheets.append(ridges[int(np.argmax(masses))])
     each = [shares[origin[mixture.sheet] == origin[s]].sum(axis=0) for s in sheets]
     return sheets, (u, np.array(each))
 
 
-def _fitted(
+def _best_mixture(
     surface: Surface,
-    parts: Sequence[tuple[int, Traced]],
+    parts: Sequence[tuple[int, TracedRidge]],
     seed: Random,
-    again: int,
+    max_added_ridges: int,
     report: Reporter,
 ) -> _Round:
     """The best of several rounds of drawing, weighing and fitting."""
     origin, traced = zip(*parts, strict=True)
-    narrow = found = _begin(traced)
-    off = tuple(one.off for one in traced)
+    narrow = mixture = _begin(traced)
+    off = tuple(traced_ridge.off for traced_ridge in traced)
     rounds: list[_Round] = []
-    for _ in range(ROUNDS if again else ROUNDS // 3):
-        done = _draw(found, off, origin, surface, seed)
-        settled = bool(rounds) and done.share < WORTH * rounds[-1].share
+    for _ in range(MAX_ROUNDS if max_added_ridges else MAX_ROUNDS // 3):
+        done = _draw(mixture, off, origin, surface, seed)
+        settled = bool(rounds) and done.share < MIN_IMPROVEMENT * rounds[-1].share
         rounds.append(done)
-        said = f"learning the proposal, round {len(rounds)}: {done.share:.0%} of its draws count"
-        report.update(len(rounds) / (ROUNDS + 1), said)
-        good = done.share > ENOUGH and done.draws.trapped < TRAPPED
-        hopeless = done.draws.effective < ALONE  # one draw outweighs all others
-        if (settled and good) or (len(rounds) > FEW and hopeless):
+        text = f"learning the proposal, round {len(rounds)}: {done.share:.0%} of its draws count"
+        report.update(len(rounds) / (MAX_ROUNDS + 1), text)
+        good = done.share > MIN_EFFECTIVE_SHARE and done.draws.trapped < MAX_TRAPPED_MASS
+        hopeless = done.draws.effective < HOPELESS_DRAWS  # one draw outweighs all others
+        if (settled and good) or (len(rounds) > FEW_ROUNDS and hopeless):
             break
-        u, weights = done.seen
+        u, weights = done.weighted_draws
         first = len(rounds) == 1
-        begin = _several(narrow, u, weights, seed) if first else narrow
-        expectations = EXPECTATIONS[0 if first else 1]
-        narrow = independence.fitted(begin, u, weights, surface.inside, expectations, seed)
-        found = _with_tails(narrow, u, weights)
+        begin = _several_components(narrow, u, weights, seed) if first else narrow
+        expectations = EM_ROUNDS[0 if first else 1]
+        narrow = independence.fit_mixture(begin, u, weights, surface.inside, expectations, seed)
+        mixture = _with_tails(narrow, u, weights)
     return _best(rounds)
 
 
 def _best(rounds: Sequence[_Round]) -> _Round:
     """The worthiest; the last of them has seen most, and one that has not is held against it."""
-    *left, last = rounds
-    while left:
-        k = int(np.argmax([one.worth for one in left]))
-        one, last = _compared(left.pop(k), last)
-        if one.worth > max([last.worth, *(other.worth for other in left)]):
-            return one
-        if last.worth >= max((other.worth for other in left), default=0.0):
+    *candidates, last = rounds
+    while candidates:
+        k = int(np.argmax([candidate.worth for candidate in candidates]))
+        candidate, last = _compared(candidates.pop(k), last)
+        if candidate.worth > max([last.worth, *(other.worth for other in candidates)]):
+            return candidate
+        if last.worth >= max((other.worth for other in candidates), default=0.0):
             break
     return last
 
 
-def _compared(one: _Round, other: _Round) -> tuple[_Round, _Round]:
+def _compared(candidate: _Round, other: _Round) -> tuple[_Round, _Round]:
     """Both, with what each leaves out of the posterior that the draws of either have seen.
 
     Draws of one maximum say that a proposal which draws there alone is perfect.
     """
-    pair = (one, other)
-    kept = [of.draws.those_with_a_density() for of in pair]
-    u = np.concatenate([draws.u for draws in kept])
+    pair = (candidate, other)
+    with_density = [round_.draws.supported() for round_ in pair]
+    u = np.concatenate([draws.u for draws in with_density])
     log_every, log_q = zip(
-        *(_densities(of.proposal.mixture, of.counts, u) for of in pair), strict=True
+        *(_densities(round_.proposal.mixture, round_.counts, u) for round_ in pair), strict=True
     )
-    own = np.split(np.stack(log_q), [len(kept[0].u)], axis=1)
-    log_p = np.concatenate([kept[k].log_w + own[k][k] for k in range(2)])
+    log_q_at = np.split(np.stack(log_q), [len(with_density[0].u)], axis=1)
+    log_p = np.concatenate([with_density[k].log_w + log_q_at[k][k] for k in range(2)])
     weights = normalised(log_p - np.logaddexp(*log_every))
-    thin = [log_p > q + of.draws.usual + LONG for q, of in zip(log_q, pair, strict=True)]
+    thin = [
+        log_p > q + round_.draws.typical_log_ratio + LONG_LOG_RATIO
+        for q, round_ in zip(log_q, pair, strict=True)
+    ]
     first, second = (
-        replace(of, missed=max(of.missed, float(weights[where].sum())))
-        for of, where in zip(pair, thin, strict=True)
+        replace(round_, missed=max(round_.missed, float(weights[where].sum())))
+        for round_, where in zip(pair, thin, strict=True)
     )
     return first, second
 
 
-def _midst(found: _Round) -> list[tuple[int, Array, tuple[Array, Array]]]:
+def _central_draws(learning_round: _Round) -> list[tuple[int, Array, tuple[Array, Array]]]:
     """For each maximum that holds something: a draw near the middle of its own, and those draws."""
-    u, weights = found.seen
-    shares = responsibilities(found.proposal.mixture, u, weights)[1]
-    owner = np.array(found.origin)[found.proposal.mixture.sheet]
+    u, weights = learning_round.weighted_draws
+    shares = responsibilities(learning_round.proposal.mixture, u, weights)[1]
+    owner = np.array(learning_round.origin)[learning_round.proposal.mixture.sheet]
     middles = []
-    for origin in dict.fromkeys(found.origin):
-        own = shares[owner == origin].sum(axis=0)
-        if own.sum() < LOST:
+    for origin in dict.fromkeys(learning_round.origin):
+        mode_shares = shares[owner == origin].sum(axis=0)
+        if mode_shares.sum() < NEGLIGIBLE_RIDGE:
             continue
-        far = distances(u, own)
-        likely = np.flatnonzero(own >= np.quantile(own, LIKELY))  # of few draws, all
-        middles.append((origin, u[likely[np.argmin(far[likely])]], (u, own)))
+        far = distances(u, mode_shares)
+        likely = np.flatnonzero(
+            mode_shares >= np.quantile(mode_shares, CENTRE_QUANTILE)
+        )  # of few draws, all
+        middles.append((origin, u[likely[np.argmin(far[likely])]], (u, mode_shares)))
     return middles
 
 
@@ -247,7 +264,7 @@ class _Round:
     proposal: Proposal
     off: tuple[float, ...]
     origin: tuple[int, ...]
-    draws: Weighed
+    draws: WeightedDraws
     counts: tuple[int, int]
     missed: float = 0.0
 
@@ -260,145 +277,156 @@ class _Round:
         return self.draws.share
 
     @property
-    def seen(self) -> tuple[Array, Array]:
+    def weighted_draws(self) -> tuple[Array, Array]:
         """Draws `(N, D)` that have a density, and their weights, flattened where they must be."""
-        kept = self.draws.those_with_a_density()
-        return kept.u, kept.tempered(LEAST_SHARE * len(kept.u))
+        draws = self.draws.supported()
+        return draws.u, draws.tempered(MIN_TEMPERED_SHARE * len(draws.u))
 
     @property
     def strays(self) -> float:
         """How much of the posterior lies beyond where its ridges were followed."""
-        kept, mixture = self.draws.those_with_a_density(), self.proposal.mixture
-        y, shares = responsibilities(mixture, kept.u, kept.weights)
+        draws, mixture = self.draws.supported(), self.proposal.mixture
+        y, shares = responsibilities(mixture, draws.u, draws.weights)
         beyond = 0.0
         for s, sheet in enumerate(mixture.sheets):
             if sheet.frame.tight.shape[1] == 0:
                 continue  # it has no ridge that could lead astray
-            own = shares[mixture.sheet == s].sum(axis=0)
-            beyond += float(own @ ~sheet.within(y[s, :, : sheet.n_loose]))
+            sheet_shares = shares[mixture.sheet == s].sum(axis=0)
+            beyond += float(sheet_shares @ ~sheet.within(y[s, :, : sheet.n_loose]))
         return beyond
 
     @property
     def good(self) -> bool:
-        return self.share > GOOD and self.strays < STRAYS and self.trapped < 2.0 * TRAPPED
+        return (
+            self.share > GOOD_EFFECTIVE_SHARE
+            and self.strays < MAX_STRAY_MASS
+            and self.trapped < 2.0 * MAX_TRAPPED_MASS
+        )
 
     @property
     def worth(self) -> float:
         """Effective draws for what they cost: one outside the prior costs less than the model."""
-        cost = (1.0 + REDRAWN / self.proposal.share) * (1.0 + DEAR * self.trapped)
+        cost = (1.0 + REDRAW_COST / self.proposal.share) * (1.0 + TRAPPED_COST * self.trapped)
         return self.share / cost
 
 
 def _draw(
-    found: Mixture,
+    mixture: Mixture,
     off: tuple[float, ...],
     origin: tuple[int, ...],
     surface: Surface,
     seed: Random,
 ) -> _Round:
     """Each draw is weighed with the density of all of them (the balance heuristic)."""
-    wide = found.widened(WIDER)
-    times = max(1, len(found.sheets) // MANY)
-    own, n_own = _inside(found, times * DRAWS, surface, seed)
-    others, n_others = _inside(wide, times * WIDER_DRAWS, surface, seed)
-    u = np.concatenate([own, others])
-    log_every, log_q = _densities(found, (n_own, n_others), u)
+    wide = mixture.widened(WIDE_FACTOR)
+    times = max(1, len(mixture.sheets) // RIDGES_PER_BATCH)
+    narrow_draws, n_narrow = _inside(mixture, times * DRAWS_PER_ROUND, surface, seed)
+    wide_draws, n_wide = _inside(wide, times * WIDE_DRAWS, surface, seed)
+    u = np.concatenate([narrow_draws, wide_draws])
+    log_every, log_q = _densities(mixture, (n_narrow, n_wide), u)
     log_w = surface.value(u) - log_q
     if not np.isfinite(log_w).any():
-        raise Nowhere("no point of finite posterior was found around the maximum")
-    draws = Weighed(u, log_w, log_q - log_every)
-    proposal = Proposal(found, max(len(own) / n_own, 1.0 / n_own), draws.usual)
-    return _Round(proposal, off, origin, draws, (n_own, n_others))
+        raise NoSupportError("no point of finite posterior was found around the maximum")
+    draws = WeightedDraws(u, log_w, log_q - log_every)
+    proposal = Proposal(
+        mixture, max(len(narrow_draws) / n_narrow, 1.0 / n_narrow), draws.typical_log_ratio
+    )
+    return _Round(proposal, off, origin, draws, (n_narrow, n_wide))
 
 
 def _densities(mixture: Mixture, counts: tuple[int, int], u: Array) -> tuple[Array, Array]:
-    """Logs at `u (N, D)` of how densely it was drawn there, by `counts` of a mixture and of a wider one,
-    and of the mixture itself.
+    """Return logs at `u (N, D)` of how densely it was drawn there, and of the mixture itself.
+
+    It was drawn by `counts` of the mixture and of a wider one.
     """
     y, jacobian = mixture.straightened(u)
     log_q = mixture.log_density_at(y, jacobian)
-    log_wide = mixture.widened(WIDER).log_density_at(y, jacobian)
+    log_wide = mixture.widened(WIDE_FACTOR).log_density_at(y, jacobian)
     return np.logaddexp(np.log(counts[0]) + log_q, np.log(counts[1]) + log_wide), log_q
 
 
-def _inside(found: Mixture, n: int, surface: Surface, seed: Random) -> tuple[Array, int]:
+def _inside(mixture: Mixture, n: int, surface: Surface, seed: Random) -> tuple[Array, int]:
     """About `n` draws inside the prior `(N, D)`, and of how many they are those inside."""
-    first = found.draw(n, seed).u
-    kept = first[surface.inside(first)]
-    more = n * (n - len(kept)) // max(len(kept), n // REPEATED)
+    first = mixture.draw(n, seed).u
+    inside = first[surface.inside(first)]
+    more = n * (n - len(inside)) // max(len(inside), n // MAX_TRIES_PER_DRAW)
     if more == 0:
-        return kept, n
-    rest = found.draw(more, seed).u
-    return np.concatenate([kept, rest[surface.inside(rest)]]), n + more
+        return inside, n
+    more_draws = mixture.draw(more, seed).u
+    return np.concatenate([inside, more_draws[surface.inside(more_draws)]]), n + more
 
 
-def _begin(traced: Sequence[Traced]) -> Mixture:
+def _begin(traced: Sequence[TracedRidge]) -> Mixture:
     """One component for each ridge, as wide as record and priors let it be."""
     means, roots = [], []
-    for one in traced:
-        n_loose, d = len(one.psi), len(one.ridge.frame.centre)
-        root = FIRST_FIBRE * np.eye(d)
-        root[:n_loose, :n_loose] = one.spread
-        means.append(np.concatenate([one.psi, np.zeros(d - n_loose)]))
+    for traced_ridge in traced:
+        n_loose, d = len(traced_ridge.psi), len(traced_ridge.ridge.frame.centre)
+        root = INITIAL_TIGHT_SDS * np.eye(d)
+        root[:n_loose, :n_loose] = traced_ridge.spread
+        means.append(np.concatenate([traced_ridge.psi, np.zeros(d - n_loose)]))
         roots.append(root)
-    ridges = [one.ridge for one in traced]
+    ridges = [traced_ridge.ridge for traced_ridge in traced]
     count = len(traced)
     equal = np.full(count, 1.0 / count)
     return independence.mixture(ridges, range(count), equal, np.array(means), np.array(roots))
 
 
-def _several(found: Mixture, u: Array, weights: Array, seed: Random) -> Mixture:
+def _several_components(mixture: Mixture, u: Array, weights: Array, seed: Random) -> Mixture:
     """Several components for each ridge, begun at some of its own draws, picked by weight."""
-    y, jacobian = found.straightened(u)
-    owner = found.sheet[np.argmax(found.log_parts(y, jacobian), axis=0)]
+    y, jacobian = mixture.straightened(u)
+    owner = mixture.sheet[np.argmax(mixture.log_parts(y, jacobian), axis=0)]
     parts: list[Component] = []
-    most = max(1, min(COMPONENTS, ALL_COMPONENTS // len(found.sheets)))
-    for s in range(len(found.sheets)):
+    most = max(1, min(MAX_COMPONENTS_OF_RIDGE, MAX_COMPONENTS // len(mixture.sheets)))
+    for s in range(len(mixture.sheets)):
         mine = np.flatnonzero(owner == s)
-        own = weights[mine]
-        count = int(np.clip(effective(own) / (5 * u.shape[1]), 0, most)) if own.any() else 0
+        sheet_weights = weights[mine]
+        count = (
+            int(np.clip(effective_count(sheet_weights) / (5 * u.shape[1]), 0, most))
+            if sheet_weights.any()
+            else 0
+        )
         if count == 0:  # too little is known of it yet
-            share = max(float(own.sum()), LOST)
-            of_sheet = np.flatnonzero(found.sheet == s)
-            parts += [(s, share, found.means[k], found.roots[k]) for k in of_sheet]
+            share = max(float(sheet_weights.sum()), NEGLIGIBLE_RIDGE)
+            of_sheet = np.flatnonzero(mixture.sheet == s)
+            parts += [(s, share, mixture.means[k], mixture.roots[k]) for k in of_sheet]
             continue
         points = y[s, mine]
-        centre, root = moments(points, own)
-        picked = points[seed.choice(len(mine), size=count, p=own / own.sum())]
+        centre, root = moments(points, sheet_weights)
+        picked = points[seed.choice(len(mine), size=count, p=sheet_weights / sheet_weights.sum())]
         means = [centre] if count == 1 else list(picked)
-        wide = root if count == 1 else NARROWED * root
-        parts += [(s, float(own.sum()) / count, mean, wide) for mean in means]
-    return _joined(found, parts)
+        wide = root if count == 1 else COMPONENT_SCALE * root
+        parts += [(s, float(sheet_weights.sum()) / count, mean, wide) for mean in means]
+    return _joined(mixture, parts)
 
 
 def _with_tails(narrow: Mixture, u: Array, weights: Array) -> Mixture:
     """With a wide component on each ridge beside those that were fitted."""
     y, shares = responsibilities(narrow, u, weights)
-    every = (narrow.sheet, narrow.weights, narrow.means, narrow.roots)
-    parts: list[Component] = list(zip(*every, strict=True))
+    columns = (narrow.sheet, narrow.weights, narrow.means, narrow.roots)
+    parts: list[Component] = list(zip(*columns, strict=True))
     for s in range(len(narrow.sheets)):
         mine = narrow.sheet == s
-        own = shares[mine].sum(axis=0)
-        if own.any() and effective(own) > 2 * u.shape[1]:
-            centre, root = moments(y[s], own)
+        sheet_shares = shares[mine].sum(axis=0)
+        if sheet_shares.any() and effective_count(sheet_shares) > 2 * u.shape[1]:
+            centre, root = moments(y[s], sheet_shares)
             known = float(narrow.weights[mine].sum())
-            for weight, along, across in WIDE:
+            for weight, along, across in TAIL_COMPONENTS:
                 wider = np.full(u.shape[1], across)
                 wider[: narrow.sheets[s].n_loose] = along
                 parts.append((s, weight * known, centre, wider[:, None] * root))
     return _joined(narrow, parts)
 
 
-def _joined(found: Mixture, parts: Sequence[Component]) -> Mixture:
+def _joined(mixture: Mixture, parts: Sequence[Component]) -> Mixture:
     sheet, weights, means, roots = (list(column) for column in zip(*parts, strict=True))
     return independence.mixture(
-        found.sheets, sheet, np.array(weights), np.array(means), np.array(roots)
+        mixture.sheets, sheet, np.array(weights), np.array(means), np.array(roots)
     )
 
 
-def responsibilities(found: Mixture, u: Array, weights: Array) -> tuple[Array, Array]:
-    """Coordinates `(S, N, D)`, and how much of each weight every component stands for `(K, N)`."""
-    y, jacobian = found.straightened(u)
-    parts = found.log_parts(y, jacobian)
+def responsibilities(mixture: Mixture, u: Array, weights: Array) -> tuple[Array, Array]:
+    """Return coordinates `(S, N, D)` and each component's part of each weight, `(K, N)`."""
+    y, jacobian = mixture.straightened(u)
+    parts = mixture.log_parts(y, jacobian)
     shares = np.exp(parts - parts.max(axis=0))
     return y, shares * (weights / shares.sum(axis=0))

@@ -1,4 +1,4 @@
-"""What a proposal leaves out of the posterior, looked for along settled ridges.
+"""Look along Newton ridges for posterior mass that a proposal misses.
 
 A proposal is judged by its own draws, which never go where it does not lead.  So points are brought
 to the ridge by Gauss and Newton, wherever its loose directions go; and only where some of the
@@ -16,80 +16,97 @@ from numpy.typing import NDArray
 from bayesdrill.basics.arrays import Array
 from bayesdrill.basics.progress import SILENT, Reporter
 from bayesdrill.inference.laplace import Surface
-from bayesdrill.sampling.proposal.ridge_tracing import Expand, distances, moments, settled, trace
+from bayesdrill.sampling.proposal.ridge_tracing import (
+    Expand,
+    distances,
+    moments,
+    newton_mixture,
+    trace,
+)
 from bayesdrill.sampling.samplers import independence
 from bayesdrill.sampling.samplers.ensemble import State, advance
 from bayesdrill.sampling.samplers.independence import (
-    LONG,
-    SETTLED_ALONE,
+    LONG_LOG_RATIO,
+    NEWTON_LOCAL_SHARE,
     Mixture,
     Proposal,
-    Weighed,
+    WeightedDraws,
 )
-from bayesdrill.sampling.samplers.ridge import Sheet
+from bayesdrill.sampling.samplers.ridge import RidgeCoordinates
 
 Random = np.random.RandomState
 
-DRAWS, LAST_DRAWS = 400, 1600  # of a round; the last ones judge once more
-ROUNDS = 2
-LEFT_OUT = 0.01  # of the posterior, where p over q is e^FAR times what is usual
-FAR = 3.0
-LEAST = 0.02  # of effective draws: with less nothing is seen, and one looks on
-REPEATED = 10  # times as many at most, where few are inside the prior
-ENOUGH = 0.1  # of effective draws: below it the density is flattened until there are as many
-HARDLY = 1e-9  # of the posterior: where a sheet has none of the draws
-ALONG, ACROSS = 1.3, 1.05  # times as wide as what is known, along the ridge and across it
-MORE = 4  # times at most that a place which walkers get to, and draws do not, gets a ridge
-WALKERS, STEPS, EVERY = 96, 90, 3  # that look for them; the last two thirds are seen
-HELD_BACK = 0.01  # of the walkers, in places that are left too slowly
-STILL_HELD_BACK = 0.02  # of them: with more, such a place gets another ridge
+DRAWS_PER_ROUND, LAST_DRAWS = 400, 1600  # of a round; the last ones judge once more
+LEARNING_ROUNDS = 2
+MAX_MISSED_MASS = 0.01  # of the posterior, where p over q is e^FAR times what is usual
+FAR_LOG_RATIO = 3.0
+MIN_EFFECTIVE_SHARE = 0.02  # of effective draws: with less nothing is seen, and one looks on
+MAX_TRIES_PER_DRAW = 10  # times as many at most, where few are inside the prior
+# of effective draws: below it the density is flattened until there are as many
+MIN_TEMPERED_SHARE = 0.1
+NEGLIGIBLE_WEIGHT = 1e-9  # of the posterior: where a sheet has none of the draws
+# times as wide as what is known, along the ridge and across it
+WIDTH_ALONG, WIDTH_ACROSS = 1.3, 1.05
+# times at most that a place which walkers get to, and draws do not, gets a ridge
+MAX_ADDED_RIDGES = 4
+WALKERS, STEPS, THINNING = 96, 90, 3  # that look for them; the last two thirds are seen
+MAX_TRAPPED_WALKERS = 0.01  # of the walkers, in places that are left too slowly
+MAX_STILL_TRAPPED = 0.02  # of them: with more, such a place gets another ridge
 
 
 @dataclass(frozen=True, slots=True)
-class Look:
-    """Along settled ridges: `proposal` of its own, whose `draws` all have a density."""
+class CoverageCheck:
+    """A proposal along Newton ridges, and its `draws`, all of which have a density."""
 
     proposal: Proposal
-    draws: Weighed
+    draws: WeightedDraws
 
 
-def look(
+def check_coverage(
     surface: Surface,
     expand: Expand,
     proposal: Proposal,
     sheets: Sequence[int],
-    seen: tuple[Array, Array],
+    weighted_draws: tuple[Array, Array],
     seed: Random,
     rng: np.random.Generator,
     report: Reporter = SILENT,
-) -> Look | None:
-    """None where `proposal` leaves nothing out, or where nothing can be seen.
+) -> CoverageCheck | None:
+    """Look for posterior mass that `proposal` misses.
 
-    `sheets`: those of the proposal that are looked along.  `seen`: draws of the posterior `(N, D)`,
-    and their weights for each of those sheets `(S, N)`.
+    None where `proposal` leaves nothing out, or where nothing can be seen.
+
+    `sheets`: those of the proposal that are looked along.  `weighted_draws`: draws of the posterior
+    `(N, D)`, and their weights for each of those sheets `(S, N)`.
     """
-    chosen = [proposal.mixture.sheets[s] for s in sheets]
-    if all(sheet.n_loose in (0, len(sheet.frame.centre)) for sheet in chosen):
+    selected = [proposal.mixture.sheets[s] for s in sheets]
+    if all(sheet.n_loose in (0, len(sheet.frame.centre)) for sheet in selected):
         return None
-    for k in range(ROUNDS):
-        found = _wide(chosen, *seen)
-        draws, shares, inside = _drawn(surface, settled(found, expand), DRAWS, seed)
-        if len(draws.u) == 0 or (k == 0 and _nothing(surface, proposal, draws)):
+    for k in range(LEARNING_ROUNDS):
+        mixture = _wide(selected, *weighted_draws)
+        draws, shares, inside = _drawn(
+            surface, newton_mixture(mixture, expand), DRAWS_PER_ROUND, seed
+        )
+        if len(draws.u) == 0 or (k == 0 and _covers(surface, proposal, draws)):
             return None
-        seen = draws.u, shares * draws.tempered(ENOUGH * len(draws.u))
+        weighted_draws = draws.u, shares * draws.tempered(MIN_TEMPERED_SHARE * len(draws.u))
     begin = draws.u[seed.choice(len(draws.u), size=WALKERS, p=draws.weights)]
-    own = Proposal(_wide(chosen, *seen), inside, draws.usual, alone=1.0)
-    found = _completed(surface, expand, own, begin, seed, rng, report)
-    draws, _, inside = _drawn(surface, settled(found, expand), LAST_DRAWS, seed)
-    if _nothing(surface, proposal, draws):
+    newton_proposal = Proposal(
+        _wide(selected, *weighted_draws), inside, draws.typical_log_ratio, local_share=1.0
+    )
+    mixture = _add_ridges(surface, expand, newton_proposal, begin, seed, rng, report)
+    draws, _, inside = _drawn(surface, newton_mixture(mixture, expand), LAST_DRAWS, seed)
+    if _covers(surface, proposal, draws):
         return None  # a few draws of many looked like it by chance
-    return Look(Proposal(found, inside, draws.usual, alone=SETTLED_ALONE), draws)
+    return CoverageCheck(
+        Proposal(mixture, inside, draws.typical_log_ratio, local_share=NEWTON_LOCAL_SHARE), draws
+    )
 
 
-def _completed(
+def _add_ridges(
     surface: Surface,
     expand: Expand,
-    own: Proposal,
+    newton_proposal: Proposal,
     begin: Array,
     seed: Random,
     rng: np.random.Generator,
@@ -101,37 +118,45 @@ def _completed(
     leads to nothing but the edge of such a place.  Walkers that step by themselves go on into it.
     """
     state = State(begin, surface.value(begin), tuple(seed.get_state()))
-    first = len(own.mixture.sheets)
-    for k in range(MORE):
-        report.update((k + 1) / (MORE + 1), "looking for what the proposal leaves out")
+    first = len(newton_proposal.mixture.sheets)
+    for k in range(MAX_ADDED_RIDGES):
+        report.update((k + 1) / (MAX_ADDED_RIDGES + 1), "looking for what the proposal leaves out")
         # Into such a place walkers of all others have to step first: then those that are there go on.
-        limit = -np.inf if k == 0 else own.usual
-        walking = replace(own, mixture=settled(own.mixture, expand), usual=limit)
+        limit = -np.inf if k == 0 else newton_proposal.typical_log_ratio
+        walking = replace(
+            newton_proposal,
+            mixture=newton_mixture(newton_proposal.mixture, expand),
+            typical_log_ratio=limit,
+        )
         evaluate = lambda u: (surface.value(u), 0)  # noqa: E731
-        piece = advance(evaluate, state, STEPS, {"independence": 1.0}, walking, surface.inside)
+        segment = advance(evaluate, state, STEPS, {"independence": 1.0}, walking, surface.inside)
         u, value = (
-            some[STEPS // 3 :: EVERY].reshape(-1, *some.shape[2:])
-            for some in (piece.z, piece.log_p)
+            some[STEPS // 3 :: THINNING].reshape(-1, *some.shape[2:])
+            for some in (segment.z, segment.log_p)
         )
         shares, log_q = walking.mixture.shares(*walking.mixture.straightened(u))
-        held = _held(value - log_q)
-        if held.mean() < HELD_BACK:
-            return _wide(own.mixture.sheets, u, shares / len(u))
-        known = np.where(held, 0.0, shares)
+        waiting = _waiting(value - log_q)
+        if waiting.mean() < MAX_TRAPPED_WALKERS:
+            return _wide(newton_proposal.mixture.sheets, u, shares / len(u))
+        known = np.where(waiting, 0.0, shares)
         # The last ridge began at the edge of what is seen by now: once more from its middle.
-        joint = [np.vstack([known[:-1], known[-1] + held])] if len(known) > first else []
-        for every in [*joint, np.vstack([known, held])]:
-            found, ratio = _ending(surface, expand, own.mixture, u, value, every, rng)
-            if _held(ratio).mean() < STILL_HELD_BACK:
+        joint = [np.vstack([known[:-1], known[-1] + waiting])] if len(known) > first else []
+        for trial_shares in [*joint, np.vstack([known, waiting])]:
+            mixture, ratio = _ending(
+                surface, expand, newton_proposal.mixture, u, value, trial_shares, rng
+            )
+            if _waiting(ratio).mean() < MAX_STILL_TRAPPED:
                 break
-        own = replace(own, mixture=found, usual=float(np.median(ratio)))
-        state = piece.state
-    return own.mixture
+        newton_proposal = replace(
+            newton_proposal, mixture=mixture, typical_log_ratio=float(np.median(ratio))
+        )
+        state = segment.state
+    return newton_proposal.mixture
 
 
-def _held(ratio: Array) -> NDArray[np.bool_]:
+def _waiting(ratio: Array) -> NDArray[np.bool_]:
     """Which walkers wait long, of logs of p over q `(N,)`."""
-    return np.asarray(ratio > np.median(ratio) + LONG)
+    return np.asarray(ratio > np.median(ratio) + LONG_LOG_RATIO)
 
 
 def _ending(
@@ -143,8 +168,10 @@ def _ending(
     shares: Array,
     rng: np.random.Generator,
 ) -> tuple[Mixture, Array]:
-    """Sheets of `before`, and a last one traced from the middle of those `u (N, D)` of which it has
-    the larger of the `shares (S, N)`; and the logs of p over q then `(N,)`.
+    """Trace one more sheet from the middle of the draws `u (N, D)` that are mostly its own.
+
+    It follows the sheets of `before`; `shares (S, N)`. Returns the logs of p over q then, `(N,)`,
+    too.
     """
     mine = shares[-1] > 0.5
     some, weights = u[mine], shares[-1][mine] / shares[-1][mine].sum()
@@ -152,39 +179,44 @@ def _ending(
     last = trace(surface, expand, centre, rng, (some, weights)).ridge
     sheets = [*before.sheets[: len(shares) - 1], last]
     # The places begin where others end: which points belong to which, once more.
-    whole = settled(_wide(sheets, u, shares / len(u)), expand)
+    whole = newton_mixture(_wide(sheets, u, shares / len(u)), expand)
     shares, log_q = whole.shares(*whole.straightened(u))
     return _wide(sheets, u, shares / len(u)), value - log_q
 
 
-def _wide(sheets: Sequence[Sheet], u: Array, weights: Array) -> Mixture:
+def _wide(sheets: Sequence[RidgeCoordinates], u: Array, weights: Array) -> Mixture:
     """A component for each sheet, wider than draws `u (N, D)` of `weights (S, N)` along it."""
     means, roots = [], []
-    for sheet, own in zip(sheets, weights, strict=True):
+    for sheet, sheet_weights in zip(sheets, weights, strict=True):
         n, d = sheet.n_loose, u.shape[1]
-        middle, root = moments(sheet.frame.split(u)[0], own + HARDLY)
+        middle, root = moments(sheet.frame.split(u)[0], sheet_weights + NEGLIGIBLE_WEIGHT)
         means.append(np.concatenate([middle, np.zeros(d - n)]))
-        roots.append(ACROSS * np.eye(d))
-        roots[-1][:n, :n] = ALONG * root
-    held = weights.sum(axis=1)
-    return independence.mixture(sheets, range(len(sheets)), held, np.array(means), np.array(roots))
+        roots.append(WIDTH_ACROSS * np.eye(d))
+        roots[-1][:n, :n] = WIDTH_ALONG * root
+    totals = weights.sum(axis=1)
+    return independence.mixture(
+        sheets, range(len(sheets)), totals, np.array(means), np.array(roots)
+    )
 
 
-def _drawn(surface: Surface, found: Mixture, n: int, seed: Random) -> tuple[Weighed, Array, float]:
-    """Of `n` draws, or more where many are outside the prior, those with a density; each sheet's shares
-    of them `(S, N)`; and how many of all are inside.
+def _drawn(
+    surface: Surface, mixture: Mixture, n: int, seed: Random
+) -> tuple[WeightedDraws, Array, float]:
+    """Draw `n` times, or more where many are outside the prior, and keep draws with a density.
+
+    Returns each sheet's shares of them `(S, N)`, and how many of all are inside, too.
     """
-    inside = surface.inside(found.draw(n, seed).u).mean()
-    every = found.draw(int(n / max(float(inside), 1.0 / REPEATED)), seed)
-    value = surface.value(every.u)
+    inside = surface.inside(mixture.draw(n, seed).u).mean()
+    drawn = mixture.draw(int(n / max(float(inside), 1.0 / MAX_TRIES_PER_DRAW)), seed)
+    value = surface.value(drawn.u)
     good = np.isfinite(value)
-    kept = every.those(good)
-    shares, log_q = found.shares(*found.coordinates(kept))
-    return Weighed(kept.u, value[good] - log_q, np.zeros(len(log_q))), shares, float(inside)
+    valid = drawn.select(good)
+    shares, log_q = mixture.shares(*mixture.coordinates(valid))
+    return WeightedDraws(valid.u, value[good] - log_q, np.zeros(len(log_q))), shares, float(inside)
 
 
-def _nothing(surface: Surface, proposal: Proposal, draws: Weighed) -> bool:
+def _covers(surface: Surface, proposal: Proposal, draws: WeightedDraws) -> bool:
     """Whether hardly any of the posterior is where the proposal hardly ever goes, as far as one sees."""
     ratio = surface.value(draws.u) - proposal.mixture.log_density(draws.u)
-    left_out = float(draws.weights[ratio > proposal.usual + FAR].sum())
-    return left_out < LEFT_OUT and draws.effective > LEAST * len(draws.u)
+    missed_mass = float(draws.weights[ratio > proposal.typical_log_ratio + FAR_LOG_RATIO].sum())
+    return missed_mass < MAX_MISSED_MASS and draws.effective > MIN_EFFECTIVE_SHARE * len(draws.u)

@@ -1,5 +1,6 @@
-"""One emcee ensemble, advanced piece by piece (the same chain however it is cut), and the registry
-of its moves.
+"""Advance one emcee ensemble segment by segment, and register its moves.
+
+The chain is the same however it is cut.
 
 Steps of walkers that the proposal would hardly ever lead away.
 
@@ -25,14 +26,24 @@ import numpy as np
 
 from bayesdrill.basics.arrays import Array, Flags, Indices
 from bayesdrill.basics.registry import Registry, check_callable
-from bayesdrill.sampling.samplers.independence import Inside, Mixture, Proposal, Random, Remembered
-from bayesdrill.sampling.samplers.ridge import Sheet, bend, straighten
+from bayesdrill.sampling.samplers.independence import (
+    CachedLogDensity,
+    Inside,
+    Mixture,
+    Proposal,
+    Random,
+)
+from bayesdrill.sampling.samplers.ridge import (
+    RidgeCoordinates,
+    from_ridge_coordinates,
+    to_ridge_coordinates,
+)
 
-SHORTEST, LONGEST = 0.01, 1.0  # of a component's widths, over the root of the dimension
+MIN_LENGTH, MAX_LENGTH = 0.01, 1.0  # of a component's widths, over the root of the dimension
 
 
 def local_steps(mixture: Mixture, u: Array, random: Random) -> tuple[Array, Array, Array]:
-    """From `u (n, D)`: new points, their Hastings factors (logs) and their log q, both `(n,)`.
+    """Return new points from `u (n, D)`, their Hastings factors (logs) and their log q, `(n,)`.
 
     The component is drawn by its share of q, which is another where the step ends; the step has its
     shape, and a length between far and near.
@@ -43,13 +54,13 @@ def local_steps(mixture: Mixture, u: Array, random: Random) -> tuple[Array, Arra
     parts = mixture.log_parts(y, before)
     shares = np.exp(parts - parts.max(axis=0)).cumsum(axis=0)
     k = (shares < shares[-1] * random.random_sample(n)).sum(axis=0)
-    length = SHORTEST * (LONGEST / SHORTEST) ** random.random_sample((n, 1)) / np.sqrt(d)
+    length = MIN_LENGTH * (MAX_LENGTH / MIN_LENGTH) ** random.random_sample((n, 1)) / np.sqrt(d)
     step = np.einsum("nij,nj->ni", mixture.roots[k], random.standard_normal((n, d)))
     sheet = mixture.sheet[k]
     fresh = np.empty_like(u)
     for s in np.unique(sheet):
         mine = sheet == s
-        fresh[mine] = bend(mixture.sheets[s], (y[s] + length * step)[mine])[0]
+        fresh[mine] = from_ridge_coordinates(mixture.sheets[s], (y[s] + length * step)[mine])[0]
     y, after = mixture.straightened(fresh)
     parts_after = mixture.log_parts(y, after)
     log_q, log_q_after = (np.logaddexp.reduce(some, axis=0) for some in (parts, parts_after))
@@ -58,29 +69,32 @@ def local_steps(mixture: Mixture, u: Array, random: Random) -> tuple[Array, Arra
     return fresh, factor, log_q_after
 
 
-STRETCH = 2.0  # Goodman and Weare's a
+STRETCH_SCALE = 2.0  # Goodman and Weare's a
 GAMMA = 2.38  # over sqrt(2 D): ter Braak's scale of a difference
 GAMMA_SPREAD = 1e-5  # relative: a little noise keeps walkers out of a common plane
 
 
 class Move(Protocol):
-    """`propose(model, state)`: emcee's contract; `state` is changed in place and given back."""
+    """A move by emcee's contract."""
 
-    def propose(self, model: Any, state: Any) -> tuple[Any, Flags]: ...
+    def propose(self, model: Any, state: Any) -> tuple[Any, Flags]:
+        """Advance all walkers by a step; `state` is changed in place and given back."""
+        ...
 
 
 @dataclass(frozen=True, slots=True)
-class Halves:
-    """Each half of the walkers, split at random, moves by where the other half stands.
+class SplitEnsembleMove:
+    """A move of each half of the walkers, split at random, by where the other half stands.
 
     `proposal(walkers, others, random)`: new points and their Hastings factors (logs).  `along`: the
     ridge in whose coordinates that happens, where there is one.
     """
 
     proposal: Callable[[Array, Array, Random], tuple[Array, Array]]
-    along: Sheet | None = None
+    along: RidgeCoordinates | None = None
 
     def propose(self, model: Any, state: Any) -> tuple[Any, Flags]:
+        """Advance one half of the walkers, then the other."""
         accepted = np.zeros(len(state.coords), dtype=bool)
         order = model.random.permutation(len(state.coords))
         middle = len(order) // 2
@@ -94,39 +108,40 @@ class Halves:
     ) -> tuple[Array, Array]:
         if self.along is None:
             return self.proposal(walkers[half], walkers[others], random)
-        y, before = straighten(self.along, walkers)
+        y, before = to_ridge_coordinates(self.along, walkers)
         there, factor = self.proposal(y[half], y[others], random)
-        fresh, after = bend(self.along, there)
+        fresh, after = from_ridge_coordinates(self.along, there)
         return fresh, factor + after - before[half]
 
 
 @dataclass(frozen=True, slots=True)
-class Independent:
-    """All walkers at once, to points that do not depend on where any of them stands.
+class IndependenceMove:
+    """A move of all walkers at once, to points that do not depend on where any of them stands.
 
-    After a share of the steps (of the settled ones, where there are any), those that would wait long
-    for such a point take a step by themselves.
+    After a share of the steps (of the settled ones, where there are any), those that would wait
+    long for such a point take a step by themselves.
     """
 
     proposal: Proposal
     inside: Inside
-    remembered: tuple[Remembered, Remembered]  # of the proposal, and of the widest
+    remembered: tuple[CachedLogDensity, CachedLogDensity]  # of the proposal, and of the widest
 
     def propose(self, model: Any, state: Any) -> tuple[Any, Flags]:
+        """Advance all walkers by a draw of the proposal, and perhaps by local steps."""
         everyone = np.arange(len(state.coords))
-        one = self.proposal.one_of(model.random)
-        known = self.remembered[one is self.proposal.settled]
+        proposal = self.proposal.pick(model.random)
+        known = self.remembered[proposal is self.proposal.newton]
         before = known.at(state.coords)
-        fresh, after = one.draw(len(everyone), self.inside, model.random)
+        fresh, after = proposal.draw(len(everyone), self.inside, model.random)
         moved = _accept(model, state, everyone, fresh, before - after)
         known.keep(state.coords, np.where(moved, after, before))
-        if one is self.proposal.widest and model.random.random_sample() < one.alone:
-            moved |= alone(model, state, one, known.at(state.coords))
+        if proposal is self.proposal.widest and model.random.random_sample() < proposal.local_share:
+            moved |= step_trapped(model, state, proposal, known.at(state.coords))
         return state, moved
 
 
-def alone(model: Any, state: Any, proposal: Proposal, log_q: Array) -> Flags:
-    """Steps of those walkers that would wait long; `log_q (W,)` is the proposal's where they stand."""
+def step_trapped(model: Any, state: Any, proposal: Proposal, log_q: Array) -> Flags:
+    """Step those walkers that would wait long; `log_q (W,)` is the proposal's where they stand."""
     moved = np.zeros(len(log_q), dtype=bool)
     which = np.flatnonzero(state.log_prob > proposal.high(log_q))
     if len(which) > 0:
@@ -158,39 +173,43 @@ def _accept(
 
 
 def differential_evolution(walkers: Array, others: Array, random: Random) -> tuple[Array, Array]:
-    """Along the difference of two of the others (ter Braak 2006; Nelson et al. 2014)."""
+    """Move along the difference of two others (ter Braak 2006; Nelson et al. 2014)."""
     n, d = walkers.shape
-    first, apart = random.randint(len(others), size=n), random.randint(1, len(others), size=n)
-    second = (first + apart) % len(others)
+    first, offset = random.randint(len(others), size=n), random.randint(1, len(others), size=n)
+    second = (first + offset) % len(others)
     gamma = GAMMA / np.sqrt(2 * d) * (1.0 + GAMMA_SPREAD * random.standard_normal((n, 1)))
     return walkers + gamma * (others[first] - others[second]), np.zeros(n)
 
 
 def stretch(walkers: Array, others: Array, random: Random) -> tuple[Array, Array]:
-    """Along the line through one of the others (Goodman and Weare 2010)."""
+    """Move along the line through one of the others (Goodman and Weare 2010)."""
     n, d = walkers.shape
-    factor = np.square((STRETCH - 1.0) * np.asarray(random.random_sample(n)) + 1.0) / STRETCH
+    factor = (
+        np.square((STRETCH_SCALE - 1.0) * np.asarray(random.random_sample(n)) + 1.0) / STRETCH_SCALE
+    )
     centre = others[random.randint(len(others), size=n)]
     return centre + factor[:, None] * (walkers - centre), (d - 1.0) * np.log(factor)
 
 
-Make = Callable[[Proposal | None, Inside], Move | None]
+MoveFactory = Callable[[Proposal | None, Inside], Move | None]
 
 
-def halves(proposal: Callable[[Array, Array, Random], tuple[Array, Array]]) -> Make:
-    """Along the first ridge, where one has been learnt."""
-    return lambda learnt, _: Halves(proposal, learnt.mixture.sheets[0] if learnt else None)
+def halves(proposal: Callable[[Array, Array, Random], tuple[Array, Array]]) -> MoveFactory:
+    """Return a factory of moves along the first ridge, where one has been learnt."""
+    return lambda learnt, _: SplitEnsembleMove(
+        proposal, learnt.mixture.sheets[0] if learnt else None
+    )
 
 
 def _independent(learnt: Proposal | None, inside: Inside) -> Move | None:
     """None as long as nothing has been learnt."""
     if learnt is None:
         return None
-    remembered = Remembered(learnt.mixture), Remembered(learnt.widest.mixture)
-    return Independent(learnt, inside, remembered)
+    remembered = CachedLogDensity(learnt.mixture), CachedLogDensity(learnt.widest.mixture)
+    return IndependenceMove(learnt, inside, remembered)
 
 
-MOVES: Registry[Make] = Registry(
+MOVES: Registry[MoveFactory] = Registry(
     "move",
     {
         "differential_evolution": halves(differential_evolution),
@@ -201,12 +220,17 @@ MOVES: Registry[Make] = Registry(
 )
 
 
-def mixture(
+def moves_with_weights(
     weights: Mapping[str, float], learnt: Proposal | None, inside: Inside
 ) -> list[tuple[Move, float]]:
-    """What emcee takes as `moves`; those that need a proposal only where one has been learnt."""
-    made = [(MOVES[name](learnt, inside), weight) for name, weight in weights.items() if weight > 0]
-    return [(move, weight) for move, weight in made if move is not None]
+    """Return what emcee takes as `moves`.
+
+    Those that need a proposal are there only where one has been learnt.
+    """
+    built = [
+        (MOVES[name](learnt, inside), weight) for name, weight in weights.items() if weight > 0
+    ]
+    return [(move, weight) for move, weight in built if move is not None]
 
 
 @dataclass(frozen=True, slots=True)
@@ -219,10 +243,10 @@ class State:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Piece:
+class ChainSegment:
     """Consecutive steps: `z (S, W, D)`, `log_p (S, W)`, `accepted (W,)` counts, and the end.
 
-    `seconds`: how long they took; nothing but the length of the next piece depends on it.
+    `seconds`: how long they took; nothing but the length of the next segment depends on it.
     """
 
     z: Array
@@ -233,7 +257,8 @@ class Piece:
     seconds: float
 
 
-def everywhere(z: Array) -> Flags:
+def always_inside(z: Array) -> Flags:
+    """Return that every point of `z (n, D)` may have a density."""
     return np.ones(len(z), dtype=bool)
 
 
@@ -243,12 +268,12 @@ def advance(
     n_steps: int,
     moves: Mapping[str, float],
     proposal: Proposal | None = None,
-    inside: Callable[[Array], Flags] = everywhere,
-) -> Piece:
-    """`n_steps` further; `evaluate` gives the log density of a batch and its failures.
+    inside: Callable[[Array], Flags] = always_inside,
+) -> ChainSegment:
+    """Advance an ensemble by `n_steps`; `evaluate` gives log densities of a batch and its failures.
 
-    `proposal`: what the independence move draws from; without it that move is left out.
-    `inside`: whether points `(n, D)` may have a density at all, cheaper than asking for it.
+    `proposal`: what the independence move draws from; without it that move is left out. `inside`:
+    whether points `(n, D)` may have a density at all, cheaper than asking for it.
     """
     import emcee  # late: it takes half a second to load
 
@@ -263,11 +288,11 @@ def advance(
     begun = time.perf_counter()
     n_walkers, n_dim = state.z.shape
     sampler = emcee.EnsembleSampler(
-        n_walkers, n_dim, target, moves=mixture(moves, proposal, inside), vectorize=True
+        n_walkers, n_dim, target, moves=moves_with_weights(moves, proposal, inside), vectorize=True
     )
     start = emcee.State(state.z, log_prob=state.log_p, random_state=state.random)
     end = sampler.run_mcmc(start, n_steps, skip_initial_state_check=True)
-    return Piece(
+    return ChainSegment(
         z=sampler.get_chain(),
         log_p=sampler.get_log_prob(),
         accepted=sampler.backend.accepted.copy(),

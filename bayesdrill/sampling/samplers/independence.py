@@ -1,5 +1,4 @@
-"""An independence proposal: a Gaussian mixture over sheets of coordinates, fitted to weighted
-draws.
+"""Fit an independence proposal to weighted draws: a Gaussian mixture over ridge coordinates.
 
 What draws from a proposal q say of the target p: weights, and how q would do.
 
@@ -10,9 +9,9 @@ A sheet is a ridge with coordinates of its own; every component belongs to one. 
 one maximum has one sheet.  Together they are one normalised density over u (up to what the prior
 cuts off, which is the same for all of it).
 
-An independence proposal: it is learnt before the first step, and depends on nothing that the
-chain does, so that detailed balance holds exactly: u' drawn from the density q is accepted with
-min(1, p(u') q(u) / (p(u) q(u'))).
+An independence proposal: it is learnt before the first step, and depends on nothing that the chain
+does, so that detailed balance holds exactly: u' drawn from the density q is accepted with min(1,
+p(u') q(u) / (p(u) q(u'))).
 
 Draws outside the prior are drawn again, which costs no response of the model where no ridge is
 settled; what the cut does to the norm of q cancels.
@@ -27,15 +26,19 @@ from dataclasses import dataclass
 import numpy as np
 
 from bayesdrill.basics.arrays import Array, Flags, Indices
-from bayesdrill.sampling.samplers.ridge import Sheet, bend, straighten
+from bayesdrill.sampling.samplers.ridge import (
+    RidgeCoordinates,
+    from_ridge_coordinates,
+    to_ridge_coordinates,
+)
 
 Random = np.random.RandomState
 
-LONG = 2.0  # of the log of p over q above the usual: e^2 times as long as usual
+LONG_LOG_RATIO = 2.0  # of the log of p over q above the usual: e^2 times as long as usual
 
 
 @dataclass(frozen=True, slots=True)
-class Weighed:
+class WeightedDraws:
     """Draws `u (N, D)`, logs of p over q `(N,)`, and of how much of q each of them stands for `(N,)`.
 
     Neither p nor q need be normalised; p may be zero.
@@ -47,22 +50,23 @@ class Weighed:
 
     @property
     def weights(self) -> Array:
-        """`(N,)`, their sum 1: the draws are those of p then."""
+        """Normalised weights `(N,)`: with them the draws are those of p."""
         return normalised(self.log_q + self.log_w)
 
     @property
     def effective(self) -> float:
-        return effective(self.weights)
+        """The effective number of these draws."""
+        return effective_count(self.weights)
 
     @property
     def share(self) -> float:
-        """Of draws from q alone, how many would be effective."""
+        """How many of draws from q alone would be effective."""
         ratio, q = np.exp(self.log_w - self.log_w.max()), normalised(self.log_q)
         return float((q @ ratio) ** 2 / (q @ ratio**2))
 
     @property
     def acceptance(self) -> float:
-        """Of independent proposals in the long run.
+        """The acceptance of independent proposals in the long run.
 
         A move from x to y is accepted with min(1, w(y) / w(x)), x from p and y from q: the mean of
         the smaller of two weights, over the mean weight.
@@ -76,43 +80,45 @@ class Weighed:
     @property
     def trapped(self) -> float:
         """How much of p is where q is so thin that a walker would wait long for another point."""
-        return float(self.weights[self.log_w > self.usual + LONG].sum())
+        return float(self.weights[self.log_w > self.typical_log_ratio + LONG_LOG_RATIO].sum())
 
     @property
-    def usual(self) -> float:
+    def typical_log_ratio(self) -> float:
         """The log of p over q where most of p is: its median over p."""
         order = np.argsort(self.log_w)
         middle = int(np.searchsorted(np.cumsum(self.weights[order]), 0.5))
         return float(self.log_w[order[min(middle, len(order) - 1)]])
 
     def tempered(self, least: float) -> Array:
-        """Weights of p^b q^(1 - b) with b the largest up to 1 that leaves so many effective draws."""
+        """Return weights of p^b q^(1 - b), with the largest b up to 1 for `least` effective draws."""
 
         def flat(power: float) -> Array:
             with np.errstate(invalid="ignore"):
                 return normalised(np.where(finite, self.log_q + power * self.log_w, -np.inf))
 
         finite = np.isfinite(self.log_w)
-        if effective(flat(1.0)) >= least:
+        if effective_count(flat(1.0)) >= least:
             return flat(1.0)
         low, high = 0.0, 1.0
         for _ in range(40):
             middle = 0.5 * (low + high)
-            low, high = (middle, high) if effective(flat(middle)) >= least else (low, middle)
+            low, high = (middle, high) if effective_count(flat(middle)) >= least else (low, middle)
         return flat(low)
 
-    def those_with_a_density(self) -> Weighed:
-        kept = np.isfinite(self.log_w)
-        return Weighed(self.u[kept], self.log_w[kept], self.log_q[kept])
+    def supported(self) -> WeightedDraws:
+        """Return the draws where p is not zero."""
+        finite = np.isfinite(self.log_w)
+        return WeightedDraws(self.u[finite], self.log_w[finite], self.log_q[finite])
 
 
 def normalised(log_w: Array) -> Array:
+    """Return weights with sum 1 of their logs `(N,)`."""
     weights = np.exp(log_w - log_w.max())
     return np.asarray(weights / weights.sum())
 
 
-def effective(weights: Array) -> float:
-    """As how many equal ones these `weights (N,)` count (Kish)."""
+def effective_count(weights: Array) -> float:
+    """Return the effective number of draws with these `weights (N,)` (Kish)."""
     largest = float(weights.max())
     if largest == 0.0:
         return 0.0
@@ -122,32 +128,39 @@ def effective(weights: Array) -> float:
 
 Inside = Callable[[Array], Flags]
 
-FILL = 0.8  # of what the prior cuts off: with all of it, nine of ten draws would be cut off in a corner
-FLOOR = 1e-4  # of the variance of all draws of a sheet, added to that of its components
+# Of what the prior cuts off: with all of it, nine of ten draws would be cut off in a corner.
+CUT_OFF_FILL = 0.8
+VARIANCE_FLOOR = 1e-4  # of the variance of all draws of a sheet, added to that of its components
 LOG_2PI = float(np.log(2.0 * np.pi))
 
 
 @dataclass(frozen=True, slots=True)
-class Drawn:
-    """`u (n, D)`, log |du / dy| `(n,)` and `y (n, D)`, each on the sheet that it was drawn on."""
+class MixtureDraws:
+    """Draws of a mixture.
+
+    `u (n, D)`, log |du / dy| `(n,)` and `y (n, D)`, each on the sheet that it was drawn on.
+    """
 
     u: Array
     jacobian: Array
     y: Array
     sheet: Indices
 
-    def those(self, good: Flags | Indices) -> Drawn:
-        return Drawn(self.u[good], self.jacobian[good], self.y[good], self.sheet[good])
+    def select(self, good: Flags | Indices) -> MixtureDraws:
+        """Return those draws that are `good`."""
+        return MixtureDraws(self.u[good], self.jacobian[good], self.y[good], self.sheet[good])
 
 
 @dataclass(frozen=True, slots=True)
 class Mixture:
-    """`sheet (K,)`: which of `sheets` a component lives on; `weights (K,)` sum to 1.
+    """A Gaussian mixture over sheets of coordinates.
+
+    `sheet (K,)`: which of `sheets` a component lives on; `weights (K,)` sum to 1.
 
     `means (K, D)` and lower Cholesky factors `roots (K, D, D)` in the sheet's coordinates.
     """
 
-    sheets: tuple[Sheet, ...]
+    sheets: tuple[RidgeCoordinates, ...]
     sheet: Indices
     weights: Array
     means: Array
@@ -155,58 +168,60 @@ class Mixture:
     inverses: Array
     constants: Array
 
-    def draw(self, n: int, random: Random) -> Drawn:
-        """`n` draws, inside the prior or not."""
-        chosen = np.searchsorted(np.cumsum(self.weights)[:-1], random.random_sample(n))
+    def draw(self, n: int, random: Random) -> MixtureDraws:
+        """Draw `n` points, inside the prior or not."""
+        component = np.searchsorted(np.cumsum(self.weights)[:-1], random.random_sample(n))
         normal = random.standard_normal((n, self.means.shape[1]))
         y, u, jacobian = np.empty_like(normal), np.empty_like(normal), np.empty(n)
         for k, (mean, root) in enumerate(zip(self.means, self.roots, strict=True)):
-            mine = np.flatnonzero(chosen == k)
+            mine = np.flatnonzero(component == k)
             y[mine] = mean + normal[mine] @ root.T
         if len(self.sheets) == 1:
-            return Drawn(*bend(self.sheets[0], y), y, self.sheet[chosen])
+            return MixtureDraws(
+                *from_ridge_coordinates(self.sheets[0], y), y, self.sheet[component]
+            )
         for s, sheet in enumerate(self.sheets):
-            mine = np.flatnonzero(self.sheet[chosen] == s)
-            u[mine], jacobian[mine] = bend(sheet, y[mine])
-        return Drawn(u, jacobian, y, self.sheet[chosen])
+            mine = np.flatnonzero(self.sheet[component] == s)
+            u[mine], jacobian[mine] = from_ridge_coordinates(sheet, y[mine])
+        return MixtureDraws(u, jacobian, y, self.sheet[component])
 
-    def coordinates(self, drawn: Drawn) -> tuple[Array, Array]:
-        """`straightened`, of draws of its own: on the sheet they come from they are known already."""
+    def coordinates(self, drawn: MixtureDraws) -> tuple[Array, Array]:
+        """Return `straightened` of draws of its own, known already on the sheet they come from."""
         y = np.repeat(drawn.y[None], len(self.sheets), axis=0)
         jacobian = np.repeat(drawn.jacobian[None], len(self.sheets), axis=0)
         for s, sheet in enumerate(self.sheets):
             others = np.flatnonzero(drawn.sheet != s)
             if len(others) > 0:
-                y[s, others], jacobian[s, others] = straighten(sheet, drawn.u[others])
+                y[s, others], jacobian[s, others] = to_ridge_coordinates(sheet, drawn.u[others])
         return y, jacobian
 
     def widened(self, factor: float) -> Mixture:
-        """With every component as many times wider, and equal shares for the sheets."""
+        """Return a mixture with components `factor` times as wide, and equal shares for the sheets."""
         each = np.array([self.weights[self.sheet == s].sum() for s in self.sheet])
         weights = self.weights / each
         return mixture(self.sheets, self.sheet, weights, self.means, factor * self.roots)
 
     def log_density(self, u: Array) -> Array:
-        """`(W, D) -> (W,)` over u."""
+        """Return the log density over u, `(W, D) -> (W,)`."""
         return self.log_density_at(*self.straightened(u))
 
     def log_density_at(self, y: Array, jacobian: Array) -> Array:
-        """Of what has been `straightened` already: `(W,)` over u."""
+        """Return the log density over u of `straightened` points: `(W,)`."""
         return _summed(self.log_parts(y, jacobian))
 
     def shares(self, y: Array, jacobian: Array) -> tuple[Array, Array]:
-        """Of each component in the density there: `(K, W)`; and its log `(W,)`."""
+        """Return the share of each component in the density, `(K, W)`, and the log of that `(W,)`."""
         parts = self.log_parts(y, jacobian)
         log_q = _summed(parts)
         return np.exp(parts - log_q), log_q
 
     def straightened(self, u: Array) -> tuple[Array, Array]:
-        """`y (S, W, D)` on each sheet and log |du / dy| `(S, W)`."""
-        y, jacobian = zip(*(straighten(sheet, u) for sheet in self.sheets), strict=True)
+        """Return `y (S, W, D)` on each sheet and log |du / dy| `(S, W)`."""
+        y, jacobian = zip(*(to_ridge_coordinates(sheet, u) for sheet in self.sheets), strict=True)
         return np.array(y), np.array(jacobian)
 
     def log_parts(self, y: Array, jacobian: Array) -> Array:
-        """Log density over u of each component, its weight included: `(K, W)`."""
+        """Return the log density over u of each component, its weight included: `(K, W)`."""
         standard = (y[self.sheet] - self.means[:, None, :]) @ self.inverses.transpose(0, 2, 1)
         squares = np.einsum("kwd,kwd->kw", standard, standard)
         return np.asarray(self.constants[:, None] - jacobian[self.sheet] - 0.5 * squares)
@@ -219,12 +234,13 @@ def _summed(parts: Array) -> Array:
 
 
 def mixture(
-    sheets: Sequence[Sheet],
+    sheets: Sequence[RidgeCoordinates],
     sheet: Sequence[int] | Indices,
     weights: Array,
     means: Array,
     roots: Array,
 ) -> Mixture:
+    """Build a mixture of components on `sheets`; `weights (K,)` need not be normalised."""
     weights = weights / weights.sum()
     log_det = np.log(np.diagonal(roots, axis1=1, axis2=2)).sum(axis=1)
     with np.errstate(divide="ignore"):
@@ -234,7 +250,7 @@ def mixture(
     return Mixture(tuple(sheets), which, weights, means, roots, inverses, constants)
 
 
-def fitted(
+def fit_mixture(
     start: Mixture,
     u: Array,
     weights: Array,
@@ -242,123 +258,132 @@ def fitted(
     rounds: int,
     random: Random,
 ) -> Mixture:
-    """Expectation and maximisation from `start`, for draws `u (N, D)` that weigh `weights (N,)`.
+    """Fit a mixture by expectation and maximisation.
+
+    Expectation and maximisation from `start`, for draws `u (N, D)` that weigh `weights (N,)`.
 
     What the mixture puts outside the prior is added to the draws in each round, so that it is free
     to be anything there: a density that ends at a wall is met by components that reach beyond.
     """
-    found = start
+    current = start
     y, jacobian = start.straightened(u)
-    floors = [_floor(*own) for own in zip(y, _of_sheets(start, y, jacobian, weights), strict=True)]
+    floors = [
+        _floor(*sheet_draws)
+        for sheet_draws in zip(y, _weights_of_sheets(start, y, jacobian, weights), strict=True)
+    ]
     for _ in range(rounds):
-        drawn = found.draw(len(u), random).u
+        drawn = current.draw(len(u), random).u
         out = ~inside(drawn)
         share = max(1.0 - float(out.mean()), 1.0 / len(u))
-        y_out, jacobian_out = found.straightened(drawn[out])
-        every = np.concatenate([weights, np.full(int(out.sum()), FILL / (share * len(u)))])
+        y_out, jacobian_out = current.straightened(drawn[out])
+        all_weights = np.concatenate(
+            [weights, np.full(int(out.sum()), CUT_OFF_FILL / (share * len(u)))]
+        )
         points = np.concatenate([y, y_out], axis=1)
         jacobians = np.concatenate([jacobian, jacobian_out], axis=1)
-        found = _step(found, points, jacobians, every, floors)
-    return found
+        current = _step(current, points, jacobians, all_weights, floors)
+    return current
 
 
 def _step(
-    found: Mixture, y: Array, jacobian: Array, weights: Array, floors: list[Array]
+    current: Mixture, y: Array, jacobian: Array, weights: Array, floors: list[Array]
 ) -> Mixture:
-    parts = found.log_parts(y, jacobian)
+    parts = current.log_parts(y, jacobian)
     parts -= parts.max(axis=0)
     shares = np.exp(parts)
     shares *= weights / shares.sum(axis=0)
     totals = shares.sum(axis=1)
-    means, roots = found.means.copy(), found.roots.copy()
+    means, roots = current.means.copy(), current.roots.copy()
     dimension = means.shape[1]
     for k, total in enumerate(totals):
-        if total < 1e-12 or effective(shares[k]) < 2 * dimension:
+        if total < 1e-12 or effective_count(shares[k]) < 2 * dimension:
             continue  # too few draws to move it
-        points = y[found.sheet[k]]
+        points = y[current.sheet[k]]
         means[k] = shares[k] @ points / total
         off = points - means[k]
         covariance = (off * shares[k][:, None]).T @ off / total
         with suppress(np.linalg.LinAlgError):  # of one draw that outweighs all others
-            roots[k] = np.linalg.cholesky(covariance + floors[found.sheet[k]])
-    return mixture(found.sheets, found.sheet, np.maximum(totals, 1e-12), means, roots)
+            roots[k] = np.linalg.cholesky(covariance + floors[current.sheet[k]])
+    return mixture(current.sheets, current.sheet, np.maximum(totals, 1e-12), means, roots)
 
 
-def _of_sheets(found: Mixture, y: Array, jacobian: Array, weights: Array) -> list[Array]:
+def _weights_of_sheets(current: Mixture, y: Array, jacobian: Array, weights: Array) -> list[Array]:
     """How much of each weight every sheet stands for: `(N,)` each."""
-    if len(found.sheets) == 1:
+    if len(current.sheets) == 1:
         return [weights]
-    shares, _ = found.shares(y, jacobian)
-    return [weights * shares[found.sheet == s].sum(axis=0) for s in range(len(found.sheets))]
+    shares, _ = current.shares(y, jacobian)
+    return [weights * shares[current.sheet == s].sum(axis=0) for s in range(len(current.sheets))]
 
 
 def _floor(y: Array, weights: Array) -> Array:
     total = max(float(weights.sum()), 1e-300)
     mean = weights @ y / total
     spread = weights @ (y - mean) ** 2 / total
-    return np.diag(FLOOR * spread + 1e-12)
+    return np.diag(VARIANCE_FLOOR * spread + 1e-12)
 
 
-SETTLED = 0.5  # of the steps, where there is such a proposal
-ALONE = 0.2  # of the steps: the model is as dear for one walker as for thirty, ...
-SETTLED_ALONE = 0.5  # ... and of those along settled ridges: there more are left waiting
-MOST_REDRAWS = 8
-MOST_AT_ONCE = 10  # draws for each that is wanted: in a corner of the prior few are inside
+NEWTON_SHARE = 0.5  # of the steps, where there is such a proposal
+LOCAL_SHARE = 0.2  # of the steps: the model is as dear for one walker as for thirty, ...
+NEWTON_LOCAL_SHARE = 0.5  # ... and of those along settled ridges: there more are left waiting
+MAX_REDRAWS = 8
+MAX_DRAWS_PER_WANTED = 10  # draws for each that is wanted: in a corner of the prior few are inside
 
 
 @dataclass(frozen=True, slots=True)
 class Proposal:
-    """`share`: of the mixture's draws that are inside the prior, about.
+    """A mixture from which steps are drawn inside the prior.
 
-    `usual`: log p - log q where most of p is.  `alone`: after which share of its steps walkers that
-    would wait step by themselves.  `settled`: another, which costs far more and goes where this one
-    hardly ever does.
+    `share`: of the mixture's draws that are inside the prior, about.
+
+    `typical_log_ratio`: log p - log q where most of p is.  `local_share`: after which share of its
+    steps walkers that would wait step by themselves.  `newton`: another, which costs far more and
+    goes where this one hardly ever does.
     """
 
     mixture: Mixture
     share: float
-    usual: float
-    alone: float = ALONE
-    settled: Proposal | None = None
+    typical_log_ratio: float
+    local_share: float = LOCAL_SHARE
+    newton: Proposal | None = None
 
-    def one_of(self, random: Random) -> Proposal:
-        """What a step draws from: mostly this."""
-        if self.settled is None or random.random_sample() > SETTLED:
+    def pick(self, random: Random) -> Proposal:
+        """Return what a step draws from: mostly this proposal."""
+        if self.newton is None or random.random_sample() > NEWTON_SHARE:
             return self
-        return self.settled
+        return self.newton
 
     @property
     def widest(self) -> Proposal:
-        """What leaves least of the posterior out."""
-        return self.settled or self
+        """The proposal that leaves least of the posterior out."""
+        return self.newton or self
 
     def high(self, log_q: Array) -> Array:
-        """Above which log p a walker where q is `log_q (W,)` would wait long."""
-        return self.usual + LONG + log_q
+        """Return the log p above which a walker would wait long, where q is `log_q (W,)`."""
+        return self.typical_log_ratio + LONG_LOG_RATIO + log_q
 
     def draw(self, n: int, inside: Inside, random: Random) -> tuple[Array, Array]:
-        """`n` draws `(n, D)` inside the prior, and their log q `(n,)`.
+        """Draw `n` points `(n, D)` inside the prior, and return their log q `(n,)` too.
 
-        After `MOST_REDRAWS` some may be outside, where they are never accepted: that depends on
-        no walker, so the chain stays exact.
+        After `MAX_REDRAWS` some may be outside, where they are never accepted: that depends on no
+        walker, so the chain stays exact.
         """
         have = 0
-        found: list[tuple[Array, Array]] = []
-        for attempt in range(MOST_REDRAWS):
-            wanted = min(1.2 * (n - have) / self.share, MOST_AT_ONCE * n)
+        batches: list[tuple[Array, Array]] = []
+        for attempt in range(MAX_REDRAWS):
+            wanted = min(1.2 * (n - have) / self.share, MAX_DRAWS_PER_WANTED * n)
             drawn = self.mixture.draw(int(wanted) + 8, random)
-            if attempt < MOST_REDRAWS - 1:
-                drawn = drawn.those(np.flatnonzero(inside(drawn.u))[: n - have])
+            if attempt < MAX_REDRAWS - 1:
+                drawn = drawn.select(np.flatnonzero(inside(drawn.u))[: n - have])
             log_q = self.mixture.log_density_at(*self.mixture.coordinates(drawn))
-            found.append((drawn.u, log_q))
+            batches.append((drawn.u, log_q))
             have += len(drawn.u)
             if have >= n:
                 break
-        return tuple(np.concatenate(parts)[:n] for parts in zip(*found, strict=True))  # type: ignore[return-value]
+        return tuple(np.concatenate(parts)[:n] for parts in zip(*batches, strict=True))  # type: ignore[return-value]
 
 
-class Remembered:
-    """Log q where walkers stand, of one mixture: asked for again where they have moved."""
+class CachedLogDensity:
+    """Log q of one mixture where walkers stand; it is computed again where they have moved."""
 
     def __init__(self, mixture: Mixture) -> None:
         self.mixture = mixture
@@ -366,7 +391,7 @@ class Remembered:
         self._log_q = np.empty(0)
 
     def at(self, u: Array) -> Array:
-        """`(W, D)` to `(W,)`."""
+        """Return log q at `u (W, D)`: `(W,)`."""
         if self._u.shape != u.shape:
             self.keep(u, self.mixture.log_density(u))
         moved = np.flatnonzero((self._u != u).any(axis=1))
@@ -377,5 +402,5 @@ class Remembered:
         return self._log_q
 
     def keep(self, u: Array, log_q: Array) -> None:
-        """For the next time."""
+        """Keep log q of these points for the next step."""
         self._u, self._log_q = u.copy(), log_q

@@ -1,4 +1,4 @@
-"""Coordinates in which a posterior is a bundle of near-Gaussian fibres over its loose directions.
+"""Coordinates in which a posterior is a bundle of near-Gaussian fibres along a ridge.
 
 Some directions a record determines well (tight), others hardly (loose).  As one walks along the
 loose ones, the place where the tight ones have their maximum moves: along the ridge.  With x the
@@ -20,11 +20,11 @@ import numpy as np
 
 from bayesdrill.basics.arrays import Array, Flags, Indices
 
-LEEWAY = 0.25  # of the range of a root's entries: beyond it a polynomial has lost its way
+RANGE_MARGIN = 0.25  # of the range of a root's entries: beyond it a polynomial has lost its way
 
 
 @dataclass(frozen=True, slots=True)
-class Powers:
+class Monomials:
     """Monomials of `n` variables up to `degree`: 1, and then each that stands before times a variable.
 
     `products`: (monomial, variable) of all but the first.
@@ -36,10 +36,11 @@ class Powers:
 
     @property
     def terms(self) -> int:
+        """The number of monomials."""
         return 1 + len(self.products)
 
-    def of(self, x: Array) -> Array:
-        """`(n, W) -> (terms, W)`."""
+    def evaluate(self, x: Array) -> Array:
+        """Evaluate all monomials, `(n, W) -> (terms, W)`."""
         rows = np.empty((self.terms, x.shape[1]))
         rows[0] = 1.0
         for row, (before, variable) in enumerate(self.products, start=1):
@@ -47,7 +48,8 @@ class Powers:
         return rows
 
 
-def powers(n: int, degree: int) -> Powers:
+def build_monomials(n: int, degree: int) -> Monomials:
+    """Build the monomials of `n` variables up to `degree`."""
     products: list[tuple[int, int]] = []
     last = [(0, 0)]  # each monomial of the degree before, and the largest variable in it
     for _ in range(degree if n else 0):
@@ -55,11 +57,11 @@ def powers(n: int, degree: int) -> Powers:
         pairs = [(m, v) for m, largest in last for v in range(largest, n)]
         products += pairs
         last = [(begin + k, v) for k, (_, v) in enumerate(pairs)]
-    return Powers(n, degree, tuple(products))
+    return Monomials(n, degree, tuple(products))
 
 
 @dataclass(frozen=True, slots=True)
-class Frame:
+class LocalBasis:
     """The fixed basis: u = centre + loose psi + tight tau, with columns `(D, l)` and `(D, t)`.
 
     `back (D, D)`: the inverse of both sets of columns side by side; `log_volume`: the log of their
@@ -73,124 +75,137 @@ class Frame:
     log_volume: float
 
     def split(self, u: Array) -> tuple[Array, Array]:
-        """`(W, D)` to psi `(W, l)` and tau `(W, t)`."""
+        """Split `u (W, D)` into psi `(W, l)` and tau `(W, t)`."""
         x = (u - self.centre) @ self.back.T
         n = self.loose.shape[1]
         return x[:, :n], x[:, n:]
 
     def join(self, psi: Array, tau: Array) -> Array:
+        """Join psi `(W, l)` and tau `(W, t)` to `u (W, D)`."""
         return np.asarray(self.centre + psi @ self.loose.T + tau @ self.tight.T)
 
 
-def frame(centre: Array, columns: Array, n_loose: int) -> Frame:
-    """Of `columns (D, D)`, the loose ones first."""
+def local_basis(centre: Array, columns: Array, n_loose: int) -> LocalBasis:
+    """Build the basis of `columns (D, D)`, the loose ones first."""
     volume = float(np.linalg.slogdet(columns)[1])
     back = np.linalg.inv(columns)
-    return Frame(centre, columns[:, :n_loose], columns[:, n_loose:], back, volume)
+    return LocalBasis(centre, columns[:, :n_loose], columns[:, n_loose:], back, volume)
 
 
-class Sheet(Protocol):
-    """What has a ridge: `along` gives t `(W, t)`, R `(t, t, W)` and log det R `(W,)` at psi `(W, l)`."""
-
-    @property
-    def frame(self) -> Frame: ...
+class RidgeCoordinates(Protocol):
+    """The contract of coordinates along a ridge."""
 
     @property
-    def n_loose(self) -> int: ...
+    def frame(self) -> LocalBasis:
+        """The fixed basis."""
+        ...
 
-    def along(self, psi: Array) -> tuple[Array, Array, Array]: ...
+    @property
+    def n_loose(self) -> int:
+        """The number of loose directions."""
+        ...
 
-    def within(self, psi: Array) -> Flags: ...
+    def along(self, psi: Array) -> tuple[Array, Array, Array]:
+        """Return t `(W, t)`, R `(t, t, W)` and log det R `(W,)` at psi `(W, l)`."""
+        ...
+
+    def within(self, psi: Array) -> Flags:
+        """Return whether `psi (W, l)` is where points of the fit lie: `(W,)`."""
+        ...
 
 
-def bend(sheet: Sheet, y: Array) -> tuple[Array, Array]:
-    """`y (W, D)` to u, and log |du / dy| `(W,)`."""
+def from_ridge_coordinates(sheet: RidgeCoordinates, y: Array) -> tuple[Array, Array]:
+    """Map `y (W, D)` to u, and return log |du / dy| `(W,)` too."""
     psi, e = y[:, : sheet.n_loose], y[:, sheet.n_loose :]
     tau, root, log_det = sheet.along(psi)
     tau = tau + np.einsum("ijw,wj->wi", root, e)
     return sheet.frame.join(psi, tau), log_det + sheet.frame.log_volume
 
 
-def straighten(sheet: Sheet, u: Array) -> tuple[Array, Array]:
-    """`u (W, D)` to y, and log |du / dy| `(W,)`."""
+def to_ridge_coordinates(sheet: RidgeCoordinates, u: Array) -> tuple[Array, Array]:
+    """Map `u (W, D)` to y, and return log |du / dy| `(W,)` too."""
     psi, tau = sheet.frame.split(u)
-    place, root, log_det = sheet.along(psi)
-    e = _solved(root, tau - place)
+    on_ridge, root, log_det = sheet.along(psi)
+    e = _forward_substitution(root, tau - on_ridge)
     return np.concatenate([psi, e], axis=1), log_det + sheet.frame.log_volume
 
 
 @dataclass(frozen=True, slots=True)
-class Ridge:
-    """`place (terms, t)` of the tight directions; `root (terms, t (t + 1) / 2)` of their covariance.
+class RidgeMap:
+    """A ridge as polynomials of the loose directions.
 
-    Polynomials in those of psi that are `bent`: along the others nothing changes.
-    psi is scaled by `middle`, `width (l,)`, so that the points of the fit lie in the unit ball, and
-    kept within `reach` of it: a polynomial knows nothing of what lies beyond.  Of the root, logs of
-    the diagonal and the rest over the diagonal's column are polynomials, which stay between `ends
-    (2, t (t + 1) / 2)`.
+    `location (terms, t)` of the tight directions; `root (terms, t (t + 1) / 2)` of their
+    covariance.
+
+    Polynomials in those of psi that are `bent`: along the others nothing changes. psi is scaled by
+    `middle`, `width (l,)`, so that the points of the fit lie in the unit ball, and kept within
+    `reach` of it: a polynomial knows nothing of what lies beyond.  Of the root, logs of the
+    diagonal and the rest over the diagonal's column are polynomials, which stay between `ends (2, t
+    (t + 1) / 2)`.
     """
 
-    frame: Frame
+    frame: LocalBasis
     bent: Indices
     middle: Array
     width: Array
     reach: float
-    powers: Powers
-    place: Array
-    root_powers: Powers
+    powers: Monomials
+    location: Array
+    root_powers: Monomials
     root: Array
     ends: Array
 
     @property
     def n_loose(self) -> int:
+        """The number of loose directions."""
         return int(self.frame.loose.shape[1])
 
     def at(self, psi: Array) -> Array:
-        """The ridge itself: `(W, l)` to tau `(W, t)`."""
+        """Return tau `(W, t)` on the ridge at psi `(W, l)`."""
         return self.along(psi)[0]
 
     def within(self, psi: Array) -> Flags:
-        """Whether `psi (W, l)` is where points of the fit lie: `(W,)`."""
+        """Return whether `psi (W, l)` is where points of the fit lie: `(W,)`."""
         scaled = (psi[:, self.bent] - self.middle) / self.width
         return np.asarray((scaled**2).sum(axis=1) <= 1.0)
 
     def along(self, psi: Array) -> tuple[Array, Array, Array]:
-        """t `(W, t)`, R `(t, t, W)` and log det R `(W,)`."""
+        """Return t `(W, t)`, R `(t, t, W)` and log det R `(W,)`."""
         scaled = ((psi[:, self.bent] - self.middle) / self.width).T
         if len(scaled):
             far = np.sqrt(np.einsum("lw,lw->w", scaled, scaled))
             scaled *= self.reach / np.maximum(far, self.reach)
-        rows = self.powers.of(scaled)
+        rows = self.powers.evaluate(scaled)
         entries = self.root.T @ rows[: self.root_powers.terms]
         np.clip(entries, self.ends[0][:, None], self.ends[1][:, None], out=entries)
-        n = self.place.shape[1]
+        n = self.location.shape[1]
         root = np.zeros((n, n, psi.shape[0]))
         diagonal = np.exp(entries[:n])
         root[range(n), range(n)] = diagonal
         lower = np.tril_indices(n, -1)
         root[lower] = entries[n:] * diagonal[lower[1]]
-        return (self.place.T @ rows).T, root, entries[:n].sum(axis=0)
+        return (self.location.T @ rows).T, root, entries[:n].sum(axis=0)
 
 
-def _solved(root: Array, rest: Array) -> Array:
+def _forward_substitution(root: Array, rhs: Array) -> Array:
     """Forward substitution, over the t rows of all walkers at once."""
-    e = np.empty((root.shape[0], len(rest)))
+    e = np.empty((root.shape[0], len(rhs)))
     for row in range(len(root)):
         known = np.einsum("jw,jw->w", root[row, :row], e[:row])
-        e[row] = (rest[:, row] - known) / root[row, row]
+        e[row] = (rhs[:, row] - known) / root[row, row]
     return np.asarray(e.T)
 
 
-def fit(
-    base: Frame,
+def fit_ridge(
+    base: LocalBasis,
     psi: Array,
     tau: Array,
     roots: Array,
     degree: int,
     root_degree: int,
     bent: Indices | None = None,
-) -> Ridge:
-    """To points `psi (N, l)` of a ridge: `tau (N, t)` and `roots (N, t, t)` there."""
+) -> RidgeMap:
+    """Fit a ridge to points `psi (N, l)`, with `tau (N, t)` and `roots (N, t, t)` there."""
     bent = np.arange(psi.shape[1]) if bent is None else bent
     psi = psi[:, bent]
     n_loose = psi.shape[1]
@@ -205,39 +220,42 @@ def fit(
     below = roots[:, row, column] / diagonal[:, column]
     entries = np.concatenate([np.log(diagonal), below], axis=1)
     low, high = entries.min(axis=0), entries.max(axis=0)
-    beyond = LEEWAY * (high - low)
-    own, own_root = powers(n_loose, degree), powers(n_loose, min(root_degree, degree))
-    rows = own.of(scaled).T
-    return Ridge(
+    beyond = RANGE_MARGIN * (high - low)
+    monomials, root_monomials = (
+        build_monomials(n_loose, degree),
+        build_monomials(n_loose, min(root_degree, degree)),
+    )
+    rows = monomials.evaluate(scaled).T
+    return RidgeMap(
         frame=base,
         bent=bent,
         middle=middle,
         width=width,
         reach=1.0,
-        powers=own,
-        place=np.linalg.lstsq(rows, tau, rcond=1e-10)[0],
-        root_powers=own_root,
-        root=np.linalg.lstsq(rows[:, : own_root.terms], entries, rcond=1e-10)[0],
+        powers=monomials,
+        location=np.linalg.lstsq(rows, tau, rcond=1e-10)[0],
+        root_powers=root_monomials,
+        root=np.linalg.lstsq(rows[:, : root_monomials.terms], entries, rcond=1e-10)[0],
         ends=np.array([low - beyond, high + beyond]),
     )
 
 
-def residuals(ridge: Ridge, psi: Array, tau: Array, roots: Array) -> Array:
-    """How far points of the ridge are from where it says, in standard deviations there: `(N,)`."""
+def residuals(ridge: RidgeMap, psi: Array, tau: Array, roots: Array) -> Array:
+    """Return how far points of the ridge are off, in standard deviations there: `(N,)`."""
     off = np.linalg.solve(roots, (tau - ridge.at(psi))[..., None])[..., 0]
     return np.asarray(np.linalg.norm(off, axis=1))
 
 
-def root_residuals(ridge: Ridge, psi: Array, tau: Array, roots: Array) -> Array:
-    """How far covariances are from where the ridge says, in the log of a standard deviation: `(N,)`.
+def root_residuals(ridge: RidgeMap, psi: Array, tau: Array, roots: Array) -> Array:
+    """Return how far covariances are off, in the log of a standard deviation: `(N,)`.
 
     The worst direction counts.
     """
-    said = np.moveaxis(ridge.along(psi)[1], 2, 0)
-    ratio = np.linalg.solve(said, roots)
+    predicted = np.moveaxis(ridge.along(psi)[1], 2, 0)
+    ratio = np.linalg.solve(predicted, roots)
     return np.asarray(np.abs(np.log(np.linalg.svd(ratio, compute_uv=False))).max(axis=1))
 
 
-def further(found: Ridge, factor: float) -> Ridge:
-    """The same, followed as many times further than its points reach."""
-    return dataclasses.replace(found, reach=factor * found.reach)
+def extended_reach(ridge_map: RidgeMap, factor: float) -> RidgeMap:
+    """Return the same ridge, followed `factor` times further than its points reach."""
+    return dataclasses.replace(ridge_map, reach=factor * ridge_map.reach)
