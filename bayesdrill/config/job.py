@@ -52,11 +52,11 @@ class Job:
         """With other sections of the config that decide no posterior."""
         return replace(self, case=self.case.with_settings(**changed))
 
-    def at(self, found: Mode) -> Job:
+    def at(self, mode: Mode) -> Job:
         """With the steps that are enough where its maximum is, of a rig that is stepped."""
-        if not found.pieces:
+        if not mode.pieces:
             return self
-        posterior = step_error.taking(self.problem.posterior, found.pieces)
+        posterior = step_error.taking(self.problem.posterior, mode.pieces)
         return replace(self, problem=replace(self.problem, posterior=posterior))
 
     @property
@@ -82,7 +82,7 @@ def prepare(path: Path) -> Job:
 def assemble(case: ResolvedCase, table: Table | None = None) -> Job:
     """With its records; `table`: the record, where it is in no file."""
     source = case.source
-    records = collect_each(lambda one: reading.read(one, table), case.experiments)
+    records = collect_each(lambda resolved: reading.read(resolved, table), case.experiments)
     problem = assembly.problem(case, records)
     posterior = problem.posterior
     start = posterior.space.vector(posterior.space.start)
@@ -104,17 +104,17 @@ def assemble(case: ResolvedCase, table: Table | None = None) -> Job:
 def _unsteady(case: ResolvedCase, problem: Problem, start: Array) -> list[Issue]:
     """Experiments that are said to begin steadily, of a rig that has no steady state."""
     full = problem.posterior.space.full(start[None])
-    seen = {one.label: one for one in problem.observations}
+    observations = {observation.label: observation for observation in problem.observations}
     message = (
         "the rig has no steady state at the start values under the first inputs; give the start, or "
         "`free`"
     )
     return [
-        one.source.problem(("initial",), message)
-        for one in case.experiments
-        if one.label in seen
-        and one.config.initial.state == "steady"
-        and not np.isfinite(seen[one.label].signals(full)[0, 0]).any()
+        experiment.source.problem(("initial",), message)
+        for experiment in case.experiments
+        if experiment.label in observations
+        and experiment.config.initial.state == "steady"
+        and not np.isfinite(observations[experiment.label].signals(full)[0, 0]).any()
     ]
 
 
@@ -148,24 +148,26 @@ def arrays_as_csv(columns: Mapping[str, Array]) -> str:
 
 def model_entry(rig: Model) -> dict[str, Any]:
     """As `model:` of a config has it."""
-    own = entries_of(type(rig))
-    return {"name": rig.name, **{n: x for n, x in constants(rig).items() if n in own}}
+    entries = entries_of(type(rig))
+    return {"name": rig.name, **{n: x for n, x in constants(rig).items() if n in entries}}
 
 
-def _plain(value: Any, place: tuple[str, ...], found: list[Issue]) -> Any:
-    """As YAML can have it, numbers of NumPy as Python has them; of the rest a problem is `found`."""
-    if len(place) > DEEPEST:
-        found.append(Issue(".".join(place[:4]), "is nested too deep; see docs/config.md"))
+def _plain(value: Any, location: tuple[str, ...], issues: list[Issue]) -> Any:
+    """As YAML can have it, numbers of NumPy as Python has them; of the rest a problem is `issues`."""
+    if len(location) > DEEPEST:
+        issues.append(Issue(".".join(location[:4]), "is nested too deep; see docs/config.md"))
         return None
     if isinstance(value, Mapping):
-        return {str(key): _plain(one, (*place, str(key)), found) for key, one in value.items()}
+        return {
+            str(key): _plain(item, (*location, str(key)), issues) for key, item in value.items()
+        }
     if isinstance(value, list | tuple):
-        return [_plain(one, (*place, str(k)), found) for k, one in enumerate(value)]
+        return [_plain(item, (*location, str(k)), issues) for k, item in enumerate(value)]
     if isinstance(value, np.generic) or (isinstance(value, np.ndarray) and value.ndim == 0):
         value = value.item()
     known = value is None or isinstance(value, bool | float | str)
     if not known and not (isinstance(value, int) and value.bit_length() < LONGEST):
         what = "a number of so many digits" if isinstance(value, int) else type(value).__name__
         message = f"no entry can be {what}; see docs/config.md for what it can be"
-        found.append(Issue(".".join(place), message))
+        issues.append(Issue(".".join(location), message))
     return value

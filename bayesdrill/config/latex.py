@@ -40,7 +40,7 @@ def check(symbol: Symbol) -> None:
         try:
             _check_latex(text)
             shown = (text, superscript(text, "2"), f"{{{text}}}^{{2}}")  # alone, and in products
-            MathTextParser("path").parse(" ".join(f"${one}$" for one in shown), 72)
+            MathTextParser("path").parse(" ".join(f"${formula}$" for formula in shown), 72)
         except Exception as error:  # a parser of formulas meets bad ones with many kinds
             why = str(error).splitlines()[-1].partition(": ")[2] or str(error)
             raise ValueError(

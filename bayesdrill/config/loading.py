@@ -55,11 +55,11 @@ def load(path: Path) -> ResolvedCase:
 def validated(source: Source) -> ResolvedCase:
     """See `load`."""
     if experiments.EXPERIMENTS in source.data:
-        config, every = _several(source)
+        config, resolved = _several(source)
     else:
         alone = _one(source, alone=True)
-        config, every = alone.config, {"": alone}
-    experiments_ = tuple(every.values())
+        config, resolved = alone.config, {"": alone}
+    experiments_ = tuple(resolved.values())
     config = _with_walkers(config, experiments_[0].model)
     return ResolvedCase(config=config, source=source, experiments=experiments_)
 
@@ -82,15 +82,17 @@ def _several(source: Source) -> tuple[Config, dict[str, ResolvedExperiment]]:
     """All experiments, and the config of the first, which names them."""
     alone, resolved = experiments.split(source), dict[str, ResolvedExperiment]()
     problems = [*source.repeated]
-    for label, own in (alone or {"": experiments.alone(source, "", {})}).items():
-        record = own.data.get("record", {})
+    for label, local_source in (alone or {"": experiments.alone(source, "", {})}).items():
+        record = local_source.data.get("record", {})
         if isinstance(record, Mapping) and "file" not in record:
             record = {**record, "file": _STAND_INS["record", "file"]}
-            own = dataclasses.replace(own, data={**own.data, "record": record})
-            place = (experiments.EXPERIMENTS, label, "record", "file")
-            problems += [source.problem(place, NO_RECORD)] if alone else []
+            local_source = dataclasses.replace(
+                local_source, data={**local_source.data, "record": record}
+            )
+            location = (experiments.EXPERIMENTS, label, "record", "file")
+            problems += [source.problem(location, NO_RECORD)] if alone else []
         try:
-            resolved[label] = _one(own, label, alone=False)
+            resolved[label] = _one(local_source, label, alone=False)
         except InputError as error:
             problems += error.problems
     whole = experiments.join_experiments(source, alone)
@@ -112,9 +114,9 @@ def _complaints(data: Mapping[str, Any], source: Source) -> list[Issue]:
         Config.model_validate(data)
     except ValidationError as error:
         return [
-            source.problem(place, _message(item, place))
-            for place, item in _by_place(error, source).items()
-            if place and place[0] in ("experiments", "shared", "own")
+            source.problem(location, _message(item, location))
+            for location, item in _by_place(error, source).items()
+            if location and location[0] in ("experiments", "shared", "own")
         ]
     return []
 
@@ -131,14 +133,17 @@ def _one(source: Source, label: str = "", *, alone: bool) -> ResolvedExperiment:
     try:
         config = Config.model_validate(source.data)
     except ValidationError as error:
-        found = _by_place(error, source)
-        meant = {_meant(item, place) for place, item in found.items()} - {None, *source.lines}
+        errors = _by_place(error, source)
+        meant = {_meant(item, location) for location, item in errors.items()} - {
+            None,
+            *source.lines,
+        }
         problems += [
-            source.problem(place, _message(item, place))
-            for place, item in found.items()
-            if not (item["type"] == "missing" and place in meant)
+            source.problem(location, _message(item, location))
+            for location, item in errors.items()
+            if not (item["type"] == "missing" and location in meant)
         ]
-        problems += _judge_rest(pruned, [*found, *filter(None, meant)], source, alone=alone)
+        problems += _judge_rest(pruned, [*errors, *filter(None, meant)], source, alone=alone)
     else:
         broken, resolved = consistency.check(config, source, frozenset(), label, alone=alone)
         problems += broken
@@ -149,12 +154,12 @@ def _one(source: Source, label: str = "", *, alone: bool) -> ResolvedExperiment:
 
 def _judge_rest(data: Any, spoilt: list[Place], source: Source, *, alone: bool) -> list[Issue]:
     """Checks across entries, for what is left after the spoilt entries are taken out."""
-    for place in spoilt:
-        _remove(data, place)
-    for place, stand_in in _STAND_INS.items():
-        parent = functools.reduce(operator.getitem, place[:-1], data)
-        if not parent.get(place[-1]):
-            parent[place[-1]] = copy.deepcopy(stand_in)
+    for location in spoilt:
+        _remove(data, location)
+    for location, stand_in in _STAND_INS.items():
+        parent = functools.reduce(operator.getitem, location[:-1], data)
+        if not parent.get(location[-1]):
+            parent[location[-1]] = copy.deepcopy(stand_in)
     try:
         config = Config.model_validate(data)
     except ValidationError:
@@ -162,16 +167,16 @@ def _judge_rest(data: Any, spoilt: list[Place], source: Source, *, alone: bool) 
     return consistency.check(config, source, frozenset(spoilt), alone=alone)[0]
 
 
-def _meant(error: dict[str, Any], place: Place) -> Place | None:
+def _meant(error: dict[str, Any], location: Place) -> Place | None:
     """The entry that a misspelt key was to be: that it is missing is no mistake of its own."""
-    hint = _message(error, place)
+    hint = _message(error, location)
     near = hint.rpartition("did you mean ")[2].rstrip("?")
-    return (*place[:-1], near) if error["type"] == "extra_forbidden" and near != hint else None
+    return (*location[:-1], near) if error["type"] == "extra_forbidden" and near != hint else None
 
 
-def _remove(data: Any, place: Place) -> None:
-    """Take out the entry that holds `place`: a channel, or what stands directly in a section."""
-    keep = place[:3] if place[:2] == ("record", "channels") else place[:2]
+def _remove(data: Any, location: Place) -> None:
+    """Take out the entry that holds `location`: a channel, or what stands directly in a section."""
+    keep = location[:3] if location[:2] == ("record", "channels") else location[:2]
     parent = data
     for part in keep[:-1]:
         parent = parent.get(part) if isinstance(parent, dict) else None
@@ -181,30 +186,30 @@ def _remove(data: Any, place: Place) -> None:
 
 def _place(loc: tuple[str | int, ...], data: Any) -> Place:
     """The path as the user wrote it: pydantic's union tags are left out."""
-    place: list[str | int] = []
+    location: list[str | int] = []
     here = data
     for index, part in enumerate(loc):
         if isinstance(here, dict) and part in here:
-            place.append(part)
+            location.append(part)
             here = here[part]
         elif isinstance(here, list) and isinstance(part, int):
-            place.append(part)
+            location.append(part)
             here = here[part] if part < len(here) else None
         elif index == len(loc) - 1 and isinstance(here, dict) and not str(part).startswith("<"):
-            place.append(part)
-    return tuple(place)
+            location.append(part)
+    return tuple(location)
 
 
-def _message(error: dict[str, Any], place: Place) -> str:
+def _message(error: dict[str, Any], location: Place) -> str:
     kind, value, context = error["type"], error["input"], error.get("ctx", {})
     match kind:
         case "extra_forbidden":
-            word = "symbol" if place[0] == "parameters" and len(place) == 2 else "key"
-            if value is None and str(place[-1]).isdigit():
+            word = "symbol" if location[0] == "parameters" and len(location) == 2 else "key"
+            if value is None and str(location[-1]).isdigit():
                 return f"unknown {word}; if a decimal comma made it, write a point"
             if "<tie>" in error["loc"]:
                 return "a tied parameter has nothing else; remove this entry, or the tie"
-            return f"unknown {word}{did_you_mean(str(place[-1]), _keys_at(error['loc']))}"
+            return f"unknown {word}{did_you_mean(str(location[-1]), _keys_at(error['loc']))}"
         case "missing":
             return "this entry is missing; see `bayesdrill schema` or configs/nominal_step.yaml"
         case "union_tag_not_found":
@@ -216,7 +221,7 @@ def _message(error: dict[str, Any], place: Place) -> str:
             return f"{_shown(value)} stands where `key: value` entries are wanted"
         case "union_tag_invalid" | "literal_error":
             shown = context.get("tag", value)
-            if kind == "literal_error" and place[0] == "parameters":
+            if kind == "literal_error" and location[0] == "parameters":
                 hint = _hint(value)
                 return f"{_shown(value)} is neither a number, nor `nominal`, nor a prior{hint}"
             return f"'{shown}' is not possible{did_you_mean(str(shown), _known(error))}"
@@ -239,8 +244,8 @@ def _message(error: dict[str, Any], place: Place) -> str:
             return f"{len(value)} entries stand here, wanted are at least {context['min_length']}"
         case "too_long":
             most = context["max_length"]
-            rest = ", ".join(map(str, [*value][most:]))
-            return f"{len(value)} entries stand here, wanted are at most {most}; take out {rest}"
+            surplus = ", ".join(map(str, [*value][most:]))
+            return f"{len(value)} entries stand here, wanted are at most {most}; take out {surplus}"
         case "string_type":
             return f"{_shown(value)} is not text; put it in quotes if it is meant"
         case "model_type" | "model_attributes_type" | "dict_type":
@@ -290,8 +295,8 @@ def _keys_at(loc: tuple[str | int, ...]) -> list[str]:
     for part in loc[:-1]:
         annotations = [section[str(part)] for section in sections if str(part) in section]
         if annotations:
-            sections = [found for annotation in annotations for found in _sections(annotation)]
-        tagged = [one for one in sections if part in typing.get_args(one.get("prior"))]
+            sections = [mapping for annotation in annotations for mapping in _sections(annotation)]
+        tagged = [section for section in sections if part in typing.get_args(section.get("prior"))]
         sections = tagged or sections
     return sorted({key for section in sections for key in section} - {str(loc[-1])})
 
@@ -302,7 +307,7 @@ def _sections(annotation: Any) -> list[Mapping[str, Any]]:
         isinstance(annotation, type) and issubclass(annotation, BaseModel)
     ):
         return [_entries(annotation)]
-    return [found for inner in typing.get_args(annotation) for found in _sections(inner)]
+    return [mapping for inner in typing.get_args(annotation) for mapping in _sections(inner)]
 
 
 def _entries(kind: Any) -> Mapping[str, Any]:

@@ -37,19 +37,19 @@ class Source:
     repeated: tuple[Issue, ...]
     moved: Mapping[Place, Place] = field(default_factory=dict)
 
-    def problem(self, place: Place, message: str) -> Issue:
+    def problem(self, location: Place, message: str) -> Issue:
         """Labelled `file:line: a.b.c`; the line is that of the nearest entry that has one."""
-        known = place
+        known = location
         while known not in self.lines and known:
             known = known[:-1]
-        stands = (*self.moved.get(known, known), *place[len(known) :])
+        stands = (*self.moved.get(known, known), *location[len(known) :])
         dotted = ".".join(str(part) for part in stands)
         label = f"{self.path}:{self.lines.get(known, 1)}" if self.lines else str(self.path)
         return Issue(f"{label}: {dotted}" if dotted else label, message)
 
-    def error(self, place: Place, message: str) -> InputError:
+    def error(self, location: Place, message: str) -> InputError:
         """With this problem alone."""
-        return InputError([self.problem(place, message)])
+        return InputError([self.problem(location, message)])
 
 
 def read(path: Path) -> Source:
@@ -138,28 +138,28 @@ class _Walk:
     repeated: list[Issue] = field(default_factory=list)
     entries: int = 0
 
-    def on(self, node: Any, place: Place) -> None:
+    def on(self, node: Any, location: Place) -> None:
         from ruamel.yaml.nodes import MappingNode, SequenceNode
 
         if isinstance(node, MappingNode):
             for key, value in node.value:
-                self.on(value, self._key(key, place))
+                self.on(value, self._key(key, location))
         elif isinstance(node, SequenceNode):
             for index, value in enumerate(node.value):
-                here = (*place, index)
+                here = (*location, index)
                 self._note(here, value)
                 self.on(value, here)
         else:
             self._value(node)
 
-    def _note(self, place: Place, node: Any) -> None:
-        self.lines[place] = node.start_mark.line + 1
+    def _note(self, location: Place, node: Any) -> None:
+        self.lines[location] = node.start_mark.line + 1
         self.entries += 1
         if self.entries > MOST_ENTRIES:
             message = f"holds more than {MOST_ENTRIES} entries, each alias (`*`) written out"
             raise InputError.one(str(self.path), f"{message}; no config needs as many")
 
-    def _key(self, key: Any, place: Place) -> Place:
+    def _key(self, key: Any, location: Place) -> Place:
         """Every key is made text, as `5:` or `~:` is no number or null."""
         from ruamel.yaml.nodes import ScalarNode
 
@@ -173,7 +173,7 @@ class _Walk:
         self._readable(key)
         if key.tag != "tag:yaml.org,2002:merge":
             key.tag = "tag:yaml.org,2002:str"
-        here = (*place, key.value)
+        here = (*location, key.value)
         if here in self.lines:
             dotted = ".".join(str(part) for part in here)
             message = f"this key stands already in line {self.lines[here]}; keep one of them"
@@ -227,23 +227,23 @@ class Collector:
         self.source = source
         self._spoilt = spoilt
 
-    def add(self, place: Place, message: str) -> None:
-        if not self.spoilt(place):
-            self.problems.append(self.source.problem(place, message))
+    def add(self, location: Place, message: str) -> None:
+        if not self.spoilt(location):
+            self.problems.append(self.source.problem(location, message))
 
-    def spoilt(self, place: Place) -> bool:
+    def spoilt(self, location: Place) -> bool:
         """Whether something was said already of this entry, of one in it, or of one around it."""
-        pairs = (zip(place, other, strict=False) for other in self._spoilt)
-        return any(all(one == other for one, other in pair) for pair in pairs)
+        pairs = (zip(location, other, strict=False) for other in self._spoilt)
+        return any(all(part == other for part, other in pair) for pair in pairs)
 
-    def run[T](self, place: Place, step: Callable[..., T], *arguments: Any) -> T | None:
+    def run[T](self, location: Place, step: Callable[..., T], *arguments: Any) -> T | None:
         try:
             return step(*arguments)
         except ValueError as error:
-            self.add(place, str(error))
+            self.add(location, str(error))
             return None
 
-    def expect(self, place: Place, name: str, known: Collection[str], message: str) -> None:
-        """That `name`, which stands at `place`, is one of `known`; the nearest is proposed."""
+    def expect(self, location: Place, name: str, known: Collection[str], message: str) -> None:
+        """That `name`, which stands at `location`, is one of `known`; the nearest is proposed."""
         if name not in known:
-            self.add(place, f"{message}{did_you_mean(name, known)}")
+            self.add(location, f"{message}{did_you_mean(name, known)}")

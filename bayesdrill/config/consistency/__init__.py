@@ -20,29 +20,29 @@ def check(
 
     `alone`: whether there is no other experiment, so that it is known what all unknowns are called.
     """
-    found = Collector(source, spoilt)
-    told = [name for name in models.PARAMETERS if found.spoilt(("parameters", name))]
-    model = found.run(("model", "name"), case.model, config, told)
-    own = {} if model is None else unknowns.check_nominal(found, config, model)
-    nominal = found.run(("nominal", "table"), quantities.nominal_table, config, own)
+    errors = Collector(source, spoilt)
+    spoilt_names = [name for name in models.PARAMETERS if errors.spoilt(("parameters", name))]
+    model = errors.run(("model", "name"), case.model, config, spoilt_names)
+    given_nominal = {} if model is None else unknowns.check_nominal(errors, config, model)
+    nominal = errors.run(("nominal", "table"), quantities.nominal_table, config, given_nominal)
     resolved = None
     if model is not None:
-        unknowns.check_model(found, config, model)
+        unknowns.check_model(errors, config, model)
         rig = None
         if nominal is not None:
-            rig = unknowns.check_rig(found, config, model, nominal)
-        channels = record.check_channels(found, config, model)
-        record.check_states(found, config, model)
-        sensed = record.check_sensors(found, config, model)
-        torque = unknowns.check_torque(found, config, model, sensed.sensing)
-        beside = record.beside(config, channels, sensed, torque)
-        every = several.names(config, model, {"": beside}) if alone else None
-        work.check_counts(found, config, every)
-        work.check_map(found, config, every)
-        work.check_output(found, config, model, every)
+            rig = unknowns.check_rig(errors, config, model, nominal)
+        channels = record.check_channels(errors, config, model)
+        record.check_states(errors, config, model)
+        sensed = record.check_sensors(errors, config, model)
+        torque = unknowns.check_torque(errors, config, model, sensed.sensing)
+        local_numbers = record.beside(config, channels, sensed, torque)
+        unknown_names = several.names(config, model, {"": local_numbers}) if alone else None
+        work.check_counts(errors, config, unknown_names)
+        work.check_map(errors, config, unknown_names)
+        work.check_output(errors, config, model, unknown_names)
         if alone:
-            told = several.told(config, {"": beside})
-            work.check_truth(found, config, [*config.record.channels], told)
+            truth_names = several.told(config, {"": local_numbers})
+            work.check_truth(errors, config, [*config.record.channels], truth_names)
         if nominal is not None and rig is not None and sensed.sensing is not None:
             resolved = ResolvedExperiment(
                 label=label,
@@ -52,23 +52,23 @@ def check(
                 nominal=nominal,
                 numbers=rig[0],
                 space=rig[1],
-                channels=tuple(one for one in channels.values() if one is not None),
+                channels=tuple(channel for channel in channels.values() if channel is not None),
                 entries=sensed.entries,
-                declared=tuple(one for one in sensed.declared if one is not None),
+                declared=tuple(number for number in sensed.declared if number is not None),
                 sensing=sensed.sensing,
                 free=sensed.free,
                 torque={name: x for name, x in torque.items() if x is not None},
-                beside=beside,
+                beside=local_numbers,
             )
     for key in ("shared", "own"):
         if getattr(config, key) and alone:
-            found.add(
+            errors.add(
                 (key,), "there is one experiment alone; remove this entry, or add `experiments:`"
             )
-    record.check_record(found, config)
-    record.check_inputs(found, config, model)
-    work.check_simulation(found, config)
-    work.check_calibration(found, config)
+    record.check_record(errors, config)
+    record.check_inputs(errors, config, model)
+    work.check_simulation(errors, config)
+    work.check_calibration(errors, config)
     if alone:
-        work.check_identify(found, config, [""])
-    return found.problems, None if found.problems else resolved
+        work.check_identify(errors, config, [""])
+    return errors.problems, None if errors.problems else resolved

@@ -21,36 +21,36 @@ from bayesdrill.sampling.optimisers import OPTIMISERS
 from bayesdrill.sampling.samplers.ensemble import MOVES, always_inside, moves_with_weights
 
 
-def check_map(found: Collector, config: Config, unknown: Sequence[str] | None) -> None:
-    own = config.map
-    kind = found.run(("map", "method"), lookup, OPTIMISERS, own.method, "method")
+def check_map(errors: Collector, config: Config, unknown: Sequence[str] | None) -> None:
+    settings = config.map
+    kind = errors.run(("map", "method"), lookup, OPTIMISERS, settings.method, "method")
     if kind is None:
         return
-    vain = unknown_keys(("method", "method"), OPTIMISERS.usable(), kind, own)
+    vain = unknown_keys(("method", "method"), OPTIMISERS.usable(), kind, settings)
     for entry, message in vain.items():
-        found.add(("map", entry), message)
-    given = [entry for entry in entries_of(kind) if getattr(own, entry) is not None]
+        errors.add(("map", entry), message)
+    given = [entry for entry in entries_of(kind) if getattr(settings, entry) is not None]
     if unknown is not None:
-        place = ("map", *(given or ["method"])[:1])
-        found.run(place, assembly.optimiser(config).check, list(unknown))
+        location = ("map", *(given or ["method"])[:1])
+        errors.run(location, assembly.optimiser(config).check, list(unknown))
 
 
-def check_counts(found: Collector, config: Config, unknown: Sequence[str] | None) -> None:
+def check_counts(errors: Collector, config: Config, unknown: Sequence[str] | None) -> None:
     """Unknowns against walkers, and moves."""
     sampler, n_unknown = config.sampler, len(unknown or ())
     if unknown is not None and not unknown:
-        found.add(("parameters",), "nothing is unknown; give at least one parameter a prior")
+        errors.add(("parameters",), "nothing is unknown; give at least one parameter a prior")
     if unknown and (sampler.walkers % 2 or sampler.walkers < 2 * n_unknown):
-        found.add(
+        errors.add(
             ("sampler", "walkers"),
             f"{sampler.walkers} walkers: an even number, at least twice the {n_unknown} unknowns, is "
             "wanted",
         )
     if n_unknown:
         arguments = (sampler.ensembles, sampler.walkers, n_unknown)
-        found.run(("sampler", "walkers"), output_files.check_chain, *arguments)
+        errors.run(("sampler", "walkers"), output_files.check_chain, *arguments)
     for name in sampler.moves:
-        found.run(("sampler", "moves", name), lookup, MOVES, name, "move")
+        errors.run(("sampler", "moves", name), lookup, MOVES, name, "move")
     known = {name: weight for name, weight in sampler.moves.items() if name in MOVES}
     if not moves_with_weights(known, None, always_inside):
         waiting = [
@@ -62,77 +62,81 @@ def check_counts(found: Collector, config: Config, unknown: Sequence[str] | None
             f"no move but {' or '.join(waiting)} has a share, and that never leaves a place that its "
             "proposal has missed; give another move one"
         )
-        found.add(("sampler", "moves"), message)
+        errors.add(("sampler", "moves"), message)
 
 
-def check_calibration(found: Collector, config: Config) -> None:
+def check_calibration(errors: Collector, config: Config) -> None:
     """What the ranks need."""
-    own = config.calibration
-    if own.ess < own.draws:
+    settings = config.calibration
+    if settings.ess < settings.draws:
         message = (
-            f"{own.ess:g} effective draws do not hold {own.draws} independent ones; make it larger"
+            f"{settings.ess:g} effective draws do not hold {settings.draws} independent ones; "
+            "make it larger"
         )
-        found.add(("calibration", "ess"), message)
+        errors.add(("calibration", "ess"), message)
 
 
-def check_simulation(found: Collector, config: Config) -> None:
+def check_simulation(errors: Collector, config: Config) -> None:
     simulation: Any = config.simulation
     if simulation is None:
         return
     if (simulation.duration is None) != (simulation.rate is None):
-        found.add(("simulation",), "`duration:` and `rate:` belong together; give both or neither")
+        errors.add(("simulation",), "`duration:` and `rate:` belong together; give both or neither")
     elif simulation.duration is not None and simulation.duration * simulation.rate < 1:
-        found.add(
+        errors.add(
             ("simulation", "duration"), "the record would have one sample only; make it longer"
         )
     elif simulation.duration is not None:
         samples, channels = simulation.duration * simulation.rate, len(config.record.channels)
-        found.run(("simulation", "duration"), output_files.check_record, samples, channels)
+        errors.run(("simulation", "duration"), output_files.check_record, samples, channels)
     for name in simulation.quantities:
-        if not found.spoilt(("quantities", name)):
-            place: Place = ("simulation", "quantities", name)
-            found.expect(place, name, config.quantities, "there is no such quantity")
+        if not errors.spoilt(("quantities", name)):
+            location: Place = ("simulation", "quantities", name)
+            errors.expect(location, name, config.quantities, "there is no such quantity")
 
 
 def check_truth(
-    found: Collector, config: Config, channels: Sequence[str], told: Sequence[str]
+    errors: Collector, config: Config, channels: Sequence[str], truth_names: Sequence[str]
 ) -> None:
-    """True values by channel, and by the names that unknowns are `told` by."""
+    """True values by channel, and by the names that unknowns are `truth_names` by."""
     simulation: Any = config.simulation
     for name in simulation.sigma if simulation else ():
-        if not found.spoilt(("record", "channels", name)):
-            place: Place = ("simulation", "sigma", name)
-            found.expect(place, name, channels, "there is no such channel")
+        if not errors.spoilt(("record", "channels", name)):
+            location: Place = ("simulation", "sigma", name)
+            errors.expect(location, name, channels, "there is no such channel")
     for name in simulation.truth if simulation else ():
         message = "a sensor, a start, a noise or an experiment has no such unknown"
-        found.expect(("simulation", "truth", name), name, told, message)
+        errors.expect(("simulation", "truth", name), name, truth_names, message)
 
 
 def check_output(
-    found: Collector, config: Config, model: Model, unknown: Sequence[str] | None
+    errors: Collector, config: Config, model: Model, unknown: Sequence[str] | None
 ) -> None:
     """Names that figures can show: unknowns, and in a corner plot what is tied or derived."""
     for k, name in enumerate(config.output.figures or ()):
-        found.run(("output", "figures", k), lookup, RUN_FIGURES, name, "figure of a run")
+        errors.run(("output", "figures", k), lookup, RUN_FIGURES, name, "figure of a run")
     if unknown is None:
         return
     given = config.parameters
     related = [name for name in model.parameters if quantities.is_tied(given.get(name))]
     shown = [*unknown, *related, *symbols.DERIVED, *config.derived]
     for k, name in enumerate(config.output.parameters or ()):
-        found.expect(("output", "parameters", k), name, unknown, f"{name} is no unknown")
+        errors.expect(("output", "parameters", k), name, unknown, f"{name} is no unknown")
     for k, name in enumerate(config.output.corner or ()):
         message = f"{name} is neither unknown nor derived"
-        found.expect(("output", "corner", k), name, shown, message)
+        errors.expect(("output", "corner", k), name, shown, message)
 
 
-def check_identify(found: Collector, config: Config, labels: Sequence[str]) -> None:
-    own = config.identify
+def check_identify(errors: Collector, config: Config, labels: Sequence[str]) -> None:
+    settings = config.identify
     free = free_parameters(config, models.PARAMETERS)
     unknown = [of_label(n, label) for n in free for label in (labels if n in config.own else [""])]
-    for k, name in enumerate(own.of_interest):
+    for k, name in enumerate(settings.of_interest):
         message = f"{name} is no unknown parameter"
-        found.expect(("identify", "of_interest", k), name, unknown, message)
-    if own.determined > own.left_to_prior:
-        message = f"{own.determined:g} is above left_to_prior, {own.left_to_prior:g}; exchange them"
-        found.add(("identify", "determined"), message)
+        errors.expect(("identify", "of_interest", k), name, unknown, message)
+    if settings.determined > settings.left_to_prior:
+        message = (
+            f"{settings.determined:g} is above left_to_prior, {settings.left_to_prior:g}; "
+            "exchange them"
+        )
+        errors.add(("identify", "determined"), message)

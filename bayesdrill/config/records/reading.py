@@ -51,20 +51,20 @@ def csv_options(record: RecordSpec) -> CsvOptions:
     return build_member(CsvOptions, record)
 
 
-def read(one: ResolvedExperiment, table: Table | None = None) -> Experiment:
+def read(resolved: ResolvedExperiment, table: Table | None = None) -> Experiment:
     """Raises `InputError` with the places in the config and the rows of the files.
 
     `table`: what the record's file would hold, where there is none.
     """
-    return _Reader(one, table).experiment()
+    return _Reader(resolved, table).experiment()
 
 
 class _Reader:
     """One pass over a record: columns are picked and judged one by one, problems collected."""
 
-    def __init__(self, one: ResolvedExperiment, table: Table | None) -> None:
-        self._one, self._config, self._source = one, one.config, one.source
-        self._sources = Sources(one.config, one.source, table)
+    def __init__(self, resolved: ResolvedExperiment, table: Table | None) -> None:
+        self._one, self._config, self._source = resolved, resolved.config, resolved.source
+        self._sources = Sources(resolved.config, resolved.source, table)
         self._findings = Findings()
 
     def experiment(self) -> Experiment:
@@ -76,7 +76,7 @@ class _Reader:
             output_files.check_record(len(t), y.shape[1])
         except ValueError as error:
             raise self._source.error(("record", "file"), str(error)) from None
-        held = self._held_out(t, y)
+        held_out = self._held_out(t, y)
         series, turned = self._inputs(t, columns)
         raise_if_any(self._sources.problems)
         time, n_unknown = config.record.time, len(self._one.space.free)
@@ -84,7 +84,7 @@ class _Reader:
         shortened_by = "file" if config.record.window is None else "window"
         label = self._sources.label(("record", shortened_by))
         raise_if_any(check_length(label, np.sum(~np.isnan(y), axis=0).tolist(), n_unknown))
-        found = Experiment(
+        experiment = Experiment(
             t=frozen(t),
             y=frozen(y),
             channels=tuple(entry.channel for entry in self._one.channels),
@@ -95,7 +95,7 @@ class _Reader:
             t_start=self._t_start(t, has_series=bool(series)),
             told=tuple(findings.told),
             odd=tuple(findings.odd),
-            held_out=None if held is None else frozen(held),
+            held_out=None if held_out is None else frozen(held_out),
             input_steps={
                 name: clocks.median_step(
                     columns["inputs", quantities.input_entry(config, name)].clock.t
@@ -109,40 +109,41 @@ class _Reader:
             ),
         )
         if (wanted := config.record.decimate) is None:
-            return found
-        if refusal := sources.refuse_decimation(found, wanted.factor, filtered=wanted.filter):
+            return experiment
+        if refusal := sources.refuse_decimation(experiment, wanted.factor, filtered=wanted.filter):
             raise self._source.error(("record", "decimate"), refusal)
         decimated = sources.decimated_experiment if wanted.filter else sources.samples_left
-        return decimated(found, wanted.factor)
+        return decimated(experiment, wanted.factor)
 
     def _columns(self) -> dict[Place, Column]:
         """All that are named, with NaN where no number is used."""
-        every = sources.file_entries(self._config)
-        found = {place: self._column(place, spec) for place, spec in every.items()}
+        entries = sources.file_entries(self._config)
+        picked = {location: self._column(location, spec) for location, spec in entries.items()}
         raise_if_any(list(dict.fromkeys(self._sources.problems)))
-        columns = {place: column for place, column in found.items() if column is not None}
+        columns = {location: column for location, column in picked.items() if column is not None}
         inputs = [column for column in columns.values() if column.is_input]
         column_cleaning.find_derivatives(columns, self._findings)
         return {
-            place: column_cleaning.judged(one, inputs, self._findings)
-            for place, one in columns.items()
+            location: column_cleaning.judged(column, inputs, self._findings)
+            for location, column in columns.items()
         }
 
     def _times(self) -> Array:
         """Of all clocks."""
-        own = [clock.t[clock.inside] for clock in self._sources.clocks if clock.inside.any()]
-        if len(own) == 1:
-            return own[0]
-        t = clocks.union(own)
+        times = [clock.t[clock.inside] for clock in self._sources.clocks if clock.inside.any()]
+        if len(times) == 1:
+            return times[0]
+        t = clocks.union(times)
+        counts = ", ".join(str(len(clock_times)) for clock_times in times)
         self._findings.told.append(
-            f"{len(t)} times of {len(own)} clocks ({', '.join(str(len(one)) for one in own)} samples); "
+            f"{len(t)} times of {len(times)} clocks ({counts} samples); "
             "times nearer than 1e-9 of a step are one"
         )
-        close = clocks.crowded_time(t, own)
+        close = clocks.crowded_time(t, times)
         if not math.isnan(close):
-            said = f"clocks: two of the record's times, at {close:.10g} s, are nearly the same"
+            text = f"clocks: two of the record's times, at {close:.10g} s, are nearly the same"
             do = "; one clock, written with different digits? Then give both columns the same `time:`"
-            self._findings.odd.append(Odd(said=said, where=(), do=do))
+            self._findings.odd.append(Odd(said=text, where=(), do=do))
         return t
 
     def _signals(self, t: Array, columns: dict[Place, Column]) -> Array:
@@ -150,9 +151,11 @@ class _Reader:
         measured = self._one.channels
         y = np.full((len(t), len(measured)), np.nan)
         for k, entry in enumerate(measured):
-            one = columns["record", "channels", entry.channel.name]
-            inside = one.clock.inside
-            y[self._rows(t, one.clock.t[inside]), k] = one.values[inside] * entry.channel.factor
+            column = columns["record", "channels", entry.channel.name]
+            inside = column.clock.inside
+            y[self._rows(t, column.clock.t[inside]), k] = (
+                column.values[inside] * entry.channel.factor
+            )
         spans = windows(self._config.record.window)
         if len(spans) > 1:
             y[~between(t, spans)] = np.nan
@@ -163,17 +166,17 @@ class _Reader:
         spans = windows(self._config.record.held_out)
         if not spans:
             return None
-        away = between(t, spans)
-        held = np.where(away[:, None], y, np.nan)
-        y[away] = np.nan
-        count = int(np.sum(~np.isnan(held)))
-        place: Place = ("record", "held_out")
+        held_back = between(t, spans)
+        held_out = np.where(held_back[:, None], y, np.nan)
+        y[held_back] = np.nan
+        count = int(np.sum(~np.isnan(held_out)))
+        location: Place = ("record", "held_out")
         if count == 0:
-            self._sources.add(place, "no sample lies in it; give times of the record [s]")
+            self._sources.add(location, "no sample lies in it; give times of the record [s]")
         elif np.isnan(y).all(axis=0).any():
-            self._sources.add(place, "leaves nothing of a channel; hold less out")
+            self._sources.add(location, "leaves nothing of a channel; hold less out")
         self._findings.told.append(f"{count} samples are held out, and are no evidence")
-        return held
+        return held_out
 
     def _rows(self, t: Array, clock: Array) -> NDArray[np.intp]:
         return clocks.indices_in(t, clock) if self._sources.several else np.arange(len(t))
@@ -185,63 +188,65 @@ class _Reader:
         series, begin = dict[str, Array](), dict[str, float]()
         for name, spec in quantities.measured_input(self._config).items():
             entry = quantities.input_entry(self._config, name)
-            one = columns["inputs", entry]
-            missing = int(np.isnan(one.values).sum())
+            column = columns["inputs", entry]
+            missing = int(np.isnan(column.values).sum())
             if missing:
                 self._findings.told.append(
                     f"{entry}: {missing} samples are bridged, hold: {spec.hold}"
                 )
-            values = column_cleaning.bridged(self._sources, one)
+            values = column_cleaning.bridged(self._sources, column)
             values = values * units.factor(spec.unit, quantities.input_unit(entry))
             if isinstance(spec, AngleColumn):
-                clock = one.clock.t
+                clock = column.clock.t
                 begin[entry] = float(np.interp(t[0], clock, values))
                 values = anomalies.held_speeds(values, clock)
-            series[name] = values if not self._sources.several else self._held(t, one, values)
+            series[name] = values if not self._sources.several else self._held(t, column, values)
         return series, begin
 
-    def _held(self, t: Array, one: Column, values: Array) -> Array:
+    def _held(self, t: Array, column: Column, values: Array) -> Array:
         """Of an input on a clock of its own: exact, as its own times are among those of the record."""
-        clock, slack = one.clock.t, 1e-9 * float(np.ptp(t)) / len(t)
-        straight = isinstance(one.spec, InputColumn) and one.spec.hold == "first"
-        rule = "" if isinstance(one.spec, AngleColumn) else ", or `hold: zero`"
+        clock, slack = column.clock.t, 1e-9 * float(np.ptp(t)) / len(t)
+        straight = isinstance(column.spec, InputColumn) and column.spec.hold == "first"
+        rule = "" if isinstance(column.spec, AngleColumn) else ", or `hold: zero`"
         late, early = clock[0] > t[0] + slack, clock[-1] < t[-1] - slack
         if late or (early and straight):
             message = (
-                f"{one.name} is known from {clock[0]:g} to {clock[-1]:g} s, and the record goes from "
+                f"{column.name} is known from {clock[0]:g} to {clock[-1]:g} s, and the record goes from "
                 f"{t[0]:g} to {t[-1]:g} s; give a record.window inside both"
             )
-            self._sources.add(one.place, message + ("" if late else rule))
+            self._sources.add(column.place, message + ("" if late else rule))
         elif early:
-            self._findings.told.append(f"{one.name}: held after its last sample at {clock[-1]:g} s")
-        return clocks.hold_input(t, clock, values, first_order=_straight(one.spec))
+            self._findings.told.append(
+                f"{column.name}: held after its last sample at {clock[-1]:g} s"
+            )
+        return clocks.hold_input(t, clock, values, first_order=_straight(column.spec))
 
-    def _column(self, place: Place, spec: Series) -> Column | None:
-        clock, values = self._sources.clock(place), self._sources.column(place, spec)
+    def _column(self, location: Place, spec: Series) -> Column | None:
+        clock, values = self._sources.clock(location), self._sources.column(location, spec)
         if values is None or clock is None:
             return None
         if len(values) != clock.n_rows:
             message = f"{len(values)} values, but the time has {clock.n_rows}; name one recording's"
-            self._sources.add(location_of(place, spec), message)
+            self._sources.add(location_of(location, spec), message)
             return None
         values = values[clock.rows]
-        masked = column_cleaning.masked(self._sources, place, spec, clock)
+        masked = column_cleaning.masked(self._sources, location, spec, clock)
         used = np.where(masked, np.nan, values) if masked.any() else values
         missing = int(np.sum(np.isnan(values) & ~masked))
         if masked.any():
             self._findings.told.append(
-                f"{place[-1]}: {int(masked.sum())} samples are masked (mask)"
+                f"{location[-1]}: {int(masked.sum())} samples are masked (mask)"
             )
         is_input = isinstance(spec, InputColumn)
         if missing and not is_input:
-            self._findings.told.append(f"{place[-1]}: {missing} missing samples are left out")
+            self._findings.told.append(f"{location[-1]}: {missing} missing samples are left out")
         allowed = spec.missing if isinstance(spec, InputColumn) else self._config.record.missing
         refused = missing > 0 and allowed is None
         numbers = np.where(masked, 0.0, values) if refused else used
         bridge = "bridge them (missing: hold)" if is_input else ""
         way_out = bridge or "leave them out (record.missing: drop)"
         self._sources.problems += check_series(
-            self._sources.label(location_of(place, spec)),
+            self._sources.label(location_of(location, spec)),
             f"column {spec.column if spec.column is not None else spec.variable!r}",
             numbers,
             clock.where,
@@ -249,8 +254,8 @@ class _Reader:
             missing=not refused,
             instead=f", or {way_out}" if np.isnan(numbers).any() else "",
         )
-        one = Column(place, spec, clock, used)
-        return column_cleaning.unwrapped(self._sources, one, _turn(spec), self._findings)
+        column = Column(location, spec, clock, used)
+        return column_cleaning.unwrapped(self._sources, column, _turn(spec), self._findings)
 
     def _t_start(self, time: Array, *, has_series: bool) -> float:
         """With measured inputs nothing is known before the first sample: the state is given there."""
@@ -261,12 +266,12 @@ class _Reader:
             begin = 0.0 if self._config.record.window is None else float(time[0])
         if begin > time[0] + 1e-9 * max(1.0, abs(time[0])):
             given = self._config.initial.time is not None
-            place: Place = ("initial", "time") if given else ("record",)
+            location: Place = ("initial", "time") if given else ("record",)
             message = (
                 f"the initial state is at {begin:g} s, after the first sample at {time[0]:g} s; give "
                 "`initial: {time: ...}` at or before it"
             )
-            raise self._source.error(place, message)
+            raise self._source.error(location, message)
         if self._config.initial.time is None and time[0] - begin > FAR * (time[-1] - time[0]):
             message = (
                 f"the record begins at {time[0]:.10g} s, and the initial state is at {begin:g} s by "

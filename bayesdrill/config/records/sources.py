@@ -55,15 +55,17 @@ def files(config: Config) -> list[FileSpec | None]:
     return list(dict.fromkeys([None, *map(file_of, file_entries(config).values())]))
 
 
-def paths(one: ResolvedExperiment) -> list[Path]:
-    return [path_of(one.config, one.source, file) for file in files(one.config)]
+def paths(resolved: ResolvedExperiment) -> list[Path]:
+    return [path_of(resolved.config, resolved.source, file) for file in files(resolved.config)]
 
 
 def named_in(data: Mapping[str, Any]) -> list[tuple[dict[str, Any], str]]:
     """Of a config as plain data: each mapping that names a file, and the key that does."""
     record, inputs = data.get("record", {}), data.get("inputs", {})
-    every = [record, *record.get("channels", {}).values(), *inputs.values()]
-    having = [(one, one["file"]) for one in every if isinstance(one, dict) and "file" in one]
+    entries = [record, *record.get("channels", {}).values(), *inputs.values()]
+    having = [
+        (entry, entry["file"]) for entry in entries if isinstance(entry, dict) and "file" in entry
+    ]
     return [(file, "path") if isinstance(file, dict) else (s, "file") for s, file in having]
 
 
@@ -117,72 +119,74 @@ class Sources:
         self._tables: dict[FileSpec | None, Table | None] = {}
         self._clocks: dict[object, Clock | None] = {}
         self._spans = windows(config.record.window)
-        every = file_entries(config)
-        self._keys = {place: (file_of(s), s.time) for place, s in every.items()}
+        entries = file_entries(config)
+        self._keys = {location: (file_of(s), s.time) for location, s in entries.items()}
         self.several = len(set(self._keys.values())) > 1
-        for place, spec in every.items():
-            key = self._keys[place]
+        for location, spec in entries.items():
+            key = self._keys[location]
             if key not in self._clocks:
-                self._clocks[key] = self._clock(place, spec)
+                self._clocks[key] = self._clock(location, spec)
 
-    def label(self, place: Place) -> str:
-        return self._source.problem(place, "").place
+    def label(self, location: Place) -> str:
+        return self._source.problem(location, "").place
 
-    def add(self, place: Place, message: str) -> None:
-        self.problems.append(self._source.problem(place, message))
+    def add(self, location: Place, message: str) -> None:
+        self.problems.append(self._source.problem(location, message))
 
-    def clock(self, place: Place) -> Clock | None:
-        return self._clocks[self._keys[place]]
+    def clock(self, location: Place) -> Clock | None:
+        return self._clocks[self._keys[location]]
 
     @property
     def clocks(self) -> list[Clock]:
         return [clock for clock in self._clocks.values() if clock is not None]
 
-    def column(self, place: Place, spec: Column) -> Array | None:
+    def column(self, location: Place, spec: Column) -> Array | None:
         """All rows of a channel or an input, as they stand in the file."""
-        table = self._tables.get(self._keys[place][0])
-        return None if table is None else self._pick(place, spec, table)
+        table = self._tables.get(self._keys[location][0])
+        return None if table is None else self._pick(location, spec, table)
 
-    def _pick(self, place: Place, spec: Column, table: Table, instead: str = "") -> Array | None:
+    def _pick(self, location: Place, spec: Column, table: Table, instead: str = "") -> Array | None:
         try:
             return table.pick(
-                spec.column, spec.variable, location=self.label(location_of(place, spec))
+                spec.column, spec.variable, location=self.label(location_of(location, spec))
             )
         except InputError as error:
             self.problems += [Issue(p.place, f"{p.message}{instead}") for p in error.problems]
             return None
 
-    def _clock(self, place: Place, spec: Series) -> Clock | None:
+    def _clock(self, location: Place, spec: Series) -> Clock | None:
         file = file_of(spec)
         if file not in self._tables:
-            self._tables[file] = self._read(place, file)
+            self._tables[file] = self._read(location, file)
         table = self._tables[file]
         if table is None:
             return None
-        own = spec.time is not None
-        time, time_place = spec.time or self._config.record.time, (*place, "time")
-        if not own:
-            time_place = ("record", "time") if spec.file is None else (*place, "file")
+        has_time = spec.time is not None
+        time, time_place = spec.time or self._config.record.time, (*location, "time")
+        if not has_time:
+            time_place = ("record", "time") if spec.file is None else (*location, "file")
         if isinstance(time, TimeRate):
-            values, factor = self._pick(place, spec, table), 1.0
+            values, factor = self._pick(location, spec, table), 1.0
             values = None if values is None else np.arange(len(values)) / time.rate
         else:
-            instead = ELSEWHERE if spec.file is not None and not own else ""
+            instead = ELSEWHERE if spec.file is not None and not has_time else ""
             values = self._pick(time_place, time, table, instead)
             factor = units.factor(time.unit, "s")
         if values is None:
             return None
         offset = (time.offset or 0.0) * factor
         raw = values * factor
-        return self._windowed(place, time_place, table, raw + offset if offset else raw)
+        return self._windowed(location, time_place, table, raw + offset if offset else raw)
 
-    def _windowed(self, place: Place, time_place: Place, table: Table, raw: Array) -> Clock | None:
+    def _windowed(
+        self, location: Place, time_place: Place, table: Table, raw: Array
+    ) -> Clock | None:
         rows, inside = np.arange(len(raw)), np.ones(len(raw), dtype=np.bool_)
         if self._spans:
             begin, end = min(a for a, _ in self._spans), max(b for _, b in self._spans)
             slack = 1e-9 * max(abs(begin), abs(end))
             inside = (raw >= begin - slack) & (raw <= end + slack)
-            if not inside.any() and place[0] == "record":
+            if not inside.any() and location[0] == "record":
                 message = f"no sample lies in it: the record goes from {raw[0]:g} to {raw[-1]:g} s"
                 self.add(("record", "window"), message)
                 return None
@@ -190,14 +194,14 @@ class Sources:
             within = rows[inside]
             rows = np.concatenate([before, within, after]) if self.several else within
         clock = Clock(table, raw[rows], rows, inside[rows], len(raw))
-        found = check_time(self.label(time_place), clock.t, clock.where)
-        self.problems += found
+        issues = check_time(self.label(time_place), clock.t, clock.where)
+        self.problems += issues
         # With wrong times a column can still be judged, and all that is wrong is told at once.
-        t = clock.t if found else on_grid(clock.t)
+        t = clock.t if issues else on_grid(clock.t)
         return Clock(table, t, rows, inside[rows], len(raw))
 
-    def _read(self, place: Place, file: FileSpec | None) -> Table | None:
-        at_file: Place = ("record", "file") if file is None else (*place, "file")
+    def _read(self, location: Place, file: FileSpec | None) -> Table | None:
+        at_file: Place = ("record", "file") if file is None else (*location, "file")
         if self._given is not None:
             if file is None:
                 return self._given
@@ -224,9 +228,9 @@ class Sources:
         return None if None in names else {name for name in names if name is not None}
 
 
-def location_of(place: Place, spec: Column) -> Place:
+def location_of(location: Place, spec: Column) -> Place:
     """The entry that says which numbers are meant."""
-    return (*place, "column" if spec.column is not None else "variable")
+    return (*location, "column" if spec.column is not None else "variable")
 
 
 LEFT = 10  # samples
@@ -265,42 +269,42 @@ def decimated_experiment(experiment: Experiment, factor: int) -> Experiment:
     between samples that are left, channels are not measured.
     """
     dt, names = experiment.dt, experiment.names
-    found = clocks.decimated(experiment.y, factor)
+    decimation = clocks.decimated(experiment.y, factor)
     if experiment.series:
         t, y = experiment.t, np.full_like(experiment.y, np.nan)
-        y[found.samples] = found.y
+        y[decimation.samples] = decimation.y
     else:
-        t, y = experiment.t[found.samples], found.y
+        t, y = experiment.t[decimation.samples], decimation.y
     taps, half = clocks.filter_length(factor), clocks.cutoff(factor, dt)
-    taken = ", ".join(
-        f"{sd:.3g} {one.unit} of {one.name}"
-        for sd, one in zip(found.removed, experiment.channels, strict=True)
+    removed = ", ".join(
+        f"{sd:.3g} {channel.unit} of {channel.name}"
+        for sd, channel in zip(decimation.removed, experiment.channels, strict=True)
     )
-    told = (
+    note = (
         f"{', '.join(names)}: filtered and decimated, one sample of {factor} is left "
-        f"({len(found.samples)} of {len(experiment.t)}); the filter is a zero-phase FIR of {taps} "
+        f"({len(decimation.samples)} of {len(experiment.t)}); the filter is a zero-phase FIR of {taps} "
         f"samples, half of the amplitude at {half:.6g} Hz, and {taps // 2} samples at either end are "
-        f"dropped; it took away (sd) {taken}; sigma is the noise of what is left; the model is not "
+        f"dropped; it took away (sd) {removed}; sigma is the noise of what is left; the model is not "
         "filtered"
     )
-    return dataclasses.replace(experiment, t=frozen(t), y=frozen(y), told=(*experiment.told, told))
+    return dataclasses.replace(experiment, t=frozen(t), y=frozen(y), told=(*experiment.told, note))
 
 
 def samples_left(experiment: Experiment, factor: int) -> Experiment:
     """As they are: of each channel its first sample, and then one of `factor`."""
-    seen = experiment.seen
-    taken = seen & ((np.cumsum(seen, axis=0) - 1) % factor == 0)
-    t, y = experiment.t, np.where(taken, experiment.y, np.nan)
-    held = experiment.held_out
-    if not experiment.series and held is None:
-        rows = taken.any(axis=1)
+    measured = experiment.seen
+    selected = measured & ((np.cumsum(measured, axis=0) - 1) % factor == 0)
+    t, y = experiment.t, np.where(selected, experiment.y, np.nan)
+    held_out = experiment.held_out
+    if not experiment.series and held_out is None:
+        rows = selected.any(axis=1)
         t, y = t[rows], y[rows]
     counts = ", ".join(
-        f"{np.count_nonzero(taken[:, k])} of {np.count_nonzero(seen[:, k])} of {name}"
+        f"{np.count_nonzero(selected[:, k])} of {np.count_nonzero(measured[:, k])} of {name}"
         for k, name in enumerate(experiment.names)
     )
-    told = (
+    note = (
         f"decimated without a filter: one sample of {factor} is left ({counts}), as it was measured; "
         "what is faster than half the new rate stays in it, and sigma is the noise of a single sample"
     )
-    return dataclasses.replace(experiment, t=frozen(t), y=frozen(y), told=(*experiment.told, told))
+    return dataclasses.replace(experiment, t=frozen(t), y=frozen(y), told=(*experiment.told, note))

@@ -45,22 +45,22 @@ def problem(case: ResolvedCase, records: Sequence[Experiment]) -> Problem:
     Raises `InputError` where records and what is said of them do not go together.
     """
     config, rig, nominal = case.config, case.model, case.nominal
-    labels = [one.label for one in case.experiments]
-    parts, told, levels = [], dict[str, Declared](), dict[str, Unknown]()
+    labels = [experiment.label for experiment in case.experiments]
+    parts, sensor_numbers, levels = [], dict[str, Declared](), dict[str, Unknown]()
     pairs = zip(case.experiments, records, strict=True)
-    made = collect_each(lambda pair: _told_and_observation(*pair), pairs)
-    for label, (own, observed) in zip(labels, made, strict=True):
-        renamed = {each.name: common_or_own(config, each.name, label) for each in own}
-        for each in own:
-            told.setdefault(renamed[each.name], each.of(label, renamed[each.name]))
+    built = collect_each(lambda pair: _told_and_observation(*pair), pairs)
+    for label, (parsed, observed) in zip(labels, built, strict=True):
+        renamed = {number.name: common_or_own(config, number.name, label) for number in parsed}
+        for number in parsed:
+            sensor_numbers.setdefault(renamed[number.name], number.of(label, renamed[number.name]))
         names = [common_or_own(config, unknown.name, label) for unknown in observed.unknowns]
         for name, unknown in zip(names, observed.unknowns, strict=True):
             levels.setdefault(name, unknown if name == unknown.name else unknown.of(label))
         of_rig = [of_label(n, label if n in config.own else "") for n in rig.parameters]
         of_sensors = [renamed[name] for name in observed.parameters[len(of_rig) :]]
         parts.append(replace(observed, parameters=[*of_rig, *of_sensors], levels=names))
-    numbers, rest = case.experiments[0].numbers, ([*told.values()], [*levels.values()])
-    unknowns = numbers.space(config.own, labels, *rest)
+    numbers, others = case.experiments[0].numbers, ([*sensor_numbers.values()], [*levels.values()])
+    unknowns = numbers.space(config.own, labels, *others)
     posterior = Posterior(
         space=unknowns,
         likelihood=Likelihood.joint(unknowns, parts).without(case.held_out),
@@ -93,12 +93,19 @@ def _display_units(case: ResolvedCase) -> OwnUnits:
     that of their entry.
     """
     config, sensed = case.config, dict[str, Unit]()
-    for one in (one for one in case.experiments if one.label not in case.held_out):
-        own = {symbols.noise_name(c.channel.name): c.channel.shown for c in one.channels}
-        for each in one.declared:
-            if each.unit != each.symbol.unit:
-                own[each.name] = units.display_unit(each.unit, each.symbol.unit)
-        sensed |= {common_or_own(config, name, one.label): unit for name, unit in own.items()}
+    for experiment in (
+        experiment for experiment in case.experiments if experiment.label not in case.held_out
+    ):
+        shown_units = {
+            symbols.noise_name(c.channel.name): c.channel.shown for c in experiment.channels
+        }
+        for number in experiment.declared:
+            if number.unit != number.symbol.unit:
+                shown_units[number.name] = units.display_unit(number.unit, number.symbol.unit)
+        sensed |= {
+            common_or_own(config, name, experiment.label): unit
+            for name, unit in shown_units.items()
+        }
     entries = {**config.quantities, **config.derived}
     declared = {n: spec.unit for n, spec in entries.items() if not isinstance(spec, float | int)}
     return OwnUnits(sensed | {name: units.display_unit(unit) for name, unit in declared.items()})
@@ -109,31 +116,33 @@ MANY = 1e4  # of the units of a record: nobody reads so many milliseconds
 
 def _clock(unit: Unit, observations: Sequence[Observation]) -> Unit:
     """That of the time column of the first record, unless times in it are very many."""
-    last = max(one.experiment.t[-1] for one in observations)
+    last = max(observation.experiment.t[-1] for observation in observations)
     return SECOND if last / unit.factor >= MANY else unit
 
 
 def _told_and_observation(
-    one: ResolvedExperiment, experiment: Experiment
+    resolved: ResolvedExperiment, experiment: Experiment
 ) -> tuple[list[Declared], Observation]:
-    response, told = simulated(one, experiment)
+    response, sensor_numbers = simulated(resolved, experiment)
     experiment = response.experiment
-    found, place = noise(one.channels, len(experiment.t)), "record"
+    noise_model, section = noise(resolved.channels, len(experiment.t)), "record"
     try:
-        found = of_record(found, experiment.t, experiment.seen)
-        place = "missing_torque"
-        acts = sensors.latent_torque(one.config)
-        return told, sensors.observation(acts, one.torque, response, found, one.label)
+        noise_model = of_record(noise_model, experiment.t, experiment.seen)
+        section = "missing_torque"
+        acts = sensors.latent_torque(resolved.config)
+        return sensor_numbers, sensors.observation(
+            acts, resolved.torque, response, noise_model, resolved.label
+        )
     except ValueError as error:
-        raise one.source.error((place,), str(error)) from None
+        raise resolved.source.error((section,), str(error)) from None
 
 
-def _unsaid_motion(one: ResolvedExperiment, experiment: Experiment) -> str:
+def _unsaid_motion(resolved: ResolvedExperiment, experiment: Experiment) -> str:
     """A window that begins in motion has to say how."""
-    config = one.config
+    config = resolved.config
     if config.record.window is None or config.initial.model_fields_set - {"time"}:
         return ""
-    sigmas = [channel.noisy.start for channel in one.channels]
+    sigmas = [channel.noisy.start for channel in resolved.channels]
     motion = experiments.unsaid_motion(experiment, sigmas)
     if not motion or not experiment.series:
         return ""
@@ -143,50 +152,58 @@ def _unsaid_motion(one: ResolvedExperiment, experiment: Experiment) -> str:
     )
 
 
-def simulated(one: ResolvedExperiment, experiment: Experiment) -> tuple[Simulator, list[Declared]]:
+def simulated(
+    resolved: ResolvedExperiment, experiment: Experiment
+) -> tuple[Simulator, list[Declared]]:
     """One experiment with its sensors and its start, and the numbers that are told of them."""
-    told, wrong = [*one.declared], dict[Place, str]()
-    for entry, each in zip(one.entries, one.declared, strict=True):
+    sensor_numbers, wrong = [*resolved.declared], dict[Place, str]()
+    for entry, number in zip(resolved.entries, resolved.declared, strict=True):
         if entry.kind in ("lag", "delay") and (
-            said := experiments.start_too_late(each, experiment)
+            message := experiments.start_too_late(number, experiment)
         ):
-            wrong[entry.place] = said
-    for name in one.free:
+            wrong[entry.place] = message
+    for name in resolved.free:
         try:
-            told.append(experiments.free_start(name, experiment, one.model, _at_start(one)))
+            sensor_numbers.append(
+                experiments.free_start(name, experiment, resolved.model, _at_start(resolved))
+            )
         except ValueError as error:
             wrong["initial", name] = str(error)
-    if said := _unsaid_motion(one, experiment):
-        wrong["record", "window"] = said
-    seen = experiment
+    if message := _unsaid_motion(resolved, experiment):
+        wrong["record", "window"] = message
+    visible = experiment
     if not wrong:
-        values = {each.name: each.value for each in told}
-        seen = experiments.start_beyond_lags(experiment, one.sensing, values)
-        wrong = _unseen(one, seen)
+        values = {number.name: number.value for number in sensor_numbers}
+        visible = experiments.start_beyond_lags(experiment, resolved.sensing, values)
+        wrong = _unseen(resolved, visible)
     if wrong:
-        raise InputError([one.source.problem(place, said) for place, said in wrong.items()])
-    return simulator(one.model, seen, one.sensing, one.config.model.pieces or 1), told
+        raise InputError(
+            [resolved.source.problem(location, message) for location, message in wrong.items()]
+        )
+    return simulator(
+        resolved.model, visible, resolved.sensing, resolved.config.model.pieces or 1
+    ), sensor_numbers
 
 
-def _unseen(one: ResolvedExperiment, experiment: Experiment) -> dict[Place, str]:
+def _unseen(resolved: ResolvedExperiment, experiment: Experiment) -> dict[Place, str]:
     """Channels of which the lags leave nothing."""
-    late = [entry for entry in one.entries if entry.kind in ("lag", "delay")]
+    late = [entry for entry in resolved.entries if entry.kind in ("lag", "delay")]
     delays = [entry.place for entry in late if entry.place[0] == "inputs"]
     hidden: dict[Place, list[str]] = {}
-    for name, left in zip(experiment.names, experiment.counts, strict=True):
-        if left < 2:
-            own: Place = ("record", "channels", name, "lag")
-            hidden.setdefault(delays[0] if delays else own, []).append(name)
+    for name, count in zip(experiment.names, experiment.counts, strict=True):
+        if count < 2:
+            lag_location: Place = ("record", "channels", name, "lag")
+            hidden.setdefault(delays[0] if delays else lag_location, []).append(name)
     return {
-        place: "the rig moves at the start, and with so large a lag no sample of "
+        location: "the rig moves at the start, and with so large a lag no sample of "
         f"{', '.join(names)} is sure to be later; give the lag a prior with a smaller end"
-        for place, names in hidden.items()
+        for location, names in hidden.items()
     }
 
 
-def _at_start(one: ResolvedExperiment) -> dict[str, float]:
+def _at_start(resolved: ResolvedExperiment) -> dict[str, float]:
     """The rig's parameters where searches begin."""
-    known = one.space
+    known = resolved.space
     values = {**known.fixed, **known.start}
     values |= {name: float(r.value(values)) for name, r in known.relations.items()}
-    return {name: values[name] for name in one.model.parameters}
+    return {name: values[name] for name in resolved.model.parameters}

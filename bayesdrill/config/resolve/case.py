@@ -63,41 +63,46 @@ class RigNumbers:
 
     def space(
         self,
-        own: Sequence[str] = (),
+        local: Sequence[str] = (),
         labels: Sequence[str] = (),
-        told: Sequence[Declared] = (),
+        sensors: Sequence[Declared] = (),
         noise: Sequence[Unknown] = (),
     ) -> ParameterSpace:
-        """The unknowns: free parameters, quantities, sensors and starts as they are `told`, then those
-        of the `noise`.  What is `own` is there once for each of the `labels`.  Raises `RelationError`.
+        """Return the unknowns: free parameters, quantities, those of `sensors` and starts, then `noise`.
+
+        A parameter that is `local` is there once for each of the `labels`.  Raises `RelationError`.
         """
         unknowns: list[Unknown] = []
         fixed: dict[str, float] = {}
         names: list[str] = []
 
-        def add(each: Declared, several: Sequence[str] = ("",)) -> None:
-            if isinstance(each.value, float):
-                fixed[each.name] = each.value
+        def add(number: Declared, several: Sequence[str] = ("",)) -> None:
+            if isinstance(number.value, float):
+                fixed[number.name] = number.value
                 return
-            one = Unknown(symbol=each.symbol, role=each.role, prior=each.value, start=each.start)
-            unknowns.extend(one.of(label) for label in several)
+            unknown = Unknown(
+                symbol=number.symbol, role=number.role, prior=number.value, start=number.start
+            )
+            unknowns.extend(unknown.of(label) for label in several)
 
-        for name, each in self.parameters.items():
-            several = labels if name in own else [""]
+        for name, number in self.parameters.items():
+            several = labels if name in local else [""]
             names += [of_label(name, label) for label in several]
-            if isinstance(each, Declared):
-                add(each, several)
-        for each in self.quantities.values():
-            add(each)
+            if isinstance(number, Declared):
+                add(number, several)
+        for number in self.quantities.values():
+            add(number)
         free = {unknown.name for unknown in unknowns}
-        every = self.parameters.items()
-        relations = resolve_relations({name: x for name, x in every if isinstance(x, Expression)})
+        parameters = self.parameters.items()
+        relations = resolve_relations(
+            {name: x for name, x in parameters if isinstance(x, Expression)}
+        )
         for name in [n for n, r in relations.items() if not set(r.names) & free]:
             fixed[name] = float(relations.pop(name).value(fixed))
-        for each in told:
-            add(each)
+        for number in sensors:
+            add(number)
         return ParameterSpace(
-            model=(*names, *(each.name for each in told)),
+            model=(*names, *(number.name for number in sensors)),
             unknowns=(*unknowns, *noise),
             fixed=fixed,
             relations=relations,
@@ -122,12 +127,12 @@ class Beside:
 
     @property
     def all(self) -> dict[str, tuple[float | Prior | None, object]]:
-        found: dict[str, tuple[float | Prior | None, object]] = {}
+        values: dict[str, tuple[float | Prior | None, object]] = {}
         for name, value in self.sensors.items():
-            found[name] = value, value
+            values[name] = value, value
         for name, level in self.levels.items():
-            found[name] = (level.prior, (level.prior, level.start)) if level else (None, None)
-        return found
+            values[name] = (level.prior, (level.prior, level.start)) if level else (None, None)
+        return values
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -179,10 +184,12 @@ class ResolvedCase:
     @property
     def held_out(self) -> list[str]:
         """Names of experiments that are no evidence."""
-        return [label for label, one in self.config.experiments.items() if one.held_out]
+        return [
+            label for label, experiment in self.config.experiments.items() if experiment.held_out
+        ]
 
     def experiment(self, label: str) -> ResolvedExperiment:
-        return next(one for one in self.experiments if one.label == label)
+        return next(experiment for experiment in self.experiments if experiment.label == label)
 
     def with_settings(self, **changed: Any) -> ResolvedCase:
         """With other sections of what decides no posterior, such as `sampler`."""

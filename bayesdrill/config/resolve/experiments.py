@@ -34,21 +34,21 @@ def split(source: Source) -> dict[str, Source]:
     if not isinstance(named, Mapping):
         return {}
     return {
-        label: alone(source, label, own)
-        for label, own in named.items()
-        if isinstance(own, Mapping)  # what is none is told of by its own entry
+        label: alone(source, label, entries)
+        for label, entries in named.items()
+        if isinstance(entries, Mapping)  # what is none is told of by its own entry
     }
 
 
-def join_experiments(source: Source, every: Mapping[str, Source]) -> dict[str, Any]:
+def join_experiments(source: Source, sources: Mapping[str, Source]) -> dict[str, Any]:
     """The config of all: at its top the first experiment, and under each name all that is its own."""
     named = source.data[EXPERIMENTS]
     named = dict(named) if isinstance(named, Mapping) else named
-    first = next(iter(every.values()), source)
-    for label, own in every.items():
-        named[label] = {**named[label], **{k: own.data[k] for k in SECTIONS if k in own.data}}
-    kept = {key: source.data[key] for key in WHOSE if key in source.data}
-    return {**first.data, EXPERIMENTS: named, **kept}
+    first = next(iter(sources.values()), source)
+    for label, local in sources.items():
+        named[label] = {**named[label], **{k: local.data[k] for k in SECTIONS if k in local.data}}
+    sharing = {key: source.data[key] for key in WHOSE if key in source.data}
+    return {**first.data, EXPERIMENTS: named, **sharing}
 
 
 def common_or_own(config: Config, name: str, label: str) -> str:
@@ -56,28 +56,28 @@ def common_or_own(config: Config, name: str, label: str) -> str:
     return name if name in config.shared else of_label(name, label)
 
 
-def alone(source: Source, label: str, own: Mapping[str, Any]) -> Source:
-    """What a config says of an experiment with such entries of its `own`."""
+def alone(source: Source, label: str, local: Mapping[str, Any]) -> Source:
+    """What a config says of an experiment with such entries of its `local`."""
     data = {k: v for k, v in source.data.items() if k not in (EXPERIMENTS, *WHOSE)}
     data = copy.deepcopy(data)
-    for section in [name for name in SECTIONS if name in own]:
-        data[section] = _over(data.get(section), own[section])
+    for section in [name for name in SECTIONS if name in local]:
+        data[section] = _over(data.get(section), local[section])
     lines, moved = dict(source.lines), dict[Place, Place]()
     prefix: Place = (EXPERIMENTS, label)
-    for place, line in source.lines.items():
-        if place[:2] == prefix and len(place) > 2:
-            lines[place[2:]], moved[place[2:]] = line, place
+    for location, line in source.lines.items():
+        if location[:2] == prefix and len(location) > 2:
+            lines[location[2:]], moved[location[2:]] = line, location
     return dataclasses.replace(source, data=data, lines=lines, repeated=(), moved=moved)
 
 
-def _over(common: Any, own: Any) -> Any:
-    """`own` entries in the place of common ones, mapping by mapping."""
-    if not (isinstance(common, Mapping) and isinstance(own, Mapping)):
-        return copy.deepcopy(own)
-    if _chosen(own) and _chosen(common) != _chosen(own):
-        return copy.deepcopy(own)  # another kind of entry: nothing of the common one fits
-    merged = {key: value for key, value in common.items() if key not in own}
-    return {**merged, **{key: _over(common.get(key), value) for key, value in own.items()}}
+def _over(common: Any, local: Any) -> Any:
+    """`local` entries in the place of common ones, mapping by mapping."""
+    if not (isinstance(common, Mapping) and isinstance(local, Mapping)):
+        return copy.deepcopy(local)
+    if _chosen(local) and _chosen(common) != _chosen(local):
+        return copy.deepcopy(local)  # another kind of entry: nothing of the common one fits
+    merged = {key: value for key, value in common.items() if key not in local}
+    return {**merged, **{key: _over(common.get(key), value) for key, value in local.items()}}
 
 
 def _chosen(entry: Mapping[str, Any]) -> str:
@@ -114,8 +114,8 @@ def free_start(name: str, experiment: Experiment, model: Model, values: Named) -
 
 
 def _seen(experiment: Experiment, unit: str) -> list[tuple[Mapping[str, float], Array]]:
-    found = zip(experiment.channels, experiment.y.T, strict=True)
-    return [(c.weights, y[~np.isnan(y)]) for c, y in found if c.unit == unit]
+    channels = zip(experiment.channels, experiment.y.T, strict=True)
+    return [(c.weights, y[~np.isnan(y)]) for c, y in channels if c.unit == unit]
 
 
 def _measured(name: str, experiment: Experiment) -> tuple[float, float | None]:
@@ -139,13 +139,13 @@ def _width(experiment: Experiment, unit: str) -> float:
     if unit == "rad":
         speeds = [float(np.abs(y).max()) for _, y in _seen(experiment, "rad/s")]
         return float(experiment.t[-1] - experiment.t[0]) * max(speeds, default=0)
-    found = [float(np.abs(y).max()) for _, y in _seen(experiment, unit)]
+    sizes = [float(np.abs(y).max()) for _, y in _seen(experiment, unit)]
     for k, channel in enumerate(experiment.channels):
         if unit == "rad/s" and channel.unit == "rad":
-            seen = ~np.isnan(experiment.y[:, k])
-            steps = np.diff(experiment.y[seen, k]) / np.diff(experiment.t[seen])
-            found.append(float(np.quantile(np.abs(steps), QUICK)) if len(steps) else 0.0)
-    return max(found, default=0.0)
+            measured = ~np.isnan(experiment.y[:, k])
+            steps = np.diff(experiment.y[measured, k]) / np.diff(experiment.t[measured])
+            sizes.append(float(np.quantile(np.abs(steps), QUICK)) if len(steps) else 0.0)
+    return max(sizes, default=0.0)
 
 
 def _driven(name: str, experiment: Experiment, model: Model, values: Named) -> float:
@@ -155,14 +155,14 @@ def _driven(name: str, experiment: Experiment, model: Model, values: Named) -> f
     largest = {n: abs(x) for n, x in experiment.constant.items()}
     largest |= {n: float(np.abs(u).max()) for n, u in experiment.series.items()}
     push = sum(
-        abs(float(value)) * largest.get(of, 0.0)
-        for (row, of), value in linear.B.items()
+        abs(float(value)) * largest.get(column, 0.0)
+        for (row, column), value in linear.B.items()
         if row == name
     )
     if push == 0:
         for other in (n for n in model.states if models.STATES[n].unit == "rad/s"):
-            seen = [(w[other], y) for w, y in _seen(experiment, "rad/s") if w.get(other)]
-            speeds = [float(np.abs(y / weight).max()) for weight, y in seen]
+            measured = [(w[other], y) for w, y in _seen(experiment, "rad/s") if w.get(other)]
+            speeds = [float(np.abs(y / weight).max()) for weight, y in measured]
             speed = max(speeds, default=_width(experiment, "rad/s"))
             push = max(push, abs(float(linear.A.get((name, other), 0.0))) * speed)
     return push / decay if decay > 0 else 0.0
@@ -174,7 +174,7 @@ def start_beyond_lags(
     """Without the samples that show what no record tells: of a rig that moves at the start, what was
     before it; of an input that the record shows late, what came after its end.
     """
-    y, told = np.array(experiment.y), list(experiment.told)
+    y, notes = np.array(experiment.y), list(experiment.told)
     late = sensing.shifts or bool(sensing.input_lags)
     moves, t = late and sensing.moves(experiment.start), experiment.t
     felt = [_ends(values[name]) for name in sensing.input_lags.values()]
@@ -183,11 +183,11 @@ def start_beyond_lags(
     if sensing.delay is not None:
         last += _ends(values[sensing.delay])[1]
     for k, channel in enumerate(experiment.channels):
-        own = sensing.lags.get(channel.name)
-        least, most = (0.0, 0.0) if own is None else _ends(values[own])
-        seen = ~np.isnan(y[:, k])
-        before = seen & (t < experiment.t_start + last + most) & moves
-        after = seen & (t > t[-1] + first + least + 1e-9 * experiment.dt) & (first < 0.0)
+        lag = sensing.lags.get(channel.name)
+        least, most = (0.0, 0.0) if lag is None else _ends(values[lag])
+        measured = ~np.isnan(y[:, k])
+        before = measured & (t < experiment.t_start + last + most) & moves
+        after = measured & (t > t[-1] + first + least + 1e-9 * experiment.dt) & (first < 0.0)
         for those, what in (
             (before, "was before the start (lag)"),
             (after, "an input did after the end of the record (lag)"),
@@ -195,10 +195,10 @@ def start_beyond_lags(
             if those.any():
                 y[those, k] = np.nan
                 count = f"{channel.name}: {int(those.sum())} samples"
-                told.append(f"{count} are left out, as they may show what {what}")
-    if len(told) == len(experiment.told):
+                notes.append(f"{count} are left out, as they may show what {what}")
+    if len(notes) == len(experiment.told):
         return experiment
-    return dataclasses.replace(experiment, y=frozen(y), told=tuple(told))
+    return dataclasses.replace(experiment, y=frozen(y), told=tuple(notes))
 
 
 def start_too_late(lag: Declared, experiment: Experiment) -> str:
@@ -220,13 +220,13 @@ def unsaid_motion(experiment: Experiment, sigmas: Sequence[float]) -> str:
 
     `sigmas (K,)`: of the noise, or of where a search for it begins.
     """
-    every = zip(experiment.channels, experiment.y.T, sigmas, strict=True)
-    for channel, y, sigma in every:
-        seen = ~np.isnan(y)
-        first, t = y[seen][:FIRST], experiment.t[seen][:FIRST]
+    channels = zip(experiment.channels, experiment.y.T, sigmas, strict=True)
+    for channel, y, sigma in channels:
+        measured = ~np.isnan(y)
+        first, t = y[measured][:FIRST], experiment.t[measured][:FIRST]
         if len(first) < FIRST:
             continue
-        reach = float(np.ptp(y[seen]))
+        reach = float(np.ptp(y[measured]))
         if channel.unit == "rad/s":
             size, error = float(np.mean(first)), sigma / math.sqrt(FIRST)
             unit = "rad/s (its value there)"

@@ -161,24 +161,29 @@ def nominal_value(config: Config, model: Model, name: str) -> float:
     return value
 
 
-def nominal_table(config: Config, own: Mapping[str, float]) -> NominalTable:
-    """`own`: values that the config gives, SI; raises `ValueError` where there is no such table."""
+def nominal_table(config: Config, config_values: Mapping[str, float]) -> NominalTable:
+    """Return the table that the config names, with its own `config_values`, SI, in place of the table's.
+
+    Raises `ValueError` where there is no such table.
+    """
     given: Any = config.nominal
     table = given.table or symbols.DEFAULT_NOMINAL
-    values = {**lookup(symbols.NOMINAL, table, "nominal table").values, **own}
+    values = {**lookup(symbols.NOMINAL, table, "nominal table").values, **config_values}
     given_parameters = config.parameters
     used = {n for n in values if (s := given_parameters.get(n)) == "nominal" or is_relative(s)}
     compared = values
-    if given.table is None and (own or not used):
-        compared = {name: value for name, value in values.items() if name in own.keys() | used}
-    published = tuple(name for name in compared if name not in own)
-    called = f"{table} ({', '.join(n for n in compared if n in own)} as in the config)"
+    if given.table is None and (config_values or not used):
+        compared = {
+            name: value for name, value in values.items() if name in config_values.keys() | used
+        }
+    published = tuple(name for name in compared if name not in config_values)
+    called = f"{table} ({', '.join(n for n in compared if n in config_values)} as in the config)"
     return NominalTable(
         values=values,
         compared=compared,
         published=published,
         tolerance=_tolerance(given.tolerance),
-        name=(called if published else "the config's nominal values") if own else table,
+        name=(called if published else "the config's nominal values") if config_values else table,
     )
 
 
@@ -186,8 +191,8 @@ def _tolerance(given: Any) -> dict[str, float]:
     """`given`: one number, or by symbol and `default`."""
     if isinstance(given, float):
         return dict.fromkeys(models.PARAMETERS, given)
-    own = {name: getattr(given, name) for name in models.PARAMETERS}
-    return {name: given.default if value is None else value for name, value in own.items()}
+    values = {name: getattr(given, name) for name in models.PARAMETERS}
+    return {name: given.default if value is None else value for name, value in values.items()}
 
 
 def parameter(
@@ -199,10 +204,10 @@ def parameter(
     spec, symbol, value = config.parameters[name], models.PARAMETERS[name], table.values.get(name)
     no_table = f"no table has {name}" + (f" ({symbol.typical})" if symbol.typical else "")
     if not isinstance(spec, ParameterPrior):
-        held = float(spec) if isinstance(spec, float | int) else value
-        if held is None:
+        fixed = float(spec) if isinstance(spec, float | int) else value
+        if fixed is None:
             raise ValueError(f"{no_table}; give a number, or `nominal: {{{name}: ...}}`")
-        return Declared(symbol=symbol, role="rig", value=held, start=held)
+        return Declared(symbol=symbol, role="rig", value=fixed, start=fixed)
     if spec.relative and value is None:
         way_out = f"`nominal: {{{name}: ...}}`, or leave out `relative:`"
         raise ValueError(f"{no_table}, to be relative to; give {way_out}")
@@ -262,11 +267,11 @@ def relation(config: Config, model: Model, name: str) -> Expression | None:
     if spec.isidentifier() and spec not in known:
         hint = did_you_mean(spec, ("nominal", *known))
         raise ValueError(f"'{spec}' is neither `nominal` nor a parameter or quantity{hint}")
-    found = expression(spec, known)
-    if not found.names:
-        value = f"write for example {found.value({}):g}"
+    parsed = expression(spec, known)
+    if not parsed.names:
+        value = f"write for example {parsed.value({}):g}"
         raise ValueError(f"'{spec}' names no parameter or quantity; to hold this value {value}")
-    return found
+    return parsed
 
 
 def formula(config: Config, model: Model, name: str) -> Formula:
@@ -274,8 +279,8 @@ def formula(config: Config, model: Model, name: str) -> Formula:
     _check_name(name)
     if name in config.quantities:
         raise ValueError(f"{name} is a quantity already; choose another name")
-    own = list(config.derived)
-    known = (*_names(config, model), *symbols.DERIVED, *own[: own.index(name)])
+    names = list(config.derived)
+    known = (*_names(config, model), *symbols.DERIVED, *names[: names.index(name)])
     spec = config.derived[name]
     unit, _ = units.coherent(spec.unit)  # values are SI, whatever the multiple
     symbol = symbols.own_symbol(name, unit, spec.latex, f"{name} = {spec.formula}")
@@ -305,8 +310,8 @@ def input_unit(named: str) -> str:
 
 def measured_input(config: Config) -> dict[str, InputColumn]:
     """By the names of inputs."""
-    every = {name: getattr(config.inputs, input_entry(config, name)) for name in symbols.INPUTS}
-    return {name: spec for name, spec in every.items() if isinstance(spec, InputColumn)}
+    specs = {name: getattr(config.inputs, input_entry(config, name)) for name in symbols.INPUTS}
+    return {name: spec for name, spec in specs.items() if isinstance(spec, InputColumn)}
 
 
 def constant_input(config: Config, model: Model) -> dict[str, float]:
@@ -321,7 +326,7 @@ def constant_input(config: Config, model: Model) -> dict[str, float]:
 
 def inputs_as_given(config: Config, experiment: Experiment, name: str) -> Array:
     """A measured input `(T,)` as its entry has it, SI: itself, or the angle that was imposed."""
-    own, series = input_entry(config, name), experiment.series[name]
-    if own == name:
+    entry, series = input_entry(config, name), experiment.series[name]
+    if entry == name:
         return series
-    return anomalies.integrate_speeds(series, experiment.t, experiment.start[own])
+    return anomalies.integrate_speeds(series, experiment.t, experiment.start[entry])

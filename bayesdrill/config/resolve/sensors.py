@@ -57,7 +57,7 @@ def latent_torque(config: Config) -> MissingTorque | None:
 
 def latent_torque_number(config: Config, entry: str) -> float | Unknown:
     """One of its numbers, `size` or `time`."""
-    symbol = next(one for one in SYMBOLS if ENTRIES[one.name] == entry)
+    symbol = next(candidate for candidate in SYMBOLS if ENTRIES[candidate.name] == entry)
     spec = getattr(config.missing_torque, entry)
     if isinstance(spec, float | int):
         return float(spec)
@@ -80,7 +80,7 @@ def observation(
     Parameters and unknowns are called as in an experiment that has no others beside it.
     """
     parameters = response.parameters
-    levels = [one.name for one in noise.unknowns]
+    levels = [unknown.name for unknown in noise.unknowns]
     if acts is None:
         return Observation(
             response=response, noise=noise, parameters=parameters, levels=levels, label=label
@@ -90,8 +90,8 @@ def observation(
             "beside a missing torque the noise of every channel has to be white: they could hardly be "
             "told apart; remove `noise:` of the channels, or this entry"
         )
-    if said := refuse_latent_torque(response.model, acts, response.sensing):
-        raise ValueError(said)
+    if refusal := refuse_latent_torque(response.model, acts, response.sensing):
+        raise ValueError(refusal)
     step_lengths(response.experiment)
     return ShakenObservation(
         response=response,
@@ -99,22 +99,25 @@ def observation(
         filtered=KalmanFilter(response.model, acts, response.experiment),
         process=process,
         parameters=parameters,
-        levels=[*levels, *(one.name for one in process.values() if isinstance(one, Unknown))],
+        levels=[
+            *levels,
+            *(unknown.name for unknown in process.values() if isinstance(unknown, Unknown)),
+        ],
         label=label,
     )
 
 
 def refuse_latent_torque(model: Model, acts: MissingTorque, sensing: ObservationModel) -> str:
     """Why a rig can have no missing torque; empty where it can."""
-    odd = [*sensing.gains, *sensing.lags]
-    if odd:
+    unsupported = [*sensing.gains, *sensing.lags]
+    if unsupported:
         return (
             "a missing torque allows for no gain and no lag of a sensor "
-            f"({', '.join(odd)}); mend the column, or remove this entry"
+            f"({', '.join(unsupported)}); mend the column, or remove this entry"
         )
     try:
-        one = dict.fromkeys(model.parameters, 1.0)
-        torque_gain(model, acts, one, model.linear(one))
+        ones = dict.fromkeys(model.parameters, 1.0)
+        torque_gain(model, acts, ones, model.linear(ones))
     except ValueError as error:
         return str(error)
     return ""
@@ -146,37 +149,39 @@ def sensor_entries(config: Config, model: Model) -> Iterator[Entry]:
     for name, spec in config.record.channels.items():
         if spec.derived_from is not None:
             continue
-        place: Place = ("record", "channels", name)
+        location: Place = ("record", "channels", name)
         meant = (s for s in model.states if s == name or s in (spec.measures or ""))
         si = next((models.STATES[state].unit for state in meant), "1")  # none, where it is misspelt
-        yield from _of_column(place, name, spec, spec.unit, si, _latex(name))
+        yield from _of_column(location, name, spec, spec.unit, si, _latex(name))
     for name, symbol in symbols.INPUTS.items():
         given = getattr(config.inputs, name)
         if isinstance(given, InputColumn | InputQuantity):
             alone = len(quantities.measured_input(config)) == 1
-            found = _of_column(("inputs", name), name, given, given.unit, symbol.unit, symbol.latex)
-            for one in found:
-                late = one.kind == "lag" and alone
-                yield dataclasses.replace(one, kind="delay") if late else one
+            entries = _of_column(
+                ("inputs", name), name, given, given.unit, symbol.unit, symbol.latex
+            )
+            for entry in entries:
+                late = entry.kind == "lag" and alone
+                yield dataclasses.replace(entry, kind="delay") if late else entry
     if config.inputs.t_0 is not None:
-        place = ("inputs", "t_0")
-        yield Entry(place, "delay", "", "t_0", config.inputs.t_0, "s", "s", "t_0")
+        location = ("inputs", "t_0")
+        yield Entry(location, "delay", "", "t_0", config.inputs.t_0, "s", "s", "t_0")
     yield from _of_states(config, model)
 
 
 def _of_column(
-    place: Place, name: str, spec: object, unit: str, si: str, latex: str
+    location: Place, name: str, spec: object, unit: str, si: str, latex: str
 ) -> Iterator[Entry]:
     kinds: tuple[tuple[Kind, str, str, str], ...] = (
         ("gain", "1", "1", "g"),
         ("offset", unit, si, "b"),
         ("lag", "s", "s", r"\tau"),
     )
-    for kind, own, own_si, sign in kinds:
+    for kind, kind_unit, kind_si, sign in kinds:
         given = getattr(spec, kind, None)
         if given is not None:
             label, shown = f"{kind}_{name}", rf"{sign}_{{{latex}}}"
-            yield Entry((*place, kind), kind, name, label, given, own, own_si, shown)
+            yield Entry((*location, kind), kind, name, label, given, kind_unit, kind_si, shown)
 
 
 def _of_states(config: Config, model: Model) -> Iterator[Entry]:
@@ -184,8 +189,8 @@ def _of_states(config: Config, model: Model) -> Iterator[Entry]:
     for name in model.outer:
         given, symbol = getattr(config.initial, name), symbol_of_state(name)
         if isinstance(given, SensorPrior):
-            place, unit = ("initial", name), symbol.unit
-            yield Entry(place, "state", name, symbol.name, given, unit, unit, symbol.latex)
+            location, unit = ("initial", name), symbol.unit
+            yield Entry(location, "state", name, symbol.name, given, unit, unit, symbol.latex)
 
 
 def state_name(state: str) -> str:
@@ -195,11 +200,11 @@ def state_name(state: str) -> str:
 def free_states(config: Config, model: Model) -> tuple[str, ...]:
     """States of the start whose priors the record has to give; an angle that is imposed has none."""
     initial = config.initial
-    own = [name for name in model.outer if name not in quantities.imposed_inputs(config)]
-    words = [name for name in own if getattr(initial, name) == "free"]
+    states = [name for name in model.outer if name not in quantities.imposed_inputs(config)]
+    words = [name for name in states if getattr(initial, name) == "free"]
     if initial.state == "free":
-        words += [name for name in own if name not in initial.model_fields_set]
-    return tuple(dict.fromkeys(name for name in own if name in words))
+        words += [name for name in states if name not in initial.model_fields_set]
+    return tuple(dict.fromkeys(name for name in states if name in words))
 
 
 def sensor_specs(entry: Entry) -> Declared:
@@ -245,31 +250,31 @@ def _meaning(entry: Entry) -> str:
     }[entry.kind]
 
 
-def sensing(config: Config, found: Sequence[Entry], free: Sequence[str]) -> ObservationModel:
-    """By the names of single experiments: of the entries `found`, and states that are `free`."""
-    delays = [entry for entry in found if entry.kind == "delay"]
-    single = [entry for entry in found if entry.kind == "lag" and entry.place[0] == "inputs"]
+def sensing(config: Config, entries: Sequence[Entry], free: Sequence[str]) -> ObservationModel:
+    """By the names of single experiments: of the entries `entries`, and states that are `free`."""
+    delays = [entry for entry in entries if entry.kind == "delay"]
+    single = [entry for entry in entries if entry.kind == "lag" and entry.place[0] == "inputs"]
     if len(delays) > 1 or (delays and single):
         raise ValueError(
             "all inputs have one delay, `t_0:`, or each that is measured its own, `lag:`; give one of "
             "the two"
         )
 
-    def of(kind: Kind, *, inputs: bool) -> dict[str, str]:
+    def names(kind: Kind, *, inputs: bool) -> dict[str, str]:
         return {
-            e.of: e.name for e in found if e.kind == kind and (e.place[0] == "inputs") == inputs
+            e.of: e.name for e in entries if e.kind == kind and (e.place[0] == "inputs") == inputs
         }
 
     states = {name: state_name(name) for name in free}
     return ObservationModel(
-        gains=of("gain", inputs=False),
-        offsets=of("offset", inputs=False),
-        lags=of("lag", inputs=False),
-        input_gains=of("gain", inputs=True),
-        input_offsets=of("offset", inputs=True),
-        input_lags=of("lag", inputs=True),
+        gains=names("gain", inputs=False),
+        offsets=names("offset", inputs=False),
+        lags=names("lag", inputs=False),
+        input_gains=names("gain", inputs=True),
+        input_offsets=names("offset", inputs=True),
+        input_lags=names("lag", inputs=True),
         delay=delays[0].name if delays else None,
-        states=of("state", inputs=False) | states,
+        states=names("state", inputs=False) | states,
         steady=config.initial.state == "steady",
     )
 
@@ -306,11 +311,11 @@ def channel_of(name: str, spec: ChannelSpec, states: tuple[str, ...]) -> Channel
             "example `measures: theta_1 - theta_2`"
         )
     weights = linear_combination(spec.measures or name, states)
-    found = [models.STATES[state] for state in weights]
-    if len({symbol.unit for symbol in found}) > 1:
-        listed = ", ".join(f"{symbol.name} [{symbol.unit}]" for symbol in found)
+    measured_states = [models.STATES[state] for state in weights]
+    if len({symbol.unit for symbol in measured_states}) > 1:
+        listed = ", ".join(f"{symbol.name} [{symbol.unit}]" for symbol in measured_states)
         raise ValueError(f"'{spec.measures}' adds different units: {listed}")
-    first = found[0]
+    first = measured_states[0]
     factor = units.factor(spec.unit, first.unit)
     latex = first.latex if name in states else rf"\mathrm{{{name.replace('_', chr(92) + '_')}}}"
     return Channel(
@@ -342,12 +347,13 @@ def measured(channel: Channel, spec: ChannelSpec) -> Measured:
 def noise(channels: Sequence[Measured], n_samples: int) -> Noise:
     """Of all channels: one of a kind, or a mixture of kinds."""
     kinds: dict[str, list[int]] = {}
-    for k, one in enumerate(channels):
-        kinds.setdefault(one.kind, []).append(k)
+    for k, channel in enumerate(channels):
+        kinds.setdefault(channel.kind, []).append(k)
     parts = [
         ChannelNoise(
-            lookup(NOISES, kind, "noise").of([channels[k].noisy for k in own], n_samples), (*own,)
+            lookup(NOISES, kind, "noise").of([channels[k].noisy for k in columns], n_samples),
+            (*columns,),
         )
-        for kind, own in kinds.items()
+        for kind, columns in kinds.items()
     ]
     return parts[0].noise if len(parts) == 1 else Mixed(tuple(parts))

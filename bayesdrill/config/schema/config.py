@@ -285,9 +285,11 @@ class Config(Strict):
 
     @property
     def asked(self) -> Asked:
-        own = self.identify
-        thresholds = Thresholds(determined=own.determined, left_to_prior=own.left_to_prior)
-        return Asked(of_interest=tuple(own.of_interest), thresholds=thresholds, seed=self.seed)
+        settings = self.identify
+        thresholds = Thresholds(
+            determined=settings.determined, left_to_prior=settings.left_to_prior
+        )
+        return Asked(of_interest=tuple(settings.of_interest), thresholds=thresholds, seed=self.seed)
 
 
 def json_schema() -> str:

@@ -36,8 +36,8 @@ def _parameter_shape(value: Any) -> str:
 
 
 def _held_shape(value: Any) -> str:
-    held = "value" in value if isinstance(value, dict) else isinstance(value, Quantity)
-    return "<held>" if held else shape(value)
+    fixed = "value" in value if isinstance(value, dict) else isinstance(value, Quantity)
+    return "<held>" if fixed else shape(value)
 
 
 class PriorSpec(Strict):
@@ -87,8 +87,8 @@ class SensorPrior(PriorSpec):
 
 def _entries(family: Callable[..., Prior]) -> dict[str, Any]:
     """Numbers of a family that a config gives, as pydantic takes them."""
-    of = family if inspect.isroutine(family) else family.__init__
-    hints = typing.get_type_hints(of, include_extras=True)
+    signature = family if inspect.isroutine(family) else family.__init__
+    hints = typing.get_type_hints(signature, include_extras=True)
     return {name: hint for name, hint in hints.items() if name != "return"}
 
 
@@ -108,9 +108,9 @@ def _spec(base: type[PriorSpec], name: str) -> type[PriorSpec]:
 
 _SPECS: Mapping[str, type[PriorSpec]] = MappingProxyType(
     {
-        made.__name__: made
+        model.__name__: model
         for base in (ParameterPrior, QuantityPrior, SensorPrior)
-        for made in (_spec(base, name) for name in base.families)
+        for model in (_spec(base, name) for name in base.families)
     }
 )
 
@@ -125,8 +125,8 @@ def __getattr__(name: str) -> type[PriorSpec]:
 
 def _any_of(base: type[PriorSpec]) -> Any:
     """Of the families that such a prior may be of, the one that `prior:` names."""
-    every = tuple(made for made in _SPECS.values() if made.__base__ is base)
-    return Annotated[Union[every], Field(discriminator="prior")]  # noqa: UP007
+    models = tuple(model for model in _SPECS.values() if model.__base__ is base)
+    return Annotated[Union[models], Field(discriminator="prior")]  # noqa: UP007
 
 
 if TYPE_CHECKING:

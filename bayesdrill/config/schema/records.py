@@ -38,7 +38,7 @@ def _flag_or_number(value: Any) -> str:
 
 
 def _one_or_several(value: Any) -> str:
-    several = isinstance(value, list) and any(isinstance(one, list) for one in value)
+    several = isinstance(value, list) and any(isinstance(item, list) for item in value)
     return "<several>" if several else "<one>"
 
 
@@ -61,7 +61,7 @@ class FileBase(Strict):
 if TYPE_CHECKING:
     FileSpec = FileBase
 else:
-    _column_options = {name: one.options for name, one in FORMATS.usable().items()}
+    _column_options = {name: file_format.options for name, file_format in FORMATS.usable().items()}
     FileSpec = member_section("FileSpec", FileBase, "format", _column_options)
 
 FileEntry = Annotated[
@@ -176,7 +176,7 @@ def windows(given: list[float] | list[list[float]] | None) -> list[tuple[float, 
     if not given:
         return []
     pairs: Any = given if isinstance(given[0], list) else [given]
-    return [(float(one[0]), float(one[1])) for one in pairs]
+    return [(float(pair[0]), float(pair[1])) for pair in pairs]
 
 
 def mask(given: MaskSpec | str | None) -> MaskSpec:
@@ -242,8 +242,8 @@ InputSpec = Annotated[
 
 def _said(name: str) -> str:
     """Of an input."""
-    one = symbols.INPUTS[name]
-    return f"{one.meaning} [{one.plain_unit}]"
+    symbol = symbols.INPUTS[name]
+    return f"{symbol.meaning} [{symbol.plain_unit}]"
 
 
 class NoiseBase(Strict):
@@ -301,7 +301,9 @@ class RecordBase(Strict):
 if TYPE_CHECKING:
     RecordSpec = RecordBase
 else:
-    _experiment_options = {name: one.options for name, one in FORMATS.usable().items()}
+    _experiment_options = {
+        name: file_format.options for name, file_format in FORMATS.usable().items()
+    }
     RecordSpec = member_section("RecordSpec", RecordBase, "format", _experiment_options)
 
 
