@@ -37,7 +37,7 @@ def guarded() -> Iterator[None]:
         _find_room()
         if sys.flags.optimize > 1:
             message = "python -OO takes the docstrings away that ArviZ works on; leave -OO out"
-            raise InputError.one("", message)
+            raise InputError.at("", message)
         with _interruptible():
             yield
     except InputError as error:
@@ -138,9 +138,9 @@ def saved_in(folder: Path, way_out: str = "go on with --resume") -> Iterator[Non
         if short_of_memory(error):
             raise
         message = f"{_reason(error)}; mend this, then {way_out}"
-        raise InputError.one(str(error.filename or folder), message) from None
+        raise InputError.at(str(error.filename or folder), message) from None
     except BrokenExecutor:
-        raise InputError.one(str(folder), f"{KILLED}; {way_out}") from None
+        raise InputError.at(str(folder), f"{KILLED}; {way_out}") from None
 
 
 def _reason(error: OSError) -> str:

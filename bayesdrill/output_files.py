@@ -295,7 +295,7 @@ def refuse_other_than_file(path: Path) -> None:
     """Raises `InputError` for links, folders, devices and pipes."""
     if (kind := what(path)) not in ("", "a file"):
         message = f"{kind}, which is never replaced; give another --output"
-        raise InputError.one(str(path), message)
+        raise InputError.at(str(path), message)
 
 
 def refuse_unwritable(folder: Path, below: Iterable[str] = ()) -> None:
@@ -307,13 +307,13 @@ def refuse_unwritable(folder: Path, below: Iterable[str] = ()) -> None:
     nearest = next(parent for parent in parents if os.path.lexists(parent))
     for path in (nearest, *(folder / name for name in below if (folder / name).is_dir())):
         if not path.is_dir():
-            raise InputError.one(str(folder), "a file is in the way; give another --output")
+            raise InputError.at(str(folder), "a file is in the way; give another --output")
         try:
             with tempfile.TemporaryFile(dir=path):
                 pass
         except OSError as error:
             message = f"nothing can be written here ({error.strerror}); give another --output"
-            raise InputError.one(str(path), message) from None
+            raise InputError.at(str(path), message) from None
 
 
 def refuse_endless(path: Path) -> None:
@@ -323,7 +323,7 @@ def refuse_endless(path: Path) -> None:
     except (OSError, ValueError):  # it is not there, or has a NUL in its path, as its reader says
         return
     if not stat.S_ISREG(mode) and not stat.S_ISDIR(mode):
-        raise InputError.one(str(path), "is a device or a pipe, which may have no end; give a file")
+        raise InputError.at(str(path), "is a device or a pipe, which may have no end; give a file")
 
 
 def what(path: Path) -> str:
@@ -376,7 +376,7 @@ def check_file(path: Path, largest: int = LARGEST_FILE) -> None:
             f"has {size / 1e6:.0f} MB; at most {largest / 1e6:.0f} MB are read: resample to a "
             "lower rate, shorten the record, or save fewer variables"
         )
-        raise InputError.one(str(path), message)
+        raise InputError.at(str(path), message)
 
 
 def check_record(samples: float, channels: int) -> None:

@@ -258,7 +258,7 @@ def _simulated(posterior: Posterior, rng: np.random.Generator) -> tuple[Array, P
             f"the model has no finite response at {MAX_PRIOR_TRIES} draws from the priors; narrow "
             "them"
         )
-        raise InputError.one("parameters", message)
+        raise InputError.at("parameters", message)
     pairs = zip(likelihood.observations, signals, strict=True)
     records = [observation.draw(each, theta, rng)[0] for observation, each in pairs]
     return theta[0], posterior.edit(records=records)

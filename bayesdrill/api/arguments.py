@@ -67,7 +67,7 @@ def rig(value: Any) -> Model:
         return value
     if isinstance(value, str):
         return known(MODELS, value, "rig", "model")()
-    raise InputError.one(
+    raise InputError.at(
         "rig", f"give a name ({', '.join(MODELS)}) or a model, such as MotorShaft()"
     )
 
@@ -88,11 +88,11 @@ def _check_constants(rig: Model) -> None:
 def _check_added(rig: Model) -> None:
     added = rig.added
     if not isinstance(added, tuple):
-        raise InputError.one("rig.added", f"give a tuple of names, not {type(added).__name__}")
+        raise InputError.at("rig.added", f"give a tuple of names, not {type(added).__name__}")
     for name in added:
         if name not in tuple(rig.offers):
             hint = did_you_mean(str(name), rig.offers)
-            raise InputError.one("rig.added", f"{rig.name} has no {name!r} to add{hint}")
+            raise InputError.at("rig.added", f"{rig.name} has no {name!r} to add{hint}")
 
 
 def known[T](registry: Mapping[str, T], name: Any, location: str, what: str) -> T:
@@ -100,21 +100,21 @@ def known[T](registry: Mapping[str, T], name: Any, location: str, what: str) -> 
     try:
         return lookup(registry, str(name), what)
     except ValueError as error:
-        raise InputError.one(location, str(error)) from None
+        raise InputError.at(location, str(error)) from None
 
 
 def whole(location: str, value: int, least: int) -> int:
     """Check a whole number of at least `least` and at most 64 bits; raises `InputError`."""
     if not least <= value < 2**64:
         message = f"{short_repr(value)} is no whole number from {least} to 2**64 - 1"
-        raise InputError.one(location, message)
+        raise InputError.at(location, message)
     return int(value)
 
 
 def mode(*, resume: bool, force: bool) -> Mode:
     """Say how a folder with results is treated; raises `InputError` where both are given."""
     if resume and force:
-        raise InputError.one("", "--resume and --force exclude each other; give one of them")
+        raise InputError.at("", "--resume and --force exclude each other; give one of them")
     return "resume" if resume else "force" if force else "fresh"
 
 
@@ -129,7 +129,7 @@ def workers(processes: int | None) -> int:
         return available_processors()
     count = whole("processes", processes, 1)
     if count > MOST_PROCESSES:
-        raise InputError.one("processes", f"{count} are more than {MOST_PROCESSES}; give fewer")
+        raise InputError.at("processes", f"{count} are more than {MOST_PROCESSES}; give fewer")
     return count
 
 

@@ -186,7 +186,7 @@ class Case(Value):
             message = (
                 "arrays are in no file yet; give `sample().save(folder)`, then `load` its config"
             )
-            raise InputError.one("run", message)
+            raise InputError.at("run", message)
         how = arguments.mode(resume=resume, force=force)
         path, workers = self.place(folder), arguments.workers(processes)
         told = report or SILENT
@@ -232,9 +232,9 @@ class Case(Value):
         from bayesdrill.api.run import Best
 
         if not isinstance(best, Best):
-            raise InputError.one("best", f"give what find_map found, not {type(best).__name__}")
+            raise InputError.at("best", f"give what find_map found, not {type(best).__name__}")
         if not equal_content(best.job.problem.posterior, self.job.problem.posterior):
-            raise InputError.one(
+            raise InputError.at(
                 "best", "this is the maximum of another case; find that of this one"
             )
         return best.mode
@@ -284,13 +284,13 @@ def case(
     record = entries.pop("record", {})
     if not isinstance(record, Mapping):
         message = f"give entries, such as a window, not {type(record).__name__}"
-        raise InputError.one("record", message)
+        raise InputError.at("record", message)
     refused = [name for name in ("model",) if name in entries]
     refused += [
         f"record.{name}" for name in ("file", "format", "time", "channels") if name in record
     ]
     if refused:
-        raise InputError.one(refused[0], "arrays and `rig` say this already; leave it out")
+        raise InputError.at(refused[0], "arrays and `rig` say this already; leave it out")
     model = arguments.rig(rig)
     believed = dict(parameters)
     unsaid = [name for name in model.added if name not in believed]

@@ -62,7 +62,7 @@ def ladder(config: str | Path, *, sample: int = 2) -> Ladder:
     `sample`: how many models are sampled, 2 to 9.
     """
     if not 2 <= sample <= MOST:
-        raise InputError.one("sample", f"{short_repr(sample)} is no whole number from 2 to {MOST}")
+        raise InputError.at("sample", f"{short_repr(sample)} is no whole number from 2 to {MOST}")
     return Ladder(load(Path(config).expanduser()).job, sample)
 
 
@@ -185,7 +185,7 @@ def _compared(
 ) -> Comparison:
     comparison.check_number(comparison.FORMS[form], len(runs))
     if names is not None and len(names) != len(runs):
-        raise InputError.one("names", f"{len(names)} names of {len(runs)} runs")
+        raise InputError.at("names", f"{len(names)} names of {len(runs)} runs")
     opened = [run if isinstance(run, single.Run) else single.open(run) for run in runs]
     places = [None if isinstance(run, single.Run) else Path(run).expanduser() for run in runs]
     defaults = [

@@ -44,7 +44,7 @@ def _bundled() -> Path:
     for path in (PACKAGE / "examples", PACKAGE.parent / "configs"):
         if (path / FILES[0]).is_file():
             return path
-    raise InputError.one(str(PACKAGE), "came without its examples; install bayesdrill again")
+    raise InputError.at(str(PACKAGE), "came without its examples; install bayesdrill again")
 
 
 def _in_the_way(folder: Path, wanted: Iterable[Path]) -> list[Issue]:
@@ -106,7 +106,7 @@ def citation(folder: str | Path | None = None) -> Citation:
     path = Path(folder).expanduser()
     made_with = (read_run(path) or {}).get("versions")
     if not isinstance(made_with, dict):
-        raise InputError.one(str(path), "no finished run is here; give the folder of one, or none")
+        raise InputError.at(str(path), "no finished run is here; give the folder of one, or none")
     return citing.citation(made_with)
 
 
@@ -141,16 +141,16 @@ def init(
 
     for name, value in (("voltage", voltage), ("gear", gear), ("rate", rate)):
         if value is not None and not math.isfinite(value):
-            raise InputError.one(name, f"{value} is not a number; write it, or leave it out")
+            raise InputError.at(name, f"{value} is not a number; write it, or leave it out")
     if gear is not None and gear < 1:
         message = f"{gear:g} turns of the motor for one of the shaft; write 8 for a gear of 8:1"
-        raise InputError.one("gear", message)
+        raise InputError.at("gear", message)
     if rate is not None and rate <= 0:
-        raise InputError.one("rate", f"{rate:g} samples a second; write how many there are")
+        raise InputError.at("rate", f"{rate:g} samples a second; write how many there are")
     given = [record] if isinstance(record, str | Path) else record
     records = [Path(path).expanduser() for path in given]
     if not records:
-        raise InputError.one("record", "no file is named; name one or several")
+        raise InputError.at("record", "no file is named; name one or several")
     files = [path.name for path in records]
     known = record_files.GivenFacts(
         rig=arguments.known(MODELS.usable(), rig, "rig", "rig")(),
@@ -215,7 +215,7 @@ def simulate(
         and not target_path.is_dir()
     ):
         message = "is no folder; name one for the records of several experiments"
-        raise InputError.one(str(target_path), message)
+        raise InputError.at(str(target_path), message)
     texts = simulation.simulate_all(case, used_seed, target_path)
     records = [
         sources.path_of(experiment.config, experiment.source) for experiment in case.experiments
@@ -254,7 +254,7 @@ def publish(
         pipeline.copied(source, path, force=force)
     elif force:
         message = "goes with --output, or several folders; one is written again where it is"
-        raise InputError.one("--force", message)
+        raise InputError.at("--force", message)
     return pipeline.republish(path, workers, report or SILENT)
 
 
@@ -323,5 +323,5 @@ def cache(*, clear: bool = False) -> str:
     except OSError as error:
         reason = error.strerror or str(error)
         message = f"{reason}; mend this, or name another folder by {CACHE_VARIABLE}"
-        raise InputError.one(str(user.folder), message) from None
+        raise InputError.at(str(user.folder), message) from None
     return f"{user.folder}: {len(sizes)} compiled kernels, {sum(sizes) / 1e6:.1f} MB"

@@ -133,6 +133,6 @@ def _channel(name: str, rig: Model) -> Channel:
     try:
         weights = linear_combination(name, rig.states)
     except ValueError as error:
-        raise InputError.one("signals", str(error)) from None
+        raise InputError.at("signals", str(error)) from None
     unit = models.STATES[next(iter(weights))].unit
     return Channel(name=name, weights=weights, unit=unit, latex=name, latex_unit=unit)

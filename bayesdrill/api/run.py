@@ -59,7 +59,7 @@ def _drawn(drawings: Sequence[Drawing], part: int, count: str, warning: str) -> 
     from bayesdrill.report.style import warned  # late: matplotlib takes a second
 
     if not 1 <= part <= len(drawings):
-        raise InputError.one("part", f"{short_repr(part)} given, and {count}")
+        raise InputError.at("part", f"{short_repr(part)} given, and {count}")
     return for_notebooks(warned(drawings[part - 1].drawn(), warning))
 
 
@@ -216,7 +216,7 @@ class Run(SampledRun):
         arguments.known(FIGURES, name, "plot", "figure")
         drawn = list(drawings(name, self._view).values())
         if not drawn:
-            raise InputError.one("plot", f"there is nothing to draw in a figure {name} of this run")
+            raise InputError.at("plot", f"there is nothing to draw in a figure {name} of this run")
         return _drawn(drawn, part, f"the figure {name} has {len(drawn)}", self._view.warning)
 
     def plot_corner(self) -> Figure:

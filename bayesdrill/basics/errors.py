@@ -34,7 +34,7 @@ class InputError(Exception):
         return "\n".join(str(problem) for problem in self.problems)
 
     @classmethod
-    def one(cls, place: str, message: str) -> InputError:
+    def at(cls, place: str, message: str) -> InputError:
         """Build the error of a single problem."""
         return cls([Issue(place, message)])
 

@@ -60,19 +60,19 @@ def read(path: Path) -> Source:
             raw = file.read(MOST_BYTES + 1)
     except FileNotFoundError:
         message = "there is no such file; check the path (`bayesdrill example` writes some to copy)"
-        raise InputError.one(str(path), message) from None
+        raise InputError.at(str(path), message) from None
     except IsADirectoryError:
-        raise InputError.one(str(path), "this is a folder; name the .yaml file in it") from None
+        raise InputError.at(str(path), "this is a folder; name the .yaml file in it") from None
     except (OSError, ValueError) as error:  # ValueError: a NUL in the path
         reason = getattr(error, "strerror", None) or error
-        raise InputError.one(str(path), f"cannot be read: {reason}") from None
+        raise InputError.at(str(path), f"cannot be read: {reason}") from None
     if len(raw) > MOST_BYTES:
         message = f"holds more than {MOST_BYTES // 1000} kB, which no config needs; name a config"
-        raise InputError.one(str(path), message)
+        raise InputError.at(str(path), message)
     try:
         text = raw.decode("utf-8-sig")
     except UnicodeDecodeError:
-        raise InputError.one(str(path), "this is not a text file in UTF-8") from None
+        raise InputError.at(str(path), "this is not a text file in UTF-8") from None
     return parse(path, io.StringIO(text, newline=None).read())
 
 
@@ -95,20 +95,20 @@ def parse(path: Path, text: str) -> Source:
     except MarkedYAMLError as error:
         mark = error.problem_mark or error.context_mark
         line = mark.line + 1 if mark else 1
-        raise InputError.one(f"{path}:{line}", _explain(error, text, line)) from None
+        raise InputError.at(f"{path}:{line}", _explain(error, text, line)) from None
     except ReaderError as error:
         line = text.count("\n", 0, error.position) + 1
         message = f"the character U+{error.character:04X} cannot stand in YAML; remove it"
-        raise InputError.one(f"{path}:{line}", message) from None
+        raise InputError.at(f"{path}:{line}", message) from None
     except RecursionError:
         message = (
             "entries are nested too deeply, or an alias (`*`) stands inside its own anchor (`&`)"
         )
-        raise InputError.one(str(path), f"{message}; write them out flat") from None
+        raise InputError.at(str(path), f"{message}; write them out flat") from None
     except (YAMLError, ValueError) as error:
-        raise InputError.one(str(path), f"this is not YAML: {str(error).splitlines()[0]}") from None
+        raise InputError.at(str(path), f"this is not YAML: {str(error).splitlines()[0]}") from None
     if not isinstance(data, dict):
-        raise InputError.one(
+        raise InputError.at(
             str(path), "a config is a mapping such as `name: my_rig`; see `bayesdrill schema`"
         )
     return Source(path, text, data, walk.lines, tuple(walk.repeated))
@@ -157,7 +157,7 @@ class _Walk:
         self.entries += 1
         if self.entries > MOST_ENTRIES:
             message = f"holds more than {MOST_ENTRIES} entries, each alias (`*`) written out"
-            raise InputError.one(str(self.path), f"{message}; no config needs as many")
+            raise InputError.at(str(self.path), f"{message}; no config needs as many")
 
     def _key(self, key: Any, location: Place) -> Place:
         """Every key is made text, as `5:` or `~:` is no number or null."""
@@ -205,7 +205,7 @@ class _Walk:
             raise self._refusal(node, "a NUL or half a character stands here; remove it")
 
     def _refusal(self, node: Any, message: str) -> InputError:
-        return InputError.one(f"{self.path}:{node.start_mark.line + 1}", message)
+        return InputError.at(f"{self.path}:{node.start_mark.line + 1}", message)
 
 
 def _explain(error: Any, text: str, line: int) -> str:

@@ -265,7 +265,7 @@ def named_column(text: str, files: Collection[str]) -> NamedColumn:
     if match is None or meaning.unknown_unit or other_kind or not meaning.kind:
         why = "names no column" if match is None else "names no quantity with a unit of it"
         known = f"`data:3=theta_2 [deg]`; known are {', '.join(_NAMES)}"
-        raise InputError.one("--columns", f"'{text}' {why}; write for example {known}")
+        raise InputError.at("--columns", f"'{text}' {why}; write for example {known}")
     meaning = dataclasses.replace(meaning, backwards=backwards)
     return NamedColumn(text, file, match[1], int(match[2]) if match[2] else None, meaning)
 
@@ -354,7 +354,7 @@ def _refuse_several_records(table: Table, columns: Sequence[FileColumn]) -> None
     if len(records) > 1:
         signals = [c for c in columns if c.meaning.kind != "time" and _structure(c) in records]
         first = (signals or columns)[0]
-        raise InputError.one(
+        raise InputError.at(
             str(table.path),
             f"holds {len(records)} records: {', '.join(records)}; name columns of one, for example "
             f"{_columns_option([first])} ({first.name} goes from {first.range_text})",

@@ -294,11 +294,11 @@ def check_draft_path(path: Path, records: Sequence[Path], *, force: bool) -> Non
     is_record = path.absolute() in {record.absolute() for record in records}
     if path.suffix.lower() not in (".yaml", ".yml") or is_record:
         message = "is no name of a config; give an --output that ends in .yaml"
-        raise InputError.one(str(path), message)
+        raise InputError.at(str(path), message)
     if path.exists() and not force:
-        raise InputError.one(str(path), "exists already; give --force or another --output")
+        raise InputError.at(str(path), "exists already; give --force or another --output")
     if not path.parent.is_dir():
-        raise InputError.one(str(path.parent), "there is no such folder; make it first")
+        raise InputError.at(str(path.parent), "there is no such folder; make it first")
     output_files.refuse_unwritable(path.parent)
 
 

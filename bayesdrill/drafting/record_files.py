@@ -79,7 +79,7 @@ def examine(path: Path, given: GivenFacts) -> RecordFile:
     try:
         output_files.check_guessed(len(columns[0].values), len(columns))
     except ValueError as error:
-        raise InputError.one(str(path), str(error)) from None
+        raise InputError.at(str(path), str(error)) from None
     time = signals.find_time(columns, sensors.infer_rate(columns), given.rate)
     return _understand(path, columns, time, left_out, given)
 
@@ -115,7 +115,7 @@ def with_roles_of(lead: RecordFile, file: RecordFile) -> RecordFile:
     by_key = {column.key: column for column in file.columns}
     timed = wanted if lead.time.column is None else [*wanted, lead.time.column]
     if missing := [column.name for column in timed if column.key not in by_key]:
-        raise InputError.one(
+        raise InputError.at(
             str(file.path),
             f"has no column {', '.join(missing)}, and {lead.path} has; several files have to be of one "
             "kind, or complete each other at the same times; else write a config of each",
@@ -138,7 +138,7 @@ def with_roles_of(lead: RecordFile, file: RecordFile) -> RecordFile:
         new = signals.read_sensor(column, segment, jumped, sensor.kind, sensor.unit)
         if not new.varies and sensor.kind not in ("voltage", "torque"):
             message = f"column {sensor.name} is {new.raw.x[0]:g} in every row; leave this file out"
-            raise InputError.one(str(file.path), message)
+            raise InputError.at(str(file.path), message)
         why, doubts = sensor.why, sensor.doubts
         return dataclasses.replace(new, location=sensor.location, why=why, doubts=doubts)
 
@@ -156,7 +156,7 @@ def read_records(
     """
     for k, path in enumerate(paths):
         if path.resolve() in [other.resolve() for other in paths[:k]]:
-            raise InputError.one(str(path), "is named twice; name each file once")
+            raise InputError.at(str(path), "is named twice; name each file once")
     kinds = _by_kind(collect_each(lambda path: examine(path, given), paths))
     records = _join_kinds(kinds, given) if len(kinds) > 1 else kinds[0]
     collect_each(_refuse_without_channels, records)
@@ -204,7 +204,7 @@ def _join_kinds(kinds: Sequence[Sequence[RecordFile]], given: GivenFacts) -> lis
             "each record one of each kind, and let their names begin alike (slow.csv, slow_v.csv), or "
             "write a config of each"
         )
-        raise InputError.one(str(firsts[0].path), message)
+        raise InputError.at(str(firsts[0].path), message)
     return [_join(first, beside, given) for first, beside in pairs]
 
 
@@ -219,10 +219,10 @@ def _join(first: RecordFile, beside: Sequence[RecordFile], given: GivenFacts) ->
         for file in (first, other):
             if file.time.column is None and not np.array_equal(t, other.time.t):
                 message = "has no column of times, and cannot be laid beside another file; add one"
-                raise InputError.one(str(file.path), message)
+                raise InputError.at(str(file.path), message)
         u, s = first.segment.t, other.segment.t
         if np.sum((u >= s[0]) & (u <= s[-1])) < MIN_SAMPLES:
-            raise InputError.one(
+            raise InputError.at(
                 str(other.path),
                 f"goes from {s[0]:.6g} to {s[-1]:.6g} s, and {first.path} from {u[0]:.6g} to "
                 f"{u[-1]:.6g} s; files of one record have to overlap: bring both to one clock",

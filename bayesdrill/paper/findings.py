@@ -119,7 +119,7 @@ def prepare(configs: Path) -> Studies:
             f"no such folder; give the one that holds {', '.join((TWO, *NINES))}, "
             "or have it written by `bayesdrill example`"
         )
-        raise InputError.one(str(configs), message)
+        raise InputError.at(str(configs), message)
     two, *nines = (job.prepare(configs / name) for name in (TWO, *NINES))
     makers = tuple(loading.load(configs / name) for name in MAKERS)
     problems = [*_of_noise((two, *nines)), *_of_two(two), *_of_nines(nines)]

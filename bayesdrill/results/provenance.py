@@ -203,7 +203,7 @@ def check_record(job: Job, output: Path, record: str | None = None) -> None:
     paths = (path for experiment in job.case.experiments for path in sources.paths(experiment))
     places = [path.parent.resolve() for path in paths]
     if record is None and output.resolve() in places:
-        raise InputError.one(str(output), "holds the record of this run; give another folder")
+        raise InputError.at(str(output), "holds the record of this run; give another folder")
 
 
 def begin(job: Job, folder: Folder, record: str | None = None, **more: Any) -> None:

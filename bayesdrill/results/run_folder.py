@@ -84,7 +84,7 @@ def read_piece(path: Path) -> tuple[ChainSegment, str | None]:
             )
             return piece, str(file["run"]) if "run" in file else None
     except DAMAGED:
-        raise InputError.one(str(path), COMPUTED_AGAIN) from None
+        raise InputError.at(str(path), COMPUTED_AGAIN) from None
 
 
 def write_opened(
@@ -107,7 +107,7 @@ def read_opened(path: Path, pieces: Sequence[Sequence[ChainSegment]]) -> Extende
             raise ValueError("of another chain")
         return ExtendedPriors(names=names, draws=draws if draws.size else None, pressed=pressed)
     except DAMAGED:
-        raise InputError.one(str(path), f"is of another chain, or {COMPUTED_AGAIN}") from None
+        raise InputError.at(str(path), f"is of another chain, or {COMPUTED_AGAIN}") from None
 
 
 def chain_mark(pieces: Sequence[Sequence[ChainSegment]]) -> str:
@@ -219,7 +219,7 @@ def read_chain(path: Path, ensemble: int) -> tuple[ChainSegment, str | None]:
         )
         return piece, contents.get("run")
     except DAMAGED:
-        raise InputError.one(str(path), COMPUTED_AGAIN) from None
+        raise InputError.at(str(path), COMPUTED_AGAIN) from None
 
 
 # report: nothing is added to the chain; read: nothing is written at all
@@ -279,7 +279,7 @@ class Folder:
         try:
             lock.acquire(timeout=0)
         except Timeout:
-            raise InputError.one(
+            raise InputError.at(
                 str(self.path), "another run is writing here; wait for it or give --output"
             ) from None
         except OSError:
@@ -321,15 +321,13 @@ class Folder:
                 self.check()
             elif others:
                 message = f"this folder holds other files ({others[0]}); give another --output"
-                raise InputError.one(str(self.path), message)
+                raise InputError.at(str(self.path), message)
             return
         if run.get("job") != self.kind.job:
             message = f"these are results of `bayesdrill {run.get('job')}`; give another --output"
-            raise InputError.one(str(self.path), message)
+            raise InputError.at(str(self.path), message)
         if self.mode == "fresh":
-            raise InputError.one(
-                str(self.path), f"results exist already; {self.kind.continue_hint}"
-            )
+            raise InputError.at(str(self.path), f"results exist already; {self.kind.continue_hint}")
         if self.mode != "force":
             self._refuse_changes(run.get("fingerprint", {}))
 
@@ -377,7 +375,7 @@ class Folder:
             return
         whose = f"run {run}" if run else "a run that it does not name (an older version wrote it)"
         message = f"is of {whose}, and this folder of run {self.run}; put back its own, or {AGAIN}"
-        raise InputError.one(str(path), message)
+        raise InputError.at(str(path), message)
 
     def path_of(self, name: str) -> Path:
         """Raises `KeyError` for a file that a later --force would not know as ours."""
@@ -444,7 +442,7 @@ class Folder:
             chain = f"a chain of {walkers} walkers in {unknowns} unknowns"
             expected = f"this run has {shape[0]} in {shape[1]}"
             message = f"holds {chain}, and {expected}; put back its own, or start over with --force"
-            raise InputError.one(str(self.path), message)
+            raise InputError.at(str(self.path), message)
 
     def segments(self, ensemble: int) -> list[ChainSegment]:
         """What was saved so far, in order: a finished chain first, then the pieces after it."""
@@ -513,7 +511,7 @@ def read_run(folder: Path) -> dict[str, Any] | None:
         return entries
     except ValueError:
         message = "is damaged, or not of this bayesdrill; put back a copy, or give another folder"
-        raise InputError.one(str(path), message) from None
+        raise InputError.at(str(path), message) from None
 
 
 def _value(marks: Mapping[str, Any], name: str) -> str:

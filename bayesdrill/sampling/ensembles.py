@@ -485,7 +485,7 @@ def load_sampled(
     steps = min(map(_steps, chains))
     first = min(FIRST_CHECK, plan.most_steps(len(posterior.space.free)))
     if steps < first or max(map(_steps, chains)) != steps:
-        raise InputError.one(
+        raise InputError.at(
             location, "the run stopped before its first check; continue it with --resume"
         )
     theta = [[_physical(posterior, segment) for segment in chain] for chain in chains]

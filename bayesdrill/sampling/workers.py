@@ -109,7 +109,7 @@ def start_workers(
     except OSError as error:  # its semaphores are files of /dev/shm, or the like
         reason = f"no worker processes can be started here ({error.strerror or error})"
         message = f"{reason}; see whether /dev/shm is full, or give --processes 1"
-        raise InputError.one("", message) from None
+        raise InputError.at("", message) from None
 
 
 def shut_down(pool: ProcessPoolExecutor, patience: float) -> None:

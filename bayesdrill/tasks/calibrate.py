@@ -169,7 +169,7 @@ def _read(path: Path, study: CalibrationStudy) -> Refit:
             raise ValueError("of another study")
         return stored
     except ValueError:
-        raise InputError.one(str(path), COMPUTED_AGAIN) from None
+        raise InputError.at(str(path), COMPUTED_AGAIN) from None
 
 
 def _publish(job: Job, folder: Folder, refits: Sequence[Refit]) -> CalibrationVerdict:

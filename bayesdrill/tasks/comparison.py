@@ -57,7 +57,7 @@ def check_number(form: Form, n: int) -> None:
     """Raises `InputError` for fewer runs than two, and for more than can be told apart."""
     if not FEWEST <= n <= form.most:
         message = f"{n} given; {FEWEST} to {form.most} runs can be {form.purpose}"
-        raise InputError.one("runs", message)
+        raise InputError.at("runs", message)
 
 
 FORMS: Mapping[str, Form] = MappingProxyType({form.name: form for form in (OVERLAID, COMPARED)})
@@ -139,7 +139,7 @@ def default_folder(form: Form, names: Sequence[str]) -> Path:
 def check_folder(form: Form, output: Path, runs: Sequence[Path | None], *, force: bool) -> None:
     """Raises `InputError` where `publish` would, before runs are read."""
     if output.resolve() in [run.resolve() for run in runs if run is not None]:
-        raise InputError.one(str(output), "is one of these runs; give another --output")
+        raise InputError.at(str(output), "is one of these runs; give another --output")
     Folder(output, "force" if force else "fresh", {}, form.kind).check()
 
 
@@ -211,7 +211,7 @@ def check_same_record(runs: Sequence[NamedRun]) -> None:
             f"{record.get(names[0], 'missing')} here and {first.get(names[0], 'missing')} in "
             f"{runs[0].place}"
         )
-        raise InputError.one(run.place, message)
+        raise InputError.at(run.place, message)
 
 
 def _record(problem: Problem) -> dict[str, str]:
@@ -231,7 +231,7 @@ def contender(named: NamedRun, units: OwnUnits) -> RunSummary:
     """A run under the name that it has among others; raises `InputError` where it has no evidence."""
     run = named.run
     if run.sampled.evidence is None:
-        raise InputError.one(named.place, WITHOUT)
+        raise InputError.at(named.place, WITHOUT)
     posterior, fit = run.job.problem.posterior, residuals(run)
     layer = overlay_layer(named.name, run, units, fit)
     return RunSummary(

@@ -69,7 +69,7 @@ def read(output: Path) -> tuple[Job, Mode]:
     with Folder(output, "read", marks, MAP) as folder:
         mode = read_mode(folder, job.problem)
     if mode is None:
-        raise InputError.one(str(output / MAP_FILE), "is not there; map it again")
+        raise InputError.at(str(output / MAP_FILE), "is not there; map it again")
     return job, mode
 
 
@@ -148,7 +148,7 @@ def read_mode(folder: Folder, problem: Problem) -> Mode | None:
             raise ValueError("of other unknowns")
         return mode
     except ValueError:
-        raise InputError.one(str(path), COMPUTED_AGAIN) from None
+        raise InputError.at(str(path), COMPUTED_AGAIN) from None
 
 
 def _possible(mode: Mode, problem: Problem) -> bool:

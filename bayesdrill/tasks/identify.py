@@ -75,7 +75,7 @@ def identify(job: Job, theta: Array, at: str, wanted: Sequence[str], report: Rep
     posterior = job.problem.posterior
     scenery = SensitivityStudy(posterior.likelihood)
     if not scenery.unknowns:
-        raise InputError.one("parameters", "no parameter is unknown; there is nothing to identify")
+        raise InputError.at("parameters", "no parameter is unknown; there is nothing to identify")
     columns = _columns(scenery.unknowns, wanted)
     report.update(0.0, "looking at what the record can show")
     study = study_of(scenery, posterior, theta, job.asked, at, seek_remedies=True)
@@ -115,11 +115,11 @@ def check_place(folder: Path, *, force: bool) -> None:
     there = output_files.present(folder, IDENTIFY)
     if there and not force:
         message = "exists already; give --force or another --output"
-        raise InputError.one(str(folder / there[0]), message)
+        raise InputError.at(str(folder / there[0]), message)
     text = folder / IDENTIFY.mark
     if there and not (text.exists() and text.read_bytes().startswith(MARK.encode())):
         message = "was not written by `bayesdrill identify`; give another --output"
-        raise InputError.one(str(folder / there[0]), message)
+        raise InputError.at(str(folder / there[0]), message)
 
 
 def publish(job: Job, findings: Findings, folder: Path, *, force: bool) -> str:
@@ -153,7 +153,7 @@ def _columns(unknowns: tuple[str, ...], wanted: Sequence[str]) -> list[int]:
     for name in wanted:
         if name not in unknowns:
             hint = did_you_mean(name, [*unknowns, ALL])
-            raise InputError.one("--profile", f"{name} is not an unknown of this config{hint}")
+            raise InputError.at("--profile", f"{name} is not an unknown of this config{hint}")
     return [unknowns.index(name) for name in wanted]
 
 

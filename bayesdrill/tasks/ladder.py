@@ -201,7 +201,7 @@ def _fit(posterior: Posterior, plan: FitPlan) -> tuple[Mode, SamplingResult] | s
 def _published(job: Job, folder: Folder, work: _Sampling) -> Outcome:
     """Held against the last: the least probable of them by its maximum."""
     if not work.done:
-        raise InputError.one(str(job.source.path), "; ".join(work.left_out.values()))
+        raise InputError.at(str(job.source.path), "; ".join(work.left_out.values()))
     places = sorted(work.done, reverse=True)
     every = [work.done[place] for place in places]
     report = ComparisonReport.of_models([observation for _, observation in every], job.units)

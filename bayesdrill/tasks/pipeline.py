@@ -174,7 +174,7 @@ def copied(source: Path, output: Path, *, force: bool) -> None:
     Raises `InputError`, also where there is nothing to be reported.
     """
     if output.resolve() == source.resolve():
-        raise InputError.one(str(output), "holds this very run; leave --output out")
+        raise InputError.at(str(output), "holds this very run; leave --output out")
     how: run_folder.Mode = "force" if force else "fresh"
     Folder(output, how, {}, POSTERIOR).check()  # before the chain is read
     job = read_result(source).job
@@ -199,14 +199,14 @@ def _made(output: Path) -> tuple[Job, dict[str, str]]:
     """The job of a run, and its fingerprint."""
     run = run_folder.read_run(output)
     if run is None:
-        raise InputError.one(str(output), "no results here; give the folder of a finished run")
+        raise InputError.at(str(output), "no results here; give the folder of a finished run")
     if run.get("job") != POSTERIOR.job:
         message = (
             f"results of `bayesdrill {run.get('job')}`, which makes its tables and figures itself"
         )
-        raise InputError.one(str(output), f"{message}; give the folder of a posterior")
+        raise InputError.at(str(output), f"{message}; give the folder of a posterior")
     if not (output / RESOLVED_FILE).exists():
-        raise InputError.one(str(output), "the run stopped as it began; continue it with --resume")
+        raise InputError.at(str(output), "the run stopped as it began; continue it with --resume")
     job = prepare(output / RESOLVED_FILE)
     return job, provenance.fingerprint(job.config, job.problem)
 
@@ -216,7 +216,7 @@ def _finished(job: Job, folder: Folder) -> SampledRun:
     mode = find_map.read_mode(folder, job.problem)
     if mode is None:
         message = "is not there; continue with --resume, which searches the MAP again"
-        raise InputError.one(str(path / find_map.MAP_FILE), message)
+        raise InputError.at(str(path / find_map.MAP_FILE), message)
     job = job.at(mode)
     problem = job.problem
     _read_ahead(job, folder)

@@ -56,10 +56,10 @@ def dask_executor(scheduler: str) -> Iterator[RefitExecutor]:
         message = (
             "the package distributed is missing; install it with pip install 'bayesdrill[cluster]'"
         )
-        raise InputError.one("--scheduler", message) from None
+        raise InputError.at("--scheduler", message) from None
     if not ADDRESS.fullmatch(scheduler):
         message = f"'{scheduler}' is no address of a scheduler; write it like tcp://host:8786"
-        raise InputError.one("--scheduler", message)
+        raise InputError.at("--scheduler", message)
     with _quiet():
         _check_answers(scheduler)
         client: Any = Client(scheduler, timeout=PATIENCE, set_as_default=False)  # type: ignore[no-untyped-call]
@@ -70,7 +70,7 @@ def dask_executor(scheduler: str) -> Iterator[RefitExecutor]:
             except TimeoutError:
                 start = f"dask worker {scheduler} --nthreads 1"
                 message = f"{scheduler} has no workers; start some with `{start}`"
-                raise InputError.one("--scheduler", message) from None
+                raise InputError.at("--scheduler", message) from None
             cluster.compare(client.scheduler_info(n_workers=-1)["workers"])
             yield cluster
         finally:
@@ -90,7 +90,7 @@ def _check_answers(scheduler: str) -> None:
             "no certificates are configured, without which tls:// and wss:// cannot be; name them in "
             "distributed.comm.tls of Dask's configuration, or take tcp://"
         )
-        raise InputError.one("--scheduler", message)
+        raise InputError.at("--scheduler", message)
 
     async def identity() -> None:
         async with rpc(scheduler, connection_args=call) as remote:  # type: ignore[no-untyped-call]
@@ -102,7 +102,7 @@ def _check_answers(scheduler: str) -> None:
         told = str(error).partition("\n")[0] if isinstance(error, OSError) else "what does is none"
         reason = told or f"nothing in {PATIENCE:g} s"
         message = f"no scheduler answers at {scheduler} ({reason}); start one with `dask scheduler`"
-        raise InputError.one("--scheduler", message) from None
+        raise InputError.at("--scheduler", message) from None
 
 
 class RefitExecutor(Executor):
@@ -243,7 +243,7 @@ def _next[T](
 
 
 def _lost(folder: Path, reason: str) -> InputError:
-    return InputError.one(str(folder), f"{reason}; continue with --resume")
+    return InputError.at(str(folder), f"{reason}; continue with --resume")
 
 
 @contextmanager
@@ -296,6 +296,6 @@ def _work[T](
 ) -> T:
     """Compute one job where the software is the same; raises `InputError` elsewhere."""
     if wrong := software.version_differences(software.installed_versions(), versions):
-        raise InputError.one("a worker", f"it has {', '.join(wrong)}; install the same there")
+        raise InputError.at("a worker", f"it has {', '.join(wrong)}; install the same there")
     with _ONE_AT_A_TIME, threadpool_limits(1):
         return function(*_unpacked(blob), *arguments)

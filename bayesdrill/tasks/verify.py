@@ -80,7 +80,7 @@ def verify(folder: Path) -> Verified:
     way = next((way for way in _WAYS if run and way.kind.job == run.get("job")), None)
     if run is None or way is None:
         message = "no results of `bayesdrill posterior`, `map`, `compare`, `ladder` or an overlay"
-        raise InputError.one(str(folder), message)
+        raise InputError.at(str(folder), message)
     if obstacles := output_files.existing_outputs(folder, way.kind):
         raise InputError(obstacles)
     files = run.get("files")
@@ -88,7 +88,7 @@ def verify(folder: Path) -> Verified:
         message = (
             "this run is not finished, or of an older version; `bayesdrill report` makes it anew"
         )
-        raise InputError.one(str(folder), message)
+        raise InputError.at(str(folder), message)
     problems = tuple(
         dict.fromkeys([*_changed(folder, way.kind, files), *way.problems(folder, run)])
     )

@@ -126,7 +126,7 @@ def test_a_message_that_nobody_can_read_leaves_the_status(monkeypatch: pytest.Mo
     with open("/dev/full", "w") as full, monkeypatch.context() as patched:
         patched.setattr(sys, "stderr", full)
         with pytest.raises(typer.Exit) as ended, guarded():
-            raise InputError.one("here", "wrong")
+            raise InputError.at("here", "wrong")
         patched.undo()
         with suppress(OSError):
             full.close()

@@ -25,7 +25,7 @@ def read(path: Path, options: Options, _: Wanted) -> Table:
         columns = data if options.inside is None else data[options.inside]
         variables = {name: np.array(values, dtype=float) for name, values in columns.items()}
     except (OSError, ValueError, KeyError, AttributeError) as error:
-        raise InputError.one(str(path), f"no columns can be read from it ({error})") from None
+        raise InputError.at(str(path), f"no columns can be read from it ({error})") from None
     return Table(path=path, variables=variables)
 
 

@@ -115,7 +115,7 @@ def _check_read_back(
         table = text_table(path, text, reading.csv_options(config.record))
         for name, values in columns:
             if not np.allclose(table.pick(name), values, rtol=0, atol=SAME * np.ptp(values)):
-                raise InputError.one("", f"column {name!r} would come out otherwise")
+                raise InputError.at("", f"column {name!r} would come out otherwise")
     except InputError as error:
         first = error.problems[0].message
         message = f"the record could not be read as this config reads it: {first}"
@@ -198,14 +198,14 @@ def check_place(text: str, target: Path, record: Path, *, force: bool) -> None:
     if target.exists():
         if record.exists() and target.samefile(record):
             message = "the record that the config names is never overwritten; give another --output"
-            raise InputError.one(str(target), message)
+            raise InputError.at(str(target), message)
         if not force:
-            raise InputError.one(str(target), "exists already; give --force or another --output")
+            raise InputError.at(str(target), "exists already; give --force or another --output")
         header = text.partition("\n")[0].encode()
         with target.open("rb") as file:
             if file.readline(len(header) + 2).rstrip(b"\r\n") != header:
                 message = "is no record with these columns, and is kept; give another --output"
-                raise InputError.one(str(target), message)
+                raise InputError.at(str(target), message)
 
 
 def grid(resolved: ResolvedExperiment) -> Experiment:

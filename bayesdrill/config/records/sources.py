@@ -82,7 +82,7 @@ def name_in(folder: Path, file: Path) -> str:
     name = Path(os.path.relpath(file, folder)).as_posix()
     if encodable(name) != name:
         message = "is not UTF-8, and no config can name it; rename the file or the folder"
-        raise InputError.one(str(file), message)
+        raise InputError.at(str(file), message)
     return name
 
 

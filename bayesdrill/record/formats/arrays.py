@@ -81,7 +81,7 @@ def report_damage(path: Path, message: Callable[[str], str]) -> Iterator[None]:
         raise
     except Exception as error:
         reason = (str(error).strip().splitlines() or [type(error).__name__])[0]
-        raise InputError.one(str(path), message(shortened(reason, MAX_REASON_LETTERS))) from error
+        raise InputError.at(str(path), message(shortened(reason, MAX_REASON_LETTERS))) from error
 
 
 def _cut_short(what: str) -> Callable[[str], str]:
@@ -109,7 +109,7 @@ def read_hdf5(path: Path, wanted: Collection[str] | None = None) -> Table:
 
     head = read_bytes(path, 16)
     if head.startswith(b"MATLAB 7.3"):
-        raise InputError.one(
+        raise InputError.at(
             str(path), "is a MATLAB file; give it the ending .mat, or say the format: mat"
         )
     contents = FileContents()
@@ -225,7 +225,7 @@ def read_npz(path: Path, wanted: Collection[str] | None = None) -> Table:
     """
     head = read_bytes(path, 8)
     if not head.startswith(_ZIP):
-        raise InputError.one(str(path), _other(head))
+        raise InputError.at(str(path), _other(head))
     used = None if wanted is None else {name.split(".")[0] for name in wanted} | {*wanted}
     contents = FileContents()
     with report_damage(path, _cut_short(".npz file")), zipfile.ZipFile(path) as file:
@@ -242,7 +242,7 @@ def read_npz(path: Path, wanted: Collection[str] | None = None) -> Table:
         and not contents.unread
         and {*contents.ignored.values()} <= {"is no array"}
     ):
-        raise InputError.one(str(path), "is a zip archive without arrays; save it with numpy.savez")
+        raise InputError.at(str(path), "is a zip archive without arrays; save it with numpy.savez")
     return contents.table(path)
 
 
@@ -292,11 +292,11 @@ def read_parquet(path: Path, wanted: Collection[str] | None = None) -> Table:
     """
     if read_bytes(path, 4) != _PARQUET_MAGIC:
         message = "is not a Parquet file; save it as one, or give it the ending of what it is"
-        raise InputError.one(str(path), message)
+        raise InputError.at(str(path), message)
     try:
         importlib.import_module("pyarrow.parquet")
     except ImportError:
-        raise InputError.one(str(path), _MISSING) from None
+        raise InputError.at(str(path), _MISSING) from None
     with report_damage(path, _cut_short("Parquet file")):
         return _table(path, wanted)
 

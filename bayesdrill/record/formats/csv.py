@@ -263,7 +263,7 @@ def table(path: Path, text: str, options: CsvOptions) -> Table:
     if not body.texts:
         last = lines.numbers[-1]
         message = f"has a header but no data: nothing follows line {last}"
-        raise InputError.one(str(path), f"{message}; record again, or set header: false")
+        raise InputError.at(str(path), f"{message}; record again, or set header: false")
     if options.decimal is None and dialect.separator != ",":
         # A comma that the sample did not show, because the rig stood still there.
         commas = any("," in line for line in body.texts)
@@ -308,8 +308,8 @@ def _split_header(lines: Lines, dialect: Dialect, wanted: bool | None) -> tuple[
     if wanted is None and numeric:
         if len(lines.texts) > 1 and all(_census(line, dialect)[1] for line in lines.texts):
             message = "each line begins with a name: the table lies on its side; transpose it"
-            raise InputError.one(lines.location(0), message)
-        raise InputError.one(
+            raise InputError.at(lines.location(0), message)
+        raise InputError.at(
             lines.location(0),
             f"mixes numbers and text such as {short(words[0])}; "
             f"say header: true if it names the columns, or mend the cell",
@@ -339,7 +339,7 @@ def _check_numbers(body: Lines, dialect: Dialect) -> None:
     cells = (cell.strip() for line in sample for cell in split(line, dialect.separator))
     if not any(re.fullmatch(r"[-+.,\deE_]*\d[-+.,\deE_]*|[nN]a[nN]", cell) for cell in cells):
         message = "holds no numbers; name the file of the record, or say how it is written"
-        raise InputError.one(str(body.path), message)
+        raise InputError.at(str(body.path), message)
 
 
 def _names(
@@ -350,7 +350,7 @@ def _names(
         return [str(number) for number in range(1, width + 1)], {}
     names = _header_cells(header, dialect, width)
     if len(names) != width:
-        raise InputError.one(
+        raise InputError.at(
             lines.location(0),
             f"the header has {len(names)} cells and the rows have {width}; "
             f"{_why_not(header, lines, dialect, width)}",

@@ -149,7 +149,7 @@ def _read_v5(path: Path, wanted: Collection[str] | None) -> FileContents:
         warnings.simplefilter("ignore")
         if too_deep(path.read_bytes()):
             message = f"holds cells or structs more than {MAX_DEPTH} deep; save plain arrays"
-            raise InputError.one(str(path), message)
+            raise InputError.at(str(path), message)
         content: Mapping[str, Any] = loadmat(path, mat_dtype=False, variable_names=used)
         if used is not None and not used <= content.keys():  # for what is said of the mistake
             content = loadmat(path, mat_dtype=False)

@@ -60,7 +60,7 @@ class Table:
                 return self._pick_from_table(column, variable)
             return self._pick_from_arrays(column, variable)
         except LookupError as error:
-            raise InputError.one(location or str(self.path), str(error.args[0])) from None
+            raise InputError.at(location or str(self.path), str(error.args[0])) from None
 
     def _pick_from_table(self, column: str | int | None, variable: str | None) -> Array:
         file = self.path.name
@@ -173,14 +173,14 @@ def read_bytes(path: Path, count: int = -1) -> bytes:
         with path.open("rb") as file:
             content = file.read(count)
     except FileNotFoundError:
-        raise InputError.one(location, f"there is no such file{_neighbour(path)}") from None
+        raise InputError.at(location, f"there is no such file{_neighbour(path)}") from None
     except IsADirectoryError:
-        raise InputError.one(location, "is a folder; name a file in it") from None
+        raise InputError.at(location, "is a folder; name a file in it") from None
     except (OSError, ValueError) as error:  # ValueError: a NUL in the name
         reason = getattr(error, "strerror", None) or str(error)
-        raise InputError.one(location, f"cannot be opened: {reason}") from None
+        raise InputError.at(location, f"cannot be opened: {reason}") from None
     if not content:
-        raise InputError.one(location, "the file is empty; write it again from the rig's software")
+        raise InputError.at(location, "the file is empty; write it again from the rig's software")
     return content
 
 

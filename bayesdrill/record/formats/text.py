@@ -95,7 +95,7 @@ def decode(path: Path) -> str:
     raw = read_bytes(path)
     for magic, message in _MAGIC.items():
         if raw.startswith(magic):
-            raise InputError.one(str(path), message)
+            raise InputError.at(str(path), message)
     try:
         if raw.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
             return raw.decode("utf-16")
@@ -113,12 +113,12 @@ def _check_text(path: Path, text: str) -> None:
     line = text.count("\n", 0, odd.start()) + 1 if odd else 0
     if line > _LINES_OF_TEXT:
         message = "holds bytes that are no text, as where writing was cut; remove them"
-        raise InputError.one(f"{path} line {line}", message)
+        raise InputError.at(f"{path} line {line}", message)
     if odd:
-        raise InputError.one(str(path), "is a binary file, not text; export it as CSV in UTF-8")
+        raise InputError.at(str(path), "is a binary file, not text; export it as CSV in UTF-8")
     kind = {"<": "a web page or XML", "{": "JSON"}.get(text.lstrip()[:1])
     if kind:
-        raise InputError.one(str(path), f"is {kind}, not a table; export it as CSV")
+        raise InputError.at(str(path), f"is {kind}, not a table; export it as CSV")
 
 
 def read_lines(path: Path, text: str, skip: int) -> Lines:
@@ -131,7 +131,7 @@ def read_lines(path: Path, text: str, skip: int) -> Lines:
                 f"has {len(line)} letters; at most {LONGEST_LINE} are read: a table has a line for each "
                 "sample, so write it with line ends, or leave out columns"
             )
-            raise InputError.one(f"{path} line {number}", message)
+            raise InputError.at(f"{path} line {number}", message)
     filled = [
         (number, line)
         for number, line in enumerate(everything[skip:], start=skip + 1)
@@ -139,7 +139,7 @@ def read_lines(path: Path, text: str, skip: int) -> Lines:
     ]
     if not filled:
         where = f" after the {skip} lines of skip_rows" if skip else ""
-        raise InputError.one(str(path), f"holds no data{where}: only blank lines and comments")
+        raise InputError.at(str(path), f"holds no data{where}: only blank lines and comments")
     before = [bare for line in everything[skip : filled[0][0] - 1] if (bare := line.strip())]
     return Lines(
         path=path,
