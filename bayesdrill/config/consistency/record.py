@@ -270,8 +270,10 @@ def _check_wanted(errors: Collector, config: Config, model: Model) -> None:
             having = ((name, *needs) for name, needs in model.offers.items())
             more = next((n for n in having if entry in with_named(model, n).inputs), ())
             also = f", or name {' and '.join(more)}, with which it has it" if more else ""
-            message = f"the model {model.name} has no such input; remove it "
+            message = (
+                f"the model {model.name} has no such input; remove it "
                 f"(its own: {input_names}){also}"
+            )
             errors.add(("inputs", entry), message)
     for name in model.inputs:
         angle = ("inputs", quantities.IMPOSED.get(name, name))
