@@ -282,9 +282,9 @@ def decimated_experiment(experiment: Experiment, factor: int) -> Experiment:
     )
     note = (
         f"{', '.join(names)}: filtered and decimated, one sample of {factor} is left "
-        f"({len(decimation.samples)} of {len(experiment.t)}); the filter is a zero-phase FIR of {taps} "
-        f"samples, half of the amplitude at {half:.6g} Hz, and {taps // 2} samples at either end are "
-        f"dropped; it took away (sd) {removed}; sigma is the noise of what is left; the model is not "
+        f"({len(decimation.samples)} of {len(experiment.t)}). The filter is a zero-phase FIR of {taps} "
+        f"samples, half of the amplitude at {half:.6g} Hz. {taps // 2} samples at either end are "
+        f"dropped. It took away (sd) {removed}. Sigma is the noise of what is left; the model is not "
         "filtered"
     )
     return dataclasses.replace(experiment, t=frozen(t), y=frozen(y), told=(*experiment.told, note))
