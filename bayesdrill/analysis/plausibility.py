@@ -129,7 +129,8 @@ def plausibility_of_course(sensitivity: SensitivityStudy, theta: Array) -> tuple
         f"friction: in {_percent(share)} of the record the motor turns the other way, and "
         f"{motor.friction}, which keeps its sign, drives instead of braking. Cut these samples off "
         f"(record.window). If it always turns so, turn the signs of {motor.voltage} and of all "
-        f"channels. Or hold {motor.friction} at 0 and name {motor.sliding}, friction that changes its sign",
+        f"channels. Or hold {motor.friction} at 0 and name {motor.sliding}, friction that changes its "
+        "sign",
     )
 
 

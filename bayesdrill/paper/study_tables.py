@@ -460,10 +460,10 @@ def _of_record(nine: NineParameterStudy) -> tuple[StudyTable, StudyTable, StudyT
             f"Table 3, record `{nine.name}`",
             f"{careful}First the paper's layout: deviations in per cent of the initial guess, with "
             "their signs. They are the paper's from its own guesses, the heuristic's here, and the "
-            f"heuristic's with the paper's integrator.{given} Then the truth, where it is known, and "
-            "how far off it both are. `other starts` is the standard deviation of the estimates from them, "
-            "over the guess. Last comes the posterior: median, 94 % HDI of the logarithm, and what the "
-            "record says of the nominal value.",
+            f"heuristic's with the paper's integrator.{given} Then the truth, where it is known, "
+            "and how far off it both are. `other starts` is the standard deviation of the estimates "
+            "from them, over the guess. Last comes the posterior: median, 94 % HDI of the logarithm, "
+            "and what the record says of the nominal value.",
             lines_3(nine),
             " | guess | paper | dev. % | heuristic | dev. % | ode23t | dev. %",
             "{parameter} | {guess} | {printed} | {printed_percent:+.3g} | {heuristic} | "
