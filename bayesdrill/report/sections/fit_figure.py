@@ -43,7 +43,7 @@ from bayesdrill.report.publish import FIT_ALONE, RESIDUALS
 from bayesdrill.report.scales import WIDTHS
 from bayesdrill.report.sections import fit_words
 from bayesdrill.report.sections.fit_words import Course, Fit, Signal, every_fit
-from bayesdrill.report.sections.physics_words import Rub
+from bayesdrill.report.sections.physics_words import FrictionCourse
 from bayesdrill.report.view import Drawing, ReportContext, for_each_experiment
 
 FIT_SHARE = 0.6  # of the width, for the signals, where the residuals are beside them
@@ -226,7 +226,7 @@ def _course(panel: Axes, course: Course, time: scales.Scale, t: Array) -> None:
     panel.plot(time(t[drawn]), scale(u[drawn]), drawstyle=style_of, **style.BLACK_LINE)
 
 
-def _rub(panel: Axes, rub: Rub, time: scales.Scale, t: Array) -> None:
+def _rub(panel: Axes, rub: FrictionCourse, time: scales.Scale, t: Array) -> None:
     """Held from sample to sample, as it acts; where it sticks the panel is hatched."""
     drawn = extremes(rub.effort, LINE_POINTS)
     band = rub.effort[None] if rub.band is None else rub.band
