@@ -51,11 +51,7 @@ FIT_SHARE = 0.6  # of the width, for the signals, where the residuals are beside
 
 @dataclass(frozen=True, slots=True)
 class _Sizes:
-    """The sizes of panels in inches.
-
-    `row` of signals, `residuals`, `course` of an input or a friction, `legend` above
-    signals.
-    """
+    """Inches of signals (`row`), of inputs and frictions (`course`), of `residuals` and the rest."""
 
     row: float
     residuals: float
@@ -75,11 +71,9 @@ _NARROW = _Sizes(0.95, 0.55, 0.55, 0.68, 0.27, 0.38, 0.0, 0.1, 0.17, 0.5)
 
 @dataclass(frozen=True, slots=True)
 class FitPage:
-    """A page with its panels.
+    """Panels of inputs (`courses`), of signals and residuals by channel (`rows`), and of `rubs`.
 
-    `courses`: a panel for each input; `rows`: signals and residuals of each channel; `rubs`: a
-    panel for each friction. `constant_line`: the height in the figure, as a share, of the line that says
-    what is constant.
+    `constant_line`: the height in the figure, as a share, of the line that says what is constant.
     """
 
     figure: Figure
