@@ -27,7 +27,7 @@ from bayesdrill.inference.likelihood import Observation
 from bayesdrill.inference.noise import NOISES
 from bayesdrill.inference.unknowns import ParameterSpace
 from bayesdrill.record.experiment import DRIVES, typical_inputs
-from bayesdrill.record.formats.table import Table
+from bayesdrill.record.formats.table import RecordTable
 from bayesdrill.rig.models.linear import MotorRoles, Roles, RotorRoles
 
 WIDER = 10.0  # either way, of the noise that was given
@@ -168,7 +168,7 @@ LEAST, LONGEST = 3.0, 3.0  # samples, and of the record: the time of a missing t
 
 
 @dataclass(frozen=True, slots=True)
-class Rung:
+class CandidateModel:
     """`parts`: names of what it has beside the config as given; `output`: what that wants drawn;
     `lines`: of a config, that say so; `table`: the record, where it is in no file.
     """
@@ -177,7 +177,7 @@ class Rung:
     source: Source
     output: Mapping[str, Any]
     lines: str = ""
-    table: Table | None = None
+    table: RecordTable | None = None
 
     @property
     def name(self) -> str:
@@ -215,7 +215,7 @@ def _possible(parts: Sequence[str]) -> bool:
 
 
 @dataclass(frozen=True, slots=True)
-class Ladder:
+class CandidateModels:
     """Rungs of the config of `job`; `sizes`: what a parameter would be if it did as much as all else;
     `speeds`: the largest speeds of rotor 1 and of the motor, where friction may act; `gear`: of rungs
     with another one, times that which is given.
@@ -227,7 +227,7 @@ class Ladder:
     gear: float | None = None
 
     @classmethod
-    def of(cls, job: Job, values: Mapping[str, float]) -> Ladder:
+    def from_job(cls, job: Job, values: Mapping[str, float]) -> CandidateModels:
         """Return it with sizes and speeds at the start of the config or at `values`, the larger."""
         posterior = job.problem.posterior
         space: ParameterSpace = posterior.space
@@ -239,7 +239,7 @@ class Ladder:
             ladder = ladder.moving(sizes, _speeds(observations, space, theta))
         return ladder
 
-    def moving(self, sizes: Mapping[str, float], speeds: Mapping[str, float]) -> Ladder:
+    def moving(self, sizes: Mapping[str, float], speeds: Mapping[str, float]) -> CandidateModels:
         """With sizes and speeds that are at least these."""
         return dataclasses.replace(
             self, sizes=_largest(self.sizes, sizes), speeds=_largest(self.speeds, speeds)
@@ -249,15 +249,15 @@ class Ladder:
     def roles(self) -> Roles:
         return self.job.problem.model.roles
 
-    def rungs(self, every: Iterable[tuple[str, ...]]) -> list[Rung]:
+    def rungs(self, every: Iterable[tuple[str, ...]]) -> list[CandidateModel]:
         """Those with these parts, where there is such a thing to try."""
         return [rung for parts in every if (rung := self._rung(parts)) is not None]
 
-    def singles(self) -> list[Rung]:
+    def singles(self) -> list[CandidateModel]:
         """Those with one thing each beside the config as given."""
         return self.rungs((name,) for name in (*FIRST[1:], *self._sensors(), START))
 
-    def beyond(self, parts: tuple[str, ...], more: Iterable[str]) -> list[Rung]:
+    def beyond(self, parts: tuple[str, ...], more: Iterable[str]) -> list[CandidateModel]:
         """A rung with these parts and each of `more` that can go with them."""
         if len(parts) >= MOST_PARTS:
             return []
@@ -266,17 +266,17 @@ class Ladder:
         every = ((*parts, name) for name in dict.fromkeys((*more, *rest)) if name not in parts)
         return self.rungs(filter(_possible, every))
 
-    def without_each(self, parts: tuple[str, ...]) -> list[Rung]:
+    def without_each(self, parts: tuple[str, ...]) -> list[CandidateModel]:
         """A rung without each of its parts, in turn."""
         every = (tuple(one for one in parts if one != part) for part in parts)
         return self.rungs(fewer for fewer in every if fewer and _possible(fewer))
 
-    def with_gear(self, times: float) -> list[Rung]:
+    def with_gear(self, times: float) -> list[CandidateModel]:
         """With another ratio, `times` the one that is given; none where the rig has no gear."""
         rung = dataclasses.replace(self, gear=times)._rung((GEAR,))
         return [] if rung is None else [rung]
 
-    def windows(self, count: int) -> list[Rung]:
+    def windows(self, count: int) -> list[CandidateModel]:
         """The config as given, on each of `count` windows of the record, each from an unknown state."""
         given = self.job.source
         rungs = []
@@ -288,7 +288,7 @@ class Ladder:
                 ends = t[0] + (t[-1] - t[0]) * np.array([k, k + 1]) / count
                 section["record"] = {**section.get("record", {}), "window": ends.tolist()}
                 section["initial"] = "free"
-            rungs.append(Rung((), Source(given.path, as_yaml(data), data, {}, ()), {}))
+            rungs.append(CandidateModel((), Source(given.path, as_yaml(data), data, {}, ()), {}))
         return [dataclasses.replace(rung, table=self.job.table) for rung in rungs]
 
     def _sensors(self) -> Iterator[str]:
@@ -316,7 +316,7 @@ class Ladder:
             )
         )
 
-    def _rung(self, parts: tuple[str, ...]) -> Rung | None:
+    def _rung(self, parts: tuple[str, ...]) -> CandidateModel | None:
         """None where there is no such thing to try."""
         given = self.job.source
         data = copy.deepcopy(given.data)
@@ -332,7 +332,7 @@ class Ladder:
             self._with_walkers(data)
         text = given.text if not parts else as_yaml(data)
         source = Source(given.path, text, data, given.lines if not parts else {}, ())
-        return Rung(parts, source, output, lines, self.job.table)
+        return CandidateModel(parts, source, output, lines, self.job.table)
 
     def _changed(self, data: dict[str, Any], part: str) -> bool:
         if part in NOISE:
@@ -489,7 +489,7 @@ def _speeds(every: Sequence[Observation], space: ParameterSpace, theta: Array) -
     return speeds
 
 
-def recommended(rung: Rung, name: str, folder: Path, opening: str) -> str:
+def recommended(rung: CandidateModel, name: str, folder: Path, opening: str) -> str:
     """The config of a rung, as a file in `folder`: `opening` in comments, and `name` for its results."""
     given = rung.source
     data = copy.deepcopy(given.data)

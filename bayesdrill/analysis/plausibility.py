@@ -127,9 +127,10 @@ def plausibility_of_course(sensitivity: SensitivityStudy, theta: Array) -> tuple
         return ()
     return (
         f"friction: in {_percent(share)} of the record the motor turns the other way, and "
-        f"{motor.friction}, which keeps its sign, drives instead of braking; cut these samples off "
-        f"(record.window), turn the signs of {motor.voltage} and of all channels if it always turns so, "
-        f"or hold {motor.friction} at 0 and name {motor.sliding}, friction that changes its sign",
+        f"{motor.friction}, which keeps its sign, drives instead of braking. Cut these samples off "
+        f"(record.window). If it always turns so, turn the signs of {motor.voltage} and of all "
+        f"channels. Or hold {motor.friction} at 0 and name {motor.sliding}, friction that changes its "
+        "sign",
     )
 
 

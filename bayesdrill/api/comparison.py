@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from bayesdrill.results.run_folder import Mode
-    from bayesdrill.tasks.ladder import Outcome
+    from bayesdrill.tasks.ladder import LadderOutcome
     from bayesdrill.tasks.remote import RefitExecutor
 
 
@@ -34,7 +34,7 @@ MOST = 9  # models that a ladder samples
 
 @check_arguments
 @dataclass(frozen=True, slots=True, eq=False)
-class Ladder(ManyFits["Outcome"]):
+class Ladder(ManyFits["LadderOutcome"]):
     """The model of a config, and candidates with more physics, of which the likeliest are sampled.
 
     Candidates are ranked at their maxima; the first `sample` are sampled and compared.  What `run`
@@ -47,7 +47,7 @@ class Ladder(ManyFits["Outcome"]):
 
     kind: ClassVar[str] = "ladder"
 
-    def _run(self, path: Path, how: Mode, crew: RefitExecutor, report: Reporter) -> Outcome:
+    def _run(self, path: Path, how: Mode, crew: RefitExecutor, report: Reporter) -> LadderOutcome:
         from bayesdrill.tasks import ladder
 
         return ladder.ladder(self.job, path, how, crew, report, self.sample)

@@ -21,7 +21,7 @@ from bayesdrill.basics.values import check_arguments
 if TYPE_CHECKING:
     from bayesdrill.drafting.draft import Guess
     from bayesdrill.results.run_folder import Mode
-    from bayesdrill.tasks.calibrate import Outcome as Calibrated
+    from bayesdrill.tasks.calibrate import CalibrationOutcome as Calibrated
     from bayesdrill.tasks.pipeline import Outcome
     from bayesdrill.tasks.remote import RefitExecutor
     from bayesdrill.tasks.verify import Verified

@@ -25,7 +25,7 @@ from bayesdrill.inference.display_units import OwnUnits
 from bayesdrill.inference.posterior import Problem
 from bayesdrill.output_files import RECORD
 from bayesdrill.record.experiment import raise_if_any
-from bayesdrill.record.formats.table import Table
+from bayesdrill.record.formats.table import RecordTable
 from bayesdrill.rig.models.linear import Model, constants
 from bayesdrill.sampling.mode_search import Mode
 
@@ -38,7 +38,7 @@ class Job:
 
     case: ResolvedCase
     problem: Problem
-    table: Table | None = None
+    table: RecordTable | None = None
 
     @property
     def config(self) -> Config:
@@ -79,7 +79,7 @@ def prepare(path: Path) -> Job:
     return assemble(loading.load(path))
 
 
-def assemble(case: ResolvedCase, table: Table | None = None) -> Job:
+def assemble(case: ResolvedCase, table: RecordTable | None = None) -> Job:
     """With its records; `table`: the record, where it is in no file."""
     source = case.source
     records = collect_each(lambda resolved: reading.read(resolved, table), case.experiments)
@@ -129,7 +129,7 @@ def job_in_memory(columns: Mapping[str, Array], entries: Mapping[str, Any]) -> J
 
     Raises `InputError` with all that is wrong with either.
     """
-    table = Table(path=Path(RECORD), variables=dict(columns))
+    table = RecordTable(path=Path(RECORD), variables=dict(columns))
     record = {"file": RECORD, **entries.get("record", {})}
     record.setdefault("time", {"column": TIME, "unit": "s"})
     wrong: list[Issue] = []

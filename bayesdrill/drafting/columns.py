@@ -16,7 +16,7 @@ import numpy as np
 from bayesdrill.basics import units
 from bayesdrill.basics.arrays import Array
 from bayesdrill.basics.errors import InputError, Issue
-from bayesdrill.record.formats.table import Table
+from bayesdrill.record.formats.table import RecordTable
 
 MAX_LETTERS = 200  # of a head, or of a unit, that is read
 ROTOR, GEARBOX, MOTOR, TWIST = "rotor 1", "gearbox", "motor", "twist"
@@ -271,7 +271,7 @@ def named_column(text: str, files: Collection[str]) -> NamedColumn:
 
 
 def read_columns(
-    table: Table, named: Sequence[NamedColumn] = ()
+    table: RecordTable, named: Sequence[NamedColumn] = ()
 ) -> tuple[list[FileColumn], dict[str, str]]:
     """Return the columns of the length that most have, and why others are left out.
 
@@ -297,7 +297,7 @@ def read_columns(
     return [column for column in columns if len(column.values) == length], left_out
 
 
-def _all_columns(table: Table) -> list[FileColumn]:
+def _all_columns(table: RecordTable) -> list[FileColumn]:
     """Every column of the file; of a matrix of two of which the first grows, that is the time."""
     columns, units_below = [], _units_below(table)
     for position, (name, values) in enumerate(table.variables.items(), start=1):
@@ -317,7 +317,7 @@ def _all_columns(table: Table) -> list[FileColumn]:
 
 
 def _pick(
-    table: Table, columns: Sequence[FileColumn], named: Sequence[NamedColumn]
+    table: RecordTable, columns: Sequence[FileColumn], named: Sequence[NamedColumn]
 ) -> list[FileColumn]:
     """Those that are named, with what is said of them, and the time that stands beside them."""
     picked = []
@@ -346,7 +346,7 @@ def _structure(column: FileColumn) -> str:
     return column.name.rpartition(".")[0].partition(".signals")[0]
 
 
-def _refuse_several_records(table: Table, columns: Sequence[FileColumn]) -> None:
+def _refuse_several_records(table: RecordTable, columns: Sequence[FileColumn]) -> None:
     """Structures that each have a time of their own, and are not called after a signal, are records."""
     columns = [column for column in columns if len(column.values) >= MIN_SAMPLES]
     times = dict.fromkeys(_structure(c) for c in columns if c.meaning.kind == "time")
@@ -361,7 +361,7 @@ def _refuse_several_records(table: Table, columns: Sequence[FileColumn]) -> None
         )
 
 
-def _named_by_file(table: Table, columns: list[FileColumn]) -> list[FileColumn]:
+def _named_by_file(table: RecordTable, columns: list[FileColumn]) -> list[FileColumn]:
     """Where a single column beside the time says nothing, it is what the file is called."""
     signals = [c for c in columns if c.meaning.kind != "time" and len(c.values) >= MIN_SAMPLES]
     if len(signals) == 2 == len(columns) and not signals[0].meaning.kind:  # a time without a head
@@ -408,7 +408,7 @@ def _meaning(name: str, unit_below: str) -> Meaning:
     )
 
 
-def _number(table: Table, name: str, position: int) -> int | None:
+def _number(table: RecordTable, name: str, position: int) -> int | None:
     """Of a column of a text without a header, or with an empty or repeated head."""
     if table.lines is None:
         return None
@@ -417,7 +417,7 @@ def _number(table: Table, name: str, position: int) -> int | None:
     return position if name == str(position) else None
 
 
-def _units_below(table: Table) -> dict[str, str]:
+def _units_below(table: RecordTable) -> dict[str, str]:
     """By name, what stands in a row of units between the head of a text and its first row."""
     if table.lines is None or not len(table.lines) or table.lines[0] < 3:
         return {}

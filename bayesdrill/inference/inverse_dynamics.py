@@ -41,7 +41,9 @@ def regression_start(posterior: Posterior) -> Array | None:
     observations = posterior.likelihood.observations
     start = space.vector(space.start)
     columns = space.columns("rig", "quantity")
-    motions = [motion for each in observations if (motion := Motion.measured(each)) is not None]
+    motions = [
+        motion for each in observations if (motion := MeasuredMotion.measured(each)) is not None
+    ]
     if not columns or len(motions) < len(observations):
         return None
     surface = PosteriorSurface(posterior, physical=True)
@@ -65,7 +67,7 @@ def regression_start(posterior: Posterior) -> Array | None:
 
 
 @dataclass(frozen=True, slots=True)
-class Motion:
+class MeasuredMotion:
     """What a record tells of all `states` of its rig, and its `inputs`, in the middle of each of its
     T - 1 steps: `(T - 1,)` by name.  `bumps (M, T - 1)` and their `slopes`, times the steps.
     """
@@ -77,7 +79,7 @@ class Motion:
     slopes: Array
 
     @classmethod
-    def measured(cls, observation: Observation) -> Motion | None:
+    def measured(cls, observation: Observation) -> MeasuredMotion | None:
         """None where a state is not told."""
         model, experiment = observation.response.model, observation.experiment
         every = slice(None, None, -(-len(experiment.t) // MOST_SAMPLES))

@@ -372,9 +372,9 @@ def _table_2(verification: Verification) -> StudyTable:
         "Table 2: two parameters",
         "First the paper's layout: its estimates, and those of one record here. Then, in per cent "
         f"of the true value: Cramer-Rao bound, spread of the estimates over {verification.records} "
-        "records, "
-        "standard deviation of the posterior of one; and deviations where sigma is but a weight and the "
-        "record has no noise, and with the paper's integrator (of an exact record, of its own).",
+        "records, and standard deviation of the posterior of one. Last come deviations of a record "
+        "without noise, where sigma is but a weight: here, and with the paper's integrator (of an exact "
+        "record, of its own).",
         lines,
         "sigma_n |  | Cramer-Rao % | spread fminsearch % | spread scaled % | posterior sd % | "
         "weights only % | weights only, ode23t % | ode23t, exact record % | ode23t, own record %",
@@ -458,11 +458,11 @@ def _of_record(nine: NineParameterStudy) -> tuple[StudyTable, StudyTable, StudyT
         table(
             f"table_3_{nine.name}",
             f"Table 3, record `{nine.name}`",
-            f"{careful}First the paper's layout, deviations in per cent of the initial guess, with "
-            "their signs: the paper's estimates and its deviations from its own guesses, the "
-            f"heuristic's here, and the heuristic's with the paper's integrator.{given} Then the truth, "
-            "where it is known, and how far off it both are; the standard deviation of the estimates "
-            "from other starts, over the guess; and the posterior: median, 94 % HDI of the logarithm, "
+            f"{careful}First the paper's layout: deviations in per cent of the initial guess, with "
+            "their signs. They are the paper's from its own guesses, the heuristic's here, and the "
+            f"heuristic's with the paper's integrator.{given} Then the truth, where it is known, "
+            "and how far off it both are. `other starts` is the standard deviation of the estimates "
+            "from them, over the guess. Last comes the posterior: median, 94 % HDI of the logarithm, "
             "and what the record says of the nominal value.",
             lines_3(nine),
             " | guess | paper | dev. % | heuristic | dev. % | ode23t | dev. %",
@@ -478,9 +478,9 @@ def _of_record(nine: NineParameterStudy) -> tuple[StudyTable, StudyTable, StudyT
             f"What a record can show, record `{nine.name}`",
             f"{careful}Quantities that no symmetry changes, over their values at the paper's initial "
             "guesses (w_end: the steady speed; zeta: the damping ratio). First those of Table 3 as "
-            "printed, and with the digits of its percentages; of the nominal rig with j_2 = "
+            "printed, and with the digits of its percentages. Next those of the nominal rig with j_2 = "
             f"{printed.J_2:g} kg m^2 at the output, with r_s = {printed.R_S:g} ohm in series, with "
-            "both; and with k_T = k_e. Then those of this record, by heuristic and posterior (median, "
+            "both, and with k_T = k_e. Then those of this record, by heuristic and posterior (median, "
             "94 % HDI of the logarithm); `alone`: the Cramer-Rao bound of the standard deviation "
             "without any prior, in per cent. Empty where the config gives the quantity.",
             as_rows(nine.causes),
@@ -493,9 +493,9 @@ def _of_record(nine: NineParameterStudy) -> tuple[StudyTable, StudyTable, StudyT
             f"verdict_{nine.name}",
             f"The verdict, record `{nine.name}`",
             f"{careful}Independent products of the parameters that such a record can show: deviation of "
-            "the mean of the posterior from the nominal table, how many standard deviations that is, "
-            f"beyond a tolerance if there is one (above {nine.verdict.limit:.2f} the record disagrees), "
-            "and what the record says of the table.",
+            "the mean of the posterior from the nominal table, and how many standard deviations that "
+            "is, beyond a tolerance if there is one. Above "
+            f"{nine.verdict.limit:.2f} the record disagrees with the table.",
             products(nine),
             " | dev. % | sigmas | the table",
             "{product} | {deviation_percent:+.3g} | {sigmas:%} | {says}",

@@ -16,6 +16,6 @@ if TYPE_CHECKING:
     from bayesdrill.record.experiment import typical_inputs as typical_inputs
     from bayesdrill.record.formats import Format as Format
     from bayesdrill.record.formats import Wanted as Wanted
-    from bayesdrill.record.formats.table import Table as Table
+    from bayesdrill.record.formats.table import RecordTable as RecordTable
 
 __getattr__ = lazy_attributes(__name__)

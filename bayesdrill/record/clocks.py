@@ -17,7 +17,7 @@ MAX_SPARSITY = 10  # times as many places as samples, and a grid explains nothin
 
 
 @dataclass(frozen=True, slots=True)
-class Grid:
+class SampleGrid:
     """Times `begin + step * place`; `place (T,)` are whole numbers from 0 that increase."""
 
     begin: float
@@ -35,7 +35,7 @@ class Grid:
         return int(self.indices[-1]) + 1 - len(self.indices)
 
 
-def grid(t: Array) -> Grid | None:
+def grid(t: Array) -> SampleGrid | None:
     """The even grid on which each of `t (T,)` lies to `STEP_TOLERANCE` of its step, if there is one."""
     if len(t) < 3:
         return None
@@ -48,7 +48,7 @@ def grid(t: Array) -> Grid | None:
         middle = indices.mean()
         away = indices - middle
         fitted = float(away @ (t - centre) / (away @ away))
-        result = Grid(float(centre - fitted * middle), fitted, indices.astype(np.int64))
+        result = SampleGrid(float(centre - fitted * middle), fitted, indices.astype(np.int64))
         if np.all(np.abs(result.times - t) <= STEP_TOLERANCE * fitted):
             return result
     return None
@@ -78,7 +78,7 @@ def describe_times(t: Array) -> str:
     )
 
 
-def _gaps(t: Array, grid: Grid) -> str:
+def _gaps(t: Array, grid: SampleGrid) -> str:
     gaps = np.diff(grid.indices)
     longest, count = int(np.argmax(gaps)), int(np.sum(gaps > 1))
     named = "1 gap" if count == 1 else f"{count} gaps, the longest"

@@ -21,7 +21,7 @@ from bayesdrill.output_files import COMPARE, OVERLAY, Kind
 from bayesdrill.report.section import Picture, Section, as_markdown, as_text
 from bayesdrill.report.sections import comparison_words
 from bayesdrill.report.view import Drawing
-from bayesdrill.selection import Rung
+from bayesdrill.selection import CandidateModel
 
 RANKED = 10  # candidates that are shown
 MODELS = (
@@ -191,7 +191,7 @@ def ranking(causes: Causes, seconds: Mapping[tuple[str, ...], float]) -> str:
     return "\n".join(lines)
 
 
-def ladder_opening(candidates: Sequence[Rung], missing: int) -> str:
+def ladder_opening(candidates: Sequence[CandidateModel], missing: int) -> str:
     """Say what is to be sampled."""
     done = (
         f" ({len(candidates) - missing} of them done before)" if missing < len(candidates) else ""
@@ -204,13 +204,13 @@ def ladder_opening(candidates: Sequence[Rung], missing: int) -> str:
     )
 
 
-def ladder_conclusion(candidate: Rung, left_out: Mapping[str, str], config: Path) -> str:
+def ladder_conclusion(candidate: CandidateModel, left_out: Mapping[str, str], config: Path) -> str:
     """Say what was not tried, and what to go on with."""
     missing = [f"left out: {name}: {reason}" for name, reason in left_out.items()]
     return "\n".join([*missing, f"recommended: {candidate.about}: {config}"])
 
 
-def about_config(candidate: Rung, name: str, report: ComparisonReport) -> str:
+def about_config(candidate: CandidateModel, name: str, report: ComparisonReport) -> str:
     """Return the head of the recommended config."""
     verdict = next(iter(comparison_words.comparison_verdict(report.models)))
     simplest = "the simplest of the models that are about as probable as the best"

@@ -178,7 +178,7 @@ def _sections(run: ReportContext, pictures: Sequence[Picture]) -> Iterator[Secti
         yield build("From one experiment to the next", said, shown, read)
     for torque in analysis.torques:
         where = f" of {torque.label}" if torque.label else ""
-        parts = (torque_words.torque_sentence, torque_words.followed, torque_words.strayed)
+        parts = (torque_words.torque_sentence, torque_words.law_sentences, torque_words.strayed)
         said = "\n".join(filter(None, (words_of(torque) for words_of in parts)))
         shown = torque_words.torque_table(torque)
         yield build(f"The missing torque{where}", said, shown, Note(torque_words.READ))
@@ -284,7 +284,7 @@ def _told(run: ReportContext, table: Table) -> Table:
 def _shown(run: ReportContext, judged: Judgement) -> Iterator[Section]:
     study, records = judged.study, len(run.problem.observations)
     known = () if run.reasons else (identify_words.knowledge,)
-    parts = (identify_words.structure, identify_words.resting, *known)
+    parts = (identify_words.structure, identify_words.dependence_sentences, *known)
     shown = "\n\n".join(filter(None, (words_of(study) for words_of in parts)))
     yield build(
         f"What {'this record' if records == 1 else 'these records'} can show, at the MAP",

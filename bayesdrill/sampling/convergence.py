@@ -183,8 +183,8 @@ def _two_groups_of_walkers(chain: PostBurnInChain, sound: Flags, sd: Array) -> l
         return []
     return [
         f"the walkers sit in two places and hardly ever cross between them (SI; {'; '.join(places)} by "
-        f"{len(means)} walkers in {chain.theta.shape[1]} steps): the shares are those of the start, "
-        "not of the posterior; give the prior an end that leaves one place out, or a record that "
+        f"{len(means)} walkers in {chain.theta.shape[1]} steps). The shares are those of the start, "
+        "not of the posterior. Give the prior an end that leaves one place out, or add a record that "
         "tells them apart"
     ]
 
@@ -200,8 +200,8 @@ def _growing_tau(chain: PostBurnInChain, sound: Flags, sd: Array) -> list[str]:
     quarter, half = (float(long_run_tau(chain.theta, sound, sd, n)[worst]) for n in (4, 2))
     return [
         f"the autocorrelation time of {chain.names[worst]} still grows with the chain: {quarter:.0f} "
-        f"steps from quarters of it, {half:.0f} from halves, {whole[worst]:.0f} from the whole, where "
-        f"its correlations seem to fade after {chain.tau[worst]:.0f}; the chain is at most "
+        f"steps from quarters of it, {half:.0f} from halves, {whole[worst]:.0f} from the whole. Its "
+        f"correlations only seem to fade after {chain.tau[worst]:.0f}. The chain is at most "
         f"{n_steps / whole[worst]:.0f} of these times long and needs more steps"
     ]
 
@@ -403,8 +403,8 @@ def futility(trail: Sequence[tuple[int, float]], wanted: float, allowed: int, mo
         n, count = earlier[-1]
         return (
             f"stopped early: tau grows with the chain, {n / count:.0f} steps after {n} and "
-            f"{steps / n_tau:.0f} after {steps}, so that more of them do not help; hold an unknown, "
-            "give the priors nearer ends, or look whether the model can make this record at all"
+            f"{steps / n_tau:.0f} after {steps}. More steps do not help. Hold an unknown, give the "
+            "priors nearer ends, or check whether the model can make this record at all"
         )
     needed = steps * wanted / n_tau
     if needed > most:

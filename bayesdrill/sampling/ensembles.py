@@ -153,7 +153,7 @@ def begin_walkers(
     random = np.random.RandomState(seeds.bits(seed, "start", ensemble))
     proposal = bind_to_posterior(proposal, posterior).widest
     mixture = proposal.mixture
-    centre, wide = mixture.sheets[0].frame.centre, mixture.widened(START_SPREAD)
+    centre, wide = mixture.sheets[0].frame.centre, mixture.with_width(START_SPREAD)
     z, log_p = np.empty((n, len(centre))), np.full(n, -np.inf)
     missing = np.ones(n, dtype=bool)
     for attempt in range(3 * MAX_START_TRIES):

@@ -41,7 +41,7 @@ RANKS = "ranks.csv"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Outcome:
+class CalibrationOutcome:
     folder: Path
     verdict: CalibrationVerdict
     refits: tuple[Refit, ...]
@@ -89,7 +89,7 @@ def calibrate(
     how: run_folder.Mode,
     crew: RefitExecutor,
     report: Reporter,
-) -> Outcome:
+) -> CalibrationOutcome:
     """The whole job. Raises `Interrupted` when asked to stop, and `BrokenProcessPool` when a worker
     was killed; refits that are done are saved.
     """
@@ -113,7 +113,7 @@ def calibrate(
             refits = run(study(job), settings.refits, folder.path / REFITS, crew, report)
         verdict = _publish(job, folder, refits)
         folder.write_run(seconds=round(time.perf_counter() - begun, 3))
-        return Outcome(folder=folder.path, verdict=verdict, refits=tuple(refits))
+        return CalibrationOutcome(folder=folder.path, verdict=verdict, refits=tuple(refits))
 
 
 def run(

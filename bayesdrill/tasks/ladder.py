@@ -27,7 +27,7 @@ from bayesdrill.sampling.fit import FitPlan, begin_searches, end_searches, fit
 from bayesdrill.sampling.mode_search import Mode
 from bayesdrill.sampling.proposal.learning import NoSupportError
 from bayesdrill.sampling.workers import WorkerPool
-from bayesdrill.selection import Ladder, Rung
+from bayesdrill.selection import CandidateModel, CandidateModels
 from bayesdrill.tasks import comparison, pipeline, ranking
 from bayesdrill.tasks.conclusions import SampledRun, concluded
 from bayesdrill.tasks.find_map import fit_plan
@@ -40,16 +40,16 @@ STEPS = 400  # of a walker, as a posterior of one maximum usually takes
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Outcome:
+class LadderOutcome:
     """`rungs`: those that were run, in the order of `report.models`; `left_out`: why others were not;
     `recommended`: one of them, whose config is at `config`.
     """
 
     folder: Path
     report: ComparisonReport
-    rungs: tuple[Rung, ...]
+    rungs: tuple[CandidateModel, ...]
     left_out: Mapping[str, str]
-    recommended: Rung
+    recommended: CandidateModel
     config: Path
 
     @property
@@ -66,7 +66,7 @@ def ladder(
     pool: RefitExecutor,
     report: Reporter,
     sample: int = SAMPLED,
-) -> Outcome:
+) -> LadderOutcome:
     """The whole job; `sample`: how many of the most probable candidates are sampled.
 
     Raises `Interrupted` when asked to stop, and `BrokenProcessPool` when a worker was killed; models
@@ -96,7 +96,7 @@ class _Sampling:
     ) -> None:
         self.job, self.folder, self.again = job, folder, again
         self.pool, self.report = pool, report
-        self.done: dict[str, tuple[Rung, RunSummary]] = {}
+        self.done: dict[str, tuple[CandidateModel, RunSummary]] = {}
         self.left_out: dict[str, str] = {}
 
     def run(self, sample: int) -> None:
@@ -104,7 +104,7 @@ class _Sampling:
         known = (run_folder.read_run(self.folder.path) or {}).get(RANKED) if self.again else None
         known = known or self._ranked()
         self.folder.write_run(**{RANKED: known})
-        ladder = Ladder(self.job, known["sizes"], known["speeds"], known["gear"])
+        ladder = CandidateModels(self.job, known["sizes"], known["speeds"], known["gear"])
         rungs = ladder.rungs(map(tuple, known["parts"]))[:sample]
         jobs = {
             f"model_{k}": (rung, made)
@@ -142,7 +142,7 @@ class _Sampling:
         parts = [*better, (), *(cause.parts for cause in causes.ranked[len(better) :])][:KEPT]
         return {"parts": parts, "sizes": ladder.sizes, "speeds": ladder.speeds, "gear": ladder.gear}
 
-    def _job(self, rung: Rung) -> Job | None:
+    def _job(self, rung: CandidateModel) -> Job | None:
         if not rung.parts:
             return self.job
         try:
@@ -151,7 +151,7 @@ class _Sampling:
             self.left_out[rung.name] = error.problems[0].message
             return None
 
-    def _taken_up(self, place: str, rung: Rung, job: Job) -> bool:
+    def _taken_up(self, place: str, rung: CandidateModel, job: Job) -> bool:
         """Whether it was run before."""
         folder = self.folder.path / place
         run = run_folder.read_run(folder) if self.again else None
@@ -163,7 +163,7 @@ class _Sampling:
         return self._known(place, rung, pipeline.read_result(folder))
 
     def _finish(
-        self, made: tuple[Mode, SamplingResult] | str, place: str, rung: Rung, job: Job
+        self, made: tuple[Mode, SamplingResult] | str, place: str, rung: CandidateModel, job: Job
     ) -> None:
         if isinstance(made, str):
             self.left_out[rung.name] = made
@@ -176,7 +176,7 @@ class _Sampling:
         if not self._known(place, rung, SampledRun(job, mode, sampled, kept=view.analysis)):
             self.left_out[rung.name] = "its evidence could not be computed"
 
-    def _known(self, place: str, rung: Rung, run: SampledRun) -> bool:
+    def _known(self, place: str, rung: CandidateModel, run: SampledRun) -> bool:
         if run.sampled.evidence is None:
             return False
         named = comparison.NamedRun(rung.name, self.folder.path / place, run)
@@ -198,7 +198,7 @@ def _fit(posterior: Posterior, plan: FitPlan) -> tuple[Mode, SamplingResult] | s
         return str(error)
 
 
-def _published(job: Job, folder: Folder, work: _Sampling) -> Outcome:
+def _published(job: Job, folder: Folder, work: _Sampling) -> LadderOutcome:
     """Held against the last: the least probable of them by its maximum."""
     if not work.done:
         raise InputError.at(str(job.source.path), "; ".join(work.left_out.values()))
@@ -217,7 +217,7 @@ def _published(job: Job, folder: Folder, work: _Sampling) -> Outcome:
         left_out=work.left_out,
         **comparison.entries(report, [folder.path / place for place in places], folder),
     )
-    return Outcome(
+    return LadderOutcome(
         folder=folder.path,
         report=report,
         rungs=tuple(rung for rung, _ in every),
@@ -227,7 +227,7 @@ def _published(job: Job, folder: Folder, work: _Sampling) -> Outcome:
     )
 
 
-def recommended(every: Sequence[Rung], report: ComparisonReport) -> Rung:
+def recommended(every: Sequence[CandidateModel], report: ComparisonReport) -> CandidateModel:
     """The simplest of those that are about as probable as the best."""
     models = report.models
     least = max(model.log_z for model in models) - SURE_LOG_ODDS

@@ -31,8 +31,8 @@ from bayesdrill.selection import (
     GEARS,
     PHYSICS,
     START,
-    Ladder,
-    Rung,
+    CandidateModel,
+    CandidateModels,
     about_part,
 )
 
@@ -49,7 +49,7 @@ class Ranking:
     """`ladder`: that makes the candidates; `seconds`: that an evaluation of each takes, by its parts."""
 
     causes: Causes
-    ladder: Ladder
+    ladder: CandidateModels
     seconds: Mapping[tuple[str, ...], float]
 
 
@@ -80,7 +80,7 @@ class _Ranking:
         report: Reporter,
     ) -> None:
         self.job, self.maximum, self.given = job, maximum, given
-        self.ladder = Ladder.of(job, maximum)
+        self.ladder = CandidateModels.from_job(job, maximum)
         self.submit, self.report = submit, report
         self.causes_by_parts: dict[tuple[str, ...], Cause] = {}
         self.left_out: dict[str, str] = {}
@@ -95,7 +95,7 @@ class _Ranking:
             best is not None and best.parts == (START,) and best.bayes > SURE_LOG_ODDS
         ):  # it moves only there
             (rung,) = self.ladder.rungs([best.parts])
-            there = Ladder.of(rung.job(), self.values[best.parts])
+            there = CandidateModels.from_job(rung.job(), self.values[best.parts])
             self.ladder = self.ladder.moving(there.sizes, there.speeds)
             self.refit_all(self.ladder.singles(), self.maximum)
         first = [
@@ -142,7 +142,7 @@ class _Ranking:
         ranked = sorted(causes, key=lambda cause: -cause.bayes)
         return tuple(cause for cause in ranked if not (structural and {*cause.parts} & CATCH_ALL))
 
-    def _with_best_gear(self, ladder: Ladder) -> Ladder:
+    def _with_best_gear(self, ladder: CandidateModels) -> CandidateModels:
         """With the best of other gears, sought in two rounds."""
         best, times = None, 1.0
         for round_ in (GEARS, FINER):
@@ -160,9 +160,9 @@ class _Ranking:
             self.causes_by_parts[GEAR,] = best
         return ladder
 
-    def refit_all(self, candidates: Sequence[Rung], near: Mapping[str, float]) -> None:
+    def refit_all(self, candidates: Sequence[CandidateModel], near: Mapping[str, float]) -> None:
         """Refit those that were not yet, from `near`, a few handed over at a time."""
-        under_way: list[tuple[Rung, Job, Future[Any]]] = []
+        under_way: list[tuple[CandidateModel, Job, Future[Any]]] = []
         known = {*map(frozenset, self.causes_by_parts)}
         remaining = [rung for rung in candidates if frozenset(rung.parts) not in known]
         total, said = len(remaining), f"refitting {len(remaining)} candidates"
@@ -187,7 +187,7 @@ class _Ranking:
             if total > 1:
                 self.report.update(share, said)
 
-    def _keep(self, rung: Rung, job: Job, top: RefitMaximum | None) -> None:
+    def _keep(self, rung: CandidateModel, job: Job, top: RefitMaximum | None) -> None:
         if top is None:
             self.left_out[rung.name] = "has no finite response near the maximum"
             return

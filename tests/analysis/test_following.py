@@ -84,7 +84,7 @@ def test_what_friction_does_at_rest_does_not_count_against_it() -> None:
     assert first.size == pytest.approx(-0.2, rel=0.01)
     assert first.share > 0.99
     assert not second.taken
-    said = torque_words.followed(torque_summary(still))
+    said = torque_words.law_sentences(torque_summary(still))
     assert f"where it turns, in {100 * still.turning.mean():.0f} % of the samples, explains" in said
     assert still.turning.mean() == pytest.approx(np.mean(~rests), abs=0.05)
 
@@ -93,12 +93,12 @@ def test_what_follows_nothing_is_said_to() -> None:
     torque = 0.1 * np.sin(40.0 * T)
     found = regress_torque(shaking(torque))
     assert not any(one.taken for one in found)
-    assert "follows no speed" in torque_words.followed(torque_summary(shaking(torque)))
+    assert "follows no speed" in torque_words.law_sentences(torque_summary(shaking(torque)))
     assert regress_torque(dataclasses.replace(shaking(torque), expected=np.zeros(len(T)))) == ()
 
 
 def test_the_line_of_the_config_is_said() -> None:
     torque, at, *_ = MADE["speed"]
-    said = torque_words.followed(torque_summary(shaking(torque, at)))
+    said = torque_words.law_sentences(torque_summary(shaking(torque, at)))
     assert "viscous damping at the motor of 0.03 N m s/rad" in said
     assert "c_m: {prior: log_uniform, low: 0.01, high: 0.09}" in said

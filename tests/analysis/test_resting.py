@@ -125,7 +125,7 @@ def test_a_record_too_loud_for_the_inductance_rests_on_the_resistance_s_prior() 
     target = posterior(measured(sigma), sigma, free=("j_m", "k_e", "k_T", "r_m"))
     theta = target.space.vector(target.space.start)
     made = study_of(SensitivityStudy(target.likelihood), target, theta, Asked())
-    text = identify_words.resting(made)
+    text = identify_words.dependence_sentences(made)
     assert "depend on the prior" in text
     assert "more than on the record, which hardly shows l_m." in text
 

@@ -15,7 +15,7 @@ from bayesdrill.config import loading
 from bayesdrill.config.job import prepare
 from bayesdrill.config.schema.config import Config
 from bayesdrill.rig.models.linear import DEFAULT_ROLES
-from bayesdrill.selection import Ladder, Rung
+from bayesdrill.selection import CandidateModel, CandidateModels
 
 TORQUES = set(selection.TORQUES) if selection.MISSING in Config.model_fields else set()
 ALL = {"unknown_noise", "ar1", *selection.PHYSICS, *TORQUES}
@@ -27,11 +27,13 @@ SENSED = {*MOST_SENSED, "gear"}
 NOT_OF_MODEL = ("output", "simulation", "sampler")
 
 
-def ladder(tmp_path: Path, *changes: tuple[str, str]) -> Ladder:
-    return Ladder.of(prepare(systems.small(tmp_path, ("walkers: 8", "walkers: 24"), *changes)), {})
+def ladder(tmp_path: Path, *changes: tuple[str, str]) -> CandidateModels:
+    return CandidateModels.from_job(
+        prepare(systems.small(tmp_path, ("walkers: 8", "walkers: 24"), *changes)), {}
+    )
 
 
-def by_name(every: list[Rung]) -> dict[str, Rung]:
+def by_name(every: list[CandidateModel]) -> dict[str, CandidateModel]:
     return {one.name: one for one in every}
 
 

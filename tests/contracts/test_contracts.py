@@ -65,7 +65,7 @@ PRIORS = tuple(one for one in priors.PRIORS.values() if inspect.isclass(one))
 # What variables are called that hold a member.
 MEMBERS = {
     *("model", "rig", "noise", "prior", "response", "simulator", "observation", "observed"),
-    *("optimiser", "move", "figure", "crew", "executor", "si"),
+    *("optimiser", "move", "figure", "crew", "pool", "executor", "si"),
 }
 # By file and what is asked there.
 ALLOWED = {
@@ -73,7 +73,7 @@ ALLOWED = {
     ("inference/display_units.py", "getattr(si, key, None)"): "a row of a table, and no prior",
     (
         "paper/precision.py",
-        "isinstance(own, MotorShaft)",
+        "isinstance(model, MotorShaft)",
     ): "two published rigs, and no others",
     ("paper/precision.py", "isinstance(rig, TwoRotors)"): "likewise",
 }

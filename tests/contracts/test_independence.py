@@ -229,7 +229,7 @@ def test_what_the_prior_cuts_off_is_filled_up() -> None:
 def test_a_wider_mixture_has_equal_shares_of_its_ridges() -> None:
     """Where ensembles start: mutant killed: the shares that have been found, or guessed, kept."""
     found = over(TARGETS["humps"], 3, 2)
-    wide = found.widened(1.5)
+    wide = found.with_width(1.5)
     drawn = wide.draw(20_000, np.random.RandomState(5)).u
     assert TARGETS["humps"].hump(drawn).mean() == pytest.approx(0.5, abs=0.02)
     y, _ = to_ridge_coordinates(wide.sheets[0], drawn[TARGETS["humps"].hump(drawn) == 0])

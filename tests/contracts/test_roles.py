@@ -39,7 +39,7 @@ from bayesdrill.rig import MotorShaft, energy
 from bayesdrill.rig.models import MODELS
 from bayesdrill.rig.models.linear import DEFAULT_ROLES, STATES, Model, Roles, RotorRoles
 from bayesdrill.sampling.workers import WorkerPool
-from bayesdrill.selection import Ladder
+from bayesdrill.selection import CandidateModels
 from bayesdrill.tasks import ranking
 
 ROOT = Path(__file__).parents[2]
@@ -108,8 +108,8 @@ def of_record(of: bd.Case) -> Iterator[Any]:
         EquivalentExplanation(parameter=roles[role], value=0.1, lost=1.0) for role in edits.LACKS
     ]
     yield [[*fit_words.instead(one, roles)] for one in every]
-    rungs = Ladder.of(of.job, {}).singles()
-    rungs += Ladder.of(of.job, {}).beyond(("friction_both",), ())
+    rungs = CandidateModels.from_job(of.job, {}).singles()
+    rungs += CandidateModels.from_job(of.job, {}).beyond(("friction_both",), ())
     yield [(one.name, one.about, one.source.data) for one in rungs]
 
 
@@ -157,7 +157,7 @@ def of_cause(rig: Model, own: dict[str, str]) -> Iterator[Any]:
     posterior = of.job.problem.posterior
     start = posterior.space.start
     few = {"friction_rotor_1", "voltage_drop", "damping_shaft", "offset_v"}  # all take a minute
-    rungs = [one for one in Ladder.of(of.job, {}).singles() if one.name in few]
+    rungs = [one for one in CandidateModels.from_job(of.job, {}).singles() if one.name in few]
     given = refit_candidate(posterior, start, -math.inf)
     assert given is not None
     with WorkerPool(posterior, 1) as pool:
@@ -175,7 +175,7 @@ def of_torque(of: bd.Case) -> Iterator[Any]:
     theta = posterior.space.vector(posterior.space.start)
     (found,) = torque_estimates(posterior, theta[None], np.random.default_rng(1))
     yield [found.expected, found.angle, found.gear, repr(regress_torque(found))]
-    yield torque_words.followed(torque_summary(found))
+    yield torque_words.law_sentences(torque_summary(found))
     yield [(each.label.latex, each.means) for each in torque_shown(found, of.job.clock).against]
 
 

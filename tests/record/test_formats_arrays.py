@@ -19,7 +19,7 @@ from together import for_each
 import bayesdrill as bd
 from bayesdrill.basics.errors import InputError
 from bayesdrill.record.formats import FORMATS, Wanted, format_of
-from bayesdrill.record.formats.table import Table
+from bayesdrill.record.formats.table import RecordTable
 
 T = np.array([10.0, 10.5, 11.25, 12.0])
 W = np.array([101.25, 99.0, -98.5, 1.0 / 3.0])
@@ -27,7 +27,7 @@ DATA = np.column_stack([T, W, -W])
 RECORDS = np.array(list(zip(T, W, strict=True)), dtype=[("t", "f8"), ("speed", ">f4")])
 
 
-def load(path: Path, wanted: Wanted = None) -> Table:
+def load(path: Path, wanted: Wanted = None) -> RecordTable:
     one = FORMATS[format_of(path)]
     return one.read(path, one.options(), wanted)
 

@@ -13,7 +13,7 @@ from together import for_each
 from bayesdrill.basics.errors import InputError
 from bayesdrill.record.formats import FORMATS, format_of
 from bayesdrill.record.formats.csv import CsvOptions, read
-from bayesdrill.record.formats.table import Table
+from bayesdrill.record.formats.table import RecordTable
 
 NAMES = ("t [s]", "w_1 [rpm]", "theta")
 # Unequal, off the origin, negative, with exponents and whole numbers: no column can stand in
@@ -81,7 +81,7 @@ def write(tmp_path: Path):  # type: ignore[no-untyped-def]
     return _write
 
 
-def load(path: Path, **options: object) -> Table:
+def load(path: Path, **options: object) -> RecordTable:
     return read(path, CsvOptions(**options))  # type: ignore[arg-type]
 
 

@@ -17,7 +17,7 @@ from bayesdrill.basics.entries import NoEntries
 from bayesdrill.basics.errors import InputError
 from bayesdrill.record.formats import FORMATS
 from bayesdrill.record.formats.matlab import MAX_DEPTH, read, too_deep
-from bayesdrill.record.formats.table import Table
+from bayesdrill.record.formats.table import RecordTable
 
 T = np.array([10.0, 10.5, 11.25, 12.0])
 W = np.array([101.25, 99.0, -98.5, 1.0 / 3.0])
@@ -91,13 +91,13 @@ def write_v73(path: Path) -> None:
 
 
 @pytest.fixture(scope="module", params=["v5", "v73"])
-def table(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Table:
+def table(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> RecordTable:
     path = tmp_path_factory.mktemp("mat") / "run.mat"
     {"v5": write_v5, "v73": write_v73}[request.param](path)
     return FORMATS["mat"].read(path, NoEntries(), None)
 
 
-def test_pick(table: Table) -> None:
+def test_pick(table: RecordTable) -> None:
     cases = [
         ("theta_1", None, T),
         (None, "theta_1", T),
@@ -123,7 +123,7 @@ def test_pick(table: Table) -> None:
     for_each({str(case): case for case in cases}, check)
 
 
-def test_what_cannot_be_picked(table: Table) -> None:
+def test_what_cannot_be_picked(table: RecordTable) -> None:
     cases = [
         ("theta_l", None, "did you mean theta_1?"),
         ("data", None, "4 rows and 3 columns; say which column, from 1 to 3"),
@@ -152,7 +152,7 @@ def test_what_cannot_be_picked(table: Table) -> None:
     for_each({str(case): case for case in cases}, check)
 
 
-def test_where_names_the_sample(table: Table) -> None:
+def test_where_names_the_sample(table: RecordTable) -> None:
     assert table.where(17) == "sample 18"
     assert not any(name.startswith("#") for name in [*table.variables, *table.ignored])
 
@@ -234,7 +234,7 @@ def test_files_that_cannot_be_opened(tmp_path: Path) -> None:
         read(tmp_path)
 
 
-def shared(name: str) -> Table:
+def shared(name: str) -> RecordTable:
     path = SHARED / name
     if not path.exists():
         pytest.skip(f"{name} is not here")

@@ -10,7 +10,7 @@ from together import for_each
 
 from bayesdrill.record import anomalies
 from bayesdrill.record.formats import FORMATS, format_of
-from bayesdrill.record.formats.table import Table
+from bayesdrill.record.formats.table import RecordTable
 
 ROOT = Path(__file__).parents[2]
 SHARED = ROOT.parent / "shared" / "data"
@@ -156,7 +156,7 @@ def test_a_range_that_ends_shows_at_either_end() -> None:
 # --- records of rigs of others ---------------------------------------------------------------------
 
 
-def _table(path: Path) -> Table:
+def _table(path: Path) -> RecordTable:
     if not path.exists():
         pytest.skip(f"{path.name} is not here")
     one = FORMATS[format_of(path)]

@@ -28,7 +28,7 @@ from bayesdrill.report.section import as_markdown
 from bayesdrill.report.sections import physics_words, verdict_words
 from bayesdrill.report.sections.fit_figure import fit_figure
 from bayesdrill.report.sections.physics_figure import energy_figure, friction_figure, line_styles
-from bayesdrill.report.sections.physics_words import Law
+from bayesdrill.report.sections.physics_words import LawShown
 from bayesdrill.report.view import ReportContext
 from bayesdrill.tasks import run_entries
 
@@ -171,7 +171,7 @@ def test_the_speeds_of_the_record_stand_below() -> None:
 
 def test_a_law_without_draws_and_nominal_values_is_a_line() -> None:
     (one,) = drawings("friction", view()).values()
-    law: Law = one.arguments[0][0]
+    law: LawShown = one.arguments[0][0]
     found = drawn(friction_figure([dataclasses.replace(law, band=None, nominal=None)]))
     assert list(clashes(found)) == []
     (legend,) = found.legends

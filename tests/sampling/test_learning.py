@@ -158,7 +158,7 @@ def same(one: LearnedProposal, other: LearnedProposal) -> bool:
     mixtures = [found.proposal.mixture for found in (one, other)]
     pairs = [[getattr(m, name) for m in mixtures] for name in ("weights", "means", "roots")]
     sheets = zip(*(m.sheets for m in mixtures), strict=True)
-    pairs += [[getattr(s, name) for s in pair] for pair in sheets for name in ("place", "root")]
+    pairs += [[getattr(s, name) for s in pair] for pair in sheets for name in ("location", "root")]
     pairs += [[one.u, other.u], [one.weights, other.weights]]
     return all(np.array_equal(a, b) for a, b in pairs)
 
@@ -182,12 +182,12 @@ def test_weights_are_flattened_no_more_than_they_must() -> None:
 
 
 def test_no_density_at_all_is_said() -> None:
-    class NoSupportError(Gaussians):
+    class Nowhere(Gaussians):
         def value(self, u: np.ndarray) -> np.ndarray:
             return np.full(len(u), -np.inf)
 
     like = humps(2, (0.5, 0.5), (1.0, 1.0), APART)
-    surface = NoSupportError(**{name: getattr(like, name) for name in like.__dataclass_fields__})
+    surface = Nowhere(**{name: getattr(like, name) for name in like.__dataclass_fields__})
     seed, rng = np.random.RandomState(1), np.random.default_rng(2)
     with pytest.raises(ValueError, match="no point of finite posterior"):
         learn(surface, surface.expand, list(surface.means), seed, rng)
@@ -197,7 +197,9 @@ def test_the_middle_of_a_single_draw_is_that_draw() -> None:
     """Where hardly any had a density.  Mutant killed: only draws that weigh more than others."""
     surface, learnt = two("equal", 2)
     u = surface.means[:1] + 0.1
-    one = SimpleNamespace(seen=(u, np.ones(1)), proposal=learnt.proposal, origin=learnt.origin)
+    one = SimpleNamespace(
+        weighted_draws=(u, np.ones(1)), proposal=learnt.proposal, origin=learnt.origin
+    )
     ((origin, middle, (drawn, own)),) = _central_draws(one)  # type: ignore[arg-type]
     assert origin == 0
     assert middle.tolist() == u[0].tolist() == drawn[0].tolist()

@@ -137,11 +137,11 @@ def test_a_point_at_the_very_maximum_is_joined_to_itself() -> None:
 def test_scouts_without_a_density_are_left_at_home() -> None:
     surface = humps(2, (0.5, 0.5), (1.0, 1.0), 20.0)
 
-    class NoSupportError(Gaussians):
+    class Nowhere(Gaussians):
         def value(self, u: np.ndarray) -> np.ndarray:
             return np.full(len(u), -np.inf)
 
     like = {field.name: getattr(surface, field.name) for field in dataclasses.fields(surface)}
-    points, values = multiple_modes.best_ends(NoSupportError(**like), surface.means)
+    points, values = multiple_modes.best_ends(Nowhere(**like), surface.means)
     assert points.shape == (0, 2)
     assert len(values) == 0

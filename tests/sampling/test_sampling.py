@@ -159,10 +159,10 @@ def test_no_walker_starts_far_off_the_ridge() -> None:
     learnt = learn(
         surface, surface.expand, [at], np.random.RandomState(1), np.random.default_rng(2)
     )
-    far = replace(learnt.proposal, mixture=learnt.proposal.mixture.widened(1.5))
+    far = replace(learnt.proposal, mixture=learnt.proposal.mixture.with_width(1.5))
     state = begin_walkers(Known(surface), far, 500, 1, 0)
     assert state.log_p.min() > state.log_p.max() - 50.0
-    drawn = far.mixture.widened(1.5).draw(2000, np.random.RandomState(3)).u
+    drawn = far.mixture.with_width(1.5).draw(2000, np.random.RandomState(3)).u
     assert surface.value(drawn).min() < state.log_p.max() - 100.0
 
 

@@ -22,7 +22,7 @@ from bayesdrill.basics.progress import Silent
 from bayesdrill.config import loading
 from bayesdrill.config.job import prepare
 from bayesdrill.output_files import dumps_checksummed, loads_checksummed
-from bayesdrill.selection import Rung
+from bayesdrill.selection import CandidateModel
 from bayesdrill.tasks import ladder, ranking, remote
 
 CONFIG = """\
@@ -130,7 +130,9 @@ def test_a_thing_that_is_worth_nothing_alone_is_tried_beside_the_best(tmp_path: 
     class Guessing(ranking._Ranking):
         enough = math.inf
 
-        def refit_all(self, candidates: Sequence[Rung], near: Mapping[str, float]) -> None:
+        def refit_all(
+            self, candidates: Sequence[CandidateModel], near: Mapping[str, float]
+        ) -> None:
             for rung in candidates:
                 parts = {*rung.parts}
                 log_z = sum(worth.get(part, -1.0) for part in parts)

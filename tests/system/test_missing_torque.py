@@ -95,7 +95,7 @@ def test_the_torque_of_a_rig_that_rubs_is_its_friction(seed: int, tmp_path: Path
     first = regress_torque(found)[0]
     assert (first.kind, first.of, first.taken) == ("sign", "w_1", True)
     assert -first.size == pytest.approx(FRICTION, rel=0.15)
-    said = torque_words.followed(torque_summary(found))
+    said = torque_words.law_sentences(torque_summary(found))
     assert "dry friction at rotor 1" in said
     assert "t_c1: {prior: log_uniform" in said
 

@@ -41,7 +41,7 @@ def check(
         work.check_map(errors, config, unknown_names)
         work.check_output(errors, config, model, unknown_names)
         if alone:
-            truth_names = several.told(config, {"": local_numbers})
+            truth_names = several.names_with_truth(config, {"": local_numbers})
             work.check_truth(errors, config, [*config.record.channels], truth_names)
         if nominal is not None and rig is not None and sensed.sensing is not None:
             resolved = ResolvedExperiment(

@@ -15,8 +15,8 @@ from bayesdrill.basics.registry import lookup
 from bayesdrill.basics.symbols import INPUTS, noise_name
 from bayesdrill.config.resolve import quantities, sensors
 from bayesdrill.config.resolve.case import Beside
-from bayesdrill.config.resolve.quantities import Declared
-from bayesdrill.config.resolve.sensors import Entry, Measured
+from bayesdrill.config.resolve.quantities import DeclaredNumber
+from bayesdrill.config.resolve.sensors import NoiseSettings, SensorEntry
 from bayesdrill.config.schema import numbers
 from bayesdrill.config.schema.config import Config
 from bayesdrill.config.schema.records import (
@@ -45,8 +45,8 @@ class Sensed:
     record tells, and all of it in words of simulators, where it goes together.
     """
 
-    entries: tuple[Entry, ...]
-    declared: tuple[Declared | None, ...]
+    entries: tuple[SensorEntry, ...]
+    declared: tuple[DeclaredNumber | None, ...]
     free: tuple[str, ...]
     sensing: ObservationModel | None
 
@@ -68,7 +68,7 @@ def check_sensors(errors: Collector, config: Config, model: Model) -> Sensed:
 
 def beside(
     config: Config,
-    channels: Mapping[str, Measured | None],
+    channels: Mapping[str, NoiseSettings | None],
     sensed: Sensed,
     torque: Mapping[str, float | Unknown | None],
 ) -> Beside:
@@ -93,7 +93,7 @@ def beside(
     )
 
 
-def _declared(errors: Collector, entry: Entry) -> Declared | None:
+def _declared(errors: Collector, entry: SensorEntry) -> DeclaredNumber | None:
     """An offset without a unit of its own has that of its column, of which a mistake is told there."""
     if entry.kind == "offset" and not getattr(entry.spec, "unit", None):
         try:
@@ -141,9 +141,11 @@ def _check_steady(errors: Collector, config: Config, model: Model) -> None:
         errors.add(("initial", name), message)
 
 
-def check_channels(errors: Collector, config: Config, model: Model) -> dict[str, Measured | None]:
+def check_channels(
+    errors: Collector, config: Config, model: Model
+) -> dict[str, NoiseSettings | None]:
     """Those that are evidence: what is only derived from another is not.  None with a mistake."""
-    measured = dict[str, Measured | None]()
+    measured = dict[str, NoiseSettings | None]()
     for name, spec in config.record.channels.items():
         location: Place = ("record", "channels", name)
         channel = _check_measured(errors, location, spec, model)
@@ -165,7 +167,7 @@ def check_channels(errors: Collector, config: Config, model: Model) -> dict[str,
 
 def _check_measured(
     errors: Collector, location: Place, spec: ChannelSpec, model: Model
-) -> Measured | None:
+) -> NoiseSettings | None:
     """Entry by entry, so that each mistake has the line where it stands."""
     before, name = len(errors.problems), str(location[-1])
     combines = {name: 1.0}

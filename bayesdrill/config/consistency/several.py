@@ -46,7 +46,7 @@ def check_experiments(
         work.check_output(errors, config, model, unknown)
         work.check_identify(errors, config, [*by_label])
     channels = dict.fromkeys(name for local in by_label.values() for name in local.channels)
-    work.check_truth(errors, config, [*channels], told(config, by_label))
+    work.check_truth(errors, config, [*channels], names_with_truth(config, by_label))
     return errors.problems
 
 
@@ -65,7 +65,7 @@ def names(config: Config, model: Model, by_label: Alone) -> list[str]:
     return list(dict.fromkeys([*rig, *local_parameters, *free_quantities, *others]))
 
 
-def told(config: Config, by_label: Alone) -> list[str]:
+def names_with_truth(config: Config, by_label: Alone) -> list[str]:
     """What a true value can be given for beside the rig, held or not: of one experiment, or of all."""
     pairs = [(label, name) for label in by_label for name in config.own]
     if config.missing_torque is not None:

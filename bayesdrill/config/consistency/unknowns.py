@@ -11,7 +11,7 @@ from bayesdrill.basics.formulas import Expression, RelationError
 from bayesdrill.config import latex
 from bayesdrill.config.resolve import quantities, sensors
 from bayesdrill.config.resolve.case import RigNumbers
-from bayesdrill.config.resolve.quantities import Declared, NominalTable
+from bayesdrill.config.resolve.quantities import DeclaredNumber, ResolvedTable
 from bayesdrill.config.schema import numbers
 from bayesdrill.config.schema.config import Config
 from bayesdrill.config.yaml_source import Collector, Place
@@ -58,10 +58,10 @@ def check_torque(
 
 
 def check_rig(
-    errors: Collector, config: Config, model: Model, table: NominalTable
+    errors: Collector, config: Config, model: Model, table: ResolvedTable
 ) -> tuple[RigNumbers, ParameterSpace] | None:
     """Parameters, quantities, ties and formulas, with the space that they make; None with a mistake."""
-    given = dict[str, Declared | Expression | None]()
+    given = dict[str, DeclaredNumber | Expression | None]()
     for name in models.PARAMETERS:
         location: Place = ("parameters", name)
         if config.parameters.get(name) is None:
@@ -106,10 +106,10 @@ def _check_relations(
     errors: Collector,
     config: Config,
     model: Model,
-    given: Mapping[str, Declared | Expression | None],
+    given: Mapping[str, DeclaredNumber | Expression | None],
 ) -> tuple[RigNumbers, ParameterSpace] | None:
     before = len(errors.problems)
-    quantities_, derived = dict[str, Declared](), list[Formula]()
+    quantities_, derived = dict[str, DeclaredNumber](), list[Formula]()
     for name, spec in config.quantities.items():
         number = errors.run(("quantities", name), quantities.quantity, name, spec)
         if number is not None:

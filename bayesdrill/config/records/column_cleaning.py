@@ -41,7 +41,7 @@ class Column:
 
 
 @dataclass(frozen=True, slots=True)
-class Findings:
+class ColumnFindings:
     """What was done, in sentences, and what looks odd."""
 
     told: list[str] = field(default_factory=list)
@@ -78,7 +78,7 @@ def caused(clock: Clock, inputs: list[Column]) -> Mask:
     return rows
 
 
-def unwrapped(sources: Sources, column: Column, turn: float, findings: Findings) -> Column:
+def unwrapped(sources: Sources, column: Column, turn: float, findings: ColumnFindings) -> Column:
     """`turn`: how much of the column's unit one turn is; NaN where it is no angle."""
     wraps = column.spec.wraps if isinstance(column.spec, ChannelSpec | AngleColumn) else None
     if not wraps:
@@ -112,7 +112,7 @@ def unwrapped(sources: Sources, column: Column, turn: float, findings: Findings)
     return Column(column.place, column.spec, column.clock, values)
 
 
-def judged(column: Column, inputs: list[Column], findings: Findings) -> Column:
+def judged(column: Column, inputs: list[Column], findings: ColumnFindings) -> Column:
     """Without the glitches that are masked; what is odd is named.  `inputs`: jumps of these are no
     glitches of a channel.
     """
@@ -215,7 +215,7 @@ def bridged(sources: Sources, column: Column) -> Array:
 NEAR = 0.3  # of its rms: farther off, a channel is hardly what it is said to be
 
 
-def find_derivatives(columns: Mapping[Place, Column], findings: Findings) -> None:
+def find_derivatives(columns: Mapping[Place, Column], findings: ColumnFindings) -> None:
     """Of each derived channel: that it is not counted, and how well it is what it is said to be."""
     for column in columns.values():
         origin = column.spec.derived_from if isinstance(column.spec, ChannelSpec) else None

@@ -13,7 +13,7 @@ from bayesdrill.basics.arrays import Array
 from bayesdrill.basics.entries import build_member
 from bayesdrill.basics.units import Unit
 from bayesdrill.config.records import column_cleaning, sources
-from bayesdrill.config.records.column_cleaning import Column, Findings
+from bayesdrill.config.records.column_cleaning import Column, ColumnFindings
 from bayesdrill.config.records.sources import Sources, location_of
 from bayesdrill.config.resolve import quantities
 from bayesdrill.config.resolve.case import ResolvedExperiment, initial_state
@@ -41,7 +41,7 @@ from bayesdrill.record.experiment import (
     raise_if_any,
 )
 from bayesdrill.record.formats.csv import CsvOptions
-from bayesdrill.record.formats.table import Table
+from bayesdrill.record.formats.table import RecordTable
 
 FAR = 1000  # times its own length after the initial state, and a record has times of a clock
 
@@ -51,7 +51,7 @@ def csv_options(record: RecordSpec) -> CsvOptions:
     return build_member(CsvOptions, record)
 
 
-def read(resolved: ResolvedExperiment, table: Table | None = None) -> Experiment:
+def read(resolved: ResolvedExperiment, table: RecordTable | None = None) -> Experiment:
     """Raises `InputError` with the places in the config and the rows of the files.
 
     `table`: what the record's file would hold, where there is none.
@@ -62,10 +62,10 @@ def read(resolved: ResolvedExperiment, table: Table | None = None) -> Experiment
 class _Reader:
     """One pass over a record: columns are picked and judged one by one, problems collected."""
 
-    def __init__(self, resolved: ResolvedExperiment, table: Table | None) -> None:
+    def __init__(self, resolved: ResolvedExperiment, table: RecordTable | None) -> None:
         self._one, self._config, self._source = resolved, resolved.config, resolved.source
         self._sources = Sources(resolved.config, resolved.source, table)
-        self._findings = Findings()
+        self._findings = ColumnFindings()
 
     def experiment(self) -> Experiment:
         config, findings = self._config, self._findings

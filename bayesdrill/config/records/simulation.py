@@ -19,7 +19,7 @@ from bayesdrill.basics.errors import InputError, Issue
 from bayesdrill.config.records import reading, sources
 from bayesdrill.config.resolve import quantities, sensors
 from bayesdrill.config.resolve.case import ResolvedCase, ResolvedExperiment, initial_state
-from bayesdrill.config.resolve.sensors import Measured
+from bayesdrill.config.resolve.sensors import NoiseSettings
 from bayesdrill.config.schema.config import Config
 from bayesdrill.config.schema.records import ChannelSpec, Column, TimeColumn
 from bayesdrill.config.yaml_source import Place, Source
@@ -278,7 +278,7 @@ def _given(resolved: ResolvedExperiment, name: str) -> float | None:
     return values.get(of_label(name, resolved.label), values.get(name))
 
 
-def _known(resolved: ResolvedExperiment, entry: Measured) -> Measured:
+def _known(resolved: ResolvedExperiment, entry: NoiseSettings) -> NoiseSettings:
     """With the sigma of `simulation:`, where the noise is unknown."""
     if isinstance(entry.noisy.sigma, float):
         return entry

@@ -28,7 +28,7 @@ from bayesdrill.record import clocks
 from bayesdrill.record.clocks import on_grid
 from bayesdrill.record.experiment import Experiment, check_time, frozen
 from bayesdrill.record.formats import FORMATS, format_of
-from bayesdrill.record.formats.table import Table, variable_name
+from bayesdrill.record.formats.table import RecordTable, variable_name
 
 ELSEWHERE = "; if the times of this file stand elsewhere, give this entry its own `time:`"
 
@@ -93,7 +93,7 @@ class Clock:
     Of several clocks each keeps a row on either side of that span, so that inputs are known at its ends.
     """
 
-    table: Table
+    table: RecordTable
     t: Array
     rows: NDArray[np.intp]
     inside: NDArray[np.bool_]
@@ -112,11 +112,11 @@ class Clock:
 class Sources:
     """Tables and clocks of all columns; problems are collected."""
 
-    def __init__(self, config: Config, source: Source, given: Table | None) -> None:
+    def __init__(self, config: Config, source: Source, given: RecordTable | None) -> None:
         self.problems: list[Issue] = []
         self._config, self._source = config, source
         self._given = given
-        self._tables: dict[FileSpec | None, Table | None] = {}
+        self._tables: dict[FileSpec | None, RecordTable | None] = {}
         self._clocks: dict[object, Clock | None] = {}
         self._spans = windows(config.record.window)
         entries = file_entries(config)
@@ -145,7 +145,9 @@ class Sources:
         table = self._tables.get(self._keys[location][0])
         return None if table is None else self._pick(location, spec, table)
 
-    def _pick(self, location: Place, spec: Column, table: Table, instead: str = "") -> Array | None:
+    def _pick(
+        self, location: Place, spec: Column, table: RecordTable, instead: str = ""
+    ) -> Array | None:
         try:
             return table.pick(
                 spec.column, spec.variable, location=self.label(location_of(location, spec))
@@ -179,7 +181,7 @@ class Sources:
         return self._windowed(location, time_place, table, raw + offset if offset else raw)
 
     def _windowed(
-        self, location: Place, time_place: Place, table: Table, raw: Array
+        self, location: Place, time_place: Place, table: RecordTable, raw: Array
     ) -> Clock | None:
         rows, inside = np.arange(len(raw)), np.ones(len(raw), dtype=np.bool_)
         if self._spans:
@@ -200,7 +202,7 @@ class Sources:
         t = clock.t if issues else on_grid(clock.t)
         return Clock(table, t, rows, inside[rows], len(raw))
 
-    def _read(self, location: Place, file: FileSpec | None) -> Table | None:
+    def _read(self, location: Place, file: FileSpec | None) -> RecordTable | None:
         at_file: Place = ("record", "file") if file is None else (*location, "file")
         if self._given is not None:
             if file is None:
@@ -282,9 +284,9 @@ def decimated_experiment(experiment: Experiment, factor: int) -> Experiment:
     )
     note = (
         f"{', '.join(names)}: filtered and decimated, one sample of {factor} is left "
-        f"({len(decimation.samples)} of {len(experiment.t)}); the filter is a zero-phase FIR of {taps} "
-        f"samples, half of the amplitude at {half:.6g} Hz, and {taps // 2} samples at either end are "
-        f"dropped; it took away (sd) {removed}; sigma is the noise of what is left; the model is not "
+        f"({len(decimation.samples)} of {len(experiment.t)}). The filter is a zero-phase FIR of {taps} "
+        f"samples, half of the amplitude at {half:.6g} Hz. {taps // 2} samples at either end are "
+        f"dropped. It took away (sd) {removed}. Sigma is the noise of what is left; the model is not "
         "filtered"
     )
     return dataclasses.replace(experiment, t=frozen(t), y=frozen(y), told=(*experiment.told, note))

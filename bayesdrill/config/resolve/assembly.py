@@ -14,7 +14,7 @@ from bayesdrill.basics.units import SECOND, Unit
 from bayesdrill.config.resolve import experiments, sensors
 from bayesdrill.config.resolve.case import ResolvedCase, ResolvedExperiment
 from bayesdrill.config.resolve.experiments import common_or_own
-from bayesdrill.config.resolve.quantities import Declared
+from bayesdrill.config.resolve.quantities import DeclaredNumber
 from bayesdrill.config.resolve.sensors import noise
 from bayesdrill.config.schema.config import Config
 from bayesdrill.config.yaml_source import Place
@@ -46,7 +46,7 @@ def problem(case: ResolvedCase, records: Sequence[Experiment]) -> Problem:
     """
     config, rig, nominal = case.config, case.model, case.nominal
     labels = [experiment.label for experiment in case.experiments]
-    parts, sensor_numbers, levels = [], dict[str, Declared](), dict[str, Unknown]()
+    parts, sensor_numbers, levels = [], dict[str, DeclaredNumber](), dict[str, Unknown]()
     pairs = zip(case.experiments, records, strict=True)
     built = collect_each(lambda pair: _told_and_observation(*pair), pairs)
     for label, (parsed, observed) in zip(labels, built, strict=True):
@@ -122,7 +122,7 @@ def _clock(unit: Unit, observations: Sequence[Observation]) -> Unit:
 
 def _told_and_observation(
     resolved: ResolvedExperiment, experiment: Experiment
-) -> tuple[list[Declared], Observation]:
+) -> tuple[list[DeclaredNumber], Observation]:
     response, sensor_numbers = simulated(resolved, experiment)
     experiment = response.experiment
     noise_model, section = noise(resolved.channels, len(experiment.t)), "record"
@@ -154,7 +154,7 @@ def _unsaid_motion(resolved: ResolvedExperiment, experiment: Experiment) -> str:
 
 def simulated(
     resolved: ResolvedExperiment, experiment: Experiment
-) -> tuple[Simulator, list[Declared]]:
+) -> tuple[Simulator, list[DeclaredNumber]]:
     """One experiment with its sensors and its start, and the numbers that are told of them."""
     sensor_numbers, wrong = [*resolved.declared], dict[Place, str]()
     for entry, number in zip(resolved.entries, resolved.declared, strict=True):

@@ -16,8 +16,8 @@ from bayesdrill.basics.entries import build_member
 from bayesdrill.basics.formulas import Expression, resolve_relations
 from bayesdrill.basics.registry import lookup
 from bayesdrill.config.resolve import quantities
-from bayesdrill.config.resolve.quantities import Declared, NominalTable
-from bayesdrill.config.resolve.sensors import Entry, Measured
+from bayesdrill.config.resolve.quantities import DeclaredNumber, ResolvedTable
+from bayesdrill.config.resolve.sensors import NoiseSettings, SensorEntry
 from bayesdrill.config.schema import numbers
 from bayesdrill.config.schema.config import Config
 from bayesdrill.config.yaml_source import Source
@@ -57,15 +57,15 @@ class RigNumbers:
     quantities, and what is derived of them.
     """
 
-    parameters: Mapping[str, Declared | Expression]
-    quantities: Mapping[str, Declared]
+    parameters: Mapping[str, DeclaredNumber | Expression]
+    quantities: Mapping[str, DeclaredNumber]
     derived: tuple[Formula, ...]
 
     def space(
         self,
         local: Sequence[str] = (),
         labels: Sequence[str] = (),
-        sensors: Sequence[Declared] = (),
+        sensors: Sequence[DeclaredNumber] = (),
         noise: Sequence[Unknown] = (),
     ) -> ParameterSpace:
         """Return the unknowns: free parameters, quantities, those of `sensors` and starts, then `noise`.
@@ -76,7 +76,7 @@ class RigNumbers:
         fixed: dict[str, float] = {}
         names: list[str] = []
 
-        def add(number: Declared, several: Sequence[str] = ("",)) -> None:
+        def add(number: DeclaredNumber, several: Sequence[str] = ("",)) -> None:
             if isinstance(number.value, float):
                 fixed[number.name] = number.value
                 return
@@ -88,7 +88,7 @@ class RigNumbers:
         for name, number in self.parameters.items():
             several = labels if name in local else [""]
             names += [of_label(name, label) for label in several]
-            if isinstance(number, Declared):
+            if isinstance(number, DeclaredNumber):
                 add(number, several)
         for number in self.quantities.values():
             add(number)
@@ -149,12 +149,12 @@ class ResolvedExperiment:
     config: Config
     source: Source
     model: Model
-    nominal: NominalTable
+    nominal: ResolvedTable
     numbers: RigNumbers
     space: ParameterSpace
-    channels: tuple[Measured, ...]
-    entries: tuple[Entry, ...]
-    declared: tuple[Declared, ...]
+    channels: tuple[NoiseSettings, ...]
+    entries: tuple[SensorEntry, ...]
+    declared: tuple[DeclaredNumber, ...]
     sensing: ObservationModel
     free: tuple[str, ...]
     torque: Mapping[str, float | Unknown]
@@ -178,7 +178,7 @@ class ResolvedCase:
         return self.experiments[0].model
 
     @property
-    def nominal(self) -> NominalTable:
+    def nominal(self) -> ResolvedTable:
         return self.experiments[0].nominal
 
     @property

@@ -12,7 +12,7 @@ import numpy as np
 
 from bayesdrill.basics.arrays import Array
 from bayesdrill.config.resolve import sensors
-from bayesdrill.config.resolve.quantities import Declared
+from bayesdrill.config.resolve.quantities import DeclaredNumber
 from bayesdrill.config.schema.config import Config
 from bayesdrill.config.yaml_source import Place, Source
 from bayesdrill.inference.priors import Prior, TruncatedNormal
@@ -94,7 +94,7 @@ USUAL = 0.025  # of the prior of a lag, on either side, may lie beyond the recor
 QUICK = 0.99  # of the steps of an angle are no faster than the speed that is taken of it
 
 
-def free_start(name: str, experiment: Experiment, model: Model, values: Named) -> Declared:
+def free_start(name: str, experiment: Experiment, model: Model, values: Named) -> DeclaredNumber:
     """Of a state a normal prior around what the first samples say, as wide as the channels go; where no
     channel tells of it, as wide as the inputs would drive it at parameters `values`.
     """
@@ -110,7 +110,9 @@ def free_start(name: str, experiment: Experiment, model: Model, values: Named) -
             f"`{name}: {{prior: normal, mean: 0, sd: 1}}`"
         )
     prior = TruncatedNormal(middle, WIDE * width, -math.inf, math.inf)
-    return Declared(symbol=sensors.symbol_of_state(name), role="start", value=prior, start=middle)
+    return DeclaredNumber(
+        symbol=sensors.symbol_of_state(name), role="start", value=prior, start=middle
+    )
 
 
 def _seen(experiment: Experiment, unit: str) -> list[tuple[Mapping[str, float], Array]]:
@@ -201,7 +203,7 @@ def start_beyond_lags(
     return dataclasses.replace(experiment, y=frozen(y), told=tuple(notes))
 
 
-def start_too_late(lag: Declared, experiment: Experiment) -> str:
+def start_too_late(lag: DeclaredNumber, experiment: Experiment) -> str:
     """What is wrong with a lag, or a delay, that the record is too short for."""
     duration = float(experiment.t[-1] - experiment.t_start)
     ends = np.array([lag.value] * 2)

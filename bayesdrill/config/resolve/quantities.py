@@ -36,7 +36,7 @@ from bayesdrill.rig.models.linear import Model, gear_factor
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Declared:
+class DeclaredNumber:
     """A number of the config, SI: held, or unknown with a `start` for searches; `factor`: how many SI
     its `unit` is.
     """
@@ -52,7 +52,7 @@ class Declared:
     def name(self) -> str:
         return self.symbol.name
 
-    def of(self, label: str, name: str) -> Declared:
+    def of(self, label: str, name: str) -> DeclaredNumber:
         """The same of one of several experiments; unless it has the same name in all of them."""
         if name == self.name:
             return self
@@ -131,7 +131,7 @@ def si(value: float | numbers.Quantity, unit: str) -> float:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class NominalTable:
+class ResolvedTable:
     """Nominal `values` of parameters: those of a table, unless the config says otherwise.
 
     `compared`: those that are this rig's, all of a table that the config names or relies on; where it
@@ -161,7 +161,7 @@ def nominal_value(config: Config, model: Model, name: str) -> float:
     return value
 
 
-def nominal_table(config: Config, config_values: Mapping[str, float]) -> NominalTable:
+def nominal_table(config: Config, config_values: Mapping[str, float]) -> ResolvedTable:
     """Return the table that the config names, with its own `config_values`, SI, in place of the table's.
 
     Raises `ValueError` where there is no such table.
@@ -178,7 +178,7 @@ def nominal_table(config: Config, config_values: Mapping[str, float]) -> Nominal
         }
     published = tuple(name for name in compared if name not in config_values)
     called = f"{table} ({', '.join(n for n in compared if n in config_values)} as in the config)"
-    return NominalTable(
+    return ResolvedTable(
         values=values,
         compared=compared,
         published=published,
@@ -196,8 +196,8 @@ def _tolerance(given: Any) -> dict[str, float]:
 
 
 def parameter(
-    config: Config, model: Model, table: NominalTable, name: str
-) -> Declared | Expression:
+    config: Config, model: Model, table: ResolvedTable, name: str
+) -> DeclaredNumber | Expression:
     """Of a rig: its number, or by what it follows from others."""
     if (related := relation(config, model, name)) is not None:
         return related
@@ -207,7 +207,7 @@ def parameter(
         fixed = float(spec) if isinstance(spec, float | int) else value
         if fixed is None:
             raise ValueError(f"{no_table}; give a number, or `nominal: {{{name}: ...}}`")
-        return Declared(symbol=symbol, role="rig", value=fixed, start=fixed)
+        return DeclaredNumber(symbol=symbol, role="rig", value=fixed, start=fixed)
     if spec.relative and value is None:
         way_out = f"`nominal: {{{name}: ...}}`, or leave out `relative:`"
         raise ValueError(f"{no_table}, to be relative to; give {way_out}")
@@ -217,10 +217,10 @@ def parameter(
         ends = f"such as {{prior: uniform, low: {0.5 * most:g}, high: {most:g}}}"
         raise ValueError(f"the prior {reaches}, and {name} is at most {most:g}; let it end, {ends}")
     begin = start(spec, built, table.compared.get(name))
-    return Declared(symbol=symbol, role="rig", value=built, start=begin)
+    return DeclaredNumber(symbol=symbol, role="rig", value=built, start=begin)
 
 
-def quantity(name: str, spec: float | numbers.Quantity | QuantityPrior) -> Declared:
+def quantity(name: str, spec: float | numbers.Quantity | QuantityPrior) -> DeclaredNumber:
     _check_name(name)
     value: float | Prior
     if isinstance(spec, float | int):
@@ -237,7 +237,7 @@ def quantity(name: str, spec: float | numbers.Quantity | QuantityPrior) -> Decla
             value, begin = prior_in_si(spec, factor)
     meaning = "held by" if isinstance(value, float) else "quantity of"
     symbol = symbols.own_symbol(name, unit, latex, f"{meaning} the config")
-    return Declared(symbol=symbol, role="quantity", value=value, start=begin, factor=factor)
+    return DeclaredNumber(symbol=symbol, role="quantity", value=value, start=begin, factor=factor)
 
 
 def _check_name(name: str) -> None:

@@ -20,7 +20,7 @@ from bayesdrill.basics.formulas import linear_combination
 from bayesdrill.basics.registry import lookup
 from bayesdrill.basics.symbols import Symbol
 from bayesdrill.config.resolve import quantities
-from bayesdrill.config.resolve.quantities import Declared, prior_in_si
+from bayesdrill.config.resolve.quantities import DeclaredNumber, prior_in_si
 from bayesdrill.config.schema.config import Config
 from bayesdrill.config.schema.numbers import Quantity, SensorPrior
 from bayesdrill.config.schema.records import ChannelSpec, InputColumn, InputQuantity
@@ -128,7 +128,7 @@ Spec = float | Quantity | SensorPrior
 
 
 @dataclass(frozen=True, slots=True)
-class Entry:
+class SensorEntry:
     """One entry of the config: `of` names the channel, input or state; `unit` is its own, in SI `si`.
 
     A delay is that of all inputs; the lag of an input is its own.
@@ -144,7 +144,7 @@ class Entry:
     latex: str
 
 
-def sensor_entries(config: Config, model: Model) -> Iterator[Entry]:
+def sensor_entries(config: Config, model: Model) -> Iterator[SensorEntry]:
     """In the order in which they are unknown: channels, inputs, the start."""
     for name, spec in config.record.channels.items():
         if spec.derived_from is not None:
@@ -165,13 +165,13 @@ def sensor_entries(config: Config, model: Model) -> Iterator[Entry]:
                 yield dataclasses.replace(entry, kind="delay") if late else entry
     if config.inputs.t_0 is not None:
         location = ("inputs", "t_0")
-        yield Entry(location, "delay", "", "t_0", config.inputs.t_0, "s", "s", "t_0")
+        yield SensorEntry(location, "delay", "", "t_0", config.inputs.t_0, "s", "s", "t_0")
     yield from _of_states(config, model)
 
 
 def _of_column(
     location: Place, name: str, spec: object, unit: str, si: str, latex: str
-) -> Iterator[Entry]:
+) -> Iterator[SensorEntry]:
     kinds: tuple[tuple[Kind, str, str, str], ...] = (
         ("gain", "1", "1", "g"),
         ("offset", unit, si, "b"),
@@ -181,16 +181,18 @@ def _of_column(
         given = getattr(spec, kind, None)
         if given is not None:
             label, shown = f"{kind}_{name}", rf"{sign}_{{{latex}}}"
-            yield Entry((*location, kind), kind, name, label, given, kind_unit, kind_si, shown)
+            yield SensorEntry(
+                (*location, kind), kind, name, label, given, kind_unit, kind_si, shown
+            )
 
 
-def _of_states(config: Config, model: Model) -> Iterator[Entry]:
+def _of_states(config: Config, model: Model) -> Iterator[SensorEntry]:
     """Those with a prior; what is held or `free` is said elsewhere."""
     for name in model.outer:
         given, symbol = getattr(config.initial, name), symbol_of_state(name)
         if isinstance(given, SensorPrior):
             location, unit = ("initial", name), symbol.unit
-            yield Entry(location, "state", name, symbol.name, given, unit, unit, symbol.latex)
+            yield SensorEntry(location, "state", name, symbol.name, given, unit, unit, symbol.latex)
 
 
 def state_name(state: str) -> str:
@@ -207,7 +209,7 @@ def free_states(config: Config, model: Model) -> tuple[str, ...]:
     return tuple(dict.fromkeys(name for name in states if name in words))
 
 
-def sensor_specs(entry: Entry) -> Declared:
+def sensor_specs(entry: SensorEntry) -> DeclaredNumber:
     """In SI."""
     unit = getattr(entry.spec, "unit", None) or entry.unit
     factor = 1.0 if entry.kind == "gain" else units.factor(unit, entry.si)
@@ -222,7 +224,9 @@ def sensor_specs(entry: Entry) -> Declared:
         entry.name, entry.si, entry.latex, symbols.latex_unit(entry.si), _meaning(entry)
     )
     role: Role = "start" if entry.kind == "state" else "sensor"
-    return Declared(symbol=symbol, role=role, value=value, start=start, factor=factor, unit=unit)
+    return DeclaredNumber(
+        symbol=symbol, role=role, value=value, start=start, factor=factor, unit=unit
+    )
 
 
 def _value(spec: Spec, factor: float) -> tuple[float | Prior, float]:
@@ -240,7 +244,7 @@ def _latex(name: str) -> str:
     return known.latex if known else symbols.own_symbol(name, "1", None, "").latex
 
 
-def _meaning(entry: Entry) -> str:
+def _meaning(entry: SensorEntry) -> str:
     return {
         "gain": f"gain of the sensor of {entry.of}",
         "offset": f"offset of {entry.of}",
@@ -250,7 +254,9 @@ def _meaning(entry: Entry) -> str:
     }[entry.kind]
 
 
-def sensing(config: Config, entries: Sequence[Entry], free: Sequence[str]) -> ObservationModel:
+def sensing(
+    config: Config, entries: Sequence[SensorEntry], free: Sequence[str]
+) -> ObservationModel:
     """By the names of single experiments: of the entries `entries`, and states that are `free`."""
     delays = [entry for entry in entries if entry.kind == "delay"]
     single = [entry for entry in entries if entry.kind == "lag" and entry.place[0] == "inputs"]
@@ -288,7 +294,7 @@ def symbol_of_state(name: str) -> Symbol:
 
 
 @dataclass(frozen=True, slots=True)
-class Measured:
+class NoiseSettings:
     """The kind of a channel's noise, and what that has to know."""
 
     kind: str
@@ -329,7 +335,7 @@ def channel_of(name: str, spec: ChannelSpec, states: tuple[str, ...]) -> Channel
     )
 
 
-def measured(channel: Channel, spec: ChannelSpec) -> Measured:
+def measured(channel: Channel, spec: ChannelSpec) -> NoiseSettings:
     """With its noise, SI, and where a search for it begins."""
     factor = channel.factor
     sigma: float | Prior
@@ -341,10 +347,10 @@ def measured(channel: Channel, spec: ChannelSpec) -> Measured:
         sigma, begin = prior_in_si(spec.sigma, factor)
     kind, entries = spec.noise.name, spec.noise.model_dump(exclude={"name"})
     noisy = Noisy(channel=channel, sigma=sigma, start=begin, entries=entries, factor=factor)
-    return Measured(kind, noisy)
+    return NoiseSettings(kind, noisy)
 
 
-def noise(channels: Sequence[Measured], n_samples: int) -> Noise:
+def noise(channels: Sequence[NoiseSettings], n_samples: int) -> Noise:
     """Of all channels: one of a kind, or a mixture of kinds."""
     kinds: dict[str, list[int]] = {}
     for k, channel in enumerate(channels):

@@ -29,7 +29,7 @@ from bayesdrill.config.schema.numbers import (
     ParameterSpec,
     QuantitySpec,
     SigmaSpec,
-    held,
+    fixed_number,
     nominal_spec,
     parameter_spec,
     shape,
@@ -156,7 +156,7 @@ else:  # those that are named, in the order of the vocabulary
         "Parameters",
         {
             symbol.name: Annotated[
-                parameter_spec(held(symbol)) | None,
+                parameter_spec(fixed_number(symbol)) | None,
                 Field(description=f"{symbol.meaning} [{symbol.unit}]"),
             ]
             for symbol in models.PARAMETERS.values()
@@ -175,7 +175,7 @@ Nominal = _per_symbol(
     "A table and what differs from it.",
 )
 Simulation = _per_symbol(
-    "Simulation", _SimulationBase, held, "Grid and true values of `bayesdrill simulate`."
+    "Simulation", _SimulationBase, fixed_number, "Grid and true values of `bayesdrill simulate`."
 )
 
 

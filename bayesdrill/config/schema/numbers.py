@@ -160,7 +160,7 @@ _HELD: Mapping[str, Any] = MappingProxyType(
 )
 
 
-def held(symbol: Symbol) -> Any:
+def fixed_number(symbol: Symbol) -> Any:
     """What a parameter may be held at."""
     return ending(symbol, _HELD[symbol.held])
 

@@ -12,7 +12,7 @@ from bayesdrill.basics.errors import InputError, did_you_mean
 from bayesdrill.basics.registry import Registry
 from bayesdrill.record.formats import arrays, csv, matlab
 from bayesdrill.record.formats.csv import CsvOptions
-from bayesdrill.record.formats.table import Table
+from bayesdrill.record.formats.table import RecordTable
 
 Wanted = Collection[str] | None  # variables that will be picked, by name; None: any of them
 
@@ -26,11 +26,13 @@ class Format:
     """
 
     suffixes: tuple[str, ...]
-    read: Callable[[Path, Any, Wanted], Table]
+    read: Callable[[Path, Any, Wanted], RecordTable]
     options: type = NoEntries
 
 
-def _without_options(read: Callable[[Path, Wanted], Table]) -> Callable[[Path, Any, Wanted], Table]:
+def _without_options(
+    read: Callable[[Path, Wanted], RecordTable],
+) -> Callable[[Path, Any, Wanted], RecordTable]:
     return lambda path, _, wanted: read(path, wanted)
 
 

@@ -14,7 +14,7 @@ import numpy as np
 
 from bayesdrill.basics.errors import InputError, shortened
 from bayesdrill.output_files import LARGEST_FILE
-from bayesdrill.record.formats.table import Array, Table, keys_of, read_bytes
+from bayesdrill.record.formats.table import Array, RecordTable, keys_of, read_bytes
 
 _NUMERIC = "fiub"
 """numpy dtype kinds of real numbers and logicals."""
@@ -61,9 +61,9 @@ class FileContents:
         else:
             self.add(name, values)
 
-    def table(self, path: Path) -> Table:
+    def table(self, path: Path) -> RecordTable:
         """Return what was gathered as the table of a file."""
-        return Table(
+        return RecordTable(
             path=path,
             variables=self.variables,
             ignored=self.ignored,
@@ -100,7 +100,7 @@ def too_large(shape: tuple[int, ...], itemsize: int) -> str:
 _HDF5_MAGIC = b"\x89HDF\r\n\x1a\n"
 
 
-def read_hdf5(path: Path, wanted: Collection[str] | None = None) -> Table:
+def read_hdf5(path: Path, wanted: Collection[str] | None = None) -> RecordTable:
     """Read the `wanted` datasets (fields of records under dotted names; None: all).
 
     Attributes, also one called `unit`, are not looked at.  Raises InputError when it cannot be read.
@@ -218,7 +218,7 @@ _HEADERS = {
 }
 
 
-def read_npz(path: Path, wanted: Collection[str] | None = None) -> Table:
+def read_npz(path: Path, wanted: Collection[str] | None = None) -> RecordTable:
     """Read the `wanted` arrays (fields of records under dotted names; None: all of numbers).
 
     Raises InputError when it cannot be read.
@@ -285,7 +285,7 @@ _MISSING = (
 )
 
 
-def read_parquet(path: Path, wanted: Collection[str] | None = None) -> Table:
+def read_parquet(path: Path, wanted: Collection[str] | None = None) -> RecordTable:
     """Read the `wanted` columns (None: all); cells without a value become NaN.
 
     Raises InputError when it cannot be read, or without `pyarrow`.
@@ -301,7 +301,7 @@ def read_parquet(path: Path, wanted: Collection[str] | None = None) -> Table:
         return _table(path, wanted)
 
 
-def _table(path: Path, wanted: Collection[str] | None) -> Table:
+def _table(path: Path, wanted: Collection[str] | None) -> RecordTable:
     from pyarrow import float64, parquet
 
     with parquet.ParquetFile(path, pre_buffer=False) as file:
@@ -319,7 +319,7 @@ def _table(path: Path, wanted: Collection[str] | None) -> Table:
             name: np.ascontiguousarray(content.column(at).cast(float64(), safe=False).to_numpy())
             for name, at in places.items()
         }
-    return Table(
+    return RecordTable(
         path=path,
         variables=variables,
         lines=np.arange(1, rows + 1),

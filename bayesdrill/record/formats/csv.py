@@ -17,9 +17,9 @@ from pydantic import Field
 
 from bayesdrill.basics.entries import MAX_COUNT
 from bayesdrill.basics.errors import InputError, Issue
-from bayesdrill.record.formats.table import Array, Table, keys_of
+from bayesdrill.record.formats.table import Array, RecordTable, keys_of
 from bayesdrill.record.formats.text import (
-    Lines,
+    TextLines,
     advice_of_cells,
     decode,
     read_lines,
@@ -61,7 +61,7 @@ _DIALECTS = tuple(
 )  # fmt: skip
 
 
-def without_empty_tail(lines: Lines, dialect: Dialect) -> Lines:
+def without_empty_tail(lines: TextLines, dialect: Dialect) -> TextLines:
     """Drop the `;;;;` lines that spreadsheets add at the end; elsewhere they are missing rows."""
     count = len(lines.texts)
     while count > 1 and not lines.texts[count - 1].strip(f' "{dialect.separator or ""}'):
@@ -119,7 +119,7 @@ def typical_width(texts: Sequence[str], dialect: Dialect) -> int:
     return widths.most_common(1)[0][0]
 
 
-def without_trailing_delimiter(body: Lines, header: str | None, dialect: Dialect) -> Lines:
+def without_trailing_delimiter(body: TextLines, header: str | None, dialect: Dialect) -> TextLines:
     """Strip a delimiter that ends every row, unless the header names a column after it."""
     mark = dialect.separator
     if mark is None:
@@ -164,7 +164,7 @@ class _Faults:
         return [*self.first, Issue(str(path), f"{head}{advice}")]
 
 
-def parse(body: Lines, dialect: Dialect, names: Sequence[str]) -> Array:
+def parse(body: TextLines, dialect: Dialect, names: Sequence[str]) -> Array:
     """Parse all rows as `(T, n)`; raises InputError with every kind of fault found."""
     ragged = _Faults("rows with a wrong number of cells")
     bad = _Faults("cells without a number")
@@ -207,7 +207,7 @@ def _parse_fast(rows: list[list[str]], dialect: Dialect, width: int) -> Array | 
 
 def _parse_carefully(
     rows: list[list[str]],
-    lines: Lines,
+    lines: TextLines,
     dialect: Dialect,
     names: Sequence[str],
     ragged: _Faults,
@@ -245,7 +245,7 @@ _SAMPLE = 500  # rows at each end of a file
 _ROWS_OF_WORDS = 3  # below the header: units, kinds, descriptions
 
 
-def read(path: Path, options: CsvOptions) -> Table:
+def read(path: Path, options: CsvOptions) -> RecordTable:
     """Read a text table; empty and NaN cells become NaN.
 
     Raises InputError for a file that is no table, naming lines and columns.
@@ -253,7 +253,7 @@ def read(path: Path, options: CsvOptions) -> Table:
     return table(path, decode(path), options)
 
 
-def table(path: Path, text: str, options: CsvOptions) -> Table:
+def table(path: Path, text: str, options: CsvOptions) -> RecordTable:
     """Read the table of a text that stands, or is to stand, in the file `path`."""
     check_options(path, options)
     lines = read_lines(path, text, options.skip_rows)
@@ -278,7 +278,7 @@ def table(path: Path, text: str, options: CsvOptions) -> Table:
     values = parse(body, dialect, names)
     columns = {name: np.ascontiguousarray(values[:, i]) for i, name in enumerate(names)}
     numbers = np.array(body.numbers, dtype=np.int64)
-    return Table(path=path, variables=columns, lines=numbers, ignored=ignored)
+    return RecordTable(path=path, variables=columns, lines=numbers, ignored=ignored)
 
 
 def check_options(path: Path, options: CsvOptions) -> None:
@@ -298,7 +298,9 @@ def check_options(path: Path, options: CsvOptions) -> None:
         raise InputError([Issue(str(path), text) for text in problems])
 
 
-def _split_header(lines: Lines, dialect: Dialect, wanted: bool | None) -> tuple[str | None, Lines]:
+def _split_header(
+    lines: TextLines, dialect: Dialect, wanted: bool | None
+) -> tuple[str | None, TextLines]:
     """The header line, if there is one, and the rows after it and after rows of units."""
     if wanted is False:
         return None, lines
@@ -333,7 +335,7 @@ def _are_words(cells: list[str]) -> bool:
     return bool(cells) and all(to_number(cell, sign) is None for cell in cells for sign in ".,")
 
 
-def _check_numbers(body: Lines, dialect: Dialect) -> None:
+def _check_numbers(body: TextLines, dialect: Dialect) -> None:
     """A file without any is no record: what stands in it is not for messages."""
     sample = [*body.texts[:_SAMPLE], *body.texts[-_SAMPLE:]]
     cells = (cell.strip() for line in sample for cell in split(line, dialect.separator))
@@ -343,7 +345,7 @@ def _check_numbers(body: Lines, dialect: Dialect) -> None:
 
 
 def _names(
-    header: str | None, lines: Lines, dialect: Dialect, width: int
+    header: str | None, lines: TextLines, dialect: Dialect, width: int
 ) -> tuple[list[str], dict[str, str]]:
     """A unique name per column, and why the names that stand twice cannot be picked."""
     if header is None:
@@ -358,7 +360,7 @@ def _names(
     return keys_of(names)
 
 
-def _why_not(header: str, lines: Lines, dialect: Dialect, width: int) -> str:
+def _why_not(header: str, lines: TextLines, dialect: Dialect, width: int) -> str:
     """Of a header of another width than the rows: the likely reason, and what to do."""
     count = len(_header_cells(header, dialect, width))
     other = [mark for mark in ",;\t|" if len(split(header, mark)) == width > 1]
@@ -379,7 +381,7 @@ def _is_header(text: str, dialect: Dialect, width: int) -> bool:
     return not numeric and len(words) == width
 
 
-def _in_comment(lines: Lines, dialect: Dialect, width: int) -> dict[str, str]:
+def _in_comment(lines: TextLines, dialect: Dialect, width: int) -> dict[str, str]:
     """Why names cannot be picked that stand in the comment before the data."""
     comment = lines.comment[1:] if lines.comment else ""
     names = _header_cells(comment, dialect, width)

@@ -21,7 +21,7 @@ import numpy as np
 from bayesdrill.basics.errors import InputError
 from bayesdrill.output_files import LARGEST_FILE
 from bayesdrill.record.formats.arrays import ITSELF, FileContents, datasets, report_damage
-from bayesdrill.record.formats.table import Table, read_bytes
+from bayesdrill.record.formats.table import RecordTable, read_bytes
 
 MAX_DEPTH = 100  # ten times what anyone nests, and a tenth of what SciPy stands
 
@@ -116,7 +116,7 @@ class _Walk:
         return struct.unpack_from(f"{self._order}{count}I", self._data, at)
 
 
-def read(path: Path, wanted: Collection[str] | None = None) -> Table:
+def read(path: Path, wanted: Collection[str] | None = None) -> RecordTable:
     """Read the `wanted` variables of a .mat file (dotted names; None: all numeric ones).
 
     Raises InputError when it cannot be read.

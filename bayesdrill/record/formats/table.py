@@ -16,7 +16,7 @@ type Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Table:
+class RecordTable:
     """The numbers of one file.
 
     A table of columns (text, Parquet) is a set of `(T,)` variables, one per column, in file order;

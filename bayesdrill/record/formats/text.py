@@ -70,7 +70,7 @@ _POWER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)[dD][-+]?\d+")  # of Fortran
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Lines:
+class TextLines:
     """The lines that hold something, with their line numbers in the file (from 1).
 
     `comment`: the last one before them.
@@ -81,7 +81,7 @@ class Lines:
     numbers: list[int]
     comment: str = ""
 
-    def part(self, rows: slice) -> Lines:
+    def part(self, rows: slice) -> TextLines:
         """Return some of the lines."""
         return replace(self, texts=self.texts[rows], numbers=self.numbers[rows])
 
@@ -121,7 +121,7 @@ def _check_text(path: Path, text: str) -> None:
         raise InputError.at(str(path), f"is {kind}, not a table; export it as CSV")
 
 
-def read_lines(path: Path, text: str, skip: int) -> Lines:
+def read_lines(path: Path, text: str, skip: int) -> TextLines:
     """Return the lines after the first `skip` that hold something; raises InputError without any."""
     # Not str.splitlines: it also breaks at form feeds and other characters a cell may hold.
     everything = text.replace("\r\n", "\n").replace("\r", "\n").rstrip("\x1a").split("\n")
@@ -141,7 +141,7 @@ def read_lines(path: Path, text: str, skip: int) -> Lines:
         where = f" after the {skip} lines of skip_rows" if skip else ""
         raise InputError.at(str(path), f"holds no data{where}: only blank lines and comments")
     before = [bare for line in everything[skip : filled[0][0] - 1] if (bare := line.strip())]
-    return Lines(
+    return TextLines(
         path=path,
         texts=[line for _, line in filled],
         numbers=[n for n, _ in filled],

@@ -43,7 +43,7 @@ from bayesdrill.report.publish import FIT_ALONE, RESIDUALS
 from bayesdrill.report.scales import WIDTHS
 from bayesdrill.report.sections import fit_words
 from bayesdrill.report.sections.fit_words import Course, Fit, Signal, every_fit
-from bayesdrill.report.sections.physics_words import Rub
+from bayesdrill.report.sections.physics_words import FrictionCourse
 from bayesdrill.report.view import Drawing, ReportContext, for_each_experiment
 
 FIT_SHARE = 0.6  # of the width, for the signals, where the residuals are beside them
@@ -51,11 +51,7 @@ FIT_SHARE = 0.6  # of the width, for the signals, where the residuals are beside
 
 @dataclass(frozen=True, slots=True)
 class _Sizes:
-    """The sizes of panels in inches.
-
-    `row` of signals, `residuals`, `course` of an input or a friction, `legend` above
-    signals.
-    """
+    """Inches of signals (`row`), of inputs and frictions (`course`), of `residuals` and the rest."""
 
     row: float
     residuals: float
@@ -75,11 +71,9 @@ _NARROW = _Sizes(0.95, 0.55, 0.55, 0.68, 0.27, 0.38, 0.0, 0.1, 0.17, 0.5)
 
 @dataclass(frozen=True, slots=True)
 class FitPage:
-    """A page with its panels.
+    """Panels of inputs (`courses`), of signals and residuals by channel (`rows`), and of `rubs`.
 
-    `courses`: a panel for each input; `rows`: signals and residuals of each channel; `rubs`: a
-    panel for each friction. `constant_line`: the height in the figure, as a share, of the line that says
-    what is constant.
+    `constant_line`: the height in the figure, as a share, of the line that says what is constant.
     """
 
     figure: Figure
@@ -226,7 +220,7 @@ def _course(panel: Axes, course: Course, time: scales.Scale, t: Array) -> None:
     panel.plot(time(t[drawn]), scale(u[drawn]), drawstyle=style_of, **style.BLACK_LINE)
 
 
-def _rub(panel: Axes, rub: Rub, time: scales.Scale, t: Array) -> None:
+def _rub(panel: Axes, rub: FrictionCourse, time: scales.Scale, t: Array) -> None:
     """Held from sample to sample, as it acts; where it sticks the panel is hatched."""
     drawn = extremes(rub.effort, LINE_POINTS)
     band = rub.effort[None] if rub.band is None else rub.band

@@ -26,7 +26,7 @@ from bayesdrill.inference.residual_checks import Left, like_noise
 from bayesdrill.inference.unknowns import of_label
 from bayesdrill.output_files import numbered
 from bayesdrill.report.section import Plain, Sentences, Table, aligned
-from bayesdrill.report.sections.physics_words import Rub, rubs
+from bayesdrill.report.sections.physics_words import FrictionCourse, rubs
 from bayesdrill.rig import models
 from bayesdrill.rig.models.linear import Roles
 
@@ -69,7 +69,7 @@ class Fit:
     signals: tuple[Signal, ...]
     courses: tuple[Course, ...] = ()
     constant: tuple[tuple[Symbol, float], ...] = ()
-    rubs: tuple[Rub, ...] = ()
+    rubs: tuple[FrictionCourse, ...] = ()
     label: str = ""
 
 

@@ -38,7 +38,7 @@ def product(names: Sequence[str], exponents: Sequence[float]) -> str:
 def full(study: IdentifiabilityStudy) -> str:
     """All that `identify` prints."""
     rubs, stands = physics_words.friction_sentences(study.frictions), torque_words.stand_ins(study)
-    parts = [structure(study), resting(study), knowledge(study), nuisances(study)]
+    parts = [structure(study), dependence_sentences(study), knowledge(study), nuisances(study)]
     parts += [rubs, stands, remedies(study)]
     return "\n\n".join(part for part in parts if part).rstrip()
 
@@ -102,7 +102,7 @@ def symmetry(names: Sequence[str], exponents: Exponents) -> str:
     return f"with {', '.join(parts)}, for any factor f, no measured signal changes"
 
 
-def resting(study: IdentifiabilityStudy) -> str:
+def dependence_sentences(study: IdentifiabilityStudy) -> str:
     """A sentence for each scale that numbers which are held settle, or would."""
     lines = []
     for dependence in study.resting:
@@ -180,7 +180,7 @@ def remedies(study: IdentifiabilityStudy) -> str:
 
 def brief(study: IdentifiabilityStudy) -> str:
     """For the start of a run: the symmetries, or that there are none, and where to read on."""
-    symmetries, rests = _symmetries(study), resting(study).splitlines()
+    symmetries, rests = _symmetries(study), dependence_sentences(study).splitlines()
     if not symmetries:
         return "\n".join([_of_each(study), *rests])
     lines = [

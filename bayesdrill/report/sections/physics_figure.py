@@ -21,8 +21,14 @@ from bayesdrill.inference.derived import HDI_PROBABILITY
 from bayesdrill.report import scales, style
 from bayesdrill.report.pages import Page, inches_panel, legend_above
 from bayesdrill.report.sections.fit_figure import extremes
-from bayesdrill.report.sections.physics_words import Balance, Law, Stacked, energy_balance, laws
-from bayesdrill.report.sections.torque_words import Against, Shown, torque_shown
+from bayesdrill.report.sections.physics_words import (
+    Balance,
+    LawShown,
+    Stacked,
+    energy_balance,
+    laws,
+)
+from bayesdrill.report.sections.torque_words import Against, TorqueShown, torque_shown
 from bayesdrill.report.view import Drawing, ReportContext, for_each_experiment
 
 JOULES = Symbol("E", "J", "E", "J", "energy so far")
@@ -134,7 +140,7 @@ BEST: dict[str, Any] = {"color": style.BLACK, "linewidth": 1.0}
 SEEN: dict[str, Any] = {"color": style.MIDDLE}
 
 
-def friction_figure(laws: Sequence[Law], width: float = scales.DOUBLE) -> Figure:
+def friction_figure(laws: Sequence[LawShown], width: float = scales.DOUBLE) -> Figure:
     """Draw a panel for each friction law."""
     page = PAGE if width >= scales.DOUBLE else SMALL
     with style.styled(page.width):
@@ -152,7 +158,7 @@ def friction_figure(laws: Sequence[Law], width: float = scales.DOUBLE) -> Figure
     return figure
 
 
-def _law(panel: Axes, law: Law) -> None:
+def _law(panel: Axes, law: LawShown) -> None:
     curves = [law.best, *([] if law.band is None else law.band)]
     curves += [] if law.nominal is None else [law.nominal]
     far = HEAD * max(float(np.abs(curve).max()) for curve in curves) or 1.0
@@ -183,7 +189,7 @@ TORQUE_SMALL = dataclasses.replace(TORQUE_PAGE, columns=1, width=scales.SINGLE, 
 TORQUE_POINTS = 1200  # of a line over time, and dots of a panel
 
 
-def torque_figure(shown: Shown, width: float = scales.DOUBLE) -> Figure:
+def torque_figure(shown: TorqueShown, width: float = scales.DOUBLE) -> Figure:
     """Draw the torque over time, and against each thing that it may follow."""
     page = TORQUE_PAGE if width >= scales.DOUBLE else TORQUE_SMALL
     y = scales.scale(float(shown.band[0].min()), float(shown.band[1].max()), margin=0.04)
@@ -203,7 +209,7 @@ def torque_figure(shown: Shown, width: float = scales.DOUBLE) -> Figure:
     return figure
 
 
-def _over_time(panel: Axes, shown: Shown, y: scales.Scale) -> None:
+def _over_time(panel: Axes, shown: TorqueShown, y: scales.Scale) -> None:
     x = scales.scale(float(shown.t[0]), float(shown.t[-1]))
     some = style.thin(len(shown.t), TORQUE_POINTS)
     t = x(shown.t[some])
@@ -213,7 +219,7 @@ def _over_time(panel: Axes, shown: Shown, y: scales.Scale) -> None:
 
 
 def _against(
-    panel: Axes, regressor: Against, shown: Shown, y: scales.Scale, *, labelled: bool
+    panel: Axes, regressor: Against, shown: TorqueShown, y: scales.Scale, *, labelled: bool
 ) -> None:
     x = scales.scale(float(regressor.values.min()), float(regressor.values.max()), margin=0.02)
     some = style.thin(len(regressor.values), TORQUE_POINTS)

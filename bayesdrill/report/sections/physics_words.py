@@ -45,7 +45,7 @@ _HEADERS = ("", "unit", "nominal", "mean", "sd", HDI, "dev. %", "meaning")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Shown:
+class FrictionShown:
     """What a corner plot shows: `draws (N, D)`, and nominal and MAP where there are any; SI."""
 
     draws: Array
@@ -87,7 +87,7 @@ def derived_shown(
     draws: Array,
     derived: Derived,
     theta: Array,
-) -> Shown:
+) -> FrictionShown:
     """Of the unknowns `draws (E, N, D)` and what is derived, those of `names`; None: all unknowns.
 
     `theta (1, D)` is the MAP.  Draws without a value, and columns of one value alone, are left out.
@@ -107,7 +107,7 @@ def derived_shown(
         return derived_shown(problem, None, draws, derived, theta)
     picked = picked[:, some]
     nominal = {name: x for name, x in derived.nominal.items() if np.isfinite(x)}
-    return Shown(
+    return FrictionShown(
         draws=picked[np.isfinite(picked).all(axis=1)],
         symbols=tuple(symbols[order.index(wanted[k])] for k in some),
         nominal={**nominal, **problem.nominal},
@@ -252,7 +252,7 @@ def speed_symbol(state: str, roles: Roles) -> Symbol:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Rub:
+class FrictionCourse:
     """A friction over time: at the MAP `effort (T,)`, its `band (2, T)` where there are draws, and the
     times between which it `sticks`.
     """
@@ -264,7 +264,7 @@ class Rub:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Law:
+class LawShown:
     """A friction over its speeds `(G,)`: at the MAP, with its band over draws `(2, G)`, and by nominal
     values, where all of it has one; `seen (T,)`: the speeds of the record.
     """
@@ -279,10 +279,10 @@ class Law:
     seen: Array
 
 
-def rubs(rubbings: Sequence[FrictionMotion], clock: Unit) -> tuple[Rub, ...]:
+def rubs(rubbings: Sequence[FrictionMotion], clock: Unit) -> tuple[FrictionCourse, ...]:
     """Of one experiment."""
     return tuple(
-        Rub(
+        FrictionCourse(
             label=effort_symbol(rubbing.friction),
             effort=rubbing.effort,
             band=None if len(rubbing.efforts) < 2 else np.quantile(rubbing.efforts, TAILS, axis=0),
@@ -298,14 +298,14 @@ def laws(
     problem: Problem,
     best: Array,
     draws: Array,
-) -> tuple[Law, ...]:
+) -> tuple[LawShown, ...]:
     """Of one experiment, at the MAP `best (D,)` and draws `(N, D)`."""
     space, every = problem.posterior.space, []
     for rubbing in rubbings:
         points = np.vstack([best[None], draws])
         shown = friction_curve(observation, rubbing, space.full(points))
         every.append(
-            Law(
+            LawShown(
                 speed=speed_symbol(rubbing.friction.against, observation.response.model.roles),
                 effort=effort_symbol(rubbing.friction),
                 where=rubbing.friction.where,

@@ -51,7 +51,7 @@ class Against:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Shown:
+class TorqueShown:
     """Of one experiment; `expected (T,)`, `band (2, T)`."""
 
     t: Array
@@ -62,8 +62,8 @@ class Shown:
     against: tuple[Against, ...]
 
 
-def torque_shown(torque: TorqueEstimate, clock: Unit) -> Shown:
-    return Shown(
+def torque_shown(torque: TorqueEstimate, clock: Unit) -> TorqueShown:
+    return TorqueShown(
         t=torque.t / clock.factor,
         time=dataclasses.replace(TIME, latex_unit=clock.latex),
         torque=TORQUE,
@@ -157,7 +157,7 @@ def strayed(summary: TorqueSummary) -> str:
     )
 
 
-def followed(summary: TorqueSummary) -> str:
+def law_sentences(summary: TorqueSummary) -> str:
     """What the torque follows, a line for each; what it would be in the equations."""
     every = summary.follows
     taken = [law for law in every if law.taken]

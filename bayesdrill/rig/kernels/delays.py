@@ -26,9 +26,9 @@ from bayesdrill.rig.kernels.knots import (
     WHOLE,
     Arguments,
     Channels,
+    ExponentialLadder,
     GroupMatrices,
     IrregularShape,
-    Ladder,
     Slots,
     extrapolate_inputs,
     row_blocks,
@@ -210,7 +210,7 @@ class _Interval:
         for i, slot in enumerate(slots):
             b.write(b.read(a["z"], i), slot, 0)
         state = Slots(b, slots[: self.x], slots[self.x :])
-        ladder = Ladder(b, self.shape.layout, a["ladder"], a["levels"])
+        ladder = ExponentialLadder(b, self.shape.layout, a["ladder"], a["levels"])
         rungs = Loop(b, b.add(a["high"], a["depth"]), [], "rungs")
         below = b.sub(rungs.index, b.sub(a["high"], I64(1)))
         low = b.icmp_signed(">", below, I64(0))
@@ -273,11 +273,11 @@ class Late:
         b, a, high, width = self.b, self.a, self.a["high"], self.a.number(1)
         whole = b.fmul(width, b.sitofp(a["cells"], F64))
         levels = Loop(b, high, [whole], "high")
-        ladder = Ladder(b, m.layout, a["ladder"], self.own["levels"])
+        ladder = ExponentialLadder(b, m.layout, a["ladder"], self.own["levels"])
         ladder.fill(m, levels.index, b.splat(levels.carried[0]))
         levels.close([b.fmul(levels.carried[0], ir.Constant(F64, 2.0))])
         above = a.row("ladder", high, len(table_entries(m.layout)))
-        below = Ladder(b, m.layout, above, b.gep(self.own["levels"], [high]))
+        below = ExponentialLadder(b, m.layout, above, b.gep(self.own["levels"], [high]))
         below.fill_cell(m, cell, width)
         m.exponentiate(b.splat(width), m.e)
 

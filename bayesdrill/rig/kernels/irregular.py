@@ -25,9 +25,9 @@ from bayesdrill.rig.kernels.knots import (
     MAX_LEVELS,
     Arguments,
     Channels,
+    ExponentialLadder,
     GroupMatrices,
     IrregularShape,
-    Ladder,
     Slots,
     apply_exponential,
     emit_nodes,
@@ -68,7 +68,7 @@ class _Writer:
         self.e = b.alloca(VEC, I64(3 * layout.size**2 + 1))
         self.weights = b.alloca(VEC, I64(MAX_SERIES_DEGREE + 1))
         table = b.alloca(VEC, I64(MAX_LEVELS * len(table_entries(layout))))
-        self.ladder = Ladder(b, layout, table, b.alloca(VEC, I64(MAX_LEVELS)))
+        self.ladder = ExponentialLadder(b, layout, table, b.alloca(VEC, I64(MAX_LEVELS)))
         state = [b.alloca(VEC) for _ in range(layout.n_states)]
         self.place = Slots(b, state, [b.alloca(VEC) for _ in range(layout.n_series)])
         self.end = [b.alloca(VEC) for _ in range(layout.n_states)]  # the state at the last knot

@@ -1,7 +1,7 @@
 """Advance states over steps between knots that are not all equal, and observe channels at knots.
 
 A step is a node, whose exponential is in a table, and a remainder within a cell: halvings of the
-cell where that is long for a lane (`Ladder`), and then a Taylor series of few terms.
+cell where that is long for a lane (`ExponentialLadder`), and then a Taylor series of few terms.
 """
 
 from __future__ import annotations
@@ -279,7 +279,7 @@ def apply_exponential(
 
 
 @dataclass(frozen=True, slots=True)
-class Ladder:
+class ExponentialLadder:
     """Exponentials over `spans` that are halved or doubled from level to level."""
 
     b: Builder
@@ -346,7 +346,12 @@ def emit_nodes(m: GroupMatrices, a: Arguments, cell: Cell, width: ir.Value) -> N
 
 
 def emit_remainder(
-    m: GroupMatrices, cell: Cell, ladder: Ladder, share: ir.Value, slots: Slots, slopes: Values
+    m: GroupMatrices,
+    cell: Cell,
+    ladder: ExponentialLadder,
+    share: ir.Value,
+    slots: Slots,
+    slopes: Values,
 ) -> None:
     """Advance state and inputs by `share` (a number, 0 to 1) of a cell.
 

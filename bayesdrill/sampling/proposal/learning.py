@@ -318,7 +318,7 @@ def _draw(
     seed: Random,
 ) -> _Round:
     """Each draw is weighed with the density of all of them (the balance heuristic)."""
-    wide = mixture.widened(WIDE_FACTOR)
+    wide = mixture.with_width(WIDE_FACTOR)
     times = max(1, len(mixture.sheets) // RIDGES_PER_BATCH)
     narrow_draws, n_narrow = _inside(mixture, times * DRAWS_PER_ROUND, surface, seed)
     wide_draws, n_wide = _inside(wide, times * WIDE_DRAWS, surface, seed)
@@ -341,7 +341,7 @@ def _densities(mixture: Mixture, counts: tuple[int, int], u: Array) -> tuple[Arr
     """
     y, jacobian = mixture.straightened(u)
     log_q = mixture.log_density_at(y, jacobian)
-    log_wide = mixture.widened(WIDE_FACTOR).log_density_at(y, jacobian)
+    log_wide = mixture.with_width(WIDE_FACTOR).log_density_at(y, jacobian)
     return np.logaddexp(np.log(counts[0]) + log_q, np.log(counts[1]) + log_wide), log_q
 
 

@@ -195,7 +195,7 @@ class Mixture:
                 y[s, others], jacobian[s, others] = to_ridge_coordinates(sheet, drawn.u[others])
         return y, jacobian
 
-    def widened(self, factor: float) -> Mixture:
+    def with_width(self, factor: float) -> Mixture:
         """Return a mixture with components `factor` times as wide, and equal shares for the sheets."""
         each = np.array([self.weights[self.sheet == s].sum() for s in self.sheet])
         weights = self.weights / each

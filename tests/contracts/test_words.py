@@ -1,0 +1,112 @@
+"""Names are the field's own, and so are the first sentences of docstrings; texts for users are short.
+
+Private words that were retired do not come back, a public class has a name of its own, and no sentence
+that users read is longer than forty words.
+"""
+
+from __future__ import annotations
+
+import ast
+import re
+from collections import Counter
+from collections.abc import Iterator
+from pathlib import Path
+
+PACKAGE = Path(__file__).parents[2] / "bayesdrill"
+TREES = {path: ast.parse(path.read_text()) for path in sorted(PACKAGE.rglob("*.py"))}
+
+# As names of functions, classes, fields, arguments and variables.
+FILLERS = ("one", "found", "own")
+MOST_FILLERS = 50
+# As names of classes, functions and modules.
+RETIRED = frozenset(
+    """
+    told Told held Lane Scenery Scene Crew Shelf Look View Surface Expansion bent straighten
+    pull Settled Sheet Ridge Frame climb Climbed tops scouts Nowhere Shaken Shaking Pushed
+    Loaded Filtered Steadily taught met carried Tally Rub Going Past Regime Parts Turning
+    Stride marching Ahead Walkers Wired Sensing Measured Remains Fused Left scatter followed
+    Contender Layer Judged Hunt Instead Resting StandIn Vague Opened Widened Follows Deeds
+    Alike told_apart Odd Given Declared Entry strange Mark Sparing sealed opened in_the_way
+    take_away concluding laddering mapping as_they_come beginning choosing spreading settling
+    steadily striding left_out standing_in resting proving widened shaking rubbed sundry
+    elsewhere
+    """.split()  # noqa: SIM905
+)
+LONGEST_SENTENCE = 40  # words, of texts for users
+
+
+def nodes(*kinds: type[ast.AST]) -> Iterator[tuple[Path, ast.AST]]:
+    for path, tree in TREES.items():
+        for node in ast.walk(tree):
+            if isinstance(node, kinds):
+                yield path, node
+
+
+def identifiers() -> Iterator[str]:
+    """All names that are defined or used."""
+    for _, node in nodes(ast.Name, ast.arg, ast.Attribute, ast.FunctionDef, ast.ClassDef):
+        for field in ("id", "arg", "attr", "name"):
+            if (name := getattr(node, field, None)) is not None:
+                yield str(name)
+
+
+def test_names_are_not_fillers() -> None:
+    counts = Counter(name for name in identifiers() if name in FILLERS)
+    assert counts.total() <= MOST_FILLERS, counts
+
+
+def test_retired_words_do_not_come_back() -> None:
+    defined = {node.name for _, node in nodes(ast.FunctionDef, ast.ClassDef)}  # type: ignore[attr-defined]
+    modules = {path.stem for path in TREES}
+    assert (defined | modules) & RETIRED == set()
+
+
+def test_no_function_is_called_of() -> None:
+    """It says neither what it makes nor of what."""
+    assert [path.name for path, node in nodes(ast.FunctionDef) if node.name == "of"] == []  # type: ignore[attr-defined]
+
+
+def test_public_classes_have_names_of_their_own() -> None:
+    names = Counter(
+        node.name  # type: ignore[attr-defined]
+        for path, node in nodes(ast.ClassDef)
+        if not node.name.startswith("_") and "schema" not in path.parts  # type: ignore[attr-defined]
+    )
+    assert [name for name, count in names.items() if count > 1] == []
+
+
+def texts() -> Iterator[tuple[str, str]]:
+    """Strings that are neither docstrings nor code, with a word in the place of each value."""
+    for path, tree in TREES.items():
+        docstrings = {
+            id(node.body[0].value)
+            for node in ast.walk(tree)
+            if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef)
+            and node.body
+            and isinstance(node.body[0], ast.Expr)
+        }
+        inner = {
+            id(value)
+            for node in ast.walk(tree)
+            if isinstance(node, ast.JoinedStr)
+            for value in node.values
+        }
+        for node in ast.walk(tree):
+            if id(node) in docstrings | inner:
+                continue
+            if isinstance(node, ast.JoinedStr):
+                parts = [v.value if isinstance(v, ast.Constant) else "X" for v in node.values]
+                yield f"{path.relative_to(PACKAGE)}:{node.lineno}", "".join(map(str, parts))
+            elif isinstance(node, ast.Constant) and isinstance(node.value, str):
+                yield f"{path.relative_to(PACKAGE)}:{node.lineno}", node.value
+
+
+def test_sentences_for_users_are_short() -> None:
+    """Whoever has school English reads them; a semicolon does not end one."""
+    long = {
+        where: len(sentence.split())
+        for where, text in texts()
+        for sentence in re.split(r"(?<=[.!?])\s+|\n", text)
+        if len(sentence.split()) > LONGEST_SENTENCE
+    }
+    assert long == {}
