@@ -59,5 +59,5 @@ def test_those_that_lean_on_the_same_are_said_together() -> None:
     said = said_of.leaning({"k_s": ("j_1",), "k_e": ("c_m",), "j_m": ("j_1",)})
     first, second = said.splitlines()
     assert first.startswith("leaning: k_s, j_m on the prior of j_1. ")
-    assert second.startswith("leaning: k_e on the prior of c_m (")
+    assert second.startswith("leaning: k_e on the prior of c_m. ")
     assert said_of.leaning({}) == ""

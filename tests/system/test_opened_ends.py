@@ -56,9 +56,9 @@ def test_of_a_run_that_kept_nothing_nothing_is_said(out: Path) -> None:
     (out / OPENED).unlink()
     ran = systems.cli("report", out, "--processes", "1")
     assert ran.status == 0, ran.text
-    assert "note: priors of k_e end near nominal values, and draws beyond were not kept" in ran.out
-    assert "pressed against the prior: k_e" in ran.out
-    assert "sigmas are counted with" not in ran.out
+    assert "note: The priors of k_e end near nominal values" in ran.out
+    assert "At an end of its prior: k_e" in ran.out
+    assert "For the tension they are taken as open" not in ran.out
     ran = systems.cli("verify", out)
     assert ran.status == 2
     assert f"{OPENED}: not there: a run of an older version" in ran.err

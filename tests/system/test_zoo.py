@@ -19,7 +19,7 @@ from bayesdrill.config.schema.config import Config
 from bayesdrill.inference import residual_checks
 from benchmarks.zoo import folder, judge, rows, runs
 from benchmarks.zoo.__main__ import arguments
-from benchmarks.zoo.makers import ROOT, Driven, FrictionMotion, Otherwise
+from benchmarks.zoo.makers import ROOT, Driven, Otherwise, Rubbing
 from benchmarks.zoo.many import Posed
 from benchmarks.zoo.row import Row, Two
 from benchmarks.zoo.signals import Chirp, Loop, RandomSteps, Square
@@ -168,7 +168,7 @@ def test_every_kind_of_record_is_there(what: str) -> None:
 
 def test_unsound_rows_are_of_several_kinds() -> None:
     made = {type(row.made) for row in ROWS if not row.sound}
-    assert {Otherwise, FrictionMotion, Driven} < made
+    assert {Otherwise, Rubbing, Driven} < made
     assert {"servo_square", "servo_sweep", "servo_slow", "wrong_gear", "wrong_unit"} < set(
         ids(ROWS)
     )

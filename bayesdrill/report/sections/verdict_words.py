@@ -21,9 +21,9 @@ from bayesdrill.sampling.evidence import Evidence
 POOR = 0.1  # error, from which on it is said to be rough
 
 EVIDENCE_EXPLAINED = (
-    "The log evidence is the natural log of how probable this record is under the model, with all that "
-    "its priors allow. By itself it says nothing. The difference of two models of one record is the log "
-    "of their odds, if both were equally likely before (`bayesdrill compare`)."
+    "The log evidence is the natural log of how probable the samples are under the model, with all "
+    "that its priors allow. By itself it says nothing. The difference of two models of one record is "
+    "the log of their odds, if both were equally likely before (`bayesdrill compare`)."
 )
 
 
