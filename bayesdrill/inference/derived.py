@@ -60,20 +60,20 @@ def impossible(problem: Problem) -> dict[str, str]:
     if not problem.derived:
         return {}
     values = at(problem, problem.posterior.space.draw(_TRIED, np.random.default_rng(0)))
-    found = {}
-    for own in problem.derived:
-        name, text, x = own.symbol.name, own.expression.text, values[own.symbol.name]
+    result = {}
+    for formula in problem.derived:
+        name, text, x = formula.symbol.name, formula.expression.text, values[formula.symbol.name]
         x = np.abs(x[np.isfinite(x)])
         if not len(x):
-            found[name] = (
+            result[name] = (
                 f"'{text}' is no number at any of {_TRIED} draws from the priors; mend the formula"
             )
         elif x.max() > _LARGEST:
-            found[name] = (
+            result[name] = (
                 f"'{text}' reaches {x.max():.3g} where the priors allow it, too large for a mean; "
                 "rescale it"
             )
-    return found
+    return result
 
 
 def derive(problem: Problem, draws: Array) -> Derived:
@@ -135,7 +135,7 @@ def _product_name(exponents: Mapping[str, int]) -> str:
 def described(problem: Problem) -> tuple[Symbol, ...]:
     """In the order of the values."""
     tied = [models.PARAMETERS[name] for name in problem.posterior.space.relations]
-    return (*tied, *symbols.DERIVED.values(), *(own.symbol for own in problem.derived))
+    return (*tied, *symbols.DERIVED.values(), *(formula.symbol for formula in problem.derived))
 
 
 def at(problem: Problem, theta: Array) -> dict[str, Array]:
@@ -151,14 +151,14 @@ def _following(problem: Problem, named: Named, n: int) -> dict[str, Array]:
     told = first.named(model.parameters)
     p = {name: np.broadcast_to(named[told[name]], n) for name in model.parameters}
     linear = model.linear(p)
-    found = poles(model, linear, n) | steady(model, linear, n, typical_inputs(first.experiment))
-    known: dict[str, Array | float] = {**named, **found}
-    for own in problem.derived:
-        value = np.broadcast_to(own.expression.value(known), n)
-        found[own.symbol.name] = known[own.symbol.name] = np.where(
+    values = poles(model, linear, n) | steady(model, linear, n, typical_inputs(first.experiment))
+    known: dict[str, Array | float] = {**named, **values}
+    for formula in problem.derived:
+        value = np.broadcast_to(formula.expression.value(known), n)
+        values[formula.symbol.name] = known[formula.symbol.name] = np.where(
             np.isfinite(value), value, np.nan
         )
-    return found
+    return values
 
 
 def _nominal(problem: Problem) -> dict[str, float]:
@@ -169,8 +169,8 @@ def _nominal(problem: Problem) -> dict[str, float]:
     )
     held = {name: value for name, value in space.fixed.items() if name not in space.model}
     named |= {**held, **problem.nominal}
-    found = {name: float(x[0]) for name, x in _following(problem, named, 1).items()}
-    return {name: problem.nominal.get(name, np.nan) for name in space.relations} | found
+    values = {name: float(x[0]) for name, x in _following(problem, named, 1).items()}
+    return {name: problem.nominal.get(name, np.nan) for name in space.relations} | values
 
 
 def poles(model: Model, linear: Linear, n: int) -> dict[str, Array]:
@@ -187,15 +187,15 @@ def poles(model: Model, linear: Linear, n: int) -> dict[str, Array]:
         matrix = np.delete(np.delete(matrix, first, axis=1), first, axis=2)
     bad = ~np.isfinite(matrix).all(axis=(1, 2))
     matrix[bad] = 0.0
-    found = np.linalg.eigvals(matrix)
-    size = np.abs(found)
+    eigenvalues = np.linalg.eigvals(matrix)
+    size = np.abs(eigenvalues)
     with np.errstate(all="ignore"):
-        swings = np.abs(found.imag) > _FLAT * size
+        swings = np.abs(eigenvalues.imag) > _FLAT * size
         slowest = np.where(swings, size, np.inf).min(axis=1, keepdims=True)
         seen = swings & (size <= _FAST * slowest)
-        damping = np.where(seen, -found.real / size, np.inf)
+        damping = np.where(seen, -eigenvalues.real / size, np.inf)
         least = np.argmin(damping, axis=1)[:, None]
-        times = np.where(swings, np.nan, -1.0 / found.real)
+        times = np.where(swings, np.nan, -1.0 / eigenvalues.real)
     none = ~swings.any(axis=1)
     fastest = np.argmax(np.where(swings & ~seen, 0.0, size), axis=1)[:, None]
     current = model.roles.motor.current in model.states
@@ -219,10 +219,10 @@ def steady(model: Model, linear: Linear, n: int, inputs: Mapping[str, float]) ->
     pushed = constant_forcing(linear, model.states, n, inputs)
     angles = angle_indices(model)
     turned = rotates_freely(matrix, angles)
-    found = equilibrium(fix_rotation(matrix, angles) if turned else matrix, pushed)
-    speed = found[:, angles[0]] if turned else 0.0 * found[:, angles[0]]
+    values = equilibrium(fix_rotation(matrix, angles) if turned else matrix, pushed)
+    speed = values[:, angles[0]] if turned else 0.0 * values[:, angles[0]]
     current = model.roles.motor.current in model.states
-    at_end = found[:, model.states.index(model.roles.motor.current)] if current else _none(n)
+    at_end = values[:, model.states.index(model.roles.motor.current)] if current else _none(n)
     return {"w_end": speed, "i_end": at_end}
 
 

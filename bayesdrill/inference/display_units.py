@@ -50,8 +50,10 @@ class OwnUnits:
 
     def symbol(self, si: Symbol) -> Symbol:
         """With its unit in words and in LaTeX."""
-        own = self.units.get(si.name)
-        return si if own is None else dataclasses.replace(si, unit=own.name, latex_unit=own.latex)
+        unit = self.units.get(si.name)
+        return (
+            si if unit is None else dataclasses.replace(si, unit=unit.name, latex_unit=unit.latex)
+        )
 
     def symbols(self, si: Iterable[Symbol]) -> tuple[Symbol, ...]:
         return tuple(map(self.symbol, si))
@@ -76,12 +78,12 @@ class OwnUnits:
         return tuple(map(self._row, si))
 
     def _row[R: Told](self, si: R) -> R:
-        own = self.units.get(si.name)
-        if own is None:
+        unit = self.units.get(si.name)
+        if unit is None:
             return si
         known = {key: getattr(si, key, None) for key in _VALUES}
-        values = {key: x / own.factor for key, x in known.items() if x is not None}
-        return dataclasses.replace(si, unit=own.name, **values)  # type: ignore[type-var]
+        values = {key: x / unit.factor for key, x in known.items() if x is not None}
+        return dataclasses.replace(si, unit=unit.name, **values)  # type: ignore[type-var]
 
     def prior(self, name: str, si: Prior) -> Prior:
         return si if (factor := self.factor(name)) == 1.0 else si.scaled(1 / factor)

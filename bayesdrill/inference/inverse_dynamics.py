@@ -57,7 +57,7 @@ def regression_start(posterior: Posterior) -> Array | None:
     def misfits(u: Array) -> Array:
         full = space.full(unknowns(u))
         each = zip(observations, motions, strict=True)
-        parts = [motion.misfits(one.told(full)[0]) for one, motion in each]
+        parts = [motion.misfits(item.told(full)[0]) for item, motion in each]
         return np.nan_to_num(np.concatenate(parts), posinf=FAR, neginf=-FAR)
 
     bounds = surface.low[columns], surface.high[columns]

@@ -57,9 +57,9 @@ def sandwich(posterior: Posterior, theta: Array) -> Array:
     full, rows = posterior.space.full(both), _record_rows(posterior, theta)
     prior = np.diag([natural_spread(unknown) ** -2.0 for unknown in posterior.space.unknowns])
     middle = prior.copy()
-    for one in posterior.likelihood.observations:
-        terms = one.pointwise(one.residuals(full).samples, both)
-        density = np.nansum(np.where(one.experiment.seen, terms, 0.0), axis=2).T  # (T, 2 D)
+    for observation in posterior.likelihood.observations:
+        terms = observation.pointwise(observation.residuals(full).samples, both)
+        density = np.nansum(np.where(observation.experiment.seen, terms, 0.0), axis=2).T  # (T, 2 D)
         middle += long_run((density[:, : len(theta)] - density[:, len(theta) :]) / (2 * _STEP))
     bread = np.linalg.inv(rows.T @ rows + prior)
     return np.asarray(bread @ middle @ bread)
@@ -90,8 +90,8 @@ def long_run(scores: Array) -> Array:
 
 def _neighbours_correlation(x: Array) -> Array:
     """Of the columns of `x (T, D)`."""
-    found = (x[1:] * x[:-1]).sum(axis=0) / np.maximum((x**2).sum(axis=0), 1e-300)
-    return np.clip(found, -MOST_REMEMBERED, MOST_REMEMBERED)
+    correlation = (x[1:] * x[:-1]).sum(axis=0) / np.maximum((x**2).sum(axis=0), 1e-300)
+    return np.clip(correlation, -MOST_REMEMBERED, MOST_REMEMBERED)
 
 
 def slopes_by_logs(coordinates: Coordinates, theta: Array) -> Array:
@@ -125,18 +125,22 @@ def _record_rows(posterior: Posterior, theta: Array) -> Array:
     up, down = _neighbours(posterior.coordinates, theta)
     full = posterior.space.full(np.concatenate([up, down]))
     rows, levels = [], []
-    for one in posterior.likelihood.observations:
-        signals = one.signals(full)
-        shifts = np.where(one.experiment.seen, signals[: len(theta)] - signals[len(theta) :], 0.0)
-        if one.white:
-            slopes = np.asarray(shifts / (2 * _STEP * one.scales(theta[None])[0]))
+    for observation in posterior.likelihood.observations:
+        signals = observation.signals(full)
+        shifts = np.where(
+            observation.experiment.seen, signals[: len(theta)] - signals[len(theta) :], 0.0
+        )
+        if observation.white:
+            slopes = np.asarray(shifts / (2 * _STEP * observation.scales(theta[None])[0]))
         else:
-            slopes = one.inform(shifts / (2 * _STEP), np.repeat(theta[None], len(shifts), axis=0))
+            slopes = observation.inform(
+                shifts / (2 * _STEP), np.repeat(theta[None], len(shifts), axis=0)
+            )
         rows.append(np.nan_to_num(slopes.reshape(len(theta), -1), posinf=0.0, neginf=0.0).T)
-        information = one.expected(theta)
+        information = observation.expected(theta)
         diagonal = information.ndim == 1
         root_ = np.diag(np.sqrt(information)) if diagonal else np.linalg.cholesky(information).T
-        levels.append(root_ @ np.eye(len(theta))[one.own])
+        levels.append(root_ @ np.eye(len(theta))[observation.noise_columns])
     return np.vstack([*rows, *levels])
 
 
@@ -217,12 +221,12 @@ class PosteriorSurface:
         self.posterior = posterior
         self.physical = physical
         self._priors = tuple(posterior.space.priors.values())
-        ends = np.array([_ends(one) for one in posterior.space.unknowns]).T
+        ends = np.array([_ends(unknown) for unknown in posterior.space.unknowns]).T
         self.low, self.high = posterior.coordinates.from_physical(ends)
         shares = (np.arange(SHARES) + 0.5) / SHARES
         quantiles = np.stack([prior.quantile(shares) for prior in self._priors], axis=-1)
         # Where coordinates are numbers.
-        floor = [-np.inf if one.signed else 1e-300 for one in posterior.space.unknowns]
+        floor = [-np.inf if unknown.signed else 1e-300 for unknown in posterior.space.unknowns]
         usual = posterior.coordinates.from_physical(np.maximum(quantiles, floor))
         self.middle, self.spread = usual.mean(axis=0), usual.std(axis=0)
         # What lies at an end must not be rounded beyond it.
@@ -269,8 +273,8 @@ class PosteriorSurface:
         )
         slope = np.zeros((len(theta), directions.shape[1]))
         curvature = np.zeros((len(theta), directions.shape[1], directions.shape[1]))
-        for one in self.posterior.likelihood.observations:
-            for pulled, bent in one.expand(at):
+        for observation in self.posterior.likelihood.observations:
+            for pulled, bent in observation.expand(at):
                 slope, curvature = slope + pulled, curvature + bent
         return slope, curvature
 

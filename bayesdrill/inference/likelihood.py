@@ -119,15 +119,15 @@ class Observation:
     levels: Sequence[str]
     label: str = ""
     columns: list[int] | None = None
-    own: slice | list[int] = slice(0)
+    noise_columns: slice | list[int] = slice(0)
 
     def placed(self, space: ParameterSpace) -> Self:
         """Among the parameters and unknowns of all."""
         columns: list[int] | None = [space.model.index(name) for name in self.parameters]
         if columns == list(range(len(space.model))):
             columns = None
-        own = _places([space.free.index(name) for name in self.levels], len(space.free))
-        return dataclasses.replace(self, columns=columns, own=own)
+        noise_columns = _places([space.free.index(name) for name in self.levels], len(space.free))
+        return dataclasses.replace(self, columns=columns, noise_columns=noise_columns)
 
     @property
     def experiment(self) -> Experiment:
@@ -141,9 +141,9 @@ class Observation:
         """What its simulator takes of parameters `(..., P)`."""
         return full if self.columns is None else full[..., self.columns]
 
-    def named(self, own: Sequence[str]) -> dict[str, str]:
+    def named(self, texts: Sequence[str]) -> dict[str, str]:
         """What the first parameters of its simulator are called among those of all."""
-        return dict(zip(own, self.parameters, strict=False))
+        return dict(zip(texts, self.parameters, strict=False))
 
     def residuals(self, full: Array) -> Remains:
         return Remains(self.response, self.told(full))
@@ -239,37 +239,37 @@ class Observation:
 
     def by_channel(self, full: Array, theta: Array) -> Array:
         """Log likelihood `(W, K)`."""
-        return self.noise.log_likelihood(self.residuals(full), theta[:, self.own])
+        return self.noise.log_likelihood(self.residuals(full), theta[:, self.noise_columns])
 
     def pointwise(self, samples: Array, theta: Array) -> Array:
         """`(W, T, K)`, of residuals: log density of each given those before it."""
-        return self.noise.pointwise(samples, theta[:, self.own])
+        return self.noise.pointwise(samples, theta[:, self.noise_columns])
 
     def scales(self, theta: Array) -> Array:
         """Standard deviations of single samples `(W, K)`, SI."""
-        return self.noise.scales(theta[:, self.own])
+        return self.noise.scales(theta[:, self.noise_columns])
 
     def whiten(self, samples: Array, theta: Array) -> Array:
         """`(W, T, K)`: independent and standard normal, where residuals are as it says."""
-        return self.noise.whiten(samples, theta[:, self.own])
+        return self.noise.whiten(samples, theta[:, self.noise_columns])
 
     def innovations(self, samples: Array, theta: Array) -> Array:
         """`(W, T, K)`, SI: errors of one-step-ahead predictions."""
-        return self.noise.innovations(samples, theta[:, self.own])
+        return self.noise.innovations(samples, theta[:, self.noise_columns])
 
     def inform(self, shifts: Array, theta: Array) -> Array:
         """`(W, T, K)`: see `Noise.inform`."""
-        return self.noise.inform(shifts, theta[:, self.own])
+        return self.noise.inform(shifts, theta[:, self.noise_columns])
 
     def expand(self, at: Directions) -> Iterator[tuple[Array, Array]]:
         """Slopes `(W, q)` and curvatures `(W, q, q)` of the log likelihood, which add up."""
-        left, own = self.residuals(at.full), at.theta[:, self.own]
+        left, noise_columns = self.residuals(at.full), at.theta[:, self.noise_columns]
         if at.along is not None:
-            left, slope, curvature = self._slopes_of_signals(at.full, at.along, own)
+            left, slope, curvature = self._slopes_of_signals(at.full, at.along, noise_columns)
             yield slope, curvature
         if self.noise.unknowns:
-            levels, owned = at.by_log[:, self.own], at.columns[self.own]
-            pulled, bent = self.noise.bend(left, own)
+            levels, owned = at.by_log[:, self.noise_columns], at.columns[self.noise_columns]
+            pulled, bent = self.noise.bend(left, noise_columns)
             if bent.ndim == levels.ndim:
                 curvature = weighted(owned, bent * levels**2)
             else:
@@ -277,29 +277,29 @@ class Observation:
             yield along(levels * pulled, owned), curvature
 
     def _slopes_of_signals(
-        self, full: Array, along: Array, own: Array
+        self, full: Array, along: Array, noise_values: Array
     ) -> tuple[Remains, Array, Array]:
         """Residuals; slope `(W, q)` and curvature `(W, q, q)` along `along (W, q, P)`."""
         left = self.residuals(full)
         if self.noise.white:
-            turned, scales = self.told(along), 1.0 / self.noise.scales(own)
+            turned, scales = self.told(along), 1.0 / self.noise.scales(noise_values)
             squares, slope, curvature = self.response.normal(left.full, turned, scales)
             return Remains(self.response, left.full, squares), slope, curvature
         seen = self.experiment.seen
         shifts = np.where(seen, self.sensitivities(full, along), 0.0)  # (W, q, T, K)
-        pull = np.where(seen, self.noise.pull(left.samples, own), 0.0)
+        pull = np.where(seen, self.noise.pull(left.samples, noise_values), 0.0)
         slope = np.einsum("wqtk,wtk->wq", shifts, pull)
-        rows = [self.noise.inform(shifts[:, q], own) for q in range(along.shape[1])]
+        rows = [self.noise.inform(shifts[:, q], noise_values) for q in range(along.shape[1])]
         flat = np.stack(rows, axis=1).reshape(*shifts.shape[:2], -1)
         return left, slope, flat @ flat.swapaxes(1, 2)
 
     def expected(self, theta: Array) -> Array:
         """See `Noise.expected`; `theta (D,)`."""
-        return self.noise.expected(theta[self.own])
+        return self.noise.expected(theta[self.noise_columns])
 
     def fitted(self, samples: Array, theta: Array) -> Array:
         """See `Noise.fitted`; residuals `samples (T, K)`, `theta (D,)`."""
-        return self.noise.fitted(samples, theta[self.own])
+        return self.noise.fitted(samples, theta[self.noise_columns])
 
     def followed(self, full: Array, theta: Array) -> Array:
         """The channels without noise, `(W, T, K)`, with what a missing torque moves of them."""
@@ -307,7 +307,7 @@ class Observation:
 
     def draw(self, signals: Array, theta: Array, rng: np.random.Generator) -> Array:
         """Another record `(W, T, K)` of these signals."""
-        return self.noise.draw(signals, theta[:, self.own], rng)
+        return self.noise.draw(signals, theta[:, self.noise_columns], rng)
 
     def again(self, signals: Array, theta: Array, rng: np.random.Generator) -> Array:
         """This record once more `(W, T, K)`: with fresh noise, and the torque that it had."""
@@ -328,12 +328,12 @@ class Likelihood:
     @classmethod
     def joint(cls, space: ParameterSpace, parts: Sequence[Observation]) -> Likelihood:
         """Of several experiments; their names stand in `space`."""
-        return cls(tuple(one.placed(space) for one in parts), space)
+        return cls(tuple(part.placed(space) for part in parts), space)
 
     def without(self, labels: Collection[str]) -> Likelihood:
         """With these experiments `apart`."""
-        kept = [one for one in self.observations if one.label not in labels]
-        apart = [one for one in self.observations if one.label in labels]
+        kept = [observation for observation in self.observations if observation.label not in labels]
+        apart = [observation for observation in self.observations if observation.label in labels]
         return Likelihood(tuple(kept), self.space, tuple(apart))
 
     def __call__(self, theta: Array) -> Array:
@@ -344,17 +344,17 @@ class Likelihood:
     def by_channel(self, theta: Array) -> Array:
         """`(W, K)`, of the channels of all observations."""
         full = self.space.full(theta)
-        return _joined([one.by_channel(full, theta) for one in self.observations])
+        return _joined([observation.by_channel(full, theta) for observation in self.observations])
 
     @property
     def numbers(self) -> int:
         """How many were measured."""
-        return sum(one.numbers for one in self.observations)
+        return sum(observation.numbers for observation in self.observations)
 
     def per_number(self, theta: Array) -> Array:
         """Squared residuals over the noise variance, their mean `(W,)`: 1 where only noise is left."""
         full = self.space.full(theta)
-        left = _joined([one.left(full, theta) for one in self.observations])
+        left = _joined([observation.left(full, theta) for observation in self.observations])
         return np.asarray(left.sum(axis=-1) / self.numbers)
 
     # Of the only observation, where there is no other.
@@ -362,33 +362,35 @@ class Likelihood:
     def every_signal(self, theta: Array) -> list[Array]:
         """Of each observation, `(W, T, K)`."""
         full = self.space.full(theta)
-        return [one.signals(full) for one in self.observations]
+        return [observation.signals(full) for observation in self.observations]
 
     def pinned(self, theta: Array) -> Likelihood:
         """With covariances as they are at `theta (D,)`; the very same where no rig decides one."""
-        held = tuple(one.pinned(theta) for one in self.observations)
-        if all(one is old for one, old in zip(held, self.observations, strict=True)):
+        held = tuple(observation.pinned(theta) for observation in self.observations)
+        if all(
+            observation is old for observation, old in zip(held, self.observations, strict=True)
+        ):
             return self
         return dataclasses.replace(self, observations=held)
 
     def whitened(self, theta: Array) -> Array:
         """Model minus measured over the noise at `theta (D,)`; zero where nothing was seen: `(n,)`."""
         full, parts = self.space.full(theta[None]), []
-        for one in self.observations:
-            parts.append(one.informed(-one.residuals(full).samples, theta).ravel())
+        for observation in self.observations:
+            parts.append(observation.informed(-observation.residuals(full).samples, theta).ravel())
         return np.concatenate(parts)
 
     def rig(self, theta: Array) -> Array:
         """Parameters of the rig `(W, P)`, in the model's order, as the first observation has them."""
-        one = self.observations[0]
-        told = one.told(self.space.full(theta))
-        return told[:, : len(one.response.model.parameters)]
+        first = self.observations[0]
+        told = first.told(self.space.full(theta))
+        return told[:, : len(first.response.model.parameters)]
 
     @property
     def alone(self) -> Observation:
         """Raises `ValueError` where there are more."""
-        (one,) = self.observations
-        return one
+        (only,) = self.observations
+        return only
 
     @property
     def response(self) -> Simulator:

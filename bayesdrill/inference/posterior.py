@@ -41,7 +41,7 @@ class Posterior:
         free: Sequence[Unknown] = (),
         priors: Mapping[str, Prior] = MappingProxyType({}),
         records: Sequence[Array] = (),
-        each: Callable[[Observation], Observation] = lambda one: one,
+        each: Callable[[Observation], Observation] = lambda observation: observation,
     ) -> Posterior:
         """Return it with something changed, and all else as it is: steps, sensors, experiments.
 
@@ -53,12 +53,12 @@ class Posterior:
         space = self.space if not free else _with_unknowns(self.space, free)
         space = space if not priors else space.with_priors(priors)
         observations, apart = (
-            tuple(each(one).placed(space) for one in some)
+            tuple(each(observation).placed(space) for observation in some)
             for some in (self.likelihood.observations, self.likelihood.apart)
         )
         if records:
             pairs = zip(observations, records, strict=True)
-            observations = tuple(one.with_record(y) for one, y in pairs)
+            observations = tuple(pair.with_record(y) for pair, y in pairs)
         coordinates = self.coordinates if space is self.space else space.coordinates()
         return Posterior(space, Likelihood(observations, space, apart), coordinates)
 
@@ -96,10 +96,10 @@ class Posterior:
 
 def _with_unknowns(space: ParameterSpace, new: Sequence[Unknown]) -> ParameterSpace:
     """What is `new` among the unknowns, and no longer among what is held."""
-    names, old = [one.name for one in new], space.unknowns
+    names, old = [unknown.name for unknown in new], space.unknowns
     rig, moving = len(space.columns("rig", "quantity")), len(space.columns(*MOVES))
-    of_rig = [one for one in new if one.role == "rig"]
-    others = [one for one in new if one.role != "rig"]
+    of_rig = [unknown for unknown in new if unknown.role == "rig"]
+    others = [unknown for unknown in new if unknown.role != "rig"]
     return dataclasses.replace(
         space,
         model=(*space.model, *(name for name in names if name not in space.model)),

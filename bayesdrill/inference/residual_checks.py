@@ -96,26 +96,31 @@ class Left:
         return self.farthest > self.limits.farthest and not self.large
 
 
-def like_noise(found: Sequence[Left]) -> bool:
+def like_noise(summaries: Sequence[Left]) -> bool:
     """Whether no channel is left with more than its noise."""
-    return all(one.like_noise for one in found)
+    return all(summary.like_noise for summary in summaries)
 
 
 def left(likelihood: Likelihood, theta: Array) -> tuple[Left, ...]:
     """At the unknowns `theta (D,)`; an unknown sigma fits the size, unless its prior keeps it off."""
     full, row = likelihood.space.full(theta[None]), theta[None]
-    channels = sum(len(one.experiment.channels) for one in likelihood.observations)
+    channels = sum(len(observation.experiment.channels) for observation in likelihood.observations)
     return tuple(
-        found for one in likelihood.observations for found in _of(one, full, row, channels)
+        channel
+        for observation in likelihood.observations
+        for channel in _of(observation, full, row, channels)
     )
 
 
-def _of(one: Observation, full: Array, theta: Array, channels: int) -> Iterator[Left]:
+def _of(observation: Observation, full: Array, theta: Array, channels: int) -> Iterator[Left]:
     """`channels`: how many there are in all observations."""
-    experiment = one.experiment
-    remains = (experiment.y - one.followed(full, theta))[0]
-    samples = one.residuals(full).samples
-    whitened, innovations = one.whiten(samples, theta)[0], one.innovations(samples, theta)[0]
+    experiment = observation.experiment
+    remains = (experiment.y - observation.followed(full, theta))[0]
+    samples = observation.residuals(full).samples
+    whitened, innovations = (
+        observation.whiten(samples, theta)[0],
+        observation.innovations(samples, theta)[0],
+    )
     for k, seen in enumerate(experiment.seen.T):
         residuals, n = whitened[seen, k], int(seen.sum())
         squares = float(residuals @ residuals)
@@ -133,7 +138,7 @@ def _of(one: Observation, full: Array, theta: Array, channels: int) -> Iterator[
             farthest=float(abs(residuals[worst])),
             time=float(experiment.t[seen][worst]),
             limits=limits(n, channels, theta.shape[1]),
-            experiment=one.label,
+            experiment=observation.label,
             simulated=shares[1],
             ahead=shares[2],
         )
@@ -182,33 +187,36 @@ def correlations(likelihood: Likelihood, theta: Array) -> tuple[Correlation, ...
     """
     full = likelihood.space.full(theta[None])
     return tuple(
-        found for one in likelihood.observations for found in _correlations(one, full, theta[None])
+        correlation
+        for observation in likelihood.observations
+        for correlation in _correlations(observation, full, theta[None])
     )
 
 
-def input_sentences(found: Sequence[Correlation]) -> tuple[str, ...]:
+def input_sentences(correlations: Sequence[Correlation]) -> tuple[str, ...]:
     """Say which residuals follow an input beyond chance, all looks at all inputs taken together."""
-    every = [one for one in found if one.input]
-    looks = sum(len(one.lags) for one in every)
+    every = [correlation for correlation in correlations if correlation.input]
+    looks = sum(len(correlation.lags) for correlation in every)
     said = []
-    for one in every:
-        far = np.abs(one.values) / one.sds
+    for correlation in every:
+        far = np.abs(correlation.values) / correlation.sds
         k = int(far.argmax())
-        limit, lag = -float(scipy.special.ndtri(0.5 * FALSE_ALARM / looks)), int(one.lags[k])
+        limit = -float(scipy.special.ndtri(0.5 * FALSE_ALARM / looks))
+        lag, sd = int(correlation.lags[k]), correlation.sds[k]
         if far[k] > limit:
-            where = f" in {one.experiment}" if one.experiment else ""
+            where = f" in {correlation.experiment}" if correlation.experiment else ""
             said.append(
-                f"what the MAP leaves of {one.channel.name}{where} follows the input {one.input}, "
-                f"{lag:+d} samples ({lag * one.step:.3g} s) after it (correlation {one.values[k]:.2g}, "
-                f"chance gives at most {limit * one.sds[k]:.2g})"
+                f"the residuals of {correlation.channel.name}{where} follow the input "
+                f"{correlation.input}, {lag:+d} samples ({lag * correlation.step:.3g} s) after it "
+                f"(correlation {correlation.values[k]:.2g}, chance gives at most {limit * sd:.2g})"
                 + (": the input answers to the rig, or times are off" if lag < 0 else "")
             )
     return tuple(said)
 
 
-def _correlations(one: Observation, full: Array, theta: Array) -> Iterator[Correlation]:
-    experiment = one.experiment
-    whitened = one.whiten(one.residuals(full).samples, theta)[0]
+def _correlations(observation: Observation, full: Array, theta: Array) -> Iterator[Correlation]:
+    experiment = observation.experiment
+    whitened = observation.whiten(observation.residuals(full).samples, theta)[0]
     inputs = {name: u for name, u in experiment.series.items() if np.ptp(u) > 0}
     for k, seen in enumerate(experiment.seen.T):
         t = experiment.t[seen]
@@ -224,7 +232,9 @@ def _correlations(one: Observation, full: Array, theta: Array) -> Iterator[Corre
         memory, counts = _correlated(residuals, residuals, lags)
         last, sds = min(LAGS, int(lags[-1])), 1.0 / np.sqrt(counts)
         after = slice(1, last + 1)
-        of = partial(Correlation, channel=experiment.channels[k], step=step, experiment=one.label)
+        of = partial(
+            Correlation, channel=experiment.channels[k], step=step, experiment=observation.label
+        )
         yield of(input="", lags=lags[after], values=memory[after], sds=sds[after])
         both = np.arange(-last, last + 1)
         rho = memory[1]
@@ -235,10 +245,10 @@ def _correlations(one: Observation, full: Array, theta: Array) -> Iterator[Corre
             values = np.full(len(residuals), np.nan)
             values[places] = series[seen] - series[seen].mean()
             values = values[1:] - rho * values[:-1]
-            own, _ = _correlated(values, values, lags)
-            found, counts = _correlated(fresh, values, both)
-            joint = max(1.0, 1.0 + 2.0 * float(clear[1:] @ own[1:]))
-            yield of(input=name, lags=both, values=found, sds=np.sqrt(joint / counts))
+            input_memory, _ = _correlated(values, values, lags)
+            correlated, counts = _correlated(fresh, values, both)
+            joint = max(1.0, 1.0 + 2.0 * float(clear[1:] @ input_memory[1:]))
+            yield of(input=name, lags=both, values=correlated, sds=np.sqrt(joint / counts))
 
 
 def _correlated(late: Array, early: Array, lags: Indices) -> tuple[Array, Array]:

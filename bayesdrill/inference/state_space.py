@@ -53,8 +53,8 @@ class ShakenObservation(Observation):
 
     @property
     def unknowns(self) -> tuple[Unknown, ...]:
-        own = (u for u in self.process.values() if isinstance(u, Unknown))
-        return (*self.noise.unknowns, *own)
+        unknowns = (u for u in self.process.values() if isinstance(u, Unknown))
+        return (*self.noise.unknowns, *unknowns)
 
     @property
     def white(self) -> bool:
@@ -95,55 +95,59 @@ class ShakenObservation(Observation):
     def _own(self, theta: Array, full: Array | None = None) -> Array:
         assert self.space is not None
         told = self.told(self.space.full(theta) if full is None else full)
-        return np.concatenate([theta[:, self.own], told], axis=1)
+        return np.concatenate([theta[:, self.noise_columns], told], axis=1)
 
-    def _levels(self, own: Array) -> Array:
-        return own[..., : len(self.noise.unknowns)]
+    def _levels(self, noise_values: Array) -> Array:
+        return noise_values[..., : len(self.noise.unknowns)]
 
-    def _of_process(self, own: Array) -> Array:
+    def _of_process(self, noise_values: Array) -> Array:
         """Of the rig and its torque, `(..., P + 2)`."""
         first, count = len(self.unknowns), len(self.filtered.model.parameters)
-        rig = own[..., first : first + count]
+        rig = noise_values[..., first : first + count]
         if self.fixed is not None:
-            rig = np.broadcast_to(np.array(self.fixed[:count]), (*own.shape[:-1], count))
-        return np.concatenate([rig, self._sizes(own)], axis=-1)
+            rig = np.broadcast_to(np.array(self.fixed[:count]), (*noise_values.shape[:-1], count))
+        return np.concatenate([rig, self._sizes(noise_values)], axis=-1)
 
-    def _sizes(self, own: Array) -> Array:
+    def _sizes(self, noise_values: Array) -> Array:
         """Size and time of the torque, `(..., 2)`."""
-        out = np.empty((*own.shape[:-1], 2))
+        out = np.empty((*noise_values.shape[:-1], 2))
         column = len(self.noise.unknowns)
         for k, name in enumerate((SIZE, TIME)):
             value = self.process[name]
             if isinstance(value, Unknown):
-                out[..., k] = own[..., column]
+                out[..., k] = noise_values[..., column]
                 column += 1
             else:
                 out[..., k] = value
         return out
 
-    def _scales(self, own: Array) -> Array:
-        return self.noise.scales(self._levels(own))
+    def _scales(self, noise_values: Array) -> Array:
+        return self.noise.scales(self._levels(noise_values))
 
     def sizes(self, theta: Array) -> Array:
-        return self._sizes(theta[:, self.own])
+        return self._sizes(theta[:, self.noise_columns])
 
     def scales(self, theta: Array) -> Array:
         """Of the sensors alone."""
-        return self._scales(theta[:, self.own])
+        return self._scales(theta[:, self.noise_columns])
 
     # Densities.
 
     def by_channel(self, full: Array, theta: Array) -> Array:
-        own, record = self._own(theta, full), self.response.record
+        torque_values, record = self._own(theta, full), self.response.record
         if self.fixed is None and record is not None:
-            return self.filtered.log_density(self._of_process(own), self._scales(own), record)
-        return np.asarray(np.nansum(self._pointwise(self.residuals(full).samples, own), axis=1))
+            return self.filtered.log_density(
+                self._of_process(torque_values), self._scales(torque_values), record
+            )
+        return np.asarray(
+            np.nansum(self._pointwise(self.residuals(full).samples, torque_values), axis=1)
+        )
 
     def pointwise(self, samples: Array, theta: Array) -> Array:
         return self._pointwise(samples, self._own(theta))
 
-    def _pointwise(self, samples: Array, own: Array) -> Array:
-        white, variances = self._whitened(samples, own)
+    def _pointwise(self, samples: Array, noise_values: Array) -> Array:
+        white, variances = self._whitened(samples, noise_values)
         return np.asarray(-0.5 * (math.log(2 * math.pi) + np.log(variances) + white**2))
 
     def whiten(self, samples: Array, theta: Array) -> Array:
@@ -157,16 +161,20 @@ class ShakenObservation(Observation):
         return np.nan_to_num(self.whiten(shifts, theta))
 
     def draw(self, signals: Array, theta: Array, rng: np.random.Generator) -> Array:
-        own = self._own(theta)
+        torque_values = self._own(theta)
         with np.errstate(all="ignore"):
-            found = self.filtered.draw(self._of_process(own), self._scales(own), rng)[1]
-        return np.asarray(signals + found)
+            result = self.filtered.draw(
+                self._of_process(torque_values), self._scales(torque_values), rng
+            )[1]
+        return np.asarray(signals + result)
 
     def smooth(self, samples: Array, theta: Array) -> Array:
-        own = self._own(theta)
+        torque_values = self._own(theta)
         with np.errstate(all="ignore"):
-            found = self.filtered.smooth(self._of_process(own), self._scales(own), samples)
-        return np.asarray(found)
+            result = self.filtered.smooth(
+                self._of_process(torque_values), self._scales(torque_values), samples
+            )
+        return np.asarray(result)
 
     def followed(self, full: Array, theta: Array) -> Array:
         signals = self.signals(full)
@@ -174,45 +182,54 @@ class ShakenObservation(Observation):
         return signals + np.asarray(states @ self.filtered.weights.T)
 
     def known(self, samples: Array, theta: Array, rng: np.random.Generator) -> tuple[Array, Array]:
-        own = self._own(theta)
+        torque_values = self._own(theta)
         with np.errstate(all="ignore"):
-            fresh, shown = self.filtered.draw(self._of_process(own), self._scales(own), rng)
+            fresh, shown = self.filtered.draw(
+                self._of_process(torque_values), self._scales(torque_values), rng
+            )
         drawn = fresh + self.smooth(samples - shown, theta)
         return drawn, np.asarray(drawn @ self.filtered.weights.T)
 
     def again(self, signals: Array, theta: Array, rng: np.random.Generator) -> Array:
         moved = self.known(self.experiment.y - signals, theta, rng)[1]
-        return self.noise.draw(signals + moved, self._levels(theta[:, self.own]), rng)
+        return self.noise.draw(signals + moved, self._levels(theta[:, self.noise_columns]), rng)
 
-    def _whitened(self, samples: Array, own: Array) -> tuple[Array, Array]:
+    def _whitened(self, samples: Array, noise_values: Array) -> tuple[Array, Array]:
         with np.errstate(all="ignore"):
-            return self.filtered.whiten(self._of_process(own), self._scales(own), samples)
+            return self.filtered.whiten(
+                self._of_process(noise_values), self._scales(noise_values), samples
+            )
 
     # Slopes.
 
     def expand(self, at: Directions) -> Iterator[tuple[Array, Array]]:
         """Of all together, as parameters are in the covariance too."""
-        levels = (at.slopes[:, None, :] * at.columns.T)[..., self.own]
+        levels = (at.slopes[:, None, :] * at.columns.T)[..., self.noise_columns]
         along = at.along
         if along is None:
             along = np.zeros((*levels.shape[:2], at.full.shape[1]))
         turned = self.told(along)
         signals, shifts = self.response.course(self.told(at.full), turned)
         left = np.nan_to_num(self.experiment.y - signals)
-        own = self._own(at.theta, at.full)
-        yield self._slopes(left, -shifts, own, np.concatenate([levels, turned], axis=-1))
+        torque_values = self._own(at.theta, at.full)
+        yield self._slopes(left, -shifts, torque_values, np.concatenate([levels, turned], axis=-1))
 
-    def _slopes(self, left: Array, slopes: Array, own: Array, along: Array) -> tuple[Array, Array]:
+    def _slopes(
+        self, left: Array, slopes: Array, noise_values: Array, along: Array
+    ) -> tuple[Array, Array]:
         """Slope `(W, q)` and curvature `(W, q, q)` of the log likelihood, where `left (W, T, K)`
-        changes by `slopes (W, q, T, K)` and what it is told, `own`, by `along (W, q, n + P)`.
+        changes by `slopes (W, q, T, K)` and what it is told, `noise_values`, by `along (W, q, n + P)`.
         """
         n, q = along.shape[:2]
         slope, curvature = np.empty((n, q)), np.empty((n, q, q))
         chunk = max(1, int(MOST_BYTES / (64 * q * max(left[0].size, 1))))
         for rows in (slice(k, k + chunk) for k in range(0, n, chunk)):
-            told, levels = np.repeat(own[rows], q, axis=0), along[rows].reshape(-1, along.shape[2])
+            told, levels = (
+                np.repeat(noise_values[rows], q, axis=0),
+                along[rows].reshape(-1, along.shape[2]),
+            )
             with np.errstate(all="ignore"):
-                found = self.filtered.slopes(
+                result = self.filtered.slopes(
                     (self._of_process(told), self._slopes_of_process(levels)),
                     (
                         self._scales(told),
@@ -223,7 +240,9 @@ class ShakenObservation(Observation):
                         slopes[rows].reshape(-1, *left.shape[1:]),
                     ),
                 )
-            white, change, variance, wider = (part.reshape(len(told) // q, q, -1) for part in found)
+            white, change, variance, wider = (
+                part.reshape(len(told) // q, q, -1) for part in result
+            )
             ratio = 0.5 * wider / variance
             slope[rows] = -(white * change).sum(axis=-1) - ratio.sum(axis=-1)
             curvature[rows] = change @ change.swapaxes(1, 2) + ratio @ ratio.swapaxes(1, 2)
@@ -231,23 +250,25 @@ class ShakenObservation(Observation):
 
     def _slopes_of_process(self, along: Array) -> Array:
         """What is held does not move."""
-        found = self._of_process(along)
-        count = found.shape[-1] - 2
+        result = self._of_process(along)
+        count = result.shape[-1] - 2
         if self.fixed is not None:
-            found[..., :count] = 0.0
+            result[..., :count] = 0.0
         for k, name in enumerate((SIZE, TIME)):
             if not isinstance(self.process[name], Unknown):
-                found[..., count + k] = 0.0
-        return found
+                result[..., count + k] = 0.0
+        return result
 
     def expected(self, theta: Array) -> Array:
-        own, count = self._own(theta[None]), len(self.unknowns)
-        along = np.zeros((1, count, own.shape[1]))
-        along[:, range(count), range(count)] = own[:, :count]
+        torque_values, count = self._own(theta[None]), len(self.unknowns)
+        along = np.zeros((1, count, torque_values.shape[1]))
+        along[:, range(count), range(count)] = torque_values[:, :count]
         shape = self.experiment.y.shape
-        curvature = self._slopes(np.zeros((1, *shape)), np.zeros((1, count, *shape)), own, along)[1]
+        curvature = self._slopes(
+            np.zeros((1, *shape)), np.zeros((1, count, *shape)), torque_values, along
+        )[1]
         return np.asarray(2.0 * np.diagonal(curvature[0]))
 
     def fitted(self, samples: Array, theta: Array) -> Array:
         """As they are: of one record the levels cannot be told in a sum."""
-        return theta[self.own]
+        return theta[self.noise_columns]

@@ -63,23 +63,26 @@ def evidence_shift(posterior: Posterior, draws: Array) -> tuple[float, float] | 
     every = _stepped(posterior.likelihood)
     if not every:
         return None
-    steps = sum(_steps(_truth(one.response)).pieces * len(one.experiment.t) for one in every)
+    steps = sum(
+        _steps(_truth(observation.response)).pieces * len(observation.experiment.t)
+        for observation in every
+    )
     most = min(max(ALL_STEPS // steps, LEAST), WEIGHED)
     some = draws[:: max(1, -(-len(draws) // most))]
 
     def finer(part: int) -> Posterior:
-        return _with(posterior, lambda one: _truth(one.response, part))
+        return _with(posterior, lambda observation: _truth(observation.response, part))
 
-    here, found = _log_likelihood(posterior, some), []
+    here, errors = _log_likelihood(posterior, some), []
     for part in (HALF, 1):
         logs = np.nan_to_num(_log_likelihood(finer(part), some) - here, nan=-np.inf)
         top = float(logs.max())
         if not math.isfinite(top):
             return None
         weights = np.exp(logs - top)
-        found.append(top + math.log(weights.mean()))
+        errors.append(top + math.log(weights.mean()))
     spread = float(weights.std(ddof=1) / weights.mean()) / math.sqrt(len(weights))
-    return found[1], math.hypot(spread, found[1] - found[0])
+    return errors[1], math.hypot(spread, errors[1] - errors[0])
 
 
 def _log_likelihood(posterior: Posterior, draws: Array) -> Array:
@@ -93,12 +96,14 @@ def step_errors(likelihood: Likelihood, theta: Array) -> tuple[StepError, ...]:
     full = likelihood.space.full(theta[None])
     return tuple(
         StepError(
-            label=one.label,
-            channels=one.experiment.names,
-            pieces=_steps(one.response).pieces,
-            errors=tuple(map(float, _errors(one, one.response, full, theta[None])[0])),
+            label=observation.label,
+            channels=observation.experiment.names,
+            pieces=_steps(observation.response).pieces,
+            errors=tuple(
+                map(float, _errors(observation, observation.response, full, theta[None])[0])
+            ),
         )
-        for one in _stepped(likelihood)
+        for observation in _stepped(likelihood)
     )
 
 
@@ -109,14 +114,14 @@ def chosen(posterior: Posterior, theta: Array, most: int = MOST) -> Posterior:
     points = _about(posterior, theta)
     full = posterior.likelihood.space.full(points)
     tried = [(pieces, turns) for pieces, turns in TRIED if pieces <= most]
-    return _with(posterior, lambda one: _fine(one, tried, full, points))
+    return _with(posterior, lambda observation: _fine(observation, tried, full, points))
 
 
 def taken(posterior: Posterior) -> dict[str, Taken]:
     """By the labels of experiments, where they were chosen."""
     every = (*posterior.likelihood.observations, *posterior.likelihood.apart)
-    steps = [(one.label, one.response.stepping) for one in every]
-    return {label: (own.pieces, own.turns) for label, own in steps if own and own.chosen}
+    steps = [(observation.label, observation.response.stepping) for observation in every]
+    return {label: (step.pieces, step.turns) for label, step in steps if step and step.chosen}
 
 
 def taking(posterior: Posterior, steps: Mapping[str, Taken]) -> Posterior:
@@ -124,9 +129,13 @@ def taking(posterior: Posterior, steps: Mapping[str, Taken]) -> Posterior:
     if steps.items() <= taken(posterior).items():
         return posterior
 
-    def made(one: Observation) -> Simulator:
-        told = steps.get(one.label)
-        return one.response.with_substeps(*told, adaptive=True) if told else one.response
+    def made(observation: Observation) -> Simulator:
+        told = steps.get(observation.label)
+        return (
+            observation.response.with_substeps(*told, adaptive=True)
+            if told
+            else observation.response
+        )
 
     return _with(posterior, made)
 
@@ -134,8 +143,12 @@ def taking(posterior: Posterior, steps: Mapping[str, Taken]) -> Posterior:
 def _with(posterior: Posterior, made: Callable[[Observation], Simulator]) -> Posterior:
     """With other simulators where they are stepped."""
 
-    def each(one: Observation) -> Observation:
-        return dataclasses.replace(one, response=made(one)) if one.response.stepping else one
+    def each(observation: Observation) -> Observation:
+        return (
+            dataclasses.replace(observation, response=made(observation))
+            if observation.response.stepping
+            else observation
+        )
 
     return posterior.edit(each=each)
 
@@ -151,7 +164,7 @@ def _about(posterior: Posterior, theta: Array) -> Array:
 
 
 def _stepped(likelihood: Likelihood) -> list[Observation]:
-    return [one for one in likelihood.observations if one.response.stepping]
+    return [observation for observation in likelihood.observations if observation.response.stepping]
 
 
 def _steps(response: Simulator) -> Stepping:
@@ -160,11 +173,11 @@ def _steps(response: Simulator) -> Stepping:
     return response.stepping
 
 
-def _fine(one: Observation, tried: Sequence[Taken], full: Array, theta: Array) -> Simulator:
-    made = one.response
+def _fine(observation: Observation, tried: Sequence[Taken], full: Array, theta: Array) -> Simulator:
+    made = observation.response
     for pieces, turns in tried:
-        made = one.response.with_substeps(pieces, turns, adaptive=True)
-        worst = np.sort(_errors(one, made, full, theta).max(axis=1))
+        made = observation.response.with_substeps(pieces, turns, adaptive=True)
+        worst = np.sort(_errors(observation, made, full, theta).max(axis=1))
         if not worst[-1 - STRANGE] > SAFE * ENOUGH:
             break
     return made
@@ -177,13 +190,13 @@ def _truth(response: Simulator, part: int = 1) -> Simulator:
     return response.with_substeps(pieces * max(1, max(2, min(FINER, allowed)) // part))
 
 
-def _errors(one: Observation, response: Simulator, full: Array, theta: Array) -> Array:
+def _errors(observation: Observation, response: Simulator, full: Array, theta: Array) -> Array:
     """The most that the steps of `response` do to a sample `(W, K)`, over its sd.  A walker that
     overflows has none.
     """
-    told = one.told(full)
+    told = observation.told(full)
     truth = _truth(response).signals(told)
     off = np.abs(response.signals(told) - truth)
     with np.errstate(invalid="ignore"):
-        shares = np.where(response.experiment.seen, off / one.scales(theta)[:, None], 0.0)
+        shares = np.where(response.experiment.seen, off / observation.scales(theta)[:, None], 0.0)
     return np.asarray(np.nan_to_num(shares).max(axis=1))

@@ -208,7 +208,8 @@ class ParameterSpace:
     def with_priors(self, priors: Mapping[str, Prior]) -> ParameterSpace:
         """With other priors of some."""
         changed = (
-            dataclasses.replace(one, prior=priors.get(one.name, one.prior)) for one in self.unknowns
+            dataclasses.replace(unknown, prior=priors.get(unknown.name, unknown.prior))
+            for unknown in self.unknowns
         )
         return dataclasses.replace(self, unknowns=tuple(changed))
 

@@ -165,7 +165,7 @@ def test_static_friction_of_a_rig_that_never_slows_down_is_left_to_the_prior() -
     assert one.deeds.slowest > 3 * STATIC["w_sm"]
     said = friction_sentences(found)
     assert "static friction at the motor does not show" in said
-    assert f"lost over {STATIC['w_sm']:.3g} rad/s; t_sm and w_sm are left to the prior" in said
+    assert f"lost over {STATIC['w_sm']:.3g} rad/s. t_sm and w_sm are left to the prior" in said
     assert "so low a voltage half-way that it stops (" in said
 
 

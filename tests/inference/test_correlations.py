@@ -115,9 +115,7 @@ def test_what_an_input_does_late_is_named_with_its_lag() -> None:
     late = noise.copy()
     late[4:, 1] += 0.04 * v[:-4]
     (text,) = input_sentences(list(found(late).values()))
-    assert text.startswith(
-        "what the MAP leaves of w_2 follows the input v, +4 samples (0.04 s) after"
-    )
+    assert text.startswith("the residuals of w_2 follow the input v, +4 samples (0.04 s) after")
     early = noise.copy()
     early[:-3, 0] += 0.008 * v[3:]
     (text,) = input_sentences(list(found(early).values()))

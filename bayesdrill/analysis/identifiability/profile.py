@@ -78,7 +78,7 @@ class Fitter:
             theta = self._theta(self.best.logs)
             full, theta_fitted = self._likelihood.space.full(theta[None]), theta.copy()
             for observation in self._likelihood.observations:
-                theta_fitted[observation.own] = observation.fitted(
+                theta_fitted[observation.noise_columns] = observation.fitted(
                     observation.residuals(full).samples[0], theta
                 )
             self._noise = theta_fitted[self._m :]

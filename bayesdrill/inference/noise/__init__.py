@@ -14,7 +14,7 @@ from bayesdrill.inference.noise.white import White
 
 
 def _is_noise(_: str, member: Any) -> None:
-    missing = [one for one in ("of", "Entries") if not hasattr(member, one)]
+    missing = [Entrie for Entrie in ("of", "Entries") if not hasattr(member, Entrie)]
     if missing:
         raise ValueError(
             f"it has no {', '.join(missing)}; see `bayesdrill.inference.noise.contract`"

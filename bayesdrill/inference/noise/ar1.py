@@ -123,7 +123,7 @@ class Spacing:
 
     @property
     def even(self) -> bool:
-        return all(one.gaps is None for one in self.each)
+        return all(item.gaps is None for item in self.each)
 
     @classmethod
     def of(cls, t: Array, seen: Flags) -> Spacing:
@@ -147,8 +147,8 @@ def _apart(t: Array, seen: Flags) -> Apart:
 
 def _gaps(gaps: Array) -> Array | None:
     whole = np.round(gaps)
-    found = np.where((np.abs(gaps - whole) < NEAR) & (whole > 0), whole, gaps)
-    return None if (found == 1.0).all() else found
+    spacing = np.where((np.abs(gaps - whole) < NEAR) & (whole > 0), whole, gaps)
+    return None if (spacing == 1.0).all() else spacing
 
 
 def _less(samples: Array, left: Array) -> Array:
@@ -187,8 +187,8 @@ class AR1:
     def of(cls, channels: Sequence[Noisy], n_samples: int) -> AR1:
         levels = White.of(channels, n_samples)
         memory = Numbers(tuple(c.entries.get("rho") for c in channels), len(levels.unknowns))
-        own = [correlation(channels[k]) for k in memory.free]
-        return cls(levels=levels, memory=memory, unknowns=(*levels.unknowns, *own))
+        noise_symbols = [correlation(channels[k]) for k in memory.free]
+        return cls(levels=levels, memory=memory, unknowns=(*levels.unknowns, *noise_symbols))
 
     @property
     def n_channels(self) -> int:
@@ -204,15 +204,15 @@ class AR1:
     def held(self) -> Mapping[int, object]:
         return self.memory.beside(self.levels.known)
 
-    def scales(self, own: Array) -> Array:
-        return self.levels.scales(own)
+    def scales(self, noise_values: Array) -> Array:
+        return self.levels.scales(noise_values)
 
-    def log_likelihood(self, residuals: Residuals, own: Array) -> Array:
+    def log_likelihood(self, residuals: Residuals, noise_values: Array) -> Array:
         if self.spacing is not None and not self.spacing.even:
-            terms = self.pointwise(residuals.samples, own)
+            terms = self.pointwise(residuals.samples, noise_values)
             return np.asarray(np.where(self.spacing.seen, terms, 0.0).sum(axis=1))
         squares, products, last, first = np.moveaxis(residuals.neighbours, -1, 0)
-        sigma, rho, n = self.scales(own), self.memory.at(own), self.levels.sizes
+        sigma, rho, n = self.scales(noise_values), self.memory.at(noise_values), self.levels.sizes
         inner = (1.0 - rho) * (1.0 + rho)
         fresh = squares - 2.0 * rho * products + rho**2 * (squares - first**2 - last**2)
         constant = -0.5 * n * math.log(2 * math.pi) - n * np.log(sigma)
@@ -220,63 +220,81 @@ class AR1:
             constant - 0.5 * (n - 1.0) * np.log(inner) - 0.5 * fresh / inner / sigma**2
         )
 
-    def pointwise(self, samples: Array, own: Array) -> Array:
-        sigma, rho, out = self.scales(own), self.memory.at(own), np.full(samples.shape, np.nan)
-        for k, one in enumerate(self._spacing(samples).each):
-            _, share = one.memory(rho[:, k])
-            fresh = one.fresh(samples[:, one.rows, k], rho[:, k]) / sigma[:, k, None]
-            out[:, one.rows, k] = -0.5 * fresh**2 - np.log(sigma[:, k, None] * share)
+    def pointwise(self, samples: Array, noise_values: Array) -> Array:
+        sigma, rho, out = (
+            self.scales(noise_values),
+            self.memory.at(noise_values),
+            np.full(samples.shape, np.nan),
+        )
+        for k, sample in enumerate(self._spacing(samples).each):
+            _, share = sample.memory(rho[:, k])
+            fresh = sample.fresh(samples[:, sample.rows, k], rho[:, k]) / sigma[:, k, None]
+            out[:, sample.rows, k] = -0.5 * fresh**2 - np.log(sigma[:, k, None] * share)
         return out - 0.5 * math.log(2 * math.pi)
 
-    def whiten(self, samples: Array, own: Array) -> Array:
-        sigma, rho, out = self.scales(own), self.memory.at(own), np.full(samples.shape, np.nan)
-        for k, one in enumerate(self._spacing(samples).each):
-            out[:, one.rows, k] = one.fresh(samples[:, one.rows, k], rho[:, k]) / sigma[:, k, None]
+    def whiten(self, samples: Array, noise_values: Array) -> Array:
+        sigma, rho, out = (
+            self.scales(noise_values),
+            self.memory.at(noise_values),
+            np.full(samples.shape, np.nan),
+        )
+        for k, sample in enumerate(self._spacing(samples).each):
+            out[:, sample.rows, k] = (
+                sample.fresh(samples[:, sample.rows, k], rho[:, k]) / sigma[:, k, None]
+            )
         return out
 
-    def innovations(self, samples: Array, own: Array) -> Array:
-        rho, out = self.memory.at(own), np.full(samples.shape, np.nan)
-        for k, one in enumerate(self._spacing(samples).each):
-            out[:, one.rows, k] = _less(samples[:, one.rows, k], one.memory(rho[:, k])[0])
+    def innovations(self, samples: Array, noise_values: Array) -> Array:
+        rho, out = self.memory.at(noise_values), np.full(samples.shape, np.nan)
+        for k, sample in enumerate(self._spacing(samples).each):
+            out[:, sample.rows, k] = _less(samples[:, sample.rows, k], sample.memory(rho[:, k])[0])
         return out
 
-    def inform(self, shifts: Array, own: Array) -> Array:
-        return np.nan_to_num(self.whiten(shifts, own))
+    def inform(self, shifts: Array, noise_values: Array) -> Array:
+        return np.nan_to_num(self.whiten(shifts, noise_values))
 
-    def pull(self, samples: Array, own: Array) -> Array:
-        sigma, rho, out = self.scales(own), self.memory.at(own), np.full(samples.shape, np.nan)
-        for k, one in enumerate(self._spacing(samples).each):
-            mine = samples[:, one.rows, k]
-            out[:, one.rows, k] = one.pulled(mine, rho[:, k]) / sigma[:, k, None] ** 2
+    def pull(self, samples: Array, noise_values: Array) -> Array:
+        sigma, rho, out = (
+            self.scales(noise_values),
+            self.memory.at(noise_values),
+            np.full(samples.shape, np.nan),
+        )
+        for k, sample in enumerate(self._spacing(samples).each):
+            mine = samples[:, sample.rows, k]
+            out[:, sample.rows, k] = sample.pulled(mine, rho[:, k]) / sigma[:, k, None] ** 2
         return out
 
-    def bend(self, residuals: Residuals, own: Array) -> tuple[Array, Array]:
+    def bend(self, residuals: Residuals, noise_values: Array) -> tuple[Array, Array]:
         """The expected curvature, times what is left over the noise where that is more."""
-        samples, sigma, rho = residuals.samples, self.scales(own), self.memory.at(own)
+        samples, sigma, rho = (
+            residuals.samples,
+            self.scales(noise_values),
+            self.memory.at(noise_values),
+        )
         slopes = np.empty((2, *sigma.shape))
-        for k, one in enumerate(self._spacing(samples).each):
-            mine = samples[:, one.rows, k] / sigma[:, k, None]
-            slopes[0, :, k] = (one.fresh(mine, rho[:, k]) ** 2).sum(axis=1) - one.count
-            slopes[1, :, k] = one.by_rho(mine, rho[:, k])
+        for k, sample in enumerate(self._spacing(samples).each):
+            mine = samples[:, sample.rows, k] / sigma[:, k, None]
+            slopes[0, :, k] = (sample.fresh(mine, rho[:, k]) ** 2).sum(axis=1) - sample.count
+            slopes[1, :, k] = sample.by_rho(mine, rho[:, k])
         left = np.maximum(1.0, 1.0 + slopes[0] / self.levels.sizes)
         pairs = self._pairs(rho) * left[..., None, None]
         slope = np.hstack([slopes[0][:, self._free[0]], slopes[1][:, self._free[1]]])
         return slope, of_pairs(pairs, self._free)
 
-    def expected(self, own: Array) -> Array:
-        return np.asarray(of_pairs(self._pairs(self.memory.at(own[None])), self._free)[0])
+    def expected(self, noise_values: Array) -> Array:
+        return np.asarray(of_pairs(self._pairs(self.memory.at(noise_values[None])), self._free)[0])
 
-    def fitted(self, samples: Array, own: Array) -> Array:
+    def fitted(self, samples: Array, noise_values: Array) -> Array:
         each = self._spacing(samples[None]).each
-        told = [one.told(samples[one.rows, k]) for k, one in enumerate(each)]
+        told = [item.told(samples[item.rows, k]) for k, item in enumerate(each)]
         rho = np.clip(told, 1.0 - MOST, MOST)
-        return np.append(self.levels.fitted(samples, own), rho[self.memory.free])
+        return np.append(self.levels.fitted(samples, noise_values), rho[self.memory.free])
 
-    def draw(self, signals: Array, own: Array, rng: np.random.Generator) -> Array:
-        sigma, rho = self.scales(own), self.memory.at(own)
+    def draw(self, signals: Array, noise_values: Array, rng: np.random.Generator) -> Array:
+        sigma, rho = self.scales(noise_values), self.memory.at(noise_values)
         out = rng.standard_normal(signals.shape)
-        for k, one in enumerate(self._spacing(signals).each):
-            one.remember(out[:, :, k], rho[:, k])
+        for k, signal in enumerate(self._spacing(signals).each):
+            signal.remember(out[:, :, k], rho[:, k])
         return signals + sigma[:, None, :] * out
 
     @property
@@ -289,7 +307,7 @@ class AR1:
     def _pairs(self, rho: Array) -> Array:
         """Information `(W, K, 2, 2)` about the log of sigma, and rho."""
         spacing = self.spacing or evenly(self.levels.n_samples, self.n_channels)
-        each = [one.information(rho[:, k]) for k, one in enumerate(spacing.each)]
+        each = [item.information(rho[:, k]) for k, item in enumerate(spacing.each)]
         return np.stack(each, axis=1)
 
 

@@ -83,52 +83,52 @@ class Noise(Protocol):
         """What is held of each channel (by index), for what a resumed run must share."""
         ...
 
-    def log_likelihood(self, residuals: Residuals, own: Array) -> Array:
+    def log_likelihood(self, residuals: Residuals, noise_values: Array) -> Array:
         """Normalised, per channel: `(W, K)`."""
         ...
 
-    def pointwise(self, samples: Array, own: Array) -> Array:
+    def pointwise(self, samples: Array, noise_values: Array) -> Array:
         """`(W, T, K)`: log density of each sample given those before it; their sum is the above."""
         ...
 
-    def scales(self, own: Array) -> Array:
+    def scales(self, noise_values: Array) -> Array:
         """Standard deviation of a single sample `(W, K)`, SI."""
         ...
 
-    def whiten(self, samples: Array, own: Array) -> Array:
+    def whiten(self, samples: Array, noise_values: Array) -> Array:
         """`(W, T, K)`: independent and standard normal, where residuals are as the noise says."""
         ...
 
-    def innovations(self, samples: Array, own: Array) -> Array:
+    def innovations(self, samples: Array, noise_values: Array) -> Array:
         """`(W, T, K)`, SI: each sample minus its prediction from those before it; `samples` themselves
         where samples are independent.
         """
         ...
 
-    def inform(self, shifts: Array, own: Array) -> Array:
+    def inform(self, shifts: Array, noise_values: Array) -> Array:
         """`(W, T, K)`, linear in `shifts` of signals: its squares sum to their Fisher information."""
         ...
 
-    def pull(self, samples: Array, own: Array) -> Array:
+    def pull(self, samples: Array, noise_values: Array) -> Array:
         """d log likelihood / d model signal: `(W, T, K)`."""
         ...
 
-    def bend(self, residuals: Residuals, own: Array) -> tuple[Array, Array]:
+    def bend(self, residuals: Residuals, noise_values: Array) -> tuple[Array, Array]:
         """Slope and curvature (minus the second derivative, at least the expected one, as a safe step
         wants) by each of its unknowns, by the log of those that are positive: `(W, n)` each, or of the
         curvature the whole matrix `(W, n, n)`.
         """
         ...
 
-    def expected(self, own: Array) -> Array:
+    def expected(self, noise_values: Array) -> Array:
         """The curvature, `(n,)` or `(n, n)`, that is expected where the noise is as said; `own (n,)`."""
         ...
 
-    def fitted(self, samples: Array, own: Array) -> Array:
+    def fitted(self, samples: Array, noise_values: Array) -> Array:
         """Its unknowns `(n,)` by what is left, `samples (T, K)`; as good as `own (n,)` to begin with."""
         ...
 
-    def draw(self, signals: Array, own: Array, rng: np.random.Generator) -> Array:
+    def draw(self, signals: Array, noise_values: Array, rng: np.random.Generator) -> Array:
         """Signals `(W, T, K)` with fresh noise."""
         ...
 
@@ -158,12 +158,12 @@ class Numbers:
         """Channels where it is unknown."""
         return [k for k, value in enumerate(self.held) if value is None]
 
-    def at(self, own: Array) -> Array:
+    def at(self, noise_values: Array) -> Array:
         """`(W, K)`."""
-        out = np.empty((len(own), len(self.held)))
+        out = np.empty((len(noise_values), len(self.held)))
         column = self.first
         for k, value in enumerate(self.held):
-            out[:, k] = own[:, column] if value is None else value
+            out[:, k] = noise_values[:, column] if value is None else value
             column += value is None
         return out
 
@@ -172,11 +172,11 @@ class Numbers:
         return {k: (sizes.get(k), value) for k, value in enumerate(self.held)}
 
 
-def square(curvature: Array, own: Array) -> Array:
+def square(curvature: Array, noise_values: Array) -> Array:
     """Of unknowns `own (..., n)`: `(..., n, n)`, of which the diagonal may be given alone."""
-    if curvature.ndim > own.ndim:
+    if curvature.ndim > noise_values.ndim:
         return curvature
-    return np.asarray(curvature[..., None] * np.eye(own.shape[-1]))
+    return np.asarray(curvature[..., None] * np.eye(noise_values.shape[-1]))
 
 
 def of_pairs(pairs: Array, places: tuple[list[int], list[int]]) -> Array:
@@ -185,8 +185,8 @@ def of_pairs(pairs: Array, places: tuple[list[int], list[int]]) -> Array:
     """
     every = [(k, which) for which, channels in enumerate(places) for k in channels]
     out = np.zeros((*pairs.shape[:-3], len(every), len(every)))
-    for i, (k, one) in enumerate(every):
+    for i, (k, unknown) in enumerate(every):
         for j, (other, two) in enumerate(every):
             if k == other:
-                out[..., i, j] = pairs[..., k, one, two]
+                out[..., i, j] = pairs[..., k, unknown, two]
     return out

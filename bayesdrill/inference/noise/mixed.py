@@ -111,75 +111,92 @@ class Mixed:
     def held(self) -> Mapping[int, object]:
         return {p.columns[k]: what for p in self.parts for k, what in p.noise.held().items()}
 
-    def log_likelihood(self, residuals: Residuals, own: Array) -> Array:
+    def log_likelihood(self, residuals: Residuals, noise_values: Array) -> Array:
         return self._each(
-            lambda noise, columns, own: noise.log_likelihood(
-                _Some(residuals, columns, self.n_channels), own
+            lambda noise, columns, values: noise.log_likelihood(
+                _Some(residuals, columns, self.n_channels), values
             ),
-            own,
+            noise_values,
         )
 
-    def pointwise(self, samples: Array, own: Array) -> Array:
-        return self._each(lambda n, columns, own: n.pointwise(samples[..., columns], own), own)
+    def pointwise(self, samples: Array, noise_values: Array) -> Array:
+        return self._each(
+            lambda n, columns, number: n.pointwise(samples[..., columns], number), noise_values
+        )
 
-    def scales(self, own: Array) -> Array:
-        return self._each(lambda n, _, own: n.scales(own), own)
+    def scales(self, noise_values: Array) -> Array:
+        return self._each(lambda n, _, values: n.scales(values), noise_values)
 
-    def whiten(self, samples: Array, own: Array) -> Array:
-        return self._each(lambda n, columns, own: n.whiten(samples[..., columns], own), own)
+    def whiten(self, samples: Array, noise_values: Array) -> Array:
+        return self._each(
+            lambda n, columns, values: n.whiten(samples[..., columns], values), noise_values
+        )
 
-    def innovations(self, samples: Array, own: Array) -> Array:
-        return self._each(lambda n, columns, own: n.innovations(samples[..., columns], own), own)
+    def innovations(self, samples: Array, noise_values: Array) -> Array:
+        return self._each(
+            lambda n, columns, values: n.innovations(samples[..., columns], values), noise_values
+        )
 
-    def inform(self, shifts: Array, own: Array) -> Array:
-        return self._each(lambda n, columns, own: n.inform(shifts[..., columns], own), own)
+    def inform(self, shifts: Array, noise_values: Array) -> Array:
+        return self._each(
+            lambda n, columns, values: n.inform(shifts[..., columns], values), noise_values
+        )
 
-    def pull(self, samples: Array, own: Array) -> Array:
-        return self._each(lambda n, columns, own: n.pull(samples[..., columns], own), own)
+    def pull(self, samples: Array, noise_values: Array) -> Array:
+        return self._each(
+            lambda n, columns, values: n.pull(samples[..., columns], values), noise_values
+        )
 
-    def draw(self, signals: Array, own: Array, rng: np.random.Generator) -> Array:
-        return self._each(lambda n, columns, own: n.draw(signals[..., columns], own, rng), own)
+    def draw(self, signals: Array, noise_values: Array, rng: np.random.Generator) -> Array:
+        return self._each(
+            lambda n, columns, values: n.draw(signals[..., columns], values, rng), noise_values
+        )
 
-    def bend(self, residuals: Residuals, own: Array) -> tuple[Array, Array]:
-        found = [
+    def bend(self, residuals: Residuals, noise_values: Array) -> tuple[Array, Array]:
+        parts = [
             part.noise.bend(_Some(residuals, list(part.columns), self.n_channels), some)
-            for part, some in self._split(own)
+            for part, some in self._split(noise_values)
         ]
-        slopes, curvatures = zip(*found, strict=True)
-        return np.concatenate(slopes, axis=-1), self._apart(curvatures, own)
+        slopes, curvatures = zip(*parts, strict=True)
+        return np.concatenate(slopes, axis=-1), self._apart(curvatures, noise_values)
 
-    def expected(self, own: Array) -> Array:
-        return self._apart([part.noise.expected(some) for part, some in self._split(own)], own)
+    def expected(self, noise_values: Array) -> Array:
+        return self._apart(
+            [part.noise.expected(some) for part, some in self._split(noise_values)], noise_values
+        )
 
-    def _apart(self, curvatures: Sequence[Array], own: Array) -> Array:
+    def _apart(self, curvatures: Sequence[Array], noise_values: Array) -> Array:
         """What the parts know of their own unknowns, `(..., n, n)`."""
-        out = np.zeros((*own.shape, own.shape[-1]))
+        out = np.zeros((*noise_values.shape, noise_values.shape[-1]))
         first = 0
-        for curvature, (_, some) in zip(curvatures, self._split(own), strict=True):
+        for curvature, (_, some) in zip(curvatures, self._split(noise_values), strict=True):
             mine = slice(first, first + some.shape[-1])
             out[..., mine, mine] = square(curvature, some)
             first = mine.stop
         return out
 
-    def fitted(self, samples: Array, own: Array) -> Array:
+    def fitted(self, samples: Array, noise_values: Array) -> Array:
         return np.concatenate(
-            [p.noise.fitted(samples[:, list(p.columns)], some) for p, some in self._split(own)]
+            [
+                p.noise.fitted(samples[:, list(p.columns)], some)
+                for p, some in self._split(noise_values)
+            ]
         )
 
-    def _split(self, own: Array) -> Iterator[tuple[Part, Array]]:
+    def _split(self, noise_values: Array) -> Iterator[tuple[Part, Array]]:
         first = 0
         for part in self.parts:
             n = len(part.noise.unknowns)
-            yield part, own[..., first : first + n]
+            yield part, noise_values[..., first : first + n]
             first += n
 
-    def _each(self, what: Callable[[Noise, list[int], Array], Array], own: Array) -> Array:
+    def _each(self, what: Callable[[Noise, list[int], Array], Array], noise_values: Array) -> Array:
         """Of every part, its channels in their places."""
-        found = [
+        parts = [
             (part.columns, what(part.noise, list(part.columns), some))
-            for part, some in self._split(own)
+            for part, some in self._split(noise_values)
         ]
-        out = np.empty((*found[0][1].shape[:-1], self.n_channels))
-        for columns, values in found:
+        out = np.empty((*parts[0][1].shape[:-1], self.n_channels))
+        for columns, values in parts:
             out[..., list(columns)] = values
         return out

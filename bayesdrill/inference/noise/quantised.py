@@ -76,70 +76,72 @@ class Quantised:
     def held(self) -> Mapping[int, object]:
         return {k: (self.levels.known.get(k), step) for k, step in enumerate(self.steps)}
 
-    def scales(self, own: Array) -> Array:
-        return np.asarray(np.sqrt(self.levels.scales(own) ** 2 + np.array(self.steps) ** 2 / 12.0))
+    def scales(self, noise_values: Array) -> Array:
+        return np.asarray(
+            np.sqrt(self.levels.scales(noise_values) ** 2 + np.array(self.steps) ** 2 / 12.0)
+        )
 
-    def log_likelihood(self, residuals: Residuals, own: Array) -> Array:
+    def log_likelihood(self, residuals: Residuals, noise_values: Array) -> Array:
         """By kernels where a step is not small beside sigma; else the difference of tails is rounded."""
-        sigma, steps, n = self.levels.scales(own), np.array(self.steps), self.levels.sizes
+        sigma, steps, n = self.levels.scales(noise_values), np.array(self.steps), self.levels.sizes
         half = 0.5 * steps / sigma
-        found = residuals.intervals(1.0 / sigma, np.maximum(half, WIDE)) - n * np.log(steps)
+        result = residuals.intervals(1.0 / sigma, np.maximum(half, WIDE)) - n * np.log(steps)
         fine = (half < WIDE).any(axis=1)
         if fine.any():
-            terms = self.pointwise(residuals.samples[fine], own[fine])
+            terms = self.pointwise(residuals.samples[fine], noise_values[fine])
             lost = np.isnan(terms).sum(axis=1) != terms.shape[1] - n  # more than was not seen
             exact = np.where(lost, np.nan, np.nansum(terms, axis=1))
-            found[fine] = np.where(half[fine] < WIDE, exact, found[fine])
-        return np.asarray(found)
+            result[fine] = np.where(half[fine] < WIDE, exact, result[fine])
+        return np.asarray(result)
 
-    def pointwise(self, samples: Array, own: Array) -> Array:
-        return np.asarray(self._interval(samples, own).log_mass - np.log(self.steps))
+    def pointwise(self, samples: Array, noise_values: Array) -> Array:
+        return np.asarray(self._interval(samples, noise_values).log_mass - np.log(self.steps))
 
-    def whiten(self, samples: Array, own: Array) -> Array:
+    def whiten(self, samples: Array, noise_values: Array) -> Array:
         """What was rounded is not known: somewhere in its interval, as its distribution says.  Where is
         drawn once, alike for all walkers and whenever it is asked.
         """
         share = np.random.default_rng(0).random(samples.shape[1:])
-        return self._interval(samples, own).within(share)
+        return self._interval(samples, noise_values).within(share)
 
-    def innovations(self, samples: Array, own: Array) -> Array:
+    def innovations(self, samples: Array, noise_values: Array) -> Array:
         return samples
 
-    def inform(self, shifts: Array, own: Array) -> Array:
+    def inform(self, shifts: Array, noise_values: Array) -> Array:
         """As it is on average over where in its interval a signal is."""
-        sigma = self.levels.scales(own)
+        sigma = self.levels.scales(noise_values)
         place, _ = _information(np.array(self.steps) / sigma)
         return np.asarray(shifts * (np.sqrt(place) / sigma)[:, None])
 
-    def pull(self, samples: Array, own: Array) -> Array:
-        low, high = self._interval(samples, own).densities
-        return np.asarray((low - high) / self.levels.scales(own)[:, None])
+    def pull(self, samples: Array, noise_values: Array) -> Array:
+        low, high = self._interval(samples, noise_values).densities
+        return np.asarray((low - high) / self.levels.scales(noise_values)[:, None])
 
-    def bend(self, residuals: Residuals, own: Array) -> tuple[Array, Array]:
+    def bend(self, residuals: Residuals, noise_values: Array) -> tuple[Array, Array]:
         """The expected curvature, times what is left over the noise where that is more."""
-        found = self._interval(residuals.samples, own)
-        low, high = found.densities
-        slope = np.nansum(found.low * low - found.high * high, axis=1)
-        _, size = _information(np.array(self.steps) / self.levels.scales(own))
+        result = self._interval(residuals.samples, noise_values)
+        low, high = result.densities
+        slope = np.nansum(result.low * low - result.high * high, axis=1)
+        _, size = _information(np.array(self.steps) / self.levels.scales(noise_values))
         curvature = self.levels.sizes * size * np.maximum(1.0, 1.0 + slope / self.levels.sizes)
         free = list(self.levels.unknown)
         return slope[:, free], curvature[:, free]
 
-    def expected(self, own: Array) -> Array:
-        _, size = _information(np.array(self.steps) / self.levels.scales(own[None])[0])
+    def expected(self, noise_values: Array) -> Array:
+        _, size = _information(np.array(self.steps) / self.levels.scales(noise_values[None])[0])
         return np.asarray(self.levels.sizes * size)[list(self.levels.unknown)]
 
-    def fitted(self, samples: Array, own: Array) -> Array:
+    def fitted(self, samples: Array, noise_values: Array) -> Array:
         return np.array([self._likeliest(samples[:, k], k) for k in self.levels.unknown])
 
-    def draw(self, signals: Array, own: Array, rng: np.random.Generator) -> Array:
+    def draw(self, signals: Array, noise_values: Array, rng: np.random.Generator) -> Array:
         """On whole numbers of steps."""
-        sigma, steps = self.levels.scales(own)[:, None], np.array(self.steps)
+        sigma, steps = self.levels.scales(noise_values)[:, None], np.array(self.steps)
         fresh = signals + sigma * rng.standard_normal(signals.shape)
         return np.asarray(steps * np.round(fresh / steps))
 
-    def _interval(self, samples: Array, own: Array) -> _Interval:
-        sigma = self.levels.scales(own)[:, None]
+    def _interval(self, samples: Array, noise_values: Array) -> _Interval:
+        sigma = self.levels.scales(noise_values)[:, None]
         half = 0.5 * np.array(self.steps)
         return _Interval((samples - half) / sigma, (samples + half) / sigma)
 
@@ -185,10 +187,10 @@ class _Interval:
         ends = scipy.special.log_ndtr(near), scipy.special.log_ndtr(far)
         part = np.where(right, 1.0 - share, share)  # of what is nearer to zero, as this is turned
         with np.errstate(divide="ignore"):
-            found = scipy.special.ndtri_exp(
+            result = scipy.special.ndtri_exp(
                 np.logaddexp(np.log(part) + ends[0], np.log1p(-part) + ends[1])
             )
-        return np.asarray(np.where(right, -found, found))
+        return np.asarray(np.where(right, -result, result))
 
 
 def _log_one_less(log_ratio: Array) -> Array:
@@ -207,9 +209,9 @@ def _information(ratio: Array) -> tuple[Array, Array]:
     first = np.maximum(half - FAR, 0.0)  # to one side: the other is alike
     reach = half + FAR - first
     x = first + 0.5 * reach * (NODES + 1.0)
-    found = _Interval(x - half, x + half)
-    low, high = found.densities
-    weight = reach * WEIGHTS * np.exp(found.log_mass) / ratio[..., None]
+    result = _Interval(x - half, x + half)
+    low, high = result.densities
+    weight = reach * WEIGHTS * np.exp(result.log_mass) / ratio[..., None]
     place = (weight * (low - high) ** 2).sum(axis=-1)
-    size = (weight * (found.low * low - found.high * high) ** 2).sum(axis=-1)
+    size = (weight * (result.low * low - result.high * high) ** 2).sum(axis=-1)
     return np.asarray(place), np.asarray(size)

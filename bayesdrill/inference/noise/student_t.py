@@ -52,8 +52,8 @@ class StudentT:
     def of(cls, channels: Sequence[Noisy], n_samples: int) -> StudentT:
         levels = White.of(channels, n_samples)
         degrees = Numbers(tuple(c.entries.get("degrees") for c in channels), len(levels.unknowns))
-        own = [freedom(channels[k]) for k in degrees.free]
-        return cls(levels=levels, degrees=degrees, unknowns=(*levels.unknowns, *own))
+        noise_symbols = [freedom(channels[k]) for k in degrees.free]
+        return cls(levels=levels, degrees=degrees, unknowns=(*levels.unknowns, *noise_symbols))
 
     @property
     def n_channels(self) -> int:
@@ -68,42 +68,42 @@ class StudentT:
     def held(self) -> Mapping[int, object]:
         return self.degrees.beside(self.levels.known)
 
-    def scales(self, own: Array) -> Array:
-        nu = self.degrees.at(own)
-        return np.asarray(self.levels.scales(own) * np.sqrt(nu / (nu - 2.0)))
+    def scales(self, noise_values: Array) -> Array:
+        nu = self.degrees.at(noise_values)
+        return np.asarray(self.levels.scales(noise_values) * np.sqrt(nu / (nu - 2.0)))
 
-    def log_likelihood(self, residuals: Residuals, own: Array) -> Array:
-        scale, nu = self.levels.scales(own), self.degrees.at(own)
+    def log_likelihood(self, residuals: Residuals, noise_values: Array) -> Array:
+        scale, nu = self.levels.scales(noise_values), self.degrees.at(noise_values)
         logs = residuals.logs(1.0 / (nu * scale**2))
         return np.asarray(self.levels.sizes * _constant(scale, nu) - 0.5 * (nu + 1.0) * logs)
 
-    def pointwise(self, samples: Array, own: Array) -> Array:
-        scale, nu = self._each(own)
+    def pointwise(self, samples: Array, noise_values: Array) -> Array:
+        scale, nu = self._each(noise_values)
         logs = np.log1p(samples**2 / (nu * scale**2))
         return np.asarray(_constant(scale, nu) - 0.5 * (nu + 1.0) * logs)
 
-    def whiten(self, samples: Array, own: Array) -> Array:
+    def whiten(self, samples: Array, noise_values: Array) -> Array:
         """By their places in the distribution, in the tail that is nearer."""
-        scale, nu = self._each(own)
+        scale, nu = self._each(noise_values)
         return np.asarray(
             -np.sign(samples)
             * scipy.special.ndtri(scipy.special.stdtr(nu, -np.abs(samples) / scale))
         )
 
-    def innovations(self, samples: Array, own: Array) -> Array:
+    def innovations(self, samples: Array, noise_values: Array) -> Array:
         return samples
 
-    def inform(self, shifts: Array, own: Array) -> Array:
-        scale, nu = self._each(own)
+    def inform(self, shifts: Array, noise_values: Array) -> Array:
+        scale, nu = self._each(noise_values)
         return np.asarray(shifts / scale * np.sqrt((nu + 1.0) / (nu + 3.0)))
 
-    def pull(self, samples: Array, own: Array) -> Array:
-        scale, nu = self._each(own)
+    def pull(self, samples: Array, noise_values: Array) -> Array:
+        scale, nu = self._each(noise_values)
         return np.asarray((nu + 1.0) * samples / (nu * scale**2 + samples**2))
 
-    def bend(self, residuals: Residuals, own: Array) -> tuple[Array, Array]:
+    def bend(self, residuals: Residuals, noise_values: Array) -> tuple[Array, Array]:
         """The expected curvature, times what is left over the noise where that is more."""
-        scale, nu = self._each(own)
+        scale, nu = self._each(noise_values)
         ratio = residuals.samples**2 / (nu * scale**2)
         nu, n = nu[:, 0], self.levels.sizes
         left = np.nansum((nu[:, None] + 1.0) * ratio / (1.0 + ratio), axis=1)
@@ -113,10 +113,10 @@ class StudentT:
         slope = np.hstack([(left - n)[:, self._free[0]], by_nu[:, self._free[1]]])
         return slope, of_pairs(pairs, self._free)
 
-    def expected(self, own: Array) -> Array:
-        return np.asarray(of_pairs(self._pairs(self.degrees.at(own[None])), self._free)[0])
+    def expected(self, noise_values: Array) -> Array:
+        return np.asarray(of_pairs(self._pairs(self.degrees.at(noise_values[None])), self._free)[0])
 
-    def fitted(self, samples: Array, own: Array) -> Array:
+    def fitted(self, samples: Array, noise_values: Array) -> Array:
         each = [
             _most_likely(samples[~np.isnan(samples[:, k]), k], self.levels.known.get(k), held)
             for k, held in enumerate(self.degrees.held)
@@ -124,17 +124,17 @@ class StudentT:
         scale, nu = np.array(each).T
         return np.append(scale[self._free[0]], nu[self._free[1]])
 
-    def draw(self, signals: Array, own: Array, rng: np.random.Generator) -> Array:
-        scale, nu = self._each(own)
+    def draw(self, signals: Array, noise_values: Array, rng: np.random.Generator) -> Array:
+        scale, nu = self._each(noise_values)
         return np.asarray(signals + scale * rng.standard_t(np.broadcast_to(nu, signals.shape)))
 
     @property
     def _free(self) -> tuple[list[int], list[int]]:
         return list(self.levels.unknown), self.degrees.free
 
-    def _each(self, own: Array) -> tuple[Array, Array]:
+    def _each(self, noise_values: Array) -> tuple[Array, Array]:
         """Scales and degrees `(W, 1, K)`."""
-        return self.levels.scales(own)[:, None], self.degrees.at(own)[:, None]
+        return self.levels.scales(noise_values)[:, None], self.degrees.at(noise_values)[:, None]
 
     def _pairs(self, nu: Array) -> Array:
         """Information `(W, K, 2, 2)` about the logs of scale and degrees (Lange and others 1989)."""
@@ -156,13 +156,13 @@ def _constant(scale: Array, nu: Array) -> Array:
 def _most_likely(left: Array, scale: float | None, degrees: float | None) -> tuple[float, float]:
     """Scale and degrees of what is `left (n,)`, of each what is not given."""
     nu = np.geomspace(LEAST, MOST, GRID) if degrees is None else np.array([degrees])
-    found = np.full(len(nu), math.sqrt(float(np.median(left**2))) if scale is None else scale)
+    scales = np.full(len(nu), math.sqrt(float(np.median(left**2))) if scale is None else scale)
     for _ in range(ROUNDS if scale is None else 0):  # those that are far off count for less
-        weights = (nu + 1.0) / (nu + left[:, None] ** 2 / found**2)
-        found = np.sqrt((weights * left[:, None] ** 2).mean(axis=0))
-    logs = np.log1p(left[:, None] ** 2 / (nu * found**2)).mean(axis=0)
-    best = int(np.argmax(_constant(found, nu) - 0.5 * (nu + 1.0) * logs))
-    return float(found[best]), float(nu[best])
+        weights = (nu + 1.0) / (nu + left[:, None] ** 2 / scales**2)
+        scales = np.sqrt((weights * left[:, None] ** 2).mean(axis=0))
+    logs = np.log1p(left[:, None] ** 2 / (nu * scales**2)).mean(axis=0)
+    best = int(np.argmax(_constant(scales, nu) - 0.5 * (nu + 1.0) * logs))
+    return float(scales[best]), float(nu[best])
 
 
 def freedom(noisy: Noisy) -> Unknown:

@@ -58,51 +58,51 @@ class White:
     def held(self) -> Mapping[int, object]:
         return self.known
 
-    def scales(self, own: Array) -> Array:
-        out = np.empty((len(own), self.n_channels))
+    def scales(self, noise_values: Array) -> Array:
+        out = np.empty((len(noise_values), self.n_channels))
         for k, sigma in self.known.items():
             out[:, k] = sigma
         for column, k in enumerate(self.unknown):
-            out[:, k] = own[:, column]
+            out[:, k] = noise_values[:, column]
         return out
 
-    def log_likelihood(self, residuals: Residuals, own: Array) -> Array:
-        sigma = self.scales(own)
+    def log_likelihood(self, residuals: Residuals, noise_values: Array) -> Array:
+        sigma = self.scales(noise_values)
         constant = -0.5 * self.sizes * math.log(2 * math.pi)
         return constant - self.sizes * np.log(sigma) - 0.5 * residuals.squares / sigma**2
 
-    def pointwise(self, samples: Array, own: Array) -> Array:
-        sigma = self.scales(own)[:, None, :]
+    def pointwise(self, samples: Array, noise_values: Array) -> Array:
+        sigma = self.scales(noise_values)[:, None, :]
         return -0.5 * math.log(2 * math.pi) - np.log(sigma) - 0.5 * (samples / sigma) ** 2
 
-    def whiten(self, samples: Array, own: Array) -> Array:
-        return samples / self.scales(own)[:, None, :]
+    def whiten(self, samples: Array, noise_values: Array) -> Array:
+        return samples / self.scales(noise_values)[:, None, :]
 
-    def innovations(self, samples: Array, own: Array) -> Array:
+    def innovations(self, samples: Array, noise_values: Array) -> Array:
         return samples
 
-    def inform(self, shifts: Array, own: Array) -> Array:
-        return shifts / self.scales(own)[:, None, :]
+    def inform(self, shifts: Array, noise_values: Array) -> Array:
+        return shifts / self.scales(noise_values)[:, None, :]
 
-    def pull(self, samples: Array, own: Array) -> Array:
-        return samples / self.scales(own)[:, None, :] ** 2
+    def pull(self, samples: Array, noise_values: Array) -> Array:
+        return samples / self.scales(noise_values)[:, None, :] ** 2
 
-    def bend(self, residuals: Residuals, own: Array) -> tuple[Array, Array]:
+    def bend(self, residuals: Residuals, noise_values: Array) -> tuple[Array, Array]:
         """Far from the level that fits, the larger of the two curvatures keeps a step in bounds."""
         if not self.unknown:
-            return np.zeros_like(own), np.zeros_like(own)
-        left = residuals.weighed(1.0 / self.scales(own))[:, list(self.unknown)]
+            return np.zeros_like(noise_values), np.zeros_like(noise_values)
+        left = residuals.weighed(1.0 / self.scales(noise_values))[:, list(self.unknown)]
         n = self.sizes[list(self.unknown)]
         return left - n, 2.0 * np.maximum(left, n)
 
-    def expected(self, own: Array) -> Array:
+    def expected(self, noise_values: Array) -> Array:
         return 2.0 * self.sizes[list(self.unknown)]
 
-    def fitted(self, samples: Array, own: Array) -> Array:
+    def fitted(self, samples: Array, noise_values: Array) -> Array:
         return np.sqrt(np.nanmean(samples**2, axis=0))[list(self.unknown)]
 
-    def draw(self, signals: Array, own: Array, rng: np.random.Generator) -> Array:
-        return signals + self.scales(own)[:, None, :] * rng.standard_normal(signals.shape)
+    def draw(self, signals: Array, noise_values: Array, rng: np.random.Generator) -> Array:
+        return signals + self.scales(noise_values)[:, None, :] * rng.standard_normal(signals.shape)
 
 
 def level(noisy: Noisy) -> Unknown:

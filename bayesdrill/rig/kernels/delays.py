@@ -242,8 +242,8 @@ class Late:
             "z": layout.n_states + layout.n_series, "rises": max(1, layout.n_series),
             "terms": MAX_SERIES_DEGREE * layout.n_states, "even": k * n, "tau": k,
         }  # fmt: skip
-        self.own = {name: b.alloca(VEC, I64(size)) for name, size in sizes.items()}
-        self.own |= {name: b.alloca(INT_VEC, I64(k)) for name in ("next", "offset")}
+        self.buffers = {name: b.alloca(VEC, I64(size)) for name, size in sizes.items()}
+        self.buffers |= {name: b.alloca(INT_VEC, I64(k)) for name in ("next", "offset")}
         self.row = b.alloca(VEC, I64(LANES * row_blocks(shape)))
         self.spare = b.alloca(VEC, I64(LANES * row_blocks(shape)))
         self.degree = b.alloca(I64)
@@ -253,11 +253,11 @@ class Late:
         """Prepare the tables of a group of walkers, and the samples before the first knot."""
         b, a, high = self.b, self.a, self.a["high"]
         self.seen, self.walkers = observer, observer.walker
-        self.own["rates"] = m.rates
+        self.buffers["rates"] = m.rates
         width, shifted = a.number(1), I64(sum(self.shape.shifted))
-        cell = emit_cell(b, m.norm, width, self.own["weights"], tail=CHANNEL_SERIES_TAIL)
+        cell = emit_cell(b, m.norm, width, self.buffers["weights"], tail=CHANNEL_SERIES_TAIL)
         halved = b.select(b.fcmp_ordered("==", cell.half, vector(0.0)), vector(1.0), vector(0.0))
-        b.write_row((m.norm, m.over, cell.power, cell.unit, halved), self.own["lane"])
+        b.write_row((m.norm, m.over, cell.power, cell.unit, halved), self.buffers["lane"])
         b.store(cell.count, self.degree)
         b.store(cell.depth, self.depth)
         with b.if_then(b.icmp_signed(">", high, I64(0))):
@@ -273,11 +273,11 @@ class Late:
         b, a, high, width = self.b, self.a, self.a["high"], self.a.number(1)
         whole = b.fmul(width, b.sitofp(a["cells"], F64))
         levels = Loop(b, high, [whole], "high")
-        ladder = ExponentialLadder(b, m.layout, a["ladder"], self.own["levels"])
+        ladder = ExponentialLadder(b, m.layout, a["ladder"], self.buffers["levels"])
         ladder.fill(m, levels.index, b.splat(levels.carried[0]))
         levels.close([b.fmul(levels.carried[0], ir.Constant(F64, 2.0))])
         above = a.row("ladder", high, len(table_entries(m.layout)))
-        below = ExponentialLadder(b, m.layout, above, b.gep(self.own["levels"], [high]))
+        below = ExponentialLadder(b, m.layout, above, b.gep(self.buffers["levels"], [high]))
         below.fill_cell(m, cell, width)
         m.exponentiate(b.splat(width), m.e)
 
@@ -293,16 +293,16 @@ class Late:
             b.write_row(self.shape.tally.initial(), address)
         for name, source in (("next", "begin"), ("offset", "offset")):
             value = b.fptosi(walker_number(source), INT_VEC)
-            b.store(value, b.gep(self.own[name], [k]), align=8)
+            b.store(value, b.gep(self.buffers[name], [k]), align=8)
         shift = walker_number("shift")
-        first = b.load(b.gep(self.own["next"], [k]), align=8)
+        first = b.load(b.gep(self.buffers["next"], [k]), align=8)
         tau = b.fsub(b.gather(a["t"], first), shift)
-        b.store(tau, b.gep(self.own["tau"], [k]), align=8)
+        b.store(tau, b.gep(self.buffers["tau"], [k]), align=8)
         if self.shape.even:
             m.exponentiate(walker_number("share"), m.e)
             self._copy_row(k)
             self._multiply(m)
-            even = b.offset(self.own["even"], k, m.layout.size)
+            even = b.offset(self.buffers["even"], k, m.layout.size)
             for n in range(m.layout.size):
                 b.write(b.read(self.row, n), even, n)
         self._head(k, shift, walker_number("head"))
@@ -362,9 +362,9 @@ class Late:
         """Observe one sample in each lane, at the same span after every knot."""
         b, a = self.b, self.a
         for k in (k for k, shifted in enumerate(self.shape.shifted) if shifted):
-            row = b.gep(self.own["even"], [I64(k * self.shape.layout.size)])
+            row = b.gep(self.buffers["even"], [I64(k * self.shape.layout.size)])
             value = b.dot(row, [*z, *slopes])
-            sample = b.add(b.splat(knot), b.read(self.own["offset"], k))
+            sample = b.add(b.splat(knot), b.read(self.buffers["offset"], k))
             none = b.splat(a["knots"])
             inside = b.icmp_unsigned("<", sample, none)
             sample = b.select(inside, sample, none)
@@ -373,9 +373,9 @@ class Late:
     def interval(self, knot: ir.Value, z: Values, slopes: Values) -> None:
         """Observe all shifted channels from a knot to the next."""
         b, walker = self.b, self.walkers
-        b.write_row(z, self.own["z"])
-        b.write_row(slopes, self.own["rises"])
-        known = self.own | {
+        b.write_row(z, self.buffers["z"])
+        b.write_row(slopes, self.buffers["rises"])
+        known = self.buffers | {
             "shift": walker["shift"],
             "weight": walker.get("weight", walker["shift"]),
         }

@@ -81,13 +81,13 @@ class _Writer:
     def write(self, group: ir.Value) -> None:
         """Write all that is done for a group of walkers."""
         b, a, layout = self.b, self.a, self.layout
-        self.own = addresses(b, a["own"], group, self.shape.walker_blocks)
-        self.channels = Channels(a, self.shape, group, self.own)
+        self.lane_arguments = addresses(b, a["own"], group, self.shape.walker_blocks)
+        self.channels = Channels(a, self.shape, group, self.lane_arguments)
         m = self._machine()
         cell = emit_cell(b, m.norm, self.width, self.weights)
         self.ladder.fill_cell(m, cell, self.width)
         emit_nodes(m, a, cell, self.width)
-        x0 = b.read_row(self.own["x0"], layout.n_states)
+        x0 = b.read_row(self.lane_arguments["x0"], layout.n_states)
         self.place.write(x0, [vector(0.0)] * layout.n_series)
         begun = self.shape.tally.initial() if self.shape.tally is not None else []
         for total in self.totals:
@@ -149,7 +149,7 @@ class _Writer:
         return inputs, slopes
 
     def _machine(self) -> GroupMatrices:
-        b, layout, parameters = self.b, self.layout, self.own["parameters"]
+        b, layout, parameters = self.b, self.layout, self.lane_arguments["parameters"]
         constants = b.gep(self.a["numbers"], [I64(LEADING_NUMBERS)])
         matrix = layout.matrix(b, parameters, constants)
         norm = emit_rates(b, layout, matrix, self.least, self.rates)

@@ -159,17 +159,17 @@ class _Intervals(ResidualSums):
         residual, observed, (over, half) = sample.residual, sample.observed, sample.weights
         middle = b.fmul(Vector(b, residual).size().value, over)
         near = b.fsub(middle, half)
-        found = [b.fma(residual, residual, totals[0])]
+        products = [b.fma(residual, residual, totals[0])]
         # What the noise can hardly have moved out of its interval leaves the product as it is.
         before = b.block
         with b.if_then(b.anywhere(b.fcmp_unordered(">", near, vector(MAX_INSIDE_SDS)))):
             moved = self._moved(b, totals[1:], near, middle, half, observed)
             inside = b.block
         for start, new in zip(totals[1:], moved, strict=True):
-            found.append(b.phi(VEC))
-            found[-1].add_incoming(start, before)
-            found[-1].add_incoming(new, inside)
-        return found
+            products.append(b.phi(VEC))
+            products[-1].add_incoming(start, before)
+            products[-1].add_incoming(new, inside)
+        return products
 
     def _moved(
         self,

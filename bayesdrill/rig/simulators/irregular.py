@@ -154,7 +154,7 @@ class Dense:
         walker_parts = [parameters, x0, rows.reshape(len(rows), -1)]
         high = 0
         if late is not None:
-            walker_parts += [before, *late.own]
+            walker_parts += [before, *late.arguments]
             if late.searched:
                 high = int(max(self._farthest, late.farthest) / self._near).bit_length() or 1
             blocks["ladder"] = np.empty((high + MAX_LEVELS) * table_size)
@@ -210,7 +210,7 @@ class _Late:
             share = np.where(near, 0.0, np.clip(offset * step - shift, 0.0, step))
             head, begin = np.clip(offset, 0, n), np.clip(n + offset, 0, n)
             self.searched = bool((offset < 0).any())
-        self.own = [shift, share, offset, head, begin]
+        self.arguments = [shift, share, offset, head, begin]
         self.farthest = float(max(0.0, -shift.min()))
 
 
