@@ -119,7 +119,7 @@ def test_what_an_input_does_late_is_named_with_its_lag() -> None:
     early = noise.copy()
     early[:-3, 0] += 0.008 * v[3:]
     (text,) = input_sentences(list(found(early).values()))
-    assert "theta_1 follows the input v, -3 samples" in text
+    assert "theta_1 follow the input v, -3 samples" in text
     assert text.endswith(": the input answers to the rig, or times are off")
 
 

@@ -82,6 +82,11 @@ class KalmanFilter:
     torque: MissingTorque
     experiment: Experiment
 
+    def __repr__(self) -> str:
+        """Begin with the name by which runs know the kind of their noise."""
+        fields = (f"{f.name}={getattr(self, f.name)!r}" for f in dataclasses.fields(self))
+        return f"Filtered({', '.join(fields)})"
+
     def __getstate__(self) -> dict[str, Any]:
         """Without what is compiled."""
         return {field.name: getattr(self, field.name) for field in dataclasses.fields(self)}
