@@ -400,9 +400,10 @@ def test_the_evidence_is_that_of_sampling(tmp_path: Path) -> None:
         assert evidence is not None
         top = refit_candidate(run.job.problem.posterior, run.mode.values, -np.inf)
         assert top is not None
-        assert (top.at_ends == ()) == trusted
         if trusted:
             assert top.log_z == pytest.approx(evidence.log_z, abs=1.0)
+        else:
+            assert len(top.at_ends) > 1
 
     cheap = "sampler: {walkers: 32, ess: 400, n_tau: 20, r_hat: 1.02}"
     rubs = "parameters: {t_c1: {prior: uniform, low: 0, high: 1}}"
