@@ -288,8 +288,9 @@ class CandidateModels:
                 ends = t[0] + (t[-1] - t[0]) * np.array([k, k + 1]) / count
                 section["record"] = {**section.get("record", {}), "window": ends.tolist()}
                 section["initial"] = "free"
-            rungs.append(CandidateModel((), Source(given.path, as_yaml(data), data, {}, ()), {}))
-        return [dataclasses.replace(rung, table=self.job.table) for rung in rungs]
+            source = Source(given.path, as_yaml(data), data, {}, ())
+            rungs.append(CandidateModel((), source, {}, table=self.job.table))
+        return rungs
 
     def _sensors(self) -> Iterator[str]:
         """What channels and measured inputs may have, and all inputs together."""

@@ -42,7 +42,9 @@ def regression_start(posterior: Posterior) -> Array | None:
     start = space.vector(space.start)
     columns = space.columns("rig", "quantity")
     motions = [
-        motion for each in observations if (motion := MeasuredMotion.measured(each)) is not None
+        motion
+        for observation in observations
+        if (motion := MeasuredMotion.measured(observation)) is not None
     ]
     if not columns or len(motions) < len(observations):
         return None
@@ -56,8 +58,8 @@ def regression_start(posterior: Posterior) -> Array | None:
 
     def misfits(u: Array) -> Array:
         full = space.full(unknowns(u))
-        each = zip(observations, motions, strict=True)
-        parts = [motion.misfits(item.told(full)[0]) for item, motion in each]
+        pairs = zip(observations, motions, strict=True)
+        parts = [motion.misfits(observation.told(full)[0]) for observation, motion in pairs]
         return np.nan_to_num(np.concatenate(parts), posinf=FAR, neginf=-FAR)
 
     bounds = surface.low[columns], surface.high[columns]
@@ -69,10 +71,12 @@ def regression_start(posterior: Posterior) -> Array | None:
 @dataclass(frozen=True, slots=True)
 class MeasuredMotion:
     """What a record tells of all `states` of its rig, and its `inputs`, in the middle of each of its
-    T - 1 steps: `(T - 1,)` by name.  `bumps (M, T - 1)` and their `slopes`, times the steps.
+    T - 1 steps: `(T - 1,)` by name.  `equations`: states in whose rates a parameter stands; `bumps (M,
+    T - 1)` and their `slopes`, times the steps.
     """
 
     model: Model
+    equations: tuple[str, ...]
     states: Mapping[str, Array]
     inputs: Mapping[str, Array | float]
     bumps: Array
@@ -89,10 +93,13 @@ class MeasuredMotion:
         for name, series in experiment.series.items():
             u = series[every]
             inputs[name] = _middle(u) if experiment.first_order else u[:-1]
-        states = _states(model, experiment, every, inputs)
+        kinematics = _kinematics(model)
+        states = _states(model, kinematics, experiment, every, inputs)
         if len(states) < len(model.states) or len(t) < 2 * LEAST_SAMPLES:
             return None
-        return cls(model, {name: _middle(x) for name, x in states.items()}, inputs, *_bumps(t))
+        equations = tuple(name for name in model.states if name not in kinematics)
+        middles = {name: _middle(x) for name, x in states.items()}
+        return cls(model, equations, middles, inputs, *_bumps(t))
 
     def misfits(self, parameters: Array) -> Array:
         """Return those of each equation that has `parameters (P,)`, over the size of its left side."""
@@ -106,8 +113,7 @@ class MeasuredMotion:
         for (row, name), factor in (*linear.A.items(), *linear.B.items()):
             rates[row] = rates.get(row, 0.0) + factor * acting[name]
         parts = []
-        kinematics = _kinematics(self.model)
-        for row in [name for name in self.model.states if name not in kinematics]:
+        for row in self.equations:
             left = -self.slopes @ self.states[row]
             size = max(float(np.linalg.norm(left)), np.finfo(float).tiny)
             parts.append((left - self.bumps @ rates[row]) / size)
@@ -125,7 +131,11 @@ def _kinematics(model: Model) -> dict[str, dict[str, Any]]:
 
 
 def _states(
-    model: Model, experiment: Experiment, every: slice, inputs: Mapping[str, Array | float]
+    model: Model,
+    kinematics: Mapping[str, Mapping[str, Any]],
+    experiment: Experiment,
+    every: slice,
+    inputs: Mapping[str, Array | float],
 ) -> dict[str, Array]:
     """States `(T,)` that channels tell, alone or less others that are known; that kinematics and inputs
     give, integrated from zero; and speeds of angles.
@@ -144,7 +154,7 @@ def _states(
             if len(missing) == 1:
                 others = sum(weights[name] * states[name] for name in weights if name in states)
                 states[missing[0]] = (y - others) / weights[missing[0]]
-        for angle, row in _kinematics(model).items():
+        for angle, row in kinematics.items():
             if angle not in states and all(name in {**states, **inputs} for name in row):
                 acting = {**inputs, **{name: _middle(x) for name, x in states.items()}}
                 rate = sum(factor * acting[name] for name, factor in row.items())

@@ -57,7 +57,7 @@ def rank(job: Job, maximum: Mapping[str, float], submit: Submit, report: Reporte
     """Refit all candidate models of `job` from its maximum: each part by itself, pairs of the best, and
     as long as it gets better what else gained, beside the best.
 
-    `submit` does `causes.refit` in this process or another.
+    `submit` does `causes.refit_candidate` in this process or another.
     """
     given = submit(refit_candidate, job.problem.posterior, maximum, -math.inf).result()
     ranking = _Ranking(job, maximum, given, submit, report)
@@ -91,9 +91,8 @@ class _Ranking:
         self.refit_all(self.ladder.singles(), self.maximum)
         self.ladder = self._with_best_gear(self.ladder)
         best = next(iter(self._ranked(structural=True)), None)
-        if (
-            best is not None and best.parts == (START,) and best.bayes > SURE_LOG_ODDS
-        ):  # it moves only there
+        # A rig that moves from its start alone shows only there what it may lack.
+        if best is not None and best.parts == (START,) and best.bayes > SURE_LOG_ODDS:
             (rung,) = self.ladder.rungs([best.parts])
             there = CandidateModels.from_job(rung.job(), self.values[best.parts])
             self.ladder = self.ladder.moving(there.sizes, there.speeds)
@@ -198,9 +197,8 @@ class _Ranking:
         ]
         if top.several:
             doubts.append("there is another maximum, about as high")
-        more = top.on(
-            self.given.numbers
-        )  # a lag leaves out samples of a rig that moves at the start
+        # A lag leaves out samples of a rig that moves at the start.
+        more = top.on(self.given.numbers)
         roles = self.job.problem.model.roles
         physics = [role for part in rung.parts for role in PHYSICS.get(part, ())]
         self.causes_by_parts[rung.parts] = Cause(

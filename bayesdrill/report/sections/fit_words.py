@@ -384,6 +384,8 @@ def _listed(words: Sequence[str]) -> str:
 
 def wandering(causes: Causes) -> str:
     """Say which unknowns change from window to window of the record; empty where none was refitted."""
+    if not causes.windows:
+        return ""
     changes = []
     for column in zip(*causes.windows, strict=True):
         values = [unknown.value for unknown in column]
@@ -391,8 +393,6 @@ def wandering(causes: Causes) -> str:
         if (sds := float(np.std(values, ddof=1)) / sd if sd > 0 else 0.0) > WANDERS:
             said = f"{min(values):.3g} to {max(values):.3g} {column[0].unit}".strip()
             changes.append((sds, f"{column[0].name} from {said} (sd {sd:.2g})"))
-    if not causes.windows:
-        return ""
     opening = (
         f"fit: the config as given was refitted on {len(causes.windows)} windows of the record"
     )
