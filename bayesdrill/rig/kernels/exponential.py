@@ -235,11 +235,14 @@ _MANTISSA_BITS = 52
 _EXPONENT_BIAS = 1023
 
 
-def emit_exponential(module: ir.Module, layout: Layout, *, increments: bool) -> ir.Function:
+def emit_exponential(
+    module: ir.Module, layout: Layout, *, increments: bool, beside_one: bool = True
+) -> ir.Function:
     """Write `exponential(parameters (P, LANES), constants (C,), spans (LANES,), e (N, N, LANES))`.
 
     It stores e = exp of the augmented matrix, each lane over a span of its own.  The last columns
-    are those of the inputs' `increments` over the span, or else of their slopes.
+    are those of the inputs' `increments` over the span, or else of their slopes.  `beside_one=False`
+    stores e - 1, which has more digits where a span is short.
 
     By scaling and squaring (Moler and Van Loan 2003): a Taylor series of degree 16 in powers of the
     fourth power, then squarings lane by lane.  Both are of e - 1: beside a one, what a slow state
@@ -286,7 +289,7 @@ def emit_exponential(module: ir.Module, layout: Layout, *, increments: bool) -> 
         twice = b.fma(vector(2.0), now, b.read(spare, entry))  # (1 + e)^2 - 1
         b.write(b.select(still, twice, now), e, entry)
     squarings.close([])
-    for entry in range(0, n * n, n + 1):
+    for entry in range(0, n * n, n + 1) if beside_one else ():
         b.write(b.fadd(b.read(e, entry), vector(1.0)), e, entry)
     b.ret_void()
     return function

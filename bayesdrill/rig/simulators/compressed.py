@@ -1,0 +1,421 @@
+"""A linear rig's record in a few hundred numbers: sums of squares that do not know its length.
+
+The second implementation of a simulator.  Sums of squares and their normal equations come from the
+record's triangle (`rational_basis`) wherever the bound of what is left is small enough, walker by
+walker; everything else, and all other walkers, from the exact simulator.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, Self
+
+import numpy as np
+
+from bayesdrill.basics.arrays import Array, Flags
+from bayesdrill.record.experiment import Experiment
+from bayesdrill.rig.kernels.compiling import compile_kernel
+from bayesdrill.rig.kernels.exponential import Layout, present
+from bayesdrill.rig.kernels.lanes import LANES
+from bayesdrill.rig.kernels.rational_basis import (
+    BLOCKS,
+    NORMAL_BLOCKS,
+    ROWS,
+    BasisShape,
+    write_basis,
+    write_normal,
+)
+from bayesdrill.rig.kernels.sums import SQUARES, ResidualSums
+from bayesdrill.rig.models.linear import Tangent
+from bayesdrill.rig.simulators.contract import Motion, Simulator, Steps, in_groups
+from bayesdrill.rig.simulators.rational_basis import (
+    BLOCK,
+    Basis,
+    Columns,
+    Long,
+    NoBasisError,
+    Triangle,
+    choose_basis,
+    impulse_columns,
+    long_exponential,
+    long_response,
+    triangle,
+)
+from bayesdrill.rig.simulators.sensors import ObservationModel, SensorParameters
+from bayesdrill.rig.simulators.time_grid import Grid, build_grid
+
+TOLERANCE = 1e-7  # of the log likelihood
+MAX_BEYOND = 0.02  # of points: walkers whose bound is larger have the exact simulator
+DIGITS = (8, 26, 2)  # of a response that functions are to have: first, last, and steps between
+
+
+@dataclass(frozen=True, eq=False)
+class CompressedSimulator(Simulator):
+    """Simulates by the record's triangle, and by the `exact` simulator where that is not enough.
+
+    `full (P,)`: the reference, from which all is a difference.  `tolerance (K,)`: what sums of squares
+    may be wrong by.  `counts`: walkers that were asked for, and those that the exact simulator answered.
+    """
+
+    whole: Simulator
+    basis: Basis
+    record_triangle: Triangle
+    reference: Array
+    tolerance: Array
+
+    @property
+    def model(self) -> Any:  # type: ignore[override]
+        return self.whole.model
+
+    @property
+    def experiment(self) -> Experiment:  # type: ignore[override]
+        return self.whole.experiment
+
+    @property
+    def sensing(self) -> ObservationModel:  # type: ignore[override]
+        return self.whole.sensing
+
+    @property
+    def exact(self) -> bool:  # type: ignore[override]
+        """See `Simulator.exact`."""
+        return True
+
+    # What only the exact simulator can do.
+
+    def motion(self, full: Array) -> Motion:
+        """See `Simulator.motion`."""
+        return self.whole.motion(full)
+
+    def steps(self, full: Array) -> Steps:
+        """See `Simulator.steps`."""
+        return self.whole.steps(full)
+
+    def signals(self, full: Array) -> Array:
+        """See `Simulator.signals`."""
+        return self.whole.signals(full)
+
+    def course(self, full: Array, along: Array) -> tuple[Array, Array]:
+        """See `Simulator.course`."""
+        return self.whole.course(full, along)
+
+    def sensitivities(self, full: Array, along: Array) -> Array:
+        """See `Simulator.sensitivities`."""
+        return self.whole.sensitivities(full, along)
+
+    def of(self, experiment: Experiment) -> Simulator:  # type: ignore[override]
+        """Return the exact simulator of another experiment."""
+        return self.whole.of(experiment)
+
+    # What the triangle can do.
+
+    def sums(self, full: Array, tally: ResidualSums, weights: Array | None = None) -> Array:
+        """See `Simulator.sums`."""
+        if tally is not SQUARES:
+            return self.whole.sums(full, tally, weights)
+        squares, errors = self.expanded(full)
+        return self._mended(full, squares, errors)[..., None]
+
+    def expanded(self, full: Array) -> tuple[Array, Array]:
+        """Return sums of squares `(W, K)` by the triangle, and bounds of what they are wrong by."""
+        blocks = in_groups(self._walkers(full))
+        out = np.empty((len(blocks), 2 * self._k, LANES))
+        self._run("squares", self._shape, len(blocks), {"walkers": blocks, "out": out})
+        numbers = out.transpose(0, 2, 1).reshape(-1, self._k, 2)[: len(full)]
+        return _with_bounds(numbers[..., 0], numbers[..., 1])
+
+    def normal(self, full: Array, along: Array, scales: Array) -> tuple[Array, Array, Array]:
+        """See `Simulator.normal`."""
+        n, q, _ = along.shape
+        with np.errstate(all="ignore"):
+            walkers = self._walkers(full)
+            slopes = self._walker_slopes(full, along)
+        blocks = {
+            "walkers": in_groups(walkers),
+            "directions": in_groups(slopes.reshape(n, -1)),
+            "scales": in_groups(scales),
+        }
+        k, groups = self._k, len(blocks["walkers"])
+        blocks["out"] = np.empty((groups, 2 * k + q + q * q, LANES))
+        self._run("normal", self._tangent_shape, groups, blocks, q)
+        rows = blocks["out"].transpose(0, 2, 1).reshape(-1, 2 * k + q + q * q)[:n]
+        numbers, slope, lower = np.split(rows, [2 * k, 2 * k + q], axis=1)
+        squares, bounds = numbers[:, ::2], numbers[:, 1::2]
+        products = np.tril(lower.reshape(n, q, q))
+        products = products + np.tril(products, -1).swapaxes(1, 2)
+        errors = _with_bounds(squares / scales**2, bounds)[1]
+        squares = squares.copy()
+        if (far := np.flatnonzero(self.beyond(errors))).size:
+            squares[far], slope[far], products[far] = self.whole.normal(
+                full[far], along[far], scales[far]
+            )
+        return squares, slope, products
+
+    def beyond(self, errors: Array) -> Flags:
+        """Tell of which walkers the squares may be wrong by too much: `(W,)`."""
+        return np.asarray(~(errors <= self.tolerance).all(axis=1))
+
+    def _mended(self, full: Array, squares: Array, errors: Array) -> Array:
+        """Return the squares, those of the exact simulator where errors may be too large."""
+        far = np.flatnonzero(self.beyond(errors))
+        if len(far):
+            squares = squares.copy()
+            squares[far] = self.whole.squares(full[far])
+        return squares
+
+    @property
+    def _k(self) -> int:
+        return len(self.experiment.channels)
+
+    @cached_property
+    def _sensors(self) -> SensorParameters:
+        return SensorParameters(self.model, self.experiment, self.sensing)
+
+    @cached_property
+    def _shape(self) -> BasisShape:
+        return basis_shape(self._sensors, self.basis, tangent=False)
+
+    @cached_property
+    def _tangent_shape(self) -> BasisShape:
+        return basis_shape(self._sensors, self.basis, tangent=True)
+
+    def _walkers(self, full: Array) -> Array:
+        return walker_numbers(self._sensors, full)
+
+    def _walker_slopes(self, full: Array, along: Array) -> Array:
+        """Return the slopes `(W q, n)` of what walkers have."""
+        n, q, _ = along.shape
+        return walker_slopes(self._sensors, np.repeat(full, q, axis=0), along.reshape(n * q, -1))
+
+    @cached_property
+    def _shared(self) -> dict[str, Array]:
+        shape, sensors = self._shape, self._sensors
+        grid = uniform_grid(self.whole)
+        assert grid is not None
+        inputs = [value for value in self.experiment.constant.values() if value != 0.0]
+        sizes = source_sizes(shape, sensors, grid)
+        return {
+            "numbers": np.array([float(grid.spans[0]), *inputs]),
+            "frame": self.basis.frame(sizes),
+            "orders": np.array(self.basis.orders, dtype=np.int64),  # type: ignore[dict-item]
+            "reference": self.reference,
+            "triangles": np.ascontiguousarray(self.record_triangle.matrix),
+            "projected": np.ascontiguousarray(self.record_triangle.projected),
+        }
+
+    def _run(
+        self, name: str, shape: BasisShape, groups: int, blocks: dict[str, Array], q: int = 0
+    ) -> None:
+        alike, columns, _ = self.record_triangle.matrix.shape
+        scratch = np.empty((shape.scratch_size(columns, q), LANES))
+        every = {**self._shared, **blocks, "scratch": scratch}
+        counts = [groups, columns, columns**2 if alike > 1 else 0, *([q] if q else [])]
+        names = NORMAL_BLOCKS if q else BLOCKS
+        kernel = compile_kernel(write_normal if q else write_basis, shape)
+        kernel[name](*counts, *(every[block].ctypes.data for block in names))
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {field.name: getattr(self, field.name) for field in dataclasses.fields(self)}
+
+    def with_record(self, y: Array) -> Self:
+        """See `Simulator.with_record`: the exact simulator of another record."""
+        return self.whole.with_record(y)  # type: ignore[return-value]
+
+
+def _with_bounds(squares: Array, sizes: Array) -> tuple[Array, Array]:
+    """Return squares `(W, K)`, and what they may be wrong by, where so much is left of residuals."""
+    with np.errstate(all="ignore"):
+        return squares, 2.0 * np.sqrt(squares) * sizes + sizes**2
+
+
+def uniform_grid(simulator: Simulator) -> Grid | None:
+    """Return the grid of a record that has one step, None of others."""
+    sensors = SensorParameters(simulator.model, simulator.experiment, simulator.sensing)
+    experiment = simulator.experiment
+    if simulator.stepping is not None or simulator.sensing.shifts or len(experiment.t) < 2:
+        return None
+    if simulator.exact:  # steps that are nearly one are one
+        if sensors.lead:
+            return None
+        return build_grid(experiment.dt * np.arange(len(experiment.t)))
+    grid = build_grid(sensors.knots[0])
+    return grid if grid.uniform else None
+
+
+def basis_shape(sensors: SensorParameters, basis: Basis, *, tangent: bool) -> BasisShape:
+    """Return what kernels are specialised for."""
+    experiment, model = sensors.experiment, sensors.observed_model
+    series, constant = tuple(experiment.series), present(experiment.constant)
+    return BasisShape(
+        layout=Layout.from_model(
+            Tangent(model) if tangent else model, series, constant,
+            first_order=experiment.first_order,
+        ),
+        poles=basis.kinds,
+        integrators=basis.integrators,
+        channels=len(experiment.channels),
+        impulse=starts(sensors),
+        tangent=tangent,
+    )  # fmt: skip
+
+
+def starts(sensors: SensorParameters) -> bool:
+    """Tell whether the start moves the rig, or may."""
+    sensing, start = sensors.sensing, sensors.experiment.start
+    return sensing.steady or bool(sensing.states) or any(start.values())
+
+
+def walker_numbers(sensors: SensorParameters, full: Array) -> Array:
+    """Return what walkers `full (W, P)` have: parameters, start, rows `(W, P' + X + K (X + 1))`."""
+    n = len(full)
+    system = sensors.linear_system(full) if sensors.sensing.steady else None
+    start = sensors.initial_state(system, full)
+    rows = sensors.rows(sensors.gains(full), full)
+    return np.concatenate([sensors.simulator_parameters(full), start, rows.reshape(n, -1)], axis=1)
+
+
+def walker_slopes(sensors: SensorParameters, full: Array, along: Array) -> Array:
+    """Return the slopes of `walker_numbers` at `full (n, P)` along `along (n, P)`."""
+    n = len(full)
+    system = sensors.tangent_system(full, along) if sensors.sensing.steady else None
+    start = sensors.initial_state_slope(system, along)
+    gains = sensors.channel_values(sensors.sensing.gains, along)
+    rows = sensors.rows(gains, along)
+    return np.concatenate([sensors.simulator_parameters(along), start, rows.reshape(n, -1)], axis=1)
+
+
+def source_sizes(shape: BasisShape, sensors: SensorParameters, grid: Grid) -> list[float]:
+    """Return the root of the sum of squares of what drives the rig, of each source."""
+    samples = len(grid.t) - 1
+    known = {"impulse": 1.0, "constant": float(np.sqrt(samples))}
+    series = [float(np.linalg.norm(u)) for u in sensors.knots[1].values()]
+    ratio = samples / max(1, len(sensors.knots[0]))
+    each = {f"series {s}": float(size * np.sqrt(ratio) * 1.01) for s, size in enumerate(series)}
+    return [(known | each)[source] for source in shape.sources]
+
+
+def compress(simulator: Simulator, points: Array, variances: Array) -> Simulator:
+    """Return the simulator by a triangle, made for rigs near `points (n, P)`; the first is the reference.
+
+    The very same where it cannot be made: a rig with friction, steps of many lengths, delays, modes that
+    do not decay, or poles that are known too little.  `variances (K,)`: of the noise, of which sums of
+    squares may be wrong by `TOLERANCE`.
+    """
+    grid = uniform_grid(simulator)
+    if grid is None:
+        return simulator
+    sensors = SensorParameters(simulator.model, simulator.experiment, simulator.sensing)
+    with np.errstate(all="ignore"):
+        rates = sensors.linear_system(points)[0]
+    try:
+        basis = _sufficient_basis(simulator, rates, float(grid.spans[0]), points, variances)
+    except NoBasisError:
+        return simulator
+    shape = basis_shape(sensors, basis, tangent=False)
+    columns = shape.columns(basis.orders)
+    reference = _reference_response(sensors, shape, grid, points[0])
+    record = triangle(_record_blocks(sensors, shape, basis, grid, reference), columns)
+    made = _without_reference(simulator, basis, record, variances)
+    return dataclasses.replace(made, reference=_coefficients(made, points[:1]))
+
+
+def _sufficient_basis(
+    simulator: Simulator, rates: Array, dt: float, points: Array, variances: Array
+) -> Basis:
+    """Return the fewest functions whose bound is small enough at nearly all points."""
+    sensors = SensorParameters(simulator.model, simulator.experiment, simulator.sensing)
+    for digits in range(*DIGITS):
+        basis = choose_basis(rates, dt, 10.0**-digits)
+        columns = basis_shape(sensors, basis, tangent=False).columns(basis.orders)
+        padded = columns + -columns % ROWS
+        empty = Triangle(np.zeros((1, padded, padded)), np.zeros((len(variances), padded + 1)))
+        empty.projected[:, -1] = variances * simulator.experiment.counts
+        made = _without_reference(simulator, basis, empty, variances)
+        if np.mean(made.beyond(made.expanded(points)[1])) <= MAX_BEYOND:
+            return basis
+    raise NoBasisError("the bound of what functions leave stays too large")
+
+
+def _without_reference(
+    simulator: Simulator, basis: Basis, record: Triangle, variances: Array
+) -> CompressedSimulator:
+    reference = np.zeros((record.matrix.shape[1], len(variances)))
+    tolerance = 2.0 * TOLERANCE * variances / len(variances)
+    return CompressedSimulator(simulator, basis, record, reference, tolerance)
+
+
+def _coefficients(made: CompressedSimulator, full: Array) -> Array:
+    """Return the coefficients `(n, K)` of the reference: the kernel's own, to the last digit."""
+    shape, columns = made._shape, made.record_triangle.matrix.shape[1]
+    blocks = in_groups(made._walkers(full))
+    scratch = np.empty((shape.scratch_size(columns), LANES))
+    out = np.empty((1, 2 * shape.channels, LANES))
+    every = {**made._shared, "walkers": blocks, "out": out, "scratch": scratch}
+    kernel = compile_kernel(write_basis, shape)
+    kernel["squares"](1, columns, 0, *(every[block].ctypes.data for block in BLOCKS))
+    first = shape.layout.size**2 + 3 * len(shape.poles) * shape.decaying**2
+    return np.ascontiguousarray(
+        scratch[first : first + columns * shape.channels, 0].reshape(columns, -1)
+    )
+
+
+def _inputs(sensors: SensorParameters, shape: BasisShape, grid: Grid) -> Array:
+    """Return the sampled inputs at all knots of the grid `(T, S)`, and once more the last."""
+    t, series = sensors.knots
+    at = grid.t[:-1]
+    columns = []
+    for u in series.values():
+        if shape.layout.first_order:
+            columns.append(np.interp(at, grid.t[grid.at], u))
+        else:
+            columns.append(u[np.searchsorted(grid.at, np.arange(len(at)), side="right") - 1])
+    inputs = np.array(columns).reshape(len(columns), len(at)).T
+    return np.concatenate([inputs, inputs[-1:]])
+
+
+def _reference_response(
+    sensors: SensorParameters, shape: BasisShape, grid: Grid, full: Array
+) -> Array:
+    """Return the channels of the reference at all knots `(T, K)`, in long numbers."""
+    layout, x = shape.layout, shape.states
+    numbers = walker_numbers(sensors, full[None])[0]
+    p = shape.parameters
+    constants = [value for value in sensors.experiment.constant.values() if value != 0.0]
+    matrix = np.zeros((layout.size, layout.size))
+    for row, column, value in layout.entries([*numbers[:p], *constants]):
+        timed = value if row >= x else value * float(grid.spans[0])
+        matrix[row, column] += timed
+    whole = long_exponential(matrix)
+    inputs = _inputs(sensors, shape, grid).astype(Long)
+    drive = whole[:x, x] + inputs[:-1] @ whole[:x, x + 1 : x + 1 + layout.n_series].T
+    if layout.first_order:
+        drive = drive + np.diff(inputs, axis=0) @ whole[:x, x + 1 + layout.n_series :].T
+    rows = numbers[p + x :].reshape(shape.channels, x + 1).astype(Long)
+    shown = long_response(whole[:x, :x], drive, numbers[p : p + x].astype(Long), rows[:, :x])
+    return shown + rows[:, x]
+
+
+def _record_blocks(
+    sensors: SensorParameters, shape: BasisShape, basis: Basis, grid: Grid, reference: Array
+) -> Iterator[tuple[Array, Array]]:
+    """Yield columns `(m, n)` at the samples, and what the reference leaves of them `(m, K)`."""
+    inputs = _inputs(sensors, shape, grid)[:-1]
+    start = impulse_columns(basis) if shape.impulse else None
+    driven = Columns(basis, int(shape.constant) + shape.layout.n_series)
+    samples = np.zeros(len(inputs), dtype=bool)
+    samples[grid.at] = True
+    y = np.asarray(sensors.padded)
+    known = 0
+    for first in range(0, len(inputs), BLOCK):
+        here = slice(first, first + BLOCK)
+        u = inputs[here]
+        ones = np.ones((len(u), 1))
+        parts = [] if start is None else [start.block(np.zeros((len(u), 1)))]
+        parts.append(driven.block(np.concatenate([ones, u], axis=1) if shape.constant else u))
+        parts += [u] if shape.layout.first_order else []
+        block = np.concatenate([*parts, ones], axis=1)[samples[here]]
+        left = y[known : known + len(block)] - reference[here][samples[here]]
+        known += len(block)
+        yield block, left.astype(float)

@@ -1,0 +1,299 @@
+"""Rational functions for the response of a rig near a reference, and a record along them.
+
+See `kernels.rational_basis` for what they are.  Poles are chosen for the rigs at given points; then
+the record, block by block, becomes a triangle: of the functions as columns B = Q R, and of what the
+reference leaves of the record Q' r.  Its size does not depend on the length of the record.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.linalg import expm
+from scipy.signal import lfilter
+
+from bayesdrill.basics.arrays import Array
+from bayesdrill.rig.kernels.rational_basis import PAIR, REAL, ROUNDS, ROWS, PoleNumbers
+
+Long = np.longdouble
+BLOCK = 1 << 14  # samples at a time
+MAX_ORDER = 30  # functions of a pole: with more the exact response is no dearer
+MAX_SHARED = 1e-9  # of a rate: how exactly a state moves nothing at all points, to be an integrator
+SERIES, HALVINGS = 22, 12  # of the exponential in long numbers
+CORES = 1000  # stretches of a record that are stepped side by side
+
+
+class NoBasisError(Exception):
+    """No such functions are known for this rig; the message says why."""
+
+
+@dataclass(frozen=True, slots=True)
+class Pole:
+    """A pole 1 + `mu` of the functions, or a pair, and how many functions it has in a round."""
+
+    kind: str
+    mu: complex
+    order: int
+
+    @property
+    def numbers(self) -> PoleNumbers:
+        """What kernels know of it."""
+        return PoleNumbers.of_pole(self.kind, self.mu)
+
+
+@dataclass(frozen=True, slots=True)
+class Basis:
+    """Functions, and coordinates in which rigs near the reference are nearly diagonal.
+
+    `vectors (X, X)`: integrators, then modes of the reference, real and imaginary parts of pairs in a
+    row; `duals`: its inverse.
+    """
+
+    poles: tuple[Pole, ...]
+    integrators: int
+    vectors: Array
+    duals: Array
+
+    @property
+    def kinds(self) -> tuple[str, ...]:
+        """The kinds of its poles."""
+        return tuple(pole.kind for pole in self.poles)
+
+    @property
+    def orders(self) -> tuple[int, ...]:
+        """The orders of its poles."""
+        return tuple(pole.order for pole in self.poles)
+
+    @property
+    def width(self) -> int:
+        """Columns of a source."""
+        functions = sum(pole.order * (1 if pole.kind == REAL else 2) for pole in self.poles)
+        return self.integrators + ROUNDS * functions
+
+    def frame(self, sizes: Sequence[float]) -> Array:
+        """Return the block `frame` of the kernels; `sizes`: of what drives the rig, each over time."""
+        poles = [number for pole in self.poles for number in pole.numbers.all]
+        parts = [self.vectors.ravel(), self.duals.ravel(), sizes, poles]
+        return np.concatenate([np.asarray(part, dtype=float) for part in parts])
+
+
+def choose_basis(rates: Array, dt: float, left: float) -> Basis:
+    """Choose functions for rigs with `rates (n, X, X)`, their matrices A; the first is the reference.
+
+    `left`: how much of a mode's response they may leave.  Raises `NoBasisError` where a rig has no decaying modes, or poles are too far apart.
+    """
+    falls = np.array([expm(a * dt) - np.eye(len(a)) for a in rates])
+    shared = _shared_integrators(rates)
+    vectors, values = _modes(falls[0], shared)
+    duals = np.linalg.inv(vectors)
+    if not np.isfinite(duals).all():
+        raise NoBasisError("two of its poles are one")
+    d = shared.shape[1]
+    inner = (duals @ falls @ vectors)[:, d:, d:]
+    found = np.linalg.eigvals(inner)
+    if (np.abs(1.0 + found) >= 1.0).any():
+        raise NoBasisError("a mode of the rig does not decay")
+    return Basis(tuple(_chosen(values, found, left)), d, vectors, duals)
+
+
+def _shared_integrators(rates: Array) -> Array:
+    """Return the directions of states `(X, d)` that move nothing, in any of the rigs."""
+    rows = rates.reshape(-1, rates.shape[2])
+    size = np.abs(rows).max(axis=1, keepdims=True)
+    rows = rows[size[:, 0] > 0] / size[size[:, 0] > 0]
+    _, singular, turned = np.linalg.svd(rows, full_matrices=True)
+    singular = np.append(singular, np.zeros(len(turned) - len(singular)))
+    null = turned[singular < MAX_SHARED * singular[0]].T
+    if null.shape[1] == 1:  # all angles alike, to the last digit
+        null = null / null[np.argmax(np.abs(null[:, 0])), 0]
+        near = np.round(null)
+        null = np.where(np.abs(null - near) < MAX_SHARED, near, null)
+    return np.asarray(null)
+
+
+def _modes(fall: Array, shared: Array) -> tuple[Array, list[complex]]:
+    """Return real vectors `(X, X)` of integrators and modes, the fastest first, and their values."""
+    values, vectors = np.linalg.eig(fall)
+    order = np.argsort(-np.abs(values), kind="stable")[: len(fall) - shared.shape[1]]
+    columns, kept = [shared], []
+    for k in order:
+        value, mode = complex(values[k]), vectors[:, k]
+        if value.imag < 0:
+            continue
+        parts = (mode.real, mode.imag) if value.imag > 0 else (mode.real,)
+        columns += [part[:, None] for part in parts]
+        kept.append(value)
+    return np.concatenate(columns, axis=1), kept
+
+
+def _chosen(values: list[complex], found: Array, left: float) -> Iterator[Pole]:
+    """Yield the poles of the functions: each amid those of the rigs that are nearest to its mode."""
+    kinds = [PAIR if value.imag > 0 else REAL for value in values]
+    poles = list(zip(kinds, values, strict=True))
+    flat = found.ravel()
+    nearest = np.argmin([_passed(kind, mu, flat) for kind, mu in poles], axis=0)
+    for index, (kind, mu) in enumerate(poles):
+        mine = flat[nearest == index] if (nearest == index).any() else np.array([mu])
+        decay = -mine.real
+        middle = complex(-math.sqrt(decay.min() * decay.max()), 0.0)
+        if kind == PAIR:
+            turns = np.abs(mine.imag)
+            middle = complex(middle.real, 0.5 * (turns.min() + turns.max()))
+        # As numbers have it beside one.
+        middle = complex((1.0 + middle.real) - 1.0, middle.imag)
+        share = float(_passed(kind, middle, mine).max())
+        order = 1 if share == 0.0 else 1 + math.ceil(math.log(left) / math.log(share) / ROUNDS)
+        if order > MAX_ORDER:
+            raise NoBasisError("poles of the rig are known too little")
+        yield Pole(kind, middle, order)
+
+
+def _passed(kind: str, mu: complex, values: Array) -> Array:
+    """Return how much of modes with these values a function of the pole leaves."""
+    numbers = PoleNumbers.of_pole(kind, mu)
+    over = np.polynomial.polynomial.polyval(values, numbers.over)
+    first, second, third = numbers.along
+    return np.asarray(np.abs(first + (second + third * values) / over))
+
+
+class Columns:
+    """The functions as columns, block after block: what they make of `sources`, and of them direct."""
+
+    def __init__(self, basis: Basis, sources: int) -> None:
+        self._basis = basis
+        self._sums = np.zeros((sources, basis.integrators))
+        states = ROUNDS * sum(pole.order for pole in basis.poles)
+        self._states = np.zeros((sources, states, 1), dtype=complex)
+
+    def block(self, sources: Array) -> Array:
+        """Return the columns `(m, n)` of the next samples of the `sources (m, S)`."""
+        columns = []
+        for s, u in enumerate(sources.T):
+            columns += self._integrated(s, u)
+            signal, stage = u, 0
+            for pole in ROUNDS * self._basis.poles:
+                for _ in range(pole.order):
+                    new, signal = self._filtered(s, stage, pole, signal)
+                    columns += new
+                    stage += 1
+        return np.array(columns).T
+
+    def _integrated(self, s: int, u: Array) -> list[Array]:
+        columns = []
+        for n in range(self._basis.integrators):
+            sums = self._sums[s, n] + np.cumsum(u)
+            columns.append(np.append(self._sums[s, n], sums[:-1]))
+            self._sums[s, n] = sums[-1]
+        return columns
+
+    def _filtered(self, s: int, stage: int, pole: Pole, u: Array) -> tuple[list[Array], Array]:
+        """Return the columns of a function, and its input behind the all-pass."""
+        numbers = pole.numbers
+        if pole.kind == REAL:
+            a, size = -numbers.over[1], numbers.even
+            out, state = lfilter([0.0, size], [1.0, -a], u, zi=self._states[s, stage].real)
+            self._states[s, stage] = state
+            return [out], size * out - a * u
+        a = complex(1.0 + pole.mu.real, pole.mu.imag)
+        # 1 / (z - a) has as its parts what a pair of poles can do.
+        out, self._states[s, stage] = lfilter([0.0, 1.0], [1.0, -a], u, zi=self._states[s, stage])
+        square, even, odd = numbers.over[2], numbers.even, numbers.odd
+        first = even * (out.real + (1.0 + a.real) / a.imag * out.imag)
+        second = odd * (out.real + pole.mu.real / a.imag * out.imag)
+        return [first, second], square * u + even * first - odd * second
+
+
+def impulse_columns(basis: Basis) -> Columns:
+    """Return the columns of a start: an impulse a sample before the first."""
+    columns = Columns(basis, 1)
+    columns.block(np.ones((1, 1)))
+    return columns
+
+
+@dataclass(frozen=True, slots=True)
+class Triangle:
+    """A record along the columns: `matrix (K', n, n)`, K' one where channels were seen alike.
+
+    `projected (K, n + 1)`: what the reference leaves of each channel, along the columns, and the sum of
+    squares of the rest.
+    """
+
+    matrix: Array
+    projected: Array
+
+
+def triangle(blocks: Iterator[tuple[Array, Array]], columns: int) -> Triangle:
+    """Put blocks of columns `(m, n)` and of what the reference leaves `(m, K)` into a triangle.
+
+    What was not measured is NaN.  `columns`: n, to which zeros are added to a multiple of `ROWS`.
+    """
+    parts: list[Array] = []
+    for block, left in blocks:
+        seen = ~np.isnan(left)
+        if not parts:
+            parts = [np.zeros((0, columns + left.shape[1]))]
+        if len(parts) == 1 and not (seen == seen[:, :1]).all():
+            # From here on each channel has its own.
+            kept = columns + np.arange(left.shape[1])
+            parts = [np.delete(parts[0], np.delete(kept, k), axis=1) for k in range(left.shape[1])]
+        for k, part in enumerate(parts):
+            mine = left if len(parts) == 1 else left[:, [k]]
+            rows = np.concatenate([block, mine], axis=1)[seen[:, k]]
+            parts[k] = np.linalg.qr(np.concatenate([part, rows]), mode="r")
+    padded = columns + -columns % ROWS
+    k_count = parts[0].shape[1] - columns if len(parts) == 1 else len(parts)
+    matrix, projected = np.zeros((len(parts), padded, padded)), np.zeros((k_count, padded + 1))
+    for k, part in enumerate(parts):
+        rows = min(columns, len(part))
+        matrix[k, :rows, :columns] = part[:rows, :columns]
+    for k in range(k_count):
+        part = parts[0] if len(parts) == 1 else parts[k]
+        column = part[:, columns + (k if len(parts) == 1 else 0)]
+        projected[k, : min(columns, len(part))] = column[:columns]
+        projected[k, padded] = float(column[columns:] @ column[columns:])
+    return Triangle(matrix, projected)
+
+
+def long_exponential(matrix: Array) -> Array:
+    """Return exp(M) - 1 in long numbers; M is real."""
+    scaled = matrix.astype(Long) / Long(2**HALVINGS)
+    total, term = scaled.copy(), scaled.copy()
+    for k in range(2, SERIES):
+        term = term @ scaled / Long(k)
+        total = total + term
+    for _ in range(HALVINGS):
+        total = 2 * total + total @ total
+    return total
+
+
+def long_response(fall: Array, drive: Array, start: Array, rows: Array) -> Array:
+    """Return channels `(T, K)` of x(t + 1) = x(t) + fall x(t) + drive(t), in long numbers.
+
+    `fall (X, X)`, `drive (T, X)`, `rows (K, X)`.  Stretches of the record are stepped side by side:
+    first from rest, which says where each begins, then from there.
+    """
+    t_count, x = drive.shape
+    length = -(-t_count // CORES)
+    stretches = -(-t_count // length)
+    padded = np.zeros((stretches * length, x), dtype=Long)
+    padded[:t_count] = drive
+    padded = padded.reshape(stretches, length, x)
+    turned = fall.T
+    state = np.zeros((stretches, x), dtype=Long)
+    power = np.zeros((x, x), dtype=Long)  # of 1 + fall over a stretch, less one
+    for j in range(length):
+        state = state + (state @ turned + padded[:, j])
+        power = power + fall + fall @ power
+    starts = np.empty((stretches, x), dtype=Long)
+    starts[0] = start
+    for n in range(1, stretches):
+        starts[n] = starts[n - 1] + power @ starts[n - 1] + state[n - 1]
+    out = np.empty((stretches, length, len(rows)), dtype=Long)
+    state = starts
+    for j in range(length):
+        out[:, j] = state @ rows.T
+        state = state + (state @ turned + padded[:, j])
+    return out.reshape(-1, len(rows))[:t_count]
