@@ -8,16 +8,18 @@ the same streams of random numbers for the same purposes.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from concurrent.futures import Future
 from dataclasses import dataclass, field
+from functools import partial
+from typing import Any
 
 import numpy as np
 
 from bayesdrill.basics import seeds
 from bayesdrill.basics.arrays import Array
 from bayesdrill.basics.progress import SILENT, Reporter
-from bayesdrill.inference import laplace
+from bayesdrill.inference import compression, laplace
 from bayesdrill.inference.posterior import Posterior
 from bayesdrill.sampling import mode_search
 from bayesdrill.sampling.ensembles import (
@@ -57,10 +59,14 @@ class FitPlan:
 
 @dataclass(frozen=True, slots=True)
 class PendingSearches:
-    """Searches for the MAP that are under way, and for maxima elsewhere."""
+    """Searches for the MAP that are under way, and for maxima elsewhere.
+
+    `excerpt`: the posterior of the first samples of a long record, where they search that.
+    """
 
     searches: list[Future[list[Search]]]
     multi_starts: list[Future[tuple[Array, Array]]]
+    excerpt: Posterior | None = None
 
 
 def fit(posterior: Posterior, plan: FitPlan) -> tuple[Mode, SamplingResult]:
@@ -73,26 +79,30 @@ def fit(posterior: Posterior, plan: FitPlan) -> tuple[Mode, SamplingResult]:
 
 def begin_searches(pool: WorkerPool, plan: FitPlan, report: Reporter) -> PendingSearches:
     """Submit all searches; a pool without workers has done them then."""
-    posterior, seed = pool.posterior, plan.chains.seed
+    excerpt, seed = compression.excerpt(pool.posterior, compression.EXCERPT), plan.chains.seed
+    posterior = pool.posterior if excerpt is None else excerpt
+    submit = partial(pool.submit_function, partial(_of_posterior, posterior))
+    if excerpt is None:
+        submit = pool.submit
     plain = posterior.space.draw(mode_search.MULTI_STARTS, seeds.stream(seed, "scout"))
     if plan.brief:
         return PendingSearches(
-            [pool.submit(_first_converged, plan)], [pool.submit(mode_search.multi_start, plain)]
+            [submit(_first_converged, plan)], [submit(mode_search.multi_start, plain)], excerpt
         )
     points = mode_search.starts(posterior, plan.starts, seeds.stream(seed, "map"))
     report.update(0.0, SEARCHING)
     searches = [
-        pool.submit(mode_search.searches, plan.optimiser, plan.evaluations, some)
+        submit(mode_search.searches, plan.optimiser, plan.evaluations, some)
         for some in np.array_split(points, TASKS_PER_SEARCH)
         if len(some)
     ]
     scouts = []
     if plan.optimiser.polished:
         scouts = [
-            pool.submit(mode_search.multi_start, some)
+            submit(mode_search.multi_start, some)
             for some in np.array_split(plain, TASKS_PER_SEARCH)
         ]
-    return PendingSearches(searches, scouts)
+    return PendingSearches(searches, scouts, excerpt)
 
 
 def end_searches(pool: WorkerPool, under_way: PendingSearches, report: Reporter) -> Mode:
@@ -103,9 +113,27 @@ def end_searches(pool: WorkerPool, under_way: PendingSearches, report: Reporter)
         report.update(done / (len(under_way.searches) + 1), SEARCHING)
     report.update(0.0, "looking for other maxima")
     scouted = [task.result() for task in under_way.multi_starts]
+    if under_way.excerpt is not None:
+        searches, scouted = _searched_on(pool, under_way.excerpt, searches, scouted)
     mode = pool.submit(mode_search.summarise, tuple(searches), scouted).result()
     report.update(1.0, "")
     return mode
+
+
+def _of_posterior(posterior: Posterior, function: Callable[..., Any], *arguments: Any) -> Any:
+    return function(posterior, *arguments)
+
+
+def _searched_on(
+    pool: WorkerPool, excerpt: Posterior, searches: list[Search], scouted: list[tuple[Array, Array]]
+) -> tuple[list[Search], list[tuple[Array, Array]]]:
+    """Go on from where searches of an `excerpt` ended, with all of the record."""
+    best = max(searches, key=lambda search: search.log_posterior)
+    points = compression.nearby(excerpt, excerpt.space.vector(best.end))
+    pool.compress(compression.compressions(pool.posterior, points))
+    searches = pool.submit(mode_search.polished_again, searches).result()
+    scouts = np.concatenate([theta for theta, _ in scouted]) if scouted else np.empty((0, 0))
+    return searches, [pool.submit(mode_search.multi_start, scouts).result()] if len(scouts) else []
 
 
 def sample_maxima(

@@ -218,7 +218,7 @@ def summarise(
         posterior = step_error.chosen(posterior, posterior.space.vector(best.end))
         # Heights are compared, and were those of other steps.
         if step_error.taken(posterior) != steps:
-            searches = tuple(_polished_again(posterior, search) for search in searches)
+            searches = tuple(polished_again(posterior, searches))
             scouted = [(theta, posterior.density(theta)) for theta, _ in scouted]
     surface = PosteriorSurface(posterior, physical=True)
     to, back = posterior.coordinates.from_physical, posterior.coordinates.to_physical
@@ -308,15 +308,18 @@ def _polished(surface: Surface, u: Array) -> GaussNewtonResult:
     return gauss_newton(surface, gauss_newton(surface, u, POLISH_STEPS).u, NEWTON_STEPS, exact=True)
 
 
-def _polished_again(posterior: Posterior, search: Search) -> Search:
-    """From where it ended, with other steps."""
-    surface = PosteriorSurface(posterior, physical=True)
-    start = posterior.coordinates.from_physical(posterior.space.vector(search.end)[None])
-    top = _polished(surface, start)
-    end = _named(posterior, posterior.coordinates.to_physical(top.u)[0])
-    return replace(
-        search, end=end, log_posterior=float(np.nan_to_num(top.value[0], neginf=LOWEST_LOG_DENSITY))
-    )
+def polished_again(posterior: Posterior, searches: Sequence[Search]) -> list[Search]:
+    """Go on from where searches ended, of a posterior that has changed a little since."""
+    surface, space = PosteriorSurface(posterior, physical=True), posterior.space
+    ends = np.array([space.vector(search.end) for search in searches])
+    top = _polished(surface, posterior.coordinates.from_physical(ends))
+    values = np.nan_to_num(top.value, neginf=LOWEST_LOG_DENSITY)
+    return [
+        replace(search, end=_named(posterior, theta), log_posterior=float(value))
+        for search, theta, value in zip(
+            searches, posterior.coordinates.to_physical(top.u), values, strict=True
+        )
+    ]
 
 
 def modes(posterior: Posterior, mode: Mode) -> Array:

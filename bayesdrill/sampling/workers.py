@@ -15,6 +15,7 @@ import time
 from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import Future, ProcessPoolExecutor
 from contextlib import contextmanager
+from dataclasses import dataclass, field
 from types import TracebackType
 from typing import Any, Concatenate, Self
 
@@ -22,6 +23,7 @@ from threadpoolctl import threadpool_limits
 
 from bayesdrill.basics.errors import InputError
 from bayesdrill.inference import step_error
+from bayesdrill.inference.compression import Compressions, compressed
 from bayesdrill.inference.posterior import Posterior
 from bayesdrill.inference.step_error import Taken
 
@@ -30,12 +32,24 @@ TASK_SECONDS = 10.0  # seconds that a worker has for its task, where the work is
 SIGTERM_SECONDS = 5.0  # seconds from SIGTERM to the end of a worker
 
 
+@dataclass(frozen=True, slots=True)
+class _Form:
+    """What was decided of a posterior since workers were given it: steps, and compressed records."""
+
+    steps: Mapping[str, Taken] = field(default_factory=dict)
+    compressions: Compressions = field(default_factory=dict)
+    version: int = 0
+
+    def of_posterior(self, posterior: Posterior) -> Posterior:
+        return compressed(step_error.taking(posterior, self.steps), self.compressions)
+
+
 class WorkerPool:
     """A pool of workers that share one posterior; a context manager."""
 
     def __init__(self, posterior: Posterior, processes: int) -> None:
         self._posterior = posterior
-        self._steps: dict[str, Taken] = {}
+        self._form = _Form()
         self._pool: ProcessPoolExecutor | None = None
         if processes > 1:
             self._pool = start_workers(processes, _set_posterior, posterior)
@@ -50,7 +64,7 @@ class WorkerPool:
         if self._pool is not None:
             with held_signals():
                 return self._pool.submit(
-                    _call_with_posterior, self._steps, function, arguments, named
+                    _call_with_posterior, self._form, function, arguments, named
                 )
         future: Future[T] = Future()
         with threadpool_limits(1):
@@ -65,8 +79,15 @@ class WorkerPool:
 
     def set_steps(self, steps: Mapping[str, Taken]) -> None:
         """Take the posterior in these steps from now on (`inference.step_error`)."""
-        self._steps = dict(steps)
-        self._posterior = step_error.taking(self._posterior, steps)
+        self._change(_Form(dict(steps), self._form.compressions, self._form.version + 1))
+
+    def compress(self, compressions: Compressions) -> None:
+        """Take the posterior with these records compressed from now on (`inference.compression`)."""
+        if compressions:
+            self._change(_Form(self._form.steps, compressions, self._form.version + 1))
+
+    def _change(self, form: _Form) -> None:
+        self._form, self._posterior = form, form.of_posterior(self._posterior)
 
     @property
     def posterior(self) -> Posterior:
@@ -160,8 +181,8 @@ def _start_worker(prepare: Callable[..., None], *arguments: Any) -> None:
     prepare(*arguments)
 
 
-def _set_posterior(posterior: Posterior) -> None:
-    _WORKER["posterior"] = posterior
+def _set_posterior(posterior: Posterior, version: int = 0) -> None:
+    _WORKER.update(posterior=posterior, version=version)
 
 
 def _exit_soon(_number: int, _frame: object) -> None:
@@ -189,11 +210,11 @@ def _call(
 
 
 def _call_with_posterior(
-    steps: dict[str, Taken],
+    form: _Form,
     function: Callable[..., Any],
     arguments: tuple[Any, ...],
     named: dict[str, Any],
 ) -> Any:
-    if steps:
-        _set_posterior(step_error.taking(_WORKER["posterior"], steps))
+    if form.version > _WORKER["version"]:
+        _set_posterior(form.of_posterior(_WORKER["posterior"]), form.version)
     return function(_WORKER["posterior"], *arguments, **named)

@@ -16,6 +16,7 @@ from bayesdrill.analysis.verdict import Verdict
 from bayesdrill.basics.errors import InputError
 from bayesdrill.basics.progress import SILENT, Reporter
 from bayesdrill.config.job import Job, prepare
+from bayesdrill.inference import compression
 from bayesdrill.output_files import POSTERIOR, RESOLVED_FILE
 from bayesdrill.report import publish, words
 from bayesdrill.report.run_report import screen, sections
@@ -137,6 +138,7 @@ def _run(
         if said:
             report.say(said)
         pool.set_steps(mode.pieces)
+        _compress(pool, mode)
         if mode.pieces:
             scenery = SensitivityStudy(job.problem.posterior.likelihood)
         clock.append(time.perf_counter())
@@ -150,6 +152,14 @@ def _run(
         report.update(0.0, DRAWS_SAY)
         view = concluded(job, mode, sampled, scenery, seconds, explained=explained)
         return _publish(job, folder, view, pool, report, clock[-1])
+
+
+def _compress(pool: WorkerPool, mode: Mode) -> None:
+    """Compress long records for the rigs about the maximum."""
+    posterior = pool.posterior
+    if any(map(compression.is_long, posterior.likelihood.observations)):
+        points = compression.nearby(posterior, posterior.space.vector(mode.values))
+        pool.compress(compression.compressions(posterior, points))
 
 
 def republish(output: Path, processes: int, report: Reporter = SILENT) -> Outcome:

@@ -41,6 +41,7 @@ ROWS = 4  # of the triangle at a time
 # Times that all poles are gone through: what rounding carries from one to another is then as small as
 # what the round before has left.
 ROUNDS = 2
+TURNS = 3  # of coordinates towards a walker's own modes, for the bound
 
 COUNTS = ("groups", "columns", "triangle")
 WHOLE_NUMBERS = I64.as_pointer()
@@ -507,10 +508,13 @@ class _Bound:
         self._b, self._blocks = b, shape.blocks
         a = _Arithmetic(b)
         values, shown_by = ([[number[:1] for number in row] for row in m] for m in (fall, seen))
-        turn = self._turn([[number[0] for number in row] for row in values])
-        self._back = a.inverted(turn)
-        values = a.product(self._back, a.product(values, turn))
-        seen = a.product(shown_by, turn)
+        self._back, seen = [], shown_by
+        for _ in range(TURNS):
+            turn = self._turn([[number[0] for number in row] for row in values])
+            back = a.inverted(turn)
+            values = a.product(back, a.product(values, turn))
+            seen = a.product(seen, turn)
+            self._back = a.product(back, self._back) if self._back else back
         entries = [[number[0] for number in row] for row in values]
         gains = [self._gain([[entries[i][j] for j in block] for i in block]) for block in self._blocks]
         one = vector(1.0)

@@ -53,18 +53,28 @@ DIGITS = (8, 26, 2)  # of a response that functions are to have: first, last, an
 
 
 @dataclass(frozen=True, eq=False)
-class CompressedSimulator(Simulator):
-    """Simulates by the record's triangle, and by the `exact` simulator where that is not enough.
+class Compression:
+    """A record along the functions of a `basis`, which is small whatever the record's length.
 
-    `full (P,)`: the reference, from which all is a difference.  `tolerance (K,)`: what sums of squares
-    may be wrong by.  `counts`: walkers that were asked for, and those that the exact simulator answered.
+    `reference (n, K)`: coefficients of the reference, from which all is a difference.  `tolerance
+    (K,)`: what sums of squares may be wrong by.  `step`: of the record [s]; `sizes`: of what drives the
+    rig, each the root of its sum of squares.
     """
 
-    whole: Simulator
     basis: Basis
-    record_triangle: Triangle
+    record: Triangle
     reference: Array
     tolerance: Array
+    step: float
+    sizes: tuple[float, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class CompressedSimulator(Simulator):
+    """Simulates by the record's triangle, and by the `whole` simulator where that is not enough."""
+
+    whole: Simulator
+    compression: Compression
 
     @property
     def model(self) -> Any:  # type: ignore[override]
@@ -155,7 +165,7 @@ class CompressedSimulator(Simulator):
 
     def beyond(self, errors: Array) -> Flags:
         """Tell of which walkers the squares may be wrong by too much: `(W,)`."""
-        return np.asarray(~(errors <= self.tolerance).all(axis=1))
+        return np.asarray(~(errors <= self.compression.tolerance).all(axis=1))
 
     def _mended(self, full: Array, squares: Array, errors: Array) -> Array:
         """Return the squares, those of the exact simulator where errors may be too large."""
@@ -175,11 +185,11 @@ class CompressedSimulator(Simulator):
 
     @cached_property
     def _shape(self) -> BasisShape:
-        return basis_shape(self._sensors, self.basis, tangent=False)
+        return basis_shape(self._sensors, self.compression.basis, tangent=False)
 
     @cached_property
     def _tangent_shape(self) -> BasisShape:
-        return basis_shape(self._sensors, self.basis, tangent=True)
+        return basis_shape(self._sensors, self.compression.basis, tangent=True)
 
     def _walkers(self, full: Array) -> Array:
         return walker_numbers(self._sensors, full)
@@ -191,24 +201,20 @@ class CompressedSimulator(Simulator):
 
     @cached_property
     def _shared(self) -> dict[str, Array]:
-        shape, sensors = self._shape, self._sensors
-        grid = uniform_grid(self.whole)
-        assert grid is not None
         inputs = [value for value in self.experiment.constant.values() if value != 0.0]
-        sizes = source_sizes(shape, sensors, grid)
         return {
-            "numbers": np.array([float(grid.spans[0]), *inputs]),
-            "frame": self.basis.frame(sizes),
-            "orders": np.array(self.basis.orders, dtype=np.int64),  # type: ignore[dict-item]
-            "reference": self.reference,
-            "triangles": np.ascontiguousarray(self.record_triangle.matrix),
-            "projected": np.ascontiguousarray(self.record_triangle.projected),
+            "numbers": np.array([self.compression.step, *inputs]),
+            "frame": self.compression.basis.frame(self.compression.sizes),
+            "orders": np.array(self.compression.basis.orders, dtype=np.int64),  # type: ignore[dict-item]
+            "reference": self.compression.reference,
+            "triangles": np.ascontiguousarray(self.compression.record.matrix),
+            "projected": np.ascontiguousarray(self.compression.record.projected),
         }
 
     def _run(
         self, name: str, shape: BasisShape, groups: int, blocks: dict[str, Array], q: int = 0
     ) -> None:
-        alike, columns, _ = self.record_triangle.matrix.shape
+        alike, columns, _ = self.compression.record.matrix.shape
         scratch = np.empty((shape.scratch_size(columns, q), LANES))
         every = {**self._shared, **blocks, "scratch": scratch}
         counts = [groups, columns, columns**2 if alike > 1 else 0, *([q] if q else [])]
@@ -296,59 +302,75 @@ def source_sizes(shape: BasisShape, sensors: SensorParameters, grid: Grid) -> li
     return [(known | each)[source] for source in shape.sources]
 
 
-def compress(simulator: Simulator, points: Array, variances: Array) -> Simulator:
-    """Return the simulator by a triangle, made for rigs near `points (n, P)`; the first is the reference.
+def compress(simulator: Simulator, points: Array, variances: Array) -> Compression | str:
+    """Compress a record for rigs near `points (n, P)`; the first is the reference.
 
-    The very same where it cannot be made: a rig with friction, steps of many lengths, delays, modes that
-    do not decay, or poles that are known too little.  `variances (K,)`: of the noise, of which sums of
-    squares may be wrong by `TOLERANCE`.
+    `variances (K,)`: of the noise, of which sums of squares may be wrong by `TOLERANCE`.  Returns why it
+    cannot be done, in words, for a rig with friction, steps of many lengths, delays, modes that do not
+    decay, or poles that are known too little.
     """
+    if reason := obstacle(simulator):
+        return reason
     grid = uniform_grid(simulator)
-    if grid is None:
-        return simulator
+    assert grid is not None
     sensors = SensorParameters(simulator.model, simulator.experiment, simulator.sensing)
     with np.errstate(all="ignore"):
         rates = sensors.linear_system(points)[0]
     try:
-        basis = _sufficient_basis(simulator, rates, float(grid.spans[0]), points, variances)
-    except NoBasisError:
-        return simulator
+        basis = _sufficient_basis(simulator, rates, grid, points, variances)
+    except NoBasisError as error:
+        return str(error)
     shape = basis_shape(sensors, basis, tangent=False)
     columns = shape.columns(basis.orders)
     reference = _reference_response(sensors, shape, grid, points[0])
     record = triangle(_record_blocks(sensors, shape, basis, grid, reference), columns)
-    made = _without_reference(simulator, basis, record, variances)
-    return dataclasses.replace(made, reference=_coefficients(made, points[:1]))
+    made = _without_reference(simulator, basis, record, variances, grid)
+    coefficients = _coefficients(made, points[:1])
+    return dataclasses.replace(made.compression, reference=coefficients)
+
+
+def obstacle(simulator: Simulator) -> str:
+    """Say in words why a record cannot be compressed whatever the parameters; empty where it can."""
+    if simulator.stepping is not None:
+        return "the rig has dry friction or inputs with lags, and is stepped"
+    if simulator.sensing.shifts:
+        return "channels or inputs have an unknown delay"
+    return "" if uniform_grid(simulator) is not None else "its samples are not evenly spaced"
 
 
 def _sufficient_basis(
-    simulator: Simulator, rates: Array, dt: float, points: Array, variances: Array
+    simulator: Simulator, rates: Array, grid: Grid, points: Array, variances: Array
 ) -> Basis:
     """Return the fewest functions whose bound is small enough at nearly all points."""
     sensors = SensorParameters(simulator.model, simulator.experiment, simulator.sensing)
     for digits in range(*DIGITS):
-        basis = choose_basis(rates, dt, 10.0**-digits)
+        basis = choose_basis(rates, float(grid.spans[0]), 10.0**-digits)
         columns = basis_shape(sensors, basis, tangent=False).columns(basis.orders)
         padded = columns + -columns % ROWS
         empty = Triangle(np.zeros((1, padded, padded)), np.zeros((len(variances), padded + 1)))
         empty.projected[:, -1] = variances * simulator.experiment.counts
-        made = _without_reference(simulator, basis, empty, variances)
+        made = _without_reference(simulator, basis, empty, variances, grid)
         if np.mean(made.beyond(made.expanded(points)[1])) <= MAX_BEYOND:
             return basis
     raise NoBasisError("the bound of what functions leave stays too large")
 
 
 def _without_reference(
-    simulator: Simulator, basis: Basis, record: Triangle, variances: Array
+    simulator: Simulator, basis: Basis, record: Triangle, variances: Array, grid: Grid
 ) -> CompressedSimulator:
+    sensors = SensorParameters(simulator.model, simulator.experiment, simulator.sensing)
+    sizes = source_sizes(basis_shape(sensors, basis, tangent=False), sensors, grid)
     reference = np.zeros((record.matrix.shape[1], len(variances)))
     tolerance = 2.0 * TOLERANCE * variances / len(variances)
-    return CompressedSimulator(simulator, basis, record, reference, tolerance)
+    compression = Compression(
+        basis, record, reference, tolerance, float(grid.spans[0]), tuple(sizes)
+    )
+    return CompressedSimulator(simulator, compression)
 
 
 def _coefficients(made: CompressedSimulator, full: Array) -> Array:
     """Return the coefficients `(n, K)` of the reference: the kernel's own, to the last digit."""
-    shape, columns = made._shape, made.record_triangle.matrix.shape[1]
+    shape, columns = made._shape, made.compression.record.matrix.shape[1]
     blocks = in_groups(made._walkers(full))
     scratch = np.empty((shape.scratch_size(columns), LANES))
     out = np.empty((1, 2 * shape.channels, LANES))

@@ -1,0 +1,120 @@
+"""Long records: an excerpt to search in, and all of it as a few hundred numbers.
+
+A compression is made for rigs near a point, so a search begins on the first part of a record, as the
+posterior of that says where the rest can be.  Which records are compressed follows from counted
+operations alone: the same config does the same on every machine.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping
+
+import numpy as np
+
+from bayesdrill.basics.arrays import Array
+from bayesdrill.inference import laplace
+from bayesdrill.inference.likelihood import Likelihood, Observation
+from bayesdrill.inference.posterior import Posterior
+from bayesdrill.record.experiment import Experiment, frozen
+from bayesdrill.rig.simulators.compressed import (
+    Compression,
+    CompressedSimulator,
+    compress,
+    obstacle,
+)
+
+LONG = 4096  # samples: below, an exact evaluation takes hardly longer
+EXCERPT = 16384  # samples of which a search sees at first
+GROWTH = 8  # times as many, where these tell too little
+POINTS = 256  # for which functions are chosen
+SHARES = (1.0, 0.7, 0.4)  # of the way from the maximum, as ridges are bent
+DEPTH = 40.0  # of the log posterior: points further below are nowhere
+
+Compressions = Mapping[str, Compression]
+
+
+def is_long(observation: Observation) -> bool:
+    """Tell whether its record is compressed: a long one, of a linear rig, with white noise."""
+    return (
+        observation.white
+        and observation.torque is None
+        and len(observation.experiment.t) > LONG
+        and not obstacle(observation.response)
+    )
+
+
+def excerpt(posterior: Posterior, samples: int) -> Posterior | None:
+    """Return the posterior of the first samples of long records; None where no record is long."""
+    observations = posterior.likelihood.observations
+    if not any(is_long(o) and len(o.experiment.t) > samples for o in observations):
+        return None
+
+    def shorter(observation: Observation) -> Observation:
+        if len(observation.experiment.t) <= samples or not is_long(observation):
+            return observation
+        experiment = _first(observation.experiment, samples)
+        noise = observation.noise.for_length(samples)
+        made = observation.simulated(observation.response.of(experiment), observation.parameters)
+        return dataclasses.replace(made, noise=noise)
+
+    alone = Posterior(
+        posterior.space, Likelihood(observations, posterior.space), posterior.coordinates
+    )
+    return alone.edit(each=shorter)
+
+
+def _first(experiment: Experiment, samples: int) -> Experiment:
+    here = slice(0, samples)
+    held_out = experiment.held_out
+    return dataclasses.replace(
+        experiment,
+        t=frozen(experiment.t[here]),
+        y=frozen(experiment.y[here]),
+        series={name: frozen(u[here]) for name, u in experiment.series.items()},
+        held_out=None if held_out is None else frozen(held_out[here]),
+    )
+
+
+def nearby(posterior: Posterior, theta: Array) -> Array:
+    """Return points `(n, D)` about the maximum `theta (D,)`, physical, which the record cannot tell
+    from it much; priors do not matter, as functions are chosen for rigs that do alike.
+    """
+    rng = np.random.default_rng(0)
+    root = laplace.root(laplace.covariance(posterior, theta))
+    z = posterior.coordinates.from_physical(theta[None])
+    shifts = rng.standard_normal((POINTS, len(theta))) @ root.T
+    shares = np.resize(SHARES, POINTS)[:, None]
+    points = posterior.coordinates.to_physical(np.concatenate([z, z + shares * shifts]))
+    log_l = posterior.likelihood(points)
+    return np.asarray(points[log_l > log_l[0] - DEPTH])
+
+
+def compressions(posterior: Posterior, points: Array) -> dict[str, Compression]:
+    """Compress long records for rigs at `points (n, D)`, by label; the first is the reference.
+
+    Records that cannot be compressed are left out.
+    """
+    full, made = posterior.space.full(points), {}
+    for observation in posterior.likelihood.observations:
+        if is_long(observation):
+            variances = observation.scales(points).min(axis=0) ** 2
+            compression = compress(observation.response, observation.told(full), variances)
+            if isinstance(compression, Compression):
+                made[observation.label] = compression
+    return made
+
+
+def compressed(posterior: Posterior, known: Compressions) -> Posterior:
+    """Return the posterior with these records compressed; the very same where there are none."""
+    if not known:
+        return posterior
+
+    def each(observation: Observation) -> Observation:
+        compression, response = known.get(observation.label), observation.response
+        if compression is None:
+            return observation
+        whole = response.whole if isinstance(response, CompressedSimulator) else response
+        return dataclasses.replace(observation, response=CompressedSimulator(whole, compression))
+
+    return posterior.edit(each=each)
