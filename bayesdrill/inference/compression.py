@@ -19,7 +19,6 @@ from bayesdrill.inference.posterior import Posterior
 from bayesdrill.record.experiment import Experiment, frozen
 from bayesdrill.rig.simulators.compressed import (
     Compression,
-    CompressedSimulator,
     compress,
     obstacle,
 )
@@ -44,24 +43,23 @@ def is_long(observation: Observation) -> bool:
     )
 
 
-def excerpt(posterior: Posterior, samples: int) -> Posterior | None:
+def excerpt(posterior: Posterior, samples: int = EXCERPT) -> Posterior | None:
     """Return the posterior of the first samples of long records; None where no record is long."""
     observations = posterior.likelihood.observations
-    if not any(is_long(o) and len(o.experiment.t) > samples for o in observations):
+    short = [first_samples(observation, samples) for observation in observations]
+    if all(new is old for new, old in zip(short, observations, strict=True)):
         return None
+    likelihood = Likelihood(tuple(short), posterior.space)
+    return Posterior(posterior.space, likelihood, posterior.coordinates)
 
-    def shorter(observation: Observation) -> Observation:
-        if len(observation.experiment.t) <= samples or not is_long(observation):
-            return observation
-        experiment = _first(observation.experiment, samples)
-        noise = observation.noise.for_length(samples)
-        made = observation.simulated(observation.response.of(experiment), observation.parameters)
-        return dataclasses.replace(made, noise=noise)
 
-    alone = Posterior(
-        posterior.space, Likelihood(observations, posterior.space), posterior.coordinates
-    )
-    return alone.edit(each=shorter)
+def first_samples(observation: Observation, samples: int) -> Observation:
+    """Return the observation of the first samples of its record; the very same where it is not long."""
+    if len(observation.experiment.t) <= samples or not is_long(observation):
+        return observation
+    experiment = _first(observation.experiment, samples)
+    made = observation.simulated(observation.response.of(experiment), observation.parameters)
+    return dataclasses.replace(made, noise=observation.noise.for_length(samples))
 
 
 def _first(experiment: Experiment, samples: int) -> Experiment:
@@ -76,8 +74,13 @@ def _first(experiment: Experiment, samples: int) -> Experiment:
     )
 
 
-def nearby(posterior: Posterior, theta: Array) -> Array:
-    """Return points `(n, D)` about the maximum `theta (D,)`, physical, which the record cannot tell
+def nearby(posterior: Posterior, maxima: Array) -> Array:
+    """Return points `(n, D)` about maxima `(M, D)`, the highest first, physical."""
+    return np.concatenate([_about(posterior, theta) for theta in maxima])
+
+
+def _about(posterior: Posterior, theta: Array) -> Array:
+    """Return points `(n, D)` about a maximum, which the record cannot tell
     from it much; priors do not matter, as functions are chosen for rigs that do alike.
     """
     rng = np.random.default_rng(0)
@@ -114,7 +117,6 @@ def compressed(posterior: Posterior, known: Compressions) -> Posterior:
         compression, response = known.get(observation.label), observation.response
         if compression is None:
             return observation
-        whole = response.whole if isinstance(response, CompressedSimulator) else response
-        return dataclasses.replace(observation, response=CompressedSimulator(whole, compression))
+        return dataclasses.replace(observation, response=compression.applied(response))
 
     return posterior.edit(each=each)

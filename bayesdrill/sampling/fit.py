@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from concurrent.futures import Future
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Any
 
@@ -114,8 +114,9 @@ def end_searches(pool: WorkerPool, under_way: PendingSearches, report: Reporter)
     report.update(0.0, "looking for other maxima")
     scouted = [task.result() for task in under_way.multi_starts]
     if under_way.excerpt is not None:
-        searches, scouted = _searched_on(pool, under_way.excerpt, searches, scouted)
-    mode = pool.submit(mode_search.summarise, tuple(searches), scouted).result()
+        mode = _searched_on(pool, under_way.excerpt, searches, scouted)
+    else:
+        mode = pool.submit(mode_search.summarise, tuple(searches), scouted).result()
     report.update(1.0, "")
     return mode
 
@@ -126,14 +127,17 @@ def _of_posterior(posterior: Posterior, function: Callable[..., Any], *arguments
 
 def _searched_on(
     pool: WorkerPool, excerpt: Posterior, searches: list[Search], scouted: list[tuple[Array, Array]]
-) -> tuple[list[Search], list[tuple[Array, Array]]]:
-    """Go on from where searches of an `excerpt` ended, with all of the record."""
-    best = max(searches, key=lambda search: search.log_posterior)
-    points = compression.nearby(excerpt, excerpt.space.vector(best.end))
+) -> Mode:
+    """Go on from the maxima of an `excerpt`, with all of the record; it has no others."""
+    first = pool.submit_function(mode_search.summarise, excerpt, tuple(searches), scouted).result()
+    maxima, heights = mode_search.modes(excerpt, first), [m.log_posterior for m in first.maxima]
+    near = np.array(heights) > heights[0] - compression.DEPTH
+    points = compression.nearby(excerpt, maxima[near])
     pool.compress(compression.compressions(pool.posterior, points))
     searches = pool.submit(mode_search.polished_again, searches).result()
-    scouts = np.concatenate([theta for theta, _ in scouted]) if scouted else np.empty((0, 0))
-    return searches, [pool.submit(mode_search.multi_start, scouts).result()] if len(scouts) else []
+    others = pool.submit(mode_search.multi_start, maxima[near]).result()
+    mode = pool.submit(mode_search.summarise, tuple(searches), [others], around=False).result()
+    return replace(mode, left_out=first.left_out)
 
 
 def sample_maxima(

@@ -207,8 +207,12 @@ def summarise(
     posterior: Posterior,
     searches: tuple[Search, ...],
     scouted: Sequence[tuple[Array, Array]] = (),
+    *,
+    around: bool = True,
 ) -> Mode:
     """Sum up all searches: the highest maximum, and the others.
+
+    `around`: whether others are searched for around those that were reached.
 
     `scouted`: further points that were reached, physical `(n, D)`, and their log densities `(n,)`.
     """
@@ -225,7 +229,8 @@ def summarise(
     searched = np.array([posterior.space.vector(s.end) for s in searches])
     points = np.concatenate([to(theta) for theta in (searched, *(some[0] for some in scouted))])
     values = np.concatenate([[s.log_posterior for s in searches], *(some[1] for some in scouted)])
-    ends, heights, left_out = _search_around(surface, *_distinct_maxima(surface, points, values))
+    ends, heights = _distinct_maxima(surface, points, values)
+    ends, heights, left_out = _search_around(surface, ends, heights, SEARCH_ROUNDS * around)
     theta = back(ends)
     here = surface.expand(ends[:1], np.eye(ends.shape[1]))
     conditional = np.sqrt(np.maximum(np.einsum("wdd->wd", here.curvature)[0], 1e-300))
@@ -277,14 +282,14 @@ def _distinct_maxima(
 
 
 def _search_around(
-    surface: PosteriorSurface, ends: Array, heights: Array
+    surface: PosteriorSurface, ends: Array, heights: Array, rounds: int
 ) -> tuple[Array, Array, float]:
-    """Search around maxima `ends (M, D)`, and around those that are reached from them.
+    """Search around maxima `ends (M, D)`, and around those that are reached from them, in `rounds`.
 
     Also returns how much of the posterior is left out.
     """
     visited, left_out = np.empty((0, ends.shape[1])), 0.0
-    for _ in range(SEARCH_ROUNDS):
+    for _ in range(rounds):
         fresh = [u for u in ends if not (visited == u).all(axis=1).any()][:MAX_CENTRES]
         visited = np.concatenate([visited, *(u[None] for u in fresh)])
         around = [multiple_modes.nearby_starts(surface, u) for u in fresh]

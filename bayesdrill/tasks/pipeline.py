@@ -158,7 +158,7 @@ def _compress(pool: WorkerPool, mode: Mode) -> None:
     """Compress long records for the rigs about the maximum."""
     posterior = pool.posterior
     if any(map(compression.is_long, posterior.likelihood.observations)):
-        points = compression.nearby(posterior, posterior.space.vector(mode.values))
+        points = compression.nearby(posterior, posterior.space.vector(mode.values)[None])
         pool.compress(compression.compressions(posterior, points))
 
 

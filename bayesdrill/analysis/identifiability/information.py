@@ -22,6 +22,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from bayesdrill.basics.arrays import Array
+from bayesdrill.inference.compression import first_samples
 from bayesdrill.inference.laplace import natural_spread
 from bayesdrill.inference.likelihood import Likelihood, Observation
 from bayesdrill.inference.unknowns import MOVES
@@ -42,15 +43,21 @@ class DesignVariant:
 
 
 AS_RECORDED = DesignVariant()
+STUDIED_SAMPLES = 16384  # of a long record
 
 
 class SensitivityStudy:
-    """Sensitivities of a likelihood's rig at physical points `theta`, in any design variant."""
+    """Sensitivities of a likelihood's rig at physical points `theta`, in any design variant.
+
+    Of long records they are those of the first samples, as if the others knew as much each.
+    """
 
     def __init__(self, likelihood: Likelihood) -> None:
-        self.likelihood = likelihood
+        short = [first_samples(o, STUDIED_SAMPLES) for o in likelihood.observations]
+        self.likelihood = dataclasses.replace(likelihood, observations=tuple(short))
         self._stages = tuple(
-            _ExtendedExperiment(observation) for observation in likelihood.observations
+            _ExtendedExperiment(new, len(old.experiment.t) / len(new.experiment.t))
+            for old, new in zip(likelihood.observations, short, strict=True)
         )
         model = likelihood.observations[0].response.model
         self.states, self.inputs = model.states, model.inputs
@@ -137,7 +144,8 @@ def project_out(rows: Array, m: int) -> Array:
 class _ExtendedExperiment:
     """One experiment with its states for further channels, whose inputs can all be changed."""
 
-    def __init__(self, observation: Observation) -> None:
+    def __init__(self, observation: Observation, repeats: float) -> None:
+        self._repeats = repeats  # of the record, as far as what is known goes
         model, experiment = observation.response.model, observation.experiment
         self._one, self._states, self.k = observation, model.states, len(experiment.channels)
         n, self.constant = len(experiment.t), experiment.constant
@@ -160,7 +168,7 @@ class _ExtendedExperiment:
         more = slopes[:, :, [self.k + index for index in indices]]
         if indices:
             rows = np.concatenate([rows, more / np.array([*scene.extra.values()])], axis=2)
-        return np.asarray(rows.reshape(len(rows), -1).T)
+        return np.asarray(rows.reshape(len(rows), -1).T * math.sqrt(self._repeats))
 
     def course(self, full: Array, along: Array, scene: DesignVariant) -> tuple[Array, Array]:
         """Signals `(T, K + X)` and slopes `(q, T, K + X)`."""

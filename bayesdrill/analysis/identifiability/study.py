@@ -45,6 +45,7 @@ from bayesdrill.basics import seeds
 from bayesdrill.basics.arrays import Array
 from bayesdrill.basics.symbols import INPUTS
 from bayesdrill.config.schema.config import Asked, Class, Thresholds
+from bayesdrill.inference.compression import excerpt
 from bayesdrill.inference.posterior import Posterior
 from bayesdrill.inference.priors import spread_of_log
 from bayesdrill.record.experiment import typical_inputs
@@ -294,6 +295,7 @@ def study_of(
     rng = seeds.stream(asked.seed, "identify")
     names, thresholds = sensitivity.unknowns, asked.thresholds
     of_interest = tuple(asked.of_interest) or names
+    posterior = excerpt(posterior) or posterior
     structure = structure_of(posterior, sensitivity, theta, rng)
     known = from_sensitivities(names, sensitivity.sensitivities(theta))
     prior_sd = prior_spreads(posterior)[: len(names)]

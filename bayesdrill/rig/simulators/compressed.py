@@ -68,6 +68,11 @@ class Compression:
     step: float
     sizes: tuple[float, ...]
 
+    def applied(self, simulator: Simulator) -> CompressedSimulator:
+        """Return a simulator that has this compression, in the place of another where it has one."""
+        whole = simulator.whole if isinstance(simulator, CompressedSimulator) else simulator
+        return CompressedSimulator(whole, self)
+
 
 @dataclass(frozen=True, eq=False)
 class CompressedSimulator(Simulator):

@@ -12,8 +12,6 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import expm
-from scipy.signal import lfilter
 
 from bayesdrill.basics.arrays import Array
 from bayesdrill.rig.kernels.rational_basis import PAIR, REAL, ROUNDS, ROWS, PoleNumbers
@@ -85,6 +83,8 @@ def choose_basis(rates: Array, dt: float, left: float) -> Basis:
 
     `left`: how much of a mode's response they may leave.  Raises `NoBasisError` where a rig has no decaying modes, or poles are too far apart.
     """
+    from scipy.linalg import expm  # takes a while to load, and few need it
+
     falls = np.array([expm(a * dt) - np.eye(len(a)) for a in rates])
     shared = _shared_integrators(rates)
     vectors, values = _modes(falls[0], shared)
@@ -191,6 +191,8 @@ class Columns:
 
     def _filtered(self, s: int, stage: int, pole: Pole, u: Array) -> tuple[list[Array], Array]:
         """Return the columns of a function, and its input behind the all-pass."""
+        from scipy.signal import lfilter
+
         numbers = pole.numbers
         if pole.kind == REAL:
             a, size = -numbers.over[1], numbers.even
