@@ -27,8 +27,10 @@ LONG = 4096  # samples: below, an exact evaluation takes hardly longer
 EXCERPT = 16384  # samples of which a search sees at first
 GROWTH = 8  # times as many, where these tell too little
 POINTS = 256  # for which functions are chosen
-SHARES = (1.0, 0.7, 0.4)  # of the way from the maximum, as ridges are bent
-DEPTH = 40.0  # of the log posterior: points further below are nowhere
+SHARES = (8.0, 3.0, 1.0)  # standard deviations, times normal numbers
+# Along directions that are known no better the record cannot tell rigs apart: they do alike.
+MAX_SPREAD = 0.05
+DEPTH = 40.0  # of the log posterior: maxima further below are nowhere
 
 Compressions = Mapping[str, Compression]
 
@@ -84,13 +86,15 @@ def _about(posterior: Posterior, theta: Array) -> Array:
     from it much; priors do not matter, as functions are chosen for rigs that do alike.
     """
     rng = np.random.default_rng(0)
-    root = laplace.root(laplace.covariance(posterior, theta))
-    z = posterior.coordinates.from_physical(theta[None])
-    shifts = rng.standard_normal((POINTS, len(theta))) @ root.T
+    u = posterior.coordinates.from_physical(theta[None])
+    curvature = laplace.PosteriorSurface(posterior).expand(u, np.eye(len(theta))).curvature[0]
+    known, directions = np.linalg.eigh(curvature)
+    spread = np.where(known > MAX_SPREAD**-2, np.abs(known), np.inf) ** -0.5
+    shifts = rng.standard_normal((POINTS, len(theta))) * spread @ directions.T
     shares = np.resize(SHARES, POINTS)[:, None]
-    points = posterior.coordinates.to_physical(np.concatenate([z, z + shares * shifts]))
+    points = posterior.coordinates.to_physical(np.concatenate([u, u + shares * shifts]))
     log_l = posterior.likelihood(points)
-    return np.asarray(points[log_l > log_l[0] - DEPTH])
+    return np.asarray(points[np.isfinite(log_l)])
 
 
 def compressions(posterior: Posterior, points: Array) -> dict[str, Compression]:

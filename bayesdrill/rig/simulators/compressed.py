@@ -160,21 +160,27 @@ class CompressedSimulator(Simulator):
         squares, bounds = numbers[:, ::2], numbers[:, 1::2]
         products = np.tril(lower.reshape(n, q, q))
         products = products + np.tril(products, -1).swapaxes(1, 2)
-        errors = _with_bounds(squares / scales**2, bounds)[1]
+        errors = _with_bounds(squares / scales**2, bounds)
         squares = squares.copy()
-        if (far := np.flatnonzero(self.beyond(errors))).size:
+        if (far := np.flatnonzero(self.beyond(*errors))).size:
             squares[far], slope[far], products[far] = self.whole.normal(
                 full[far], along[far], scales[far]
             )
         return squares, slope, products
 
-    def beyond(self, errors: Array) -> Flags:
-        """Tell of which walkers the squares may be wrong by too much: `(W,)`."""
-        return np.asarray(~(errors <= self.compression.tolerance).all(axis=1))
+    def beyond(self, squares: Array, errors: Array) -> Flags:
+        """Tell of which walkers squares `(W, K)` may be wrong by too much: `(W,)`.
+
+        That is by `TOLERANCE` of the log likelihood, or of how far it is below the reference's.
+        """
+        projected = self.compression.record.projected
+        least = (projected[:, :-1] ** 2).sum(axis=1) + projected[:, -1]
+        allowed = self.compression.tolerance + TOLERANCE * np.abs(squares - least)
+        return np.asarray(~(errors <= allowed).all(axis=1))
 
     def _mended(self, full: Array, squares: Array, errors: Array) -> Array:
         """Return the squares, those of the exact simulator where errors may be too large."""
-        far = np.flatnonzero(self.beyond(errors))
+        far = np.flatnonzero(self.beyond(squares, errors))
         if len(far):
             squares = squares.copy()
             squares[far] = self.whole.squares(full[far])
@@ -355,7 +361,7 @@ def _sufficient_basis(
         empty = Triangle(np.zeros((1, padded, padded)), np.zeros((len(variances), padded + 1)))
         empty.projected[:, -1] = variances * simulator.experiment.counts
         made = _without_reference(simulator, basis, empty, variances, grid)
-        if np.mean(made.beyond(made.expanded(points)[1])) <= MAX_BEYOND:
+        if np.mean(made.beyond(*made.expanded(points))) <= MAX_BEYOND:
             return basis
     raise NoBasisError("the bound of what functions leave stays too large")
 
