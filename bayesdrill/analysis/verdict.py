@@ -299,9 +299,9 @@ class _Scene:
         drawn = self._sd_ratio(exponents)
         if self._blind(exponents):
             return bool(max(linear, drawn) < BORROWED)
-        if self.thresholds.judge(linear) == "left to the prior":
+        if self.thresholds.classify(linear) == "left to the prior":
             return False
-        return self.thresholds.judge(drawn) == "determined"
+        return self.thresholds.classify(drawn) == "determined"
 
     def quantity(self, exponents: Exponents, *, shown: bool, limit: float) -> Quantity:
         logs = _combined(self.logs, exponents)

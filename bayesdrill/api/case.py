@@ -110,7 +110,7 @@ class Case(Value):
         values, where = space.start, "the start"
         if at is not None:
             found = self._mode(at)
-            job, values, where = job.at(found), found.values, "the MAP"
+            job, values, where = job.with_steps_at(found), found.values, "the MAP"
         names = [profiles] if isinstance(profiles, str) else profiles
         told = report or SILENT
         return identify.identify(job, space.vector(values), where, names, told)
@@ -196,7 +196,7 @@ class Case(Value):
             job = job.with_settings(**own)
         told = report or SILENT
         found = find_map.find_mode(job, workers, told) if best is None else self._mode(best)
-        job = job.at(found)
+        job = job.with_steps_at(found)
         sampled = pipeline.sample_in_memory(job, found, workers, told)
         return Run(job, found, sampled, self.columns)
 
@@ -274,7 +274,7 @@ def _columns(
 ) -> tuple[dict[str, Array], dict[str, Input]]:
     """All `(T,)` columns, and the inputs that are measured."""
     found: list[Issue] = []
-    every: dict[str, Array] = {job.TIME: arguments.series("t", t, found)}
+    every: dict[str, Array] = {job.TIME_COLUMN: arguments.series("t", t, found)}
     for name, one in channels.items():
         if isinstance(one, Channel):
             every[name] = arguments.series(f"channels.{name}", one.values, found)
@@ -295,9 +295,9 @@ def _columns(
     lengths = {name: len(values) for name, values in every.items()}
     if not found:
         found += [
-            Issue(name, f"{n} values, but there are {lengths[job.TIME]} times")
+            Issue(name, f"{n} values, but there are {lengths[job.TIME_COLUMN]} times")
             for name, n in lengths.items()
-            if n != lengths[job.TIME]
+            if n != lengths[job.TIME_COLUMN]
         ]
     hints = [f"; give {INPUTS}" if one.place.startswith("inputs.") else "" for one in found]
     raise_if_any([Issue(one.place, one.message + h) for one, h in zip(found, hints, strict=True)])

@@ -210,7 +210,7 @@ def simulate(
     records = [sources.path_of(one.config, one.source) for one in case.experiments]
     made = [(*pair, record) for pair, record in zip(texts.items(), records, strict=True)]
     for target, text, record in made:
-        simulation.check_place(text, target, record, force=force)
+        simulation.check_target(text, target, record, force=force)
     files = {}
     for (target, text, record), one in zip(made, case.experiments, strict=True):
         if case.config.experiments:

@@ -102,7 +102,7 @@ def made[T](kind: type[T], section: Strict) -> T:
     return kind(**{entry: value for entry, value in given.items() if value is not None})
 
 
-def strange(
+def unknown_keys(
     choice: tuple[str, str], members: Mapping[str, type], kind: type, section: Strict
 ) -> dict[str, str]:
     """Entries that are given and mean nothing to `kind`, and what to do about each.

@@ -304,7 +304,7 @@ def guess(
         starts={one.label: _start(one, known.voltage) for one in every},
         lag=max(hints, key=lambda lag: lag.clear, default=None),  # of the one that tells it best
         voltage=known.voltage,
-        name=lambda path: sources.name_in(target.parent, path),
+        name=lambda path: sources.relative_name(target.parent, path),
     )
     name = re.sub(r"[^A-Za-z0-9_.-]+", "_", target.stem).lstrip("_.-")[:100] or "my_rig"
     text = page(found, name, {} if sheet is None else sheet.data)
@@ -349,7 +349,7 @@ def _asks(text: str, target: Path, record: Path, sheet: Source | None) -> tuple[
     """
     whole = parse(target, text.replace(entries.UNKNOWN, entries.UNKNOWN.replace("# ", "")))
     try:
-        assemble(loading.validated(whole))
+        assemble(loading.validate(whole))
     except InputError as error:
         marks = ("nominal", *(() if sheet is None else (f"parameters.{n}" for n in sheet.data)))
         of_sheet = [
@@ -366,7 +366,7 @@ def _asks(text: str, target: Path, record: Path, sheet: Source | None) -> tuple[
         message = "`check` would refuse what can be made of it; mend it, or write a config by hand"
         raise InputError([Issue(str(record), message), *error.problems]) from None
     try:
-        loading.validated(parse(target, text))
+        loading.validate(parse(target, text))
     except InputError as error:
         return error.problems
     return ()

@@ -19,7 +19,7 @@ from bayesdrill.analysis.diagnostics import Row
 from bayesdrill.basics import software
 from bayesdrill.basics.progress import Reporter
 from bayesdrill.basics.registry import Registry, callable_one
-from bayesdrill.config.schema.records import MOST_NAMED
+from bayesdrill.config.schema.records import MAX_NAMED
 from bayesdrill.inference.posterior import Posterior, Problem
 from bayesdrill.output_files import EACH, ON_REQUEST, OWN_FIGURES, numbered
 from bayesdrill.output_files import FIGURES as FOLDER
@@ -99,7 +99,7 @@ TABLES: Mapping[str, Callable[[View], str | None]] = MappingProxyType(
 )
 
 
-_SEVERAL = tuple(f"{stem}_{k}" for stem in EACH for k in range(1, MOST_NAMED + 1))
+_SEVERAL = tuple(f"{stem}_{k}" for stem in EACH for k in range(1, MAX_NAMED + 1))
 
 
 def everything(view: View, folder: Folder, crew: Crew, report: Reporter) -> tuple[str, ...]:

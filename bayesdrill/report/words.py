@@ -16,7 +16,7 @@ from bayesdrill.basics.arrays import Array
 from bayesdrill.config.resolve import quantities
 from bayesdrill.config.resolve.case import ResolvedCase
 from bayesdrill.config.schema.config import Config
-from bayesdrill.config.schema.records import Column, TimeColumn
+from bayesdrill.config.schema.records import ColumnSpec, TimeColumn
 from bayesdrill.inference.display_units import OwnUnits
 from bayesdrill.inference.likelihood import Observation
 from bayesdrill.inference.posterior import Problem
@@ -48,7 +48,7 @@ def _columns(one: Observation, config: Config) -> str:
         name, spec = channel.name, config.record.channels[channel.name]
         lines.append(_line(name, spec.measures or name, spec, values / channel.factor))
     held = "first" if experiment.first_order else "zero"
-    for name, given in quantities.measured_input(config).items():
+    for name, given in quantities.measured_inputs(config).items():
         own = quantities.input_entry(config, name)
         factor = units.factor(given.unit, quantities.input_unit(own))
         values = quantities.inputs_as_given(config, experiment, name) / factor
@@ -94,7 +94,7 @@ def record_suspicions(problem: Problem, most: int = FEW) -> tuple[str, ...]:
     return (*found, *suspected.suspicions_of_start(problem))
 
 
-def _line(name: str, measures: str, spec: Column, values: Array) -> tuple[str, ...]:
+def _line(name: str, measures: str, spec: ColumnSpec, values: Array) -> tuple[str, ...]:
     where = [text for text in (spec.variable, spec.column) if text is not None]
     known = values[~np.isnan(values)]
     numbers = (known[0], known.min(), known.max())

@@ -22,7 +22,7 @@ from bayesdrill.config.job import Job
 from bayesdrill.config.records import sources
 from bayesdrill.config.resolve import experiments
 from bayesdrill.config.resolve.case import ResolvedCase
-from bayesdrill.config.resolve.experiments import WHOSE
+from bayesdrill.config.resolve.experiments import SHARING_KEYS
 from bayesdrill.config.schema.config import Config
 from bayesdrill.config.yaml_source import as_yaml
 from bayesdrill.inference.display_units import OwnUnits
@@ -140,7 +140,7 @@ def _noise_held(config: Config, problem: Problem, own: OwnUnits) -> dict[str, st
         names = one.experiment.names
         for k, sigma in one.held().items():
             if isinstance(sigma, float):
-                shown = experiments.common_or_own(config, noise_name(names[k]), one.label)
+                shown = experiments.joint_name(config, noise_name(names[k]), one.label)
                 found[one.entitled(f"the noise of {names[k]}")] = own.said(shown, sigma, 6)
     return found
 
@@ -159,7 +159,9 @@ def resolved(case: ResolvedCase, folder: Path) -> str:
         _remove_defaults(sections, one.config, case.model)
         sources.rebase(sections, case.source.path.parent, folder)
     # Of several, those of the first are no defaults of the others.
-    for key in experiments.SECTIONS if config.experiments else (experiments.EXPERIMENTS, *WHOSE):
+    for key in (
+        experiments.SECTIONS if config.experiments else (experiments.EXPERIMENTS, *SHARING_KEYS)
+    ):
         del data[key]
     made_by = "".join(f"# {name} {number}\n" for name, number in installed_versions().items())
     opening = "# Every entry of the config with its default filled in, and what read it:\n"

@@ -53,8 +53,8 @@ def prepare(path: Path) -> Job:
     """As `job.prepare`, but nothing has to be measured yet where `simulation:` gives times."""
     case = loading.load(path)
     there = all(path.exists() for one in case.experiments for path in sources.paths(one))
-    read: Callable[..., Experiment] = reading.read if there else simulation.grid
-    problem = assembly.problem(case, [read(one) for one in case.experiments])
+    read: Callable[..., Experiment] = reading.read if there else simulation.simulation_grid
+    problem = assembly.build_problem(case, [read(one) for one in case.experiments])
     # What was measured plays no part but in priors of free states, and so must not stop a calibration
     # from being resumed.
     blank = [np.where(one.experiment.seen, 0.0, np.nan) for one in problem.observations]

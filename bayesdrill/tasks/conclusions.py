@@ -87,7 +87,7 @@ def settings(case: ResolvedCase) -> dict[str, Any]:
     found = case.config.model_dump(exclude_none=True, exclude=set(own))
     for one in case.experiments:
         alone = one.config.model_dump(exclude_none=True, include=set(experiments.SECTIONS))
-        for section, key in sources.named_in(alone):
+        for section, key in sources.named_files(alone):
             del section[key]
         found[f"experiment {one.label}"] = alone
     return found | {"held out": case.held_out}

@@ -38,7 +38,7 @@ def check_place(output: Path, *, force: bool) -> None:
 
 
 def report(job: Job, found: Mode) -> MapReport:
-    return MapReport(job.at(found).problem, job.config, found)
+    return MapReport(job.with_steps_at(found).problem, job.config, found)
 
 
 def save(job: Job, found: Mode, output: Path, record: str | None, *, force: bool) -> None:
@@ -120,7 +120,7 @@ def explain(
     """The causes of what the maximum `found` leaves, and what is said of them; None and nothing where
     only noise is left.
     """
-    explained = causes(job.at(found), found, submit, report)
+    explained = causes(job.with_steps_at(found), found, submit, report)
     report.update(1.0, "")
     return explained, fit_words.explained(explained)
 

@@ -128,7 +128,9 @@ class _Sampling:
         """Parts of the candidates, the most probable first, the config as given among them."""
         job = self.job
         found = self.crew.submit(search, job.problem.posterior, fit_plan(job)).result()
-        causes, seconds = ranking.rank(job.at(found), found.values, self.crew.submit, self.report)
+        causes, seconds = ranking.rank(
+            job.with_steps_at(found), found.values, self.crew.submit, self.report
+        )
         sampler = job.config.sampler
         evaluations = sampler.ensembles * sampler.walkers * STEPS
         times = {parts: evaluations * each for parts, each in seconds.items()}
@@ -161,7 +163,7 @@ class _Sampling:
             self.left_out[rung.name] = made
             return
         found, sampled = made
-        job = job.at(found)
+        job = job.with_steps_at(found)
         # What may be missing the ranking says.
         view = concluded(job, found, sampled, alone=False)
         pipeline.write_result(job, view, self.folder.path / place, None, force=True)

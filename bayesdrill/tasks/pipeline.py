@@ -109,7 +109,7 @@ def _run(job: Job, folder: Folder, known: Mode | None, processes: int, report: R
             known = find_map.end_search(crew, hunt, job, report)
             find_map.write_mode(folder, known)
         assert known is not None
-        found, job = known, job.at(known)
+        found, job = known, job.with_steps_at(known)
         if misfit := find_map.misfit(job, found):
             report.say(misfit)
         explained, said = find_map.explain(job, found, crew.run, report)
@@ -196,7 +196,7 @@ def _finished(job: Job, folder: Folder) -> SampledRun:
     if found is None:
         message = "is not there; continue with --resume, which searches the MAP again"
         raise InputError.one(str(path / find_map.MAP_FILE), message)
-    job = job.at(found)
+    job = job.with_steps_at(found)
     problem = job.problem
     _read_ahead(job, folder)
     again = stored(problem.posterior, plan(job.config), folder.pieces, str(path))

@@ -329,7 +329,7 @@ def test_the_tie_of_an_ideal_motor_leaves_one() -> None:
 
     source = loading.load(Path(__file__).parents[2] / "configs" / "nominal_step.yaml").source
     source.data["parameters"]["k_T"] = {"tie": "k_e"}
-    tied = job.assemble(loading.validated(source))
+    tied = job.assemble(loading.validate(source))
     target = tied.problem.posterior
     theta = target.space.vector(target.space.start)
     found = study_of(Scenery(target.likelihood), target, theta, tied.asked).structure

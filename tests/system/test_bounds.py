@@ -39,11 +39,11 @@ def job(tmp_path_factory: pytest.TempPathFactory) -> Job:
         channel["sigma"] = SIGMA
     from bayesdrill.config.records import simulation
 
-    changed = loading.validated(replace(source, data=entries))
+    changed = loading.validate(replace(source, data=entries))
     record = tmp_path_factory.mktemp("record") / "record.csv"
     record.write_text(simulation.simulate(changed, 11))
     entries["record"]["file"] = str(record)
-    return assemble(loading.validated(replace(source, data=entries)))
+    return assemble(loading.validate(replace(source, data=entries)))
 
 
 def bounds_at_nominal(job: Job) -> np.ndarray:

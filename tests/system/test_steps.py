@@ -62,7 +62,7 @@ def test_there_are_as_many_as_the_maximum_wants() -> None:
     assert found[""][0] > 1
     theta = case().job.problem.posterior.space.vector(best.values)
     (few,) = step_errors(case().job.problem.posterior.likelihood, theta)
-    (enough,) = step_errors(case().job.at(best.mode).problem.posterior.likelihood, theta)
+    (enough,) = step_errors(case().job.with_steps_at(best.mode).problem.posterior.likelihood, theta)
     assert not few.fine
     assert enough.fine
     assert "TOO FEW" not in best.table

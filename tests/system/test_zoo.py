@@ -218,7 +218,7 @@ def residuals_at_truth(job: Job) -> tuple[residual_checks.Left, ...]:
         values |= {f"sigma_{name}": s * factors[name] for name, s in made.sigma.items()}
         values |= made.truth
         for name, value in made.quantities.items():
-            values[name] = value * one.numbers.quantities[name].factor
+            values[name] = value * one.rig_numbers.quantities[name].factor
     return residual_checks.left(job.problem.posterior.likelihood, space.vector(values))
 
 

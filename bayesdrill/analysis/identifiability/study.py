@@ -37,7 +37,7 @@ from bayesdrill.analysis.identifiability.torque_confounding import StandIn, scal
 from bayesdrill.basics import seeds
 from bayesdrill.basics.arrays import Array
 from bayesdrill.basics.symbols import INPUTS
-from bayesdrill.config.schema.config import Asked, Class, Thresholds
+from bayesdrill.config.schema.config import Asked, Identification, Thresholds
 from bayesdrill.inference.posterior import Posterior
 from bayesdrill.inference.priors import spread_of_log
 from bayesdrill.record.experiment import usual_inputs
@@ -191,7 +191,7 @@ class Known:
     sd: float
     prior_sd: float
     bound: float
-    word: Class
+    word: Identification
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -204,7 +204,7 @@ class Nuisance:
     name: str
     sd: float
     prior_sd: float
-    word: Class
+    word: Identification
     like: tuple[tuple[str, float], ...]
 
 
@@ -301,7 +301,7 @@ def _nuisances(
                 name=name,
                 sd=float(sds[k] * steps[k]),
                 prior_sd=float(before * steps[k]),
-                word=thresholds.judge(float(sds[k] / before)),
+                word=thresholds.classify(float(sds[k] / before)),
                 like=tuple((other, float(x)) for other, x in like if x > ALIKE),
             )
         )
@@ -322,7 +322,7 @@ def _parameters(known: Information, prior_sd: Array, thresholds: Thresholds) -> 
             sd=float(sd),
             prior_sd=float(before),
             bound=float(bound),
-            word=thresholds.judge(sd / before),
+            word=thresholds.classify(sd / before),
         )
         for unit, sd, before, bound in zip(units, joint, prior_sd, alone, strict=True)
     )
@@ -334,5 +334,5 @@ def _known(product: Product, thresholds: Thresholds) -> Known:
         sd=product.sd,
         prior_sd=product.prior_sd,
         bound=product.bound,
-        word=thresholds.judge(product.sd / product.prior_sd),
+        word=thresholds.classify(product.sd / product.prior_sd),
     )

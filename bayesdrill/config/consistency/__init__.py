@@ -1,5 +1,6 @@
-"""What must hold between the entries of a config, each broken rule as a problem with its place, and
-the experiment that they make where none is broken.
+"""Check what must hold between the entries of a config, and build the experiment from them.
+
+Each broken rule is an issue with its location.
 """
 
 from __future__ import annotations
@@ -9,40 +10,40 @@ from bayesdrill.config.consistency import record, several, unknowns, work
 from bayesdrill.config.resolve import case, quantities
 from bayesdrill.config.resolve.case import ResolvedExperiment
 from bayesdrill.config.schema.config import Config
-from bayesdrill.config.yaml_source import Collector, Place, Source
+from bayesdrill.config.yaml_source import ErrorCollector, Location, Source
 from bayesdrill.rig import models
 
 
 def check(
-    config: Config, source: Source, spoilt: frozenset[Place], label: str = "", *, alone: bool
+    config: Config, source: Source, spoilt: frozenset[Location], label: str = "", *, alone: bool
 ) -> tuple[list[Issue], ResolvedExperiment | None]:
     """Problems of a config whose entries are each valid; `spoilt` places were reported already.
 
     `alone`: whether there is no other experiment, so that it is known what all unknowns are called.
     """
-    found = Collector(source, spoilt)
-    told = [name for name in models.PARAMETERS if found.spoilt(("parameters", name))]
-    model = found.run(("model", "name"), case.model, config, told)
-    own = {} if model is None else unknowns.check_nominal(found, config, model)
-    nominal = found.run(("nominal", "table"), quantities.nominal_table, config, own)
+    errors = ErrorCollector(source, spoilt)
+    spoilt_names = [name for name in models.PARAMETERS if errors.is_reported(("parameters", name))]
+    model = errors.run(("model", "name"), case.build_model, config, spoilt_names)
+    given_nominal = {} if model is None else unknowns.check_nominal(errors, config, model)
+    nominal = errors.run(("nominal", "table"), quantities.nominal_table, config, given_nominal)
     resolved = None
     if model is not None:
-        unknowns.check_model(found, config, model)
+        unknowns.check_model(errors, config, model)
         rig = None
         if nominal is not None:
-            rig = unknowns.check_rig(found, config, model, nominal)
-        channels = record.check_channels(found, config, model)
-        record.check_states(found, config, model)
-        sensed = record.check_sensors(found, config, model)
-        torque = unknowns.check_torque(found, config, model, sensed.sensing)
-        beside = record.beside(config, channels, sensed, torque)
-        every = several.names(config, model, {"": beside}) if alone else None
-        work.check_counts(found, config, every)
-        work.check_map(found, config, every)
-        work.check_output(found, config, model, every)
+            rig = unknowns.check_rig(errors, config, model, nominal)
+        channels = record.check_channels(errors, config, model)
+        record.check_states(errors, config, model)
+        sensed = record.check_sensors(errors, config, model)
+        torque = unknowns.check_torque(errors, config, model, sensed.sensing)
+        local_numbers = record.local_numbers(config, channels, sensed, torque)
+        unknown_names = several.unknown_names(config, model, {"": local_numbers}) if alone else None
+        work.check_counts(errors, config, unknown_names)
+        work.check_map(errors, config, unknown_names)
+        work.check_output(errors, config, model, unknown_names)
         if alone:
-            told = several.told(config, {"": beside})
-            work.check_truth(found, config, [*config.record.channels], told)
+            truth_names = several.truth_names(config, {"": local_numbers})
+            work.check_truth(errors, config, [*config.record.channels], truth_names)
         if nominal is not None and rig is not None and sensed.sensing is not None:
             resolved = ResolvedExperiment(
                 label=label,
@@ -50,25 +51,25 @@ def check(
                 source=source,
                 model=model,
                 nominal=nominal,
-                numbers=rig[0],
+                rig_numbers=rig[0],
                 space=rig[1],
-                channels=tuple(one for one in channels.values() if one is not None),
-                entries=sensed.entries,
-                declared=tuple(one for one in sensed.declared if one is not None),
+                channels=tuple(channel for channel in channels.values() if channel is not None),
+                sensor_entries=sensed.entries,
+                sensor_numbers=tuple(number for number in sensed.numbers if number is not None),
                 sensing=sensed.sensing,
-                free=sensed.free,
+                free_states=sensed.free_states,
                 torque={name: x for name, x in torque.items() if x is not None},
-                beside=beside,
+                local_numbers=local_numbers,
             )
     for key in ("shared", "own"):
         if getattr(config, key) and alone:
-            found.add(
+            errors.add(
                 (key,), "there is one experiment alone; remove this entry, or add `experiments:`"
             )
-    record.check_record(found, config)
-    record.check_inputs(found, config, model)
-    work.check_simulation(found, config)
-    work.check_calibration(found, config)
+    record.check_record(errors, config)
+    record.check_inputs(errors, config, model)
+    work.check_simulation(errors, config)
+    work.check_calibration(errors, config)
     if alone:
-        work.check_identify(found, config, [""])
-    return found.problems, None if found.problems else resolved
+        work.check_identify(errors, config, [""])
+    return errors.issues, None if errors.issues else resolved

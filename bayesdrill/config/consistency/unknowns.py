@@ -1,4 +1,4 @@
-"""The model and what is unknown of it: parameters, relations between them, noise levels."""
+"""Check the model and its unknowns: parameters, relations between them, noise levels."""
 
 from __future__ import annotations
 
@@ -6,15 +6,15 @@ from collections.abc import Iterable, Mapping
 
 import numpy as np
 
-from bayesdrill.basics.entries import LARGEST, SMALLEST, strange
+from bayesdrill.basics.entries import LARGEST, SMALLEST, unknown_keys
 from bayesdrill.basics.formulas import Expression, RelationError
 from bayesdrill.config import latex
 from bayesdrill.config.resolve import quantities, sensors
 from bayesdrill.config.resolve.case import RigNumbers
-from bayesdrill.config.resolve.quantities import Declared, NominalTable
+from bayesdrill.config.resolve.quantities import NominalTable, ParsedNumber
 from bayesdrill.config.schema import numbers
 from bayesdrill.config.schema.config import Config
-from bayesdrill.config.yaml_source import Collector, Place
+from bayesdrill.config.yaml_source import ErrorCollector, Location
 from bayesdrill.inference.posterior import Formula
 from bayesdrill.inference.unknowns import ParameterSpace, Unknown
 from bayesdrill.rig import models
@@ -25,73 +25,75 @@ from bayesdrill.rig.simulators.sensors import Sensing
 _TRIED = 4096  # draws from the priors, at which formulas are tried
 
 
-def check_model(found: Collector, config: Config, model: Model) -> None:
-    """Constants of another model would be given in vain."""
-    vain = strange(("name", "model"), MODELS.usable(), type(model), config.model)
+def check_model(errors: ErrorCollector, config: Config, model: Model) -> None:
+    """Report constants of another model, which would be given in vain."""
+    vain = unknown_keys(("name", "model"), MODELS.usable(), type(model), config.model)
     for entry, message in vain.items():
-        found.add(("model", entry), message)
+        errors.add(("model", entry), message)
 
 
-def check_nominal(found: Collector, config: Config, model: Model) -> dict[str, float]:
-    """Values of the config's own table, SI, at their own sides of the gear."""
+def check_nominal(errors: ErrorCollector, config: Config, model: Model) -> dict[str, float]:
+    """Return the values of the config's own table, SI, at their own sides of the gear."""
     given = [name for name in models.PARAMETERS if getattr(config.nominal, name) is not None]
     values = {
-        name: found.run(("nominal", name), quantities.nominal_value, config, model, name)
+        name: errors.run(("nominal", name), quantities.nominal_value, config, model, name)
         for name in given
     }
     return {name: value for name, value in values.items() if value is not None}
 
 
 def check_torque(
-    found: Collector, config: Config, model: Model, sensing: Sensing | None
+    errors: ErrorCollector, config: Config, model: Model, sensing: Sensing | None
 ) -> dict[str, float | Unknown | None]:
-    """What is missing has to have an inertia, and numbers that are its own: size and time, if any."""
+    """Return size and time of the missing torque; it needs an inertia to act on."""
     acts = sensors.latent_torque(config)
     if acts is None:
         return {}
-    if sensing is not None and (said := sensors.refuse_latent_torque(model, acts, sensing)):
-        found.add(("missing_torque",), said)
+    if sensing is not None and (refusal := sensors.refuse_latent_torque(model, acts, sensing)):
+        errors.add(("missing_torque",), refusal)
     return {
-        name: found.run(("missing_torque", entry), sensors.latent_torque_number, config, entry)
-        for name, entry in sensors.ENTRIES.items()
+        name: errors.run(("missing_torque", entry), sensors.latent_torque_number, config, entry)
+        for name, entry in sensors.TORQUE_ENTRIES.items()
     }
 
 
 def check_rig(
-    found: Collector, config: Config, model: Model, table: NominalTable
+    errors: ErrorCollector, config: Config, model: Model, table: NominalTable
 ) -> tuple[RigNumbers, ParameterSpace] | None:
-    """Parameters, quantities, ties and formulas, with the space that they make; None with a mistake."""
-    given = dict[str, Declared | Expression | None]()
+    """Return parameters, quantities and formulas, with their space; None with a mistake."""
+    given = dict[str, ParsedNumber | Expression | None]()
     for name in models.PARAMETERS:
-        place: Place = ("parameters", name)
+        location: Location = ("parameters", name)
         if config.parameters.get(name) is None:
             if name in model.parameters:
-                usual = table.values.get(name)
-                also = "" if usual is None else f"`{name}: nominal` ({usual:g}) or "
+                nominal = table.values.get(name)
+                also = "" if nominal is None else f"`{name}: nominal` ({nominal:g}) or "
                 message = f"missing; to hold it write {also}a number"
-                found.add(place, message)
+                errors.add(location, message)
         elif name not in model.parameters:
-            found.add(place, f"the model {model.name} has no {name}; {_way_out(name)}")
+            errors.add(location, f"the model {model.name} has no {name}; {_removal_hint(name)}")
         else:
-            given[name] = found.run(place, quantities.parameter, config, model, table, name)
-    _check_added(found, config, model)
-    return _check_relations(found, config, model, given)
+            given[name] = errors.run(
+                location, quantities.parse_parameter, config, model, table, name
+            )
+    _check_added(errors, config, model)
+    return _check_relations(errors, config, model, given)
 
 
-def _way_out(name: str) -> str:
+def _removal_hint(name: str) -> str:
     """For a parameter of another model."""
-    every = {n: with_all(kind()) for n, kind in MODELS.usable().items()}
-    having = [n for n, rig in every.items() if name in rig.parameters]
+    rigs = {n: with_all(kind()) for n, kind in MODELS.usable().items()}
+    having = [n for n, rig in rigs.items() if name in rig.parameters]
     return f"remove it, or take model.name: {' or '.join(having)}" if having else "remove it"
 
 
-def _check_added(found: Collector, config: Config, model: Model) -> None:
+def _check_added(errors: ErrorCollector, config: Config, model: Model) -> None:
     """What is named means something, and nothing is said of what is not named."""
-    said: set[str] = set()
+    reported: set[str] = set()
     for name, missing in lacking(model).items():
-        if name not in said:
-            found.add(("parameters", name), in_vain(name, missing))
-        said |= {*model.offers[name]}
+        if name not in reported:
+            errors.add(("parameters", name), in_vain(name, missing))
+        reported |= {*model.offers[name]}
     for section in ("nominal", "simulation"):
         given = getattr(config, section)
         for name in models.PARAMETERS:
@@ -99,39 +101,39 @@ def _check_added(found: Collector, config: Config, model: Model) -> None:
                 offered = name in model.offers
                 why = "not named in `parameters:`" if offered else f"not of the model {model.name}"
                 also = "; name it there, or remove this" if offered else "; remove this"
-                found.add((section, name), f"{name} is {why}{also}")
+                errors.add((section, name), f"{name} is {why}{also}")
 
 
 def _check_relations(
-    found: Collector,
+    errors: ErrorCollector,
     config: Config,
     model: Model,
-    given: Mapping[str, Declared | Expression | None],
+    given: Mapping[str, ParsedNumber | Expression | None],
 ) -> tuple[RigNumbers, ParameterSpace] | None:
-    before = len(found.problems)
-    quantities_, derived = dict[str, Declared](), list[Formula]()
+    before = len(errors.issues)
+    quantities_, derived = dict[str, ParsedNumber](), list[Formula]()
     for name, spec in config.quantities.items():
-        own = found.run(("quantities", name), quantities.quantity, name, spec)
-        if own is not None:
-            quantities_[name] = own
+        number = errors.run(("quantities", name), quantities.parse_quantity, name, spec)
+        if number is not None:
+            quantities_[name] = number
             if getattr(spec, "latex", None) is not None:
-                found.run(("quantities", name, "latex"), latex.check, own.symbol)
+                errors.run(("quantities", name, "latex"), latex.check, number.symbol)
     for name, formula in config.derived.items():
-        made = found.run(("derived", name), quantities.formula, config, model, name)
-        if made is not None:
-            derived.append(made)
+        parsed = errors.run(("derived", name), quantities.parse_formula, config, model, name)
+        if parsed is not None:
+            derived.append(parsed)
             if formula.latex is not None:
-                found.run(("derived", name, "latex"), latex.check, made.symbol)
+                errors.run(("derived", name, "latex"), latex.check, parsed.symbol)
     tied = [name for name in given if quantities.is_tied(config.parameters[name])]
     related = {name: x for name, x in given.items() if isinstance(x, Expression)}
-    wrong = any(given[name] is None for name in tied) or len(found.problems) > before
+    wrong = any(given[name] is None for name in tied) or len(errors.issues) > before
     if wrong or not {*model.parameters} <= {*given}:
         return None
-    used = {name for each in derived for name in each.expression.names}
-    used |= {name for each in related.values() for name in each.names}
+    used = {name for formula in derived for name in formula.expression.names}
+    used |= {name for expression in related.values() for name in expression.names}
     for name in [n for n in config.quantities if n not in used]:
         message = "no formula names it; use it in `parameters:` or `derived:`, or remove it"
-        found.add(("quantities", name), message)
+        errors.add(("quantities", name), message)
     parameters = {name: x for name in model.parameters if (x := given[name]) is not None}
     if len(parameters) < len(model.parameters):  # a prior or a start, said already
         return None
@@ -139,14 +141,14 @@ def _check_relations(
     try:
         space = numbers_.space()
     except RelationError as error:
-        found.add(("parameters", error.name), str(error))
+        errors.add(("parameters", error.name), str(error))
         return None
-    _check_values(found, space, related)
+    _check_values(errors, space, related)
     return numbers_, space
 
 
 def _check_values(
-    found: Collector, space: ParameterSpace, related: Mapping[str, Expression]
+    errors: ErrorCollector, space: ParameterSpace, related: Mapping[str, Expression]
 ) -> None:
     """What is computed for a parameter must be a positive number wherever the priors lead."""
     theta = space.draw(_TRIED, np.random.default_rng(0)) if space.free else np.ones((1, 0))
@@ -157,7 +159,7 @@ def _check_values(
         good = (values >= SMALLEST) & (values <= most)
         if not good.all():
             k = int(np.argmin(good))
-            found.add(
+            errors.add(
                 ("parameters", name),
                 f"'{relation.text}' is {values[k]:.3g} at {100 * np.mean(~good):.3g} % of what the "
                 f"priors allow, and must be positive (and at most {most:g}); mend the formula or "
@@ -166,6 +168,6 @@ def _check_values(
 
 
 def free_parameters(config: Config, names: Iterable[str]) -> list[str]:
-    """Those of `names` that have a prior."""
+    """Return those of `names` that have a prior."""
     given = config.parameters
     return [name for name in names if isinstance(given.get(name), numbers.ParameterPrior)]

@@ -1,4 +1,4 @@
-"""What is to be done with record and unknowns: search, sampling, calibration, simulation, output."""
+"""Check what is to be done: search, sampling, calibration, simulation, output."""
 
 from __future__ import annotations
 
@@ -7,12 +7,12 @@ from typing import Any
 
 from bayesdrill import output_files
 from bayesdrill.basics import symbols
-from bayesdrill.basics.entries import entries_of, strange
+from bayesdrill.basics.entries import entries_of, unknown_keys
 from bayesdrill.basics.registry import lookup
 from bayesdrill.config.consistency.unknowns import free_parameters
 from bayesdrill.config.resolve import assembly, quantities
 from bayesdrill.config.schema.config import Config
-from bayesdrill.config.yaml_source import Collector, Place
+from bayesdrill.config.yaml_source import ErrorCollector, Location
 from bayesdrill.inference.unknowns import of_label
 from bayesdrill.output_files import RUN_FIGURES
 from bayesdrill.rig import models
@@ -21,36 +21,37 @@ from bayesdrill.sampling.optimisers import OPTIMISERS
 from bayesdrill.sampling.samplers.ensemble import MOVES, everywhere, mixture
 
 
-def check_map(found: Collector, config: Config, unknown: Sequence[str] | None) -> None:
-    own = config.map
-    kind = found.run(("map", "method"), lookup, OPTIMISERS, own.method, "method")
+def check_map(errors: ErrorCollector, config: Config, unknown: Sequence[str] | None) -> None:
+    """Check the optimiser and its settings."""
+    settings = config.map
+    kind = errors.run(("map", "method"), lookup, OPTIMISERS, settings.method, "method")
     if kind is None:
         return
-    vain = strange(("method", "method"), OPTIMISERS.usable(), kind, own)
+    vain = unknown_keys(("method", "method"), OPTIMISERS.usable(), kind, settings)
     for entry, message in vain.items():
-        found.add(("map", entry), message)
-    given = [entry for entry in entries_of(kind) if getattr(own, entry) is not None]
+        errors.add(("map", entry), message)
+    given = [entry for entry in entries_of(kind) if getattr(settings, entry) is not None]
     if unknown is not None:
-        place = ("map", *(given or ["method"])[:1])
-        found.run(place, assembly.optimiser(config).check, list(unknown))
+        location = ("map", *(given or ["method"])[:1])
+        errors.run(location, assembly.optimiser(config).check, list(unknown))
 
 
-def check_counts(found: Collector, config: Config, unknown: Sequence[str] | None) -> None:
-    """Unknowns against walkers, and moves."""
+def check_counts(errors: ErrorCollector, config: Config, unknown: Sequence[str] | None) -> None:
+    """Check the number of walkers against that of unknowns, and the moves."""
     sampler, n_unknown = config.sampler, len(unknown or ())
     if unknown is not None and not unknown:
-        found.add(("parameters",), "nothing is unknown; give at least one parameter a prior")
+        errors.add(("parameters",), "nothing is unknown; give at least one parameter a prior")
     if unknown and (sampler.walkers % 2 or sampler.walkers < 2 * n_unknown):
-        found.add(
+        errors.add(
             ("sampler", "walkers"),
             f"{sampler.walkers} walkers: an even number, at least twice the {n_unknown} unknowns, is "
             "wanted",
         )
     if n_unknown:
         arguments = (sampler.ensembles, sampler.walkers, n_unknown)
-        found.run(("sampler", "walkers"), output_files.check_chain, *arguments)
+        errors.run(("sampler", "walkers"), output_files.check_chain, *arguments)
     for name in sampler.moves:
-        found.run(("sampler", "moves", name), lookup, MOVES, name, "move")
+        errors.run(("sampler", "moves", name), lookup, MOVES, name, "move")
     known = {name: weight for name, weight in sampler.moves.items() if name in MOVES}
     if not mixture(known, None, everywhere):
         waiting = [name for name in MOVES.usable() if not mixture({name: 1.0}, None, everywhere)]
@@ -58,77 +59,86 @@ def check_counts(found: Collector, config: Config, unknown: Sequence[str] | None
             f"no move but {' or '.join(waiting)} has a share, and that never leaves a place that its "
             "proposal has missed; give another move one"
         )
-        found.add(("sampler", "moves"), message)
+        errors.add(("sampler", "moves"), message)
 
 
-def check_calibration(found: Collector, config: Config) -> None:
-    """What the ranks need."""
-    own = config.calibration
-    if own.ess < own.draws:
+def check_calibration(errors: ErrorCollector, config: Config) -> None:
+    """Check that the ranks have enough effective draws."""
+    settings = config.calibration
+    if settings.ess < settings.draws:
         message = (
-            f"{own.ess:g} effective draws do not hold {own.draws} independent ones; make it larger"
+            f"{settings.ess:g} effective draws do not hold {settings.draws} independent ones; "
+            "make it larger"
         )
-        found.add(("calibration", "ess"), message)
+        errors.add(("calibration", "ess"), message)
 
 
-def check_simulation(found: Collector, config: Config) -> None:
+def check_simulation(errors: ErrorCollector, config: Config) -> None:
+    """Check grid and true values of `simulation:`."""
     simulation: Any = config.simulation
     if simulation is None:
         return
     if (simulation.duration is None) != (simulation.rate is None):
-        found.add(("simulation",), "`duration:` and `rate:` belong together; give both or neither")
+        errors.add(("simulation",), "`duration:` and `rate:` belong together; give both or neither")
     elif simulation.duration is not None and simulation.duration * simulation.rate < 1:
-        found.add(
+        errors.add(
             ("simulation", "duration"), "the record would have one sample only; make it longer"
         )
     elif simulation.duration is not None:
         samples, channels = simulation.duration * simulation.rate, len(config.record.channels)
-        found.run(("simulation", "duration"), output_files.check_record, samples, channels)
+        errors.run(("simulation", "duration"), output_files.check_record, samples, channels)
     for name in simulation.quantities:
-        if not found.spoilt(("quantities", name)):
-            place: Place = ("simulation", "quantities", name)
-            found.expect(place, name, config.quantities, "there is no such quantity")
+        if not errors.is_reported(("quantities", name)):
+            location: Location = ("simulation", "quantities", name)
+            errors.expect(location, name, config.quantities, "there is no such quantity")
 
 
 def check_truth(
-    found: Collector, config: Config, channels: Sequence[str], told: Sequence[str]
+    errors: ErrorCollector, config: Config, channels: Sequence[str], truth_names: Sequence[str]
 ) -> None:
-    """True values by channel, and by the names that unknowns are `told` by."""
+    """Check true values by channel, and by `truth_names` of the other unknowns."""
     simulation: Any = config.simulation
     for name in simulation.sigma if simulation else ():
-        if not found.spoilt(("record", "channels", name)):
-            place: Place = ("simulation", "sigma", name)
-            found.expect(place, name, channels, "there is no such channel")
+        if not errors.is_reported(("record", "channels", name)):
+            location: Location = ("simulation", "sigma", name)
+            errors.expect(location, name, channels, "there is no such channel")
     for name in simulation.truth if simulation else ():
         message = "a sensor, a start, a noise or an experiment has no such unknown"
-        found.expect(("simulation", "truth", name), name, told, message)
+        errors.expect(("simulation", "truth", name), name, truth_names, message)
 
 
 def check_output(
-    found: Collector, config: Config, model: Model, unknown: Sequence[str] | None
+    errors: ErrorCollector, config: Config, model: Model, unknown: Sequence[str] | None
 ) -> None:
-    """Names that figures can show: unknowns, and in a corner plot what is tied or derived."""
+    """Check names that figures can show.
+
+    These are unknowns, and in a corner plot what is tied or derived.
+    """
     for k, name in enumerate(config.output.figures or ()):
-        found.run(("output", "figures", k), lookup, RUN_FIGURES, name, "figure of a run")
+        errors.run(("output", "figures", k), lookup, RUN_FIGURES, name, "figure of a run")
     if unknown is None:
         return
     given = config.parameters
     related = [name for name in model.parameters if quantities.is_tied(given.get(name))]
     shown = [*unknown, *related, *symbols.DERIVED, *config.derived]
     for k, name in enumerate(config.output.parameters or ()):
-        found.expect(("output", "parameters", k), name, unknown, f"{name} is no unknown")
+        errors.expect(("output", "parameters", k), name, unknown, f"{name} is no unknown")
     for k, name in enumerate(config.output.corner or ()):
         message = f"{name} is neither unknown nor derived"
-        found.expect(("output", "corner", k), name, shown, message)
+        errors.expect(("output", "corner", k), name, shown, message)
 
 
-def check_identify(found: Collector, config: Config, labels: Sequence[str]) -> None:
-    own = config.identify
+def check_identify(errors: ErrorCollector, config: Config, labels: Sequence[str]) -> None:
+    """Check what `identify` is asked for."""
+    settings = config.identify
     free = free_parameters(config, models.PARAMETERS)
     unknown = [of_label(n, label) for n in free for label in (labels if n in config.own else [""])]
-    for k, name in enumerate(own.of_interest):
+    for k, name in enumerate(settings.of_interest):
         message = f"{name} is no unknown parameter"
-        found.expect(("identify", "of_interest", k), name, unknown, message)
-    if own.determined > own.left_to_prior:
-        message = f"{own.determined:g} is above left_to_prior, {own.left_to_prior:g}; exchange them"
-        found.add(("identify", "determined"), message)
+        errors.expect(("identify", "of_interest", k), name, unknown, message)
+    if settings.determined > settings.left_to_prior:
+        message = (
+            f"{settings.determined:g} is above left_to_prior, {settings.left_to_prior:g}; "
+            "exchange them"
+        )
+        errors.add(("identify", "determined"), message)

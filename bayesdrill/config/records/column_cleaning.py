@@ -1,6 +1,4 @@
-"""One column as it comes: what is masked or missing, what a sensor seems to have made, differences
-of another column.
-"""
+"""Clean one column: what is masked or missing, anomalies of its sensor, derived channels."""
 
 from __future__ import annotations
 
@@ -13,8 +11,14 @@ from numpy.typing import NDArray
 from bayesdrill.basics import units
 from bayesdrill.basics.arrays import Array
 from bayesdrill.config.records.sources import Clock, Sources
-from bayesdrill.config.schema.records import AngleColumn, ChannelSpec, InputColumn, Series, mask
-from bayesdrill.config.yaml_source import Place
+from bayesdrill.config.schema.records import (
+    AngleColumn,
+    ChannelSpec,
+    InputColumn,
+    Series,
+    as_mask_spec,
+)
+from bayesdrill.config.yaml_source import Location
 from bayesdrill.record import anomalies
 from bayesdrill.record.anomalies import Spans
 from bayesdrill.record.experiment import Odd, count_noun
@@ -23,137 +27,147 @@ Mask = NDArray[np.bool_]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Column:
-    """`values (n,)` on the rows of its clock, in the unit of the file; NaN where none is used."""
+class RecordColumn:
+    """A column `values (n,)` on the rows of its clock, in the unit of the file.
 
-    place: Place
+    Values are NaN where none is used.
+    """
+
+    location: Location
     spec: Series
     clock: Clock
     values: Array
 
     @property
     def name(self) -> str:
-        return str(self.place[-1])
+        """Return the name of the channel or input."""
+        return str(self.location[-1])
 
     @property
     def is_input(self) -> bool:
+        """Whether it is an input of the rig."""
         return isinstance(self.spec, InputColumn)
 
 
 @dataclass(frozen=True, slots=True)
 class Findings:
-    """What was done, in sentences, and what looks odd."""
+    """What was done, as `notes` in sentences, and `anomalies`."""
 
-    told: list[str] = field(default_factory=list)
-    odd: list[Odd] = field(default_factory=list)
+    notes: list[str] = field(default_factory=list)
+    anomalies: list[Odd] = field(default_factory=list)
 
 
-def masked(sources: Sources, place: Place, spec: Series, clock: Clock) -> Mask:
-    """`(n,)` of the rows of a clock: those that the config names; a span without a row is a problem."""
-    found, own = np.zeros(len(clock.t), dtype=np.bool_), mask(spec.mask)
+def row_mask(sources: Sources, location: Location, spec: Series, clock: Clock) -> Mask:
+    """Return which rows `(n,)` of a clock the config masks; a span without a row is an issue."""
+    masked_rows, mask_spec = np.zeros(len(clock.t), dtype=np.bool_), as_mask_spec(spec.mask)
     numbers, t = clock.numbers, clock.t
-    spans = [("rows", k, float(a), float(b)) for k, (a, b) in enumerate(own.rows)]
-    spans += [("times", k, a, b) for k, (a, b) in enumerate(own.times)]
+    spans = [("rows", k, float(a), float(b)) for k, (a, b) in enumerate(mask_spec.rows)]
+    spans += [("times", k, a, b) for k, (a, b) in enumerate(mask_spec.times)]
     for entry, k, first, last in spans:
-        of, unit = (numbers, "") if entry == "rows" else (t, " s")
+        values, unit = (numbers, "") if entry == "rows" else (t, " s")
         slack = 1e-9 * max(abs(first), abs(last))
-        one = (of >= first - slack) & (of <= last + slack)
-        if not one.any():
+        inside = (values >= first - slack) & (values <= last + slack)
+        if not inside.any():
             message = (
                 f"no sample lies from {first:g} to {last:g}{unit}: those that are used go from "
-                f"{of[0]:g} to {of[-1]:g}{unit}; mend the two, the smaller first, or remove them"
+                f"{values[0]:g} to {values[-1]:g}{unit}; mend the two, the smaller first, or remove them"
             )
-            sources.add((*place, "mask", entry, k), message)
-        found |= one
-    return found
+            sources.add((*location, "mask", entry, k), message)
+        masked_rows |= inside
+    return masked_rows
 
 
-def caused(clock: Clock, inputs: list[Column]) -> Mask:
-    """`(n,)`: rows at which a measured input has just jumped."""
-    found = np.zeros(len(clock.t), dtype=np.bool_)
-    for one in inputs:
-        jumped = one.clock.t[anomalies.jumps(one.values)]
+def rows_after_jumps(clock: Clock, inputs: list[RecordColumn]) -> Mask:
+    """Return `(n,)`: rows at which a measured input has just jumped."""
+    rows = np.zeros(len(clock.t), dtype=np.bool_)
+    for column in inputs:
+        jumped = column.clock.t[anomalies.jumps(column.values)]
         after = np.searchsorted(clock.t, jumped - 1e-12)
-        found[after[after < len(found)]] = True
-    return found
+        rows[after[after < len(rows)]] = True
+    return rows
 
 
-def unwrapped(sources: Sources, one: Column, turn: float, findings: Findings) -> Column:
-    """`turn`: how much of the column's unit one turn is; NaN where it is no angle."""
-    wraps = one.spec.wraps if isinstance(one.spec, ChannelSpec | AngleColumn) else None
+def unwrap(sources: Sources, column: RecordColumn, turn: float, findings: Findings) -> RecordColumn:
+    """Return an angle unwrapped; `turn` is one turn in the column's unit, NaN where it is no angle."""
+    wraps = column.spec.wraps if isinstance(column.spec, ChannelSpec | AngleColumn) else None
     if not wraps:
-        return one
+        return column
     period = turn if wraps is True else float(wraps)
     if not period > 0:
         message = (
-            f"{one.name} is no angle; say after how much it begins again, for example `wraps: 360`"
+            f"{column.name} is no angle; say after how much it begins again, for example "
+            "`wraps: 360`"
         )
-        sources.add((*one.place, "wraps"), message)
-        return one
-    known = np.flatnonzero(~np.isnan(one.values))
-    x = one.values[known]
+        sources.add((*column.location, "wraps"), message)
+        return column
+    known = np.flatnonzero(~np.isnan(column.values))
+    x = column.values[known]
     doubtful = anomalies.ambiguous(x, period)
     if len(doubtful):
         at = int(known[doubtful[0]])
         message = (
-            f"{one.name} jumps by {x[doubtful[0]] - x[doubtful[0] - 1]:.6g} at {one.clock.where(at)} "
-            f"({len(doubtful)} such jumps), nearly half of {period:.6g}: it cannot be told which way it "
-            "went; mask these rows (mask: {rows: ...}), or record at a higher rate"
+            f"{column.name} jumps by {x[doubtful[0]] - x[doubtful[0] - 1]:.6g} at "
+            f"{column.clock.where(at)} ({len(doubtful)} such jumps), nearly half of "
+            f"{period:.6g}: it cannot be told which way it went; mask these rows "
+            "(mask: {rows: ...}), or record at a higher rate"
         )
-        sources.add((*one.place, "wraps"), message)
-        return one
-    values, (straight, count) = one.values.copy(), anomalies.unwrapped(x, period)
+        sources.add((*column.location, "wraps"), message)
+        return column
+    values, (straight, count) = column.values.copy(), anomalies.unwrapped(x, period)
     values[known] = straight
-    findings.told.append(
-        f"{one.name}: unwrapped {count_noun(count, 'jump')} of {period:.6g} {one.spec.unit}"
+    findings.notes.append(
+        f"{column.name}: unwrapped {count_noun(count, 'jump')} of {period:.6g} {column.spec.unit}"
     )
-    return Column(one.place, one.spec, one.clock, values)
+    return RecordColumn(column.location, column.spec, column.clock, values)
 
 
-def judged(one: Column, inputs: list[Column], findings: Findings) -> Column:
-    """Without the glitches that are masked; what is odd is named.  `inputs`: jumps of these are no
-    glitches of a channel.
+def mask_glitches(
+    column: RecordColumn, inputs: list[RecordColumn], findings: Findings
+) -> RecordColumn:
+    """Return the column without the glitches that are masked; anomalies are added to `findings`.
+
+    Jumps of `inputs` are no glitches of a channel.
     """
-    known = np.flatnonzero(~np.isnan(one.values))
-    x = one.values[known]
-    cause = None if one.is_input else caused(one.clock, inputs)[known]
-    spikes = anomalies.spikes(x, cause, wide=not one.is_input)
-    values = one.values
-    if len(spikes) and mask(one.spec.mask).glitches:
+    known = np.flatnonzero(~np.isnan(column.values))
+    x = column.values[known]
+    cause = None if column.is_input else rows_after_jumps(column.clock, inputs)[known]
+    spikes = anomalies.spikes(x, cause, wide=not column.is_input)
+    values = column.values
+    if len(spikes) and as_mask_spec(column.spec.mask).glitches:
         values = values.copy()
         values[known[spikes.mask(len(x))]] = np.nan
         samples, places = count_noun(spikes.count, "sample"), count_noun(len(spikes), "place")
-        first = _where(one.clock, spikes, known, 0)
-        findings.told.append(
-            f"{one.name}: {samples} in {places} are glitches, and masked (the first at {first})"
+        first = _span_label(column.clock, spikes, known, 0)
+        findings.notes.append(
+            f"{column.name}: {samples} in {places} are glitches, and masked (the first at {first})"
         )
     elif len(spikes):
-        findings.odd.append(_glitches(one, spikes, known))
-    if not one.is_input:
-        findings.odd.extend(_ends(one, x, known))
-    return Column(one.place, one.spec, one.clock, values)
+        findings.anomalies.append(_glitches(column, spikes, known))
+    if not column.is_input:
+        findings.anomalies.extend(_saturated_or_stuck(column, x, known))
+    return RecordColumn(column.location, column.spec, column.clock, values)
 
 
-def _glitches(one: Column, spikes: Spans, known: NDArray[np.intp]) -> Odd:
-    entry = ".".join(map(str, one.place))
+def _glitches(column: RecordColumn, spikes: Spans, known: NDArray[np.intp]) -> Odd:
+    entry = ".".join(map(str, column.location))
     return Odd(
-        said=f"glitches: {one.name} leaves its course and is back within a few samples in "
+        said=f"glitches: {column.name} leaves its course and is back within a few samples in "
         f"{count_noun(len(spikes), 'place')} ({count_noun(spikes.count, 'sample')})",
-        where=_every(one.clock, spikes, known),
+        where=_span_labels(column.clock, spikes, known),
         do=f"; was it the sensor? Then leave them out ({entry}: mask: glitches)",
     )
 
 
-def _ends(one: Column, x: Array, known: NDArray[np.intp]) -> list[Odd]:
-    entry = ".".join(map(str, one.place))
+def _saturated_or_stuck(column: RecordColumn, x: Array, known: NDArray[np.intp]) -> list[Odd]:
+    entry = ".".join(map(str, column.location))
     clipped = anomalies.saturated(x)
     if len(clipped):
         return [
             Odd(
-                said=f"saturated: {one.name} runs into exactly the same value, "
-                f"{x[clipped.first[0]]:.6g} {one.spec.unit}, {count_noun(len(clipped), 'place')} "
+                said=f"saturated: {column.name} runs into exactly the same value, "
+                f"{x[clipped.first[0]]:.6g} {column.spec.unit}, {count_noun(len(clipped), 'place')} "
                 f"({count_noun(clipped.count, 'sample')})",
-                where=_every(one.clock, clipped, known),
+                where=_span_labels(column.clock, clipped, known),
                 do=f"; the end of its range? Then leave them out ({entry}: mask: {{rows: ...}})",
             )
         ]
@@ -161,25 +175,25 @@ def _ends(one: Column, x: Array, known: NDArray[np.intp]) -> list[Odd]:
     if not len(still):
         return []
     first, last = known[still.first[0]], known[still.last[0]]
-    t = one.clock.t
+    t = column.clock.t
     return [
         Odd(
-            said=f"stuck: {one.name} stays at exactly one value for {still.count} samples, from "
+            said=f"stuck: {column.name} stays at exactly one value for {still.count} samples, from "
             f"{t[first]:.6g} to {t[last]:.6g} s, and elsewhere hardly ever repeats one",
-            where=_every(one.clock, still, known),
+            where=_span_labels(column.clock, still, known),
             do="; a sensor that was stuck, cut off or at the end of its range? Cut these samples off "
             f"(record.window), or leave them out ({entry}: mask: {{rows: ...}})",
         )
     ]
 
 
-def _every(clock: Clock, of: Spans, known: NDArray[np.intp]) -> tuple[str, ...]:
-    return tuple(_where(clock, of, known, k) for k in range(len(of)))
+def _span_labels(clock: Clock, spans: Spans, known: NDArray[np.intp]) -> tuple[str, ...]:
+    return tuple(_span_label(clock, spans, known, k) for k in range(len(spans)))
 
 
-def _where(clock: Clock, of: Spans, known: NDArray[np.intp], k: int) -> str:
+def _span_label(clock: Clock, spans: Spans, known: NDArray[np.intp], k: int) -> str:
     """Rows and times of the span `k`, of samples that are `known` rows."""
-    first, last = int(known[of.first[k]]), int(known[of.last[k]])
+    first, last = int(known[spans.first[k]]), int(known[spans.last[k]])
     if first == last:
         return f"{clock.where(first)} ({clock.t[first]:.6g} s)"
     return (
@@ -188,71 +202,76 @@ def _where(clock: Clock, of: Spans, known: NDArray[np.intp], k: int) -> str:
     )
 
 
-def bridged(sources: Sources, one: Column) -> Array:
-    """An input's values, what is missing as its hold has it; where that cannot be, a problem."""
-    spec, missing = one.spec, np.isnan(one.values)
+def bridge_gaps(sources: Sources, column: RecordColumn) -> Array:
+    """Return an input's values, with missing ones as its hold has it; an issue where it cannot be."""
+    spec, missing = column.spec, np.isnan(column.values)
     if not missing.any():
-        return one.values
+        return column.values
     known = np.flatnonzero(~missing)
     straight = isinstance(spec, InputColumn) and spec.hold == "first"
     ends = [0] if len(known) and missing[0] else []
     ends += [len(missing) - 1] if len(known) and straight and missing[-1] else []
     if not len(known) or ends:
-        at = one.clock.where(ends[0]) if ends else "every row"
+        at = column.clock.where(ends[0]) if ends else "every row"
         message = (
             f"no number is there, at {at}, and none {'on both sides' if straight else 'before it'} to "
             "hold; cut these rows off (record.window), or name another column"
         )
-        sources.add(one.place, message)
-        return one.values
+        sources.add(column.location, message)
+        return column.values
     if straight:
-        return np.interp(one.clock.t, one.clock.t[known], one.values[known])
-    return one.values[known[np.searchsorted(known, np.arange(len(missing)), side="right") - 1]]
+        return np.interp(column.clock.t, column.clock.t[known], column.values[known])
+    return column.values[known[np.searchsorted(known, np.arange(len(missing)), side="right") - 1]]
 
 
-NEAR = 0.3  # of its rms: farther off, a channel is hardly what it is said to be
+MAX_DERIVATIVE_MISMATCH = 0.3  # of its rms: farther off, a channel is hardly what it is said to be
 
 
-def find_derivatives(columns: Mapping[Place, Column], findings: Findings) -> None:
-    """Of each derived channel: that it is not counted, and how well it is what it is said to be."""
-    for one in columns.values():
-        of = one.spec.derived_from if isinstance(one.spec, ChannelSpec) else None
-        if of is None:
+def find_derivatives(columns: Mapping[Location, RecordColumn], findings: Findings) -> None:
+    """Note of each derived channel that it is not counted, and how well it fits its origin."""
+    for column in columns.values():
+        origin = column.spec.derived_from if isinstance(column.spec, ChannelSpec) else None
+        if origin is None:
             continue
         why = "it has no noise of its own, and would count the same numbers twice"
-        not_counted = f"{one.name} is not counted, as it is derived from {of}: {why}"
-        found = _compared(one, columns["record", "channels", of])
-        if found is None:
-            findings.told.append(
+        not_counted = f"{column.name} is not counted, as it is derived from {origin}: {why}"
+        comparison = _compare_with_quotients(column, columns["record", "channels", origin])
+        if comparison is None:
+            findings.notes.append(
                 f"{not_counted}; it was not compared, as it has other times or units"
             )
             continue
-        kind, off, times = found
-        like = f"{times:.4g} times the {kind} difference quotient of {of} to {off:.2g} of its rms"
-        findings.told.append(f"{not_counted}; it is {like}")
-        if off > NEAR:
-            findings.odd.append(
+        kind, off, times = comparison
+        like = (
+            f"{times:.4g} times the {kind} difference quotient of {origin} to {off:.2g} of its rms"
+        )
+        findings.notes.append(f"{not_counted}; it is {like}")
+        if off > MAX_DERIVATIVE_MISMATCH:
+            findings.anomalies.append(
                 Odd(
-                    said=f"derived: {one.name} is said to be derived from {of}, but is only {like}",
+                    said=f"derived: {column.name} is said to be derived from {origin}, but is only "
+                    f"{like}",
                     where=(),
                     do="; if it was measured by a sensor of its own, remove derived_from",
                 )
             )
 
 
-def _compared(one: Column, of: Column) -> tuple[str, float, float] | None:
+def _compare_with_quotients(
+    column: RecordColumn, origin: RecordColumn
+) -> tuple[str, float, float] | None:
     """Which quotient, how far off (of the rms), and how many times it, in SI."""
-    if one.clock is not of.clock:
+    if column.clock is not origin.clock:
         return None
-    both = ~np.isnan(one.values) & ~np.isnan(of.values)
+    both = ~np.isnan(column.values) & ~np.isnan(origin.values)
     try:
-        turned = units.factor(of.spec.unit, "rad")
-        moved = units.factor(one.spec.unit, "rad/s")
+        turned = units.factor(origin.spec.unit, "rad")
+        moved = units.factor(column.spec.unit, "rad/s")
     except ValueError:
         return None
     if np.sum(both) < anomalies.FEWEST_TURNS:
         return None
-    x, w, t = of.values[both] * turned, one.values[both] * moved, one.clock.t[both]
+    x, w, t = origin.values[both] * turned, column.values[both] * moved, column.clock.t[both]
     slope = next(iter(anomalies.quotients(x, t).values()))
     size = float(slope @ slope)
     times = float(slope @ w[1:-1]) / size if size > 0 else 0.0

@@ -1,6 +1,4 @@
-"""Records made from a config: the exact response at given parameters, noise with a seed, and their
-text.
-"""
+"""Simulate records from a config: the response at given parameters, with noise, as text."""
 
 from __future__ import annotations
 
@@ -19,10 +17,10 @@ from bayesdrill.basics.errors import InputError, Issue
 from bayesdrill.config.records import reading, sources
 from bayesdrill.config.resolve import quantities, sensors
 from bayesdrill.config.resolve.case import ResolvedCase, ResolvedExperiment, initial_state
-from bayesdrill.config.resolve.sensors import Measured
+from bayesdrill.config.resolve.sensors import MeasuredChannel
 from bayesdrill.config.schema.config import Config
-from bayesdrill.config.schema.records import ChannelSpec, Column, TimeColumn
-from bayesdrill.config.yaml_source import Place, Source
+from bayesdrill.config.schema.records import ChannelSpec, ColumnSpec, TimeColumn
+from bayesdrill.config.yaml_source import Location, Source
 from bayesdrill.inference import step_error
 from bayesdrill.inference.noise.mixed import of_record
 from bayesdrill.inference.unknowns import ParameterSpace, Unknown, of_label
@@ -33,22 +31,23 @@ from bayesdrill.record.formats.csv import table as text_table
 from bayesdrill.rig.simulators import simulator
 
 DIGITS = 9
-SAME = 1e-8  # of the largest number in a column
+READ_BACK_TOLERANCE = 1e-8  # of the largest number in a column
 
 
-def check_form(config: Config, source: Source, target: Path | None) -> None:
-    """That the config can read what is written to `target`, by default its own record, at all.
+def check_format(config: Config, source: Source, target: Path | None) -> None:
+    """Raise `InputError` unless the config can read what is written to `target`.
 
-    Raises `InputError`: it is text, with a header, of channels that are measured at the same times.
+    By default that is its own record.  It has to be text, with a header, of channels that are
+    measured at the same times.
     """
-    record, place = config.record, ("record", "file")
+    record, location = config.record, ("record", "file")
     try:
         kind = record.format or format_of(target or sources.path_of(config, source))
         check_options(Path(), reading.csv_options(record))
     except InputError as error:
-        raise source.error(place, error.problems[0].message) from None
+        raise source.error(location, error.problems[0].message) from None
     if kind != "csv":
-        raise source.error(place, "a simulated record is text; name a .csv file")
+        raise source.error(location, "a simulated record is text; name a .csv file")
     for column, spec in sources.file_entries(config).items():
         for entry in ("file", "time"):
             if getattr(spec, entry) is not None:
@@ -67,7 +66,10 @@ def check_form(config: Config, source: Source, target: Path | None) -> None:
 
 
 def record_text(config: Config, source: Source, experiment: Experiment, y: Array) -> str:
-    """Channels `y (T, K)` in the units of their columns, with time and inputs of `experiment`."""
+    """Return channels `y (T, K)` as text, in the units of their columns.
+
+    Time and inputs are those of `experiment`.
+    """
     columns = _columns(config, source, experiment, y)
     record = reading.csv_options(config.record)
     mark = record.delimiter or (";" if record.decimal == "," else ",")
@@ -86,22 +88,22 @@ def _columns(
     config: Config, source: Source, experiment: Experiment, y: Array
 ) -> list[tuple[str, Array]]:
     """Names and numbers, in the units of the config."""
-    found: list[tuple[Place, Column, Array]] = []
+    entries: list[tuple[Location, ColumnSpec, Array]] = []
     time = config.record.time
     if isinstance(time, TimeColumn):
-        found.append((("record", "time"), time, experiment.t / units.factor(time.unit, "s")))
+        entries.append((("record", "time"), time, experiment.t / units.factor(time.unit, "s")))
     for (name, spec), channel in zip(config.record.channels.items(), y.T, strict=True):
-        found.append((("record", "channels", name), spec, channel))
-    for name, given in quantities.measured_input(config).items():
+        entries.append((("record", "channels", name), spec, channel))
+    for name, given in quantities.measured_inputs(config).items():
         entry = quantities.input_entry(config, name)
         factor = units.factor(given.unit, quantities.input_unit(entry))
         values = quantities.inputs_as_given(config, experiment, name) / factor
-        found.append((("inputs", entry), given, values))
+        entries.append((("inputs", entry), given, values))
     columns = []
-    for place, column, values in found:
+    for location, column, values in entries:
         if not isinstance(column.column, str):
             message = "a simulated record is a CSV file with named columns; give a name"
-            raise source.error(place, message)
+            raise source.error(location, message)
         columns.append((column.column, values))
     return columns
 
@@ -114,7 +116,9 @@ def _check_read_back(
     try:
         table = text_table(path, text, reading.csv_options(config.record))
         for name, values in columns:
-            if not np.allclose(table.pick(name), values, rtol=0, atol=SAME * np.ptp(values)):
+            if not np.allclose(
+                table.pick(name), values, rtol=0, atol=READ_BACK_TOLERANCE * np.ptp(values)
+            ):
                 raise InputError.one("", f"column {name!r} would come out otherwise")
     except InputError as error:
         first = error.problems[0].message
@@ -123,70 +127,81 @@ def _check_read_back(
 
 
 def simulate(case: ResolvedCase, seed: int, target: Path | None = None) -> str:
-    """Of the only experiment; see `simulate_one`."""
+    """Simulate the record of the only experiment; see `simulate_one`."""
     (alone,) = case.experiments
     return simulate_one(alone, seed, target)
 
 
 def simulate_all(case: ResolvedCase, seed: int, output: Path | None = None) -> dict[Path, str]:
-    """Records of all experiments, by where they go: the files that the config names, or `output`; of
-    several, files of those names in the folder `output`.  Raises `InputError` with all that is wrong.
+    """Return the simulated records of all experiments, by the file that each is for.
+
+    These are the files that the config names, or `output`; of several experiments, files of those
+    names in the folder `output`.  Raises `InputError` with all that is wrong.
     """
-    made, problems = dict[Path, str](), list[Issue]()
-    for index, one in enumerate(case.experiments):
-        own = sources.path_of(one.config, one.source)
-        target = own if output is None else output / own.name if one.label else output
+    texts, problems = dict[Path, str](), list[Issue]()
+    for index, resolved in enumerate(case.experiments):
+        record_path = sources.path_of(resolved.config, resolved.source)
+        target = (
+            record_path
+            if output is None
+            else output / record_path.name
+            if resolved.label
+            else output
+        )
         try:
-            if target in made:
+            if target in texts:
                 message = (
                     f"another experiment is simulated into {target} too; give each its own file"
                 )
-                raise one.source.error(("record", "file"), message)
-            made[target] = simulate_one(one, seed, target, index)
+                raise resolved.source.error(("record", "file"), message)
+            texts[target] = simulate_one(resolved, seed, target, index)
         except InputError as error:
             problems += error.problems
     raise_if_any(list(dict.fromkeys(problems)))
-    return made
+    return texts
 
 
 def simulate_one(
-    one: ResolvedExperiment, seed: int, target: Path | None = None, index: int = 0
+    resolved: ResolvedExperiment, seed: int, target: Path | None = None, index: int = 0
 ) -> str:
-    """A record as text that the config itself reads, from `target` or by default its own record.
+    """Return a record as text that the config itself reads, from `target` or its own record.
 
     Times and measured inputs are those of the config's `simulation:` grid, or else of its record.
     True values are nominal, or the config's fixed ones, unless `simulation:` names them; what is
     tied follows from them, and sensors are where their priors start.
     """
-    config, source = one.config, one.source
-    check_form(config, source, target)
-    experiment = grid(one)
-    response = simulator(one.model, experiment, one.sensing, step_error.MOST)
-    values = truth(one) | _told(one)
+    config, source = resolved.config, resolved.source
+    check_format(config, source, target)
+    experiment = simulation_grid(resolved)
+    response = simulator(resolved.model, experiment, resolved.sensing, step_error.MOST)
+    values = truth(resolved) | _sensor_truth(resolved)
     full = np.array([[values[name] for name in response.parameters]])
     signals = response.signals(full)[0]
-    known = [_known(one, entry) for entry in one.channels]
-    noise = of_record(sensors.noise(known, len(signals)), experiment.t, experiment.seen)
+    known = [_with_known_sigma(resolved, entry) for entry in resolved.channels]
+    noise = of_record(sensors.build_noise(known, len(signals)), experiment.t, experiment.seen)
     acts = sensors.latent_torque(config)
-    observed = sensors.observation(acts, one.torque, response, noise)
-    own = [_true_of_noise(one, unknown) for unknown in observed.unknowns]
+    observed = sensors.build_observation(acts, resolved.torque, response, noise)
+    noise_values = [_noise_truth(resolved, unknown) for unknown in observed.unknowns]
     rng = seeds.stream(seed, "record", index)
     space = ParameterSpace(
         model=response.parameters, unknowns=observed.unknowns, fixed=dict(values)
     )
-    noisy = observed.placed(space).draw(signals[None], np.array([own]), rng)[0]
-    y = noisy / np.array([entry.channel.factor for entry in one.channels])
+    noisy = observed.placed(space).draw(signals[None], np.array([noise_values]), rng)[0]
+    y = noisy / np.array([entry.channel.factor for entry in resolved.channels])
     return record_text(config, source, experiment, y)
 
 
 def save(text: str, target: Path, record: Path, *, force: bool) -> None:
-    """See `check_place`."""
-    check_place(text, target, record, force=force)
+    """Write a record; see `check_target`."""
+    check_target(text, target, record, force=force)
     output_files.write_text(target, text)
 
 
-def check_place(text: str, target: Path, record: Path, *, force: bool) -> None:
-    """Never over `record`, which the config names: that may be what was measured."""
+def check_target(text: str, target: Path, record: Path, *, force: bool) -> None:
+    """Raise `InputError` where a record must not be written to `target`.
+
+    It is never written over `record`, which the config names: that may be what was measured.
+    """
     output_files.refuse_other_than_file(target)
     output_files.refuse_unwritable(target.parent)
     if target.exists():
@@ -202,42 +217,45 @@ def check_place(text: str, target: Path, record: Path, *, force: bool) -> None:
                 raise InputError.one(str(target), message)
 
 
-def grid(one: ResolvedExperiment) -> Experiment:
-    """Times and inputs, those of `simulation:` or else of the record; what was measured is no matter."""
-    config = one.config
+def simulation_grid(resolved: ResolvedExperiment) -> Experiment:
+    """Return times and inputs of `simulation:`, or else of the record.
+
+    Measured channels do not matter.
+    """
+    config = resolved.config
     simulation: Any = config.simulation
-    series = list(quantities.measured_input(config))
+    series = list(quantities.measured_inputs(config))
     if simulation is None or simulation.duration is None:
-        return reading.read(one)
+        return reading.read(resolved)
     if series:
-        raise one.source.error(
+        raise resolved.source.error(
             ("simulation", "duration"),
             f"the input {series[0]} is measured, so the times are those of the record; remove "
             "`duration:` and `rate:`",
         )
     t = times(simulation.duration, simulation.rate)
-    channels = tuple(entry.channel for entry in one.channels)
+    channels = tuple(entry.channel for entry in resolved.channels)
     return Experiment(
         t=frozen(t),
         y=frozen(np.zeros((len(t), len(channels)))),
         channels=channels,
-        constant=quantities.constant_input(config, one.model),
+        constant=quantities.constant_inputs(config, resolved.model),
         series={},
         first_order=False,
-        start=initial_state(config, one.model),
+        start=initial_state(config, resolved.model),
         t_start=min(0.0, config.initial.time or 0.0),
     )
 
 
-def truth(one: ResolvedExperiment) -> dict[str, float]:
-    """What a simulated record is made of: the parameters of the rig, SI."""
-    rig, space, config = one.model, one.space, one.config
+def truth(resolved: ResolvedExperiment) -> dict[str, float]:
+    """Return the parameters of the rig, SI, that a simulated record is made with."""
+    rig, space, config = resolved.model, resolved.space, resolved.config
     simulation: Any = config.simulation
     named = {name: getattr(simulation, name, None) for name in rig.parameters}
-    named |= {n: x for n in rig.parameters if (x := _given(one, n)) is not None}
-    values = {**space.start, **one.nominal.compared, **space.fixed}
+    named |= {n: x for n in rig.parameters if (x := _given_truth(resolved, n)) is not None}
+    values = {**space.start, **resolved.nominal.compared, **space.fixed}
     for name, value in simulation.quantities.items() if simulation else ():
-        values[name] = value * one.numbers.quantities[name].factor
+        values[name] = value * resolved.rig_numbers.quantities[name].factor
     values |= {name: value for name, value in named.items() if value is not None}
     for name in rig.parameters:
         if name in space.relations and named[name] is None:
@@ -245,43 +263,43 @@ def truth(one: ResolvedExperiment) -> dict[str, float]:
     return values
 
 
-def _told(one: ResolvedExperiment) -> dict[str, float]:
+def _sensor_truth(resolved: ResolvedExperiment) -> dict[str, float]:
     """What is true of sensors and the start, SI; of a free start zero, unless it is given."""
-    found = {sensors.state_name(name): 0.0 for name in one.free}
-    factors = dict.fromkeys(found, 1.0)
-    for each in one.declared:
-        found[each.name], factors[each.name] = each.start, each.factor
-    own = {name: _given(one, name) for name in found}
-    return found | {name: x * factors[name] for name, x in own.items() if x is not None}
+    values = {sensors.state_name(name): 0.0 for name in resolved.free_states}
+    factors = dict.fromkeys(values, 1.0)
+    for number in resolved.sensor_numbers:
+        values[number.name], factors[number.name] = number.start, number.factor
+    given = {name: _given_truth(resolved, name) for name in values}
+    return values | {name: x * factors[name] for name, x in given.items() if x is not None}
 
 
-def _true_of_noise(one: ResolvedExperiment, unknown: Unknown) -> float:
+def _noise_truth(resolved: ResolvedExperiment, unknown: Unknown) -> float:
     """As `simulation.truth` has it, or where its search would start."""
-    value = _given(one, unknown.name)
+    value = _given_truth(resolved, unknown.name)
     low, high = unknown.between or (unknown.prior.low, unknown.prior.high)
     if value is None or low < value < high:
         return unknown.start if value is None else value
     message = f"{value:g} is impossible; give a number between {low:g} and {high:g}"
-    raise one.source.error(("simulation", "truth", unknown.name), message)
+    raise resolved.source.error(("simulation", "truth", unknown.name), message)
 
 
-def _given(one: ResolvedExperiment, name: str) -> float | None:
+def _given_truth(resolved: ResolvedExperiment, name: str) -> float | None:
     """The true value of the experiment, or of all of them, in `simulation.truth`."""
-    simulation: Any = one.config.simulation
+    simulation: Any = resolved.config.simulation
     values = simulation.truth if simulation else {}
-    return values.get(of_label(name, one.label), values.get(name))
+    return values.get(of_label(name, resolved.label), values.get(name))
 
 
-def _known(one: ResolvedExperiment, entry: Measured) -> Measured:
+def _with_known_sigma(resolved: ResolvedExperiment, entry: MeasuredChannel) -> MeasuredChannel:
     """With the sigma of `simulation:`, where the noise is unknown."""
     if isinstance(entry.noisy.sigma, float):
         return entry
-    simulation: Any = one.config.simulation
+    simulation: Any = resolved.config.simulation
     name = entry.channel.name
     if simulation is None or name not in simulation.sigma:
         message = (
             f"the noise of this channel is unknown; add `simulation: {{sigma: {{{name}: ...}}}}`"
         )
-        raise one.source.error(("record", "channels", name, "sigma"), message)
+        raise resolved.source.error(("record", "channels", name, "sigma"), message)
     sigma = float(simulation.sigma[name]) * entry.channel.factor
     return dataclasses.replace(entry, noisy=dataclasses.replace(entry.noisy, sigma=sigma))

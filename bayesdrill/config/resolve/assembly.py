@@ -13,11 +13,11 @@ from bayesdrill.basics.registry import lookup
 from bayesdrill.basics.units import SECOND, Unit
 from bayesdrill.config.resolve import experiments, sensors
 from bayesdrill.config.resolve.case import ResolvedCase, ResolvedExperiment
-from bayesdrill.config.resolve.experiments import common_or_own
-from bayesdrill.config.resolve.quantities import Declared
-from bayesdrill.config.resolve.sensors import noise
+from bayesdrill.config.resolve.experiments import joint_name
+from bayesdrill.config.resolve.quantities import ParsedNumber
+from bayesdrill.config.resolve.sensors import build_noise
 from bayesdrill.config.schema.config import Config
-from bayesdrill.config.yaml_source import Place
+from bayesdrill.config.yaml_source import Location
 from bayesdrill.inference import step_error
 from bayesdrill.inference.display_units import OwnUnits
 from bayesdrill.inference.likelihood import Likelihood, Observation
@@ -32,42 +32,48 @@ from bayesdrill.sampling.optimisers.contract import Optimiser
 
 
 def optimiser(config: Config) -> Optimiser:
-    """How the MAP is searched."""
+    """Return the optimiser that searches the MAP."""
     return made(lookup(OPTIMISERS, config.map.method, "method"), config.map)
 
 
-FEW = 4  # steps to a sample, for the search of the maximum: there they are chosen anew
+SEARCH_STEPS = 4  # steps to a sample, for the search of the maximum: there they are chosen anew
 
 
-def problem(case: ResolvedCase, records: Sequence[Experiment]) -> Problem:
-    """Everything, for records already read (`reading.read`), one of each experiment.
+def build_problem(case: ResolvedCase, records: Sequence[Experiment]) -> Problem:
+    """Build the problem from a case and its records, one for each experiment.
 
-    Raises `InputError` where records and what is said of them do not go together.
+    Records are those of `reading.read`.  Raises `InputError` where records and config do not go
+    together.
     """
     config, rig, nominal = case.config, case.model, case.nominal
-    labels = [one.label for one in case.experiments]
-    parts, told, levels = [], dict[str, Declared](), dict[str, Unknown]()
+    labels = [experiment.label for experiment in case.experiments]
+    parts, sensor_numbers, levels = [], dict[str, ParsedNumber](), dict[str, Unknown]()
     pairs = zip(case.experiments, records, strict=True)
-    made = of_each(lambda pair: _told_and_observation(*pair), pairs)
-    for label, (own, observed) in zip(labels, made, strict=True):
-        renamed = {each.name: common_or_own(config, each.name, label) for each in own}
-        for each in own:
-            told.setdefault(renamed[each.name], each.of(label, renamed[each.name]))
-        names = [common_or_own(config, unknown.name, label) for unknown in observed.unknowns]
+    built = of_each(lambda pair: _sensors_and_observation(*pair), pairs)
+    for label, (parsed, observed) in zip(labels, built, strict=True):
+        renamed = {number.name: joint_name(config, number.name, label) for number in parsed}
+        for number in parsed:
+            sensor_numbers.setdefault(
+                renamed[number.name], number.for_experiment(label, renamed[number.name])
+            )
+        names = [joint_name(config, unknown.name, label) for unknown in observed.unknowns]
         for name, unknown in zip(names, observed.unknowns, strict=True):
             levels.setdefault(name, unknown if name == unknown.name else unknown.of(label))
         of_rig = [of_label(n, label if n in config.own else "") for n in rig.parameters]
         of_sensors = [renamed[name] for name in observed.parameters[len(of_rig) :]]
         parts.append(replace(observed, parameters=[*of_rig, *of_sensors], levels=names))
-    numbers, rest = case.experiments[0].numbers, ([*told.values()], [*levels.values()])
-    unknowns = numbers.space(config.own, labels, *rest)
+    numbers, others = (
+        case.experiments[0].rig_numbers,
+        ([*sensor_numbers.values()], [*levels.values()]),
+    )
+    unknowns = numbers.space(config.own, labels, *others)
     posterior = Posterior(
         space=unknowns,
         likelihood=Likelihood.joint(unknowns, parts).without(case.held_out),
         coordinates=unknowns.coordinates(),
     )
     if config.model.pieces is None:
-        posterior = step_error.chosen(posterior, unknowns.vector(unknowns.start), FEW)
+        posterior = step_error.chosen(posterior, unknowns.vector(unknowns.start), SEARCH_STEPS)
     table, published, tolerance = {**nominal.compared}, [*nominal.published], {**nominal.tolerance}
     for name, label in itertools.product(config.own, labels):
         if name in table:
@@ -89,52 +95,61 @@ def problem(case: ResolvedCase, records: Sequence[Experiment]) -> Problem:
 
 
 def _display_units(case: ResolvedCase) -> OwnUnits:
-    """Each as it was declared: noise and offsets in the unit of their column, quantities and formulas in
-    that of their entry.
+    """Return the unit in which each number was declared.
+
+    Noise and offsets have that of their column, quantities and formulas that of their entry.
     """
     config, sensed = case.config, dict[str, Unit]()
-    for one in (one for one in case.experiments if one.label not in case.held_out):
-        own = {symbols.noise_name(c.channel.name): c.channel.shown for c in one.channels}
-        for each in one.declared:
-            if each.unit != each.symbol.unit:
-                own[each.name] = units.shown(each.unit, each.symbol.unit)
-        sensed |= {common_or_own(config, name, one.label): unit for name, unit in own.items()}
+    for experiment in (
+        experiment for experiment in case.experiments if experiment.label not in case.held_out
+    ):
+        shown_units = {
+            symbols.noise_name(c.channel.name): c.channel.shown for c in experiment.channels
+        }
+        for number in experiment.sensor_numbers:
+            if number.unit != number.symbol.unit:
+                shown_units[number.name] = units.shown(number.unit, number.symbol.unit)
+        sensed |= {
+            joint_name(config, name, experiment.label): unit for name, unit in shown_units.items()
+        }
     entries = {**config.quantities, **config.derived}
     declared = {n: spec.unit for n, spec in entries.items() if not isinstance(spec, float | int)}
     return OwnUnits(sensed | {name: units.shown(unit) for name, unit in declared.items()})
 
 
-MANY = 1e4  # of the units of a record: nobody reads so many milliseconds
+MAX_SHOWN_TIME = 1e4  # of the units of a record: nobody reads so many milliseconds
 
 
 def _clock(unit: Unit, observations: Sequence[Observation]) -> Unit:
     """That of the time column of the first record, unless times in it are very many."""
-    last = max(one.experiment.t[-1] for one in observations)
-    return SECOND if last / unit.factor >= MANY else unit
+    last = max(observation.experiment.t[-1] for observation in observations)
+    return SECOND if last / unit.factor >= MAX_SHOWN_TIME else unit
 
 
-def _told_and_observation(
-    one: ResolvedExperiment, experiment: Experiment
-) -> tuple[list[Declared], Observation]:
-    response, told = simulated(one, experiment)
+def _sensors_and_observation(
+    resolved: ResolvedExperiment, experiment: Experiment
+) -> tuple[list[ParsedNumber], Observation]:
+    response, sensor_numbers = build_simulator(resolved, experiment)
     experiment = response.experiment
-    found, place = noise(one.channels, len(experiment.t)), "record"
+    noise_model, section = build_noise(resolved.channels, len(experiment.t)), "record"
     try:
-        found = of_record(found, experiment.t, experiment.seen)
-        place = "missing_torque"
-        acts = sensors.latent_torque(one.config)
-        return told, sensors.observation(acts, one.torque, response, found, one.label)
+        noise_model = of_record(noise_model, experiment.t, experiment.seen)
+        section = "missing_torque"
+        acts = sensors.latent_torque(resolved.config)
+        return sensor_numbers, sensors.build_observation(
+            acts, resolved.torque, response, noise_model, resolved.label
+        )
     except ValueError as error:
-        raise one.source.error((place,), str(error)) from None
+        raise resolved.source.error((section,), str(error)) from None
 
 
-def _unsaid_motion(one: ResolvedExperiment, experiment: Experiment) -> str:
+def _undeclared_motion(resolved: ResolvedExperiment, experiment: Experiment) -> str:
     """A window that begins in motion has to say how."""
-    config = one.config
+    config = resolved.config
     if config.record.window is None or config.initial.model_fields_set - {"time"}:
         return ""
-    sigmas = [channel.noisy.start for channel in one.channels]
-    motion = experiments.unsaid_motion(experiment, sigmas)
+    sigmas = [channel.noisy.start for channel in resolved.channels]
+    motion = experiments.undeclared_motion(experiment, sigmas)
     if not motion or not experiment.series:
         return ""
     return (
@@ -143,50 +158,58 @@ def _unsaid_motion(one: ResolvedExperiment, experiment: Experiment) -> str:
     )
 
 
-def simulated(one: ResolvedExperiment, experiment: Experiment) -> tuple[Simulator, list[Declared]]:
-    """One experiment with its sensors and its start, and the numbers that are told of them."""
-    told, wrong = [*one.declared], dict[Place, str]()
-    for entry, each in zip(one.entries, one.declared, strict=True):
+def build_simulator(
+    resolved: ResolvedExperiment, experiment: Experiment
+) -> tuple[Simulator, list[ParsedNumber]]:
+    """Return the simulator of one experiment, and the numbers of its sensors and its start."""
+    sensor_numbers, wrong = [*resolved.sensor_numbers], dict[Location, str]()
+    for entry, number in zip(resolved.sensor_entries, resolved.sensor_numbers, strict=True):
         if entry.kind in ("lag", "delay") and (
-            said := experiments.start_too_late(each, experiment)
+            message := experiments.start_too_late(number, experiment)
         ):
-            wrong[entry.place] = said
-    for name in one.free:
+            wrong[entry.location] = message
+    for name in resolved.free_states:
         try:
-            told.append(experiments.free_start(name, experiment, one.model, _at_start(one)))
+            sensor_numbers.append(
+                experiments.free_start(name, experiment, resolved.model, _at_start(resolved))
+            )
         except ValueError as error:
             wrong["initial", name] = str(error)
-    if said := _unsaid_motion(one, experiment):
-        wrong["record", "window"] = said
-    seen = experiment
+    if message := _undeclared_motion(resolved, experiment):
+        wrong["record", "window"] = message
+    visible = experiment
     if not wrong:
-        values = {each.name: each.value for each in told}
-        seen = experiments.start_beyond_lags(experiment, one.sensing, values)
-        wrong = _unseen(one, seen)
+        values = {number.name: number.value for number in sensor_numbers}
+        visible = experiments.start_beyond_lags(experiment, resolved.sensing, values)
+        wrong = _hidden_channels(resolved, visible)
     if wrong:
-        raise InputError([one.source.problem(place, said) for place, said in wrong.items()])
-    return simulator(one.model, seen, one.sensing, one.config.model.pieces or 1), told
+        raise InputError(
+            [resolved.source.issue(location, message) for location, message in wrong.items()]
+        )
+    return simulator(
+        resolved.model, visible, resolved.sensing, resolved.config.model.pieces or 1
+    ), sensor_numbers
 
 
-def _unseen(one: ResolvedExperiment, experiment: Experiment) -> dict[Place, str]:
+def _hidden_channels(resolved: ResolvedExperiment, experiment: Experiment) -> dict[Location, str]:
     """Channels of which the lags leave nothing."""
-    late = [entry for entry in one.entries if entry.kind in ("lag", "delay")]
-    delays = [entry.place for entry in late if entry.place[0] == "inputs"]
-    hidden: dict[Place, list[str]] = {}
-    for name, left in zip(experiment.names, experiment.counts, strict=True):
-        if left < 2:
-            own: Place = ("record", "channels", name, "lag")
-            hidden.setdefault(delays[0] if delays else own, []).append(name)
+    late = [entry for entry in resolved.sensor_entries if entry.kind in ("lag", "delay")]
+    delays = [entry.location for entry in late if entry.location[0] == "inputs"]
+    hidden: dict[Location, list[str]] = {}
+    for name, count in zip(experiment.names, experiment.counts, strict=True):
+        if count < 2:
+            lag_location: Location = ("record", "channels", name, "lag")
+            hidden.setdefault(delays[0] if delays else lag_location, []).append(name)
     return {
-        place: "the rig moves at the start, and with so large a lag no sample of "
+        location: "the rig moves at the start, and with so large a lag no sample of "
         f"{', '.join(names)} is sure to be later; give the lag a prior with a smaller end"
-        for place, names in hidden.items()
+        for location, names in hidden.items()
     }
 
 
-def _at_start(one: ResolvedExperiment) -> dict[str, float]:
+def _at_start(resolved: ResolvedExperiment) -> dict[str, float]:
     """The rig's parameters where searches begin."""
-    known = one.space
+    known = resolved.space
     values = {**known.fixed, **known.start}
     values |= {name: float(r.value(values)) for name, r in known.relations.items()}
-    return {name: values[name] for name in one.model.parameters}
+    return {name: values[name] for name in resolved.model.parameters}

@@ -1,8 +1,7 @@
-"""What a config says, resolved once: the rig, each experiment with its channels and sensors, and the
-nominal values.
+"""A config, resolved once: the rig, each experiment with channels and sensors, nominal values.
 
-Loading gives it, and nobody asks the YAML again: `consistency` builds it, and tells what is wrong.
-The steps raise `ValueError` with a message for the user.
+Loading gives it, and nobody asks the YAML again: `consistency` builds it, and reports what is
+wrong. The steps raise `ValueError` with a message for the user.
 """
 
 from __future__ import annotations
@@ -16,8 +15,8 @@ from bayesdrill.basics.entries import made
 from bayesdrill.basics.formulas import Expression, resolved
 from bayesdrill.basics.registry import lookup
 from bayesdrill.config.resolve import quantities
-from bayesdrill.config.resolve.quantities import Declared, NominalTable
-from bayesdrill.config.resolve.sensors import Entry, Measured
+from bayesdrill.config.resolve.quantities import NominalTable, ParsedNumber
+from bayesdrill.config.resolve.sensors import MeasuredChannel, SensorEntry
 from bayesdrill.config.schema import numbers
 from bayesdrill.config.schema.config import Config
 from bayesdrill.config.yaml_source import Source
@@ -30,9 +29,11 @@ from bayesdrill.rig.models.linear import Model, with_named
 from bayesdrill.rig.simulators.sensors import Sensing
 
 
-def model(config: Config, more: Collection[str] = ()) -> Model:
-    """With the constants that the config gives, as far as the model has them, and with what it offers of
-    the parameters that the config names, or that are `more`.
+def build_model(config: Config, more: Collection[str] = ()) -> Model:
+    """Return the model with the constants that the config gives, as far as it has them.
+
+    What the model offers of the parameters that the config names, or that are `more`, is switched
+    on.
     """
     rig = made(lookup(MODELS, config.model.name, "model"), config.model)
     named = {name for name, spec in config.parameters.items() if spec is not None}
@@ -40,11 +41,11 @@ def model(config: Config, more: Collection[str] = ()) -> Model:
 
 
 def initial_state(config: Config, model: Model) -> dict[str, float]:
-    """What is held of it, SI; of a steady start only what is named."""
+    """Return what is fixed of the initial state, SI; of a steady start only what is named."""
     initial = config.initial
     given = {name: getattr(initial, name) for name in model.outer}
     return {
-        name: quantities.si(value, models.STATES[name].unit)
+        name: quantities.to_si(value, models.STATES[name].unit)
         for name, value in given.items()
         if isinstance(value, float | int | numbers.Quantity)
         and (initial.state != "steady" or name in initial.model_fields_set)
@@ -53,51 +54,55 @@ def initial_state(config: Config, model: Model) -> dict[str, float]:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RigNumbers:
-    """Numbers of the rig's `parameters`, in the model's order, or by what they follow from others, of
-    quantities, and what is derived of them.
+    """Numbers of the rig: `parameters` in the model's order, `quantities`, `derived` formulas.
+
+    A parameter that follows from others is an expression.
     """
 
-    parameters: Mapping[str, Declared | Expression]
-    quantities: Mapping[str, Declared]
+    parameters: Mapping[str, ParsedNumber | Expression]
+    quantities: Mapping[str, ParsedNumber]
     derived: tuple[Formula, ...]
 
     def space(
         self,
-        own: Sequence[str] = (),
+        local: Sequence[str] = (),
         labels: Sequence[str] = (),
-        told: Sequence[Declared] = (),
+        sensors: Sequence[ParsedNumber] = (),
         noise: Sequence[Unknown] = (),
     ) -> ParameterSpace:
-        """The unknowns: free parameters, quantities, sensors and starts as they are `told`, then those
-        of the `noise`.  What is `own` is there once for each of the `labels`.  Raises `RelationError`.
+        """Return the unknowns: free parameters, quantities, those of `sensors` and starts, then `noise`.
+
+        A parameter that is `local` is there once for each of the `labels`.  Raises `RelationError`.
         """
         unknowns: list[Unknown] = []
         fixed: dict[str, float] = {}
         names: list[str] = []
 
-        def add(each: Declared, several: Sequence[str] = ("",)) -> None:
-            if isinstance(each.value, float):
-                fixed[each.name] = each.value
+        def add(number: ParsedNumber, several: Sequence[str] = ("",)) -> None:
+            if isinstance(number.value, float):
+                fixed[number.name] = number.value
                 return
-            one = Unknown(symbol=each.symbol, role=each.role, prior=each.value, start=each.start)
-            unknowns.extend(one.of(label) for label in several)
+            unknown = Unknown(
+                symbol=number.symbol, role=number.role, prior=number.value, start=number.start
+            )
+            unknowns.extend(unknown.of(label) for label in several)
 
-        for name, each in self.parameters.items():
-            several = labels if name in own else [""]
+        for name, number in self.parameters.items():
+            several = labels if name in local else [""]
             names += [of_label(name, label) for label in several]
-            if isinstance(each, Declared):
-                add(each, several)
-        for each in self.quantities.values():
-            add(each)
+            if isinstance(number, ParsedNumber):
+                add(number, several)
+        for number in self.quantities.values():
+            add(number)
         free = {unknown.name for unknown in unknowns}
-        every = self.parameters.items()
-        relations = resolved({name: x for name, x in every if isinstance(x, Expression)})
+        parameters = self.parameters.items()
+        relations = resolved({name: x for name, x in parameters if isinstance(x, Expression)})
         for name in [n for n, r in relations.items() if not set(r.names) & free]:
             fixed[name] = float(relations.pop(name).value(fixed))
-        for each in told:
-            add(each)
+        for number in sensors:
+            add(number)
         return ParameterSpace(
-            model=(*names, *(each.name for each in told)),
+            model=(*names, *(number.name for number in sensors)),
             unknowns=(*unknowns, *noise),
             fixed=fixed,
             relations=relations,
@@ -105,10 +110,12 @@ class RigNumbers:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Beside:
-    """What an experiment has beside the rig, by the names that it gives: numbers of its `sensors` and
-    its start, held or with a prior, None where the record gives one or there is a mistake; unknown
-    `levels` of its noise, None with a mistake; names of its `channels`.
+class LocalNumbers:
+    """What an experiment has beside the rig, by the names that it gives.
+
+    `sensors`: numbers of its sensors and its start, fixed or with a prior; None where the record
+    gives one or there is a mistake.  `levels`: unknowns of its noise, None with a mistake.
+    `channels`: names.
     """
 
     sensors: Mapping[str, float | Prior | None]
@@ -117,27 +124,28 @@ class Beside:
 
     @property
     def unknown(self) -> dict[str, tuple[Prior | None, object]]:
-        """Without what is held: a prior, and with it what is the same where it is shared."""
+        """Return those that are not fixed: a prior, and what is the same where it is shared."""
         return {name: (x, what) for name, (x, what) in self.all.items() if not isinstance(x, float)}
 
     @property
     def all(self) -> dict[str, tuple[float | Prior | None, object]]:
-        found: dict[str, tuple[float | Prior | None, object]] = {}
+        """Return all numbers: a value or a prior, and what is the same where it is shared."""
+        values: dict[str, tuple[float | Prior | None, object]] = {}
         for name, value in self.sensors.items():
-            found[name] = value, value
+            values[name] = value, value
         for name, level in self.levels.items():
-            found[name] = (level.prior, (level.prior, level.start)) if level else (None, None)
-        return found
+            values[name] = (level.prior, (level.prior, level.start)) if level else (None, None)
+        return values
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ResolvedExperiment:
     """One experiment; `label` is its name, empty where there is only one.
 
-    `config`: what it reads as if it were alone, whose paths start at `source`; `numbers`: of the rig,
-    and the `space` that they alone make; `channels`: those that are evidence; `entries` of sensors and
-    start, and what each is as `declared`; `free`: states of the start whose priors the record gives;
-    `torque`: size and time of the missing one, where there is one.
+    `config`: what it reads as if it were alone, whose paths start at `source`; `rig_numbers`: of the
+    rig, and the `space` that they alone make; `channels`: those that are evidence; `sensor_entries` of
+    sensors and start, and what each is as `sensor_numbers`; `free_states`: states of the start whose
+    priors the record gives; `torque`: size and time of the missing one, where there is one.
     """
 
     label: str
@@ -145,15 +153,15 @@ class ResolvedExperiment:
     source: Source
     model: Model
     nominal: NominalTable
-    numbers: RigNumbers
+    rig_numbers: RigNumbers
     space: ParameterSpace
-    channels: tuple[Measured, ...]
-    entries: tuple[Entry, ...]
-    declared: tuple[Declared, ...]
+    channels: tuple[MeasuredChannel, ...]
+    sensor_entries: tuple[SensorEntry, ...]
+    sensor_numbers: tuple[ParsedNumber, ...]
     sensing: Sensing
-    free: tuple[str, ...]
+    free_states: tuple[str, ...]
     torque: Mapping[str, float | Unknown]
-    beside: Beside
+    local_numbers: LocalNumbers
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -169,21 +177,25 @@ class ResolvedCase:
 
     @property
     def model(self) -> Model:
-        """The rig, which all experiments share."""
+        """Return the rig, which all experiments share."""
         return self.experiments[0].model
 
     @property
     def nominal(self) -> NominalTable:
+        """Return the nominal values."""
         return self.experiments[0].nominal
 
     @property
     def held_out(self) -> list[str]:
-        """Names of experiments that are no evidence."""
-        return [label for label, one in self.config.experiments.items() if one.held_out]
+        """Return the names of experiments that are no evidence."""
+        return [
+            label for label, experiment in self.config.experiments.items() if experiment.held_out
+        ]
 
     def experiment(self, label: str) -> ResolvedExperiment:
-        return next(one for one in self.experiments if one.label == label)
+        """Return the experiment of this name."""
+        return next(experiment for experiment in self.experiments if experiment.label == label)
 
     def with_settings(self, **changed: Any) -> ResolvedCase:
-        """With other sections of what decides no posterior, such as `sampler`."""
+        """Return the case with other sections that decide no posterior, such as `sampler`."""
         return dataclasses.replace(self, config=self.config.model_copy(update=changed))

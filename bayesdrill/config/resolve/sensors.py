@@ -1,7 +1,7 @@
-"""Channels and sensors of a config: what each channel measures, its noise, and what is said of sensors,
-of the start and of a latent torque, as numbers and priors in SI, by name.
+"""Channels and sensors of a config: what each measures, its noise, and sensor numbers in SI.
 
-The steps raise `ValueError` with a message for the user.
+The start and a latent torque have numbers of the same kind.  The steps raise `ValueError` with a
+message for the user.
 """
 
 from __future__ import annotations
@@ -20,11 +20,11 @@ from bayesdrill.basics.formulas import linear_combination
 from bayesdrill.basics.registry import lookup
 from bayesdrill.basics.symbols import Symbol
 from bayesdrill.config.resolve import quantities
-from bayesdrill.config.resolve.quantities import Declared, prior_in_si
+from bayesdrill.config.resolve.quantities import ParsedNumber, prior_in_si
 from bayesdrill.config.schema.config import Config
 from bayesdrill.config.schema.numbers import Quantity, SensorPrior
 from bayesdrill.config.schema.records import ChannelSpec, InputColumn, InputQuantity
-from bayesdrill.config.yaml_source import Place
+from bayesdrill.config.yaml_source import Location
 from bayesdrill.inference.likelihood import Observation
 from bayesdrill.inference.noise import NOISES
 from bayesdrill.inference.noise.contract import Noise, Noisy
@@ -41,23 +41,26 @@ from bayesdrill.rig.simulators.contract import Simulator
 from bayesdrill.rig.simulators.kalman import Filtered, steps_of
 from bayesdrill.rig.simulators.sensors import Sensing
 
-SYMBOLS = (
+TORQUE_SYMBOLS = (
     Symbol(SIZE, "N*m", "s_d", r"N\,m", "size of the missing torque: its standard deviation"),
     Symbol(TIME, "s", r"\tau_d", "s", "time after which the missing torque is forgotten"),
 )
 
 
-ENTRIES: Mapping[str, str] = MappingProxyType({SIZE: "size", TIME: "time"})
+TORQUE_ENTRIES: Mapping[str, str] = MappingProxyType({SIZE: "size", TIME: "time"})
 
 
 def latent_torque(config: Config) -> MissingTorque | None:
+    """Return the missing torque of a config, if it has one."""
     given = config.missing_torque
     return None if given is None else MissingTorque(at=given.at, smoothness=given.smoothness)
 
 
 def latent_torque_number(config: Config, entry: str) -> float | Unknown:
-    """One of its numbers, `size` or `time`."""
-    symbol = next(one for one in SYMBOLS if ENTRIES[one.name] == entry)
+    """Return the torque's `size` or `time`."""
+    symbol = next(
+        candidate for candidate in TORQUE_SYMBOLS if TORQUE_ENTRIES[candidate.name] == entry
+    )
     spec = getattr(config.missing_torque, entry)
     if isinstance(spec, float | int):
         return float(spec)
@@ -67,20 +70,20 @@ def latent_torque_number(config: Config, entry: str) -> float | Unknown:
     return Unknown(symbol=symbol, role="noise", prior=built, start=begin)
 
 
-def observation(
+def build_observation(
     acts: MissingTorque | None,
     process: Mapping[str, float | Unknown],
     response: Simulator,
     noise: Noise,
     label: str = "",
 ) -> Observation:
-    """With a missing torque and the numbers of its process, or without one; raises `ValueError` where it
-    cannot be.
+    """Return an observation, with a missing torque and the numbers of its process or without.
 
-    Parameters and unknowns are called as in an experiment that has no others beside it.
+    Parameters and unknowns are named as in an experiment that has no others beside it.  Raises
+    `ValueError` where torque and sensors do not go together.
     """
     parameters = response.parameters
-    levels = [one.name for one in noise.unknowns]
+    levels = [unknown.name for unknown in noise.unknowns]
     if acts is None:
         return Observation(
             response=response, noise=noise, parameters=parameters, levels=levels, label=label
@@ -90,8 +93,8 @@ def observation(
             "beside a missing torque the noise of every channel has to be white: they could hardly be "
             "told apart; remove `noise:` of the channels, or this entry"
         )
-    if said := refuse_latent_torque(response.model, acts, response.sensing):
-        raise ValueError(said)
+    if refusal := refuse_latent_torque(response.model, acts, response.sensing):
+        raise ValueError(refusal)
     steps_of(response.experiment)
     return ShakenObservation(
         response=response,
@@ -99,111 +102,119 @@ def observation(
         filtered=Filtered(response.model, acts, response.experiment),
         process=process,
         parameters=parameters,
-        levels=[*levels, *(one.name for one in process.values() if isinstance(one, Unknown))],
+        levels=[
+            *levels,
+            *(unknown.name for unknown in process.values() if isinstance(unknown, Unknown)),
+        ],
         label=label,
     )
 
 
 def refuse_latent_torque(model: Model, acts: MissingTorque, sensing: Sensing) -> str:
-    """Why a rig can have no missing torque; empty where it can."""
-    odd = [*sensing.gains, *sensing.lags]
-    if odd:
+    """Return why a rig can have no missing torque; empty where it can."""
+    unsupported = [*sensing.gains, *sensing.lags]
+    if unsupported:
         return (
             "a missing torque allows for no gain and no lag of a sensor "
-            f"({', '.join(odd)}); mend the column, or remove this entry"
+            f"({', '.join(unsupported)}); mend the column, or remove this entry"
         )
     try:
-        one = dict.fromkeys(model.parameters, 1.0)
-        pushes(model, acts, one, model.linear(one))
+        ones = dict.fromkeys(model.parameters, 1.0)
+        pushes(model, acts, ones, model.linear(ones))
     except ValueError as error:
         return str(error)
     return ""
 
 
-Kind = Literal["gain", "offset", "lag", "delay", "state"]
-Spec = float | Quantity | SensorPrior
+SensorKind = Literal["gain", "offset", "lag", "delay", "state"]
+SensorNumber = float | Quantity | SensorPrior
 
 
 @dataclass(frozen=True, slots=True)
-class Entry:
-    """One entry of the config: `of` names the channel, input or state; `unit` is its own, in SI `si`.
+class SensorEntry:
+    """One entry of the config, of the channel, input or state `target`.
 
-    A delay is that of all inputs; the lag of an input is its own.
+    `unit` is its own, in SI `si`.  A delay is that of all inputs; the lag of an input is its own.
     """
 
-    place: Place
-    kind: Kind
-    of: str
+    location: Location
+    kind: SensorKind
+    target: str
     name: str
-    spec: Spec
+    spec: SensorNumber
     unit: str
     si: str
     latex: str
 
 
-def sensor_entries(config: Config, model: Model) -> Iterator[Entry]:
-    """In the order in which they are unknown: channels, inputs, the start."""
+def sensor_entries(config: Config, model: Model) -> Iterator[SensorEntry]:
+    """Yield the entries in the order in which they are unknown: channels, inputs, the start."""
     for name, spec in config.record.channels.items():
         if spec.derived_from is not None:
             continue
-        place: Place = ("record", "channels", name)
+        location: Location = ("record", "channels", name)
         meant = (s for s in model.states if s == name or s in (spec.measures or ""))
         si = next((models.STATES[state].unit for state in meant), "1")  # none, where it is misspelt
-        yield from _of_column(place, name, spec, spec.unit, si, _latex(name))
+        yield from _column_entries(location, name, spec, spec.unit, si, _latex(name))
     for name, symbol in symbols.INPUTS.items():
         given = getattr(config.inputs, name)
         if isinstance(given, InputColumn | InputQuantity):
-            alone = len(quantities.measured_input(config)) == 1
-            found = _of_column(("inputs", name), name, given, given.unit, symbol.unit, symbol.latex)
-            for one in found:
-                late = one.kind == "lag" and alone
-                yield dataclasses.replace(one, kind="delay") if late else one
+            alone = len(quantities.measured_inputs(config)) == 1
+            entries = _column_entries(
+                ("inputs", name), name, given, given.unit, symbol.unit, symbol.latex
+            )
+            for entry in entries:
+                late = entry.kind == "lag" and alone
+                yield dataclasses.replace(entry, kind="delay") if late else entry
     if config.inputs.t_0 is not None:
-        place = ("inputs", "t_0")
-        yield Entry(place, "delay", "", "t_0", config.inputs.t_0, "s", "s", "t_0")
-    yield from _of_states(config, model)
+        location = ("inputs", "t_0")
+        yield SensorEntry(location, "delay", "", "t_0", config.inputs.t_0, "s", "s", "t_0")
+    yield from _state_entries(config, model)
 
 
-def _of_column(
-    place: Place, name: str, spec: object, unit: str, si: str, latex: str
-) -> Iterator[Entry]:
-    kinds: tuple[tuple[Kind, str, str, str], ...] = (
+def _column_entries(
+    location: Location, name: str, spec: object, unit: str, si: str, latex: str
+) -> Iterator[SensorEntry]:
+    kinds: tuple[tuple[SensorKind, str, str, str], ...] = (
         ("gain", "1", "1", "g"),
         ("offset", unit, si, "b"),
         ("lag", "s", "s", r"\tau"),
     )
-    for kind, own, own_si, sign in kinds:
+    for kind, kind_unit, kind_si, sign in kinds:
         given = getattr(spec, kind, None)
         if given is not None:
             label, shown = f"{kind}_{name}", rf"{sign}_{{{latex}}}"
-            yield Entry((*place, kind), kind, name, label, given, own, own_si, shown)
+            yield SensorEntry(
+                (*location, kind), kind, name, label, given, kind_unit, kind_si, shown
+            )
 
 
-def _of_states(config: Config, model: Model) -> Iterator[Entry]:
+def _state_entries(config: Config, model: Model) -> Iterator[SensorEntry]:
     """Those with a prior; what is held or `free` is said elsewhere."""
     for name in model.outer:
         given, symbol = getattr(config.initial, name), symbol_of_state(name)
         if isinstance(given, SensorPrior):
-            place, unit = ("initial", name), symbol.unit
-            yield Entry(place, "state", name, symbol.name, given, unit, unit, symbol.latex)
+            location, unit = ("initial", name), symbol.unit
+            yield SensorEntry(location, "state", name, symbol.name, given, unit, unit, symbol.latex)
 
 
 def state_name(state: str) -> str:
+    """Return the name of a state's initial value."""
     return f"{state}_0"
 
 
 def free_states(config: Config, model: Model) -> tuple[str, ...]:
-    """States of the start whose priors the record has to give; an angle that is imposed has none."""
+    """Return states of the start whose priors the record gives; an imposed angle has none."""
     initial = config.initial
-    own = [name for name in model.outer if name not in quantities.imposed_inputs(config)]
-    words = [name for name in own if getattr(initial, name) == "free"]
+    states = [name for name in model.outer if name not in quantities.imposed_inputs(config)]
+    words = [name for name in states if getattr(initial, name) == "free"]
     if initial.state == "free":
-        words += [name for name in own if name not in initial.model_fields_set]
-    return tuple(dict.fromkeys(name for name in own if name in words))
+        words += [name for name in states if name not in initial.model_fields_set]
+    return tuple(dict.fromkeys(name for name in states if name in words))
 
 
-def sensor_specs(entry: Entry) -> Declared:
-    """In SI."""
+def parse_sensor_number(entry: SensorEntry) -> ParsedNumber:
+    """Return the number of an entry in SI."""
     unit = getattr(entry.spec, "unit", None) or entry.unit
     factor = 1.0 if entry.kind == "gain" else units.factor(unit, entry.si)
     value, start = _value(entry.spec, factor)
@@ -217,10 +228,12 @@ def sensor_specs(entry: Entry) -> Declared:
         entry.name, entry.si, entry.latex, symbols.latex_unit(entry.si), _meaning(entry)
     )
     role: Role = "start" if entry.kind == "state" else "sensor"
-    return Declared(symbol=symbol, role=role, value=value, start=start, factor=factor, unit=unit)
+    return ParsedNumber(
+        symbol=symbol, role=role, value=value, start=start, factor=factor, unit=unit
+    )
 
 
-def _value(spec: Spec, factor: float) -> tuple[float | Prior, float]:
+def _value(spec: SensorNumber, factor: float) -> tuple[float | Prior, float]:
     if isinstance(spec, Quantity):
         return spec.value * factor, spec.value * factor
     if isinstance(spec, float | int):
@@ -235,47 +248,52 @@ def _latex(name: str) -> str:
     return known.latex if known else symbols.own_symbol(name, "1", None, "").latex
 
 
-def _meaning(entry: Entry) -> str:
+def _meaning(entry: SensorEntry) -> str:
     return {
-        "gain": f"gain of the sensor of {entry.of}",
-        "offset": f"offset of {entry.of}",
-        "lag": f"lag of the sensor of {entry.of}",
-        "delay": f"delay of {entry.of or 'the inputs'}",
-        "state": f"{entry.of} at the start",
+        "gain": f"gain of the sensor of {entry.target}",
+        "offset": f"offset of {entry.target}",
+        "lag": f"lag of the sensor of {entry.target}",
+        "delay": f"delay of {entry.target or 'the inputs'}",
+        "state": f"{entry.target} at the start",
     }[entry.kind]
 
 
-def sensing(config: Config, found: Sequence[Entry], free: Sequence[str]) -> Sensing:
-    """By the names of single experiments: of the entries `found`, and states that are `free`."""
-    delays = [entry for entry in found if entry.kind == "delay"]
-    single = [entry for entry in found if entry.kind == "lag" and entry.place[0] == "inputs"]
+def build_sensing(config: Config, entries: Sequence[SensorEntry], free: Sequence[str]) -> Sensing:
+    """Return the sensors that simulators allow for: those of `entries`, and `free` states.
+
+    Names are those of single experiments.
+    """
+    delays = [entry for entry in entries if entry.kind == "delay"]
+    single = [entry for entry in entries if entry.kind == "lag" and entry.location[0] == "inputs"]
     if len(delays) > 1 or (delays and single):
         raise ValueError(
             "all inputs have one delay, `t_0:`, or each that is measured its own, `lag:`; give one of "
             "the two"
         )
 
-    def of(kind: Kind, *, inputs: bool) -> dict[str, str]:
+    def names(kind: SensorKind, *, inputs: bool) -> dict[str, str]:
         return {
-            e.of: e.name for e in found if e.kind == kind and (e.place[0] == "inputs") == inputs
+            e.target: e.name
+            for e in entries
+            if e.kind == kind and (e.location[0] == "inputs") == inputs
         }
 
     states = {name: state_name(name) for name in free}
     return Sensing(
-        gains=of("gain", inputs=False),
-        offsets=of("offset", inputs=False),
-        lags=of("lag", inputs=False),
-        input_gains=of("gain", inputs=True),
-        input_offsets=of("offset", inputs=True),
-        input_lags=of("lag", inputs=True),
+        gains=names("gain", inputs=False),
+        offsets=names("offset", inputs=False),
+        lags=names("lag", inputs=False),
+        input_gains=names("gain", inputs=True),
+        input_offsets=names("offset", inputs=True),
+        input_lags=names("lag", inputs=True),
         delay=delays[0].name if delays else None,
-        states=of("state", inputs=False) | states,
+        states=names("state", inputs=False) | states,
         steady=config.initial.state == "steady",
     )
 
 
 def symbol_of_state(name: str) -> Symbol:
-    """Of a state at the start."""
+    """Return the symbol of a state at the start."""
     known = models.STATES[name]
     return Symbol(
         state_name(name), known.unit, rf"{known.latex}(0)", known.latex_unit, f"{name} at the start"
@@ -283,19 +301,20 @@ def symbol_of_state(name: str) -> Symbol:
 
 
 @dataclass(frozen=True, slots=True)
-class Measured:
-    """The kind of a channel's noise, and what that has to know."""
+class MeasuredChannel:
+    """A channel with the kind of its noise, and what that kind has to know."""
 
     kind: str
     noisy: Noisy
 
     @property
     def channel(self) -> Channel:
+        """Return the channel."""
         return self.noisy.channel
 
 
-def channel_of(name: str, spec: ChannelSpec, states: tuple[str, ...]) -> Channel:
-    """What it measures, and in which unit its column has it."""
+def build_channel(name: str, spec: ChannelSpec, states: tuple[str, ...]) -> Channel:
+    """Return what a channel measures, and the unit of its column."""
     if not name.isidentifier():
         raise ValueError(f"'{name}' cannot name a channel; use letters, digits and `_`")
     if name not in states and name in {*symbols.INPUTS, *symbols.AXES}:
@@ -306,11 +325,11 @@ def channel_of(name: str, spec: ChannelSpec, states: tuple[str, ...]) -> Channel
             "example `measures: theta_1 - theta_2`"
         )
     weights = linear_combination(spec.measures or name, states)
-    found = [models.STATES[state] for state in weights]
-    if len({symbol.unit for symbol in found}) > 1:
-        listed = ", ".join(f"{symbol.name} [{symbol.unit}]" for symbol in found)
+    measured_states = [models.STATES[state] for state in weights]
+    if len({symbol.unit for symbol in measured_states}) > 1:
+        listed = ", ".join(f"{symbol.name} [{symbol.unit}]" for symbol in measured_states)
         raise ValueError(f"'{spec.measures}' adds different units: {listed}")
-    first = found[0]
+    first = measured_states[0]
     factor = units.factor(spec.unit, first.unit)
     latex = first.latex if name in states else rf"\mathrm{{{name.replace('_', chr(92) + '_')}}}"
     return Channel(
@@ -324,8 +343,8 @@ def channel_of(name: str, spec: ChannelSpec, states: tuple[str, ...]) -> Channel
     )
 
 
-def measured(channel: Channel, spec: ChannelSpec) -> Measured:
-    """With its noise, SI, and where a search for it begins."""
+def measured_channel(channel: Channel, spec: ChannelSpec) -> MeasuredChannel:
+    """Return a channel with its noise, SI, and where a search for it begins."""
     factor = channel.factor
     sigma: float | Prior
     if isinstance(spec.sigma, float):
@@ -336,18 +355,19 @@ def measured(channel: Channel, spec: ChannelSpec) -> Measured:
         sigma, begin = prior_in_si(spec.sigma, factor)
     kind, entries = spec.noise.name, spec.noise.model_dump(exclude={"name"})
     noisy = Noisy(channel=channel, sigma=sigma, start=begin, entries=entries, factor=factor)
-    return Measured(kind, noisy)
+    return MeasuredChannel(kind, noisy)
 
 
-def noise(channels: Sequence[Measured], n_samples: int) -> Noise:
-    """Of all channels: one of a kind, or a mixture of kinds."""
+def build_noise(channels: Sequence[MeasuredChannel], n_samples: int) -> Noise:
+    """Return the noise of all channels: of one kind, or a mixture of kinds."""
     kinds: dict[str, list[int]] = {}
-    for k, one in enumerate(channels):
-        kinds.setdefault(one.kind, []).append(k)
+    for k, channel in enumerate(channels):
+        kinds.setdefault(channel.kind, []).append(k)
     parts = [
         ChannelNoise(
-            lookup(NOISES, kind, "noise").of([channels[k].noisy for k in own], n_samples), (*own,)
+            lookup(NOISES, kind, "noise").of([channels[k].noisy for k in columns], n_samples),
+            (*columns,),
         )
-        for kind, own in kinds.items()
+        for kind, columns in kinds.items()
     ]
     return parts[0].noise if len(parts) == 1 else Mixed(tuple(parts))
