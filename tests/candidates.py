@@ -36,7 +36,9 @@ def fits(case: bd.Case) -> bool:
     found = case.find_map(quick=True).mode
     posterior = case.job.with_steps_at(found).problem.posterior
     theta = posterior.space.vector(found.values)
-    return residual_checks.like_noise(residual_checks.left(posterior.likelihood, theta))
+    return residual_checks.like_noise(
+        residual_checks.residual_summaries(posterior.likelihood, theta)
+    )
 
 
 def amended(config: Path, lines: str) -> bd.Case:

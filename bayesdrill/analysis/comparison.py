@@ -26,7 +26,7 @@ from bayesdrill.basics.arrays import Array
 from bayesdrill.basics.symbols import Symbol
 from bayesdrill.inference.derived import hdi
 from bayesdrill.inference.posterior import Problem
-from bayesdrill.inference.residual_checks import Left, like_noise
+from bayesdrill.inference.residual_checks import ResidualSummary, like_noise
 from bayesdrill.sampling.evidence import Evidence
 
 
@@ -143,7 +143,7 @@ class Contender:
     layer: Layer
     converged: bool
     evidence: Evidence
-    left: tuple[Left, ...]
+    left: tuple[ResidualSummary, ...]
     vague: tuple[Vague, ...]
     rig: Mapping[str, str]
     noise: Mapping[str, str]
@@ -270,7 +270,7 @@ def repeats(scenery: Scenery, theta: Array, products: Sequence[Exponents]) -> tu
     if len(every) < 2 or not products:
         return ()
     full = scenery.likelihood.space.full(theta[None])
-    rests = [one.informed(one.residuals(full).samples, theta).ravel() for one in every]
+    rests = [one.whitened_jacobian_at(one.residuals(full).samples, theta).ravel() for one in every]
     alone = [scenery.alone(*pair) for pair in zip(scenery.each(theta), rests, strict=True)]
     found = []
     for exponents in products:

@@ -14,7 +14,7 @@ from bayesdrill.basics.symbols import Symbol
 from bayesdrill.inference.likelihood import Observation
 from bayesdrill.inference.posterior import Posterior
 from bayesdrill.inference.priors import Uniform
-from bayesdrill.inference.unknowns import MOVES, ParameterSpace, Unknown
+from bayesdrill.inference.unknowns import SIMULATOR_ROLES, ParameterSpace, Unknown
 from bayesdrill.record.experiment import of_states
 from bayesdrill.rig.models.linear import Linear, Model, with_named
 
@@ -43,7 +43,7 @@ def rig_candidates(
 
 def rig_at(one: Observation, space: ParameterSpace, theta: Array) -> dict[str, float]:
     """The rig's parameters at `theta (D,)`."""
-    told = one.told(space.full(theta[None]))[0]
+    told = one.simulator_parameters(space.full(theta[None]))[0]
     names = one.response.model.parameters
     return dict(zip(names, map(float, told[: len(names)]), strict=False))
 
@@ -53,7 +53,9 @@ def motion(one: Observation, space: ParameterSpace, theta: Array) -> Array:
     states = one.response.model.states
     y = np.zeros((len(one.experiment.t), len(states)))
     shown = dataclasses.replace(one.experiment, channels=of_states(states), y=y)
-    return np.asarray(one.response.of(shown).signals(one.told(space.full(theta[None])))[0])
+    return np.asarray(
+        one.response.of(shown).signals(one.simulator_parameters(space.full(theta[None])))[0]
+    )
 
 
 def _size(model: Model, name: str, p: Mapping[str, float], states: Array) -> float:
@@ -101,7 +103,7 @@ class Widened:
     @property
     def tried(self) -> range:
         """Places of what is tried among the unknowns."""
-        last = len(self.posterior.space.columns(*MOVES))
+        last = len(self.posterior.space.columns(*SIMULATOR_ROLES))
         return range(last - len(self.sizes), last)
 
     def at(self, theta: Array) -> Array:
@@ -120,6 +122,6 @@ def widened(posterior: Posterior, theta: Array) -> Widened:
     ]
 
     def with_tried(one: Observation) -> Observation:
-        return one.of_rig(with_named(one.response.model, [*sizes]), one.response.sensing)
+        return one.for_rig(with_named(one.response.model, [*sizes]), one.response.sensing)
 
     return Widened(posterior.edit(free=free, each=with_tried), sizes)

@@ -55,7 +55,7 @@ def accounts(posterior: Posterior, theta: Array, draws: Array) -> tuple[Account,
     """Of experiments whose rig rubs, at the MAP `theta (D,)` and draws `(N, D)`."""
     full = posterior.space.full(np.vstack([theta[None], draws]))
     return tuple(
-        _account(one, one.told(full))
+        _account(one, one.simulator_parameters(full))
         for one in posterior.likelihood.observations
         if one.response.model.frictions and can_tell(one.response.model)
     )
@@ -179,7 +179,7 @@ def _of(one: Observation, full: Array) -> Iterator[Rubbing]:
     rig = one.response
     if not rig.model.frictions:
         return
-    motion = rig.motion(one.told(full))
+    motion = rig.motion(one.simulator_parameters(full))
     for e, friction in enumerate(rig.model.frictions):
         speed = motion.states[0, :, rig.model.states.index(friction.against)]
         still = speed == 0.0
@@ -217,7 +217,7 @@ def curve(one: Observation, rubbing: Rubbing, full: Array) -> Curve:
     far = BEYOND * float(np.abs(rubbing.speed).max()) or 1.0
     one_way = far * np.geomspace(NEAREST, 1.0, SPEEDS)
     speeds = np.concatenate([-one_way[::-1], [0.0], one_way])
-    told = one.told(full)
+    told = one.simulator_parameters(full)
     names = rig.model.parameters
     p = {name: told[:, k, None] for k, name in enumerate(names)}
     seen = {name: np.asarray(x) for name, x in _seen(rig, friction, told[:1]).items()}

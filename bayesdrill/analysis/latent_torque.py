@@ -19,7 +19,7 @@ import numpy as np
 
 from bayesdrill.basics.arrays import Array, Flags
 from bayesdrill.inference.derived import HDI_PROBABILITY
-from bayesdrill.inference.likelihood import Observation, Torque
+from bayesdrill.inference.likelihood import LatentTorque, Observation
 from bayesdrill.inference.posterior import Posterior
 from bayesdrill.record.experiment import of_states
 from bayesdrill.rig.models.latent_torque import TORQUE, At, Loaded, angles
@@ -122,18 +122,22 @@ def _rubs(one: Observation) -> bool:
 
 
 def _of(
-    one: Observation, found: Torque, posterior: Posterior, draws: Array, rng: np.random.Generator
+    one: Observation,
+    found: LatentTorque,
+    posterior: Posterior,
+    draws: Array,
+    rng: np.random.Generator,
 ) -> Shaking:
     full = posterior.space.full(draws)
     experiment = one.experiment
     signals, motion = _moved(one, full)
     left = experiment.y - signals
     smooth = found.smooth(left, draws)
-    drawn, _ = found.known(left, draws, rng)
-    made = found.filtered.pushed
+    drawn, _ = found.sample_states(left, draws, rng)
+    made = found.kalman_filter.pushed
     sizes = found.sizes(draws)[:, :1]
     place = made.states.index(TORQUE)
-    by_torque = smooth @ found.filtered.weights.T
+    by_torque = smooth @ found.kalman_filter.weights.T
     first = full[:1], draws[:1]
     pushed = sizes[0] * smooth[0, :, place]
     strayed = _strayed(one, found, first, signals[0] + by_torque[0], pushed)
@@ -160,13 +164,13 @@ def _moved(one: Observation, full: Array) -> tuple[Array, Array]:
         y=np.zeros((len(experiment.t), k + len(every))),
         channels=(*experiment.channels, *every),
     )
-    signals = one.response.of(shown).signals(one.told(full))
+    signals = one.response.of(shown).signals(one.simulator_parameters(full))
     return signals[..., :k], signals[..., k:]
 
 
-def _states(one: Observation, torque: Torque, motion: Array, more: Array) -> dict[str, Array]:
+def _states(one: Observation, torque: LatentTorque, motion: Array, more: Array) -> dict[str, Array]:
     """With what the torque moves; an angle of which nothing tells follows from its speed."""
-    made, t = torque.filtered.pushed, np.asarray(one.experiment.t)
+    made, t = torque.kalman_filter.pushed, np.asarray(one.experiment.t)
     found = {name: motion[:, k] for k, name in enumerate(made.rig.states)}
     for name, moved in made.of_states(more).items():
         found[name] = found[name] + moved
@@ -182,7 +186,7 @@ def _states(one: Observation, torque: Torque, motion: Array, more: Array) -> dic
 
 
 def _strayed(
-    one: Observation, of: Torque, draw: tuple[Array, Array], shown: Array, torque: Array
+    one: Observation, of: LatentTorque, draw: tuple[Array, Array], shown: Array, torque: Array
 ) -> Array:
     """`(K,)`: the rig that rubs, driven by `torque (T,)` at one `draw` (all parameters, all unknowns),
     from what is `shown (T, K)`: there the torque moves it as if no friction changed its sign.
@@ -192,13 +196,13 @@ def _strayed(
         return np.full(len(experiment.channels), np.nan)
     held = torque if experiment.first_order else 0.5 * (torque + np.append(torque[1:], torque[-1]))
     loaded = simulator(
-        Loaded(response.model, of.filtered.torque),
+        Loaded(response.model, of.kalman_filter.torque),
         dataclasses.replace(experiment, series={**experiment.series, TORQUE: held}),
         response.sensing,
         *(response.stepping or ()),
     )
     full, theta = draw
-    off = (loaded.signals(one.told(full))[0] - shown) / one.scales(theta)[0]
+    off = (loaded.signals(one.simulator_parameters(full))[0] - shown) / one.scales(theta)[0]
     return np.sqrt(np.nanmean(np.where(experiment.seen, off, np.nan) ** 2, axis=0))
 
 

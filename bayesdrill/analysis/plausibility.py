@@ -16,7 +16,7 @@ from bayesdrill.analysis.diagnostics import Row
 from bayesdrill.analysis.identifiability.information import Information, Scenery
 from bayesdrill.basics.arrays import Array
 from bayesdrill.inference.posterior import Problem
-from bayesdrill.inference.priors import Prior, spread, spread_of_log
+from bayesdrill.inference.priors import Prior, prior_log_sd, prior_sd
 from bayesdrill.rig import models
 from bayesdrill.rig.models.linear import STATES, Model, MotorRoles, Roles, dynamics
 
@@ -107,7 +107,7 @@ def plausibility_of_nominal(problem: Problem) -> tuple[str, ...]:
 def plausibility_of_draws(problem: Problem, draws: Array, known: Information) -> tuple[str, ...]:
     """Of posterior draws `(N, D)`; `known` says what the record alone determines."""
     model = problem.model
-    rig = problem.posterior.likelihood.rig(draws[:: max(1, len(draws) // MOST_DRAWS)])
+    rig = problem.posterior.likelihood.rig_parameters(draws[:: max(1, len(draws) // MOST_DRAWS)])
     values = dict(zip(model.parameters, rig.T, strict=True))
     energy = _energy_of_draws(values, known, model.roles)
     return (*energy, *_poles(poles(model, values), problem))
@@ -120,7 +120,9 @@ def plausibility_of_course(scenery: Scenery, theta: Array) -> tuple[str, ...]:
     motor = rig.roles.motor
     if motor.friction not in rig.parameters or motor.speed not in scenery.states:
         return ()
-    friction = float(likelihood.rig(theta[None])[0, rig.parameters.index(motor.friction)])
+    friction = float(
+        likelihood.rig_parameters(theta[None])[0, rig.parameters.index(motor.friction)]
+    )
     speeds = [motion[:, scenery.states.index(motor.speed)] for motion in scenery.motions(theta)]
     other_way = [np.sign(friction) * w < -APPRECIABLE * np.abs(w).max() for w in speeds]
     share = float(np.mean(np.concatenate(other_way)))
@@ -259,11 +261,11 @@ def vague(rows: Sequence[Row], draws: Array, priors: Mapping[str, Prior]) -> tup
 
 def _vague(name: str, x: Array, prior: Prior) -> Vague | None:
     if prior.in_logs:
-        wide = spread_of_log(prior)
+        wide = prior_log_sd(prior)
         decades = wide * math.sqrt(12.0) / math.log(10.0)
         if decades > DECADES and float(np.log(x).std()) < NARROWED * wide:
             return Vague(name=name, decades=decades)
-    wide = spread(prior)
+    wide = prior_sd(prior)
     times = wide / math.sqrt(float(np.mean(x**2)))
     if times > TIMES and float(x.std()) < NARROWED * wide:
         return Vague(name=name, times=times)

@@ -22,7 +22,7 @@ from bayesdrill.basics.arrays import Array
 from bayesdrill.basics.units import Unit
 from bayesdrill.inference.likelihood import Likelihood, Observation
 from bayesdrill.inference.posterior import Posterior
-from bayesdrill.inference.residual_checks import Left
+from bayesdrill.inference.residual_checks import ResidualSummary
 from bayesdrill.record.experiment import Channel
 from bayesdrill.rig.models.linear import dynamics
 from bayesdrill.rig.simulators.sensors import Walkers
@@ -131,11 +131,11 @@ def held_out(posterior: Posterior, theta: Array) -> HeldOut | None:
     theta, found = _some(theta), []
     full, likelihood = posterior.space.full(theta), posterior.likelihood
     stretches = [(one, one.experiment.held_out) for one in likelihood.observations]
-    for one, held in (*stretches, *((one, one.experiment.y) for one in likelihood.apart)):
+    for one, held in (*stretches, *((one, one.experiment.y) for one in likelihood.held_out)):
         if held is not None:
             rest = held - one.signals(full)
             # By itself: what remembers is not told what stands beside it.
-            log_p = one.on(held).pointwise(rest, theta)[:, ~np.isnan(held)]
+            log_p = one.for_record(held).pointwise(rest, theta)[:, ~np.isnan(held)]
             found.append(scipy.special.logsumexp(log_p, axis=0) - np.log(len(theta)))
     if not found:
         return None
@@ -143,12 +143,14 @@ def held_out(posterior: Posterior, theta: Array) -> HeldOut | None:
     return HeldOut(score=float(each.sum()), samples=len(each), each=each)
 
 
-def leave_one_out(posterior: Posterior, theta: Array, left: tuple[Left, ...]) -> LeftOut | str:
+def leave_one_out(
+    posterior: Posterior, theta: Array, left: tuple[ResidualSummary, ...]
+) -> LeftOut | str:
     """By draws `theta (N, D)`; or why that would tell nothing: samples that tell of each other by more
     than the unknowns, or too many of them.
     """
     observations = posterior.likelihood.observations
-    if sum(one.numbers for one in observations) > MOST_SCORED:
+    if sum(one.n_measured for one in observations) > MOST_SCORED:
         return f"more than {MOST_SCORED} samples"
     if any(remembers(one, theta) for one in observations):
         return "its noise remembers: a sample that is left out is told by those beside it"
@@ -242,7 +244,7 @@ def frequency_responses(posterior: Posterior, theta: Array) -> tuple[FrequencyRe
         # By itself it has few degrees of freedom.
         noise = uniform_filter1d(noise, SMOOTH, axis=0)
         share = np.einsum("fss->fs", inverse).real / (2.0 * max(SEGMENTS - n, 1))
-        modelled = _response(one, one.told(full), f, [*series])
+        modelled = _response(one, one.simulator_parameters(full), f, [*series])
         measured = modelled + more
         error = np.sqrt(np.maximum(noise, 0.0)[:, :, None] * share[:, None]) / np.abs(measured)
         measured[(error > EXCITED) | (share == 0.0)[:, None]] = np.nan

@@ -238,4 +238,4 @@ def _later(one: Observation, scenery: Scenery, theta: Array, motion: Array) -> A
     }
     change = motion @ dynamics(linear, model.states, 1)[0].T
     change = change + driven(linear, model.states, n, given)
-    return one.informed(-change[None] @ experiment.weights(model.states).T, theta)
+    return one.whitened_jacobian_at(-change[None] @ experiment.weights(model.states).T, theta)

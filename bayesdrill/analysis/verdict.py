@@ -33,7 +33,7 @@ from bayesdrill.config.schema.config import Asked, Thresholds
 from bayesdrill.inference import residual_checks
 from bayesdrill.inference.derived import hdi
 from bayesdrill.inference.posterior import Problem
-from bayesdrill.inference.residual_checks import Left
+from bayesdrill.inference.residual_checks import ResidualSummary
 from bayesdrill.sampling.ensembles import Opened, Sampled
 from bayesdrill.sampling.mode_search import Mode
 
@@ -396,12 +396,12 @@ def _word(row: Row, quantity: Quantity) -> Word:
 
 def conclude(
     problem: Problem, asked: Asked, found: Mode, sampled: Sampled, scenery: Scenery
-) -> tuple[tuple[Row, ...], tuple[Left, ...], Judgement | None]:
+) -> tuple[tuple[Row, ...], tuple[ResidualSummary, ...], Judgement | None]:
     """A row for each unknown, one for each channel, and the verdict where there is a table."""
     posterior, space = problem.posterior, problem.posterior.space
     rows = summarise(problem, sampled.draws, found, sampled.convergence)
     mode = space.vector(found.values)
-    left = residual_checks.left(posterior.likelihood, mode)
+    left = residual_checks.residual_summaries(posterior.likelihood, mode)
     if not any(name in problem.nominal for name in scenery.unknowns):
         return rows, left, None
     study = study_of(scenery, posterior, mode, asked, "the MAP")

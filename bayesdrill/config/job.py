@@ -21,7 +21,7 @@ from bayesdrill.config.resolve.case import ResolvedCase
 from bayesdrill.config.schema.config import Asked, Config
 from bayesdrill.config.yaml_source import Source, as_yaml, parse
 from bayesdrill.inference import derived, step_error
-from bayesdrill.inference.display_units import OwnUnits
+from bayesdrill.inference.display_units import DisplayUnits
 from bayesdrill.inference.posterior import Problem
 from bayesdrill.output_files import RECORD
 from bayesdrill.record.experiment import raise_if_any
@@ -60,7 +60,7 @@ class Job:
         """Return the job with the steps that `mode` needs, of a rig that is stepped."""
         if not mode.pieces:
             return self
-        posterior = step_error.taking(self.problem.posterior, mode.pieces)
+        posterior = step_error.with_steps(self.problem.posterior, mode.pieces)
         return replace(self, problem=replace(self.problem, posterior=posterior))
 
     @property
@@ -69,7 +69,7 @@ class Job:
         return self.config.asked
 
     @property
-    def units(self) -> OwnUnits:
+    def units(self) -> DisplayUnits:
         """Return the units in which people are shown what is inferred."""
         return self.problem.units
 
@@ -98,11 +98,11 @@ def assemble(case: ResolvedCase, table: Table | None = None) -> Job:
         unsteady = _unsteady(case, problem, start)
         message = "the model has no finite response at the start; check values and units"
         raise InputError(unsteady or [source.issue(("parameters",), message)])
-    off = float(posterior.likelihood.per_number(start[None])[0]) ** 0.5
+    off = float(posterior.likelihood.mean_square(start[None])[0]) ** 0.5
     if off > MAX_START_DISTANCE:
         message = f"the start is {off:.2g} times the noise off the record; check values and units"
         raise source.error(("parameters",), message)
-    impossible = derived.impossible(problem)
+    impossible = derived.impossible_formulas(problem)
     if impossible:
         named = [source.issue(("derived", name), text) for name, text in impossible.items()]
         raise InputError(named)

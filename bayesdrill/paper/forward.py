@@ -210,7 +210,7 @@ def readings(experiment: Experiment, p: Mapping[str, float]) -> tuple[Reading, .
     k, found = experiment.names.index("w_2"), []
     for name, (matrix, model) in READINGS.items():
         exact, stepped, steps = _both(model, experiment, p)
-        end = derived.steady(model, model.linear(p), 1, experiment.constant)["w_end"]
+        end = derived.steady_values(model, model.linear(p), 1, experiment.constant)["w_end"]
         found.append(
             Reading(
                 name=name,
@@ -288,7 +288,7 @@ def stepped_task(exact: Task, likelihood: Likelihood) -> Task:
 
     def density(theta: Array) -> Array:
         inside = exact.density(theta) > -np.inf
-        half = 0.5 * likelihood.numbers
+        half = 0.5 * likelihood.n_measured
         values = [
             -half * stepped_misfit(likelihood, row) if good else -np.inf
             for row, good in zip(theta, inside, strict=True)

@@ -12,7 +12,7 @@ from pathlib import Path
 from bayesdrill.analysis import comparison
 from bayesdrill.analysis.causes import Causes
 from bayesdrill.analysis.comparison import Contender, Decision, Layer, Row, decide
-from bayesdrill.inference.display_units import OwnUnits
+from bayesdrill.inference.display_units import DisplayUnits
 from bayesdrill.output_files import COMPARE, OVERLAY, Kind
 from bayesdrill.report.section import Picture, Section, as_markdown, as_text
 from bayesdrill.report.sections import comparison_words
@@ -71,12 +71,12 @@ class ComparisonReport:
     """
 
     layers: tuple[Layer, ...]
-    units: OwnUnits
+    units: DisplayUnits
     models: tuple[Contender, ...] = ()
     heading: str = ""
 
     @classmethod
-    def of_models(cls, models: Sequence[Contender], units: OwnUnits) -> ComparisonReport:
+    def of_models(cls, models: Sequence[Contender], units: DisplayUnits) -> ComparisonReport:
         return cls(tuple(model.layer for model in models), units, tuple(models))
 
     @property

@@ -17,7 +17,7 @@ from bayesdrill.analysis.diagnostics import MEANING, Row
 from bayesdrill.basics.errors import printable
 from bayesdrill.basics.symbols import plain
 from bayesdrill.inference.derived import HDI_PROBABILITY
-from bayesdrill.inference.display_units import OwnUnits
+from bayesdrill.inference.display_units import DisplayUnits
 from bayesdrill.inference.posterior import Problem
 from bayesdrill.sampling.mode_search import Mode
 
@@ -298,7 +298,7 @@ def sandwich_table(
     rows: Sequence[Row],
     sds: Mapping[str, float],
     windows: Mapping[str, Sequence[float]],
-    own: OwnUnits,
+    own: DisplayUnits,
 ) -> Table:
     """The posterior's sds beside those of `sds`, SI, and the ends of what refits on `windows` gave."""
     ends = f"MAP of {len(next(iter(windows.values())))} windows" if windows else ""
@@ -359,11 +359,12 @@ def in_words(rows: Sequence[Row]) -> list[str]:
     return [f"{word}: {', '.join(named[word])} ({MEANING[word]})" for word in named if named[word]]
 
 
-def notes(rows: Sequence[Row], own: OwnUnits) -> list[str]:
+def notes(rows: Sequence[Row], own: DisplayUnits) -> list[str]:
     """What is no reason to doubt the draws, but one to doubt the prior or the model; `rows` in SI."""
     return [
-        f"note: {row.name} is pressed against the end {own.said(row.name, row.pressed_against)} of its "
-        "prior, as if the record wanted it beyond: widen the prior, or doubt the model, the units and "
+        f"note: {row.name} is pressed against the end "
+        f"{own.format_value(row.name, row.pressed_against)} of its prior, "
+        "as if the record wanted it beyond: widen the prior, or doubt the model, the units and "
         "what is held"
         for row in rows
         if row.pressed_against is not None

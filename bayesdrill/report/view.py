@@ -15,7 +15,7 @@ from bayesdrill.basics.units import Unit
 from bayesdrill.basics.values import Value
 from bayesdrill.config.schema.config import Config
 from bayesdrill.inference.derived import Derived
-from bayesdrill.inference.display_units import OwnUnits, Shown
+from bayesdrill.inference.display_units import DisplayedUnknowns, DisplayUnits
 from bayesdrill.inference.posterior import Problem
 from bayesdrill.report import section, words
 from bayesdrill.report.scales import WIDTHS
@@ -132,7 +132,7 @@ class View(Value):
         return WIDTHS[self.config.output.size]
 
     @property
-    def units(self) -> OwnUnits:
+    def units(self) -> DisplayUnits:
         """In which people are shown unknowns and what follows from them."""
         return self.problem.units
 
@@ -141,13 +141,13 @@ class View(Value):
         """In which people are told times."""
         return self.problem.clock
 
-    def shown(self, names: Sequence[str] | None = None) -> Shown:
+    def shown(self, names: Sequence[str] | None = None) -> DisplayedUnknowns:
         """For figures: the unknowns of these names, or all where none is among them."""
         problem, own = self.problem, self.units
         every = range(len(problem.symbols))
         chosen = [k for k in every if problem.names[k] in (names or ())] or every
         picked = [problem.symbols[k] for k in chosen]
-        return Shown(
+        return DisplayedUnknowns(
             columns=tuple(chosen),
             factors=own.factors(picked),
             symbols=own.symbols(picked),

@@ -17,10 +17,10 @@ from bayesdrill.config.resolve import quantities
 from bayesdrill.config.resolve.case import ResolvedCase
 from bayesdrill.config.schema.config import Config
 from bayesdrill.config.schema.records import ColumnSpec, TimeColumn
-from bayesdrill.inference.display_units import OwnUnits
+from bayesdrill.inference.display_units import DisplayUnits
 from bayesdrill.inference.likelihood import Observation
 from bayesdrill.inference.posterior import Problem
-from bayesdrill.inference.residual_checks import Left, like_noise
+from bayesdrill.inference.residual_checks import ResidualSummary, like_noise
 from bayesdrill.record import clocks
 from bayesdrill.report.section import aligned
 from bayesdrill.report.sections import fit_words
@@ -35,7 +35,9 @@ HEADERS = ("", "measures", "column", "unit", "first", "from", "to")
 
 def record_columns(problem: Problem, case: ResolvedCase) -> str:
     """Of each record: time, channels and measured inputs, in the units of their columns."""
-    return "\n".join(_columns(one, case.experiment(one.label).config) for one in problem.every)
+    return "\n".join(
+        _columns(one, case.experiment(one.label).config) for one in problem.all_observations
+    )
 
 
 def _columns(one: Observation, config: Config) -> str:
@@ -60,7 +62,7 @@ def _columns(one: Observation, config: Config) -> str:
 
 def record_made(problem: Problem) -> tuple[str, ...]:
     """What times each record has, where its steps are not equal, and what was done to its numbers."""
-    apart = problem.posterior.likelihood.apart
+    apart = problem.posterior.likelihood.held_out
     found: list[str] = []
     for one in problem.observations:
         experiment, total = one.experiment, len(one.experiment.t)
@@ -71,7 +73,7 @@ def record_made(problem: Problem) -> tuple[str, ...]:
         some = [f"measured: {every}, at {total} times"] if partly else []
         found += _of_experiment(one, [*times, *some, *experiment.told])
     for one in apart:
-        found.append(f"{one.label}, its {one.numbers} samples are held out, and are no evidence")
+        found.append(f"{one.label}, its {one.n_measured} samples are held out, and are no evidence")
     return tuple(found)
 
 
@@ -107,10 +109,12 @@ def _line(name: str, measures: str, spec: ColumnSpec, values: Array) -> tuple[st
     )
 
 
-def opening(problem: Problem, own: OwnUnits) -> str:
+def opening(problem: Problem, own: DisplayUnits) -> str:
     """What goes in."""
     space = problem.posterior.space
-    held = ", ".join(f"{name} = {own.said(name, value)}" for name, value in space.fixed.items())
+    held = ", ".join(
+        f"{name} = {own.format_value(name, value)}" for name, value in space.fixed.items()
+    )
     tied = ", ".join(f"{name} = {relation.text}" for name, relation in space.relations.items())
     return (
         f"{records(problem)}\nmodel: {model(problem)}\n"
@@ -142,7 +146,7 @@ def model(problem: Problem) -> str:
     return f"{name} ({', '.join(said)}{gear})" if said else name
 
 
-def preview(problem: Problem, config: Config, own: OwnUnits) -> str:
+def preview(problem: Problem, config: Config, own: DisplayUnits) -> str:
     """What would run."""
     posterior, sampler = problem.posterior, config.sampler
     start = posterior.space.vector(posterior.space.start)
@@ -205,11 +209,11 @@ def _misfit(problem: Problem) -> str:
     likelihood, space = problem.posterior.likelihood, problem.posterior.space
     if any(one.unknowns for one in likelihood.observations):
         return ""
-    found = likelihood.per_number(space.vector(space.start)[None])[0]
+    found = likelihood.mean_square(space.vector(space.start)[None])[0]
     return f"; misfit per number there {found:.4g}, and 1 where only noise is left"
 
 
-def maxima(found: Mode, weights: NDArray[np.float64] | None, own: OwnUnits) -> str:
+def maxima(found: Mode, weights: NDArray[np.float64] | None, own: DisplayUnits) -> str:
     """Where the posterior has several maxima, and how much of it each holds, `weights (M,)`; empty for
     one.
     """
@@ -230,24 +234,24 @@ def maxima(found: Mode, weights: NDArray[np.float64] | None, own: OwnUnits) -> s
     order = np.argsort(-weights, kind="stable")
     for k in order[:MOST_LISTED]:
         values = found.maxima[k].values
-        places = ", ".join(f"{name} {own.said(name, values[name])}" for name in names)
+        places = ", ".join(f"{name} {own.format_value(name, values[name])}" for name in names)
         lines.append(f"  {weights[k]:.1%} of the draws belong to the one at {places}")
     if len(rest := order[MOST_LISTED:]):
         lines.append(f"  {weights[rest].sum():.1%} of the draws belong to the other {len(rest)}")
     return "\n".join(lines)
 
 
-def reasons(sampled: Sampled, left: Sequence[Left]) -> tuple[str, ...]:
+def reasons(sampled: Sampled, left: Sequence[ResidualSummary]) -> tuple[str, ...]:
     """Why a run must not be believed: it did not converge, or does not fit; empty where it may be."""
     return (*sampled.convergence.reasons, *fit_words.residual_reasons(left))
 
 
-def warning(sampled: Sampled, left: Sequence[Left]) -> str:
+def warning(sampled: Sampled, left: Sequence[ResidualSummary]) -> str:
     """What every figure must carry; empty where there is nothing to warn of."""
     return misfit(left) if sampled.convergence.converged else "NOT CONVERGED"
 
 
-def misfit(left: Sequence[Left]) -> str:
+def misfit(left: Sequence[ResidualSummary]) -> str:
     """The same of a fit alone."""
     if any(one.far_too_large for one in left):
         return "DOES NOT FIT: far more than the noise is left"
@@ -292,7 +296,7 @@ def _apart(one: float, other: float) -> bool:
     return abs(one - other) > SAME_PLACE * abs(other)
 
 
-def mode(found: Mode, own: OwnUnits) -> str:
+def mode(found: Mode, own: DisplayUnits) -> str:
     """How the searches for the MAP went."""
     n, same = len(found.searches), found.same_height
     lines = [
@@ -316,7 +320,7 @@ def mode(found: Mode, own: OwnUnits) -> str:
         apart = [name for name, x in other.values.items() if _apart(x, found.values[name])]
         apart = apart or [max(moved, key=moved.__getitem__)]
         places = ", ".join(
-            f"{name} {own.said(name, other.values[name])}" for name in apart[:MOST_NAMED]
+            f"{name} {own.format_value(name, other.values[name])}" for name in apart[:MOST_NAMED]
         )
         lower = found.log_posterior - other.log_posterior
         height = f"{lower:.3g} lower" if lower > found.tolerance else "as high"

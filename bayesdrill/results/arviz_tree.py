@@ -17,7 +17,7 @@ from bayesdrill.basics.symbols import INPUTS, Symbol
 from bayesdrill.inference.derived import Derived
 from bayesdrill.inference.likelihood import Observation
 from bayesdrill.inference.posterior import Problem
-from bayesdrill.inference.unknowns import of_label
+from bayesdrill.inference.unknowns import labelled_name
 from bayesdrill.record.experiment import Channel
 from bayesdrill.sampling.ensembles import Sampled
 
@@ -48,9 +48,9 @@ def make_tree(
     dims = {c.name: [c.clock] for c in columns}
     for one in problem.observations:
         for name, value in (*one.experiment.constant.items(), *one.experiment.series.items()):
-            inputs[of_label(name, one.label)] = np.asarray(value)
+            inputs[labelled_name(name, one.label)] = np.asarray(value)
             if name in one.experiment.series:
-                dims[of_label(name, one.label)] = [_clock(one)]
+                dims[labelled_name(name, one.label)] = [_clock(one)]
     names = problem.names
     tree: DataTree = from_dict(
         {
@@ -98,7 +98,7 @@ def _predict(
         full = space.full(theta)
         for one in problem.observations:
             signals = one.signals(full)
-            fresh = one.again(signals, theta, rng)
+            fresh = one.replicate(signals, theta, rng)
             log_p = one.pointwise(one.experiment.y - signals, theta)
             for c in (c for c in columns if c.one is one):
                 predictive[c.name][chain] = fresh[..., c.place]
@@ -121,12 +121,12 @@ class _Column:
 
 
 def _clock(one: Observation) -> str:
-    return of_label("time", one.label)
+    return labelled_name("time", one.label)
 
 
 def _columns(problem: Problem) -> list[_Column]:
     return [
-        _Column(of_label(name, one.label), _clock(one), one, place)
+        _Column(labelled_name(name, one.label), _clock(one), one, place)
         for one in problem.observations
         for place, name in enumerate(one.experiment.names)
     ]
@@ -137,7 +137,7 @@ def _describe(
 ) -> None:
     """Units and meanings."""
     inputs = [
-        dataclasses.replace(INPUTS[name], name=of_label(name, one.label))
+        dataclasses.replace(INPUTS[name], name=labelled_name(name, one.label))
         for one in problem.observations
         for name in (*one.experiment.constant, *one.experiment.series)
     ]

@@ -25,7 +25,7 @@ from bayesdrill.config.resolve.case import ResolvedCase
 from bayesdrill.config.resolve.experiments import SHARING_KEYS
 from bayesdrill.config.schema.config import Config
 from bayesdrill.config.yaml_source import as_yaml
-from bayesdrill.inference.display_units import OwnUnits
+from bayesdrill.inference.display_units import DisplayUnits
 from bayesdrill.inference.posterior import Problem
 from bayesdrill.output_files import CONFIG_FILE, RECORD, RESOLVED_FILE
 from bayesdrill.record.experiment import Experiment
@@ -57,7 +57,7 @@ def fingerprint(config: Config, problem: Problem) -> dict[str, str]:
     }
 
 
-def settings(config: Config, problem: Problem, own: OwnUnits) -> dict[str, str]:
+def settings(config: Config, problem: Problem, own: DisplayUnits) -> dict[str, str]:
     """What a reader compares of two runs: as the fingerprint, with all that is said of a parameter under
     its own name and in these units, and without what only finds the posterior.
     """
@@ -66,8 +66,11 @@ def settings(config: Config, problem: Problem, own: OwnUnits) -> dict[str, str]:
     return {
         **_of_experiments(problem),
         "the model": _model(problem.model),
-        **{name: own.believed(name, prior) for name, prior in space.priors.items()},
-        **{name: f"held at {own.said(name, value, 6)}" for name, value in space.fixed.items()},
+        **{name: own.describe_prior(name, prior) for name, prior in space.priors.items()},
+        **{
+            name: f"held at {own.format_value(name, value, 6)}"
+            for name, value in space.fixed.items()
+        },
         **{name: r.text for name, r in space.relations.items()},
         **_noise_held(config, problem, own),
         "the seed": str(config.seed),
@@ -87,7 +90,9 @@ def marks(config: Config, problem: Problem, burn_in: str) -> dict[str, str]:
 
 def records(problem: Problem) -> dict[str, str]:
     """How long each is, and a digest of it, by the names of experiments."""
-    return {one.label: _of_experiment(one.experiment)["the record"] for one in problem.every}
+    return {
+        one.label: _of_experiment(one.experiment)["the record"] for one in problem.all_observations
+    }
 
 
 def _model(rig: Model) -> str:
@@ -99,16 +104,16 @@ def _model(rig: Model) -> str:
 def _of_experiments(problem: Problem) -> dict[str, str]:
     """Of several, each name with that of its experiment."""
     found: dict[str, str] = {}
-    for one in problem.every:
+    for one in problem.all_observations:
         names, sensing, said = one.experiment.names, one.response.sensing, {}
         if not sensing.nothing:  # is told beside the rig's parameters
             said = {"the sensors": sensing.in_words, "the start": sensing.start_in_words}
         if one.kind:
             said["the kind of noise"] = _short(one.kind)
-        noise = {f"the noise of {names[k]}": repr(sigma) for k, sigma in one.held().items()}
+        noise = {f"the noise of {names[k]}": repr(sigma) for k, sigma in one.fixed_noise().items()}
         said = _of_experiment(one.experiment) | {n: x for n, x in said.items() if x} | noise
         found |= {one.entitled(name): value for name, value in said.items()}
-    for one in problem.posterior.likelihood.apart:
+    for one in problem.posterior.likelihood.held_out:
         found[one.entitled("what counts")] = "nothing: it is held out"
     return found
 
@@ -133,15 +138,15 @@ def _of_experiment(experiment: Experiment) -> dict[str, str]:
     }
 
 
-def _noise_held(config: Config, problem: Problem, own: OwnUnits) -> dict[str, str]:
+def _noise_held(config: Config, problem: Problem, own: DisplayUnits) -> dict[str, str]:
     """Of channels whose noise is known."""
     found = {}
     for one in problem.observations:
         names = one.experiment.names
-        for k, sigma in one.held().items():
+        for k, sigma in one.fixed_noise().items():
             if isinstance(sigma, float):
                 shown = experiments.joint_name(config, noise_name(names[k]), one.label)
-                found[one.entitled(f"the noise of {names[k]}")] = own.said(shown, sigma, 6)
+                found[one.entitled(f"the noise of {names[k]}")] = own.format_value(shown, sigma, 6)
     return found
 
 

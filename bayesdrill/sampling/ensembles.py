@@ -18,9 +18,9 @@ from bayesdrill.basics import seeds
 from bayesdrill.basics.arrays import Array
 from bayesdrill.basics.errors import InputError
 from bayesdrill.basics.progress import SILENT, Reporter
-from bayesdrill.inference.laplace import Expansion, PosteriorSurface, joined
+from bayesdrill.inference.laplace import PosteriorLogDensity, QuadraticModel, concatenate_models
 from bayesdrill.inference.posterior import Posterior
-from bayesdrill.inference.residual_checks import FAR_TOO_LARGE
+from bayesdrill.inference.residual_checks import MAX_BELIEVABLE_RMS
 from bayesdrill.inference.step_error import evidence_shift
 from bayesdrill.output_files import steps_of_chain
 from bayesdrill.sampling.convergence import (
@@ -76,18 +76,18 @@ def prepare(
 ) -> Learnt:
     """The proposal, the same whatever the number of processes."""
 
-    def expand(u: Array, directions: Array) -> Expansion:
+    def expand(u: Array, directions: Array) -> QuadraticModel:
         if len(u) <= SHARED:
             return expanded(posterior, u, directions)
         parts = [u[k : k + SHARED] for k in range(0, len(u), SHARED)]
         tasks = [crew.submit(expanded, part, directions) for part in parts]
-        return joined([task.result() for task in tasks])
+        return concatenate_models([task.result() for task in tasks])
 
     report.update(0.0, "learning the proposal")
     random = np.random.RandomState(seeds.bits(seed, "learn", 0))
     z = posterior.coordinates.from_physical(maxima)
     again, tops = (AGAIN, z) if fits(posterior, maxima) else (0, z[:1])
-    surface = PosteriorSurface(posterior)
+    surface = PosteriorLogDensity(posterior)
     with threadpool_limits(1):
         rng = seeds.stream(seed, "learn", 1)
         # Where the density over the coordinates is highest, most of the posterior is near.
@@ -104,8 +104,8 @@ def fits(posterior: Posterior, maxima: Array) -> bool:
 
     If it leaves far more it is not believed, however well it is sampled, and little is spent on it.
     """
-    left = float(posterior.likelihood.per_number(maxima[:1])[0])
-    return left < FAR_TOO_LARGE**2
+    left = float(posterior.likelihood.mean_square(maxima[:1])[0])
+    return left < MAX_BELIEVABLE_RMS**2
 
 
 def dear(posterior: Posterior) -> bool:
@@ -118,9 +118,9 @@ def dear(posterior: Posterior) -> bool:
     return numbers > MOST_SLOPES or any(one.response.model.frictions for one in observations)
 
 
-def expanded(posterior: Posterior, u: Array, directions: Array) -> Expansion:
-    """See `surface.Surface.expand`."""
-    return PosteriorSurface(posterior).expand(u, directions)
+def expanded(posterior: Posterior, u: Array, directions: Array) -> QuadraticModel:
+    """See `LogDensity.quadratic_model`."""
+    return PosteriorLogDensity(posterior).quadratic_model(u, directions)
 
 
 def begin_walkers(
@@ -146,7 +146,7 @@ def begin_walkers(
             fresh = proposal.draw(wanted, posterior.supports, random)[0]
         else:
             fresh = centre + 0.25**mirrored * (wide.draw(wanted, random).u - centre)
-            ends = PosteriorSurface(posterior)
+            ends = PosteriorLogDensity(posterior)
             fresh = np.where(fresh < ends.low, 2.0 * ends.low - fresh, fresh)
             fresh = np.where(fresh > ends.high, 2.0 * ends.high - fresh, fresh)
         z[missing], log_p[missing] = fresh, posterior(fresh)

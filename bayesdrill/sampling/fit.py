@@ -124,7 +124,7 @@ def _first_arrived(posterior: Posterior, plan: FitPlan) -> list[Search]:
     points = points[np.argsort(-posterior.density(points), kind="stable")]
     likelihood = posterior.likelihood
     known = not any(one.unknowns for one in likelihood.observations)
-    noise_alone = 1.0 + np.sqrt(2.0 / likelihood.numbers)  # squares over the noise, on average
+    noise_alone = 1.0 + np.sqrt(2.0 / likelihood.n_measured)  # squares over the noise, on average
     found: list[Search] = []
     for point in points:
         found.append(mode_search.search(posterior, plan.optimiser, plan.evaluations, point))
@@ -133,6 +133,6 @@ def _first_arrived(posterior: Posterior, plan: FitPlan) -> list[Search]:
         if sum(search.log_posterior > near for search in found) >= 2:
             break
         end = posterior.space.vector(best.end)
-        if known and laplace.excess(posterior, end) <= noise_alone:
+        if known and laplace.residual_excess(posterior, end) <= noise_alone:
             break
     return [best]

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from bayesdrill.basics.arrays import Array, Flags
-from bayesdrill.inference.laplace import Expansion, Surface
+from bayesdrill.inference.laplace import LogDensity, QuadraticModel
 
 MOST_STEP = 3.0  # of the priors' spreads: what a curvature says is not true further on
 FIRST_DAMPING = 0.1  # of what the priors know: it holds the loose directions, not the tight ones
@@ -36,7 +36,7 @@ class Climbed:
         return np.asarray(self.gain < 1e-6)
 
 
-def climb(surface: Surface, start: Array, steps: int, *, exact: bool = False) -> Climbed:
+def climb(surface: LogDensity, start: Array, steps: int, *, exact: bool = False) -> Climbed:
     """From `start (W, D)`, each point by itself; at most `steps` steps of each.
 
     `exact`: with the second derivatives themselves, for the last steps to a maximum.
@@ -59,11 +59,11 @@ def climb(surface: Surface, start: Array, steps: int, *, exact: bool = False) ->
     return Climbed(u, value, np.where(np.isfinite(value), gain, np.inf))
 
 
-def _roughly(surface: Surface, u: Array) -> Expansion:
-    return surface.expand(u, np.eye(u.shape[1]))
+def _roughly(surface: LogDensity, u: Array) -> QuadraticModel:
+    return surface.quadratic_model(u, np.eye(u.shape[1]))
 
 
-def _exactly(surface: Surface, u: Array) -> Expansion:
+def _exactly(surface: LogDensity, u: Array) -> QuadraticModel:
     """With second derivatives from differences of exact slopes, each taken as if it were downward."""
     n, d = u.shape
     here = _roughly(surface, u)
@@ -75,11 +75,11 @@ def _exactly(surface: Surface, u: Array) -> Expansion:
     scale = surface.spread[:, None] * surface.spread
     values, vectors = np.linalg.eigh(0.5 * (second + second.swapaxes(1, 2)) * scale)
     downward = (vectors * np.abs(values)[:, None, :]) @ vectors.swapaxes(1, 2) / scale
-    return Expansion(here.value, here.slope, downward)
+    return QuadraticModel(here.value, here.slope, downward)
 
 
 def _move(
-    surface: Surface, u: Array, value: Array, damping: Array, here: Expansion
+    surface: LogDensity, u: Array, value: Array, damping: Array, here: QuadraticModel
 ) -> tuple[Array, Array, Array, Flags]:
     """The best of a few damped steps, or none; the damping for the next one."""
     tried = [_stepped(surface, u, here, damping * factor) for factor in DAMPINGS]
@@ -100,28 +100,28 @@ def _move(
     )
 
 
-def _stepped(surface: Surface, u: Array, here: Expansion, damping: Array) -> Array:
+def _stepped(surface: LogDensity, u: Array, here: QuadraticModel, damping: Array) -> Array:
     step = bounded_step(surface, u, here, damping)
     longest = (np.abs(step) / surface.spread).max(axis=1, keepdims=True)
     step *= np.minimum(1.0, MOST_STEP / np.maximum(longest, 1e-300))
     return np.clip(u + step, surface.low, surface.high)
 
 
-def _corrected(surface: Surface, u: Array, value: Array, wanted: Array) -> tuple[Array, Array]:
+def _corrected(surface: LogDensity, u: Array, value: Array, wanted: Array) -> tuple[Array, Array]:
     """Points that a step along a bent ridge has led off it, led back by their tight directions."""
     u, value = u.copy(), value.copy()
     for _ in range(CORRECTIONS):
         off = np.flatnonzero((value < wanted) & np.isfinite(value))
         if len(off) == 0:
             break
-        here = surface.expand(u[off], np.eye(u.shape[1]))
+        here = surface.quadratic_model(u[off], np.eye(u.shape[1]))
         there = _stepped(surface, u[off], here, np.full(len(off), TIGHT_DAMPING))
         found = surface.value(there)
         u[off], value[off] = there, found
     return u, value
 
 
-def bounded_step(surface: Surface, u: Array, here: Expansion, damping: Array) -> Array:
+def bounded_step(surface: LogDensity, u: Array, here: QuadraticModel, damping: Array) -> Array:
     """The damped step of Gauss and Newton within the box, `(W, D)`.
 
     The first unknown on the way out stops at its wall, the others are solved for again, and so on;
@@ -158,12 +158,12 @@ def bounded_step(surface: Surface, u: Array, here: Expansion, damping: Array) ->
     return np.asarray(np.clip(step, low, high) * scale)
 
 
-def gain_left(surface: Surface, u: Array, here: Expansion) -> Array:
+def gain_left(surface: LogDensity, u: Array, here: QuadraticModel) -> Array:
     """What an undamped step would gain, by the slopes and curvatures alone: `(W,)`."""
     step = bounded_step(surface, u, here, np.full(len(u), 1e-9))
     return _foreseen(here, step)
 
 
-def _foreseen(here: Expansion, step: Array) -> Array:
+def _foreseen(here: QuadraticModel, step: Array) -> Array:
     half = 0.5 * np.einsum("wd,wde,we->w", step, here.curvature, step)
     return np.asarray(np.einsum("wd,wd->w", step, here.slope) - half)

@@ -14,9 +14,9 @@ import numpy as np
 
 from bayesdrill.basics.arrays import Array
 from bayesdrill.inference import inverse_dynamics, laplace, step_error
-from bayesdrill.inference.laplace import PosteriorSurface, Surface
+from bayesdrill.inference.laplace import LogDensity, PosteriorLogDensity
 from bayesdrill.inference.posterior import Posterior
-from bayesdrill.inference.step_error import Taken
+from bayesdrill.inference.step_error import StepSizes
 from bayesdrill.sampling import multiple_modes
 from bayesdrill.sampling.gauss_newton import Climbed, climb, gain_left
 from bayesdrill.sampling.optimisers.contract import Optimiser, Optimum, Task
@@ -73,7 +73,7 @@ class Mode:
     searches: tuple[Search, ...]
     others: tuple[Other, ...] = ()
     steps: Mapping[str, float] = field(default_factory=dict)
-    pieces: Mapping[str, Taken] = field(default_factory=dict)
+    pieces: Mapping[str, StepSizes] = field(default_factory=dict)
     left_out: float = 0.0
 
     @property
@@ -164,7 +164,7 @@ def searches(
 def _ended(posterior: Posterior, optimiser: Optimiser, start: Array, found: Optimum) -> Search:
     theta, value, settled = found.theta, found.value, found.settled
     if optimiser.polished:
-        surface = PosteriorSurface(posterior, physical=True)
+        surface = PosteriorLogDensity(posterior, physical=True)
         # A simplex may go on for ever towards an end that has none.
         u = np.clip(posterior.coordinates.from_physical(theta[None]), surface.low, surface.high)
         value = float(surface.value(u)[0])
@@ -188,7 +188,7 @@ def search(posterior: Posterior, optimiser: Optimiser, evaluations: int, start: 
 
 def scouts(posterior: Posterior, starts: Array) -> tuple[Array, Array]:
     """Where physical `starts (n, D)` lead, `(m, D)`, and how high `(m,)`; without a simplex."""
-    surface = PosteriorSurface(posterior, physical=True)
+    surface = PosteriorLogDensity(posterior, physical=True)
     u, value = multiple_modes.scout(surface, posterior.coordinates.from_physical(starts))
     return posterior.coordinates.to_physical(u), value
 
@@ -200,21 +200,21 @@ def summarise(
 ) -> Mode:
     """`scouted`: further points that were reached, physical `(n, D)`, and their log densities `(n,)`."""
     scouted = [some for some in scouted if len(some[0])]
-    if steps := step_error.taken(posterior):
+    if steps := step_error.chosen_steps(posterior):
         best = max(searches, key=lambda one: one.log_posterior)
-        posterior = step_error.chosen(posterior, posterior.space.vector(best.end))
+        posterior = step_error.choose_steps(posterior, posterior.space.vector(best.end))
         # Heights are compared, and were those of other steps.
-        if step_error.taken(posterior) != steps:
+        if step_error.chosen_steps(posterior) != steps:
             searches = tuple(_anew(posterior, one) for one in searches)
             scouted = [(theta, posterior.density(theta)) for theta, _ in scouted]
-    surface = PosteriorSurface(posterior, physical=True)
+    surface = PosteriorLogDensity(posterior, physical=True)
     to, back = posterior.coordinates.from_physical, posterior.coordinates.to_physical
     searched = np.array([posterior.space.vector(s.end) for s in searches])
     points = np.concatenate([to(theta) for theta in (searched, *(some[0] for some in scouted))])
     values = np.concatenate([[s.log_posterior for s in searches], *(some[1] for some in scouted)])
     ends, heights, left_out = _looked_around(surface, *_tops(surface, points, values))
     theta = back(ends)
-    here = surface.expand(ends[:1], np.eye(ends.shape[1]))
+    here = surface.quadratic_model(ends[:1], np.eye(ends.shape[1]))
     conditional = np.sqrt(np.maximum(np.einsum("wdd->wd", here.curvature)[0], 1e-300))
     inward = np.where(
         ((ends[0] <= surface.low) & (here.slope[0] < 0))
@@ -234,12 +234,12 @@ def summarise(
             for at, height in zip(theta[1:], heights[1:], strict=True)
         ),
         steps={one.name: one.scale for one in posterior.space.unknowns if one.signed},
-        pieces=step_error.taken(posterior),
+        pieces=step_error.chosen_steps(posterior),
         left_out=left_out,
     )
 
 
-def _tops(surface: Surface, points: Array, values: Array, known: int = 0) -> tuple[Array, Array]:
+def _tops(surface: LogDensity, points: Array, values: Array, known: int = 0) -> tuple[Array, Array]:
     """The very maxima `(M, D)` that `points (n, D)` lead to, and their heights, the highest first.
 
     Of the first `known` points it is known that they are maxima.
@@ -258,7 +258,7 @@ def _tops(surface: Surface, points: Array, values: Array, known: int = 0) -> tup
 
 
 def _looked_around(
-    surface: PosteriorSurface, ends: Array, heights: Array
+    surface: PosteriorLogDensity, ends: Array, heights: Array
 ) -> tuple[Array, Array, float]:
     """Maxima `ends (M, D)` and those that are found from them, and so on; and how much of the posterior
     is left out.
@@ -283,14 +283,14 @@ def _looked_around(
     return ends[kept], heights[kept], left_out
 
 
-def _polished(surface: Surface, u: Array) -> Climbed:
+def _polished(surface: LogDensity, u: Array) -> Climbed:
     """The rest of the way from `u (W, D)`."""
     return climb(surface, climb(surface, u, POLISH).u, EXACT, exact=True)
 
 
 def _anew(posterior: Posterior, one: Search) -> Search:
     """From where it ended, with other steps."""
-    surface = PosteriorSurface(posterior, physical=True)
+    surface = PosteriorLogDensity(posterior, physical=True)
     start = posterior.coordinates.from_physical(posterior.space.vector(one.end)[None])
     top = _polished(surface, start)
     end = _named(posterior, posterior.coordinates.to_physical(top.u)[0])

@@ -21,7 +21,7 @@ import scipy
 from numpy.typing import NDArray
 
 from bayesdrill.basics.arrays import Array
-from bayesdrill.inference.laplace import PosteriorSurface, Surface
+from bayesdrill.inference.laplace import LogDensity, PosteriorLogDensity
 from bayesdrill.inference.posterior import Posterior
 from bayesdrill.rig.models.linear import dynamics
 from bayesdrill.sampling.gauss_newton import climb
@@ -43,7 +43,7 @@ UNEVEN = 0.5 * (5.0**0.5 - 1.0)  # ... distances, as a row of maxima has them
 KNOWN = 1e-6  # of the log density: a point that is higher by less is no better than a known one
 
 
-def scout(surface: Surface, starts: Array, most: int = BEST_STARTS) -> tuple[Array, Array]:
+def scout(surface: LogDensity, starts: Array, most: int = BEST_STARTS) -> tuple[Array, Array]:
     """Where `starts (n, D)` lead: the `most` promising ones, `(m, D)`, and their log densities."""
     first = climb(surface, starts, FIRST_STEPS)
     order = np.argsort(-first.value, kind="stable")
@@ -54,7 +54,7 @@ def scout(surface: Surface, starts: Array, most: int = BEST_STARTS) -> tuple[Arr
     return found.u[good], found.value[good]
 
 
-def apart(surface: Surface, points: Array, values: Array, known: int = 0) -> list[int]:
+def apart(surface: LogDensity, points: Array, values: Array, known: int = 0) -> list[int]:
     """Which of `points (n, D)` are maxima of their own, the highest first.
 
     The first `known` of them are so already, and stay what stands for their maximum.
@@ -78,7 +78,7 @@ def apart(surface: Surface, points: Array, values: Array, known: int = 0) -> lis
     return chosen
 
 
-def valleys(surface: Surface, start: Array, others: Array) -> NDArray[np.bool_]:
+def valleys(surface: LogDensity, start: Array, others: Array) -> NDArray[np.bool_]:
     """Whether the density falls by `VALLEY` on the straight ways from `start (D,)` to `others (n, D)`.
 
     It does not between corners of a plateau, nor where one maximum has ripples.
@@ -91,12 +91,12 @@ def valleys(surface: Surface, start: Array, others: Array) -> NDArray[np.bool_]:
     return np.asarray((value.min(axis=0) < lower - VALLEY_BETWEEN_MODES) | ~np.isfinite(lower))
 
 
-def joined(surface: Surface, start: Array, others: Array) -> NDArray[np.bool_]:
+def joined(surface: LogDensity, start: Array, others: Array) -> NDArray[np.bool_]:
     """Whether the ridge through `start (D,)` leads to each of `others (n, D)`: `(n,)`.
 
     Where nothing is tight all of the prior is the ridge, and a valley parts it.
     """
-    here = surface.expand(start[None], np.eye(len(start)))
+    here = surface.quadratic_model(start[None], np.eye(len(start)))
     base, _ = ridge_tracing.split(surface, start, here)
     psi, tau = base.split(others)
     if tau.shape[1] == 0:
@@ -109,7 +109,7 @@ def joined(surface: Surface, start: Array, others: Array) -> NDArray[np.bool_]:
     for k in range(1, steps + 1):
         ahead = 2.0 * at - before if k > 1 else at  # straight on from the last two
         found, roots, _, arrived = ridge_tracing.led_back(
-            surface.expand, base, psi * (k / steps), ahead
+            surface.quadratic_model, base, psi * (k / steps), ahead
         )
         before, at = at, found
     roots[~arrived] = np.eye(tau.shape[1])  # of no use, where there is no density
@@ -121,8 +121,8 @@ def shares_held(posterior: Posterior, ends: Array) -> Array:
     """How much of the posterior each of the maxima `ends (M, D)` holds, by Laplace: `(M,)`, sum 1."""
     if len(ends) == 1:
         return np.ones(1)
-    over = PosteriorSurface(posterior)
-    here = over.expand(ends, np.eye(ends.shape[1]))
+    over = PosteriorLogDensity(posterior)
+    here = over.quadratic_model(ends, np.eye(ends.shape[1]))
     scaled = here.curvature * np.outer(over.spread, over.spread) + np.eye(ends.shape[1])
     log_mass = here.value - 0.5 * np.linalg.slogdet(scaled)[1]
     log_mass = np.where(np.isfinite(log_mass), log_mass, -np.inf)
@@ -155,14 +155,14 @@ class Around:
     left_out: float
 
 
-def starts(surface: PosteriorSurface, u: Array) -> Around:
+def starts(surface: PosteriorLogDensity, u: Array) -> Around:
     """From where a search may find other maxima than the one at `u (D,)`."""
     aliased, returned = swings(surface, u), returns(surface, u)
     left_out = max(aliased.left_out, returned.left_out)
     return Around(np.concatenate([aliased.u, returned.u]), left_out)
 
 
-def swings(surface: PosteriorSurface, u: Array) -> Around:
+def swings(surface: PosteriorLogDensity, u: Array) -> Around:
     """Where a pair of poles swings at an alias of its frequency at `u (D,)`."""
     posterior = surface.posterior
     here = frequencies(posterior, u[None])[0]
@@ -177,7 +177,7 @@ def swings(surface: PosteriorSurface, u: Array) -> Around:
     return Around(np.concatenate(found), left_out)
 
 
-def _heaviest(surface: PosteriorSurface, at: Array) -> tuple[Array, float]:
+def _heaviest(surface: PosteriorLogDensity, at: Array) -> tuple[Array, float]:
     """The `MOST_ALIASES` near `at (n, D)` that hold most, and their share of what all of them hold."""
     if len(at) <= MOST_ALIASES:
         return at, 1.0
@@ -187,7 +187,7 @@ def _heaviest(surface: PosteriorSurface, at: Array) -> tuple[Array, float]:
     return u[most], float(held[most].sum())
 
 
-def returns(surface: PosteriorSurface, u: Array) -> Around:
+def returns(surface: PosteriorLogDensity, u: Array) -> Around:
     """Maxima along each unknown by itself, but for that of `u (D,)`."""
     posterior, found, left_out = surface.posterior, list[Array](), 0.0
     step = min(
@@ -274,7 +274,7 @@ def frequencies(posterior: Posterior, u: Array) -> Array:
     """Imaginary parts of the fastest pairs of poles at `u (W, D)`: `(W, PAIRS)`, 0 where none is."""
     model = posterior.likelihood.observations[0].response.model
     theta = posterior.coordinates.to_physical(u)
-    full = dict(zip(model.parameters, posterior.likelihood.rig(theta).T, strict=True))
+    full = dict(zip(model.parameters, posterior.likelihood.rig_parameters(theta).T, strict=True))
     matrices = dynamics(model.linear(full), model.states, len(u))
     every = np.linalg.eigvals(np.where(np.isfinite(matrices), matrices, 0.0))
     size = np.abs(every).max(axis=1, keepdims=True)
@@ -294,7 +294,7 @@ def _slopes(posterior: Posterior, u: Array, pair: int, steps: Array) -> tuple[Ar
     return logs[:n], np.where(np.isfinite(slope), slope, 0.0)
 
 
-def _reach(surface: PosteriorSurface, u: Array) -> tuple[Array, Array]:
+def _reach(surface: PosteriorLogDensity, u: Array) -> tuple[Array, Array]:
     """The slowest and the fastest that each pair may be within the priors: where all unknowns are at
     the ends that slow it down, or speed it up, at `u (D,)`.
     """
@@ -308,7 +308,7 @@ def _reach(surface: PosteriorSurface, u: Array) -> tuple[Array, Array]:
     return low, high
 
 
-def _moved(surface: PosteriorSurface, u: Array, pair: int, wanted: Array) -> Array:
+def _moved(surface: PosteriorLogDensity, u: Array, pair: int, wanted: Array) -> Array:
     """The unknowns nearest to `u (D,)`, in the priors' spreads, at which a pair swings as `wanted (n,)`;
     those that are found, `(m, D)`.
     """

@@ -23,7 +23,7 @@ from threadpoolctl import threadpool_limits
 from bayesdrill.basics.errors import InputError
 from bayesdrill.inference import step_error
 from bayesdrill.inference.posterior import Posterior
-from bayesdrill.inference.step_error import Taken
+from bayesdrill.inference.step_error import StepSizes
 
 SPAWN = multiprocessing.get_context("spawn")
 PATIENCE = 10.0  # seconds that a worker has for its task, where the work is stopped
@@ -35,7 +35,7 @@ class Crew:
 
     def __init__(self, posterior: Posterior, processes: int) -> None:
         self._posterior = posterior
-        self._steps: dict[str, Taken] = {}
+        self._steps: dict[str, StepSizes] = {}
         self._pool: ProcessPoolExecutor | None = None
         if processes > 1:
             self._pool = workers(processes, _take, posterior)
@@ -60,10 +60,10 @@ class Crew:
         """As `submit`, of a function that needs another posterior than that of the crew."""
         return self.submit(_apart, function, arguments, named)
 
-    def step(self, steps: Mapping[str, Taken]) -> None:
+    def step(self, steps: Mapping[str, StepSizes]) -> None:
         """From now on the posterior is taken in these steps (`inference.step_error`)."""
         self._steps = dict(steps)
-        self._posterior = step_error.taking(self._posterior, steps)
+        self._posterior = step_error.with_steps(self._posterior, steps)
 
     @property
     def posterior(self) -> Posterior:
@@ -184,11 +184,11 @@ def _apart(
 
 
 def _work(
-    steps: dict[str, Taken],
+    steps: dict[str, StepSizes],
     function: Callable[..., Any],
     arguments: tuple[Any, ...],
     named: dict[str, Any],
 ) -> Any:
     if steps:
-        _take(step_error.taking(_POST["posterior"], steps))
+        _take(step_error.with_steps(_POST["posterior"], steps))
     return function(_POST["posterior"], *arguments, **named)

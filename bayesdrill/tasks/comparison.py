@@ -20,10 +20,10 @@ from bayesdrill.basics import software
 from bayesdrill.basics.arrays import Array
 from bayesdrill.basics.errors import InputError, encodable
 from bayesdrill.config.job import Job
-from bayesdrill.inference.display_units import SI, OwnUnits
+from bayesdrill.inference.display_units import SI, DisplayUnits
 from bayesdrill.inference.posterior import Problem
-from bayesdrill.inference.residual_checks import Left, left
-from bayesdrill.inference.unknowns import MOVES
+from bayesdrill.inference.residual_checks import ResidualSummary, residual_summaries
+from bayesdrill.inference.unknowns import SIMULATOR_ROLES
 from bayesdrill.report import words
 from bayesdrill.report.comparison_report import COMPARED, OVERLAID, ComparisonReport, Form
 from bayesdrill.results import provenance
@@ -78,19 +78,19 @@ def report(form: Form, runs: Sequence[NamedRun]) -> ComparisonReport:
     return ComparisonReport.of_models([contender(one, units) for one in runs], units)
 
 
-def overlay_units(jobs: Sequence[Job]) -> OwnUnits:
+def overlay_units(jobs: Sequence[Job]) -> DisplayUnits:
     """Of each unknown those of the first run that says any; SI where a name means two things."""
     found, kinds = SI, dict[str, set[str]]()
     for job in jobs:
-        found = found.over(job.units)
+        found = found.override(job.units)
         for symbol in job.problem.symbols:
             kinds.setdefault(symbol.name, set()).add(symbol.unit)
     same = {name: one for name, one in found.units.items() if len(kinds.get(name, ())) < 2}
-    return OwnUnits(same)
+    return DisplayUnits(same)
 
 
 def overlay_layer(
-    name: str, run: SampledRun, own: OwnUnits, fit: tuple[Left, ...] | None = None
+    name: str, run: SampledRun, own: DisplayUnits, fit: tuple[ResidualSummary, ...] | None = None
 ) -> Layer:
     """A run under the name that it has among others, its settings in these units; `fit`: its residuals,
     where they are known.
@@ -112,12 +112,12 @@ def mark(run: SampledRun) -> str:
     return provenance.marks(run.job.config, run.job.problem, "")[provenance.RUN_MARK]
 
 
-def residuals(run: SampledRun) -> tuple[Left, ...]:
+def residuals(run: SampledRun) -> tuple[ResidualSummary, ...]:
     """What the MAP leaves of each channel."""
     if run.kept is not None:
         return run.kept.fit
     posterior = run.job.problem.posterior
-    return left(posterior.likelihood, posterior.space.vector(run.mode.values))
+    return residual_summaries(posterior.likelihood, posterior.space.vector(run.mode.values))
 
 
 def distinct(names: Sequence[str]) -> list[str]:
@@ -216,9 +216,9 @@ def check_same_record(runs: Sequence[NamedRun]) -> None:
 
 def _record(problem: Problem) -> dict[str, str]:
     """Of each experiment: channels, samples and what is held out."""
-    found, whole = {}, {one.label for one in problem.posterior.likelihood.apart}
+    found, whole = {}, {one.label for one in problem.posterior.likelihood.held_out}
     for label, digest in provenance.records(problem).items():
-        one = next(each for each in problem.every if each.label == label)
+        one = next(each for each in problem.all_observations if each.label == label)
         held = one.experiment.held_out
         apart = "" if held is None else hashlib.sha256(held.tobytes()).hexdigest()[:6]
         held_out = f", held out {apart}" if apart else ""
@@ -227,7 +227,7 @@ def _record(problem: Problem) -> dict[str, str]:
     return found
 
 
-def contender(named: NamedRun, own: OwnUnits) -> Contender:
+def contender(named: NamedRun, own: DisplayUnits) -> Contender:
     """A run under the name that it has among others; raises `InputError` where it has no evidence."""
     run = named.run
     if run.sampled.evidence is None:
@@ -258,7 +258,7 @@ def _vague(run: SampledRun, draws: Array) -> tuple[Vague, ...]:
 def _rig(job: Job) -> dict[str, str]:
     """Rig, sensors, inputs and start, and which of their numbers are unknown."""
     space = job.problem.posterior.space
-    unknown = {space.free[k]: "unknown" for k in space.columns(*MOVES)}
+    unknown = {space.free[k]: "unknown" for k in space.columns(*SIMULATOR_ROLES)}
     said = provenance.settings(job.config, job.problem, job.units)
     others = ("the seed", *space.free)
     kept = {n: v for n, v in said.items() if n not in others and not n.startswith(OF_NOISE)}

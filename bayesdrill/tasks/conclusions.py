@@ -74,7 +74,9 @@ def causes(
     noise is left.  `submit`: to other processes, or in this one.
     """
     posterior = job.problem.posterior
-    left = residual_checks.left(posterior.likelihood, posterior.space.vector(found.values))
+    left = residual_checks.residual_summaries(
+        posterior.likelihood, posterior.space.vector(found.values)
+    )
     if residual_checks.like_noise(left):
         return None
     with Crew(posterior, 1) as crew:

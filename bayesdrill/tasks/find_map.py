@@ -109,7 +109,9 @@ def end_search(crew: Crew, under_way: Searches, job: Job, report: Reporter) -> M
 def misfit(job: Job, found: Mode) -> str:
     """What the maximum leaves, where no posterior about it can be believed; empty elsewhere."""
     posterior = job.problem.posterior
-    left = residual_checks.left(posterior.likelihood, posterior.space.vector(found.values))
+    left = residual_checks.residual_summaries(
+        posterior.likelihood, posterior.space.vector(found.values)
+    )
     unbelievable = bool(fit_words.residual_reasons(left))
     return fit_words.residual_sentences(left, job.clock) if unbelievable else ""
 
@@ -153,7 +155,7 @@ def read_mode(folder: Folder, problem: Problem) -> Mode | None:
 
 def _possible(found: Mode, problem: Problem) -> bool:
     """Whether a mode may be one of this posterior."""
-    space, labels = problem.posterior.space, {one.label for one in problem.every}
+    space, labels = problem.posterior.space, {one.label for one in problem.all_observations}
     maxima, ends = [one.values for one in found.maxima], [one.end for one in found.searches]
     names = {*found.at_bound, *found.steps} <= {*space.free} and {*found.pieces} <= labels
     if not names or any(set(one) != {*space.free} for one in (*maxima, *ends, found.slope)):

@@ -140,7 +140,7 @@ def test_a_known_inertia_beside_the_motors_settles_no_scale() -> None:
     likelihood = target.likelihood
     rig = TwoRotors(j_2=7e-3, r_s=0.2)
     response = Response(rig, likelihood.response.experiment)
-    target = replace(target, likelihood=likelihood.with_alone(response=response))
+    target = replace(target, likelihood=likelihood.replace_only(response=response))
     theta = target.space.vector(target.space.start)
     found = study_of(Scenery(target.likelihood), target, theta, Asked())
     assert found.structure.symmetries == ()

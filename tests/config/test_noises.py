@@ -91,11 +91,13 @@ def test_a_record_is_made_with_the_true_correlation(tmp_path: Path) -> None:
     problem = job.prepare(config).problem
     values = {**problem.nominal, "sigma_w_1": 0.2, "rho_w_1": 0.9}
     theta = problem.posterior.space.vector(values)
-    one = problem.posterior.likelihood.alone
+    one = problem.posterior.likelihood.only_observation
     left = one.residuals(problem.posterior.space.full(theta[None])).samples[0, :, 1]
     found = np.corrcoef(left[1:], left[:-1])[0, 1]
     assert found == pytest.approx(0.9, abs=5 * np.sqrt((1 - 0.9**2) / len(left)))
-    white = one.noise.whiten(left[None, :, None] * [0.25, 1.0], theta[None, one.own])[0, :, 1]
+    white = one.noise.whiten(left[None, :, None] * [0.25, 1.0], theta[None, one.noise_columns])[
+        0, :, 1
+    ]
     assert white.std() == pytest.approx(1.0, abs=5 / np.sqrt(2 * len(left)))
 
 

@@ -196,7 +196,7 @@ def test_times_of_very_many_units_are_in_seconds(
     problem = bd.load(ROOT / "configs" / "example_rig.yaml").job.problem
     space, likelihood = problem.posterior.space, problem.posterior.likelihood
     at = space.vector(space.start)
-    left = residual_checks.left(likelihood, at)
+    left = residual_checks.residual_summaries(likelihood, at)
     (fit,) = every_fit(problem, at, left)
     assert fit.time.latex_unit == unit
     assert fit.t[-1] == pytest.approx(end)

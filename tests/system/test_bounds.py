@@ -78,7 +78,7 @@ def test_bounds_are_the_spread_of_repeated_fits(job: Job) -> None:
     found = []
     for _ in range(FITS):
         y = likelihood.noise.draw(clean, np.empty((1, 0)), rng)[0]
-        fresh = likelihood.with_alone(response=likelihood.response.with_record(y))
+        fresh = likelihood.replace_only(response=likelihood.response.with_record(y))
         found.append(Fitter(replace(posterior, likelihood=fresh), scenery, nominal).best.logs)
     logs = np.array(found)
     bounds = bounds_at_nominal(job)

@@ -145,7 +145,11 @@ class _Scene:
         self.frictions = [f for each in rubbings(posterior, theta, none) for f in each]
         self.model = scenery.likelihood.observations[0].response.model
         self.rig = dict(
-            zip(self.model.parameters, scenery.likelihood.rig(theta[None])[0], strict=True)
+            zip(
+                self.model.parameters,
+                scenery.likelihood.rig_parameters(theta[None])[0],
+                strict=True,
+            )
         )
         self.tried: list[tuple[str, float | None, Array]] | None = None
 

@@ -39,7 +39,7 @@ from bayesdrill.basics.arrays import Array
 from bayesdrill.basics.symbols import INPUTS
 from bayesdrill.config.schema.config import Asked, Identification, Thresholds
 from bayesdrill.inference.posterior import Posterior
-from bayesdrill.inference.priors import spread_of_log
+from bayesdrill.inference.priors import prior_log_sd
 from bayesdrill.record.experiment import usual_inputs
 from bayesdrill.rig.models import INNER, STATES
 
@@ -310,7 +310,7 @@ def _nuisances(
 
 def prior_spreads(posterior: Posterior) -> Array:
     """Standard deviations of the logs under the priors `(D,)`."""
-    return np.array([spread_of_log(prior) for prior in posterior.space.priors.values()])
+    return np.array([prior_log_sd(prior) for prior in posterior.space.priors.values()])
 
 
 def _parameters(known: Information, prior_sd: Array, thresholds: Thresholds) -> tuple[Known, ...]:

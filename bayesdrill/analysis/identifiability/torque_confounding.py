@@ -16,7 +16,7 @@ import numpy as np
 
 from bayesdrill.analysis.identifiability.structure import Exponents
 from bayesdrill.basics.arrays import Array, Counts
-from bayesdrill.inference.laplace import PosteriorSurface
+from bayesdrill.inference.laplace import PosteriorLogDensity
 from bayesdrill.inference.likelihood import Observation
 from bayesdrill.inference.posterior import Posterior
 from bayesdrill.record.experiment import Channel, frozen
@@ -74,7 +74,9 @@ def stand_ins(
     names = posterior.space.free
     rig = [k for k, one in enumerate(posterior.space.unknowns) if one.role in ("rig", "quantity")]
     sds = np.sqrt(np.diag(np.linalg.inv(known)))
-    without = posterior.edit(each=lambda one: one.torque.times(NOTHING) if one.torque else one)
+    without = posterior.edit(
+        each=lambda one: one.torque.scale_torque(NOTHING) if one.torque else one
+    )
     nothing = theta.copy()
     nothing[[k for k, name in enumerate(names) if name.startswith(SIZE)]] *= NOTHING
     alone = np.sqrt(np.diag(np.linalg.inv(information(without, nothing))))
@@ -103,7 +105,7 @@ def stand_ins(
     return tuple(
         StandIn(
             name=names[k],
-            at=torques[0].filtered.torque.at,
+            at=torques[0].kalman_filter.torque.at,
             sd=float(sds[k]),
             alone=float(alone[k]),
             before=float(before[k]),
@@ -119,7 +121,7 @@ def scaled(posterior: Posterior, symmetries: Sequence[Exponents]) -> tuple[tuple
     """
     for one in posterior.likelihood.observations:
         if one.torque:
-            rig, torque = one.torque.filtered.model, one.torque.filtered.torque
+            rig, torque = one.torque.kalman_filter.model, one.torque.kalman_filter.torque
             names = posterior.space.free
             size = next((name for name in names if name.startswith(SIZE)), SIZE)
             found = []
@@ -145,8 +147,8 @@ def _information(posterior: Posterior, theta: Array, before: Array, seeds: Count
             one.draw(one.signals(full), theta[None], rng)[0]
             for one in posterior.likelihood.observations
         ]
-        surface = PosteriorSurface(posterior.edit(records=drawn))
-        curvature = surface.of_record(theta[None], np.diag(steps))[1][0]
+        surface = PosteriorLogDensity(posterior.edit(records=drawn))
+        curvature = surface.record_slopes(theta[None], np.diag(steps))[1][0]
         total = total + curvature / len(seeds)
     return np.asarray(total)
 
@@ -166,7 +168,7 @@ def _showing(posterior: Posterior, theta: Array, state: str) -> Posterior:
             y=frozen(np.column_stack([one.experiment.y, np.zeros(len(one.experiment.t))])),
         )
         response = one.response.of(experiment)
-        spread = float(response.signals(one.told(full))[0, :, -1].std())
-        return one.torque.showing(response, SENSOR * spread or 1.0)
+        spread = float(response.signals(one.simulator_parameters(full))[0, :, -1].std())
+        return one.torque.with_extra_channel(response, SENSOR * spread or 1.0)
 
     return posterior.edit(each=showing)

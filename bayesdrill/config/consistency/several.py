@@ -13,7 +13,7 @@ from bayesdrill.config.resolve.experiments import joint_name
 from bayesdrill.config.schema import numbers
 from bayesdrill.config.schema.config import Config
 from bayesdrill.config.yaml_source import ErrorCollector, Source
-from bayesdrill.inference.unknowns import of_label
+from bayesdrill.inference.unknowns import labelled_name
 from bayesdrill.rig import models
 from bayesdrill.rig.models.linear import Model
 
@@ -61,7 +61,7 @@ def unknown_names(config: Config, model: Model, by_label: NumbersByLabel) -> lis
         for label, local in by_label.items()
         for name in local.unknown
     ]
-    local_parameters = [of_label(name, label) for name in local_names for label in by_label]
+    local_parameters = [labelled_name(name, label) for name in local_names for label in by_label]
     priors = numbers.ParameterPrior
     free_quantities = [name for name, q in config.quantities.items() if isinstance(q, priors)]
     return list(dict.fromkeys([*rig, *local_parameters, *free_quantities, *others]))
@@ -79,7 +79,7 @@ def truth_names(config: Config, by_label: NumbersByLabel) -> list[str]:
         sizes = {symbols.noise_name(name) for name in local.channels}  # `simulation.sigma`
         pairs += [(label, name) for name in local.sensors]
         pairs += [(label, name) for name in local.levels if name not in sizes]
-    local_names = [of_label(name, label) for label, name in pairs if name not in config.shared]
+    local_names = [labelled_name(name, label) for label, name in pairs if name not in config.shared]
     return list(dict.fromkeys([*(name for _, name in pairs), *local_names]))
 
 
@@ -171,14 +171,16 @@ def _check_names(errors: ErrorCollector, config: Config, by_label: NumbersByLabe
     used_names |= dict.fromkeys(config.derived, "")
     before = len(errors.issues)
     for label, local in by_label.items():
-        local_names = {of_label(name, label): f"{name} of {label}" for name in config.own}
+        local_names = {labelled_name(name, label): f"{name} of {label}" for name in config.own}
         for name in local.all:
             if name not in config.shared:
-                local_names[of_label(name, label)] = f"{name} of {label}"
+                local_names[labelled_name(name, label)] = f"{name} of {label}"
         _no_clash(errors, label, local_names, used_names)
     columns = dict[str, str]()
     for label, local in by_label.items() if len(errors.issues) == before else ():
-        here = {of_label(n, label): f"{n} of {label}" for n in (*local.channels, *symbols.INPUTS)}
+        here = {
+            labelled_name(n, label): f"{n} of {label}" for n in (*local.channels, *symbols.INPUTS)
+        }
         _no_clash(errors, label, here, columns)
 
 

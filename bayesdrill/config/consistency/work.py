@@ -13,7 +13,7 @@ from bayesdrill.config.consistency.unknowns import free_parameters
 from bayesdrill.config.resolve import assembly, quantities
 from bayesdrill.config.schema.config import Config
 from bayesdrill.config.yaml_source import ErrorCollector, Location
-from bayesdrill.inference.unknowns import of_label
+from bayesdrill.inference.unknowns import labelled_name
 from bayesdrill.output_files import RUN_FIGURES
 from bayesdrill.rig import models
 from bayesdrill.rig.models.linear import Model
@@ -132,7 +132,9 @@ def check_identify(errors: ErrorCollector, config: Config, labels: Sequence[str]
     """Check what `identify` is asked for."""
     settings = config.identify
     free = free_parameters(config, models.PARAMETERS)
-    unknown = [of_label(n, label) for n in free for label in (labels if n in config.own else [""])]
+    unknown = [
+        labelled_name(n, label) for n in free for label in (labels if n in config.own else [""])
+    ]
     for k, name in enumerate(settings.of_interest):
         message = f"{name} is no unknown parameter"
         errors.expect(("identify", "of_interest", k), name, unknown, message)

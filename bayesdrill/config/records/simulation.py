@@ -22,8 +22,8 @@ from bayesdrill.config.schema.config import Config
 from bayesdrill.config.schema.records import ChannelSpec, ColumnSpec, TimeColumn
 from bayesdrill.config.yaml_source import Location, Source
 from bayesdrill.inference import step_error
-from bayesdrill.inference.noise.mixed import of_record
-from bayesdrill.inference.unknowns import ParameterSpace, Unknown, of_label
+from bayesdrill.inference.noise.mixed import noise_for_record
+from bayesdrill.inference.unknowns import ParameterSpace, Unknown, labelled_name
 from bayesdrill.record.experiment import Experiment, frozen, raise_if_any, times
 from bayesdrill.record.formats import format_of
 from bayesdrill.record.formats.csv import check_options
@@ -173,12 +173,14 @@ def simulate_one(
     config, source = resolved.config, resolved.source
     check_format(config, source, target)
     experiment = simulation_grid(resolved)
-    response = simulator(resolved.model, experiment, resolved.sensing, step_error.MOST)
+    response = simulator(resolved.model, experiment, resolved.sensing, step_error.MAX_CHOSEN_PIECES)
     values = truth(resolved) | _sensor_truth(resolved)
     full = np.array([[values[name] for name in response.parameters]])
     signals = response.signals(full)[0]
     known = [_with_known_sigma(resolved, entry) for entry in resolved.channels]
-    noise = of_record(sensors.build_noise(known, len(signals)), experiment.t, experiment.seen)
+    noise = noise_for_record(
+        sensors.build_noise(known, len(signals)), experiment.t, experiment.seen
+    )
     acts = sensors.latent_torque(config)
     observed = sensors.build_observation(acts, resolved.torque, response, noise)
     noise_values = [_noise_truth(resolved, unknown) for unknown in observed.unknowns]
@@ -186,7 +188,7 @@ def simulate_one(
     space = ParameterSpace(
         model=response.parameters, unknowns=observed.unknowns, fixed=dict(values)
     )
-    noisy = observed.placed(space).draw(signals[None], np.array([noise_values]), rng)[0]
+    noisy = observed.bind(space).draw(signals[None], np.array([noise_values]), rng)[0]
     y = noisy / np.array([entry.channel.factor for entry in resolved.channels])
     return record_text(config, source, experiment, y)
 
@@ -287,7 +289,7 @@ def _given_truth(resolved: ResolvedExperiment, name: str) -> float | None:
     """The true value of the experiment, or of all of them, in `simulation.truth`."""
     simulation: Any = resolved.config.simulation
     values = simulation.truth if simulation else {}
-    return values.get(of_label(name, resolved.label), values.get(name))
+    return values.get(labelled_name(name, resolved.label), values.get(name))
 
 
 def _with_known_sigma(resolved: ResolvedExperiment, entry: MeasuredChannel) -> MeasuredChannel:

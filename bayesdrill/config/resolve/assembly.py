@@ -19,11 +19,11 @@ from bayesdrill.config.resolve.sensors import build_noise
 from bayesdrill.config.schema.config import Config
 from bayesdrill.config.yaml_source import Location
 from bayesdrill.inference import step_error
-from bayesdrill.inference.display_units import OwnUnits
+from bayesdrill.inference.display_units import DisplayUnits
 from bayesdrill.inference.likelihood import Likelihood, Observation
-from bayesdrill.inference.noise.mixed import of_record
+from bayesdrill.inference.noise.mixed import noise_for_record
 from bayesdrill.inference.posterior import Posterior, Problem
-from bayesdrill.inference.unknowns import Unknown, of_label
+from bayesdrill.inference.unknowns import Unknown, labelled_name
 from bayesdrill.record.experiment import Experiment
 from bayesdrill.rig.simulators import simulator
 from bayesdrill.rig.simulators.contract import Simulator
@@ -58,8 +58,10 @@ def build_problem(case: ResolvedCase, records: Sequence[Experiment]) -> Problem:
             )
         names = [joint_name(config, unknown.name, label) for unknown in observed.unknowns]
         for name, unknown in zip(names, observed.unknowns, strict=True):
-            levels.setdefault(name, unknown if name == unknown.name else unknown.of(label))
-        of_rig = [of_label(n, label if n in config.own else "") for n in rig.parameters]
+            levels.setdefault(
+                name, unknown if name == unknown.name else unknown.for_experiment(label)
+            )
+        of_rig = [labelled_name(n, label if n in config.own else "") for n in rig.parameters]
         of_sensors = [renamed[name] for name in observed.parameters[len(of_rig) :]]
         parts.append(replace(observed, parameters=[*of_rig, *of_sensors], levels=names))
     numbers, others = (
@@ -69,18 +71,20 @@ def build_problem(case: ResolvedCase, records: Sequence[Experiment]) -> Problem:
     unknowns = numbers.space(config.own, labels, *others)
     posterior = Posterior(
         space=unknowns,
-        likelihood=Likelihood.joint(unknowns, parts).without(case.held_out),
+        likelihood=Likelihood.joint(unknowns, parts).hold_out(case.held_out),
         coordinates=unknowns.coordinates(),
     )
     if config.model.pieces is None:
-        posterior = step_error.chosen(posterior, unknowns.vector(unknowns.start), SEARCH_STEPS)
+        posterior = step_error.choose_steps(
+            posterior, unknowns.vector(unknowns.start), SEARCH_STEPS
+        )
     table, published, tolerance = {**nominal.compared}, [*nominal.published], {**nominal.tolerance}
     for name, label in itertools.product(config.own, labels):
         if name in table:
-            table[of_label(name, label)] = table[name]
+            table[labelled_name(name, label)] = table[name]
         if name in published:
-            published.append(of_label(name, label))
-        tolerance[of_label(name, label)] = tolerance[name]
+            published.append(labelled_name(name, label))
+        tolerance[labelled_name(name, label)] = tolerance[name]
     return Problem(
         posterior=posterior,
         symbols=tuple(unknown.symbol for unknown in unknowns.unknowns),
@@ -94,7 +98,7 @@ def build_problem(case: ResolvedCase, records: Sequence[Experiment]) -> Problem:
     )
 
 
-def _display_units(case: ResolvedCase) -> OwnUnits:
+def _display_units(case: ResolvedCase) -> DisplayUnits:
     """Return the unit in which each number was declared.
 
     Noise and offsets have that of their column, quantities and formulas that of their entry.
@@ -114,7 +118,7 @@ def _display_units(case: ResolvedCase) -> OwnUnits:
         }
     entries = {**config.quantities, **config.derived}
     declared = {n: spec.unit for n, spec in entries.items() if not isinstance(spec, float | int)}
-    return OwnUnits(sensed | {name: units.shown(unit) for name, unit in declared.items()})
+    return DisplayUnits(sensed | {name: units.shown(unit) for name, unit in declared.items()})
 
 
 MAX_SHOWN_TIME = 1e4  # of the units of a record: nobody reads so many milliseconds
@@ -133,7 +137,7 @@ def _sensors_and_observation(
     experiment = response.experiment
     noise_model, section = build_noise(resolved.channels, len(experiment.t)), "record"
     try:
-        noise_model = of_record(noise_model, experiment.t, experiment.seen)
+        noise_model = noise_for_record(noise_model, experiment.t, experiment.seen)
         section = "missing_torque"
         acts = sensors.latent_torque(resolved.config)
         return sensor_numbers, sensors.build_observation(

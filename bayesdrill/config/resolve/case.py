@@ -22,7 +22,7 @@ from bayesdrill.config.schema.config import Config
 from bayesdrill.config.yaml_source import Source
 from bayesdrill.inference.posterior import Formula
 from bayesdrill.inference.priors import Prior
-from bayesdrill.inference.unknowns import ParameterSpace, Unknown, of_label
+from bayesdrill.inference.unknowns import ParameterSpace, Unknown, labelled_name
 from bayesdrill.rig import models
 from bayesdrill.rig.models import MODELS
 from bayesdrill.rig.models.linear import Model, with_named
@@ -85,11 +85,11 @@ class RigNumbers:
             unknown = Unknown(
                 symbol=number.symbol, role=number.role, prior=number.value, start=number.start
             )
-            unknowns.extend(unknown.of(label) for label in several)
+            unknowns.extend(unknown.for_experiment(label) for label in several)
 
         for name, number in self.parameters.items():
             several = labels if name in local else [""]
-            names += [of_label(name, label) for label in several]
+            names += [labelled_name(name, label) for label in several]
             if isinstance(number, ParsedNumber):
                 add(number, several)
         for number in self.quantities.values():

@@ -16,7 +16,7 @@ from bayesdrill.config.resolve.quantities import ParsedNumber
 from bayesdrill.config.schema.config import Config
 from bayesdrill.config.yaml_source import Location, Source
 from bayesdrill.inference.priors import Prior, TruncatedNormal
-from bayesdrill.inference.unknowns import of_label
+from bayesdrill.inference.unknowns import labelled_name
 from bayesdrill.record.experiment import Experiment, frozen
 from bayesdrill.rig import models
 from bayesdrill.rig.models.friction import Named
@@ -53,7 +53,7 @@ def join_experiments(source: Source, sources: Mapping[str, Source]) -> dict[str,
 
 def joint_name(config: Config, name: str, label: str) -> str:
     """Return the name that an unknown of one experiment has among those of all."""
-    return name if name in config.shared else of_label(name, label)
+    return name if name in config.shared else labelled_name(name, label)
 
 
 def experiment_source(source: Source, label: str, local: Mapping[str, Any]) -> Source:

@@ -27,7 +27,7 @@ from bayesdrill.config.schema.numbers import ParameterPrior, PriorSpec, Quantity
 from bayesdrill.config.schema.records import InputColumn
 from bayesdrill.inference.posterior import Formula
 from bayesdrill.inference.priors import PRIORS, Prior
-from bayesdrill.inference.unknowns import Role, labelled
+from bayesdrill.inference.unknowns import Role, labelled_symbol
 from bayesdrill.record import anomalies
 from bayesdrill.record.experiment import Experiment
 from bayesdrill.rig import models
@@ -57,7 +57,7 @@ class ParsedNumber:
         """Return it for one of several experiments, unless all have the same name."""
         if name == self.name:
             return self
-        return dataclasses.replace(self, symbol=labelled(self.symbol, label, name))
+        return dataclasses.replace(self, symbol=labelled_symbol(self.symbol, label, name))
 
 
 _MAX_TRUNCATION = 5  # sd of a normal between its mean and zero, where it is cut

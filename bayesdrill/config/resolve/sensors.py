@@ -27,11 +27,11 @@ from bayesdrill.config.schema.records import ChannelSpec, InputColumn, InputQuan
 from bayesdrill.config.yaml_source import Location
 from bayesdrill.inference.likelihood import Observation
 from bayesdrill.inference.noise import NOISES
-from bayesdrill.inference.noise.contract import Noise, Noisy
+from bayesdrill.inference.noise.contract import Noise, NoisyChannel
+from bayesdrill.inference.noise.mixed import ChannelNoise as ChannelNoise
 from bayesdrill.inference.noise.mixed import Mixed
-from bayesdrill.inference.noise.mixed import Part as ChannelNoise
 from bayesdrill.inference.priors import Prior
-from bayesdrill.inference.state_space import ShakenObservation
+from bayesdrill.inference.state_space import LatentTorqueObservation
 from bayesdrill.inference.unknowns import Role, Unknown
 from bayesdrill.record.experiment import Channel
 from bayesdrill.rig import models
@@ -96,10 +96,10 @@ def build_observation(
     if refusal := refuse_latent_torque(response.model, acts, response.sensing):
         raise ValueError(refusal)
     steps_of(response.experiment)
-    return ShakenObservation(
+    return LatentTorqueObservation(
         response=response,
         noise=noise,
-        filtered=Filtered(response.model, acts, response.experiment),
+        kalman_filter=Filtered(response.model, acts, response.experiment),
         process=process,
         parameters=parameters,
         levels=[
@@ -305,7 +305,7 @@ class MeasuredChannel:
     """A channel with the kind of its noise, and what that kind has to know."""
 
     kind: str
-    noisy: Noisy
+    noisy: NoisyChannel
 
     @property
     def channel(self) -> Channel:
@@ -354,7 +354,7 @@ def measured_channel(channel: Channel, spec: ChannelSpec) -> MeasuredChannel:
     else:
         sigma, begin = prior_in_si(spec.sigma, factor)
     kind, entries = spec.noise.name, spec.noise.model_dump(exclude={"name"})
-    noisy = Noisy(channel=channel, sigma=sigma, start=begin, entries=entries, factor=factor)
+    noisy = NoisyChannel(channel=channel, sigma=sigma, start=begin, entries=entries, factor=factor)
     return MeasuredChannel(kind, noisy)
 
 
@@ -365,7 +365,9 @@ def build_noise(channels: Sequence[MeasuredChannel], n_samples: int) -> Noise:
         kinds.setdefault(channel.kind, []).append(k)
     parts = [
         ChannelNoise(
-            lookup(NOISES, kind, "noise").of([channels[k].noisy for k in columns], n_samples),
+            lookup(NOISES, kind, "noise").from_channels(
+                [channels[k].noisy for k in columns], n_samples
+            ),
             (*columns,),
         )
         for kind, columns in kinds.items()

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from bayesdrill.analysis.comparison import SURE, Contender, Layer, Row
 from bayesdrill.basics.arrays import Array
 from bayesdrill.inference.derived import HDI_PROBABILITY
-from bayesdrill.inference.display_units import OwnUnits
+from bayesdrill.inference.display_units import DisplayUnits
 from bayesdrill.report import scales, style
 from bayesdrill.report.pages import (
     AXES,
@@ -105,7 +105,9 @@ class _Column:
     ends: tuple[tuple[float, float], ...]
 
 
-def overlay_corner_figure(layers: Sequence[Layer], rows: Sequence[Row], own: OwnUnits) -> Figure:
+def overlay_corner_figure(
+    layers: Sequence[Layer], rows: Sequence[Row], own: DisplayUnits
+) -> Figure:
     """Of the unknowns that two runs or more have, `rows` in SI.
 
     A run is left out of panels of what it has not.  Axes are logarithmic where the prior of the first
@@ -124,7 +126,7 @@ def overlay_corner_figure(layers: Sequence[Layer], rows: Sequence[Row], own: Own
     return figure
 
 
-def _column(si: Row, layers: Sequence[Layer], own: OwnUnits) -> _Column:
+def _column(si: Row, layers: Sequence[Layer], own: DisplayUnits) -> _Column:
     row, factor, log = overlay_shown(si, own), own.factor(si.symbol.name), in_logs(si, layers)
     every = [None if x is None else x / factor for x in (layer.of(si.symbol) for layer in layers)]
     priors = [layer.problem.posterior.space.priors.get(si.symbol.name) for layer in layers]
@@ -223,7 +225,7 @@ CREDIBLE = f"narrowest {100 * HDI_PROBABILITY:.0f} % interval"
 INTERVALS, MODELS = (0.17, 0.2), (0.19, 0.22)  # inches of a run and of the margins of a panel
 
 
-def intervals_figure(layers: Sequence[Layer], rows: Sequence[Row], own: OwnUnits) -> Figure:
+def intervals_figure(layers: Sequence[Layer], rows: Sequence[Row], own: DisplayUnits) -> Figure:
     """Of all unknowns of any run, `rows` in SI; a run that has not got one leaves a gap.
 
     Axes are logarithmic where the prior of the first run is flat in the log.
@@ -244,7 +246,7 @@ def intervals_figure(layers: Sequence[Layer], rows: Sequence[Row], own: OwnUnits
     return figure
 
 
-def _scaled(si: Row, layers: Sequence[Layer], own: OwnUnits) -> tuple[Row, scales.Scale]:
+def _scaled(si: Row, layers: Sequence[Layer], own: DisplayUnits) -> tuple[Row, scales.Scale]:
     """As it is shown, on an axis with all intervals, what is held, and the nominal value if it is not
     too far.
     """
@@ -317,7 +319,9 @@ READ = (
 )
 
 
-def comparison_figure(models: Sequence[Contender], rows: Sequence[Row], own: OwnUnits) -> Figure:
+def comparison_figure(
+    models: Sequence[Contender], rows: Sequence[Row], own: DisplayUnits
+) -> Figure:
     """The most probable on top and black; `rows` of unknowns in SI."""
     order = sorted(range(len(models)), key=lambda k: -models[k].log_z)
     layers = [one.layer for one in models]

@@ -21,9 +21,9 @@ from bayesdrill.analysis.comparison import (
     probabilities,
 )
 from bayesdrill.analysis.prediction import FEW, HeldOut, LeftOut
-from bayesdrill.inference.display_units import OwnUnits
+from bayesdrill.inference.display_units import DisplayUnits
 from bayesdrill.inference.priors import flat_in_logs
-from bayesdrill.inference.residual_checks import Left
+from bayesdrill.inference.residual_checks import ResidualSummary
 from bayesdrill.report.section import (
     HDI_ENDS,
     Note,
@@ -37,7 +37,7 @@ from bayesdrill.report.section import (
 from bayesdrill.report.sections import verdict_words
 
 
-def overlay_shown(row: Row, own: OwnUnits) -> Row:
+def overlay_shown(row: Row, own: DisplayUnits) -> Row:
     """In the unit that its symbol then has."""
     factor = own.factor(row.symbol.name)
 
@@ -82,7 +82,7 @@ def comparison_sections(
     layers: Sequence[Layer],
     models: Sequence[Contender],
     rows: Sequence[Row],
-    own: OwnUnits,
+    own: DisplayUnits,
     pictures: Sequence[Picture] = (),
 ) -> tuple[Section, ...]:
     """In the order in which they are read, of runs or, if there are any, `models`; `rows` in SI."""
@@ -290,7 +290,7 @@ def comparison_table(models: Sequence[Contender]) -> Table:
     return Table((*heads, *more), tuple(lines), frozenset(heads[:1]))
 
 
-def worst(left: Sequence[Left]) -> tuple[float, float]:
+def worst(left: Sequence[ResidualSummary]) -> tuple[float, float]:
     """Size over the noise and correlation, each in the channel where it is farthest from 1 or 0."""
     rms = max((one.rms for one in left), key=lambda x: abs(math.log(max(x, 1e-300))))
     return rms, max((one.correlation for one in left), key=abs)

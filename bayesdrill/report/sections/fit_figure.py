@@ -32,9 +32,9 @@ from bayesdrill.config.schema.config import Config
 from bayesdrill.inference.derived import HDI_PROBABILITY
 from bayesdrill.inference.posterior import Problem
 from bayesdrill.inference.residual_checks import (
-    CHANCE,
-    Correlation,
-    Left,
+    BAND_PROBABILITY,
+    ResidualCorrelation,
+    ResidualSummary,
     correlations,
     like_noise,
 )
@@ -422,14 +422,14 @@ POINT: dict[str, Any] = {
 STEM: dict[str, Any] = {"color": style.DARK, "linewidth": 1.1}
 
 
-def residuals_figure(found: Sequence[Correlation], width: float = scales.DOUBLE) -> Figure:
+def residuals_figure(found: Sequence[ResidualCorrelation], width: float = scales.DOUBLE) -> Figure:
     """A row for each channel: correlations of its residuals with themselves, and with each input."""
     beside = [one for one in found if one.channel == found[0].channel]
     high = 1.1 * max(float(np.maximum(one.values, one.band).max()) for one in found)
     low = 1.1 * min(float(np.minimum(one.values, -one.band).min()) for one in found)
     with style.styled(width):
         handles: list[Any] = [
-            Patch(label=f"{100 * CHANCE:g} % of chance, each lag", **style.CHANCE),
+            Patch(label=f"{100 * BAND_PROBABILITY:g} % of chance, each lag", **style.CHANCE),
             Line2D([], [], label="inside", **STEM),
         ]
         if any((np.abs(one.values) > one.band).any() for one in found):
@@ -548,7 +548,7 @@ def draw_predictive_check(run: View) -> Drawing:
 
 
 def fits_alone(
-    problem: Problem, config: Config, best: Array, left: Sequence[Left]
+    problem: Problem, config: Config, best: Array, left: Sequence[ResidualSummary]
 ) -> dict[str, Drawing]:
     """Of the MAP `(D,)`, without draws, by stem; `left`: what it leaves."""
     width = WIDTHS[config.output.size]

@@ -22,8 +22,8 @@ from bayesdrill.basics.symbols import Symbol
 from bayesdrill.basics.units import Unit
 from bayesdrill.inference.likelihood import Observation
 from bayesdrill.inference.posterior import Problem
-from bayesdrill.inference.residual_checks import Left, like_noise
-from bayesdrill.inference.unknowns import of_label
+from bayesdrill.inference.residual_checks import ResidualSummary, like_noise
+from bayesdrill.inference.unknowns import labelled_name
 from bayesdrill.output_files import numbered
 from bayesdrill.report.section import Plain, Sentences, Table, aligned
 from bayesdrill.report.sections.physics_words import Rub, rubs
@@ -76,7 +76,7 @@ class Fit:
 def every_fit(
     problem: Problem,
     best: Array,
-    left: Sequence[Left],
+    left: Sequence[ResidualSummary],
     predictive: Mapping[str, Array] | None = None,
     rubbing: Sequence[Sequence[Rubbing]] = (),
 ) -> tuple[Fit, ...]:
@@ -114,13 +114,13 @@ def _signals(
     one: Observation,
     full: Array,
     best: Array,
-    left: Sequence[Left],
+    left: Sequence[ResidualSummary],
     predictive: Mapping[str, Array],
 ) -> Iterator[Signal]:
-    models, sigmas = one.followed(full, best[None])[0], one.scales(best[None])[0]
+    models, sigmas = one.predict(full, best[None])[0], one.scales(best[None])[0]
     shares = {each.channel: each.share for each in left if each.experiment == one.label}
     for k, channel in enumerate(one.experiment.channels):
-        unit, draws = channel.shown, predictive.get(of_label(channel.name, one.label))
+        unit, draws = channel.shown, predictive.get(labelled_name(channel.name, one.label))
         if draws is not None:
             draws = draws.reshape(-1, draws.shape[-1]).astype(np.float64) / unit.factor
         yield Signal(
@@ -163,7 +163,7 @@ def _prediction(one: Observation, full: Array) -> str:
     return text.getvalue()
 
 
-def residual_sentences(found: Sequence[Left], clock: Unit) -> str:
+def residual_sentences(found: Sequence[ResidualSummary], clock: Unit) -> str:
     """How much is left; that it looks like the noise, or a line for each way in which it does not.
 
     `clock`: in which times are said.
@@ -218,7 +218,7 @@ def residual_sentences(found: Sequence[Left], clock: Unit) -> str:
     return "\n".join(lines)
 
 
-def residual_reasons(found: Sequence[Left]) -> tuple[str, ...]:
+def residual_reasons(found: Sequence[ResidualSummary]) -> tuple[str, ...]:
     """Why nothing here must be believed, though the ensembles converge; empty where it may be."""
     doubtful = [one for one in found if one.unbelievable]
     said = []
@@ -232,13 +232,13 @@ def residual_reasons(found: Sequence[Left]) -> tuple[str, ...]:
     return tuple(said)
 
 
-def _worst(found: Sequence[Left], which: str, by: str) -> list[Left]:
+def _worst(found: Sequence[ResidualSummary], which: str, by: str) -> list[ResidualSummary]:
     """Those of which it is true, the worst first."""
     chosen = [one for one in found if getattr(one, which)]
     return sorted(chosen, key=lambda one: abs(getattr(one, by)), reverse=which != "small")
 
 
-def _each_channel(found: Sequence[Left], what: str) -> str:
+def _each_channel(found: Sequence[ResidualSummary], what: str) -> str:
     return ", ".join(f"{one.name} {getattr(one, what):.3g}" for one in found)
 
 

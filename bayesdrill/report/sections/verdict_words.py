@@ -10,7 +10,7 @@ from bayesdrill.analysis.identifiability.structure import Resting
 from bayesdrill.analysis.plausibility import Vague
 from bayesdrill.analysis.verdict import FALSE_ALARM, Quantity, Verdict
 from bayesdrill.basics.symbols import Symbol, unit_product
-from bayesdrill.inference.step_error import ENOUGH, FINER, StepError
+from bayesdrill.inference.step_error import MAX_ERROR_OVER_NOISE, TRUTH_REFINEMENT, StepError
 from bayesdrill.report import section
 from bayesdrill.report.section import Table
 from bayesdrill.report.sections.identify_words import percent, priors_of, product
@@ -120,7 +120,7 @@ def _step_sentence(one: StepError) -> str:
     each = ", ".join(
         f"{name} {error:.2g}" for name, error in zip(one.channels, one.errors, strict=True)
     )
-    measured = f"{steps} to a sample{where}; {FINER} times as many would move samples by"
+    measured = f"{steps} to a sample{where}; {TRUTH_REFINEMENT} times as many would move samples by"
     worst = f"{one.worst:.2g} of the noise ({each})"
     if one.fine:
         return f"steps: {measured} at most {worst}, which does no harm"
@@ -132,7 +132,7 @@ def _step_sentence(one: StepError) -> str:
 
 def steps_wanted(one: StepError) -> int:
     """Pieces that are enough, of an error that falls as steps get shorter, the next power of two."""
-    return one.pieces << max(1, math.ceil(math.log2(one.worst / ENOUGH)))
+    return one.pieces << max(1, math.ceil(math.log2(one.worst / MAX_ERROR_OVER_NOISE)))
 
 
 SHORT = ("", "nominal", "mean", "dev. %", "tension", "beyond tol.", "bits", "verdict")

@@ -14,7 +14,7 @@ import numpy as np
 
 from bayesdrill.basics.arrays import Array
 from bayesdrill.basics.progress import SILENT, Reporter
-from bayesdrill.inference.laplace import Surface
+from bayesdrill.inference.laplace import LogDensity
 from bayesdrill.sampling.proposal.missed_mass import look
 from bayesdrill.sampling.proposal.ridge_tracing import (
     ASTRAY,
@@ -94,7 +94,7 @@ class Learnt:
 
 
 def learn(
-    surface: Surface,
+    surface: LogDensity,
     expand: Expand,
     maxima: Sequence[Array],
     seed: Random,
@@ -161,7 +161,7 @@ def _heaviest(found: _Round) -> tuple[list[int], tuple[Array, Array]]:
 
 
 def _fitted(
-    surface: Surface,
+    surface: LogDensity,
     parts: Sequence[tuple[int, Traced]],
     seed: Random,
     again: int,
@@ -293,7 +293,7 @@ def _draw(
     found: Mixture,
     off: tuple[float, ...],
     origin: tuple[int, ...],
-    surface: Surface,
+    surface: LogDensity,
     seed: Random,
 ) -> _Round:
     """Each draw is weighed with the density of all of them (the balance heuristic)."""
@@ -321,7 +321,7 @@ def _densities(mixture: Mixture, counts: tuple[int, int], u: Array) -> tuple[Arr
     return np.logaddexp(np.log(counts[0]) + log_q, np.log(counts[1]) + log_wide), log_q
 
 
-def _inside(found: Mixture, n: int, surface: Surface, seed: Random) -> tuple[Array, int]:
+def _inside(found: Mixture, n: int, surface: LogDensity, seed: Random) -> tuple[Array, int]:
     """About `n` draws inside the prior `(N, D)`, and of how many they are those inside."""
     first = found.draw(n, seed).u
     kept = first[surface.inside(first)]

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from bayesdrill.basics.arrays import Array
 from bayesdrill.basics.progress import SILENT, Reporter
-from bayesdrill.inference.laplace import Surface
+from bayesdrill.inference.laplace import LogDensity
 from bayesdrill.sampling.proposal.ridge_tracing import Expand, distances, moments, settled, trace
 from bayesdrill.sampling.samplers import independence
 from bayesdrill.sampling.samplers.ensemble import State, advance
@@ -54,7 +54,7 @@ class Look:
 
 
 def look(
-    surface: Surface,
+    surface: LogDensity,
     expand: Expand,
     proposal: Proposal,
     sheets: Sequence[int],
@@ -87,7 +87,7 @@ def look(
 
 
 def _completed(
-    surface: Surface,
+    surface: LogDensity,
     expand: Expand,
     own: Proposal,
     begin: Array,
@@ -135,7 +135,7 @@ def _held(ratio: Array) -> NDArray[np.bool_]:
 
 
 def _ending(
-    surface: Surface,
+    surface: LogDensity,
     expand: Expand,
     before: Mixture,
     u: Array,
@@ -170,7 +170,9 @@ def _wide(sheets: Sequence[Sheet], u: Array, weights: Array) -> Mixture:
     return independence.mixture(sheets, range(len(sheets)), held, np.array(means), np.array(roots))
 
 
-def _drawn(surface: Surface, found: Mixture, n: int, seed: Random) -> tuple[Weighed, Array, float]:
+def _drawn(
+    surface: LogDensity, found: Mixture, n: int, seed: Random
+) -> tuple[Weighed, Array, float]:
     """Of `n` draws, or more where many are outside the prior, those with a density; each sheet's shares
     of them `(S, N)`; and how many of all are inside.
     """
@@ -183,7 +185,7 @@ def _drawn(surface: Surface, found: Mixture, n: int, seed: Random) -> tuple[Weig
     return Weighed(kept.u, value[good] - log_q, np.zeros(len(log_q))), shares, float(inside)
 
 
-def _nothing(surface: Surface, proposal: Proposal, draws: Weighed) -> bool:
+def _nothing(surface: LogDensity, proposal: Proposal, draws: Weighed) -> bool:
     """Whether hardly any of the posterior is where the proposal hardly ever goes, as far as one sees."""
     ratio = surface.value(draws.u) - proposal.mixture.log_density(draws.u)
     left_out = float(draws.weights[ratio > proposal.usual + FAR].sum())

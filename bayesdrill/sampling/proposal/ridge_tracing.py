@@ -19,13 +19,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from bayesdrill.basics.arrays import Array, Flags, Indices
-from bayesdrill.inference.laplace import Expansion, PosteriorSurface, Surface
+from bayesdrill.inference.laplace import LogDensity, PosteriorLogDensity, QuadraticModel
 from bayesdrill.inference.posterior import Posterior
 from bayesdrill.sampling.samplers import ridge
 from bayesdrill.sampling.samplers.independence import Mixture, Proposal
 from bayesdrill.sampling.samplers.ridge import Frame, Ridge, Sheet
 
-Expand = Callable[[Array, Array], Expansion]
+Expand = Callable[[Array, Array], QuadraticModel]
 
 # A direction is tight if the record makes its variance so many times smaller than the prior's, ...
 TIGHT = 100.0
@@ -39,7 +39,7 @@ STILL = 1e-12  # of the largest knowledge: what is less is rounding
 
 
 def split(
-    surface: Surface, centre: Array, here: Expansion, still: Array | None = None
+    surface: LogDensity, centre: Array, here: QuadraticModel, still: Array | None = None
 ) -> tuple[Frame, Array]:
     """The basis at the maximum `centre (D,)`, and the record's knowledge of its loose part `(l,)`.
 
@@ -87,7 +87,7 @@ def _directions(curvature: Array, without: Array) -> tuple[Array, Array]:
     return values, rest @ vectors
 
 
-def unmoved(surface: Surface, expand: Expand, rng: np.random.Generator) -> Array:
+def unmoved(surface: LogDensity, expand: Expand, rng: np.random.Generator) -> Array:
     """Directions `(D, f)` in units of the spreads along which the density changes nowhere at all.
 
     Looked for at points all over the prior: what is flat at one of them may bend elsewhere.
@@ -143,7 +143,7 @@ class Traced:
 
 
 def trace(
-    surface: Surface,
+    surface: LogDensity,
     expand: Expand,
     centre: Array,
     rng: np.random.Generator,
@@ -184,7 +184,7 @@ def trace(
     return found
 
 
-def _foreseen(surface: Surface, base: Frame, known: Array) -> tuple[Array, Array]:
+def _foreseen(surface: LogDensity, base: Frame, known: Array) -> tuple[Array, Array]:
     """What the priors and the record say of psi, both taken as Gaussian: `(l,)`, root `(l, l)`."""
     doubted = known / DOUBT
     towards = base.split(surface.middle[None])[0][0]
@@ -194,7 +194,7 @@ def _foreseen(surface: Surface, base: Frame, known: Array) -> tuple[Array, Array
 
 
 def _followed(
-    surface: Surface,
+    surface: LogDensity,
     expand: Expand,
     at: Ridge,
     bent: Indices,
@@ -225,7 +225,7 @@ def _followed(
     return Traced(at, off, psi, spread)
 
 
-def beside(surface: Surface, centre: Array, rng: np.random.Generator) -> Traced:
+def beside(surface: LogDensity, centre: Array, rng: np.random.Generator) -> Traced:
     """No ridge, but as much of the room on the inner side of `centre (D,)` as has a density."""
     inward = np.where(centre - surface.low < surface.high - centre, 1.0, -1.0)
     size = surface.spread
@@ -255,7 +255,7 @@ def distances(points: Array, weights: Array) -> Array:
     return np.asarray(np.linalg.norm(np.linalg.solve(root, (points - middle).T), axis=0))
 
 
-def _at_centre(base: Frame, here: Expansion) -> Ridge:
+def _at_centre(base: Frame, here: QuadraticModel) -> Ridge:
     """Where nothing but the maximum itself is known yet."""
     curvature = base.tight.T @ here.curvature[0] @ base.tight
     n_loose, n_tight = base.loose.shape[1], base.tight.shape[1]
@@ -266,7 +266,7 @@ def _at_centre(base: Frame, here: Expansion) -> Ridge:
 
 
 def _scattered(
-    surface: Surface,
+    surface: LogDensity,
     at: Ridge,
     n: int,
     psi: Array,
@@ -300,7 +300,7 @@ def _scattered(
 
 
 def _arrived(
-    surface: Surface, expand: Expand, at: Ridge, psi: Array, before: list[Array]
+    surface: LogDensity, expand: Expand, at: Ridge, psi: Array, before: list[Array]
 ) -> list[Array]:
     """`psi (N, l)`, `tau (N, t)`, covariance roots `(N, t, t)` and log densities of what arrived, behind
     those `before`.
@@ -456,7 +456,7 @@ def bound(proposal: Proposal, posterior: Posterior) -> Proposal:
     own = proposal.settled
     if own is None:
         return proposal
-    expand = PosteriorSurface(posterior).bent
+    expand = PosteriorLogDensity(posterior).curvature_model
     return replace(proposal, settled=replace(own, mixture=settled(own.mixture, expand)))
 
 
