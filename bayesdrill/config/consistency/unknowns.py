@@ -11,7 +11,7 @@ from bayesdrill.basics.formulas import Expression, RelationError
 from bayesdrill.config import latex
 from bayesdrill.config.resolve import quantities, sensors
 from bayesdrill.config.resolve.case import RigNumbers
-from bayesdrill.config.resolve.quantities import NominalTable, ParsedNumber
+from bayesdrill.config.resolve.quantities import NominalValues, ParsedNumber
 from bayesdrill.config.schema import numbers
 from bayesdrill.config.schema.config import Config
 from bayesdrill.config.yaml_source import ErrorCollector, Location
@@ -58,7 +58,7 @@ def check_torque(
 
 
 def check_rig(
-    errors: ErrorCollector, config: Config, model: Model, table: NominalTable
+    errors: ErrorCollector, config: Config, model: Model, table: NominalValues
 ) -> tuple[RigNumbers, ParameterSpace] | None:
     """Return parameters, quantities and formulas, with their space; None with a mistake."""
     given = dict[str, ParsedNumber | Expression | None]()

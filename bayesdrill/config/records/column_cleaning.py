@@ -50,7 +50,7 @@ class RecordColumn:
 
 
 @dataclass(frozen=True, slots=True)
-class Findings:
+class CleaningLog:
     """What was done, as `notes` in sentences, and `anomalies`."""
 
     notes: list[str] = field(default_factory=list)
@@ -87,7 +87,9 @@ def rows_after_jumps(clock: Clock, inputs: list[RecordColumn]) -> Mask:
     return rows
 
 
-def unwrap(sources: Sources, column: RecordColumn, turn: float, findings: Findings) -> RecordColumn:
+def unwrap(
+    sources: Sources, column: RecordColumn, turn: float, findings: CleaningLog
+) -> RecordColumn:
     """Return an angle unwrapped; `turn` is one turn in the column's unit, NaN where it is no angle."""
     wraps = column.spec.wraps if isinstance(column.spec, ChannelSpec | AngleColumn) else None
     if not wraps:
@@ -122,7 +124,7 @@ def unwrap(sources: Sources, column: RecordColumn, turn: float, findings: Findin
 
 
 def mask_glitches(
-    column: RecordColumn, inputs: list[RecordColumn], findings: Findings
+    column: RecordColumn, inputs: list[RecordColumn], findings: CleaningLog
 ) -> RecordColumn:
     """Return the column without the glitches that are masked; anomalies are added to `findings`.
 
@@ -227,7 +229,7 @@ def bridge_gaps(sources: Sources, column: RecordColumn) -> Array:
 MAX_DERIVATIVE_MISMATCH = 0.3  # of its rms: farther off, a channel is hardly what it is said to be
 
 
-def find_derivatives(columns: Mapping[Location, RecordColumn], findings: Findings) -> None:
+def find_derivatives(columns: Mapping[Location, RecordColumn], findings: CleaningLog) -> None:
     """Note of each derived channel that it is not counted, and how well it fits its origin."""
     for column in columns.values():
         origin = column.spec.derived_from if isinstance(column.spec, ChannelSpec) else None

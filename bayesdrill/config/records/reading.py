@@ -13,7 +13,7 @@ from bayesdrill.basics.arrays import Array
 from bayesdrill.basics.entries import made
 from bayesdrill.basics.units import Unit
 from bayesdrill.config.records import column_cleaning, sources
-from bayesdrill.config.records.column_cleaning import Findings, RecordColumn
+from bayesdrill.config.records.column_cleaning import CleaningLog, RecordColumn
 from bayesdrill.config.records.sources import Sources, column_location
 from bayesdrill.config.resolve import quantities
 from bayesdrill.config.resolve.case import ResolvedExperiment, initial_state
@@ -66,7 +66,7 @@ class _Reader:
     def __init__(self, resolved: ResolvedExperiment, table: Table | None) -> None:
         self._resolved, self._config, self._source = resolved, resolved.config, resolved.source
         self._sources = Sources(resolved.config, resolved.source, table)
-        self._findings = Findings()
+        self._findings = CleaningLog()
 
     def experiment(self) -> Experiment:
         config, findings = self._config, self._findings

@@ -15,7 +15,7 @@ from bayesdrill.basics.entries import made
 from bayesdrill.basics.formulas import Expression, resolved
 from bayesdrill.basics.registry import lookup
 from bayesdrill.config.resolve import quantities
-from bayesdrill.config.resolve.quantities import NominalTable, ParsedNumber
+from bayesdrill.config.resolve.quantities import NominalValues, ParsedNumber
 from bayesdrill.config.resolve.sensors import MeasuredChannel, SensorEntry
 from bayesdrill.config.schema import numbers
 from bayesdrill.config.schema.config import Config
@@ -152,7 +152,7 @@ class ResolvedExperiment:
     config: Config
     source: Source
     model: Model
-    nominal: NominalTable
+    nominal: NominalValues
     rig_numbers: RigNumbers
     space: ParameterSpace
     channels: tuple[MeasuredChannel, ...]
@@ -181,7 +181,7 @@ class ResolvedCase:
         return self.experiments[0].model
 
     @property
-    def nominal(self) -> NominalTable:
+    def nominal(self) -> NominalValues:
         """Return the nominal values."""
         return self.experiments[0].nominal
 

@@ -140,7 +140,7 @@ def to_si(value: float | numbers.Quantity, unit: str) -> float:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class NominalTable:
+class NominalValues:
     """Nominal `values` of parameters: those of a table, unless the config says otherwise.
 
     `compared`: those that are this rig's, all of a table that the config names or relies on; where it
@@ -170,7 +170,7 @@ def nominal_value(config: Config, model: Model, name: str) -> float:
     return value
 
 
-def nominal_table(config: Config, config_values: Mapping[str, float]) -> NominalTable:
+def nominal_table(config: Config, config_values: Mapping[str, float]) -> NominalValues:
     """Return the table that the config names, with its own `config_values`, SI, in place of the table's.
 
     Raises `ValueError` where there is no such table.
@@ -187,7 +187,7 @@ def nominal_table(config: Config, config_values: Mapping[str, float]) -> Nominal
         }
     published = tuple(name for name in compared if name not in config_values)
     called = f"{table} ({', '.join(n for n in compared if n in config_values)} as in the config)"
-    return NominalTable(
+    return NominalValues(
         values=values,
         compared=compared,
         published=published,
@@ -205,7 +205,7 @@ def _tolerance(given: Any) -> dict[str, float]:
 
 
 def parse_parameter(
-    config: Config, model: Model, table: NominalTable, name: str
+    config: Config, model: Model, table: NominalValues, name: str
 ) -> ParsedNumber | Expression:
     """Return a parameter of the rig: its number, or the expression that it follows from."""
     if (related := parse_relation(config, model, name)) is not None:
