@@ -137,7 +137,7 @@ def _first_converged(posterior: Posterior, plan: FitPlan) -> list[Search]:
     points = points[np.argsort(-posterior.density(points), kind="stable")]
     likelihood = posterior.likelihood
     known = not any(observation.unknowns for observation in likelihood.observations)
-    noise_alone = 1.0 + np.sqrt(2.0 / likelihood.numbers)  # squares over the noise, on average
+    noise_alone = 1.0 + np.sqrt(2.0 / likelihood.n_measured)  # squares over the noise, on average
     searches: list[Search] = []
     for point in points:
         searches.append(mode_search.search(posterior, plan.optimiser, plan.evaluations, point))
@@ -146,6 +146,6 @@ def _first_converged(posterior: Posterior, plan: FitPlan) -> list[Search]:
         if sum(search.log_posterior > near for search in searches) >= 2:
             break
         end = posterior.space.vector(best.end)
-        if known and laplace.excess(posterior, end) <= noise_alone:
+        if known and laplace.residual_excess(posterior, end) <= noise_alone:
             break
     return [best]

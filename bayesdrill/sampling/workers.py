@@ -23,7 +23,7 @@ from threadpoolctl import threadpool_limits
 from bayesdrill.basics.errors import InputError
 from bayesdrill.inference import step_error
 from bayesdrill.inference.posterior import Posterior
-from bayesdrill.inference.step_error import Taken
+from bayesdrill.inference.step_error import StepSizes
 
 SPAWN = multiprocessing.get_context("spawn")
 TASK_SECONDS = 10.0  # seconds that a worker has for its task, where the work is stopped
@@ -35,7 +35,7 @@ class WorkerPool:
 
     def __init__(self, posterior: Posterior, processes: int) -> None:
         self._posterior = posterior
-        self._steps: dict[str, Taken] = {}
+        self._steps: dict[str, StepSizes] = {}
         self._pool: ProcessPoolExecutor | None = None
         if processes > 1:
             self._pool = start_workers(processes, _set_posterior, posterior)
@@ -63,10 +63,10 @@ class WorkerPool:
         """Submit a function that needs another posterior than that of the pool."""
         return self.submit(_call, function, arguments, named)
 
-    def set_steps(self, steps: Mapping[str, Taken]) -> None:
+    def set_steps(self, steps: Mapping[str, StepSizes]) -> None:
         """Take the posterior in these steps from now on (`inference.step_error`)."""
         self._steps = dict(steps)
-        self._posterior = step_error.taking(self._posterior, steps)
+        self._posterior = step_error.with_steps(self._posterior, steps)
 
     @property
     def posterior(self) -> Posterior:
@@ -189,11 +189,11 @@ def _call(
 
 
 def _call_with_posterior(
-    steps: dict[str, Taken],
+    steps: dict[str, StepSizes],
     function: Callable[..., Any],
     arguments: tuple[Any, ...],
     named: dict[str, Any],
 ) -> Any:
     if steps:
-        _set_posterior(step_error.taking(_WORKER["posterior"], steps))
+        _set_posterior(step_error.with_steps(_WORKER["posterior"], steps))
     return function(_WORKER["posterior"], *arguments, **named)
