@@ -189,7 +189,7 @@ class CandidateModel:
 
     def job(self) -> Job:
         """Raises `InputError` where the config cannot have it."""
-        return assemble(loading.validated(self.source), self.table)
+        return assemble(loading.validate(self.source), self.table)
 
 
 def about_part(part: str) -> str:

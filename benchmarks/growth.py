@@ -48,17 +48,17 @@ def variant(
     specs = data["record"]["channels"]
     specs["i"] = {**specs["w_2"], "unit": "A", "column": "i"}
     data["record"]["channels"] = dict(list(specs.items())[:channels])
-    case = loading.validated(dataclasses.replace(job.source, data=data))
+    case = loading.validate(dataclasses.replace(job.source, data=data))
     entries = [entry.channel for entry in case.experiments[0].channels]
     t = np.linspace(original.t[0], original.t[-1], samples)
     empty = dataclasses.replace(
         original, t=t, y=np.zeros((samples, channels)), channels=tuple(entries)
     )
-    quiet = assembly.problem(case, [empty]).posterior
+    quiet = assembly.build_problem(case, [empty]).posterior
     truth = quiet.space.vector({name: job.problem.nominal[name] for name in quiet.space.free})
     y = quiet.likelihood.signals(truth[None])[0]
     y = y + 0.1 * np.random.default_rng(2).standard_normal(y.shape)
-    return assembly.problem(case, [dataclasses.replace(empty, y=y)])
+    return assembly.build_problem(case, [dataclasses.replace(empty, y=y)])
 
 
 def cost(made: Problem, batch: int = BATCH) -> float:

@@ -9,9 +9,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from bayesdrill.inference.likelihood import Remains
+from bayesdrill.inference.likelihood import SimulatorResiduals
 from bayesdrill.inference.noise import NOISES
-from bayesdrill.inference.noise.contract import Noisy
+from bayesdrill.inference.noise.contract import NoisyChannel
 from bayesdrill.inference.priors import LogUniform
 from bayesdrill.record.experiment import Channel, Experiment
 from bayesdrill.rig.models.motor_shaft import MotorShaft
@@ -65,13 +65,13 @@ def main() -> None:
 def _taken(rig: Simulator, full: np.ndarray, kind: str, rng: np.random.Generator) -> float:
     prior = LogUniform(0.1 * SIGMA, 10 * SIGMA)
     channels = [
-        Noisy(channel=c, sigma=prior, start=SIGMA, entries={"step": 4 * SIGMA})
+        NoisyChannel(channel=c, sigma=prior, start=SIGMA, entries={"step": 4 * SIGMA})
         for c in rig.experiment.channels
     ]
-    noise = NOISES[kind].of(channels, len(rig.experiment.t))
+    noise = NOISES[kind].from_channels(channels, len(rig.experiment.t))
     share = rng.uniform(0.3, 0.7, (BATCH, len(noise.unknowns)))
     own = np.stack([u.prior.quantile(share[:, k]) for k, u in enumerate(noise.unknowns)], axis=-1)
-    return best_of(lambda: noise.log_likelihood(Remains(rig, full), own), REPEATS)
+    return best_of(lambda: noise.log_likelihood(SimulatorResiduals(rig, full), own), REPEATS)
 
 
 if __name__ == "__main__":

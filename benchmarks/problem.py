@@ -42,7 +42,7 @@ def starts(job: Job, centre: Array, n: int, seed: int) -> Array:
     posterior = dataclasses.replace(job.problem.posterior, coordinates=straight)
     rng = np.random.default_rng(seed)
     z = posterior.coordinates.from_physical(centre[None])[0]
-    steps = START_SPREAD * laplace.root(laplace.covariance(posterior, centre))
+    steps = START_SPREAD * laplace.matrix_root(laplace.covariance(posterior, centre))
     kept = np.empty((0, len(centre)))
     while len(kept) < n:
         around = z + rng.standard_normal((n, len(centre))) @ steps.T

@@ -34,5 +34,7 @@ def with_misfit(study: CalibrationStudy, factor: float) -> CalibrationStudy:
     """The same study, its records made as before and its posteriors wrong."""
     likelihood = study.posterior.likelihood
     noise = Misfit(likelihood.noise, factor)
-    posterior = dataclasses.replace(study.posterior, likelihood=likelihood.with_alone(noise=noise))
+    posterior = dataclasses.replace(
+        study.posterior, likelihood=likelihood.replace_only(noise=noise)
+    )
     return dataclasses.replace(study, posterior=posterior)

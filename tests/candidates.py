@@ -28,15 +28,17 @@ def write(folder: Path, config: str, columns: Mapping[str, np.ndarray]) -> Path:
 def causes_of(case: bd.Case) -> Causes | None:
     """At the maximum that one search finds, in this process."""
     found = case.find_map(quick=True).mode
-    return conclusions.causes(case.job.at(found), found)
+    return conclusions.causes(case.job.with_steps_at(found), found)
 
 
 def fits(case: bd.Case) -> bool:
     """Whether its maximum leaves what looks like noise."""
     found = case.find_map(quick=True).mode
-    posterior = case.job.at(found).problem.posterior
+    posterior = case.job.with_steps_at(found).problem.posterior
     theta = posterior.space.vector(found.values)
-    return residual_checks.like_noise(residual_checks.left(posterior.likelihood, theta))
+    return residual_checks.like_noise(
+        residual_checks.residual_summaries(posterior.likelihood, theta)
+    )
 
 
 def amended(config: Path, lines: str) -> bd.Case:

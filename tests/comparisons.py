@@ -12,7 +12,7 @@ import bayesdrill as bd
 from bayesdrill.analysis.comparison import PosteriorSummary, RunSummary
 from bayesdrill.analysis.plausibility import DiffusePrior
 from bayesdrill.inference.posterior import Posterior, Problem
-from bayesdrill.inference.residual_checks import Left, limits
+from bayesdrill.inference.residual_checks import ResidualSummary, limits
 from bayesdrill.sampling.evidence import Evidence
 
 CONFIG = Path(__file__).parents[1] / "configs" / "nominal_step.yaml"
@@ -34,9 +34,9 @@ def of_experiments(posterior: Posterior, names: tuple[str, ...]) -> Posterior:
 
 def left(
     rms: float = 1.0, correlation: float = 0.0, experiments: tuple[str, ...] = ("",)
-) -> tuple[Left, ...]:
+) -> tuple[ResidualSummary, ...]:
     return tuple(
-        Left(
+        ResidualSummary(
             channel=name,
             experiment=experiment,
             rms=rms * (1.0 + 0.01 * k),

@@ -9,8 +9,8 @@ from oracles import NOMINAL
 from rigs import experiment, likelihood_of, unknown
 from rubbing import Rig, simulate
 
-from bayesdrill.inference.laplace import PosteriorSurface
-from bayesdrill.inference.noise.contract import Noisy
+from bayesdrill.inference.laplace import PosteriorLogDensity
+from bayesdrill.inference.noise.contract import NoisyChannel
 from bayesdrill.inference.noise.white import White
 from bayesdrill.inference.posterior import Posterior, Problem
 from bayesdrill.inference.priors import Uniform
@@ -64,10 +64,10 @@ def believed(
     rig = model or MotorShaft()
     values = {**NOMINAL, **HELD, **held}
     noisy = [
-        Noisy(channel=c, sigma=float(s) if known else Uniform(1e-3, 10.0), start=float(s))
+        NoisyChannel(channel=c, sigma=float(s) if known else Uniform(1e-3, 10.0), start=float(s))
         for c, s in zip(seen.channels, SIGMA, strict=True)
     ]
-    scatter = White.of(noisy, N)
+    scatter = White.from_channels(noisy, N)
     rigs = [unknown(n, Uniform(0.3 * NOMINAL[n], 3 * NOMINAL[n])) for n in FREE]
     space = ParameterSpace(
         model=rig.parameters,
@@ -79,7 +79,7 @@ def believed(
 
 
 def best(posterior: Posterior) -> np.ndarray:
-    surface = PosteriorSurface(posterior, physical=True)
+    surface = PosteriorLogDensity(posterior, physical=True)
     start = posterior.space.vector(posterior.space.start)
     top = gauss_newton(surface, posterior.coordinates.from_physical(start[None]), 60)
     return np.asarray(posterior.coordinates.to_physical(top.u)[0])

@@ -91,7 +91,7 @@ simulation: {duration: 2.5, rate: 40, sigma: {twist: 0.4, w_2: 0.6},
 @functools.cache
 def records(text: str) -> dict[str, str]:
     """By file name, what `simulate` makes of the config `text`, once."""
-    case = loading.validated(parse(Path("all.yaml"), text))
+    case = loading.validate(parse(Path("all.yaml"), text))
     made = simulation.simulate_all(case, case.config.seed)
     return {path.name: record for path, record in made.items()}
 

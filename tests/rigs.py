@@ -12,7 +12,7 @@ from oracles import NOMINAL, ORDER
 from bayesdrill.basics.symbols import PARAMETERS, own_symbol
 from bayesdrill.inference import laplace
 from bayesdrill.inference.likelihood import Likelihood, Observation
-from bayesdrill.inference.noise.contract import Noise, Noisy
+from bayesdrill.inference.noise.contract import Noise, NoisyChannel
 from bayesdrill.inference.noise.white import White
 from bayesdrill.inference.posterior import Posterior
 from bayesdrill.inference.priors import Prior, Uniform
@@ -87,9 +87,9 @@ def posterior(
         name: Uniform(0.5 * NOMINAL[name], 1.5 * NOMINAL[name]) for name in free
     }
     chosen |= priors or {}
-    scatter = White.of(
+    scatter = White.from_channels(
         [
-            Noisy(
+            NoisyChannel(
                 channel=channel,
                 sigma=chosen.pop(f"sigma_{channel.name}", Uniform(0.01, 1.0))
                 if sigma is None
@@ -134,7 +134,7 @@ def starting(target: Posterior, start: Mapping[str, float]) -> Posterior:
 def near(posterior: Posterior, theta: np.ndarray, n: int, rng: np.random.Generator) -> np.ndarray:
     """`(n, D)` points of finite posterior around `theta (D,)`, in the sampler's coordinates."""
     centre = posterior.coordinates.from_physical(theta[None])[0]
-    steps = laplace.root(laplace.covariance(posterior, theta))
+    steps = laplace.matrix_root(laplace.covariance(posterior, theta))
     kept = np.empty((0, len(theta)))
     while len(kept) < n:
         z = centre + rng.standard_normal((n, len(theta))) @ steps.T

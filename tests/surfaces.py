@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from bayesdrill.inference.laplace import Expansion
+from bayesdrill.inference.laplace import QuadraticModel
 
 
 @dataclass(frozen=True)
@@ -39,11 +39,11 @@ class Walled:
         """Slopes `(W, D)` and curvatures `(W, D, D)`, those of Gauss and Newton."""
         raise NotImplementedError
 
-    def expand(self, u: np.ndarray, directions: np.ndarray) -> Expansion:
+    def quadratic_model(self, u: np.ndarray, directions: np.ndarray) -> QuadraticModel:
         slope, curvature = self.derivatives(u)
         # Sums one after the other: a product of matrices rounds as their number has it.
         along = np.einsum("wd,dq->wq", slope, directions)
-        return Expansion(
+        return QuadraticModel(
             self.value(u), along, np.einsum("dp,wde,eq->wpq", directions, curvature, directions)
         )
 

@@ -105,7 +105,7 @@ def small_record() -> str:
     """The record that `SMALL` asks for, simulated once."""
     from bayesdrill.config.yaml_source import parse
 
-    return simulation.simulate(loading.validated(parse(Path("small.yaml"), SMALL)), seed=7)
+    return simulation.simulate(loading.validate(parse(Path("small.yaml"), SMALL)), seed=7)
 
 
 def small(folder: Path, *changes: tuple[str, str], name: str = "small.yaml") -> Path:

@@ -42,7 +42,7 @@ def linear_study(prior_sd: np.ndarray) -> IdentifiabilityStudy:
             sd=sd,
             prior_sd=before,
             bound=known.bound(e),
-            word=words.judge(sd / before),
+            word=words.classify(sd / before),
         )
 
     return IdentifiabilityStudy(

@@ -249,7 +249,7 @@ def _simulated(posterior: Posterior, rng: np.random.Generator) -> tuple[Array, P
     likelihood = posterior.likelihood
     for _ in range(MAX_PRIOR_TRIES):
         theta = posterior.space.draw(1, rng)
-        signals = likelihood.every_signal(theta)
+        signals = likelihood.all_signals(theta)
         # Where the model overflows the posterior is zero: such unknowns are no part of the prior.
         if all(np.all(np.isfinite(each)) for each in signals):
             break

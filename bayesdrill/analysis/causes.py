@@ -22,9 +22,9 @@ import scipy
 from bayesdrill.analysis.edits import EditedPosterior, with_candidates
 from bayesdrill.basics.arrays import Array
 from bayesdrill.inference import residual_checks, step_error
-from bayesdrill.inference.laplace import PosteriorSurface
+from bayesdrill.inference.laplace import PosteriorLogDensity
 from bayesdrill.inference.posterior import Posterior, Problem
-from bayesdrill.inference.residual_checks import Left, like_noise
+from bayesdrill.inference.residual_checks import ResidualSummary, like_noise
 from bayesdrill.sampling.gauss_newton import gauss_newton
 
 # Where in its prior what is new is sought from, together with the start that its config gives it.
@@ -56,7 +56,7 @@ class RefitMaximum:
     sds: Mapping[str, float]
     log_posterior: float
     log_z: float
-    fit: tuple[Left, ...]
+    fit: tuple[ResidualSummary, ...]
     at_ends: tuple[str, ...]
     several: bool
     seconds: float
@@ -84,7 +84,7 @@ def refit_candidate(
     27).
     """
     space, coordinates = posterior.space, posterior.coordinates
-    surface = PosteriorSurface(posterior, physical=True)
+    surface = PosteriorLogDensity(posterior, physical=True)
     rows = np.clip(
         coordinates.from_physical(_starts(posterior, near, alone)), surface.low, surface.high
     )
@@ -97,9 +97,9 @@ def refit_candidate(
     best = np.argsort(-first.value, kind="stable")[:CLIMBED_STARTS]
     u, value, gain = first.u[best], first.value[best], first.gain[best]
     steps = LAST_STEPS if (value + gain)[np.isfinite(value)].max() > least else 0
-    if step_error.taken(posterior):
-        posterior = step_error.chosen(posterior, coordinates.to_physical(u)[0])
-        surface = PosteriorSurface(posterior, physical=True)
+    if step_error.chosen_steps(posterior):
+        posterior = step_error.choose_steps(posterior, coordinates.to_physical(u)[0])
+        surface = PosteriorLogDensity(posterior, physical=True)
     top = gauss_newton(surface, u, steps)
     order = np.argsort(-top.value, kind="stable")
     u, heights = top.u[order], top.value[order]
@@ -118,11 +118,11 @@ def refit_candidate(
         sds=dict(zip(space.free, map(float, sds), strict=True)),
         log_posterior=float(heights[0]),
         log_z=log_z,
-        fit=residual_checks.left(posterior.likelihood, theta),
+        fit=residual_checks.residual_summaries(posterior.likelihood, theta),
         at_ends=tuple(name for name, end in zip(space.free, near_end, strict=True) if end),
         several=bool((distinct & (heights[1:] > heights[0] - OTHER_MAXIMUM_DEPTH)).any()),
         seconds=seconds,
-        numbers=posterior.likelihood.numbers,
+        numbers=posterior.likelihood.n_measured,
         log_likelihood=float(posterior.likelihood(theta[None])[0]),
     )
 
@@ -148,8 +148,8 @@ def _starts(posterior: Posterior, near: Mapping[str, float], alone: Mapping[str,
 
 def _laplace(posterior: Posterior, u: Array) -> tuple[float, Array]:
     """The log evidence, and the sds `(D,)` of the unknowns, at the maximum `u (1, D)`."""
-    surface = PosteriorSurface(posterior)
-    here = surface.expand(u, np.eye(u.shape[1]))
+    surface = PosteriorLogDensity(posterior)
+    here = surface.quadratic_model(u, np.eye(u.shape[1]))
     # What a prior bends by itself is in the curvature already: of a box it is nothing.
     flat = np.maximum(1.0 / surface.spread**2 - surface.prior_curvature(u)[0], 0.0)
     matrix = here.curvature[0] + np.diag(flat)
@@ -189,7 +189,7 @@ class Cause:
     new: tuple[FittedValue, ...]
     gain: float
     bayes: float
-    fit: tuple[Left, ...]
+    fit: tuple[ResidualSummary, ...]
     doubts: tuple[str, ...]
 
     @property
@@ -211,7 +211,7 @@ class Causes:
     unknowns as given, refitted on each of several windows of the record, where nothing explains all.
     """
 
-    given: tuple[Left, ...]
+    given: tuple[ResidualSummary, ...]
     ranked: tuple[Cause, ...]
     left_out: Mapping[str, str] = field(default_factory=dict)
     windows: tuple[tuple[FittedValue, ...], ...] = ()
@@ -312,7 +312,7 @@ def _fit_with_table(
         name = space.free[k]
         off = problem.tolerance.get(name, 0.0)
         ends[:, k] = problem.nominal[name] * np.array([1.0 - off, 1.0 + off])
-    surface = PosteriorSurface(wider, physical=True)
+    surface = PosteriorLogDensity(wider, physical=True)
     fixed = np.zeros(len(start), dtype=bool)
     fixed[[*tabled, *wide.tried]] = True
     rows = np.repeat(start[None], len(START_SHARES), axis=0)

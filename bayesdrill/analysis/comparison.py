@@ -29,7 +29,7 @@ from bayesdrill.basics.arrays import Array
 from bayesdrill.basics.symbols import Symbol
 from bayesdrill.inference.derived import hdi
 from bayesdrill.inference.posterior import Problem
-from bayesdrill.inference.residual_checks import Left, like_noise
+from bayesdrill.inference.residual_checks import ResidualSummary, like_noise
 from bayesdrill.sampling.evidence import Evidence
 
 
@@ -160,7 +160,7 @@ class RunSummary:
     layer: PosteriorSummary
     converged: bool
     evidence: Evidence
-    residuals: tuple[Left, ...]
+    residuals: tuple[ResidualSummary, ...]
     vague: tuple[DiffusePrior, ...]
     rig: Mapping[str, str]
     noise: Mapping[str, str]
@@ -300,7 +300,7 @@ def repeats(
         return ()
     full = sensitivity.likelihood.space.full(theta[None])
     rests = [
-        observation.informed(observation.residuals(full).samples, theta).ravel()
+        observation.whitened_jacobian_at(observation.residuals(full).samples, theta).ravel()
         for observation in observations
     ]
     alone = [

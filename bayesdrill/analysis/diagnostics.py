@@ -20,7 +20,7 @@ from bayesdrill.basics.arrays import Array, Counts
 from bayesdrill.inference import laplace
 from bayesdrill.inference.derived import hdi
 from bayesdrill.inference.posterior import Posterior, Problem
-from bayesdrill.inference.priors import Prior, spread
+from bayesdrill.inference.priors import Prior, prior_sd
 from bayesdrill.sampling.convergence import Convergence, thinned
 from bayesdrill.sampling.extended_priors import pressed_against
 from bayesdrill.sampling.mode_search import Mode
@@ -77,7 +77,7 @@ def summarise(
         mean, sd = float(x.mean()), float(x.std(ddof=1))
         low, high = hdi(x)
         prior = problem.posterior.space.priors[symbol.name]
-        shrinkage = 1.0 - sd / spread(prior)
+        shrinkage = 1.0 - sd / prior_sd(prior)
         rows.append(
             ParameterRow(
                 name=symbol.name,

@@ -14,7 +14,7 @@ from bayesdrill.basics.symbols import Symbol
 from bayesdrill.inference.likelihood import Observation
 from bayesdrill.inference.posterior import Posterior
 from bayesdrill.inference.priors import Uniform
-from bayesdrill.inference.unknowns import MOVES, ParameterSpace, Unknown
+from bayesdrill.inference.unknowns import SIMULATOR_ROLES, ParameterSpace, Unknown
 from bayesdrill.record.experiment import channels_of_states
 from bayesdrill.rig.models.linear import Linear, Model, with_named
 
@@ -50,7 +50,7 @@ def rig_parameters(
     observation: Observation, space: ParameterSpace, theta: Array
 ) -> dict[str, float]:
     """Return the rig's parameters at `theta (D,)`."""
-    arguments = observation.told(space.full(theta[None]))[0]
+    arguments = observation.simulator_parameters(space.full(theta[None]))[0]
     names = observation.response.model.parameters
     return dict(zip(names, map(float, arguments[: len(names)]), strict=False))
 
@@ -61,7 +61,9 @@ def state_motion(observation: Observation, space: ParameterSpace, theta: Array) 
     y = np.zeros((len(observation.experiment.t), len(states)))
     shown = dataclasses.replace(observation.experiment, channels=channels_of_states(states), y=y)
     return np.asarray(
-        observation.response.of(shown).signals(observation.told(space.full(theta[None])))[0]
+        observation.response.of(shown).signals(
+            observation.simulator_parameters(space.full(theta[None]))
+        )[0]
     )
 
 
@@ -117,7 +119,7 @@ class EditedPosterior:
     @property
     def tried(self) -> range:
         """The columns of what is tried among the unknowns."""
-        last = len(self.posterior.space.columns(*MOVES))
+        last = len(self.posterior.space.columns(*SIMULATOR_ROLES))
         return range(last - len(self.sizes), last)
 
     def at(self, theta: Array) -> Array:
@@ -136,7 +138,7 @@ def with_candidates(posterior: Posterior, theta: Array) -> EditedPosterior:
     ]
 
     def with_tried(observation: Observation) -> Observation:
-        return observation.of_rig(
+        return observation.for_rig(
             with_named(observation.response.model, [*sizes]), observation.response.sensing
         )
 

@@ -57,7 +57,7 @@ def energy_accounts(posterior: Posterior, theta: Array, draws: Array) -> tuple[E
     """Account for experiments with friction, at the MAP `theta (D,)` and draws `(N, D)`."""
     full = posterior.space.full(np.vstack([theta[None], draws]))
     return tuple(
-        _account(observation, observation.told(full))
+        _account(observation, observation.simulator_parameters(full))
         for observation in posterior.likelihood.observations
         if observation.response.model.frictions and can_balance(observation.response.model)
     )
@@ -205,7 +205,7 @@ def _friction_motions(observation: Observation, full: Array) -> Iterator[Frictio
     rig = observation.response
     if not rig.model.frictions:
         return
-    motion = rig.motion(observation.told(full))
+    motion = rig.motion(observation.simulator_parameters(full))
     for e, friction in enumerate(rig.model.frictions):
         speed = motion.states[0, :, rig.model.states.index(friction.against)]
         still = speed == 0.0
@@ -247,7 +247,7 @@ def friction_curve(observation: Observation, rubbing: FrictionMotion, full: Arra
     far = SPEED_MARGIN * float(np.abs(rubbing.speed).max()) or 1.0
     one_way = far * np.geomspace(SMALLEST_SPEED, 1.0, CURVE_POINTS)
     speeds = np.concatenate([-one_way[::-1], [0.0], one_way])
-    arguments = observation.told(full)
+    arguments = observation.simulator_parameters(full)
     names = rig.model.parameters
     p = {name: arguments[:, k, None] for k, name in enumerate(names)}
     looked_at = {

@@ -21,7 +21,7 @@ import numpy as np
 
 from bayesdrill.basics.arrays import Array, Flags
 from bayesdrill.inference.derived import HDI_PROBABILITY
-from bayesdrill.inference.likelihood import Observation, Torque
+from bayesdrill.inference.likelihood import LatentTorque, Observation
 from bayesdrill.inference.posterior import Posterior
 from bayesdrill.record.experiment import channels_of_states
 from bayesdrill.rig.models.latent_torque import TORQUE, LoadedModel, TorqueLocation, angles
@@ -134,7 +134,7 @@ def _has_friction(observation: Observation) -> bool:
 
 def _estimate(
     observation: Observation,
-    torque: Torque,
+    torque: LatentTorque,
     posterior: Posterior,
     draws: Array,
     rng: np.random.Generator,
@@ -144,11 +144,11 @@ def _estimate(
     signals, motion = _moved(observation, full)
     residuals = experiment.y - signals
     smooth = torque.smooth(residuals, draws)
-    drawn, _ = torque.known(residuals, draws, rng)
-    augmented = torque.filtered.augmented
+    drawn, _ = torque.sample_states(residuals, draws, rng)
+    augmented = torque.kalman_filter.augmented
     sizes = torque.sizes(draws)[:, :1]
     index = augmented.states.index(TORQUE)
-    by_torque = smooth @ torque.filtered.weights.T
+    by_torque = smooth @ torque.kalman_filter.weights.T
     first = full[:1], draws[:1]
     pushed = sizes[0] * smooth[0, :, index]
     strayed = _nonlinear_error(observation, torque, first, signals[0] + by_torque[0], pushed)
@@ -175,15 +175,15 @@ def _moved(observation: Observation, full: Array) -> tuple[Array, Array]:
         y=np.zeros((len(experiment.t), k + len(state_channels))),
         channels=(*experiment.channels, *state_channels),
     )
-    signals = observation.response.of(shown).signals(observation.told(full))
+    signals = observation.response.of(shown).signals(observation.simulator_parameters(full))
     return signals[..., :k], signals[..., k:]
 
 
 def _states(
-    observation: Observation, torque: Torque, motion: Array, more: Array
+    observation: Observation, torque: LatentTorque, motion: Array, more: Array
 ) -> dict[str, Array]:
     """With what the torque moves; an angle of which nothing tells follows from its speed."""
-    augmented, t = torque.filtered.augmented, np.asarray(observation.experiment.t)
+    augmented, t = torque.kalman_filter.augmented, np.asarray(observation.experiment.t)
     states = {name: motion[:, k] for k, name in enumerate(augmented.rig.states)}
     for name, moved in augmented.to_rig_states(more).items():
         states[name] = states[name] + moved
@@ -199,7 +199,11 @@ def _states(
 
 
 def _nonlinear_error(
-    observation: Observation, latent: Torque, draw: tuple[Array, Array], shown: Array, torque: Array
+    observation: Observation,
+    latent: LatentTorque,
+    draw: tuple[Array, Array],
+    shown: Array,
+    torque: Array,
 ) -> Array:
     """Return how far a rig with friction is from its linear prediction, `(K,)`.
 
@@ -213,13 +217,15 @@ def _nonlinear_error(
         torque if experiment.first_order else 0.5 * (torque + np.append(torque[1:], torque[-1]))
     )
     loaded = simulator(
-        LoadedModel(response.model, latent.filtered.torque),
+        LoadedModel(response.model, latent.kalman_filter.torque),
         dataclasses.replace(experiment, series={**experiment.series, TORQUE: input_torque}),
         response.sensing,
         *(response.stepping or ()),
     )
     full, theta = draw
-    off = (loaded.signals(observation.told(full))[0] - shown) / observation.scales(theta)[0]
+    off = (loaded.signals(observation.simulator_parameters(full))[0] - shown) / observation.scales(
+        theta
+    )[0]
     return np.sqrt(np.nanmean(np.where(experiment.seen, off, np.nan) ** 2, axis=0))
 
 

@@ -16,7 +16,7 @@ from bayesdrill.analysis.diagnostics import ParameterRow
 from bayesdrill.analysis.identifiability.information import Information, SensitivityStudy
 from bayesdrill.basics.arrays import Array
 from bayesdrill.inference.posterior import Problem
-from bayesdrill.inference.priors import Prior, spread, spread_of_log
+from bayesdrill.inference.priors import Prior, prior_log_sd, prior_sd
 from bayesdrill.rig import models
 from bayesdrill.rig.models.linear import STATES, Model, MotorRoles, Roles, dynamics
 
@@ -104,7 +104,7 @@ def plausibility_of_nominal(problem: Problem) -> tuple[str, ...]:
 def plausibility_of_draws(problem: Problem, draws: Array, known: Information) -> tuple[str, ...]:
     """Yield what is odd of draws `(N, D)`; `known` says what the record alone determines."""
     model = problem.model
-    rig = problem.posterior.likelihood.rig(draws[:: max(1, len(draws) // MOST_DRAWS)])
+    rig = problem.posterior.likelihood.rig_parameters(draws[:: max(1, len(draws) // MOST_DRAWS)])
     values = dict(zip(model.parameters, rig.T, strict=True))
     energy = _energy_of_draws(values, known, model.roles)
     return (*energy, *_poles(poles(model, values), problem))
@@ -117,7 +117,9 @@ def plausibility_of_course(sensitivity: SensitivityStudy, theta: Array) -> tuple
     motor = rig.roles.motor
     if motor.friction not in rig.parameters or motor.speed not in sensitivity.states:
         return ()
-    friction = float(likelihood.rig(theta[None])[0, rig.parameters.index(motor.friction)])
+    friction = float(
+        likelihood.rig_parameters(theta[None])[0, rig.parameters.index(motor.friction)]
+    )
     speeds = [
         motion[:, sensitivity.states.index(motor.speed)] for motion in sensitivity.motions(theta)
     ]
@@ -267,11 +269,11 @@ def diffuse_priors(
 
 def _diffuse_prior(name: str, x: Array, prior: Prior) -> DiffusePrior | None:
     if prior.in_logs:
-        wide = spread_of_log(prior)
+        wide = prior_log_sd(prior)
         decades = wide * math.sqrt(12.0) / math.log(10.0)
         if decades > DIFFUSE_DECADES and float(np.log(x).std()) < MAX_REMAINING_WIDTH * wide:
             return DiffusePrior(name=name, decades=decades)
-    wide = spread(prior)
+    wide = prior_sd(prior)
     times = wide / math.sqrt(float(np.mean(x**2)))
     if times > DIFFUSE_RATIO and float(x.std()) < MAX_REMAINING_WIDTH * wide:
         return DiffusePrior(name=name, times=times)

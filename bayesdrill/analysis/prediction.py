@@ -23,7 +23,7 @@ from bayesdrill.basics.arrays import Array
 from bayesdrill.basics.units import Unit
 from bayesdrill.inference.likelihood import Likelihood, Observation
 from bayesdrill.inference.posterior import Posterior
-from bayesdrill.inference.residual_checks import Left
+from bayesdrill.inference.residual_checks import ResidualSummary
 from bayesdrill.record.experiment import Channel
 from bayesdrill.rig.models.linear import dynamics
 from bayesdrill.rig.simulators.sensors import SensorParameters
@@ -150,12 +150,14 @@ def held_out(posterior: Posterior, theta: Array) -> HeldOutScore | None:
     ]
     for observation, measured in (
         *stretches,
-        *((observation, observation.experiment.y) for observation in likelihood.apart),
+        *((observation, observation.experiment.y) for observation in likelihood.held_out),
     ):
         if measured is not None:
             residuals = measured - observation.signals(full)
             # By itself: what remembers is not told what stands beside it.
-            log_p = observation.on(measured).pointwise(residuals, theta)[:, ~np.isnan(measured)]
+            log_p = observation.for_record(measured).pointwise(residuals, theta)[
+                :, ~np.isnan(measured)
+            ]
             log_densities.append(scipy.special.logsumexp(log_p, axis=0) - np.log(len(theta)))
     if not log_densities:
         return None
@@ -164,14 +166,14 @@ def held_out(posterior: Posterior, theta: Array) -> HeldOutScore | None:
 
 
 def leave_one_out(
-    posterior: Posterior, theta: Array, residual_rows: tuple[Left, ...]
+    posterior: Posterior, theta: Array, residual_rows: tuple[ResidualSummary, ...]
 ) -> LooScore | str:
     """Score each sample without itself, by draws `theta (N, D)`, or say why not.
 
     Samples may tell of each other by more than the unknowns, or be too many.
     """
     observations = posterior.likelihood.observations
-    if sum(observation.numbers for observation in observations) > MAX_SCORED:
+    if sum(observation.n_measured for observation in observations) > MAX_SCORED:
         return f"more than {MAX_SCORED} samples"
     if any(has_memory(observation, theta) for observation in observations):
         return "its noise remembers: a sample that is left out is told by those beside it"
@@ -275,7 +277,7 @@ def frequency_responses(posterior: Posterior, theta: Array) -> tuple[FrequencyRe
         # By itself it has few degrees of freedom.
         noise = uniform_filter1d(noise, SMOOTHED_FREQUENCIES, axis=0)
         share = np.einsum("fss->fs", inverse).real / (2.0 * max(SEGMENTS - n, 1))
-        modelled = _response(observation, observation.told(full), f, [*series])
+        modelled = _response(observation, observation.simulator_parameters(full), f, [*series])
         measured = modelled + more
         error = np.sqrt(np.maximum(noise, 0.0)[:, :, None] * share[:, None]) / np.abs(measured)
         measured[(error > MAX_RELATIVE_SD) | (share == 0.0)[:, None]] = np.nan

@@ -34,7 +34,7 @@ from bayesdrill.inference import derived
 from bayesdrill.inference.derived import Derived
 from bayesdrill.inference.posterior import Problem
 from bayesdrill.inference.residual_checks import (
-    Left,
+    ResidualSummary,
     correlations,
     input_sentences,
     like_noise,
@@ -184,14 +184,14 @@ class RunAnalysis:
     """
 
     unknowns: tuple[ParameterRow, ...]
-    fit: tuple[Left, ...]
+    fit: tuple[ResidualSummary, ...]
     inputs: tuple[str, ...]
     sandwich: Mapping[str, float]
     judged: Judgement | None
     repeats: tuple[RepeatedProduct, ...]
     causes: Causes | None
     instead: EquivalentExplanation | None
-    derived: tuple[derived.Row, ...]
+    derived: tuple[derived.DerivedRow, ...]
     meanings: Mapping[str, str]
     convergence: Convergence
     acceptance: tuple[float, ...]
@@ -245,7 +245,7 @@ def analyse(
     blamed = alone and judged is not None and bool(judged.verdict.far)
     products = () if judged is None else basis(judged.study, judged.study.names)
     following = run.derived(judged)
-    rows_of_derived: tuple[derived.Row, ...] = ()
+    rows_of_derived: tuple[derived.DerivedRow, ...] = ()
     with run.sparing.making("derived quantities"):
         rows_of_derived = derived.summarise(following)
     return RunAnalysis(

@@ -265,4 +265,6 @@ def _delay_sensitivity(
     }
     change = motion @ dynamics(linear, model.states, 1)[0].T
     change = change + constant_forcing(linear, model.states, n, given)
-    return observation.informed(-change[None] @ experiment.weights(model.states).T, theta)
+    return observation.whitened_jacobian_at(
+        -change[None] @ experiment.weights(model.states).T, theta
+    )

@@ -32,7 +32,7 @@ from bayesdrill.config.schema.config import Asked, Thresholds
 from bayesdrill.inference import residual_checks
 from bayesdrill.inference.derived import hdi
 from bayesdrill.inference.posterior import Problem
-from bayesdrill.inference.residual_checks import Left
+from bayesdrill.inference.residual_checks import ResidualSummary
 from bayesdrill.sampling.ensembles import ExtendedPriors, SamplingResult
 from bayesdrill.sampling.mode_search import Mode
 
@@ -314,9 +314,9 @@ class _TableComparison:
         drawn = self._sd_ratio(exponents)
         if self._blind(exponents):
             return bool(max(linear, drawn) < MAX_BLIND_SD_RATIO)
-        if self.thresholds.judge(linear) == "left to the prior":
+        if self.thresholds.classify(linear) == "left to the prior":
             return False
-        return self.thresholds.judge(drawn) == "determined"
+        return self.thresholds.classify(drawn) == "determined"
 
     def quantity(self, exponents: Exponents, *, shown: bool, limit: float) -> Quantity:
         logs = _combined(self.logs, exponents)
@@ -419,12 +419,12 @@ def conclude(
     mode: Mode,
     sampled: SamplingResult,
     sensitivity: SensitivityStudy,
-) -> tuple[tuple[ParameterRow, ...], tuple[Left, ...], Judgement | None]:
+) -> tuple[tuple[ParameterRow, ...], tuple[ResidualSummary, ...], Judgement | None]:
     """Return a row for each unknown, one for each channel, and the verdict where there is a table."""
     posterior, space = problem.posterior, problem.posterior.space
     rows = summarise(problem, sampled.draws, mode, sampled.convergence)
     best = space.vector(mode.values)
-    residual_rows = residual_checks.left(posterior.likelihood, best)
+    residual_rows = residual_checks.residual_summaries(posterior.likelihood, best)
     if not any(name in problem.nominal for name in sensitivity.unknowns):
         return rows, residual_rows, None
     study = study_of(sensitivity, posterior, best, asked, "the MAP")

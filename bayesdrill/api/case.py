@@ -129,7 +129,7 @@ class Case(Value):
         values, where = space.start, "the start"
         if at is not None:
             mode = self._mode(at)
-            job, values, where = job.at(mode), mode.values, "the MAP"
+            job, values, where = job.with_steps_at(mode), mode.values, "the MAP"
         names = [profiles] if isinstance(profiles, str) else profiles
         progress = report or SILENT
         return identify.identify(job, space.vector(values), where, names, progress)
@@ -224,7 +224,7 @@ class Case(Value):
             job = job.with_settings(**changes)
         progress = report or SILENT
         mode = find_map.find_mode(job, workers, progress) if best is None else self._mode(best)
-        job = job.at(mode)
+        job = job.with_steps_at(mode)
         sampled = pipeline.sample_in_memory(job, mode, workers, progress)
         return Run(job, mode, sampled, self.columns)
 
@@ -316,7 +316,7 @@ def _columns(
 ) -> tuple[dict[str, Array], dict[str, Input]]:
     """All `(T,)` columns, and the inputs that are measured."""
     issues: list[Issue] = []
-    columns: dict[str, Array] = {job.TIME: arguments.series("t", t, issues)}
+    columns: dict[str, Array] = {job.TIME_COLUMN: arguments.series("t", t, issues)}
     for name, channel in channels.items():
         if isinstance(channel, Channel):
             columns[name] = arguments.series(f"channels.{name}", channel.values, issues)
@@ -339,9 +339,9 @@ def _columns(
     lengths = {name: len(values) for name, values in columns.items()}
     if not issues:
         issues += [
-            Issue(name, f"{n} values, but there are {lengths[job.TIME]} times")
+            Issue(name, f"{n} values, but there are {lengths[job.TIME_COLUMN]} times")
             for name, n in lengths.items()
-            if n != lengths[job.TIME]
+            if n != lengths[job.TIME_COLUMN]
         ]
     hints = [f"; give {INPUTS}" if issue.place.startswith("inputs.") else "" for issue in issues]
     raise_if_any(

@@ -222,7 +222,7 @@ def simulate(
     ]
     rows = [(*pair, record) for pair, record in zip(texts.items(), records, strict=True)]
     for target, text, record in rows:
-        simulation.check_place(text, target, record, force=force)
+        simulation.check_target(text, target, record, force=force)
     files = {}
     for (target, text, record), experiment in zip(rows, case.experiments, strict=True):
         if case.config.experiments:

@@ -96,7 +96,9 @@ def respond(
         t_start=float(times[0]) if series else min(0.0, float(times[0])),
     )
     theta = np.array([[values[name] for name in model.parameters]])
-    response = simulator(model, experiment, ObservationModel(), step_error.MOST).signals(theta)[0]
+    response = simulator(
+        model, experiment, ObservationModel(), step_error.MAX_CHOSEN_PIECES
+    ).signals(theta)[0]
     return {name: response[:, k] for k, name in enumerate(signals)}
 
 

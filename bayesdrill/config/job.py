@@ -1,4 +1,4 @@
-"""A job: a config that has been read or given in memory, checked against its record, and built."""
+"""A job: a config from a file or from memory, checked against its record, and built."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from bayesdrill.config.resolve.case import ResolvedCase
 from bayesdrill.config.schema.config import Asked, Config
 from bayesdrill.config.yaml_source import Source, as_yaml, parse
 from bayesdrill.inference import derived, step_error
-from bayesdrill.inference.display_units import OwnUnits
+from bayesdrill.inference.display_units import DisplayUnits
 from bayesdrill.inference.posterior import Problem
 from bayesdrill.output_files import RECORD
 from bayesdrill.record.experiment import raise_if_any
@@ -29,12 +29,14 @@ from bayesdrill.record.formats.table import RecordTable
 from bayesdrill.rig.models.linear import Model, constants
 from bayesdrill.sampling.mode_search import Mode
 
-FARTHEST = 1e10  # of a start from the record, in sigmas: rounding would hide any way to it
+MAX_START_DISTANCE = (
+    1e10  # of a start from the record, in sigmas: rounding would hide any way to it
+)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Job:
-    """`table`: the record, where it is in no file."""
+    """A resolved case with its posterior; `table` is the record where it is in no file."""
 
     case: ResolvedCase
     problem: Problem
@@ -42,61 +44,67 @@ class Job:
 
     @property
     def config(self) -> Config:
+        """Return the config."""
         return self.case.config
 
     @property
     def source(self) -> Source:
+        """Return the text that the config was read from."""
         return self.case.source
 
     def with_settings(self, **changed: Any) -> Job:
-        """With other sections of the config that decide no posterior."""
+        """Return the job with other sections of the config that decide no posterior."""
         return replace(self, case=self.case.with_settings(**changed))
 
-    def at(self, mode: Mode) -> Job:
-        """With the steps that are enough where its maximum is, of a rig that is stepped."""
+    def with_steps_at(self, mode: Mode) -> Job:
+        """Return the job with the steps that `mode` needs, of a rig that is stepped."""
         if not mode.pieces:
             return self
-        posterior = step_error.taking(self.problem.posterior, mode.pieces)
+        posterior = step_error.with_steps(self.problem.posterior, mode.pieces)
         return replace(self, problem=replace(self.problem, posterior=posterior))
 
     @property
     def asked(self) -> Asked:
+        """Return what is asked of a study."""
         return self.config.asked
 
     @property
-    def units(self) -> OwnUnits:
-        """In which people are shown what is inferred."""
+    def units(self) -> DisplayUnits:
+        """Return the units in which people are shown what is inferred."""
         return self.problem.units
 
     @property
     def clock(self) -> Unit:
-        """In which they are told times."""
+        """Return the unit in which people are shown times."""
         return self.problem.clock
 
 
 def prepare(path: Path) -> Job:
-    """Everything that can be wrong with the input is found here; nothing is written."""
+    """Load a config and its records, and build the job; nothing is written.
+
+    Raises `InputError` with everything that is wrong with the input.
+    """
     return assemble(loading.load(path))
 
 
 def assemble(case: ResolvedCase, table: RecordTable | None = None) -> Job:
-    """With its records; `table`: the record, where it is in no file."""
+    """Read the records of a case and build the job; `table` is the record where it is in no file."""
     source = case.source
     records = collect_each(lambda resolved: reading.read(resolved, table), case.experiments)
-    problem = assembly.problem(case, records)
+    problem = assembly.build_problem(case, records)
     posterior = problem.posterior
     start = posterior.space.vector(posterior.space.start)
     if not np.isfinite(posterior.density(start[None])[0]):
         unsteady = _unsteady(case, problem, start)
         message = "the model has no finite response at the start; check values and units"
-        raise InputError(unsteady or [source.problem(("parameters",), message)])
-    off = float(posterior.likelihood.per_number(start[None])[0]) ** 0.5
-    if off > FARTHEST:
+        raise InputError(unsteady or [source.issue(("parameters",), message)])
+    off = float(posterior.likelihood.mean_square(start[None])[0]) ** 0.5
+    if off > MAX_START_DISTANCE:
         message = f"the start is {off:.2g} times the noise off the record; check values and units"
         raise source.error(("parameters",), message)
-    impossible = derived.impossible(problem)
+    impossible = derived.impossible_formulas(problem)
     if impossible:
-        named = [source.problem(("derived", name), text) for name, text in impossible.items()]
+        named = [source.issue(("derived", name), text) for name, text in impossible.items()]
         raise InputError(named)
     return Job(case=case, problem=problem, table=table)
 
@@ -110,7 +118,7 @@ def _unsteady(case: ResolvedCase, problem: Problem, start: Array) -> list[Issue]
         "`free`"
     )
     return [
-        experiment.source.problem(("initial",), message)
+        experiment.source.issue(("initial",), message)
         for experiment in case.experiments
         if experiment.label in observations
         and experiment.config.initial.state == "steady"
@@ -118,43 +126,43 @@ def _unsteady(case: ResolvedCase, problem: Problem, start: Array) -> list[Issue]
     ]
 
 
-PLACE = Path("arrays")  # begins the places of mistakes
-TIME = "t"
-DEEPEST = 20  # of entries within entries
-LONGEST = 1000  # bits of a whole number
+ARRAYS_PATH = Path("arrays")  # begins the places of mistakes
+TIME_COLUMN = "t"
+MAX_DEPTH = 20  # of entries within entries
+MAX_INTEGER_BITS = 1000  # bits of a whole number
 
 
 def job_in_memory(columns: Mapping[str, Array], entries: Mapping[str, Any]) -> Job:
-    """Of `columns`, each `(T,)`, time among them as `t`, and `entries` as in YAML.
+    """Build a job from `columns`, each `(T,)`, and `entries` as in YAML.
 
-    Raises `InputError` with all that is wrong with either.
+    Time is the column `t`.  Raises `InputError` with all that is wrong with either.
     """
     table = RecordTable(path=Path(RECORD), variables=dict(columns))
     record = {"file": RECORD, **entries.get("record", {})}
-    record.setdefault("time", {"column": TIME, "unit": "s"})
+    record.setdefault("time", {"column": TIME_COLUMN, "unit": "s"})
     wrong: list[Issue] = []
     plain = _plain({**entries, "record": record}, (), wrong)
     raise_if_any(wrong)
-    source = parse(PLACE, as_yaml(plain))
+    source = parse(ARRAYS_PATH, as_yaml(plain))
     source = dataclasses.replace(source, lines={})  # of a text that nobody has seen
-    return assemble(loading.validated(source), table)
+    return assemble(loading.validate(source), table)
 
 
 def arrays_as_csv(columns: Mapping[str, Array]) -> str:
-    """All digits, so that it reads back the same."""
+    """Return the columns as text with all digits, so that it reads back the same."""
     lines = zip(*(values.tolist() for values in columns.values()), strict=True)
     return "\n".join([",".join(columns), *(",".join(map(repr, line)) for line in lines)]) + "\n"
 
 
 def model_entry(rig: Model) -> dict[str, Any]:
-    """As `model:` of a config has it."""
+    """Return a rig as `model:` of a config has it."""
     entries = entries_of(type(rig))
     return {"name": rig.name, **{n: x for n, x in constants(rig).items() if n in entries}}
 
 
 def _plain(value: Any, location: tuple[str, ...], issues: list[Issue]) -> Any:
     """As YAML can have it, numbers of NumPy as Python has them; of the rest a problem is `issues`."""
-    if len(location) > DEEPEST:
+    if len(location) > MAX_DEPTH:
         issues.append(Issue(".".join(location[:4]), "is nested too deep; see docs/config.md"))
         return None
     if isinstance(value, Mapping):
@@ -166,7 +174,7 @@ def _plain(value: Any, location: tuple[str, ...], issues: list[Issue]) -> Any:
     if isinstance(value, np.generic) or (isinstance(value, np.ndarray) and value.ndim == 0):
         value = value.item()
     known = value is None or isinstance(value, bool | float | str)
-    if not known and not (isinstance(value, int) and value.bit_length() < LONGEST):
+    if not known and not (isinstance(value, int) and value.bit_length() < MAX_INTEGER_BITS):
         what = "a number of so many digits" if isinstance(value, int) else type(value).__name__
         message = f"no entry can be {what}; see docs/config.md for what it can be"
         issues.append(Issue(".".join(location), message))

@@ -1,5 +1,6 @@
-"""What LaTeX of users may hold: formulas that matplotlib and LaTeX both know, and nothing that
-leaves its cell.
+"""Check LaTeX of users: formulas that matplotlib and LaTeX both know.
+
+Nothing in them leaves its cell of a table.
 """
 
 from __future__ import annotations
@@ -8,7 +9,7 @@ import re
 
 from bayesdrill.basics.symbols import Symbol, superscript
 
-DEEPEST = 8  # braces inside each other
+MAX_BRACE_DEPTH = 8  # braces inside each other
 
 # What matplotlib's mathtext and LaTeX both know, and nothing that reads, writes, defines or leaves a
 # formula: `table.tex` is made of it.
@@ -33,7 +34,7 @@ _BARE = re.compile(  # an index or an accent, and what LaTeX takes for its lette
 
 
 def check(symbol: Symbol) -> None:
-    """Raises `ValueError`, with a message for the user, for what figures and tables cannot write."""
+    """Raise `ValueError`, with a message for the user, for what figures and tables cannot write."""
     from matplotlib.mathtext import MathTextParser  # late: it takes half a second to load
 
     for text in (symbol.latex, rf"\mathrm{{{symbol.latex_unit}}}" if symbol.latex_unit else "1"):
@@ -62,7 +63,7 @@ def _check_latex(text: str) -> None:
         if not letter.isascii() or letter in '&%#$~"`':
             raise ValueError(f"{letter} cannot stand there")
         depth += (letter == "{") - (letter == "}")
-        if not 0 <= depth <= DEEPEST:
+        if not 0 <= depth <= MAX_BRACE_DEPTH:
             break
     if depth:
         raise ValueError("braces that do not match, or too many")

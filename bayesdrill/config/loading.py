@@ -1,4 +1,4 @@
-"""From a YAML file to a `ResolvedCase`, or to all of its errors at once."""
+"""Load a YAML file as a `ResolvedCase`, or raise all of its errors at once."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ from bayesdrill.config.consistency import several
 from bayesdrill.config.resolve import experiments
 from bayesdrill.config.resolve.case import ResolvedCase, ResolvedExperiment
 from bayesdrill.config.schema.config import Config
-from bayesdrill.config.yaml_source import Place, Source, read
+from bayesdrill.config.yaml_source import Location, Source, read
 from bayesdrill.inference.priors import PRIORS
 from bayesdrill.rig.models.linear import Model
 
 # What a config cannot do without.  Of an entry that is missing or spoilt nothing more is said, but
 # the others can be judged with these in its place; sections before what stands in them.
-_STAND_INS: dict[Place, Any] = {
+_STAND_INS: dict[Location, Any] = {
     ("name",): "x",
     ("seed",): 0,
     ("record",): {},
@@ -37,9 +37,9 @@ _STAND_INS: dict[Place, Any] = {
     ("parameters",): {},
 }
 
-RUBBING_WALKERS = 96
-WALKERS_OF_EXPERIMENT = 16  # more: it may bring unknowns of its own
-NONE = (
+FRICTION_WALKERS = 96
+WALKERS_PER_EXPERIMENT = 16  # more: it may bring unknowns of its own
+NO_EXPERIMENT = (
     "no experiment stands here; name each, such as `slow: {record: {file: slow.csv}}`, or remove "
     "this entry"
 )
@@ -48,16 +48,16 @@ NO_RECORD = "this experiment has no record; give `record: {file: ...}` in it"
 
 
 def load(path: Path) -> ResolvedCase:
-    """Raises `InputError` with every problem, in the order of the lines."""
-    return validated(read(path))
+    """Load a config; raises `InputError` with every issue, in the order of the lines."""
+    return validate(read(path))
 
 
-def validated(source: Source) -> ResolvedCase:
-    """See `load`."""
+def validate(source: Source) -> ResolvedCase:
+    """Validate a config that has been read; see `load`."""
     if experiments.EXPERIMENTS in source.data:
-        config, resolved = _several(source)
+        config, resolved = _load_several(source)
     else:
-        alone = _one(source, alone=True)
+        alone = _load_single(source, alone=True)
         config, resolved = alone.config, {"": alone}
     experiments_ = tuple(resolved.values())
     config = _with_walkers(config, experiments_[0].model)
@@ -65,24 +65,27 @@ def validated(source: Source) -> ResolvedCase:
 
 
 def _with_walkers(config: Config, model: Model) -> Config:
-    """Fewer by themselves where the rig rubs: a step of a walker is dear there, and its 256 would tell
-    far more than is asked.
+    """Give a rig with friction fewer walkers by default.
+
+    A step of a walker is expensive there, and 256 of them would give far more than is asked.
     """
     sampler = config.sampler
     if "walkers" in sampler.model_fields_set or not model.frictions:
         return config
     walkers = min(
-        sampler.walkers, RUBBING_WALKERS + WALKERS_OF_EXPERIMENT * len(config.experiments)
+        sampler.walkers, FRICTION_WALKERS + WALKERS_PER_EXPERIMENT * len(config.experiments)
     )
     fewer = sampler.model_copy(update={"walkers": walkers})
     return config.model_copy(update={"sampler": fewer})
 
 
-def _several(source: Source) -> tuple[Config, dict[str, ResolvedExperiment]]:
+def _load_several(source: Source) -> tuple[Config, dict[str, ResolvedExperiment]]:
     """All experiments, and the config of the first, which names them."""
-    alone, resolved = experiments.split(source), dict[str, ResolvedExperiment]()
+    alone, resolved = experiments.split_experiments(source), dict[str, ResolvedExperiment]()
     problems = [*source.repeated]
-    for label, local_source in (alone or {"": experiments.alone(source, "", {})}).items():
+    for label, local_source in (
+        alone or {"": experiments.experiment_source(source, "", {})}
+    ).items():
         record = local_source.data.get("record", {})
         if isinstance(record, Mapping) and "file" not in record:
             record = {**record, "file": _STAND_INS["record", "file"]}
@@ -90,16 +93,16 @@ def _several(source: Source) -> tuple[Config, dict[str, ResolvedExperiment]]:
                 local_source, data={**local_source.data, "record": record}
             )
             location = (experiments.EXPERIMENTS, label, "record", "file")
-            problems += [source.problem(location, NO_RECORD)] if alone else []
+            problems += [source.issue(location, NO_RECORD)] if alone else []
         try:
-            resolved[label] = _one(local_source, label, alone=False)
+            resolved[label] = _load_single(local_source, label, alone=False)
         except InputError as error:
             problems += error.problems
     whole = experiments.join_experiments(source, alone)
     if alone or source.data[experiments.EXPERIMENTS]:
-        problems += _complaints(whole, source)
+        problems += _experiment_issues(whole, source)
     else:
-        problems.append(source.problem((experiments.EXPERIMENTS,), NONE))
+        problems.append(source.issue((experiments.EXPERIMENTS,), NO_EXPERIMENT))
     if not problems:
         config = Config.model_validate(whole)
         problems += several.check_experiments(config, source, resolved)
@@ -108,42 +111,42 @@ def _several(source: Source) -> tuple[Config, dict[str, ResolvedExperiment]]:
     return config, resolved
 
 
-def _complaints(data: Mapping[str, Any], source: Source) -> list[Issue]:
+def _experiment_issues(data: Mapping[str, Any], source: Source) -> list[Issue]:
     """About experiments alone; the rest is told by each of them."""
     try:
         Config.model_validate(data)
     except ValidationError as error:
         return [
-            source.problem(location, _message(item, location))
-            for location, item in _by_place(error, source).items()
+            source.issue(location, _message(item, location))
+            for location, item in _by_location(error, source).items()
             if location and location[0] in ("experiments", "shared", "own")
         ]
     return []
 
 
-def _by_place(error: ValidationError, source: Source) -> dict[Place, dict[str, Any]]:
+def _by_location(error: ValidationError, source: Source) -> dict[Location, dict[str, Any]]:
     """One mistake a place, the last: the members of a union each complain of the same entry."""
-    return {_place(item["loc"], source.data): dict(item) for item in error.errors()}
+    return {_location(item["loc"], source.data): dict(item) for item in error.errors()}
 
 
-def _one(source: Source, label: str = "", *, alone: bool) -> ResolvedExperiment:
+def _load_single(source: Source, label: str = "", *, alone: bool) -> ResolvedExperiment:
     """`alone`: whether there is no other experiment."""
     problems = list(source.repeated)
     pruned = copy.deepcopy(source.data)
     try:
         config = Config.model_validate(source.data)
     except ValidationError as error:
-        errors = _by_place(error, source)
-        meant = {_meant(item, location) for location, item in errors.items()} - {
+        errors = _by_location(error, source)
+        meant = {_intended_location(item, location) for location, item in errors.items()} - {
             None,
             *source.lines,
         }
         problems += [
-            source.problem(location, _message(item, location))
+            source.issue(location, _message(item, location))
             for location, item in errors.items()
             if not (item["type"] == "missing" and location in meant)
         ]
-        problems += _judge_rest(pruned, [*errors, *filter(None, meant)], source, alone=alone)
+        problems += _check_remaining(pruned, [*errors, *filter(None, meant)], source, alone=alone)
     else:
         broken, resolved = consistency.check(config, source, frozenset(), label, alone=alone)
         problems += broken
@@ -152,7 +155,9 @@ def _one(source: Source, label: str = "", *, alone: bool) -> ResolvedExperiment:
     raise InputError(sorted(dict.fromkeys(problems), key=_line))
 
 
-def _judge_rest(data: Any, spoilt: list[Place], source: Source, *, alone: bool) -> list[Issue]:
+def _check_remaining(
+    data: Any, spoilt: list[Location], source: Source, *, alone: bool
+) -> list[Issue]:
     """Checks across entries, for what is left after the spoilt entries are taken out."""
     for location in spoilt:
         _remove(data, location)
@@ -167,14 +172,14 @@ def _judge_rest(data: Any, spoilt: list[Place], source: Source, *, alone: bool) 
     return consistency.check(config, source, frozenset(spoilt), alone=alone)[0]
 
 
-def _meant(error: dict[str, Any], location: Place) -> Place | None:
+def _intended_location(error: dict[str, Any], location: Location) -> Location | None:
     """The entry that a misspelt key was to be: that it is missing is no mistake of its own."""
     hint = _message(error, location)
     near = hint.rpartition("did you mean ")[2].rstrip("?")
     return (*location[:-1], near) if error["type"] == "extra_forbidden" and near != hint else None
 
 
-def _remove(data: Any, location: Place) -> None:
+def _remove(data: Any, location: Location) -> None:
     """Take out the entry that holds `location`: a channel, or what stands directly in a section."""
     keep = location[:3] if location[:2] == ("record", "channels") else location[:2]
     parent = data
@@ -184,7 +189,7 @@ def _remove(data: Any, location: Place) -> None:
         parent.pop(keep[-1], None)
 
 
-def _place(loc: tuple[str | int, ...], data: Any) -> Place:
+def _location(loc: tuple[str | int, ...], data: Any) -> Location:
     """The path as the user wrote it: pydantic's union tags are left out."""
     location: list[str | int] = []
     here = data
@@ -200,7 +205,7 @@ def _place(loc: tuple[str | int, ...], data: Any) -> Place:
     return tuple(location)
 
 
-def _message(error: dict[str, Any], location: Place) -> str:
+def _message(error: dict[str, Any], location: Location) -> str:
     kind, value, context = error["type"], error["input"], error.get("ctx", {})
     match kind:
         case "extra_forbidden":

@@ -1,6 +1,4 @@
-"""YAML 1.2 text as plain data with the line of every entry, and the errors of a config with their
-places.
-"""
+"""YAML 1.2 text as plain data with the line of every entry, and errors with their locations."""
 
 from __future__ import annotations
 
@@ -14,31 +12,33 @@ from typing import Any
 from bayesdrill import output_files
 from bayesdrill.basics.errors import InputError, Issue, did_you_mean
 
-Place = tuple[str | int, ...]
+Location = tuple[str | int, ...]
 
 # More than any config of a rig needs: beyond them stands a mistake, or what would take for ever.
-MOST_BYTES = 100_000
-MOST_ENTRIES = 5000  # an alias counts as all that it stands for
-LONGEST_KEY = 100  # letters
-LONGEST_VALUE = 2000
-LONGEST_NUMBER = 40
+MAX_BYTES = 100_000
+MAX_ENTRIES = 5000  # an alias counts as all that it stands for
+MAX_KEY_LENGTH = 100  # letters
+MAX_VALUE_LENGTH = 2000
+MAX_NUMBER_LENGTH = 40
 
 
 @dataclass(frozen=True, slots=True)
 class Source:
-    """`lines`: 1-based line of the key (or list item) at each place; `repeated` keys as problems;
-    `moved`: where entries stand that are read as if they stood elsewhere.
+    """The text of a config, its data, and where each entry stands.
+
+    `lines`: 1-based line of the key (or list item) at each location; `repeated`: keys that stand
+    twice, as issues; `moved`: where entries stand that are read as if they stood elsewhere.
     """
 
     path: Path
     text: str
     data: Any
-    lines: Mapping[Place, int]
+    lines: Mapping[Location, int]
     repeated: tuple[Issue, ...]
-    moved: Mapping[Place, Place] = field(default_factory=dict)
+    moved: Mapping[Location, Location] = field(default_factory=dict)
 
-    def problem(self, location: Place, message: str) -> Issue:
-        """Labelled `file:line: a.b.c`; the line is that of the nearest entry that has one."""
+    def issue(self, location: Location, message: str) -> Issue:
+        """Return an issue labelled `file:line: a.b.c`; the line is that of the nearest entry."""
         known = location
         while known not in self.lines and known:
             known = known[:-1]
@@ -47,17 +47,17 @@ class Source:
         label = f"{self.path}:{self.lines.get(known, 1)}" if self.lines else str(self.path)
         return Issue(f"{label}: {dotted}" if dotted else label, message)
 
-    def error(self, location: Place, message: str) -> InputError:
-        """With this problem alone."""
-        return InputError([self.problem(location, message)])
+    def error(self, location: Location, message: str) -> InputError:
+        """Return an error with this issue alone."""
+        return InputError([self.issue(location, message)])
 
 
 def read(path: Path) -> Source:
-    """Raises `InputError` where the file cannot be read or is not YAML."""
+    """Read a YAML file; raises `InputError` where it cannot be read or is not YAML."""
     output_files.refuse_endless(path)
     try:
         with path.open("rb") as file:
-            raw = file.read(MOST_BYTES + 1)
+            raw = file.read(MAX_BYTES + 1)
     except FileNotFoundError:
         message = "there is no such file; check the path (`bayesdrill example` writes some to copy)"
         raise InputError.at(str(path), message) from None
@@ -66,8 +66,8 @@ def read(path: Path) -> Source:
     except (OSError, ValueError) as error:  # ValueError: a NUL in the path
         reason = getattr(error, "strerror", None) or error
         raise InputError.at(str(path), f"cannot be read: {reason}") from None
-    if len(raw) > MOST_BYTES:
-        message = f"holds more than {MOST_BYTES // 1000} kB, which no config needs; name a config"
+    if len(raw) > MAX_BYTES:
+        message = f"holds more than {MAX_BYTES // 1000} kB, which no config needs; name a config"
         raise InputError.at(str(path), message)
     try:
         text = raw.decode("utf-8-sig")
@@ -77,20 +77,21 @@ def read(path: Path) -> Source:
 
 
 def parse(path: Path, text: str) -> Source:
+    """Parse YAML text; raises `InputError` where it is not a mapping."""
     from ruamel.yaml import YAML
     from ruamel.yaml.error import MarkedYAMLError, ReusedAnchorWarning, YAMLError
     from ruamel.yaml.reader import ReaderError
 
     yaml = YAML(typ="safe", pure=True)
     yaml.allow_duplicate_keys = True
-    walk = _Walk(path, yaml.constructor)
+    walk = _NodeVisitor(path, yaml.constructor)
     try:
         with warnings.catch_warnings():
             # Of an anchor given twice, the later one counts from there on.
             warnings.simplefilter("ignore", ReusedAnchorWarning)
             root = YAML(typ="safe", pure=True).compose(text)
         if root is not None:
-            walk.on(root, ())
+            walk.visit(root, ())
         data = None if root is None else yaml.constructor.construct_document(root)
     except MarkedYAMLError as error:
         mark = error.problem_mark or error.context_mark
@@ -115,7 +116,7 @@ def parse(path: Path, text: str) -> Source:
 
 
 def as_yaml(data: Mapping[str, Any]) -> str:
-    """As people read it."""
+    """Return the data as YAML that people can read."""
     from ruamel.yaml import YAML
 
     yaml, out = YAML(), io.StringIO()
@@ -126,7 +127,7 @@ def as_yaml(data: Mapping[str, Any]) -> str:
 
 
 @dataclass(slots=True)
-class _Walk:
+class _NodeVisitor:
     """Through all nodes: notes lines and repeated keys, refuses what no config needs.
 
     `constructor` of the document, which every plain value is tried with: so its line is known.
@@ -134,32 +135,32 @@ class _Walk:
 
     path: Path
     constructor: Any
-    lines: dict[Place, int] = field(default_factory=dict)
+    lines: dict[Location, int] = field(default_factory=dict)
     repeated: list[Issue] = field(default_factory=list)
     entries: int = 0
 
-    def on(self, node: Any, location: Place) -> None:
+    def visit(self, node: Any, location: Location) -> None:
         from ruamel.yaml.nodes import MappingNode, SequenceNode
 
         if isinstance(node, MappingNode):
             for key, value in node.value:
-                self.on(value, self._key(key, location))
+                self.visit(value, self._key(key, location))
         elif isinstance(node, SequenceNode):
             for index, value in enumerate(node.value):
                 here = (*location, index)
                 self._note(here, value)
-                self.on(value, here)
+                self.visit(value, here)
         else:
             self._value(node)
 
-    def _note(self, location: Place, node: Any) -> None:
+    def _note(self, location: Location, node: Any) -> None:
         self.lines[location] = node.start_mark.line + 1
         self.entries += 1
-        if self.entries > MOST_ENTRIES:
-            message = f"holds more than {MOST_ENTRIES} entries, each alias (`*`) written out"
+        if self.entries > MAX_ENTRIES:
+            message = f"holds more than {MAX_ENTRIES} entries, each alias (`*`) written out"
             raise InputError.at(str(self.path), f"{message}; no config needs as many")
 
-    def _key(self, key: Any, location: Place) -> Place:
+    def _key(self, key: Any, location: Location) -> Location:
         """Every key is made text, as `5:` or `~:` is no number or null."""
         from ruamel.yaml.nodes import ScalarNode
 
@@ -167,8 +168,8 @@ class _Walk:
             raise self._refusal(
                 key, "a list or mapping cannot be a key; write a word before the colon"
             )
-        if len(key.value) > LONGEST_KEY:
-            message = f"this key has {len(key.value)} letters; write at most {LONGEST_KEY}"
+        if len(key.value) > MAX_KEY_LENGTH:
+            message = f"this key has {len(key.value)} letters; write at most {MAX_KEY_LENGTH}"
             raise self._refusal(key, message)
         self._readable(key)
         if key.tag != "tag:yaml.org,2002:merge":
@@ -186,7 +187,7 @@ class _Walk:
         from ruamel.yaml.error import YAMLError
 
         text, kind = node.value, str(node.tag).rpartition(":")[2]
-        most = LONGEST_NUMBER if kind == "int" else LONGEST_VALUE
+        most = MAX_NUMBER_LENGTH if kind == "int" else MAX_VALUE_LENGTH
         if len(text) > most:
             what = "a number of {} digits" if kind == "int" else "a value of {} letters"
             raise self._refusal(node, f"{what.format(len(text))}; write at most {most}")
@@ -196,7 +197,7 @@ class _Walk:
         except YAMLError:
             raise
         except Exception:  # text that does not suit its tag comes up as anything
-            message = f"'{text[:LONGEST_NUMBER]}' cannot be read as {kind}; put text in quotes"
+            message = f"'{text[:MAX_NUMBER_LENGTH]}' cannot be read as {kind}; put text in quotes"
             raise self._refusal(node, message) from None
 
     def _readable(self, node: Any) -> None:
@@ -219,31 +220,33 @@ def _explain(error: Any, text: str, line: int) -> str:
     return f"this is not YAML: {problem}; check indentation, quotes and the space after each colon"
 
 
-class Collector:
-    """Runs steps that raise `ValueError` for the user, and files their messages under a place."""
+class IssueCollector:
+    """Run steps that raise `ValueError` for the user, and file their messages under a location."""
 
-    def __init__(self, source: Source, spoilt: frozenset[Place]) -> None:
-        self.problems: list[Issue] = []
+    def __init__(self, source: Source, spoilt: frozenset[Location]) -> None:
+        self.issues: list[Issue] = []
         self.source = source
-        self._spoilt = spoilt
+        self._reported = spoilt
 
-    def add(self, location: Place, message: str) -> None:
-        if not self.spoilt(location):
-            self.problems.append(self.source.problem(location, message))
+    def add(self, location: Location, message: str) -> None:
+        """Add an issue, unless one was reported of this entry before."""
+        if not self.is_reported(location):
+            self.issues.append(self.source.issue(location, message))
 
-    def spoilt(self, location: Place) -> bool:
-        """Whether something was said already of this entry, of one in it, or of one around it."""
-        pairs = (zip(location, other, strict=False) for other in self._spoilt)
+    def is_reported(self, location: Location) -> bool:
+        """Whether an issue was reported of this entry, of one in it, or of one around it."""
+        pairs = (zip(location, other, strict=False) for other in self._reported)
         return any(all(part == other for part, other in pair) for pair in pairs)
 
-    def run[T](self, location: Place, step: Callable[..., T], *arguments: Any) -> T | None:
+    def run[T](self, location: Location, step: Callable[..., T], *arguments: Any) -> T | None:
+        """Return the result of a step; None, with an issue, where it raises `ValueError`."""
         try:
             return step(*arguments)
         except ValueError as error:
             self.add(location, str(error))
             return None
 
-    def expect(self, location: Place, name: str, known: Collection[str], message: str) -> None:
-        """That `name`, which stands at `location`, is one of `known`; the nearest is proposed."""
+    def expect(self, location: Location, name: str, known: Collection[str], message: str) -> None:
+        """Add an issue unless `name`, at `location`, is one of `known`; the nearest is proposed."""
         if name not in known:
             self.add(location, f"{message}{did_you_mean(name, known)}")

@@ -318,7 +318,7 @@ def _asks(text: str, target: Path, record: Path, sheet: Source | None) -> tuple[
     asked = entries.ASKED_VOLTAGE
     whole = parse(target, text.replace(asked, asked.replace("# ", "")))
     try:
-        assemble(loading.validated(whole))
+        assemble(loading.validate(whole))
     except InputError as error:
         sheet_entries = (
             "nominal",
@@ -333,7 +333,7 @@ def _asks(text: str, target: Path, record: Path, sheet: Source | None) -> tuple[
         message = "`check` would refuse what can be made of it; mend it, or write a config by hand"
         raise InputError([Issue(str(record), message), *error.problems]) from None
     try:
-        loading.validated(parse(target, text))
+        loading.validate(parse(target, text))
     except InputError as error:
         return error.problems
     return ()

@@ -91,7 +91,7 @@ class DraftContext:
 
     def file_name(self, path: Path) -> str:
         """Return the name of a file as the config has it."""
-        return sources.name_in(self.folder, path)
+        return sources.relative_name(self.folder, path)
 
     def file_entry(self, path: Path) -> str:
         """Return the entry `file:`."""

@@ -1,6 +1,6 @@
 """The density: unknowns, priors, noise, likelihood, posterior, and its slopes.
 
-A record that a latent torque has shaken is in `state_space`. How a density is explored is in
+A record that a latent torque has moved is in `state_space`. How a density is explored is in
 `sampling`, what draws of it mean in `analysis`.
 """
 
@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from bayesdrill.inference.derived import HDI_PROBABILITY as HDI_PROBABILITY
     from bayesdrill.inference.derived import hdi as hdi
     from bayesdrill.inference.likelihood import Likelihood as Likelihood
-    from bayesdrill.inference.noise.contract import Noisy as Noisy
+    from bayesdrill.inference.noise.contract import NoisyChannel as NoisyChannel
     from bayesdrill.inference.noise.contract import Residuals as Residuals
     from bayesdrill.inference.noise.white import White as White
     from bayesdrill.inference.posterior import Posterior as Posterior

@@ -60,7 +60,7 @@ def first_samples(observation: Observation, samples: int) -> Observation:
     if len(observation.experiment.t) <= samples or not is_long(observation):
         return observation
     experiment = _first(observation.experiment, samples)
-    made = observation.simulated(observation.response.of(experiment), observation.parameters)
+    made = observation.with_simulator(observation.response.of(experiment), observation.parameters)
     return dataclasses.replace(made, noise=observation.noise.for_length(samples))
 
 
@@ -87,7 +87,9 @@ def _about(posterior: Posterior, theta: Array) -> Array:
     """
     rng = np.random.default_rng(0)
     u = posterior.coordinates.from_physical(theta[None])
-    curvature = laplace.PosteriorSurface(posterior).expand(u, np.eye(len(theta))).curvature[0]
+    curvature = (
+        laplace.PosteriorLogDensity(posterior).quadratic_model(u, np.eye(len(theta))).curvature[0]
+    )
     known, directions = np.linalg.eigh(curvature)
     spread = np.where(known > MAX_SPREAD**-2, np.abs(known), np.inf) ** -0.5
     shifts = rng.standard_normal((POINTS, len(theta))) * spread @ directions.T
@@ -106,7 +108,9 @@ def compressions(posterior: Posterior, points: Array) -> dict[str, Compression]:
     for observation in posterior.likelihood.observations:
         if is_long(observation):
             variances = observation.scales(points).min(axis=0) ** 2
-            compression = compress(observation.response, observation.told(full), variances)
+            compression = compress(
+                observation.response, observation.simulator_parameters(full), variances
+            )
             if isinstance(compression, Compression):
                 made[observation.label] = compression
     return made

@@ -1,4 +1,4 @@
-"""What follows from the unknowns at every draw: poles, the steady state, formulas of the config.
+"""Quantities derived from the unknowns at every draw: poles, steady state, formulas.
 
 Nothing here is inferred: a draw of the unknowns has one value of each derived quantity, so their
 posterior is that of the unknowns.
@@ -22,17 +22,22 @@ from bayesdrill.rig.models.linear import Linear, Model, constant_forcing, dynami
 from bayesdrill.rig.steady_state import angle_indices, equilibrium, fix_rotation, rotates_freely
 
 HDI_PROBABILITY = 0.94
-_TRIED = 1000  # draws from the priors, at which formulas are tried
+_N_PRIOR_DRAWS = 1000  # draws from the priors, at which formulas are tried
 _LARGEST = 1e150  # whose square is still a number
-_FAST = 100.0  # times the slowest pair: what swings so fast is within a part, and nobody sees it
-_FLAT = 1e-7  # relative imaginary part below which a pole is real: rounding of a double one
+_MAX_FREQUENCY_RATIO = (
+    100.0  # times the slowest pair: what swings so fast is within a part, and nobody sees it
+)
+_REAL_POLE_TOLERANCE = (
+    1e-7  # relative imaginary part below which a pole is real: rounding of a double one
+)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Derived:
-    """`values (E, N, Q)` at draws `(E, N)`, NaN where a draw has no such value; SI.
+    """Values `(E, N, Q)` of Q derived quantities at draws `(E, N)`, SI.
 
-    `nominal`: at the nominal parameters; NaN where a quantity without nominal value is named.
+    They are NaN where a draw has no such value.  `nominal`: at the nominal parameters; NaN where a
+    quantity without nominal value is named.
     """
 
     symbols: tuple[Symbol, ...]
@@ -41,7 +46,7 @@ class Derived:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Row:
+class DerivedRow:
     """One derived quantity, SI; `share` of the draws have it, and the numbers are of those."""
 
     name: str
@@ -55,34 +60,40 @@ class Row:
     share: float
 
 
-def impossible(problem: Problem) -> dict[str, str]:
-    """Why a formula of the config can have no mean or sd, by name; tried at draws from the priors."""
+def impossible_formulas(problem: Problem) -> dict[str, str]:
+    """Return why a formula of the config can have no mean or sd, by name.
+
+    It is tried at draws from the priors.
+    """
     if not problem.derived:
         return {}
-    values = at(problem, problem.posterior.space.draw(_TRIED, np.random.default_rng(0)))
-    result = {}
+    values = values_at(
+        problem, problem.posterior.space.draw(_N_PRIOR_DRAWS, np.random.default_rng(0))
+    )
+    reasons = {}
     for formula in problem.derived:
         name, text, x = formula.symbol.name, formula.expression.text, values[formula.symbol.name]
         x = np.abs(x[np.isfinite(x)])
         if not len(x):
-            result[name] = (
-                f"'{text}' is no number at any of {_TRIED} draws from the priors; mend the formula"
+            reasons[name] = (
+                f"'{text}' is no number at any of {_N_PRIOR_DRAWS} draws from the priors; "
+                "mend the formula"
             )
         elif x.max() > _LARGEST:
-            result[name] = (
+            reasons[name] = (
                 f"'{text}' reaches {x.max():.3g} where the priors allow it, too large for a mean; "
                 "rescale it"
             )
-    return result
+    return reasons
 
 
 def derive(problem: Problem, draws: Array) -> Derived:
-    """At physical draws `(E, N, D)`: what is tied, poles and steady state, the config's formulas."""
-    values = at(problem, draws.reshape(-1, draws.shape[-1]))
+    """Return what is tied, poles and steady state, and formulas at physical draws `(E, N, D)`."""
+    values = values_at(problem, draws.reshape(-1, draws.shape[-1]))
     shape = draws.shape[:2]
     columns = [np.broadcast_to(values[name], shape[0] * shape[1]) for name in values]
     return Derived(
-        symbols=described(problem),
+        symbols=derived_symbols(problem),
         values=np.stack([column.reshape(shape) for column in columns], axis=-1),
         nominal=_nominal(problem),
     )
@@ -91,7 +102,7 @@ def derive(problem: Problem, draws: Array) -> Derived:
 def with_products(
     derived: Derived, problem: Problem, draws: Array, exponents: Sequence[Sequence[int]]
 ) -> Derived:
-    """And products of powers of the first unknowns at draws `(E, N, D)`, such as `k_s_over_j_1`."""
+    """Add products of powers of the first unknowns at draws `(E, N, D)`, such as `k_s_over_j_1`."""
     known = {symbol.name: symbol for symbol in problem.symbols}
     described_, columns, nominal = list(derived.symbols), [derived.values], dict(derived.nominal)
     for powers in exponents:
@@ -132,26 +143,28 @@ def _product_name(exponents: Mapping[str, int]) -> str:
     return f"{above or 'one'}_over_{below}" if below else above
 
 
-def described(problem: Problem) -> tuple[Symbol, ...]:
-    """In the order of the values."""
+def derived_symbols(problem: Problem) -> tuple[Symbol, ...]:
+    """Return the symbols in the order of the values."""
     tied = [models.PARAMETERS[name] for name in problem.posterior.space.relations]
     return (*tied, *symbols.DERIVED.values(), *(formula.symbol for formula in problem.derived))
 
 
-def at(problem: Problem, theta: Array) -> dict[str, Array]:
-    """By name, each `(W,)`, at physical unknowns `(W, D)`."""
+def values_at(problem: Problem, theta: Array) -> dict[str, Array]:
+    """Return derived quantities by name, each `(W,)`, at physical unknowns `(W, D)`."""
     space = problem.posterior.space
     named = space.named(theta)
     tied = {name: np.broadcast_to(named[name], len(theta)) for name in space.relations}
-    return tied | _following(problem, named, len(theta))
+    return tied | _derived_values(problem, named, len(theta))
 
 
-def _following(problem: Problem, named: Named, n: int) -> dict[str, Array]:
+def _derived_values(problem: Problem, named: Named, n: int) -> dict[str, Array]:
     model, first = problem.model, problem.observations[0]
-    told = first.named(model.parameters)
-    p = {name: np.broadcast_to(named[told[name]], n) for name in model.parameters}
+    names = first.named(model.parameters)
+    p = {name: np.broadcast_to(named[names[name]], n) for name in model.parameters}
     linear = model.linear(p)
-    values = poles(model, linear, n) | steady(model, linear, n, typical_inputs(first.experiment))
+    values = poles(model, linear, n) | steady_values(
+        model, linear, n, typical_inputs(first.experiment)
+    )
     known: dict[str, Array | float] = {**named, **values}
     for formula in problem.derived:
         value = np.broadcast_to(formula.expression.value(known), n)
@@ -167,14 +180,14 @@ def _nominal(problem: Problem) -> dict[str, float]:
     named: dict[str, Array | float] = dict.fromkeys(
         (*space.model, *space.free, *space.fixed), np.nan
     )
-    held = {name: value for name, value in space.fixed.items() if name not in space.model}
-    named |= {**held, **problem.nominal}
-    values = {name: float(x[0]) for name, x in _following(problem, named, 1).items()}
+    fixed = {name: value for name, value in space.fixed.items() if name not in space.model}
+    named |= {**fixed, **problem.nominal}
+    values = {name: float(x[0]) for name, x in _derived_values(problem, named, 1).items()}
     return {name: problem.nominal.get(name, np.nan) for name in space.relations} | values
 
 
 def poles(model: Model, linear: Linear, n: int) -> dict[str, Array]:
-    """Natural frequency and damping ratio of the least damped pair, and time constants.
+    """Return frequency and damping of the least damped pair of poles, and time constants.
 
     The pole at zero, of a rig that can turn as a whole, is taken out before: only differences of
     angles matter.  NaN where there is no pair, or not the poles that a time constant means.
@@ -190,27 +203,29 @@ def poles(model: Model, linear: Linear, n: int) -> dict[str, Array]:
     eigenvalues = np.linalg.eigvals(matrix)
     size = np.abs(eigenvalues)
     with np.errstate(all="ignore"):
-        swings = np.abs(eigenvalues.imag) > _FLAT * size
+        swings = np.abs(eigenvalues.imag) > _REAL_POLE_TOLERANCE * size
         slowest = np.where(swings, size, np.inf).min(axis=1, keepdims=True)
-        seen = swings & (size <= _FAST * slowest)
-        damping = np.where(seen, -eigenvalues.real / size, np.inf)
+        visible = swings & (size <= _MAX_FREQUENCY_RATIO * slowest)
+        damping = np.where(visible, -eigenvalues.real / size, np.inf)
         least = np.argmin(damping, axis=1)[:, None]
         times = np.where(swings, np.nan, -1.0 / eigenvalues.real)
     none = ~swings.any(axis=1)
-    fastest = np.argmax(np.where(swings & ~seen, 0.0, size), axis=1)[:, None]
+    fastest = np.argmax(np.where(swings & ~visible, 0.0, size), axis=1)[:, None]
     current = model.roles.motor.current in model.states
     slow = (~swings).sum(axis=1) == (2 if current else 1)  # of the current, and of the motor
     values = {
         "omega_n": np.where(none, np.nan, np.take_along_axis(size, least, axis=1)[:, 0]),
         "zeta": np.where(none, np.nan, np.take_along_axis(damping, least, axis=1)[:, 0]),
-        "tau_e": np.take_along_axis(times, fastest, axis=1)[:, 0] if current else _none(n),
+        "tau_e": np.take_along_axis(times, fastest, axis=1)[:, 0] if current else _all_nan(n),
         "tau_m": np.where(slow, np.max(np.where(swings, -np.inf, times), axis=1), np.nan),
     }
     return {name: np.where(bad, np.nan, value) for name, value in values.items()}
 
 
-def steady(model: Model, linear: Linear, n: int, inputs: Mapping[str, float]) -> dict[str, Array]:
-    """Speed and current that the rig ends with at constant inputs.
+def steady_values(
+    model: Model, linear: Linear, n: int, inputs: Mapping[str, float]
+) -> dict[str, Array]:
+    """Return speed and current that the rig ends with at constant inputs.
 
     All angles turn alike then; a rig that is held by its angles stands still.  NaN where there is
     no such state.
@@ -219,23 +234,23 @@ def steady(model: Model, linear: Linear, n: int, inputs: Mapping[str, float]) ->
     pushed = constant_forcing(linear, model.states, n, inputs)
     angles = angle_indices(model)
     turned = rotates_freely(matrix, angles)
-    values = equilibrium(fix_rotation(matrix, angles) if turned else matrix, pushed)
-    speed = values[:, angles[0]] if turned else 0.0 * values[:, angles[0]]
+    final = equilibrium(fix_rotation(matrix, angles) if turned else matrix, pushed)
+    speed = final[:, angles[0]] if turned else 0.0 * final[:, angles[0]]
     current = model.roles.motor.current in model.states
-    at_end = values[:, model.states.index(model.roles.motor.current)] if current else _none(n)
+    at_end = final[:, model.states.index(model.roles.motor.current)] if current else _all_nan(n)
     return {"w_end": speed, "i_end": at_end}
 
 
-def _none(n: int) -> Array:
+def _all_nan(n: int) -> Array:
     return np.full(n, np.nan)
 
 
-def summarise(derived: Derived) -> tuple[Row, ...]:
-    """A row for each quantity that some draw has."""
+def summarise(derived: Derived) -> tuple[DerivedRow, ...]:
+    """Return a row for each quantity that some draw has."""
     rows = []
     for q, symbol in enumerate(derived.symbols):
-        every = derived.values[..., q].ravel()
-        x = every[np.isfinite(every)]
+        all_draws = derived.values[..., q].ravel()
+        x = all_draws[np.isfinite(all_draws)]
         if len(x) < 2:
             continue
         table = derived.nominal.get(symbol.name, np.nan)
@@ -243,7 +258,7 @@ def summarise(derived: Derived) -> tuple[Row, ...]:
         low, high = hdi(x)
         mean = float(x.mean())
         rows.append(
-            Row(
+            DerivedRow(
                 name=symbol.name,
                 unit=symbol.unit,
                 nominal=nominal,
@@ -252,14 +267,14 @@ def summarise(derived: Derived) -> tuple[Row, ...]:
                 hdi_low=low,
                 hdi_high=high,
                 deviation=mean / nominal - 1.0 if nominal else None,
-                share=len(x) / len(every),
+                share=len(x) / len(all_draws),
             )
         )
     return tuple(rows)
 
 
 def hdi(x: Array, probability: float = HDI_PROBABILITY) -> tuple[float, float]:
-    """The narrowest interval that holds this share of the draws `(N,)`."""
+    """Return the narrowest interval that holds this share of the draws `(N,)`."""
     from arviz_stats.base import array_stats  # late: it takes half a second to load
 
     low, high = array_stats.hdi(x, prob=probability, axis=0)  # type: ignore[no-untyped-call]

@@ -1,4 +1,4 @@
-"""The units of the user: in which people are shown unknowns, and what is held or follows from them.
+"""The units of the user, in which unknowns, fixed values and derived ones are shown.
 
 Files for machines are SI, each number with its unit.
 """
@@ -18,66 +18,73 @@ from bayesdrill.basics.units import Unit
 from bayesdrill.inference.priors import Prior
 
 
-class Told(Protocol):
+class DisplayRow(Protocol):
     """A row of a table, with the values of an unknown in its `unit` under names of `_VALUES`."""
 
     @property
-    def name(self) -> str: ...
+    def name(self) -> str:
+        """Return the name of the unknown."""
+        ...
 
     @property
-    def unit(self) -> str: ...
+    def unit(self) -> str:
+        """Return the unit of the values."""
+        ...
 
 
 _VALUES = ("nominal", "map", "mean", "sd", "hdi_low", "hdi_high", "pressed_against")
 
 
 @dataclass(frozen=True, slots=True)
-class OwnUnits:
-    """How unknowns, held and derived quantities are shown, by name; what is not here is in SI."""
+class DisplayUnits:
+    """How unknowns, fixed and derived quantities are shown, by name; others are in SI."""
 
     units: Mapping[str, Unit]
 
-    def over(self, others: OwnUnits) -> OwnUnits:
-        """These, and those of others where these say nothing."""
-        return OwnUnits({**others.units, **self.units})
+    def override(self, others: DisplayUnits) -> DisplayUnits:
+        """Return these units, and those of others where these have none."""
+        return DisplayUnits({**others.units, **self.units})
 
     def factor(self, name: str) -> float:
-        """How many SI one of what is shown is."""
+        """Return how many SI one of what is shown is."""
         return self.units[name].factor if name in self.units else 1.0
 
     def factors(self, shown: Iterable[Symbol]) -> Array:
+        """Return the factors of several symbols, `(D,)`."""
         return np.array([self.factor(symbol.name) for symbol in shown])
 
     def symbol(self, si: Symbol) -> Symbol:
-        """With its unit in words and in LaTeX."""
+        """Return the symbol with its display unit in words and in LaTeX."""
         unit = self.units.get(si.name)
         return (
             si if unit is None else dataclasses.replace(si, unit=unit.name, latex_unit=unit.latex)
         )
 
     def symbols(self, si: Iterable[Symbol]) -> tuple[Symbol, ...]:
+        """Return the symbols with their display units."""
         return tuple(map(self.symbol, si))
 
     def values(self, si: Mapping[str, float]) -> dict[str, float]:
+        """Return values by name in display units."""
         return {name: value / self.factor(name) for name, value in si.items()}
 
-    def said(self, name: str, si: float, digits: int = 4) -> str:
-        """Its value in a sentence, with the unit where that is the user's own: `0.1 deg`."""
+    def format_value(self, name: str, si: float, digits: int = 4) -> str:
+        """Return a value for a sentence, with its unit where that is the user's: `0.1 deg`."""
         number = f"{si / self.factor(name):.{digits}g}"
         unit = self.units[name].name if name in self.units else ""
         return f"{number} {plain(unit)}" if unit not in ("", "1") else number
 
-    def believed(self, name: str, si: Prior) -> str:
-        """Its prior in words, with the unit where that is the user's own."""
+    def describe_prior(self, name: str, si: Prior) -> str:
+        """Return a prior in words, with its unit where that is the user's."""
         unit = self.units[name].name if name in self.units else ""
-        said = self.prior(name, si).describe()
-        return f"{said}, in {plain(unit)}" if unit not in ("", "1") else said
+        text = self.prior(name, si).describe()
+        return f"{text}, in {plain(unit)}" if unit not in ("", "1") else text
 
-    def rows[R: Told](self, si: Sequence[R]) -> tuple[R, ...]:
-        """Of a table."""
+    def rows[R: DisplayRow](self, si: Sequence[R]) -> tuple[R, ...]:
+        """Return the rows of a table in display units."""
         return tuple(map(self._row, si))
 
-    def _row[R: Told](self, si: R) -> R:
+    def _row[R: DisplayRow](self, si: R) -> R:
         unit = self.units.get(si.name)
         if unit is None:
             return si
@@ -86,18 +93,23 @@ class OwnUnits:
         return dataclasses.replace(si, unit=unit.name, **values)  # type: ignore[type-var]
 
     def prior(self, name: str, si: Prior) -> Prior:
+        """Return a prior in its display unit."""
         return si if (factor := self.factor(name)) == 1.0 else si.scaled(1 / factor)
 
     def priors(self, si: Mapping[str, Prior]) -> dict[str, Prior]:
+        """Return priors by name in display units."""
         return {name: self.prior(name, prior) for name, prior in si.items()}
 
 
-SI = OwnUnits({})
+SI = DisplayUnits({})
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Shown:
-    """Unknowns as figures show them: all numbers in the units of `symbols`; `columns`: of all draws."""
+class DisplayedUnknowns:
+    """Unknowns as figures show them: all numbers in the units of `symbols`.
+
+    `columns`: which of all unknowns they are in draws.
+    """
 
     columns: tuple[int, ...]
     factors: Array
@@ -106,7 +118,7 @@ class Shown:
     nominal: Mapping[str, float]
     mode: Mapping[str, float]
 
-    def of(self, si: Array) -> Array:
-        """`(..., D)` of all unknowns to those that are shown."""
+    def select(self, si: Array) -> Array:
+        """Return the shown columns of `(..., D)` of all unknowns, in display units."""
         picked = si if len(self.columns) == si.shape[-1] else si[..., self.columns]
         return picked if (self.factors == 1.0).all() else picked / self.factors

@@ -1,11 +1,10 @@
-"""A start for searches by inverse dynamics: the equations of motion, fitted to states as the record has
-them.
+"""A start for searches by inverse dynamics: equations of motion fitted to the measured states.
 
-Where inputs and channels tell all states, nothing has to be simulated.  Each equation x' = A x + B u + c
-is multiplied by bumps, zero at both their ends, and integrated by parts, so that its left side is never
-differentiated: - int bump' x = int bump (A x + B u + c) (modulating functions, Shinbrot 1957).  Bumps
-with a mean of zero do not see where integrated angles began.  The misfit has no ripples over the
-parameters, as that of simulated angles has.
+Where inputs and channels tell all states, nothing has to be simulated.  Each equation x' = A x + B
+u + c is multiplied by bumps, zero at both their ends, and integrated by parts, so that its left
+side is never differentiated: - int bump' x = int bump (A x + B u + c) (modulating functions,
+Shinbrot 1957).  Bumps with a mean of zero do not see where integrated angles began.  The misfit has
+no ripples over the parameters, as that of simulated angles has.
 """
 
 from __future__ import annotations
@@ -19,16 +18,16 @@ import scipy
 
 from bayesdrill.basics.arrays import Array
 from bayesdrill.basics.duals import Dual
-from bayesdrill.inference.laplace import PosteriorSurface
+from bayesdrill.inference.laplace import PosteriorLogDensity
 from bayesdrill.inference.likelihood import Observation
 from bayesdrill.inference.posterior import Posterior
 from bayesdrill.record.experiment import Experiment
 from bayesdrill.rig.models.linear import Model
 
-BUMPS = (3, 10, 30, 100)  # along the record
-LEAST_SAMPLES = 6  # of a bump
-FAR = 1e9  # a misfit where the equations have no number
-MOST_SAMPLES = 20_000  # of a record; of longer ones some are left out
+BUMP_COUNTS = (3, 10, 30, 100)  # along the record
+MIN_BUMP_SAMPLES = 6  # of a bump
+LARGE_MISFIT = 1e9  # a misfit where the equations have no number
+MAX_SAMPLES = 20_000  # of a record; of longer ones some are left out
 
 
 def regression_start(posterior: Posterior) -> Array | None:
@@ -44,11 +43,11 @@ def regression_start(posterior: Posterior) -> Array | None:
     motions = [
         motion
         for observation in observations
-        if (motion := MeasuredMotion.measured(observation)) is not None
+        if (motion := MeasuredMotion.from_observation(observation)) is not None
     ]
     if not columns or len(motions) < len(observations):
         return None
-    surface = PosteriorSurface(posterior, physical=True)
+    surface = PosteriorLogDensity(posterior, physical=True)
     first = np.clip(coordinates.from_physical(start[None])[0], surface.low, surface.high)
 
     def unknowns(u: Array) -> Array:
@@ -59,8 +58,11 @@ def regression_start(posterior: Posterior) -> Array | None:
     def misfits(u: Array) -> Array:
         full = space.full(unknowns(u))
         pairs = zip(observations, motions, strict=True)
-        parts = [motion.misfits(observation.told(full)[0]) for observation, motion in pairs]
-        return np.nan_to_num(np.concatenate(parts), posinf=FAR, neginf=-FAR)
+        parts = [
+            motion.misfits(observation.simulator_parameters(full)[0])
+            for observation, motion in pairs
+        ]
+        return np.nan_to_num(np.concatenate(parts), posinf=LARGE_MISFIT, neginf=-LARGE_MISFIT)
 
     bounds = surface.low[columns], surface.high[columns]
     theta = unknowns(scipy.optimize.least_squares(misfits, first[columns], bounds=bounds).x)
@@ -70,9 +72,10 @@ def regression_start(posterior: Posterior) -> Array | None:
 
 @dataclass(frozen=True, slots=True)
 class MeasuredMotion:
-    """What a record tells of all `states` of its rig, and its `inputs`, in the middle of each of its
-    T - 1 steps: `(T - 1,)` by name.  `equations`: states in whose rates a parameter stands; `bumps (M,
-    T - 1)` and their `slopes`, times the steps.
+    """All `states` of the rig and its `inputs`, in the middle of each of the T - 1 steps.
+
+    Each is `(T - 1,)` by name.  `equations`: states in whose rates a parameter stands; `bumps (M,
+    T - 1)` and their `slopes` are times the steps.
     """
 
     model: Model
@@ -83,19 +86,19 @@ class MeasuredMotion:
     slopes: Array
 
     @classmethod
-    def measured(cls, observation: Observation) -> MeasuredMotion | None:
-        """None where a state is not told."""
+    def from_observation(cls, observation: Observation) -> MeasuredMotion | None:
+        """Return the motion that a record shows; None where it lacks a state."""
         model, experiment = observation.response.model, observation.experiment
-        every = slice(None, None, -(-len(experiment.t) // MOST_SAMPLES))
-        t = experiment.t[every]
+        stride = slice(None, None, -(-len(experiment.t) // MAX_SAMPLES))
+        t = experiment.t[stride]
         inputs: dict[str, Array | float]
         inputs = {name: experiment.constant.get(name, 0.0) for name in model.inputs}
         for name, series in experiment.series.items():
-            u = series[every]
+            u = series[stride]
             inputs[name] = _middle(u) if experiment.first_order else u[:-1]
         kinematics = _kinematics(model)
-        states = _states(model, kinematics, experiment, every, inputs)
-        if len(states) < len(model.states) or len(t) < 2 * LEAST_SAMPLES:
+        states = _states(model, kinematics, experiment, stride, inputs)
+        if len(states) < len(model.states) or len(t) < 2 * MIN_BUMP_SAMPLES:
             return None
         equations = tuple(name for name in model.states if name not in kinematics)
         middles = {name: _middle(x) for name, x in states.items()}
@@ -114,9 +117,9 @@ class MeasuredMotion:
             rates[row] = rates.get(row, 0.0) + factor * acting[name]
         parts = []
         for row in self.equations:
-            left = -self.slopes @ self.states[row]
-            size = max(float(np.linalg.norm(left)), np.finfo(float).tiny)
-            parts.append((left - self.bumps @ rates[row]) / size)
+            lhs = -self.slopes @ self.states[row]
+            size = max(float(np.linalg.norm(lhs)), np.finfo(float).tiny)
+            parts.append((lhs - self.bumps @ rates[row]) / size)
         return np.concatenate(parts)
 
 
@@ -134,13 +137,15 @@ def _states(
     model: Model,
     kinematics: Mapping[str, Mapping[str, Any]],
     experiment: Experiment,
-    every: slice,
+    stride: slice,
     inputs: Mapping[str, Array | float],
 ) -> dict[str, Array]:
-    """States `(T,)` that channels tell, alone or less others that are known; that kinematics and inputs
-    give, integrated from zero; and speeds of angles.
+    """Return the states `(T,)` that a record tells.
+
+    Channels tell them, alone or less others that are known; kinematics and inputs give others,
+    integrated from zero, and speeds of angles.
     """
-    t, states = experiment.t[every], dict[str, Array]()
+    t, states = experiment.t[stride], dict[str, Array]()
     channels = [
         (channel.weights, np.interp(t, experiment.t[seen], y[seen]))
         for channel, y, seen in zip(
@@ -171,13 +176,14 @@ def _middle(x: Array) -> Array:
 
 
 def _bumps(t: Array) -> tuple[Array, Array]:
-    """`(M, T - 1)`: whole periods of a sine along `t (T,)`, each overlapping its neighbours by half, and
-    their slopes, times the steps.
+    """Return bumps `(M, T - 1)` along `t (T,)` and their slopes, times the steps.
+
+    They are whole periods of a sine, each overlapping its neighbours by half.
     """
     bumps, slopes, middle = [], [], _middle(t)
-    for count in BUMPS:
+    for count in BUMP_COUNTS:
         width = (t[-1] - t[0]) * 2 / (count + 1)
-        if width * len(t) < LEAST_SAMPLES * (t[-1] - t[0]):
+        if width * len(t) < MIN_BUMP_SAMPLES * (t[-1] - t[0]):
             break
         phase = (middle - t[0]) / width - 0.5 * np.arange(count)[:, None]
         inside = (phase >= 0.0) & (phase <= 1.0)

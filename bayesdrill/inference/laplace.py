@@ -1,7 +1,7 @@
-"""The log posterior near a point: its slopes and curvature, and the Gaussian approximation there.
+"""The log posterior near a point: slopes, curvature, and the Gaussian approximation there.
 
-The approximation is the Gauss-Newton information of the record plus that of the priors, both in the logs
-of the unknowns.  It decides where to start and how to scale, never what is reported.
+The approximation is the Gauss-Newton information of the record plus that of the priors, both in the
+logs of the unknowns.  It decides where to start and how to scale, never what is reported.
 
 Slopes of the response are exact (`models.tangent`), its curvature is that of Gauss and Newton: what
 a straight response would have.  That is positive, and right where the fit leaves only noise.
@@ -17,68 +17,72 @@ from typing import Protocol
 import numpy as np
 
 from bayesdrill.basics.arrays import Array, Flags
-from bayesdrill.inference.likelihood import Directions, along, weighted
+from bayesdrill.inference.likelihood import Directions, directional_curvature, directional_slope
 from bayesdrill.inference.posterior import Posterior
-from bayesdrill.inference.priors import Prior, spread, spread_of_log
-from bayesdrill.inference.unknowns import MOVES, Coordinates, Unknown
+from bayesdrill.inference.priors import Prior, prior_log_sd, prior_sd
+from bayesdrill.inference.unknowns import SIMULATOR_ROLES, Coordinates, Unknown
 
 _STEP = 1e-5  # of a log: central differences then err by about 1e-10
 
 
 def information_root(posterior: Posterior, theta: Array) -> Array:
-    """`R (D, D)` with R' R the information about the logs of the unknowns, at physical `theta (D,)`.
+    """Return `R (D, D)` with R' R the information on the logs of the unknowns at `theta (D,)`.
 
     The root keeps the digits that the information itself would lose: some directions are known ten
     thousand times better than others.  Far from the data the record counts for less: its noise is
-    taken to be what is left there.
+    taken to be as large as the residuals there.
     """
-    prior_sd = np.array([natural_spread(unknown) for unknown in posterior.space.unknowns])
-    record = _record_rows(posterior, theta) / np.sqrt(excess(posterior, theta))
+    prior_sd = np.array([natural_sd(unknown) for unknown in posterior.space.unknowns])
+    record = _record_rows(posterior, theta) / np.sqrt(residual_excess(posterior, theta))
     return np.asarray(np.linalg.qr(np.vstack([record, np.diag(1.0 / prior_sd)]), mode="r"))
 
 
 def covariance(posterior: Posterior, theta: Array) -> Array:
-    """`(D, D)` in the sampler's coordinates, at the physical point `theta (D,)`."""
+    """Return the covariance `(D, D)` in the sampler's coordinates, at physical `theta (D,)`."""
     known = information_root(posterior, theta)
     spread = slopes_by_logs(posterior.coordinates, theta) @ np.linalg.inv(known)
     return np.asarray(spread @ spread.T)
 
 
 def sandwich(posterior: Posterior, theta: Array) -> Array:
-    """Return the covariance `(D, D)` of the unknowns at the MAP, physical `theta (D,)`, on their natural
-    scales, where residuals need not be independent.
+    """Return the covariance `(D, D)` of unknowns at the MAP where residuals are not independent.
 
-    It is `H^-1 (J + P) H^-1` (Newey and West 1987): H the information of record and priors, P that of
-    the priors, J the sum over all pairs of samples of the slopes of their log densities, which is what
+    `theta (D,)` is physical, and the covariance is on the natural scales of the unknowns.  It is
+    `H^-1 (J + P) H^-1` (Newey and West 1987): H the information of record and priors, P that of the
+    priors, J the sum over all pairs of samples of the slopes of their log densities, which is what
     H has of the record where residuals are as the noise says.
     """
     up, down = _neighbours(posterior.coordinates, theta)
     both = np.concatenate([up, down])
     full, rows = posterior.space.full(both), _record_rows(posterior, theta)
-    prior = np.diag([natural_spread(unknown) ** -2.0 for unknown in posterior.space.unknowns])
+    prior = np.diag([natural_sd(unknown) ** -2.0 for unknown in posterior.space.unknowns])
     middle = prior.copy()
     for observation in posterior.likelihood.observations:
         terms = observation.pointwise(observation.residuals(full).samples, both)
         density = np.nansum(np.where(observation.experiment.seen, terms, 0.0), axis=2).T  # (T, 2 D)
-        middle += long_run((density[:, : len(theta)] - density[:, len(theta) :]) / (2 * _STEP))
+        middle += long_run_variance(
+            (density[:, : len(theta)] - density[:, len(theta) :]) / (2 * _STEP)
+        )
     bread = np.linalg.inv(rows.T @ rows + prior)
     return np.asarray(bread @ middle @ bread)
 
 
-MOST_REMEMBERED = 0.97  # correlation of neighbours that is taken out before (Andrews and Monahan)
+MAX_AUTOCORRELATION = (
+    0.97  # correlation of neighbours that is taken out before (Andrews and Monahan)
+)
 
 
-def long_run(scores: Array) -> Array:
-    """Return the variance `(D, D)` of the sum of `scores (T, D)`, which may remember each other.
+def long_run_variance(scores: Array) -> Array:
+    """Return the variance `(D, D)` of the sum of correlated `scores (T, D)`.
 
-    What each has of an AR(1) is taken out first, and put back (Andrews and Monahan 1992).  Of the rest,
-    products at all lags are weighed by the quadratic spectral kernel, as wide as an AR(1) wants it on
-    the mean (Andrews 1991, eqs. 2.7, 5.2 and 6.4, with weights that make all scores alike).
+    What each has of an AR(1) is taken out first, and put back (Andrews and Monahan 1992).  Then
+    products at all lags are weighted by the quadratic spectral kernel, as wide as an AR(1) wants it
+    on the mean (Andrews 1991, eqs. 2.7, 5.2 and 6.4, with weights that make all scores alike).
     """
     x, n = scores - scores.mean(axis=0), len(scores)
-    memory = _neighbours_correlation(x)
+    memory = _autocorrelation(x)
     x[1:] -= memory * x[:-1]
-    rho = _neighbours_correlation(x)
+    rho = _autocorrelation(x)
     alpha = float(np.mean(4.0 * rho**2 / (1.0 - rho) ** 4))
     far = 1.2 * np.pi * np.arange(1, n) / max(1.3221 * (alpha * n) ** 0.2, 1e-3)
     weights = np.concatenate([[1.0], 3.0 / far**2 * (np.sin(far) / far - np.cos(far))])
@@ -88,14 +92,17 @@ def long_run(scores: Array) -> Array:
     return np.asarray(summed / (1.0 - memory))
 
 
-def _neighbours_correlation(x: Array) -> Array:
+def _autocorrelation(x: Array) -> Array:
     """Of the columns of `x (T, D)`."""
     correlation = (x[1:] * x[:-1]).sum(axis=0) / np.maximum((x**2).sum(axis=0), 1e-300)
-    return np.clip(correlation, -MOST_REMEMBERED, MOST_REMEMBERED)
+    return np.clip(correlation, -MAX_AUTOCORRELATION, MAX_AUTOCORRELATION)
 
 
 def slopes_by_logs(coordinates: Coordinates, theta: Array) -> Array:
-    """d coordinate / d log unknown at physical `theta (D,)`: `(D, D)`, a column for each unknown."""
+    """Return d coordinate / d log unknown at physical `theta (D,)`.
+
+    It is `(D, D)`, a column for each unknown.
+    """
     up, down = _neighbours(coordinates, theta)
     return (coordinates.from_physical(up) - coordinates.from_physical(down)).T / (2 * _STEP)
 
@@ -110,11 +117,11 @@ def _neighbours(coordinates: Coordinates, theta: Array) -> tuple[Array, Array]:
     return up, down
 
 
-def natural_spread(unknown: Unknown) -> float:
-    """On its natural scale."""
+def natural_sd(unknown: Unknown) -> float:
+    """Return the sd of an unknown's prior on its natural scale."""
     if unknown.signed:
-        return spread(unknown.prior) / unknown.scale
-    return spread_of_log(unknown.prior)
+        return prior_sd(unknown.prior) / unknown.scale
+    return prior_log_sd(unknown.prior)
 
 
 def _record_rows(posterior: Posterior, theta: Array) -> Array:
@@ -133,7 +140,7 @@ def _record_rows(posterior: Posterior, theta: Array) -> Array:
         if observation.white:
             slopes = np.asarray(shifts / (2 * _STEP * observation.scales(theta[None])[0]))
         else:
-            slopes = observation.inform(
+            slopes = observation.whitened_jacobian(
                 shifts / (2 * _STEP), np.repeat(theta[None], len(shifts), axis=0)
             )
         rows.append(np.nan_to_num(slopes.reshape(len(theta), -1), posinf=0.0, neginf=0.0).T)
@@ -144,31 +151,31 @@ def _record_rows(posterior: Posterior, theta: Array) -> Array:
     return np.vstack([*rows, *levels])
 
 
-def excess(posterior: Posterior, theta: Array) -> float:
-    """Mean squared residual over the noise variance, at least 1."""
-    ratio = float(posterior.likelihood.per_number(theta[None])[0])
+def residual_excess(posterior: Posterior, theta: Array) -> float:
+    """Return the mean squared residual over the noise variance, at least 1."""
+    ratio = float(posterior.likelihood.mean_square(theta[None])[0])
     return max(ratio, 1.0) if np.isfinite(ratio) else 1.0
 
 
-def root(matrix: Array) -> Array:
-    """A square root whose columns are principal directions: `root @ root.T == matrix`."""
+def matrix_root(matrix: Array) -> Array:
+    """Return a square root in principal directions: `root @ root.T == matrix`."""
     scale = np.sqrt(np.diag(matrix))
     values, vectors = np.linalg.eigh(matrix / np.outer(scale, scale))
     return scale[:, None] * vectors * np.sqrt(np.maximum(values, 1e-12))
 
 
-SHARES = 200  # of equal mass, which the spread of a prior is taken from
-ROUNDED = 1e-9  # of a prior's spread
-STEP = 1e-4  # of its spread, over which a prior is differentiated
-NOTHING = 1e-9  # of a prior that has no end lies beyond where one searches
+N_QUANTILES = 200  # of equal mass, which the spread of a prior is taken from
+END_MARGIN = 1e-9  # of a prior's spread
+PRIOR_STEP = 1e-4  # of its spread, over which a prior is differentiated
+TAIL_MASS = 1e-9  # of a prior that has no end lies beyond where one searches
 
 
 @dataclass(frozen=True, slots=True)
-class Expansion:
-    """At W points along q directions: `value (W,)`, `slope (W, q)`, `curvature (W, q, q)`.
+class QuadraticModel:
+    """Value, slope and curvature at W points along q directions.
 
-    `curvature` is minus the second derivative.  Where the response overflows `value` is -inf and
-    the others are zero.
+    Shapes: `value (W,)`, `slope (W, q)`, `curvature (W, q, q)`, which is minus the second
+    derivative. Where the response overflows `value` is -inf and the others are zero.
     """
 
     value: Array
@@ -176,45 +183,57 @@ class Expansion:
     curvature: Array
 
 
-def joined(parts: Sequence[Expansion]) -> Expansion:
-    """Of the points of all parts, in order."""
-    return Expansion(
+def concatenate_models(parts: Sequence[QuadraticModel]) -> QuadraticModel:
+    """Return one model at the points of all parts, in order."""
+    return QuadraticModel(
         *(
             np.concatenate([getattr(part, field.name) for part in parts])
-            for field in dataclasses.fields(Expansion)
+            for field in dataclasses.fields(QuadraticModel)
         )
     )
 
 
-class Surface(Protocol):
+class LogDensity(Protocol):
     """A log density over `u (W, D)`; `low`, `high` `(D,)`: the ends between which one searches.
 
     `spread (D,)`: how far each unknown may go before the record is seen.
     """
 
     @property
-    def low(self) -> Array: ...
+    def low(self) -> Array:
+        """Return the lower ends `(D,)`."""
+        ...
 
     @property
-    def high(self) -> Array: ...
+    def high(self) -> Array:
+        """Return the upper ends `(D,)`."""
+        ...
 
     @property
-    def spread(self) -> Array: ...
+    def spread(self) -> Array:
+        """Return the sd of each prior `(D,)`."""
+        ...
 
     @property
-    def middle(self) -> Array: ...
+    def middle(self) -> Array:
+        """Return the mean of each prior `(D,)`."""
+        ...
 
-    def value(self, u: Array) -> Array: ...
+    def value(self, u: Array) -> Array:
+        """Return the log density `(W,)`."""
+        ...
 
-    def inside(self, u: Array) -> Flags: ...
+    def inside(self, u: Array) -> Flags:
+        """Return whether the priors have a density there, `(W,)`."""
+        ...
 
-    def expand(self, u: Array, directions: Array) -> Expansion:
-        """`directions (D, q)`: columns along which slopes are wanted."""
+    def quadratic_model(self, u: Array, directions: Array) -> QuadraticModel:
+        """Return value, slopes and curvature along `directions (D, q)`, column by column."""
         ...
 
 
-class PosteriorSurface:
-    """That of a posterior."""
+class PosteriorLogDensity:
+    """The log density of a posterior, over the sampler's coordinates."""
 
     def __init__(self, posterior: Posterior, *, physical: bool = False) -> None:
         """`physical`: the density over the unknowns themselves, whose maximum is the MAP."""
@@ -223,68 +242,82 @@ class PosteriorSurface:
         self._priors = tuple(posterior.space.priors.values())
         ends = np.array([_ends(unknown) for unknown in posterior.space.unknowns]).T
         self.low, self.high = posterior.coordinates.from_physical(ends)
-        shares = (np.arange(SHARES) + 0.5) / SHARES
+        shares = (np.arange(N_QUANTILES) + 0.5) / N_QUANTILES
         quantiles = np.stack([prior.quantile(shares) for prior in self._priors], axis=-1)
         # Where coordinates are numbers.
         floor = [-np.inf if unknown.signed else 1e-300 for unknown in posterior.space.unknowns]
-        usual = posterior.coordinates.from_physical(np.maximum(quantiles, floor))
-        self.middle, self.spread = usual.mean(axis=0), usual.std(axis=0)
+        typical = posterior.coordinates.from_physical(np.maximum(quantiles, floor))
+        self.middle, self.spread = typical.mean(axis=0), typical.std(axis=0)
         # What lies at an end must not be rounded beyond it.
-        self.low, self.high = self.low + ROUNDED * self.spread, self.high - ROUNDED * self.spread
+        self.low, self.high = (
+            self.low + END_MARGIN * self.spread,
+            self.high - END_MARGIN * self.spread,
+        )
 
     def value(self, u: Array) -> Array:
+        """Return the log density `(W,)`."""
         if not self.physical:
             return self.posterior(u)
         return self.posterior.density(self.posterior.coordinates.to_physical(u))
 
     def inside(self, u: Array) -> Flags:
+        """Return whether the priors have a density there, `(W,)`."""
         return self.posterior.supports(u)
 
-    def expand(self, u: Array, directions: Array) -> Expansion:
-        here = self.bent(u, directions)
+    def quadratic_model(self, u: Array, directions: Array) -> QuadraticModel:
+        """Return value, slopes and curvature along `directions (D, q)`."""
+        here = self.curvature_model(u, directions)
         with np.errstate(all="ignore"):
             return dataclasses.replace(here, value=here.value + self.value(u))
 
-    def bent(self, u: Array, directions: Array) -> Expansion:
-        """`expand` without the value, which takes another response: 0, or -inf."""
+    def curvature_model(self, u: Array, directions: Array) -> QuadraticModel:
+        """Return the quadratic model without its value, which takes another response.
+
+        The value is 0, or -inf.
+        """
         with np.errstate(all="ignore"):
             theta = self.posterior.coordinates.to_physical(u)
-            slope, curvature = self.of_record(theta, directions)
+            slope, curvature = self.record_slopes(theta, directions)
         prior_slope, prior_curvature = self._of_prior(u)
-        slope += along(prior_slope, directions)
-        curvature += weighted(directions, prior_curvature)
+        slope += directional_slope(prior_slope, directions)
+        curvature += directional_curvature(directions, prior_curvature)
         good = np.isfinite(slope).all(axis=1) & np.isfinite(curvature).all(axis=(1, 2))
         slope[~good], curvature[~good] = 0.0, 0.0
-        return Expansion(np.where(good, 0.0, -np.inf), slope, curvature)
+        return QuadraticModel(np.where(good, 0.0, -np.inf), slope, curvature)
 
-    def of_record(self, theta: Array, directions: Array) -> tuple[Array, Array]:
-        """Slope `(W, q)` and curvature `(W, q, q)` of the log likelihood."""
+    def record_slopes(self, theta: Array, directions: Array) -> tuple[Array, Array]:
+        """Return slope `(W, q)` and curvature `(W, q, q)` of the log likelihood."""
         space, coordinates = self.posterior.space, self.posterior.coordinates
         # d log unknown / d coordinate, or d unknown / d coordinate where it need not be positive
         steps = coordinates.slopes(theta)
         by_log = steps / coordinates.natural(theta)
-        m = len(space.columns(*MOVES))
+        m = len(space.columns(*SIMULATOR_ROLES))
         full, moved = space.full(theta), None
         if m:
             turned = space.slopes(theta).swapaxes(1, 2) @ (by_log[:, :m, None] * directions[:m])
             moved = turned.swapaxes(1, 2)
         at = Directions(
-            theta=theta, full=full, columns=directions, along=moved, slopes=steps, by_log=by_log
+            theta=theta,
+            full=full,
+            columns=directions,
+            parameter_directions=moved,
+            slopes=steps,
+            by_log=by_log,
         )
         slope = np.zeros((len(theta), directions.shape[1]))
         curvature = np.zeros((len(theta), directions.shape[1], directions.shape[1]))
         for observation in self.posterior.likelihood.observations:
-            for pulled, bent in observation.expand(at):
+            for pulled, bent in observation.quadratic_terms(at):
                 slope, curvature = slope + pulled, curvature + bent
         return slope, curvature
 
     def prior_curvature(self, u: Array) -> Array:
-        """Minus the second derivatives of the log prior by each coordinate at `u (W, D)`, `(W, D)`."""
+        """Return minus the second derivatives of the log prior `(W, D)` at `u (W, D)`."""
         return self._of_prior(u)[1]
 
     def _of_prior(self, u: Array) -> tuple[Array, Array]:
         """Slopes of the log prior by each coordinate, and minus its second derivatives."""
-        step = STEP * self.spread
+        step = PRIOR_STEP * self.spread
         middle = np.clip(u, self.low + 2 * step, self.high - 2 * step)
         theta = self.posterior.coordinates.to_physical(
             np.concatenate([middle + k * step for k in (-1, 0, 1)])
@@ -295,7 +328,7 @@ class PosteriorSurface:
             slope = np.nan_to_num((up - down) / (2 * step))
             curvature = np.maximum(np.nan_to_num(-(up - 2 * here + down) / step**2), 0.0)
         if not self.physical:
-            tilt, bend = self.posterior.coordinates.jacobian_bends(u)
+            tilt, bend = self.posterior.coordinates.jacobian_derivatives(u)
             slope, curvature = slope + tilt, curvature + bend
         return slope, curvature
 
@@ -305,13 +338,16 @@ def _ends(unknown: Unknown) -> tuple[float, float]:
     prior = unknown.prior
     if unknown.between is not None:
         low, high = unknown.between
-        inset = NOTHING * (high - low)
+        inset = TAIL_MASS * (high - low)
         return max(prior.low, low + inset), min(prior.high, high - inset)
-    return ends_of(prior, NOTHING)
+    return prior_ends(prior, TAIL_MASS)
 
 
-def ends_of(prior: Prior, tail: float) -> tuple[float, float]:
-    """Of the support; where that has no end, or zero, with so much of the prior beyond."""
+def prior_ends(prior: Prior, tail: float) -> tuple[float, float]:
+    """Return the ends of a prior's support.
+
+    Where it has no end, or zero, so much of the prior (`tail`) lies beyond.
+    """
     bounded = np.isfinite(prior.low) and prior.low != 0  # where nothing itself may be impossible
     low = prior.low if bounded else float(prior.quantile(np.array(tail)))
     high = prior.high if np.isfinite(prior.high) else float(prior.quantile(np.array(1 - tail)))

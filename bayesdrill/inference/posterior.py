@@ -1,5 +1,6 @@
-"""The log posterior over unknowns and over the sampler's coordinates, with names and nominal
-values (a `Problem`).
+"""The log posterior over unknowns and over the sampler's coordinates.
+
+A `Problem` is a posterior with names and nominal values.
 """
 
 from __future__ import annotations
@@ -15,10 +16,10 @@ from bayesdrill.basics.arrays import Array, Flags
 from bayesdrill.basics.formulas import Expression
 from bayesdrill.basics.symbols import Symbol
 from bayesdrill.basics.units import SECOND, Unit
-from bayesdrill.inference.display_units import SI, OwnUnits
+from bayesdrill.inference.display_units import SI, DisplayUnits
 from bayesdrill.inference.likelihood import Likelihood, Observation
 from bayesdrill.inference.priors import Prior
-from bayesdrill.inference.unknowns import MOVES, Coordinates, ParameterSpace, Unknown
+from bayesdrill.inference.unknowns import SIMULATOR_ROLES, Coordinates, ParameterSpace, Unknown
 from bayesdrill.record.experiment import Experiment
 from bayesdrill.rig.models.linear import Model
 
@@ -45,28 +46,30 @@ class Posterior:
     ) -> Posterior:
         """Return it with something changed, and all else as it is: steps, sensors, experiments.
 
-        `free`: what becomes unknown, numbers that were held or parameters that observations have only
-        now: those of the rig stand behind the rig's others, and all others before the noise.  `priors`:
-        of unknowns, by name.  `records`: one `(T, K)` for each observation.  `each`: makes another
-        observation of every one, such as `Observation.of_rig`, also of those that are held out.
+        `free`: what becomes unknown, numbers that were fixed or parameters that observations have
+        only now: those of the rig stand behind the rig's others, and all others before the noise.
+        `priors`: of unknowns, by name.  `records`: one `(T, K)` for each observation.  `each`:
+        makes another observation of each, such as `Observation.for_rig`, also of those that are
+        held out.
         """
         space = self.space if not free else _with_unknowns(self.space, free)
         space = space if not priors else space.with_priors(priors)
-        observations, apart = (
-            tuple(each(observation).placed(space) for observation in some)
-            for some in (self.likelihood.observations, self.likelihood.apart)
+        observations, held_out = (
+            tuple(each(observation).bind(space) for observation in some)
+            for some in (self.likelihood.observations, self.likelihood.held_out)
         )
         if records:
             pairs = zip(observations, records, strict=True)
-            observations = tuple(pair.with_record(y) for pair, y in pairs)
+            observations = tuple(observation.with_record(y) for observation, y in pairs)
         coordinates = self.coordinates if space is self.space else space.coordinates()
-        return Posterior(space, Likelihood(observations, space, apart), coordinates)
+        return Posterior(space, Likelihood(observations, space, held_out), coordinates)
 
     def __call__(self, z: Array) -> Array:
+        """Return the log density over `z`."""
         return self.evaluate(z)[0]
 
     def evaluate(self, z: Array) -> tuple[Array, int]:
-        """Log density over `z` and the number of walkers inside the prior whose model failed."""
+        """Return the log density over `z`, and how many walkers inside the prior had no response."""
         theta, log_jacobian = self.coordinates.with_jacobian(z)
         log_p, failures = self._density(theta)
         inside = log_p > -np.inf
@@ -74,12 +77,15 @@ class Posterior:
         return log_p, failures
 
     def supports(self, z: Array) -> Flags:
-        """Whether the priors have a density at `z (W, D)`: `(W,)`, without asking the model."""
+        """Return whether the priors have a density at `z (W, D)`: `(W,)`, without the model."""
         theta = self.coordinates.to_physical(z)
         return np.asarray(self.space.log_prior(theta) > -np.inf)
 
     def density(self, theta: Array) -> Array:
-        """Log density over the physical unknowns `(W, D)`, whose maximum is the MAP: `(W,)`."""
+        """Return the log density `(W,)` over the physical unknowns `(W, D)`.
+
+        Its maximum is the MAP.
+        """
         return self._density(theta)[0]
 
     def _density(self, theta: Array) -> tuple[Array, int]:
@@ -97,7 +103,7 @@ class Posterior:
 def _with_unknowns(space: ParameterSpace, new: Sequence[Unknown]) -> ParameterSpace:
     """What is `new` among the unknowns, and no longer among what is held."""
     names, old = [unknown.name for unknown in new], space.unknowns
-    rig, moving = len(space.columns("rig", "quantity")), len(space.columns(*MOVES))
+    rig, moving = len(space.columns("rig", "quantity")), len(space.columns(*SIMULATOR_ROLES))
     of_rig = [unknown for unknown in new if unknown.role == "rig"]
     others = [unknown for unknown in new if unknown.role != "rig"]
     return dataclasses.replace(
@@ -110,6 +116,8 @@ def _with_unknowns(space: ParameterSpace, new: Sequence[Unknown]) -> ParameterSp
 
 @dataclass(frozen=True, slots=True)
 class Formula:
+    """A derived quantity of the config."""
+
     symbol: Symbol
     expression: Expression
 
@@ -130,29 +138,31 @@ class Problem:
     published: frozenset[str] = frozenset()
     tolerance: Mapping[str, float] = field(default_factory=dict)
     derived: tuple[Formula, ...] = ()
-    units: OwnUnits = SI
+    units: DisplayUnits = SI
     clock: Unit = SECOND
     compared_with: str = ""
 
     @property
     def observations(self) -> tuple[Observation, ...]:
+        """Return the observations that are evidence."""
         return self.posterior.likelihood.observations
 
     @property
-    def every(self) -> tuple[Observation, ...]:
-        """Those that are held out as a whole, too."""
-        return (*self.observations, *self.posterior.likelihood.apart)
+    def all_observations(self) -> tuple[Observation, ...]:
+        """Return all observations, those that are held out as a whole, too."""
+        return (*self.observations, *self.posterior.likelihood.held_out)
 
     @property
     def experiment(self) -> Experiment:
-        """The only one; raises `ValueError` where there are more."""
-        return self.posterior.likelihood.alone.experiment
+        """Return the only record; raises `ValueError` where there are more."""
+        return self.posterior.likelihood.only_observation.experiment
 
     @property
     def model(self) -> Model:
-        """The rig, which all observations share."""
+        """Return the rig, which all observations share."""
         return self.observations[0].response.model
 
     @property
     def names(self) -> tuple[str, ...]:
+        """Return the names of the unknowns."""
         return self.posterior.space.free

@@ -26,7 +26,7 @@ _LOG_SQRT_2PI = 0.5 * math.log(2 * math.pi)
 
 
 class Prior:
-    """The contract of a family, and what most are: `low`, `high` are the ends of its support."""
+    """The contract of a prior family, and what most are: `low`, `high` are the ends of its support."""
 
     __slots__ = ()
     # Whether its density is the same everywhere between its ends.
@@ -45,26 +45,26 @@ class Prior:
         return self.low > 0
 
     def logpdf(self, x: Array) -> Array:
-        """Log density at `x (N,)`: `(N,)`."""
+        """Return the log density at `x (N,)`: `(N,)`."""
         raise NotImplementedError
 
     def quantile(self, u: Array) -> Array:
-        """The inverse of the distribution."""
+        """Return the inverse of the distribution at `u (N,)`."""
         raise NotImplementedError
 
     def extended(self, low: float, high: float) -> Prior:
-        """The same density with other ends, where it has some."""
+        """Return the same density with other ends, where it has some."""
         return self
 
     def scaled(self: Any, factor: float) -> Prior:
-        """That of the unknown times a positive factor, as in another unit."""
-        every = (field.name for field in dataclasses.fields(self))
-        moved = {name: getattr(self, name) * factor for name in every if name != "sd_log"}
-        made: Prior = dataclasses.replace(self, **moved)
-        return made
+        """Return the prior of the unknown times a positive factor, as in another unit."""
+        names = (field.name for field in dataclasses.fields(self))
+        moved = {name: getattr(self, name) * factor for name in names if name != "sd_log"}
+        scaled: Prior = dataclasses.replace(self, **moved)
+        return scaled
 
     def describe(self) -> str:
-        """In words, without a unit."""
+        """Return it in words, without a unit."""
         raise NotImplementedError
 
 
@@ -76,55 +76,66 @@ class _Positive(Prior):
     high: float = math.inf
 
 
-class _Ended(Prior):
+class _Bounded(Prior):
     """With ends of its own."""
 
     __slots__ = ()
 
     def extended(self: Any, low: float, high: float) -> Prior:
-        made: Prior = dataclasses.replace(self, low=low, high=high)
-        return made
+        """Return the same density with other ends."""
+        extended: Prior = dataclasses.replace(self, low=low, high=high)
+        return extended
 
 
 @dataclass(frozen=True, slots=True)
-class Uniform(_Ended):
+class Uniform(_Bounded):
+    """The same density everywhere between low and high."""
+
     flat: ClassVar[bool] = True
 
     low: NonNegative
     high: Positive
 
     def logpdf(self, x: Array) -> Array:
+        """Return the log density at `x (N,)`: `(N,)`."""
         inside = (x >= self.low) & (x <= self.high) & _possible(self, x)
         return np.where(inside, -math.log(self.high - self.low), -np.inf)
 
     def quantile(self, u: Array) -> Array:
+        """Return the inverse of the distribution at `u (N,)`."""
         return self.low + (self.high - self.low) * u
 
     def describe(self) -> str:
+        """Return it in words, without a unit."""
         return f"uniform from {self.low:.6g} to {self.high:.6g}"
 
 
 @dataclass(frozen=True, slots=True)
-class LogUniform(_Ended):
+class LogUniform(_Bounded):
+    """The log of the number is uniform between those of low and high."""
+
     flat_in_logs: ClassVar[bool] = True
 
     low: Positive
     high: Positive
 
     def logpdf(self, x: Array) -> Array:
+        """Return the log density at `x (N,)`: `(N,)`."""
         inside = (x >= self.low) & (x <= self.high)
         safe = np.where(inside, x, 1.0)
         return np.where(inside, -np.log(safe) - math.log(math.log(self.high / self.low)), -np.inf)
 
     def quantile(self, u: Array) -> Array:
+        """Return the inverse of the distribution at `u (N,)`."""
         return self.low * (self.high / self.low) ** u
 
     def describe(self) -> str:
+        """Return it in words, without a unit."""
         return f"log-uniform from {self.low:.6g} to {self.high:.6g}"
 
 
 @dataclass(frozen=True, slots=True)
-class TruncatedNormal(_Ended):
+class TruncatedNormal(_Bounded):
     """Normal(mean, sd) given low <= x <= high; mean and sd are those before truncation."""
 
     mean: Number
@@ -133,12 +144,14 @@ class TruncatedNormal(_Ended):
     high: Positive = math.inf
 
     def logpdf(self, x: Array) -> Array:
+        """Return the log density at `x (N,)`: `(N,)`."""
         inside = (x >= self.low) & (x <= self.high) & _possible(self, x)
         z = (np.where(inside, x, self.mean) - self.mean) / self.sd
         density = -0.5 * z**2 - _LOG_SQRT_2PI - math.log(self.sd) - self._log_mass()
         return np.where(inside, density, -np.inf)
 
     def quantile(self, u: Array) -> Array:
+        """Return the inverse of the distribution at `u (N,)`."""
         # Work in the tail that is nearer, where the normal integral keeps its digits.
         a, b = self._ends()
         if a > 0:
@@ -153,6 +166,7 @@ class TruncatedNormal(_Ended):
         return np.asarray(np.clip(self.mean + self.sd * z, self.low, self.high))
 
     def describe(self) -> str:
+        """Return it in words, without a unit."""
         begin = "" if math.isinf(self.low) else f", from {self.low:.6g}"
         end = "" if math.isinf(self.high) else f" to {self.high:.6g}"
         return f"normal {self.mean:.6g} +- {self.sd:.6g}{begin}{end}"
@@ -184,9 +198,11 @@ class LogNormal(_Positive):
 
     @property
     def in_logs(self) -> bool:
+        """Whether its log is the scale of the unknown: always."""
         return True
 
     def logpdf(self, x: Array) -> Array:
+        """Return the log density at `x (N,)`: `(N,)`."""
         inside = x > 0
         log_x = np.log(np.where(inside, x, 1.0))
         z = (log_x - math.log(self.median)) / self.sd_log
@@ -194,9 +210,11 @@ class LogNormal(_Positive):
         return np.where(inside, density, -np.inf)
 
     def quantile(self, u: Array) -> Array:
+        """Return the inverse of the distribution at `u (N,)`."""
         return np.asarray(self.median * np.exp(self.sd_log * scipy.special.ndtri(u)))
 
     def describe(self) -> str:
+        """Return it in words, without a unit."""
         return f"log-normal, median {self.median:.6g}, sd of the log {self.sd_log:.6g}"
 
 
@@ -207,29 +225,33 @@ class HalfNormal(_Positive):
     scale: Positive
 
     def logpdf(self, x: Array) -> Array:
+        """Return the log density at `x (N,)`: `(N,)`."""
         inside = x > 0
         z = np.where(inside, x, 0.0) / self.scale
         constant = math.log(2.0) - _LOG_SQRT_2PI - math.log(self.scale)
         return np.where(inside, constant - 0.5 * z**2, -np.inf)
 
     def quantile(self, u: Array) -> Array:
+        """Return the inverse of the distribution at `u (N,)`."""
         return np.asarray(self.scale * scipy.special.ndtri(0.5 * (1.0 + u)))
 
     def describe(self) -> str:
+        """Return it in words, without a unit."""
         return f"half-normal, scale {self.scale:.6g}"
 
 
 def _possible(prior: Prior, x: Array) -> NDArray[np.bool_] | bool:
     """Of what cannot be negative zero itself is left out: it has no log."""
-    return signed(prior) or x > 0
+    return is_signed(prior) or x > 0
 
 
-def signed(prior: Prior) -> bool:
-    """Whether it allows numbers below zero."""
+def is_signed(prior: Prior) -> bool:
+    """Whether a prior allows numbers below zero."""
     return prior.low < 0
 
 
 def flat_in_logs(prior: Prior | None) -> bool:
+    """Whether a prior is flat in the log of the unknown."""
     return prior is not None and prior.flat_in_logs
 
 
@@ -265,18 +287,18 @@ SIGNED_PRIORS: Mapping[str, Callable[..., Prior]] = MappingProxyType(
 )
 
 
-def draw(prior: Prior, n: int, rng: np.random.Generator) -> Array:
-    """`(n,)` independent draws."""
+def draw_prior(prior: Prior, n: int, rng: np.random.Generator) -> Array:
+    """Draw `(n,)` independent numbers from a prior."""
     return prior.quantile(rng.random(n))
 
 
-def spread(prior: Prior) -> float:
-    """Standard deviation, from the quantiles (midpoints of 2000 equal shares)."""
+def prior_sd(prior: Prior) -> float:
+    """Return the standard deviation, from the quantiles (midpoints of 2000 equal shares)."""
     shares = (np.arange(2000) + 0.5) / 2000
     return float(np.std(prior.quantile(shares)))
 
 
-def spread_of_log(prior: Prior) -> float:
-    """Standard deviation of the log, the same way."""
+def prior_log_sd(prior: Prior) -> float:
+    """Return the standard deviation of the log, the same way."""
     shares = (np.arange(2000) + 0.5) / 2000
     return float(np.std(np.log(np.maximum(prior.quantile(shares), 1e-300))))

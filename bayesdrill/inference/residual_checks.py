@@ -1,7 +1,7 @@
-"""What the best fit leaves of a record, and whether noise alone leaves as much.
+"""Residuals of the best fit, and whether noise alone explains them.
 
-All that is said of the unknowns counts on the model and on white noise of the given size.  Both
-show in what is left: its size over sigma, single samples far off, and whether one sample has
+All statements on the unknowns count on the model and on white noise of the given size.  Both show
+in the residuals: their size over sigma, single samples far off, and whether one sample has
 something to do with the next, with those long before it, or with an input (Ljung, System
 Identification, 2nd ed., section 16.6).
 """
@@ -21,17 +21,21 @@ from bayesdrill.inference.likelihood import Likelihood, Observation
 from bayesdrill.record.experiment import Channel
 
 FALSE_ALARM = 0.01  # of records of the model, with its noise, would give any finding at most
-FAR_TOO_LARGE = 1.5  # rms over sigma, from which on nothing that counts on the noise is believed
-REMEMBERED = 0.6  # correlation of neighbours, from which on sds are too small by a factor of two
-LOOKS = 5  # at each channel: size and correlation both ways, and the farthest sample
-LAGS = 25  # samples of a channel, at which correlations are shown
-MEMORY = 100  # lags over which residuals and inputs may remember
-CHANCE = 0.99  # of a correlation where there is none: inside its band
-SPARSE = 4  # times as many steps as samples: a record with longer gaps has no step
+MAX_BELIEVABLE_RMS = (
+    1.5  # rms over sigma, from which on nothing that counts on the noise is believed
+)
+MAX_BELIEVABLE_CORRELATION = (
+    0.6  # correlation of neighbours, from which on sds are too small by a factor of two
+)
+TESTS_PER_CHANNEL = 5  # at each channel: size and correlation both ways, and the farthest sample
+N_LAGS = 25  # samples of a channel, at which correlations are shown
+MAX_MEMORY_LAG = 100  # lags over which residuals and inputs may remember
+BAND_PROBABILITY = 0.99  # of a correlation where there is none: inside its band
+MAX_STEPS_PER_SAMPLE = 4  # times as many steps as samples: a record with longer gaps has no step
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Limits:
+class ResidualLimits:
     """What noise leaves in one channel of all: rms over sigma, correlation, farthest sample."""
 
     least: float
@@ -41,11 +45,13 @@ class Limits:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Left:
-    """Of one channel: rms over sigma, the correlation of one sample with the next, and the sample
-    that is farthest off, in sigmas, at `time` [s].  `share`: of the channel's spread about its mean;
-    NaN where it has none.  `simulated`, `ahead`: the share that the simulation without any sample
-    leaves, and the one that predictions one step ahead leave.  `experiment`: its label among several.
+class ResidualSummary:
+    """Residuals of one channel: rms over sigma, correlation of neighbours, farthest sample.
+
+    The sample that is farthest off, in sigmas, is at `time` [s].  `share`: of the channel's spread
+    about its mean; NaN where it has none.  `simulated`, `ahead`: the share that the simulation
+    without any sample leaves, and the one that predictions one step ahead leave.  `experiment`: its
+    label among several.
     """
 
     channel: str
@@ -54,89 +60,106 @@ class Left:
     correlation: float
     farthest: float
     time: float
-    limits: Limits
+    limits: ResidualLimits
     experiment: str = ""
     simulated: float = math.nan
     ahead: float = math.nan
 
     @property
     def name(self) -> str:
-        """In sentences."""
+        """Return the channel's name for sentences."""
         return f"{self.channel} in {self.experiment}" if self.experiment else self.channel
 
     @property
     def large(self) -> bool:
+        """Whether the residuals are larger than noise."""
         return self.rms > self.limits.most
 
     @property
     def small(self) -> bool:
+        """Whether the residuals are smaller than noise."""
         return self.rms < self.limits.least
 
     @property
     def correlated(self) -> bool:
+        """Whether neighbours are correlated."""
         return abs(self.correlation) > self.limits.correlation
 
     @property
     def like_noise(self) -> bool:
-        """Less than the noise is no evidence against the model: then sds are only too large."""
+        """Whether the residuals are no evidence against the model.
+
+        Less than the noise is none: then sds are only too large.
+        """
         return not (self.large or self.correlated or self.far)
 
     @property
     def unbelievable(self) -> bool:
-        """Whether all that is said of the unknowns must not be believed."""
-        return self.far_too_large or (self.correlated and self.correlation > REMEMBERED)
+        """Whether no statement on the unknowns must be believed."""
+        return self.far_too_large or (
+            self.correlated and self.correlation > MAX_BELIEVABLE_CORRELATION
+        )
 
     @property
     def far_too_large(self) -> bool:
-        return self.large and self.rms > FAR_TOO_LARGE
+        """Whether the residuals are so large that sds mean nothing."""
+        return self.large and self.rms > MAX_BELIEVABLE_RMS
 
     @property
     def far(self) -> bool:
-        """A few samples by themselves; where all are too large that is said already."""
+        """Whether a few samples are far off by themselves.
+
+        Where all are too large that is reported already.
+        """
         return self.farthest > self.limits.farthest and not self.large
 
 
-def like_noise(summaries: Sequence[Left]) -> bool:
-    """Whether no channel is left with more than its noise."""
+def like_noise(summaries: Sequence[ResidualSummary]) -> bool:
+    """Whether no channel has residuals beyond its noise."""
     return all(summary.like_noise for summary in summaries)
 
 
-def left(likelihood: Likelihood, theta: Array) -> tuple[Left, ...]:
-    """At the unknowns `theta (D,)`; an unknown sigma fits the size, unless its prior keeps it off."""
+def residual_summaries(likelihood: Likelihood, theta: Array) -> tuple[ResidualSummary, ...]:
+    """Return the summaries of all channels at the unknowns `theta (D,)`.
+
+    An unknown sigma fits the size, unless its prior keeps it off.
+    """
     full, row = likelihood.space.full(theta[None]), theta[None]
     channels = sum(len(observation.experiment.channels) for observation in likelihood.observations)
     return tuple(
-        channel
+        summary
         for observation in likelihood.observations
-        for channel in _of(observation, full, row, channels)
+        for summary in _channel_summaries(observation, full, row, channels)
     )
 
 
-def _of(observation: Observation, full: Array, theta: Array, channels: int) -> Iterator[Left]:
+def _channel_summaries(
+    observation: Observation, full: Array, theta: Array, channels: int
+) -> Iterator[ResidualSummary]:
     """`channels`: how many there are in all observations."""
     experiment = observation.experiment
-    remains = (experiment.y - observation.followed(full, theta))[0]
+    remains = (experiment.y - observation.predict(full, theta))[0]
     samples = observation.residuals(full).samples
     whitened, innovations = (
         observation.whiten(samples, theta)[0],
         observation.innovations(samples, theta)[0],
     )
-    for k, seen in enumerate(experiment.seen.T):
-        residuals, n = whitened[seen, k], int(seen.sum())
+    for k, measured in enumerate(experiment.seen.T):
+        residuals, n = whitened[measured, k], int(measured.sum())
         squares = float(residuals @ residuals)
-        spread = float(experiment.y[seen, k].std())
+        spread = float(experiment.y[measured, k].std())
         worst = int(np.abs(residuals).argmax())
         shares = [
-            math.sqrt(np.mean(rest[seen, k] ** 2)) / spread if spread > 0 else math.nan
-            for rest in (remains, samples[0], innovations)
+            math.sqrt(np.mean(errors[measured, k] ** 2)) / spread if spread > 0 else math.nan
+            for errors in (remains, samples[0], innovations)
         ]
-        yield Left(
+        yield ResidualSummary(
             channel=experiment.names[k],
             rms=math.sqrt(squares / n),
             share=shares[0],
             correlation=float(residuals[1:] @ residuals[:-1]) / squares if squares > 0 else 0.0,
             farthest=float(abs(residuals[worst])),
-            time=float(experiment.t[seen][worst]),
+            time=float(experiment.t[measured][worst]),
             limits=limits(n, channels, theta.shape[1]),
             experiment=observation.label,
             simulated=shares[1],
@@ -144,12 +167,14 @@ def _of(observation: Observation, full: Array, theta: Array, channels: int) -> I
         )
 
 
-def limits(samples: int, channels: int, unknowns: int) -> Limits:
-    """A fit takes something away from what noise leaves, and never adds to it: the limits above are
+def limits(samples: int, channels: int, unknowns: int) -> ResidualLimits:
+    """Return what noise leaves in one channel, at most.
+
+    A fit takes something away from what noise leaves, and never adds to it: the limits above are
     those without a fit, the one below allows for as many unknowns as there are.
     """
-    tail = FALSE_ALARM / (LOOKS * channels)
-    return Limits(
+    tail = FALSE_ALARM / (TESTS_PER_CHANNEL * channels)
+    return ResidualLimits(
         least=math.sqrt(scipy.special.chdtri(max(samples - unknowns, 1), 1 - tail) / samples),
         most=math.sqrt(scipy.special.chdtri(samples, tail) / samples),
         correlation=-float(scipy.special.ndtri(tail)) / math.sqrt(samples),
@@ -158,10 +183,12 @@ def limits(samples: int, channels: int, unknowns: int) -> Limits:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Correlation:
-    """Of a channel's whitened residuals with a measured `input` at `lags (L,)` [samples], positive where
-    the input comes first, or with themselves, where `input` is empty: `values (L,)`, and their `sds
-    (L,)` where nothing is related.  `step` [s]: between samples; `experiment`: its label among several.
+class ResidualCorrelation:
+    """Correlation of a channel's whitened residuals with a measured `input`, or themselves.
+
+    `lags (L,)` [samples] are positive where the input comes first; `input` is empty for
+    autocorrelations.  `values (L,)`, and their `sds (L,)` where nothing is related.  `step` [s]:
+    between samples; `experiment`: its label among several.
     """
 
     channel: Channel
@@ -174,16 +201,18 @@ class Correlation:
 
     @property
     def band(self) -> Array:
-        """Half the width of the band in which `CHANCE` of all values lie, each by itself `(L,)`."""
-        return np.asarray(float(scipy.special.ndtri(0.5 + 0.5 * CHANCE)) * self.sds)
+        """Return half the width of the band in which most values lie, each by itself `(L,)`."""
+        return np.asarray(float(scipy.special.ndtri(0.5 + 0.5 * BAND_PROBABILITY)) * self.sds)
 
 
-def correlations(likelihood: Likelihood, theta: Array) -> tuple[Correlation, ...]:
-    """Return those of each channel with itself, then with each measured input, at the unknowns `theta
-    (D,)`; pairs of which a sample is missing are left out.
+def correlations(likelihood: Likelihood, theta: Array) -> tuple[ResidualCorrelation, ...]:
+    """Return correlations of each channel with itself, then with each measured input.
 
-    Of an input, both are filtered by the AR(1) of the residuals first, so that these are nearly white
-    (prewhitening, Box and Jenkins); sds count on what both still remember (Ljung, section 16.6).
+    They are at the unknowns `theta (D,)`; pairs of which a sample is missing are left out.
+
+    Of an input, both are filtered by the AR(1) of the residuals first, so that these are nearly
+    white (prewhitening, Box and Jenkins); sds count on what both still remember (Ljung, section
+    16.6).
     """
     full = likelihood.space.full(theta[None])
     return tuple(
@@ -193,49 +222,54 @@ def correlations(likelihood: Likelihood, theta: Array) -> tuple[Correlation, ...
     )
 
 
-def input_sentences(correlations: Sequence[Correlation]) -> tuple[str, ...]:
+def input_sentences(correlations: Sequence[ResidualCorrelation]) -> tuple[str, ...]:
     """Say which residuals follow an input beyond chance, all looks at all inputs taken together."""
-    every = [correlation for correlation in correlations if correlation.input]
-    looks = sum(len(correlation.lags) for correlation in every)
-    said = []
-    for correlation in every:
+    of_inputs = [correlation for correlation in correlations if correlation.input]
+    looks = sum(len(correlation.lags) for correlation in of_inputs)
+    sentences = []
+    for correlation in of_inputs:
         far = np.abs(correlation.values) / correlation.sds
         k = int(far.argmax())
         limit = -float(scipy.special.ndtri(0.5 * FALSE_ALARM / looks))
         lag, sd = int(correlation.lags[k]), correlation.sds[k]
         if far[k] > limit:
             where = f" in {correlation.experiment}" if correlation.experiment else ""
-            said.append(
+            sentences.append(
                 f"the residuals of {correlation.channel.name}{where} follow the input "
                 f"{correlation.input}, {lag:+d} samples ({lag * correlation.step:.3g} s) after it "
                 f"(correlation {correlation.values[k]:.2g}, chance gives at most {limit * sd:.2g})"
                 + (": the input answers to the rig, or times are off" if lag < 0 else "")
             )
-    return tuple(said)
+    return tuple(sentences)
 
 
-def _correlations(observation: Observation, full: Array, theta: Array) -> Iterator[Correlation]:
+def _correlations(
+    observation: Observation, full: Array, theta: Array
+) -> Iterator[ResidualCorrelation]:
     experiment = observation.experiment
     whitened = observation.whiten(observation.residuals(full).samples, theta)[0]
     inputs = {name: u for name, u in experiment.series.items() if np.ptp(u) > 0}
-    for k, seen in enumerate(experiment.seen.T):
-        t = experiment.t[seen]
+    for k, measured in enumerate(experiment.seen.T):
+        t = experiment.t[measured]
         if len(t) < 4:
             continue
         step = float(np.median(np.diff(t)))
         places = np.round((t - t[0]) / step).astype(int)
-        if (np.diff(places) < 1).any() or places[-1] > SPARSE * len(t):
+        if (np.diff(places) < 1).any() or places[-1] > MAX_STEPS_PER_SAMPLE * len(t):
             places = np.arange(len(t))  # in the order of the samples
         residuals = np.full(places[-1] + 1, np.nan)
-        residuals[places] = whitened[seen, k]
-        lags = np.arange(min(MEMORY, len(t) // 4) + 1)
+        residuals[places] = whitened[measured, k]
+        lags = np.arange(min(MAX_MEMORY_LAG, len(t) // 4) + 1)
         memory, counts = _correlated(residuals, residuals, lags)
-        last, sds = min(LAGS, int(lags[-1])), 1.0 / np.sqrt(counts)
+        last, sds = min(N_LAGS, int(lags[-1])), 1.0 / np.sqrt(counts)
         after = slice(1, last + 1)
-        of = partial(
-            Correlation, channel=experiment.channels[k], step=step, experiment=observation.label
+        build = partial(
+            ResidualCorrelation,
+            channel=experiment.channels[k],
+            step=step,
+            experiment=observation.label,
         )
-        yield of(input="", lags=lags[after], values=memory[after], sds=sds[after])
+        yield build(input="", lags=lags[after], values=memory[after], sds=sds[after])
         both = np.arange(-last, last + 1)
         rho = memory[1]
         fresh = residuals[1:] - rho * residuals[:-1]
@@ -243,12 +277,12 @@ def _correlations(observation: Observation, full: Array, theta: Array) -> Iterat
         clear = np.where(np.abs(memory) > 2.0 * sds, memory, 0.0)  # the others are chance
         for name, series in inputs.items():
             values = np.full(len(residuals), np.nan)
-            values[places] = series[seen] - series[seen].mean()
+            values[places] = series[measured] - series[measured].mean()
             values = values[1:] - rho * values[:-1]
             input_memory, _ = _correlated(values, values, lags)
-            correlated, counts = _correlated(fresh, values, both)
+            cross, counts = _correlated(fresh, values, both)
             joint = max(1.0, 1.0 + 2.0 * float(clear[1:] @ input_memory[1:]))
-            yield of(input=name, lags=both, values=correlated, sds=np.sqrt(joint / counts))
+            yield build(input=name, lags=both, values=cross, sds=np.sqrt(joint / counts))
 
 
 def _correlated(late: Array, early: Array, lags: Indices) -> tuple[Array, Array]:

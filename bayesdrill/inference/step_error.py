@@ -1,4 +1,4 @@
-"""How fine the steps of a rig with friction have to be, and what they cost in truth."""
+"""Errors of the time steps of a rig with friction, and the steps that keep them small."""
 
 from __future__ import annotations
 
@@ -14,29 +14,34 @@ from bayesdrill.inference.likelihood import Likelihood, Observation
 from bayesdrill.inference.posterior import Posterior
 from bayesdrill.rig.simulators.contract import REVERSAL_SUBSTEPS, Simulator, Stepping
 
-Taken = tuple[int, int]  # steps to a sample, and parts of those in which something turns
+StepSizes = tuple[int, int]  # steps to a sample, and parts of those in which something turns
 
-FINER = 16  # times as many pieces are taken for the truth
-ENOUGH = 0.1  # of the noise: what steps may do to a sample
-SAFE = 0.5  # of that, where they are chosen: elsewhere than where they are looked at in the end
-POINTS, SCATTER = 8, 0.1  # looked at: as many as take no longer than one; and how far apart
-STRANGE = 1  # of them, which need not have enough
-MOST = 64
+TRUTH_REFINEMENT = 16  # times as many pieces are taken for the truth
+MAX_ERROR_OVER_NOISE = 0.1  # of the noise: what steps may do to a sample
+# Of that, where they are chosen: elsewhere than where they are looked at in the end.
+CHOICE_MARGIN = 0.5
+N_POINTS, SCATTER = 8, 0.1  # looked at: as many as take no longer than one; and how far apart
+N_OUTLIERS = 1  # of them, which need not have enough
+MAX_CHOSEN_PIECES = 64
 # Pieces, and parts of those in which something turns, that are taken by themselves.
-TRIED = (
+CANDIDATE_STEPS = (
     (1, 1),
-    *((pieces, REVERSAL_SUBSTEPS) for pieces in (1, 2, 3, 4, 6, 8, 12, 16, 24, 32, 48, MOST)),
+    *(
+        (pieces, REVERSAL_SUBSTEPS)
+        for pieces in (1, 2, 3, 4, 6, 8, 12, 16, 24, 32, 48, MAX_CHOSEN_PIECES)
+    ),
 )
-MOST_STEPS = 4_000_000  # that a truth may take
-WEIGHED, LEAST = 1000, 16  # draws for the evidence, and where a truth is dear
-AT_ONCE = 50  # of them
-ALL_STEPS = 400_000_000  # that the truths of these may take together
-HALF = 2  # of the steps of the truth: what it lacks is about as far as from there to it
+MAX_TRUTH_STEPS = 4_000_000  # that a truth may take
+# Draws for the evidence, and where a truth is dear.
+MAX_EVIDENCE_DRAWS, MIN_EVIDENCE_DRAWS = 1000, 16
+DRAWS_PER_BATCH = 50  # of them
+MAX_TOTAL_STEPS = 400_000_000  # that the truths of these may take together
+COARSER_TRUTH = 2  # of the steps of the truth: what it lacks is about as far as from there to it
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StepError:
-    """`errors (K,)`: the most that steps do to a sample of each channel, in sd of its noise."""
+    """The largest errors that steps cause; `errors (K,)`: in sd of each channel's noise."""
 
     label: str
     channels: tuple[str, ...]
@@ -45,54 +50,57 @@ class StepError:
 
     @property
     def worst(self) -> float:
+        """Return the largest error."""
         return max(self.errors)
 
     @property
     def fine(self) -> bool:
-        return self.worst <= ENOUGH
+        """Whether the steps are fine enough."""
+        return self.worst <= MAX_ERROR_OVER_NOISE
 
 
 def evidence_shift(posterior: Posterior, draws: Array) -> tuple[float, float] | None:
-    """What the truth adds to a log evidence that was found in steps, and its standard error.
+    """Return what finer steps add to a log evidence, and its standard error.
 
-    From its draws `(N, D)`, physical; None where nothing is stepped, or no truth is finite.
+    It is estimated from draws `(N, D)`, physical; None where nothing is stepped, or no finer
+    response is finite.
 
-    The ratio of the evidences is the mean over the posterior of the ratio of the likelihoods, in finer
-    steps and in its own.
+    The ratio of the evidences is the mean over the posterior of the ratio of the likelihoods, in
+    finer steps and in its own.
     """
-    every = _stepped(posterior.likelihood)
-    if not every:
+    observations = _stepped(posterior.likelihood)
+    if not observations:
         return None
     steps = sum(
         _steps(_truth(observation.response)).pieces * len(observation.experiment.t)
-        for observation in every
+        for observation in observations
     )
-    most = min(max(ALL_STEPS // steps, LEAST), WEIGHED)
+    most = min(max(MAX_TOTAL_STEPS // steps, MIN_EVIDENCE_DRAWS), MAX_EVIDENCE_DRAWS)
     some = draws[:: max(1, -(-len(draws) // most))]
 
     def finer(part: int) -> Posterior:
-        return _with(posterior, lambda observation: _truth(observation.response, part))
+        return _with_simulators(posterior, lambda observation: _truth(observation.response, part))
 
-    here, errors = _log_likelihood(posterior, some), []
-    for part in (HALF, 1):
+    here, shifts = _log_likelihood(posterior, some), []
+    for part in (COARSER_TRUTH, 1):
         logs = np.nan_to_num(_log_likelihood(finer(part), some) - here, nan=-np.inf)
         top = float(logs.max())
         if not math.isfinite(top):
             return None
         weights = np.exp(logs - top)
-        errors.append(top + math.log(weights.mean()))
+        shifts.append(top + math.log(weights.mean()))
     spread = float(weights.std(ddof=1) / weights.mean()) / math.sqrt(len(weights))
-    return errors[1], math.hypot(spread, errors[1] - errors[0])
+    return shifts[1], math.hypot(spread, shifts[1] - shifts[0])
 
 
 def _log_likelihood(posterior: Posterior, draws: Array) -> Array:
     """In turn: noise that asks for samples keeps all of them."""
-    parts = np.array_split(draws, -(-len(draws) // AT_ONCE))
+    parts = np.array_split(draws, -(-len(draws) // DRAWS_PER_BATCH))
     return np.concatenate([posterior.likelihood(some) for some in parts])
 
 
 def step_errors(likelihood: Likelihood, theta: Array) -> tuple[StepError, ...]:
-    """Of all experiments that are stepped, at `theta (D,)`."""
+    """Return the errors of all experiments that are stepped, at `theta (D,)`."""
     full = likelihood.space.full(theta[None])
     return tuple(
         StepError(
@@ -107,45 +115,54 @@ def step_errors(likelihood: Likelihood, theta: Array) -> tuple[StepError, ...]:
     )
 
 
-def chosen(posterior: Posterior, theta: Array, most: int = MOST) -> Posterior:
-    """With as few pieces, of `TRIED` up to `most`, as are enough at `theta (D,)` and at other points
-    about it.
+def choose_steps(posterior: Posterior, theta: Array, most: int = MAX_CHOSEN_PIECES) -> Posterior:
+    """Return it with as few steps as are enough at `theta (D,)` and at other points about it.
+
+    They are of `CANDIDATE_STEPS` up to `most` pieces.
     """
-    points = _about(posterior, theta)
+    points = _points_around(posterior, theta)
     full = posterior.likelihood.space.full(points)
-    tried = [(pieces, turns) for pieces, turns in TRIED if pieces <= most]
-    return _with(posterior, lambda observation: _fine(observation, tried, full, points))
+    tried = [(pieces, turns) for pieces, turns in CANDIDATE_STEPS if pieces <= most]
+    return _with_simulators(
+        posterior, lambda observation: _fine_enough(observation, tried, full, points)
+    )
 
 
-def taken(posterior: Posterior) -> dict[str, Taken]:
-    """By the labels of experiments, where they were chosen."""
-    every = (*posterior.likelihood.observations, *posterior.likelihood.apart)
-    steps = [(observation.label, observation.response.stepping) for observation in every]
-    return {label: (step.pieces, step.turns) for label, step in steps if step and step.chosen}
+def chosen_steps(posterior: Posterior) -> dict[str, StepSizes]:
+    """Return the steps by labels of experiments, where they were chosen."""
+    observations = (*posterior.likelihood.observations, *posterior.likelihood.held_out)
+    steps = [(observation.label, observation.response.stepping) for observation in observations]
+    return {
+        label: (stepping.pieces, stepping.turns)
+        for label, stepping in steps
+        if stepping and stepping.chosen
+    }
 
 
-def taking(posterior: Posterior, steps: Mapping[str, Taken]) -> Posterior:
-    """With steps as `taken` told them; the very same where they are what it takes."""
-    if steps.items() <= taken(posterior).items():
+def with_steps(posterior: Posterior, steps: Mapping[str, StepSizes]) -> Posterior:
+    """Return it with steps as of `chosen_steps`; the very same where it has these."""
+    if steps.items() <= chosen_steps(posterior).items():
         return posterior
 
-    def made(observation: Observation) -> Simulator:
-        told = steps.get(observation.label)
+    def simulator_of(observation: Observation) -> Simulator:
+        size = steps.get(observation.label)
         return (
-            observation.response.with_substeps(*told, adaptive=True)
-            if told
+            observation.response.with_substeps(*size, adaptive=True)
+            if size
             else observation.response
         )
 
-    return _with(posterior, made)
+    return _with_simulators(posterior, simulator_of)
 
 
-def _with(posterior: Posterior, made: Callable[[Observation], Simulator]) -> Posterior:
+def _with_simulators(
+    posterior: Posterior, simulator_of: Callable[[Observation], Simulator]
+) -> Posterior:
     """With other simulators where they are stepped."""
 
     def each(observation: Observation) -> Observation:
         return (
-            dataclasses.replace(observation, response=made(observation))
+            dataclasses.replace(observation, response=simulator_of(observation))
             if observation.response.stepping
             else observation
         )
@@ -153,10 +170,10 @@ def _with(posterior: Posterior, made: Callable[[Observation], Simulator]) -> Pos
     return posterior.edit(each=each)
 
 
-def _about(posterior: Posterior, theta: Array) -> Array:
-    """`theta` first, `(POINTS, D)`: at one point alone speeds may turn where it does no harm."""
+def _points_around(posterior: Posterior, theta: Array) -> Array:
+    """`theta` first, `(N_POINTS, D)`: at one point alone speeds may turn where it does no harm."""
     rng = np.random.default_rng(0)
-    share = rng.uniform(-SCATTER, SCATTER, (POINTS, len(theta)))
+    share = rng.uniform(-SCATTER, SCATTER, (N_POINTS, len(theta)))
     share[0] = 0.0
     ends = [(prior.low, prior.high) for prior in posterior.space.priors.values()]
     low, high = np.array(ends).reshape(-1, 2).T
@@ -173,30 +190,36 @@ def _steps(response: Simulator) -> Stepping:
     return response.stepping
 
 
-def _fine(observation: Observation, tried: Sequence[Taken], full: Array, theta: Array) -> Simulator:
-    made = observation.response
+def _fine_enough(
+    observation: Observation, tried: Sequence[StepSizes], full: Array, theta: Array
+) -> Simulator:
+    response = observation.response
     for pieces, turns in tried:
-        made = observation.response.with_substeps(pieces, turns, adaptive=True)
-        worst = np.sort(_errors(observation, made, full, theta).max(axis=1))
-        if not worst[-1 - STRANGE] > SAFE * ENOUGH:
+        response = observation.response.with_substeps(pieces, turns, adaptive=True)
+        worst = np.sort(_errors(observation, response, full, theta).max(axis=1))
+        if not worst[-1 - N_OUTLIERS] > CHOICE_MARGIN * MAX_ERROR_OVER_NOISE:
             break
-    return made
+    return response
 
 
 def _truth(response: Simulator, part: int = 1) -> Simulator:
-    """`FINER` times as fine or as `MOST_STEPS` allow, twice at least; `part`: by so much less."""
+    """Refine by `TRUTH_REFINEMENT`, or as `MAX_TRUTH_STEPS` allow, twice at least.
+
+    `part`: by so much less.
+    """
     pieces = _steps(response).pieces
-    allowed = MOST_STEPS // (pieces * len(response.experiment.t))
-    return response.with_substeps(pieces * max(1, max(2, min(FINER, allowed)) // part))
+    allowed = MAX_TRUTH_STEPS // (pieces * len(response.experiment.t))
+    return response.with_substeps(pieces * max(1, max(2, min(TRUTH_REFINEMENT, allowed)) // part))
 
 
 def _errors(observation: Observation, response: Simulator, full: Array, theta: Array) -> Array:
-    """The most that the steps of `response` do to a sample `(W, K)`, over its sd.  A walker that
-    overflows has none.
+    """Return the largest error of a sample by the steps of `response` `(W, K)`, over its sd.
+
+    A walker that overflows has none.
     """
-    told = observation.told(full)
-    truth = _truth(response).signals(told)
-    off = np.abs(response.signals(told) - truth)
+    parameters = observation.simulator_parameters(full)
+    truth = _truth(response).signals(parameters)
+    off = np.abs(response.signals(parameters) - truth)
     with np.errstate(invalid="ignore"):
         shares = np.where(response.experiment.seen, off / observation.scales(theta)[:, None], 0.0)
     return np.asarray(np.nan_to_num(shares).max(axis=1))

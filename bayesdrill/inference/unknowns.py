@@ -1,11 +1,11 @@
-"""Which quantities are unknown and which are held, and the coordinates in which the sampler walks.
+"""Which quantities are unknown and which are fixed, and the coordinates of the sampler.
 
 Rigs are made of products and ratios, so that logs are the natural scale.  They are none for an
 unknown whose prior reaches down to zero: all of its lower end would lie in an endless tail.  What
 lies between two ends, such as a correlation, goes by its probit between them, over which a uniform
-prior is a bell: what is pressed against an end has no longer tail there.  (Over a logit it falls off
-like an exponential, and no proposal made of bells gets there.)  What may be negative, such as an
-offset, goes by itself.
+prior is a bell: what is pressed against an end has no longer tail there.  (Over a logit it falls
+off like an exponential, and no proposal made of bells gets there.)  What may be negative, such as
+an offset, goes by itself.
 """
 
 from __future__ import annotations
@@ -24,18 +24,18 @@ from bayesdrill.basics.arrays import Array
 from bayesdrill.basics.duals import Dual
 from bayesdrill.basics.formulas import Expression
 from bayesdrill.basics.symbols import Symbol, superscript
-from bayesdrill.inference.priors import Prior, draw, signed, spread
+from bayesdrill.inference.priors import Prior, draw_prior, is_signed, prior_sd
 
 LOG_ROOT_2PI = 0.5 * math.log(2.0 * math.pi)
 
 
 @dataclass(frozen=True, slots=True)
 class Coordinates:
-    """`logs`: for each of the D unknowns, whether its log is its coordinate; `between`: columns whose
-    probit between `low` and `high` is, as `(column, low, high)`.  `signed`: columns that need not be
-    positive, these among them, each with the step that is one on its natural scale.
+    """The sampler's coordinates `z (W, D)` of physical unknowns `theta (W, D)`.
 
-    `z` and `theta` are `(W, D)`; the Jacobian is log |d theta / d z|, `(W,)`.
+    `logs`: for each of the D unknowns, whether its log is its coordinate; `between`: columns whose
+    probit between `low` and `high` is, as `(column, low, high)`.  `signed`: columns that need not
+    be positive, these among them, each with the step that is one on its natural scale.
     """
 
     logs: tuple[bool, ...]
@@ -43,6 +43,7 @@ class Coordinates:
     signed: tuple[tuple[int, float], ...] = ()
 
     def from_physical(self, theta: Array) -> Array:
+        """Return the coordinates `(W, D)` of `theta`."""
         z = theta.copy()
         with np.errstate(divide="ignore", invalid="ignore"):
             z[:, self.logs] = np.log(theta[:, self.logs])
@@ -51,6 +52,7 @@ class Coordinates:
         return z
 
     def to_physical(self, z: Array) -> Array:
+        """Return the unknowns `(W, D)` at `z`."""
         theta = z.copy()
         with np.errstate(over="ignore"):
             theta[:, self.logs] = np.exp(z[:, self.logs])
@@ -59,21 +61,22 @@ class Coordinates:
         return theta
 
     def with_jacobian(self, z: Array) -> tuple[Array, Array]:
+        """Return the unknowns at `z`, and log |d theta / d z| `(W,)`."""
         jacobian = np.ascontiguousarray(z[:, self.logs]).sum(axis=-1)
         for column, low, high in self.between:
             jacobian += np.log(high - low) - LOG_ROOT_2PI - 0.5 * z[:, column] ** 2
         return self.to_physical(z), jacobian
 
     def slopes(self, theta: Array) -> Array:
-        """d unknown / d its coordinate, `(W, D)`."""
+        """Return d unknown / d its coordinate, `(W, D)`."""
         out = np.where(self.logs, theta, 1.0)
         for column, low, high in self.between:
-            place = scipy.special.ndtri((theta[:, column] - low) / (high - low))
-            out[:, column] = (high - low) * np.exp(-0.5 * place**2 - LOG_ROOT_2PI)
+            probit = scipy.special.ndtri((theta[:, column] - low) / (high - low))
+            out[:, column] = (high - low) * np.exp(-0.5 * probit**2 - LOG_ROOT_2PI)
         return out
 
-    def jacobian_bends(self, z: Array) -> tuple[Array, Array]:
-        """First and minus second derivatives of the Jacobian by each coordinate: `(W, D)` each."""
+    def jacobian_derivatives(self, z: Array) -> tuple[Array, Array]:
+        """Return first and minus second derivatives of the log Jacobian, `(W, D)` each."""
         slope = np.tile(np.array(self.logs, dtype=np.float64), (len(z), 1))
         curvature = np.zeros_like(slope)
         for column, *_ in self.between:
@@ -81,8 +84,9 @@ class Coordinates:
         return slope, curvature
 
     def natural(self, theta: Array) -> Array:
-        """d unknown / d its natural scale `(W, D)`: its log where it is positive, or else itself over
-        its step.
+        """Return d unknown / d its natural scale `(W, D)`.
+
+        That is its log where it is positive, or else itself over its step.
         """
         out = theta.copy()
         for column, step in self.signed:
@@ -90,7 +94,7 @@ class Coordinates:
         return out
 
     def to_natural(self, theta: Array) -> Array:
-        """Logs `(W, D)`, and what need not be positive over its step."""
+        """Return logs `(W, D)`, and what need not be positive over its step."""
         with np.errstate(divide="ignore", invalid="ignore"):
             out = np.log(theta)
         for column, step in self.signed:
@@ -98,7 +102,7 @@ class Coordinates:
         return out
 
     def from_natural(self, natural: Array) -> Array:
-        """What `to_natural` is of."""
+        """Return the unknowns; the inverse of `to_natural`."""
         out = np.exp(natural)
         for column, step in self.signed:
             out[:, column] = natural[:, column] * step
@@ -106,17 +110,22 @@ class Coordinates:
 
 
 Role = Literal["rig", "quantity", "sensor", "start", "noise"]
-MOVES: tuple[Role, ...] = ("rig", "quantity", "sensor", "start")  # what a simulator is told
+SIMULATOR_ROLES: tuple[Role, ...] = (
+    "rig",
+    "quantity",
+    "sensor",
+    "start",
+)  # what a simulator is told
 Transform = Literal["log", "plain"] | tuple[float, float]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Unknown:
-    """As its owner declares it, SI; `start`: where a search for the MAP begins.
+    """An unknown as the part that has it declares it, SI; `start`: where a search begins.
 
-    `transform` gives the coordinate in which samplers walk: its log, itself, or the probit between two
-    ends, where it need not be positive; None: log or itself, as the prior has it.  What the prior
-    allows below zero goes by itself.
+    `transform` gives the coordinate in which samplers walk: its log, itself, or the probit between
+    two ends, where it need not be positive; None: log or itself, as the prior has it.  What the
+    prior allows below zero goes by itself.
     """
 
     symbol: Symbol
@@ -127,49 +136,53 @@ class Unknown:
 
     @property
     def name(self) -> str:
+        """Return its name."""
         return self.symbol.name
 
-    def of(self, label: str) -> Unknown:
-        """The same of one of several experiments."""
-        return dataclasses.replace(self, symbol=labelled(self.symbol, label))
+    def for_experiment(self, label: str) -> Unknown:
+        """Return a copy of this unknown that belongs to the experiment `label`."""
+        return dataclasses.replace(self, symbol=labelled_symbol(self.symbol, label))
 
     @property
     def between(self) -> tuple[float, float] | None:
+        """Return the ends of its probit, if it has one."""
         return self.transform if isinstance(self.transform, tuple) else None
 
     @property
     def signed(self) -> bool:
-        """Whether its log is no scale of it: it need not be positive, or is a number of a sensor or a
-        start that may be next to nothing.
+        """Whether its log is no scale of it.
+
+        It need not be positive, or is a number of a sensor or a start that may be next to nothing.
         """
         small = self.role in ("sensor", "start") and not self.in_logs
-        return self.between is not None or signed(self.prior) or small
+        return self.between is not None or is_signed(self.prior) or small
 
     @property
     def scale(self) -> float:
-        """Of what need not be positive: the step that counts as one."""
-        return 1.0 if self.between is not None else spread(self.prior)
+        """Return the step that counts as one, of what need not be positive."""
+        return 1.0 if self.between is not None else prior_sd(self.prior)
 
     @property
     def in_logs(self) -> bool:
+        """Whether its coordinate is its log."""
         if self.transform is None:
             return self.prior.in_logs
         return self.transform == "log"
 
 
-def of_label(name: str, label: str) -> str:
-    """What is `own` to one of several experiments; `label` is empty where there is only one."""
+def labelled_name(name: str, label: str) -> str:
+    """Return the name in one of several experiments; `label` is empty where there is only one."""
     return f"{name}_{label}" if label else name
 
 
-def labelled(symbol: Symbol, label: str, name: str | None = None) -> Symbol:
-    """Of one of several experiments."""
+def labelled_symbol(symbol: Symbol, label: str, name: str | None = None) -> Symbol:
+    """Return the symbol in one of several experiments."""
     if not label:
         return symbol
     shown = label.replace("_", r"\_")
     return dataclasses.replace(
         symbol,
-        name=of_label(symbol.name, label) if name is None else name,
+        name=labelled_name(symbol.name, label) if name is None else name,
         latex=superscript(symbol.latex, rf"\mathrm{{{shown}}}"),
         meaning=f"{symbol.meaning}, of the experiment {label}",
     )
@@ -191,22 +204,25 @@ class ParameterSpace:
 
     @cached_property
     def free(self) -> tuple[str, ...]:
+        """Return the names of the unknowns."""
         return tuple(unknown.name for unknown in self.unknowns)
 
     @cached_property
     def priors(self) -> Mapping[str, Prior]:
+        """Return the priors by name."""
         return {unknown.name: unknown.prior for unknown in self.unknowns}
 
     @cached_property
     def start(self) -> Mapping[str, float]:
+        """Return where a search begins, by name."""
         return {unknown.name: unknown.start for unknown in self.unknowns}
 
     def columns(self, *roles: Role) -> list[int]:
-        """Of the unknowns that play one of these roles."""
+        """Return the columns of the unknowns that play one of these roles."""
         return [k for k, unknown in enumerate(self.unknowns) if unknown.role in roles]
 
     def with_priors(self, priors: Mapping[str, Prior]) -> ParameterSpace:
-        """With other priors of some."""
+        """Return it with other priors of some."""
         changed = (
             dataclasses.replace(unknown, prior=priors.get(unknown.name, unknown.prior))
             for unknown in self.unknowns
@@ -214,7 +230,7 @@ class ParameterSpace:
         return dataclasses.replace(self, unknowns=tuple(changed))
 
     def coordinates(self) -> Coordinates:
-        """In which samplers walk."""
+        """Return the coordinates in which samplers walk."""
         return Coordinates(
             tuple(unknown.in_logs for unknown in self.unknowns),
             tuple((k, *u.between) for k, u in enumerate(self.unknowns) if u.between is not None),
@@ -222,7 +238,7 @@ class ParameterSpace:
         )
 
     def full(self, theta: Array) -> Array:
-        """`(W, P)` parameters of the model, in its order."""
+        """Return the parameters of the model `(W, P)`, in its order."""
         named = self.named(theta)
         out = np.empty((len(theta), len(self.model)))
         for column, name in enumerate(self.model):
@@ -230,16 +246,16 @@ class ParameterSpace:
         return out
 
     def named(self, theta: Array) -> dict[str, Array | float]:
-        """All parameters of the model and all quantities, each `(W,)` or a number."""
+        """Return all parameters of the model and all quantities, each `(W,)` or a number."""
         named: dict[str, Array | float] = dict(self.fixed)
         for name in self.free:
             named[name] = theta[:, self.free.index(name)]
         return named | {name: r.value(named) for name, r in self.relations.items()}
 
     def slopes(self, theta: Array) -> Array:
-        """d parameter of the model / d log unknown at `theta (W, D)`, noise left out: `(W, m, P)`.
+        """Return d parameter of the model / d log unknown at `theta (W, D)`: `(W, m, P)`.
 
-        Of what need not be positive, by itself over its `scale`.
+        Noise is left out.  What need not be positive counts by itself over its `scale`.
         """
         charted, steps = self._charted
         duals: dict[str, Dual | float] = dict(self.fixed)
@@ -258,15 +274,15 @@ class ParameterSpace:
     @cached_property
     def _charted(self) -> tuple[list[str], list[float | None]]:
         """What simulators are told, and the steps of what need not be positive."""
-        moving = [self.unknowns[k] for k in self.columns(*MOVES)]
+        moving = [self.unknowns[k] for k in self.columns(*SIMULATOR_ROLES)]
         return [u.name for u in moving], [u.scale if u.signed else None for u in moving]
 
     def vector(self, values: Mapping[str, float]) -> Array:
-        """`(D,)` from named values."""
+        """Return `(D,)` from named values."""
         return np.array([values[name] for name in self.free])
 
     def log_prior(self, theta: Array) -> Array:
-        """`(W,)`; -inf outside the support, NaN included."""
+        """Return the log prior `(W,)`; -inf outside the support, NaN included."""
         columns, low, high, log_density = self.box
         boxed, floor = theta[:, columns], self._floor
         with np.errstate(invalid="ignore"):
@@ -282,7 +298,7 @@ class ParameterSpace:
 
     @cached_property
     def bounding(self) -> tuple[str, ...]:
-        """Parameters whose relation may give something else than a positive number."""
+        """Return parameters whose relation may give something else than a positive number."""
         return tuple(name for name, r in self.relations.items() if not r.positive)
 
     @cached_property
@@ -298,12 +314,12 @@ class ParameterSpace:
 
     @cached_property
     def box(self) -> tuple[list[int], Array, Array, float]:
-        """All uniform priors at once: columns, lower and upper ends, log density inside."""
+        """Return all uniform priors at once: columns, lower and upper ends, log density inside."""
         boxes = {c: p for c, p in enumerate(self.priors.values()) if p.flat}
         low = np.array([p.low for p in boxes.values()])
         high = np.array([p.high for p in boxes.values()])
         return list(boxes), low, high, -float(np.log(high - low).sum())
 
     def draw(self, n: int, rng: np.random.Generator) -> Array:
-        """`(n, D)` draws from the prior, those that `bounding` relations exclude included."""
-        return np.stack([draw(prior, n, rng) for prior in self.priors.values()], axis=-1)
+        """Draw `(n, D)` from the prior, also what `bounding` relations exclude."""
+        return np.stack([draw_prior(prior, n, rng) for prior in self.priors.values()], axis=-1)

@@ -135,7 +135,7 @@ def prepare(configs: Path) -> Studies:
 
 def _of_noise(jobs: Sequence[Job]) -> list[Issue]:
     return [
-        jobs_of_noise.source.problem(
+        jobs_of_noise.source.issue(
             ("record", "channels"),
             "the paper's misfit needs known noise; give each sigma as a number",
         )
@@ -150,10 +150,10 @@ def _of_two(two: Job) -> list[Issue]:
         message = (
             f"Table 2 has the unknowns {' and '.join(printed.START)}; give a prior to these alone"
         )
-        problems.append(two.source.problem(("parameters",), message))
+        problems.append(two.source.issue(("parameters",), message))
     if two.problem.experiment.series:
         message = "Table 2 is simulated under a constant voltage; give each input as a number"
-        problems.append(two.source.problem(("inputs",), message))
+        problems.append(two.source.issue(("inputs",), message))
     return problems
 
 
@@ -162,10 +162,10 @@ def _of_nines(nines: Sequence[Job]) -> list[Issue]:
     for nine in nines:
         if len(set(nine.problem.names) & set(printed.NINE_PARAMETERS)) < 2:
             message = "the heuristic needs two unknown parameters or more; give a prior to more"
-            problems.append(nine.source.problem(("parameters",), message))
+            problems.append(nine.source.issue(("parameters",), message))
         name = nine.config.name.casefold()  # as some file systems do
         if name in used:
             message = f"{name} is the name of something else in the results; give another"
-            problems.append(nine.source.problem(("name",), message))
+            problems.append(nine.source.issue(("name",), message))
         used.add(name)
     return problems

@@ -208,7 +208,7 @@ def readings(experiment: Experiment, p: Mapping[str, float]) -> tuple[MatrixRead
     k, readings = experiment.names.index("w_2"), []
     for name, (matrix, model) in READINGS.items():
         exact, stepped, steps = _both(model, experiment, p)
-        end = derived.steady(model, model.linear(p), 1, experiment.constant)["w_end"]
+        end = derived.steady_values(model, model.linear(p), 1, experiment.constant)["w_end"]
         readings.append(
             MatrixReading(
                 name=name,
@@ -283,7 +283,7 @@ def stepped_task(exact: Task, likelihood: Likelihood) -> Task:
 
     def density(theta: Array) -> Array:
         inside = exact.density(theta) > -np.inf
-        half = 0.5 * likelihood.numbers
+        half = 0.5 * likelihood.n_measured
         values = [
             -half * stepped_misfit(likelihood, row) if good else -np.inf
             for row, good in zip(theta, inside, strict=True)

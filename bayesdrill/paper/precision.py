@@ -39,7 +39,7 @@ class RecordLength:
 def bounds(likelihood: Likelihood, truth: Array) -> Array:
     """Return Cramer-Rao bounds of the unknowns `(D,)`, physical, for sigma 1 in every channel."""
     sensitivity = SensitivityStudy(likelihood)
-    sigma = likelihood.alone.scales(truth[None])[0]
+    sigma = likelihood.only_observation.scales(truth[None])[0]
     rows = sensitivity.sensitivities(truth)
     each = (rows.reshape(-1, len(sigma), rows.shape[1]) * sigma[:, None]).reshape(rows.shape)
     known = from_sensitivities(sensitivity.unknowns, each)
@@ -62,7 +62,7 @@ def lengths(
         experiment = regular(likelihood.response.experiment, duration, rate)
         response = Response(likelihood.response.model, experiment)
         noise = likelihood.noise.for_length(len(experiment.t))
-        longer = likelihood.with_alone(response=response, noise=noise)
+        longer = likelihood.replace_only(response=response, noise=noise)
         lengths.append(RecordLength(duration=duration, rate=rate, bounds=at_sigma_1(longer, truth)))
     return tuple(lengths)
 
@@ -128,7 +128,7 @@ def misfit_task(posterior: Posterior) -> Task:
 
 def misfit_per_number(posterior: Posterior, theta: Array) -> float:
     """Return the misfit at `theta (D,)` per measured number: 1 where only noise is left."""
-    return float(posterior.likelihood.per_number(theta[None])[0])
+    return float(posterior.likelihood.mean_square(theta[None])[0])
 
 
 def expected_misfit(numbers: int) -> tuple[float, float]:

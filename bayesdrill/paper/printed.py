@@ -290,7 +290,7 @@ def quantities(model: Model, p: Named, inputs: Mapping[str, float], n: int) -> d
     # With arrays, whatever is held: the poles are those of n rigs.
     rigs = {name: np.broadcast_to(np.asarray(p[name], dtype=float), n) for name in model.parameters}
     linear = model.linear(rigs)
-    both = {**derived.poles(model, linear, n), **derived.steady(model, linear, n, inputs)}
+    both = {**derived.poles(model, linear, n), **derived.steady_values(model, linear, n, inputs)}
     quantities = {**values, **{name: both[name] for name in FOLLOWING}}
     return {name: np.broadcast_to(x, n) for name, x in quantities.items()}
 

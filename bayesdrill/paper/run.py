@@ -187,7 +187,7 @@ def _nine(
 
 def _misfits(nine: Job, heuristic: Heuristic, mode: Array, truth: Array | None) -> Misfits:
     posterior = nine.problem.posterior
-    numbers = posterior.likelihood.numbers
+    numbers = posterior.likelihood.n_measured
     low, high = precision.expected_misfit(numbers)
     return Misfits(
         record=nine.config.name,

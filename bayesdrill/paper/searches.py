@@ -103,9 +103,9 @@ def many_searches(
     ]
     results = [(way, task.result()) for way, task in tasks]
     likelihood = posterior.likelihood
-    misfits = likelihood.per_number(np.array([end.theta for _, end in results]))
-    _, floor = precision.expected_misfit(likelihood.numbers)
-    least = misfits.min() + SAME / likelihood.numbers
+    misfits = likelihood.mean_square(np.array([end.theta for _, end in results]))
+    _, floor = precision.expected_misfit(likelihood.n_measured)
+    least = misfits.min() + SAME / likelihood.n_measured
     ends = []
     for (way, end), misfit in zip(results, misfits, strict=True):
         scales, remainder, distance = distinct_ends(end.theta, reference, symmetries)
@@ -179,7 +179,9 @@ def run_heuristic(
     first = precision.misfit_per_number(posterior, guess)
     # The misfit is -2 log likelihood but for a constant, which the first point tells.
     density = posterior.likelihood(guess[None])[0]
-    path = first - 2.0 * (np.array(first_result.history) - density) / posterior.likelihood.numbers
+    path = (
+        first - 2.0 * (np.array(first_result.history) - density) / posterior.likelihood.n_measured
+    )
     others = np.array([other.theta for other in other_results]).reshape(starts, len(guess))
     end = None if by_integrator is None else by_integrator.result().theta
     return Heuristic(
@@ -187,7 +189,7 @@ def run_heuristic(
         estimate=first_result.theta,
         misfits=np.array([first, *path]),
         others=others,
-        others_misfits=posterior.likelihood.per_number(others),
+        others_misfits=posterior.likelihood.mean_square(others),
         stepped=end,
         stepped_misfit=None if end is None else forward.stepped_misfit(posterior.likelihood, end),
     )

@@ -16,7 +16,7 @@ from bayesdrill.analysis.comparison import (
     RunSummary,
     decide,
 )
-from bayesdrill.inference.display_units import OwnUnits
+from bayesdrill.inference.display_units import DisplayUnits
 from bayesdrill.output_files import COMPARE, OVERLAY, Kind
 from bayesdrill.report.section import Picture, Section, as_markdown, as_text
 from bayesdrill.report.sections import comparison_words
@@ -75,12 +75,12 @@ class ComparisonReport:
     """
 
     layers: tuple[PosteriorSummary, ...]
-    units: OwnUnits
+    units: DisplayUnits
     models: tuple[RunSummary, ...] = ()
     heading: str = ""
 
     @classmethod
-    def of_models(cls, models: Sequence[RunSummary], units: OwnUnits) -> ComparisonReport:
+    def of_models(cls, models: Sequence[RunSummary], units: DisplayUnits) -> ComparisonReport:
         """Build the report of several models of one record."""
         return cls(tuple(model.layer for model in models), units, tuple(models))
 

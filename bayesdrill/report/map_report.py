@@ -12,7 +12,7 @@ from bayesdrill.basics.arrays import Array
 from bayesdrill.config.schema.config import Config
 from bayesdrill.inference import residual_checks
 from bayesdrill.inference.posterior import Problem
-from bayesdrill.inference.residual_checks import Correlation, Left
+from bayesdrill.inference.residual_checks import ResidualCorrelation, ResidualSummary
 from bayesdrill.inference.step_error import step_errors
 from bayesdrill.report import publish, section, words
 from bayesdrill.report.run_report import made_of, provenance_of_records
@@ -37,12 +37,12 @@ class MapReport:
         return self.problem.posterior.space.vector(self.mode.values)
 
     @cached_property
-    def left(self) -> tuple[Left, ...]:
+    def left(self) -> tuple[ResidualSummary, ...]:
         """What the fit leaves of each channel."""
-        return residual_checks.left(self.problem.posterior.likelihood, self.best)
+        return residual_checks.residual_summaries(self.problem.posterior.likelihood, self.best)
 
     @cached_property
-    def correlations(self) -> tuple[Correlation, ...]:
+    def correlations(self) -> tuple[ResidualCorrelation, ...]:
         """Of what the fit leaves, where that is more than noise."""
         if residual_checks.like_noise(self.left):
             return ()

@@ -14,9 +14,9 @@ from bayesdrill.analysis.diagnostics import ParameterRow
 from bayesdrill.basics import software
 from bayesdrill.basics.progress import Reporter
 from bayesdrill.basics.registry import Registry, check_callable
-from bayesdrill.config.schema.records import MOST_NAMED
+from bayesdrill.config.schema.records import MAX_NAMED
 from bayesdrill.inference.posterior import Posterior, Problem
-from bayesdrill.inference.residual_checks import Correlation
+from bayesdrill.inference.residual_checks import ResidualCorrelation
 from bayesdrill.output_files import EACH, ON_REQUEST, OWN_FIGURES, numbered
 from bayesdrill.output_files import FIGURES as FOLDER
 from bayesdrill.report import render, run_report, section
@@ -55,7 +55,7 @@ def drawings(name: str, run: ReportContext) -> dict[str, Drawing]:
     return numbered(name, figures)
 
 
-def alone_captions(problem: Problem, residuals: Sequence[Correlation]) -> dict[str, str]:
+def alone_captions(problem: Problem, residuals: Sequence[ResidualCorrelation]) -> dict[str, str]:
     """Return captions of what `fits_alone` shows, without drawing it."""
     fits = [captioned(observation.label, FIT_ALONE) for observation in problem.observations]
     labels = dict.fromkeys(correlation.experiment for correlation in residuals)
@@ -107,7 +107,7 @@ TABLES: Mapping[str, Callable[[ReportContext], str | None]] = MappingProxyType(
 )
 
 
-_SEVERAL = tuple(f"{stem}_{k}" for stem in EACH for k in range(1, MOST_NAMED + 1))
+_SEVERAL = tuple(f"{stem}_{k}" for stem in EACH for k in range(1, MAX_NAMED + 1))
 
 
 def write_results(

@@ -19,7 +19,7 @@ from bayesdrill.analysis.diagnostics import MEANING, ParameterRow
 from bayesdrill.basics.errors import printable
 from bayesdrill.basics.symbols import plain
 from bayesdrill.inference.derived import HDI_PROBABILITY
-from bayesdrill.inference.display_units import OwnUnits
+from bayesdrill.inference.display_units import DisplayUnits
 from bayesdrill.inference.posterior import Problem
 from bayesdrill.sampling.mode_search import Mode
 
@@ -308,7 +308,7 @@ def sandwich_table(
     rows: Sequence[ParameterRow],
     sds: Mapping[str, float],
     windows: Mapping[str, Sequence[float]],
-    display_units: OwnUnits,
+    display_units: DisplayUnits,
 ) -> Table:
     """Return the posterior's sds beside `sds`, SI, and the ends of refits on `windows`."""
     ends = f"MAP of {len(next(iter(windows.values())))} windows" if windows else ""
@@ -369,12 +369,12 @@ def in_words(rows: Sequence[ParameterRow]) -> list[str]:
     return [f"{word}: {', '.join(named[word])} ({MEANING[word]})" for word in named if named[word]]
 
 
-def notes(rows: Sequence[ParameterRow], display_units: OwnUnits) -> list[str]:
+def notes(rows: Sequence[ParameterRow], display_units: DisplayUnits) -> list[str]:
     """Return notes that doubt the prior or the model, but not the draws; `rows` in SI."""
     return [
         f"note: {row.name} is pressed against the end "
-        f"{display_units.said(row.name, row.pressed_against)} of its "
-        "prior, as if the record wanted it beyond. Widen the prior, or doubt the model, the units and "
+        f"{display_units.format_value(row.name, row.pressed_against)} of its prior, "
+        "as if the record wanted it beyond. Widen the prior, or doubt the model, the units and "
         "what is held."
         for row in rows
         if row.pressed_against is not None

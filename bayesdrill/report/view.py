@@ -15,7 +15,7 @@ from bayesdrill.basics.units import Unit
 from bayesdrill.basics.values import Value
 from bayesdrill.config.schema.config import Config
 from bayesdrill.inference.derived import Derived
-from bayesdrill.inference.display_units import OwnUnits, Shown
+from bayesdrill.inference.display_units import DisplayedUnknowns, DisplayUnits
 from bayesdrill.inference.posterior import Problem
 from bayesdrill.report import section, words
 from bayesdrill.report.scales import WIDTHS
@@ -144,7 +144,7 @@ class ReportContext(Value):
         return WIDTHS[self.config.output.size]
 
     @property
-    def units(self) -> OwnUnits:
+    def units(self) -> DisplayUnits:
         """The units in which people are shown unknowns and derived quantities."""
         return self.problem.units
 
@@ -153,13 +153,13 @@ class ReportContext(Value):
         """The unit in which people are told times."""
         return self.problem.clock
 
-    def shown(self, names: Sequence[str] | None = None) -> Shown:
+    def shown(self, names: Sequence[str] | None = None) -> DisplayedUnknowns:
         """Return what figures show of the unknowns of these names, or of all if none is among them."""
         problem, display_units = self.problem, self.units
         columns = range(len(problem.symbols))
         selected = [k for k in columns if problem.names[k] in (names or ())] or columns
         picked = [problem.symbols[k] for k in selected]
-        return Shown(
+        return DisplayedUnknowns(
             columns=tuple(selected),
             factors=display_units.factors(picked),
             symbols=display_units.symbols(picked),

@@ -16,11 +16,11 @@ from bayesdrill.basics.arrays import Array
 from bayesdrill.config.resolve import quantities
 from bayesdrill.config.resolve.case import ResolvedCase
 from bayesdrill.config.schema.config import Config
-from bayesdrill.config.schema.records import Column, TimeColumn
-from bayesdrill.inference.display_units import OwnUnits
+from bayesdrill.config.schema.records import ColumnSpec, TimeColumn
+from bayesdrill.inference.display_units import DisplayUnits
 from bayesdrill.inference.likelihood import Observation
 from bayesdrill.inference.posterior import Problem
-from bayesdrill.inference.residual_checks import Left, like_noise
+from bayesdrill.inference.residual_checks import ResidualSummary, like_noise
 from bayesdrill.record import clocks
 from bayesdrill.report.section import aligned
 from bayesdrill.report.sections import fit_words
@@ -37,7 +37,7 @@ def record_columns(problem: Problem, case: ResolvedCase) -> str:
     """Of each record: time, channels and measured inputs, in the units of their columns."""
     return "\n".join(
         _columns(observation, case.experiment(observation.label).config)
-        for observation in problem.every
+        for observation in problem.all_observations
     )
 
 
@@ -51,7 +51,7 @@ def _columns(observation: Observation, config: Config) -> str:
         name, spec = channel.name, config.record.channels[channel.name]
         lines.append(_line(name, spec.measures or name, spec, values / channel.factor))
     held = "first" if experiment.first_order else "zero"
-    for name, given in quantities.measured_input(config).items():
+    for name, given in quantities.measured_inputs(config).items():
         entry = quantities.input_entry(config, name)
         factor = units.factor(given.unit, quantities.input_unit(entry))
         values = quantities.inputs_as_given(config, experiment, name) / factor
@@ -63,7 +63,7 @@ def _columns(observation: Observation, config: Config) -> str:
 
 def record_made(problem: Problem) -> tuple[str, ...]:
     """What times each record has, where its steps are not equal, and what was done to its numbers."""
-    apart = problem.posterior.likelihood.apart
+    apart = problem.posterior.likelihood.held_out
     sentences: list[str] = []
     for observation in problem.observations:
         experiment, total = observation.experiment, len(observation.experiment.t)
@@ -75,7 +75,8 @@ def record_made(problem: Problem) -> tuple[str, ...]:
         sentences += _of_experiment(observation, [*times, *some, *experiment.told])
     for observation in apart:
         sentences.append(
-            f"{observation.label}, its {observation.numbers} samples are held out, and are no evidence"
+            f"{observation.label}, its {observation.n_measured} samples are held out, "
+            "and are no evidence"
         )
     return tuple(sentences)
 
@@ -99,7 +100,7 @@ def record_suspicions(problem: Problem, most: int = FEW) -> tuple[str, ...]:
     return (*sentences, *suspected.suspicions_of_start(problem))
 
 
-def _line(name: str, measures: str, spec: Column, values: Array) -> tuple[str, ...]:
+def _line(name: str, measures: str, spec: ColumnSpec, values: Array) -> tuple[str, ...]:
     where = [text for text in (spec.variable, spec.column) if text is not None]
     known = values[~np.isnan(values)]
     numbers = (known[0], known.min(), known.max())
@@ -126,10 +127,12 @@ def headline(problem: Problem, config: Config) -> str:
     )
 
 
-def opening(problem: Problem, units: OwnUnits) -> str:
+def opening(problem: Problem, units: DisplayUnits) -> str:
     """What goes in."""
     space = problem.posterior.space
-    held = ", ".join(f"{name} = {units.said(name, value)}" for name, value in space.fixed.items())
+    held = ", ".join(
+        f"{name} = {units.format_value(name, value)}" for name, value in space.fixed.items()
+    )
     tied = ", ".join(f"{name} = {relation.text}" for name, relation in space.relations.items())
     return (
         f"{records(problem)}\nmodel: {model(problem)}\n"
@@ -164,7 +167,7 @@ def model(problem: Problem) -> str:
     return f"{name} ({', '.join(said)}{gear})" if said else name
 
 
-def preview(problem: Problem, config: Config, units: OwnUnits) -> str:
+def preview(problem: Problem, config: Config, units: DisplayUnits) -> str:
     """What would run."""
     posterior, sampler = problem.posterior, config.sampler
     start = posterior.space.vector(posterior.space.start)
@@ -227,11 +230,11 @@ def _misfit(problem: Problem) -> str:
     likelihood, space = problem.posterior.likelihood, problem.posterior.space
     if any(observation.unknowns for observation in likelihood.observations):
         return ""
-    mean_square = likelihood.per_number(space.vector(space.start)[None])[0]
+    mean_square = likelihood.mean_square(space.vector(space.start)[None])[0]
     return f"; misfit per number there {mean_square:.4g}, and 1 where only noise is left"
 
 
-def maxima(mode: Mode, weights: NDArray[np.float64] | None, units: OwnUnits) -> str:
+def maxima(mode: Mode, weights: NDArray[np.float64] | None, units: DisplayUnits) -> str:
     """Where the posterior has several maxima, and how much of it each holds, `weights (M,)`; empty for
     one.
     """
@@ -252,24 +255,24 @@ def maxima(mode: Mode, weights: NDArray[np.float64] | None, units: OwnUnits) -> 
     order = np.argsort(-weights, kind="stable")
     for k in order[:MOST_LISTED]:
         values = mode.maxima[k].values
-        places = ", ".join(f"{name} {units.said(name, values[name])}" for name in names)
+        places = ", ".join(f"{name} {units.format_value(name, values[name])}" for name in names)
         lines.append(f"  {weights[k]:.1%} of the draws belong to the one at {places}")
     if len(rest := order[MOST_LISTED:]):
         lines.append(f"  {weights[rest].sum():.1%} of the draws belong to the other {len(rest)}")
     return "\n".join(lines)
 
 
-def reasons(sampled: SamplingResult, left: Sequence[Left]) -> tuple[str, ...]:
+def reasons(sampled: SamplingResult, left: Sequence[ResidualSummary]) -> tuple[str, ...]:
     """Why a run must not be believed: it did not converge, or does not fit; empty where it may be."""
     return (*sampled.convergence.reasons, *fit_words.residual_reasons(left))
 
 
-def warning(sampled: SamplingResult, left: Sequence[Left]) -> str:
+def warning(sampled: SamplingResult, left: Sequence[ResidualSummary]) -> str:
     """What every figure must carry; empty where there is nothing to warn of."""
     return misfit(left) if sampled.convergence.converged else "NOT CONVERGED"
 
 
-def misfit(left: Sequence[Left]) -> str:
+def misfit(left: Sequence[ResidualSummary]) -> str:
     """The same of a fit alone."""
     if any(summary.far_too_large for summary in left):
         return "DOES NOT FIT: far more than the noise is left"
@@ -314,7 +317,7 @@ def _apart(value: float, other: float) -> bool:
     return abs(value - other) > SAME_POINT * abs(other)
 
 
-def mode(mode: Mode, units: OwnUnits) -> str:
+def mode(mode: Mode, units: DisplayUnits) -> str:
     """How the searches for the MAP went."""
     n, same = len(mode.searches), mode.same_height
     lines = [
@@ -338,7 +341,7 @@ def mode(mode: Mode, units: OwnUnits) -> str:
         apart = [name for name, x in other.values.items() if _apart(x, mode.values[name])]
         apart = apart or [max(moved, key=moved.__getitem__)]
         places = ", ".join(
-            f"{name} {units.said(name, other.values[name])}" for name in apart[:MOST_NAMED]
+            f"{name} {units.format_value(name, other.values[name])}" for name in apart[:MOST_NAMED]
         )
         lower = mode.log_posterior - other.log_posterior
         height = f"{lower:.3g} lower" if lower > mode.tolerance else "as high"

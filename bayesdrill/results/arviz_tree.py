@@ -17,7 +17,7 @@ from bayesdrill.basics.symbols import INPUTS, Symbol
 from bayesdrill.inference.derived import Derived
 from bayesdrill.inference.likelihood import Observation
 from bayesdrill.inference.posterior import Problem
-from bayesdrill.inference.unknowns import of_label
+from bayesdrill.inference.unknowns import labelled_name
 from bayesdrill.record.experiment import Channel
 from bayesdrill.sampling.ensembles import SamplingResult
 
@@ -51,9 +51,9 @@ def make_tree(
             *observation.experiment.constant.items(),
             *observation.experiment.series.items(),
         ):
-            inputs[of_label(name, observation.label)] = np.asarray(value)
+            inputs[labelled_name(name, observation.label)] = np.asarray(value)
             if name in observation.experiment.series:
-                dims[of_label(name, observation.label)] = [_clock(observation)]
+                dims[labelled_name(name, observation.label)] = [_clock(observation)]
     names = problem.names
     tree: DataTree = from_dict(
         {
@@ -104,7 +104,7 @@ def _predict(
         full = space.full(theta)
         for observation in problem.observations:
             signals = observation.signals(full)
-            fresh = observation.again(signals, theta, rng)
+            fresh = observation.replicate(signals, theta, rng)
             log_p = observation.pointwise(observation.experiment.y - signals, theta)
             for c in (c for c in columns if c.observation is observation):
                 predictive[c.name][chain] = fresh[..., c.index]
@@ -127,12 +127,12 @@ class _Column:
 
 
 def _clock(observation: Observation) -> str:
-    return of_label("time", observation.label)
+    return labelled_name("time", observation.label)
 
 
 def _columns(problem: Problem) -> list[_Column]:
     return [
-        _Column(of_label(name, observation.label), _clock(observation), observation, index)
+        _Column(labelled_name(name, observation.label), _clock(observation), observation, index)
         for observation in problem.observations
         for index, name in enumerate(observation.experiment.names)
     ]
@@ -143,7 +143,7 @@ def _describe(
 ) -> None:
     """Units and meanings."""
     inputs = [
-        dataclasses.replace(INPUTS[name], name=of_label(name, observation.label))
+        dataclasses.replace(INPUTS[name], name=labelled_name(name, observation.label))
         for observation in problem.observations
         for name in (*observation.experiment.constant, *observation.experiment.series)
     ]

@@ -23,10 +23,10 @@ from bayesdrill.config.job import Job
 from bayesdrill.config.records import sources
 from bayesdrill.config.resolve import experiments
 from bayesdrill.config.resolve.case import ResolvedCase
-from bayesdrill.config.resolve.experiments import WHOSE
+from bayesdrill.config.resolve.experiments import SHARING_KEYS
 from bayesdrill.config.schema.config import Config
 from bayesdrill.config.yaml_source import as_yaml
-from bayesdrill.inference.display_units import OwnUnits
+from bayesdrill.inference.display_units import DisplayUnits
 from bayesdrill.inference.posterior import Problem
 from bayesdrill.output_files import CONFIG_FILE, RECORD, RESOLVED_FILE
 from bayesdrill.record.experiment import Experiment
@@ -58,7 +58,7 @@ def fingerprint(config: Config, problem: Problem) -> dict[str, str]:
     }
 
 
-def settings(config: Config, problem: Problem, display_units: OwnUnits) -> dict[str, str]:
+def settings(config: Config, problem: Problem, display_units: DisplayUnits) -> dict[str, str]:
     """Return what a reader compares of two runs, by what it is called.
 
     It is the fingerprint, with all that is said of a parameter under its name and in these units, and
@@ -69,9 +69,9 @@ def settings(config: Config, problem: Problem, display_units: OwnUnits) -> dict[
     return {
         **_of_experiments(problem),
         "the model": _model(problem.model),
-        **{name: display_units.believed(name, prior) for name, prior in space.priors.items()},
+        **{name: display_units.describe_prior(name, prior) for name, prior in space.priors.items()},
         **{
-            name: f"held at {display_units.said(name, value, 6)}"
+            name: f"held at {display_units.format_value(name, value, 6)}"
             for name, value in space.fixed.items()
         },
         **{name: r.text for name, r in space.relations.items()},
@@ -95,7 +95,7 @@ def records(problem: Problem) -> dict[str, str]:
     """How long each is, and a digest of it, by the names of experiments."""
     return {
         experiment.label: _of_experiment(experiment.experiment)["the record"]
-        for experiment in problem.every
+        for experiment in problem.all_observations
     }
 
 
@@ -108,18 +108,21 @@ def _model(rig: Model) -> str:
 def _of_experiments(problem: Problem) -> dict[str, str]:
     """Of several, each name with that of its experiment."""
     entries: dict[str, str] = {}
-    for observation in problem.every:
+    for observation in problem.all_observations:
         names, sensing, facts = observation.experiment.names, observation.response.sensing, {}
         if not sensing.empty:  # is told beside the rig's parameters
             facts = {"the sensors": sensing.summary, "the start": sensing.start_summary}
         if observation.kind:
             facts["the kind of noise"] = _short(observation.kind)
-        noise = {f"the noise of {names[k]}": repr(sigma) for k, sigma in observation.held().items()}
+        noise = {
+            f"the noise of {names[k]}": repr(sigma)
+            for k, sigma in observation.fixed_noise().items()
+        }
         facts = (
             _of_experiment(observation.experiment) | {n: x for n, x in facts.items() if x} | noise
         )
         entries |= {observation.entitled(name): value for name, value in facts.items()}
-    for observation in problem.posterior.likelihood.apart:
+    for observation in problem.posterior.likelihood.held_out:
         entries[observation.entitled("what counts")] = "nothing: it is held out"
     return entries
 
@@ -144,16 +147,16 @@ def _of_experiment(experiment: Experiment) -> dict[str, str]:
     }
 
 
-def _noise_held(config: Config, problem: Problem, display_units: OwnUnits) -> dict[str, str]:
+def _noise_held(config: Config, problem: Problem, display_units: DisplayUnits) -> dict[str, str]:
     """Of channels whose noise is known."""
     entries = {}
     for observation in problem.observations:
         names = observation.experiment.names
-        for k, sigma in observation.held().items():
+        for k, sigma in observation.fixed_noise().items():
             if isinstance(sigma, float):
-                shown = experiments.common_or_own(config, noise_name(names[k]), observation.label)
-                entries[observation.entitled(f"the noise of {names[k]}")] = display_units.said(
-                    shown, sigma, 6
+                shown = experiments.joint_name(config, noise_name(names[k]), observation.label)
+                entries[observation.entitled(f"the noise of {names[k]}")] = (
+                    display_units.format_value(shown, sigma, 6)
                 )
     return entries
 
@@ -172,7 +175,9 @@ def resolved(case: ResolvedCase, folder: Path) -> str:
         _remove_defaults(sections, experiment.config, case.model)
         sources.rebase(sections, case.source.path.parent, folder)
     # Of several, those of the first are no defaults of the others.
-    for key in experiments.SECTIONS if config.experiments else (experiments.EXPERIMENTS, *WHOSE):
+    for key in (
+        experiments.SECTIONS if config.experiments else (experiments.EXPERIMENTS, *SHARING_KEYS)
+    ):
         del data[key]
     made_by = "".join(f"# {name} {number}\n" for name, number in installed_versions().items())
     opening = "# Every entry of the config with its default filled in, and what read it:\n"

@@ -16,9 +16,9 @@ from bayesdrill.basics import seeds
 from bayesdrill.basics.arrays import Array
 from bayesdrill.basics.errors import InputError
 from bayesdrill.basics.progress import SILENT, Reporter
-from bayesdrill.inference.laplace import Expansion, PosteriorSurface, joined
+from bayesdrill.inference.laplace import PosteriorLogDensity, QuadraticModel, concatenate_models
 from bayesdrill.inference.posterior import Posterior
-from bayesdrill.inference.residual_checks import FAR_TOO_LARGE
+from bayesdrill.inference.residual_checks import MAX_BELIEVABLE_RMS
 from bayesdrill.inference.step_error import evidence_shift
 from bayesdrill.output_files import steps_of_chain
 from bayesdrill.sampling.convergence import (
@@ -86,18 +86,18 @@ def prepare(
 ) -> LearnedProposal:
     """Learn the proposal; it is the same whatever the number of processes."""
 
-    def expand(u: Array, directions: Array) -> Expansion:
+    def expand(u: Array, directions: Array) -> QuadraticModel:
         if len(u) <= POINTS_PER_TASK:
             return expanded(posterior, u, directions)
         parts = [u[k : k + POINTS_PER_TASK] for k in range(0, len(u), POINTS_PER_TASK)]
         tasks = [pool.submit(expanded, part, directions) for part in parts]
-        return joined([task.result() for task in tasks])
+        return concatenate_models([task.result() for task in tasks])
 
     report.update(0.0, "learning the proposal")
     random = np.random.RandomState(seeds.bits(seed, "learn", 0))
     z = posterior.coordinates.from_physical(maxima)
     max_added_ridges, modes = (MAX_ADDED_RIDGES, z) if fits(posterior, maxima) else (0, z[:1])
-    surface = PosteriorSurface(posterior)
+    surface = PosteriorLogDensity(posterior)
     with threadpool_limits(1):
         rng = seeds.stream(seed, "learn", 1)
         # Where the density over the coordinates is highest, most of the posterior is near.
@@ -116,8 +116,8 @@ def prepare(
 
 def fits(posterior: Posterior, maxima: Array) -> bool:
     """Return whether the best fit leaves about the noise."""
-    misfit = float(posterior.likelihood.per_number(maxima[:1])[0])
-    return misfit < FAR_TOO_LARGE**2
+    misfit = float(posterior.likelihood.mean_square(maxima[:1])[0])
+    return misfit < MAX_BELIEVABLE_RMS**2
 
 
 def slopes_are_expensive(posterior: Posterior) -> bool:
@@ -134,9 +134,9 @@ def slopes_are_expensive(posterior: Posterior) -> bool:
     )
 
 
-def expanded(posterior: Posterior, u: Array, directions: Array) -> Expansion:
-    """Expand the log density about points `u (W, D)`; see `laplace.Surface.expand`."""
-    return PosteriorSurface(posterior).expand(u, directions)
+def expanded(posterior: Posterior, u: Array, directions: Array) -> QuadraticModel:
+    """Expand the log density about points `u (W, D)`; see `laplace.LogDensity.quadratic_model`."""
+    return PosteriorLogDensity(posterior).quadratic_model(u, directions)
 
 
 def begin_walkers(
@@ -164,7 +164,7 @@ def begin_walkers(
             fresh = proposal.draw(wanted, posterior.supports, random)[0]
         else:
             fresh = centre + 0.25**mirrored * (wide.draw(wanted, random).u - centre)
-            ends = PosteriorSurface(posterior)
+            ends = PosteriorLogDensity(posterior)
             fresh = np.where(fresh < ends.low, 2.0 * ends.low - fresh, fresh)
             fresh = np.where(fresh > ends.high, 2.0 * ends.high - fresh, fresh)
         z[missing], log_p[missing] = fresh, posterior(fresh)

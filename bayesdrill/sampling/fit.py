@@ -11,7 +11,6 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from concurrent.futures import Future
 from dataclasses import dataclass, field, replace
-from functools import partial
 from typing import Any
 
 import numpy as np
@@ -81,9 +80,12 @@ def begin_searches(pool: WorkerPool, plan: FitPlan, report: Reporter) -> Pending
     """Submit all searches; a pool without workers has done them then."""
     excerpt, seed = compression.excerpt(pool.posterior, compression.EXCERPT), plan.chains.seed
     posterior = pool.posterior if excerpt is None else excerpt
-    submit = partial(pool.submit_function, partial(_of_posterior, posterior))
-    if excerpt is None:
-        submit = pool.submit
+
+    def submit(function: Callable[..., Any], *arguments: Any) -> Future[Any]:
+        if excerpt is None:
+            return pool.submit(function, *arguments)
+        return pool.submit_function(function, excerpt, *arguments)
+
     plain = posterior.space.draw(mode_search.MULTI_STARTS, seeds.stream(seed, "scout"))
     if plan.brief:
         return PendingSearches(
@@ -119,10 +121,6 @@ def end_searches(pool: WorkerPool, under_way: PendingSearches, report: Reporter)
         mode = pool.submit(mode_search.summarise, tuple(searches), scouted).result()
     report.update(1.0, "")
     return mode
-
-
-def _of_posterior(posterior: Posterior, function: Callable[..., Any], *arguments: Any) -> Any:
-    return function(posterior, *arguments)
 
 
 def _searched_on(
@@ -169,7 +167,7 @@ def _first_converged(posterior: Posterior, plan: FitPlan) -> list[Search]:
     points = points[np.argsort(-posterior.density(points), kind="stable")]
     likelihood = posterior.likelihood
     known = not any(observation.unknowns for observation in likelihood.observations)
-    noise_alone = 1.0 + np.sqrt(2.0 / likelihood.numbers)  # squares over the noise, on average
+    noise_alone = 1.0 + np.sqrt(2.0 / likelihood.n_measured)  # squares over the noise, on average
     searches: list[Search] = []
     for point in points:
         searches.append(mode_search.search(posterior, plan.optimiser, plan.evaluations, point))
@@ -178,6 +176,6 @@ def _first_converged(posterior: Posterior, plan: FitPlan) -> list[Search]:
         if sum(search.log_posterior > near for search in searches) >= 2:
             break
         end = posterior.space.vector(best.end)
-        if known and laplace.excess(posterior, end) <= noise_alone:
+        if known and laplace.residual_excess(posterior, end) <= noise_alone:
             break
     return [best]

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from bayesdrill.basics.arrays import Array, Flags
-from bayesdrill.inference.laplace import Expansion, Surface
+from bayesdrill.inference.laplace import LogDensity, QuadraticModel
 
 MAX_STEP = 3.0  # of the priors' spreads: what a curvature says is not true further on
 INITIAL_DAMPING = 0.1  # of what the priors know: it holds the loose directions, not the tight ones
@@ -41,7 +41,7 @@ class GaussNewtonResult:
 
 
 def gauss_newton(
-    surface: Surface, start: Array, steps: int, *, exact: bool = False
+    surface: LogDensity, start: Array, steps: int, *, exact: bool = False
 ) -> GaussNewtonResult:
     """Climb from `start (W, D)`, each point by itself, in at most `steps` steps.
 
@@ -65,11 +65,11 @@ def gauss_newton(
     return GaussNewtonResult(u, value, np.where(np.isfinite(value), gain, np.inf))
 
 
-def _gauss_newton_model(surface: Surface, u: Array) -> Expansion:
-    return surface.expand(u, np.eye(u.shape[1]))
+def _gauss_newton_model(surface: LogDensity, u: Array) -> QuadraticModel:
+    return surface.quadratic_model(u, np.eye(u.shape[1]))
 
 
-def _second_order_model(surface: Surface, u: Array) -> Expansion:
+def _second_order_model(surface: LogDensity, u: Array) -> QuadraticModel:
     """With second derivatives from differences of exact slopes, each taken as if it were downward."""
     n, d = u.shape
     here = _gauss_newton_model(surface, u)
@@ -83,11 +83,11 @@ def _second_order_model(surface: Surface, u: Array) -> Expansion:
     scale = surface.spread[:, None] * surface.spread
     values, vectors = np.linalg.eigh(0.5 * (second + second.swapaxes(1, 2)) * scale)
     downward = (vectors * np.abs(values)[:, None, :]) @ vectors.swapaxes(1, 2) / scale
-    return Expansion(here.value, here.slope, downward)
+    return QuadraticModel(here.value, here.slope, downward)
 
 
 def _best_step(
-    surface: Surface, u: Array, value: Array, damping: Array, here: Expansion
+    surface: LogDensity, u: Array, value: Array, damping: Array, here: QuadraticModel
 ) -> tuple[Array, Array, Array, Flags]:
     """The best of a few damped steps, or none; the damping for the next one."""
     tried = [_damped_step(surface, u, here, damping * factor) for factor in DAMPING_FACTORS]
@@ -108,28 +108,30 @@ def _best_step(
     )
 
 
-def _damped_step(surface: Surface, u: Array, here: Expansion, damping: Array) -> Array:
+def _damped_step(surface: LogDensity, u: Array, here: QuadraticModel, damping: Array) -> Array:
     step = bounded_step(surface, u, here, damping)
     longest = (np.abs(step) / surface.spread).max(axis=1, keepdims=True)
     step *= np.minimum(1.0, MAX_STEP / np.maximum(longest, 1e-300))
     return np.clip(u + step, surface.low, surface.high)
 
 
-def _back_to_ridge(surface: Surface, u: Array, value: Array, wanted: Array) -> tuple[Array, Array]:
+def _back_to_ridge(
+    surface: LogDensity, u: Array, value: Array, wanted: Array
+) -> tuple[Array, Array]:
     """Points that a step along a bent ridge has led off it, led back by their tight directions."""
     u, value = u.copy(), value.copy()
     for _ in range(MAX_CORRECTIONS):
         off = np.flatnonzero((value < wanted) & np.isfinite(value))
         if len(off) == 0:
             break
-        here = surface.expand(u[off], np.eye(u.shape[1]))
+        here = surface.quadratic_model(u[off], np.eye(u.shape[1]))
         there = _damped_step(surface, u[off], here, np.full(len(off), TIGHT_DAMPING))
         there_values = surface.value(there)
         u[off], value[off] = there, there_values
     return u, value
 
 
-def bounded_step(surface: Surface, u: Array, here: Expansion, damping: Array) -> Array:
+def bounded_step(surface: LogDensity, u: Array, here: QuadraticModel, damping: Array) -> Array:
     """Return the damped step of Gauss and Newton within the box, `(W, D)`.
 
     The first unknown on the way out stops at its wall, the others are solved for again, and so on;
@@ -166,12 +168,12 @@ def bounded_step(surface: Surface, u: Array, here: Expansion, damping: Array) ->
     return np.asarray(np.clip(step, low, high) * scale)
 
 
-def newton_gain(surface: Surface, u: Array, here: Expansion) -> Array:
+def newton_gain(surface: LogDensity, u: Array, here: QuadraticModel) -> Array:
     """Return what an undamped step would gain, by slopes and curvatures alone: `(W,)`."""
     step = bounded_step(surface, u, here, np.full(len(u), 1e-9))
     return _predicted_gain(here, step)
 
 
-def _predicted_gain(here: Expansion, step: Array) -> Array:
+def _predicted_gain(here: QuadraticModel, step: Array) -> Array:
     half = 0.5 * np.einsum("wd,wde,we->w", step, here.curvature, step)
     return np.asarray(np.einsum("wd,wd->w", step, here.slope) - half)

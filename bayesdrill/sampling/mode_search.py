@@ -14,9 +14,9 @@ import numpy as np
 
 from bayesdrill.basics.arrays import Array
 from bayesdrill.inference import inverse_dynamics, laplace, step_error
-from bayesdrill.inference.laplace import PosteriorSurface, Surface
+from bayesdrill.inference.laplace import LogDensity, PosteriorLogDensity
 from bayesdrill.inference.posterior import Posterior
-from bayesdrill.inference.step_error import Taken
+from bayesdrill.inference.step_error import StepSizes
 from bayesdrill.sampling import multiple_modes
 from bayesdrill.sampling.gauss_newton import GaussNewtonResult, gauss_newton, newton_gain
 from bayesdrill.sampling.optimisers.contract import Optimiser, Optimum, Task
@@ -76,7 +76,7 @@ class Mode:
     searches: tuple[Search, ...]
     others: tuple[LocalMaximum, ...] = ()
     steps: Mapping[str, float] = field(default_factory=dict)
-    pieces: Mapping[str, Taken] = field(default_factory=dict)
+    pieces: Mapping[str, StepSizes] = field(default_factory=dict)
     left_out: float = 0.0
 
     @property
@@ -174,7 +174,7 @@ def _finished_search(
 ) -> Search:
     theta, value, settled = optimum.theta, optimum.value, optimum.settled
     if optimiser.polished:
-        surface = PosteriorSurface(posterior, physical=True)
+        surface = PosteriorLogDensity(posterior, physical=True)
         # A simplex may go on for ever towards an end that has none.
         u = np.clip(posterior.coordinates.from_physical(theta[None]), surface.low, surface.high)
         value = float(surface.value(u)[0])
@@ -198,7 +198,7 @@ def search(posterior: Posterior, optimiser: Optimiser, evaluations: int, start: 
 
 def multi_start(posterior: Posterior, starts: Array) -> tuple[Array, Array]:
     """Climb from physical `starts (n, D)`: the ends `(m, D)` and their log densities `(m,)`."""
-    surface = PosteriorSurface(posterior, physical=True)
+    surface = PosteriorLogDensity(posterior, physical=True)
     u, value = multiple_modes.best_ends(surface, posterior.coordinates.from_physical(starts))
     return posterior.coordinates.to_physical(u), value
 
@@ -217,14 +217,14 @@ def summarise(
     `scouted`: further points that were reached, physical `(n, D)`, and their log densities `(n,)`.
     """
     scouted = [some for some in scouted if len(some[0])]
-    if steps := step_error.taken(posterior):
+    if steps := step_error.chosen_steps(posterior):
         best = max(searches, key=lambda search: search.log_posterior)
-        posterior = step_error.chosen(posterior, posterior.space.vector(best.end))
+        posterior = step_error.choose_steps(posterior, posterior.space.vector(best.end))
         # Heights are compared, and were those of other steps.
-        if step_error.taken(posterior) != steps:
+        if step_error.chosen_steps(posterior) != steps:
             searches = tuple(polished_again(posterior, searches))
             scouted = [(theta, posterior.density(theta)) for theta, _ in scouted]
-    surface = PosteriorSurface(posterior, physical=True)
+    surface = PosteriorLogDensity(posterior, physical=True)
     to, back = posterior.coordinates.from_physical, posterior.coordinates.to_physical
     searched = np.array([posterior.space.vector(s.end) for s in searches])
     points = np.concatenate([to(theta) for theta in (searched, *(some[0] for some in scouted))])
@@ -232,7 +232,7 @@ def summarise(
     ends, heights = _distinct_maxima(surface, points, values)
     ends, heights, left_out = _search_around(surface, ends, heights, SEARCH_ROUNDS * around)
     theta = back(ends)
-    here = surface.expand(ends[:1], np.eye(ends.shape[1]))
+    here = surface.quadratic_model(ends[:1], np.eye(ends.shape[1]))
     conditional = np.sqrt(np.maximum(np.einsum("wdd->wd", here.curvature)[0], 1e-300))
     inward = np.where(
         ((ends[0] <= surface.low) & (here.slope[0] < 0))
@@ -254,13 +254,13 @@ def summarise(
         steps={
             unknown.name: unknown.scale for unknown in posterior.space.unknowns if unknown.signed
         },
-        pieces=step_error.taken(posterior),
+        pieces=step_error.chosen_steps(posterior),
         left_out=left_out,
     )
 
 
 def _distinct_maxima(
-    surface: Surface, points: Array, values: Array, known: int = 0
+    surface: LogDensity, points: Array, values: Array, known: int = 0
 ) -> tuple[Array, Array]:
     """The very maxima `(M, D)` that `points (n, D)` lead to, and their heights, the highest first.
 
@@ -282,7 +282,7 @@ def _distinct_maxima(
 
 
 def _search_around(
-    surface: PosteriorSurface, ends: Array, heights: Array, rounds: int
+    surface: PosteriorLogDensity, ends: Array, heights: Array, rounds: int
 ) -> tuple[Array, Array, float]:
     """Search around maxima `ends (M, D)`, and around those that are reached from them, in `rounds`.
 
@@ -308,14 +308,14 @@ def _search_around(
     return ends[selected], heights[selected], left_out
 
 
-def _polished(surface: Surface, u: Array) -> GaussNewtonResult:
+def _polished(surface: LogDensity, u: Array) -> GaussNewtonResult:
     """The rest of the way from `u (W, D)`."""
     return gauss_newton(surface, gauss_newton(surface, u, POLISH_STEPS).u, NEWTON_STEPS, exact=True)
 
 
 def polished_again(posterior: Posterior, searches: Sequence[Search]) -> list[Search]:
     """Go on from where searches ended, of a posterior that has changed a little since."""
-    surface, space = PosteriorSurface(posterior, physical=True), posterior.space
+    surface, space = PosteriorLogDensity(posterior, physical=True), posterior.space
     ends = np.array([space.vector(search.end) for search in searches])
     top = _polished(surface, posterior.coordinates.from_physical(ends))
     values = np.nan_to_num(top.value, neginf=LOWEST_LOG_DENSITY)

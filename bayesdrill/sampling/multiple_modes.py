@@ -20,7 +20,7 @@ import scipy
 from numpy.typing import NDArray
 
 from bayesdrill.basics.arrays import Array
-from bayesdrill.inference.laplace import PosteriorSurface, Surface
+from bayesdrill.inference.laplace import LogDensity, PosteriorLogDensity
 from bayesdrill.inference.posterior import Posterior
 from bayesdrill.rig.models.linear import dynamics
 from bayesdrill.sampling.gauss_newton import gauss_newton
@@ -44,7 +44,7 @@ GOLDEN_FRACTION = 0.5 * (5.0**0.5 - 1.0)  # ... distances, as a row of maxima ha
 KNOWN_BONUS = 1e-6
 
 
-def best_ends(surface: Surface, starts: Array, most: int = MAX_STARTS) -> tuple[Array, Array]:
+def best_ends(surface: LogDensity, starts: Array, most: int = MAX_STARTS) -> tuple[Array, Array]:
     """Climb from `starts (n, D)`: the `most` promising ends `(m, D)`, and their log densities."""
     first = gauss_newton(surface, starts, FIRST_STEPS)
     order = np.argsort(-first.value, kind="stable")
@@ -55,7 +55,7 @@ def best_ends(surface: Surface, starts: Array, most: int = MAX_STARTS) -> tuple[
     return climbed.u[good], climbed.value[good]
 
 
-def distinct_modes(surface: Surface, points: Array, values: Array, known: int = 0) -> list[int]:
+def distinct_modes(surface: LogDensity, points: Array, values: Array, known: int = 0) -> list[int]:
     """Return which of `points (n, D)` are maxima of their own, the highest first.
 
     The first `known` of them are so already, and stay what stands for their maximum.
@@ -79,7 +79,7 @@ def distinct_modes(surface: Surface, points: Array, values: Array, known: int = 
     return distinct
 
 
-def split_by_valley(surface: Surface, start: Array, others: Array) -> NDArray[np.bool_]:
+def split_by_valley(surface: LogDensity, start: Array, others: Array) -> NDArray[np.bool_]:
     """Return whether a valley parts `start (D,)` from each of `others (n, D)`, on a straight way.
 
     It does not between corners of a plateau, nor where one maximum has ripples.
@@ -92,12 +92,12 @@ def split_by_valley(surface: Surface, start: Array, others: Array) -> NDArray[np
     return np.asarray((value.min(axis=0) < lower - VALLEY_BETWEEN_MODES) | ~np.isfinite(lower))
 
 
-def joined_by_ridge(surface: Surface, start: Array, others: Array) -> NDArray[np.bool_]:
+def joined_by_ridge(surface: LogDensity, start: Array, others: Array) -> NDArray[np.bool_]:
     """Return whether the ridge through `start (D,)` leads to each of `others (n, D)`: `(n,)`.
 
     Where nothing is tight all of the prior is the ridge, and a valley parts it.
     """
-    here = surface.expand(start[None], np.eye(len(start)))
+    here = surface.quadratic_model(start[None], np.eye(len(start)))
     base, _ = ridge_tracing.split_directions(surface, start, here)
     psi, tau = base.split(others)
     if tau.shape[1] == 0:
@@ -110,7 +110,7 @@ def joined_by_ridge(surface: Surface, start: Array, others: Array) -> NDArray[np
     for k in range(1, steps + 1):
         ahead = 2.0 * at - before if k > 1 else at  # straight on from the last two
         ridge_tau, roots, _, arrived = ridge_tracing.return_to_ridge(
-            surface.expand, base, psi * (k / steps), ahead
+            surface.quadratic_model, base, psi * (k / steps), ahead
         )
         before, at = at, ridge_tau
     roots[~arrived] = np.eye(tau.shape[1])  # of no use, where there is no density
@@ -122,8 +122,8 @@ def shares_held(posterior: Posterior, ends: Array) -> Array:
     """Return the share of the posterior of each maximum `ends (M, D)`, by Laplace: `(M,)`, sum 1."""
     if len(ends) == 1:
         return np.ones(1)
-    over = PosteriorSurface(posterior)
-    here = over.expand(ends, np.eye(ends.shape[1]))
+    over = PosteriorLogDensity(posterior)
+    here = over.quadratic_model(ends, np.eye(ends.shape[1]))
     scaled = here.curvature * np.outer(over.spread, over.spread) + np.eye(ends.shape[1])
     log_mass = here.value - 0.5 * np.linalg.slogdet(scaled)[1]
     log_mass = np.where(np.isfinite(log_mass), log_mass, -np.inf)
@@ -158,14 +158,14 @@ class NearbyStarts:
     missed_share: float
 
 
-def nearby_starts(surface: PosteriorSurface, u: Array) -> NearbyStarts:
+def nearby_starts(surface: PosteriorLogDensity, u: Array) -> NearbyStarts:
     """Return starts from which a search may find other maxima than the one at `u (D,)`."""
     aliased, returned = alias_starts(surface, u), scan_starts(surface, u)
     missed_share = max(aliased.missed_share, returned.missed_share)
     return NearbyStarts(np.concatenate([aliased.u, returned.u]), missed_share)
 
 
-def alias_starts(surface: PosteriorSurface, u: Array) -> NearbyStarts:
+def alias_starts(surface: PosteriorLogDensity, u: Array) -> NearbyStarts:
     """Return points where a pair of poles swings at an alias of its frequency at `u (D,)`."""
     posterior = surface.posterior
     here = frequencies(posterior, u[None])[0]
@@ -182,7 +182,7 @@ def alias_starts(surface: PosteriorSurface, u: Array) -> NearbyStarts:
     return NearbyStarts(np.concatenate(aliases), missed_share)
 
 
-def _heaviest(surface: PosteriorSurface, at: Array) -> tuple[Array, float]:
+def _heaviest(surface: PosteriorLogDensity, at: Array) -> tuple[Array, float]:
     """The `MAX_ALIASES` near `at (n, D)` that hold most, and their share of what all of them hold."""
     if len(at) <= MAX_ALIASES:
         return at, 1.0
@@ -192,7 +192,7 @@ def _heaviest(surface: PosteriorSurface, at: Array) -> tuple[Array, float]:
     return u[most], float(shares[most].sum())
 
 
-def scan_starts(surface: PosteriorSurface, u: Array) -> NearbyStarts:
+def scan_starts(surface: PosteriorLogDensity, u: Array) -> NearbyStarts:
     """Return maxima along each unknown by itself, but for that of `u (D,)`."""
     posterior, maxima, missed_share = surface.posterior, list[Array](), 0.0
     step = min(
@@ -287,7 +287,7 @@ def frequencies(posterior: Posterior, u: Array) -> Array:
     """Return imaginary parts of the fastest poles at `u (W, D)`: `(W, POLE_PAIRS)`, 0 if none."""
     model = posterior.likelihood.observations[0].response.model
     theta = posterior.coordinates.to_physical(u)
-    full = dict(zip(model.parameters, posterior.likelihood.rig(theta).T, strict=True))
+    full = dict(zip(model.parameters, posterior.likelihood.rig_parameters(theta).T, strict=True))
     matrices = dynamics(model.linear(full), model.states, len(u))
     poles = np.linalg.eigvals(np.where(np.isfinite(matrices), matrices, 0.0))
     size = np.abs(poles).max(axis=1, keepdims=True)
@@ -307,7 +307,7 @@ def _slopes(posterior: Posterior, u: Array, pair: int, steps: Array) -> tuple[Ar
     return logs[:n], np.where(np.isfinite(slope), slope, 0.0)
 
 
-def _frequency_range(surface: PosteriorSurface, u: Array) -> tuple[Array, Array]:
+def _frequency_range(surface: PosteriorLogDensity, u: Array) -> tuple[Array, Array]:
     """Return the slowest and the fastest that each pair of poles may be within the priors.
 
     All unknowns are at the ends that slow it down, or speed it up, at `u (D,)`.
@@ -322,7 +322,7 @@ def _frequency_range(surface: PosteriorSurface, u: Array) -> tuple[Array, Array]
     return low, high
 
 
-def _at_frequencies(surface: PosteriorSurface, u: Array, pair: int, wanted: Array) -> Array:
+def _at_frequencies(surface: PosteriorLogDensity, u: Array, pair: int, wanted: Array) -> Array:
     """Return the points `(m, D)` nearest to `u (D,)` at which a pair swings as `wanted (n,)`.
 
     Nearest in the priors' spreads; those that are not reached are left out.

@@ -25,7 +25,7 @@ from bayesdrill.basics.errors import InputError
 from bayesdrill.inference import step_error
 from bayesdrill.inference.compression import Compressions, compressed
 from bayesdrill.inference.posterior import Posterior
-from bayesdrill.inference.step_error import Taken
+from bayesdrill.inference.step_error import StepSizes
 
 SPAWN = multiprocessing.get_context("spawn")
 TASK_SECONDS = 10.0  # seconds that a worker has for its task, where the work is stopped
@@ -36,12 +36,12 @@ SIGTERM_SECONDS = 5.0  # seconds from SIGTERM to the end of a worker
 class _Form:
     """What was decided of a posterior since workers were given it: steps, and compressed records."""
 
-    steps: Mapping[str, Taken] = field(default_factory=dict)
+    steps: Mapping[str, StepSizes] = field(default_factory=dict)
     compressions: Compressions = field(default_factory=dict)
     version: int = 0
 
     def of_posterior(self, posterior: Posterior) -> Posterior:
-        return compressed(step_error.taking(posterior, self.steps), self.compressions)
+        return compressed(step_error.with_steps(posterior, self.steps), self.compressions)
 
 
 class WorkerPool:
@@ -77,7 +77,7 @@ class WorkerPool:
         """Submit a function that needs another posterior than that of the pool."""
         return self.submit(_call, function, arguments, named)
 
-    def set_steps(self, steps: Mapping[str, Taken]) -> None:
+    def set_steps(self, steps: Mapping[str, StepSizes]) -> None:
         """Take the posterior in these steps from now on (`inference.step_error`)."""
         self._change(_Form(dict(steps), self._form.compressions, self._form.version + 1))
 

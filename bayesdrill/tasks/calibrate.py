@@ -60,8 +60,8 @@ def prepare(path: Path) -> Job:
     there = all(
         path.exists() for experiment in case.experiments for path in sources.paths(experiment)
     )
-    read: Callable[..., Experiment] = reading.read if there else simulation.grid
-    problem = assembly.problem(case, [read(experiment) for experiment in case.experiments])
+    read: Callable[..., Experiment] = reading.read if there else simulation.simulation_grid
+    problem = assembly.build_problem(case, [read(experiment) for experiment in case.experiments])
     # What was measured plays no part but in priors of free states, and so must not stop a calibration
     # from being resumed.
     blank = [

@@ -20,10 +20,10 @@ from bayesdrill.basics import software
 from bayesdrill.basics.arrays import Array
 from bayesdrill.basics.errors import InputError, encodable
 from bayesdrill.config.job import Job
-from bayesdrill.inference.display_units import SI, OwnUnits
+from bayesdrill.inference.display_units import SI, DisplayUnits
 from bayesdrill.inference.posterior import Problem
-from bayesdrill.inference.residual_checks import Left, left
-from bayesdrill.inference.unknowns import MOVES
+from bayesdrill.inference.residual_checks import ResidualSummary, residual_summaries
+from bayesdrill.inference.unknowns import SIMULATOR_ROLES
 from bayesdrill.report import words
 from bayesdrill.report.comparison_report import COMPARED, OVERLAID, ComparisonReport, Form
 from bayesdrill.results import provenance
@@ -78,19 +78,19 @@ def report(form: Form, runs: Sequence[NamedRun]) -> ComparisonReport:
     return ComparisonReport.of_models([contender(run, units) for run in runs], units)
 
 
-def overlay_units(jobs: Sequence[Job]) -> OwnUnits:
+def overlay_units(jobs: Sequence[Job]) -> DisplayUnits:
     """Of each unknown those of the first run that says any; SI where a name means two things."""
     units, kinds = SI, dict[str, set[str]]()
     for job in jobs:
-        units = units.over(job.units)
+        units = units.override(job.units)
         for symbol in job.problem.symbols:
             kinds.setdefault(symbol.name, set()).add(symbol.unit)
     same = {name: item for name, item in units.units.items() if len(kinds.get(name, ())) < 2}
-    return OwnUnits(same)
+    return DisplayUnits(same)
 
 
 def overlay_layer(
-    name: str, run: SampledRun, units: OwnUnits, fit: tuple[Left, ...] | None = None
+    name: str, run: SampledRun, units: DisplayUnits, fit: tuple[ResidualSummary, ...] | None = None
 ) -> PosteriorSummary:
     """A run under the name that it has among others, its settings in these units; `fit`: its residuals,
     where they are known.
@@ -112,12 +112,12 @@ def mark(run: SampledRun) -> str:
     return provenance.marks(run.job.config, run.job.problem, "")[provenance.RUN_MARK]
 
 
-def residuals(run: SampledRun) -> tuple[Left, ...]:
+def residuals(run: SampledRun) -> tuple[ResidualSummary, ...]:
     """What the MAP leaves of each channel."""
     if run.kept is not None:
         return run.kept.fit
     posterior = run.job.problem.posterior
-    return left(posterior.likelihood, posterior.space.vector(run.mode.values))
+    return residual_summaries(posterior.likelihood, posterior.space.vector(run.mode.values))
 
 
 def distinct(names: Sequence[str]) -> list[str]:
@@ -216,9 +216,12 @@ def check_same_record(runs: Sequence[NamedRun]) -> None:
 
 def _record(problem: Problem) -> dict[str, str]:
     """Of each experiment: channels, samples and what is held out."""
-    digests, whole = {}, {observation.label for observation in problem.posterior.likelihood.apart}
+    digests, whole = (
+        {},
+        {observation.label for observation in problem.posterior.likelihood.held_out},
+    )
     for label, digest in provenance.records(problem).items():
-        observation = next(each for each in problem.every if each.label == label)
+        observation = next(each for each in problem.all_observations if each.label == label)
         held = observation.experiment.held_out
         apart = "" if held is None else hashlib.sha256(held.tobytes()).hexdigest()[:6]
         held_out = f", held out {apart}" if apart else ""
@@ -227,7 +230,7 @@ def _record(problem: Problem) -> dict[str, str]:
     return digests
 
 
-def contender(named: NamedRun, units: OwnUnits) -> RunSummary:
+def contender(named: NamedRun, units: DisplayUnits) -> RunSummary:
     """A run under the name that it has among others; raises `InputError` where it has no evidence."""
     run = named.run
     if run.sampled.evidence is None:
@@ -258,7 +261,7 @@ def _vague(run: SampledRun, draws: Array) -> tuple[DiffusePrior, ...]:
 def _rig(job: Job) -> dict[str, str]:
     """Rig, sensors, inputs and start, and which of their numbers are unknown."""
     space = job.problem.posterior.space
-    unknown = {space.free[k]: "unknown" for k in space.columns(*MOVES)}
+    unknown = {space.free[k]: "unknown" for k in space.columns(*SIMULATOR_ROLES)}
     said = provenance.settings(job.config, job.problem, job.units)
     others = ("the seed", *space.free)
     kept = {n: v for n, v in said.items() if n not in others and not n.startswith(OF_NOISE)}

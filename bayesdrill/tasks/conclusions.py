@@ -74,7 +74,9 @@ def causes(
     noise is left.  `submit`: to other processes, or in this one.
     """
     posterior = job.problem.posterior
-    left = residual_checks.left(posterior.likelihood, posterior.space.vector(mode.values))
+    left = residual_checks.residual_summaries(
+        posterior.likelihood, posterior.space.vector(mode.values)
+    )
     if residual_checks.like_noise(left):
         return None
     with WorkerPool(posterior, 1) as pool:
@@ -87,7 +89,7 @@ def settings(case: ResolvedCase) -> dict[str, Any]:
     entries = case.config.model_dump(exclude_none=True, exclude=set(sections))
     for experiment in case.experiments:
         alone = experiment.config.model_dump(exclude_none=True, include=set(experiments.SECTIONS))
-        for section, key in sources.named_in(alone):
+        for section, key in sources.named_files(alone):
             del section[key]
         entries[f"experiment {experiment.label}"] = alone
     return entries | {"held out": case.held_out}

@@ -38,7 +38,7 @@ def check_place(output: Path, *, force: bool) -> None:
 
 
 def report(job: Job, mode: Mode) -> MapReport:
-    return MapReport(job.at(mode).problem, job.config, mode)
+    return MapReport(job.with_steps_at(mode).problem, job.config, mode)
 
 
 def save(job: Job, mode: Mode, output: Path, record: str | None, *, force: bool) -> None:
@@ -109,7 +109,9 @@ def end_search(pool: WorkerPool, under_way: PendingSearches, job: Job, report: R
 def misfit(job: Job, mode: Mode) -> str:
     """What the maximum leaves, where no posterior about it can be believed; empty elsewhere."""
     posterior = job.problem.posterior
-    left = residual_checks.left(posterior.likelihood, posterior.space.vector(mode.values))
+    left = residual_checks.residual_summaries(
+        posterior.likelihood, posterior.space.vector(mode.values)
+    )
     unbelievable = bool(fit_words.residual_reasons(left))
     return fit_words.residual_sentences(left, job.clock) if unbelievable else ""
 
@@ -120,7 +122,7 @@ def explain(
     """The causes of what the maximum `mode` leaves, and what is said of them; None and nothing where
     only noise is left.
     """
-    explained = causes(job.at(mode), mode, submit, report)
+    explained = causes(job.with_steps_at(mode), mode, submit, report)
     report.update(1.0, "")
     return explained, fit_words.explained(explained)
 
@@ -153,7 +155,10 @@ def read_mode(folder: Folder, problem: Problem) -> Mode | None:
 
 def _possible(mode: Mode, problem: Problem) -> bool:
     """Whether a mode may be one of this posterior."""
-    space, labels = problem.posterior.space, {observation.label for observation in problem.every}
+    space, labels = (
+        problem.posterior.space,
+        {observation.label for observation in problem.all_observations},
+    )
     maxima, ends = (
         [maximum.values for maximum in mode.maxima],
         [maximum.end for maximum in mode.searches],

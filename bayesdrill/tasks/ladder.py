@@ -132,7 +132,7 @@ class _Sampling:
         """
         job = self.job
         mode = self.pool.submit(search, job.problem.posterior, fit_plan(job)).result()
-        ranked = ranking.rank(job.at(mode), mode.values, self.pool.submit, self.report)
+        ranked = ranking.rank(job.with_steps_at(mode), mode.values, self.pool.submit, self.report)
         causes, ladder = ranked.causes, ranked.ladder
         sampler = job.config.sampler
         evaluations = sampler.ensembles * sampler.walkers * STEPS
@@ -169,7 +169,7 @@ class _Sampling:
             self.left_out[rung.name] = made
             return
         mode, sampled = made
-        job = job.at(mode)
+        job = job.with_steps_at(mode)
         # What may be missing the ranking says.
         view = concluded(job, mode, sampled, alone=False)
         pipeline.write_result(job, view, self.folder.path / place, None, force=True)

@@ -131,7 +131,7 @@ def _run(
             known = find_map.end_search(pool, hunt, job, report)
             find_map.write_mode(folder, known)
         assert known is not None
-        mode, job = known, job.at(known)
+        mode, job = known, job.with_steps_at(known)
         if misfit := find_map.misfit(job, mode):
             report.say(misfit)
         explained, said = find_map.explain(job, mode, pool.submit_function, report)
@@ -227,7 +227,7 @@ def _finished(job: Job, folder: Folder) -> SampledRun:
     if mode is None:
         message = "is not there; continue with --resume, which searches the MAP again"
         raise InputError.at(str(path / find_map.MAP_FILE), message)
-    job = job.at(mode)
+    job = job.with_steps_at(mode)
     problem = job.problem
     _read_ahead(job, folder)
     again = load_sampled(problem.posterior, plan(job.config), folder.segments, str(path))

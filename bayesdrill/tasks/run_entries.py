@@ -19,7 +19,7 @@ from bayesdrill.analysis.verdict import Verdict
 from bayesdrill.basics.arrays import Array
 from bayesdrill.basics.values import as_data, schema
 from bayesdrill.inference.posterior import Problem
-from bayesdrill.inference.residual_checks import Left
+from bayesdrill.inference.residual_checks import ResidualSummary
 from bayesdrill.inference.step_error import StepError
 from bayesdrill.report.sections import identify_words, physics_words, verdict_words
 from bayesdrill.report.view import ReportContext
@@ -169,7 +169,7 @@ def _of(experiment: str) -> dict[str, str]:
     return {"experiment": experiment} if experiment else {}
 
 
-def residual_data(summaries: Sequence[Left]) -> list[dict[str, Any]]:
+def residual_data(summaries: Sequence[ResidualSummary]) -> list[dict[str, Any]]:
     """What the fit leaves of each channel, over the noise."""
     said = {
         "more than noise": "large",

@@ -41,7 +41,7 @@ class Plant:
             whole[k, n + 1] = linear.B.get((state, "v"), 0.0)
         whole[n + 1, n + 2] = 1.0 / dt
         after = expm(whole * dt)
-        measured = quantities.measured_input(case.config)
+        measured = quantities.measured_inputs(case.config)
         return cls(
             states=model.states,
             first_order=any(spec.hold == "first" for spec in measured.values()),

@@ -32,7 +32,7 @@ def as_yaml(data: Entry) -> str:
 
 def parsed(path: Path, content: str) -> ResolvedCase:
     """As if it stood in the file `path`."""
-    return loading.validated(parse(path, content))
+    return loading.validate(parse(path, content))
 
 
 def changed(data: Entry, changes: Entry) -> Entry:

@@ -30,7 +30,7 @@ def test_a_long_simulation_ends_at_the_steady_speed_and_current() -> None:
 
     def check(p: dict[str, float]) -> None:
         late = by_expm(p, np.array([200.0, 201.0]), np.zeros(5), 8.0, 0.3)
-        found = derived.steady(RIG, RIG.linear(p), 1, {"v": 8.0, "t_1": 0.3})
+        found = derived.steady_values(RIG, RIG.linear(p), 1, {"v": 8.0, "t_1": 0.3})
         assert found["w_end"][0] == pytest.approx(late[-1, 3], rel=1e-7)
         assert found["w_end"][0] == pytest.approx(late[1, 0] - late[0, 0], rel=1e-7)
         assert found["i_end"][0] == pytest.approx(late[-1, 4], rel=1e-7)
@@ -43,7 +43,7 @@ def test_frequency_and_damping_are_those_that_the_response_shows() -> None:
 
     def check(p: dict[str, float]) -> None:
         t = np.arange(2.0, 30.0, 0.001)
-        end = float(derived.steady(RIG, RIG.linear(p), 1, {"v": 8.0})["w_end"][0])
+        end = float(derived.steady_values(RIG, RIG.linear(p), 1, {"v": 8.0})["w_end"][0])
         step = by_expm(p, t[:1], np.zeros(5), 8.0, 0.0)[0]
         swing = _rotor(p, step, t) - end
         down = np.flatnonzero((swing[:-1] > 0) & (swing[1:] <= 0))

@@ -21,7 +21,7 @@ CIRCUIT = {"k_e": 0.061, "k_T": 0.057, "r_m": 0.41, "l_m": 9e-4}
 
 def of(rig: Model, p: dict[str, float], **inputs: float) -> dict[str, float]:
     linear = rig.linear(p)
-    found = derived.poles(rig, linear, 1) | derived.steady(rig, linear, 1, inputs)
+    found = derived.poles(rig, linear, 1) | derived.steady_values(rig, linear, 1, inputs)
     return {name: float(x[0]) for name, x in found.items()}
 
 

@@ -12,7 +12,7 @@ from rigs import experiment, likelihood_of, posterior, unknown
 from together import together
 
 from bayesdrill.analysis.prediction import MAX_RELATIVE_SD, FrequencyResponse, frequency_responses
-from bayesdrill.inference.noise.contract import Noisy
+from bayesdrill.inference.noise.contract import NoisyChannel
 from bayesdrill.inference.noise.white import White
 from bayesdrill.inference.posterior import Posterior
 from bayesdrill.inference.priors import Uniform
@@ -36,14 +36,14 @@ def target(series: dict[str, Array], *, first_order: bool) -> Posterior:
     record = experiment(
         N, DT, series=series, constant={}, measures=MEASURES, first_order=first_order
     )
-    noisy = [Noisy(channel=c, sigma=0.1, start=1.0) for c in record.channels]
+    noisy = [NoisyChannel(channel=c, sigma=0.1, start=1.0) for c in record.channels]
     names = (*ORDER, *SENSORS)
     space = ParameterSpace(
         model=names,
         unknowns=(unknown("k_s", Uniform(0.1, 1.0)),),
         fixed={name: ({**NOMINAL, **SENSORS})[name] for name in names if name != "k_s"},
     )
-    pair = (simulator(MotorShaft(), record, SENSING), White.of(noisy, N))
+    pair = (simulator(MotorShaft(), record, SENSING), White.from_channels(noisy, N))
     likelihood = likelihood_of(space, pair)
     return Posterior(space=space, likelihood=likelihood, coordinates=space.coordinates())
 

@@ -13,9 +13,9 @@ from together import for_each
 import bayesdrill as bd
 from bayesdrill.analysis.identifiability.information import SensitivityStudy
 from bayesdrill.analysis.suspicions import half_sample_shift
-from bayesdrill.inference.laplace import PosteriorSurface
+from bayesdrill.inference.laplace import PosteriorLogDensity
 from bayesdrill.inference.likelihood import Likelihood
-from bayesdrill.inference.noise.contract import Noisy
+from bayesdrill.inference.noise.contract import NoisyChannel
 from bayesdrill.inference.noise.white import White
 from bayesdrill.inference.posterior import Posterior
 from bayesdrill.inference.priors import Uniform
@@ -55,7 +55,7 @@ def believed(record: Experiment) -> Posterior:
     )
     fixed = dict(zip(MotorShaft.parameters, TRUTH.tolist(), strict=True))
     noisy = [
-        Noisy(channel=c, sigma=float(s), start=float(s))
+        NoisyChannel(channel=c, sigma=float(s), start=float(s))
         for c, s in zip(record.channels, SIGMA, strict=True)
     ]
     space = ParameterSpace(
@@ -64,12 +64,12 @@ def believed(record: Experiment) -> Posterior:
         fixed={name: value for name, value in fixed.items() if name not in FREE},
     )
     rig = simulator(MotorShaft(), record, ObservationModel())
-    likelihood = likelihood_of(space, (rig, White.of(noisy, N)))
+    likelihood = likelihood_of(space, (rig, White.from_channels(noisy, N)))
     return Posterior(space=space, likelihood=likelihood, coordinates=space.coordinates())
 
 
 def best(posterior: Posterior) -> np.ndarray:
-    surface = PosteriorSurface(posterior, physical=True)
+    surface = PosteriorLogDensity(posterior, physical=True)
     start = posterior.space.vector(posterior.space.start)
     top = gauss_newton(surface, posterior.coordinates.from_physical(start[None]), 60)
     return posterior.coordinates.to_physical(top.u)[0]
@@ -120,7 +120,7 @@ def test_a_moment_that_is_unknown_is_no_matter_of_doubt() -> None:
     assert half_sample_shift(SensitivityStudy(posterior.likelihood), best(posterior)) is not None
     every = ObservationModel(lags={"alpha": "a", "w_2": "b"})
     rig = IrregularSimulator(MotorShaft(), record, every)
-    one = replace(posterior.likelihood.alone, response=rig)
+    one = replace(posterior.likelihood.only_observation, response=rig)
     space = replace(
         posterior.space,
         model=(*posterior.space.model, "a", "b"),
@@ -147,7 +147,7 @@ def test_half_a_sample_is_told_only_where_the_fit_is_noise() -> None:
     assert [note for note in run._view.notes if "timing: if the inputs act half a sample" in note]
     posterior = run.job.problem.posterior
     response = posterior.likelihood.response.with_record((exact + 9.0 * noise)[:, None])
-    off = replace(posterior, likelihood=posterior.likelihood.with_alone(response=response))
+    off = replace(posterior, likelihood=posterior.likelihood.replace_only(response=response))
     job = replace(run.job, problem=replace(run.job.problem, posterior=off))
     view = concluded(job, run.mode, run.sampled, alone=False)  # no causes are looked for
     assert not like_noise(view.analysis.fit)

@@ -144,7 +144,7 @@ def test_a_known_inertia_beside_the_motors_settles_no_scale() -> None:
     likelihood = target.likelihood
     rig = TwoRotors(j_2=7e-3, r_s=0.2)
     response = Response(rig, likelihood.response.experiment)
-    target = replace(target, likelihood=likelihood.with_alone(response=response))
+    target = replace(target, likelihood=likelihood.replace_only(response=response))
     theta = target.space.vector(target.space.start)
     found = study_of(SensitivityStudy(target.likelihood), target, theta, Asked())
     assert found.structure.symmetries == ()
@@ -333,7 +333,7 @@ def test_the_tie_of_an_ideal_motor_leaves_one() -> None:
 
     source = loading.load(Path(__file__).parents[2] / "configs" / "nominal_step.yaml").source
     source.data["parameters"]["k_T"] = {"tie": "k_e"}
-    tied = job.assemble(loading.validated(source))
+    tied = job.assemble(loading.validate(source))
     target = tied.problem.posterior
     theta = target.space.vector(target.space.start)
     found = study_of(SensitivityStudy(target.likelihood), target, theta, tied.asked).structure

@@ -52,7 +52,7 @@ def test_each_sample_without_itself() -> None:
     """Mutant killed: samples that help to predict themselves."""
     posterior = case().job.problem.posterior
     theta = draws(np.ones(len(T), dtype=bool))
-    left = residual_checks.left(posterior.likelihood, theta.mean(axis=0))
+    left = residual_checks.residual_summaries(posterior.likelihood, theta.mean(axis=0))
     found = leave_one_out(posterior, theta, left)
     assert isinstance(found, LooScore)
     each = []
@@ -74,7 +74,7 @@ def test_where_samples_tell_of_each_other_it_is_refused() -> None:
     """Mutants killed: the noise looked at alone, or what is left alone."""
     posterior = case().job.problem.posterior
     theta = draws(np.ones(len(T), dtype=bool)) + 0.5
-    left = residual_checks.left(posterior.likelihood, theta.mean(axis=0))
+    left = residual_checks.residual_summaries(posterior.likelihood, theta.mean(axis=0))
     said = leave_one_out(posterior, theta, left)
     assert isinstance(said, str)
     assert "not white (correlation of neighbours" in said
@@ -84,7 +84,7 @@ def test_what_is_held_out_is_predicted_by_the_rest() -> None:
     """Mutant killed: samples that are held out and fitted all the same."""
     made = case(away=True)
     posterior = made.job.problem.posterior
-    assert posterior.likelihood.numbers == (~AWAY).sum()
+    assert posterior.likelihood.n_measured == (~AWAY).sum()
     assert held_out(case().job.problem.posterior, draws(~AWAY)) is None
     found = held_out(posterior, draws(~AWAY))
     assert found is not None

@@ -64,7 +64,7 @@ def posterior(y: Array, sigma: float, n: int) -> Array:
 
 def alone(y: Array, theta: Array) -> Array:
     target = likelihood(y)
-    return leave_one_out_check(target, target.alone, theta)
+    return leave_one_out_check(target, target.only_observation, theta)
 
 
 def test_each_sample_is_predicted_without_itself() -> None:

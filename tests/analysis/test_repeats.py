@@ -11,9 +11,9 @@ from rigs import experiment, likelihood_of, unknown, vector
 
 from bayesdrill.analysis.comparison import RepeatedProduct, repeats
 from bayesdrill.analysis.identifiability.information import SensitivityStudy
-from bayesdrill.inference.laplace import PosteriorSurface
+from bayesdrill.inference.laplace import PosteriorLogDensity
 from bayesdrill.inference.likelihood import Likelihood, Observation
-from bayesdrill.inference.noise.contract import Noisy
+from bayesdrill.inference.noise.contract import NoisyChannel
 from bayesdrill.inference.noise.white import White
 from bayesdrill.inference.posterior import Posterior
 from bayesdrill.inference.priors import Uniform
@@ -39,11 +39,11 @@ def compared(stiffer: float, seed: int = 0) -> tuple[RepeatedProduct, ...]:
         y = Response(MotorShaft(), clean).signals(truth[None])[0]
         y = y + SIGMA * rng.standard_normal(y.shape)
         record = replace(clean, y=y)
-        noisy = [Noisy(channel=c, sigma=SIGMA, start=SIGMA) for c in record.channels]
+        noisy = [NoisyChannel(channel=c, sigma=SIGMA, start=SIGMA) for c in record.channels]
         parts.append(
             Observation(
                 response=Response(MotorShaft(), record),
-                noise=White.of(noisy, len(y)),
+                noise=White.from_channels(noisy, len(y)),
                 parameters=ORDER,
                 levels=[],
                 label=f"run_{k + 1}",
@@ -56,7 +56,7 @@ def compared(stiffer: float, seed: int = 0) -> tuple[RepeatedProduct, ...]:
     space = ParameterSpace(model=ORDER, unknowns=unknowns, fixed=fixed)
     likelihood = Likelihood.joint(space, parts)
     posterior = Posterior(space=space, likelihood=likelihood, coordinates=space.coordinates())
-    surface = PosteriorSurface(posterior, physical=True)
+    surface = PosteriorLogDensity(posterior, physical=True)
     start = posterior.coordinates.from_physical(space.vector(space.start)[None])
     theta = posterior.coordinates.to_physical(gauss_newton(surface, start, 40).u)[0]
     return repeats(SensitivityStudy(likelihood), theta, [(1, 0, 0), (0, 1, -1), (0, 0, 1)])
@@ -94,6 +94,8 @@ def test_one_experiment_has_none_to_compare() -> None:
         unknowns=(unknown("k_s", Uniform(0.1, 1)),),
         fixed={name: NOMINAL[name] for name in ORDER if name != "k_s"},
     )
-    noise = White.of([Noisy(channel=c, sigma=1.0, start=1.0) for c in record.channels], 50)
+    noise = White.from_channels(
+        [NoisyChannel(channel=c, sigma=1.0, start=1.0) for c in record.channels], 50
+    )
     alone = likelihood_of(space, (Response(MotorShaft(), record), noise))
     assert repeats(SensitivityStudy(alone), np.array([0.26]), [(1,)]) == ()

@@ -23,7 +23,7 @@ from bayesdrill.inference.likelihood import Likelihood
 from bayesdrill.inference.noise.white import White
 from bayesdrill.inference.posterior import Posterior
 from bayesdrill.inference.priors import LogUniform
-from bayesdrill.inference.state_space import ShakenObservation
+from bayesdrill.inference.state_space import LatentTorqueObservation
 from bayesdrill.inference.unknowns import ParameterSpace
 from bayesdrill.report.sections import torque_words
 from bayesdrill.report.sections.physics_figure import torque_figure
@@ -52,10 +52,10 @@ def shaken(at: TorqueLocation, rng: np.random.Generator) -> tuple[Posterior, np.
         n: dataclasses.replace(unknown(n, LogUniform(1e-3, 10.0)), role="noise")
         for n in ("s_d", "tau_d")
     }
-    observed = ShakenObservation(
+    observed = LatentTorqueObservation(
         response=Response(MotorShaft(), one),
         noise=White(n_samples=301, known=dict.fromkeys(range(4), SIGMA), n_channels=4),
-        filtered=KalmanFilter(MotorShaft(), found.torque, one),
+        kalman_filter=KalmanFilter(MotorShaft(), found.torque, one),
         process=levels,
         parameters=base.space.model,
         levels=["s_d", "tau_d"],

@@ -19,7 +19,7 @@ from bayesdrill.analysis.identifiability.frictions import (
 from bayesdrill.analysis.identifiability.information import SensitivityStudy
 from bayesdrill.analysis.identifiability.study import prior_spreads, study_of
 from bayesdrill.config.schema.config import Asked
-from bayesdrill.inference.noise.contract import Noisy
+from bayesdrill.inference.noise.contract import NoisyChannel
 from bayesdrill.inference.noise.white import White
 from bayesdrill.inference.posterior import Posterior
 from bayesdrill.inference.priors import Uniform
@@ -62,7 +62,7 @@ def believed(
         for name in free
     )
     noisy = [
-        Noisy(channel=c, sigma=float(s) * scale, start=float(s))
+        NoisyChannel(channel=c, sigma=float(s) * scale, start=float(s))
         for c, s in zip(seen.channels, SIGMA, strict=True)
     ]
     fixed = {name: whole[name] for name in rig.parameters if name not in free}
@@ -70,7 +70,7 @@ def believed(
     response = simulator(rig, seen, ObservationModel(), 2)
     return Posterior(
         space=space,
-        likelihood=likelihood_of(space, (response, White.of(noisy, N))),
+        likelihood=likelihood_of(space, (response, White.from_channels(noisy, N))),
         coordinates=space.coordinates(),
     )
 

@@ -273,7 +273,7 @@ def test_each_experiment_may_have_its_own(tmp_path: Path) -> None:
     case = loading.load(path)
     rig = case.model
     assert rig.parameters[9:] == ("c_s",)
-    space = case.experiments[0].numbers.space(["c_s"], ["slow", "fast"])
+    space = case.experiments[0].rig_numbers.space(["c_s"], ["slow", "fast"])
     assert space.free == ("k_e", "j_1", "c_s_slow", "c_s_fast")
     assert len(simulation.simulate_all(case, 1, tmp_path)) == 2
 

@@ -35,10 +35,10 @@ def test_what_it_was_made_with_is_plausible_and_its_start_is_not() -> None:
     posterior = job.problem.posterior
     truth = dict(job.problem.nominal) | {"gain_twist": 1.06, "lag_twist": 0.018, "t_0_step": 0.035}
     theta = posterior.space.vector(truth)[None]
-    n = posterior.likelihood.numbers
-    assert abs(posterior.likelihood.per_number(theta)[0] - 1) < 4 * np.sqrt(2 / n)
+    n = posterior.likelihood.n_measured
+    assert abs(posterior.likelihood.mean_square(theta)[0] - 1) < 4 * np.sqrt(2 / n)
     start = posterior.space.vector(posterior.space.start)[None]
-    assert posterior.likelihood.per_number(start)[0] > 20
+    assert posterior.likelihood.mean_square(start)[0] > 20
     said = identify.preflight(job, SensitivityStudy(posterior.likelihood))
     first, resting = said.splitlines()
     assert first == "the record determines every unknown"

@@ -51,7 +51,7 @@ def test_numbers_hold_them(tmp_path: Path) -> None:
     )
     posterior = job.prepare(path).problem.posterior
     assert posterior.space.free == ("k_e", "j_1")
-    assert posterior.likelihood.alone.process == {"s_d": 0.02, "tau_d": 0.5}
+    assert posterior.likelihood.only_observation.process == {"s_d": 0.02, "tau_d": 0.5}
 
 
 def test_what_cannot_be_is_said_with_a_way_out(tmp_path_factory: pytest.TempPathFactory) -> None:
@@ -93,9 +93,9 @@ def test_a_record_is_simulated_with_it_and_read_again(tmp_path: Path) -> None:
     posterior = job.prepare(path).problem.posterior
     space = posterior.space
     theta = space.vector({**space.start, "s_d": 0.5, "tau_d": 0.3})
-    left = posterior.likelihood.alone.residuals(space.full(theta[None])).samples
+    left = posterior.likelihood.only_observation.residuals(space.full(theta[None])).samples
     assert left.std() > 0.5
-    assert posterior.likelihood.per_number(theta[None])[0] == pytest.approx(1.0, abs=0.35)
+    assert posterior.likelihood.mean_square(theta[None])[0] == pytest.approx(1.0, abs=0.35)
 
 
 def test_a_run_goes_through_and_is_reported(tmp_path: Path) -> None:

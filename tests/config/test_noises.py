@@ -75,7 +75,7 @@ def test_what_is_unknown_by_default_is_counted(tmp_path_factory: pytest.TempPath
 def test_a_step_is_in_the_unit_of_its_column(tmp_path: Path) -> None:
     noise = channel("{name: quantised, step: 6.0}", "0.5", "rpm")
     case = loading.load(systems.small(tmp_path, noise))
-    made = sensors.noise(case.experiments[0].channels, 5)
+    made = sensors.build_noise(case.experiments[0].channels, 5)
     kinds = [part.noise for part in made.parts if isinstance(part.noise, Quantised)]  # type: ignore[attr-defined]
     assert kinds[0].steps[0] == pytest.approx(0.2 * np.pi)
 
@@ -91,7 +91,7 @@ def test_a_record_is_made_with_the_true_correlation(tmp_path: Path) -> None:
     problem = job.prepare(config).problem
     values = {**problem.nominal, "sigma_w_1": 0.2, "rho_w_1": 0.9}
     theta = problem.posterior.space.vector(values)
-    one = problem.posterior.likelihood.alone
+    one = problem.posterior.likelihood.only_observation
     left = one.residuals(problem.posterior.space.full(theta[None])).samples[0, :, 1]
     found = np.corrcoef(left[1:], left[:-1])[0, 1]
     assert found == pytest.approx(0.9, abs=5 * np.sqrt((1 - 0.9**2) / len(left)))

@@ -78,7 +78,7 @@ def test_everything_arrives_in_si(tmp_path: Path) -> None:
 def test_sigma_and_its_prior_are_in_the_columns_unit(tmp_path: Path) -> None:
     table(tmp_path)
     experiment = read(tmp_path, RECORD)
-    problem = assembly.problem(loading.load(tmp_path / "mine.yaml"), [experiment])
+    problem = assembly.build_problem(loading.load(tmp_path / "mine.yaml"), [experiment])
     noise = problem.posterior.likelihood.noise
     assert noise.known == {0: pytest.approx(np.radians(2)), 2: pytest.approx(1.5 * np.pi / 30)}
     assert problem.names == ("k_e", "sigma_w_1")

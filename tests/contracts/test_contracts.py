@@ -20,7 +20,7 @@ from bayesdrill.inference.likelihood import Observation
 from bayesdrill.inference.noise import NOISES
 from bayesdrill.inference.noise.contract import Noise
 from bayesdrill.inference.noise.mixed import Mixed
-from bayesdrill.inference.state_space import ShakenObservation
+from bayesdrill.inference.state_space import LatentTorqueObservation
 from bayesdrill.record.formats import FORMATS
 from bayesdrill.report.publish import FIGURES
 from bayesdrill.rig.models import MODELS
@@ -54,11 +54,12 @@ REGISTRIES = (
 )
 CONTRACTS = (Model, Simulator, Noise, priors.Prior, Observation, Optimiser, Move, RefitExecutor)
 SIMULATORS = (Response, IrregularSimulator, Stepped)
-OBSERVATIONS = (Observation, ShakenObservation)
+OBSERVATIONS = (Observation, LatentTorqueObservation)
 # Of an observation whose density is not that of independent residuals all this is its own.
 DENSITY = (
-    *("by_channel", "pointwise", "whiten", "inform", "expand", "expected", "fitted"),
-    *("followed", "draw", "again", "pinned", "unknowns", "white", "kind", "torque"),
+    *("by_channel", "pointwise", "whiten", "whitened_jacobian", "quadratic_terms", "expected"),
+    *("fitted", "predict", "draw", "replicate", "with_fixed_covariance", "unknowns", "white"),
+    *("kind", "torque"),
 )
 EXECUTORS = (RefitExecutor, Cluster)
 PRIORS = tuple(one for one in priors.PRIORS.values() if inspect.isclass(one))
@@ -137,10 +138,10 @@ def test_nobody_asks_a_member_which_one_it_is() -> None:
     [
         "isinstance(one.response, Stepped)",
         "isinstance(one, White | AR1)",
-        "isinstance(one, (shaken.ShakenObservation, int))",
+        "isinstance(one, (state_space.LatentTorqueObservation, int))",
         "isinstance(rig, MotorShaft)",
         "getattr(one.noise, name)",
-        "getattr(anything, 'seeing', None)",
+        "getattr(anything, 'with_counts', None)",
         "hasattr(one, 'gear_ratio')",
         "getattr(prior, name)",
     ],
@@ -161,4 +162,4 @@ def test_simulators_and_observations_keep_their_contracts() -> None:
             fields = getattr(one, "__annotations__", {})
             own = {*dir(one), *fields, "model", "experiment"}
             assert not wanted - own, one
-    assert {*DENSITY} <= {*vars(ShakenObservation)}
+    assert {*DENSITY} <= {*vars(LatentTorqueObservation)}

@@ -20,10 +20,10 @@ from rigs import experiment, likelihood_of, unknown
 from together import together
 
 from bayesdrill.inference import laplace
-from bayesdrill.inference.laplace import PosteriorSurface
+from bayesdrill.inference.laplace import PosteriorLogDensity
 from bayesdrill.inference.noise import NOISES
-from bayesdrill.inference.noise.contract import Noise, Noisy, square
-from bayesdrill.inference.noise.mixed import Mixed, Part
+from bayesdrill.inference.noise.contract import Noise, NoisyChannel, as_matrix
+from bayesdrill.inference.noise.mixed import ChannelNoise, Mixed
 from bayesdrill.inference.noise.white import White
 from bayesdrill.inference.posterior import Posterior
 from bayesdrill.inference.priors import Uniform
@@ -40,9 +40,9 @@ ENTRIES: dict[str, Callable[[float], dict[str, float]]] = {"quantised": lambda s
 
 def channels(
     names: tuple[str, ...] = ("w_1", "w_2"), *, known: bool = False, kind: str = "white"
-) -> list[Noisy]:
+) -> list[NoisyChannel]:
     return [
-        Noisy(
+        NoisyChannel(
             channel=Channel(
                 name=name, weights={name: 1.0}, unit="rad/s", latex=name, latex_unit=""
             ),
@@ -57,15 +57,22 @@ def channels(
 def mixed(n: int) -> Noise:
     """The second channel first."""
     first, second = channels()
-    return Mixed((Part(White.of([second], n), (1,)), Part(White.of([first], n), (0,))))
+    return Mixed(
+        (
+            ChannelNoise(White.from_channels([second], n), (1,)),
+            ChannelNoise(White.from_channels([first], n), (0,)),
+        )
+    )
 
 
 def held(n: int) -> Noise:
     """What else is held; the second channel with a memory, the first with heavy tails."""
     first, second = channels()
     parts = (
-        Part(NOISES["ar1"].of([replace(second, entries={"rho": 0.9})], n), (1,)),
-        Part(NOISES["student_t"].of([replace(first, entries={"degrees": 4.0})], n), (0,)),
+        ChannelNoise(NOISES["ar1"].from_channels([replace(second, entries={"rho": 0.9})], n), (1,)),
+        ChannelNoise(
+            NOISES["student_t"].from_channels([replace(first, entries={"degrees": 4.0})], n), (0,)
+        ),
     )
     return Mixed(parts)
 
@@ -83,7 +90,7 @@ def noise(name: str, n: int) -> Noise:
     if kind is None:
         return mixed(n) if name == "mixed" else held(n)
     own = channels(known=name.endswith(" known"), kind=name.partition(",")[0])
-    return kind.of(own, n)
+    return kind.from_channels(own, n)
 
 
 def truth(of: Noise, w: int = 1) -> Array:
@@ -104,7 +111,7 @@ def asked(samples: Array) -> SimpleNamespace:
     return SimpleNamespace(
         samples=samples,
         squares=squares,
-        weighed=lambda w: squares * w**2,
+        weighted_squares=lambda w: squares * w**2,
         neighbours=np.stack([squares, products, samples[:, -1], samples[:, 0]], axis=-1),
         logs=lambda w: np.log1p(w[:, None] * samples**2).sum(axis=1),
         intervals=lambda over, half: masses(samples * over[:, None], half[:, None]).sum(axis=1),
@@ -151,7 +158,7 @@ def test_terms_of_single_samples_sum_to_the_likelihood_whatever_the_batch(name: 
         )
     longer = of.for_length(40)
     assert longer.log_likelihood(asked(drawn(of, own, 40)), own).shape == whole.shape
-    assert set(of.held()) <= {0, 1}
+    assert set(of.fixed_values()) <= {0, 1}
 
 
 @together("name", MADE)
@@ -165,13 +172,13 @@ def test_slopes_are_those_of_the_density(name: str) -> None:
 
     shift = np.random.default_rng(1).standard_normal(samples.shape) * of.scales(own)[:, None]
     numeric = (value(1e-5 * shift) - value(-1e-5 * shift)) / 2e-5
-    assert (of.pull(samples, own) * shift).sum(axis=(1, 2)) == pytest.approx(numeric, rel=1e-6)
-    slope, curvature = of.bend(asked(samples), own)
+    assert (of.score(samples, own) * shift).sum(axis=(1, 2)) == pytest.approx(numeric, rel=1e-6)
+    slope, curvature = of.noise_score(asked(samples), own)
     for column in range(len(of.unknowns)):
         up, down = (value(0.0 * shift, natural(of, own, column, h)) for h in (1e-5, -1e-5))
         assert slope[:, column] == pytest.approx((up - down) / 2e-5, rel=1e-5, abs=1e-5)
-        assert (square(curvature, own)[:, column, column] > 0).all()
-    assert (np.linalg.eigvalsh(square(curvature, own)) > 0).all()
+        assert (as_matrix(curvature, own)[:, column, column] > 0).all()
+    assert (np.linalg.eigvalsh(as_matrix(curvature, own)) > 0).all()
 
 
 @together("name", MADE)
@@ -182,14 +189,14 @@ def test_information_is_what_slopes_scatter_over_draws(name: str) -> None:
     own = np.repeat(truth(of), RECORDS, axis=0)
     samples = drawn(of, own, n)
     shift = np.linspace(-1.0, 2.0, n)[:, None] * of.scales(own[:1])[0]
-    along = (of.pull(samples, own) * shift).sum(axis=(1, 2))
-    told = float((of.inform(shift[None], own[:1]) ** 2).sum())
+    along = (of.score(samples, own) * shift).sum(axis=(1, 2))
+    told = float((of.whitened_jacobian(shift[None], own[:1]) ** 2).sum())
     assert abs(along.mean()) < 5 * np.sqrt(told / RECORDS)
     assert along.var() == pytest.approx(told, rel=0.15)
-    twice = of.inform(2.0 * shift[None], own[:1])
-    assert twice == pytest.approx(2.0 * of.inform(shift[None], own[:1]))
-    slope, _ = of.bend(asked(samples), own)
-    expected = square(of.expected(own[0]), own[0])
+    twice = of.whitened_jacobian(2.0 * shift[None], own[:1])
+    assert twice == pytest.approx(2.0 * of.whitened_jacobian(shift[None], own[:1]))
+    slope, _ = of.noise_score(asked(samples), own)
+    expected = as_matrix(of.expected(own[0]), own[0])
     assert expected.shape == (len(of.unknowns),) * 2
     size = np.sqrt(np.diag(expected))
     assert (np.abs(slope.mean(axis=0)) < 5 * size / np.sqrt(RECORDS)).all()
@@ -213,7 +220,7 @@ def test_what_is_whitened_is_white_and_its_size_is_told(name: str) -> None:
     if of.unknowns:
         begun = np.array([one.start for one in of.unknowns])
         found = of.fitted(samples[0], begun)
-        sd = np.sqrt(np.diag(np.linalg.inv(square(of.expected(own[0]), own[0]))))
+        sd = np.sqrt(np.diag(np.linalg.inv(as_matrix(of.expected(own[0]), own[0]))))
         plain = np.array([one.between is not None for one in of.unknowns])
         off = np.where(plain, found - own[0], np.log(np.abs(found / own[0])))
         assert (np.abs(off) < 6 * sd).all()
@@ -262,13 +269,13 @@ def target(name: str) -> Posterior:
 @together("name", MADE)
 def test_a_posterior_with_it_has_the_slopes_of_its_density(name: str) -> None:
     of = target(name)
-    surface = PosteriorSurface(of)
+    surface = PosteriorLogDensity(of)
     share = np.random.default_rng(4).uniform(0.35, 0.65, (3, len(of.space.free)))
     priors = of.space.priors.values()
     theta = np.stack([p.quantile(s) for p, s in zip(priors, share.T, strict=True)], axis=-1)
     u = of.coordinates.from_physical(theta)
     assert of.coordinates.to_physical(u) == pytest.approx(theta, rel=1e-12)
-    found = surface.expand(u, np.eye(u.shape[1]))
+    found = surface.quadratic_model(u, np.eye(u.shape[1]))
     for d in range(u.shape[1]):
         step = 1e-5 * surface.spread[d] * np.eye(u.shape[1])[d]
         numeric = (surface.value(u + step) - surface.value(u - step)) / (2 * step.sum())
@@ -284,10 +291,12 @@ def test_its_information_is_that_of_the_curvature_at_the_truth(name: str) -> Non
     own = truth(of.likelihood.noise)[0]
     at = np.append([NOMINAL[p] for p in ("k_e", "k_s", "j_1")], own)
     u = of.coordinates.from_physical(at[None])
-    curvature = PosteriorSurface(of).expand(u, np.eye(len(at))).curvature[0]
+    curvature = PosteriorLogDensity(of).quadratic_model(u, np.eye(len(at))).curvature[0]
     sd = np.sqrt(np.diag(laplace.covariance(of, at)))
     other = np.sqrt(np.diag(np.linalg.inv(curvature)))
-    told = other < 0.5 * PosteriorSurface(of).spread  # of others the priors decide, each in its way
+    told = (
+        other < 0.5 * PosteriorLogDensity(of).spread
+    )  # of others the priors decide, each in its way
     assert told[:3].all()
     assert sd[told] == pytest.approx(other[told], rel=0.3)
 
@@ -296,7 +305,7 @@ def test_two_records_say_together_what_each_says() -> None:
     """Each with a noise of its own; slopes and information add up."""
     one, two = (target(name) for name in ("white, unknown", "mixed"))
     rig = one.space.unknowns[:3]
-    first, second = one.likelihood.alone, two.likelihood.alone
+    first, second = one.likelihood.only_observation, two.likelihood.only_observation
     others = [
         replace(one, symbol=replace(one.symbol, name=f"{one.name}_b"))
         for one in second.noise.unknowns
@@ -311,16 +320,16 @@ def test_two_records_say_together_what_each_says() -> None:
     theta = np.array([[*(NOMINAL[p] for p in ("k_e", "k_s", "j_1")), 0.3, 0.02, 0.03, 0.2]])
     apart = one.likelihood(theta[:, :5]) + two.likelihood(theta[:, [0, 1, 2, 5, 6]])
     assert both(theta) == pytest.approx(apart)
-    assert both.numbers == one.likelihood.numbers + two.likelihood.numbers
+    assert both.n_measured == one.likelihood.n_measured + two.likelihood.n_measured
     whole = Posterior(space=space, likelihood=both, coordinates=space.coordinates())
     u = whole.coordinates.from_physical(theta)
-    found = PosteriorSurface(whole).expand(u, np.eye(7))
+    found = PosteriorLogDensity(whole).quadratic_model(u, np.eye(7))
     for d in range(7):
         step = 1e-6 * np.eye(7)[d]
-        surface = PosteriorSurface(whole)
+        surface = PosteriorLogDensity(whole)
         numeric = (surface.value(u + step) - surface.value(u - step)) / 2e-6
         assert found.slope[:, d] == pytest.approx(numeric, rel=1e-4, abs=1e-2)
     information = laplace.information_root(whole, theta[0])
     assert information.shape == (7, 7)
     with pytest.raises(ValueError, match="unpack"):
-        _ = both.alone
+        _ = both.only_observation

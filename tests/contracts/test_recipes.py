@@ -183,7 +183,7 @@ def test_numbers_in_the_units_of_the_user_are_those_of_the_record() -> None:
     (course,) = fit.courses
     assert sorted({*course.values}) == [-6000.0, 6000.0]
     shown = view.shown(["sigma_twist"])
-    assert np.median(shown.of(view.draws)) == pytest.approx(2.0, rel=0.2)
+    assert np.median(shown.select(view.draws)) == pytest.approx(2.0, rel=0.2)
     prior = shown.priors["sigma_twist"]
     assert (prior.low, prior.high) == pytest.approx((0.05, 50.0))
     assert shown.mode["sigma_twist"] == pytest.approx(twist.sigma)

@@ -11,13 +11,13 @@ import bayesdrill
 PACKAGE = Path(bayesdrill.__file__).parent
 RESOLVE = "bayesdrill.config.resolve"
 MAKERS = {
-    "case": ("model",),
-    "quantities": ("nominal_table", "parameter", "quantity", "formula"),
+    "case": ("build_model",),
+    "quantities": ("nominal_table", "parse_parameter", "parse_quantity", "parse_formula"),
     "sensors": (
-        *("measured", "sensor_entries", "sensor_specs"),
-        *("sensing", "free_states", "latent_torque_number"),
+        *("measured_channel", "sensor_entries", "parse_sensor_number"),
+        *("build_sensing", "free_states", "latent_torque_number"),
     ),
-    "experiments": ("split", "join_experiments"),
+    "experiments": ("split_experiments", "join_experiments"),
 }
 
 

@@ -101,7 +101,7 @@ def of_record(of: bd.Case) -> Iterator[Any]:
         *plausibility.plausibility_of_nominal(problem),
         *plausibility.plausibility_of_gear(problem),
     ]
-    yield derived.at(problem, theta[None])
+    yield derived.values_at(problem, theta[None])
     tried = edits.rig_candidates(posterior.likelihood.observations, posterior.space, theta)
     yield tried
     every = [

@@ -208,7 +208,7 @@ def test_slopes_and_jacobian_between_two_ends_are_differences() -> None:
     same, jacobian = BETWEEN.with_jacobian(z)
     assert same == pytest.approx(theta)
     assert jacobian == pytest.approx(np.log(BETWEEN.slopes(theta)).sum(axis=1), rel=1e-9)
-    slope, curvature = BETWEEN.jacobian_bends(z)
+    slope, curvature = BETWEEN.jacobian_derivatives(z)
     for column in range(3):
         shift = 1e-4 * np.eye(3)[column]
         up, here, down = (BETWEEN.with_jacobian(z + k * shift)[1] for k in (1, 0, -1))

@@ -14,9 +14,9 @@ from rigs import experiment, posterior
 from scipy.signal import lfilter
 
 from bayesdrill.analysis.diagnostics import sandwich_sds
-from bayesdrill.inference.laplace import information_root, long_run
+from bayesdrill.inference.laplace import information_root, long_run_variance
 from bayesdrill.inference.posterior import Posterior
-from bayesdrill.inference.residual_checks import Correlation, correlations, input_sentences
+from bayesdrill.inference.residual_checks import ResidualCorrelation, correlations, input_sentences
 
 Array = NDArray[np.float64]
 
@@ -47,14 +47,16 @@ def with_residuals(residuals: Array) -> Posterior:
     """Samples are missing where `residuals (N, 2)` are NaN."""
     likelihood = rig().likelihood
     y = likelihood.signals(AT[None])[0] + residuals
-    one = likelihood.alone
+    one = likelihood.only_observation
     shown = dataclasses.replace(one.experiment, y=y)
     counts = tuple(int(n) for n in (~np.isnan(y)).sum(axis=0))
-    changed = likelihood.with_alone(response=one.response.of(shown), noise=one.noise.seeing(counts))
+    changed = likelihood.replace_only(
+        response=one.response.of(shown), noise=one.noise.with_counts(counts)
+    )
     return dataclasses.replace(rig(), likelihood=changed)
 
 
-def found(residuals: Array) -> dict[tuple[str, str], Correlation]:
+def found(residuals: Array) -> dict[tuple[str, str], ResidualCorrelation]:
     every = correlations(with_residuals(residuals).likelihood, AT)
     return {(one.channel.name, one.input): one for one in every}
 
@@ -174,4 +176,4 @@ def test_the_variance_of_a_sum_counts_all_lags() -> None:
     for rho, within in ((0.0, 0.05), (0.5, 0.1), (0.9, 0.2), (-0.5, 0.1)):
         x = remembering(rho, (20_000, 2), 7)
         expected = 20_000 * (1 + rho) / (1 - rho)
-        assert np.diag(long_run(x)) / expected == pytest.approx([1.0, 1.0], abs=within)
+        assert np.diag(long_run_variance(x)) / expected == pytest.approx([1.0, 1.0], abs=within)

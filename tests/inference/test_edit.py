@@ -26,10 +26,12 @@ KNOWN = dict(zip(MODEL.parameters, parameters(CASE)[0], strict=True))
 @pytest.fixture(scope="module")
 def posterior() -> Posterior:
     """Of a rig that is stepped, one experiment with a twin that is held out."""
-    found = step_error.taking(believed(experiment_of(CASE, MEASURES), MODEL, **KNOWN), {"": (2, 3)})
+    found = step_error.with_steps(
+        believed(experiment_of(CASE, MEASURES), MODEL, **KNOWN), {"": (2, 3)}
+    )
     likelihood = found.likelihood
-    twin = dataclasses.replace(likelihood.alone, label="twin")
-    twins = dataclasses.replace(likelihood, apart=(twin,))
+    twin = dataclasses.replace(likelihood.only_observation, label="twin")
+    twins = dataclasses.replace(likelihood, held_out=(twin,))
     return dataclasses.replace(found, likelihood=twins)
 
 
@@ -41,7 +43,7 @@ def test_nothing_changed_is_the_same(posterior: Posterior) -> None:
     same = posterior.edit()
     assert same.space is posterior.space
     assert same.density(at(posterior)) == posterior.density(at(posterior))
-    assert step_error.taken(same) == {"": (2, 3), "twin": (2, 3)}
+    assert step_error.chosen_steps(same) == {"": (2, 3), "twin": (2, 3)}
 
 
 def test_what_was_held_is_unknown_where_it_was(posterior: Posterior) -> None:
@@ -57,7 +59,7 @@ def test_what_was_held_is_unknown_where_it_was(posterior: Posterior) -> None:
     assert freed.space.free == (*space.free[:rig], name, *space.free[rig:])
     assert freed.likelihood(at(freed)) == posterior.likelihood(at(posterior))
     assert freed.likelihood(at(freed, **{name: 1.1 * value})) != posterior.likelihood(at(posterior))
-    assert [one.label for one in freed.likelihood.apart] == ["twin"]
+    assert [one.label for one in freed.likelihood.held_out] == ["twin"]
 
 
 def test_another_prior_changes_the_prior_alone(posterior: Posterior) -> None:
@@ -74,8 +76,8 @@ def test_another_record_is_what_is_explained(posterior: Posterior) -> None:
     theta = at(posterior)
     signals = posterior.likelihood.signals(theta)
     clean = posterior.edit(records=[*signals])
-    assert clean.likelihood.per_number(theta) < 1e-24
-    assert posterior.likelihood.per_number(theta) > 0.1
+    assert clean.likelihood.mean_square(theta) < 1e-24
+    assert posterior.likelihood.mean_square(theta) > 0.1
     with pytest.raises(ValueError, match="longer"):
         posterior.edit(records=[*signals, *signals])
 
@@ -85,7 +87,7 @@ def test_another_rig_and_sensors_take_the_same_steps(posterior: Posterior) -> No
 
     Mutant killed: what is tried is tried in other steps than the fit has.
     """
-    channel = posterior.likelihood.alone.experiment.names[0]
+    channel = posterior.likelihood.only_observation.experiment.names[0]
     damped = posterior.edit(
         free=[
             Unknown(
@@ -96,11 +98,11 @@ def test_another_rig_and_sensors_take_the_same_steps(posterior: Posterior) -> No
             )
             for name, start in (("c_s", 0.0), ("gain", 1.0))
         ],
-        each=lambda one: one.of_rig(
+        each=lambda one: one.for_rig(
             with_named(one.response.model, ["c_s"]), ObservationModel(gains={channel: "gain"})
         ),
     )
-    assert step_error.taken(damped) == step_error.taken(posterior)
+    assert step_error.chosen_steps(damped) == step_error.chosen_steps(posterior)
     assert damped.likelihood(at(damped)) == posterior.likelihood(at(posterior))
     assert damped.likelihood(at(damped, c_s=1e-3)) != posterior.likelihood(at(posterior))
     assert damped.likelihood(at(damped, gain=1.1)) != posterior.likelihood(at(posterior))

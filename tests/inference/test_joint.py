@@ -11,7 +11,7 @@ from together import for_each
 
 from bayesdrill.analysis.identifiability.information import SensitivityStudy
 from bayesdrill.inference import laplace
-from bayesdrill.inference.laplace import PosteriorSurface
+from bayesdrill.inference.laplace import PosteriorLogDensity
 from bayesdrill.inference.posterior import Posterior
 from bayesdrill.inference.priors import LogNormal, TruncatedNormal, Uniform
 from bayesdrill.inference.unknowns import Unknown
@@ -61,13 +61,13 @@ def test_the_joint_likelihood_is_the_sum_of_its_parts() -> None:
 def test_an_own_unknown_moves_its_experiment_alone_and_a_shared_one_all() -> None:
     posterior = target()
     theta, names = points(posterior, 1), posterior.space.free
-    base = posterior.likelihood.every_signal(theta)
+    base = posterior.likelihood.all_signals(theta)
     for name in names[: names.index("sigma_twist")]:
         other = theta.copy()
         other[0, names.index(name)] += 0.01 * posterior.space.unknowns[
             names.index(name)
         ].prior.quantile(np.array(0.9))
-        moved = posterior.likelihood.every_signal(other)
+        moved = posterior.likelihood.all_signals(other)
         changed = [not np.array_equal(a, b) for a, b in zip(base, moved, strict=True)]
         expected = [not name.endswith("_moving"), not name.endswith("_late")]
         assert changed == expected, name
@@ -99,15 +99,15 @@ def test_what_is_missing_is_as_if_it_were_never_sampled() -> None:
 
 
 def _with_counts(noise: object, counts: tuple[int, ...]) -> object:
-    return noise.seeing(counts)  # type: ignore[attr-defined]
+    return noise.with_counts(counts)  # type: ignore[attr-defined]
 
 
 def test_slopes_of_the_joint_density_are_its_differences() -> None:
     """Along every kind of unknown, signed or not; mutant killed: a step of sensors taken for a log."""
     posterior = target()
-    surface = PosteriorSurface(posterior)
+    surface = PosteriorLogDensity(posterior)
     u = posterior.coordinates.from_physical(points(posterior))
-    found = surface.expand(u, np.eye(u.shape[1]))
+    found = surface.quadratic_model(u, np.eye(u.shape[1]))
     h = 1e-5 * np.minimum(surface.spread, 1.0)
     rough = []
     for step in np.diag(h):
@@ -131,8 +131,8 @@ def test_the_information_of_a_point_is_that_of_slopes_and_priors() -> None:
     scenery = SensitivityStudy(posterior.likelihood)
     rows = scenery.with_nuisances(theta)
     m = rows.shape[1]
-    known = np.diag([1 / laplace.natural_spread(u) ** 2 for u in posterior.space.unknowns[:m]])
-    expected = rows.T @ rows / laplace.excess(posterior, theta) + known
+    known = np.diag([1 / laplace.natural_sd(u) ** 2 for u in posterior.space.unknowns[:m]])
+    expected = rows.T @ rows / laplace.residual_excess(posterior, theta) + known
     own = (root.T @ root)[:m, :m]
     size = np.sqrt(np.diag(expected))
     assert own / np.outer(size, size) == pytest.approx(expected / np.outer(size, size), abs=1e-5)
@@ -151,7 +151,7 @@ def test_the_rig_without_its_sensors_is_a_schur_complement() -> None:
     rows, m = scenery.with_nuisances(theta), len(scenery.unknowns)
     moving = posterior.space.unknowns[m : rows.shape[1]]
     whole = rows.T @ rows
-    whole[m:, m:] += np.diag([1 / laplace.natural_spread(u) ** 2 for u in moving])
+    whole[m:, m:] += np.diag([1 / laplace.natural_sd(u) ** 2 for u in moving])
     a, b, d = whole[:m, :m], whole[:m, m:], whole[m:, m:]
     expected = a - b @ np.linalg.solve(d, b.T)
     size = np.sqrt(np.diag(expected))

@@ -18,8 +18,8 @@ from scipy.integrate import quad
 from together import for_each
 
 from bayesdrill.inference.noise.ar1 import AR1
-from bayesdrill.inference.noise.contract import Noise, Noisy
-from bayesdrill.inference.noise.mixed import Mixed, Part, of_record
+from bayesdrill.inference.noise.contract import Noise, NoisyChannel
+from bayesdrill.inference.noise.mixed import ChannelNoise, Mixed, noise_for_record
 from bayesdrill.inference.noise.quantised import Quantised, _information
 from bayesdrill.inference.noise.student_t import StudentT
 from bayesdrill.inference.noise.white import White
@@ -31,14 +31,16 @@ SIGMA = (0.3, 0.02)
 UNEVEN = np.cumsum([0.0, 0.01, 0.01, 0.025, 0.01, 0.0173, 0.01, 0.01, 0.04, 0.01])
 
 
-def noisy(name: str, sigma: float, **entries: float) -> Noisy:
+def noisy(name: str, sigma: float, **entries: float) -> NoisyChannel:
     channel = Channel(name=name, weights={name: 1.0}, unit="rad/s", latex=name, latex_unit="")
     prior = Uniform(0.1 * sigma, 10 * sigma)
-    return Noisy(channel=channel, sigma=prior, start=sigma, entries=entries)
+    return NoisyChannel(channel=channel, sigma=prior, start=sigma, entries=entries)
 
 
 def remembering(n: int) -> AR1:
-    return AR1.of([noisy(name, s) for name, s in zip(("w_1", "w_2"), SIGMA, strict=True)], n)
+    return AR1.from_channels(
+        [noisy(name, s) for name, s in zip(("w_1", "w_2"), SIGMA, strict=True)], n
+    )
 
 
 def left_of(samples: Array) -> SimpleNamespace:
@@ -79,7 +81,7 @@ def test_a_memory_is_a_covariance_that_falls_off_with_time() -> None:
             seen[0, 1] = False
         if times == "every other one":
             seen[::2, 0] = False
-        of = of_record(remembering(10), t, seen)
+        of = noise_for_record(remembering(10), t, seen)
         rng = np.random.default_rng(2)
         own = np.column_stack(
             [rng.uniform(0.5, 2, (3, 2)) * SIGMA, np.full(3, rho), np.full(3, 0.4)]
@@ -103,11 +105,13 @@ def test_a_memory_is_a_covariance_that_falls_off_with_time() -> None:
                 )
                 pull = np.linalg.solve(covariance, samples[w, here, k])
                 scale = np.abs(pull).max()
-                assert of.pull(samples, own)[w, here, k] == pytest.approx(pull, abs=1e-7 * scale)
+                assert of.score(samples, own)[w, here, k] == pytest.approx(pull, abs=1e-7 * scale)
         terms = of.pointwise(samples, own)
         assert np.isnan(terms[:, ~seen]).all()
         assert np.nansum(terms, axis=1) == pytest.approx(found, rel=1e-9)
-        assert (of.inform(np.where(seen, 1.0, 0.0)[None], own[:1])[:, ~seen] == 0.0).all()
+        assert (
+            of.whitened_jacobian(np.where(seen, 1.0, 0.0)[None], own[:1])[:, ~seen] == 0.0
+        ).all()
 
     for_each(
         {f"{rho} {times}": (rho, times) for rho in [0.02, 0.5, 0.95, 0.9999] for times in timess},
@@ -129,11 +133,11 @@ def test_slopes_and_information_allow_for_gaps() -> None:
     """Information is how slopes scatter over draws."""
     seen = np.ones((10, 2), dtype=bool)
     seen[[1, 5, 6], 1] = False
-    of = of_record(remembering(10), UNEVEN, seen)
+    of = noise_for_record(remembering(10), UNEVEN, seen)
     own = np.tile([0.3, 0.02, 0.6, 0.8], (40_000, 1))
     samples = of.draw(np.zeros((len(own), 10, 2)), own, np.random.default_rng(3))
     samples[:, ~seen] = np.nan
-    slope, curvature = of.bend(left_of(samples), own)
+    slope, curvature = of.noise_score(left_of(samples), own)
     for column in range(4):
         some = slopes_of(of, samples[:50], own[:50], column)
         assert slope[:50, column] == pytest.approx(some, rel=1e-5, abs=1e-5)
@@ -152,8 +156,8 @@ def test_a_walker_that_overflows_is_lost_whatever_is_missing() -> None:
     sick = samples.copy()
     sick[0, 5:, 0] = np.nan
     both = [noisy(name, s, step=0.1) for name, s in zip(("w_1", "w_2"), SIGMA, strict=True)]
-    for kind in (remembering(10), Quantised.of(both, 10)):
-        of = of_record(kind, UNEVEN, seen)
+    for kind in (remembering(10), Quantised.from_channels(both, 10)):
+        of = noise_for_record(kind, UNEVEN, seen)
         own = np.array([[0.3, 0.02, 0.5, 0.5][: len(of.unknowns)]])
         assert np.isfinite(of.log_likelihood(left_of(samples), own)).all()
         assert np.isnan(of.log_likelihood(left_of(sick), own)[0, 0])
@@ -161,7 +165,7 @@ def test_a_walker_that_overflows_is_lost_whatever_is_missing() -> None:
 
 def test_heavy_tails_are_students() -> None:
     def check(nu: float) -> None:
-        of = StudentT.of([noisy("w_1", 0.3), noisy("w_2", 0.02, degrees=nu)], 40)
+        of = StudentT.from_channels([noisy("w_1", 0.3), noisy("w_2", 0.02, degrees=nu)], 40)
         own = np.array([[0.31, 0.017, nu]])
         samples = of.draw(np.zeros((1, 40, 2)), own, np.random.default_rng(1))
         samples[0, 7] = 1e6
@@ -188,7 +192,7 @@ def test_what_is_rounded_has_the_probability_of_its_interval() -> None:
     def check(ratio: float) -> None:
         step = 0.1
         sigma = ratio * step
-        of = Quantised.of([noisy("w_1", sigma, step=step)], 6)
+        of = Quantised.from_channels([noisy("w_1", sigma, step=step)], 6)
         own = np.array([[sigma]])
         samples = np.array([0.0, 0.3, 0.5 - 1e-3, 0.8, -0.52, 1.1])[:, None] * step
         terms = of.pointwise(samples[None], own)[0, :, 0]
@@ -208,14 +212,14 @@ def test_what_is_rounded_has_the_probability_of_its_interval() -> None:
 
 def test_far_off_an_interval_nothing_overflows() -> None:
     """As far as a Gaussian is: the nearer end decides."""
-    of = Quantised.of([noisy("w_1", 0.001, step=0.1)], 4)
+    of = Quantised.from_channels([noisy("w_1", 0.001, step=0.1)], 4)
     own, off = np.array([[1e-4]]), np.array([0.2, -0.2, 5.0, -5.0])
     samples = off[None, :, None]
     terms = of.pointwise(samples, own)[0, :, 0]
     nearest = (np.abs(off) - 0.05) / 1e-4
     asymptotic = -0.5 * nearest**2 - np.log(nearest * math.sqrt(2 * math.pi)) - math.log(0.1)
     assert terms == pytest.approx(asymptotic, rel=1e-5)
-    pull = of.pull(samples, own)[0, :, 0]
+    pull = of.score(samples, own)[0, :, 0]
     assert pull == pytest.approx(np.sign(off) * nearest / 1e-4, rel=1e-4)
     assert np.abs(of.whiten(samples, own)[0, :, 0]) == pytest.approx(nearest, rel=1e-3)
 
@@ -226,18 +230,18 @@ def test_far_off_an_interval_nothing_overflows() -> None:
 )
 def test_rounded_records_of_a_moving_signal_are_as_informed_as_is_said(ratio: float) -> None:
     step, n = 0.1, 400_000
-    of = Quantised.of([noisy("w_1", ratio * step, step=step)], n)
+    of = Quantised.from_channels([noisy("w_1", ratio * step, step=step)], n)
     own = np.array([[ratio * step]])
     signal = step * np.modf(np.arange(n) * 0.6180339887498949)[0][None, :, None]
     left = of.draw(signal, own, np.random.default_rng(8)) - signal
     rounded = (left + signal) / step
     assert rounded == pytest.approx(np.round(rounded), abs=1e-9)
     place, size = _information(np.array(1.0 / ratio))
-    pull = of.pull(left, own)[0, :, 0] * own[0, 0]
+    pull = of.score(left, own)[0, :, 0] * own[0, 0]
     assert abs(pull.mean()) < 5 * math.sqrt(place / n)
     assert pull.var() == pytest.approx(place, rel=0.05)
-    single = replace(of, levels=White.of([noisy("w_1", ratio * step)], 1))
-    slope, _ = single.bend(
+    single = replace(of, levels=White.from_channels([noisy("w_1", ratio * step)], 1))
+    slope, _ = single.noise_score(
         SimpleNamespace(samples=left[0, :20_000, None, :]), np.repeat(own, 20_000, 0)
     )
     assert slope.var() == pytest.approx(size, rel=0.1)
@@ -249,17 +253,17 @@ def test_rounded_records_of_a_moving_signal_are_as_informed_as_is_said(ratio: fl
 
 def test_steps_are_in_the_unit_of_the_column_and_must_be_known() -> None:
     one = replace(noisy("w_1", 0.3, step=2.0), factor=0.25)
-    assert Quantised.of([one], 3).steps == (0.5,)
+    assert Quantised.from_channels([one], 3).steps == (0.5,)
     with pytest.raises(ValueError, match="the step must be known \\(w_1\\)"):
-        Quantised.of([noisy("w_1", 0.3)], 3)
+        Quantised.from_channels([noisy("w_1", 0.3)], 3)
 
 
 def test_channels_of_other_kinds_have_their_own_sums() -> None:
     """Of a mixture, each in its place, with and without gaps."""
     made = (
-        Part(StudentT.of([noisy("w_2", 0.02)], 10), (2,)),
-        Part(AR1.of([noisy("w_1", 0.3)], 10), (0,)),
-        Part(White.of([noisy("i", 0.1)], 10), (1,)),
+        ChannelNoise(StudentT.from_channels([noisy("w_2", 0.02)], 10), (2,)),
+        ChannelNoise(AR1.from_channels([noisy("w_1", 0.3)], 10), (0,)),
+        ChannelNoise(White.from_channels([noisy("i", 0.1)], 10), (1,)),
     )
     own = np.array([[0.02, 4.0, 0.3, 0.7, 0.1]])
     samples = np.random.default_rng(0).standard_normal((1, 10, 3)) * [0.3, 0.1, 0.02]
@@ -267,17 +271,17 @@ def test_channels_of_other_kinds_have_their_own_sums() -> None:
     seen[4] = False
     for here in (np.ones_like(seen), seen):
         shown = np.where(here, samples, np.nan)
-        found = of_record(Mixed(made), UNEVEN, here).log_likelihood(left_of(shown), own)
+        found = noise_for_record(Mixed(made), UNEVEN, here).log_likelihood(left_of(shown), own)
         for part, some in zip(made, (own[:, :2], own[:, 2:4], own[:, 4:]), strict=True):
             (k,) = part.columns
-            alone = of_record(part.noise, UNEVEN, here[:, [k]])
+            alone = noise_for_record(part.noise, UNEVEN, here[:, [k]])
             true = alone.log_likelihood(left_of(shown[..., [k]]), some)
             assert found[:, [k]] == pytest.approx(true)
 
 
 def test_where_a_step_is_small_beside_sigma_samples_are_asked() -> None:
     """And only there: each walker by itself."""
-    of = Quantised.of([noisy("w_1", 0.3, step=0.1)], 8)
+    of = Quantised.from_channels([noisy("w_1", 0.3, step=0.1)], 8)
     own = np.array([[1.0], [0.02], [0.26], [0.24]])  # of sigma: 10, 0.2, 2.6 and 2.4 steps
     samples = np.random.default_rng(0).normal(0, 0.05, (4, 8, 1))
     told = left_of(samples)

@@ -14,9 +14,9 @@ from rigs import experiment, likelihood_of, unknown
 from scipy.stats import binom, multivariate_t
 
 from bayesdrill.inference import laplace
-from bayesdrill.inference.laplace import PosteriorSurface
+from bayesdrill.inference.laplace import PosteriorLogDensity
 from bayesdrill.inference.noise import NOISES
-from bayesdrill.inference.noise.contract import Noisy
+from bayesdrill.inference.noise.contract import NoisyChannel
 from bayesdrill.inference.posterior import Posterior
 from bayesdrill.inference.priors import LogUniform, Uniform
 from bayesdrill.inference.unknowns import ParameterSpace
@@ -48,10 +48,10 @@ class Bench:
 
     def posterior(self, kind: str, y: np.ndarray) -> Posterior:
         channels = [
-            Noisy(channel=channel, sigma=LogUniform(0.01, 10.0), start=sigma)
+            NoisyChannel(channel=channel, sigma=LogUniform(0.01, 10.0), start=sigma)
             for channel, sigma in zip(self.rig.experiment.channels, SIGMA, strict=True)
         ]
-        noise = NOISES[kind].of(channels, len(y))
+        noise = NOISES[kind].from_channels(channels, len(y))
         own = [unknown(p, Uniform(0.2 * NOMINAL[p], 3.0 * NOMINAL[p])) for p in FREE]
         space = ParameterSpace(
             model=PARAMETERS,
@@ -77,7 +77,7 @@ class Bench:
         truth = {**NOMINAL, "rho_w_1": RHO, "rho_w_2": RHO}
         truth |= dict(zip(("sigma_w_1", "sigma_w_2"), SIGMA, strict=True))
         true = target.coordinates.from_physical(target.space.vector(truth)[None])
-        surface = PosteriorSurface(target)
+        surface = PosteriorLogDensity(target)
         found = gauss_newton(surface, true, 60)
         best = target.coordinates.to_physical(found.u)[0]
         covariance = laplace.covariance(target, best)

@@ -10,10 +10,15 @@ from stepping import experiment_of, model_of, parameters
 from together import for_each
 
 from bayesdrill.inference.likelihood import Likelihood
-from bayesdrill.inference.noise.contract import Noisy
+from bayesdrill.inference.noise.contract import NoisyChannel
 from bayesdrill.inference.noise.white import White
 from bayesdrill.inference.posterior import Posterior
-from bayesdrill.inference.step_error import ENOUGH, TRIED, chosen, step_errors
+from bayesdrill.inference.step_error import (
+    CANDIDATE_STEPS,
+    MAX_ERROR_OVER_NOISE,
+    choose_steps,
+    step_errors,
+)
 from bayesdrill.inference.unknowns import Coordinates, ParameterSpace
 from bayesdrill.rig.simulators.contract import REVERSAL_SUBSTEPS
 from bayesdrill.rig.simulators.sensors import ObservationModel
@@ -26,8 +31,8 @@ CASE = CASES[NAME]
 def likelihood(sigma: float, pieces: int = 1) -> Likelihood:
     """Of a rig whose friction falls with the speed; all is known of it."""
     model, record = model_of(CASE), experiment_of(CASE)
-    noise = White.of(
-        [Noisy(channel=c, sigma=sigma, start=sigma) for c in record.channels], len(record.t)
+    noise = White.from_channels(
+        [NoisyChannel(channel=c, sigma=sigma, start=sigma) for c in record.channels], len(record.t)
     )
     values = dict(zip(model.parameters, parameters(CASE)[0], strict=True))
     space = ParameterSpace(model=model.parameters, unknowns=(), fixed=values)
@@ -58,11 +63,11 @@ def test_as_few_pieces_are_chosen_as_are_enough() -> None:
             likelihood=likelihood(sigma),
             coordinates=Coordinates((), (), ()),
         )
-        response = chosen(posterior, np.zeros(0)).likelihood.observations[0].response
+        response = choose_steps(posterior, np.zeros(0)).likelihood.observations[0].response
         assert isinstance(response, Stepped)
         taken = response.pieces, response.turns
-        assert off(*taken).max() < ENOUGH * sigma
-        fewer = [off(*one).max() for one in TRIED[: TRIED.index(taken)]]
-        assert all(error > 0.5 * ENOUGH * sigma for error in fewer)
+        assert off(*taken).max() < MAX_ERROR_OVER_NOISE * sigma
+        fewer = [off(*one).max() for one in CANDIDATE_STEPS[: CANDIDATE_STEPS.index(taken)]]
+        assert all(error > 0.5 * MAX_ERROR_OVER_NOISE * sigma for error in fewer)
 
     for_each({str(sigma): (sigma,) for sigma in [0.5, 0.3, 0.01]}, check)

@@ -55,7 +55,7 @@ def test_noise_density_integrates_to_one() -> None:
 def test_pointwise_terms_sum_to_the_likelihood() -> None:
     target = posterior(RECORD, None)
     theta = np.hstack([points(3), np.full((3, 4), 0.2)])
-    sigma = theta[:, target.likelihood.alone.noise_columns]
+    sigma = theta[:, target.likelihood.only_observation.noise_columns]
     residuals = RECORD.y - target.likelihood.signals(theta)
     pointwise = target.likelihood.noise.pointwise(residuals, sigma)
     assert np.allclose(pointwise.sum(axis=1), target.likelihood.by_channel(theta), rtol=1e-10)

@@ -8,7 +8,7 @@ import scipy.integrate
 import scipy.stats
 from together import for_each
 
-from bayesdrill.inference.priors import PRIORS, Prior, draw, spread, spread_of_log
+from bayesdrill.inference.priors import PRIORS, Prior, draw_prior, prior_log_sd, prior_sd
 
 CASES: dict[str, tuple[Prior, object]] = {
     "uniform": (PRIORS["uniform"](low=0.3, high=1.7), scipy.stats.uniform(0.3, 1.4)),
@@ -80,7 +80,7 @@ def test_outside_the_support_is_minus_infinity_never_nan() -> None:
 def test_draws_follow_it() -> None:
     def check(family: str) -> None:
         prior, true = CASES[family]
-        x = draw(prior, 20_000, np.random.default_rng(8))
+        x = draw_prior(prior, 20_000, np.random.default_rng(8))
         assert scipy.stats.kstest(x, true.cdf).pvalue > 1e-4
 
     for_each({str(family): (family,) for family in CASES}, check)
@@ -89,9 +89,9 @@ def test_draws_follow_it() -> None:
 def test_spreads_are_standard_deviations() -> None:
     def check(family: str) -> None:
         prior, true = CASES[family]
-        assert spread(prior) == pytest.approx(true.std(), rel=0.01)
+        assert prior_sd(prior) == pytest.approx(true.std(), rel=0.01)
         logs = np.log(true.ppf((np.arange(100_000) + 0.5) / 100_000))
-        assert spread_of_log(prior) == pytest.approx(logs.std(), rel=0.02)
+        assert prior_log_sd(prior) == pytest.approx(logs.std(), rel=0.02)
 
     for_each({str(family): (family,) for family in CASES}, check)
 

@@ -14,8 +14,8 @@ from together import for_each
 from bayesdrill.basics.units import SECOND
 from bayesdrill.inference.likelihood import Likelihood
 from bayesdrill.inference.noise import NOISES
-from bayesdrill.inference.noise.contract import Noisy
-from bayesdrill.inference.residual_checks import FALSE_ALARM, Left, left
+from bayesdrill.inference.noise.contract import NoisyChannel
+from bayesdrill.inference.residual_checks import FALSE_ALARM, ResidualSummary, residual_summaries
 from bayesdrill.report.sections import fit_words as words
 from bayesdrill.tasks import run_entries
 
@@ -34,14 +34,14 @@ def rig() -> Likelihood:
 
 def with_residuals(rig: Likelihood, residuals: Array) -> Likelihood:
     y = rig.signals(AT[None])[0] + residuals
-    return rig.with_alone(response=rig.response.with_record(y))
+    return rig.replace_only(response=rig.response.with_record(y))
 
 
 def white(seed: int) -> Array:
     return SIGMA * np.random.default_rng(seed).standard_normal((N, 4))
 
 
-def wrong(found: Left) -> bool:
+def wrong(found: ResidualSummary) -> bool:
     return found.large or found.small or found.correlated or found.far
 
 
@@ -50,7 +50,7 @@ def test_records_of_the_model_give_a_finding_as_seldom_as_stated(rig: Likelihood
 
     Mutants killed: the limits of one look for all twenty.
     """
-    found = [left(with_residuals(rig, white(seed)), AT) for seed in range(2000)]
+    found = [residual_summaries(with_residuals(rig, white(seed)), AT) for seed in range(2000)]
     rate = np.mean([any(map(wrong, one)) for one in found])
     assert 0.3 * FALSE_ALARM < rate < 1.6 * FALSE_ALARM
     for what in ("large", "correlated", "far"):
@@ -59,7 +59,7 @@ def test_records_of_the_model_give_a_finding_as_seldom_as_stated(rig: Likelihood
 
 def test_sizes_and_correlations_are_those_of_the_channel(rig: Likelihood) -> None:
     residuals = white(3)
-    found = left(with_residuals(rig, residuals), AT)
+    found = residual_summaries(with_residuals(rig, residuals), AT)
     for k, one in enumerate(found):
         own = residuals[:, k]
         assert one.channel == rig.response.experiment.names[k]
@@ -78,7 +78,7 @@ def test_sizes_and_correlations_are_those_of_the_channel(rig: Likelihood) -> Non
 def test_a_channel_that_does_nothing_has_no_share(rig: Likelihood) -> None:
     flat = rig.response.experiment.y.copy()
     flat[:, 0] = 3.0
-    found = left(rig.with_alone(response=rig.response.with_record(flat)), AT)
+    found = residual_summaries(rig.replace_only(response=rig.response.with_record(flat)), AT)
     assert np.isnan(found[0].share)
     assert "theta_1" not in words.residual_sentences(found, SECOND).splitlines()[0]
     assert run_entries.residual_data(found)[0]["rms_over_spread"] is None
@@ -93,7 +93,7 @@ def test_a_wrong_sigma_is_told_in_its_channel(rig: Likelihood) -> None:
     def check(factor: float, which: str, says: str) -> None:
         residuals = white(5)
         residuals[:, 2] *= factor
-        found = left(with_residuals(rig, residuals), AT)
+        found = residual_summaries(with_residuals(rig, residuals), AT)
         assert [getattr(one, which) for one in found] == [False, False, True, False]
         assert not any(one.correlated or one.far for one in found)
         text = words.residual_sentences(found, SECOND).split("\n", 1)[1]
@@ -119,7 +119,7 @@ def test_what_the_model_misses_is_told_with_unknown_noise_too() -> None:
     size = np.sqrt(np.mean(residuals**2, axis=0))
     theta = np.array([*AT, *size])
     y = rig.signals(theta[None])[0] + residuals
-    found = left(rig.with_alone(response=rig.response.with_record(y)), theta)
+    found = residual_summaries(rig.replace_only(response=rig.response.with_record(y)), theta)
     assert [one.correlated for one in found] == [False, False, False, True]
     assert not any(one.large or one.small or one.far for one in found)
     text = words.residual_sentences(found, SECOND)
@@ -130,8 +130,8 @@ def test_what_the_model_misses_is_told_with_unknown_noise_too() -> None:
 def test_an_unknown_sigma_that_its_prior_keeps_off_is_told() -> None:
     rig = posterior(measured(SIGMA, n=N), None, free=FREE).likelihood
     y = rig.signals(np.array([*AT, *SIGMA])[None])[0] + white(4)
-    own = rig.with_alone(response=rig.response.with_record(y))
-    found = left(own, np.array([*AT, SIGMA[0] / 3, *SIGMA[1:]]))
+    own = rig.replace_only(response=rig.response.with_record(y))
+    found = residual_summaries(own, np.array([*AT, SIGMA[0] / 3, *SIGMA[1:]]))
     assert [one.large for one in found] == [True, False, False, False]
 
 
@@ -141,7 +141,7 @@ def test_a_differenced_column_and_one_bad_sample_are_told(rig: Likelihood) -> No
     steps = np.random.default_rng(1).standard_normal(N + 2)
     residuals[:, 1] = SIGMA[1] * np.diff(steps, 2) / np.sqrt(6)
     residuals[20, 0] = -5.5 * SIGMA[0]
-    found = left(with_residuals(rig, residuals), AT)
+    found = residual_summaries(with_residuals(rig, residuals), AT)
     assert [one.correlated for one in found] == [False, True, False, False]
     assert found[1].correlation == pytest.approx(-2 / 3, abs=0.15)
     assert [one.far for one in found] == [True, False, False, False]
@@ -151,7 +151,7 @@ def test_a_differenced_column_and_one_bad_sample_are_told(rig: Likelihood) -> No
 
 
 def test_the_worst_channel_comes_first(rig: Likelihood) -> None:
-    found = left(with_residuals(rig, white(5) * [2.0, 1.0, 9.0, 4.0]), AT)
+    found = residual_summaries(with_residuals(rig, white(5) * [2.0, 1.0, 9.0, 4.0]), AT)
     assert re.search(
         r"noise: w_1 \S+, w_2 \S+, theta_1 \S+ times sigma \(",
         words.residual_sentences(found, SECOND),
@@ -159,7 +159,7 @@ def test_the_worst_channel_comes_first(rig: Likelihood) -> None:
 
 
 def test_an_exact_fit_leaves_less_than_noise(rig: Likelihood) -> None:
-    found = left(with_residuals(rig, np.zeros((N, 4))), AT)
+    found = residual_summaries(with_residuals(rig, np.zeros((N, 4))), AT)
     assert all(one.small and not one.large for one in found)
     assert not any(one.correlated and one.rms > 1e-9 for one in found)
 
@@ -170,7 +170,7 @@ def test_a_fit_that_leaves_far_more_than_the_noise_is_not_believed(rig: Likeliho
     def check(rms: float, believed: bool) -> None:
         residuals = white(5)
         residuals[:, 2] *= rms * SIGMA[2] / np.sqrt(np.mean(residuals[:, 2] ** 2))
-        found = left(with_residuals(rig, residuals), AT)
+        found = residual_summaries(with_residuals(rig, residuals), AT)
         assert [one.large for one in found] == [False, False, True, False]
         assert [one.unbelievable for one in found] == [False, False, not believed, False]
         more = "the residuals are larger than the noise: w_1 1.6 times sigma"
@@ -190,7 +190,7 @@ def test_what_is_not_white_by_far_is_not_believed(rig: Likelihood) -> None:
         rng, residuals = np.random.default_rng(6), white(5)
         steps = np.convolve(rng.standard_normal(N + len(weights) - 1), weights, mode="valid")
         residuals[:, 1] = SIGMA[1] * steps / steps.std()
-        found = left(with_residuals(rig, residuals), AT)
+        found = residual_summaries(with_residuals(rig, residuals), AT)
         assert found[1].correlated
         assert not any(one.large for one in found)
         reasons = words.residual_reasons(found)
@@ -203,7 +203,7 @@ def test_what_is_not_white_by_far_is_not_believed(rig: Likelihood) -> None:
 
 def test_a_fit_that_leaves_too_little_is_believed(rig: Likelihood) -> None:
     """A sigma that is too large makes sds too large."""
-    assert words.residual_reasons(left(with_residuals(rig, 0.3 * white(5)), AT)) == ()
+    assert words.residual_reasons(residual_summaries(with_residuals(rig, 0.3 * white(5)), AT)) == ()
 
 
 def test_the_simulation_and_predictions_one_step_ahead_stand_side_by_side() -> None:
@@ -212,15 +212,15 @@ def test_the_simulation_and_predictions_one_step_ahead_stand_side_by_side() -> N
     """
     record = measured(SIGMA, n=400)
     rig = posterior(record, SIGMA, free=FREE).likelihood
-    assert "one step ahead" not in words.residual_sentences(left(rig, AT), SECOND)
+    assert "one step ahead" not in words.residual_sentences(residual_summaries(rig, AT), SECOND)
     channels = [
-        Noisy(channel=c, sigma=float(s), start=1.0, entries={"rho": 0.8})
+        NoisyChannel(channel=c, sigma=float(s), start=1.0, entries={"rho": 0.8})
         for c, s in zip(record.channels, SIGMA, strict=True)
     ]
-    noise = NOISES["ar1"].of(channels, 400)
+    noise = NOISES["ar1"].from_channels(channels, 400)
     blank = np.zeros((1, 400, 4))
     residuals = noise.draw(blank, np.empty((1, 0)), np.random.default_rng(2))[0]
-    found = left(with_residuals(rig.with_alone(noise=noise), residuals), AT)
+    found = residual_summaries(with_residuals(rig.replace_only(noise=noise), residuals), AT)
     spread = rig.signals(AT[None])[0].std(axis=0)
     for k, one in enumerate(found):
         assert one.simulated == one.share

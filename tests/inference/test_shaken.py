@@ -17,13 +17,13 @@ from rigs import STATES, experiment, posterior, unknown, vector
 from shaken import covariance, process
 
 from bayesdrill.inference import laplace
-from bayesdrill.inference.laplace import PosteriorSurface
+from bayesdrill.inference.laplace import PosteriorLogDensity
 from bayesdrill.inference.likelihood import Likelihood
 from bayesdrill.inference.noise.white import White
 from bayesdrill.inference.posterior import Posterior
 from bayesdrill.inference.priors import LogUniform, Uniform
-from bayesdrill.inference.residual_checks import left
-from bayesdrill.inference.state_space import ShakenObservation
+from bayesdrill.inference.residual_checks import residual_summaries
+from bayesdrill.inference.state_space import LatentTorqueObservation
 from bayesdrill.inference.unknowns import ParameterSpace, Unknown
 from bayesdrill.rig.models.latent_torque import MissingTorque
 from bayesdrill.rig.models.motor_shaft import MotorShaft
@@ -56,10 +56,10 @@ def target(*, gaps: bool = False) -> Posterior:
     sigma = level("sigma_w_2", 0.02, 2.0)
     within = White(n_samples=151, known={0: 0.1}, n_channels=2, unknowns=(sigma,))
     torque = {"s_d": level("s_d", 1e-3, 1.0), "tau_d": level("tau_d", 0.01, 10.0)}
-    observed = ShakenObservation(
+    observed = LatentTorqueObservation(
         response=simulator(MotorShaft(), one, ObservationModel()),
-        noise=within.seeing(one.counts),
-        filtered=KalmanFilter(MotorShaft(), found.torque, one),
+        noise=within.with_counts(one.counts),
+        kalman_filter=KalmanFilter(MotorShaft(), found.torque, one),
         process=torque,
         parameters=ORDER,
         levels=["sigma_w_2", "s_d", "tau_d"],
@@ -78,10 +78,10 @@ def points(n: int = 4) -> np.ndarray:
 def test_slopes_are_those_of_differences() -> None:
     """Of parameters, which move the mean and the covariance, of a level, of size and time."""
     of = target()
-    surface = PosteriorSurface(of)
+    surface = PosteriorLogDensity(of)
     u = of.coordinates.from_physical(points())
     every = np.eye(u.shape[1])
-    found = surface.expand(u, every)
+    found = surface.quadratic_model(u, every)
     step = 1e-5
     rises = [surface.value(u + step * d) - surface.value(u - step * d) for d in every]
     slopes = np.array(rises).T / (2 * step)
@@ -93,14 +93,14 @@ def test_slopes_are_those_of_differences() -> None:
 def test_the_curvature_is_on_average_the_fisher_information() -> None:
     """Of records drawn at one point; of 60 of them the mean of squared slopes is it to four sigma."""
     of, rng = target(), np.random.default_rng(9)
-    one, theta = of.likelihood.alone, points(1)
+    one, theta = of.likelihood.only_observation, points(1)
     clean = one.signals(of.space.full(theta))
     slopes, curvatures = [], []
     for _ in range(60):
         record = one.draw(clean, theta, rng)[0]
         likelihood = dataclasses.replace(of.likelihood, observations=(one.with_record(record),))
-        surface = PosteriorSurface(dataclasses.replace(of, likelihood=likelihood))
-        slope, curvature = surface.of_record(theta, np.eye(theta.shape[1]))
+        surface = PosteriorLogDensity(dataclasses.replace(of, likelihood=likelihood))
+        slope, curvature = surface.record_slopes(theta, np.eye(theta.shape[1]))
         slopes.append(slope[0])
         curvatures.append(np.diag(curvature[0]))
     ratio = np.mean(np.square(slopes), axis=0) / np.mean(curvatures, axis=0)
@@ -111,7 +111,7 @@ def test_a_torque_of_no_size_is_no_torque() -> None:
     of = target()
     theta = points(3)
     theta[:, -2] = 1e-9
-    one = of.likelihood.alone
+    one = of.likelihood.only_observation
     plain = White(n_samples=151, known={0: 0.1}, n_channels=2, unknowns=one.unknowns[:1])
     values = plain.log_likelihood(one.residuals(of.space.full(theta)), theta[:, 9:10])
     assert of.likelihood(theta) == pytest.approx(values.sum(axis=1), abs=1e-5)
@@ -122,19 +122,19 @@ def test_gaps_take_the_way_of_all_samples() -> None:
     whole, some = target(), target(gaps=True)
     theta = points(2)
     fast = whole.likelihood(theta)
-    one = whole.likelihood.alone
+    one = whole.likelihood.only_observation
     left = one.residuals(whole.space.full(theta)).samples
     each = one.pointwise(left, theta)
     assert fast == pytest.approx(each.sum(axis=(1, 2)), abs=1e-7)
     assert np.isfinite(some.likelihood(theta)).all()
-    assert some.likelihood.numbers == whole.likelihood.numbers - 10
+    assert some.likelihood.n_measured == whole.likelihood.n_measured - 10
 
 
 def test_pinned_the_covariance_is_that_of_one_rig() -> None:
     """Whatever rig the residuals are of; what is whitened is then linear in them."""
     of, theta = target(), points(2)
-    one = of.likelihood.alone
-    held = one.pinned(theta[0])
+    one = of.likelihood.only_observation
+    held = one.with_fixed_covariance(theta[0])
     left = one.residuals(of.space.full(theta)).samples
     there = np.vstack([theta[0], np.append(theta[1, :9], theta[0, 9:])])
     rows = one.whiten(left[[1, 1]], there)
@@ -157,9 +157,9 @@ def test_one_step_ahead_of_a_missing_torque_is_what_its_filter_predicts() -> Non
     posterior = target()
     theta = np.append([NOMINAL[name] for name in ORDER], [0.2, 0.05, 0.3])
     (one,) = posterior.likelihood.observations
-    found = left(posterior.likelihood, theta)
+    found = residual_summaries(posterior.likelihood, theta)
     residuals = one.experiment.y - one.signals(posterior.space.full(theta[None]))[0]
-    of = process(NOMINAL, "rotor_1", one.torque.filtered.torque.smoothness, 0.05, 0.3)
+    of = process(NOMINAL, "rotor_1", one.torque.kalman_filter.torque.smoothness, 0.05, 0.3)
     weights = np.zeros((2, len(of[0])))
     weights[0, 0] = weights[1, 3] = 1.0
     joint = covariance(of, weights, np.array([0.1, 0.2]), one.experiment.t, one.experiment.t_start)

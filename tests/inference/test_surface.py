@@ -12,7 +12,7 @@ from rigs import likelihood_of, unknown, vector
 from together import for_each
 
 from bayesdrill.basics.formulas import expression
-from bayesdrill.inference.laplace import Expansion, PosteriorSurface, joined
+from bayesdrill.inference.laplace import PosteriorLogDensity, QuadraticModel, concatenate_models
 from bayesdrill.inference.posterior import Posterior
 from bayesdrill.inference.priors import HalfNormal, LogNormal, Prior, TruncatedNormal, Uniform
 from bayesdrill.inference.unknowns import ParameterSpace
@@ -40,7 +40,7 @@ def tied() -> Posterior:
             "k_s": expression("1/(1/k_a + 1/k_b)", known),
         },
     )
-    old = target.likelihood.alone
+    old = target.likelihood.only_observation
     likelihood = likelihood_of(space, (old.response, old.noise))
     return Posterior(space=space, likelihood=likelihood, coordinates=space.coordinates())
 
@@ -78,9 +78,9 @@ def test_slopes_are_those_of_the_density() -> None:
 
     def check(physical: bool, name: str) -> None:
         target = TARGETS[name]()
-        surface = PosteriorSurface(target, physical=physical)
+        surface = PosteriorLogDensity(target, physical=physical)
         u = points(target)
-        found = surface.expand(u, np.eye(u.shape[1]))
+        found = surface.quadratic_model(u, np.eye(u.shape[1]))
         assert np.array_equal(found.value, surface.value(u))
         numeric = differences(surface.value, u, 1e-4 * surface.spread).T * surface.spread
         scale = np.abs(numeric).max()
@@ -100,12 +100,12 @@ def test_curvatures_are_those_of_least_squares() -> None:
 
     def check(name: str) -> None:
         target = TARGETS[name]()
-        surface, likelihood = PosteriorSurface(target), target.likelihood
+        surface, likelihood = PosteriorLogDensity(target), target.likelihood
         u = points(target)
         h = 1e-4 * surface.spread
         to = target.coordinates.to_physical
         theta = to(u)
-        sigmas = likelihood.alone.scales(theta)
+        sigmas = likelihood.only_observation.scales(theta)
         noise = likelihood.noise
         slopes = differences(lambda z: likelihood.signals(to(z)), u, h) / sigmas[:, None]
         expected = np.einsum("dwtk,ewtk->wde", slopes, slopes)
@@ -120,7 +120,7 @@ def test_curvatures_are_those_of_least_squares() -> None:
             bent = -(up - 2 * here + down) / (30.0 * h[d]) ** 2
             expected[:, d, d] += np.maximum(bent, 0.0)
         scale = np.outer(surface.spread, surface.spread)
-        found = surface.expand(u, np.eye(u.shape[1])).curvature * scale
+        found = surface.quadratic_model(u, np.eye(u.shape[1])).curvature * scale
         assert found == pytest.approx(
             expected * scale, rel=1e-4, abs=1e-7 * np.abs(expected * scale).max()
         )
@@ -133,11 +133,11 @@ def test_fewer_directions_are_parts_of_all() -> None:
 
     def check(name: str) -> None:
         target = TARGETS[name]()
-        surface = PosteriorSurface(target)
+        surface = PosteriorLogDensity(target)
         u = points(target)
         d = u.shape[1]
         directions = surface.spread[:, None] * np.random.default_rng(2).standard_normal((d, 3))
-        whole, some = surface.expand(u, np.eye(d)), surface.expand(u, directions)
+        whole, some = surface.quadratic_model(u, np.eye(d)), surface.quadratic_model(u, directions)
         assert some.slope == pytest.approx(whole.slope @ directions, rel=1e-8)
         along = directions.T @ whole.curvature @ directions
         assert some.curvature == pytest.approx(along, rel=1e-7, abs=1e-9 * np.abs(along).max())
@@ -153,20 +153,22 @@ def test_a_point_does_not_depend_on_its_neighbours() -> None:
 
     def check(name: str) -> None:
         target = TARGETS[name]()
-        surface = PosteriorSurface(target)
+        surface = PosteriorLogDensity(target)
         u = points(target, 22)
         rng = np.random.default_rng(3)
         for q in (1, 3, u.shape[1]):
             directions = rng.standard_normal((u.shape[1], q))
-            together = surface.expand(u, directions)
+            together = surface.quadratic_model(u, directions)
             for size in (1, 11):
-                parts = [surface.expand(u[k : k + size], directions) for k in range(0, 22, size)]
-                assert_same(joined(parts), together)
+                parts = [
+                    surface.quadratic_model(u[k : k + size], directions) for k in range(0, 22, size)
+                ]
+                assert_same(concatenate_models(parts), together)
 
     for_each({str(name): (name,) for name in TARGETS}, check)
 
 
-def assert_same(one: Expansion, other: Expansion) -> None:
+def assert_same(one: QuadraticModel, other: QuadraticModel) -> None:
     assert one.value == pytest.approx(other.value, rel=1e-15)
     assert np.array_equal(one.slope, other.slope)
     assert np.array_equal(one.curvature, other.curvature)
@@ -174,22 +176,22 @@ def assert_same(one: Expansion, other: Expansion) -> None:
 
 def test_a_response_that_overflows_has_no_slopes_and_leaves_its_neighbours_alone() -> None:
     target = seen("step", SIGMA, priors={"l_m": Uniform(0.0, 1.0)}, logs=False)
-    surface = PosteriorSurface(target)
+    surface = PosteriorLogDensity(target)
     u = points(target, 5)
-    well = surface.expand(u, np.eye(9))
+    well = surface.quadratic_model(u, np.eye(9))
     u[2, ORDER.index("l_m")] = 1e-320
-    sick = surface.expand(u, np.eye(9))
+    sick = surface.quadratic_model(u, np.eye(9))
     assert sick.value[2] == -np.inf
     assert not sick.slope[2].any()
     assert not sick.curvature[2].any()
     others = [0, 1, 3, 4]
     parts = [[e.value[others], e.slope[others], e.curvature[others]] for e in (sick, well)]
-    assert_same(*(Expansion(*part) for part in parts))
+    assert_same(*(QuadraticModel(*part) for part in parts))
 
 
 def test_the_ends_are_those_of_the_priors() -> None:
     """What stands at one is inside; the spreads are those of the priors over the coordinates."""
-    surface = PosteriorSurface(TARGETS["linear, noise unknown"]())
+    surface = PosteriorLogDensity(TARGETS["linear, noise unknown"]())
     for end in (surface.low, surface.high):
         assert surface.inside(end[None]).all()
         assert np.isfinite(surface.value(end[None])).all()

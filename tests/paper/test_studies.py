@@ -134,7 +134,7 @@ def test_records_have_the_misfit_that_is_expected_in_nineteen_of_twenty() -> Non
             for k in range(400)
         ]
     )
-    low, high = precision.expected_misfit(rig.likelihood.numbers)
+    low, high = precision.expected_misfit(rig.likelihood.n_measured)
     assert 0.92 < np.mean((low < found) & (found < high)) < 0.98
     squares = np.random.default_rng(3).standard_normal((8000, 25)) ** 2
     low, high = precision.expected_misfit(25)
@@ -198,7 +198,7 @@ def test_with_a_measured_voltage_the_heuristic_has_no_end_by_the_integrator() ->
     own = replace(
         likelihood.response.experiment, constant={"t_1": 0.0}, series={"v": np.full(41, 8.0)}
     )
-    driven = likelihood.with_alone(response=Response(MotorShaft(), own))
+    driven = likelihood.replace_only(response=Response(MotorShaft(), own))
     with WorkerPool(measured := replace(rig, likelihood=driven), 1) as pool:
         found = searches.run_heuristic(pool, measured, MisfitSearch(Fminsearch(), 60), 1, 5)
     assert (found.stepped, found.stepped_misfit) == (None, None)
@@ -285,7 +285,9 @@ def test_each_search_ends_low_in_the_misfit_of_its_own_record_and_model(
         "weights_only_trapezoid": sized.edit(records=[own]),
     }
     ends = {name: found.values[sigma][name] for name in record}
-    beside = 0.2 / rig.likelihood.numbers  # how high a search may stop: less than what noise does
+    beside = (
+        0.2 / rig.likelihood.n_measured
+    )  # how high a search may stop: less than what noise does
     for name, its in record.items():
         left = {
             other: forward.stepped_misfit(its.likelihood, end)
@@ -334,7 +336,7 @@ def test_ends_of_searches_are_told_apart_by_their_misfits(
         points = truth * np.exp(
             end.scales[0] * np.array([1, -1]) + end.rest * np.array([[1], [-1]])
         )
-        assert np.any(np.isclose(rig.likelihood.per_number(points), end.misfit, rtol=1e-9))
+        assert np.any(np.isclose(rig.likelihood.mean_square(points), end.misfit, rtol=1e-9))
         assert end.distance**2 == pytest.approx(end.scales[0] ** 2 + end.rest**2)
         assert end.settled
     assert all(end.reached and end.best and low < end.misfit < high for end in near)
@@ -365,7 +367,7 @@ def test_the_control_tells_the_largest_of_what_a_search_makes_of_records_with_th
         assert evaluations == 77
         (start,) = starts
         # Log likelihood at the truth: -(n/2) (log(2 pi sigma^2) + the misfit, nearly 1).
-        per = -2 * task.at(start) / rig.likelihood.numbers
+        per = -2 * task.at(start) / rig.likelihood.n_measured
         seen.append(float(np.exp(0.5 * (per - 1)) / np.sqrt(2 * np.pi)))
         theta = start * factors[(len(seen) - 1) % 3]
         return [Optimum(theta=theta, value=0.0, evaluations=1, settled=True, history=())]

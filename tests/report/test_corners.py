@@ -7,7 +7,7 @@ import pytest
 from surfaces import Walled
 from together import for_each
 
-from bayesdrill.inference.laplace import Expansion
+from bayesdrill.inference.laplace import QuadraticModel
 from bayesdrill.sampling.proposal import ridge_tracing
 
 D = 4
@@ -23,7 +23,7 @@ def test_all_that_is_held_back_and_all_that_changes_nothing_is_loose() -> None:
         still = STILL[:, :flat]
         whitened = 1e6 * (np.eye(D) - still @ still.T)
         slope = np.where(np.arange(D) < pressed, 1e4, 0.0)
-        here = Expansion(
+        here = QuadraticModel(
             np.zeros(1), slope[None], (whitened / np.outer(walls.spread, walls.spread))[None]
         )
         base, known = ridge_tracing.split_directions(walls, centre, here, still)

@@ -25,7 +25,7 @@ from bayesdrill.analysis.calibration import LOG_LIKELIHOOD, Refit, judge_calibra
 from bayesdrill.analysis.identifiability.profile import Profile
 from bayesdrill.basics import units
 from bayesdrill.basics.symbols import latex_unit, unit_product
-from bayesdrill.inference.display_units import SI, OwnUnits
+from bayesdrill.inference.display_units import SI, DisplayUnits
 from bayesdrill.report import publish, section, words
 from bayesdrill.report.comparison_report import ComparisonReport
 from bayesdrill.report.publish import TABLES
@@ -440,8 +440,8 @@ def test_a_unit_that_formulas_do_not_have_is_shown_in_si() -> None:
         assert (found.name, found.factor, found.latex) == (si_unit, 1.0, latex_unit(si_unit))
         with pytest.raises(ValueError, match="letters"):
             latex_unit(name)
-        shown = OwnUnits({"d": found})
-        assert shown.said("d", 3e-10) == f"3e-10 {si_unit.replace('**', '^')}"
+        shown = DisplayUnits({"d": found})
+        assert shown.format_value("d", 3e-10) == f"3e-10 {si_unit.replace('**', '^')}"
 
     for_each({case[0]: case for case in cases}, check)
 
@@ -450,8 +450,8 @@ def test_what_has_no_unit_of_its_own_stays_as_it_is() -> None:
     row = pair().own.analysis.unknowns[0]
     assert row.name == "k_e"
     assert pair().own.units.rows([row]) == (row,)
-    assert SI.said("k_s", 0.26) == "0.26"
-    assert OwnUnits({"q": units.display_unit("1")}).said("q", 0.5) == "0.5"
+    assert SI.format_value("k_s", 0.26) == "0.26"
+    assert DisplayUnits({"q": units.display_unit("1")}).format_value("q", 0.5) == "0.5"
     assert unit_product(["ohm", "H", "V"], (1, -2, 0)) == "(ohm)*(H)**-2"
     assert unit_product(["ohm", "H"], (0, 1)) == "H"
 

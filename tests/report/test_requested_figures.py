@@ -18,7 +18,7 @@ from bayesdrill.analysis.calibration import ecdf_band
 from bayesdrill.analysis.diagnostics import rank_histograms
 from bayesdrill.analysis.prediction import FrequencyResponse, PredictionCheck
 from bayesdrill.basics.units import Unit
-from bayesdrill.inference.residual_checks import Correlation
+from bayesdrill.inference.residual_checks import ResidualCorrelation
 from bayesdrill.record.experiment import Channel
 from bayesdrill.report import publish, style
 from bayesdrill.report.scales import WIDTHS
@@ -74,7 +74,9 @@ def correlations_case(width: str, n: int = 2) -> Figure:
             values[-3] = -0.4 if given == "v" else values[-3]
             common = {"channel": channel(f"w_{k}"), "step": 0.01}
             sds = np.full(len(lags), 0.03)
-            found.append(Correlation(input=given, lags=lags, values=values, sds=sds, **common))
+            found.append(
+                ResidualCorrelation(input=given, lags=lags, values=values, sds=sds, **common)
+            )
     return drawn(residuals_figure(found, WIDTHS[width]))
 
 

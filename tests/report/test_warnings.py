@@ -7,13 +7,13 @@ from dataclasses import replace
 import numpy as np
 from together import for_each
 
-from bayesdrill.inference.display_units import OwnUnits
-from bayesdrill.inference.residual_checks import Left, Limits
+from bayesdrill.inference.display_units import DisplayUnits
+from bayesdrill.inference.residual_checks import ResidualLimits, ResidualSummary
 from bayesdrill.report import words
 from bayesdrill.sampling.mode_search import LocalMaximum, Mode
 
-LIMITS = Limits(least=0.95, most=1.05, correlation=0.06, farthest=4.5)
-WHITE = Left(
+LIMITS = ResidualLimits(least=0.95, most=1.05, correlation=0.06, farthest=4.5)
+WHITE = ResidualSummary(
     channel="w_1", rms=1.0, share=0.01, correlation=0.0, farthest=3.0, time=1.0, limits=LIMITS
 )
 
@@ -28,7 +28,7 @@ def test_the_warning_names_what_is_wrong_with_what_is_left() -> None:
         (replace(WHITE, rms=0.4, correlation=0.9), "DOES NOT FIT: what is left is far from white"),
     ]
 
-    def check(found: Left, said: str) -> None:
+    def check(found: ResidualSummary, said: str) -> None:
         assert words.misfit([WHITE, found]) == said
 
     for_each({str(case): case for case in cases}, check)
@@ -47,7 +47,7 @@ def test_maxima_are_told_apart_by_their_places_or_said_to_be_close() -> None:
             values={"k_s": 2.0, "j_1": 3.0}, log_posterior=0.0, slope={}, gain=0.0, at_bound=(),
             searches=(), others=(other,),
         )  # fmt: skip
-        text = words.maxima(found, np.array([0.75, 0.25]), OwnUnits({}))
+        text = words.maxima(found, np.array([0.75, 0.25]), DisplayUnits({}))
         assert said in text
         assert "75.0%" in text
         assert "25.0%" in text

@@ -74,7 +74,7 @@ def test_speeds_that_the_misprints_lead_to() -> None:
         found = Response(model, experiment(1001, 10.0)).signals(vector(NOMINAL)[None])[0]
         assert found[1, 2:4] == pytest.approx(at_10, abs=0.06)
         assert found[3, 3] == pytest.approx(at_30, abs=0.06 if abs(at_30) > 0.1 else 0.006)
-        told = derived.steady(model, model.linear(NOMINAL), 1, {"v": 8.0})
+        told = derived.steady_values(model, model.linear(NOMINAL), 1, {"v": 8.0})
         assert told["w_end"][0] == pytest.approx(end, abs=0.06)
         assert found[-1, 2:4] == pytest.approx(told["w_end"].repeat(2), abs=1e-4)
         assert found[-1, 4] == pytest.approx(told["i_end"][0], abs=1e-4)
@@ -101,7 +101,7 @@ def test_a_rig_without_an_end_has_no_end() -> None:
     """Held by neither angle nor friction in one state: NaN, and no error."""
     a = {("theta_1", "w_1"): 1.0, ("w_1", "theta_1"): -1.0, ("theta_2", "w_2"): 1.0}
     linear = Linear(A={**a, ("i", "i"): -1.0}, B={}, c={"w_2": 1.0})
-    found = derived.steady(MotorShaft(), linear, 2, {})
+    found = derived.steady_values(MotorShaft(), linear, 2, {})
     assert np.isnan(found["w_end"]).all()
     assert np.isnan(found["i_end"]).all()
 

@@ -11,7 +11,7 @@ import scipy.optimize
 from surfaces import Walled, humps, ridged
 from together import for_each
 
-from bayesdrill.inference.laplace import Expansion
+from bayesdrill.inference.laplace import QuadraticModel
 from bayesdrill.sampling.gauss_newton import bounded_step, gauss_newton, newton_gain
 
 
@@ -56,7 +56,7 @@ def test_a_step_within_a_box_is_that_of_bounded_least_squares() -> None:
             surface, matrix, target = linear(seed, d)
             rng = np.random.default_rng(seed)
             start = surface.spread * rng.choice([-1.0, 0.0, 0.5, 1.0], (4, d))
-            here = surface.expand(start, np.eye(d))
+            here = surface.quadratic_model(start, np.eye(d))
             step = bounded_step(surface, start, here, np.zeros(4))
             end = np.clip(start + step, surface.low, surface.high)  # but for rounding
             assert end == pytest.approx(start + step, rel=1e-12, abs=1e-14)
@@ -82,7 +82,7 @@ def test_a_direction_that_hardly_counts_is_no_warning() -> None:
         lambda u: np.broadcast_to(matrix, (len(u), 2, 2)),
     )
     start = np.zeros((1, 2))
-    step = bounded_step(surface, start, surface.expand(start, np.eye(2)), np.ones(1))
+    step = bounded_step(surface, start, surface.quadratic_model(start, np.eye(2)), np.ones(1))
     assert step == pytest.approx(np.array([[0.15, 0.0]]), abs=1e-9)
 
 
@@ -203,11 +203,11 @@ def test_where_there_is_no_density_nothing_moves() -> None:
 def test_what_is_left_to_gain_is_what_the_next_step_gains() -> None:
     surface, _, _ = linear(3, 5)
     start = 0.3 * surface.spread[None]
-    here = surface.expand(start, np.eye(5))
+    here = surface.quadratic_model(start, np.eye(5))
     gain = newton_gain(surface, start, here)
     best = gauss_newton(surface, start, 30).value
     assert gain == pytest.approx(best - surface.value(start), rel=1e-6)
-    none = Expansion(here.value, 0.0 * here.slope, here.curvature)
+    none = QuadraticModel(here.value, 0.0 * here.slope, here.curvature)
     assert newton_gain(surface, start, none) == pytest.approx([0.0])
 
 

@@ -130,7 +130,7 @@ def test_a_point_at_the_very_maximum_is_joined_to_itself() -> None:
     """Where the slope is zero to the last bit."""
     surface = humps(3, (1.0,), (1.0,), 0.0)
     twice = np.repeat(surface.means, 3, axis=0)
-    assert not surface.expand(twice, np.eye(3)).slope.any()
+    assert not surface.quadratic_model(twice, np.eye(3)).slope.any()
     assert multiple_modes.distinct_modes(surface, twice, np.zeros(3)) == [0]
 
 

@@ -20,7 +20,7 @@ from together import for_each
 from bayesdrill.config import loading
 from bayesdrill.config.resolve import assembly
 from bayesdrill.inference import laplace
-from bayesdrill.inference.laplace import NOTHING
+from bayesdrill.inference.laplace import TAIL_MASS
 from bayesdrill.inference.priors import HalfNormal, LogNormal, Uniform
 from bayesdrill.inference.unknowns import Coordinates
 from bayesdrill.paper.plugins import ORDER, Fminsearch, Pairwise, circle
@@ -418,11 +418,11 @@ def test_a_search_for_a_zero_ends_where_its_prior_does() -> None:
         rig = posterior(RECORD, SIGMA, free=("c_m", "k_s"), priors={"c_m": prior}, logs=logs)
         assert rig.coordinates.logs == (bool(logs), True)
         y = rig.likelihood.signals(np.array([[-2e-3, NOMINAL["k_s"]]]))[0]
-        likelihood = rig.likelihood.with_alone(response=rig.likelihood.response.with_record(y))
+        likelihood = rig.likelihood.replace_only(response=rig.likelihood.response.with_record(y))
         target = dataclasses.replace(rig, likelihood=likelihood)
         start = target.space.vector(NOMINAL)
         found = mode_search.search(target, THOROUGH, 4000, start)
-        least = float(prior.quantile(np.array(NOTHING)))
+        least = float(prior.quantile(np.array(TAIL_MASS)))
         assert least <= found.end["c_m"] < 1e-3 * NOMINAL["c_m"]
         assert found.settled
         best = mode_search.summarise(target, (found,))

@@ -135,7 +135,9 @@ def test_a_strongly_bent_ridge_is_followed() -> None:
     def check(seed: int, n_loose: int, n_tight: int) -> None:
         surface = ridged(n_loose, n_tight)
         start = surface.at(np.full((1, n_loose), 0.1), np.zeros((1, n_tight)))[0]
-        traced = ridge_tracing.trace(surface, surface.expand, start, np.random.default_rng(seed))
+        traced = ridge_tracing.trace(
+            surface, surface.quadratic_model, start, np.random.default_rng(seed)
+        )
         rng = np.random.default_rng(9)
         psi = rng.uniform(-0.7, 0.7, (1000, n_loose))
         fresh = surface.at(psi, np.zeros((1000, n_tight)))
@@ -168,7 +170,7 @@ def test_a_ridge_is_followed_up_to_the_ends_of_the_priors() -> None:
     last = exact[(near.max(axis=1) > 0.9) & surface.inside(exact)]
     for seed in range(1, 4):
         found = ridge_tracing.trace(
-            surface, surface.expand, start, np.random.default_rng(seed)
+            surface, surface.quadratic_model, start, np.random.default_rng(seed)
         ).ridge
         off = np.linalg.norm(to_ridge_coordinates(found, last)[0][:, 2:], axis=1)
         assert np.quantile(off, 0.9) < 0.3
@@ -190,8 +192,8 @@ def test_a_point_that_is_on_the_ridge_has_arrived() -> None:
     surface = humps(3, (1.0,), (1.0,), 0.0)
     base = ridge.local_basis(surface.means[0], np.eye(3), 1)
     psi, tau = np.zeros((1, 1)), np.zeros((1, 2))
-    assert not surface.expand(surface.means, base.tight).slope.any()
-    found, _, _, arrived = ridge_tracing.return_to_ridge(surface.expand, base, psi, tau)
+    assert not surface.quadratic_model(surface.means, base.tight).slope.any()
+    found, _, _, arrived = ridge_tracing.return_to_ridge(surface.quadratic_model, base, psi, tau)
     assert arrived.all()
     assert np.array_equal(found, tau)
 
@@ -203,17 +205,19 @@ def test_a_direction_along_which_nothing_changes_anywhere_is_known() -> None:
     flat /= np.linalg.norm(flat)
     long = surface.roots[0] + 1e8 * surface.spread[:, None] * np.outer(flat, flat)
     endless = dataclasses.replace(surface, roots=long[None])
-    found = ridge_tracing.flat_directions(endless, endless.expand, np.random.default_rng(1))
+    found = ridge_tracing.flat_directions(
+        endless, endless.quadratic_model, np.random.default_rng(1)
+    )
     assert np.abs(flat @ found) == pytest.approx([1.0], abs=1e-6)
     for bent in (ridged(1, 1), ridged(2, 3), surface):
-        here = ridge_tracing.flat_directions(bent, bent.expand, np.random.default_rng(1))
+        here = ridge_tracing.flat_directions(bent, bent.quadratic_model, np.random.default_rng(1))
         assert here.shape == (len(bent.middle), 0)
 
 
 def test_tight_directions_are_those_that_the_record_knows() -> None:
     """Against the covariance of the hump itself, in units of the priors' spreads."""
     surface = humps(5, (1.0,), (1.0,), 0.0)
-    here = surface.expand(surface.means, np.eye(5))
+    here = surface.quadratic_model(surface.means, np.eye(5))
     base, known = ridge_tracing.split_directions(surface, surface.means[0], here)
     whitened = surface.roots[0] / surface.spread[:, None]
     knowledge = np.sort(1.0 / np.linalg.svd(whitened, compute_uv=False) ** 2)
@@ -231,7 +235,7 @@ def test_an_unknown_that_its_wall_holds_back_is_loose() -> None:
     wall = surface.means[0] + np.array([4.0, 0.0]) * scales
     low = dataclasses.replace(surface, middle=wall + surface.reach * surface.spread)
     start = low.low
-    here = low.expand(start[None], np.eye(2))
+    here = low.quadratic_model(start[None], np.eye(2))
     assert here.slope[0, 0] < 0
     base, _ = ridge_tracing.split_directions(low, start, here)
     assert base.loose.shape[1] >= 1

@@ -13,7 +13,7 @@ from surfaces import Walled, humps, ridged
 from together import for_each
 
 from bayesdrill.basics.progress import Silent
-from bayesdrill.inference.laplace import PosteriorSurface
+from bayesdrill.inference.laplace import PosteriorLogDensity
 from bayesdrill.inference.posterior import Posterior
 from bayesdrill.sampling.convergence import Targets
 from bayesdrill.sampling.ensembles import (
@@ -123,7 +123,7 @@ def test_starts_in_a_corner_of_the_priors_are_mirrored_into_it() -> None:
     Mutants killed: no mirror, no way inwards.
     """
     target = seen("step", 1e6 * SIGMA, free=("k_s", "j_1", "t_f"))
-    surface = PosteriorSurface(target)
+    surface = PosteriorLogDensity(target)
     d = len(surface.low)
     base = local_basis(surface.low + 1e-9 * surface.spread, np.diag(surface.spread), d)
     point = np.zeros((1, d)), np.zeros((1, 0)), np.zeros((1, 0, 0))
@@ -157,7 +157,7 @@ def test_no_walker_starts_far_off_the_ridge() -> None:
     surface = ridged(1, 2)
     at = surface.at(np.full((1, 1), 0.1), np.zeros((1, 2)))[0]
     learnt = learn(
-        surface, surface.expand, [at], np.random.RandomState(1), np.random.default_rng(2)
+        surface, surface.quadratic_model, [at], np.random.RandomState(1), np.random.default_rng(2)
     )
     far = replace(learnt.proposal, mixture=learnt.proposal.mixture.with_width(1.5))
     state = begin_walkers(Known(surface), far, 500, 1, 0)
@@ -183,6 +183,6 @@ def test_walkers_start_on_all_maxima_alike() -> None:
     """
     surface = humps(2, (0.9, 0.1), (1.0, 0.5), 20.0)
     seed, rng = np.random.RandomState(1), np.random.default_rng(2)
-    learnt = learn(surface, surface.expand, list(surface.means), seed, rng)
+    learnt = learn(surface, surface.quadratic_model, list(surface.means), seed, rng)
     state = begin_walkers(Known(surface), learnt.proposal, 4000, 1, 0)
     assert surface.belongs(state.z).mean() == pytest.approx(0.5, abs=0.05)

@@ -39,11 +39,11 @@ def job(tmp_path_factory: pytest.TempPathFactory) -> Job:
         channel["sigma"] = SIGMA
     from bayesdrill.config.records import simulation
 
-    changed = loading.validated(replace(source, data=entries))
+    changed = loading.validate(replace(source, data=entries))
     record = tmp_path_factory.mktemp("record") / "record.csv"
     record.write_text(simulation.simulate(changed, 11))
     entries["record"]["file"] = str(record)
-    return assemble(loading.validated(replace(source, data=entries)))
+    return assemble(loading.validate(replace(source, data=entries)))
 
 
 def bounds_at_nominal(job: Job) -> np.ndarray:
@@ -78,7 +78,7 @@ def test_bounds_are_the_spread_of_repeated_fits(job: Job) -> None:
     found = []
     for _ in range(FITS):
         y = likelihood.noise.draw(clean, np.empty((1, 0)), rng)[0]
-        fresh = likelihood.with_alone(response=likelihood.response.with_record(y))
+        fresh = likelihood.replace_only(response=likelihood.response.with_record(y))
         found.append(Fitter(replace(posterior, likelihood=fresh), scenery, nominal).best.logs)
     logs = np.array(found)
     bounds = bounds_at_nominal(job)

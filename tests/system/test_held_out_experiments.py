@@ -79,7 +79,7 @@ def test_it_is_no_evidence_and_is_predicted_by_the_draws(records: Path) -> None:
     near = problem.posterior.space.vector(problem.posterior.space.start) * (
         1.0 + 1e-3 * np.random.default_rng(2).standard_normal((40, theta.shape[1]))
     )
-    (fast,) = problem.posterior.likelihood.apart
+    (fast,) = problem.posterior.likelihood.held_out
     clean = fast.signals(problem.posterior.space.full(near))
     each = logsumexp(norm.logpdf(fast.experiment.y, clean, SIGMA), axis=0) - np.log(40)
     found = held_out(problem.posterior, near)

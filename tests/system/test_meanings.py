@@ -169,7 +169,7 @@ FORMS = {
 def test_a_simulated_record_is_written_as_its_config_reads_it(form: str, tmp_path: Path) -> None:
     path = systems.small(tmp_path, ("  file: small.csv", f"  file: other.txt\n  {FORMS[form]}"))
     (one,) = loading.load(path).experiments
-    grid = simulation.grid(one)
+    grid = simulation.simulation_grid(one)
     y = np.random.default_rng(3).normal(size=(len(grid.t), 2)) * [1e-3, 1e4]
     text = simulation.record_text(one.config, one.source, grid, y)
     (tmp_path / "other.txt").write_text(text, encoding="utf-8")

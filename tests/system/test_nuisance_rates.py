@@ -29,7 +29,9 @@ def test_one_record_is_understood(tmp_path: Path) -> None:
     path, truth = write(tmp_path, 3, told=True)
     run = bd.load(path).sample(processes=1)
     assert run.sampled.convergence.converged
-    left = residual_checks.left(run.job.problem.posterior.likelihood, run._view.chain.best)
+    left = residual_checks.residual_summaries(
+        run.job.problem.posterior.likelihood, run._view.chain.best
+    )
     assert not any(one.large for one in left)
     inside = [between(run.draws[name], truth[name]) for name in run.job.problem.names]
     assert sum(inside) >= len(inside) - 4

@@ -50,8 +50,8 @@ def run(*, known: bool = False) -> bd.Run:
     return case(known=known).sample()
 
 
-def taken(job: Job) -> dict[str, step_error.Taken]:
-    return step_error.taken(job.problem.posterior)
+def taken(job: Job) -> dict[str, step_error.StepSizes]:
+    return step_error.chosen_steps(job.problem.posterior)
 
 
 def test_there_are_as_many_as_the_maximum_wants() -> None:
@@ -62,7 +62,7 @@ def test_there_are_as_many_as_the_maximum_wants() -> None:
     assert found[""][0] > 1
     theta = case().job.problem.posterior.space.vector(best.values)
     (few,) = step_errors(case().job.problem.posterior.likelihood, theta)
-    (enough,) = step_errors(case().job.at(best.mode).problem.posterior.likelihood, theta)
+    (enough,) = step_errors(case().job.with_steps_at(best.mode).problem.posterior.likelihood, theta)
     assert not few.fine
     assert enough.fine
     assert "TOO FEW" not in best.table
@@ -90,8 +90,8 @@ def test_the_evidence_is_that_of_the_rig_and_not_of_its_steps() -> None:
     at = np.linspace(x.mean() - 8 * x.std(), x.mean() + 8 * x.std(), 400)
     prior = posterior.space.priors["j_1"]
 
-    def log_z(steps: dict[str, step_error.Taken]) -> float:
-        logs = step_error.taking(posterior, steps).likelihood(at[:, None])
+    def log_z(steps: dict[str, step_error.StepSizes]) -> float:
+        logs = step_error.with_steps(posterior, steps).likelihood(at[:, None])
         whole = np.trapezoid(np.exp(logs - logs.max()), at) / (prior.high - prior.low)
         return float(logs.max() + np.log(whole))
 

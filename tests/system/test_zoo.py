@@ -207,7 +207,7 @@ def test_the_bundled_row_has_the_bundled_record(tmp_path: Path) -> None:
     assert mine == (ROOT / "configs" / "records" / "nominal_step.csv").read_text()
 
 
-def residuals_at_truth(job: Job) -> tuple[residual_checks.Left, ...]:
+def residuals_at_truth(job: Job) -> tuple[residual_checks.ResidualSummary, ...]:
     """What the record leaves at the values that it was made of."""
     config, space = job.config, job.problem.posterior.space
     (one,) = job.case.experiments
@@ -218,8 +218,10 @@ def residuals_at_truth(job: Job) -> tuple[residual_checks.Left, ...]:
         values |= {f"sigma_{name}": s * factors[name] for name, s in made.sigma.items()}
         values |= made.truth
         for name, value in made.quantities.items():
-            values[name] = value * one.numbers.quantities[name].factor
-    return residual_checks.left(job.problem.posterior.likelihood, space.vector(values))
+            values[name] = value * one.rig_numbers.quantities[name].factor
+    return residual_checks.residual_summaries(
+        job.problem.posterior.likelihood, space.vector(values)
+    )
 
 
 def looks_like_noise(row: Row, place: Path) -> bool:

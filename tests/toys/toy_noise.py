@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from bayesdrill.basics import Symbol
-from bayesdrill.inference import Noisy, Residuals, Uniform, Unknown, White
+from bayesdrill.inference import NoisyChannel, Residuals, Uniform, Unknown, White
 
 Array = NDArray[np.float64]
 MOST = 0.99
@@ -27,7 +27,7 @@ class Entries:
 
 
 @dataclass(frozen=True, slots=True)
-class MemoryBackend:
+class Memory:
     """Stationary: all samples have the sd `sigma`.  Its unknowns are sigmas, then correlations."""
 
     levels: White
@@ -38,8 +38,8 @@ class MemoryBackend:
     Entries: ClassVar[type] = Entries
 
     @classmethod
-    def of(cls, channels: Sequence[Noisy], n_samples: int) -> MemoryBackend:
-        levels = White.of(channels, n_samples)
+    def from_channels(cls, channels: Sequence[NoisyChannel], n_samples: int) -> Memory:
+        levels = White.from_channels(channels, n_samples)
         held = tuple(c.entries.get("correlation") for c in channels)
         own = [_unknown(c) for c, value in zip(channels, held, strict=True) if value is None]
         return cls(levels, held, (*levels.unknowns, *own))
@@ -48,10 +48,10 @@ class MemoryBackend:
     def n_channels(self) -> int:
         return self.levels.n_channels
 
-    def for_length(self, n_samples: int) -> MemoryBackend:
+    def for_length(self, n_samples: int) -> Memory:
         return dataclasses.replace(self, levels=self.levels.for_length(n_samples))
 
-    def held(self) -> Mapping[int, object]:
+    def fixed_values(self) -> Mapping[int, object]:
         return {
             k: (self.levels.known.get(k), correlation) for k, correlation in enumerate(self.held_)
         }
@@ -86,10 +86,10 @@ class MemoryBackend:
         out[:, 1:] -= self._correlations(own)[:, None] * samples[:, :-1]
         return out
 
-    def inform(self, shifts: Array, own: Array) -> Array:
+    def whitened_jacobian(self, shifts: Array, own: Array) -> Array:
         return self.whiten(shifts, own)
 
-    def pull(self, samples: Array, own: Array) -> Array:
+    def score(self, samples: Array, own: Array) -> Array:
         sigma, rho = self.scales(own)[:, None], self._correlations(own)[:, None]
         left, root = self.whiten(samples, own), np.sqrt(1.0 - rho**2)
         out = left / sigma
@@ -97,7 +97,7 @@ class MemoryBackend:
         out[:, :-1] -= rho * left[:, 1:] / (sigma * root)
         return out
 
-    def bend(self, residuals: Residuals, own: Array) -> tuple[Array, Array]:
+    def noise_score(self, residuals: Residuals, own: Array) -> tuple[Array, Array]:
         left, rho = self.whiten(residuals.samples, own), self._correlations(own)
         n = left.shape[1]
         squares = (left**2).sum(axis=1)
@@ -136,7 +136,7 @@ class MemoryBackend:
         return signals + sigma[:, None] * fresh
 
 
-def _unknown(noisy: Noisy) -> Unknown:
+def _unknown(noisy: NoisyChannel) -> Unknown:
     name = noisy.channel.name
     latex = rf"\rho_{{{noisy.channel.latex}}}"
     symbol = Symbol(f"rho_{name}", "1", latex, "", f"correlation of neighbours in {name}")

@@ -35,7 +35,7 @@ class Compass:
         value = task.at(start)
         while step > self.shortest and spent < evaluations:
             z = task.coordinates.from_physical(best[None])[0]
-            ways = laplace.root(task.covariance(best)).T * step
+            ways = laplace.matrix_root(task.covariance(best)).T * step
             before = value
             for way in np.concatenate([ways, -ways]):
                 if spent == evaluations:

@@ -155,7 +155,11 @@ class _FrictionStudy:
         self.frictions = [f for each in friction_motions(posterior, theta, none) for f in each]
         self.model = sensitivity.likelihood.observations[0].response.model
         self.rig = dict(
-            zip(self.model.parameters, sensitivity.likelihood.rig(theta[None])[0], strict=True)
+            zip(
+                self.model.parameters,
+                sensitivity.likelihood.rig_parameters(theta[None])[0],
+                strict=True,
+            )
         )
         self.tried: list[tuple[str, float | None, Array]] | None = None
 

@@ -23,9 +23,9 @@ import numpy as np
 
 from bayesdrill.basics.arrays import Array
 from bayesdrill.inference.compression import first_samples
-from bayesdrill.inference.laplace import natural_spread
+from bayesdrill.inference.laplace import natural_sd
 from bayesdrill.inference.likelihood import Likelihood, Observation
-from bayesdrill.inference.unknowns import MOVES
+from bayesdrill.inference.unknowns import SIMULATOR_ROLES
 from bayesdrill.record.experiment import channels_of_states
 
 
@@ -62,10 +62,10 @@ class SensitivityStudy:
         model = likelihood.observations[0].response.model
         self.states, self.inputs = model.states, model.inputs
         space = likelihood.space
-        moving = [space.unknowns[k] for k in space.columns(*MOVES)]
+        moving = [space.unknowns[k] for k in space.columns(*SIMULATOR_ROLES)]
         self.unknowns = tuple(u.name for u in moving if u.role in ("rig", "quantity"))
         self.nuisances = tuple(u.name for u in moving if u.role not in ("rig", "quantity"))
-        self.prior_spreads = np.array([natural_spread(u) for u in moving])
+        self.prior_spreads = np.array([natural_sd(u) for u in moving])
         self.known = 1.0 / self.prior_spreads[len(self.unknowns) :]
 
     def mean_input(self, name: str) -> float:
@@ -163,7 +163,7 @@ class _ExtendedExperiment:
     def whitened(self, full: Array, along: Array, theta: Array, scene: DesignVariant) -> Array:
         """Rows over the noise, zero where nothing was measured: `(n, m + k)`."""
         slopes = self.course(full, along, scene)[1]
-        rows = self._one.informed(slopes[:, :, : self.k], theta)
+        rows = self._one.whitened_jacobian_at(slopes[:, :, : self.k], theta)
         indices = [self._states.index(name) for name in scene.extra]
         more = slopes[:, :, [self.k + index for index in indices]]
         if indices:
@@ -179,7 +179,9 @@ class _ExtendedExperiment:
                 more = (scene.times.get(name, 1.0) - 1.0) * (u + self.constant.get(name, 0.0))
                 pushed[name] = np.asarray(u + more + scene.late.get(name, 0.0) * self._late)
             response = response.with_series(pushed)
-        signals, slopes = response.course(self._one.told(full), self._one.told(along))
+        signals, slopes = response.course(
+            self._one.simulator_parameters(full), self._one.simulator_parameters(along)
+        )
         return signals[0], slopes[0]
 
 

@@ -15,7 +15,7 @@ import scipy
 from bayesdrill.analysis.identifiability import information
 from bayesdrill.analysis.identifiability.information import SensitivityStudy
 from bayesdrill.basics.arrays import Array, Indices
-from bayesdrill.inference.laplace import ends_of
+from bayesdrill.inference.laplace import prior_ends
 from bayesdrill.inference.posterior import Posterior
 
 Shape = Literal["bounded", "one-sided", "flat", "at the bound"]
@@ -65,13 +65,13 @@ class Fitter:
     """
 
     def __init__(self, posterior: Posterior, sensitivity: SensitivityStudy, theta: Array) -> None:
-        self._likelihood = posterior.likelihood.pinned(theta)
+        self._likelihood = posterior.likelihood.with_fixed_covariance(theta)
         same = self._likelihood is posterior.likelihood
         self._scenery = sensitivity if same else SensitivityStudy(self._likelihood)
         self._m = len(sensitivity.unknowns) + len(sensitivity.nuisances)
         moving, self._noise = posterior.space.unknowns[: self._m], theta[self._m :]
         self._coordinates = replace(posterior.space, unknowns=moving).coordinates()
-        ends = np.array([ends_of(unknown.prior, TAIL) for unknown in moving]).T
+        ends = np.array([prior_ends(unknown.prior, TAIL) for unknown in moving]).T
         self.low, self.high = self._coordinates.to_natural(ends)
         self.best = self._fit(self._coordinates.to_natural(theta[None, : self._m])[0], None)
         if len(self._noise):  # unknown levels, from what the best fit leaves
@@ -158,7 +158,7 @@ class Fitter:
         return np.append(self._coordinates.from_natural(logs[None])[0], self._noise)
 
     def _residuals(self, logs: Array) -> Array:
-        residuals = self._likelihood.whitened(self._theta(logs))
+        residuals = self._likelihood.whitened_residuals(self._theta(logs))
         return np.asarray(np.nan_to_num(residuals, nan=1e6, posinf=1e6, neginf=-1e6))
 
     def _jacobian(self, logs: Array) -> Array:

@@ -177,11 +177,11 @@ def structure_of(
     finite = drawn[np.isfinite(posterior.density(drawn))][:PRIOR_POINTS]
     points = np.vstack([theta, finite])
     likelihood = posterior.likelihood
-    here = likelihood.every_signal(points)
+    here = likelihood.all_signals(points)
 
     def unchanged(exponents: Exponents) -> bool:
         """Whether all signals agree to rounding."""
-        there = likelihood.every_signal(scaled_by_two(points, exponents))
+        there = likelihood.all_signals(scaled_by_two(points, exponents))
         return all(
             np.all(np.abs(x - y) <= SAME_RESPONSE * np.abs(x).max(axis=(0, 1)))
             for x, y in zip(here, there, strict=True)

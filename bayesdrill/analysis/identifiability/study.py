@@ -44,10 +44,10 @@ from bayesdrill.analysis.identifiability.torque_confounding import (
 from bayesdrill.basics import seeds
 from bayesdrill.basics.arrays import Array
 from bayesdrill.basics.symbols import INPUTS
-from bayesdrill.config.schema.config import Asked, Class, Thresholds
+from bayesdrill.config.schema.config import Asked, Identification, Thresholds
 from bayesdrill.inference.compression import excerpt
 from bayesdrill.inference.posterior import Posterior
-from bayesdrill.inference.priors import spread_of_log
+from bayesdrill.inference.priors import prior_log_sd
 from bayesdrill.record.experiment import typical_inputs
 from bayesdrill.rig.models import INNER, STATES
 
@@ -229,7 +229,7 @@ class KnownProduct:
     sd: float
     prior_sd: float
     bound: float
-    word: Class
+    word: Identification
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -243,7 +243,7 @@ class Nuisance:
     name: str
     sd: float
     prior_sd: float
-    word: Class
+    word: Identification
     like: tuple[tuple[str, float], ...]
 
 
@@ -344,7 +344,7 @@ def _nuisances(
                 name=name,
                 sd=float(sds[k] * steps[k]),
                 prior_sd=float(before * steps[k]),
-                word=thresholds.judge(float(sds[k] / before)),
+                word=thresholds.classify(float(sds[k] / before)),
                 like=tuple((other, float(x)) for other, x in like if x > MIN_FALL),
             )
         )
@@ -353,7 +353,7 @@ def _nuisances(
 
 def prior_spreads(posterior: Posterior) -> Array:
     """Return standard deviations of the logs under the priors, `(D,)`."""
-    return np.array([spread_of_log(prior) for prior in posterior.space.priors.values()])
+    return np.array([prior_log_sd(prior) for prior in posterior.space.priors.values()])
 
 
 def _parameters(
@@ -367,7 +367,7 @@ def _parameters(
             sd=float(sd),
             prior_sd=float(before),
             bound=float(bound),
-            word=thresholds.judge(sd / before),
+            word=thresholds.classify(sd / before),
         )
         for unit, sd, before, bound in zip(units, joint, prior_sd, alone, strict=True)
     )
@@ -379,5 +379,5 @@ def _known(product: Product, thresholds: Thresholds) -> KnownProduct:
         sd=product.sd,
         prior_sd=product.prior_sd,
         bound=product.bound,
-        word=thresholds.judge(product.sd / product.prior_sd),
+        word=thresholds.classify(product.sd / product.prior_sd),
     )

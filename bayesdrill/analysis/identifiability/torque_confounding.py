@@ -15,7 +15,7 @@ import numpy as np
 
 from bayesdrill.analysis.identifiability.structure import Exponents
 from bayesdrill.basics.arrays import Array, Counts
-from bayesdrill.inference.laplace import PosteriorSurface
+from bayesdrill.inference.laplace import PosteriorLogDensity
 from bayesdrill.inference.likelihood import Observation
 from bayesdrill.inference.posterior import Posterior
 from bayesdrill.record.experiment import Channel, frozen
@@ -86,7 +86,7 @@ def find_confounded(
     sds = np.sqrt(np.diag(np.linalg.inv(known)))
     without = posterior.edit(
         each=lambda observation: (
-            observation.torque.times(NO_TORQUE) if observation.torque else observation
+            observation.torque.scale_torque(NO_TORQUE) if observation.torque else observation
         )
     )
     nothing = theta.copy()
@@ -120,7 +120,7 @@ def find_confounded(
     return tuple(
         TorqueConfounding(
             name=names[k],
-            at=torques[0].filtered.torque.at,
+            at=torques[0].kalman_filter.torque.at,
             sd=float(sds[k]),
             alone=float(alone[k]),
             before=float(before[k]),
@@ -139,7 +139,10 @@ def scaled_with_torque(
     """
     for observation in posterior.likelihood.observations:
         if observation.torque:
-            rig, torque = observation.torque.filtered.model, observation.torque.filtered.torque
+            rig, torque = (
+                observation.torque.kalman_filter.model,
+                observation.torque.kalman_filter.torque,
+            )
             names = posterior.space.free
             size = next((name for name in names if name.startswith(SIZE)), SIZE)
             scalings = []
@@ -165,8 +168,8 @@ def _information(posterior: Posterior, theta: Array, before: Array, seeds: Count
             observation.draw(observation.signals(full), theta[None], rng)[0]
             for observation in posterior.likelihood.observations
         ]
-        surface = PosteriorSurface(posterior.edit(records=drawn))
-        curvature = surface.of_record(theta[None], np.diag(steps))[1][0]
+        surface = PosteriorLogDensity(posterior.edit(records=drawn))
+        curvature = surface.record_slopes(theta[None], np.diag(steps))[1][0]
         total = total + curvature / len(seeds)
     return np.asarray(total)
 
@@ -188,7 +191,7 @@ def _showing(posterior: Posterior, theta: Array, state: str) -> Posterior:
             ),
         )
         response = observation.response.of(experiment)
-        spread = float(response.signals(observation.told(full))[0, :, -1].std())
-        return observation.torque.showing(response, SENSOR_NOISE * spread or 1.0)
+        spread = float(response.signals(observation.simulator_parameters(full))[0, :, -1].std())
+        return observation.torque.with_extra_channel(response, SENSOR_NOISE * spread or 1.0)
 
     return posterior.edit(each=showing)

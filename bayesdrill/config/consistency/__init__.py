@@ -1,5 +1,6 @@
-"""What must hold between the entries of a config, each broken rule as a problem with its place, and
-the experiment that they make where none is broken.
+"""Check what must hold between the entries of a config, and build the experiment from them.
+
+Each broken rule is an issue with its location.
 """
 
 from __future__ import annotations
@@ -9,20 +10,20 @@ from bayesdrill.config.consistency import record, several, unknowns, work
 from bayesdrill.config.resolve import case, quantities
 from bayesdrill.config.resolve.case import ResolvedExperiment
 from bayesdrill.config.schema.config import Config
-from bayesdrill.config.yaml_source import Collector, Place, Source
+from bayesdrill.config.yaml_source import IssueCollector, Location, Source
 from bayesdrill.rig import models
 
 
 def check(
-    config: Config, source: Source, spoilt: frozenset[Place], label: str = "", *, alone: bool
+    config: Config, source: Source, spoilt: frozenset[Location], label: str = "", *, alone: bool
 ) -> tuple[list[Issue], ResolvedExperiment | None]:
     """Problems of a config whose entries are each valid; `spoilt` places were reported already.
 
     `alone`: whether there is no other experiment, so that it is known what all unknowns are called.
     """
-    errors = Collector(source, spoilt)
-    spoilt_names = [name for name in models.PARAMETERS if errors.spoilt(("parameters", name))]
-    model = errors.run(("model", "name"), case.model, config, spoilt_names)
+    errors = IssueCollector(source, spoilt)
+    spoilt_names = [name for name in models.PARAMETERS if errors.is_reported(("parameters", name))]
+    model = errors.run(("model", "name"), case.build_model, config, spoilt_names)
     given_nominal = {} if model is None else unknowns.check_nominal(errors, config, model)
     nominal = errors.run(("nominal", "table"), quantities.nominal_table, config, given_nominal)
     resolved = None
@@ -35,13 +36,13 @@ def check(
         record.check_states(errors, config, model)
         sensed = record.check_sensors(errors, config, model)
         torque = unknowns.check_torque(errors, config, model, sensed.sensing)
-        local_numbers = record.beside(config, channels, sensed, torque)
-        unknown_names = several.names(config, model, {"": local_numbers}) if alone else None
+        local_numbers = record.local_numbers(config, channels, sensed, torque)
+        unknown_names = several.unknown_names(config, model, {"": local_numbers}) if alone else None
         work.check_counts(errors, config, unknown_names)
         work.check_map(errors, config, unknown_names)
         work.check_output(errors, config, model, unknown_names)
         if alone:
-            truth_names = several.names_with_truth(config, {"": local_numbers})
+            truth_names = several.truth_names(config, {"": local_numbers})
             work.check_truth(errors, config, [*config.record.channels], truth_names)
         if nominal is not None and rig is not None and sensed.sensing is not None:
             resolved = ResolvedExperiment(
@@ -50,15 +51,15 @@ def check(
                 source=source,
                 model=model,
                 nominal=nominal,
-                numbers=rig[0],
+                rig_numbers=rig[0],
                 space=rig[1],
                 channels=tuple(channel for channel in channels.values() if channel is not None),
-                entries=sensed.entries,
-                declared=tuple(number for number in sensed.declared if number is not None),
+                sensor_entries=sensed.entries,
+                sensor_numbers=tuple(number for number in sensed.numbers if number is not None),
                 sensing=sensed.sensing,
-                free=sensed.free,
+                free_states=sensed.free_states,
                 torque={name: x for name, x in torque.items() if x is not None},
-                beside=local_numbers,
+                local_numbers=local_numbers,
             )
     for key in ("shared", "own"):
         if getattr(config, key) and alone:
@@ -71,4 +72,4 @@ def check(
     work.check_calibration(errors, config)
     if alone:
         work.check_identify(errors, config, [""])
-    return errors.problems, None if errors.problems else resolved
+    return errors.issues, None if errors.issues else resolved

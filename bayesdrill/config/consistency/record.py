@@ -1,5 +1,6 @@
-"""The record and the experiment: channels, time, inputs, noise, sensors and the initial state,
-with their units.
+"""Check the record and the experiment: channels, time, inputs, noise, sensors, initial state.
+
+Their units are checked with them.
 """
 
 from __future__ import annotations
@@ -14,23 +15,23 @@ from bayesdrill.basics.formulas import linear_combination
 from bayesdrill.basics.registry import lookup
 from bayesdrill.basics.symbols import INPUTS, noise_name
 from bayesdrill.config.resolve import quantities, sensors
-from bayesdrill.config.resolve.case import Beside
-from bayesdrill.config.resolve.quantities import DeclaredNumber
-from bayesdrill.config.resolve.sensors import NoiseSettings, SensorEntry
+from bayesdrill.config.resolve.case import LocalNumbers
+from bayesdrill.config.resolve.quantities import ParsedNumber
+from bayesdrill.config.resolve.sensors import MeasuredChannel, SensorEntry
 from bayesdrill.config.schema import numbers
 from bayesdrill.config.schema.config import Config
 from bayesdrill.config.schema.records import (
     AngleColumn,
     ChannelSpec,
-    Column,
+    ColumnSpec,
     FileSpec,
     InputColumn,
     InputQuantity,
     Series,
     TimeColumn,
-    windows,
+    window_spans,
 )
-from bayesdrill.config.yaml_source import Collector, Place
+from bayesdrill.config.yaml_source import IssueCollector, Location
 from bayesdrill.inference.noise import NOISES
 from bayesdrill.inference.unknowns import Unknown
 from bayesdrill.record.formats import FORMATS
@@ -40,73 +41,79 @@ from bayesdrill.rig.simulators.sensors import ObservationModel
 
 
 @dataclass(frozen=True, slots=True)
-class Sensed:
-    """Of sensors and the start: entries, each as declared or None with a mistake, states of which the
-    record tells, and all of it in words of simulators, where it goes together.
+class CheckedSensors:
+    """Numbers of sensors and of the initial state, as far as they are valid.
+
+    `numbers` has one for each of `entries`, None where there is a mistake.  The record has to
+    determine the `free_states`.  `sensing` is all of it as simulators take it, where it goes
+    together.
     """
 
     entries: tuple[SensorEntry, ...]
-    declared: tuple[DeclaredNumber | None, ...]
-    free: tuple[str, ...]
+    numbers: tuple[ParsedNumber | None, ...]
+    free_states: tuple[str, ...]
     sensing: ObservationModel | None
 
 
-def check_sensors(errors: Collector, config: Config, model: Model) -> Sensed:
+def check_sensors(errors: IssueCollector, config: Config, model: Model) -> CheckedSensors:
+    """Check all numbers of sensors and of the initial state."""
     entries = tuple(sensors.sensor_entries(config, model))
-    declared = tuple(_declared(errors, entry) for entry in entries)
+    declared = tuple(_sensor_number(errors, entry) for entry in entries)
     free = sensors.free_states(config, model)
-    sensing = errors.run(("inputs",), sensors.sensing, config, entries, free)
+    sensing = errors.run(("inputs",), sensors.build_sensing, config, entries, free)
     names = [entry.name for entry in entries] + [sensors.state_name(name) for name in free]
     for name in config.quantities:
         if name in names:
             errors.add(("quantities", name), "a sensor's number has this name; choose another one")
-    _check_vain(errors, config)
+    _check_ineffective(errors, config)
     if config.initial.state == "steady":
         _check_steady(errors, config, model)
-    return Sensed(entries, declared, free, sensing)
+    return CheckedSensors(entries, declared, free, sensing)
 
 
-def beside(
+def local_numbers(
     config: Config,
-    channels: Mapping[str, NoiseSettings | None],
-    sensed: Sensed,
+    channels: Mapping[str, MeasuredChannel | None],
+    sensed: CheckedSensors,
     torque: Mapping[str, float | Unknown | None],
-) -> Beside:
-    """Of a channel with a mistake, which is said elsewhere, only what is given, as None: what a kind of
-    noise has unless it is told otherwise may be what its entry was to hold.
+) -> LocalNumbers:
+    """Return what the experiment has beside the rig, by name.
+
+    Of a channel with a mistake, which is reported elsewhere, only what is given is there, as None:
+    what a kind of noise has by default may be what its entry was to hold.
     """
-    pairs = zip(sensed.entries, sensed.declared, strict=True)
+    pairs = zip(sensed.entries, sensed.numbers, strict=True)
     numbers_ = {entry.name: None if number is None else number.value for entry, number in pairs}
     levels: dict[str, Unknown | None] = {}
     for name, channel in channels.items():
         if channel is not None:
-            noise_unknowns = sensors.noise([channel], n_samples=1).unknowns
+            noise_unknowns = sensors.build_noise([channel], n_samples=1).unknowns
             levels |= {unknown.name: unknown for unknown in noise_unknowns}
         elif isinstance(config.record.channels[name].sigma, numbers.ParameterPrior):
             levels[noise_name(name)] = None
     if None not in torque.values():
         levels |= {name: value for name, value in torque.items() if isinstance(value, Unknown)}
-    return Beside(
-        sensors=numbers_ | {sensors.state_name(name): None for name in sensed.free},
+    return LocalNumbers(
+        sensors=numbers_ | {sensors.state_name(name): None for name in sensed.free_states},
         levels=levels,
         channels=tuple(config.record.channels),
     )
 
 
-def _declared(errors: Collector, entry: SensorEntry) -> DeclaredNumber | None:
+def _sensor_number(errors: IssueCollector, entry: SensorEntry) -> ParsedNumber | None:
     """An offset without a unit of its own has that of its column, of which a mistake is told there."""
     if entry.kind == "offset" and not getattr(entry.spec, "unit", None):
         try:
             units.factor(entry.unit, entry.si)
         except ValueError:
             return None
-    return errors.run(entry.place, sensors.sensor_specs, entry)
+    return errors.run(entry.location, sensors.parse_sensor_number, entry)
 
 
-def _check_vain(errors: Collector, config: Config) -> None:
+def _check_ineffective(errors: IssueCollector, config: Config) -> None:
     """Numbers of sensors that change nothing."""
     for name, spec in config.record.channels.items():
-        for kind in numbers.Sensed.model_fields if spec.derived_from is not None else ():
+        for kind in numbers.SensorFields.model_fields if spec.derived_from is not None else ():
             if getattr(spec, kind) is not None:
                 message = (
                     f"{name} is derived from {spec.derived_from}, and no evidence; remove this"
@@ -119,7 +126,7 @@ def _check_vain(errors: Collector, config: Config) -> None:
             errors.add(("inputs", name, "gain"), message)
 
 
-def _check_steady(errors: Collector, config: Config, model: Model) -> None:
+def _check_steady(errors: IssueCollector, config: Config, model: Model) -> None:
     """The inputs give all but where the angles begin."""
     if model.frictions:
         message = (
@@ -142,12 +149,15 @@ def _check_steady(errors: Collector, config: Config, model: Model) -> None:
 
 
 def check_channels(
-    errors: Collector, config: Config, model: Model
-) -> dict[str, NoiseSettings | None]:
-    """Those that are evidence: what is only derived from another is not.  None with a mistake."""
-    measured = dict[str, NoiseSettings | None]()
+    errors: IssueCollector, config: Config, model: Model
+) -> dict[str, MeasuredChannel | None]:
+    """Return the channels that are evidence by name, None for each with a mistake.
+
+    A channel that is only derived from another is no evidence.
+    """
+    measured = dict[str, MeasuredChannel | None]()
     for name, spec in config.record.channels.items():
-        location: Place = ("record", "channels", name)
+        location: Location = ("record", "channels", name)
         channel = _check_measured(errors, location, spec, model)
         check_series(errors, location, spec)
         if (source := spec.derived_from) is None:
@@ -166,10 +176,10 @@ def check_channels(
 
 
 def _check_measured(
-    errors: Collector, location: Place, spec: ChannelSpec, model: Model
-) -> NoiseSettings | None:
+    errors: IssueCollector, location: Location, spec: ChannelSpec, model: Model
+) -> MeasuredChannel | None:
     """Entry by entry, so that each mistake has the line where it stands."""
-    before, name = len(errors.problems), str(location[-1])
+    before, name = len(errors.issues), str(location[-1])
     combines = {name: 1.0}
     if spec.measures is not None:
         text, at = spec.measures, (*location, "measures")
@@ -183,16 +193,17 @@ def _check_measured(
     for entry, message in vain.items():
         errors.add((*location, "noise", entry), message)
     channel = None
-    if len(errors.problems) == before:
-        channel = errors.run(location, sensors.channel_of, name, spec, model.outer)
+    if len(errors.issues) == before:
+        channel = errors.run(location, sensors.build_channel, name, spec, model.outer)
     if channel is None:
         return None
-    measured = errors.run((*location, "sigma"), sensors.measured, channel, spec)
-    noise = measured and errors.run((*location, "noise"), sensors.noise, [measured], 1)
+    measured = errors.run((*location, "sigma"), sensors.measured_channel, channel, spec)
+    noise = measured and errors.run((*location, "noise"), sensors.build_noise, [measured], 1)
     return measured if noise else None
 
 
-def check_series(errors: Collector, location: Place, spec: Series) -> None:
+def check_series(errors: IssueCollector, location: Location, spec: Series) -> None:
+    """Check where the numbers of a column stand, its time and its file."""
     _check_address(errors, location, spec)
     if isinstance(spec.time, TimeColumn):
         errors.run((*location, "time", "unit"), units.factor, spec.time.unit, "s")
@@ -201,20 +212,21 @@ def check_series(errors: Collector, location: Place, spec: Series) -> None:
         errors.run((*location, "file", "format"), lookup, FORMATS, spec.file.format, "format")
 
 
-def _check_address(errors: Collector, location: Place, spec: Column) -> None:
+def _check_address(errors: IssueCollector, location: Location, spec: ColumnSpec) -> None:
     if spec.column is None and spec.variable is None:
         errors.add(location, "neither `column:` nor `variable:` says where the numbers stand")
 
 
-def check_record(errors: Collector, config: Config) -> None:
+def check_record(errors: IssueCollector, config: Config) -> None:
+    """Check time, format and windows of the record."""
     time = config.record.time
     if isinstance(time, TimeColumn):
         errors.run(("record", "time", "unit"), units.factor, time.unit, "s")
         _check_address(errors, ("record", "time"), time)
     if config.record.format is not None:
         errors.run(("record", "format"), lookup, FORMATS, config.record.format, "format")
-    spans = windows(config.record.window)
-    for name, given in (("window", spans), ("held_out", windows(config.record.held_out))):
+    spans = window_spans(config.record.window)
+    for name, given in (("window", spans), ("held_out", window_spans(config.record.held_out))):
         for begin, end in given:
             if not begin < end:
                 errors.add(("record", name), f"{begin:g} s is not before {end:g} s")
@@ -224,49 +236,54 @@ def check_record(errors: Collector, config: Config) -> None:
             errors.add(("record", "window"), f"{message}; put them in order, apart from each other")
 
 
-def check_states(errors: Collector, config: Config, model: Model) -> None:
+def check_states(errors: IssueCollector, config: Config, model: Model) -> None:
+    """Check the units of the initial state."""
     for name in model.outer:
         check_quantity(
             errors, ("initial", name), getattr(config.initial, name), models.STATES[name].unit
         )
 
 
-def check_quantity(errors: Collector, location: Place, value: object, unit: str) -> None:
+def check_quantity(errors: IssueCollector, location: Location, value: object, unit: str) -> None:
+    """Check the unit of a value that has one."""
     if isinstance(value, numbers.Quantity):
         errors.run((*location, "unit"), units.factor, value.unit, unit)
 
 
-MISSING = "this entry is missing; see `bayesdrill schema` or configs/nominal_step.yaml"
-NOTHING = "nothing is not a number; write the value itself"
+MISSING_ENTRY = "this entry is missing; see `bayesdrill schema` or configs/nominal_step.yaml"
+EMPTY_ENTRY = "nothing is not a number; write the value itself"
 
 
-def check_inputs(errors: Collector, config: Config, model: Model | None) -> None:
-    for entry in quantities.ENTRIES:
+def check_inputs(errors: IssueCollector, config: Config, model: Model | None) -> None:
+    """Check the inputs: their units, and that they are those of the model."""
+    for entry in quantities.INPUT_ENTRIES:
         spec = getattr(config.inputs, entry)
-        location: Place = ("inputs", entry)
+        location: Location = ("inputs", entry)
         if isinstance(spec, InputColumn):
             errors.run((*location, "unit"), units.factor, spec.unit, quantities.input_unit(entry))
             check_series(errors, location, spec)
         elif spec is not None:
             check_quantity(errors, location, spec, quantities.input_unit(entry))
     if model is not None and not missing_requirements(model):
-        _check_wanted(errors, config, model)
+        _check_required(errors, config, model)
     _check_angles(errors, config)
     _check_holds(errors, config)
-    if quantities.measured_input(config) and config.initial.time is not None:
+    if quantities.measured_inputs(config) and config.initial.time is not None:
         errors.add(
             ("initial", "time"),
             "with measured inputs the initial state is that of the first sample; remove this entry",
         )
 
 
-def _check_wanted(errors: Collector, config: Config, model: Model) -> None:
+def _check_required(errors: IssueCollector, config: Config, model: Model) -> None:
     """The model's own, and no other."""
     given = {
         name for name in config.inputs.model_fields_set if getattr(config.inputs, name) is not None
     }
-    entries = [e for name in model.inputs for e in (name, quantities.IMPOSED.get(name, name))]
-    for entry in [e for e in quantities.ENTRIES if e in given]:
+    entries = [
+        e for name in model.inputs for e in (name, quantities.IMPOSED_ANGLES.get(name, name))
+    ]
+    for entry in [e for e in quantities.INPUT_ENTRIES if e in given]:
         if entry not in entries:
             input_names = ", ".join(dict.fromkeys(entries)) or "none"
             having = ((name, *needs) for name, needs in model.offers.items())
@@ -278,28 +295,32 @@ def _check_wanted(errors: Collector, config: Config, model: Model) -> None:
             )
             errors.add(("inputs", entry), message)
     for name in model.inputs:
-        angle = ("inputs", quantities.IMPOSED.get(name, name))
+        angle = ("inputs", quantities.IMPOSED_ANGLES.get(name, name))
         none = getattr(config.inputs, quantities.input_entry(config, name)) is None
-        if none and not errors.spoilt(angle):
-            errors.add(("inputs", name), _missing(config, name))
+        if none and not errors.is_reported(angle):
+            errors.add(("inputs", name), _missing_message(config, name))
 
 
-def _missing(config: Config, name: str) -> str:
+def _missing_message(config: Config, name: str) -> str:
     if name in config.inputs.model_fields_set:
-        return NOTHING
+        return EMPTY_ENTRY
     if name == "v":
-        return MISSING
+        return MISSING_ENTRY
     symbol = symbols.INPUTS[name]
-    other = f" (or `{quantities.IMPOSED[name]}:`, the angle)" if name in quantities.IMPOSED else ""
+    other = (
+        f" (or `{quantities.IMPOSED_ANGLES[name]}:`, the angle)"
+        if name in quantities.IMPOSED_ANGLES
+        else ""
+    )
     return (
         f"missing: the model wants the {symbol.meaning}; give a number in {symbol.plain_unit}, or "
         f"`{{column: ..., unit: ...}}`{other}"
     )
 
 
-def _check_angles(errors: Collector, config: Config) -> None:
+def _check_angles(errors: IssueCollector, config: Config) -> None:
     """An angle that is imposed says all of its speed and of where it begins."""
-    for name, entry in quantities.IMPOSED.items():
+    for name, entry in quantities.IMPOSED_ANGLES.items():
         spec = getattr(config.inputs, entry)
         if spec is None:
             continue
@@ -309,7 +330,7 @@ def _check_angles(errors: Collector, config: Config) -> None:
         if entry in config.initial.model_fields_set:
             message = "the angle that is imposed begins at its first sample; remove this entry"
             errors.add(("initial", entry), message)
-        for kind in numbers.Sensed.model_fields:
+        for kind in numbers.SensorFields.model_fields:
             if getattr(spec, kind) is not None:
                 message = (
                     f"all else is measured against the angle that is imposed; remove this, or give "
@@ -318,8 +339,8 @@ def _check_angles(errors: Collector, config: Config) -> None:
                 errors.add(("inputs", entry, kind), message)
 
 
-def _check_holds(errors: Collector, config: Config) -> None:
-    specs = quantities.measured_input(config).values()
+def _check_holds(errors: IssueCollector, config: Config) -> None:
+    specs = quantities.measured_inputs(config).values()
     angle = any(isinstance(spec, AngleColumn) for spec in specs)
     if len({"zero" if isinstance(spec, AngleColumn) else spec.hold for spec in specs}) > 1:
         also = "; the speed of an imposed angle is held (zero)" if angle else ""

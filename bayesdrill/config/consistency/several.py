@@ -1,4 +1,4 @@
-"""Several experiments in one config: what they share, what is their own, and that all names differ."""
+"""Check several experiments in one config: what they share, what is local, and all names."""
 
 from __future__ import annotations
 
@@ -8,82 +8,87 @@ from bayesdrill.basics import symbols
 from bayesdrill.basics.errors import Issue
 from bayesdrill.config.consistency import unknowns, work
 from bayesdrill.config.resolve import quantities, sensors
-from bayesdrill.config.resolve.case import Beside, ResolvedExperiment
-from bayesdrill.config.resolve.experiments import common_or_own
+from bayesdrill.config.resolve.case import LocalNumbers, ResolvedExperiment
+from bayesdrill.config.resolve.experiments import joint_name
 from bayesdrill.config.schema import numbers
 from bayesdrill.config.schema.config import Config
-from bayesdrill.config.yaml_source import Collector, Source
-from bayesdrill.inference.unknowns import of_label
+from bayesdrill.config.yaml_source import IssueCollector, Source
+from bayesdrill.inference.unknowns import labelled_name
 from bayesdrill.rig import models
 from bayesdrill.rig.models.linear import Model
 
-Alone = Mapping[str, Beside]  # each experiment by its name, which is empty where there is only one
+NumbersByLabel = Mapping[
+    str, LocalNumbers
+]  # each experiment by its name, which is empty where there is only one
 
 
 def check_experiments(
     config: Config, source: Source, resolved: Mapping[str, ResolvedExperiment]
 ) -> list[Issue]:
-    """Of a config whose experiments are each valid."""
-    errors = Collector(source, frozenset())
+    """Return the issues of a config whose experiments are each valid."""
+    errors = IssueCollector(source, frozenset())
     for label in config.experiments:
         if not label.isidentifier():
             location = ("experiments", label)
             errors.add(
                 location, f"'{label}' cannot name an experiment; use letters, digits and `_`"
             )
-    if errors.problems:
-        return errors.problems
+    if errors.issues:
+        return errors.issues
     model = next(iter(resolved.values())).model
-    by_label = {label: experiment.beside for label, experiment in resolved.items()}
-    _check_own(errors, config, model)
+    by_label = {label: experiment.local_numbers for label, experiment in resolved.items()}
+    _check_local(errors, config, model)
     _check_shared(errors, config, model, by_label)
     _check_held_out(errors, config, by_label)
     _check_names(errors, config, by_label)
-    if not errors.problems:
-        unknown = names(config, model, by_label)
+    if not errors.issues:
+        unknown = unknown_names(config, model, by_label)
         work.check_counts(errors, config, unknown)
         work.check_map(errors, config, unknown)
         work.check_output(errors, config, model, unknown)
         work.check_identify(errors, config, [*by_label])
     channels = dict.fromkeys(name for local in by_label.values() for name in local.channels)
-    work.check_truth(errors, config, [*channels], names_with_truth(config, by_label))
-    return errors.problems
+    work.check_truth(errors, config, [*channels], truth_names(config, by_label))
+    return errors.issues
 
 
-def names(config: Config, model: Model, by_label: Alone) -> list[str]:
-    """Of all unknowns."""
+def unknown_names(config: Config, model: Model, by_label: NumbersByLabel) -> list[str]:
+    """Return the names of all unknowns."""
     rig = [n for n in unknowns.free_parameters(config, model.parameters) if n not in config.own]
     local_names = unknowns.free_parameters(config, config.own)
     others = [
-        common_or_own(config, name, label)
+        joint_name(config, name, label)
         for label, local in by_label.items()
         for name in local.unknown
     ]
-    local_parameters = [of_label(name, label) for name in local_names for label in by_label]
+    local_parameters = [labelled_name(name, label) for name in local_names for label in by_label]
     priors = numbers.ParameterPrior
     free_quantities = [name for name, q in config.quantities.items() if isinstance(q, priors)]
     return list(dict.fromkeys([*rig, *local_parameters, *free_quantities, *others]))
 
 
-def names_with_truth(config: Config, by_label: Alone) -> list[str]:
-    """What a true value can be given for beside the rig, held or not: of one experiment, or of all."""
+def truth_names(config: Config, by_label: NumbersByLabel) -> list[str]:
+    """Return what a true value can be given for beside the rig, fixed or not.
+
+    It may be given for one experiment or for all.
+    """
     pairs = [(label, name) for label in by_label for name in config.own]
     if config.missing_torque is not None:
-        pairs += [(label, name) for label in by_label for name in sensors.ENTRIES]
+        pairs += [(label, name) for label in by_label for name in sensors.TORQUE_ENTRIES]
     for label, local in by_label.items():
         sizes = {symbols.noise_name(name) for name in local.channels}  # `simulation.sigma`
         pairs += [(label, name) for name in local.sensors]
         pairs += [(label, name) for name in local.levels if name not in sizes]
-    local_names = [of_label(name, label) for label, name in pairs if name not in config.shared]
+    local_names = [labelled_name(name, label) for label, name in pairs if name not in config.shared]
     return list(dict.fromkeys([*(name for _, name in pairs), *local_names]))
 
 
-def _check_own(errors: Collector, config: Config, model: Model) -> None:
+def _check_local(errors: IssueCollector, config: Config, model: Model) -> None:
     free = unknowns.free_parameters(config, model.parameters)
     used = {
         name
         for other in model.parameters
-        if (related := quantities.relation(config, model, other)) is not None
+        if (related := quantities.parse_relation(config, model, other)) is not None
         for name in related.names
     }
     for k, name in enumerate(config.own):
@@ -93,7 +98,9 @@ def _check_own(errors: Collector, config: Config, model: Model) -> None:
             errors.add(("own", k), message)
 
 
-def _check_shared(errors: Collector, config: Config, model: Model, by_label: Alone) -> None:
+def _check_shared(
+    errors: IssueCollector, config: Config, model: Model, by_label: NumbersByLabel
+) -> None:
     """What is shared is unknown in several experiments, with one prior."""
     values_by_label = {label: local.all for label, local in by_label.items()}
     known = [name for values in values_by_label.values() for name in values]
@@ -131,7 +138,7 @@ def _check_shared(errors: Collector, config: Config, model: Model, by_label: Alo
             errors.add(location, message)
 
 
-def _check_held_out(errors: Collector, config: Config, by_label: Alone) -> None:
+def _check_held_out(errors: IssueCollector, config: Config, by_label: NumbersByLabel) -> None:
     """What is predicted of an experiment that is no evidence, others have to tell."""
     held_out = [label for label, experiment in config.experiments.items() if experiment.held_out]
     if held_out and len(held_out) == len(by_label):
@@ -158,25 +165,27 @@ def _check_held_out(errors: Collector, config: Config, by_label: Alone) -> None:
             errors.add(location, message)
 
 
-def _check_names(errors: Collector, config: Config, by_label: Alone) -> None:
+def _check_names(errors: IssueCollector, config: Config, by_label: NumbersByLabel) -> None:
     """That no two unknowns, and no two columns of results, have one name."""
     used_names = dict.fromkeys([*models.PARAMETERS, *config.quantities, *symbols.DERIVED], "")
     used_names |= dict.fromkeys(config.derived, "")
-    before = len(errors.problems)
+    before = len(errors.issues)
     for label, local in by_label.items():
-        local_names = {of_label(name, label): f"{name} of {label}" for name in config.own}
+        local_names = {labelled_name(name, label): f"{name} of {label}" for name in config.own}
         for name in local.all:
             if name not in config.shared:
-                local_names[of_label(name, label)] = f"{name} of {label}"
+                local_names[labelled_name(name, label)] = f"{name} of {label}"
         _no_clash(errors, label, local_names, used_names)
     columns = dict[str, str]()
-    for label, local in by_label.items() if len(errors.problems) == before else ():
-        here = {of_label(n, label): f"{n} of {label}" for n in (*local.channels, *symbols.INPUTS)}
+    for label, local in by_label.items() if len(errors.issues) == before else ():
+        here = {
+            labelled_name(n, label): f"{n} of {label}" for n in (*local.channels, *symbols.INPUTS)
+        }
         _no_clash(errors, label, here, columns)
 
 
 def _no_clash(
-    errors: Collector, label: str, new_names: Mapping[str, str], used_names: dict[str, str]
+    errors: IssueCollector, label: str, new_names: Mapping[str, str], used_names: dict[str, str]
 ) -> None:
     clashes = [name for name in new_names if name in used_names]
     for name in clashes[:1]:

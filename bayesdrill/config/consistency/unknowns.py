@@ -1,4 +1,4 @@
-"""The model and what is unknown of it: parameters, relations between them, noise levels."""
+"""Check the model and its unknowns: parameters, relations between them, noise levels."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ from bayesdrill.basics.formulas import Expression, RelationError
 from bayesdrill.config import latex
 from bayesdrill.config.resolve import quantities, sensors
 from bayesdrill.config.resolve.case import RigNumbers
-from bayesdrill.config.resolve.quantities import DeclaredNumber, ResolvedTable
+from bayesdrill.config.resolve.quantities import NominalValues, ParsedNumber
 from bayesdrill.config.schema import numbers
 from bayesdrill.config.schema.config import Config
-from bayesdrill.config.yaml_source import Collector, Place
+from bayesdrill.config.yaml_source import IssueCollector, Location
 from bayesdrill.inference.posterior import Formula
 from bayesdrill.inference.unknowns import ParameterSpace, Unknown
 from bayesdrill.rig import models
@@ -25,15 +25,15 @@ from bayesdrill.rig.simulators.sensors import ObservationModel
 _TRIED = 4096  # draws from the priors, at which formulas are tried
 
 
-def check_model(errors: Collector, config: Config, model: Model) -> None:
-    """Constants of another model would be given in vain."""
+def check_model(errors: IssueCollector, config: Config, model: Model) -> None:
+    """Report constants of another model, which would be given in vain."""
     vain = unknown_keys(("name", "model"), MODELS.usable(), type(model), config.model)
     for entry, message in vain.items():
         errors.add(("model", entry), message)
 
 
-def check_nominal(errors: Collector, config: Config, model: Model) -> dict[str, float]:
-    """Values of the config's own table, SI, at their own sides of the gear."""
+def check_nominal(errors: IssueCollector, config: Config, model: Model) -> dict[str, float]:
+    """Return the values of the config's own table, SI, at their own sides of the gear."""
     given = [name for name in models.PARAMETERS if getattr(config.nominal, name) is not None]
     values = {
         name: errors.run(("nominal", name), quantities.nominal_value, config, model, name)
@@ -43,9 +43,9 @@ def check_nominal(errors: Collector, config: Config, model: Model) -> dict[str, 
 
 
 def check_torque(
-    errors: Collector, config: Config, model: Model, sensing: ObservationModel | None
+    errors: IssueCollector, config: Config, model: Model, sensing: ObservationModel | None
 ) -> dict[str, float | Unknown | None]:
-    """What is missing has to have an inertia, and numbers that are its own: size and time, if any."""
+    """Return size and time of the missing torque; it needs an inertia to act on."""
     acts = sensors.latent_torque(config)
     if acts is None:
         return {}
@@ -53,17 +53,17 @@ def check_torque(
         errors.add(("missing_torque",), refusal)
     return {
         name: errors.run(("missing_torque", entry), sensors.latent_torque_number, config, entry)
-        for name, entry in sensors.ENTRIES.items()
+        for name, entry in sensors.TORQUE_ENTRIES.items()
     }
 
 
 def check_rig(
-    errors: Collector, config: Config, model: Model, table: ResolvedTable
+    errors: IssueCollector, config: Config, model: Model, table: NominalValues
 ) -> tuple[RigNumbers, ParameterSpace] | None:
-    """Parameters, quantities, ties and formulas, with the space that they make; None with a mistake."""
-    given = dict[str, DeclaredNumber | Expression | None]()
+    """Return parameters, quantities and formulas, with their space; None with a mistake."""
+    given = dict[str, ParsedNumber | Expression | None]()
     for name in models.PARAMETERS:
-        location: Place = ("parameters", name)
+        location: Location = ("parameters", name)
         if config.parameters.get(name) is None:
             if name in model.parameters:
                 nominal = table.values.get(name)
@@ -71,21 +71,23 @@ def check_rig(
                 message = f"missing; to hold it write {also}a number"
                 errors.add(location, message)
         elif name not in model.parameters:
-            errors.add(location, f"the model {model.name} has no {name}; {_way_out(name)}")
+            errors.add(location, f"the model {model.name} has no {name}; {_removal_hint(name)}")
         else:
-            given[name] = errors.run(location, quantities.parameter, config, model, table, name)
+            given[name] = errors.run(
+                location, quantities.parse_parameter, config, model, table, name
+            )
     _check_added(errors, config, model)
     return _check_relations(errors, config, model, given)
 
 
-def _way_out(name: str) -> str:
+def _removal_hint(name: str) -> str:
     """For a parameter of another model."""
     rigs = {n: with_all(kind()) for n, kind in MODELS.usable().items()}
     having = [n for n, rig in rigs.items() if name in rig.parameters]
     return f"remove it, or take model.name: {' or '.join(having)}" if having else "remove it"
 
 
-def _check_added(errors: Collector, config: Config, model: Model) -> None:
+def _check_added(errors: IssueCollector, config: Config, model: Model) -> None:
     """What is named means something, and nothing is said of what is not named."""
     reported: set[str] = set()
     for name, missing in missing_requirements(model).items():
@@ -103,28 +105,28 @@ def _check_added(errors: Collector, config: Config, model: Model) -> None:
 
 
 def _check_relations(
-    errors: Collector,
+    errors: IssueCollector,
     config: Config,
     model: Model,
-    given: Mapping[str, DeclaredNumber | Expression | None],
+    given: Mapping[str, ParsedNumber | Expression | None],
 ) -> tuple[RigNumbers, ParameterSpace] | None:
-    before = len(errors.problems)
-    quantities_, derived = dict[str, DeclaredNumber](), list[Formula]()
+    before = len(errors.issues)
+    quantities_, derived = dict[str, ParsedNumber](), list[Formula]()
     for name, spec in config.quantities.items():
-        number = errors.run(("quantities", name), quantities.quantity, name, spec)
+        number = errors.run(("quantities", name), quantities.parse_quantity, name, spec)
         if number is not None:
             quantities_[name] = number
             if getattr(spec, "latex", None) is not None:
                 errors.run(("quantities", name, "latex"), latex.check, number.symbol)
     for name, formula in config.derived.items():
-        parsed = errors.run(("derived", name), quantities.formula, config, model, name)
+        parsed = errors.run(("derived", name), quantities.parse_formula, config, model, name)
         if parsed is not None:
             derived.append(parsed)
             if formula.latex is not None:
                 errors.run(("derived", name, "latex"), latex.check, parsed.symbol)
     tied = [name for name in given if quantities.is_tied(config.parameters[name])]
     related = {name: x for name, x in given.items() if isinstance(x, Expression)}
-    wrong = any(given[name] is None for name in tied) or len(errors.problems) > before
+    wrong = any(given[name] is None for name in tied) or len(errors.issues) > before
     if wrong or not {*model.parameters} <= {*given}:
         return None
     used = {name for formula in derived for name in formula.expression.names}
@@ -146,7 +148,7 @@ def _check_relations(
 
 
 def _check_values(
-    errors: Collector, space: ParameterSpace, related: Mapping[str, Expression]
+    errors: IssueCollector, space: ParameterSpace, related: Mapping[str, Expression]
 ) -> None:
     """What is computed for a parameter must be a positive number wherever the priors lead."""
     theta = space.draw(_TRIED, np.random.default_rng(0)) if space.free else np.ones((1, 0))
@@ -166,6 +168,6 @@ def _check_values(
 
 
 def free_parameters(config: Config, names: Iterable[str]) -> list[str]:
-    """Those of `names` that have a prior."""
+    """Return those of `names` that have a prior."""
     given = config.parameters
     return [name for name in names if isinstance(given.get(name), numbers.ParameterPrior)]

@@ -1,4 +1,4 @@
-"""What is to be done with record and unknowns: search, sampling, calibration, simulation, output."""
+"""Check what is to be done: search, sampling, calibration, simulation, output."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ from bayesdrill.basics.registry import lookup
 from bayesdrill.config.consistency.unknowns import free_parameters
 from bayesdrill.config.resolve import assembly, quantities
 from bayesdrill.config.schema.config import Config
-from bayesdrill.config.yaml_source import Collector, Place
-from bayesdrill.inference.unknowns import of_label
+from bayesdrill.config.yaml_source import IssueCollector, Location
+from bayesdrill.inference.unknowns import labelled_name
 from bayesdrill.output_files import RUN_FIGURES
 from bayesdrill.rig import models
 from bayesdrill.rig.models.linear import Model
@@ -21,7 +21,8 @@ from bayesdrill.sampling.optimisers import OPTIMISERS
 from bayesdrill.sampling.samplers.ensemble import MOVES, always_inside, moves_with_weights
 
 
-def check_map(errors: Collector, config: Config, unknown: Sequence[str] | None) -> None:
+def check_map(errors: IssueCollector, config: Config, unknown: Sequence[str] | None) -> None:
+    """Check the optimiser and its settings."""
     settings = config.map
     kind = errors.run(("map", "method"), lookup, OPTIMISERS, settings.method, "method")
     if kind is None:
@@ -35,8 +36,8 @@ def check_map(errors: Collector, config: Config, unknown: Sequence[str] | None) 
         errors.run(location, assembly.optimiser(config).check, list(unknown))
 
 
-def check_counts(errors: Collector, config: Config, unknown: Sequence[str] | None) -> None:
-    """Unknowns against walkers, and moves."""
+def check_counts(errors: IssueCollector, config: Config, unknown: Sequence[str] | None) -> None:
+    """Check the number of walkers against that of unknowns, and the moves."""
     sampler, n_unknown = config.sampler, len(unknown or ())
     if unknown is not None and not unknown:
         errors.add(("parameters",), "nothing is unknown; give at least one parameter a prior")
@@ -65,8 +66,8 @@ def check_counts(errors: Collector, config: Config, unknown: Sequence[str] | Non
         errors.add(("sampler", "moves"), message)
 
 
-def check_calibration(errors: Collector, config: Config) -> None:
-    """What the ranks need."""
+def check_calibration(errors: IssueCollector, config: Config) -> None:
+    """Check that the ranks have enough effective draws."""
     settings = config.calibration
     if settings.ess < settings.draws:
         message = (
@@ -76,7 +77,8 @@ def check_calibration(errors: Collector, config: Config) -> None:
         errors.add(("calibration", "ess"), message)
 
 
-def check_simulation(errors: Collector, config: Config) -> None:
+def check_simulation(errors: IssueCollector, config: Config) -> None:
+    """Check grid and true values of `simulation:`."""
     simulation: Any = config.simulation
     if simulation is None:
         return
@@ -90,19 +92,19 @@ def check_simulation(errors: Collector, config: Config) -> None:
         samples, channels = simulation.duration * simulation.rate, len(config.record.channels)
         errors.run(("simulation", "duration"), output_files.check_record, samples, channels)
     for name in simulation.quantities:
-        if not errors.spoilt(("quantities", name)):
-            location: Place = ("simulation", "quantities", name)
+        if not errors.is_reported(("quantities", name)):
+            location: Location = ("simulation", "quantities", name)
             errors.expect(location, name, config.quantities, "there is no such quantity")
 
 
 def check_truth(
-    errors: Collector, config: Config, channels: Sequence[str], truth_names: Sequence[str]
+    errors: IssueCollector, config: Config, channels: Sequence[str], truth_names: Sequence[str]
 ) -> None:
-    """True values by channel, and by the names that unknowns are `truth_names` by."""
+    """Check true values by channel, and by `truth_names` of the other unknowns."""
     simulation: Any = config.simulation
     for name in simulation.sigma if simulation else ():
-        if not errors.spoilt(("record", "channels", name)):
-            location: Place = ("simulation", "sigma", name)
+        if not errors.is_reported(("record", "channels", name)):
+            location: Location = ("simulation", "sigma", name)
             errors.expect(location, name, channels, "there is no such channel")
     for name in simulation.truth if simulation else ():
         message = "a sensor, a start, a noise or an experiment has no such unknown"
@@ -110,9 +112,12 @@ def check_truth(
 
 
 def check_output(
-    errors: Collector, config: Config, model: Model, unknown: Sequence[str] | None
+    errors: IssueCollector, config: Config, model: Model, unknown: Sequence[str] | None
 ) -> None:
-    """Names that figures can show: unknowns, and in a corner plot what is tied or derived."""
+    """Check names that figures can show.
+
+    These are unknowns, and in a corner plot what is tied or derived.
+    """
     for k, name in enumerate(config.output.figures or ()):
         errors.run(("output", "figures", k), lookup, RUN_FIGURES, name, "figure of a run")
     if unknown is None:
@@ -127,10 +132,13 @@ def check_output(
         errors.expect(("output", "corner", k), name, shown, message)
 
 
-def check_identify(errors: Collector, config: Config, labels: Sequence[str]) -> None:
+def check_identify(errors: IssueCollector, config: Config, labels: Sequence[str]) -> None:
+    """Check what `identify` is asked for."""
     settings = config.identify
     free = free_parameters(config, models.PARAMETERS)
-    unknown = [of_label(n, label) for n in free for label in (labels if n in config.own else [""])]
+    unknown = [
+        labelled_name(n, label) for n in free for label in (labels if n in config.own else [""])
+    ]
     for k, name in enumerate(settings.of_interest):
         message = f"{name} is no unknown parameter"
         errors.expect(("identify", "of_interest", k), name, unknown, message)

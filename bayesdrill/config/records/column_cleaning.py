@@ -1,6 +1,4 @@
-"""One column as it comes: what is masked or missing, what a sensor seems to have made, differences
-of another column.
-"""
+"""Clean one column: what is masked or missing, anomalies of its sensor, derived channels."""
 
 from __future__ import annotations
 
@@ -13,8 +11,14 @@ from numpy.typing import NDArray
 from bayesdrill.basics import units
 from bayesdrill.basics.arrays import Array
 from bayesdrill.config.records.sources import Clock, Sources
-from bayesdrill.config.schema.records import AngleColumn, ChannelSpec, InputColumn, Series, mask
-from bayesdrill.config.yaml_source import Place
+from bayesdrill.config.schema.records import (
+    AngleColumn,
+    ChannelSpec,
+    InputColumn,
+    Series,
+    as_mask_spec,
+)
+from bayesdrill.config.yaml_source import Location
 from bayesdrill.record import anomalies
 from bayesdrill.record.anomalies import Spans
 from bayesdrill.record.experiment import Odd, count_noun
@@ -23,34 +27,39 @@ Mask = NDArray[np.bool_]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Column:
-    """`values (n,)` on the rows of its clock, in the unit of the file; NaN where none is used."""
+class RecordColumn:
+    """A column `values (n,)` on the rows of its clock, in the unit of the file.
 
-    place: Place
+    Values are NaN where none is used.
+    """
+
+    location: Location
     spec: Series
     clock: Clock
     values: Array
 
     @property
     def name(self) -> str:
-        return str(self.place[-1])
+        """Return the name of the channel or input."""
+        return str(self.location[-1])
 
     @property
     def is_input(self) -> bool:
+        """Whether it is an input of the rig."""
         return isinstance(self.spec, InputColumn)
 
 
 @dataclass(frozen=True, slots=True)
-class ColumnFindings:
-    """What was done, in sentences, and what looks odd."""
+class CleaningLog:
+    """What was done, as `notes` in sentences, and `anomalies`."""
 
-    told: list[str] = field(default_factory=list)
-    odd: list[Odd] = field(default_factory=list)
+    notes: list[str] = field(default_factory=list)
+    anomalies: list[Odd] = field(default_factory=list)
 
 
-def masked(sources: Sources, location: Place, spec: Series, clock: Clock) -> Mask:
-    """`(n,)` of the rows of a clock: those that the config names; a span without a row is a problem."""
-    masked_rows, mask_spec = np.zeros(len(clock.t), dtype=np.bool_), mask(spec.mask)
+def row_mask(sources: Sources, location: Location, spec: Series, clock: Clock) -> Mask:
+    """Return which rows `(n,)` of a clock the config masks; a span without a row is an issue."""
+    masked_rows, mask_spec = np.zeros(len(clock.t), dtype=np.bool_), as_mask_spec(spec.mask)
     numbers, t = clock.numbers, clock.t
     spans = [("rows", k, float(a), float(b)) for k, (a, b) in enumerate(mask_spec.rows)]
     spans += [("times", k, a, b) for k, (a, b) in enumerate(mask_spec.times)]
@@ -68,8 +77,8 @@ def masked(sources: Sources, location: Place, spec: Series, clock: Clock) -> Mas
     return masked_rows
 
 
-def caused(clock: Clock, inputs: list[Column]) -> Mask:
-    """`(n,)`: rows at which a measured input has just jumped."""
+def rows_after_jumps(clock: Clock, inputs: list[RecordColumn]) -> Mask:
+    """Return `(n,)`: rows at which a measured input has just jumped."""
     rows = np.zeros(len(clock.t), dtype=np.bool_)
     for column in inputs:
         jumped = column.clock.t[anomalies.jumps(column.values)]
@@ -78,8 +87,10 @@ def caused(clock: Clock, inputs: list[Column]) -> Mask:
     return rows
 
 
-def unwrapped(sources: Sources, column: Column, turn: float, findings: ColumnFindings) -> Column:
-    """`turn`: how much of the column's unit one turn is; NaN where it is no angle."""
+def unwrap(
+    sources: Sources, column: RecordColumn, turn: float, findings: CleaningLog
+) -> RecordColumn:
+    """Return an angle unwrapped; `turn` is one turn in the column's unit, NaN where it is no angle."""
     wraps = column.spec.wraps if isinstance(column.spec, ChannelSpec | AngleColumn) else None
     if not wraps:
         return column
@@ -89,7 +100,7 @@ def unwrapped(sources: Sources, column: Column, turn: float, findings: ColumnFin
             f"{column.name} is no angle; say after how much it begins again, for example "
             "`wraps: 360`"
         )
-        sources.add((*column.place, "wraps"), message)
+        sources.add((*column.location, "wraps"), message)
         return column
     known = np.flatnonzero(~np.isnan(column.values))
     x = column.values[known]
@@ -98,56 +109,61 @@ def unwrapped(sources: Sources, column: Column, turn: float, findings: ColumnFin
         at = int(known[doubtful[0]])
         message = (
             f"{column.name} jumps by {x[doubtful[0]] - x[doubtful[0] - 1]:.6g} at "
-            f"{column.clock.where(at)} ({len(doubtful)} such jumps), nearly half of {period:.6g}: it "
-            "cannot be told which way it went; mask these rows (mask: {rows: ...}), or record at a "
+            f"{column.clock.where(at)} ({len(doubtful)} such jumps), nearly half of "
+            f"{period:.6g}: it "
+            "cannot be told which way it went; mask these rows "
+            "(mask: {rows: ...}), or record at a "
             "higher rate"
         )
-        sources.add((*column.place, "wraps"), message)
+        sources.add((*column.location, "wraps"), message)
         return column
     values, (straight, count) = column.values.copy(), anomalies.unwrap(x, period)
     values[known] = straight
-    findings.told.append(
+    findings.notes.append(
         f"{column.name}: unwrapped {count_noun(count, 'jump')} of {period:.6g} {column.spec.unit}"
     )
-    return Column(column.place, column.spec, column.clock, values)
+    return RecordColumn(column.location, column.spec, column.clock, values)
 
 
-def judged(column: Column, inputs: list[Column], findings: ColumnFindings) -> Column:
-    """Without the glitches that are masked; what is odd is named.  `inputs`: jumps of these are no
-    glitches of a channel.
+def mask_glitches(
+    column: RecordColumn, inputs: list[RecordColumn], findings: CleaningLog
+) -> RecordColumn:
+    """Return the column without the glitches that are masked; anomalies are added to `findings`.
+
+    Jumps of `inputs` are no glitches of a channel.
     """
     known = np.flatnonzero(~np.isnan(column.values))
     x = column.values[known]
-    cause = None if column.is_input else caused(column.clock, inputs)[known]
+    cause = None if column.is_input else rows_after_jumps(column.clock, inputs)[known]
     spikes = anomalies.spikes(x, cause, wide=not column.is_input)
     values = column.values
-    if len(spikes) and mask(column.spec.mask).glitches:
+    if len(spikes) and as_mask_spec(column.spec.mask).glitches:
         values = values.copy()
         values[known[spikes.mask(len(x))]] = np.nan
         samples, places = count_noun(spikes.count, "sample"), count_noun(len(spikes), "place")
-        first = _where(column.clock, spikes, known, 0)
-        findings.told.append(
+        first = _span_label(column.clock, spikes, known, 0)
+        findings.notes.append(
             f"{column.name}: {samples} in {places} are glitches, and masked (the first at {first})"
         )
     elif len(spikes):
-        findings.odd.append(_glitches(column, spikes, known))
+        findings.anomalies.append(_glitches(column, spikes, known))
     if not column.is_input:
-        findings.odd.extend(_ends(column, x, known))
-    return Column(column.place, column.spec, column.clock, values)
+        findings.anomalies.extend(_saturated_or_stuck(column, x, known))
+    return RecordColumn(column.location, column.spec, column.clock, values)
 
 
-def _glitches(column: Column, spikes: Spans, known: NDArray[np.intp]) -> Odd:
-    entry = ".".join(map(str, column.place))
+def _glitches(column: RecordColumn, spikes: Spans, known: NDArray[np.intp]) -> Odd:
+    entry = ".".join(map(str, column.location))
     return Odd(
         said=f"glitches: {column.name} leaves its course and is back within a few samples in "
         f"{count_noun(len(spikes), 'place')} ({count_noun(spikes.count, 'sample')})",
-        where=_every(column.clock, spikes, known),
+        where=_span_labels(column.clock, spikes, known),
         do=f"; was it the sensor? Then leave them out ({entry}: mask: glitches)",
     )
 
 
-def _ends(column: Column, x: Array, known: NDArray[np.intp]) -> list[Odd]:
-    entry = ".".join(map(str, column.place))
+def _saturated_or_stuck(column: RecordColumn, x: Array, known: NDArray[np.intp]) -> list[Odd]:
+    entry = ".".join(map(str, column.location))
     clipped = anomalies.saturated(x)
     if len(clipped):
         return [
@@ -155,7 +171,7 @@ def _ends(column: Column, x: Array, known: NDArray[np.intp]) -> list[Odd]:
                 said=f"saturated: {column.name} runs into exactly the same value, "
                 f"{x[clipped.first[0]]:.6g} {column.spec.unit}, {count_noun(len(clipped), 'place')} "
                 f"({count_noun(clipped.count, 'sample')})",
-                where=_every(column.clock, clipped, known),
+                where=_span_labels(column.clock, clipped, known),
                 do=f"; the end of its range? Then leave them out ({entry}: mask: {{rows: ...}})",
             )
         ]
@@ -168,18 +184,18 @@ def _ends(column: Column, x: Array, known: NDArray[np.intp]) -> list[Odd]:
         Odd(
             said=f"stuck: {column.name} stays at exactly one value for {still.count} samples, from "
             f"{t[first]:.6g} to {t[last]:.6g} s, and elsewhere hardly ever repeats one",
-            where=_every(column.clock, still, known),
+            where=_span_labels(column.clock, still, known),
             do="; a sensor that was stuck, cut off or at the end of its range? Cut these samples off "
             f"(record.window), or leave them out ({entry}: mask: {{rows: ...}})",
         )
     ]
 
 
-def _every(clock: Clock, spans: Spans, known: NDArray[np.intp]) -> tuple[str, ...]:
-    return tuple(_where(clock, spans, known, k) for k in range(len(spans)))
+def _span_labels(clock: Clock, spans: Spans, known: NDArray[np.intp]) -> tuple[str, ...]:
+    return tuple(_span_label(clock, spans, known, k) for k in range(len(spans)))
 
 
-def _where(clock: Clock, spans: Spans, known: NDArray[np.intp], k: int) -> str:
+def _span_label(clock: Clock, spans: Spans, known: NDArray[np.intp], k: int) -> str:
     """Rows and times of the span `k`, of samples that are `known` rows."""
     first, last = int(known[spans.first[k]]), int(known[spans.last[k]])
     if first == last:
@@ -190,8 +206,8 @@ def _where(clock: Clock, spans: Spans, known: NDArray[np.intp], k: int) -> str:
     )
 
 
-def bridged(sources: Sources, column: Column) -> Array:
-    """An input's values, what is missing as its hold has it; where that cannot be, a problem."""
+def bridge_gaps(sources: Sources, column: RecordColumn) -> Array:
+    """Return an input's values, with missing ones as its hold has it; an issue where it cannot be."""
     spec, missing = column.spec, np.isnan(column.values)
     if not missing.any():
         return column.values
@@ -205,27 +221,27 @@ def bridged(sources: Sources, column: Column) -> Array:
             f"no number is there, at {at}, and none {'on both sides' if straight else 'before it'} to "
             "hold; cut these rows off (record.window), or name another column"
         )
-        sources.add(column.place, message)
+        sources.add(column.location, message)
         return column.values
     if straight:
         return np.interp(column.clock.t, column.clock.t[known], column.values[known])
     return column.values[known[np.searchsorted(known, np.arange(len(missing)), side="right") - 1]]
 
 
-NEAR = 0.3  # of its rms: farther off, a channel is hardly what it is said to be
+MAX_DERIVATIVE_MISMATCH = 0.3  # of its rms: farther off, a channel is hardly what it is said to be
 
 
-def find_derivatives(columns: Mapping[Place, Column], findings: ColumnFindings) -> None:
-    """Of each derived channel: that it is not counted, and how well it is what it is said to be."""
+def find_derivatives(columns: Mapping[Location, RecordColumn], findings: CleaningLog) -> None:
+    """Note of each derived channel that it is not counted, and how well it fits its origin."""
     for column in columns.values():
         origin = column.spec.derived_from if isinstance(column.spec, ChannelSpec) else None
         if origin is None:
             continue
         why = "it has no noise of its own, and would count the same numbers twice"
         not_counted = f"{column.name} is not counted, as it is derived from {origin}: {why}"
-        comparison = _compared(column, columns["record", "channels", origin])
+        comparison = _compare_with_quotients(column, columns["record", "channels", origin])
         if comparison is None:
-            findings.told.append(
+            findings.notes.append(
                 f"{not_counted}; it was not compared, as it has other times or units"
             )
             continue
@@ -233,9 +249,9 @@ def find_derivatives(columns: Mapping[Place, Column], findings: ColumnFindings) 
         like = (
             f"{times:.4g} times the {kind} difference quotient of {origin} to {off:.2g} of its rms"
         )
-        findings.told.append(f"{not_counted}; it is {like}")
-        if off > NEAR:
-            findings.odd.append(
+        findings.notes.append(f"{not_counted}; it is {like}")
+        if off > MAX_DERIVATIVE_MISMATCH:
+            findings.anomalies.append(
                 Odd(
                     said=f"derived: {column.name} is said to be derived from {origin}, but is only "
                     f"{like}",
@@ -245,7 +261,9 @@ def find_derivatives(columns: Mapping[Place, Column], findings: ColumnFindings) 
             )
 
 
-def _compared(column: Column, origin: Column) -> tuple[str, float, float] | None:
+def _compare_with_quotients(
+    column: RecordColumn, origin: RecordColumn
+) -> tuple[str, float, float] | None:
     """Which quotient, how far off (of the rms), and how many times it, in SI."""
     if column.clock is not origin.clock:
         return None

@@ -1,4 +1,4 @@
-"""From the files of a record to an `Experiment` in SI: all that is wrong with them, at once."""
+"""Read the files of a record into an `Experiment` in SI, or raise all that is wrong at once."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ from bayesdrill.basics.arrays import Array
 from bayesdrill.basics.entries import build_member
 from bayesdrill.basics.units import Unit
 from bayesdrill.config.records import column_cleaning, sources
-from bayesdrill.config.records.column_cleaning import Column, ColumnFindings
-from bayesdrill.config.records.sources import Sources, location_of
+from bayesdrill.config.records.column_cleaning import CleaningLog, RecordColumn
+from bayesdrill.config.records.sources import Sources, column_location
 from bayesdrill.config.resolve import quantities
 from bayesdrill.config.resolve.case import ResolvedExperiment, initial_state
 from bayesdrill.config.schema.config import Config
@@ -25,10 +25,10 @@ from bayesdrill.config.schema.records import (
     RecordSpec,
     Series,
     TimeColumn,
-    between,
-    windows,
+    inside_spans,
+    window_spans,
 )
-from bayesdrill.config.yaml_source import Place
+from bayesdrill.config.yaml_source import Location
 from bayesdrill.record import anomalies, clocks
 from bayesdrill.record.experiment import (
     Experiment,
@@ -43,18 +43,19 @@ from bayesdrill.record.experiment import (
 from bayesdrill.record.formats.csv import CsvOptions
 from bayesdrill.record.formats.table import RecordTable
 
-FAR = 1000  # times its own length after the initial state, and a record has times of a clock
+MAX_LEAD = 1000  # times its own length after the initial state, and a record has times of a clock
 
 
 def csv_options(record: RecordSpec) -> CsvOptions:
-    """How a text file is written, as far as the config says so."""
+    """Return how a text file is written, as far as the config says so."""
     return build_member(CsvOptions, record)
 
 
 def read(resolved: ResolvedExperiment, table: RecordTable | None = None) -> Experiment:
-    """Raises `InputError` with the places in the config and the rows of the files.
+    """Read the record of one experiment.
 
-    `table`: what the record's file would hold, where there is none.
+    `table` is what the record's file would hold, where there is none.  Raises `InputError` with
+    locations in the config and rows of the files.
     """
     return _Reader(resolved, table).experiment()
 
@@ -63,9 +64,9 @@ class _Reader:
     """One pass over a record: columns are picked and judged one by one, problems collected."""
 
     def __init__(self, resolved: ResolvedExperiment, table: RecordTable | None) -> None:
-        self._one, self._config, self._source = resolved, resolved.config, resolved.source
+        self._resolved, self._config, self._source = resolved, resolved.config, resolved.source
         self._sources = Sources(resolved.config, resolved.source, table)
-        self._findings = ColumnFindings()
+        self._findings = CleaningLog()
 
     def experiment(self) -> Experiment:
         config, findings = self._config, self._findings
@@ -78,23 +79,23 @@ class _Reader:
             raise self._source.error(("record", "file"), str(error)) from None
         held_out = self._held_out(t, y)
         series, turned = self._inputs(t, columns)
-        raise_if_any(self._sources.problems)
-        time, n_unknown = config.record.time, len(self._one.space.free)
-        n_unknown += len(self._one.beside.levels)
+        raise_if_any(self._sources.issues)
+        time, n_unknown = config.record.time, len(self._resolved.space.free)
+        n_unknown += len(self._resolved.local_numbers.levels)
         shortened_by = "file" if config.record.window is None else "window"
         label = self._sources.label(("record", shortened_by))
         raise_if_any(check_length(label, np.sum(~np.isnan(y), axis=0).tolist(), n_unknown))
         experiment = Experiment(
             t=frozen(t),
             y=frozen(y),
-            channels=tuple(entry.channel for entry in self._one.channels),
-            constant=quantities.constant_input(config, self._one.model),
+            channels=tuple(entry.channel for entry in self._resolved.channels),
+            constant=quantities.constant_inputs(config, self._resolved.model),
             series={name: frozen(values) for name, values in series.items()},
-            first_order=any(map(_straight, quantities.measured_input(config).values())),
-            start=initial_state(config, self._one.model) | turned,
+            first_order=any(map(_is_first_order, quantities.measured_inputs(config).values())),
+            start=initial_state(config, self._resolved.model) | turned,
             t_start=self._t_start(t, has_series=bool(series)),
-            told=tuple(findings.told),
-            odd=tuple(findings.odd),
+            told=tuple(findings.notes),
+            odd=tuple(findings.anomalies),
             held_out=None if held_out is None else frozen(held_out),
             input_steps={
                 name: clocks.median_step(
@@ -103,7 +104,7 @@ class _Reader:
                 for name in series
             },
             written=Written(
-                files=tuple(path.name for path in sources.paths(self._one)),
+                files=tuple(path.name for path in sources.paths(self._resolved)),
                 time=units.display_unit(time.unit if isinstance(time, TimeColumn) else "s", "s"),
                 inputs={name: _unit_of_input(config, name) for name in symbols.INPUTS},
             ),
@@ -112,19 +113,19 @@ class _Reader:
             return experiment
         if refusal := sources.refuse_decimation(experiment, wanted.factor, filtered=wanted.filter):
             raise self._source.error(("record", "decimate"), refusal)
-        decimated = sources.decimated_experiment if wanted.filter else sources.samples_left
+        decimated = sources.decimate_filtered if wanted.filter else sources.decimate_unfiltered
         return decimated(experiment, wanted.factor)
 
-    def _columns(self) -> dict[Place, Column]:
+    def _columns(self) -> dict[Location, RecordColumn]:
         """All that are named, with NaN where no number is used."""
         entries = sources.file_entries(self._config)
         picked = {location: self._column(location, spec) for location, spec in entries.items()}
-        raise_if_any(list(dict.fromkeys(self._sources.problems)))
+        raise_if_any(list(dict.fromkeys(self._sources.issues)))
         columns = {location: column for location, column in picked.items() if column is not None}
         inputs = [column for column in columns.values() if column.is_input]
         column_cleaning.find_derivatives(columns, self._findings)
         return {
-            location: column_cleaning.judged(column, inputs, self._findings)
+            location: column_cleaning.mask_glitches(column, inputs, self._findings)
             for location, column in columns.items()
         }
 
@@ -135,7 +136,7 @@ class _Reader:
             return times[0]
         t = clocks.union(times)
         counts = ", ".join(str(len(clock_times)) for clock_times in times)
-        self._findings.told.append(
+        self._findings.notes.append(
             f"{len(t)} times of {len(times)} clocks ({counts} samples); "
             "times nearer than 1e-9 of a step are one"
         )
@@ -143,12 +144,12 @@ class _Reader:
         if not math.isnan(close):
             text = f"clocks: two of the record's times, at {close:.10g} s, are nearly the same"
             do = "; one clock, written with different digits? Then give both columns the same `time:`"
-            self._findings.odd.append(Odd(said=text, where=(), do=do))
+            self._findings.anomalies.append(Odd(said=text, where=(), do=do))
         return t
 
-    def _signals(self, t: Array, columns: dict[Place, Column]) -> Array:
+    def _signals(self, t: Array, columns: dict[Location, RecordColumn]) -> Array:
         """`(T, K)` SI, NaN where a channel has no sample."""
-        measured = self._one.channels
+        measured = self._resolved.channels
         y = np.full((len(t), len(measured)), np.nan)
         for k, entry in enumerate(measured):
             column = columns["record", "channels", entry.channel.name]
@@ -156,54 +157,56 @@ class _Reader:
             y[self._rows(t, column.clock.t[inside]), k] = (
                 column.values[inside] * entry.channel.factor
             )
-        spans = windows(self._config.record.window)
+        spans = window_spans(self._config.record.window)
         if len(spans) > 1:
-            y[~between(t, spans)] = np.nan
+            y[~inside_spans(t, spans)] = np.nan
         return y
 
     def _held_out(self, t: Array, y: Array) -> Array | None:
         """Samples that are taken out of `y`, which is changed: NaN where none is."""
-        spans = windows(self._config.record.held_out)
+        spans = window_spans(self._config.record.held_out)
         if not spans:
             return None
-        held_back = between(t, spans)
+        held_back = inside_spans(t, spans)
         held_out = np.where(held_back[:, None], y, np.nan)
         y[held_back] = np.nan
         count = int(np.sum(~np.isnan(held_out)))
-        location: Place = ("record", "held_out")
+        location: Location = ("record", "held_out")
         if count == 0:
             self._sources.add(location, "no sample lies in it; give times of the record [s]")
         elif np.isnan(y).all(axis=0).any():
             self._sources.add(location, "leaves nothing of a channel; hold less out")
-        self._findings.told.append(f"{count} samples are held out, and are no evidence")
+        self._findings.notes.append(f"{count} samples are held out, and are no evidence")
         return held_out
 
     def _rows(self, t: Array, clock: Array) -> NDArray[np.intp]:
         return clocks.indices_in(t, clock) if self._sources.several else np.arange(len(t))
 
     def _inputs(
-        self, t: Array, columns: dict[Place, Column]
+        self, t: Array, columns: dict[Location, RecordColumn]
     ) -> tuple[dict[str, Array], dict[str, float]]:
         """SI, at every time; and the angles at which those begin that are imposed as angles."""
         series, begin = dict[str, Array](), dict[str, float]()
-        for name, spec in quantities.measured_input(self._config).items():
+        for name, spec in quantities.measured_inputs(self._config).items():
             entry = quantities.input_entry(self._config, name)
             column = columns["inputs", entry]
             missing = int(np.isnan(column.values).sum())
             if missing:
-                self._findings.told.append(
+                self._findings.notes.append(
                     f"{entry}: {missing} samples are bridged, hold: {spec.hold}"
                 )
-            values = column_cleaning.bridged(self._sources, column)
+            values = column_cleaning.bridge_gaps(self._sources, column)
             values = values * units.factor(spec.unit, quantities.input_unit(entry))
             if isinstance(spec, AngleColumn):
                 clock = column.clock.t
                 begin[entry] = float(np.interp(t[0], clock, values))
                 values = anomalies.held_speeds(values, clock)
-            series[name] = values if not self._sources.several else self._held(t, column, values)
+            series[name] = (
+                values if not self._sources.several else self._on_record_times(t, column, values)
+            )
         return series, begin
 
-    def _held(self, t: Array, column: Column, values: Array) -> Array:
+    def _on_record_times(self, t: Array, column: RecordColumn, values: Array) -> Array:
         """Of an input on a clock of its own: exact, as its own times are among those of the record."""
         clock, slack = column.clock.t, 1e-9 * float(np.ptp(t)) / len(t)
         straight = isinstance(column.spec, InputColumn) and column.spec.hold == "first"
@@ -214,39 +217,39 @@ class _Reader:
                 f"{column.name} is known from {clock[0]:g} to {clock[-1]:g} s, and the record goes from "
                 f"{t[0]:g} to {t[-1]:g} s; give a record.window inside both"
             )
-            self._sources.add(column.place, message + ("" if late else rule))
+            self._sources.add(column.location, message + ("" if late else rule))
         elif early:
-            self._findings.told.append(
+            self._findings.notes.append(
                 f"{column.name}: held after its last sample at {clock[-1]:g} s"
             )
-        return clocks.hold_input(t, clock, values, first_order=_straight(column.spec))
+        return clocks.hold_input(t, clock, values, first_order=_is_first_order(column.spec))
 
-    def _column(self, location: Place, spec: Series) -> Column | None:
+    def _column(self, location: Location, spec: Series) -> RecordColumn | None:
         clock, values = self._sources.clock(location), self._sources.column(location, spec)
         if values is None or clock is None:
             return None
         if len(values) != clock.n_rows:
             message = f"{len(values)} values, but the time has {clock.n_rows}; name one recording's"
-            self._sources.add(location_of(location, spec), message)
+            self._sources.add(column_location(location, spec), message)
             return None
         values = values[clock.rows]
-        masked = column_cleaning.masked(self._sources, location, spec, clock)
+        masked = column_cleaning.row_mask(self._sources, location, spec, clock)
         used = np.where(masked, np.nan, values) if masked.any() else values
         missing = int(np.sum(np.isnan(values) & ~masked))
         if masked.any():
-            self._findings.told.append(
+            self._findings.notes.append(
                 f"{location[-1]}: {int(masked.sum())} samples are masked (mask)"
             )
         is_input = isinstance(spec, InputColumn)
         if missing and not is_input:
-            self._findings.told.append(f"{location[-1]}: {missing} missing samples are left out")
+            self._findings.notes.append(f"{location[-1]}: {missing} missing samples are left out")
         allowed = spec.missing if isinstance(spec, InputColumn) else self._config.record.missing
         refused = missing > 0 and allowed is None
         numbers = np.where(masked, 0.0, values) if refused else used
         bridge = "bridge them (missing: hold)" if is_input else ""
         way_out = bridge or "leave them out (record.missing: drop)"
-        self._sources.problems += check_series(
-            self._sources.label(location_of(location, spec)),
+        self._sources.issues += check_series(
+            self._sources.label(column_location(location, spec)),
             f"column {spec.column if spec.column is not None else spec.variable!r}",
             numbers,
             clock.where,
@@ -254,8 +257,8 @@ class _Reader:
             missing=not refused,
             instead=f", or {way_out}" if np.isnan(numbers).any() else "",
         )
-        column = Column(location, spec, clock, used)
-        return column_cleaning.unwrapped(self._sources, column, _turn(spec), self._findings)
+        column = RecordColumn(location, spec, clock, used)
+        return column_cleaning.unwrap(self._sources, column, _units_per_turn(spec), self._findings)
 
     def _t_start(self, time: Array, *, has_series: bool) -> float:
         """With measured inputs nothing is known before the first sample: the state is given there."""
@@ -266,13 +269,13 @@ class _Reader:
             begin = 0.0 if self._config.record.window is None else float(time[0])
         if begin > time[0] + 1e-9 * max(1.0, abs(time[0])):
             given = self._config.initial.time is not None
-            location: Place = ("initial", "time") if given else ("record",)
+            location: Location = ("initial", "time") if given else ("record",)
             message = (
                 f"the initial state is at {begin:g} s, after the first sample at {time[0]:g} s; give "
                 "`initial: {time: ...}` at or before it"
             )
             raise self._source.error(location, message)
-        if self._config.initial.time is None and time[0] - begin > FAR * (time[-1] - time[0]):
+        if self._config.initial.time is None and time[0] - begin > MAX_LEAD * (time[-1] - time[0]):
             message = (
                 f"the record begins at {time[0]:.10g} s, and the initial state is at {begin:g} s by "
                 "default; if these are times of a clock, give `initial: {time: ...}`"
@@ -289,13 +292,13 @@ def _unit_of_input(config: Config, name: str) -> Unit:
     return units.display_unit(unit, symbol.unit, symbol.latex_unit)
 
 
-def _straight(spec: Series) -> bool:
+def _is_first_order(spec: Series) -> bool:
     """Whether an input goes from one sample straight to the next; of an angle, its speed does not."""
     angle = isinstance(spec, AngleColumn)
     return isinstance(spec, InputColumn) and spec.hold == "first" and not angle
 
 
-def _turn(spec: Series) -> float:
+def _units_per_turn(spec: Series) -> float:
     """How much of a column's unit one turn is; NaN where it is no angle."""
     try:
         return 2 * math.pi / units.factor(spec.unit, "rad")

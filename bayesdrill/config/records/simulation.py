@@ -1,6 +1,4 @@
-"""Records made from a config: the exact response at given parameters, noise with a seed, and their
-text.
-"""
+"""Simulate records from a config: the response at given parameters, with noise, as text."""
 
 from __future__ import annotations
 
@@ -19,13 +17,13 @@ from bayesdrill.basics.errors import InputError, Issue
 from bayesdrill.config.records import reading, sources
 from bayesdrill.config.resolve import quantities, sensors
 from bayesdrill.config.resolve.case import ResolvedCase, ResolvedExperiment, initial_state
-from bayesdrill.config.resolve.sensors import NoiseSettings
+from bayesdrill.config.resolve.sensors import MeasuredChannel
 from bayesdrill.config.schema.config import Config
-from bayesdrill.config.schema.records import ChannelSpec, Column, TimeColumn
-from bayesdrill.config.yaml_source import Place, Source
+from bayesdrill.config.schema.records import ChannelSpec, ColumnSpec, TimeColumn
+from bayesdrill.config.yaml_source import Location, Source
 from bayesdrill.inference import step_error
-from bayesdrill.inference.noise.mixed import of_record
-from bayesdrill.inference.unknowns import ParameterSpace, Unknown, of_label
+from bayesdrill.inference.noise.mixed import noise_for_record
+from bayesdrill.inference.unknowns import ParameterSpace, Unknown, labelled_name
 from bayesdrill.record.experiment import Experiment, frozen, raise_if_any, times
 from bayesdrill.record.formats import format_of
 from bayesdrill.record.formats.csv import check_options
@@ -33,13 +31,14 @@ from bayesdrill.record.formats.csv import table as text_table
 from bayesdrill.rig.simulators import simulator
 
 DIGITS = 9
-SAME = 1e-8  # of the largest number in a column
+READ_BACK_TOLERANCE = 1e-8  # of the largest number in a column
 
 
-def check_form(config: Config, source: Source, target: Path | None) -> None:
-    """That the config can read what is written to `target`, by default its own record, at all.
+def check_format(config: Config, source: Source, target: Path | None) -> None:
+    """Raise `InputError` unless the config can read what is written to `target`.
 
-    Raises `InputError`: it is text, with a header, of channels that are measured at the same times.
+    By default that is its own record.  It has to be text, with a header, of channels that are
+    measured at the same times.
     """
     record, location = config.record, ("record", "file")
     try:
@@ -67,7 +66,10 @@ def check_form(config: Config, source: Source, target: Path | None) -> None:
 
 
 def record_text(config: Config, source: Source, experiment: Experiment, y: Array) -> str:
-    """Channels `y (T, K)` in the units of their columns, with time and inputs of `experiment`."""
+    """Return channels `y (T, K)` as text, in the units of their columns.
+
+    Time and inputs are those of `experiment`.
+    """
     columns = _columns(config, source, experiment, y)
     record = reading.csv_options(config.record)
     mark = record.delimiter or (";" if record.decimal == "," else ",")
@@ -86,13 +88,13 @@ def _columns(
     config: Config, source: Source, experiment: Experiment, y: Array
 ) -> list[tuple[str, Array]]:
     """Names and numbers, in the units of the config."""
-    entries: list[tuple[Place, Column, Array]] = []
+    entries: list[tuple[Location, ColumnSpec, Array]] = []
     time = config.record.time
     if isinstance(time, TimeColumn):
         entries.append((("record", "time"), time, experiment.t / units.factor(time.unit, "s")))
     for (name, spec), channel in zip(config.record.channels.items(), y.T, strict=True):
         entries.append((("record", "channels", name), spec, channel))
-    for name, given in quantities.measured_input(config).items():
+    for name, given in quantities.measured_inputs(config).items():
         entry = quantities.input_entry(config, name)
         factor = units.factor(given.unit, quantities.input_unit(entry))
         values = quantities.inputs_as_given(config, experiment, name) / factor
@@ -114,7 +116,9 @@ def _check_read_back(
     try:
         table = text_table(path, text, reading.csv_options(config.record))
         for name, values in columns:
-            if not np.allclose(table.pick(name), values, rtol=0, atol=SAME * np.ptp(values)):
+            if not np.allclose(
+                table.pick(name), values, rtol=0, atol=READ_BACK_TOLERANCE * np.ptp(values)
+            ):
                 raise InputError.at("", f"column {name!r} would come out otherwise")
     except InputError as error:
         first = error.problems[0].message
@@ -123,14 +127,16 @@ def _check_read_back(
 
 
 def simulate(case: ResolvedCase, seed: int, target: Path | None = None) -> str:
-    """Of the only experiment; see `simulate_one`."""
+    """Simulate the record of the only experiment; see `simulate_one`."""
     (alone,) = case.experiments
     return simulate_one(alone, seed, target)
 
 
 def simulate_all(case: ResolvedCase, seed: int, output: Path | None = None) -> dict[Path, str]:
-    """Records of all experiments, by where they go: the files that the config names, or `output`; of
-    several, files of those names in the folder `output`.  Raises `InputError` with all that is wrong.
+    """Return the simulated records of all experiments, by the file that each is for.
+
+    These are the files that the config names, or `output`; of several experiments, files of those
+    names in the folder `output`.  Raises `InputError` with all that is wrong.
     """
     texts, problems = dict[Path, str](), list[Issue]()
     for index, resolved in enumerate(case.experiments):
@@ -158,41 +164,46 @@ def simulate_all(case: ResolvedCase, seed: int, output: Path | None = None) -> d
 def simulate_one(
     resolved: ResolvedExperiment, seed: int, target: Path | None = None, index: int = 0
 ) -> str:
-    """A record as text that the config itself reads, from `target` or by default its own record.
+    """Return a record as text that the config itself reads, from `target` or its own record.
 
     Times and measured inputs are those of the config's `simulation:` grid, or else of its record.
     True values are nominal, or the config's fixed ones, unless `simulation:` names them; what is
     tied follows from them, and sensors are where their priors start.
     """
     config, source = resolved.config, resolved.source
-    check_form(config, source, target)
-    experiment = grid(resolved)
-    response = simulator(resolved.model, experiment, resolved.sensing, step_error.MOST)
-    values = truth(resolved) | _told(resolved)
+    check_format(config, source, target)
+    experiment = simulation_grid(resolved)
+    response = simulator(resolved.model, experiment, resolved.sensing, step_error.MAX_CHOSEN_PIECES)
+    values = truth(resolved) | _sensor_truth(resolved)
     full = np.array([[values[name] for name in response.parameters]])
     signals = response.signals(full)[0]
-    known = [_known(resolved, entry) for entry in resolved.channels]
-    noise = of_record(sensors.noise(known, len(signals)), experiment.t, experiment.seen)
+    known = [_with_known_sigma(resolved, entry) for entry in resolved.channels]
+    noise = noise_for_record(
+        sensors.build_noise(known, len(signals)), experiment.t, experiment.seen
+    )
     acts = sensors.latent_torque(config)
-    observed = sensors.observation(acts, resolved.torque, response, noise)
-    noise_values = [_true_of_noise(resolved, unknown) for unknown in observed.unknowns]
+    observed = sensors.build_observation(acts, resolved.torque, response, noise)
+    noise_values = [_noise_truth(resolved, unknown) for unknown in observed.unknowns]
     rng = seeds.stream(seed, "record", index)
     space = ParameterSpace(
         model=response.parameters, unknowns=observed.unknowns, fixed=dict(values)
     )
-    noisy = observed.placed(space).draw(signals[None], np.array([noise_values]), rng)[0]
+    noisy = observed.bind(space).draw(signals[None], np.array([noise_values]), rng)[0]
     y = noisy / np.array([entry.channel.factor for entry in resolved.channels])
     return record_text(config, source, experiment, y)
 
 
 def save(text: str, target: Path, record: Path, *, force: bool) -> None:
-    """See `check_place`."""
-    check_place(text, target, record, force=force)
+    """Write a record; see `check_target`."""
+    check_target(text, target, record, force=force)
     output_files.write_text(target, text)
 
 
-def check_place(text: str, target: Path, record: Path, *, force: bool) -> None:
-    """Never over `record`, which the config names: that may be what was measured."""
+def check_target(text: str, target: Path, record: Path, *, force: bool) -> None:
+    """Raise `InputError` where a record must not be written to `target`.
+
+    It is never written over `record`, which the config names: that may be what was measured.
+    """
     output_files.refuse_other_than_file(target)
     output_files.refuse_unwritable(target.parent)
     if target.exists():
@@ -208,11 +219,14 @@ def check_place(text: str, target: Path, record: Path, *, force: bool) -> None:
                 raise InputError.at(str(target), message)
 
 
-def grid(resolved: ResolvedExperiment) -> Experiment:
-    """Times and inputs, those of `simulation:` or else of the record; what was measured is no matter."""
+def simulation_grid(resolved: ResolvedExperiment) -> Experiment:
+    """Return times and inputs of `simulation:`, or else of the record.
+
+    Measured channels do not matter.
+    """
     config = resolved.config
     simulation: Any = config.simulation
-    series = list(quantities.measured_input(config))
+    series = list(quantities.measured_inputs(config))
     if simulation is None or simulation.duration is None:
         return reading.read(resolved)
     if series:
@@ -227,7 +241,7 @@ def grid(resolved: ResolvedExperiment) -> Experiment:
         t=frozen(t),
         y=frozen(np.zeros((len(t), len(channels)))),
         channels=channels,
-        constant=quantities.constant_input(config, resolved.model),
+        constant=quantities.constant_inputs(config, resolved.model),
         series={},
         first_order=False,
         start=initial_state(config, resolved.model),
@@ -236,14 +250,14 @@ def grid(resolved: ResolvedExperiment) -> Experiment:
 
 
 def truth(resolved: ResolvedExperiment) -> dict[str, float]:
-    """What a simulated record is made of: the parameters of the rig, SI."""
+    """Return the parameters of the rig, SI, that a simulated record is made with."""
     rig, space, config = resolved.model, resolved.space, resolved.config
     simulation: Any = config.simulation
     named = {name: getattr(simulation, name, None) for name in rig.parameters}
-    named |= {n: x for n in rig.parameters if (x := _given(resolved, n)) is not None}
+    named |= {n: x for n in rig.parameters if (x := _given_truth(resolved, n)) is not None}
     values = {**space.start, **resolved.nominal.compared, **space.fixed}
     for name, value in simulation.quantities.items() if simulation else ():
-        values[name] = value * resolved.numbers.quantities[name].factor
+        values[name] = value * resolved.rig_numbers.quantities[name].factor
     values |= {name: value for name, value in named.items() if value is not None}
     for name in rig.parameters:
         if name in space.relations and named[name] is None:
@@ -251,19 +265,19 @@ def truth(resolved: ResolvedExperiment) -> dict[str, float]:
     return values
 
 
-def _told(resolved: ResolvedExperiment) -> dict[str, float]:
+def _sensor_truth(resolved: ResolvedExperiment) -> dict[str, float]:
     """What is true of sensors and the start, SI; of a free start zero, unless it is given."""
-    values = {sensors.state_name(name): 0.0 for name in resolved.free}
+    values = {sensors.state_name(name): 0.0 for name in resolved.free_states}
     factors = dict.fromkeys(values, 1.0)
-    for number in resolved.declared:
+    for number in resolved.sensor_numbers:
         values[number.name], factors[number.name] = number.start, number.factor
-    given = {name: _given(resolved, name) for name in values}
+    given = {name: _given_truth(resolved, name) for name in values}
     return values | {name: x * factors[name] for name, x in given.items() if x is not None}
 
 
-def _true_of_noise(resolved: ResolvedExperiment, unknown: Unknown) -> float:
+def _noise_truth(resolved: ResolvedExperiment, unknown: Unknown) -> float:
     """As `simulation.truth` has it, or where its search would start."""
-    value = _given(resolved, unknown.name)
+    value = _given_truth(resolved, unknown.name)
     low, high = unknown.between or (unknown.prior.low, unknown.prior.high)
     if value is None or low < value < high:
         return unknown.start if value is None else value
@@ -271,14 +285,14 @@ def _true_of_noise(resolved: ResolvedExperiment, unknown: Unknown) -> float:
     raise resolved.source.error(("simulation", "truth", unknown.name), message)
 
 
-def _given(resolved: ResolvedExperiment, name: str) -> float | None:
+def _given_truth(resolved: ResolvedExperiment, name: str) -> float | None:
     """The true value of the experiment, or of all of them, in `simulation.truth`."""
     simulation: Any = resolved.config.simulation
     values = simulation.truth if simulation else {}
-    return values.get(of_label(name, resolved.label), values.get(name))
+    return values.get(labelled_name(name, resolved.label), values.get(name))
 
 
-def _known(resolved: ResolvedExperiment, entry: NoiseSettings) -> NoiseSettings:
+def _with_known_sigma(resolved: ResolvedExperiment, entry: MeasuredChannel) -> MeasuredChannel:
     """With the sigma of `simulation:`, where the noise is unknown."""
     if isinstance(entry.noisy.sigma, float):
         return entry

@@ -1,5 +1,6 @@
-"""The files of a record: each is read once, its times are made a clock in SI, and samples are
-thinned on request.
+"""The files of a record: each is read once, its times become a clock in SI.
+
+Samples are thinned on request.
 """
 
 from __future__ import annotations
@@ -22,45 +23,53 @@ from bayesdrill.basics.errors import InputError, Issue, encodable
 from bayesdrill.config.resolve import quantities
 from bayesdrill.config.resolve.case import ResolvedExperiment
 from bayesdrill.config.schema.config import Config
-from bayesdrill.config.schema.records import Column, FileSpec, Series, TimeColumn, TimeRate, windows
-from bayesdrill.config.yaml_source import Place, Source
+from bayesdrill.config.schema.records import (
+    ColumnSpec,
+    FileSpec,
+    Series,
+    TimeColumn,
+    TimeRate,
+    window_spans,
+)
+from bayesdrill.config.yaml_source import Location, Source
 from bayesdrill.record import clocks
 from bayesdrill.record.clocks import on_grid
 from bayesdrill.record.experiment import Experiment, check_time, frozen
 from bayesdrill.record.formats import FORMATS, format_of
 from bayesdrill.record.formats.table import RecordTable, variable_name
 
-ELSEWHERE = "; if the times of this file stand elsewhere, give this entry its own `time:`"
+OTHER_TIMES_HINT = "; if the times of this file stand elsewhere, give this entry its own `time:`"
 
 
-def file_entries(config: Config) -> dict[Place, Series]:
-    """Channels, then measured inputs, by their places."""
+def file_entries(config: Config) -> dict[Location, Series]:
+    """Return channels, then measured inputs, by their locations."""
     channels = {("record", "channels", name): s for name, s in config.record.channels.items()}
-    inputs = quantities.measured_input(config).items()
+    inputs = quantities.measured_inputs(config).items()
     return channels | {("inputs", quantities.input_entry(config, name)): s for name, s in inputs}
 
 
 def file_of(spec: Series) -> FileSpec | None:
-    """The file of its own, if it has one; None stands for the record's."""
+    """Return the column's own file, if it has one; None stands for the record's."""
     return FileSpec(path=spec.file) if isinstance(spec.file, str) else spec.file
 
 
 def path_of(config: Config, source: Source, file: FileSpec | None = None) -> Path:
-    """The record's file, or another one: relative paths start at the folder of the config."""
+    """Return the path of a record's file; relative ones start at the folder of the config."""
     return source.path.parent / (config.record.file if file is None else file.path)
 
 
 def files(config: Config) -> list[FileSpec | None]:
-    """All that are read, the record's own first, each once."""
+    """Return all files that are read, the record's own first, each once."""
     return list(dict.fromkeys([None, *map(file_of, file_entries(config).values())]))
 
 
 def paths(resolved: ResolvedExperiment) -> list[Path]:
+    """Return the paths of all files of an experiment."""
     return [path_of(resolved.config, resolved.source, file) for file in files(resolved.config)]
 
 
-def named_in(data: Mapping[str, Any]) -> list[tuple[dict[str, Any], str]]:
-    """Of a config as plain data: each mapping that names a file, and the key that does."""
+def named_files(data: Mapping[str, Any]) -> list[tuple[dict[str, Any], str]]:
+    """Return each mapping of a plain config that names a file, and the key that does."""
     record, inputs = data.get("record", {}), data.get("inputs", {})
     entries = [record, *record.get("channels", {}).values(), *inputs.values()]
     having = [
@@ -70,15 +79,16 @@ def named_in(data: Mapping[str, Any]) -> list[tuple[dict[str, Any], str]]:
 
 
 def rebase(data: Mapping[str, Any], old: Path, new: Path) -> None:
-    """Names of files, from one folder to another; links are resolved first: `..` in a path goes up from
-    where a link leads to.
+    """Rewrite names of files from the folder `old` to `new`.
+
+    Links are resolved first: `..` in a path goes up from where a link leads to.
     """
-    for section, key in named_in(data):
-        section[key] = name_in(new.resolve(), (old / section[key]).resolve())
+    for section, key in named_files(data):
+        section[key] = relative_name(new.resolve(), (old / section[key]).resolve())
 
 
-def name_in(folder: Path, file: Path) -> str:
-    """How a config in `folder` names `file`; raises `InputError` where YAML cannot."""
+def relative_name(folder: Path, file: Path) -> str:
+    """Return how a config in `folder` names `file`; raises `InputError` where YAML cannot."""
     name = Path(os.path.relpath(file, folder)).as_posix()
     if encodable(name) != name:
         message = "is not UTF-8, and no config can name it; rename the file or the folder"
@@ -88,9 +98,10 @@ def name_in(folder: Path, file: Path) -> str:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Clock:
-    """Times `t (n,)` s of the `rows (n,)` of a table that has `n_rows`; `inside`: of the windows' span.
+    """Times `t (n,)` s of the `rows (n,)` of a table with `n_rows`; `inside`: in the windows' span.
 
-    Of several clocks each keeps a row on either side of that span, so that inputs are known at its ends.
+    Of several clocks each keeps a row on either side of that span, so that inputs are known at its
+    ends.
     """
 
     table: RecordTable
@@ -100,25 +111,26 @@ class Clock:
     n_rows: int
 
     def where(self, index: int) -> str:
+        """Return the place of a row in its file, in words."""
         return self.table.where(int(self.rows[index]))
 
     @property
     def numbers(self) -> NDArray[np.int64]:
-        """Of the rows, as messages give them."""
+        """Return the numbers of the rows, as messages give them."""
         lines = self.table.lines
         return np.asarray(self.rows + 1 if lines is None else lines[self.rows], dtype=np.int64)
 
 
 class Sources:
-    """Tables and clocks of all columns; problems are collected."""
+    """Tables and clocks of all columns; issues are collected."""
 
     def __init__(self, config: Config, source: Source, given: RecordTable | None) -> None:
-        self.problems: list[Issue] = []
+        self.issues: list[Issue] = []
         self._config, self._source = config, source
         self._given = given
         self._tables: dict[FileSpec | None, RecordTable | None] = {}
         self._clocks: dict[object, Clock | None] = {}
-        self._spans = windows(config.record.window)
+        self._spans = window_spans(config.record.window)
         entries = file_entries(config)
         self._keys = {location: (file_of(s), s.time) for location, s in entries.items()}
         self.several = len(set(self._keys.values())) > 1
@@ -127,36 +139,40 @@ class Sources:
             if key not in self._clocks:
                 self._clocks[key] = self._clock(location, spec)
 
-    def label(self, location: Place) -> str:
-        return self._source.problem(location, "").place
+    def label(self, location: Location) -> str:
+        """Return the label of a location in messages."""
+        return self._source.issue(location, "").place
 
-    def add(self, location: Place, message: str) -> None:
-        self.problems.append(self._source.problem(location, message))
+    def add(self, location: Location, message: str) -> None:
+        """Add an issue."""
+        self.issues.append(self._source.issue(location, message))
 
-    def clock(self, location: Place) -> Clock | None:
+    def clock(self, location: Location) -> Clock | None:
+        """Return the clock of a column; None where it could not be read."""
         return self._clocks[self._keys[location]]
 
     @property
     def clocks(self) -> list[Clock]:
+        """Return all clocks."""
         return [clock for clock in self._clocks.values() if clock is not None]
 
-    def column(self, location: Place, spec: Column) -> Array | None:
-        """All rows of a channel or an input, as they stand in the file."""
+    def column(self, location: Location, spec: ColumnSpec) -> Array | None:
+        """Return all rows of a channel or an input, as they stand in the file."""
         table = self._tables.get(self._keys[location][0])
         return None if table is None else self._pick(location, spec, table)
 
     def _pick(
-        self, location: Place, spec: Column, table: RecordTable, instead: str = ""
+        self, location: Location, spec: ColumnSpec, table: RecordTable, instead: str = ""
     ) -> Array | None:
         try:
             return table.pick(
-                spec.column, spec.variable, location=self.label(location_of(location, spec))
+                spec.column, spec.variable, location=self.label(column_location(location, spec))
             )
         except InputError as error:
-            self.problems += [Issue(p.place, f"{p.message}{instead}") for p in error.problems]
+            self.issues += [Issue(p.place, f"{p.message}{instead}") for p in error.problems]
             return None
 
-    def _clock(self, location: Place, spec: Series) -> Clock | None:
+    def _clock(self, location: Location, spec: Series) -> Clock | None:
         file = file_of(spec)
         if file not in self._tables:
             self._tables[file] = self._read(location, file)
@@ -171,7 +187,7 @@ class Sources:
             values, factor = self._pick(location, spec, table), 1.0
             values = None if values is None else np.arange(len(values)) / time.rate
         else:
-            instead = ELSEWHERE if spec.file is not None and not has_time else ""
+            instead = OTHER_TIMES_HINT if spec.file is not None and not has_time else ""
             values = self._pick(time_place, time, table, instead)
             factor = units.factor(time.unit, "s")
         if values is None:
@@ -181,7 +197,7 @@ class Sources:
         return self._windowed(location, time_place, table, raw + offset if offset else raw)
 
     def _windowed(
-        self, location: Place, time_place: Place, table: RecordTable, raw: Array
+        self, location: Location, time_place: Location, table: RecordTable, raw: Array
     ) -> Clock | None:
         rows, inside = np.arange(len(raw)), np.ones(len(raw), dtype=np.bool_)
         if self._spans:
@@ -197,13 +213,13 @@ class Sources:
             rows = np.concatenate([before, within, after]) if self.several else within
         clock = Clock(table, raw[rows], rows, inside[rows], len(raw))
         issues = check_time(self.label(time_place), clock.t, clock.where)
-        self.problems += issues
+        self.issues += issues
         # With wrong times a column can still be judged, and all that is wrong is told at once.
         t = clock.t if issues else on_grid(clock.t)
         return Clock(table, t, rows, inside[rows], len(raw))
 
-    def _read(self, location: Place, file: FileSpec | None) -> RecordTable | None:
-        at_file: Place = ("record", "file") if file is None else (*location, "file")
+    def _read(self, location: Location, file: FileSpec | None) -> RecordTable | None:
+        at_file: Location = ("record", "file") if file is None else (*location, "file")
         if self._given is not None:
             if file is None:
                 return self._given
@@ -218,7 +234,7 @@ class Sources:
             self.add(at_file, str(error))
         except InputError as error:
             label = self.label(at_file)
-            self.problems += [Issue(label, str(problem)) for problem in error.problems]
+            self.issues += [Issue(label, str(problem)) for problem in error.problems]
         return None
 
     def _wanted(self, file: FileSpec | None) -> set[str] | None:
@@ -230,19 +246,19 @@ class Sources:
         return None if None in names else {name for name in names if name is not None}
 
 
-def location_of(location: Place, spec: Column) -> Place:
-    """The entry that says which numbers are meant."""
+def column_location(location: Location, spec: ColumnSpec) -> Location:
+    """Return the location of the entry that says which numbers are meant."""
     return (*location, "column" if spec.column is not None else "variable")
 
 
-LEFT = 10  # samples
+MIN_SAMPLES = 10  # samples
 
 
 def refuse_decimation(experiment: Experiment, factor: int, *, filtered: bool) -> str:
-    """Why it cannot be thinned, and what to do; empty where it can."""
+    """Return why a record cannot be decimated, and what to do; empty where it can."""
     rows = len(experiment.t)
     if not filtered:
-        fewest, need = min(experiment.counts), (LEFT - 1) * factor + 1
+        fewest, need = min(experiment.counts), (MIN_SAMPLES - 1) * factor + 1
         return _too_few(fewest, need) if fewest < need else ""
     if not experiment.uniform:
         return (
@@ -256,16 +272,16 @@ def refuse_decimation(experiment: Experiment, factor: int, *, filtered: bool) ->
             "are missing, masked or outside the windows; remove it, say `filter: false`, or name one "
             "window without them"
         )
-    need = clocks.filter_length(factor) + (LEFT - 1) * factor
+    need = clocks.filter_length(factor) + (MIN_SAMPLES - 1) * factor
     return _too_few(rows, need) if rows < need else ""
 
 
 def _too_few(there: int, need: int) -> str:
-    return f"{there} samples are too few: {need} leave {LEFT}; take a smaller factor"
+    return f"{there} samples are too few: {need} leave {MIN_SAMPLES}; take a smaller factor"
 
 
-def decimated_experiment(experiment: Experiment, factor: int) -> Experiment:
-    """Channels filtered, and one sample of `factor` left.
+def decimate_filtered(experiment: Experiment, factor: int) -> Experiment:
+    """Return the experiment with filtered channels, one sample of `factor` left.
 
     Inputs that are measured stay as they are at every time, as the rig follows each of their steps:
     between samples that are left, channels are not measured.
@@ -285,15 +301,16 @@ def decimated_experiment(experiment: Experiment, factor: int) -> Experiment:
     note = (
         f"{', '.join(names)}: filtered and decimated, one sample of {factor} is left "
         f"({len(decimation.samples)} of {len(experiment.t)}). The filter is a zero-phase FIR of {taps} "
-        f"samples, half of the amplitude at {half:.6g} Hz. {taps // 2} samples at either end are "
-        f"dropped. It took away (sd) {removed}. Sigma is the noise of what is left; the model is not "
+        f"samples, half of the amplitude at {half:.6g} Hz. {taps // 2} samples at either "
+        f"end are dropped. It took away (sd) {removed}. Sigma is the noise of what is left; "
+        "the model is not "
         "filtered"
     )
     return dataclasses.replace(experiment, t=frozen(t), y=frozen(y), told=(*experiment.told, note))
 
 
-def samples_left(experiment: Experiment, factor: int) -> Experiment:
-    """As they are: of each channel its first sample, and then one of `factor`."""
+def decimate_unfiltered(experiment: Experiment, factor: int) -> Experiment:
+    """Return the experiment with one sample of `factor` of each channel, from its first on."""
     measured = experiment.seen
     selected = measured & ((np.cumsum(measured, axis=0) - 1) % factor == 0)
     t, y = experiment.t, np.where(selected, experiment.y, np.nan)

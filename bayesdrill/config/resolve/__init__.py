@@ -1,6 +1,5 @@
-"""Entries of a config become objects: numbers, sensors, experiments, and the `Problem` they make
-together.
+"""Resolve entries of a config into objects: numbers, sensors, experiments, and the `Problem`.
 
-Nothing here reads a file. Mistakes were told by `schema` and `consistency`, or are told with
-their place.
+Nothing here reads a file. Mistakes were reported by `schema` and `consistency`, or are raised with
+their location.
 """

@@ -1,8 +1,7 @@
-"""What a config says, resolved once: the rig, each experiment with its channels and sensors, and the
-nominal values.
+"""A config, resolved once: the rig, each experiment with channels and sensors, nominal values.
 
-Loading gives it, and nobody asks the YAML again: `consistency` builds it, and tells what is wrong.
-The steps raise `ValueError` with a message for the user.
+Loading gives it, and nobody asks the YAML again: `consistency` builds it, and reports what is
+wrong. The steps raise `ValueError` with a message for the user.
 """
 
 from __future__ import annotations
@@ -16,23 +15,25 @@ from bayesdrill.basics.entries import build_member
 from bayesdrill.basics.formulas import Expression, resolve_relations
 from bayesdrill.basics.registry import lookup
 from bayesdrill.config.resolve import quantities
-from bayesdrill.config.resolve.quantities import DeclaredNumber, ResolvedTable
-from bayesdrill.config.resolve.sensors import NoiseSettings, SensorEntry
+from bayesdrill.config.resolve.quantities import NominalValues, ParsedNumber
+from bayesdrill.config.resolve.sensors import MeasuredChannel, SensorEntry
 from bayesdrill.config.schema import numbers
 from bayesdrill.config.schema.config import Config
 from bayesdrill.config.yaml_source import Source
 from bayesdrill.inference.posterior import Formula
 from bayesdrill.inference.priors import Prior
-from bayesdrill.inference.unknowns import ParameterSpace, Unknown, of_label
+from bayesdrill.inference.unknowns import ParameterSpace, Unknown, labelled_name
 from bayesdrill.rig import models
 from bayesdrill.rig.models import MODELS
 from bayesdrill.rig.models.linear import Model, with_named
 from bayesdrill.rig.simulators.sensors import ObservationModel
 
 
-def model(config: Config, more: Collection[str] = ()) -> Model:
-    """With the constants that the config gives, as far as the model has them, and with what it offers of
-    the parameters that the config names, or that are `more`.
+def build_model(config: Config, more: Collection[str] = ()) -> Model:
+    """Return the model with the constants that the config gives, as far as it has them.
+
+    What the model offers of the parameters that the config names, or that are `more`, is switched
+    on.
     """
     rig = build_member(lookup(MODELS, config.model.name, "model"), config.model)
     named = {name for name, spec in config.parameters.items() if spec is not None}
@@ -40,11 +41,11 @@ def model(config: Config, more: Collection[str] = ()) -> Model:
 
 
 def initial_state(config: Config, model: Model) -> dict[str, float]:
-    """What is held of it, SI; of a steady start only what is named."""
+    """Return what is fixed of the initial state, SI; of a steady start only what is named."""
     initial = config.initial
     given = {name: getattr(initial, name) for name in model.outer}
     return {
-        name: quantities.si(value, models.STATES[name].unit)
+        name: quantities.to_si(value, models.STATES[name].unit)
         for name, value in given.items()
         if isinstance(value, float | int | numbers.Quantity)
         and (initial.state != "steady" or name in initial.model_fields_set)
@@ -53,19 +54,20 @@ def initial_state(config: Config, model: Model) -> dict[str, float]:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RigNumbers:
-    """Numbers of the rig's `parameters`, in the model's order, or by what they follow from others, of
-    quantities, and what is derived of them.
+    """Numbers of the rig: `parameters` in the model's order, `quantities`, `derived` formulas.
+
+    A parameter that follows from others is an expression.
     """
 
-    parameters: Mapping[str, DeclaredNumber | Expression]
-    quantities: Mapping[str, DeclaredNumber]
+    parameters: Mapping[str, ParsedNumber | Expression]
+    quantities: Mapping[str, ParsedNumber]
     derived: tuple[Formula, ...]
 
     def space(
         self,
         local: Sequence[str] = (),
         labels: Sequence[str] = (),
-        sensors: Sequence[DeclaredNumber] = (),
+        sensors: Sequence[ParsedNumber] = (),
         noise: Sequence[Unknown] = (),
     ) -> ParameterSpace:
         """Return the unknowns: free parameters, quantities, those of `sensors` and starts, then `noise`.
@@ -76,19 +78,19 @@ class RigNumbers:
         fixed: dict[str, float] = {}
         names: list[str] = []
 
-        def add(number: DeclaredNumber, several: Sequence[str] = ("",)) -> None:
+        def add(number: ParsedNumber, several: Sequence[str] = ("",)) -> None:
             if isinstance(number.value, float):
                 fixed[number.name] = number.value
                 return
             unknown = Unknown(
                 symbol=number.symbol, role=number.role, prior=number.value, start=number.start
             )
-            unknowns.extend(unknown.of(label) for label in several)
+            unknowns.extend(unknown.for_experiment(label) for label in several)
 
         for name, number in self.parameters.items():
             several = labels if name in local else [""]
-            names += [of_label(name, label) for label in several]
-            if isinstance(number, DeclaredNumber):
+            names += [labelled_name(name, label) for label in several]
+            if isinstance(number, ParsedNumber):
                 add(number, several)
         for number in self.quantities.values():
             add(number)
@@ -110,10 +112,12 @@ class RigNumbers:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Beside:
-    """What an experiment has beside the rig, by the names that it gives: numbers of its `sensors` and
-    its start, held or with a prior, None where the record gives one or there is a mistake; unknown
-    `levels` of its noise, None with a mistake; names of its `channels`.
+class LocalNumbers:
+    """What an experiment has beside the rig, by the names that it gives.
+
+    `sensors`: numbers of its sensors and its start, fixed or with a prior; None where the record
+    gives one or there is a mistake.  `levels`: unknowns of its noise, None with a mistake.
+    `channels`: names.
     """
 
     sensors: Mapping[str, float | Prior | None]
@@ -122,11 +126,12 @@ class Beside:
 
     @property
     def unknown(self) -> dict[str, tuple[Prior | None, object]]:
-        """Without what is held: a prior, and with it what is the same where it is shared."""
+        """Return those that are not fixed: a prior, and what is the same where it is shared."""
         return {name: (x, what) for name, (x, what) in self.all.items() if not isinstance(x, float)}
 
     @property
     def all(self) -> dict[str, tuple[float | Prior | None, object]]:
+        """Return all numbers: a value or a prior, and what is the same where it is shared."""
         values: dict[str, tuple[float | Prior | None, object]] = {}
         for name, value in self.sensors.items():
             values[name] = value, value
@@ -139,26 +144,26 @@ class Beside:
 class ResolvedExperiment:
     """One experiment; `label` is its name, empty where there is only one.
 
-    `config`: what it reads as if it were alone, whose paths start at `source`; `numbers`: of the rig,
-    and the `space` that they alone make; `channels`: those that are evidence; `entries` of sensors and
-    start, and what each is as `declared`; `free`: states of the start whose priors the record gives;
-    `torque`: size and time of the missing one, where there is one.
+    `config`: what it reads as if it were alone, whose paths start at `source`; `rig_numbers`: of the
+    rig, and the `space` that they alone make; `channels`: those that are evidence; `sensor_entries` of
+    sensors and start, and what each is as `sensor_numbers`; `free_states`: states of the start whose
+    priors the record gives; `torque`: size and time of the missing one, where there is one.
     """
 
     label: str
     config: Config
     source: Source
     model: Model
-    nominal: ResolvedTable
-    numbers: RigNumbers
+    nominal: NominalValues
+    rig_numbers: RigNumbers
     space: ParameterSpace
-    channels: tuple[NoiseSettings, ...]
-    entries: tuple[SensorEntry, ...]
-    declared: tuple[DeclaredNumber, ...]
+    channels: tuple[MeasuredChannel, ...]
+    sensor_entries: tuple[SensorEntry, ...]
+    sensor_numbers: tuple[ParsedNumber, ...]
     sensing: ObservationModel
-    free: tuple[str, ...]
+    free_states: tuple[str, ...]
     torque: Mapping[str, float | Unknown]
-    beside: Beside
+    local_numbers: LocalNumbers
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -174,23 +179,25 @@ class ResolvedCase:
 
     @property
     def model(self) -> Model:
-        """The rig, which all experiments share."""
+        """Return the rig, which all experiments share."""
         return self.experiments[0].model
 
     @property
-    def nominal(self) -> ResolvedTable:
+    def nominal(self) -> NominalValues:
+        """Return the nominal values."""
         return self.experiments[0].nominal
 
     @property
     def held_out(self) -> list[str]:
-        """Names of experiments that are no evidence."""
+        """Return the names of experiments that are no evidence."""
         return [
             label for label, experiment in self.config.experiments.items() if experiment.held_out
         ]
 
     def experiment(self, label: str) -> ResolvedExperiment:
+        """Return the experiment of this name."""
         return next(experiment for experiment in self.experiments if experiment.label == label)
 
     def with_settings(self, **changed: Any) -> ResolvedCase:
-        """With other sections of what decides no posterior, such as `sampler`."""
+        """Return the case with other sections that decide no posterior, such as `sampler`."""
         return dataclasses.replace(self, config=self.config.model_copy(update=changed))

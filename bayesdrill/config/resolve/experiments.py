@@ -12,11 +12,11 @@ import numpy as np
 
 from bayesdrill.basics.arrays import Array
 from bayesdrill.config.resolve import sensors
-from bayesdrill.config.resolve.quantities import DeclaredNumber
+from bayesdrill.config.resolve.quantities import ParsedNumber
 from bayesdrill.config.schema.config import Config
-from bayesdrill.config.yaml_source import Place, Source
+from bayesdrill.config.yaml_source import Location, Source
 from bayesdrill.inference.priors import Prior, TruncatedNormal
-from bayesdrill.inference.unknowns import of_label
+from bayesdrill.inference.unknowns import labelled_name
 from bayesdrill.record.experiment import Experiment, frozen
 from bayesdrill.rig import models
 from bayesdrill.rig.models.friction import Named
@@ -25,108 +25,113 @@ from bayesdrill.rig.simulators.sensors import ObservationModel
 
 SECTIONS = ("record", "inputs", "initial")  # which an experiment may have of its own
 EXPERIMENTS = "experiments"
-WHOSE = ("shared", "own")  # of what the experiments have in common, or each for itself
+SHARING_KEYS = ("shared", "own")  # of what the experiments have in common, or each for itself
 
 
-def split(source: Source) -> dict[str, Source]:
-    """Of a config with experiments, what each reads as if it were alone; by name."""
+def split_experiments(source: Source) -> dict[str, Source]:
+    """Return, by name, what each experiment of a config reads as if it were alone."""
     named = source.data.get(EXPERIMENTS)
     if not isinstance(named, Mapping):
         return {}
     return {
-        label: alone(source, label, entries)
+        label: experiment_source(source, label, entries)
         for label, entries in named.items()
         if isinstance(entries, Mapping)  # what is none is told of by its own entry
     }
 
 
 def join_experiments(source: Source, sources: Mapping[str, Source]) -> dict[str, Any]:
-    """The config of all: at its top the first experiment, and under each name all that is its own."""
+    """Return the config of all: the first experiment at its top, local entries under each name."""
     named = source.data[EXPERIMENTS]
     named = dict(named) if isinstance(named, Mapping) else named
     first = next(iter(sources.values()), source)
     for label, local in sources.items():
         named[label] = {**named[label], **{k: local.data[k] for k in SECTIONS if k in local.data}}
-    sharing = {key: source.data[key] for key in WHOSE if key in source.data}
+    sharing = {key: source.data[key] for key in SHARING_KEYS if key in source.data}
     return {**first.data, EXPERIMENTS: named, **sharing}
 
 
-def common_or_own(config: Config, name: str, label: str) -> str:
-    """What an unknown of one experiment is called among those of all."""
-    return name if name in config.shared else of_label(name, label)
+def joint_name(config: Config, name: str, label: str) -> str:
+    """Return the name that an unknown of one experiment has among those of all."""
+    return name if name in config.shared else labelled_name(name, label)
 
 
-def alone(source: Source, label: str, local: Mapping[str, Any]) -> Source:
-    """What a config says of an experiment with such entries of its `local`."""
-    data = {k: v for k, v in source.data.items() if k not in (EXPERIMENTS, *WHOSE)}
+def experiment_source(source: Source, label: str, local: Mapping[str, Any]) -> Source:
+    """Return the config of one experiment, with its `local` entries."""
+    data = {k: v for k, v in source.data.items() if k not in (EXPERIMENTS, *SHARING_KEYS)}
     data = copy.deepcopy(data)
     for section in [name for name in SECTIONS if name in local]:
-        data[section] = _over(data.get(section), local[section])
-    lines, moved = dict(source.lines), dict[Place, Place]()
-    prefix: Place = (EXPERIMENTS, label)
+        data[section] = _merged(data.get(section), local[section])
+    lines, moved = dict(source.lines), dict[Location, Location]()
+    prefix: Location = (EXPERIMENTS, label)
     for location, line in source.lines.items():
         if location[:2] == prefix and len(location) > 2:
             lines[location[2:]], moved[location[2:]] = line, location
     return dataclasses.replace(source, data=data, lines=lines, repeated=(), moved=moved)
 
 
-def _over(common: Any, local: Any) -> Any:
+def _merged(common: Any, local: Any) -> Any:
     """`local` entries in the place of common ones, mapping by mapping."""
     if not (isinstance(common, Mapping) and isinstance(local, Mapping)):
         return copy.deepcopy(local)
-    if _chosen(local) and _chosen(common) != _chosen(local):
+    if _entry_kind(local) and _entry_kind(common) != _entry_kind(local):
         return copy.deepcopy(local)  # another kind of entry: nothing of the common one fits
     merged = {key: value for key, value in common.items() if key not in local}
-    return {**merged, **{key: _over(common.get(key), value) for key, value in local.items()}}
+    return {**merged, **{key: _merged(common.get(key), value) for key, value in local.items()}}
 
 
-def _chosen(entry: Mapping[str, Any]) -> str:
+def _entry_kind(entry: Mapping[str, Any]) -> str:
     """Which kind a number or column is, where it says so."""
     return next((key for key in ("prior", "value", "rate") if key in entry), "")
 
 
-WIDE = 2.0  # times what a channel of the same kind spans: sd of the prior of a free state
-FURTHEST = 1e-6  # of the prior of a lag lies beyond what is left out of the start
-FIRST = 5  # samples that show whether a record begins in motion
-SURELY = 12.0  # times the noise
-APPRECIABLE = 0.2  # of what the channel does later
-USUAL = 0.025  # of the prior of a lag, on either side, may lie beyond the record
-QUICK = 0.99  # of the steps of an angle are no faster than the speed that is taken of it
+FREE_START_WIDTH = (
+    2.0  # times what a channel of the same kind spans: sd of the prior of a free state
+)
+LAG_TAIL = 1e-6  # of the prior of a lag lies beyond what is left out of the start
+N_FIRST_SAMPLES = 5  # samples that show whether a record begins in motion
+MIN_MOTION_OVER_NOISE = 12.0  # times the noise
+MIN_MOTION_SHARE = 0.2  # of what the channel does later
+LAG_TAIL_BEYOND_RECORD = 0.025  # of the prior of a lag, on either side, may lie beyond the record
+SPEED_QUANTILE = 0.99  # of the steps of an angle are no faster than the speed that is taken of it
 
 
-def free_start(name: str, experiment: Experiment, model: Model, values: Named) -> DeclaredNumber:
-    """Of a state a normal prior around what the first samples say, as wide as the channels go; where no
-    channel tells of it, as wide as the inputs would drive it at parameters `values`.
+def free_start(name: str, experiment: Experiment, model: Model, values: Named) -> ParsedNumber:
+    """Return a normal prior of a state around the first samples, as wide as the channels go.
+
+    Where no channel measures it, it is as wide as the inputs would drive it at parameters `values`.
+    Raises `ValueError` where neither tells a width.
     """
     unit = models.STATES[name].unit
-    middle, width = _measured(name, experiment)
+    middle, width = _measured_start(name, experiment)
     if width is None:
-        width = _width(experiment, unit)
+        width = _span_of_unit(experiment, unit)
     if not width:
-        width = _driven(name, experiment, model, values)
+        width = _driven_width(name, experiment, model, values)
     if not (math.isfinite(width) and width > 0):
         raise ValueError(
             f"no channel says how far {name} may be from zero at the start; give it a prior, such as "
             f"`{name}: {{prior: normal, mean: 0, sd: 1}}`"
         )
-    prior = TruncatedNormal(middle, WIDE * width, -math.inf, math.inf)
-    return DeclaredNumber(
+    prior = TruncatedNormal(middle, FREE_START_WIDTH * width, -math.inf, math.inf)
+    return ParsedNumber(
         symbol=sensors.symbol_of_state(name), role="start", value=prior, start=middle
     )
 
 
-def _seen(experiment: Experiment, unit: str) -> list[tuple[Mapping[str, float], Array]]:
+def _channels_of_unit(experiment: Experiment, unit: str) -> list[tuple[Mapping[str, float], Array]]:
     channels = zip(experiment.channels, experiment.y.T, strict=True)
     return [(c.weights, y[~np.isnan(y)]) for c, y in channels if c.unit == unit]
 
 
-def _measured(name: str, experiment: Experiment) -> tuple[float, float | None]:
-    """First value and span of a channel that measures this state alone; of an angle that only
-    another one tells, that one's first value: the two turn together.
+def _measured_start(name: str, experiment: Experiment) -> tuple[float, float | None]:
+    """Return first value and span of a channel that measures this state alone.
+
+    Of an angle that only another one tells, it is that one's first value: the two turn together.
     """
     unit = models.STATES[name].unit
     middle = 0.0
-    for weights, y in _seen(experiment, unit):
+    for weights, y in _channels_of_unit(experiment, unit):
         if set(weights) == {name}:
             return float(y[0] / weights[name]), float(np.ptp(y) / abs(weights[name]))
         if len(weights) == 1 and unit in ("rad", "rad/s"):
@@ -134,23 +139,25 @@ def _measured(name: str, experiment: Experiment) -> tuple[float, float | None]:
     return middle, None
 
 
-def _width(experiment: Experiment, unit: str) -> float:
+def _span_of_unit(experiment: Experiment, unit: str) -> float:
     """How far states of this unit go, as channels tell; angles and speeds tell of each other."""
-    if unit == "rad" and (spans := [float(np.ptp(y)) for _, y in _seen(experiment, unit)]):
+    if unit == "rad" and (
+        spans := [float(np.ptp(y)) for _, y in _channels_of_unit(experiment, unit)]
+    ):
         return max(spans)
     if unit == "rad":
-        speeds = [float(np.abs(y).max()) for _, y in _seen(experiment, "rad/s")]
+        speeds = [float(np.abs(y).max()) for _, y in _channels_of_unit(experiment, "rad/s")]
         return float(experiment.t[-1] - experiment.t[0]) * max(speeds, default=0)
-    sizes = [float(np.abs(y).max()) for _, y in _seen(experiment, unit)]
+    sizes = [float(np.abs(y).max()) for _, y in _channels_of_unit(experiment, unit)]
     for k, channel in enumerate(experiment.channels):
         if unit == "rad/s" and channel.unit == "rad":
             measured = ~np.isnan(experiment.y[:, k])
             steps = np.diff(experiment.y[measured, k]) / np.diff(experiment.t[measured])
-            sizes.append(float(np.quantile(np.abs(steps), QUICK)) if len(steps) else 0.0)
+            sizes.append(float(np.quantile(np.abs(steps), SPEED_QUANTILE)) if len(steps) else 0.0)
     return max(sizes, default=0.0)
 
 
-def _driven(name: str, experiment: Experiment, model: Model, values: Named) -> float:
+def _driven_width(name: str, experiment: Experiment, model: Model, values: Named) -> float:
     """Where the inputs would hold it, if nothing else moved; where there are none, what turns would."""
     linear = model.linear(values)
     decay = abs(float(linear.A.get((name, name), 0.0)))
@@ -163,9 +170,11 @@ def _driven(name: str, experiment: Experiment, model: Model, values: Named) -> f
     )
     if push == 0:
         for other in (n for n in model.states if models.STATES[n].unit == "rad/s"):
-            measured = [(w[other], y) for w, y in _seen(experiment, "rad/s") if w.get(other)]
+            measured = [
+                (w[other], y) for w, y in _channels_of_unit(experiment, "rad/s") if w.get(other)
+            ]
             speeds = [float(np.abs(y / weight).max()) for weight, y in measured]
-            speed = max(speeds, default=_width(experiment, "rad/s"))
+            speed = max(speeds, default=_span_of_unit(experiment, "rad/s"))
             push = max(push, abs(float(linear.A.get((name, other), 0.0))) * speed)
     return push / decay if decay > 0 else 0.0
 
@@ -173,20 +182,22 @@ def _driven(name: str, experiment: Experiment, model: Model, values: Named) -> f
 def start_beyond_lags(
     experiment: Experiment, sensing: ObservationModel, values: Mapping[str, float | Prior]
 ) -> Experiment:
-    """Without the samples that show what no record tells: of a rig that moves at the start, what was
-    before it; of an input that the record shows late, what came after its end.
+    """Return the experiment without the samples that lags leave undetermined.
+
+    Of a rig that moves at the start these show what was before it; of an input that the record
+    shows late, what came after its end.
     """
     y, notes = np.array(experiment.y), list(experiment.told)
     late = sensing.shifts or bool(sensing.input_lags)
     moves, t = late and sensing.moves(experiment.start), experiment.t
-    felt = [_ends(values[name]) for name in sensing.input_lags.values()]
+    felt = [_lag_range(values[name]) for name in sensing.input_lags.values()]
     first = min([0.0, *(low for low, _ in felt)])
     last = max([0.0, *(high for _, high in felt)])
     if sensing.delay is not None:
-        last += _ends(values[sensing.delay])[1]
+        last += _lag_range(values[sensing.delay])[1]
     for k, channel in enumerate(experiment.channels):
         lag = sensing.lags.get(channel.name)
-        least, most = (0.0, 0.0) if lag is None else _ends(values[lag])
+        least, most = (0.0, 0.0) if lag is None else _lag_range(values[lag])
         measured = ~np.isnan(y[:, k])
         before = measured & (t < experiment.t_start + last + most) & moves
         after = measured & (t > t[-1] + first + least + 1e-9 * experiment.dt) & (first < 0.0)
@@ -203,12 +214,12 @@ def start_beyond_lags(
     return dataclasses.replace(experiment, y=frozen(y), told=tuple(notes))
 
 
-def start_too_late(lag: DeclaredNumber, experiment: Experiment) -> str:
-    """What is wrong with a lag, or a delay, that the record is too short for."""
+def start_too_late(lag: ParsedNumber, experiment: Experiment) -> str:
+    """Return what is wrong with a lag, or a delay, that the record is too short for."""
     duration = float(experiment.t[-1] - experiment.t_start)
     ends = np.array([lag.value] * 2)
     if not isinstance(lag.value, float):
-        ends = lag.value.quantile(np.array([USUAL, 1 - USUAL]))
+        ends = lag.value.quantile(np.array([LAG_TAIL_BEYOND_RECORD, 1 - LAG_TAIL_BEYOND_RECORD]))
     if np.abs(ends).max() < duration:
         return ""
     return (
@@ -217,20 +228,20 @@ def start_too_late(lag: DeclaredNumber, experiment: Experiment) -> str:
     )
 
 
-def unsaid_motion(experiment: Experiment, sigmas: Sequence[float]) -> str:
-    """A channel that shows a motion at the start, of a rig that is taken to be at rest; empty for none.
+def undeclared_motion(experiment: Experiment, sigmas: Sequence[float]) -> str:
+    """Return which channel shows motion at the start of a rig taken to be at rest; or nothing.
 
-    `sigmas (K,)`: of the noise, or of where a search for it begins.
+    `sigmas (K,)`: sd of the noise, or where a search for it begins.
     """
     channels = zip(experiment.channels, experiment.y.T, sigmas, strict=True)
     for channel, y, sigma in channels:
         measured = ~np.isnan(y)
-        first, t = y[measured][:FIRST], experiment.t[measured][:FIRST]
-        if len(first) < FIRST:
+        first, t = y[measured][:N_FIRST_SAMPLES], experiment.t[measured][:N_FIRST_SAMPLES]
+        if len(first) < N_FIRST_SAMPLES:
             continue
         reach = float(np.ptp(y[measured]))
         if channel.unit == "rad/s":
-            size, error = float(np.mean(first)), sigma / math.sqrt(FIRST)
+            size, error = float(np.mean(first)), sigma / math.sqrt(N_FIRST_SAMPLES)
             unit = "rad/s (its value there)"
         elif channel.unit == "rad":
             spread = float(np.sqrt(((t - t.mean()) ** 2).sum()))
@@ -239,14 +250,14 @@ def unsaid_motion(experiment: Experiment, sigmas: Sequence[float]) -> str:
             reach = reach / float(experiment.t[-1] - experiment.t[0])
         else:
             continue
-        if abs(size) > SURELY * error and abs(size) > APPRECIABLE * reach:
+        if abs(size) > MIN_MOTION_OVER_NOISE * error and abs(size) > MIN_MOTION_SHARE * reach:
             return f"{channel.name} changes by {size:.3g} {unit} at its beginning"
     return ""
 
 
-def _ends(value: float | Prior) -> tuple[float, float]:
+def _lag_range(value: float | Prior) -> tuple[float, float]:
     """As small, and as large, as a lag may be."""
     if isinstance(value, float):
         return value, value
-    low, high = value.quantile(np.array([FURTHEST, 1 - FURTHEST]))
+    low, high = value.quantile(np.array([LAG_TAIL, 1 - LAG_TAIL]))
     return float(low), float(high)

@@ -1,5 +1,4 @@
-"""Single numbers and inputs of a config as objects: priors, quantities, ties, formulas; what
-drives the rig.
+"""Single numbers and inputs of a config as objects: priors, quantities, ties, formulas.
 
 The steps raise `ValueError` with a message for the user.
 """
@@ -28,7 +27,7 @@ from bayesdrill.config.schema.numbers import ParameterPrior, PriorSpec, Quantity
 from bayesdrill.config.schema.records import InputColumn
 from bayesdrill.inference.posterior import Formula
 from bayesdrill.inference.priors import PRIORS, Prior
-from bayesdrill.inference.unknowns import Role, labelled
+from bayesdrill.inference.unknowns import Role, labelled_symbol
 from bayesdrill.record import anomalies
 from bayesdrill.record.experiment import Experiment
 from bayesdrill.rig import models
@@ -36,9 +35,10 @@ from bayesdrill.rig.models.linear import Model, gear_factor
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class DeclaredNumber:
-    """A number of the config, SI: held, or unknown with a `start` for searches; `factor`: how many SI
-    its `unit` is.
+class ParsedNumber:
+    """A number of the config, SI: fixed, or unknown with a `start` for searches.
+
+    `factor`: how many SI its `unit` is.
     """
 
     symbol: Symbol
@@ -50,30 +50,34 @@ class DeclaredNumber:
 
     @property
     def name(self) -> str:
+        """Return its name."""
         return self.symbol.name
 
-    def of(self, label: str, name: str) -> DeclaredNumber:
-        """The same of one of several experiments; unless it has the same name in all of them."""
+    def for_experiment(self, label: str, name: str) -> ParsedNumber:
+        """Return it for one of several experiments, unless all have the same name."""
         if name == self.name:
             return self
-        return dataclasses.replace(self, symbol=labelled(self.symbol, label, name))
+        return dataclasses.replace(self, symbol=labelled_symbol(self.symbol, label, name))
 
 
-_FARTHEST = 5  # sd of a normal between its mean and zero, where it is cut
-NARROWEST = 1e-9  # of a prior, relative: below it, numbers hold no more than one value
+_MAX_TRUNCATION = 5  # sd of a normal between its mean and zero, where it is cut
+MIN_RELATIVE_WIDTH = 1e-9  # of a prior, relative: below it, numbers hold no more than one value
 
 
-def prior(spec: PriorSpec, nominal_value: float | None = None) -> Prior:
-    """The prior in the unit of its entry; one that is `relative` is of multiples of `nominal_value`."""
+def build_prior(spec: PriorSpec, nominal_value: float | None = None) -> Prior:
+    """Return the prior in the unit of its entry.
+
+    One that is `relative` is in multiples of `nominal_value`.
+    """
     values, positive = spec.numbers, spec.families is PRIORS
     if "low" in values and not values["low"] < values["high"]:
         raise ValueError(
             f"low {values['low']:g} is not below high {values['high']:g}; exchange or mend them"
         )
-    if positive and "mean" in values and values["mean"] < -_FARTHEST * values["sd"]:
+    if positive and "mean" in values and values["mean"] < -_MAX_TRUNCATION * values["sd"]:
         raise ValueError(
-            f"mean {values['mean']:g} lies more than {_FARTHEST} sd below zero, so that nothing of the "
-            "prior is left; all unknowns are positive"
+            f"mean {values['mean']:g} lies more than {_MAX_TRUNCATION} sd below zero, so that "
+            "nothing of the prior is left; all unknowns are positive"
         )
     built = spec.families[spec.prior](**values)
     if is_relative(spec):
@@ -85,7 +89,7 @@ def prior(spec: PriorSpec, nominal_value: float | None = None) -> Prior:
         built = built.scaled(nominal_value)
     with np.errstate(all="ignore"):
         low, middle, high = built.quantile(np.array([0.01, 0.5, 0.99]))
-    if not high - low > NARROWEST * abs(middle):
+    if not high - low > MIN_RELATIVE_WIDTH * abs(middle):
         raise ValueError(
             f"{built.describe()}: nearly all of it is at {middle:.6g}; hold the value as a number, or "
             "mend the prior"
@@ -94,18 +98,19 @@ def prior(spec: PriorSpec, nominal_value: float | None = None) -> Prior:
 
 
 def is_relative(spec: object) -> bool:
+    """Whether a prior is relative to the nominal value."""
     return isinstance(spec, ParameterPrior) and spec.relative
 
 
 def is_tied(spec: object) -> bool:
-    """Whether it follows from others."""
+    """Whether a parameter follows from others."""
     return isinstance(spec, numbers.Tie) or (isinstance(spec, str) and spec != "nominal")
 
 
-def start(spec: PriorSpec, built: Prior, nominal_value: float | None = None) -> float:
-    """Where the MAP search begins; raises where the prior excludes it.
+def search_start(spec: PriorSpec, built: Prior, nominal_value: float | None = None) -> float:
+    """Return where the MAP search begins; raises `ValueError` where the prior excludes it.
 
-    By default at the nominal value, or where there is none at the median.
+    By default that is the nominal value, or where there is none the median.
     """
     default = nominal_value or float(built.quantile(np.array([0.5]))[0])
     value = default if spec.start is None else spec.start
@@ -119,19 +124,23 @@ def start(spec: PriorSpec, built: Prior, nominal_value: float | None = None) -> 
 
 
 def prior_in_si(spec: PriorSpec, factor: float) -> tuple[Prior, float]:
-    """Of an entry whose unit is `factor` SI, with the start; its mistakes are told in that unit."""
-    built = prior(spec)
-    return built.scaled(factor), start(spec, built) * factor
+    """Return a prior and its start in SI, of an entry whose unit is `factor` SI.
+
+    Mistakes are reported in that unit.
+    """
+    built = build_prior(spec)
+    return built.scaled(factor), search_start(spec, built) * factor
 
 
-def si(value: float | numbers.Quantity, unit: str) -> float:
+def to_si(value: float | numbers.Quantity, unit: str) -> float:
+    """Return a value in SI; a plain number is in SI already."""
     if isinstance(value, numbers.Quantity):
         return value.value * units.factor(value.unit, unit)
     return value
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class ResolvedTable:
+class NominalValues:
     """Nominal `values` of parameters: those of a table, unless the config says otherwise.
 
     `compared`: those that are this rig's, all of a table that the config names or relies on; where it
@@ -161,7 +170,7 @@ def nominal_value(config: Config, model: Model, name: str) -> float:
     return value
 
 
-def nominal_table(config: Config, config_values: Mapping[str, float]) -> ResolvedTable:
+def nominal_table(config: Config, config_values: Mapping[str, float]) -> NominalValues:
     """Return the table that the config names, with its own `config_values`, SI, in place of the table's.
 
     Raises `ValueError` where there is no such table.
@@ -178,7 +187,7 @@ def nominal_table(config: Config, config_values: Mapping[str, float]) -> Resolve
         }
     published = tuple(name for name in compared if name not in config_values)
     called = f"{table} ({', '.join(n for n in compared if n in config_values)} as in the config)"
-    return ResolvedTable(
+    return NominalValues(
         values=values,
         compared=compared,
         published=published,
@@ -195,11 +204,11 @@ def _tolerance(given: Any) -> dict[str, float]:
     return {name: given.default if value is None else value for name, value in values.items()}
 
 
-def parameter(
-    config: Config, model: Model, table: ResolvedTable, name: str
-) -> DeclaredNumber | Expression:
-    """Of a rig: its number, or by what it follows from others."""
-    if (related := relation(config, model, name)) is not None:
+def parse_parameter(
+    config: Config, model: Model, table: NominalValues, name: str
+) -> ParsedNumber | Expression:
+    """Return a parameter of the rig: its number, or the expression that it follows from."""
+    if (related := parse_relation(config, model, name)) is not None:
         return related
     spec, symbol, value = config.parameters[name], models.PARAMETERS[name], table.values.get(name)
     no_table = f"no table has {name}" + (f" ({symbol.typical})" if symbol.typical else "")
@@ -207,20 +216,21 @@ def parameter(
         fixed = float(spec) if isinstance(spec, float | int) else value
         if fixed is None:
             raise ValueError(f"{no_table}; give a number, or `nominal: {{{name}: ...}}`")
-        return DeclaredNumber(symbol=symbol, role="rig", value=fixed, start=fixed)
+        return ParsedNumber(symbol=symbol, role="rig", value=fixed, start=fixed)
     if spec.relative and value is None:
         way_out = f"`nominal: {{{name}: ...}}`, or leave out `relative:`"
         raise ValueError(f"{no_table}, to be relative to; give {way_out}")
-    built, most = prior(spec, value), symbol.at_most
+    built, most = build_prior(spec, value), symbol.at_most
     if built.high > most:
         reaches = "has no end" if math.isinf(built.high) else f"goes up to {built.high:.6g}"
         ends = f"such as {{prior: uniform, low: {0.5 * most:g}, high: {most:g}}}"
         raise ValueError(f"the prior {reaches}, and {name} is at most {most:g}; let it end, {ends}")
-    begin = start(spec, built, table.compared.get(name))
-    return DeclaredNumber(symbol=symbol, role="rig", value=built, start=begin)
+    begin = search_start(spec, built, table.compared.get(name))
+    return ParsedNumber(symbol=symbol, role="rig", value=built, start=begin)
 
 
-def quantity(name: str, spec: float | numbers.Quantity | QuantityPrior) -> DeclaredNumber:
+def parse_quantity(name: str, spec: float | numbers.Quantity | QuantityPrior) -> ParsedNumber:
+    """Return a quantity of the config as a number."""
     _check_name(name)
     value: float | Prior
     if isinstance(spec, float | int):
@@ -237,7 +247,7 @@ def quantity(name: str, spec: float | numbers.Quantity | QuantityPrior) -> Decla
             value, begin = prior_in_si(spec, factor)
     meaning = "held by" if isinstance(value, float) else "quantity of"
     symbol = symbols.own_symbol(name, unit, latex, f"{meaning} the config")
-    return DeclaredNumber(symbol=symbol, role="quantity", value=value, start=begin, factor=factor)
+    return ParsedNumber(symbol=symbol, role="quantity", value=value, start=begin, factor=factor)
 
 
 def _check_name(name: str) -> None:
@@ -253,8 +263,8 @@ def _names(config: Config, model: Model) -> tuple[str, ...]:
     return (*model.parameters, *config.quantities)
 
 
-def relation(config: Config, model: Model, name: str) -> Expression | None:
-    """By which parameter `name` follows from others; None where it has a value or a prior."""
+def parse_relation(config: Config, model: Model, name: str) -> Expression | None:
+    """Return the expression that parameter `name` follows from; None for a value or a prior."""
     given, known = config.parameters.get(name), _names(config, model)
     if isinstance(given, numbers.Tie):
         spec = given.tie
@@ -274,8 +284,8 @@ def relation(config: Config, model: Model, name: str) -> Expression | None:
     return parsed
 
 
-def formula(config: Config, model: Model, name: str) -> Formula:
-    """A derived quantity of the config; it may name those that stand before it."""
+def parse_formula(config: Config, model: Model, name: str) -> Formula:
+    """Return a derived quantity of the config; it may name those that stand before it."""
     _check_name(name)
     if name in config.quantities:
         raise ValueError(f"{name} is a quantity already; choose another name")
@@ -288,44 +298,44 @@ def formula(config: Config, model: Model, name: str) -> Formula:
 
 
 # Inputs that are speeds, and the entries that give the angle instead.
-IMPOSED: Mapping[str, str] = MappingProxyType({"w_2": "theta_2"})
-ENTRIES = (*symbols.INPUTS, *IMPOSED.values())
+IMPOSED_ANGLES: Mapping[str, str] = MappingProxyType({"w_2": "theta_2"})
+INPUT_ENTRIES = (*symbols.INPUTS, *IMPOSED_ANGLES.values())
 
 
 def input_entry(config: Config, name: str) -> str:
-    """That of `inputs:` which gives the input `name`."""
-    angle = IMPOSED.get(name, name)
+    """Return the entry of `inputs:` that gives the input `name`."""
+    angle = IMPOSED_ANGLES.get(name, name)
     return name if getattr(config.inputs, angle) is None else angle
 
 
 def imposed_inputs(config: Config) -> list[str]:
-    """Angles that are."""
-    return [angle for angle in IMPOSED.values() if getattr(config.inputs, angle) is not None]
+    """Return the angles that are imposed."""
+    return [angle for angle in IMPOSED_ANGLES.values() if getattr(config.inputs, angle) is not None]
 
 
 def input_unit(named: str) -> str:
-    """SI, of an entry."""
+    """Return the SI unit of an entry of `inputs:`."""
     return symbols.INPUTS[named].unit if named in symbols.INPUTS else "rad"
 
 
-def measured_input(config: Config) -> dict[str, InputColumn]:
-    """By the names of inputs."""
+def measured_inputs(config: Config) -> dict[str, InputColumn]:
+    """Return the measured inputs, by name."""
     specs = {name: getattr(config.inputs, input_entry(config, name)) for name in symbols.INPUTS}
     return {name: spec for name, spec in specs.items() if isinstance(spec, InputColumn)}
 
 
-def constant_input(config: Config, model: Model) -> dict[str, float]:
-    """Those of the model, SI."""
-    series, given = measured_input(config), config.inputs
+def constant_inputs(config: Config, model: Model) -> dict[str, float]:
+    """Return the constant inputs of the model, SI."""
+    series, given = measured_inputs(config), config.inputs
     return {
-        name: si(getattr(given, name), symbols.INPUTS[name].unit)
+        name: to_si(getattr(given, name), symbols.INPUTS[name].unit)
         for name in model.inputs
         if name not in series and getattr(given, name) is not None
     }
 
 
 def inputs_as_given(config: Config, experiment: Experiment, name: str) -> Array:
-    """A measured input `(T,)` as its entry has it, SI: itself, or the angle that was imposed."""
+    """Return a measured input `(T,)` as its entry has it, SI: itself, or the imposed angle."""
     entry, series = input_entry(config, name), experiment.series[name]
     if entry == name:
         return series

@@ -1,7 +1,7 @@
-"""Channels and sensors of a config: what each channel measures, its noise, and what is said of sensors,
-of the start and of a latent torque, as numbers and priors in SI, by name.
+"""Channels and sensors of a config: what each measures, its noise, and sensor numbers in SI.
 
-The steps raise `ValueError` with a message for the user.
+The start and a latent torque have numbers of the same kind.  The steps raise `ValueError` with a
+message for the user.
 """
 
 from __future__ import annotations
@@ -20,18 +20,18 @@ from bayesdrill.basics.formulas import linear_combination
 from bayesdrill.basics.registry import lookup
 from bayesdrill.basics.symbols import Symbol
 from bayesdrill.config.resolve import quantities
-from bayesdrill.config.resolve.quantities import DeclaredNumber, prior_in_si
+from bayesdrill.config.resolve.quantities import ParsedNumber, prior_in_si
 from bayesdrill.config.schema.config import Config
 from bayesdrill.config.schema.numbers import Quantity, SensorPrior
 from bayesdrill.config.schema.records import ChannelSpec, InputColumn, InputQuantity
-from bayesdrill.config.yaml_source import Place
+from bayesdrill.config.yaml_source import Location
 from bayesdrill.inference.likelihood import Observation
 from bayesdrill.inference.noise import NOISES
-from bayesdrill.inference.noise.contract import Noise, Noisy
+from bayesdrill.inference.noise.contract import Noise, NoisyChannel
+from bayesdrill.inference.noise.mixed import ChannelNoise as ChannelNoise
 from bayesdrill.inference.noise.mixed import Mixed
-from bayesdrill.inference.noise.mixed import Part as ChannelNoise
 from bayesdrill.inference.priors import Prior
-from bayesdrill.inference.state_space import ShakenObservation
+from bayesdrill.inference.state_space import LatentTorqueObservation
 from bayesdrill.inference.unknowns import Role, Unknown
 from bayesdrill.record.experiment import Channel
 from bayesdrill.rig import models
@@ -41,23 +41,26 @@ from bayesdrill.rig.simulators.contract import Simulator
 from bayesdrill.rig.simulators.kalman import KalmanFilter, step_lengths
 from bayesdrill.rig.simulators.sensors import ObservationModel
 
-SYMBOLS = (
+TORQUE_SYMBOLS = (
     Symbol(SIZE, "N*m", "s_d", r"N\,m", "size of the missing torque: its standard deviation"),
     Symbol(TIME, "s", r"\tau_d", "s", "time after which the missing torque is forgotten"),
 )
 
 
-ENTRIES: Mapping[str, str] = MappingProxyType({SIZE: "size", TIME: "time"})
+TORQUE_ENTRIES: Mapping[str, str] = MappingProxyType({SIZE: "size", TIME: "time"})
 
 
 def latent_torque(config: Config) -> MissingTorque | None:
+    """Return the missing torque of a config, if it has one."""
     given = config.missing_torque
     return None if given is None else MissingTorque(at=given.at, smoothness=given.smoothness)
 
 
 def latent_torque_number(config: Config, entry: str) -> float | Unknown:
-    """One of its numbers, `size` or `time`."""
-    symbol = next(candidate for candidate in SYMBOLS if ENTRIES[candidate.name] == entry)
+    """Return the torque's `size` or `time`."""
+    symbol = next(
+        candidate for candidate in TORQUE_SYMBOLS if TORQUE_ENTRIES[candidate.name] == entry
+    )
     spec = getattr(config.missing_torque, entry)
     if isinstance(spec, float | int):
         return float(spec)
@@ -67,17 +70,17 @@ def latent_torque_number(config: Config, entry: str) -> float | Unknown:
     return Unknown(symbol=symbol, role="noise", prior=built, start=begin)
 
 
-def observation(
+def build_observation(
     acts: MissingTorque | None,
     process: Mapping[str, float | Unknown],
     response: Simulator,
     noise: Noise,
     label: str = "",
 ) -> Observation:
-    """With a missing torque and the numbers of its process, or without one; raises `ValueError` where it
-    cannot be.
+    """Return an observation, with a missing torque and the numbers of its process or without.
 
-    Parameters and unknowns are called as in an experiment that has no others beside it.
+    Parameters and unknowns are named as in an experiment that has no others beside it.  Raises
+    `ValueError` where torque and sensors do not go together.
     """
     parameters = response.parameters
     levels = [unknown.name for unknown in noise.unknowns]
@@ -93,10 +96,10 @@ def observation(
     if refusal := refuse_latent_torque(response.model, acts, response.sensing):
         raise ValueError(refusal)
     step_lengths(response.experiment)
-    return ShakenObservation(
+    return LatentTorqueObservation(
         response=response,
         noise=noise,
-        filtered=KalmanFilter(response.model, acts, response.experiment),
+        kalman_filter=KalmanFilter(response.model, acts, response.experiment),
         process=process,
         parameters=parameters,
         levels=[
@@ -108,7 +111,7 @@ def observation(
 
 
 def refuse_latent_torque(model: Model, acts: MissingTorque, sensing: ObservationModel) -> str:
-    """Why a rig can have no missing torque; empty where it can."""
+    """Return why a rig can have no missing torque; empty where it can."""
     unsupported = [*sensing.gains, *sensing.lags]
     if unsupported:
         return (
@@ -123,41 +126,41 @@ def refuse_latent_torque(model: Model, acts: MissingTorque, sensing: Observation
     return ""
 
 
-Kind = Literal["gain", "offset", "lag", "delay", "state"]
-Spec = float | Quantity | SensorPrior
+SensorKind = Literal["gain", "offset", "lag", "delay", "state"]
+SensorNumber = float | Quantity | SensorPrior
 
 
 @dataclass(frozen=True, slots=True)
 class SensorEntry:
-    """One entry of the config: `of` names the channel, input or state; `unit` is its own, in SI `si`.
+    """One entry of the config, of the channel, input or state `target`.
 
-    A delay is that of all inputs; the lag of an input is its own.
+    `unit` is its own, in SI `si`.  A delay is that of all inputs; the lag of an input is its own.
     """
 
-    place: Place
-    kind: Kind
-    of: str
+    location: Location
+    kind: SensorKind
+    target: str
     name: str
-    spec: Spec
+    spec: SensorNumber
     unit: str
     si: str
     latex: str
 
 
 def sensor_entries(config: Config, model: Model) -> Iterator[SensorEntry]:
-    """In the order in which they are unknown: channels, inputs, the start."""
+    """Yield the entries in the order in which they are unknown: channels, inputs, the start."""
     for name, spec in config.record.channels.items():
         if spec.derived_from is not None:
             continue
-        location: Place = ("record", "channels", name)
+        location: Location = ("record", "channels", name)
         meant = (s for s in model.states if s == name or s in (spec.measures or ""))
         si = next((models.STATES[state].unit for state in meant), "1")  # none, where it is misspelt
-        yield from _of_column(location, name, spec, spec.unit, si, _latex(name))
+        yield from _column_entries(location, name, spec, spec.unit, si, _latex(name))
     for name, symbol in symbols.INPUTS.items():
         given = getattr(config.inputs, name)
         if isinstance(given, InputColumn | InputQuantity):
-            alone = len(quantities.measured_input(config)) == 1
-            entries = _of_column(
+            alone = len(quantities.measured_inputs(config)) == 1
+            entries = _column_entries(
                 ("inputs", name), name, given, given.unit, symbol.unit, symbol.latex
             )
             for entry in entries:
@@ -166,13 +169,13 @@ def sensor_entries(config: Config, model: Model) -> Iterator[SensorEntry]:
     if config.inputs.t_0 is not None:
         location = ("inputs", "t_0")
         yield SensorEntry(location, "delay", "", "t_0", config.inputs.t_0, "s", "s", "t_0")
-    yield from _of_states(config, model)
+    yield from _state_entries(config, model)
 
 
-def _of_column(
-    location: Place, name: str, spec: object, unit: str, si: str, latex: str
+def _column_entries(
+    location: Location, name: str, spec: object, unit: str, si: str, latex: str
 ) -> Iterator[SensorEntry]:
-    kinds: tuple[tuple[Kind, str, str, str], ...] = (
+    kinds: tuple[tuple[SensorKind, str, str, str], ...] = (
         ("gain", "1", "1", "g"),
         ("offset", unit, si, "b"),
         ("lag", "s", "s", r"\tau"),
@@ -186,7 +189,7 @@ def _of_column(
             )
 
 
-def _of_states(config: Config, model: Model) -> Iterator[SensorEntry]:
+def _state_entries(config: Config, model: Model) -> Iterator[SensorEntry]:
     """Those with a prior; what is held or `free` is said elsewhere."""
     for name in model.outer:
         given, symbol = getattr(config.initial, name), symbol_of_state(name)
@@ -196,11 +199,12 @@ def _of_states(config: Config, model: Model) -> Iterator[SensorEntry]:
 
 
 def state_name(state: str) -> str:
+    """Return the name of a state's initial value."""
     return f"{state}_0"
 
 
 def free_states(config: Config, model: Model) -> tuple[str, ...]:
-    """States of the start whose priors the record has to give; an angle that is imposed has none."""
+    """Return states of the start whose priors the record gives; an imposed angle has none."""
     initial = config.initial
     states = [name for name in model.outer if name not in quantities.imposed_inputs(config)]
     words = [name for name in states if getattr(initial, name) == "free"]
@@ -209,8 +213,8 @@ def free_states(config: Config, model: Model) -> tuple[str, ...]:
     return tuple(dict.fromkeys(name for name in states if name in words))
 
 
-def sensor_specs(entry: SensorEntry) -> DeclaredNumber:
-    """In SI."""
+def parse_sensor_number(entry: SensorEntry) -> ParsedNumber:
+    """Return the number of an entry in SI."""
     unit = getattr(entry.spec, "unit", None) or entry.unit
     factor = 1.0 if entry.kind == "gain" else units.factor(unit, entry.si)
     value, start = _value(entry.spec, factor)
@@ -224,12 +228,12 @@ def sensor_specs(entry: SensorEntry) -> DeclaredNumber:
         entry.name, entry.si, entry.latex, symbols.latex_unit(entry.si), _meaning(entry)
     )
     role: Role = "start" if entry.kind == "state" else "sensor"
-    return DeclaredNumber(
+    return ParsedNumber(
         symbol=symbol, role=role, value=value, start=start, factor=factor, unit=unit
     )
 
 
-def _value(spec: Spec, factor: float) -> tuple[float | Prior, float]:
+def _value(spec: SensorNumber, factor: float) -> tuple[float | Prior, float]:
     if isinstance(spec, Quantity):
         return spec.value * factor, spec.value * factor
     if isinstance(spec, float | int):
@@ -246,29 +250,34 @@ def _latex(name: str) -> str:
 
 def _meaning(entry: SensorEntry) -> str:
     return {
-        "gain": f"gain of the sensor of {entry.of}",
-        "offset": f"offset of {entry.of}",
-        "lag": f"lag of the sensor of {entry.of}",
-        "delay": f"delay of {entry.of or 'the inputs'}",
-        "state": f"{entry.of} at the start",
+        "gain": f"gain of the sensor of {entry.target}",
+        "offset": f"offset of {entry.target}",
+        "lag": f"lag of the sensor of {entry.target}",
+        "delay": f"delay of {entry.target or 'the inputs'}",
+        "state": f"{entry.target} at the start",
     }[entry.kind]
 
 
-def sensing(
+def build_sensing(
     config: Config, entries: Sequence[SensorEntry], free: Sequence[str]
 ) -> ObservationModel:
-    """By the names of single experiments: of the entries `entries`, and states that are `free`."""
+    """Return the sensors that simulators allow for: those of `entries`, and `free` states.
+
+    Names are those of single experiments.
+    """
     delays = [entry for entry in entries if entry.kind == "delay"]
-    single = [entry for entry in entries if entry.kind == "lag" and entry.place[0] == "inputs"]
+    single = [entry for entry in entries if entry.kind == "lag" and entry.location[0] == "inputs"]
     if len(delays) > 1 or (delays and single):
         raise ValueError(
             "all inputs have one delay, `t_0:`, or each that is measured its own, `lag:`; give one of "
             "the two"
         )
 
-    def names(kind: Kind, *, inputs: bool) -> dict[str, str]:
+    def names(kind: SensorKind, *, inputs: bool) -> dict[str, str]:
         return {
-            e.of: e.name for e in entries if e.kind == kind and (e.place[0] == "inputs") == inputs
+            e.target: e.name
+            for e in entries
+            if e.kind == kind and (e.location[0] == "inputs") == inputs
         }
 
     states = {name: state_name(name) for name in free}
@@ -286,7 +295,7 @@ def sensing(
 
 
 def symbol_of_state(name: str) -> Symbol:
-    """Of a state at the start."""
+    """Return the symbol of a state at the start."""
     known = models.STATES[name]
     return Symbol(
         state_name(name), known.unit, rf"{known.latex}(0)", known.latex_unit, f"{name} at the start"
@@ -294,19 +303,20 @@ def symbol_of_state(name: str) -> Symbol:
 
 
 @dataclass(frozen=True, slots=True)
-class NoiseSettings:
-    """The kind of a channel's noise, and what that has to know."""
+class MeasuredChannel:
+    """A channel with the kind of its noise, and what that kind has to know."""
 
     kind: str
-    noisy: Noisy
+    noisy: NoisyChannel
 
     @property
     def channel(self) -> Channel:
+        """Return the channel."""
         return self.noisy.channel
 
 
-def channel_of(name: str, spec: ChannelSpec, states: tuple[str, ...]) -> Channel:
-    """What it measures, and in which unit its column has it."""
+def build_channel(name: str, spec: ChannelSpec, states: tuple[str, ...]) -> Channel:
+    """Return what a channel measures, and the unit of its column."""
     if not name.isidentifier():
         raise ValueError(f"'{name}' cannot name a channel; use letters, digits and `_`")
     if name not in states and name in {*symbols.INPUTS, *symbols.AXES}:
@@ -335,8 +345,8 @@ def channel_of(name: str, spec: ChannelSpec, states: tuple[str, ...]) -> Channel
     )
 
 
-def measured(channel: Channel, spec: ChannelSpec) -> NoiseSettings:
-    """With its noise, SI, and where a search for it begins."""
+def measured_channel(channel: Channel, spec: ChannelSpec) -> MeasuredChannel:
+    """Return a channel with its noise, SI, and where a search for it begins."""
     factor = channel.factor
     sigma: float | Prior
     if isinstance(spec.sigma, float):
@@ -346,18 +356,20 @@ def measured(channel: Channel, spec: ChannelSpec) -> NoiseSettings:
     else:
         sigma, begin = prior_in_si(spec.sigma, factor)
     kind, entries = spec.noise.name, spec.noise.model_dump(exclude={"name"})
-    noisy = Noisy(channel=channel, sigma=sigma, start=begin, entries=entries, factor=factor)
-    return NoiseSettings(kind, noisy)
+    noisy = NoisyChannel(channel=channel, sigma=sigma, start=begin, entries=entries, factor=factor)
+    return MeasuredChannel(kind, noisy)
 
 
-def noise(channels: Sequence[NoiseSettings], n_samples: int) -> Noise:
-    """Of all channels: one of a kind, or a mixture of kinds."""
+def build_noise(channels: Sequence[MeasuredChannel], n_samples: int) -> Noise:
+    """Return the noise of all channels: of one kind, or a mixture of kinds."""
     kinds: dict[str, list[int]] = {}
     for k, channel in enumerate(channels):
         kinds.setdefault(channel.kind, []).append(k)
     parts = [
         ChannelNoise(
-            lookup(NOISES, kind, "noise").of([channels[k].noisy for k in columns], n_samples),
+            lookup(NOISES, kind, "noise").from_channels(
+                [channels[k].noisy for k in columns], n_samples
+            ),
             (*columns,),
         )
         for kind, columns in kinds.items()

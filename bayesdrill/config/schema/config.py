@@ -29,14 +29,14 @@ from bayesdrill.config.schema.numbers import (
     ParameterSpec,
     QuantitySpec,
     SigmaSpec,
-    fixed_number,
+    entry_shape,
+    fixed_spec,
     nominal_spec,
     parameter_spec,
-    shape,
     shorthand,
 )
 from bayesdrill.config.schema.records import (
-    MOST_NAMED,
+    MAX_NAMED,
     ExperimentSpec,
     Initial,
     Inputs,
@@ -47,7 +47,7 @@ from bayesdrill.rig import models
 from bayesdrill.rig.models import MODELS
 from bayesdrill.sampling.optimisers import OPTIMISERS
 
-Class = Literal["determined", "weak", "left to the prior"]
+Identification = Literal["determined", "weak", "left to the prior"]
 
 
 class MissingTorqueSpec(Strict):
@@ -64,10 +64,12 @@ class MissingTorqueSpec(Strict):
 
 
 Searches = Annotated[int, Field(ge=1, le=1000)]
-MOST_PIECES = 1000  # a sample; 64 is the most that is taken by itself
+MAX_PIECES = 1000  # a sample; 64 is the most that is taken by itself
 
 
 class DerivedSpec(Strict):
+    """A formula of parameters and quantities that is computed for every draw."""
+
     formula: str = Field(description="Of parameters and quantities, such as sqrt(k_s/j_1).")
     unit: str = "1"
     latex: Latex | None = Field(None, description="How figures write it, without dollars.")
@@ -77,7 +79,7 @@ class ModelBase(Strict):
     """A rig and its constants; each model has some of them, with its own defaults."""
 
     name: str = Field("motor_shaft", description="The model.")
-    pieces: Annotated[int, Field(ge=1, le=MOST_PIECES)] | None = Field(
+    pieces: Annotated[int, Field(ge=1, le=MAX_PIECES)] | None = Field(
         None,
         description="Steps between two samples of a rig that rubs; default: as many as keep their error "
         "below a tenth of the noise.",
@@ -99,7 +101,7 @@ def _per_symbol(
     return model
 
 
-Named = Annotated[list[str], Field(max_length=MOST_NAMED)]
+NameList = Annotated[list[str], Field(max_length=MAX_NAMED)]
 
 
 Tolerance = Annotated[float, Field(ge=0, lt=1)]
@@ -117,7 +119,7 @@ Tolerances = _per_symbol(
 )
 ToleranceSpec = Annotated[
     Annotated[Tolerance, Tag("<number>")] | Annotated[Tolerances, Tag("<mapping>")],  # type: ignore[valid-type]
-    Discriminator(shape),
+    Discriminator(entry_shape),
 ]
 
 
@@ -156,7 +158,7 @@ else:  # those that are named, in the order of the vocabulary
         "Parameters",
         {
             symbol.name: Annotated[
-                parameter_spec(fixed_number(symbol)) | None,
+                parameter_spec(fixed_spec(symbol)) | None,
                 Field(description=f"{symbol.meaning} [{symbol.unit}]"),
             ]
             for symbol in models.PARAMETERS.values()
@@ -175,7 +177,7 @@ Nominal = _per_symbol(
     "A table and what differs from it.",
 )
 Simulation = _per_symbol(
-    "Simulation", _SimulationBase, fixed_number, "Grid and true values of `bayesdrill simulate`."
+    "Simulation", _SimulationBase, fixed_spec, "Grid and true values of `bayesdrill simulate`."
 )
 
 
@@ -198,6 +200,8 @@ else:  # with what the members of the registries bring
 
 
 class SamplerSpec(Strict):
+    """How the posterior is sampled, and when that is enough."""
+
     ensembles: Annotated[int, Field(ge=4, le=MAX_COUNT)] = 4
     walkers: Annotated[int, Field(ge=4, le=MAX_COUNT)] = Field(
         256, description="Of each ensemble; where a rig rubs 96, and 16 more with each experiment."
@@ -216,6 +220,8 @@ class SamplerSpec(Strict):
 
 
 class CalibrationSpec(Strict):
+    """How many simulated records are refitted, and how long each is sampled."""
+
     refits: Annotated[int, Field(ge=10, le=100_000)] = Field(
         200, description="Simulated records, each refitted."
     )
@@ -231,6 +237,8 @@ class CalibrationSpec(Strict):
 
 
 class IdentifySpec(Strict):
+    """What `identify` ranks remedies by, and its thresholds."""
+
     of_interest: list[str] = Field(
         default_factory=list,
         description="Parameters by whose uncertainty remedies are ranked; default: all unknown ones.",
@@ -251,27 +259,27 @@ class Config(Strict):
     record: RecordSpec
     inputs: Inputs
     initial: Annotated[Initial, shorthand("state")] = Initial()
-    experiments: Annotated[dict[str, ExperimentSpec], Field(max_length=MOST_NAMED)] = Field(
+    experiments: Annotated[dict[str, ExperimentSpec], Field(max_length=MAX_NAMED)] = Field(
         default_factory=dict,
         description="Several experiments with one rig, by name; each needs a record.",
     )
-    shared: Named = Field(
+    shared: NameList = Field(
         default_factory=list,
         description="Unknowns of sensors, starts and noise that all experiments have in common.",
     )
-    own: Named = Field(
+    own: NameList = Field(
         default_factory=list,
         description="Parameters of the rig that are another unknown in each experiment.",
     )
     model: ModelSpec = ModelSpec()
     nominal: Annotated[Nominal, shorthand("table")] = Nominal()  # type: ignore[valid-type]
     parameters: Parameters
-    quantities: Annotated[dict[str, QuantitySpec], Field(max_length=MOST_NAMED)] = Field(
+    quantities: Annotated[dict[str, QuantitySpec], Field(max_length=MAX_NAMED)] = Field(
         default_factory=dict, description="What formulas of parameters name beside parameters."
     )
     derived: Annotated[
         dict[str, Annotated[DerivedSpec, shorthand("formula")]],
-        Field(max_length=MOST_NAMED),
+        Field(max_length=MAX_NAMED),
     ] = Field(default_factory=dict, description="Formulas that are computed for every draw.")
     missing_torque: MissingTorqueSpec | None = Field(
         None, description="What the rig's equations leave out, as a torque over time."
@@ -285,6 +293,7 @@ class Config(Strict):
 
     @property
     def asked(self) -> Asked:
+        """Return what is asked of a study."""
         settings = self.identify
         thresholds = Thresholds(
             determined=settings.determined, left_to_prior=settings.left_to_prior
@@ -293,6 +302,7 @@ class Config(Strict):
 
 
 def json_schema() -> str:
+    """Return the JSON schema of a config as text."""
     schema = Config.model_json_schema()
     schema["$schema"] = "https://json-schema.org/draft/2020-12/schema"
     schema["title"] = "bayesdrill experiment config"
@@ -301,12 +311,13 @@ def json_schema() -> str:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Thresholds:
-    """Of the ratio of an sd with the record to the prior's, both of logs."""
+    """Limits on the ratio of an sd with the record to the prior's, both of logs."""
 
     determined: float = 0.5
     left_to_prior: float = 0.9
 
-    def judge(self, ratio: float) -> Class:
+    def classify(self, ratio: float) -> Identification:
+        """Return the class of such a ratio."""
         if ratio < self.determined:
             return "determined"
         return "weak" if ratio < self.left_to_prior else "left to the prior"

@@ -1,5 +1,6 @@
-"""What a config may say of one number: a value, a prior, a tie; of sensors and starts, a prior
-below zero too.
+"""What a config may say of one number: a value, a prior, a tie.
+
+Of sensors and starts, a prior may reach below zero.
 """
 
 from __future__ import annotations
@@ -18,26 +19,26 @@ from bayesdrill.basics.symbols import Symbol
 from bayesdrill.inference.priors import PRIORS, SIGNED_PRIORS, Prior
 
 
-def shape(value: Any) -> str:
-    """Which member of a union an entry is meant to be, before and after it is validated."""
+def entry_shape(value: Any) -> str:
+    """Return which member of a union an entry is meant to be, validated or not."""
     if isinstance(value, dict | BaseModel):
         return "<mapping>"
     return "<word>" if isinstance(value, str) else "<number>"
 
 
 def shorthand(entry: str) -> BeforeValidator:
-    """A text stands for a mapping with this `entry` alone."""
+    """Return a validator that takes a text for a mapping with this `entry` alone."""
     return BeforeValidator(lambda value: {entry: value} if isinstance(value, str) else value)
 
 
 def _parameter_shape(value: Any) -> str:
     tied = "tie" in value if isinstance(value, dict) else isinstance(value, Tie)
-    return "<tie>" if tied else shape(value)
+    return "<tie>" if tied else entry_shape(value)
 
 
-def _held_shape(value: Any) -> str:
+def _fixed_shape(value: Any) -> str:
     fixed = "value" in value if isinstance(value, dict) else isinstance(value, Quantity)
-    return "<held>" if fixed else shape(value)
+    return "<held>" if fixed else entry_shape(value)
 
 
 class PriorSpec(Strict):
@@ -51,11 +52,13 @@ class PriorSpec(Strict):
 
     @property
     def numbers(self) -> dict[str, float]:
-        """Those of its family."""
+        """Return the numbers of its family."""
         return {name: getattr(self, name) for name in _entries(self.families[self.prior])}
 
 
 class ParameterPrior(PriorSpec):
+    """The prior of a parameter, which may be relative to the nominal value."""
+
     relative: bool = Field(
         False, description="Bounds and scales are multiples of the nominal value."
     )
@@ -68,6 +71,8 @@ class ParameterPrior(PriorSpec):
 
 
 class QuantityPrior(ParameterPrior):
+    """The prior of a quantity, in a unit of its own."""
+
     unit: str = Field(
         description="Of the prior's numbers, such as Pa or mm; 1 where there is none."
     )
@@ -75,6 +80,8 @@ class QuantityPrior(ParameterPrior):
 
 
 class SensorPrior(PriorSpec):
+    """The prior of a sensor or a start, which may be negative."""
+
     families = SIGNED_PRIORS
 
     start: Number | None = Field(
@@ -140,6 +147,8 @@ else:
 
 
 class Tie(Strict):
+    """A parameter that is equal to another one."""
+
     tie: str = Field(description="The parameter, or quantity, that this one is equal to.")
 
 
@@ -155,18 +164,18 @@ def parameter_spec(number: Any) -> Any:
 
 
 ParameterSpec = float | str | Tie | ParameterPrior | None
-_HELD: Mapping[str, Any] = MappingProxyType(
+_FIXED: Mapping[str, Any] = MappingProxyType(
     {"positive": Positive, "not negative": NonNegative, "any": Number}
 )
 
 
-def fixed_number(symbol: Symbol) -> Any:
-    """What a parameter may be held at."""
-    return ending(symbol, _HELD[symbol.held])
+def fixed_spec(symbol: Symbol) -> Any:
+    """Return what a parameter may be fixed at."""
+    return bounded_spec(symbol, _FIXED[symbol.held])
 
 
-def ending(symbol: Symbol, number: Any) -> Any:
-    """Such a `number` of a parameter, which may end somewhere."""
+def bounded_spec(symbol: Symbol, number: Any) -> Any:
+    """Return such a `number` of a parameter, with the end that the parameter has."""
     if math.isinf(symbol.at_most):
         return number
     return Annotated[number, Field(le=symbol.at_most)]
@@ -174,11 +183,13 @@ def ending(symbol: Symbol, number: Any) -> Any:
 
 SigmaSpec = Annotated[
     Annotated[Positive, Tag("<number>")] | Annotated[_OfParameter, Tag("<mapping>")],
-    Discriminator(shape),
+    Discriminator(entry_shape),
 ]
 
 
 class Quantity(Strict):
+    """A value with a unit."""
+
     value: Number
     unit: str
 
@@ -194,11 +205,11 @@ class NominalValue(Strict):
 
 
 def nominal_spec(symbol: Symbol) -> Any:
-    """What a nominal value may be given as."""
+    """Return what a nominal value may be given as."""
     return Annotated[
-        Annotated[ending(symbol, Positive), Tag("<number>")]
+        Annotated[bounded_spec(symbol, Positive), Tag("<number>")]
         | Annotated[NominalValue, Tag("<mapping>")],
-        Discriminator(shape),
+        Discriminator(entry_shape),
     ]
 
 
@@ -206,7 +217,7 @@ QuantitySpec = Annotated[
     Annotated[Positive, Tag("<number>")]
     | Annotated[Quantity, Tag("<held>")]
     | Annotated[_OfQuantity, Tag("<mapping>")],
-    Discriminator(_held_shape),
+    Discriminator(_fixed_shape),
 ]
 
 
@@ -214,19 +225,19 @@ SensorSpec = Annotated[
     Annotated[Number, Tag("<number>")]
     | Annotated[Quantity, Tag("<held>")]
     | Annotated[_OfSensor, Tag("<mapping>")],
-    Discriminator(_held_shape),
+    Discriminator(_fixed_shape),
 ]
 StateSpec = Annotated[
     Annotated[Number, Tag("<number>")]
     | Annotated[Literal["free"], Tag("<word>")]
     | Annotated[Quantity, Tag("<held>")]
     | Annotated[_OfSensor, Tag("<mapping>")],
-    Discriminator(_held_shape),
+    Discriminator(_fixed_shape),
 ]
 
 
-class Sensed(Strict):
-    """Of a column that a sensor made."""
+class SensorFields(Strict):
+    """Entries of a column that a sensor measured."""
 
     gain: SensorSpec | None = Field(
         None, description="What the sensor multiplies with: a number or a prior."

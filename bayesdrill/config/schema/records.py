@@ -1,6 +1,4 @@
-"""What a config may say of one experiment: its files and columns, its inputs, its start, and its
-figures.
-"""
+"""What a config may say of one experiment: files, columns, inputs, start, figures."""
 
 from __future__ import annotations
 
@@ -15,18 +13,18 @@ from bayesdrill.basics.arrays import Array
 from bayesdrill.basics.entries import MAX_COUNT, Count, Number, Positive, Strict, member_section
 from bayesdrill.config.schema.numbers import (
     Quantity,
-    Sensed,
+    SensorFields,
     SensorSpec,
     SigmaSpec,
     StateSpec,
-    shape,
+    entry_shape,
     shorthand,
 )
 from bayesdrill.inference.noise import NOISES
 from bayesdrill.record.formats import FORMATS
 from bayesdrill.rig import models
 
-MOST_SPANS = 1000
+MAX_SPANS = 1000
 
 
 def _word_or_mapping(value: Any) -> str:
@@ -46,7 +44,7 @@ Window = Annotated[list[Number], Field(min_length=2, max_length=2)]
 Rows = Annotated[list[Count], Field(min_length=2, max_length=2)]
 Windows = Annotated[
     Annotated[Window, Tag("<one>")]
-    | Annotated[list[Window], Field(min_length=1, max_length=MOST_SPANS), Tag("<several>")],
+    | Annotated[list[Window], Field(min_length=1, max_length=MAX_SPANS), Tag("<several>")],
     Discriminator(_one_or_several),
 ]
 
@@ -74,10 +72,10 @@ class MaskSpec(Strict):
     """Samples of one column that are not used."""
 
     glitches: bool = Field(False, description="Spikes, as `check` lists them.")
-    rows: Annotated[list[Rows], Field(max_length=MOST_SPANS)] = Field(
+    rows: Annotated[list[Rows], Field(max_length=MAX_SPANS)] = Field(
         default_factory=list, description="From and to: rows by the numbers that messages give."
     )
-    times: Annotated[list[Window], Field(max_length=MOST_SPANS)] = Field(
+    times: Annotated[list[Window], Field(max_length=MAX_SPANS)] = Field(
         default_factory=list, description="From and to, both ends [s]."
     )
 
@@ -94,7 +92,7 @@ def _time_shape(value: Any) -> str:
     return "<mapping>" if rate else "<column>"
 
 
-class Column(Strict):
+class ColumnSpec(Strict):
     """Where numbers stand: a column or variable by name, or a column number from 1."""
 
     column: str | Count | None = None
@@ -104,11 +102,15 @@ class Column(Strict):
     unit: str
 
 
-class TimeColumn(Column):
+class TimeColumn(ColumnSpec):
+    """A column of times."""
+
     offset: Number | None = Field(None, description="Is added to all times, in their unit.")
 
 
 class TimeRate(Strict):
+    """Evenly spaced times."""
+
     rate: Positive = Field(description="Samples per second, for records without a time column.")
     offset: Number | None = Field(None, description="Time of the first sample [s].")
 
@@ -119,7 +121,7 @@ TimeSpec = Annotated[
 ]
 
 
-class Series(Column, Sensed):
+class Series(ColumnSpec, SensorFields):
     """A column of the record's file, or of another one with times of its own."""
 
     file: FileEntry | None = Field(None, description="Default: that of the record.")
@@ -134,6 +136,8 @@ WrapsEntry = Annotated[
 
 
 class InputColumn(Series):
+    """A measured input."""
+
     hold: Literal["zero", "first"] = Field(
         "zero", description="Between samples: constant (zero) or linear (first order)."
     )
@@ -162,8 +166,8 @@ class DecimateSpec(Strict):
     )
 
 
-def between(t: Array, spans: list[tuple[float, float]]) -> NDArray[np.bool_]:
-    """Which times `(T,)` lie in one of them, both ends among them."""
+def inside_spans(t: Array, spans: list[tuple[float, float]]) -> NDArray[np.bool_]:
+    """Return which times `(T,)` lie in one of the spans, both ends included."""
     slack = 1e-9 * max((abs(x) for span in spans for x in span), default=0.0)
     inside = np.zeros(len(t), dtype=bool)
     for begin, end in spans:
@@ -171,39 +175,42 @@ def between(t: Array, spans: list[tuple[float, float]]) -> NDArray[np.bool_]:
     return inside
 
 
-def windows(given: list[float] | list[list[float]] | None) -> list[tuple[float, float]]:
-    """From and to of each [s]; none where the whole record is used."""
+def window_spans(given: list[float] | list[list[float]] | None) -> list[tuple[float, float]]:
+    """Return from and to of each window [s]; none where the whole record is used."""
     if not given:
         return []
     pairs: Any = given if isinstance(given[0], list) else [given]
     return [(float(pair[0]), float(pair[1])) for pair in pairs]
 
 
-def mask(given: MaskSpec | str | None) -> MaskSpec:
+def as_mask_spec(given: MaskSpec | str | None) -> MaskSpec:
+    """Return the mask of a column; without an entry it is empty."""
     if isinstance(given, str):
         return MaskSpec(glitches=True)
     return given or MaskSpec()
 
 
-MOST_NAMED = 50  # channels, quantities, formulas; names in a figure
+MAX_NAMED = 50  # channels, quantities, formulas; names in a figure
 Format = Literal["pdf", "png", "svg"]
 
 
-def _usual_formats() -> list[Format]:
+def _default_formats() -> list[Format]:
     return ["pdf", "png"]
 
 
 class OutputSpec(Strict):
+    """What is drawn and kept of the posterior."""
+
     predictive_draws: Annotated[int, Field(ge=10, le=MAX_COUNT)] = Field(
         125, description="Per ensemble, with pointwise log likelihood and predictive samples."
     )
-    figures: Annotated[list[str], Field(max_length=MOST_NAMED)] | None = Field(
+    figures: Annotated[list[str], Field(max_length=MAX_NAMED)] | None = Field(
         None, description="Which are drawn, by name; default: all but those on request."
     )
-    parameters: Annotated[list[str], Field(min_length=1, max_length=MOST_NAMED)] | None = Field(
+    parameters: Annotated[list[str], Field(min_length=1, max_length=MAX_NAMED)] | None = Field(
         None, description="Unknowns of corner, trace and prior_posterior; default: all."
     )
-    corner: Annotated[list[str], Field(min_length=1, max_length=MOST_NAMED)] | None = Field(
+    corner: Annotated[list[str], Field(min_length=1, max_length=MAX_NAMED)] | None = Field(
         None,
         description="Unknowns and derived quantities of the corner plot; default: `parameters`.",
     )
@@ -211,7 +218,7 @@ class OutputSpec(Strict):
         "double", description="Width of figures: 3.4 in, one column of a page, or 7 in."
     )
     formats: Annotated[list[Format], Field(min_length=1, max_length=3)] = Field(
-        default_factory=_usual_formats, description="Of the files of figures."
+        default_factory=_default_formats, description="Of the files of figures."
     )
     dpi: Annotated[int, Field(ge=50, le=1200)] = Field(
         220, description="Pixels to an inch, of png and of dots in the others."
@@ -222,7 +229,7 @@ def _shape(value: Any) -> str:
     """Which member of a union an entry is meant to be, before and after it is validated."""
     if isinstance(value, dict):
         return "<column>" if "column" in value or "variable" in value else "<mapping>"
-    return "<column>" if isinstance(value, Column) else shape(value)
+    return "<column>" if isinstance(value, ColumnSpec) else entry_shape(value)
 
 
 class InputQuantity(Quantity):
@@ -240,7 +247,7 @@ InputSpec = Annotated[
 ]
 
 
-def _said(name: str) -> str:
+def _input_description(name: str) -> str:
     """Of an input."""
     symbol = symbols.INPUTS[name]
     return f"{symbol.meaning} [{symbol.plain_unit}]"
@@ -260,6 +267,8 @@ else:
 
 
 class ChannelSpec(Series):
+    """A measured channel."""
+
     measures: str | None = Field(
         None,
         description="Linear combination of theta_1, theta_2, w_1, w_2, i; default: the channel's name.",
@@ -295,7 +304,7 @@ class RecordBase(Strict):
         None, description="`drop`: of a channel, missing samples are left out; default: an error."
     )
     decimate: DecimateSpec | None = None
-    channels: Annotated[dict[str, ChannelSpec], Field(min_length=1, max_length=MOST_NAMED)]
+    channels: Annotated[dict[str, ChannelSpec], Field(min_length=1, max_length=MAX_NAMED)]
 
 
 if TYPE_CHECKING:
@@ -310,15 +319,15 @@ else:
 class Inputs(Strict):
     """Those of the rig: which it has, and wants, is for its model to say."""
 
-    v: InputSpec | None = Field(None, description=_said("v"))
-    t_1: InputSpec = Field(0.0, description=_said("t_1"))
-    w_2: InputSpec | None = Field(None, description=_said("w_2"))
+    v: InputSpec | None = Field(None, description=_input_description("v"))
+    t_1: InputSpec = Field(0.0, description=_input_description("t_1"))
+    w_2: InputSpec | None = Field(None, description=_input_description("w_2"))
     theta_2: AngleColumn | None = Field(
         None,
         description="[rad] In the place of w_2: the angle that is imposed, as it was measured.",
     )
-    t_m: InputSpec | None = Field(None, description=_said("t_m"))
-    wob: InputSpec | None = Field(None, description=_said("wob"))
+    t_m: InputSpec | None = Field(None, description=_input_description("t_m"))
+    wob: InputSpec | None = Field(None, description=_input_description("wob"))
     t_0: SensorSpec | None = Field(
         None,
         description="[s] how much later than recorded all inputs act; of constant ones, the moment at "

@@ -14,7 +14,9 @@ from bayesdrill.inference.noise.white import White
 
 
 def _is_noise(_: str, member: Any) -> None:
-    missing = [Entrie for Entrie in ("of", "Entries") if not hasattr(member, Entrie)]
+    missing = [
+        attribute for attribute in ("from_channels", "Entries") if not hasattr(member, attribute)
+    ]
     if missing:
         raise ValueError(
             f"it has no {', '.join(missing)}; see `bayesdrill.inference.noise.contract`"

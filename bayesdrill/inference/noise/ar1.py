@@ -1,9 +1,8 @@
-"""Gaussian noise that remembers: an autoregression of the first order in each channel, at any
-spacing of samples.
+"""Gaussian noise with memory: a first-order autoregression in each channel.
 
 A sample is `rho` times the one before it, and something new; all have the sd sigma.  `rho` is the
-correlation of samples one usual interval of the channel apart, so that over a gap of g of these it is
-rho to the power of g: what is missing, and uneven times, are allowed for exactly.
+correlation of samples one usual interval of the channel apart, so that over a gap of g of these it
+is rho to the power of g: what is missing, and uneven times, are allowed for exactly.
 """
 
 from __future__ import annotations
@@ -20,18 +19,20 @@ from pydantic import Field
 
 from bayesdrill.basics.arrays import Array, Flags, Indices
 from bayesdrill.basics.symbols import Symbol
-from bayesdrill.inference.noise.contract import Noisy, Numbers, Residuals, of_pairs
+from bayesdrill.inference.noise.contract import ChannelNumbers, NoisyChannel, Residuals, pair_matrix
 from bayesdrill.inference.noise.white import White
 from bayesdrill.inference.priors import Uniform
 from bayesdrill.inference.unknowns import Unknown
 
-NEAR = 1e-3  # of an interval: times are rounded
+GAP_TOLERANCE = 1e-3  # of an interval: times are rounded
 
 
 @dataclass(frozen=True, slots=True)
-class Apart:
-    """Of one channel.  `rows`: its samples among all; `gaps (n - 1,)`: from one to the next, in its
-    usual interval, and `every (T - 1,)`: of all samples; None where all of them are one.
+class ChannelSpacing:
+    """The spacing of one channel's samples.
+
+    `rows`: its samples among all; `gaps (n - 1,)`: from one to the next, in its usual interval,
+    and `all_gaps (T - 1,)`: of all samples; None where all of them are one.
 
     Residuals come as `(W, n)`, over sigma or not, with `rho (W,)`.
     """
@@ -39,13 +40,14 @@ class Apart:
     rows: slice | Indices
     count: int
     gaps: Array | None
-    every: Array | None
+    all_gaps: Array | None
 
-    def memory(self, rho: Array, *, every: bool = False) -> tuple[Array, Array]:
-        """Share of the sample before that is left `(W, n)`, and sd of what is new, over sigma; of the
-        first sample zero, and one.
+    def memory(self, rho: Array, *, all_samples: bool = False) -> tuple[Array, Array]:
+        """Return the share of the sample before that is left, and the sd of what is new.
+
+        Both are `(W, n)`, the sd over sigma; of the first sample they are zero and one.
         """
-        gaps = self.every if every else self.gaps
+        gaps = self.all_gaps if all_samples else self.gaps
         if gaps is None:
             wide = np.array(
                 [[np.inf, *np.ones(min(self.count, 2) - 1)]]
@@ -54,165 +56,182 @@ class Apart:
             wide = np.concatenate([[np.inf], gaps])[None]
         with np.errstate(divide="ignore"):
             logs = np.log(rho)[:, None] * wide
-        left, new = np.exp(logs), np.sqrt(-np.expm1(2.0 * logs))
+        share, new = np.exp(logs), np.sqrt(-np.expm1(2.0 * logs))
         if gaps is None:
             places = np.minimum(np.arange(self.count), 1)
-            return left[:, places], new[:, places]
-        return left, new
+            return share[:, places], new[:, places]
+        return share, new
 
-    def fresh(self, samples: Array, rho: Array) -> Array:
-        """What is new in each, all of one sd: that of the samples."""
-        left, new = self.memory(rho)
-        return _less(samples, left) / new
+    def innovations(self, samples: Array, rho: Array) -> Array:
+        """Return what is new in each sample, all of one sd: that of the samples."""
+        share, new = self.memory(rho)
+        return _without_memory(samples, share) / new
 
-    def pulled(self, samples: Array, rho: Array) -> Array:
-        """Minus half the slopes of the sum of squares of `fresh`, by each sample; its sign turned."""
-        left, new = self.memory(rho)
-        over = _less(samples, left) / new**2
+    def score(self, samples: Array, rho: Array) -> Array:
+        """Return minus half the slopes of the sum of squared innovations, sign turned.
+
+        They are by each sample.
+        """
+        share, new = self.memory(rho)
+        over = _without_memory(samples, share) / new**2
         out = over.copy()
-        out[:, :-1] -= left[:, 1:] * over[:, 1:]
+        out[:, :-1] -= share[:, 1:] * over[:, 1:]
         return out
 
-    def by_rho(self, samples: Array, rho: Array) -> Array:
-        """Slope of the log density `(W,)` by rho, of samples over sigma."""
-        left, new = self.memory(rho)
-        fresh = _less(samples, left) / new
-        by_left = left * (1.0 - fresh**2) / new**2
+    def rho_score(self, samples: Array, rho: Array) -> Array:
+        """Return the slope of the log density `(W,)` by rho, of samples over sigma."""
+        share, new = self.memory(rho)
+        fresh = _without_memory(samples, share) / new
+        by_left = share * (1.0 - fresh**2) / new**2
         by_left[:, 1:] += fresh[:, 1:] * samples[:, :-1] / new[:, 1:]
-        return np.asarray((by_left * self._by_rho(left, rho)).sum(axis=1))
+        return np.asarray((by_left * self._by_rho(share, rho)).sum(axis=1))
 
     def information(self, rho: Array) -> Array:
-        """`(W, 2, 2)` of the log of sigma and rho, as it is expected."""
-        left, new = self.memory(rho)
-        turn = self._by_rho(left, rho)
+        """Return the expected information `(W, 2, 2)` on the log of sigma and rho."""
+        share, new = self.memory(rho)
+        turn = self._by_rho(share, rho)
         out = np.empty((len(rho), 2, 2))
         out[:, 0, 0] = 2.0 * self.count
-        out[:, 0, 1] = out[:, 1, 0] = -2.0 * (left * turn / new**2).sum(axis=1)
-        out[:, 1, 1] = (turn**2 * (1.0 + left**2) / new**4).sum(axis=1)
+        out[:, 0, 1] = out[:, 1, 0] = -2.0 * (share * turn / new**2).sum(axis=1)
+        out[:, 1, 1] = (turn**2 * (1.0 + share**2) / new**4).sum(axis=1)
         return out
 
-    def _by_rho(self, left: Array, rho: Array) -> Array:
-        """d left / d rho; of the first sample zero."""
+    def _by_rho(self, share: Array, rho: Array) -> Array:
+        """Return d share / d rho; of the first sample zero."""
         gaps = np.ones(self.count - 1) if self.gaps is None else self.gaps
-        out = np.zeros_like(left)
+        out = np.zeros_like(share)
         out[:, 1:] = gaps * rho[:, None] ** (gaps - 1.0)
         return out
 
-    def told(self, samples: Array) -> float:
-        """rho by samples `(n,)` about an interval apart."""
+    def estimate_rho(self, samples: Array) -> float:
+        """Estimate rho from samples `(n,)` about an interval apart."""
         near = np.ones(self.count - 1, bool) if self.gaps is None else np.abs(self.gaps - 1.0) < 0.5
         before, after = samples[:-1][near], samples[1:][near]
         squares = 0.5 * float(before @ before + after @ after)
         return float(before @ after) / squares if squares > 0 else 0.0
 
-    def remember(self, fresh: Array, rho: Array) -> None:
-        """Turns `fresh (W, T)`, independent and of sd 1, into noise of all samples, in place."""
-        whole = Apart(slice(None), fresh.shape[1], self.every, None)
-        left, new = whole.memory(rho)
+    def correlate(self, fresh: Array, rho: Array) -> None:
+        """Turn `fresh (W, T)`, independent and of sd 1, into noise, in place."""
+        whole = ChannelSpacing(slice(None), fresh.shape[1], self.all_gaps, None)
+        share, new = whole.memory(rho)
         fresh *= new
         for k in range(1, fresh.shape[1]):
-            fresh[:, k] += left[:, k] * fresh[:, k - 1]
+            fresh[:, k] += share[:, k] * fresh[:, k - 1]
 
 
 @dataclass(frozen=True, slots=True)
 class Spacing:
-    """Of all channels; `seen (T, K)`.  `even`: each channel's own samples are one interval apart."""
+    """The spacing of all channels; `seen (T, K)`: whether a sample is there."""
 
-    each: tuple[Apart, ...]
+    channels: tuple[ChannelSpacing, ...]
     seen: Flags
 
     @property
     def even(self) -> bool:
-        return all(item.gaps is None for item in self.each)
+        """Whether each channel's own samples are one interval apart."""
+        return all(channel.gaps is None for channel in self.channels)
 
     @classmethod
-    def of(cls, t: Array, seen: Flags) -> Spacing:
-        return cls(tuple(_apart(t, column) for column in seen.T), seen)
+    def from_times(cls, t: Array, seen: Flags) -> Spacing:
+        """Return the spacing of samples `seen (T, K)` at times `t (T,)`."""
+        return cls(tuple(_channel_spacing(t, column) for column in seen.T), seen)
 
 
 @lru_cache(maxsize=8)
-def evenly(n_samples: int, n_channels: int) -> Spacing:
-    """Of samples that are evenly spaced and all there."""
+def even_spacing(n_samples: int, n_channels: int) -> Spacing:
+    """Return the spacing of samples that are evenly spaced and all there."""
     seen = np.ones((n_samples, n_channels), dtype=bool)
-    return Spacing((Apart(slice(None), n_samples, None, None),) * n_channels, seen)
+    return Spacing((ChannelSpacing(slice(None), n_samples, None, None),) * n_channels, seen)
 
 
-def _apart(t: Array, seen: Flags) -> Apart:
+def _channel_spacing(t: Array, seen: Flags) -> ChannelSpacing:
     rows = np.flatnonzero(seen)
     steps = np.diff(t[rows])
-    usual = float(np.median(steps)) if len(steps) else 1.0
-    place = slice(None) if seen.all() else rows
-    return Apart(place, len(rows), _gaps(steps / usual), _gaps(np.diff(t) / usual))
+    typical = float(np.median(steps)) if len(steps) else 1.0
+    rows_of_channel = slice(None) if seen.all() else rows
+    return ChannelSpacing(
+        rows_of_channel, len(rows), _gaps(steps / typical), _gaps(np.diff(t) / typical)
+    )
 
 
 def _gaps(gaps: Array) -> Array | None:
     whole = np.round(gaps)
-    spacing = np.where((np.abs(gaps - whole) < NEAR) & (whole > 0), whole, gaps)
-    return None if (spacing == 1.0).all() else spacing
+    rounded = np.where((np.abs(gaps - whole) < GAP_TOLERANCE) & (whole > 0), whole, gaps)
+    return None if (rounded == 1.0).all() else rounded
 
 
-def _less(samples: Array, left: Array) -> Array:
+def _without_memory(samples: Array, share: Array) -> Array:
     out = samples.copy()
-    out[:, 1:] -= left[:, 1:] * samples[:, :-1]
+    out[:, 1:] -= share[:, 1:] * samples[:, :-1]
     return out
 
 
-START = 0.3  # of a search
-MOST = 0.9999  # that what is left may tell: the end of the prior is no place to go on from
+START_RHO = 0.3  # of a search
+MAX_RHO = 0.9999  # that what is left may tell: the end of the prior is no place to go on from
 
 
-_SAID = "Correlation of samples one usual interval apart; default: unknown"
+_DESCRIPTION = "Correlation of samples one usual interval apart; default: unknown"
 
 
 @dataclass(frozen=True, slots=True)
-class Entries:
-    rho: Annotated[float, Field(ge=0, lt=1, description=_SAID)] | None = None
+class AR1Entries:
+    """Entries of `noise:` for this kind."""
+
+    rho: Annotated[float, Field(ge=0, lt=1, description=_DESCRIPTION)] | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AR1:
-    """Its unknowns are the sizes of all channels, then the correlations.  `spacing`: of the samples of
-    each channel; None where they are evenly spaced and all there.
+    """AR(1) noise; its unknowns are the sizes of all channels, then the correlations.
+
+    `spacing`: of the samples of each channel; None where they are evenly spaced and all there.
     """
 
     levels: White
-    memory: Numbers
+    memory: ChannelNumbers
     unknowns: tuple[Unknown, ...]
     spacing: Spacing | None = field(default=None, repr=False, compare=False)
 
     white: ClassVar[bool] = False
-    Entries: ClassVar[type] = Entries
+    Entries: ClassVar[type] = AR1Entries
 
     @classmethod
-    def of(cls, channels: Sequence[Noisy], n_samples: int) -> AR1:
-        levels = White.of(channels, n_samples)
-        memory = Numbers(tuple(c.entries.get("rho") for c in channels), len(levels.unknowns))
-        noise_symbols = [correlation(channels[k]) for k in memory.free]
-        return cls(levels=levels, memory=memory, unknowns=(*levels.unknowns, *noise_symbols))
+    def from_channels(cls, channels: Sequence[NoisyChannel], n_samples: int) -> AR1:
+        """Build the noise of these channels."""
+        levels = White.from_channels(channels, n_samples)
+        memory = ChannelNumbers(tuple(c.entries.get("rho") for c in channels), len(levels.unknowns))
+        correlations = [correlation(channels[k]) for k in memory.free]
+        return cls(levels=levels, memory=memory, unknowns=(*levels.unknowns, *correlations))
 
     @property
     def n_channels(self) -> int:
+        """Return the number of channels."""
         return self.levels.n_channels
 
     def for_length(self, n_samples: int) -> AR1:
+        """Return the same noise for a record of another length."""
         return dataclasses.replace(self, levels=self.levels.for_length(n_samples), spacing=None)
 
-    def on(self, t: Array, seen: Flags) -> AR1:
-        levels = self.levels.for_length(len(t)).seeing(tuple(int(n) for n in seen.sum(axis=0)))
-        return dataclasses.replace(self, levels=levels, spacing=Spacing.of(t, seen))
+    def at_times(self, t: Array, seen: Flags) -> AR1:
+        """Return the same noise at times `t (T,)`, where channels were seen `(T, K)`."""
+        levels = self.levels.for_length(len(t)).with_counts(tuple(int(n) for n in seen.sum(axis=0)))
+        return dataclasses.replace(self, levels=levels, spacing=Spacing.from_times(t, seen))
 
-    def held(self) -> Mapping[int, object]:
-        return self.memory.beside(self.levels.known)
+    def fixed_values(self) -> Mapping[int, object]:
+        """Return what is fixed of each channel, by index."""
+        return self.memory.with_sizes(self.levels.known)
 
-    def scales(self, noise_values: Array) -> Array:
-        return self.levels.scales(noise_values)
+    def scales(self, theta: Array) -> Array:
+        """Return the standard deviation of a single sample `(W, K)`, SI."""
+        return self.levels.scales(theta)
 
-    def log_likelihood(self, residuals: Residuals, noise_values: Array) -> Array:
+    def log_likelihood(self, residuals: Residuals, theta: Array) -> Array:
+        """Return the log likelihood `(W, K)`."""
         if self.spacing is not None and not self.spacing.even:
-            terms = self.pointwise(residuals.samples, noise_values)
+            terms = self.pointwise(residuals.samples, theta)
             return np.asarray(np.where(self.spacing.seen, terms, 0.0).sum(axis=1))
         squares, products, last, first = np.moveaxis(residuals.neighbours, -1, 0)
-        sigma, rho, n = self.scales(noise_values), self.memory.at(noise_values), self.levels.sizes
+        sigma, rho, n = self.scales(theta), self.memory.values(theta), self.levels.sizes
         inner = (1.0 - rho) * (1.0 + rho)
         fresh = squares - 2.0 * rho * products + rho**2 * (squares - first**2 - last**2)
         constant = -0.5 * n * math.log(2 * math.pi) - n * np.log(sigma)
@@ -220,81 +239,95 @@ class AR1:
             constant - 0.5 * (n - 1.0) * np.log(inner) - 0.5 * fresh / inner / sigma**2
         )
 
-    def pointwise(self, samples: Array, noise_values: Array) -> Array:
+    def pointwise(self, samples: Array, theta: Array) -> Array:
+        """Return the log density `(W, T, K)` of each sample given those before it."""
         sigma, rho, out = (
-            self.scales(noise_values),
-            self.memory.at(noise_values),
+            self.scales(theta),
+            self.memory.values(theta),
             np.full(samples.shape, np.nan),
         )
-        for k, sample in enumerate(self._spacing(samples).each):
-            _, share = sample.memory(rho[:, k])
-            fresh = sample.fresh(samples[:, sample.rows, k], rho[:, k]) / sigma[:, k, None]
-            out[:, sample.rows, k] = -0.5 * fresh**2 - np.log(sigma[:, k, None] * share)
+        for k, channel in enumerate(self._spacing(samples).channels):
+            _, share = channel.memory(rho[:, k])
+            fresh = channel.innovations(samples[:, channel.rows, k], rho[:, k]) / sigma[:, k, None]
+            out[:, channel.rows, k] = -0.5 * fresh**2 - np.log(sigma[:, k, None] * share)
         return out - 0.5 * math.log(2 * math.pi)
 
-    def whiten(self, samples: Array, noise_values: Array) -> Array:
+    def whiten(self, samples: Array, theta: Array) -> Array:
+        """Return whitened residuals `(W, T, K)`."""
         sigma, rho, out = (
-            self.scales(noise_values),
-            self.memory.at(noise_values),
+            self.scales(theta),
+            self.memory.values(theta),
             np.full(samples.shape, np.nan),
         )
-        for k, sample in enumerate(self._spacing(samples).each):
-            out[:, sample.rows, k] = (
-                sample.fresh(samples[:, sample.rows, k], rho[:, k]) / sigma[:, k, None]
+        for k, channel in enumerate(self._spacing(samples).channels):
+            out[:, channel.rows, k] = (
+                channel.innovations(samples[:, channel.rows, k], rho[:, k]) / sigma[:, k, None]
             )
         return out
 
-    def innovations(self, samples: Array, noise_values: Array) -> Array:
-        rho, out = self.memory.at(noise_values), np.full(samples.shape, np.nan)
-        for k, sample in enumerate(self._spacing(samples).each):
-            out[:, sample.rows, k] = _less(samples[:, sample.rows, k], sample.memory(rho[:, k])[0])
+    def innovations(self, samples: Array, theta: Array) -> Array:
+        """Return each sample minus its prediction from those before it: `(W, T, K)`, SI."""
+        rho, out = self.memory.values(theta), np.full(samples.shape, np.nan)
+        for k, channel in enumerate(self._spacing(samples).channels):
+            out[:, channel.rows, k] = _without_memory(
+                samples[:, channel.rows, k], channel.memory(rho[:, k])[0]
+            )
         return out
 
-    def inform(self, shifts: Array, noise_values: Array) -> Array:
-        return np.nan_to_num(self.whiten(shifts, noise_values))
+    def whitened_jacobian(self, shifts: Array, theta: Array) -> Array:
+        """Return whitened shifts of signals `(W, T, K)`."""
+        return np.nan_to_num(self.whiten(shifts, theta))
 
-    def pull(self, samples: Array, noise_values: Array) -> Array:
+    def score(self, samples: Array, theta: Array) -> Array:
+        """Return d log likelihood / d model signal: `(W, T, K)`."""
         sigma, rho, out = (
-            self.scales(noise_values),
-            self.memory.at(noise_values),
+            self.scales(theta),
+            self.memory.values(theta),
             np.full(samples.shape, np.nan),
         )
-        for k, sample in enumerate(self._spacing(samples).each):
-            mine = samples[:, sample.rows, k]
-            out[:, sample.rows, k] = sample.pulled(mine, rho[:, k]) / sigma[:, k, None] ** 2
+        for k, channel in enumerate(self._spacing(samples).channels):
+            mine = samples[:, channel.rows, k]
+            out[:, channel.rows, k] = channel.score(mine, rho[:, k]) / sigma[:, k, None] ** 2
         return out
 
-    def bend(self, residuals: Residuals, noise_values: Array) -> tuple[Array, Array]:
-        """The expected curvature, times what is left over the noise where that is more."""
+    def noise_score(self, residuals: Residuals, theta: Array) -> tuple[Array, Array]:
+        """Return slopes, and the expected curvature, larger where residuals are."""
         samples, sigma, rho = (
             residuals.samples,
-            self.scales(noise_values),
-            self.memory.at(noise_values),
+            self.scales(theta),
+            self.memory.values(theta),
         )
         slopes = np.empty((2, *sigma.shape))
-        for k, sample in enumerate(self._spacing(samples).each):
-            mine = samples[:, sample.rows, k] / sigma[:, k, None]
-            slopes[0, :, k] = (sample.fresh(mine, rho[:, k]) ** 2).sum(axis=1) - sample.count
-            slopes[1, :, k] = sample.by_rho(mine, rho[:, k])
-        left = np.maximum(1.0, 1.0 + slopes[0] / self.levels.sizes)
-        pairs = self._pairs(rho) * left[..., None, None]
+        for k, channel in enumerate(self._spacing(samples).channels):
+            mine = samples[:, channel.rows, k] / sigma[:, k, None]
+            slopes[0, :, k] = (channel.innovations(mine, rho[:, k]) ** 2).sum(
+                axis=1
+            ) - channel.count
+            slopes[1, :, k] = channel.rho_score(mine, rho[:, k])
+        share = np.maximum(1.0, 1.0 + slopes[0] / self.levels.sizes)
+        pairs = self._pairs(rho) * share[..., None, None]
         slope = np.hstack([slopes[0][:, self._free[0]], slopes[1][:, self._free[1]]])
-        return slope, of_pairs(pairs, self._free)
+        return slope, pair_matrix(pairs, self._free)
 
-    def expected(self, noise_values: Array) -> Array:
-        return np.asarray(of_pairs(self._pairs(self.memory.at(noise_values[None])), self._free)[0])
+    def expected(self, theta: Array) -> Array:
+        """Return the expected curvature."""
+        return np.asarray(pair_matrix(self._pairs(self.memory.values(theta[None])), self._free)[0])
 
-    def fitted(self, samples: Array, noise_values: Array) -> Array:
-        each = self._spacing(samples[None]).each
-        told = [item.told(samples[item.rows, k]) for k, item in enumerate(each)]
-        rho = np.clip(told, 1.0 - MOST, MOST)
-        return np.append(self.levels.fitted(samples, noise_values), rho[self.memory.free])
+    def fitted(self, samples: Array, theta: Array) -> Array:
+        """Return the unknowns fitted to residuals `samples (T, K)`."""
+        each = self._spacing(samples[None]).channels
+        estimates = [
+            channel.estimate_rho(samples[channel.rows, k]) for k, channel in enumerate(each)
+        ]
+        rho = np.clip(estimates, 1.0 - MAX_RHO, MAX_RHO)
+        return np.append(self.levels.fitted(samples, theta), rho[self.memory.free])
 
-    def draw(self, signals: Array, noise_values: Array, rng: np.random.Generator) -> Array:
-        sigma, rho = self.scales(noise_values), self.memory.at(noise_values)
+    def draw(self, signals: Array, theta: Array, rng: np.random.Generator) -> Array:
+        """Draw signals `(W, T, K)` with fresh noise."""
+        sigma, rho = self.scales(theta), self.memory.values(theta)
         out = rng.standard_normal(signals.shape)
-        for k, signal in enumerate(self._spacing(signals).each):
-            signal.remember(out[:, :, k], rho[:, k])
+        for k, channel in enumerate(self._spacing(signals).channels):
+            channel.correlate(out[:, :, k], rho[:, k])
         return signals + sigma[:, None, :] * out
 
     @property
@@ -302,23 +335,23 @@ class AR1:
         return list(self.levels.unknown), self.memory.free
 
     def _spacing(self, samples: Array) -> Spacing:
-        return self.spacing or evenly(samples.shape[1], self.n_channels)
+        return self.spacing or even_spacing(samples.shape[1], self.n_channels)
 
     def _pairs(self, rho: Array) -> Array:
         """Information `(W, K, 2, 2)` about the log of sigma, and rho."""
-        spacing = self.spacing or evenly(self.levels.n_samples, self.n_channels)
-        each = [item.information(rho[:, k]) for k, item in enumerate(spacing.each)]
+        spacing = self.spacing or even_spacing(self.levels.n_samples, self.n_channels)
+        each = [channel.information(rho[:, k]) for k, channel in enumerate(spacing.channels)]
         return np.stack(each, axis=1)
 
 
-def correlation(noisy: Noisy) -> Unknown:
-    """The unknown correlation of neighbours in a channel's noise, `rho_<channel>`."""
+def correlation(noisy: NoisyChannel) -> Unknown:
+    """Return the unknown correlation of neighbours in a channel's noise, `rho_<channel>`."""
     channel = noisy.channel
     meaning = f"correlation of neighbours in the noise of channel {channel.name}"
     return Unknown(
         symbol=Symbol(f"rho_{channel.name}", "1", rf"\rho_{{{channel.latex}}}", "", meaning),
         role="noise",
         prior=Uniform(0.0, 1.0),
-        start=START,
+        start=START_RHO,
         transform=(0.0, 1.0),
     )

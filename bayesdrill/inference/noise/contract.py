@@ -1,6 +1,4 @@
-"""The contract of a noise: how the residuals of some channels are distributed, and the numbers it
-has of its own.
-"""
+"""The contract of a noise: the distribution of the residuals of some channels, and its unknowns."""
 
 from __future__ import annotations
 
@@ -17,10 +15,11 @@ from bayesdrill.record.experiment import Channel
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Noisy:
-    """A channel and what its config says of the noise: `sigma` in SI or its prior, with the `start` of a
-    search; `entries`: those that the kind of noise brings, None where they are not given.  `factor`: how
-    many SI one unit of the column is.
+class NoisyChannel:
+    """A channel and what its config says of the noise.
+
+    `sigma`: in SI or its prior, with the `start` of a search; `entries`: those that the kind of
+    noise brings, None where they are not given.  `factor`: how many SI one unit of the column is.
     """
 
     channel: Channel
@@ -33,160 +32,207 @@ class Noisy:
 class Residuals(Protocol):
     """Measured minus model at W points of K channels, as far as a noise asks for them.
 
-    `squares (W, K)`: their sums, without a sample kept; `weighed`: of the residuals times the noise's
-    own `weights (W, K)`; `neighbours (W, K, 4)`, `logs (W, K)` and `intervals (W, K)`: as `Simulator`
-    has them, without a sample kept either; `samples (W, T, K)`.
+    `squares (W, K)`: their sums, without a sample kept; `weighted_squares`: of the residuals times
+    the noise's own `weights (W, K)`; `neighbours (W, K, 4)`, `logs (W, K)` and `intervals (W, K)`:
+    as `Simulator` has them, without a sample kept either; `samples (W, T, K)`.
     """
 
     @property
-    def neighbours(self) -> Array: ...
+    def neighbours(self) -> Array:
+        """Return sums over neighbouring samples `(W, K, 4)`."""
+        ...
 
-    def logs(self, weights: Array) -> Array: ...
+    def logs(self, weights: Array) -> Array:
+        """Return sums of logs `(W, K)`."""
+        ...
 
-    def intervals(self, over: Array, half: Array) -> Array: ...
+    def intervals(self, over: Array, half: Array) -> Array:
+        """Return sums over intervals `(W, K)`."""
+        ...
 
-    def weighed(self, weights: Array) -> Array: ...
+    def weighted_squares(self, weights: Array) -> Array:
+        """Return sums of squares of the residuals times `weights (W, K)`."""
+        ...
 
     @property
-    def squares(self) -> Array: ...
+    def squares(self) -> Array:
+        """Return sums of squares `(W, K)`."""
+        ...
 
     @property
-    def samples(self) -> Array: ...
+    def samples(self) -> Array:
+        """Return all residuals `(W, T, K)`."""
+        ...
 
 
 class Noise(Protocol):
-    """Of K channels; `own (W, n)` are its unknowns at W points, in the order of `unknowns`.
+    """The noise of K channels, at its unknowns `theta (W, n)` in the order of `unknowns`.
 
-    `white`: independent samples of the sd `scales`, so that nothing but sums of squares is asked for,
-    and kernels can whiten as they go.  For that the slopes and `inform` are not asked.
+    `white`: independent samples of the sd `scales`, so that nothing but sums of squares is asked
+    for, and kernels can whiten as they go.  For that the slopes and `whitened_jacobian` are not
+    asked.
     """
 
     @property
-    def unknowns(self) -> tuple[Unknown, ...]: ...
+    def unknowns(self) -> tuple[Unknown, ...]:
+        """Return its unknowns."""
+        ...
 
     @property
-    def n_channels(self) -> int: ...
+    def n_channels(self) -> int:
+        """Return the number of channels."""
+        ...
 
     @property
-    def white(self) -> bool: ...
+    def white(self) -> bool:
+        """Whether samples are independent and normal."""
+        ...
 
     def for_length(self, n_samples: int) -> Noise:
-        """The same of a record of another length.
+        """Return the same noise for a record of another length.
 
-        A noise that can do without some samples also has `seeing(counts)`: the same where channels have
-        so many each; or, if it matters when they were, `on(t, seen)`: the same at times `t (T,)`, where
-        channels were seen `(T, K)`.  Residuals are NaN elsewhere, and stay so when they are whitened.
+        A noise that can do without some samples also has `with_counts(counts)`: the same where
+        channels have so many each; or, if it matters when they were, `at_times(t, seen)`: the same
+        at times `t (T,)`, where channels were seen `(T, K)`.  Residuals are NaN elsewhere, and stay
+        so when they are whitened.
         """
         ...
 
-    def held(self) -> Mapping[int, object]:
-        """What is held of each channel (by index), for what a resumed run must share."""
+    def fixed_values(self) -> Mapping[int, object]:
+        """Return what is fixed of each channel (by index), which a resumed run must share."""
         ...
 
-    def log_likelihood(self, residuals: Residuals, noise_values: Array) -> Array:
-        """Normalised, per channel: `(W, K)`."""
+    def log_likelihood(self, residuals: Residuals, theta: Array) -> Array:
+        """Return the normalised log likelihood of each channel: `(W, K)`."""
         ...
 
-    def pointwise(self, samples: Array, noise_values: Array) -> Array:
-        """`(W, T, K)`: log density of each sample given those before it; their sum is the above."""
-        ...
+    def pointwise(self, samples: Array, theta: Array) -> Array:
+        """Return the log density `(W, T, K)` of each sample given those before it.
 
-    def scales(self, noise_values: Array) -> Array:
-        """Standard deviation of a single sample `(W, K)`, SI."""
-        ...
-
-    def whiten(self, samples: Array, noise_values: Array) -> Array:
-        """`(W, T, K)`: independent and standard normal, where residuals are as the noise says."""
-        ...
-
-    def innovations(self, samples: Array, noise_values: Array) -> Array:
-        """`(W, T, K)`, SI: each sample minus its prediction from those before it; `samples` themselves
-        where samples are independent.
+        Their sum is `log_likelihood`.
         """
         ...
 
-    def inform(self, shifts: Array, noise_values: Array) -> Array:
-        """`(W, T, K)`, linear in `shifts` of signals: its squares sum to their Fisher information."""
+    def scales(self, theta: Array) -> Array:
+        """Return the standard deviation of a single sample `(W, K)`, SI."""
         ...
 
-    def pull(self, samples: Array, noise_values: Array) -> Array:
-        """d log likelihood / d model signal: `(W, T, K)`."""
+    def whiten(self, samples: Array, theta: Array) -> Array:
+        """Return whitened residuals `(W, T, K)`, independent and standard normal."""
         ...
 
-    def bend(self, residuals: Residuals, noise_values: Array) -> tuple[Array, Array]:
-        """Slope and curvature (minus the second derivative, at least the expected one, as a safe step
-        wants) by each of its unknowns, by the log of those that are positive: `(W, n)` each, or of the
-        curvature the whole matrix `(W, n, n)`.
+    def innovations(self, samples: Array, theta: Array) -> Array:
+        """Return each sample minus its prediction from those before it: `(W, T, K)`, SI.
+
+        They are `samples` themselves where samples are independent.
         """
         ...
 
-    def expected(self, noise_values: Array) -> Array:
-        """The curvature, `(n,)` or `(n, n)`, that is expected where the noise is as said; `own (n,)`."""
+    def whitened_jacobian(self, shifts: Array, theta: Array) -> Array:
+        """Return `shifts` of signals over the noise, `(W, T, K)`.
+
+        It is linear in `shifts`, and its squares sum to their Fisher information.
+        """
         ...
 
-    def fitted(self, samples: Array, noise_values: Array) -> Array:
-        """Its unknowns `(n,)` by what is left, `samples (T, K)`; as good as `own (n,)` to begin with."""
+    def score(self, samples: Array, theta: Array) -> Array:
+        """Return d log likelihood / d model signal: `(W, T, K)`."""
         ...
 
-    def draw(self, signals: Array, noise_values: Array, rng: np.random.Generator) -> Array:
-        """Signals `(W, T, K)` with fresh noise."""
+    def noise_score(self, residuals: Residuals, theta: Array) -> tuple[Array, Array]:
+        """Return slope and curvature of the log likelihood by each of its unknowns.
+
+        Those that are positive count by their log.  The curvature is minus the second derivative,
+        at least the expected one, as a safe step wants.  Both are `(W, n)`, or of the curvature the
+        whole matrix `(W, n, n)`.
+        """
+        ...
+
+    def expected(self, theta: Array) -> Array:
+        """Return the expected curvature, `(n,)` or `(n, n)`, at `theta (n,)`."""
+        ...
+
+    def fitted(self, samples: Array, theta: Array) -> Array:
+        """Return its unknowns `(n,)` fitted to residuals `samples (T, K)`.
+
+        They are as good as `theta (n,)` to begin with.
+        """
+        ...
+
+    def draw(self, signals: Array, theta: Array, rng: np.random.Generator) -> Array:
+        """Draw signals `(W, T, K)` with fresh noise."""
         ...
 
 
 class NoiseKind(Protocol):
-    """A member of the registry: annotated fields of its dataclass `Entries` are entries of a channel's
-    `noise:`; `of` makes the noise of all channels that name it, and raises `ValueError`.
+    """A member of the registry.
+
+    Annotated fields of its dataclass `Entries` are entries of a channel's `noise:`.
     """
 
     @property
-    def Entries(self) -> type: ...  # noqa: N802
+    def Entries(self) -> type:  # noqa: N802
+        """Return the dataclass of its entries."""
+        ...
 
-    def of(self, channels: Sequence[Noisy], n_samples: int) -> Noise: ...
+    def from_channels(self, channels: Sequence[NoisyChannel], n_samples: int) -> Noise:
+        """Build the noise of all channels that name it; raises `ValueError`."""
+        ...
 
 
 @dataclass(frozen=True, slots=True)
-class Numbers:
-    """One for each channel: what is `held`, None where it is unknown.  The unknown ones are columns of
-    the noise's own unknowns, from `first` on.
+class ChannelNumbers:
+    """A number for each channel: what is `fixed`, None where it is unknown.
+
+    The unknown ones are columns of the noise's own unknowns, from `first` on.
     """
 
-    held: tuple[float | None, ...]
+    fixed: tuple[float | None, ...]
     first: int
+
+    def __repr__(self) -> str:
+        """Return the text by which results of earlier versions know it."""
+        return f"Numbers(held={self.fixed!r}, first={self.first!r})"
 
     @property
     def free(self) -> list[int]:
-        """Channels where it is unknown."""
-        return [k for k, value in enumerate(self.held) if value is None]
+        """Return the channels where it is unknown."""
+        return [k for k, value in enumerate(self.fixed) if value is None]
 
-    def at(self, noise_values: Array) -> Array:
-        """`(W, K)`."""
-        out = np.empty((len(noise_values), len(self.held)))
+    def values(self, theta: Array) -> Array:
+        """Return the numbers of all channels `(W, K)`."""
+        out = np.empty((len(theta), len(self.fixed)))
         column = self.first
-        for k, value in enumerate(self.held):
-            out[:, k] = noise_values[:, column] if value is None else value
+        for k, value in enumerate(self.fixed):
+            out[:, k] = theta[:, column] if value is None else value
             column += value is None
         return out
 
-    def beside(self, sizes: Mapping[int, float]) -> dict[int, object]:
-        """With the sizes that are known of channels."""
-        return {k: (sizes.get(k), value) for k, value in enumerate(self.held)}
+    def with_sizes(self, sizes: Mapping[int, float]) -> dict[int, object]:
+        """Return what is fixed of each channel, with the sizes that are known."""
+        return {k: (sizes.get(k), value) for k, value in enumerate(self.fixed)}
 
 
-def square(curvature: Array, noise_values: Array) -> Array:
-    """Of unknowns `own (..., n)`: `(..., n, n)`, of which the diagonal may be given alone."""
-    if curvature.ndim > noise_values.ndim:
-        return curvature
-    return np.asarray(curvature[..., None] * np.eye(noise_values.shape[-1]))
+def as_matrix(curvature: Array, theta: Array) -> Array:
+    """Return a curvature as `(..., n, n)`, of which the diagonal may be given alone.
 
-
-def of_pairs(pairs: Array, places: tuple[list[int], list[int]]) -> Array:
-    """`pairs (..., K, 2, 2)` of two numbers of each channel, where `places` are the channels in which
-    the first, and in which the second is unknown: `(..., n, n)`, all first before all second.
+    The unknowns are `theta (..., n)`.
     """
-    every = [(k, which) for which, channels in enumerate(places) for k in channels]
-    out = np.zeros((*pairs.shape[:-3], len(every), len(every)))
-    for i, (k, unknown) in enumerate(every):
-        for j, (other, two) in enumerate(every):
+    if curvature.ndim > theta.ndim:
+        return curvature
+    return np.asarray(curvature[..., None] * np.eye(theta.shape[-1]))
+
+
+def pair_matrix(pairs: Array, places: tuple[list[int], list[int]]) -> Array:
+    """Return the matrix `(..., n, n)` of `pairs (..., K, 2, 2)` of two numbers of each channel.
+
+    `places` are the channels in which the first, and in which the second is unknown; all first ones
+    come before all second ones.
+    """
+    unknowns = [(k, which) for which, channels in enumerate(places) for k in channels]
+    out = np.zeros((*pairs.shape[:-3], len(unknowns), len(unknowns)))
+    for i, (k, first_index) in enumerate(unknowns):
+        for j, (other, second_index) in enumerate(unknowns):
             if k == other:
-                out[..., i, j] = pairs[..., k, unknown, two]
+                out[..., i, j] = pairs[..., k, first_index, second_index]
     return out

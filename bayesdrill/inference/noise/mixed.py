@@ -10,66 +10,72 @@ from typing import ClassVar
 import numpy as np
 
 from bayesdrill.basics.arrays import Array, Flags
-from bayesdrill.inference.noise.contract import Noise, Residuals, square
+from bayesdrill.inference.noise.contract import Noise, Residuals, as_matrix
 from bayesdrill.inference.unknowns import Unknown
 
-WIDE = 1e3  # half an interval, over the sd: nothing is beyond its ends
+UNBOUNDED_HALF = 1e3  # half an interval, over the sd: nothing is beyond its ends
 
 
 @dataclass(frozen=True, slots=True)
-class Part:
-    """`columns`: which channels of all."""
+class ChannelNoise:
+    """The noise of some channels; `columns`: which of all they are."""
 
     noise: Noise
     columns: tuple[int, ...]
 
+    def __repr__(self) -> str:
+        """Return the text by which results of earlier versions know it."""
+        return f"Part(noise={self.noise!r}, columns={self.columns!r})"
 
-def of_record(noise: Noise, t: Array, seen: Flags) -> Noise:
-    """At times `t (T,)`, of channels that were `seen (T, K)`; raises `ValueError` where a kind must see
-    every sample.
+
+def noise_for_record(noise: Noise, t: Array, seen: Flags) -> Noise:
+    """Return the noise at times `t (T,)`, of channels that were `seen (T, K)`.
+
+    Raises `ValueError` where a kind must see every sample.
     """
-    on = getattr(noise, "on", None)
-    if on is not None:
-        made: Noise = on(t, seen)
-        return made
+    at_times = getattr(noise, "at_times", None)
+    if at_times is not None:
+        timed: Noise = at_times(t, seen)
+        return timed
     if seen.all():
         return noise
-    seeing = getattr(noise, "seeing", None)
-    if seeing is None:
+    with_counts = getattr(noise, "with_counts", None)
+    if with_counts is None:
         raise ValueError(
             f"noise of the kind {type(noise).__name__} needs every sample, and this record misses some; "
             "use white noise, or cut the record where none is missing (record.window)"
         )
-    counted: Noise = seeing(tuple(int(n) for n in seen.sum(axis=0)))
+    counted: Noise = with_counts(tuple(int(n) for n in seen.sum(axis=0)))
     return counted
 
 
 @dataclass(frozen=True, slots=True)
-class _Some:
+class _ChannelResiduals:
     """Residuals of some channels."""
 
-    every: Residuals
+    residuals: Residuals
     columns: list[int]
     n_channels: int  # of all
 
     @property
     def squares(self) -> Array:
-        return self.every.squares[..., self.columns]
+        """Return sums of squares `(W, K)`."""
+        return self.residuals.squares[..., self.columns]
 
     @property
     def samples(self) -> Array:
-        return self.every.samples[..., self.columns]
+        return self.residuals.samples[..., self.columns]
 
     @property
     def neighbours(self) -> Array:
-        return self.every.neighbours[:, self.columns]
+        return self.residuals.neighbours[:, self.columns]
 
     def logs(self, weights: Array) -> Array:
-        return self.every.logs(self._of_all(weights, 0.0))[:, self.columns]
+        return self.residuals.logs(self._of_all(weights, 0.0))[:, self.columns]
 
     def intervals(self, over: Array, half: Array) -> Array:
-        told = self._of_all(over, 0.0), self._of_all(half, WIDE)
-        return self.every.intervals(*told)[:, self.columns]
+        scaled = self._of_all(over, 0.0), self._of_all(half, UNBOUNDED_HALF)
+        return self.residuals.intervals(*scaled)[:, self.columns]
 
     def _of_all(self, numbers: Array, others: float) -> Array:
         """Of all channels, as kernels want them; of others what costs them least."""
@@ -77,126 +83,144 @@ class _Some:
         out[:, self.columns] = numbers
         return out
 
-    def weighed(self, weights: Array) -> Array:
+    def weighted_squares(self, weights: Array) -> Array:
         return self.squares * weights**2
 
 
 @dataclass(frozen=True, slots=True)
 class Mixed:
-    """Its unknowns are those of the parts, one part after the other."""
+    """Noises of several kinds; the unknowns are those of the parts, one after the other."""
 
-    parts: tuple[Part, ...]
+    parts: tuple[ChannelNoise, ...]
 
     white: ClassVar[bool] = False
 
     @property
     def unknowns(self) -> tuple[Unknown, ...]:
+        """Return the unknowns of all parts."""
         return tuple(unknown for part in self.parts for unknown in part.noise.unknowns)
 
     @property
     def n_channels(self) -> int:
+        """Return the number of channels."""
         return sum(part.noise.n_channels for part in self.parts)
 
     def for_length(self, n_samples: int) -> Mixed:
-        return Mixed(tuple(Part(p.noise.for_length(n_samples), p.columns) for p in self.parts))
+        """Return the same noise for a record of another length."""
+        return Mixed(
+            tuple(ChannelNoise(p.noise.for_length(n_samples), p.columns) for p in self.parts)
+        )
 
-    def on(self, t: Array, seen: Flags) -> Mixed:
+    def at_times(self, t: Array, seen: Flags) -> Mixed:
+        """Return the same noise at times `t (T,)`, where channels were seen `(T, K)`."""
         return Mixed(
             tuple(
-                dataclasses.replace(p, noise=of_record(p.noise, t, seen[:, list(p.columns)]))
+                dataclasses.replace(p, noise=noise_for_record(p.noise, t, seen[:, list(p.columns)]))
                 for p in self.parts
             )
         )
 
-    def held(self) -> Mapping[int, object]:
-        return {p.columns[k]: what for p in self.parts for k, what in p.noise.held().items()}
+    def fixed_values(self) -> Mapping[int, object]:
+        """Return what is fixed of each channel, by index."""
+        return {
+            p.columns[k]: what for p in self.parts for k, what in p.noise.fixed_values().items()
+        }
 
-    def log_likelihood(self, residuals: Residuals, noise_values: Array) -> Array:
+    def log_likelihood(self, residuals: Residuals, theta: Array) -> Array:
+        """Return the log likelihood `(W, K)`."""
         return self._each(
-            lambda noise, columns, values: noise.log_likelihood(
-                _Some(residuals, columns, self.n_channels), values
+            lambda noise, columns, theta: noise.log_likelihood(
+                _ChannelResiduals(residuals, columns, self.n_channels), theta
             ),
-            noise_values,
+            theta,
         )
 
-    def pointwise(self, samples: Array, noise_values: Array) -> Array:
+    def pointwise(self, samples: Array, theta: Array) -> Array:
+        """Return the log density `(W, T, K)` of each sample given those before it."""
         return self._each(
-            lambda n, columns, number: n.pointwise(samples[..., columns], number), noise_values
+            lambda n, columns, theta: n.pointwise(samples[..., columns], theta), theta
         )
 
-    def scales(self, noise_values: Array) -> Array:
-        return self._each(lambda n, _, values: n.scales(values), noise_values)
+    def scales(self, theta: Array) -> Array:
+        """Return the standard deviation of a single sample `(W, K)`, SI."""
+        return self._each(lambda n, _, theta: n.scales(theta), theta)
 
-    def whiten(self, samples: Array, noise_values: Array) -> Array:
+    def whiten(self, samples: Array, theta: Array) -> Array:
+        """Return whitened residuals `(W, T, K)`."""
+        return self._each(lambda n, columns, theta: n.whiten(samples[..., columns], theta), theta)
+
+    def innovations(self, samples: Array, theta: Array) -> Array:
+        """Return each sample minus its prediction from those before it: `(W, T, K)`, SI."""
         return self._each(
-            lambda n, columns, values: n.whiten(samples[..., columns], values), noise_values
+            lambda n, columns, theta: n.innovations(samples[..., columns], theta), theta
         )
 
-    def innovations(self, samples: Array, noise_values: Array) -> Array:
+    def whitened_jacobian(self, shifts: Array, theta: Array) -> Array:
+        """Return whitened shifts of signals `(W, T, K)`."""
         return self._each(
-            lambda n, columns, values: n.innovations(samples[..., columns], values), noise_values
+            lambda n, columns, theta: n.whitened_jacobian(shifts[..., columns], theta), theta
         )
 
-    def inform(self, shifts: Array, noise_values: Array) -> Array:
+    def score(self, samples: Array, theta: Array) -> Array:
+        """Return d log likelihood / d model signal: `(W, T, K)`."""
+        return self._each(lambda n, columns, theta: n.score(samples[..., columns], theta), theta)
+
+    def draw(self, signals: Array, theta: Array, rng: np.random.Generator) -> Array:
+        """Draw signals `(W, T, K)` with fresh noise."""
         return self._each(
-            lambda n, columns, values: n.inform(shifts[..., columns], values), noise_values
+            lambda n, columns, theta: n.draw(signals[..., columns], theta, rng), theta
         )
 
-    def pull(self, samples: Array, noise_values: Array) -> Array:
-        return self._each(
-            lambda n, columns, values: n.pull(samples[..., columns], values), noise_values
-        )
-
-    def draw(self, signals: Array, noise_values: Array, rng: np.random.Generator) -> Array:
-        return self._each(
-            lambda n, columns, values: n.draw(signals[..., columns], values, rng), noise_values
-        )
-
-    def bend(self, residuals: Residuals, noise_values: Array) -> tuple[Array, Array]:
+    def noise_score(self, residuals: Residuals, theta: Array) -> tuple[Array, Array]:
+        """Return slopes and curvature by the unknowns of all parts."""
         parts = [
-            part.noise.bend(_Some(residuals, list(part.columns), self.n_channels), some)
-            for part, some in self._split(noise_values)
+            part.noise.noise_score(
+                _ChannelResiduals(residuals, list(part.columns), self.n_channels), part_theta
+            )
+            for part, part_theta in self._split(theta)
         ]
         slopes, curvatures = zip(*parts, strict=True)
-        return np.concatenate(slopes, axis=-1), self._apart(curvatures, noise_values)
+        return np.concatenate(slopes, axis=-1), self._apart(curvatures, theta)
 
-    def expected(self, noise_values: Array) -> Array:
+    def expected(self, theta: Array) -> Array:
+        """Return the expected curvature."""
         return self._apart(
-            [part.noise.expected(some) for part, some in self._split(noise_values)], noise_values
+            [part.noise.expected(part_theta) for part, part_theta in self._split(theta)], theta
         )
 
-    def _apart(self, curvatures: Sequence[Array], noise_values: Array) -> Array:
+    def _apart(self, curvatures: Sequence[Array], theta: Array) -> Array:
         """What the parts know of their own unknowns, `(..., n, n)`."""
-        out = np.zeros((*noise_values.shape, noise_values.shape[-1]))
+        out = np.zeros((*theta.shape, theta.shape[-1]))
         first = 0
-        for curvature, (_, some) in zip(curvatures, self._split(noise_values), strict=True):
-            mine = slice(first, first + some.shape[-1])
-            out[..., mine, mine] = square(curvature, some)
-            first = mine.stop
+        for curvature, (_, part_theta) in zip(curvatures, self._split(theta), strict=True):
+            block = slice(first, first + part_theta.shape[-1])
+            out[..., block, block] = as_matrix(curvature, part_theta)
+            first = block.stop
         return out
 
-    def fitted(self, samples: Array, noise_values: Array) -> Array:
+    def fitted(self, samples: Array, theta: Array) -> Array:
+        """Return the unknowns fitted to residuals `samples (T, K)`."""
         return np.concatenate(
             [
-                p.noise.fitted(samples[:, list(p.columns)], some)
-                for p, some in self._split(noise_values)
+                p.noise.fitted(samples[:, list(p.columns)], part_theta)
+                for p, part_theta in self._split(theta)
             ]
         )
 
-    def _split(self, noise_values: Array) -> Iterator[tuple[Part, Array]]:
+    def _split(self, theta: Array) -> Iterator[tuple[ChannelNoise, Array]]:
         first = 0
         for part in self.parts:
             n = len(part.noise.unknowns)
-            yield part, noise_values[..., first : first + n]
+            yield part, theta[..., first : first + n]
             first += n
 
-    def _each(self, what: Callable[[Noise, list[int], Array], Array], noise_values: Array) -> Array:
+    def _each(self, what: Callable[[Noise, list[int], Array], Array], theta: Array) -> Array:
         """Of every part, its channels in their places."""
-        parts = [
-            (part.columns, what(part.noise, list(part.columns), some))
-            for part, some in self._split(noise_values)
+        results = [
+            (part.columns, what(part.noise, list(part.columns), part_theta))
+            for part, part_theta in self._split(theta)
         ]
-        out = np.empty((*parts[0][1].shape[:-1], self.n_channels))
-        for columns, values in parts:
+        out = np.empty((*results[0][1].shape[:-1], self.n_channels))
+        for columns, values in results:
             out[..., list(columns)] = values
         return out

@@ -19,37 +19,43 @@ from pydantic import Field
 
 from bayesdrill.basics.arrays import Array
 from bayesdrill.basics.entries import LARGEST, SMALLEST
-from bayesdrill.inference.noise.contract import Noisy, Residuals
+from bayesdrill.inference.noise.contract import NoisyChannel, Residuals
 from bayesdrill.inference.noise.white import White
 from bayesdrill.inference.unknowns import Unknown
 
-WIDE = 0.2  # half a step over sigma, from which on kernels have the digits
-FAR = 9.0  # sigma from the end of an interval: beyond, nothing is left to be known
+MIN_KERNEL_HALF_STEP = 0.2  # half a step over sigma, from which on kernels have the digits
+MAX_DISTANCE = 9.0  # sigma from the end of an interval: beyond, nothing is left to be known
 NODES, WEIGHTS = np.polynomial.legendre.leggauss(160)
-GRID = (0.01, 2.0, 96)  # of sigma over what is left, when it is sought
+SIGMA_GRID = (0.01, 2.0, 96)  # of sigma over what is left, when it is sought
 _LOG_SQRT_2PI = 0.5 * math.log(2 * math.pi)
 
 
-_SAID = "What was rounded to [unit of the column]"
+_DESCRIPTION = "What was rounded to [unit of the column]"
 
 
 @dataclass(frozen=True, slots=True)
-class Entries:
-    step: Annotated[float, Field(ge=SMALLEST, le=LARGEST, description=_SAID)] | None = None
+class QuantisedEntries:
+    """Entries of `noise:` for this kind."""
+
+    step: Annotated[float, Field(ge=SMALLEST, le=LARGEST, description=_DESCRIPTION)] | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Quantised:
-    """`steps (K,)`, SI; its unknowns are sizes of noise before it is rounded."""
+    """Gaussian noise, rounded to `steps (K,)`, SI.
+
+    Its unknowns are sizes of noise before it is rounded.
+    """
 
     levels: White
     steps: tuple[float, ...]
 
     white: ClassVar[bool] = False
-    Entries: ClassVar[type] = Entries
+    Entries: ClassVar[type] = QuantisedEntries
 
     @classmethod
-    def of(cls, channels: Sequence[Noisy], n_samples: int) -> Quantised:
+    def from_channels(cls, channels: Sequence[NoisyChannel], n_samples: int) -> Quantised:
+        """Build the noise of these channels; raises `ValueError` where a step is missing."""
         missing = [c.channel.name for c in channels if c.entries.get("step") is None]
         if missing:
             raise ValueError(
@@ -57,99 +63,118 @@ class Quantised:
                 "{name: quantised, step: ...}, in the unit of the column"
             )
         steps = tuple(float(c.entries["step"]) * c.factor for c in channels)
-        return cls(levels=White.of(channels, n_samples), steps=steps)
+        return cls(levels=White.from_channels(channels, n_samples), steps=steps)
 
     @property
     def unknowns(self) -> tuple[Unknown, ...]:
+        """Return its unknowns."""
         return self.levels.unknowns
 
     @property
     def n_channels(self) -> int:
+        """Return the number of channels."""
         return self.levels.n_channels
 
     def for_length(self, n_samples: int) -> Quantised:
+        """Return the same noise for a record of another length."""
         return dataclasses.replace(self, levels=self.levels.for_length(n_samples))
 
-    def seeing(self, counts: tuple[int, ...]) -> Quantised:
-        return dataclasses.replace(self, levels=self.levels.seeing(counts))
+    def with_counts(self, counts: tuple[int, ...]) -> Quantised:
+        """Return the same noise where channels have so many samples each."""
+        return dataclasses.replace(self, levels=self.levels.with_counts(counts))
 
-    def held(self) -> Mapping[int, object]:
+    def fixed_values(self) -> Mapping[int, object]:
+        """Return what is fixed of each channel, by index."""
         return {k: (self.levels.known.get(k), step) for k, step in enumerate(self.steps)}
 
-    def scales(self, noise_values: Array) -> Array:
+    def scales(self, theta: Array) -> Array:
+        """Return the standard deviation of a single sample `(W, K)`, SI."""
         return np.asarray(
-            np.sqrt(self.levels.scales(noise_values) ** 2 + np.array(self.steps) ** 2 / 12.0)
+            np.sqrt(self.levels.scales(theta) ** 2 + np.array(self.steps) ** 2 / 12.0)
         )
 
-    def log_likelihood(self, residuals: Residuals, noise_values: Array) -> Array:
-        """By kernels where a step is not small beside sigma; else the difference of tails is rounded."""
-        sigma, steps, n = self.levels.scales(noise_values), np.array(self.steps), self.levels.sizes
+    def log_likelihood(self, residuals: Residuals, theta: Array) -> Array:
+        """Return the log likelihood `(W, K)`, by kernels where steps are not small.
+
+        Where a step is small beside sigma the difference of tails would be rounded.
+        """
+        sigma, steps, n = self.levels.scales(theta), np.array(self.steps), self.levels.sizes
         half = 0.5 * steps / sigma
-        result = residuals.intervals(1.0 / sigma, np.maximum(half, WIDE)) - n * np.log(steps)
-        fine = (half < WIDE).any(axis=1)
+        log_mass = residuals.intervals(
+            1.0 / sigma, np.maximum(half, MIN_KERNEL_HALF_STEP)
+        ) - n * np.log(steps)
+        fine = (half < MIN_KERNEL_HALF_STEP).any(axis=1)
         if fine.any():
-            terms = self.pointwise(residuals.samples[fine], noise_values[fine])
+            terms = self.pointwise(residuals.samples[fine], theta[fine])
             lost = np.isnan(terms).sum(axis=1) != terms.shape[1] - n  # more than was not seen
             exact = np.where(lost, np.nan, np.nansum(terms, axis=1))
-            result[fine] = np.where(half[fine] < WIDE, exact, result[fine])
-        return np.asarray(result)
+            log_mass[fine] = np.where(half[fine] < MIN_KERNEL_HALF_STEP, exact, log_mass[fine])
+        return np.asarray(log_mass)
 
-    def pointwise(self, samples: Array, noise_values: Array) -> Array:
-        return np.asarray(self._interval(samples, noise_values).log_mass - np.log(self.steps))
+    def pointwise(self, samples: Array, theta: Array) -> Array:
+        """Return the log density `(W, T, K)` of each sample."""
+        return np.asarray(self._interval(samples, theta).log_mass - np.log(self.steps))
 
-    def whiten(self, samples: Array, noise_values: Array) -> Array:
-        """What was rounded is not known: somewhere in its interval, as its distribution says.  Where is
-        drawn once, alike for all walkers and whenever it is asked.
+    def whiten(self, samples: Array, theta: Array) -> Array:
+        """Return a number in each sample's interval, drawn as its distribution says.
+
+        It is drawn once, alike for all walkers and whenever it is asked.
         """
         share = np.random.default_rng(0).random(samples.shape[1:])
-        return self._interval(samples, noise_values).within(share)
+        return self._interval(samples, theta).within(share)
 
-    def innovations(self, samples: Array, noise_values: Array) -> Array:
+    def innovations(self, samples: Array, theta: Array) -> Array:
+        """Return the samples, which are independent: `(W, T, K)`, SI."""
         return samples
 
-    def inform(self, shifts: Array, noise_values: Array) -> Array:
-        """As it is on average over where in its interval a signal is."""
-        sigma = self.levels.scales(noise_values)
-        place, _ = _information(np.array(self.steps) / sigma)
-        return np.asarray(shifts * (np.sqrt(place) / sigma)[:, None])
+    def whitened_jacobian(self, shifts: Array, theta: Array) -> Array:
+        """Return whitened shifts, averaged over where in its interval a signal is."""
+        sigma = self.levels.scales(theta)
+        by_signal, _ = _information(np.array(self.steps) / sigma)
+        return np.asarray(shifts * (np.sqrt(by_signal) / sigma)[:, None])
 
-    def pull(self, samples: Array, noise_values: Array) -> Array:
-        low, high = self._interval(samples, noise_values).densities
-        return np.asarray((low - high) / self.levels.scales(noise_values)[:, None])
+    def score(self, samples: Array, theta: Array) -> Array:
+        """Return d log likelihood / d model signal: `(W, T, K)`."""
+        low, high = self._interval(samples, theta).densities
+        return np.asarray((low - high) / self.levels.scales(theta)[:, None])
 
-    def bend(self, residuals: Residuals, noise_values: Array) -> tuple[Array, Array]:
-        """The expected curvature, times what is left over the noise where that is more."""
-        result = self._interval(residuals.samples, noise_values)
-        low, high = result.densities
-        slope = np.nansum(result.low * low - result.high * high, axis=1)
-        _, size = _information(np.array(self.steps) / self.levels.scales(noise_values))
+    def noise_score(self, residuals: Residuals, theta: Array) -> tuple[Array, Array]:
+        """Return slopes, and the expected curvature, larger where residuals are."""
+        interval = self._interval(residuals.samples, theta)
+        low, high = interval.densities
+        slope = np.nansum(interval.low * low - interval.high * high, axis=1)
+        _, size = _information(np.array(self.steps) / self.levels.scales(theta))
         curvature = self.levels.sizes * size * np.maximum(1.0, 1.0 + slope / self.levels.sizes)
         free = list(self.levels.unknown)
         return slope[:, free], curvature[:, free]
 
-    def expected(self, noise_values: Array) -> Array:
-        _, size = _information(np.array(self.steps) / self.levels.scales(noise_values[None])[0])
+    def expected(self, theta: Array) -> Array:
+        """Return the expected curvature."""
+        _, size = _information(np.array(self.steps) / self.levels.scales(theta[None])[0])
         return np.asarray(self.levels.sizes * size)[list(self.levels.unknown)]
 
-    def fitted(self, samples: Array, noise_values: Array) -> Array:
+    def fitted(self, samples: Array, theta: Array) -> Array:
+        """Return the unknowns fitted to residuals `samples (T, K)`."""
         return np.array([self._likeliest(samples[:, k], k) for k in self.levels.unknown])
 
-    def draw(self, signals: Array, noise_values: Array, rng: np.random.Generator) -> Array:
-        """On whole numbers of steps."""
-        sigma, steps = self.levels.scales(noise_values)[:, None], np.array(self.steps)
+    def draw(self, signals: Array, theta: Array, rng: np.random.Generator) -> Array:
+        """Draw signals with fresh noise, rounded to whole steps."""
+        sigma, steps = self.levels.scales(theta)[:, None], np.array(self.steps)
         fresh = signals + sigma * rng.standard_normal(signals.shape)
         return np.asarray(steps * np.round(fresh / steps))
 
-    def _interval(self, samples: Array, noise_values: Array) -> _Interval:
-        sigma = self.levels.scales(noise_values)[:, None]
+    def _interval(self, samples: Array, theta: Array) -> _Interval:
+        sigma = self.levels.scales(theta)[:, None]
         half = 0.5 * np.array(self.steps)
         return _Interval((samples - half) / sigma, (samples + half) / sigma)
 
-    def _likeliest(self, left: Array, k: int) -> float:
-        left, half = left[~np.isnan(left)], 0.5 * self.steps[k]
-        low, high, n = GRID
-        sizes = np.geomspace(low, high, n) * math.hypot(float(np.sqrt(np.mean(left**2))), half)
-        sums = [_Interval((left - half) / s, (left + half) / s).log_mass.sum() for s in sizes]
+    def _likeliest(self, residuals: Array, k: int) -> float:
+        residuals, half = residuals[~np.isnan(residuals)], 0.5 * self.steps[k]
+        low, high, n = SIGMA_GRID
+        sizes = np.geomspace(low, high, n) * math.hypot(float(np.sqrt(np.mean(residuals**2))), half)
+        sums = [
+            _Interval((residuals - half) / s, (residuals + half) / s).log_mass.sum() for s in sizes
+        ]
         return float(sizes[int(np.argmax(sums))])
 
 
@@ -171,7 +196,7 @@ class _Interval:
         near, far = self._near
         below = scipy.special.log_ndtr(near)
         with np.errstate(divide="ignore"):
-            return np.asarray(below + _log_one_less(scipy.special.log_ndtr(far) - below))
+            return np.asarray(below + _log_one_minus_exp(scipy.special.log_ndtr(far) - below))
 
     @property
     def densities(self) -> tuple[Array, Array]:
@@ -187,13 +212,13 @@ class _Interval:
         ends = scipy.special.log_ndtr(near), scipy.special.log_ndtr(far)
         part = np.where(right, 1.0 - share, share)  # of what is nearer to zero, as this is turned
         with np.errstate(divide="ignore"):
-            result = scipy.special.ndtri_exp(
+            quantile = scipy.special.ndtri_exp(
                 np.logaddexp(np.log(part) + ends[0], np.log1p(-part) + ends[1])
             )
-        return np.asarray(np.where(right, -result, result))
+        return np.asarray(np.where(right, -quantile, quantile))
 
 
-def _log_one_less(log_ratio: Array) -> Array:
+def _log_one_minus_exp(log_ratio: Array) -> Array:
     """log(1 - exp(x)) of x below zero."""
     small = log_ratio > -math.log(2.0)
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -202,16 +227,17 @@ def _log_one_less(log_ratio: Array) -> Array:
 
 
 def _information(ratio: Array) -> tuple[Array, Array]:
-    """Of one sample, by steps over sigma `(...,)`, averaged over where in its interval a signal is:
-    about the signal over sigma, and about the log of sigma.
+    """Return the information of one sample on the signal over sigma, and on the log of sigma.
+
+    It is averaged over where in its interval a signal is, and depends on steps over sigma `(...,)`.
     """
     half = 0.5 * ratio[..., None]
-    first = np.maximum(half - FAR, 0.0)  # to one side: the other is alike
-    reach = half + FAR - first
+    first = np.maximum(half - MAX_DISTANCE, 0.0)  # to one side: the other is alike
+    reach = half + MAX_DISTANCE - first
     x = first + 0.5 * reach * (NODES + 1.0)
-    result = _Interval(x - half, x + half)
-    low, high = result.densities
-    weight = reach * WEIGHTS * np.exp(result.log_mass) / ratio[..., None]
-    place = (weight * (low - high) ** 2).sum(axis=-1)
-    size = (weight * (result.low * low - result.high * high) ** 2).sum(axis=-1)
-    return np.asarray(place), np.asarray(size)
+    interval = _Interval(x - half, x + half)
+    low, high = interval.densities
+    weight = reach * WEIGHTS * np.exp(interval.log_mass) / ratio[..., None]
+    by_signal = (weight * (low - high) ** 2).sum(axis=-1)
+    size = (weight * (interval.low * low - interval.high * high) ** 2).sum(axis=-1)
+    return np.asarray(by_signal), np.asarray(size)

@@ -19,122 +19,148 @@ from pydantic import Field
 from bayesdrill.basics.arrays import Array
 from bayesdrill.basics.entries import LARGEST
 from bayesdrill.basics.symbols import Symbol
-from bayesdrill.inference.noise.contract import Noisy, Numbers, Residuals, of_pairs
+from bayesdrill.inference.noise.contract import ChannelNumbers, NoisyChannel, Residuals, pair_matrix
 from bayesdrill.inference.noise.white import White
 from bayesdrill.inference.priors import LogUniform
 from bayesdrill.inference.unknowns import Unknown
 
-LEAST, MOST = 2.1, 100.0  # degrees of freedom: below 2 there is no sd, and far above it is Gauss's
-START = 5.0  # of a search
-GRID, ROUNDS = 64, 200  # of degrees that are tried on what is left, and to find the scale of each
+MIN_DEGREES, MAX_DEGREES = (
+    2.1,
+    100.0,
+)  # degrees of freedom: below 2 there is no sd, and far above it is Gauss's
+START_DEGREES = 5.0  # of a search
+N_DEGREES, N_ITERATIONS = (
+    64,
+    200,
+)  # of degrees that are tried on what is left, and to find the scale of each
 
 
-_SAID = "Degrees of freedom; default: unknown"
+_DESCRIPTION = "Degrees of freedom; default: unknown"
 
 
 @dataclass(frozen=True, slots=True)
-class Entries:
-    degrees: Annotated[float, Field(ge=LEAST, le=LARGEST, description=_SAID)] | None = None
+class StudentTEntries:
+    """Entries of `noise:` for this kind."""
+
+    degrees: (
+        Annotated[float, Field(ge=MIN_DEGREES, le=LARGEST, description=_DESCRIPTION)] | None
+    ) = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StudentT:
-    """Its unknowns are the scales of all channels, then the degrees of freedom."""
+    """Student's t noise; its unknowns are the scales of all channels, then the degrees of freedom."""
 
     levels: White
-    degrees: Numbers
+    degrees: ChannelNumbers
     unknowns: tuple[Unknown, ...]
 
     white: ClassVar[bool] = False
-    Entries: ClassVar[type] = Entries
+    Entries: ClassVar[type] = StudentTEntries
 
     @classmethod
-    def of(cls, channels: Sequence[Noisy], n_samples: int) -> StudentT:
-        levels = White.of(channels, n_samples)
-        degrees = Numbers(tuple(c.entries.get("degrees") for c in channels), len(levels.unknowns))
-        noise_symbols = [freedom(channels[k]) for k in degrees.free]
-        return cls(levels=levels, degrees=degrees, unknowns=(*levels.unknowns, *noise_symbols))
+    def from_channels(cls, channels: Sequence[NoisyChannel], n_samples: int) -> StudentT:
+        """Build the noise of these channels."""
+        levels = White.from_channels(channels, n_samples)
+        degrees = ChannelNumbers(
+            tuple(c.entries.get("degrees") for c in channels), len(levels.unknowns)
+        )
+        degrees_unknown = [degrees_of_freedom(channels[k]) for k in degrees.free]
+        return cls(levels=levels, degrees=degrees, unknowns=(*levels.unknowns, *degrees_unknown))
 
     @property
     def n_channels(self) -> int:
+        """Return the number of channels."""
         return self.levels.n_channels
 
     def for_length(self, n_samples: int) -> StudentT:
+        """Return the same noise for a record of another length."""
         return dataclasses.replace(self, levels=self.levels.for_length(n_samples))
 
-    def seeing(self, counts: tuple[int, ...]) -> StudentT:
-        return dataclasses.replace(self, levels=self.levels.seeing(counts))
+    def with_counts(self, counts: tuple[int, ...]) -> StudentT:
+        """Return the same noise where channels have so many samples each."""
+        return dataclasses.replace(self, levels=self.levels.with_counts(counts))
 
-    def held(self) -> Mapping[int, object]:
-        return self.degrees.beside(self.levels.known)
+    def fixed_values(self) -> Mapping[int, object]:
+        """Return what is fixed of each channel, by index."""
+        return self.degrees.with_sizes(self.levels.known)
 
-    def scales(self, noise_values: Array) -> Array:
-        nu = self.degrees.at(noise_values)
-        return np.asarray(self.levels.scales(noise_values) * np.sqrt(nu / (nu - 2.0)))
+    def scales(self, theta: Array) -> Array:
+        """Return the standard deviation of a single sample `(W, K)`, SI."""
+        nu = self.degrees.values(theta)
+        return np.asarray(self.levels.scales(theta) * np.sqrt(nu / (nu - 2.0)))
 
-    def log_likelihood(self, residuals: Residuals, noise_values: Array) -> Array:
-        scale, nu = self.levels.scales(noise_values), self.degrees.at(noise_values)
+    def log_likelihood(self, residuals: Residuals, theta: Array) -> Array:
+        """Return the log likelihood `(W, K)`."""
+        scale, nu = self.levels.scales(theta), self.degrees.values(theta)
         logs = residuals.logs(1.0 / (nu * scale**2))
         return np.asarray(self.levels.sizes * _constant(scale, nu) - 0.5 * (nu + 1.0) * logs)
 
-    def pointwise(self, samples: Array, noise_values: Array) -> Array:
-        scale, nu = self._each(noise_values)
+    def pointwise(self, samples: Array, theta: Array) -> Array:
+        """Return the log density `(W, T, K)` of each sample."""
+        scale, nu = self._each(theta)
         logs = np.log1p(samples**2 / (nu * scale**2))
         return np.asarray(_constant(scale, nu) - 0.5 * (nu + 1.0) * logs)
 
-    def whiten(self, samples: Array, noise_values: Array) -> Array:
-        """By their places in the distribution, in the tail that is nearer."""
-        scale, nu = self._each(noise_values)
+    def whiten(self, samples: Array, theta: Array) -> Array:
+        """Return whitened residuals by their quantiles, in the tail that is nearer."""
+        scale, nu = self._each(theta)
         return np.asarray(
             -np.sign(samples)
             * scipy.special.ndtri(scipy.special.stdtr(nu, -np.abs(samples) / scale))
         )
 
-    def innovations(self, samples: Array, noise_values: Array) -> Array:
+    def innovations(self, samples: Array, theta: Array) -> Array:
+        """Return the samples, which are independent: `(W, T, K)`, SI."""
         return samples
 
-    def inform(self, shifts: Array, noise_values: Array) -> Array:
-        scale, nu = self._each(noise_values)
+    def whitened_jacobian(self, shifts: Array, theta: Array) -> Array:
+        """Return whitened shifts of signals `(W, T, K)`."""
+        scale, nu = self._each(theta)
         return np.asarray(shifts / scale * np.sqrt((nu + 1.0) / (nu + 3.0)))
 
-    def pull(self, samples: Array, noise_values: Array) -> Array:
-        scale, nu = self._each(noise_values)
+    def score(self, samples: Array, theta: Array) -> Array:
+        """Return d log likelihood / d model signal: `(W, T, K)`."""
+        scale, nu = self._each(theta)
         return np.asarray((nu + 1.0) * samples / (nu * scale**2 + samples**2))
 
-    def bend(self, residuals: Residuals, noise_values: Array) -> tuple[Array, Array]:
-        """The expected curvature, times what is left over the noise where that is more."""
-        scale, nu = self._each(noise_values)
+    def noise_score(self, residuals: Residuals, theta: Array) -> tuple[Array, Array]:
+        """Return slopes, and the expected curvature, larger where residuals are."""
+        scale, nu = self._each(theta)
         ratio = residuals.samples**2 / (nu * scale**2)
         nu, n = nu[:, 0], self.levels.sizes
-        left = np.nansum((nu[:, None] + 1.0) * ratio / (1.0 + ratio), axis=1)
+        weighted = np.nansum((nu[:, None] + 1.0) * ratio / (1.0 + ratio), axis=1)
         by_nu = scipy.special.digamma(0.5 * (nu + 1.0)) - scipy.special.digamma(0.5 * nu) - 1.0 / nu
-        by_nu = 0.5 * nu * (n * by_nu - np.nansum(np.log1p(ratio), axis=1)) + 0.5 * left
-        pairs = self._pairs(nu) * np.maximum(1.0, left / n)[..., None, None]
-        slope = np.hstack([(left - n)[:, self._free[0]], by_nu[:, self._free[1]]])
-        return slope, of_pairs(pairs, self._free)
+        by_nu = 0.5 * nu * (n * by_nu - np.nansum(np.log1p(ratio), axis=1)) + 0.5 * weighted
+        pairs = self._pairs(nu) * np.maximum(1.0, weighted / n)[..., None, None]
+        slope = np.hstack([(weighted - n)[:, self._free[0]], by_nu[:, self._free[1]]])
+        return slope, pair_matrix(pairs, self._free)
 
-    def expected(self, noise_values: Array) -> Array:
-        return np.asarray(of_pairs(self._pairs(self.degrees.at(noise_values[None])), self._free)[0])
+    def expected(self, theta: Array) -> Array:
+        """Return the expected curvature."""
+        return np.asarray(pair_matrix(self._pairs(self.degrees.values(theta[None])), self._free)[0])
 
-    def fitted(self, samples: Array, noise_values: Array) -> Array:
+    def fitted(self, samples: Array, theta: Array) -> Array:
+        """Return the unknowns fitted to residuals `samples (T, K)`."""
         each = [
-            _most_likely(samples[~np.isnan(samples[:, k]), k], self.levels.known.get(k), held)
-            for k, held in enumerate(self.degrees.held)
+            _most_likely(samples[~np.isnan(samples[:, k]), k], self.levels.known.get(k), fixed)
+            for k, fixed in enumerate(self.degrees.fixed)
         ]
         scale, nu = np.array(each).T
         return np.append(scale[self._free[0]], nu[self._free[1]])
 
-    def draw(self, signals: Array, noise_values: Array, rng: np.random.Generator) -> Array:
-        scale, nu = self._each(noise_values)
+    def draw(self, signals: Array, theta: Array, rng: np.random.Generator) -> Array:
+        """Draw signals `(W, T, K)` with fresh noise."""
+        scale, nu = self._each(theta)
         return np.asarray(signals + scale * rng.standard_t(np.broadcast_to(nu, signals.shape)))
 
     @property
     def _free(self) -> tuple[list[int], list[int]]:
         return list(self.levels.unknown), self.degrees.free
 
-    def _each(self, noise_values: Array) -> tuple[Array, Array]:
+    def _each(self, theta: Array) -> tuple[Array, Array]:
         """Scales and degrees `(W, 1, K)`."""
-        return self.levels.scales(noise_values)[:, None], self.degrees.at(noise_values)[:, None]
+        return self.levels.scales(theta)[:, None], self.degrees.values(theta)[:, None]
 
     def _pairs(self, nu: Array) -> Array:
         """Information `(W, K, 2, 2)` about the logs of scale and degrees (Lange and others 1989)."""
@@ -153,25 +179,31 @@ def _constant(scale: Array, nu: Array) -> Array:
     return np.asarray(gammas - 0.5 * np.log(math.pi * nu) - np.log(scale))
 
 
-def _most_likely(left: Array, scale: float | None, degrees: float | None) -> tuple[float, float]:
+def _most_likely(
+    residuals: Array, scale: float | None, degrees: float | None
+) -> tuple[float, float]:
     """Scale and degrees of what is `left (n,)`, of each what is not given."""
-    nu = np.geomspace(LEAST, MOST, GRID) if degrees is None else np.array([degrees])
-    scales = np.full(len(nu), math.sqrt(float(np.median(left**2))) if scale is None else scale)
-    for _ in range(ROUNDS if scale is None else 0):  # those that are far off count for less
-        weights = (nu + 1.0) / (nu + left[:, None] ** 2 / scales**2)
-        scales = np.sqrt((weights * left[:, None] ** 2).mean(axis=0))
-    logs = np.log1p(left[:, None] ** 2 / (nu * scales**2)).mean(axis=0)
+    nu = (
+        np.geomspace(MIN_DEGREES, MAX_DEGREES, N_DEGREES)
+        if degrees is None
+        else np.array([degrees])
+    )
+    scales = np.full(len(nu), math.sqrt(float(np.median(residuals**2))) if scale is None else scale)
+    for _ in range(N_ITERATIONS if scale is None else 0):  # those that are far off count for less
+        weights = (nu + 1.0) / (nu + residuals[:, None] ** 2 / scales**2)
+        scales = np.sqrt((weights * residuals[:, None] ** 2).mean(axis=0))
+    logs = np.log1p(residuals[:, None] ** 2 / (nu * scales**2)).mean(axis=0)
     best = int(np.argmax(_constant(scales, nu) - 0.5 * (nu + 1.0) * logs))
     return float(scales[best]), float(nu[best])
 
 
-def freedom(noisy: Noisy) -> Unknown:
-    """The unknown degrees of freedom of a channel's noise, `nu_<channel>`."""
+def degrees_of_freedom(noisy: NoisyChannel) -> Unknown:
+    """Return the unknown degrees of freedom of a channel's noise, `nu_<channel>`."""
     channel = noisy.channel
     meaning = f"degrees of freedom of the noise of channel {channel.name}"
     return Unknown(
         symbol=Symbol(f"nu_{channel.name}", "1", rf"\nu_{{{channel.latex}}}", "", meaning),
         role="noise",
-        prior=LogUniform(LEAST, MOST),
-        start=START,
+        prior=LogUniform(MIN_DEGREES, MAX_DEGREES),
+        start=START_DEGREES,
     )

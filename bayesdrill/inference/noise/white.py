@@ -13,14 +13,16 @@ import numpy as np
 from bayesdrill.basics.arrays import Array
 from bayesdrill.basics.entries import NoEntries
 from bayesdrill.basics.symbols import noise_symbol
-from bayesdrill.inference.noise.contract import Noisy, Residuals
+from bayesdrill.inference.noise.contract import NoisyChannel, Residuals
 from bayesdrill.inference.unknowns import Unknown
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class White:
-    """`known`: sigma of channels (by index) that are given; the rest come as unknowns.  `counts (K,)`:
-    samples of each channel, where some are missing.
+    """White Gaussian noise.
+
+    `known`: sigma of channels (by index) that are given; others come as unknowns.  `counts
+    (K,)`: samples of each channel, where some are missing.
 
     Normalised: `-T/2 log(2 pi sigma^2) - SS / (2 sigma^2)` per channel, with SS the misfit.
     """
@@ -35,78 +37,96 @@ class White:
     Entries: ClassVar[type] = NoEntries
 
     @classmethod
-    def of(cls, channels: Sequence[Noisy], n_samples: int) -> White:
+    def from_channels(cls, channels: Sequence[NoisyChannel], n_samples: int) -> White:
+        """Build the noise of these channels; those whose sigma is a prior become unknowns."""
         known = {k: c.sigma for k, c in enumerate(channels) if isinstance(c.sigma, float)}
-        unknowns = tuple(level(c) for c in channels if not isinstance(c.sigma, float))
+        unknowns = tuple(noise_level(c) for c in channels if not isinstance(c.sigma, float))
         return cls(n_samples=n_samples, known=known, n_channels=len(channels), unknowns=unknowns)
 
     @property
     def unknown(self) -> tuple[int, ...]:
+        """Return the channels whose sigma is unknown."""
         return tuple(k for k in range(self.n_channels) if k not in self.known)
 
     def for_length(self, n_samples: int) -> White:
+        """Return the same noise for a record of another length."""
         return dataclasses.replace(self, n_samples=n_samples, counts=None)
 
-    def seeing(self, counts: tuple[int, ...]) -> White:
+    def with_counts(self, counts: tuple[int, ...]) -> White:
+        """Return the same noise where channels have so many samples each."""
         return dataclasses.replace(self, counts=counts)
 
     @property
     def sizes(self) -> Array:
-        """Samples of each channel `(K,)`."""
+        """Return the number of samples of each channel `(K,)`."""
         return np.array(self.counts or (self.n_samples,) * self.n_channels, dtype=np.float64)
 
-    def held(self) -> Mapping[int, object]:
+    def fixed_values(self) -> Mapping[int, object]:
+        """Return what is fixed of each channel, by index."""
         return self.known
 
-    def scales(self, noise_values: Array) -> Array:
-        out = np.empty((len(noise_values), self.n_channels))
+    def scales(self, theta: Array) -> Array:
+        """Return the standard deviation of a single sample `(W, K)`, SI."""
+        out = np.empty((len(theta), self.n_channels))
         for k, sigma in self.known.items():
             out[:, k] = sigma
         for column, k in enumerate(self.unknown):
-            out[:, k] = noise_values[:, column]
+            out[:, k] = theta[:, column]
         return out
 
-    def log_likelihood(self, residuals: Residuals, noise_values: Array) -> Array:
-        sigma = self.scales(noise_values)
+    def log_likelihood(self, residuals: Residuals, theta: Array) -> Array:
+        """Return the log likelihood `(W, K)`."""
+        sigma = self.scales(theta)
         constant = -0.5 * self.sizes * math.log(2 * math.pi)
         return constant - self.sizes * np.log(sigma) - 0.5 * residuals.squares / sigma**2
 
-    def pointwise(self, samples: Array, noise_values: Array) -> Array:
-        sigma = self.scales(noise_values)[:, None, :]
+    def pointwise(self, samples: Array, theta: Array) -> Array:
+        """Return the log density `(W, T, K)` of each sample."""
+        sigma = self.scales(theta)[:, None, :]
         return -0.5 * math.log(2 * math.pi) - np.log(sigma) - 0.5 * (samples / sigma) ** 2
 
-    def whiten(self, samples: Array, noise_values: Array) -> Array:
-        return samples / self.scales(noise_values)[:, None, :]
+    def whiten(self, samples: Array, theta: Array) -> Array:
+        """Return whitened residuals `(W, T, K)`."""
+        return samples / self.scales(theta)[:, None, :]
 
-    def innovations(self, samples: Array, noise_values: Array) -> Array:
+    def innovations(self, samples: Array, theta: Array) -> Array:
+        """Return the samples, which are independent: `(W, T, K)`, SI."""
         return samples
 
-    def inform(self, shifts: Array, noise_values: Array) -> Array:
-        return shifts / self.scales(noise_values)[:, None, :]
+    def whitened_jacobian(self, shifts: Array, theta: Array) -> Array:
+        """Return whitened shifts of signals `(W, T, K)`."""
+        return shifts / self.scales(theta)[:, None, :]
 
-    def pull(self, samples: Array, noise_values: Array) -> Array:
-        return samples / self.scales(noise_values)[:, None, :] ** 2
+    def score(self, samples: Array, theta: Array) -> Array:
+        """Return d log likelihood / d model signal: `(W, T, K)`."""
+        return samples / self.scales(theta)[:, None, :] ** 2
 
-    def bend(self, residuals: Residuals, noise_values: Array) -> tuple[Array, Array]:
-        """Far from the level that fits, the larger of the two curvatures keeps a step in bounds."""
+    def noise_score(self, residuals: Residuals, theta: Array) -> tuple[Array, Array]:
+        """Return slopes and curvature by the logs of unknown sigmas.
+
+        Far from the level that fits, the larger of the two curvatures keeps a step in bounds.
+        """
         if not self.unknown:
-            return np.zeros_like(noise_values), np.zeros_like(noise_values)
-        left = residuals.weighed(1.0 / self.scales(noise_values))[:, list(self.unknown)]
+            return np.zeros_like(theta), np.zeros_like(theta)
+        squares = residuals.weighted_squares(1.0 / self.scales(theta))[:, list(self.unknown)]
         n = self.sizes[list(self.unknown)]
-        return left - n, 2.0 * np.maximum(left, n)
+        return squares - n, 2.0 * np.maximum(squares, n)
 
-    def expected(self, noise_values: Array) -> Array:
+    def expected(self, theta: Array) -> Array:
+        """Return the expected curvature."""
         return 2.0 * self.sizes[list(self.unknown)]
 
-    def fitted(self, samples: Array, noise_values: Array) -> Array:
+    def fitted(self, samples: Array, theta: Array) -> Array:
+        """Return the unknown sigmas fitted to residuals `samples (T, K)`."""
         return np.sqrt(np.nanmean(samples**2, axis=0))[list(self.unknown)]
 
-    def draw(self, signals: Array, noise_values: Array, rng: np.random.Generator) -> Array:
-        return signals + self.scales(noise_values)[:, None, :] * rng.standard_normal(signals.shape)
+    def draw(self, signals: Array, theta: Array, rng: np.random.Generator) -> Array:
+        """Draw signals `(W, T, K)` with fresh noise."""
+        return signals + self.scales(theta)[:, None, :] * rng.standard_normal(signals.shape)
 
 
-def level(noisy: Noisy) -> Unknown:
-    """The unknown standard deviation of a channel's noise, `sigma_<channel>`."""
+def noise_level(noisy: NoisyChannel) -> Unknown:
+    """Return the unknown standard deviation of a channel's noise, `sigma_<channel>`."""
     channel = noisy.channel
     assert not isinstance(noisy.sigma, float)
     return Unknown(

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from bayesdrill.analysis.comparison import SURE_LOG_ODDS, OverlayRow, PosteriorSummary, RunSummary
 from bayesdrill.basics.arrays import Array
 from bayesdrill.inference.derived import HDI_PROBABILITY
-from bayesdrill.inference.display_units import OwnUnits
+from bayesdrill.inference.display_units import DisplayUnits
 from bayesdrill.report import scales, style
 from bayesdrill.report.pages import (
     AXES,
@@ -111,7 +111,7 @@ class _Column:
 
 
 def overlay_corner_figure(
-    layers: Sequence[PosteriorSummary], rows: Sequence[OverlayRow], display_units: OwnUnits
+    layers: Sequence[PosteriorSummary], rows: Sequence[OverlayRow], display_units: DisplayUnits
 ) -> Figure:
     """Draw a corner of the unknowns that two runs or more have, `rows` in SI.
 
@@ -131,7 +131,9 @@ def overlay_corner_figure(
     return figure
 
 
-def _column(si: OverlayRow, layers: Sequence[PosteriorSummary], display_units: OwnUnits) -> _Column:
+def _column(
+    si: OverlayRow, layers: Sequence[PosteriorSummary], display_units: DisplayUnits
+) -> _Column:
     row, factor, log = (
         overlay_shown(si, display_units),
         display_units.factor(si.symbol.name),
@@ -237,7 +239,7 @@ INTERVALS, MODELS = (0.17, 0.2), (0.19, 0.22)  # inches of a run and of the marg
 
 
 def intervals_figure(
-    layers: Sequence[PosteriorSummary], rows: Sequence[OverlayRow], display_units: OwnUnits
+    layers: Sequence[PosteriorSummary], rows: Sequence[OverlayRow], display_units: DisplayUnits
 ) -> Figure:
     """Draw intervals of all unknowns, `rows` in SI; a run without one leaves a gap.
 
@@ -260,7 +262,7 @@ def intervals_figure(
 
 
 def _scaled(
-    si: OverlayRow, layers: Sequence[PosteriorSummary], display_units: OwnUnits
+    si: OverlayRow, layers: Sequence[PosteriorSummary], display_units: DisplayUnits
 ) -> tuple[OverlayRow, scales.Scale]:
     """Return a row as it is shown, and its axis.
 
@@ -345,7 +347,7 @@ READ = (
 
 
 def comparison_figure(
-    models: Sequence[RunSummary], rows: Sequence[OverlayRow], display_units: OwnUnits
+    models: Sequence[RunSummary], rows: Sequence[OverlayRow], display_units: DisplayUnits
 ) -> Figure:
     """Draw models, the most probable on top and black; `rows` of unknowns in SI."""
     order = sorted(range(len(models)), key=lambda k: -models[k].log_z)

@@ -21,9 +21,9 @@ from bayesdrill.analysis.comparison import (
     probabilities,
 )
 from bayesdrill.analysis.prediction import MAX_BAD_SHARE, HeldOutScore, LooScore
-from bayesdrill.inference.display_units import OwnUnits
+from bayesdrill.inference.display_units import DisplayUnits
 from bayesdrill.inference.priors import flat_in_logs
-from bayesdrill.inference.residual_checks import Left
+from bayesdrill.inference.residual_checks import ResidualSummary
 from bayesdrill.report.section import (
     HDI_ENDS,
     Note,
@@ -37,7 +37,7 @@ from bayesdrill.report.section import (
 from bayesdrill.report.sections import verdict_words
 
 
-def overlay_shown(row: OverlayRow, units: OwnUnits) -> OverlayRow:
+def overlay_shown(row: OverlayRow, units: DisplayUnits) -> OverlayRow:
     """In the unit that its symbol then has."""
     factor = units.factor(row.symbol.name)
 
@@ -82,7 +82,7 @@ def comparison_sections(
     layers: Sequence[PosteriorSummary],
     models: Sequence[RunSummary],
     rows: Sequence[OverlayRow],
-    units: OwnUnits,
+    units: DisplayUnits,
     pictures: Sequence[Picture] = (),
 ) -> tuple[Section, ...]:
     """In the order in which they are read, of runs or, if there are any, `models`; `rows` in SI."""
@@ -293,7 +293,7 @@ def comparison_table(models: Sequence[RunSummary]) -> Table:
     return Table((*heads, *more), tuple(lines), frozenset(heads[:1]))
 
 
-def worst(left: Sequence[Left]) -> tuple[float, float]:
+def worst(left: Sequence[ResidualSummary]) -> tuple[float, float]:
     """Size over the noise and correlation, each in the channel where it is farthest from 1 or 0."""
     rms = max((summary.rms for summary in left), key=lambda x: abs(math.log(max(x, 1e-300))))
     return rms, max((summary.correlation for summary in left), key=abs)

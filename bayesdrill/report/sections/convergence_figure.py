@@ -290,7 +290,7 @@ def draw_trace(run: ReportContext) -> Drawing:
     values = (shown.nominal, shown.mode, logs, run.width)
     burn_in = sampled.convergence.burn_in
     return Drawing(
-        trace_figure, (shown.of(sampled.theta), shown.symbols, burn_in, *values), says=TRACE
+        trace_figure, (shown.select(sampled.theta), shown.symbols, burn_in, *values), says=TRACE
     )
 
 

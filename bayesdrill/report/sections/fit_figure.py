@@ -30,9 +30,9 @@ from bayesdrill.config.schema.config import Config
 from bayesdrill.inference.derived import HDI_PROBABILITY
 from bayesdrill.inference.posterior import Problem
 from bayesdrill.inference.residual_checks import (
-    CHANCE,
-    Correlation,
-    Left,
+    BAND_PROBABILITY,
+    ResidualCorrelation,
+    ResidualSummary,
     correlations,
     like_noise,
 )
@@ -422,7 +422,9 @@ POINT: dict[str, Any] = {
 STEM: dict[str, Any] = {"color": style.DARK, "linewidth": 1.1}
 
 
-def residuals_figure(correlations: Sequence[Correlation], width: float = scales.DOUBLE) -> Figure:
+def residuals_figure(
+    correlations: Sequence[ResidualCorrelation], width: float = scales.DOUBLE
+) -> Figure:
     """Draw correlations of residuals with themselves and with each input, by channel."""
     beside = [
         correlation
@@ -439,7 +441,7 @@ def residuals_figure(correlations: Sequence[Correlation], width: float = scales.
     )
     with style.styled(width):
         handles: list[Any] = [
-            Patch(label=f"{100 * CHANCE:g} % of chance, each lag", **style.CHANCE),
+            Patch(label=f"{100 * BAND_PROBABILITY:g} % of chance, each lag", **style.CHANCE),
             Line2D([], [], label="inside", **STEM),
         ]
         if any(
@@ -482,7 +484,9 @@ def draw_residuals(run: ReportContext) -> tuple[Drawing, ...] | None:
     return _residual_drawings(results, run.width)
 
 
-def _residual_drawings(correlations: Sequence[Correlation], width: float) -> tuple[Drawing, ...]:
+def _residual_drawings(
+    correlations: Sequence[ResidualCorrelation], width: float
+) -> tuple[Drawing, ...]:
     each = groupby(correlations, key=lambda correlation: correlation.experiment)
     shown = ((label, tuple(group)) for label, group in each)
     return for_each_experiment(residuals_figure, shown, width, RESIDUALS)
@@ -583,8 +587,8 @@ def fits_alone(
     problem: Problem,
     config: Config,
     best: Array,
-    residual_rows: Sequence[Left],
-    correlations: Sequence[Correlation],
+    residual_rows: Sequence[ResidualSummary],
+    correlations: Sequence[ResidualCorrelation],
 ) -> dict[str, Drawing]:
     """Return drawings of the MAP `best (D,)`, without draws, by stem.
 

@@ -22,8 +22,8 @@ from bayesdrill.basics.symbols import Symbol
 from bayesdrill.basics.units import Unit
 from bayesdrill.inference.likelihood import Observation
 from bayesdrill.inference.posterior import Problem
-from bayesdrill.inference.residual_checks import Left, like_noise
-from bayesdrill.inference.unknowns import of_label
+from bayesdrill.inference.residual_checks import ResidualSummary, like_noise
+from bayesdrill.inference.unknowns import labelled_name
 from bayesdrill.output_files import numbered
 from bayesdrill.report.section import Plain, Sentences, Table, aligned
 from bayesdrill.report.sections.physics_words import FrictionCourse, rubs
@@ -76,7 +76,7 @@ class Fit:
 def every_fit(
     problem: Problem,
     best: Array,
-    left: Sequence[Left],
+    left: Sequence[ResidualSummary],
     predictive: Mapping[str, Array] | None = None,
     rubbing: Sequence[Sequence[FrictionMotion]] = (),
 ) -> tuple[Fit, ...]:
@@ -114,13 +114,13 @@ def _signals(
     observation: Observation,
     full: Array,
     best: Array,
-    left: Sequence[Left],
+    left: Sequence[ResidualSummary],
     predictive: Mapping[str, Array],
 ) -> Iterator[Signal]:
-    models, sigmas = observation.followed(full, best[None])[0], observation.scales(best[None])[0]
+    models, sigmas = observation.predict(full, best[None])[0], observation.scales(best[None])[0]
     shares = {each.channel: each.share for each in left if each.experiment == observation.label}
     for k, channel in enumerate(observation.experiment.channels):
-        unit, draws = channel.shown, predictive.get(of_label(channel.name, observation.label))
+        unit, draws = channel.shown, predictive.get(labelled_name(channel.name, observation.label))
         if draws is not None:
             draws = draws.reshape(-1, draws.shape[-1]).astype(np.float64) / unit.factor
         yield Signal(
@@ -167,7 +167,7 @@ def _prediction(observation: Observation, full: Array) -> str:
     return text.getvalue()
 
 
-def residual_sentences(summaries: Sequence[Left], clock: Unit) -> str:
+def residual_sentences(summaries: Sequence[ResidualSummary], clock: Unit) -> str:
     """How much is left; that it looks like the noise, or a line for each way in which it does not.
 
     `clock`: in which times are said.
@@ -228,7 +228,7 @@ def residual_sentences(summaries: Sequence[Left], clock: Unit) -> str:
     return "\n".join(lines)
 
 
-def residual_reasons(summaries: Sequence[Left]) -> tuple[str, ...]:
+def residual_reasons(summaries: Sequence[ResidualSummary]) -> tuple[str, ...]:
     """Why nothing here must be believed, though the ensembles converge; empty where it may be."""
     doubtful = [summary for summary in summaries if summary.unbelievable]
     said = []
@@ -244,13 +244,13 @@ def residual_reasons(summaries: Sequence[Left]) -> tuple[str, ...]:
     return tuple(said)
 
 
-def _worst(summaries: Sequence[Left], which: str, by: str) -> list[Left]:
+def _worst(summaries: Sequence[ResidualSummary], which: str, by: str) -> list[ResidualSummary]:
     """Those of which it is true, the worst first."""
     chosen = [summary for summary in summaries if getattr(summary, which)]
     return sorted(chosen, key=lambda summary: abs(getattr(summary, by)), reverse=which != "small")
 
 
-def _each_channel(summaries: Sequence[Left], what: str) -> str:
+def _each_channel(summaries: Sequence[ResidualSummary], what: str) -> str:
     return ", ".join(f"{summary.name} {getattr(summary, what):.3g}" for summary in summaries)
 
 

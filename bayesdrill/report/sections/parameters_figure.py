@@ -247,7 +247,7 @@ def draw_ridge(run: ReportContext) -> Drawing | None:
     pair = None if judged is None else strongest_pair(run.draws, judged.study.structure)
     if pair is None:
         return None
-    given = (shown.of(run.draws), pair, shown.symbols, shown.priors, shown.nominal, shown.mode)
+    given = (shown.select(run.draws), pair, shown.symbols, shown.priors, shown.nominal, shown.mode)
     return Drawing(ridge_figure, given, says=RIDGE)
 
 
@@ -259,5 +259,7 @@ def draw_prior_posterior(run: ReportContext) -> Drawing:
     shown = run.shown(run.config.output.parameters)
     values = (shown.priors, shown.nominal, shown.mode, run.width)
     return Drawing(
-        prior_posterior_figure, (shown.of(run.draws), shown.symbols, *values), says=PRIOR_POSTERIOR
+        prior_posterior_figure,
+        (shown.select(run.draws), shown.symbols, *values),
+        says=PRIOR_POSTERIOR,
     )

@@ -30,7 +30,7 @@ from bayesdrill.analysis.identifiability.frictions import (
 from bayesdrill.basics.arrays import Array
 from bayesdrill.basics.symbols import Symbol, own_symbol, plain
 from bayesdrill.basics.units import Unit
-from bayesdrill.inference.derived import HDI_PROBABILITY, Derived, Row, at
+from bayesdrill.inference.derived import HDI_PROBABILITY, Derived, DerivedRow, values_at
 from bayesdrill.inference.likelihood import Observation
 from bayesdrill.inference.posterior import Problem
 from bayesdrill.report.section import HDI, Table, records_as_csv
@@ -54,12 +54,12 @@ class FrictionShown:
     mode: dict[str, float]
 
 
-def derived_csv(rows: Sequence[Row]) -> str:
+def derived_csv(rows: Sequence[DerivedRow]) -> str:
     """All digits, SI; `share` of the draws have the quantity, `deviation` is a fraction."""
-    return records_as_csv(Row, rows)
+    return records_as_csv(DerivedRow, rows)
 
 
-def derived_table(rows: Sequence[Row], meanings: Mapping[str, str]) -> Table:
+def derived_table(rows: Sequence[DerivedRow], meanings: Mapping[str, str]) -> Table:
     """Of what follows, with its meanings."""
     lines = []
     for row in rows:
@@ -97,7 +97,9 @@ def derived_shown(
     unknown = [symbol.name for symbol in problem.symbols]
     order = [symbol.name for symbol in symbols]
     mode = {name: float(x) for name, x in zip(unknown, theta[0], strict=True)}
-    mode |= {name: float(x[0]) for name, x in at(problem, theta).items() if np.isfinite(x[0])}
+    mode |= {
+        name: float(x[0]) for name, x in values_at(problem, theta).items() if np.isfinite(x[0])
+    }
     wanted = unknown if names is None else [name for name in dict.fromkeys(names) if name in order]
     picked = every.reshape(-1, len(order))[:, [order.index(name) for name in wanted]]
     some = [

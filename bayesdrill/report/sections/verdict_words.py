@@ -10,7 +10,7 @@ from bayesdrill.analysis.identifiability.structure import DependsOnFixed
 from bayesdrill.analysis.plausibility import DiffusePrior
 from bayesdrill.analysis.verdict import FALSE_ALARM, Quantity, Verdict
 from bayesdrill.basics.symbols import Symbol, unit_product
-from bayesdrill.inference.step_error import ENOUGH, FINER, StepError
+from bayesdrill.inference.step_error import MAX_ERROR_OVER_NOISE, TRUTH_REFINEMENT, StepError
 from bayesdrill.report import section
 from bayesdrill.report.section import Table
 from bayesdrill.report.sections.identify_words import percent, priors_of, product
@@ -119,7 +119,7 @@ def _step_sentence(error: StepError) -> str:
     each = ", ".join(
         f"{name} {error:.2g}" for name, error in zip(error.channels, error.errors, strict=True)
     )
-    measured = f"{steps} to a sample{where}; {FINER} times as many would move samples by"
+    measured = f"{steps} to a sample{where}; {TRUTH_REFINEMENT} times as many would move samples by"
     worst = f"{error.worst:.2g} of the noise ({each})"
     if error.fine:
         return f"steps: {measured} at most {worst}. That does no harm."
@@ -131,7 +131,7 @@ def _step_sentence(error: StepError) -> str:
 
 def steps_wanted(error: StepError) -> int:
     """Pieces that are enough, of an error that falls as steps get shorter, the next power of two."""
-    return error.pieces << max(1, math.ceil(math.log2(error.worst / ENOUGH)))
+    return error.pieces << max(1, math.ceil(math.log2(error.worst / MAX_ERROR_OVER_NOISE)))
 
 
 SHORT = ("", "nominal", "mean", "dev. %", "tension", "beyond tol.", "bits", "verdict")

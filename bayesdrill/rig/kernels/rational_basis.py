@@ -15,49 +15,28 @@ All is written in F, so that a high sampling rate costs no digits.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from llvmlite import ir
 
-from bayesdrill.rig.kernels.exponential import Layout, emit_exponential
+from bayesdrill.rig.kernels.exponential import Layout
+from bayesdrill.rig.kernels.jets import Jet, JetArithmetic, JetCells, Jets, Matrix, widened
 from bayesdrill.rig.kernels.lanes import (
     I64,
-    NUMBERS,
-    VEC,
-    VECTORS,
     Builder,
     Loop,
-    begin_kernel,
     vector,
 )
-
-Jet = tuple[ir.Value, ...]  # a value, or a value and its slope
-Jets = list[Jet]
-Matrix = list[Jets]
+from bayesdrill.rig.kernels.remainder_bound import RemainderBound
 
 REAL, PAIR = "r", "p"  # kinds of poles: one real, or a complex pair
 ROWS = 4  # of the triangle at a time
 # Times that all poles are gone through: what rounding carries from one to another is then as small as
 # what the round before has left.
 ROUNDS = 2
-TURNS = 3  # of coordinates towards a walker's own modes, for the bound
 
-COUNTS = ("groups", "columns", "triangle")
 WHOLE_NUMBERS = I64.as_pointer()
-BLOCKS = {
-    "walkers": VECTORS,
-    "numbers": NUMBERS,
-    "frame": NUMBERS,
-    "orders": WHOLE_NUMBERS,
-    "reference": NUMBERS,
-    "triangles": NUMBERS,
-    "projected": NUMBERS,
-    "scratch": VECTORS,
-    "out": VECTORS,
-}
-NORMAL_COUNTS = (*COUNTS, "q")
-NORMAL_BLOCKS = {**BLOCKS, "directions": VECTORS, "scales": VECTORS}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -124,7 +103,9 @@ class BasisShape:
 
         `orders`: of each pole in a round.
         """
-        poles = sum(n * (1 if kind == REAL else 2) for n, kind in zip(orders, self.poles, strict=True))
+        poles = sum(
+            n * (1 if kind == REAL else 2) for n, kind in zip(orders, self.poles, strict=True)
+        )
         direct = self.layout.n_series if self.layout.first_order else 0
         return len(self.sources) * (self.integrators + ROUNDS * poles) + direct + 1
 
@@ -183,112 +164,7 @@ class PoleNumbers:
 COUNT = 8  # numbers of a pole
 
 
-@dataclass(frozen=True, slots=True)
-class _Arithmetic:
-    """Arithmetic of jets; constants are jets without a slope."""
-
-    b: Builder
-
-    def constant(self, value: float) -> Jet:
-        return (vector(value),)
-
-    def add(self, left: Jet, right: Jet, *, sign: int = 1) -> Jet:
-        operation = self.b.fadd if sign > 0 else self.b.fsub
-        width = max(len(left), len(right))
-        pairs = zip(_wide(left, width), _wide(right, width), strict=True)
-        return tuple(operation(*pair) for pair in pairs)
-
-    def dot(self, pairs: Sequence[tuple[Jet, Jet]], total: Jet | None = None) -> Jet:
-        """Return a total and the products of all pairs."""
-        width = max(len(number) for pair in pairs for number in pair) if pairs else 1
-        value, *slopes = _wide(total or self.constant(0.0), max(width, len(total or ())))
-        for left, right in pairs:
-            value = self.b.fma(left[0], right[0], value)
-            if len(left) > 1:
-                slopes = [self.b.fma(left[1], right[0], slopes[0])]
-            if len(right) > 1:
-                slopes = [self.b.fma(left[0], right[1], slopes[0])]
-        return (value, *slopes)
-
-    def times(self, left: Jet, right: Jet) -> Jet:
-        return self.dot([(left, right)])
-
-    def minus(self, number: Jet) -> Jet:
-        return tuple(self.b.fneg(part) for part in number)
-
-    def inverse(self, number: Jet) -> Jet:
-        value = self.b.fdiv(vector(1.0), number[0])
-        if len(number) == 1:
-            return (value,)
-        square = self.b.fmul(value, value)
-        return value, self.b.fneg(self.b.fmul(square, number[1]))
-
-    def apply(self, matrix: Matrix, x: Jets) -> Jets:
-        return [self.dot(list(zip(row, x, strict=True))) for row in matrix]
-
-    def product(self, left: Matrix, right: Matrix) -> Matrix:
-        columns = [list(column) for column in zip(*right, strict=True)]
-        turned = [self.apply(left, column) for column in columns]
-        return [list(row) for row in zip(*turned, strict=True)]
-
-    def inverted(self, matrix: Matrix) -> Matrix:
-        """Return the inverse by Gauss and Jordan; modal coordinates need no pivots."""
-        n = len(matrix)
-        rows = [[*row, *self._unit(n, i)] for i, row in enumerate(matrix)]
-        for i in range(n):
-            over = self.inverse(rows[i][i])
-            rows[i] = [self.times(entry, over) for entry in rows[i]]
-            for j in (j for j in range(n) if j != i):
-                factor = self.minus(rows[j][i])
-                pairs = zip(rows[j], rows[i], strict=True)
-                rows[j] = [self.dot([(factor, entry)], old) for old, entry in pairs]
-        return [row[n:] for row in rows]
-
-    def _unit(self, n: int, i: int) -> Jets:
-        return [self.constant(float(j == i)) for j in range(n)]
-
-    def polynomial(self, powers: Sequence[tuple[Jet, Matrix | None]]) -> Matrix:
-        """Return the sum of factors times matrices; None is the unit matrix."""
-        n = next(len(matrix) for _, matrix in powers if matrix is not None)
-
-        def entry(i: int, j: int) -> Jet:
-            pairs = [(factor, matrix[i][j]) for factor, matrix in powers if matrix is not None]
-            units = [factor for factor, matrix in powers if matrix is None and i == j]
-            return self.dot(pairs, units[0] if units else None)
-
-        return [[entry(i, j) for j in range(n)] for i in range(n)]
-
-
-def _wide(number: Jet, width: int) -> Jet:
-    return (*number, *[vector(0.0)] * (width - len(number)))
-
-
-@dataclass(frozen=True, slots=True)
-class _Cells:
-    """Memory of jets: a block of values, and one of slopes where they have some."""
-
-    b: Builder
-    bases: tuple[ir.Value, ...]
-
-    def __getitem__(self, offset: ir.Value) -> _Cells:
-        return _Cells(self.b, tuple(self.b.gep(base, [offset]) for base in self.bases))
-
-    def read(self, index: int) -> Jet:
-        return tuple(self.b.read(base, index) for base in self.bases)
-
-    def write(self, number: Jet, index: int) -> None:
-        for base, part in zip(self.bases, _wide(number, len(self.bases)), strict=True):
-            self.b.write(part, base, index)
-
-    def read_matrix(self, n: int) -> Matrix:
-        return [[self.read(i * n + j) for j in range(n)] for i in range(n)]
-
-    def write_matrix(self, matrix: Matrix) -> None:
-        for index, number in enumerate(entry for row in matrix for entry in row):
-            self.write(number, index)
-
-
-class _Frame:
+class Frame:
     """Numbers that all walkers share: modal coordinates, sizes of inputs, poles."""
 
     def __init__(self, b: Builder, shape: BasisShape, block: ir.Value) -> None:
@@ -317,14 +193,14 @@ class _Frame:
         return [(self._number(3, COUNT * index + n),) for n in range(COUNT)]
 
 
-class _Expansion:
+class Expansion:
     """The code that expands the response of a group of walkers, with slopes where it has a tangent."""
 
     def __init__(
         self, b: Builder, shape: BasisShape, arguments: dict[str, ir.Value], scratch: ir.Value
     ) -> None:
-        self.b, self.shape, self.a = b, shape, _Arithmetic(b)
-        self.frame = _Frame(b, shape, arguments["frame"])
+        self.b, self.shape, self.a = b, shape, JetArithmetic(b)
+        self.frame = Frame(b, shape, arguments["frame"])
         self.orders, self.columns = arguments["orders"], arguments["columns"]
         jets = 2 if shape.tangent else 1
         self.e = scratch
@@ -334,14 +210,14 @@ class _Expansion:
         for _ in shape.poles:
             parts = []
             for _ in range(3):
-                parts.append(_Cells(b, tuple(b.gep(at, [I64(size * n)]) for n in range(jets))))
+                parts.append(JetCells(b, tuple(b.gep(at, [I64(size * n)]) for n in range(jets))))
                 at = b.gep(at, [I64(size * jets)])
             self.matrices.append(parts)
         count = b.mul(self.columns, I64(shape.channels))
         bases = [at]
         for _ in range(jets - 1):
             bases.append(b.gep(bases[-1], [count]))
-        self.coefficients = _Cells(b, tuple(bases))
+        self.coefficients = JetCells(b, tuple(bases))
         self.after = b.gep(bases[-1], [count])
         self.count = count
 
@@ -376,7 +252,7 @@ class _Expansion:
             for row in shown
         ]
         self._store_matrices(fall)
-        bound = _Bound(self.b, shape, fall, seen)
+        bound = RemainderBound(self.b, shape.blocks, fall, seen)
         errors = [vector(0.0)] * shape.channels
         column = I64(0)
         for index, source in enumerate(shape.sources):
@@ -476,7 +352,7 @@ class _Expansion:
         return column, a.apply(over, following)
 
     def _flat(self, x: Jets) -> list[ir.Value]:
-        return [part for number in x for part in _wide(number, self._width)]
+        return [part for number in x for part in widened(number, self._width)]
 
     def _jets(self, parts: list[ir.Value]) -> Jets:
         width = self._width
@@ -494,291 +370,3 @@ class _Expansion:
         cells = self.coefficients[self.b.mul(column, I64(self.shape.channels))]
         for k, value in enumerate(values):
             cells.write(value, k)
-
-
-class _Bound:
-    """A bound of what the functions leave: the walker's own response to what is left as its input.
-
-    Of blocks of modal coordinates, |(z - T)^-1| <= 1 / (1 - |T|) on the unit circle.  What blocks do to
-    each other, at most Q, is summed to (1 - Q)^-1, which is no bound unless it has no negative entry.
-    Coordinates are first turned towards the walker's own modes, so that Q is small.
-    """
-
-    def __init__(self, b: Builder, shape: BasisShape, fall: Matrix, seen: Matrix) -> None:
-        self._b, self._blocks = b, shape.blocks
-        a = _Arithmetic(b)
-        values, shown_by = ([[number[:1] for number in row] for row in m] for m in (fall, seen))
-        self._back, seen = [], shown_by
-        for _ in range(TURNS):
-            turn = self._turn([[number[0] for number in row] for row in values])
-            back = a.inverted(turn)
-            values = a.product(back, a.product(values, turn))
-            seen = a.product(seen, turn)
-            self._back = a.product(back, self._back) if self._back else back
-        entries = [[number[0] for number in row] for row in values]
-        gains = [self._gain([[entries[i][j] for j in block] for i in block]) for block in self._blocks]
-        one = vector(1.0)
-        remaining: Matrix = []
-        for own, block in enumerate(self._blocks):
-            row = []
-            for other, columns in enumerate(self._blocks):
-                sums = [self._sum(b.absolute(entries[i][j]) for j in columns) for i in block]
-                share = b.fneg(b.fmul(gains[own], self._length(sums)))
-                row.append((one if own == other else share,))
-            remaining.append(row)
-        series = [[number[0] for number in row] for row in a.inverted(remaining)]
-        fine = b.fcmp_ordered(">", gains[0], vector(0.0))
-        for number in (*gains[1:], *(number for row in series for number in row)):
-            fine = b.and_(fine, b.fcmp_ordered(">=", number, vector(0.0)))
-        gains = [b.select(fine, gain, vector(math.inf)) for gain in gains]
-        # Of each channel, by block of what is left.
-        self._shares = []
-        for row in seen:
-            shown = [self._length([row[i][0] for i in block]) for block in self._blocks]
-            self._shares.append(
-                [
-                    b.fmul(gains[n], self._sum(map(b.fmul, shown, (line[n] for line in series))))
-                    for n in range(len(self._blocks))
-                ]
-            )
-
-    def _turn(self, entries: list[list[ir.Value]]) -> Matrix:
-        """Return coordinates in which blocks do little to each other: any would do."""
-        b, n = self._b, len(entries)
-        middles, block_of = [vector(0.0)] * n, {}
-        for index, block in enumerate(self._blocks):
-            total = self._sum(entries[i][i] for i in block)
-            for i in block:
-                middles[i], block_of[i] = b.fmul(total, vector(1.0 / len(block))), index
-
-        def entry(i: int, j: int) -> Jet:
-            if block_of[i] == block_of[j]:
-                return (vector(float(i == j)),)
-            apart = b.fsub(middles[j], middles[i])
-            pair = b.absolute(b.fmul(entries[i][j], entries[j][i]))
-            size = b.fma(apart, apart, b.fmul(vector(4.0), pair))
-            return (b.fdiv(b.fmul(entries[i][j], apart), size),)
-
-        return [[entry(i, j) for j in range(n)] for i in range(n)]
-
-    def _gain(self, block: list[list[ir.Value]]) -> ir.Value:
-        """Return 1 / (1 - |T|), negative or infinite where |T| is not below one."""
-        b, one = self._b, vector(1.0)
-        if len(block) == 1:
-            size = b.absolute(b.fadd(one, block[0][0]))
-        else:
-            (p, q), (r, s) = block
-            p, s = b.fadd(one, p), b.fadd(one, s)
-            squares = self._sum(b.fmul(part, part) for part in (p, q, r, s))
-            half = b.fmul(vector(0.5), squares)
-            product = b.fsub(b.fmul(p, s), b.fmul(q, r))
-            inner = b.fsub(b.fmul(half, half), b.fmul(product, product))
-            positive = b.fcmp_ordered(">", inner, vector(0.0))
-            inner = b.select(positive, inner, vector(0.0))
-            size = b.root(b.fadd(half, b.root(inner)))
-        return b.fdiv(one, b.fsub(one, size))
-
-    def _sum(self, parts: Iterable[ir.Value]) -> ir.Value:
-        total = vector(0.0)
-        for part in parts:
-            total = self._b.fadd(total, part)
-        return total
-
-    def _length(self, parts: list[ir.Value]) -> ir.Value:
-        if len(parts) == 1:
-            return self._b.absolute(parts[0])
-        return self._b.root(self._sum(self._b.fmul(part, part) for part in parts))
-
-    def add(self, errors: list[ir.Value], left: Jets, size: ir.Value) -> list[ir.Value]:
-        """Return the bounds `(K,)` with those of a source, whose input has this `size`."""
-        b, totals = self._b, []
-        left = _Arithmetic(b).apply(self._back, [number[:1] for number in left])
-        lengths = [self._length([left[i][0] for i in block]) for block in self._blocks]
-        for error, shares in zip(errors, self._shares, strict=True):
-            total = self._sum(map(b.fmul, lengths, shares))
-            totals.append(b.fma(size, total, error))
-        return totals
-
-
-def _projections(
-    b: Builder, shape: BasisShape, arguments: dict[str, ir.Value], coefficients: ir.Value,
-    first: bool,
-) -> Iterator[tuple[int, ir.Value, list[ir.Value], Loop]]:
-    """Loop over channels and blocks of rows of R times coefficients, as `(k, row, products, loop)`."""
-    columns, k_count = arguments["columns"], shape.channels
-    for k in range(k_count):
-        triangle = b.offset(arguments["triangles"], I64(k), arguments["triangle"])
-        rows = Loop(b, b.sdiv(columns, I64(ROWS)), [], "rows")
-        row = b.mul(rows.index, I64(ROWS))
-        bases = [b.gep(triangle, [b.mul(b.add(row, I64(n)), columns)]) for n in range(ROWS)]
-        inner = Loop(b, b.sub(columns, row), [vector(0.0)] * ROWS, "inner")
-        j = b.add(row, inner.index)
-        value = b.load(b.gep(coefficients, [b.add(b.mul(j, I64(k_count)), I64(k))]), align=8)
-        totals = [
-            b.fma(b.splat(b.load(b.gep(base, [j]))), value, total)
-            for base, total in zip(bases, inner.carried, strict=True)
-        ]
-        inner.close(totals)
-        yield k, row, totals, rows
-
-
-def write_basis(module: ir.Module, shape: BasisShape) -> None:
-    """Write `squares(G, n, triangle, ...)`, whose arguments are `COUNTS` and `BLOCKS`.
-
-    Of G groups of walkers `(G, P + X + K (X + 1), LANES)`: parameters, start, rows of channels.  `n`
-    columns, a multiple of `ROWS`; `triangle`: numbers from the triangle `(n, n)` of a channel to that
-    of the next, zero where all have the same.  `numbers`: step and constant inputs.  `projected (K, n
-    + 1)`: of the reference's residuals, and the square of what no function has.  `out (G, K, 2,
-    LANES)`: squares, and bounds of the size of what the functions leave.
-    """
-    exponential = emit_exponential(module, shape.layout, increments=True, beside_one=False)
-    arguments, b = begin_kernel(module, "squares", COUNTS, BLOCKS)
-    span = b.alloca(VEC)
-    groups = Loop(b, arguments["groups"], [], "groups")
-    walker = b.offset(arguments["walkers"], groups.index, shape.walker_size)
-    expansion = _Expansion(b, shape, arguments, arguments["scratch"])
-    _call_exponential(b, exponential, walker, arguments["numbers"], span, expansion.e)
-    start, rows = _walker_rows(b, shape, (walker,))
-    errors = expansion.run(start, rows)
-    _subtract_reference(b, expansion, arguments["reference"])
-    out = b.offset(arguments["out"], groups.index, 2 * shape.channels)
-    _store_squares(b, shape, arguments, expansion, out, None)
-    for k, error in enumerate(errors):
-        b.write(error, out, 2 * k + 1)
-    groups.close([])
-    b.ret_void()
-
-
-def _call_exponential(
-    b: Builder, exponential: ir.Function, walker: ir.Value, numbers: ir.Value, span: ir.Value,
-    e: ir.Value,
-) -> None:  # fmt: skip
-    b.write(b.splat(b.load(numbers)), span, 0)
-    b.call(exponential, [walker, b.gep(numbers, [I64(1)]), span, e])
-
-
-def _walker_rows(b: Builder, shape: BasisShape, bases: tuple[ir.Value, ...]) -> tuple[Jets, Matrix]:
-    """Read start and rows of a walker; `bases`: of its numbers, and of their slopes."""
-    x, p = shape.states, shape.parameters
-    cells = _Cells(b, bases)
-    start = [cells.read(p + i) for i in range(x)]
-    width = x + 1
-    rows = [
-        [cells.read(p + x + k * width + i) for i in range(width)] for k in range(shape.channels)
-    ]
-    return start, rows
-
-
-def _subtract_reference(b: Builder, expansion: _Expansion, reference: ir.Value) -> None:
-    """Leave of coefficients their difference from those of the reference."""
-    base = expansion.coefficients.bases[0]
-    each = Loop(b, expansion.count, [], "reference")
-    at = b.gep(base, [each.index])
-    known = b.splat(b.load(b.gep(reference, [each.index])))
-    b.store(b.fsub(b.load(at, align=8), known), at, align=8)
-    each.close([])
-
-
-def _store_squares(
-    b: Builder, shape: BasisShape, arguments: dict[str, ir.Value], expansion: _Expansion,
-    out: ir.Value, residuals: ir.Value | None,
-) -> None:  # fmt: skip
-    """Store the squares of all channels, and `residuals (K, n)` along the functions if wanted."""
-    columns = arguments["columns"]
-    size = b.add(columns, I64(1))
-    for k in range(shape.channels):
-        projected = b.offset(arguments["projected"], I64(k), size)
-        b.write(b.splat(b.load(b.gep(projected, [columns]))), out, 2 * k)
-    coefficients = expansion.coefficients.bases[0]
-    for k, row, products, rows in _projections(b, shape, arguments, coefficients, True):
-        projected = b.offset(arguments["projected"], I64(k), size)
-        total = b.read(out, 2 * k)
-        for n, product in enumerate(products):
-            at = b.add(row, I64(n))
-            value = b.fsub(b.splat(b.load(b.gep(projected, [at]))), product)
-            total = b.fma(value, value, total)
-            if residuals is not None:
-                index = b.add(b.mul(columns, I64(k)), at)
-                b.store(value, b.gep(residuals, [index]), align=8)
-        b.write(total, out, 2 * k)
-        rows.close([])
-
-
-def write_normal(module: ir.Module, shape: BasisShape) -> None:
-    """Write `normal(G, n, triangle, q, ...)`, whose arguments are `NORMAL_COUNTS` and `NORMAL_BLOCKS`.
-
-    `shape` has the tangent.  `directions (G, q, P + X + K (X + 1), LANES)`: slopes of what walkers have;
-    `scales (G, K, LANES)`: one over the noise.  `out (G, 2 K + q + q q, LANES)`: squares and bounds, then
-    slopes and the lower triangle of the products, these times scales.
-    """
-    exponential = emit_exponential(module, shape.layout, increments=True, beside_one=False)
-    arguments, b = begin_kernel(module, "normal", NORMAL_COUNTS, NORMAL_BLOCKS)
-    span, q, k_count = b.alloca(VEC), arguments["q"], shape.channels
-    both = b.alloca(VEC, I64(2 * shape.parameters))
-    columns = arguments["columns"]
-    length = b.mul(columns, I64(k_count))
-    groups = Loop(b, arguments["groups"], [], "groups")
-    walker = b.offset(arguments["walkers"], groups.index, shape.walker_size)
-    scales = b.offset(arguments["scales"], groups.index, k_count)
-    expansion = _Expansion(b, shape, arguments, arguments["scratch"])
-    residuals = expansion.after
-    slopes = b.gep(residuals, [length])  # (q, K, n)
-    out = b.offset(arguments["out"], groups.index, b.add(I64(2 * k_count), b.mul(q, b.add(q, I64(1)))))
-    b.copy(walker, both, shape.parameters)
-    directions = Loop(b, q, [], "directions")
-    along = b.offset(
-        arguments["directions"], b.add(b.mul(groups.index, q), directions.index), shape.walker_size
-    )
-    b.copy(along, b.gep(both, [I64(shape.parameters)]), shape.parameters)
-    _call_exponential(b, exponential, both, arguments["numbers"], span, expansion.e)
-    errors = expansion.run(*_walker_rows(b, shape, (walker, along)))
-    for k, error in enumerate(errors):
-        b.write(error, out, 2 * k + 1)
-    own = b.offset(slopes, directions.index, length)
-    moved = expansion.coefficients.bases[1]
-    for k, row, products, rows in _projections(b, shape, arguments, moved, False):
-        for n, product in enumerate(products):
-            index = b.add(b.mul(columns, I64(k)), b.add(row, I64(n)))
-            b.store(b.fmul(product, b.read(scales, k)), b.gep(own, [index]), align=8)
-        rows.close([])
-    directions.close([])
-    _subtract_reference(b, expansion, arguments["reference"])
-    _store_squares(b, shape, arguments, expansion, out, residuals)
-    for k in range(k_count):
-        scale = b.read(scales, k)
-        b.write(b.fmul(b.read(out, 2 * k), b.fmul(scale, scale)), out, 2 * k)
-        each = Loop(b, columns, [], "scaled")
-        at = b.gep(residuals, [b.add(b.mul(columns, I64(k)), each.index)])
-        b.store(b.fmul(b.load(at, align=8), scale), at, align=8)
-        each.close([])
-    _store_products(b, q, length, slopes, residuals, b.gep(out, [I64(2 * k_count)]))
-    groups.close([])
-    b.ret_void()
-
-
-def _store_products(
-    b: Builder, q: ir.Value, length: ir.Value, slopes: ir.Value, residuals: ir.Value, out: ir.Value
-) -> None:
-    """Store products `(q,)` of slopes with residuals, and `(q, q)` with those up to each."""
-    each = Loop(b, q, [], "each")
-    own = b.offset(slopes, each.index, length)
-    b.store(_inner(b, own, residuals, length), b.gep(out, [each.index]), align=8)
-    row = b.gep(out, [b.mul(q, b.add(each.index, I64(1)))])
-    pairs = Loop(b, b.add(each.index, I64(1)), [], "pairs")
-    other = b.offset(slopes, pairs.index, length)
-    b.store(_inner(b, own, other, length), b.gep(row, [pairs.index]), align=8)
-    pairs.close([])
-    each.close([])
-
-
-def _inner(b: Builder, left: ir.Value, right: ir.Value, length: ir.Value) -> ir.Value:
-    """Return the product of two rows, in four sums."""
-    loop = Loop(b, b.sdiv(length, I64(ROWS)), [vector(0.0)] * ROWS, "inner")
-    at = b.mul(loop.index, I64(ROWS))
-    totals = []
-    for n, total in enumerate(loop.carried):
-        index = b.add(at, I64(n))
-        pair = (b.load(b.gep(base, [index]), align=8) for base in (left, right))
-        totals.append(b.fma(*pair, total))
-    loop.close(totals)
-    return b.fadd(b.fadd(totals[0], totals[1]), b.fadd(totals[2], totals[3]))

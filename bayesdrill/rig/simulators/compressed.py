@@ -11,23 +11,22 @@ import dataclasses
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, Self
+from typing import Any
 
 import numpy as np
 
 from bayesdrill.basics.arrays import Array, Flags
 from bayesdrill.record.experiment import Experiment
 from bayesdrill.rig.kernels.compiling import compile_kernel
-from bayesdrill.rig.kernels.exponential import Layout, present
-from bayesdrill.rig.kernels.lanes import LANES
-from bayesdrill.rig.kernels.rational_basis import (
+from bayesdrill.rig.kernels.compressed_sums import (
     BLOCKS,
     NORMAL_BLOCKS,
-    ROWS,
-    BasisShape,
-    write_basis,
     write_normal,
+    write_squares,
 )
+from bayesdrill.rig.kernels.exponential import Layout, present
+from bayesdrill.rig.kernels.lanes import LANES
+from bayesdrill.rig.kernels.rational_basis import ROWS, BasisShape
 from bayesdrill.rig.kernels.sums import SQUARES, ResidualSums
 from bayesdrill.rig.models.linear import Tangent
 from bayesdrill.rig.simulators.contract import Motion, Simulator, Steps, in_groups
@@ -41,12 +40,13 @@ from bayesdrill.rig.simulators.rational_basis import (
     choose_basis,
     impulse_columns,
     long_exponential,
-    long_response,
+    long_states,
     triangle,
 )
 from bayesdrill.rig.simulators.sensors import ObservationModel, SensorParameters
 from bayesdrill.rig.simulators.time_grid import Grid, build_grid
 
+PART = 1 << 20  # samples that are looked at together
 TOLERANCE = 1e-7  # of the log likelihood
 MAX_BEYOND = 0.02  # of points: walkers whose bound is larger have the exact simulator
 DIGITS = (8, 26, 2)  # of a response that functions are to have: first, last, and steps between
@@ -120,7 +120,7 @@ class CompressedSimulator(Simulator):
         """See `Simulator.sensitivities`."""
         return self.whole.sensitivities(full, along)
 
-    def of(self, experiment: Experiment) -> Simulator:  # type: ignore[override]
+    def of(self, experiment: Experiment) -> Simulator:
         """Return the exact simulator of another experiment."""
         return self.whole.of(experiment)
 
@@ -211,12 +211,12 @@ class CompressedSimulator(Simulator):
         return walker_slopes(self._sensors, np.repeat(full, q, axis=0), along.reshape(n * q, -1))
 
     @cached_property
-    def _shared(self) -> dict[str, Array]:
+    def _shared(self) -> dict[str, Any]:
         inputs = [value for value in self.experiment.constant.values() if value != 0.0]
         return {
             "numbers": np.array([self.compression.step, *inputs]),
             "frame": self.compression.basis.frame(self.compression.sizes),
-            "orders": np.array(self.compression.basis.orders, dtype=np.int64),  # type: ignore[dict-item]
+            "orders": np.array(self.compression.basis.orders, dtype=np.int64),
             "reference": self.compression.reference,
             "triangles": np.ascontiguousarray(self.compression.record.matrix),
             "projected": np.ascontiguousarray(self.compression.record.projected),
@@ -230,15 +230,15 @@ class CompressedSimulator(Simulator):
         every = {**self._shared, **blocks, "scratch": scratch}
         counts = [groups, columns, columns**2 if alike > 1 else 0, *([q] if q else [])]
         names = NORMAL_BLOCKS if q else BLOCKS
-        kernel = compile_kernel(write_normal if q else write_basis, shape)
+        kernel = compile_kernel(write_normal if q else write_squares, shape)
         kernel[name](*counts, *(every[block].ctypes.data for block in names))
 
     def __getstate__(self) -> dict[str, Any]:
         return {field.name: getattr(self, field.name) for field in dataclasses.fields(self)}
 
-    def with_record(self, y: Array) -> Self:
+    def with_record(self, y: Array) -> Simulator:
         """See `Simulator.with_record`: the exact simulator of another record."""
-        return self.whole.with_record(y)  # type: ignore[return-value]
+        return self.whole.with_record(y)
 
 
 def _with_bounds(squares: Array, sizes: Array) -> tuple[Array, Array]:
@@ -256,7 +256,7 @@ def uniform_grid(simulator: Simulator) -> Grid | None:
     if simulator.exact:  # steps that are nearly one are one
         if sensors.lead:
             return None
-        return build_grid(experiment.dt * np.arange(len(experiment.t)))
+        return build_grid(np.asarray(experiment.dt * np.arange(len(experiment.t))))
     grid = build_grid(sensors.knots[0])
     return grid if grid.uniform else None
 
@@ -333,8 +333,8 @@ def compress(simulator: Simulator, points: Array, variances: Array) -> Compressi
         return str(error)
     shape = basis_shape(sensors, basis, tangent=False)
     columns = shape.columns(basis.orders)
-    reference = _reference_response(sensors, shape, grid, points[0])
-    record = triangle(_record_blocks(sensors, shape, basis, grid, reference), columns)
+    blocks = _record_blocks(_LongRecord(sensors, shape, grid), basis, points[0])
+    record = triangle(blocks, columns)
     made = _without_reference(simulator, basis, record, variances, grid)
     coefficients = _coefficients(made, points[:1])
     return dataclasses.replace(made.compression, reference=coefficients)
@@ -386,7 +386,7 @@ def _coefficients(made: CompressedSimulator, full: Array) -> Array:
     scratch = np.empty((shape.scratch_size(columns), LANES))
     out = np.empty((1, 2 * shape.channels, LANES))
     every = {**made._shared, "walkers": blocks, "out": out, "scratch": scratch}
-    kernel = compile_kernel(write_basis, shape)
+    kernel = compile_kernel(write_squares, shape)
     kernel["squares"](1, columns, 0, *(every[block].ctypes.data for block in BLOCKS))
     first = shape.layout.size**2 + 3 * len(shape.poles) * shape.decaying**2
     return np.ascontiguousarray(
@@ -394,61 +394,68 @@ def _coefficients(made: CompressedSimulator, full: Array) -> Array:
     )
 
 
-def _inputs(sensors: SensorParameters, shape: BasisShape, grid: Grid) -> Array:
-    """Return the sampled inputs at all knots of the grid `(T, S)`, and once more the last."""
-    t, series = sensors.knots
-    at = grid.t[:-1]
-    columns = []
-    for u in series.values():
-        if shape.layout.first_order:
-            columns.append(np.interp(at, grid.t[grid.at], u))
-        else:
-            columns.append(u[np.searchsorted(grid.at, np.arange(len(at)), side="right") - 1])
-    inputs = np.array(columns).reshape(len(columns), len(at)).T
-    return np.concatenate([inputs, inputs[-1:]])
+@dataclass(frozen=True, slots=True)
+class _LongRecord:
+    """A record on its grid, in parts: inputs, what is measured, and what a reference leaves of it."""
 
+    sensors: SensorParameters
+    shape: BasisShape
+    grid: Grid
 
-def _reference_response(
-    sensors: SensorParameters, shape: BasisShape, grid: Grid, full: Array
-) -> Array:
-    """Return the channels of the reference at all knots `(T, K)`, in long numbers."""
-    layout, x = shape.layout, shape.states
-    numbers = walker_numbers(sensors, full[None])[0]
-    p = shape.parameters
-    constants = [value for value in sensors.experiment.constant.values() if value != 0.0]
-    matrix = np.zeros((layout.size, layout.size))
-    for row, column, value in layout.entries([*numbers[:p], *constants]):
-        timed = value if row >= x else value * float(grid.spans[0])
-        matrix[row, column] += timed
-    whole = long_exponential(matrix)
-    inputs = _inputs(sensors, shape, grid).astype(Long)
-    drive = whole[:x, x] + inputs[:-1] @ whole[:x, x + 1 : x + 1 + layout.n_series].T
-    if layout.first_order:
-        drive = drive + np.diff(inputs, axis=0) @ whole[:x, x + 1 + layout.n_series :].T
-    rows = numbers[p + x :].reshape(shape.channels, x + 1).astype(Long)
-    shown = long_response(whole[:x, :x], drive, numbers[p : p + x].astype(Long), rows[:, :x])
-    return shown + rows[:, x]
+    def inputs(self, first: int, last: int) -> Array:
+        """Return the sampled inputs at knots `first` to `last`, `(last - first, S)`."""
+        knots, grid = np.arange(first, min(last, len(self.grid.t) - 1)), self.grid
+        columns = []
+        for u in self.sensors.knots[1].values():
+            if self.shape.layout.first_order:
+                columns.append(np.interp(grid.t[knots], grid.t[grid.at], u))
+            else:
+                columns.append(u[np.searchsorted(grid.at, knots, side="right") - 1])
+        inputs = np.array(columns).reshape(len(columns), len(knots)).T
+        beyond = last - first - len(knots)
+        return np.concatenate([inputs, np.repeat(inputs[-1:], beyond, axis=0)])
+
+    def parts(self, full: Array) -> Iterator[tuple[Array, Array]]:
+        """Yield inputs `(m, S)` and what the reference `full (P,)` leaves `(m, K)`, NaN if not seen."""
+        layout, x = self.shape.layout, self.shape.states
+        numbers = walker_numbers(self.sensors, full[None])[0]
+        p = self.shape.parameters
+        constants = [value for value in self.sensors.experiment.constant.values() if value != 0.0]
+        matrix = np.zeros((layout.size, layout.size), dtype=Long)
+        for row, column, value in layout.entries([*numbers[:p], *constants]):
+            matrix[row, column] += value if row >= x else Long(value) * Long(self.grid.spans[0])
+        step = long_exponential(matrix)
+        rows = numbers[p + x :].reshape(self.shape.channels, x + 1).astype(Long)
+        state, y = numbers[p : p + x].astype(Long), self.sensors.padded
+        for first in range(0, len(self.grid.t) - 1, PART):
+            last = min(first + PART, len(self.grid.t) - 1)
+            u = self.inputs(first, last + 1).astype(Long)
+            drive = step[:x, x] + u[:-1] @ step[:x, x + 1 : x + 1 + layout.n_series].T
+            if layout.first_order:
+                drive = drive + np.diff(u, axis=0) @ step[:x, x + 1 + layout.n_series :].T
+            states = long_states(step[:x, :x], drive, state)
+            left = -(states[:-1] @ rows[:, :x].T + rows[:, x])
+            state, here = states[-1], slice(*np.searchsorted(self.grid.at, [first, last]))
+            seen = np.full(left.shape, np.nan)
+            at = self.grid.at[here] - first
+            seen[at] = y[here] + left[at]
+            yield u[:-1].astype(float), seen
 
 
 def _record_blocks(
-    sensors: SensorParameters, shape: BasisShape, basis: Basis, grid: Grid, reference: Array
+    record: _LongRecord, basis: Basis, reference: Array
 ) -> Iterator[tuple[Array, Array]]:
-    """Yield columns `(m, n)` at the samples, and what the reference leaves of them `(m, K)`."""
-    inputs = _inputs(sensors, shape, grid)[:-1]
+    """Yield columns `(m, n)` at knots with samples, and what the reference leaves of them `(m, K)`."""
+    shape = record.shape
     start = impulse_columns(basis) if shape.impulse else None
     driven = Columns(basis, int(shape.constant) + shape.layout.n_series)
-    samples = np.zeros(len(inputs), dtype=bool)
-    samples[grid.at] = True
-    y = np.asarray(sensors.padded)
-    known = 0
-    for first in range(0, len(inputs), BLOCK):
-        here = slice(first, first + BLOCK)
-        u = inputs[here]
-        ones = np.ones((len(u), 1))
-        parts = [] if start is None else [start.block(np.zeros((len(u), 1)))]
-        parts.append(driven.block(np.concatenate([ones, u], axis=1) if shape.constant else u))
-        parts += [u] if shape.layout.first_order else []
-        block = np.concatenate([*parts, ones], axis=1)[samples[here]]
-        left = y[known : known + len(block)] - reference[here][samples[here]]
-        known += len(block)
-        yield block, left.astype(float)
+    for inputs, left in record.parts(reference):
+        for first in range(0, len(inputs), BLOCK):
+            u = inputs[first : first + BLOCK]
+            ones = np.ones((len(u), 1))
+            parts = [] if start is None else [start.block(np.zeros((len(u), 1)))]
+            parts.append(driven.block(np.concatenate([ones, u], axis=1) if shape.constant else u))
+            parts += [u] if shape.layout.first_order else []
+            here = left[first : first + BLOCK]
+            known = ~np.isnan(here).all(axis=1)
+            yield np.concatenate([*parts, ones], axis=1)[known], here[known]

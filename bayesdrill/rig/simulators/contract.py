@@ -168,14 +168,14 @@ class Simulator(ABC):
         """Without what is compiled."""
         return {field.name: getattr(self, field.name) for field in dataclasses.fields(self)}  # type: ignore[arg-type]
 
-    def of(self, experiment: Experiment) -> Self:
+    def of(self, experiment: Experiment) -> Simulator:
         """Return the simulator of another experiment with the same sensors.
 
         It may have further channels.
         """
         return dataclasses.replace(self, experiment=experiment)  # type: ignore[type-var]
 
-    def with_record(self, y: Array) -> Self:
+    def with_record(self, y: Array) -> Simulator:
         """Return the simulator of the same experiment with another record `(T, K)`.
 
         What was not measured stays so.  Raises `ValueError` for a record of another shape.
@@ -185,7 +185,7 @@ class Simulator(ABC):
         record = frozen(np.where(self.experiment.seen, y, np.nan))
         return self.of(dataclasses.replace(self.experiment, y=record))
 
-    def with_series(self, series: Mapping[str, Array]) -> Self:
+    def with_series(self, series: Mapping[str, Array]) -> Simulator:
         """Return the simulator of the same experiment under other measured inputs.
 
         Raises `ValueError` where other inputs are given than it has.

@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, Self
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,7 +31,7 @@ from bayesdrill.rig.kernels.knots import (
 from bayesdrill.rig.kernels.lanes import LANES
 from bayesdrill.rig.kernels.sums import ResidualSums
 from bayesdrill.rig.models.linear import Model, Tangent
-from bayesdrill.rig.simulators.contract import in_groups
+from bayesdrill.rig.simulators.contract import Simulator, in_groups
 from bayesdrill.rig.simulators.sensors import LinearSystem, ObservationModel, SensorParameters
 from bayesdrill.rig.simulators.stepped import Unstepped
 from bayesdrill.rig.simulators.time_grid import Grid, build_grid, runs
@@ -237,7 +237,7 @@ class IrregularSimulator(Unstepped):
     experiment: Experiment
     sensing: ObservationModel
 
-    def with_record(self, y: Array) -> Self:
+    def with_record(self, y: Array) -> Simulator:
         """See `Simulator.with_record`; kernels are shared, as no record has a part in them."""
         other = super().with_record(y)
         for name in ("_dense", "_tangent"):  # which no record has a part in

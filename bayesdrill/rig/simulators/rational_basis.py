@@ -12,16 +12,18 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from bayesdrill.basics.arrays import Array
 from bayesdrill.rig.kernels.rational_basis import PAIR, REAL, ROUNDS, ROWS, PoleNumbers
 
 Long = np.longdouble
+LongArray = NDArray[Long]
 BLOCK = 1 << 14  # samples at a time
 MAX_ORDER = 30  # functions of a pole: with more the exact response is no dearer
 MAX_SHARED = 1e-9  # of a rate: how exactly a state moves nothing at all points, to be an integrator
 SERIES, HALVINGS = 22, 12  # of the exponential in long numbers
-CORES = 1000  # stretches of a record that are stepped side by side
+STRETCHES = 1024  # of a record that are stepped side by side
 
 
 class NoBasisError(Exception):
@@ -81,7 +83,8 @@ class Basis:
 def choose_basis(rates: Array, dt: float, left: float) -> Basis:
     """Choose functions for rigs with `rates (n, X, X)`, their matrices A; the first is the reference.
 
-    `left`: how much of a mode's response they may leave.  Raises `NoBasisError` where a rig has no decaying modes, or poles are too far apart.
+    `left`: how much of a mode's response they may leave.  Raises `NoBasisError` where a rig has modes
+    that do not decay, or poles are too far apart.
     """
     from scipy.linalg import expm  # takes a while to load, and few need it
 
@@ -199,12 +202,13 @@ class Columns:
             out, state = lfilter([0.0, size], [1.0, -a], u, zi=self._states[s, stage].real)
             self._states[s, stage] = state
             return [out], size * out - a * u
-        a = complex(1.0 + pole.mu.real, pole.mu.imag)
+        turn = pole.mu.imag
+        beside = [1.0, complex(-1.0 - pole.mu.real, -turn)]
         # 1 / (z - a) has as its parts what a pair of poles can do.
-        out, self._states[s, stage] = lfilter([0.0, 1.0], [1.0, -a], u, zi=self._states[s, stage])
+        out, self._states[s, stage] = lfilter([0.0, 1.0], beside, u, zi=self._states[s, stage])
         square, even, odd = numbers.over[2], numbers.even, numbers.odd
-        first = even * (out.real + (1.0 + a.real) / a.imag * out.imag)
-        second = odd * (out.real + pole.mu.real / a.imag * out.imag)
+        first = even * (out.real + (2.0 + pole.mu.real) / turn * out.imag)
+        second = odd * (out.real + pole.mu.real / turn * out.imag)
         return [first, second], square * u + even * first - odd * second
 
 
@@ -249,19 +253,19 @@ def triangle(blocks: Iterator[tuple[Array, Array]], columns: int) -> Triangle:
     k_count = parts[0].shape[1] - columns if len(parts) == 1 else len(parts)
     matrix, projected = np.zeros((len(parts), padded, padded)), np.zeros((k_count, padded + 1))
     for k, part in enumerate(parts):
-        rows = min(columns, len(part))
-        matrix[k, :rows, :columns] = part[:rows, :columns]
+        square = part[:columns, :columns]
+        matrix[k, : len(square), :columns] = square
     for k in range(k_count):
         part = parts[0] if len(parts) == 1 else parts[k]
         column = part[:, columns + (k if len(parts) == 1 else 0)]
-        projected[k, : min(columns, len(part))] = column[:columns]
+        projected[k, : len(column[:columns])] = column[:columns]
         projected[k, padded] = float(column[columns:] @ column[columns:])
     return Triangle(matrix, projected)
 
 
-def long_exponential(matrix: Array) -> Array:
-    """Return exp(M) - 1 in long numbers; M is real."""
-    scaled = matrix.astype(Long) / Long(2**HALVINGS)
+def long_exponential(matrix: LongArray) -> LongArray:
+    """Return exp(M) - 1 in long numbers."""
+    scaled = matrix / Long(2**HALVINGS)
     total, term = scaled.copy(), scaled.copy()
     for k in range(2, SERIES):
         term = term @ scaled / Long(k)
@@ -271,31 +275,27 @@ def long_exponential(matrix: Array) -> Array:
     return total
 
 
-def long_response(fall: Array, drive: Array, start: Array, rows: Array) -> Array:
-    """Return channels `(T, K)` of x(t + 1) = x(t) + fall x(t) + drive(t), in long numbers.
+def long_states(fall: LongArray, drive: LongArray, start: LongArray) -> LongArray:
+    """Return states `(T + 1, X)` of x(t + 1) = x(t) + fall x(t) + drive(t), in long numbers.
 
-    `fall (X, X)`, `drive (T, X)`, `rows (K, X)`.  Stretches of the record are stepped side by side:
-    first from rest, which says where each begins, then from there.
+    `fall (X, X)`, `drive (T, X)`, `start (X,)`.  Stretches of the record are stepped side by side: first
+    from rest, which says where each begins, then from there.
     """
     t_count, x = drive.shape
-    length = -(-t_count // CORES)
-    stretches = -(-t_count // length)
-    padded = np.zeros((stretches * length, x), dtype=Long)
+    length = -(-t_count // STRETCHES)
+    n = -(-t_count // length)
+    padded = np.zeros((n * length, x), dtype=Long)
     padded[:t_count] = drive
-    padded = padded.reshape(stretches, length, x)
-    turned = fall.T
-    state = np.zeros((stretches, x), dtype=Long)
-    power = np.zeros((x, x), dtype=Long)  # of 1 + fall over a stretch, less one
+    padded = padded.reshape(n, length, x)
+    state, power = np.zeros((n, x), dtype=Long), np.zeros((x, x), dtype=Long)
     for j in range(length):
-        state = state + (state @ turned + padded[:, j])
-        power = power + fall + fall @ power
-    starts = np.empty((stretches, x), dtype=Long)
-    starts[0] = start
-    for n in range(1, stretches):
-        starts[n] = starts[n - 1] + power @ starts[n - 1] + state[n - 1]
-    out = np.empty((stretches, length, len(rows)), dtype=Long)
-    state = starts
+        state = state + (state @ fall.T + padded[:, j])
+        power = power + fall + fall @ power  # (1 + fall)^j - 1
+    out = np.empty((n, length + 1, x), dtype=Long)
+    out[0, 0] = start
+    for k in range(1, n):
+        out[k, 0] = out[k - 1, 0] + power @ out[k - 1, 0] + state[k - 1]
     for j in range(length):
-        out[:, j] = state @ rows.T
-        state = state + (state @ turned + padded[:, j])
-    return out.reshape(-1, len(rows))[:t_count]
+        out[:, j + 1] = out[:, j] + (out[:, j] @ fall.T + padded[:, j])
+    last = out[-1, t_count - (n - 1) * length]
+    return np.concatenate([out[:, :-1].reshape(-1, x)[:t_count], last[None]])

@@ -200,6 +200,6 @@ def _steps(task: Task, theta: Array, *, far: bool) -> Array:
     """Columns: first steps of the simplex, in the coordinates of the search."""
     if far:
         return LOG_STEP * laplace.slopes_by_logs(task.coordinates, theta)
-    columns = laplace.root(task.covariance(theta))
+    columns = laplace.matrix_root(task.covariance(theta))
     longest = np.abs(columns).max(axis=0)
     return np.asarray(columns * np.minimum(1.0, MAX_STEP / longest))

@@ -14,7 +14,7 @@ import numpy as np
 
 from bayesdrill.basics.arrays import Array
 from bayesdrill.basics.progress import SILENT, Reporter
-from bayesdrill.inference.laplace import Surface
+from bayesdrill.inference.laplace import LogDensity
 from bayesdrill.sampling.proposal.missed_mass import check_coverage
 from bayesdrill.sampling.proposal.ridge_tracing import (
     USELESS_ERROR,
@@ -98,7 +98,7 @@ class LearnedProposal:
 
 
 def learn(
-    surface: Surface,
+    surface: LogDensity,
     expand: Expand,
     maxima: Sequence[Array],
     seed: Random,
@@ -173,7 +173,7 @@ def _heaviest(learning_round: _Round) -> tuple[list[int], tuple[Array, Array]]:
 
 
 def _best_mixture(
-    surface: Surface,
+    surface: LogDensity,
     parts: Sequence[tuple[int, TracedRidge]],
     seed: Random,
     max_added_ridges: int,
@@ -314,7 +314,7 @@ def _draw(
     mixture: Mixture,
     off: tuple[float, ...],
     origin: tuple[int, ...],
-    surface: Surface,
+    surface: LogDensity,
     seed: Random,
 ) -> _Round:
     """Each draw is weighed with the density of all of them (the balance heuristic)."""
@@ -345,7 +345,7 @@ def _densities(mixture: Mixture, counts: tuple[int, int], u: Array) -> tuple[Arr
     return np.logaddexp(np.log(counts[0]) + log_q, np.log(counts[1]) + log_wide), log_q
 
 
-def _inside(mixture: Mixture, n: int, surface: Surface, seed: Random) -> tuple[Array, int]:
+def _inside(mixture: Mixture, n: int, surface: LogDensity, seed: Random) -> tuple[Array, int]:
     """About `n` draws inside the prior `(N, D)`, and of how many they are those inside."""
     first = mixture.draw(n, seed).u
     inside = first[surface.inside(first)]

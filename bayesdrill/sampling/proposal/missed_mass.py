@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from bayesdrill.basics.arrays import Array
 from bayesdrill.basics.progress import SILENT, Reporter
-from bayesdrill.inference.laplace import Surface
+from bayesdrill.inference.laplace import LogDensity
 from bayesdrill.sampling.proposal.ridge_tracing import (
     Expand,
     distances,
@@ -63,7 +63,7 @@ class CoverageCheck:
 
 
 def check_coverage(
-    surface: Surface,
+    surface: LogDensity,
     expand: Expand,
     proposal: Proposal,
     sheets: Sequence[int],
@@ -104,7 +104,7 @@ def check_coverage(
 
 
 def _add_ridges(
-    surface: Surface,
+    surface: LogDensity,
     expand: Expand,
     newton_proposal: Proposal,
     begin: Array,
@@ -160,7 +160,7 @@ def _waiting(ratio: Array) -> NDArray[np.bool_]:
 
 
 def _ending(
-    surface: Surface,
+    surface: LogDensity,
     expand: Expand,
     before: Mixture,
     u: Array,
@@ -200,7 +200,7 @@ def _wide(sheets: Sequence[RidgeCoordinates], u: Array, weights: Array) -> Mixtu
 
 
 def _drawn(
-    surface: Surface, mixture: Mixture, n: int, seed: Random
+    surface: LogDensity, mixture: Mixture, n: int, seed: Random
 ) -> tuple[WeightedDraws, Array, float]:
     """Draw `n` times, or more where many are outside the prior, and keep draws with a density.
 
@@ -215,7 +215,7 @@ def _drawn(
     return WeightedDraws(valid.u, value[good] - log_q, np.zeros(len(log_q))), shares, float(inside)
 
 
-def _covers(surface: Surface, proposal: Proposal, draws: WeightedDraws) -> bool:
+def _covers(surface: LogDensity, proposal: Proposal, draws: WeightedDraws) -> bool:
     """Whether hardly any of the posterior is where the proposal hardly ever goes, as far as one sees."""
     ratio = surface.value(draws.u) - proposal.mixture.log_density(draws.u)
     missed_mass = float(draws.weights[ratio > proposal.typical_log_ratio + FAR_LOG_RATIO].sum())

@@ -19,13 +19,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from bayesdrill.basics.arrays import Array, Flags, Indices
-from bayesdrill.inference.laplace import Expansion, PosteriorSurface, Surface
+from bayesdrill.inference.laplace import LogDensity, PosteriorLogDensity, QuadraticModel
 from bayesdrill.inference.posterior import Posterior
 from bayesdrill.sampling.samplers import ridge
 from bayesdrill.sampling.samplers.independence import Mixture, Proposal
 from bayesdrill.sampling.samplers.ridge import LocalBasis, RidgeCoordinates, RidgeMap
 
-Expand = Callable[[Array, Array], Expansion]
+Expand = Callable[[Array, Array], QuadraticModel]
 
 # A direction is tight if the record makes its variance so many times smaller than the prior's, ...
 TIGHT_RATIO = 100.0
@@ -40,7 +40,7 @@ NEGLIGIBLE_CURVATURE = 1e-12  # of the largest knowledge: what is less is roundi
 
 
 def split_directions(
-    surface: Surface, centre: Array, here: Expansion, still: Array | None = None
+    surface: LogDensity, centre: Array, here: QuadraticModel, still: Array | None = None
 ) -> tuple[LocalBasis, Array]:
     """Return the basis at the maximum `centre (D,)` and the knowledge of its loose part `(l,)`.
 
@@ -90,7 +90,7 @@ def _directions(curvature: Array, without: Array) -> tuple[Array, Array]:
     return values, complement @ vectors
 
 
-def flat_directions(surface: Surface, expand: Expand, rng: np.random.Generator) -> Array:
+def flat_directions(surface: LogDensity, expand: Expand, rng: np.random.Generator) -> Array:
     """Return directions `(D, f)`, in units of the spreads, along which the density never changes.
 
     Looked for at points all over the prior: what is flat at one of them may bend elsewhere.
@@ -153,7 +153,7 @@ class TracedRidge:
 
 
 def trace(
-    surface: Surface,
+    surface: LogDensity,
     expand: Expand,
     centre: Array,
     rng: np.random.Generator,
@@ -196,7 +196,7 @@ def trace(
     return traced
 
 
-def _expected(surface: Surface, base: LocalBasis, known: Array) -> tuple[Array, Array]:
+def _expected(surface: LogDensity, base: LocalBasis, known: Array) -> tuple[Array, Array]:
     """What the priors and the record say of psi, both taken as Gaussian: `(l,)`, root `(l, l)`."""
     doubted = known / KNOWLEDGE_DISCOUNT
     towards = base.split(surface.middle[None])[0][0]
@@ -206,7 +206,7 @@ def _expected(surface: Surface, base: LocalBasis, known: Array) -> tuple[Array, 
 
 
 def _follow(
-    surface: Surface,
+    surface: LogDensity,
     expand: Expand,
     at: RidgeMap,
     bent: Indices,
@@ -237,7 +237,7 @@ def _follow(
     return TracedRidge(at, off, psi, spread)
 
 
-def trace_box(surface: Surface, centre: Array, rng: np.random.Generator) -> TracedRidge:
+def trace_box(surface: LogDensity, centre: Array, rng: np.random.Generator) -> TracedRidge:
     """Return no ridge, but as much of the box on the inner side of `centre (D,)` as has a density."""
     inward = np.where(centre - surface.low < surface.high - centre, 1.0, -1.0)
     size = surface.spread
@@ -269,7 +269,7 @@ def distances(points: Array, weights: Array) -> Array:
     return np.asarray(np.linalg.norm(np.linalg.solve(root, (points - middle).T), axis=0))
 
 
-def _at_centre(base: LocalBasis, here: Expansion) -> RidgeMap:
+def _at_centre(base: LocalBasis, here: QuadraticModel) -> RidgeMap:
     """Where nothing but the maximum itself is known yet."""
     curvature = base.tight.T @ here.curvature[0] @ base.tight
     n_loose, n_tight = base.loose.shape[1], base.tight.shape[1]
@@ -280,7 +280,7 @@ def _at_centre(base: LocalBasis, here: Expansion) -> RidgeMap:
 
 
 def _scatter(
-    surface: Surface,
+    surface: LogDensity,
     at: RidgeMap,
     n: int,
     psi: Array,
@@ -314,7 +314,7 @@ def _scatter(
 
 
 def _arrivals(
-    surface: Surface, expand: Expand, at: RidgeMap, psi: Array, before: list[Array]
+    surface: LogDensity, expand: Expand, at: RidgeMap, psi: Array, before: list[Array]
 ) -> list[Array]:
     """Return points that arrived on the ridge, behind those `before`.
 
@@ -480,7 +480,7 @@ def bind_to_posterior(proposal: Proposal, posterior: Posterior) -> Proposal:
     newton = proposal.newton
     if newton is None:
         return proposal
-    expand = PosteriorSurface(posterior).bent
+    expand = PosteriorLogDensity(posterior).curvature_model
     return replace(proposal, newton=replace(newton, mixture=newton_mixture(newton.mixture, expand)))
 
 
