@@ -21,6 +21,7 @@ from bayesdrill.config.resolve.case import ResolvedCase
 from bayesdrill.config.schema.config import Asked, Config
 from bayesdrill.config.yaml_source import Source, as_yaml, parse
 from bayesdrill.inference import derived, step_error
+from bayesdrill.inference.compression import exact_reason
 from bayesdrill.inference.display_units import DisplayUnits
 from bayesdrill.inference.posterior import Problem
 from bayesdrill.output_files import RECORD
@@ -102,6 +103,10 @@ def assemble(case: ResolvedCase, table: RecordTable | None = None) -> Job:
     if off > MAX_START_DISTANCE:
         message = f"the start is {off:.2g} times the noise off the record; check values and units"
         raise source.error(("parameters",), message)
+    if case.config.sampler.likelihood == "compressed":
+        reasons = filter(None, map(exact_reason, problem.observations))
+        message = "a record cannot be compressed: {}; say `auto`, or leave it out"
+        raise_if_any([source.issue(("sampler", "likelihood"), message.format(r)) for r in reasons])
     impossible = derived.impossible_formulas(problem)
     if impossible:
         named = [source.issue(("derived", name), text) for name, text in impossible.items()]

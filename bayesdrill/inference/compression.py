@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Mapping
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -18,6 +19,7 @@ from bayesdrill.inference.likelihood import Likelihood, Observation
 from bayesdrill.inference.posterior import Posterior
 from bayesdrill.record.experiment import Experiment, frozen
 from bayesdrill.rig.simulators.compressed import (
+    CompressedSimulator,
     Compression,
     compress,
     obstacle,
@@ -35,13 +37,54 @@ DEPTH = 40.0  # of the log posterior: maxima further below are nowhere
 Compressions = Mapping[str, Compression]
 
 
-def is_long(observation: Observation) -> bool:
-    """Tell whether its record is compressed: a long one, of a linear rig, with white noise."""
-    return (
-        observation.white
-        and observation.torque is None
-        and len(observation.experiment.t) > LONG
-        and not obstacle(observation.response)
+def is_long(observation: Observation, shortest: int = LONG) -> bool:
+    """Tell whether its record can be compressed, and is longer than the `shortest` for which it pays."""
+    return len(observation.experiment.t) > shortest and not exact_reason(observation)
+
+
+def exact_reason(observation: Observation) -> str:
+    """Say why a record cannot be compressed, as far as no parameters decide it; empty where it can."""
+    if not observation.white:
+        return "its noise is not white and Gaussian, or a torque is missing"
+    return obstacle(observation.response)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CompressionCheck:
+    """How a compressed likelihood compares with the exact one.
+
+    `samples`: of the longest record, and `functions` that it has become.  Of `draws`, `exact` had the
+    exact simulator; log likelihoods differ by `difference` at most.
+    """
+
+    samples: int
+    functions: int
+    draws: int
+    exact: int
+    difference: float
+
+
+def check_draws(exact: Posterior, compressed: Posterior, theta: Array) -> CompressionCheck | None:
+    """Compare log likelihoods of draws `theta (N, D)`, physical; None where nothing is compressed."""
+    full, beyond = compressed.space.full(theta), np.zeros(len(theta), dtype=bool)
+    sizes = []
+    for observation in compressed.likelihood.observations:
+        response = observation.response
+        if isinstance(response, CompressedSimulator):
+            rigs = observation.simulator_parameters(full)
+            beyond |= response.beyond(*response.expanded(rigs))
+            sizes.append((len(observation.experiment.t), response.functions))
+    if not sizes:
+        return None
+    parts = np.array_split(theta, max(1, len(theta) // 50))
+    apart = [np.abs(compressed.likelihood(part) - exact.likelihood(part)).max() for part in parts]
+    samples, functions = max(sizes)
+    return CompressionCheck(
+        samples=samples,
+        functions=functions,
+        draws=len(theta),
+        exact=int(beyond.sum()),
+        difference=float(max(apart)),
     )
 
 
@@ -99,14 +142,16 @@ def _about(posterior: Posterior, theta: Array) -> Array:
     return np.asarray(points[np.isfinite(log_l)])
 
 
-def compressions(posterior: Posterior, points: Array) -> dict[str, Compression]:
+def compressions(
+    posterior: Posterior, points: Array, shortest: int = LONG
+) -> dict[str, Compression]:
     """Compress long records for rigs at `points (n, D)`, by label; the first is the reference.
 
     Records that cannot be compressed are left out.
     """
     full, made = posterior.space.full(points), {}
     for observation in posterior.likelihood.observations:
-        if is_long(observation):
+        if is_long(observation, shortest):
             variances = observation.scales(points).min(axis=0) ** 2
             compression = compress(
                 observation.response, observation.simulator_parameters(full), variances

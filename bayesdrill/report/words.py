@@ -17,6 +17,7 @@ from bayesdrill.config.resolve import quantities
 from bayesdrill.config.resolve.case import ResolvedCase
 from bayesdrill.config.schema.config import Config
 from bayesdrill.config.schema.records import ColumnSpec, TimeColumn
+from bayesdrill.inference.compression import LONG, CompressionCheck, exact_reason
 from bayesdrill.inference.display_units import DisplayUnits
 from bayesdrill.inference.likelihood import Observation
 from bayesdrill.inference.posterior import Problem
@@ -153,6 +154,10 @@ def records(problem: Problem) -> str:
         length = experiment.t[-1] - experiment.t[0]
         channels = ", ".join(experiment.names)
         lines.append(f"record{ending}: {len(experiment.t)} samples of {channels} over {length:g} s")
+        if len(experiment.t) > LONG:
+            reason = exact_reason(observation)
+            said = f"by all samples, as {reason}" if reason else "compressed to sample it"
+            lines.append(f"likelihood{ending}: {said}")
     return "\n".join(lines)
 
 
@@ -384,6 +389,16 @@ def sampling(sampled: SamplingResult) -> str:
     )
 
 
+def compression(check: CompressionCheck) -> str:
+    """Say how well a compressed likelihood stands for the exact one."""
+    exact = f" {check.exact} of these draws needed all samples." if check.exact else ""
+    return (
+        f"The record of {check.samples} samples was compressed into {check.functions} functions. For "
+        f"{check.draws} draws the log likelihood differs from the exact one by at most "
+        f"{check.difference:.1g}.{exact}"
+    )
+
+
 def convergence(sampled: SamplingResult) -> str:
     """Whether the ensembles may be believed."""
     c = sampled.convergence
@@ -397,6 +412,8 @@ def convergence(sampled: SamplingResult) -> str:
     ]
     if sampled.failures:
         lines.append(f"{sampled.failures} proposals had no finite response and were refused")
+    if (check := sampled.compression) is not None:
+        lines.append(compression(check))
     if c.converged:
         lines.append("converged: all targets are met")
     else:

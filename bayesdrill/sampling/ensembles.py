@@ -16,6 +16,7 @@ from bayesdrill.basics import seeds
 from bayesdrill.basics.arrays import Array
 from bayesdrill.basics.errors import InputError
 from bayesdrill.basics.progress import SILENT, Reporter
+from bayesdrill.inference.compression import CompressionCheck
 from bayesdrill.inference.laplace import PosteriorLogDensity, QuadraticModel, concatenate_models
 from bayesdrill.inference.posterior import Posterior
 from bayesdrill.inference.residual_checks import MAX_BELIEVABLE_RMS
@@ -224,7 +225,7 @@ class SamplingResult:
     `learnt`: what the proposal was learnt from, and `mode_shares (M,)`: how many of the draws each
     maximum has; None where a chain was only read again.  `evidence`: where it was asked for, see
     `with_evidence`. `extended`: what is seen beyond ends of priors that are in the way, None where
-    none is.
+    none is.  `compression`: how the likelihood of long records compares with the exact one.
     """
 
     segments: list[list[ChainSegment]]
@@ -234,6 +235,7 @@ class SamplingResult:
     mode_shares: Array | None = None
     evidence: Evidence | None = None
     extended: ExtendedPriors | None = None
+    compression: CompressionCheck | None = None
 
     def with_reasons(self, reasons: tuple[str, ...]) -> SamplingResult:
         """Return a copy with further `reasons` not to believe it."""

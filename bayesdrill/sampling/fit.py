@@ -44,7 +44,8 @@ class FitPlan:
     """How a posterior is fitted.
 
     `optimiser`, `starts`, `evaluations`: of the searches for the MAP; `chains`: of the ensembles.
-    `nominal`: values that ends of priors must not hide.  `brief`: one search after the other, until
+    `nominal`: values that ends of priors must not hide.  `shortest`: samples from which records are
+    compressed; None: none is.  `brief`: one search after the other, until
     one is seen to have arrived, and no evidence: for what is fitted many times.
     """
 
@@ -54,6 +55,7 @@ class FitPlan:
     chains: Plan
     nominal: Mapping[str, float] = field(default_factory=dict)
     brief: bool = False
+    shortest: int | None = compression.LONG
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,7 +80,8 @@ def fit(posterior: Posterior, plan: FitPlan) -> tuple[Mode, SamplingResult]:
 
 def begin_searches(pool: WorkerPool, plan: FitPlan, report: Reporter) -> PendingSearches:
     """Submit all searches; a pool without workers has done them then."""
-    excerpt, seed = compression.excerpt(pool.posterior, compression.EXCERPT), plan.chains.seed
+    seed = plan.chains.seed
+    excerpt = None if plan.shortest is None else compression.excerpt(pool.posterior)
     posterior = pool.posterior if excerpt is None else excerpt
 
     def submit(function: Callable[..., Any], *arguments: Any) -> Future[Any]:

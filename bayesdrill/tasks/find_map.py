@@ -17,6 +17,7 @@ from bayesdrill.basics.progress import Reporter
 from bayesdrill.config.job import Job, prepare
 from bayesdrill.config.resolve import assembly
 from bayesdrill.inference import residual_checks
+from bayesdrill.inference.compression import LONG
 from bayesdrill.inference.posterior import Problem
 from bayesdrill.output_files import MAP, dumps_checksummed, loads_checksummed, typed
 from bayesdrill.report import publish, words
@@ -96,6 +97,7 @@ def fit_plan(job: Job) -> FitPlan:
         evaluations=settings.evaluations,
         chains=plan(job.config),
         nominal=job.problem.nominal,
+        shortest={"auto": LONG, "exact": None, "compressed": 0}[job.config.sampler.likelihood],
     )
 
 

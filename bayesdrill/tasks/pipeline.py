@@ -40,9 +40,15 @@ from bayesdrill.sampling.workers import WorkerPool
 from bayesdrill.tasks import find_map
 from bayesdrill.tasks.conclusions import SampledRun, analysis_mark, concluded, kept_analysis, plan
 from bayesdrill.tasks.identify import preflight
-from bayesdrill.tasks.run_entries import entries, evidence_of_data, maxima_weights
+from bayesdrill.tasks.run_entries import (
+    compression_of_data,
+    entries,
+    evidence_of_data,
+    maxima_weights,
+)
 
 DRAWS_SAY = "looking at what the draws say"
+CHECKED_DRAWS = 500  # of a compressed likelihood, that are compared with the exact one
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -138,7 +144,7 @@ def _run(
         if said:
             report.say(said)
         pool.set_steps(mode.pieces)
-        _compress(pool, mode)
+        _compress(pool, mode, find_map.fit_plan(job).shortest)
         if mode.pieces:
             scenery = SensitivityStudy(job.problem.posterior.likelihood)
         clock.append(time.perf_counter())
@@ -147,6 +153,7 @@ def _run(
         if not pool.in_process:
             for _ in range(processes):  # while this process reads the draws
                 pool.submit(publish.load_drawing)
+        sampled = _checked(job, pool, sampled)
         _finish_chain(job, folder, sampled)
         seconds = {"map": clock[1] - clock[0], "sampling": clock[2] - clock[1]}
         report.update(0.0, DRAWS_SAY)
@@ -154,12 +161,21 @@ def _run(
         return _publish(job, folder, view, pool, report, clock[-1])
 
 
-def _compress(pool: WorkerPool, mode: Mode) -> None:
-    """Compress long records for the rigs about the maximum."""
+def _compress(pool: WorkerPool, mode: Mode, shortest: int | None) -> None:
+    """Compress records that are longer than the `shortest` for the rigs about the maximum."""
     posterior = pool.posterior
-    if any(map(compression.is_long, posterior.likelihood.observations)):
+    observations = posterior.likelihood.observations
+    if shortest is not None and any(compression.is_long(o, shortest) for o in observations):
         points = compression.nearby(posterior, posterior.space.vector(mode.values)[None])
-        pool.compress(compression.compressions(posterior, points))
+        pool.compress(compression.compressions(posterior, points, shortest))
+
+
+def _checked(job: Job, pool: WorkerPool, sampled: SamplingResult) -> SamplingResult:
+    """Compare some draws with the exact likelihood, where records were compressed."""
+    draws = sampled.draws.reshape(-1, sampled.draws.shape[-1])
+    some = draws[:: max(1, len(draws) // CHECKED_DRAWS)][:CHECKED_DRAWS]
+    check = compression.check_draws(job.problem.posterior, pool.posterior, some)
+    return dataclasses.replace(sampled, compression=check)
 
 
 def republish(output: Path, processes: int, report: Reporter = SILENT) -> Outcome:
@@ -236,9 +252,12 @@ def _finished(job: Job, folder: Folder) -> SampledRun:
     beyond = folder.opened_ends(again.segments) or unsaved_extension(
         again, problem.posterior, problem.nominal
     )
-    evidence = evidence_of_data(run)
     sampled = dataclasses.replace(
-        again, mode_shares=maxima_weights(run), evidence=evidence, extended=beyond
+        again,
+        mode_shares=maxima_weights(run),
+        evidence=evidence_of_data(run),
+        extended=beyond,
+        compression=compression_of_data(run),
     )
     return SampledRun(job, mode, sampled, kept=kept_analysis(job, mode, sampled, run))
 

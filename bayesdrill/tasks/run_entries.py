@@ -18,6 +18,7 @@ from bayesdrill.analysis.run_analysis import EnergySummary, RunAnalysis, TorqueS
 from bayesdrill.analysis.verdict import Verdict
 from bayesdrill.basics.arrays import Array
 from bayesdrill.basics.values import as_data, schema
+from bayesdrill.inference.compression import CompressionCheck
 from bayesdrill.inference.posterior import Problem
 from bayesdrill.inference.residual_checks import ResidualSummary
 from bayesdrill.inference.step_error import StepError
@@ -62,6 +63,7 @@ ENTRIES: Mapping[str, str] = MappingProxyType(
         "ess_bulk": "the fewest effective draws of all unknowns",
         "acceptance": "the share of proposals accepted, of each ensemble",
         "failures": "proposals inside the prior that had no finite response",
+        "compression": "how the compressed likelihood of long records compares with the exact one",
         "log_evidence": "how probable the record is under the model [natural log]",
         "log_evidence_error": "its standard error",
         "log_evidence_overlap": "what posterior and proposal have in common, from 0 to 1",
@@ -123,6 +125,7 @@ def entries(view: ReportContext, made_of: str) -> dict[str, Any]:
         "acceptance": [round(x, 4) for x in analysis.acceptance],
         "failures": analysis.failures,
         **evidence_data(analysis.evidence, analysis.vague),
+        **({"compression": as_data(check)} if (check := view.sampled.compression) else {}),
         **_learnt(problem, view.mode, view.sampled),
         ANALYSIS: as_data(analysis),
         ANALYSIS_OF: made_of,
@@ -237,6 +240,14 @@ _EVIDENCE = {
     _OF_STEPS: "steps",
     f"{_OF_STEPS}_error": "steps_error",
 }
+
+
+def compression_of_data(run: Mapping[str, Any]) -> CompressionCheck | None:
+    """What `run.json` says of the check of a compressed likelihood."""
+    try:
+        return CompressionCheck(**run["compression"])
+    except (KeyError, TypeError):
+        return None
 
 
 def evidence_of_data(run: Mapping[str, Any]) -> Evidence | None:

@@ -217,6 +217,10 @@ class SamplerSpec(Strict):
     n_tau: Positive = Field(50.0, description="Steps kept, in autocorrelation times.")
     ess: Positive = Field(4000.0, description="Bulk effective sample size of every unknown.")
     max_steps: Annotated[int, Field(ge=100, le=MAX_COUNT)] = 50_000
+    likelihood: Literal["auto", "exact", "compressed"] = Field(
+        "auto",
+        description="Long records of linear rigs: by all samples, or compressed (auto: where it pays).",
+    )
 
 
 class CalibrationSpec(Strict):

@@ -187,6 +187,11 @@ class CompressedSimulator(Simulator):
         return squares
 
     @property
+    def functions(self) -> int:
+        """How many functions the record has become."""
+        return int(self.compression.record.matrix.shape[1])
+
+    @property
     def _k(self) -> int:
         return len(self.experiment.channels)
 
