@@ -142,3 +142,22 @@ def power_balance(p: dict[str, float], x: np.ndarray, v: float, i_m: float = 1 /
         + (p["k_T"] - p["k_e"]) * current * w3
     )
     return stored - powers
+
+
+def long_states(
+    p: dict[str, float], dt: float, v: np.ndarray, x0: np.ndarray, t_1: float = 0.0
+) -> np.ndarray:
+    """States (T, 5) in 80-bit numbers: `v (T,)` is held from sample to sample, one step at a time."""
+    long = np.longdouble
+    a, b_v, b_t, c = matrices(p)
+    m = np.zeros((7, 7), dtype=long)
+    m[:5, :5], m[:5, 5], m[:5, 6] = a, b_v, b_t * long(t_1) + c
+    scaled = m * long(dt) / long(1 << 30)
+    power = scaled + scaled @ scaled / 2 + scaled @ scaled @ scaled / 6
+    for _ in range(30):  # exp(2 x) - 1 = 2 (exp(x) - 1) + (exp(x) - 1)^2
+        power = 2 * power + power @ power
+    states, x = np.empty((len(v), 5), dtype=long), x0.astype(long)
+    for k, held in enumerate(v):
+        states[k] = x
+        x = x + power[:5, :5] @ x + power[:5, 5] * long(held) + power[:5, 6]
+    return states

@@ -88,7 +88,9 @@ class BasisShape:
 
     @property
     def constant(self) -> bool:
-        """Whether something constant moves the rig."""
+        """Whether something constant moves the rig, such as the first of inputs that change straight."""
+        if self.layout.first_order:
+            return True
         column = self.layout.n_states
         return any(self.layout.reach[i][column] for i in range(self.states))
 
@@ -117,7 +119,8 @@ class BasisShape:
     @property
     def frame_size(self) -> int:
         """Numbers of the frame, see `Frame`."""
-        return 2 * self.states**2 + len(self.sources) + COUNT * len(self.poles)
+        first = self.layout.n_series
+        return 2 * self.states**2 + len(self.sources) + first + COUNT * len(self.poles)
 
     def scratch_size(self, columns: int, q: int = 0) -> int:
         """Vectors of scratch."""
@@ -169,7 +172,7 @@ class Frame:
 
     def __init__(self, b: Builder, shape: BasisShape, block: ir.Value) -> None:
         self._b, x = b, shape.states
-        sizes = (x * x, x * x, len(shape.sources))
+        sizes = (x * x, x * x, len(shape.sources), shape.layout.n_series)
         starts = [0]
         for size in sizes:
             starts.append(starts[-1] + size)
@@ -189,8 +192,12 @@ class Frame:
     def size(self, source: int) -> ir.Value:
         return self._number(2, source)
 
+    def first_input(self, s: int) -> Jet:
+        """Return the first of a series, from which it counts where it changes straight."""
+        return (self._number(3, s),)
+
     def pole(self, index: int) -> Jets:
-        return [(self._number(3, COUNT * index + n),) for n in range(COUNT)]
+        return [(self._number(4, COUNT * index + n),) for n in range(COUNT)]
 
 
 class Expansion:
@@ -291,7 +298,13 @@ class Expansion:
         if source == "impulse":
             return start
         if source == "constant":
-            return [self._entry(i, x) for i in range(x)]
+            drive = [self._entry(i, x) for i in range(x)]
+            for s in range(layout.n_series if layout.first_order else 0):
+                first = self.frame.first_input(s)
+                drive = [
+                    self.a.dot([(first, self._entry(i, x + 1 + s))], drive[i]) for i in range(x)
+                ]
+            return drive
         s = int(source.split()[1])
         held = [self._entry(i, x + 1 + s) for i in range(x)]
         if not layout.first_order:

@@ -49,7 +49,7 @@ from bayesdrill.rig.simulators.time_grid import Grid, build_grid
 PART = 1 << 20  # samples that are looked at together
 TOLERANCE = 1e-7  # of the log likelihood
 MAX_BEYOND = 0.02  # of points: walkers whose bound is larger have the exact simulator
-DIGITS = (8, 26, 2)  # of a response that functions are to have: first, last, and steps between
+DIGITS = (12, 26, 2)  # of a response that functions are to have: first, last, and steps between
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,7 +58,8 @@ class Compression:
 
     `reference (n, K)`: coefficients of the reference, from which all is a difference.  `tolerance
     (K,)`: what sums of squares may be wrong by.  `step`: of the record [s]; `sizes`: of what drives the
-    rig, each the root of its sum of squares.
+    rig, each the root of its sum of squares; `first`: of each series, from which it counts where it
+    changes straight, else zero.
     """
 
     basis: Basis
@@ -67,6 +68,7 @@ class Compression:
     tolerance: Array
     step: float
     sizes: tuple[float, ...]
+    first: tuple[float, ...]
 
     def applied(self, simulator: Simulator) -> CompressedSimulator:
         """Return a simulator that has this compression, in the place of another where it has one."""
@@ -220,7 +222,7 @@ class CompressedSimulator(Simulator):
         inputs = [value for value in self.experiment.constant.values() if value != 0.0]
         return {
             "numbers": np.array([self.compression.step, *inputs]),
-            "frame": self.compression.basis.frame(self.compression.sizes),
+            "frame": self.compression.basis.frame(self.compression.sizes, self.compression.first),
             "orders": np.array(self.compression.basis.orders, dtype=np.int64),
             "reference": self.compression.reference,
             "triangles": np.ascontiguousarray(self.compression.record.matrix),
@@ -308,11 +310,20 @@ def walker_slopes(sensors: SensorParameters, full: Array, along: Array) -> Array
     return np.concatenate([sensors.simulator_parameters(along), start, rows.reshape(n, -1)], axis=1)
 
 
+def first_inputs(sensors: SensorParameters) -> tuple[float, ...]:
+    """Return the first of each series that changes straight, zero for those that are held."""
+    straight = sensors.experiment.first_order
+    return tuple(float(u[0]) if straight else 0.0 for u in sensors.knots[1].values())
+
+
 def source_sizes(shape: BasisShape, sensors: SensorParameters, grid: Grid) -> list[float]:
     """Return the root of the sum of squares of what drives the rig, of each source."""
     samples = len(grid.t) - 1
     known = {"impulse": 1.0, "constant": float(np.sqrt(samples))}
-    series = [float(np.linalg.norm(u)) for u in sensors.knots[1].values()]
+    series = [
+        float(np.linalg.norm(u - first))
+        for u, first in zip(sensors.knots[1].values(), first_inputs(sensors), strict=True)
+    ]
     ratio = samples / max(1, len(sensors.knots[0]))
     each = {f"series {s}": float(size * np.sqrt(ratio) * 1.01) for s, size in enumerate(series)}
     return [(known | each)[source] for source in shape.sources]
@@ -379,7 +390,13 @@ def _without_reference(
     reference = np.zeros((record.matrix.shape[1], len(variances)))
     tolerance = 2.0 * TOLERANCE * variances / len(variances)
     compression = Compression(
-        basis, record, reference, tolerance, float(grid.spans[0]), tuple(sizes)
+        basis,
+        record,
+        reference,
+        tolerance,
+        float(grid.spans[0]),
+        tuple(sizes),
+        first_inputs(sensors),
     )
     return CompressedSimulator(simulator, compression)
 
@@ -454,9 +471,10 @@ def _record_blocks(
     shape = record.shape
     start = impulse_columns(basis) if shape.impulse else None
     driven = Columns(basis, int(shape.constant) + shape.layout.n_series)
+    begin = np.array(first_inputs(record.sensors))
     for inputs, left in record.parts(reference):
         for first in range(0, len(inputs), BLOCK):
-            u = inputs[first : first + BLOCK]
+            u = inputs[first : first + BLOCK] - begin
             ones = np.ones((len(u), 1))
             parts = [] if start is None else [start.block(np.zeros((len(u), 1)))]
             parts.append(driven.block(np.concatenate([ones, u], axis=1) if shape.constant else u))

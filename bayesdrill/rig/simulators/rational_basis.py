@@ -22,6 +22,8 @@ LongArray = NDArray[Long]
 BLOCK = 1 << 14  # samples at a time
 MAX_ORDER = 30  # functions of a pole: with more the exact response is no dearer
 MAX_SHARED = 1e-9  # of a rate: how exactly a state moves nothing at all points, to be an integrator
+NEARLY_ONE = 0.3  # of a value: real modes nearer to each other are treated together
+LEAST_TURN = 0.25  # of a pair's decay: it is taken to turn, or to shear, by as much at least
 SERIES, HALVINGS = 22, 12  # of the exponential in long numbers
 STRETCHES = 1024  # of a record that are stepped side by side
 
@@ -73,10 +75,13 @@ class Basis:
         functions = sum(pole.order * (1 if pole.kind == REAL else 2) for pole in self.poles)
         return self.integrators + ROUNDS * functions
 
-    def frame(self, sizes: Sequence[float]) -> Array:
-        """Return the block `frame` of the kernels; `sizes`: of what drives the rig, each over time."""
+    def frame(self, sizes: Sequence[float], first: Sequence[float]) -> Array:
+        """Return the block `frame` of the kernels.
+
+        `sizes`: of what drives the rig, each over time; `first`: of each series, see `Columns`.
+        """
         poles = [number for pole in self.poles for number in pole.numbers.all]
-        parts = [self.vectors.ravel(), self.duals.ravel(), sizes, poles]
+        parts = [self.vectors.ravel(), self.duals.ravel(), sizes, first, poles]
         return np.concatenate([np.asarray(part, dtype=float) for part in parts])
 
 
@@ -90,7 +95,7 @@ def choose_basis(rates: Array, dt: float, left: float) -> Basis:
 
     falls = np.array([expm(a * dt) - np.eye(len(a)) for a in rates])
     shared = _shared_integrators(rates)
-    vectors, values = _modes(falls[0], shared)
+    vectors, modes = _modes(falls[0], shared)
     duals = np.linalg.inv(vectors)
     if not np.isfinite(duals).all():
         raise NoBasisError("two of its poles are one")
@@ -99,7 +104,7 @@ def choose_basis(rates: Array, dt: float, left: float) -> Basis:
     found = np.linalg.eigvals(inner)
     if (np.abs(1.0 + found) >= 1.0).any():
         raise NoBasisError("a mode of the rig does not decay")
-    return Basis(tuple(_chosen(values, found, left)), d, vectors, duals)
+    return Basis(tuple(_chosen(modes, found, left)), d, vectors, duals)
 
 
 def _shared_integrators(rates: Array) -> Array:
@@ -117,25 +122,45 @@ def _shared_integrators(rates: Array) -> Array:
     return np.asarray(null)
 
 
-def _modes(fall: Array, shared: Array) -> tuple[Array, list[complex]]:
-    """Return real vectors `(X, X)` of integrators and modes, the fastest first, and their values."""
+def _modes(fall: Array, shared: Array) -> tuple[Array, list[tuple[str, complex]]]:
+    """Return vectors `(X, X)` of integrators and modes, the fastest first, and kind and value of each.
+
+    Modes that are complex, or nearly one, are a pair, of which any two vectors will do.
+    """
     values, vectors = np.linalg.eig(fall)
     order = np.argsort(-np.abs(values), kind="stable")[: len(fall) - shared.shape[1]]
-    columns, kept = [shared], []
-    for k in order:
-        value, mode = complex(values[k]), vectors[:, k]
-        if value.imag < 0:
-            continue
-        parts = (mode.real, mode.imag) if value.imag > 0 else (mode.real,)
-        columns += [part[:, None] for part in parts]
-        kept.append(value)
-    return np.concatenate(columns, axis=1), kept
+    columns, modes, k = [shared], list[tuple[str, complex]](), 0
+    while k < len(order):
+        value, mode = complex(values[order[k]]), vectors[:, order[k]]
+        other = complex(values[order[k + 1]]) if k + 1 < len(order) else complex(np.inf)
+        if value.imag != 0.0 or abs(other - value) < NEARLY_ONE * abs(value):
+            both = (mode.real, mode.imag if value.imag else vectors[:, order[k + 1]].real)
+            columns.append(_pair(fall, np.array(both).T))
+            middle = 0.5 * (value + other)
+            turn = max(abs(value.imag), LEAST_TURN * abs(middle.real))
+            modes.append((PAIR, complex(middle.real, turn)))
+            k += 2
+        else:
+            columns.append(mode.real[:, None])
+            modes.append((REAL, value))
+            k += 1
+    return np.concatenate(columns, axis=1), modes
 
 
-def _chosen(values: list[complex], found: Array, left: float) -> Iterator[Pole]:
+def _pair(fall: Array, both: Array) -> Array:
+    """Return vectors `(X, 2)` of the plane of a pair, in which it turns in circles or hardly shears."""
+    from scipy.linalg import schur
+
+    plane = np.linalg.qr(both)[0]
+    block, turned = schur(plane.T @ fall @ plane, output="real")
+    shear, back = abs(block[0, 1]), abs(block[1, 0])
+    least = LEAST_TURN * abs(block[0, 0])
+    narrow = 1.0 if shear <= least else max(math.sqrt(back / shear), least / shear)
+    return np.asarray(plane @ turned @ np.diag([1.0, min(narrow, 1.0)]))
+
+
+def _chosen(poles: list[tuple[str, complex]], found: Array, left: float) -> Iterator[Pole]:
     """Yield the poles of the functions: each amid those of the rigs that are nearest to its mode."""
-    kinds = [PAIR if value.imag > 0 else REAL for value in values]
-    poles = list(zip(kinds, values, strict=True))
     flat = found.ravel()
     nearest = np.argmin([_passed(kind, mu, flat) for kind, mu in poles], axis=0)
     for index, (kind, mu) in enumerate(poles):
@@ -144,7 +169,8 @@ def _chosen(values: list[complex], found: Array, left: float) -> Iterator[Pole]:
         middle = complex(-math.sqrt(decay.min() * decay.max()), 0.0)
         if kind == PAIR:
             turns = np.abs(mine.imag)
-            middle = complex(middle.real, 0.5 * (turns.min() + turns.max()))
+            turn = max(0.5 * (turns.min() + turns.max()), LEAST_TURN * abs(middle.real))
+            middle = complex(middle.real, turn)
         # As numbers have it beside one.
         middle = complex((1.0 + middle.real) - 1.0, middle.imag)
         share = float(_passed(kind, middle, mine).max())

@@ -1,0 +1,252 @@
+"""A record in a few numbers: its sums of squares against 80-bit simulation, bounds, fallbacks."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from oracles import ORDER, long_states, skewed
+from rigs import experiment, vector
+
+from bayesdrill.rig.models.driven_shaft import DrivenShaft
+from bayesdrill.rig.models.motor_shaft import MotorShaft
+from bayesdrill.rig.simulators import compressed, simulator
+from bayesdrill.rig.simulators.compressed import CompressedSimulator, Compression, compress
+from bayesdrill.rig.simulators.exact import Response
+from bayesdrill.rig.simulators.rational_basis import NoBasisError, choose_basis
+from bayesdrill.rig.simulators.rational_basis import long_states as fast
+from bayesdrill.rig.simulators.sensors import ObservationModel
+
+SIGMA = 0.1
+DT = 0.01
+
+
+def steps(n: int, seed: int = 1) -> np.ndarray:
+    """A voltage that steps at random between 4 and 12 V."""
+    rng = np.random.default_rng(seed)
+    return np.where(rng.random(n // 20 + 1) < 0.5, 4.0, 12.0).repeat(20)[:n]
+
+
+def near(n: int, spread: float = 1e-3, seed: int = 2) -> np.ndarray:
+    """Rigs near the skewed one `(n, P)`, itself first."""
+    rng = np.random.default_rng(seed)
+    factors = np.exp(spread * rng.standard_normal((n, len(ORDER))))
+    factors[0] = 1.0
+    return vector(skewed()) * factors
+
+
+def measured(n: int = 1001, seed: int = 3, **changes: object) -> Response:
+    """A record of steps of voltage with noise."""
+    silent = Response(
+        MotorShaft(), experiment(n, DT, constant={"t_1": 0.0}, series={"v": steps(n)})
+    )
+    truth = silent.signals(vector(skewed())[None])[0]
+    y = truth + SIGMA * np.random.default_rng(seed).standard_normal(truth.shape)
+    return Response(MotorShaft(), dataclasses.replace(silent.experiment, y=y, **changes))
+
+
+def made(response, points: np.ndarray) -> CompressedSimulator:
+    channels = response.experiment.y.shape[1]
+    compression = compress(response, points, np.full(channels, SIGMA**2))
+    assert isinstance(compression, Compression), compression
+    return compression.applied(response)
+
+
+def true_squares(response: Response, full: np.ndarray) -> np.ndarray:
+    v = response.experiment.series.get("v", np.full(len(response.experiment.t), 8.0))
+    p = dict(zip(ORDER, full, strict=True))
+    start = [response.experiment.start.get(name, 0.0) for name in response.model.states]
+    left = response.experiment.y - long_states(p, DT, v, np.array(start))
+    return np.nansum(left**2, axis=0)
+
+
+@pytest.fixture(scope="module")
+def one() -> CompressedSimulator:
+    return made(measured(), near(64))
+
+
+def test_log_likelihoods_are_those_of_80_bit_simulation(one: CompressedSimulator) -> None:
+    points = near(9, seed=5)
+    squares, bounds = one.expanded(points)
+    truth = np.array([true_squares(one.whole, point) for point in points])
+    wrong = np.abs(squares - truth).astype(float) / (2 * SIGMA**2)
+    assert wrong.sum(axis=1).max() < 1e-9
+    assert (np.abs(squares - truth) <= bounds + 1e-11 * truth).all()
+
+
+def test_it_is_more_exact_than_the_exact_simulator(one: CompressedSimulator) -> None:
+    points = near(9, seed=5)
+    truth = np.array([true_squares(one.whole, point) for point in points])
+    exact = np.abs(one.whole.squares(points) - truth).max()
+    assert np.abs(one.squares(points) - truth).max() < exact
+
+
+def test_normal_equations_are_those_of_the_exact_simulator(one: CompressedSimulator) -> None:
+    points, rng = near(11, seed=6), np.random.default_rng(7)
+    along = points[:, None, :] * rng.standard_normal((11, 4, len(ORDER)))
+    scales = np.exp(rng.standard_normal((11, 5)))
+    for mine, exact in zip(
+        one.normal(points, along, scales), one.whole.normal(points, along, scales), strict=True
+    ):
+        assert np.abs(mine - exact).max() < 1e-8 * np.abs(exact).max()
+
+
+@pytest.mark.parametrize("first_order", [False, True])
+@pytest.mark.parametrize("start", [{}, {"theta_1": 3.0, "w_2": 5.0, "i": 1.0}])
+def test_inputs_and_starts_of_all_kinds(first_order: bool, start: dict[str, float]) -> None:
+    response = measured(801, first_order=first_order, start=start)
+    points = near(40, seed=8)
+    mine = made(response, points)
+    assert np.allclose(mine.squares(points), response.squares(points), rtol=1e-9, atol=0)
+    assert not mine.beyond(*mine.expanded(points)).any()
+
+
+def test_samples_that_are_missing_count_for_nothing() -> None:
+    response = measured(1201)
+    y = response.experiment.y.copy()
+    y[:, 0][np.random.default_rng(9).random(len(y)) < 0.4] = np.nan
+    y[100:300] = np.nan
+    gaps = dataclasses.replace(response.experiment, y=y)
+    points, exact = near(40, seed=10), simulator(MotorShaft(), gaps, ObservationModel())
+    assert np.allclose(
+        made(exact, points).squares(points), exact.squares(points), rtol=1e-9, atol=0
+    )
+
+
+def test_sensors_with_gains_and_offsets_and_a_steady_start() -> None:
+    sensing = ObservationModel(
+        gains={"w_1": "gain"}, offsets={"w_2": "offset"}, input_offsets={"v": "bias"}, steady=True
+    )
+    response = measured(901)
+    exact = simulator(MotorShaft(), response.experiment, sensing)
+    rng = np.random.default_rng(11)
+    more = np.array([1.1, 0.2, 0.3]) + 0.01 * rng.standard_normal((40, 3))
+    points = np.concatenate([near(40, seed=12), more], axis=1)
+    mine = made(exact, points)
+    assert np.allclose(mine.squares(points), exact.squares(points), rtol=1e-9, atol=0)
+    along = rng.standard_normal((40, 3, points.shape[1])) * points[:, None, :]
+    scales = np.full((40, 5), 1 / SIGMA)
+    for computed, true in zip(
+        mine.normal(points, along, scales), exact.normal(points, along, scales), strict=True
+    ):
+        assert np.abs(computed - true).max() < 1e-7 * np.abs(true).max()
+
+
+def imposed(changes: np.ndarray, *, critical: bool = False) -> tuple[Response, np.ndarray]:
+    """A shaft that is turned at its end, and rigs whose damping at the rotor has these changes."""
+    n, rng = 1501, np.random.default_rng(13)
+    w_2 = 5.0 + 0.05 * np.cumsum(rng.standard_normal(n))
+    values = {"k_s": 0.26, "j_1": 0.0283, "c_1": 4e-3}
+    if critical:
+        values["c_1"] = 2.0 * np.sqrt(values["k_s"] * values["j_1"])
+    model = DrivenShaft(added=("c_1",))
+    names = {"theta_1": {"theta_1": 1.0}, "w_1": {"w_1": 1.0}}
+    record = experiment(
+        n, DT, constant={"t_1": 0.0}, series={"w_2": w_2}, first_order=True, measures=names
+    )
+    points = np.repeat([[values[name] for name in model.parameters]], len(changes), axis=0)
+    points[:, model.parameters.index("c_1")] *= 1.0 + changes
+    truth = Response(model, record).signals(points[:1])[0]
+    y = truth + SIGMA * rng.standard_normal(truth.shape)
+    order = np.argsort(np.abs(changes), kind="stable")  # the reference in the middle
+    return Response(model, dataclasses.replace(record, y=y)), points[order]
+
+
+def test_another_rig_whose_motor_is_imposed() -> None:
+    response, points = imposed(0.01 * np.random.default_rng(14).standard_normal(40))
+    mine = made(response, points)
+    assert not mine.beyond(*mine.expanded(points)).any()
+    assert np.allclose(mine.squares(points), response.squares(points), rtol=1e-9, atol=0)
+
+
+@settings(max_examples=60, deadline=None)
+@given(
+    spread=st.floats(-4.0, -0.5), seed=st.integers(0, 2**31), column=st.integers(0, len(ORDER) - 1)
+)
+def test_nothing_is_beyond_its_bound(
+    one: CompressedSimulator, spread: float, seed: int, column: int
+) -> None:
+    points = near(8, 10.0**spread, seed)
+    points[1:, column] *= 1.5
+    squares, bounds = one.expanded(points)
+    exact = one.whole.squares(points)
+    known = np.isfinite(bounds)
+    # Neither knows more digits than this.
+    rounding = 1e-9 * (exact + np.abs(exact).max(axis=1, keepdims=True)) + 1e-6 * SIGMA**2
+    assert (np.abs(squares - exact) <= bounds + rounding)[known].all()
+
+
+def test_rigs_far_away_have_the_exact_simulator(one: CompressedSimulator) -> None:
+    points = near(6, 0.5, seed=15)
+    points[0] *= 1.0 + 1e-5
+    beyond = one.beyond(*one.expanded(points))
+    assert beyond[1:].all()
+    assert not beyond[0]
+    assert np.array_equal(one.squares(points)[1:], one.whole.squares(points)[1:])
+    along = np.repeat(np.eye(len(ORDER))[None], 6, axis=0)
+    scales = np.ones((6, 5))
+    for mine, exact in zip(
+        one.normal(points, along, scales), one.whole.normal(points, along, scales), strict=True
+    ):
+        assert np.array_equal(mine[1:], exact[1:])
+
+
+def test_a_pair_of_poles_that_becomes_two_real_ones() -> None:
+    """Rigs to both sides of critical damping, c_1 = 2 sqrt(k_s j_1); the reference is on the edge."""
+    response, points = imposed(np.linspace(-0.02, 0.02, 41), critical=True)
+    sensors = compressed.SensorParameters(response.model, response.experiment, ObservationModel())
+    poles = np.linalg.eigvals(sensors.linear_system(points)[0])
+    assert 0.3 < np.mean((poles.imag != 0).any(axis=1)) < 0.7
+    mine = made(response, points)
+    assert not mine.beyond(*mine.expanded(points)).any()
+    assert np.allclose(mine.squares(points), response.squares(points), rtol=1e-9, atol=0)
+
+
+def test_what_cannot_be_compressed_says_why() -> None:
+    even = measured(301)
+    rubbing = simulator(MotorShaft(added=("t_cm",)), even.experiment, ObservationModel())
+    assert "dry friction" in compress(rubbing, np.ones((2, 10)), np.ones(5))
+    late = simulator(MotorShaft(), even.experiment, ObservationModel(lags={"w_1": "lag"}))
+    assert "delay" in compress(late, np.ones((2, 10)), np.ones(5))
+    t = even.experiment.t.copy()
+    t[1:-1] += 1e-3 * np.random.default_rng(16).random(len(t) - 2)
+    uneven = simulator(MotorShaft(), dataclasses.replace(even.experiment, t=t), ObservationModel())
+    assert "evenly" in compress(uneven, near(2), np.ones(5))
+    wide = compress(even, near(64, 0.5), np.full(5, SIGMA**2))
+    assert "too little" in wide or "too large" in wide
+
+
+def test_a_mode_that_does_not_decay_has_no_functions() -> None:
+    with pytest.raises(NoBasisError, match="decay"):
+        choose_basis(np.array([[[0.1]]]), DT, 1e-10)
+
+
+def test_a_walker_does_not_depend_on_its_neighbours(one: CompressedSimulator) -> None:
+    points = near(19, seed=17)
+    together = one.squares(points)
+    alone = np.concatenate([one.squares(point[None]) for point in points])
+    assert np.array_equal(together, alone)
+
+
+def test_functions_do_not_grow_with_the_record() -> None:
+    short, long = (made(measured(n), near(64)) for n in (2001, 20001))
+    assert long.functions <= short.functions + 8
+
+
+def test_states_in_stretches_are_those_of_single_steps() -> None:
+    rng = np.random.default_rng(18)
+    for n in (1, 7, 1024, 2500):
+        fall = 0.1 * rng.standard_normal((3, 3)).astype(np.longdouble)
+        fall -= 0.3 * np.eye(3)
+        drive, x = (
+            rng.standard_normal((n, 3)).astype(np.longdouble),
+            np.ones(3, dtype=np.longdouble),
+        )
+        states = fast(fall, drive, x)
+        for k in range(n):
+            assert np.allclose(states[k], x, rtol=1e-15, atol=1e-15)
+            x = x + fall @ x + drive[k]
+        assert np.allclose(states[n], x, rtol=1e-15, atol=1e-15)
