@@ -354,11 +354,12 @@ def _matches(name: str, patterns: Iterable[str]) -> bool:
     return any(re.fullmatch(form, name, re.ASCII) for form in forms)
 
 
-LARGEST_FILE = 1_000_000_000  # bytes of a record: five million numbers as text are a tenth of that
+LARGEST_FILE = 4_000_000_000  # bytes of a record: fifty million numbers as text are a quarter of that
 LARGEST_GUESSED = 100_000_000  # bytes of one that `init` looks at, for up to half a minute
 MOST_COLUMNS = 300  # each of which `init` may hold against each other
-MOST_SAMPLES = 1_000_000
-MOST_MEASURED = 5_000_000  # numbers of a record: samples times channels
+MOST_SAMPLES = 20_000_000
+MOST_MEASURED = 50_000_000  # numbers of a record: samples times channels
+MOST_GUESSED = 1_000_000  # samples that `init` looks at
 MOST_OF_CHAIN = 64_000_000  # numbers of a chain, half a gigabyte
 LEAST_STEPS = 200  # that a chain must have room for
 MOST_PREDICTED = 20_000_000  # numbers, 80 MB; as many log likelihoods go with them
@@ -390,9 +391,9 @@ def check_record(samples: float, channels: int) -> None:
 
 def check_guessed(samples: int, columns: int) -> None:
     """Raises `ValueError` with a message for the user."""
-    if samples > MOST_SAMPLES or columns > MOST_COLUMNS:
+    if samples > MOST_GUESSED or columns > MOST_COLUMNS:
         raise ValueError(
-            f"{samples} samples of {columns} columns; `init` looks at {MOST_SAMPLES} samples and "
+            f"{samples} samples of {columns} columns; `init` looks at {MOST_GUESSED} samples and "
             f"{MOST_COLUMNS} columns at most: save those of the rig alone, at a lower rate or for a "
             "shorter time, or write a config by hand"
         )

@@ -46,7 +46,7 @@ from bayesdrill.rig.simulators.rational_basis import (
 from bayesdrill.rig.simulators.sensors import ObservationModel, SensorParameters
 from bayesdrill.rig.simulators.time_grid import Grid, build_grid
 
-PART = 1 << 20  # samples that are looked at together
+PART = 1 << 18  # samples that are looked at together
 TOLERANCE = 1e-7  # of the log likelihood
 MAX_BEYOND = 0.02  # of points: walkers whose bound is larger have the exact simulator
 DIGITS = (12, 26, 2)  # of a response that functions are to have: first, last, and steps between

@@ -223,3 +223,12 @@ def in_groups(*parts: Array) -> Array:
         return np.ascontiguousarray(turned[0])
     groups_out = np.empty((groups, sum(part.shape[1] for part in turned), LANES))
     return np.concatenate(turned, axis=1, out=groups_out)
+
+
+def ungrouped(groups: Array, count: int) -> Array:
+    """Return the numbers `(W, T, K)` of the first `count` walkers of groups `(G, T, K, LANES)`."""
+    out = np.empty((count, *groups.shape[1:3]))
+    for group, first in zip(groups, range(0, count, LANES), strict=True):
+        rows = out[first : first + LANES]
+        rows[:] = np.moveaxis(group, -1, 0)[: len(rows)]
+    return out

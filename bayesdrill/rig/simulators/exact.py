@@ -23,7 +23,7 @@ from bayesdrill.rig.kernels.lanes import LANES
 from bayesdrill.rig.kernels.recurrence import scratch_size, write_response
 from bayesdrill.rig.kernels.sums import SQUARES, ResidualSums
 from bayesdrill.rig.models.linear import DOT, Model, Tangent
-from bayesdrill.rig.simulators.contract import in_groups
+from bayesdrill.rig.simulators.contract import in_groups, ungrouped
 from bayesdrill.rig.simulators.sensors import ObservationModel
 from bayesdrill.rig.simulators.stepped import Unstepped
 
@@ -98,8 +98,7 @@ class Response(Unstepped):
         blocks, shape = in_groups(theta), self.experiment.y.shape
         out = np.empty((len(blocks), *shape, LANES))
         self._run("signals", blocks, out)
-        rows = out.transpose(0, 3, 1, 2).reshape(-1, *shape)
-        return np.ascontiguousarray(rows[: len(theta)])
+        return ungrouped(out, len(theta))
 
     def normal(self, theta: Array, directions: Array, scales: Array) -> tuple[Array, Array, Array]:
         """Return the normal equations: sums `(W, K)`, `(W, q)` and `(W, q, q)` over samples.

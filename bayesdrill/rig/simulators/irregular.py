@@ -31,7 +31,7 @@ from bayesdrill.rig.kernels.knots import (
 from bayesdrill.rig.kernels.lanes import LANES
 from bayesdrill.rig.kernels.sums import ResidualSums
 from bayesdrill.rig.models.linear import Model, Tangent
-from bayesdrill.rig.simulators.contract import Simulator, in_groups
+from bayesdrill.rig.simulators.contract import Simulator, in_groups, ungrouped
 from bayesdrill.rig.simulators.sensors import LinearSystem, ObservationModel, SensorParameters
 from bayesdrill.rig.simulators.stepped import Unstepped
 from bayesdrill.rig.simulators.time_grid import Grid, build_grid, runs
@@ -125,7 +125,7 @@ class Dense:
         out = np.empty((-(-n // LANES), len(self._grid.t), k_count, LANES))
         self._run((parameters, x0, before, shift, rows), NONE, out)
         at = out[:, :-1] if self._whole else out[:, self._grid.at]
-        return np.ascontiguousarray(at.transpose(0, 3, 1, 2).reshape(-1, *at.shape[1:3])[:n])
+        return ungrouped(at, n)
 
     def _run(
         self,
