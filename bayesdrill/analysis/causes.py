@@ -10,6 +10,7 @@ parameters are held at their nominal values, within their tolerances, and all el
 
 from __future__ import annotations
 
+import dataclasses
 import math
 import time
 from collections.abc import Mapping
@@ -22,6 +23,7 @@ import scipy
 from bayesdrill.analysis.edits import EditedPosterior, with_candidates
 from bayesdrill.basics.arrays import Array
 from bayesdrill.inference import residual_checks, step_error
+from bayesdrill.inference.compression import excerpt
 from bayesdrill.inference.laplace import PosteriorLogDensity
 from bayesdrill.inference.posterior import Posterior, Problem
 from bayesdrill.inference.residual_checks import ResidualSummary, like_noise
@@ -273,7 +275,8 @@ class EquivalentExplanation:
 
 def equivalent_explanation(problem: Problem, theta: Array) -> EquivalentExplanation | None:
     """Find what fits the record with the table about as well as the MAP `theta (D,)` without it."""
-    posterior = problem.posterior
+    posterior = excerpt(problem.posterior) or problem.posterior
+    problem = dataclasses.replace(problem, posterior=posterior)
     wide = with_candidates(posterior, theta)
     tabled = [k for k, name in enumerate(posterior.space.free) if name in problem.nominal]
     if not wide.sizes or not tabled or not _allowed(problem):

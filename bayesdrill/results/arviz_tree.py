@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -68,22 +69,24 @@ def make_tree(
     tree["sample_stats"].attrs["lp"] = "log density over the sampler's coordinates, unnormalised"
     tree["sample_stats"]["lp"].attrs.update(units="1", long_name="log posterior density")
     tree["sample_stats"].attrs["acceptance_rate"] = sampled.acceptance
-    groups: DataTree = from_dict(
-        {
-            "posterior_predictive": predictive,
-            "log_likelihood": pointwise,
-            "observed_data": {c.name: c.observation.experiment.y[:, c.index] for c in columns},
-            "constant_data": inputs,
-        },
-        dims=dims,
-        coords={
-            **{
-                _clock(observation): observation.experiment.t
-                for observation in problem.observations
+    with warnings.catch_warnings():  # of a long record a chain has few predictive draws
+        warnings.filterwarnings("ignore", "Found chain dimension")
+        groups: DataTree = from_dict(
+            {
+                "posterior_predictive": predictive,
+                "log_likelihood": pointwise,
+                "observed_data": {c.name: c.observation.experiment.y[:, c.index] for c in columns},
+                "constant_data": inputs,
             },
-            "draw": used_draws,
-        },
-    )
+            dims=dims,
+            coords={
+                **{
+                    _clock(observation): observation.experiment.t
+                    for observation in problem.observations
+                },
+                "draw": used_draws,
+            },
+        )
     for name, group in groups.children.items():
         tree[name] = group.copy()
     _describe(tree, problem, columns, derived.symbols)
