@@ -21,7 +21,7 @@ from bayesdrill.config.schema.records import (
 from bayesdrill.config.yaml_source import Location
 from bayesdrill.record import anomalies
 from bayesdrill.record.anomalies import Spans
-from bayesdrill.record.experiment import Odd, count_noun
+from bayesdrill.record.experiment import Anomaly, count_noun
 
 Mask = NDArray[np.bool_]
 
@@ -54,7 +54,7 @@ class CleaningLog:
     """What was done, as `notes` in sentences, and `anomalies`."""
 
     notes: list[str] = field(default_factory=list)
-    anomalies: list[Odd] = field(default_factory=list)
+    anomalies: list[Anomaly] = field(default_factory=list)
 
 
 def row_mask(sources: Sources, location: Location, spec: Series, clock: Clock) -> Mask:
@@ -152,23 +152,23 @@ def mask_glitches(
     return RecordColumn(column.location, column.spec, column.clock, values)
 
 
-def _glitches(column: RecordColumn, spikes: Spans, known: NDArray[np.intp]) -> Odd:
+def _glitches(column: RecordColumn, spikes: Spans, known: NDArray[np.intp]) -> Anomaly:
     entry = ".".join(map(str, column.location))
-    return Odd(
-        said=f"glitches: {column.name} leaves its course and is back within a few samples in "
+    return Anomaly(
+        text=f"glitches: {column.name} leaves its course and is back within a few samples in "
         f"{count_noun(len(spikes), 'place')} ({count_noun(spikes.count, 'sample')})",
         where=_span_labels(column.clock, spikes, known),
         do=f"; was it the sensor? Then leave them out ({entry}: mask: glitches)",
     )
 
 
-def _saturated_or_stuck(column: RecordColumn, x: Array, known: NDArray[np.intp]) -> list[Odd]:
+def _saturated_or_stuck(column: RecordColumn, x: Array, known: NDArray[np.intp]) -> list[Anomaly]:
     entry = ".".join(map(str, column.location))
     clipped = anomalies.saturated(x)
     if len(clipped):
         return [
-            Odd(
-                said=f"saturated: {column.name} runs into exactly the same value, "
+            Anomaly(
+                text=f"saturated: {column.name} runs into exactly the same value, "
                 f"{x[clipped.first[0]]:.6g} {column.spec.unit}, {count_noun(len(clipped), 'place')} "
                 f"({count_noun(clipped.count, 'sample')})",
                 where=_span_labels(column.clock, clipped, known),
@@ -181,8 +181,8 @@ def _saturated_or_stuck(column: RecordColumn, x: Array, known: NDArray[np.intp])
     first, last = known[still.first[0]], known[still.last[0]]
     t = column.clock.t
     return [
-        Odd(
-            said=f"stuck: {column.name} stays at exactly one value for {still.count} samples, from "
+        Anomaly(
+            text=f"stuck: {column.name} stays at exactly one value for {still.count} samples, from "
             f"{t[first]:.6g} to {t[last]:.6g} s, and elsewhere hardly ever repeats one",
             where=_span_labels(column.clock, still, known),
             do="; a sensor that was stuck, cut off or at the end of its range? Cut these samples off "
@@ -252,8 +252,8 @@ def find_derivatives(columns: Mapping[Location, RecordColumn], findings: Cleanin
         findings.notes.append(f"{not_counted}; it is {like}")
         if off > MAX_DERIVATIVE_MISMATCH:
             findings.anomalies.append(
-                Odd(
-                    said=f"derived: {column.name} is said to be derived from {origin}, but is only "
+                Anomaly(
+                    text=f"derived: {column.name} is said to be derived from {origin}, but is only "
                     f"{like}",
                     where=(),
                     do="; if it was measured by a sensor of its own, remove derived_from",

@@ -31,8 +31,8 @@ from bayesdrill.config.schema.records import (
 from bayesdrill.config.yaml_source import Location
 from bayesdrill.record import anomalies, clocks
 from bayesdrill.record.experiment import (
+    Anomaly,
     Experiment,
-    Odd,
     Written,
     calendar_hint,
     check_length,
@@ -144,7 +144,7 @@ class _Reader:
         if not math.isnan(close):
             text = f"clocks: two of the record's times, at {close:.10g} s, are nearly the same"
             do = "; one clock, written with different digits? Then give both columns the same `time:`"
-            self._findings.anomalies.append(Odd(said=text, where=(), do=do))
+            self._findings.anomalies.append(Anomaly(text=text, where=(), do=do))
         return t
 
     def _signals(self, t: Array, columns: dict[Location, RecordColumn]) -> Array:
