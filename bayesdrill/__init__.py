@@ -46,8 +46,8 @@ if TYPE_CHECKING:
     from bayesdrill.api.rig import nominal as nominal
     from bayesdrill.api.rig import respond as respond
     from bayesdrill.api.run import Best as Best
-    from bayesdrill.api.run import Judged as Judged
     from bayesdrill.api.run import Run as Run
+    from bayesdrill.api.run import RunReport as RunReport
     from bayesdrill.api.run import open as open
     from bayesdrill.basics.errors import InputError as InputError
     from bayesdrill.rig.models.driven_shaft import DrivenShaft as DrivenShaft

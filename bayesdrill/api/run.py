@@ -193,9 +193,9 @@ class Run(SampledRun):
         """
         return self._view.analysis
 
-    def judge(self) -> Judged:
+    def judge(self) -> RunReport:
         """Judge what fit and draws say of the nominal table; `print` shows the whole report."""
-        return Judged(self._view)
+        return RunReport(self._view)
 
     @cached_property
     def _view(self) -> ReportContext:
@@ -248,7 +248,7 @@ class Run(SampledRun):
 
 @check_arguments
 @dataclass(frozen=True, eq=False)
-class Judged(Value):
+class RunReport(Value):
     """The report of a run: what its fit and draws say of the nominal values."""
 
     view: ReportContext

@@ -99,9 +99,9 @@ def assemble(case: ResolvedCase, table: RecordTable | None = None) -> Job:
         unsteady = _unsteady(case, problem, start)
         message = "the model has no finite response at the start; check values and units"
         raise InputError(unsteady or [source.issue(("parameters",), message)])
-    off = float(posterior.likelihood.mean_square(start[None])[0]) ** 0.5
-    if off > MAX_START_DISTANCE:
-        message = f"the start is {off:.2g} times the noise off the record; check values and units"
+    rms = float(posterior.likelihood.mean_square(start[None])[0]) ** 0.5
+    if rms > MAX_START_DISTANCE:
+        message = f"the start is {rms:.2g} times the noise off the record; check values and units"
         raise source.error(("parameters",), message)
     if case.config.sampler.likelihood == "compressed":
         reasons = filter(None, map(exact_reason, problem.observations))
@@ -178,9 +178,9 @@ def _plain(value: Any, location: tuple[str, ...], issues: list[Issue]) -> Any:
         return [_plain(item, (*location, str(k)), issues) for k, item in enumerate(value)]
     if isinstance(value, np.generic) or (isinstance(value, np.ndarray) and value.ndim == 0):
         value = value.item()
-    known = value is None or isinstance(value, bool | float | str)
-    if not known and not (isinstance(value, int) and value.bit_length() < MAX_INTEGER_BITS):
-        what = "a number of so many digits" if isinstance(value, int) else type(value).__name__
-        message = f"no entry can be {what}; see docs/config.md for what it can be"
+    is_plain = value is None or isinstance(value, bool | float | str)
+    if not is_plain and not (isinstance(value, int) and value.bit_length() < MAX_INTEGER_BITS):
+        kind = "a number of so many digits" if isinstance(value, int) else type(value).__name__
+        message = f"no entry can be {kind}; see docs/config.md for what it can be"
         issues.append(Issue(".".join(location), message))
     return value

@@ -40,14 +40,14 @@ def check(symbol: Symbol) -> None:
     for text in (symbol.latex, rf"\mathrm{{{symbol.latex_unit}}}" if symbol.latex_unit else "1"):
         try:
             _check_latex(text)
-            shown = (text, superscript(text, "2"), f"{{{text}}}^{{2}}")  # alone, and in products
-            MathTextParser("path").parse(" ".join(f"${formula}$" for formula in shown), 72)
+            formulas = (text, superscript(text, "2"), f"{{{text}}}^{{2}}")  # alone, and in products
+            MathTextParser("path").parse(" ".join(f"${formula}$" for formula in formulas), 72)
         except Exception as error:  # a parser of formulas meets bad ones with many kinds
-            why = str(error).splitlines()[-1].partition(": ")[2] or str(error)
+            reason = str(error).splitlines()[-1].partition(": ")[2] or str(error)
             raise ValueError(
-                f"figures and tables cannot write '{text}' ({why}); use what LaTeX and matplotlib's "
-                r"mathtext both know, such as \omega_1 or \mathrm{ab}, in single quotes and without "
-                "dollars"
+                f"figures and tables cannot write '{text}' ({reason}); use what LaTeX and "
+                r"matplotlib's mathtext both know, such as \omega_1 or \mathrm{ab}, in single quotes "
+                "and without dollars"
             ) from None
 
 

@@ -175,32 +175,36 @@ def _check_remaining(
 def _intended_location(error: dict[str, Any], location: Location) -> Location | None:
     """The entry that a misspelt key was to be: that it is missing is no mistake of its own."""
     hint = _message(error, location)
-    near = hint.rpartition("did you mean ")[2].rstrip("?")
-    return (*location[:-1], near) if error["type"] == "extra_forbidden" and near != hint else None
+    suggestion = hint.rpartition("did you mean ")[2].rstrip("?")
+    return (
+        (*location[:-1], suggestion)
+        if error["type"] == "extra_forbidden" and suggestion != hint
+        else None
+    )
 
 
 def _remove(data: Any, location: Location) -> None:
     """Take out the entry that holds `location`: a channel, or what stands directly in a section."""
-    keep = location[:3] if location[:2] == ("record", "channels") else location[:2]
+    entry = location[:3] if location[:2] == ("record", "channels") else location[:2]
     parent = data
-    for part in keep[:-1]:
+    for part in entry[:-1]:
         parent = parent.get(part) if isinstance(parent, dict) else None
-    if keep and isinstance(parent, dict):
-        parent.pop(keep[-1], None)
+    if entry and isinstance(parent, dict):
+        parent.pop(entry[-1], None)
 
 
 def _location(loc: tuple[str | int, ...], data: Any) -> Location:
     """The path as the user wrote it: pydantic's union tags are left out."""
     location: list[str | int] = []
-    here = data
+    node = data
     for index, part in enumerate(loc):
-        if isinstance(here, dict) and part in here:
+        if isinstance(node, dict) and part in node:
             location.append(part)
-            here = here[part]
-        elif isinstance(here, list) and isinstance(part, int):
+            node = node[part]
+        elif isinstance(node, list) and isinstance(part, int):
             location.append(part)
-            here = here[part] if part < len(here) else None
-        elif index == len(loc) - 1 and isinstance(here, dict) and not str(part).startswith("<"):
+            node = node[part] if part < len(node) else None
+        elif index == len(loc) - 1 and isinstance(node, dict) and not str(part).startswith("<"):
             location.append(part)
     return tuple(location)
 
@@ -225,21 +229,21 @@ def _message(error: dict[str, Any], location: Location) -> str:
                 return f"{_shown(value)} is not a number{way_out}"
             return f"{_shown(value)} stands where `key: value` entries are wanted"
         case "union_tag_invalid" | "literal_error":
-            shown = context.get("tag", value)
+            tag = context.get("tag", value)
             if kind == "literal_error" and location[0] == "parameters":
                 hint = _hint(value)
                 return f"{_shown(value)} is neither a number, nor `nominal`, nor a prior{hint}"
-            return f"'{shown}' is not possible{did_you_mean(str(shown), _known(error))}"
+            return f"'{tag}' is not possible{did_you_mean(str(tag), _known(error))}"
         case "float_type" | "int_type" | "int_from_float":
-            whole = "whole " if kind.startswith("int") else ""
-            return f"{_shown(value)} is not a {whole}number{_hint(value)}"
+            adjective = "whole " if kind.startswith("int") else ""
+            return f"{_shown(value)} is not a {adjective}number{_hint(value)}"
         case "greater_than_equal" | "less_than_equal":
-            least = context.get("ge")
-            if least == SMALLEST and value <= 0:
+            lower_bound = context.get("ge")
+            if lower_bound == SMALLEST and value <= 0:
                 return f"{_shown(value)}: it should be greater than 0"
             bound = (
-                f"greater than or equal to {least}"
-                if least is not None
+                f"greater than or equal to {lower_bound}"
+                if lower_bound is not None
                 else (f"less than or equal to {context['le']}")
             )
             return f"{_shown(value)}: it should be {bound}"
@@ -248,9 +252,12 @@ def _message(error: dict[str, Any], location: Location) -> str:
         case "too_short":
             return f"{len(value)} entries stand here, wanted are at least {context['min_length']}"
         case "too_long":
-            most = context["max_length"]
-            surplus = ", ".join(map(str, [*value][most:]))
-            return f"{len(value)} entries stand here, wanted are at most {most}; take out {surplus}"
+            max_length = context["max_length"]
+            surplus = ", ".join(map(str, [*value][max_length:]))
+            return (
+                f"{len(value)} entries stand here, wanted are at most {max_length}; "
+                f"take out {surplus}"
+            )
         case "string_type":
             return f"{_shown(value)} is not text; put it in quotes if it is meant"
         case "model_type" | "model_attributes_type" | "dict_type":

@@ -39,12 +39,12 @@ class Source:
 
     def issue(self, location: Location, message: str) -> Issue:
         """Return an issue labelled `file:line: a.b.c`; the line is that of the nearest entry."""
-        known = location
-        while known not in self.lines and known:
-            known = known[:-1]
-        stands = (*self.moved.get(known, known), *location[len(known) :])
+        nearest = location
+        while nearest not in self.lines and nearest:
+            nearest = nearest[:-1]
+        stands = (*self.moved.get(nearest, nearest), *location[len(nearest) :])
         dotted = ".".join(str(part) for part in stands)
-        label = f"{self.path}:{self.lines.get(known, 1)}" if self.lines else str(self.path)
+        label = f"{self.path}:{self.lines.get(nearest, 1)}" if self.lines else str(self.path)
         return Issue(f"{label}: {dotted}" if dotted else label, message)
 
     def error(self, location: Location, message: str) -> InputError:
@@ -147,9 +147,9 @@ class _NodeVisitor:
                 self.visit(value, self._key(key, location))
         elif isinstance(node, SequenceNode):
             for index, value in enumerate(node.value):
-                here = (*location, index)
-                self._note(here, value)
-                self.visit(value, here)
+                item_location = (*location, index)
+                self._note(item_location, value)
+                self.visit(value, item_location)
         else:
             self._value(node)
 
@@ -174,23 +174,27 @@ class _NodeVisitor:
         self._readable(key)
         if key.tag != "tag:yaml.org,2002:merge":
             key.tag = "tag:yaml.org,2002:str"
-        here = (*location, key.value)
-        if here in self.lines:
-            dotted = ".".join(str(part) for part in here)
-            message = f"this key stands already in line {self.lines[here]}; keep one of them"
+        key_location = (*location, key.value)
+        if key_location in self.lines:
+            dotted = ".".join(str(part) for part in key_location)
+            message = (
+                f"this key stands already in line {self.lines[key_location]}; keep one of them"
+            )
             line = key.start_mark.line + 1
             self.repeated.append(Issue(f"{self.path}:{line}: {dotted}", message))
-        self._note(here, key)
-        return here
+        self._note(key_location, key)
+        return key_location
 
     def _value(self, node: Any) -> None:
         from ruamel.yaml.error import YAMLError
 
         text, kind = node.value, str(node.tag).rpartition(":")[2]
-        most = MAX_NUMBER_LENGTH if kind == "int" else MAX_VALUE_LENGTH
-        if len(text) > most:
-            what = "a number of {} digits" if kind == "int" else "a value of {} letters"
-            raise self._refusal(node, f"{what.format(len(text))}; write at most {most}")
+        max_length = MAX_NUMBER_LENGTH if kind == "int" else MAX_VALUE_LENGTH
+        if len(text) > max_length:
+            description = "a number of {} digits" if kind == "int" else "a value of {} letters"
+            raise self._refusal(
+                node, f"{description.format(len(text))}; write at most {max_length}"
+            )
         self._readable(node)
         try:
             self.constructor.construct_object(node)

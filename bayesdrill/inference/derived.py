@@ -103,11 +103,11 @@ def with_products(
     derived: Derived, problem: Problem, draws: Array, exponents: Sequence[Sequence[int]]
 ) -> Derived:
     """Add products of powers of the first unknowns at draws `(E, N, D)`, such as `k_s_over_j_1`."""
-    known = {symbol.name: symbol for symbol in problem.symbols}
+    symbols_by_name = {symbol.name: symbol for symbol in problem.symbols}
     described_, columns, nominal = list(derived.symbols), [derived.values], dict(derived.nominal)
     for powers in exponents:
         names = list(problem.names[: len(powers)])
-        factors = [(known[n], e) for n, e in zip(names, powers, strict=True) if e]
+        factors = [(symbols_by_name[n], e) for n, e in zip(names, powers, strict=True) if e]
         if len(factors) < 2:  # an unknown by itself has its own row already
             continue
         name = _product_name({n.name: e for n, e in factors})
@@ -165,10 +165,10 @@ def _derived_values(problem: Problem, named: Named, n: int) -> dict[str, Array]:
     values = poles(model, linear, n) | steady_values(
         model, linear, n, typical_inputs(first.experiment)
     )
-    known: dict[str, Array | float] = {**named, **values}
+    known_values: dict[str, Array | float] = {**named, **values}
     for formula in problem.derived:
-        value = np.broadcast_to(formula.expression.value(known), n)
-        values[formula.symbol.name] = known[formula.symbol.name] = np.where(
+        value = np.broadcast_to(formula.expression.value(known_values), n)
+        values[formula.symbol.name] = known_values[formula.symbol.name] = np.where(
             np.isfinite(value), value, np.nan
         )
     return values
@@ -207,15 +207,15 @@ def poles(model: Model, linear: Linear, n: int) -> dict[str, Array]:
         slowest = np.where(swings, size, np.inf).min(axis=1, keepdims=True)
         visible = swings & (size <= _MAX_FREQUENCY_RATIO * slowest)
         damping = np.where(visible, -eigenvalues.real / size, np.inf)
-        least = np.argmin(damping, axis=1)[:, None]
+        least_damped = np.argmin(damping, axis=1)[:, None]
         times = np.where(swings, np.nan, -1.0 / eigenvalues.real)
     none = ~swings.any(axis=1)
     fastest = np.argmax(np.where(swings & ~visible, 0.0, size), axis=1)[:, None]
     current = model.roles.motor.current in model.states
     slow = (~swings).sum(axis=1) == (2 if current else 1)  # of the current, and of the motor
     values = {
-        "omega_n": np.where(none, np.nan, np.take_along_axis(size, least, axis=1)[:, 0]),
-        "zeta": np.where(none, np.nan, np.take_along_axis(damping, least, axis=1)[:, 0]),
+        "omega_n": np.where(none, np.nan, np.take_along_axis(size, least_damped, axis=1)[:, 0]),
+        "zeta": np.where(none, np.nan, np.take_along_axis(damping, least_damped, axis=1)[:, 0]),
         "tau_e": np.take_along_axis(times, fastest, axis=1)[:, 0] if current else _all_nan(n),
         "tau_m": np.where(slow, np.max(np.where(swings, -np.inf, times), axis=1), np.nan),
     }

@@ -49,9 +49,9 @@ class DisplayUnits:
         """Return how many SI one of what is shown is."""
         return self.units[name].factor if name in self.units else 1.0
 
-    def factors(self, shown: Iterable[Symbol]) -> Array:
+    def factors(self, symbols: Iterable[Symbol]) -> Array:
         """Return the factors of several symbols, `(D,)`."""
-        return np.array([self.factor(symbol.name) for symbol in shown])
+        return np.array([self.factor(symbol.name) for symbol in symbols])
 
     def symbol(self, si: Symbol) -> Symbol:
         """Return the symbol with its display unit in words and in LaTeX."""
@@ -88,8 +88,8 @@ class DisplayUnits:
         unit = self.units.get(si.name)
         if unit is None:
             return si
-        known = {key: getattr(si, key, None) for key in _VALUES}
-        values = {key: x / unit.factor for key, x in known.items() if x is not None}
+        si_values = {key: getattr(si, key, None) for key in _VALUES}
+        values = {key: x / unit.factor for key, x in si_values.items() if x is not None}
         return dataclasses.replace(si, unit=unit.name, **values)  # type: ignore[type-var]
 
     def prior(self, name: str, si: Prior) -> Prior:
@@ -120,5 +120,5 @@ class DisplayedUnknowns:
 
     def select(self, si: Array) -> Array:
         """Return the shown columns of `(..., D)` of all unknowns, in display units."""
-        picked = si if len(self.columns) == si.shape[-1] else si[..., self.columns]
-        return picked if (self.factors == 1.0).all() else picked / self.factors
+        selected = si if len(self.columns) == si.shape[-1] else si[..., self.columns]
+        return selected if (self.factors == 1.0).all() else selected / self.factors

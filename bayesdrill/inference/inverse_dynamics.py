@@ -129,8 +129,10 @@ def _kinematics(model: Model) -> dict[str, dict[str, Any]]:
     rows: dict[str, dict[str, Any]] = {name: {} for name in model.states}
     for (row, name), factor in (*linear.A.items(), *linear.B.items()):
         rows[row][name] = factor
-    known = (float, int)
-    return {r: row for r, row in rows.items() if all(isinstance(x, known) for x in row.values())}
+    number_types = (float, int)
+    return {
+        r: row for r, row in rows.items() if all(isinstance(x, number_types) for x in row.values())
+    }
 
 
 def _states(
@@ -157,8 +159,8 @@ def _states(
         for weights, y in channels:
             missing = [name for name in weights if name not in states]
             if len(missing) == 1:
-                others = sum(weights[name] * states[name] for name in weights if name in states)
-                states[missing[0]] = (y - others) / weights[missing[0]]
+                known_part = sum(weights[name] * states[name] for name in weights if name in states)
+                states[missing[0]] = (y - known_part) / weights[missing[0]]
         for angle, row in kinematics.items():
             if angle not in states and all(name in {**states, **inputs} for name in row):
                 acting = {**inputs, **{name: _middle(x) for name, x in states.items()}}

@@ -39,9 +39,9 @@ def information_root(posterior: Posterior, theta: Array) -> Array:
 
 def covariance(posterior: Posterior, theta: Array) -> Array:
     """Return the covariance `(D, D)` in the sampler's coordinates, at physical `theta (D,)`."""
-    known = information_root(posterior, theta)
-    spread = slopes_by_logs(posterior.coordinates, theta) @ np.linalg.inv(known)
-    return np.asarray(spread @ spread.T)
+    root = information_root(posterior, theta)
+    scaled_root = slopes_by_logs(posterior.coordinates, theta) @ np.linalg.inv(root)
+    return np.asarray(scaled_root @ scaled_root.T)
 
 
 def sandwich(posterior: Posterior, theta: Array) -> Array:
@@ -53,12 +53,12 @@ def sandwich(posterior: Posterior, theta: Array) -> Array:
     H has of the record where residuals are as the noise says.
     """
     up, down = _neighbours(posterior.coordinates, theta)
-    both = np.concatenate([up, down])
-    full, rows = posterior.space.full(both), _record_rows(posterior, theta)
+    shifted = np.concatenate([up, down])
+    full, rows = posterior.space.full(shifted), _record_rows(posterior, theta)
     prior = np.diag([natural_sd(unknown) ** -2.0 for unknown in posterior.space.unknowns])
     middle = prior.copy()
     for observation in posterior.likelihood.observations:
-        terms = observation.pointwise(observation.residuals(full).samples, both)
+        terms = observation.pointwise(observation.residuals(full).samples, shifted)
         density = np.nansum(np.where(observation.experiment.seen, terms, 0.0), axis=2).T  # (T, 2 D)
         middle += long_run_variance(
             (density[:, : len(theta)] - density[:, len(theta) :]) / (2 * _STEP)
@@ -84,8 +84,10 @@ def long_run_variance(scores: Array) -> Array:
     x[1:] -= memory * x[:-1]
     rho = _autocorrelation(x)
     alpha = float(np.mean(4.0 * rho**2 / (1.0 - rho) ** 4))
-    far = 1.2 * np.pi * np.arange(1, n) / max(1.3221 * (alpha * n) ** 0.2, 1e-3)
-    weights = np.concatenate([[1.0], 3.0 / far**2 * (np.sin(far) / far - np.cos(far))])
+    arguments = 1.2 * np.pi * np.arange(1, n) / max(1.3221 * (alpha * n) ** 0.2, 1e-3)
+    weights = np.concatenate(
+        [[1.0], 3.0 / arguments**2 * (np.sin(arguments) / arguments - np.cos(arguments))]
+    )
     around = np.concatenate([weights, [0.0], weights[:0:-1]])  # a convolution, by its transform
     turned = np.fft.rfft(around)[:, None] * np.fft.rfft(x, 2 * n, axis=0)
     summed = (x / (1.0 - memory)).T @ np.fft.irfft(turned, 2 * n, axis=0)[:n]
@@ -240,8 +242,8 @@ class PosteriorLogDensity:
         self.posterior = posterior
         self.physical = physical
         self._priors = tuple(posterior.space.priors.values())
-        ends = np.array([_ends(unknown) for unknown in posterior.space.unknowns]).T
-        self.low, self.high = posterior.coordinates.from_physical(ends)
+        bounds = np.array([_ends(unknown) for unknown in posterior.space.unknowns]).T
+        self.low, self.high = posterior.coordinates.from_physical(bounds)
         shares = (np.arange(N_QUANTILES) + 0.5) / N_QUANTILES
         quantiles = np.stack([prior.quantile(shares) for prior in self._priors], axis=-1)
         # Where coordinates are numbers.
@@ -266,9 +268,9 @@ class PosteriorLogDensity:
 
     def quadratic_model(self, u: Array, directions: Array) -> QuadraticModel:
         """Return value, slopes and curvature along `directions (D, q)`."""
-        here = self.curvature_model(u, directions)
+        model = self.curvature_model(u, directions)
         with np.errstate(all="ignore"):
-            return dataclasses.replace(here, value=here.value + self.value(u))
+            return dataclasses.replace(model, value=model.value + self.value(u))
 
     def curvature_model(self, u: Array, directions: Array) -> QuadraticModel:
         """Return the quadratic model without its value, which takes another response.
@@ -323,10 +325,10 @@ class PosteriorLogDensity:
             np.concatenate([middle + k * step for k in (-1, 0, 1)])
         )
         values = np.stack([p.logpdf(theta[:, d]) for d, p in enumerate(self._priors)], axis=-1)
-        down, here, up = np.split(values, 3)
+        down, centre, up = np.split(values, 3)
         with np.errstate(invalid="ignore"):
             slope = np.nan_to_num((up - down) / (2 * step))
-            curvature = np.maximum(np.nan_to_num(-(up - 2 * here + down) / step**2), 0.0)
+            curvature = np.maximum(np.nan_to_num(-(up - 2 * centre + down) / step**2), 0.0)
         if not self.physical:
             tilt, bend = self.posterior.coordinates.jacobian_derivatives(u)
             slope, curvature = slope + tilt, curvature + bend

@@ -179,9 +179,9 @@ class Observation:
             self.simulator_parameters(full), self.simulator_parameters(along)
         )
 
-    def entitled(self, what: str) -> str:
+    def entitled(self, quantity: str) -> str:
         """Return `record of slow`, where there are several experiments."""
-        return f"{what} of {self.label}" if self.label else what
+        return f"{quantity} of {self.label}" if self.label else quantity
 
     @property
     def n_measured(self) -> int:
@@ -203,10 +203,12 @@ class Observation:
         They are zero where nothing was measured, and their squares sum to what the record knows of
         them.
         """
-        mine = np.where(self.experiment.seen, shifts, 0.0)
+        measured_shifts = np.where(self.experiment.seen, shifts, 0.0)
         if self.white:
-            return np.asarray(mine / self.scales(theta[None]))
-        return self.whitened_jacobian(mine, np.repeat(theta[None], len(mine), axis=0))
+            return np.asarray(measured_shifts / self.scales(theta[None]))
+        return self.whitened_jacobian(
+            measured_shifts, np.repeat(theta[None], len(measured_shifts), axis=0)
+        )
 
     def with_simulator(self, response: Simulator, parameters: Sequence[str]) -> Self:
         """Return it with another simulator, whose parameters have these names; unbound."""

@@ -138,7 +138,7 @@ def _channel_summaries(
 ) -> Iterator[ResidualSummary]:
     """`channels`: how many there are in all observations."""
     experiment = observation.experiment
-    remains = (experiment.y - observation.predict(full, theta))[0]
+    prediction_errors = (experiment.y - observation.predict(full, theta))[0]
     samples = observation.residuals(full).samples
     whitened, innovations = (
         observation.whiten(samples, theta)[0],
@@ -151,7 +151,7 @@ def _channel_summaries(
         worst = int(np.abs(residuals).argmax())
         shares = [
             math.sqrt(np.mean(errors[measured, k] ** 2)) / spread if spread > 0 else math.nan
-            for errors in (remains, samples[0], innovations)
+            for errors in (prediction_errors, samples[0], innovations)
         ]
         yield ResidualSummary(
             channel=experiment.names[k],
@@ -228,11 +228,11 @@ def input_sentences(correlations: Sequence[ResidualCorrelation]) -> tuple[str, .
     looks = sum(len(correlation.lags) for correlation in of_inputs)
     sentences = []
     for correlation in of_inputs:
-        far = np.abs(correlation.values) / correlation.sds
-        k = int(far.argmax())
+        z_scores = np.abs(correlation.values) / correlation.sds
+        k = int(z_scores.argmax())
         limit = -float(scipy.special.ndtri(0.5 * FALSE_ALARM / looks))
         lag, sd = int(correlation.lags[k]), correlation.sds[k]
-        if far[k] > limit:
+        if z_scores[k] > limit:
             where = f" in {correlation.experiment}" if correlation.experiment else ""
             sentences.append(
                 f"the residuals of {correlation.channel.name}{where} follow the input "
@@ -254,11 +254,11 @@ def _correlations(
         if len(t) < 4:
             continue
         step = float(np.median(np.diff(t)))
-        places = np.round((t - t[0]) / step).astype(int)
-        if (np.diff(places) < 1).any() or places[-1] > MAX_STEPS_PER_SAMPLE * len(t):
-            places = np.arange(len(t))  # in the order of the samples
-        residuals = np.full(places[-1] + 1, np.nan)
-        residuals[places] = whitened[measured, k]
+        indices = np.round((t - t[0]) / step).astype(int)
+        if (np.diff(indices) < 1).any() or indices[-1] > MAX_STEPS_PER_SAMPLE * len(t):
+            indices = np.arange(len(t))  # in the order of the samples
+        residuals = np.full(indices[-1] + 1, np.nan)
+        residuals[indices] = whitened[measured, k]
         lags = np.arange(min(MAX_MEMORY_LAG, len(t) // 4) + 1)
         memory, counts = _correlated(residuals, residuals, lags)
         last, sds = min(N_LAGS, int(lags[-1])), 1.0 / np.sqrt(counts)
@@ -270,19 +270,19 @@ def _correlations(
             experiment=observation.label,
         )
         yield build(input="", lags=lags[after], values=memory[after], sds=sds[after])
-        both = np.arange(-last, last + 1)
+        two_sided_lags = np.arange(-last, last + 1)
         rho = memory[1]
-        fresh = residuals[1:] - rho * residuals[:-1]
-        memory, _ = _correlated(fresh, fresh, lags)
-        clear = np.where(np.abs(memory) > 2.0 * sds, memory, 0.0)  # the others are chance
+        prewhitened = residuals[1:] - rho * residuals[:-1]
+        memory, _ = _correlated(prewhitened, prewhitened, lags)
+        significant = np.where(np.abs(memory) > 2.0 * sds, memory, 0.0)  # the others are chance
         for name, series in inputs.items():
             values = np.full(len(residuals), np.nan)
-            values[places] = series[measured] - series[measured].mean()
+            values[indices] = series[measured] - series[measured].mean()
             values = values[1:] - rho * values[:-1]
             input_memory, _ = _correlated(values, values, lags)
-            cross, counts = _correlated(fresh, values, both)
-            joint = max(1.0, 1.0 + 2.0 * float(clear[1:] @ input_memory[1:]))
-            yield build(input=name, lags=both, values=cross, sds=np.sqrt(joint / counts))
+            cross, counts = _correlated(prewhitened, values, two_sided_lags)
+            joint = max(1.0, 1.0 + 2.0 * float(significant[1:] @ input_memory[1:]))
+            yield build(input=name, lags=two_sided_lags, values=cross, sds=np.sqrt(joint / counts))
 
 
 def _correlated(late: Array, early: Array, lags: Indices) -> tuple[Array, Array]:

@@ -97,8 +97,8 @@ class LatentTorqueObservation(Observation):
     def with_extra_channel(self, response: Simulator, sigma: float) -> LatentTorqueObservation:
         """Return it with a simulator that has one channel more, with white noise."""
         k, n = self.noise.n_channels, len(response.experiment.t)
-        more = White(n_samples=n, known={0: sigma}, n_channels=1)
-        noise = Mixed((ChannelNoise(self.noise, tuple(range(k))), ChannelNoise(more, (k,))))
+        extra_noise = White(n_samples=n, known={0: sigma}, n_channels=1)
+        noise = Mixed((ChannelNoise(self.noise, tuple(range(k))), ChannelNoise(extra_noise, (k,))))
         copied = dataclasses.replace(self, noise=noise)
         return copied.with_simulator(response, self.parameters)
 
@@ -210,11 +210,11 @@ class LatentTorqueObservation(Observation):
         """Draw states given all samples, and what channels show of them without noise."""
         kernel_arguments = self._kernel_arguments(theta)
         with np.errstate(all="ignore"):
-            fresh, shown = self.kalman_filter.draw(
+            prior_states, prior_signals = self.kalman_filter.draw(
                 self._of_process(kernel_arguments), self._scales(kernel_arguments), rng
             )
-        drawn = fresh + self.smooth(samples - shown, theta)
-        return drawn, np.asarray(drawn @ self.kalman_filter.weights.T)
+        states = prior_states + self.smooth(samples - prior_signals, theta)
+        return states, np.asarray(states @ self.kalman_filter.weights.T)
 
     def replicate(self, signals: Array, theta: Array, rng: np.random.Generator) -> Array:
         """Draw this record once more `(W, T, K)`: with fresh noise, and the torque that it had."""

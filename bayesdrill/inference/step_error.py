@@ -75,28 +75,28 @@ def evidence_shift(posterior: Posterior, draws: Array) -> tuple[float, float] | 
         _steps(_truth(observation.response)).pieces * len(observation.experiment.t)
         for observation in observations
     )
-    most = min(max(MAX_TOTAL_STEPS // steps, MIN_EVIDENCE_DRAWS), MAX_EVIDENCE_DRAWS)
-    some = draws[:: max(1, -(-len(draws) // most))]
+    n_draws = min(max(MAX_TOTAL_STEPS // steps, MIN_EVIDENCE_DRAWS), MAX_EVIDENCE_DRAWS)
+    thinned = draws[:: max(1, -(-len(draws) // n_draws))]
 
     def finer(part: int) -> Posterior:
         return _with_simulators(posterior, lambda observation: _truth(observation.response, part))
 
-    here, shifts = _log_likelihood(posterior, some), []
+    coarse, shifts = _log_likelihood(posterior, thinned), []
     for part in (COARSER_TRUTH, 1):
-        logs = np.nan_to_num(_log_likelihood(finer(part), some) - here, nan=-np.inf)
+        logs = np.nan_to_num(_log_likelihood(finer(part), thinned) - coarse, nan=-np.inf)
         top = float(logs.max())
         if not math.isfinite(top):
             return None
         weights = np.exp(logs - top)
         shifts.append(top + math.log(weights.mean()))
-    spread = float(weights.std(ddof=1) / weights.mean()) / math.sqrt(len(weights))
-    return shifts[1], math.hypot(spread, shifts[1] - shifts[0])
+    standard_error = float(weights.std(ddof=1) / weights.mean()) / math.sqrt(len(weights))
+    return shifts[1], math.hypot(standard_error, shifts[1] - shifts[0])
 
 
 def _log_likelihood(posterior: Posterior, draws: Array) -> Array:
     """In turn: noise that asks for samples keeps all of them."""
     parts = np.array_split(draws, -(-len(draws) // DRAWS_PER_BATCH))
-    return np.concatenate([posterior.likelihood(some) for some in parts])
+    return np.concatenate([posterior.likelihood(batch) for batch in parts])
 
 
 def step_errors(likelihood: Likelihood, theta: Array) -> tuple[StepError, ...]:
@@ -122,9 +122,9 @@ def choose_steps(posterior: Posterior, theta: Array, most: int = MAX_CHOSEN_PIEC
     """
     points = _points_around(posterior, theta)
     full = posterior.likelihood.space.full(points)
-    tried = [(pieces, turns) for pieces, turns in CANDIDATE_STEPS if pieces <= most]
+    candidates = [(pieces, turns) for pieces, turns in CANDIDATE_STEPS if pieces <= most]
     return _with_simulators(
-        posterior, lambda observation: _fine_enough(observation, tried, full, points)
+        posterior, lambda observation: _fine_enough(observation, candidates, full, points)
     )
 
 
@@ -175,8 +175,8 @@ def _points_around(posterior: Posterior, theta: Array) -> Array:
     rng = np.random.default_rng(0)
     share = rng.uniform(-SCATTER, SCATTER, (N_POINTS, len(theta)))
     share[0] = 0.0
-    ends = [(prior.low, prior.high) for prior in posterior.space.priors.values()]
-    low, high = np.array(ends).reshape(-1, 2).T
+    bounds = [(prior.low, prior.high) for prior in posterior.space.priors.values()]
+    low, high = np.array(bounds).reshape(-1, 2).T
     return np.clip(theta * (1.0 + share), low, high)
 
 
@@ -191,10 +191,10 @@ def _steps(response: Simulator) -> Stepping:
 
 
 def _fine_enough(
-    observation: Observation, tried: Sequence[StepSizes], full: Array, theta: Array
+    observation: Observation, candidates: Sequence[StepSizes], full: Array, theta: Array
 ) -> Simulator:
     response = observation.response
-    for pieces, turns in tried:
+    for pieces, turns in candidates:
         response = observation.response.with_substeps(pieces, turns, adaptive=True)
         worst = np.sort(_errors(observation, response, full, theta).max(axis=1))
         if not worst[-1 - N_OUTLIERS] > CHOICE_MARGIN * MAX_ERROR_OVER_NOISE:
@@ -219,7 +219,9 @@ def _errors(observation: Observation, response: Simulator, full: Array, theta: A
     """
     parameters = observation.simulator_parameters(full)
     truth = _truth(response).signals(parameters)
-    off = np.abs(response.signals(parameters) - truth)
+    errors = np.abs(response.signals(parameters) - truth)
     with np.errstate(invalid="ignore"):
-        shares = np.where(response.experiment.seen, off / observation.scales(theta)[:, None], 0.0)
+        shares = np.where(
+            response.experiment.seen, errors / observation.scales(theta)[:, None], 0.0
+        )
     return np.asarray(np.nan_to_num(shares).max(axis=1))

@@ -53,20 +53,24 @@ class Written:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Odd:
-    """Samples that a sensor may have made: `said` of them, `where` each run is, what to `do`."""
+class Anomaly:
+    """Samples that a sensor may have made: `text` of them, `where` each run is, what to `do`."""
 
-    said: str
+    text: str
     where: tuple[str, ...]
     do: str = ""
+
+    def __repr__(self) -> str:
+        """Return the text by which runs know the record of a latent torque."""
+        return f"Odd(said={self.text!r}, where={self.where!r}, do={self.do!r})"
 
     def in_words(self, most: int) -> str:
         """Describe them with the first `most` places."""
         if not self.where:
-            return f"{self.said}{self.do}"
+            return f"{self.text}{self.do}"
         more_places = len(self.where) - most
         more = f" and {more_places} more" if more_places > 0 else ""
-        return f"{self.said}: {'; '.join(self.where[:most])}{more}{self.do}"
+        return f"{self.text}: {'; '.join(self.where[:most])}{more}{self.do}"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -91,7 +95,7 @@ class Experiment:
     start: Mapping[str, float]
     t_start: float
     told: tuple[str, ...] = ()
-    odd: tuple[Odd, ...] = ()
+    odd: tuple[Anomaly, ...] = ()
     held_out: Array | None = None
     # Not in the `repr`, by which results know the noise of a missing torque: it decides no density.
     input_steps: Mapping[str, float] = field(default_factory=dict, repr=False)

@@ -124,7 +124,7 @@ def write_results(
     destination = (figures, note, view.warning, tuple(output.formats), output.dpi)
     tasks: list[tuple[str, str, Future[None]]] = []
     wanted = wanted_figures(output.figures)
-    folder.take_away(
+    folder.remove_stale(
         set(output_files.figure_files(*FIGURES, *_SEVERAL, formats=output_files.FORMATS))
         - set(output_files.figure_files(*wanted, formats=output.formats))
     )

@@ -389,7 +389,7 @@ class Folder:
             name for name in output_files.present(self.path, self.kind) if name != self.kind.mark
         ]
 
-    def take_away(self, names: Collection[str]) -> None:
+    def remove_stale(self, names: Collection[str]) -> None:
         """What an earlier report of this run has written, and this one will not."""
         for name in set(self.report_files()) & set(names):
             self.path_of(name).unlink()
@@ -479,7 +479,7 @@ class Folder:
         self, opened: ExtendedPriors | None, pieces: list[list[ChainSegment]]
     ) -> None:
         """Keep what was found beyond ends of priors, of the chain of these `pieces`; None: nothing."""
-        self.take_away({OPENED})
+        self.remove_stale({OPENED})
         if opened is not None:
             with atomic_write(self.path_of(OPENED)) as path:
                 write_opened(path, opened, pieces)

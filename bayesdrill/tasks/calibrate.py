@@ -224,5 +224,5 @@ def _draw(job: Job, folder: Folder, verdict: CalibrationVerdict) -> None:
         output_files.figure_files("calibration", formats=each)
         for each in (output_files.FORMATS, output.formats)
     )
-    folder.take_away(set(every) - set(wanted))
+    folder.remove_stale(set(every) - set(wanted))
     save_figure(verdict, job.problem.symbols, output, figures, note)

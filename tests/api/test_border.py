@@ -61,7 +61,7 @@ def calls() -> Iterator[tuple[str, Callable[..., Any]]]:
         "Case": case,
         "Best": bd.Best(run().job, run().mode),
         "Run": run(),
-        "Judged": run().judge(),
+        "RunReport": run().judge(),
         "Findings": case.identify(),
         "Verdict": run().judge().verdict,
         "Overlay": bd.overlay([run(), run()]),

@@ -274,7 +274,7 @@ def test_ends_of_a_range_and_stuck_counts_are_named(tmp_path: Path) -> None:
     stuck[100:130] = stuck[100]
     save(tmp_path, t=T, w=stuck)
     (odd,) = one(tmp_path).odd
-    assert "stuck: w_1 stays at exactly one value for 30 samples, from 1.3 to 1.59 s" in odd.said
+    assert "stuck: w_1 stays at exactly one value for 30 samples, from 1.3 to 1.59 s" in odd.text
     assert odd.where == ("line 102 to 131 (1.3 to 1.59 s)",)
 
 

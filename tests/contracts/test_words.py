@@ -21,13 +21,14 @@ MOST_FILLERS = 50
 # As names of classes, functions and modules.
 RETIRED = frozenset(
     """
-    Ahead Alike as_they_come beginning carried choosing climb Climbed concluding Contender Crew
-    Declared Deeds elsewhere Entry Filtered Follows Frame Fused Given Going Hunt in_the_way
-    Instead laddering Lane Layer left_out Loaded Look mapping marching Mark Measured met
-    Nowhere Opened opened Parts Past proving Pushed Regime resting Resting Ridge Rub rubbed
-    Scene Scenery scouts sealed Sensing Settled Shaken shaking Shaking Sheet Shelf Sparing
-    spreading StandIn standing_in Steadily steadily straighten strange Stride striding sundry
-    Tally taught told_apart tops Turning Vague View Walkers Widened widened Wired
+    Ahead Alike as_they_come beginning bent carried choosing climb Climbed concluding Contender
+    Crew Declared Deeds elsewhere Entry Expansion Filtered followed Follows Frame Fused Given
+    Going held Hunt in_the_way Instead Judged laddering Lane Layer Left left_out Loaded Look
+    mapping marching Mark Measured met Nowhere Odd Opened opened Parts Past proving pull Pushed
+    Regime Remains Resting resting Ridge Rub rubbed scatter Scene Scenery scouts sealed Sensing
+    Settled settling Shaken Shaking shaking Sheet Shelf Sparing spreading StandIn standing_in
+    Steadily steadily straighten strange Stride striding sundry Surface take_away Tally taught
+    Told told told_apart tops Turning Vague View Walkers Widened widened Wired
     """.split()  # noqa: SIM905
 )
 LONGEST_SENTENCE = 40  # words, of texts for users

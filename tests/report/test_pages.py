@@ -21,7 +21,7 @@ from together import for_each
 import bayesdrill as bd
 from bayesdrill import output_files
 from bayesdrill.analysis.diagnostics import ParameterRow
-from bayesdrill.api.run import Judged
+from bayesdrill.api.run import RunReport
 from bayesdrill.basics.symbols import PARAMETERS, Symbol
 from bayesdrill.inference.priors import LogUniform, Uniform
 from bayesdrill.report import publish, render, run_report, style
@@ -258,7 +258,7 @@ def test_nothing_is_good_about_a_run_that_must_not_be_believed(
     assert terminal[-1].startswith("verdict: none, because ")
     assert terminal[-2].startswith("DO NOT BELIEVE these numbers")
     assert all(f"  - {reason}" in terminal[-2] for reason in view.reasons)
-    assert Judged(view).reasons == view.reasons
+    assert RunReport(view).reasons == view.reasons
     assert run().judge().reasons == ()
 
 

@@ -120,8 +120,12 @@ def _check_ineffective(errors: IssueCollector, config: Config) -> None:
                 )
                 errors.add(("record", "channels", name, kind), message)
     for name in INPUTS:
-        given = getattr(config.inputs, name)
-        if isinstance(given, InputQuantity) and given.gain is not None and given.value == 0:
+        input_spec = getattr(config.inputs, name)
+        if (
+            isinstance(input_spec, InputQuantity)
+            and input_spec.gain is not None
+            and input_spec.value == 0
+        ):
             message = "a gain of nothing changes nothing; give `offset:`, or another value"
             errors.add(("inputs", name, "gain"), message)
 
@@ -226,8 +230,8 @@ def check_record(errors: IssueCollector, config: Config) -> None:
     if config.record.format is not None:
         errors.run(("record", "format"), lookup, FORMATS, config.record.format, "format")
     spans = window_spans(config.record.window)
-    for name, given in (("window", spans), ("held_out", window_spans(config.record.held_out))):
-        for begin, end in given:
+    for name, windows in (("window", spans), ("held_out", window_spans(config.record.held_out))):
+        for begin, end in windows:
             if not begin < end:
                 errors.add(("record", name), f"{begin:g} s is not before {end:g} s")
     for (_, end), (begin, _) in itertools.pairwise(spans):
@@ -277,18 +281,18 @@ def check_inputs(errors: IssueCollector, config: Config, model: Model | None) ->
 
 def _check_required(errors: IssueCollector, config: Config, model: Model) -> None:
     """The model's own, and no other."""
-    given = {
+    given_entries = {
         name for name in config.inputs.model_fields_set if getattr(config.inputs, name) is not None
     }
     entries = [
         e for name in model.inputs for e in (name, quantities.IMPOSED_ANGLES.get(name, name))
     ]
-    for entry in [e for e in quantities.INPUT_ENTRIES if e in given]:
+    for entry in [e for e in quantities.INPUT_ENTRIES if e in given_entries]:
         if entry not in entries:
             input_names = ", ".join(dict.fromkeys(entries)) or "none"
             having = ((name, *needs) for name, needs in model.offers.items())
-            more = next((n for n in having if entry in with_named(model, n).inputs), ())
-            also = f", or name {' and '.join(more)}, with which it has it" if more else ""
+            needed = next((n for n in having if entry in with_named(model, n).inputs), ())
+            also = f", or name {' and '.join(needed)}, with which it has it" if needed else ""
             message = (
                 f"the model {model.name} has no such input; remove it "
                 f"(its own: {input_names}){also}"

@@ -56,7 +56,7 @@ def unknown_names(config: Config, model: Model, by_label: NumbersByLabel) -> lis
     """Return the names of all unknowns."""
     rig = [n for n in unknowns.free_parameters(config, model.parameters) if n not in config.own]
     local_names = unknowns.free_parameters(config, config.own)
-    others = [
+    observed = [
         joint_name(config, name, label)
         for label, local in by_label.items()
         for name in local.unknown
@@ -64,7 +64,7 @@ def unknown_names(config: Config, model: Model, by_label: NumbersByLabel) -> lis
     local_parameters = [labelled_name(name, label) for name in local_names for label in by_label]
     priors = numbers.ParameterPrior
     free_quantities = [name for name, q in config.quantities.items() if isinstance(q, priors)]
-    return list(dict.fromkeys([*rig, *local_parameters, *free_quantities, *others]))
+    return list(dict.fromkeys([*rig, *local_parameters, *free_quantities, *observed]))
 
 
 def truth_names(config: Config, by_label: NumbersByLabel) -> list[str]:
@@ -85,15 +85,15 @@ def truth_names(config: Config, by_label: NumbersByLabel) -> list[str]:
 
 def _check_local(errors: IssueCollector, config: Config, model: Model) -> None:
     free = unknowns.free_parameters(config, model.parameters)
-    used = {
+    related_names = {
         name
-        for other in model.parameters
-        if (related := quantities.parse_relation(config, model, other)) is not None
+        for parameter in model.parameters
+        if (related := quantities.parse_relation(config, model, parameter)) is not None
         for name in related.names
     }
     for k, name in enumerate(config.own):
         errors.expect(("own", k), name, free, f"{name} is no unknown parameter of the rig")
-        if name in used:
+        if name in related_names:
             message = f"a formula or tie names {name}, so that all experiments share it; remove one"
             errors.add(("own", k), message)
 
@@ -103,7 +103,7 @@ def _check_shared(
 ) -> None:
     """What is shared is unknown in several experiments, with one prior."""
     values_by_label = {label: local.all for label, local in by_label.items()}
-    known = [name for values in values_by_label.values() for name in values]
+    known_names = [name for values in values_by_label.values() for name in values]
     for k, name in enumerate(config.shared):
         location = ("shared", k)
         having = [label for label, named in values_by_label.items() if name in named]
@@ -112,7 +112,7 @@ def _check_shared(
             rig = " (parameters of the rig are shared unless they are `own:`)"
             message = f"{name} is no unknown of a sensor, a start or noise"
             message += rig if name in model.parameters else ""
-            errors.expect(location, name, list(dict.fromkeys(known)), message)
+            errors.expect(location, name, list(dict.fromkeys(known_names)), message)
         elif any(isinstance(value, float) for value, _ in values):
             errors.add(
                 location, f"{name} is held, so that nothing is unknown of it; remove it here"
@@ -127,9 +127,11 @@ def _check_shared(
                 "{prior: normal, mean: 0, sd: 1}`, or remove it here"
             )
             errors.add(location, message)
-        elif any(what != values[0][1] for _, what in values):
+        elif any(description != values[0][1] for _, description in values):
             other = next(
-                n for n, (_, what) in zip(having, values, strict=True) if what != values[0][1]
+                n
+                for n, (_, description) in zip(having, values, strict=True)
+                if description != values[0][1]
             )
             message = (
                 f"{name} has another prior in {other} than in {having[0]}; give it once, above "
@@ -178,10 +180,10 @@ def _check_names(errors: IssueCollector, config: Config, by_label: NumbersByLabe
         _no_clash(errors, label, local_names, used_names)
     columns = dict[str, str]()
     for label, local in by_label.items() if len(errors.issues) == before else ():
-        here = {
+        column_names = {
             labelled_name(n, label): f"{n} of {label}" for n in (*local.channels, *symbols.INPUTS)
         }
-        _no_clash(errors, label, here, columns)
+        _no_clash(errors, label, column_names, columns)
 
 
 def _no_clash(

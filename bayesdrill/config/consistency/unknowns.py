@@ -34,10 +34,10 @@ def check_model(errors: IssueCollector, config: Config, model: Model) -> None:
 
 def check_nominal(errors: IssueCollector, config: Config, model: Model) -> dict[str, float]:
     """Return the values of the config's own table, SI, at their own sides of the gear."""
-    given = [name for name in models.PARAMETERS if getattr(config.nominal, name) is not None]
+    given_names = [name for name in models.PARAMETERS if getattr(config.nominal, name) is not None]
     values = {
         name: errors.run(("nominal", name), quantities.nominal_value, config, model, name)
-        for name in given
+        for name in given_names
     }
     return {name: value for name, value in values.items() if value is not None}
 
@@ -61,7 +61,7 @@ def check_rig(
     errors: IssueCollector, config: Config, model: Model, table: NominalValues
 ) -> tuple[RigNumbers, ParameterSpace] | None:
     """Return parameters, quantities and formulas, with their space; None with a mistake."""
-    given = dict[str, ParsedNumber | Expression | None]()
+    parsed_parameters = dict[str, ParsedNumber | Expression | None]()
     for name in models.PARAMETERS:
         location: Location = ("parameters", name)
         if config.parameters.get(name) is None:
@@ -73,11 +73,11 @@ def check_rig(
         elif name not in model.parameters:
             errors.add(location, f"the model {model.name} has no {name}; {_removal_hint(name)}")
         else:
-            given[name] = errors.run(
+            parsed_parameters[name] = errors.run(
                 location, quantities.parse_parameter, config, model, table, name
             )
     _check_added(errors, config, model)
-    return _check_relations(errors, config, model, given)
+    return _check_relations(errors, config, model, parsed_parameters)
 
 
 def _removal_hint(name: str) -> str:
@@ -95,20 +95,22 @@ def _check_added(errors: IssueCollector, config: Config, model: Model) -> None:
             errors.add(("parameters", name), requirement_text(name, missing))
         reported |= {*model.offers[name]}
     for section in ("nominal", "simulation"):
-        given = getattr(config, section)
+        section_spec = getattr(config, section)
         for name in models.PARAMETERS:
-            if name not in model.parameters and getattr(given, name, None) is not None:
+            if name not in model.parameters and getattr(section_spec, name, None) is not None:
                 offered = name in model.offers
-                why = "not named in `parameters:`" if offered else f"not of the model {model.name}"
+                reason = (
+                    "not named in `parameters:`" if offered else f"not of the model {model.name}"
+                )
                 also = "; name it there, or remove this" if offered else "; remove this"
-                errors.add((section, name), f"{name} is {why}{also}")
+                errors.add((section, name), f"{name} is {reason}{also}")
 
 
 def _check_relations(
     errors: IssueCollector,
     config: Config,
     model: Model,
-    given: Mapping[str, ParsedNumber | Expression | None],
+    parsed_parameters: Mapping[str, ParsedNumber | Expression | None],
 ) -> tuple[RigNumbers, ParameterSpace] | None:
     before = len(errors.issues)
     quantities_, derived = dict[str, ParsedNumber](), list[Formula]()
@@ -124,17 +126,19 @@ def _check_relations(
             derived.append(parsed)
             if formula.latex is not None:
                 errors.run(("derived", name, "latex"), latex.check, parsed.symbol)
-    tied = [name for name in given if quantities.is_tied(config.parameters[name])]
-    related = {name: x for name, x in given.items() if isinstance(x, Expression)}
-    wrong = any(given[name] is None for name in tied) or len(errors.issues) > before
-    if wrong or not {*model.parameters} <= {*given}:
+    tied = [name for name in parsed_parameters if quantities.is_tied(config.parameters[name])]
+    related = {name: x for name, x in parsed_parameters.items() if isinstance(x, Expression)}
+    wrong = any(parsed_parameters[name] is None for name in tied) or len(errors.issues) > before
+    if wrong or not {*model.parameters} <= {*parsed_parameters}:
         return None
     used = {name for formula in derived for name in formula.expression.names}
     used |= {name for expression in related.values() for name in expression.names}
     for name in [n for n in config.quantities if n not in used]:
         message = "no formula names it; use it in `parameters:` or `derived:`, or remove it"
         errors.add(("quantities", name), message)
-    parameters = {name: x for name in model.parameters if (x := given[name]) is not None}
+    parameters = {
+        name: x for name in model.parameters if (x := parsed_parameters[name]) is not None
+    }
     if len(parameters) < len(model.parameters):  # a prior or a start, said already
         return None
     numbers_ = RigNumbers(parameters=parameters, quantities=quantities_, derived=tuple(derived))
@@ -155,19 +159,19 @@ def _check_values(
     named = space.named(theta)
     for name, relation in related.items():
         values = np.broadcast_to(named[name], len(theta))
-        most = min(LARGEST, models.PARAMETERS[name].at_most)
-        good = (values >= SMALLEST) & (values <= most)
+        upper_limit = min(LARGEST, models.PARAMETERS[name].at_most)
+        good = (values >= SMALLEST) & (values <= upper_limit)
         if not good.all():
             k = int(np.argmin(good))
             errors.add(
                 ("parameters", name),
                 f"'{relation.text}' is {values[k]:.3g} at {100 * np.mean(~good):.3g} % of what the "
-                f"priors allow, and must be positive (and at most {most:g}); mend the formula or "
-                "narrow the priors",
+                f"priors allow, and must be positive (and at most {upper_limit:g}); mend the "
+                "formula or narrow the priors",
             )
 
 
 def free_parameters(config: Config, names: Iterable[str]) -> list[str]:
     """Return those of `names` that have a prior."""
-    given = config.parameters
-    return [name for name in names if isinstance(given.get(name), numbers.ParameterPrior)]
+    parameters = config.parameters
+    return [name for name in names if isinstance(parameters.get(name), numbers.ParameterPrior)]

@@ -30,9 +30,9 @@ def check_map(errors: IssueCollector, config: Config, unknown: Sequence[str] | N
     vain = unknown_keys(("method", "method"), OPTIMISERS.usable(), kind, settings)
     for entry, message in vain.items():
         errors.add(("map", entry), message)
-    given = [entry for entry in entries_of(kind) if getattr(settings, entry) is not None]
+    given_entries = [entry for entry in entries_of(kind) if getattr(settings, entry) is not None]
     if unknown is not None:
-        location = ("map", *(given or ["method"])[:1])
+        location = ("map", *(given_entries or ["method"])[:1])
         errors.run(location, assembly.optimiser(config).check, list(unknown))
 
 
@@ -52,8 +52,8 @@ def check_counts(errors: IssueCollector, config: Config, unknown: Sequence[str] 
         errors.run(("sampler", "walkers"), output_files.check_chain, *arguments)
     for name in sampler.moves:
         errors.run(("sampler", "moves", name), lookup, MOVES, name, "move")
-    known = {name: weight for name, weight in sampler.moves.items() if name in MOVES}
-    if not moves_with_weights(known, None, always_inside):
+    known_moves = {name: weight for name, weight in sampler.moves.items() if name in MOVES}
+    if not moves_with_weights(known_moves, None, always_inside):
         waiting = [
             name
             for name in MOVES.usable()
@@ -122,14 +122,14 @@ def check_output(
         errors.run(("output", "figures", k), lookup, RUN_FIGURES, name, "figure of a run")
     if unknown is None:
         return
-    given = config.parameters
-    related = [name for name in model.parameters if quantities.is_tied(given.get(name))]
-    shown = [*unknown, *related, *symbols.DERIVED, *config.derived]
+    parameters = config.parameters
+    related = [name for name in model.parameters if quantities.is_tied(parameters.get(name))]
+    shown_names = [*unknown, *related, *symbols.DERIVED, *config.derived]
     for k, name in enumerate(config.output.parameters or ()):
         errors.expect(("output", "parameters", k), name, unknown, f"{name} is no unknown")
     for k, name in enumerate(config.output.corner or ()):
         message = f"{name} is neither unknown nor derived"
-        errors.expect(("output", "corner", k), name, shown, message)
+        errors.expect(("output", "corner", k), name, shown_names, message)
 
 
 def check_identify(errors: IssueCollector, config: Config, labels: Sequence[str]) -> None:

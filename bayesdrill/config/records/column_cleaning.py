@@ -21,7 +21,7 @@ from bayesdrill.config.schema.records import (
 from bayesdrill.config.yaml_source import Location
 from bayesdrill.record import anomalies
 from bayesdrill.record.anomalies import Spans
-from bayesdrill.record.experiment import Odd, count_noun
+from bayesdrill.record.experiment import Anomaly, count_noun
 
 Mask = NDArray[np.bool_]
 
@@ -54,7 +54,7 @@ class CleaningLog:
     """What was done, as `notes` in sentences, and `anomalies`."""
 
     notes: list[str] = field(default_factory=list)
-    anomalies: list[Odd] = field(default_factory=list)
+    anomalies: list[Anomaly] = field(default_factory=list)
 
 
 def row_mask(sources: Sources, location: Location, spec: Series, clock: Clock) -> Mask:
@@ -102,11 +102,11 @@ def unwrap(
         )
         sources.add((*column.location, "wraps"), message)
         return column
-    known = np.flatnonzero(~np.isnan(column.values))
-    x = column.values[known]
+    rows = np.flatnonzero(~np.isnan(column.values))
+    x = column.values[rows]
     doubtful = anomalies.ambiguous(x, period)
     if len(doubtful):
-        at = int(known[doubtful[0]])
+        at = int(rows[doubtful[0]])
         message = (
             f"{column.name} jumps by {x[doubtful[0]] - x[doubtful[0] - 1]:.6g} at "
             f"{column.clock.where(at)} ({len(doubtful)} such jumps), nearly half of "
@@ -118,7 +118,7 @@ def unwrap(
         sources.add((*column.location, "wraps"), message)
         return column
     values, (straight, count) = column.values.copy(), anomalies.unwrap(x, period)
-    values[known] = straight
+    values[rows] = straight
     findings.notes.append(
         f"{column.name}: unwrapped {count_noun(count, 'jump')} of {period:.6g} {column.spec.unit}"
     )
@@ -132,72 +132,72 @@ def mask_glitches(
 
     Jumps of `inputs` are no glitches of a channel.
     """
-    known = np.flatnonzero(~np.isnan(column.values))
-    x = column.values[known]
-    cause = None if column.is_input else rows_after_jumps(column.clock, inputs)[known]
+    rows = np.flatnonzero(~np.isnan(column.values))
+    x = column.values[rows]
+    cause = None if column.is_input else rows_after_jumps(column.clock, inputs)[rows]
     spikes = anomalies.spikes(x, cause, wide=not column.is_input)
     values = column.values
     if len(spikes) and as_mask_spec(column.spec.mask).glitches:
         values = values.copy()
-        values[known[spikes.mask(len(x))]] = np.nan
+        values[rows[spikes.mask(len(x))]] = np.nan
         samples, places = count_noun(spikes.count, "sample"), count_noun(len(spikes), "place")
-        first = _span_label(column.clock, spikes, known, 0)
+        first = _span_label(column.clock, spikes, rows, 0)
         findings.notes.append(
             f"{column.name}: {samples} in {places} are glitches, and masked (the first at {first})"
         )
     elif len(spikes):
-        findings.anomalies.append(_glitches(column, spikes, known))
+        findings.anomalies.append(_glitches(column, spikes, rows))
     if not column.is_input:
-        findings.anomalies.extend(_saturated_or_stuck(column, x, known))
+        findings.anomalies.extend(_saturated_or_stuck(column, x, rows))
     return RecordColumn(column.location, column.spec, column.clock, values)
 
 
-def _glitches(column: RecordColumn, spikes: Spans, known: NDArray[np.intp]) -> Odd:
+def _glitches(column: RecordColumn, spikes: Spans, rows: NDArray[np.intp]) -> Anomaly:
     entry = ".".join(map(str, column.location))
-    return Odd(
-        said=f"glitches: {column.name} leaves its course and is back within a few samples in "
+    return Anomaly(
+        text=f"glitches: {column.name} leaves its course and is back within a few samples in "
         f"{count_noun(len(spikes), 'place')} ({count_noun(spikes.count, 'sample')})",
-        where=_span_labels(column.clock, spikes, known),
+        where=_span_labels(column.clock, spikes, rows),
         do=f"; was it the sensor? Then leave them out ({entry}: mask: glitches)",
     )
 
 
-def _saturated_or_stuck(column: RecordColumn, x: Array, known: NDArray[np.intp]) -> list[Odd]:
+def _saturated_or_stuck(column: RecordColumn, x: Array, rows: NDArray[np.intp]) -> list[Anomaly]:
     entry = ".".join(map(str, column.location))
     clipped = anomalies.saturated(x)
     if len(clipped):
         return [
-            Odd(
-                said=f"saturated: {column.name} runs into exactly the same value, "
+            Anomaly(
+                text=f"saturated: {column.name} runs into exactly the same value, "
                 f"{x[clipped.first[0]]:.6g} {column.spec.unit}, {count_noun(len(clipped), 'place')} "
                 f"({count_noun(clipped.count, 'sample')})",
-                where=_span_labels(column.clock, clipped, known),
+                where=_span_labels(column.clock, clipped, rows),
                 do=f"; the end of its range? Then leave them out ({entry}: mask: {{rows: ...}})",
             )
         ]
     still = anomalies.stuck(x)
     if not len(still):
         return []
-    first, last = known[still.first[0]], known[still.last[0]]
+    first, last = rows[still.first[0]], rows[still.last[0]]
     t = column.clock.t
     return [
-        Odd(
-            said=f"stuck: {column.name} stays at exactly one value for {still.count} samples, from "
+        Anomaly(
+            text=f"stuck: {column.name} stays at exactly one value for {still.count} samples, from "
             f"{t[first]:.6g} to {t[last]:.6g} s, and elsewhere hardly ever repeats one",
-            where=_span_labels(column.clock, still, known),
+            where=_span_labels(column.clock, still, rows),
             do="; a sensor that was stuck, cut off or at the end of its range? Cut these samples off "
             f"(record.window), or leave them out ({entry}: mask: {{rows: ...}})",
         )
     ]
 
 
-def _span_labels(clock: Clock, spans: Spans, known: NDArray[np.intp]) -> tuple[str, ...]:
-    return tuple(_span_label(clock, spans, known, k) for k in range(len(spans)))
+def _span_labels(clock: Clock, spans: Spans, rows: NDArray[np.intp]) -> tuple[str, ...]:
+    return tuple(_span_label(clock, spans, rows, k) for k in range(len(spans)))
 
 
-def _span_label(clock: Clock, spans: Spans, known: NDArray[np.intp], k: int) -> str:
-    """Rows and times of the span `k`, of samples that are `known` rows."""
-    first, last = int(known[spans.first[k]]), int(known[spans.last[k]])
+def _span_label(clock: Clock, spans: Spans, rows: NDArray[np.intp], k: int) -> str:
+    """Rows and times of the span `k`, of samples that are `rows` rows."""
+    first, last = int(rows[spans.first[k]]), int(rows[spans.last[k]])
     if first == last:
         return f"{clock.where(first)} ({clock.t[first]:.6g} s)"
     return (
@@ -211,12 +211,12 @@ def bridge_gaps(sources: Sources, column: RecordColumn) -> Array:
     spec, missing = column.spec, np.isnan(column.values)
     if not missing.any():
         return column.values
-    known = np.flatnonzero(~missing)
+    rows = np.flatnonzero(~missing)
     straight = isinstance(spec, InputColumn) and spec.hold == "first"
-    ends = [0] if len(known) and missing[0] else []
-    ends += [len(missing) - 1] if len(known) and straight and missing[-1] else []
-    if not len(known) or ends:
-        at = column.clock.where(ends[0]) if ends else "every row"
+    missing_ends = [0] if len(rows) and missing[0] else []
+    missing_ends += [len(missing) - 1] if len(rows) and straight and missing[-1] else []
+    if not len(rows) or missing_ends:
+        at = column.clock.where(missing_ends[0]) if missing_ends else "every row"
         message = (
             f"no number is there, at {at}, and none {'on both sides' if straight else 'before it'} to "
             "hold; cut these rows off (record.window), or name another column"
@@ -224,8 +224,8 @@ def bridge_gaps(sources: Sources, column: RecordColumn) -> Array:
         sources.add(column.location, message)
         return column.values
     if straight:
-        return np.interp(column.clock.t, column.clock.t[known], column.values[known])
-    return column.values[known[np.searchsorted(known, np.arange(len(missing)), side="right") - 1]]
+        return np.interp(column.clock.t, column.clock.t[rows], column.values[rows])
+    return column.values[rows[np.searchsorted(rows, np.arange(len(missing)), side="right") - 1]]
 
 
 MAX_DERIVATIVE_MISMATCH = 0.3  # of its rms: farther off, a channel is hardly what it is said to be
@@ -237,23 +237,24 @@ def find_derivatives(columns: Mapping[Location, RecordColumn], findings: Cleanin
         origin = column.spec.derived_from if isinstance(column.spec, ChannelSpec) else None
         if origin is None:
             continue
-        why = "it has no noise of its own, and would count the same numbers twice"
-        not_counted = f"{column.name} is not counted, as it is derived from {origin}: {why}"
+        reason = "it has no noise of its own, and would count the same numbers twice"
+        not_counted = f"{column.name} is not counted, as it is derived from {origin}: {reason}"
         comparison = _compare_with_quotients(column, columns["record", "channels", origin])
         if comparison is None:
             findings.notes.append(
                 f"{not_counted}; it was not compared, as it has other times or units"
             )
             continue
-        kind, off, times = comparison
+        kind, mismatch, times = comparison
         like = (
-            f"{times:.4g} times the {kind} difference quotient of {origin} to {off:.2g} of its rms"
+            f"{times:.4g} times the {kind} difference quotient of {origin} to {mismatch:.2g} of "
+            "its rms"
         )
         findings.notes.append(f"{not_counted}; it is {like}")
-        if off > MAX_DERIVATIVE_MISMATCH:
+        if mismatch > MAX_DERIVATIVE_MISMATCH:
             findings.anomalies.append(
-                Odd(
-                    said=f"derived: {column.name} is said to be derived from {origin}, but is only "
+                Anomaly(
+                    text=f"derived: {column.name} is said to be derived from {origin}, but is only "
                     f"{like}",
                     where=(),
                     do="; if it was measured by a sensor of its own, remove derived_from",
@@ -267,15 +268,19 @@ def _compare_with_quotients(
     """Which quotient, how far off (of the rms), and how many times it, in SI."""
     if column.clock is not origin.clock:
         return None
-    both = ~np.isnan(column.values) & ~np.isnan(origin.values)
+    in_both = ~np.isnan(column.values) & ~np.isnan(origin.values)
     try:
         turned = units.factor(origin.spec.unit, "rad")
         moved = units.factor(column.spec.unit, "rad/s")
     except ValueError:
         return None
-    if np.sum(both) < anomalies.MIN_DIFFERENCED_SAMPLES:
+    if np.sum(in_both) < anomalies.MIN_DIFFERENCED_SAMPLES:
         return None
-    x, w, t = origin.values[both] * turned, column.values[both] * moved, column.clock.t[both]
+    x, w, t = (
+        origin.values[in_both] * turned,
+        column.values[in_both] * moved,
+        column.clock.t[in_both],
+    )
     slope = next(iter(anomalies.quotients(x, t).values()))
     size = float(slope @ slope)
     times = float(slope @ w[1:-1]) / size if size > 0 else 0.0

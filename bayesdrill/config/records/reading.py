@@ -31,8 +31,8 @@ from bayesdrill.config.schema.records import (
 from bayesdrill.config.yaml_source import Location
 from bayesdrill.record import anomalies, clocks
 from bayesdrill.record.experiment import (
+    Anomaly,
     Experiment,
-    Odd,
     Written,
     calendar_hint,
     check_length,
@@ -109,19 +109,25 @@ class _Reader:
                 inputs={name: _unit_of_input(config, name) for name in symbols.INPUTS},
             ),
         )
-        if (wanted := config.record.decimate) is None:
+        if (decimation := config.record.decimate) is None:
             return experiment
-        if refusal := sources.refuse_decimation(experiment, wanted.factor, filtered=wanted.filter):
+        if refusal := sources.refuse_decimation(
+            experiment, decimation.factor, filtered=decimation.filter
+        ):
             raise self._source.error(("record", "decimate"), refusal)
-        decimated = sources.decimate_filtered if wanted.filter else sources.decimate_unfiltered
-        return decimated(experiment, wanted.factor)
+        decimated = sources.decimate_filtered if decimation.filter else sources.decimate_unfiltered
+        return decimated(experiment, decimation.factor)
 
     def _columns(self) -> dict[Location, RecordColumn]:
         """All that are named, with NaN where no number is used."""
         entries = sources.file_entries(self._config)
-        picked = {location: self._column(location, spec) for location, spec in entries.items()}
+        picked_columns = {
+            location: self._column(location, spec) for location, spec in entries.items()
+        }
         raise_if_any(list(dict.fromkeys(self._sources.issues)))
-        columns = {location: column for location, column in picked.items() if column is not None}
+        columns = {
+            location: column for location, column in picked_columns.items() if column is not None
+        }
         inputs = [column for column in columns.values() if column.is_input]
         column_cleaning.find_derivatives(columns, self._findings)
         return {
@@ -144,7 +150,7 @@ class _Reader:
         if not math.isnan(close):
             text = f"clocks: two of the record's times, at {close:.10g} s, are nearly the same"
             do = "; one clock, written with different digits? Then give both columns the same `time:`"
-            self._findings.anomalies.append(Odd(said=text, where=(), do=do))
+            self._findings.anomalies.append(Anomaly(text=text, where=(), do=do))
         return t
 
     def _signals(self, t: Array, columns: dict[Location, RecordColumn]) -> Array:
@@ -186,7 +192,7 @@ class _Reader:
         self, t: Array, columns: dict[Location, RecordColumn]
     ) -> tuple[dict[str, Array], dict[str, float]]:
         """SI, at every time; and the angles at which those begin that are imposed as angles."""
-        series, begin = dict[str, Array](), dict[str, float]()
+        series, start_angles = dict[str, Array](), dict[str, float]()
         for name, spec in quantities.measured_inputs(self._config).items():
             entry = quantities.input_entry(self._config, name)
             column = columns["inputs", entry]
@@ -199,12 +205,12 @@ class _Reader:
             values = values * units.factor(spec.unit, quantities.input_unit(entry))
             if isinstance(spec, AngleColumn):
                 clock = column.clock.t
-                begin[entry] = float(np.interp(t[0], clock, values))
+                start_angles[entry] = float(np.interp(t[0], clock, values))
                 values = anomalies.held_speeds(values, clock)
             series[name] = (
                 values if not self._sources.several else self._on_record_times(t, column, values)
             )
-        return series, begin
+        return series, start_angles
 
     def _on_record_times(self, t: Array, column: RecordColumn, values: Array) -> Array:
         """Of an input on a clock of its own: exact, as its own times are among those of the record."""
@@ -234,7 +240,7 @@ class _Reader:
             return None
         values = values[clock.rows]
         masked = column_cleaning.row_mask(self._sources, location, spec, clock)
-        used = np.where(masked, np.nan, values) if masked.any() else values
+        unmasked = np.where(masked, np.nan, values) if masked.any() else values
         missing = int(np.sum(np.isnan(values) & ~masked))
         if masked.any():
             self._findings.notes.append(
@@ -245,7 +251,7 @@ class _Reader:
             self._findings.notes.append(f"{location[-1]}: {missing} missing samples are left out")
         allowed = spec.missing if isinstance(spec, InputColumn) else self._config.record.missing
         refused = missing > 0 and allowed is None
-        numbers = np.where(masked, 0.0, values) if refused else used
+        numbers = np.where(masked, 0.0, values) if refused else unmasked
         bridge = "bridge them (missing: hold)" if is_input else ""
         way_out = bridge or "leave them out (record.missing: drop)"
         self._sources.issues += check_series(
@@ -257,32 +263,34 @@ class _Reader:
             missing=not refused,
             instead=f", or {way_out}" if np.isnan(numbers).any() else "",
         )
-        column = RecordColumn(location, spec, clock, used)
+        column = RecordColumn(location, spec, clock, unmasked)
         return column_cleaning.unwrap(self._sources, column, _units_per_turn(spec), self._findings)
 
     def _t_start(self, time: Array, *, has_series: bool) -> float:
         """With measured inputs nothing is known before the first sample: the state is given there."""
         if has_series:
             return float(time[0])
-        begin = self._config.initial.time
-        if begin is None:
-            begin = 0.0 if self._config.record.window is None else float(time[0])
-        if begin > time[0] + 1e-9 * max(1.0, abs(time[0])):
+        t_start = self._config.initial.time
+        if t_start is None:
+            t_start = 0.0 if self._config.record.window is None else float(time[0])
+        if t_start > time[0] + 1e-9 * max(1.0, abs(time[0])):
             given = self._config.initial.time is not None
             location: Location = ("initial", "time") if given else ("record",)
             message = (
-                f"the initial state is at {begin:g} s, after the first sample at {time[0]:g} s; give "
-                "`initial: {time: ...}` at or before it"
+                f"the initial state is at {t_start:g} s, after the first sample at {time[0]:g} s; "
+                "give `initial: {time: ...}` at or before it"
             )
             raise self._source.error(location, message)
-        if self._config.initial.time is None and time[0] - begin > MAX_LEAD * (time[-1] - time[0]):
+        if self._config.initial.time is None and time[0] - t_start > MAX_LEAD * (
+            time[-1] - time[0]
+        ):
             message = (
-                f"the record begins at {time[0]:.10g} s, and the initial state is at {begin:g} s by "
+                f"the record begins at {time[0]:.10g} s, and the initial state is at {t_start:g} s by "
                 "default; if these are times of a clock, give `initial: {time: ...}`"
                 f"{calendar_hint(time)}"
             )
             raise self._source.error(("record", "time"), message)
-        return min(begin, float(time[0]))
+        return min(t_start, float(time[0]))
 
 
 def _unit_of_input(config: Config, name: str) -> Unit:

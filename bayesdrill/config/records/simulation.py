@@ -94,11 +94,11 @@ def _columns(
         entries.append((("record", "time"), time, experiment.t / units.factor(time.unit, "s")))
     for (name, spec), channel in zip(config.record.channels.items(), y.T, strict=True):
         entries.append((("record", "channels", name), spec, channel))
-    for name, given in quantities.measured_inputs(config).items():
+    for name, spec_of_input in quantities.measured_inputs(config).items():
         entry = quantities.input_entry(config, name)
-        factor = units.factor(given.unit, quantities.input_unit(entry))
+        factor = units.factor(spec_of_input.unit, quantities.input_unit(entry))
         values = quantities.inputs_as_given(config, experiment, name) / factor
-        entries.append((("inputs", entry), given, values))
+        entries.append((("inputs", entry), spec_of_input, values))
     columns = []
     for location, column, values in entries:
         if not isinstance(column.column, str):
@@ -177,9 +177,9 @@ def simulate_one(
     values = truth(resolved) | _sensor_truth(resolved)
     full = np.array([[values[name] for name in response.parameters]])
     signals = response.signals(full)[0]
-    known = [_with_known_sigma(resolved, entry) for entry in resolved.channels]
+    noisy_channels = [_with_known_sigma(resolved, entry) for entry in resolved.channels]
     noise = noise_for_record(
-        sensors.build_noise(known, len(signals)), experiment.t, experiment.seen
+        sensors.build_noise(noisy_channels, len(signals)), experiment.t, experiment.seen
     )
     acts = sensors.latent_torque(config)
     observed = sensors.build_observation(acts, resolved.torque, response, noise)
@@ -271,8 +271,8 @@ def _sensor_truth(resolved: ResolvedExperiment) -> dict[str, float]:
     factors = dict.fromkeys(values, 1.0)
     for number in resolved.sensor_numbers:
         values[number.name], factors[number.name] = number.start, number.factor
-    given = {name: _given_truth(resolved, name) for name in values}
-    return values | {name: x * factors[name] for name, x in given.items() if x is not None}
+    given_values = {name: _given_truth(resolved, name) for name in values}
+    return values | {name: x * factors[name] for name, x in given_values.items() if x is not None}
 
 
 def _noise_truth(resolved: ResolvedExperiment, unknown: Unknown) -> float:

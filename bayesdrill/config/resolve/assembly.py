@@ -64,11 +64,11 @@ def build_problem(case: ResolvedCase, records: Sequence[Experiment]) -> Problem:
         of_rig = [labelled_name(n, label if n in config.own else "") for n in rig.parameters]
         of_sensors = [renamed[name] for name in observed.parameters[len(of_rig) :]]
         parts.append(replace(observed, parameters=[*of_rig, *of_sensors], levels=names))
-    numbers, others = (
+    numbers, other_numbers = (
         case.experiments[0].rig_numbers,
         ([*sensor_numbers.values()], [*levels.values()]),
     )
-    unknowns = numbers.space(config.own, labels, *others)
+    unknowns = numbers.space(config.own, labels, *other_numbers)
     posterior = Posterior(
         space=unknowns,
         likelihood=Likelihood.joint(unknowns, parts).hold_out(case.held_out),
@@ -215,7 +215,7 @@ def _hidden_channels(resolved: ResolvedExperiment, experiment: Experiment) -> di
 
 def _at_start(resolved: ResolvedExperiment) -> dict[str, float]:
     """The rig's parameters where searches begin."""
-    known = resolved.space
-    values = {**known.fixed, **known.start}
-    values |= {name: float(r.value(values)) for name, r in known.relations.items()}
+    space = resolved.space
+    values = {**space.fixed, **space.start}
+    values |= {name: float(r.value(values)) for name, r in space.relations.items()}
     return {name: values[name] for name in resolved.model.parameters}

@@ -29,24 +29,24 @@ from bayesdrill.rig.models.linear import Model, with_named
 from bayesdrill.rig.simulators.sensors import ObservationModel
 
 
-def build_model(config: Config, more: Collection[str] = ()) -> Model:
+def build_model(config: Config, extra_names: Collection[str] = ()) -> Model:
     """Return the model with the constants that the config gives, as far as it has them.
 
-    What the model offers of the parameters that the config names, or that are `more`, is switched
-    on.
+    What the model offers of the parameters that the config names, or that are `extra_names`, is
+    switched on.
     """
     rig = build_member(lookup(MODELS, config.model.name, "model"), config.model)
     named = {name for name, spec in config.parameters.items() if spec is not None}
-    return with_named(rig, {*named, *more})
+    return with_named(rig, {*named, *extra_names})
 
 
 def initial_state(config: Config, model: Model) -> dict[str, float]:
     """Return what is fixed of the initial state, SI; of a steady start only what is named."""
     initial = config.initial
-    given = {name: getattr(initial, name) for name in model.outer}
+    entries = {name: getattr(initial, name) for name in model.outer}
     return {
         name: quantities.to_si(value, models.STATES[name].unit)
-        for name, value in given.items()
+        for name, value in entries.items()
         if isinstance(value, float | int | numbers.Quantity)
         and (initial.state != "steady" or name in initial.model_fields_set)
     }

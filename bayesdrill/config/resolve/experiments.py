@@ -169,13 +169,15 @@ def _driven_width(name: str, experiment: Experiment, model: Model, values: Named
         if row == name
     )
     if push == 0:
-        for other in (n for n in model.states if models.STATES[n].unit == "rad/s"):
+        for speed_state in (n for n in model.states if models.STATES[n].unit == "rad/s"):
             measured = [
-                (w[other], y) for w, y in _channels_of_unit(experiment, "rad/s") if w.get(other)
+                (w[speed_state], y)
+                for w, y in _channels_of_unit(experiment, "rad/s")
+                if w.get(speed_state)
             ]
             speeds = [float(np.abs(y / weight).max()) for weight, y in measured]
             speed = max(speeds, default=_span_of_unit(experiment, "rad/s"))
-            push = max(push, abs(float(linear.A.get((name, other), 0.0))) * speed)
+            push = max(push, abs(float(linear.A.get((name, speed_state), 0.0))) * speed)
     return push / decay if decay > 0 else 0.0
 
 
@@ -197,18 +199,18 @@ def start_beyond_lags(
         last += _lag_range(values[sensing.delay])[1]
     for k, channel in enumerate(experiment.channels):
         lag = sensing.lags.get(channel.name)
-        least, most = (0.0, 0.0) if lag is None else _lag_range(values[lag])
+        lowest_lag, highest_lag = (0.0, 0.0) if lag is None else _lag_range(values[lag])
         measured = ~np.isnan(y[:, k])
-        before = measured & (t < experiment.t_start + last + most) & moves
-        after = measured & (t > t[-1] + first + least + 1e-9 * experiment.dt) & (first < 0.0)
-        for those, what in (
+        before = measured & (t < experiment.t_start + last + highest_lag) & moves
+        after = measured & (t > t[-1] + first + lowest_lag + 1e-9 * experiment.dt) & (first < 0.0)
+        for undetermined, origin in (
             (before, "was before the start (lag)"),
             (after, "an input did after the end of the record (lag)"),
         ):
-            if those.any():
-                y[those, k] = np.nan
-                count = f"{channel.name}: {int(those.sum())} samples"
-                notes.append(f"{count} are left out, as they may show what {what}")
+            if undetermined.any():
+                y[undetermined, k] = np.nan
+                count = f"{channel.name}: {int(undetermined.sum())} samples"
+                notes.append(f"{count} are left out, as they may show what {origin}")
     if len(notes) == len(experiment.told):
         return experiment
     return dataclasses.replace(experiment, y=frozen(y), told=tuple(notes))

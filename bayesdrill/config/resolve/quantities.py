@@ -115,10 +115,10 @@ def search_start(spec: PriorSpec, built: Prior, nominal_value: float | None = No
     default = nominal_value or float(built.quantile(np.array([0.5]))[0])
     value = default if spec.start is None else spec.start
     if not np.isfinite(built.logpdf(np.array([value]))[0]):
-        what = "the nominal value" if spec.start is None else "the start"
+        start_label = "the nominal value" if spec.start is None else "the start"
         raise ValueError(
-            f"{what} {value:g} is outside the prior ({built.describe()}); widen the prior, or give "
-            "a `start:` inside it"
+            f"{start_label} {value:g} is outside the prior ({built.describe()}); widen the prior, "
+            "or give a `start:` inside it"
         )
     return value
 
@@ -158,13 +158,13 @@ class NominalValues:
 
 def nominal_value(config: Config, model: Model, name: str) -> float:
     """The nominal value of a parameter that the config gives, in SI and at its own side of the gear."""
-    given, symbol = getattr(config.nominal, name), models.PARAMETERS[name]
-    if not isinstance(given, numbers.NominalValue):
-        return float(given)
+    entry, symbol = getattr(config.nominal, name), models.PARAMETERS[name]
+    if not isinstance(entry, numbers.NominalValue):
+        return float(entry)
     value = (
-        given.value if given.unit is None else given.value * units.factor(given.unit, symbol.unit)
+        entry.value if entry.unit is None else entry.value * units.factor(entry.unit, symbol.unit)
     )
-    value *= 1.0 if given.side is None else gear_factor(model, symbol, given.side)
+    value *= 1.0 if entry.side is None else gear_factor(model, symbol, entry.side)
     if not value <= symbol.at_most:
         raise ValueError(f"{value:g} is too large: {name} is at most {symbol.at_most:g}")
     return value
@@ -196,12 +196,12 @@ def nominal_table(config: Config, config_values: Mapping[str, float]) -> Nominal
     )
 
 
-def _tolerance(given: Any) -> dict[str, float]:
-    """`given`: one number, or by symbol and `default`."""
-    if isinstance(given, float):
-        return dict.fromkeys(models.PARAMETERS, given)
-    values = {name: getattr(given, name) for name in models.PARAMETERS}
-    return {name: given.default if value is None else value for name, value in values.items()}
+def _tolerance(tolerance: Any) -> dict[str, float]:
+    """`tolerance`: one number, or by symbol and `default`."""
+    if isinstance(tolerance, float):
+        return dict.fromkeys(models.PARAMETERS, tolerance)
+    values = {name: getattr(tolerance, name) for name in models.PARAMETERS}
+    return {name: tolerance.default if value is None else value for name, value in values.items()}
 
 
 def parse_parameter(
@@ -220,11 +220,13 @@ def parse_parameter(
     if spec.relative and value is None:
         way_out = f"`nominal: {{{name}: ...}}`, or leave out `relative:`"
         raise ValueError(f"{no_table}, to be relative to; give {way_out}")
-    built, most = build_prior(spec, value), symbol.at_most
-    if built.high > most:
+    built, upper_limit = build_prior(spec, value), symbol.at_most
+    if built.high > upper_limit:
         reaches = "has no end" if math.isinf(built.high) else f"goes up to {built.high:.6g}"
-        ends = f"such as {{prior: uniform, low: {0.5 * most:g}, high: {most:g}}}"
-        raise ValueError(f"the prior {reaches}, and {name} is at most {most:g}; let it end, {ends}")
+        example = f"such as {{prior: uniform, low: {0.5 * upper_limit:g}, high: {upper_limit:g}}}"
+        raise ValueError(
+            f"the prior {reaches}, and {name} is at most {upper_limit:g}; let it end, {example}"
+        )
     begin = search_start(spec, built, table.compared.get(name))
     return ParsedNumber(symbol=symbol, role="rig", value=built, start=begin)
 
@@ -254,8 +256,8 @@ def _check_name(name: str) -> None:
     """Whether a config may give this name to a thing of its own."""
     if not name.isidentifier() or keyword.iskeyword(name):
         raise ValueError(f"'{name}' cannot be a name; use letters, digits and `_`")
-    known = (models.PARAMETERS, models.STATES, symbols.INPUTS, symbols.DERIVED)
-    if name in {*RESERVED, *symbols.AXES}.union(*known) or name.startswith("sigma_"):
+    taken_names = (models.PARAMETERS, models.STATES, symbols.INPUTS, symbols.DERIVED)
+    if name in {*RESERVED, *symbols.AXES}.union(*taken_names) or name.startswith("sigma_"):
         raise ValueError(f"{name} has a meaning of its own here; choose another name")
 
 
@@ -265,19 +267,21 @@ def _names(config: Config, model: Model) -> tuple[str, ...]:
 
 def parse_relation(config: Config, model: Model, name: str) -> Expression | None:
     """Return the expression that parameter `name` follows from; None for a value or a prior."""
-    given, known = config.parameters.get(name), _names(config, model)
-    if isinstance(given, numbers.Tie):
-        spec = given.tie
-        if spec not in known:
-            raise ValueError(f"'{spec}' is no parameter or quantity{did_you_mean(spec, known)}")
-    elif isinstance(given, str) and given != "nominal":
-        spec = given
+    entry, known_names = config.parameters.get(name), _names(config, model)
+    if isinstance(entry, numbers.Tie):
+        spec = entry.tie
+        if spec not in known_names:
+            raise ValueError(
+                f"'{spec}' is no parameter or quantity{did_you_mean(spec, known_names)}"
+            )
+    elif isinstance(entry, str) and entry != "nominal":
+        spec = entry
     else:
         return None
-    if spec.isidentifier() and spec not in known:
-        hint = did_you_mean(spec, ("nominal", *known))
+    if spec.isidentifier() and spec not in known_names:
+        hint = did_you_mean(spec, ("nominal", *known_names))
         raise ValueError(f"'{spec}' is neither `nominal` nor a parameter or quantity{hint}")
-    parsed = expression(spec, known)
+    parsed = expression(spec, known_names)
     if not parsed.names:
         value = f"write for example {parsed.value({}):g}"
         raise ValueError(f"'{spec}' names no parameter or quantity; to hold this value {value}")
@@ -290,11 +294,11 @@ def parse_formula(config: Config, model: Model, name: str) -> Formula:
     if name in config.quantities:
         raise ValueError(f"{name} is a quantity already; choose another name")
     names = list(config.derived)
-    known = (*_names(config, model), *symbols.DERIVED, *names[: names.index(name)])
+    known_names = (*_names(config, model), *symbols.DERIVED, *names[: names.index(name)])
     spec = config.derived[name]
     unit, _ = units.coherent(spec.unit)  # values are SI, whatever the multiple
     symbol = symbols.own_symbol(name, unit, spec.latex, f"{name} = {spec.formula}")
-    return Formula(symbol, expression(spec.formula, known))
+    return Formula(symbol, expression(spec.formula, known_names))
 
 
 # Inputs that are speeds, and the entries that give the angle instead.

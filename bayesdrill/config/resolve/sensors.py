@@ -52,8 +52,8 @@ TORQUE_ENTRIES: Mapping[str, str] = MappingProxyType({SIZE: "size", TIME: "time"
 
 def latent_torque(config: Config) -> MissingTorque | None:
     """Return the missing torque of a config, if it has one."""
-    given = config.missing_torque
-    return None if given is None else MissingTorque(at=given.at, smoothness=given.smoothness)
+    spec = config.missing_torque
+    return None if spec is None else MissingTorque(at=spec.at, smoothness=spec.smoothness)
 
 
 def latent_torque_number(config: Config, entry: str) -> float | Unknown:
@@ -157,11 +157,11 @@ def sensor_entries(config: Config, model: Model) -> Iterator[SensorEntry]:
         si = next((models.STATES[state].unit for state in meant), "1")  # none, where it is misspelt
         yield from _column_entries(location, name, spec, spec.unit, si, _latex(name))
     for name, symbol in symbols.INPUTS.items():
-        given = getattr(config.inputs, name)
-        if isinstance(given, InputColumn | InputQuantity):
+        input_spec = getattr(config.inputs, name)
+        if isinstance(input_spec, InputColumn | InputQuantity):
             alone = len(quantities.measured_inputs(config)) == 1
             entries = _column_entries(
-                ("inputs", name), name, given, given.unit, symbol.unit, symbol.latex
+                ("inputs", name), name, input_spec, input_spec.unit, symbol.unit, symbol.latex
             )
             for entry in entries:
                 late = entry.kind == "lag" and alone
@@ -181,21 +181,21 @@ def _column_entries(
         ("lag", "s", "s", r"\tau"),
     )
     for kind, kind_unit, kind_si, sign in kinds:
-        given = getattr(spec, kind, None)
-        if given is not None:
-            label, shown = f"{kind}_{name}", rf"{sign}_{{{latex}}}"
+        entry = getattr(spec, kind, None)
+        if entry is not None:
+            label, symbol = f"{kind}_{name}", rf"{sign}_{{{latex}}}"
             yield SensorEntry(
-                (*location, kind), kind, name, label, given, kind_unit, kind_si, shown
+                (*location, kind), kind, name, label, entry, kind_unit, kind_si, symbol
             )
 
 
 def _state_entries(config: Config, model: Model) -> Iterator[SensorEntry]:
     """Those with a prior; what is held or `free` is said elsewhere."""
     for name in model.outer:
-        given, symbol = getattr(config.initial, name), symbol_of_state(name)
-        if isinstance(given, SensorPrior):
+        entry, symbol = getattr(config.initial, name), symbol_of_state(name)
+        if isinstance(entry, SensorPrior):
             location, unit = ("initial", name), symbol.unit
-            yield SensorEntry(location, "state", name, symbol.name, given, unit, unit, symbol.latex)
+            yield SensorEntry(location, "state", name, symbol.name, entry, unit, unit, symbol.latex)
 
 
 def state_name(state: str) -> str:
@@ -218,8 +218,8 @@ def parse_sensor_number(entry: SensorEntry) -> ParsedNumber:
     unit = getattr(entry.spec, "unit", None) or entry.unit
     factor = 1.0 if entry.kind == "gain" else units.factor(unit, entry.si)
     value, start = _value(entry.spec, factor)
-    ends = [value] if isinstance(value, float) else value.quantile(np.array([1e-6, 1 - 1e-6]))
-    if entry.kind == "gain" and min(ends) <= 0 <= max(ends):
+    quantiles = [value] if isinstance(value, float) else value.quantile(np.array([1e-6, 1 - 1e-6]))
+    if entry.kind == "gain" and min(quantiles) <= 0 <= max(quantiles):
         raise ValueError(
             "a gain of zero shows nothing; keep its prior on one side of zero, such as `prior: "
             "log_normal, median: 1, sd_log: 0.02`"
@@ -244,8 +244,8 @@ def _value(spec: SensorNumber, factor: float) -> tuple[float | Prior, float]:
 
 
 def _latex(name: str) -> str:
-    known = models.STATES.get(name)
-    return known.latex if known else symbols.own_symbol(name, "1", None, "").latex
+    state = models.STATES.get(name)
+    return state.latex if state else symbols.own_symbol(name, "1", None, "").latex
 
 
 def _meaning(entry: SensorEntry) -> str:
@@ -296,9 +296,9 @@ def build_sensing(
 
 def symbol_of_state(name: str) -> Symbol:
     """Return the symbol of a state at the start."""
-    known = models.STATES[name]
+    state = models.STATES[name]
     return Symbol(
-        state_name(name), known.unit, rf"{known.latex}(0)", known.latex_unit, f"{name} at the start"
+        state_name(name), state.unit, rf"{state.latex}(0)", state.latex_unit, f"{name} at the start"
     )
 
 

@@ -49,17 +49,17 @@ class ChannelSpacing:
         """
         gaps = self.all_gaps if all_samples else self.gaps
         if gaps is None:
-            wide = np.array(
+            widths = np.array(
                 [[np.inf, *np.ones(min(self.count, 2) - 1)]]
             )  # the first, and all others
         else:
-            wide = np.concatenate([[np.inf], gaps])[None]
+            widths = np.concatenate([[np.inf], gaps])[None]
         with np.errstate(divide="ignore"):
-            logs = np.log(rho)[:, None] * wide
+            logs = np.log(rho)[:, None] * widths
         share, new = np.exp(logs), np.sqrt(-np.expm1(2.0 * logs))
         if gaps is None:
-            places = np.minimum(np.arange(self.count), 1)
-            return share[:, places], new[:, places]
+            indices = np.minimum(np.arange(self.count), 1)
+            return share[:, indices], new[:, indices]
         return share, new
 
     def innovations(self, samples: Array, rho: Array) -> Array:
@@ -81,9 +81,9 @@ class ChannelSpacing:
     def rho_score(self, samples: Array, rho: Array) -> Array:
         """Return the slope of the log density `(W,)` by rho, of samples over sigma."""
         share, new = self.memory(rho)
-        fresh = _without_memory(samples, share) / new
-        by_left = share * (1.0 - fresh**2) / new**2
-        by_left[:, 1:] += fresh[:, 1:] * samples[:, :-1] / new[:, 1:]
+        innovations = _without_memory(samples, share) / new
+        by_left = share * (1.0 - innovations**2) / new**2
+        by_left[:, 1:] += innovations[:, 1:] * samples[:, :-1] / new[:, 1:]
         return np.asarray((by_left * self._by_rho(share, rho)).sum(axis=1))
 
     def information(self, rho: Array) -> Array:
@@ -105,18 +105,20 @@ class ChannelSpacing:
 
     def estimate_rho(self, samples: Array) -> float:
         """Estimate rho from samples `(n,)` about an interval apart."""
-        near = np.ones(self.count - 1, bool) if self.gaps is None else np.abs(self.gaps - 1.0) < 0.5
-        before, after = samples[:-1][near], samples[1:][near]
+        adjacent = (
+            np.ones(self.count - 1, bool) if self.gaps is None else np.abs(self.gaps - 1.0) < 0.5
+        )
+        before, after = samples[:-1][adjacent], samples[1:][adjacent]
         squares = 0.5 * float(before @ before + after @ after)
         return float(before @ after) / squares if squares > 0 else 0.0
 
-    def correlate(self, fresh: Array, rho: Array) -> None:
+    def correlate(self, noise: Array, rho: Array) -> None:
         """Turn `fresh (W, T)`, independent and of sd 1, into noise, in place."""
-        whole = ChannelSpacing(slice(None), fresh.shape[1], self.all_gaps, None)
-        share, new = whole.memory(rho)
-        fresh *= new
-        for k in range(1, fresh.shape[1]):
-            fresh[:, k] += share[:, k] * fresh[:, k - 1]
+        all_samples = ChannelSpacing(slice(None), noise.shape[1], self.all_gaps, None)
+        share, new = all_samples.memory(rho)
+        noise *= new
+        for k in range(1, noise.shape[1]):
+            noise[:, k] += share[:, k] * noise[:, k - 1]
 
 
 @dataclass(frozen=True, slots=True)
@@ -155,8 +157,8 @@ def _channel_spacing(t: Array, seen: Flags) -> ChannelSpacing:
 
 
 def _gaps(gaps: Array) -> Array | None:
-    whole = np.round(gaps)
-    rounded = np.where((np.abs(gaps - whole) < GAP_TOLERANCE) & (whole > 0), whole, gaps)
+    nearest = np.round(gaps)
+    rounded = np.where((np.abs(gaps - nearest) < GAP_TOLERANCE) & (nearest > 0), nearest, gaps)
     return None if (rounded == 1.0).all() else rounded
 
 
@@ -233,10 +235,12 @@ class AR1:
         squares, products, last, first = np.moveaxis(residuals.neighbours, -1, 0)
         sigma, rho, n = self.scales(theta), self.memory.values(theta), self.levels.sizes
         inner = (1.0 - rho) * (1.0 + rho)
-        fresh = squares - 2.0 * rho * products + rho**2 * (squares - first**2 - last**2)
+        innovation_squares = (
+            squares - 2.0 * rho * products + rho**2 * (squares - first**2 - last**2)
+        )
         constant = -0.5 * n * math.log(2 * math.pi) - n * np.log(sigma)
         return np.asarray(
-            constant - 0.5 * (n - 1.0) * np.log(inner) - 0.5 * fresh / inner / sigma**2
+            constant - 0.5 * (n - 1.0) * np.log(inner) - 0.5 * innovation_squares / inner / sigma**2
         )
 
     def pointwise(self, samples: Array, theta: Array) -> Array:
@@ -248,8 +252,10 @@ class AR1:
         )
         for k, channel in enumerate(self._spacing(samples).channels):
             _, share = channel.memory(rho[:, k])
-            fresh = channel.innovations(samples[:, channel.rows, k], rho[:, k]) / sigma[:, k, None]
-            out[:, channel.rows, k] = -0.5 * fresh**2 - np.log(sigma[:, k, None] * share)
+            innovations = (
+                channel.innovations(samples[:, channel.rows, k], rho[:, k]) / sigma[:, k, None]
+            )
+            out[:, channel.rows, k] = -0.5 * innovations**2 - np.log(sigma[:, k, None] * share)
         return out - 0.5 * math.log(2 * math.pi)
 
     def whiten(self, samples: Array, theta: Array) -> Array:
@@ -286,8 +292,10 @@ class AR1:
             np.full(samples.shape, np.nan),
         )
         for k, channel in enumerate(self._spacing(samples).channels):
-            mine = samples[:, channel.rows, k]
-            out[:, channel.rows, k] = channel.score(mine, rho[:, k]) / sigma[:, k, None] ** 2
+            channel_samples = samples[:, channel.rows, k]
+            out[:, channel.rows, k] = (
+                channel.score(channel_samples, rho[:, k]) / sigma[:, k, None] ** 2
+            )
         return out
 
     def noise_score(self, residuals: Residuals, theta: Array) -> tuple[Array, Array]:
@@ -299,11 +307,11 @@ class AR1:
         )
         slopes = np.empty((2, *sigma.shape))
         for k, channel in enumerate(self._spacing(samples).channels):
-            mine = samples[:, channel.rows, k] / sigma[:, k, None]
-            slopes[0, :, k] = (channel.innovations(mine, rho[:, k]) ** 2).sum(
+            scaled = samples[:, channel.rows, k] / sigma[:, k, None]
+            slopes[0, :, k] = (channel.innovations(scaled, rho[:, k]) ** 2).sum(
                 axis=1
             ) - channel.count
-            slopes[1, :, k] = channel.rho_score(mine, rho[:, k])
+            slopes[1, :, k] = channel.rho_score(scaled, rho[:, k])
         share = np.maximum(1.0, 1.0 + slopes[0] / self.levels.sizes)
         pairs = self._pairs(rho) * share[..., None, None]
         slope = np.hstack([slopes[0][:, self._free[0]], slopes[1][:, self._free[1]]])

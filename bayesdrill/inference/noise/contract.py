@@ -223,13 +223,15 @@ def as_matrix(curvature: Array, theta: Array) -> Array:
     return np.asarray(curvature[..., None] * np.eye(theta.shape[-1]))
 
 
-def pair_matrix(pairs: Array, places: tuple[list[int], list[int]]) -> Array:
+def pair_matrix(pairs: Array, channel_indices: tuple[list[int], list[int]]) -> Array:
     """Return the matrix `(..., n, n)` of `pairs (..., K, 2, 2)` of two numbers of each channel.
 
-    `places` are the channels in which the first, and in which the second is unknown; all first ones
-    come before all second ones.
+    `channel_indices` are the channels in which the first, and in which the second is unknown; all
+    first ones come before all second ones.
     """
-    unknowns = [(k, which) for which, channels in enumerate(places) for k in channels]
+    unknowns = [
+        (k, position) for position, channels in enumerate(channel_indices) for k in channels
+    ]
     out = np.zeros((*pairs.shape[:-3], len(unknowns), len(unknowns)))
     for i, (k, first_index) in enumerate(unknowns):
         for j, (other, second_index) in enumerate(unknowns):

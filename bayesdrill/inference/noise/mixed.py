@@ -77,9 +77,9 @@ class _ChannelResiduals:
         scaled = self._of_all(over, 0.0), self._of_all(half, UNBOUNDED_HALF)
         return self.residuals.intervals(*scaled)[:, self.columns]
 
-    def _of_all(self, numbers: Array, others: float) -> Array:
+    def _of_all(self, numbers: Array, fill: float) -> Array:
         """Of all channels, as kernels want them; of others what costs them least."""
-        out = np.full((len(numbers), self.n_channels), others)
+        out = np.full((len(numbers), self.n_channels), fill)
         out[:, self.columns] = numbers
         return out
 
@@ -123,7 +123,7 @@ class Mixed:
     def fixed_values(self) -> Mapping[int, object]:
         """Return what is fixed of each channel, by index."""
         return {
-            p.columns[k]: what for p in self.parts for k, what in p.noise.fixed_values().items()
+            p.columns[k]: fixed for p in self.parts for k, fixed in p.noise.fixed_values().items()
         }
 
     def log_likelihood(self, residuals: Residuals, theta: Array) -> Array:
@@ -214,10 +214,10 @@ class Mixed:
             yield part, theta[..., first : first + n]
             first += n
 
-    def _each(self, what: Callable[[Noise, list[int], Array], Array], theta: Array) -> Array:
+    def _each(self, evaluate: Callable[[Noise, list[int], Array], Array], theta: Array) -> Array:
         """Of every part, its channels in their places."""
         results = [
-            (part.columns, what(part.noise, list(part.columns), part_theta))
+            (part.columns, evaluate(part.noise, list(part.columns), part_theta))
             for part, part_theta in self._split(theta)
         ]
         out = np.empty((*results[0][1].shape[:-1], self.n_channels))

@@ -160,8 +160,8 @@ class Quantised:
     def draw(self, signals: Array, theta: Array, rng: np.random.Generator) -> Array:
         """Draw signals with fresh noise, rounded to whole steps."""
         sigma, steps = self.levels.scales(theta)[:, None], np.array(self.steps)
-        fresh = signals + sigma * rng.standard_normal(signals.shape)
-        return np.asarray(steps * np.round(fresh / steps))
+        noisy = signals + sigma * rng.standard_normal(signals.shape)
+        return np.asarray(steps * np.round(noisy / steps))
 
     def _interval(self, samples: Array, theta: Array) -> _Interval:
         sigma = self.levels.scales(theta)[:, None]
@@ -209,11 +209,11 @@ class _Interval:
         """Where so much of the probability lies below."""
         right = self.low + self.high > 0
         near, far = self._near
-        ends = scipy.special.log_ndtr(near), scipy.special.log_ndtr(far)
+        log_tails = scipy.special.log_ndtr(near), scipy.special.log_ndtr(far)
         part = np.where(right, 1.0 - share, share)  # of what is nearer to zero, as this is turned
         with np.errstate(divide="ignore"):
             quantile = scipy.special.ndtri_exp(
-                np.logaddexp(np.log(part) + ends[0], np.log1p(-part) + ends[1])
+                np.logaddexp(np.log(part) + log_tails[0], np.log1p(-part) + log_tails[1])
             )
         return np.asarray(np.where(right, -quantile, quantile))
 

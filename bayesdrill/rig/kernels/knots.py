@@ -184,7 +184,7 @@ class Channels:
             sample = b.select(due, sample, b.splat(a["knots"]))
         flat = b.add(b.mul(sample, whole_numbers(k_count)), b.splat(k))
         if shape.tally is None:
-            b.scatter(value, b.bitcast(self._signals, NUMBERS), flat)
+            b.scatter_lanes(value, b.bitcast(self._signals, NUMBERS), flat)
             return
         y = b.gather(a["y"], flat)
         observed = b.and_(due, b.fcmp_ordered("ord", y, y))

@@ -220,7 +220,7 @@ class Builder(ir.IRBuilder):  # type: ignore[misc]
         result.add_incoming(broadcast, block_alike)
         return result
 
-    def scatter(self, value: ir.Value, numbers: ir.Value, places: ir.Value) -> None:
+    def scatter_lanes(self, value: ir.Value, numbers: ir.Value, places: ir.Value) -> None:
         """Store lane l of `value` as number l of the vector at the place of the lane."""
         for lane in range(LANES):
             vector_of = self.mul(self.extract_element(places, I32(lane)), I64(LANES))

@@ -337,11 +337,11 @@ class LongStep:
             yield below(fallen, SETTLED_EXPONENT)
 
     def _spent(self, state: Sequence[Number]) -> Iterator[tuple[Number, Number]]:
-        """Evaluate `SettlingLaw.settling` of the sizes that vary."""
+        """Evaluate `SettlingLaw.decay_terms` of the sizes that vary."""
         for e in self.step.varying:
             friction = self.step.frictions[e]
             assert isinstance(friction.law, SettlingLaw)  # `SteppedShape.long_steps`
-            yield friction.law.settling(self.step.parameters, size(state[friction.row]))
+            yield friction.law.decay_terms(self.step.parameters, size(state[friction.row]))
 
     def _near_zero(
         self, state: Sequence[Number], new: Sequence[Number], directions: Sequence[Vector]

@@ -90,7 +90,7 @@ class SteppedShape:
             ]
             described.append(law.size(named, 0.0 if law.steady else named[friction.against], named))
             if self.long_steps and isinstance(law, SettlingLaw):
-                described.append(law.settling(named, named[friction.against]))
+                described.append(law.decay_terms(named, named[friction.against]))
             else:
                 described.append(None)
         return described

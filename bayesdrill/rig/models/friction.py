@@ -55,7 +55,7 @@ class Law(Protocol):
 class SettlingLaw(Law, Protocol):
     """A law whose size comes down to a steady one at high speed."""
 
-    def settling(self, p: Named, speed: Any) -> tuple[Any, Any]:
+    def decay_terms(self, p: Named, speed: Any) -> tuple[Any, Any]:
         """Return that size, and the exponent of what is left above it."""
         ...
 
@@ -136,8 +136,8 @@ class Stribeck:
         sliding: Any = p[self.sliding]
         return sliding + (p[self.static] - sliding) * exp(-self._exponent(p, speed))
 
-    def settling(self, p: Named, speed: Any) -> tuple[Any, Any]:
-        """See `SettlingLaw.settling`."""
+    def decay_terms(self, p: Named, speed: Any) -> tuple[Any, Any]:
+        """See `SettlingLaw.decay_terms`."""
         return p[self.sliding], self._exponent(p, speed)
 
     def _exponent(self, p: Named, speed: Any) -> Any:
