@@ -16,8 +16,8 @@ from bayesdrill.rig.models.motor_shaft import MotorShaft
 from bayesdrill.rig.simulators import compressed, simulator
 from bayesdrill.rig.simulators.compressed import CompressedSimulator, Compression, compress
 from bayesdrill.rig.simulators.exact import Response
+from bayesdrill.rig.simulators.long_record import long_states as fast
 from bayesdrill.rig.simulators.rational_basis import NoBasisError, choose_basis
-from bayesdrill.rig.simulators.rational_basis import long_states as fast
 from bayesdrill.rig.simulators.sensors import ObservationModel
 
 SIGMA = 0.1

@@ -124,10 +124,14 @@ class BasisShape:
 
     def scratch_size(self, columns: int, q: int = 0) -> int:
         """Vectors of scratch."""
+        jets, products = 2 if self.tangent else 1, (1 + q) * self.channels * columns
+        return self.coefficients_at + jets * self.channels * columns + products + ROWS
+
+    @property
+    def coefficients_at(self) -> int:
+        """Vectors of scratch before the coefficients: an exponential, and matrices of poles."""
         jets = 2 if self.tangent else 1
-        matrices = 3 * len(self.poles) * self.decaying**2 * jets
-        products = (1 + q) * self.channels * columns
-        return self.layout.size**2 + matrices + jets * self.channels * columns + products + 64
+        return self.layout.size**2 + 3 * len(self.poles) * self.decaying**2 * jets
 
 
 @dataclass(frozen=True, slots=True)

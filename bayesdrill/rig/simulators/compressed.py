@@ -30,23 +30,20 @@ from bayesdrill.rig.kernels.rational_basis import ROWS, BasisShape
 from bayesdrill.rig.kernels.sums import SQUARES, ResidualSums
 from bayesdrill.rig.models.linear import Tangent
 from bayesdrill.rig.simulators.contract import Motion, Simulator, Steps, in_groups
+from bayesdrill.rig.simulators.long_record import LongRecord, starts, walker_numbers, walker_slopes
 from bayesdrill.rig.simulators.rational_basis import (
     BLOCK,
     Basis,
     Columns,
-    Long,
     NoBasisError,
     Triangle,
     choose_basis,
     impulse_columns,
-    long_exponential,
-    long_states,
     triangle,
 )
 from bayesdrill.rig.simulators.sensors import ObservationModel, SensorParameters
-from bayesdrill.rig.simulators.time_grid import Grid, build_grid
+from bayesdrill.rig.simulators.time_grid import build_grid
 
-PART = 1 << 18  # samples that are looked at together
 TOLERANCE = 1e-7  # of the log likelihood
 MAX_BEYOND = 0.02  # of points: walkers whose bound is larger have the exact simulator
 DIGITS = (12, 26, 2)  # of a response that functions are to have: first, last, and steps between
@@ -143,6 +140,16 @@ class CompressedSimulator(Simulator):
         numbers = out.transpose(0, 2, 1).reshape(-1, self._k, 2)[: len(full)]
         return _with_bounds(numbers[..., 0], numbers[..., 1])
 
+    def coefficients(self, full: Array) -> Array:
+        """Return the coefficients `(n, K)` of one rig, less the reference's: the kernel's own."""
+        blocks = {
+            "walkers": in_groups(self._walkers(full)),
+            "out": np.empty((1, 2 * self._k, LANES)),
+        }
+        scratch = self._run("squares", self._shape, 1, blocks)
+        first, n = self._shape.coefficients_at, self.functions
+        return np.ascontiguousarray(scratch[first : first + n * self._k, 0].reshape(n, self._k))
+
     def normal(self, full: Array, along: Array, scales: Array) -> tuple[Array, Array, Array]:
         """See `Simulator.normal`."""
         n, q, _ = along.shape
@@ -231,7 +238,8 @@ class CompressedSimulator(Simulator):
 
     def _run(
         self, name: str, shape: BasisShape, groups: int, blocks: dict[str, Array], q: int = 0
-    ) -> None:
+    ) -> Array:
+        """Run a kernel; returns its scratch."""
         alike, columns, _ = self.compression.record.matrix.shape
         scratch = np.empty((shape.scratch_size(columns, q), LANES))
         every = {**self._shared, **blocks, "scratch": scratch}
@@ -239,6 +247,7 @@ class CompressedSimulator(Simulator):
         names = NORMAL_BLOCKS if q else BLOCKS
         kernel = compile_kernel(write_normal if q else write_squares, shape)
         kernel[name](*counts, *(every[block].ctypes.data for block in names))
+        return scratch
 
     def __getstate__(self) -> dict[str, Any]:
         return {field.name: getattr(self, field.name) for field in dataclasses.fields(self)}
@@ -254,106 +263,21 @@ def _with_bounds(squares: Array, sizes: Array) -> tuple[Array, Array]:
         return squares, 2.0 * np.sqrt(squares) * sizes + sizes**2
 
 
-def uniform_grid(simulator: Simulator) -> Grid | None:
-    """Return the grid of a record that has one step, None of others."""
-    sensors = SensorParameters(simulator.model, simulator.experiment, simulator.sensing)
-    experiment = simulator.experiment
-    if simulator.stepping is not None or simulator.sensing.shifts or len(experiment.t) < 2:
+def even_record(simulator: Simulator) -> LongRecord | None:
+    """Return the record of a linear rig that has one step and no delays; None of others."""
+    experiment, sensing = simulator.experiment, simulator.sensing
+    sensors = SensorParameters(simulator.model, experiment, sensing)
+    if simulator.stepping is not None or sensing.shifts or len(experiment.t) < 2:
         return None
-    if simulator.exact:  # steps that are nearly one are one
-        if sensors.lead:
-            return None
-        return build_grid(np.asarray(experiment.dt * np.arange(len(experiment.t))))
-    grid = build_grid(sensors.knots[0])
-    return grid if grid.uniform else None
-
-
-def basis_shape(sensors: SensorParameters, basis: Basis, *, tangent: bool) -> BasisShape:
-    """Return what kernels are specialised for."""
-    experiment, model = sensors.experiment, sensors.observed_model
-    series, constant = tuple(experiment.series), present(experiment.constant)
-    return BasisShape(
-        layout=Layout.from_model(
-            Tangent(model) if tangent else model, series, constant,
-            first_order=experiment.first_order,
-        ),
-        poles=basis.kinds,
-        integrators=basis.integrators,
-        channels=len(experiment.channels),
-        impulse=starts(sensors),
-        tangent=tangent,
-    )  # fmt: skip
-
-
-def starts(sensors: SensorParameters) -> bool:
-    """Tell whether the start moves the rig, or may."""
-    sensing, start = sensors.sensing, sensors.experiment.start
-    return sensing.steady or bool(sensing.states) or any(start.values())
-
-
-def walker_numbers(sensors: SensorParameters, full: Array) -> Array:
-    """Return what walkers `full (W, P)` have: parameters, start, rows `(W, P' + X + K (X + 1))`."""
-    n = len(full)
-    system = sensors.linear_system(full) if sensors.sensing.steady else None
-    start = sensors.initial_state(system, full)
-    rows = sensors.rows(sensors.gains(full), full)
-    return np.concatenate([sensors.simulator_parameters(full), start, rows.reshape(n, -1)], axis=1)
-
-
-def walker_slopes(sensors: SensorParameters, full: Array, along: Array) -> Array:
-    """Return the slopes of `walker_numbers` at `full (n, P)` along `along (n, P)`."""
-    n = len(full)
-    system = sensors.tangent_system(full, along) if sensors.sensing.steady else None
-    start = sensors.initial_state_slope(system, along)
-    gains = sensors.channel_values(sensors.sensing.gains, along)
-    rows = sensors.rows(gains, along)
-    return np.concatenate([sensors.simulator_parameters(along), start, rows.reshape(n, -1)], axis=1)
-
-
-def first_inputs(sensors: SensorParameters) -> tuple[float, ...]:
-    """Return the first of each series that changes straight, zero for those that are held."""
-    straight = sensors.experiment.first_order
-    return tuple(float(u[0]) if straight else 0.0 for u in sensors.knots[1].values())
-
-
-def source_sizes(shape: BasisShape, sensors: SensorParameters, grid: Grid) -> list[float]:
-    """Return the root of the sum of squares of what drives the rig, of each source."""
-    samples = len(grid.t) - 1
-    known = {"impulse": 1.0, "constant": float(np.sqrt(samples))}
-    series = [
-        float(np.linalg.norm(u - first))
-        for u, first in zip(sensors.knots[1].values(), first_inputs(sensors), strict=True)
-    ]
-    ratio = samples / max(1, len(sensors.knots[0]))
-    each = {f"series {s}": float(size * np.sqrt(ratio) * 1.01) for s, size in enumerate(series)}
-    return [(known | each)[source] for source in shape.sources]
-
-
-def compress(simulator: Simulator, points: Array, variances: Array) -> Compression | str:
-    """Compress a record for rigs near `points (n, P)`; the first is the reference.
-
-    `variances (K,)`: of the noise, of which sums of squares may be wrong by `TOLERANCE`.  Returns why it
-    cannot be done, in words, for a rig with friction, steps of many lengths, delays, modes that do not
-    decay, or poles that are known too little.
-    """
-    if reason := obstacle(simulator):
-        return reason
-    grid = uniform_grid(simulator)
-    assert grid is not None
-    sensors = SensorParameters(simulator.model, simulator.experiment, simulator.sensing)
-    with np.errstate(all="ignore"):
-        rates = sensors.linear_system(points)[0]
-    try:
-        basis = _sufficient_basis(simulator, rates, grid, points, variances)
-    except NoBasisError as error:
-        return str(error)
-    shape = basis_shape(sensors, basis, tangent=False)
-    columns = shape.columns(basis.orders)
-    blocks = _record_blocks(_LongRecord(sensors, shape, grid), basis, points[0])
-    record = triangle(blocks, columns)
-    made = _without_reference(simulator, basis, record, variances, grid)
-    coefficients = _coefficients(made, points[:1])
-    return dataclasses.replace(made.compression, reference=coefficients)
+    if not simulator.exact:
+        grid = build_grid(sensors.knots[0])
+        return LongRecord(sensors, grid) if grid.uniform else None
+    if sensors.lead:
+        return None
+    # Steps that are nearly one are one.
+    return LongRecord(
+        sensors, build_grid(experiment.dt * np.arange(len(experiment.t), dtype=float))
+    )
 
 
 def obstacle(simulator: Simulator) -> str:
@@ -362,123 +286,106 @@ def obstacle(simulator: Simulator) -> str:
         return "the rig has dry friction or inputs with lags, and is stepped"
     if simulator.sensing.shifts:
         return "channels or inputs have an unknown delay"
-    return "" if uniform_grid(simulator) is not None else "its samples are not evenly spaced"
+    return "its samples are not evenly spaced" if even_record(simulator) is None else ""
 
 
-def _sufficient_basis(
-    simulator: Simulator, rates: Array, grid: Grid, points: Array, variances: Array
-) -> Basis:
-    """Return the fewest functions whose bound is small enough at nearly all points."""
-    sensors = SensorParameters(simulator.model, simulator.experiment, simulator.sensing)
-    for digits in range(*DIGITS):
-        basis = choose_basis(rates, float(grid.spans[0]), 10.0**-digits)
-        columns = basis_shape(sensors, basis, tangent=False).columns(basis.orders)
-        padded = columns + -columns % ROWS
-        empty = Triangle(np.zeros((1, padded, padded)), np.zeros((len(variances), padded + 1)))
-        empty.projected[:, -1] = variances * simulator.experiment.counts
-        made = _without_reference(simulator, basis, empty, variances, grid)
-        if np.mean(made.beyond(*made.expanded(points))) <= MAX_BEYOND:
-            return basis
-    raise NoBasisError("the bound of what functions leave stays too large")
+def compress(simulator: Simulator, points: Array, variances: Array) -> Compression | str:
+    """Compress a record for rigs near `points (n, P)`; the first is the reference.
 
-
-def _without_reference(
-    simulator: Simulator, basis: Basis, record: Triangle, variances: Array, grid: Grid
-) -> CompressedSimulator:
-    sensors = SensorParameters(simulator.model, simulator.experiment, simulator.sensing)
-    sizes = source_sizes(basis_shape(sensors, basis, tangent=False), sensors, grid)
-    reference = np.zeros((record.matrix.shape[1], len(variances)))
-    tolerance = 2.0 * TOLERANCE * variances / len(variances)
-    compression = Compression(
-        basis,
-        record,
-        reference,
-        tolerance,
-        float(grid.spans[0]),
-        tuple(sizes),
-        first_inputs(sensors),
-    )
-    return CompressedSimulator(simulator, compression)
-
-
-def _coefficients(made: CompressedSimulator, full: Array) -> Array:
-    """Return the coefficients `(n, K)` of the reference: the kernel's own, to the last digit."""
-    shape, columns = made._shape, made.compression.record.matrix.shape[1]
-    blocks = in_groups(made._walkers(full))
-    scratch = np.empty((shape.scratch_size(columns), LANES))
-    out = np.empty((1, 2 * shape.channels, LANES))
-    every = {**made._shared, "walkers": blocks, "out": out, "scratch": scratch}
-    kernel = compile_kernel(write_squares, shape)
-    kernel["squares"](1, columns, 0, *(every[block].ctypes.data for block in BLOCKS))
-    first = shape.layout.size**2 + 3 * len(shape.poles) * shape.decaying**2
-    return np.ascontiguousarray(
-        scratch[first : first + columns * shape.channels, 0].reshape(columns, -1)
-    )
+    `variances (K,)`: of the noise, of which sums of squares may be wrong by `TOLERANCE`.  Returns why it
+    cannot be done, in words: see `obstacle`, and where modes do not decay, or poles are too far apart.
+    """
+    record = even_record(simulator)
+    if record is None:
+        return obstacle(simulator)
+    try:
+        return _Compressor(simulator, record, variances).compression(points)
+    except NoBasisError as error:
+        return str(error)
 
 
 @dataclass(frozen=True, slots=True)
-class _LongRecord:
-    """A record on its grid, in parts: inputs, what is measured, and what a reference leaves of it."""
+class _Compressor:
+    """Compresses a `record`; `variances (K,)`: of its noise."""
 
-    sensors: SensorParameters
-    shape: BasisShape
-    grid: Grid
+    simulator: Simulator
+    record: LongRecord
+    variances: Array
 
-    def inputs(self, first: int, last: int) -> Array:
-        """Return the sampled inputs at knots `first` to `last`, `(last - first, S)`."""
-        knots, grid = np.arange(first, min(last, len(self.grid.t) - 1)), self.grid
-        columns = []
-        for u in self.sensors.knots[1].values():
-            if self.shape.layout.first_order:
-                columns.append(np.interp(grid.t[knots], grid.t[grid.at], u))
-            else:
-                columns.append(u[np.searchsorted(grid.at, knots, side="right") - 1])
-        inputs = np.array(columns).reshape(len(columns), len(knots)).T
-        beyond = last - first - len(knots)
-        return np.concatenate([inputs, np.repeat(inputs[-1:], beyond, axis=0)])
+    def compression(self, points: Array) -> Compression:
+        with np.errstate(all="ignore"):
+            rates = self.record.sensors.linear_system(points)[0]
+        inputs = self.record.inputs(0, len(self.record.grid.t) - 1)
+        sizes = np.linalg.norm(inputs - np.array(self.record.first_inputs), axis=0)
+        basis = self._sufficient(rates, points, sizes)
+        columns = self._shape(basis).columns(basis.orders)
+        known = triangle(self._blocks(basis, points[0]), columns)
+        made = self._with(basis, known, sizes)
+        return dataclasses.replace(made.compression, reference=made.coefficients(points[:1]))
 
-    def parts(self, full: Array) -> Iterator[tuple[Array, Array]]:
-        """Yield inputs `(m, S)` and what the reference `full (P,)` leaves `(m, K)`, NaN if not seen."""
-        layout, x = self.shape.layout, self.shape.states
-        numbers = walker_numbers(self.sensors, full[None])[0]
-        p = self.shape.parameters
-        constants = [value for value in self.sensors.experiment.constant.values() if value != 0.0]
-        matrix = np.zeros((layout.size, layout.size), dtype=Long)
-        for row, column, value in layout.entries([*numbers[:p], *constants]):
-            matrix[row, column] += value if row >= x else Long(value) * Long(self.grid.spans[0])
-        step = long_exponential(matrix)
-        rows = numbers[p + x :].reshape(self.shape.channels, x + 1).astype(Long)
-        state, y = numbers[p : p + x].astype(Long), self.sensors.padded
-        for first in range(0, len(self.grid.t) - 1, PART):
-            last = min(first + PART, len(self.grid.t) - 1)
-            u = self.inputs(first, last + 1).astype(Long)
-            drive = step[:x, x] + u[:-1] @ step[:x, x + 1 : x + 1 + layout.n_series].T
-            if layout.first_order:
-                drive = drive + np.diff(u, axis=0) @ step[:x, x + 1 + layout.n_series :].T
-            states = long_states(step[:x, :x], drive, state)
-            left = -(states[:-1] @ rows[:, :x].T + rows[:, x])
-            state, here = states[-1], slice(*np.searchsorted(self.grid.at, [first, last]))
-            seen = np.full(left.shape, np.nan)
-            at = self.grid.at[here] - first
-            seen[at] = y[here] + left[at]
-            yield u[:-1].astype(float), seen
+    def _sufficient(self, rates: Array, points: Array, sizes: Array) -> Basis:
+        """Return the fewest functions whose bound is small enough at nearly all points."""
+        for digits in range(*DIGITS):
+            basis = choose_basis(rates, float(self.record.grid.spans[0]), 10.0**-digits)
+            columns = self._shape(basis).columns(basis.orders)
+            padded = columns + -columns % ROWS
+            k_count = len(self.variances)
+            empty = Triangle(np.zeros((1, padded, padded)), np.zeros((k_count, padded + 1)))
+            empty.projected[:, -1] = self.variances * self.simulator.experiment.counts
+            made = self._with(basis, empty, sizes)
+            if np.mean(made.beyond(*made.expanded(points))) <= MAX_BEYOND:
+                return basis
+        raise NoBasisError("the bound of what functions leave stays too large")
+
+    def _shape(self, basis: Basis) -> BasisShape:
+        return basis_shape(self.record.sensors, basis, tangent=False)
+
+    def _with(self, basis: Basis, known: Triangle, sizes: Array) -> CompressedSimulator:
+        """Return a simulator whose reference is nothing yet."""
+        grid, k_count = self.record.grid, len(self.variances)
+        each = {f"series {s}": float(size) for s, size in enumerate(sizes)}
+        each |= {"impulse": 1.0, "constant": float(np.sqrt(len(grid.t) - 1))}
+        compression = Compression(
+            basis=basis,
+            record=known,
+            reference=np.zeros((known.matrix.shape[1], k_count)),
+            tolerance=2.0 * TOLERANCE * self.variances / k_count,
+            step=float(grid.spans[0]),
+            sizes=tuple(each[source] for source in self._shape(basis).sources),
+            first=self.record.first_inputs,
+        )
+        return CompressedSimulator(self.simulator, compression)
+
+    def _blocks(self, basis: Basis, reference: Array) -> Iterator[tuple[Array, Array]]:
+        """Yield columns `(m, n)` at samples, and what the reference leaves of them `(m, K)`."""
+        shape = self._shape(basis)
+        start = impulse_columns(basis) if shape.impulse else None
+        driven = Columns(basis, int(shape.constant) + shape.layout.n_series)
+        begin = np.array(self.record.first_inputs)
+        for inputs, left in self.record.residuals(reference):
+            for first in range(0, len(inputs), BLOCK):
+                u = inputs[first : first + BLOCK] - begin
+                ones = np.ones((len(u), 1))
+                parts = [] if start is None else [start.block(np.zeros((len(u), 1)))]
+                parts.append(
+                    driven.block(np.concatenate([ones, u], axis=1) if shape.constant else u)
+                )
+                parts += [u] if shape.layout.first_order else []
+                here = left[first : first + BLOCK]
+                known = ~np.isnan(here).all(axis=1)
+                yield np.concatenate([*parts, ones], axis=1)[known], here[known]
 
 
-def _record_blocks(
-    record: _LongRecord, basis: Basis, reference: Array
-) -> Iterator[tuple[Array, Array]]:
-    """Yield columns `(m, n)` at knots with samples, and what the reference leaves of them `(m, K)`."""
-    shape = record.shape
-    start = impulse_columns(basis) if shape.impulse else None
-    driven = Columns(basis, int(shape.constant) + shape.layout.n_series)
-    begin = np.array(first_inputs(record.sensors))
-    for inputs, left in record.parts(reference):
-        for first in range(0, len(inputs), BLOCK):
-            u = inputs[first : first + BLOCK] - begin
-            ones = np.ones((len(u), 1))
-            parts = [] if start is None else [start.block(np.zeros((len(u), 1)))]
-            parts.append(driven.block(np.concatenate([ones, u], axis=1) if shape.constant else u))
-            parts += [u] if shape.layout.first_order else []
-            here = left[first : first + BLOCK]
-            known = ~np.isnan(here).all(axis=1)
-            yield np.concatenate([*parts, ones], axis=1)[known], here[known]
+def basis_shape(sensors: SensorParameters, basis: Basis, *, tangent: bool) -> BasisShape:
+    """Return what kernels are specialised for."""
+    experiment, model = sensors.experiment, sensors.observed_model
+    series, constant = tuple(experiment.series), present(experiment.constant)
+    rig = Tangent(model) if tangent else model
+    return BasisShape(
+        layout=Layout.from_model(rig, series, constant, first_order=experiment.first_order),
+        poles=basis.kinds,
+        integrators=basis.integrators,
+        channels=len(experiment.channels),
+        impulse=starts(sensors),
+        tangent=tangent,
+    )

@@ -24,8 +24,14 @@ from bayesdrill.rig.kernels.recurrence import scratch_size, write_response
 from bayesdrill.rig.kernels.sums import SQUARES, ResidualSums
 from bayesdrill.rig.models.linear import DOT, Model, Tangent
 from bayesdrill.rig.simulators.contract import in_groups, ungrouped
-from bayesdrill.rig.simulators.sensors import ObservationModel
+from bayesdrill.rig.simulators.long_record import LongRecord
+from bayesdrill.rig.simulators.sensors import ObservationModel, SensorParameters
 from bayesdrill.rig.simulators.stepped import Unstepped
+from bayesdrill.rig.simulators.time_grid import build_grid
+
+MAX_GROUPED = (
+    8_000_000  # numbers of a record: of more, no memory is taken for eight walkers at once
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,7 +101,12 @@ class Response(Unstepped):
 
     def signals(self, theta: Array) -> Array:
         """Return the channels: `(W, P) -> (W, T, K)`, SI."""
-        blocks, shape = in_groups(theta), self.experiment.y.shape
+        shape = self.experiment.y.shape
+        if self.experiment.y.size > MAX_GROUPED and not self._layout.lead:
+            sensors = SensorParameters(self.model, self.experiment, self.sensing)
+            grid = build_grid(self.experiment.dt * np.arange(shape[0], dtype=float))
+            return np.array([LongRecord(sensors, grid).signals(point) for point in theta])
+        blocks = in_groups(theta)
         out = np.empty((len(blocks), *shape, LANES))
         self._run("signals", blocks, out)
         return ungrouped(out, len(theta))

@@ -12,20 +12,15 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from bayesdrill.basics.arrays import Array
 from bayesdrill.rig.kernels.rational_basis import PAIR, REAL, ROUNDS, ROWS, PoleNumbers
 
-Long = np.longdouble
-LongArray = NDArray[Long]
 BLOCK = 1 << 14  # samples at a time
 MAX_ORDER = 30  # functions of a pole: with more the exact response is no dearer
 MAX_SHARED = 1e-9  # of a rate: how exactly a state moves nothing at all points, to be an integrator
 NEARLY_ONE = 0.3  # of a value: real modes nearer to each other are treated together
 LEAST_TURN = 0.25  # of a pair's decay: it is taken to turn, or to shear, by as much at least
-SERIES, HALVINGS = 22, 12  # of the exponential in long numbers
-STRETCHES = 1024  # of a record that are stepped side by side
 
 
 class NoBasisError(Exception):
@@ -287,41 +282,3 @@ def triangle(blocks: Iterator[tuple[Array, Array]], columns: int) -> Triangle:
         projected[k, : len(column[:columns])] = column[:columns]
         projected[k, padded] = float(column[columns:] @ column[columns:])
     return Triangle(matrix, projected)
-
-
-def long_exponential(matrix: LongArray) -> LongArray:
-    """Return exp(M) - 1 in long numbers."""
-    scaled = matrix / Long(2**HALVINGS)
-    total, term = scaled.copy(), scaled.copy()
-    for k in range(2, SERIES):
-        term = term @ scaled / Long(k)
-        total = total + term
-    for _ in range(HALVINGS):
-        total = 2 * total + total @ total
-    return total
-
-
-def long_states(fall: LongArray, drive: LongArray, start: LongArray) -> LongArray:
-    """Return states `(T + 1, X)` of x(t + 1) = x(t) + fall x(t) + drive(t), in long numbers.
-
-    `fall (X, X)`, `drive (T, X)`, `start (X,)`.  Stretches of the record are stepped side by side: first
-    from rest, which says where each begins, then from there.
-    """
-    t_count, x = drive.shape
-    length = -(-t_count // STRETCHES)
-    n = -(-t_count // length)
-    padded = np.zeros((n * length, x), dtype=Long)
-    padded[:t_count] = drive
-    padded = padded.reshape(n, length, x)
-    state, power = np.zeros((n, x), dtype=Long), np.zeros((x, x), dtype=Long)
-    for j in range(length):
-        state = state + (state @ fall.T + padded[:, j])
-        power = power + fall + fall @ power  # (1 + fall)^j - 1
-    out = np.empty((n, length + 1, x), dtype=Long)
-    out[0, 0] = start
-    for k in range(1, n):
-        out[k, 0] = out[k - 1, 0] + power @ out[k - 1, 0] + state[k - 1]
-    for j in range(length):
-        out[:, j + 1] = out[:, j] + (out[:, j] @ fall.T + padded[:, j])
-    last = out[-1, t_count - (n - 1) * length]
-    return np.concatenate([out[:, :-1].reshape(-1, x)[:t_count], last[None]])

@@ -1,0 +1,161 @@
+"""A long record on its grid, part after part: its inputs, and what a rig does under them.
+
+In numbers of 80 bits where the platform has them, as a reference for many others; or in plain ones,
+where a kernel would take the memory of eight walkers for one.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bayesdrill.basics.arrays import Array
+from bayesdrill.rig.kernels.exponential import Layout, present
+from bayesdrill.rig.simulators.sensors import SensorParameters
+from bayesdrill.rig.simulators.time_grid import Grid
+
+Long = np.longdouble
+LongArray = NDArray[Any]  # of long numbers, or of plain ones
+PART = 1 << 18  # samples that are looked at together
+SERIES, HALVINGS = 22, 12  # of the exponential
+STRETCHES = 1024  # of a part that are stepped side by side
+
+
+@dataclass(frozen=True, slots=True)
+class LongRecord:
+    """A record on an even `grid`, for a rig with `sensors`."""
+
+    sensors: SensorParameters
+    grid: Grid
+
+    @property
+    def layout(self) -> Layout:
+        """The rig's matrix."""
+        experiment, model = self.sensors.experiment, self.sensors.observed_model
+        series, constant = tuple(experiment.series), present(experiment.constant)
+        return Layout.from_model(model, series, constant, first_order=experiment.first_order)
+
+    @property
+    def first_inputs(self) -> tuple[float, ...]:
+        """The first of each series that changes straight, zero for those that are held."""
+        straight = self.sensors.experiment.first_order
+        return tuple(float(u[0]) if straight else 0.0 for u in self.sensors.knots[1].values())
+
+    def inputs(self, first: int, last: int) -> Array:
+        """Return the sampled inputs at knots `first` to `last`, `(last - first, S)`."""
+        knots, grid = np.arange(first, min(last, len(self.grid.t) - 1)), self.grid
+        columns = []
+        for u in self.sensors.knots[1].values():
+            if self.sensors.experiment.first_order:
+                columns.append(np.interp(grid.t[knots], grid.t[grid.at], u))
+            else:
+                columns.append(u[np.searchsorted(grid.at, knots, side="right") - 1])
+        inputs = np.array(columns).reshape(len(columns), len(knots)).T
+        beyond = last - first - len(knots)
+        return np.concatenate([inputs, np.repeat(inputs[-1:], beyond, axis=0)])
+
+    def responses(self, full: Array, kind: type = Long) -> Iterator[tuple[Array, LongArray]]:
+        """Yield inputs `(m, S)` and channels `(m, K)` of the rig `full (P,)`, part after part."""
+        layout, sensors = self.layout, self.sensors
+        x, series = layout.n_states, layout.n_series
+        numbers = walker_numbers(sensors, full[None])[0]
+        p = layout.n_parameters
+        constants = [value for value in sensors.experiment.constant.values() if value != 0.0]
+        matrix = np.zeros((layout.size, layout.size), dtype=Long)
+        for row, column, value in layout.entries([*numbers[:p], *constants]):
+            matrix[row, column] += value if row >= x else Long(value) * Long(self.grid.spans[0])
+        step: LongArray = long_exponential(matrix).astype(kind)
+        rows = numbers[p + x :].reshape(-1, x + 1).astype(kind)
+        state = numbers[p : p + x].astype(kind)
+        for first in range(0, len(self.grid.t) - 1, PART):
+            last = min(first + PART, len(self.grid.t) - 1)
+            inputs = self.inputs(first, last + 1)
+            u: LongArray = inputs.astype(kind)
+            drive = step[:x, x] + u[:-1] @ step[:x, x + 1 : x + 1 + series].T
+            if layout.first_order:
+                drive = drive + np.diff(u, axis=0) @ step[:x, x + 1 + series :].T
+            states = long_states(step[:x, :x], drive, state)
+            state = states[-1]
+            yield inputs[:-1], states[:-1] @ rows[:, :x].T + rows[:, x]
+
+    def residuals(self, full: Array) -> Iterator[tuple[Array, Array]]:
+        """Yield inputs `(m, S)`, and what the rig leaves of the record `(m, K)`, NaN if not seen."""
+        y, first = self.sensors.padded, 0
+        for inputs, shown in self.responses(full):
+            here = slice(*np.searchsorted(self.grid.at, [first, first + len(inputs)]))
+            left, at = np.full(shown.shape, np.nan), self.grid.at[here] - first
+            left[at] = y[here] - shown[at]
+            first += len(inputs)
+            yield inputs, left
+
+    def signals(self, full: Array) -> Array:
+        """Return the channels `(T, K)` at the samples of a grid without other knots."""
+        parts = [shown for _, shown in self.responses(full, np.float64)]
+        return np.concatenate(parts)
+
+
+def starts(sensors: SensorParameters) -> bool:
+    """Tell whether the start moves the rig, or may."""
+    sensing, start = sensors.sensing, sensors.experiment.start
+    return sensing.steady or bool(sensing.states) or any(start.values())
+
+
+def walker_numbers(sensors: SensorParameters, full: Array) -> Array:
+    """Return what walkers `full (W, P)` have: parameters, start, rows `(W, P' + X + K (X + 1))`."""
+    n = len(full)
+    system = sensors.linear_system(full) if sensors.sensing.steady else None
+    start = sensors.initial_state(system, full)
+    rows = sensors.rows(sensors.gains(full), full)
+    return np.concatenate([sensors.simulator_parameters(full), start, rows.reshape(n, -1)], axis=1)
+
+
+def walker_slopes(sensors: SensorParameters, full: Array, along: Array) -> Array:
+    """Return the slopes of `walker_numbers` at `full (n, P)` along `along (n, P)`."""
+    n = len(full)
+    system = sensors.tangent_system(full, along) if sensors.sensing.steady else None
+    start = sensors.initial_state_slope(system, along)
+    gains = sensors.channel_values(sensors.sensing.gains, along)
+    rows = sensors.rows(gains, along)
+    return np.concatenate([sensors.simulator_parameters(along), start, rows.reshape(n, -1)], axis=1)
+
+
+def long_exponential(matrix: LongArray) -> LongArray:
+    """Return exp(M) - 1."""
+    scaled = matrix / Long(2**HALVINGS)
+    total, term = scaled.copy(), scaled.copy()
+    for k in range(2, SERIES):
+        term = term @ scaled / Long(k)
+        total = total + term
+    for _ in range(HALVINGS):
+        total = 2 * total + total @ total
+    return total
+
+
+def long_states(fall: LongArray, drive: LongArray, start: LongArray) -> LongArray:
+    """Return states `(T + 1, X)` of x(t + 1) = x(t) + fall x(t) + drive(t), in numbers of its kind.
+
+    `fall (X, X)`, `drive (T, X)`, `start (X,)`.  Stretches of the record are stepped side by side: first
+    from rest, which says where each begins, then from there.
+    """
+    t_count, x = drive.shape
+    length = -(-t_count // STRETCHES)
+    n = -(-t_count // length)
+    padded = np.zeros((n * length, x), dtype=fall.dtype)
+    padded[:t_count] = drive
+    padded = padded.reshape(n, length, x)
+    state, power = np.zeros((n, x), fall.dtype), np.zeros((x, x), fall.dtype)
+    for j in range(length):
+        state = state + (state @ fall.T + padded[:, j])
+        power = power + fall + fall @ power  # (1 + fall)^j - 1
+    out = np.empty((n, length + 1, x), dtype=fall.dtype)
+    out[0, 0] = start
+    for k in range(1, n):
+        out[k, 0] = out[k - 1, 0] + power @ out[k - 1, 0] + state[k - 1]
+    for j in range(length):
+        out[:, j + 1] = out[:, j] + (out[:, j] @ fall.T + padded[:, j])
+    last = out[-1, t_count - (n - 1) * length]
+    return np.concatenate([out[:, :-1].reshape(-1, x)[:t_count], last[None]])
