@@ -12,7 +12,9 @@ import resource
 import subprocess
 import sys
 import tempfile
+import time
 from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -21,6 +23,7 @@ from matplotlib.figure import Figure
 from bayesdrill.basics.progress import Silent
 from bayesdrill.config import loading
 from bayesdrill.config.resolve import assembly
+from bayesdrill.inference import compression
 from bayesdrill.inference.posterior import Problem
 from bayesdrill.report import scales, style
 from bayesdrill.tasks import pipeline
@@ -68,6 +71,48 @@ def cost(made: Problem, batch: int = BATCH) -> float:
     theta = nominal * np.random.default_rng(1).uniform(0.95, 1.05, (batch, len(nominal)))
     large = len(made.experiment.t) * batch > 1_000_000
     return best_of(lambda: made.posterior.density(theta), 3 if large else 30) / batch
+
+
+@dataclass(frozen=True)
+class CompressedCost:
+    """Of a compressed record: seconds of an evaluation and of one with all slopes, in a batch; seconds
+    to compress it; `error`: the most by which log likelihoods of a batch differ from the exact ones."""
+
+    functions: int
+    value: float
+    slopes: float
+    build: float
+    error: float
+
+
+def compressed_cost(job: problem.Job, samples: int) -> CompressedCost:
+    """Where the record itself has them: at rigs that it cannot tell from the nominal one."""
+    made = variant(job, samples=samples)
+    posterior, space = made.posterior, made.posterior.space
+    nominal = space.vector({name: made.nominal[name] for name in space.free})[None]
+    first = compression.excerpt(posterior) or posterior
+    begun = time.perf_counter()
+    points = compression.nearby(first, nominal)
+    short = compression.compressed(posterior, compression.compressions(posterior, points, 0))
+    points = compression.nearby(short, nominal)
+    known = compression.compressions(posterior, points, 0)
+    build = time.perf_counter() - begun
+    compressed = compression.compressed(posterior, known)
+    theta = points[2::3][:BATCH]  # those within a standard deviation or so
+    observation = compressed.likelihood.observations[0]
+    rigs = observation.simulator_parameters(space.full(theta))
+    along = np.repeat(np.eye(rigs.shape[1])[None], BATCH, axis=0)
+    scales_ = np.full((BATCH, len(observation.experiment.channels)), 10.0)
+    normal = best_of(lambda: observation.response.normal(rigs, along, scales_), 30)
+    check = compression.check_draws(posterior, compressed, theta)
+    assert check is not None
+    return CompressedCost(
+        functions=check.functions,
+        value=best_of(lambda: compressed.density(theta), 30) / BATCH,
+        slopes=normal / BATCH,
+        build=build,
+        error=check.difference,
+    )
 
 
 def costs(job: problem.Job) -> dict[str, Points]:
@@ -122,6 +167,7 @@ def markdown(
     every: Mapping[str, Points],
     runs: Mapping[tuple[int, int], tuple[float, int]],
     memory: Mapping[tuple[int, int], tuple[float, float]],
+    compressed: Mapping[int, CompressedCost],
 ) -> list[str]:
     lines = [tables.where(), ""]
     titles = {
@@ -139,6 +185,15 @@ def markdown(
             "",
         ]
     lines += [
+        "| samples, compressed | functions | us per evaluation | us with all slopes | s to compress | "
+        "largest difference of log L from the exact simulator |",
+        "| ---: | ---: | ---: | ---: | ---: | ---: |",
+    ]
+    for samples, cost_ in compressed.items():
+        numbers = f"{1e6 * cost_.value:.1f} | {1e6 * cost_.slopes:.0f} | {cost_.build:.1f}"
+        lines.append(f"| {samples} | {cost_.functions} | {numbers} | {cost_.error:.0e} |")
+    lines += [
+        "",
         "| ensembles | processes | seconds of sampling | steps |",
         "| ---: | ---: | ---: | ---: |",
     ]
@@ -154,7 +209,9 @@ def markdown(
     return lines
 
 
-def figure(every: Mapping[str, Points], folder: Path) -> None:
+def figure(
+    every: Mapping[str, Points], compressed: Mapping[int, CompressedCost], folder: Path
+) -> None:
     """Cost of one evaluation against each size."""
     labels = {
         "samples": "samples",
@@ -169,6 +226,9 @@ def figure(every: Mapping[str, Points], folder: Path) -> None:
         for panel, (name, label) in zip(panels, labels.items(), strict=True):
             x, y = list(every[name]), [1e6 * s for s in every[name].values()]
             panel.plot(x, y, color=style.BLACK, marker="o", markersize=3)
+            if name == "samples":
+                flat = [1e6 * cost_.value for cost_ in compressed.values()]
+                panel.plot([*compressed], flat, color=style.BLACK, marker="s", markersize=3, ls="--")
             panel.set_xlabel(label)
             if name in ("samples", "batch"):
                 panel.set_xscale("log")
@@ -183,14 +243,15 @@ def figure(every: Mapping[str, Points], folder: Path) -> None:
 def main(job: problem.Job, *, dry: bool = False) -> None:
     print("growth: cost of one evaluation", flush=True)
     every = costs(job)
+    compressed = {n: compressed_cost(job, n) for n in SAMPLES}
     if not dry:
-        figure(every, tables.FIGURES)
+        figure(every, compressed, tables.FIGURES)
     runs = {}
     for ensembles, processes in RUNS:
         print(f"growth: sampling, {ensembles} ensembles, {processes} processes", flush=True)
         runs[ensembles, processes] = sampling(job, ensembles, processes)
     memory = {size: peak_memory(*size) for size in MEMORY}
-    lines = markdown(every, runs, memory)
+    lines = markdown(every, runs, memory, compressed)
     print(*lines, sep="\n", flush=True)
     if not dry:
         tables.insert(tables.PAGE, "growth", lines)

@@ -52,6 +52,17 @@ def _random() -> tuple[Row, ...]:
             config=e.experiment(e.reversing(), e.states(1e-3), NINE, v=e.measured("v")),
             made=Driven(duration=10, rate=100, series={"v": RandomSteps(6.0, 0.1, seed=4)}),
         ),
+        *(
+            Row(
+                name=f"random_steps_{size}",
+                shows=f"pseudo-random steps of 8 V either way, {size} samples, compressed",
+                config=e.experiment(e.reversing(), e.states(0.1), NINE, v=e.measured("v")),
+                made=Driven(
+                    duration=duration, rate=1000, series={"v": RandomSteps(8.0, 0.2, seed=5)}
+                ),
+            )
+            for size, duration in (("100000", 99.999), ("1000000", 999.999))
+        ),
     )
 
 
