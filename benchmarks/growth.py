@@ -104,7 +104,7 @@ def compressed_cost(job: problem.Job, samples: int) -> CompressedCost:
     along = np.repeat(np.eye(rigs.shape[1])[None], BATCH, axis=0)
     scales_ = np.full((BATCH, len(observation.experiment.channels)), 10.0)
     normal = best_of(lambda: observation.response.normal(rigs, along, scales_), 30)
-    check = compression.check_draws(posterior, compressed, theta)
+    check = compression.check_draws(compressed, theta)
     assert check is not None
     return CompressedCost(
         functions=check.functions,
@@ -228,7 +228,9 @@ def figure(
             panel.plot(x, y, color=style.BLACK, marker="o", markersize=3)
             if name == "samples":
                 flat = [1e6 * cost_.value for cost_ in compressed.values()]
-                panel.plot([*compressed], flat, color=style.BLACK, marker="s", markersize=3, ls="--")
+                panel.plot(
+                    [*compressed], flat, color=style.BLACK, marker="s", markersize=3, ls="--"
+                )
             panel.set_xlabel(label)
             if name in ("samples", "batch"):
                 panel.set_xscale("log")

@@ -64,8 +64,9 @@ class CompressionCheck:
     difference: float
 
 
-def check_draws(exact: Posterior, compressed: Posterior, theta: Array) -> CompressionCheck | None:
+def check_draws(compressed: Posterior, theta: Array) -> CompressionCheck | None:
     """Compare log likelihoods of draws `theta (N, D)`, physical; None where nothing is compressed."""
+    exact = compressed.edit(each=_exact)
     full, beyond = compressed.space.full(theta), np.zeros(len(theta), dtype=bool)
     sizes = []
     for observation in compressed.likelihood.observations:
@@ -159,6 +160,13 @@ def compressions(
             if isinstance(compression, Compression):
                 made[observation.label] = compression
     return made
+
+
+def _exact(observation: Observation) -> Observation:
+    response = observation.response
+    if isinstance(response, CompressedSimulator):
+        return dataclasses.replace(observation, response=response.whole)
+    return observation
 
 
 def compressed(posterior: Posterior, known: Compressions) -> Posterior:

@@ -35,6 +35,7 @@ from bayesdrill.sampling.optimisers.contract import Optimiser
 from bayesdrill.sampling.workers import WorkerPool
 
 SEARCHING = "searching the MAP"
+CHECKED_DRAWS = 500  # of a compressed likelihood, that are compared with the exact one
 # tasks of several starts each: of a batch a start costs little, and workers share them
 TASKS_PER_SEARCH = 2
 
@@ -141,6 +142,15 @@ def _searched_on(
     return replace(mode, left_out=first.left_out)
 
 
+def _compress(pool: WorkerPool, mode: Mode, shortest: int | None) -> None:
+    """Compress records that are longer than the `shortest` for the rigs about the maximum."""
+    posterior = pool.posterior
+    observations = posterior.likelihood.observations
+    if shortest is not None and any(compression.is_long(o, shortest) for o in observations):
+        points = compression.nearby(posterior, posterior.space.vector(mode.values)[None])
+        pool.compress(compression.compressions(posterior, points, shortest))
+
+
 def sample_maxima(
     pool: WorkerPool, mode: Mode, plan: FitPlan, backend: Backend, report: Reporter
 ) -> SamplingResult:
@@ -149,6 +159,7 @@ def sample_maxima(
     The pool takes the posterior in the steps of that mode. Raises `NoSupportError` where nothing
     can be sampled.
     """
+    _compress(pool, mode, plan.shortest)
     posterior, chains = pool.posterior, plan.chains
     maxima = mode_search.modes(posterior, mode)
     sampled = sample(pool, posterior, maxima, chains, backend, report).with_reasons(mode.doubts)
@@ -156,6 +167,9 @@ def sample_maxima(
         return sampled
     report.update(0.0, "computing the evidence")
     sampled = with_evidence(posterior, sampled, chains.seed)
+    draws = sampled.draws.reshape(-1, maxima.shape[1])
+    some = draws[:: max(1, len(draws) // CHECKED_DRAWS)][:CHECKED_DRAWS]
+    sampled = replace(sampled, compression=compression.check_draws(posterior, some))
     report.update(1.0, "")
     return with_extended_priors(sampled, posterior, plan.nominal, maxima, chains, report)
 

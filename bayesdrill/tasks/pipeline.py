@@ -16,7 +16,6 @@ from bayesdrill.analysis.verdict import Verdict
 from bayesdrill.basics.errors import InputError
 from bayesdrill.basics.progress import SILENT, Reporter
 from bayesdrill.config.job import Job, prepare
-from bayesdrill.inference import compression
 from bayesdrill.output_files import POSTERIOR, RESOLVED_FILE
 from bayesdrill.report import publish, words
 from bayesdrill.report.run_report import screen, sections
@@ -48,7 +47,6 @@ from bayesdrill.tasks.run_entries import (
 )
 
 DRAWS_SAY = "looking at what the draws say"
-CHECKED_DRAWS = 500  # of a compressed likelihood, that are compared with the exact one
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -144,7 +142,6 @@ def _run(
         if said:
             report.say(said)
         pool.set_steps(mode.pieces)
-        _compress(pool, mode, find_map.fit_plan(job).shortest)
         if mode.pieces:
             scenery = SensitivityStudy(job.problem.posterior.likelihood)
         clock.append(time.perf_counter())
@@ -153,29 +150,11 @@ def _run(
         if not pool.in_process:
             for _ in range(processes):  # while this process reads the draws
                 pool.submit(publish.load_drawing)
-        sampled = _checked(job, pool, sampled)
         _finish_chain(job, folder, sampled)
         seconds = {"map": clock[1] - clock[0], "sampling": clock[2] - clock[1]}
         report.update(0.0, DRAWS_SAY)
         view = concluded(job, mode, sampled, scenery, seconds, explained=explained)
         return _publish(job, folder, view, pool, report, clock[-1])
-
-
-def _compress(pool: WorkerPool, mode: Mode, shortest: int | None) -> None:
-    """Compress records that are longer than the `shortest` for the rigs about the maximum."""
-    posterior = pool.posterior
-    observations = posterior.likelihood.observations
-    if shortest is not None and any(compression.is_long(o, shortest) for o in observations):
-        points = compression.nearby(posterior, posterior.space.vector(mode.values)[None])
-        pool.compress(compression.compressions(posterior, points, shortest))
-
-
-def _checked(job: Job, pool: WorkerPool, sampled: SamplingResult) -> SamplingResult:
-    """Compare some draws with the exact likelihood, where records were compressed."""
-    draws = sampled.draws.reshape(-1, sampled.draws.shape[-1])
-    some = draws[:: max(1, len(draws) // CHECKED_DRAWS)][:CHECKED_DRAWS]
-    check = compression.check_draws(job.problem.posterior, pool.posterior, some)
-    return dataclasses.replace(sampled, compression=check)
 
 
 def republish(output: Path, processes: int, report: Reporter = SILENT) -> Outcome:

@@ -271,13 +271,12 @@ def even_record(simulator: Simulator) -> LongRecord | None:
         return None
     if not simulator.exact:
         grid = build_grid(sensors.knots[0])
-        return LongRecord(sensors, grid) if grid.uniform else None
+        record = LongRecord(sensors, float(grid.spans[0]), len(grid.t) - 1, grid.at)
+        return record if grid.uniform else None
     if sensors.lead:
         return None
     # Steps that are nearly one are one.
-    return LongRecord(
-        sensors, build_grid(experiment.dt * np.arange(len(experiment.t), dtype=float))
-    )
+    return LongRecord(sensors, experiment.dt, len(experiment.t))
 
 
 def obstacle(simulator: Simulator) -> str:
@@ -315,7 +314,7 @@ class _Compressor:
     def compression(self, points: Array) -> Compression:
         with np.errstate(all="ignore"):
             rates = self.record.sensors.linear_system(points)[0]
-        inputs = self.record.inputs(0, len(self.record.grid.t) - 1)
+        inputs = self.record.inputs(0, self.record.count)
         sizes = np.linalg.norm(inputs - np.array(self.record.first_inputs), axis=0)
         basis = self._sufficient(rates, points, sizes)
         columns = self._shape(basis).columns(basis.orders)
@@ -326,7 +325,7 @@ class _Compressor:
     def _sufficient(self, rates: Array, points: Array, sizes: Array) -> Basis:
         """Return the fewest functions whose bound is small enough at nearly all points."""
         for digits in range(*DIGITS):
-            basis = choose_basis(rates, float(self.record.grid.spans[0]), 10.0**-digits)
+            basis = choose_basis(rates, self.record.step, 10.0**-digits)
             columns = self._shape(basis).columns(basis.orders)
             padded = columns + -columns % ROWS
             k_count = len(self.variances)
@@ -342,15 +341,15 @@ class _Compressor:
 
     def _with(self, basis: Basis, known: Triangle, sizes: Array) -> CompressedSimulator:
         """Return a simulator whose reference is nothing yet."""
-        grid, k_count = self.record.grid, len(self.variances)
+        k_count = len(self.variances)
         each = {f"series {s}": float(size) for s, size in enumerate(sizes)}
-        each |= {"impulse": 1.0, "constant": float(np.sqrt(len(grid.t) - 1))}
+        each |= {"impulse": 1.0, "constant": float(np.sqrt(self.record.count))}
         compression = Compression(
             basis=basis,
             record=known,
             reference=np.zeros((known.matrix.shape[1], k_count)),
             tolerance=2.0 * TOLERANCE * self.variances / k_count,
-            step=float(grid.spans[0]),
+            step=self.record.step,
             sizes=tuple(each[source] for source in self._shape(basis).sources),
             first=self.record.first_inputs,
         )

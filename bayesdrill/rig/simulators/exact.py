@@ -27,7 +27,6 @@ from bayesdrill.rig.simulators.contract import in_groups, ungrouped
 from bayesdrill.rig.simulators.long_record import LongRecord
 from bayesdrill.rig.simulators.sensors import ObservationModel, SensorParameters
 from bayesdrill.rig.simulators.stepped import Unstepped
-from bayesdrill.rig.simulators.time_grid import build_grid
 
 MAX_GROUPED = (
     8_000_000  # numbers of a record: of more, no memory is taken for eight walkers at once
@@ -104,8 +103,8 @@ class Response(Unstepped):
         shape = self.experiment.y.shape
         if self.experiment.y.size > MAX_GROUPED and not self._layout.lead:
             sensors = SensorParameters(self.model, self.experiment, self.sensing)
-            grid = build_grid(self.experiment.dt * np.arange(shape[0], dtype=float))
-            return np.array([LongRecord(sensors, grid).signals(point) for point in theta])
+            record = LongRecord(sensors, self.experiment.dt, shape[0])
+            return np.array([record.signals(point) for point in theta])
         blocks = in_groups(theta)
         out = np.empty((len(blocks), *shape, LANES))
         self._run("signals", blocks, out)

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from bayesdrill.basics.arrays import Array
 from bayesdrill.rig.kernels.exponential import Layout, present
 from bayesdrill.rig.simulators.sensors import SensorParameters
-from bayesdrill.rig.simulators.time_grid import Grid
+from bayesdrill.rig.simulators.time_grid import Whole
 
 Long = np.longdouble
 LongArray = NDArray[Any]  # of long numbers, or of plain ones
@@ -27,10 +27,15 @@ STRETCHES = 1024  # of a part that are stepped side by side
 
 @dataclass(frozen=True, slots=True)
 class LongRecord:
-    """A record on an even `grid`, for a rig with `sensors`."""
+    """A record of even steps, for a rig with `sensors`.
+
+    `step` [s] between `count` knots; `at (n,)`: those of samples, None where all are samples.
+    """
 
     sensors: SensorParameters
-    grid: Grid
+    step: float
+    count: int
+    at: Whole | None = None
 
     @property
     def layout(self) -> Layout:
@@ -47,13 +52,15 @@ class LongRecord:
 
     def inputs(self, first: int, last: int) -> Array:
         """Return the sampled inputs at knots `first` to `last`, `(last - first, S)`."""
-        knots, grid = np.arange(first, min(last, len(self.grid.t) - 1)), self.grid
+        knots = np.arange(first, min(last, self.count))
         columns = []
         for u in self.sensors.knots[1].values():
-            if self.sensors.experiment.first_order:
-                columns.append(np.interp(grid.t[knots], grid.t[grid.at], u))
+            if self.at is None:
+                columns.append(u[knots])
+            elif self.sensors.experiment.first_order:
+                columns.append(np.interp(knots, self.at, u))
             else:
-                columns.append(u[np.searchsorted(grid.at, knots, side="right") - 1])
+                columns.append(u[np.searchsorted(self.at, knots, side="right") - 1])
         inputs = np.array(columns).reshape(len(columns), len(knots)).T
         beyond = last - first - len(knots)
         return np.concatenate([inputs, np.repeat(inputs[-1:], beyond, axis=0)])
@@ -67,12 +74,12 @@ class LongRecord:
         constants = [value for value in sensors.experiment.constant.values() if value != 0.0]
         matrix = np.zeros((layout.size, layout.size), dtype=Long)
         for row, column, value in layout.entries([*numbers[:p], *constants]):
-            matrix[row, column] += value if row >= x else Long(value) * Long(self.grid.spans[0])
+            matrix[row, column] += value if row >= x else Long(value) * Long(self.step)
         step: LongArray = long_exponential(matrix).astype(kind)
         rows = numbers[p + x :].reshape(-1, x + 1).astype(kind)
         state = numbers[p : p + x].astype(kind)
-        for first in range(0, len(self.grid.t) - 1, PART):
-            last = min(first + PART, len(self.grid.t) - 1)
+        for first in range(0, self.count, PART):
+            last = min(first + PART, self.count)
             inputs = self.inputs(first, last + 1)
             u: LongArray = inputs.astype(kind)
             drive = step[:x, x] + u[:-1] @ step[:x, x + 1 : x + 1 + series].T
@@ -86,14 +93,18 @@ class LongRecord:
         """Yield inputs `(m, S)`, and what the rig leaves of the record `(m, K)`, NaN if not seen."""
         y, first = self.sensors.padded, 0
         for inputs, shown in self.responses(full):
-            here = slice(*np.searchsorted(self.grid.at, [first, first + len(inputs)]))
-            left, at = np.full(shown.shape, np.nan), self.grid.at[here] - first
-            left[at] = y[here] - shown[at]
-            first += len(inputs)
+            last = first + len(inputs)
+            if self.at is None:
+                left = np.asarray(y[first:last] - shown, dtype=np.float64)
+            else:
+                here = slice(*np.searchsorted(self.at, [first, last]))
+                left, at = np.full(shown.shape, np.nan), self.at[here] - first
+                left[at] = y[here] - shown[at]
+            first = last
             yield inputs, left
 
     def signals(self, full: Array) -> Array:
-        """Return the channels `(T, K)` at the samples of a grid without other knots."""
+        """Return the channels `(T, K)` at the knots."""
         parts = [shown for _, shown in self.responses(full, np.float64)]
         return np.concatenate(parts)
 
