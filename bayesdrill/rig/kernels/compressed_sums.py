@@ -21,7 +21,7 @@ from bayesdrill.rig.kernels.lanes import (
     begin_kernel,
     vector,
 )
-from bayesdrill.rig.kernels.rational_basis import ROWS, WHOLE_NUMBERS, BasisShape, Expansion
+from bayesdrill.rig.kernels.rational_basis import ROWS, WHOLE_NUMBERS, BasisExpansion, BasisShape
 
 COUNTS = ("groups", "columns", "triangle")
 BLOCKS = {
@@ -77,7 +77,7 @@ def write_squares(module: ir.Module, shape: BasisShape) -> None:
     span = b.alloca(VEC)
     groups = Loop(b, arguments["groups"], [], "groups")
     walker = b.offset(arguments["walkers"], groups.index, shape.walker_size)
-    expansion = Expansion(b, shape, arguments, arguments["scratch"])
+    expansion = BasisExpansion(b, shape, arguments, arguments["scratch"])
     _call_exponential(b, exponential, walker, arguments["numbers"], span, expansion.e)
     start, rows = _walker_rows(b, shape, (walker,))
     errors = expansion.run(start, rows)
@@ -110,7 +110,7 @@ def _walker_rows(b: Builder, shape: BasisShape, bases: tuple[ir.Value, ...]) -> 
     return start, rows
 
 
-def _subtract_reference(b: Builder, expansion: Expansion, reference: ir.Value) -> None:
+def _subtract_reference(b: Builder, expansion: BasisExpansion, reference: ir.Value) -> None:
     """Leave of coefficients their difference from those of the reference."""
     base = expansion.coefficients.bases[0]
     each = Loop(b, expansion.count, [], "reference")
@@ -121,7 +121,7 @@ def _subtract_reference(b: Builder, expansion: Expansion, reference: ir.Value) -
 
 
 def _store_squares(
-    b: Builder, shape: BasisShape, arguments: dict[str, ir.Value], expansion: Expansion,
+    b: Builder, shape: BasisShape, arguments: dict[str, ir.Value], expansion: BasisExpansion,
     out: ir.Value, residuals: ir.Value | None,
 ) -> None:  # fmt: skip
     """Store the squares of all channels, and `residuals (K, n)` along the functions if wanted."""
@@ -161,7 +161,7 @@ def write_normal(module: ir.Module, shape: BasisShape) -> None:
     groups = Loop(b, arguments["groups"], [], "groups")
     walker = b.offset(arguments["walkers"], groups.index, shape.walker_size)
     scales = b.offset(arguments["scales"], groups.index, k_count)
-    expansion = Expansion(b, shape, arguments, arguments["scratch"])
+    expansion = BasisExpansion(b, shape, arguments, arguments["scratch"])
     residuals = expansion.after
     slopes = b.gep(residuals, [length])  # (q, K, n)
     out = b.offset(
@@ -177,12 +177,12 @@ def write_normal(module: ir.Module, shape: BasisShape) -> None:
     errors = expansion.run(*_walker_rows(b, shape, (walker, along)))
     for k, error in enumerate(errors):
         b.write(error, out, 2 * k + 1)
-    own = b.offset(slopes, directions.index, length)
+    row_slopes = b.offset(slopes, directions.index, length)
     moved = expansion.coefficients.bases[1]
     for k, row, products, rows in _projections(b, shape, arguments, moved):
         for n, product in enumerate(products):
             index = b.add(b.mul(columns, I64(k)), b.add(row, I64(n)))
-            b.store(b.fmul(product, b.read(scales, k)), b.gep(own, [index]), align=8)
+            b.store(b.fmul(product, b.read(scales, k)), b.gep(row_slopes, [index]), align=8)
         rows.close([])
     directions.close([])
     _subtract_reference(b, expansion, arguments["reference"])
@@ -204,12 +204,12 @@ def _store_products(
 ) -> None:
     """Store products `(q,)` of slopes with residuals, and `(q, q)` with those up to each."""
     each = Loop(b, q, [], "each")
-    own = b.offset(slopes, each.index, length)
-    b.store(_inner(b, own, residuals, length), b.gep(out, [each.index]), align=8)
+    row_slopes = b.offset(slopes, each.index, length)
+    b.store(_inner(b, row_slopes, residuals, length), b.gep(out, [each.index]), align=8)
     row = b.gep(out, [b.mul(q, b.add(each.index, I64(1)))])
     pairs = Loop(b, b.add(each.index, I64(1)), [], "pairs")
     other = b.offset(slopes, pairs.index, length)
-    b.store(_inner(b, own, other, length), b.gep(row, [pairs.index]), align=8)
+    b.store(_inner(b, row_slopes, other, length), b.gep(row, [pairs.index]), align=8)
     pairs.close([])
     each.close([])
 

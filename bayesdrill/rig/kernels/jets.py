@@ -26,13 +26,13 @@ class JetArithmetic:
     def add(self, left: Jet, right: Jet, *, sign: int = 1) -> Jet:
         operation = self.b.fadd if sign > 0 else self.b.fsub
         width = max(len(left), len(right))
-        pairs = zip(widened(left, width), widened(right, width), strict=True)
+        pairs = zip(with_slope(left, width), with_slope(right, width), strict=True)
         return tuple(operation(*pair) for pair in pairs)
 
     def dot(self, pairs: Sequence[tuple[Jet, Jet]], total: Jet | None = None) -> Jet:
         """Return a total and the products of all pairs."""
         width = max(len(number) for pair in pairs for number in pair) if pairs else 1
-        value, *slopes = widened(total or self.constant(0.0), max(width, len(total or ())))
+        value, *slopes = with_slope(total or self.constant(0.0), max(width, len(total or ())))
         for left, right in pairs:
             value = self.b.fma(left[0], right[0], value)
             if len(left) > 1:
@@ -90,7 +90,7 @@ class JetArithmetic:
         return [[entry(i, j) for j in range(n)] for i in range(n)]
 
 
-def widened(number: Jet, width: int) -> Jet:
+def with_slope(number: Jet, width: int) -> Jet:
     return (*number, *[vector(0.0)] * (width - len(number)))
 
 
@@ -108,7 +108,7 @@ class JetCells:
         return tuple(self.b.read(base, index) for base in self.bases)
 
     def write(self, number: Jet, index: int) -> None:
-        for base, part in zip(self.bases, widened(number, len(self.bases)), strict=True):
+        for base, part in zip(self.bases, with_slope(number, len(self.bases)), strict=True):
             self.b.write(part, base, index)
 
     def read_matrix(self, n: int) -> Matrix:

@@ -21,7 +21,7 @@ from dataclasses import dataclass
 from llvmlite import ir
 
 from bayesdrill.rig.kernels.exponential import Layout
-from bayesdrill.rig.kernels.jets import Jet, JetArithmetic, JetCells, Jets, Matrix, widened
+from bayesdrill.rig.kernels.jets import Jet, JetArithmetic, JetCells, Jets, Matrix, with_slope
 from bayesdrill.rig.kernels.lanes import (
     I64,
     Builder,
@@ -58,8 +58,8 @@ class BasisShape:
     @property
     def text(self) -> str:
         """See `Structure`."""
-        own = (self.poles, self.integrators, self.channels, self.impulse, self.tangent)
-        return f"{own} {self.layout.text}"
+        shape = (self.poles, self.integrators, self.channels, self.impulse, self.tangent)
+        return f"{shape} {self.layout.text}"
 
     @property
     def states(self) -> int:
@@ -118,7 +118,7 @@ class BasisShape:
 
     @property
     def frame_size(self) -> int:
-        """Numbers of the frame, see `Frame`."""
+        """Numbers of the frame, see `ModalFrame`."""
         first = self.layout.n_series
         return 2 * self.states**2 + len(self.sources) + first + COUNT * len(self.poles)
 
@@ -171,7 +171,7 @@ class PoleNumbers:
 COUNT = 8  # numbers of a pole
 
 
-class Frame:
+class ModalFrame:
     """Numbers that all walkers share: modal coordinates, sizes of inputs, poles."""
 
     def __init__(self, b: Builder, shape: BasisShape, block: ir.Value) -> None:
@@ -204,14 +204,14 @@ class Frame:
         return [(self._number(4, COUNT * index + n),) for n in range(COUNT)]
 
 
-class Expansion:
+class BasisExpansion:
     """The code that expands the response of a group of walkers, with slopes where it has a tangent."""
 
     def __init__(
         self, b: Builder, shape: BasisShape, arguments: dict[str, ir.Value], scratch: ir.Value
     ) -> None:
         self.b, self.shape, self.a = b, shape, JetArithmetic(b)
-        self.frame = Frame(b, shape, arguments["frame"])
+        self.frame = ModalFrame(b, shape, arguments["frame"])
         self.orders, self.columns = arguments["orders"], arguments["columns"]
         jets = 2 if shape.tangent else 1
         self.e = scratch
@@ -369,7 +369,7 @@ class Expansion:
         return column, a.apply(over, following)
 
     def _flat(self, x: Jets) -> list[ir.Value]:
-        return [part for number in x for part in widened(number, self._width)]
+        return [part for number in x for part in with_slope(number, self._width)]
 
     def _jets(self, parts: list[ir.Value]) -> Jets:
         width = self._width

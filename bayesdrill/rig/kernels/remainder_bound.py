@@ -14,7 +14,7 @@ TURNS = 3  # of coordinates towards a walker's own modes
 
 
 class RemainderBound:
-    """A bound of what the functions leave: the walker's own response to what is left as its input.
+    """A bound of what the functions leave: the walker's index response to what is left as its input.
 
     Of blocks of modal coordinates, |(z - T)^-1| <= 1 / (1 - |T|) on the unit circle.  What blocks do to
     each other, at most Q, is summed to (1 - Q)^-1, which is no bound unless it has no negative entry.
@@ -39,14 +39,14 @@ class RemainderBound:
         gains = [
             self._gain([[entries[i][j] for j in block] for i in block]) for block in self._blocks
         ]
-        one = vector(1.0)
+        unit = vector(1.0)
         remaining: Matrix = []
-        for own, block in enumerate(self._blocks):
+        for index, block in enumerate(self._blocks):
             row = []
             for other, columns in enumerate(self._blocks):
                 sums = [self._sum(b.absolute(entries[i][j]) for j in columns) for i in block]
-                share = b.fneg(b.fmul(gains[own], self._length(sums)))
-                row.append((one if own == other else share,))
+                share = b.fneg(b.fmul(gains[index], self._length(sums)))
+                row.append((unit if index == other else share,))
             remaining.append(row)
         series = [[number[0] for number in row] for row in a.inverted(remaining)]
         fine = b.fcmp_ordered(">", gains[0], vector(0.0))
@@ -85,12 +85,12 @@ class RemainderBound:
 
     def _gain(self, block: list[list[ir.Value]]) -> ir.Value:
         """Return 1 / (1 - |T|), negative or infinite where |T| is not below one."""
-        b, one = self._b, vector(1.0)
+        b, unit = self._b, vector(1.0)
         if len(block) == 1:
-            size = b.absolute(b.fadd(one, block[0][0]))
+            size = b.absolute(b.fadd(unit, block[0][0]))
         else:
             (p, q), (r, s) = block
-            p, s = b.fadd(one, p), b.fadd(one, s)
+            p, s = b.fadd(unit, p), b.fadd(unit, s)
             squares = self._sum(b.fmul(part, part) for part in (p, q, r, s))
             half = b.fmul(vector(0.5), squares)
             product = b.fsub(b.fmul(p, s), b.fmul(q, r))
@@ -98,7 +98,7 @@ class RemainderBound:
             positive = b.fcmp_ordered(">", inner, vector(0.0))
             inner = b.select(positive, inner, vector(0.0))
             size = b.root(b.fadd(half, b.root(inner)))
-        return b.fdiv(one, b.fsub(one, size))
+        return b.fdiv(unit, b.fsub(unit, size))
 
     def _sum(self, parts: Iterable[ir.Value]) -> ir.Value:
         total = vector(0.0)

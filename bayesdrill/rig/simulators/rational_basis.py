@@ -96,10 +96,10 @@ def choose_basis(rates: Array, dt: float, left: float) -> Basis:
         raise NoBasisError("two of its poles are one")
     d = shared.shape[1]
     inner = (duals @ falls @ vectors)[:, d:, d:]
-    found = np.linalg.eigvals(inner)
-    if (np.abs(1.0 + found) >= 1.0).any():
+    values = np.linalg.eigvals(inner)
+    if (np.abs(1.0 + values) >= 1.0).any():
         raise NoBasisError("a mode of the rig does not decay")
-    return Basis(tuple(_chosen(modes, found, left)), d, vectors, duals)
+    return Basis(tuple(_chosen(modes, values, left)), d, vectors, duals)
 
 
 def _shared_integrators(rates: Array) -> Array:
@@ -154,9 +154,9 @@ def _pair(fall: Array, both: Array) -> Array:
     return np.asarray(plane @ turned @ np.diag([1.0, min(narrow, 1.0)]))
 
 
-def _chosen(poles: list[tuple[str, complex]], found: Array, left: float) -> Iterator[Pole]:
+def _chosen(poles: list[tuple[str, complex]], values: Array, left: float) -> Iterator[Pole]:
     """Yield the poles of the functions: each amid those of the rigs that are nearest to its mode."""
-    flat = found.ravel()
+    flat = values.ravel()
     nearest = np.argmin([_passed(kind, mu, flat) for kind, mu in poles], axis=0)
     for index, (kind, mu) in enumerate(poles):
         mine = flat[nearest == index] if (nearest == index).any() else np.array([mu])
