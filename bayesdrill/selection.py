@@ -1,6 +1,4 @@
-"""Candidate models of a record: configs that differ from one in a thing each, from the simple to
-the rich.
-"""
+"""Candidate models of a record: configs that differ from one in a thing each."""
 
 from __future__ import annotations
 
@@ -169,7 +167,9 @@ LEAST, LONGEST = 3.0, 3.0  # samples, and of the record: the time of a missing t
 
 @dataclass(frozen=True, slots=True)
 class CandidateModel:
-    """`parts`: names of what it has beside the config as given; `output`: what that wants drawn;
+    """A candidate model, as the config that has it.
+
+    `parts`: names of what it has beside the config as given; `output`: what that wants drawn;
     `lines`: of a config, that say so; `table`: the record, where it is in no file.
     """
 
@@ -181,10 +181,12 @@ class CandidateModel:
 
     @property
     def name(self) -> str:
+        """Its name: parts with dashes between."""
         return rung_name(self.parts)
 
     @property
     def about(self) -> str:
+        """What it has beside the config as given, in words."""
         return " and ".join(map(about_part, self.parts)) if self.parts else ABOUT[GIVEN]
 
     def job(self) -> Job:
@@ -201,6 +203,7 @@ def about_part(part: str) -> str:
 
 
 def rung_name(parts: Sequence[str]) -> str:
+    """Return the name of a candidate with these parts."""
     return "-".join(parts) or GIVEN
 
 
@@ -216,9 +219,11 @@ def _possible(parts: Sequence[str]) -> bool:
 
 @dataclass(frozen=True, slots=True)
 class CandidateModels:
-    """Rungs of the config of `job`; `sizes`: what a parameter would be if it did as much as all else;
-    `speeds`: the largest speeds of rotor 1 and of the motor, where friction may act; `gear`: of rungs
-    with another one, times that which is given.
+    """Candidate models of the config of `job`.
+
+    `sizes`: what a parameter would be if it did as much as all else; `speeds`: the largest speeds of
+    rotor 1 and of the motor, where friction may act; `gear`: of candidates with another one, times that
+    which is given.
     """
 
     job: Job
@@ -247,6 +252,7 @@ class CandidateModels:
 
     @property
     def roles(self) -> Roles:
+        """The roles of the rig."""
         return self.job.problem.model.roles
 
     def rungs(self, every: Iterable[tuple[str, ...]]) -> list[CandidateModel]:

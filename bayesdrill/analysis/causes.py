@@ -76,9 +76,9 @@ def refit_candidate(
     least: float,
     alone: Mapping[str, float] = MappingProxyType({}),
 ) -> RefitMaximum | None:
-    """The maximum of `posterior`, from `near`: values of those of its unknowns that are known; and from
-    values where what is new was `alone`.
+    """Refit a candidate: return the maximum of its `posterior`.
 
+    It starts at `near`, values of unknowns that are known, and at values where what is new was `alone`.
     None where it has no finite response there.  One that promises no more than the log density
     `least` is not followed to its very end.  The log evidence is that of a Gaussian with the
     curvature at the maximum; the priors count in it as Gaussians of their spread, so that a

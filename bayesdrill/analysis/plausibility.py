@@ -184,8 +184,8 @@ def _energy_of_draws(
     )
     yield (
         f"energy: {k_T} is more than {100 * APPRECIABLE:g} % above {k_e} in {_percent(share)} of "
-        f"the draws (median ratio {np.median(ratio):.3g}), where the motor would give more power than "
-        f"it takes up{whence}"
+        f"the draws (median ratio {np.median(ratio):.3g}). Such a motor would give more power than it "
+        f"takes up, which none does{whence}"
     )
 
 

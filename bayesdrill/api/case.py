@@ -61,10 +61,12 @@ class Channel(Value):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Input(Value):
-    """A measured input: `values (T,)` in `unit`, between samples held (`zero`) or straight (`first`); by
-    default an angle is straight, and all else is held.
+    """A measured input: `values (T,)` in `unit`.
 
         bd.Input(v, "V")
+
+    Between samples it is held (`hold="zero"`) or straight (`first`); by default an angle is straight,
+    and all else is held.
 
     `gain`, `offset`, `lag`: as of a `Channel`.  What is wrong with it `case` says.
     """

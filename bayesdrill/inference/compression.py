@@ -126,8 +126,9 @@ def nearby(posterior: Posterior, maxima: Array) -> Array:
 
 
 def _about(posterior: Posterior, theta: Array) -> Array:
-    """Return points `(n, D)` about a maximum, which the record cannot tell
-    from it much; priors do not matter, as functions are chosen for rigs that do alike.
+    """Return points `(n, D)` about a maximum, near enough for rigs to do alike.
+
+    Priors do not matter, nor do directions in which the record cannot tell rigs apart.
     """
     rng = np.random.default_rng(0)
     u = posterior.coordinates.from_physical(theta[None])

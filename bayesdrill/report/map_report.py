@@ -27,6 +27,8 @@ TABLE, PAGE = "map.csv", "map.md"
 
 @dataclass(frozen=True)
 class MapReport:
+    """What is said of a maximum alone: sections, texts, figures and a page."""
+
     problem: Problem
     config: Config
     mode: Mode
@@ -60,6 +62,7 @@ class MapReport:
 
     @cached_property
     def sections(self) -> tuple[Section, ...]:
+        """Return the sections of its page."""
         table = self.problem.compared_with
         read = Note(f"`dev. %` is the deviation of the MAP from the nominal value ({table}).")
         units, clock = self.problem.units, self.problem.clock

@@ -1,6 +1,4 @@
-"""What is said of a finished run or of a maximum alone: sections in the order in which they are
-read.
-"""
+"""Write what is said of a finished run or of a maximum alone, in the order of reading."""
 
 from __future__ import annotations
 
@@ -56,7 +54,7 @@ def run_marks(run: ReportContext) -> tuple[Badge, ...]:
     if any(summary.unbelievable for summary in run.analysis.fit):
         fit = Badge("does not fit", "bad")
     elif like_noise(run.analysis.fit):
-        fit = Badge("fits: noise is left", "good")
+        fit = Badge("fits: the rest looks like noise", "good")
     if run.reasons:
         plain = [
             replace(summary, tone="plain") if summary.tone == "good" else summary
@@ -302,6 +300,7 @@ DECADES = 1.5  # from which on a range that is flat in logs is drawn so
 
 
 def bars(rows: Sequence[ParameterRow], priors: Mapping[str, Prior]) -> tuple[IntervalBar, ...]:
+    """Return an interval bar for each unknown."""
     return tuple(_bar(row, priors[row.name]) for row in rows)
 
 

@@ -240,8 +240,9 @@ def _misfit(problem: Problem) -> str:
 
 
 def maxima(mode: Mode, weights: NDArray[np.float64] | None, units: DisplayUnits) -> str:
-    """Where the posterior has several maxima, and how much of it each holds, `weights (M,)`; empty for
-    one.
+    """Say where the posterior has several maxima, and how much of it each holds; empty for one.
+
+    `weights (M,)`: shares of the maxima.
     """
     if not mode.others or weights is None:
         return ""

@@ -1,5 +1,5 @@
-"""What the commands do, one module each: posterior, map, identify, calibrate, compare, ladder,
-verify.
+"""What the commands do, one module each.
 
-`api` and `cli` call these. Nothing here parses an argument or prints.
+These are posterior, map, identify, calibrate, compare, ladder and verify.  `api` and `cli` call
+them.  Nothing here parses an argument or prints.
 """

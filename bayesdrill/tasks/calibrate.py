@@ -42,6 +42,8 @@ RANKS = "ranks.csv"
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CalibrationOutcome:
+    """What a calibration has found, and its folder."""
+
     folder: Path
     verdict: CalibrationVerdict
     refits: tuple[Refit, ...]
@@ -72,6 +74,7 @@ def prepare(path: Path) -> Job:
 
 
 def study(job: Job) -> CalibrationStudy:
+    """Return the study that a config asks for."""
     settings = job.config.calibration
     targets = Targets(r_hat=job.config.sampler.r_hat, n_tau=settings.n_tau, ess=settings.ess)
     plan = fit_plan(job)
@@ -90,8 +93,9 @@ def calibrate(
     crew: RefitExecutor,
     report: Reporter,
 ) -> CalibrationOutcome:
-    """The whole job. Raises `Interrupted` when asked to stop, and `BrokenProcessPool` when a worker
-    was killed; refits that are done are saved.
+    """Run the whole job; refits that are done are saved.
+
+    Raises `Interrupted` when asked to stop, and `BrokenProcessPool` when a worker was killed.
     """
     settings = job.config.calibration
     # A refit does not depend on how many there are: a calibration can be extended.
@@ -146,6 +150,7 @@ def run(
 
 
 def save(folder: Path, refit: Refit) -> None:
+    """Save a refit in a file of its own."""
     output_files.write_text(
         folder / f"{refit.index:06d}.json", dumps_checksummed(dataclasses.asdict(refit))
     )

@@ -1,6 +1,4 @@
-"""Several runs side by side, or as models of one record: what is read of each, and the folder of
-what they say.
-"""
+"""Compare runs side by side, or as models of one record, and write a folder of what they say."""
 
 from __future__ import annotations
 
@@ -64,10 +62,10 @@ FORMS: Mapping[str, Form] = MappingProxyType({form.name: form for form in (OVERL
 
 
 def report(form: Form, runs: Sequence[NamedRun]) -> ComparisonReport:
-    """The runs side by side or, as models of one record, held against the first; in the units of the
-    first that has any.
+    """Return the runs side by side or, as models of one record, held against the first.
 
-    Raises `InputError` where a model is of another record, or has no evidence.
+    Units are those of the first run that has any.  Raises `InputError` where a model is of another
+    record, or has no evidence.
     """
     units = overlay_units([run.run.job for run in runs])
     if form is OVERLAID:
@@ -92,8 +90,9 @@ def overlay_units(jobs: Sequence[Job]) -> DisplayUnits:
 def overlay_layer(
     name: str, run: SampledRun, units: DisplayUnits, fit: tuple[ResidualSummary, ...] | None = None
 ) -> PosteriorSummary:
-    """A run under the name that it has among others, its settings in these units; `fit`: its residuals,
-    where they are known.
+    """Return a run under the name that it has among others, its settings in these units.
+
+    `fit`: its residuals, where they are known.
     """
     job, sampled, fit = run.job, run.sampled, residuals(run) if fit is None else fit
     return PosteriorSummary(
@@ -133,6 +132,7 @@ def distinct(names: Sequence[str]) -> list[str]:
 
 
 def default_folder(form: Form, names: Sequence[str]) -> Path:
+    """Return the folder of a comparison that is given none."""
     return Path("results") / (form.prefix + "-".join(names))[:LONGEST]
 
 

@@ -52,7 +52,9 @@ def concluded(
     explained: Causes | None = None,
     kept: RunAnalysis | None = None,
 ) -> ReportContext:
-    """`scenery`: of the job's likelihood, where there is one already; `alone`: no other model of the
+    """Evaluate all that is said of a run, and return what its report needs.
+
+    `scenery`: of the job's likelihood, where there is one already; `alone`: no other model of the
     record is tried beside it; `explained`: the causes of a bad fit, which are looked for otherwise;
     `kept`: what was evaluated before.
     """
@@ -70,8 +72,9 @@ def concluded(
 def causes(
     job: Job, mode: Mode, submit: ranking.Submit | None = None, report: Reporter = SILENT
 ) -> Causes | None:
-    """What would explain what the maximum `mode` leaves, in whose steps the job is; None where only
-    noise is left.  `submit`: to other processes, or in this one.
+    """Return what would explain what the maximum `mode` leaves; None where only noise is left.
+
+    The job is in the steps of that mode.  `submit`: to other processes, or in this one.
     """
     posterior = job.problem.posterior
     left = residual_checks.residual_summaries(
@@ -127,6 +130,7 @@ def kept_analysis(
 
 
 def plan(config: Config) -> Plan:
+    """Return how a config samples."""
     sampler = config.sampler
     return Plan(
         ensembles=sampler.ensembles,

@@ -1,6 +1,4 @@
-"""The search for the MAP as a config asks for it, and the folder of a maximum: its values, what it
-predicts of the record, and the fit.
-"""
+"""Search for the MAP as a config asks for it, and write the folder of a maximum."""
 
 from __future__ import annotations
 
@@ -39,6 +37,7 @@ def check_place(output: Path, *, force: bool) -> None:
 
 
 def report(job: Job, mode: Mode) -> MapReport:
+    """Return the report of a maximum."""
     return MapReport(job.with_steps_at(mode).problem, job.config, mode)
 
 
@@ -121,8 +120,9 @@ def misfit(job: Job, mode: Mode) -> str:
 def explain(
     job: Job, mode: Mode, submit: ranking.Submit, report: Reporter
 ) -> tuple[Causes | None, str]:
-    """The causes of what the maximum `mode` leaves, and what is said of them; None and nothing where
-    only noise is left.
+    """Return the causes of what the maximum `mode` leaves, and what is said of them.
+
+    None and nothing where only noise is left.
     """
     explained = causes(job.with_steps_at(mode), mode, submit, report)
     report.update(1.0, "")
@@ -133,6 +133,7 @@ MAP_FILE = "map.json"
 
 
 def write_mode(folder: Folder, mode: Mode) -> None:
+    """Write `map.json`."""
     folder.write_text(MAP_FILE, dumps_checksummed({"run": folder.run, **dataclasses.asdict(mode)}))
 
 

@@ -41,6 +41,7 @@ class Findings(Value):
 
     @property
     def text(self) -> str:
+        """All that it says, for the terminal."""
         parts = [words.full(self.study)]
         parts += fit_words.moment(self.moment)
         if self.profiles:

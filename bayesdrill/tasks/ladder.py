@@ -1,6 +1,4 @@
-"""A ladder of models of one record: candidates ranked at their maxima, and the best of them sampled,
-each a run of its own, and compared.
-"""
+"""Rank candidate models of one record at their maxima, and sample and compare the best of them."""
 
 from __future__ import annotations
 
@@ -41,7 +39,9 @@ STEPS = 400  # of a walker, as a posterior of one maximum usually takes
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LadderOutcome:
-    """`rungs`: those that were run, in the order of `report.models`; `left_out`: why others were not;
+    """What a ladder has found.
+
+    `rungs`: those that were run, in the order of `report.models`; `left_out`: why others were not;
     `recommended`: one of them, whose config is at `config`.
     """
 
@@ -127,8 +127,9 @@ class _Sampling:
         run_jobs(self.pool, _fit, tasks, finish, self.folder.path, self.report)
 
     def _ranked(self) -> dict[str, Any]:
-        """Parts of the candidates, the most probable first, the config as given among them; and what
-        makes them: sizes, speeds, the gear.
+        """Return parts of the candidates, the most probable first, and what makes them.
+
+        The config as given is among them; sizes, speeds and the gear make them.
         """
         job = self.job
         mode = self.pool.submit(search, job.problem.posterior, fit_plan(job)).result()

@@ -1,6 +1,4 @@
-"""The ranking of candidate models: each refitted from the maximum, alone and beside others, as long as
-the evidence grows.
-"""
+"""Rank candidate models: refit each from the maximum, alone and beside others that gain evidence."""
 
 from __future__ import annotations
 
@@ -54,10 +52,10 @@ class Ranking:
 
 
 def rank(job: Job, maximum: Mapping[str, float], submit: Submit, report: Reporter) -> Ranking:
-    """Refit all candidate models of `job` from its maximum: each part by itself, pairs of the best, and
-    as long as it gets better what else gained, beside the best.
+    """Refit all candidate models of `job` from its maximum.
 
-    `submit` does `causes.refit_candidate` in this process or another.
+    First each part by itself and pairs of the best; then, as long as it gets better, what else gained
+    beside the best.  `submit` does `causes.refit_candidate` in this process or another.
     """
     given = submit(refit_candidate, job.problem.posterior, maximum, -math.inf).result()
     ranking = _Ranking(job, maximum, given, submit, report)
@@ -66,7 +64,9 @@ def rank(job: Job, maximum: Mapping[str, float], submit: Submit, report: Reporte
 
 
 class _Ranking:
-    """`given`: the refit of the config as it is; `causes_by_parts`: candidates that were refitted;
+    """A ranking under way.
+
+    `given`: the refit of the config as it is; `causes_by_parts`: candidates that were refitted;
     `seconds`: that an evaluation of each takes; `values`: its unknowns at the maximum; `left_out`: why
     others could not be refitted.
     """
@@ -114,8 +114,9 @@ class _Ranking:
         return dataclasses.replace(causes, windows=self._windows())
 
     def _climb(self, first: Sequence[str]) -> None:
-        """As long as it gets better, try what gained by itself beside the best, and then all else; then
-        the best without each of its parts.
+        """Try what gained by itself beside the best, and then all else, as long as it gets better.
+
+        At last try the best without each of its parts.
         """
         singles = [rung.parts[0] for rung in self.ladder.singles() if not {*rung.parts} & CATCH_ALL]
         for more in ((*first[:FEW], *PHYSICS), singles):

@@ -117,9 +117,11 @@ class RefitExecutor(Executor):
     def submit[**P, T](
         self, function: Callable[P, T], /, *arguments: P.args, **named: P.kwargs
     ) -> Future[T]:
+        """Submit `function(...)` and return its future."""
         return self._pool.submit(function, *arguments, **named)
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
+        """Shut the workers down; see `concurrent.futures.Executor`."""
         self._pool.shutdown(wait, cancel_futures=cancel_futures)
 
     def watch(self, say: Callable[[str], None]) -> str:

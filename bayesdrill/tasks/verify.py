@@ -35,8 +35,10 @@ UP_TO_SIGNS = "judged.study.information.root"  # of its rows, which libraries ch
 
 @dataclass(frozen=True, slots=True)
 class Verified:
-    """`problems`: each file that does not belong to the run, and why; `checked`: how many do;
-    `what`: which things belong together, and what `follows` from them.
+    """Whether the files of a folder belong together.
+
+    `problems`: each file that does not belong to the run, and why; `checked`: how many do; `what`:
+    which things belong together, and what `follows` from them.
     """
 
     folder: Path
@@ -48,10 +50,12 @@ class Verified:
 
     @property
     def together(self) -> bool:
+        """Whether all files belong together."""
         return not self.problems
 
     @property
     def said(self) -> str:
+        """What was found, in words."""
         if self.together:
             files = f"{self.what} and {self.checked} files belong together"
             numbers = f", and so do the {self.numbers} numbers of {output_files.RUN}"

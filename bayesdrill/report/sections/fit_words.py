@@ -1,6 +1,4 @@
-"""The fit for readers: its signals in the units of the user, what is left, and what would explain
-it.
-"""
+"""Write what the fit says: its signals in the user's units, what it leaves, what would explain it."""
 
 from __future__ import annotations
 
@@ -35,10 +33,10 @@ TIME = Symbol("t", "s", "t", "s", "time")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Signal:
-    """A channel: measured (NaN where it was not) and modelled `(T,)`, `predictive (N, T)` with noise,
-    or None where there are no draws; `sigma` of the noise.
+    """A channel, measured (NaN where it was not) and modelled `(T,)`.
 
-    `share`: what the model leaves, of the channel's spread; NaN where it has none.
+    `predictive (N, T)`: with noise, None where there are no draws; `sigma`: of the noise; `share`: what
+    the model leaves, of the channel's spread; NaN where it has none.
     """
 
     label: Symbol
@@ -60,8 +58,10 @@ class Course:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Fit:
-    """At times `t (T,)`; each in the unit of its label.  `constant`: inputs that do not change; `rubs`:
-    frictions; `label`: of the experiment, where there are several.
+    """The fit of an experiment at times `t (T,)`, each part in the unit of its label.
+
+    `constant`: inputs that do not change; `rubs`: frictions; `label`: of the experiment, where there
+    are several.
     """
 
     t: Array
@@ -144,8 +144,10 @@ def prediction_csv(problem: Problem, theta: Array) -> dict[str, str]:
 
 
 def _prediction(observation: Observation, full: Array) -> str:
-    """A line for each sample: time, each channel as measured and as predicted without noise, and the
-    inputs; the head of a column has its unit, as in `w_1 measured [rpm]`.
+    """Return a CSV with a line for each sample.
+
+    It has time, each channel as measured and as predicted without noise, and the inputs; the head of a
+    column has its unit, as in `w_1 measured [rpm]`.
     """
     experiment, signals, unit = (
         observation.experiment,
@@ -301,8 +303,9 @@ def explained(causes: Causes | None) -> str:
 
 
 def candidates(causes: Causes | None) -> tuple[Sentences | Table | Plain, ...]:
-    """What would explain what the fit leaves: candidates, best first, the lines of a config that say the
-    best, and what to do next; for a page.
+    """Return what would explain what the fit leaves, for a page.
+
+    These are candidates, best first, the lines of a config that say the best, and what to do next.
     """
     if causes is None:
         return ()

@@ -1,6 +1,4 @@
-"""What follows from the unknowns: derived quantities, energy and friction, in names, tables and as
-data.
-"""
+"""Write what follows from the unknowns: derived quantities, energy and friction."""
 
 from __future__ import annotations
 
@@ -224,6 +222,7 @@ def energy_balance(account: EnergyAccount, model: Model, clock: Unit) -> Balance
 
 
 def energy_note(summary: EnergySummary, model: Model) -> str:
+    """Explain the table of energies."""
     left = (
         f", but {100 * summary.left:.2g} % of it is in neither, because of steps in which a speed "
         "changes its sign: finer steps are `model: {pieces: ...}`"
@@ -255,8 +254,9 @@ def speed_symbol(state: str, roles: Roles) -> Symbol:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FrictionCourse:
-    """A friction over time: at the MAP `effort (T,)`, its `band (2, T)` where there are draws, and the
-    times between which it `sticks`.
+    """A friction over time: `effort (T,)` at the MAP.
+
+    `band (2, T)`: where there are draws; the rotor `sticks` between these times.
     """
 
     label: Symbol
@@ -267,8 +267,9 @@ class FrictionCourse:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LawShown:
-    """A friction over its speeds `(G,)`: at the MAP, with its band over draws `(2, G)`, and by nominal
-    values, where all of it has one; `seen (T,)`: the speeds of the record.
+    """A friction over its speeds `(G,)`: at the MAP, with its band over draws `(2, G)`.
+
+    Also by nominal values, where all of it has one; `seen (T,)`: the speeds of the record.
     """
 
     speed: Symbol
@@ -408,4 +409,5 @@ def _about(times: float) -> str:
 
 
 def listed(names: Sequence[str]) -> str:
+    """Join names with commas, and the last with *and*."""
     return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"

@@ -39,8 +39,9 @@ TURN = {
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Against:
-    """What a torque may follow: `values (T,)`, and by `centres (B,)` of bins its means `(B,)`,
-    with a `band (2, B)` of the means of draws.
+    """What a torque may follow: `values (T,)`.
+
+    By `centres (B,)` of bins: the torque's means `(B,)`, with a `band (2, B)` of the means of draws.
     """
 
     label: Symbol
@@ -63,6 +64,7 @@ class TorqueShown:
 
 
 def torque_shown(torque: TorqueEstimate, clock: Unit) -> TorqueShown:
+    """Return what a figure shows of a missing torque, in the units of its clock."""
     return TorqueShown(
         t=torque.t / clock.factor,
         time=dataclasses.replace(TIME, latex_unit=clock.latex),
@@ -120,6 +122,7 @@ READ = (
 
 
 def torque_sentence(summary: TorqueSummary) -> str:
+    """Say how large a missing torque is, and how well it is known."""
     of = f" in {summary.label}" if summary.label else ""
     return (
         f"missing torque{of}: {WHERE[summary.at]} {summary.low:.3g} to {summary.high:.3g} N m in 94 % "
@@ -175,21 +178,25 @@ def _line(summary: TorqueSummary, law: TorqueRegression) -> str:
     size, sd = abs(law.size), f"{law.sd:.1g}"
     against = law.size < 0
     turning = summary.turning
-    still = f" where it turns, in {100 * turning:.0f} % of the samples," if turning < FULL else ""
-    share = f"which{still} explains {100 * law.share:.0f} % of it by itself"
-    said = f"missing torque: it follows {_what(summary, law)}, {share}"
+    still = (
+        f" That counts the {100 * turning:.0f} % of the samples in which it turns."
+        if turning < FULL
+        else ""
+    )
+    share = f"That alone explains {100 * law.share:.0f} % of the torque.{still}"
+    said = f"missing torque: it follows {_what(summary, law)}. {share} It looks like"
     if law.kind == "sign" and against:
-        said += f": dry friction {AT[summary.at]} of {size:.3g} N m (sd {sd})"
+        said += f" dry friction {AT[summary.at]} of {size:.3g} N m (sd {sd})"
     elif law.kind == "speed" and against:
-        said += f": viscous damping {AT[summary.at]} of {size:.3g} N m s/rad (sd {sd})"
+        said += f" viscous damping {AT[summary.at]} of {size:.3g} N m s/rad (sd {sd})"
     else:
-        said += f": {law.size:.3g} {UNITS[law.kind]} (sd {sd})"
+        said += f" {law.size:.3g} {UNITS[law.kind]} (sd {sd})"
     here = summary.roles.at(summary.at)  # what a config names in the place of the torque
     name = {"sign": here.sliding, "speed": here.damping}.get(law.kind)
     if name is None or law.of != here.speed or not against:
         return said
     prior = f"{{prior: log_uniform, low: {size / WIDE:.2g}, high: {size * WIDE:.2g}}}"
-    return f"{said}; to have it in the equations, write `parameters: {{{name}: {prior}}}`"
+    return f"{said}. To have it in the equations, write `parameters: {{{name}: {prior}}}`"
 
 
 UNITS = {
@@ -242,6 +249,7 @@ def stand_ins(study: IdentifiabilityStudy) -> str:
 
 
 def torque_table(summary: TorqueSummary) -> Table:
+    """Return what each channel leaves with and without the torque."""
     lines = []
     for course in summary.courses:
         sizes = (course.without, course.left, course.moved)

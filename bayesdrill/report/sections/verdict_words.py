@@ -147,10 +147,10 @@ VERDICT_EXPLAINED = (
 
 
 _HOLDS = (
-    "the config holds it fixed; with another number these would be others, and the record would look "
-    "the same. A prior instead shows what the record tells by itself"
+    "which the config holds fixed. If that is wrong by some factor, they are wrong too, and the fit is "
+    "as good. A prior in its place shows what the record tells by itself"
 )
-_LEANS = "the record by itself tells little but ratios"
+_LEANS = "as the record by itself tells little but ratios"
 
 _NONE = "verdict: none, because {}. The numbers may be wrong."
 
@@ -269,7 +269,8 @@ def _resting(verdict: Verdict, rests: Sequence[DependsOnFixed]) -> list[str]:
                 )
                 lines.setdefault(basis, []).append(quantity_name(verdict, q))
     return [
-        f"These depend on {on}: {', '.join(names)} ({why})." for (on, why), names in lines.items()
+        f"{listed(names)} {'depend' if len(names) > 1 else 'depends'} on {on}, {why}."
+        for (on, why), names in lines.items()
     ]
 
 
@@ -297,13 +298,13 @@ def _not_determined(verdict: Verdict) -> list[str]:
     if blind:
         lines.append(
             f"Not determined by themselves: {', '.join(blind)}. No record of these channels can tell "
-            "them apart: changed together, they leave every measured signal as it is. Only their "
-            "products count."
+            "them apart: some of them can be multiplied by one factor, and no measured signal changes. "
+            "Only their products count."
         )
     if weak:
         lines.append(
-            f"Not determined: {', '.join(weak)}. This record leaves them mostly to the prior. A longer "
-            "or cleaner one could show them."
+            f"Not determined: {', '.join(weak)}. This record says almost nothing about them: their "
+            "values are mostly those of the prior. A longer or cleaner record could show them."
         )
     return lines
 
@@ -363,4 +364,5 @@ def _sigmas(x: float) -> str:
 
 
 def quantity_name(verdict: Verdict, quantity: Quantity) -> str:
+    """Return the name of a product, such as `k_s/j_1`."""
     return product(verdict.names, quantity.exponents)

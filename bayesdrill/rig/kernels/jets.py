@@ -21,9 +21,11 @@ class JetArithmetic:
     b: Builder
 
     def constant(self, value: float) -> Jet:
+        """Return a number that all lanes have."""
         return (vector(value),)
 
     def add(self, left: Jet, right: Jet, *, sign: int = 1) -> Jet:
+        """Return a sum, or with `sign=-1` a difference."""
         operation = self.b.fadd if sign > 0 else self.b.fsub
         width = max(len(left), len(right))
         pairs = zip(with_slope(left, width), with_slope(right, width), strict=True)
@@ -42,12 +44,15 @@ class JetArithmetic:
         return (value, *slopes)
 
     def times(self, left: Jet, right: Jet) -> Jet:
+        """Return a product."""
         return self.dot([(left, right)])
 
     def minus(self, number: Jet) -> Jet:
+        """Return the negative."""
         return tuple(self.b.fneg(part) for part in number)
 
     def inverse(self, number: Jet) -> Jet:
+        """Return one over a number."""
         value = self.b.fdiv(vector(1.0), number[0])
         if len(number) == 1:
             return (value,)
@@ -55,9 +60,11 @@ class JetArithmetic:
         return value, self.b.fneg(self.b.fmul(square, number[1]))
 
     def apply(self, matrix: Matrix, x: Jets) -> Jets:
+        """Return a matrix times a vector."""
         return [self.dot(list(zip(row, x, strict=True))) for row in matrix]
 
     def product(self, left: Matrix, right: Matrix) -> Matrix:
+        """Return the product of two matrices."""
         columns = [list(column) for column in zip(*right, strict=True)]
         turned = [self.apply(left, column) for column in columns]
         return [list(row) for row in zip(*turned, strict=True)]
@@ -91,6 +98,7 @@ class JetArithmetic:
 
 
 def with_slope(number: Jet, width: int) -> Jet:
+    """Return a number with a slope, zero where it has none, if `width` is two."""
     return (*number, *[vector(0.0)] * (width - len(number)))
 
 
@@ -105,15 +113,19 @@ class JetCells:
         return JetCells(self.b, tuple(self.b.gep(base, [offset]) for base in self.bases))
 
     def read(self, index: int) -> Jet:
+        """Load a number."""
         return tuple(self.b.read(base, index) for base in self.bases)
 
     def write(self, number: Jet, index: int) -> None:
+        """Store a number."""
         for base, part in zip(self.bases, with_slope(number, len(self.bases)), strict=True):
             self.b.write(part, base, index)
 
     def read_matrix(self, n: int) -> Matrix:
+        """Load a square matrix, row by row."""
         return [[self.read(i * n + j) for j in range(n)] for i in range(n)]
 
     def write_matrix(self, matrix: Matrix) -> None:
+        """Store a matrix, row by row."""
         for index, number in enumerate(entry for row in matrix for entry in row):
             self.write(number, index)

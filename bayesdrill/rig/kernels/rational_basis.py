@@ -188,12 +188,15 @@ class ModalFrame:
         return b.splat(b.load(b.gep(self._bases[part], [I64(index)])))
 
     def vectors(self, i: int, j: int) -> Jet:
+        """Return an entry of the modal vectors."""
         return (self._number(0, i * self._x + j),)
 
     def duals(self, i: int, j: int) -> Jet:
+        """Return an entry of their inverse."""
         return (self._number(1, i * self._x + j),)
 
     def size(self, source: int) -> ir.Value:
+        """Return the size of a source over all samples."""
         return self._number(2, source)
 
     def first_input(self, s: int) -> Jet:
@@ -201,6 +204,7 @@ class ModalFrame:
         return (self._number(3, s),)
 
     def pole(self, index: int) -> Jets:
+        """Return the `PoleNumbers` of a pole."""
         return [(self._number(4, COUNT * index + n),) for n in range(COUNT)]
 
 

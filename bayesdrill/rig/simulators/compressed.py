@@ -82,14 +82,17 @@ class CompressedSimulator(Simulator):
 
     @property
     def model(self) -> Any:  # type: ignore[override]
+        """The model of the exact simulator."""
         return self.whole.model
 
     @property
     def experiment(self) -> Experiment:  # type: ignore[override]
+        """The experiment of the exact simulator."""
         return self.whole.experiment
 
     @property
     def sensing(self) -> ObservationModel:  # type: ignore[override]
+        """The sensors of the exact simulator."""
         return self.whole.sensing
 
     @property
