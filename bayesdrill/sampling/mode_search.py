@@ -33,6 +33,7 @@ NEGLIGIBLE_MASS = 1e-5  # of the posterior: maxima that hold no more together ar
 MAX_MISSED_MASS = 0.02  # of the posterior: with more it is not believed
 # of looking for maxima around others, and around how many at a time
 SEARCH_ROUNDS, MAX_CENTRES = 2, 8
+MAX_STEPPED_STARTS = 32  # the highest, of a rig that is stepped: each climb of it takes seconds
 # steps of Gauss and Newton, and of Newton, at the end of a search
 POLISH_STEPS, NEWTON_STEPS = 40, 8
 
@@ -297,6 +298,8 @@ def _search_around(
         if not any(len(nearby.u) for nearby in around):
             break
         starts = np.concatenate([nearby.u for nearby in around])
+        if surface.posterior.likelihood.observations[0].response.stepping is not None:
+            starts = starts[np.argsort(-surface.value(starts), kind="stable")[:MAX_STEPPED_STARTS]]
         more, values = multiple_modes.best_ends(surface, starts, multiple_modes.MAX_NEARBY_STARTS)
         candidates = np.concatenate([ends, more]), np.concatenate([heights, values])
         ends, heights = _distinct_maxima(surface, *candidates, known=len(ends))
