@@ -360,7 +360,7 @@ def verdict_csv(verdict: Verdict, symbols: Sequence[Symbol]) -> str:
 
 
 def _sigmas(x: float) -> str:
-    return f"{x:.1f} sigma" if x < 10 else f"{x:.0f} sigma"
+    return f"{round(x, 1) + 0.0:.1f} sigma" if x < 10 else f"{x:.0f} sigma"  # never -0.0
 
 
 def quantity_name(verdict: Verdict, quantity: Quantity) -> str:
