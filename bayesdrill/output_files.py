@@ -354,9 +354,7 @@ def _matches(name: str, patterns: Iterable[str]) -> bool:
     return any(re.fullmatch(form, name, re.ASCII) for form in forms)
 
 
-LARGEST_FILE = (
-    4_000_000_000  # bytes of a record: fifty million numbers as text are a quarter of that
-)
+LARGEST_FILE = 1_000_000_000  # bytes of a record: fifty million numbers as text are about as many
 LARGEST_GUESSED = 100_000_000  # bytes of one that `init` looks at, for up to half a minute
 MOST_COLUMNS = 300  # each of which `init` may hold against each other
 MOST_SAMPLES = 20_000_000
