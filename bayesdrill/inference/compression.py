@@ -66,7 +66,7 @@ class CompressionCheck:
 
 def check_draws(compressed: Posterior, theta: Array) -> CompressionCheck | None:
     """Compare log likelihoods of draws `theta (N, D)`, physical; None where nothing is compressed."""
-    exact = compressed.edit(each=_exact)
+    exact = uncompressed(compressed)
     full, beyond = compressed.space.full(theta), np.zeros(len(theta), dtype=bool)
     sizes = []
     for observation in compressed.likelihood.observations:
@@ -163,11 +163,16 @@ def compressions(
     return made
 
 
-def _exact(observation: Observation) -> Observation:
-    response = observation.response
-    if isinstance(response, CompressedSimulator):
-        return dataclasses.replace(observation, response=response.whole)
-    return observation
+def uncompressed(posterior: Posterior) -> Posterior:
+    """Return the posterior with all samples of all records."""
+
+    def each(observation: Observation) -> Observation:
+        response = observation.response
+        if isinstance(response, CompressedSimulator):
+            return dataclasses.replace(observation, response=response.whole)
+        return observation
+
+    return posterior.edit(each=each)
 
 
 def compressed(posterior: Posterior, known: Compressions) -> Posterior:

@@ -142,12 +142,14 @@ def _searched_on(
     return replace(mode, left_out=first.left_out)
 
 
-def _compress(pool: WorkerPool, mode: Mode, shortest: int | None) -> None:
+def compress_about(pool: WorkerPool, mode: Mode, shortest: int | None) -> None:
     """Compress records that are longer than the `shortest` for the rigs about the maximum."""
     posterior = pool.posterior
     observations = posterior.likelihood.observations
     if shortest is not None and any(compression.is_long(o, shortest) for o in observations):
-        points = compression.nearby(posterior, posterior.space.vector(mode.values)[None])
+        # From all samples, so that a run that goes on has the very same functions.
+        exact = compression.uncompressed(posterior)
+        points = compression.nearby(exact, posterior.space.vector(mode.values)[None])
         pool.compress(compression.compressions(posterior, points, shortest))
 
 
@@ -159,7 +161,7 @@ def sample_maxima(
     The pool takes the posterior in the steps of that mode. Raises `NoSupportError` where nothing
     can be sampled.
     """
-    _compress(pool, mode, plan.shortest)
+    compress_about(pool, mode, plan.shortest)
     posterior, chains = pool.posterior, plan.chains
     maxima = mode_search.modes(posterior, mode)
     sampled = sample(pool, posterior, maxima, chains, backend, report).with_reasons(mode.doubts)

@@ -103,3 +103,18 @@ def test_what_cannot_be_compressed_is_refused_where_it_is_asked_for() -> None:
             sampler={"likelihood": "compressed"},
             name="rubbing",
         )
+
+
+def test_a_run_that_goes_on_has_the_same_functions() -> None:
+    """Mutant killed: functions about the maximum that depend on those of the search."""
+    problem, plan = case().job.problem, find_map.fit_plan(case().job)
+    triangles = []
+    with WorkerPool(problem.posterior, 1) as searched:
+        mode = fits.end_searches(searched, fits.begin_searches(searched, plan, Silent()), Silent())
+        with WorkerPool(problem.posterior, 1) as resumed:
+            for pool in (searched, resumed):
+                fits.compress_about(pool, mode, plan.shortest)
+                response = pool.posterior.likelihood.observations[0].response
+                assert isinstance(response, CompressedSimulator)
+                triangles.append(response.compression.record.matrix)
+    assert np.array_equal(*triangles)
