@@ -27,7 +27,6 @@ from bayesdrill.rig.simulators.compressed import (
 
 LONG = 4096  # samples: below, an exact evaluation takes hardly longer
 EXCERPT = 16384  # samples of which a search sees at first
-GROWTH = 8  # times as many, where these tell too little
 POINTS = 256  # for which functions are chosen
 SHARES = (8.0, 3.0, 1.0)  # standard deviations, times normal numbers
 # Along directions that are known no better the record cannot tell rigs apart: they do alike.

@@ -24,12 +24,11 @@ class JetArithmetic:
         """Return a number that all lanes have."""
         return (vector(value),)
 
-    def add(self, left: Jet, right: Jet, *, sign: int = 1) -> Jet:
-        """Return a sum, or with `sign=-1` a difference."""
-        operation = self.b.fadd if sign > 0 else self.b.fsub
+    def add(self, left: Jet, right: Jet) -> Jet:
+        """Return a sum."""
         width = max(len(left), len(right))
         pairs = zip(with_slope(left, width), with_slope(right, width), strict=True)
-        return tuple(operation(*pair) for pair in pairs)
+        return tuple(self.b.fadd(*pair) for pair in pairs)
 
     def dot(self, pairs: Sequence[tuple[Jet, Jet]], total: Jet | None = None) -> Jet:
         """Return a total and the products of all pairs."""

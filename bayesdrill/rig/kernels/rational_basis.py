@@ -116,12 +116,6 @@ class BasisShape:
         """Numbers of a walker: parameters, start, and rows of channels."""
         return self.parameters + self.states + self.channels * (self.states + 1)
 
-    @property
-    def frame_size(self) -> int:
-        """Numbers of the frame, see `ModalFrame`."""
-        first = self.layout.n_series
-        return 2 * self.states**2 + len(self.sources) + first + COUNT * len(self.poles)
-
     def scratch_size(self, columns: int, q: int = 0) -> int:
         """Vectors of scratch."""
         jets, products = 2 if self.tangent else 1, (1 + q) * self.channels * columns

@@ -14,7 +14,7 @@ TURNS = 3  # of coordinates towards a walker's own modes
 
 
 class RemainderBound:
-    """A bound of what the functions leave: the walker's index response to what is left as its input.
+    """A bound of what the functions leave: the walker's own response to what is left as its input.
 
     Of blocks of modal coordinates, |(z - T)^-1| <= 1 / (1 - |T|) on the unit circle.  What blocks do to
     each other, at most Q, is summed to (1 - Q)^-1, which is no bound unless it has no negative entry.

@@ -24,13 +24,18 @@ from bayesdrill.rig.kernels.compressed_sums import (
     write_normal,
     write_squares,
 )
-from bayesdrill.rig.kernels.exponential import Layout, present
 from bayesdrill.rig.kernels.lanes import LANES
 from bayesdrill.rig.kernels.rational_basis import ROWS, BasisShape
 from bayesdrill.rig.kernels.sums import SQUARES, ResidualSums
 from bayesdrill.rig.models.linear import Tangent
 from bayesdrill.rig.simulators.contract import Motion, Simulator, Steps, in_groups
-from bayesdrill.rig.simulators.long_record import LongRecord, starts, walker_numbers, walker_slopes
+from bayesdrill.rig.simulators.long_record import (
+    LongRecord,
+    input_layout,
+    starts,
+    walker_numbers,
+    walker_slopes,
+)
 from bayesdrill.rig.simulators.rational_basis import (
     BLOCK,
     Basis,
@@ -381,10 +386,8 @@ class _Compressor:
 def basis_shape(sensors: SensorParameters, basis: Basis, *, tangent: bool) -> BasisShape:
     """Return what kernels are specialised for."""
     experiment, model = sensors.experiment, sensors.observed_model
-    series, constant = tuple(experiment.series), present(experiment.constant)
-    rig = Tangent(model) if tangent else model
     return BasisShape(
-        layout=Layout.from_model(rig, series, constant, first_order=experiment.first_order),
+        layout=input_layout(Tangent(model) if tangent else model, experiment),
         poles=basis.kinds,
         integrators=basis.integrators,
         channels=len(experiment.channels),

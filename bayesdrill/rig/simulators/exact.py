@@ -24,7 +24,7 @@ from bayesdrill.rig.kernels.recurrence import scratch_size, write_response
 from bayesdrill.rig.kernels.sums import SQUARES, ResidualSums
 from bayesdrill.rig.models.linear import DOT, Model, Tangent
 from bayesdrill.rig.simulators.contract import in_groups, ungrouped
-from bayesdrill.rig.simulators.long_record import LongRecord
+from bayesdrill.rig.simulators.long_record import LongRecord, input_layout
 from bayesdrill.rig.simulators.sensors import ObservationModel, SensorParameters
 from bayesdrill.rig.simulators.stepped import Unstepped
 
@@ -178,9 +178,8 @@ def _slopes(experiment: Experiment) -> tuple[Channel, ...]:
 
 def layout(model: Model, experiment: Experiment) -> Layout:
     """Return what kernels are specialised for, of a rig and its experiment."""
-    series, constant = tuple(experiment.series), present(experiment.constant)
     return dataclasses.replace(
-        Layout.from_model(model, series, constant, first_order=experiment.first_order),
+        input_layout(model, experiment),
         lead=bool(experiment.t[0] > experiment.t_start),
         channels=weight_kinds(experiment.weights(model.states)),
     )

@@ -14,7 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bayesdrill.basics.arrays import Array
+from bayesdrill.record.experiment import Experiment
 from bayesdrill.rig.kernels.exponential import Layout, present
+from bayesdrill.rig.models.linear import Model
 from bayesdrill.rig.simulators.sensors import SensorParameters
 from bayesdrill.rig.simulators.time_grid import Whole
 
@@ -40,9 +42,7 @@ class LongRecord:
     @property
     def layout(self) -> Layout:
         """The rig's matrix."""
-        experiment, model = self.sensors.experiment, self.sensors.observed_model
-        series, constant = tuple(experiment.series), present(experiment.constant)
-        return Layout.from_model(model, series, constant, first_order=experiment.first_order)
+        return input_layout(self.sensors.observed_model, self.sensors.experiment)
 
     @property
     def first_inputs(self) -> tuple[float, ...]:
@@ -107,6 +107,12 @@ class LongRecord:
         """Return the channels `(T, K)` at the knots."""
         parts = [shown for _, shown in self.responses(full, np.float64)]
         return np.concatenate(parts)
+
+
+def input_layout(model: Model, experiment: Experiment) -> Layout:
+    """Return the layout of a rig under the inputs of an experiment."""
+    series, constant = tuple(experiment.series), present(experiment.constant)
+    return Layout.from_model(model, series, constant, first_order=experiment.first_order)
 
 
 def starts(sensors: SensorParameters) -> bool:

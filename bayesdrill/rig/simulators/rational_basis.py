@@ -64,12 +64,6 @@ class Basis:
         """The orders of its poles."""
         return tuple(pole.order for pole in self.poles)
 
-    @property
-    def width(self) -> int:
-        """Columns of a source."""
-        functions = sum(pole.order * (1 if pole.kind == REAL else 2) for pole in self.poles)
-        return self.integrators + ROUNDS * functions
-
     def frame(self, sizes: Sequence[float], first: Sequence[float]) -> Array:
         """Return the block `frame` of the kernels.
 
