@@ -393,9 +393,9 @@ def check_guessed(samples: int, columns: int) -> None:
     """Raises `ValueError` with a message for the user."""
     if samples > MOST_GUESSED or columns > MOST_COLUMNS:
         raise ValueError(
-            f"{samples} samples of {columns} columns; `init` looks at {MOST_GUESSED} samples and "
-            f"{MOST_COLUMNS} columns at most: save those of the rig alone, at a lower rate or for a "
-            "shorter time, or write a config by hand"
+            f"{samples} samples of {columns} columns are too many: `init` looks at {MOST_GUESSED} "
+            f"samples and {MOST_COLUMNS} columns at most. Save the columns of the rig alone, at a lower "
+            "rate or for a shorter time, or write a config by hand"
         )
 
 
@@ -403,8 +403,9 @@ def check_chain(ensembles: int, walkers: int, unknowns: int) -> None:
     """Raises `ValueError` with a message for the user."""
     if steps_of_chain(ensembles, walkers, unknowns) < LEAST_STEPS:
         raise ValueError(
-            f"{ensembles} ensembles of {walkers} walkers with {unknowns} unknowns: {LEAST_STEPS} steps "
-            f"would be more than {MOST_OF_CHAIN} numbers, which is all that a chain may hold; take fewer"
+            f"{ensembles} ensembles of {walkers} walkers with {unknowns} unknowns are too many: "
+            f"{LEAST_STEPS} steps would be more than {MOST_OF_CHAIN} numbers, all that a chain may hold"
+            ". Take fewer"
         )
 
 

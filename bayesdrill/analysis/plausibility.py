@@ -48,9 +48,9 @@ def plausibility_of_priors(problem: Problem) -> Iterator[str]:
         low, high = (float(x) for x in prior.quantile(np.array([UNHEARD_OF, 1 - UNHEARD_OF])))
         if not low <= value <= high and prior.low < value < prior.high:
             yield (
-                f"the prior of {name} goes from {low:.4g} to {high:.4g} with all but "
-                f"{100 * 2 * UNHEARD_OF:g} % of it, and the nominal value {value:.4g} is far outside: "
-                "one of the two, or its unit, is wrong"
+                f"the nominal value {value:.4g} of {name} is far outside its prior, which goes from "
+                f"{low:.4g} to {high:.4g} with all but {100 * 2 * UNHEARD_OF:g} % of it. One of the "
+                "two, or its unit, is wrong"
             )
 
 
@@ -60,8 +60,8 @@ def of_roles(problem: Problem) -> Iterator[str]:
     known = {model.roles[role] for role in STATES}
     if others := [name for name in model.outer if name not in known]:
         yield (
-            f"roles: {model.name} does not say what {', '.join(others)} is to it, so that friction, "
-            "energy and missing torques are not looked at there; name it in the rig's `roles`"
+            f"roles: {model.name} does not say what {', '.join(others)} is to it. Friction, energy "
+            "and missing torques are not checked there. Name it in the rig's `roles`"
         )
 
 
@@ -80,7 +80,7 @@ def plausibility_of_gear(problem: Problem) -> Iterator[str]:
                     yield (
                         f"{channel.name} measures {times:g} * {state}, but the motor turns "
                         f"{1 / gear:.4g} times as fast as the shaft (model.{model.roles.gear}: "
-                        f"{gear:.4g}); one of the two is not that of this rig"
+                        f"{gear:.4g}). One of the two is wrong for this rig"
                     )
 
 
@@ -146,8 +146,8 @@ def poles(model: Model, values: Mapping[str, Array]) -> NDArray[np.complex128]:
 def _ideal(motor: MotorRoles) -> str:
     k_T, k_e = motor.torque_constant, motor.back_emf
     return (
-        f"in SI units the two are equal in an ideal motor, and losses make {k_T} the smaller one; "
-        f"{k_T}, {k_e}, the supply or the gear reduction is not what it is taken to be"
+        f"In SI units the two are equal in an ideal motor, and losses make {k_T} the smaller one. "
+        f"Check {k_T}, {k_e}, the supply and the gear reduction"
     )
 
 
@@ -160,8 +160,8 @@ def _energy_of_nominal(values: Mapping[str, float], roles: Roles) -> Iterator[st
         return
     yield (
         f"energy: {k_T} = {values[k_T]:.4g} N m/A is {ratio:.3g} times {k_e} = "
-        f"{values[k_e]:.4g} V s/rad, so the motor would give {ratio:.3g} times the power that it "
-        f"takes up; {_ideal(roles.motor)}"
+        f"{values[k_e]:.4g} V s/rad. The motor would give {ratio:.3g} times the power that it "
+        f"takes up. {_ideal(roles.motor)}"
     )
 
 
@@ -178,9 +178,9 @@ def _energy_of_draws(
     powers = np.array([{k_T: 1.0, k_e: -1.0}.get(name, 0.0) for name in known.names])
     blind = bool(powers.any()) and not math.isfinite(known.bound(powers))
     whence = (
-        "; the record cannot show this ratio, so it is what the priors and what is held allow"
+        ". The record cannot show this ratio: it is what the priors and the fixed values allow"
         if blind
-        else f"; {_ideal(roles.motor)}"
+        else f". {_ideal(roles.motor)}"
     )
     yield (
         f"energy: {k_T} is more than {100 * APPRECIABLE:g} % above {k_e} in {_percent(share)} of "
@@ -218,8 +218,8 @@ def _poles(poles: NDArray[np.complex128], problem: Problem) -> Iterator[str]:
         middle, motor = float(np.median(decay)), problem.model.roles.motor
         yield (
             f"sampling: the fastest motion dies out within {1e3 / middle:.3g} ms (pole at "
-            f"{-middle:.3g} 1/s), the record has a sample every {1e3 * step:.3g} ms{_in(poles, share)}: "
-            f"what sets it, mostly {motor.inductance}/{motor.resistance}, is seen only through slower "
+            f"{-middle:.3g} 1/s), the record has a sample every {1e3 * step:.3g} ms{_in(poles, share)}. "
+            f"What sets it, mostly {motor.inductance}/{motor.resistance}, is seen only through slower "
             "motions"
         )
     turns = np.abs(poles.imag).max(axis=1) / (2 * math.pi)

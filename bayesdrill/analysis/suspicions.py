@@ -135,7 +135,7 @@ def _pairs(experiment: Experiment, model: Model) -> Iterator[str]:
             yield from _pair(angle.name, a[both], speed.name, turned, t, model.gear_ratio)
         if both.all() and experiment.uniform and anomalies.differenced(a, w, experiment.dt):
             yield (
-                f"derived: the noise of {speed.name} is that of differences of {angle.name}; if it is "
+                f"derived: the noise of {speed.name} is that of differences of {angle.name}. If it is "
                 "no measurement of its own, it must not count twice: say derived_from: "
                 f"{angle.name} at {speed.name}, or leave it out"
             )

@@ -249,7 +249,8 @@ def citation(versions: Mapping[str, str] | None = None) -> Citation:
     )
     sentence = (
         f"The posterior was computed with bayesdrill {number} [{this.key}], "
-        f"on a model of the rig of [{PAPER.key}], sampled with emcee {used['emcee']} [{EMCEE.key}] "
+        f"on a model of the rig of [{PAPER.key}]. "
+        f"It was sampled with emcee {used['emcee']} [{EMCEE.key}] "
         f"and diagnosed with ArviZ (arviz-stats {used['arviz-stats']}) [{ARVIZ.key}]."
     )
     return Citation(sentence, (this, PAPER, EMCEE, ARVIZ))

@@ -249,7 +249,7 @@ NOMINAL: Mapping[str, NominalTable] = MappingProxyType(
     {
         "tables_2_3": NominalTable(
             "tables_2_3",
-            "initial guesses of Table 3, which the deviations of Tables 2 and 3 refer to; the shaft's "
+            "initial guesses of Table 3, which the deviations of Tables 2 and 3 refer to. The shaft's "
             "geometry supports k_s (G pi d^4 / 32 L = 0.263 N m/rad)",
             MappingProxyType(_TABLES_2_3),
         ),

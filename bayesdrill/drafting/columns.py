@@ -263,9 +263,9 @@ def named_column(text: str, files: Collection[str]) -> NamedColumn:
         other_kind = meaning.unit != "" and kind_of(meaning.unit) != kind
         meaning = dataclasses.replace(meaning, kind=kind, location=location, symbol=base)
     if match is None or meaning.unknown_unit or other_kind or not meaning.kind:
-        why = "names no column" if match is None else "names no quantity with a unit of it"
-        known = f"`data:3=theta_2 [deg]`; known are {', '.join(_NAMES)}"
-        raise InputError.at("--columns", f"'{text}' {why}; write for example {known}")
+        why = "names no column" if match is None else "names no known quantity with a unit of it"
+        known = f"`data:3=theta_2 [deg]`. Known quantities are {', '.join(_NAMES)}"
+        raise InputError.at("--columns", f"'{text}' {why}. Write for example {known}")
     meaning = dataclasses.replace(meaning, backwards=backwards)
     return NamedColumn(text, file, match[1], int(match[2]) if match[2] else None, meaning)
 
@@ -293,7 +293,7 @@ def read_columns(
     for column in columns:
         if (n := len(column.values)) != length:
             count = "one value" if n == 1 else f"{n} values"
-            left_out[column.name] = f"has {count}, not {length}"
+            left_out[column.name] = f"has {count}, but the others have {length}"
     return [column for column in columns if len(column.values) == length], left_out
 
 
@@ -356,7 +356,7 @@ def _refuse_several_records(table: RecordTable, columns: Sequence[FileColumn]) -
         first = (signals or columns)[0]
         raise InputError.at(
             str(table.path),
-            f"holds {len(records)} records: {', '.join(records)}; name columns of one, for example "
+            f"holds {len(records)} records: {', '.join(records)}. Name the columns of one, for example "
             f"{_columns_option([first])} ({first.name} goes from {first.range_text})",
         )
 
@@ -390,7 +390,7 @@ def unusable(
     """Say why nothing can be made of a file, and what to type for `columns` of unknown meaning."""
     reasons = [Issue(str(record), f"column {name} {text}") for name, text in left_out.items()]
     typed = _columns_option(columns) or '--columns "speed=w_2 [rpm]"'
-    message = f"{why}; say what columns are, for example {typed}, or write a config by hand"
+    message = f"{why}. Say what the columns are, for example {typed}, or write a config by hand"
     return InputError([Issue(str(record), message), *reasons])
 
 

@@ -293,12 +293,13 @@ def check_draft_path(path: Path, records: Sequence[Path], *, force: bool) -> Non
     output_files.refuse_other_than_file(path)
     is_record = path.absolute() in {record.absolute() for record in records}
     if path.suffix.lower() not in (".yaml", ".yml") or is_record:
-        message = "is no name of a config; give an --output that ends in .yaml"
+        kind = "a record" if is_record else "not the name of a config"
+        message = f"cannot be written: it is {kind}. Give an --output that ends in .yaml"
         raise InputError.at(str(path), message)
     if path.exists() and not force:
         raise InputError.at(str(path), "exists already; give --force or another --output")
     if not path.parent.is_dir():
-        raise InputError.at(str(path.parent), "there is no such folder; make it first")
+        raise InputError.at(str(path.parent), "this folder does not exist; make it first")
     output_files.refuse_unwritable(path.parent)
 
 
@@ -330,7 +331,10 @@ def _asks(text: str, target: Path, record: Path, sheet: Source | None) -> tuple[
             names = [(key.partition(".")[2], message) for key, message in wrong]
             issues = [Issue(f"{sheet.path}: {name}", message) for name, message in names]
             raise InputError(issues) from None
-        message = "`check` would refuse what can be made of it; mend it, or write a config by hand"
+        message = (
+            "no valid config can be made of this record, for the reasons below. Correct the file, or "
+            "write a config by hand"
+        )
         raise InputError([Issue(str(record), message), *error.problems]) from None
     try:
         loading.validate(parse(target, text))

@@ -177,9 +177,9 @@ def _channel(context: DraftContext, channel: DraftChannel) -> list[str]:
         if hint is not None and hint.channel == name:
             ms = 1e3 * hint.samples * context.lead.segment.dt
             doubts.append(
-                f"it seems to be {ms:.2g} ms late: so rotor 1's own law leaves "
-                f"{100 * hint.residual:.2g} % of the twist unexplained, else {100 * hint.before:.2g} %; "
-                "how late is an unknown (damping in the shaft looks alike)"
+                f"it seems to be {ms:.2g} ms late. With this delay the equation of rotor 1 leaves "
+                f"{100 * hint.residual:.2g} % of the twist unexplained; without it, "
+                f"{100 * hint.before:.2g} %. The delay is an unknown (damping in the shaft looks alike)"
             )
             details.append(f"lag: {_lag_prior(context, hint.samples)}")
         elif sensor.location == TWIST:

@@ -105,7 +105,7 @@ def _segment(
 ) -> Segment:
     segment = signals.longest_segment(time, columns)
     if segment is None:
-        raise unusable(path, left_out, f"nowhere {MIN_SAMPLES} rows follow each other in time")
+        raise unusable(path, left_out, f"no {MIN_SAMPLES} rows in a row have increasing times")
     return segment
 
 
@@ -117,8 +117,8 @@ def with_roles_of(lead: RecordFile, file: RecordFile) -> RecordFile:
     if missing := [column.name for column in timed if column.key not in by_key]:
         raise InputError.at(
             str(file.path),
-            f"has no column {', '.join(missing)}, and {lead.path} has; several files have to be of one "
-            "kind, or complete each other at the same times; else write a config of each",
+            f"has no column {', '.join(missing)}, but {lead.path} has. Several files must have the same "
+            "columns, or complete each other at the same times. Otherwise write a config for each",
         )
     if lead.time.column is None:  # as many samples a second
         clock, t = None, lead.time.dt * np.arange(len(file.time.t), dtype=np.float64)
@@ -133,11 +133,11 @@ def with_roles_of(lead: RecordFile, file: RecordFile) -> RecordFile:
     def alike(sensor: Sensor) -> Sensor:
         column = by_key[sensor.column.key]
         if np.isfinite(column.values[segment.rows]).sum() < MIN_SAMPLES:
-            reason = f"column {sensor.name} has less than {MIN_SAMPLES} numbers"
+            reason = f"column {sensor.name} has fewer than {MIN_SAMPLES} numbers"
             raise unusable(file.path, {}, reason)
         new = signals.read_sensor(column, segment, jumped, sensor.kind, sensor.unit)
         if not new.varies and sensor.kind not in ("voltage", "torque"):
-            message = f"column {sensor.name} is {new.raw.x[0]:g} in every row; leave this file out"
+            message = f"column {sensor.name} is {new.raw.x[0]:g} in every row. Leave this file out"
             raise InputError.at(str(file.path), message)
         why, doubts = sensor.why, sensor.doubts
         return dataclasses.replace(new, location=sensor.location, why=why, doubts=doubts)
@@ -156,7 +156,7 @@ def read_records(
     """
     for k, path in enumerate(paths):
         if path.resolve() in [other.resolve() for other in paths[:k]]:
-            raise InputError.at(str(path), "is named twice; name each file once")
+            raise InputError.at(str(path), "is given twice. Give each file once")
     kinds = _by_kind(collect_each(lambda path: examine(path, given), paths))
     records = _join_kinds(kinds, given) if len(kinds) > 1 else kinds[0]
     collect_each(_refuse_without_channels, records)
@@ -200,9 +200,9 @@ def _join_kinds(kinds: Sequence[Sequence[RecordFile]], given: GivenFacts) -> lis
     used = {id(file) for _, beside in pairs for file in beside}
     if {len(kind) for kind in others} != {len(firsts)} or len(used) < len(firsts) * len(others):
         message = (
-            f"is completed by other files: {', '.join(str(file.path) for file in others[0])}; name for "
-            "each record one of each kind, and let their names begin alike (slow.csv, slow_v.csv), or "
-            "write a config of each"
+            "cannot be matched with the files that complete it: "
+            f"{', '.join(str(file.path) for file in others[0])}. Give one file of each kind for each "
+            "record, with names that begin alike (slow.csv, slow_v.csv). Or write a config for each"
         )
         raise InputError.at(str(firsts[0].path), message)
     return [_join(first, beside, given) for first, beside in pairs]
@@ -218,14 +218,16 @@ def _join(first: RecordFile, beside: Sequence[RecordFile], given: GivenFacts) ->
     for k, other in enumerate(beside, start=1):
         for file in (first, other):
             if file.time.column is None and not np.array_equal(t, other.time.t):
-                message = "has no column of times, and cannot be laid beside another file; add one"
+                message = (
+                    "has no column of times, so it cannot be joined with another file. Add one"
+                )
                 raise InputError.at(str(file.path), message)
         u, s = first.segment.t, other.segment.t
         if np.sum((u >= s[0]) & (u <= s[-1])) < MIN_SAMPLES:
             raise InputError.at(
                 str(other.path),
                 f"goes from {s[0]:.6g} to {s[-1]:.6g} s, and {first.path} from {u[0]:.6g} to "
-                f"{u[-1]:.6g} s; files of one record have to overlap: bring both to one clock",
+                f"{u[-1]:.6g} s. Files of one record must overlap in time: bring both to one clock",
             )
         for column in other.columns:
             if column is not other.time.column:

@@ -98,11 +98,13 @@ def assign_roles(
     for sensor in [*turning, *(sensor for sensor in sensors if sensor.kind == "current")]:
         name, measures = _channel_name(sensor, -value if ratio < 0 else value)
         if name in channels:
-            left_out[sensor.name] = f"{name} is taken from {channels[name].sensor.name} already"
+            left_out[sensor.name] = (
+                f"is not needed: {name} is taken from {channels[name].sensor.name}"
+            )
         elif name:
             channels[name] = DraftChannel(name, measures, sensor)
         else:
-            left_out[sensor.name] = "nothing says at which end of the shaft it is"
+            left_out[sensor.name] = "does not say at which end of the shaft it is"
     _mark_differenced(channels, dt)
     inputs, rig = _inputs(sensors, channels, rig, left_out, voltage=voltage)
     for name, channel in [*channels.items()]:
@@ -135,14 +137,18 @@ def _inputs(
         inputs["v"] = _first(voltages, "voltage", left_out)
     if "t_1" in rig.inputs:
         unsaid = [torque.name for torque in torques if torque.location == ""]
-        left_out |= dict.fromkeys(unsaid, "is a torque, but not said to be that at rotor 1")
+        left_out |= dict.fromkeys(
+            unsaid, "is a torque, but does not say whether it acts on rotor 1"
+        )
         if loads := [torque for torque in torques if torque.location == ROTOR]:
             doubt = "taken as the load on rotor 1, against positive speed; check its sign"
             inputs["t_1"] = _first(loads, "load", left_out).revised(doubt=doubt)
     if "w_2" in rig.inputs:
         imposed = [channels.pop(name) for name in IMPOSED if name in channels]
         for channel in imposed[1:]:
-            left_out[channel.sensor.name] = f"is imposed by {imposed[0].sensor.name} already"
+            left_out[channel.sensor.name] = (
+                f"is not needed: {imposed[0].sensor.name} gives the imposed motion"
+            )
         inputs |= {channel.name: channel.sensor for channel in imposed[:1]}
     used = [sensor.column for sensor in inputs.values()]
     for sensor in [*voltages, *torques]:
@@ -155,7 +161,7 @@ def _inputs(
 
 def _first(sensors: Sequence[Sensor], what: str, left_out: dict[str, str]) -> Sensor:
     for sensor in sensors[1:]:
-        left_out[sensor.name] = f"the {what} is taken from {sensors[0].name} already"
+        left_out[sensor.name] = f"is not needed: the {what} is taken from {sensors[0].name}"
     return sensors[0]
 
 

@@ -32,10 +32,10 @@ def identify_sensors(
         if sensor.kind:
             known.append(_with_unit(sensor, [*sensors, *known], dt))
         else:
-            why = "its name says nothing of" if sensor.name else "nothing says"
+            why = "its name does not say" if sensor.name else "nothing says"
             left_out[sensor.name] = (
                 f"({sensor.column.range_text}): {why} what it measures, and it is no derivative of "
-                "another"
+                "another column"
             )
     return known, left_out
 

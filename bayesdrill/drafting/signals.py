@@ -432,14 +432,23 @@ def _why_unusable(column: FileColumn, rows: slice) -> str:
     numbers = values[np.isfinite(values)]
     largest, same = np.abs(numbers).max(initial=0.0), not np.diff(numbers).any()
     checks = (
-        (unit and kind in TURNS, f"its unit {unit!r} does not say how far one of it turns"),
-        (unit, f"its unit {unit!r} is none of time, angle, speed, voltage, current or torque"),
+        (
+            unit and kind in TURNS,
+            f"has the unit {unit!r}, which does not say how far one of it turns",
+        ),
+        (
+            unit,
+            f"has the unit {unit!r}, which is none of time, angle, speed, voltage, current or torque",
+        ),
         (np.isinf(values).any(), "has infinite values"),
         (len(numbers) < MIN_SAMPLES, f"has {len(numbers)} numbers in the rows that are used"),
         (not is_plausible(numbers), f"has numbers up to {largest:.3g}, which no rig has"),
-        (kind == "time", "is a second time, or does not increase"),
+        (
+            kind == "time",
+            "is a time, but another column is the time already, or it does not increase",
+        ),
         (kind == "force", "is a force, which the rig does not have"),
-        (meaning.reference and kind != "voltage", "is what was asked for, not what happened"),
+        (meaning.reference and kind != "voltage", "is a set point, not a measurement"),
         (same and kind != "voltage", f"is {next(iter(numbers), 0.0):g} in every row"),
     )
     return next((why for wrong, why in checks if wrong), "")

@@ -166,7 +166,7 @@ def _of_rig() -> list[Inconsistency]:
             implied=TABLE_1["k_e"],
             unit="N m/A",
             says=f"{TABLE_1['k_T'] / TABLE_1['k_e']:.3f} times as much mechanical power as the back-EMF "
-            "takes from the current: k_T, k_e, v or i_m is not what it is said to be",
+            "takes from the current. So k_T, k_e, v or i_m is not what it is said to be",
         ),
     ]
 

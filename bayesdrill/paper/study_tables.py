@@ -317,7 +317,7 @@ def _of_paper(findings: PaperFindings) -> tuple[StudyTable, ...]:
             "matrix",
             "The printed matrix",
             f"Speed of theta_2 [rad/s] {FOLLOWED:g} s after the step, by the reading of the printed "
-            "matrix; the same by the paper's integrator; and where it settles.",
+            "matrix. Then the same by the paper's integrator, and where it settles.",
             as_rows(findings.readings, leave=("t", "curve")),
             f"matrix | after {FOLLOWED:g} s | trapezoidal rule | in the end | steps",
             "{matrix} | {w_2} | {w_2_trapezoid} | {w_end} | {steps}",
@@ -336,7 +336,7 @@ def _of_paper(findings: PaperFindings) -> tuple[StudyTable, ...]:
             "implied",
             "Which noise Table 2 has",
             "Deviations of Table 2 in per cent, their ratio, and for each the sigma_n at which it is "
-            "the Cramer-Rao bound; then their root mean square, and the bounds at 0.001.",
+            "the Cramer-Rao bound. Then their root mean square, and the bounds at 0.001.",
             as_rows(findings.implied),
             "sigma_n | c_m % | k_e % | ratio | noise by c_m | noise by k_e",
             "{row} | {c_m_percent} | {k_e_percent} | {ratio:.3g} | {noise_c_m:.2g} | {noise_k_e:.2g}",
@@ -344,7 +344,7 @@ def _of_paper(findings: PaperFindings) -> tuple[StudyTable, ...]:
         table(
             "lengths",
             "For which record length",
-            "Cramer-Rao bounds at sigma_n 0.001 (they grow with sigma_n), and how many such records at "
+            "Cramer-Rao bounds at sigma_n 0.001; they grow with sigma_n. Then how many such records at "
             f"sigma_n 1 it takes to know c_m to the {ATTAINED:g} % of Table 2.",
             lengths(findings.lengths),
             "duration s | rate Hz | c_m % at 0.001 | k_e % at 0.001 | records at 1",
@@ -373,8 +373,8 @@ def _table_2(verification: Verification) -> StudyTable:
         "First the paper's layout: its estimates, and those of one record here. Then, in per cent "
         f"of the true value: Cramer-Rao bound, spread of the estimates over {verification.records} "
         "records, and standard deviation of the posterior of one. Last come deviations of a record "
-        "without noise, where sigma is but a weight: here, and with the paper's integrator (of an exact "
-        "record, of its own).",
+        "without noise, where sigma is but a weight. They are computed here, and with the paper's "
+        "integrator (of an exact record, of its own).",
         lines,
         "sigma_n |  | Cramer-Rao % | spread fminsearch % | spread scaled % | posterior sd % | "
         "weights only % | weights only, ode23t % | ode23t, exact record % | ode23t, own record %",
@@ -400,10 +400,10 @@ def _of_searches(findings: PaperFindings) -> tuple[StudyTable, ...]:
             "simultaneous",
             "All parameters at once",
             f"Searches of `{findings.searched}` from starts within {100 * searches.WITHIN:.0f} % of the "
-            "guesses: how many leave no more than noise, how many are as good as the best (within "
-            f"{searches.SAME:g} of its misfit), how many stopped by themselves. How those that are as "
-            f"good scatter: standard deviations of the log of a common factor on {factors}, and root "
-            "mean square distance off both, all relative to the truth.",
+            "guesses. Counted are those that leave only noise, those as good as the best (to "
+            f"{searches.SAME:g} of its misfit), and those that stopped by themselves. Last comes how "
+            "the good ones scatter, relative to the truth. These are standard deviations of the log "
+            f"of a common factor on {factors}, and the root mean square distance off both.",
             ways(findings),
             "way | searches | noise only | best | stopped | misfit median | worst | factor 1 | "
             "factor 2 | off both",
@@ -439,8 +439,8 @@ def _control(lines: Sequence[ControlRun]) -> StudyTable:
         stem="control",
         title="A rig that is as the table says",
         says=f"The heuristic on {lines[0].records} records of the nominal rig at each noise (in rad and "
-        "rad/s), searched from its true values: largest distance of an estimate from them, in per cent. "
-        "0: it never moved.",
+        "rad/s), searched from its true values. Shown is the largest distance of an estimate from them, "
+        "in per cent. 0: it never moved.",
         rows=as_rows(lines),
         grids=(by_sigma,),
     )
@@ -453,14 +453,14 @@ def _of_record(nine: NineParameterStudy) -> tuple[StudyTable, StudyTable, StudyT
     what this record shows.
     """
     careful = "".join(f"**Careful: {doubt}.** " for doubt in doubts(nine))
-    given = f" Not searched: {', '.join(nine.given)}." if nine.given else ""
+    given = f"Not searched: {', '.join(nine.given)}. " if nine.given else ""
     return (
         table(
             f"table_3_{nine.name}",
             f"Table 3, record `{nine.name}`",
             f"{careful}First the paper's layout: deviations in per cent of the initial guess, with "
             "their signs. They are the paper's from its own guesses, the heuristic's here, and the "
-            f"heuristic's with the paper's integrator.{given} Then the truth, where it is known, "
+            f"heuristic's with the paper's integrator. {given}Then the truth, where it is known, "
             "and how far off it both are. `other starts` is the standard deviation of the estimates "
             "from them, over the guess. Last comes the posterior: median, 94 % HDI of the logarithm, "
             "and what the record says of the nominal value.",
@@ -478,10 +478,10 @@ def _of_record(nine: NineParameterStudy) -> tuple[StudyTable, StudyTable, StudyT
             f"What a record can show, record `{nine.name}`",
             f"{careful}Quantities that no symmetry changes, over their values at the paper's initial "
             "guesses (w_end: the steady speed; zeta: the damping ratio). First those of Table 3 as "
-            "printed, and with the digits of its percentages. Next those of the nominal rig with j_2 = "
-            f"{printed.J_2:g} kg m^2 at the output, with r_s = {printed.R_S:g} ohm in series, with "
-            "both, and with k_T = k_e. Then those of this record, by heuristic and posterior (median, "
-            "94 % HDI of the logarithm); `alone`: the Cramer-Rao bound of the standard deviation "
+            "printed, and with the digits of its percentages. Next the nominal rig with "
+            f"j_2 = {printed.J_2:g} kg m^2 at the output, r_s = {printed.R_S:g} ohm in series, "
+            "both, or k_T = k_e. Then those of this record, by heuristic and posterior (median, "
+            "94 % HDI of the logarithm). `alone` is the Cramer-Rao bound of the standard deviation "
             "without any prior, in per cent. Empty where the config gives the quantity.",
             as_rows(nine.causes),
             " | Table 3 | with digits | j_2 | r_s | j_2 and r_s | k_T = k_e",
@@ -492,9 +492,9 @@ def _of_record(nine: NineParameterStudy) -> tuple[StudyTable, StudyTable, StudyT
         table(
             f"verdict_{nine.name}",
             f"The verdict, record `{nine.name}`",
-            f"{careful}Independent products of the parameters that such a record can show: deviation of "
-            "the mean of the posterior from the nominal table, and how many standard deviations that "
-            "is, beyond a tolerance if there is one. Above "
+            f"{careful}Independent products of the parameters that such a record can show. First the "
+            "deviation of the mean of the posterior from the nominal table. Then how many standard "
+            "deviations that is, beyond a tolerance if there is one. Above "
             f"{nine.verdict.limit:.2f} the record disagrees with the table.",
             products(nine),
             " | dev. % | sigmas | the table",
@@ -520,7 +520,7 @@ def doubts(nine: NineParameterStudy) -> list[str]:
     if not m.explained:
         doubts.append(
             f"even the MAP leaves a misfit of {m.map:.4g} per number, where noise leaves at most "
-            f"{m.high:.3g}: a unit, the voltage, a sigma or the model does not fit this record, and "
+            f"{m.high:.3g}. A unit, the voltage, a sigma or the model does not fit this record: "
             "estimates and intervals say little"
         )
     if not nine.converged:

@@ -197,9 +197,9 @@ def preview(problem: Problem, config: Config, units: DisplayUnits) -> str:
         f"priors:\n{priors}\n"
         f"log posterior at the start: {posterior.density(start[None])[0]:.2f}{_misfit(problem)}\n"
         f"would run: {config.map.starts} searches by {config.map.method}, then "
-        f"{sampler.ensembles} ensembles of {sampler.walkers} walkers, until "
-        f"R-hat <= {sampler.r_hat:g}, N/tau >= {sampler.n_tau:g} and ESS >= {sampler.ess:g}, at most "
-        f"{sampler.max_steps} steps\n" + "\n".join([size(problem, config), *findings])
+        f"{sampler.ensembles} ensembles of {sampler.walkers} walkers for at most {sampler.max_steps} "
+        f"steps. They end when R-hat <= {sampler.r_hat:g}, N/tau >= {sampler.n_tau:g} and "
+        f"ESS >= {sampler.ess:g}\n" + "\n".join([size(problem, config), *findings])
     )
 
 

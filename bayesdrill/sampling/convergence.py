@@ -145,8 +145,8 @@ def _stuck_walkers(chain: PostBurnInChain, still: Flags, stay: Indices) -> Itera
         ensemble, walker = np.unravel_index(int(np.argmax(stay)), stay.shape)
         yield (
             f"{_counted(still)} stuck: the longest did not move for {stay.max()} of {n_steps} steps "
-            f"({_where(chain, int(ensemble), int(walker), ~still)}); start over with another seed, and "
-            "if it happens there again look at what the model does at this place"
+            f"({_where(chain, int(ensemble), int(walker), ~still)}). Start over with another seed. If "
+            "it happens there again, look at what the model does at this place"
         )
 
 
@@ -159,8 +159,9 @@ def _low_density_walkers(
     yield (
         f"{_counted(low)} far from where the posterior is: log density {medians[ensemble, walker]:.1f}"
         f", the others' {np.median(medians[sound]):.1f} "
-        f"({_where(chain, int(ensemble), int(walker), sound)}); caught in a lesser maximum or still on "
-        "the way: start over with another seed, or give the prior an end that leaves the place out"
+        f"({_where(chain, int(ensemble), int(walker), sound)}). This is a lesser maximum, or "
+        "the chain is still on its way. Start over with another seed, or let an end of the prior "
+        "exclude this place"
     )
 
 

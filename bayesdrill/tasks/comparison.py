@@ -32,8 +32,8 @@ FEWEST = 2  # runs
 LONGEST = 100  # letters of a folder's name
 OF_NOISE = ("the noise of", "the kind of noise")  # begin the names of settings
 WITHOUT = (
-    "has no log evidence: it was made before there was any, or its proposal found nothing; "
-    "`bayesdrill posterior CONFIG --resume` computes it from the chain that is there"
+    "has no log evidence: it was made before there was any, or its proposal failed. "
+    "`bayesdrill posterior CONFIG --resume` computes it from the existing chain"
 )
 
 
@@ -206,8 +206,8 @@ def check_same_record(runs: Sequence[NamedRun]) -> None:
         names = [name for name in {**first, **record} if record.get(name) != first.get(name)]
         what = f" of {names[0]}" if names[0] else ""
         message = (
-            "odds are those of models of one record, and this is another: give runs of one, or lay "
-            f"these over each other with `bayesdrill report`; the record{what} is "
+            "this run is of another record, and odds compare models of one record. Give runs of one, or "
+            f"lay these over each other with `bayesdrill report`. The record{what} is "
             f"{record.get(names[0], 'missing')} here and {first.get(names[0], 'missing')} in "
             f"{runs[0].place}"
         )

@@ -1,7 +1,7 @@
 """Names are the field's own, and so are the first sentences of docstrings; texts for users are short.
 
 Private words that were retired do not come back, a public class has a name of its own, and no sentence
-that users read is longer than forty words.
+that users read is longer than `LONGEST_SENTENCE`.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ RETIRED = frozenset(
     Told told told_apart tops Turning Vague View Walkers Widened widened Wired
     """.split()  # noqa: SIM905
 )
-LONGEST_SENTENCE = 40  # words, of texts for users
+LONGEST_SENTENCE = 35  # words, of texts for users
 
 
 def nodes(*kinds: type[ast.AST]) -> Iterator[tuple[Path, ast.AST]]:
@@ -98,10 +98,11 @@ def texts() -> Iterator[tuple[str, str]]:
 
 
 def test_sentences_for_users_are_short() -> None:
-    """Whoever has school English reads them; a semicolon does not end one."""
+    """Whoever has school English reads them; a semicolon does not end one. Heads of tables are none."""
     long = {
         where: len(sentence.split())
         for where, text in texts()
+        if " | " not in text
         for sentence in re.split(r"(?<=[.!?])\s+|\n", text)
         if len(sentence.split()) > LONGEST_SENTENCE
     }

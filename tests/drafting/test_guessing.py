@@ -317,10 +317,10 @@ def test_what_cannot_be_told_is_left_out_with_its_reason(tmp_path: Path) -> None
         .split(" - ")
     )
     for name, why in {
-        "humidity": "its name says nothing",
+        "humidity": "its name does not say",
         "WOB [N]": "is a force",
         "theta_2 [counts]": "does not say how far one of it turns",
-        "n_soll": "was asked for",
+        "n_soll": "is a set point",
     }.items():
         (reason,) = (row for row in rows if name in row.partition(": ")[0])
         assert why in reason, name

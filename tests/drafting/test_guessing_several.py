@@ -136,10 +136,10 @@ def test_files_that_do_not_belong_together_are_refused(tmp_path: Path) -> None:
         {n: x for n, x in columns.items() if n not in ("n_Motor", "U_Motor")},
     )
     assert refused([whole, lacks]) == (
-        f"{lacks}: has no column n_Motor, U_Motor, and {whole} has; several files have to be of one "
-        "kind, or complete each other at the same times; else write a config of each"
+        f"{lacks}: has no column n_Motor, U_Motor, but {whole} has. Several files must have the "
+        "same columns, or complete each other at the same times. Otherwise write a config for each"
     )
-    assert "is named twice" in refused([whole, whole])
+    assert "is given twice" in refused([whole, whole])
     v = {"Zeit_ms": columns["Zeit_ms"], "U_Motor": columns["U_Motor"]}
     supply = written(tmp_path / "supply.csv", v)
     assert "has no column" in refused([whole, supply])
@@ -148,7 +148,7 @@ def test_files_that_do_not_belong_together_are_refused(tmp_path: Path) -> None:
     bare = written(tmp_path / "bare.csv", others)
     assert "goes from 9 to 16.995 s" in refused([bare, later])
     again = written(tmp_path / "again.csv", others)
-    assert "name for each record one of each kind" in refused([bare, again, supply])
+    assert "Give one file of each kind for each record" in refused([bare, again, supply])
     assert "no column is an angle" in refused([supply, later])
     assert not (tmp_path / "no.yaml").exists()
 
@@ -295,4 +295,4 @@ def test_a_file_in_which_a_channel_stands_still_is_refused(tmp_path: Path) -> No
     one, two = parts(german(), 0, 800, 1600)
     two["n_Rotor"] = np.full(800, 3.0)
     paths = [written(tmp_path / "a.csv", one), written(tmp_path / "b.csv", two)]
-    assert refused(paths) == f"{paths[1]}: column n_Rotor is 3 in every row; leave this file out"
+    assert refused(paths) == f"{paths[1]}: column n_Rotor is 3 in every row. Leave this file out"

@@ -51,8 +51,8 @@ def test_a_matrix_that_says_nothing_is_refused_with_what_to_type(matrix: Path) -
     assert '--columns "data_theta:2=theta_2 [deg]"' in said
     assert "data_theta, column 3 (" in said
     assert "data_theta:9" in refused(matrix, "--columns", "data_theta:9=theta_2 [deg]")
-    assert "names no quantity" in refused(matrix, "--columns", "data_theta:3=theta_2 [rpm]")
-    assert "names no quantity" in refused(matrix, "--columns", "data_theta:3=colour")
+    assert "names no known quantity" in refused(matrix, "--columns", "data_theta:3=theta_2 [rpm]")
+    assert "names no known quantity" in refused(matrix, "--columns", "data_theta:3=colour")
     assert "is not a rig; did you mean motor" in refused(matrix, "--rig", "motr")
 
 

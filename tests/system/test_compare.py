@@ -95,8 +95,11 @@ def test_what_is_held_out_is_no_evidence_and_another_record(runs: Path) -> None:
     """Mutant killed: runs of which one has seen what the other has not."""
     whole = systems.cli("compare", runs / "given", runs / "whole", "-o", runs / "out")
     assert whole.status == 2
-    assert f"{runs / 'whole'}: odds are those of models of one record" in whole.err
-    assert "with `bayesdrill report`; the record is 101 samples" in whole.err
+    assert (
+        f"{runs / 'whole'}: this run is of another record, and odds compare models of one record"
+        in whole.err
+    )
+    assert "with `bayesdrill report`. The record is 101 samples" in whole.err
     assert not (runs / "out").exists()
     assert evidence(runs / "whole") > evidence(runs / "given")
 

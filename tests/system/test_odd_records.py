@@ -332,9 +332,9 @@ def test_what_may_mean_two_things_is_refused_with_a_way_out(
 @together(
     "name, says",
     [
-        ("small.csv.gz", "unpack the file first"),
-        ("small.xlsx", "export the spreadsheet as CSV"),
-        ("small.tdms", "export the recording as CSV or .mat"),
+        ("small.csv.gz", "Unpack the file first"),
+        ("small.xlsx", "Export the spreadsheet as CSV"),
+        ("small.tdms", "Export the recording as CSV or .mat"),
         ("small.npy", "numpy.savez"),
     ],
 )

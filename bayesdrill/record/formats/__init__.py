@@ -60,13 +60,13 @@ FORMATS: Registry[Format] = Registry(
 
 
 _OTHERS = {
-    **dict.fromkeys((".gz", ".zip", ".bz2", ".xz", ".7z"), "; unpack the file first"),
-    **dict.fromkeys((".xlsx", ".xls", ".ods"), "; export the spreadsheet as CSV"),
-    **dict.fromkeys((".tdms", ".mf4", ".lvm"), "; export the recording as CSV or .mat"),
-    ".json": '; write it as CSV: python -c "import json,csv,sys; r=max(json.load(sys.stdin).values(),'
+    **dict.fromkeys((".gz", ".zip", ".bz2", ".xz", ".7z"), ". Unpack the file first"),
+    **dict.fromkeys((".xlsx", ".xls", ".ods"), ". Export the spreadsheet as CSV"),
+    **dict.fromkeys((".tdms", ".mf4", ".lvm"), ". Export the recording as CSV or .mat"),
+    ".json": '. Write it as CSV: python -c "import json,csv,sys; r=max(json.load(sys.stdin).values(),'
     "key=lambda v:len(str(v))); w=csv.DictWriter(sys.stdout,r[0]); w.writeheader(); "
     'w.writerows({k:v*1 for k,v in e.items()} for e in r)" < run.json > run.csv',
-    ".npy": "; save it with numpy.savez('run.npz', t=t, w_1=w_1)",
+    ".npy": ". Save it with numpy.savez('run.npz', t=t, w_1=w_1)",
 }
 
 

@@ -128,8 +128,8 @@ def read_lines(path: Path, text: str, skip: int) -> TextLines:
     for number, line in enumerate(everything, start=1):
         if len(line) > LONGEST_LINE:
             message = (
-                f"has {len(line)} letters; at most {LONGEST_LINE} are read: a table has a line for each "
-                "sample, so write it with line ends, or leave out columns"
+                f"has {len(line)} letters; at most {LONGEST_LINE} are read. A table has a line for each "
+                "sample: write it with line ends, or leave out columns"
             )
             raise InputError.at(f"{path} line {number}", message)
     filled = [

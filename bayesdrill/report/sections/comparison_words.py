@@ -213,7 +213,7 @@ COMPARISON_READ = (
     "allow. `against best` is the log of the odds against the most probable model, if all were equally "
     "likely before. `held out` and `LOO` are differences of predictive scores to the best of the "
     "column, with standard errors. `rms` and `correlation` are those of the residuals over the noise, "
-    "in the channel where they are worst: 1 and 0 where only noise is left."
+    "in the worst channel: 1 and 0 where only noise is left."
 )
 
 

@@ -231,7 +231,7 @@ def energy_note(summary: EnergySummary, model: Model) -> str:
     given, taken = model.roles.motor.torque_constant, model.roles.motor.back_emf
     unequal = (
         f"*{given} is not {taken}*: what a motor gives beyond what it takes, ({given} - {taken}) times "
-        "current and speed; in an ideal one the two are equal."
+        "current and speed. In an ideal one the two are equal."
     )
     return f"{said} {unequal}" if CONVERTED in (*summary.came, *summary.went) else said
 

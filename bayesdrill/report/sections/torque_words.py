@@ -149,14 +149,14 @@ def strayed(summary: TorqueSummary) -> str:
         return ""
     parts = ", ".join(f"{course.strayed:.2g} (`{course.channel}`)" for course in every)
     said = (
-        "missing torque: beside friction it is an approximation; the rig that rubs, with this torque as "
-        f"an input, goes elsewhere by {parts} of the noise, rms"
+        "missing torque: beside friction it is an approximation. The rig with friction, and with this "
+        f"torque as an input, moves differently by {parts} of the noise, rms"
     )
     if max(course.strayed for course in every) <= HARMLESS:
         return f"{said}, which does little harm"
     return (
-        f"{said}: friction and inertia are NOT as sure as their sds say; leave the friction out, which "
-        "the torque then shows"
+        f"{said}. Friction and inertia are NOT as sure as their sds say. Leave the friction out: the "
+        "torque then shows it"
     )
 
 
