@@ -130,7 +130,7 @@ def sampling(job: problem.Job, ensembles: int, processes: int) -> tuple[float, i
     sampler = job.config.sampler.model_copy(update={"ensembles": ensembles})
     job = job.with_settings(sampler=sampler)
     with tempfile.TemporaryDirectory() as folder:
-        outcome = pipeline.posterior(job, Path(folder) / "run", "fresh", processes, Silent())
+        outcome = pipeline.run_posterior(job, Path(folder) / "run", "fresh", processes, Silent())
     return outcome.seconds["sampling"], outcome.sampled.convergence.steps
 
 

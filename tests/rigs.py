@@ -150,7 +150,7 @@ def likelihood_of(space: ParameterSpace, *pairs: tuple[Simulator, Noise]) -> Lik
             response=response,
             noise=noise,
             parameters=space.model,
-            levels=[*islice(levels, len(noise.unknowns))],
+            noise_names=[*islice(levels, len(noise.unknowns))],
         )
         for response, noise in pairs
     ]

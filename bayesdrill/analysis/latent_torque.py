@@ -148,7 +148,7 @@ def _estimate(
     augmented = torque.kalman_filter.augmented
     sizes = torque.sizes(draws)[:, :1]
     index = augmented.states.index(TORQUE)
-    by_torque = smooth @ torque.kalman_filter.weights.T
+    by_torque = smooth @ torque.kalman_filter.output_matrix.T
     first = full[:1], draws[:1]
     pushed = sizes[0] * smooth[0, :, index]
     strayed = _nonlinear_error(observation, torque, first, signals[0] + by_torque[0], pushed)

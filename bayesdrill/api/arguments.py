@@ -25,7 +25,7 @@ from bayesdrill.rig.models.linear import Model
 from bayesdrill.sampling.workers import available_processors
 
 if TYPE_CHECKING:
-    from bayesdrill.results.run_folder import Mode
+    from bayesdrill.results.run_folder import WriteMode
     from bayesdrill.tasks.remote import RefitExecutor
 
 
@@ -111,7 +111,7 @@ def whole(location: str, value: int, least: int) -> int:
     return int(value)
 
 
-def mode(*, resume: bool, force: bool) -> Mode:
+def mode(*, resume: bool, force: bool) -> WriteMode:
     """Say how a folder with results is treated; raises `InputError` where both are given."""
     if resume and force:
         raise InputError.at("", "--resume and --force exclude each other; give one of them")
@@ -213,5 +213,5 @@ class ManyFits[T](Value):
             return self._run(path, how, executor, report or SILENT)
 
     @abstractmethod
-    def _run(self, path: Path, how: Mode, executor: RefitExecutor, report: Reporter) -> T:
+    def _run(self, path: Path, how: WriteMode, executor: RefitExecutor, report: Reporter) -> T:
         """Do the job."""

@@ -193,7 +193,7 @@ class Case(Value):
         path, workers = self.place(folder), arguments.workers(processes)
         told = report or SILENT
         details = told if verbose else SILENT
-        return pipeline.posterior(self.job, path, how, workers, told, details)
+        return pipeline.run_posterior(self.job, path, how, workers, told, details)
 
     def place(self, folder: str | Path | None = None) -> Path:
         """Return where `run` leaves its results: `results/<name>` by default."""

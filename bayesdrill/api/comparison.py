@@ -24,7 +24,7 @@ from bayesdrill.tasks import comparison
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from bayesdrill.results.run_folder import Mode
+    from bayesdrill.results.run_folder import WriteMode
     from bayesdrill.tasks.ladder import LadderOutcome
     from bayesdrill.tasks.remote import RefitExecutor
 
@@ -47,7 +47,9 @@ class Ladder(ManyFits["LadderOutcome"]):
 
     kind: ClassVar[str] = "ladder"
 
-    def _run(self, path: Path, how: Mode, crew: RefitExecutor, report: Reporter) -> LadderOutcome:
+    def _run(
+        self, path: Path, how: WriteMode, crew: RefitExecutor, report: Reporter
+    ) -> LadderOutcome:
         from bayesdrill.tasks import ladder
 
         return ladder.ladder(self.job, path, how, crew, report, self.sample)

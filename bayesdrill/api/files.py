@@ -20,7 +20,7 @@ from bayesdrill.basics.values import check_arguments
 
 if TYPE_CHECKING:
     from bayesdrill.drafting.draft import Guess
-    from bayesdrill.results.run_folder import Mode
+    from bayesdrill.results.run_folder import WriteMode
     from bayesdrill.tasks.calibrate import CalibrationOutcome as Calibrated
     from bayesdrill.tasks.pipeline import Outcome
     from bayesdrill.tasks.remote import RefitExecutor
@@ -251,7 +251,7 @@ def publish(
     source, workers = Path(folder).expanduser(), arguments.workers(processes)
     path = arguments.results_folder(output, source)
     if output is not None:
-        pipeline.copied(source, path, force=force)
+        pipeline.copy_result(source, path, force=force)
     elif force:
         message = "goes with --output, or several folders; one is written again where it is"
         raise InputError.at("--force", message)
@@ -275,7 +275,7 @@ class Calibration(ManyFits["Calibrated"]):
 
     kind: ClassVar[str] = "calibration"
 
-    def _run(self, path: Path, how: Mode, crew: RefitExecutor, report: Reporter) -> Calibrated:
+    def _run(self, path: Path, how: WriteMode, crew: RefitExecutor, report: Reporter) -> Calibrated:
         from bayesdrill.tasks import calibrate
 
         return calibrate.calibrate(self.job, path, how, crew, report)

@@ -125,7 +125,7 @@ class Observation:
     `response` simulates it, and `noise` is that of the residuals.  Other kinds have other
     densities, and the same members: nobody asks which kind it is.
 
-    `parameters`, `levels`: what its simulator's parameters and its noise's unknowns are called
+    `parameters`, `noise_names`: what its simulator's parameters and its noise's unknowns are called
     among those of all; `columns`, `noise_columns`: where these stand in `full`, None for all of it,
     and in `theta`, once it is bound.  `label`: its name among several.
     """
@@ -133,7 +133,7 @@ class Observation:
     response: Simulator
     noise: Noise
     parameters: Sequence[str]
-    levels: Sequence[str]
+    noise_names: Sequence[str]
     label: str = ""
     columns: list[int] | None = None
     noise_columns: slice | list[int] = slice(0)
@@ -144,7 +144,7 @@ class Observation:
         if columns == list(range(len(space.model))):
             columns = None
         noise_columns = _column_index(
-            [space.free.index(name) for name in self.levels], len(space.free)
+            [space.free.index(name) for name in self.noise_names], len(space.free)
         )
         return dataclasses.replace(self, columns=columns, noise_columns=noise_columns)
 

@@ -202,7 +202,7 @@ class LatentTorqueObservation(Observation):
         """Return the noise-free channels `(W, T, K)`, with the motion by the latent torque."""
         signals = self.signals(full)
         states = self.smooth(self.experiment.y - signals, theta)
-        return signals + np.asarray(states @ self.kalman_filter.weights.T)
+        return signals + np.asarray(states @ self.kalman_filter.output_matrix.T)
 
     def sample_states(
         self, samples: Array, theta: Array, rng: np.random.Generator
@@ -214,7 +214,7 @@ class LatentTorqueObservation(Observation):
                 self._of_process(kernel_arguments), self._scales(kernel_arguments), rng
             )
         states = prior_states + self.smooth(samples - prior_signals, theta)
-        return states, np.asarray(states @ self.kalman_filter.weights.T)
+        return states, np.asarray(states @ self.kalman_filter.output_matrix.T)
 
     def replicate(self, signals: Array, theta: Array, rng: np.random.Generator) -> Array:
         """Draw this record once more `(W, T, K)`: with fresh noise, and the torque that it had."""

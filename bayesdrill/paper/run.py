@@ -157,7 +157,7 @@ def _nine(
     with WorkerPool(posterior, processes) as pool:
         heuristic = run_heuristic(pool, posterior, search, OTHERS, nine.config.seed)
     clock.done(f"{name}: the heuristic from {OTHERS + 1} starts, and with the paper's integrator")
-    whole = pipeline.posterior(nine, folder / name, "force", processes, Silent())
+    whole = pipeline.run_posterior(nine, folder / name, "force", processes, Silent())
     state = "converged" if whole.sampled.convergence.converged else "NOT converged"
     clock.done(f"{name}: the posterior, {state}")
     draws = whole.sampled.draws.reshape(-1, len(heuristic.estimate))

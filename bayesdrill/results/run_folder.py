@@ -223,7 +223,7 @@ def read_chain(path: Path, ensemble: int) -> tuple[ChainSegment, str | None]:
 
 
 # report: nothing is added to the chain; read: nothing is written at all
-Mode = Literal["fresh", "resume", "force", "report", "read"]
+WriteMode = Literal["fresh", "resume", "force", "report", "read"]
 
 CHAIN = "chain.h5"
 VERSION_OF = "the version of "  # begins the names of fingerprints that a report may differ in
@@ -261,7 +261,7 @@ class Folder:
     """
 
     path: Path
-    mode: Mode
+    mode: WriteMode
     fingerprint: Mapping[str, Any]
     kind: Kind
     _open: ExitStack = field(default_factory=ExitStack)

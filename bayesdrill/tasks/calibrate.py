@@ -89,7 +89,7 @@ def study(job: Job) -> CalibrationStudy:
 def calibrate(
     job: Job,
     output: Path,
-    how: run_folder.Mode,
+    how: run_folder.WriteMode,
     crew: RefitExecutor,
     report: Reporter,
 ) -> CalibrationOutcome:

@@ -62,7 +62,7 @@ class LadderOutcome:
 def ladder(
     job: Job,
     output: Path,
-    how: run_folder.Mode,
+    how: run_folder.WriteMode,
     pool: RefitExecutor,
     report: Reporter,
     sample: int = SAMPLED,

@@ -1,4 +1,4 @@
-"""The main job: a config goes in, a results folder comes out. Reads like a method section."""
+"""The main job: a config goes in, and a results folder comes out."""
 
 from __future__ import annotations
 
@@ -69,35 +69,37 @@ class Outcome:
     seconds: Mapping[str, float]
 
 
-def posterior(
+def run_posterior(
     job: Job,
     output: Path,
-    how: run_folder.Mode,
+    how: run_folder.WriteMode,
     processes: int,
     report: Reporter,
     details: Reporter = SILENT,
 ) -> Outcome:
-    """The whole job; `details` is told all that `report` has no room for.
+    """Search the MAP, sample the posterior and write the report into `output`.
+
+    `details` is told all that `report` has no room for.
 
     Raises `Interrupted` when asked to stop, and `BrokenProcessPool` when a worker was killed; what was
     found and sampled is saved.
     """
     marks = provenance.fingerprint(job.config, job.problem)
     with Folder(output, how, marks, POSTERIOR) as folder:
-        known = None
+        mode: Mode | None = None
         if how == "resume":  # read before anything is written: what cannot go on stays as it is
             _read_ahead(job, folder)
-            known = find_map.read_mode(folder, job.problem)
+            mode = find_map.read_mode(folder, job.problem)
         report.say(words.headline(job.problem, job.config))
         details.say(words.opening(job.problem, job.units))
         details.say(words.size(job.problem, job.config))
         begin(job, folder)
-        with interruptions(folder, lambda: _kept(folder)):
-            return _run(job, folder, known, processes, report, details)
+        with interruptions(folder, lambda: _saved_so_far(folder)):
+            return _run(job, folder, mode, processes, report, details)
 
 
-def _kept(folder: Folder) -> str:
-    """What a run that was stopped leaves."""
+def _saved_so_far(folder: Folder) -> str:
+    """Return what a run that was stopped leaves, in words."""
     if folder.sampled:
         return f"what was sampled is saved in {folder.path}"
     if (folder.path / find_map.MAP_FILE).exists():
@@ -113,29 +115,29 @@ def _read_ahead(job: Job, folder: Folder) -> None:
 def _run(
     job: Job,
     folder: Folder,
-    known: Mode | None,
+    mode: Mode | None,
     processes: int,
     report: Reporter,
     details: Reporter,
 ) -> Outcome:
     clock = [time.perf_counter()]
     with WorkerPool(job.problem.posterior, processes) as pool:
-        hunt = None if known else begin_searches(pool, find_map.fit_plan(job), report)
+        searches = None if mode else begin_searches(pool, find_map.fit_plan(job), report)
         # While others search the MAP, this process looks at what the record can show, and loads
         # what sampling and report will need.
-        scenery = SensitivityStudy(job.problem.posterior.likelihood)
+        study = SensitivityStudy(job.problem.posterior.likelihood)
         report.update(0.0, "looking at what the record can show")
-        details.say(preflight(job, scenery))
+        details.say(preflight(job, study))
         if not pool.in_process:
             for _ in range(processes):  # one for each, as it is done with its searches
                 pool.submit(preload)
             for name in ("scipy.stats", "arviz_stats.base"):  # they take a while to load
                 importlib.import_module(name)
-        if hunt is not None:
-            known = find_map.end_search(pool, hunt, job, report)
-            find_map.write_mode(folder, known)
-        assert known is not None
-        mode, job = known, job.with_steps_at(known)
+        if searches is not None:
+            mode = find_map.end_search(pool, searches, job, report)
+            find_map.write_mode(folder, mode)
+        assert mode is not None
+        job = job.with_steps_at(mode)
         if misfit := find_map.misfit(job, mode):
             report.say(misfit)
         explained, said = find_map.explain(job, mode, pool.submit_function, report)
@@ -143,7 +145,7 @@ def _run(
             report.say(said)
         pool.set_steps(mode.pieces)
         if mode.pieces:
-            scenery = SensitivityStudy(job.problem.posterior.likelihood)
+            study = SensitivityStudy(job.problem.posterior.likelihood)
         clock.append(time.perf_counter())
         sampled = _sample(job, pool, mode, folder, report)
         clock.append(time.perf_counter())
@@ -153,15 +155,15 @@ def _run(
         _finish_chain(job, folder, sampled)
         seconds = {"map": clock[1] - clock[0], "sampling": clock[2] - clock[1]}
         report.update(0.0, DRAWS_SAY)
-        view = concluded(job, mode, sampled, scenery, seconds, explained=explained)
+        view = concluded(job, mode, sampled, study, seconds, explained=explained)
         return _publish(job, folder, view, pool, report, clock[-1])
 
 
 def republish(output: Path, processes: int, report: Reporter = SILENT) -> Outcome:
-    """Tables and figures again, from the chain that `output` holds."""
-    job, marks = _made(output)
+    """Make tables and figures again, from the chain that `output` holds."""
+    job, marks = _read_job(output)
     with Folder(output, "report", marks, POSTERIOR) as folder:
-        finished = _finished(job, folder)
+        finished = _read_sampled(job, folder)
         run = run_folder.read_run(output) or {}
         folder.begin()
         with WorkerPool(finished.job.problem.posterior, processes) as pool:
@@ -173,14 +175,14 @@ def republish(output: Path, processes: int, report: Reporter = SILENT) -> Outcom
             return _publish(finished.job, folder, view, pool, report)
 
 
-def copied(source: Path, output: Path, *, force: bool) -> None:
-    """What a report is made from, in a folder of its own: for a run that one may only read.
+def copy_result(source: Path, output: Path, *, force: bool) -> None:
+    """Copy what a report is made from into another folder: for a run that one may only read.
 
     Raises `InputError`, also where there is nothing to be reported.
     """
     if output.resolve() == source.resolve():
         raise InputError.at(str(output), "holds this very run; leave --output out")
-    how: run_folder.Mode = "force" if force else "fresh"
+    how: run_folder.WriteMode = "force" if force else "fresh"
     Folder(output, how, {}, POSTERIOR).check()  # before the chain is read
     job = read_result(source).job
     check_record(job, output)
@@ -194,14 +196,14 @@ def copied(source: Path, output: Path, *, force: bool) -> None:
 
 
 def read_result(output: Path) -> SampledRun:
-    """The run that `output` holds; nothing is written."""
-    job, marks = _made(output)
+    """Read the run that `output` holds; nothing is written."""
+    job, marks = _read_job(output)
     with Folder(output, "read", marks, POSTERIOR) as folder:
-        return _finished(job, folder)
+        return _read_sampled(job, folder)
 
 
-def _made(output: Path) -> tuple[Job, dict[str, str]]:
-    """The job of a run, and its fingerprint."""
+def _read_job(output: Path) -> tuple[Job, dict[str, str]]:
+    """Return the job of a run, and its fingerprint."""
     run = run_folder.read_run(output)
     if run is None:
         raise InputError.at(str(output), "no results here; give the folder of a finished run")
@@ -216,7 +218,7 @@ def _made(output: Path) -> tuple[Job, dict[str, str]]:
     return job, provenance.fingerprint(job.config, job.problem)
 
 
-def _finished(job: Job, folder: Folder) -> SampledRun:
+def _read_sampled(job: Job, folder: Folder) -> SampledRun:
     path = folder.path
     mode = find_map.read_mode(folder, job.problem)
     if mode is None:
@@ -244,7 +246,10 @@ def _finished(job: Job, folder: Folder) -> SampledRun:
 def write_result(
     job: Job, view: ReportContext, output: Path, record: str | None, *, force: bool
 ) -> Outcome:
-    """What was sampled in memory, as `posterior` leaves it; `record`: its text, where it has no file."""
+    """Write what was sampled in memory, as `run_posterior` leaves it.
+
+    `record`: the text of the record, where it has no file.
+    """
     check_record(job, output, record)
     marks = provenance.fingerprint(job.config, job.problem)
     with Folder(output, "force" if force else "fresh", marks, POSTERIOR) as folder:
@@ -261,7 +266,7 @@ def write_result(
 
 
 def sample_in_memory(job: Job, mode: Mode, processes: int, report: Reporter) -> SamplingResult:
-    """From the maximum `mode`, in whose steps the job is."""
+    """Sample from the maximum `mode`, in whose steps the job is."""
     with WorkerPool(job.problem.posterior, processes) as pool:
         return _sample(job, pool, mode, MemoryBackend(), report)
 

@@ -18,7 +18,7 @@ def run(job: problem.Job) -> Result:
     """Time is that of all sampling: learning, checks, and compiling (0.2 s) as well."""
     with tempfile.TemporaryDirectory() as folder:
         output = Path(folder) / "run"
-        outcome = pipeline.posterior(job, output, "fresh", problem.PROCESSES, Silent())
+        outcome = pipeline.run_posterior(job, output, "fresh", problem.PROCESSES, Silent())
         with xarray.open_datatree(output / "posterior.nc") as tree:
             columns = [np.asarray(tree["posterior"][name]) for name in job.problem.names]
     found = verdict.judge(np.stack(columns, axis=-1))

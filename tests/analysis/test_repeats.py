@@ -45,7 +45,7 @@ def compared(stiffer: float, seed: int = 0) -> tuple[RepeatedProduct, ...]:
                 response=Response(MotorShaft(), record),
                 noise=White.from_channels(noisy, len(y)),
                 parameters=ORDER,
-                levels=[],
+                noise_names=[],
                 label=f"run_{k + 1}",
             )
         )

@@ -58,7 +58,7 @@ def shaken(at: TorqueLocation, rng: np.random.Generator) -> tuple[Posterior, np.
         kalman_filter=KalmanFilter(MotorShaft(), found.torque, one),
         process=levels,
         parameters=base.space.model,
-        levels=["s_d", "tau_d"],
+        noise_names=["s_d", "tau_d"],
     )
     space = ParameterSpace(
         model=base.space.model, unknowns=(*base.space.unknowns, *observed.unknowns), fixed={}

@@ -24,7 +24,7 @@ from bayesdrill.output_files import (
     dumps_checksummed,
     loads_checksummed,
 )
-from bayesdrill.results.run_folder import Folder, Mode
+from bayesdrill.results.run_folder import Folder, WriteMode
 
 KINDS = [
     *(POSTERIOR, output_files.CALIBRATE, output_files.paper_files(("one", "two"))),
@@ -116,10 +116,10 @@ def test_run_json_is_there_all_the_time(tmp_path: Path, monkeypatch: pytest.Monk
     assert seen == [[".lock", RUN]]
 
 
-MODES: list[Mode] = ["fresh", "resume", "force", "report"]
+MODES: list[WriteMode] = ["fresh", "resume", "force", "report"]
 
 
-def refused(folder: Path, mode: Mode, kind: Kind = POSTERIOR) -> str:
+def refused(folder: Path, mode: WriteMode, kind: Kind = POSTERIOR) -> str:
     """What is said; nothing below the parent of `folder` may change."""
     before = listing(folder.parent)
     with pytest.raises(InputError) as caught, Folder(folder, mode, {}, kind):
@@ -134,7 +134,7 @@ FOREIGN = ['{"status": "finished"}', '{"job": "posterior", "fingerprint": {}}', 
 def test_a_run_json_of_others_gives_no_right_to_a_folder(
     tmp_path_factory: pytest.TempPathFactory,
 ) -> None:
-    def check(mode: Mode, text: str) -> None:
+    def check(mode: WriteMode, text: str) -> None:
         tmp_path = tmp_path_factory.mktemp("case")
         put(tmp_path / "out", RUN, text)
         put(tmp_path / "out", "summary.csv")
@@ -148,7 +148,7 @@ def test_a_run_json_of_others_gives_no_right_to_a_folder(
 def test_results_of_another_command_are_left_alone(
     tmp_path_factory: pytest.TempPathFactory,
 ) -> None:
-    def check(mode: Mode, kind: Kind) -> None:
+    def check(mode: WriteMode, kind: Kind) -> None:
         tmp_path = tmp_path_factory.mktemp("case")
         other = KINDS[KINDS.index(kind) - 1]
         said = refused(results(tmp_path / "out", other), mode, kind)
@@ -196,7 +196,7 @@ def test_what_no_run_can_have_made_is_named_first(tmp_path_factory: pytest.TempP
         ("figures", file_instead, "a file"),
     ]
 
-    def check(mode: Mode, name: str, spoil: Callable[[Path], None], what: str) -> None:
+    def check(mode: WriteMode, name: str, spoil: Callable[[Path], None], what: str) -> None:
         tmp_path = tmp_path_factory.mktemp("case")
         out = results(tmp_path / "results" / "out", POSTERIOR)
         spoil(out / name)
@@ -275,7 +275,7 @@ def test_what_is_replaced_hands_its_mode_bits_on(tmp_path: Path) -> None:
     put(out, "summary.csv")
     (out / RUN).chmod(0o640)
     (out / "summary.csv").chmod(0o600)
-    modes: tuple[Mode, ...] = ("report", "force")
+    modes: tuple[WriteMode, ...] = ("report", "force")
     for mode in modes:
         with Folder(out, mode, {}, POSTERIOR) as folder:
             folder.begin(status="running")

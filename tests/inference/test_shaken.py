@@ -62,7 +62,7 @@ def target(*, gaps: bool = False) -> Posterior:
         kalman_filter=KalmanFilter(MotorShaft(), found.torque, one),
         process=torque,
         parameters=ORDER,
-        levels=["sigma_w_2", "s_d", "tau_d"],
+        noise_names=["sigma_w_2", "s_d", "tau_d"],
     )
     unknowns = (*base.space.unknowns, *observed.unknowns)
     space = ParameterSpace(model=ORDER, unknowns=unknowns, fixed={})

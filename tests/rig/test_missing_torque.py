@@ -156,7 +156,7 @@ def test_states_of_the_rig_are_those_that_channels_show() -> None:
         )
         named = found.augmented.to_rig_states(states)
         assert ("theta_1" in named) == ("theta_2" in named) == (measures != cases[1])
-        assert states @ found.weights.T == pytest.approx(shown, abs=1e-7)
+        assert states @ found.output_matrix.T == pytest.approx(shown, abs=1e-7)
         for k, weights in enumerate(measures.values()):
             if set(weights) <= set(named):
                 ours = sum(weight * named[name] for name, weight in weights.items())

@@ -89,7 +89,7 @@ def long_run(posterior: Posterior, start: np.ndarray, ensemble: int) -> np.ndarr
 def test_agrees_with_a_long_run_in_other_coordinates(tmp_path: Path) -> None:
     """Every mean and quartile within 4 MCSE, every sd within 5 %."""
     job = prepare(CONFIG)
-    ours = pipeline.posterior(job, tmp_path / "run", "fresh", 2, Silent())
+    ours = pipeline.run_posterior(job, tmp_path / "run", "fresh", 2, Silent())
     c = ours.sampled.convergence
     assert c.converged
     draws = ours.sampled.draws

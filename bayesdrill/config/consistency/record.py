@@ -84,18 +84,20 @@ def local_numbers(
     """
     pairs = zip(sensed.entries, sensed.numbers, strict=True)
     numbers_ = {entry.name: None if number is None else number.value for entry, number in pairs}
-    levels: dict[str, Unknown | None] = {}
+    noise_unknowns: dict[str, Unknown | None] = {}
     for name, channel in channels.items():
         if channel is not None:
-            noise_unknowns = sensors.build_noise([channel], n_samples=1).unknowns
-            levels |= {unknown.name: unknown for unknown in noise_unknowns}
+            noise = sensors.build_noise([channel], n_samples=1)
+            noise_unknowns |= {unknown.name: unknown for unknown in noise.unknowns}
         elif isinstance(config.record.channels[name].sigma, numbers.ParameterPrior):
-            levels[noise_name(name)] = None
+            noise_unknowns[noise_name(name)] = None
     if None not in torque.values():
-        levels |= {name: value for name, value in torque.items() if isinstance(value, Unknown)}
+        noise_unknowns |= {
+            name: value for name, value in torque.items() if isinstance(value, Unknown)
+        }
     return LocalNumbers(
         sensors=numbers_ | {sensors.state_name(name): None for name in sensed.free_states},
-        levels=levels,
+        noise_unknowns=noise_unknowns,
         channels=tuple(config.record.channels),
     )
 

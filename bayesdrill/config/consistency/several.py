@@ -78,7 +78,7 @@ def truth_names(config: Config, by_label: NumbersByLabel) -> list[str]:
     for label, local in by_label.items():
         sizes = {symbols.noise_name(name) for name in local.channels}  # `simulation.sigma`
         pairs += [(label, name) for name in local.sensors]
-        pairs += [(label, name) for name in local.levels if name not in sizes]
+        pairs += [(label, name) for name in local.noise_unknowns if name not in sizes]
     local_names = [labelled_name(name, label) for label, name in pairs if name not in config.shared]
     return list(dict.fromkeys([*(name for _, name in pairs), *local_names]))
 

@@ -81,7 +81,7 @@ class _Reader:
         series, turned = self._inputs(t, columns)
         raise_if_any(self._sources.issues)
         time, n_unknown = config.record.time, len(self._resolved.space.free)
-        n_unknown += len(self._resolved.local_numbers.levels)
+        n_unknown += len(self._resolved.local_numbers.noise_unknowns)
         shortened_by = "file" if config.record.window is None else "window"
         label = self._sources.label(("record", shortened_by))
         raise_if_any(check_length(label, np.sum(~np.isnan(y), axis=0).tolist(), n_unknown))

@@ -47,7 +47,7 @@ def build_problem(case: ResolvedCase, records: Sequence[Experiment]) -> Problem:
     """
     config, rig, nominal = case.config, case.model, case.nominal
     labels = [experiment.label for experiment in case.experiments]
-    parts, sensor_numbers, levels = [], dict[str, ParsedNumber](), dict[str, Unknown]()
+    parts, sensor_numbers, noise_unknowns = [], dict[str, ParsedNumber](), dict[str, Unknown]()
     pairs = zip(case.experiments, records, strict=True)
     built = collect_each(lambda pair: _sensors_and_observation(*pair), pairs)
     for label, (parsed, observed) in zip(labels, built, strict=True):
@@ -58,15 +58,15 @@ def build_problem(case: ResolvedCase, records: Sequence[Experiment]) -> Problem:
             )
         names = [joint_name(config, unknown.name, label) for unknown in observed.unknowns]
         for name, unknown in zip(names, observed.unknowns, strict=True):
-            levels.setdefault(
+            noise_unknowns.setdefault(
                 name, unknown if name == unknown.name else unknown.for_experiment(label)
             )
         of_rig = [labelled_name(n, label if n in config.own else "") for n in rig.parameters]
         of_sensors = [renamed[name] for name in observed.parameters[len(of_rig) :]]
-        parts.append(replace(observed, parameters=[*of_rig, *of_sensors], levels=names))
+        parts.append(replace(observed, parameters=[*of_rig, *of_sensors], noise_names=names))
     numbers, other_numbers = (
         case.experiments[0].rig_numbers,
-        ([*sensor_numbers.values()], [*levels.values()]),
+        ([*sensor_numbers.values()], [*noise_unknowns.values()]),
     )
     unknowns = numbers.space(config.own, labels, *other_numbers)
     posterior = Posterior(

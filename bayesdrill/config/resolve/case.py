@@ -116,12 +116,12 @@ class LocalNumbers:
     """What an experiment has beside the rig, by the names that it gives.
 
     `sensors`: numbers of its sensors and its start, fixed or with a prior; None where the record
-    gives one or there is a mistake.  `levels`: unknowns of its noise, None with a mistake.
+    gives one or there is a mistake.  `noise_unknowns`: unknowns of its noise, None with a mistake.
     `channels`: names.
     """
 
     sensors: Mapping[str, float | Prior | None]
-    levels: Mapping[str, Unknown | None]
+    noise_unknowns: Mapping[str, Unknown | None]
     channels: tuple[str, ...]
 
     @property
@@ -135,7 +135,7 @@ class LocalNumbers:
         values: dict[str, tuple[float | Prior | None, object]] = {}
         for name, value in self.sensors.items():
             values[name] = value, value
-        for name, level in self.levels.items():
+        for name, level in self.noise_unknowns.items():
             values[name] = (level.prior, (level.prior, level.start)) if level else (None, None)
         return values
 

@@ -83,10 +83,14 @@ def build_observation(
     `ValueError` where torque and sensors do not go together.
     """
     parameters = response.parameters
-    levels = [unknown.name for unknown in noise.unknowns]
+    noise_names = [unknown.name for unknown in noise.unknowns]
     if acts is None:
         return Observation(
-            response=response, noise=noise, parameters=parameters, levels=levels, label=label
+            response=response,
+            noise=noise,
+            parameters=parameters,
+            noise_names=noise_names,
+            label=label,
         )
     if not noise.white:
         raise ValueError(
@@ -102,8 +106,8 @@ def build_observation(
         kalman_filter=KalmanFilter(response.model, acts, response.experiment),
         process=process,
         parameters=parameters,
-        levels=[
-            *levels,
+        noise_names=[
+            *noise_names,
             *(unknown.name for unknown in process.values() if isinstance(unknown, Unknown)),
         ],
         label=label,

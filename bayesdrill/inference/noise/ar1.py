@@ -42,8 +42,8 @@ class ChannelSpacing:
     gaps: Array | None
     all_gaps: Array | None
 
-    def memory(self, rho: Array, *, all_samples: bool = False) -> tuple[Array, Array]:
-        """Return the share of the sample before that is left, and the sd of what is new.
+    def conditional(self, rho: Array, *, all_samples: bool = False) -> tuple[Array, Array]:
+        """Return the weight of the sample before in the conditional mean, and the conditional sd.
 
         Both are `(W, n)`, the sd over sigma; of the first sample they are zero and one.
         """
@@ -56,50 +56,50 @@ class ChannelSpacing:
             widths = np.concatenate([[np.inf], gaps])[None]
         with np.errstate(divide="ignore"):
             logs = np.log(rho)[:, None] * widths
-        share, new = np.exp(logs), np.sqrt(-np.expm1(2.0 * logs))
+        weight, sd = np.exp(logs), np.sqrt(-np.expm1(2.0 * logs))
         if gaps is None:
             indices = np.minimum(np.arange(self.count), 1)
-            return share[:, indices], new[:, indices]
-        return share, new
+            return weight[:, indices], sd[:, indices]
+        return weight, sd
 
     def innovations(self, samples: Array, rho: Array) -> Array:
         """Return what is new in each sample, all of one sd: that of the samples."""
-        share, new = self.memory(rho)
-        return _without_memory(samples, share) / new
+        weight, sd = self.conditional(rho)
+        return _without_memory(samples, weight) / sd
 
     def score(self, samples: Array, rho: Array) -> Array:
         """Return minus half the slopes of the sum of squared innovations, sign turned.
 
         They are by each sample.
         """
-        share, new = self.memory(rho)
-        over = _without_memory(samples, share) / new**2
+        weight, sd = self.conditional(rho)
+        over = _without_memory(samples, weight) / sd**2
         out = over.copy()
-        out[:, :-1] -= share[:, 1:] * over[:, 1:]
+        out[:, :-1] -= weight[:, 1:] * over[:, 1:]
         return out
 
     def rho_score(self, samples: Array, rho: Array) -> Array:
         """Return the slope of the log density `(W,)` by rho, of samples over sigma."""
-        share, new = self.memory(rho)
-        innovations = _without_memory(samples, share) / new
-        by_left = share * (1.0 - innovations**2) / new**2
-        by_left[:, 1:] += innovations[:, 1:] * samples[:, :-1] / new[:, 1:]
-        return np.asarray((by_left * self._by_rho(share, rho)).sum(axis=1))
+        weight, sd = self.conditional(rho)
+        innovations = _without_memory(samples, weight) / sd
+        by_left = weight * (1.0 - innovations**2) / sd**2
+        by_left[:, 1:] += innovations[:, 1:] * samples[:, :-1] / sd[:, 1:]
+        return np.asarray((by_left * self._by_rho(weight, rho)).sum(axis=1))
 
     def information(self, rho: Array) -> Array:
         """Return the expected information `(W, 2, 2)` on the log of sigma and rho."""
-        share, new = self.memory(rho)
-        turn = self._by_rho(share, rho)
+        weight, sd = self.conditional(rho)
+        turn = self._by_rho(weight, rho)
         out = np.empty((len(rho), 2, 2))
         out[:, 0, 0] = 2.0 * self.count
-        out[:, 0, 1] = out[:, 1, 0] = -2.0 * (share * turn / new**2).sum(axis=1)
-        out[:, 1, 1] = (turn**2 * (1.0 + share**2) / new**4).sum(axis=1)
+        out[:, 0, 1] = out[:, 1, 0] = -2.0 * (weight * turn / sd**2).sum(axis=1)
+        out[:, 1, 1] = (turn**2 * (1.0 + weight**2) / sd**4).sum(axis=1)
         return out
 
-    def _by_rho(self, share: Array, rho: Array) -> Array:
-        """Return d share / d rho; of the first sample zero."""
+    def _by_rho(self, weight: Array, rho: Array) -> Array:
+        """Return d weight / d rho; of the first sample zero."""
         gaps = np.ones(self.count - 1) if self.gaps is None else self.gaps
-        out = np.zeros_like(share)
+        out = np.zeros_like(weight)
         out[:, 1:] = gaps * rho[:, None] ** (gaps - 1.0)
         return out
 
@@ -115,10 +115,10 @@ class ChannelSpacing:
     def correlate(self, noise: Array, rho: Array) -> None:
         """Turn `fresh (W, T)`, independent and of sd 1, into noise, in place."""
         all_samples = ChannelSpacing(slice(None), noise.shape[1], self.all_gaps, None)
-        share, new = all_samples.memory(rho)
-        noise *= new
+        weight, sd = all_samples.conditional(rho)
+        noise *= sd
         for k in range(1, noise.shape[1]):
-            noise[:, k] += share[:, k] * noise[:, k - 1]
+            noise[:, k] += weight[:, k] * noise[:, k - 1]
 
 
 @dataclass(frozen=True, slots=True)
@@ -162,9 +162,9 @@ def _gaps(gaps: Array) -> Array | None:
     return None if (rounded == 1.0).all() else rounded
 
 
-def _without_memory(samples: Array, share: Array) -> Array:
+def _without_memory(samples: Array, weight: Array) -> Array:
     out = samples.copy()
-    out[:, 1:] -= share[:, 1:] * samples[:, :-1]
+    out[:, 1:] -= weight[:, 1:] * samples[:, :-1]
     return out
 
 
@@ -189,7 +189,7 @@ class AR1:
     `spacing`: of the samples of each channel; None where they are evenly spaced and all there.
     """
 
-    levels: White
+    sigmas: White
     memory: ChannelNumbers
     unknowns: tuple[Unknown, ...]
     spacing: Spacing | None = field(default=None, repr=False, compare=False)
@@ -200,32 +200,32 @@ class AR1:
     @classmethod
     def from_channels(cls, channels: Sequence[NoisyChannel], n_samples: int) -> AR1:
         """Build the noise of these channels."""
-        levels = White.from_channels(channels, n_samples)
-        memory = ChannelNumbers(tuple(c.entries.get("rho") for c in channels), len(levels.unknowns))
+        sigmas = White.from_channels(channels, n_samples)
+        memory = ChannelNumbers(tuple(c.entries.get("rho") for c in channels), len(sigmas.unknowns))
         correlations = [correlation(channels[k]) for k in memory.free]
-        return cls(levels=levels, memory=memory, unknowns=(*levels.unknowns, *correlations))
+        return cls(sigmas=sigmas, memory=memory, unknowns=(*sigmas.unknowns, *correlations))
 
     @property
     def n_channels(self) -> int:
         """Return the number of channels."""
-        return self.levels.n_channels
+        return self.sigmas.n_channels
 
     def for_length(self, n_samples: int) -> AR1:
         """Return the same noise for a record of another length."""
-        return dataclasses.replace(self, levels=self.levels.for_length(n_samples), spacing=None)
+        return dataclasses.replace(self, sigmas=self.sigmas.for_length(n_samples), spacing=None)
 
     def at_times(self, t: Array, seen: Flags) -> AR1:
         """Return the same noise at times `t (T,)`, where channels were seen `(T, K)`."""
-        levels = self.levels.for_length(len(t)).with_counts(tuple(int(n) for n in seen.sum(axis=0)))
-        return dataclasses.replace(self, levels=levels, spacing=Spacing.from_times(t, seen))
+        sigmas = self.sigmas.for_length(len(t)).with_counts(tuple(int(n) for n in seen.sum(axis=0)))
+        return dataclasses.replace(self, sigmas=sigmas, spacing=Spacing.from_times(t, seen))
 
     def fixed_values(self) -> Mapping[int, object]:
         """Return what is fixed of each channel, by index."""
-        return self.memory.with_sizes(self.levels.known)
+        return self.memory.with_sizes(self.sigmas.known)
 
     def scales(self, theta: Array) -> Array:
         """Return the standard deviation of a single sample `(W, K)`, SI."""
-        return self.levels.scales(theta)
+        return self.sigmas.scales(theta)
 
     def log_likelihood(self, residuals: Residuals, theta: Array) -> Array:
         """Return the log likelihood `(W, K)`."""
@@ -233,7 +233,7 @@ class AR1:
             terms = self.pointwise(residuals.samples, theta)
             return np.asarray(np.where(self.spacing.seen, terms, 0.0).sum(axis=1))
         squares, products, last, first = np.moveaxis(residuals.neighbours, -1, 0)
-        sigma, rho, n = self.scales(theta), self.memory.values(theta), self.levels.sizes
+        sigma, rho, n = self.scales(theta), self.memory.values(theta), self.sigmas.sizes
         inner = (1.0 - rho) * (1.0 + rho)
         innovation_squares = (
             squares - 2.0 * rho * products + rho**2 * (squares - first**2 - last**2)
@@ -251,11 +251,11 @@ class AR1:
             np.full(samples.shape, np.nan),
         )
         for k, channel in enumerate(self._spacing(samples).channels):
-            _, share = channel.memory(rho[:, k])
+            _, sd = channel.conditional(rho[:, k])
             innovations = (
                 channel.innovations(samples[:, channel.rows, k], rho[:, k]) / sigma[:, k, None]
             )
-            out[:, channel.rows, k] = -0.5 * innovations**2 - np.log(sigma[:, k, None] * share)
+            out[:, channel.rows, k] = -0.5 * innovations**2 - np.log(sigma[:, k, None] * sd)
         return out - 0.5 * math.log(2 * math.pi)
 
     def whiten(self, samples: Array, theta: Array) -> Array:
@@ -276,7 +276,7 @@ class AR1:
         rho, out = self.memory.values(theta), np.full(samples.shape, np.nan)
         for k, channel in enumerate(self._spacing(samples).channels):
             out[:, channel.rows, k] = _without_memory(
-                samples[:, channel.rows, k], channel.memory(rho[:, k])[0]
+                samples[:, channel.rows, k], channel.conditional(rho[:, k])[0]
             )
         return out
 
@@ -312,8 +312,8 @@ class AR1:
                 axis=1
             ) - channel.count
             slopes[1, :, k] = channel.rho_score(scaled, rho[:, k])
-        share = np.maximum(1.0, 1.0 + slopes[0] / self.levels.sizes)
-        pairs = self._pairs(rho) * share[..., None, None]
+        inflation = np.maximum(1.0, 1.0 + slopes[0] / self.sigmas.sizes)
+        pairs = self._pairs(rho) * inflation[..., None, None]
         slope = np.hstack([slopes[0][:, self._free[0]], slopes[1][:, self._free[1]]])
         return slope, pair_matrix(pairs, self._free)
 
@@ -328,7 +328,7 @@ class AR1:
             channel.estimate_rho(samples[channel.rows, k]) for k, channel in enumerate(each)
         ]
         rho = np.clip(estimates, 1.0 - MAX_RHO, MAX_RHO)
-        return np.append(self.levels.fitted(samples, theta), rho[self.memory.free])
+        return np.append(self.sigmas.fitted(samples, theta), rho[self.memory.free])
 
     def draw(self, signals: Array, theta: Array, rng: np.random.Generator) -> Array:
         """Draw signals `(W, T, K)` with fresh noise."""
@@ -340,14 +340,14 @@ class AR1:
 
     @property
     def _free(self) -> tuple[list[int], list[int]]:
-        return list(self.levels.unknown), self.memory.free
+        return list(self.sigmas.unknown), self.memory.free
 
     def _spacing(self, samples: Array) -> Spacing:
         return self.spacing or even_spacing(samples.shape[1], self.n_channels)
 
     def _pairs(self, rho: Array) -> Array:
         """Information `(W, K, 2, 2)` about the log of sigma, and rho."""
-        spacing = self.spacing or even_spacing(self.levels.n_samples, self.n_channels)
+        spacing = self.spacing or even_spacing(self.sigmas.n_samples, self.n_channels)
         each = [channel.information(rho[:, k]) for k, channel in enumerate(spacing.channels)]
         return np.stack(each, axis=1)
 

@@ -100,10 +100,10 @@ class KalmanFilter:
     @cached_property
     def system(self) -> StateSpace:
         """What its kernels are specialised for."""
-        return StateSpace(self.augmented, weight_kinds(self.weights))
+        return StateSpace(self.augmented, weight_kinds(self.output_matrix))
 
     @cached_property
-    def weights(self) -> Array:
+    def output_matrix(self) -> Array:
         """Weights of channels, `(K, n)`."""
         return np.array(
             [self.augmented.channel_weights(c.weights) for c in self.experiment.channels]
@@ -126,7 +126,7 @@ class KalmanFilter:
             "node": self.steps.node,
             "same": same,
             "spans": self.steps.spans,
-            "weights": self.weights,
+            "weights": self.output_matrix,
         }
 
     def log_density(self, parameters: Array, sigmas: Array, record: tuple[int, int]) -> Array:
@@ -165,7 +165,7 @@ class KalmanFilter:
     def _constants(self) -> tuple[Array, int]:
         """The kernel's block of constants of the experiment, and its address."""
         start = self.augmented.initial_state(self.experiment.start)
-        block = constant_block(self.experiment, start, self.weights)
+        block = constant_block(self.experiment, start, self.output_matrix)
         return block, block.ctypes.data
 
     def whiten(self, parameters: Array, sigmas: Array, residuals: Array) -> tuple[Array, Array]:

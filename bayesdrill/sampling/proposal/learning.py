@@ -35,7 +35,7 @@ from bayesdrill.sampling.samplers.independence import (
     normalised,
 )
 
-Random = np.random.RandomState
+RandomState = np.random.RandomState
 Component = tuple[int, float, Array, Array]  # sheet, weight, mean, root
 
 DRAWS_PER_ROUND = 2400  # of one round, ...
@@ -101,7 +101,7 @@ def learn(
     surface: LogDensity,
     expand: Expand,
     maxima: Sequence[Array],
-    seed: Random,
+    random_state: RandomState,
     rng: np.random.Generator,
     max_added_ridges: int = MAX_ADDED_RIDGES,
     report: Reporter = SILENT,
@@ -117,10 +117,10 @@ def learn(
     """
     parts = [(origin, trace(surface, expand, at, rng)) for origin, at in enumerate(maxima)]
     try:
-        best = last = _best_mixture(surface, parts, seed, max_added_ridges, report)
+        best = last = _best_mixture(surface, parts, random_state, max_added_ridges, report)
     except NoSupportError:  # the posterior is narrower than all that its curvature foresees
         parts = [(0, trace_box(surface, maxima[0], rng))]
-        best = last = _best_mixture(surface, parts, seed, max_added_ridges, report)
+        best = last = _best_mixture(surface, parts, random_state, max_added_ridges, report)
     for _ in range(max_added_ridges):
         if best.good:
             break
@@ -132,7 +132,7 @@ def learn(
         good_parts = [part for part in parts if part[1].off < USELESS_ERROR]
         parts = new_parts if last.strays > MAX_STRAY_MASS else good_parts + new_parts
         try:
-            last = _best_mixture(surface, parts, seed, max_added_ridges, report)
+            last = _best_mixture(surface, parts, random_state, max_added_ridges, report)
         except NoSupportError:  # at ends of priors ridges may lead out of them
             break
         best, last = _compared(best, last)
@@ -144,7 +144,9 @@ def learn(
     looked = None
     if max_added_ridges > 0 and settle:
         report.update(0.0, "looking for what the proposal leaves out")
-        looked = check_coverage(surface, expand, best.proposal, *_heaviest(best), seed, rng, report)
+        looked = check_coverage(
+            surface, expand, best.proposal, *_heaviest(best), random_state, rng, report
+        )
     draws = looked.draws if looked else best.draws
     return LearnedProposal(
         proposal=replace(best.proposal, newton=looked.proposal if looked else None),
@@ -175,7 +177,7 @@ def _heaviest(learning_round: _Round) -> tuple[list[int], tuple[Array, Array]]:
 def _best_mixture(
     surface: LogDensity,
     parts: Sequence[tuple[int, TracedRidge]],
-    seed: Random,
+    random_state: RandomState,
     max_added_ridges: int,
     report: Reporter,
 ) -> _Round:
@@ -185,7 +187,7 @@ def _best_mixture(
     off = tuple(traced_ridge.off for traced_ridge in traced)
     rounds: list[_Round] = []
     for _ in range(MAX_ROUNDS if max_added_ridges else MAX_ROUNDS // 3):
-        done = _draw(mixture, off, origin, surface, seed)
+        done = _draw(mixture, off, origin, surface, random_state)
         settled = bool(rounds) and done.share < MIN_IMPROVEMENT * rounds[-1].share
         rounds.append(done)
         text = f"learning the proposal, round {len(rounds)}: {done.share:.0%} of its draws count"
@@ -196,9 +198,11 @@ def _best_mixture(
             break
         u, weights = done.weighted_draws
         first = len(rounds) == 1
-        begin = _several_components(narrow, u, weights, seed) if first else narrow
+        begin = _several_components(narrow, u, weights, random_state) if first else narrow
         expectations = EM_ROUNDS[0 if first else 1]
-        narrow = independence.fit_mixture(begin, u, weights, surface.inside, expectations, seed)
+        narrow = independence.fit_mixture(
+            begin, u, weights, surface.inside, expectations, random_state
+        )
         mixture = _with_tails(narrow, u, weights)
     return _best(rounds)
 
@@ -315,13 +319,13 @@ def _draw(
     off: tuple[float, ...],
     origin: tuple[int, ...],
     surface: LogDensity,
-    seed: Random,
+    random_state: RandomState,
 ) -> _Round:
     """Each draw is weighed with the density of all of them (the balance heuristic)."""
     wide = mixture.with_width(WIDE_FACTOR)
     times = max(1, len(mixture.sheets) // RIDGES_PER_BATCH)
-    narrow_draws, n_narrow = _inside(mixture, times * DRAWS_PER_ROUND, surface, seed)
-    wide_draws, n_wide = _inside(wide, times * WIDE_DRAWS, surface, seed)
+    narrow_draws, n_narrow = _inside(mixture, times * DRAWS_PER_ROUND, surface, random_state)
+    wide_draws, n_wide = _inside(wide, times * WIDE_DRAWS, surface, random_state)
     u = np.concatenate([narrow_draws, wide_draws])
     log_every, log_q = _densities(mixture, (n_narrow, n_wide), u)
     log_w = surface.value(u) - log_q
@@ -345,14 +349,16 @@ def _densities(mixture: Mixture, counts: tuple[int, int], u: Array) -> tuple[Arr
     return np.logaddexp(np.log(counts[0]) + log_q, np.log(counts[1]) + log_wide), log_q
 
 
-def _inside(mixture: Mixture, n: int, surface: LogDensity, seed: Random) -> tuple[Array, int]:
+def _inside(
+    mixture: Mixture, n: int, surface: LogDensity, random_state: RandomState
+) -> tuple[Array, int]:
     """About `n` draws inside the prior `(N, D)`, and of how many they are those inside."""
-    first = mixture.draw(n, seed).u
+    first = mixture.draw(n, random_state).u
     inside = first[surface.inside(first)]
     more = n * (n - len(inside)) // max(len(inside), n // MAX_TRIES_PER_DRAW)
     if more == 0:
         return inside, n
-    more_draws = mixture.draw(more, seed).u
+    more_draws = mixture.draw(more, random_state).u
     return np.concatenate([inside, more_draws[surface.inside(more_draws)]]), n + more
 
 
@@ -371,7 +377,9 @@ def _begin(traced: Sequence[TracedRidge]) -> Mixture:
     return independence.mixture(ridges, range(count), equal, np.array(means), np.array(roots))
 
 
-def _several_components(mixture: Mixture, u: Array, weights: Array, seed: Random) -> Mixture:
+def _several_components(
+    mixture: Mixture, u: Array, weights: Array, random_state: RandomState
+) -> Mixture:
     """Several components for each ridge, begun at some of its own draws, picked by weight."""
     y, jacobian = mixture.straightened(u)
     owner = mixture.sheet[np.argmax(mixture.log_parts(y, jacobian), axis=0)]
@@ -392,7 +400,9 @@ def _several_components(mixture: Mixture, u: Array, weights: Array, seed: Random
             continue
         points = y[s, mine]
         centre, root = moments(points, sheet_weights)
-        picked = points[seed.choice(len(mine), size=count, p=sheet_weights / sheet_weights.sum())]
+        picked = points[
+            random_state.choice(len(mine), size=count, p=sheet_weights / sheet_weights.sum())
+        ]
         means = [centre] if count == 1 else list(picked)
         wide = root if count == 1 else COMPONENT_SCALE * root
         parts += [(s, float(sheet_weights.sum()) / count, mean, wide) for mean in means]

@@ -34,7 +34,7 @@ from bayesdrill.sampling.samplers.independence import (
 )
 from bayesdrill.sampling.samplers.ridge import RidgeCoordinates
 
-Random = np.random.RandomState
+RandomState = np.random.RandomState
 
 DRAWS_PER_ROUND, LAST_DRAWS = 400, 1600  # of a round; the last ones judge once more
 LEARNING_ROUNDS = 2
@@ -68,7 +68,7 @@ def check_coverage(
     proposal: Proposal,
     sheets: Sequence[int],
     weighted_draws: tuple[Array, Array],
-    seed: Random,
+    random_state: RandomState,
     rng: np.random.Generator,
     report: Reporter = SILENT,
 ) -> CoverageCheck | None:
@@ -85,17 +85,17 @@ def check_coverage(
     for k in range(LEARNING_ROUNDS):
         mixture = _wide(selected, *weighted_draws)
         draws, shares, inside = _drawn(
-            surface, newton_mixture(mixture, expand), DRAWS_PER_ROUND, seed
+            surface, newton_mixture(mixture, expand), DRAWS_PER_ROUND, random_state
         )
         if len(draws.u) == 0 or (k == 0 and _covers(surface, proposal, draws)):
             return None
         weighted_draws = draws.u, shares * draws.tempered(MIN_TEMPERED_SHARE * len(draws.u))
-    begin = draws.u[seed.choice(len(draws.u), size=WALKERS, p=draws.weights)]
+    begin = draws.u[random_state.choice(len(draws.u), size=WALKERS, p=draws.weights)]
     newton_proposal = Proposal(
         _wide(selected, *weighted_draws), inside, draws.typical_log_ratio, local_share=1.0
     )
-    mixture = _add_ridges(surface, expand, newton_proposal, begin, seed, rng, report)
-    draws, _, inside = _drawn(surface, newton_mixture(mixture, expand), LAST_DRAWS, seed)
+    mixture = _add_ridges(surface, expand, newton_proposal, begin, random_state, rng, report)
+    draws, _, inside = _drawn(surface, newton_mixture(mixture, expand), LAST_DRAWS, random_state)
     if _covers(surface, proposal, draws):
         return None  # a few draws of many looked like it by chance
     return CoverageCheck(
@@ -108,7 +108,7 @@ def _add_ridges(
     expand: Expand,
     newton_proposal: Proposal,
     begin: Array,
-    seed: Random,
+    random_state: RandomState,
     rng: np.random.Generator,
     report: Reporter,
 ) -> Mixture:
@@ -117,7 +117,7 @@ def _add_ridges(
     Where one unknown takes over from another, what was tight is loose, and the ridge of the maximum
     leads to nothing but the edge of such a place.  Walkers that step by themselves go on into it.
     """
-    state = State(begin, surface.value(begin), tuple(seed.get_state()))
+    state = State(begin, surface.value(begin), tuple(random_state.get_state()))
     first = len(newton_proposal.mixture.sheets)
     for k in range(MAX_ADDED_RIDGES):
         report.update((k + 1) / (MAX_ADDED_RIDGES + 1), "looking for what the proposal leaves out")
@@ -200,14 +200,14 @@ def _wide(sheets: Sequence[RidgeCoordinates], u: Array, weights: Array) -> Mixtu
 
 
 def _drawn(
-    surface: LogDensity, mixture: Mixture, n: int, seed: Random
+    surface: LogDensity, mixture: Mixture, n: int, random_state: RandomState
 ) -> tuple[WeightedDraws, Array, float]:
     """Draw `n` times, or more where many are outside the prior, and keep draws with a density.
 
     Returns each sheet's shares of them `(S, N)`, and how many of all are inside, too.
     """
-    inside = surface.inside(mixture.draw(n, seed).u).mean()
-    drawn = mixture.draw(int(n / max(float(inside), 1.0 / MAX_TRIES_PER_DRAW)), seed)
+    inside = surface.inside(mixture.draw(n, random_state).u).mean()
+    drawn = mixture.draw(int(n / max(float(inside), 1.0 / MAX_TRIES_PER_DRAW)), random_state)
     value = surface.value(drawn.u)
     good = np.isfinite(value)
     valid = drawn.select(good)
