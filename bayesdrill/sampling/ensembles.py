@@ -73,13 +73,25 @@ class MemoryBackend:
         self.saved.setdefault(ensemble, []).append(segment)
 
 
-CLIMB_STEPS = 25  # steps from a maximum over the unknowns to one over the coordinates
-MAX_SLOPES = 20_000  # of a point, of records with samples of their own
-POINTS_PER_TASK = 64  # points that one process expands at a time
-START_SPREAD = 1.5  # ensembles start wider than the proposal, so that R-hat can tell
-MAX_START_TRIES = 20  # of drawing points to start at, wider or not, and of mirroring others
-# of the log density below the highest start: far off a bent ridge is no place to start
-MAX_START_DEPTH = 50.0
+@dataclass(frozen=True, slots=True)
+class EnsembleRunSettings:
+    """How ensembles start, and how often they are looked at and saved."""
+
+    climb_steps: int = 25  # steps from a maximum over the unknowns to one over the coordinates
+    max_slopes: int = 20_000  # of a point, of records with samples of their own
+    points_per_task: int = 64  # points that one process expands at a time
+    start_spread: float = 1.5  # ensembles start wider than the proposal, so that R-hat can tell
+    # of drawing points to start at, wider or not, and of mirroring others
+    max_start_tries: int = 20
+    # of the log density below the highest start: far off a bent ridge is no place to start
+    max_start_depth: float = 50.0
+    first_check: int = 200  # steps
+    max_segment_steps: int = 250  # steps between savings, at most, and ...
+    segment_seconds: float = 2.0  # ... about as many as take this long: what Ctrl-C waits for
+    max_steps_of_a_misfit: int = 800  # steps
+
+
+SETTINGS = EnsembleRunSettings()
 
 
 def prepare(
@@ -88,9 +100,11 @@ def prepare(
     """Learn the proposal; it is the same whatever the number of processes."""
 
     def expand(u: Array, directions: Array) -> QuadraticModel:
-        if len(u) <= POINTS_PER_TASK:
+        if len(u) <= SETTINGS.points_per_task:
             return expanded(posterior, u, directions)
-        parts = [u[k : k + POINTS_PER_TASK] for k in range(0, len(u), POINTS_PER_TASK)]
+        parts = [
+            u[k : k + SETTINGS.points_per_task] for k in range(0, len(u), SETTINGS.points_per_task)
+        ]
         tasks = [pool.submit(expanded, part, directions) for part in parts]
         return concatenate_models([task.result() for task in tasks])
 
@@ -103,7 +117,7 @@ def prepare(
         rng = seeds.stream(seed, "learn", 1)
         # Where the density over the coordinates is highest, most of the posterior is near.
         central, settle = (
-            gauss_newton(surface, modes, CLIMB_STEPS).u,
+            gauss_newton(surface, modes, SETTINGS.climb_steps).u,
             not slopes_are_expensive(posterior),
         )
         for k in range(1, len(modes)):  # one is not moved to where another is
@@ -130,7 +144,7 @@ def slopes_are_expensive(posterior: Posterior) -> bool:
     observations = posterior.likelihood.observations
     each = [observation for observation in observations if not observation.response.exact]
     numbers = sum(len(observation.experiment.t) for observation in each) * len(posterior.space.free)
-    return numbers > MAX_SLOPES or any(
+    return numbers > SETTINGS.max_slopes or any(
         observation.response.model.frictions for observation in observations
     )
 
@@ -154,12 +168,12 @@ def begin_walkers(
     random = np.random.RandomState(seeds.bits(seed, "start", ensemble))
     proposal = bind_to_posterior(proposal, posterior).widest
     mixture = proposal.mixture
-    centre, wide = mixture.sheets[0].frame.centre, mixture.with_width(START_SPREAD)
+    centre, wide = mixture.sheets[0].frame.centre, mixture.with_width(SETTINGS.start_spread)
     z, log_p = np.empty((n, len(centre))), np.full(n, -np.inf)
     missing = np.ones(n, dtype=bool)
-    for attempt in range(3 * MAX_START_TRIES):
-        wanted, mirrored = int(missing.sum()), attempt - 2 * MAX_START_TRIES
-        if attempt < MAX_START_TRIES:
+    for attempt in range(3 * SETTINGS.max_start_tries):
+        wanted, mirrored = int(missing.sum()), attempt - 2 * SETTINGS.max_start_tries
+        if attempt < SETTINGS.max_start_tries:
             fresh = wide.draw(wanted, random).u
         elif mirrored < 0:
             fresh = proposal.draw(wanted, posterior.supports, random)[0]
@@ -169,18 +183,12 @@ def begin_walkers(
             fresh = np.where(fresh < ends.low, 2.0 * ends.low - fresh, fresh)
             fresh = np.where(fresh > ends.high, 2.0 * ends.high - fresh, fresh)
         z[missing], log_p[missing] = fresh, posterior(fresh)
-        missing = ~(log_p > log_p.max() - MAX_START_DEPTH)
+        missing = ~(log_p > log_p.max() - SETTINGS.max_start_depth)
         if mirrored < 0:
             missing |= log_p > proposal.high(mixture.log_density(z))
         if not missing.any():
             return State(z, log_p, seeds.legacy_state(seed, "walk", ensemble))
     raise NoSupportError("no point of finite posterior was found around the maximum")
-
-
-FIRST_CHECK = 200  # steps
-MAX_SEGMENT_STEPS = 250  # steps between savings, at most, and ...
-SEGMENT_SECONDS = 2.0  # ... about as many as take this long: what Ctrl-C waits for
-MAX_STEPS_OF_A_MISFIT = 800  # steps
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -306,7 +314,7 @@ class _Walk:
         `tell`: of how many steps all have made.
         """
         running: dict[Future[ChainSegment], int] = {}
-        length = MAX_SEGMENT_STEPS
+        length = SETTINGS.max_segment_steps
 
         def submit(ensemble: int) -> None:
             remaining = goal - self.steps[ensemble]
@@ -323,7 +331,9 @@ class _Walk:
                 segment = future.result()
                 length = int(
                     np.clip(
-                        SEGMENT_SECONDS * len(segment.z) / segment.seconds, 1, MAX_SEGMENT_STEPS
+                        SETTINGS.segment_seconds * len(segment.z) / segment.seconds,
+                        1,
+                        SETTINGS.max_segment_steps,
                     )
                 )
                 first = self.steps[ensemble]
@@ -373,7 +383,7 @@ def sample(
     )
     have, most = max(under_way.steps), plan.most_steps(maxima.shape[1])
     if not fits(posterior, maxima):
-        most = min(most, MAX_STEPS_OF_A_MISFIT)
+        most = min(most, SETTINGS.max_steps_of_a_misfit)
     sampled = _run_until_converged(under_way, have, most, learnt, report)
     report.update(1.0, "")
     z = posterior.coordinates.from_physical(sampled.draws.reshape(-1, maxima.shape[1]))
@@ -408,7 +418,7 @@ def _run_until_converged(
     Where it looks depends on nothing but the chain: not on how it was cut.
     """
     plan, last = under_way.plan, max(most, have)
-    goal = min(FIRST_CHECK, last)
+    goal = min(SETTINGS.first_check, last)
     trail: list[tuple[int, float]] = []
     share = 0.01
 
@@ -485,7 +495,7 @@ def load_sampled(
     """Judge the stored `segments` of each ensemble; raises `InputError` if some are missing."""
     chains = [segments(ensemble) for ensemble in range(plan.ensembles)]
     steps = min(map(_steps, chains))
-    first = min(FIRST_CHECK, plan.most_steps(len(posterior.space.free)))
+    first = min(SETTINGS.first_check, plan.most_steps(len(posterior.space.free)))
     if steps < first or max(map(_steps, chains)) != steps:
         raise InputError.at(
             location, "the run stopped before its first check; continue it with --resume"

@@ -26,31 +26,57 @@ from bayesdrill.rig.models.linear import dynamics
 from bayesdrill.sampling.gauss_newton import gauss_newton
 from bayesdrill.sampling.proposal import ridge_tracing
 
-FIRST_STEPS = 8  # of all starts, and then ...
-MAX_STARTS = 10  # ... as many of those spread over the prior go on, ...
+
+@dataclass(frozen=True, slots=True)
+class ModeComparisonSettings:
+    """How many starts a search for other modes has, and when two modes are one."""
+
+    first_steps: int = 8  # of all starts, and then ...
+    max_starts: int = 10  # ... as many of those spread over the prior go on, ...
+    last_steps: int = 25  # ... as many steps
+    # of the log density: a maximum lower than the highest by more holds nothing
+    negligible_depth: float = 25.0
+    path_steps: int = 10  # steps between two points
+    # of the priors' spreads: points that are likely to end at the same maximum
+    cell_size: float = 1e-4
+    same_ridge_sds: float = 3.0  # standard deviations of the tight directions
+    # Of the log density: what is no deeper parts no maxima, but ripples of one.
+    valley_between_modes: float = 0.5
+    # places between two points, at which one looks for a valley; at no even ...
+    valley_probes: int = 24
+    golden_fraction: float = 0.5 * (5.0**0.5 - 1.0)  # ... distances, as a row of maxima has them
+    # of the log density: a point that is higher by less is no better than a known one
+    known_bonus: float = 1e-6
+    pole_pairs: int = 2  # of poles that are looked at, the fastest
+    min_alias_height: float = 0.3  # of the window's height: lower peaks are no aliases
+    max_aliases_tried: int = 384  # aliases of a pair of poles, the most alike first, of which ...
+    alias_steps: int = 8  # ... those that hold most of where they lead to in so many steps
+    window_oversampling: int = 4  # times that the window is drawn finer than its peaks are wide
+    max_iterations: int = 12
+    same_alias: float = 0.3  # radians over the whole record: what is left is for the search
+    slope_step: float = 1e-5  # of the priors' spreads
+    min_imaginary: float = 1e-6  # of the largest pole: an imaginary part above it is no rounding
+    # ... from sample to sample, as what is written down in steps may repeat itself
+    scan_points_per_sample: int = 2
+    max_starts_per_unknown: int = 96  # starts that come of them
+    valley_along_line: float = 1.0  # of the log density: what is less deep parts no maxima
+
+
+SETTINGS = ModeComparisonSettings()
+
 MAX_NEARBY_STARTS = 128  # ... or of those that are likely to lead to other maxima, for ...
-LAST_STEPS = 25  # ... as many steps
-# of the log density: a maximum lower than the highest by more holds nothing
-NEGLIGIBLE_DEPTH = 25.0
-PATH_STEPS = 10  # steps between two points
 SAME_MODE = 1e-3  # of the priors' spreads: the same point
-CELL_SIZE = 1e-4  # of the priors' spreads: points that are likely to end at the same maximum
-SAME_RIDGE_SDS = 3.0  # standard deviations of the tight directions
-# Of the log density: what is no deeper parts no maxima, but ripples of one.
-VALLEY_BETWEEN_MODES = 0.5
-VALLEY_PROBES = 24  # places between two points, at which one looks for a valley; at no even ...
-GOLDEN_FRACTION = 0.5 * (5.0**0.5 - 1.0)  # ... distances, as a row of maxima has them
-# of the log density: a point that is higher by less is no better than a known one
-KNOWN_BONUS = 1e-6
 
 
-def best_ends(surface: LogDensity, starts: Array, most: int = MAX_STARTS) -> tuple[Array, Array]:
+def best_ends(
+    surface: LogDensity, starts: Array, most: int = SETTINGS.max_starts
+) -> tuple[Array, Array]:
     """Climb from `starts (n, D)`: the `most` promising ends `(m, D)`, and their log densities."""
-    first = gauss_newton(surface, starts, FIRST_STEPS)
+    first = gauss_newton(surface, starts, SETTINGS.first_steps)
     order = np.argsort(-first.value, kind="stable")
-    cells = np.rint((first.u[order] - surface.low) / (CELL_SIZE * surface.spread))
+    cells = np.rint((first.u[order] - surface.low) / (SETTINGS.cell_size * surface.spread))
     best = order[np.sort(np.unique(cells, axis=0, return_index=True)[1])][:most]
-    climbed = gauss_newton(surface, first.u[best], LAST_STEPS)
+    climbed = gauss_newton(surface, first.u[best], SETTINGS.last_steps)
     good = np.isfinite(climbed.value)
     return climbed.u[good], climbed.value[good]
 
@@ -60,9 +86,11 @@ def distinct_modes(surface: LogDensity, points: Array, values: Array, known: int
 
     The first `known` of them are so already, and stay what stands for their maximum.
     """
-    rank = values + np.where(np.arange(len(values)) < known, KNOWN_BONUS, 0.0)
+    rank = values + np.where(np.arange(len(values)) < known, SETTINGS.known_bonus, 0.0)
     remaining = [int(k) for k in np.argsort(-rank, kind="stable")]
-    remaining = [k for k in remaining if values[k] >= values[remaining[0]] - NEGLIGIBLE_DEPTH]
+    remaining = [
+        k for k in remaining if values[k] >= values[remaining[0]] - SETTINGS.negligible_depth
+    ]
     distinct: list[int] = []
     while remaining:
         highest, *lower = remaining
@@ -84,12 +112,14 @@ def split_by_valley(surface: LogDensity, start: Array, others: Array) -> NDArray
 
     It does not between corners of a plateau, nor where one maximum has ripples.
     """
-    between = np.sort(np.arange(1, VALLEY_PROBES + 1) * GOLDEN_FRACTION % 1.0)
+    between = np.sort(np.arange(1, SETTINGS.valley_probes + 1) * SETTINGS.golden_fraction % 1.0)
     share = np.concatenate([[0.0], between, [1.0]])[:, None, None]
     ways = start + share * (others - start)
     value = surface.value(ways.reshape(-1, len(start))).reshape(ways.shape[:2])
     lower = np.minimum(value[0], value[-1])
-    return np.asarray((value.min(axis=0) < lower - VALLEY_BETWEEN_MODES) | ~np.isfinite(lower))
+    return np.asarray(
+        (value.min(axis=0) < lower - SETTINGS.valley_between_modes) | ~np.isfinite(lower)
+    )
 
 
 def joined_by_ridge(surface: LogDensity, start: Array, others: Array) -> NDArray[np.bool_]:
@@ -106,7 +136,7 @@ def joined_by_ridge(surface: LogDensity, start: Array, others: Array) -> NDArray
     before = np.zeros_like(tau)
     arrived = np.zeros(len(others), dtype=bool)
     roots = np.zeros((len(others), tau.shape[1], tau.shape[1]))
-    steps = PATH_STEPS if psi.shape[1] else 1
+    steps = SETTINGS.path_steps if psi.shape[1] else 1
     for k in range(1, steps + 1):
         ahead = 2.0 * at - before if k > 1 else at  # straight on from the last two
         ridge_tau, roots, _, arrived = ridge_tracing.return_to_ridge(
@@ -115,7 +145,7 @@ def joined_by_ridge(surface: LogDensity, start: Array, others: Array) -> NDArray
         before, at = at, ridge_tau
     roots[~arrived] = np.eye(tau.shape[1])  # of no use, where there is no density
     off = np.linalg.solve(roots, (tau - at)[..., None])[..., 0]
-    return np.asarray(arrived & (np.linalg.norm(off, axis=1) < SAME_RIDGE_SDS))
+    return np.asarray(arrived & (np.linalg.norm(off, axis=1) < SETTINGS.same_ridge_sds))
 
 
 def shares_held(posterior: Posterior, ends: Array) -> Array:
@@ -131,23 +161,10 @@ def shares_held(posterior: Posterior, ends: Array) -> Array:
     return np.asarray(mass / mass.sum())
 
 
-POLE_PAIRS = 2  # of poles that are looked at, the fastest
-MIN_ALIAS_HEIGHT = 0.3  # of the window's height: lower peaks are no aliases
-MAX_ALIASES_TRIED = 384  # aliases of a pair of poles, the most alike first, of which ...
 MAX_ALIASES = 96  # ... so many are starts: where they are more, ...
-ALIAS_STEPS = 8  # ... those that hold most of where they lead to in so many steps
 # cells of time for each radian of the fastest swing, at most
 CELLS_PER_RADIAN, MAX_CELLS = 3, 2**19
-WINDOW_OVERSAMPLING = 4  # times that the window is drawn finer than its peaks are wide
-MAX_ITERATIONS = 12
-SAME_ALIAS = 0.3  # radians over the whole record: what is left is for the search
-SLOPE_STEP = 1e-5  # of the priors' spreads
-MIN_IMAGINARY = 1e-6  # of the largest pole: an imaginary part above it is no rounding
 SCAN_POINTS, MAX_SCAN_POINTS = 240, 2000  # points along each unknown; along a moment so many ...
-# ... from sample to sample, as what is written down in steps may repeat itself
-SCAN_POINTS_PER_SAMPLE = 2
-MAX_STARTS_PER_UNKNOWN = 96  # starts that come of them
-VALLEY_ALONG_LINE = 1.0  # of the log density: what is less deep parts no maxima
 
 
 @dataclass(frozen=True, slots=True)
@@ -173,11 +190,12 @@ def alias_starts(surface: PosteriorLogDensity, u: Array) -> NearbyStarts:
     aliases, missed_share = [np.empty((0, len(u)))], 0.0
     for pair in np.flatnonzero(here > 0):
         wanted = _aliases(posterior, here[pair], slowest[pair], fastest[pair])
-        at = _at_frequencies(surface, u, int(pair), np.unique(wanted[:MAX_ALIASES_TRIED]))
+        at = _at_frequencies(surface, u, int(pair), np.unique(wanted[: SETTINGS.max_aliases_tried]))
         heaviest, share = _heaviest(surface, at)
         aliases.append(heaviest)
         missed_share = max(
-            missed_share, 1.0 - share * MAX_ALIASES_TRIED / max(len(wanted), MAX_ALIASES_TRIED)
+            missed_share,
+            1.0 - share * SETTINGS.max_aliases_tried / max(len(wanted), SETTINGS.max_aliases_tried),
         )
     return NearbyStarts(np.concatenate(aliases), missed_share)
 
@@ -186,7 +204,7 @@ def _heaviest(surface: PosteriorLogDensity, at: Array) -> tuple[Array, float]:
     """The `MAX_ALIASES` near `at (n, D)` that hold most, and their share of what all of them hold."""
     if len(at) <= MAX_ALIASES:
         return at, 1.0
-    u = gauss_newton(surface, at, ALIAS_STEPS).u
+    u = gauss_newton(surface, at, SETTINGS.alias_steps).u
     shares = shares_held(surface.posterior, u)
     most = np.argsort(-shares, kind="stable")[:MAX_ALIASES]
     return u[most], float(shares[most].sum())
@@ -203,19 +221,22 @@ def scan_starts(surface: PosteriorLogDensity, u: Array) -> NearbyStarts:
     for d, unknown in enumerate(posterior.space.unknowns):
         scanned = SCAN_POINTS
         if unknown.role == "sensor" and unknown.symbol.unit == "s":
-            many = SCAN_POINTS_PER_SAMPLE * (ends[1, d] - ends[0, d]) / step
+            many = SETTINGS.scan_points_per_sample * (ends[1, d] - ends[0, d]) / step
             scanned = int(np.clip(many, SCAN_POINTS, MAX_SCAN_POINTS))
         line = np.repeat(u[None], scanned + 1, axis=0)
         along = np.linspace(surface.low[d], surface.high[d], scanned)
         line[:, d] = np.sort(np.append(along, u[d]))
         value = surface.value(line)
         index = int(np.searchsorted(line[:, d], u[d]))
-        modes = [k for k in peaks(value, VALLEY_ALONG_LINE) if _valley_between(value, k, index)]
+        modes = [
+            k for k in peaks(value, SETTINGS.valley_along_line) if _valley_between(value, k, index)
+        ]
         modes = sorted(modes, key=lambda k: -value[k])
-        maxima.append(line[modes[:MAX_STARTS_PER_UNKNOWN]])
-        high = sum(value[k] > value.max() - NEGLIGIBLE_DEPTH for k in modes)
+        maxima.append(line[modes[: SETTINGS.max_starts_per_unknown]])
+        high = sum(value[k] > value.max() - SETTINGS.negligible_depth for k in modes)
         missed_share = max(
-            missed_share, 1.0 - MAX_STARTS_PER_UNKNOWN / max(high, MAX_STARTS_PER_UNKNOWN)
+            missed_share,
+            1.0 - SETTINGS.max_starts_per_unknown / max(high, SETTINGS.max_starts_per_unknown),
         )
     return NearbyStarts(np.concatenate(maxima), missed_share)
 
@@ -240,7 +261,7 @@ def peaks(value: Array, valley: float) -> list[int]:
 def _valley_between(value: Array, first: int, second: int) -> bool:
     """Whether there is a valley between two places of a line."""
     between = value[min(first, second) : max(first, second) + 1]
-    return bool(between.min() < min(value[first], value[second]) - VALLEY_ALONG_LINE)
+    return bool(between.min() < min(value[first], value[second]) - SETTINGS.valley_along_line)
 
 
 def _aliases(posterior: Posterior, omega: float, low: float, high: float) -> Array:
@@ -271,13 +292,13 @@ def window_peaks(t: Array, highest: float) -> tuple[Array, Array]:
         return np.empty(0), np.empty(0)
     cells = int(np.ceil(CELLS_PER_RADIAN * highest * span)) + 1
     counts = np.bincount(np.rint((t - t[0]) / span * (cells - 1)).astype(int), minlength=cells)
-    size = scipy.fft.next_fast_len(WINDOW_OVERSAMPLING * cells, real=True)
+    size = scipy.fft.next_fast_len(SETTINGS.window_oversampling * cells, real=True)
     height = np.abs(scipy.fft.rfft(counts, size)) / len(t)
     delta = 2.0 * np.pi * np.arange(len(height)) / size * (cells - 1) / span
     inner = (
         (height[1:-1] >= height[:-2])
         & (height[1:-1] > height[2:])
-        & (height[1:-1] > MIN_ALIAS_HEIGHT)
+        & (height[1:-1] > SETTINGS.min_alias_height)
     )
     top = 1 + np.flatnonzero(inner & (delta[1:-1] <= highest))
     return delta[top], height[top]
@@ -291,8 +312,8 @@ def frequencies(posterior: Posterior, u: Array) -> Array:
     matrices = dynamics(model.linear(full), model.states, len(u))
     poles = np.linalg.eigvals(np.where(np.isfinite(matrices), matrices, 0.0))
     size = np.abs(poles).max(axis=1, keepdims=True)
-    swings = np.sort(np.where(poles.imag > MIN_IMAGINARY * size, poles.imag, 0.0), axis=1)
-    return np.asarray(swings[:, ::-1][:, :POLE_PAIRS])
+    swings = np.sort(np.where(poles.imag > SETTINGS.min_imaginary * size, poles.imag, 0.0), axis=1)
+    return np.asarray(swings[:, ::-1][:, : SETTINGS.pole_pairs])
 
 
 def _slopes(posterior: Posterior, u: Array, pair: int, steps: Array) -> tuple[Array, Array]:
@@ -303,7 +324,7 @@ def _slopes(posterior: Posterior, u: Array, pair: int, steps: Array) -> tuple[Ar
     with np.errstate(divide="ignore", invalid="ignore"):
         logs = np.log(frequencies(posterior, points)[:, pair])
         up, down = logs[n:].reshape(2, n, d)
-        slope = (up - down) / (2 * SLOPE_STEP)
+        slope = (up - down) / (2 * SETTINGS.slope_step)
     return logs[:n], np.where(np.isfinite(slope), slope, 0.0)
 
 
@@ -312,8 +333,8 @@ def _frequency_range(surface: PosteriorLogDensity, u: Array) -> tuple[Array, Arr
 
     All unknowns are at the ends that slow it down, or speed it up, at `u (D,)`.
     """
-    steps, ends = SLOPE_STEP * np.diag(surface.spread), []
-    for pair in range(POLE_PAIRS):
+    steps, ends = SETTINGS.slope_step * np.diag(surface.spread), []
+    for pair in range(SETTINGS.pole_pairs):
         slope = _slopes(surface.posterior, u[None], pair, steps)[1][0]
         slow = np.where(slope > 0, surface.low, np.where(slope < 0, surface.high, u))
         fast = np.where(slope > 0, surface.high, np.where(slope < 0, surface.low, u))
@@ -327,13 +348,13 @@ def _at_frequencies(surface: PosteriorLogDensity, u: Array, pair: int, wanted: A
 
     Nearest in the priors' spreads; those that are not reached are left out.
     """
-    posterior, steps = surface.posterior, SLOPE_STEP * np.diag(surface.spread)
+    posterior, steps = surface.posterior, SETTINGS.slope_step * np.diag(surface.spread)
     span = max(
         float(np.ptp(observation.experiment.t)) for observation in posterior.likelihood.observations
     )
-    near = SAME_ALIAS / (span * wanted)
+    near = SETTINGS.same_alias / (span * wanted)
     at = np.repeat(u[None], len(wanted), axis=0)
-    for _ in range(MAX_ITERATIONS):
+    for _ in range(SETTINGS.max_iterations):
         logs, slope = _slopes(posterior, at, pair, steps)
         off = np.log(wanted) - logs
         done = np.abs(off) < near

@@ -37,21 +37,34 @@ from bayesdrill.sampling.samplers.ridge import RidgeCoordinates
 RandomState = np.random.RandomState
 
 DRAWS_PER_ROUND, LAST_DRAWS = 400, 1600  # of a round; the last ones judge once more
-LEARNING_ROUNDS = 2
-MAX_MISSED_MASS = 0.01  # of the posterior, where p over q is e^FAR times what is usual
-FAR_LOG_RATIO = 3.0
-MIN_EFFECTIVE_SHARE = 0.02  # of effective draws: with less nothing is seen, and one looks on
-MAX_TRIES_PER_DRAW = 10  # times as many at most, where few are inside the prior
-# of effective draws: below it the density is flattened until there are as many
-MIN_TEMPERED_SHARE = 0.1
-NEGLIGIBLE_WEIGHT = 1e-9  # of the posterior: where a sheet has none of the draws
+
+
+@dataclass(frozen=True, slots=True)
+class CoverageCheckSettings:
+    """How long the check of a proposal walks, and how much mass it may miss."""
+
+    learning_rounds: int = 2
+    max_missed_mass: float = (
+        0.01  # of the posterior, where p over q is e^far_log_ratio times what is usual
+    )
+    far_log_ratio: float = 3.0
+    # of effective draws: with less nothing is seen, and one looks on
+    min_effective_share: float = 0.02
+    max_tries_per_draw: int = 10  # times as many at most, where few are inside the prior
+    # of effective draws: below it the density is flattened until there are as many
+    min_tempered_share: float = 0.1
+    negligible_weight: float = 1e-9  # of the posterior: where a sheet has none of the draws
+    # times at most that a place which walkers get to, and draws do not, gets a ridge
+    max_added_ridges: int = 4
+    max_trapped_walkers: float = 0.01  # of the walkers, in places that are left too slowly
+    max_still_trapped: float = 0.02  # of them: with more, such a place gets another ridge
+
+
+SETTINGS = CoverageCheckSettings()
+
 # times as wide as what is known, along the ridge and across it
 WIDTH_ALONG, WIDTH_ACROSS = 1.3, 1.05
-# times at most that a place which walkers get to, and draws do not, gets a ridge
-MAX_ADDED_RIDGES = 4
 WALKERS, STEPS, THINNING = 96, 90, 3  # that look for them; the last two thirds are seen
-MAX_TRAPPED_WALKERS = 0.01  # of the walkers, in places that are left too slowly
-MAX_STILL_TRAPPED = 0.02  # of them: with more, such a place gets another ridge
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,14 +95,17 @@ def check_coverage(
     selected = [proposal.mixture.sheets[s] for s in sheets]
     if all(sheet.n_loose in (0, len(sheet.frame.centre)) for sheet in selected):
         return None
-    for k in range(LEARNING_ROUNDS):
+    for k in range(SETTINGS.learning_rounds):
         mixture = _wide(selected, *weighted_draws)
         draws, shares, inside = _drawn(
             surface, newton_mixture(mixture, expand), DRAWS_PER_ROUND, random_state
         )
         if len(draws.u) == 0 or (k == 0 and _covers(surface, proposal, draws)):
             return None
-        weighted_draws = draws.u, shares * draws.tempered(MIN_TEMPERED_SHARE * len(draws.u))
+        weighted_draws = (
+            draws.u,
+            shares * draws.tempered(SETTINGS.min_tempered_share * len(draws.u)),
+        )
     begin = draws.u[random_state.choice(len(draws.u), size=WALKERS, p=draws.weights)]
     newton_proposal = Proposal(
         _wide(selected, *weighted_draws), inside, draws.typical_log_ratio, local_share=1.0
@@ -119,8 +135,10 @@ def _add_ridges(
     """
     state = State(begin, surface.value(begin), tuple(random_state.get_state()))
     first = len(newton_proposal.mixture.sheets)
-    for k in range(MAX_ADDED_RIDGES):
-        report.update((k + 1) / (MAX_ADDED_RIDGES + 1), "looking for what the proposal leaves out")
+    for k in range(SETTINGS.max_added_ridges):
+        report.update(
+            (k + 1) / (SETTINGS.max_added_ridges + 1), "looking for what the proposal leaves out"
+        )
         # Into such a place walkers of all others have to step first: then those that are there go on.
         limit = -np.inf if k == 0 else newton_proposal.typical_log_ratio
         walking = replace(
@@ -136,7 +154,7 @@ def _add_ridges(
         )
         shares, log_q = walking.mixture.shares(*walking.mixture.straightened(u))
         waiting = _waiting(value - log_q)
-        if waiting.mean() < MAX_TRAPPED_WALKERS:
+        if waiting.mean() < SETTINGS.max_trapped_walkers:
             return _wide(newton_proposal.mixture.sheets, u, shares / len(u))
         known = np.where(waiting, 0.0, shares)
         # The last ridge began at the edge of what is seen by now: once more from its middle.
@@ -145,7 +163,7 @@ def _add_ridges(
             mixture, ratio = _ending(
                 surface, expand, newton_proposal.mixture, u, value, trial_shares, rng
             )
-            if _waiting(ratio).mean() < MAX_STILL_TRAPPED:
+            if _waiting(ratio).mean() < SETTINGS.max_still_trapped:
                 break
         newton_proposal = replace(
             newton_proposal, mixture=mixture, typical_log_ratio=float(np.median(ratio))
@@ -189,7 +207,7 @@ def _wide(sheets: Sequence[RidgeCoordinates], u: Array, weights: Array) -> Mixtu
     means, roots = [], []
     for sheet, sheet_weights in zip(sheets, weights, strict=True):
         n, d = sheet.n_loose, u.shape[1]
-        middle, root = moments(sheet.frame.split(u)[0], sheet_weights + NEGLIGIBLE_WEIGHT)
+        middle, root = moments(sheet.frame.split(u)[0], sheet_weights + SETTINGS.negligible_weight)
         means.append(np.concatenate([middle, np.zeros(d - n)]))
         roots.append(WIDTH_ACROSS * np.eye(d))
         roots[-1][:n, :n] = WIDTH_ALONG * root
@@ -207,7 +225,9 @@ def _drawn(
     Returns each sheet's shares of them `(S, N)`, and how many of all are inside, too.
     """
     inside = surface.inside(mixture.draw(n, random_state).u).mean()
-    drawn = mixture.draw(int(n / max(float(inside), 1.0 / MAX_TRIES_PER_DRAW)), random_state)
+    drawn = mixture.draw(
+        int(n / max(float(inside), 1.0 / SETTINGS.max_tries_per_draw)), random_state
+    )
     value = surface.value(drawn.u)
     good = np.isfinite(value)
     valid = drawn.select(good)
@@ -218,5 +238,10 @@ def _drawn(
 def _covers(surface: LogDensity, proposal: Proposal, draws: WeightedDraws) -> bool:
     """Whether hardly any of the posterior is where the proposal hardly ever goes, as far as one sees."""
     ratio = surface.value(draws.u) - proposal.mixture.log_density(draws.u)
-    missed_mass = float(draws.weights[ratio > proposal.typical_log_ratio + FAR_LOG_RATIO].sum())
-    return missed_mass < MAX_MISSED_MASS and draws.effective > MIN_EFFECTIVE_SHARE * len(draws.u)
+    missed_mass = float(
+        draws.weights[ratio > proposal.typical_log_ratio + SETTINGS.far_log_ratio].sum()
+    )
+    return (
+        missed_mass < SETTINGS.max_missed_mass
+        and draws.effective > SETTINGS.min_effective_share * len(draws.u)
+    )
