@@ -125,6 +125,23 @@ def test_only_what_is_null_everywhere_counts() -> None:
     assert len(structure.null_space(points[:1])) == 1
 
 
+def test_what_is_hardly_seen_is_no_symmetry() -> None:
+    """One direction hardly shows at each point, and another at each; together they all show."""
+    rng = np.random.default_rng(6)
+    points = []
+    for _ in range(3):
+        turned = np.linalg.qr(rng.standard_normal((4, 4)))[0]
+        points.append(rng.standard_normal((50, 4)) @ np.diag([1.0, 0.5, 0.3, 1e-9]) @ turned)
+    made = structure.find_structure(tuple("abcd"), points, lambda _: False)
+    assert made.unexplained == 0
+    assert len(made.invariants) == 4
+    # Next to nothing at all points alike, and proven: rounding of what changes nothing.
+    alike = [rng.standard_normal((50, 4)) @ np.diag([1.0, 0.5, 0.3, 1e-9]) for _ in range(3)]
+    made = structure.find_structure(tuple("abcd"), alike, lambda _: True)
+    assert made.symmetries == ((0, 0, 0, 1),)
+    assert made.unexplained == 0
+
+
 def test_a_direction_that_turns_from_place_to_place_is_still_blind() -> None:
     """Of c and a + b: c shows, and the sum, but no product with a or b.  Mutant killed: only
     directions that are the same everywhere count."""

@@ -64,20 +64,22 @@ class ScalingStructure:
         return tuple(tuple(powers.get(k, 0) for k in range(m)) for powers in factors)
 
 
-def null_space(sensitivities: Sequence[Array]) -> Array:
+def null_space(sensitivities: Sequence[Array], *, nearly: bool = False) -> Array:
     """Return directions of log unknowns that change nothing at any of the points: `(n, m)` rows.
 
-    Points at which nothing moves, as of a rig that sticks from the start, say nothing.
+    Points at which nothing moves, as of a rig that sticks from the start, say nothing.  `nearly`: also
+    those that change next to nothing, which may be hardly seen or rounding, and are to be proven.
     """
     moving = [s / size for s in sensitivities if (size := np.linalg.norm(s)) > 0]
     if not moving:
         return np.eye(sensitivities[0].shape[1])
     reduced = [np.linalg.qr(s, mode="r") for s in moving]
     _, values, rows = np.linalg.svd(np.concatenate(reduced))
-    before = np.concatenate([values[:1], values[:-1]])
-    # Of a stiff rig rounding leaves more of what is nothing; but then it is far below all else.
-    nothing = (values < NULL_BELOW * values[0]) & (values < NULL_GAP * before)
-    nothing |= values <= RANK_TOLERANCE * values[0]
+    nothing = values <= RANK_TOLERANCE * values[0]
+    if nearly:
+        before = np.concatenate([values[:1], values[:-1]])
+        # Of a stiff rig rounding leaves more of what is nothing; but then it is far below all else.
+        nothing |= (values < NULL_BELOW * values[0]) & (values < NULL_GAP * before)
     rank = int(np.argmax(nothing)) if nothing.any() else len(values)
     return np.asarray(rows[rank:])
 
@@ -91,14 +93,13 @@ def find_structure(
 
     `sensitivities`: `(T K, m)` at several points; `unchanged`: proves one candidate.
     """
-    null = null_space(sensitivities)
-    candidates = sparse_basis(null)
+    null, candidates = null_space(sensitivities), sparse_basis(null_space(sensitivities, nearly=True))
     proven = tuple(exponents for exponents in candidates if unchanged(exponents))
     each = [null_space([point]) for point in sensitivities if point.any()]
-    blind = min(map(len, each), default=len(null))
+    blind = max(min(map(len, each), default=len(null)), len(proven))
     if blind > len(null):  # of a sum only the sum may show: its direction turns with its terms
         hidden = np.concatenate(each)
-    elif len(proven) == len(null):
+    elif len(proven) >= len(null):
         hidden = np.array(proven, dtype=float).reshape(-1, len(names))
     else:
         hidden = null
