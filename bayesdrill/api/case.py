@@ -38,6 +38,8 @@ PRIORS = "a prior, a number or 'nominal' for each name"
 class Channel(Value):
     """A measured channel: `values (T,)` in `unit`, at the times of its case.
 
+    For example::
+
         bd.Channel(w_1, "rpm", sigma=2.0)
         bd.Channel(twist, "deg", sigma={"prior": "half_normal", "scale": 0.5},
                    measures="theta_1 - theta_2")

@@ -16,6 +16,7 @@ import numpy as np
 from bayesdrill.basics.arrays import Array
 from bayesdrill.inference import laplace
 from bayesdrill.inference.likelihood import Likelihood, Observation
+from bayesdrill.inference.noise.mixed import noise_for_record
 from bayesdrill.inference.posterior import Posterior
 from bayesdrill.record.experiment import Experiment, frozen
 from bayesdrill.rig.simulators.compressed import (
@@ -43,8 +44,8 @@ def is_long(observation: Observation, shortest: int = LONG) -> bool:
 
 def exact_reason(observation: Observation) -> str:
     """Say why a record cannot be compressed, as far as no parameters decide it; empty where it can."""
-    if not observation.white:
-        return "its noise is not white and Gaussian, or a torque is missing"
+    if not observation.quadratic:
+        return "its noise is not Gaussian and even in time, or a torque is missing"
     return obstacle(observation.response)
 
 
@@ -104,7 +105,8 @@ def first_samples(observation: Observation, samples: int) -> Observation:
         return observation
     experiment = _first(observation.experiment, samples)
     made = observation.with_simulator(observation.response.of(experiment), observation.parameters)
-    return dataclasses.replace(made, noise=observation.noise.for_length(samples))
+    noise = observation.noise.for_length(samples)
+    return dataclasses.replace(made, noise=noise_for_record(noise, experiment.t, experiment.seen))
 
 
 def _first(experiment: Experiment, samples: int) -> Experiment:
@@ -153,10 +155,12 @@ def compressions(
     full, made = posterior.space.full(points), {}
     for observation in posterior.likelihood.observations:
         if is_long(observation, shortest):
+            rigs = observation.simulator_parameters(full)
             variances = observation.scales(points).min(axis=0) ** 2
-            compression = compress(
-                observation.response, observation.simulator_parameters(full), variances
-            )
+            weights = observation.square_weights(points)
+            assert weights is not None
+            limits = np.abs(weights).max(axis=0)
+            compression = compress(observation.response, rigs, variances, limits)
             if isinstance(compression, Compression):
                 made[observation.label] = compression
     return made

@@ -253,6 +253,11 @@ class Observation:
         return self.noise.white
 
     @property
+    def quadratic(self) -> bool:
+        """Whether the log likelihood is a weighted sum of sums of squares; see `square_weights`."""
+        return self.noise.square_weights(np.empty((0, len(self.noise.unknowns)))) is not None
+
+    @property
     def kind(self) -> str:
         """Return the key by which results know its density; empty where it is white."""
         return "" if self.noise.white else repr(self.noise)
@@ -280,6 +285,10 @@ class Observation:
     def scales(self, theta: Array) -> Array:
         """Return standard deviations of single samples `(W, K)`, SI."""
         return self.noise.scales(theta[:, self.noise_columns])
+
+    def square_weights(self, theta: Array) -> Array | None:
+        """Return weights of sums of squares `(W, K, n)`; see `Noise.square_weights`."""
+        return self.noise.square_weights(theta[:, self.noise_columns])
 
     def whiten(self, samples: Array, theta: Array) -> Array:
         """Return whitened residuals `(W, T, K)`, independent and standard normal."""
@@ -315,9 +324,10 @@ class Observation:
     ) -> tuple[SimulatorResiduals, Array, Array]:
         """Residuals; slope `(W, q)` and curvature `(W, q, q)` along `along (W, q, P)`."""
         residuals = self.residuals(full)
-        if self.noise.white:
-            turned, scales = self.simulator_parameters(along), 1.0 / self.noise.scales(noise_theta)
-            squares, slope, curvature = self.response.normal(residuals.full, turned, scales)
+        weights = self.noise.square_weights(noise_theta)
+        if weights is not None:
+            turned = self.simulator_parameters(along)
+            squares, slope, curvature = self.response.normal(residuals.full, turned, weights)
             return SimulatorResiduals(self.response, residuals.full, squares), slope, curvature
         measured = self.experiment.seen
         shifts = np.where(measured, self.sensitivities(full, along), 0.0)  # (W, q, T, K)

@@ -69,6 +69,11 @@ class LatentTorqueObservation(Observation):
         return False
 
     @property
+    def quadratic(self) -> bool:
+        """Whether sums of squares are all: never."""
+        return False
+
+    @property
     def kind(self) -> str:
         """Return the key by which results know its density: the text that it had as a noise."""
         return (

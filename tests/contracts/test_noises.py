@@ -107,12 +107,13 @@ def drawn(of: Noise, own: Array, n: int, seed: int = 3) -> Array:
 
 def asked(samples: Array) -> SimpleNamespace:
     squares = (samples**2).sum(axis=1)
-    products = (samples[:, 1:] * samples[:, :-1]).sum(axis=1)
+    steps = (np.diff(samples, axis=1) ** 2).sum(axis=1)
+    ends = samples[:, 0] ** 2 + samples[:, -1] ** 2
     return SimpleNamespace(
         samples=samples,
         squares=squares,
         weighted_squares=lambda w: squares * w**2,
-        neighbours=np.stack([squares, products, samples[:, -1], samples[:, 0]], axis=-1),
+        neighbours=np.stack([squares, steps, ends], axis=-1),
         logs=lambda w: np.log1p(w[:, None] * samples**2).sum(axis=1),
         intervals=lambda over, half: masses(samples * over[:, None], half[:, None]).sum(axis=1),
     )

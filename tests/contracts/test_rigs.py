@@ -144,7 +144,7 @@ def test_its_sums_are_those_of_its_signals(name: str) -> None:
     scales = np.linspace(0.5, 3.0, k)[None]
     along = np.random.default_rng(2).standard_normal((1, 3, p.shape[1])) * p
     shifts = of.sensitivities(p, along)[0] * scales[0]
-    squares, pulled, products = of.normal(p, along, scales)
+    squares, pulled, products = of.normal(p, along, scales[..., None] ** 2)
     assert squares[0] == pytest.approx((left**2).sum(axis=0) * scales[0] ** 2, rel=1e-9)
     assert pulled[0] == pytest.approx(np.einsum("qtk,tk->q", shifts, left * scales[0]), rel=1e-7)
     assert products[0] == pytest.approx(np.einsum("qtk,rtk->qr", shifts, shifts), rel=1e-7)

@@ -46,10 +46,10 @@ def remembering(n: int) -> AR1:
 def left_of(samples: Array) -> SimpleNamespace:
     """What a noise asks for, NaN where nothing was seen; sums of what is seen."""
     kept = np.nan_to_num(samples)
-    found = np.empty((len(samples), samples.shape[2], 4))
+    found = np.empty((len(samples), samples.shape[2], 3))
     for w, k in np.ndindex(found.shape[:2]):
         own = samples[w, ~np.isnan(samples[w, :, k]), k]
-        found[w, k] = own @ own, own[1:] @ own[:-1], own[-1], own[0]
+        found[w, k] = own @ own, np.diff(own) @ np.diff(own), own[0] ** 2 + own[-1] ** 2
     return SimpleNamespace(
         samples=samples,
         squares=(kept**2).sum(axis=1),

@@ -221,7 +221,7 @@ def test_normal_equations_are_sums_over_the_signals() -> None:
             )
             slopes.append((8 * near - far) / (12 * 1e-4) * scales[:, None, :])
         s = np.array(slopes)
-        found = kernels.normal(theta, directions, scales)
+        found = kernels.normal(theta, directions, scales[..., None] ** 2)
         true = [
             (left**2).sum(axis=1),
             np.einsum("wtk,jwtk->wj", left, s),
@@ -230,7 +230,8 @@ def test_normal_equations_are_sums_over_the_signals() -> None:
         for one, other in zip(found, true, strict=True):
             assert one == pytest.approx(other, rel=1e-6, abs=1e-8 * np.abs(other).max())
         for w in range(n):
-            alone = kernels.normal(*(array[w : w + 1] for array in (theta, directions, scales)))
+            one = slice(w, w + 1)
+            alone = kernels.normal(theta[one], directions[one], scales[one, :, None] ** 2)
             assert all(np.array_equal(a[0], b[w]) for a, b in zip(alone, found, strict=True))
 
     for_each({str(name): (name,) for name in MEASURED}, check)

@@ -15,9 +15,10 @@ from bayesdrill.rig.models.driven_shaft import DrivenShaft
 from bayesdrill.rig.models.motor_shaft import MotorShaft
 from bayesdrill.rig.simulators import compressed, simulator
 from bayesdrill.rig.simulators.compressed import CompressedSimulator, Compression, compress
+from bayesdrill.rig.simulators.contract import Simulator
 from bayesdrill.rig.simulators.exact import Response
 from bayesdrill.rig.simulators.long_record import long_states as fast
-from bayesdrill.rig.simulators.rational_basis import NoBasisError, choose_basis
+from bayesdrill.rig.simulators.rational_basis import BLOCK, NoBasisError, choose_basis
 from bayesdrill.rig.simulators.sensors import ObservationModel
 
 SIGMA = 0.1
@@ -50,7 +51,8 @@ def measured(n: int = 1001, seed: int = 3, **changes: object) -> Response:
 
 def made(response, points: np.ndarray) -> CompressedSimulator:
     channels = response.experiment.y.shape[1]
-    compression = compress(response, points, np.full(channels, SIGMA**2))
+    variances = np.full(channels, SIGMA**2)
+    compression = compress(response, points, variances, 1.0 / variances[:, None])
     assert isinstance(compression, Compression), compression
     return compression.applied(response)
 
@@ -70,7 +72,7 @@ def one() -> CompressedSimulator:
 
 def test_log_likelihoods_are_those_of_80_bit_simulation(one: CompressedSimulator) -> None:
     points = near(9, seed=5)
-    squares, bounds = one.expanded(points)
+    squares, bounds = (numbers[..., 0] for numbers in one.expanded(points))
     truth = np.array([true_squares(one.whole, point) for point in points])
     wrong = np.abs(squares - truth).astype(float) / (2 * SIGMA**2)
     assert wrong.sum(axis=1).max() < 1e-9
@@ -89,7 +91,9 @@ def test_normal_equations_are_those_of_the_exact_simulator(one: CompressedSimula
     along = points[:, None, :] * rng.standard_normal((11, 4, len(ORDER)))
     scales = np.exp(rng.standard_normal((11, 5)))
     for mine, exact in zip(
-        one.normal(points, along, scales), one.whole.normal(points, along, scales), strict=True
+        one.normal(points, along, scales[..., None] ** 2),
+        one.whole.normal(points, along, scales[..., None] ** 2),
+        strict=True,
     ):
         assert np.abs(mine - exact).max() < 1e-8 * np.abs(exact).max()
 
@@ -116,6 +120,46 @@ def test_samples_that_are_missing_count_for_nothing() -> None:
     )
 
 
+def of_neighbours(response: Simulator, points: np.ndarray) -> CompressedSimulator:
+    """Compressed with sums of steps and ends, as noise that remembers wants them."""
+    k = response.experiment.y.shape[1]
+    weights = np.tile([0.3, 0.9, 0.4], (k, 1)) / SIGMA**2
+    compression = compress(response, points, np.full(k, SIGMA**2), weights)
+    assert isinstance(compression, Compression), compression
+    return compression.applied(response)
+
+
+@pytest.mark.parametrize("thinned", [False, True])
+def test_steps_and_ends_are_those_of_the_exact_simulator(thinned: bool) -> None:
+    """Of channels that are sampled alike, and of one that is sampled less often and begins late.
+
+    Mutants killed: steps across blocks that are lost, ends that are those of a block.
+    """
+    response = measured(BLOCK + 1201)
+    if thinned:
+        y = response.experiment.y.copy()
+        late = np.arange(len(y)) % 3 != 1
+        late[:200] = True
+        y[late, 2] = np.nan
+        record = dataclasses.replace(response.experiment, y=y)
+        response = simulator(MotorShaft(), record, ObservationModel())
+    points, rng = near(40, seed=20), np.random.default_rng(21)
+    mine = of_neighbours(response, points)
+    exact = response.neighbours(points)
+    # Steps are what is left of products that nearly cancel.
+    assert np.allclose(mine.neighbours(points), exact, rtol=1e-8, atol=1e-9 * exact.max())
+    assert np.allclose(mine.squares(points), response.squares(points), rtol=1e-8, atol=0)
+    assert not mine.beyond(*mine.expanded(points)).any()
+    along = points[:9, None, :] * rng.standard_normal((9, 4, len(ORDER)))
+    rho = rng.uniform(-0.9, 0.99, (9, 5))
+    over = 1.0 / (1.0 + rho)
+    remembers = np.stack([(1.0 - rho) * over, rho * over / (1.0 - rho), rho * over], axis=-1)
+    for weights in (remembers, np.full((9, 5, 1), 2.0)):
+        parts = (points[:9], along, weights)
+        for computed, true in zip(mine.normal(*parts), response.normal(*parts), strict=True):
+            assert np.abs(computed - true).max() < 1e-7 * np.abs(true).max()
+
+
 def test_sensors_with_gains_and_offsets_and_a_steady_start() -> None:
     sensing = ObservationModel(
         gains={"w_1": "gain"}, offsets={"w_2": "offset"}, input_offsets={"v": "bias"}, steady=True
@@ -130,7 +174,9 @@ def test_sensors_with_gains_and_offsets_and_a_steady_start() -> None:
     along = rng.standard_normal((40, 3, points.shape[1])) * points[:, None, :]
     scales = np.full((40, 5), 1 / SIGMA)
     for computed, true in zip(
-        mine.normal(points, along, scales), exact.normal(points, along, scales), strict=True
+        mine.normal(points, along, scales[..., None] ** 2),
+        exact.normal(points, along, scales[..., None] ** 2),
+        strict=True,
     ):
         assert np.abs(computed - true).max() < 1e-7 * np.abs(true).max()
 
@@ -171,7 +217,7 @@ def test_nothing_is_beyond_its_bound(
 ) -> None:
     points = near(8, 10.0**spread, seed)
     points[1:, column] *= 1.5
-    squares, bounds = one.expanded(points)
+    squares, bounds = (numbers[..., 0] for numbers in one.expanded(points))
     exact = one.whole.squares(points)
     known = np.isfinite(bounds)
     # Neither knows more digits than this.
@@ -189,7 +235,9 @@ def test_rigs_far_away_have_the_exact_simulator(one: CompressedSimulator) -> Non
     along = np.repeat(np.eye(len(ORDER))[None], 6, axis=0)
     scales = np.ones((6, 5))
     for mine, exact in zip(
-        one.normal(points, along, scales), one.whole.normal(points, along, scales), strict=True
+        one.normal(points, along, scales[..., None] ** 2),
+        one.whole.normal(points, along, scales[..., None] ** 2),
+        strict=True,
     ):
         assert np.array_equal(mine[1:], exact[1:])
 
@@ -208,14 +256,14 @@ def test_a_pair_of_poles_that_becomes_two_real_ones() -> None:
 def test_what_cannot_be_compressed_says_why() -> None:
     even = measured(301)
     rubbing = simulator(MotorShaft(added=("t_cm",)), even.experiment, ObservationModel())
-    assert "dry friction" in compress(rubbing, np.ones((2, 10)), np.ones(5))
+    assert "dry friction" in compress(rubbing, np.ones((2, 10)), np.ones(5), np.ones((5, 1)))
     late = simulator(MotorShaft(), even.experiment, ObservationModel(lags={"w_1": "lag"}))
-    assert "delay" in compress(late, np.ones((2, 10)), np.ones(5))
+    assert "delay" in compress(late, np.ones((2, 10)), np.ones(5), np.ones((5, 1)))
     t = even.experiment.t.copy()
     t[1:-1] += 1e-3 * np.random.default_rng(16).random(len(t) - 2)
     uneven = simulator(MotorShaft(), dataclasses.replace(even.experiment, t=t), ObservationModel())
-    assert "evenly" in compress(uneven, near(2), np.ones(5))
-    wide = compress(even, near(64, 0.5), np.full(5, SIGMA**2))
+    assert "evenly" in compress(uneven, near(2), np.ones(5), np.ones((5, 1)))
+    wide = compress(even, near(64, 0.5), np.full(5, SIGMA**2), np.full((5, 1), SIGMA**-2))
     assert "too little" in wide or "too large" in wide
 
 

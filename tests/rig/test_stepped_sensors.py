@@ -247,7 +247,7 @@ def test_normal_equations_are_sums_of_slopes() -> None:
     full = parameters(case, TOLD) * np.array([[1.0], [1.01]])
     along = np.random.default_rng(5).normal(size=(2, 4, full.shape[1])) * full[:, None, :]
     scales = np.array([[1.0, 0.5, 2.0], [3.0, 1.0, 0.1]])
-    squares, slopes, products = rig.normal(full, along, scales)
+    squares, slopes, products = rig.normal(full, along, scales[..., None] ** 2)
     seen = ~np.isnan(y)
     left = np.where(seen, y - rig.signals(full), 0) * scales[:, None]
     shown = np.where(seen, rig.sensitivities(full, along), 0) * scales[:, None, None]

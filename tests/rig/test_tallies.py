@@ -112,10 +112,10 @@ def test_tallies_are_those_of_the_samples() -> None:
             own = left[:, seen[:, k], k]
             squares, size = (own**2).sum(axis=1), np.abs(own).max()
             assert found[:, k, 0] == pytest.approx(squares, rel=1e-9)
-            products = (own[:, 1:] * own[:, :-1]).sum(axis=1)
-            assert found[:, k, 1] == pytest.approx(products, abs=1e-9 * squares.max())
-            assert found[:, k, 2] == pytest.approx(own[:, -1], abs=1e-8 * size)
-            assert found[:, k, 3] == pytest.approx(own[:, 0], abs=1e-8 * size)
+            steps = (np.diff(own, axis=1) ** 2).sum(axis=1)
+            assert found[:, k, 1] == pytest.approx(steps, abs=1e-9 * squares.max())
+            ends = (own[:, [0, -1]] ** 2).sum(axis=1)
+            assert found[:, k, 2] == pytest.approx(ends, abs=1e-8 * size**2)
 
     for_each({str(name): (name,) for name in RIGS}, check)
 

@@ -72,6 +72,9 @@ class Memory:
         sd[:, 1:] *= np.sqrt(1.0 - rho**2)
         return -0.5 * math.log(2 * math.pi) - np.log(sd) - 0.5 * self.whiten(samples, own) ** 2
 
+    def square_weights(self, own: Array) -> None:
+        """What it is asked for are samples."""
+
     def log_likelihood(self, residuals: Residuals, own: Array) -> Array:
         return self.pointwise(residuals.samples, own).sum(axis=1)
 

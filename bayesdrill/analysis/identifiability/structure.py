@@ -93,7 +93,10 @@ def find_structure(
 
     `sensitivities`: `(T K, m)` at several points; `unchanged`: proves one candidate.
     """
-    null, candidates = null_space(sensitivities), sparse_basis(null_space(sensitivities, nearly=True))
+    null, candidates = (
+        null_space(sensitivities),
+        sparse_basis(null_space(sensitivities, nearly=True)),
+    )
     proven = tuple(exponents for exponents in candidates if unchanged(exponents))
     each = [null_space([point]) for point in sensitivities if point.any()]
     blind = max(min(map(len, each), default=len(null)), len(proven))

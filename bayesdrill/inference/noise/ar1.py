@@ -88,10 +88,15 @@ class ChannelSpacing:
 
     def information(self, rho: Array) -> Array:
         """Return the expected information `(W, 2, 2)` on the log of sigma and rho."""
-        weight, sd = self.conditional(rho)
-        turn = self._by_rho(weight, rho)
         out = np.empty((len(rho), 2, 2))
         out[:, 0, 0] = 2.0 * self.count
+        if self.gaps is None:
+            inner, pairs = (1.0 - rho) * (1.0 + rho), self.count - 1.0
+            out[:, 0, 1] = out[:, 1, 0] = -2.0 * pairs * rho / inner
+            out[:, 1, 1] = pairs * (1.0 + rho**2) / inner**2
+            return out
+        weight, sd = self.conditional(rho)
+        turn = self._by_rho(weight, rho)
         out[:, 0, 1] = out[:, 1, 0] = -2.0 * (weight * turn / sd**2).sum(axis=1)
         out[:, 1, 1] = (turn**2 * (1.0 + weight**2) / sd**4).sum(axis=1)
         return out
@@ -113,7 +118,14 @@ class ChannelSpacing:
         return float(before @ after) / squares if squares > 0 else 0.0
 
     def correlate(self, noise: Array, rho: Array) -> None:
-        """Turn `fresh (W, T)`, independent and of sd 1, into noise, in place."""
+        """Turn `noise (W, T)`, independent and of sd 1, into noise that remembers, in place."""
+        from scipy.signal import lfilter  # takes a while to load
+
+        if self.all_gaps is None:
+            noise[:, 1:] *= np.sqrt((1.0 - rho) * (1.0 + rho))[:, None]
+            for row, r in zip(noise, rho, strict=True):
+                row[:] = lfilter([1.0], [1.0, -r], row)
+            return
         all_samples = ChannelSpacing(slice(None), noise.shape[1], self.all_gaps, None)
         weight, sd = all_samples.conditional(rho)
         noise *= sd
@@ -166,6 +178,23 @@ def _without_memory(samples: Array, weight: Array) -> Array:
     out = samples.copy()
     out[:, 1:] -= weight[:, 1:] * samples[:, :-1]
     return out
+
+
+def _sum_weights(rho: Array) -> Array:
+    """Return of even samples the weights `(..., 3)` of `Residuals.neighbours`, for sigma 1.
+
+    With S, D and E for sums of squares, of steps and of ends, squared innovations over their variance
+    sum to ((1 - rho)^2 S + rho D + rho (1 - rho) E) / (1 - rho^2), without a difference where rho is
+    near one.
+    """
+    over = 1.0 / (1.0 + rho)
+    return np.stack([(1.0 - rho) * over, rho * over / (1.0 - rho), rho * over], axis=-1)
+
+
+def _sum_weight_slopes(rho: Array) -> Array:
+    """Return the slopes of `_sum_weights` by rho."""
+    over = 1.0 / (1.0 + rho) ** 2
+    return np.stack([-2.0 * over, (1.0 + rho**2) * over / (1.0 - rho) ** 2, over], axis=-1)
 
 
 START_RHO = 0.3  # of a search
@@ -232,16 +261,18 @@ class AR1:
         if self.spacing is not None and not self.spacing.even:
             terms = self.pointwise(residuals.samples, theta)
             return np.asarray(np.where(self.spacing.seen, terms, 0.0).sum(axis=1))
-        squares, products, last, first = np.moveaxis(residuals.neighbours, -1, 0)
         sigma, rho, n = self.scales(theta), self.memory.values(theta), self.sigmas.sizes
         inner = (1.0 - rho) * (1.0 + rho)
-        innovation_squares = (
-            squares - 2.0 * rho * products + rho**2 * (squares - first**2 - last**2)
-        )
         constant = -0.5 * n * math.log(2 * math.pi) - n * np.log(sigma)
-        return np.asarray(
-            constant - 0.5 * (n - 1.0) * np.log(inner) - 0.5 * innovation_squares / inner / sigma**2
-        )
+        squares = (_sum_weights(rho) * residuals.neighbours).sum(axis=-1) / sigma**2
+        return np.asarray(constant - 0.5 * (n - 1.0) * np.log(inner) - 0.5 * squares)
+
+    def square_weights(self, theta: Array) -> Array | None:
+        """Return weights `(W, K, 3)` where samples are even; see `Noise.square_weights`."""
+        if self.spacing is not None and not self.spacing.even:
+            return None
+        weights = _sum_weights(self.memory.values(theta))
+        return np.asarray(weights / self.scales(theta)[..., None] ** 2)
 
     def pointwise(self, samples: Array, theta: Array) -> Array:
         """Return the log density `(W, T, K)` of each sample given those before it."""
@@ -300,19 +331,20 @@ class AR1:
 
     def noise_score(self, residuals: Residuals, theta: Array) -> tuple[Array, Array]:
         """Return slopes, and the expected curvature, larger where residuals are."""
-        samples, sigma, rho = (
-            residuals.samples,
-            self.scales(theta),
-            self.memory.values(theta),
-        )
+        sigma, rho, n = self.scales(theta), self.memory.values(theta), self.sigmas.sizes
         slopes = np.empty((2, *sigma.shape))
-        for k, channel in enumerate(self._spacing(samples).channels):
-            scaled = samples[:, channel.rows, k] / sigma[:, k, None]
-            slopes[0, :, k] = (channel.innovations(scaled, rho[:, k]) ** 2).sum(
-                axis=1
-            ) - channel.count
-            slopes[1, :, k] = channel.rho_score(scaled, rho[:, k])
-        inflation = np.maximum(1.0, 1.0 + slopes[0] / self.sigmas.sizes)
+        if self.spacing is None or self.spacing.even:
+            sums = residuals.neighbours / sigma[..., None] ** 2
+            slopes[0] = (_sum_weights(rho) * sums).sum(axis=-1) - n
+            over = (n - 1.0) * rho / ((1.0 - rho) * (1.0 + rho))
+            slopes[1] = over - 0.5 * (_sum_weight_slopes(rho) * sums).sum(axis=-1)
+        else:
+            for k, channel in enumerate(self.spacing.channels):
+                scaled = residuals.samples[:, channel.rows, k] / sigma[:, k, None]
+                innovations = channel.innovations(scaled, rho[:, k])
+                slopes[0, :, k] = (innovations**2).sum(axis=1) - channel.count
+                slopes[1, :, k] = channel.rho_score(scaled, rho[:, k])
+        inflation = np.maximum(1.0, 1.0 + slopes[0] / n)
         pairs = self._pairs(rho) * inflation[..., None, None]
         slope = np.hstack([slopes[0][:, self._free[0]], slopes[1][:, self._free[1]]])
         return slope, pair_matrix(pairs, self._free)

@@ -33,13 +33,13 @@ class Residuals(Protocol):
     """Measured minus model at W points of K channels, as far as a noise asks for them.
 
     `squares (W, K)`: their sums, without a sample kept; `weighted_squares`: of the residuals times
-    the noise's own `weights (W, K)`; `neighbours (W, K, 4)`, `logs (W, K)` and `intervals (W, K)`:
+    the noise's own `weights (W, K)`; `neighbours (W, K, 3)`, `logs (W, K)` and `intervals (W, K)`:
     as `Simulator` has them, without a sample kept either; `samples (W, T, K)`.
     """
 
     @property
     def neighbours(self) -> Array:
-        """Return sums over neighbouring samples `(W, K, 4)`."""
+        """Return sums over neighbouring samples `(W, K, 3)`."""
         ...
 
     def logs(self, weights: Array) -> Array:
@@ -69,8 +69,7 @@ class Noise(Protocol):
     """The noise of K channels, at its unknowns `theta (W, n)` in the order of `unknowns`.
 
     `white`: independent samples of the sd `scales`, so that nothing but sums of squares is asked
-    for, and kernels can whiten as they go.  For that the slopes and `whitened_jacobian` are not
-    asked.
+    for.  The slopes and `whitened_jacobian` are not asked for where there are `square_weights`.
     """
 
     @property
@@ -115,6 +114,14 @@ class Noise(Protocol):
 
     def scales(self, theta: Array) -> Array:
         """Return the standard deviation of a single sample `(W, K)`, SI."""
+        ...
+
+    def square_weights(self, theta: Array) -> Array | None:
+        """Return weights `(W, K, n)` of sums of squares, of which minus half is the log likelihood.
+
+        But for a constant: n is 1 for the sum of squares, or 3 for the sums `Residuals.neighbours`.
+        It is None where these sums are not all that is asked for.
+        """
         ...
 
     def whiten(self, samples: Array, theta: Array) -> Array:

@@ -126,6 +126,18 @@ class Mixed:
             p.columns[k]: fixed for p in self.parts for k, fixed in p.noise.fixed_values().items()
         }
 
+    def square_weights(self, theta: Array) -> Array | None:
+        """Return weights of sums of squares, if all parts have some; see `Noise.square_weights`."""
+        parts = [(p.columns, p.noise.square_weights(own)) for p, own in self._split(theta)]
+        known = [(columns, weights) for columns, weights in parts if weights is not None]
+        if len(known) < len(parts):
+            return None
+        n = max(weights.shape[2] for _, weights in known)
+        out = np.zeros((len(theta), self.n_channels, n))
+        for columns, weights in known:
+            out[:, list(columns), : weights.shape[2]] = weights
+        return out
+
     def log_likelihood(self, residuals: Residuals, theta: Array) -> Array:
         """Return the log likelihood `(W, K)`."""
         return self._each(

@@ -93,6 +93,9 @@ class Quantised:
             np.sqrt(self.sigmas.scales(theta) ** 2 + np.array(self.steps) ** 2 / 12.0)
         )
 
+    def square_weights(self, theta: Array) -> None:
+        """Return None: sums of squares are not all; see `Noise.square_weights`."""
+
     def log_likelihood(self, residuals: Residuals, theta: Array) -> Array:
         """Return the log likelihood `(W, K)`, by kernels where steps are not small.
 

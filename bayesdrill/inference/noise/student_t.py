@@ -90,6 +90,9 @@ class StudentT:
         nu = self.degrees.values(theta)
         return np.asarray(self.sigmas.scales(theta) * np.sqrt(nu / (nu - 2.0)))
 
+    def square_weights(self, theta: Array) -> None:
+        """Return None: sums of squares are not all; see `Noise.square_weights`."""
+
     def log_likelihood(self, residuals: Residuals, theta: Array) -> Array:
         """Return the log likelihood `(W, K)`."""
         scale, nu = self.sigmas.scales(theta), self.degrees.values(theta)

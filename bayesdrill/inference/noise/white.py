@@ -74,6 +74,10 @@ class White:
             out[:, k] = theta[:, column]
         return out
 
+    def square_weights(self, theta: Array) -> Array:
+        """Return the weights `(W, K, 1)` of sums of squares; see `Noise.square_weights`."""
+        return np.asarray((1.0 / self.scales(theta)[..., None]) ** 2)
+
     def log_likelihood(self, residuals: Residuals, theta: Array) -> Array:
         """Return the log likelihood `(W, K)`."""
         sigma = self.scales(theta)

@@ -72,9 +72,10 @@ def _symmetries(study: IdentifiabilityStudy) -> list[str]:
     lines = [symmetry(structure.names, e) for e in structure.symmetries]
     if structure.unexplained:
         blind = [known.exponents.index(1) for known in study.parameters if math.isinf(known.bound)]
+        names = [structure.names[k] for k in blind] or structure.names
         lines.append(
             f"{_count(structure.unexplained, 'change', 'changes')} of several of "
-            f"{listed([structure.names[k] for k in blind] or structure.names)} at once, by no common factor, "
+            f"{listed(names)} at once, by no common factor, "
             f"{'leaves' if structure.unexplained == 1 else 'leave'} every signal as it is"
         )
     return lines

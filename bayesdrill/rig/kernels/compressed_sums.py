@@ -6,7 +6,9 @@ See `rational_basis` for the functions that are the triangle's columns.
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import dataclass
 
+import numpy as np
 from llvmlite import ir
 
 from bayesdrill.rig.kernels.exponential import emit_exponential
@@ -23,7 +25,7 @@ from bayesdrill.rig.kernels.lanes import (
 )
 from bayesdrill.rig.kernels.rational_basis import ROWS, WHOLE_NUMBERS, BasisExpansion, BasisShape
 
-COUNTS = ("groups", "columns", "triangle")
+COUNTS = ("groups", "columns", "channel", "sum")
 BLOCKS = {
     "walkers": VECTORS,
     "numbers": NUMBERS,
@@ -36,7 +38,8 @@ BLOCKS = {
     "out": VECTORS,
 }
 NORMAL_COUNTS = (*COUNTS, "q")
-NORMAL_BLOCKS = {**BLOCKS, "directions": VECTORS, "scales": VECTORS}
+NORMAL_BLOCKS = {**BLOCKS, "directions": VECTORS, "weights": VECTORS}
+ENDS = 2  # which of the sums has but two rows: of the first sample and the last
 
 
 def _projections(
@@ -45,11 +48,12 @@ def _projections(
     arguments: dict[str, ir.Value],
     coefficients: ir.Value,
 ) -> Iterator[tuple[int, ir.Value, list[ir.Value], Loop]]:
-    """Loop over channels and blocks of rows of R times coefficients, as `(k, row, products, loop)`."""
+    """Loop over sums and blocks of rows of R times coefficients, as `(s, row, products, loop)`."""
     columns, k_count = arguments["columns"], shape.channels
-    for k in range(k_count):
-        triangle = b.offset(arguments["triangles"], I64(k), arguments["triangle"])
-        rows = Loop(b, b.sdiv(columns, I64(ROWS)), [], "rows")
+    for s, (k, v) in enumerate(np.ndindex(k_count, shape.sums)):
+        triangle = b.offset(arguments["triangles"], I64(k), arguments["channel"])
+        triangle = b.offset(triangle, I64(v), arguments["sum"])
+        rows = Loop(b, I64(1) if v == ENDS else b.sdiv(columns, I64(ROWS)), [], "rows")
         row = b.mul(rows.index, I64(ROWS))
         bases = [b.gep(triangle, [b.mul(b.add(row, I64(n)), columns)]) for n in range(ROWS)]
         inner = Loop(b, b.sub(columns, row), [vector(0.0)] * ROWS, "inner")
@@ -60,17 +64,18 @@ def _projections(
             for base, total in zip(bases, inner.carried, strict=True)
         ]
         inner.close(totals)
-        yield k, row, totals, rows
+        yield s, row, totals, rows
 
 
 def write_squares(module: ir.Module, shape: BasisShape) -> None:
     """Write `squares(G, n, triangle, ...)`, whose arguments are `COUNTS` and `BLOCKS`.
 
     Of G groups of walkers `(G, P + X + K (X + 1), LANES)`: parameters, start, rows of channels.  `n`
-    columns, a multiple of `ROWS`; `triangle`: numbers from the triangle `(n, n)` of a channel to that
-    of the next, zero where all have the same.  `numbers`: step and constant inputs.  `projected (K, n
-    + 1)`: of the reference's residuals, and the square of what no function has.  `out (G, K, 2,
-    LANES)`: squares, and bounds of the size of what the functions leave.
+    columns, a multiple of `ROWS`; `channel`: numbers from the triangle `(n, n)` of a channel to that
+    of the next, zero where all have the same, and `sum` to that of the next sum.  `numbers`: step and
+    constant inputs.  `projected (K, sums, n + 1)`: of the reference's residuals, and the square of
+    what no function has.  `out (G, K sums + K, LANES)`: squares, and bounds of the size of what the
+    functions leave.
     """
     exponential = emit_exponential(module, shape.layout, increments=True, beside_one=False)
     arguments, b = begin_kernel(module, "squares", COUNTS, BLOCKS)
@@ -82,10 +87,11 @@ def write_squares(module: ir.Module, shape: BasisShape) -> None:
     start, rows = _walker_rows(b, shape, (walker,))
     errors = expansion.run(start, rows)
     _subtract_reference(b, expansion, arguments["reference"])
-    out = b.offset(arguments["out"], groups.index, 2 * shape.channels)
+    n_sums = shape.channels * shape.sums
+    out = b.offset(arguments["out"], groups.index, n_sums + shape.channels)
     _store_squares(b, shape, arguments, expansion, out, None)
     for k, error in enumerate(errors):
-        b.write(error, out, 2 * k + 1)
+        b.write(error, out, n_sums + k)
     groups.close([])
     b.ret_void()
 
@@ -124,24 +130,24 @@ def _store_squares(
     b: Builder, shape: BasisShape, arguments: dict[str, ir.Value], expansion: BasisExpansion,
     out: ir.Value, residuals: ir.Value | None,
 ) -> None:  # fmt: skip
-    """Store the squares of all channels, and `residuals (K, n)` along the functions if wanted."""
+    """Store all sums, and `residuals (K sums, n)` along the functions if wanted."""
     columns = arguments["columns"]
     size = b.add(columns, I64(1))
-    for k in range(shape.channels):
-        projected = b.offset(arguments["projected"], I64(k), size)
-        b.write(b.splat(b.load(b.gep(projected, [columns]))), out, 2 * k)
+    for s in range(shape.channels * shape.sums):
+        projected = b.offset(arguments["projected"], I64(s), size)
+        b.write(b.splat(b.load(b.gep(projected, [columns]))), out, s)
     coefficients = expansion.coefficients.bases[0]
-    for k, row, products, rows in _projections(b, shape, arguments, coefficients):
-        projected = b.offset(arguments["projected"], I64(k), size)
-        total = b.read(out, 2 * k)
+    for s, row, products, rows in _projections(b, shape, arguments, coefficients):
+        projected = b.offset(arguments["projected"], I64(s), size)
+        total = b.read(out, s)
         for n, product in enumerate(products):
             at = b.add(row, I64(n))
             value = b.fsub(b.splat(b.load(b.gep(projected, [at]))), product)
             total = b.fma(value, value, total)
             if residuals is not None:
-                index = b.add(b.mul(columns, I64(k)), at)
+                index = b.add(b.mul(columns, I64(s)), at)
                 b.store(value, b.gep(residuals, [index]), align=8)
-        b.write(total, out, 2 * k)
+        b.write(total, out, s)
         rows.close([])
 
 
@@ -149,24 +155,23 @@ def write_normal(module: ir.Module, shape: BasisShape) -> None:
     """Write `normal(G, n, triangle, q, ...)`, whose arguments are `NORMAL_COUNTS` and `NORMAL_BLOCKS`.
 
     `shape` has the tangent.  `directions (G, q, P + X + K (X + 1), LANES)`: slopes of what walkers
-    have; `scales (G, K, LANES)`: one over the noise.  `out (G, 2 K + q + q q, LANES)`: squares and
-    bounds, then slopes and the lower triangle of the products, these times scales.
+    have; `weights (G, K sums, LANES)`: of each sum.  `out (G, K sums + K + q + q q, LANES)`: squares
+    and bounds, then slopes and the lower triangle of the products, these with their weights.
     """
     exponential = emit_exponential(module, shape.layout, increments=True, beside_one=False)
     arguments, b = begin_kernel(module, "normal", NORMAL_COUNTS, NORMAL_BLOCKS)
-    span, q, k_count = b.alloca(VEC), arguments["q"], shape.channels
+    span, q, n_sums = b.alloca(VEC), arguments["q"], shape.channels * shape.sums
     both = b.alloca(VEC, I64(2 * shape.parameters))
     columns = arguments["columns"]
-    length = b.mul(columns, I64(k_count))
+    length = b.mul(columns, I64(n_sums))
     groups = Loop(b, arguments["groups"], [], "groups")
     walker = b.offset(arguments["walkers"], groups.index, shape.walker_size)
-    scales = b.offset(arguments["scales"], groups.index, k_count)
+    weights = b.offset(arguments["weights"], groups.index, n_sums)
     expansion = BasisExpansion(b, shape, arguments, arguments["scratch"])
     residuals = expansion.after
-    slopes = b.gep(residuals, [length])  # (q, K, n)
-    out = b.offset(
-        arguments["out"], groups.index, b.add(I64(2 * k_count), b.mul(q, b.add(q, I64(1))))
-    )
+    slopes = b.gep(residuals, [length])  # (q, K sums, n)
+    numbers = n_sums + shape.channels
+    out = b.offset(arguments["out"], groups.index, b.add(I64(numbers), b.mul(q, b.add(q, I64(1)))))
     b.copy(walker, both, shape.parameters)
     directions = Loop(b, q, [], "directions")
     along = b.offset(
@@ -176,52 +181,58 @@ def write_normal(module: ir.Module, shape: BasisShape) -> None:
     _call_exponential(b, exponential, both, arguments["numbers"], span, expansion.e)
     errors = expansion.run(*_walker_rows(b, shape, (walker, along)))
     for k, error in enumerate(errors):
-        b.write(error, out, 2 * k + 1)
+        b.write(error, out, n_sums + k)
     row_slopes = b.offset(slopes, directions.index, length)
     moved = expansion.coefficients.bases[1]
-    for k, row, products, rows in _projections(b, shape, arguments, moved):
+    for s, row, products, rows in _projections(b, shape, arguments, moved):
         for n, product in enumerate(products):
-            index = b.add(b.mul(columns, I64(k)), b.add(row, I64(n)))
-            b.store(b.fmul(product, b.read(scales, k)), b.gep(row_slopes, [index]), align=8)
+            index = b.add(b.mul(columns, I64(s)), b.add(row, I64(n)))
+            b.store(product, b.gep(row_slopes, [index]), align=8)
         rows.close([])
     directions.close([])
     _subtract_reference(b, expansion, arguments["reference"])
     _store_squares(b, shape, arguments, expansion, out, residuals)
-    for k in range(k_count):
-        scale = b.read(scales, k)
-        b.write(b.fmul(b.read(out, 2 * k), b.fmul(scale, scale)), out, 2 * k)
-        each = Loop(b, columns, [], "scaled")
-        at = b.gep(residuals, [b.add(b.mul(columns, I64(k)), each.index)])
-        b.store(b.fmul(b.load(at, align=8), scale), at, align=8)
-        each.close([])
-    _store_products(b, q, length, slopes, residuals, b.gep(out, [I64(2 * k_count)]))
+    pairs = _WeightedProducts(b, shape, columns, weights)
+    pairs.store(q, slopes, residuals, b.gep(out, [I64(numbers)]))
     groups.close([])
     b.ret_void()
 
 
-def _store_products(
-    b: Builder, q: ir.Value, length: ir.Value, slopes: ir.Value, residuals: ir.Value, out: ir.Value
-) -> None:
-    """Store products `(q,)` of slopes with residuals, and `(q, q)` with those up to each."""
-    each = Loop(b, q, [], "each")
-    row_slopes = b.offset(slopes, each.index, length)
-    b.store(_inner(b, row_slopes, residuals, length), b.gep(out, [each.index]), align=8)
-    row = b.gep(out, [b.mul(q, b.add(each.index, I64(1)))])
-    pairs = Loop(b, b.add(each.index, I64(1)), [], "pairs")
-    other = b.offset(slopes, pairs.index, length)
-    b.store(_inner(b, row_slopes, other, length), b.gep(row, [pairs.index]), align=8)
-    pairs.close([])
-    each.close([])
+@dataclass(frozen=True, slots=True)
+class _WeightedProducts:
+    """Products of rows `(K sums, n)`, each sum with its weight of `weights (K sums, LANES)`."""
 
+    b: Builder
+    shape: BasisShape
+    columns: ir.Value
+    weights: ir.Value
 
-def _inner(b: Builder, left: ir.Value, right: ir.Value, length: ir.Value) -> ir.Value:
-    """Return the product of two rows, in four sums."""
-    loop = Loop(b, b.sdiv(length, I64(ROWS)), [vector(0.0)] * ROWS, "inner")
-    at = b.mul(loop.index, I64(ROWS))
-    totals = []
-    for n, total in enumerate(loop.carried):
-        index = b.add(at, I64(n))
-        first, second = (b.load(b.gep(base, [index]), align=8) for base in (left, right))
-        totals.append(b.fma(first, second, total))
-    loop.close(totals)
-    return b.fadd(b.fadd(totals[0], totals[1]), b.fadd(totals[2], totals[3]))
+    def store(self, q: ir.Value, slopes: ir.Value, residuals: ir.Value, out: ir.Value) -> None:
+        """Store products `(q,)` of slopes with residuals, and `(q, q)` with those up to each."""
+        b, length = self.b, self.b.mul(self.columns, I64(self.shape.channels * self.shape.sums))
+        each = Loop(b, q, [], "each")
+        row_slopes = b.offset(slopes, each.index, length)
+        b.store(self._inner(row_slopes, residuals), b.gep(out, [each.index]), align=8)
+        row = b.gep(out, [b.mul(q, b.add(each.index, I64(1)))])
+        pairs = Loop(b, b.add(each.index, I64(1)), [], "pairs")
+        other = b.offset(slopes, pairs.index, length)
+        b.store(self._inner(row_slopes, other), b.gep(row, [pairs.index]), align=8)
+        pairs.close([])
+        each.close([])
+
+    def _inner(self, left: ir.Value, right: ir.Value) -> ir.Value:
+        """Return the product of two rows."""
+        b, total = self.b, vector(0.0)
+        for s, (_, v) in enumerate(np.ndindex(self.shape.channels, self.shape.sums)):
+            rows = I64(1) if v == ENDS else b.sdiv(self.columns, I64(ROWS))
+            loop = Loop(b, rows, [vector(0.0)] * ROWS, "inner")
+            at = b.add(b.mul(self.columns, I64(s)), b.mul(loop.index, I64(ROWS)))
+            totals = []
+            for n, part in enumerate(loop.carried):
+                index = b.add(at, I64(n))
+                first, second = (b.load(b.gep(base, [index]), align=8) for base in (left, right))
+                totals.append(b.fma(first, second, part))
+            loop.close(totals)
+            product = b.fadd(b.fadd(totals[0], totals[1]), b.fadd(totals[2], totals[3]))
+            total = b.fma(b.read(self.weights, s), product, total)
+        return total

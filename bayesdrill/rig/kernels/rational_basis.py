@@ -45,7 +45,8 @@ class BasisShape:
 
     `layout`: of the rig, or of its tangent where slopes are wanted (`tangent`).  `poles`: the kind of
     each pole, in the order of modal coordinates; `integrators`: coordinates before these, on which
-    nothing depends.  `impulse`: whether the start moves the rig; `channels`: K.
+    nothing depends.  `impulse`: whether the start moves the rig; `channels`: K.  `sums`: of squares of
+    each channel, of residuals alone, or of steps between them and of both ends too.
     """
 
     layout: Layout
@@ -53,12 +54,13 @@ class BasisShape:
     integrators: int
     channels: int
     impulse: bool
+    sums: int = 1
     tangent: bool = False
 
     @property
     def text(self) -> str:
         """See `Structure`."""
-        shape = (self.poles, self.integrators, self.channels, self.impulse, self.tangent)
+        shape = (self.poles, self.integrators, self.channels, self.impulse, self.sums, self.tangent)
         return f"{shape} {self.layout.text}"
 
     @property
@@ -118,7 +120,7 @@ class BasisShape:
 
     def scratch_size(self, columns: int, q: int = 0) -> int:
         """Vectors of scratch."""
-        jets, products = 2 if self.tangent else 1, (1 + q) * self.channels * columns
+        jets, products = 2 if self.tangent else 1, (1 + q) * self.channels * self.sums * columns
         return self.coefficients_at + jets * self.channels * columns + products + ROWS
 
     @property

@@ -38,12 +38,12 @@ def write_response(module: ir.Module, layout: Layout, *names: str) -> None:
     n_series)`.  `misfit` writes sums of squares `(G, K, LANES)`, `signals` `(G, T, K, LANES)`; a
     lane whose numbers overflow gets NaN.  Other `RESIDUAL_SUMS` are as `misfit`, with as many
     numbers `(G, K, n, LANES)` as they have, and their weights `(K, m)` after the parameters.
-    `normal`: see `emit_normal`.
+    `NORMALS`: see `emit_normal`.
     """
     exponential = emit_exponential(module, layout, increments=True)
     for name in names:
-        if name == "normal":
-            emit_normal(module, layout, exponential)
+        if name in NORMALS:
+            emit_normal(module, layout, exponential, name)
         else:
             emit_response(module, layout, exponential, name, RESIDUAL_SUMS.get(name))
 
@@ -207,27 +207,33 @@ Entries = dict[tuple[int, int], ir.Value]
 
 
 def scratch_size(layout: Layout, q: int) -> int:
-    """Return the vectors of scratch that `normal` needs, for `layout` of the tangent."""
+    """Return the vectors of scratch that `NORMALS` need, for `layout` of the tangent."""
     x = layout.n_states // 2
-    return layout.size**2 + q * (x * (layout.size - x) + x + len(layout.channels))
+    return layout.size**2 + q * (x * (layout.size - x) + x + 2 * len(layout.channels))
 
 
-def emit_normal(module: ir.Module, layout: Layout, exponential: ir.Function) -> None:
+NORMALS = ("normal", "innovations")
+
+
+def emit_normal(module: ir.Module, layout: Layout, exponential: ir.Function, name: str) -> None:
     """Write `normal(G, T, q, parameters, directions, scales, constants, y, u, scratch, out)`.
 
     `layout` is the tangent's: its first X states are the rig's, and its channels are derivatives.
     `parameters (G, P, LANES)`, `directions (G, q, P, LANES)`, `scales (G, K, LANES)`: one over the
     noise.  `out (G, K + q + q q, LANES)`: squares, slopes, and the lower triangle of the products.
+
+    `innovations(...)` is the same for noise that remembers.  It has `scales (G, 3 K, LANES)`: those of
+    a sample, of the sample before, which is taken from it, and of the first.
     """
     blocks = [VECTORS, VECTORS, VECTORS, NUMBERS, NUMBERS, NUMBERS, VECTORS, VECTORS]
-    function, b = begin_function(module, "normal", 3, blocks)
+    function, b = begin_function(module, name, 3, blocks)
     n_groups, n_samples, _, parameters, _, scales, block, _, u, e, out = function.args
     w = _Normal(function, b, Constants(b, layout, block), _Tangent(b, layout, e), exponential)
-    x, q, k_count, p_count = w.x, w.q, w.k_count, w.p_count
+    x, q, k_count, p_count, memory = w.x, w.q, w.k_count, w.p_count, name == "innovations"
     groups = Loop(b, n_groups, [], "groups")
     out_count = b.add(I64(k_count), b.add(q, b.mul(q, q)))
     own_out = b.offset(out, groups.index, out_count)
-    own_scales = b.offset(scales, groups.index, k_count)
+    own_scales = b.offset(scales, groups.index, (3 if memory else 1) * k_count)
     slope_sums = b.gep(own_out, [I64(k_count)])
     product_sums = b.gep(slope_sums, [q])
     b.clear(own_out, out_count)
@@ -241,10 +247,16 @@ def emit_normal(module: ir.Module, layout: Layout, exponential: ir.Function) -> 
     b.write_row(w.matrix.slopes, mine)
     matrices.close([])
     phi = w.matrix.phi
-    samples = Loop(b, n_samples, state + [vector(0.0)] * k_count, "samples")
-    state, totals = samples.carried[:x], samples.carried[x:]
+    b.clear(w.slopes_before, b.mul(q, I64(k_count)))
+    begin = state + [vector(0.0)] * ((2 if memory else 1) * k_count)
+    samples = Loop(b, n_samples, begin, "samples")
+    state, totals, before = (
+        samples.carried[i:j] for i, j in ((0, x), (x, x + k_count), (x + k_count, None))
+    )
     drive = emit_drive(b, layout, u, samples.index)
-    residuals = w.residuals(samples.index, state, own_scales)
+    left = w.residuals(samples.index, state)
+    first = b.icmp_signed("==", samples.index, I64(0))
+    residuals = w.whitened(left, before, own_scales, first)
     totals = [b.fma(value, value, total) for value, total in zip(residuals, totals, strict=True)]
     # In each direction: sums with what is left and with the directions up to it; then the next slopes.
     each = Loop(b, q, [], "each")
@@ -252,8 +264,13 @@ def emit_normal(module: ir.Module, layout: Layout, exponential: ir.Function) -> 
     own_s = b.offset(w.slopes_s, each.index, k_count)
     own_d = b.offset(w.d, each.index, w.d_count)
     slope_x = b.read_row(own_x, x)
-    sensitivities = w.sensitivities(slope_x, own_scales)
+    shown = w.sensitivities(slope_x)
+    own_before = b.offset(w.slopes_before, each.index, k_count)
+    slopes_before = b.read_row(own_before, k_count) if memory else []
+    sensitivities = w.whitened(shown, slopes_before, own_scales, first)
     b.write_row(sensitivities, own_s)
+    if memory:
+        b.write_row(shown, own_before)
     _add_products(b, b.gep(slope_sums, [each.index]), sensitivities, residuals)
     row = b.offset(product_sums, each.index, q)
     pairs = Loop(b, b.add(each.index, I64(1)), [], "pairs")
@@ -263,7 +280,7 @@ def emit_normal(module: ir.Module, layout: Layout, exponential: ir.Function) -> 
     slope = {index: b.read(own_d, n) for n, index in enumerate(w.matrix.places)}
     b.write_row(_next_slope(b, x, phi, slope, state, slope_x, drive), own_x)
     each.close([])
-    samples.close(next_state(b, x, phi, state, drive) + totals)
+    samples.close(next_state(b, x, phi, state, drive) + totals + (left if memory else []))
     b.write_row(totals, own_out)
     groups.close([])
     b.ret_void()
@@ -288,6 +305,7 @@ class _Normal:
         self.d = b.gep(e, [I64(layout.size**2)])
         self.slopes_x = b.offset(self.d, self.q, self.d_count)  # of states
         self.slopes_s = b.offset(self.slopes_x, self.q, self.x)  # of what channels show
+        self.slopes_before = b.offset(self.slopes_s, self.q, self.k_count)  # at the sample before
         self.both = b.alloca(VEC, I64(2 * self.p_count))
 
     def _weights(self, k: int) -> dict[int, ir.Value]:
@@ -316,26 +334,38 @@ class _Normal:
         begun.close([])
         return next_state(b, x, matrix.phi, state, [])
 
-    def residuals(self, sample: ir.Value, state: Values, scales: ir.Value) -> Values:
-        """Return measured minus computed, over the noise."""
+    def residuals(self, sample: ir.Value, state: Values) -> Values:
+        """Return measured minus computed."""
         b, residuals = self.b, []
         for k in range(self.k_count):
             flat = b.add(b.mul(sample, I64(self.k_count)), I64(k))
             value = b.splat(b.load(b.gep(self.y, [flat])))
             for i, weight in self._weights(k).items():
                 value = b.fma(b.fneg(weight), state[i], value)
-            residuals.append(b.fmul(value, b.read(scales, k)))
+            residuals.append(value)
         return residuals
 
-    def sensitivities(self, slope_x: Values, scales: ir.Value) -> Values:
-        """Return what channels show of slopes of the states, over the noise."""
+    def sensitivities(self, slope_x: Values) -> Values:
+        """Return what channels show of slopes of the states."""
         b, sensitivities = self.b, []
         for k in range(self.k_count):
             value = vector(0.0)
             for i, weight in self._weights(k).items():
                 value = b.fma(weight, slope_x[i], value)
-            sensitivities.append(b.fmul(value, b.read(scales, k)))
+            sensitivities.append(value)
         return sensitivities
+
+    def whitened(self, values: Values, before: Values, scales: ir.Value, first: ir.Value) -> Values:
+        """Return values over the noise; `before`: at the sample before, none of white noise."""
+        b, k_count = self.b, self.k_count
+        if not before:
+            return [b.fmul(value, b.read(scales, k)) for k, value in enumerate(values)]
+        whitened = []
+        for k, (value, earlier) in enumerate(zip(values, before, strict=True)):
+            scale = b.select(first, b.read(scales, 2 * k_count + k), b.read(scales, k))
+            remembered = b.fmul(earlier, b.read(scales, k_count + k))
+            whitened.append(b.fsub(b.fmul(value, scale), remembered))
+        return whitened
 
 
 def _add_products(b: Builder, address: ir.Value, ones: Values, others: Values) -> None:

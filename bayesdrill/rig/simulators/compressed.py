@@ -51,6 +51,7 @@ from bayesdrill.rig.simulators.time_grid import build_grid
 
 TOLERANCE = 1e-7  # of the log likelihood
 MAX_BEYOND = 0.02  # of points: walkers whose bound is larger have the exact simulator
+LEAST = 1e-300  # weight of a sum that does not count
 DIGITS = (12, 26, 2)  # of a response that functions are to have: first, last, and steps between
 
 
@@ -59,9 +60,9 @@ class Compression:
     """A record along the functions of a `basis`, which is small whatever the record's length.
 
     `reference (n, K)`: coefficients of the reference, from which all is a difference.  `tolerance
-    (K,)`: what sums of squares may be wrong by.  `step`: of the record [s]; `sizes`: of what drives the
-    rig, each the root of its sum of squares; `first`: of each series, from which it counts where it
-    changes straight, else zero.
+    (K, sums)`: what sums of squares may be wrong by.  `step`: of the record [s]; `sizes`: of what
+    drives the rig, each the root of its sum of squares; `first`: of each series, from which it counts
+    where it changes straight, else zero.
     """
 
     basis: Basis
@@ -137,76 +138,90 @@ class CompressedSimulator(Simulator):
         """See `Simulator.sums`."""
         if tally is not SQUARES:
             return self.whole.sums(full, tally, weights)
-        squares, errors = self.expanded(full)
-        return self._mended(full, squares, errors)[..., None]
+        return self._mended(full)[..., :1]
+
+    def neighbours(self, full: Array) -> Array:
+        """See `Simulator.neighbours`."""
+        return self._mended(full) if self._shape.sums > 1 else self.whole.neighbours(full)
 
     def expanded(self, full: Array) -> tuple[Array, Array]:
-        """Return sums of squares `(W, K)` by the triangle, and bounds of what they are wrong by."""
+        """Return sums `(W, K, sums)` by the triangles, and bounds of what they are wrong by."""
         blocks = in_groups(self._walkers(full))
-        out = np.empty((len(blocks), 2 * self._k, LANES))
+        out = np.empty((len(blocks), self._k * (self._shape.sums + 1), LANES))
         self._run("squares", self._shape, len(blocks), {"walkers": blocks, "out": out})
-        numbers = out.transpose(0, 2, 1).reshape(-1, self._k, 2)[: len(full)]
-        return _with_bounds(numbers[..., 0], numbers[..., 1])
+        return self._with_bounds(out.transpose(0, 2, 1).reshape(-1, out.shape[1])[: len(full)])
+
+    def _with_bounds(self, numbers: Array) -> tuple[Array, Array]:
+        """Return sums `(W, K, sums)`, and what they may be wrong by; `numbers`: of a kernel."""
+        sums, sizes = np.split(numbers, [self._k * self._shape.sums], axis=1)
+        sums = sums.reshape(-1, self._k, self._shape.sums)
+        with np.errstate(all="ignore"):
+            # A step has what two samples have.
+            sizes = sizes[..., None] * np.array([1.0, 2.0, 1.0])[: self._shape.sums]
+            return sums, 2.0 * np.sqrt(sums) * sizes + sizes**2
 
     def coefficients(self, full: Array) -> Array:
         """Return the coefficients `(n, K)` of one rig, less the reference's: the kernel's own."""
         blocks = {
             "walkers": in_groups(self._walkers(full)),
-            "out": np.empty((1, 2 * self._k, LANES)),
+            "out": np.empty((1, self._k * (self._shape.sums + 1), LANES)),
         }
         scratch = self._run("squares", self._shape, 1, blocks)
         first, n = self._shape.coefficients_at, self.functions
         return np.ascontiguousarray(scratch[first : first + n * self._k, 0].reshape(n, self._k))
 
-    def normal(self, full: Array, along: Array, scales: Array) -> tuple[Array, Array, Array]:
+    def normal(self, full: Array, along: Array, weights: Array) -> tuple[Array, Array, Array]:
         """See `Simulator.normal`."""
         n, q, _ = along.shape
+        if weights.shape[2] != self._shape.sums:
+            return self.whole.normal(full, along, weights)
         with np.errstate(all="ignore"):
             walkers = self._walkers(full)
             slopes = self._walker_slopes(full, along)
         blocks = {
             "walkers": in_groups(walkers),
             "directions": in_groups(slopes.reshape(n, -1)),
-            "scales": in_groups(scales),
+            "weights": in_groups(weights.reshape(n, -1)),
         }
-        k, groups = self._k, len(blocks["walkers"])
-        blocks["out"] = np.empty((groups, 2 * k + q + q * q, LANES))
+        first, groups = self._k * (self._shape.sums + 1), len(blocks["walkers"])
+        blocks["out"] = np.empty((groups, first + q + q * q, LANES))
         self._run("normal", self._tangent_shape, groups, blocks, q)
-        rows = blocks["out"].transpose(0, 2, 1).reshape(-1, 2 * k + q + q * q)[:n]
-        numbers, slope, lower = np.split(rows, [2 * k, 2 * k + q], axis=1)
-        squares, bounds = numbers[:, ::2], numbers[:, 1::2]
+        rows = blocks["out"].transpose(0, 2, 1).reshape(-1, first + q + q * q)[:n]
+        numbers, slope, lower = np.split(rows, [first, first + q], axis=1)
         products = np.tril(lower.reshape(n, q, q))
         products = products + np.tril(products, -1).swapaxes(1, 2)
-        errors = _with_bounds(squares / scales**2, bounds)
-        squares = squares.copy()
-        if (far := np.flatnonzero(self.beyond(*errors))).size:
+        sums, errors = self._with_bounds(numbers)
+        squares = (weights * sums).sum(axis=2)
+        if (far := np.flatnonzero(self.beyond(sums, errors))).size:
             squares[far], slope[far], products[far] = self.whole.normal(
-                full[far], along[far], scales[far]
+                full[far], along[far], weights[far]
             )
         return squares, slope, products
 
-    def beyond(self, squares: Array, errors: Array) -> Flags:
-        """Tell of which walkers squares `(W, K)` may be wrong by too much: `(W,)`.
+    def beyond(self, sums: Array, errors: Array) -> Flags:
+        """Tell of which walkers sums `(W, K, sums)` may be wrong by too much: `(W,)`.
 
         That is by `TOLERANCE` of the log likelihood, or of how far it is below the reference's.
         """
         projected = self.compression.record.projected
-        least = (projected[:, :-1] ** 2).sum(axis=1) + projected[:, -1]
-        allowed = self.compression.tolerance + TOLERANCE * np.abs(squares - least)
-        return np.asarray(~(errors <= allowed).all(axis=1))
+        least = (projected[..., :-1] ** 2).sum(axis=-1) + projected[..., -1]
+        allowed = self.compression.tolerance + TOLERANCE * np.abs(sums - least)
+        return np.asarray(~(errors <= allowed).all(axis=(1, 2)))
 
-    def _mended(self, full: Array, squares: Array, errors: Array) -> Array:
-        """Return the squares, those of the exact simulator where errors may be too large."""
-        far = np.flatnonzero(self.beyond(squares, errors))
+    def _mended(self, full: Array) -> Array:
+        """Return the sums, those of the exact simulator where errors may be too large."""
+        sums, errors = self.expanded(full)
+        far = np.flatnonzero(self.beyond(sums, errors))
         if len(far):
-            squares = squares.copy()
-            squares[far] = self.whole.squares(full[far])
-        return squares
+            sums = sums.copy()
+            exact = self.whole.neighbours if self._shape.sums > 1 else self.whole.squares
+            sums[far] = exact(full[far]).reshape(len(far), *sums.shape[1:])
+        return sums
 
     @property
     def functions(self) -> int:
         """How many functions the record has become."""
-        return int(self.compression.record.matrix.shape[1])
+        return int(self.compression.record.matrix.shape[-1])
 
     @property
     def _k(self) -> int:
@@ -218,11 +233,12 @@ class CompressedSimulator(Simulator):
 
     @cached_property
     def _shape(self) -> BasisShape:
-        return basis_shape(self._sensors, self.compression.basis, tangent=False)
+        sums = len(self.compression.record.matrix)
+        return basis_shape(self._sensors, self.compression.basis, sums)
 
     @cached_property
     def _tangent_shape(self) -> BasisShape:
-        return basis_shape(self._sensors, self.compression.basis, tangent=True)
+        return basis_shape(self._sensors, self.compression.basis, self._shape.sums, tangent=True)
 
     def _walkers(self, full: Array) -> Array:
         return walker_numbers(self._sensors, full)
@@ -248,10 +264,11 @@ class CompressedSimulator(Simulator):
         self, name: str, shape: BasisShape, groups: int, blocks: dict[str, Array], q: int = 0
     ) -> Array:
         """Run a kernel; returns its scratch."""
-        alike, columns, _ = self.compression.record.matrix.shape
+        _, alike, columns, _ = self.compression.record.matrix.shape
         scratch = np.empty((shape.scratch_size(columns, q), LANES))
         every = {**self._shared, **blocks, "scratch": scratch}
-        counts = [groups, columns, columns**2 if alike > 1 else 0, *([q] if q else [])]
+        size = columns**2
+        counts = [groups, columns, size if alike > 1 else 0, alike * size, *([q] if q else [])]
         names = NORMAL_BLOCKS if q else BLOCKS
         kernel = compile_kernel(write_normal if q else write_squares, shape)
         kernel[name](*counts, *(every[block].ctypes.data for block in names))
@@ -263,12 +280,6 @@ class CompressedSimulator(Simulator):
     def with_record(self, y: Array) -> Simulator:
         """See `Simulator.with_record`: the exact simulator of another record."""
         return self.whole.with_record(y)
-
-
-def _with_bounds(squares: Array, sizes: Array) -> tuple[Array, Array]:
-    """Return squares `(W, K)`, and what they may be wrong by, where so much is left of residuals."""
-    with np.errstate(all="ignore"):
-        return squares, 2.0 * np.sqrt(squares) * sizes + sizes**2
 
 
 def even_record(simulator: Simulator) -> LongRecord | None:
@@ -296,28 +307,32 @@ def obstacle(simulator: Simulator) -> str:
     return "its samples are not evenly spaced" if even_record(simulator) is None else ""
 
 
-def compress(simulator: Simulator, points: Array, variances: Array) -> Compression | str:
+def compress(
+    simulator: Simulator, points: Array, variances: Array, weights: Array
+) -> Compression | str:
     """Compress a record for rigs near `points (n, P)`; the first is the reference.
 
-    `variances (K,)`: of the noise, of which sums of squares may be wrong by `TOLERANCE`.  Returns why it
-    cannot be done, in words: see `obstacle`, and where modes do not decay, or poles are too far apart.
+    `variances (K,)`: of the noise.  `weights (K, sums)`: of sums of squares in minus twice the log
+    likelihood, which may be wrong by `TOLERANCE`; see `Noise.square_weights`.  Returns why it cannot
+    be done, in words: see `obstacle`, and where modes do not decay, or poles are too far apart.
     """
     record = even_record(simulator)
     if record is None:
         return obstacle(simulator)
     try:
-        return _Compressor(simulator, record, variances).compression(points)
+        return _Compressor(simulator, record, variances, weights).compression(points)
     except NoBasisError as error:
         return str(error)
 
 
 @dataclass(frozen=True, slots=True)
 class _Compressor:
-    """Compresses a `record`; `variances (K,)`: of its noise."""
+    """Compresses a `record`; `variances (K,)` and `weights (K, sums)` as `compress` has them."""
 
     simulator: Simulator
     record: LongRecord
     variances: Array
+    weights: Array
 
     def compression(self, points: Array) -> Compression:
         with np.errstate(all="ignore"):
@@ -326,7 +341,7 @@ class _Compressor:
         sizes = np.linalg.norm(inputs - np.array(self.record.first_inputs), axis=0)
         basis = self._sufficient(rates, points, sizes)
         columns = self._shape(basis).columns(basis.orders)
-        known = triangle(self._blocks(basis, points[0]), columns)
+        known = triangle(self._blocks(basis, points[0]), columns, self._sums)
         made = self._with(basis, known, sizes)
         return dataclasses.replace(made.compression, reference=made.coefficients(points[:1]))
 
@@ -336,27 +351,33 @@ class _Compressor:
             basis = choose_basis(rates, self.record.step, 10.0**-digits)
             columns = self._shape(basis).columns(basis.orders)
             padded = columns + -columns % ROWS
-            k_count = len(self.variances)
-            empty = Triangle(np.zeros((1, padded, padded)), np.zeros((k_count, padded + 1)))
-            empty.projected[:, -1] = self.variances * self.simulator.experiment.counts
+            k_count, sums = self.weights.shape
+            matrix = np.zeros((sums, 1, padded, padded))
+            empty = Triangle(matrix, np.zeros((k_count, sums, padded + 1)))
+            n = np.array(self.simulator.experiment.counts, dtype=float)
+            usual = np.stack([n, 4.0 * n, np.full(k_count, 2.0)], axis=1)[:, :sums]
+            empty.projected[..., -1] = self.variances[:, None] * usual
             made = self._with(basis, empty, sizes)
             if np.mean(made.beyond(*made.expanded(points))) <= MAX_BEYOND:
                 return basis
         raise NoBasisError("the bound of what functions leave stays too large")
 
     def _shape(self, basis: Basis) -> BasisShape:
-        return basis_shape(self.record.sensors, basis, tangent=False)
+        return basis_shape(self.record.sensors, basis, self._sums)
+
+    @property
+    def _sums(self) -> int:
+        return int(self.weights.shape[1])
 
     def _with(self, basis: Basis, known: Triangle, sizes: Array) -> CompressedSimulator:
         """Return a simulator whose reference is nothing yet."""
-        k_count = len(self.variances)
         each = {f"series {s}": float(size) for s, size in enumerate(sizes)}
         each |= {"impulse": 1.0, "constant": float(np.sqrt(self.record.count))}
         compression = Compression(
             basis=basis,
             record=known,
-            reference=np.zeros((known.matrix.shape[1], k_count)),
-            tolerance=2.0 * TOLERANCE * self.variances / k_count,
+            reference=np.zeros((known.matrix.shape[-1], len(self.weights))),
+            tolerance=2.0 * TOLERANCE / np.maximum(np.abs(self.weights), LEAST) / self.weights.size,
             step=self.record.step,
             sizes=tuple(each[source] for source in self._shape(basis).sources),
             first=self.record.first_inputs,
@@ -383,7 +404,9 @@ class _Compressor:
                 yield np.concatenate([*parts, ones], axis=1)[known], here[known]
 
 
-def basis_shape(sensors: SensorParameters, basis: Basis, *, tangent: bool) -> BasisShape:
+def basis_shape(
+    sensors: SensorParameters, basis: Basis, sums: int, *, tangent: bool = False
+) -> BasisShape:
     """Return what kernels are specialised for."""
     experiment, model = sensors.experiment, sensors.observed_model
     return BasisShape(
@@ -392,5 +415,6 @@ def basis_shape(sensors: SensorParameters, basis: Basis, *, tangent: bool) -> Ba
         integrators=basis.integrators,
         channels=len(experiment.channels),
         impulse=starts(sensors),
+        sums=sums,
         tangent=tangent,
     )

@@ -12,7 +12,7 @@ from typing import Any, ClassVar, NamedTuple, Self
 
 import numpy as np
 
-from bayesdrill.basics.arrays import Array
+from bayesdrill.basics.arrays import Array, Flags
 from bayesdrill.record.experiment import Experiment, frozen
 from bayesdrill.rig.kernels.lanes import LANES
 from bayesdrill.rig.kernels.sums import INTERVALS, LOGS, NEIGHBOURS, SQUARES, ResidualSums
@@ -120,12 +120,13 @@ class Simulator(ABC):
         return self.sums(full, SQUARES)[..., 0]
 
     def neighbours(self, full: Array) -> Array:
-        """Return sums of residuals and their neighbours, `(W, K, 4)`.
+        """Return sums of squares of residuals, of steps between them, and of both ends: `(W, K, 3)`.
 
-        They are sums of squares, and of products of residuals observed one after the other; then
-        the last residual and the first.
+        Steps are from a residual to the next that was observed; the ends are the first and the last.
         """
-        return self.sums(full, NEIGHBOURS)
+        squares, products, last, first = np.moveaxis(self.sums(full, NEIGHBOURS), -1, 0)
+        ends = first**2 + last**2
+        return np.stack([squares, 2.0 * (squares - products) - ends, ends], axis=-1)
 
     def logs(self, full: Array, weights: Array) -> Array:
         """Return sums `(W, K)` of log(1 + weight times squared residual), with `weights (W, K)`."""
@@ -144,20 +145,23 @@ class Simulator(ABC):
         """Return slopes of signals along q directions `(W, q, P)` of parameters: `(W, q, T, K)`."""
         return self.course(full, along)[1]
 
-    def normal(self, full: Array, along: Array, scales: Array) -> tuple[Array, Array, Array]:
-        """Return the normal equations of least squares, as sums, all times `scales (W, K)`.
+    def normal(self, full: Array, along: Array, weights: Array) -> tuple[Array, Array, Array]:
+        """Return the normal equations of least squares, as sums.
 
         They are squares of residuals `(W, K)`, their products with sensitivities `(W, q)`, and
-        those of sensitivities with each other `(W, q, q)`.
+        those of sensitivities with each other `(W, q, q)`, all with `weights (W, K, n)`: of squares
+        alone, or of the three sums of `neighbours`.
         """
         n, q, _ = along.shape
         y, observed = self.experiment.y, self.experiment.seen
         squares, slopes, products = np.empty((n, y.shape[1])), np.empty((n, q)), np.empty((n, q, q))
+        scales = whitening_scales(weights)
         chunk = max(1, int(MAX_SENSITIVITY_BYTES / (8 * q * max(observed.size, 1))))
         for rows in (slice(k, k + chunk) for k in range(0, n, chunk)):
             signals, slopes_here = self.course(full[rows], along[rows])
-            residuals = np.where(observed, y - signals, 0.0) * scales[rows, None, :]
-            shown = np.where(observed, slopes_here, 0.0) * scales[rows, None, None, :]
+            both = np.concatenate([(y - signals)[:, None], slopes_here], axis=1)
+            both = whitened(np.where(observed, both, 0.0), observed, scales[rows])
+            residuals, shown = both[:, 0], both[:, 1:]
             flat = shown.reshape(*shown.shape[:2], -1)
             products[rows] = flat @ flat.swapaxes(1, 2)
             slopes[rows] = (flat @ residuals.reshape(len(flat), -1, 1))[..., 0]
@@ -198,6 +202,31 @@ class Simulator(ABC):
 
 MAX_SENSITIVITY_BYTES = 6e7  # of sensitivities at a time
 MAX_SQUARES = 1e200  # beyond which a product of their logs may have overflown
+
+
+def whitening_scales(weights: Array) -> Array:
+    """Return scales `(W, K, n)` of samples from `weights` of sums, see `Simulator.normal`.
+
+    They are of a sample; and where n is 3, of the sample before, which is taken from it, and of the
+    first sample.  The squares of what results have these weights in noise of first order.
+    """
+    if weights.shape[2] == 1:
+        return np.sqrt(weights)
+    squares, steps, ends = np.moveaxis(weights, -1, 0)
+    scale = np.sqrt(squares + steps + ends)
+    before = steps / scale
+    return np.stack([scale, before, np.sqrt((scale - before) * (scale + before))], axis=-1)
+
+
+def whitened(values: Array, observed: Flags, scales: Array) -> Array:
+    """Return `values (W, q, T, K)` with the `scales (W, K, n)`; they are zero where not observed."""
+    out = values * scales[:, None, None, :, 0]
+    for k in range(values.shape[3] if scales.shape[2] > 1 else 0):
+        rows = np.flatnonzero(observed[:, k])
+        before = values[:, :, rows[:-1], k] * scales[:, None, k, 1, None]
+        out[:, :, rows[1:], k] -= before
+        out[:, :, rows[:1], k] = values[:, :, rows[:1], k] * scales[:, None, k, 2, None]
+    return out
 
 
 def log_sums(tally: Array) -> Array:

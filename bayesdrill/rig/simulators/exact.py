@@ -20,10 +20,10 @@ from bayesdrill.record.experiment import Channel, Experiment
 from bayesdrill.rig.kernels.compiling import Kernel, compile_kernel
 from bayesdrill.rig.kernels.exponential import Layout, present, weight_kinds
 from bayesdrill.rig.kernels.lanes import LANES
-from bayesdrill.rig.kernels.recurrence import scratch_size, write_response
+from bayesdrill.rig.kernels.recurrence import NORMALS, scratch_size, write_response
 from bayesdrill.rig.kernels.sums import SQUARES, ResidualSums
 from bayesdrill.rig.models.linear import DOT, Model, Tangent
-from bayesdrill.rig.simulators.contract import in_groups, ungrouped
+from bayesdrill.rig.simulators.contract import in_groups, ungrouped, whitening_scales
 from bayesdrill.rig.simulators.long_record import LongRecord, input_layout
 from bayesdrill.rig.simulators.sensors import ObservationModel, SensorParameters
 from bayesdrill.rig.simulators.stepped import Unstepped
@@ -110,22 +110,20 @@ class Response(Unstepped):
         self._run("signals", blocks, out)
         return ungrouped(out, len(theta))
 
-    def normal(self, theta: Array, directions: Array, scales: Array) -> tuple[Array, Array, Array]:
-        """Return the normal equations: sums `(W, K)`, `(W, q)` and `(W, q, q)` over samples.
-
-        They are of r r, r s and s s, with residuals r and their sensitivities s in the `directions
-        (W, q, P)` at `theta (W, P)`, both times `scales (W, K)`, q at least 1.  The last two are
-        summed over channels too.
-        """
+    def normal(self, theta: Array, directions: Array, weights: Array) -> tuple[Array, Array, Array]:
+        """See `Simulator.normal`; q is at least 1."""
         tangent, (n, q, _) = self._tangent, directions.shape
         layout, k_count = tangent._layout, self.experiment.y.shape[1]
-        blocks, scaled = in_groups(theta), in_groups(scales)
+        scales = whitening_scales(weights)
+        blocks, scaled = in_groups(theta), in_groups(scales.swapaxes(1, 2).reshape(n, -1))
         along = in_groups(directions.reshape(n, -1))
         scratch = np.empty((scratch_size(layout, q) + 8, LANES))
         out = np.empty((len(blocks), k_count + q + q * q, LANES))
         inputs = (block.ctypes.data for block in (blocks, along, scaled, tangent._blocks[0]))
         addresses = (*inputs, *self.record, scratch.ctypes.data, out.ctypes.data)
-        tangent._function("normal")(len(blocks), len(self.experiment.t), q, *addresses)
+        tangent._function(NORMALS[scales.shape[2] > 1])(
+            len(blocks), len(self.experiment.t), q, *addresses
+        )
         rows = out.transpose(0, 2, 1).reshape(-1, out.shape[1])[:n]
         squares, slopes, lower = np.split(rows, [k_count, k_count + q], axis=1)
         products = np.tril(lower.reshape(n, q, q))

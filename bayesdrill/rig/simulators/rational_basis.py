@@ -236,43 +236,71 @@ def impulse_columns(basis: Basis) -> Columns:
 
 @dataclass(frozen=True, slots=True)
 class Triangle:
-    """A record along the columns: `matrix (K', n, n)`, K' one where channels were seen alike.
+    """A record along the columns, of each sum of squares: of samples, of steps, and of both ends.
 
-    `projected (K, n + 1)`: what the reference leaves of each channel, along the columns, and the sum of
-    squares of the rest.
+    `matrix (sums, K', n, n)`, K' one where channels were seen alike.  `projected (K, sums, n + 1)`:
+    what the reference leaves of each channel, along the columns, and the sum of squares of the rest.
     """
 
     matrix: Array
     projected: Array
 
 
-def triangle(blocks: Iterator[tuple[Array, Array]], columns: int) -> Triangle:
-    """Put blocks of columns `(m, n)` and of what the reference leaves `(m, K)` into a triangle.
+@dataclass(slots=True)
+class _Rows:
+    """Rows of a record put into triangles: themselves, steps from one to the next, and both ends."""
 
-    What was not measured is NaN.  `columns`: n, to which zeros are added to a multiple of `ROWS`.
+    parts: list[Array]
+    first: Array | None = None
+    last: Array | None = None
+
+    def add(self, rows: Array) -> None:
+        """Put further rows `(m, n)` into the triangles."""
+        self.parts[0] = _appended(self.parts[0], rows)
+        if len(self.parts) > 1 and len(rows):
+            before = rows[:0] if self.last is None else self.last
+            steps = np.diff(np.concatenate([before, rows]), axis=0)
+            self.parts[1] = _appended(self.parts[1], steps)
+            self.first = rows[:1] if self.first is None else self.first
+            self.last = rows[-1:]
+            self.parts[2] = _appended(self.first, self.last)
+
+    def columns(self, selected: list[int]) -> _Rows:
+        """Return it with these columns alone."""
+        ends = (None if row is None else row[:, selected] for row in (self.first, self.last))
+        return _Rows([part[:, selected] for part in self.parts], *ends)
+
+
+def _appended(part: Array, rows: Array) -> Array:
+    return np.linalg.qr(np.concatenate([part, rows]), mode="r")
+
+
+def triangle(blocks: Iterator[tuple[Array, Array]], columns: int, sums: int) -> Triangle:
+    """Put blocks of columns `(m, n)` and of what the reference leaves `(m, K)` into triangles.
+
+    What was not measured is NaN.  `columns`: n, to which zeros are added to a multiple of `ROWS`;
+    `sums`: 1 for samples alone, 3 for steps and ends as well.
     """
-    parts: list[Array] = []
+    parts, k_count = list[_Rows](), 0
     for block, left in blocks:
-        seen = ~np.isnan(left)
+        seen, k_count = ~np.isnan(left), left.shape[1]
         if not parts:
-            parts = [np.zeros((0, columns + left.shape[1]))]
+            parts = [_Rows([np.zeros((0, columns + k_count))] * sums)]
         if len(parts) == 1 and not (seen == seen[:, :1]).all():
             # From here on each channel has its own.
-            kept = columns + np.arange(left.shape[1])
-            parts = [np.delete(parts[0], np.delete(kept, k), axis=1) for k in range(left.shape[1])]
+            parts = [parts[0].columns([*range(columns), columns + k]) for k in range(k_count)]
         for k, part in enumerate(parts):
             mine = left if len(parts) == 1 else left[:, [k]]
-            rows = np.concatenate([block, mine], axis=1)[seen[:, k]]
-            parts[k] = np.linalg.qr(np.concatenate([part, rows]), mode="r")
+            part.add(np.concatenate([block, mine], axis=1)[seen[:, k]])
     padded = columns + -columns % ROWS
-    k_count = parts[0].shape[1] - columns if len(parts) == 1 else len(parts)
-    matrix, projected = np.zeros((len(parts), padded, padded)), np.zeros((k_count, padded + 1))
-    for k, part in enumerate(parts):
-        square = part[:columns, :columns]
-        matrix[k, : len(square), :columns] = square
-    for k in range(k_count):
-        part = parts[0] if len(parts) == 1 else parts[k]
-        column = part[:, columns + (k if len(parts) == 1 else 0)]
-        projected[k, : len(column[:columns])] = column[:columns]
-        projected[k, padded] = float(column[columns:] @ column[columns:])
+    matrix = np.zeros((sums, len(parts), padded, padded))
+    projected = np.zeros((k_count, sums, padded + 1))
+    for v, k in np.ndindex(sums, len(parts)):
+        square = parts[k].parts[v][:columns, :columns]
+        matrix[v, k, : len(square), :columns] = square
+    for k, v in np.ndindex(k_count, sums):
+        own = len(parts) > 1
+        column = parts[k if own else 0].parts[v][:, columns + (0 if own else k)]
+        projected[k, v, : len(column[:columns])] = column[:columns]
+        projected[k, v, padded] = float(column[columns:] @ column[columns:])
     return Triangle(matrix, projected)
