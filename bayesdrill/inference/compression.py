@@ -18,7 +18,6 @@ from bayesdrill.inference import laplace
 from bayesdrill.inference.likelihood import Likelihood, Observation
 from bayesdrill.inference.noise.mixed import noise_for_record
 from bayesdrill.inference.posterior import Posterior
-from bayesdrill.record.experiment import Experiment, frozen
 from bayesdrill.rig.simulators.compressed import (
     CompressedSimulator,
     Compression,
@@ -103,22 +102,10 @@ def first_samples(observation: Observation, samples: int) -> Observation:
     """Return the observation of the first samples of its record; the very same where it is not long."""
     if len(observation.experiment.t) <= samples or not is_long(observation):
         return observation
-    experiment = _first(observation.experiment, samples)
+    experiment = observation.experiment.first(samples)
     made = observation.with_simulator(observation.response.of(experiment), observation.parameters)
     noise = observation.noise.for_length(samples)
     return dataclasses.replace(made, noise=noise_for_record(noise, experiment.t, experiment.seen))
-
-
-def _first(experiment: Experiment, samples: int) -> Experiment:
-    here = slice(0, samples)
-    held_out = experiment.held_out
-    return dataclasses.replace(
-        experiment,
-        t=frozen(experiment.t[here]),
-        y=frozen(experiment.y[here]),
-        series={name: frozen(u[here]) for name, u in experiment.series.items()},
-        held_out=None if held_out is None else frozen(held_out[here]),
-    )
 
 
 def nearby(posterior: Posterior, maxima: Array) -> Array:

@@ -113,6 +113,17 @@ class Experiment:
         """Whether all steps are equal, to `STEP_TOLERANCE` of a step."""
         return is_even(self.t)
 
+    def first(self, samples: int) -> Experiment:
+        """Return the experiment of its first samples."""
+        here = slice(0, samples)
+        return dataclasses.replace(
+            self,
+            t=frozen(self.t[here]),
+            y=frozen(self.y[here]),
+            series={name: frozen(u[here]) for name, u in self.series.items()},
+            held_out=None if self.held_out is None else frozen(self.held_out[here]),
+        )
+
     @property
     def seen(self) -> NDArray[np.bool_]:
         """`(T, K)`: what was measured."""

@@ -5,12 +5,14 @@ See `rational_basis` for the functions that are the triangle's columns.
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 from llvmlite import ir
 
+from bayesdrill.rig.kernels.delayed_rows import DelayedRows
 from bayesdrill.rig.kernels.exponential import emit_exponential
 from bayesdrill.rig.kernels.jets import JetCells, Jets, Matrix
 from bayesdrill.rig.kernels.lanes import (
@@ -20,6 +22,7 @@ from bayesdrill.rig.kernels.lanes import (
     VECTORS,
     Builder,
     Loop,
+    Vector,
     begin_kernel,
     vector,
 )
@@ -79,13 +82,17 @@ def write_squares(module: ir.Module, shape: BasisShape) -> None:
     """
     exponential = emit_exponential(module, shape.layout, increments=True, beside_one=False)
     arguments, b = begin_kernel(module, "squares", COUNTS, BLOCKS)
-    span = b.alloca(VEC)
+    span, late_e = b.alloca(VEC), b.alloca(VEC, I64(shape.layout.size**2))
     groups = Loop(b, arguments["groups"], [], "groups")
     walker = b.offset(arguments["walkers"], groups.index, shape.walker_size)
     expansion = BasisExpansion(b, shape, arguments, arguments["scratch"])
     _call_exponential(b, exponential, walker, arguments["numbers"], span, expansion.e)
     start, rows = _walker_rows(b, shape, (walker,))
-    errors = expansion.run(start, rows)
+    inputs = list[Matrix]()
+    if shape.delays:
+        late = _Delays(b, shape, expansion, exponential, arguments["numbers"], span, late_e)
+        rows, inputs = late.rows((walker,), walker, rows)
+    errors = expansion.run(start, rows, inputs)
     _subtract_reference(b, expansion, arguments["reference"])
     n_sums = shape.channels * shape.sums
     out = b.offset(arguments["out"], groups.index, n_sums + shape.channels)
@@ -114,6 +121,56 @@ def _walker_rows(b: Builder, shape: BasisShape, bases: tuple[ir.Value, ...]) -> 
         [cells.read(p + x + k * width + i) for i in range(width)] for k in range(shape.channels)
     ]
     return start, rows
+
+
+@dataclass(frozen=True, slots=True)
+class _Delays:
+    """Rows of channels that are late by spans of their own."""
+
+    b: Builder
+    shape: BasisShape
+    expansion: BasisExpansion
+    exponential: ir.Function
+    numbers: ir.Value
+    span: ir.Value
+    e: ir.Value
+
+    def rows(
+        self, bases: tuple[ir.Value, ...], parameters: ir.Value, rows: Matrix
+    ) -> tuple[Matrix, list[Matrix]]:
+        """Return the rows over states, and weights of inputs; `bases`: of walkers and their slopes."""
+        b, shape = self.b, self.shape
+        x, layout, entry = shape.states, shape.layout, self.expansion.entry
+        at, k_count = shape.walker_size - 2 * shape.channels, shape.channels
+        step = b.splat(b.load(self.numbers))
+        shifts = DelayedRows(
+            b, x, layout.n_series, first_order=layout.first_order, steps=shape.delays,
+            rates=self._rates(parameters, step),
+        )  # fmt: skip
+        late, direct, cells = [], [], JetCells(b, bases)
+        for k, row in enumerate(rows):
+            share = cells.read(at + k)
+            b.write(b.fmul(share[0], step), self.span, 0)
+            b.call(self.exponential, [parameters, b.gep(self.numbers, [I64(1)]), self.span, self.e])
+            count = b.read(bases[0], at + k_count + k)
+            part = functools.partial(entry, e=self.e)
+            states, inputs = shifts.row(row, part, entry, share, count)
+            late.append(states)
+            direct.append(inputs)
+        return late, direct
+
+    def _rates(self, parameters: ir.Value, step: ir.Value) -> dict[tuple[int, int], ir.Value]:
+        """Return the entries of M of the rig, times a step, by row and column of the rig."""
+        b, x, layout = self.b, self.shape.states, self.shape.layout
+        shift = layout.n_states - x
+        rates = dict[tuple[int, int], ir.Value]()
+        matrix = layout.matrix(b, parameters, b.gep(self.numbers, [I64(1)]))
+        for row, column, value in matrix:
+            if row < x and (column < x or column >= layout.n_states):
+                place = (row, column if column < x else column - shift)
+                rate = b.fmul(value.value if isinstance(value, Vector) else vector(value), step)
+                rates[place] = b.fadd(rates[place], rate) if place in rates else rate
+        return rates
 
 
 def _subtract_reference(b: Builder, expansion: BasisExpansion, reference: ir.Value) -> None:
@@ -162,6 +219,7 @@ def write_normal(module: ir.Module, shape: BasisShape) -> None:
     arguments, b = begin_kernel(module, "normal", NORMAL_COUNTS, NORMAL_BLOCKS)
     span, q, n_sums = b.alloca(VEC), arguments["q"], shape.channels * shape.sums
     both = b.alloca(VEC, I64(2 * shape.parameters))
+    late_e = b.alloca(VEC, I64(shape.layout.size**2))
     columns = arguments["columns"]
     length = b.mul(columns, I64(n_sums))
     groups = Loop(b, arguments["groups"], [], "groups")
@@ -179,16 +237,21 @@ def write_normal(module: ir.Module, shape: BasisShape) -> None:
     )
     b.copy(along, b.gep(both, [I64(shape.parameters)]), shape.parameters)
     _call_exponential(b, exponential, both, arguments["numbers"], span, expansion.e)
-    errors = expansion.run(*_walker_rows(b, shape, (walker, along)))
+    start, rows = _walker_rows(b, shape, (walker, along))
+    inputs = list[Matrix]()
+    if shape.delays:
+        late = _Delays(b, shape, expansion, exponential, arguments["numbers"], span, late_e)
+        rows, inputs = late.rows((walker, along), both, rows)
+    errors = expansion.run(start, rows, inputs)
     for k, error in enumerate(errors):
         b.write(error, out, n_sums + k)
     row_slopes = b.offset(slopes, directions.index, length)
     moved = expansion.coefficients.bases[1]
-    for s, row, products, rows in _projections(b, shape, arguments, moved):
+    for s, row, products, blocks in _projections(b, shape, arguments, moved):
         for n, product in enumerate(products):
             index = b.add(b.mul(columns, I64(s)), b.add(row, I64(n)))
             b.store(product, b.gep(row_slopes, [index]), align=8)
-        rows.close([])
+        blocks.close([])
     directions.close([])
     _subtract_reference(b, expansion, arguments["reference"])
     _store_squares(b, shape, arguments, expansion, out, residuals)

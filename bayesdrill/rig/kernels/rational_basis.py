@@ -46,7 +46,9 @@ class BasisShape:
     `layout`: of the rig, or of its tangent where slopes are wanted (`tangent`).  `poles`: the kind of
     each pole, in the order of modal coordinates; `integrators`: coordinates before these, on which
     nothing depends.  `impulse`: whether the start moves the rig; `channels`: K.  `sums`: of squares of
-    each channel, of residuals alone, or of steps between them and of both ends too.
+    each channel, of residuals alone, or of steps between them and of both ends too.  `delays`: by how
+    many steps at most a channel looks beyond the sample of its states, see `delayed_rows`; zero where
+    none is late.
     """
 
     layout: Layout
@@ -55,13 +57,21 @@ class BasisShape:
     channels: int
     impulse: bool
     sums: int = 1
+    delays: int = 0
     tangent: bool = False
 
     @property
     def text(self) -> str:
         """See `Structure`."""
-        shape = (self.poles, self.integrators, self.channels, self.impulse, self.sums, self.tangent)
-        return f"{shape} {self.layout.text}"
+        sizes = (
+            self.integrators,
+            self.channels,
+            self.impulse,
+            self.sums,
+            self.delays,
+            self.tangent,
+        )
+        return f"{self.poles} {sizes} {self.layout.text}"
 
     @property
     def states(self) -> int:
@@ -110,13 +120,19 @@ class BasisShape:
         poles = sum(
             n * (1 if kind == REAL else 2) for n, kind in zip(orders, self.poles, strict=True)
         )
-        direct = self.layout.n_series if self.layout.first_order else 0
+        direct = self.layout.n_series * (self.layout.first_order + self.inputs_ahead)
         return len(self.sources) * (self.integrators + ROUNDS * poles) + direct + 1
 
     @property
+    def inputs_ahead(self) -> int:
+        """Samples of inputs, from its own on, that a late channel shows at once."""
+        return self.delays + self.layout.first_order if self.delays else 0
+
+    @property
     def walker_size(self) -> int:
-        """Numbers of a walker: parameters, start, and rows of channels."""
-        return self.parameters + self.states + self.channels * (self.states + 1)
+        """Numbers of a walker: parameters, start, rows of channels, and their delays."""
+        rows = self.channels * (self.states + 1 + (2 if self.delays else 0))
+        return self.parameters + self.states + rows
 
     def scratch_size(self, columns: int, q: int = 0) -> int:
         """Vectors of scratch."""
@@ -232,25 +248,30 @@ class BasisExpansion:
         self.after = b.gep(bases[-1], [count])
         self.count = count
 
-    def _entry(self, i: int, column: int) -> Jet:
-        """Return an entry of exp(M dt) - 1, with its slope; `column` counts those of the rig."""
+    def entry(self, i: int, column: int, e: ir.Value | None = None) -> Jet:
+        """Return an entry of exp(M dt) - 1, with its slope; `column` counts those of the rig.
+
+        `e`: another exponential in its place.
+        """
+        e = self.e if e is None else e
         x, layout = self.shape.states, self.shape.layout
         at = column if column < x or not self.shape.tangent else column + x
         rows = (i, x + i) if self.shape.tangent else (i,)
         return tuple(
-            self.b.read(self.e, row * layout.size + at) if layout.reach[row][at] else vector(0.0)
+            self.b.read(e, row * layout.size + at) if layout.reach[row][at] else vector(0.0)
             for row in rows
         )
 
-    def run(self, start: Jets, rows: Matrix) -> list[ir.Value]:
+    def run(self, start: Jets, rows: Matrix, direct: Sequence[Matrix] = ()) -> list[ir.Value]:
         """Store the coefficients; return bounds `(K,)` of what they leave, as sizes over all samples.
 
-        `start (X,)`; `rows (K, X + 1)`: weights of states, and offsets.
+        `start (X,)`; `rows (K, X + 1)`: weights of states, and offsets; `direct (K, n, S)`: of inputs at
+        the next samples, of late channels.
         """
         shape, a, x, d = self.shape, self.a, self.shape.states, self.shape.integrators
         for base in self.coefficients.bases:
             self.b.clear(base, self.count)
-        rates = [[self._entry(i, j) for j in range(x)] for i in range(x)]
+        rates = [[self.entry(i, j) for j in range(x)] for i in range(x)]
         modal = self._to_modal(rates)
         fall = [row[d:] for row in modal[d:]]
         shown = [
@@ -281,7 +302,18 @@ class BasisExpansion:
             rise = self._increment(s)
             self._store(column, [a.dot(list(zip(row[:x], rise, strict=True))) for row in rows])
             column = self.b.add(column, I64(1))
-        self._store(column, [row[x] for row in rows])
+        offsets = [row[x] for row in rows]
+        for step in range(shape.inputs_ahead):
+            for s in range(shape.layout.n_series):
+                weights = [channel[step][s] for channel in direct]
+                self._store(column, weights)
+                column = self.b.add(column, I64(1))
+                first = self.frame.first_input(s)
+                offsets = [
+                    a.dot([(first, weight)], offset)
+                    for weight, offset in zip(weights, offsets, strict=True)
+                ]
+        self._store(column, offsets)
         return errors
 
     def _to_modal(self, rates: Matrix) -> Matrix:
@@ -302,15 +334,15 @@ class BasisExpansion:
         if source == "impulse":
             return start
         if source == "constant":
-            drive = [self._entry(i, x) for i in range(x)]
+            drive = [self.entry(i, x) for i in range(x)]
             for s in range(layout.n_series if layout.first_order else 0):
                 first = self.frame.first_input(s)
                 drive = [
-                    self.a.dot([(first, self._entry(i, x + 1 + s))], drive[i]) for i in range(x)
+                    self.a.dot([(first, self.entry(i, x + 1 + s))], drive[i]) for i in range(x)
                 ]
             return drive
         s = int(source.split()[1])
-        held = [self._entry(i, x + 1 + s) for i in range(x)]
+        held = [self.entry(i, x + 1 + s) for i in range(x)]
         if not layout.first_order:
             return held
         # With u(k + 1) - u(k) as (z - 1) u: the columns of increments drive like F times themselves.
@@ -319,7 +351,7 @@ class BasisExpansion:
 
     def _increment(self, s: int) -> Jets:
         x, layout = self.shape.states, self.shape.layout
-        return [self._entry(i, x + 1 + layout.n_series + s) for i in range(x)]
+        return [self.entry(i, x + 1 + layout.n_series + s) for i in range(x)]
 
     def _store_matrices(self, fall: Matrix) -> None:
         """Store of each pole the matrices of its functions, see the head of the module."""

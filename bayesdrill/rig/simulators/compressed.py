@@ -29,6 +29,7 @@ from bayesdrill.rig.kernels.rational_basis import ROWS, BasisShape
 from bayesdrill.rig.kernels.sums import SQUARES, ResidualSums
 from bayesdrill.rig.models.linear import Tangent
 from bayesdrill.rig.simulators.contract import Motion, Simulator, Steps, in_groups
+from bayesdrill.rig.simulators.delays import Delays, RecordHead
 from bayesdrill.rig.simulators.long_record import (
     LongRecord,
     input_layout,
@@ -62,7 +63,7 @@ class Compression:
     `reference (n, K)`: coefficients of the reference, from which all is a difference.  `tolerance
     (K, sums)`: what sums of squares may be wrong by.  `step`: of the record [s]; `sizes`: of what
     drives the rig, each the root of its sum of squares; `first`: of each series, from which it counts
-    where it changes straight, else zero.
+    where it changes straight, else zero.  `delays`: of channels, None where none is late.
     """
 
     basis: Basis
@@ -72,6 +73,7 @@ class Compression:
     step: float
     sizes: tuple[float, ...]
     first: tuple[float, ...]
+    delays: Delays | None = None
 
     def applied(self, simulator: Simulator) -> CompressedSimulator:
         """Return a simulator that has this compression, in the place of another where it has one."""
@@ -160,10 +162,16 @@ class CompressedSimulator(Simulator):
             sizes = sizes[..., None] * np.array([1.0, 2.0, 1.0])[: self._shape.sums]
             return sums, 2.0 * np.sqrt(sums) * sizes + sizes**2
 
-    def coefficients(self, full: Array) -> Array:
-        """Return the coefficients `(n, K)` of one rig, less the reference's: the kernel's own."""
+    def coefficients(self, full: Array, *, late: bool = True) -> Array:
+        """Return the coefficients `(n, K)` of one rig, less the reference's: the kernel's own.
+
+        `late=False`: of channels that are late by whole steps.
+        """
+        walkers = self._walkers(full)
+        if self.compression.delays is not None and not late:
+            walkers[:, -2 * self._k :] = 0.0
         blocks = {
-            "walkers": in_groups(self._walkers(full)),
+            "walkers": in_groups(walkers),
             "out": np.empty((1, self._k * (self._shape.sums + 1), LANES)),
         }
         scratch = self._run("squares", self._shape, 1, blocks)
@@ -192,6 +200,13 @@ class CompressedSimulator(Simulator):
         products = products + np.tril(products, -1).swapaxes(1, 2)
         sums, errors = self._with_bounds(numbers)
         squares = (weights * sums).sum(axis=2)
+        if self._head is not None:
+            further = self._head.normal(full, along, weights)
+            squares, slope, products = (
+                squares + further[0],
+                slope + further[1],
+                products + further[2],
+            )
         if (far := np.flatnonzero(self.beyond(sums, errors))).size:
             squares[far], slope[far], products[far] = self.whole.normal(
                 full[far], along[far], weights[far]
@@ -212,6 +227,8 @@ class CompressedSimulator(Simulator):
         """Return the sums, those of the exact simulator where errors may be too large."""
         sums, errors = self.expanded(full)
         far = np.flatnonzero(self.beyond(sums, errors))
+        if self._head is not None:
+            sums = sums + self._head.sums(full, self._shape.sums)
         if len(far):
             sums = sums.copy()
             exact = self.whole.neighbours if self._shape.sums > 1 else self.whole.squares
@@ -233,20 +250,38 @@ class CompressedSimulator(Simulator):
 
     @cached_property
     def _shape(self) -> BasisShape:
-        sums = len(self.compression.record.matrix)
-        return basis_shape(self._sensors, self.compression.basis, sums)
+        sums, delays = len(self.compression.record.matrix), self.compression.delays
+        return basis_shape(self._sensors, self.compression.basis, sums, delays)
 
     @cached_property
     def _tangent_shape(self) -> BasisShape:
-        return basis_shape(self._sensors, self.compression.basis, self._shape.sums, tangent=True)
+        tangent = Tangent(self._sensors.observed_model)
+        layout = input_layout(tangent, self.experiment)
+        return dataclasses.replace(self._shape, layout=layout, tangent=True)
+
+    @cached_property
+    def _head(self) -> RecordHead | None:
+        record, delays = even_record(self.whole), self.compression.delays
+        if record is None or delays is None:
+            return None
+        return delays.head(self.whole, record.at, lead=self._sensors.lead)
 
     def _walkers(self, full: Array) -> Array:
-        return walker_numbers(self._sensors, full)
+        numbers, delays = walker_numbers(self._sensors, full), self.compression.delays
+        if delays is None:
+            return numbers
+        late = delays.numbers(self._sensors, full, self.compression.step)
+        return np.concatenate([numbers, late], axis=1)
 
     def _walker_slopes(self, full: Array, along: Array) -> Array:
         """Return the slopes `(W q, n)` of what walkers have."""
         n, q, _ = along.shape
-        return walker_slopes(self._sensors, np.repeat(full, q, axis=0), along.reshape(n * q, -1))
+        along, delays = along.reshape(n * q, -1), self.compression.delays
+        slopes = walker_slopes(self._sensors, np.repeat(full, q, axis=0), along)
+        if delays is None:
+            return slopes
+        late = delays.slopes(self._sensors, along, self.compression.step)
+        return np.concatenate([slopes, late], axis=1)
 
     @cached_property
     def _shared(self) -> dict[str, Any]:
@@ -283,10 +318,10 @@ class CompressedSimulator(Simulator):
 
 
 def even_record(simulator: Simulator) -> LongRecord | None:
-    """Return the record of a linear rig that has one step and no delays; None of others."""
+    """Return the record of a linear rig that has one step; None of others."""
     experiment, sensing = simulator.experiment, simulator.sensing
     sensors = SensorParameters(simulator.model, experiment, sensing)
-    if simulator.stepping is not None or sensing.shifts or len(experiment.t) < 2:
+    if simulator.stepping is not None or len(experiment.t) < 2:
         return None
     if not simulator.exact:
         grid = build_grid(sensors.knots[0])
@@ -302,8 +337,6 @@ def obstacle(simulator: Simulator) -> str:
     """Say in words why a record cannot be compressed whatever the parameters; empty where it can."""
     if simulator.stepping is not None:
         return "the rig has dry friction or inputs with lags, and is stepped"
-    if simulator.sensing.shifts:
-        return "channels or inputs have an unknown delay"
     return "its samples are not evenly spaced" if even_record(simulator) is None else ""
 
 
@@ -320,7 +353,9 @@ def compress(
     if record is None:
         return obstacle(simulator)
     try:
-        return _Compressor(simulator, record, variances, weights).compression(points)
+        delays = Delays.near(record.sensors, points, record.step)
+        shifted = record if delays is None else dataclasses.replace(record, shifts=delays.shifts)
+        return _Compressor(simulator, shifted, variances, weights, delays).compression(points)
     except NoBasisError as error:
         return str(error)
 
@@ -333,6 +368,7 @@ class _Compressor:
     record: LongRecord
     variances: Array
     weights: Array
+    delays: Delays | None
 
     def compression(self, points: Array) -> Compression:
         with np.errstate(all="ignore"):
@@ -343,7 +379,8 @@ class _Compressor:
         columns = self._shape(basis).columns(basis.orders)
         known = triangle(self._blocks(basis, points[0]), columns, self._sums)
         made = self._with(basis, known, sizes)
-        return dataclasses.replace(made.compression, reference=made.coefficients(points[:1]))
+        reference = made.coefficients(points[:1], late=False)
+        return dataclasses.replace(made.compression, reference=reference)
 
     def _sufficient(self, rates: Array, points: Array, sizes: Array) -> Basis:
         """Return the fewest functions whose bound is small enough at nearly all points."""
@@ -363,7 +400,7 @@ class _Compressor:
         raise NoBasisError("the bound of what functions leave stays too large")
 
     def _shape(self, basis: Basis) -> BasisShape:
-        return basis_shape(self.record.sensors, basis, self._sums)
+        return basis_shape(self.record.sensors, basis, self._sums, self.delays)
 
     @property
     def _sums(self) -> int:
@@ -381,6 +418,7 @@ class _Compressor:
             step=self.record.step,
             sizes=tuple(each[source] for source in self._shape(basis).sources),
             first=self.record.first_inputs,
+            delays=self.delays,
         )
         return CompressedSimulator(self.simulator, compression)
 
@@ -389,7 +427,7 @@ class _Compressor:
         shape = self._shape(basis)
         start = impulse_columns(basis) if shape.impulse else None
         driven = Columns(basis, int(shape.constant) + shape.layout.n_series)
-        begin = np.array(self.record.first_inputs)
+        begin, knot = np.array(self.record.first_inputs), 0
         for inputs, left in self.record.residuals(reference):
             for first in range(0, len(inputs), BLOCK):
                 u = inputs[first : first + BLOCK] - begin
@@ -399,22 +437,26 @@ class _Compressor:
                     driven.block(np.concatenate([ones, u], axis=1) if shape.constant else u)
                 )
                 parts += [u] if shape.layout.first_order else []
+                for ahead in range(shape.inputs_ahead):
+                    last = knot + len(u) + ahead
+                    parts.append(self.record.inputs(knot + ahead, last) - begin)
+                knot += len(u)
                 here = left[first : first + BLOCK]
                 known = ~np.isnan(here).all(axis=1)
                 yield np.concatenate([*parts, ones], axis=1)[known], here[known]
 
 
 def basis_shape(
-    sensors: SensorParameters, basis: Basis, sums: int, *, tangent: bool = False
+    sensors: SensorParameters, basis: Basis, sums: int, delays: Delays | None
 ) -> BasisShape:
     """Return what kernels are specialised for."""
-    experiment, model = sensors.experiment, sensors.observed_model
+    experiment = sensors.experiment
     return BasisShape(
-        layout=input_layout(Tangent(model) if tangent else model, experiment),
+        layout=input_layout(sensors.observed_model, experiment),
         poles=basis.kinds,
         integrators=basis.integrators,
         channels=len(experiment.channels),
         impulse=starts(sensors),
         sums=sums,
-        tangent=tangent,
+        delays=0 if delays is None else delays.steps,
     )

@@ -32,12 +32,19 @@ class LongRecord:
     """A record of even steps, for a rig with `sensors`.
 
     `step` [s] between `count` knots; `at (n,)`: those of samples, None where all are samples.
+    `shifts (K,)`: by how many knots later than the rig does it a channel shows what it does.
     """
 
     sensors: SensorParameters
     step: float
     count: int
     at: Whole | None = None
+    shifts: tuple[int, ...] = ()
+
+    @property
+    def length(self) -> int:
+        """The knots up to which channels show the rig: those of the record, and others after it."""
+        return self.count - min((0, *self.shifts))
 
     @property
     def layout(self) -> Layout:
@@ -52,7 +59,7 @@ class LongRecord:
 
     def inputs(self, first: int, last: int) -> Array:
         """Return the sampled inputs at knots `first` to `last`, `(last - first, S)`."""
-        knots = np.arange(first, min(last, self.count))
+        knots = np.minimum(np.arange(first, last), self.count - 1)
         columns = []
         for u in self.sensors.knots[1].values():
             if self.at is None:
@@ -61,9 +68,7 @@ class LongRecord:
                 columns.append(np.interp(knots, self.at, u))
             else:
                 columns.append(u[np.searchsorted(self.at, knots, side="right") - 1])
-        inputs = np.array(columns).reshape(len(columns), len(knots)).T
-        beyond = last - first - len(knots)
-        return np.concatenate([inputs, np.repeat(inputs[-1:], beyond, axis=0)])
+        return np.array(columns).reshape(len(columns), len(knots)).T
 
     def responses(self, full: Array, kind: type = Long) -> Iterator[tuple[Array, LongArray]]:
         """Yield inputs `(m, S)` and channels `(m, K)` of the rig `full (P,)`, part after part."""
@@ -78,8 +83,8 @@ class LongRecord:
         step: LongArray = long_exponential(matrix).astype(kind)
         rows = numbers[p + x :].reshape(-1, x + 1).astype(kind)
         state = numbers[p : p + x].astype(kind)
-        for first in range(0, self.count, PART):
-            last = min(first + PART, self.count)
+        for first in range(0, self.length, PART):
+            last = min(first + PART, self.length)
             inputs = self.inputs(first, last + 1)
             u: LongArray = inputs.astype(kind)
             drive = step[:x, x] + u[:-1] @ step[:x, x + 1 : x + 1 + series].T
@@ -90,18 +95,29 @@ class LongRecord:
             yield inputs[:-1], states[:-1] @ rows[:, :x].T + rows[:, x]
 
     def residuals(self, full: Array) -> Iterator[tuple[Array, Array]]:
-        """Yield inputs `(m, S)`, and what the rig leaves of the record `(m, K)`, NaN if not seen."""
-        y, first = self.sensors.padded, 0
+        """Yield inputs `(m, S)`, and what the rig leaves of the record `(m, K)`, NaN if not seen.
+
+        The record is that of `shifts` samples later.
+        """
+        y, first = self._shifted(), 0
         for inputs, shown in self.responses(full):
             last = first + len(inputs)
-            if self.at is None:
-                left = np.asarray(y[first:last] - shown, dtype=np.float64)
-            else:
-                here = slice(*np.searchsorted(self.at, [first, last]))
-                left, at = np.full(shown.shape, np.nan), self.at[here] - first
-                left[at] = y[here] - shown[at]
+            yield inputs, np.asarray(y[first:last] - shown, dtype=np.float64)
             first = last
-            yield inputs, left
+
+    def _shifted(self) -> Array:
+        """Return the record at all knots `(T, K)`, as much earlier as channels are late."""
+        y = self.sensors.padded
+        if self.at is not None:
+            y = np.full((self.count, y.shape[1]), np.nan)
+            y[self.at] = self.sensors.padded
+        if not any(self.shifts):
+            return y
+        out = np.full((self.length, y.shape[1]), np.nan)
+        for k, shift in enumerate(self.shifts):
+            later = y[max(shift, 0) :, k]
+            out[max(-shift, 0) :, k][: len(later)] = later
+        return out
 
     def signals(self, full: Array) -> Array:
         """Return the channels `(T, K)` at the knots."""
