@@ -52,6 +52,8 @@ class AnomalySearchSettings:
     min_clipped_step: float = 2.5  # last digits in a step: so fast no signal turns round
     wrap_margin: float = 0.1  # of a period: so near half of it a jump may be one way or the other
     filter_reach: int = 3  # samples on either side that a filter may use
+    stretch: int = 1 << 20  # samples that are looked at together, ...
+    overlap: int = 4096  # ... and others to both sides of them
 
 
 SETTINGS = AnomalySearchSettings()
@@ -97,16 +99,29 @@ def spikes(
     `wide`: also spikes of more than two samples, which in an input may be meant; `inert`: an angle or a
     speed, which no input moves there and back within `MAX_SHORT_SPIKE` samples.
     """
+    mask, stretch = np.zeros(len(x), dtype=np.bool_), SETTINGS.stretch
     if len(x) < SETTINGS.min_samples:
-        return spans(np.zeros(len(x), dtype=np.bool_))
+        return spans(mask)
     if caused is not None and np.mean(caused) > SETTINGS.max_jump_share:
         caused = None
+    for first in range(0, len(x), stretch):
+        begin, last = max(0, first - SETTINGS.overlap), first + stretch
+        here = slice(begin, last + SETTINGS.overlap)
+        part = _spike_mask(
+            x[here], None if caused is None else caused[here], wide=wide, inert=inert
+        )
+        mask[first:last] = part[first - begin :][: len(mask[first:last])]
+    return spans(mask)
+
+
+def _spike_mask(x: Array, caused: Mask | None, *, wide: bool, inert: bool) -> Mask:
+    """Return which samples of a stretch `x (T,)` are in spikes: `(T,)`."""
     mask = np.zeros(len(x), dtype=np.bool_)
     for width in range(1, MAX_SHORT_SPIKE + 1 if wide else MAX_SHORT_SPIKE):
         mask |= _short_spikes(x, width, None if inert else caused)
     for longest in MAX_LONG_SPIKES if wide else ():
         mask |= _spikes(x, longest, caused)
-    return spans(mask)
+    return mask
 
 
 def jumps(x: Array) -> NDArray[np.intp]:

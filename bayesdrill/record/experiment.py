@@ -150,15 +150,22 @@ class Experiment:
         return tuple(channel.name for channel in self.channels)
 
 
+PART = 1 << 20  # samples that are looked at together
+
+
 def is_even(t: Array) -> bool:
     """Whether steps of `t (T,)` are equal, to `STEP_TOLERANCE` of one, and stay with their grid."""
     if len(t) < 3:
         return True
-    steps, step = np.diff(t), (t[-1] - t[0]) / (len(t) - 1)
-    median = float(np.median(steps))
-    drift = np.abs(t - (t[0] + np.arange(len(t)) * step))
-    uneven = np.abs(steps - median) > STEP_TOLERANCE * median
-    return not (bool(uneven.any()) and float(drift.max()) > STEP_TOLERANCE * median)
+    step = (t[-1] - t[0]) / (len(t) - 1)
+    median = float(np.median(np.diff(t), overwrite_input=True))
+    uneven = adrift = False
+    for first in range(0, len(t), PART):  # a long record is not copied
+        part = t[first : first + PART + 1]
+        here = np.arange(first, first + len(part))
+        uneven |= bool((np.abs(np.diff(part) - median) > STEP_TOLERANCE * median).any())
+        adrift |= bool((np.abs(part - (t[0] + here * step)) > STEP_TOLERANCE * median).any())
+    return not (uneven and adrift)
 
 
 def channels_of_states(states: Sequence[str]) -> tuple[Channel, ...]:

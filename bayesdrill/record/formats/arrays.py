@@ -302,7 +302,7 @@ def read_parquet(path: Path, wanted: Collection[str] | None = None) -> RecordTab
 
 
 def _table(path: Path, wanted: Collection[str] | None) -> RecordTable:
-    from pyarrow import float64, parquet
+    from pyarrow import default_memory_pool, float64, parquet
 
     with parquet.ParquetFile(path, pre_buffer=False) as file:
         schema, rows = file.schema_arrow, file.metadata.num_rows
@@ -312,13 +312,14 @@ def _table(path: Path, wanted: Collection[str] | None) -> RecordTable:
             name: why for name, kind in kinds.items() if (why := _unfit_column(name, kind, rows))
         }
         fit = [name for name in keys if name not in unfit and (wanted is None or name in wanted)]
-        # By their names, unless two have the same one.
-        content = file.read(columns=None if ignored else fit, use_threads=False)
-        places = {name: (keys if ignored else fit).index(name) for name in fit}
-        variables = {
-            name: np.ascontiguousarray(content.column(at).cast(float64(), safe=False).to_numpy())
-            for name, at in places.items()
-        }
+        # By their names, one at a time; but all together where two have the same one.
+        whole = file.read(use_threads=False) if ignored else None
+        variables = dict[str, Array]()
+        for name in fit:
+            table = file.read(columns=[name], use_threads=False) if whole is None else whole
+            column = table.column(0 if whole is None else keys.index(name))
+            variables[name] = np.array(column.cast(float64(), safe=False).to_numpy())
+    default_memory_pool().release_unused()
     return RecordTable(
         path=path,
         variables=variables,

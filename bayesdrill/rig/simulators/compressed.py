@@ -261,7 +261,8 @@ class CompressedSimulator(Simulator):
 
     @cached_property
     def _head(self) -> RecordHead | None:
-        record, delays = even_record(self.whole), self.compression.delays
+        delays = self.compression.delays
+        record = None if delays is None else even_record(self.whole)
         if record is None or delays is None:
             return None
         return delays.head(self.whole, record.at, lead=self._sensors.lead)
