@@ -415,8 +415,8 @@ def steps_of_chain(ensembles: int, walkers: int, unknowns: int) -> int:
 
 
 def predictive_draws(wanted: int, ensembles: int, numbers: int) -> int:
-    """Of each ensemble: `wanted`, or as many as may be predicted, and one at least."""
-    return max(1, min(wanted, MOST_PREDICTED // (ensembles * numbers)))
+    """Of each ensemble: `wanted`, or as many as may be predicted; none of a very long record."""
+    return min(wanted, MOST_PREDICTED // (ensembles * numbers))
 
 
 SEAL = "checksum"

@@ -102,8 +102,8 @@ def compressed_cost(job: problem.Job, samples: int) -> CompressedCost:
     observation = compressed.likelihood.observations[0]
     rigs = observation.simulator_parameters(space.full(theta))
     along = np.repeat(np.eye(rigs.shape[1])[None], BATCH, axis=0)
-    scales_ = np.full((BATCH, len(observation.experiment.channels)), 10.0)
-    normal = best_of(lambda: observation.response.normal(rigs, along, scales_), 30)
+    weights = np.full((BATCH, len(observation.experiment.channels), 1), 100.0)
+    normal = best_of(lambda: observation.response.normal(rigs, along, weights), 30)
     check = compression.check_draws(compressed, theta)
     assert check is not None
     return CompressedCost(

@@ -36,6 +36,10 @@ DEPTH = 40.0  # of the log posterior: maxima further below are nowhere
 Compressions = Mapping[str, Compression]
 
 
+class CompressionError(Exception):
+    """A record that was to be compressed cannot be; the message says why."""
+
+
 def is_long(observation: Observation, shortest: int = LONG) -> bool:
     """Tell whether its record can be compressed, and is longer than the `shortest` for which it pays."""
     return len(observation.experiment.t) > shortest and not exact_reason(observation)
@@ -133,11 +137,11 @@ def _about(posterior: Posterior, theta: Array) -> Array:
 
 
 def compressions(
-    posterior: Posterior, points: Array, shortest: int = LONG
+    posterior: Posterior, points: Array, shortest: int = LONG, *, strict: bool = False
 ) -> dict[str, Compression]:
     """Compress long records for rigs at `points (n, D)`, by label; the first is the reference.
 
-    Records that cannot be compressed are left out.
+    Records that cannot be compressed are left out, or raise `CompressionError` if `strict`.
     """
     full, made = posterior.space.full(points), {}
     for observation in posterior.likelihood.observations:
@@ -150,6 +154,8 @@ def compressions(
             compression = compress(observation.response, rigs, variances, limits)
             if isinstance(compression, Compression):
                 made[observation.label] = compression
+            elif strict:
+                raise CompressionError(observation.entitled("the record") + f": {compression}")
     return made
 
 

@@ -52,7 +52,7 @@ def sandwich(posterior: Posterior, theta: Array) -> Array:
     priors, J the sum over all pairs of samples of the slopes of their log densities, which is what
     H has of the record where residuals are as the noise says.
     """
-    up, down = _neighbours(posterior.coordinates, theta)
+    up, down, steps = _neighbours(posterior.coordinates, theta)
     shifted = np.concatenate([up, down])
     full, rows = posterior.space.full(shifted), _record_rows(posterior, theta)
     prior = np.diag([natural_sd(unknown) ** -2.0 for unknown in posterior.space.unknowns])
@@ -61,7 +61,7 @@ def sandwich(posterior: Posterior, theta: Array) -> Array:
         terms = observation.pointwise(observation.residuals(full).samples, shifted)
         density = np.nansum(np.where(observation.experiment.seen, terms, 0.0), axis=2).T  # (T, 2 D)
         middle += long_run_variance(
-            (density[:, : len(theta)] - density[:, len(theta) :]) / (2 * _STEP)
+            (density[:, : len(theta)] - density[:, len(theta) :]) / (2 * steps)
         )
     bread = np.linalg.inv(rows.T @ rows + prior)
     return np.asarray(bread @ middle @ bread)
@@ -105,18 +105,22 @@ def slopes_by_logs(coordinates: Coordinates, theta: Array) -> Array:
 
     It is `(D, D)`, a column for each unknown.
     """
-    up, down = _neighbours(coordinates, theta)
-    return (coordinates.from_physical(up) - coordinates.from_physical(down)).T / (2 * _STEP)
+    up, down, steps = _neighbours(coordinates, theta)
+    return (coordinates.from_physical(up) - coordinates.from_physical(down)).T / (2 * steps)
 
 
-def _neighbours(coordinates: Coordinates, theta: Array) -> tuple[Array, Array]:
-    """A step up and down of each unknown, on its natural scale."""
-    shifts = np.exp(_STEP * np.eye(len(theta)))
+def _neighbours(coordinates: Coordinates, theta: Array) -> tuple[Array, Array, Array]:
+    """Return points a step up and down of each unknown, and the steps `(D,)` on natural scales."""
+    shifts, steps = np.exp(_STEP * np.eye(len(theta))), np.full(len(theta), _STEP)
     up, down = theta * shifts, theta / shifts
-    for column, step in coordinates.signed:
-        up[column, column] = theta[column] + _STEP * step
-        down[column, column] = theta[column] - _STEP * step
-    return up, down
+    ends = {column: (low, high) for column, low, high in coordinates.between}
+    for column, scale in coordinates.signed:
+        low, high = ends.get(column, (-np.inf, np.inf))
+        room = 0.5 * min(high - theta[column], theta[column] - low)  # of a correlation near one
+        steps[column] = min(_STEP, room / scale) or _STEP
+        up[column, column] = theta[column] + steps[column] * scale
+        down[column, column] = theta[column] - steps[column] * scale
+    return up, down, steps
 
 
 def natural_sd(unknown: Unknown) -> float:
@@ -131,7 +135,7 @@ def _record_rows(posterior: Posterior, theta: Array) -> Array:
 
     Each unknown of a noise has a row of its own.
     """
-    up, down = _neighbours(posterior.coordinates, theta)
+    up, down, steps = _neighbours(posterior.coordinates, theta)
     full = posterior.space.full(np.concatenate([up, down]))
     rows, levels = [], []
     for observation in posterior.likelihood.observations:
@@ -139,11 +143,12 @@ def _record_rows(posterior: Posterior, theta: Array) -> Array:
         shifts = np.where(
             observation.experiment.seen, signals[: len(theta)] - signals[len(theta) :], 0.0
         )
+        shifts /= 2.0 * steps[:, None, None]
         if observation.white:
-            slopes = np.asarray(shifts / (2 * _STEP * observation.scales(theta[None])[0]))
+            slopes = np.asarray(shifts / observation.scales(theta[None])[0])
         else:
             slopes = observation.whitened_jacobian(
-                shifts / (2 * _STEP), np.repeat(theta[None], len(shifts), axis=0)
+                shifts, np.repeat(theta[None], len(shifts), axis=0)
             )
         rows.append(np.nan_to_num(slopes.reshape(len(theta), -1), posinf=0.0, neginf=0.0).T)
         information = observation.expected(theta)

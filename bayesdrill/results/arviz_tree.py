@@ -38,12 +38,15 @@ def make_tree(
 
     `derived` follows from `posterior`, draw by draw; NaN where a draw has no such value.
     `log_likelihood` (pointwise) and `posterior_predictive` hold `predictive_draws` draws of every
-    chain, evenly spaced; their `draw` coordinate says which.
+    chain, evenly spaced; their `draw` coordinate says which.  With none, these groups are not there.
     """
     draws = sampled.draws
     used_draws = np.unique(np.linspace(0, draws.shape[1] - 1, predictive_draws).astype(int))
     columns = _columns(problem)
-    predictive, pointwise = _predict(problem, columns, draws[:, used_draws], rng)
+    predicted = {}
+    if predictive_draws:
+        predictive, pointwise = _predict(problem, columns, draws[:, used_draws], rng)
+        predicted = {"posterior_predictive": predictive, "log_likelihood": pointwise}
     prior = problem.posterior.space.draw(PRIOR_DRAWS, prior_rng)[None]
     inputs: dict[str, Any] = {}
     dims = {c.name: [c.clock] for c in columns}
@@ -73,8 +76,7 @@ def make_tree(
         warnings.filterwarnings("ignore", "Found chain dimension")
         groups: DataTree = from_dict(
             {
-                "posterior_predictive": predictive,
-                "log_likelihood": pointwise,
+                **predicted,
                 "observed_data": {c.name: c.observation.experiment.y[:, c.index] for c in columns},
                 "constant_data": inputs,
             },
@@ -84,7 +86,7 @@ def make_tree(
                     _clock(observation): observation.experiment.t
                     for observation in problem.observations
                 },
-                "draw": used_draws,
+                **({"draw": used_draws} if predicted else {}),
             },
         )
     for name, group in groups.children.items():
@@ -154,12 +156,15 @@ def _describe(
     for group, variables in {**symbols, "derived": derived, "constant_data": inputs}.items():
         for symbol in variables:
             tree[group][symbol.name].attrs.update(units=symbol.unit, long_name=symbol.meaning)
+    groups = ("posterior_predictive", "log_likelihood", "observed_data", "constant_data")
+    present = [group for group in groups if group in tree.children]
     for c in columns:
-        for group in ("posterior_predictive", "observed_data"):
+        for group in {"posterior_predictive", "observed_data"} & {*present}:
             tree[group][c.name].attrs["units"] = c.channel.unit
-        text = f"log density of each sample of {c.name} in {c.channel.unit}"
-        tree["log_likelihood"][c.name].attrs.update(units="1", long_name=text)
-    for group in ("posterior_predictive", "log_likelihood", "observed_data", "constant_data"):
+        if "log_likelihood" in present:
+            text = f"log density of each sample of {c.name} in {c.channel.unit}"
+            tree["log_likelihood"][c.name].attrs.update(units="1", long_name=text)
+    for group in present:
         for clock in map(_clock, problem.observations):
             if clock in tree[group].coords:
                 tree[group].coords[clock].attrs["units"] = "s"

@@ -14,8 +14,11 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 import bayesdrill
 from bayesdrill.basics import software
+from bayesdrill.basics.arrays import Array
 from bayesdrill.basics.errors import InputError, Interrupted
 from bayesdrill.basics.software import DECISIVE, installed_versions, versions_text
 from bayesdrill.basics.symbols import INPUTS, noise_name
@@ -35,6 +38,7 @@ from bayesdrill.rig.models.linear import Model, constants
 
 RUN_MARK = "Run"  # by which a file says whose it is
 BURN_IN_MARK = "Burn-in"
+DIGEST_PART = 1 << 18  # numbers whose text is made together
 
 
 def fingerprint(config: Config, problem: Problem) -> dict[str, str]:
@@ -130,7 +134,7 @@ def _of_experiments(problem: Problem) -> dict[str, str]:
 def _of_experiment(experiment: Experiment) -> dict[str, str]:
     digest = hashlib.sha256()
     for values in (experiment.t, experiment.y):
-        digest.update(values.tobytes())
+        digest.update(np.ascontiguousarray(values))
     hold = "first" if experiment.first_order else "zero"
     return {
         "the record": f"{len(experiment.t)} samples ({digest.hexdigest()[:12]})",
@@ -140,7 +144,7 @@ def _of_experiment(experiment: Experiment) -> dict[str, str]:
         },
         **{f"the input {name}": repr(value) for name, value in experiment.constant.items()},
         **{
-            f"the input {name}": f"measured, hold: {hold} ({_short(repr(series.tolist()))})"
+            f"the input {name}": f"measured, hold: {hold} ({_digest(series)})"
             for name, series in experiment.series.items()
         },
         "the initial state": f"{dict(experiment.start)} at {experiment.t_start!r} s",
@@ -201,6 +205,16 @@ def _remove_defaults(sections: dict[str, Any], config: Config, rig: Model) -> No
 
 def _short(text: str) -> str:
     return hashlib.sha256(text.encode()).hexdigest()[:12]
+
+
+def _digest(series: Array) -> str:
+    """Return what `_short` gives for the text of the list of all numbers, part by part."""
+    digest = hashlib.sha256(b"[")
+    for first in range(0, len(series), DIGEST_PART):
+        text = ", ".join(map(repr, series[first : first + DIGEST_PART].tolist()))
+        digest.update((", " * (first > 0) + text).encode())
+    digest.update(b"]")
+    return digest.hexdigest()[:12]
 
 
 def check_record(job: Job, output: Path, record: str | None = None) -> None:

@@ -143,14 +143,18 @@ def _searched_on(
 
 
 def compress_about(pool: WorkerPool, mode: Mode, shortest: int | None) -> None:
-    """Compress records that are longer than the `shortest` for the rigs about the maximum."""
+    """Compress records that are longer than the `shortest` for the rigs about the maximum.
+
+    With a `shortest` of zero all are to be compressed; raises `CompressionError` where one cannot be.
+    """
     posterior = pool.posterior
     observations = posterior.likelihood.observations
     if shortest is not None and any(compression.is_long(o, shortest) for o in observations):
         # From all samples, so that a run that goes on has the very same functions.
         exact = compression.uncompressed(posterior)
         points = compression.nearby(exact, posterior.space.vector(mode.values)[None])
-        pool.compress(compression.compressions(posterior, points, shortest))
+        strict = shortest == 0
+        pool.compress(compression.compressions(posterior, points, shortest, strict=strict))
 
 
 def sample_maxima(

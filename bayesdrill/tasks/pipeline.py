@@ -16,6 +16,7 @@ from bayesdrill.analysis.verdict import Verdict
 from bayesdrill.basics.errors import InputError
 from bayesdrill.basics.progress import SILENT, Reporter
 from bayesdrill.config.job import Job, prepare
+from bayesdrill.inference.compression import CompressionError
 from bayesdrill.output_files import POSTERIOR, RESOLVED_FILE
 from bayesdrill.report import publish, words
 from bayesdrill.report.run_report import screen, sections
@@ -279,6 +280,9 @@ def _sample(
     except NoSupportError as error:
         message = f"{error}; the record and the priors do not go together, check units and values"
         raise job.source.error(("parameters",), message) from None
+    except CompressionError as error:
+        message = f"cannot be compressed: {error}; say `auto`, or leave it out"
+        raise job.source.error(("sampler", "likelihood"), message) from None
 
 
 def _finish_chain(job: Job, folder: Folder, sampled: SamplingResult) -> None:

@@ -194,6 +194,22 @@ def test_free_states_are_as_wide_as_the_channels(tmp_path: Path) -> None:
     assert space.priors["w_1_0_slow"] != space.priors["w_1_0_fast"]
 
 
+def test_free_states_know_the_gain_of_their_sensor(tmp_path: Path) -> None:
+    """Mutant killed: a start with the sign of its sensor."""
+    turned = (
+        "theta_1: {column: theta_1, unit: deg,",
+        "theta_1: {column: theta_1, unit: deg, gain: -2.0,",
+    )
+    plain, other = (
+        built(tmp_path, initial("free"), ("walkers: 16", "walkers: 32"), *changes)
+        for changes in ((), (turned,))
+    )
+    before, after = (job.problem.posterior.space.priors["theta_1_0_fast"] for job in (plain, other))
+    assert isinstance(before, TruncatedNormal)
+    assert isinstance(after, TruncatedNormal)
+    assert (after.mean, after.sd) == pytest.approx((-0.5 * before.mean, 0.5 * before.sd))
+
+
 def test_the_schema_describes_every_entry() -> None:
     tree = json.loads(config.json_schema())
     text = config.json_schema()

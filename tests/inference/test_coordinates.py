@@ -12,6 +12,7 @@ from rigs import measured, posterior, vector
 from scipy.stats import norm
 from together import for_each
 
+from bayesdrill.inference import laplace
 from bayesdrill.inference.priors import (
     PRIORS,
     HalfNormal,
@@ -28,6 +29,19 @@ N = 11  # nine parameters and two noise levels
 
 def make(name: str, n: int = N) -> Coordinates:
     return Coordinates(tuple(name == "log" or (name == "mixed" and d % 3 != 1) for d in range(n)))
+
+
+def test_steps_stay_between_two_ends() -> None:
+    """Of a correlation next to one: 1e-5 further there is no density.
+
+    Mutant killed: steps that are the same however near an end is.
+    """
+    between = Coordinates((False,), between=((0, 0.0, 1.0),), signed=((0, 1.0),))
+    for rho in (1.0 - 1e-8, 0.5, 1e-7):
+        slope = laplace.slopes_by_logs(between, np.array([rho]))[0, 0]
+        analytic = 1.0 / norm.pdf(norm.ppf(rho))
+        # Half the way to an end is no small step: what matters is that it is there.
+        assert slope == pytest.approx(analytic, rel=1e-3 if rho == 0.5 else 0.2)
 
 
 def points(n: int = 40, width: float = 0.9) -> np.ndarray:

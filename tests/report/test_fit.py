@@ -18,8 +18,16 @@ import bayesdrill as bd
 from bayesdrill.basics.symbols import Symbol
 from bayesdrill.inference import residual_checks
 from bayesdrill.report import scales
-from bayesdrill.report.sections.fit_figure import corners, extremes, fit_figure
-from bayesdrill.report.sections.fit_words import TIME, Course, Fit, Signal, every_fit
+from bayesdrill.report.sections.fit_figure import fit_figure
+from bayesdrill.report.sections.fit_words import (
+    TIME,
+    Course,
+    Fit,
+    Signal,
+    corners,
+    every_fit,
+    extremes,
+)
 
 Array = NDArray[np.float64]
 ROOT = Path(__file__).parent.parent.parent

@@ -79,6 +79,60 @@ def test_log_likelihoods_are_those_of_80_bit_simulation(one: CompressedSimulator
     assert (np.abs(squares - truth) <= bounds + 1e-11 * truth).all()
 
 
+def drive(seed: int, n: int, rng: np.random.Generator) -> np.ndarray:
+    """A voltage of one of four kinds: steps, a sweep, noise, a ramp."""
+    t = np.arange(n)
+    kinds = (
+        steps(n, seed),
+        8.0 + 4.0 * np.sin(2e-4 * t**2),
+        6.0 + 3.0 * rng.standard_normal(n),
+        12.0 * np.minimum(1.0, t / 300.0),
+    )
+    return kinds[seed // 4 % 4]
+
+
+def draws(response: Response, theta: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    """Rigs about `theta (P,)` `(256, P)`, one to eight sds or some per cent away; itself first."""
+    k, p = response.experiment.y.shape[1], len(theta)
+    weights = np.full((1, k, 1), SIGMA**-2)
+    information = response.normal(theta[None], np.diag(theta)[None], weights)[2][0]
+    values, vectors = np.linalg.eigh(information)
+    sds = np.minimum(np.maximum(values, 1e-30) ** -0.5, 0.02)
+    sizes = np.append(0.0, np.resize([8.0, 3.0, 1.0], 255))
+    shifts = (rng.standard_normal((256, p)) * sds) @ vectors.T
+    return theta * np.exp(sizes[:, None] * shifts)
+
+
+def test_twenty_rigs_under_other_inputs() -> None:
+    """Against 80-bit simulation at draws of the posterior.
+
+    Mutant killed: turns of a pair beside a real pole that are too large for a bound.
+    """
+    wrong = {}
+    for seed in range(20, 40):
+        rng, dt = np.random.default_rng(seed), (0.002, 0.005, 0.01, 0.02)[seed % 4]
+        p = vector(skewed()) * np.exp(0.7 * rng.standard_normal(len(ORDER)))
+        v = drive(seed, 1001, rng)
+        silent = Response(
+            MotorShaft(), experiment(1001, dt, constant={"t_1": 0.0}, series={"v": v})
+        )
+        y = silent.signals(p[None])[0]
+        y = y + SIGMA * rng.standard_normal(y.shape)
+        response = Response(MotorShaft(), dataclasses.replace(silent.experiment, y=y))
+        points = draws(response, p, rng)
+        one = made(response, points)
+        near_ones = points[3::3][:6]
+        squares, bounds = (numbers[..., 0] for numbers in one.expanded(near_ones))
+        assert not one.beyond(*one.expanded(near_ones)).any(), seed
+        for point, sums, bound in zip(near_ones, squares, bounds, strict=True):
+            rig = dict(zip(ORDER, point, strict=True))
+            left = np.sum((y - long_states(rig, dt, v, np.zeros(5))) ** 2, axis=0)
+            error = np.abs(sums - left).astype(float)
+            assert (error <= bound + 1e-11 * left).all(), seed
+            wrong[seed] = max(wrong.get(seed, 0.0), float(error.sum()) / (2.0 * SIGMA**2))
+    assert max(wrong.values()) < 1e-9
+
+
 def test_it_is_more_exact_than_the_exact_simulator(one: CompressedSimulator) -> None:
     points = near(9, seed=5)
     truth = np.array([true_squares(one.whole, point) for point in points])

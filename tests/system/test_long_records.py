@@ -3,20 +3,24 @@
 from __future__ import annotations
 
 from functools import cache
+from pathlib import Path
 
 import numpy as np
 import pytest
 from oracles import NOMINAL
+from scipy.signal import lfilter
 
 import bayesdrill as bd
+from bayesdrill import output_files
 from bayesdrill.basics.errors import InputError
 from bayesdrill.basics.progress import Silent
 from bayesdrill.inference import compression
+from bayesdrill.report.sections import fit_words
 from bayesdrill.rig.models.motor_shaft import MotorShaft
 from bayesdrill.rig.simulators.compressed import CompressedSimulator
 from bayesdrill.sampling import fit as fits
 from bayesdrill.sampling.workers import WorkerPool
-from bayesdrill.tasks import find_map
+from bayesdrill.tasks import find_map, pipeline
 
 T = np.arange(24_001) / 500.0
 BOX = {"prior": "uniform", "low": 0.5, "high": 1.5, "relative": True}
@@ -62,6 +66,54 @@ def test_the_posterior_is_that_of_all_samples() -> None:
     assert whole.sampled.compression is None
 
 
+LAG, RHO = 0.0047, 0.8
+
+
+@cache
+def late(likelihood: str) -> bd.Run:
+    """One speed is seen late, by a number of samples that is none; the noise of the other remembers."""
+    t, rng = T[:4201], np.random.default_rng(6)
+    v = np.where(rng.random(len(t) // 100 + 1) < 0.5, 4.0, 12.0).repeat(100)[: len(t)]
+    fine = bd.respond(
+        MotorShaft(),
+        NOMINAL,
+        np.arange(42_001) / 5000.0,
+        {"v": v.repeat(10)[:42_001]},
+        ["w_1", "w_2"],
+    )
+    shift = round(LAG * 5000.0)
+    shown = np.append(np.zeros(shift), fine["w_1"])[:42_001:10]
+    noise = 0.1 * rng.standard_normal((2, len(t)))
+    noise[1] = lfilter([np.sqrt(1.0 - RHO**2)], [1.0, -RHO], noise[1])
+    lag = {"prior": "uniform", "low": 0.0, "high": 0.02}
+    free = ("k_e", "r_m", "k_s")
+    return bd.case(
+        t,
+        {
+            "w_1": bd.Channel(shown + noise[0], "rad/s", 0.1, lag=lag),
+            "w_2": bd.Channel(fine["w_2"][::10] + noise[1], "rad/s", LEVEL, noise="ar1"),
+        },
+        {"v": bd.Input(v, "V")},
+        parameters={name: BOX if name in free else "nominal" for name in NOMINAL},
+        nominal="tables_2_3",
+        sampler={"likelihood": likelihood, "walkers": 32, "ess": 1000},
+        name="late",
+    ).sample(processes=1)
+
+
+def test_late_channels_and_noise_that_remembers_go_with_it() -> None:
+    short, whole = late("auto"), late("exact")
+    pairs = zip(short.analysis.unknowns, whole.analysis.unknowns, strict=True)
+    assert max(abs(mine.mean - row.mean) / row.sd for mine, row in pairs) < 0.15
+    found = {row.name: row for row in short.analysis.unknowns}
+    for name, true in (("lag_w_1", LAG), ("rho_w_2", RHO), ("k_s", NOMINAL["k_s"])):
+        assert abs(found[name].mean - true) < 4.0 * found[name].sd, name
+    check = short.sampled.compression
+    assert check is not None
+    assert check.difference < 1e-6
+    assert whole.sampled.compression is None
+
+
 def test_draws_are_checked_against_the_exact_likelihood() -> None:
     check = sampled("auto").sampled.compression
     assert check is not None
@@ -69,6 +121,26 @@ def test_draws_are_checked_against_the_exact_likelihood() -> None:
     assert check.draws == 500
     assert check.difference < 1e-6
     assert check.exact < 10
+
+
+def test_of_a_record_that_is_too_long_nothing_is_predicted_sample_by_sample(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """And figures are given its extremes alone: no peak is lost, and files stay small."""
+    monkeypatch.setattr(output_files, "MOST_PREDICTED", 4 * 2 * len(T) - 1)
+    monkeypatch.setattr(fit_words, "SHOWN", 500)
+    run = case("auto").sample(processes=1)
+    tree = run.to_arviz()
+    assert not {"posterior_predictive", "log_likelihood"} & {*tree.children}
+    assert tree["observed_data"]["w_1"].shape == T.shape
+    best = run.sampled.draws[0, -1]
+    (fit,) = fit_words.every_fit(run.job.problem, best, run.analysis.fit)
+    assert len(fit.t) < len(T) / 2
+    y = run.job.problem.observations[0].experiment.y
+    for signal, column in zip(fit.signals, y.T, strict=True):
+        assert (signal.y.min(), signal.y.max()) == (column.min(), column.max())
+    run.save(tmp_path / "long")
+    assert (tmp_path / "long/figures/fit.png").exists()
 
 
 def test_the_search_sees_an_excerpt_and_then_all() -> None:
@@ -103,6 +175,15 @@ def test_what_cannot_be_compressed_is_refused_where_it_is_asked_for() -> None:
             sampler={"likelihood": "compressed"},
             name="rubbing",
         )
+
+
+def test_what_turns_out_not_to_be_compressible_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Mutant killed: a record that goes on by all samples where it was to be compressed."""
+    mode = case().find_map(processes=1).mode
+    job = case("compressed").job
+    monkeypatch.setattr(compression, "compress", lambda *_: "poles of the rig are known too little")
+    with pytest.raises(InputError, match="cannot be compressed: the record: poles of the rig"):
+        pipeline.sample_in_memory(job, mode, 1, Silent())
 
 
 def test_a_run_that_goes_on_has_the_same_functions() -> None:

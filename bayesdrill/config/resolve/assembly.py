@@ -174,10 +174,13 @@ def build_simulator(
             message := experiments.start_too_late(number, experiment)
         ):
             wrong[entry.location] = message
+    read = experiment
+    if resolved.free_states:
+        read = experiments.without_sensors(experiment, resolved.sensing, sensor_numbers)
     for name in resolved.free_states:
         try:
             sensor_numbers.append(
-                experiments.free_start(name, experiment, resolved.model, _at_start(resolved))
+                experiments.free_start(name, read, resolved.model, _at_start(resolved))
             )
         except ValueError as error:
             wrong["initial", name] = str(error)

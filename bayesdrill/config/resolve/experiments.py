@@ -5,7 +5,7 @@ from __future__ import annotations
 import copy
 import dataclasses
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -117,6 +117,19 @@ def free_start(name: str, experiment: Experiment, model: Model, values: Named) -
     return ParsedNumber(
         symbol=sensors.symbol_of_state(name), role="start", value=prior, start=middle
     )
+
+
+def without_sensors(
+    experiment: Experiment, sensing: ObservationModel, numbers: Iterable[ParsedNumber]
+) -> Experiment:
+    """Return the experiment as a rig shows it: without gains and offsets, known or where they start."""
+    values = {n.name: n.value if isinstance(n.value, float) else n.start for n in numbers}
+    y = experiment.y.copy()
+    for k, channel in enumerate(experiment.channels):
+        offset = values.get(sensing.offsets.get(channel.name, ""))
+        gain = values.get(sensing.gains.get(channel.name, ""))
+        y[:, k] = (y[:, k] - (offset or 0.0)) / (gain or 1.0)
+    return dataclasses.replace(experiment, y=frozen(y))
 
 
 def _channels_of_unit(experiment: Experiment, unit: str) -> list[tuple[Mapping[str, float], Array]]:

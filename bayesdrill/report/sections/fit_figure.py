@@ -42,7 +42,14 @@ from bayesdrill.report.pages import Page, difference_panel, inches_panel, legend
 from bayesdrill.report.publish import FIT_ALONE, RESIDUALS
 from bayesdrill.report.scales import WIDTHS
 from bayesdrill.report.sections import fit_words
-from bayesdrill.report.sections.fit_words import Course, Fit, Signal, every_fit
+from bayesdrill.report.sections.fit_words import (
+    Course,
+    Fit,
+    Signal,
+    corners,
+    every_fit,
+    extremes,
+)
 from bayesdrill.report.sections.physics_words import FrictionCourse
 from bayesdrill.report.view import Drawing, ReportContext, for_each_experiment
 
@@ -171,29 +178,10 @@ def fit_figure(fit: Fit, width: float = scales.DOUBLE) -> Figure:
     return page.figure
 
 
-def extremes(y: Array, most: int) -> Indices:
-    """Return at most `most` indices, with the extremes of each stretch: no peak is lost."""
-    n = len(y)
-    if n <= most:
-        return np.arange(n)
-    length = -(-n // ((most - 2) // 2))
-    starts = np.arange(0, n, length)
-    padded = np.concatenate([y, np.full(len(starts) * length - n, y[-1])]).reshape(-1, length)
-    indices = np.stack([starts + padded.argmin(axis=1), starts + padded.argmax(axis=1)])
-    return np.unique(np.concatenate([[0, n - 1], np.minimum(indices, n - 1).ravel()]))
-
-
 def measured(y: Array) -> Indices:
     """Return at most `DOTS` indices of the samples of a channel `y (T,)` that were measured."""
     sampled = np.flatnonzero(~np.isnan(y))
     return sampled[style.thin(len(sampled), DOTS)]
-
-
-def corners(u: Array, most: int) -> Indices:
-    """Return where stairs through `u` begin, rise and end; of too many, the `extremes`."""
-    changes = np.flatnonzero(np.diff(u)) + 1
-    indices = np.unique(np.concatenate([[0, len(u) - 1], changes]))
-    return indices if len(indices) <= most else extremes(u, most)
 
 
 DOT: dict[str, Any] = {**style.DOTS, "color": "0.45", "alpha": 0.8, "zorder": 1}
@@ -562,8 +550,9 @@ FIT_RUBBED = f"{FIT} Below: what rubs, and when it sticks."
 
 def draw_fit(run: ReportContext) -> tuple[Drawing, ...]:
     """Return drawings of record and model."""
-    group = run.tree["posterior_predictive"]
-    draws = {str(name): np.asarray(values) for name, values in group.data_vars.items()}
+    group = run.tree.children.get("posterior_predictive")
+    predicted = {} if group is None else group.data_vars
+    draws = {str(name): np.asarray(values) for name, values in predicted.items()}
     best, rubbing = run.chain.best, run.chain.friction_motions
     fits = every_fit(run.problem, best, run.analysis.fit, draws, rubbing)
     says = FIT_RUBBED if rubbing else FIT
@@ -577,7 +566,7 @@ def draw_predictive_check(run: ReportContext) -> Drawing:
     """Return the drawing of prediction checks."""
     draws = run.sampled.draws
     each = words.predictive_draws(run.problem, run.config)
-    columns = np.unique(np.linspace(0, draws.shape[1] - 1, each).astype(int))
+    columns = np.unique(np.linspace(0, draws.shape[1] - 1, max(1, each)).astype(int))
     theta = draws[:, columns].reshape(-1, draws.shape[-1])
     results = prediction_checks(run.problem.posterior.likelihood, theta)
     return Drawing(predictive_figure, (results, run.width), says=PREDICTIVE_CHECK)

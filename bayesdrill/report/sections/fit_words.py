@@ -15,7 +15,7 @@ from bayesdrill.analysis.causes import CATCH_ALL, Cause, Causes, EquivalentExpla
 from bayesdrill.analysis.energy import FrictionMotion
 from bayesdrill.analysis.suspicions import InputTiming
 from bayesdrill.basics import symbols
-from bayesdrill.basics.arrays import Array
+from bayesdrill.basics.arrays import Array, Indices
 from bayesdrill.basics.symbols import Symbol
 from bayesdrill.basics.units import Unit
 from bayesdrill.inference.likelihood import Observation
@@ -89,18 +89,20 @@ def every_fit(
     each = rubbing or [()] * len(problem.observations)
     for observation, rubbings in zip(problem.observations, each, strict=True):
         experiment, courses, constant = observation.experiment, [], []
+        models = observation.predict(full, best[None])[0]
+        shown = _shown_samples(observation, models)
         for name in (n for n in symbols.INPUTS if n in {*experiment.series, *experiment.constant}):
             unit = experiment.unit_of_input(name)
             label = dataclasses.replace(symbols.INPUTS[name], latex_unit=unit.latex)
             if name in experiment.series:
-                values = experiment.series[name] / unit.factor
+                values = experiment.series[name][shown] / unit.factor
                 courses.append(Course(label=label, values=values, straight=experiment.first_order))
             elif name != "t_1" or experiment.constant[name]:  # no load need not be said
                 constant.append((label, experiment.constant[name] / unit.factor))
         fit = Fit(
-            t=experiment.t / clock.factor,
+            t=experiment.t[shown] / clock.factor,
             time=dataclasses.replace(TIME, latex_unit=clock.latex),
-            signals=tuple(_signals(observation, full, best, left, predictive or {})),
+            signals=tuple(_signals(observation, models, shown, best, left, predictive or {})),
             courses=tuple(courses),
             constant=tuple(constant),
             rubs=rubs(rubbings, clock),
@@ -112,25 +114,64 @@ def every_fit(
 
 def _signals(
     observation: Observation,
-    full: Array,
+    models: Array,
+    shown: slice | Indices,
     best: Array,
     left: Sequence[ResidualSummary],
     predictive: Mapping[str, Array],
 ) -> Iterator[Signal]:
-    models, sigmas = observation.predict(full, best[None])[0], observation.scales(best[None])[0]
+    sigmas = observation.scales(best[None])[0]
     shares = {each.channel: each.share for each in left if each.experiment == observation.label}
     for k, channel in enumerate(observation.experiment.channels):
         unit, draws = channel.shown, predictive.get(labelled_name(channel.name, observation.label))
         if draws is not None:
-            draws = draws.reshape(-1, draws.shape[-1]).astype(np.float64) / unit.factor
+            draws = draws.reshape(-1, draws.shape[-1])[:, shown].astype(np.float64) / unit.factor
         yield Signal(
             label=Symbol(channel.name, channel.unit, channel.latex, unit.latex, "channel"),
-            y=observation.experiment.y[:, k] / unit.factor,
-            model=models[:, k] / unit.factor,
+            y=observation.experiment.y[shown, k] / unit.factor,
+            model=models[shown, k] / unit.factor,
             predictive=draws,
             sigma=float(sigmas[k]) / unit.factor,
             share=shares[channel.name],
         )
+
+
+SHOWN = 20_000  # stretches of a long record, of which a figure is given both extremes
+
+
+def _shown_samples(observation: Observation, models: Array) -> slice | Indices:
+    """Return which samples a figure is given, of channels that are modelled as `models (T, K)`.
+
+    They are all of a record that is not long; else the extremes of records, of models, of what these
+    leave and of inputs, in short stretches.
+    """
+    experiment = observation.experiment
+    if len(experiment.t) <= 4 * SHOWN:
+        return slice(None)
+    residuals = np.nan_to_num(experiment.y - models)
+    columns = [*models.T, *residuals.T, *(models + residuals).T]
+    shown = [extremes(column, 2 * SHOWN) for column in columns]
+    shown += [corners(u, 2 * SHOWN) for u in experiment.series.values()]
+    return np.unique(np.concatenate(shown))
+
+
+def extremes(y: Array, most: int) -> Indices:
+    """Return at most `most` indices, with the extremes of each stretch: no peak is lost."""
+    n = len(y)
+    if n <= most:
+        return np.arange(n)
+    length = -(-n // ((most - 2) // 2))
+    starts = np.arange(0, n, length)
+    padded = np.concatenate([y, np.full(len(starts) * length - n, y[-1])]).reshape(-1, length)
+    indices = np.stack([starts + padded.argmin(axis=1), starts + padded.argmax(axis=1)])
+    return np.unique(np.concatenate([[0, n - 1], np.minimum(indices, n - 1).ravel()]))
+
+
+def corners(u: Array, most: int) -> Indices:
+    """Return where stairs through `u` begin, rise and end; of too many, the `extremes`."""
+    changes = np.flatnonzero(np.diff(u)) + 1
+    indices = np.unique(np.concatenate([[0, len(u) - 1], changes]))
+    return indices if len(indices) <= most else extremes(u, most)
 
 
 DIGITS = 12

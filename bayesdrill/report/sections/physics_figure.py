@@ -20,7 +20,7 @@ from bayesdrill.basics.symbols import Symbol
 from bayesdrill.inference.derived import HDI_PROBABILITY
 from bayesdrill.report import scales, style
 from bayesdrill.report.pages import Page, inches_panel, legend_above
-from bayesdrill.report.sections.fit_figure import extremes
+from bayesdrill.report.sections.fit_words import extremes
 from bayesdrill.report.sections.physics_words import (
     Balance,
     LawShown,

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Sequence
 
 from llvmlite import ir
 
-from bayesdrill.rig.kernels.jets import Jet, JetArithmetic, Jets, Matrix
+from bayesdrill.rig.kernels.jets import JetArithmetic, Jets, Matrix
 from bayesdrill.rig.kernels.lanes import Builder, vector
 
 TURNS = 3  # of coordinates towards a walker's own modes
@@ -66,22 +66,50 @@ class RemainderBound:
 
     def _turn(self, entries: list[list[ir.Value]]) -> Matrix:
         """Return coordinates in which blocks do little to each other: any would do."""
-        b, n = self._b, len(entries)
-        middles, block_of = [vector(0.0)] * n, {}
-        for index, block in enumerate(self._blocks):
-            total = self._sum(entries[i][i] for i in block)
-            for i in block:
-                middles[i], block_of[i] = b.fmul(total, vector(1.0 / len(block))), index
+        n = len(entries)
+        turn: Matrix = [[(vector(float(i == j)),) for j in range(n)] for i in range(n)]
+        for block in self._blocks:
+            for other in (columns for columns in self._blocks if columns is not block):
+                parts = [
+                    [[(entries[i][j],) for j in columns] for i in rows]
+                    for rows, columns in (
+                        (block, block),
+                        (block, other),
+                        (other, other),
+                        (other, block),
+                    )
+                ]
+                for i, row in zip(block, self._apart(*parts), strict=True):
+                    for j, number in zip(other, row, strict=True):
+                        turn[i][j] = number
+        return turn
 
-        def entry(i: int, j: int) -> Jet:
-            if block_of[i] == block_of[j]:
-                return (vector(float(i == j)),)
-            apart = b.fsub(middles[j], middles[i])
-            pair = b.absolute(b.fmul(entries[i][j], entries[j][i]))
-            size = b.fma(apart, apart, b.fmul(vector(4.0), pair))
-            return (b.fdiv(b.fmul(entries[i][j], apart), size),)
+    def _apart(self, own: Matrix, shared: Matrix, other: Matrix, back: Matrix) -> Matrix:
+        """Return X of A X - X B = -C (Sylvester 1884), for A `own`, B `other` and C `shared`.
 
-        return [[entry(i, j) for j in range(n)] for i in range(n)]
+        `back`: what the first does to the other.
+
+        By p(A) = 0, with p the characteristic polynomial of A, X p(B) = A C + C B - tr(A) C if A is
+        two by two.
+        """
+        b, a = self._b, JetArithmetic(self._b)
+        if len(own) == 1 and len(other) == 1:  # poles that nearly meet stay as they are
+            gap = b.fsub(other[0][0][0], own[0][0][0])
+            pair = b.absolute(b.fmul(shared[0][0][0], back[0][0][0]))
+            size = b.fma(gap, gap, b.fmul(vector(4.0), pair))
+            return [[(b.fdiv(b.fmul(shared[0][0][0], gap), size),)]]
+        if len(own) == 1:
+            apart = a.polynomial([(a.minus(own[0][0]), None), (a.constant(1.0), other)])
+            return a.product(shared, _inverse(a, apart))
+        if len(other) == 1:
+            apart = a.polynomial([(other[0][0], None), (a.constant(-1.0), own)])
+            return a.product(_inverse(a, apart), shared)
+        trace = a.minus(a.add(own[0][0], own[1][1]))
+        product = a.dot([(own[0][0], own[1][1]), (a.minus(own[0][1]), own[1][0])])
+        powers = [(product, None), (trace, other), (a.constant(1.0), a.product(other, other))]
+        sides = (a.product(own, shared), a.product(shared, other))
+        total = a.polynomial([(a.constant(1.0), side) for side in sides] + [(trace, shared)])
+        return a.product(total, _inverse(a, a.polynomial(powers)))
 
     def _gain(self, block: list[list[ir.Value]]) -> ir.Value:
         """Return 1 / (1 - |T|), negative or infinite where |T| is not below one."""
@@ -120,3 +148,13 @@ class RemainderBound:
             total = self._sum(map(b.fmul, lengths, shares))
             totals.append(b.fma(size, total, error))
         return totals
+
+
+def _inverse(a: JetArithmetic, matrix: Matrix) -> Matrix:
+    """Return the inverse of a matrix of two by two."""
+    (p, q), (r, s) = matrix
+    over = a.inverse(a.dot([(p, s), (a.minus(q), r)]))
+    return [
+        [a.times(s, over), a.times(a.minus(q), over)],
+        [a.times(a.minus(r), over), a.times(p, over)],
+    ]

@@ -54,20 +54,21 @@ class ResidualSums:
 
 @dataclass(frozen=True, slots=True)
 class _Neighbours(ResidualSums):
-    """Sums of squares and of products of neighbours; with the last residual and the first."""
+    """Sums of squares of residuals and of steps between neighbours; with the last and the first."""
 
     name: str = "neighbours"
     start: tuple[float, ...] = (0.0, 0.0, 0.0, math.nan)
 
     def add(self, b: Builder, totals: Sequence[ir.Value], sample: Sample) -> Values:
-        squares, products, last, first = totals
+        squares, steps, last, first = totals
         residual, observed = sample.residual, sample.observed
         fresh = b.fcmp_unordered("uno", first, first)
+        step = b.select(fresh, vector(0.0), b.fsub(residual, last))
         if observed is not None:
-            fresh = b.and_(fresh, observed)
+            fresh, step = b.and_(fresh, observed), b.select(observed, step, vector(0.0))
         return [
             b.fma(residual, residual, squares),
-            b.fma(residual, last, products),
+            b.fma(step, step, steps),
             residual if observed is None else b.select(observed, residual, last),
             b.select(fresh, residual, first),
         ]

@@ -124,9 +124,8 @@ class Simulator(ABC):
 
         Steps are from a residual to the next that was observed; the ends are the first and the last.
         """
-        squares, products, last, first = np.moveaxis(self.sums(full, NEIGHBOURS), -1, 0)
-        ends = first**2 + last**2
-        return np.stack([squares, 2.0 * (squares - products) - ends, ends], axis=-1)
+        squares, steps, last, first = np.moveaxis(self.sums(full, NEIGHBOURS), -1, 0)
+        return np.stack([squares, steps, first**2 + last**2], axis=-1)
 
     def logs(self, full: Array, weights: Array) -> Array:
         """Return sums `(W, K)` of log(1 + weight times squared residual), with `weights (W, K)`."""
