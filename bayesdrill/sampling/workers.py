@@ -7,17 +7,21 @@ one process the work is done in this one.
 from __future__ import annotations
 
 import atexit
+import mmap
 import multiprocessing
 import os
+import pickle
 import signal
+import tempfile
 import threading
 import time
 from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import Future, ProcessPoolExecutor
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
+from pathlib import Path
 from types import TracebackType
-from typing import Any, Concatenate, Self
+from typing import IO, Any, Concatenate, Self, cast
 
 from threadpoolctl import threadpool_limits
 
@@ -29,6 +33,10 @@ from bayesdrill.inference.step_error import StepSizes
 
 SPAWN = multiprocessing.get_context("spawn")
 TASK_SECONDS = 10.0  # seconds that a worker has for its task, where the work is stopped
+LARGE, ALIGNED = (
+    1 << 25,
+    64,
+)  # bytes of arrays that are not copied for each worker, and their places
 SIGTERM_SECONDS = 5.0  # seconds from SIGTERM to the end of a worker
 
 
@@ -44,6 +52,45 @@ class _Form:
         return compressed(step_error.with_steps(posterior, self.steps), self.compressions)
 
 
+@dataclass(frozen=True, slots=True)
+class _Copy:
+    """A posterior for workers: pickled, or without its arrays, which have these `spans` of a file."""
+
+    data: bytes
+    spans: tuple[tuple[int, int], ...] = ()
+    path: str = ""
+
+    def posterior(self) -> Posterior:
+        if not self.path:
+            return cast(Posterior, pickle.loads(self.data))
+        with open(self.path, "rb") as file:
+            block = memoryview(mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ))
+        arrays = [block[first:last] for first, last in self.spans]
+        return cast(Posterior, pickle.loads(self.data, buffers=arrays))
+
+
+def _copy_posterior(posterior: Posterior) -> tuple[_Copy, IO[bytes] | None]:
+    """Return a copy for workers, and the file that has its arrays, to be closed when they are done.
+
+    Where these are large, all workers map that one file.  It has no name, so that nothing of it stays
+    behind whatever happens; where a process cannot open such a file of another, each has its own copy.
+    """
+    buffers: list[pickle.PickleBuffer] = []
+    data = pickle.dumps(posterior, protocol=5, buffer_callback=buffers.append)
+    views = [buffer.raw() for buffer in buffers]
+    if sum(view.nbytes for view in views) > LARGE and Path("/proc/self/fd").is_dir():
+        with suppress(OSError):
+            file, spans = tempfile.TemporaryFile(), list[tuple[int, int]]()  # noqa: SIM115
+            for view in views:
+                first = -(-file.tell() // ALIGNED) * ALIGNED
+                file.seek(first)
+                file.write(view)
+                spans.append((first, first + view.nbytes))
+            file.flush()
+            return _Copy(data, tuple(spans), f"/proc/{os.getpid()}/fd/{file.fileno()}"), file
+    return _Copy(pickle.dumps(posterior)), None
+
+
 class WorkerPool:
     """A pool of workers that share one posterior; a context manager."""
 
@@ -51,8 +98,10 @@ class WorkerPool:
         self._posterior = posterior
         self._form = _Form()
         self._pool: ProcessPoolExecutor | None = None
+        self._arrays: IO[bytes] | None = None
         if processes > 1:
-            self._pool = start_workers(processes, _set_posterior, posterior)
+            copied, self._arrays = _copy_posterior(posterior)
+            self._pool = start_workers(processes, _set_copied, copied)
 
     def submit[**P, T](
         self,
@@ -110,6 +159,8 @@ class WorkerPool:
     ) -> None:
         if self._pool is not None:
             shut_down(self._pool, TASK_SECONDS)
+        if self._arrays is not None:
+            self._arrays.close()
 
 
 def start_workers(
@@ -179,6 +230,10 @@ def _start_worker(prepare: Callable[..., None], *arguments: Any) -> None:
     threadpool_limits(1)
     atexit.register(os._exit, 0)  # nothing is left to be saved: no need to take all apart
     prepare(*arguments)
+
+
+def _set_copied(copied: _Copy) -> None:
+    _set_posterior(copied.posterior())
 
 
 def _set_posterior(posterior: Posterior, version: int = 0) -> None:

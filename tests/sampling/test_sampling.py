@@ -15,6 +15,7 @@ from together import for_each
 from bayesdrill.basics.progress import Silent
 from bayesdrill.inference.laplace import PosteriorLogDensity
 from bayesdrill.inference.posterior import Posterior
+from bayesdrill.sampling import workers
 from bayesdrill.sampling.convergence import Targets
 from bayesdrill.sampling.ensembles import (
     MemoryBackend,
@@ -186,3 +187,12 @@ def test_walkers_start_on_all_maxima_alike() -> None:
     learnt = learn(surface, surface.quadratic_model, list(surface.means), seed, rng)
     state = begin_walkers(Known(surface), learnt.proposal, 4000, 1, 0)
     assert surface.belongs(state.z).mean() == pytest.approx(0.5, abs=0.05)
+
+
+def test_workers_map_the_arrays_of_a_large_record(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Mutant killed: arrays that begin where others end."""
+    target, maxima, _ = problem()
+    monkeypatch.setattr(workers, "LARGE", 1000)
+    with WorkerPool(target, 2) as pool:
+        there = pool.submit(Posterior.density, maxima).result()
+    assert np.array_equal(there, target.density(maxima))
