@@ -19,11 +19,11 @@ from bayesdrill.inference.likelihood import Likelihood, Observation
 from bayesdrill.inference.noise.mixed import noise_for_record
 from bayesdrill.inference.posterior import Posterior
 from bayesdrill.rig.simulators.compressed import (
-    CompressedSimulator,
     Compression,
     compress,
     obstacle,
 )
+from bayesdrill.rig.simulators.rational_basis import CompressionError
 
 LONG = 4096  # samples: below, an exact evaluation takes hardly longer
 EXCERPT = 16384  # samples of which a search sees at first
@@ -34,10 +34,6 @@ MAX_SPREAD = 0.05
 DEPTH = 40.0  # of the log posterior: maxima further below are nowhere
 
 Compressions = Mapping[str, Compression]
-
-
-class CompressionError(Exception):
-    """A record that was to be compressed cannot be; the message says why."""
 
 
 def is_long(observation: Observation, shortest: int = LONG) -> bool:
@@ -74,9 +70,8 @@ def check_draws(compressed: Posterior, theta: Array) -> CompressionCheck | None:
     sizes = []
     for observation in compressed.likelihood.observations:
         response = observation.response
-        if isinstance(response, CompressedSimulator):
-            rigs = observation.simulator_parameters(full)
-            beyond |= response.beyond(*response.expanded(rigs))
+        if response.functions:
+            beyond |= response.exceeds_bound(observation.simulator_parameters(full))
             sizes.append((len(observation.experiment.t), response.functions))
     if not sizes:
         return None
@@ -151,11 +146,12 @@ def compressions(
             weights = observation.square_weights(points)
             assert weights is not None
             limits = np.abs(weights).max(axis=0)
-            compression = compress(observation.response, rigs, variances, limits)
-            if isinstance(compression, Compression):
-                made[observation.label] = compression
-            elif strict:
-                raise CompressionError(observation.entitled("the record") + f": {compression}")
+            try:
+                made[observation.label] = compress(observation.response, rigs, variances, limits)
+            except CompressionError as error:
+                if strict:
+                    message = f"{observation.entitled('the record')}: {error}"
+                    raise CompressionError(message) from None
     return made
 
 
@@ -163,10 +159,9 @@ def uncompressed(posterior: Posterior) -> Posterior:
     """Return the posterior with all samples of all records."""
 
     def each(observation: Observation) -> Observation:
-        response = observation.response
-        if isinstance(response, CompressedSimulator):
-            return dataclasses.replace(observation, response=response.whole)
-        return observation
+        exact = observation.response.by_samples
+        unchanged = exact is observation.response
+        return observation if unchanged else dataclasses.replace(observation, response=exact)
 
     return posterior.edit(each=each)
 

@@ -16,7 +16,6 @@ from bayesdrill.analysis.verdict import Verdict
 from bayesdrill.basics.errors import InputError
 from bayesdrill.basics.progress import SILENT, Reporter
 from bayesdrill.config.job import Job, prepare
-from bayesdrill.inference.compression import CompressionError
 from bayesdrill.output_files import POSTERIOR, RESOLVED_FILE
 from bayesdrill.report import publish, words
 from bayesdrill.report.run_report import screen, sections
@@ -25,6 +24,7 @@ from bayesdrill.report.view import ReportContext
 from bayesdrill.results import provenance, run_folder
 from bayesdrill.results.provenance import begin, check_record, interruptions
 from bayesdrill.results.run_folder import Folder
+from bayesdrill.rig.simulators.rational_basis import CompressionError
 from bayesdrill.sampling.ensembles import (
     Backend,
     MemoryBackend,

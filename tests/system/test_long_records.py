@@ -18,6 +18,7 @@ from bayesdrill.inference import compression
 from bayesdrill.report.sections import fit_words
 from bayesdrill.rig.models.motor_shaft import MotorShaft
 from bayesdrill.rig.simulators.compressed import CompressedSimulator
+from bayesdrill.rig.simulators.rational_basis import CompressionError
 from bayesdrill.sampling import fit as fits
 from bayesdrill.sampling.workers import WorkerPool
 from bayesdrill.tasks import find_map, pipeline
@@ -181,7 +182,11 @@ def test_what_turns_out_not_to_be_compressible_is_refused(monkeypatch: pytest.Mo
     """Mutant killed: a record that goes on by all samples where it was to be compressed."""
     mode = case().find_map(processes=1).mode
     job = case("compressed").job
-    monkeypatch.setattr(compression, "compress", lambda *_: "poles of the rig are known too little")
+
+    def refuse(*_: object) -> None:
+        raise CompressionError("poles of the rig are known too little")
+
+    monkeypatch.setattr(compression, "compress", refuse)
     with pytest.raises(InputError, match="cannot be compressed: the record: poles of the rig"):
         pipeline.sample_in_memory(job, mode, 1, Silent())
 

@@ -128,7 +128,9 @@ class Mixed:
 
     def square_weights(self, theta: Array) -> Array | None:
         """Return weights of sums of squares, if all parts have some; see `Noise.square_weights`."""
-        parts = [(p.columns, p.noise.square_weights(own)) for p, own in self._split(theta)]
+        parts = [
+            (p.columns, p.noise.square_weights(part_theta)) for p, part_theta in self._split(theta)
+        ]
         known = [(columns, weights) for columns, weights in parts if weights is not None]
         if len(known) < len(parts):
             return None

@@ -53,9 +53,9 @@ class DelayedRows:
             chosen = [
                 [
                     self._select(here, *pair)
-                    for pair in zip(one, self._chosen(beyond, two, three), strict=True)
+                    for pair in zip(inner, self._chosen(beyond, outer, none), strict=True)
                 ]
-                for one, two, three in zip(parted, further, nothing, strict=True)
+                for inner, outer, none in zip(parted, further, nothing, strict=True)
             ]
             passed = (chosen[0], chosen[1], chosen[2])
             for s in range(self._series):

@@ -84,8 +84,8 @@ class RemainderBound:
                         turn[i][j] = number
         return turn
 
-    def _apart(self, own: Matrix, shared: Matrix, other: Matrix, back: Matrix) -> Matrix:
-        """Return X of A X - X B = -C (Sylvester 1884), for A `own`, B `other` and C `shared`.
+    def _apart(self, block_matrix: Matrix, shared: Matrix, other: Matrix, back: Matrix) -> Matrix:
+        """Return X of A X - X B = -C (Sylvester 1884), for A `block_matrix`, B `other` and C `shared`.
 
         `back`: what the first does to the other.
 
@@ -93,21 +93,26 @@ class RemainderBound:
         two by two.
         """
         b, a = self._b, JetArithmetic(self._b)
-        if len(own) == 1 and len(other) == 1:  # poles that nearly meet stay as they are
-            gap = b.fsub(other[0][0][0], own[0][0][0])
+        if len(block_matrix) == 1 and len(other) == 1:  # poles that nearly meet stay as they are
+            gap = b.fsub(other[0][0][0], block_matrix[0][0][0])
             pair = b.absolute(b.fmul(shared[0][0][0], back[0][0][0]))
             size = b.fma(gap, gap, b.fmul(vector(4.0), pair))
             return [[(b.fdiv(b.fmul(shared[0][0][0], gap), size),)]]
-        if len(own) == 1:
-            apart = a.polynomial([(a.minus(own[0][0]), None), (a.constant(1.0), other)])
+        if len(block_matrix) == 1:
+            apart = a.polynomial([(a.minus(block_matrix[0][0]), None), (a.constant(1.0), other)])
             return a.product(shared, _inverse(a, apart))
         if len(other) == 1:
-            apart = a.polynomial([(other[0][0], None), (a.constant(-1.0), own)])
+            apart = a.polynomial([(other[0][0], None), (a.constant(-1.0), block_matrix)])
             return a.product(_inverse(a, apart), shared)
-        trace = a.minus(a.add(own[0][0], own[1][1]))
-        product = a.dot([(own[0][0], own[1][1]), (a.minus(own[0][1]), own[1][0])])
+        trace = a.minus(a.add(block_matrix[0][0], block_matrix[1][1]))
+        product = a.dot(
+            [
+                (block_matrix[0][0], block_matrix[1][1]),
+                (a.minus(block_matrix[0][1]), block_matrix[1][0]),
+            ]
+        )
         powers = [(product, None), (trace, other), (a.constant(1.0), a.product(other, other))]
-        sides = (a.product(own, shared), a.product(shared, other))
+        sides = (a.product(block_matrix, shared), a.product(shared, other))
         total = a.polynomial([(a.constant(1.0), side) for side in sides] + [(trace, shared)])
         return a.product(total, _inverse(a, a.polynomial(powers)))
 

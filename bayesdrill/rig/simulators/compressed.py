@@ -41,7 +41,7 @@ from bayesdrill.rig.simulators.rational_basis import (
     BLOCK,
     Basis,
     Columns,
-    NoBasisError,
+    CompressionError,
     Triangle,
     choose_basis,
     impulse_columns,
@@ -77,8 +77,7 @@ class Compression:
 
     def applied(self, simulator: Simulator) -> CompressedSimulator:
         """Return a simulator that has this compression, in the place of another where it has one."""
-        whole = simulator.whole if isinstance(simulator, CompressedSimulator) else simulator
-        return CompressedSimulator(whole, self)
+        return CompressedSimulator(simulator.by_samples, self)
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,6 +101,11 @@ class CompressedSimulator(Simulator):
     def sensing(self) -> ObservationModel:  # type: ignore[override]
         """The sensors of the exact simulator."""
         return self.whole.sensing
+
+    @property
+    def by_samples(self) -> Simulator:
+        """See `Simulator.by_samples`."""
+        return self.whole
 
     @property
     def exact(self) -> bool:  # type: ignore[override]
@@ -235,9 +239,13 @@ class CompressedSimulator(Simulator):
             sums[far] = exact(full[far]).reshape(len(far), *sums.shape[1:])
         return sums
 
+    def exceeds_bound(self, full: Array) -> Flags:
+        """See `Simulator.exceeds_bound`."""
+        return self.beyond(*self.expanded(full))
+
     @property
     def functions(self) -> int:
-        """How many functions the record has become."""
+        """See `Simulator.functions`."""
         return int(self.compression.record.matrix.shape[-1])
 
     @property
@@ -341,24 +349,20 @@ def obstacle(simulator: Simulator) -> str:
     return "its samples are not evenly spaced" if even_record(simulator) is None else ""
 
 
-def compress(
-    simulator: Simulator, points: Array, variances: Array, weights: Array
-) -> Compression | str:
+def compress(simulator: Simulator, points: Array, variances: Array, weights: Array) -> Compression:
     """Compress a record for rigs near `points (n, P)`; the first is the reference.
 
     `variances (K,)`: of the noise.  `weights (K, sums)`: of sums of squares in minus twice the log
-    likelihood, which may be wrong by `TOLERANCE`; see `Noise.square_weights`.  Returns why it cannot
-    be done, in words: see `obstacle`, and where modes do not decay, or poles are too far apart.
+    likelihood, which may be wrong by `TOLERANCE`; see `Noise.square_weights`.  Raises
+    `CompressionError` where it cannot be done: see `obstacle`, and where modes do not decay, or poles
+    are too far apart.
     """
     record = even_record(simulator)
     if record is None:
-        return obstacle(simulator)
-    try:
-        delays = Delays.near(record.sensors, points, record.step)
-        shifted = record if delays is None else dataclasses.replace(record, shifts=delays.shifts)
-        return _Compressor(simulator, shifted, variances, weights, delays).compression(points)
-    except NoBasisError as error:
-        return str(error)
+        raise CompressionError(obstacle(simulator))
+    delays = Delays.near(record.sensors, points, record.step)
+    shifted = record if delays is None else dataclasses.replace(record, shifts=delays.shifts)
+    return _Compressor(simulator, shifted, variances, weights, delays).compression(points)
 
 
 @dataclass(frozen=True, slots=True)
@@ -398,7 +402,7 @@ class _Compressor:
             made = self._with(basis, empty, sizes)
             if np.mean(made.beyond(*made.expanded(points))) <= MAX_BEYOND:
                 return basis
-        raise NoBasisError("the bound of what functions leave stays too large")
+        raise CompressionError("the bound of what functions leave stays too large")
 
     def _shape(self, basis: Basis) -> BasisShape:
         return basis_shape(self.record.sensors, basis, self._sums, self.delays)

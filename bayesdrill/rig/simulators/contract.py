@@ -85,6 +85,20 @@ class Simulator(ABC):
         return None
 
     @property
+    def by_samples(self) -> Simulator:
+        """The simulator that has all samples: itself, unless its record is compressed."""
+        return self
+
+    @property
+    def functions(self) -> int:
+        """How many functions its record has become; zero where it is not compressed."""
+        return 0
+
+    def exceeds_bound(self, full: Array) -> Flags:
+        """Tell which walkers `(W,)` of a compressed record are simulated by all samples."""
+        return np.zeros(len(full), dtype=np.bool_)
+
+    @property
     def stepping(self) -> Stepping | None:
         """How it steps; None where there is no step whose size matters."""
         return None

@@ -15,7 +15,7 @@ import numpy as np
 from bayesdrill.basics.arrays import Array
 from bayesdrill.record.experiment import frozen
 from bayesdrill.rig.simulators.contract import Simulator
-from bayesdrill.rig.simulators.rational_basis import NoBasisError
+from bayesdrill.rig.simulators.rational_basis import CompressionError
 from bayesdrill.rig.simulators.sensors import SensorParameters
 from bayesdrill.rig.simulators.time_grid import Whole
 
@@ -43,7 +43,7 @@ class Delays:
         shifts = np.ceil(late.max(axis=0) - ROUNDING)
         steps = math.floor(float((shifts - late).max()) + ROUNDING) + 1
         if steps > MAX_STEPS:
-            raise NoBasisError("delays are known too little")
+            raise CompressionError("delays are known too little")
         return cls(tuple(int(shift) for shift in shifts), steps)
 
     def numbers(self, sensors: SensorParameters, full: Array, step: float) -> Array:

@@ -23,8 +23,8 @@ NEARLY_ONE = 0.3  # of a value: real modes nearer to each other are treated toge
 LEAST_TURN = 0.25  # of a pair's decay: it is taken to turn, or to shear, by as much at least
 
 
-class NoBasisError(Exception):
-    """No such functions are known for this rig; the message says why."""
+class CompressionError(Exception):
+    """A record cannot be compressed for some rigs; the message says why."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,8 +77,8 @@ class Basis:
 def choose_basis(rates: Array, dt: float, left: float) -> Basis:
     """Choose functions for rigs with `rates (n, X, X)`, their matrices A; the first is the reference.
 
-    `left`: how much of a mode's response they may leave.  Raises `NoBasisError` where a rig has modes
-    that do not decay, or poles are too far apart.
+    `left`: how much of a mode's response they may leave.  Raises `CompressionError` where a rig has
+    modes that do not decay, or poles are too far apart.
     """
     from scipy.linalg import expm  # takes a while to load, and few need it
 
@@ -87,12 +87,12 @@ def choose_basis(rates: Array, dt: float, left: float) -> Basis:
     vectors, modes = _modes(falls[0], shared)
     duals = np.linalg.inv(vectors)
     if not np.isfinite(duals).all():
-        raise NoBasisError("two of its poles are one")
+        raise CompressionError("two of its poles are one")
     d = shared.shape[1]
     inner = (duals @ falls @ vectors)[:, d:, d:]
     values = np.linalg.eigvals(inner)
     if (np.abs(1.0 + values) >= 1.0).any():
-        raise NoBasisError("a mode of the rig does not decay")
+        raise CompressionError("a mode of the rig does not decay")
     return Basis(tuple(_chosen(modes, values, left)), d, vectors, duals)
 
 
@@ -165,7 +165,7 @@ def _chosen(poles: list[tuple[str, complex]], values: Array, left: float) -> Ite
         share = float(_passed(kind, middle, mine).max())
         order = 1 if share == 0.0 else 1 + math.ceil(math.log(left) / math.log(share) / ROUNDS)
         if order > MAX_ORDER:
-            raise NoBasisError("poles of the rig are known too little")
+            raise CompressionError("poles of the rig are known too little")
         yield Pole(kind, middle, order)
 
 
@@ -299,8 +299,8 @@ def triangle(blocks: Iterator[tuple[Array, Array]], columns: int, sums: int) -> 
         square = parts[k].parts[v][:columns, :columns]
         matrix[v, k, : len(square), :columns] = square
     for k, v in np.ndindex(k_count, sums):
-        own = len(parts) > 1
-        column = parts[k if own else 0].parts[v][:, columns + (0 if own else k)]
+        apart = len(parts) > 1
+        column = parts[k if apart else 0].parts[v][:, columns + (0 if apart else k)]
         projected[k, v, : len(column[:columns])] = column[:columns]
         projected[k, v, padded] = float(column[columns:] @ column[columns:])
     return Triangle(matrix, projected)
