@@ -27,6 +27,7 @@ from bayesdrill.rig.simulators.rational_basis import CompressionError
 
 LONG = 4096  # samples: below, an exact evaluation takes hardly longer
 EXCERPT = 16384  # samples of which a search sees at first
+GROWTH = 4  # times as many, where these say too little
 POINTS = 256  # for which functions are chosen
 SHARES = (8.0, 3.0, 1.0)  # standard deviations, times normal numbers
 # Along directions that are known no better the record cannot tell rigs apart: they do alike.
@@ -95,6 +96,20 @@ def excerpt(posterior: Posterior, samples: int = EXCERPT) -> Posterior | None:
         return None
     likelihood = Likelihood(tuple(short), posterior.space)
     return Posterior(posterior.space, likelihood, posterior.coordinates)
+
+
+def longer_excerpt(posterior: Posterior, short: Posterior, known: Compressions) -> Posterior | None:
+    """Return an excerpt longer than the `short` one, where it left long records uncompressed.
+
+    None where all are `known`, or where nothing is left that a longer one could say.
+    """
+    pairs = zip(posterior.likelihood.observations, short.likelihood.observations, strict=True)
+    unknown = [
+        len(part.experiment.t)
+        for observation, part in pairs
+        if is_long(observation) and observation.label not in known
+    ]
+    return excerpt(posterior, GROWTH * max(unknown)) if unknown else None
 
 
 def first_samples(observation: Observation, samples: int) -> Observation:

@@ -130,12 +130,21 @@ def end_searches(pool: WorkerPool, under_way: PendingSearches, report: Reporter)
 def _searched_on(
     pool: WorkerPool, excerpt: Posterior, searches: list[Search], scouted: list[tuple[Array, Array]]
 ) -> Mode:
-    """Go on from the maxima of an `excerpt`, with all of the record; it has no others."""
+    """Go on from the maxima of an `excerpt`, with all of the record; it has no others.
+
+    Where it says too little of the rig for all to be compressed, a longer one comes first.
+    """
     first = pool.submit_function(mode_search.summarise, excerpt, tuple(searches), scouted).result()
     maxima, heights = mode_search.modes(excerpt, first), [m.log_posterior for m in first.maxima]
     near = np.array(heights) > heights[0] - compression.DEPTH
     points = compression.nearby(excerpt, maxima[near])
-    pool.compress(compression.compressions(pool.posterior, points))
+    known = compression.compressions(pool.posterior, points)
+    longer = compression.longer_excerpt(pool.posterior, excerpt, known)
+    if longer is not None:
+        ends = pool.submit_function(mode_search.polished_again, longer, searches)
+        around = pool.submit_function(mode_search.multi_start, longer, maxima[near])
+        return _searched_on(pool, longer, ends.result(), [around.result()])
+    pool.compress(known)
     searches = pool.submit(mode_search.polished_again, searches).result()
     others = pool.submit(mode_search.multi_start, maxima[near]).result()
     mode = pool.submit(mode_search.summarise, tuple(searches), [others], around=False).result()

@@ -129,7 +129,7 @@ def test_of_a_record_that_is_too_long_nothing_is_predicted_sample_by_sample(
 ) -> None:
     """And figures are given its extremes alone: no peak is lost, and files stay small."""
     monkeypatch.setattr(output_files, "MOST_PREDICTED", 4 * 2 * len(T) - 1)
-    monkeypatch.setattr(fit_words, "SHOWN", 500)
+    monkeypatch.setattr(fit_words, "SHOWN_STRETCHES", 500)
     run = case("auto").sample(processes=1)
     tree = run.to_arviz()
     assert not {"posterior_predictive", "log_likelihood"} & {*tree.children}
@@ -164,6 +164,45 @@ def test_the_search_sees_an_excerpt_and_then_all() -> None:
             beside = theta.copy()
             beside[column] *= factor
             assert problem.posterior.density(beside[None])[0] < here + 1e-6
+
+
+def test_an_excerpt_that_says_too_little_grows(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The rig rests for longer than the first excerpt.
+
+    Mutant killed: a search that goes on by all samples where the first of them say too little.
+    """
+    monkeypatch.setattr(compression, "EXCERPT", 2048)
+    asked = compression.excerpt
+    monkeypatch.setattr(compression, "excerpt", lambda p, n=2048: asked(p, n))
+    t, rng = T[:9_001], np.random.default_rng(8)
+    v = np.where(rng.random(91) < 0.5, 4.0, 12.0).repeat(100)[: len(t)]
+    v[:2500] = 0.0
+    exact = bd.respond(MotorShaft(), {**NOMINAL, "t_f": 0.0}, t, {"v": v}, ["w_1", "w_2"])
+    resting = bd.case(
+        t,
+        {
+            name: bd.Channel(values + 0.1 * rng.standard_normal(len(t)), "rad/s", 0.1)
+            for name, values in exact.items()
+            if name != "t"
+        },
+        {"v": bd.Input(v, "V")},
+        parameters={
+            **dict.fromkeys(NOMINAL, "nominal"),
+            **dict.fromkeys(("k_e", "k_s", "j_1"), BOX),
+            "t_f": 0.0,
+        },
+        nominal="tables_2_3",
+        name="resting",
+    )
+    plan = find_map.fit_plan(resting.job)
+    with WorkerPool(resting.job.problem.posterior, 1) as pool:
+        under_way = fits.begin_searches(pool, plan, Silent())
+        assert under_way.excerpt is not None
+        assert len(under_way.excerpt.likelihood.observations[0].experiment.t) == 2048
+        mode = fits.end_searches(pool, under_way, Silent())
+        assert pool.posterior.likelihood.observations[0].response.functions > 0
+    for name in ("k_e", "k_s", "j_1"):
+        assert mode.values[name] == pytest.approx(NOMINAL[name], rel=0.02)
 
 
 def test_what_cannot_be_compressed_is_refused_where_it_is_asked_for() -> None:

@@ -90,7 +90,8 @@ def every_fit(
     for observation, rubbings in zip(problem.observations, each, strict=True):
         experiment, courses, constant = observation.experiment, [], []
         models = observation.predict(full, best[None])[0]
-        shown = _shown_samples(observation, models)
+        courses_of_friction = rubs(rubbings, clock)
+        shown = _shown_samples(observation, models, [rub.effort for rub in courses_of_friction])
         for name in (n for n in symbols.INPUTS if n in {*experiment.series, *experiment.constant}):
             unit = experiment.unit_of_input(name)
             label = dataclasses.replace(symbols.INPUTS[name], latex_unit=unit.latex)
@@ -105,7 +106,7 @@ def every_fit(
             signals=tuple(_signals(observation, models, shown, best, left, predictive or {})),
             courses=tuple(courses),
             constant=tuple(constant),
-            rubs=rubs(rubbings, clock),
+            rubs=tuple(rub.at(shown) for rub in courses_of_friction),
             label=observation.label,
         )
         fits.append(fit)
@@ -136,22 +137,24 @@ def _signals(
         )
 
 
-SHOWN = 20_000  # stretches of a long record, of which a figure is given both extremes
+SHOWN_STRETCHES = 20_000  # stretches of a long record, of which a figure is given both extremes
 
 
-def _shown_samples(observation: Observation, models: Array) -> slice | Indices:
+def _shown_samples(
+    observation: Observation, models: Array, efforts: Sequence[Array]
+) -> slice | Indices:
     """Return which samples a figure is given, of channels that are modelled as `models (T, K)`.
 
     They are all of a record that is not long; else the extremes of records, of models, of what these
-    leave and of inputs, in short stretches.
+    leave, of inputs and of `efforts (T,)` of frictions, in short stretches.
     """
     experiment = observation.experiment
-    if len(experiment.t) <= 4 * SHOWN:
+    if len(experiment.t) <= 4 * SHOWN_STRETCHES:
         return slice(None)
     residuals = np.nan_to_num(experiment.y - models)
-    columns = [*models.T, *residuals.T, *(models + residuals).T]
-    shown = [extremes(column, 2 * SHOWN) for column in columns]
-    shown += [corners(u, 2 * SHOWN) for u in experiment.series.values()]
+    columns = [*models.T, *residuals.T, *(models + residuals).T, *efforts]
+    shown = [extremes(column, 2 * SHOWN_STRETCHES) for column in columns]
+    shown += [corners(u, 2 * SHOWN_STRETCHES) for u in experiment.series.values()]
     return np.unique(np.concatenate(shown))
 
 

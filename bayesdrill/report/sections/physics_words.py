@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
@@ -25,7 +26,7 @@ from bayesdrill.analysis.identifiability.frictions import (
     ProposedExperiment,
     UnseenStiction,
 )
-from bayesdrill.basics.arrays import Array
+from bayesdrill.basics.arrays import Array, Indices
 from bayesdrill.basics.symbols import Symbol, own_symbol, plain
 from bayesdrill.basics.units import Unit
 from bayesdrill.inference.derived import HDI_PROBABILITY, Derived, DerivedRow, values_at
@@ -263,6 +264,11 @@ class FrictionCourse:
     effort: Array
     band: Array | None
     sticks: tuple[tuple[float, float], ...]
+
+    def at(self, samples: slice | Indices) -> FrictionCourse:
+        """Return it at these samples."""
+        band = None if self.band is None else self.band[:, samples]
+        return dataclasses.replace(self, effort=self.effort[samples], band=band)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
