@@ -27,6 +27,7 @@ from bayesdrill.report.sections.fit_words import (
     corners,
     every_fit,
     extremes,
+    measured,
 )
 
 Array = NDArray[np.float64]
@@ -62,6 +63,7 @@ def fit_of(n_channels: int, n_samples: int) -> Fit:
                 model=model,
                 predictive=model + sigma * rng.standard_normal((8, n_samples)),
                 sigma=sigma,
+                dots=measured(model),
                 share=0.0213,
             )
         )
@@ -114,7 +116,7 @@ def test_all_samples_of_a_decimated_channel_are_shown() -> None:
     """Of 30,000 times it has 1,500; mutant killed: dots are chosen among the times of all clocks."""
     fit = fit_of(1, 30_000)
     few = np.where(np.arange(30_000) % 20 == 7, fit.signals[0].y, np.nan)
-    signal = dataclasses.replace(fit.signals[0], y=few)
+    signal = dataclasses.replace(fit.signals[0], y=few, dots=measured(few))
     for panel in fit_figure(dataclasses.replace(fit, signals=(signal,))).axes:
         (dots,) = (line for line in panel.get_lines() if line.get_marker() == "o")
         times = [si(panel.get_xlabel(), t) for t in dots.get_xdata()]

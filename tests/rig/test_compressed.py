@@ -102,15 +102,29 @@ def draws(response: Response, theta: np.ndarray, rng: np.random.Generator) -> np
     return theta * np.exp(sizes[:, None] * shifts)
 
 
-def test_twenty_rigs_under_other_inputs() -> None:
-    """Against 80-bit simulation at draws of the posterior.
+def other_rig(seed: int) -> tuple[np.random.Generator, float, np.ndarray]:
+    """A generator, the step of a record, and a rig `(P,)` that is another by a factor of two or so."""
+    rng, dt = np.random.default_rng(seed), (0.002, 0.005, 0.01, 0.02)[seed % 4]
+    return rng, dt, vector(skewed()) * np.exp(0.7 * rng.standard_normal(len(ORDER)))
 
-    Mutant killed: turns of a pair beside a real pole that are too large for a bound.
-    """
+
+def test_rigs_that_hardly_damp_beside_a_slow_pole_have_a_bound() -> None:
+    """Of a pair whose real part is nearly that of a real pole: only its turn keeps them apart."""
+    for seed in (2, 6, 14, 23):
+        rng, dt, p = other_rig(seed)
+        record = experiment(1001, dt, constant={"t_1": 0.0}, series={"v": steps(1001, seed)})
+        points = p * np.exp(1e-3 * rng.standard_normal((40, len(ORDER))))
+        y = Response(MotorShaft(), record).signals(points[:1])[0]
+        y = y + SIGMA * rng.standard_normal(y.shape)
+        one = made(Response(MotorShaft(), dataclasses.replace(record, y=y)), points)
+        assert not one.beyond(*one.expanded(points)).any(), seed
+
+
+def test_twenty_rigs_under_other_inputs() -> None:
+    """Against 80-bit simulation at draws of the posterior."""
     wrong = {}
     for seed in range(20, 40):
-        rng, dt = np.random.default_rng(seed), (0.002, 0.005, 0.01, 0.02)[seed % 4]
-        p = vector(skewed()) * np.exp(0.7 * rng.standard_normal(len(ORDER)))
+        rng, dt, p = other_rig(seed)
         v = drive(seed, 1001, rng)
         silent = Response(
             MotorShaft(), experiment(1001, dt, constant={"t_1": 0.0}, series={"v": v})

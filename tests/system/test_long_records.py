@@ -129,8 +129,10 @@ def test_of_a_record_that_is_too_long_nothing_is_predicted_sample_by_sample(
 ) -> None:
     """And figures are given its extremes alone: no peak is lost, and files stay small."""
     monkeypatch.setattr(output_files, "MOST_PREDICTED", 4 * 2 * len(T) - 1)
-    monkeypatch.setattr(fit_words, "SHOWN_STRETCHES", 500)
     run = case("auto").sample(processes=1)
+    (whole,) = fit_words.every_fit(run.job.problem, run.sampled.draws[0, -1], run.analysis.fit)
+    assert len(whole.t) == len(T)
+    monkeypatch.setattr(fit_words, "SHOWN_STRETCHES", 500)
     tree = run.to_arviz()
     assert not {"posterior_predictive", "log_likelihood"} & {*tree.children}
     assert tree["observed_data"]["w_1"].shape == T.shape
@@ -139,6 +141,8 @@ def test_of_a_record_that_is_too_long_nothing_is_predicted_sample_by_sample(
     assert len(fit.t) < len(T) / 2
     y = run.job.problem.observations[0].experiment.y
     for signal, column in zip(fit.signals, y.T, strict=True):
+        # Dots are no extremes: else they would lie outside of the band of the noise.
+        assert np.array_equal(signal.y[signal.dots], column[fit_words.measured(column)])
         assert (signal.y.min(), signal.y.max()) == (column.min(), column.max())
     run.save(tmp_path / "long")
     assert (tmp_path / "long/figures/fit.png").exists()

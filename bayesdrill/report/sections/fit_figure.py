@@ -24,7 +24,7 @@ from bayesdrill.analysis.prediction import (
     frequency_responses,
     prediction_checks,
 )
-from bayesdrill.basics.arrays import Array, Indices
+from bayesdrill.basics.arrays import Array
 from bayesdrill.basics.symbols import INPUTS, Symbol
 from bayesdrill.config.schema.config import Config
 from bayesdrill.inference.derived import HDI_PROBABILITY
@@ -143,7 +143,6 @@ def build_fit_page(n: int, n_courses: int, n_rubs: int, width: float, *, constan
     return FitPage(figure, courses, rows, rubs, 1 - 0.06 / height, size.left / width)
 
 
-DOTS = 3000  # measured samples drawn in a panel
 LINE_POINTS = 2000  # corners of a line
 
 SHARE = f"{100 * HDI_PROBABILITY:.0f} %"
@@ -176,12 +175,6 @@ def fit_figure(fit: Fit, width: float = scales.DOUBLE) -> Figure:
                 panel.set_xlabel(time.label(fit.time))
         _legends(page, fit, beside=width >= scales.DOUBLE)
     return page.figure
-
-
-def measured(y: Array) -> Indices:
-    """Return at most `DOTS` indices of the samples of a channel `y (T,)` that were measured."""
-    sampled = np.flatnonzero(~np.isnan(y))
-    return sampled[style.thin(len(sampled), DOTS)]
 
 
 DOT: dict[str, Any] = {**style.DOTS, "color": "0.45", "alpha": 0.8, "zorder": 1}
@@ -240,7 +233,7 @@ def _signals(panel: Axes, signal: Signal, time: scales.Scale, t: Array) -> None:
     high = max(float(np.nanmax(y)), float(model.max()), float(band.max()))
     scale = _numbers(panel, signal.label, low, high)
     panel.fill_between(time(t[drawn]), *scale(band), zorder=0, **style.BAND)
-    dots = measured(y)
+    dots = signal.dots
     panel.plot(time(t[dots]), scale(y[dots]), **(DOT | _size(len(dots))))
     panel.plot(time(t[drawn]), scale(model[drawn]), zorder=2, **style.BLACK_LINE)
 
@@ -255,7 +248,7 @@ def _residuals(panel: Axes, signal: Signal, time: scales.Scale, t: Array) -> Non
     panel.axhspan(*ends, zorder=0, **style.BAND)
     for end in ends:
         panel.axhline(end, zorder=2, **EDGE)
-    dots = measured(residual)
+    dots = signal.dots
     panel.plot(time(t[dots]), scale(residual[dots]), **(DOT | _size(len(dots))))
     panel.axhline(float(scale(0.0)), zorder=2, **style.BLACK_LINE)
     if not math.isnan(signal.share):

@@ -36,7 +36,8 @@ class Signal:
     """A channel, measured (NaN where it was not) and modelled `(T,)`.
 
     `predictive (N, T)`: with noise, None where there are no draws; `sigma`: of the noise; `share`: what
-    the model leaves, of the channel's spread; NaN where it has none.
+    the model leaves, of the channel's spread; NaN where it has none.  `dots`: which samples are drawn
+    one by one, spaced evenly over the record.
     """
 
     label: Symbol
@@ -44,6 +45,7 @@ class Signal:
     model: Array
     predictive: Array | None
     sigma: float
+    dots: Indices
     share: float = math.nan
 
 
@@ -116,7 +118,7 @@ def every_fit(
 def _signals(
     observation: Observation,
     models: Array,
-    shown: slice | Indices,
+    shown: Indices,
     best: Array,
     left: Sequence[ResidualSummary],
     predictive: Mapping[str, Array],
@@ -127,7 +129,9 @@ def _signals(
         unit, draws = channel.shown, predictive.get(labelled_name(channel.name, observation.label))
         if draws is not None:
             draws = draws.reshape(-1, draws.shape[-1])[:, shown].astype(np.float64) / unit.factor
+        dots = measured(observation.experiment.y[:, k])
         yield Signal(
+            dots=np.searchsorted(shown, dots),
             label=Symbol(channel.name, channel.unit, channel.latex, unit.latex, "channel"),
             y=observation.experiment.y[shown, k] / unit.factor,
             model=models[shown, k] / unit.factor,
@@ -137,12 +141,11 @@ def _signals(
         )
 
 
+DOTS = 3000  # measured samples drawn in a panel
 SHOWN_STRETCHES = 20_000  # stretches of a long record, of which a figure is given both extremes
 
 
-def _shown_samples(
-    observation: Observation, models: Array, efforts: Sequence[Array]
-) -> slice | Indices:
+def _shown_samples(observation: Observation, models: Array, efforts: Sequence[Array]) -> Indices:
     """Return which samples a figure is given, of channels that are modelled as `models (T, K)`.
 
     They are all of a record that is not long; else the extremes of records, of models, of what these
@@ -150,12 +153,20 @@ def _shown_samples(
     """
     experiment = observation.experiment
     if len(experiment.t) <= 4 * SHOWN_STRETCHES:
-        return slice(None)
+        return np.arange(len(experiment.t))
     residuals = np.nan_to_num(experiment.y - models)
     columns = [*models.T, *residuals.T, *(models + residuals).T, *efforts]
     shown = [extremes(column, 2 * SHOWN_STRETCHES) for column in columns]
     shown += [corners(u, 2 * SHOWN_STRETCHES) for u in experiment.series.values()]
+    shown += [measured(y) for y in experiment.y.T]
     return np.unique(np.concatenate(shown))
+
+
+def measured(y: Array) -> Indices:
+    """Return at most `DOTS` indices of the samples of a channel `y (T,)` that were measured."""
+    sampled = np.flatnonzero(~np.isnan(y))
+    places = np.linspace(0, len(sampled) - 1, min(len(sampled), DOTS))
+    return sampled[places.round().astype(np.intp)]
 
 
 def extremes(y: Array, most: int) -> Indices:

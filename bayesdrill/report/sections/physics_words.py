@@ -265,7 +265,7 @@ class FrictionCourse:
     band: Array | None
     sticks: tuple[tuple[float, float], ...]
 
-    def at(self, samples: slice | Indices) -> FrictionCourse:
+    def at(self, samples: Indices) -> FrictionCourse:
         """Return it at these samples."""
         band = None if self.band is None else self.band[:, samples]
         return dataclasses.replace(self, effort=self.effort[samples], band=band)
