@@ -7,11 +7,11 @@ steps between.  So a delay changes rows of weights, and adds inputs that are see
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 
 from llvmlite import ir
 
-from bayesdrill.rig.kernels.jets import Jet, JetArithmetic, Jets
+from bayesdrill.rig.kernels.jets import Jet, JetArithmetic, Jets, with_slope
 from bayesdrill.rig.kernels.lanes import Builder, vector
 
 Entries = Callable[[int, int], Jet]  # of exp(M span) - 1, by row and column of the rig
@@ -37,34 +37,28 @@ class DelayedRows:
 
         `part`: of the span beyond `count` steps; `share`: that span over a step; `whole`: of a step.
         """
-        b, zero = self._b, self._a.constant(0.0)
-        weights = [[zero] * self._series for _ in range(self._steps + 1)]
+        a, b, zeros = self._a, self._b, [self._a.constant(0.0)] * self._series
+        weights = [[*zeros] for _ in range(self._steps + 1)]
         parted = self._through(row, part, share)
-        passed: tuple[Jets, Jets, Jets] = (row, [zero] * self._series, [zero] * self._series)
+        states = row
         for step in range(self._steps - 1, -1, -1):
             here = b.fcmp_ordered("==", count, vector(float(step)))
             beyond = b.fcmp_ordered(">", count, vector(float(step)))
-            nothing: tuple[Jets, Jets, Jets] = (
-                passed[0],
-                [zero] * self._series,
-                [zero] * self._series,
+            cases = zip(
+                parted, self._through(states, whole, None), (states, zeros, zeros), strict=True
             )
-            further = self._through(passed[0], whole, None)
-            chosen = [
+            states, held, rise = (
                 [
-                    self._select(here, *pair)
-                    for pair in zip(inner, self._chosen(beyond, outer, none), strict=True)
+                    self._select(here, begun, self._select(beyond, passed, still))
+                    for begun, passed, still in zip(*case, strict=True)
                 ]
-                for inner, outer, none in zip(parted, further, nothing, strict=True)
-            ]
-            passed = (chosen[0], chosen[1], chosen[2])
+                for case in cases
+            )
             for s in range(self._series):
-                held, rise = passed[1][s], passed[2][s]
-                weights[step][s] = self._a.add(
-                    weights[step][s], self._a.add(held, self._a.minus(rise))
-                )
-                weights[step + 1][s] = self._a.add(weights[step + 1][s], rise)
-        return passed[0], weights
+                begin = a.add(held[s], a.minus(rise[s]))
+                weights[step][s] = a.add(weights[step][s], begin)
+                weights[step + 1][s] = a.add(weights[step + 1][s], rise[s])
+        return states, weights
 
     def _through(self, row: Jets, e: Entries, share: Jet | None) -> tuple[Jets, Jets, Jets]:
         """Return a row before a span, and weights of inputs at its begin, and of their increments.
@@ -114,14 +108,7 @@ class DelayedRows:
             rise,
         )
 
-    def _chosen(self, mask: ir.Value, first: Sequence[Jet], second: Sequence[Jet]) -> Jets:
-        return [self._select(mask, *pair) for pair in zip(first, second, strict=True)]
-
     def _select(self, mask: ir.Value, first: Jet, second: Jet) -> Jet:
         width = max(len(first), len(second))
-        pairs = zip(_wide(first, width), _wide(second, width), strict=True)
+        pairs = zip(with_slope(first, width), with_slope(second, width), strict=True)
         return tuple(self._b.select(mask, *pair) for pair in pairs)
-
-
-def _wide(number: Jet, width: int) -> Jet:
-    return (*number, *[vector(0.0)] * (width - len(number)))
