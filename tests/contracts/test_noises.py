@@ -54,6 +54,15 @@ def channels(
     ]
 
 
+def test_results_know_a_noise_by_its_text() -> None:
+    """A resumed run is refused where it is another: fields may not be renamed without its old text."""
+    texts = {
+        name: repr(kind.from_channels(channels(kind=name), 7)) for name, kind in NOISES.items()
+    }
+    for name, known in (("ar1", "AR1"), ("student_t", "StudentT"), ("quantised", "Quantised")):
+        assert texts[name].startswith(f"{known}(levels=White(n_samples=7, known={{}}, n_channels=2")
+
+
 def mixed(n: int) -> Noise:
     """The second channel first."""
     first, second = channels()

@@ -240,7 +240,7 @@ def test_rounded_records_of_a_moving_signal_are_as_informed_as_is_said(ratio: fl
     pull = of.score(left, own)[0, :, 0] * own[0, 0]
     assert abs(pull.mean()) < 5 * math.sqrt(place / n)
     assert pull.var() == pytest.approx(place, rel=0.05)
-    single = replace(of, sigmas=White.from_channels([noisy("w_1", ratio * step)], 1))
+    single = replace(of, levels=White.from_channels([noisy("w_1", ratio * step)], 1))
     slope, _ = single.noise_score(
         SimpleNamespace(samples=left[0, :20_000, None, :]), np.repeat(own, 20_000, 0)
     )

@@ -30,7 +30,7 @@ class Entries:
 class Memory:
     """Stationary: all samples have the sd `sigma`.  Its unknowns are sigmas, then correlations."""
 
-    sigmas: White
+    levels: White
     held_: tuple[float | None, ...]
     unknowns: tuple[Unknown, ...]
 
@@ -39,28 +39,28 @@ class Memory:
 
     @classmethod
     def from_channels(cls, channels: Sequence[NoisyChannel], n_samples: int) -> Memory:
-        sigmas = White.from_channels(channels, n_samples)
+        levels = White.from_channels(channels, n_samples)
         held = tuple(c.entries.get("correlation") for c in channels)
         own = [_unknown(c) for c, value in zip(channels, held, strict=True) if value is None]
-        return cls(sigmas, held, (*sigmas.unknowns, *own))
+        return cls(levels, held, (*levels.unknowns, *own))
 
     @property
     def n_channels(self) -> int:
-        return self.sigmas.n_channels
+        return self.levels.n_channels
 
     def for_length(self, n_samples: int) -> Memory:
-        return dataclasses.replace(self, sigmas=self.sigmas.for_length(n_samples))
+        return dataclasses.replace(self, levels=self.levels.for_length(n_samples))
 
     def fixed_values(self) -> Mapping[int, object]:
         return {
-            k: (self.sigmas.known.get(k), correlation) for k, correlation in enumerate(self.held_)
+            k: (self.levels.known.get(k), correlation) for k, correlation in enumerate(self.held_)
         }
 
     def scales(self, own: Array) -> Array:
-        return self.sigmas.scales(own[:, : len(self.sigmas.unknowns)])
+        return self.levels.scales(own[:, : len(self.levels.unknowns)])
 
     def _correlations(self, own: Array) -> Array:
-        out, column = np.empty((len(own), self.n_channels)), len(self.sigmas.unknowns)
+        out, column = np.empty((len(own), self.n_channels)), len(self.levels.unknowns)
         for k, value in enumerate(self.held_):
             out[:, k] = own[:, column] if value is None else value
             column += value is None
@@ -104,21 +104,21 @@ class Memory:
         left, rho = self.whiten(residuals.samples, own), self._correlations(own)
         n = left.shape[1]
         squares = (left**2).sum(axis=1)
-        by_level = (squares - n)[:, list(self.sigmas.unknown)]
+        by_level = (squares - n)[:, list(self.levels.unknown)]
         before = residuals.samples[:, :-1] / self.scales(own)[:, None]
         inner = 1.0 - rho**2
         by_rho = ((n - 1) * rho - (left[:, 1:] ** 2).sum(axis=1) * rho) / inner
         by_rho += (left[:, 1:] * before).sum(axis=1) / np.sqrt(inner)
         free = [k for k, value in enumerate(self.held_) if value is None]
         curved = np.maximum((before**2).sum(axis=1), n) / inner + 2 * n * rho**2 / inner**2
-        levels = 2.0 * np.maximum(squares, n)[:, list(self.sigmas.unknown)]
+        levels = 2.0 * np.maximum(squares, n)[:, list(self.levels.unknown)]
         return np.hstack([by_level, by_rho[:, free]]), np.hstack([levels, curved[:, free]])
 
     def expected(self, own: Array) -> Array:
-        n, rho = self.sigmas.n_samples, self._correlations(own[None])[0]
+        n, rho = self.levels.n_samples, self._correlations(own[None])[0]
         curved = (n - 1) * (1.0 + rho**2) / (1.0 - rho**2) ** 2
         mixed = -2.0 * (n - 1) * rho / (1.0 - rho**2)  # of the log of sigma and rho
-        levels = list(self.sigmas.unknown)
+        levels = list(self.levels.unknown)
         free = [k for k, value in enumerate(self.held_) if value is None]
         both = np.equal.outer(levels, free) * mixed[free]
         return np.block(
@@ -128,7 +128,7 @@ class Memory:
     def fitted(self, samples: Array, own: Array) -> Array:
         free = [k for k, value in enumerate(self.held_) if value is None]
         rho = (samples[1:] * samples[:-1]).sum(axis=0) / (samples**2).sum(axis=0)
-        return np.append(self.sigmas.fitted(samples, own), np.clip(rho, -MOST, MOST)[free])
+        return np.append(self.levels.fitted(samples, own), np.clip(rho, -MOST, MOST)[free])
 
     def draw(self, signals: Array, own: Array, rng: np.random.Generator) -> Array:
         sigma, rho = self.scales(own), self._correlations(own)

@@ -42,12 +42,12 @@ class ChannelSpacing:
     gaps: Array | None
     all_gaps: Array | None
 
-    def conditional(self, rho: Array, *, all_samples: bool = False) -> tuple[Array, Array]:
+    def conditional(self, rho: Array) -> tuple[Array, Array]:
         """Return the weight of the sample before in the conditional mean, and the conditional sd.
 
         Both are `(W, n)`, the sd over sigma; of the first sample they are zero and one.
         """
-        gaps = self.all_gaps if all_samples else self.gaps
+        gaps = self.gaps
         if gaps is None:
             widths = np.array(
                 [[np.inf, *np.ones(min(self.count, 2) - 1)]]
@@ -218,7 +218,7 @@ class AR1:
     `spacing`: of the samples of each channel; None where they are evenly spaced and all there.
     """
 
-    sigmas: White
+    levels: White
     memory: ChannelNumbers
     unknowns: tuple[Unknown, ...]
     spacing: Spacing | None = field(default=None, repr=False, compare=False)
@@ -229,39 +229,39 @@ class AR1:
     @classmethod
     def from_channels(cls, channels: Sequence[NoisyChannel], n_samples: int) -> AR1:
         """Build the noise of these channels."""
-        sigmas = White.from_channels(channels, n_samples)
-        memory = ChannelNumbers(tuple(c.entries.get("rho") for c in channels), len(sigmas.unknowns))
+        levels = White.from_channels(channels, n_samples)
+        memory = ChannelNumbers(tuple(c.entries.get("rho") for c in channels), len(levels.unknowns))
         correlations = [correlation(channels[k]) for k in memory.free]
-        return cls(sigmas=sigmas, memory=memory, unknowns=(*sigmas.unknowns, *correlations))
+        return cls(levels=levels, memory=memory, unknowns=(*levels.unknowns, *correlations))
 
     @property
     def n_channels(self) -> int:
         """Return the number of channels."""
-        return self.sigmas.n_channels
+        return self.levels.n_channels
 
     def for_length(self, n_samples: int) -> AR1:
         """Return the same noise for a record of another length."""
-        return dataclasses.replace(self, sigmas=self.sigmas.for_length(n_samples), spacing=None)
+        return dataclasses.replace(self, levels=self.levels.for_length(n_samples), spacing=None)
 
     def at_times(self, t: Array, seen: Flags) -> AR1:
         """Return the same noise at times `t (T,)`, where channels were seen `(T, K)`."""
-        sigmas = self.sigmas.for_length(len(t)).with_counts(tuple(int(n) for n in seen.sum(axis=0)))
-        return dataclasses.replace(self, sigmas=sigmas, spacing=Spacing.from_times(t, seen))
+        levels = self.levels.for_length(len(t)).with_counts(tuple(int(n) for n in seen.sum(axis=0)))
+        return dataclasses.replace(self, levels=levels, spacing=Spacing.from_times(t, seen))
 
     def fixed_values(self) -> Mapping[int, object]:
         """Return what is fixed of each channel, by index."""
-        return self.memory.with_sizes(self.sigmas.known)
+        return self.memory.with_sizes(self.levels.known)
 
     def scales(self, theta: Array) -> Array:
         """Return the standard deviation of a single sample `(W, K)`, SI."""
-        return self.sigmas.scales(theta)
+        return self.levels.scales(theta)
 
     def log_likelihood(self, residuals: Residuals, theta: Array) -> Array:
         """Return the log likelihood `(W, K)`."""
         if self.spacing is not None and not self.spacing.even:
             terms = self.pointwise(residuals.samples, theta)
             return np.asarray(np.where(self.spacing.seen, terms, 0.0).sum(axis=1))
-        sigma, rho, n = self.scales(theta), self.memory.values(theta), self.sigmas.sizes
+        sigma, rho, n = self.scales(theta), self.memory.values(theta), self.levels.sizes
         inner = (1.0 - rho) * (1.0 + rho)
         constant = -0.5 * n * math.log(2 * math.pi) - n * np.log(sigma)
         squares = (_sum_weights(rho) * residuals.neighbours).sum(axis=-1) / sigma**2
@@ -331,7 +331,7 @@ class AR1:
 
     def noise_score(self, residuals: Residuals, theta: Array) -> tuple[Array, Array]:
         """Return slopes, and the expected curvature, larger where residuals are."""
-        sigma, rho, n = self.scales(theta), self.memory.values(theta), self.sigmas.sizes
+        sigma, rho, n = self.scales(theta), self.memory.values(theta), self.levels.sizes
         slopes = np.empty((2, *sigma.shape))
         if self.spacing is None or self.spacing.even:
             sums = residuals.neighbours / sigma[..., None] ** 2
@@ -360,7 +360,7 @@ class AR1:
             channel.estimate_rho(samples[channel.rows, k]) for k, channel in enumerate(each)
         ]
         rho = np.clip(estimates, 1.0 - MAX_RHO, MAX_RHO)
-        return np.append(self.sigmas.fitted(samples, theta), rho[self.memory.free])
+        return np.append(self.levels.fitted(samples, theta), rho[self.memory.free])
 
     def draw(self, signals: Array, theta: Array, rng: np.random.Generator) -> Array:
         """Draw signals `(W, T, K)` with fresh noise."""
@@ -372,14 +372,14 @@ class AR1:
 
     @property
     def _free(self) -> tuple[list[int], list[int]]:
-        return list(self.sigmas.unknown), self.memory.free
+        return list(self.levels.unknown), self.memory.free
 
     def _spacing(self, samples: Array) -> Spacing:
         return self.spacing or even_spacing(samples.shape[1], self.n_channels)
 
     def _pairs(self, rho: Array) -> Array:
         """Information `(W, K, 2, 2)` about the log of sigma, and rho."""
-        spacing = self.spacing or even_spacing(self.sigmas.n_samples, self.n_channels)
+        spacing = self.spacing or even_spacing(self.levels.n_samples, self.n_channels)
         each = [channel.information(rho[:, k]) for k, channel in enumerate(spacing.channels)]
         return np.stack(each, axis=1)
 

@@ -47,7 +47,7 @@ class Quantised:
     Its unknowns are sizes of noise before it is rounded.
     """
 
-    sigmas: White
+    levels: White
     steps: tuple[float, ...]
 
     white: ClassVar[bool] = False
@@ -63,34 +63,34 @@ class Quantised:
                 "{name: quantised, step: ...}, in the unit of the column"
             )
         steps = tuple(float(c.entries["step"]) * c.factor for c in channels)
-        return cls(sigmas=White.from_channels(channels, n_samples), steps=steps)
+        return cls(levels=White.from_channels(channels, n_samples), steps=steps)
 
     @property
     def unknowns(self) -> tuple[Unknown, ...]:
         """Return its unknowns."""
-        return self.sigmas.unknowns
+        return self.levels.unknowns
 
     @property
     def n_channels(self) -> int:
         """Return the number of channels."""
-        return self.sigmas.n_channels
+        return self.levels.n_channels
 
     def for_length(self, n_samples: int) -> Quantised:
         """Return the same noise for a record of another length."""
-        return dataclasses.replace(self, sigmas=self.sigmas.for_length(n_samples))
+        return dataclasses.replace(self, levels=self.levels.for_length(n_samples))
 
     def with_counts(self, counts: tuple[int, ...]) -> Quantised:
         """Return the same noise where channels have so many samples each."""
-        return dataclasses.replace(self, sigmas=self.sigmas.with_counts(counts))
+        return dataclasses.replace(self, levels=self.levels.with_counts(counts))
 
     def fixed_values(self) -> Mapping[int, object]:
         """Return what is fixed of each channel, by index."""
-        return {k: (self.sigmas.known.get(k), step) for k, step in enumerate(self.steps)}
+        return {k: (self.levels.known.get(k), step) for k, step in enumerate(self.steps)}
 
     def scales(self, theta: Array) -> Array:
         """Return the standard deviation of a single sample `(W, K)`, SI."""
         return np.asarray(
-            np.sqrt(self.sigmas.scales(theta) ** 2 + np.array(self.steps) ** 2 / 12.0)
+            np.sqrt(self.levels.scales(theta) ** 2 + np.array(self.steps) ** 2 / 12.0)
         )
 
     def square_weights(self, theta: Array) -> None:
@@ -101,7 +101,7 @@ class Quantised:
 
         Where a step is small beside sigma the difference of tails would be rounded.
         """
-        sigma, steps, n = self.sigmas.scales(theta), np.array(self.steps), self.sigmas.sizes
+        sigma, steps, n = self.levels.scales(theta), np.array(self.steps), self.levels.sizes
         half = 0.5 * steps / sigma
         log_mass = residuals.intervals(
             1.0 / sigma, np.maximum(half, MIN_KERNEL_HALF_STEP)
@@ -132,42 +132,42 @@ class Quantised:
 
     def whitened_jacobian(self, shifts: Array, theta: Array) -> Array:
         """Return whitened shifts, averaged over where in its interval a signal is."""
-        sigma = self.sigmas.scales(theta)
+        sigma = self.levels.scales(theta)
         by_signal, _ = _information(np.array(self.steps) / sigma)
         return np.asarray(shifts * (np.sqrt(by_signal) / sigma)[:, None])
 
     def score(self, samples: Array, theta: Array) -> Array:
         """Return d log likelihood / d model signal: `(W, T, K)`."""
         low, high = self._interval(samples, theta).densities
-        return np.asarray((low - high) / self.sigmas.scales(theta)[:, None])
+        return np.asarray((low - high) / self.levels.scales(theta)[:, None])
 
     def noise_score(self, residuals: Residuals, theta: Array) -> tuple[Array, Array]:
         """Return slopes, and the expected curvature, larger where residuals are."""
         interval = self._interval(residuals.samples, theta)
         low, high = interval.densities
         slope = np.nansum(interval.low * low - interval.high * high, axis=1)
-        _, size = _information(np.array(self.steps) / self.sigmas.scales(theta))
-        curvature = self.sigmas.sizes * size * np.maximum(1.0, 1.0 + slope / self.sigmas.sizes)
-        free = list(self.sigmas.unknown)
+        _, size = _information(np.array(self.steps) / self.levels.scales(theta))
+        curvature = self.levels.sizes * size * np.maximum(1.0, 1.0 + slope / self.levels.sizes)
+        free = list(self.levels.unknown)
         return slope[:, free], curvature[:, free]
 
     def expected(self, theta: Array) -> Array:
         """Return the expected curvature."""
-        _, size = _information(np.array(self.steps) / self.sigmas.scales(theta[None])[0])
-        return np.asarray(self.sigmas.sizes * size)[list(self.sigmas.unknown)]
+        _, size = _information(np.array(self.steps) / self.levels.scales(theta[None])[0])
+        return np.asarray(self.levels.sizes * size)[list(self.levels.unknown)]
 
     def fitted(self, samples: Array, theta: Array) -> Array:
         """Return the unknowns fitted to residuals `samples (T, K)`."""
-        return np.array([self._likeliest(samples[:, k], k) for k in self.sigmas.unknown])
+        return np.array([self._likeliest(samples[:, k], k) for k in self.levels.unknown])
 
     def draw(self, signals: Array, theta: Array, rng: np.random.Generator) -> Array:
         """Draw signals with fresh noise, rounded to whole steps."""
-        sigma, steps = self.sigmas.scales(theta)[:, None], np.array(self.steps)
+        sigma, steps = self.levels.scales(theta)[:, None], np.array(self.steps)
         noisy = signals + sigma * rng.standard_normal(signals.shape)
         return np.asarray(steps * np.round(noisy / steps))
 
     def _interval(self, samples: Array, theta: Array) -> _Interval:
-        sigma = self.sigmas.scales(theta)[:, None]
+        sigma = self.levels.scales(theta)[:, None]
         half = 0.5 * np.array(self.steps)
         return _Interval((samples - half) / sigma, (samples + half) / sigma)
 

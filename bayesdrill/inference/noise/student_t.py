@@ -51,7 +51,7 @@ class StudentTEntries:
 class StudentT:
     """Student's t noise; its unknowns are the scales of all channels, then the degrees of freedom."""
 
-    sigmas: White
+    levels: White
     degrees: ChannelNumbers
     unknowns: tuple[Unknown, ...]
 
@@ -61,43 +61,43 @@ class StudentT:
     @classmethod
     def from_channels(cls, channels: Sequence[NoisyChannel], n_samples: int) -> StudentT:
         """Build the noise of these channels."""
-        sigmas = White.from_channels(channels, n_samples)
+        levels = White.from_channels(channels, n_samples)
         degrees = ChannelNumbers(
-            tuple(c.entries.get("degrees") for c in channels), len(sigmas.unknowns)
+            tuple(c.entries.get("degrees") for c in channels), len(levels.unknowns)
         )
         degrees_unknown = [degrees_of_freedom(channels[k]) for k in degrees.free]
-        return cls(sigmas=sigmas, degrees=degrees, unknowns=(*sigmas.unknowns, *degrees_unknown))
+        return cls(levels=levels, degrees=degrees, unknowns=(*levels.unknowns, *degrees_unknown))
 
     @property
     def n_channels(self) -> int:
         """Return the number of channels."""
-        return self.sigmas.n_channels
+        return self.levels.n_channels
 
     def for_length(self, n_samples: int) -> StudentT:
         """Return the same noise for a record of another length."""
-        return dataclasses.replace(self, sigmas=self.sigmas.for_length(n_samples))
+        return dataclasses.replace(self, levels=self.levels.for_length(n_samples))
 
     def with_counts(self, counts: tuple[int, ...]) -> StudentT:
         """Return the same noise where channels have so many samples each."""
-        return dataclasses.replace(self, sigmas=self.sigmas.with_counts(counts))
+        return dataclasses.replace(self, levels=self.levels.with_counts(counts))
 
     def fixed_values(self) -> Mapping[int, object]:
         """Return what is fixed of each channel, by index."""
-        return self.degrees.with_sizes(self.sigmas.known)
+        return self.degrees.with_sizes(self.levels.known)
 
     def scales(self, theta: Array) -> Array:
         """Return the standard deviation of a single sample `(W, K)`, SI."""
         nu = self.degrees.values(theta)
-        return np.asarray(self.sigmas.scales(theta) * np.sqrt(nu / (nu - 2.0)))
+        return np.asarray(self.levels.scales(theta) * np.sqrt(nu / (nu - 2.0)))
 
     def square_weights(self, theta: Array) -> None:
         """Return None: sums of squares are not all; see `Noise.square_weights`."""
 
     def log_likelihood(self, residuals: Residuals, theta: Array) -> Array:
         """Return the log likelihood `(W, K)`."""
-        scale, nu = self.sigmas.scales(theta), self.degrees.values(theta)
+        scale, nu = self.levels.scales(theta), self.degrees.values(theta)
         logs = residuals.logs(1.0 / (nu * scale**2))
-        return np.asarray(self.sigmas.sizes * _constant(scale, nu) - 0.5 * (nu + 1.0) * logs)
+        return np.asarray(self.levels.sizes * _constant(scale, nu) - 0.5 * (nu + 1.0) * logs)
 
     def pointwise(self, samples: Array, theta: Array) -> Array:
         """Return the log density `(W, T, K)` of each sample."""
@@ -131,7 +131,7 @@ class StudentT:
         """Return slopes, and the expected curvature, larger where residuals are."""
         scale, nu = self._each(theta)
         ratio = residuals.samples**2 / (nu * scale**2)
-        nu, n = nu[:, 0], self.sigmas.sizes
+        nu, n = nu[:, 0], self.levels.sizes
         weighted = np.nansum((nu[:, None] + 1.0) * ratio / (1.0 + ratio), axis=1)
         by_nu = scipy.special.digamma(0.5 * (nu + 1.0)) - scipy.special.digamma(0.5 * nu) - 1.0 / nu
         by_nu = 0.5 * nu * (n * by_nu - np.nansum(np.log1p(ratio), axis=1)) + 0.5 * weighted
@@ -146,7 +146,7 @@ class StudentT:
     def fitted(self, samples: Array, theta: Array) -> Array:
         """Return the unknowns fitted to residuals `samples (T, K)`."""
         each = [
-            _most_likely(samples[~np.isnan(samples[:, k]), k], self.sigmas.known.get(k), fixed)
+            _most_likely(samples[~np.isnan(samples[:, k]), k], self.levels.known.get(k), fixed)
             for k, fixed in enumerate(self.degrees.fixed)
         ]
         scale, nu = np.array(each).T
@@ -159,11 +159,11 @@ class StudentT:
 
     @property
     def _free(self) -> tuple[list[int], list[int]]:
-        return list(self.sigmas.unknown), self.degrees.free
+        return list(self.levels.unknown), self.degrees.free
 
     def _each(self, theta: Array) -> tuple[Array, Array]:
         """Scales and degrees `(W, 1, K)`."""
-        return self.sigmas.scales(theta)[:, None], self.degrees.values(theta)[:, None]
+        return self.levels.scales(theta)[:, None], self.degrees.values(theta)[:, None]
 
     def _pairs(self, nu: Array) -> Array:
         """Information `(W, K, 2, 2)` about the logs of scale and degrees (Lange and others 1989)."""
@@ -173,7 +173,7 @@ class StudentT:
         turn = scipy.special.polygamma(1, 0.5 * nu) - scipy.special.polygamma(1, 0.5 * (nu + 1.0))
         out[..., 1, 1] = turn - 2.0 * (nu + 5.0) / (nu * (nu + 1.0) * (nu + 3.0))
         out[..., 1, 1] *= 0.25 * nu**2
-        return np.asarray(out * self.sigmas.sizes[:, None, None])
+        return np.asarray(out * self.levels.sizes[:, None, None])
 
 
 def _constant(scale: Array, nu: Array) -> Array:
