@@ -13,6 +13,9 @@ from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Literal
 
+# The unit of the speed of each unit of an angle, or of a position along a line.
+SPEED_UNITS: Mapping[str, str] = MappingProxyType({"rad": "rad/s", "m": "m/s"})
+
 
 @dataclass(frozen=True, slots=True)
 class Symbol:
@@ -20,7 +23,7 @@ class Symbol:
 
     `latex_unit` is what a figure shows.  `held`: what a parameter may be fixed at; whoever is
     unknown is positive.  `at_most`: what it cannot exceed.  `typical`: values that are known of
-    rigs, in SI, each with its source.
+    rigs, in SI, each with its source.  `drives`: an input without which the rig would stand still.
     """
 
     name: str
@@ -31,6 +34,7 @@ class Symbol:
     held: Literal["positive", "not negative", "any"] = "positive"
     at_most: float = math.inf
     typical: str = ""
+    drives: bool = False
 
     @property
     def plain_unit(self) -> str:
@@ -126,10 +130,12 @@ def _symbol(
     meaning: str,
     held: Literal["positive", "not negative", "any"] = "positive",
     at_most: float = math.inf,
+    *,
+    drives: bool = False,
 ) -> Symbol:
     unit_in_formulas = latex_unit(unit).replace("^{2}", "^2")
     typical = _TYPICAL.get(name, "")
-    return Symbol(name, unit, latex, unit_in_formulas, meaning, held, at_most, typical)
+    return Symbol(name, unit, latex, unit_in_formulas, meaning, held, at_most, typical, drives)
 
 
 def _table(*rows: Symbol) -> Mapping[str, Symbol]:
@@ -211,11 +217,13 @@ STATES = _table(
 )
 
 INPUTS = _table(
-    _symbol("v", "V", "v", "voltage supplied to the motor"),
+    _symbol("v", "V", "v", "voltage supplied to the motor", drives=True),
     _symbol("t_1", "N*m", "t_1", "friction torque on rotor 1 (load)"),
     # Of rigs that are moved otherwise than by a voltage.
-    _symbol("w_2", "rad/s", r"\dot\theta_2", "speed imposed on the shaft at the gearbox"),
-    _symbol("t_m", "N*m", "t_m", "torque that the motor is driven with (motor side)"),
+    _symbol(
+        "w_2", "rad/s", r"\dot\theta_2", "speed imposed on the shaft at the gearbox", drives=True
+    ),
+    _symbol("t_m", "N*m", "t_m", "torque that the motor is driven with (motor side)", drives=True),
     _symbol("wob", "N", "W", "weight on the bit"),
 )
 

@@ -2,11 +2,6 @@
 
 A model has linear dynamics with named states, inputs and parameters.
 
-Roles: what a rig calls the speed of rotor 1, the friction at its motor, the stiffness of its shaft.
-Whatever looks at a rig from outside asks for these, and knows no symbol by its spelling.  They are
-the names of `basics.symbols` where a rig says nothing else; a role whose name is none of a rig's
-states, inputs or parameters is one that it has not.
-
 The tangent of a rig is a model whose extra states are the derivatives of the rig's own.
 
     x' = A x + B u + c        x_dot' = A x_dot + A_dot x + B_dot u + c_dot
@@ -24,117 +19,22 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Collection, Mapping
-from dataclasses import dataclass, field
-from operator import attrgetter
+from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Any, ClassVar, Protocol
 
 import numpy as np
 
+from bayesdrill.basics import symbols
 from bayesdrill.basics.arrays import Array
 from bayesdrill.basics.duals import Dual, dual
-from bayesdrill.basics.symbols import Symbol
+from bayesdrill.basics.symbols import SPEED_UNITS, Symbol
 from bayesdrill.rig.models.friction import Coulomb, Friction, Law, Named, Stribeck
+from bayesdrill.rig.models.roles import GEAR_POWERS, Roles, usual_roles
 
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class MotorRoles:
-    """Names at the motor.
-
-    `angle`, `speed`: behind the gear; `voltage`, `torque`: inputs; `friction`: of constant sign;
-    `static` friction is lost over the speed `fading`; `series`: a resistance; `drop`: a voltage.
-    """
-
-    angle: str = "theta_2"
-    speed: str = "w_2"
-    current: str = "i"
-    voltage: str = "v"
-    torque: str = "t_m"
-    inertia: str = "j_m"
-    damping: str = "c_m"
-    friction: str = "t_f"
-    sliding: str = "t_cm"
-    static: str = "t_sm"
-    fading: str = "w_sm"
-    back_emf: str = "k_e"
-    torque_constant: str = "k_T"
-    resistance: str = "r_m"
-    series: str = "r_s"
-    inductance: str = "l_m"
-    drop: str = "v_d"
-    efficiency: str = "eta"
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ShaftRoles:
-    """Names of the shaft; `inertia`: its own; `gear_inertia`: at the output of the gearbox."""
-
-    inertia: str = "j_s"
-    gear_inertia: str = "j_2"
-    stiffness: str = "k_s"
-    damping: str = "c_s"
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class RotorRoles:
-    """Names at rotor 1; `load`: an input; `static` friction is lost over the speed `fading`."""
-
-    angle: str = "theta_1"
-    speed: str = "w_1"
-    load: str = "t_1"
-    inertia: str = "j_1"
-    damping: str = "c_1"
-    sliding: str = "t_c1"
-    static: str = "t_s1"
-    fading: str = "w_s1"
-
-
-# Of the gear reduction factor, by which a quantity at the motor is that at the load times it.
-GEAR_POWERS: Mapping[str, int] = MappingProxyType(
-    {"kg*m**2": 2, "N*m*s/rad": 2, "N*m/rad": 2, "N*m": 1, "rad/s": -1}
+HOUSE_SYMBOLS: Mapping[str, Symbol] = MappingProxyType(
+    {**symbols.PARAMETERS, **symbols.INPUTS, **symbols.STATES}
 )
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Roles:
-    """Names by role; `gear`: the field of the rig with its gear reduction factor, at most 1."""
-
-    motor: MotorRoles = field(default_factory=MotorRoles)
-    shaft: ShaftRoles = field(default_factory=ShaftRoles)
-    rotor: RotorRoles = field(default_factory=RotorRoles)
-    gear: str = "i_m"
-
-    def __getitem__(self, role: str) -> str:
-        """The name of a role such as `motor.speed`; raises `AttributeError` where there is none."""
-        name: str = attrgetter(role)(self)
-        return name
-
-    def at(self, location: str) -> MotorRoles | RotorRoles:
-        """Return the roles at the `motor`, or at `rotor_1`."""
-        return self.motor if location == "motor" else self.rotor
-
-    def side(self, name: str) -> str:
-        """Tell on which side of the gear a parameter is: `motor` or `load`; empty: on none."""
-        m, s, r = self.motor, self.shaft, self.rotor
-        at_motor = (m.inertia, m.damping, m.friction, m.sliding, m.static, m.fading)
-        at_shaft = (s.inertia, s.gear_inertia, s.stiffness, s.damping)
-        at_rotor = (r.inertia, r.damping, r.sliding, r.static, r.fading)
-        if name in at_motor:
-            return "motor"
-        return "load" if name in (*at_shaft, *at_rotor) else ""
-
-    @property
-    def speeds(self) -> Mapping[str, str]:
-        """The speed of each angle."""
-        return {
-            inertia_roles.angle: inertia_roles.speed for inertia_roles in (self.rotor, self.motor)
-        }
-
-
-DEFAULT_ROLES = Roles()
-STATES = ("rotor.angle", "rotor.speed", "motor.angle", "motor.speed", "motor.current")
-
-
 Offers = Mapping[str, tuple[str, ...]]
 NO_OFFERS: Offers = MappingProxyType({})
 
@@ -218,8 +118,27 @@ class Model(Protocol):
 
     @property
     def roles(self) -> Roles:
-        """What it calls its speeds, its friction, ...; the default names, where it does not say."""
-        return DEFAULT_ROLES
+        """What it consists of; the paper's rig with the usual names, where it does not say."""
+        return usual_roles(float(getattr(self, "i_m", 1.0)))
+
+    @property
+    def symbols(self) -> Mapping[str, Symbol]:
+        """The symbols of its parameters, states and inputs, and of imposed angles, by name."""
+        return {
+            **HOUSE_SYMBOLS,
+            **{s.name: s for s in self.declares if s.name not in HOUSE_SYMBOLS},
+        }
+
+    @property
+    def angles(self) -> tuple[str, ...]:
+        """Names of states that are angles, or positions."""
+        return tuple(name for name in self.states if self.symbols[name].unit in SPEED_UNITS)
+
+    @property
+    def imposed(self) -> Mapping[str, str]:
+        """The angle that can be given in the place of each input that is a speed."""
+        speeds = {speed: angle for angle, speed in self.roles.speeds.items()}
+        return {name: speeds[name] for name in self.inputs if name in speeds}
 
     @property
     def offers(self) -> Offers:
@@ -257,7 +176,7 @@ class Model(Protocol):
     @property
     def geared(self) -> bool:
         """Whether one of its constants is that ratio."""
-        return hasattr(self, self.roles.gear)
+        return bool(self.roles.gear) and hasattr(self, self.roles.gear)
 
 
 def gear_factor(rig: Model, symbol: Symbol, side: str) -> float:
@@ -280,6 +199,7 @@ class WrappedModel(Model):
     rig: Model
 
     declares: ClassVar[Any] = property(lambda self: self.rig.declares)
+    symbols: ClassVar[Any] = property(lambda self: self.rig.symbols)
     name: ClassVar[Any] = property(lambda self: self.rig.name)
     parameters: ClassVar[Any] = property(lambda self: self.rig.parameters)
     states: ClassVar[Any] = property(lambda self: self.rig.states)

@@ -1,0 +1,192 @@
+"""What a rig consists of, inertias, shafts and motors, and what it calls the numbers of each.
+
+Whatever looks at a rig from outside asks for these roles, and knows no symbol by its spelling.  A
+name that is empty, or none of the rig's states, inputs or parameters, is one that it has not.  Of a
+rig that moves along a line an inertia is a mass, a torque a force, and an angle a position.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from types import MappingProxyType
+
+GROUND = "ground"  # the end of a shaft that does not move
+
+# Of the gear reduction factor, by which a quantity at the motor is that at the load times it.
+GEAR_POWERS: Mapping[str, int] = MappingProxyType(
+    {"kg*m**2": 2, "N*m*s/rad": 2, "N*m/rad": 2, "N*m": 1, "rad/s": -1}
+)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class InertiaRoles:
+    """Names at an inertia, which configs call `name` and sentences `words` (`the motor`).
+
+    `angle`, `speed`: states that are `reduction` times its own (it is before a gear); a `speed` that
+    is an input is imposed.  `friction`: of constant sign; `sliding`, `static`: dry friction, of which
+    the second is lost over the speed `fading`; `torque`, `load`: inputs that push it forwards, and
+    back; `efficiency`: of the gear that it drives; `weight`: the largest torque of gravity, which is
+    zero where its angle is minus `tilt`; `cutting`: coefficients of rock, which it cuts under the
+    input `bit_weight`.
+    """
+
+    name: str
+    words: str
+    angle: str
+    speed: str
+    reduction: float = 1.0
+    inertia: str = ""
+    damping: str = ""
+    friction: str = ""
+    sliding: str = ""
+    static: str = ""
+    fading: str = ""
+    torque: str = ""
+    load: str = ""
+    efficiency: str = ""
+    weight: str = ""
+    tilt: str = ""
+    cutting: tuple[str, ...] = ()
+    bit_weight: str = ""
+
+    @property
+    def at(self) -> str:
+        """Where something acts, in words: `at rotor 1`."""
+        return f"at {self.words}"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ShaftRoles:
+    """Names of a shaft between two inertias, by their names (or `GROUND`); `words`: `the shaft`."""
+
+    name: str
+    words: str
+    ends: tuple[str, str]
+    stiffness: str
+    damping: str = ""
+    inertia: str = ""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class MotorRoles:
+    """Names of a motor's circuit, which turns an `inertia` (its name).
+
+    `current`, `voltage`: a state or an input; `series`: a second resistance; `drop`: a voltage
+    against the current's sign.
+    """
+
+    inertia: str
+    words: str = "the motor"
+    current: str = ""
+    voltage: str = ""
+    torque_constant: str = ""
+    back_emf: str = ""
+    resistance: str = ""
+    series: str = ""
+    inductance: str = ""
+    drop: str = ""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Roles:
+    """The parts of a rig; `gear`: its field with a gear reduction factor, empty if it has none."""
+
+    inertias: tuple[InertiaRoles, ...] = ()
+    shafts: tuple[ShaftRoles, ...] = ()
+    motors: tuple[MotorRoles, ...] = ()
+    gear: str = ""
+
+    def inertia(self, name: str) -> InertiaRoles:
+        """Return the inertia of this name; raises `KeyError` where there is none."""
+        return {inertia.name: inertia for inertia in self.inertias}[name]
+
+    def motor(self, inertia: str) -> MotorRoles | None:
+        """Return the motor that turns an inertia, None where none does."""
+        return next((motor for motor in self.motors if motor.inertia == inertia), None)
+
+    def at_speed(self, speed: str) -> InertiaRoles | None:
+        """Return the first inertia whose speed this state is, None where it is none's."""
+        return next((inertia for inertia in self.inertias if inertia.speed == speed), None)
+
+    @property
+    def speeds(self) -> Mapping[str, str]:
+        """The speed of each angle."""
+        return {inertia.angle: inertia.speed for inertia in self.inertias}
+
+    @property
+    def states(self) -> frozenset[str]:
+        """All names of angles, speeds and currents."""
+        moving = {name for i in self.inertias for name in (i.angle, i.speed)}
+        return frozenset(moving | {motor.current for motor in self.motors})
+
+    def side(self, name: str) -> str:
+        """Tell on which side of the gear a parameter is: `motor` or `load`; empty: on none."""
+        driven = {motor.inertia for motor in self.motors}
+        for inertia in self.inertias if self.gear else ():
+            if name in _torques(inertia):
+                return "motor" if inertia.name in driven else "load"
+        shafts = {n for s in self.shafts for n in (s.stiffness, s.damping, s.inertia)}
+        return "load" if self.gear and name in shafts else ""
+
+
+def _torques(inertia: InertiaRoles) -> Iterator[str]:
+    """Yield names at an inertia that a gear scales."""
+    yield from (inertia.inertia, inertia.damping, inertia.friction)
+    yield from (inertia.sliding, inertia.static, inertia.fading)
+
+
+def usual_roles(i_m: float = 1.0, gear: str = "i_m") -> Roles:
+    """Return the roles of the paper's rig, with the symbols of `basics.symbols`."""
+    motor = InertiaRoles(
+        name="motor",
+        words="the motor",
+        angle="theta_2",
+        speed="w_2",
+        reduction=i_m,
+        inertia="j_m",
+        damping="c_m",
+        friction="t_f",
+        sliding="t_cm",
+        static="t_sm",
+        fading="w_sm",
+        torque="t_m",
+        efficiency="eta",
+    )
+    gearbox = InertiaRoles(
+        name="gearbox", words="the gearbox", angle="theta_2", speed="w_2", inertia="j_2"
+    )
+    rotor = InertiaRoles(
+        name="rotor_1",
+        words="rotor 1",
+        angle="theta_1",
+        speed="w_1",
+        inertia="j_1",
+        damping="c_1",
+        sliding="t_c1",
+        static="t_s1",
+        fading="w_s1",
+        load="t_1",
+        cutting=("b_0", "b_1", "b_2", "b_3"),
+        bit_weight="wob",
+    )
+    shaft = ShaftRoles(
+        name="shaft",
+        words="the shaft",
+        ends=("gearbox", "rotor_1"),
+        stiffness="k_s",
+        damping="c_s",
+        inertia="j_s",
+    )
+    circuit = MotorRoles(
+        inertia="motor",
+        current="i",
+        voltage="v",
+        torque_constant="k_T",
+        back_emf="k_e",
+        resistance="r_m",
+        series="r_s",
+        inductance="l_m",
+        drop="v_d",
+    )
+    return Roles(inertias=(motor, gearbox, rotor), shafts=(shaft,), motors=(circuit,), gear=gear)
