@@ -33,7 +33,7 @@ from bayesdrill.rig.models.friction import Coulomb, Friction, Law, Named, Stribe
 from bayesdrill.rig.models.roles import GEAR_POWERS, Roles, usual_roles
 
 HOUSE_SYMBOLS: Mapping[str, Symbol] = MappingProxyType(
-    {**symbols.PARAMETERS, **symbols.INPUTS, **symbols.STATES}
+    {**symbols.PARAMETERS, **symbols.STATES, **symbols.INPUTS}
 )
 Offers = Mapping[str, tuple[str, ...]]
 NO_OFFERS: Offers = MappingProxyType({})
@@ -124,10 +124,9 @@ class Model(Protocol):
     @property
     def symbols(self) -> Mapping[str, Symbol]:
         """The symbols of its parameters, states and inputs, and of imposed angles, by name."""
-        return {
-            **HOUSE_SYMBOLS,
-            **{s.name: s for s in self.declares if s.name not in HOUSE_SYMBOLS},
-        }
+        moving = {name: symbols.STATES[name] for name in self.states if name in symbols.STATES}
+        declared = {symbol.name: symbol for symbol in self.declares}
+        return {**declared, **HOUSE_SYMBOLS, **moving}
 
     @property
     def angles(self) -> tuple[str, ...]:
