@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from bayesdrill.analysis import edits
-from bayesdrill.analysis.causes import NOISE, TORQUES
+from bayesdrill.analysis.causes import NOISE, TORQUE
 from bayesdrill.basics.arrays import Array
 from bayesdrill.basics.symbols import noise_name
 from bayesdrill.config import loading
@@ -26,7 +26,7 @@ from bayesdrill.inference.noise import NOISES
 from bayesdrill.inference.unknowns import ParameterSpace
 from bayesdrill.record.experiment import DRIVES, typical_inputs
 from bayesdrill.record.formats.table import RecordTable
-from bayesdrill.rig.models.linear import MotorRoles, Roles, RotorRoles
+from bayesdrill.rig.models.roles import InertiaRoles, Roles
 
 WIDER = 10.0  # either way, of the noise that was given
 
@@ -110,44 +110,16 @@ def uniform(high: float) -> dict[str, Any]:
 
 GIVEN = "as_given"
 UNKNOWN, RED = NOISE
-# What the rig may be without: the roles of the parameters that each rung switches on.
-PHYSICS: Mapping[str, tuple[str, ...]] = {
-    "friction_motor": ("motor.sliding",),
-    "friction_rotor_1": ("rotor.sliding",),
-    "friction_both": ("motor.sliding", "rotor.sliding"),
-    "damping_rotor_1": ("rotor.damping",),
-    "damping_shaft": ("shaft.damping",),
-    "voltage_drop": ("motor.drop",),
-}
-# Friction at rest, where there is friction: what it slides with, and where.
-STATIC: Mapping[str, tuple[str, str]] = {
-    "static_motor": ("motor.sliding", "motor"),
-    "static_rotor_1": ("rotor.sliding", "rotor_1"),
-}
+BOTH = "friction_both"
+_ORDER = ("friction", "damping", "voltage")  # in which physics is tried, by the beginnings of names
 MISSING = "missing_torque"
 # Of a sensor: `gain_w_1` of a channel or an input; of the start; of the moment; of the gear.
 SENSED = ("lag", "gain", "offset")
 START, MOMENT, GEAR = "free_start", "t_0", "gear"
-FIRST = (GIVEN, *NOISE, *PHYSICS, *TORQUES)
-# Of each of these one is enough.
-ALIKE = ({"friction_motor", "friction_rotor_1", "friction_both"}, {*TORQUES}, {*NOISE})
-# A missing torque wants white noise, and beside friction it is an approximation.
-APART = {*TORQUES}, {*PHYSICS, *STATIC, RED} - {"damping_rotor_1", "damping_shaft"}
-
 ABOUT: Mapping[str, str] = {
     GIVEN: "the config as it is",
     UNKNOWN: "noise of unknown size",
     RED: "noise that remembers",
-    "friction_motor": "dry friction at the motor",
-    "friction_rotor_1": "dry friction at rotor 1",
-    "friction_both": "dry friction at the motor and at rotor 1",
-    "damping_rotor_1": "viscous damping at rotor 1",
-    "damping_shaft": "damping of the shaft",
-    "voltage_drop": "a voltage drop of driver and brushes",
-    "static_motor": "friction at rest at the motor",
-    "static_rotor_1": "friction at rest at rotor 1",
-    "missing_torque_motor": "a missing torque at the motor",
-    "missing_torque_rotor_1": "a missing torque at rotor 1",
     START: "another state at the start",
     MOMENT: "inputs that act later than recorded",
     GEAR: "another gear",
@@ -169,11 +141,13 @@ LEAST, LONGEST = 3.0, 3.0  # samples, and of the record: the time of a missing t
 class CandidateModel:
     """A candidate model, as the config that has it.
 
-    `parts`: names of what it has beside the config as given; `output`: what that wants drawn;
-    `lines`: of a config, that say so; `table`: the record, where it is in no file.
+    `parts`: names of what it has beside the config as given, and what each is in `words`; `output`:
+    what that wants drawn; `lines`: of a config, that say so; `table`: the record, where it is in no
+    file.
     """
 
     parts: tuple[str, ...]
+    words: tuple[str, ...]
     source: Source
     output: Mapping[str, Any]
     lines: str = ""
@@ -187,19 +161,11 @@ class CandidateModel:
     @property
     def about(self) -> str:
         """What it has beside the config as given, in words."""
-        return " and ".join(map(about_part, self.parts)) if self.parts else ABOUT[GIVEN]
+        return " and ".join(self.words) if self.parts else ABOUT[GIVEN]
 
     def job(self) -> Job:
         """Raises `InputError` where the config cannot have it."""
         return assemble(loading.validate(self.source), self.table)
-
-
-def about_part(part: str) -> str:
-    """What a part is, in words."""
-    if part in ABOUT:
-        return ABOUT[part]
-    kind, _, name = part.partition("_")
-    return f"{'an' if kind == 'offset' else 'a'} {kind} of {name}"
 
 
 def rung_name(parts: Sequence[str]) -> str:
@@ -207,14 +173,68 @@ def rung_name(parts: Sequence[str]) -> str:
     return "-".join(parts) or GIVEN
 
 
-def _possible(parts: Sequence[str]) -> bool:
-    """Whether they can go together, and together mean something that one alone does not."""
-    given = {*parts}
-    either, other = APART
-    sliding = {name for part in parts for name in PHYSICS.get(part, ())}
-    rests = all(STATIC[part][0] in sliding for part in parts if part in STATIC)
-    alike = any(len(given & group) > 1 for group in ALIKE)
-    return rests and not alike and not (given & either and given & other)
+@dataclass(frozen=True, slots=True)
+class RigParts:
+    """Parts that candidates of a rig with these `roles` may have, by name.
+
+    `physics`: what the rig may be without, as the parameters that switch it on; `dry`: those of it
+    that change their sign; `static`: inertias with friction at rest, where there is friction;
+    `torques`: inertias on which one may be missing; `about`: what each part is, in words.
+    """
+
+    physics: Mapping[str, tuple[str, ...]]
+    dry: frozenset[str]
+    static: Mapping[str, InertiaRoles]
+    torques: Mapping[str, InertiaRoles]
+    about: Mapping[str, str]
+
+    @classmethod
+    def of(cls, roles: Roles) -> RigParts:
+        """Return the parts; where friction acts at two places, `friction_both` is another."""
+        each = {lack.name: lack for lack in edits.lacks(roles)}
+        rubs = [i for i in roles.inertias if i.sliding]
+        physics = {name: (lack.parameter,) for name, lack in each.items()}
+        about = {**ABOUT, **{name: lack.words for name, lack in each.items()}}
+        if len(rubs) == 2:
+            physics |= {BOTH: (rubs[0].sliding, rubs[1].sliding)}
+            about[BOTH] = f"dry friction {rubs[0].at} and {rubs[1].at}"
+        static = {f"static_{i.name}": i for i in roles.inertias if i.static}
+        torques = {f"{TORQUE}{i.name}": i for i in rubs}
+        about |= {name: f"friction at rest {i.at}" for name, i in static.items()}
+        missing = f"a missing {roles.motion.torque}"
+        about |= {name: f"{missing} {i.at}" for name, i in torques.items()}
+        order = sorted(physics, key=lambda name: _ORDER.index(name.split("_", 1)[0]))
+        dry = frozenset(name for name in physics if name == BOTH or each[name].dry)
+        return cls({name: physics[name] for name in order}, dry, static, torques, about)
+
+    @property
+    def first(self) -> tuple[str, ...]:
+        """What is tried by itself first, beside sensors and the start."""
+        return (*NOISE, *self.physics, *self.torques)
+
+    def sliding(self, parts: Iterable[str]) -> set[str]:
+        """Return the parameters of physics that these parts switch on."""
+        return {name for part in parts for name in self.physics.get(part, ())}
+
+    def resting(self, parts: Iterable[str]) -> list[str]:
+        """Return friction at rest that may come beside these parts, as there it slides."""
+        return [name for name, i in self.static.items() if i.sliding in self.sliding(parts)]
+
+    def possible(self, parts: Sequence[str]) -> bool:
+        """Tell whether they go together, and together mean something that one alone does not."""
+        given = {*parts}
+        rubs = {name for name in self.dry if name.startswith("friction_")}
+        # Of each of these one is enough.
+        groups = ({*self.torques}, {*NOISE}, rubs if BOTH in self.physics else set())
+        # A missing torque wants white noise, and beside friction it is an approximation.
+        apart = given & {*self.torques} and given & {*self.dry, *self.static, RED}
+        rests = all(part in self.resting(parts) for part in parts if part in self.static)
+        return rests and not apart and all(len(given & group) < 2 for group in groups)
+
+    def words(self, part: str) -> str:
+        """Say what a part is."""
+        kind, _, name = part.partition("_")
+        return self.about.get(part, f"{'an' if kind == 'offset' else 'a'} {kind} of {name}")
 
 
 @dataclass(frozen=True, slots=True)
@@ -222,8 +242,7 @@ class CandidateModels:
     """Candidate models of the config of `job`.
 
     `sizes`: what a parameter would be if it did as much as all else; `speeds`: the largest speeds of
-    rotor 1 and of the motor, where friction may act; `gear`: of candidates with another one, times that
-    which is given.
+    inertias, where friction may act; `gear`: of candidates with another one, times that which is given.
     """
 
     job: Job
@@ -251,9 +270,9 @@ class CandidateModels:
         )
 
     @property
-    def roles(self) -> Roles:
-        """The roles of the rig."""
-        return self.job.problem.model.roles
+    def parts(self) -> RigParts:
+        """The parts that candidates may have."""
+        return RigParts.of(self.job.problem.model.roles)
 
     def rungs(self, every: Iterable[tuple[str, ...]]) -> list[CandidateModel]:
         """Those with these parts, where there is such a thing to try."""
@@ -261,21 +280,20 @@ class CandidateModels:
 
     def singles(self) -> list[CandidateModel]:
         """Those with one thing each beside the config as given."""
-        return self.rungs((name,) for name in (*FIRST[1:], *self._sensors(), START))
+        return self.rungs((name,) for name in (*self.parts.first, *self._sensors(), START))
 
     def beyond(self, parts: tuple[str, ...], more: Iterable[str]) -> list[CandidateModel]:
         """A rung with these parts and each of `more` that can go with them."""
         if len(parts) >= MOST_PARTS:
             return []
-        sliding = {name for part in parts for name in PHYSICS.get(part, ())}
-        rest = [name for name, (slides, _) in STATIC.items() if slides in sliding]
-        every = ((*parts, name) for name in dict.fromkeys((*more, *rest)) if name not in parts)
-        return self.rungs(filter(_possible, every))
+        wanted = dict.fromkeys((*more, *self.parts.resting(parts)))
+        every = ((*parts, name) for name in wanted if name not in parts)
+        return self.rungs(filter(self.parts.possible, every))
 
     def without_each(self, parts: tuple[str, ...]) -> list[CandidateModel]:
         """A rung without each of its parts, in turn."""
         every = (tuple(one for one in parts if one != part) for part in parts)
-        return self.rungs(fewer for fewer in every if fewer and _possible(fewer))
+        return self.rungs(fewer for fewer in every if fewer and self.parts.possible(fewer))
 
     def with_gear(self, times: float) -> list[CandidateModel]:
         """With another ratio, `times` the one that is given; none where the rig has no gear."""
@@ -295,7 +313,7 @@ class CandidateModels:
                 section["record"] = {**section.get("record", {}), "window": ends.tolist()}
                 section["initial"] = "free"
             source = Source(given.path, as_yaml(data), data, {}, ())
-            rungs.append(CandidateModel((), source, {}, table=self.job.table))
+            rungs.append(CandidateModel((), (), source, {}, table=self.job.table))
         return rungs
 
     def _sensors(self) -> Iterator[str]:
@@ -339,7 +357,8 @@ class CandidateModels:
             self._with_walkers(data)
         text = given.text if not parts else as_yaml(data)
         source = Source(given.path, text, data, given.lines if not parts else {}, ())
-        return CandidateModel(parts, source, output, lines, self.job.table)
+        words = tuple(map(self.parts.words, parts))
+        return CandidateModel(parts, words, source, output, lines, self.job.table)
 
     def _changed(self, data: dict[str, Any], part: str) -> bool:
         if part in NOISE:
@@ -348,26 +367,27 @@ class CandidateModels:
                 change_sections(data, change, *entry) for entry in list(change_channels(data))
             ]
             return part in (UNKNOWN, *NOISES) and any(changed)
-        if part in PHYSICS:
-            wanted = [self.roles[role] for role in PHYSICS[part]]
+        known = self.parts
+        if part in known.physics:
+            wanted = known.physics[part]
             if not all(name in self.sizes for name in wanted):
                 return False
             data["parameters"] |= {name: uniform(self.sizes[name]) for name in wanted}
             return True
-        if part in STATIC:
-            return self._rests(data["parameters"], self.roles.at(STATIC[part][1]))
+        if part in known.static:
+            return self._rests(data["parameters"], known.static[part])
         if part == GEAR:
             return self._geared(data)
         if part == START:
             return _start_freed(data)
-        if part not in TORQUES:
+        if part not in known.torques:
             return self._sensed(data, *part.split("_", 1))
-        at = TORQUES[part]
-        friction = self.roles.at(at).sliding
-        if MISSING not in Config.model_fields or MISSING in data or friction not in self.sizes:
+        at = known.torques[part]
+        friction, can = at.sliding, MISSING in Config.model_fields
+        if not can or MISSING in data or friction not in self.sizes:
             return False
         size = {"prior": "half_normal", "scale": rounded(QUARTER * self.sizes[friction])}
-        data[MISSING] = {"at": at, "smoothness": "1/2", "size": size, "time": self._times()}
+        data[MISSING] = {"at": at.name, "smoothness": "1/2", "size": size, "time": self._times()}
         share_entries(data, "s_d", "tau_d")  # one rig: the same lacks in each experiment
         return True
 
@@ -378,7 +398,7 @@ class CandidateModels:
             return False
         given = data.get("model", {})
         given = {"name": given} if isinstance(given, str) else given
-        data["model"] = {**given, self.roles.gear: rounded(self.gear * model.gear_ratio)}
+        data["model"] = {**given, model.roles.gear: rounded(self.gear * model.gear_ratio)}
         return True
 
     def _sensed(self, data: dict[str, Any], kind: str, name: str) -> bool:
@@ -433,9 +453,9 @@ class CandidateModels:
                 size = max(size, usual / experiment.unit_of_input(name).factor)
         return {"prior": "normal", "mean": 0.0, "sd": rounded(size)}
 
-    def _rests(self, parameters: dict[str, Any], at: MotorRoles | RotorRoles) -> bool:
+    def _rests(self, parameters: dict[str, Any], at: InertiaRoles) -> bool:
         """With friction that is larger at rest, where it slides by now."""
-        largest, slides = self.speeds.get(at.speed, 0.0), at.sliding
+        largest, slides = self.speeds.get(at.name, 0.0), at.sliding
         if slides not in self.sizes or slides not in parameters or not largest > 0:
             return False
         parameters[at.static] = uniform(self.sizes[slides])
@@ -484,15 +504,15 @@ def changed_entries(before: Mapping[str, Any], after: Mapping[str, Any]) -> dict
 
 
 def _speeds(every: Sequence[Observation], space: ParameterSpace, theta: Array) -> dict[str, float]:
-    """Of rotor 1, and of the motor on its own side of the gear [rad/s]."""
+    """The largest of each inertia, by its name."""
     speeds: dict[str, float] = {}
     for observation in every:
         model, moved = observation.response.model, edits.state_motion(observation, space, theta)
-        roles = model.roles
-        for name, gear in ((roles.rotor.speed, 1.0), (roles.motor.speed, model.gear_ratio)):
-            if name in model.states:
-                largest = float(np.abs(moved[:, model.states.index(name)]).max()) / gear
-                speeds[name] = max(speeds.get(name, 0.0), largest)
+        for inertia in model.roles.inertias:
+            if inertia.speed in model.states:
+                of_state = np.abs(moved[:, model.states.index(inertia.speed)]).max()
+                largest = float(of_state) / inertia.reduction
+                speeds[inertia.name] = max(speeds.get(inertia.name, 0.0), largest)
     return speeds
 
 

@@ -38,8 +38,7 @@ OTHER_MAXIMUM_DEPTH, SAME_MAXIMUM = 3.0, 0.1
 SURE_LOG_ODDS = 5.0  # natural logs: a candidate that is no better explains nothing
 # Parts that absorb any misfit and name no cause: noises, and torques with the place where they act.
 NOISE = ("unknown_noise", "ar1")
-TORQUES = {"missing_torque_motor": "motor", "missing_torque_rotor_1": "rotor_1"}
-CATCH_ALL = {*NOISE, *TORQUES}
+TORQUE = "missing_torque_"
 # of what a catch-all gains in log evidence: a cause that gains as much is named first
 MIN_SHARE_OF_CATCH_ALL = 0.5
 
@@ -204,6 +203,11 @@ class Cause:
         """Whether only noise is left."""
         return like_noise(self.fit)
 
+    @property
+    def absorbing(self) -> tuple[str, ...]:
+        """The parts that absorb any misfit and name no cause."""
+        return tuple(part for part in self.parts if part in NOISE or part.startswith(TORQUE))
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Causes:
@@ -236,14 +240,12 @@ class Causes:
         and gains beside its own catch-all.
         """
         first = self.ranked[0]
-        if {*first.parts} <= CATCH_ALL:
+        if first.absorbing == first.parts:
             alone = {cause.parts: cause.bayes for cause in self.ranked}
             for cause in self.ranked:
-                absorbing = tuple(part for part in cause.parts if part in CATCH_ALL)
-                least = max(
-                    MIN_SHARE_OF_CATCH_ALL * first.bayes, alone.get(absorbing, 0.0) + SURE_LOG_ODDS
-                )
-                if absorbing != cause.parts and cause.bayes > least:
+                beyond = alone.get(cause.absorbing, 0.0) + SURE_LOG_ODDS
+                least = max(MIN_SHARE_OF_CATCH_ALL * first.bayes, beyond)
+                if cause.absorbing != cause.parts and cause.bayes > least:
                     first = cause
                     break
         near = [c for c in self.ranked if first.bayes - SURE_LOG_ODDS < c.bayes <= first.bayes]

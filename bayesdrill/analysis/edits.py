@@ -17,11 +17,39 @@ from bayesdrill.inference.priors import Uniform
 from bayesdrill.inference.unknowns import SIMULATOR_ROLES, ParameterSpace, Unknown
 from bayesdrill.record.experiment import channels_of_states
 from bayesdrill.rig.models.linear import Linear, Model, with_named
+from bayesdrill.rig.models.roles import Roles
 
 ZERO = np.zeros(1)
 
-# What a rig may be without, each by the role of the parameter that switches it on.
-LACKS = ("motor.sliding", "rotor.sliding", "motor.drop", "rotor.damping", "shaft.damping")
+@dataclass(frozen=True, slots=True)
+class Lack:
+    """Physics that a rig may be without, and the `parameter` that switches it on.
+
+    `name`: of a candidate that has it; `words`: what it is; `dry`: whether it changes its sign.
+    """
+
+    name: str
+    parameter: str
+    words: str
+    dry: bool
+
+
+def lacks(roles: Roles) -> tuple[Lack, ...]:
+    """Return what a rig of these `roles` may be without."""
+    several = len(roles.motors) > 1
+    drop = "a voltage drop of driver and brushes"
+    named = (
+        *((f"friction_{i.name}", i.sliding, f"dry friction {i.at}", True) for i in roles.inertias),
+        *(
+            (f"voltage_drop_{m.inertia}", m.drop, f"{drop} of {m.words}", True)
+            if several
+            else ("voltage_drop", m.drop, drop, True)
+            for m in roles.motors
+        ),
+        *((f"damping_{i.name}", i.damping, f"viscous damping {i.at}", False) for i in roles.inertias),
+        *((f"damping_{s.name}", s.damping, f"damping of {s.words}", False) for s in roles.shafts),
+    )
+    return tuple(Lack(*entry) for entry in named if entry[1])
 
 
 def rig_candidates(
@@ -29,8 +57,8 @@ def rig_candidates(
 ) -> dict[str, float]:
     """Return what the rig offers and has not, with the most that it can be, at `theta (D,)`."""
     model = observations[0].response.model
-    lacks = [model.roles[role] for role in LACKS]
-    names = [name for name in lacks if name in model.offers and name not in model.parameters]
+    offered = {*model.offers} - {*model.parameters}
+    names = [lack.parameter for lack in lacks(model.roles) if lack.parameter in offered]
     moved = (
         [
             (rig_parameters(observation, space, theta), state_motion(observation, space, theta))
@@ -76,7 +104,7 @@ def _size(model: Model, name: str, p: Mapping[str, float], states: Array) -> flo
     named = dict(zip(model.states, states.T, strict=True))
     sizes = [0.0]
     for row in model.states:
-        acting = _rates(without, row, named)
+        acting = _rates(without, row, named, model.angles)
         changed = [(k, x) for k, x in alone.A.items() if k[0] == row and x != without.A.get(k, 0.0)]
         added = sum((np.asarray(x - without.A.get(k, 0.0)) * named[k[1]] for k, x in changed), ZERO)
         for friction in model.frictions:
@@ -89,7 +117,9 @@ def _size(model: Model, name: str, p: Mapping[str, float], states: Array) -> flo
     return max(sizes)
 
 
-def _rates(linear: Linear, row: str, named: Mapping[str, Array]) -> float:
+def _rates(
+    linear: Linear, row: str, named: Mapping[str, Array], angles: tuple[str, ...]
+) -> float:
     """The root mean square of all that acts there, taken as if it acted one way.
 
     Angles act by their differences alone, in springs: together, as a rig may have turned anywhere.
@@ -98,9 +128,8 @@ def _rates(linear: Linear, row: str, named: Mapping[str, Array]) -> float:
     rates: dict[str, list[float]] = {}
     for (state, by), x in linear.A.items():
         rates.setdefault(state, []).append(float(x) if state != by else math.nan)
-    turned = {
-        state for state, each in rates.items() if each == [1.0]
-    }  # whose rate is another state
+    # Whose rate is another state, or an input.
+    turned = {*angles, *(state for state, each in rates.items() if each == [1.0])}
     springs = [part for state, part in terms if state in turned]
     parts = [sum(springs, ZERO), *(part for state, part in terms if state not in turned)]
     return float(np.sqrt(np.mean(sum(map(np.abs, parts), ZERO) ** 2)))

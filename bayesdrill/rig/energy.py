@@ -1,9 +1,9 @@
 """Where the energy of a rig goes, by its equations: to losses or into store.
 
-Losses are resistance, damping and friction.  Of a rig of a motor, a shaft and rotor 1 every entry
-of x' = A x + B u + c is a power once it is known what its rows weigh: j_1 by the load `t_1`, the
-inertia at the gearbox by the shaft, which acts at both of its ends alike, l_m by the voltage `v`.
-What a parameter takes is what is missing where it is zero.
+Inertias, shafts and circuits store it, as forms x' S x / 2 of the states, and weights by their
+height.  Each input gives a power; resistances, dampings and frictions take one.  What else the rate
+x' S (A x + B u + c) has is `converted`.  Of which rows an inertia is, the roles of the rig say; how
+much there is of it in all, how much its rows change with it.
 
 Over a step with constant efforts and straight inputs all of it is exact: integrals of squares of
 exponentials, by doubling.  Where a speed changes its sign within a step, the effort is the mean
@@ -21,16 +21,13 @@ import scipy
 from numpy.typing import NDArray
 
 from bayesdrill.basics.arrays import Array
-from bayesdrill.rig.models.linear import STATES, Model, dynamics
+from bayesdrill.basics.duals import Dual, dual
+from bayesdrill.rig.models.linear import Model, dynamics
+from bayesdrill.rig.models.roles import GROUND, InertiaRoles, MotorRoles, ShaftRoles
 from bayesdrill.rig.simulators.contract import Simulator, Steps
 
 Whole = NDArray[np.intp]
 
-# Roles of parameters that take power, where they are named.
-LOSSES = (
-    *("motor.resistance", "motor.series", "motor.damping"),
-    *("shaft.damping", "rotor.damping", "motor.friction"),
-)
 NODES, WEIGHTS = np.polynomial.legendre.leggauss(8)
 SHORT = 0.25  # of the fastest motion: a span over which quadrature is exact to rounding
 
@@ -57,15 +54,12 @@ class Energies:
 
 
 def can_balance(model: Model) -> bool:
-    """Tell whether rows of the rig can be weighed."""
-    p = dict.fromkeys(model.parameters, 1.0)
-    if not {*model.states} <= {model.roles[role] for role in STATES}:
-        return False
-    try:
-        _weights(model, p)
-    except (KeyError, ZeroDivisionError):
-        return False
-    return True
+    """Tell whether it is known of every state of the rig what it stores."""
+    roles, p = model.roles, {*model.parameters}
+    weighed = {i.speed for i in roles.inertias if i.inertia in p}
+    weighed |= {motor.current for motor in roles.motors if motor.inductance in p}
+    turned = {*model.angles}
+    return {*model.states} - turned <= weighed and turned <= roles.states
 
 
 def energies(rig: Simulator, full: Array) -> Energies:
@@ -73,8 +67,8 @@ def energies(rig: Simulator, full: Array) -> Energies:
     model = rig.model
     steps = rig.steps(full[None])
     p = {name: float(x) for name, x in zip(model.parameters, full, strict=False)}
-    z = _extended(model, steps)
-    forms, stored = _forms(model, p)
+    z, powers = _extended(model, steps), _Powers(model, p)
+    forms = powers.forms()
     x = len(model.states)
     step_energy = np.zeros((len(forms), len(z)))
     for rows, fixed_states in _patterns(model, z[:, :x]):
@@ -92,59 +86,118 @@ def energies(rig: Simulator, full: Array) -> Energies:
     return Energies(
         t=steps.t,
         given=given,
-        lost={name: -some for name, some in named.items()},
+        lost=named,
         converted=converted,
-        stored=0.5 * np.einsum("nx,xy,ny->n", states, stored, states, optimize=True),
+        stored=0.5 * np.einsum("nx,xy,ny->n", states, powers.stored, states, optimize=True),
     )
 
 
-def _weights(model: Model, p: Mapping[str, float]) -> dict[str, float]:
-    """Return the weights of rows: the inertias as the shaft has them, and the inductance."""
-    linear: Any = model.linear(p)
-    motor, rotor = model.roles.motor, model.roles.rotor
-    inertia = -1.0 / linear.B[rotor.speed, rotor.load]
-    stiffness = inertia * linear.A[rotor.speed, motor.angle]
-    return {
-        rotor.speed: inertia,
-        motor.speed: stiffness / linear.A[motor.speed, rotor.angle],
-        motor.current: 1.0 / linear.B[motor.current, motor.voltage],
-    }
+class _Powers:
+    """Powers of a rig at parameters `p`, as forms of (states, 1, inputs, slopes, efforts).
 
-
-def _forms(model: Model, p: Mapping[str, float]) -> tuple[dict[str, Array], Array]:
-    """Return powers into the rig as forms of (states, 1, inputs, slopes, efforts).
-
-    They are of inputs, parameters, frictions, and, named by nothing, of the rest; with twice the
-    stored energy as a form of states.
+    `rates`: how these change with time; `stored`: twice the stored energy, as a form of states.
     """
-    linear, places, weights = model.linear(p), _places(model), _weights(model, p)
-    n = len(model.states) + 1 + 2 * len(model.inputs) + len(model.frictions)
-    stored = np.diag([weights.get(name, 0.0) for name in model.states])
-    motor, rotor = model.roles.motor, model.roles.rotor
-    ends = [model.states.index(name) for name in (rotor.angle, motor.angle)]
-    spring = weights[rotor.speed] * float(np.asarray(linear.A[rotor.speed, motor.angle]))
-    stored[np.ix_(ends, ends)] += spring * np.array([[1.0, -1.0], [-1.0, 1.0]])
-    forms: dict[str, Array] = {}
-    for (row, name), value in linear.B.items():
-        form = forms.setdefault(name, np.zeros((n, n)))
-        form[model.states.index(row), places[name]] += weights[row] * float(np.asarray(value))
-    whole = _autonomous(model, p, stored, n)
-    remainder = whole.copy()
-    for name in (model.roles[role] for role in LOSSES):
-        if name in model.parameters:
-            forms[name] = whole - _autonomous(model, {**p, name: 0.0}, stored, n)
-            remainder -= forms[name]
-    return {**forms, "": remainder}, stored
 
+    def __init__(self, model: Model, p: Mapping[str, float]) -> None:
+        self.model, self.roles, self.p, self.places = model, model.roles, p, _places(model)
+        self.rates = _generator(model, p, ())
+        self.stored = self._stored()
 
-def _autonomous(model: Model, p: Mapping[str, float], stored: Array, n: int) -> Array:
-    """Return the form x' S (A x + c)."""
-    linear, x = model.linear(p), len(model.states)
-    form = np.zeros((n, n))
-    form[:x, :x] = stored @ dynamics(linear, model.states, 1)[0]
-    for row, value in linear.c.items():
-        form[:x, x] += stored[:, model.states.index(row)] * float(np.asarray(value))
-    return form
+    def forms(self) -> dict[str, Array]:
+        """Return what each input gives, and frictions and parameters take; named by nothing: the rest."""
+        x = len(self.model.states)
+        rest = np.zeros_like(self.rates)
+        rest[:x] = self.stored @ self.rates[:x]
+        given = {name: self._given(name) for name in self.model.inputs}
+        taken = {friction.name: -self._column(friction.name) for friction in self.model.frictions}
+        taken |= {n: self.p[n] * np.outer(*rows) for n, *rows in self._losses() if n in self.p}
+        rest += sum(taken.values(), np.zeros_like(rest)) - sum(given.values())
+        return {**{name: form for name, form in given.items() if form.any()}, **taken, "": rest}
+
+    def _stored(self) -> Array:
+        """Return the form of inertias, springs and inductances."""
+        x = len(self.model.states)
+        weights = {m.current: self.p.get(m.inductance, 0.0) for m in self.roles.motors}
+        weights |= {i.speed: self._inertia(i) for i in self.roles.inertias if i.inertia in self.p}
+        stored = np.diag([weights.get(name, 0.0) for name in self.model.states])
+        for shaft in self.roles.shafts:
+            twist = self._twist(shaft, "angle")[:x]
+            stored += self.p.get(shaft.stiffness, 0.0) * np.outer(twist, twist)
+        return stored
+
+    def _inertia(self, inertia: InertiaRoles) -> float:
+        """Return the inertia of all that turns with its speed, as that state has it."""
+        name = inertia.inertia
+        linear: Any = self.model.linear({**self.p, name: Dual(self.p[name], 1.0)})
+        entries = (dual(x) for (row, _), x in linear.A.items() if row == inertia.speed)
+        each = [x for x in entries if x.slope]
+        return float(-each[0].value / each[0].slope / inertia.reduction**2) if each else 0.0
+
+    def _row(self, name: str) -> Array:
+        """Return the row that picks a state or an input; zeros for what is neither."""
+        row = np.zeros(len(self.rates))
+        if name in self.places:
+            row[self.places[name]] = 1.0
+        return row
+
+    def _motion(self, name: str, of: str) -> Array:
+        """Return the row of the `angle` or `speed` of an inertia itself; zeros for the ground."""
+        if name == GROUND:
+            return self._row("")
+        inertia = self.roles.inertia(name)
+        state = inertia.angle if of == "angle" else inertia.speed
+        return self._row(state) / inertia.reduction
+
+    def _twist(self, shaft: ShaftRoles, of: str) -> Array:
+        return np.asarray(self._motion(shaft.ends[0], of) - self._motion(shaft.ends[1], of))
+
+    def _current(self, motor: MotorRoles) -> Array:
+        """Return the row of a current; where no inductance delays it, by Ohm's law."""
+        if motor.current in self.places or motor.resistance not in self.p:
+            return self._row(motor.current)
+        turned = self.p.get(motor.back_emf, 0.0) * self._motion(motor.inertia, "speed")
+        resistance = self.p[motor.resistance] + self.p.get(motor.series, 0.0)
+        return np.asarray((self._row(motor.voltage) - turned) / resistance)
+
+    def _column(self, name: str) -> Array:
+        """Return the power of a column of B."""
+        x, k = len(self.model.states), self.places[name]
+        form = np.zeros_like(self.rates)
+        form[:x, k] = self.stored @ self.rates[:x, k]
+        return form
+
+    def _given(self, name: str) -> Array:
+        """Return the power of an input: of a voltage by its current, of a speed by what it moves."""
+        for motor in self.roles.motors:
+            if motor.voltage == name:
+                return np.outer(self._row(name), self._current(motor))
+        moved = [inertia for inertia in self.roles.inertias if inertia.speed == name]
+        return sum(map(self._imposed, moved)) if moved else self._column(name)
+
+    def _imposed(self, inertia: InertiaRoles) -> Any:
+        """Return the power that moves an inertia against its shafts and its damping."""
+        torque = self.p.get(inertia.damping, 0.0) * self._motion(inertia.name, "speed")
+        for shaft in self.roles.shafts:
+            if inertia.name in shaft.ends:
+                sign = 1.0 if shaft.ends[0] == inertia.name else -1.0
+                spring = self.p.get(shaft.stiffness, 0.0) * self._twist(shaft, "angle")
+                damper = self.p.get(shaft.damping, 0.0) * self._twist(shaft, "speed")
+                torque = torque + sign * (spring + damper)
+        return np.outer(self._motion(inertia.name, "speed"), torque)
+
+    def _losses(self) -> Iterator[tuple[str, Array, Array]]:
+        """Yield parameters that take power, each with the rows whose product it is times."""
+        motors, driven = self.roles.motors, {motor.inertia for motor in self.roles.motors}
+        for motor in motors:
+            for name in (motor.resistance, motor.series):
+                yield name, self._current(motor), self._current(motor)
+        speeds = {i: self._motion(i.name, "speed") for i in self.roles.inertias}
+        yield from ((i.damping, w, w) for i, w in speeds.items() if i.name in driven)
+        for shaft in self.roles.shafts:
+            yield shaft.damping, self._twist(shaft, "speed"), self._twist(shaft, "speed")
+        yield from ((i.damping, w, w) for i, w in speeds.items() if i.name not in driven)
+        unit = np.eye(len(self.rates))[len(self.model.states)]
+        yield from ((i.friction, w, unit) for i, w in speeds.items())
 
 
 def _extended(model: Model, steps: Steps) -> Array:
@@ -158,10 +211,11 @@ def _extended(model: Model, steps: Steps) -> Array:
 
 
 def _places(model: Model) -> dict[str, int]:
-    """Return the indices of inputs and efforts in that."""
+    """Return the indices of states, inputs and efforts in that."""
     x, frictions = len(model.states), model.frictions
     first = x + 1 + 2 * len(model.inputs)
-    places = {name: x + 1 + k for k, name in enumerate(model.inputs)}
+    places = {name: k for k, name in enumerate(model.states)}
+    places |= {name: x + 1 + k for k, name in enumerate(model.inputs)}
     return places | {friction.name: first + k for k, friction in enumerate(frictions)}
 
 

@@ -10,10 +10,8 @@ from dataclasses import dataclass
 from typing import Any
 
 from bayesdrill.analysis.causes import (
-    CATCH_ALL,
     NOISE,
     SURE_LOG_ODDS,
-    TORQUES,
     Cause,
     Causes,
     FittedValue,
@@ -27,11 +25,9 @@ from bayesdrill.config.job import Job
 from bayesdrill.selection import (
     GEAR,
     GEARS,
-    PHYSICS,
     START,
     CandidateModel,
     CandidateModels,
-    about_part,
 )
 
 Submit = Callable[..., Future[Any]]  # of a function and its arguments
@@ -107,7 +103,7 @@ class _Ranking:
                 self._climb(first)
             best = self._ranked(structural=True)[0]
             if not best.explains_all:
-                self._beside(best.parts, (*NOISE, *TORQUES))
+                self._beside(best.parts, (*NOISE, *self.ladder.parts.torques))
         causes = Causes(given=self.given.fit, ranked=self._ranked(), left_out=self.left_out)
         if causes.explains and causes.best.explains_all:
             return causes
@@ -118,8 +114,10 @@ class _Ranking:
 
         At last try the best without each of its parts.
         """
-        singles = [rung.parts[0] for rung in self.ladder.singles() if not {*rung.parts} & CATCH_ALL]
-        for more in ((*first[:FEW], *PHYSICS), singles):
+        known = self.ladder.parts
+        absorbing = {*NOISE, *known.torques}
+        singles = [rung.parts[0] for rung in self.ladder.singles() if rung.parts[0] not in absorbing]
+        for more in ((*first[:FEW], *known.physics), singles):
             before = 0.0
             while True:
                 best = self._ranked(structural=True)[0]
@@ -140,7 +138,7 @@ class _Ranking:
         """The most probable first; `structural`: without those that would absorb any misfit."""
         causes = self.causes_by_parts.values()
         ranked = sorted(causes, key=lambda cause: -cause.bayes)
-        return tuple(cause for cause in ranked if not (structural and {*cause.parts} & CATCH_ALL))
+        return tuple(cause for cause in ranked if not (structural and cause.absorbing))
 
     def _with_best_gear(self, ladder: CandidateModels) -> CandidateModels:
         """With the best of other gears, sought in two rounds."""
@@ -200,13 +198,12 @@ class _Ranking:
             doubts.append("there is another maximum, about as high")
         # A lag leaves out samples of a rig that moves at the start.
         more = top.on(self.given.numbers)
-        roles = self.job.problem.model.roles
-        physics = [role for part in rung.parts for role in PHYSICS.get(part, ())]
+        physics = self.ladder.parts.physics
         self.causes_by_parts[rung.parts] = Cause(
             parts=rung.parts,
-            words=tuple(map(about_part, rung.parts)),
+            words=rung.words,
             lines=rung.lines,
-            lacks=tuple(dict.fromkeys(roles[role] for role in physics)),
+            lacks=tuple(dict.fromkeys(n for part in rung.parts for n in physics.get(part, ()))),
             new=new,
             gain=top.log_posterior + more - self.given.log_posterior,
             bayes=float(top.log_z + more - self.given.log_z),

@@ -19,6 +19,20 @@ GEAR_POWERS: Mapping[str, int] = MappingProxyType(
 )
 
 
+@dataclass(frozen=True, slots=True)
+class Motion:
+    """Words and units of a motion: what an inertia does, what makes it do so, and angles."""
+
+    moves: str
+    torque: str
+    newtons: str
+    angle: str
+
+
+ROTARY = Motion("turns", "torque", "N m", "rad")
+LINEAR_MOTION = Motion("moves", "force", "N", "m")
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class InertiaRoles:
     """Names at an inertia, which configs call `name` and sentences `words` (`the motor`).
@@ -28,13 +42,14 @@ class InertiaRoles:
     the second is lost over the speed `fading`; `torque`, `load`: inputs that push it forwards, and
     back; `efficiency`: of the gear that it drives; `weight`: the largest torque of gravity, which is
     zero where its angle is minus `tilt`; `cutting`: coefficients of rock, which it cuts under the
-    input `bit_weight`.
+    input `bit_weight`; `latex`: of its own angle, where that is no state.
     """
 
     name: str
     words: str
     angle: str
     speed: str
+    latex: str = ""
     reduction: float = 1.0
     inertia: str = ""
     damping: str = ""
@@ -96,6 +111,7 @@ class Roles:
     shafts: tuple[ShaftRoles, ...] = ()
     motors: tuple[MotorRoles, ...] = ()
     gear: str = ""
+    motion: Motion = ROTARY
 
     def inertia(self, name: str) -> InertiaRoles:
         """Return the inertia of this name; raises `KeyError` where there is none."""
@@ -108,6 +124,11 @@ class Roles:
     def at_speed(self, speed: str) -> InertiaRoles | None:
         """Return the first inertia whose speed this state is, None where it is none's."""
         return next((inertia for inertia in self.inertias if inertia.speed == speed), None)
+
+    def rubbed(self, against: str, where: str) -> InertiaRoles | None:
+        """Return the inertia of a friction `against` a speed, that which is `where` if several are."""
+        alike = [inertia for inertia in self.inertias if inertia.speed == against]
+        return next((inertia for inertia in alike if inertia.at == where), (*alike, None)[0])
 
     @property
     def speeds(self) -> Mapping[str, str]:
@@ -143,6 +164,7 @@ def usual_roles(i_m: float = 1.0, gear: str = "i_m") -> Roles:
         words="the motor",
         angle="theta_2",
         speed="w_2",
+        latex=r"\theta_3",
         reduction=i_m,
         inertia="j_m",
         damping="c_m",
