@@ -232,7 +232,8 @@ def _issues(train: Train) -> Iterator[tuple[str, str]]:
     """Yield what does not go together, each with its entry."""
     known = train.inertias
     for entry in ("shafts", "gears"):
-        for part in getattr(train, entry):
+        parts: tuple[Shaft | Gear, ...] = getattr(train, entry)
+        for part in parts:
             ends = [*known, GROUND] if entry == "shafts" else known
             for end in part.ends:
                 if end not in ends:
@@ -253,8 +254,8 @@ def _issues(train: Train) -> Iterator[tuple[str, str]]:
                 yield entry, f"'{name}' is no inertia{did_you_mean(name, known)}"
     if train.gravity and train.motion == "linear":
         yield "gravity", "what moves along a line is no pendulum; remove it, or `motion: linear`"
-    parts = [*known, *(part.name for part in (*train.shafts, *train.gears))]
-    for name in dict.fromkeys(name for name in parts if parts.count(name) > 1 or name == GROUND):
+    called = [*known, *(s.name for s in train.shafts), *(gear.name for gear in train.gears)]
+    for name in dict.fromkeys(name for name in called if called.count(name) > 1 or name == GROUND):
         yield "inertias", f"two parts are called {name}; give each a name of its own"
     yield from _gear_issues(train)
 
@@ -325,9 +326,8 @@ class Description:
     symbols: dict[str, Symbol] = field(default_factory=dict)
     states: tuple[str, ...] = ()
     inputs: tuple[str, ...] = ()
-    roles: Roles = Roles()
+    roles: Roles = field(default_factory=Roles)
     combinations: dict[str, dict[str, float]] = field(default_factory=dict)
-    entries: dict[str, str] = field(default_factory=dict)
 
     def symbol(self, name: str, unit: str, meaning: str, **more: Any) -> str:
         """Add a symbol, and return its name."""
@@ -402,7 +402,7 @@ class _Describer:
         moved = self.kinds.get(root) == "speed"
         called, (inertia, angle, torque, _) = words(name), units.words
         angle_name, speed_name = f"{units.angle[0]}_{name}", f"{units.speed[0]}_{name}"
-        dotted = rf"\dot{own_symbol(angle_name, '1', None, '').latex}"
+        dotted = rf"\dot {own_symbol(angle_name, '1', None, '').latex}"
         made.symbol(angle_name, units.angle[1], f"{angle} of {called}")
         made.symbol(
             speed_name, units.speed[1], f"speed of {called}", latex=dotted, drives=kind == "speed"
@@ -431,7 +431,7 @@ class _Describer:
             f"{letter}_s_{name}",
             f"{units.speed[0]}_s_{name}",
         )
-        made.symbol(f"friction_{name}", unit, f"friction at {called}")
+        effort = own_symbol(f"{letter.upper()}_{name}", unit, None, f"friction at {called}")
         return dataclasses.replace(
             roles,
             inertia=made.parameter(
@@ -448,7 +448,7 @@ class _Describer:
             if kind == "torque"
             else "",
             efficiency=self._efficiency(name),
-            effort=made.symbols.pop(f"friction_{name}"),
+            effort=dataclasses.replace(effort, name=f"friction_{name}"),
             **self._pendulum(name),
             **self._bit(name),
         )
@@ -521,7 +521,7 @@ class _Describer:
         if not wired:
             return roles
         inductance = f"l_{name}"
-        drop = made.symbol(f"drop_{name}", "V", f"voltage drop at {called}")
+        drop = own_symbol(f"v_d_{name}", "V", None, f"voltage drop at {called}")
         return dataclasses.replace(
             roles,
             voltage=made.symbol(f"u_{name}", "V", f"voltage of {called}", drives=True),
@@ -533,7 +533,7 @@ class _Describer:
             drop=made.parameter(
                 f"v_d_{name}", "V", f"voltage drop at {called}", (inductance,), held="not negative"
             ),
-            effort=made.symbols.pop(drop),
+            effort=dataclasses.replace(drop, name=f"drop_{name}"),
         )
 
 
