@@ -129,7 +129,8 @@ class _Powers:
         """Return the inertia of all that turns with its speed, as that state has it."""
         name = inertia.inertia
         linear: Any = self.model.linear({**self.p, name: Dual(self.p[name], 1.0)})
-        entries = (dual(x) for (row, _), x in linear.A.items() if row == inertia.speed)
+        items = (*linear.A.items(), *linear.B.items())
+        entries = (dual(x) for (row, _), x in items if row == inertia.speed)
         each = [x for x in entries if x.slope]
         return float(-each[0].value / each[0].slope / inertia.reduction**2) if each else 0.0
 

@@ -20,7 +20,7 @@ from bayesdrill.rig import models, steady_state
 from bayesdrill.rig.models.friction import Named
 from bayesdrill.rig.models.linear import Linear, Model, WrappedModel, dynamics
 
-TorqueLocation = Literal["motor", "rotor_1"]
+TorqueLocation = str  # the name of an inertia
 Smoothness = Literal["1/2", "3/2"]
 
 SIZE, TIME = "s_d", "tau_d"
@@ -58,23 +58,25 @@ class MissingTorque:
 def torque_gain(model: Model, torque: MissingTorque, p: Named, linear: Linear) -> Any:
     """Return what 1 N m more does to the rate of its inertia's speed.
 
-    At the motor it acts on the motor's side of the gear.
+    Before a gear it acts on its own side of that.
 
     Raises `ValueError` where the rig has no such inertia.
     """
-    row, motor = model.roles.at(torque.at).speed, model.roles.motor
-    if torque.at == "rotor_1":
-        entry = linear.B.get((row, model.roles.rotor.load))
-        if entry is not None:
-            return -entry
-    elif (row, motor.torque) in linear.B:
-        return linear.B[row, motor.torque]
-    elif (row, motor.current) in linear.A and motor.torque_constant in p:
+    inertias = {inertia.name: inertia for inertia in model.roles.inertias}
+    here = inertias.get(torque.at)
+    if here is None or here.speed not in model.states:
+        raise ValueError(
+            f"the model {model.name} has no inertia at {torque.at.replace('_', ' ')} that a torque "
+            "could act on"
+        )
+    row, motor = here.speed, model.roles.motor(here.name)
+    if (row, here.load) in linear.B:
+        return -linear.B[row, here.load]
+    if (row, here.torque) in linear.B:
+        return linear.B[row, here.torque]
+    if motor is not None and (row, motor.current) in linear.A and motor.torque_constant in p:
         return linear.A[row, motor.current] / p[motor.torque_constant]
-    raise ValueError(
-        f"the model {model.name} has no inertia at {torque.at.replace('_', ' ')} that a torque could "
-        "act on"
-    )
+    ...
 
 
 @dataclass(frozen=True, slots=True)
