@@ -21,6 +21,7 @@ from bayesdrill.rig.models.roles import Roles
 
 ZERO = np.zeros(1)
 
+
 @dataclass(frozen=True, slots=True)
 class Lack:
     """Physics that a rig may be without, and the `parameter` that switches it on.
@@ -46,7 +47,10 @@ def lacks(roles: Roles) -> tuple[Lack, ...]:
             else ("voltage_drop", m.drop, drop, True)
             for m in roles.motors
         ),
-        *((f"damping_{i.name}", i.damping, f"viscous damping {i.at}", False) for i in roles.inertias),
+        *(
+            (f"damping_{i.name}", i.damping, f"viscous damping {i.at}", False)
+            for i in roles.inertias
+        ),
         *((f"damping_{s.name}", s.damping, f"damping of {s.words}", False) for s in roles.shafts),
     )
     return tuple(Lack(*entry) for entry in named if entry[1])
@@ -117,9 +121,7 @@ def _size(model: Model, name: str, p: Mapping[str, float], states: Array) -> flo
     return max(sizes)
 
 
-def _rates(
-    linear: Linear, row: str, named: Mapping[str, Array], angles: tuple[str, ...]
-) -> float:
+def _rates(linear: Linear, row: str, named: Mapping[str, Array], angles: tuple[str, ...]) -> float:
     """The root mean square of all that acts there, taken as if it acted one way.
 
     Angles act by their differences alone, in springs: together, as a rig may have turned anywhere.

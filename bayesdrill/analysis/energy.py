@@ -222,9 +222,9 @@ def _friction_motions(observation: Observation, full: Array) -> Iterator[Frictio
 
 
 def geared(rig: Simulator, friction: Friction) -> float:
-    """Return how many times as fast the motor turns as what its friction is said to be against."""
-    model = rig.model
-    return 1.0 / model.gear_ratio if friction.against == model.roles.motor.speed else 1.0
+    """Return how many times as fast its inertia turns as what a friction is said to be against."""
+    inertia = rig.model.roles.rubbed(friction.against, friction.where)
+    return 1.0 if inertia is None else 1.0 / inertia.reduction
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -24,8 +24,9 @@ from bayesdrill.inference.derived import HDI_PROBABILITY
 from bayesdrill.inference.likelihood import LatentTorque, Observation
 from bayesdrill.inference.posterior import Posterior
 from bayesdrill.record.experiment import channels_of_states
-from bayesdrill.rig.models.latent_torque import TORQUE, LoadedModel, TorqueLocation, angles
-from bayesdrill.rig.models.linear import DEFAULT_ROLES, Roles
+from bayesdrill.rig.models.latent_torque import TORQUE, LoadedModel, TorqueLocation
+from bayesdrill.rig.models.linear import Model
+from bayesdrill.rig.models.roles import ROTARY, InertiaRoles
 from bayesdrill.rig.simulators import simulator
 
 STANDSTILL = 0.05  # of the root mean square of a speed: slower is standing still
@@ -61,8 +62,7 @@ class TorqueEstimate:
 
     `draws (N, T)` of the torque [N m], `expected (T,)` their mean without the chance of drawing.
     `states`: of the rig, angles [rad] and speeds [rad/s] among them, `(T,)` by name, means of the
-    draws; `inputs`: those that were measured; `gear`: the motor turns so many times as fast as its
-    side of the shaft.
+    draws; `inputs`: those that were measured.
     """
 
     label: str
@@ -73,8 +73,7 @@ class TorqueEstimate:
     states: Mapping[str, Array]
     inputs: Mapping[str, Array]
     courses: tuple[ChannelMotion, ...]
-    gear: float
-    roles: Roles = DEFAULT_ROLES
+    rig: Model
 
     @property
     def band(self) -> Array:
@@ -82,8 +81,13 @@ class TorqueEstimate:
         return np.asarray(np.quantile(self.draws, TAILS, axis=0))
 
     @property
+    def inertia(self) -> InertiaRoles:
+        """The inertia on which it acts."""
+        return self.rig.roles.inertia(self.at)
+
+    @property
     def speed(self) -> Array:
-        """The speed of the inertia on which it acts; of the motor, by itself."""
+        """The speed of the inertia on which it acts; before a gear, by itself."""
         return self.speeds[0][1]
 
     @property
@@ -98,16 +102,21 @@ class TorqueEstimate:
     @property
     def angle(self) -> Array:
         """The angle of the inertia on which it acts."""
-        angle = self.states[self.roles.at(self.at).angle]
-        return angle * self.gear if self.at == "motor" else angle
+        return self.states[self.inertia.angle] * (1.0 / self.inertia.reduction)
+
+    @property
+    def turned(self) -> list[InertiaRoles]:
+        """The inertias whose speeds are known, that on which it acts first; one for each speed."""
+        each: dict[str, InertiaRoles] = {}
+        for inertia in (self.inertia, *self.rig.roles.inertias):
+            if inertia.speed in self.states:
+                each.setdefault(inertia.speed, inertia)
+        return [*each.values()]
 
     @property
     def speeds(self) -> list[tuple[str, Array]]:
-        """Speeds by name, that of the inertia on which it acts first."""
-        motor, rotor = self.roles.motor.speed, self.roles.rotor.speed
-        names = (motor, rotor) if self.at == "motor" else (rotor, motor)
-        gears = {motor: self.gear}
-        return [(n, self.states[n] * gears.get(n, 1.0)) for n in names if n in self.states]
+        """Their speeds, by the names of the states."""
+        return [(i.speed, self.states[i.speed] * (1.0 / i.reduction)) for i in self.turned]
 
 
 def torque_estimates(
@@ -161,8 +170,7 @@ def _estimate(
         states=_states(observation, torque, motion.mean(axis=0), smooth.mean(axis=0)),
         inputs={name: np.asarray(u) for name, u in experiment.series.items()},
         courses=_courses(observation, residuals.mean(axis=0), by_torque.mean(axis=0), strayed),
-        gear=1.0 / augmented.gear_ratio,
-        roles=augmented.roles,
+        rig=augmented.rig,
     )
 
 
@@ -188,14 +196,14 @@ def _states(
     for name, moved in augmented.to_rig_states(more).items():
         states[name] = states[name] + moved
     if not augmented.observable:
-        for name in angles(augmented.rig):
+        for name in augmented.rig.angles:
             speed = augmented.roles.speeds.get(name)
             if speed in augmented.states:
                 change = more[:, augmented.states.index(speed)]
                 steps = 0.5 * (change[1:] + change[:-1]) * np.diff(t)
                 states[name] = states[name] + np.concatenate([[0.0], np.cumsum(steps)])
-    series, driven = observation.experiment.series, augmented.roles.motor.speed
-    return states | {name: np.asarray(u) for name, u in series.items() if name == driven}
+    series, imposed = observation.experiment.series, {*augmented.roles.speeds.values()}
+    return states | {name: np.asarray(u) for name, u in series.items() if name in imposed}
 
 
 def _nonlinear_error(
@@ -326,12 +334,9 @@ def _candidates(estimate: TorqueEstimate) -> Iterator[tuple[str, str, Array]]:
         yield "sign", name, np.sign(speed)[:, None]
         yield "speed", name, speed[:, None]
         yield "square", name, (speed * np.abs(speed))[:, None]
-    turn = estimate.angle[:, None]
-    yield (
-        "turn",
-        estimate.roles.at(estimate.at).angle,
-        np.column_stack([np.cos(turn), np.sin(turn)]),
-    )
+    if estimate.rig.roles.motion == ROTARY:
+        turn = estimate.angle[:, None]
+        yield "turn", estimate.inertia.angle, np.column_stack([np.cos(turn), np.sin(turn)])
     for name, values in estimate.inputs.items():
         if name not in estimate.states:
             yield "input", name, values[:, None]

@@ -6,7 +6,7 @@ Findings are sentences with their numbers; none is an error.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,8 +17,8 @@ from bayesdrill.analysis.identifiability.information import Information, Sensiti
 from bayesdrill.basics.arrays import Array
 from bayesdrill.inference.posterior import Problem
 from bayesdrill.inference.priors import Prior, prior_log_sd, prior_sd
-from bayesdrill.rig import models
-from bayesdrill.rig.models.linear import STATES, Model, MotorRoles, Roles, dynamics
+from bayesdrill.rig.models.linear import Model, dynamics
+from bayesdrill.rig.models.roles import MotorRoles
 
 APPRECIABLE = 0.05  # relative
 MOST_DRAWS = 2000  # whose poles are looked at
@@ -31,12 +31,12 @@ SAME_GEAR = 0.02  # relative: data sheets round
 # the inertia printed beside it.  The modulus is that of steel; the paper gives none.
 SHAFT_LENGTH, SHAFT_DIAMETER, STEEL = 2.4, 3e-3, 79.3e9  # m, m, Pa
 ROTOR_MASS, ROTOR_DIAMETER = 6.4, 0.188  # kg, m
-GEOMETRY: Mapping[str, tuple[float, str]] = {  # by roles
-    "shaft.stiffness": (
+GEOMETRY: Mapping[str, tuple[float, str]] = {  # by shafts and inertias
+    "shaft": (
         STEEL * math.pi * SHAFT_DIAMETER**4 / (32 * SHAFT_LENGTH),
         "a steel shaft of 2.4 m and 3 mm has",
     ),
-    "rotor.inertia": (ROTOR_MASS * ROTOR_DIAMETER**2 / 8, "a disc of 6.4 kg and 188 mm across has"),
+    "rotor_1": (ROTOR_MASS * ROTOR_DIAMETER**2 / 8, "a disc of 6.4 kg and 188 mm across has"),
 }
 
 
@@ -57,8 +57,7 @@ def plausibility_of_priors(problem: Problem) -> Iterator[str]:
 def of_roles(problem: Problem) -> Iterator[str]:
     """States that have none, which whatever asks for speeds and currents does not see."""
     model = problem.model
-    known = {model.roles[role] for role in STATES}
-    if others := [name for name in model.outer if name not in known]:
+    if others := [name for name in model.outer if name not in model.roles.states]:
         yield (
             f"roles: {model.name} does not say what {', '.join(others)} is to it. Friction, energy "
             "and missing torques are not checked there. Name it in the rig's `roles`"
@@ -67,21 +66,25 @@ def of_roles(problem: Problem) -> Iterator[str]:
 
 def plausibility_of_gear(problem: Problem) -> Iterator[str]:
     """Yield channels that turn neither with the shaft nor, by the gear, with the motor."""
-    model = problem.model
-    motor, gear = model.roles.motor, model.gear_ratio
-    if not model.geared:
-        return
+    roles = problem.model.roles
     channels = [c for observation in problem.observations for c in observation.experiment.channels]
     for channel in {c.name: c for c in channels}.values():
-        match list(channel.weights.items()):
-            case [(motor.speed | motor.angle as state, float(times))]:
-                error = min(abs(abs(times) * ratio - 1) for ratio in (1.0, gear))
-                if error > SAME_GEAR:
-                    yield (
-                        f"{channel.name} measures {times:g} * {state}, but the motor turns "
-                        f"{1 / gear:.4g} times as fast as the shaft (model.{model.roles.gear}: "
-                        f"{gear:.4g}). One of the two is wrong for this rig"
-                    )
+        if len(channel.weights) > 1:
+            continue
+        ((state, times),) = channel.weights.items()
+        here = [i for i in roles.inertias if state in (i.speed, i.angle)]
+        geared = [inertia for inertia in here if inertia.reduction != 1.0]
+        ratios = (1.0, *(abs(inertia.reduction) for inertia in geared))
+        if geared and min(abs(abs(times) * ratio - 1) for ratio in ratios) > SAME_GEAR:
+            fast, others = geared[0], {i.name for i in here} - {i.name for i in geared}
+            behind = [shaft.words for shaft in roles.shafts if others & {*shaft.ends}]
+            behind += [inertia.words for inertia in here if inertia.name in others]
+            entry = f"model.{roles.gear}: {fast.reduction:.4g}" if roles.gear else "model.gears"
+            yield (
+                f"{channel.name} measures {times:g} * {state}, but {fast.words} "
+                f"{roles.motion.moves} {1 / fast.reduction:.4g} times as fast as {behind[0]} "
+                f"({entry}). One of the two is wrong for this rig"
+            )
 
 
 def plausibility_of_nominal(problem: Problem) -> tuple[str, ...]:
@@ -93,10 +96,8 @@ def plausibility_of_nominal(problem: Problem) -> tuple[str, ...]:
     model = problem.model
     rig = {name: np.array([values[name]]) for name in model.parameters}
     return (
-        *_energy_of_nominal(
-            {n: x for n, x in values.items() if n in model.parameters}, model.roles
-        ),
-        *_geometry({name: x for name, x in values.items() if name in table}, model.roles),
+        *_energy_of_nominal({n: x for n, x in values.items() if n in model.parameters}, model),
+        *_geometry({name: x for name, x in values.items() if name in table}, model),
         *_poles(poles(model, rig), problem),
     )
 
@@ -106,34 +107,35 @@ def plausibility_of_draws(problem: Problem, draws: Array, known: Information) ->
     model = problem.model
     rig = problem.posterior.likelihood.rig_parameters(draws[:: max(1, len(draws) // MOST_DRAWS)])
     values = dict(zip(model.parameters, rig.T, strict=True))
-    energy = _energy_of_draws(values, known, model.roles)
+    energy = _energy_of_draws(values, known, model)
     return (*energy, *_poles(poles(model, values), problem))
 
 
 def plausibility_of_course(sensitivity: SensitivityStudy, theta: Array) -> tuple[str, ...]:
     """Yield whether friction brakes all the time, in the motion at unknowns `theta (D,)`."""
-    likelihood = sensitivity.likelihood
-    rig = likelihood.observations[0].response.model
-    motor = rig.roles.motor
-    if motor.friction not in rig.parameters or motor.speed not in sensitivity.states:
-        return ()
-    friction = float(
-        likelihood.rig_parameters(theta[None])[0, rig.parameters.index(motor.friction)]
+    rig = sensitivity.model
+    p = dict(
+        zip(rig.parameters, sensitivity.likelihood.rig_parameters(theta[None])[0], strict=True)
     )
-    speeds = [
-        motion[:, sensitivity.states.index(motor.speed)] for motion in sensitivity.motions(theta)
-    ]
-    other_way = [np.sign(friction) * w < -APPRECIABLE * np.abs(w).max() for w in speeds]
-    share = float(np.mean(np.concatenate(other_way)))
-    if share <= FEW:
-        return ()
-    return (
-        f"friction: in {_percent(share)} of the record the motor turns the other way, and "
-        f"{motor.friction}, which keeps its sign, drives instead of braking. Cut these samples off "
-        f"(record.window). If it always turns so, turn the signs of {motor.voltage} and of all "
-        f"channels. Or hold {motor.friction} at 0 and name {motor.sliding}, friction that changes its "
-        "sign",
-    )
+    told = []
+    for inertia in rig.roles.inertias:
+        if inertia.friction not in p or inertia.speed not in sensitivity.states:
+            continue
+        column, moves = sensitivity.states.index(inertia.speed), rig.roles.motion.moves
+        forwards = np.sign(p[inertia.friction] * inertia.reduction)
+        speeds = [motion[:, column] for motion in sensitivity.motions(theta)]
+        other_way = [forwards * w < -APPRECIABLE * np.abs(w).max() for w in speeds]
+        share = float(np.mean(np.concatenate(other_way)))
+        if share > FEW:
+            drives = " and ".join(n for n in rig.inputs if rig.symbols[n].drives)
+            told.append(
+                f"friction: in {_percent(share)} of the record {inertia.words} {moves} the other way, "
+                f"and {inertia.friction}, which keeps its sign, drives instead of braking. Cut these "
+                f"samples off (record.window). If it always {moves} so, turn the signs of {drives} and "
+                f"of all channels. Or hold {inertia.friction} at 0 and name {inertia.sliding}, friction "
+                "that changes its sign"
+            )
+    return tuple(told)
 
 
 def poles(model: Model, values: Mapping[str, Array]) -> NDArray[np.complex128]:
@@ -141,6 +143,12 @@ def poles(model: Model, values: Mapping[str, Array]) -> NDArray[np.complex128]:
     size = len(next(iter(values.values())))
     matrix = dynamics(model.linear(values), model.states, size)
     return np.asarray(np.linalg.eigvals(matrix), dtype=np.complex128)
+
+
+def _motors(values: Collection[str], model: Model) -> list[MotorRoles]:
+    """Return the motors of which both constants are known."""
+    motors = model.roles.motors
+    return [motor for motor in motors if {motor.torque_constant, motor.back_emf} <= {*values}]
 
 
 def _ideal(motor: MotorRoles) -> str:
@@ -151,50 +159,50 @@ def _ideal(motor: MotorRoles) -> str:
     )
 
 
-def _energy_of_nominal(values: Mapping[str, float], roles: Roles) -> Iterator[str]:
-    k_T, k_e = roles.motor.torque_constant, roles.motor.back_emf
-    if not {k_T, k_e} <= {*values}:
-        return
-    ratio = values[k_T] / values[k_e]
-    if ratio <= 1 + APPRECIABLE:
-        return
-    yield (
-        f"energy: {k_T} = {values[k_T]:.4g} N m/A is {ratio:.3g} times {k_e} = "
-        f"{values[k_e]:.4g} V s/rad. The motor would give {ratio:.3g} times the power that it "
-        f"takes up. {_ideal(roles.motor)}"
-    )
+def _energy_of_nominal(values: Mapping[str, float], model: Model) -> Iterator[str]:
+    motion = model.roles.motion
+    for motor in _motors(values, model):
+        k_T, k_e = motor.torque_constant, motor.back_emf
+        ratio = values[k_T] / values[k_e]
+        if ratio > 1 + APPRECIABLE:
+            yield (
+                f"energy: {k_T} = {values[k_T]:.4g} {motion.newtons}/A is {ratio:.3g} times {k_e} = "
+                f"{values[k_e]:.4g} V s/{motion.angle}. The motor would give {ratio:.3g} times the "
+                f"power that it takes up. {_ideal(motor)}"
+            )
 
 
 def _energy_of_draws(
-    values: Mapping[str, Array], known: Information, roles: Roles
+    values: Mapping[str, Array], known: Information, model: Model
 ) -> Iterator[str]:
-    k_T, k_e = roles.motor.torque_constant, roles.motor.back_emf
-    if not {k_T, k_e} <= {*values}:
-        return
-    ratio = values[k_T] / values[k_e]
-    share = float(np.mean(ratio > 1 + APPRECIABLE))
-    if share <= FEW:
-        return
-    powers = np.array([{k_T: 1.0, k_e: -1.0}.get(name, 0.0) for name in known.names])
-    blind = bool(powers.any()) and not math.isfinite(known.bound(powers))
-    whence = (
-        ". The record cannot show this ratio: it is what the priors and the fixed values allow"
-        if blind
-        else f". {_ideal(roles.motor)}"
-    )
-    yield (
-        f"energy: {k_T} is more than {100 * APPRECIABLE:g} % above {k_e} in {_percent(share)} of "
-        f"the draws (median ratio {np.median(ratio):.3g}). Such a motor would give more power than it "
-        f"takes up, which none does{whence}"
-    )
+    for motor in _motors(values, model):
+        k_T, k_e = motor.torque_constant, motor.back_emf
+        ratio = values[k_T] / values[k_e]
+        share = float(np.mean(ratio > 1 + APPRECIABLE))
+        if share <= FEW:
+            continue
+        powers = np.array([{k_T: 1.0, k_e: -1.0}.get(name, 0.0) for name in known.names])
+        blind = bool(powers.any()) and not math.isfinite(known.bound(powers))
+        whence = (
+            ". The record cannot show this ratio: it is what the priors and the fixed values allow"
+            if blind
+            else f". {_ideal(motor)}"
+        )
+        yield (
+            f"energy: {k_T} is more than {100 * APPRECIABLE:g} % above {k_e} in {_percent(share)} of "
+            f"the draws (median ratio {np.median(ratio):.3g}). Such a motor would give more power than "
+            f"it takes up, which none does{whence}"
+        )
 
 
-def _geometry(values: Mapping[str, float], roles: Roles) -> Iterator[str]:
-    for role, (expected, what) in GEOMETRY.items():
-        name = roles[role]
+def _geometry(values: Mapping[str, float], model: Model) -> Iterator[str]:
+    names = {shaft.name: shaft.stiffness for shaft in model.roles.shafts}
+    names |= {inertia.name: inertia.inertia for inertia in model.roles.inertias}
+    for part, (expected, what) in GEOMETRY.items():
+        name = names.get(part, "")
         value = values.get(name, expected)
         if abs(value / expected - 1) > APPRECIABLE:
-            unit = models.PARAMETERS[name].plain_unit
+            unit = model.symbols[name].plain_unit
             yield (
                 f"geometry: {name} = {value:.4g} {unit} is {100 * (value / expected - 1):+.0f} % off "
                 f"what the paper's dimensions give; {what} {expected:.3g} {unit}"
@@ -215,12 +223,17 @@ def _poles(poles: NDArray[np.complex128], problem: Problem) -> Iterator[str]:
     decay = np.abs(poles.real).max(axis=1)
     share = float(np.mean(decay * step > 1))
     if share > FEW:
-        middle, motor = float(np.median(decay)), problem.model.roles.motor
+        middle, model = float(np.median(decay)), problem.model
+        sets = [
+            f"{motor.inductance}/{motor.resistance}"
+            for motor in model.roles.motors
+            if motor.inductance in model.parameters
+        ]
+        mostly = f", mostly {' and '.join(sets)}," if sets else ""
         yield (
             f"sampling: the fastest motion dies out within {1e3 / middle:.3g} ms (pole at "
             f"{-middle:.3g} 1/s), the record has a sample every {1e3 * step:.3g} ms{_in(poles, share)}. "
-            f"What sets it, mostly {motor.inductance}/{motor.resistance}, is seen only through slower "
-            "motions"
+            f"What sets it{mostly} is seen only through slower motions"
         )
     turns = np.abs(poles.imag).max(axis=1) / (2 * math.pi)
     share = float(np.mean(2 * turns * step > 1))

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from bayesdrill.analysis.calibration import RankBand, ecdf_band, shape
 from bayesdrill.basics.arrays import Array
+from bayesdrill.basics.symbols import Symbol
 from bayesdrill.basics.units import Unit
 from bayesdrill.inference.likelihood import Likelihood, Observation
 from bayesdrill.inference.posterior import Posterior
@@ -236,7 +237,7 @@ class FrequencyResponse:
     """
 
     channel: Channel
-    input: str
+    input: Symbol
     unit: Unit
     frequencies: Array
     modelled: NDArray[np.complex128]
@@ -284,7 +285,7 @@ def frequency_responses(posterior: Posterior, theta: Array) -> tuple[FrequencyRe
         responses += [
             FrequencyResponse(
                 channel=channel,
-                input=name,
+                input=observation.response.model.symbols[name],
                 unit=experiment.unit_of_input(name),
                 frequencies=f,
                 modelled=modelled[:, k, column],

@@ -41,7 +41,6 @@ from bayesdrill.inference.residual_checks import (
 )
 from bayesdrill.inference.step_error import StepError, step_errors
 from bayesdrill.rig.models.latent_torque import TorqueLocation
-from bayesdrill.rig.models.linear import Roles
 from bayesdrill.sampling.convergence import Convergence
 from bayesdrill.sampling.ensembles import SamplingResult
 from bayesdrill.sampling.evidence import Evidence
@@ -136,7 +135,6 @@ class TorqueSummary:
     turning: float
     follows: tuple[TorqueRegression, ...]
     courses: tuple[ChannelMotion, ...]
-    roles: Roles
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -304,5 +302,4 @@ def torque_summary(estimate: TorqueEstimate) -> TorqueSummary:
         turning=float(estimate.turning.mean()),
         follows=regress_torque(estimate),
         courses=estimate.courses,
-        roles=estimate.roles,
     )

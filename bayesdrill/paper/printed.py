@@ -141,9 +141,7 @@ def inconsistencies() -> tuple[Inconsistency, ...]:
 
 
 def _of_rig() -> list[Inconsistency]:
-    stiffness, disc = (
-        plausibility.GEOMETRY[role][0] for role in ("shaft.stiffness", "rotor.inertia")
-    )
+    stiffness, disc = (plausibility.GEOMETRY[role][0] for role in ("shaft", "rotor_1"))
     modulus = plausibility.STEEL * TABLE_1["k_s"] / stiffness
     return [
         Inconsistency(

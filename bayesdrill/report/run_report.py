@@ -176,8 +176,9 @@ def _sections(run: ReportContext, pictures: Sequence[Picture]) -> Iterator[Secti
         yield build("From one experiment to the next", said, shown, read)
     for torque in analysis.torques:
         where = f" of {torque.label}" if torque.label else ""
-        parts = (torque_words.torque_sentence, torque_words.law_sentences, torque_words.strayed)
-        said = "\n".join(filter(None, (words_of(torque) for words_of in parts)))
+        rig, strays = run.problem.model, torque_words.strayed(torque)
+        parts = (torque_words.torque_sentence, torque_words.law_sentences)
+        said = "\n".join(filter(None, [*(words_of(torque, rig) for words_of in parts), strays]))
         shown = torque_words.torque_table(torque)
         yield build(f"The missing torque{where}", said, shown, Note(torque_words.READ))
     for energy in analysis.energy:
@@ -226,7 +227,7 @@ def screen(run: ReportContext) -> str:
 
 def _verdict(run: ReportContext) -> str:
     """The whole in a line, then what it rests on; empty where nothing is compared."""
-    judged, roles = run.analysis.judged, run.problem.model.roles
+    judged, rig = run.analysis.judged, run.problem.model
     if judged is None:
         return ""
     converged = run.sampled.convergence.converged
@@ -236,10 +237,10 @@ def _verdict(run: ReportContext) -> str:
         converged=converged,
         believed=not run.reasons,
         records=len(run.problem.observations),
-        lacking=fit_words.lacking(run.analysis.causes, roles),
+        lacking=fit_words.lacking(run.analysis.causes, rig.roles),
         rests=judged.study.resting,
     )
-    more = fit_words.instead(run.analysis.instead, roles) if converged else ()
+    more = fit_words.instead(run.analysis.instead, rig) if converged else ()
     return "\n".join([said, *more])
 
 
@@ -287,8 +288,8 @@ def _shown(run: ReportContext, judged: Judgement) -> Iterator[Section]:
     yield build(
         f"What {'this record' if records == 1 else 'these records'} can show, at the MAP",
         Plain(shown),
-        physics_words.friction_sentences(study.frictions),
-        torque_words.stand_ins(study),
+        physics_words.friction_sentences(study.frictions, run.problem.model),
+        torque_words.stand_ins(study, run.problem.model),
         brief=False,
     )
     physical = "\n".join(judged.findings) or FOUND

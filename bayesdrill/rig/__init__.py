@@ -20,15 +20,17 @@ if TYPE_CHECKING:
     from bayesdrill.rig.models.friction import Stribeck as Stribeck
     from bayesdrill.rig.models.linear import Linear as Linear
     from bayesdrill.rig.models.linear import Model as Model
-    from bayesdrill.rig.models.linear import MotorRoles as MotorRoles
-    from bayesdrill.rig.models.linear import Roles as Roles
-    from bayesdrill.rig.models.linear import RotorRoles as RotorRoles
-    from bayesdrill.rig.models.linear import ShaftRoles as ShaftRoles
     from bayesdrill.rig.models.long_shaft import LongShaft as LongShaft
     from bayesdrill.rig.models.motor import Motor as Motor
     from bayesdrill.rig.models.motor_shaft import Gear as Gear
     from bayesdrill.rig.models.motor_shaft import MotorShaft as MotorShaft
     from bayesdrill.rig.models.motor_shaft import TwoRotors as TwoRotors
+    from bayesdrill.rig.models.roles import InertiaRoles as InertiaRoles
+    from bayesdrill.rig.models.roles import MotorRoles as MotorRoles
+    from bayesdrill.rig.models.roles import Roles as Roles
+    from bayesdrill.rig.models.roles import ShaftRoles as ShaftRoles
+    from bayesdrill.rig.models.roles import usual_roles as usual_roles
+    from bayesdrill.rig.models.train import Train as Train
     from bayesdrill.rig.simulators.exact import Response as Response
 
 __getattr__ = lazy_attributes(__name__)

@@ -42,7 +42,7 @@ class Findings(Value):
     @property
     def text(self) -> str:
         """All that it says, for the terminal."""
-        parts = [words.full(self.study)]
+        parts = [words.full(self.study, self.job.problem.model)]
         parts += fit_words.moment(self.moment)
         if self.profiles:
             parts.append(words.profiles(self.shown, self.study, self.symbols))
@@ -98,9 +98,10 @@ def preflight(job: Job, scenery: SensitivityStudy) -> str:
     posterior = job.problem.posterior
     start = posterior.space.vector(posterior.space.start)
     study = study_of(scenery, posterior, start, job.asked)
-    said = [words.brief(study), physics_words.friction_sentences(study.frictions)]
+    rig = job.problem.model
+    said = [words.brief(study), physics_words.friction_sentences(study.frictions, rig)]
     rubs = has_friction_too(posterior)
-    said += [torque_words.stand_ins(study), torque_words.beside(rubs=rubs)]
+    said += [torque_words.stand_ins(study, rig), torque_words.beside(rubs=rubs)]
     late = fit_words.moment(half_sample_shift(scenery, start))
     return "\n".join(
         [*filter(None, said), *late, *plausibility.plausibility_of_course(scenery, start)]

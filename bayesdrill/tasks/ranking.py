@@ -116,7 +116,9 @@ class _Ranking:
         """
         known = self.ladder.parts
         absorbing = {*NOISE, *known.torques}
-        singles = [rung.parts[0] for rung in self.ladder.singles() if rung.parts[0] not in absorbing]
+        singles = [
+            rung.parts[0] for rung in self.ladder.singles() if rung.parts[0] not in absorbing
+        ]
         for more in ((*first[:FEW], *known.physics), singles):
             before = 0.0
             while True:

@@ -17,7 +17,8 @@ from bayesdrill.basics.arrays import Array
 from bayesdrill.inference.posterior import Posterior
 from bayesdrill.record.experiment import typical_inputs
 from bayesdrill.rig import steady_state
-from bayesdrill.rig.models.linear import DEFAULT_ROLES, Model, Roles, constant_forcing, dynamics
+from bayesdrill.rig.models.linear import Model, constant_forcing, dynamics
+from bayesdrill.rig.models.roles import MotorRoles, Roles
 
 KNOWN_SD = 0.1  # sd of the log: what is known as well is told apart, whatever it is like
 MIN_FALL = 2.0  # times: how much smaller an sd would be, were the others known
@@ -29,23 +30,31 @@ LOST_SHARE = 0.9  # of a prior's spread: nothing is learnt
 ONE_SPEED_SHARE = 0.25  # of the mean speed: a record goes at one
 BELOW_STALL = 0.8  # of the voltage at which it stands still
 
-SUPPLY = "motor.voltage"  # stands for its offset
-# What each is like, if both are unknown; by roles.
-RIVALS: Mapping[str, tuple[str, ...]] = {
-    "motor.sliding": (
-        *("motor.friction", "motor.damping", "motor.back_emf", "rotor.sliding", "rotor.damping"),
-        *("motor.efficiency", "motor.drop", SUPPLY),
-    ),
-    "rotor.sliding": (
-        *("motor.sliding", "motor.friction", "rotor.damping", "motor.damping", "motor.back_emf"),
-    ),
-    "motor.drop": (
-        *("motor.back_emf", "motor.sliding", "motor.friction", "motor.damping"),
-        *("motor.resistance", SUPPLY),
-    ),
-    "shaft.damping": ("rotor.damping", "motor.damping"),
-    "motor.efficiency": ("motor.sliding", "motor.friction", "motor.damping"),
-}
+
+def rivals(roles: Roles) -> dict[str, tuple[str, ...]]:
+    """Return what each friction, damping or drop of a rig is like, if both are unknown, by name."""
+    inertias, motors = roles.inertias, roles.motors
+    back_emfs = [motor.back_emf for motor in motors]
+    each: dict[str, tuple[str, ...]] = {}
+    for here in inertias:
+        others = [n for i in inertias if i is not here for n in (i.sliding, i.friction, i.damping)]
+        circuit = [n for m in motors if m.inertia == here.name for n in (m.drop, _offset(m))]
+        behind = [here.efficiency, *circuit]
+        each[here.sliding] = (here.friction, here.damping, *back_emfs, *others, *behind)
+    for motor in motors:
+        here = roles.inertia(motor.inertia)
+        rubs = (here.sliding, here.friction, here.damping)
+        each[motor.drop] = (motor.back_emf, *rubs, motor.resistance, _offset(motor))
+    for shaft in roles.shafts:
+        each[shaft.damping] = tuple(inertia.damping for inertia in inertias)
+    for here in inertias:
+        each[here.efficiency] = (here.sliding, here.friction, here.damping)
+    return {name: names for name, names in each.items() if name}
+
+
+def _offset(motor: MotorRoles) -> str:
+    """Return the offset of its supply."""
+    return f"offset_{motor.voltage}"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -76,7 +85,7 @@ class Excitation:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ProposedExperiment:
-    """An experiment, and by what factor the sd in question would fall; `volts`: of it, if it has one."""
+    """An experiment, and by what factor the sd in question would fall; `volts`: that drive it, or A, ..."""
 
     what: str
     volts: float | None
@@ -113,7 +122,6 @@ class FrictionConfounding:
 
     alike: tuple[Confounded, ...] = ()
     unseen: tuple[UnseenStiction, ...] = ()
-    roles: Roles = DEFAULT_ROLES
 
 
 NO_CONFOUNDING = FrictionConfounding()
@@ -124,18 +132,15 @@ def distinguish(
 ) -> FrictionConfounding:
     """Find what the record can hardly distinguish at `theta (D,)`; nothing of a rig without it."""
     names = (*sensitivity.unknowns, *sensitivity.nuisances)
-    roles = sensitivity.likelihood.observations[0].response.model.roles
-    static = [name for at in (roles.motor, roles.rotor) for name in (at.static, at.fading)]
-    wanted = {*(roles[role] for role in RIVALS), *static}
+    roles = sensitivity.model.roles
+    wanted = {*rivals(roles), *(name for i in roles.inertias for name in (i.static, i.fading))}
     if not wanted & {*names}:
         return NO_CONFOUNDING
     rows = sensitivity.with_nuisances(theta)
     if not np.isfinite(rows).all():
         return NO_CONFOUNDING
     scene = _FrictionStudy(sensitivity, posterior, theta, names, rows)
-    return FrictionConfounding(
-        alike=tuple(scene.alike()), unseen=tuple(scene.unseen()), roles=roles
-    )
+    return FrictionConfounding(alike=tuple(scene.alike()), unseen=tuple(scene.unseen()))
 
 
 class _FrictionStudy:
@@ -153,7 +158,7 @@ class _FrictionStudy:
         self.known = self._precision(rows)
         none = np.empty((0, len(theta)))
         self.frictions = [f for each in friction_motions(posterior, theta, none) for f in each]
-        self.model = sensitivity.likelihood.observations[0].response.model
+        self.model = sensitivity.model
         self.rig = dict(
             zip(
                 self.model.parameters,
@@ -161,6 +166,7 @@ class _FrictionStudy:
                 strict=True,
             )
         )
+        self.drives = drives_of(self.model)
         self.tried: list[tuple[str, float | None, Array]] | None = None
 
     def _precision(self, rows: Array) -> Array:
@@ -178,20 +184,15 @@ class _FrictionStudy:
 
     def alike(self) -> Iterator[Confounded]:
         reported: set[frozenset[str]] = set()
-        roles = self.model.roles
-        for role, others in RIVALS.items():
-            name, candidates = (
-                roles[role],
-                [f"{'offset_' * (r == SUPPLY)}{roles[r]}" for r in others],
-            )
-            rivals = [candidate for candidate in candidates if candidate in self.names]
-            if name not in self.names or not rivals:
+        for name, others in rivals(self.model.roles).items():
+            known = [other for other in others if other in self.names]
+            if name not in self.names or not known:
                 continue
             alone = self._sd(name, self.known)
-            fall = alone / self._sd(name, self.known, rivals)
+            fall = alone / self._sd(name, self.known, known)
             if alone < KNOWN_SD or fall < MIN_FALL:
                 continue
-            named = self._named_rivals(name, rivals, alone, fall)
+            named = self._named_rivals(name, known, alone, fall)
             if all(frozenset((name, rival)) in reported for rival in named):
                 continue
             reported |= {frozenset((name, rival)) for rival in named}
@@ -219,12 +220,13 @@ class _FrictionStudy:
         return tuple(named)
 
     def unseen(self) -> Iterator[UnseenStiction]:
-        for at in (self.model.roles.motor, self.model.roles.rotor):
+        for at in self.model.roles.inertias:
             scale = at.fading
             names = tuple(parameter for parameter in (at.static, scale) if parameter in self.names)
             if not names:
                 continue
-            deeds = self._excitation([f for f in self.frictions if f.friction.against == at.speed])
+            rubs = [f for f in self.frictions if {*names} & {*f.friction.law.parameters}]
+            deeds = self._excitation(rubs)
             speed = float(self.rig.get(scale, np.nan))
             spreads = dict(zip(self.names, self.sensitivity.prior_spreads, strict=True))
             lost = [n for n in names if self._sd(n, self.known) > LOST_SHARE * spreads[n]]
@@ -272,9 +274,9 @@ class _FrictionStudy:
     def _scenes(self) -> Iterator[tuple[str, float | None, Array]]:
         """What it is, its voltage, and the rows of all that would then be known."""
         observations = self.sensitivity.likelihood.observations
-        supply = self.model.roles.motor.voltage
-        if supply not in self.model.inputs:
+        if not self.drives:
             return
+        supply = self.drives[0]
         size = float(
             np.mean(
                 [typical_inputs(observation.experiment)[supply] for observation in observations]
@@ -293,33 +295,54 @@ class _FrictionStudy:
         yield "half", 0.5 * size, self._at_other_voltage(0.5)
 
     def _at_other_voltage(self, times: float) -> Array:
-        scene = DesignVariant(times={self.model.roles.motor.voltage: times})
+        scene = DesignVariant(times=dict.fromkeys(self.drives, times))
         return np.vstack([self.rows, self.sensitivity.with_nuisances(self.theta, scene)])
 
     def _changed_half_way(self, change: float) -> Array:
         return self.sensitivity.with_nuisances(
-            self.theta, DesignVariant(late={self.model.roles.motor.voltage: change})
+            self.theta, DesignVariant(late={self.drives[0]: change})
         )
+
+
+def drives_of(model: Model) -> list[str]:
+    """Return the inputs that drive a rig."""
+    return [name for name in model.inputs if model.symbols[name].drives]
+
+
+def drive_words(model: Model, drive: str) -> tuple[str, str]:
+    """Return what drives a rig, in words, and how one lets go of it (empty: one cannot)."""
+    roles = model.roles
+    moved, torque = roles.moved(drive), roles.motion.torque
+    several = f" of {moved[0].words}" if moved and len(drives_of(model)) > 1 else ""
+    match moved:
+        case (_, "voltage"):
+            return f"voltage{several}", "motor terminals shorted"
+        case (_, "current"):
+            return f"current{several}", "no current"
+        case (inertia, "torque"):
+            return f"{torque} of {inertia.words}", f"no {torque}"
+    return f"imposed speed{several}", ""
 
 
 def stall_voltage(model: Model, p: Mapping[str, float]) -> float:
     """Return the voltage [V] that holds the rig at the edge of turning, against all friction.
 
-    Below it the rig comes to rest: friction at rest is no less.  Zero where none holds it, or
-    nothing is driven by a voltage.
+    Or what else drives it first.  Below it the rig comes to rest: friction at rest is no less.  Zero
+    where none holds it, or nothing is driven, or all by a speed.
     """
-    motor = model.roles.motor
-    if motor.speed not in model.states or motor.voltage not in model.inputs:
+    drive = next(iter(drives_of(model)), "")
+    moved = model.roles.moved(drive)
+    if moved is None or moved[0].speed not in model.states:
         return 0.0
     frictions = model.frictions
     quick = dict.fromkeys((*model.states, *model.inputs), 0.0)
     sizes = {f.name: float(np.asarray(f.law.size(p, 1e6, quick))) for f in frictions}
     linear = model.linear(p)
     matrix, angles = dynamics(linear, model.states, 1), steady_state.angle_indices(model)
-    speed = model.states.index(motor.speed)
+    speed = model.states.index(moved[0].speed)
 
     def at(volts: float) -> float:
-        forcing = constant_forcing(linear, model.states, 1, {motor.voltage: volts, **sizes})
+        forcing = constant_forcing(linear, model.states, 1, {drive: volts, **sizes})
         return float(steady_state.states(matrix, forcing, angles)[0, speed])
 
     still, slope = at(0.0), at(1.0) - at(0.0)

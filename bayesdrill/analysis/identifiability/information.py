@@ -59,8 +59,8 @@ class SensitivityStudy:
             _ExtendedExperiment(new, len(old.experiment.t) / len(new.experiment.t))
             for old, new in zip(likelihood.observations, short, strict=True)
         )
-        model = likelihood.observations[0].response.model
-        self.states, self.inputs = model.states, model.inputs
+        self.model = likelihood.observations[0].response.model
+        self.states, self.inputs = self.model.states, self.model.inputs
         space = likelihood.space
         moving = [space.unknowns[k] for k in space.columns(*SIMULATOR_ROLES)]
         self.unknowns = tuple(u.name for u in moving if u.role in ("rig", "quantity"))

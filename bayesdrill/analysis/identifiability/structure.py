@@ -28,7 +28,6 @@ from bayesdrill.basics.arrays import Array
 from bayesdrill.inference.posterior import Posterior
 from bayesdrill.inference.priors import Uniform
 from bayesdrill.inference.unknowns import Unknown
-from bayesdrill.rig.models import PARAMETERS
 
 Exponents = tuple[int, ...]
 
@@ -285,7 +284,7 @@ def depends_on_fixed(
     if not fixed:
         return ()
     first = len(space.columns("rig", "quantity"))
-    symbols = {symbol.name: symbol for symbol in (*PARAMETERS.values(), *model.declares)}
+    symbols = model.symbols
     low, high = FREED_RANGE
     freed = [
         Unknown(

@@ -17,6 +17,8 @@ from bayesdrill.analysis.identifiability.frictions import (
     NO_CONFOUNDING,
     FrictionConfounding,
     distinguish,
+    drive_words,
+    drives_of,
 )
 from bayesdrill.analysis.identifiability.information import (
     DesignVariant,
@@ -43,25 +45,15 @@ from bayesdrill.analysis.identifiability.torque_confounding import (
 )
 from bayesdrill.basics import seeds
 from bayesdrill.basics.arrays import Array
-from bayesdrill.basics.symbols import INPUTS
 from bayesdrill.config.schema.config import Asked, Identification, Thresholds
 from bayesdrill.inference.compression import excerpt
 from bayesdrill.inference.posterior import Posterior
 from bayesdrill.inference.priors import prior_log_sd
 from bayesdrill.record.experiment import typical_inputs
-from bayesdrill.rig.models import INNER, STATES
 
 WEIGHED_TO = 0.01  # what fixing or weighing a part is taken to give: one per cent
-# Equal in SI by conservation of energy in an ideal motor.
-TIES = (("motor.torque_constant", "motor.back_emf"),)
 LOAD_SHARE = 0.1  # of a channel's range: what the known load that is tried changes at most
 OTHER_DRIVE = 0.5  # times the usual drive, in the second half of the record or in another one
-# What drives rigs: in words, and how one lets go of it.
-DRIVES = {
-    "v": ("voltage", "motor terminals shorted"),
-    "w_2": ("imposed speed", ""),
-    "t_m": ("torque of the motor", "no torque"),
-}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -114,8 +106,9 @@ def _actions(
     names = sensitivity.unknowns
     for name, unit in zip(names, np.eye(len(names)), strict=True):
         yield f"weigh or measure {name} to 1 %", now.with_knowledge(unit, WEIGHED_TO)
-    roles = sensitivity.likelihood.observations[0].response.model.roles
-    for first, second in ((roles[first], roles[second]) for first, second in TIES):
+    # Equal in SI by conservation of energy in an ideal motor.
+    for motor in sensitivity.model.roles.motors:
+        first, second = motor.torque_constant, motor.back_emf
         if first in names and second in names:
             equal = np.zeros(len(names))
             equal[names.index(first)], equal[names.index(second)] = 1.0, -1.0
@@ -133,7 +126,8 @@ def _actions(
 def _other_drives(sensitivity: SensitivityStudy) -> Iterator[tuple[str, DesignVariant]]:
     """The experiments there are, once more with less of what drives the rig."""
     experiments = [observation.experiment for observation in sensitivity.likelihood.observations]
-    for name in (n for n in DRIVES if n in sensitivity.inputs):
+    rig = sensitivity.model
+    for name in drives_of(rig):
         if any(
             experiment.constant.get(name, 0.0) or name in experiment.series
             for experiment in experiments
@@ -141,7 +135,7 @@ def _other_drives(sensitivity: SensitivityStudy) -> Iterator[tuple[str, DesignVa
             size = OTHER_DRIVE * float(
                 np.mean([typical_inputs(experiment)[name] for experiment in experiments])
             )
-            unit = INPUTS[name].plain_unit
+            unit = rig.symbols[name].plain_unit
             yield (
                 f"another experiment at {size:.3g} {unit}",
                 DesignVariant(times={name: OTHER_DRIVE}),
@@ -152,6 +146,7 @@ def _more_channels(
     sensitivity: SensitivityStudy, theta: Array
 ) -> Iterator[tuple[str, DesignVariant]]:
     """Each state that is not measured yet, with the signal-to-noise ratio of the others."""
+    rig = sensitivity.model
     motions, observations = sensitivity.motions(theta), sensitivity.likelihood.observations
     channel_weights = [
         observation.experiment.weights(sensitivity.states) for observation in observations
@@ -163,13 +158,13 @@ def _more_channels(
     ratio = np.median(swings)
     spreads = np.median([motion.std(axis=0) for motion in motions], axis=0)
     for name, unit, spread in zip(sensitivity.states, np.eye(len(spreads)), spreads, strict=True):
-        new = name not in INNER and any(
+        new = name not in rig.inner and any(
             np.linalg.matrix_rank(np.vstack([w, unit])) > len(w) for w in channel_weights
         )
         sigma = float(spread / ratio) if ratio > 0 else 0.0
         if new and sigma > 0:
             yield (
-                f"measure {name} (noise {sigma:.2g} {STATES[name].unit})",
+                f"measure {name} (noise {sigma:.2g} {rig.symbols[name].unit})",
                 DesignVariant(extra={name: sigma}),
             )
 
@@ -178,20 +173,30 @@ def _other_inputs(
     sensitivity: SensitivityStudy, theta: Array
 ) -> Iterator[tuple[str, DesignVariant]]:
     """A change of each input half-way through the record."""
-    for name, (what, free) in DRIVES.items():
-        mean = sensitivity.mean_input(name) if name in sensitivity.inputs else 0.0
+    rig = sensitivity.model
+    for name in drives_of(rig):
+        mean = sensitivity.mean_input(name)
         if mean == 0.0:
             continue
+        what, free = drive_words(rig, name)
         what_changes = (
-            f"change the {what} to {OTHER_DRIVE * mean:.3g} {INPUTS[name].plain_unit} half-way"
+            f"change the {what} to {OTHER_DRIVE * mean:.3g} {rig.symbols[name].plain_unit} half-way"
         )
         yield what_changes, DesignVariant(late={name: (OTHER_DRIVE - 1.0) * mean})
         if free:
             coast = f"let the rig coast down half-way ({free})"
             yield coast, DesignVariant(late={name: -mean})
-    torque = sensitivity.likelihood.observations[0].response.model.roles.rotor.load
-    if torque not in sensitivity.inputs:
-        return
+    loaded = [i for i in rig.roles.inertias if i.load in sensitivity.inputs]
+    for inertia in loaded:
+        where = f" {inertia.at}" if len(loaded) > 1 else ""
+        yield from _load(sensitivity, theta, inertia.load, where)
+
+
+def _load(
+    sensitivity: SensitivityStudy, theta: Array, torque: str, where: str
+) -> Iterator[tuple[str, DesignVariant]]:
+    """Yield a known load, as large as a record can well show, half-way through it."""
+    motion = sensitivity.model.roles.motion
     changes = []  # changes of channels, in shares of their ranges
     pairs = zip(
         sensitivity.motions(theta),
@@ -209,7 +214,9 @@ def _other_inputs(
     change = float(np.max(changes))
     if 0 < change < np.inf:
         load = LOAD_SHARE / change
-        loaded = f"apply a known load torque of {load:.2g} N m half-way"
+        loaded = (
+            f"apply a known load {motion.torque} of {load:.2g} {motion.newtons}{where} half-way"
+        )
         yield loaded, DesignVariant(late={torque: load})
 
 

@@ -19,7 +19,6 @@ from bayesdrill.inference.laplace import PosteriorLogDensity
 from bayesdrill.inference.likelihood import Observation
 from bayesdrill.inference.posterior import Posterior
 from bayesdrill.record.experiment import Channel, frozen
-from bayesdrill.rig import models
 from bayesdrill.rig.models.latent_torque import SIZE, TorqueLocation, torque_gain
 
 MIN_LOSS = 3.0  # times: how much worse an sd is with the torque, for a parameter that is named
@@ -176,7 +175,8 @@ def _information(posterior: Posterior, theta: Array, before: Array, seeds: Count
 
 def _showing(posterior: Posterior, theta: Array, state: str) -> Posterior:
     """With every record showing this state too."""
-    full, unit = posterior.space.full(theta[None]), models.STATES[state].unit
+    full, rig = posterior.space.full(theta[None]), posterior.likelihood.observations[0].response
+    unit = rig.model.symbols[state].unit
     name = f"state {state}"
     channel = Channel(name=name, weights={state: 1.0}, unit=unit, latex="", latex_unit="")
 

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import groupby
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -25,7 +27,7 @@ from bayesdrill.analysis.prediction import (
     prediction_checks,
 )
 from bayesdrill.basics.arrays import Array
-from bayesdrill.basics.symbols import INPUTS, Symbol
+from bayesdrill.basics.symbols import Symbol
 from bayesdrill.config.schema.config import Config
 from bayesdrill.inference.derived import HDI_PROBABILITY
 from bayesdrill.inference.posterior import Problem
@@ -52,6 +54,7 @@ from bayesdrill.report.sections.fit_words import (
 )
 from bayesdrill.report.sections.physics_words import FrictionCourse
 from bayesdrill.report.view import Drawing, ReportContext, for_each_experiment
+from bayesdrill.rig.models.linear import Model
 
 FIT_SHARE = 0.6  # of the width, for the signals, where the residuals are beside them
 
@@ -404,9 +407,14 @@ STEM: dict[str, Any] = {"color": style.DARK, "linewidth": 1.1}
 
 
 def residuals_figure(
-    correlations: Sequence[ResidualCorrelation], width: float = scales.DOUBLE
+    correlations: Sequence[ResidualCorrelation],
+    width: float = scales.DOUBLE,
+    latex: Mapping[str, str] = MappingProxyType({}),
 ) -> Figure:
-    """Draw correlations of residuals with themselves and with each input, by channel."""
+    """Draw correlations of residuals with themselves and with each input, by channel.
+
+    `latex`: of inputs, by name.
+    """
     beside = [
         correlation
         for correlation in correlations
@@ -447,9 +455,8 @@ def residuals_figure(
             panel.xaxis.set_major_locator(MaxNLocator(4, integer=True, prune="both"))
             panel.set_xlim(correlation.lags[0] - 1, correlation.lags[-1] + 1)
             style.corner_text(panel, f"${correlation.channel.latex}$")
-            other = (
-                f"with ${INPUTS[correlation.input].latex}$" if correlation.input else "with itself"
-            )
+            driver = latex.get(correlation.input, correlation.input)
+            other = f"with ${driver}$" if driver else "with itself"
             style.corner_text(panel, other, "right", fontsize=style.letters("legend.fontsize"))
             page.frame(panel, k, len(correlations), "lag [samples]", "correlation")
         legend_above(figure, handles, 3)
@@ -462,15 +469,16 @@ def draw_residuals(run: ReportContext) -> tuple[Drawing, ...] | None:
     if like_noise(run.analysis.fit) and not asked:
         return None
     results = correlations(run.problem.posterior.likelihood, run.chain.best)
-    return _residual_drawings(results, run.width)
+    return _residual_drawings(results, run.width, run.problem.model)
 
 
 def _residual_drawings(
-    correlations: Sequence[ResidualCorrelation], width: float
+    correlations: Sequence[ResidualCorrelation], width: float, rig: Model
 ) -> tuple[Drawing, ...]:
+    latex = {name: rig.symbols[name].latex for name in rig.inputs}
     each = groupby(correlations, key=lambda correlation: correlation.experiment)
     shown = ((label, tuple(group)) for label, group in each)
-    return for_each_experiment(residuals_figure, shown, width, RESIDUALS)
+    return for_each_experiment(partial(residuals_figure, latex=latex), shown, width, RESIDUALS)
 
 
 def frequency_figure(
@@ -519,9 +527,7 @@ def _bode(panel: Axes, response: FrequencyResponse, *, phase: bool) -> None:
     what, unit = (r"\arg\, G", r"^\circ") if phase else ("|G|", unit)
     style.scale_axis(panel.xaxis, x, "", 5)
     style.scale_axis(panel.yaxis, y, y.label(Symbol("", "", what, unit, "")), 4)
-    style.corner_text(
-        panel, rf"${INPUTS[response.input].latex} \to {response.channel.latex}$", "right"
-    )
+    style.corner_text(panel, rf"${response.input.latex} \to {response.channel.latex}$", "right")
 
 
 FREQUENCY_RESPONSE = "How inputs move channels: measured, where they excite, and by the model."
@@ -579,4 +585,4 @@ def fits_alone(
     width = WIDTHS[config.output.size]
     shown = ((fit.label, fit) for fit in every_fit(problem, best, residual_rows))
     fits = numbered("fit", for_each_experiment(fit_figure, shown, width, FIT_ALONE))
-    return fits | numbered("residuals", _residual_drawings(correlations, width))
+    return fits | numbered("residuals", _residual_drawings(correlations, width, problem.model))

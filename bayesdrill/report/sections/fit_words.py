@@ -11,10 +11,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from bayesdrill.analysis.causes import CATCH_ALL, Cause, Causes, EquivalentExplanation
+from bayesdrill.analysis.causes import Cause, Causes, EquivalentExplanation
+from bayesdrill.analysis.edits import lacks
 from bayesdrill.analysis.energy import FrictionMotion
 from bayesdrill.analysis.suspicions import InputTiming
-from bayesdrill.basics import symbols
 from bayesdrill.basics.arrays import Array, Indices
 from bayesdrill.basics.symbols import Symbol
 from bayesdrill.basics.units import Unit
@@ -25,8 +25,8 @@ from bayesdrill.inference.unknowns import labelled_name
 from bayesdrill.output_files import numbered
 from bayesdrill.report.section import Plain, Sentences, Table, aligned
 from bayesdrill.report.sections.physics_words import FrictionCourse, rubs
-from bayesdrill.rig import models
-from bayesdrill.rig.models.linear import Roles
+from bayesdrill.rig.models.linear import Model
+from bayesdrill.rig.models.roles import Roles
 
 TIME = Symbol("t", "s", "t", "s", "time")
 
@@ -91,16 +91,17 @@ def every_fit(
     each = rubbing or [()] * len(problem.observations)
     for observation, rubbings in zip(problem.observations, each, strict=True):
         experiment, courses, constant = observation.experiment, [], []
-        models = observation.predict(full, best[None])[0]
+        models, rig = observation.predict(full, best[None])[0], observation.response.model
+        loads = {inertia.load for inertia in rig.roles.inertias}
         courses_of_friction = rubs(rubbings, clock)
         shown = _shown_samples(observation, models, [rub.effort for rub in courses_of_friction])
-        for name in (n for n in symbols.INPUTS if n in {*experiment.series, *experiment.constant}):
+        for name in (n for n in rig.inputs if n in {*experiment.series, *experiment.constant}):
             unit = experiment.unit_of_input(name)
-            label = dataclasses.replace(symbols.INPUTS[name], latex_unit=unit.latex)
+            label = dataclasses.replace(rig.symbols[name], latex_unit=unit.latex)
             if name in experiment.series:
                 values = experiment.series[name][shown] / unit.factor
                 courses.append(Course(label=label, values=values, straight=experiment.first_order))
-            elif name != "t_1" or experiment.constant[name]:  # no load need not be said
+            elif name not in loads or experiment.constant[name]:  # no load need not be said
                 constant.append((label, experiment.constant[name] / unit.factor))
         fit = Fit(
             t=experiment.t[shown] / clock.factor,
@@ -334,15 +335,6 @@ LOOK = (
     "next: a window (`record: {window: [from, to]}`) shows where in the record the misfit begins."
 )
 
-# Roles of parameters that a rig may lack.
-LACKED: Mapping[str, str] = {
-    "motor.sliding": "dry friction at the motor",
-    "rotor.sliding": "dry friction at rotor 1",
-    "motor.drop": "a voltage drop of driver and brushes",
-    "rotor.damping": "viscous damping at rotor 1",
-    "shaft.damping": "damping of the shaft",
-}
-
 
 def explained(causes: Causes | None) -> str:
     """What would explain what the fit leaves, for a terminal: best first, and what to do."""
@@ -385,7 +377,7 @@ def candidates(causes: Causes | None) -> tuple[Sentences | Table | Plain, ...]:
     if best.explains_all:
         rest = "leaves what looks like the noise"
     first = causes.ranked[0]
-    if {*first.parts} <= CATCH_ALL and first is not best:
+    if first.absorbing == first.parts and first is not best:
         said.append(
             f"fit: {first.about} absorbs more, as it does of any misfit, and names no cause."
         )
@@ -476,25 +468,21 @@ def lacking(causes: Causes | None, roles: Roles) -> str:
     return " and ".join(f"{_lacked(name, roles)} ({name})" for name in names)
 
 
-def instead(explanation: EquivalentExplanation | None, roles: Roles) -> Iterable[str]:
+def instead(explanation: EquivalentExplanation | None, rig: Model) -> Iterable[str]:
     """A table that may be right after all."""
     if explanation is None:
         return
     how = "better than" if explanation.lost < 0 else "about as well as"
-    missing = _missing(explanation.parameter, explanation.value, roles)
+    name, value = explanation.parameter, explanation.value
+    missing = f"{_lacked(name, rig.roles)} of {value:.3g} {rig.symbols[name].plain_unit}"
     yield (
         f"before you blame the table: its values with {missing} explain the record {how} any without. "
-        f"Try it: {_named(explanation.parameter, explanation.value)}."
+        f"Try it: {_named(name, value)}."
     )
 
 
 def _lacked(name: str, roles: Roles) -> str:
-    return next(said for role, said in LACKED.items() if roles[role] == name)
-
-
-def _missing(name: str, value: float, roles: Roles) -> str:
-    unit = models.PARAMETERS[name].plain_unit
-    return f"{_lacked(name, roles)} of {value:.3g} {unit}"
+    return next(lack.words for lack in lacks(roles) if lack.parameter == name)
 
 
 def _named(name: str, value: float) -> str:

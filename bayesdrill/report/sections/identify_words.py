@@ -12,6 +12,7 @@ from bayesdrill.basics.symbols import Symbol, fraction
 from bayesdrill.report.section import aligned
 from bayesdrill.report.sections import physics_words, torque_words
 from bayesdrill.report.sections.physics_words import listed
+from bayesdrill.rig.models.linear import Model
 
 MOST_REMEDIES = 8
 WELL = 0.5  # sd of the log, from the record alone, above which an unknown is not known well
@@ -35,9 +36,10 @@ def product(names: Sequence[str], exponents: Sequence[float]) -> str:
     return fraction(above, below, " ")
 
 
-def full(study: IdentifiabilityStudy) -> str:
+def full(study: IdentifiabilityStudy, rig: Model) -> str:
     """All that `identify` prints."""
-    rubs, stands = physics_words.friction_sentences(study.frictions), torque_words.stand_ins(study)
+    rubs = physics_words.friction_sentences(study.frictions, rig)
+    stands = torque_words.stand_ins(study, rig)
     parts = [structure(study), dependence_sentences(study), knowledge(study), nuisances(study)]
     parts += [rubs, stands, remedies(study)]
     return "\n\n".join(part for part in parts if part).rstrip()

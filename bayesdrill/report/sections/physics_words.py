@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -25,6 +25,8 @@ from bayesdrill.analysis.identifiability.frictions import (
     FrictionConfounding,
     ProposedExperiment,
     UnseenStiction,
+    drive_words,
+    drives_of,
 )
 from bayesdrill.basics.arrays import Array, Indices
 from bayesdrill.basics.symbols import Symbol, own_symbol, plain
@@ -33,9 +35,9 @@ from bayesdrill.inference.derived import HDI_PROBABILITY, Derived, DerivedRow, v
 from bayesdrill.inference.likelihood import Observation
 from bayesdrill.inference.posterior import Problem
 from bayesdrill.report.section import HDI, Table, records_as_csv
-from bayesdrill.rig import models
 from bayesdrill.rig.models.friction import Friction
-from bayesdrill.rig.models.linear import Model, Roles
+from bayesdrill.rig.models.linear import Model
+from bayesdrill.rig.models.roles import InertiaRoles, Roles
 
 if TYPE_CHECKING:
     from bayesdrill.analysis.run_analysis import EnergySummary
@@ -116,15 +118,6 @@ def derived_shown(
     )
 
 
-NAMES: Mapping[str, str] = {  # of roles
-    "motor.voltage": "supply",
-    "rotor.load": "load",
-    "motor.resistance": "resistance of the motor",
-    "motor.series": "resistance in series",
-    "motor.damping": "viscous, at the motor",
-    "shaft.damping": "viscous, in the shaft",
-    "rotor.damping": "viscous, at rotor 1",
-}
 OPEN = 1e-3  # of all, from which on what does not close is said
 
 READ = (
@@ -136,17 +129,46 @@ READ = (
 
 def energy_names(part: str, model: Model) -> str:
     """What a table or a legend calls it."""
-    motor, names = model.roles.motor, {model.roles[role]: said for role, said in NAMES.items()}
-    names |= {
-        motor.friction: f"friction {motor.friction}",
-        CONVERTED: f"{motor.torque_constant} is not {motor.back_emf}",
+    roles = model.roles
+    names = {
+        **dict(_inputs(model)),
+        **{m.resistance: f"resistance of {m.words}" for m in roles.motors},
+        **{m.series: "resistance in series" for m in roles.motors},
+        **{i.damping: f"viscous, {i.at}" for i in roles.inertias},
+        **{shaft.damping: f"viscous, in {shaft.words}" for shaft in roles.shafts},
+        **{i.friction: f"friction {i.friction}" for i in roles.inertias},
+        CONVERTED: " and ".join(_unequal(model)),
         AT_START: "stored at the start",
         STORED: "stored",
     }
+    currents = {motor.current for motor in roles.motors}
     for friction in model.frictions:
-        drop = friction.against == motor.current
+        drop = friction.against in currents
         names[friction.name] = "voltage drop" if drop else f"friction {friction.where}"
     return names.get(part, part)
+
+
+def _inputs(model: Model) -> Iterator[tuple[str, str]]:
+    """Yield what gives power, with its place where there are several of its kind."""
+    roles, motion = model.roles, model.roles.motion
+    loads = [i for i in roles.inertias if i.load in model.inputs]
+    yield from ((i.load, "load" if len(loads) == 1 else f"load {i.at}") for i in loads)
+    several = len(roles.motors) > 1
+    yield from ((m.voltage, f"supply of {m.words}" if several else "supply") for m in roles.motors)
+    for inertia in roles.inertias:
+        yield inertia.torque, f"{motion.torque} {inertia.at}"
+        yield inertia.speed, f"imposed speed {inertia.at}"
+    yield from ((m.current, f"current of {m.words}") for m in roles.motors)
+
+
+def _unequal(model: Model) -> list[str]:
+    """Return why each motor may give more than it takes, or less."""
+    return [
+        f"{motor.torque_constant} is not {motor.back_emf}"
+        if motor.back_emf in model.parameters
+        else f"{motor.torque_constant} has no back-emf"
+        for motor in model.roles.motors
+    ]
 
 
 def energy_table(summary: EnergySummary, model: Model) -> Table:
@@ -193,16 +215,14 @@ class Balance:
 
 def energy_balance(account: EnergyAccount, model: Model, clock: Unit) -> Balance:
     """For a figure."""
-    motor, rubs = (
-        model.roles.motor,
-        {friction.name: friction.against for friction in model.frictions},
-    )
-    viscous = (motor.damping, model.roles.shaft.damping, model.roles.rotor.damping)
+    roles, rubs = model.roles, {friction.name: friction.against for friction in model.frictions}
+    currents = {motor.current for motor in roles.motors}
+    resistances = [n for motor in roles.motors for n in (motor.resistance, motor.series)]
     kinds = {
-        **dict.fromkeys((motor.resistance, motor.series), "electrical"),
-        **dict.fromkeys(viscous, "viscous"),
-        **{n: "electrical" if s == motor.current else "friction" for n, s in rubs.items()},
-        motor.friction: "friction",
+        **dict.fromkeys(resistances, "electrical"),
+        **dict.fromkeys((part.damping for part in (*roles.inertias, *roles.shafts)), "viscous"),
+        **{n: "electrical" if s in currents else "friction" for n, s in rubs.items()},
+        **dict.fromkeys((inertia.friction for inertia in roles.inertias), "friction"),
         STORED: "stored",
     }
     parts = [
@@ -229,16 +249,16 @@ def energy_note(summary: EnergySummary, model: Model) -> str:
         "changes its sign: finer steps are `model: {pieces: ...}`"
     )
     said = READ + (left if summary.left > OPEN else "") + "."
-    given, taken = model.roles.motor.torque_constant, model.roles.motor.back_emf
+    pairs = [(motor.torque_constant, motor.back_emf) for motor in model.roles.motors]
+    gains = ", ".join(f"({given} - {taken})" for given, taken in pairs)
     unequal = (
-        f"*{given} is not {taken}*: what a motor gives beyond what it takes, ({given} - {taken}) times "
+        f"*{' and '.join(_unequal(model))}*: what a motor gives beyond what it takes, {gains} times "
         "current and speed. In an ideal one the two are equal."
     )
     return f"{said} {unequal}" if CONVERTED in (*summary.came, *summary.went) else said
 
 
 TAILS = (0.5 - HDI_PROBABILITY / 2, 0.5 + HDI_PROBABILITY / 2)
-MOTOR = Symbol("w_3", "rad/s", r"\dot\theta_3", "rad/s", "speed of the motor")
 
 
 def effort_symbol(friction: Friction) -> Symbol:
@@ -248,9 +268,13 @@ def effort_symbol(friction: Friction) -> Symbol:
     )
 
 
-def speed_symbol(state: str, roles: Roles) -> Symbol:
-    """Of the motor before the gear."""
-    return MOTOR if state == roles.motor.speed else models.STATES[state]
+def speed_symbol(state: str, inertia: InertiaRoles | None, model: Model) -> Symbol:
+    """Of a current or a speed; before a gear it is that of the inertia itself."""
+    symbol = model.symbols[state]
+    if inertia is None or not inertia.latex:
+        return symbol
+    meaning = f"speed of {inertia.words}"
+    return dataclasses.replace(symbol, latex=rf"\dot{inertia.latex}", meaning=meaning)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -311,11 +335,13 @@ def laws(
     """Of one experiment, at the MAP `best (D,)` and draws `(N, D)`."""
     space, every = problem.posterior.space, []
     for rubbing in rubbings:
+        rig, against = observation.response.model, rubbing.friction.against
+        inertia = rig.roles.rubbed(against, rubbing.friction.where)
         points = np.vstack([best[None], draws])
         shown = friction_curve(observation, rubbing, space.full(points))
         every.append(
             LawShown(
-                speed=speed_symbol(rubbing.friction.against, observation.response.model.roles),
+                speed=speed_symbol(against, inertia, rig),
                 effort=effort_symbol(rubbing.friction),
                 where=rubbing.friction.where,
                 speeds=shown.speeds,
@@ -344,30 +370,39 @@ def _nominal(
 
 
 EXPERIMENTS: Mapping[str, str] = {
-    "turned": "another experiment with the voltage turned round",
-    "turned half-way": "the voltage turned round half-way",
-    "stops": "another experiment at so low a voltage that it stops ({volts:.2g} V)",
-    "stops half-way": "so low a voltage half-way that it stops ({volts:.2g} V)",
-    "half": "another experiment at half the voltage ({volts:.3g} V)",
+    "turned": "another experiment with the {drive} turned round",
+    "turned half-way": "the {drive} turned round half-way",
+    "stops": "another experiment at so low a {drive} that it stops ({volts:.2g} {unit})",
+    "stops half-way": "so low a {drive} half-way that it stops ({volts:.2g} {unit})",
+    "half": "another experiment at half the {drive} ({volts:.3g} {unit})",
 }
 
 
-def friction_sentences(study: FrictionConfounding) -> str:
+def friction_sentences(study: FrictionConfounding, model: Model) -> str:
     """A line for each; empty where there is nothing."""
-    alike = (_alike(pair, study.roles) for pair in study.alike)
-    return "\n".join([*alike, *map(_unseen, study.unseen)])
+    alike = (_alike(pair, model) for pair in study.alike)
+    return "\n".join([*alike, *(_unseen(law, model) for law in study.unseen)])
 
 
-def _alike(one: Confounded, roles: Roles) -> str:
-    motor, shaft, rotor = roles.motor, roles.shaft, roles.rotor
+def _alike(one: Confounded, model: Model) -> str:
+    roles = model.roles
     known = "it were" if len(one.rivals) == 1 else "these were"
-    swings = f"both take from each swing, and only {rotor.damping} from steady turning"
-    loses = (
-        f"what a gear loses grows with the torque that it passes on, and {motor.sliding} does not"
-    )
+    free = [inertia for inertia in roles.inertias if roles.motor(inertia.name) is None]
     reasons = {  # where it is not by what the rig did
-        frozenset((shaft.damping, rotor.damping)): swings,
-        frozenset((motor.efficiency, motor.sliding)): loses,
+        **{
+            frozenset((shaft.damping, inertia.damping)): "both take from each swing, and only "
+            f"{inertia.damping} from steady turning"
+            for shaft in roles.shafts
+            for inertia in free
+        },
+        **{
+            frozenset(
+                (inertia.efficiency, inertia.sliding)
+            ): "what a gear loses grows with the torque "
+            f"that it passes on, and {inertia.sliding} does not"
+            for inertia in roles.inertias
+            if inertia.efficiency
+        },
     }
     why = [reasons[pair] for r in one.rivals if (pair := frozenset((one.name, r))) in reasons]
     if one.deeds is not None and (did := _did(one.deeds, roles)):
@@ -375,37 +410,39 @@ def _alike(one: Confounded, roles: Roles) -> str:
     because = f" ({'; '.join(why)})" if why else ""
     return (
         f"friction: {one.name} can hardly be told from {listed(one.rivals)}{because}. If {known} known, "
-        f"its sd would be {_about(one.fall)} times smaller.{_proposed(one.name, one.proposals)}"
+        f"its sd would be {_about(one.fall)} times smaller.{_proposed(one.name, one.proposals, model)}"
     )
 
 
-def _unseen(law: UnseenStiction) -> str:
-    speed = f"{law.deeds.slowest:.3g} rad/s"
+def _unseen(law: UnseenStiction, model: Model) -> str:
+    unit = f"{model.roles.motion.angle}/s"
+    turns = model.roles.motion.moves
     return (
-        f"friction: static friction {law.deeds.where} does not show. Once it turns, it never sticks and "
-        f"is never slower than {speed}, while static friction is lost over {law.scale:.3g} rad/s. "
-        f"{listed(law.names)} {'is' if len(law.names) == 1 else 'are'} left to the prior."
-        f"{_proposed(law.names[0], law.proposals)}"
+        f"friction: static friction {law.deeds.where} does not show. Once it {turns}, it never sticks "
+        f"and is never slower than {law.deeds.slowest:.3g} {unit}, while static friction is lost over "
+        f"{law.scale:.3g} {unit}. {listed(law.names)} {'is' if len(law.names) == 1 else 'are'} left to "
+        f"the prior.{_proposed(law.names[0], law.proposals, model)}"
     )
 
 
 def _did(deeds: Excitation, roles: Roles) -> str:
     """What the rig did not do."""
-    what, unit = {
-        roles.motor.speed: ("the motor turns", "rad/s"),
-        roles.rotor.speed: ("rotor 1 turns", "rad/s"),
-    }.get(deeds.against, ("the current flows", "A"))
+    inertia, what, unit = roles.rubbed(deeds.against, deeds.where), "the current flows", "A"
+    if inertia is not None:
+        what, unit = f"{inertia.words} {roles.motion.moves}", f"{roles.motion.angle}/s"
     speeds = f"{deeds.slowest:.3g} to {deeds.fastest:.3g} {unit}"
     if deeds.one_way:
         return f"{what} one way only, at {speeds}"
     return f"{what} at about one speed, {speeds}" if deeds.one_speed else ""
 
 
-def _proposed(name: str, proposals: Sequence[ProposedExperiment]) -> str:
-    each = [
-        f"{EXPERIMENTS[p.what].format(volts=p.volts)} (sd {_about(p.shrink)} times smaller)"
-        for p in proposals
-    ]
+def _proposed(name: str, proposals: Sequence[ProposedExperiment], model: Model) -> str:
+    each = []
+    for proposal in proposals:
+        drive = drives_of(model)[0]
+        named = {"drive": drive_words(model, drive)[0], "unit": model.symbols[drive].plain_unit}
+        said = EXPERIMENTS[proposal.what].format(volts=proposal.volts, **named)
+        each.append(f"{said} (sd {_about(proposal.shrink)} times smaller)")
     return f" What would show {name}: {', or '.join(each)}." if each else ""
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -11,14 +11,14 @@ import numpy as np
 
 from bayesdrill.analysis.identifiability.study import IdentifiabilityStudy
 from bayesdrill.analysis.latent_torque import TAILS, TorqueEstimate, TorqueRegression
-from bayesdrill.basics import symbols
 from bayesdrill.basics.arrays import Array
 from bayesdrill.basics.symbols import Symbol
 from bayesdrill.basics.units import Unit
 from bayesdrill.report import section
 from bayesdrill.report.section import Table
 from bayesdrill.report.sections.physics_words import listed, speed_symbol
-from bayesdrill.rig import models
+from bayesdrill.rig.models.linear import Model
+from bayesdrill.rig.models.roles import ROTARY, Motion
 
 if TYPE_CHECKING:
     from bayesdrill.analysis.run_analysis import TorqueSummary
@@ -27,14 +27,6 @@ BINS = 24  # of a panel; each needs some samples
 FEWEST = 5
 TIME = Symbol("t", "s", "t", "s", "time")
 TORQUE = Symbol("d", "N*m", "d", r"N\,m", "missing torque")
-TURN = {
-    "motor": Symbol(
-        "turn", "1", r"\theta_3/2\pi", "", "angle of the motor within a turn, in turns"
-    ),
-    "rotor_1": Symbol(
-        "turn", "1", r"\theta_1/2\pi", "", "angle of rotor 1 within a turn, in turns"
-    ),
-}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -76,17 +68,19 @@ def torque_shown(torque: TorqueEstimate, clock: Unit) -> TorqueShown:
 
 
 def _against(torque: TorqueEstimate) -> Iterator[Against]:
-    """Its own speed first, the other one, the angle within a turn, the inputs that were measured."""
-    for name, speed in torque.speeds:
-        geared = torque.gear != 1.0
-        label = speed_symbol(name, torque.roles) if geared else models.STATES[name]
-        yield _binned(torque, label, speed)
+    """Its own speed first, the others, the angle within a turn, the inputs that were measured."""
+    rig, here = torque.rig, torque.inertia
+    for inertia, (name, speed) in zip(torque.turned, torque.speeds, strict=True):
+        geared = inertia if inertia.reduction != 1.0 else None
+        yield _binned(torque, speed_symbol(name, geared, rig), speed)
     turns = torque.angle / (2 * np.pi)
-    if np.ptp(turns) > 1.0:
-        yield _binned(torque, TURN[torque.at], turns % 1.0)
+    if rig.roles.motion == ROTARY and np.ptp(turns) > 1.0:
+        latex = here.latex or rig.symbols[here.angle].latex
+        meaning = f"angle of {here.words} within a turn, in turns"
+        yield _binned(torque, Symbol("turn", "1", rf"{latex}/2\pi", "", meaning), turns % 1.0)
     for name, values in torque.inputs.items():
         if name not in torque.states:
-            yield _binned(torque, symbols.INPUTS[name], values)
+            yield _binned(torque, rig.symbols[name], values)
 
 
 def _binned(torque: TorqueEstimate, label: Symbol, values: Array) -> Against:
@@ -107,8 +101,6 @@ def _binned(torque: TorqueEstimate, label: Symbol, values: Array) -> Against:
     )
 
 
-AT = {"motor": "at the motor", "rotor_1": "at rotor 1"}
-WHERE = AT | {"motor": "at the motor (on its own side of the gear)"}
 HARMLESS = 0.5  # of the noise: how far a rig that rubs may stray from what is shown of it
 FULL = 0.95  # of the samples: no word of the rest
 WIDE = 3.0  # times either way: the prior that is proposed
@@ -121,13 +113,19 @@ READ = (
 )
 
 
-def torque_sentence(summary: TorqueSummary) -> str:
+def _where(at: str, rig: Model) -> str:
+    inertia = rig.roles.inertia(at)
+    return inertia.at if inertia.reduction == 1.0 else f"{inertia.at} (on its own side of the gear)"
+
+
+def torque_sentence(summary: TorqueSummary, rig: Model) -> str:
     """Say how large a missing torque is, and how well it is known."""
-    of = f" in {summary.label}" if summary.label else ""
+    of, motion = f" in {summary.label}" if summary.label else "", rig.roles.motion
     return (
-        f"missing torque{of}: {WHERE[summary.at]} {summary.low:.3g} to {summary.high:.3g} N m in 94 % "
-        f"of the samples, each known to {summary.width:.2g} N m. Its sign is sure in "
-        f"{100 * summary.sure:.0f} % of the samples."
+        f"missing {motion.torque}{of}: {_where(summary.at, rig)} {summary.low:.3g} to "
+        f"{summary.high:.3g} {motion.newtons} in 94 % of the samples, each known to "
+        f"{summary.width:.2g} {motion.newtons}. Its sign is sure in {100 * summary.sure:.0f} % of the "
+        "samples."
     )
 
 
@@ -160,59 +158,66 @@ def strayed(summary: TorqueSummary) -> str:
     )
 
 
-def law_sentences(summary: TorqueSummary) -> str:
+def law_sentences(summary: TorqueSummary, rig: Model) -> str:
     """What the torque follows, a line for each; what it would be in the equations."""
-    every = summary.follows
+    every, torque = summary.follows, rig.roles.motion.torque
     taken = [law for law in every if law.taken]
     if not taken:
         most = (
-            f" (at most {100 * every[0].share:.0f} %: {_what(summary, every[0])})" if every else ""
+            f" (at most {100 * every[0].share:.0f} %: {_what(summary, every[0], rig)})"
+            if every
+            else ""
         )
         return (
-            f"missing torque: it follows no speed, angle, input or time by a law known here{most}"
+            f"missing {torque}: it follows no speed, angle, input or time by a law known here{most}"
         )
-    return "\n".join(_line(summary, law) for law in taken)
+    return "\n".join(_line(summary, law, rig) for law in taken)
 
 
-def _line(summary: TorqueSummary, law: TorqueRegression) -> str:
+def _line(summary: TorqueSummary, law: TorqueRegression, rig: Model) -> str:
     size, sd = abs(law.size), f"{law.sd:.1g}"
-    against = law.size < 0
+    here, motion = rig.roles.inertia(summary.at), rig.roles.motion
+    against, units = law.size < 0, _units(motion)
     turning = summary.turning
     still = (
-        f" That counts the {100 * turning:.0f} % of the samples in which it turns."
+        f" That counts the {100 * turning:.0f} % of the samples in which it {motion.moves}."
         if turning < FULL
         else ""
     )
-    share = f"That alone explains {100 * law.share:.0f} % of the torque.{still}"
-    said = f"missing torque: it follows {_what(summary, law)}. {share} It looks like"
+    share = f"That alone explains {100 * law.share:.0f} % of the {motion.torque}.{still}"
+    said = f"missing {motion.torque}: it follows {_what(summary, law, rig)}. {share} It looks like"
     if law.kind == "sign" and against:
-        said += f" dry friction {AT[summary.at]} of {size:.3g} N m (sd {sd})"
+        said += f" dry friction {here.at} of {size:.3g} {motion.newtons} (sd {sd})"
     elif law.kind == "speed" and against:
-        said += f" viscous damping {AT[summary.at]} of {size:.3g} N m s/rad (sd {sd})"
+        said += f" viscous damping {here.at} of {size:.3g} {units['speed']} (sd {sd})"
     else:
-        said += f" {law.size:.3g} {UNITS[law.kind]} (sd {sd})"
-    here = summary.roles.at(summary.at)  # what a config names in the place of the torque
+        said += f" {law.size:.3g} {units[law.kind]} (sd {sd})"
+    # What a config names in the place of the torque.
     name = {"sign": here.sliding, "speed": here.damping}.get(law.kind)
-    if name is None or law.of != here.speed or not against:
+    if not name or law.of != here.speed or not against:
         return said
     prior = f"{{prior: log_uniform, low: {size / WIDE:.2g}, high: {size * WIDE:.2g}}}"
     return f"{said}. To have it in the equations, write `parameters: {{{name}: {prior}}}`"
 
 
-UNITS = {
-    "sign": "N m with its sign",
-    "speed": "N m s/rad",
-    "square": "N m s^2/rad^2",
-    "turn": "N m, once a turn",
-    "input": "N m per SI unit of it",
-    "constant": "N m",
-    "drift": "N m/s",
-}
+def _units(motion: Motion) -> Mapping[str, str]:
+    """Return units of what a torque follows, by its kind."""
+    newtons, angle = motion.newtons, motion.angle
+    return {
+        "sign": f"{newtons} with its sign",
+        "speed": f"{newtons} s/{angle}",
+        "square": f"{newtons} s^2/{angle}^2",
+        "turn": f"{newtons}, once a turn",
+        "input": f"{newtons} per SI unit of it",
+        "constant": newtons,
+        "drift": f"{newtons}/s",
+    }
 
 
-def _what(summary: TorqueSummary, law: TorqueRegression) -> str:
-    motor = law.of == summary.roles.motor.speed
-    speed = f"the speed of {'the motor' if motor else 'rotor 1'}"
+def _what(summary: TorqueSummary, law: TorqueRegression, rig: Model) -> str:
+    here = rig.roles.inertia(summary.at)
+    inertia = here if here.speed == law.of else rig.roles.at_speed(law.of)
+    speed = f"the speed of {inertia.words if inertia else law.of}"
     return {
         "sign": f"the sign of {speed}",
         "speed": speed,
@@ -224,7 +229,7 @@ def _what(summary: TorqueSummary, law: TorqueRegression) -> str:
     }[law.kind]
 
 
-def stand_ins(study: IdentifiabilityStudy) -> str:
+def stand_ins(study: IdentifiabilityStudy, rig: Model) -> str:
     """What a missing torque can stand in for, a line for each; empty where there is nothing."""
     lines = []
     for *others, size in study.scaled:
@@ -241,7 +246,7 @@ def stand_ins(study: IdentifiabilityStudy) -> str:
         ]
         would = f" What would show it: {', or '.join(ways)}." if ways else ""
         lines.append(
-            f"missing torque: {WHERE[confounding.at]} it can stand in for {confounding.name}: the sd of "
+            f"missing torque: {_where(confounding.at, rig)} it can stand in for {confounding.name}: the sd of "
             f"log {confounding.name} is {confounding.sd:.2g} with it, {confounding.alone:.2g} without "
             f"it, {confounding.before:.2g} before the record.{would}"
         )

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 from typing import Any, Literal
 
 from bayesdrill.basics.arrays import Array
-from bayesdrill.rig import models, steady_state
+from bayesdrill.rig import steady_state
 from bayesdrill.rig.models.friction import Named
 from bayesdrill.rig.models.linear import Linear, Model, WrappedModel, dynamics
 
@@ -62,21 +62,23 @@ def torque_gain(model: Model, torque: MissingTorque, p: Named, linear: Linear) -
 
     Raises `ValueError` where the rig has no such inertia.
     """
-    inertias = {inertia.name: inertia for inertia in model.roles.inertias}
-    here = inertias.get(torque.at)
-    if here is None or here.speed not in model.states:
-        raise ValueError(
-            f"the model {model.name} has no inertia at {torque.at.replace('_', ' ')} that a torque "
-            "could act on"
-        )
-    row, motor = here.speed, model.roles.motor(here.name)
-    if (row, here.load) in linear.B:
-        return -linear.B[row, here.load]
-    if (row, here.torque) in linear.B:
-        return linear.B[row, here.torque]
-    if motor is not None and (row, motor.current) in linear.A and motor.torque_constant in p:
-        return linear.A[row, motor.current] / p[motor.torque_constant]
-    ...
+    here = next((i for i in model.roles.inertias if i.name == torque.at), None)
+    if here is not None and here.speed in model.states:
+        row, motor = here.speed, model.roles.motor(here.name)
+        if (row, here.load) in linear.B:
+            return -linear.B[row, here.load]
+        if (row, here.torque) in linear.B:
+            return linear.B[row, here.torque]
+        if motor is not None and (row, motor.current) in linear.A and motor.torque_constant in p:
+            return linear.A[row, motor.current] / p[motor.torque_constant]
+        turning = [i for i in model.roles.inertias if i.speed == row and i.inertia in p]
+        each: list[Any] = [p[i.inertia] / i.reduction**2 for i in turning]
+        if each:
+            return 1.0 / (sum(each[1:], each[0]) * here.reduction)
+    raise ValueError(
+        f"the model {model.name} has no inertia at {torque.at.replace('_', ' ')} that a torque could "
+        "act on"
+    )
 
 
 @dataclass(frozen=True, slots=True)
@@ -115,7 +117,7 @@ class AugmentedModel(WrappedModel):
 
     @property
     def _last(self) -> str:
-        return angles(self.rig)[-1]
+        return self.rig.angles[-1]
 
     def linear(self, p: Named) -> Linear:
         """See `Model.linear`."""
@@ -125,7 +127,7 @@ class AugmentedModel(WrappedModel):
             a, b, c = (self._relative(each) for each in (a, b, c))
         push = torque_gain(self.rig, self.torque, p, linear)
         a |= self.torque.linear(p[TIME])
-        a[self.roles.at(self.torque.at).speed, TORQUE] = push * p[SIZE]
+        a[self.roles.inertia(self.torque.at).speed, TORQUE] = push * p[SIZE]
         return Linear(A=a, B=b, c=c)
 
     def _relative(self, entries: Mapping[Any, Any]) -> dict[Any, Any]:
@@ -143,13 +145,13 @@ class AugmentedModel(WrappedModel):
 
     @property
     def _others(self) -> list[str]:
-        return [name for name in angles(self.rig) if name != self._last]
+        return [name for name in self.rig.angles if name != self._last]
 
     def channel_weights(self, weights: Mapping[str, float]) -> tuple[float, ...]:
         """Return a channel's weights of `states`, from those of the rig's."""
         by_state = dict(weights)
         if self.free:
-            by_state[self._last] = sum(weights.get(name, 0.0) for name in angles(self.rig))
+            by_state[self._last] = sum(weights.get(name, 0.0) for name in self.rig.angles)
         return tuple(float(by_state.get(name, 0.0)) for name in self.states)
 
     def initial_state(self, start: Mapping[str, float]) -> tuple[float, ...]:
@@ -185,13 +187,8 @@ class LoadedModel(WrappedModel):
         """See `Model.linear`."""
         linear = self.rig.linear(p)
         push = torque_gain(self.rig, self.torque, p, linear)
-        b = {**linear.B, (self.roles.at(self.torque.at).speed, TORQUE): push}
+        b = {**linear.B, (self.roles.inertia(self.torque.at).speed, TORQUE): push}
         return Linear(A=linear.A, B=b, c=linear.c)
-
-
-def angles(model: Model) -> tuple[str, ...]:
-    """Return the names of states that are angles."""
-    return tuple(name for name in model.states if models.STATES[name].unit == "rad")
 
 
 def augment(
@@ -201,7 +198,7 @@ def augment(
 
     The weights tell whether any channel observes an angle by itself.
     """
-    angle_names = angles(rig)
+    angle_names = rig.angles
     # No two alike: where all are one, a rig may turn freely that does not elsewhere.
     distinct = {name: 1.0 + math.sqrt(k + 2) % 1 for k, name in enumerate(rig.parameters)}
     matrix = dynamics(rig.linear(distinct), rig.states, 1)

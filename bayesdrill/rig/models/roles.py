@@ -137,6 +137,17 @@ class Roles:
         alike = [inertia for inertia in self.inertias if inertia.speed == against]
         return next((inertia for inertia in alike if inertia.at == where), (*alike, None)[0])
 
+    def moved(self, drive: str) -> tuple[InertiaRoles, str] | None:
+        """Return the inertia that an input drives, and how: by `torque`, `speed`, `voltage`, `current`."""
+        for inertia in self.inertias:
+            motor = self.motor(inertia.name)
+            for how, name in (("torque", inertia.torque), ("speed", inertia.speed)):
+                if name == drive:
+                    return inertia, how
+            if motor is not None and drive in (motor.voltage, motor.current):
+                return inertia, "voltage" if drive == motor.voltage else "current"
+        return None
+
     @property
     def speeds(self) -> Mapping[str, str]:
         """The speed of each angle."""

@@ -417,7 +417,11 @@ class _Describer:
         latex = own_symbol(angle_name, "1", None, "").latex
         made.symbol(angle_name, units.angle[1], f"{angle} of {called}")
         made.symbol(
-            speed_name, units.speed[1], f"speed of {called}", latex=rf"\dot {latex}", drives=kind == "speed"
+            speed_name,
+            units.speed[1],
+            f"speed of {called}",
+            latex=rf"\dot {latex}",
+            drives=kind == "speed",
         )
         if root != name:
             made.combinations |= {
