@@ -7,15 +7,14 @@ from collections.abc import Sequence
 import numpy as np
 
 from bayesdrill.basics.arrays import Array
-from bayesdrill.rig import models
 from bayesdrill.rig.models.linear import Model
 
 INVARIANCE_TOLERANCE = 1e-12
 
 
 def angle_indices(model: Model) -> list[int]:
-    """Return the indices of angles among the states."""
-    return [k for k, name in enumerate(model.states) if models.STATES[name].unit == "rad"]
+    """Return the indices of angles, or positions, among the states."""
+    return [model.states.index(name) for name in model.angles]
 
 
 def rotates_freely(matrix: Array, angles: Sequence[int]) -> bool:

@@ -16,11 +16,11 @@ from dataclasses import dataclass
 from typing import Any, Literal
 
 from bayesdrill.basics.arrays import Array
-from bayesdrill.rig import models, steady_state
+from bayesdrill.rig import steady_state
 from bayesdrill.rig.models.friction import Named
 from bayesdrill.rig.models.linear import Linear, Model, WrappedModel, dynamics
 
-TorqueLocation = Literal["motor", "rotor_1"]
+TorqueLocation = str  # the name of an inertia
 Smoothness = Literal["1/2", "3/2"]
 
 SIZE, TIME = "s_d", "tau_d"
@@ -29,7 +29,7 @@ TORQUE, RATE = "torque", "torque_rate"  # states, over `SIZE`, and over `SIZE` t
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MissingTorque:
-    """Where the torque acts, and how smooth it is (Matern's nu)."""
+    """Where the torque acts, by the name of an inertia, and how smooth it is (Matern's nu)."""
 
     at: TorqueLocation = "rotor_1"
     smoothness: Smoothness = "3/2"
@@ -62,15 +62,15 @@ def torque_gain(model: Model, torque: MissingTorque, p: Named, linear: Linear) -
 
     Raises `ValueError` where the rig has no such inertia.
     """
-    row, motor = model.roles.at(torque.at).speed, model.roles.motor
-    if torque.at == "rotor_1":
-        entry = linear.B.get((row, model.roles.rotor.load))
-        if entry is not None:
-            return -entry
-    elif (row, motor.torque) in linear.B:
-        return linear.B[row, motor.torque]
-    elif (row, motor.current) in linear.A and motor.torque_constant in p:
-        return linear.A[row, motor.current] / p[motor.torque_constant]
+    acts = next((inertia for inertia in model.roles.inertias if inertia.name == torque.at), None)
+    if acts is not None:
+        row, motor = acts.speed, model.roles.motor(acts.name)
+        if (row, acts.load) in linear.B:
+            return -linear.B[row, acts.load]
+        if (row, acts.torque) in linear.B:
+            return linear.B[row, acts.torque]
+        if motor and (row, motor.current) in linear.A and motor.torque_constant in p:
+            return linear.A[row, motor.current] / p[motor.torque_constant]
     raise ValueError(
         f"the model {model.name} has no inertia at {torque.at.replace('_', ' ')} that a torque could "
         "act on"
@@ -113,7 +113,7 @@ class AugmentedModel(WrappedModel):
 
     @property
     def _last(self) -> str:
-        return angles(self.rig)[-1]
+        return self.rig.angles[-1]
 
     def linear(self, p: Named) -> Linear:
         """See `Model.linear`."""
@@ -123,7 +123,7 @@ class AugmentedModel(WrappedModel):
             a, b, c = (self._relative(each) for each in (a, b, c))
         push = torque_gain(self.rig, self.torque, p, linear)
         a |= self.torque.linear(p[TIME])
-        a[self.roles.at(self.torque.at).speed, TORQUE] = push * p[SIZE]
+        a[self.roles.inertia(self.torque.at).speed, TORQUE] = push * p[SIZE]
         return Linear(A=a, B=b, c=c)
 
     def _relative(self, entries: Mapping[Any, Any]) -> dict[Any, Any]:
@@ -141,13 +141,13 @@ class AugmentedModel(WrappedModel):
 
     @property
     def _others(self) -> list[str]:
-        return [name for name in angles(self.rig) if name != self._last]
+        return [name for name in self.rig.angles if name != self._last]
 
     def channel_weights(self, weights: Mapping[str, float]) -> tuple[float, ...]:
         """Return a channel's weights of `states`, from those of the rig's."""
         by_state = dict(weights)
         if self.free:
-            by_state[self._last] = sum(weights.get(name, 0.0) for name in angles(self.rig))
+            by_state[self._last] = sum(weights.get(name, 0.0) for name in self.rig.angles)
         return tuple(float(by_state.get(name, 0.0)) for name in self.states)
 
     def initial_state(self, start: Mapping[str, float]) -> tuple[float, ...]:
@@ -183,13 +183,13 @@ class LoadedModel(WrappedModel):
         """See `Model.linear`."""
         linear = self.rig.linear(p)
         push = torque_gain(self.rig, self.torque, p, linear)
-        b = {**linear.B, (self.roles.at(self.torque.at).speed, TORQUE): push}
+        b = {**linear.B, (self.roles.inertia(self.torque.at).speed, TORQUE): push}
         return Linear(A=linear.A, B=b, c=linear.c)
 
 
 def angles(model: Model) -> tuple[str, ...]:
     """Return the names of states that are angles."""
-    return tuple(name for name in model.states if models.STATES[name].unit == "rad")
+    return model.angles
 
 
 def augment(
@@ -199,7 +199,7 @@ def augment(
 
     The weights tell whether any channel observes an angle by itself.
     """
-    angle_names = angles(rig)
+    angle_names = rig.angles
     # No two alike: where all are one, a rig may turn freely that does not elsewhere.
     distinct = {name: 1.0 + math.sqrt(k + 2) % 1 for k, name in enumerate(rig.parameters)}
     matrix = dynamics(rig.linear(distinct), rig.states, 1)
