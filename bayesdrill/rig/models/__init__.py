@@ -16,6 +16,7 @@ from bayesdrill.rig.models.linear import Model, with_all
 from bayesdrill.rig.models.long_shaft import LongShaft
 from bayesdrill.rig.models.motor import Motor
 from bayesdrill.rig.models.motor_shaft import MotorShaft, TwoRotors
+from bayesdrill.rig.models.train import Train
 from bayesdrill.rig.models.trial import check_rig
 
 _RIGS: dict[str, type[Model]] = {
@@ -24,13 +25,15 @@ _RIGS: dict[str, type[Model]] = {
     "driven_shaft": DrivenShaft,
     "motor": Motor,
     "long_shaft": LongShaft,
+    "train": Train,
 }
 MODELS: Registry[type[Model]] = Registry("rig", _RIGS, judge=check_rig)
 
 
 def _rigs() -> list[Model]:
-    """Return the usable rigs, each with all that it offers."""
-    return [with_all(kind()) for kind in MODELS.usable().values()]
+    """Return the usable rigs whose names belong to all, each with all that it offers."""
+    rigs = [with_all(kind()) for kind in MODELS.usable().values()]
+    return [rig for rig in rigs if not rig.has_private_names]
 
 
 def _all(role: str, known: Mapping[str, Symbol]) -> Mapping[str, Symbol]:

@@ -22,23 +22,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from types import MappingProxyType
-from typing import Any, ClassVar
+from typing import ClassVar
 
 from bayesdrill.basics.symbols import Symbol
-from bayesdrill.rig.models.friction import (
-    BitRock,
-    CombinedLaw,
-    Friction,
-    Law,
-    Named,
-    Stribeck,
-    frictions_at,
-)
-from bayesdrill.rig.models.linear import Linear, Model, Offers, ParameterNames, dry_law
-from bayesdrill.rig.models.motor_shaft import FRICTION_1, Power
+from bayesdrill.rig.models.equations import PartsModel
+from bayesdrill.rig.models.linear import Offers, ParameterNames
+from bayesdrill.rig.models.motor_shaft import Power
 
-WEIGHT = "wob"
-ROCK = BitRock("b_0", "b_1", "b_2", "b_3", WEIGHT)
+ROCK = ("b_0", "b_1", "b_2", "b_3")
 OFFERS: Offers = MappingProxyType(
     {
         "c_s": (),
@@ -46,13 +37,13 @@ OFFERS: Offers = MappingProxyType(
         "t_c1": (),
         "t_s1": ("t_c1", "w_s1"),
         "w_s1": ("t_c1", "t_s1"),
-        **{name: tuple(n for n in ROCK.parameters if n != name) for name in ROCK.parameters},
+        **{name: tuple(n for n in ROCK if n != name) for name in ROCK},
     }
 )
 
 
 @dataclass(frozen=True, slots=True)
-class DrivenShaft(Model):
+class DrivenShaft(PartsModel):
     """A shaft driven at its upper end; `stribeck`, `added`: as of a `MotorShaft`."""
 
     stribeck: Power = 1
@@ -67,32 +58,8 @@ class DrivenShaft(Model):
     @property
     def inputs(self) -> tuple[str, ...]:
         """The imposed speed, the load torque and, of a bit, the weight on it."""
-        return ("w_2", "t_1", WEIGHT) if self._drills else ("w_2", "t_1")
-
-    @property
-    def frictions(self) -> tuple[Friction, ...]:
-        """The friction at rotor 1."""
-        law: Law | None = dry_law(self.added, Stribeck("t_c1", "t_s1", "w_s1", self.stribeck))
-        if self._drills:
-            law = ROCK if law is None else CombinedLaw(law, ROCK)
-        return frictions_at((FRICTION_1, "w_1", law, "theta_1", "at rotor 1"))
-
-    def linear(self, p: Named) -> Linear:
-        """See `Model.linear`."""
-        k_s, j_1 = p["k_s"], p["j_1"]
-        a: dict[tuple[str, str], Any] = {
-            ("theta_1", "w_1"): 1.0,
-            ("w_1", "theta_1"): -k_s / j_1,
-            ("w_1", "theta_2"): k_s / j_1,
-        }
-        b: dict[tuple[str, str], Any] = {("theta_2", "w_2"): 1.0, ("w_1", "t_1"): -1.0 / j_1}
-        if "c_s" in self.added:
-            a["w_1", "w_1"], b["w_1", "w_2"] = -p["c_s"] / j_1, p["c_s"] / j_1
-        if "c_1" in self.added:
-            a["w_1", "w_1"] = a.get(("w_1", "w_1"), 0.0) - p["c_1"] / j_1
-        b |= {("w_1", friction.name): -1.0 / j_1 for friction in self.frictions}
-        return Linear(A=a, B=b, c={})
+        return ("w_2", "t_1", "wob") if self._drills else ("w_2", "t_1")
 
     @property
     def _drills(self) -> bool:
-        return all(name in self.added for name in ROCK.parameters)
+        return all(name in self.added for name in ROCK)

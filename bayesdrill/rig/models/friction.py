@@ -77,20 +77,6 @@ class Friction:
     symbol: Symbol | None = None
 
 
-FrictionSpec = tuple[Symbol, str, Law | None, str | None, str]
-
-
-def frictions_at(*places: FrictionSpec) -> tuple[Friction, ...]:
-    """Return the frictions that have a law, of (symbol, against, law, holds, where)."""
-    return tuple(
-        Friction(
-            name=symbol.name, against=against, law=law, holds=holds, where=where, symbol=symbol
-        )
-        for symbol, against, law, holds, where in places
-        if law is not None
-    )
-
-
 @dataclass(frozen=True, slots=True)
 class Coulomb:
     """Coulomb friction: as much as the parameter `sliding`, at any speed."""
@@ -207,37 +193,65 @@ class CombinedLaw:
 
 
 @dataclass(frozen=True, slots=True)
+class LoadSpring:
+    """A spring behind a gear: its `near` end, and its `far` one (None: the ground).
+
+    Each is a state and the reduction factor by which that is the angle of the spring's end.
+    """
+
+    stiffness: str
+    near: tuple[str, float]
+    far: tuple[str, float] | None
+
+    @property
+    def angles(self) -> tuple[str, ...]:
+        """The states that it sees, the far one first."""
+        return (self.near[0],) if self.far is None else (self.far[0], self.near[0])
+
+    def torque(self, p: Named, seen: Mapping[str, Any]) -> Any:
+        """Return the torque that turns the spring at its near end."""
+        twist = _angle(seen, *self.near)
+        if self.far is not None:
+            twist = twist - _angle(seen, *self.far)
+        return p[self.stiffness] * twist
+
+
+def _angle(seen: Mapping[str, Any], state: str, reduction: float) -> Any:
+    return seen[state] if reduction == 1.0 else seen[state] / reduction
+
+
+@dataclass(frozen=True, slots=True)
 class GearLoss:
     """The loss of a gear with an efficiency, added to a `law` (None: to nothing).
 
-    It is (1/eta - 1) of the torque that the gear passes on.
+    It is (1/eta - 1) of the torque that the gear passes on, to the springs behind it (`loads`).
 
-    That torque, on the side of the friction, is `factor k (angle_2 - angle_1)` with the parameter
-    `stiffness` for k.  Where the load drives, the gear's efficiency is 2 - 1/eta.
+    On the side of the friction that torque is `factor` times theirs.  Where the load drives, the
+    gear's efficiency is 2 - 1/eta.
     """
 
     law: Law | None
     efficiency: str
-    stiffness: str
-    angles: tuple[str, str]
+    loads: tuple[LoadSpring, ...]
     factor: float
 
     steady: ClassVar[bool] = False
 
     @property
     def parameters(self) -> tuple[str, ...]:
-        """Names of the law's parameters, of the efficiency and of the stiffness."""
-        parameters = (self.efficiency, self.stiffness)
+        """Names of the law's parameters, of the efficiency and of the stiffnesses."""
+        parameters = (self.efficiency, *(load.stiffness for load in self.loads))
         return parameters if self.law is None else (*self.law.parameters, *parameters)
 
     @property
     def seen(self) -> tuple[str, ...]:
-        """States and inputs that the law needs, and both angles."""
-        return self.angles if self.law is None else (*self.law.seen, *self.angles)
+        """States and inputs that the law needs, and the angles of the springs."""
+        angles = dict.fromkeys(name for load in self.loads for name in load.angles)
+        return (*angles,) if self.law is None else (*self.law.seen, *angles)
 
     def size(self, p: Named, speed: Any, seen: Mapping[str, Any]) -> Any:
         """See `Law.size`."""
-        first, second = self.angles
-        passed = size(p[self.stiffness] * (seen[second] - seen[first])) * self.factor
+        first, *others = (load.torque(p, seen) for load in self.loads)
+        passed = size(sum(others, first)) * self.factor
         lost = (1.0 / p[self.efficiency] - 1.0) * passed
         return lost if self.law is None else self.law.size(p, speed, seen) + lost

@@ -155,6 +155,16 @@ class Model(Protocol):
         return ()
 
     @property
+    def combinations(self) -> Mapping[str, Mapping[str, float]]:
+        """Names beside the states that sensors may use, each with its weights of states."""
+        return {}
+
+    @property
+    def has_private_names(self) -> bool:
+        """Whether its names follow from its constants, so that they mean nothing to other rigs."""
+        return False
+
+    @property
     def inner(self) -> tuple[str, ...]:
         """States within a part, that no start names and no sensor sees.
 
@@ -199,6 +209,7 @@ class WrappedModel(Model):
 
     declares: ClassVar[Any] = property(lambda self: self.rig.declares)
     symbols: ClassVar[Any] = property(lambda self: self.rig.symbols)
+    combinations: ClassVar[Any] = property(lambda self: self.rig.combinations)
     name: ClassVar[Any] = property(lambda self: self.rig.name)
     parameters: ClassVar[Any] = property(lambda self: self.rig.parameters)
     states: ClassVar[Any] = property(lambda self: self.rig.states)

@@ -25,6 +25,7 @@ from typing import Annotated, Any, ClassVar
 from pydantic import Field
 
 from bayesdrill.basics.symbols import Symbol
+from bayesdrill.rig.models.equations import coordinate_inertia
 from bayesdrill.rig.models.friction import Friction, Named
 from bayesdrill.rig.models.linear import Linear, Model, Offers, ParameterNames
 from bayesdrill.rig.models.motor_shaft import OFFERS, PARAMETERS, Gear, MotorShaft, Power
@@ -85,7 +86,7 @@ class LongShaft(Model):
             return ends
         springs = [("phi", n * p["k_s"])]
         springs += [("dphi", n * p["c_s"])] if "c_s" in self.added else []
-        j_m = self._ends.lumped(shaft)["j_m"]
+        j_m = coordinate_inertia(self._ends, "w_2", shaft)
         for name, strength in springs:
             a["w_1", f"{name}_{n - 1}"] = strength / shaft["j_1"]
             a["w_2", f"{name}_1"] = self.i_m**2 * strength / j_m

@@ -23,12 +23,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from types import MappingProxyType
-from typing import Any, ClassVar
+from typing import ClassVar
 
 from bayesdrill.basics.symbols import Symbol
-from bayesdrill.rig.models.friction import Coulomb, Friction, Named, Stribeck, frictions_at
-from bayesdrill.rig.models.linear import Linear, Model, Offers, ParameterNames, dry_law
-from bayesdrill.rig.models.motor_shaft import DROP, FRICTION_M, Gear, Power
+from bayesdrill.rig.models.equations import PartsModel
+from bayesdrill.rig.models.linear import Offers, ParameterNames
+from bayesdrill.rig.models.motor_shaft import Gear, Power
 
 CIRCUIT = ("k_e", "k_T", "r_m", "l_m")
 OFFERS: Offers = MappingProxyType(
@@ -46,7 +46,7 @@ OFFERS: Offers = MappingProxyType(
 
 
 @dataclass(frozen=True, slots=True)
-class Motor(Model):
+class Motor(PartsModel):
     """A motor without a shaft; `i_m`, `stribeck`, `added`: as of a `MotorShaft`."""
 
     i_m: Gear = 1.0
@@ -67,40 +67,6 @@ class Motor(Model):
     def inputs(self) -> tuple[str, ...]:
         """The voltage of its circuit, or else its torque."""
         return ("v",) if self._wired else ("t_m",)
-
-    @property
-    def frictions(self) -> tuple[Friction, ...]:
-        """The friction at the motor, and the voltage drop."""
-        law = dry_law(
-            self.added, Stribeck("t_cm", "t_sm", "w_sm", self.stribeck, times=1 / self.i_m)
-        )
-        drop = Coulomb("v_d") if self._wired and "v_d" in self.added else None
-        return frictions_at(
-            (FRICTION_M, "w_2", law, "theta_2", "at the motor"),
-            (DROP, "i", drop, None, "of the current"),
-        )
-
-    def linear(self, p: Named) -> Linear:
-        """See `Model.linear`."""
-        i_m, j_m = self.i_m, p["j_m"]
-        if "j_2" in self.added:
-            j_m = j_m + i_m**2 * p["j_2"]
-        a: dict[tuple[str, str], Any] = {("theta_2", "w_2"): 1.0, ("w_2", "w_2"): -p["c_m"] / j_m}
-        b: dict[tuple[str, str], Any] = {}
-        if self._wired:
-            l_m, r_m = p["l_m"], p["r_m"]
-            a["w_2", "i"] = i_m * p["k_T"] / j_m
-            a["i", "w_2"] = -p["k_e"] / (i_m * l_m)
-            a["i", "i"] = -(r_m + p["r_s"] if "r_s" in self.added else r_m) / l_m
-            b["i", "v"] = 1.0 / l_m
-        else:
-            b["w_2", "t_m"] = i_m / j_m
-        for friction in self.frictions:
-            b[friction.against, friction.name] = (
-                -i_m / j_m if friction.against == "w_2" else -1.0 / p["l_m"]
-            )
-        c = {"w_2": -i_m * p["t_f"] / j_m} if "t_f" in self.added else {}
-        return Linear(A=a, B=b, c=c)
 
     @property
     def _wired(self) -> bool:

@@ -41,24 +41,17 @@ It is the `motor_shaft` to which both are added, held: one that may have a prior
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
-from typing import Annotated, Any, ClassVar, Literal
+from typing import Annotated, ClassVar, Literal
 
 from pydantic import AfterValidator, Field
 
 from bayesdrill.basics.entries import NonNegative, Positive
 from bayesdrill.basics.symbols import Symbol
-from bayesdrill.rig.models.friction import (
-    Coulomb,
-    Friction,
-    GearLoss,
-    Named,
-    Stribeck,
-    frictions_at,
-)
-from bayesdrill.rig.models.linear import Linear, Model, Offers, ParameterNames, dry_law
+from bayesdrill.rig.models.equations import PartsModel, coordinate_inertia
+from bayesdrill.rig.models.friction import Named
+from bayesdrill.rig.models.linear import Linear, Model, Offers, ParameterNames
 
 PARAMETERS = ("j_m", "c_m", "k_e", "k_T", "r_m", "l_m", "k_s", "j_1", "t_f")
 OFFERS: Offers = MappingProxyType(
@@ -73,9 +66,6 @@ OFFERS: Offers = MappingProxyType(
         "eta": (),
     }
 )
-FRICTION_M = Symbol("friction_m", "N*m", "T_m", r"N\,m", "friction at the motor")
-FRICTION_1 = Symbol("friction_1", "N*m", "T_1", r"N\,m", "friction at rotor 1")
-DROP = Symbol("drop", "V", r"v_d", "V", "voltage drop")
 
 
 def _slows(i_m: float) -> float:
@@ -98,7 +88,7 @@ Power = Annotated[
 
 
 @dataclass(frozen=True, slots=True)
-class MotorShaft(Model):
+class MotorShaft(PartsModel):
     """The paper's rig: a DC motor with a gear drives a rotor through a shaft.
 
     `i_m` is the gear reduction factor: theta_2 = i_m theta_3, with theta_3 the motor's angle.
@@ -116,76 +106,6 @@ class MotorShaft(Model):
     parameters: ClassVar[ParameterNames] = ParameterNames(PARAMETERS)
     states: ClassVar[tuple[str, ...]] = ("theta_1", "theta_2", "w_1", "w_2", "i")
     inputs: ClassVar[tuple[str, ...]] = ("v", "t_1")
-
-    @property
-    def frictions(self) -> tuple[Friction, ...]:
-        """The frictions at the motor and at rotor 1, and the voltage drop."""
-        of_motor = Stribeck("t_cm", "t_sm", "w_sm", self.stribeck, times=1 / self.i_m)
-        motor = dry_law(self.added, of_motor)
-        if "eta" in self.added:
-            motor = GearLoss(motor, "eta", "k_s", ("theta_1", "theta_2"), self.i_m)
-        rotor = dry_law(self.added, Stribeck("t_c1", "t_s1", "w_s1", self.stribeck))
-        drop = Coulomb("v_d") if "v_d" in self.added else None
-        return frictions_at(
-            (FRICTION_M, "w_2", motor, "theta_2", "at the motor"),
-            (FRICTION_1, "w_1", rotor, "theta_1", "at rotor 1"),
-            (DROP, "i", drop, None, "of the current"),
-        )
-
-    def lumped(self, p: Named) -> Named:
-        """Return parameters with `j_2` and `r_s` in `j_m` and `r_m`, as the equations have them."""
-        lumped = dict(p)
-        if "j_2" in self.added:
-            lumped["j_m"] = p["j_m"] + self.i_m**2 * p["j_2"]
-        if "r_s" in self.added:
-            lumped["r_m"] = p["r_m"] + p["r_s"]
-        return lumped
-
-    def linear(self, p: Named) -> Linear:
-        """See `Model.linear`."""
-        i_m, p = self.i_m, self.lumped(p)
-        j_m, c_m, k_e, k_T = p["j_m"], p["c_m"], p["k_e"], p["k_T"]
-        r_m, l_m, k_s, j_1, t_f = p["r_m"], p["l_m"], p["k_s"], p["j_1"], p["t_f"]
-        rotor = k_s / j_1
-        shaft = i_m**2 * k_s / j_m
-        a: dict[tuple[str, str], Any] = {
-            ("theta_1", "w_1"): 1.0,
-            ("theta_2", "w_2"): 1.0,
-            ("w_1", "theta_1"): -rotor,
-            ("w_1", "theta_2"): rotor,
-            ("w_2", "theta_1"): shaft,
-            ("w_2", "theta_2"): -shaft,
-            ("w_2", "w_2"): -c_m / j_m,
-            ("w_2", "i"): i_m * k_T / j_m,
-            ("i", "w_2"): -k_e / (i_m * l_m),
-            ("i", "i"): -r_m / l_m,
-        }
-        return Linear(
-            A=self._damped(a, p),
-            B={("w_1", "t_1"): -1.0 / j_1, ("i", "v"): 1.0 / l_m, **self._rubbed(p)},
-            c={"w_2": -i_m * t_f / j_m},
-        )
-
-    def _damped(
-        self, plain: Mapping[tuple[str, str], Any], p: Named
-    ) -> Mapping[tuple[str, str], Any]:
-        a, i_m = dict(plain), self.i_m
-        if "c_s" in self.added:
-            rotor, shaft = p["c_s"] / p["j_1"], i_m**2 * p["c_s"] / p["j_m"]
-            a["w_1", "w_1"], a["w_1", "w_2"] = -rotor, rotor
-            a["w_2", "w_1"], a["w_2", "w_2"] = shaft, a["w_2", "w_2"] - shaft
-        if "c_1" in self.added:
-            a["w_1", "w_1"] = a.get(("w_1", "w_1"), 0.0) - p["c_1"] / p["j_1"]
-        return a
-
-    def _rubbed(self, p: Named) -> dict[tuple[str, str], Any]:
-        """Return the columns of the frictions."""
-        slows = {"w_1": ("j_1", -1.0), "w_2": ("j_m", -self.i_m), "i": ("l_m", -1.0)}
-        columns = {}
-        for friction in self.frictions:
-            by, times = slows[friction.against]
-            columns[friction.against, friction.name] = times / p[by]
-        return columns
 
 
 @dataclass(frozen=True, slots=True)
@@ -211,12 +131,16 @@ class TwoRotors(Model):
 
     def whole(self, p: Named) -> Named:
         """Return the parameters of the plain `motor_shaft` which this rig is."""
-        lumped = MotorShaft(self.i_m, added=("j_2", "r_s")).lumped(self._held(p))
-        return {name: lumped[name] for name in p}
+        held = self._held(p)
+        return {**p, "j_m": coordinate_inertia(self._rig, "w_2", held), "r_m": p["r_m"] + self.r_s}
 
     def linear(self, p: Named) -> Linear:
         """See `Model.linear`."""
-        return MotorShaft(self.i_m, added=("j_2", "r_s")).linear(self._held(p))
+        return self._rig.linear(self._held(p))
+
+    @property
+    def _rig(self) -> MotorShaft:
+        return MotorShaft(self.i_m, added=("j_2", "r_s"))
 
     def _held(self, p: Named) -> Named:
         return {**p, "j_2": self.j_2, "r_s": self.r_s}

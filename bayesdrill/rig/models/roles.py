@@ -11,6 +11,8 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
 
+from bayesdrill.basics.symbols import Symbol
+
 GROUND = "ground"  # the end of a shaft that does not move
 
 # Of the gear reduction factor, by which a quantity at the motor is that at the load times it.
@@ -28,7 +30,7 @@ class InertiaRoles:
     the second is lost over the speed `fading`; `torque`, `load`: inputs that push it forwards, and
     back; `efficiency`: of the gear that it drives; `weight`: the largest torque of gravity, which is
     zero where its angle is minus `tilt`; `cutting`: coefficients of rock, which it cuts under the
-    input `bit_weight`.
+    input `bit_weight`; `effort`: the symbol of its dry friction.
     """
 
     name: str
@@ -49,6 +51,7 @@ class InertiaRoles:
     tilt: str = ""
     cutting: tuple[str, ...] = ()
     bit_weight: str = ""
+    effort: Symbol | None = None
 
     @property
     def at(self) -> str:
@@ -73,7 +76,7 @@ class MotorRoles:
     """Names of a motor's circuit, which turns an `inertia` (its name).
 
     `current`, `voltage`: a state or an input; `series`: a second resistance; `drop`: a voltage
-    against the current's sign.
+    against the current's sign, whose symbol is `effort`.
     """
 
     inertia: str
@@ -86,6 +89,7 @@ class MotorRoles:
     series: str = ""
     inductance: str = ""
     drop: str = ""
+    effort: Symbol | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -136,6 +140,11 @@ def _torques(inertia: InertiaRoles) -> Iterator[str]:
     yield from (inertia.sliding, inertia.static, inertia.fading)
 
 
+FRICTION_M = Symbol("friction_m", "N*m", "T_m", r"N\,m", "friction at the motor")
+FRICTION_1 = Symbol("friction_1", "N*m", "T_1", r"N\,m", "friction at rotor 1")
+DROP = Symbol("drop", "V", r"v_d", "V", "voltage drop")
+
+
 def usual_roles(i_m: float = 1.0, gear: str = "i_m") -> Roles:
     """Return the roles of the paper's rig, with the symbols of `basics.symbols`."""
     motor = InertiaRoles(
@@ -152,6 +161,7 @@ def usual_roles(i_m: float = 1.0, gear: str = "i_m") -> Roles:
         fading="w_sm",
         torque="t_m",
         efficiency="eta",
+        effort=FRICTION_M,
     )
     gearbox = InertiaRoles(
         name="gearbox", words="the gearbox", angle="theta_2", speed="w_2", inertia="j_2"
@@ -169,6 +179,7 @@ def usual_roles(i_m: float = 1.0, gear: str = "i_m") -> Roles:
         load="t_1",
         cutting=("b_0", "b_1", "b_2", "b_3"),
         bit_weight="wob",
+        effort=FRICTION_1,
     )
     shaft = ShaftRoles(
         name="shaft",
@@ -188,5 +199,6 @@ def usual_roles(i_m: float = 1.0, gear: str = "i_m") -> Roles:
         series="r_s",
         inductance="l_m",
         drop="v_d",
+        effort=DROP,
     )
     return Roles(inertias=(motor, gearbox, rotor), shafts=(shaft,), motors=(circuit,), gear=gear)

@@ -1,0 +1,288 @@
+"""The equations of a rig, from its parts: Newton's law for each row of inertias that turn as one.
+
+    J w' = sum of torques,  J = j + sum of (i / i_b)^2 j_b        at the first of them, before its gear
+    l i' = u - (r + r_s) i - k_e w_b                              of each motor with an inductance
+
+An inertia whose `reduction` is i turns 1/i times as fast as the state that is its speed: a torque on
+it does i times as much to that state as one that acts behind the gear.  A shaft or a damper acts at
+both of its ends, and what is imposed or held by the ground moves one of them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any, Literal
+
+from bayesdrill.rig.models.friction import (
+    BitRock,
+    CombinedLaw,
+    Coulomb,
+    Friction,
+    GearLoss,
+    Law,
+    LoadSpring,
+    Named,
+    Stribeck,
+)
+from bayesdrill.rig.models.linear import Linear, Model, dry_law
+from bayesdrill.rig.models.roles import GROUND, InertiaRoles, MotorRoles, ShaftRoles
+
+Entry = tuple[str, str, Any]  # row, column of A or B, value
+
+
+class PartsModel(Model):
+    """A rig whose equations follow from its roles."""
+
+    @property
+    def stribeck(self) -> Literal[1, 2]:
+        """The power of the speed in Stribeck's law: a field."""
+        return 1
+
+    @property
+    def frictions(self) -> tuple[Friction, ...]:
+        """Dry friction at inertias, then voltage drops of motors."""
+        parts = _Parts(self)
+        return (*parts.dry_frictions(), *parts.voltage_drops())
+
+    def linear(self, p: Named) -> Linear:
+        """See `Model.linear`."""
+        return _Parts(self).linear(p)
+
+
+def coordinate_inertia(model: PartsModel, speed: str, p: Named) -> Any:
+    """Return the inertia of all that turns with a speed, as it is at the first of them."""
+    return _Parts(model).inertia(speed, p)
+
+
+def _times(factor: float, number: Any) -> Any:
+    """Multiply, unless by one: a kernel has no operation more than it needs."""
+    if factor == 1.0:
+        return number
+    return -number if factor == -1.0 else factor * number
+
+
+@dataclass(frozen=True, slots=True)
+class _Parts:
+    """The parts of a rig that its parameters, states and inputs have names for."""
+
+    model: PartsModel
+
+    # Where things act.
+
+    def moving(self) -> dict[str, list[InertiaRoles]]:
+        """Return the inertias that turn with each speed that is a state."""
+        coordinates: dict[str, list[InertiaRoles]] = {}
+        for inertia in self.model.roles.inertias:
+            if inertia.speed in self.model.states and self._has(inertia.inertia):
+                coordinates.setdefault(inertia.speed, []).append(inertia)
+        return coordinates
+
+    def inertia(self, speed: str, p: Named) -> Any:
+        """Return what `coordinate_inertia` does."""
+        first, *others = self.moving()[speed]
+        total: Any = p[first.inertia]
+        for other in others:
+            square = (first.reduction / other.reduction) ** 2
+            total = total + _times(square, p[other.inertia])
+        return total
+
+    def torque_factor(self, inertia: InertiaRoles) -> float:
+        """Return what a torque on it counts over the inertia of all that turns with it."""
+        first = self.moving()[inertia.speed][0]
+        if inertia.reduction == first.reduction:
+            return first.reduction
+        return first.reduction**2 / inertia.reduction
+
+    def _has(self, name: str) -> bool:
+        return name in self.model.parameters
+
+    def _shafts(
+        self,
+    ) -> Iterator[tuple[ShaftRoles, list[tuple[InertiaRoles, InertiaRoles | None]]]]:
+        """Yield each shaft with its ends, each as the near and the far inertia."""
+        roles = self.model.roles
+        for shaft in roles.shafts:
+            ends = [None if name == GROUND else roles.inertia(name) for name in shaft.ends]
+            pairs = [(ends[0], ends[1]), (ends[1], ends[0])]
+            yield (
+                shaft,
+                [
+                    (near, far)
+                    for near, far in pairs
+                    if near is not None and near.speed in self.model.states
+                ],
+            )
+
+    # Equations.
+
+    def linear(self, p: Named) -> Linear:
+        """Return what `Model.linear` does."""
+        model, totals = self.model, {speed: self.inertia(speed, p) for speed in self.moving()}
+        a: dict[tuple[str, str], Any] = {}
+        b: dict[tuple[str, str], Any] = {}
+        for row, column, value in self._entries(p, totals):
+            entries = a if column in model.states else b
+            key = (row, column)
+            entries[key] = entries[key] + value if key in entries else value
+        order = {name: k for k, name in enumerate((*model.states, *model.inputs))}
+        where = lambda item: (order[item[0][0]], order.get(item[0][1], len(order)))  # noqa: E731
+        return Linear(
+            A=dict(sorted(a.items(), key=where)),
+            B=dict(sorted(b.items(), key=where)),
+            c=dict(self._constant(p, totals)),
+        )
+
+    def _entries(self, p: Named, totals: Named) -> Iterator[Entry]:
+        for angle, speed in self.model.roles.speeds.items():
+            if angle in self.model.states:
+                yield angle, speed, 1.0
+        for inertia in self.model.roles.inertias:
+            if inertia.speed in totals:
+                yield from self._at_inertia(inertia, p, totals[inertia.speed])
+        for shaft, ends in self._shafts():
+            for near, far in ends:
+                yield from self._at_end(shaft, near, far, p, totals[near.speed])
+        for motor in self.model.roles.motors:
+            yield from self._of_motor(motor, p, totals)
+        for friction in self.dry_frictions():
+            inertia = self._rubbing(friction)
+            yield (
+                friction.against,
+                friction.name,
+                -self.torque_factor(inertia) / totals[friction.against],
+            )
+
+    def _rubbing(self, friction: Friction) -> InertiaRoles:
+        roles = self.model.roles
+        return next(i for i in roles.inertias if friction.name == effort_name(i))
+
+    def _at_inertia(self, inertia: InertiaRoles, p: Named, total: Any) -> Iterator[Entry]:
+        factor = self.torque_factor(inertia)
+        if self._has(inertia.damping):
+            times = factor / inertia.reduction
+            yield inertia.speed, inertia.speed, _times(-times, p[inertia.damping]) / total
+        if inertia.torque in self.model.inputs:
+            yield inertia.speed, inertia.torque, factor / total
+        if inertia.load in self.model.inputs:
+            yield inertia.speed, inertia.load, -factor / total
+
+    def _at_end(
+        self, shaft: ShaftRoles, near: InertiaRoles, far: InertiaRoles | None, p: Named, total: Any
+    ) -> Iterator[Entry]:
+        factor = self.torque_factor(near)
+        for name, moved in ((shaft.stiffness, "angle"), (shaft.damping, "speed")):
+            if not self._has(name):
+                continue
+            for end, sign in ((near, -1.0), (far, 1.0)):
+                if end is not None:
+                    column = end.angle if moved == "angle" else end.speed
+                    times = sign * factor / end.reduction
+                    yield near.speed, column, _times(times, p[name]) / total
+
+    def _of_motor(self, motor: MotorRoles, p: Named, totals: Named) -> Iterator[Entry]:
+        model = self.model
+        inertia = model.roles.inertia(motor.inertia)
+        if inertia.speed not in totals or not self._has(motor.torque_constant):
+            return
+        total, factor = totals[inertia.speed], self.torque_factor(inertia)
+        torque = _times(factor, p[motor.torque_constant]) / total
+        if motor.current in (*model.states, *model.inputs):
+            yield inertia.speed, motor.current, torque
+        if not self._has(motor.resistance):
+            return
+        resistance = p[motor.resistance]
+        if self._has(motor.series):
+            resistance = resistance + p[motor.series]
+        if motor.current in model.states:
+            inductance = p[motor.inductance]
+            if self._has(motor.back_emf):
+                turned = _times(inertia.reduction, inductance)
+                yield motor.current, inertia.speed, -p[motor.back_emf] / turned
+            yield motor.current, motor.current, -resistance / inductance
+            yield motor.current, motor.voltage, 1.0 / inductance
+            for drop in self.voltage_drops():
+                if drop.against == motor.current:
+                    yield motor.current, drop.name, -1.0 / inductance
+        else:
+            yield inertia.speed, motor.voltage, torque / resistance
+            if self._has(motor.back_emf):
+                braked = p[motor.back_emf] / _times(inertia.reduction, resistance)
+                yield inertia.speed, inertia.speed, -torque * braked
+
+    def _constant(self, p: Named, totals: Named) -> Iterator[tuple[str, Any]]:
+        for inertia in self.model.roles.inertias:
+            if self._has(inertia.friction) and inertia.speed in totals:
+                factor = self.torque_factor(inertia)
+                yield inertia.speed, _times(-factor, p[inertia.friction]) / totals[inertia.speed]
+
+    # Frictions.
+
+    def dry_frictions(self) -> Iterator[Friction]:
+        """Yield the dry friction at each inertia that has one."""
+        for inertia in self.model.roles.inertias:
+            law = self._law(inertia) if inertia.speed in self.model.states else None
+            if law is not None:
+                yield Friction(
+                    name=effort_name(inertia),
+                    against=inertia.speed,
+                    law=law,
+                    holds=inertia.angle,
+                    where=inertia.at,
+                    symbol=inertia.effort,
+                )
+
+    def _law(self, inertia: InertiaRoles) -> Law | None:
+        names = self.model.parameters
+        law: Law | None = None
+        if inertia.sliding:
+            law = dry_law(
+                names,
+                Stribeck(
+                    inertia.sliding,
+                    inertia.static,
+                    inertia.fading,
+                    self.model.stribeck,
+                    times=1 / inertia.reduction,
+                ),
+            )
+        if self._has(inertia.efficiency):
+            law = GearLoss(law, inertia.efficiency, self._loads(inertia), inertia.reduction)
+        if inertia.cutting and all(map(self._has, inertia.cutting)):
+            factor, stiff, hump, width = inertia.cutting
+            rock = BitRock(factor, stiff, hump, width, inertia.bit_weight)
+            law = rock if law is None else CombinedLaw(law, rock)
+        return law
+
+    def _loads(self, inertia: InertiaRoles) -> tuple[LoadSpring, ...]:
+        """Return the springs behind the gear of an inertia, whose torque the gear passes on."""
+        return tuple(
+            LoadSpring(
+                shaft.stiffness,
+                (near.angle, near.reduction),
+                None if far is None else (far.angle, far.reduction),
+            )
+            for shaft, ends in self._shafts()
+            for near, far in ends
+            if near.speed == inertia.speed
+            and near.name != inertia.name
+            and self._has(shaft.stiffness)
+        )
+
+    def voltage_drops(self) -> Iterator[Friction]:
+        """Yield the voltage drop against each current that has one."""
+        for motor in self.model.roles.motors:
+            if self._has(motor.drop) and motor.current in self.model.states:
+                name = motor.effort.name if motor.effort else f"drop_{motor.inertia}"
+                yield Friction(
+                    name=name,
+                    against=motor.current,
+                    law=Coulomb(motor.drop),
+                    where="of the current",
+                    symbol=motor.effort,
+                )
+
+
+def effort_name(inertia: InertiaRoles) -> str:
+    """Return the name of the dry friction at an inertia."""
+    return inertia.effort.name if inertia.effort else f"friction_{inertia.name}"
