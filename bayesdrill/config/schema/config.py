@@ -155,7 +155,8 @@ def _parameters_section(vocabulary: Vocabulary) -> Any:
         ]
         for symbol in vocabulary.parameters.values()
     }
-    section: Any = TypedDict("Parameters", fields, total=False)  # type: ignore[operator]
+    make: Any = TypedDict  # of names that only run time knows
+    section = make("Parameters", fields, total=False)
     section.__pydantic_config__ = Strict.model_config
     section.__doc__ = (
         "A prior, a number, `nominal`, a tie or a formula; what the model only offers is off unless it "
@@ -343,9 +344,9 @@ def config_kind(vocabulary: Vocabulary) -> type[Config]:
     inputs, initial = records.inputs_section(vocabulary), records.initial_section(vocabulary)
     nominal = _nominal_section(vocabulary, _tolerances_section(vocabulary))
     simulation = _simulation_section(vocabulary)
-    at = Literal[vocabulary.inertias], MissingTorqueSpec.model_fields["at"]
+    at: Any = Literal[vocabulary.inertias], MissingTorqueSpec.model_fields["at"]
     torque = create_model("MissingTorqueSpec", __base__=MissingTorqueSpec, at=at)
-    sections: dict[str, tuple[Any, Any]] = {
+    sections: dict[str, Any] = {
         "inputs": (inputs, ...),
         "initial": (Annotated[initial, shorthand("state")], initial()),
         "nominal": (Annotated[nominal, shorthand("table")], nominal()),

@@ -28,6 +28,21 @@ from bayesdrill.rig.models.linear import (
 )
 
 
+def signal_names(model: Model) -> tuple[str, ...]:
+    """Return what a sensor may see: states, and what else turns with them."""
+    combined = [n for n, of in model.combinations.items() if {*of} <= {*model.outer}]
+    return (*model.outer, *combined)
+
+
+def state_weights(model: Model, combines: Mapping[str, float]) -> dict[str, float]:
+    """Return the weights of states in a sum of `signal_names`."""
+    weights: dict[str, float] = {}
+    for name, factor in combines.items():
+        for state, weight in model.combinations.get(name, {name: 1.0}).items():
+            weights[state] = weights.get(state, 0.0) + factor * weight
+    return weights
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ObservationModel:
     """Names of parameters of sensors and start, by what they belong to: channels, inputs, states.
