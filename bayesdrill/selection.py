@@ -24,7 +24,7 @@ from bayesdrill.config.yaml_source import Source, as_yaml
 from bayesdrill.inference.likelihood import Observation
 from bayesdrill.inference.noise import NOISES
 from bayesdrill.inference.unknowns import ParameterSpace
-from bayesdrill.record.experiment import DRIVES, typical_inputs
+from bayesdrill.record.experiment import typical_inputs
 from bayesdrill.record.formats.table import RecordTable
 from bayesdrill.rig.models.roles import InertiaRoles, Roles
 
@@ -193,7 +193,7 @@ class RigParts:
         """Return the parts; where friction acts at two places, `friction_both` is another."""
         each = {lack.name: lack for lack in edits.lacks(roles)}
         rubs = [i for i in roles.inertias if i.sliding]
-        physics = {name: (lack.parameter,) for name, lack in each.items()}
+        physics: dict[str, tuple[str, ...]] = {n: (x.parameter,) for n, x in each.items()}
         about = {**ABOUT, **{name: lack.words for name, lack in each.items()}}
         if len(rubs) == 2:
             physics |= {BOTH: (rubs[0].sliding, rubs[1].sliding)}
@@ -319,7 +319,8 @@ class CandidateModels:
     def _sensors(self) -> Iterator[str]:
         """What channels and measured inputs may have, and all inputs together."""
         yield from (f"{kind}_{name}" for name in self._channels() for kind in SENSED)
-        every = sorted(self._inputs(), key=lambda name: name not in DRIVES)
+        symbols = self.job.problem.model.symbols
+        every = sorted(self._inputs(), key=lambda name: not symbols[name].drives)
         yield from (f"{kind}_{name}" for name in every for kind in SENSED[1:])
         yield from (f"{SENSED[0]}_{name}" for name in every[1:])  # the first: as all, by MOMENT
         if len(self._channels()) > 1:  # of one it is the lag of that

@@ -14,12 +14,12 @@ from bayesdrill.basics.arrays import Array
 from bayesdrill.basics.errors import InputError, Issue, did_you_mean, short_repr
 from bayesdrill.basics.formulas import linear_combination
 from bayesdrill.basics.values import check_arguments
+from bayesdrill.config.schema.vocabulary import idle_inputs
 from bayesdrill.inference import step_error
 from bayesdrill.record.experiment import Channel, Experiment, frozen, raise_if_any
-from bayesdrill.rig import models
 from bayesdrill.rig.models.linear import Model, missing_requirements, requirement_text, with_named
 from bayesdrill.rig.simulators import simulator
-from bayesdrill.rig.simulators.sensors import ObservationModel
+from bayesdrill.rig.simulators.sensors import ObservationModel, signal_names, state_weights
 
 NUMBERS = "a number for each name"
 
@@ -65,10 +65,10 @@ def respond(
     ]
     signals = [signals] if isinstance(signals, str) else signals
     times = arguments.times(t, issues)
-    values = _numbers(model.parameters, parameters, "parameters", issues)
+    values = _parameters(model, parameters, issues)
     at_rest = dict.fromkeys(model.states, 0.0)
     start = _numbers(model.states, at_rest | dict(initial or {}), "initial", issues)
-    idle: dict[str, ArrayLike] = {name: 0.0 for name in model.inputs if name == "t_1"}
+    idle: dict[str, ArrayLike] = dict.fromkeys(idle_inputs(model), 0.0)
     given: dict[str, Array] = {}
     for name, value in (idle | dict(inputs)).items():
         if arguments.is_series(value):
@@ -93,6 +93,7 @@ def respond(
         series={name: frozen(signal) for name, signal in series.items()},
         first_order=hold == "first",
         start=start,
+        input_symbols={name: model.symbols[name] for name in model.inputs},
         t_start=float(times[0]) if series else min(0.0, float(times[0])),
     )
     theta = np.array([[values[name] for name in model.parameters]])
@@ -105,18 +106,25 @@ def respond(
 def _numbers(
     names: Sequence[str], values: Mapping[str, float], location: str, issues: list[Issue]
 ) -> dict[str, float]:
-    """One for each of `names`; parameters are as they may be held."""
+    """One for each of `names`."""
     _check_names(names, values, location, issues)
+    given = [name for name in names if name in values]
+    return {name: arguments.number(f"{location}.{name}", values[name], issues) for name in given}
+
+
+def _parameters(rig: Model, values: Mapping[str, float], issues: list[Issue]) -> dict[str, float]:
+    """One for each parameter, as it may be held."""
+    _check_names(rig.parameters, values, "parameters", issues)
     read = {}
-    for name in (name for name in names if name in values):
-        symbol = models.PARAMETERS[name] if location == "parameters" else None
-        positive = symbol is not None and symbol.held == "positive"
-        read[name] = arguments.number(f"{location}.{name}", values[name], issues, positive=positive)
-        if symbol is not None and symbol.held == "not negative" and read[name] < 0:
-            issues.append(Issue(f"{location}.{name}", f"{short_repr(values[name])} is negative"))
-        if symbol is not None and read[name] > symbol.at_most:
+    for name in (name for name in rig.parameters if name in values):
+        symbol, location = rig.symbols[name], f"parameters.{name}"
+        positive = symbol.held == "positive"
+        read[name] = arguments.number(location, values[name], issues, positive=positive)
+        if symbol.held == "not negative" and read[name] < 0:
+            issues.append(Issue(location, f"{short_repr(values[name])} is negative"))
+        if read[name] > symbol.at_most:
             message = f"{short_repr(values[name])} is more than {symbol.at_most:g}"
-            issues.append(Issue(f"{location}.{name}", message))
+            issues.append(Issue(location, message))
     return read
 
 
@@ -133,8 +141,9 @@ def _check_names(
 
 def _channel(name: str, rig: Model) -> Channel:
     try:
-        weights = linear_combination(name, rig.states)
+        combines = linear_combination(name, (*signal_names(rig), *rig.inner))
     except ValueError as error:
         raise InputError.at("signals", str(error)) from None
-    unit = models.STATES[next(iter(weights))].unit
+    unit = rig.symbols[next(iter(combines))].unit
+    weights = state_weights(rig, combines)
     return Channel(name=name, weights=weights, unit=unit, latex=name, latex_unit=unit)

@@ -86,7 +86,7 @@ def factor(unit: str, si: str) -> float:
 
 
 # As pint has them, which takes 0.3 s to load.
-_KINDS = ("rad", "rad/s", "s", "A", "V", "N*m")
+_KINDS = ("rad", "rad/s", "s", "A", "V", "N*m", "m", "m/s", "N", "kg", "N/m", "N*s/m")
 _COMMON = {kind: (kind, 1.0) for kind in _KINDS} | {
     "deg": ("rad", math.pi / 180),
     "deg/s": ("rad/s", math.pi / 180),
@@ -96,6 +96,9 @@ _COMMON = {kind: (kind, 1.0) for kind in _KINDS} | {
     "mA": ("A", 1e-3),
     "mV": ("V", 1e-3),
     "mN*m": ("N*m", 1e-3),
+    "mm": ("m", 1e-3),
+    "mm/s": ("m/s", 1e-3),
+    "mN": ("N", 1e-3),
 }
 
 
@@ -106,7 +109,7 @@ def _other_kind(unit: str, si: str) -> str:
 # Units that are shown; what fits none of them is shown in kg, m, s, A.
 _COHERENT = (
     "m", "m**2", "m**3", "kg", "s", "N", "Pa", "N*m", "W", "A", "V", "ohm", "H", "rad/s", "kg/m**3",
-    "kg*m**2", "K",
+    "kg*m**2", "K", "N/m", "N*s/m",
 )  # fmt: skip
 
 
@@ -191,4 +194,7 @@ def _examples(si: str) -> str:
         "A": "A or mA",
         "V": "V or mV",
         "N*m": "N*m or mN*m",
+        "m": "m or mm",
+        "m/s": "m/s or mm/s",
+        "N": "N or mN",
     }.get(si, si)

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from pydantic import TypeAdapter
 
 from bayesdrill.basics.arrays import Array
 from bayesdrill.basics.entries import entries_of
@@ -161,8 +162,13 @@ def arrays_as_csv(columns: Mapping[str, Array]) -> str:
 
 def model_entry(rig: Model) -> dict[str, Any]:
     """Return a rig as `model:` of a config has it."""
-    entries = entries_of(type(rig))
-    return {"name": rig.name, **{n: x for n, x in constants(rig).items() if n in entries}}
+    entries, given = entries_of(type(rig)), constants(rig)
+    plain = {
+        name: TypeAdapter(kind).dump_python(given[name], warnings=False)
+        for name, kind in entries.items()
+        if name in given
+    }
+    return {"name": rig.name, **plain}
 
 
 def _plain(value: Any, location: tuple[str, ...], issues: list[Issue]) -> Any:

@@ -13,29 +13,41 @@ from typing import Any
 
 from pydantic import BaseModel, ValidationError
 
-from bayesdrill.basics.entries import SMALLEST
+from bayesdrill.basics.entries import SMALLEST, build_member, unknown_keys
 from bayesdrill.basics.errors import InputError, Issue, did_you_mean, shortened
 from bayesdrill.config import consistency
 from bayesdrill.config.consistency import several
 from bayesdrill.config.resolve import experiments
 from bayesdrill.config.resolve.case import ResolvedCase, ResolvedExperiment
-from bayesdrill.config.schema.config import Config
+from bayesdrill.config.schema.config import Config, ModelSpec, config_kind
+from bayesdrill.config.schema.vocabulary import vocabulary_of
 from bayesdrill.config.yaml_source import Location, Source, read
 from bayesdrill.inference.priors import PRIORS
+from bayesdrill.rig.models import MODELS
 from bayesdrill.rig.models.linear import Model
+from bayesdrill.rig.models.train import PartsError
 
-# What a config cannot do without.  Of an entry that is missing or spoilt nothing more is said, but
-# the others can be judged with these in its place; sections before what stands in them.
-_STAND_INS: dict[Location, Any] = {
-    ("name",): "x",
-    ("seed",): 0,
-    ("record",): {},
-    ("record", "file"): "x.csv",
-    ("record", "time"): {"rate": 1.0},
-    ("record", "channels"): {"theta_1": {"column": 1, "unit": "rad", "sigma": 1.0}},
-    ("inputs",): {},
-    ("parameters",): {},
-}
+_FILE = "x.csv"
+
+
+def _stand_ins(kind: type[Config]) -> dict[Location, Any]:
+    """What a config cannot do without.
+
+    Of an entry that is missing or spoilt nothing more is said, but the others can be judged with these
+    in its place; sections before what stands in them.
+    """
+    state = next(iter(kind.vocabulary.states.values()))
+    return {
+        ("name",): "x",
+        ("seed",): 0,
+        ("record",): {},
+        ("record", "file"): _FILE,
+        ("record", "time"): {"rate": 1.0},
+        ("record", "channels"): {state.name: {"column": 1, "unit": state.unit, "sigma": 1.0}},
+        ("inputs",): {},
+        ("parameters",): {},
+    }
+
 
 FRICTION_WALKERS = 96
 WALKERS_PER_EXPERIMENT = 16  # more: it may bring unknowns of its own
@@ -54,14 +66,45 @@ def load(path: Path) -> ResolvedCase:
 
 def validate(source: Source) -> ResolvedCase:
     """Validate a config that has been read; see `load`."""
+    kind = _config_kind(source)
     if experiments.EXPERIMENTS in source.data:
-        config, resolved = _load_several(source)
+        config, resolved = _load_several(source, kind)
     else:
-        alone = _load_single(source, alone=True)
+        alone = _load_single(source, kind, alone=True)
         config, resolved = alone.config, {"": alone}
     experiments_ = tuple(resolved.values())
     config = _with_walkers(config, experiments_[0].model)
     return ResolvedCase(config=config, source=source, experiments=experiments_)
+
+
+def _config_kind(source: Source) -> type[Config]:
+    """Return the config with the names of its rig; raises `InputError` where there is no such rig.
+
+    Of a rig whose names all others share that is said later, with all else.
+    """
+    data = source.data
+    entry = data.get("model") if isinstance(data, Mapping) else None
+    name = entry.get("name") if isinstance(entry, Mapping) else None
+    kind = MODELS.usable().get(name) if isinstance(name, str) else None
+    if kind is None or not kind().has_private_names:
+        return Config
+    issues = [*source.repeated]
+    try:
+        section = ModelSpec.model_validate(entry)
+        vain = unknown_keys(("name", "model"), MODELS.usable(), kind, section)
+        issues += [source.issue(("model", key), text) for key, text in vain.items()]
+        rig = build_member(kind, section)
+    except PartsError as error:
+        issues += [source.issue(("model", key), text) for key, text in error.entries]
+    except ValidationError as error:
+        for item in error.errors():
+            loc = ("model", *item["loc"])
+            location = _location(loc, data)
+            message = _message({**item, "loc": loc}, location, Config)
+            issues.append(source.issue(location, message))
+    if issues:
+        raise InputError(sorted(dict.fromkeys(issues), key=_line))
+    return config_kind(vocabulary_of(rig))
 
 
 def _with_walkers(config: Config, model: Model) -> Config:
@@ -79,7 +122,9 @@ def _with_walkers(config: Config, model: Model) -> Config:
     return config.model_copy(update={"sampler": fewer})
 
 
-def _load_several(source: Source) -> tuple[Config, dict[str, ResolvedExperiment]]:
+def _load_several(
+    source: Source, kind: type[Config]
+) -> tuple[Config, dict[str, ResolvedExperiment]]:
     """All experiments, and the config of the first, which names them."""
     alone, resolved = experiments.split_experiments(source), dict[str, ResolvedExperiment]()
     problems = [*source.repeated]
@@ -88,36 +133,36 @@ def _load_several(source: Source) -> tuple[Config, dict[str, ResolvedExperiment]
     ).items():
         record = local_source.data.get("record", {})
         if isinstance(record, Mapping) and "file" not in record:
-            record = {**record, "file": _STAND_INS["record", "file"]}
+            record = {**record, "file": _FILE}
             local_source = dataclasses.replace(
                 local_source, data={**local_source.data, "record": record}
             )
             location = (experiments.EXPERIMENTS, label, "record", "file")
             problems += [source.issue(location, NO_RECORD)] if alone else []
         try:
-            resolved[label] = _load_single(local_source, label, alone=False)
+            resolved[label] = _load_single(local_source, kind, label, alone=False)
         except InputError as error:
             problems += error.problems
     whole = experiments.join_experiments(source, alone)
     if alone or source.data[experiments.EXPERIMENTS]:
-        problems += _experiment_issues(whole, source)
+        problems += _experiment_issues(whole, source, kind)
     else:
         problems.append(source.issue((experiments.EXPERIMENTS,), NO_EXPERIMENT))
     if not problems:
-        config = Config.model_validate(whole)
+        config = kind.model_validate(whole)
         problems += several.check_experiments(config, source, resolved)
     if problems:
         raise InputError(sorted(dict.fromkeys(problems), key=_line))
     return config, resolved
 
 
-def _experiment_issues(data: Mapping[str, Any], source: Source) -> list[Issue]:
+def _experiment_issues(data: Mapping[str, Any], source: Source, kind: type[Config]) -> list[Issue]:
     """About experiments alone; the rest is told by each of them."""
     try:
-        Config.model_validate(data)
+        kind.model_validate(data)
     except ValidationError as error:
         return [
-            source.issue(location, _message(item, location))
+            source.issue(location, _message(item, location, kind))
             for location, item in _by_location(error, source).items()
             if location and location[0] in ("experiments", "shared", "own")
         ]
@@ -129,24 +174,28 @@ def _by_location(error: ValidationError, source: Source) -> dict[Location, dict[
     return {_location(item["loc"], source.data): dict(item) for item in error.errors()}
 
 
-def _load_single(source: Source, label: str = "", *, alone: bool) -> ResolvedExperiment:
+def _load_single(
+    source: Source, kind: type[Config], label: str = "", *, alone: bool
+) -> ResolvedExperiment:
     """`alone`: whether there is no other experiment."""
     problems = list(source.repeated)
     pruned = copy.deepcopy(source.data)
     try:
-        config = Config.model_validate(source.data)
+        config = kind.model_validate(source.data)
     except ValidationError as error:
         errors = _by_location(error, source)
-        meant = {_intended_location(item, location) for location, item in errors.items()} - {
-            None,
-            *source.lines,
-        }
+        messages = {location: _message(item, location, kind) for location, item in errors.items()}
+        meant = {
+            _intended_location(item, location, messages[location])
+            for location, item in errors.items()
+        } - {None, *source.lines}
         problems += [
-            source.issue(location, _message(item, location))
+            source.issue(location, messages[location])
             for location, item in errors.items()
             if not (item["type"] == "missing" and location in meant)
         ]
-        problems += _check_remaining(pruned, [*errors, *filter(None, meant)], source, alone=alone)
+        spoilt = [*errors, *filter(None, meant)]
+        problems += _check_remaining(pruned, spoilt, source, kind, alone=alone)
     else:
         broken, resolved = consistency.check(config, source, frozenset(), label, alone=alone)
         problems += broken
@@ -156,25 +205,24 @@ def _load_single(source: Source, label: str = "", *, alone: bool) -> ResolvedExp
 
 
 def _check_remaining(
-    data: Any, spoilt: list[Location], source: Source, *, alone: bool
+    data: Any, spoilt: list[Location], source: Source, kind: type[Config], *, alone: bool
 ) -> list[Issue]:
     """Checks across entries, for what is left after the spoilt entries are taken out."""
     for location in spoilt:
         _remove(data, location)
-    for location, stand_in in _STAND_INS.items():
+    for location, stand_in in _stand_ins(kind).items():
         parent = functools.reduce(operator.getitem, location[:-1], data)
         if not parent.get(location[-1]):
             parent[location[-1]] = copy.deepcopy(stand_in)
     try:
-        config = Config.model_validate(data)
+        config = kind.model_validate(data)
     except ValidationError:
         return []
     return consistency.check(config, source, frozenset(spoilt), alone=alone)[0]
 
 
-def _intended_location(error: dict[str, Any], location: Location) -> Location | None:
+def _intended_location(error: dict[str, Any], location: Location, hint: str) -> Location | None:
     """The entry that a misspelt key was to be: that it is missing is no mistake of its own."""
-    hint = _message(error, location)
     suggestion = hint.rpartition("did you mean ")[2].rstrip("?")
     return (
         (*location[:-1], suggestion)
@@ -209,7 +257,7 @@ def _location(loc: tuple[str | int, ...], data: Any) -> Location:
     return tuple(location)
 
 
-def _message(error: dict[str, Any], location: Location) -> str:
+def _message(error: dict[str, Any], location: Location, config: type[Config]) -> str:
     kind, value, context = error["type"], error["input"], error.get("ctx", {})
     match kind:
         case "extra_forbidden":
@@ -218,7 +266,9 @@ def _message(error: dict[str, Any], location: Location) -> str:
                 return f"unknown {word}; if a decimal comma made it, write a point"
             if "<tie>" in error["loc"]:
                 return "a tied parameter has nothing else; remove this entry, or the tie"
-            return f"unknown {word}{did_you_mean(str(location[-1]), _keys_at(error['loc']))}"
+            return (
+                f"unknown {word}{did_you_mean(str(location[-1]), _keys_at(error['loc'], config))}"
+            )
         case "missing":
             return "this entry is missing; see `bayesdrill schema` or configs/nominal_step.yaml"
         case "union_tag_not_found":
@@ -301,9 +351,9 @@ def _hint(value: Any) -> str:
     return ""
 
 
-def _keys_at(loc: tuple[str | int, ...]) -> list[str]:
+def _keys_at(loc: tuple[str | int, ...], config: type[Config]) -> list[str]:
     """The keys that may stand where the unknown key `loc[-1]` stands."""
-    sections: list[Mapping[str, Any]] = [_entries(Config)]
+    sections: list[Mapping[str, Any]] = [_entries(config)]
     for part in loc[:-1]:
         annotations = [section[str(part)] for section in sections if str(part) in section]
         if annotations:

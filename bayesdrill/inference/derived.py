@@ -6,6 +6,7 @@ posterior is that of the unknowns.
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
@@ -13,10 +14,9 @@ import numpy as np
 
 from bayesdrill.basics import symbols
 from bayesdrill.basics.arrays import Array
-from bayesdrill.basics.symbols import Symbol, product_latex, unit_product
+from bayesdrill.basics.symbols import SPEED_UNITS, Symbol, product_latex, unit_product
 from bayesdrill.inference.posterior import Problem
 from bayesdrill.record.experiment import typical_inputs
-from bayesdrill.rig import models
 from bayesdrill.rig.models.friction import Named
 from bayesdrill.rig.models.linear import Linear, Model, constant_forcing, dynamics
 from bayesdrill.rig.steady_state import angle_indices, equilibrium, fix_rotation, rotates_freely
@@ -145,8 +145,22 @@ def _product_name(exponents: Mapping[str, int]) -> str:
 
 def derived_symbols(problem: Problem) -> tuple[Symbol, ...]:
     """Return the symbols in the order of the values."""
-    tied = [models.PARAMETERS[name] for name in problem.posterior.space.relations]
-    return (*tied, *symbols.DERIVED.values(), *(formula.symbol for formula in problem.derived))
+    model, formulas = problem.model, (formula.symbol for formula in problem.derived)
+    tied = [model.symbols[name] for name in problem.posterior.space.relations]
+    return (*tied, *of_motion(model), *formulas)
+
+
+def of_motion(model: Model) -> tuple[Symbol, ...]:
+    """Return the symbols of `poles` and `steady_values`; along a line a speed is one in m/s."""
+    speed = SPEED_UNITS[model.symbols[model.angles[0]].unit] if model.angles else "rad/s"
+    end = symbols.DERIVED["w_end"]
+    moved = dataclasses.replace(end, unit=speed, latex_unit=symbols.latex_unit(speed))
+    return tuple({**symbols.DERIVED, end.name: moved}.values())
+
+
+def _current(model: Model) -> str | None:
+    """The first motor's current, where it is a state."""
+    return next((m.current for m in model.roles.motors if m.current in model.states), None)
 
 
 def values_at(problem: Problem, theta: Array) -> dict[str, Array]:
@@ -211,8 +225,9 @@ def poles(model: Model, linear: Linear, n: int) -> dict[str, Array]:
         times = np.where(swings, np.nan, -1.0 / eigenvalues.real)
     none = ~swings.any(axis=1)
     fastest = np.argmax(np.where(swings & ~visible, 0.0, size), axis=1)[:, None]
-    current = model.roles.motor.current in model.states
-    slow = (~swings).sum(axis=1) == (2 if current else 1)  # of the current, and of the motor
+    current = _current(model)
+    n_currents = len({m.current for m in model.roles.motors} & {*model.states})
+    slow = (~swings).sum(axis=1) == n_currents + 1  # of the currents, and of the motor
     values = {
         "omega_n": np.where(none, np.nan, np.take_along_axis(size, least_damped, axis=1)[:, 0]),
         "zeta": np.where(none, np.nan, np.take_along_axis(damping, least_damped, axis=1)[:, 0]),
@@ -236,8 +251,8 @@ def steady_values(
     turned = rotates_freely(matrix, angles)
     final = equilibrium(fix_rotation(matrix, angles) if turned else matrix, pushed)
     speed = final[:, angles[0]] if turned else 0.0 * final[:, angles[0]]
-    current = model.roles.motor.current in model.states
-    at_end = final[:, model.states.index(model.roles.motor.current)] if current else _all_nan(n)
+    current = _current(model)
+    at_end = final[:, model.states.index(current)] if current else _all_nan(n)
     return {"w_end": speed, "i_end": at_end}
 
 

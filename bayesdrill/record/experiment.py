@@ -12,12 +12,11 @@ from numpy.typing import NDArray
 from bayesdrill.basics.arrays import Array
 from bayesdrill.basics.entries import SMALLEST
 from bayesdrill.basics.errors import InputError, Issue
-from bayesdrill.basics.symbols import INPUTS
+from bayesdrill.basics.symbols import INPUTS, Symbol
 from bayesdrill.basics.units import SECOND, Unit
 
 EARLIEST_DAY, LATEST_DAY = 20_000, 800_000  # of the calendars of Excel and MATLAB, in our time
 MAX_REPEATED_TIMES = 0.1  # of all steps: more that are zero are no mistake of single rows
-DRIVES = ("v", "w_2", "t_m")  # inputs without which a rig would stand still
 MAX_VALUE = 1e40  # of a column; 9.91e37, which SCPI writes for NaN, may be masked as a glitch
 STEP_TOLERANCE = 1e-3  # how far a time step may be from the usual one, relative
 
@@ -83,7 +82,7 @@ class Experiment:
     zero).  `told`: what was done to the numbers of the files, in sentences; `odd`: what they look like
     that a sensor made, not the rig.  `held_out (T, K)`: samples that are no evidence though they were
     measured, NaN elsewhere; None where there are none.  `input_steps`: the usual step [s] of the clock
-    of each of `series`; `dt` where it is not named.
+    of each of `series`; `dt` where it is not named.  `input_symbols`: of all of them, by name.
     """
 
     t: Array
@@ -100,6 +99,7 @@ class Experiment:
     # Not in the `repr`, by which results know the noise of a missing torque: it decides no density.
     input_steps: Mapping[str, float] = field(default_factory=dict, repr=False)
     written: Written = field(default_factory=Written, repr=False)
+    input_symbols: Mapping[str, Symbol] = field(default_factory=lambda: dict(INPUTS), repr=False)
 
     @property
     def dt(self) -> float:
@@ -141,8 +141,13 @@ class Experiment:
 
     def unit_of_input(self, name: str) -> Unit:
         """Return the unit in which people are shown an input."""
-        known, symbol = self.written.inputs.get(name), INPUTS[name]
+        known, symbol = self.written.inputs.get(name), self.input_symbols[name]
         return known or Unit(symbol.unit, 1.0, symbol.latex_unit)
+
+    @property
+    def drives(self) -> frozenset[str]:
+        """The names of inputs without which a rig would stand still."""
+        return frozenset(name for name, symbol in self.input_symbols.items() if symbol.drives)
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -314,8 +319,8 @@ def _rows(indices: NDArray[np.intp], where: Callable[[int], str]) -> str:
 
 def typical_inputs(experiment: Experiment) -> dict[str, float]:
     """Return typical inputs, SI: the root mean square of what drives a rig, else the mean."""
-    sizes = dict(experiment.constant)
+    sizes, drives = dict(experiment.constant), experiment.drives
     for name, series in experiment.series.items():
-        size = np.sqrt(np.mean(series**2)) if name in DRIVES else np.mean(series)
+        size = np.sqrt(np.mean(series**2)) if name in drives else np.mean(series)
         sizes[name] = float(size)
-    return sizes | {name: abs(sizes[name]) or 1.0 for name in DRIVES if name in sizes}
+    return sizes | {name: abs(sizes[name]) or 1.0 for name in drives if name in sizes}

@@ -54,7 +54,7 @@ def _columns(observation: Observation, config: Config) -> str:
     held = "first" if experiment.first_order else "zero"
     for name, given in quantities.measured_inputs(config).items():
         entry = quantities.input_entry(config, name)
-        factor = units.factor(given.unit, quantities.input_unit(entry))
+        factor = units.factor(given.unit, quantities.input_unit(config, entry))
         values = quantities.inputs_as_given(config, experiment, name) / factor
         how = "angle" if entry != name else f"hold: {held}"
         lines.append(_line(entry, f"input, {how}", given, values))

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from xarray import DataTree
 
 from bayesdrill.basics.arrays import Array
-from bayesdrill.basics.symbols import INPUTS, Symbol
+from bayesdrill.basics.symbols import Symbol
 from bayesdrill.inference.derived import Derived
 from bayesdrill.inference.likelihood import Observation
 from bayesdrill.inference.posterior import Problem
@@ -148,7 +148,9 @@ def _describe(
 ) -> None:
     """Units and meanings."""
     inputs = [
-        dataclasses.replace(INPUTS[name], name=labelled_name(name, observation.label))
+        dataclasses.replace(
+            observation.experiment.input_symbols[name], name=labelled_name(name, observation.label)
+        )
         for observation in problem.observations
         for name in (*observation.experiment.constant, *observation.experiment.series)
     ]

@@ -21,7 +21,7 @@ from bayesdrill.basics import software
 from bayesdrill.basics.arrays import Array
 from bayesdrill.basics.errors import InputError, Interrupted
 from bayesdrill.basics.software import DECISIVE, installed_versions, versions_text
-from bayesdrill.basics.symbols import INPUTS, noise_name
+from bayesdrill.basics.symbols import noise_name
 from bayesdrill.config.job import Job
 from bayesdrill.config.records import sources
 from bayesdrill.config.resolve import experiments
@@ -194,7 +194,9 @@ def _remove_defaults(sections: dict[str, Any], config: Config, rig: Model) -> No
     Inputs that the rig has not are refused, and so are states of a steady start; of a free one they
     would be held.
     """
-    removed = {"inputs": {*INPUTS} - {*rig.inputs} - config.inputs.model_fields_set}
+    removed = {
+        "inputs": {*config.vocabulary.inputs} - {*rig.inputs} - config.inputs.model_fields_set
+    }
     if config.initial.state != "given":
         states = {*sections["initial"]} - {"state", "time"}
         removed["initial"] = states - config.initial.model_fields_set

@@ -104,7 +104,7 @@ class _Powers:
         self.stored = self._stored()
 
     def forms(self) -> dict[str, Array]:
-        """Return what each input gives, and frictions and parameters take; named by nothing: the rest."""
+        """Return what inputs give, what frictions and parameters take, and, named by nothing, the rest."""
         x = len(self.model.states)
         rest = np.zeros_like(self.rates)
         rest[:x] = self.stored @ self.rates[:x]
@@ -128,7 +128,8 @@ class _Powers:
     def _inertia(self, inertia: InertiaRoles) -> float:
         """Return the inertia of all that turns with its speed, as that state has it."""
         name = inertia.inertia
-        linear: Any = self.model.linear({**self.p, name: Dual(self.p[name], 1.0)})
+        varied: dict[str, Any] = {**self.p, name: Dual(self.p[name], 1.0)}
+        linear = self.model.linear(varied)
         items = (*linear.A.items(), *linear.B.items())
         entries = (dual(x) for (row, _), x in items if row == inertia.speed)
         each = [x for x in entries if x.slope]

@@ -11,7 +11,6 @@ from bayesdrill.config.resolve import case, quantities
 from bayesdrill.config.resolve.case import ResolvedExperiment
 from bayesdrill.config.schema.config import Config
 from bayesdrill.config.yaml_source import IssueCollector, Location, Source
-from bayesdrill.rig import models
 
 
 def check(
@@ -22,7 +21,8 @@ def check(
     `alone`: whether there is no other experiment, so that it is known what all unknowns are called.
     """
     errors = IssueCollector(source, spoilt)
-    spoilt_names = [name for name in models.PARAMETERS if errors.is_reported(("parameters", name))]
+    names = config.vocabulary.parameters
+    spoilt_names = [name for name in names if errors.is_reported(("parameters", name))]
     model = errors.run(("model", "name"), case.build_model, config, spoilt_names)
     given_nominal = {} if model is None else unknowns.check_nominal(errors, config, model)
     nominal = errors.run(("nominal", "table"), quantities.nominal_table, config, given_nominal)

@@ -9,11 +9,11 @@ import itertools
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from bayesdrill.basics import symbols, units
+from bayesdrill.basics import units
 from bayesdrill.basics.entries import unknown_keys
 from bayesdrill.basics.formulas import linear_combination
 from bayesdrill.basics.registry import lookup
-from bayesdrill.basics.symbols import INPUTS, noise_name
+from bayesdrill.basics.symbols import SPEED_UNITS, noise_name
 from bayesdrill.config.resolve import quantities, sensors
 from bayesdrill.config.resolve.case import LocalNumbers
 from bayesdrill.config.resolve.quantities import ParsedNumber
@@ -35,9 +35,8 @@ from bayesdrill.config.yaml_source import IssueCollector, Location
 from bayesdrill.inference.noise import NOISES
 from bayesdrill.inference.unknowns import Unknown
 from bayesdrill.record.formats import FORMATS
-from bayesdrill.rig import models
 from bayesdrill.rig.models.linear import Model, missing_requirements, with_named
-from bayesdrill.rig.simulators.sensors import ObservationModel
+from bayesdrill.rig.simulators.sensors import ObservationModel, signal_names
 
 
 @dataclass(frozen=True, slots=True)
@@ -121,7 +120,7 @@ def _check_ineffective(errors: IssueCollector, config: Config) -> None:
                     f"{name} is derived from {spec.derived_from}, and no evidence; remove this"
                 )
                 errors.add(("record", "channels", name, kind), message)
-    for name in INPUTS:
+    for name in config.vocabulary.inputs:
         input_spec = getattr(config.inputs, name)
         if (
             isinstance(input_spec, InputQuantity)
@@ -142,7 +141,7 @@ def _check_steady(errors: IssueCollector, config: Config, model: Model) -> None:
         errors.add(("initial",), message)
         return
     named = [name for name in model.states if name in config.initial.model_fields_set]
-    angles = [name for name in named if models.STATES[name].unit == "rad"]
+    angles = [name for name in named if name in model.angles]
     for name in named:
         if name not in angles:
             message = "the steady state gives it; remove this entry, or `state: steady`"
@@ -189,10 +188,10 @@ def _check_measured(
     combines = {name: 1.0}
     if spec.measures is not None:
         text, at = spec.measures, (*location, "measures")
-        combines = errors.run(at, linear_combination, text, model.outer) or {}
-    states = [models.STATES[state] for state in combines if state in model.outer]
-    if states:
-        errors.run((*location, "unit"), units.factor, spec.unit, states[0].unit)
+        combines = errors.run(at, linear_combination, text, signal_names(model)) or {}
+    signals = [model.symbols[signal] for signal in combines if signal in signal_names(model)]
+    if signals:
+        errors.run((*location, "unit"), units.factor, spec.unit, signals[0].unit)
     kinds, vain = {name: kind.Entries for name, kind in NOISES.usable().items()}, dict[str, str]()
     if errors.run((*location, "noise"), lookup, NOISES, spec.noise.name, "noise") is not None:
         vain = unknown_keys(("name", "noise"), kinds, kinds[spec.noise.name], spec.noise)
@@ -200,7 +199,7 @@ def _check_measured(
         errors.add((*location, "noise", entry), message)
     channel = None
     if len(errors.issues) == before:
-        channel = errors.run(location, sensors.build_channel, name, spec, model.outer)
+        channel = errors.run(location, sensors.build_channel, name, spec, model)
     if channel is None:
         return None
     measured = errors.run((*location, "sigma"), sensors.measured_channel, channel, spec)
@@ -246,7 +245,7 @@ def check_states(errors: IssueCollector, config: Config, model: Model) -> None:
     """Check the units of the initial state."""
     for name in model.outer:
         check_quantity(
-            errors, ("initial", name), getattr(config.initial, name), models.STATES[name].unit
+            errors, ("initial", name), getattr(config.initial, name), model.symbols[name].unit
         )
 
 
@@ -262,14 +261,14 @@ EMPTY_ENTRY = "nothing is not a number; write the value itself"
 
 def check_inputs(errors: IssueCollector, config: Config, model: Model | None) -> None:
     """Check the inputs: their units, and that they are those of the model."""
-    for entry in quantities.INPUT_ENTRIES:
+    for entry, symbol in config.vocabulary.entries.items():
         spec = getattr(config.inputs, entry)
         location: Location = ("inputs", entry)
         if isinstance(spec, InputColumn):
-            errors.run((*location, "unit"), units.factor, spec.unit, quantities.input_unit(entry))
+            errors.run((*location, "unit"), units.factor, spec.unit, symbol.unit)
             check_series(errors, location, spec)
         elif spec is not None:
-            check_quantity(errors, location, spec, quantities.input_unit(entry))
+            check_quantity(errors, location, spec, symbol.unit)
     if model is not None and not missing_requirements(model):
         _check_required(errors, config, model)
     _check_angles(errors, config)
@@ -286,10 +285,9 @@ def _check_required(errors: IssueCollector, config: Config, model: Model) -> Non
     given_entries = {
         name for name in config.inputs.model_fields_set if getattr(config.inputs, name) is not None
     }
-    entries = [
-        e for name in model.inputs for e in (name, quantities.IMPOSED_ANGLES.get(name, name))
-    ]
-    for entry in [e for e in quantities.INPUT_ENTRIES if e in given_entries]:
+    words = config.vocabulary
+    entries = [e for name in model.inputs for e in (name, words.imposed.get(name, name))]
+    for entry in [e for e in words.entries if e in given_entries]:
         if entry not in entries:
             input_names = ", ".join(dict.fromkeys(entries)) or "none"
             having = ((name, *needs) for name, needs in model.offers.items())
@@ -301,7 +299,7 @@ def _check_required(errors: IssueCollector, config: Config, model: Model) -> Non
             )
             errors.add(("inputs", entry), message)
     for name in model.inputs:
-        angle = ("inputs", quantities.IMPOSED_ANGLES.get(name, name))
+        angle = ("inputs", words.imposed.get(name, name))
         none = getattr(config.inputs, quantities.input_entry(config, name)) is None
         if none and not errors.is_reported(angle):
             errors.add(("inputs", name), _missing_message(config, name))
@@ -312,12 +310,9 @@ def _missing_message(config: Config, name: str) -> str:
         return EMPTY_ENTRY
     if name == "v":
         return MISSING_ENTRY
-    symbol = symbols.INPUTS[name]
-    other = (
-        f" (or `{quantities.IMPOSED_ANGLES[name]}:`, the angle)"
-        if name in quantities.IMPOSED_ANGLES
-        else ""
-    )
+    symbol, angle = config.vocabulary.inputs[name], config.vocabulary.imposed.get(name)
+    what = "angle" if symbol.unit == SPEED_UNITS["rad"] else "position"
+    other = f" (or `{angle}:`, the {what})" if angle else ""
     return (
         f"missing: the model wants the {symbol.meaning}; give a number in {symbol.plain_unit}, or "
         f"`{{column: ..., unit: ...}}`{other}"
@@ -326,7 +321,7 @@ def _missing_message(config: Config, name: str) -> str:
 
 def _check_angles(errors: IssueCollector, config: Config) -> None:
     """An angle that is imposed says all of its speed and of where it begins."""
-    for name, entry in quantities.IMPOSED_ANGLES.items():
+    for name, entry in config.vocabulary.imposed.items():
         spec = getattr(config.inputs, entry)
         if spec is None:
             continue

@@ -14,7 +14,6 @@ from bayesdrill.config.schema import numbers
 from bayesdrill.config.schema.config import Config
 from bayesdrill.config.yaml_source import IssueCollector, Source
 from bayesdrill.inference.unknowns import labelled_name
-from bayesdrill.rig import models
 from bayesdrill.rig.models.linear import Model
 
 NumbersByLabel = Mapping[
@@ -169,7 +168,8 @@ def _check_held_out(errors: IssueCollector, config: Config, by_label: NumbersByL
 
 def _check_names(errors: IssueCollector, config: Config, by_label: NumbersByLabel) -> None:
     """That no two unknowns, and no two columns of results, have one name."""
-    used_names = dict.fromkeys([*models.PARAMETERS, *config.quantities, *symbols.DERIVED], "")
+    words = config.vocabulary
+    used_names = dict.fromkeys([*words.parameters, *config.quantities, *symbols.DERIVED], "")
     used_names |= dict.fromkeys(config.derived, "")
     before = len(errors.issues)
     for label, local in by_label.items():
@@ -181,7 +181,7 @@ def _check_names(errors: IssueCollector, config: Config, by_label: NumbersByLabe
     columns = dict[str, str]()
     for label, local in by_label.items() if len(errors.issues) == before else ():
         column_names = {
-            labelled_name(n, label): f"{n} of {label}" for n in (*local.channels, *symbols.INPUTS)
+            labelled_name(n, label): f"{n} of {label}" for n in (*local.channels, *words.inputs)
         }
         _no_clash(errors, label, column_names, columns)
 

@@ -17,7 +17,6 @@ from bayesdrill.config.schema.config import Config
 from bayesdrill.config.yaml_source import IssueCollector, Location
 from bayesdrill.inference.posterior import Formula
 from bayesdrill.inference.unknowns import ParameterSpace, Unknown
-from bayesdrill.rig import models
 from bayesdrill.rig.models import MODELS
 from bayesdrill.rig.models.linear import Model, missing_requirements, requirement_text, with_all
 from bayesdrill.rig.simulators.sensors import ObservationModel
@@ -34,7 +33,8 @@ def check_model(errors: IssueCollector, config: Config, model: Model) -> None:
 
 def check_nominal(errors: IssueCollector, config: Config, model: Model) -> dict[str, float]:
     """Return the values of the config's own table, SI, at their own sides of the gear."""
-    given_names = [name for name in models.PARAMETERS if getattr(config.nominal, name) is not None]
+    names = config.vocabulary.parameters
+    given_names = [name for name in names if getattr(config.nominal, name) is not None]
     values = {
         name: errors.run(("nominal", name), quantities.nominal_value, config, model, name)
         for name in given_names
@@ -62,7 +62,7 @@ def check_rig(
 ) -> tuple[RigNumbers, ParameterSpace] | None:
     """Return parameters, quantities and formulas, with their space; None with a mistake."""
     parsed_parameters = dict[str, ParsedNumber | Expression | None]()
-    for name in models.PARAMETERS:
+    for name in config.vocabulary.parameters:
         location: Location = ("parameters", name)
         if config.parameters.get(name) is None:
             if name in model.parameters:
@@ -96,7 +96,7 @@ def _check_added(errors: IssueCollector, config: Config, model: Model) -> None:
         reported |= {*model.offers[name]}
     for section in ("nominal", "simulation"):
         section_spec = getattr(config, section)
-        for name in models.PARAMETERS:
+        for name in config.vocabulary.parameters:
             if name not in model.parameters and getattr(section_spec, name, None) is not None:
                 offered = name in model.offers
                 reason = (
@@ -115,7 +115,7 @@ def _check_relations(
     before = len(errors.issues)
     quantities_, derived = dict[str, ParsedNumber](), list[Formula]()
     for name, spec in config.quantities.items():
-        number = errors.run(("quantities", name), quantities.parse_quantity, name, spec)
+        number = errors.run(("quantities", name), quantities.parse_quantity, config, name, spec)
         if number is not None:
             quantities_[name] = number
             if getattr(spec, "latex", None) is not None:
@@ -147,19 +147,19 @@ def _check_relations(
     except RelationError as error:
         errors.add(("parameters", error.name), str(error))
         return None
-    _check_values(errors, space, related)
+    _check_values(errors, config, space, related)
     return numbers_, space
 
 
 def _check_values(
-    errors: IssueCollector, space: ParameterSpace, related: Mapping[str, Expression]
+    errors: IssueCollector, config: Config, space: ParameterSpace, related: Mapping[str, Expression]
 ) -> None:
     """What is computed for a parameter must be a positive number wherever the priors lead."""
     theta = space.draw(_TRIED, np.random.default_rng(0)) if space.free else np.ones((1, 0))
     named = space.named(theta)
     for name, relation in related.items():
         values = np.broadcast_to(named[name], len(theta))
-        upper_limit = min(LARGEST, models.PARAMETERS[name].at_most)
+        upper_limit = min(LARGEST, config.vocabulary.parameters[name].at_most)
         good = (values >= SMALLEST) & (values <= upper_limit)
         if not good.all():
             k = int(np.argmin(good))

@@ -15,7 +15,6 @@ from bayesdrill.config.schema.config import Config
 from bayesdrill.config.yaml_source import IssueCollector, Location
 from bayesdrill.inference.unknowns import labelled_name
 from bayesdrill.output_files import RUN_FIGURES
-from bayesdrill.rig import models
 from bayesdrill.rig.models.linear import Model
 from bayesdrill.sampling.optimisers import OPTIMISERS
 from bayesdrill.sampling.samplers.ensemble import MOVES, always_inside, moves_with_weights
@@ -135,7 +134,7 @@ def check_output(
 def check_identify(errors: IssueCollector, config: Config, labels: Sequence[str]) -> None:
     """Check what `identify` is asked for."""
     settings = config.identify
-    free = free_parameters(config, models.PARAMETERS)
+    free = free_parameters(config, config.vocabulary.parameters)
     unknown = [
         labelled_name(n, label) for n in free for label in (labels if n in config.own else [""])
     ]

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from bayesdrill.basics import units
 from bayesdrill.basics.arrays import Array
+from bayesdrill.basics.symbols import SPEED_UNITS
 from bayesdrill.config.records.sources import Clock, Sources
 from bayesdrill.config.schema.records import (
     AngleColumn,
@@ -262,6 +263,16 @@ def find_derivatives(columns: Mapping[Location, RecordColumn], findings: Cleanin
             )
 
 
+def _kinematic_factors(angle: str, speed: str) -> tuple[float, float] | None:
+    """Return how many SI a unit of an angle or position is, and that of its speed; None of others."""
+    for si, rate in SPEED_UNITS.items():
+        try:
+            return units.factor(angle, si), units.factor(speed, rate)
+        except ValueError:
+            continue
+    return None
+
+
 def _compare_with_quotients(
     column: RecordColumn, origin: RecordColumn
 ) -> tuple[str, float, float] | None:
@@ -269,13 +280,10 @@ def _compare_with_quotients(
     if column.clock is not origin.clock:
         return None
     in_both = ~np.isnan(column.values) & ~np.isnan(origin.values)
-    try:
-        turned = units.factor(origin.spec.unit, "rad")
-        moved = units.factor(column.spec.unit, "rad/s")
-    except ValueError:
+    factors = _kinematic_factors(origin.spec.unit, column.spec.unit)
+    if factors is None or np.sum(in_both) < anomalies.MIN_DIFFERENCED_SAMPLES:
         return None
-    if np.sum(in_both) < anomalies.MIN_DIFFERENCED_SAMPLES:
-        return None
+    turned, moved = factors
     x, w, t = (
         origin.values[in_both] * turned,
         column.values[in_both] * moved,

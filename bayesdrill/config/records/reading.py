@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bayesdrill import output_files
-from bayesdrill.basics import symbols, units
+from bayesdrill.basics import units
 from bayesdrill.basics.arrays import Array
 from bayesdrill.basics.entries import build_member
 from bayesdrill.basics.units import Unit
@@ -106,8 +106,9 @@ class _Reader:
             written=Written(
                 files=tuple(path.name for path in sources.paths(self._resolved)),
                 time=units.display_unit(time.unit if isinstance(time, TimeColumn) else "s", "s"),
-                inputs={name: _unit_of_input(config, name) for name in symbols.INPUTS},
+                inputs={name: _unit_of_input(config, name) for name in config.vocabulary.inputs},
             ),
+            input_symbols=dict(config.vocabulary.inputs),
         )
         if (decimation := config.record.decimate) is None:
             return experiment
@@ -202,7 +203,7 @@ class _Reader:
                     f"{entry}: {missing} samples are bridged, hold: {spec.hold}"
                 )
             values = column_cleaning.bridge_gaps(self._sources, column)
-            values = values * units.factor(spec.unit, quantities.input_unit(entry))
+            values = values * units.factor(spec.unit, quantities.input_unit(self._config, entry))
             if isinstance(spec, AngleColumn):
                 clock = column.clock.t
                 start_angles[entry] = float(np.interp(t[0], clock, values))
@@ -295,7 +296,7 @@ class _Reader:
 
 def _unit_of_input(config: Config, name: str) -> Unit:
     """SI of a speed that was given as an angle."""
-    spec, symbol = getattr(config.inputs, name), symbols.INPUTS[name]
+    spec, symbol = getattr(config.inputs, name), config.vocabulary.inputs[name]
     unit = spec.unit if isinstance(spec, InputColumn | InputQuantity) else symbol.unit
     return units.display_unit(unit, symbol.unit, symbol.latex_unit)
 

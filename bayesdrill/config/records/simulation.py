@@ -96,7 +96,7 @@ def _columns(
         entries.append((("record", "channels", name), spec, channel))
     for name, spec_of_input in quantities.measured_inputs(config).items():
         entry = quantities.input_entry(config, name)
-        factor = units.factor(spec_of_input.unit, quantities.input_unit(entry))
+        factor = units.factor(spec_of_input.unit, quantities.input_unit(config, entry))
         values = quantities.inputs_as_given(config, experiment, name) / factor
         entries.append((("inputs", entry), spec_of_input, values))
     columns = []
@@ -246,6 +246,7 @@ def simulation_grid(resolved: ResolvedExperiment) -> Experiment:
         first_order=False,
         start=initial_state(config, resolved.model),
         t_start=min(0.0, config.initial.time or 0.0),
+        input_symbols=dict(config.vocabulary.inputs),
     )
 
 

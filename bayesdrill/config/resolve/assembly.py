@@ -189,7 +189,9 @@ def build_simulator(
     visible = experiment
     if not wrong:
         values = {number.name: number.value for number in sensor_numbers}
-        visible = experiments.start_beyond_lags(experiment, resolved.sensing, values)
+        visible = experiments.start_beyond_lags(
+            experiment, resolved.model, resolved.sensing, values
+        )
         wrong = _hidden_channels(resolved, visible)
     if wrong:
         raise InputError(

@@ -23,7 +23,6 @@ from bayesdrill.config.yaml_source import Source
 from bayesdrill.inference.posterior import Formula
 from bayesdrill.inference.priors import Prior
 from bayesdrill.inference.unknowns import ParameterSpace, Unknown, labelled_name
-from bayesdrill.rig import models
 from bayesdrill.rig.models import MODELS
 from bayesdrill.rig.models.linear import Model, with_named
 from bayesdrill.rig.simulators.sensors import ObservationModel
@@ -45,7 +44,7 @@ def initial_state(config: Config, model: Model) -> dict[str, float]:
     initial = config.initial
     entries = {name: getattr(initial, name) for name in model.outer}
     return {
-        name: quantities.to_si(value, models.STATES[name].unit)
+        name: quantities.to_si(value, model.symbols[name].unit)
         for name, value in entries.items()
         if isinstance(value, float | int | numbers.Quantity)
         and (initial.state != "steady" or name in initial.model_fields_set)

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from bayesdrill.basics.arrays import Array
+from bayesdrill.basics.symbols import SPEED_UNITS, Symbol
 from bayesdrill.config.resolve import sensors
 from bayesdrill.config.resolve.quantities import ParsedNumber
 from bayesdrill.config.schema.config import Config
@@ -18,7 +19,6 @@ from bayesdrill.config.yaml_source import Location, Source
 from bayesdrill.inference.priors import Prior, TruncatedNormal
 from bayesdrill.inference.unknowns import labelled_name
 from bayesdrill.record.experiment import Experiment, frozen
-from bayesdrill.rig import models
 from bayesdrill.rig.models.friction import Named
 from bayesdrill.rig.models.linear import Model
 from bayesdrill.rig.simulators.sensors import ObservationModel
@@ -102,10 +102,10 @@ def free_start(name: str, experiment: Experiment, model: Model, values: Named) -
     Where no channel measures it, it is as wide as the inputs would drive it at parameters `values`.
     Raises `ValueError` where neither tells a width.
     """
-    unit = models.STATES[name].unit
-    middle, width = _measured_start(name, experiment)
+    symbol = model.symbols[name]
+    middle, width = _measured_start(symbol, experiment)
     if width is None:
-        width = _span_of_unit(experiment, unit)
+        width = _span_of_unit(experiment, symbol.unit)
     if not width:
         width = _driven_width(name, experiment, model, values)
     if not (math.isfinite(width) and width > 0):
@@ -115,7 +115,7 @@ def free_start(name: str, experiment: Experiment, model: Model, values: Named) -
         )
     prior = TruncatedNormal(middle, FREE_START_WIDTH * width, -math.inf, math.inf)
     return ParsedNumber(
-        symbol=sensors.symbol_of_state(name), role="start", value=prior, start=middle
+        symbol=sensors.symbol_of_state(model, name), role="start", value=prior, start=middle
     )
 
 
@@ -137,33 +137,33 @@ def _channels_of_unit(experiment: Experiment, unit: str) -> list[tuple[Mapping[s
     return [(c.weights, y[~np.isnan(y)]) for c, y in channels if c.unit == unit]
 
 
-def _measured_start(name: str, experiment: Experiment) -> tuple[float, float | None]:
+def _measured_start(state: Symbol, experiment: Experiment) -> tuple[float, float | None]:
     """Return first value and span of a channel that measures this state alone.
 
     Of an angle that only another one tells, it is that one's first value: the two turn together.
     """
-    unit = models.STATES[name].unit
-    middle = 0.0
-    for weights, y in _channels_of_unit(experiment, unit):
+    middle, name = 0.0, state.name
+    for weights, y in _channels_of_unit(experiment, state.unit):
         if set(weights) == {name}:
             return float(y[0] / weights[name]), float(np.ptp(y) / abs(weights[name]))
-        if len(weights) == 1 and unit in ("rad", "rad/s"):
+        if len(weights) == 1 and state.unit in (*SPEED_UNITS, *SPEED_UNITS.values()):
             middle = float(y[0] / next(iter(weights.values())))
     return middle, None
 
 
 def _span_of_unit(experiment: Experiment, unit: str) -> float:
     """How far states of this unit go, as channels tell; angles and speeds tell of each other."""
-    if unit == "rad" and (
+    if unit in SPEED_UNITS and (
         spans := [float(np.ptp(y)) for _, y in _channels_of_unit(experiment, unit)]
     ):
         return max(spans)
-    if unit == "rad":
-        speeds = [float(np.abs(y).max()) for _, y in _channels_of_unit(experiment, "rad/s")]
+    if unit in SPEED_UNITS:
+        moving = _channels_of_unit(experiment, SPEED_UNITS[unit])
+        speeds = [float(np.abs(y).max()) for _, y in moving]
         return float(experiment.t[-1] - experiment.t[0]) * max(speeds, default=0)
     sizes = [float(np.abs(y).max()) for _, y in _channels_of_unit(experiment, unit)]
     for k, channel in enumerate(experiment.channels):
-        if unit == "rad/s" and channel.unit == "rad":
+        if unit == SPEED_UNITS.get(channel.unit):
             measured = ~np.isnan(experiment.y[:, k])
             steps = np.diff(experiment.y[measured, k]) / np.diff(experiment.t[measured])
             sizes.append(float(np.quantile(np.abs(steps), SPEED_QUANTILE)) if len(steps) else 0.0)
@@ -182,20 +182,25 @@ def _driven_width(name: str, experiment: Experiment, model: Model, values: Named
         if row == name
     )
     if push == 0:
-        for speed_state in (n for n in model.states if models.STATES[n].unit == "rad/s"):
+        moving = {name: model.symbols[name].unit for name in model.states}
+        speed_units = {n: unit for n, unit in moving.items() if unit in SPEED_UNITS.values()}
+        for speed_state, unit in speed_units.items():
             measured = [
                 (w[speed_state], y)
-                for w, y in _channels_of_unit(experiment, "rad/s")
+                for w, y in _channels_of_unit(experiment, unit)
                 if w.get(speed_state)
             ]
             speeds = [float(np.abs(y / weight).max()) for weight, y in measured]
-            speed = max(speeds, default=_span_of_unit(experiment, "rad/s"))
+            speed = max(speeds, default=_span_of_unit(experiment, unit))
             push = max(push, abs(float(linear.A.get((name, speed_state), 0.0))) * speed)
     return push / decay if decay > 0 else 0.0
 
 
 def start_beyond_lags(
-    experiment: Experiment, sensing: ObservationModel, values: Mapping[str, float | Prior]
+    experiment: Experiment,
+    model: Model,
+    sensing: ObservationModel,
+    values: Mapping[str, float | Prior],
 ) -> Experiment:
     """Return the experiment without the samples that lags leave undetermined.
 
@@ -204,7 +209,7 @@ def start_beyond_lags(
     """
     y, notes = np.array(experiment.y), list(experiment.told)
     late = sensing.shifts or bool(sensing.input_lags)
-    moves, t = late and sensing.moves(experiment.start), experiment.t
+    moves, t = late and sensing.moves(experiment.start, model.angles), experiment.t
     felt = [_lag_range(values[name]) for name in sensing.input_lags.values()]
     first = min([0.0, *(low for low, _ in felt)])
     last = max([0.0, *(high for _, high in felt)])
@@ -255,13 +260,13 @@ def undeclared_motion(experiment: Experiment, sigmas: Sequence[float]) -> str:
         if len(first) < N_FIRST_SAMPLES:
             continue
         reach = float(np.ptp(y[measured]))
-        if channel.unit == "rad/s":
+        if channel.unit in SPEED_UNITS.values():
             size, error = float(np.mean(first)), sigma / math.sqrt(N_FIRST_SAMPLES)
-            unit = "rad/s (its value there)"
-        elif channel.unit == "rad":
+            unit = f"{channel.unit} (its value there)"
+        elif channel.unit in SPEED_UNITS:
             spread = float(np.sqrt(((t - t.mean()) ** 2).sum()))
             slope = float(np.polyfit(t - t.mean(), first, 1)[0])
-            size, error, unit = slope, sigma / spread, "rad/s"
+            size, error, unit = slope, sigma / spread, SPEED_UNITS[channel.unit]
             reach = reach / float(experiment.t[-1] - experiment.t[0])
         else:
             continue

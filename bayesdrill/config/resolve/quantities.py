@@ -10,7 +10,6 @@ import keyword
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -30,7 +29,6 @@ from bayesdrill.inference.priors import PRIORS, Prior
 from bayesdrill.inference.unknowns import Role, labelled_symbol
 from bayesdrill.record import anomalies
 from bayesdrill.record.experiment import Experiment
-from bayesdrill.rig import models
 from bayesdrill.rig.models.linear import Model, gear_factor
 
 
@@ -158,7 +156,7 @@ class NominalValues:
 
 def nominal_value(config: Config, model: Model, name: str) -> float:
     """The nominal value of a parameter that the config gives, in SI and at its own side of the gear."""
-    entry, symbol = getattr(config.nominal, name), models.PARAMETERS[name]
+    entry, symbol = getattr(config.nominal, name), model.symbols[name]
     if not isinstance(entry, numbers.NominalValue):
         return float(entry)
     value = (
@@ -173,11 +171,16 @@ def nominal_value(config: Config, model: Model, name: str) -> float:
 def nominal_table(config: Config, config_values: Mapping[str, float]) -> NominalValues:
     """Return the table that the config names, with its own `config_values`, SI, in place of the table's.
 
-    Raises `ValueError` where there is no such table.
+    Raises `ValueError` where there is no such table, or none of this rig.
     """
     given: Any = config.nominal
     table = given.table or symbols.DEFAULT_NOMINAL
-    values = {**lookup(symbols.NOMINAL, table, "nominal table").values, **config_values}
+    published_values = lookup(symbols.NOMINAL, table, "nominal table").values
+    known = config.vocabulary.parameters
+    alike = {n: x for n, x in published_values.items() if known.get(n) == symbols.PARAMETERS[n]}
+    if given.table is not None and not alike:
+        raise ValueError(f"{table} is a table of another rig; remove this entry")
+    values = {**alike, **config_values}
     given_parameters = config.parameters
     used = {n for n in values if (s := given_parameters.get(n)) == "nominal" or is_relative(s)}
     compared = values
@@ -191,16 +194,18 @@ def nominal_table(config: Config, config_values: Mapping[str, float]) -> Nominal
         values=values,
         compared=compared,
         published=published,
-        tolerance=_tolerance(given.tolerance),
+        tolerance=_tolerance(config),
         name=(called if published else "the config's nominal values") if config_values else table,
     )
 
 
-def _tolerance(tolerance: Any) -> dict[str, float]:
-    """`tolerance`: one number, or by symbol and `default`."""
+def _tolerance(config: Config) -> dict[str, float]:
+    """Of each parameter: one number, or by symbol and `default`."""
+    given: Any = config.nominal
+    names, tolerance = config.vocabulary.parameters, given.tolerance
     if isinstance(tolerance, float):
-        return dict.fromkeys(models.PARAMETERS, tolerance)
-    values = {name: getattr(tolerance, name) for name in models.PARAMETERS}
+        return dict.fromkeys(names, tolerance)
+    values = {name: getattr(tolerance, name) for name in names}
     return {name: tolerance.default if value is None else value for name, value in values.items()}
 
 
@@ -210,7 +215,7 @@ def parse_parameter(
     """Return a parameter of the rig: its number, or the expression that it follows from."""
     if (related := parse_relation(config, model, name)) is not None:
         return related
-    spec, symbol, value = config.parameters[name], models.PARAMETERS[name], table.values.get(name)
+    spec, symbol, value = config.parameters[name], model.symbols[name], table.values.get(name)
     no_table = f"no table has {name}" + (f" ({symbol.typical})" if symbol.typical else "")
     if not isinstance(spec, ParameterPrior):
         fixed = float(spec) if isinstance(spec, float | int) else value
@@ -231,9 +236,11 @@ def parse_parameter(
     return ParsedNumber(symbol=symbol, role="rig", value=built, start=begin)
 
 
-def parse_quantity(name: str, spec: float | numbers.Quantity | QuantityPrior) -> ParsedNumber:
+def parse_quantity(
+    config: Config, name: str, spec: float | numbers.Quantity | QuantityPrior
+) -> ParsedNumber:
     """Return a quantity of the config as a number."""
-    _check_name(name)
+    _check_name(config, name)
     value: float | Prior
     if isinstance(spec, float | int):
         unit, factor, latex, value, begin = "", 1.0, None, float(spec), float(spec)
@@ -252,11 +259,12 @@ def parse_quantity(name: str, spec: float | numbers.Quantity | QuantityPrior) ->
     return ParsedNumber(symbol=symbol, role="quantity", value=value, start=begin, factor=factor)
 
 
-def _check_name(name: str) -> None:
+def _check_name(config: Config, name: str) -> None:
     """Whether a config may give this name to a thing of its own."""
     if not name.isidentifier() or keyword.iskeyword(name):
         raise ValueError(f"'{name}' cannot be a name; use letters, digits and `_`")
-    taken_names = (models.PARAMETERS, models.STATES, symbols.INPUTS, symbols.DERIVED)
+    words = config.vocabulary
+    taken_names = (words.parameters, words.signals, words.inputs, symbols.DERIVED)
     if name in {*RESERVED, *symbols.AXES}.union(*taken_names) or name.startswith("sigma_"):
         raise ValueError(f"{name} has a meaning of its own here; choose another name")
 
@@ -290,7 +298,7 @@ def parse_relation(config: Config, model: Model, name: str) -> Expression | None
 
 def parse_formula(config: Config, model: Model, name: str) -> Formula:
     """Return a derived quantity of the config; it may name those that stand before it."""
-    _check_name(name)
+    _check_name(config, name)
     if name in config.quantities:
         raise ValueError(f"{name} is a quantity already; choose another name")
     names = list(config.derived)
@@ -301,30 +309,27 @@ def parse_formula(config: Config, model: Model, name: str) -> Formula:
     return Formula(symbol, expression(spec.formula, known_names))
 
 
-# Inputs that are speeds, and the entries that give the angle instead.
-IMPOSED_ANGLES: Mapping[str, str] = MappingProxyType({"w_2": "theta_2"})
-INPUT_ENTRIES = (*symbols.INPUTS, *IMPOSED_ANGLES.values())
-
-
 def input_entry(config: Config, name: str) -> str:
-    """Return the entry of `inputs:` that gives the input `name`."""
-    angle = IMPOSED_ANGLES.get(name, name)
+    """Return the entry of `inputs:` that gives the input `name`: itself, or an angle."""
+    angle = config.vocabulary.imposed.get(name, name)
     return name if getattr(config.inputs, angle) is None else angle
 
 
 def imposed_inputs(config: Config) -> list[str]:
     """Return the angles that are imposed."""
-    return [angle for angle in IMPOSED_ANGLES.values() if getattr(config.inputs, angle) is not None]
+    angles = config.vocabulary.imposed.values()
+    return [angle for angle in angles if getattr(config.inputs, angle) is not None]
 
 
-def input_unit(named: str) -> str:
+def input_unit(config: Config, named: str) -> str:
     """Return the SI unit of an entry of `inputs:`."""
-    return symbols.INPUTS[named].unit if named in symbols.INPUTS else "rad"
+    return config.vocabulary.entries[named].unit
 
 
 def measured_inputs(config: Config) -> dict[str, InputColumn]:
     """Return the measured inputs, by name."""
-    specs = {name: getattr(config.inputs, input_entry(config, name)) for name in symbols.INPUTS}
+    names = config.vocabulary.inputs
+    specs = {name: getattr(config.inputs, input_entry(config, name)) for name in names}
     return {name: spec for name, spec in specs.items() if isinstance(spec, InputColumn)}
 
 
@@ -332,7 +337,7 @@ def constant_inputs(config: Config, model: Model) -> dict[str, float]:
     """Return the constant inputs of the model, SI."""
     series, given = measured_inputs(config), config.inputs
     return {
-        name: to_si(getattr(given, name), symbols.INPUTS[name].unit)
+        name: to_si(getattr(given, name), model.symbols[name].unit)
         for name in model.inputs
         if name not in series and getattr(given, name) is not None
     }

@@ -24,6 +24,7 @@ from bayesdrill.config.resolve.quantities import ParsedNumber, prior_in_si
 from bayesdrill.config.schema.config import Config
 from bayesdrill.config.schema.numbers import Quantity, SensorPrior
 from bayesdrill.config.schema.records import ChannelSpec, InputColumn, InputQuantity
+from bayesdrill.config.schema.vocabulary import Vocabulary, vocabulary_of
 from bayesdrill.config.yaml_source import Location
 from bayesdrill.inference.likelihood import Observation
 from bayesdrill.inference.noise import NOISES
@@ -34,17 +35,22 @@ from bayesdrill.inference.priors import Prior
 from bayesdrill.inference.state_space import LatentTorqueObservation
 from bayesdrill.inference.unknowns import Role, Unknown
 from bayesdrill.record.experiment import Channel
-from bayesdrill.rig import models
 from bayesdrill.rig.models.latent_torque import SIZE, TIME, MissingTorque, torque_gain
 from bayesdrill.rig.models.linear import Model
 from bayesdrill.rig.simulators.contract import Simulator
 from bayesdrill.rig.simulators.kalman import KalmanFilter, step_lengths
-from bayesdrill.rig.simulators.sensors import ObservationModel
+from bayesdrill.rig.simulators.sensors import ObservationModel, signal_names, state_weights
 
-TORQUE_SYMBOLS = (
-    Symbol(SIZE, "N*m", "s_d", r"N\,m", "size of the missing torque: its standard deviation"),
-    Symbol(TIME, "s", r"\tau_d", "s", "time after which the missing torque is forgotten"),
-)
+
+def torque_symbols(vocabulary: Vocabulary) -> tuple[Symbol, Symbol]:
+    """Return the symbols of size and time of a missing torque; along a line it is a force."""
+    turns = all(symbol.unit != "m" for symbol in vocabulary.states.values())
+    what, unit = ("torque", "N*m") if turns else ("force", "N")
+    about = f"size of the missing {what}: its standard deviation"
+    return (
+        Symbol(SIZE, unit, "s_d", symbols.latex_unit(unit), about),
+        Symbol(TIME, "s", r"\tau_d", "s", f"time after which the missing {what} is forgotten"),
+    )
 
 
 TORQUE_ENTRIES: Mapping[str, str] = MappingProxyType({SIZE: "size", TIME: "time"})
@@ -59,7 +65,9 @@ def latent_torque(config: Config) -> MissingTorque | None:
 def latent_torque_number(config: Config, entry: str) -> float | Unknown:
     """Return the torque's `size` or `time`."""
     symbol = next(
-        candidate for candidate in TORQUE_SYMBOLS if TORQUE_ENTRIES[candidate.name] == entry
+        candidate
+        for candidate in torque_symbols(config.vocabulary)
+        if TORQUE_ENTRIES[candidate.name] == entry
     )
     spec = getattr(config.missing_torque, entry)
     if isinstance(spec, float | int):
@@ -157,10 +165,11 @@ def sensor_entries(config: Config, model: Model) -> Iterator[SensorEntry]:
         if spec.derived_from is not None:
             continue
         location: Location = ("record", "channels", name)
-        meant = (s for s in model.states if s == name or s in (spec.measures or ""))
-        si = next((models.STATES[state].unit for state in meant), "1")  # none, where it is misspelt
-        yield from _column_entries(location, name, spec, spec.unit, si, _latex(name))
-    for name, symbol in symbols.INPUTS.items():
+        signals = (*model.states, *model.combinations)
+        meant = (s for s in signals if s == name or s in (spec.measures or ""))
+        si = next((model.symbols[signal].unit for signal in meant), "1")  # none, if it is misspelt
+        yield from _column_entries(location, name, spec, spec.unit, si, _latex(config, name))
+    for name, symbol in config.vocabulary.inputs.items():
         input_spec = getattr(config.inputs, name)
         if isinstance(input_spec, InputColumn | InputQuantity):
             alone = len(quantities.measured_inputs(config)) == 1
@@ -196,7 +205,7 @@ def _column_entries(
 def _state_entries(config: Config, model: Model) -> Iterator[SensorEntry]:
     """Those with a prior; what is held or `free` is said elsewhere."""
     for name in model.outer:
-        entry, symbol = getattr(config.initial, name), symbol_of_state(name)
+        entry, symbol = getattr(config.initial, name), symbol_of_state(model, name)
         if isinstance(entry, SensorPrior):
             location, unit = ("initial", name), symbol.unit
             yield SensorEntry(location, "state", name, symbol.name, entry, unit, unit, symbol.latex)
@@ -247,9 +256,9 @@ def _value(spec: SensorNumber, factor: float) -> tuple[float | Prior, float]:
     return built, middle if spec.start is None else begin
 
 
-def _latex(name: str) -> str:
-    state = models.STATES.get(name)
-    return state.latex if state else symbols.own_symbol(name, "1", None, "").latex
+def _latex(config: Config, name: str) -> str:
+    signal = config.vocabulary.signals.get(name)
+    return signal.latex if signal else symbols.own_symbol(name, "1", None, "").latex
 
 
 def _meaning(entry: SensorEntry) -> str:
@@ -298,9 +307,9 @@ def build_sensing(
     )
 
 
-def symbol_of_state(name: str) -> Symbol:
+def symbol_of_state(model: Model, name: str) -> Symbol:
     """Return the symbol of a state at the start."""
-    state = models.STATES[name]
+    state = model.symbols[name]
     return Symbol(
         state_name(name), state.unit, rf"{state.latex}(0)", state.latex_unit, f"{name} at the start"
     )
@@ -319,28 +328,31 @@ class MeasuredChannel:
         return self.noisy.channel
 
 
-def build_channel(name: str, spec: ChannelSpec, states: tuple[str, ...]) -> Channel:
-    """Return what a channel measures, and the unit of its column."""
+def build_channel(name: str, spec: ChannelSpec, model: Model) -> Channel:
+    """Return what a channel of a rig measures, and the unit of its column."""
+    signals, words = signal_names(model), vocabulary_of(model)
     if not name.isidentifier():
         raise ValueError(f"'{name}' cannot name a channel; use letters, digits and `_`")
-    if name not in states and name in {*symbols.INPUTS, *symbols.AXES}:
+    if name not in signals and name in {*words.inputs, *symbols.AXES}:
         raise ValueError(f"{name} has a meaning of its own here; choose another name")
-    if spec.measures is None and name not in states:
+    if spec.measures is None and name not in signals:
+        angles = [n for n, symbol in words.states.items() if symbol.unit in symbols.SPEED_UNITS]
+        example = " - ".join(angles[:2])
         raise ValueError(
-            f"'{name}' is not a state{did_you_mean(name, states)}; name the states it combines, for "
-            "example `measures: theta_1 - theta_2`"
+            f"'{name}' is not a state{did_you_mean(name, signals)}; name the states it combines, for "
+            f"example `measures: {example}`"
         )
-    weights = linear_combination(spec.measures or name, states)
-    measured_states = [models.STATES[state] for state in weights]
-    if len({symbol.unit for symbol in measured_states}) > 1:
-        listed = ", ".join(f"{symbol.name} [{symbol.unit}]" for symbol in measured_states)
+    combines = linear_combination(spec.measures or name, signals)
+    measured = [model.symbols[signal] for signal in combines]
+    if len({symbol.unit for symbol in measured}) > 1:
+        listed = ", ".join(f"{symbol.name} [{symbol.unit}]" for symbol in measured)
         raise ValueError(f"'{spec.measures}' adds different units: {listed}")
-    first = measured_states[0]
+    first = measured[0]
     factor = units.factor(spec.unit, first.unit)
-    latex = first.latex if name in states else rf"\mathrm{{{name.replace('_', chr(92) + '_')}}}"
+    latex = first.latex if name in signals else rf"\mathrm{{{name.replace('_', chr(92) + '_')}}}"
     return Channel(
         name=name,
-        weights=weights,
+        weights=state_weights(model, combines),
         unit=first.unit,
         latex=latex,
         latex_unit=first.latex_unit,

@@ -9,7 +9,8 @@ from __future__ import annotations
 import json
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Annotated, Any, Literal, TypedDict
+from functools import cache
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, TypedDict
 
 from pydantic import Discriminator, Field, Tag, create_model
 
@@ -25,6 +26,7 @@ from bayesdrill.basics.entries import (
     Strict,
     member_section,
 )
+from bayesdrill.config.schema import records
 from bayesdrill.config.schema.numbers import (
     ParameterSpec,
     QuantitySpec,
@@ -43,7 +45,7 @@ from bayesdrill.config.schema.records import (
     OutputSpec,
     RecordSpec,
 )
-from bayesdrill.rig import models
+from bayesdrill.config.schema.vocabulary import HOUSE, Vocabulary
 from bayesdrill.rig.models import MODELS
 from bayesdrill.sampling.optimisers import OPTIMISERS
 
@@ -87,7 +89,7 @@ class ModelBase(Strict):
 
 
 def _per_symbol(
-    name: str, base: type[Strict], kind: Callable[[symbols.Symbol], Any], doc: str
+    name: str, base: type[Strict], kind: Callable[[symbols.Symbol], Any], vocabulary: Vocabulary
 ) -> type[Strict]:
     """`kind` of a symbol: what may stand there."""
     fields: dict[str, Any] = {
@@ -95,9 +97,11 @@ def _per_symbol(
             kind(symbol) | None,
             Field(None, description=f"{symbol.meaning} [{symbol.unit}]"),
         )
-        for symbol in models.PARAMETERS.values()
+        for symbol in vocabulary.parameters.values()
     }
-    model: type[Strict] = create_model(name, __base__=base, __doc__=doc, **fields)
+    model: type[Strict] = create_model(
+        name, __base__=base, __doc__=base.__doc__, __module__=__name__, **fields
+    )
     return model
 
 
@@ -107,32 +111,23 @@ NameList = Annotated[list[str], Field(max_length=MAX_NAMED)]
 Tolerance = Annotated[float, Field(ge=0, lt=1)]
 
 
-class _ToleranceBase(Strict):
+class _TolerancesBase(Strict):
+    """Of single nominal values, and of all others."""
+
     default: Tolerance = 0.0
 
 
-Tolerances = _per_symbol(
-    "Tolerances",
-    _ToleranceBase,
-    lambda _: Tolerance,
-    "Of single nominal values, and of all others.",
-)
-ToleranceSpec = Annotated[
-    Annotated[Tolerance, Tag("<number>")] | Annotated[Tolerances, Tag("<mapping>")],  # type: ignore[valid-type]
-    Discriminator(entry_shape),
-]
-
-
 class _NominalBase(Strict):
+    """A table and what differs from it."""
+
     table: str | None = Field(
         None, description=f"Default: {symbols.DEFAULT_NOMINAL}, where the config relies on a table."
-    )
-    tolerance: ToleranceSpec = Field(
-        0.0, description="Relative, of the nominal values: one number, or by symbol and `default`."
     )
 
 
 class _SimulationBase(Strict):
+    """Grid and true values of `bayesdrill simulate`."""
+
     duration: Positive | None = Field(None, description="[s]; default: the times of the record.")
     rate: Positive | None = Field(None, description="[Hz]")
     sigma: Annotated[
@@ -151,34 +146,57 @@ class _SimulationBase(Strict):
     ] = Field(default_factory=dict)
 
 
-if TYPE_CHECKING:
-    Parameters = dict[str, ParameterSpec]
-else:  # those that are named, in the order of the vocabulary
-    Parameters = TypedDict(
-        "Parameters",
-        {
-            symbol.name: Annotated[
-                parameter_spec(fixed_spec(symbol)) | None,
-                Field(description=f"{symbol.meaning} [{symbol.unit}]"),
-            ]
-            for symbol in models.PARAMETERS.values()
-        },
-        total=False,
-    )
-    Parameters.__pydantic_config__ = Strict.model_config
-    Parameters.__doc__ = (
+def _parameters_section(vocabulary: Vocabulary) -> Any:
+    """Of those that are named, in the order of the vocabulary."""
+    fields = {
+        symbol.name: Annotated[
+            parameter_spec(fixed_spec(symbol)) | None,
+            Field(description=f"{symbol.meaning} [{symbol.unit}]"),
+        ]
+        for symbol in vocabulary.parameters.values()
+    }
+    make: Any = TypedDict  # of names that only run time knows
+    section = make("Parameters", fields, total=False)
+    section.__pydantic_config__ = Strict.model_config
+    section.__doc__ = (
         "A prior, a number, `nominal`, a tie or a formula; what the model only offers is off unless it "
         "is named."
     )
-Nominal = _per_symbol(
-    "Nominal",
-    _NominalBase,
-    nominal_spec,
-    "A table and what differs from it.",
-)
-Simulation = _per_symbol(
-    "Simulation", _SimulationBase, fixed_spec, "Grid and true values of `bayesdrill simulate`."
-)
+    return section
+
+
+def _tolerances_section(vocabulary: Vocabulary) -> type[Strict]:
+    return _per_symbol("Tolerances", _TolerancesBase, lambda _: Tolerance, vocabulary)
+
+
+def _nominal_section(vocabulary: Vocabulary, tolerances: Any) -> type[Strict]:
+    spec = Annotated[
+        Annotated[Tolerance, Tag("<number>")] | Annotated[tolerances, Tag("<mapping>")],
+        Discriminator(entry_shape),
+    ]
+    about = "Relative, of the nominal values: one number, or by symbol and `default`."
+    base = create_model(
+        "Nominal",
+        __base__=_NominalBase,
+        __doc__=_NominalBase.__doc__,
+        tolerance=(spec, Field(0.0, description=about)),
+    )
+    return _per_symbol("Nominal", base, nominal_spec, vocabulary)
+
+
+def _simulation_section(vocabulary: Vocabulary) -> type[Strict]:
+    return _per_symbol("Simulation", _SimulationBase, fixed_spec, vocabulary)
+
+
+if TYPE_CHECKING:
+    Parameters = dict[str, ParameterSpec]
+    Nominal = _NominalBase
+    Simulation = _SimulationBase
+else:
+    Parameters = _parameters_section(HOUSE)
+    Tolerances = _tolerances_section(HOUSE)
+    Nominal = _nominal_section(HOUSE, Tolerances)
+    Simulation = _simulation_section(HOUSE)
 
 
 class MapBase(Strict):
@@ -258,6 +276,8 @@ class IdentifySpec(Strict):
 class Config(Strict):
     """An experiment: a record, a rig, what is believed of it, and how to find out more."""
 
+    vocabulary: ClassVar[Vocabulary] = HOUSE
+
     name: Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]*$", max_length=100)]
     seed: Annotated[int, Field(ge=0, lt=2**64)]
     record: RecordSpec
@@ -276,7 +296,7 @@ class Config(Strict):
         description="Parameters of the rig that are another unknown in each experiment.",
     )
     model: ModelSpec = ModelSpec()
-    nominal: Annotated[Nominal, shorthand("table")] = Nominal()  # type: ignore[valid-type]
+    nominal: Annotated[Nominal, shorthand("table")] = Nominal()
     parameters: Parameters
     quantities: Annotated[dict[str, QuantitySpec], Field(max_length=MAX_NAMED)] = Field(
         default_factory=dict, description="What formulas of parameters name beside parameters."
@@ -293,7 +313,7 @@ class Config(Strict):
     output: OutputSpec = OutputSpec()
     identify: IdentifySpec = IdentifySpec()
     calibration: CalibrationSpec = CalibrationSpec()
-    simulation: Simulation | None = None  # type: ignore[valid-type]
+    simulation: Simulation | None = None
 
     @property
     def asked(self) -> Asked:
@@ -303,6 +323,40 @@ class Config(Strict):
             determined=settings.determined, left_to_prior=settings.left_to_prior
         )
         return Asked(of_interest=tuple(settings.of_interest), thresholds=thresholds, seed=self.seed)
+
+
+class _ConfigOfRig(Config):
+    """A config with names of its rig, which is pickled as what it was read from."""
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return _restored, (self.vocabulary, self.model_dump(exclude_unset=True))
+
+
+def _restored(vocabulary: Vocabulary, data: dict[str, Any]) -> Config:
+    return config_kind(vocabulary).model_validate(data)
+
+
+@cache
+def config_kind(vocabulary: Vocabulary) -> type[Config]:
+    """Return the config whose sections have the names of this vocabulary."""
+    if vocabulary == HOUSE:
+        return Config
+    inputs, initial = records.inputs_section(vocabulary), records.initial_section(vocabulary)
+    nominal = _nominal_section(vocabulary, _tolerances_section(vocabulary))
+    simulation = _simulation_section(vocabulary)
+    at: Any = Literal[vocabulary.inertias], MissingTorqueSpec.model_fields["at"]
+    torque = create_model("MissingTorqueSpec", __base__=MissingTorqueSpec, at=at)
+    sections: dict[str, Any] = {
+        "inputs": (inputs, ...),
+        "initial": (Annotated[initial, shorthand("state")], initial()),
+        "nominal": (Annotated[nominal, shorthand("table")], nominal()),
+        "parameters": (_parameters_section(vocabulary), ...),
+        "missing_torque": (torque | None, None),
+        "simulation": (simulation | None, None),
+    }
+    kind: Any = create_model("Config", __base__=_ConfigOfRig, __doc__=Config.__doc__, **sections)
+    kind.vocabulary = vocabulary
+    return kind
 
 
 def json_schema() -> str:

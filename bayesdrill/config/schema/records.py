@@ -8,7 +8,6 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Discriminator, Field, Tag, create_model
 
-from bayesdrill.basics import symbols
 from bayesdrill.basics.arrays import Array
 from bayesdrill.basics.entries import MAX_COUNT, Count, Number, Positive, Strict, member_section
 from bayesdrill.config.schema.numbers import (
@@ -20,9 +19,9 @@ from bayesdrill.config.schema.numbers import (
     entry_shape,
     shorthand,
 )
+from bayesdrill.config.schema.vocabulary import HOUSE, Vocabulary
 from bayesdrill.inference.noise import NOISES
 from bayesdrill.record.formats import FORMATS
-from bayesdrill.rig import models
 
 MAX_SPANS = 1000
 
@@ -247,12 +246,6 @@ InputSpec = Annotated[
 ]
 
 
-def _input_description(name: str) -> str:
-    """Of an input."""
-    symbol = symbols.INPUTS[name]
-    return f"{symbol.meaning} [{symbol.plain_unit}]"
-
-
 class NoiseBase(Strict):
     """How what the rig does not explain is distributed."""
 
@@ -316,26 +309,46 @@ else:
     RecordSpec = member_section("RecordSpec", RecordBase, "format", _experiment_options)
 
 
-class Inputs(Strict):
+class InputsBase(Strict):
     """Those of the rig: which it has, and wants, is for its model to say."""
 
-    v: InputSpec | None = Field(None, description=_input_description("v"))
-    t_1: InputSpec = Field(0.0, description=_input_description("t_1"))
-    w_2: InputSpec | None = Field(None, description=_input_description("w_2"))
-    theta_2: AngleColumn | None = Field(
-        None,
-        description="[rad] In the place of w_2: the angle that is imposed, as it was measured.",
-    )
-    t_m: InputSpec | None = Field(None, description=_input_description("t_m"))
-    wob: InputSpec | None = Field(None, description=_input_description("wob"))
-    t_0: SensorSpec | None = Field(
-        None,
-        description="[s] how much later than recorded all inputs act; of constant ones, the moment at "
-        "which they are switched on.",
+    if TYPE_CHECKING:  # behind the inputs, in each of `inputs_section`
+        t_0: Any
+
+
+_DELAY = (
+    "[s] how much later than recorded all inputs act; of constant ones, the moment at which they "
+    "are switched on."
+)
+
+
+def inputs_section(vocabulary: Vocabulary) -> type[InputsBase]:
+    """Return the section of the inputs of a vocabulary, and of angles in their places."""
+    fields: dict[str, Any] = {}
+    angles = dict(vocabulary.angles)
+    for name, symbol in vocabulary.inputs.items():
+        about = f"{symbol.meaning} [{symbol.plain_unit}]"
+        idle = name in vocabulary.idle
+        fields[name] = (
+            (InputSpec, Field(0.0, description=about))
+            if idle
+            else (InputSpec | None, Field(None, description=about))
+        )
+        if name in angles:
+            angle = angles[name]
+            what = "angle" if angle.unit == "rad" else "position"
+            about = f"[{angle.unit}] In the place of {name}: the {what} that is imposed, as it was "
+            about += "measured."
+            fields[angle.name] = (AngleColumn | None, Field(None, description=about))
+    fields["t_0"] = (SensorSpec | None, Field(None, description=_DELAY))
+    return create_model(
+        "Inputs", __base__=InputsBase, __doc__=InputsBase.__doc__, __module__=__name__, **fields
     )
 
 
-class _InitialBase(Strict):
+class InitialBase(Strict):
+    """The state at `time`: of each state a number, a prior or `free`."""
+
     time: Number | None = Field(
         None,
         description="[s] default: 0 with constant inputs, the first sample with measured ones.",
@@ -347,15 +360,20 @@ class _InitialBase(Strict):
     )
 
 
-_states: dict[str, Any] = {
-    name: (StateSpec, 0.0) for name in models.STATES if name not in models.INNER
-}
-Initial: type[_InitialBase] = create_model(
-    "Initial",
-    __base__=_InitialBase,
-    __doc__="The state at `time`: of each state a number, a prior or `free`.",
-    **_states,
-)
+def initial_section(vocabulary: Vocabulary) -> type[InitialBase]:
+    """Return the section of the start, with the states of a vocabulary."""
+    fields: dict[str, Any] = dict.fromkeys(vocabulary.starts, (StateSpec, 0.0))
+    return create_model(
+        "Initial", __base__=InitialBase, __doc__=InitialBase.__doc__, __module__=__name__, **fields
+    )
+
+
+if TYPE_CHECKING:
+    Inputs = InputsBase
+    Initial = InitialBase
+else:
+    Inputs = inputs_section(HOUSE)
+    Initial = initial_section(HOUSE)
 
 
 class ExperimentSpec(Strict):

@@ -218,9 +218,10 @@ def energy_balance(account: EnergyAccount, model: Model, clock: Unit) -> Balance
     roles, rubs = model.roles, {friction.name: friction.against for friction in model.frictions}
     currents = {motor.current for motor in roles.motors}
     resistances = [n for motor in roles.motors for n in (motor.resistance, motor.series)]
+    dampings = [*(i.damping for i in roles.inertias), *(s.damping for s in roles.shafts)]
     kinds = {
         **dict.fromkeys(resistances, "electrical"),
-        **dict.fromkeys((part.damping for part in (*roles.inertias, *roles.shafts)), "viscous"),
+        **dict.fromkeys(dampings, "viscous"),
         **{n: "electrical" if s in currents else "friction" for n, s in rubs.items()},
         **dict.fromkeys((inertia.friction for inertia in roles.inertias), "friction"),
         STORED: "stored",

@@ -246,8 +246,8 @@ def stand_ins(study: IdentifiabilityStudy, rig: Model) -> str:
         ]
         would = f" What would show it: {', or '.join(ways)}." if ways else ""
         lines.append(
-            f"missing torque: {_where(confounding.at, rig)} it can stand in for {confounding.name}: the sd of "
-            f"log {confounding.name} is {confounding.sd:.2g} with it, {confounding.alone:.2g} without "
+            f"missing torque: {_where(confounding.at, rig)} it can stand in for {confounding.name}: the "
+            f"sd of log {confounding.name} is {confounding.sd:.2g} with it, {confounding.alone:.2g} without "
             f"it, {confounding.before:.2g} before the record.{would}"
         )
     return "\n".join(lines)

@@ -138,7 +138,7 @@ class Roles:
         return next((inertia for inertia in alike if inertia.at == where), (*alike, None)[0])
 
     def moved(self, drive: str) -> tuple[InertiaRoles, str] | None:
-        """Return the inertia that an input drives, and how: by `torque`, `speed`, `voltage`, `current`."""
+        """Return the inertia that an input drives, and by what: its `torque`, `speed`, `voltage`, ..."""
         for inertia in self.inertias:
             motor = self.motor(inertia.name)
             for how, name in (("torque", inertia.torque), ("speed", inertia.speed)):

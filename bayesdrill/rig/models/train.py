@@ -21,7 +21,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Annotated, Any, ClassVar, Literal
 
-from pydantic import BeforeValidator, Field, WithJsonSchema
+from pydantic import BeforeValidator, Field, PlainSerializer, WithJsonSchema
 
 from bayesdrill.basics.errors import did_you_mean
 from bayesdrill.basics.symbols import Symbol, own_symbol
@@ -136,24 +136,30 @@ _GEAR = {
 Names = Annotated[
     tuple[Annotated[str, Field(pattern=NAME)], ...],
     BeforeValidator(_names),
+    PlainSerializer(list),
     Field(max_length=MAX_PARTS),
 ]
 Inertias = Annotated[Names, Field(min_length=1, description="Names of its inertias, or masses.")]
 Shafts = Annotated[
     tuple[Shaft, ...],
     BeforeValidator(_shafts),
+    PlainSerializer(lambda shafts: {s.name: list(s.ends) for s in shafts}),
     _schema(_PAIR),
     Field(max_length=MAX_PARTS, description="By name the two inertias that a shaft joins."),
 ]
 Gears = Annotated[
     tuple[Gear, ...],
     BeforeValidator(_gears),
+    PlainSerializer(
+        lambda gears: {g.name: {"between": list(g.ends), "ratio": g.ratio} for g in gears}
+    ),
     _schema(_GEAR),
     Field(max_length=MAX_PARTS, description="By name two inertias, and the ratio of their angles."),
 ]
 Drives = Annotated[
     tuple[Drive, ...],
     BeforeValidator(_drives),
+    PlainSerializer(lambda drives: {d.inertia: d.kind for d in drives}),
     _schema({"enum": [*DRIVES]}),
     Field(max_length=MAX_PARTS, description="By inertia what moves it."),
 ]

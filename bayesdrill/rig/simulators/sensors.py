@@ -8,7 +8,7 @@ start.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 
@@ -16,7 +16,7 @@ import numpy as np
 
 from bayesdrill.basics.arrays import Array
 from bayesdrill.record.experiment import Experiment
-from bayesdrill.rig import models, steady_state
+from bayesdrill.rig import steady_state
 from bayesdrill.rig.models.friction import Named
 from bayesdrill.rig.models.linear import (
     Linear,
@@ -26,6 +26,21 @@ from bayesdrill.rig.models.linear import (
     constant_forcing,
     dynamics,
 )
+
+
+def signal_names(model: Model) -> tuple[str, ...]:
+    """Return what a sensor may see: states, and what else turns with them."""
+    combined = [n for n, of in model.combinations.items() if {*of} <= {*model.outer}]
+    return (*model.outer, *combined)
+
+
+def state_weights(model: Model, combines: Mapping[str, float]) -> dict[str, float]:
+    """Return the weights of states in a sum of `signal_names`."""
+    weights: dict[str, float] = {}
+    for name, factor in combines.items():
+        for state, weight in model.combinations.get(name, {name: 1.0}).items():
+            weights[state] = weights.get(state, 0.0) + factor * weight
+    return weights
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -65,9 +80,12 @@ class ObservationModel:
         """Whether any channel is seen at other times than those of the inputs."""
         return bool(self.lags) or self.delay is not None
 
-    def moves(self, start: Mapping[str, float]) -> bool:
-        """Tell whether a rig with this `start` may turn, or carry a current, before the record."""
-        rates = [x for name, x in start.items() if models.STATES[name].unit != "rad"]
+    def moves(self, start: Mapping[str, float], angles: Collection[str]) -> bool:
+        """Tell whether a rig with this `start` may turn, or carry a current, before the record.
+
+        `angles`: names of its states that are angles, or positions.
+        """
+        rates = [x for name, x in start.items() if name not in angles]
         return self.steady or bool(self.states) or any(rates)
 
     @property
@@ -206,7 +224,7 @@ class SensorParameters:
     @cached_property
     def moves(self) -> bool:
         """Whether the rig may turn, or carry a current, before the first sample."""
-        return self.sensing.moves(self.experiment.start)
+        return self.sensing.moves(self.experiment.start, self.model.angles)
 
     @cached_property
     def first_inputs(self) -> Array:

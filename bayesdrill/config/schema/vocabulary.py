@@ -1,0 +1,115 @@
+"""What names a config may have: symbols of its rig's parameters, states and inputs."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from functools import cached_property
+
+from bayesdrill.basics import symbols
+from bayesdrill.basics.symbols import Symbol
+from bayesdrill.rig import models
+from bayesdrill.rig.models import MODELS
+from bayesdrill.rig.models.linear import Model, with_all
+
+
+@dataclass(frozen=True, kw_only=True)
+class Vocabulary:
+    """The symbols of a rig with all that it offers, each kind in its order.
+
+    `combined`: what channels may be called beside states; `inner`: states of no start; `angles`: each
+    with the input, a speed, in whose place it can be given; `idle`: inputs that are zero unless they
+    are named; `inertias`: names of parts.
+    """
+
+    parameter_symbols: tuple[Symbol, ...]
+    state_symbols: tuple[Symbol, ...]
+    input_symbols: tuple[Symbol, ...]
+    combined: tuple[Symbol, ...]
+    inner: frozenset[str]
+    angles: tuple[tuple[str, Symbol], ...]
+    idle: frozenset[str]
+    inertias: tuple[str, ...]
+
+    @cached_property
+    def parameters(self) -> Mapping[str, Symbol]:
+        """The symbols of parameters, by name."""
+        return _by_name(self.parameter_symbols)
+
+    @cached_property
+    def states(self) -> Mapping[str, Symbol]:
+        """The symbols of states, by name."""
+        return _by_name(self.state_symbols)
+
+    @cached_property
+    def starts(self) -> Mapping[str, Symbol]:
+        """The symbols of states that `initial:` may name."""
+        return {name: symbol for name, symbol in self.states.items() if name not in self.inner}
+
+    @cached_property
+    def signals(self) -> Mapping[str, Symbol]:
+        """The symbols of all that a channel may be called without `measures:`."""
+        return {**self.states, **_by_name(self.combined)}
+
+    @cached_property
+    def inputs(self) -> Mapping[str, Symbol]:
+        """The symbols of inputs, by name."""
+        return _by_name(self.input_symbols)
+
+    @cached_property
+    def imposed(self) -> Mapping[str, str]:
+        """The entry that gives the angle, by the input that is its speed."""
+        return {speed: angle.name for speed, angle in self.angles}
+
+    @cached_property
+    def entries(self) -> Mapping[str, Symbol]:
+        """The symbols of inputs, and of angles in their places."""
+        return {**self.inputs, **_by_name(angle for _, angle in self.angles)}
+
+
+def _by_name(given: Iterable[Symbol]) -> dict[str, Symbol]:
+    return {symbol.name: symbol for symbol in given}
+
+
+def idle_inputs(rig: Model) -> set[str]:
+    """Return the loads of a rig: what pushes an inertia, and without which it moves all the same."""
+    pushes = {name for inertia in rig.roles.inertias for name in (inertia.load, inertia.torque)}
+    return {name for name in pushes & {*rig.inputs} if not rig.symbols[name].drives}
+
+
+def _house() -> Vocabulary:
+    """Return the names that the rigs of fixed symbols share."""
+    rigs = [with_all(kind()) for kind in MODELS.usable().values()]
+    rigs = [rig for rig in rigs if not rig.has_private_names]
+    imposed = {speed: angle for rig in rigs for speed, angle in rig.imposed.items()}
+    return Vocabulary(
+        parameter_symbols=tuple(models.PARAMETERS.values()),
+        state_symbols=tuple(models.STATES.values()),
+        input_symbols=tuple(symbols.INPUTS.values()),
+        combined=(),
+        inner=models.INNER,
+        angles=tuple((n, models.STATES[imposed[n]]) for n in symbols.INPUTS if n in imposed),
+        idle=frozenset(name for rig in rigs for name in idle_inputs(rig)),
+        inertias=("motor", "rotor_1"),
+    )
+
+
+HOUSE = _house()
+
+
+def vocabulary_of(rig: Model) -> Vocabulary:
+    """Return the names of a rig: `HOUSE`, where it shares them with others."""
+    if not rig.has_private_names:
+        return HOUSE
+    whole = with_all(rig)
+    known = whole.symbols
+    return Vocabulary(
+        parameter_symbols=tuple(known[name] for name in whole.parameters),
+        state_symbols=tuple(known[name] for name in whole.states),
+        input_symbols=tuple(known[name] for name in whole.inputs),
+        combined=tuple(known[name] for name in whole.combinations),
+        inner=frozenset(whole.inner),
+        angles=tuple((speed, known[angle]) for speed, angle in whole.imposed.items()),
+        idle=frozenset(idle_inputs(whole)),
+        inertias=tuple(inertia.name for inertia in whole.roles.inertias),
+    )
