@@ -104,7 +104,7 @@ class _Powers:
         self.stored = self._stored()
 
     def forms(self) -> dict[str, Array]:
-        """Return what inputs give, what frictions and parameters take, and, named by nothing, the rest."""
+        """Return what inputs give, frictions and parameters take, and, named by nothing, the rest."""
         x = len(self.model.states)
         rest = np.zeros_like(self.rates)
         rest[:x] = self.stored @ self.rates[:x]

@@ -6,6 +6,7 @@ Mutants killed: a symbol that is known by its spelling; an analysis that a rig o
 from __future__ import annotations
 
 import ast
+import dataclasses
 import json
 import math
 import os
@@ -24,7 +25,7 @@ import bayesdrill as bd
 from bayesdrill.analysis import edits, plausibility
 from bayesdrill.analysis.causes import Causes, EquivalentExplanation, refit_candidate
 from bayesdrill.analysis.energy import energy_accounts, friction_curve, friction_motions
-from bayesdrill.analysis.identifiability.frictions import RIVALS, stall_voltage
+from bayesdrill.analysis.identifiability.frictions import rivals, stall_voltage
 from bayesdrill.analysis.identifiability.information import SensitivityStudy
 from bayesdrill.analysis.latent_torque import regress_torque, torque_estimates
 from bayesdrill.analysis.run_analysis import torque_summary
@@ -35,9 +36,10 @@ from bayesdrill.report import words
 from bayesdrill.report.sections import fit_words, physics_words, torque_words
 from bayesdrill.report.sections.physics_words import effort_symbol, speed_symbol
 from bayesdrill.report.sections.torque_words import torque_shown
-from bayesdrill.rig import MotorShaft, energy
+from bayesdrill.rig import MotorShaft
 from bayesdrill.rig.models import MODELS
-from bayesdrill.rig.models.linear import DEFAULT_ROLES, STATES, Model, Roles, RotorRoles
+from bayesdrill.rig.models.linear import Model
+from bayesdrill.rig.models.roles import Roles, usual_roles
 from bayesdrill.sampling.workers import WorkerPool
 from bayesdrill.selection import CandidateModels
 from bayesdrill.tasks import ranking
@@ -94,7 +96,6 @@ def of_record(of: bd.Case) -> Iterator[Any]:
     """Suspicions, plausibility, and what may be tried where the fit is bad; the ladder."""
     problem, posterior = of.job.problem, of.job.problem.posterior
     theta = posterior.space.vector(posterior.space.start)
-    roles = problem.model.roles
     yield words.model(problem)
     yield words.record_suspicions(problem)
     yield [
@@ -105,9 +106,10 @@ def of_record(of: bd.Case) -> Iterator[Any]:
     tried = edits.rig_candidates(posterior.likelihood.observations, posterior.space, theta)
     yield tried
     every = [
-        EquivalentExplanation(parameter=roles[role], value=0.1, lost=1.0) for role in edits.LACKS
+        EquivalentExplanation(parameter=lack.parameter, value=0.1, lost=1.0)
+        for lack in edits.lacks(problem.model.roles)
     ]
-    yield [[*fit_words.instead(one, roles)] for one in every]
+    yield [[*fit_words.instead(one, problem.model)] for one in every]
     rungs = CandidateModels.from_job(of.job, {}).singles()
     rungs += CandidateModels.from_job(of.job, {}).beyond(("friction_both",), ())
     yield [(one.name, one.about, one.source.data) for one in rungs]
@@ -125,7 +127,9 @@ def of_friction(of: bd.Case) -> Iterator[Any]:
     (one,), (rubs,) = posterior.likelihood.observations, friction_motions(posterior, theta, none)
     for each in rubs:
         law = each.friction
-        yield [law.where, effort_symbol(law).latex, speed_symbol(law.against, model.roles).latex]
+        inertia = model.roles.rubbed(law.against, law.where)
+        speed = speed_symbol(law.against, inertia, model)
+        yield [law.where, effort_symbol(law).latex, speed.latex]
         yield [
             each.gear,
             each.stuck,
@@ -175,8 +179,8 @@ def of_torque(of: bd.Case) -> Iterator[Any]:
     posterior = of.job.problem.posterior
     theta = posterior.space.vector(posterior.space.start)
     (found,) = torque_estimates(posterior, theta[None], np.random.default_rng(1))
-    yield [found.expected, found.angle, found.gear, repr(regress_torque(found))]
-    yield torque_words.law_sentences(torque_summary(found))
+    yield [found.expected, found.angle, found.inertia.reduction, repr(regress_torque(found))]
+    yield torque_words.law_sentences(torque_summary(found), found.rig)
     yield [(each.label.latex, each.means) for each in torque_shown(found, of.job.clock).against]
 
 
@@ -269,12 +273,9 @@ def test_no_module_outside_rigs_knows_a_symbol_by_its_spelling() -> None:
 
 
 def test_roles_have_names_and_no_rig_is_asked_whether_it_has_a_member() -> None:
-    for role in (*edits.LACKS, *STATES, *energy.LOSSES, *plausibility.GEOMETRY, *RIVALS):
-        assert DEFAULT_ROLES[role] in {*symbols.PARAMETERS, *symbols.STATES}
-    assert {DEFAULT_ROLES[role] for role in physics_words.NAMES} <= {
-        *symbols.PARAMETERS,
-        *symbols.INPUTS,
-    }
+    usual = usual_roles()
+    named = {lack.parameter for lack in edits.lacks(usual)} | {*rivals(usual)} | usual.states
+    assert named <= {*symbols.PARAMETERS, *symbols.STATES}
     asked = re.compile(r"(?:get|has)attr\((?:model|rig|[a-z_.]+\.model|[a-z_.]+\.rig), [\"'](\w+)")
     for path in (ROOT / "bayesdrill").rglob("*.py"):
         assert not asked.findall(path.read_text()), path
@@ -282,7 +283,11 @@ def test_roles_have_names_and_no_rig_is_asked_whether_it_has_a_member() -> None:
 
 def test_states_of_no_role_are_named() -> None:
     class Dumb(MotorShaft):
-        roles = Roles(rotor=RotorRoles(speed="of_the_bit"))
+        @property
+        def roles(self) -> Roles:
+            motor, gearbox, rotor = usual_roles().inertias
+            bit = dataclasses.replace(rotor, speed="of_the_bit")
+            return dataclasses.replace(usual_roles(), inertias=(motor, gearbox, bit))
 
     (said,) = plausibility.of_roles(SimpleNamespace(model=Dumb()))  # type: ignore[arg-type]
     assert "motor_shaft does not say what w_1 is" in said

@@ -13,59 +13,25 @@ from bayesdrill.rig import (
     Gear,
     Linear,
     Model,
-    MotorRoles,
     MotorShaft,
     Named,
     Roles,
-    RotorRoles,
-    ShaftRoles,
+    usual_roles,
 )
 from bayesdrill.rig.models.linear import ParameterNames
 
-ROLES = Roles(
-    motor=MotorRoles(
-        angle="top_angle",
-        speed="top_speed",
-        current="winding_current",
-        inertia="motor_inertia",
-        damping="motor_damping",
-        friction="motor_friction",
-        sliding="motor_sliding",
-        static="motor_static",
-        fading="motor_fading",
-        back_emf="volts_per_speed",
-        torque_constant="torque_per_ampere",
-        resistance="winding_resistance",
-        series="series_resistance",
-        inductance="winding_inductance",
-        drop="brush_drop",
-        efficiency="gear_efficiency",
-    ),
-    shaft=ShaftRoles(
-        gear_inertia="table_inertia", stiffness="pipe_stiffness", damping="pipe_damping"
-    ),
-    rotor=RotorRoles(
-        angle="bit_angle",
-        speed="bit_speed",
-        inertia="bit_inertia",
-        damping="bit_damping",
-        sliding="bit_sliding",
-        static="bit_static",
-        fading="bit_fading",
-    ),
-    gear="gear_down",
-)
-ROLE_OF = {
-    getattr(usual, role): getattr(getattr(ROLES, part), role)
-    for part in ("motor", "shaft", "rotor")
-    for usual in [getattr(Roles(), part)]
-    for role in (one.name for one in dataclasses.fields(usual))
-}
-OWN = {usual: name for usual, name in ROLE_OF.items() if name != usual} | {
-    "friction_m": "motor_rubs",
-    "friction_1": "bit_rubs",
+OWN = {
+    "theta_1": "bit_angle", "w_1": "bit_speed", "j_1": "bit_inertia", "c_1": "bit_damping",
+    "t_c1": "bit_sliding", "t_s1": "bit_static", "w_s1": "bit_fading",
+    "theta_2": "top_angle", "w_2": "top_speed", "i": "winding_current",
+    "j_m": "motor_inertia", "c_m": "motor_damping", "t_f": "motor_friction",
+    "t_cm": "motor_sliding", "t_sm": "motor_static", "w_sm": "motor_fading",
+    "k_e": "volts_per_speed", "k_T": "torque_per_ampere", "r_m": "winding_resistance",
+    "r_s": "series_resistance", "l_m": "winding_inductance", "v_d": "brush_drop",
+    "eta": "gear_efficiency", "j_2": "table_inertia", "k_s": "pipe_stiffness",
+    "c_s": "pipe_damping", "friction_m": "motor_rubs", "friction_1": "bit_rubs",
     "drop": "current_rubs",
-}
+}  # fmt: skip
 USUAL = {own: usual for usual, own in OWN.items()}
 
 
@@ -96,7 +62,11 @@ class Renamed(Model):
     parameters: ClassVar[ParameterNames] = ParameterNames(own(MotorShaft.parameters))
     states: ClassVar[tuple[str, ...]] = own(MotorShaft.states)
     inputs: ClassVar[tuple[str, ...]] = MotorShaft.inputs
-    roles: ClassVar[Roles] = ROLES
+
+    @property
+    def roles(self) -> Roles:
+        found: Roles = own(usual_roles(self.gear_down, gear="gear_down"))
+        return found
 
     @property
     def frictions(self) -> tuple[Friction, ...]:

@@ -247,8 +247,8 @@ def stand_ins(study: IdentifiabilityStudy, rig: Model) -> str:
         would = f" What would show it: {', or '.join(ways)}." if ways else ""
         lines.append(
             f"missing torque: {_where(confounding.at, rig)} it can stand in for {confounding.name}: the "
-            f"sd of log {confounding.name} is {confounding.sd:.2g} with it, {confounding.alone:.2g} without "
-            f"it, {confounding.before:.2g} before the record.{would}"
+            f"sd of log {confounding.name} is {confounding.sd:.2g} with it, {confounding.alone:.2g} "
+            f"without it, {confounding.before:.2g} before the record.{would}"
         )
     return "\n".join(lines)
 
