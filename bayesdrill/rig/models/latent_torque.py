@@ -29,7 +29,7 @@ TORQUE, RATE = "torque", "torque_rate"  # states, over `SIZE`, and over `SIZE` t
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MissingTorque:
-    """Where the torque acts, by the name of an inertia, and how smooth it is (Matern's nu)."""
+    """Where the torque acts, and how smooth it is (Matern's nu)."""
 
     at: TorqueLocation = "rotor_1"
     smoothness: Smoothness = "3/2"
@@ -58,19 +58,23 @@ class MissingTorque:
 def torque_gain(model: Model, torque: MissingTorque, p: Named, linear: Linear) -> Any:
     """Return what 1 N m more does to the rate of its inertia's speed.
 
-    At the motor it acts on the motor's side of the gear.
+    Before a gear it acts on its own side of that.
 
     Raises `ValueError` where the rig has no such inertia.
     """
-    acts = next((inertia for inertia in model.roles.inertias if inertia.name == torque.at), None)
-    if acts is not None:
-        row, motor = acts.speed, model.roles.motor(acts.name)
-        if (row, acts.load) in linear.B:
-            return -linear.B[row, acts.load]
-        if (row, acts.torque) in linear.B:
-            return linear.B[row, acts.torque]
-        if motor and (row, motor.current) in linear.A and motor.torque_constant in p:
+    here = next((i for i in model.roles.inertias if i.name == torque.at), None)
+    if here is not None and here.speed in model.states:
+        row, motor = here.speed, model.roles.motor(here.name)
+        if (row, here.load) in linear.B:
+            return -linear.B[row, here.load]
+        if (row, here.torque) in linear.B:
+            return linear.B[row, here.torque]
+        if motor is not None and (row, motor.current) in linear.A and motor.torque_constant in p:
             return linear.A[row, motor.current] / p[motor.torque_constant]
+        turning = [i for i in model.roles.inertias if i.speed == row and i.inertia in p]
+        each: list[Any] = [p[i.inertia] / i.reduction**2 for i in turning]
+        if each:
+            return 1.0 / (sum(each[1:], each[0]) * here.reduction)
     raise ValueError(
         f"the model {model.name} has no inertia at {torque.at.replace('_', ' ')} that a torque could "
         "act on"
@@ -185,11 +189,6 @@ class LoadedModel(WrappedModel):
         push = torque_gain(self.rig, self.torque, p, linear)
         b = {**linear.B, (self.roles.inertia(self.torque.at).speed, TORQUE): push}
         return Linear(A=linear.A, B=b, c=linear.c)
-
-
-def angles(model: Model) -> tuple[str, ...]:
-    """Return the names of states that are angles."""
-    return model.angles
 
 
 def augment(
