@@ -85,18 +85,27 @@ def _is_text(value: Any) -> bool:
     return isinstance(value, str)
 
 
+def _parts(value: Any, what: str, example: str) -> Any:
+    """Parts that are made already."""
+    if not isinstance(value, tuple):
+        raise ValueError(f"write each {what} by its name, such as `{example}`")
+    return value
+
+
 def _names(value: Any) -> Any:
     return tuple(value) if isinstance(value, list) else value
 
 
 def _shafts(value: Any) -> Any:
     if not isinstance(value, Mapping):
-        return value
+        return _parts(value, "shaft", "coupling: [motor, load]")
     return tuple(Shaft(name, _ends(name, ends)) for name, ends in value.items())
 
 
 def _gears(value: Any) -> Any:
-    return tuple(map(_gear, value.items())) if isinstance(value, Mapping) else value
+    if not isinstance(value, Mapping):
+        return _parts(value, "gear", "box: {between: [motor, arm], ratio: 0.125}")
+    return tuple(map(_gear, value.items()))
 
 
 def _gear(item: tuple[str, Any]) -> Gear:
@@ -118,7 +127,7 @@ def _gear(item: tuple[str, Any]) -> Gear:
 
 def _drives(value: Any) -> Any:
     if not isinstance(value, Mapping):
-        return value
+        return _parts(value, "drive", "motor: current")
     return tuple(Drive(name, str(kind)) for name, kind in value.items())
 
 
