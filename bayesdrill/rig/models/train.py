@@ -192,7 +192,7 @@ class Train(PartsModel):
             object.__setattr__(self, entry, parse(getattr(self, entry)))
         if issues := tuple(_issues(self)):
             raise PartsError(issues)
-        describe(self)
+        _check_frictions(self)
 
     @property
     def declares(self) -> tuple[Symbol, ...]:
@@ -289,6 +289,20 @@ def _gear_issues(train: Train) -> Iterator[tuple[str, str]]:
                 f"the speeds of {' and '.join(sorted(both & imposed))} follow from each other",
             )
         joined |= dict.fromkeys(both, both)
+
+
+def _check_frictions(train: Train) -> None:
+    """Raise `PartsError` where two of what turns as one have dry friction: it is one friction."""
+    rubbing: dict[str, str] = {}
+    for friction in train.frictions:
+        place = friction.where.removeprefix("at ")
+        if friction.against in rubbing:
+            message = (
+                f"{rubbing[friction.against]} and {place} turn as one, so that their dry frictions "
+                "are one: name parameters of friction (or an efficiency) at one of them alone"
+            )
+            raise PartsError((("gears", message),))
+        rubbing[friction.against] = place
 
 
 @dataclass(frozen=True, slots=True)
