@@ -38,6 +38,7 @@ if TYPE_CHECKING:
     from bayesdrill.api.files import calibration as calibration
     from bayesdrill.api.files import citation as citation
     from bayesdrill.api.files import example as example
+    from bayesdrill.api.files import export as export
     from bayesdrill.api.files import init as init
     from bayesdrill.api.files import publish as publish
     from bayesdrill.api.files import schema as schema

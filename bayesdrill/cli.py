@@ -348,6 +348,14 @@ class CitationForm(StrEnum):
     cff = "cff"
 
 
+class ExportForm(StrEnum):
+    """Forms of a rig that simulators read."""
+
+    json = "json"
+    mjcf = "mjcf"
+    urdf = "urdf"
+
+
 @command("simulate configs/nominal_step.yaml --output my_record.csv")
 def simulate(
     config: ConfigPath,
@@ -402,6 +410,23 @@ def schema(
     from bayesdrill.api import files
 
     typer.echo(files.schema(of.value), nl=False)
+
+
+@command("export results/nominal_step --to mjcf --output rig.xml")
+def export(
+    folder: Annotated[Path, typer.Argument(metavar="FOLDER", help="Of a finished run.")],
+    to: Annotated[ExportForm, typer.Option("--to", help="For MuJoCo, URDF, or any program.")],
+    output: Annotated[Path | None, output_option("Default: it is printed.")] = None,
+    draws: Annotated[
+        int, typer.Option(min=2, max=100_000, help="Of the posterior, at most.")
+    ] = 100,
+    force: Annotated[bool, force_option("Overwrite a file.")] = False,
+) -> None:
+    """Write what simulators take: armatures, damping and friction, with their spread and draws."""
+    from bayesdrill.api import files
+
+    text = files.export(folder, to.value, output, draws=draws, force=force)
+    typer.echo(text if output is None else f"{output}: written", nl=output is not None)
 
 
 @command("cite results/nominal_step --format bibtex")

@@ -270,6 +270,52 @@ def verify(folder: str | Path) -> Verified:
     return verifying.verify(Path(folder).expanduser())
 
 
+def _check_new_file(target: Path, *, force: bool) -> None:
+    """Refuse to write where something is, or where nothing can be written; raises `InputError`."""
+    output_files.refuse_other_than_file(target)
+    if target.exists() and not force:
+        raise InputError.at(str(target), "exists already; give --force or another --output")
+    if not target.parent.is_dir():
+        raise InputError.at(str(target.parent), "this folder does not exist; make it first")
+    output_files.refuse_unwritable(target.parent)
+
+
+@check_arguments
+def export(
+    folder: str | Path,
+    to: str = "json",
+    output: str | Path | None = None,
+    *,
+    draws: int = 100,
+    seed: int = 0,
+    force: bool = False,
+) -> str:
+    """Return a run's rig as simulators take it: `mjcf`, `urdf` or `json`; `output`: also a file.
+
+        bd.export("results/mine", "mjcf", "rig.xml")
+
+    Armature, damping and dry friction of each joint, springs and motors, at posterior means; the
+    spread stands beside them, and `json` has correlations and `draws` for randomisation.  Raises
+    `InputError` where there is no finished run, or another file.
+    """
+    import numpy as np
+
+    from bayesdrill.tasks import export as exporting
+    from bayesdrill.tasks import pipeline
+
+    write = arguments.known(exporting.FORMS, to, "to", "form")
+    count = arguments.whole("draws", draws, 2)
+    target = None if output is None else Path(output).expanduser()
+    if target is not None:
+        _check_new_file(target, force=force)
+    run = pipeline.read_result(Path(folder).expanduser())
+    rng = np.random.default_rng(seed)
+    text = write(exporting.simulator_model(run, count, rng))
+    if target is not None:
+        output_files.write_text(target, text)
+    return text
+
+
 @check_arguments
 class Calibration(ManyFits["Calibrated"]):
     """Refits of simulated records, which say whether a posterior is as wide as it claims."""

@@ -9,6 +9,7 @@ no ripples over the parameters, as that of simulated angles has.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -26,6 +27,8 @@ from bayesdrill.rig.models.linear import Model
 
 BUMP_COUNTS = (3, 10, 30, 100)  # along the record
 MIN_BUMP_SAMPLES = 6  # of a bump
+MIN_SPARSE_SAMPLES = 4096  # of a record, whose bumps are mostly zeros
+MIN_FAST_SAMPLES, MIN_PERIOD_SAMPLES = 100, 8  # of a bump with several periods, and of a period
 LARGE_MISFIT = 1e9  # a misfit where the equations have no number
 MAX_SAMPLES = 20_000  # of a record; of longer ones some are left out
 
@@ -75,15 +78,15 @@ class MeasuredMotion:
     """All `states` of the rig and its `inputs`, in the middle of each of the T - 1 steps.
 
     Each is `(T - 1,)` by name.  `equations`: states in whose rates a parameter stands; `bumps (M,
-    T - 1)` and their `slopes` are times the steps.
+    T - 1)` and their `slopes` are times the steps, sparse where a record is long.
     """
 
     model: Model
     equations: tuple[str, ...]
     states: Mapping[str, Array]
     inputs: Mapping[str, Array | float]
-    bumps: Array
-    slopes: Array
+    bumps: Any
+    slopes: Any
 
     @classmethod
     def from_observation(cls, observation: Observation) -> MeasuredMotion | None:
@@ -177,10 +180,11 @@ def _middle(x: Array) -> Array:
     return np.asarray(0.5 * (x[1:] + x[:-1]))
 
 
-def _bumps(t: Array) -> tuple[Array, Array]:
+def _bumps(t: Array) -> tuple[Any, Any]:
     """Return bumps `(M, T - 1)` along `t (T,)` and their slopes, times the steps.
 
-    They are whole periods of a sine, each overlapping its neighbours by half.
+    They are whole periods of a sine, each overlapping its neighbours by half; where the shortest
+    has many samples, more periods in the same span see what swings faster.
     """
     bumps, slopes, middle = [], [], _middle(t)
     for count in BUMP_COUNTS:
@@ -189,6 +193,13 @@ def _bumps(t: Array) -> tuple[Array, Array]:
             break
         phase = (middle - t[0]) / width - 0.5 * np.arange(count)[:, None]
         inside = (phase >= 0.0) & (phase <= 1.0)
-        bumps.append(np.where(inside, np.sin(2.0 * np.pi * phase), 0.0))
-        slopes.append(np.where(inside, np.cos(2.0 * np.pi * phase), 0.0) * 2.0 * np.pi / width)
-    return np.concatenate(bumps) * np.diff(t), np.concatenate(slopes) * np.diff(t)
+        samples = width * len(t) / (t[-1] - t[0])
+        more = count == BUMP_COUNTS[-1] and samples > MIN_FAST_SAMPLES
+        fastest = int(math.log2(samples / MIN_PERIOD_SAMPLES)) if more else 0
+        for turns in 2.0 * np.pi * 2.0 ** np.arange(1 + fastest):
+            bumps.append(np.where(inside, np.sin(turns * phase), 0.0))
+            slopes.append(np.where(inside, np.cos(turns * phase), 0.0) * turns / width)
+    both = np.concatenate(bumps) * np.diff(t), np.concatenate(slopes) * np.diff(t)
+    if len(t) < MIN_SPARSE_SAMPLES:
+        return both
+    return scipy.sparse.csr_array(both[0]), scipy.sparse.csr_array(both[1])

@@ -1,0 +1,294 @@
+"""Export what a run found of a rig to simulators: MJCF (MuJoCo), URDF, or JSON.
+
+A joint is a coordinate of the rig: the inertias that turn as one, with the state that is their
+angle.  Its armature, damping and dry friction are those behind gears, in SI.  Springs between joints
+are fixed tendons in MJCF, a motor is an actuator; URDF knows neither, and says so in a comment.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from types import MappingProxyType
+from xml.etree import ElementTree
+
+import numpy as np
+
+from bayesdrill import __version__
+from bayesdrill.basics.arrays import Array
+from bayesdrill.basics.errors import InputError
+from bayesdrill.rig.models.linear import Model
+from bayesdrill.rig.models.roles import GROUND, InertiaRoles
+from bayesdrill.tasks.conclusions import SampledRun
+
+DEFAULT_DRAWS = 100
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Quantity:
+    """A number of a part for a simulator: its `draws (N,)` and its value at the MAP, SI."""
+
+    part: str
+    name: str
+    unit: str
+    draws: Array
+    map: float
+
+    @property
+    def key(self) -> str:
+        """Its name among all, such as `load.armature`."""
+        return f"{self.part}.{self.name}"
+
+    @property
+    def text(self) -> str:
+        """Mean and sd."""
+        return f"{self.key} {self.draws.mean():.6g} +- {self.draws.std():.2g} {self.unit}"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SimulatorModel:
+    """A rig as simulators take it.
+
+    `joints`: names by the state of their speed; `springs`: joints at the ends of each, with the
+    times that its end turns for one turn of the joint; `drives`: joint, input and turns of each.
+    """
+
+    title: str
+    linear: bool
+    joints: Mapping[str, str]
+    springs: Mapping[str, tuple[tuple[str, float], ...]]
+    drives: Mapping[str, tuple[str, float]]
+    quantities: tuple[Quantity, ...]
+
+    def means(self, part: str) -> dict[str, float]:
+        """Return the posterior means of a part's quantities, by their names."""
+        return {q.name: float(q.draws.mean()) for q in self.quantities if q.part == part}
+
+
+def simulator_model(run: SampledRun, draws: int, rng: np.random.Generator) -> SimulatorModel:
+    """Return the rig of a run, with at most `draws` of its posterior.
+
+    Raises `InputError` where the rig does not say what its parts are.
+    """
+    problem = run.job.problem
+    model, posterior = problem.model, problem.posterior
+    chain = run.sampled.draws.reshape(-1, len(problem.names))
+    rows = rng.choice(len(chain), min(draws, len(chain)), replace=False)
+    theta = np.vstack([posterior.space.vector(run.mode.values), chain[np.sort(rows)]])
+    parameters = posterior.likelihood.rig_parameters(theta)
+    p = dict(zip(model.parameters, parameters.T, strict=True))
+    moving = _moving(model, p)
+    if not moving:
+        message = f"the rig {model.name} does not say what its inertias are (`roles`)"
+        raise InputError.at(str(run.job.config.name), f"{message}; nothing can be exported")
+    joints = {speed: inertias[-1].name for speed, inertias in moving.items()}
+    quantities = [
+        Quantity(part=part, name=name, unit=unit, draws=values[1:], map=float(values[0]))
+        for part, name, unit, values in (
+            *_of_joints(model, p, moving, joints),
+            *_of_shafts(model, p),
+            *_of_motors(model, p),
+        )
+    ]
+    return SimulatorModel(
+        title=run.job.config.name,
+        linear=model.symbols[next(iter(joints))].unit == "m/s",
+        joints=joints,
+        springs=dict(_springs(model, p, joints)),
+        drives=dict(_drives(model, p, joints)),
+        quantities=tuple(quantities),
+    )
+
+
+Values = Mapping[str, Array]
+Parts = Iterator[tuple[str, str, str, Array]]  # part, name, unit, values
+
+
+def _moving(model: Model, p: Values) -> dict[str, list[InertiaRoles]]:
+    """Return the inertias that turn with each speed."""
+    moving: dict[str, list[InertiaRoles]] = {}
+    for inertia in model.roles.inertias:
+        if inertia.inertia in p and inertia.speed in model.states:
+            moving.setdefault(inertia.speed, []).append(inertia)
+    return moving
+
+
+def _of_joints(
+    model: Model, p: Values, moving: Mapping[str, list[InertiaRoles]], joints: Mapping[str, str]
+) -> Parts:
+    for speed, inertias in moving.items():
+        sums: dict[str, tuple[str, Array]] = {}
+        for inertia in inertias:
+            for name, symbol, power in (
+                ("armature", inertia.inertia, 2),
+                ("damping", inertia.damping, 2),
+                ("frictionloss", inertia.sliding, 1),
+                ("constant_friction", inertia.friction, 1),
+                ("gravity", inertia.weight, 1),
+            ):
+                if symbol in p:
+                    unit, before = sums.get(name, (model.symbols[symbol].unit, np.zeros(1)))
+                    sums[name] = unit, before + p[symbol] / abs(inertia.reduction) ** power
+        for name, (unit, values) in sums.items():
+            yield joints[speed], name, unit, values
+
+
+def _of_shafts(model: Model, p: Values) -> Parts:
+    for shaft in model.roles.shafts:
+        for name, symbol in (("stiffness", shaft.stiffness), ("damping", shaft.damping)):
+            if symbol in p:
+                yield shaft.name, name, model.symbols[symbol].unit, p[symbol]
+
+
+def _of_motors(model: Model, p: Values) -> Parts:
+    for motor in model.roles.motors:
+        for name, symbol in (
+            ("torque_constant", motor.torque_constant),
+            ("back_emf", motor.back_emf),
+            ("resistance", motor.resistance),
+            ("series_resistance", motor.series),
+            ("inductance", motor.inductance),
+            ("voltage_drop", motor.drop),
+        ):
+            if symbol in p:
+                yield f"motor_{motor.inertia}", name, model.symbols[symbol].unit, p[symbol]
+
+
+def _springs(
+    model: Model, p: Values, joints: Mapping[str, str]
+) -> Iterator[tuple[str, tuple[tuple[str, float], ...]]]:
+    for shaft in model.roles.shafts:
+        if shaft.stiffness in p:
+            ends = [model.roles.inertia(name) for name in shaft.ends if name != GROUND]
+            yield (
+                shaft.name,
+                tuple((joints[e.speed], 1.0 / e.reduction) for e in ends if e.speed in joints),
+            )
+
+
+def _drives(
+    model: Model, p: Values, joints: Mapping[str, str]
+) -> Iterator[tuple[str, tuple[str, float]]]:
+    for inertia in model.roles.inertias:
+        if inertia.torque in model.inputs and inertia.speed in joints:
+            yield inertia.torque, (joints[inertia.speed], 1.0 / inertia.reduction)
+    for motor in model.roles.motors:
+        inertia = model.roles.inertia(motor.inertia)
+        if motor.torque_constant in p and inertia.speed in joints:
+            yield f"motor_{motor.inertia}", (joints[inertia.speed], 1.0 / inertia.reduction)
+
+
+# Forms.
+
+
+def as_json(model: SimulatorModel) -> str:
+    """Return means, sds, correlations and draws of all quantities."""
+    draws = np.array([quantity.draws for quantity in model.quantities])
+    with np.errstate(invalid="ignore"):  # of what is held
+        correlations = np.nan_to_num(np.atleast_2d(np.corrcoef(draws)))
+    np.fill_diagonal(correlations, 1.0)
+    data = {
+        "name": model.title,
+        "by": f"bayesdrill {__version__}",
+        "motion": "linear" if model.linear else "rotary",
+        "joints": [*model.joints.values()],
+        "springs": {name: dict(ends) for name, ends in model.springs.items()},
+        "drives": {name: dict([drive]) for name, drive in model.drives.items()},
+        "quantities": {
+            q.key: {
+                "unit": q.unit,
+                "mean": float(q.draws.mean()),
+                "sd": float(q.draws.std()),
+                "map": q.map,
+            }
+            for q in model.quantities
+        },
+        "correlations": correlations.round(6).tolist(),
+        "draws": draws.T.tolist(),
+    }
+    return json.dumps(data, indent=1, ensure_ascii=False) + "\n"
+
+
+def as_mjcf(model: SimulatorModel) -> str:
+    """Return a MuJoCo model at the posterior means, with a joint for each coordinate."""
+    root = ElementTree.Element("mujoco", model=model.title)
+    root.append(ElementTree.Comment(_spread(model)))
+    ElementTree.SubElement(root, "compiler", angle="radian", inertiafromgeom="false")
+    ElementTree.SubElement(root, "option", gravity="0 0 0")
+    world = ElementTree.SubElement(root, "worldbody")
+    for joint in model.joints.values():
+        means = model.means(joint)
+        body = ElementTree.SubElement(world, "body", name=joint)
+        # A mass that weighs nothing beside the armature, as every body must have one.
+        ElementTree.SubElement(
+            body, "inertial", pos="0 0 0", mass="1e-9", diaginertia="1e-12 1e-12 1e-12"
+        )
+        entries = {"name": joint, "type": "slide" if model.linear else "hinge", "axis": "0 0 1"}
+        entries |= {
+            n: f"{means[n]:.9g}" for n in ("armature", "damping", "frictionloss") if n in means
+        }
+        ElementTree.SubElement(body, "joint", entries)
+    tendons = ElementTree.SubElement(root, "tendon")
+    for name, ends in model.springs.items():
+        means = model.means(name)
+        entries = {"name": name, "springlength": "0"}
+        entries |= {n: f"{means[n]:.9g}" for n in ("stiffness", "damping") if n in means}
+        fixed = ElementTree.SubElement(tendons, "fixed", entries)
+        for (joint, turns), sign in zip(ends, (1.0, -1.0), strict=False):
+            ElementTree.SubElement(fixed, "joint", joint=joint, coef=f"{sign * turns:.9g}")
+    actuators = ElementTree.SubElement(root, "actuator")
+    for name, (joint, turns) in model.drives.items():
+        means = model.means(name)
+        resistance = means.get("resistance", 1.0) + means.get("series_resistance", 0.0)
+        gain = means.get("torque_constant", 1.0) / resistance
+        entries = {"name": name, "joint": joint, "gear": f"{turns:.9g}", "gainprm": f"{gain:.9g}"}
+        if "back_emf" in means:
+            entries |= {"biastype": "affine", "biasprm": f"0 0 {-gain * means['back_emf']:.9g}"}
+        ElementTree.SubElement(actuators, "general", entries)
+    return _written(root)
+
+
+def as_urdf(model: SimulatorModel) -> str:
+    """Return a URDF model at the posterior means; springs and motors stand in a comment."""
+    root = ElementTree.Element("robot", name=model.title)
+    root.append(ElementTree.Comment(_spread(model)))
+    ElementTree.SubElement(root, "link", name="base")
+    for joint in model.joints.values():
+        means = model.means(joint)
+        link = ElementTree.SubElement(root, "link", name=joint)
+        inertial = ElementTree.SubElement(link, "inertial")
+        size = f"{means['armature']:.9g}"
+        ElementTree.SubElement(inertial, "mass", value=size if model.linear else "1e-9")
+        turned = "1e-12" if model.linear else size
+        tensor = {"ixx": "1e-12", "iyy": "1e-12", "izz": turned, "ixy": "0", "ixz": "0", "iyz": "0"}
+        ElementTree.SubElement(inertial, "inertia", tensor)
+        kind = "prismatic" if model.linear else "continuous"
+        element = ElementTree.SubElement(root, "joint", name=joint, type=kind)
+        ElementTree.SubElement(element, "parent", link="base")
+        ElementTree.SubElement(element, "child", link=joint)
+        ElementTree.SubElement(element, "axis", xyz="0 0 1")
+        if model.linear:
+            ElementTree.SubElement(
+                element, "limit", effort="1e9", velocity="1e9", lower="-1e3", upper="1e3"
+            )
+        entries = {"damping": "damping", "frictionloss": "friction"}
+        dynamics = {there: f"{means[here]:.9g}" for here, there in entries.items() if here in means}
+        ElementTree.SubElement(element, "dynamics", dynamics)
+    return _written(root)
+
+
+FORMS: Mapping[str, Callable[[SimulatorModel], str]] = MappingProxyType(
+    {"json": as_json, "mjcf": as_mjcf, "urdf": as_urdf}
+)
+
+
+def _spread(model: SimulatorModel) -> str:
+    lines = [f"{q.text}" for q in model.quantities]
+    head = f"by bayesdrill {__version__}: posterior means and standard deviations, SI"
+    return "\n".join([head, *lines, ""]).replace("--", "- -")
+
+
+def _written(root: ElementTree.Element) -> str:
+    ElementTree.indent(root)
+    return ElementTree.tostring(root, encoding="unicode") + "\n"

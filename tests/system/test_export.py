@@ -1,0 +1,101 @@
+"""What simulators take away from a run, read back by other code."""
+
+from __future__ import annotations
+
+import json
+from xml.etree import ElementTree
+
+import numpy as np
+import pytest
+from cases import run as sampled_run
+
+import bayesdrill as bd
+from bayesdrill.rig.models.linear import dynamics
+from bayesdrill.tasks import export
+from bayesdrill.tasks.export import simulator_model
+
+
+@pytest.fixture(scope="module")
+def run() -> bd.Run:
+    return sampled_run()
+
+
+@pytest.fixture(scope="module")
+def model(run):
+    return simulator_model(run, 200, np.random.default_rng(1))
+
+
+def means(run, rows: int = 200) -> dict[str, float]:
+    """Parameters of the rig at the mean of the draws that are exported."""
+    problem = run.job.problem
+    chain = run.sampled.draws.reshape(-1, len(problem.names))
+    picked = np.sort(np.random.default_rng(1).choice(len(chain), rows, replace=False))
+    parameters = problem.posterior.likelihood.rig_parameters(chain[picked])
+    return dict(zip(problem.model.parameters, parameters.mean(axis=0), strict=True))
+
+
+def test_mjcf_has_the_rig(run, model):
+    """Springs, dampers and inertias of the file make the matrix of the rig's equations."""
+    root = ElementTree.fromstring(export.as_mjcf(model))
+    joints = {joint.get("name"): joint for joint in root.iter("joint") if joint.get("name")}
+    names = [*joints]
+    mass = np.diag([float(joints[name].get("armature")) for name in names])
+    damping = np.diag([float(joints[name].get("damping", "0")) for name in names])
+    stiffness = np.zeros_like(mass)
+    for spring in root.iter("fixed"):
+        turns = np.zeros(len(names))
+        for end in spring.iter("joint"):
+            turns[names.index(end.get("joint"))] = float(end.get("coef"))
+        stiffness += float(spring.get("stiffness")) * np.outer(turns, turns)
+    rig = run.job.problem.model
+    p = means(run)
+    states = [{"rotor_1": "1", "gearbox": "2", "motor": "2"}[name] for name in names]
+    a = dynamics(rig.linear(p), rig.states, 1)[0]
+    angles = [rig.states.index(f"theta_{index}") for index in states]
+    speeds = [rig.states.index(f"w_{index}") for index in states]
+    assert np.linalg.solve(mass, -stiffness) == pytest.approx(a[np.ix_(speeds, angles)], rel=1e-7)
+    assert np.linalg.solve(mass, -damping) == pytest.approx(a[np.ix_(speeds, speeds)], rel=1e-7)
+    (motor,) = root.iter("general")
+    turns, gain = float(motor.get("gear")), float(motor.get("gainprm"))
+    assert turns * gain == pytest.approx(p["k_T"] / p["r_m"] / rig.i_m, rel=1e-7)
+    assert float(motor.get("biasprm").split()[2]) == pytest.approx(-gain * p["k_e"], rel=1e-7)
+
+
+def test_json_has_spread_and_draws(run, model):
+    data = json.loads(export.as_json(model))
+    keys, draws = [*data["quantities"]], np.array(data["draws"])
+    assert draws.shape == (200, len(keys))
+    for key, values in zip(keys, draws.T, strict=True):
+        assert data["quantities"][key]["mean"] == pytest.approx(values.mean())
+        assert data["quantities"][key]["sd"] == pytest.approx(values.std())
+    free = [k for k, values in enumerate(draws.T) if np.ptp(values) > 0]
+    assert free
+    expected = np.corrcoef(draws[:, free].T)
+    assert np.array(data["correlations"])[np.ix_(free, free)] == pytest.approx(expected, abs=1e-5)
+    stiffness = data["quantities"]["shaft.stiffness"]
+    assert stiffness["map"] == pytest.approx(run.mode.values.get("k_s", means(run)["k_s"]))
+
+
+def test_urdf_has_joints(run, model):
+    root = ElementTree.fromstring(export.as_urdf(model))
+    inertias = {
+        link.get("name"): float(link.find("inertial/inertia").get("izz"))
+        for link in root.iter("link")
+        if link.find("inertial") is not None
+    }
+    p = means(run)
+    assert inertias["rotor_1"] == pytest.approx(p["j_1"], rel=1e-7)
+    assert sum(inertias.values()) == pytest.approx(p["j_1"] + 64 * p["j_m"], rel=1e-7)
+
+
+def test_command_writes_and_refuses(run, tmp_path, capsys):
+    folder = run.save(tmp_path / "run")
+    target = tmp_path / "rig.xml"
+    text = bd.export(folder, "mjcf", target)
+    assert target.read_text() == text
+    with pytest.raises(bd.InputError, match="exists already"):
+        bd.export(folder, "mjcf", target)
+    with pytest.raises(bd.InputError, match="did you mean"):
+        bd.export(folder, "mjfc")
+    with pytest.raises(bd.InputError, match="does not exist"):
+        bd.export(folder, "json", tmp_path / "none" / "rig.json")
