@@ -152,8 +152,9 @@ def init(
     if not records:
         raise InputError.at("record", "no file is named; name one or several")
     files = [path.name for path in records]
+    kinds = {name: kind for name, kind in MODELS.usable().items() if not kind().has_private_names}
     known = record_files.GivenFacts(
-        rig=arguments.known(MODELS.usable(), rig, "rig", "rig")(),
+        rig=arguments.known(kinds, rig, "rig", "rig")(),
         gear=gear,
         voltage=voltage,
         rate=rate or 0.0,
@@ -298,7 +299,7 @@ def calibration(config: str | Path) -> Calibration:
 @check_arguments
 def schema(of: str = "config") -> str:
     """Return the JSON schema of configs or, `of` a `run`, of the `run.json` that a posterior leaves."""
-    from bayesdrill.config.schema.config import json_schema
+    from bayesdrill.config.schema.json_schema import json_schema
     from bayesdrill.tasks.run_entries import run_schema
 
     schemas = {"config": json_schema, "run": run_schema}

@@ -70,6 +70,10 @@ class Dual:
         value = exp(self.value)
         return Dual(value, value * self.slope)
 
+    def sin(self) -> Dual:
+        """Return the sine."""
+        return Dual(sin(self.value), sin(self.value + 0.5 * np.pi) * self.slope)
+
     def log(self) -> Dual:
         """Return the natural logarithm."""
         return Dual(np.log(self.value), self.slope / self.value)
@@ -88,6 +92,11 @@ class Number(ABC):
     @abstractmethod
     def exp(self) -> Any:
         """Return the exponential."""
+        ...
+
+    @abstractmethod
+    def sin(self) -> Any:
+        """Return the sine."""
         ...
 
     @abstractmethod
@@ -125,6 +134,11 @@ class Choice(ABC):
 def exp(number: Any) -> Any:
     """Return the exponential of a number of any kind."""
     return number.exp() if isinstance(number, Dual | Number) else np.exp(number)
+
+
+def sin(number: Any) -> Any:
+    """Return the sine of a number of any kind."""
+    return number.sin() if isinstance(number, Dual | Number) else np.sin(number)
 
 
 def below(lower: Any, upper: Any) -> Any:

@@ -95,7 +95,8 @@ def member_section[B: Strict](
             for member_field in dataclasses.fields(kind)
             if member_field.name == entry
         )
-        default_ = "" if default in (None, dataclasses.MISSING) else f"; default: {default}"
+        plain = ", ".join(default) if isinstance(default, tuple) else default
+        default_ = "" if plain in (None, "", dataclasses.MISSING) else f"; default: {plain}"
         description = f"{', '.join(having)}: {_about(hint)}{default_}."
         fields[entry] = (hint | None, Field(None, description=description))
     where = base.__module__  # which has it by this name, so that its records can be pickled

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from types import MappingProxyType
 from typing import Literal
 
@@ -34,7 +34,7 @@ class Symbol:
     held: Literal["positive", "not negative", "any"] = "positive"
     at_most: float = math.inf
     typical: str = ""
-    drives: bool = False
+    drives: bool = field(default=False, repr=False)  # runs know symbols by their text
 
     @property
     def plain_unit(self) -> str:

@@ -13,15 +13,16 @@ from typing import Any
 
 from pydantic import BaseModel, ValidationError
 
-from bayesdrill.basics.entries import SMALLEST, build_member, unknown_keys
+from bayesdrill.basics.entries import SMALLEST, build_member, members_by_entry, unknown_keys
 from bayesdrill.basics.errors import InputError, Issue, did_you_mean, shortened
+from bayesdrill.basics.registry import lookup
 from bayesdrill.config import consistency
 from bayesdrill.config.consistency import several
 from bayesdrill.config.resolve import experiments
 from bayesdrill.config.resolve.case import ResolvedCase, ResolvedExperiment
 from bayesdrill.config.schema.config import Config, ModelSpec, config_kind
 from bayesdrill.config.schema.vocabulary import vocabulary_of
-from bayesdrill.config.yaml_source import Location, Source, read
+from bayesdrill.config.yaml_source import IssueCollector, Location, Source, read
 from bayesdrill.inference.priors import PRIORS
 from bayesdrill.rig.models import MODELS
 from bayesdrill.rig.models.linear import Model
@@ -66,7 +67,7 @@ def load(path: Path) -> ResolvedCase:
 
 def validate(source: Source) -> ResolvedCase:
     """Validate a config that has been read; see `load`."""
-    kind = _config_kind(source)
+    kind = load_kind(source)
     if experiments.EXPERIMENTS in source.data:
         config, resolved = _load_several(source, kind)
     else:
@@ -77,34 +78,35 @@ def validate(source: Source) -> ResolvedCase:
     return ResolvedCase(config=config, source=source, experiments=experiments_)
 
 
-def _config_kind(source: Source) -> type[Config]:
+def load_kind(source: Source) -> type[Config]:
     """Return the config with the names of its rig; raises `InputError` where there is no such rig.
 
-    Of a rig whose names all others share that is said later, with all else.
+    What is wrong with a rig whose names all share is told later, with all else.
     """
-    data = source.data
+    data, kinds = source.data, MODELS.usable()
     entry = data.get("model") if isinstance(data, Mapping) else None
-    name = entry.get("name") if isinstance(entry, Mapping) else None
-    kind = MODELS.usable().get(name) if isinstance(name, str) else None
-    if kind is None or not kind().has_private_names:
+    described = [name for name, kind in kinds.items() if kind().has_private_names]
+    parts = {n for n, having in members_by_entry(kinds).items() if {*having} <= {*described}}
+    if not isinstance(entry, Mapping) or not (entry.get("name") in described or parts & {*entry}):
         return Config
-    issues = [*source.repeated]
+    errors = IssueCollector(source, frozenset())
     try:
         section = ModelSpec.model_validate(entry)
-        vain = unknown_keys(("name", "model"), MODELS.usable(), kind, section)
-        issues += [source.issue(("model", key), text) for key, text in vain.items()]
-        rig = build_member(kind, section)
+        kind = errors.run(("model", "name"), lookup, MODELS, section.name, "model")
+        vain = {} if kind is None else unknown_keys(("name", "model"), kinds, kind, section)
+        for key, text in vain.items():
+            errors.add(("model", key), text)
+        if kind is not None and not vain:
+            return config_kind(vocabulary_of(build_member(kind, section)))
     except PartsError as error:
-        issues += [source.issue(("model", key), text) for key, text in error.entries]
+        for key, text in error.entries:
+            errors.add(("model", key), text)
     except ValidationError as error:
         for item in error.errors():
             loc = ("model", *item["loc"])
             location = _location(loc, data)
-            message = _message({**item, "loc": loc}, location, Config)
-            issues.append(source.issue(location, message))
-    if issues:
-        raise InputError(sorted(dict.fromkeys(issues), key=_line))
-    return config_kind(vocabulary_of(rig))
+            errors.add(location, _message({**item, "loc": loc}, location, Config))
+    raise InputError(sorted({*source.repeated, *errors.issues}, key=_line))
 
 
 def _with_walkers(config: Config, model: Model) -> Config:
@@ -113,7 +115,7 @@ def _with_walkers(config: Config, model: Model) -> Config:
     A step of a walker is expensive there, and 256 of them would give far more than is asked.
     """
     sampler = config.sampler
-    if "walkers" in sampler.model_fields_set or not model.frictions:
+    if "walkers" in sampler.model_fields_set or model.smooth:
         return config
     walkers = min(
         sampler.walkers, FRICTION_WALKERS + WALKERS_PER_EXPERIMENT * len(config.experiments)
@@ -314,6 +316,10 @@ def _message(error: dict[str, Any], location: Location, config: type[Config]) ->
             return f"{_shown(value)} stands where `key: value` entries are wanted, indented below"
         case "value_error":
             return str(context["error"])
+        case "tuple_type":
+            return f"{_shown(value)} stands where a list is wanted, such as [motor, load]"
+        case "string_pattern_mismatch" if location[0] == "model":
+            return f"{_shown(value)} is no name; write a letter, then letters, digits and `_`"
         case "string_pattern_mismatch":
             return f"{_shown(value)} may only have letters, digits, `_`, `-` and `.`"
     text = str(error["msg"]).replace("Input should", "it should")

@@ -24,7 +24,6 @@ from bayesdrill.drafting.entries import REVIEW, DraftContext, comment, review, s
 from bayesdrill.drafting.record_files import GivenFacts, RecordFile
 from bayesdrill.drafting.roles import StartGuess
 from bayesdrill.drafting.signals import TURNS, Sensor
-from bayesdrill.rig import models
 from bayesdrill.rig.models.linear import GEAR_POWERS, Model, with_named
 
 SHEET_SD = 1.0  # of the logarithm of a parameter of a data sheet
@@ -134,29 +133,32 @@ def _parameters(context: DraftContext, sheet: Mapping[str, Any]) -> list[str]:
         sd = math.exp(SHEET_SD)
         why += f"; what is `relative` is a factor of the sheet's, with an sd of {sd:.2g}"
     lines = [*review([why], 0), "parameters:"]
+    driven = [inertia for inertia in rig.roles.inertias if rig.roles.motor(inertia.name)]
     for name in rig.parameters:
-        if name == rig.roles.motor.friction and both_ways:
+        symbol = rig.symbols[name]
+        if both_ways and name in {inertia.friction for inertia in driven}:
             doubt = (
                 "it keeps its sign, and this rig turns both ways: held at zero, and c_m stands for all "
                 "friction"
             )
             lines += [*review([doubt], 2), f"  {name}: 0.0"]
-        elif name in sheet and math.isinf(models.PARAMETERS[name].at_most):
+        elif name in sheet and math.isinf(symbol.at_most):
             prior = f"{{prior: log_normal, median: 1, sd_log: {SHEET_SD:g}, relative: true}}"
             lines.append(f"  {name}: {prior}")
         else:
-            low, high = _prior_ends(scales, rig, models.PARAMETERS[name], gear)
+            low, high = _prior_ends(scales, rig, symbol, gear)
             prior = f"{{prior: log_uniform, low: {low:.1e}, high: {high:.1e}}}"
-            lines.append(_with_meaning(f"  {name}: {prior}", 60, name))
-    further = [rig.roles.shaft.damping, *([rig.roles.motor.sliding] if both_ways else [])]
+            lines.append(_with_meaning(f"  {name}: {prior}", 60, symbol))
+    further = [shaft.damping for shaft in rig.roles.shafts]
+    further += [inertia.sliding for inertia in driven if both_ways]
     further = [name for name in further if name in rig.offers and name not in rig.parameters]
     if further:
         text = "Further physics is switched on by naming it, see docs/rigs.md; take the # away:"
         lines += comment(text, 2)
     for name in further:
-        _, high = _prior_ends(scales, rig, models.PARAMETERS[name], gear)
+        _, high = _prior_ends(scales, rig, rig.symbols[name], gear)
         entry = f"  # {name}: {{prior: half_normal, scale: {high / 3:.1e}}}"
-        lines.append(_with_meaning(entry, 48, name))
+        lines.append(_with_meaning(entry, 48, rig.symbols[name]))
     return lines
 
 
@@ -229,9 +231,8 @@ def _largest_speed(record: RecordFile, gear: float) -> float:
     return max(speeds)
 
 
-def _with_meaning(entry: str, width: int, name: str) -> str:
-    """An entry for the parameter `name`, and what that is."""
-    symbol = models.PARAMETERS[name]
+def _with_meaning(entry: str, width: int, symbol: Symbol) -> str:
+    """An entry for a parameter, and what that is."""
     return f"{entry:<{width}}# {symbol.plain_unit}, {symbol.meaning}"
 
 

@@ -130,8 +130,8 @@ def _inputs(
     if motor and "t_m" in rig.inputs:
         inputs["t_m"] = motor[0]
     elif voltages or voltage or "i" in channels:
-        m = rig.roles.motor
-        rig = with_named(rig, (m.back_emf, m.torque_constant, m.resistance, m.inductance))
+        for m in rig.roles.motors:
+            rig = with_named(rig, (m.back_emf, m.torque_constant, m.resistance, m.inductance))
     if "v" in rig.inputs and voltages:  # measured before asked for, the motor's before others
         voltages.sort(key=lambda v: (v.column.meaning.reference, v.location != MOTOR))
         inputs["v"] = _first(voltages, "voltage", left_out)

@@ -13,7 +13,7 @@ INVARIANCE_TOLERANCE = 1e-12
 
 
 def angle_indices(model: Model) -> list[int]:
-    """Return the indices of angles, or positions, among the states."""
+    """Return the indices of angles among the states."""
     return [model.states.index(name) for name in model.angles]
 
 

@@ -50,7 +50,7 @@ KINDS: dict[str, Callable[[Any], bool]] = {
     "Any": lambda _: True,
 }
 BY_HAND = {"rig", "at", "best"}  # types of these are loaded late: see below
-RIGS = ("DrivenShaft", "LongShaft", "Motor", "MotorShaft", "TwoRotors")
+RIGS = ("DrivenShaft", "LongShaft", "Motor", "MotorShaft", "Train", "TwoRotors")
 IN_USE = ("Channel", "Input", *RIGS)  # records that `case` and `respond` look at
 
 

@@ -14,7 +14,7 @@ from together import for_each
 from bayesdrill.config import job, loading
 from bayesdrill.config.job import prepare
 from bayesdrill.config.records import simulation
-from bayesdrill.config.schema import config
+from bayesdrill.config.schema.json_schema import json_schema
 from bayesdrill.config.yaml_source import parse
 from bayesdrill.record.formats.csv import CsvOptions, read
 from bayesdrill.results import provenance
@@ -25,11 +25,11 @@ BUNDLED = ROOT / "configs" / "nominal_step.yaml"
 
 def test_committed_schema_is_the_codes() -> None:
     """`make schema` writes it anew."""
-    assert (ROOT / "configs" / "schema.json").read_text() == config.json_schema()
+    assert (ROOT / "configs" / "schema.json").read_text() == json_schema()
 
 
 def test_schema_completes_symbols_with_unit_and_meaning() -> None:
-    tree = json.loads(config.json_schema())
+    tree = json.loads(json_schema())
     entry = tree["$defs"]["Parameters"]["properties"]["t_f"]
     assert "not a time" in entry["description"]
     assert "N*m" in entry["description"]

@@ -12,7 +12,7 @@ from together import for_each
 
 from bayesdrill.basics.errors import InputError
 from bayesdrill.config.job import Job, prepare
-from bayesdrill.config.schema import config
+from bayesdrill.config.schema.json_schema import json_schema
 from bayesdrill.inference.priors import LogNormal, TruncatedNormal, Uniform
 
 LAG = "lag: {prior: normal, mean: 0, sd: 20, unit: ms}"
@@ -211,8 +211,8 @@ def test_free_states_know_the_gain_of_their_sensor(tmp_path: Path) -> None:
 
 
 def test_the_schema_describes_every_entry() -> None:
-    tree = json.loads(config.json_schema())
-    text = config.json_schema()
+    tree = json.loads(json_schema())
+    text = json_schema()
     for word in ("experiments", "shared", "own"):
         assert tree["properties"][word]["description"]
     kinds = tree["$defs"]

@@ -279,7 +279,7 @@ ASK = """
 import json
 from bayesdrill.basics.registry import lookup
 from bayesdrill.rig.models import MODELS
-from bayesdrill.config.schema import config as schema
+from bayesdrill.config.schema.json_schema import json_schema
 
 said = {}
 for name in MODELS:
@@ -287,7 +287,7 @@ for name in MODELS:
         lookup(MODELS, name, "model")
     except ValueError as error:
         said[name] = str(error)
-schema.json_schema()
+json_schema()
 print(json.dumps({"said": said, "usable": list(MODELS.usable())}))
 """
 

@@ -6,7 +6,6 @@ entry to be judged (a start inside its prior, symbols of the model, units) is in
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
@@ -357,14 +356,6 @@ def config_kind(vocabulary: Vocabulary) -> type[Config]:
     kind: Any = create_model("Config", __base__=_ConfigOfRig, __doc__=Config.__doc__, **sections)
     kind.vocabulary = vocabulary
     return kind
-
-
-def json_schema() -> str:
-    """Return the JSON schema of a config as text."""
-    schema = Config.model_json_schema()
-    schema["$schema"] = "https://json-schema.org/draft/2020-12/schema"
-    schema["title"] = "bayesdrill experiment config"
-    return json.dumps(schema, indent=2, ensure_ascii=False) + "\n"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -53,6 +53,8 @@ def _place(index: int) -> ir.Constant:
 
 _LEAST_POWER = -700.0  # of e; what is smaller still is nothing
 _ROUNDER = 1.5 * 2.0**52  # added to a number, it leaves its nearest whole number in the last bits
+_PI = (math.pi, 1.2246467991473532e-16)  # and what a double of it is short of
+_SIN = tuple((-1.0) ** k / math.factorial(2 * k + 1) for k in range(10))  # of sin(x)/x, in x^2
 # Of exp(x) for |x| < log(2)/2, least largest relative error: 2e-9.
 _EXP = (
     1.0000000005541665,
@@ -175,6 +177,19 @@ class Builder(ir.IRBuilder):  # type: ignore[misc]
         total = self.polynomial([vector(weight) for weight in _EXP], remaining)
         power = self.shl(self.bitcast(shifted, INT_VEC), whole_numbers(52))
         return self.bitcast(self.add(self.bitcast(total, INT_VEC), power), VEC)
+
+    def sin(self, value: ir.Value) -> ir.Value:
+        """Return the sine of numbers up to 1e6, to 1e-10: that of the rest beyond whole half turns."""
+        shifted = self.fma(value, vector(1.0 / math.pi), vector(_ROUNDER))
+        whole = self.fsub(shifted, vector(_ROUNDER))
+        remaining = value
+        for part in _PI:
+            remaining = self.fma(whole, vector(-part), remaining)
+        square = self.fmul(remaining, remaining)
+        total = self.polynomial([vector(weight) for weight in _SIN], square)
+        odd = self.shl(self.bitcast(shifted, INT_VEC), whole_numbers(63))
+        signed = self.xor(self.bitcast(self.fmul(total, remaining), INT_VEC), odd)
+        return self.bitcast(signed, VEC)
 
     def gather(self, numbers: ir.Value, places: ir.Value) -> ir.Value:
         """Load for each lane the number at its place of a block; fast where lanes have one place."""
@@ -334,6 +349,10 @@ class Vector(Number):
     def exp(self) -> Vector:
         """See `Builder.exp`."""
         return Vector(self.b, self.b.exp(self.value))
+
+    def sin(self) -> Vector:
+        """See `Builder.sin`."""
+        return Vector(self.b, self.b.sin(self.value))
 
     def size(self) -> Vector:
         """Return the absolute values."""

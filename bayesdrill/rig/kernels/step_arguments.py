@@ -93,12 +93,15 @@ class SteppedShape:
                 described.append(law.decay_terms(named, named[friction.against]))
             else:
                 described.append(None)
+        for gravity in self.model.gravities:
+            at = named[gravity.angle]
+            described += [index(gravity.angle), index(gravity.speed), gravity.torque(named, at)]
         return described
 
     @property
     def long_steps(self) -> bool:
         """Whether there are several steps to a sample, and sizes that come down to steady ones."""
-        if self.single or self.read or self.late:
+        if self.single or self.read or self.late or self.model.gravities:
             return False
         laws = [friction.law for friction in self.frictions if not friction.law.steady]
         return bool(laws) and all(isinstance(law, SettlingLaw) for law in laws)
@@ -114,9 +117,14 @@ class SteppedShape:
         return with_slopes(self.series, first_order=self.first_order)
 
     @property
+    def drives(self) -> tuple[str, ...]:
+        """Columns of what drives a step: of inputs, and of gravity."""
+        return (*self.columns, *(gravity.name for gravity in self.model.gravities))
+
+    @property
     def driven(self) -> tuple[str, ...]:
         """Columns after the constant one."""
-        return (*self.columns, *(friction.name for friction in self.frictions))
+        return (*self.drives, *(friction.name for friction in self.frictions))
 
     @property
     def numbers(self) -> int:
@@ -192,7 +200,7 @@ class Rates:
         """Return the rates at the beginning of a step, or `later` by its span, at its end."""
         shape, first = self.shape, len(self.rows) + 1
         values: dict[int, Number] = dict(enumerate(state)) | drive
-        values |= {first + len(shape.columns) + e: effort for e, effort in enumerate(efforts)}
+        values |= {first + len(shape.drives) + e: effort for e, effort in enumerate(efforts)}
         if later is not None and shape.first_order:
             s = len(shape.series)
             values |= {first + k: drive[first + k] + drive[first + s + k] * later for k in range(s)}

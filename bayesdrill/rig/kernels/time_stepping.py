@@ -55,7 +55,7 @@ class Writer:
         self.whole, self.part_of_it, *self.stride_of_it = exponentials
         self.kind, self.spans = NumberKind(b, shape.dual), b.alloca(VEC)
         self.x_count, self.k_count = len(shape.model.states), len(shape.pattern)
-        columns = self.x_count + 1 + len(shape.columns)
+        columns = self.x_count + 1 + len(shape.drives)
         size = FrictionMode.size(self.x_count, columns, len(shape.frictions))
         self.room, *self.stride_room = (
             b.alloca(VEC, I64(size)) for _ in range(1 + shape.long_steps)
@@ -140,7 +140,7 @@ class Writer:
 
     def _step(self, e: ir.Value, span: Vector) -> Step:
         shape, x, s = self.shape, self.x_count, len(self.shape.series)
-        first = x + 1 + len(shape.columns)
+        first = x + 1 + len(shape.drives)
         acting, rates = [], Rates(self.b, shape, self.parameters, self.constant)
         for f, friction in enumerate(shape.frictions):
             row = shape.model.states.index(friction.against)
@@ -190,8 +190,13 @@ class Writer:
             block=room,
         )
 
-    def drive(self, node: ir.Value) -> tuple[dict[int, Number], dict[str, Number]]:
-        """Return what drives a step from a node on: by column, and by name in its middle."""
+    def drive(
+        self, node: ir.Value, state: Sequence[Number]
+    ) -> tuple[dict[int, Number], dict[str, Number]]:
+        """Return what drives a step from a node on: by column, and by name in its middle.
+
+        Gravity is that in the middle too, where the speed leads to.
+        """
         shape, first = self.shape, self.x_count + 1
         driving = [self._input(node, k) for k in range(len(shape.columns))]
         middle: dict[str, Number] = dict.fromkeys(shape.model.inputs, 0.0) | self.constant
@@ -200,6 +205,11 @@ class Writer:
             if shape.first_order:
                 number = number + driving[len(shape.series) + k] * (self.span * 0.5)
             middle[name] = number
+        states = shape.model.states
+        for gravity in shape.model.gravities:
+            angle, speed = (state[states.index(name)] for name in (gravity.angle, gravity.speed))
+            ahead = angle + speed * (self.span * 0.5)
+            driving.append(gravity.torque(self.parameters, ahead))
         return {first + k: number for k, number in enumerate(driving)}, middle
 
     def _input(self, node: ir.Value, k: int) -> Number:
@@ -230,7 +240,7 @@ class Writer:
         if not step.frictions:
             return self.kind.flat(state)
         self.set_mode(state)
-        sizes_now = step.sizes(state, self.drive(I64(0))[1])
+        sizes_now = step.sizes(state, self.drive(I64(0), state)[1])
         sizes = [sizes_now[e] for e in step.varying]
         return self._registers(state, FrictionHistory(sizes, [self.kind.zero() for _ in sizes]))
 
@@ -242,7 +252,7 @@ class Writer:
     ) -> tuple[list[Number], list[Number], list[ir.Value]]:
         """Advance a step: new state, efforts (where they are shown), and what is carried on."""
         step, (state, past) = self.step, self._shaped(registers)
-        drive, inputs = self.drive(node)
+        drive, inputs = self.drive(node, state)
         if not step.frictions:
             new = step.frictionless(state, drive)
             return new, [], self.kind.flat(new)
@@ -297,7 +307,8 @@ class Writer:
         if self.stride is None:
             return self.kind.flat(steps())
         wanted = b.icmp_signed("!=", b.load(b.gep(self.a["usual"], [sample])), I64(0))
-        now = StepStart(*self._shaped(registers), *self.drive(node))
+        state, past = self._shaped(registers)
+        now = StepStart(state, past, *self.drive(node, state))
         return self.kind.flat(self.stride.advance(wanted, now, steps))
 
     def write_sums(self, totals: Sequence[ir.Value]) -> None:
@@ -372,7 +383,7 @@ def emit_trace(w: Writer) -> None:
     rates = Rates(b, w.shape, w.parameters, w.constant)
     nodes = Loop(b, w.a["nodes"], w.start(), "nodes")
     state = w.kind.shaped(nodes.carried)[: w.x_count]
-    drive, _ = w.drive(nodes.index)
+    drive, _ = w.drive(nodes.index, state)
     new, efforts, last = w.advance(nodes.index, nodes.carried)
     after = rates.evaluate(state, drive, efforts)
     before = rates.evaluate(new, drive, efforts, later=w.span)

@@ -20,6 +20,7 @@ from bayesdrill.rig.models.friction import (
     Coulomb,
     Friction,
     GearLoss,
+    Gravity,
     Law,
     LoadSpring,
     Named,
@@ -44,6 +45,11 @@ class PartsModel(Model):
         """Dry friction at inertias, then voltage drops of motors."""
         parts = _Parts(self)
         return (*parts.dry_frictions(), *parts.voltage_drops())
+
+    @property
+    def gravities(self) -> tuple[Gravity, ...]:
+        """The pendulums among its inertias."""
+        return tuple(_Parts(self).pendulums())
 
     def linear(self, p: Named) -> Linear:
         """See `Model.linear`."""
@@ -162,6 +168,10 @@ class _Parts:
         if self._has(inertia.damping):
             times = factor / inertia.reduction
             yield inertia.speed, inertia.speed, _times(-times, p[inertia.damping]) / total
+        if self._has(inertia.weight):
+            times = factor / inertia.reduction
+            yield inertia.speed, inertia.angle, _times(-times, p[inertia.weight]) / total
+            yield inertia.speed, f"gravity_{inertia.name}", -factor / total
         if inertia.torque in self.model.inputs:
             yield inertia.speed, inertia.torque, factor / total
         if inertia.load in self.model.inputs:
@@ -216,7 +226,20 @@ class _Parts:
                 factor = self.torque_factor(inertia)
                 yield inertia.speed, _times(-factor, p[inertia.friction]) / totals[inertia.speed]
 
-    # Frictions.
+    # Gravity and frictions.
+
+    def pendulums(self) -> Iterator[Gravity]:
+        """Yield what gravity does at each inertia with a weight."""
+        for inertia in self.model.roles.inertias:
+            if self._has(inertia.weight) and inertia.speed in self.model.states:
+                yield Gravity(
+                    name=f"gravity_{inertia.name}",
+                    angle=inertia.angle,
+                    speed=inertia.speed,
+                    reduction=inertia.reduction,
+                    weight=inertia.weight,
+                    tilt=inertia.tilt if self._has(inertia.tilt) else None,
+                )
 
     def dry_frictions(self) -> Iterator[Friction]:
         """Yield the dry friction at each inertia that has one."""

@@ -17,7 +17,7 @@ from typing import Any, ClassVar, Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import NDArray
 
-from bayesdrill.basics.duals import exp, size
+from bayesdrill.basics.duals import exp, sin, size
 from bayesdrill.basics.symbols import Symbol
 
 Named = Mapping[str, NDArray[np.float64] | float]
@@ -75,6 +75,30 @@ class Friction:
     holds: str | None = None
     where: str = ""
     symbol: Symbol | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Gravity:
+    """What gravity does to a pendulum beyond a spring: `weight (sin(angle + tilt) - angle)`.
+
+    The spring, of the stiffness `weight`, stands in the rig's `A`, and this effort in the column
+    `name` of `B`.  `angle`, `speed`: states, `reduction` times those of the pendulum.  `tilt`: None
+    where there is none.
+    """
+
+    name: str
+    angle: str
+    speed: str
+    reduction: float
+    weight: str
+    tilt: str | None
+
+    def torque(self, p: Named, angle: Any) -> Any:
+        """Return the torque at the state `angle`, against it."""
+        turned = angle if self.reduction == 1.0 else angle / self.reduction
+        return p[self.weight] * (
+            sin(turned if self.tilt is None else turned + p[self.tilt]) - turned
+        )
 
 
 @dataclass(frozen=True, slots=True)

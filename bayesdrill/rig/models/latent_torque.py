@@ -29,7 +29,7 @@ TORQUE, RATE = "torque", "torque_rate"  # states, over `SIZE`, and over `SIZE` t
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MissingTorque:
-    """Where the torque acts, by the name of an inertia, and how smooth it is (Matern's nu)."""
+    """Where the torque acts, and how smooth it is (Matern's nu)."""
 
     at: TorqueLocation = "rotor_1"
     smoothness: Smoothness = "3/2"

@@ -29,7 +29,7 @@ from bayesdrill.basics import symbols
 from bayesdrill.basics.arrays import Array
 from bayesdrill.basics.duals import Dual, dual
 from bayesdrill.basics.symbols import SPEED_UNITS, Symbol
-from bayesdrill.rig.models.friction import Coulomb, Friction, Law, Named, Stribeck
+from bayesdrill.rig.models.friction import Coulomb, Friction, Gravity, Law, Named, Stribeck
 from bayesdrill.rig.models.roles import GEAR_POWERS, Roles, usual_roles
 
 HOUSE_SYMBOLS: Mapping[str, Symbol] = MappingProxyType(
@@ -155,6 +155,16 @@ class Model(Protocol):
         return ()
 
     @property
+    def gravities(self) -> tuple[Gravity, ...]:
+        """Pendulums, each a column of `B`."""
+        return ()
+
+    @property
+    def smooth(self) -> bool:
+        """Whether it is linear: nothing in it rubs, and no pendulum swings."""
+        return not self.frictions and not self.gravities
+
+    @property
     def combinations(self) -> Mapping[str, Mapping[str, float]]:
         """Names beside the states that sensors may use, each with its weights of states."""
         return {}
@@ -215,6 +225,7 @@ class WrappedModel(Model):
     states: ClassVar[Any] = property(lambda self: self.rig.states)
     inputs: ClassVar[Any] = property(lambda self: self.rig.inputs)
     frictions: ClassVar[Any] = property(lambda self: self.rig.frictions)
+    gravities: ClassVar[Any] = property(lambda self: self.rig.gravities)
     inner: ClassVar[Any] = property(lambda self: self.rig.inner)
     roles: ClassVar[Any] = property(lambda self: self.rig.roles)
     gear_ratio: ClassVar[Any] = property(lambda self: self.rig.gear_ratio)

@@ -85,18 +85,27 @@ def _is_text(value: Any) -> bool:
     return isinstance(value, str)
 
 
+def _parts(value: Any, what: str, example: str) -> Any:
+    """Parts that are made already."""
+    if not isinstance(value, tuple):
+        raise ValueError(f"write each {what} by its name, such as `{example}`")
+    return value
+
+
 def _names(value: Any) -> Any:
     return tuple(value) if isinstance(value, list) else value
 
 
 def _shafts(value: Any) -> Any:
     if not isinstance(value, Mapping):
-        return value
+        return _parts(value, "shaft", "coupling: [motor, load]")
     return tuple(Shaft(name, _ends(name, ends)) for name, ends in value.items())
 
 
 def _gears(value: Any) -> Any:
-    return tuple(map(_gear, value.items())) if isinstance(value, Mapping) else value
+    if not isinstance(value, Mapping):
+        return _parts(value, "gear", "box: {between: [motor, arm], ratio: 0.125}")
+    return tuple(map(_gear, value.items()))
 
 
 def _gear(item: tuple[str, Any]) -> Gear:
@@ -118,7 +127,7 @@ def _gear(item: tuple[str, Any]) -> Gear:
 
 def _drives(value: Any) -> Any:
     if not isinstance(value, Mapping):
-        return value
+        return _parts(value, "drive", "motor: current")
     return tuple(Drive(name, str(kind)) for name, kind in value.items())
 
 
@@ -190,7 +199,7 @@ class Train(PartsModel):
             object.__setattr__(self, entry, parse(getattr(self, entry)))
         if issues := tuple(_issues(self)):
             raise PartsError(issues)
-        describe(self)
+        _check_frictions(self)
 
     @property
     def declares(self) -> tuple[Symbol, ...]:
@@ -287,6 +296,20 @@ def _gear_issues(train: Train) -> Iterator[tuple[str, str]]:
                 f"the speeds of {' and '.join(sorted(both & imposed))} follow from each other",
             )
         joined |= dict.fromkeys(both, both)
+
+
+def _check_frictions(train: Train) -> None:
+    """Raise `PartsError` where two of what turns as one have dry friction: it is one friction."""
+    rubbing: dict[str, str] = {}
+    for friction in train.frictions:
+        place = friction.where.removeprefix("at ")
+        if friction.against in rubbing:
+            message = (
+                f"{rubbing[friction.against]} and {place} turn as one, so that their dry frictions "
+                "are one: name parameters of friction (or an efficiency) at one of them alone"
+            )
+            raise PartsError((("gears", message),))
+        rubbing[friction.against] = place
 
 
 @dataclass(frozen=True, slots=True)

@@ -23,7 +23,7 @@ def simulator(
 
     `substeps`, `reversal_substeps`, `adaptive`: see `Stepping`, for what has to be stepped.
     """
-    if model.frictions or sensing.input_lags:
+    if not model.smooth or sensing.input_lags:
         return Stepped(model, experiment, sensing, substeps, reversal_substeps, adaptive)
     plain = sensing.empty and experiment.uniform and bool(experiment.seen.all())
     return Response(model, experiment) if plain else IrregularSimulator(model, experiment, sensing)

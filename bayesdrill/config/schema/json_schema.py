@@ -1,0 +1,72 @@
+"""The JSON schema of a config, by which editors help to write one.
+
+Names that only a described rig has, such as `j_load`, are known by their form alone, and only beside
+such a `model:`; of all others the schema knows each name.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator, Mapping
+from types import MappingProxyType
+from typing import Any
+
+from bayesdrill.config.schema.config import Config
+from bayesdrill.config.schema.vocabulary import HOUSE
+from bayesdrill.rig.models import MODELS
+
+ABOUT = ("description", "default", "title")
+NAME_OF_PART = "^[A-Za-z]+(_[A-Za-z0-9]+)+$"  # a letter of a kind, and the name of a part
+
+# Sections with names of the rig, by what describes them.
+SECTIONS: Mapping[str, tuple[str, ...]] = MappingProxyType(
+    {
+        "Parameters": ("parameters",),
+        "Nominal": ("nominal",),
+        "Tolerances": ("nominal", "tolerance"),
+        "Simulation": ("simulation",),
+        "Inputs": ("inputs",),
+        "Initial": ("initial",),
+    }
+)
+
+
+def json_schema() -> str:
+    """Return the JSON schema of a config as text."""
+    schema = Config.model_json_schema()
+    defs = schema["$defs"]
+    known: dict[str, Any] = {}
+    for kind, place in SECTIONS.items():
+        entries = defs[kind]["properties"]
+        _nested(known, place)["propertyNames"] = {"enum": [*entries]}
+        free = next(entry for name, entry in entries.items() if name in _free_names())
+        plain = {key: value for key, value in free.items() if key not in ABOUT}
+        defs[kind]["patternProperties"] = {NAME_OF_PART: plain}
+    at = defs["MissingTorqueSpec"]["properties"]["at"]
+    _nested(known, ("missing_torque", "at"))["enum"] = at.pop("enum")
+    described = {"properties": {"name": {"enum": [*_described()]}}, "required": ["name"]}
+    schema["if"] = {"properties": {"model": described}, "required": ["model"]}
+    schema["else"] = known
+    schema["$schema"] = "https://json-schema.org/draft/2020-12/schema"
+    schema["title"] = "bayesdrill experiment config"
+    return json.dumps(schema, indent=2, ensure_ascii=False) + "\n"
+
+
+def _nested(schema: dict[str, Any], place: tuple[str, ...]) -> dict[str, Any]:
+    """Return what the schema says of a place, which is made where nothing is."""
+    for name in place:
+        schema = schema.setdefault("properties", {}).setdefault(name, {})
+    return schema
+
+
+def _free_names() -> set[str]:
+    """Names whose entries are as free as any: of numbers that may be negative, of what drives."""
+    parameters = [name for name, symbol in HOUSE.parameters.items() if symbol.held == "any"]
+    return {*parameters, *(name for name in HOUSE.inputs if name not in HOUSE.idle), *HOUSE.starts}
+
+
+def _described() -> Iterator[str]:
+    """Yield the rigs that a config describes."""
+    for name, kind in MODELS.usable().items():
+        if kind().has_private_names:
+            yield name

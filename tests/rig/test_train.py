@@ -1,0 +1,259 @@
+"""Trains against integration from event to event by other code, and what does not go together."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from trains import Oracle
+
+from bayesdrill.record.experiment import Channel, Experiment
+from bayesdrill.rig.models.linear import Tangent, dynamics, with_all
+from bayesdrill.rig.models.train import PartsError, Train
+from bayesdrill.rig.simulators import simulator
+from bayesdrill.rig.simulators.sensors import ObservationModel
+
+
+def record(train: Train, n: int, dt: float, inputs: dict[str, np.ndarray]) -> Experiment:
+    channels = tuple(
+        Channel(name=name, weights={name: 1.0}, unit="", latex="", latex_unit="")
+        for name in train.states
+    )
+    return Experiment(
+        t=dt * np.arange(n),
+        y=np.zeros((n, len(channels))),
+        channels=channels,
+        constant={},
+        series=inputs,
+        first_order=False,
+        start={},
+        t_start=0.0,
+    )
+
+
+def chain(n: int, **entries) -> Train:
+    names = [f"d_{k}" for k in range(n)]
+    shafts = {f"s_{k}": names[k : k + 2] for k in range(n - 1)}
+    damped = tuple(f"c_s_{k}" for k in range(n - 1))
+    drives = {names[0]: "torque"}
+    return Train(
+        inertias=names, shafts=shafts | entries.pop("grounded", {}), drives=drives,
+        added=(*damped, *entries.pop("added", ())), **entries,
+    )  # fmt: skip
+
+
+def values(train: Train, rng: np.random.Generator) -> dict[str, float]:
+    """Of each parameter a number of its kind, no two alike."""
+    usual = {"kg*m**2": 0.01, "kg": 2.0, "N*m/rad": 20.0, "N/m": 900.0, "N*m*s/rad": 0.02,
+             "N*s/m": 1.5, "N*m": 0.05, "N": 1.5, "rad": 0.1, "1": 0.8}  # fmt: skip
+    return {
+        name: usual[train.symbols[name].unit] * rng.uniform(0.7, 1.4) for name in train.parameters
+    }
+
+
+def square_wave(n: int, every: int, size: float, rng: np.random.Generator) -> np.ndarray:
+    return np.repeat(size * rng.choice([-1.0, 1.0], n // every + 1), every)[:n]
+
+
+def oracle(
+    train: Train, p: dict[str, float], ratios: np.ndarray, u: np.ndarray, dt: float
+) -> Oracle:
+    """Typed from the train's entries; `ratios (n, q)`."""
+    linear, names = train.motion == "linear", train.inertias
+    j, t = ("m", "f") if linear else ("j", "t")
+    springs = [
+        (
+            names.index(shaft.ends[0]),
+            None if shaft.ends[1] == "ground" else names.index(shaft.ends[1]),
+            p[f"k_{shaft.name}"],
+            p.get(f"c_{shaft.name}", 0.0),
+        )
+        for shaft in train.shafts
+    ]
+    driven = np.array([float(drive.kind == "torque") for drive in train.drives])
+    places = [names.index(drive.inertia) for drive in train.drives]
+    sliding = np.zeros(ratios.shape[1])
+    for k, name in enumerate(names):
+        coordinate = int(np.flatnonzero(ratios[k])[0])
+        sliding[coordinate] += abs(ratios[k, coordinate]) * p.get(f"{t}_c_{name}", 0.0)
+
+    def push(s: float) -> np.ndarray:
+        pushed = np.zeros(len(names))
+        pushed[places] = driven * u[int(s / dt)]
+        return pushed
+
+    return Oracle(
+        inertias=np.array([p[f"{j}_{name}"] for name in names]),
+        ratios=ratios,
+        springs=springs,
+        dampers=np.array([p.get(f"c_{name}", 0.0) for name in names]),
+        sliding=sliding,
+        weights=np.array([p.get(f"g_{name}", 0.0) for name in names]),
+        tilts=np.array([p.get(f"a_{name}", 0.0) for name in names]),
+        push=push,
+    )
+
+
+def compare(
+    train: Train,
+    ratios: np.ndarray,
+    *,
+    pieces: int = 1,
+    n: int = 121,
+    dt: float = 0.01,
+    size: float = 1.0,
+) -> float:
+    """How far the responses are apart, over the largest of each kind of state."""
+    rng = np.random.default_rng(20)
+    p, (name,) = values(train, rng), train.inputs
+    u = square_wave(n, 20, size, rng)
+    experiment = record(train, n, dt, {name: u})
+    full = np.array([[p[name] for name in train.parameters]])
+    y = simulator(train, experiment, ObservationModel(), pieces).signals(full)[0]
+    other = oracle(train, p, ratios, u, dt).solve(experiment.t, np.zeros(2 * ratios.shape[1]))
+    half = ratios.shape[1]
+    scales = np.repeat([np.abs(other[:, :half]).max(), np.abs(other[:, half:]).max()], half)
+    return float((np.abs(y - other).max(axis=0) / scales).max())
+
+
+@pytest.mark.parametrize("n", [2, 3, 6, pytest.param(20, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("motion", ["rotary", "linear"])
+def test_chains(n, motion):
+    train = chain(n, motion=motion, added=("c_d_0",))
+    assert compare(train, np.eye(n)) < 1e-8
+
+
+def test_grounded():
+    train = chain(
+        3, grounded={"wall": ["d_2", "ground"], "floor": ["d_0", "ground"]}, added=("c_wall",)
+    )
+    assert compare(train, np.eye(3)) < 1e-8
+
+
+def two_gears(**entries) -> tuple[Train, np.ndarray]:
+    """A motor, a gear, a shaft, another gear that turns the other way, a shaft to a load."""
+    train = Train(
+        inertias=("motor", "pinion", "wheel", "drum", "load"),
+        gears={
+            "box": {"between": ("motor", "pinion"), "ratio": 0.25},
+            "mesh": {"between": ("wheel", "drum"), "ratio": -0.5},
+        },
+        shafts={"first": ("pinion", "wheel"), "second": ("drum", "load")},
+        drives={"motor": "torque"},
+        **entries,
+    )
+    ratios = np.zeros((5, 3))  # of pinion, drum, load
+    ratios[[0, 1, 2, 3, 4], [0, 0, 1, 1, 2]] = [4.0, 1.0, -2.0, 1.0, 1.0]
+    return train, ratios
+
+
+def test_gears():
+    train, ratios = two_gears(added=("c_motor", "c_first", "c_wheel", "c_load"))
+    assert train.states[:3] == ("theta_pinion", "theta_drum", "theta_load")
+    assert train.combinations["theta_wheel"] == {"theta_drum": -2.0}
+    assert compare(train, ratios) < 1e-8
+
+
+def test_friction_behind_gears():
+    train, ratios = two_gears(added=("c_motor", "c_load", "t_c_motor", "t_c_load"))
+    errors = [compare(train, ratios, pieces=pieces, size=0.4) for pieces in (8, 32)]
+    assert errors[1] < 2e-4
+    assert errors[1] < errors[0]
+
+
+def test_friction_between_masses():
+    train = chain(3, motion="linear", added=("f_c_d_0", "f_c_d_2", "c_d_1"))
+    assert compare(train, np.eye(3), pieces=32, size=8.0) < 2e-4
+
+
+def test_pendulum_is_of_second_order():
+    train = Train(
+        inertias=("motor", "arm"), shafts={"coupling": ("motor", "arm")},
+        drives={"motor": "torque"}, gravity=("arm",), added=("a_arm", "c_arm", "c_coupling"),
+    )  # fmt: skip
+    errors = []
+    for pieces in (4, 8, 16):
+        errors.append(compare(train, np.eye(2), pieces=pieces, size=0.05))
+    assert errors[2] < 1e-4
+    assert errors[0] / errors[1] == pytest.approx(4.0, rel=0.2)
+    assert errors[1] / errors[2] == pytest.approx(4.0, rel=0.2)
+
+
+def test_motor_without_inductance_is_the_limit_of_one_with():
+    entries = {"inertias": ("motor",), "drives": {"motor": "voltage"}}
+    short = Train(**entries, added=("k_e_motor", "c_motor"))
+    wired = Train(**entries, added=("k_e_motor", "c_motor", "l_motor"))
+    p = {"j_motor": 1e-3, "k_T_motor": 0.1, "r_motor": 0.7, "k_e_motor": 0.08, "c_motor": 2e-3}
+    u = square_wave(200, 25, 3.0, np.random.default_rng(1))
+    shown = []
+    for train in (short, wired):
+        full = np.array([[{**p, "l_motor": 1e-8}[name] for name in train.parameters]])
+        experiment = record(train, 200, 0.01, {"u_motor": u})
+        shown.append(simulator(train, experiment, ObservationModel()).signals(full)[0, :, :2])
+    assert np.abs(shown[0] - shown[1]).max() < 1e-5 * np.abs(shown[0]).max()
+
+
+def test_tangent_is_the_derivative():
+    train, _ = two_gears(added=("c_motor", "c_first", "c_wheel"))
+    rng = np.random.default_rng(2)
+    p, along = values(train, rng), values(train, rng)
+    tangent, h = Tangent(train), 1e-6
+    dots = {f"{name}_dot": x for name, x in along.items()}
+    both = dynamics(tangent.linear({**p, **dots}), tangent.states, 1)[0]
+    ends = [
+        dynamics(train.linear({n: x + s * h * along[n] for n, x in p.items()}), train.states, 1)[0]
+        for s in (1, -1)
+    ]
+    half = len(train.states)
+    expected = (ends[0] - ends[1]) / (2 * h)
+    assert both[half:, :half] == pytest.approx(expected, rel=1e-6, abs=1e-5)
+
+
+def test_names():
+    train = with_all(Train(inertias=("cart",), drives={"cart": "voltage"}, motion="linear"))
+    assert train.parameters[:3] == ("m_cart", "k_F_cart", "r_cart")
+    assert train.states == ("x_cart", "v_cart", "i_cart")
+    assert train.symbols["x_cart"].unit == "m"
+    assert train.symbols["f_c_cart"].unit == "N"
+    assert train.angles == ("x_cart",)
+    imposed = Train(
+        inertias=("top", "bit"), shafts={"pipe": ("top", "bit")}, drives={"top": "speed"}
+    )
+    assert imposed.parameters == ("j_bit", "k_pipe")
+    assert dict(imposed.imposed) == {"w_top": "theta_top"}
+    assert imposed.states == ("theta_top", "theta_bit", "w_bit")
+
+
+@pytest.mark.parametrize(
+    ("entries", "entry", "said"),
+    [
+        ({"shafts": {"s": ("motor", "lod")}}, "shafts", "s joins 'lod', which is no inertia"),
+        ({"shafts": {"s": ("motor", "motor")}}, "shafts", "s joins motor to itself"),
+        ({"drives": {"motr": "torque"}}, "drives", "did you mean motor?"),
+        ({"drives": {"motor": "torqe"}}, "drives", "did you mean torque?"),
+        ({"gravity": ("arm",)}, "gravity", "'arm' is no inertia"),
+        ({"gravity": ("load",), "motion": "linear"}, "gravity", "no pendulum"),
+        ({"shafts": {"load": ("motor", "load")}}, "inertias", "two parts are called load"),
+        (
+            {
+                "gears": {
+                    "a": {"between": ("motor", "load"), "ratio": 1},
+                    "b": {"between": ("load", "motor"), "ratio": 1},
+                }
+            },
+            "gears",
+            "b joins inertias that other gears join",
+        ),
+        (
+            {
+                "gears": {"a": {"between": ("motor", "load"), "ratio": 0.5}},
+                "added": ("t_c_motor", "t_c_load"),
+            },
+            "gears",
+            "name parameters of friction",
+        ),
+    ],
+)
+def test_what_does_not_go_together(entries, entry, said):
+    with pytest.raises(PartsError, match=r".") as error:
+        Train(**{"inertias": ("motor", "load"), **entries})
+    assert [said in message for name, message in error.value.entries if name == entry] == [True]

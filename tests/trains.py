@@ -1,0 +1,106 @@
+"""Drive trains integrated by other code than ours, from masses, springs and gears typed in anew.
+
+All angles are T times those of the free coordinates.  Then T' J T is the mass matrix, and what acts
+at each inertia acts on a coordinate by T'.  Dry friction is integrated from event to event: a
+coordinate slips with the sign of its speed until that is zero, and sticks until what it has to hold
+is more than its friction.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+import scipy.integrate
+
+
+@dataclass
+class Oracle:
+    """`ratios`: how far each inertia turns for one turn of its coordinate, `(n, q)` as T."""
+
+    inertias: np.ndarray
+    ratios: np.ndarray
+    springs: list[tuple[int, int | None, float, float]]  # ends, stiffness, damping
+    dampers: np.ndarray  # of each inertia, to the ground
+    sliding: np.ndarray  # of each coordinate
+    weights: np.ndarray  # m g l of each inertia
+    tilts: np.ndarray
+    push: Callable[[float], np.ndarray] = field(default=lambda t: np.zeros(0))
+
+    def __post_init__(self) -> None:
+        n, q = self.ratios.shape
+        stiffness, damping = np.zeros((n, n)), np.diag(self.dampers)
+        for first, second, k, c in self.springs:
+            d = np.zeros(n)
+            d[first] = 1.0
+            if second is not None:
+                d[second] = -1.0
+            stiffness += k * np.outer(d, d)
+            damping = damping + c * np.outer(d, d)
+        t = self.ratios
+        self.mass = t.T @ np.diag(self.inertias) @ t
+        self.k, self.c = t.T @ stiffness @ t, t.T @ damping @ t
+        self.q = q
+
+    def force(self, t: float, angle: np.ndarray, speed: np.ndarray) -> np.ndarray:
+        """All that acts on coordinates, but dry friction."""
+        gravity = self.weights * np.sin(self.ratios @ angle + self.tilts)
+        pushed = self.ratios.T @ (self.push(t) - gravity)
+        return pushed - self.k @ angle - self.c @ speed
+
+    def solve(self, times: np.ndarray, start: np.ndarray) -> np.ndarray:
+        """States (angles, speeds) at `times`, between which the push is constant."""
+        states = [start]
+        for begin, end in itertools.pairwise(times):
+            states.append(self._between(begin, end, states[-1]))
+        return np.array(states)
+
+    def _between(self, begin: float, end: float, state: np.ndarray) -> np.ndarray:
+        middle = 0.5 * (begin + end)
+        now = begin
+        while now < end - 1e-14:
+            signs = self._signs(middle, state)
+
+            def rate(_: float, x: np.ndarray, signs: np.ndarray = signs) -> np.ndarray:
+                angle, speed = x[: self.q], x[self.q :]
+                force = self.force(middle, angle, speed) - self.sliding * signs
+                free = (signs != 0) | (self.sliding == 0)
+                moved = np.zeros(self.q)
+                inside = np.ix_(free, free)
+                moved[free] = np.linalg.solve(self.mass[inside], force[free])
+                return np.concatenate([np.where(free, speed, 0.0), moved])
+
+            events = []
+            for k in np.flatnonzero(self.sliding > 0):
+                if signs[k]:
+
+                    def turns(_: float, x: np.ndarray, k: int = k) -> float:
+                        return x[self.q + k]
+
+                    turns.direction = -signs[k]
+                else:
+
+                    def turns(_: float, x: np.ndarray, k: int = k, signs=signs) -> float:
+                        held = self.force(middle, x[: self.q], x[self.q :])[k]
+                        return abs(held) - self.sliding[k]
+
+                    turns.direction = 1.0
+                turns.terminal = True
+                events.append(turns)
+            solved = scipy.integrate.solve_ivp(
+                rate, (now, end), state, method="DOP853", rtol=1e-11, atol=1e-13, events=events
+            )
+            state, now = solved.y[:, -1].copy(), float(solved.t[-1])
+            for k, event in zip(np.flatnonzero(self.sliding > 0), solved.t_events, strict=True):
+                if len(event) and signs[k]:
+                    state[self.q + k] = 0.0
+        return state
+
+    def _signs(self, t: float, state: np.ndarray) -> np.ndarray:
+        """How each coordinate slips: by its speed, or from rest by what it cannot hold."""
+        angle, speed = state[: self.q], state[self.q :]
+        force = self.force(t, angle, speed)
+        held = np.abs(force) < self.sliding * (1 - 1e-12)
+        return np.where(speed != 0, np.sign(speed), np.where(held, 0.0, np.sign(force)))
