@@ -56,6 +56,7 @@ if TYPE_CHECKING:
     from bayesdrill.rig.models.motor import Motor as Motor
     from bayesdrill.rig.models.motor_shaft import MotorShaft as MotorShaft
     from bayesdrill.rig.models.motor_shaft import TwoRotors as TwoRotors
+    from bayesdrill.rig.models.train import Train as Train
     from bayesdrill.tasks.identify import Findings as Findings
 
 __version__ = "0.1.0"

@@ -152,11 +152,19 @@ def init(
 
 
 @command("check configs/nominal_step.yaml")
-def check(config: ConfigPath) -> None:
-    """Validate config and record and say what would run; samples nothing, writes nothing."""
+def check(
+    config: ConfigPath,
+    figure: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Draw the rig into this .pdf, .png or .svg.")
+    ] = None,
+) -> None:
+    """Validate config and record and say what would run; samples nothing."""
     from bayesdrill.api.case import load
 
-    say(load(config).preview())
+    case = load(config)
+    say(case.preview())
+    if figure is not None:
+        say(case.draw_rig(figure))
 
 
 @command("identify configs/nominal_step.yaml --profile k_s")

@@ -262,7 +262,7 @@ def frequency_responses(posterior: Posterior, theta: Array) -> tuple[FrequencyRe
     for observation in posterior.likelihood.observations:
         experiment = observation.experiment
         series = {name: u for name, u in experiment.series.items() if np.ptp(u) > 0}
-        if observation.response.model.frictions or not experiment.uniform or not series:
+        if not (observation.response.model.smooth and experiment.uniform and series):
             continue
         u, e = np.array([*series.values()]), np.nan_to_num(observation.residuals(full).samples[0].T)
         length, both = 2 * u.shape[1] // (SEGMENTS + 1), np.concatenate([u, e])

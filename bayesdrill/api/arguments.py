@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -21,7 +21,8 @@ from bayesdrill.basics.values import Value, check_arguments
 from bayesdrill.config.job import Job
 from bayesdrill.record.experiment import check_time, raise_if_any
 from bayesdrill.rig.models import MODELS
-from bayesdrill.rig.models.linear import Model
+from bayesdrill.rig.models.linear import Model, with_named
+from bayesdrill.rig.models.train import PartsError
 from bayesdrill.sampling.workers import available_processors
 
 if TYPE_CHECKING:
@@ -70,6 +71,15 @@ def rig(value: Any) -> Model:
     raise InputError.at(
         "rig", f"give a name ({', '.join(MODELS)}) or a model, such as MotorShaft()"
     )
+
+
+def rig_with(value: Any, names: Collection[str]) -> Model:
+    """A model with what it offers of these names; raises `InputError` where they do not go together."""
+    try:
+        return with_named(rig(value), names)
+    except PartsError as error:
+        issues = [Issue(f"rig.{entry}", message) for entry, message in error.entries]
+    raise InputError(issues)
 
 
 def _check_constants(rig: Model) -> None:

@@ -18,6 +18,7 @@ from bayesdrill.basics.progress import SILENT, Reporter
 from bayesdrill.basics.values import Value, check_arguments, equal_content
 from bayesdrill.config import job
 from bayesdrill.config.job import Job, prepare
+from bayesdrill.output_files import FORMATS
 from bayesdrill.record.experiment import raise_if_any
 from bayesdrill.report import words
 from bayesdrill.rig.models.linear import Model
@@ -113,6 +114,18 @@ class Case(Value):
         return "\n".join(
             [str(self), *columns, words.preview(problem, config, self.job.units), first]
         )
+
+    def draw_rig(self, path: str | Path) -> str:
+        """Draw inertias, shafts, gears and drives of the rig; says what is written.
+
+        Raises `InputError` for a file that is no .pdf, .png or .svg.
+        """
+        from bayesdrill.report.schematics import save_rig  # late: it loads what draws
+
+        problem, to = self.job.problem, Path(path).expanduser()
+        if to.suffix[1:] not in FORMATS:
+            raise InputError.at("--figure", f"'{to.name}' is none of .{', .'.join(FORMATS)}")
+        return f"figure: {save_rig(problem.model, to)}"
 
     def identify(
         self,

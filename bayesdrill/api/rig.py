@@ -17,7 +17,7 @@ from bayesdrill.basics.values import check_arguments
 from bayesdrill.config.schema.vocabulary import idle_inputs
 from bayesdrill.inference import step_error
 from bayesdrill.record.experiment import Channel, Experiment, frozen, raise_if_any
-from bayesdrill.rig.models.linear import Model, missing_requirements, requirement_text, with_named
+from bayesdrill.rig.models.linear import Model, missing_requirements, requirement_text
 from bayesdrill.rig.simulators import simulator
 from bayesdrill.rig.simulators.sensors import ObservationModel, signal_names, state_weights
 
@@ -57,8 +57,7 @@ def respond(
     time.  To name a parameter that the rig only offers, such as `c_s`, is to switch it on.  Raises
     `InputError` with all that is wrong.
     """
-    model, issues = arguments.rig(rig), list[Issue]()
-    model = with_named(model, parameters)
+    model, issues = arguments.rig_with(rig, parameters), list[Issue]()
     issues += [
         Issue(f"parameters.{n}", requirement_text(n, of))
         for n, of in missing_requirements(model).items()

@@ -67,7 +67,7 @@ def load(path: Path) -> ResolvedCase:
 
 def validate(source: Source) -> ResolvedCase:
     """Validate a config that has been read; see `load`."""
-    kind = _config_kind(source)
+    kind = load_kind(source)
     if experiments.EXPERIMENTS in source.data:
         config, resolved = _load_several(source, kind)
     else:
@@ -78,7 +78,7 @@ def validate(source: Source) -> ResolvedCase:
     return ResolvedCase(config=config, source=source, experiments=experiments_)
 
 
-def _config_kind(source: Source) -> type[Config]:
+def load_kind(source: Source) -> type[Config]:
     """Return the config with the names of its rig; raises `InputError` where there is no such rig.
 
     What is wrong with a rig whose names all share is told later, with all else.
@@ -115,7 +115,7 @@ def _with_walkers(config: Config, model: Model) -> Config:
     A step of a walker is expensive there, and 256 of them would give far more than is asked.
     """
     sampler = config.sampler
-    if "walkers" in sampler.model_fields_set or not model.frictions:
+    if "walkers" in sampler.model_fields_set or model.smooth:
         return config
     walkers = min(
         sampler.walkers, FRICTION_WALKERS + WALKERS_PER_EXPERIMENT * len(config.experiments)

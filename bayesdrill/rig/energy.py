@@ -1,6 +1,6 @@
 """Where the energy of a rig goes, by its equations: to losses or into store.
 
-Inertias, shafts and circuits store it, as forms x' S x / 2 of the states, and weights by their
+Inertias, shafts and circuits store it, as forms x' S x / 2 of the states, and pendulums by their
 height.  Each input gives a power; resistances, dampings and frictions take one.  What else the rate
 x' S (A x + B u + c) has is `converted`.  Of which rows an inertia is, the roles of the rig say; how
 much there is of it in all, how much its rows change with it.
@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 
 from bayesdrill.basics.arrays import Array
 from bayesdrill.basics.duals import Dual, dual
+from bayesdrill.rig.models.friction import Gravity
 from bayesdrill.rig.models.linear import Model, dynamics
 from bayesdrill.rig.models.roles import GROUND, InertiaRoles, MotorRoles, ShaftRoles
 from bayesdrill.rig.simulators.contract import Simulator, Steps
@@ -67,7 +68,7 @@ def energies(rig: Simulator, full: Array) -> Energies:
     model = rig.model
     steps = rig.steps(full[None])
     p = {name: float(x) for name, x in zip(model.parameters, full, strict=False)}
-    z, powers = _extended(model, steps), _Powers(model, p)
+    z, powers = _extended(model, steps, p), _Powers(model, p)
     forms = powers.forms()
     x = len(model.states)
     step_energy = np.zeros((len(forms), len(z)))
@@ -88,7 +89,10 @@ def energies(rig: Simulator, full: Array) -> Energies:
         given=given,
         lost=named,
         converted=converted,
-        stored=0.5 * np.einsum("nx,xy,ny->n", states, powers.stored, states, optimize=True),
+        stored=0.5 * np.einsum("nx,xy,ny->n", states, powers.stored, states, optimize=True)
+        + sum(
+            (_height(model, gravity, p, states) for gravity in model.gravities), np.zeros(len(z))
+        ),
     )
 
 
@@ -111,11 +115,12 @@ class _Powers:
         given = {name: self._given(name) for name in self.model.inputs}
         taken = {friction.name: -self._column(friction.name) for friction in self.model.frictions}
         taken |= {n: self.p[n] * np.outer(*rows) for n, *rows in self._losses() if n in self.p}
-        rest += sum(taken.values(), np.zeros_like(rest)) - sum(given.values())
+        lifted = sum(self._column(gravity.name) for gravity in self.model.gravities)
+        rest += sum(taken.values(), np.zeros_like(rest)) - sum(given.values()) - lifted
         return {**{name: form for name, form in given.items() if form.any()}, **taken, "": rest}
 
     def _stored(self) -> Array:
-        """Return the form of inertias, springs and inductances."""
+        """Return the form of inertias, springs (a pendulum is nearly one) and inductances."""
         x = len(self.model.states)
         weights = {m.current: self.p.get(m.inductance, 0.0) for m in self.roles.motors}
         weights |= {i.speed: self._inertia(i) for i in self.roles.inertias if i.inertia in self.p}
@@ -123,6 +128,9 @@ class _Powers:
         for shaft in self.roles.shafts:
             twist = self._twist(shaft, "angle")[:x]
             stored += self.p.get(shaft.stiffness, 0.0) * np.outer(twist, twist)
+        for inertia in self.roles.inertias:
+            turned = self._motion(inertia.name, "angle")[:x]
+            stored += self.p.get(inertia.weight, 0.0) * np.outer(turned, turned)
         return stored
 
     def _inertia(self, inertia: InertiaRoles) -> float:
@@ -202,30 +210,42 @@ class _Powers:
         yield from ((i.friction, w, unit) for i, w in speeds.items())
 
 
-def _extended(model: Model, steps: Steps) -> Array:
+def _height(model: Model, gravity: Gravity, p: Mapping[str, float], states: Array) -> Array:
+    """Return what a pendulum stores `(N,)` beyond a spring."""
+    turned = states[:, model.states.index(gravity.angle)] / gravity.reduction
+    tilt = p[gravity.tilt] if gravity.tilt else 0.0
+    return np.asarray(p[gravity.weight] * (1.0 - np.cos(turned + tilt) - 0.5 * turned**2))
+
+
+def _extended(model: Model, steps: Steps, p: Mapping[str, float]) -> Array:
     """Return `(N, Z)` of one walker: states, 1, inputs and their slopes, efforts."""
     n = len(steps.t)
     felt = [steps.felt[name][0] for name in model.inputs]
     slopes = [steps.slopes[name][0] for name in model.inputs]
     driven = np.stack([*felt, *slopes], axis=1) if felt else np.empty((n, 0))
-    motion = steps.motion
-    return np.concatenate([motion.states[0], np.ones((n, 1)), driven, motion.efforts[0]], axis=1)
+    motion, named = steps.motion, dict(zip(model.states, steps.motion.states[0].T, strict=True))
+    weights = [
+        gravity.torque(p, named[gravity.angle] + 0.5 * steps.span * named[gravity.speed])
+        for gravity in model.gravities
+    ]
+    efforts = np.column_stack([motion.efforts[0], *weights])
+    return np.concatenate([motion.states[0], np.ones((n, 1)), driven, efforts], axis=1)
 
 
 def _places(model: Model) -> dict[str, int]:
     """Return the indices of states, inputs and efforts in that."""
-    x, frictions = len(model.states), model.frictions
-    first = x + 1 + 2 * len(model.inputs)
+    x, first = len(model.states), len(model.states) + 1 + 2 * len(model.inputs)
+    efforts = [*(f.name for f in model.frictions), *(g.name for g in model.gravities)]
     places = {name: k for k, name in enumerate(model.states)}
     places |= {name: x + 1 + k for k, name in enumerate(model.inputs)}
-    return places | {friction.name: first + k for k, friction in enumerate(frictions)}
+    return places | {name: first + k for k, name in enumerate(efforts)}
 
 
 def _generator(model: Model, p: Mapping[str, float], fixed_states: Sequence[str]) -> Array:
     """Return how what `_extended` has changes with time, where some states do not."""
     linear, x, places = model.linear(p), len(model.states), _places(model)
     u = len(model.inputs)
-    n = x + 1 + 2 * u + len(model.frictions)
+    n = x + 1 + 2 * u + len(model.frictions) + len(model.gravities)
     generator = np.zeros((n, n))
     generator[:x, :x] = dynamics(linear, model.states, 1)[0]
     for row, value in linear.c.items():

@@ -17,7 +17,7 @@ from together import for_each
 import bayesdrill as bd
 from bayesdrill.analysis.causes import Cause, Causes, refit_candidate
 from bayesdrill.report.sections import fit_words
-from bayesdrill.rig.models.linear import DEFAULT_ROLES
+from bayesdrill.rig.models.roles import usual_roles
 from bayesdrill.tasks import run_entries
 from bayesdrill.tasks.ranking import WINDOWS
 
@@ -129,7 +129,7 @@ def test_what_is_wrong_is_first_with_its_size(
         assert new.value == pytest.approx(truth, abs=max(5 * new.sd, 0.02 * abs(truth)))
         assert new.sd < 0.1 * abs(truth)
         assert found.lacking == ((unknown,) if "added" in lacks else ())
-        assert bool(fit_words.lacking(found, DEFAULT_ROLES)) == ("added" in lacks)
+        assert bool(fit_words.lacking(found, usual_roles())) == ("added" in lacks)
         said = fit_words.explained(found)
         assert f"fit: A is the config with {first.words[0]}" in said
         assert "next: add these lines to the config (A" in said

@@ -15,17 +15,19 @@ from together import for_each
 from bayesdrill.analysis.latent_torque import TorqueEstimate, regress_torque
 from bayesdrill.analysis.run_analysis import torque_summary
 from bayesdrill.report.sections import torque_words
+from bayesdrill.rig import MotorShaft
 
 T = np.linspace(0.0, 10.0, 2001)
 W_1, W_2 = 5 * np.sin(2.0 * T) + 2 * np.sin(5.1 * T), 3 * np.cos(1.7 * T) + 1.0
 V = 8 * np.sin(0.9 * T + 0.4)
+RIG = MotorShaft(1 / 8)
 
 
 def shaking(torque: np.ndarray, at: str = "rotor_1", noise: float = 0.01) -> TorqueEstimate:
     rng = np.random.default_rng(3)
     return TorqueEstimate(
         label="",
-        at=at,  # type: ignore[arg-type]
+        at=at,
         t=T,
         draws=torque + noise * rng.standard_normal((50, len(T))),
         expected=torque,
@@ -37,7 +39,7 @@ def shaking(torque: np.ndarray, at: str = "rotor_1", noise: float = 0.01) -> Tor
         },
         inputs={"v": V},
         courses=(),
-        gear=8.0,
+        rig=RIG,
     )
 
 
@@ -84,7 +86,7 @@ def test_what_friction_does_at_rest_does_not_count_against_it() -> None:
     assert first.size == pytest.approx(-0.2, rel=0.01)
     assert first.share > 0.99
     assert not second.taken
-    said = torque_words.law_sentences(torque_summary(still))
+    said = torque_words.law_sentences(torque_summary(still), RIG)
     assert f"the {100 * still.turning.mean():.0f} % of the samples in which it turns" in said
     assert still.turning.mean() == pytest.approx(np.mean(~rests), abs=0.05)
 
@@ -93,12 +95,12 @@ def test_what_follows_nothing_is_said_to() -> None:
     torque = 0.1 * np.sin(40.0 * T)
     found = regress_torque(shaking(torque))
     assert not any(one.taken for one in found)
-    assert "follows no speed" in torque_words.law_sentences(torque_summary(shaking(torque)))
+    assert "follows no speed" in torque_words.law_sentences(torque_summary(shaking(torque)), RIG)
     assert regress_torque(dataclasses.replace(shaking(torque), expected=np.zeros(len(T)))) == ()
 
 
 def test_the_line_of_the_config_is_said() -> None:
     torque, at, *_ = MADE["speed"]
-    said = torque_words.law_sentences(torque_summary(shaking(torque, at)))
+    said = torque_words.law_sentences(torque_summary(shaking(torque, at)), RIG)
     assert "viscous damping at the motor of 0.03 N m s/rad" in said
     assert "c_m: {prior: log_uniform, low: 0.01, high: 0.09}" in said

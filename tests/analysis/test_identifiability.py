@@ -64,7 +64,7 @@ def test_exactly_the_two_symmetries_and_seven_invariants(bundled: Identifiabilit
 
 
 def test_the_symmetries_in_words(bundled: IdentifiabilityStudy) -> None:
-    text = words.full(bundled)
+    text = words.full(bundled, MotorShaft())
     assert (
         "j_m, c_m, k_T, k_s, j_1 and t_f can all be multiplied by the same factor without changing "
         "any measured signal"

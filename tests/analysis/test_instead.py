@@ -9,10 +9,10 @@ from together import for_each
 from torques import TORQUE, observed
 
 from bayesdrill.analysis.causes import EquivalentExplanation, equivalent_explanation
-from bayesdrill.analysis.edits import LACKS, with_candidates
+from bayesdrill.analysis.edits import lacks, with_candidates
 from bayesdrill.report.sections import fit_words, verdict_words
-from bayesdrill.rig.models.linear import DEFAULT_ROLES
 from bayesdrill.rig.models.motor_shaft import MotorShaft
+from bayesdrill.rig.models.roles import usual_roles
 from bayesdrill.tasks import run_entries
 
 STEADY = np.full(len(T), 8.0)
@@ -36,8 +36,8 @@ def test_a_table_is_right_with_what_is_missing(names: dict[str, tuple[bool, ...]
         assert alternative is not None
         assert alternative.parameter == name
         assert alternative.value == pytest.approx(share * truth, rel=0.05)
-        (said,) = fit_words.instead(alternative, DEFAULT_ROLES)
-        assert fit_words.LACKED[next(role for role in LACKS if DEFAULT_ROLES[role] == name)] in said
+        (said,) = fit_words.instead(alternative, MotorShaft())
+        assert next(x.words for x in lacks(usual_roles()) if x.parameter == name) in said
 
     for_each(
         {
@@ -87,14 +87,15 @@ def test_a_verdict_in_doubt_says_what_is_missing() -> None:
 
 def test_where_a_table_needs_no_help_nothing_is_said() -> None:
     assert run_entries.instead_data(None) == {}
-    assert list(fit_words.instead(None, DEFAULT_ROLES)) == []
+    assert list(fit_words.instead(None, MotorShaft())) == []
     data = run_entries.instead_data(EquivalentExplanation(parameter="t_cm", value=0.1, lost=-3.0))
     assert data["instead"]["log_likelihood"] == 3.0
 
 
 def test_each_that_is_tried_has_words_and_is_offered() -> None:
-    assert {*fit_words.LACKED} == {*LACKS}
-    assert {DEFAULT_ROLES[role] for role in LACKS} <= {*MotorShaft.offers}
+    tried = lacks(usual_roles())
+    assert {x.parameter for x in tried} - {*MotorShaft.parameters} <= {*MotorShaft.offers}
+    assert all(x.words and x.name for x in tried)
 
 
 def test_what_is_tried_is_what_a_config_would_switch_on() -> None:

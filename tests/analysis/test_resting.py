@@ -31,6 +31,7 @@ from bayesdrill.analysis.identifiability.study import prior_spreads, study_of
 from bayesdrill.config.schema.config import Asked
 from bayesdrill.inference.posterior import Posterior
 from bayesdrill.report.sections import identify_words, verdict_words
+from bayesdrill.rig.models.motor_shaft import MotorShaft
 from bayesdrill.rig.simulators.exact import Response
 
 SIGMA = np.array([0.02, 0.01, 0.05, 0.03])
@@ -134,7 +135,7 @@ def test_in_words_before_sampling_and_in_the_verdict() -> None:
     target = posterior(measured(SIGMA), SIGMA, free=tuple(name for name in ORDER if name != "l_m"))
     theta = target.space.vector(target.space.start)
     made = study_of(SensitivityStudy(target.likelihood), target, theta, Asked())
-    for text in (identify_words.full(made), identify_words.brief(made)):
+    for text in (identify_words.full(made, MotorShaft()), identify_words.brief(made)):
         assert "k_T and r_m depend on l_m, which the config holds, and can be right only" in text
     judged = verdict(gaussian({**TABLE, "r_m": 1.2 * TABLE["r_m"]}, np.random.default_rng(2)))
     said = verdict_words.verdict_sentences(judged, "table", rests=made.resting)

@@ -110,7 +110,7 @@ def test_what_it_moves_is_what_was_left_without_it() -> None:
         assert one.left == pytest.approx(SIGMA, rel=0.15)
         assert one.moved == pytest.approx(np.sqrt(one.without**2 - SIGMA**2), rel=0.1)
     assert found.states["w_1"].shape == found.t.shape
-    assert found.gear == 8.0
+    assert found.inertia.reduction == 0.125
 
 
 def test_it_is_drawn_said_and_written() -> None:
@@ -121,7 +121,7 @@ def test_it_is_drawn_said_and_written() -> None:
     assert labels[-1].startswith("time")
     assert any("speed of the motor" in label for label in labels)
     assert any("voltage" in label for label in labels)
-    assert "at the motor" in torque_words.torque_sentence(torque_summary(found))
+    assert "at the motor" in torque_words.torque_sentence(torque_summary(found), found.rig)
     text = torque_words.torque_csv([found])
     assert text is not None
     rows = list(csv.DictReader(io.StringIO(text)))

@@ -33,6 +33,8 @@ from bayesdrill.rig.models.motor_shaft import MotorShaft
 from bayesdrill.rig.simulators import simulator
 from bayesdrill.rig.simulators.sensors import ObservationModel
 
+RIG = MotorShaft()
+
 SQUARE = np.where((T // 0.7) % 2 == 0, 5.0, -5.0)
 STATIC = {"t_cm": 0.05, "t_sm": 0.1, "w_sm": 3.0}
 
@@ -103,7 +105,7 @@ def test_a_motor_that_turns_steadily_one_way_sees_only_a_sum() -> None:
     assert one.deeds is not None
     assert one.deeds.one_way
     assert one.deeds.one_speed
-    said = friction_sentences(found)
+    said = friction_sentences(found, RIG)
     assert "t_cm can hardly be told from " in said
     assert f"the motor turns one way only, at {8 * steady['w_2']:.3g} to " in said
 
@@ -122,7 +124,7 @@ def test_constant_friction_is_like_friction_that_changes_its_sign_until_the_moto
     assert (one.name, one.rivals) == ("t_cm", ("t_f",))
     proposed = {each.what: each.shrink for each in one.proposals}
     assert max(proposed, key=lambda what: proposed[what]) == "turned half-way"
-    said = friction_sentences(found)
+    said = friction_sentences(found, RIG)
     assert "t_cm can hardly be told from t_f" in said
     assert "the voltage turned round half-way (sd " in said
     assert told(believed(("t_cm", "t_f"), values, SQUARE)).alike == ()
@@ -163,7 +165,7 @@ def test_static_friction_of_a_rig_that_never_slows_down_is_left_to_the_prior() -
     assert one.names == ("t_sm", "w_sm")
     assert one.deeds.stuck == 0
     assert one.deeds.slowest > 3 * STATIC["w_sm"]
-    said = friction_sentences(found)
+    said = friction_sentences(found, RIG)
     assert "static friction at the motor does not show" in said
     assert f"lost over {STATIC['w_sm']:.3g} rad/s. t_sm and w_sm are left to the prior" in said
     assert "so low a voltage half-way that it stops (" in said
@@ -184,7 +186,7 @@ def test_a_drop_is_like_k_e_at_one_voltage() -> None:
     found = told(believed(("v_d", "k_e"), {"v_d": 0.5}, 8.0, steady))
     (one,) = found.alike
     assert (one.name, one.rivals) == ("v_d", ("k_e",))
-    said = friction_sentences(found)
+    said = friction_sentences(found, RIG)
     assert "the current flows one way only, at " in said
     assert "half the voltage (4 V)" in said
     levels = np.where(T > 1.5, 2.0, 8.0)
@@ -199,7 +201,7 @@ def test_damping_of_the_shaft_is_like_that_at_rotor_1() -> None:
     found = told(believed(("c_s", "c_1"), values, rest, {"theta_1": 1.0}, scale=3.0))
     (one,) = found.alike
     assert (one.name, one.rivals) == ("c_s", ("c_1",))
-    assert "only c_1 from steady turning" in friction_sentences(found)
+    assert "only c_1 from steady turning" in friction_sentences(found, RIG)
     assert told(believed(("c_s", "c_1"), values, SQUARE)).alike == ()
 
 
@@ -209,7 +211,9 @@ def test_what_a_gear_loses_is_like_friction_at_the_motor() -> None:
     steady = {"w_1": 13.0, "w_2": 13.0, "theta_1": -5.0, "i": 1.5}
     found = told(believed(("t_cm", "eta"), values, 8.0, steady, scale=4.0))
     assert [(one.name, one.rivals) for one in found.alike] == [("t_cm", ("eta",))]
-    assert "what a gear loses grows with the torque that it passes on" in friction_sentences(found)
+    assert "what a gear loses grows with the torque that it passes on" in friction_sentences(
+        found, RIG
+    )
     swinging = told(believed(("t_cm", "eta"), values, SQUARE))
     assert swinging.alike == ()
 
@@ -217,17 +221,17 @@ def test_what_a_gear_loses_is_like_friction_at_the_motor() -> None:
 def test_a_rig_without_any_of_it_is_told_nothing() -> None:
     posterior = believed(("k_e", "k_s"), {}, 8.0)
     assert told(posterior) == FrictionConfounding()
-    assert friction_sentences(FrictionConfounding()) == ""
+    assert friction_sentences(FrictionConfounding(), RIG) == ""
     theta = posterior.space.vector(posterior.space.start)
     found = study_of(SensitivityStudy(posterior.likelihood), posterior, theta, Asked())
-    assert "friction" not in identify_words.full(found)
+    assert "friction" not in identify_words.full(found, RIG)
 
 
 def test_identify_says_it() -> None:
     posterior = believed(("t_cm", "t_f"), {"t_cm": 0.05, "t_f": 0.04}, 8.0)
     theta = posterior.space.vector(posterior.space.start)
     found = study_of(SensitivityStudy(posterior.likelihood), posterior, theta, Asked())
-    assert "friction: t_cm can hardly be told from t_f" in identify_words.full(found)
+    assert "friction: t_cm can hardly be told from t_f" in identify_words.full(found, RIG)
 
 
 def test_the_voltage_that_holds_it_at_rest() -> None:

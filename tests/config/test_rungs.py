@@ -14,11 +14,13 @@ from bayesdrill import selection
 from bayesdrill.config import loading
 from bayesdrill.config.job import prepare
 from bayesdrill.config.schema.config import Config
-from bayesdrill.rig.models.linear import DEFAULT_ROLES
+from bayesdrill.rig import MotorShaft
 from bayesdrill.selection import CandidateModel, CandidateModels
 
-TORQUES = set(selection.TORQUES) if selection.MISSING in Config.model_fields else set()
-ALL = {"unknown_noise", "ar1", *selection.PHYSICS, *TORQUES}
+PARTS = selection.RigParts.of(MotorShaft().roles)
+TORQUES = {*PARTS.torques} if selection.MISSING in Config.model_fields else set()
+OFFERED = {name for name, needs in PARTS.physics.items() if {*needs} <= {*MotorShaft.offers}}
+ALL = {"unknown_noise", "ar1", *OFFERED, *TORQUES}
 CHANNELS = ("theta_1", "w_1")
 MOST_SENSED = tuple(f"{kind}_{name}" for name in CHANNELS for kind in selection.SENSED)
 MOST_SENSED = (*MOST_SENSED, "t_0", "free_start")
@@ -44,7 +46,7 @@ def test_each_is_valid_and_has_what_it_says(tmp_path: Path) -> None:
     assert set(found) == ALL | SENSED
     for name, one in found.items():
         problem = one.job().problem
-        physics = {DEFAULT_ROLES[role] for role in selection.PHYSICS.get(name, ())}
+        physics = {*PARTS.physics.get(name, ())}
         noise = {n for n in problem.names if n.startswith(("sigma", "rho"))}
         sensed = {name} & SENSED - {"gear", "free_start"}
         assert {"k_e", "j_1"} | physics | sensed <= set(problem.names), name

@@ -17,6 +17,7 @@ from together import for_each
 from bayesdrill.analysis.calibration import ecdf_band
 from bayesdrill.analysis.diagnostics import rank_histograms
 from bayesdrill.analysis.prediction import FrequencyResponse, PredictionCheck
+from bayesdrill.basics.symbols import INPUTS
 from bayesdrill.basics.units import Unit
 from bayesdrill.inference.residual_checks import ResidualCorrelation
 from bayesdrill.record.experiment import Channel
@@ -87,7 +88,7 @@ def response_case(width: str, n: int = 2) -> Figure:
     measured = np.where(f <= 10, 1.1 * model * np.exp(-1j * np.pi / 6), np.nan)
     one = FrequencyResponse(
         channel=channel(),
-        input="v",
+        input=INPUTS["v"],
         unit=Unit("V", 1.0, "V"),
         frequencies=f,
         modelled=model,

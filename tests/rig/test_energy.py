@@ -271,3 +271,29 @@ def test_a_chain_stores_in_its_inertias_and_its_shafts() -> None:
     assert found.stored == pytest.approx(0.5 * (moving + twisted), rel=1e-12)
     turned = x["theta_motor"] - x["theta_motor"][0]
     assert found.given["t_motor"] == pytest.approx(0.7 * turned, rel=1e-9, abs=1e-12)
+
+
+def test_a_pendulum_stores_by_its_height() -> None:
+    """It closes to the square of the step.  Mutants killed: a spring alone, a tilt left out."""
+    parts = {
+        "inertias": ("motor", "arm"),
+        "gears": {"box": {"between": ["motor", "arm"], "ratio": 0.2}},
+    }
+    rig = Train(**parts, drives={"motor": "torque"}, gravity=("arm",), added=("c_arm", "a_arm"))
+    p = {"j_motor": 2e-3, "j_arm": 0.05, "g_arm": 1.5, "c_arm": 0.02, "a_arm": 0.3}
+    one = experiment(
+        len(T), 0.01, series={}, constant={"t_motor": 0.1}, start={"w_arm": 6.0},
+        measures={name: {name: 1.0} for name in rig.states},
+    )  # fmt: skip
+    full = np.array([p[name] for name in rig.parameters])
+    steps = [Stepped(rig, one, ObservationModel(), pieces) for pieces in (1, 4)]
+    left = [np.abs(energies(response, full).open).max() for response in steps]
+    found = energies(steps[1], full)
+    assert left[1] < 1e-3 * total(found)
+    assert left[1] < left[0] / 10
+    theta, w = steps[1].steps(full[None]).motion.states[0].T
+    assert np.abs(theta).max() > 2.0  # far from a spring
+    height = 1.5 * (1 - np.cos(theta + 0.3))
+    assert found.stored == pytest.approx(0.5 * (0.05 + 25 * 2e-3) * w**2 + height, rel=1e-9)
+    assert {*found.lost} == {"c_arm"}
+    assert np.abs(found.converted).max() < 1e-12 * total(found)

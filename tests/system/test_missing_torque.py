@@ -95,7 +95,7 @@ def test_the_torque_of_a_rig_that_rubs_is_its_friction(seed: int, tmp_path: Path
     first = regress_torque(found)[0]
     assert (first.kind, first.of, first.taken) == ("sign", "w_1", True)
     assert -first.size == pytest.approx(FRICTION, rel=0.15)
-    said = torque_words.law_sentences(torque_summary(found))
+    said = torque_words.law_sentences(torque_summary(found), found.rig)
     assert "dry friction at rotor 1" in said
     assert "t_c1: {prior: log_uniform" in said
 
@@ -171,12 +171,13 @@ def test_with_a_free_spring_it_is_said_what_cannot_be_told_apart(tmp_path: Path)
     one = "{prior: log_normal, median: 0.1, sd_log: 2}"
     priors = f"k_s: {one}, j_1: {one}"
     case = drilling(tmp_path, ("k_s: 4.11, j_1: 7.8e-3, c_s: 0.0149", priors))
+    rig = case.job.problem.model
     study = case.identify().study
     assert study.scaled == (("k_s", "j_1", "s_d"),)
     assert (
         scaled_with_torque(case.job.problem.posterior, study.structure.symmetries) == study.scaled
     )
-    said = torque_words.stand_ins(study)
+    said = torque_words.stand_ins(study, rig)
     assert "k_s and j_1 and s_d can be changed together" in said
     assert "Hold one of k_s and j_1" in said
 
@@ -259,12 +260,13 @@ def test_what_a_torque_can_stand_in_for_is_said_with_what_would_tell(tmp_path: P
     path.write_text(
         "\n".join(kept).replace("size: {prior: log_uniform, low: 1.0e-3, high: 10}", "size: 1")
     )
-    study = bd.load(path).identify().study
+    found = bd.load(path).identify()
+    study = found.study
     assert [one.name for one in study.stand_ins] == ["k_s", "j_1"]
     first = study.stand_ins[0]
     assert first.sd > 0.1
     assert first.alone < 0.02
     assert {(one.kind, one.name) for one in first.helps} >= {("measure", "w_1"), ("hold", "j_1")}
-    said = torque_words.stand_ins(study)
+    said = torque_words.stand_ins(study, found.job.problem.model)
     assert "at rotor 1 it can stand in for k_s" in said
     assert "a sensor of w_1" in said

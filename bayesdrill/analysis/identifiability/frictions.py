@@ -85,7 +85,7 @@ class Excitation:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ProposedExperiment:
-    """An experiment, and by what factor the sd in question would fall; `volts`: that drive it, or A, ..."""
+    """An experiment, and by what factor the sd in question would fall; `volts`: its drive, if any."""
 
     what: str
     volts: float | None

@@ -5,12 +5,28 @@ Each broken rule is an issue with its location.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from bayesdrill.basics.errors import Issue
 from bayesdrill.config.consistency import record, several, unknowns, work
 from bayesdrill.config.resolve import case, quantities
 from bayesdrill.config.resolve.case import ResolvedExperiment
 from bayesdrill.config.schema.config import Config
 from bayesdrill.config.yaml_source import IssueCollector, Location, Source
+from bayesdrill.rig.models.linear import Model
+from bayesdrill.rig.models.train import PartsError
+
+
+def _model(errors: IssueCollector, config: Config, spoilt_names: Sequence[str]) -> Model | None:
+    """The model with what is named of what it offers, of which not all may go together."""
+    try:
+        return case.build_model(config, spoilt_names)
+    except PartsError as error:
+        for entry, message in error.entries:
+            errors.add(("model", entry), message)
+    except ValueError as error:
+        errors.add(("model", "name"), str(error))
+    return None
 
 
 def check(
@@ -23,7 +39,7 @@ def check(
     errors = IssueCollector(source, spoilt)
     names = config.vocabulary.parameters
     spoilt_names = [name for name in names if errors.is_reported(("parameters", name))]
-    model = errors.run(("model", "name"), case.build_model, config, spoilt_names)
+    model = _model(errors, config, spoilt_names)
     given_nominal = {} if model is None else unknowns.check_nominal(errors, config, model)
     nominal = errors.run(("nominal", "table"), quantities.nominal_table, config, given_nominal)
     resolved = None

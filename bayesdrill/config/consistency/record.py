@@ -133,10 +133,10 @@ def _check_ineffective(errors: IssueCollector, config: Config) -> None:
 
 def _check_steady(errors: IssueCollector, config: Config, model: Model) -> None:
     """The inputs give all but where the angles begin."""
-    if model.frictions:
+    if not model.smooth:
+        how = "rubs turns steadily, or sticks" if model.frictions else "swings comes to rest"
         message = (
-            "where a rig that rubs turns steadily, or sticks, is not worked out; write "
-            "`initial: free`, or the states there"
+            f"where a rig that {how}, is not worked out; write `initial: free`, or the states there"
         )
         errors.add(("initial",), message)
         return

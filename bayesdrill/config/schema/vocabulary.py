@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+import dataclasses
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 from bayesdrill.basics import symbols
 from bayesdrill.basics.symbols import Symbol
 from bayesdrill.rig import models
 from bayesdrill.rig.models import MODELS
-from bayesdrill.rig.models.linear import Model, with_all
+from bayesdrill.rig.models.linear import Model, with_all, with_named
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -101,15 +103,28 @@ def vocabulary_of(rig: Model) -> Vocabulary:
     """Return the names of a rig: `HOUSE`, where it shares them with others."""
     if not rig.has_private_names:
         return HOUSE
-    whole = with_all(rig)
-    known = whole.symbols
+    variants, known = [*_variants(rig)], rig.symbols
+
+    def of(names: str) -> tuple[Symbol, ...]:
+        every = [name for variant in variants for name in getattr(variant, names)]
+        return tuple(known[name] for name in dict.fromkeys(every))
+
     return Vocabulary(
-        parameter_symbols=tuple(known[name] for name in whole.parameters),
-        state_symbols=tuple(known[name] for name in whole.states),
-        input_symbols=tuple(known[name] for name in whole.inputs),
-        combined=tuple(known[name] for name in whole.combinations),
-        inner=frozenset(whole.inner),
-        angles=tuple((speed, known[angle]) for speed, angle in whole.imposed.items()),
-        idle=frozenset(idle_inputs(whole)),
-        inertias=tuple(inertia.name for inertia in whole.roles.inertias),
+        parameter_symbols=of("parameters"),
+        state_symbols=of("states"),
+        input_symbols=of("inputs"),
+        combined=of("combinations"),
+        inner=frozenset(name for variant in variants for name in variant.inner),
+        angles=tuple((speed, known[angle]) for speed, angle in rig.imposed.items()),
+        idle=frozenset(name for variant in variants for name in idle_inputs(variant)),
+        inertias=tuple(inertia.name for inertia in rig.roles.inertias),
     )
+
+
+def _variants(rig: Model) -> Iterator[Model]:
+    """Yield the rig without what it offers, then with each of that: not all of it goes together."""
+    plain: Any = rig
+    bare: Model = dataclasses.replace(plain, added=())
+    yield bare
+    for name, needs in bare.offers.items():
+        yield with_named(bare, (name, *needs))

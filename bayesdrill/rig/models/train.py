@@ -21,8 +21,16 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Annotated, Any, ClassVar, Literal
 
-from pydantic import BeforeValidator, Field, PlainSerializer, WithJsonSchema
+from pydantic import (
+    BeforeValidator,
+    Field,
+    PlainSerializer,
+    TypeAdapter,
+    ValidationError,
+    WithJsonSchema,
+)
 
+from bayesdrill.basics.entries import entries_of
 from bayesdrill.basics.errors import did_you_mean
 from bayesdrill.basics.symbols import Symbol, own_symbol
 from bayesdrill.rig.models.equations import PartsModel
@@ -195,9 +203,16 @@ class Train(PartsModel):
     has_private_names: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
-        for entry, parse in _PARSERS.items():
-            object.__setattr__(self, entry, parse(getattr(self, entry)))
-        if issues := tuple(_issues(self)):
+        wrong: list[tuple[str, str]] = []
+        for entry, adapter in _adapters().items():
+            try:
+                value = adapter.validate_python(getattr(self, entry), strict=True)
+            except ValidationError as error:
+                message = error.errors()[0]["msg"].removeprefix("Value error, ")
+                wrong.append((entry, f"{getattr(self, entry)!r:.60} cannot be this: {message}"))
+            else:
+                object.__setattr__(self, entry, value)
+        if issues := tuple(wrong or _issues(self)):
             raise PartsError(issues)
         _check_frictions(self)
 
@@ -242,12 +257,10 @@ class Train(PartsModel):
         return describe(self).combinations
 
 
-_PARSERS: Mapping[str, Any] = {
-    **dict.fromkeys(("inertias", "gravity", "rock"), _names),
-    "shafts": _shafts,
-    "gears": _gears,
-    "drives": _drives,
-}
+@functools.cache
+def _adapters() -> dict[str, TypeAdapter[Any]]:
+    """What reads each entry."""
+    return {entry: TypeAdapter(kind) for entry, kind in entries_of(Train).items()}
 
 
 def _issues(train: Train) -> Iterator[tuple[str, str]]:
