@@ -152,9 +152,8 @@ def init(
     if not records:
         raise InputError.at("record", "no file is named; name one or several")
     files = [path.name for path in records]
-    kinds = {name: kind for name, kind in MODELS.usable().items() if not kind().has_private_names}
     known = record_files.GivenFacts(
-        rig=arguments.known(kinds, rig, "rig", "rig")(),
+        rig=arguments.known(MODELS, rig, "rig", "rig")(),
         gear=gear,
         voltage=voltage,
         rate=rate or 0.0,

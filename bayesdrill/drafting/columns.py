@@ -43,6 +43,8 @@ _UNITS_OF_KIND = {
     },
     "torque": {"N*m": "nm n*m n·m n.m n-m", "mN*m": "mnm"},
     "force": {"N": "n newton"},
+    "position": {"m": "m meter", "mm": "mm", "cm": "cm"},  # of what moves along a line
+    "velocity": {"m/s": "m/s", "mm/s": "mm/s"},
 }
 
 SI = {kind: next(iter(spellings)) for kind, spellings in _UNITS_OF_KIND.items()}
@@ -236,6 +238,14 @@ _NAMES = {**STATES, "v": ("voltage", ""), "t_1": ("torque", ROTOR), "t_m": ("tor
 }
 
 
+# Of a train, by what is measured, and of which part.
+TRAIN_SYMBOL = re.compile(r"(theta|w|x|v|i|u|t|f)_([A-Za-z][A-Za-z0-9_]{0,29})")
+_KIND_OF_LETTER = {
+    "theta": "angle", "w": "speed", "x": "position", "v": "velocity",
+    "i": "current", "u": "voltage", "t": "torque", "f": "force",
+}
+
+
 @dataclass(frozen=True, slots=True)
 class NamedColumn:
     """What a user says of a column: `variable` or head, and of a matrix the `column` from 1."""
@@ -258,13 +268,15 @@ def named_column(text: str, files: Collection[str]) -> NamedColumn:
     what, backwards = what.strip().removeprefix("-"), what.strip().startswith("-")
     meaning, other_kind = parse_head(what), False
     base = _split_unit(what)[0]
-    if base in _NAMES:
-        kind, location = _NAMES[base]
+    train = None if base in _NAMES else TRAIN_SYMBOL.fullmatch(base)
+    if base in _NAMES or train:
+        kind, location = (_KIND_OF_LETTER[train[1]], "") if train else _NAMES[base]
         other_kind = meaning.unit != "" and kind_of(meaning.unit) != kind
         meaning = dataclasses.replace(meaning, kind=kind, location=location, symbol=base)
     if match is None or meaning.unknown_unit or other_kind or not meaning.kind:
         why = "names no column" if match is None else "names no known quantity with a unit of it"
-        known = f"`data:3=theta_2 [deg]`. Known quantities are {', '.join(_NAMES)}"
+        known = f"`data:3=theta_2 [deg]`. Known quantities are {', '.join(_NAMES)}, and of a train "
+        known += "such as theta_load, w_load, i_motor, u_motor, t_motor, x_cart, v_cart, f_cart"
         raise InputError.at("--columns", f"'{text}' {why}. Write for example {known}")
     meaning = dataclasses.replace(meaning, backwards=backwards)
     return NamedColumn(text, file, match[1], int(match[2]) if match[2] else None, meaning)

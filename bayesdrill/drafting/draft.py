@@ -18,13 +18,14 @@ from bayesdrill.basics.symbols import Symbol
 from bayesdrill.config import loading
 from bayesdrill.config.job import assemble
 from bayesdrill.config.yaml_source import Source, parse
-from bayesdrill.drafting import entries, record_files, roles
+from bayesdrill.drafting import entries, record_files, roles, trains
 from bayesdrill.drafting.columns import MOTOR, ROTOR, TWIST
 from bayesdrill.drafting.entries import REVIEW, DraftContext, comment, review, scalar
 from bayesdrill.drafting.record_files import GivenFacts, RecordFile
 from bayesdrill.drafting.roles import StartGuess
 from bayesdrill.drafting.signals import TURNS, Sensor
-from bayesdrill.rig.models.linear import GEAR_POWERS, Model, with_named
+from bayesdrill.rig.models.linear import Model, with_named
+from bayesdrill.rig.models.roles import GEAR_POWERS
 
 SHEET_SD = 1.0  # of the logarithm of a parameter of a data sheet
 
@@ -34,9 +35,11 @@ def config_text(context: DraftContext, name: str, sheet: Mapping[str, Any]) -> s
     lead, lead_roles = context.lead, context.lead.roles
     files = [file for record in context.records for file in (record, *record.beside)]
     names = ", ".join(context.file_name(file.path) for file in files)
-    model, why_gear = f"name: {lead_roles.rig.name}", []
-    if lead_roles.rig.geared:
-        model += f", i_m: {1 / lead_roles.gear:.6g}"
+    model, why_gear = [f"model: {{name: {lead_roles.rig.name}}}"], []
+    if lead_roles.train is not None:
+        model, why_gear = trains.model_lines(lead_roles.train), review([lead_roles.gear_doubt], 0)
+    elif lead_roles.rig.geared:
+        model = [f"model: {{name: {lead_roles.rig.name}, i_m: {1 / lead_roles.gear:.6g}}}"]
         why_gear = review([lead_roles.gear_doubt], 0)
         if lead_roles.gear_why:
             why_gear += comment(f"gear {lead_roles.gear:.6g}:1, {lead_roles.gear_why}")
@@ -61,7 +64,7 @@ def config_text(context: DraftContext, name: str, sheet: Mapping[str, Any]) -> s
         *(_experiments(context) if context.several else _initial(start)),
         "",
         *why_gear,
-        f"model: {{{model}}}",
+        *model,
         "",
         *nominal,
         *_parameters(context, sheet),
@@ -132,10 +135,18 @@ def _parameters(context: DraftContext, sheet: Mapping[str, Any]) -> list[str]:
     if sheet:
         sd = math.exp(SHEET_SD)
         why += f"; what is `relative` is a factor of the sheet's, with an sd of {sd:.2g}"
+    held: dict[str, str] = {}
+    if context.lead.roles.train is not None:
+        segment = context.lead.segment
+        scales = trains.prior_ends(context.lead.sensors, segment.dt, float(np.ptp(segment.t)))
+        held = trains.held_scales(rig, context.lead.sensors)
     lines = [*review([why], 0), "parameters:"]
     driven = [inertia for inertia in rig.roles.inertias if rig.roles.motor(inertia.name)]
     for name in rig.parameters:
         symbol = rig.symbols[name]
+        if name in held:
+            lines += [*review([held[name]], 2), f"  {name}: 1.0"]
+            continue
         if both_ways and name in {inertia.friction for inertia in driven}:
             doubt = (
                 "it keeps its sign, and this rig turns both ways: held at zero, and c_m stands for all "
@@ -150,7 +161,8 @@ def _parameters(context: DraftContext, sheet: Mapping[str, Any]) -> list[str]:
             prior = f"{{prior: log_uniform, low: {low:.1e}, high: {high:.1e}}}"
             lines.append(_with_meaning(f"  {name}: {prior}", 60, symbol))
     further = [shaft.damping for shaft in rig.roles.shafts]
-    further += [inertia.sliding for inertia in driven if both_ways]
+    rubbing = driven if context.lead.roles.train is None else rig.roles.inertias
+    further += [inertia.sliding for inertia in rubbing if both_ways]
     further = [name for name in further if name in rig.offers and name not in rig.parameters]
     if further:
         text = "Further physics is switched on by naming it, see docs/rigs.md; take the # away:"
@@ -233,7 +245,7 @@ def _largest_speed(record: RecordFile, gear: float) -> float:
 
 def _with_meaning(entry: str, width: int, symbol: Symbol) -> str:
     """An entry for a parameter, and what that is."""
-    return f"{entry:<{width}}# {symbol.plain_unit}, {symbol.meaning}"
+    return f"{entry:<{width - 1}} # {symbol.plain_unit}, {symbol.meaning}"
 
 
 @dataclass(frozen=True, slots=True)

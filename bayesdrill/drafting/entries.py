@@ -28,6 +28,7 @@ _YAML_WORDS = {"yes", "no", "on", "off", "true", "false", "null", "y", "n"}
 NOISE_PRIOR_FACTOR = 10.0  # how far its prior goes below and above what differs between samples
 SUPPLY_SD = 0.02  # of its largest value, that a measured voltage may be off by
 MAX_NAMED_GLITCHES = 8
+HOUSE_INPUTS = ("v", "t_m", "w_2", "t_1")
 ASKED_VOLTAGE = "  # v: 8.0"  # to be written by the user
 
 
@@ -232,9 +233,9 @@ def _lag_prior(context: DraftContext, samples: float) -> str:
 def input_lines(context: DraftContext) -> list[str]:
     """Write the section `inputs:`."""
     lines = ["inputs:"]
-    for name in ("v", "t_m", "w_2", "t_1"):
-        if name in context.lead.roles.rig.inputs:
-            lines += _voltage(context) if name == "v" else _input(context, name)
+    house = [name for name in HOUSE_INPUTS if name in context.lead.roles.rig.inputs]
+    for name in house if context.lead.roles.train is None else context.lead.roles.rig.inputs:
+        lines += _voltage(context) if name == "v" else _input(context, name)
     starts = context.starts.values()
     if not context.measured and any(start.moving for start in starts):
         return lines  # a constant voltage was there before, and there is no moment of a step
@@ -244,8 +245,8 @@ def input_lines(context: DraftContext) -> list[str]:
     step = max(file.segment.dt for file in files)
     after = max(start.late for start in starts) * step
     doubt = (
-        "when it acts is known to one sample at best, and an error of half a one shifts j_m by many "
-        "standard deviations: an unknown"
+        "when it acts is known to one sample at best, and an error of half a one shifts inertias by "
+        "many standard deviations: an unknown"
     )
     entry = f"  t_0: {{prior: uniform, low: {-step:.4g}, high: {after:.4g}}}    # s"
     return [*lines, *review([doubt], 2), entry]
@@ -295,7 +296,10 @@ def _input(context: DraftContext, name: str) -> list[str]:
             return [*reasons(sensor, 2), f"{_opened_input(context, entry, sensor)}}}"]
     if name == "t_1":
         return ["  t_1: 0.0    # N m, load on rotor 1: no column is one"]
-    what = "torque at the motor [N m]" if name == "t_m" else "speed or angle of the upper end"
+    if context.lead.roles.train is not None:
+        what = context.lead.roles.rig.symbols[name].meaning
+    else:
+        what = "torque at the motor [N m]" if name == "t_m" else "speed or angle of the upper end"
     doubt = f"no column is the {what}: taken as zero; name it by `--columns`, or write it here"
     return [*review([doubt], 2), f"  {name}: 0.0"]
 

@@ -16,7 +16,7 @@ from bayesdrill import output_files
 from bayesdrill.basics import units
 from bayesdrill.basics.arrays import Array
 from bayesdrill.basics.errors import InputError, collect_each
-from bayesdrill.drafting import roles, sensors, signals
+from bayesdrill.drafting import roles, sensors, signals, trains
 from bayesdrill.drafting.columns import MIN_SAMPLES, FileColumn, NamedColumn, read_columns, unusable
 from bayesdrill.drafting.roles import SensorRoles
 from bayesdrill.drafting.signals import Segment, Sensor, Timing
@@ -94,8 +94,11 @@ def _understand(
     others = [column for column in columns if column is not time.column]
     segment = _segment(path, time, [c for c in others if c.meaning.kind], left_out)
     known, unusable_columns = sensors.identify_sensors(others, segment)
-    voltage = given.voltage is not None
-    assigned = roles.assign_roles(known, segment.dt, given.rig, given.gear, voltage=voltage)
+    if trains.is_train(known, given.rig):
+        assigned = trains.assign_train(known, segment.dt)
+    else:
+        voltage = given.voltage is not None
+        assigned = roles.assign_roles(known, segment.dt, given.rig, given.gear, voltage=voltage)
     left_out = left_out | unusable_columns | assigned.left_out
     return RecordFile(path, columns, time, segment, assigned, left_out)
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 import dataclasses
 import math
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -21,6 +21,7 @@ from bayesdrill.drafting.sensors import MIN_GEAR
 from bayesdrill.drafting.signals import TURNS, Segment, Sensor
 from bayesdrill.record import anomalies
 from bayesdrill.rig.models.linear import Model, with_named
+from bayesdrill.rig.models.train import Train
 
 _STATE = {meaning: state for state, meaning in STATES.items()}
 _NAMED_STATES = re.compile(r"\b(?:theta_[12]|w_[12]|i)\b")
@@ -47,7 +48,10 @@ class DraftChannel:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SensorRoles:
-    """`inputs`: measured ones, by their entries; `gear`: turns of the motor for one of the shaft."""
+    """`inputs`: measured ones, by their entries; `gear`: turns of the motor for one of the shaft.
+
+    `train`: the rig without what is added, where it is described by its columns.
+    """
 
     channels: tuple[DraftChannel, ...]
     inputs: Mapping[str, Sensor]
@@ -56,6 +60,7 @@ class SensorRoles:
     gear_why: str
     gear_doubt: str
     left_out: dict[str, str]
+    train: Train | None = None
 
     @property
     def v(self) -> Sensor | None:
@@ -105,7 +110,7 @@ def assign_roles(
             channels[name] = DraftChannel(name, measures, sensor)
         else:
             left_out[sensor.name] = "does not say at which end of the shaft it is"
-    _mark_differenced(channels, dt)
+    mark_differenced(channels, dt)
     inputs, rig = _inputs(sensors, channels, rig, left_out, voltage=voltage)
     for name, channel in [*channels.items()]:
         if not {*_NAMED_STATES.findall(channel.measures or name)} <= {*rig.states}:
@@ -231,9 +236,14 @@ def _channel_name(sensor: Sensor, gear: float) -> tuple[str, str]:
     return state, f"-{state}" if backwards and state else ""
 
 
-def _mark_differenced(channels: dict[str, DraftChannel], dt: float) -> None:
-    """A speed that was made of an angle measures nothing by itself."""
-    for angle, speed in (("theta_1", "w_1"), ("theta_2", "w_2"), ("motor_angle", "motor")):
+PAIRS = (("theta_1", "w_1"), ("theta_2", "w_2"), ("motor_angle", "motor"))
+
+
+def mark_differenced(
+    channels: dict[str, DraftChannel], dt: float, pairs: Iterable[tuple[str, str]] = PAIRS
+) -> None:
+    """Mark each speed that was made of an angle: it measures nothing by itself."""
+    for angle, speed in pairs:
         if angle in channels and speed in channels:
             first, second = channels[angle].sensor, channels[speed].sensor
             t, rows, others = np.intersect1d(first.raw.t, second.raw.t, return_indices=True)
@@ -414,6 +424,9 @@ def guess_start(
     moving = any(_moves(channel) for channel in _telling(roles))
     onset = math.nan if measured or moving else _onset(roles)
     driven = measured or "v" in roles.rig.inputs  # by a constant voltage
+    if roles.train is not None:
+        why = "the record need not begin at rest: the start is unknown"
+        return StartGuess("free", True, "", {}, late, "", (why,))
     if not math.isnan(onset):
         begin, late = max(float(t[0]), onset - 2 * dt if driven else onset), 3.0
         why = f"nothing moves before {begin:.6g} s: it is let go there"

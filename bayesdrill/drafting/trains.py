@@ -1,0 +1,176 @@
+"""A train as its columns describe it: an inertia for each angle, shafts between them, drives.
+
+Columns are named by the symbols that the train will have: `theta_motor`, `w_load`, `x_cart`,
+`v_cart`, and of inputs `i_motor`, `u_motor`, `t_motor`, `f_cart`.  Where nobody names them, a record
+with several angles and a current is one of a train too.
+"""
+
+from __future__ import annotations
+
+import itertools
+import re
+from collections.abc import Sequence
+
+import numpy as np
+
+from bayesdrill.drafting.columns import GEARBOX, MOTOR, ROTOR, TRAIN_SYMBOL
+from bayesdrill.drafting.roles import DraftChannel, SensorRoles, mark_differenced
+from bayesdrill.drafting.signals import Sensor
+from bayesdrill.rig.models.linear import Model, with_named
+from bayesdrill.rig.models.train import Train
+
+Ends = tuple[float, float]
+ANGLES = {"angle": "theta", "position": "x"}  # letters of symbols by kinds
+SPEEDS = {"speed": "w", "velocity": "v"}
+DRIVES = {"current": ("i", "current"), "voltage": ("u", "voltage")}
+DRIVES |= {"torque": ("t", "torque"), "force": ("f", "torque")}
+LOCATIONS = {MOTOR: "motor", GEARBOX: "gearbox", ROTOR: "load"}
+
+
+def is_train(sensors: Sequence[Sensor], rig: Model) -> bool:
+    """Tell whether a train is asked for, or several angles and a current show one."""
+    if rig.has_private_names or any(map(_symbol, sensors)):
+        return True
+    kinds = [sensor.kind for sensor in sensors]
+    several = max(kinds.count("angle"), kinds.count("speed")) > 1
+    return several and "current" in kinds and not {"voltage", "torque"} & {*kinds}
+
+
+def _symbol(sensor: Sensor) -> re.Match[str] | None:
+    return TRAIN_SYMBOL.fullmatch(sensor.column.meaning.symbol)
+
+
+def assign_train(sensors: Sequence[Sensor], dt: float) -> SensorRoles:
+    """Assign sensors to the channels and inputs of a train that they describe."""
+    moving = [sensor for sensor in sensors if sensor.kind in {**ANGLES, **SPEEDS}]
+    names = _names(moving)
+    inertias = [*dict.fromkeys(names[id(sensor)] for sensor in moving)]
+    left_out: dict[str, str] = {}
+    channels: dict[str, DraftChannel] = {}
+    for sensor in moving:
+        name = f"{(ANGLES | SPEEDS)[sensor.kind]}_{names[id(sensor)]}"
+        measures = f"-{name}" if sensor.column.meaning.backwards else ""
+        if name in channels:
+            left_out[sensor.name] = (
+                f"is not needed: {name} is taken from {channels[name].sensor.name}"
+            )
+        else:
+            channels[name] = DraftChannel(name, measures, sensor)
+    inputs, drives = _inputs(sensors, inertias, channels, left_out)
+    inertias = [*dict.fromkeys((*inertias, *drives))]
+    mark_differenced(
+        channels,
+        dt,
+        [(f"{a}_{n}", f"{w}_{n}") for n in inertias for a, w in (("theta", "w"), ("x", "v"))],
+    )
+    pairs = [*itertools.pairwise(inertias)]
+    shafts = {f"shaft_{k}" if len(pairs) > 1 else "shaft": [*p] for k, p in enumerate(pairs, 1)}
+    linear = any(sensor.kind in ("position", "velocity", "force") for sensor in sensors)
+    plain = Train(
+        inertias=(*inertias,),
+        shafts=shafts,  # type: ignore[arg-type]
+        drives=drives,  # type: ignore[arg-type]
+        motion="linear" if linear else "rotary",
+    )
+    damped = [f"c_{name}" for name in (*inertias, *shafts)]
+    return SensorRoles(
+        channels=(*channels.values(),),
+        inputs=inputs,
+        rig=with_named(plain, damped),
+        train=plain,
+        gear=1.0,
+        gear_why="",
+        gear_doubt="inertias stand in the order of their columns, each joined to the next; mend what is "
+        "otherwise (a gear is `gears: {box: {between: [motor, load], ratio: 0.1}}`)",
+        left_out=left_out,
+    )
+
+
+def _names(moving: Sequence[Sensor]) -> dict[int, str]:
+    """Return the inertia of each sensor, by its identity: as it is named, or by its place."""
+    names: dict[int, str] = {}
+    counts: dict[str, int] = {}
+    for sensor in moving:
+        if match := _symbol(sensor):
+            names[id(sensor)] = match[2]
+            continue
+        counts[sensor.kind] = counts.get(sensor.kind, 0) + 1
+        names[id(sensor)] = LOCATIONS.get(sensor.location, f"inertia_{counts[sensor.kind]}")
+    return names
+
+
+def _inputs(
+    sensors: Sequence[Sensor],
+    inertias: Sequence[str],
+    channels: dict[str, DraftChannel],
+    left_out: dict[str, str],
+) -> tuple[dict[str, Sensor], dict[str, str]]:
+    """Return measured inputs, and the drive of each inertia; beside a voltage a current is a channel."""
+    inputs: dict[str, Sensor] = {}
+    drives: dict[str, str] = {}
+    order = [*DRIVES]
+    driving = [sensor for sensor in sensors if sensor.kind in DRIVES]
+    for sensor in sorted(driving, key=lambda s: (s.kind == "current", order.index(s.kind))):
+        letter, kind = DRIVES[sensor.kind]
+        match = _symbol(sensor)
+        at = match[2] if match else inertias[0] if inertias else "inertia_1"
+        if match is None and sensor.column.meaning.reference:
+            left_out[sensor.name] = "was asked for, and need not have happened"
+        elif at not in drives:
+            drives[at], inputs[f"{letter}_{at}"] = kind, sensor
+        elif sensor.kind == "current" and drives[at] == "voltage":
+            channels[f"i_{at}"] = DraftChannel(f"i_{at}", "", sensor)
+        else:
+            left_out[sensor.name] = f"is not needed: {at} is driven by {next(iter(inputs))}"
+    return inputs, drives
+
+
+def model_lines(train: Train) -> list[str]:
+    """Write the section `model:`."""
+    lines = ["model:", "  name: train"]
+    if train.motion != "rotary":
+        lines.append(f"  motion: {train.motion}")
+    lines.append(f"  inertias: [{', '.join(train.inertias)}]")
+    shafts = ", ".join(f"{shaft.name}: [{', '.join(shaft.ends)}]" for shaft in train.shafts)
+    drives = ", ".join(f"{drive.inertia}: {drive.kind}" for drive in train.drives)
+    lines += [f"  shafts: {{{shafts}}}"] if shafts else []
+    return lines + ([f"  drives: {{{drives}}}"] if drives else [])
+
+
+def held_scales(rig: Model, sensors: Sequence[Sensor]) -> dict[str, str]:
+    """Return parameters that only scale all others, and why each is held at one."""
+    held: dict[str, str] = {}
+    kinds = {sensor.kind for sensor in sensors}
+    why = (
+        "nothing that is measured shows its scale: held at one, so that inertias, dampings and "
+        "stiffnesses are over it. Write what a data sheet says"
+    )
+    for motor in rig.roles.motors:
+        held |= dict.fromkeys((motor.torque_constant,), why)
+        if "current" not in kinds:
+            held |= dict.fromkeys((motor.resistance,), why)
+    return {name: reason for name, reason in held.items() if name in rig.parameters}
+
+
+def prior_ends(record_sensors: Sequence[Sensor], dt: float, duration: float) -> dict[str, Ends]:
+    """Return by unit the ends of priors [SI], by the largest drive and speed of a record."""
+    sizes = {s.kind: float(np.quantile(np.abs(s.si), 0.99)) for s in record_sensors}
+    push = max((sizes.get(kind, 0.0) for kind in DRIVES), default=0.0) or 1.0
+    speeds = [float(np.quantile(np.abs(s.si), 0.99)) for s in record_sensors if s.kind in SPEEDS]
+    for sensor in (s for s in record_sensors if s.kind in ANGLES and not speeds):
+        speeds.append(float(np.quantile(np.abs(np.diff(sensor.si)), 0.99)) / dt)
+    speed = max(speeds, default=0.0) or 1.0
+    inertia, far = push / speed, 10.0
+    ends = {
+        "inertia": (0.1 * inertia * dt / far, far * inertia * duration),
+        "damping": (1e-4 * inertia / far, far * inertia / dt * 0.1),
+        "stiffness": (1e-2 * inertia / duration**2, far * inertia / dt**2),
+        "torque": (1e-4 * push, push),
+    }
+    units = {
+        "inertia": ("kg*m**2", "kg"),
+        "damping": ("N*m*s/rad", "N*s/m"),
+        "stiffness": ("N*m/rad", "N/m"),
+        "torque": ("N*m", "N"),
+    }
+    return {unit: ends[what] for what, both in units.items() for unit in both}
