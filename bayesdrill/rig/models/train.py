@@ -17,7 +17,8 @@ from __future__ import annotations
 
 import dataclasses
 import functools
-from collections.abc import Iterator, Mapping
+import re
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Annotated, Any, ClassVar, Literal
 
@@ -86,39 +87,36 @@ def _is_text(value: Any) -> bool:
     return isinstance(value, str)
 
 
-def _parts(value: Any, what: str, example: str) -> Any:
-    """Parts that are made already."""
-    if not isinstance(value, tuple):
-        raise ValueError(f"write each {what} by its name, such as `{example}`")
-    return value
-
-
 def _names(value: Any) -> Any:
     return tuple(value) if isinstance(value, list) else value
 
 
-def _shafts(value: Any) -> Any:
+def _by_name(value: Any, what: str, example: str, make: Callable[[str, Any], Any]) -> Any:
+    """Parts of a mapping; those that are made already stay as they are."""
+    if isinstance(value, tuple):
+        return value
     if not isinstance(value, Mapping):
-        return _parts(value, "shaft", "coupling: [motor, load]")
-    return tuple(Shaft(name, _ends(name, ends)) for name, ends in value.items())
+        raise ValueError(f"write each {what} by its name, such as `{example}`")
+    for name in value:
+        if not re.fullmatch(NAME, str(name)):
+            raise ValueError(f"{name!r} is no name; write a letter, then letters, digits and `_`")
+    return tuple(make(name, entry) for name, entry in value.items())
+
+
+def _shafts(value: Any) -> Any:
+    make = lambda name, ends: Shaft(name, _ends(name, ends))  # noqa: E731
+    return _by_name(value, "shaft", "coupling: [motor, load]", make)
 
 
 def _gears(value: Any) -> Any:
-    if not isinstance(value, Mapping):
-        return _parts(value, "gear", "box: {between: [motor, arm], ratio: 0.125}")
-    return tuple(map(_gear, value.items()))
+    return _by_name(value, "gear", "box: {between: [motor, arm], ratio: 0.125}", _gear)
 
 
-def _gear(item: tuple[str, Any]) -> Gear:
-    name, entry = item
+def _gear(name: str, entry: Any) -> Gear:
     if not isinstance(entry, Mapping) or {*entry} != {"between", "ratio"}:
         raise ValueError(f"{name} wants `between: [motor, arm]` and `ratio:`, and nothing else")
-    ratio = entry["ratio"]
-    if (
-        not isinstance(ratio, int | float)
-        or isinstance(ratio, bool)
-        or not 1e-6 <= abs(ratio) <= 1e6
-    ):
+    ratio, number = entry["ratio"], isinstance(entry["ratio"], int | float)
+    if not number or isinstance(ratio, bool) or not 1e-6 <= abs(ratio) <= 1e6:
         raise ValueError(
             f"{name} has the ratio {ratio!r}; write how far the second inertia turns for one turn of "
             "the first, such as 0.125"
@@ -127,9 +125,7 @@ def _gear(item: tuple[str, Any]) -> Gear:
 
 
 def _drives(value: Any) -> Any:
-    if not isinstance(value, Mapping):
-        return _parts(value, "drive", "motor: current")
-    return tuple(Drive(name, str(kind)) for name, kind in value.items())
+    return _by_name(value, "drive", "motor: current", lambda name, kind: Drive(name, str(kind)))
 
 
 def _schema(entry: Mapping[str, Any]) -> WithJsonSchema:
