@@ -125,6 +125,7 @@ def test_its_response_is_the_matrix_exponential(name: str) -> None:
         x = step @ x
     found = response(rig).signals(p)[0]
     scale = np.abs(exact).max(axis=0)
+    scale[scale == 0] = 1.0  # what nothing moves
     assert found / scale == pytest.approx(np.array(exact) / scale, abs=1e-9)
 
 
