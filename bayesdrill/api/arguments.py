@@ -22,7 +22,7 @@ from bayesdrill.config.job import Job
 from bayesdrill.record.experiment import check_time, raise_if_any
 from bayesdrill.rig.models import MODELS
 from bayesdrill.rig.models.linear import Model, with_named
-from bayesdrill.rig.models.train import PartsError
+from bayesdrill.rig.models.parts import PartsError
 from bayesdrill.sampling.workers import available_processors
 
 if TYPE_CHECKING:

@@ -26,7 +26,7 @@ from bayesdrill.config.yaml_source import IssueCollector, Location, Source, read
 from bayesdrill.inference.priors import PRIORS
 from bayesdrill.rig.models import MODELS
 from bayesdrill.rig.models.linear import Model
-from bayesdrill.rig.models.train import PartsError
+from bayesdrill.rig.models.parts import PartsError
 
 _FILE = "x.csv"
 

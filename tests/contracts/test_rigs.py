@@ -75,8 +75,8 @@ def test_its_names_have_symbols_and_places_in_a_config(name: str) -> None:
     fields = {field.name for field in dataclasses.fields(kind)} - {"added"}
     assert fields == {*entries_of(kind)} <= {*ModelSpec.model_fields}
     assert build_member(kind, ModelSpec(name=rig.name)) == kind() == PLAIN[rig.name]
-    assert rig.parameters == (*kind.parameters, *rig.added)
-    assert {*rig.offers} == {*rig.parameters} - {*kind.parameters} or rig == kind()
+    assert rig.parameters == (*kind().parameters, *rig.added)
+    assert {*rig.offers} == {*rig.parameters} - {*kind().parameters} or rig == kind()
     assert {name for needs in rig.offers.values() for name in needs} <= {*rig.offers}
     hash(rig)
 
