@@ -26,10 +26,7 @@ from pydantic import TypeAdapter, ValidationError
 from bayesdrill.basics.entries import entries_of
 from bayesdrill.basics.errors import did_you_mean
 from bayesdrill.basics.symbols import Symbol, own_symbol
-from bayesdrill.rig.models.equations import PartsModel
-from bayesdrill.rig.models.linear import Offers
-from bayesdrill.rig.models.motor_shaft import Power
-from bayesdrill.rig.models.parts import (
+from bayesdrill.rig.models.drive_parts import (
     DRIVES,
     Drives,
     Gear,
@@ -42,6 +39,9 @@ from bayesdrill.rig.models.parts import (
     Shaft,
     Shafts,
 )
+from bayesdrill.rig.models.equations import PartsModel
+from bayesdrill.rig.models.linear import Offers
+from bayesdrill.rig.models.motor_shaft import Power
 from bayesdrill.rig.models.roles import GROUND, InertiaRoles, MotorRoles, Roles, ShaftRoles
 
 
