@@ -25,7 +25,7 @@ from bayesdrill.inference.residual_checks import ResidualSummary, like_noise
 from bayesdrill.record import clocks
 from bayesdrill.report.section import aligned
 from bayesdrill.report.sections import fit_words
-from bayesdrill.rig.models.linear import constants
+from bayesdrill.rig.models.linear import Model, constants
 from bayesdrill.sampling.ensembles import SamplingResult
 from bayesdrill.sampling.mode_search import SAME_POINT, Mode
 
@@ -164,12 +164,33 @@ def records(problem: Problem) -> str:
 def model(problem: Problem) -> str:
     """Its name, what was added to it, and what it holds beside parameters: the gear."""
     rig = problem.model
+    if rig.has_private_names:
+        return _parts(rig)
     held = constants(rig)
     added = held.pop("added", ())
     name = f"{rig.name} with {', '.join(added)}" if added else rig.name
     said = [f"{n} = {x:.6g}" if isinstance(x, float) else f"{n} = {x}" for n, x in held.items()]
     gear = f"; the motor turns {1 / rig.gear_ratio:.4g} times as fast" if rig.geared else ""
     return f"{name} ({', '.join(said)}{gear})" if said else name
+
+
+def _parts(rig: Model) -> str:
+    """A rig that a config describes: its name, and its parts by theirs."""
+    roles, added = rig.roles, ", ".join(rig.added)
+    shafts = ", ".join(f"{shaft.name} ({' to '.join(shaft.ends)})" for shaft in roles.shafts)
+    geared = ", ".join(
+        f"{i.name} ({1 / i.reduction:.4g} times as fast as {i.speed})"
+        for i in roles.inertias
+        if i.reduction != 1.0
+    )
+    parts = {
+        "": ", ".join(inertia.name for inertia in roles.inertias),
+        "shafts ": shafts,
+        "geared ": geared,
+        "driven by ": ", ".join(n for n in rig.inputs if rig.symbols[n].drives),
+    }
+    said = "; ".join(f"{what}{names}" for what, names in parts.items() if names)
+    return f"{rig.name}{f' with {added}' if added else ''} ({said})"
 
 
 def preview(problem: Problem, config: Config, units: DisplayUnits) -> str:

@@ -175,7 +175,8 @@ def test_what_stands_in_records_is_judged_where_they_are_used() -> None:
                 rig = kind(**{field.name: value})
                 assert f"rig.{field.name}" in refused(bd.respond, **RESPONSE | {"rig": rig})
         for name in ("inertias", "shafts", "gears", "drives", "motion", "gravity", "rock"):
-            if value != ():
+            nothing = isinstance(value, list | tuple | dict) and not value  # as good as none
+            if not nothing and (name != "inertias" or not isinstance(value, list)):
                 with pytest.raises(ValueError, match=f"{name}: "):
                     bd.Train(**{name: value})
         with pytest.raises(bd.InputError, match="give what find_map found"):

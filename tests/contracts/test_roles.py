@@ -36,10 +36,12 @@ from bayesdrill.report import words
 from bayesdrill.report.sections import fit_words, physics_words, torque_words
 from bayesdrill.report.sections.physics_words import effort_symbol, speed_symbol
 from bayesdrill.report.sections.torque_words import torque_shown
-from bayesdrill.rig import MotorShaft
+from bayesdrill.rig import MotorShaft, energy
 from bayesdrill.rig.models import MODELS
 from bayesdrill.rig.models.linear import Model
 from bayesdrill.rig.models.roles import Roles, usual_roles
+from bayesdrill.rig.simulators.sensors import ObservationModel
+from bayesdrill.rig.simulators.stepped import Stepped
 from bayesdrill.sampling.workers import WorkerPool
 from bayesdrill.selection import CandidateModels
 from bayesdrill.tasks import ranking
@@ -206,13 +208,83 @@ def printed() -> None:
     print(json.dumps([names, usual, own], default=lambda one: np.asarray(one).tolist()))
 
 
-def test_a_rig_in_other_words_has_every_analysis() -> None:
+def chained() -> None:
+    """In the same: a chain of three discs, and a torque at the middle one that it is without."""
+    from toy_chain import Chain
+
+    drive, dry = 0.6 * np.sign(np.sin(1.1 * T)) + 0.2, 0.15
+    truth = {"mass_top": 0.02, "mass_middle": 0.03, "mass_bit": 0.01, "stiffness_pipe": 2.0}
+    truth |= {"stiffness_collar": 1.5, "oil_top": 0.05}
+    speeds = [f"speed_{disc}" for disc in ("top", "middle", "bit")]
+    rubs = Chain(added=("oil_top", "dry_middle"))
+    moved = bd.respond(rubs, {**truth, "dry_middle": dry}, T, {"t_m": drive}, speeds)
+    rng = np.random.default_rng(2)
+    channels = {
+        name: bd.Channel(x + 0.01 * rng.standard_normal(len(T)), "rad/s", 0.01, measures=name)
+        for name, x in moved.items()
+    }
+
+    def made(**entries: Any) -> bd.Case:
+        return bd.case(
+            T,
+            channels=channels,
+            inputs={"t_m": bd.Input(drive, "N*m")},
+            nominal=truth,
+            parameters={**dict.fromkeys(truth, "nominal"), "stiffness_pipe": HALF},
+            rig=Chain(),
+            **entries,
+        )
+
+    plain, lacks = made(), made(missing_torque={**TORQUE, "at": "middle"})
+    parts = {
+        one.name: one.job().problem.names
+        for one in CandidateModels.from_job(plain.job, {}).singles()
+    }
+    posterior = lacks.job.problem.posterior
+    theta = posterior.space.vector({**posterior.space.start, "s_d": dry, "tau_d": 1.0})
+    (found,) = torque_estimates(posterior, theta[None], rng)
+    true, turns = -dry * np.sign(moved["speed_middle"]), np.abs(moved["speed_middle"]) > 0.3
+    damped = Chain(added=("oil_top", "oil_middle", "loss_collar"))
+    one = plain.job.problem.observations[0].experiment
+    p = {**truth, "oil_middle": 0.04, "loss_collar": 0.02}
+    balance = energy.energies(
+        Stepped(damped, one, ObservationModel()), np.array([p[n] for n in damped.parameters])
+    )
+    came = float(np.abs(balance.given["t_m"]).max())
+    off = {"open": balance.open, "converted": balance.converted}
+    torque = float(np.sqrt(np.mean((found.expected - true)[turns] ** 2))) / dry
+    said = torque_words.law_sentences(torque_summary(found), found.rig)
+    left = {name: float(np.abs(x).max()) / came for name, x in off.items()}
+    print(json.dumps([parts, left, [*balance.lost], torque, said]))
+
+
+def printed_by(function: str) -> Any:
     path = os.pathsep.join(map(str, (ROOT, TOYS, TOYS.parent, TOYS.parent / "contracts")))
-    command = [sys.executable, "-c", "import test_roles; test_roles.printed()"]
+    command = [sys.executable, "-c", f"import test_roles; test_roles.{function}()"]
     environment = {**os.environ, "PYTHONPATH": path}
     done = subprocess.run(command, env=environment, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
-    names, usual, own = json.loads(done.stdout)
+    return json.loads(done.stdout)
+
+
+def test_each_part_of_a_chain_has_every_analysis() -> None:
+    """Mutants killed: parts of the paper's rig alone; a torque that is divided by another inertia."""
+    parts, left, lost, torque, said = printed_by("chained")
+    for disc in ("top", "middle", "bit"):
+        assert f"dry_{disc}" in parts[f"friction_{disc}"]
+        assert {f"missing_torque_{disc}"} <= {*parts}
+    assert "oil_bit" in parts["damping_bit"]
+    assert "loss_collar" in parts["damping_collar"]
+    assert "friction_both" not in parts
+    assert max(left.values()) < 1e-9
+    assert {*lost} == {"oil_top", "oil_middle", "loss_collar"}
+    assert torque < 0.2
+    assert "it follows the sign of the speed of the middle" in said
+    assert "dry friction at the middle of 0.1" in said
+
+
+def test_a_rig_in_other_words_has_every_analysis() -> None:
+    names, usual, own = printed_by("printed")
     back = {word: name for name, word in names.items()}
     longest = sorted(back, key=len, reverse=True)
     begins = r"(?:(?<=\\n)|(?<![A-Za-z0-9]))"  # a line, as JSON has it, or a word
