@@ -116,6 +116,8 @@ class MeasuredMotion:
             acting[friction.name] = np.sign(speed) * friction.law.size(p, np.abs(speed), acting)
         for gravity in self.model.gravities:
             acting[gravity.name] = gravity.torque(p, self.states[gravity.angle])
+        for gravity in self.model.gravities:
+            acting[gravity.name] = gravity.torque(p, self.states[gravity.angle])
         linear = self.model.linear(p)
         rates: dict[str, Any] = dict(linear.c)
         for (row, name), factor in (*linear.A.items(), *linear.B.items()):
