@@ -241,8 +241,14 @@ _NAMES = {**STATES, "v": ("voltage", ""), "t_1": ("torque", ROTOR), "t_m": ("tor
 # Of a train, by what is measured, and of which part.
 TRAIN_SYMBOL = re.compile(r"(theta|w|x|v|i|u|t|f)_([A-Za-z][A-Za-z0-9_]{0,29})")
 _KIND_OF_LETTER = {
-    "theta": "angle", "w": "speed", "x": "position", "v": "velocity",
-    "i": "current", "u": "voltage", "t": "torque", "f": "force",
+    "theta": "angle",
+    "w": "speed",
+    "x": "position",
+    "v": "velocity",
+    "i": "current",
+    "u": "voltage",
+    "t": "torque",
+    "f": "force",
 }
 
 
