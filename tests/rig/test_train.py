@@ -247,7 +247,8 @@ def test_names():
         (
             {
                 "gears": {"a": {"between": ("motor", "load"), "ratio": 0.5}},
-                "added": ("t_c_motor", "t_c_load"),
+                "rock": ("load",),
+                "added": ("t_c_motor",),
             },
             "gears",
             "name parameters of friction",

@@ -17,9 +17,10 @@ from __future__ import annotations
 
 import dataclasses
 import functools
-from collections.abc import Iterator, Mapping
+import math
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Literal
 
 from pydantic import TypeAdapter, ValidationError
 
@@ -193,43 +194,79 @@ def _check_frictions(train: Train) -> None:
 
 
 @dataclass(frozen=True, slots=True)
-class _Units:
-    """Letters and units of a kind of motion."""
+class Row:
+    """A number that a part has: its role, letter, unit and meaning, as of a train that turns.
 
-    inertia: tuple[str, str]
-    angle: tuple[str, str]
-    speed: tuple[str, str]
-    torque: tuple[str, str]
-    constant: tuple[str, str]
-    damping: str
-    stiffness: str
-    back_emf: str
-    words: tuple[str, str, str, str]  # inertia, angle, torque, shaft
+    `needs`: roles that it means nothing without; None where the part always has it.
+    """
+
+    role: str
+    letter: str
+    unit: str
+    meaning: str
+    needs: tuple[str, ...] | None = None
+    held: Literal["positive", "not negative", "any"] = "positive"
+    at_most: float = math.inf
 
 
-_UNITS: Mapping[str, _Units] = {
-    "rotary": _Units(
-        inertia=("j", "kg*m**2"),
-        angle=("theta", "rad"),
-        speed=("w", "rad/s"),
-        torque=("t", "N*m"),
-        constant=("k_T", "N*m/A"),
-        damping="N*m*s/rad",
-        stiffness="N*m/rad",
-        back_emf="V*s/rad",
-        words=("moment of inertia", "angle", "torque", "torsional stiffness"),
-    ),
-    "linear": _Units(
-        inertia=("m", "kg"),
-        angle=("x", "m"),
-        speed=("v", "m/s"),
-        torque=("f", "N"),
-        constant=("k_F", "N/A"),
-        damping="N*s/m",
-        stiffness="N/m",
-        back_emf="V*s/m",
-        words=("mass", "position", "force", "stiffness"),
-    ),
+INERTIA = (
+    Row("inertia", "j", "kg*m**2", "moment of inertia of"),
+    Row("damping", "c", "N*m*s/rad", "viscous damping at", (), "not negative"),
+    Row("friction", "t_f", "N*m", "friction of constant sign at", (), "any"),
+)
+RUBBING = (
+    Row("sliding", "t_c", "N*m", "sliding friction at", (), "not negative"),
+    Row("static", "t_s", "N*m", "static friction at", ("sliding", "fading"), "not negative"),
+    Row("fading", "w_s", "rad/s", "speed of lost static friction at", ("sliding", "static")),
+)
+GEAR = (Row("efficiency", "eta", "1", "efficiency of", (), at_most=1.0),)
+PENDULUM = (
+    Row("weight", "g", "N*m", "largest torque of gravity at"),
+    Row("tilt", "a", "rad", "tilt of", (), "any"),
+)
+ROCK = tuple(
+    Row(f"b_{k}", f"b_{k}", unit, "coefficient of rock at")
+    for k, unit in enumerate(("m", "s/rad", "s/rad", "s**2/rad**2"))
+)
+SHAFT = (
+    Row("stiffness", "k", "N*m/rad", "torsional stiffness of"),
+    Row("damping", "c", "N*m*s/rad", "damping of", (), "not negative"),
+)
+MOTOR = (Row("torque_constant", "k_T", "N*m/A", "torque constant of"),)
+CIRCUIT = (
+    Row("resistance", "r", "ohm", "resistance of"),
+    Row("back_emf", "k_e", "V*s/rad", "voltage constant of", ()),
+    Row("inductance", "l", "H", "inductance of", ()),
+    Row("drop", "v_d", "V", "voltage drop at", ("inductance",), "not negative"),
+)
+# Letters, units and words of what moves along a line, in the place of those of what turns.
+LINEAR: Mapping[str, str] = {
+    "j": "m",
+    "theta": "x",
+    "w": "v",
+    "w_s": "v_s",
+    "k_T": "k_F",
+    "t": "f",
+    "T": "F",
+    "t_f": "f_f",
+    "t_c": "f_c",
+    "t_s": "f_s",
+    "kg*m**2": "kg",
+    "rad": "m",
+    "rad/s": "m/s",
+    "N*m": "N",
+    "N*m/rad": "N/m",
+    "m": "1",
+    "N*m*s/rad": "N*s/m",
+    "N*m/A": "N/A",
+    "V*s/rad": "V*s/m",
+    "s/rad": "s/m",
+    "s**2/rad**2": "s**2/m**2",
+    "moment of inertia of": "mass of",
+    "angle of": "position of",
+    "torque on": "force on",
+    "torsional stiffness of": "stiffness of",
+    "torque constant of": "force constant of",
 }
 
 
@@ -237,6 +274,7 @@ _UNITS: Mapping[str, _Units] = {
 class Description:
     """What a train has, by its parts: names, symbols and roles."""
 
+    linear: bool
     parameters: list[str] = field(default_factory=list)
     offers: dict[str, tuple[str, ...]] = field(default_factory=dict)
     symbols: dict[str, Symbol] = field(default_factory=dict)
@@ -245,23 +283,37 @@ class Description:
     roles: Roles = field(default_factory=Roles)
     combinations: dict[str, dict[str, float]] = field(default_factory=dict)
 
-    def symbol(self, name: str, unit: str, meaning: str, **more: Any) -> str:
-        """Add a symbol, and return its name."""
-        if name in self.symbols:
-            raise PartsError((("inertias", f"two things would be called {name}; rename a part"),))
-        made = own_symbol(name, unit, more.pop("latex", None), meaning)
-        self.symbols[name] = dataclasses.replace(made, **more)
-        return name
+    def word(self, text: str) -> str:
+        """Return a letter, unit or word as the motion of the train has it."""
+        return LINEAR.get(text, text) if self.linear else text
 
-    def parameter(
-        self, name: str, unit: str, meaning: str, needs: tuple[str, ...] | None = None, **more: Any
-    ) -> str:
-        """Add a parameter; it is only offered where it says what it `needs`."""
-        if needs is None:
-            self.parameters.append(name)
-        else:
-            self.offers[name] = needs
-        return self.symbol(name, unit, meaning, **more)
+    def make(self, letter: str, part: str, unit: str, meaning: str, **more: Any) -> Symbol:
+        """Return the symbol of a part: `letter`, `unit` and `meaning` as of a train that turns."""
+        name = f"{self.word(letter)}_{part}"
+        text = f"{self.word(meaning)} {words(part)}"
+        symbol = own_symbol(name, self.word(unit), more.pop("latex", None), text)
+        return dataclasses.replace(symbol, **more)
+
+    def add(self, letter: str, part: str, unit: str, meaning: str, **more: Any) -> str:
+        """Add the symbol of a part, and return its name."""
+        symbol = self.make(letter, part, unit, meaning, **more)
+        if symbol.name in self.symbols:
+            message = f"two things would be called {symbol.name}; rename a part"
+            raise PartsError((("inertias", message),))
+        self.symbols[symbol.name] = symbol
+        return symbol.name
+
+    def add_rows(self, rows: Sequence[Row], part: str) -> dict[str, str]:
+        """Add the numbers of a part, and return their names by role."""
+        names = {row.role: f"{self.word(row.letter)}_{part}" for row in rows}
+        for row in rows:
+            if row.needs is None:
+                self.parameters.append(names[row.role])
+            else:
+                self.offers[names[row.role]] = tuple(names[role] for role in row.needs)
+            more = {"held": row.held, "at_most": row.at_most}
+            self.add(row.letter, part, row.unit, row.meaning, **more)
+        return names
 
 
 def words(name: str) -> str:
@@ -273,194 +325,100 @@ def words(name: str) -> str:
 @functools.lru_cache(maxsize=256)
 def describe(train: Train) -> Description:
     """Return names, symbols and roles of a train; raises `PartsError` where two names are one."""
-    return _Describer(train).describe()
-
-
-class _Describer:
-    """Makes the description of a train."""
-
-    def __init__(self, train: Train) -> None:
-        self.train, self.units, self.made = train, _UNITS[train.motion], Description()
-        self.kinds = {drive.inertia: drive.kind for drive in train.drives}
-        self.reductions = dict(_reductions(train))
-
-    def describe(self) -> Description:
-        """Return it."""
-        train, made = self.train, self.made
-        inertias = [self._inertia(name) for name in train.inertias]
-        shafts = [self._shaft(shaft) for shaft in train.shafts]
-        motors = [
-            self._motor(i) for i in inertias if self.kinds.get(i.name) in ("current", "voltage")
-        ]
-        made.roles = Roles(
-            inertias=(*inertias,),
-            shafts=(*shafts,),
-            motors=(*motors,),
-            motion=MOTIONS[train.motion],
-        )
-        roots = [i for i in inertias if self._root(i.name) == i.name]
-        imposed = [i.speed for i in roots if self.kinds.get(i.name) == "speed"]
-        currents = [m.current for m in motors if m.inductance in train.added]
-        made.states = (
-            *(i.angle for i in roots),
-            *(i.speed for i in roots if i.speed not in imposed),
-            *currents,
-        )
-        made.inputs = (
-            *imposed,
-            *(i.torque for i in inertias if i.torque),
-            *(m.voltage or m.current for m in motors),
-            *(i.bit_weight for i in inertias if i.bit_weight),
-        )
-        return made
-
-    def _root(self, name: str) -> str:
-        return self.reductions[name][0]
-
-    def _inertia(self, name: str) -> InertiaRoles:
-        made, units, kind = self.made, self.units, self.kinds.get(name, "")
-        root, reduction = self.reductions[name]
-        moved = self.kinds.get(root) == "speed"
-        called, (inertia, angle, torque, _) = words(name), units.words
-        angle_name, speed_name = f"{units.angle[0]}_{name}", f"{units.speed[0]}_{name}"
-        latex = own_symbol(angle_name, "1", None, "").latex
-        made.symbol(angle_name, units.angle[1], f"{angle} of {called}")
-        made.symbol(
-            speed_name,
-            units.speed[1],
-            f"speed of {called}",
-            latex=rf"\dot {latex}",
-            drives=kind == "speed",
-        )
-        if root != name:
-            made.combinations |= {
-                f"{letter}_{name}": {f"{letter}_{root}": 1.0 / reduction}
-                for letter in (units.angle[0], units.speed[0])
-            }
-        roles = InertiaRoles(
-            name=name,
-            words=called,
-            angle=f"{units.angle[0]}_{root}",
-            speed=f"{units.speed[0]}_{root}",
-            reduction=reduction,
-            latex=latex if root != name else "",
-        )
-        if moved:
-            return roles
-        letter, unit = units.torque
-
-        def offer(name: str, unit: str, meaning: str, needs: tuple[str, ...] = ()) -> str:
-            return made.parameter(name, unit, meaning, needs, held="not negative")
-
-        sliding, static, fading = (
-            f"{letter}_c_{name}",
-            f"{letter}_s_{name}",
-            f"{units.speed[0]}_s_{name}",
-        )
-        effort = own_symbol(f"{letter.upper()}_{name}", unit, None, f"friction at {called}")
-        return dataclasses.replace(
-            roles,
-            inertia=made.parameter(
-                f"{units.inertia[0]}_{name}", units.inertia[1], f"{inertia} of {called}"
-            ),
-            damping=offer(f"c_{name}", units.damping, f"viscous damping at {called}"),
-            friction=offer(f"{letter}_f_{name}", unit, f"friction of constant sign at {called}"),
-            sliding=offer(sliding, unit, f"sliding friction at {called}"),
-            static=offer(static, unit, f"static friction at {called}", (sliding, fading)),
-            fading=made.parameter(
-                fading, units.speed[1], "speed over which that friction is lost", (sliding, static)
-            ),
-            torque=made.symbol(f"{letter}_{name}", unit, f"{torque} on {called}", drives=True)
-            if kind == "torque"
-            else "",
-            efficiency=self._efficiency(name),
-            effort=dataclasses.replace(effort, name=f"friction_{name}"),
-            **self._pendulum(name),
-            **self._bit(name),
-        )
-
-    def _efficiency(self, name: str) -> str:
-        gears = [gear for gear in self.train.gears if gear.ends[0] == name]
-        if not gears:
-            return ""
-        gear = gears[0].name
-        return self.made.parameter(
-            f"eta_{gear}", "1", f"efficiency of {words(gear)}", (), at_most=1.0
-        )
-
-    def _pendulum(self, name: str) -> dict[str, Any]:
-        if name not in self.train.gravity:
-            return {}
-        called = words(name)
-        return {
-            "weight": self.made.parameter(
-                f"g_{name}", "N*m", f"largest torque of gravity at {called}"
-            ),
-            "tilt": self.made.parameter(f"a_{name}", "rad", f"tilt of {called}", (), held="any"),
-        }
-
-    def _bit(self, name: str) -> dict[str, Any]:
-        if name not in self.train.rock:
-            return {}
-        speed = "s/rad" if self.train.motion == "rotary" else "s/m"
-        units = (
-            "m" if speed == "s/rad" else "1",
-            speed,
-            speed,
-            f"{speed.replace('s/', 's**2/')}**2",
-        )
-        meaning = f"coefficient of rock at {words(name)}"
-        return {
-            "cutting": tuple(
-                self.made.parameter(f"b_{k}_{name}", unit, meaning) for k, unit in enumerate(units)
-            ),
-            "bit_weight": self.made.symbol(f"wob_{name}", "N", f"weight on {words(name)}"),
-        }
-
-    def _shaft(self, shaft: Shaft) -> ShaftRoles:
-        made, units, called = self.made, self.units, words(shaft.name)
-        return ShaftRoles(
+    made = Description(train.motion == "linear")
+    kinds = {drive.inertia: drive.kind for drive in train.drives}
+    reductions = dict(_reductions(train))
+    inertias = [_inertia(train, made, kinds, reductions, name) for name in train.inertias]
+    shafts = tuple(
+        ShaftRoles(
             name=shaft.name,
-            words=called,
+            words=words(shaft.name),
             ends=shaft.ends,
-            stiffness=made.parameter(
-                f"k_{shaft.name}", units.stiffness, f"{units.words[3]} of {called}"
-            ),
-            damping=made.parameter(
-                f"c_{shaft.name}", units.damping, f"damping of {called}", (), held="not negative"
-            ),
+            **made.add_rows(SHAFT, shaft.name),
         )
+        for shaft in train.shafts
+    )
+    wired = [name for name in train.inertias if kinds.get(name) in ("current", "voltage")]
+    motors = tuple(_motor(made, name, kinds[name]) for name in wired)
+    made.roles = Roles(
+        inertias=(*inertias,), shafts=shafts, motors=motors, motion=MOTIONS[train.motion]
+    )
+    roots = [inertia for inertia in inertias if reductions[inertia.name][0] == inertia.name]
+    imposed = [root.speed for root in roots if kinds.get(root.name) == "speed"]
+    made.states = (
+        *(root.angle for root in roots),
+        *(root.speed for root in roots if root.speed not in imposed),
+        *(motor.current for motor in motors if motor.inductance in train.added),
+    )
+    made.inputs = (
+        *imposed,
+        *(inertia.torque for inertia in inertias if inertia.torque),
+        *(motor.voltage or motor.current for motor in motors),
+        *(inertia.bit_weight for inertia in inertias if inertia.bit_weight),
+    )
+    return made
 
-    def _motor(self, inertia: InertiaRoles) -> MotorRoles:
-        made, units, name, called = self.made, self.units, inertia.name, inertia.words
-        wired = self.kinds[name] == "voltage"
-        roles = MotorRoles(
-            inertia=name,
-            words=called,
-            current=made.symbol(f"i_{name}", "A", f"current of {called}", drives=not wired),
-            torque_constant=made.parameter(
-                f"{units.constant[0]}_{name}",
-                units.constant[1],
-                f"{units.words[2]} constant of {called}",
-            ),
-        )
-        if not wired:
-            return roles
-        inductance = f"l_{name}"
-        drop = own_symbol(f"v_d_{name}", "V", None, f"voltage drop at {called}")
-        return dataclasses.replace(
-            roles,
-            voltage=made.symbol(f"u_{name}", "V", f"voltage of {called}", drives=True),
-            resistance=made.parameter(f"r_{name}", "ohm", f"resistance of {called}"),
-            back_emf=made.parameter(
-                f"k_e_{name}", units.back_emf, f"voltage constant of {called}", ()
-            ),
-            inductance=made.parameter(inductance, "H", f"inductance of {called}", ()),
-            drop=made.parameter(
-                f"v_d_{name}", "V", f"voltage drop at {called}", (inductance,), held="not negative"
-            ),
-            effort=dataclasses.replace(drop, name=f"drop_{name}"),
-        )
+
+def _inertia(
+    train: Train,
+    made: Description,
+    kinds: Mapping[str, str],
+    reductions: Mapping[str, tuple[str, float]],
+    name: str,
+) -> InertiaRoles:
+    (root, reduction), kind = reductions[name], kinds.get(name, "")
+    angle = made.add("theta", name, "rad", "angle of")
+    latex = made.symbols[angle].latex
+    dotted = {"latex": rf"\dot {latex}", "drives": kind == "speed"}
+    speed = made.add("w", name, "rad/s", "speed of", **dotted)
+    root_angle, root_speed = (f"{made.word(letter)}_{root}" for letter in ("theta", "w"))
+    if root != name:
+        made.combinations |= {
+            angle: {root_angle: 1.0 / reduction},
+            speed: {root_speed: 1.0 / reduction},
+        }
+    names: dict[str, Any] = {"name": name, "words": words(name), "reduction": reduction}
+    names |= {"angle": root_angle, "speed": root_speed, "latex": latex if root != name else ""}
+    if kinds.get(root) == "speed":
+        return InertiaRoles(**names)
+    names |= made.add_rows(INERTIA, name)
+    if name == _rubbing(train, [n for n, (at, _) in reductions.items() if at == root]):
+        names |= made.add_rows(RUBBING, name)
+        for gear in [gear.name for gear in train.gears if gear.ends[0] == name][:1]:
+            names |= made.add_rows(GEAR, gear)
+    effort = made.make("T", name, "N*m", "friction at")
+    names["effort"] = dataclasses.replace(effort, name=f"friction_{name}")
+    if kind == "torque":
+        names["torque"] = made.add("t", name, "N*m", "torque on", drives=True)
+    if name in train.gravity:
+        names |= made.add_rows(PENDULUM, name)
+    if name in train.rock:
+        names["cutting"] = (*made.add_rows(ROCK, name).values(),)
+        names["bit_weight"] = made.add("wob", name, "N", "weight on")
+    return InertiaRoles(**names)
+
+
+def _rubbing(train: Train, joined: Sequence[str]) -> str:
+    """Return which of inertias that turn as one has their dry friction: it is one friction.
+
+    That is where their gears begin, or else the first.
+    """
+    behind = {gear.ends[1] for gear in train.gears}
+    first = [gear.ends[0] for gear in train.gears if gear.ends[0] not in behind]
+    names = [name for name in train.inertias if name in joined]
+    return next((name for name in names if name in first), names[0])
+
+
+def _motor(made: Description, name: str, kind: str) -> MotorRoles:
+    names: dict[str, Any] = {"inertia": name, "words": words(name)}
+    names["current"] = made.add("i", name, "A", "current of", drives=kind == "current")
+    names |= made.add_rows(MOTOR, name)
+    if kind == "voltage":
+        names["voltage"] = made.add("u", name, "V", "voltage of", drives=True)
+        names |= made.add_rows(CIRCUIT, name)
+        drop = made.make("v_d", name, "V", "voltage drop at")
+        names["effort"] = dataclasses.replace(drop, name=f"drop_{name}")
+    return MotorRoles(**names)
 
 
 def _reductions(train: Train) -> Iterator[tuple[str, tuple[str, float]]]:
