@@ -21,8 +21,8 @@ from bayesdrill.basics.values import Value, check_arguments
 from bayesdrill.config.job import Job
 from bayesdrill.record.experiment import check_time, raise_if_any
 from bayesdrill.rig.models import MODELS
+from bayesdrill.rig.models.drive_parts import PartsError
 from bayesdrill.rig.models.linear import Model, with_named
-from bayesdrill.rig.models.train import PartsError
 from bayesdrill.sampling.workers import available_processors
 
 if TYPE_CHECKING:

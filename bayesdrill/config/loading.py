@@ -25,8 +25,8 @@ from bayesdrill.config.schema.vocabulary import vocabulary_of
 from bayesdrill.config.yaml_source import IssueCollector, Location, Source, read
 from bayesdrill.inference.priors import PRIORS
 from bayesdrill.rig.models import MODELS
+from bayesdrill.rig.models.drive_parts import PartsError
 from bayesdrill.rig.models.linear import Model
-from bayesdrill.rig.models.train import PartsError
 
 _FILE = "x.csv"
 

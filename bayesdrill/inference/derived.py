@@ -19,7 +19,7 @@ from bayesdrill.inference.posterior import Problem
 from bayesdrill.record.experiment import typical_inputs
 from bayesdrill.rig.models.friction import Named
 from bayesdrill.rig.models.linear import Linear, Model, constant_forcing, dynamics
-from bayesdrill.rig.steady_state import angle_indices, equilibrium, fix_rotation, rotates_freely
+from bayesdrill.rig.steady_state import angle_indices, equilibrium, fix_rotation, free_turn
 
 HDI_PROBABILITY = 0.94
 _N_PRIOR_DRAWS = 1000  # draws from the priors, at which formulas are tried
@@ -208,9 +208,10 @@ def poles(model: Model, linear: Linear, n: int) -> dict[str, Array]:
     """
     matrix = dynamics(linear, model.states, n)
     angles = angle_indices(model)
-    if rotates_freely(matrix, angles):
+    turn = free_turn(matrix, angles)
+    if turn is not None:
         first, *others = angles
-        matrix[:, others] -= matrix[:, [first]]
+        matrix[:, others] -= turn[1:, None] * matrix[:, [first]]
         matrix = np.delete(np.delete(matrix, first, axis=1), first, axis=2)
     bad = ~np.isfinite(matrix).all(axis=(1, 2))
     matrix[bad] = 0.0
@@ -248,9 +249,9 @@ def steady_values(
     matrix = dynamics(linear, model.states, n)
     pushed = constant_forcing(linear, model.states, n, inputs)
     angles = angle_indices(model)
-    turned = rotates_freely(matrix, angles)
-    final = equilibrium(fix_rotation(matrix, angles) if turned else matrix, pushed)
-    speed = final[:, angles[0]] if turned else 0.0 * final[:, angles[0]]
+    turn = free_turn(matrix, angles)
+    final = equilibrium(matrix if turn is None else fix_rotation(matrix, angles, turn), pushed)
+    speed = final[:, angles[0]] if turn is not None else 0.0 * final[:, angles[0]]
     current = _current(model)
     at_end = final[:, model.states.index(current)] if current else _all_nan(n)
     return {"w_end": speed, "i_end": at_end}

@@ -10,6 +10,7 @@ from bayesdrill.basics.arrays import Array
 from bayesdrill.rig.models.linear import Model
 
 INVARIANCE_TOLERANCE = 1e-12
+MIN_SHARE = 1e-9  # of the largest turn: below it the first angle stands still
 
 
 def angle_indices(model: Model) -> list[int]:
@@ -24,11 +25,31 @@ def rotates_freely(matrix: Array, angles: Sequence[int]) -> bool:
     return bool(invariant.all())
 
 
-def fix_rotation(matrix: Array, angles: Sequence[int]) -> Array:
-    """Return the matrix in which the common speed has the place of the first angle, which is zero."""
+def free_turn(matrix: Array, angles: Sequence[int]) -> Array | None:
+    """Return how far each angle turns with the first where nothing resists; None where something does.
+
+    Gears within a chain make that other numbers than one.
+    """
+    alike = np.ones(len(angles))
+    if rotates_freely(matrix, angles):
+        return alike
+    columns = matrix[np.isfinite(matrix).all(axis=(1, 2))][:, :, list(angles)]
+    turn = np.linalg.svd(columns[0])[2][-1]
+    if abs(turn[0]) < MIN_SHARE * np.abs(turn).max():
+        return None
+    turn = turn / turn[0]
+    sizes = np.abs(columns) @ np.abs(turn)
+    return turn if (np.abs(columns @ turn) <= INVARIANCE_TOLERANCE * sizes).all() else None
+
+
+def fix_rotation(matrix: Array, angles: Sequence[int], turn: Array) -> Array:
+    """Return the matrix in which the first angle's speed has its place, and it is zero.
+
+    `turn`: as `free_turn` has it.
+    """
     constrained = matrix.copy()
     constrained[:, :, angles[0]] = 0.0
-    constrained[:, list(angles), angles[0]] = -1.0
+    constrained[:, list(angles), angles[0]] = -turn
     return constrained
 
 
@@ -48,9 +69,10 @@ def equilibrium(matrix: Array, forcing: Array) -> Array:
 
 def states(matrix: Array, forcing: Array, angles: Sequence[int]) -> Array:
     """Return the steady state `(n, X)`, its first angle zero where all angles turn."""
-    if not rotates_freely(matrix, angles):
+    turn = free_turn(matrix, angles)
+    if turn is None:
         return equilibrium(matrix, forcing)
-    steady = equilibrium(fix_rotation(matrix, angles), forcing)
+    steady = equilibrium(fix_rotation(matrix, angles, turn), forcing)
     steady[:, angles[0]] = 0.0
     return steady
 
@@ -59,13 +81,13 @@ def state_slopes(
     matrix: Array, forcing: Array, matrix_slope: Array, forcing_slope: Array, angles: Sequence[int]
 ) -> Array:
     """Return the slope `(n, X)` of `states`, where matrix and forcing change by the slopes given."""
-    turned = rotates_freely(matrix, angles)
-    system = fix_rotation(matrix, angles) if turned else matrix
+    turn = free_turn(matrix, angles)
+    system = matrix if turn is None else fix_rotation(matrix, angles, turn)
     change = matrix_slope.copy()
-    if turned:
+    if turn is not None:
         change[:, :, angles[0]] = 0.0
     here = equilibrium(system, forcing)
     slopes = equilibrium(system, np.einsum("nij,nj->ni", change, here) + forcing_slope)
-    if turned:
+    if turn is not None:
         slopes[:, angles[0]] = 0.0
     return slopes

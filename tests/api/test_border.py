@@ -50,8 +50,8 @@ KINDS: dict[str, Callable[[Any], bool]] = {
     "Any": lambda _: True,
 }
 BY_HAND = {"rig", "at", "best"}  # types of these are loaded late: see below
-RIGS = ("DrivenShaft", "LongShaft", "Motor", "MotorShaft", "Train", "TwoRotors")
-IN_USE = ("Channel", "Input", *RIGS)  # records that `case` and `respond` look at
+RIGS = ("DrivenShaft", "LongShaft", "Motor", "MotorShaft", "TwoRotors")
+IN_USE = ("Channel", "Input", "Train", *RIGS)  # records that `case` and `respond` look at
 
 
 def calls() -> Iterator[tuple[str, Callable[..., Any]]]:
@@ -174,6 +174,11 @@ def test_what_stands_in_records_is_judged_where_they_are_used() -> None:
                     continue
                 rig = kind(**{field.name: value})
                 assert f"rig.{field.name}" in refused(bd.respond, **RESPONSE | {"rig": rig})
+        for name in ("inertias", "shafts", "gears", "drives", "motion", "gravity", "rock"):
+            nothing = isinstance(value, list | tuple | dict) and not value  # as good as none
+            if not nothing and (name != "inertias" or not isinstance(value, list)):
+                with pytest.raises(ValueError, match=f"{name}: "):
+                    bd.Train(**{name: value})
         with pytest.raises(bd.InputError, match="give what find_map found"):
             two().sample(value)  # type: ignore[arg-type]
 

@@ -91,9 +91,10 @@ def test_models_speak_in_symbols() -> None:
     def check(name: str) -> None:
         model = MODELS[name]()
         assert model.name == name
-        assert set(model.parameters) <= set(symbols.PARAMETERS)
-        assert set(model.states) <= {*symbols.STATES, *(one.name for one in model.declares)}
-        assert set(model.inputs) <= set(symbols.INPUTS)
+        own = {symbol.name for symbol in model.declares}
+        assert set(model.parameters) <= {*symbols.PARAMETERS} | own
+        assert set(model.states) <= {*symbols.STATES} | own
+        assert set(model.inputs) <= {*symbols.INPUTS} | own
         linear = model.linear(dict.fromkeys(model.parameters, 2.0))
         for row, column in linear.A:
             assert {row, column} <= set(model.states)

@@ -441,3 +441,46 @@ def test_units_along_a_line_are_known_as_those_of_angles_are() -> None:
     for unit, si in (("mm", "rad"), ("rad", "m"), ("rpm", "m/s"), ("N", "N*m"), ("N*m", "N")):
         with pytest.raises(ValueError, match="is not a unit of"):
             units.factor(unit, si)
+
+
+def test_a_chain_of_gears_turns_steadily(tmp_path: Path) -> None:
+    """Its angles do not turn alike: a load behind a second gear goes half as far."""
+    rng = np.random.default_rng(8)
+    save(tmp_path, "chain.csv", t=T, w=rng.normal(size=len(T)), y=rng.normal(size=len(T)))
+    text = """\
+name: chain
+seed: 1
+record:
+  file: chain.csv
+  time: {column: t, unit: s}
+  channels:
+    w_load: {column: w, unit: rad/s, sigma: 1.0}
+    theta_motor: {column: y, unit: rad, sigma: 1.0}
+inputs: {t_motor: 0.6}
+initial: {state: steady, theta_load: 0.2}
+model:
+  name: train
+  inertias: [motor, arm, pinion, load]
+  gears: {first: {between: [motor, arm], ratio: 0.25}, second: {between: [pinion, load], ratio: -0.5}}
+  shafts: {coupling: [arm, pinion]}
+  drives: {motor: torque}
+parameters:
+  j_motor: 0.001
+  j_arm: 0.01
+  j_pinion: 0.01
+  j_load: {prior: log_normal, median: 0.02, sd_log: 0.1}
+  k_coupling: 3.0
+  c_load: 0.4
+"""
+    built = prepare(write(tmp_path, text))
+    _, found = likelihood(built)
+    torque = 0.6 / 0.25  # at the arm, and at the pinion
+    end = torque / -0.5 / 0.4  # of the load, where the damper takes what the second gear gives
+    twist = torque / 3.0
+    motor = 4 * (0.2 / -0.5 + twist + end / -0.5 * T)
+    y = np.genfromtxt(tmp_path / "chain.csv", delimiter=",", names=True)
+    expected = log_density(y["w"], np.full(len(T), end), 1.0) + log_density(y["y"], motor, 1.0)
+    posterior = built.problem.posterior
+    theta = posterior.space.vector(posterior.space.start)[None]
+    assert derived.values_at(built.problem, theta)["w_end"] == pytest.approx(end / -0.5)
+    assert found == pytest.approx(expected, rel=1e-8)

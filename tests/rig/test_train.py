@@ -7,8 +7,9 @@ import pytest
 from trains import Oracle
 
 from bayesdrill.record.experiment import Channel, Experiment
+from bayesdrill.rig.models.drive_parts import PartsError
 from bayesdrill.rig.models.linear import Tangent, dynamics, with_all
-from bayesdrill.rig.models.train import PartsError, Train
+from bayesdrill.rig.models.train import Train
 from bayesdrill.rig.simulators import simulator
 from bayesdrill.rig.simulators.sensors import ObservationModel
 

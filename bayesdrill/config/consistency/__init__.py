@@ -13,8 +13,8 @@ from bayesdrill.config.resolve import case, quantities
 from bayesdrill.config.resolve.case import ResolvedExperiment
 from bayesdrill.config.schema.config import Config
 from bayesdrill.config.yaml_source import IssueCollector, Location, Source
+from bayesdrill.rig.models.drive_parts import PartsError
 from bayesdrill.rig.models.linear import Model
-from bayesdrill.rig.models.train import PartsError
 
 
 def _model(errors: IssueCollector, config: Config, spoilt_names: Sequence[str]) -> Model | None:

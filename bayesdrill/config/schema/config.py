@@ -332,7 +332,7 @@ class _ConfigOfRig(Config):
 
 
 def _restored(vocabulary: Vocabulary, data: dict[str, Any]) -> Config:
-    return config_kind(vocabulary).model_validate(data)
+    return config_kind(vocabulary)(**data)
 
 
 @cache

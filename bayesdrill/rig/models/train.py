@@ -19,12 +19,26 @@ import dataclasses
 import functools
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
-from typing import Annotated, Any, ClassVar, Literal
+from typing import Any, ClassVar
 
-from pydantic import BeforeValidator, Field, PlainSerializer, WithJsonSchema
+from pydantic import TypeAdapter, ValidationError
 
+from bayesdrill.basics.entries import entries_of
 from bayesdrill.basics.errors import did_you_mean
 from bayesdrill.basics.symbols import Symbol, own_symbol
+from bayesdrill.rig.models.drive_parts import (
+    DRIVES,
+    Drives,
+    Gear,
+    Gears,
+    Gravity,
+    Inertias,
+    Motion,
+    PartsError,
+    Rock,
+    Shaft,
+    Shafts,
+)
 from bayesdrill.rig.models.equations import PartsModel
 from bayesdrill.rig.models.linear import Offers
 from bayesdrill.rig.models.motor_shaft import Power
@@ -36,145 +50,6 @@ from bayesdrill.rig.models.roles import (
     Roles,
     ShaftRoles,
 )
-
-DRIVES = ("torque", "current", "voltage", "speed")
-MAX_PARTS = 40
-NAME = r"^[A-Za-z][A-Za-z0-9_]{0,29}$"
-
-
-class PartsError(ValueError):
-    """Parts that do not go together; `entries`: messages by the entry of `model:` that is wrong."""
-
-    def __init__(self, entries: tuple[tuple[str, str], ...]) -> None:
-        super().__init__("; ".join(f"{entry}: {message}" for entry, message in entries))
-        self.entries = entries
-
-
-@dataclass(frozen=True, slots=True)
-class Shaft:
-    """A shaft between two inertias, by their names."""
-
-    name: str
-    ends: tuple[str, str]
-
-
-@dataclass(frozen=True, slots=True)
-class Gear:
-    """A rigid gear: the second of its inertias turns `ratio` times as far as the first."""
-
-    name: str
-    ends: tuple[str, str]
-    ratio: float
-
-
-@dataclass(frozen=True, slots=True)
-class Drive:
-    """What moves an inertia: one of `DRIVES`."""
-
-    inertia: str
-    kind: str
-
-
-def _ends(name: str, value: Any) -> tuple[str, str]:
-    if not (isinstance(value, list | tuple) and len(value) == 2 and all(map(_is_text, value))):
-        raise ValueError(f"{name} wants the names of two inertias, such as [motor, load]")
-    return (value[0], value[1])
-
-
-def _is_text(value: Any) -> bool:
-    return isinstance(value, str)
-
-
-def _parts(value: Any, what: str, example: str) -> Any:
-    """Parts that are made already."""
-    if not isinstance(value, tuple):
-        raise ValueError(f"write each {what} by its name, such as `{example}`")
-    return value
-
-
-def _names(value: Any) -> Any:
-    return tuple(value) if isinstance(value, list) else value
-
-
-def _shafts(value: Any) -> Any:
-    if not isinstance(value, Mapping):
-        return _parts(value, "shaft", "coupling: [motor, load]")
-    return tuple(Shaft(name, _ends(name, ends)) for name, ends in value.items())
-
-
-def _gears(value: Any) -> Any:
-    if not isinstance(value, Mapping):
-        return _parts(value, "gear", "box: {between: [motor, arm], ratio: 0.125}")
-    return tuple(map(_gear, value.items()))
-
-
-def _gear(item: tuple[str, Any]) -> Gear:
-    name, entry = item
-    if not isinstance(entry, Mapping) or {*entry} != {"between", "ratio"}:
-        raise ValueError(f"{name} wants `between: [motor, arm]` and `ratio:`, and nothing else")
-    ratio = entry["ratio"]
-    if (
-        not isinstance(ratio, int | float)
-        or isinstance(ratio, bool)
-        or not 1e-6 <= abs(ratio) <= 1e6
-    ):
-        raise ValueError(
-            f"{name} has the ratio {ratio!r}; write how far the second inertia turns for one turn of "
-            "the first, such as 0.125"
-        )
-    return Gear(name, _ends(name, entry["between"]), float(ratio))
-
-
-def _drives(value: Any) -> Any:
-    if not isinstance(value, Mapping):
-        return _parts(value, "drive", "motor: current")
-    return tuple(Drive(name, str(kind)) for name, kind in value.items())
-
-
-def _schema(entry: Mapping[str, Any]) -> WithJsonSchema:
-    return WithJsonSchema({"type": "object", "additionalProperties": dict(entry)})
-
-
-_PAIR = {"type": "array", "items": {"type": "string"}, "minItems": 2, "maxItems": 2}
-_GEAR = {
-    "type": "object",
-    "properties": {"between": _PAIR, "ratio": {"type": "number"}},
-    "required": ["between", "ratio"],
-    "additionalProperties": False,
-}
-Names = Annotated[
-    tuple[Annotated[str, Field(pattern=NAME)], ...],
-    BeforeValidator(_names),
-    PlainSerializer(list),
-    Field(max_length=MAX_PARTS),
-]
-Inertias = Annotated[Names, Field(min_length=1, description="Names of its inertias, or masses.")]
-Shafts = Annotated[
-    tuple[Shaft, ...],
-    BeforeValidator(_shafts),
-    PlainSerializer(lambda shafts: {s.name: list(s.ends) for s in shafts}),
-    _schema(_PAIR),
-    Field(max_length=MAX_PARTS, description="By name the two inertias that a shaft joins."),
-]
-Gears = Annotated[
-    tuple[Gear, ...],
-    BeforeValidator(_gears),
-    PlainSerializer(
-        lambda gears: {g.name: {"between": list(g.ends), "ratio": g.ratio} for g in gears}
-    ),
-    _schema(_GEAR),
-    Field(max_length=MAX_PARTS, description="By name two inertias, and the ratio of their angles."),
-]
-Drives = Annotated[
-    tuple[Drive, ...],
-    BeforeValidator(_drives),
-    PlainSerializer(lambda drives: {d.inertia: d.kind for d in drives}),
-    _schema({"enum": [*DRIVES]}),
-    Field(max_length=MAX_PARTS, description="By inertia what moves it."),
-]
-Motion = Annotated[Literal["rotary", "linear"], Field(description="Angles, or positions.")]
-Gravity = Annotated[Names, Field(description="Inertias that gravity turns, as pendulums.")]
-Rock = Annotated[Names, Field(description="Inertias with a bit that cuts rock.")]
 
 
 @dataclass(frozen=True, slots=True)
@@ -195,9 +70,16 @@ class Train(PartsModel):
     has_private_names: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
-        for entry, parse in _PARSERS.items():
-            object.__setattr__(self, entry, parse(getattr(self, entry)))
-        if issues := tuple(_issues(self)):
+        wrong: list[tuple[str, str]] = []
+        for entry, adapter in _adapters().items():
+            try:
+                value = adapter.validate_python(getattr(self, entry), strict=True)
+            except ValidationError as error:
+                message = error.errors()[0]["msg"].removeprefix("Value error, ")
+                wrong.append((entry, f"{getattr(self, entry)!r:.60} cannot be this: {message}"))
+            else:
+                object.__setattr__(self, entry, value)
+        if issues := tuple(wrong or _issues(self)):
             raise PartsError(issues)
         _check_frictions(self)
 
@@ -242,12 +124,10 @@ class Train(PartsModel):
         return describe(self).combinations
 
 
-_PARSERS: Mapping[str, Any] = {
-    **dict.fromkeys(("inertias", "gravity", "rock"), _names),
-    "shafts": _shafts,
-    "gears": _gears,
-    "drives": _drives,
-}
+@functools.cache
+def _adapters() -> dict[str, TypeAdapter[Any]]:
+    """What reads each entry."""
+    return {entry: TypeAdapter(kind) for entry, kind in entries_of(Train).items()}
 
 
 def _issues(train: Train) -> Iterator[tuple[str, str]]:

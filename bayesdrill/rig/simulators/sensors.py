@@ -300,7 +300,7 @@ class SensorParameters:
             out[:] = steady_state.states(
                 matrix, forcing + by_input @ self.first_inputs, self.angles
             )
-            return self._shift_angles(out, full, known=self.experiment.start)
+            return self._shift_angles(out, matrix, full, known=self.experiment.start)
         for k, name in enumerate(names):
             parameter = self.sensing.states.get(name)
             out[:, k] = (
@@ -321,21 +321,27 @@ class SensorParameters:
             out[:] = steady_state.state_slopes(
                 matrix[:, :x, :x], drive[:, :x], matrix[:, x:, :x], drive[:, x:], self.angles
             )
-            return self._shift_angles(out, along, known=dict.fromkeys(self.experiment.start, 0.0))
+            still = dict.fromkeys(self.experiment.start, 0.0)
+            return self._shift_angles(out, matrix[:, :x, :x], along, known=still)
         for k, name in enumerate(self.model.states):
             if name in self.sensing.states:
                 out[:, k] = self.column(self.sensing.states[name], along)
         return out
 
-    def _shift_angles(self, states: Array, full: Array, known: Mapping[str, float]) -> Array:
-        """Shift all angles of steady states so that one of them is what it is known to be."""
-        for k in self.angles:
+    def _shift_angles(
+        self, states: Array, matrix: Array, full: Array, known: Mapping[str, float]
+    ) -> Array:
+        """Turn the rig in steady states so that one of its angles is what it is known to be."""
+        free = steady_state.free_turn(matrix, self.angles)
+        turn = np.ones(len(self.angles)) if free is None else free
+        for k, times in zip(self.angles, turn, strict=True):
             name = self.model.states[k]
             parameter = self.sensing.states.get(name)
             if parameter is None and name not in known:
                 continue
             at = known[name] if parameter is None else self.column(parameter, full)
-            states[:, self.angles] += (at - states[:, k])[:, None]
+            shift = (at - states[:, k])[:, None]
+            states[:, self.angles] += shift * (turn / times)
             break
         return states
 

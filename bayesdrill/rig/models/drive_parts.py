@@ -1,0 +1,144 @@
+"""The parts of a drive train as a config has them: shafts, gears and drives by their names."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Annotated, Any, Literal
+
+from pydantic import BeforeValidator, Field, PlainSerializer, WithJsonSchema
+
+DRIVES = ("torque", "current", "voltage", "speed")
+MAX_PARTS = 40
+NAME = r"^[A-Za-z][A-Za-z0-9_]{0,29}$"
+
+
+class PartsError(ValueError):
+    """Parts that do not go together; `entries`: messages by the entry of `model:` that is wrong."""
+
+    def __init__(self, entries: tuple[tuple[str, str], ...]) -> None:
+        super().__init__("; ".join(f"{entry}: {message}" for entry, message in entries))
+        self.entries = entries
+
+
+@dataclass(frozen=True, slots=True)
+class Shaft:
+    """A shaft between two inertias, by their names."""
+
+    name: str
+    ends: tuple[str, str]
+
+
+@dataclass(frozen=True, slots=True)
+class Gear:
+    """A rigid gear: the second of its inertias turns `ratio` times as far as the first."""
+
+    name: str
+    ends: tuple[str, str]
+    ratio: float
+
+
+@dataclass(frozen=True, slots=True)
+class Drive:
+    """What moves an inertia: one of `DRIVES`."""
+
+    inertia: str
+    kind: str
+
+
+def _ends(name: str, value: Any) -> tuple[str, str]:
+    if not (isinstance(value, list | tuple) and len(value) == 2 and all(map(_is_text, value))):
+        raise ValueError(f"{name} wants the names of two inertias, such as [motor, load]")
+    return (value[0], value[1])
+
+
+def _is_text(value: Any) -> bool:
+    return isinstance(value, str)
+
+
+def _names(value: Any) -> Any:
+    return tuple(value) if isinstance(value, list) else value
+
+
+def _by_name(value: Any, what: str, example: str, make: Callable[[str, Any], Any]) -> Any:
+    """Parts of a mapping; those that are made already stay as they are."""
+    if isinstance(value, tuple):
+        return value
+    if not isinstance(value, Mapping):
+        raise ValueError(f"write each {what} by its name, such as `{example}`")
+    for name in value:
+        if not re.fullmatch(NAME, str(name)):
+            raise ValueError(f"{name!r} is no name; write a letter, then letters, digits and `_`")
+    return tuple(make(name, entry) for name, entry in value.items())
+
+
+def _shafts(value: Any) -> Any:
+    make = lambda name, ends: Shaft(name, _ends(name, ends))  # noqa: E731
+    return _by_name(value, "shaft", "coupling: [motor, load]", make)
+
+
+def _gears(value: Any) -> Any:
+    return _by_name(value, "gear", "box: {between: [motor, arm], ratio: 0.125}", _gear)
+
+
+def _gear(name: str, entry: Any) -> Gear:
+    if not isinstance(entry, Mapping) or {*entry} != {"between", "ratio"}:
+        raise ValueError(f"{name} wants `between: [motor, arm]` and `ratio:`, and nothing else")
+    ratio, number = entry["ratio"], isinstance(entry["ratio"], int | float)
+    if not number or isinstance(ratio, bool) or not 1e-6 <= abs(ratio) <= 1e6:
+        raise ValueError(
+            f"{name} has the ratio {ratio!r}; write how far the second inertia turns for one turn of "
+            "the first, such as 0.125"
+        )
+    return Gear(name, _ends(name, entry["between"]), float(ratio))
+
+
+def _drives(value: Any) -> Any:
+    return _by_name(value, "drive", "motor: current", lambda name, kind: Drive(name, str(kind)))
+
+
+def _schema(entry: Mapping[str, Any]) -> WithJsonSchema:
+    return WithJsonSchema({"type": "object", "additionalProperties": dict(entry)})
+
+
+_PAIR = {"type": "array", "items": {"type": "string"}, "minItems": 2, "maxItems": 2}
+_GEAR = {
+    "type": "object",
+    "properties": {"between": _PAIR, "ratio": {"type": "number"}},
+    "required": ["between", "ratio"],
+    "additionalProperties": False,
+}
+Names = Annotated[
+    tuple[Annotated[str, Field(pattern=NAME)], ...],
+    BeforeValidator(_names),
+    PlainSerializer(list),
+    Field(max_length=MAX_PARTS),
+]
+Inertias = Annotated[Names, Field(min_length=1, description="Names of its inertias, or masses.")]
+Shafts = Annotated[
+    tuple[Shaft, ...],
+    BeforeValidator(_shafts),
+    PlainSerializer(lambda shafts: {s.name: list(s.ends) for s in shafts}),
+    _schema(_PAIR),
+    Field(max_length=MAX_PARTS, description="By name the two inertias that a shaft joins."),
+]
+Gears = Annotated[
+    tuple[Gear, ...],
+    BeforeValidator(_gears),
+    PlainSerializer(
+        lambda gears: {g.name: {"between": list(g.ends), "ratio": g.ratio} for g in gears}
+    ),
+    _schema(_GEAR),
+    Field(max_length=MAX_PARTS, description="By name two inertias, and the ratio of their angles."),
+]
+Drives = Annotated[
+    tuple[Drive, ...],
+    BeforeValidator(_drives),
+    PlainSerializer(lambda drives: {d.inertia: d.kind for d in drives}),
+    _schema({"enum": [*DRIVES]}),
+    Field(max_length=MAX_PARTS, description="By inertia what moves it."),
+]
+Motion = Annotated[Literal["rotary", "linear"], Field(description="Angles, or positions.")]
+Gravity = Annotated[Names, Field(description="Inertias that gravity turns, as pendulums.")]
+Rock = Annotated[Names, Field(description="Inertias with a bit that cuts rock.")]
