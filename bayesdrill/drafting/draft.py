@@ -24,7 +24,8 @@ from bayesdrill.drafting.entries import REVIEW, DraftContext, comment, review, s
 from bayesdrill.drafting.record_files import GivenFacts, RecordFile
 from bayesdrill.drafting.roles import StartGuess
 from bayesdrill.drafting.signals import TURNS, Sensor
-from bayesdrill.rig.models.linear import GEAR_POWERS, Model, with_named
+from bayesdrill.rig.models.linear import Model, with_named
+from bayesdrill.rig.models.roles import GEAR_POWERS
 
 SHEET_SD = 1.0  # of the logarithm of a parameter of a data sheet
 

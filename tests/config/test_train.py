@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import json
 import pickle
+import re
 from collections.abc import Callable
 from pathlib import Path
 
@@ -184,9 +185,8 @@ def test_the_density_of_masses_along_a_line_is_that_of_their_equations(tmp_path:
     x = integrated(carts, p, F, [0.0, 0.0, 2e-3, 0.0])
     expected = log_density(y["x"] * 1e-3, x[:, 2], 5e-4) + log_density(y["v"] * 1e-3, x[:, 1], 3e-3)
     assert found == pytest.approx(expected, rel=1e-8)
-    assert {
-        c.name: (c.unit, c.shown.name) for c in built.problem.observations[0].experiment.channels
-    }
+    channels = built.problem.observations[0].experiment.channels
+    assert [(c.unit, c.shown.name) for c in channels] == [("m", "mm"), ("m/s", "mm/s")]
     speeds = {one.name: one.unit for one in derived.derived_symbols(built.problem)}
     assert speeds["w_end"] == "m/s"
 
@@ -425,7 +425,7 @@ def test_the_schema_knows_names_of_parts_beside_a_train_alone() -> None:
         ((pattern, _),) = kind["patternProperties"].items()
         assert kind["additionalProperties"] is False
         for name in ("j_load", "t_c_load", "theta_arm_2", "k_T_motor"):
-            assert __import__("re").search(pattern, name), name
+            assert re.search(pattern, name), name
     assert names["missing_torque"]["properties"]["at"]["enum"] == ["motor", "rotor_1"]
 
 
