@@ -192,13 +192,13 @@ class RigParts:
     def of(cls, roles: Roles) -> RigParts:
         """Return the parts; where friction acts at two places, `friction_both` is another."""
         each = {lack.name: lack for lack in edits.lacks(roles)}
-        rubs = [i for i in roles.inertias if i.sliding]
+        rubs = [i for i in roles.inertias if f"friction_{i.name}" in each]
         physics: dict[str, tuple[str, ...]] = {n: (x.parameter,) for n, x in each.items()}
         about = {**ABOUT, **{name: lack.words for name, lack in each.items()}}
         if len(rubs) == 2:
             physics |= {BOTH: (rubs[0].sliding, rubs[1].sliding)}
             about[BOTH] = f"dry friction {rubs[0].at} and {rubs[1].at}"
-        static = {f"static_{i.name}": i for i in roles.inertias if i.static}
+        static = {f"static_{i.name}": i for i in rubs if i.static}
         torques = {f"{TORQUE}{i.name}": i for i in rubs}
         about |= {name: f"friction at rest {i.at}" for name, i in static.items()}
         missing = f"a missing {roles.motion.torque}"
@@ -216,7 +216,7 @@ class RigParts:
         """Return the parameters of physics that these parts switch on."""
         return {name for part in parts for name in self.physics.get(part, ())}
 
-    def resting(self, parts: Iterable[str]) -> list[str]:
+    def static_beside(self, parts: Iterable[str]) -> list[str]:
         """Return friction at rest that may come beside these parts, as there it slides."""
         return [name for name, i in self.static.items() if i.sliding in self.sliding(parts)]
 
@@ -228,7 +228,7 @@ class RigParts:
         groups = ({*self.torques}, {*NOISE}, rubs if BOTH in self.physics else set())
         # A missing torque wants white noise, and beside friction it is an approximation.
         apart = given & {*self.torques} and given & {*self.dry, *self.static, RED}
-        rests = all(part in self.resting(parts) for part in parts if part in self.static)
+        rests = all(part in self.static_beside(parts) for part in parts if part in self.static)
         return rests and not apart and all(len(given & group) < 2 for group in groups)
 
     def words(self, part: str) -> str:
@@ -286,7 +286,7 @@ class CandidateModels:
         """A rung with these parts and each of `more` that can go with them."""
         if len(parts) >= MOST_PARTS:
             return []
-        wanted = dict.fromkeys((*more, *self.parts.resting(parts)))
+        wanted = dict.fromkeys((*more, *self.parts.static_beside(parts)))
         every = ((*parts, name) for name in wanted if name not in parts)
         return self.rungs(filter(self.parts.possible, every))
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import itertools
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -36,11 +37,19 @@ class Lack:
 
 
 def lacks(roles: Roles) -> tuple[Lack, ...]:
-    """Return what a rig of these `roles` may be without."""
+    """Return what a rig of these `roles` may be without.
+
+    Inertias that turn as one rub as one: at the first of them.
+    """
+    rubs = {i.speed: i for i in reversed(roles.inertias) if i.sliding}
     several = len(roles.motors) > 1
     drop = "a voltage drop of driver and brushes"
     named = (
-        *((f"friction_{i.name}", i.sliding, f"dry friction {i.at}", True) for i in roles.inertias),
+        *(
+            (f"friction_{i.name}", i.sliding, f"dry friction {i.at}", True)
+            for i in roles.inertias
+            if i in rubs.values()
+        ),
         *(
             (f"voltage_drop_{m.inertia}", m.drop, f"{drop} of {m.words}", True)
             if several
@@ -61,7 +70,12 @@ def rig_candidates(
 ) -> dict[str, float]:
     """Return what the rig offers and has not, with the most that it can be, at `theta (D,)`."""
     model = observations[0].response.model
-    offered = {*model.offers} - {*model.parameters}
+    taken = {
+        other.sliding
+        for i, other in itertools.permutations(model.roles.inertias, 2)
+        if i.speed == other.speed and {i.sliding, i.efficiency} & {*model.parameters}
+    }
+    offered = {*model.offers} - {*model.parameters} - taken
     names = [lack.parameter for lack in lacks(model.roles) if lack.parameter in offered]
     moved = (
         [

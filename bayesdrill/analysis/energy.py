@@ -223,7 +223,7 @@ def _friction_motions(observation: Observation, full: Array) -> Iterator[Frictio
 
 def geared(rig: Simulator, friction: Friction) -> float:
     """Return how many times as fast its inertia turns as what a friction is said to be against."""
-    inertia = rig.model.roles.rubbed(friction.against, friction.where)
+    inertia = rig.model.roles.at_friction(friction.against, friction.where)
     return 1.0 if inertia is None else 1.0 / inertia.reduction
 
 

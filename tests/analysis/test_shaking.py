@@ -110,7 +110,7 @@ def test_what_it_moves_is_what_was_left_without_it() -> None:
         assert one.left == pytest.approx(SIGMA, rel=0.15)
         assert one.moved == pytest.approx(np.sqrt(one.without**2 - SIGMA**2), rel=0.1)
     assert found.states["w_1"].shape == found.t.shape
-    assert found.inertia.reduction == 0.125
+    assert found.rig.roles.inertia("motor").reduction == 0.125
 
 
 def test_it_is_drawn_said_and_written() -> None:

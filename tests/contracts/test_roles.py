@@ -129,7 +129,7 @@ def of_friction(of: bd.Case) -> Iterator[Any]:
     (one,), (rubs,) = posterior.likelihood.observations, friction_motions(posterior, theta, none)
     for each in rubs:
         law = each.friction
-        inertia = model.roles.rubbed(law.against, law.where)
+        inertia = model.roles.at_friction(law.against, law.where)
         speed = speed_symbol(law.against, inertia, model)
         yield [law.where, effort_symbol(law).latex, speed.latex]
         yield [

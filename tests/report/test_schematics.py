@@ -21,15 +21,72 @@ from together import for_each
 from bayesdrill.basics.symbols import PARAMETERS
 from bayesdrill.report import style
 from bayesdrill.report.schematics import heuristic_figure, rig_figure
+from bayesdrill.report.train_picture import train_figure
+from bayesdrill.rig.models.linear import Model, with_named
+from bayesdrill.rig.models.motor import Motor
 from bayesdrill.rig.models.motor_shaft import MotorShaft
+from bayesdrill.rig.models.train import Train
 
 CHAIN = ("t_f", "j_m", "c_m", "k_e", "k_T", "r_m", "l_m", "k_s", "j_1")
 CYCLE = [(name, CHAIN[(k + 1) % 9]) for k, name in enumerate(CHAIN)]
 CASES = {"9": CYCLE, "another order": CYCLE[3:] + CYCLE[:3]}
+DISCS = tuple(f"disc_{k}" for k in range(1, 7))
+TRAINS: dict[str, Model] = {
+    "two": Train(
+        inertias=("motor", "load"),
+        shafts={"coupling": ["motor", "load"]},
+        drives={"motor": "voltage"},
+    ),
+    "six": Train(
+        inertias=DISCS,
+        shafts={f"s{k}": list(DISCS[k : k + 2]) for k in range(5)},
+        drives={"disc_1": "current"},
+    ),
+    "gear": Train(
+        inertias=("motor", "arm", "load"),
+        gears={"box": {"between": ["motor", "arm"], "ratio": 0.07}},
+        shafts={"coupling": ["arm", "load"], "spring": ["load", "ground"]},
+        drives={"motor": "current"},
+        gravity=("arm",),
+    ),
+    "linear": Train(
+        inertias=("cart", "mass"),
+        motion="linear",
+        shafts={"wall": ["ground", "cart"], "link": ["cart", "mass"]},
+        drives={"cart": "torque"},
+    ),
+    "branches": Train(
+        inertias=("motor", "hub", "left", "a_part_with_a_long_name", "other"),
+        shafts={
+            "in": ["motor", "hub"],
+            "beside": ["motor", "hub"],
+            "out": ["hub", "left"],
+            "down": ["hub", "a_part_with_a_long_name"],
+            "loop": ["left", "other"],
+            "back": ["other", "motor"],
+        },
+        drives={"motor": "speed"},
+        rock=("left",),
+    ),
+    "paper": MotorShaft(),
+    "motor": Motor(),
+}
+
+
+def full(rig: Model) -> Model:
+    """With all that it offers, but friction at two inertias that turn as one."""
+    twice = ("t_c_arm", "t_s_arm", "w_s_arm")
+    return with_named(rig, [name for name in rig.offers if name not in twice])
+
+
+PICTURES = {f"bare {name}": rig for name, rig in TRAINS.items()}
+PICTURES |= {f"full {name}": full(rig) for name, rig in TRAINS.items()}
 
 
 @cache
 def picture(name: str) -> Figure:
+    if name in PICTURES:
+        return drawn(train_figure(PICTURES[name]))
     return drawn(rig_figure() if name == "rig" else heuristic_figure(CASES[name], 10))
 
 
@@ -80,7 +137,18 @@ def test_texts_are_apart_inside_the_page_and_off_the_lines() -> None:
                 inside = edge.contains(*a.p0) and edge.contains(*a.p1)
                 assert inside or not overlap(a, edge), f"{text} on the edge of a box"
 
-    for_each({str(name): (name,) for name in ["rig", *CASES]}, check)
+    for_each({str(name): (name,) for name in ["rig", *CASES, *PICTURES]}, check)
+
+
+def test_a_picture_shows_each_part_of_a_rig_and_each_parameter_once() -> None:
+    """Mutants killed: a branch, a loop or what is behind a fold left out."""
+    for name, rig in PICTURES.items():
+        shown = " ".join(text.get_text() for text in texts(picture(name)))
+        for parameter in rig.parameters:
+            assert shown.count(rig.symbols[parameter].latex) >= 1, (name, parameter)
+        there = [i for i in rig.roles.inertias if i.inertia in rig.parameters]
+        assert all(i.words.removeprefix("the ") in shown for i in there), name
+        assert all(rig.symbols[n].latex in shown for n in rig.inputs), name
 
 
 def test_the_rig_shows_the_nine_parameters() -> None:

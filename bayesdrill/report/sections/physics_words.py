@@ -337,7 +337,7 @@ def laws(
     space, every = problem.posterior.space, []
     for rubbing in rubbings:
         rig, against = observation.response.model, rubbing.friction.against
-        inertia = rig.roles.rubbed(against, rubbing.friction.where)
+        inertia = rig.roles.at_friction(against, rubbing.friction.where)
         points = np.vstack([best[None], draws])
         shown = friction_curve(observation, rubbing, space.full(points))
         every.append(
@@ -428,7 +428,7 @@ def _unseen(law: UnseenStiction, model: Model) -> str:
 
 def _did(deeds: Excitation, roles: Roles) -> str:
     """What the rig did not do."""
-    inertia, what, unit = roles.rubbed(deeds.against, deeds.where), "the current flows", "A"
+    inertia, what, unit = roles.at_friction(deeds.against, deeds.where), "the current flows", "A"
     if inertia is not None:
         what, unit = f"{inertia.words} {roles.motion.moves}", f"{roles.motion.angle}/s"
     speeds = f"{deeds.slowest:.3g} to {deeds.fastest:.3g} {unit}"

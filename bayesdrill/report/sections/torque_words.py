@@ -18,7 +18,7 @@ from bayesdrill.report import section
 from bayesdrill.report.section import Table
 from bayesdrill.report.sections.physics_words import listed, speed_symbol
 from bayesdrill.rig.models.linear import Model
-from bayesdrill.rig.models.roles import ROTARY, Motion
+from bayesdrill.rig.models.roles import ROTARY, MotionWords
 
 if TYPE_CHECKING:
     from bayesdrill.analysis.run_analysis import TorqueSummary
@@ -200,7 +200,7 @@ def _line(summary: TorqueSummary, law: TorqueRegression, rig: Model) -> str:
     return f"{said}. To have it in the equations, write `parameters: {{{name}: {prior}}}`"
 
 
-def _units(motion: Motion) -> Mapping[str, str]:
+def _units(motion: MotionWords) -> Mapping[str, str]:
     """Return units of what a torque follows, by its kind."""
     newtons, angle = motion.newtons, motion.angle
     return {

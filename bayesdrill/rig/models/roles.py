@@ -22,7 +22,7 @@ GEAR_POWERS: Mapping[str, int] = MappingProxyType(
 
 
 @dataclass(frozen=True, slots=True)
-class Motion:
+class MotionWords:
     """Words and units of a motion: what an inertia does, what makes it do so, and angles."""
 
     moves: str
@@ -31,9 +31,9 @@ class Motion:
     angle: str
 
 
-ROTARY = Motion("turns", "torque", "N m", "rad")
-MOTIONS: Mapping[str, Motion] = MappingProxyType(
-    {"rotary": ROTARY, "linear": Motion("moves", "force", "N", "m")}
+ROTARY = MotionWords("turns", "torque", "N m", "rad")
+MOTIONS: Mapping[str, MotionWords] = MappingProxyType(
+    {"rotary": ROTARY, "linear": MotionWords("moves", "force", "N", "m")}
 )
 
 
@@ -118,7 +118,7 @@ class Roles:
     shafts: tuple[ShaftRoles, ...] = ()
     motors: tuple[MotorRoles, ...] = ()
     gear: str = ""
-    motion: Motion = ROTARY
+    motion: MotionWords = ROTARY
 
     def inertia(self, name: str) -> InertiaRoles:
         """Return the inertia of this name; raises `KeyError` where there is none."""
@@ -132,7 +132,7 @@ class Roles:
         """Return the first inertia whose speed this state is, None where it is none's."""
         return next((inertia for inertia in self.inertias if inertia.speed == speed), None)
 
-    def rubbed(self, against: str, where: str) -> InertiaRoles | None:
+    def at_friction(self, against: str, where: str) -> InertiaRoles | None:
         """Return the inertia of a friction `against` a speed, that which is `where` if several are."""
         alike = [inertia for inertia in self.inertias if inertia.speed == against]
         return next((inertia for inertia in alike if inertia.at == where), (*alike, None)[0])

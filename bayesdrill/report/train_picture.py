@@ -1,0 +1,428 @@
+"""Draw any rig from its roles: inertias, shafts, gears, ground and drives."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from itertools import count, pairwise
+from pathlib import Path
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.patches import Circle
+
+from bayesdrill.basics import software
+from bayesdrill.report import scales, style
+from bayesdrill.report.sheet import (
+    HOLLOW,
+    SMALL,
+    SOLID,
+    Point,
+    blank_sheet,
+    draw_arrow,
+    draw_box,
+    draw_ground,
+    draw_wire,
+    write,
+)
+from bayesdrill.report.view import Drawing, ReportContext
+from bayesdrill.rig.models.linear import Model
+from bayesdrill.rig.models.roles import GROUND, ROTARY, InertiaRoles
+
+# Places in inches: `x` of the middle of a part, `y` of the height of its row.
+PAD, LINE_HEIGHT, SPRING, HALF_DISC = 0.1, 0.19, 0.62, 0.4
+CART = (0.62, 0.4)
+BESIDE_EACH_OTHER = 1.0  # of shafts between the same inertias
+FOLDED = 1.1 * scales.DOUBLE  # a chain that is longer goes on in another row
+
+
+@dataclass(frozen=True, slots=True)
+class _Link:
+    """A shaft, or a gear with its `ratio`, between two parts, with symbols above it and below."""
+
+    ends: tuple[str, str]
+    above: str
+    below: str
+    name: str
+    ratio: float | None = None
+    damped: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class _Part:
+    """An inertia or the ground: lines of text above it and below, from the middle outwards."""
+
+    name: str
+    above: tuple[str, ...] = ()
+    below: tuple[str, ...] = ()
+    pushed: bool = False  # by an input that the lines nearest to it name
+    driven: bool = False  # by one without which the rig would stand still
+    held: bool = False
+
+
+@dataclass(slots=True)
+class _Row:
+    """Parts beside each other, each with the links to the one before it, behind a part above."""
+
+    behind: str | None
+    parts: list[str]
+    folded: bool = False
+    y: float = 0.0
+
+
+def train_figure(rig: Model) -> Figure:
+    """Draw the inertias of any rig, with shafts, gears, ground and drives, from its roles."""
+    with style.styled():
+        picture = _TrainPicture(rig)
+        return picture.draw()
+
+
+def save_rig(rig: Model, path: Path) -> Path:
+    """Draw any rig into a file, in the format that its name ends with."""
+    note = {"Title": f"rig {rig.name}", "Creator": software.creator()}
+    (written,) = style.save(
+        train_figure(rig), path.parent, path.stem, note, formats=(path.suffix[1:],)
+    )
+    return written
+
+
+SHOWN_RIG = "The rig: its inertias, with shafts, gears and drives."
+
+
+def draw_rig(run: ReportContext) -> Drawing | None:
+    """Return the drawing of a rig that a config describes."""
+    rig = run.problem.model
+    return Drawing(train_figure, (rig,), says=SHOWN_RIG) if rig.has_private_names else None
+
+
+class _TrainPicture:
+    """The parts of a rig, laid out in rows: the longest chain first, then what branches off."""
+
+    def __init__(self, rig: Model) -> None:
+        self.rig, self.roles = rig, rig.roles
+        self.linear = self.roles.motion != ROTARY
+        ends = {end for shaft in self.roles.shafts for end in shaft.ends}
+        self.inertias = [
+            inertia
+            for inertia in self.roles.inertias
+            if inertia.angle in rig.states
+            and (inertia.inertia in ("", *rig.parameters) or inertia.name in ends)
+        ]
+        self.links = list(self._links())
+        ground = [end for link in self.links for end in link.ends if end.startswith(GROUND)]
+        parts = [*map(self._part, self.inertias), *map(_Part, ground)]
+        self.parts = {part.name: part for part in parts}
+        self.figure, self.sheet = blank_sheet(scales.DOUBLE, 1.0)
+        self.between: dict[str, list[_Link]] = {}
+        self.at: dict[str, Point] = {}
+
+    def draw(self) -> Figure:
+        """Lay all out, and draw it on a page that is as large as that."""
+        rows = self._rows()
+        shown = [link for links in self.between.values() for link in links]
+        notes = [
+            f"{link.above} {link.below} ({link.name}) between {' and '.join(link.ends)}"
+            for link in self.links
+            if link not in shown
+        ]
+        height, width = 0.1 + LINE_HEIGHT * len(notes), self._measure(*notes) + 0.2
+        for row in reversed(rows):
+            height += self._reach(row, "below")
+            row.y = height
+            height += self._reach(row, "above") + 0.12
+        for row in rows:
+            width = max(width, self._place(row))
+        self.figure.set_size_inches(max(width, 2.0), height)
+        self.sheet.set(xlim=(0, max(width, 2.0)), ylim=(0, height))
+        for row in rows:
+            self._draw_row(row)
+        for k, note in enumerate(notes):
+            write(
+                self.sheet, 0.1, 0.1 + k * LINE_HEIGHT, note, ha="left", va="bottom", fontsize=SMALL
+            )
+        return self.figure
+
+    # What there is.
+
+    def _latex(self, *names: str) -> str:
+        known = [self.rig.symbols[n].latex for n in names if n in self.rig.parameters]
+        return "$" + r",\,".join(known) + "$" if known else ""
+
+    def _links(self) -> Iterator[_Link]:
+        grounds = count(1)
+        for shaft in self.roles.shafts:
+            first, second = (f"{n} {next(grounds)}" if n == GROUND else n for n in shaft.ends)
+            above, below = self._latex(shaft.stiffness), self._latex(shaft.damping)
+            if above:
+                yield _Link((first, second), above, below, _plain(shaft.words), damped=bool(below))
+        for inertia in self.inertias:
+            alike = [i for i in self.inertias if i.speed == inertia.speed]
+            root = next((i for i in alike if i.reduction == 1.0), alike[0])
+            if inertia is not root:
+                ratio = root.reduction / inertia.reduction
+                turns = f"{ratio:.4g} : 1" if abs(ratio) >= 1 else f"1 : {1 / ratio:.4g}"
+                below = self._latex(inertia.efficiency)
+                yield _Link((inertia.name, root.name), turns, below, "gear", ratio)
+
+    def _part(self, inertia: InertiaRoles) -> _Part:
+        rig, symbols = self.rig, self.rig.symbols
+        moves = [inertia.latex or symbols[inertia.angle].latex]
+        moves.append(rf"\dot {moves[0]}")
+        driven = list(self._drives(inertia))
+        above = (*driven, self._latex(inertia.inertia), f"${moves[0]},\\,{moves[1]}$")
+        rubs = (inertia.damping, inertia.friction, inertia.sliding, inertia.static, inertia.fading)
+        named = [
+            n
+            for n in (*rubs, *inertia.cutting, inertia.weight, inertia.tilt)
+            if n in rig.parameters
+        ]
+        below = [self._latex(*named[k : k + 2]) for k in range(0, len(named), 2)]
+        return _Part(
+            inertia.name,
+            tuple(filter(None, above)),
+            (*below, _plain(inertia.words)),
+            pushed=bool(driven),
+            driven=any(rig.symbols[n].drives for n in self._inputs(inertia)),
+            held=any(name in rig.parameters for name in rubs),
+        )
+
+    def _inputs(self, inertia: InertiaRoles) -> list[str]:
+        motor = self.roles.motor(inertia.name)
+        inputs = [inertia.torque, inertia.load, inertia.bit_weight]
+        inputs += [inertia.speed] * (inertia.reduction == 1.0)
+        inputs += [motor.voltage, motor.current] if motor else []
+        return [name for name in inputs if name in self.rig.inputs]
+
+    def _drives(self, inertia: InertiaRoles) -> Iterator[str]:
+        """Yield what drives an inertia, and what its circuit has."""
+        rig, motor = self.rig, self.roles.motor(inertia.name)
+        shown = [rig.symbols[name].latex for name in self._inputs(inertia)]
+        if shown:
+            yield "$" + r",\,".join(shown) + "$"
+        if motor and shown:
+            names = (motor.torque_constant, motor.back_emf, motor.resistance, motor.series)
+            known = [n for n in (*names, motor.inductance, motor.drop) if n in rig.parameters]
+            yield from (self._latex(*known[k : k + 3]) for k in range(0, len(known), 3))
+
+    # Where it is.
+
+    def _rows(self) -> list[_Row]:
+        rows: list[_Row] = []
+        remaining = list(self.parts)
+        while remaining:
+            reached = self._longest(remaining[0], set(remaining))
+            path = self._longest(reached[-1], set(remaining))
+            driven = [k for k, name in enumerate(path) if self.parts[name].driven]
+            if driven and min(driven) > len(path) - 1 - max(driven):
+                path = path[::-1]
+            rows += self._branch(None, path, set(remaining))
+            placed = {name for row in rows for name in row.parts}
+            remaining = [name for name in remaining if name not in placed]
+        return rows
+
+    def _neighbours(self, name: str) -> list[str]:
+        ends = [link.ends for link in self.links if name in link.ends]
+        return list(dict.fromkeys(b if a == name else a for a, b in ends))
+
+    def _longest(self, start: str, free: set[str]) -> list[str]:
+        """Return the longest way from a part over others that are free, each by its shortest way."""
+        ways = {start: [start]}
+        for name in (pending := [start]):
+            for other in self._neighbours(name):
+                if other in free and other not in ways:
+                    ways[other] = [*ways[name], other]
+                    pending.append(other)
+        return max(ways.values(), key=len)
+
+    def _branch(self, behind: str | None, path: list[str], free: set[str]) -> list[_Row]:
+        """Return the row of a path, and rows of what branches off, that from its end first."""
+        for name, other in pairwise([*([behind] if behind else []), *path]):
+            self.between[other] = [link for link in self.links if {*link.ends} == {name, other}]
+        free -= {*path}
+        others: list[_Row] = []
+        for name in reversed(path):
+            for other in self._neighbours(name):
+                if other in free:
+                    others += self._branch(name, self._longest(other, free - {name}), free)
+        folded = [path] if others or behind else self._folded(path)
+        first = [_Row(behind, folded[0])]
+        first += [_Row(last[-1], more, folded=True) for last, more in pairwise(folded)]
+        return [*first, *others]
+
+    def _folded(self, path: list[str]) -> list[list[str]]:
+        """Return a chain in pieces that are no wider than a page."""
+        pieces: list[list[str]] = [[]]
+        widths = [self._slot(name) + self._width(name) for name in path]
+        limit, width = sum(widths) / np.ceil(sum(widths) / FOLDED) + 0.01, 0.0
+        for name, more in zip(path, widths, strict=True):
+            if pieces[-1] and width + 0.5 * more > limit:
+                pieces.append([])
+                width = 0.0
+            pieces[-1].append(name)
+            width += more
+        return pieces
+
+    def _measure(self, *lines: str) -> float:
+        """Return the width of the widest of some texts."""
+        texts = [self.sheet.text(0, 0, line) for line in lines if line]
+        widths = [text.get_window_extent().width / self.figure.dpi for text in texts]
+        for text in texts:
+            text.remove()
+        return max(widths, default=0.0)
+
+    def _width(self, name: str) -> float:
+        part, body = self.parts[name], CART[0] if self.linear else 0.16
+        return max(self._measure(*part.above, *part.below), body, 0.3) + 2 * PAD
+
+    def _slot(self, name: str) -> float:
+        """Return the width of the links that lead to a part from the one before it."""
+        links = self.between.get(name, [])
+        texts = [text for link in links for text in (link.above, link.below, link.name)]
+        return max(SPRING, self._measure(*texts) + 2 * PAD) if links else 0.0
+
+    def _reach(self, row: _Row, side: str) -> float:
+        """Return how far a row reaches from its height."""
+        lines = [
+            len(self.parts[n].above if side == "above" else self.parts[n].below) for n in row.parts
+        ]
+        drives = side == "above" and any(self.parts[name].pushed for name in row.parts)
+        stacked = max((len(self.between.get(n, [])) for n in row.parts), default=1)
+        links = 0.5 * BESIDE_EACH_OTHER * stacked if stacked > 1 else 0.0
+        return max(HALF_DISC + 0.18 + LINE_HEIGHT * max(lines) + 0.3 * drives, links)
+
+    def _place(self, row: _Row) -> float:
+        """Place the parts of a row, and return where it ends."""
+        x = 0.1
+        if row.behind is not None and not row.folded:
+            x = self.at[row.behind][0] + self._width(row.behind) / 2
+        for name in row.parts:
+            x += self._slot(name) + self._width(name) / 2
+            self.at[name] = (x, row.y)
+            x += self._width(name) / 2
+        return x + 0.1
+
+    # How it is drawn.
+
+    def _body(self, name: str) -> float:
+        """Return half of the width of what is drawn of a part."""
+        if name.startswith(GROUND):
+            return 0.0
+        return CART[0] / 2 if self.linear else 0.08
+
+    def _draw_row(self, row: _Row) -> None:
+        before = row.behind
+        for name in row.parts:
+            x, y = self.at[name]
+            left = x - self._width(name) / 2
+            if before is not None:
+                begins = left - self._slot(name)
+                self._join(before, row, (begins, y))
+                self._draw_links(name, begins, left, y)
+                draw_wire(self.sheet, (left, y), (x - self._body(name), y))
+            self._draw_part(self.parts[name], x, y, first=name == row.parts[0] and not before)
+            before = name
+
+    def _join(self, before: str, row: _Row, end: Point) -> None:
+        """Draw the line from a part to the links that lead on from it."""
+        x, y = self.at[before]
+        begin = (x + self._body(before), y)
+        if y == end[1]:
+            draw_wire(self.sheet, begin, end)
+            return
+        out = x + self._width(before) / 2
+        way = [begin, (out, y), (out, end[1]), end]
+        if row.folded:
+            middle = end[1] + self._reach(row, "above") + 0.06
+            way = [begin, (out, y), (out, middle), (end[0], middle), end]
+        draw_wire(self.sheet, *way)
+
+    def _draw_links(self, name: str, left: float, right: float, y: float) -> None:
+        links, middle = self.between.get(name, []), (left + right) / 2
+        middles = np.arange(len(links)) - (len(links) - 1) / 2
+        heights = [y + BESIDE_EACH_OTHER * float(x) for x in middles]
+        for end in (left, right) if len(links) > 1 else ():
+            draw_wire(self.sheet, (end, heights[0]), (end, heights[-1]))
+        for link, height in zip(links, heights, strict=True):
+            if link.ratio is None:
+                _spring(self.sheet, left, right, height, damped=link.damped)
+            else:
+                times = 1 / link.ratio if link.ends[1] == name else link.ratio
+                _wheels(self.sheet, abs(times), left, right, height)
+            top, bottom = (0.25, -0.25) if link.damped else (0.19, -0.19)
+            top, bottom = (0.34, -0.34) if link.ratio else (top, bottom)
+            write(self.sheet, middle, height + top, link.above)
+            lines = [(link.below, {}), (link.name, {"fontsize": SMALL})]
+            for k, (text, font) in enumerate(lines if link.below else lines[1:]):
+                write(self.sheet, middle, height + bottom - k * 0.17, text, **font)
+
+    def _draw_part(self, part: _Part, x: float, y: float, *, first: bool) -> None:
+        sheet = self.sheet
+        if part.name.startswith(GROUND):
+            _wall(sheet, x, y, -1 if first else 1)
+            return
+        top, bottom = HALF_DISC, -HALF_DISC
+        if self.linear:
+            top, bottom = CART[1] / 2, -CART[1] / 2 - 0.12
+            draw_box(sheet, x, y, *CART, **SOLID)
+            for side in (-1, 1):
+                sheet.add_patch(Circle((x + side * 0.18, y + bottom + 0.06), 0.06, **HOLLOW))
+        else:
+            draw_box(sheet, x, y, 0.16, top - bottom, **SOLID)
+        if part.held or self.linear:
+            draw_ground(sheet, x, y + bottom, -1)
+        height = y + top + 0.14
+        if part.pushed:
+            draw_arrow(sheet, (x, height + 0.2), (x, height - 0.1))
+            height += 0.3
+        for line in part.above:
+            write(sheet, x, height, line)
+            height += LINE_HEIGHT
+        height = y + bottom - 0.2
+        for line in part.below:
+            write(sheet, x, height, line, fontsize=None if line.startswith("$") else SMALL)
+            height -= LINE_HEIGHT
+
+
+def _plain(words: str) -> str:
+    return words.removeprefix("the ")
+
+
+def _spring(sheet: Axes, left: float, right: float, y: float, *, damped: bool) -> None:
+    """Draw a spring, and beside it a damper where it has one."""
+    height = y + 0.08 if damped else y
+    start, end = left + 0.08, right - 0.08
+    along = np.array([0, 2, 3, 5, 7, 9, 11, 12, 14]) / 14
+    teeth = 0.06 * np.array([0, 0, 1, -1, 1, -1, 1, 0, 0])
+    draw_wire(sheet, *zip(start + (end - start) * along, height + teeth, strict=True))
+    draw_wire(sheet, (left, y), (start, y))
+    draw_wire(sheet, (end, y), (right, y))
+    if damped:
+        low, middle = y - 0.08, (start + end) / 2
+        for x in (start, end):
+            draw_wire(sheet, (x, low), (x, height))
+        draw_wire(sheet, (start, low), (middle, low))
+        draw_wire(sheet, (middle, low - 0.045), (middle, low + 0.045))
+        draw_wire(sheet, (middle + 0.06, low), (end, low))
+        cup = ((middle - 0.08, low + 0.06), (middle + 0.06, low + 0.06))
+        draw_wire(sheet, *cup, (middle + 0.06, low - 0.06), (middle - 0.08, low - 0.06))
+
+
+def _wheels(sheet: Axes, times: float, left: float, right: float, y: float) -> None:
+    """Draw two wheels that mesh, the first `times` as large as the other, as far as can be seen."""
+    times = float(np.clip(times, 1 / 3, 3.0))
+    first, middle = 0.26 * times / (1 + times), (left + right) / 2
+    second = 0.26 - first
+    touch = middle - 0.26 + 2 * first
+    for x, radius in ((touch - first, first), (touch + second, second)):
+        sheet.add_patch(Circle((x, y), radius, **SOLID))
+        sheet.add_patch(Circle((x, y), 0.025, **HOLLOW))
+    draw_wire(sheet, (left, y), (touch - 2 * first, y))
+    draw_wire(sheet, (touch + 2 * second, y), (right, y))
+
+
+def _wall(sheet: Axes, x: float, y: float, side: int) -> None:
+    """Draw what does not move: a line across, and strokes away from it."""
+    draw_wire(sheet, (x, y - 0.2), (x, y + 0.2))
+    for start in np.linspace(-0.2, 0.14, 6):
+        draw_wire(sheet, (x, y + start), (x + side * 0.06, y + start + 0.06))
