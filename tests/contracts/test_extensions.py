@@ -104,6 +104,7 @@ def test_the_toys_pass_the_contracts() -> None:
         "toy_braked",
         "toy_damped",
         "toy_renamed",
+        "toy_chain",
         "toy_memory",
         "toy_walk",
         "toy_json",
