@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from bayesdrill.record.experiment import Experiment
 from bayesdrill.rig.models.linear import Model
+from bayesdrill.rig.simulators.chains import MOST_STATES, ChainResponse
 from bayesdrill.rig.simulators.contract import REVERSAL_SUBSTEPS, Simulator
 from bayesdrill.rig.simulators.exact import Response
 from bayesdrill.rig.simulators.irregular import IrregularSimulator
@@ -26,4 +27,7 @@ def simulator(
     if model.frictions or sensing.input_lags:
         return Stepped(model, experiment, sensing, substeps, reversal_substeps, adaptive)
     plain = sensing.empty and experiment.uniform and bool(experiment.seen.all())
-    return Response(model, experiment) if plain else IrregularSimulator(model, experiment, sensing)
+    if not plain:
+        return IrregularSimulator(model, experiment, sensing)
+    few = len(model.states) <= MOST_STATES
+    return Response(model, experiment) if few else ChainResponse(model, experiment)

@@ -1,0 +1,195 @@
+"""Products and exponentials of matrices too large to be written out entry by entry.
+
+Matrices stand in memory row by row, with a number of whole panels of `PANEL` columns in a row; one
+with slopes is two of them.  Products are computed panel by panel, so that those of the other factor
+stay close to the processor.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from llvmlite import ir
+
+from bayesdrill.basics.duals import dual
+from bayesdrill.rig.kernels.exponential import (
+    TAYLOR_DEGREE,
+    Layout,
+    emit_balanced_norm,
+    emit_shortening,
+    register_entries,
+    timed_entries,
+)
+from bayesdrill.rig.kernels.lanes import (
+    F64,
+    I64,
+    NUMBERS,
+    VEC,
+    VECTORS,
+    Builder,
+    Loop,
+    Vector,
+    begin_function,
+    vector,
+)
+
+PANEL = 6  # columns: two registers of AVX2 each, beside those of the other factor
+Block = tuple[ir.Value, ...]  # the address of values, and that of slopes where there are some
+Entries = Sequence[tuple[int, int]]
+
+
+def in_panels(columns: int) -> int:
+    """Return the columns of as many whole panels as it takes."""
+    return -(-columns // PANEL) * PANEL
+
+
+@dataclass(frozen=True, slots=True)
+class Matrices:
+    """Arithmetic of matrices with `stride` columns in memory, by functions in `module`."""
+
+    module: ir.Module
+    stride: int
+
+    def multiply(
+        self,
+        b: Builder,
+        out: Block,
+        left: Block,
+        right: Block,
+        size: tuple[int, int, int],
+        entries: Entries = (),
+    ) -> None:
+        """Store left times right; `size`: rows, inner columns, columns (all of the last panel).
+
+        Where there are `entries`, by row, `left` has these alone, one after the other.
+        """
+        rows, inner, columns = size
+        counts = [I64(rows), I64(inner), I64(in_panels(columns) // PANEL)]
+        terms = [(0, 0, 0), (1, 0, 1), (1, 1, 0)] if len(out) > 1 else [(0, 0, 0)]
+        for n, (target, factor, other) in enumerate(terms):
+            function = self._product(entries, add=n == 2)
+            b.call(function, [*counts, out[target], left[factor], right[other]])
+
+    def _product(self, entries: Entries, *, add: bool) -> ir.Function:
+        """Write `product(rows, inner, panels, out, left, right)`; `add`: to what is there."""
+        name = f"product{'_sparse' * bool(entries)}{'_more' * add}"
+        if name in self.module.globals:
+            return self.module.globals[name]
+        function, b = begin_function(self.module, name, 3, [VECTORS] * 3)
+        function.linkage = "internal"
+        rows, inner, panels, out, left, right = function.args
+        panel = Loop(b, panels, [], "panels")
+        first = b.mul(panel.index, I64(PANEL))
+        row = Loop(b, rows, [], "rows")
+        target = b.offset(out, b.add(b.mul(row.index, I64(self.stride)), first))
+        begin, columns = b.mul(row.index, I64(self.stride)), None
+        if entries:
+            starts, columns = self._table(entries)
+            begin = b.load(b.gep(starts, [I64(0), row.index]))
+            following = b.gep(starts, [I64(0), b.add(row.index, I64(1))])
+            inner = b.sub(b.load(following), begin)
+        start = b.read_row(target, PANEL) if add else [vector(0.0)] * PANEL
+        each = Loop(b, inner, start, "inner")
+        at = b.add(begin, each.index)
+        k = each.index if columns is None else b.load(b.gep(columns, [I64(0), at]))
+        factor = b.read(b.offset(left, at), 0)
+        other = b.offset(right, b.add(b.mul(k, I64(self.stride)), first))
+        totals = [b.fma(factor, b.read(other, c), total) for c, total in enumerate(each.carried)]
+        each.close(totals)
+        b.write_row(totals, target)
+        row.close([])
+        panel.close([])
+        b.ret_void()
+        return function
+
+    def _table(self, entries: Entries) -> tuple[ir.Value, ir.Value]:
+        """Return where rows of sparse `entries` start, and their columns."""
+        count = 1 + max(row for row, _ in entries)
+        starts = [sum(row < i for row, _ in entries) for i in range(count + 1)]
+        return self._integers("starts", starts), self._integers("columns", [c for _, c in entries])
+
+    def _integers(self, name: str, values: Sequence[int]) -> ir.Value:
+        if name in self.module.globals:
+            return self.module.globals[name]
+        kind = ir.ArrayType(I64, len(values))
+        table = ir.GlobalVariable(self.module, kind, name)
+        table.linkage, table.global_constant = "internal", True
+        table.initializer = ir.Constant(kind, list(values))
+        return table
+
+
+def emit_large_exponential(
+    matrices: Matrices, layout: Layout, *, slopes: bool, increments: bool = True
+) -> ir.Function:
+    """Write `exponential(parameters, constants (C,), spans (LANES,), e, spare)`.
+
+    As `emit_exponential`, but the transpose, at `e (N, stride, LANES)`.  With `slopes`, parameters
+    are followed by their direction, and `e` and `spare` by the addresses of slopes.
+
+    The matrix has few entries, so that a power of it times a matrix is not more than some of these.
+    It is shortened by its size in units of the states that balance it, which is that of its
+    frequencies, or far more squarings would be needed.
+    """
+    width, n, stride = 1 + slopes, layout.size, matrices.stride
+    kinds = [VECTORS, NUMBERS, VECTORS, *[VECTORS] * (2 * width)]
+    function, b = begin_function(matrices.module, "exponential", 0, kinds)
+    parameters, constants, spans, *both = function.args
+    e, spare = tuple(both[:width]), tuple(both[width:])
+    numbers = layout.numbers(b, parameters, constants, slopes=slopes)
+    span, matrix = Vector(b, b.read(spans, 0)), layout.entries(numbers)
+    timed = timed_entries(layout, matrix, span, increments=increments)
+    values = {index: dual(entry) for index, entry in timed.items()}
+    plain = register_entries({index: entry.value for index, entry in values.items()})
+    halvings, factor = emit_shortening(b, emit_balanced_norm(b, layout.n_states, plain))
+    places = sorted({(column, row) for row, column in values} | {(i, i) for i in range(n)})
+    a, over = (tuple(b.alloca(VEC, I64(len(places))) for _ in range(width)) for _ in range(2))
+    for part, base in enumerate(a):
+        for index, (column, row) in enumerate(places):
+            entry = values.get((row, column), dual(0.0))
+            number = Vector(b, factor) * (entry.slope if part else entry.value)
+            b.write(number.value, base, index)
+
+    def term(out: Block, right: Block, power: ir.Value, *, beside_one: bool = True) -> None:
+        """Store A right / power, and one if it is to be."""
+        for source, target in zip(a, over, strict=True):
+            each = Loop(b, I64(len(places)), [], "over")
+            shorter = b.fdiv(b.read(b.offset(source, each.index), 0), b.splat(power))
+            b.write(shorter, b.offset(target, each.index), 0)
+            each.close([])
+        matrices.multiply(b, out, over, right, (n, n, n), places)
+        if beside_one:
+            add_one(out)
+
+    def add_one(out: Block) -> None:
+        each = Loop(b, I64(n), [], "one")
+        at = b.offset(out[0], each.index, stride + 1)
+        b.write(b.fadd(b.read(at, 0), vector(1.0)), at, 0)
+        each.close([])
+
+    for base in e:
+        b.clear(base, I64(n * stride))
+    add_one(e)
+    pairs = Loop(b, I64(TAYLOR_DEGREE // 2 - 1), [], "pairs")
+    power = b.fsub(F64(TAYLOR_DEGREE), b.sitofp(b.mul(pairs.index, I64(2)), F64))
+    term(spare, e, power)
+    term(e, spare, b.fsub(power, F64(1.0)))
+    pairs.close([])
+    term(spare, e, F64(2.0))
+    term(e, spare, F64(1.0), beside_one=False)
+    most = b.largest(halvings)
+    with b.if_then(b.icmp_signed(">", most, I64(0))):
+        squarings = Loop(b, most, [], "squarings")
+        wanted = b.sitofp(halvings, VEC)
+        still = b.fcmp_ordered("<", b.splat(b.sitofp(squarings.index, F64)), wanted)
+        matrices.multiply(b, spare, e, e, (n, n, n))
+        for now, square in zip(e, spare, strict=True):
+            each = Loop(b, I64(n * stride), [], "each")
+            at = b.offset(now, each.index)
+            value, more = b.read(at, 0), b.read(b.offset(square, each.index), 0)
+            b.write(b.select(still, b.fma(vector(2.0), value, more), value), at, 0)
+            each.close([])
+        squarings.close([])
+    add_one(e)
+    b.ret_void()
+    return function
