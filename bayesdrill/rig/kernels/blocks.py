@@ -20,6 +20,7 @@ from bayesdrill.rig.kernels.sums import RESIDUAL_SUMS, ResidualSums, Sample
 
 DOUBLINGS = 3  # of one sample: more cost more matrices than they save steps
 SAMPLES = 2**DOUBLINGS
+BLOCKS = 8  # whose channels are computed together, so that B is read once for all
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,11 +52,12 @@ class BlockShape:
     @property
     def columns(self) -> int:
         """Columns of B in memory."""
-        return in_panels(max(self.head + SAMPLES * self.channels, self.layout.size))
+        shown = self.head + in_panels(SAMPLES * self.channels)
+        return in_panels(max(shown, self.rows))
 
     def scratch(self, *, slopes: bool) -> int:
-        """Return the vectors of scratch that a kernel needs: two of B, z, and what follows from it."""
-        return (2 * self.rows * self.columns + self.rows + self.columns) * (1 + slopes)
+        """Return the vectors of scratch that a kernel needs: two of B, and two of rows."""
+        return (2 * self.rows + 2 * BLOCKS + 1) * self.columns * (1 + slopes)
 
 
 def write_blocks(module: ir.Module, layout: Layout, *names: str) -> None:
@@ -91,23 +93,32 @@ def _emit_response(
     w.double(exponential, mine, one, other)
     final = other if DOUBLINGS % 2 else one
     start = tally.initial(k_count) if tally is not None else []
-    count = b.sdiv(b.add(n_samples, I64(SAMPLES - 1)), I64(SAMPLES))
-    steps = Loop(b, count, start, "steps")
-    first = b.mul(steps.index, I64(SAMPLES))
-    remaining = b.sub(n_samples, first)
+    length = SAMPLES * BLOCKS
+    stretches = Loop(b, _parts(b, n_samples, length), start, "stretches")
+    first = b.mul(stretches.index, I64(length))
+    here = _least(b, b.sub(n_samples, first), I64(length))
+    count = _parts(b, here, SAMPLES)
+    steps = Loop(b, count, [], "steps")
+    now = tuple(b.offset(part, steps.index, shape.columns) for part in z)
     for j in range(SAMPLES):
-        index = b.add(first, I64(j))
-        index = b.select(b.icmp_signed("<", index, n_samples), index, I64(0))
-        drive = emit_drive(b, layout, u, index)
-        b.write_row(drive, b.gep(z[0], [I64(shape.head + j * shape.drives)]))
-    matrices.multiply(b, following, z, final, (1, shape.rows, shape.columns))
-    for source, target in zip(following, z, strict=True):
-        b.copy(source, target, shape.head)
-    here = b.select(b.icmp_signed("<", remaining, I64(SAMPLES)), remaining, I64(SAMPLES))
-    samples = Loop(b, here, steps.carried, "samples")
+        index = b.add(b.add(first, b.mul(steps.index, I64(SAMPLES))), I64(j))
+        drive = emit_drive(b, layout, u, _least(b, index, b.sub(n_samples, I64(1))))
+        b.write_row(drive, b.gep(now[0], [I64(shape.head + j * shape.drives)]))
+    then = tuple(b.gep(part, [I64(shape.columns)]) for part in now)
+    matrices.multiply(b, then, now, final, (1, shape.rows, shape.head))
+    if w.slopes:
+        b.clear(b.gep(then[1], [I64(shape.head)]), I64(shape.columns - shape.head))
+    steps.close([])
+    channels = tuple(b.gep(part, [I64(shape.head)]) for part in final)
+    matrices.multiply(b, following, z, channels, (count, shape.rows, SAMPLES * k_count))
+    for part in z:
+        b.copy(b.offset(part, count, shape.columns), part, shape.head)
+    samples = Loop(b, here, stretches.carried, "samples")
     totals = list(samples.carried)
     sample = b.add(first, samples.index)
-    place = b.sub(I64(shape.head + (SAMPLES - 1) * k_count), b.mul(samples.index, I64(k_count)))
+    step = b.sdiv(samples.index, I64(SAMPLES))
+    place = b.sub(I64(SAMPLES - 1), b.sub(samples.index, b.mul(step, I64(SAMPLES))))
+    place = b.add(b.mul(step, I64(shape.columns)), b.mul(place, I64(k_count)))
     shown = [b.read_row(b.gep(part, [place]), k_count) for part in following]
     row = b.add(b.mul(groups.index, n_samples), sample)
     if tally is None:
@@ -118,10 +129,19 @@ def _emit_response(
         one_sample = Sample(b.fsub(measured, shown[0][k]), None, weights[k * each : (k + 1) * each])
         totals[channel] = tally.add(b, totals[channel], one_sample)
     samples.close(totals)
-    steps.close(totals)
+    stretches.close(totals)
     b.write_row(totals, b.offset(out, groups.index, len(totals)))
     groups.close([])
     b.ret_void()
+
+
+def _least(b: Builder, value: ir.Value, other: ir.Value) -> ir.Value:
+    return b.select(b.icmp_signed("<", value, other), value, other)
+
+
+def _parts(b: Builder, count: ir.Value, length: int) -> ir.Value:
+    """Return how many parts of a length it takes."""
+    return b.sdiv(b.add(count, I64(length - 1)), I64(length))
 
 
 @dataclass(frozen=True, slots=True)
@@ -143,7 +163,7 @@ class _Blocks:
         """Return the addresses of two of B, z, and what follows from it."""
         shape, at, parts = self.shape, 0, []
         whole = shape.rows * shape.columns
-        for size in (whole, whole, shape.rows, shape.columns):
+        for size in (whole, whole, (BLOCKS + 1) * shape.columns, BLOCKS * shape.columns):
             starts = range(at, at + self.width * size, size)
             parts.append(tuple(self.b.gep(scratch, [I64(start)]) for start in starts))
             at += self.width * size
@@ -156,7 +176,7 @@ class _Blocks:
         """Store z at the first sample."""
         b, shape, x = self.b, self.shape, self.shape.layout.n_states
         for base in z:
-            b.clear(base, I64(shape.rows))
+            b.clear(base, I64(shape.columns))
         b.write_row([*self.constants.start(x), vector(1.0)], z[0])
         if shape.layout.lead:
             self._step(exponential, mine, one, other, lead=True)

@@ -7,6 +7,7 @@ stay close to the processor.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -34,7 +35,7 @@ from bayesdrill.rig.kernels.lanes import (
     vector,
 )
 
-PANEL = 6  # columns: two registers of AVX2 each, beside those of the other factor
+PANEL = 7  # columns: two registers of AVX2 each, beside those of the other factor
 Block = tuple[ir.Value, ...]  # the address of values, and that of slopes where there are some
 Entries = Sequence[tuple[int, int]]
 
@@ -57,7 +58,7 @@ class Matrices:
         out: Block,
         left: Block,
         right: Block,
-        size: tuple[int, int, int],
+        size: tuple[int | ir.Value, int, int],
         entries: Entries = (),
     ) -> None:
         """Store left times right; `size`: rows, inner columns, columns (all of the last panel).
@@ -65,7 +66,7 @@ class Matrices:
         Where there are `entries`, by row, `left` has these alone, one after the other.
         """
         rows, inner, columns = size
-        counts = [I64(rows), I64(inner), I64(in_panels(columns) // PANEL)]
+        counts = [I64(rows) if isinstance(rows, int) else rows, I64(inner), I64(in_panels(columns) // PANEL)]
         terms = [(0, 0, 0), (1, 0, 1), (1, 1, 0)] if len(out) > 1 else [(0, 0, 0)]
         for n, (target, factor, other) in enumerate(terms):
             function = self._product(entries, add=n == 2)
@@ -135,7 +136,7 @@ def emit_large_exponential(
     kinds = [VECTORS, NUMBERS, VECTORS, *[VECTORS] * (2 * width)]
     function, b = begin_function(matrices.module, "exponential", 0, kinds)
     parameters, constants, spans, *both = function.args
-    e, spare = tuple(both[:width]), tuple(both[width:])
+    whole_e, whole_spare = tuple(both[:width]), tuple(both[width:])
     numbers = layout.numbers(b, parameters, constants, slopes=slopes)
     span, matrix = Vector(b, b.read(spans, 0)), layout.entries(numbers)
     timed = timed_entries(layout, matrix, span, increments=increments)
@@ -143,40 +144,41 @@ def emit_large_exponential(
     plain = register_entries({index: entry.value for index, entry in values.items()})
     halvings, factor = emit_shortening(b, emit_balanced_norm(b, layout.n_states, plain))
     places = sorted({(column, row) for row, column in values} | {(i, i) for i in range(n)})
-    a, over = (tuple(b.alloca(VEC, I64(len(places))) for _ in range(width)) for _ in range(2))
+    a = tuple(b.alloca(VEC, I64(len(places))) for _ in range(width))
     for part, base in enumerate(a):
         for index, (column, row) in enumerate(places):
             entry = values.get((row, column), dual(0.0))
             number = Vector(b, factor) * (entry.slope if part else entry.value)
             b.write(number.value, base, index)
 
-    def term(out: Block, right: Block, power: ir.Value, *, beside_one: bool = True) -> None:
-        """Store A right / power, and one if it is to be."""
-        for source, target in zip(a, over, strict=True):
-            each = Loop(b, I64(len(places)), [], "over")
-            shorter = b.fdiv(b.read(b.offset(source, each.index), 0), b.splat(power))
-            b.write(shorter, b.offset(target, each.index), 0)
-            each.close([])
-        matrices.multiply(b, out, over, right, (n, n, n), places)
-        if beside_one:
-            add_one(out)
-
-    def add_one(out: Block) -> None:
-        each = Loop(b, I64(n), [], "one")
-        at = b.offset(out[0], each.index, stride + 1)
-        b.write(b.fadd(b.read(at, 0), vector(1.0)), at, 0)
+    def add_unit(out: ir.Value, factor: ir.Value, row: ir.Value, count: ir.Value) -> None:
+        each = Loop(b, count, [], "unit")
+        at = b.gep(out, [b.add(b.mul(b.add(row, each.index), I64(stride)), each.index)])
+        b.write(b.fadd(b.read(at, 0), b.splat(factor)), at, 0)
         each.close([])
 
-    for base in e:
+    for base in whole_e:
         b.clear(base, I64(n * stride))
-    add_one(e)
-    pairs = Loop(b, I64(TAYLOR_DEGREE // 2 - 1), [], "pairs")
+    panel = Loop(b, I64(in_panels(n) // PANEL), [], "panel")
+    first = b.mul(panel.index, I64(PANEL))
+    here = b.sub(I64(n), first)
+    here = b.select(b.icmp_signed("<", here, I64(PANEL)), here, I64(PANEL))
+    e, spare = (tuple(b.gep(base, [first]) for base in block) for block in (whole_e, whole_spare))
+    factorial = F64(math.factorial(TAYLOR_DEGREE))  # a whole number, as are all after it
+    add_unit(e[0], b.fdiv(F64(1.0), factorial), first, here)
+    pairs = Loop(b, I64(TAYLOR_DEGREE // 2), [factorial], "pairs")
+    (factorial,) = pairs.carried
     power = b.fsub(F64(TAYLOR_DEGREE), b.sitofp(b.mul(pairs.index, I64(2)), F64))
-    term(spare, e, power)
-    term(e, spare, b.fsub(power, F64(1.0)))
-    pairs.close([])
-    term(spare, e, F64(2.0))
-    term(e, spare, F64(1.0), beside_one=False)
+    for out, right in ((spare, e), (e, spare)):
+        factorial = b.fdiv(factorial, power)
+        power = b.fsub(power, F64(1.0))
+        matrices.multiply(b, out, a, right, (n, n, PANEL), places)
+        last = b.fcmp_ordered("==", power, F64(0.0))
+        weight = b.select(last, F64(0.0), b.fdiv(F64(1.0), factorial))
+        add_unit(out[0], weight, first, here)
+    pairs.close([factorial])
+    panel.close([])
+    e, spare = whole_e, whole_spare
     most = b.largest(halvings)
     with b.if_then(b.icmp_signed(">", most, I64(0))):
         squarings = Loop(b, most, [], "squarings")
@@ -190,6 +192,6 @@ def emit_large_exponential(
             b.write(b.select(still, b.fma(vector(2.0), value, more), value), at, 0)
             each.close([])
         squarings.close([])
-    add_one(e)
+    add_unit(e[0], F64(1.0), I64(0), I64(n))
     b.ret_void()
     return function
