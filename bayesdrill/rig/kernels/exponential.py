@@ -115,14 +115,14 @@ class Layout:
         return self.entries(self.numbers(b, parameters, constants))
 
     def numbers(
-        self, b: Builder, parameters: ir.Value, constants: ir.Value, *, slopes: bool = False
+        self, b: Builder, parameters: ir.Value, constants: ir.Value, *, apart: int = 0
     ) -> list[Any]:
-        """Return the arguments of `entries`; with `slopes`, those of parameters stand behind them."""
-        count = self.n_parameters
-        lanes = [Vector(b, b.read(parameters, p)) for p in range(count * (1 + slopes))]
-        pairs = zip(lanes, lanes[count:], strict=False)
-        shared = [number(b, constants, c) for c in range(self.n_constants)]
-        return [*(Dual(*pair) for pair in pairs), *shared] if slopes else [*lanes, *shared]
+        """Return the arguments of `entries`; slopes of parameters, if any, stand `apart` from them."""
+        lanes: list[Any] = [Vector(b, b.read(parameters, p)) for p in range(self.n_parameters)]
+        if apart:
+            slopes = (Vector(b, b.read(parameters, apart + p)) for p in range(self.n_parameters))
+            lanes = [Dual(*pair) for pair in zip(lanes, slopes, strict=True)]
+        return [*lanes, *(number(b, constants, c) for c in range(self.n_constants))]
 
 
 Matrix = Sequence[tuple[int, int, Vector | float]]

@@ -66,7 +66,11 @@ class Matrices:
         Where there are `entries`, by row, `left` has these alone, one after the other.
         """
         rows, inner, columns = size
-        counts = [I64(rows) if isinstance(rows, int) else rows, I64(inner), I64(in_panels(columns) // PANEL)]
+        counts = [
+            I64(rows) if isinstance(rows, int) else rows,
+            I64(inner),
+            I64(in_panels(columns) // PANEL),
+        ]
         terms = [(0, 0, 0), (1, 0, 1), (1, 1, 0)] if len(out) > 1 else [(0, 0, 0)]
         for n, (target, factor, other) in enumerate(terms):
             function = self._product(entries, add=n == 2)
@@ -121,23 +125,27 @@ class Matrices:
 
 
 def emit_large_exponential(
-    matrices: Matrices, layout: Layout, *, slopes: bool, increments: bool = True
+    matrices: Matrices, layout: Layout, *, apart: int = 0, increments: bool = True
 ) -> ir.Function:
     """Write `exponential(parameters, constants (C,), spans (LANES,), e, spare)`.
 
-    As `emit_exponential`, but the transpose, at `e (N, stride, LANES)`.  With `slopes`, parameters
-    are followed by their direction, and `e` and `spare` by the addresses of slopes.
+    As `emit_exponential`, but the transpose, at `e (N, stride, LANES)`.  If their direction stands
+    `apart` from parameters, there are the addresses of slopes behind `e` and `spare`.
 
     The matrix has few entries, so that a power of it times a matrix is not more than some of these.
     It is shortened by its size in units of the states that balance it, which is that of its
     frequencies, or far more squarings would be needed.
     """
-    width, n, stride = 1 + slopes, layout.size, matrices.stride
+    width, n, stride = 1 + bool(apart), layout.size, matrices.stride
+    name = f"exponential_{width}"
+    if name in matrices.module.globals:
+        return matrices.module.globals[name]
     kinds = [VECTORS, NUMBERS, VECTORS, *[VECTORS] * (2 * width)]
-    function, b = begin_function(matrices.module, "exponential", 0, kinds)
+    function, b = begin_function(matrices.module, name, 0, kinds)
+    function.linkage = "internal"
     parameters, constants, spans, *both = function.args
     whole_e, whole_spare = tuple(both[:width]), tuple(both[width:])
-    numbers = layout.numbers(b, parameters, constants, slopes=slopes)
+    numbers = layout.numbers(b, parameters, constants, apart=apart)
     span, matrix = Vector(b, b.read(spans, 0)), layout.entries(numbers)
     timed = timed_entries(layout, matrix, span, increments=increments)
     values = {index: dual(entry) for index, entry in timed.items()}

@@ -26,8 +26,8 @@ def simulator(
     """
     if model.frictions or sensing.input_lags:
         return Stepped(model, experiment, sensing, substeps, reversal_substeps, adaptive)
-    plain = sensing.empty and experiment.uniform and bool(experiment.seen.all())
-    if not plain:
-        return IrregularSimulator(model, experiment, sensing)
-    few = len(model.states) <= MOST_STATES
-    return Response(model, experiment) if few else ChainResponse(model, experiment)
+    even = experiment.uniform and not sensing.shifts
+    if even and len(model.states) > MOST_STATES:
+        return ChainResponse(model, experiment, sensing)
+    plain = sensing.empty and even and bool(experiment.seen.all())
+    return Response(model, experiment) if plain else IrregularSimulator(model, experiment, sensing)
