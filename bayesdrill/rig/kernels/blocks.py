@@ -23,12 +23,12 @@ from bayesdrill.rig.kernels.lanes import (
     begin_function,
     vector,
 )
-from bayesdrill.rig.kernels.loops import Block, Matrices, emit_large_exponential, in_panels
+from bayesdrill.rig.kernels.loops import Block, Matrices, emit_transposed_exponential, in_panels
 from bayesdrill.rig.kernels.recurrence import Constants, emit_drive
 from bayesdrill.rig.kernels.sums import RESIDUAL_SUMS, ResidualSums, Sample
 
 DOUBLINGS = 3  # of one sample: more cost more matrices than they save steps
-SAMPLES = 2**DOUBLINGS  # of a step
+SAMPLES = 1 << DOUBLINGS  # of a step
 STEPS = 8  # whose channels are computed together, so that B is read once for all
 
 
@@ -62,7 +62,8 @@ class BlockShape:
     @property
     def columns(self) -> int:
         """Of B in memory: x, one and channels, and no fewer than rows."""
-        return in_panels(max(self.head + in_panels(SAMPLES * self.channels), self.rows))
+        shown = self.head + in_panels(SAMPLES * self.channels)
+        return in_panels(max(shown, self.rows))
 
     @property
     def walker(self) -> Mapping[str, int]:
@@ -92,58 +93,53 @@ def _emit_response(
     blocks = [VECTORS, NUMBERS, NUMBERS, NUMBERS, VECTORS, VECTORS]
     function, b = begin_function(module, name, 2, blocks)
     n_groups, n_samples, numbers, block, y, u, out, scratch = function.args
-    width, layout, k_count = (2 if name == "course" else 1), shape.layout, shape.channels
+    width, k_count = (2 if name == "course" else 1), shape.channels
+    groups, size = Loop(b, n_groups, [], "groups"), width * sum(shape.walker.values())
     each = tally.weights * k_count if tally is not None else 0
-    matrices, groups = Matrices(module, shape.columns), Loop(b, n_groups, [], "groups")
-    size = sum(shape.walker.values())
-    mine = b.offset(numbers, groups.index, width * size + each)
-    weights = b.read_row(b.gep(mine, [I64(width * size)]), each)
-    w = _Group(b, matrices, shape, Constants(b, layout, block), mine, width)
+    mine = b.offset(numbers, groups.index, size + each)
+    weights = b.read_row(b.gep(mine, [I64(size)]), each)
+    constants = Constants(b, shape.layout, block)
+    w = _Group(b, Matrices(module, shape.columns), shape, constants, mine, width)
     one, other, z, shown = w.parts(scratch)
     w.begin(one, other, z)
     w.fill(one, other)
-    whole = (one, other)[DOUBLINGS % 2]
     start = tally.initial(k_count) if tally is not None else []
     stretches = Loop(b, _parts(b, n_samples, SAMPLES * STEPS), start, "stretches")
     first = b.mul(stretches.index, I64(SAMPLES * STEPS))
     here = _least(b, b.sub(n_samples, first), I64(SAMPLES * STEPS))
-    count = _parts(b, here, SAMPLES)
-    steps = Loop(b, count, [], "steps")
-    now = w.row(z, steps.index)
-    for j in range(SAMPLES):
-        index = b.add(b.add(first, b.mul(steps.index, I64(SAMPLES))), I64(j))
-        drive = emit_drive(b, layout, u, _least(b, index, b.sub(n_samples, I64(1))))
-        b.write_row(drive, b.gep(now[0], [I64(shape.head + j * shape.drives)]))
-    following = w.row(now, I64(1))
-    matrices.multiply(b, following, now, whole, (1, shape.rows, shape.head))
-    for slopes in following[1:]:  # inputs have none
-        b.clear(b.gep(slopes, [I64(shape.head)]), I64(shape.columns - shape.head))
-    steps.close([])
-    channels = w.column(whole, shape.head)
-    matrices.multiply(b, shown, z, channels, (count, shape.rows, SAMPLES * k_count))
-    for last, target in zip(w.row(z, count), z, strict=True):
-        b.copy(last, target, shape.head)
+    w.step(first, here, (u, n_samples), (one, other)[DOUBLINGS % 2], z, shown)
     samples = Loop(b, here, stretches.carried, "samples")
-    totals, sample = list(samples.carried), b.add(first, samples.index)
-    place = b.sub(I64(SAMPLES - 1), b.srem(samples.index, I64(SAMPLES)))
-    step = w.row(shown, b.sdiv(samples.index, I64(SAMPLES)))
-    values = [b.read_row(b.offset(part, place, k_count), k_count) for part in step]
+    totals, sample = samples.carried, b.add(first, samples.index)
+    values = w.channels(shown, samples.index)
     if tally is None:
         row = b.add(b.mul(groups.index, n_samples), sample)
-        both = [value for part in values for value in part]
-        b.write_row(both, b.offset(out, row, width * k_count))
-    for k in range(k_count if tally is not None else 0):
-        measured = b.splat(b.load(b.gep(y, [b.add(b.mul(sample, I64(k_count)), I64(k))])))
-        observed = b.fcmp_ordered("ord", measured, measured)
-        residual = b.select(observed, b.fsub(measured, values[0][k]), vector(0.0))
-        channel = slice(k * tally.count, (k + 1) * tally.count)
-        scales = weights[k * tally.weights : (k + 1) * tally.weights]
-        totals[channel] = tally.add(b, totals[channel], Sample(residual, observed, scales))
+        b.write_row(values, b.offset(out, row, width * k_count))
+    else:
+        totals = _add_sample(b, tally, totals, b.offset(y, sample, k_count), values, weights)
     samples.close(totals)
     stretches.close(totals)
     b.write_row(totals, b.offset(out, groups.index, len(totals)))
     groups.close([])
     b.ret_void()
+
+
+def _add_sample(
+    b: Builder,
+    tally: ResidualSums,
+    totals: list[ir.Value],
+    y: ir.Value,
+    values: list[ir.Value],
+    weights: list[ir.Value],
+) -> list[ir.Value]:
+    """Return the totals of all channels with one more sample, what was measured of it at `y`."""
+    added = []
+    for k, value in enumerate(values):
+        measured = b.splat(b.load(b.gep(y, [I64(k)])))
+        observed = b.fcmp_ordered("ord", measured, measured)
+        residual = b.select(observed, b.fsub(measured, value), vector(0.0))
+        sample = Sample(residual, observed, weights[k * tally.weights : (k + 1) * tally.weights])
+        added += tally.add(b, totals[k * tally.count : (k + 1) * tally.count], sample)
+    return added
 
 
 def _least(b: Builder, value: ir.Value, other: ir.Value) -> ir.Value:
@@ -170,10 +166,6 @@ class _Group:
         """Return the address of a row."""
         return tuple(self.b.offset(base, index, self.shape.columns) for base in block)
 
-    def column(self, block: Block, index: int) -> Block:
-        """Return the address of a column."""
-        return tuple(self.b.gep(base, [I64(index)]) for base in block)
-
     def parts(self, scratch: ir.Value) -> list[Block]:
         """Return the addresses of two of B, of z, and of channels."""
         blocks = []
@@ -184,29 +176,70 @@ class _Group:
             scratch = ends[-1]
         return blocks
 
-    def _numbers(self, name: str) -> list[list[ir.Value]]:
-        """Return numbers of the group, and their slopes."""
+    def _numbers(self, name: str) -> Block:
+        """Return the addresses of numbers of the group, and of their slopes."""
         b, sizes = self.b, self.shape.walker
-        each = [addresses(b, self.mine, I64(part), sizes) for part in range(self.width)]
-        return [b.read_row(where[name], sizes[name]) for where in each]
+        return tuple(addresses(b, self.mine, I64(n), sizes)[name] for n in range(self.width))
 
     def begin(self, one: Block, other: Block, z: Block) -> None:
         """Store z at the first sample."""
         b, shape = self.b, self.shape
         for base, start in zip(z, self._numbers("start"), strict=True):
             b.clear(base, I64(shape.columns))
-            b.write_row(start, base)
+            b.copy(start, base, shape.layout.n_states)
         b.write(vector(1.0), z[0], shape.layout.n_states)
         if shape.layout.lead:
             self._exponential(one, other, lead=True)
             self.matrices.multiply(b, other, z, one, (1, shape.head, shape.head))
-            for source, target in zip(other, z, strict=True):
-                b.copy(source, target, shape.head)
+            self._move(other, z, shape.head)
+
+    def _move(self, source: Block, target: Block, count: int) -> None:
+        for old, new in zip(source, target, strict=True):
+            self.b.copy(old, new, count)
+
+    def step(
+        self,
+        first: ir.Value,
+        here: ir.Value,
+        inputs: tuple[ir.Value, ir.Value],
+        whole: Block,
+        z: Block,
+        shown: Block,
+    ) -> None:
+        """Store the channels of samples from the `first` on, so many `here`, and z after them.
+
+        `inputs`: their address, and the count of all samples; `whole`: B.
+        """
+        b, shape, count = self.b, self.shape, _parts(self.b, here, SAMPLES)
+        steps = Loop(b, count, [], "steps")
+        now = self.row(z, steps.index)
+        for j in range(SAMPLES):
+            index = b.add(b.add(first, b.mul(steps.index, I64(SAMPLES))), I64(j))
+            index = _least(b, index, b.sub(inputs[1], I64(1)))  # what is beyond shows nowhere
+            drive = emit_drive(b, shape.layout, inputs[0], index)
+            b.write_row(drive, b.gep(now[0], [I64(shape.head + j * shape.drives)]))
+        following = self.row(now, I64(1))
+        self.matrices.multiply(b, following, now, whole, (1, shape.rows, shape.head))
+        for slopes in following[1:]:  # inputs have none
+            b.clear(b.gep(slopes, [I64(shape.head)]), I64(shape.columns - shape.head))
+        steps.close([])
+        channels = tuple(b.gep(base, [I64(shape.head)]) for base in whole)
+        size = (count, shape.rows, SAMPLES * shape.channels)
+        self.matrices.multiply(b, shown, z, channels, size)
+        self._move(self.row(z, count), z, shape.head)
+
+    def channels(self, shown: Block, sample: ir.Value) -> list[ir.Value]:
+        """Return the channels at a sample, and their slopes."""
+        b, k_count = self.b, self.shape.channels
+        place = b.sub(I64(SAMPLES - 1), b.srem(sample, I64(SAMPLES)))
+        row = self.row(shown, b.sdiv(sample, I64(SAMPLES)))
+        parts = (b.read_row(b.offset(part, place, k_count), k_count) for part in row)
+        return [value for part in parts for value in part]
 
     def _exponential(self, e: Block, spare: Block, *, lead: bool) -> None:
         b, shape = self.b, self.shape
         apart = sum(shape.walker.values()) * (self.width - 1)
-        function = emit_large_exponential(self.matrices, shape.layout, apart=apart)
+        function = emit_transposed_exponential(self.matrices, shape.layout, apart=apart)
         with b.goto_entry_block():
             span = b.alloca(VEC)
         b.write(self.constants.span(lead=lead).value, span, 0)
@@ -218,12 +251,14 @@ class _Group:
         self._exponential(one, other, lead=False)
         for base, rows in zip(one, self._numbers("rows"), strict=True):
             every = Loop(b, I64(shape.layout.size), [], "every")
-            row = b.offset(base, every.index, shape.columns)
-            b.write_row([vector(0.0)] * shape.channels, b.gep(row, [I64(shape.head)]))
+            row = b.gep(b.offset(base, every.index, shape.columns), [I64(shape.head)])
+            b.write_row([vector(0.0)] * shape.channels, row)
             every.close([])
-            for index, entry in enumerate(rows):
-                k, i = divmod(index, shape.head)
-                b.write(entry, base, i * shape.columns + shape.head + k)
+            every = Loop(b, I64(shape.head), [], "every")
+            row = b.gep(b.offset(base, every.index, shape.columns), [I64(shape.head)])
+            weights = b.gep(rows, [every.index])
+            b.write_row((b.read(weights, k * shape.head) for k in range(shape.channels)), row)
+            every.close([])
         for doubling in range(DOUBLINGS):
             self._double(2**doubling, one, other)
             one, other = other, one

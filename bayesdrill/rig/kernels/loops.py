@@ -124,19 +124,20 @@ class Matrices:
         return table
 
 
-def emit_large_exponential(
-    matrices: Matrices, layout: Layout, *, apart: int = 0, increments: bool = True
+def emit_transposed_exponential(
+    matrices: Matrices, layout: Layout, *, apart: int = 0
 ) -> ir.Function:
     """Write `exponential(parameters, constants (C,), spans (LANES,), e, spare)`.
 
-    As `emit_exponential`, but the transpose, at `e (N, stride, LANES)`.  If their direction stands
-    `apart` from parameters, there are the addresses of slopes behind `e` and `spare`.
+    It stores the transpose of what `emit_exponential` does, of inputs' increments, at `e (N, stride,
+    LANES)`.  If the slopes of parameters stand `apart` from them, there are the addresses of slopes
+    behind `e` and `spare`.
 
-    The matrix has few entries, so that a power of it times a matrix is not more than some of these.
-    It is shortened by its size in units of the states that balance it, which is that of its
-    frequencies, or far more squarings would be needed.
+    The matrix has few entries: a power of it is multiplied by them, term by term.  It is shortened
+    by its norm in units of the states that balance it, which is near its largest rate; other units
+    ask for many squarings, which cost far more here than terms.
     """
-    width, n, stride = 1 + bool(apart), layout.size, matrices.stride
+    width = 1 + bool(apart)
     name = f"exponential_{width}"
     if name in matrices.module.globals:
         return matrices.module.globals[name]
@@ -144,49 +145,73 @@ def emit_large_exponential(
     function, b = begin_function(matrices.module, name, 0, kinds)
     function.linkage = "internal"
     parameters, constants, spans, *both = function.args
-    whole_e, whole_spare = tuple(both[:width]), tuple(both[width:])
+    e, spare = tuple(both[:width]), tuple(both[width:])
     numbers = layout.numbers(b, parameters, constants, apart=apart)
     span, matrix = Vector(b, b.read(spans, 0)), layout.entries(numbers)
-    timed = timed_entries(layout, matrix, span, increments=increments)
+    timed = timed_entries(layout, matrix, span, increments=True)
     values = {index: dual(entry) for index, entry in timed.items()}
     plain = register_entries({index: entry.value for index, entry in values.items()})
     halvings, factor = emit_shortening(b, emit_balanced_norm(b, layout.n_states, plain))
-    places = sorted({(column, row) for row, column in values} | {(i, i) for i in range(n)})
+    # Rows of the transpose are columns, and none is without an entry.
+    places = sorted(
+        {(column, row) for row, column in values} | {(i, i) for i in range(layout.size)}
+    )
     a = tuple(b.alloca(VEC, I64(len(places))) for _ in range(width))
     for part, base in enumerate(a):
         for index, (column, row) in enumerate(places):
             entry = values.get((row, column), dual(0.0))
-            number = Vector(b, factor) * (entry.slope if part else entry.value)
-            b.write(number.value, base, index)
+            shortened = Vector(b, factor) * (entry.slope if part else entry.value)
+            b.write(shortened.value, base, index)
+    _emit_series(b, matrices, layout.size, (a, places), e, spare)
+    _emit_squarings(b, matrices, layout.size, halvings, e, spare)
+    _add_unit(b, matrices, e[0], F64(1.0), I64(layout.size))
+    b.ret_void()
+    return function
 
-    def add_unit(out: ir.Value, factor: ir.Value, row: ir.Value, count: ir.Value) -> None:
-        each = Loop(b, count, [], "unit")
-        at = b.gep(out, [b.add(b.mul(b.add(row, each.index), I64(stride)), each.index)])
-        b.write(b.fadd(b.read(at, 0), b.splat(factor)), at, 0)
-        each.close([])
 
-    for base in whole_e:
-        b.clear(base, I64(n * stride))
+def _add_unit(
+    b: Builder, matrices: Matrices, out: ir.Value, factor: ir.Value, count: ir.Value
+) -> None:
+    """Add a factor to so many entries of the diagonal."""
+    each = Loop(b, count, [], "unit")
+    at = b.offset(out, each.index, matrices.stride + 1)
+    b.write(b.fadd(b.read(at, 0), b.splat(factor)), at, 0)
+    each.close([])
+
+
+def _emit_series(
+    b: Builder, matrices: Matrices, n: int, a: tuple[Block, Entries], e: Block, spare: Block
+) -> None:
+    """Store e = A (1 + A (1/2 + A (1/6 + ...))), panel by panel."""
+    powers, places = a
+    for base in e:
+        b.clear(base, I64(n * matrices.stride))
     panel = Loop(b, I64(in_panels(n) // PANEL), [], "panel")
     first = b.mul(panel.index, I64(PANEL))
-    here = b.sub(I64(n), first)
-    here = b.select(b.icmp_signed("<", here, I64(PANEL)), here, I64(PANEL))
-    e, spare = (tuple(b.gep(base, [first]) for base in block) for block in (whole_e, whole_spare))
+    here, there = (tuple(b.gep(base, [first]) for base in block) for block in (e, spare))
+    diagonal = b.mul(first, I64(matrices.stride))
+    count = b.sub(I64(n), first)
+    count = b.select(b.icmp_signed("<", count, I64(PANEL)), count, I64(PANEL))
     factorial = F64(math.factorial(TAYLOR_DEGREE))  # a whole number, as are all after it
-    add_unit(e[0], b.fdiv(F64(1.0), factorial), first, here)
+    weight = b.fdiv(F64(1.0), factorial)
+    _add_unit(b, matrices, b.gep(here[0], [diagonal]), weight, count)
     pairs = Loop(b, I64(TAYLOR_DEGREE // 2), [factorial], "pairs")
-    (factorial,) = pairs.carried
+    factorial = pairs.carried[0]
     power = b.fsub(F64(TAYLOR_DEGREE), b.sitofp(b.mul(pairs.index, I64(2)), F64))
-    for out, right in ((spare, e), (e, spare)):
-        factorial = b.fdiv(factorial, power)
-        power = b.fsub(power, F64(1.0))
-        matrices.multiply(b, out, a, right, (n, n, PANEL), places)
+    for out, right in ((there, here), (here, there)):
+        factorial, power = b.fdiv(factorial, power), b.fsub(power, F64(1.0))
+        matrices.multiply(b, out, powers, right, (n, n, PANEL), places)
         last = b.fcmp_ordered("==", power, F64(0.0))
         weight = b.select(last, F64(0.0), b.fdiv(F64(1.0), factorial))
-        add_unit(out[0], weight, first, here)
+        _add_unit(b, matrices, b.gep(out[0], [diagonal]), weight, count)
     pairs.close([factorial])
     panel.close([])
-    e, spare = whole_e, whole_spare
+
+
+def _emit_squarings(
+    b: Builder, matrices: Matrices, n: int, halvings: ir.Value, e: Block, spare: Block
+) -> None:
+    """Store (1 + e)^2 - 1 at e, as often as each lane was halved."""
     most = b.largest(halvings)
     with b.if_then(b.icmp_signed(">", most, I64(0))):
         squarings = Loop(b, most, [], "squarings")
@@ -194,12 +219,9 @@ def emit_large_exponential(
         still = b.fcmp_ordered("<", b.splat(b.sitofp(squarings.index, F64)), wanted)
         matrices.multiply(b, spare, e, e, (n, n, n))
         for now, square in zip(e, spare, strict=True):
-            each = Loop(b, I64(n * stride), [], "each")
+            each = Loop(b, I64(n * matrices.stride), [], "each")
             at = b.offset(now, each.index)
             value, more = b.read(at, 0), b.read(b.offset(square, each.index), 0)
             b.write(b.select(still, b.fma(vector(2.0), value, more), value), at, 0)
             each.close([])
         squarings.close([])
-    add_unit(e[0], F64(1.0), I64(0), I64(n))
-    b.ret_void()
-    return function
