@@ -29,6 +29,7 @@ from bayesdrill.rig.kernels.sums import RESIDUAL_SUMS, ResidualSums, Sample
 
 DOUBLINGS = 3  # of one sample: more cost more matrices than they save steps
 SAMPLES = 1 << DOUBLINGS  # of a step
+SLOPES = "sensitivities"
 STEPS = 8  # whose channels are computed together, so that B is read once for all
 
 
@@ -80,7 +81,7 @@ def write_blocks(module: ir.Module, shape: BlockShape, *names: str) -> None:
     """Write functions as `write_response` does, with the address of scratch behind the others.
 
     A walker's numbers are `BlockShape.walker`; `constants` are the step, the lead and the constant
-    inputs.  Beside them `course`: signals and slopes `(G, T, 2, K, LANES)`, in the direction of all
+    inputs.  `sensitivities` writes slopes of signals `(G, T, K, LANES)`, in the direction of all
     these numbers that stands behind them.
     """
     for name in names:
@@ -93,7 +94,7 @@ def _emit_response(
     blocks = [VECTORS, NUMBERS, NUMBERS, NUMBERS, VECTORS, VECTORS]
     function, b = begin_function(module, name, 2, blocks)
     n_groups, n_samples, numbers, block, y, u, out, scratch = function.args
-    width, k_count = (2 if name == "course" else 1), shape.channels
+    width, k_count = (2 if name == SLOPES else 1), shape.channels
     groups, size = Loop(b, n_groups, [], "groups"), width * sum(shape.walker.values())
     each = tally.weights * k_count if tally is not None else 0
     mine = b.offset(numbers, groups.index, size + each)
@@ -113,7 +114,7 @@ def _emit_response(
     values = w.channels(shown, samples.index)
     if tally is None:
         row = b.add(b.mul(groups.index, n_samples), sample)
-        b.write_row(values, b.offset(out, row, width * k_count))
+        b.write_row(values, b.offset(out, row, k_count))
     else:
         totals = _add_sample(b, tally, totals, b.offset(y, sample, k_count), values, weights)
     samples.close(totals)
@@ -229,12 +230,11 @@ class _Group:
         self._move(self.row(z, count), z, shape.head)
 
     def channels(self, shown: Block, sample: ir.Value) -> list[ir.Value]:
-        """Return the channels at a sample, and their slopes."""
+        """Return the channels at a sample, or their slopes where there are some."""
         b, k_count = self.b, self.shape.channels
         place = b.sub(I64(SAMPLES - 1), b.srem(sample, I64(SAMPLES)))
-        row = self.row(shown, b.sdiv(sample, I64(SAMPLES)))
-        parts = (b.read_row(b.offset(part, place, k_count), k_count) for part in row)
-        return [value for part in parts for value in part]
+        row = self.row(shown, b.sdiv(sample, I64(SAMPLES)))[-1]
+        return b.read_row(b.offset(row, place, k_count), k_count)
 
     def _exponential(self, e: Block, spare: Block, *, lead: bool) -> None:
         b, shape = self.b, self.shape

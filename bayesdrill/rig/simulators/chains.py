@@ -10,7 +10,7 @@ import numpy as np
 
 from bayesdrill.basics.arrays import Array
 from bayesdrill.record.experiment import Experiment
-from bayesdrill.rig.kernels.blocks import BlockShape, write_blocks
+from bayesdrill.rig.kernels.blocks import SLOPES, BlockShape, write_blocks
 from bayesdrill.rig.kernels.compiling import Kernel, compile_kernel
 from bayesdrill.rig.kernels.exponential import present
 from bayesdrill.rig.kernels.lanes import LANES
@@ -50,17 +50,16 @@ class ChainResponse(Unstepped):
 
     def sensitivities(self, full: Array, along: Array) -> Array:
         """See `Simulator.sensitivities`."""
-        return self.course(full, along)[1]
-
-    def course(self, full: Array, along: Array) -> tuple[Array, Array]:
-        """See `Simulator.course`."""
-        (n, q, p), (t_count, k_count) = along.shape, self.experiment.y.shape
+        (n, q, p), shape = along.shape, self.experiment.y.shape
         points, directions = np.repeat(full, q, axis=0), along.reshape(n * q, p)
         with np.errstate(all="ignore"):
             slopes = walker_slopes(self._sensors, points, directions)
-        out = self._run("course", (t_count, 2 * k_count), self._numbers(points), slopes)
-        both = ungrouped(out, n * q).reshape(n, q, t_count, 2, k_count)
-        return both[:, 0, :, 0], both[:, :, :, 1]
+        out = self._run(SLOPES, shape, self._numbers(points), slopes)
+        return ungrouped(out, n * q).reshape(n, q, *shape)
+
+    def course(self, full: Array, along: Array) -> tuple[Array, Array]:
+        """See `Simulator.course`."""
+        return self.signals(full), self.sensitivities(full, along)
 
     def _numbers(self, full: Array) -> Array:
         with np.errstate(all="ignore"):
@@ -70,7 +69,7 @@ class ChainResponse(Unstepped):
         """Return what a function writes of each group, `(G, *shape, LANES)`."""
         groups = in_groups(*walkers)
         out = np.empty((len(groups), *shape, LANES))
-        scratch = np.empty((self._shape.scratch(1 + (name == "course")) + 1, LANES))
+        scratch = np.empty((self._shape.scratch(1 + (name == SLOPES)) + 1, LANES))
         start = scratch.ctypes.data  # vectors that cross lines of the cache take twice as long
         inputs = (block.ctypes.data for block in (groups, *self._blocks))
         addresses = (*inputs, out.ctypes.data, start + -start % 64)
