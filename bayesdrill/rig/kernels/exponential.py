@@ -112,8 +112,17 @@ class Layout:
 
     def matrix(self, b: Builder, parameters: ir.Value, constants: ir.Value) -> Matrix:
         """Return the entries of parameters `(P, LANES)` and constant inputs `(C,)`."""
-        lanes = [Vector(b, b.read(parameters, p)) for p in range(self.n_parameters)]
-        return self.entries([*lanes, *(number(b, constants, c) for c in range(self.n_constants))])
+        return self.entries(self.numbers(b, parameters, constants))
+
+    def numbers(
+        self, b: Builder, parameters: ir.Value, constants: ir.Value, *, apart: int = 0
+    ) -> list[Any]:
+        """Return the arguments of `entries`; slopes of parameters, if any, stand `apart` from them."""
+        lanes: list[Any] = [Vector(b, b.read(parameters, p)) for p in range(self.n_parameters)]
+        if apart:
+            slopes = (Vector(b, b.read(parameters, apart + p)) for p in range(self.n_parameters))
+            lanes = [Dual(*pair) for pair in zip(lanes, slopes, strict=True)]
+        return [*lanes, *(number(b, constants, c) for c in range(self.n_constants))]
 
 
 Matrix = Sequence[tuple[int, int, Vector | float]]
@@ -256,7 +265,8 @@ def emit_exponential(
     scratch = b.alloca(VEC, I64(5 * n * n))
     a, second, third, fourth, spare = (b.gep(scratch, [I64(k * n * n)]) for k in range(5))
     matrix, span = layout.matrix(b, parameters, constants), Vector(b, b.read(spans, 0))
-    halvings = _emit_scaled_matrix(b, layout, _timed(layout, matrix, span, increments), a)
+    timed = timed_entries(layout, matrix, span, increments=increments)
+    halvings = _emit_scaled_matrix(b, layout, register_entries(timed), a)
     for out, left, right in ((second, a, a), (third, second, a), (fourth, second, second)):
         b.call(product, [out, left, right])
 
@@ -298,14 +308,16 @@ def emit_exponential(
 ExponentialEntries = dict[tuple[int, int], ir.Value]
 
 
-def _timed(layout: Layout, matrix: Matrix, span: Vector, increments: bool) -> ExponentialEntries:
+def timed_entries(
+    layout: Layout, matrix: Sequence[tuple[int, int, Any]], span: Vector, *, increments: bool
+) -> dict[tuple[int, int], Any]:
     """Return the entries by place, times the span."""
-    entries: dict[tuple[int, int], Vector | float] = {}
+    entries: dict[tuple[int, int], Any] = {}
     for row, column, value in matrix:
         # Rows below the states stand for increments per step, whatever the step is, or for slopes.
         timed = value if increments and row >= layout.n_states else value * span
         entries[row, column] = entries.get((row, column), 0.0) + timed
-    return {index: _value(entry) for index, entry in entries.items()}
+    return entries
 
 
 def _emit_scaled_matrix(
@@ -320,9 +332,7 @@ def _emit_scaled_matrix(
         for column in (c for c in range(x) if (row, c) in values):
             total = b.fadd(total, b.absolute(values[row, column]))
         norm = b.select(b.fcmp_unordered(">", total, norm), total, norm)
-    halvings = emit_halvings(b, norm, TAYLOR_NORM)
-    exponent = b.sub(whole_numbers(_EXPONENT_BIAS), halvings)
-    factor = b.bitcast(b.shl(exponent, whole_numbers(_MANTISSA_BITS)), VEC)
+    halvings, factor = emit_shortening(b, norm)
     reach = layout.reach
     for row in range(n):
         for column in (c for c in range(n) if reach[row][c]):
@@ -330,6 +340,13 @@ def _emit_scaled_matrix(
             scaled = vector(0.0) if value is None else b.fmul(value, factor)
             b.write(scaled, a, row * n + column)
     return halvings
+
+
+def emit_shortening(b: Builder, norm: ir.Value) -> tuple[ir.Value, ir.Value]:
+    """Return how often a matrix with a norm is halved until its series converges, and the factor."""
+    halvings = emit_halvings(b, norm, TAYLOR_NORM)
+    exponent = b.sub(whole_numbers(_EXPONENT_BIAS), halvings)
+    return halvings, b.bitcast(b.shl(exponent, whole_numbers(_MANTISSA_BITS)), VEC)
 
 
 def emit_halvings(b: Builder, norm: ir.Value, bound: float) -> ir.Value:
@@ -343,6 +360,11 @@ def emit_halvings(b: Builder, norm: ir.Value, bound: float) -> ir.Value:
         end = whole_numbers(limit)
         least = b.select(b.icmp_signed(side, least, end), end, least)
     return least
+
+
+def register_entries(entries: Mapping[tuple[int, int], Vector | float]) -> ExponentialEntries:
+    """Return entries as registers."""
+    return {index: _value(entry) for index, entry in entries.items()}
 
 
 def _value(entry: Vector | float) -> ir.Value:
@@ -391,7 +413,7 @@ def emit_rates(
         if row < layout.n_states:
             entries[row, column] = entries.get((row, column), 0.0) + value
     values = {index: _value(entry) for index, entry in entries.items()}
-    norm = _emit_norm(b, layout.n_states, values)
+    norm = emit_balanced_norm(b, layout.n_states, values)
     fit = b.fcmp_ordered(">", norm, least)
     fit = b.and_(fit, b.fcmp_ordered("<", norm, vector(MAX_NORM)))
     norm = b.select(fit, norm, least)
@@ -401,7 +423,7 @@ def emit_rates(
     return norm
 
 
-def _emit_norm(b: Builder, x: int, values: dict[tuple[int, int], ir.Value]) -> ir.Value:
+def emit_balanced_norm(b: Builder, x: int, values: dict[tuple[int, int], ir.Value]) -> ir.Value:
     """Return the largest row sum of D^-1 |A| D, which is a norm for any scales D > 0 of the states.
 
     Units of states are of any size; each round takes for D the geometric mean of D and |A| D.

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from bayesdrill.record.experiment import Experiment
 from bayesdrill.rig.models.linear import Model
+from bayesdrill.rig.simulators.chains import MOST_STATES, ChainResponse
 from bayesdrill.rig.simulators.contract import REVERSAL_SUBSTEPS, Simulator
 from bayesdrill.rig.simulators.exact import Response
 from bayesdrill.rig.simulators.irregular import IrregularSimulator
@@ -25,5 +26,8 @@ def simulator(
     """
     if not model.smooth or sensing.input_lags:
         return Stepped(model, experiment, sensing, substeps, reversal_substeps, adaptive)
-    plain = sensing.empty and experiment.uniform and bool(experiment.seen.all())
+    even = experiment.uniform and not sensing.shifts
+    if even and len(model.states) > MOST_STATES:
+        return ChainResponse(model, experiment, sensing)
+    plain = sensing.empty and even and bool(experiment.seen.all())
     return Response(model, experiment) if plain else IrregularSimulator(model, experiment, sensing)

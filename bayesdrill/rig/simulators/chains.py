@@ -1,0 +1,109 @@
+"""The exact response of rigs of many states, in steps of several samples, see `kernels.blocks`."""
+
+from __future__ import annotations
+
+import dataclasses
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from bayesdrill.basics.arrays import Array
+from bayesdrill.record.experiment import Experiment
+from bayesdrill.rig.kernels.blocks import SLOPES, BlockShape, write_blocks
+from bayesdrill.rig.kernels.compiling import Kernel, compile_kernel
+from bayesdrill.rig.kernels.exponential import present
+from bayesdrill.rig.kernels.lanes import LANES
+from bayesdrill.rig.kernels.sums import SQUARES, ResidualSums
+from bayesdrill.rig.models.linear import Model
+from bayesdrill.rig.simulators.contract import in_groups, ungrouped
+from bayesdrill.rig.simulators.long_record import input_layout, walker_numbers, walker_slopes
+from bayesdrill.rig.simulators.sensors import ObservationModel, SensorParameters
+from bayesdrill.rig.simulators.stepped import Unstepped
+
+MOST_STATES = 10  # of rigs whose kernels are written out entry by entry
+TOGETHER = (SQUARES.name, "signals")  # what is compiled at once
+
+
+@dataclass(frozen=True, eq=False)
+class ChainResponse(Unstepped):
+    """The response of a rig of any number of states at even times; no channel is late.
+
+    See `contract.Simulator`; parameters are the model's, then those that `sensing` names.
+    """
+
+    model: Model
+    experiment: Experiment
+    sensing: ObservationModel
+
+    def sums(self, full: Array, tally: ResidualSums, weights: Array | None = None) -> Array:
+        """See `Simulator.sums`."""
+        n, k_count = len(full), self.experiment.y.shape[1]
+        scales = [] if weights is None else [weights.reshape(n, -1)]
+        out = self._run(tally.name, (k_count * tally.count,), self._numbers(full), *scales)
+        return out.transpose(0, 2, 1).reshape(-1, k_count, tally.count)[:n]
+
+    def signals(self, full: Array) -> Array:
+        """See `Simulator.signals`."""
+        out = self._run("signals", self.experiment.y.shape, self._numbers(full))
+        return ungrouped(out, len(full))
+
+    def sensitivities(self, full: Array, along: Array) -> Array:
+        """See `Simulator.sensitivities`."""
+        (n, q, p), shape = along.shape, self.experiment.y.shape
+        points, directions = np.repeat(full, q, axis=0), along.reshape(n * q, p)
+        with np.errstate(all="ignore"):
+            slopes = walker_slopes(self._sensors, points, directions)
+        out = self._run(SLOPES, shape, self._numbers(points), slopes)
+        return ungrouped(out, n * q).reshape(n, q, *shape)
+
+    def course(self, full: Array, along: Array) -> tuple[Array, Array]:
+        """See `Simulator.course`."""
+        return self.signals(full), self.sensitivities(full, along)
+
+    def _numbers(self, full: Array) -> Array:
+        with np.errstate(all="ignore"):
+            return walker_numbers(self._sensors, full)
+
+    def _run(self, name: str, shape: tuple[int, ...], *walkers: Array) -> Array:
+        """Return what a function writes of each group, `(G, *shape, LANES)`."""
+        groups = in_groups(*walkers)
+        out = np.empty((len(groups), *shape, LANES))
+        scratch = np.empty((self._shape.scratch(1 + (name == SLOPES)) + 1, LANES))
+        start = scratch.ctypes.data  # vectors that cross lines of the cache take twice as long
+        inputs = (block.ctypes.data for block in (groups, *self._blocks))
+        addresses = (*inputs, out.ctypes.data, start + -start % 64)
+        self._kernel(name)[name](len(groups), len(self.experiment.t), *addresses)
+        return out
+
+    def _kernel(self, name: str) -> Kernel:
+        if name not in self._kernels:
+            names = TOGETHER if name in TOGETHER else (name,)
+            kernel = compile_kernel(write_blocks, self._shape, *names)
+            self._kernels.update(dict.fromkeys(names, kernel))
+        return self._kernels[name]
+
+    @cached_property
+    def _kernels(self) -> dict[str, Kernel]:
+        return {}
+
+    @cached_property
+    def _sensors(self) -> SensorParameters:
+        return SensorParameters(self.model, self.experiment, self.sensing)
+
+    @cached_property
+    def _shape(self) -> BlockShape:
+        layout = input_layout(self._sensors.observed_model, self.experiment)
+        layout = dataclasses.replace(layout, lead=self._sensors.lead)
+        return BlockShape(layout, self.experiment.y.shape[1])
+
+    @cached_property
+    def _blocks(self) -> tuple[Array, Array, Array]:
+        """Constants, record, inputs; the last increment drives nothing that is measured any more."""
+        experiment = self.experiment
+        inputs = [experiment.constant[name] for name in present(experiment.constant)]
+        lead = float(experiment.t[0] - experiment.t_start)
+        series = [np.append(u, u[-1]) for u in experiment.series.values()]
+        u = np.array(series, dtype=np.float64).reshape(len(series), len(experiment.t) + 1).T
+        constants = np.array([experiment.dt, lead, *inputs])
+        return constants, np.ascontiguousarray(experiment.y), np.ascontiguousarray(u)
