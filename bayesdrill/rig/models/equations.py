@@ -11,7 +11,6 @@ both of its ends, and what is imposed or held by the ground moves one of them.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 from typing import Any, Literal
 
 from bayesdrill.rig.models.friction import (
@@ -68,25 +67,25 @@ def _times(factor: float, number: Any) -> Any:
     return -number if factor == -1.0 else factor * number
 
 
-@dataclass(frozen=True, slots=True)
 class _Parts:
-    """The parts of a rig that its parameters, states and inputs have names for."""
+    """The parts of a rig that its parameters, states and inputs have names for.
 
-    model: PartsModel
+    `moving`: the inertias that turn with each speed that is a state.
+    """
+
+    def __init__(self, model: PartsModel) -> None:
+        self.model, self.roles = model, model.roles
+        self.names, self.states = {*model.parameters}, model.states
+        self.moving: dict[str, list[InertiaRoles]] = {}
+        for inertia in self.roles.inertias:
+            if inertia.speed in self.states and self._has(inertia.inertia):
+                self.moving.setdefault(inertia.speed, []).append(inertia)
 
     # Where things act.
 
-    def moving(self) -> dict[str, list[InertiaRoles]]:
-        """Return the inertias that turn with each speed that is a state."""
-        coordinates: dict[str, list[InertiaRoles]] = {}
-        for inertia in self.model.roles.inertias:
-            if inertia.speed in self.model.states and self._has(inertia.inertia):
-                coordinates.setdefault(inertia.speed, []).append(inertia)
-        return coordinates
-
     def inertia(self, speed: str, p: Named) -> Any:
         """Return what `coordinate_inertia` does."""
-        first, *others = self.moving()[speed]
+        first, *others = self.moving[speed]
         total: Any = p[first.inertia]
         for other in others:
             square = (first.reduction / other.reduction) ** 2
@@ -95,19 +94,19 @@ class _Parts:
 
     def torque_factor(self, inertia: InertiaRoles) -> float:
         """Return what a torque on it counts over the inertia of all that turns with it."""
-        first = self.moving()[inertia.speed][0]
+        first = self.moving[inertia.speed][0]
         if inertia.reduction == first.reduction:
             return first.reduction
         return first.reduction**2 / inertia.reduction
 
     def _has(self, name: str) -> bool:
-        return name in self.model.parameters
+        return name in self.names
 
     def _shafts(
         self,
     ) -> Iterator[tuple[ShaftRoles, list[tuple[InertiaRoles, InertiaRoles | None]]]]:
         """Yield each shaft with its ends, each as the near and the far inertia."""
-        roles = self.model.roles
+        roles = self.roles
         for shaft in roles.shafts:
             ends = [None if name == GROUND else roles.inertia(name) for name in shaft.ends]
             pairs = [(ends[0], ends[1]), (ends[1], ends[0])]
@@ -116,7 +115,7 @@ class _Parts:
                 [
                     (near, far)
                     for near, far in pairs
-                    if near is not None and near.speed in self.model.states
+                    if near is not None and near.speed in self.states
                 ],
             )
 
@@ -124,7 +123,7 @@ class _Parts:
 
     def linear(self, p: Named) -> Linear:
         """Return what `Model.linear` does."""
-        model, totals = self.model, {speed: self.inertia(speed, p) for speed in self.moving()}
+        model, totals = self.model, {speed: self.inertia(speed, p) for speed in self.moving}
         a: dict[tuple[str, str], Any] = {}
         b: dict[tuple[str, str], Any] = {}
         for row, column, value in self._entries(p, totals):
@@ -140,16 +139,16 @@ class _Parts:
         )
 
     def _entries(self, p: Named, totals: Named) -> Iterator[Entry]:
-        for angle, speed in self.model.roles.speeds.items():
-            if angle in self.model.states:
+        for angle, speed in self.roles.speeds.items():
+            if angle in self.states:
                 yield angle, speed, 1.0
-        for inertia in self.model.roles.inertias:
+        for inertia in self.roles.inertias:
             if inertia.speed in totals:
                 yield from self._at_inertia(inertia, p, totals[inertia.speed])
         for shaft, ends in self._shafts():
             for near, far in ends:
                 yield from self._at_end(shaft, near, far, p, totals[near.speed])
-        for motor in self.model.roles.motors:
+        for motor in self.roles.motors:
             yield from self._of_motor(motor, p, totals)
         for friction in self.dry_frictions():
             inertia = self._rubbing(friction)
@@ -160,7 +159,7 @@ class _Parts:
             )
 
     def _rubbing(self, friction: Friction) -> InertiaRoles:
-        roles = self.model.roles
+        roles = self.roles
         return next(i for i in roles.inertias if friction.name == effort_name(i))
 
     def _at_inertia(self, inertia: InertiaRoles, p: Named, total: Any) -> Iterator[Entry]:
@@ -192,7 +191,7 @@ class _Parts:
 
     def _of_motor(self, motor: MotorRoles, p: Named, totals: Named) -> Iterator[Entry]:
         model = self.model
-        inertia = model.roles.inertia(motor.inertia)
+        inertia = self.roles.inertia(motor.inertia)
         if inertia.speed not in totals or not self._has(motor.torque_constant):
             return
         total, factor = totals[inertia.speed], self.torque_factor(inertia)
@@ -221,7 +220,7 @@ class _Parts:
                 yield inertia.speed, inertia.speed, -torque * braked
 
     def _constant(self, p: Named, totals: Named) -> Iterator[tuple[str, Any]]:
-        for inertia in self.model.roles.inertias:
+        for inertia in self.roles.inertias:
             if self._has(inertia.friction) and inertia.speed in totals:
                 factor = self.torque_factor(inertia)
                 yield inertia.speed, _times(-factor, p[inertia.friction]) / totals[inertia.speed]
@@ -230,8 +229,8 @@ class _Parts:
 
     def pendulums(self) -> Iterator[Gravity]:
         """Yield what gravity does at each inertia with a weight."""
-        for inertia in self.model.roles.inertias:
-            if self._has(inertia.weight) and inertia.speed in self.model.states:
+        for inertia in self.roles.inertias:
+            if self._has(inertia.weight) and inertia.speed in self.states:
                 yield Gravity(
                     name=f"gravity_{inertia.name}",
                     angle=inertia.angle,
@@ -243,8 +242,8 @@ class _Parts:
 
     def dry_frictions(self) -> Iterator[Friction]:
         """Yield the dry friction at each inertia that has one."""
-        for inertia in self.model.roles.inertias:
-            law = self._law(inertia) if inertia.speed in self.model.states else None
+        for inertia in self.roles.inertias:
+            law = self._law(inertia) if inertia.speed in self.states else None
             if law is not None:
                 yield Friction(
                     name=effort_name(inertia),
@@ -256,7 +255,7 @@ class _Parts:
                 )
 
     def _law(self, inertia: InertiaRoles) -> Law | None:
-        names = self.model.parameters
+        names = self.names
         law: Law | None = None
         if inertia.sliding:
             law = dry_law(
@@ -294,8 +293,8 @@ class _Parts:
 
     def voltage_drops(self) -> Iterator[Friction]:
         """Yield the voltage drop against each current that has one."""
-        for motor in self.model.roles.motors:
-            if self._has(motor.drop) and motor.current in self.model.states:
+        for motor in self.roles.motors:
+            if self._has(motor.drop) and motor.current in self.states:
                 name = motor.effort.name if motor.effort else f"drop_{motor.inertia}"
                 yield Friction(
                     name=name,
