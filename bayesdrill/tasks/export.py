@@ -26,7 +26,7 @@ DEFAULT_DRAWS = 100
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Quantity:
+class ExportedNumber:
     """A number of a part for a simulator: its `draws (N,)` and its value at the MAP, SI."""
 
     part: str
@@ -59,7 +59,7 @@ class SimulatorModel:
     joints: Mapping[str, str]
     springs: Mapping[str, tuple[tuple[str, float], ...]]
     drives: Mapping[str, tuple[str, float]]
-    quantities: tuple[Quantity, ...]
+    quantities: tuple[ExportedNumber, ...]
 
     def means(self, part: str) -> dict[str, float]:
         """Return the posterior means of a part's quantities, by their names."""
@@ -84,7 +84,7 @@ def simulator_model(run: SampledRun, draws: int, rng: np.random.Generator) -> Si
         raise InputError.at(str(run.job.config.name), f"{message}; nothing can be exported")
     joints = {speed: inertias[-1].name for speed, inertias in moving.items()}
     quantities = [
-        Quantity(part=part, name=name, unit=unit, draws=values[1:], map=float(values[0]))
+        ExportedNumber(part=part, name=name, unit=unit, draws=values[1:], map=float(values[0]))
         for part, name, unit, values in (
             *_of_joints(model, p, moving, joints),
             *_of_shafts(model, p),

@@ -312,8 +312,8 @@ MISTAKES: dict[str, tuple[str, str, str, tuple[str, ...]]] = {
         "  k_T_motor: 0.12\n", "", "parameters.k_T_motor", ("missing", "write a number")
     ),
     "friction that means nothing": (
-        "  k_T_motor: 0.12\n", "  k_T_motor: 0.12\n  t_s_arm: 0.1\n", "parameters.t_s_arm",
-        ("without t_c_arm and w_s_arm",),
+        "  k_T_motor: 0.12\n", "  k_T_motor: 0.12\n  t_s_motor: 0.1\n", "parameters.t_s_motor",
+        ("without t_c_motor and w_s_motor",),
     ),
     "a nominal value of no part": (
         "{k_coupling: {v", "{k_copling: {v", "nominal.k_copling", ("k_coupling?",)
