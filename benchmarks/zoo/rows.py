@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from benchmarks.zoo import beliefs, driven, many, noises, rubs, sensors, steps, unsound
+from benchmarks.zoo import beliefs, driven, many, noises, rubs, sensors, steps, trains, unsound
 from benchmarks.zoo.row import Row
 
 
 def every() -> tuple[Row, ...]:
-    moved = (*steps.rows(), *driven.rows(), *rubs.rows())
+    moved = (*steps.rows(), *driven.rows(), *rubs.rows(), *trains.rows())
     seen = (*sensors.rows(), *noises.rows(), *beliefs.rows(), *many.rows())
     return (*moved, *seen, *unsound.rows())
 
