@@ -14,9 +14,11 @@ All is written in F, so that a high sampling rate costs no digits.
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import islice
 
 from llvmlite import ir
 
@@ -63,15 +65,8 @@ class BasisShape:
     @property
     def text(self) -> str:
         """See `Structure`."""
-        sizes = (
-            self.integrators,
-            self.channels,
-            self.impulse,
-            self.sums,
-            self.delays,
-            self.tangent,
-        )
-        return f"{self.poles} {sizes} {self.layout.text}"
+        sizes = (self.integrators, self.channels, self.impulse, self.sums, self.delays)
+        return f"{self.poles} {sizes} {self.tangent} {self.layout.text}"
 
     @property
     def states(self) -> int:
@@ -131,7 +126,7 @@ class BasisShape:
     @property
     def walker_size(self) -> int:
         """Numbers of a walker: parameters, start, rows of channels, and their delays."""
-        rows = self.channels * (self.states + 1 + (2 if self.delays else 0))
+        rows = self.channels * (self.states + 1 + self.delays)
         return self.parameters + self.states + rows
 
     def scratch_size(self, columns: int, q: int = 0) -> int:
@@ -184,54 +179,52 @@ COUNT = 8  # numbers of a pole
 
 
 class ModalFrame:
-    """Numbers that all walkers share: modal coordinates, sizes of inputs, poles."""
+    """Numbers that all walkers share: modal coordinates, sizes of sources, first inputs, poles.
+
+    `vectors (X, X)`, and their inverse `duals`; `sizes`: of sources over all samples; `first (S,)`: of
+    each series, from which it counts where it changes straight; `poles`: the `PoleNumbers` of each.
+    """
 
     def __init__(self, b: Builder, shape: BasisShape, block: ir.Value) -> None:
-        self._b, x = b, shape.states
-        sizes = (x * x, x * x, len(shape.sources), shape.layout.n_series)
-        starts = [0]
-        for size in sizes:
-            starts.append(starts[-1] + size)
-        self._bases = [b.gep(block, [I64(start)]) for start in starts]
-        self._x, self._shape = x, shape
+        x, places = shape.states, itertools.count()
+        numbers = ((b.splat(b.load(b.gep(block, [I64(place)]))),) for place in places)
+        self.vectors, self.duals = (
+            [[*islice(numbers, x)] for _ in range(x)] for _ in ("vectors", "duals")
+        )
+        self.sizes = [*islice(numbers, len(shape.sources))]
+        self.first = [*islice(numbers, shape.layout.n_series)]
+        self.poles = [[*islice(numbers, COUNT)] for _ in shape.poles]
 
-    def _number(self, part: int, index: int) -> ir.Value:
-        b = self._b
-        return b.splat(b.load(b.gep(self._bases[part], [I64(index)])))
 
-    def vectors(self, i: int, j: int) -> Jet:
-        """Return an entry of the modal vectors."""
-        return (self._number(0, i * self._x + j),)
+@dataclass(frozen=True, slots=True)
+class ExponentialEntries:
+    """The entries of exp(M span) - 1 at the address `e`."""
 
-    def duals(self, i: int, j: int) -> Jet:
-        """Return an entry of their inverse."""
-        return (self._number(1, i * self._x + j),)
+    b: Builder
+    shape: BasisShape
+    e: ir.Value
 
-    def size(self, source: int) -> ir.Value:
-        """Return the size of a source over all samples."""
-        return self._number(2, source)
-
-    def first_input(self, s: int) -> Jet:
-        """Return the first of a series, from which it counts where it changes straight."""
-        return (self._number(3, s),)
-
-    def pole(self, index: int) -> Jets:
-        """Return the `PoleNumbers` of a pole."""
-        return [(self._number(4, COUNT * index + n),) for n in range(COUNT)]
+    def __call__(self, i: int, column: int) -> Jet:
+        """Return an entry, with its slope; `column` counts those of the rig."""
+        x, layout = self.shape.states, self.shape.layout
+        at = column if column < x or not self.shape.tangent else column + x
+        rows = (i, x + i) if self.shape.tangent else (i,)
+        return tuple(
+            self.b.read(self.e, row * layout.size + at) if layout.reach[row][at] else vector(0.0)
+            for row in rows
+        )
 
 
 class BasisExpansion:
     """The code that expands the response of a group of walkers, with slopes where it has a tangent."""
 
-    def __init__(
-        self, b: Builder, shape: BasisShape, arguments: dict[str, ir.Value], scratch: ir.Value
-    ) -> None:
+    def __init__(self, b: Builder, shape: BasisShape, arguments: dict[str, ir.Value]) -> None:
         self.b, self.shape, self.a = b, shape, JetArithmetic(b)
         self.frame = ModalFrame(b, shape, arguments["frame"])
         self.orders, self.columns = arguments["orders"], arguments["columns"]
         jets = 2 if shape.tangent else 1
-        self.e = scratch
-        at = b.gep(scratch, [I64(shape.layout.size**2)])
+        self.entry = ExponentialEntries(b, shape, arguments["scratch"])
+        at = b.gep(arguments["scratch"], [I64(shape.layout.size**2)])
         size = shape.decaying**2
         self.matrices = []  # of each pole: the inverse of M, the all-pass, M
         for _ in shape.poles:
@@ -248,20 +241,6 @@ class BasisExpansion:
         self.after = b.gep(bases[-1], [count])
         self.count = count
 
-    def entry(self, i: int, column: int, e: ir.Value | None = None) -> Jet:
-        """Return an entry of exp(M dt) - 1, with its slope; `column` counts those of the rig.
-
-        `e`: another exponential in its place.
-        """
-        e = self.e if e is None else e
-        x, layout = self.shape.states, self.shape.layout
-        at = column if column < x or not self.shape.tangent else column + x
-        rows = (i, x + i) if self.shape.tangent else (i,)
-        return tuple(
-            self.b.read(e, row * layout.size + at) if layout.reach[row][at] else vector(0.0)
-            for row in rows
-        )
-
     def run(self, start: Jets, rows: Matrix, direct: Sequence[Matrix] = ()) -> list[ir.Value]:
         """Store the coefficients; return bounds `(K,)` of what they leave, as sizes over all samples.
 
@@ -272,12 +251,9 @@ class BasisExpansion:
         for base in self.coefficients.bases:
             self.b.clear(base, self.count)
         rates = [[self.entry(i, j) for j in range(x)] for i in range(x)]
-        modal = self._to_modal(rates)
+        modal = a.product(self.frame.duals, a.product(rates, self.frame.vectors))
         fall = [row[d:] for row in modal[d:]]
-        shown = [
-            [a.dot([(row[i], self.frame.vectors(i, j)) for i in range(x)]) for j in range(x)]
-            for row in rows
-        ]
+        shown = a.product([row[:x] for row in rows], self.frame.vectors)
         carried = a.product([row[d:] for row in modal[:d]], a.inverted(fall)) if d else []
         seen = [
             [a.dot([(row[n], carried[n][j]) for n in range(d)], row[d + j]) for j in range(x - d)]
@@ -289,7 +265,7 @@ class BasisExpansion:
         column = I64(0)
         for index, source in enumerate(shape.sources):
             drive = self._drive(source, start, rates)
-            modes = self._modal_vector(drive)
+            modes = a.apply(self.frame.duals, drive)
             for n in range(d):
                 lost = a.dot(
                     [(a.minus(carried[n][j]), modes[d + j]) for j in range(x - d)], modes[n]
@@ -297,7 +273,7 @@ class BasisExpansion:
                 self._store(column, [a.times(row[n], lost) for row in shown])
                 column = self.b.add(column, I64(1))
             column, left = self._expand(column, modes[d:], fall, seen)
-            errors = bound.add(errors, left, self.frame.size(index))
+            errors = bound.add(errors, left, self.frame.sizes[index][0])
         for s in range(shape.layout.n_series if shape.layout.first_order else 0):
             rise = self._increment(s)
             self._store(column, [a.dot(list(zip(row[:x], rise, strict=True))) for row in rows])
@@ -308,25 +284,12 @@ class BasisExpansion:
                 weights = [channel[step][s] for channel in direct]
                 self._store(column, weights)
                 column = self.b.add(column, I64(1))
-                first = self.frame.first_input(s)
                 offsets = [
-                    a.dot([(first, weight)], offset)
+                    a.dot([(self.frame.first[s], weight)], offset)
                     for weight, offset in zip(weights, offsets, strict=True)
                 ]
         self._store(column, offsets)
         return errors
-
-    def _to_modal(self, rates: Matrix) -> Matrix:
-        x, frame = self.shape.states, self.frame
-        vectors = [[frame.vectors(i, j) for j in range(x)] for i in range(x)]
-        duals = [[frame.duals(i, j) for j in range(x)] for i in range(x)]
-        return self.a.product(duals, self.a.product(rates, vectors))
-
-    def _modal_vector(self, drive: Jets) -> Jets:
-        x = self.shape.states
-        return [
-            self.a.dot([(self.frame.duals(i, j), drive[j]) for j in range(x)]) for i in range(x)
-        ]
 
     def _drive(self, source: str, start: Jets, rates: Matrix) -> Jets:
         """Return what a source does to the states from one sample to the next."""
@@ -335,8 +298,7 @@ class BasisExpansion:
             return start
         if source == "constant":
             drive = [self.entry(i, x) for i in range(x)]
-            for s in range(layout.n_series if layout.first_order else 0):
-                first = self.frame.first_input(s)
+            for s, first in enumerate(self.frame.first if layout.first_order else []):
                 drive = [
                     self.a.dot([(first, self.entry(i, x + 1 + s))], drive[i]) for i in range(x)
                 ]
@@ -358,7 +320,7 @@ class BasisExpansion:
         a = self.a
         square = a.product(fall, fall) if PAIR in self.shape.poles else []
         for index, kind in enumerate(self.shape.poles):
-            *over, _, _, first, second, third = self.frame.pole(index)
+            *over, _, _, first, second, third = self.frame.poles[index]
             powers = zip(over, (None, fall, square) if kind == PAIR else (None, fall), strict=False)
             matrix = a.polynomial(list(powers))
             inverse = a.inverted(matrix)
@@ -382,7 +344,7 @@ class BasisExpansion:
         self, index: int, column: ir.Value, x: Jets, fall: Matrix, seen: Matrix
     ) -> tuple[ir.Value, Jets]:
         b, a, n = self.b, self.a, self.shape.decaying
-        kind, numbers = self.shape.poles[index], self.frame.pole(index)
+        kind, numbers = self.shape.poles[index], self.frame.poles[index]
         inverse, pass_, over = (cells.read_matrix(n) for cells in self.matrices[index])
         order = b.load(b.gep(self.orders, [I64(index)]))
         loop = Loop(b, order, self._flat(a.apply(inverse, x)), "order")

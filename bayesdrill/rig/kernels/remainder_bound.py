@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Iterable, Sequence
 
@@ -26,62 +27,41 @@ class RemainderBound:
     ) -> None:
         self._b, self._blocks = b, blocks
         a = JetArithmetic(b)
-        values, shown_by = ([[number[:1] for number in row] for row in m] for m in (fall, seen))
-        seen = shown_by
+        values, seen = ([[number[:1] for number in row] for row in m] for m in (fall, seen))
         self._back: Matrix = []
         for _ in range(TURNS):
-            turn = self._turn([[number[0] for number in row] for row in values])
+            turn = self._turn(values)
             back = a.inverted(turn)
             values = a.product(back, a.product(values, turn))
             seen = a.product(seen, turn)
             self._back = a.product(back, self._back) if self._back else back
-        entries = [[number[0] for number in row] for row in values]
-        gains = [
-            self._gain([[entries[i][j] for j in block] for i in block]) for block in self._blocks
-        ]
-        unit = vector(1.0)
-        remaining: Matrix = []
-        for index, block in enumerate(self._blocks):
-            row = []
-            for other, columns in enumerate(self._blocks):
-                sums = [self._sum(b.absolute(entries[i][j]) for j in columns) for i in block]
-                share = b.fneg(b.fmul(gains[index], self._length(sums)))
-                row.append((unit if index == other else share,))
-            remaining.append(row)
-        series = [[number[0] for number in row] for row in a.inverted(remaining)]
+        gains = [self._gain(_part(values, block, block)) for block in blocks]
+        remaining = [[a.constant(1.0)] * len(blocks) for _ in blocks]
+        for i, j in itertools.permutations(range(len(blocks)), 2):
+            rows = _part(values, blocks[i], blocks[j])
+            sums = [(self._sum(b.absolute(number) for (number,) in row),) for row in rows]
+            remaining[i][j] = (b.fneg(b.fmul(gains[i], self._length(sums))),)
+        series = a.inverted(remaining)
         fine = b.fcmp_ordered(">", gains[0], vector(0.0))
-        for number in (*gains[1:], *(number for row in series for number in row)):
+        for number in (*gains[1:], *(number for row in series for (number,) in row)):
             fine = b.and_(fine, b.fcmp_ordered(">=", number, vector(0.0)))
         gains = [b.select(fine, gain, vector(math.inf)) for gain in gains]
         # Of each channel, by block of what is left.
-        self._shares = []
-        for row in seen:
-            shown = [self._length([row[i][0] for i in block]) for block in self._blocks]
-            self._shares.append(
-                [
-                    b.fmul(gains[n], self._sum(map(b.fmul, shown, (line[n] for line in series))))
-                    for n in range(len(self._blocks))
-                ]
-            )
+        shown = [[(self._length([row[i] for i in block]),) for block in blocks] for row in seen]
+        self._shares = [
+            [b.fmul(gain, number) for gain, (number,) in zip(gains, row, strict=True)]
+            for row in a.product(shown, series)
+        ]
 
-    def _turn(self, entries: list[list[ir.Value]]) -> Matrix:
+    def _turn(self, values: Matrix) -> Matrix:
         """Return coordinates in which blocks do little to each other: any would do."""
-        n = len(entries)
+        n = len(values)
         turn: Matrix = [[(vector(float(i == j)),) for j in range(n)] for i in range(n)]
-        for block in self._blocks:
-            for other in (columns for columns in self._blocks if columns is not block):
-                parts = [
-                    [[(entries[i][j],) for j in columns] for i in rows]
-                    for rows, columns in (
-                        (block, block),
-                        (block, other),
-                        (other, other),
-                        (other, block),
-                    )
-                ]
-                for i, row in zip(block, self._apart(*parts), strict=True):
-                    for j, number in zip(other, row, strict=True):
-                        turn[i][j] = number
+        for block, other in itertools.permutations(self._blocks, 2):
+            pairs = ((block, block), (block, other), (other, other), (other, block))
+            apart = self._apart(*(_part(values, *pair) for pair in pairs))
+            for (i, row), (j, column) in itertools.product(enumerate(block), enumerate(other)):
+                turn[row][column] = apart[i][j]
         return turn
 
     def _apart(self, block_matrix: Matrix, shared: Matrix, other: Matrix, back: Matrix) -> Matrix:
@@ -100,29 +80,24 @@ class RemainderBound:
             return [[(b.fdiv(b.fmul(shared[0][0][0], gap), size),)]]
         if len(block_matrix) == 1:
             apart = a.polynomial([(a.minus(block_matrix[0][0]), None), (a.constant(1.0), other)])
-            return a.product(shared, _inverse(a, apart))
+            return a.product(shared, a.inverted(apart))
         if len(other) == 1:
             apart = a.polynomial([(other[0][0], None), (a.constant(-1.0), block_matrix)])
-            return a.product(_inverse(a, apart), shared)
-        trace = a.minus(a.add(block_matrix[0][0], block_matrix[1][1]))
-        product = a.dot(
-            [
-                (block_matrix[0][0], block_matrix[1][1]),
-                (a.minus(block_matrix[0][1]), block_matrix[1][0]),
-            ]
-        )
+            return a.product(a.inverted(apart), shared)
+        (p, q), (r, s) = block_matrix
+        trace, product = a.minus(a.add(p, s)), a.dot([(p, s), (a.minus(q), r)])
         powers = [(product, None), (trace, other), (a.constant(1.0), a.product(other, other))]
         sides = (a.product(block_matrix, shared), a.product(shared, other))
         total = a.polynomial([(a.constant(1.0), side) for side in sides] + [(trace, shared)])
-        return a.product(total, _inverse(a, a.polynomial(powers)))
+        return a.product(total, a.inverted(a.polynomial(powers)))
 
-    def _gain(self, block: list[list[ir.Value]]) -> ir.Value:
+    def _gain(self, block: Matrix) -> ir.Value:
         """Return 1 / (1 - |T|), negative or infinite where |T| is not below one."""
         b, unit = self._b, vector(1.0)
         if len(block) == 1:
-            size = b.absolute(b.fadd(unit, block[0][0]))
+            size = b.absolute(b.fadd(unit, block[0][0][0]))
         else:
-            (p, q), (r, s) = block
+            ((p,), (q,)), ((r,), (s,)) = block
             p, s = b.fadd(unit, p), b.fadd(unit, s)
             squares = self._sum(b.fmul(part, part) for part in (p, q, r, s))
             half = b.fmul(vector(0.5), squares)
@@ -139,27 +114,21 @@ class RemainderBound:
             total = self._b.fadd(total, part)
         return total
 
-    def _length(self, parts: list[ir.Value]) -> ir.Value:
+    def _length(self, parts: Jets) -> ir.Value:
         if len(parts) == 1:
-            return self._b.absolute(parts[0])
-        return self._b.root(self._sum(self._b.fmul(part, part) for part in parts))
+            return self._b.absolute(parts[0][0])
+        return self._b.root(self._sum(self._b.fmul(part, part) for (part,) in parts))
 
     def add(self, errors: list[ir.Value], left: Jets, size: ir.Value) -> list[ir.Value]:
         """Return the bounds `(K,)` with those of a source, whose input has this `size`."""
         b, totals = self._b, []
         left = JetArithmetic(b).apply(self._back, [number[:1] for number in left])
-        lengths = [self._length([left[i][0] for i in block]) for block in self._blocks]
+        lengths = [self._length([left[i] for i in block]) for block in self._blocks]
         for error, shares in zip(errors, self._shares, strict=True):
             total = self._sum(map(b.fmul, lengths, shares))
             totals.append(b.fma(size, total, error))
         return totals
 
 
-def _inverse(a: JetArithmetic, matrix: Matrix) -> Matrix:
-    """Return the inverse of a matrix of two by two."""
-    (p, q), (r, s) = matrix
-    over = a.inverse(a.dot([(p, s), (a.minus(q), r)]))
-    return [
-        [a.times(s, over), a.times(a.minus(q), over)],
-        [a.times(a.minus(r), over), a.times(p, over)],
-    ]
+def _part(values: Matrix, rows: Sequence[int], columns: Sequence[int]) -> Matrix:
+    return [[values[i][j] for j in columns] for i in rows]
