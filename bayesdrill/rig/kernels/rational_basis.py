@@ -16,7 +16,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from itertools import islice
 
@@ -32,7 +32,7 @@ from bayesdrill.rig.kernels.lanes import (
 )
 from bayesdrill.rig.kernels.remainder_bound import RemainderBound
 
-REAL, PAIR = "r", "p"  # kinds of poles: one real, or a complex pair
+REAL, PAIR = 1, 2  # coordinates of a real pole, and of a complex pair, and their functions
 ROWS = 4  # of the triangle at a time
 # Times that all poles are gone through: what rounding carries from one to another is then as small as
 # what the round before has left.
@@ -45,8 +45,8 @@ WHOLE_NUMBERS = I64.as_pointer()
 class BasisShape:
     """What the kernels are specialised for.
 
-    `layout`: of the rig, or of its tangent where slopes are wanted (`tangent`).  `poles`: the kind of
-    each pole, in the order of modal coordinates; `integrators`: coordinates before these, on which
+    `layout`: of the rig, or of its tangent where slopes are wanted (`tangent`).  `poles`: coordinates
+    of each, in the order of modal coordinates; `integrators`: coordinates before these, on which
     nothing depends.  `impulse`: whether the start moves the rig; `channels`: K.  `sums`: of squares of
     each channel, of residuals alone, or of steps between them and of both ends too.  `delays`: by how
     many steps at most a channel looks beyond the sample of its states, see `delayed_rows`; zero where
@@ -54,7 +54,7 @@ class BasisShape:
     """
 
     layout: Layout
-    poles: tuple[str, ...]
+    poles: tuple[int, ...]
     integrators: int
     channels: int
     impulse: bool
@@ -81,12 +81,8 @@ class BasisShape:
     @property
     def blocks(self) -> list[list[int]]:
         """Coordinates of each pole, counted from the first that is no integrator."""
-        blocks, first = [], 0
-        for kind in self.poles:
-            size = 1 if kind == REAL else 2
-            blocks.append([*range(first, first + size)])
-            first += size
-        return blocks
+        ends = zip(self.poles, itertools.accumulate(self.poles), strict=True)
+        return [[*range(end - size, end)] for size, end in ends]
 
     @property
     def decaying(self) -> int:
@@ -107,14 +103,12 @@ class BasisShape:
         series = [f"series {s}" for s in range(self.layout.n_series)]
         return ["impulse"] * self.impulse + ["constant"] * self.constant + series
 
-    def columns(self, orders: Sequence[int]) -> int:
+    def columns(self, orders: Iterable[int]) -> int:
         """Count the functions: of each source, direct ones of a first-order hold, and offsets.
 
         `orders`: of each pole in a round.
         """
-        poles = sum(
-            n * (1 if kind == REAL else 2) for n, kind in zip(orders, self.poles, strict=True)
-        )
+        poles = sum(n * size for n, size in zip(orders, self.poles, strict=True))
         direct = self.layout.n_series * (self.layout.first_order + self.inputs_ahead)
         return len(self.sources) * (self.integrators + ROUNDS * poles) + direct + 1
 
@@ -156,10 +150,10 @@ class PoleNumbers:
     along: tuple[float, float, float]
 
     @classmethod
-    def of_pole(cls, kind: str, mu: complex) -> PoleNumbers:
-        """Return the numbers of a pole of this kind."""
+    def of_pole(cls, mu: complex) -> PoleNumbers:
+        """Return the numbers of a pole, or of the pair of one that is complex."""
         m, size = mu.real, abs(mu) ** 2
-        if kind == REAL:
+        if mu.imag == 0.0:
             a = 1.0 + m
             slow = (-1.0 / a, -m * (1.0 + 1.0 / a), 0.0) if a > 0.5 else (0.0, -m, 1.0)
             return cls((-m, -a, 0.0), math.sqrt(-m * (2.0 + m)), 0.0, slow)
@@ -359,7 +353,7 @@ class BasisExpansion:
             self._store(b.add(at, I64(1)), self._shown(seen, moved, a.minus(numbers[4])))
         following = a.apply(pass_, x)
         loop.close(self._flat(following))
-        column = b.add(column, b.mul(order, I64(1 if kind == REAL else 2)))
+        column = b.add(column, b.mul(order, I64(kind)))
         return column, a.apply(over, following)
 
     def _flat(self, x: Jets) -> list[ir.Value]:

@@ -285,7 +285,7 @@ def compress(simulator: Simulator, points: Array, variances: Array, weights: Arr
     compressor = _Compressor(simulator, record, delays, weights)
     basis, made = compressor.sufficient(points, variances)
     parts = compressor.blocks(basis, made.compression.shape, points[0])
-    columns = made.compression.shape.columns(basis.orders)
+    columns = made.compression.shape.columns(made.compression.orders)
     known = triangle(parts, columns, weights.shape[1], record.alike)
     reference = made.coefficients(points[:1], late=False)
     return dataclasses.replace(made.compression, record=known, reference=reference)
@@ -323,16 +323,18 @@ class _Compressor:
         """Return a simulator of nothing, under series of these `sizes`."""
         sensors, (k_count, sums) = self.record.sensors, self.weights.shape
         shape = BasisShape(
-            layout=self.record.layout, poles=basis.kinds, integrators=basis.integrators,
-            channels=k_count, impulse=starts(sensors), sums=sums, delays=self.delays.steps,
+            layout=self.record.layout, poles=tuple(pole.size for pole in basis.poles),
+            integrators=basis.integrators, channels=k_count, impulse=starts(sensors), sums=sums,
+            delays=self.delays.steps,
         )  # fmt: skip
+        orders = [pole.order for pole in basis.poles]
         still = [1.0] * shape.impulse + [math.sqrt(self.record.count)] * shape.constant
-        empty = triangle((), shape.columns(basis.orders), sums, [slice(0, k_count)])
+        empty = triangle((), shape.columns(orders), sums, [slice(0, k_count)])
         constants = present(sensors.experiment.constant).values()
         return Compression(
             shape=shape,
             numbers=np.array([self.record.step, *constants]),
-            orders=np.array(basis.orders, dtype=np.int64),
+            orders=np.array(orders, dtype=np.int64),
             frame=basis.frame([*still, *sizes], self.record.first_inputs),
             record=empty,
             reference=np.zeros((empty.matrix.shape[-1], k_count)),

@@ -33,14 +33,18 @@ class CompressionError(Exception):
 class Pole:
     """A pole 1 + `mu` of the functions, or a pair, and how many functions it has in a round."""
 
-    kind: str
     mu: complex
     order: int
 
     @property
+    def size(self) -> int:
+        """Coordinates of it, and functions at a time."""
+        return PAIR if self.mu.imag else REAL
+
+    @property
     def numbers(self) -> PoleNumbers:
         """What kernels know of it."""
-        return PoleNumbers.of_pole(self.kind, self.mu)
+        return PoleNumbers.of_pole(self.mu)
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,16 +59,6 @@ class Basis:
     integrators: int
     vectors: Array
     duals: Array
-
-    @property
-    def kinds(self) -> tuple[str, ...]:
-        """The kinds of its poles."""
-        return tuple(pole.kind for pole in self.poles)
-
-    @property
-    def orders(self) -> tuple[int, ...]:
-        """The orders of its poles."""
-        return tuple(pole.order for pole in self.poles)
 
     def frame(self, sizes: Sequence[float], first: Array) -> Array:
         """Return the block `frame` of the kernels.
@@ -113,14 +107,14 @@ def _shared_integrators(rates: Array) -> Array:
     return np.asarray(null)
 
 
-def _modes(fall: Array, shared: Array) -> tuple[Array, list[tuple[str, complex]]]:
-    """Return vectors `(X, X)` of integrators and modes, the fastest first, and kind and value of each.
+def _modes(fall: Array, shared: Array) -> tuple[Array, list[complex]]:
+    """Return vectors `(X, X)` of integrators and modes, the fastest first, and the value of each.
 
     Modes that are complex, or nearly one, are a pair, of which any two vectors will do.
     """
     values, vectors = np.linalg.eig(fall)
     order = np.argsort(-np.abs(values), kind="stable")[: len(fall) - shared.shape[1]]
-    columns, modes, k = [shared], list[tuple[str, complex]](), 0
+    columns, modes, k = [shared], list[complex](), 0
     while k < len(order):
         value, mode = complex(values[order[k]]), vectors[:, order[k]]
         other = complex(values[order[k + 1]]) if k + 1 < len(order) else complex(np.inf)
@@ -129,11 +123,11 @@ def _modes(fall: Array, shared: Array) -> tuple[Array, list[tuple[str, complex]]
             columns.append(_pair(fall, np.array(both).T))
             middle = 0.5 * (value + other)
             turn = max(abs(value.imag), LEAST_TURN * abs(middle.real))
-            modes.append((PAIR, complex(middle.real, turn)))
+            modes.append(complex(middle.real, turn))
             k += 2
         else:
             columns.append(mode.real[:, None])
-            modes.append((REAL, value))
+            modes.append(value)
             k += 1
     return np.concatenate(columns, axis=1), modes
 
@@ -150,30 +144,30 @@ def _pair(fall: Array, both: Array) -> Array:
     return np.asarray(plane @ turned @ np.diag([1.0, min(narrow, 1.0)]))
 
 
-def _chosen(poles: list[tuple[str, complex]], values: Array, left: float) -> Iterator[Pole]:
+def _chosen(poles: list[complex], values: Array, left: float) -> Iterator[Pole]:
     """Yield the poles of the functions: each amid those of the rigs that are nearest to its mode."""
     flat = values.ravel()
-    nearest = np.argmin([_passed(kind, mu, flat) for kind, mu in poles], axis=0)
-    for index, (kind, mu) in enumerate(poles):
+    nearest = np.argmin([_passed(mu, flat) for mu in poles], axis=0)
+    for index, mu in enumerate(poles):
         mine = flat[nearest == index] if (nearest == index).any() else np.array([mu])
         decay = -mine.real
         middle = complex(-math.sqrt(decay.min() * decay.max()), 0.0)
-        if kind == PAIR:
+        if mu.imag:
             turns = np.abs(mine.imag)
             turn = max(0.5 * (turns.min() + turns.max()), LEAST_TURN * abs(middle.real))
             middle = complex(middle.real, turn)
         # As numbers have it beside one.
         middle = complex((1.0 + middle.real) - 1.0, middle.imag)
-        share = float(_passed(kind, middle, mine).max())
+        share = float(_passed(middle, mine).max())
         order = 1 if share == 0.0 else 1 + math.ceil(math.log(left) / math.log(share) / ROUNDS)
         if order > MAX_ORDER:
             raise CompressionError("poles of the rig are known too little")
-        yield Pole(kind, middle, order)
+        yield Pole(middle, order)
 
 
-def _passed(kind: str, mu: complex, values: Array) -> Array:
+def _passed(mu: complex, values: Array) -> Array:
     """Return how much of modes with these values a function of the pole leaves."""
-    numbers = PoleNumbers.of_pole(kind, mu)
+    numbers = PoleNumbers.of_pole(mu)
     over = np.polynomial.polynomial.polyval(values, numbers.over)
     first, second, third = numbers.along
     return np.asarray(np.abs(first + (second + third * values) / over))
@@ -203,7 +197,7 @@ class Columns:
         """Return the columns of a function, and its input behind the all-pass."""
         numbers, real, turn = pole.numbers, pole.mu.real, pole.mu.imag
         (_, _, square), even, odd = numbers.over, numbers.even, numbers.odd
-        if pole.kind == REAL:
+        if pole.size == REAL:
             out = even * self._delayed(stage, 1.0 + real, u)
             return [out], even * out - (1.0 + real) * u
         # 1 / (z - a) has as its parts what a pair of poles can do.
