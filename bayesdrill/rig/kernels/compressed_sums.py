@@ -14,7 +14,6 @@ from llvmlite import ir
 
 from bayesdrill.rig.kernels.delayed_rows import DelayedRows, SpanExponential
 from bayesdrill.rig.kernels.exponential import emit_exponential
-from bayesdrill.rig.kernels.jets import JetCells, Matrix
 from bayesdrill.rig.kernels.lanes import (
     I64,
     NUMBERS,
@@ -25,6 +24,7 @@ from bayesdrill.rig.kernels.lanes import (
     begin_kernel,
     vector,
 )
+from bayesdrill.rig.kernels.numbers import Blocks, Matrix
 from bayesdrill.rig.kernels.rational_basis import ROWS, WHOLE_NUMBERS, BasisExpansion, BasisShape
 
 COUNTS = ("groups", "columns", "channel", "sum", "q")
@@ -131,8 +131,8 @@ def _expand(
 ) -> list[ir.Value]:
     """Store the coefficients of walkers; return bounds `(K,)`; `bases`: of numbers, and of slopes."""
     b, shape = expansion.b, expansion.shape
-    cells, inputs = JetCells(b, bases), list[Matrix]()
-    numbers = map(cells.read, range(shape.parameters, shape.walker_size))
+    blocks, inputs = Blocks(b, bases), list[Matrix]()
+    numbers = map(blocks.get, range(shape.parameters, shape.walker_size))
     start = [*islice(numbers, shape.states)]
     rows = [[*islice(numbers, shape.states + 1)] for _ in range(shape.channels)]
     through.over(vector(1.0), parameters, expansion.entry.e)

@@ -10,8 +10,9 @@ from __future__ import annotations
 
 from llvmlite import ir
 
-from bayesdrill.rig.kernels.jets import Jet, JetArithmetic, Jets, Matrix, with_slope
+from bayesdrill.basics.duals import Dual, dual
 from bayesdrill.rig.kernels.lanes import I64, VEC, Builder, Vector, vector
+from bayesdrill.rig.kernels.numbers import Matrix, Number, dot
 from bayesdrill.rig.kernels.rational_basis import BasisShape, ExponentialEntries
 
 
@@ -42,67 +43,60 @@ class DelayedRows:
     def __init__(
         self, b: Builder, shape: BasisShape, through: SpanExponential, parameters: ir.Value
     ) -> None:
-        self._b, self._a, self._shape = b, JetArithmetic(b), shape
-        self._x, self._series = shape.states, shape.layout.n_series
+        self._shape, self._x, self._series = shape, shape.states, shape.layout.n_series
         self._through, self._parameters = through, parameters
-        self._rates = self._of_a_step()
+        self._nothing: list[Number] = [Vector(b, vector(0.0))] * self._series
+        self._rates = self._of_a_step(b)
 
-    def row(self, states: Jets, shares: Jets) -> tuple[Jets, Matrix]:
+    def row(self, states: list[Number], shares: list[Number]) -> tuple[list[Number], Matrix]:
         """Return the row `(X + 1,)`, and weights of inputs `(D + 1, S)` at the samples from there.
 
         `shares (D,)`: of each step, that are in the span.
         """
-        a = self._a
-        weights = [[a.constant(0.0)] * self._series for _ in range(len(shares) + 1)]
+        weights = [[*self._nothing] for _ in range(len(shares) + 1)]
         for step, share in reversed([*enumerate(shares)]):
             states, held, rise = self._passed(states, share)
             for s in range(self._series):
-                weights[step][s] = a.add(weights[step][s], a.add(held[s], a.minus(rise[s])))
-                weights[step + 1][s] = a.add(weights[step + 1][s], rise[s])
+                weights[step][s] = weights[step][s] + (held[s] - rise[s])
+                weights[step + 1][s] = weights[step + 1][s] + rise[s]
         return states, weights
 
-    def _passed(self, row: Jets, share: Jet) -> tuple[Jets, Jets, Jets]:
+    def _passed(self, row: list[Number], share: Number) -> tuple[list[Number], ...]:
         """Return a row before a span, and weights of inputs at its begin, and of their increments."""
-        a, x, n = self._a, self._x, self._series
-        e = self._through.over(share[0], self._parameters)
-
-        def through(column: int) -> Jet:
-            total = row[column] if column <= x else None
-            return a.dot([(row[i], e(i, column)) for i in range(x)], total)
-
-        states, held = (
-            [through(j) for j in part] for part in (range(x + 1), range(x + 1, x + 1 + n))
-        )
-        rise = [a.constant(0.0)] * n
-        if self._shape.layout.first_order:
-            rise = [a.times(through(x + 1 + n + s), share[:1]) for s in range(n)]
-        if len(share) > 1:
-            values, by_share = [number[0] for number in states], share[1]
-            if self._shape.layout.first_order:
-                rise = [self._moved(*pair, by_share) for pair in zip(rise, held, strict=True)]
-            rates = [(self._rate(values, column),) for column in range(x + 1 + n)]
-            states = [self._moved(*pair, by_share) for pair in zip(states, rates, strict=False)]
-            held = [self._moved(*pair, by_share) for pair in zip(held, rates[x + 1 :], strict=True)]
+        x, n, first_order = self._x, self._series, self._shape.layout.first_order
+        span, by_share = dual(share).value, dual(share).slope
+        e = self._through.over(span.value, self._parameters)
+        columns = [
+            dot(row[:x], [e(i, column) for i in range(x)], row[column] if column <= x else None)
+            for column in range(x + 1 + n * (1 + first_order))
+        ]
+        states, held, rise = columns[: x + 1], columns[x + 1 : x + 1 + n], columns[x + 1 + n :]
+        rise = [number * span for number in rise] if first_order else self._nothing
+        if self._shape.tangent:
+            values = [dual(number).value for number in states]
+            if first_order:
+                rise = [
+                    a + Dual(0.0, dual(c).value * by_share) for a, c in zip(rise, held, strict=True)
+                ]
+            states, held = (
+                [
+                    number + Dual(0.0, self._rate(values, column) * by_share)
+                    for column, number in enumerate(part, first)
+                ]
+                for first, part in ((0, states), (x + 1, held))
+            )
         return states, held, rise
 
-    def _moved(self, number: Jet, rate: Jet, by_share: ir.Value) -> Jet:
-        """Add to the slope of a number that of its share, which has this rate."""
-        value, slope = with_slope(number, 2)
-        return value, self._b.fma(rate[0], by_share, slope)
-
-    def _rate(self, values: list[ir.Value], column: int) -> ir.Value:
+    def _rate(self, values: list[Number], column: int) -> Number:
         """Return by how much a row times exp(M span) changes with a share of a step."""
-        terms = [(i, column) for i in range(self._x) if (i, column) in self._rates]
-        return self._a.dot([((values[i],), (self._rates[i, j],)) for i, j in terms])[0]
+        return sum(values[i] * rate for (i, at), rate in self._rates.items() if at == column)
 
-    def _of_a_step(self) -> dict[tuple[int, int], ir.Value]:
+    def _of_a_step(self, b: Builder) -> dict[tuple[int, int], Number]:
         """Return the entries of M of the rig, times a step, by row and column of the rig."""
-        b, x, layout = self._b, self._x, self._shape.layout
-        shift = layout.n_states - x
-        rates = dict[tuple[int, int], ir.Value]()
+        x, layout = self._x, self._shape.layout
+        shift, rates = layout.n_states - x, dict[tuple[int, int], Number]()
         for row, column, value in layout.matrix(b, self._parameters, self._through.constants):
             if row < x and (column < x or column >= layout.n_states):
                 place = (row, column if column < x else column - shift)
-                rate = value.value if isinstance(value, Vector) else vector(value)
-                rates[place] = b.fma(rate, self._through.step, rates.get(place, vector(0.0)))
+                rates[place] = value * Vector(b, self._through.step) + rates.get(place, 0.0)
         return rates

@@ -335,6 +335,10 @@ class Vector(Number):
         """See `Builder.exp`."""
         return Vector(self.b, self.b.exp(self.value))
 
+    def sqrt(self) -> Vector:
+        """Return the square roots."""
+        return Vector(self.b, self.b.root(self.value))
+
     def size(self) -> Vector:
         """Return the absolute values."""
         return Vector(self.b, self.b.absolute(self.value))

@@ -20,15 +20,28 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from itertools import islice
 
+import numpy as np
 from llvmlite import ir
 
-from bayesdrill.rig.kernels.exponential import Layout
-from bayesdrill.rig.kernels.jets import Jet, JetArithmetic, JetCells, Jets, Matrix, with_slope
+from bayesdrill.basics.duals import Dual
+from bayesdrill.rig.kernels.exponential import Layout, number
 from bayesdrill.rig.kernels.lanes import (
     I64,
     Builder,
     Loop,
+    Vector,
     vector,
+)
+from bayesdrill.rig.kernels.numbers import (
+    Blocks,
+    Matrix,
+    Number,
+    NumberKind,
+    dot,
+    inverted,
+    multiply_add,
+    plus,
+    product,
 )
 from bayesdrill.rig.kernels.remainder_bound import RemainderBound
 
@@ -181,7 +194,7 @@ class ModalFrame:
 
     def __init__(self, b: Builder, shape: BasisShape, block: ir.Value) -> None:
         x, places = shape.states, itertools.count()
-        numbers = ((b.splat(b.load(b.gep(block, [I64(place)]))),) for place in places)
+        numbers = (number(b, block, place) for place in places)
         self.vectors, self.duals = (
             [[*islice(numbers, x)] for _ in range(x)] for _ in ("vectors", "duals")
         )
@@ -198,180 +211,174 @@ class ExponentialEntries:
     shape: BasisShape
     e: ir.Value
 
-    def __call__(self, i: int, column: int) -> Jet:
+    def __call__(self, i: int, column: int) -> Number:
         """Return an entry, with its slope; `column` counts those of the rig."""
         x, layout = self.shape.states, self.shape.layout
         at = column if column < x or not self.shape.tangent else column + x
         rows = (i, x + i) if self.shape.tangent else (i,)
-        return tuple(
-            self.b.read(self.e, row * layout.size + at) if layout.reach[row][at] else vector(0.0)
+        value, *slope = (
+            Vector(self.b, self.b.read(self.e, row * layout.size + at))
+            if layout.reach[row][at]
+            else Vector(self.b, vector(0.0))
             for row in rows
         )
+        return Dual(value, *slope) if slope else value
 
 
 class BasisExpansion:
     """The code that expands the response of a group of walkers, with slopes where it has a tangent."""
 
     def __init__(self, b: Builder, shape: BasisShape, arguments: dict[str, ir.Value]) -> None:
-        self.b, self.shape, self.a = b, shape, JetArithmetic(b)
+        self.b, self.shape, self._kind = b, shape, NumberKind(b, shape.tangent)
         self.frame = ModalFrame(b, shape, arguments["frame"])
         self.orders, self.columns = arguments["orders"], arguments["columns"]
-        jets = 2 if shape.tangent else 1
         self.entry = ExponentialEntries(b, shape, arguments["scratch"])
-        at = b.gep(arguments["scratch"], [I64(shape.layout.size**2)])
-        size = shape.decaying**2
-        self.matrices = []  # of each pole: the inverse of M, the all-pass, M
-        for _ in shape.poles:
-            parts = []
-            for _ in range(3):
-                parts.append(JetCells(b, tuple(b.gep(at, [I64(size * n)]) for n in range(jets))))
-                at = b.gep(at, [I64(size * jets)])
-            self.matrices.append(parts)
-        count = b.mul(self.columns, I64(shape.channels))
-        bases = [at]
-        for _ in range(jets - 1):
-            bases.append(b.gep(bases[-1], [count]))
-        self.coefficients = JetCells(b, tuple(bases))
-        self.after = b.gep(bases[-1], [count])
-        self.count = count
+        self.after = b.gep(arguments["scratch"], [I64(shape.layout.size**2)])
+        size = I64(shape.decaying**2)
+        # Of each pole: the inverse of M, the all-pass, M.
+        self.matrices = [[self._room(size) for _ in range(3)] for _ in shape.poles]
+        self.count = b.mul(self.columns, I64(shape.channels))
+        self.coefficients = self._room(self.count)
 
-    def run(self, start: Jets, rows: Matrix, direct: Sequence[Matrix] = ()) -> list[ir.Value]:
+    def _room(self, count: ir.Value) -> Blocks:
+        """Take scratch for numbers."""
+        bases = []
+        for _ in range(2 if self.shape.tangent else 1):
+            bases.append(self.after)
+            self.after = self.b.gep(self.after, [count])
+        return Blocks(self.b, tuple(bases))
+
+    def run(
+        self, start: list[Number], rows: Matrix, direct: Sequence[Matrix] = ()
+    ) -> list[ir.Value]:
         """Store the coefficients; return bounds `(K,)` of what they leave, as sizes over all samples.
 
         `start (X,)`; `rows (K, X + 1)`: weights of states, and offsets; `direct (K, n, S)`: of inputs at
         the next samples, of late channels.
         """
-        shape, a, x, d = self.shape, self.a, self.shape.states, self.shape.integrators
+        shape, x, d = self.shape, self.shape.states, self.shape.integrators
         for base in self.coefficients.bases:
             self.b.clear(base, self.count)
         rates = [[self.entry(i, j) for j in range(x)] for i in range(x)]
-        modal = a.product(self.frame.duals, a.product(rates, self.frame.vectors))
+        modal = product(self.frame.duals, product(rates, self.frame.vectors))
         fall = [row[d:] for row in modal[d:]]
-        shown = a.product([row[:x] for row in rows], self.frame.vectors)
-        carried = a.product([row[d:] for row in modal[:d]], a.inverted(fall)) if d else []
+        shown = product([row[:x] for row in rows], self.frame.vectors)
+        carried = product([row[d:] for row in modal[:d]], inverted(fall)) if d else []
         seen = [
-            [a.dot([(row[n], carried[n][j]) for n in range(d)], row[d + j]) for j in range(x - d)]
+            [dot(row[:d], [line[j] for line in carried], row[d + j]) for j in range(x - d)]
             for row in shown
         ]
         self._store_matrices(fall)
         bound = RemainderBound(self.b, shape.blocks, fall, seen)
-        errors = [vector(0.0)] * shape.channels
+        errors: list[Number] = [Vector(self.b, vector(0.0))] * shape.channels
         column = I64(0)
-        for index, source in enumerate(shape.sources):
-            drive = self._drive(source, start, rates)
-            modes = a.apply(self.frame.duals, drive)
+        for source, size in zip(shape.sources, self.frame.sizes, strict=True):
+            modes = _applied(self.frame.duals, self._drive(source, start, rates))
             for n in range(d):
-                lost = a.dot(
-                    [(a.minus(carried[n][j]), modes[d + j]) for j in range(x - d)], modes[n]
-                )
-                self._store(column, [a.times(row[n], lost) for row in shown])
-                column = self.b.add(column, I64(1))
+                lost = dot([-entry for entry in carried[n]], modes[d:], modes[n])
+                column = self._store(column, [multiply_add(row[n], lost, None) for row in shown])
             column, left = self._expand(column, modes[d:], fall, seen)
-            errors = bound.add(errors, left, self.frame.sizes[index][0])
+            errors = bound.add(errors, left, size)
         for s in range(shape.layout.n_series if shape.layout.first_order else 0):
             rise = self._increment(s)
-            self._store(column, [a.dot(list(zip(row[:x], rise, strict=True))) for row in rows])
-            column = self.b.add(column, I64(1))
+            column = self._store(column, [dot(row[:x], rise) for row in rows])
         offsets = [row[x] for row in rows]
-        for step in range(shape.inputs_ahead):
-            for s in range(shape.layout.n_series):
-                weights = [channel[step][s] for channel in direct]
-                self._store(column, weights)
-                column = self.b.add(column, I64(1))
-                offsets = [
-                    a.dot([(self.frame.first[s], weight)], offset)
-                    for weight, offset in zip(weights, offsets, strict=True)
-                ]
+        for step, s in np.ndindex(shape.inputs_ahead, shape.layout.n_series):
+            weights = [channel[step][s] for channel in direct]
+            column = self._store(column, weights)
+            pairs = zip(weights, offsets, strict=True)
+            offsets = [multiply_add(self.frame.first[s], *pair) for pair in pairs]
         self._store(column, offsets)
-        return errors
+        return [error.value for error in errors]
 
-    def _drive(self, source: str, start: Jets, rates: Matrix) -> Jets:
+    def _drive(self, source: str, start: list[Number], rates: Matrix) -> list[Number]:
         """Return what a source does to the states from one sample to the next."""
         x, layout = self.shape.states, self.shape.layout
         if source == "impulse":
             return start
         if source == "constant":
-            drive = [self.entry(i, x) for i in range(x)]
-            for s, first in enumerate(self.frame.first if layout.first_order else []):
-                drive = [
-                    self.a.dot([(first, self.entry(i, x + 1 + s))], drive[i]) for i in range(x)
-                ]
-            return drive
+            columns = range(x + 1, x + 1 + layout.n_series if layout.first_order else x + 1)
+            return [
+                dot(
+                    self.frame.first[: len(columns)],
+                    [self.entry(i, j) for j in columns],
+                    self.entry(i, x),
+                )
+                for i in range(x)
+            ]
         s = int(source.split()[1])
         held = [self.entry(i, x + 1 + s) for i in range(x)]
         if not layout.first_order:
             return held
         # With u(k + 1) - u(k) as (z - 1) u: the columns of increments drive like F times themselves.
-        moved = self.a.apply(rates, self._increment(s))
-        return [self.a.add(*pair) for pair in zip(held, moved, strict=True)]
+        moved = _applied(rates, self._increment(s))
+        return [a + c for a, c in zip(held, moved, strict=True)]
 
-    def _increment(self, s: int) -> Jets:
+    def _increment(self, s: int) -> list[Number]:
         x, layout = self.shape.states, self.shape.layout
         return [self.entry(i, x + 1 + layout.n_series + s) for i in range(x)]
 
     def _store_matrices(self, fall: Matrix) -> None:
         """Store of each pole the matrices of its functions, see the head of the module."""
-        a = self.a
-        square = a.product(fall, fall) if PAIR in self.shape.poles else []
-        for index, kind in enumerate(self.shape.poles):
-            *over, _, _, first, second, third = self.frame.poles[index]
-            powers = zip(over, (None, fall, square) if kind == PAIR else (None, fall), strict=False)
-            matrix = a.polynomial(list(powers))
-            inverse = a.inverted(matrix)
-            moved = a.product(a.polynomial([(second, None), (third, fall)]), inverse)
-            passed = a.polynomial([(first, None), (a.constant(1.0), moved)])
-            for cells, part in zip(self.matrices[index], (inverse, passed, matrix), strict=True):
-                cells.write_matrix(part)
+        square = product(fall, fall) if PAIR in self.shape.poles else []
+        powers = [[*zip(*rows, strict=True)] for rows in zip(fall, square or fall, strict=True)]
+        for index, size in enumerate(self.shape.poles):
+            constant, *over, _, _, first, second, third = self.frame.poles[index]
+            terms = [[dot(over[:size], entries[:size]) for entries in row] for row in powers]
+            matrix = plus(terms, constant)
+            inverse = inverted(matrix)
+            scaled = [[multiply_add(third, entry, None) for entry in row] for row in fall]
+            passed = plus(product(plus(scaled, second), inverse), first)
+            for blocks, part in zip(self.matrices[index], (inverse, passed, matrix), strict=True):
+                blocks.put_row(itertools.chain(*part))
 
     def _expand(
-        self, column: ir.Value, x: Jets, fall: Matrix, seen: Matrix
-    ) -> tuple[ir.Value, Jets]:
+        self, column: ir.Value, x: list[Number], fall: Matrix, seen: Matrix
+    ) -> tuple[ir.Value, list[Number]]:
         """Store the coefficients of a source from `column` on; return the next, and what is left."""
-        rounds = Loop(self.b, I64(ROUNDS), [column, *self._flat(x)], "rounds")
-        column, x = rounds.carried[0], self._jets(rounds.carried[1:])
+        rounds = Loop(self.b, I64(ROUNDS), [column, *self._kind.flat(x)], "rounds")
+        column, x = rounds.carried[0], self._kind.shaped(rounds.carried[1:])
         for index in range(len(self.shape.poles)):
             column, x = self._expand_pole(index, column, x, fall, seen)
-        rounds.close([column, *self._flat(x)])
+        rounds.close([column, *self._kind.flat(x)])
         return column, x
 
     def _expand_pole(
-        self, index: int, column: ir.Value, x: Jets, fall: Matrix, seen: Matrix
-    ) -> tuple[ir.Value, Jets]:
-        b, a, n = self.b, self.a, self.shape.decaying
-        kind, numbers = self.shape.poles[index], self.frame.poles[index]
-        inverse, pass_, over = (cells.read_matrix(n) for cells in self.matrices[index])
+        self, index: int, column: ir.Value, x: list[Number], fall: Matrix, seen: Matrix
+    ) -> tuple[ir.Value, list[Number]]:
+        b, n, size = self.b, self.shape.decaying, self.shape.poles[index]
+        even, odd = self.frame.poles[index][3:5]
+        inverse, pass_, over = (
+            [[blocks.get(i * n + j) for j in range(n)] for i in range(n)]
+            for blocks in self.matrices[index]
+        )
         order = b.load(b.gep(self.orders, [I64(index)]))
-        loop = Loop(b, order, self._flat(a.apply(inverse, x)), "order")
-        x = self._jets(loop.carried)
-        if kind == REAL:
-            self._store(b.add(column, loop.index), self._shown(seen, x, numbers[3]))
+        loop = Loop(b, order, self._kind.flat(_applied(inverse, x)), "order")
+        x = self._kind.shaped(loop.carried)
+        at = b.add(column, b.mul(loop.index, I64(size)))
+        if size == REAL:
+            self._store_shown(at, seen, x, even)
         else:
-            at = b.add(column, b.mul(loop.index, I64(2)))
-            moved = a.apply(fall, x)
-            sums = [a.dot([(a.constant(2.0), v)], y) for v, y in zip(x, moved, strict=True)]
-            self._store(at, self._shown(seen, sums, numbers[3]))
-            self._store(b.add(at, I64(1)), self._shown(seen, moved, a.minus(numbers[4])))
-        following = a.apply(pass_, x)
-        loop.close(self._flat(following))
-        column = b.add(column, b.mul(order, I64(kind)))
-        return column, a.apply(over, following)
+            moved = _applied(fall, x)
+            sums = [v + v + y for v, y in zip(x, moved, strict=True)]
+            at = self._store_shown(at, seen, sums, even)
+            self._store_shown(at, seen, moved, -odd)
+        following = _applied(pass_, x)
+        loop.close(self._kind.flat(following))
+        column = b.add(column, b.mul(order, I64(size)))
+        return column, _applied(over, following)
 
-    def _flat(self, x: Jets) -> list[ir.Value]:
-        return [part for number in x for part in with_slope(number, self._width)]
+    def _store_shown(
+        self, column: ir.Value, seen: Matrix, x: list[Number], factor: Number
+    ) -> ir.Value:
+        shown = [multiply_add(dot(row, x), factor, None) for row in seen]
+        return self._store(column, shown)
 
-    def _jets(self, parts: list[ir.Value]) -> Jets:
-        width = self._width
-        return [tuple(parts[i : i + width]) for i in range(0, len(parts), width)]
+    def _store(self, column: ir.Value, values: list[Number]) -> ir.Value:
+        """Store the coefficients of all channels; return the next column."""
+        self.coefficients.at(self.b.mul(column, I64(self.shape.channels))).put_row(values)
+        return self.b.add(column, I64(1))
 
-    @property
-    def _width(self) -> int:
-        return 2 if self.shape.tangent else 1
 
-    def _shown(self, seen: Matrix, x: Jets, factor: Jet) -> Jets:
-        a = self.a
-        return [a.times(a.dot(list(zip(row, x, strict=True))), factor) for row in seen]
-
-    def _store(self, column: ir.Value, values: Jets) -> None:
-        cells = self.coefficients[self.b.mul(column, I64(self.shape.channels))]
-        for k, value in enumerate(values):
-            cells.write(value, k)
+def _applied(matrix: Matrix, x: list[Number]) -> list[Number]:
+    return [dot(row, x) for row in matrix]
