@@ -18,11 +18,7 @@ from bayesdrill.inference import laplace
 from bayesdrill.inference.likelihood import Likelihood, Observation
 from bayesdrill.inference.noise.mixed import noise_for_record
 from bayesdrill.inference.posterior import Posterior
-from bayesdrill.rig.simulators.compressed import (
-    Compression,
-    compress,
-    obstacle,
-)
+from bayesdrill.rig.simulators.compressed import Compression, compress, obstacle
 from bayesdrill.rig.simulators.rational_basis import CompressionError
 
 LONG = 4096  # samples: below, an exact evaluation takes hardly longer
@@ -134,10 +130,8 @@ def _about(posterior: Posterior, theta: Array) -> Array:
     """
     rng = np.random.default_rng(0)
     u = posterior.coordinates.from_physical(theta[None])
-    curvature = (
-        laplace.PosteriorLogDensity(posterior).quadratic_model(u, np.eye(len(theta))).curvature[0]
-    )
-    known, directions = np.linalg.eigh(curvature)
+    quadratic = laplace.PosteriorLogDensity(posterior).quadratic_model(u, np.eye(len(theta)))
+    known, directions = np.linalg.eigh(quadratic.curvature[0])
     spread = np.where(known > MAX_SPREAD**-2, np.abs(known), np.inf) ** -0.5
     shifts = rng.standard_normal((POINTS, len(theta))) * spread @ directions.T
     shares = np.resize(SHARES, POINTS)[:, None]
@@ -174,9 +168,7 @@ def uncompressed(posterior: Posterior) -> Posterior:
     """Return the posterior with all samples of all records."""
 
     def each(observation: Observation) -> Observation:
-        exact = observation.response.by_samples
-        unchanged = exact is observation.response
-        return observation if unchanged else dataclasses.replace(observation, response=exact)
+        return dataclasses.replace(observation, response=observation.response.by_samples)
 
     return posterior.edit(each=each)
 
@@ -187,9 +179,8 @@ def compressed(posterior: Posterior, known: Compressions) -> Posterior:
         return posterior
 
     def each(observation: Observation) -> Observation:
-        compression, response = known.get(observation.label), observation.response
-        if compression is None:
+        if (compression := known.get(observation.label)) is None:
             return observation
-        return dataclasses.replace(observation, response=compression.applied(response))
+        return dataclasses.replace(observation, response=compression.applied(observation.response))
 
     return posterior.edit(each=each)

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from bayesdrill.basics.arrays import Array
+from bayesdrill.basics.arrays import PART, Array
 from bayesdrill.record.experiment import Experiment
 from bayesdrill.rig.kernels.exponential import Layout, present
 from bayesdrill.rig.models.linear import Model
@@ -22,7 +22,6 @@ from bayesdrill.rig.simulators.time_grid import Whole
 
 Long = np.longdouble
 LongArray = NDArray[Any]  # of long numbers, or of plain ones
-PART = 1 << 18  # samples that are looked at together
 SERIES, HALVINGS = 22, 12  # of the exponential
 STRETCHES = 1024  # of a part that are stepped side by side
 
