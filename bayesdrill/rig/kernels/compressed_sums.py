@@ -113,8 +113,8 @@ def write_sums(module: ir.Module, shape: BasisShape) -> None:
     else:
         errors = _expand(expansion, through, (walker,), walker)
     b.write_row(errors, b.gep(out, [I64(n_sums)]))
-    _subtract_reference(b, expansion, arguments["reference"])
-    _store_squares(b, shape, arguments, expansion, out, residuals if shape.tangent else None)
+    subtract_reference(b, expansion, arguments["reference"])
+    store_squares(b, shape, arguments, expansion, out, residuals if shape.tangent else None)
     if shape.tangent:
         weights = b.offset(arguments["weights"], groups.index, n_sums)
         pairs = _WeightedProducts(b, shape, columns, weights)
@@ -143,7 +143,7 @@ def _expand(
     return expansion.run(start, rows, inputs)
 
 
-def _subtract_reference(b: Builder, expansion: BasisExpansion, reference: ir.Value) -> None:
+def subtract_reference(b: Builder, expansion: BasisExpansion, reference: ir.Value) -> None:
     """Leave of coefficients their difference from those of the reference."""
     base = expansion.coefficients.bases[0]
     each = Loop(b, expansion.count, [], "reference")
@@ -153,7 +153,7 @@ def _subtract_reference(b: Builder, expansion: BasisExpansion, reference: ir.Val
     each.close([])
 
 
-def _store_squares(
+def store_squares(
     b: Builder, shape: BasisShape, arguments: dict[str, ir.Value], expansion: BasisExpansion,
     out: ir.Value, residuals: ir.Value | None,
 ) -> None:  # fmt: skip

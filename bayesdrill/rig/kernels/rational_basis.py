@@ -63,7 +63,7 @@ class BasisShape:
     nothing depends.  `impulse`: whether the start moves the rig; `channels`: K.  `sums`: of squares of
     each channel, of residuals alone, or of steps between them and of both ends too.  `delays`: by how
     many steps at most a channel looks beyond the sample of its states, see `delayed_rows`; zero where
-    none is late.
+    none is late.  `measured`: channels that are sources themselves, in a filter.
     """
 
     layout: Layout
@@ -73,13 +73,14 @@ class BasisShape:
     impulse: bool
     sums: int = 1
     delays: int = 0
+    measured: int = 0
     tangent: bool = False
 
     @property
     def text(self) -> str:
         """See `Structure`."""
         sizes = (self.integrators, self.channels, self.impulse, self.sums, self.delays)
-        return f"{self.poles} {sizes} {self.tangent} {self.layout.text}"
+        return f"{self.poles} {sizes} {self.measured} {self.tangent} {self.layout.text}"
 
     @property
     def states(self) -> int:
@@ -112,8 +113,8 @@ class BasisShape:
 
     @property
     def sources(self) -> list[str]:
-        """What drives the rig: the `impulse` of its start, what is `constant`, and each series."""
-        series = [f"series {s}" for s in range(self.layout.n_series)]
+        """What drives it: the `impulse` of the start, what is `constant`, each series or channel."""
+        series = [f"series {s}" for s in range(self.layout.n_series + self.measured)]
         return ["impulse"] * self.impulse + ["constant"] * self.constant + series
 
     def columns(self, orders: Iterable[int]) -> int:
@@ -123,6 +124,7 @@ class BasisShape:
         """
         poles = sum(n * size for n, size in zip(orders, self.poles, strict=True))
         direct = self.layout.n_series * (self.layout.first_order + self.inputs_ahead)
+        direct += self.measured
         return len(self.sources) * (self.integrators + ROUNDS * poles) + direct + 1
 
     @property
@@ -256,40 +258,58 @@ class BasisExpansion:
         `start (X,)`; `rows (K, X + 1)`: weights of states, and offsets; `direct (K, n, S)`: of inputs at
         the next samples, of late channels.
         """
-        shape, x, d = self.shape, self.shape.states, self.shape.integrators
-        for base in self.coefficients.bases:
-            self.b.clear(base, self.count)
+        shape, x = self.shape, self.shape.states
         rates = [[self.entry(i, j) for j in range(x)] for i in range(x)]
-        modal = product(self.frame.duals, product(rates, self.frame.vectors))
-        fall = [row[d:] for row in modal[d:]]
-        shown = product([row[:x] for row in rows], self.frame.vectors)
-        carried = product([row[d:] for row in modal[:d]], inverted(fall)) if d else []
-        seen = [
-            [dot(row[:d], [line[j] for line in carried], row[d + j]) for j in range(x - d)]
-            for row in shown
-        ]
-        self._store_matrices(fall)
-        bound = RemainderBound(self.b, shape.blocks, fall, seen)
-        errors: list[Number] = [Vector(self.b, vector(0.0))] * shape.channels
+        self.begin(rates, [row[:x] for row in rows])
         column = I64(0)
         for source, size in zip(shape.sources, self.frame.sizes, strict=True):
-            modes = _applied(self.frame.duals, self._drive(source, start, rates))
-            for n in range(d):
-                lost = dot([-entry for entry in carried[n]], modes[d:], modes[n])
-                column = self._store(column, [multiply_add(row[n], lost, None) for row in shown])
-            column, left = self._expand(column, modes[d:], fall, seen)
-            errors = bound.add(errors, left, size)
+            column = self.add_source(column, self._drive(source, start, rates), size)
         for s in range(shape.layout.n_series if shape.layout.first_order else 0):
             rise = self._increment(s)
-            column = self._store(column, [dot(row[:x], rise) for row in rows])
+            column = self.store(column, [dot(row[:x], rise) for row in rows])
         offsets = [row[x] for row in rows]
         for step, s in np.ndindex(shape.inputs_ahead, shape.layout.n_series):
             weights = [channel[step][s] for channel in direct]
-            column = self._store(column, weights)
+            column = self.store(column, weights)
             pairs = zip(weights, offsets, strict=True)
             offsets = [multiply_add(self.frame.first[s], *pair) for pair in pairs]
-        self._store(column, offsets)
-        return [error.value for error in errors]
+        self.store(column, offsets)
+        return [error.value for error in self.errors]
+
+    def begin(self, rates: Matrix, rows: Matrix) -> None:
+        """Begin with walkers of the rates F `(X, X)`, and rows `(K, X)` of channels over states."""
+        x, d = self.shape.states, self.shape.integrators
+        for base in self.coefficients.bases:
+            self.b.clear(base, self.count)
+        modal = product(self.frame.duals, product(rates, self.frame.vectors))
+        self._fall = [row[d:] for row in modal[d:]]
+        self._shown = product(rows, self.frame.vectors)
+        self._carried = product([row[d:] for row in modal[:d]], inverted(self._fall)) if d else []
+        self._seen = [
+            [dot(row[:d], [line[j] for line in self._carried], row[d + j]) for j in range(x - d)]
+            for row in self._shown
+        ]
+        self._store_matrices(self._fall)
+        self._bound = RemainderBound(self.b, self.shape.blocks, self._fall, self._seen)
+        self.errors: list[Number] = [Vector(self.b, vector(0.0))] * self.shape.channels
+
+    def add_source(self, column: ir.Value, drive: list[Number], size: Number) -> ir.Value:
+        """Store the coefficients of a source from `column` on; return the next.
+
+        `drive (X,)`: what it does to states; `size`: of it over all samples, for the `errors`.
+        """
+        d, modes = self.shape.integrators, applied(self.frame.duals, drive)
+        for n in range(d):
+            lost = dot([-entry for entry in self._carried[n]], modes[d:], modes[n])
+            lost_shown = [multiply_add(row[n], lost, None) for row in self._shown]
+            column = self.store(column, lost_shown)
+        return self.add_modes(column, modes[d:], size)
+
+    def add_modes(self, column: ir.Value, modes: list[Number], size: Number) -> ir.Value:
+        """Store the coefficients of a source that drives `modes (X - d,)`; see `add_source`."""
+        column, left = self._expand(column, modes)
+        self.errors = self._bound.add(self.errors, left, size)
+        return column
 
     def _drive(self, source: str, start: list[Number], rates: Matrix) -> list[Number]:
         """Return what a source does to the states from one sample to the next."""
@@ -311,7 +331,7 @@ class BasisExpansion:
         if not layout.first_order:
             return held
         # With u(k + 1) - u(k) as (z - 1) u: the columns of increments drive like F times themselves.
-        moved = _applied(rates, self._increment(s))
+        moved = applied(rates, self._increment(s))
         return [a + c for a, c in zip(held, moved, strict=True)]
 
     def _increment(self, s: int) -> list[Number]:
@@ -332,19 +352,17 @@ class BasisExpansion:
             for blocks, part in zip(self.matrices[index], (inverse, passed, matrix), strict=True):
                 blocks.put_row(itertools.chain(*part))
 
-    def _expand(
-        self, column: ir.Value, x: list[Number], fall: Matrix, seen: Matrix
-    ) -> tuple[ir.Value, list[Number]]:
+    def _expand(self, column: ir.Value, x: list[Number]) -> tuple[ir.Value, list[Number]]:
         """Store the coefficients of a source from `column` on; return the next, and what is left."""
         rounds = Loop(self.b, I64(ROUNDS), [column, *self._kind.flat(x)], "rounds")
         column, x = rounds.carried[0], self._kind.shaped(rounds.carried[1:])
         for index in range(len(self.shape.poles)):
-            column, x = self._expand_pole(index, column, x, fall, seen)
+            column, x = self._expand_pole(index, column, x)
         rounds.close([column, *self._kind.flat(x)])
         return column, x
 
     def _expand_pole(
-        self, index: int, column: ir.Value, x: list[Number], fall: Matrix, seen: Matrix
+        self, index: int, column: ir.Value, x: list[Number]
     ) -> tuple[ir.Value, list[Number]]:
         b, n, size = self.b, self.shape.decaying, self.shape.poles[index]
         even, odd = self.frame.poles[index][3:5]
@@ -353,32 +371,31 @@ class BasisExpansion:
             for blocks in self.matrices[index]
         )
         order = b.load(b.gep(self.orders, [I64(index)]))
-        loop = Loop(b, order, self._kind.flat(_applied(inverse, x)), "order")
+        loop = Loop(b, order, self._kind.flat(applied(inverse, x)), "order")
         x = self._kind.shaped(loop.carried)
         at = b.add(column, b.mul(loop.index, I64(size)))
         if size == REAL:
-            self._store_shown(at, seen, x, even)
+            self._store_shown(at, x, even)
         else:
-            moved = _applied(fall, x)
+            moved = applied(self._fall, x)
             sums = [v + v + y for v, y in zip(x, moved, strict=True)]
-            at = self._store_shown(at, seen, sums, even)
-            self._store_shown(at, seen, moved, -odd)
-        following = _applied(pass_, x)
+            at = self._store_shown(at, sums, even)
+            self._store_shown(at, moved, -odd)
+        following = applied(pass_, x)
         loop.close(self._kind.flat(following))
         column = b.add(column, b.mul(order, I64(size)))
-        return column, _applied(over, following)
+        return column, applied(over, following)
 
-    def _store_shown(
-        self, column: ir.Value, seen: Matrix, x: list[Number], factor: Number
-    ) -> ir.Value:
-        shown = [multiply_add(dot(row, x), factor, None) for row in seen]
-        return self._store(column, shown)
+    def _store_shown(self, column: ir.Value, x: list[Number], factor: Number) -> ir.Value:
+        shown = [multiply_add(dot(row, x), factor, None) for row in self._seen]
+        return self.store(column, shown)
 
-    def _store(self, column: ir.Value, values: list[Number]) -> ir.Value:
+    def store(self, column: ir.Value, values: list[Number]) -> ir.Value:
         """Store the coefficients of all channels; return the next column."""
         self.coefficients.at(self.b.mul(column, I64(self.shape.channels))).put_row(values)
         return self.b.add(column, I64(1))
 
 
-def _applied(matrix: Matrix, x: list[Number]) -> list[Number]:
+def applied(matrix: Matrix, x: list[Number]) -> list[Number]:
+    """Return a matrix times a vector."""
     return [dot(row, x) for row in matrix]

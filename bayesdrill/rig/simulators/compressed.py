@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from typing import ClassVar
@@ -48,6 +48,7 @@ from bayesdrill.rig.simulators.stepped import Unstepped
 
 TOLERANCE = 1e-7  # of the log likelihood
 MAX_BEYOND = 0.02  # of points: walkers whose bound is larger have the exact simulator
+NONE = np.zeros(0)
 LEAST = 1e-300  # weight of a sum that does not count
 DIGITS = (12, 26, 2)  # of a response that functions are to have: first, last, and steps between
 
@@ -284,7 +285,8 @@ def compress(simulator: Simulator, points: Array, variances: Array, weights: Arr
     record = dataclasses.replace(record, shifts=delays.shifts)
     compressor = _Compressor(simulator, record, delays, weights)
     basis, made = compressor.sufficient(points, variances)
-    parts = compressor.blocks(basis, made.compression.shape, points[0])
+    left = record.residuals(points[0])
+    parts = column_blocks(record, basis, made.compression.shape, left)
     columns = made.compression.shape.columns(made.compression.orders)
     known = triangle(parts, columns, weights.shape[1], record.alike)
     reference = made.coefficients(points[:1], late=False)
@@ -342,22 +344,33 @@ class _Compressor:
             delays=self.delays,
         ).applied(self.simulator)
 
-    def blocks(
-        self, basis: Basis, shape: BasisShape, reference: Array
-    ) -> Iterator[tuple[Array, Array]]:
-        """Yield columns `(m, n)` at samples, and what the reference leaves of them `(m, K)`."""
-        still = np.array([[0.0] * shape.impulse + [1.0] * shape.constant])
-        driven, begin = Columns(basis), self.record.first_inputs
-        if shape.impulse:  # a sample before the first
-            driven.block(np.eye(1, len(shape.sources)))
-        knot = 0
-        for inputs, left in self.record.residuals(reference):
-            for first in range(0, len(inputs), BLOCK):
-                u = inputs[first : first + BLOCK] - begin
-                sources = np.concatenate([still.repeat(len(u), axis=0), u], axis=1)
-                parts = [driven.block(sources)] + [u] * shape.layout.first_order
-                for ahead in range(knot, knot + shape.inputs_ahead):
-                    parts.append(self.record.inputs(ahead, ahead + len(u)) - begin)
-                knot += len(u)
-                columns = np.concatenate([*parts, np.ones((len(u), 1))], axis=1)
-                yield columns, left[first : first + BLOCK]
+
+def column_blocks(
+    record: LongRecord,
+    basis: Basis,
+    shape: BasisShape,
+    left: Iterable[tuple[Array, Array]],
+    before: Array = NONE,
+) -> Iterator[tuple[Array, Array]]:
+    """Yield columns `(m, n)` at samples, and what the reference leaves of them `(m, K)`.
+
+    `left`: inputs `(m, S)`, then channels if they are sources too, and what the reference leaves.
+    `before`: of these channels, a sample before the first.
+    """
+    still = np.array([[0.0] * shape.impulse + [1.0] * shape.constant])
+    driven, n_series, knot = Columns(basis), shape.layout.n_series, 0
+    begin = np.append(record.first_inputs, np.zeros(shape.measured))
+    if shape.impulse:  # a sample before the first
+        earlier = np.eye(1, len(shape.sources))
+        earlier[0, len(shape.sources) - len(before) :] = before
+        driven.block(earlier)
+    for inputs, residuals in left:
+        for first in range(0, len(inputs), BLOCK):
+            u = inputs[first : first + BLOCK] - begin
+            sources = np.concatenate([still.repeat(len(u), axis=0), u], axis=1)
+            parts = [driven.block(sources), u[:, 0 if shape.layout.first_order else n_series :]]
+            for ahead in range(knot, knot + shape.inputs_ahead):
+                parts.append(record.inputs(ahead, ahead + len(u)) - begin)
+            knot += len(u)
+            columns = np.concatenate([*parts, np.ones((len(u), 1))], axis=1)
+            yield columns, residuals[first : first + BLOCK]

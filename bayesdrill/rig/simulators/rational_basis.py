@@ -79,14 +79,21 @@ def choose_basis(rates: Array, dt: float, left: float) -> Basis:
     from scipy.linalg import expm  # takes a while to load, and few need it
 
     falls = np.array([expm(a * dt) - np.eye(len(a)) for a in rates])
-    shared = _shared_integrators(rates)
+    return basis_of(falls, _shared_integrators(rates), left)
+
+
+def basis_of(falls: Array, shared: Array, left: float) -> Basis:
+    """Choose functions for `falls (n, X, X)`, their Phi - 1; `shared (X, d)`: of integrators.
+
+    See `choose_basis`.
+    """
     vectors, modes = _modes(falls[0], shared)
     duals = np.linalg.inv(vectors)
     if not np.isfinite(duals).all():
         raise CompressionError("two of its poles are one")
     d = shared.shape[1]
     inner = (duals @ falls @ vectors)[:, d:, d:]
-    values = np.linalg.eigvals(inner)
+    values: Any = np.linalg.eigvals(inner)
     if (np.abs(1.0 + values) >= 1.0).any():
         raise CompressionError("a mode of the rig does not decay")
     return Basis(tuple(_chosen(modes, values, left)), d, vectors, duals)
