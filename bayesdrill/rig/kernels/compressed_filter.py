@@ -19,7 +19,7 @@ from bayesdrill.rig.kernels.exponential import Layout
 from bayesdrill.rig.kernels.exponential import number as shared_number
 from bayesdrill.rig.kernels.kalman_filter import StateSpace
 from bayesdrill.rig.kernels.lanes import I64, NUMBERS, VECTORS, Loop, Vector, vector
-from bayesdrill.rig.kernels.numbers import Blocks, Matrix, Number, dot, multiply_add, plus
+from bayesdrill.rig.kernels.numbers import Blocks, Matrix, Memory, Number, dot, multiply_add, plus
 from bayesdrill.rig.kernels.rational_basis import (
     WHOLE_NUMBERS,
     BasisExpansion,
@@ -129,7 +129,9 @@ def _by_functions(
     """Return sums of squared innovations from the triangle; see `emit_steady_state`."""
     m, b, k_count = w.m, w.m.b, w.system.k
     expansion, columns = BasisExpansion(b, shape, w.a), w.a["columns"]
-    first = _expand(expansion, _Reactions(w), [Vector(b, register) for register in state])
+    first = _expand(
+        expansion, _Reactions(w), [Vector(b, register) for register in state], w.a["frame"]
+    )
     subtract_reference(b, expansion, w.a["reference"])
     squares, residuals = m.room(k_count), expansion.after
     store_squares(b, shape, w.a, expansion, squares, residuals)
@@ -153,8 +155,13 @@ def _by_functions(
     return m.row(squares, k_count)
 
 
-def _expand(expansion: BasisExpansion, by: _Reactions, state: list[Number]) -> ir.Value:
-    """Store the coefficients of predictions; return how many functions the impulse has."""
+def _expand(
+    expansion: BasisExpansion, by: _Reactions, state: list[Number], block: ir.Value
+) -> ir.Value:
+    """Store the coefficients of predictions; return how many functions a source has.
+
+    `block`: the frame.
+    """
     b, shape, n, layout = (
         expansion.b,
         expansion.shape,
@@ -174,14 +181,21 @@ def _expand(expansion: BasisExpansion, by: _Reactions, state: list[Number]) -> i
         constant = [multiply_add(begin, a, c) for a, c in zip(held[s], constant, strict=True)]
         drives[s] = [a + c for a, c in zip(held[s], applied(fall, rise), strict=True)]
     drives = [state, *[constant] * shape.constant, *drives, *(after for _, after in by.channels)]
-    column, ends = I64(0), []
-    for drive, size in zip(drives, expansion.frame.sizes, strict=True):
-        column = expansion.add_source(column, drive, size)
-        ends.append(column)
+    m, sizes = Memory(b, False), b.gep(block, [I64(2 * n * n)])
+    modes = m.room(n * len(drives))
+    m.put_row(itertools.chain(*(applied(expansion.frame.duals, drive) for drive in drives)), modes)
+    errors = [error.value for error in expansion.errors]
+    each = Loop(b, I64(len(drives)), [I64(0), *errors], "sources")  # the code of them is there once
+    expansion.errors = [Vector(b, register) for register in each.carried[1:]]
+    row = m.row(m.at(modes, b.mul(each.index, I64(n))), n)
+    size = shared_number(b, b.gep(sizes, [each.index]), 0)
+    column = expansion.add_modes(each.carried[0], row, size)
+    each.close([column, *(error.value for error in expansion.errors)])
+    functions = b.sdiv(column, I64(len(drives)))
     for direct in (*(applied(rows, rise) for rise in rises), *(shows for shows, _ in by.channels)):
         column = expansion.store(column, direct)
     expansion.store(column, [zero] * shape.channels)
-    return ends[0]
+    return functions
 
 
 def _show_start(

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from bayesdrill.basics.arrays import PART, Array, Counts, Flags
-from bayesdrill.rig.kernels.compiling import HIGH_OPT_LEVEL, compile_kernel
+from bayesdrill.rig.kernels.compiling import compile_kernel
 from bayesdrill.rig.kernels.compressed_filter import (
     BLOCKS,
     CLOSED_BLOCKS,
@@ -97,7 +97,7 @@ class CompressedFilter(KalmanFilter):
         }  # fmt: skip
         counts = (len(walkers), len(self.experiment.t), columns, 0, columns**2)
         structures = (self.system, self.layout, self.shape)
-        kernel = compile_kernel(write_compressed_filter, *structures, effort=HIGH_OPT_LEVEL)
+        kernel = compile_kernel(write_compressed_filter, *structures)
         kernel["steadily"](*counts, *(blocks[name].ctypes.data for name in BLOCKS))
         with np.errstate(all="ignore"):
             sizes = bounds.swapaxes(0, 1).reshape(k, -1) / out[k : 2 * k]
