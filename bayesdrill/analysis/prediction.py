@@ -27,7 +27,6 @@ from bayesdrill.inference.posterior import Posterior
 from bayesdrill.inference.residual_checks import ResidualSummary
 from bayesdrill.record.experiment import Channel
 from bayesdrill.rig.models.linear import dynamics
-from bayesdrill.rig.simulators.sensors import SensorParameters
 
 PIT_BINS = 100
 MAX_CHECKED = 2000  # samples of a channel that are looked at
@@ -304,9 +303,7 @@ def _response(
     observation: Observation, arguments: Array, f: Array, names: list[str]
 ) -> NDArray[np.complex128]:
     """`(F, K, S)`: C (i w - A)^-1 B, with sensors, and inputs held or straight from sample to sample."""
-    walkers = SensorParameters(
-        observation.response.model, observation.experiment, observation.response.sensing
-    )
+    walkers = observation.response.sensors
     rig, sensing, dt = walkers.observed_model, walkers.sensing, observation.experiment.dt
     linear = rig.linear(
         dict(zip(rig.parameters, walkers.simulator_parameters(arguments)[0], strict=True))

@@ -9,3 +9,5 @@ Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 Indices = NDArray[np.intp]
 Counts = NDArray[np.int64]
+
+PART = 1 << 18  # numbers of a long series that are looked at together, lest all of it is copied

@@ -10,6 +10,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -18,11 +19,6 @@ from bayesdrill.inference import laplace
 from bayesdrill.inference.likelihood import Likelihood, Observation
 from bayesdrill.inference.noise.mixed import noise_for_record
 from bayesdrill.inference.posterior import Posterior
-from bayesdrill.rig.simulators.compressed import (
-    Compression,
-    compress,
-    obstacle,
-)
 from bayesdrill.rig.simulators.rational_basis import CompressionError
 
 LONG = 4096  # samples: below, an exact evaluation takes hardly longer
@@ -34,7 +30,7 @@ SHARES = (8.0, 3.0, 1.0)  # standard deviations, times normal numbers
 MAX_SPREAD = 0.05
 DEPTH = 40.0  # of the log posterior: maxima further below are nowhere
 
-Compressions = Mapping[str, Compression]
+Compressions = Mapping[str, Any]  # by label, see `Observation.compress`
 
 
 def is_long(observation: Observation, shortest: int = LONG) -> bool:
@@ -43,10 +39,8 @@ def is_long(observation: Observation, shortest: int = LONG) -> bool:
 
 
 def exact_reason(observation: Observation) -> str:
-    """Say why a record cannot be compressed, as far as no parameters decide it; empty where it can."""
-    if not observation.quadratic:
-        return "its noise is not Gaussian and even in time, or a torque is missing"
-    return obstacle(observation.response)
+    """See `Observation.exact_reason`."""
+    return observation.exact_reason
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -70,10 +64,9 @@ def check_draws(compressed: Posterior, theta: Array) -> CompressionCheck | None:
     full, beyond = compressed.space.full(theta), np.zeros(len(theta), dtype=bool)
     sizes = []
     for observation in compressed.likelihood.observations:
-        response = observation.response
-        if response.functions:
-            beyond |= response.exceeds_bound(observation.simulator_parameters(full))
-            sizes.append((len(observation.experiment.t), response.functions))
+        if observation.functions:
+            beyond |= observation.exceeds_bound(full, theta)
+            sizes.append((len(observation.experiment.t), observation.functions))
     if not sizes:
         return None
     parts = np.array_split(theta, max(1, len(theta) // 50))
@@ -134,10 +127,8 @@ def _about(posterior: Posterior, theta: Array) -> Array:
     """
     rng = np.random.default_rng(0)
     u = posterior.coordinates.from_physical(theta[None])
-    curvature = (
-        laplace.PosteriorLogDensity(posterior).quadratic_model(u, np.eye(len(theta))).curvature[0]
-    )
-    known, directions = np.linalg.eigh(curvature)
+    quadratic = laplace.PosteriorLogDensity(posterior).quadratic_model(u, np.eye(len(theta)))
+    known, directions = np.linalg.eigh(quadratic.curvature[0])
     spread = np.where(known > MAX_SPREAD**-2, np.abs(known), np.inf) ** -0.5
     shifts = rng.standard_normal((POINTS, len(theta))) * spread @ directions.T
     shares = np.resize(SHARES, POINTS)[:, None]
@@ -148,7 +139,7 @@ def _about(posterior: Posterior, theta: Array) -> Array:
 
 def compressions(
     posterior: Posterior, points: Array, shortest: int = LONG, *, strict: bool = False
-) -> dict[str, Compression]:
+) -> dict[str, Any]:
     """Compress long records for rigs at `points (n, D)`, by label; the first is the reference.
 
     Records that cannot be compressed are left out, or raise `CompressionError` if `strict`.
@@ -156,13 +147,8 @@ def compressions(
     full, made = posterior.space.full(points), {}
     for observation in posterior.likelihood.observations:
         if is_long(observation, shortest):
-            rigs = observation.simulator_parameters(full)
-            variances = observation.scales(points).min(axis=0) ** 2
-            weights = observation.square_weights(points)
-            assert weights is not None
-            limits = np.abs(weights).max(axis=0)
             try:
-                made[observation.label] = compress(observation.response, rigs, variances, limits)
+                made[observation.label] = observation.compress(full, points)
             except CompressionError as error:
                 if strict:
                     message = f"{observation.entitled('the record')}: {error}"
@@ -172,13 +158,7 @@ def compressions(
 
 def uncompressed(posterior: Posterior) -> Posterior:
     """Return the posterior with all samples of all records."""
-
-    def each(observation: Observation) -> Observation:
-        exact = observation.response.by_samples
-        unchanged = exact is observation.response
-        return observation if unchanged else dataclasses.replace(observation, response=exact)
-
-    return posterior.edit(each=each)
+    return posterior.edit(each=lambda observation: observation.with_compression(None))
 
 
 def compressed(posterior: Posterior, known: Compressions) -> Posterior:
@@ -187,9 +167,7 @@ def compressed(posterior: Posterior, known: Compressions) -> Posterior:
         return posterior
 
     def each(observation: Observation) -> Observation:
-        compression, response = known.get(observation.label), observation.response
-        if compression is None:
-            return observation
-        return dataclasses.replace(observation, response=compression.applied(response))
+        compression = known.get(observation.label)
+        return observation if compression is None else observation.with_compression(compression)
 
     return posterior.edit(each=each)

@@ -10,13 +10,14 @@ from typing import Any, Protocol, Self
 
 import numpy as np
 
-from bayesdrill.basics.arrays import Array
+from bayesdrill.basics.arrays import Array, Flags
 from bayesdrill.inference.noise.contract import Noise
 from bayesdrill.inference.noise.mixed import noise_for_record
 from bayesdrill.inference.unknowns import ParameterSpace, Unknown
 from bayesdrill.record.experiment import Experiment, frozen
 from bayesdrill.rig.models.linear import Model
 from bayesdrill.rig.simulators import simulator
+from bayesdrill.rig.simulators.compressed import compress, obstacle
 from bayesdrill.rig.simulators.contract import Simulator
 from bayesdrill.rig.simulators.kalman import KalmanFilter
 from bayesdrill.rig.simulators.sensors import ObservationModel
@@ -289,6 +290,40 @@ class Observation:
     def square_weights(self, theta: Array) -> Array | None:
         """Return weights of sums of squares `(W, K, n)`; see `Noise.square_weights`."""
         return self.noise.square_weights(theta[:, self.noise_columns])
+
+    # Long records, see `inference.compression`.
+
+    @property
+    def exact_reason(self) -> str:
+        """Say why its record cannot be compressed whatever its parameters; empty where it can."""
+        if not self.quadratic:
+            return "its noise is not Gaussian and even in time"
+        return obstacle(self.response)
+
+    @property
+    def functions(self) -> int:
+        """How many functions its record has become; zero where it is not compressed."""
+        return self.response.functions
+
+    def exceeds_bound(self, full: Array, theta: Array) -> Flags:
+        """Tell which unknowns `(W,)` of a compressed record have all samples."""
+        return self.response.exceeds_bound(self.simulator_parameters(full))
+
+    def compress(self, full: Array, theta: Array) -> Any:
+        """Compress its record for these unknowns, the first of which are the reference.
+
+        What results is for `with_compression`.  Raises `CompressionError` where it cannot be done.
+        """
+        variances, weights = self.scales(theta).min(axis=0) ** 2, self.square_weights(theta)
+        assert weights is not None
+        limits = np.abs(weights).max(axis=0)
+        return compress(self.response, self.simulator_parameters(full), variances, limits)
+
+    def with_compression(self, compression: Any) -> Self:
+        """Return it with its record compressed; with all samples where `compression` is None."""
+        exact = self.response.by_samples
+        response = exact if compression is None else compression.applied(exact)
+        return dataclasses.replace(self, response=response)
 
     def whiten(self, samples: Array, theta: Array) -> Array:
         """Return whitened residuals `(W, T, K)`, independent and standard normal."""

@@ -12,15 +12,21 @@ import dataclasses
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
-from bayesdrill.basics.arrays import Array
+from bayesdrill.basics.arrays import Array, Flags
 from bayesdrill.inference.likelihood import Directions, Observation
 from bayesdrill.inference.noise.mixed import ChannelNoise, Mixed
 from bayesdrill.inference.noise.white import White
 from bayesdrill.inference.unknowns import ParameterSpace, Unknown
 from bayesdrill.rig.models.latent_torque import SIZE, TIME
+from bayesdrill.rig.simulators.compressed_filter import (
+    CompressedFilter,
+    compress_filter,
+    filter_obstacle,
+)
 from bayesdrill.rig.simulators.contract import Simulator
 from bayesdrill.rig.simulators.kalman import KalmanFilter
 
@@ -72,6 +78,38 @@ class LatentTorqueObservation(Observation):
     def quadratic(self) -> bool:
         """Whether sums of squares are all: never."""
         return False
+
+    @property
+    def exact_reason(self) -> str:
+        """Say why its record cannot be compressed whatever its parameters; empty where it can."""
+        return filter_obstacle(self.response)
+
+    @property
+    def functions(self) -> int:
+        """How many functions its record has become; zero where it is not compressed."""
+        return self.kalman_filter.functions
+
+    def exceeds_bound(self, full: Array, theta: Array) -> Flags:
+        """Tell which unknowns `(W,)` of a compressed record have all samples."""
+        kernel_arguments = self._kernel_arguments(theta, full)
+        process, scales = self._of_process(kernel_arguments), self._scales(kernel_arguments)
+        return self.kalman_filter.exceeds_bound(process, scales)
+
+    def compress(self, full: Array, theta: Array) -> CompressedFilter:
+        """Compress its record for these unknowns; see `Observation.compress`."""
+        kernel_arguments, exact = self._kernel_arguments(theta, full), self.kalman_filter.by_samples
+        process, scales = self._of_process(kernel_arguments), self._scales(kernel_arguments)
+        return compress_filter(exact, self.response, process, scales)
+
+    def with_compression(self, compression: Any) -> LatentTorqueObservation:
+        """Return it with its record compressed; with all samples where `compression` is None."""
+        filtered = self.kalman_filter.by_samples if compression is None else compression
+        return dataclasses.replace(self, kalman_filter=filtered)
+
+    def with_record(self, y: Array) -> LatentTorqueObservation:
+        """Return it for another record `(T, K)` of the same experiment, with all samples."""
+        made = self.with_compression(None)
+        return dataclasses.replace(made, response=self.response.with_record(y))
 
     @property
     def kind(self) -> str:

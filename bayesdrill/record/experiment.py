@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from bayesdrill.basics.arrays import Array
+from bayesdrill.basics.arrays import PART, Array
 from bayesdrill.basics.entries import SMALLEST
 from bayesdrill.basics.errors import InputError, Issue
 from bayesdrill.basics.symbols import INPUTS, Symbol
@@ -155,9 +155,6 @@ class Experiment:
         return tuple(channel.name for channel in self.channels)
 
 
-PART = 1 << 20  # samples that are looked at together
-
-
 def is_even(t: Array) -> bool:
     """Whether steps of `t (T,)` are equal, to `STEP_TOLERANCE` of one, and stay with their grid."""
     if len(t) < 3:
@@ -165,7 +162,7 @@ def is_even(t: Array) -> bool:
     step = (t[-1] - t[0]) / (len(t) - 1)
     median = float(np.median(np.diff(t), overwrite_input=True))
     uneven = adrift = False
-    for first in range(0, len(t), PART):  # a long record is not copied
+    for first in range(0, len(t), PART):
         part = t[first : first + PART + 1]
         here = np.arange(first, first + len(part))
         uneven |= bool((np.abs(np.diff(part) - median) > STEP_TOLERANCE * median).any())

@@ -18,7 +18,7 @@ import numpy as np
 
 import bayesdrill
 from bayesdrill.basics import software
-from bayesdrill.basics.arrays import Array
+from bayesdrill.basics.arrays import PART, Array
 from bayesdrill.basics.errors import InputError, Interrupted
 from bayesdrill.basics.software import DECISIVE, installed_versions, versions_text
 from bayesdrill.basics.symbols import noise_name
@@ -38,7 +38,6 @@ from bayesdrill.rig.models.linear import Model, constants
 
 RUN_MARK = "Run"  # by which a file says whose it is
 BURN_IN_MARK = "Burn-in"
-DIGEST_PART = 1 << 18  # numbers whose text is made together
 
 
 def fingerprint(config: Config, problem: Problem) -> dict[str, str]:
@@ -212,8 +211,8 @@ def _short(text: str) -> str:
 def _digest(series: Array) -> str:
     """Return what `_short` gives for the text of the list of all numbers, part by part."""
     digest = hashlib.sha256(b"[")
-    for first in range(0, len(series), DIGEST_PART):
-        text = ", ".join(map(repr, series[first : first + DIGEST_PART].tolist()))
+    for first in range(0, len(series), PART):
+        text = ", ".join(map(repr, series[first : first + PART].tolist()))
         digest.update((", " * (first > 0) + text).encode())
     digest.update(b"]")
     return digest.hexdigest()[:12]

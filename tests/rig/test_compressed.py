@@ -13,13 +13,13 @@ from rigs import experiment, vector
 
 from bayesdrill.rig.models.driven_shaft import DrivenShaft
 from bayesdrill.rig.models.motor_shaft import MotorShaft
-from bayesdrill.rig.simulators import compressed, simulator
+from bayesdrill.rig.simulators import simulator
 from bayesdrill.rig.simulators.compressed import CompressedSimulator, compress
 from bayesdrill.rig.simulators.contract import Simulator
 from bayesdrill.rig.simulators.exact import Response
 from bayesdrill.rig.simulators.long_record import long_states as fast
 from bayesdrill.rig.simulators.rational_basis import BLOCK, CompressionError, choose_basis
-from bayesdrill.rig.simulators.sensors import ObservationModel, SensorParameters
+from bayesdrill.rig.simulators.sensors import ObservationModel
 
 SIGMA = 0.1
 DT = 0.01
@@ -297,8 +297,7 @@ def test_channels_that_are_late(name: str, first_order: bool) -> None:
     more = np.array(values) + 2e-3 * rng.standard_normal((40, len(values)))
     more[0] = values
     points = np.concatenate([near(40, seed=23), more], axis=1)
-    ordered = SensorParameters(MotorShaft(), record, sensing).parameters
-    assert len(ordered) == points.shape[1]
+    assert len(exact.parameters) == points.shape[1]
     for mine in (made(exact, points), of_neighbours(exact, points)):
         assert not mine.beyond(*mine.expanded(points)).any()
         assert np.allclose(mine.squares(points), exact.squares(points), rtol=1e-8, atol=0)
@@ -356,8 +355,7 @@ def test_rigs_far_away_have_the_exact_simulator(one: CompressedSimulator) -> Non
 def test_a_pair_of_poles_that_becomes_two_real_ones() -> None:
     """Rigs to both sides of critical damping, c_1 = 2 sqrt(k_s j_1); the reference is on the edge."""
     response, points = imposed(np.linspace(-0.02, 0.02, 41), critical=True)
-    sensors = compressed.SensorParameters(response.model, response.experiment, ObservationModel())
-    poles = np.linalg.eigvals(sensors.linear_system(points)[0])
+    poles = np.linalg.eigvals(response.sensors.linear_system(points)[0])
     assert 0.3 < np.mean((poles.imag != 0).any(axis=1)) < 0.7
     mine = made(response, points)
     assert not mine.beyond(*mine.expanded(points)).any()

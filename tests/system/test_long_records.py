@@ -14,7 +14,7 @@ import bayesdrill as bd
 from bayesdrill import output_files
 from bayesdrill.basics.errors import InputError
 from bayesdrill.basics.progress import Silent
-from bayesdrill.inference import compression
+from bayesdrill.inference import compression, likelihood
 from bayesdrill.report.sections import fit_words
 from bayesdrill.rig.models.motor_shaft import MotorShaft
 from bayesdrill.rig.simulators.compressed import CompressedSimulator
@@ -229,7 +229,7 @@ def test_what_turns_out_not_to_be_compressible_is_refused(monkeypatch: pytest.Mo
     def refuse(*_: object) -> None:
         raise CompressionError("poles of the rig are known too little")
 
-    monkeypatch.setattr(compression, "compress", refuse)
+    monkeypatch.setattr(likelihood, "compress", refuse)
     with pytest.raises(InputError, match="cannot be compressed: the record: poles of the rig"):
         pipeline.sample_in_memory(job, mode, 1, Silent())
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
 from typing import Annotated, ClassVar
@@ -42,25 +42,24 @@ class ChannelSpacing:
     gaps: Array | None
     all_gaps: Array | None
 
+    @property
+    def _intervals(self) -> Array:
+        return np.ones(1) if self.gaps is None else self.gaps
+
     def conditional(self, rho: Array) -> tuple[Array, Array]:
         """Return the weight of the sample before in the conditional mean, and the conditional sd.
 
         Both are `(W, n)`, the sd over sigma; of the first sample they are zero and one.
         """
-        gaps = self.gaps
-        if gaps is None:
-            widths = np.array(
-                [[np.inf, *np.ones(min(self.count, 2) - 1)]]
-            )  # the first, and all others
-        else:
-            widths = np.concatenate([[np.inf], gaps])[None]
+        weight, sd = np.zeros((len(rho), self.count)), np.ones((len(rho), self.count))
         with np.errstate(divide="ignore"):
-            logs = np.log(rho)[:, None] * widths
-        weight, sd = np.exp(logs), np.sqrt(-np.expm1(2.0 * logs))
-        if gaps is None:
-            indices = np.minimum(np.arange(self.count), 1)
-            return weight[:, indices], sd[:, indices]
+            logs = np.log(rho)[:, None] * self._intervals
+        weight[:, 1:], sd[:, 1:] = np.exp(logs), np.sqrt(-np.expm1(2.0 * logs))
         return weight, sd
+
+    def predicted(self, samples: Array, rho: Array) -> Array:
+        """Return what is left of each sample, less what those before it say of it."""
+        return _without_memory(samples, self.conditional(rho)[0])
 
     def innovations(self, samples: Array, rho: Array) -> Array:
         """Return what is new in each sample, all of one sd: that of the samples."""
@@ -103,17 +102,14 @@ class ChannelSpacing:
 
     def _by_rho(self, weight: Array, rho: Array) -> Array:
         """Return d weight / d rho; of the first sample zero."""
-        gaps = np.ones(self.count - 1) if self.gaps is None else self.gaps
         out = np.zeros_like(weight)
-        out[:, 1:] = gaps * rho[:, None] ** (gaps - 1.0)
+        out[:, 1:] = self._intervals * rho[:, None] ** (self._intervals - 1.0)
         return out
 
     def estimate_rho(self, samples: Array) -> float:
         """Estimate rho from samples `(n,)` about an interval apart."""
-        adjacent = (
-            np.ones(self.count - 1, bool) if self.gaps is None else np.abs(self.gaps - 1.0) < 0.5
-        )
-        before, after = samples[:-1][adjacent], samples[1:][adjacent]
+        adjacent = np.abs(self._intervals - 1.0) < 0.5
+        before, after = samples[:-1] * adjacent, samples[1:] * adjacent
         squares = 0.5 * float(before @ before + after @ after)
         return float(before @ after) / squares if squares > 0 else 0.0
 
@@ -276,40 +272,22 @@ class AR1:
 
     def pointwise(self, samples: Array, theta: Array) -> Array:
         """Return the log density `(W, T, K)` of each sample given those before it."""
-        sigma, rho, out = (
-            self.scales(theta),
-            self.memory.values(theta),
-            np.full(samples.shape, np.nan),
-        )
-        for k, channel in enumerate(self._spacing(samples).channels):
-            _, sd = channel.conditional(rho[:, k])
-            innovations = (
-                channel.innovations(samples[:, channel.rows, k], rho[:, k]) / sigma[:, k, None]
-            )
-            out[:, channel.rows, k] = -0.5 * innovations**2 - np.log(sigma[:, k, None] * sd)
-        return out - 0.5 * math.log(2 * math.pi)
+
+        def density(channel: ChannelSpacing, scaled: Array, rho: Array) -> Array:
+            sd = channel.conditional(rho)[1]
+            return np.asarray(-0.5 * channel.innovations(scaled, rho) ** 2 - np.log(sd))
+
+        sizes = np.log(self.scales(theta))[:, None] + 0.5 * math.log(2 * math.pi)
+        return self._by_channel(density, samples, theta) - sizes
 
     def whiten(self, samples: Array, theta: Array) -> Array:
         """Return whitened residuals `(W, T, K)`."""
-        sigma, rho, out = (
-            self.scales(theta),
-            self.memory.values(theta),
-            np.full(samples.shape, np.nan),
-        )
-        for k, channel in enumerate(self._spacing(samples).channels):
-            out[:, channel.rows, k] = (
-                channel.innovations(samples[:, channel.rows, k], rho[:, k]) / sigma[:, k, None]
-            )
-        return out
+        return self._by_channel(ChannelSpacing.innovations, samples, theta)
 
     def innovations(self, samples: Array, theta: Array) -> Array:
-        """Return each sample minus its prediction from those before it: `(W, T, K)`, SI."""
-        rho, out = self.memory.values(theta), np.full(samples.shape, np.nan)
-        for k, channel in enumerate(self._spacing(samples).channels):
-            out[:, channel.rows, k] = _without_memory(
-                samples[:, channel.rows, k], channel.conditional(rho[:, k])[0]
-            )
-        return out
+        """Return errors of the prediction from those before them: `(W, T, K)`, SI."""
+        predicted = self._by_channel(ChannelSpacing.predicted, samples, theta)
+        return predicted * self.scales(theta)[:, None]
 
     def whitened_jacobian(self, shifts: Array, theta: Array) -> Array:
         """Return whitened shifts of signals `(W, T, K)`."""
@@ -317,16 +295,18 @@ class AR1:
 
     def score(self, samples: Array, theta: Array) -> Array:
         """Return d log likelihood / d model signal: `(W, T, K)`."""
-        sigma, rho, out = (
-            self.scales(theta),
-            self.memory.values(theta),
-            np.full(samples.shape, np.nan),
-        )
+        by_scaled = self._by_channel(ChannelSpacing.score, samples, theta)
+        return by_scaled / self.scales(theta)[:, None]
+
+    def _by_channel(
+        self, of: Callable[[ChannelSpacing, Array, Array], Array], samples: Array, theta: Array
+    ) -> Array:
+        """Return what `of` makes of samples over sigma, with rho: `(W, T, K)`, NaN if not seen."""
+        sigma, rho = self.scales(theta), self.memory.values(theta)
+        out = np.full(samples.shape, np.nan)
         for k, channel in enumerate(self._spacing(samples).channels):
-            channel_samples = samples[:, channel.rows, k]
-            out[:, channel.rows, k] = (
-                channel.score(channel_samples, rho[:, k]) / sigma[:, k, None] ** 2
-            )
+            scaled = samples[:, channel.rows, k] / sigma[:, k, None]
+            out[:, channel.rows, k] = of(channel, scaled, rho[:, k])
         return out
 
     def noise_score(self, residuals: Residuals, theta: Array) -> tuple[Array, Array]:

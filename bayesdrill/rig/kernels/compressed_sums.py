@@ -5,16 +5,15 @@ See `rational_basis` for the functions that are the triangle's columns.
 
 from __future__ import annotations
 
-import functools
 from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import islice
 
 import numpy as np
 from llvmlite import ir
 
-from bayesdrill.rig.kernels.delayed_rows import DelayedRows
+from bayesdrill.rig.kernels.delayed_rows import DelayedRows, SpanExponential
 from bayesdrill.rig.kernels.exponential import emit_exponential
-from bayesdrill.rig.kernels.jets import JetCells, Jets, Matrix
 from bayesdrill.rig.kernels.lanes import (
     I64,
     NUMBERS,
@@ -22,13 +21,13 @@ from bayesdrill.rig.kernels.lanes import (
     VECTORS,
     Builder,
     Loop,
-    Vector,
     begin_kernel,
     vector,
 )
+from bayesdrill.rig.kernels.numbers import Blocks, Matrix
 from bayesdrill.rig.kernels.rational_basis import ROWS, WHOLE_NUMBERS, BasisExpansion, BasisShape
 
-COUNTS = ("groups", "columns", "channel", "sum")
+COUNTS = ("groups", "columns", "channel", "sum", "q")
 BLOCKS = {
     "walkers": VECTORS,
     "numbers": NUMBERS,
@@ -38,10 +37,10 @@ BLOCKS = {
     "triangles": NUMBERS,
     "projected": NUMBERS,
     "scratch": VECTORS,
+    "directions": VECTORS,
+    "weights": VECTORS,
     "out": VECTORS,
 }
-NORMAL_COUNTS = (*COUNTS, "q")
-NORMAL_BLOCKS = {**BLOCKS, "directions": VECTORS, "weights": VECTORS}
 ENDS = 2  # which of the sums has but two rows: of the first sample and the last
 
 
@@ -70,110 +69,81 @@ def _projections(
         yield s, row, totals, rows
 
 
-def write_squares(module: ir.Module, shape: BasisShape) -> None:
-    """Write `squares(G, n, triangle, ...)`, whose arguments are `COUNTS` and `BLOCKS`.
+def write_sums(module: ir.Module, shape: BasisShape) -> None:
+    """Write `sums(G, n, triangle, ..., q, ...)`, whose arguments are `COUNTS` and `BLOCKS`.
 
-    Of G groups of walkers `(G, P + X + K (X + 1), LANES)`: parameters, start, rows of channels.  `n`
-    columns, a multiple of `ROWS`; `channel`: numbers from the triangle `(n, n)` of a channel to that
-    of the next, zero where all have the same, and `sum` to that of the next sum.  `numbers`: step and
-    constant inputs.  `projected (K, sums, n + 1)`: of the reference's residuals, and the square of
-    what no function has.  `out (G, K sums + K, LANES)`: squares, and bounds of the size of what the
-    functions leave.
+    Of G groups of walkers `(G, P + X + K (X + 1) + K D, LANES)`: parameters, start, rows of channels,
+    spans of delays.  `n` columns, a multiple of `ROWS`; `channel`: numbers from the triangle `(n, n)`
+    of a channel to that of the next, zero where all have the same, and `sum` to that of the next sum.
+    `numbers`: step and constant inputs.  `projected (K, sums, n + 1)`: of the reference's residuals,
+    and the square of what no function has.  `out (G, K sums + K, LANES)`: squares, and bounds of the
+    size of what the functions leave.
+
+    With the tangent there are q directions too: `directions (G, q, P + ..., LANES)`, slopes of what
+    walkers have, and `weights (G, K sums, LANES)` of each sum.  `out (G, K sums + K + q + q q, LANES)`
+    goes on with slopes and the lower triangle of the products, these with their weights.
     """
     exponential = emit_exponential(module, shape.layout, increments=True, beside_one=False)
-    arguments, b = begin_kernel(module, "squares", COUNTS, BLOCKS)
-    span, late_e = b.alloca(VEC), b.alloca(VEC, I64(shape.layout.size**2))
+    arguments, b = begin_kernel(module, "sums", COUNTS, BLOCKS)
+    q, columns, n_sums = arguments["q"], arguments["columns"], shape.channels * shape.sums
+    length, first = b.mul(columns, I64(n_sums)), n_sums + shape.channels
+    both = b.alloca(VEC, I64(2 * shape.parameters))
+    through = SpanExponential(b, shape, exponential, arguments["numbers"])
     groups = Loop(b, arguments["groups"], [], "groups")
     walker = b.offset(arguments["walkers"], groups.index, shape.walker_size)
-    expansion = BasisExpansion(b, shape, arguments, arguments["scratch"])
-    _call_exponential(b, exponential, walker, arguments["numbers"], span, expansion.e)
-    start, rows = _walker_rows(b, shape, (walker,))
-    inputs = list[Matrix]()
-    if shape.delays:
-        late = _Delays(b, shape, expansion, exponential, arguments["numbers"], span, late_e)
-        rows, inputs = late.rows((walker,), walker, rows)
-    errors = expansion.run(start, rows, inputs)
-    _subtract_reference(b, expansion, arguments["reference"])
-    n_sums = shape.channels * shape.sums
-    out = b.offset(arguments["out"], groups.index, n_sums + shape.channels)
-    _store_squares(b, shape, arguments, expansion, out, None)
-    for k, error in enumerate(errors):
-        b.write(error, out, n_sums + k)
+    expansion = BasisExpansion(b, shape, arguments)
+    residuals = expansion.after
+    slopes = b.gep(residuals, [length])  # (q, K sums, n)
+    out = b.offset(arguments["out"], groups.index, b.add(I64(first), b.mul(q, b.add(q, I64(1)))))
+    if shape.tangent:
+        directions = Loop(b, q, [], "directions")
+        row = b.add(b.mul(groups.index, q), directions.index)
+        along = b.offset(arguments["directions"], row, shape.walker_size)
+        b.copy(walker, both, shape.parameters)
+        b.copy(along, b.gep(both, [I64(shape.parameters)]), shape.parameters)
+        errors = _expand(expansion, through, (walker, along), both)
+        row_slopes = b.offset(slopes, directions.index, length)
+        moved = expansion.coefficients.bases[1]
+        for s, row, products, blocks in _projections(b, shape, arguments, moved):
+            for n, product in enumerate(products):
+                index = b.add(b.mul(columns, I64(s)), b.add(row, I64(n)))
+                b.store(product, b.gep(row_slopes, [index]), align=8)
+            blocks.close([])
+        directions.close([])
+    else:
+        errors = _expand(expansion, through, (walker,), walker)
+    b.write_row(errors, b.gep(out, [I64(n_sums)]))
+    subtract_reference(b, expansion, arguments["reference"])
+    store_squares(b, shape, arguments, expansion, out, residuals if shape.tangent else None)
+    if shape.tangent:
+        weights = b.offset(arguments["weights"], groups.index, n_sums)
+        pairs = _WeightedProducts(b, shape, columns, weights)
+        pairs.store(q, slopes, residuals, b.gep(out, [I64(first)]))
     groups.close([])
     b.ret_void()
 
 
-def _call_exponential(
-    b: Builder, exponential: ir.Function, walker: ir.Value, numbers: ir.Value, span: ir.Value,
-    e: ir.Value,
-) -> None:  # fmt: skip
-    b.write(b.splat(b.load(numbers)), span, 0)
-    b.call(exponential, [walker, b.gep(numbers, [I64(1)]), span, e])
+def _expand(
+    expansion: BasisExpansion,
+    through: SpanExponential,
+    bases: tuple[ir.Value, ...],
+    parameters: ir.Value,
+) -> list[ir.Value]:
+    """Store the coefficients of walkers; return bounds `(K,)`; `bases`: of numbers, and of slopes."""
+    b, shape = expansion.b, expansion.shape
+    blocks, inputs = Blocks(b, bases), list[Matrix]()
+    numbers = map(blocks.get, range(shape.parameters, shape.walker_size))
+    start = [*islice(numbers, shape.states)]
+    rows = [[*islice(numbers, shape.states + 1)] for _ in range(shape.channels)]
+    through.over(vector(1.0), parameters, expansion.entry.e)
+    if shape.delays:
+        late = DelayedRows(b, shape, through, parameters)
+        pairs = [late.row(row, [*islice(numbers, shape.delays)]) for row in rows]
+        rows, inputs = [row for row, _ in pairs], [weights for _, weights in pairs]
+    return expansion.run(start, rows, inputs)
 
 
-def _walker_rows(b: Builder, shape: BasisShape, bases: tuple[ir.Value, ...]) -> tuple[Jets, Matrix]:
-    """Read start and rows of a walker; `bases`: of its numbers, and of their slopes."""
-    x, p = shape.states, shape.parameters
-    cells = JetCells(b, bases)
-    start = [cells.read(p + i) for i in range(x)]
-    width = x + 1
-    rows = [
-        [cells.read(p + x + k * width + i) for i in range(width)] for k in range(shape.channels)
-    ]
-    return start, rows
-
-
-@dataclass(frozen=True, slots=True)
-class _Delays:
-    """Rows of channels that are late by spans of their own."""
-
-    b: Builder
-    shape: BasisShape
-    expansion: BasisExpansion
-    exponential: ir.Function
-    numbers: ir.Value
-    span: ir.Value
-    e: ir.Value
-
-    def rows(
-        self, bases: tuple[ir.Value, ...], parameters: ir.Value, rows: Matrix
-    ) -> tuple[Matrix, list[Matrix]]:
-        """Return the rows over states, and weights of inputs; `bases`: of walkers and their slopes."""
-        b, shape = self.b, self.shape
-        x, layout, entry = shape.states, shape.layout, self.expansion.entry
-        at, k_count = shape.walker_size - 2 * shape.channels, shape.channels
-        step = b.splat(b.load(self.numbers))
-        shifts = DelayedRows(
-            b, x, layout.n_series, first_order=layout.first_order, steps=shape.delays,
-            rates=self._rates(parameters, step),
-        )  # fmt: skip
-        late, direct, cells = [], [], JetCells(b, bases)
-        for k, row in enumerate(rows):
-            share = cells.read(at + k)
-            b.write(b.fmul(share[0], step), self.span, 0)
-            b.call(self.exponential, [parameters, b.gep(self.numbers, [I64(1)]), self.span, self.e])
-            count = b.read(bases[0], at + k_count + k)
-            part = functools.partial(entry, e=self.e)
-            states, inputs = shifts.row(row, part, entry, share, count)
-            late.append(states)
-            direct.append(inputs)
-        return late, direct
-
-    def _rates(self, parameters: ir.Value, step: ir.Value) -> dict[tuple[int, int], ir.Value]:
-        """Return the entries of M of the rig, times a step, by row and column of the rig."""
-        b, x, layout = self.b, self.shape.states, self.shape.layout
-        shift = layout.n_states - x
-        rates = dict[tuple[int, int], ir.Value]()
-        matrix = layout.matrix(b, parameters, b.gep(self.numbers, [I64(1)]))
-        for row, column, value in matrix:
-            if row < x and (column < x or column >= layout.n_states):
-                place = (row, column if column < x else column - shift)
-                rate = b.fmul(value.value if isinstance(value, Vector) else vector(value), step)
-                rates[place] = b.fadd(rates[place], rate) if place in rates else rate
-        return rates
-
-
-def _subtract_reference(b: Builder, expansion: BasisExpansion, reference: ir.Value) -> None:
+def subtract_reference(b: Builder, expansion: BasisExpansion, reference: ir.Value) -> None:
     """Leave of coefficients their difference from those of the reference."""
     base = expansion.coefficients.bases[0]
     each = Loop(b, expansion.count, [], "reference")
@@ -183,7 +153,7 @@ def _subtract_reference(b: Builder, expansion: BasisExpansion, reference: ir.Val
     each.close([])
 
 
-def _store_squares(
+def store_squares(
     b: Builder, shape: BasisShape, arguments: dict[str, ir.Value], expansion: BasisExpansion,
     out: ir.Value, residuals: ir.Value | None,
 ) -> None:  # fmt: skip
@@ -206,59 +176,6 @@ def _store_squares(
                 b.store(value, b.gep(residuals, [index]), align=8)
         b.write(total, out, s)
         rows.close([])
-
-
-def write_normal(module: ir.Module, shape: BasisShape) -> None:
-    """Write `normal(G, n, triangle, q, ...)`, whose arguments are `NORMAL_COUNTS` and `NORMAL_BLOCKS`.
-
-    `shape` has the tangent.  `directions (G, q, P + X + K (X + 1), LANES)`: slopes of what walkers
-    have; `weights (G, K sums, LANES)`: of each sum.  `out (G, K sums + K + q + q q, LANES)`: squares
-    and bounds, then slopes and the lower triangle of the products, these with their weights.
-    """
-    exponential = emit_exponential(module, shape.layout, increments=True, beside_one=False)
-    arguments, b = begin_kernel(module, "normal", NORMAL_COUNTS, NORMAL_BLOCKS)
-    span, q, n_sums = b.alloca(VEC), arguments["q"], shape.channels * shape.sums
-    both = b.alloca(VEC, I64(2 * shape.parameters))
-    late_e = b.alloca(VEC, I64(shape.layout.size**2))
-    columns = arguments["columns"]
-    length = b.mul(columns, I64(n_sums))
-    groups = Loop(b, arguments["groups"], [], "groups")
-    walker = b.offset(arguments["walkers"], groups.index, shape.walker_size)
-    weights = b.offset(arguments["weights"], groups.index, n_sums)
-    expansion = BasisExpansion(b, shape, arguments, arguments["scratch"])
-    residuals = expansion.after
-    slopes = b.gep(residuals, [length])  # (q, K sums, n)
-    numbers = n_sums + shape.channels
-    out = b.offset(arguments["out"], groups.index, b.add(I64(numbers), b.mul(q, b.add(q, I64(1)))))
-    b.copy(walker, both, shape.parameters)
-    directions = Loop(b, q, [], "directions")
-    along = b.offset(
-        arguments["directions"], b.add(b.mul(groups.index, q), directions.index), shape.walker_size
-    )
-    b.copy(along, b.gep(both, [I64(shape.parameters)]), shape.parameters)
-    _call_exponential(b, exponential, both, arguments["numbers"], span, expansion.e)
-    start, rows = _walker_rows(b, shape, (walker, along))
-    inputs = list[Matrix]()
-    if shape.delays:
-        late = _Delays(b, shape, expansion, exponential, arguments["numbers"], span, late_e)
-        rows, inputs = late.rows((walker, along), both, rows)
-    errors = expansion.run(start, rows, inputs)
-    for k, error in enumerate(errors):
-        b.write(error, out, n_sums + k)
-    row_slopes = b.offset(slopes, directions.index, length)
-    moved = expansion.coefficients.bases[1]
-    for s, row, products, blocks in _projections(b, shape, arguments, moved):
-        for n, product in enumerate(products):
-            index = b.add(b.mul(columns, I64(s)), b.add(row, I64(n)))
-            b.store(product, b.gep(row_slopes, [index]), align=8)
-        blocks.close([])
-    directions.close([])
-    _subtract_reference(b, expansion, arguments["reference"])
-    _store_squares(b, shape, arguments, expansion, out, residuals)
-    pairs = _WeightedProducts(b, shape, columns, weights)
-    pairs.store(q, slopes, residuals, b.gep(out, [I64(numbers)]))
-    groups.close([])
-    b.ret_void()
 
 
 @dataclass(frozen=True, slots=True)

@@ -2,113 +2,101 @@
 
 A channel that is late by d sees x(t - d).  With a whole number m of samples no less than d, that is
 the rig a span s = m dt - d after sample n - m: states there through exp(A s), and the inputs of the
-steps between.  So a delay changes rows of weights, and adds inputs that are seen at once.
+steps between.  So a delay changes rows of weights, and adds inputs that are seen at once.  The span
+is shares of the steps from there on: of a step that it does not reach, zero.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 from llvmlite import ir
 
-from bayesdrill.rig.kernels.jets import Jet, JetArithmetic, Jets, with_slope
-from bayesdrill.rig.kernels.lanes import Builder, vector
+from bayesdrill.basics.duals import Dual, dual
+from bayesdrill.rig.kernels.lanes import I64, VEC, Builder, Vector, vector
+from bayesdrill.rig.kernels.numbers import Matrix, Number, dot
+from bayesdrill.rig.kernels.rational_basis import BasisShape, ExponentialEntries
 
-Entries = Callable[[int, int], Jet]  # of exp(M span) - 1, by row and column of the rig
+
+class SpanExponential:
+    """The code of exp(M span) - 1 of a walker; `numbers`: the step, then constant inputs."""
+
+    def __init__(
+        self, b: Builder, shape: BasisShape, function: ir.Function, numbers: ir.Value
+    ) -> None:
+        self.step = b.splat(b.load(numbers))
+        self.constants = b.gep(numbers, [I64(1)])
+        self._b, self._shape, self._function = b, shape, function
+        self._span, self._e = b.alloca(VEC), b.alloca(VEC, I64(shape.layout.size**2))
+
+    def over(
+        self, share: ir.Value, parameters: ir.Value, e: ir.Value | None = None
+    ) -> ExponentialEntries:
+        """Store it over a `share` of a step, at `e` or a place of its own; return its entries."""
+        e = self._e if e is None else e
+        self._b.write(self._b.fmul(share, self.step), self._span, 0)
+        self._b.call(self._function, [parameters, self.constants, self._span, e])
+        return ExponentialEntries(self._b, self._shape, e)
 
 
 class DelayedRows:
-    """The code of rows over the states at a sample, of what is seen at a later time.
-
-    `rates`: entries of M, by row and column.  `steps`: how many steps a span has at most.
-    """
+    """The code of rows over the states at a sample, of what is seen at a later time."""
 
     def __init__(
-        self, b: Builder, x: int, series: int, *, first_order: bool, steps: int,
-        rates: dict[tuple[int, int], ir.Value],
-    ) -> None:  # fmt: skip
-        self._b, self._a, self._x, self._series = b, JetArithmetic(b), x, series
-        self._first_order, self._steps, self._rates = first_order, steps, rates
+        self, b: Builder, shape: BasisShape, through: SpanExponential, parameters: ir.Value
+    ) -> None:
+        self._shape, self._x, self._series = shape, shape.states, shape.layout.n_series
+        self._through, self._parameters = through, parameters
+        self._nothing: list[Number] = [Vector(b, vector(0.0))] * self._series
+        self._rates = self._of_a_step(b)
 
-    def row(
-        self, row: Jets, part: Entries, whole: Entries, share: Jet, count: ir.Value
-    ) -> tuple[Jets, list[Jets]]:
-        """Return the row `(X + 1,)`, and weights of inputs `(steps + 1, S)` at the samples from there.
+    def row(self, states: list[Number], shares: list[Number]) -> tuple[list[Number], Matrix]:
+        """Return the row `(X + 1,)`, and weights of inputs `(D + 1, S)` at the samples from there.
 
-        `part`: of the span beyond `count` steps; `share`: that span over a step; `whole`: of a step.
+        `shares (D,)`: of each step, that are in the span.
         """
-        a, b, zeros = self._a, self._b, [self._a.constant(0.0)] * self._series
-        weights = [[*zeros] for _ in range(self._steps + 1)]
-        parted = self._through(row, part, share)
-        states = row
-        for step in range(self._steps - 1, -1, -1):
-            here = b.fcmp_ordered("==", count, vector(float(step)))
-            beyond = b.fcmp_ordered(">", count, vector(float(step)))
-            cases = zip(
-                parted, self._through(states, whole, None), (states, zeros, zeros), strict=True
-            )
-            states, held, rise = (
-                [
-                    self._select(here, begun, self._select(beyond, passed, still))
-                    for begun, passed, still in zip(*case, strict=True)
-                ]
-                for case in cases
-            )
+        weights = [[*self._nothing] for _ in range(len(shares) + 1)]
+        for step, share in reversed([*enumerate(shares)]):
+            states, held, rise = self._passed(states, share)
             for s in range(self._series):
-                begin = a.add(held[s], a.minus(rise[s]))
-                weights[step][s] = a.add(weights[step][s], begin)
-                weights[step + 1][s] = a.add(weights[step + 1][s], rise[s])
+                weights[step][s] = weights[step][s] + (held[s] - rise[s])
+                weights[step + 1][s] = weights[step + 1][s] + rise[s]
         return states, weights
 
-    def _through(self, row: Jets, e: Entries, share: Jet | None) -> tuple[Jets, Jets, Jets]:
-        """Return a row before a span, and weights of inputs at its begin, and of their increments.
+    def _passed(self, row: list[Number], share: Number) -> tuple[list[Number], ...]:
+        """Return a row before a span, and weights of inputs at its begin, and of their increments."""
+        x, n, first_order = self._x, self._series, self._shape.layout.first_order
+        span, by_share = dual(share).value, dual(share).slope
+        e = self._through.over(span.value, self._parameters)
+        columns = [
+            dot(row[:x], [e(i, column) for i in range(x)], row[column] if column <= x else None)
+            for column in range(x + 1 + n * (1 + first_order))
+        ]
+        states, held, rise = columns[: x + 1], columns[x + 1 : x + 1 + n], columns[x + 1 + n :]
+        rise = [number * span for number in rise] if first_order else self._nothing
+        if self._shape.tangent:
+            values = [dual(number).value for number in states]
+            if first_order:
+                rise = [
+                    a + Dual(0.0, dual(c).value * by_share) for a, c in zip(rise, held, strict=True)
+                ]
+            states, held = (
+                [
+                    number + Dual(0.0, self._rate(values, column) * by_share)
+                    for column, number in enumerate(part, first)
+                ]
+                for first, part in ((0, states), (x + 1, held))
+            )
+        return states, held, rise
 
-        `share`: the span over a step, None of a whole one.
-        """
-        a, x, n = self._a, self._x, self._series
-        states, offset = row[:x], row[x]
+    def _rate(self, values: list[Number], column: int) -> Number:
+        """Return by how much a row times exp(M span) changes with a share of a step."""
+        return sum(values[i] * rate for (i, at), rate in self._rates.items() if at == column)
 
-        def passed(column: int, total: Jet | None) -> Jet:
-            return a.dot([(states[i], e(i, column)) for i in range(x)], total)
-
-        out = [passed(j, states[j]) for j in range(x)] + [passed(x, offset)]
-        held = [passed(x + 1 + s, None) for s in range(n)]
-        rise = [a.constant(0.0)] * n
-        if self._first_order:
-            rise = [passed(x + 1 + n + s, None) for s in range(n)]
-            rise = rise if share is None else [a.times(number, (share[0],)) for number in rise]
-        if share is not None and len(share) > 1:
-            out, held, rise = self._moved(out, held, rise, share[1])
-        return out, held, rise
-
-    def _moved(self, out: Jets, held: Jets, rise: Jets, slope: ir.Value) -> tuple[Jets, Jets, Jets]:
-        """Add the slopes by the span; `slope`: of its share of a step, and rates are per step."""
-        x, a = self._x, self._a
-        values = [number[0] for number in out]
-
-        def rate(column: int) -> ir.Value:
-            pairs = [
-                ((values[i],), (self._rates[i, column],))
-                for i in range(x)
-                if (i, column) in self._rates
-            ]
-            return self._b.fmul(a.dot(pairs)[0], slope)
-
-        def add(number: Jet, more: ir.Value) -> Jet:
-            return number[0], self._b.fadd(number[1] if len(number) > 1 else vector(0.0), more)
-
-        if self._first_order:
-            rise = [
-                add(number, self._b.fmul(first[0], slope))
-                for number, first in zip(rise, held, strict=True)
-            ]
-        return (
-            [add(number, rate(j)) for j, number in enumerate(out)],
-            [add(number, rate(x + 1 + s)) for s, number in enumerate(held)],
-            rise,
-        )
-
-    def _select(self, mask: ir.Value, first: Jet, second: Jet) -> Jet:
-        width = max(len(first), len(second))
-        pairs = zip(with_slope(first, width), with_slope(second, width), strict=True)
-        return tuple(self._b.select(mask, *pair) for pair in pairs)
+    def _of_a_step(self, b: Builder) -> dict[tuple[int, int], Number]:
+        """Return the entries of M of the rig, times a step, by row and column of the rig."""
+        x, layout = self._x, self._shape.layout
+        shift, rates = layout.n_states - x, dict[tuple[int, int], Number]()
+        for row, column, value in layout.matrix(b, self._parameters, self._through.constants):
+            if row < x and (column < x or column >= layout.n_states):
+                place = (row, column if column < x else column - shift)
+                rates[place] = value * Vector(b, self._through.step) + rates.get(place, 0.0)
+        return rates

@@ -206,9 +206,9 @@ def with_slopes(series: Sequence[str], *, first_order: bool) -> tuple[str, ...]:
     return (*series, *(f"{name} slope" for name in series)) if first_order else tuple(series)
 
 
-def present(constant: Mapping[str, float]) -> tuple[str, ...]:
+def present(constant: Mapping[str, float]) -> dict[str, float]:
     """Return the constant inputs that are not zero: of others the matrix has no entries."""
-    return tuple(name for name, value in constant.items() if value != 0.0)
+    return {name: value for name, value in constant.items() if value != 0.0}
 
 
 def formulas(count: int, evaluate: Callable[[Sequence[Vector]], Any]) -> str:

@@ -354,6 +354,10 @@ class Vector(Number):
         """See `Builder.sin`."""
         return Vector(self.b, self.b.sin(self.value))
 
+    def sqrt(self) -> Vector:
+        """Return the square roots."""
+        return Vector(self.b, self.b.root(self.value))
+
     def size(self) -> Vector:
         """Return the absolute values."""
         return Vector(self.b, self.b.absolute(self.value))

@@ -216,12 +216,65 @@ class Memory:
         self.b.clear(base, I64(count * self.width))
 
 
+@dataclass(frozen=True, slots=True)
+class Blocks:
+    """Memory of numbers: a block of values, and another of slopes where they have some."""
+
+    b: Builder
+    bases: tuple[ir.Value, ...]
+
+    def at(self, offset: ir.Value) -> Blocks:
+        """Return what begins at an offset."""
+        return Blocks(self.b, tuple(self.b.gep(base, [offset]) for base in self.bases))
+
+    def get(self, index: int) -> Number:
+        """Load a number."""
+        value, *slope = (Vector(self.b, self.b.read(base, index)) for base in self.bases)
+        return Dual(value, *slope) if slope else value
+
+    def put_row(self, numbers: Iterable[Number]) -> None:
+        """Store the first numbers."""
+        for index, number in enumerate(map(dual, numbers)):
+            for base, part in zip(self.bases, (number.value, number.slope), strict=False):
+                self.b.write(_register(part), base, index)
+
+
 def dot(left: Sequence[Number], right: Sequence[Number], start: Number | None = None) -> Number:
     """Return the scalar product of two vectors of numbers, added to `start`."""
     total = start
     for factor, weight in zip(left, right, strict=True):
         total = multiply_add(factor, weight, total)
     return total
+
+
+Matrix = list[list[Number]]  # in registers
+
+
+def product(left: Matrix, right: Matrix) -> Matrix:
+    """Return the product of two matrices."""
+    columns = [*zip(*right, strict=True)]
+    return [[dot(row, column) for column in columns] for row in left]
+
+
+def plus(matrix: Matrix, number: Number) -> Matrix:
+    """Return a matrix and a number times the unit matrix."""
+    return [
+        [entry + number if i == j else entry for j, entry in enumerate(row)]
+        for i, row in enumerate(matrix)
+    ]
+
+
+def inverted(matrix: Matrix) -> Matrix:
+    """Return the inverse by Gauss and Jordan, without pivots."""
+    rows = [[*row] for row in matrix]
+    for i, row in enumerate(rows):
+        over = 1.0 / row[i]
+        row[:] = [over if j == i else multiply_add(e, over, None) for j, e in enumerate(row)]
+        for other in (other for other in rows if other is not row):
+            before = [None if j == i else entry for j, entry in enumerate(other)]
+            factor = -other[i]
+            other[:] = [multiply_add(factor, *pair) for pair in zip(row, before, strict=True)]
+    return rows
 
 
 def emit_product(

@@ -14,23 +14,38 @@ All is written in F, so that a high sampling rate costs no digits.
 
 from __future__ import annotations
 
+import itertools
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from itertools import islice
 
+import numpy as np
 from llvmlite import ir
 
-from bayesdrill.rig.kernels.exponential import Layout
-from bayesdrill.rig.kernels.jets import Jet, JetArithmetic, JetCells, Jets, Matrix, with_slope
+from bayesdrill.basics.duals import Dual
+from bayesdrill.rig.kernels.exponential import Layout, number
 from bayesdrill.rig.kernels.lanes import (
     I64,
     Builder,
     Loop,
+    Vector,
     vector,
+)
+from bayesdrill.rig.kernels.numbers import (
+    Blocks,
+    Matrix,
+    Number,
+    NumberKind,
+    dot,
+    inverted,
+    multiply_add,
+    plus,
+    product,
 )
 from bayesdrill.rig.kernels.remainder_bound import RemainderBound
 
-REAL, PAIR = "r", "p"  # kinds of poles: one real, or a complex pair
+REAL, PAIR = 1, 2  # coordinates of a real pole, and of a complex pair, and their functions
 ROWS = 4  # of the triangle at a time
 # Times that all poles are gone through: what rounding carries from one to another is then as small as
 # what the round before has left.
@@ -43,35 +58,29 @@ WHOLE_NUMBERS = I64.as_pointer()
 class BasisShape:
     """What the kernels are specialised for.
 
-    `layout`: of the rig, or of its tangent where slopes are wanted (`tangent`).  `poles`: the kind of
-    each pole, in the order of modal coordinates; `integrators`: coordinates before these, on which
+    `layout`: of the rig, or of its tangent where slopes are wanted (`tangent`).  `poles`: coordinates
+    of each, in the order of modal coordinates; `integrators`: coordinates before these, on which
     nothing depends.  `impulse`: whether the start moves the rig; `channels`: K.  `sums`: of squares of
     each channel, of residuals alone, or of steps between them and of both ends too.  `delays`: by how
     many steps at most a channel looks beyond the sample of its states, see `delayed_rows`; zero where
-    none is late.
+    none is late.  `measured`: channels that are sources themselves, in a filter.
     """
 
     layout: Layout
-    poles: tuple[str, ...]
+    poles: tuple[int, ...]
     integrators: int
     channels: int
     impulse: bool
     sums: int = 1
     delays: int = 0
+    measured: int = 0
     tangent: bool = False
 
     @property
     def text(self) -> str:
         """See `Structure`."""
-        sizes = (
-            self.integrators,
-            self.channels,
-            self.impulse,
-            self.sums,
-            self.delays,
-            self.tangent,
-        )
-        return f"{self.poles} {sizes} {self.layout.text}"
+        sizes = (self.integrators, self.channels, self.impulse, self.sums, self.delays)
+        return f"{self.poles} {sizes} {self.measured} {self.tangent} {self.layout.text}"
 
     @property
     def states(self) -> int:
@@ -86,12 +95,8 @@ class BasisShape:
     @property
     def blocks(self) -> list[list[int]]:
         """Coordinates of each pole, counted from the first that is no integrator."""
-        blocks, first = [], 0
-        for kind in self.poles:
-            size = 1 if kind == REAL else 2
-            blocks.append([*range(first, first + size)])
-            first += size
-        return blocks
+        ends = zip(self.poles, itertools.accumulate(self.poles), strict=True)
+        return [[*range(end - size, end)] for size, end in ends]
 
     @property
     def decaying(self) -> int:
@@ -108,19 +113,18 @@ class BasisShape:
 
     @property
     def sources(self) -> list[str]:
-        """What drives the rig: the `impulse` of its start, what is `constant`, and each series."""
-        series = [f"series {s}" for s in range(self.layout.n_series)]
+        """What drives it: the `impulse` of the start, what is `constant`, each series or channel."""
+        series = [f"series {s}" for s in range(self.layout.n_series + self.measured)]
         return ["impulse"] * self.impulse + ["constant"] * self.constant + series
 
-    def columns(self, orders: Sequence[int]) -> int:
+    def columns(self, orders: Iterable[int]) -> int:
         """Count the functions: of each source, direct ones of a first-order hold, and offsets.
 
         `orders`: of each pole in a round.
         """
-        poles = sum(
-            n * (1 if kind == REAL else 2) for n, kind in zip(orders, self.poles, strict=True)
-        )
+        poles = sum(n * size for n, size in zip(orders, self.poles, strict=True))
         direct = self.layout.n_series * (self.layout.first_order + self.inputs_ahead)
+        direct += self.measured
         return len(self.sources) * (self.integrators + ROUNDS * poles) + direct + 1
 
     @property
@@ -131,7 +135,7 @@ class BasisShape:
     @property
     def walker_size(self) -> int:
         """Numbers of a walker: parameters, start, rows of channels, and their delays."""
-        rows = self.channels * (self.states + 1 + (2 if self.delays else 0))
+        rows = self.channels * (self.states + 1 + self.delays)
         return self.parameters + self.states + rows
 
     def scratch_size(self, columns: int, q: int = 0) -> int:
@@ -161,10 +165,10 @@ class PoleNumbers:
     along: tuple[float, float, float]
 
     @classmethod
-    def of_pole(cls, kind: str, mu: complex) -> PoleNumbers:
-        """Return the numbers of a pole of this kind."""
+    def of_pole(cls, mu: complex) -> PoleNumbers:
+        """Return the numbers of a pole, or of the pair of one that is complex."""
         m, size = mu.real, abs(mu) ** 2
-        if kind == REAL:
+        if mu.imag == 0.0:
             a = 1.0 + m
             slow = (-1.0 / a, -m * (1.0 + 1.0 / a), 0.0) if a > 0.5 else (0.0, -m, 1.0)
             return cls((-m, -a, 0.0), math.sqrt(-m * (2.0 + m)), 0.0, slow)
@@ -184,238 +188,214 @@ COUNT = 8  # numbers of a pole
 
 
 class ModalFrame:
-    """Numbers that all walkers share: modal coordinates, sizes of inputs, poles."""
+    """Numbers that all walkers share: modal coordinates, sizes of sources, first inputs, poles.
+
+    `vectors (X, X)`, and their inverse `duals`; `sizes`: of sources over all samples; `first (S,)`: of
+    each series, from which it counts where it changes straight; `poles`: the `PoleNumbers` of each.
+    """
 
     def __init__(self, b: Builder, shape: BasisShape, block: ir.Value) -> None:
-        self._b, x = b, shape.states
-        sizes = (x * x, x * x, len(shape.sources), shape.layout.n_series)
-        starts = [0]
-        for size in sizes:
-            starts.append(starts[-1] + size)
-        self._bases = [b.gep(block, [I64(start)]) for start in starts]
-        self._x, self._shape = x, shape
+        x, places = shape.states, itertools.count()
+        numbers = (number(b, block, place) for place in places)
+        self.vectors, self.duals = (
+            [[*islice(numbers, x)] for _ in range(x)] for _ in ("vectors", "duals")
+        )
+        self.sizes = [*islice(numbers, len(shape.sources))]
+        self.first = [*islice(numbers, shape.layout.n_series)]
+        self.poles = [[*islice(numbers, COUNT)] for _ in shape.poles]
 
-    def _number(self, part: int, index: int) -> ir.Value:
-        b = self._b
-        return b.splat(b.load(b.gep(self._bases[part], [I64(index)])))
 
-    def vectors(self, i: int, j: int) -> Jet:
-        """Return an entry of the modal vectors."""
-        return (self._number(0, i * self._x + j),)
+@dataclass(frozen=True, slots=True)
+class ExponentialEntries:
+    """The entries of exp(M span) - 1 at the address `e`."""
 
-    def duals(self, i: int, j: int) -> Jet:
-        """Return an entry of their inverse."""
-        return (self._number(1, i * self._x + j),)
+    b: Builder
+    shape: BasisShape
+    e: ir.Value
 
-    def size(self, source: int) -> ir.Value:
-        """Return the size of a source over all samples."""
-        return self._number(2, source)
-
-    def first_input(self, s: int) -> Jet:
-        """Return the first of a series, from which it counts where it changes straight."""
-        return (self._number(3, s),)
-
-    def pole(self, index: int) -> Jets:
-        """Return the `PoleNumbers` of a pole."""
-        return [(self._number(4, COUNT * index + n),) for n in range(COUNT)]
+    def __call__(self, i: int, column: int) -> Number:
+        """Return an entry, with its slope; `column` counts those of the rig."""
+        x, layout = self.shape.states, self.shape.layout
+        at = column if column < x or not self.shape.tangent else column + x
+        rows = (i, x + i) if self.shape.tangent else (i,)
+        value, *slope = (
+            Vector(self.b, self.b.read(self.e, row * layout.size + at))
+            if layout.reach[row][at]
+            else Vector(self.b, vector(0.0))
+            for row in rows
+        )
+        return Dual(value, *slope) if slope else value
 
 
 class BasisExpansion:
     """The code that expands the response of a group of walkers, with slopes where it has a tangent."""
 
-    def __init__(
-        self, b: Builder, shape: BasisShape, arguments: dict[str, ir.Value], scratch: ir.Value
-    ) -> None:
-        self.b, self.shape, self.a = b, shape, JetArithmetic(b)
+    def __init__(self, b: Builder, shape: BasisShape, arguments: dict[str, ir.Value]) -> None:
+        self.b, self.shape, self._kind = b, shape, NumberKind(b, shape.tangent)
         self.frame = ModalFrame(b, shape, arguments["frame"])
         self.orders, self.columns = arguments["orders"], arguments["columns"]
-        jets = 2 if shape.tangent else 1
-        self.e = scratch
-        at = b.gep(scratch, [I64(shape.layout.size**2)])
-        size = shape.decaying**2
-        self.matrices = []  # of each pole: the inverse of M, the all-pass, M
-        for _ in shape.poles:
-            parts = []
-            for _ in range(3):
-                parts.append(JetCells(b, tuple(b.gep(at, [I64(size * n)]) for n in range(jets))))
-                at = b.gep(at, [I64(size * jets)])
-            self.matrices.append(parts)
-        count = b.mul(self.columns, I64(shape.channels))
-        bases = [at]
-        for _ in range(jets - 1):
-            bases.append(b.gep(bases[-1], [count]))
-        self.coefficients = JetCells(b, tuple(bases))
-        self.after = b.gep(bases[-1], [count])
-        self.count = count
+        self.entry = ExponentialEntries(b, shape, arguments["scratch"])
+        self.after = b.gep(arguments["scratch"], [I64(shape.layout.size**2)])
+        size = I64(shape.decaying**2)
+        # Of each pole: the inverse of M, the all-pass, M.
+        self.matrices = [[self._room(size) for _ in range(3)] for _ in shape.poles]
+        self.count = b.mul(self.columns, I64(shape.channels))
+        self.coefficients = self._room(self.count)
 
-    def entry(self, i: int, column: int, e: ir.Value | None = None) -> Jet:
-        """Return an entry of exp(M dt) - 1, with its slope; `column` counts those of the rig.
+    def _room(self, count: ir.Value) -> Blocks:
+        """Take scratch for numbers."""
+        bases = []
+        for _ in range(2 if self.shape.tangent else 1):
+            bases.append(self.after)
+            self.after = self.b.gep(self.after, [count])
+        return Blocks(self.b, tuple(bases))
 
-        `e`: another exponential in its place.
-        """
-        e = self.e if e is None else e
-        x, layout = self.shape.states, self.shape.layout
-        at = column if column < x or not self.shape.tangent else column + x
-        rows = (i, x + i) if self.shape.tangent else (i,)
-        return tuple(
-            self.b.read(e, row * layout.size + at) if layout.reach[row][at] else vector(0.0)
-            for row in rows
-        )
-
-    def run(self, start: Jets, rows: Matrix, direct: Sequence[Matrix] = ()) -> list[ir.Value]:
+    def run(
+        self, start: list[Number], rows: Matrix, direct: Sequence[Matrix] = ()
+    ) -> list[ir.Value]:
         """Store the coefficients; return bounds `(K,)` of what they leave, as sizes over all samples.
 
         `start (X,)`; `rows (K, X + 1)`: weights of states, and offsets; `direct (K, n, S)`: of inputs at
         the next samples, of late channels.
         """
-        shape, a, x, d = self.shape, self.a, self.shape.states, self.shape.integrators
-        for base in self.coefficients.bases:
-            self.b.clear(base, self.count)
+        shape, x = self.shape, self.shape.states
         rates = [[self.entry(i, j) for j in range(x)] for i in range(x)]
-        modal = self._to_modal(rates)
-        fall = [row[d:] for row in modal[d:]]
-        shown = [
-            [a.dot([(row[i], self.frame.vectors(i, j)) for i in range(x)]) for j in range(x)]
-            for row in rows
-        ]
-        carried = a.product([row[d:] for row in modal[:d]], a.inverted(fall)) if d else []
-        seen = [
-            [a.dot([(row[n], carried[n][j]) for n in range(d)], row[d + j]) for j in range(x - d)]
-            for row in shown
-        ]
-        self._store_matrices(fall)
-        bound = RemainderBound(self.b, shape.blocks, fall, seen)
-        errors = [vector(0.0)] * shape.channels
+        self.begin(rates, [row[:x] for row in rows])
         column = I64(0)
-        for index, source in enumerate(shape.sources):
-            drive = self._drive(source, start, rates)
-            modes = self._modal_vector(drive)
-            for n in range(d):
-                lost = a.dot(
-                    [(a.minus(carried[n][j]), modes[d + j]) for j in range(x - d)], modes[n]
-                )
-                self._store(column, [a.times(row[n], lost) for row in shown])
-                column = self.b.add(column, I64(1))
-            column, left = self._expand(column, modes[d:], fall, seen)
-            errors = bound.add(errors, left, self.frame.size(index))
+        for source, size in zip(shape.sources, self.frame.sizes, strict=True):
+            column = self.add_source(column, self._drive(source, start, rates), size)
         for s in range(shape.layout.n_series if shape.layout.first_order else 0):
             rise = self._increment(s)
-            self._store(column, [a.dot(list(zip(row[:x], rise, strict=True))) for row in rows])
-            column = self.b.add(column, I64(1))
+            column = self.store(column, [dot(row[:x], rise) for row in rows])
         offsets = [row[x] for row in rows]
-        for step in range(shape.inputs_ahead):
-            for s in range(shape.layout.n_series):
-                weights = [channel[step][s] for channel in direct]
-                self._store(column, weights)
-                column = self.b.add(column, I64(1))
-                first = self.frame.first_input(s)
-                offsets = [
-                    a.dot([(first, weight)], offset)
-                    for weight, offset in zip(weights, offsets, strict=True)
-                ]
-        self._store(column, offsets)
-        return errors
+        for step, s in np.ndindex(shape.inputs_ahead, shape.layout.n_series):
+            weights = [channel[step][s] for channel in direct]
+            column = self.store(column, weights)
+            pairs = zip(weights, offsets, strict=True)
+            offsets = [multiply_add(self.frame.first[s], *pair) for pair in pairs]
+        self.store(column, offsets)
+        return [error.value for error in self.errors]
 
-    def _to_modal(self, rates: Matrix) -> Matrix:
-        x, frame = self.shape.states, self.frame
-        vectors = [[frame.vectors(i, j) for j in range(x)] for i in range(x)]
-        duals = [[frame.duals(i, j) for j in range(x)] for i in range(x)]
-        return self.a.product(duals, self.a.product(rates, vectors))
-
-    def _modal_vector(self, drive: Jets) -> Jets:
-        x = self.shape.states
-        return [
-            self.a.dot([(self.frame.duals(i, j), drive[j]) for j in range(x)]) for i in range(x)
+    def begin(self, rates: Matrix, rows: Matrix) -> None:
+        """Begin with walkers of the rates F `(X, X)`, and rows `(K, X)` of channels over states."""
+        x, d = self.shape.states, self.shape.integrators
+        for base in self.coefficients.bases:
+            self.b.clear(base, self.count)
+        modal = product(self.frame.duals, product(rates, self.frame.vectors))
+        self._fall = [row[d:] for row in modal[d:]]
+        self._shown = product(rows, self.frame.vectors)
+        self._carried = product([row[d:] for row in modal[:d]], inverted(self._fall)) if d else []
+        self._seen = [
+            [dot(row[:d], [line[j] for line in self._carried], row[d + j]) for j in range(x - d)]
+            for row in self._shown
         ]
+        self._store_matrices(self._fall)
+        self._bound = RemainderBound(self.b, self.shape.blocks, self._fall, self._seen)
+        self.errors: list[Number] = [Vector(self.b, vector(0.0))] * self.shape.channels
 
-    def _drive(self, source: str, start: Jets, rates: Matrix) -> Jets:
+    def add_source(self, column: ir.Value, drive: list[Number], size: Number) -> ir.Value:
+        """Store the coefficients of a source from `column` on; return the next.
+
+        `drive (X,)`: what it does to states; `size`: of it over all samples, for the `errors`.
+        """
+        d, modes = self.shape.integrators, applied(self.frame.duals, drive)
+        for n in range(d):
+            lost = dot([-entry for entry in self._carried[n]], modes[d:], modes[n])
+            lost_shown = [multiply_add(row[n], lost, None) for row in self._shown]
+            column = self.store(column, lost_shown)
+        return self.add_modes(column, modes[d:], size)
+
+    def add_modes(self, column: ir.Value, modes: list[Number], size: Number) -> ir.Value:
+        """Store the coefficients of a source that drives `modes (X - d,)`; see `add_source`."""
+        column, left = self._expand(column, modes)
+        self.errors = self._bound.add(self.errors, left, size)
+        return column
+
+    def _drive(self, source: str, start: list[Number], rates: Matrix) -> list[Number]:
         """Return what a source does to the states from one sample to the next."""
         x, layout = self.shape.states, self.shape.layout
         if source == "impulse":
             return start
         if source == "constant":
-            drive = [self.entry(i, x) for i in range(x)]
-            for s in range(layout.n_series if layout.first_order else 0):
-                first = self.frame.first_input(s)
-                drive = [
-                    self.a.dot([(first, self.entry(i, x + 1 + s))], drive[i]) for i in range(x)
-                ]
-            return drive
+            columns = range(x + 1, x + 1 + layout.n_series if layout.first_order else x + 1)
+            return [
+                dot(
+                    self.frame.first[: len(columns)],
+                    [self.entry(i, j) for j in columns],
+                    self.entry(i, x),
+                )
+                for i in range(x)
+            ]
         s = int(source.split()[1])
         held = [self.entry(i, x + 1 + s) for i in range(x)]
         if not layout.first_order:
             return held
         # With u(k + 1) - u(k) as (z - 1) u: the columns of increments drive like F times themselves.
-        moved = self.a.apply(rates, self._increment(s))
-        return [self.a.add(*pair) for pair in zip(held, moved, strict=True)]
+        moved = applied(rates, self._increment(s))
+        return [a + c for a, c in zip(held, moved, strict=True)]
 
-    def _increment(self, s: int) -> Jets:
+    def _increment(self, s: int) -> list[Number]:
         x, layout = self.shape.states, self.shape.layout
         return [self.entry(i, x + 1 + layout.n_series + s) for i in range(x)]
 
     def _store_matrices(self, fall: Matrix) -> None:
         """Store of each pole the matrices of its functions, see the head of the module."""
-        a = self.a
-        square = a.product(fall, fall) if PAIR in self.shape.poles else []
-        for index, kind in enumerate(self.shape.poles):
-            *over, _, _, first, second, third = self.frame.pole(index)
-            powers = zip(over, (None, fall, square) if kind == PAIR else (None, fall), strict=False)
-            matrix = a.polynomial(list(powers))
-            inverse = a.inverted(matrix)
-            moved = a.product(a.polynomial([(second, None), (third, fall)]), inverse)
-            passed = a.polynomial([(first, None), (a.constant(1.0), moved)])
-            for cells, part in zip(self.matrices[index], (inverse, passed, matrix), strict=True):
-                cells.write_matrix(part)
+        square = product(fall, fall) if PAIR in self.shape.poles else []
+        powers = [[*zip(*rows, strict=True)] for rows in zip(fall, square or fall, strict=True)]
+        for index, size in enumerate(self.shape.poles):
+            constant, *over, _, _, first, second, third = self.frame.poles[index]
+            terms = [[dot(over[:size], entries[:size]) for entries in row] for row in powers]
+            matrix = plus(terms, constant)
+            inverse = inverted(matrix)
+            scaled = [[multiply_add(third, entry, None) for entry in row] for row in fall]
+            passed = plus(product(plus(scaled, second), inverse), first)
+            for blocks, part in zip(self.matrices[index], (inverse, passed, matrix), strict=True):
+                blocks.put_row(itertools.chain(*part))
 
-    def _expand(
-        self, column: ir.Value, x: Jets, fall: Matrix, seen: Matrix
-    ) -> tuple[ir.Value, Jets]:
+    def _expand(self, column: ir.Value, x: list[Number]) -> tuple[ir.Value, list[Number]]:
         """Store the coefficients of a source from `column` on; return the next, and what is left."""
-        rounds = Loop(self.b, I64(ROUNDS), [column, *self._flat(x)], "rounds")
-        column, x = rounds.carried[0], self._jets(rounds.carried[1:])
+        rounds = Loop(self.b, I64(ROUNDS), [column, *self._kind.flat(x)], "rounds")
+        column, x = rounds.carried[0], self._kind.shaped(rounds.carried[1:])
         for index in range(len(self.shape.poles)):
-            column, x = self._expand_pole(index, column, x, fall, seen)
-        rounds.close([column, *self._flat(x)])
+            column, x = self._expand_pole(index, column, x)
+        rounds.close([column, *self._kind.flat(x)])
         return column, x
 
     def _expand_pole(
-        self, index: int, column: ir.Value, x: Jets, fall: Matrix, seen: Matrix
-    ) -> tuple[ir.Value, Jets]:
-        b, a, n = self.b, self.a, self.shape.decaying
-        kind, numbers = self.shape.poles[index], self.frame.pole(index)
-        inverse, pass_, over = (cells.read_matrix(n) for cells in self.matrices[index])
+        self, index: int, column: ir.Value, x: list[Number]
+    ) -> tuple[ir.Value, list[Number]]:
+        b, n, size = self.b, self.shape.decaying, self.shape.poles[index]
+        even, odd = self.frame.poles[index][3:5]
+        inverse, pass_, over = (
+            [[blocks.get(i * n + j) for j in range(n)] for i in range(n)]
+            for blocks in self.matrices[index]
+        )
         order = b.load(b.gep(self.orders, [I64(index)]))
-        loop = Loop(b, order, self._flat(a.apply(inverse, x)), "order")
-        x = self._jets(loop.carried)
-        if kind == REAL:
-            self._store(b.add(column, loop.index), self._shown(seen, x, numbers[3]))
+        loop = Loop(b, order, self._kind.flat(applied(inverse, x)), "order")
+        x = self._kind.shaped(loop.carried)
+        at = b.add(column, b.mul(loop.index, I64(size)))
+        if size == REAL:
+            self._store_shown(at, x, even)
         else:
-            at = b.add(column, b.mul(loop.index, I64(2)))
-            moved = a.apply(fall, x)
-            sums = [a.dot([(a.constant(2.0), v)], y) for v, y in zip(x, moved, strict=True)]
-            self._store(at, self._shown(seen, sums, numbers[3]))
-            self._store(b.add(at, I64(1)), self._shown(seen, moved, a.minus(numbers[4])))
-        following = a.apply(pass_, x)
-        loop.close(self._flat(following))
-        column = b.add(column, b.mul(order, I64(1 if kind == REAL else 2)))
-        return column, a.apply(over, following)
+            moved = applied(self._fall, x)
+            sums = [v + v + y for v, y in zip(x, moved, strict=True)]
+            at = self._store_shown(at, sums, even)
+            self._store_shown(at, moved, -odd)
+        following = applied(pass_, x)
+        loop.close(self._kind.flat(following))
+        column = b.add(column, b.mul(order, I64(size)))
+        return column, applied(over, following)
 
-    def _flat(self, x: Jets) -> list[ir.Value]:
-        return [part for number in x for part in with_slope(number, self._width)]
+    def _store_shown(self, column: ir.Value, x: list[Number], factor: Number) -> ir.Value:
+        shown = [multiply_add(dot(row, x), factor, None) for row in self._seen]
+        return self.store(column, shown)
 
-    def _jets(self, parts: list[ir.Value]) -> Jets:
-        width = self._width
-        return [tuple(parts[i : i + width]) for i in range(0, len(parts), width)]
+    def store(self, column: ir.Value, values: list[Number]) -> ir.Value:
+        """Store the coefficients of all channels; return the next column."""
+        self.coefficients.at(self.b.mul(column, I64(self.shape.channels))).put_row(values)
+        return self.b.add(column, I64(1))
 
-    @property
-    def _width(self) -> int:
-        return 2 if self.shape.tangent else 1
 
-    def _shown(self, seen: Matrix, x: Jets, factor: Jet) -> Jets:
-        a = self.a
-        return [a.times(a.dot(list(zip(row, x, strict=True))), factor) for row in seen]
-
-    def _store(self, column: ir.Value, values: Jets) -> None:
-        cells = self.coefficients[self.b.mul(column, I64(self.shape.channels))]
-        for k, value in enumerate(values):
-            cells.write(value, k)
+def applied(matrix: Matrix, x: list[Number]) -> list[Number]:
+    """Return a matrix times a vector."""
+    return [dot(row, x) for row in matrix]

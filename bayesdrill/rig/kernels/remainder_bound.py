@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
+import itertools
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 
-from llvmlite import ir
-
-from bayesdrill.rig.kernels.jets import JetArithmetic, Jets, Matrix
-from bayesdrill.rig.kernels.lanes import Builder, vector
+from bayesdrill.basics.duals import dual
+from bayesdrill.rig.kernels.lanes import Builder, Vector, vector
+from bayesdrill.rig.kernels.numbers import Matrix, Number, dot, inverted, plus, product
 
 TURNS = 3  # of coordinates towards a walker's own modes
+LEAST = -1e-300  # not below zero
 
 
 class RemainderBound:
@@ -24,142 +25,93 @@ class RemainderBound:
     def __init__(
         self, b: Builder, blocks: Sequence[Sequence[int]], fall: Matrix, seen: Matrix
     ) -> None:
-        self._b, self._blocks = b, blocks
-        a = JetArithmetic(b)
-        values, shown_by = ([[number[:1] for number in row] for row in m] for m in (fall, seen))
-        seen = shown_by
+        self._blocks = blocks
+        self._zero, self._one = (Vector(b, vector(number)) for number in (0.0, 1.0))
+        values, seen = ([_values(row) for row in matrix] for matrix in (fall, seen))
         self._back: Matrix = []
         for _ in range(TURNS):
-            turn = self._turn([[number[0] for number in row] for row in values])
-            back = a.inverted(turn)
-            values = a.product(back, a.product(values, turn))
-            seen = a.product(seen, turn)
-            self._back = a.product(back, self._back) if self._back else back
-        entries = [[number[0] for number in row] for row in values]
-        gains = [
-            self._gain([[entries[i][j] for j in block] for i in block]) for block in self._blocks
-        ]
-        unit = vector(1.0)
-        remaining: Matrix = []
-        for index, block in enumerate(self._blocks):
-            row = []
-            for other, columns in enumerate(self._blocks):
-                sums = [self._sum(b.absolute(entries[i][j]) for j in columns) for i in block]
-                share = b.fneg(b.fmul(gains[index], self._length(sums)))
-                row.append((unit if index == other else share,))
-            remaining.append(row)
-        series = [[number[0] for number in row] for row in a.inverted(remaining)]
-        fine = b.fcmp_ordered(">", gains[0], vector(0.0))
-        for number in (*gains[1:], *(number for row in series for number in row)):
-            fine = b.and_(fine, b.fcmp_ordered(">=", number, vector(0.0)))
-        gains = [b.select(fine, gain, vector(math.inf)) for gain in gains]
+            turn = self._turn(values)
+            back = inverted(turn)
+            values, seen = product(back, product(values, turn)), product(seen, turn)
+            self._back = product(back, self._back) if self._back else back
+        gains = [_gain(_part(values, block, block)) for block in blocks]
+        remaining = [[self._one] * len(blocks) for _ in blocks]
+        for i, j in itertools.permutations(range(len(blocks)), 2):
+            rows = _part(values, blocks[i], blocks[j])
+            remaining[i][j] = -gains[i] * _length([sum(e.size() for e in row) for row in rows])
+        series = inverted(remaining)
+        fine = gains[0].above(0.0)
+        for number in itertools.chain(gains[1:], *series):
+            fine = fine.both(number.above(LEAST))
+        gains = [fine.chosen(gain, math.inf) for gain in gains]
         # Of each channel, by block of what is left.
-        self._shares = []
-        for row in seen:
-            shown = [self._length([row[i][0] for i in block]) for block in self._blocks]
-            self._shares.append(
-                [
-                    b.fmul(gains[n], self._sum(map(b.fmul, shown, (line[n] for line in series))))
-                    for n in range(len(self._blocks))
-                ]
-            )
+        self._shares = [
+            [gain * number for gain, number in zip(gains, row, strict=True)]
+            for row in product([self._lengths(row) for row in seen], series)
+        ]
 
-    def _turn(self, entries: list[list[ir.Value]]) -> Matrix:
+    def _turn(self, values: Matrix) -> Matrix:
         """Return coordinates in which blocks do little to each other: any would do."""
-        n = len(entries)
-        turn: Matrix = [[(vector(float(i == j)),) for j in range(n)] for i in range(n)]
-        for block in self._blocks:
-            for other in (columns for columns in self._blocks if columns is not block):
-                parts = [
-                    [[(entries[i][j],) for j in columns] for i in rows]
-                    for rows, columns in (
-                        (block, block),
-                        (block, other),
-                        (other, other),
-                        (other, block),
-                    )
-                ]
-                for i, row in zip(block, self._apart(*parts), strict=True):
-                    for j, number in zip(other, row, strict=True):
-                        turn[i][j] = number
+        turn = plus([[self._zero] * len(values) for _ in values], self._one)
+        for block, other in itertools.permutations(self._blocks, 2):
+            pairs = ((block, block), (block, other), (other, other), (other, block))
+            apart = _apart(*(_part(values, *pair) for pair in pairs))
+            for (i, row), (j, column) in itertools.product(enumerate(block), enumerate(other)):
+                turn[row][column] = apart[i][j]
         return turn
 
-    def _apart(self, block_matrix: Matrix, shared: Matrix, other: Matrix, back: Matrix) -> Matrix:
-        """Return X of A X - X B = -C (Sylvester 1884), for A `block_matrix`, B `other` and C `shared`.
+    def _lengths(self, row: Sequence[Number]) -> list[Number]:
+        """Return the length of each block of a vector."""
+        return [_length([row[i] for i in block]) for block in self._blocks]
 
-        `back`: what the first does to the other.
-
-        By p(A) = 0, with p the characteristic polynomial of A, X p(B) = A C + C B - tr(A) C if A is
-        two by two.
-        """
-        b, a = self._b, JetArithmetic(self._b)
-        if len(block_matrix) == 1 and len(other) == 1:  # poles that nearly meet stay as they are
-            gap = b.fsub(other[0][0][0], block_matrix[0][0][0])
-            pair = b.absolute(b.fmul(shared[0][0][0], back[0][0][0]))
-            size = b.fma(gap, gap, b.fmul(vector(4.0), pair))
-            return [[(b.fdiv(b.fmul(shared[0][0][0], gap), size),)]]
-        if len(block_matrix) == 1:
-            apart = a.polynomial([(a.minus(block_matrix[0][0]), None), (a.constant(1.0), other)])
-            return a.product(shared, _inverse(a, apart))
-        if len(other) == 1:
-            apart = a.polynomial([(other[0][0], None), (a.constant(-1.0), block_matrix)])
-            return a.product(_inverse(a, apart), shared)
-        trace = a.minus(a.add(block_matrix[0][0], block_matrix[1][1]))
-        product = a.dot(
-            [
-                (block_matrix[0][0], block_matrix[1][1]),
-                (a.minus(block_matrix[0][1]), block_matrix[1][0]),
-            ]
-        )
-        powers = [(product, None), (trace, other), (a.constant(1.0), a.product(other, other))]
-        sides = (a.product(block_matrix, shared), a.product(shared, other))
-        total = a.polynomial([(a.constant(1.0), side) for side in sides] + [(trace, shared)])
-        return a.product(total, _inverse(a, a.polynomial(powers)))
-
-    def _gain(self, block: list[list[ir.Value]]) -> ir.Value:
-        """Return 1 / (1 - |T|), negative or infinite where |T| is not below one."""
-        b, unit = self._b, vector(1.0)
-        if len(block) == 1:
-            size = b.absolute(b.fadd(unit, block[0][0]))
-        else:
-            (p, q), (r, s) = block
-            p, s = b.fadd(unit, p), b.fadd(unit, s)
-            squares = self._sum(b.fmul(part, part) for part in (p, q, r, s))
-            half = b.fmul(vector(0.5), squares)
-            product = b.fsub(b.fmul(p, s), b.fmul(q, r))
-            inner = b.fsub(b.fmul(half, half), b.fmul(product, product))
-            positive = b.fcmp_ordered(">", inner, vector(0.0))
-            inner = b.select(positive, inner, vector(0.0))
-            size = b.root(b.fadd(half, b.root(inner)))
-        return b.fdiv(unit, b.fsub(unit, size))
-
-    def _sum(self, parts: Iterable[ir.Value]) -> ir.Value:
-        total = vector(0.0)
-        for part in parts:
-            total = self._b.fadd(total, part)
-        return total
-
-    def _length(self, parts: list[ir.Value]) -> ir.Value:
-        if len(parts) == 1:
-            return self._b.absolute(parts[0])
-        return self._b.root(self._sum(self._b.fmul(part, part) for part in parts))
-
-    def add(self, errors: list[ir.Value], left: Jets, size: ir.Value) -> list[ir.Value]:
+    def add(self, errors: list[Number], left: Sequence[Number], size: Number) -> list[Number]:
         """Return the bounds `(K,)` with those of a source, whose input has this `size`."""
-        b, totals = self._b, []
-        left = JetArithmetic(b).apply(self._back, [number[:1] for number in left])
-        lengths = [self._length([left[i][0] for i in block]) for block in self._blocks]
-        for error, shares in zip(errors, self._shares, strict=True):
-            total = self._sum(map(b.fmul, lengths, shares))
-            totals.append(b.fma(size, total, error))
-        return totals
+        lengths = self._lengths([dot(row, _values(left)) for row in self._back])
+        pairs = zip(errors, self._shares, strict=True)
+        return [error + size * dot(lengths, shares) for error, shares in pairs]
 
 
-def _inverse(a: JetArithmetic, matrix: Matrix) -> Matrix:
-    """Return the inverse of a matrix of two by two."""
-    (p, q), (r, s) = matrix
-    over = a.inverse(a.dot([(p, s), (a.minus(q), r)]))
-    return [
-        [a.times(s, over), a.times(a.minus(q), over)],
-        [a.times(a.minus(r), over), a.times(p, over)],
-    ]
+def _values(numbers: Sequence[Number]) -> list[Number]:
+    return [dual(number).value for number in numbers]
+
+
+def _part(values: Matrix, rows: Sequence[int], columns: Sequence[int]) -> Matrix:
+    return [[values[i][j] for j in columns] for i in rows]
+
+
+def _length(parts: Sequence[Number]) -> Number:
+    return parts[0].size() if len(parts) == 1 else dot(parts, parts).sqrt()
+
+
+def _apart(mine: Matrix, shared: Matrix, other: Matrix, back: Matrix) -> Matrix:
+    """Return X of A X - X B = -C (Sylvester 1884), for A `mine`, B `other` and C `shared`.
+
+    `back`: what the first does to the other.
+
+    By p(A) = 0, with p the characteristic polynomial of A, X p(B) = A C + C B - tr(A) C if A is
+    two by two.
+    """
+    if len(mine) == 1 and len(other) == 1:  # poles that nearly meet stay as they are
+        gap, pair = other[0][0] - mine[0][0], (shared[0][0] * back[0][0]).size()
+        return [[shared[0][0] * gap / (gap * gap + 4.0 * pair)]]
+    if len(mine) == 1:
+        return product(shared, inverted(plus(other, -mine[0][0])))
+    if len(other) == 1:
+        return product(inverted(plus([[-e for e in row] for row in mine], other[0][0])), shared)
+    (p, q), (r, s) = mine
+    trace, determinant = p + s, p * s - q * r
+    sides = zip(product(plus(mine, -trace), shared), product(shared, other), strict=True)
+    total = [[a + c for a, c in zip(*rows, strict=True)] for rows in sides]
+    over = plus(product(plus(other, -trace), other), determinant)
+    return product(total, inverted(over))
+
+
+def _gain(block: Matrix) -> Number:
+    """Return 1 / (1 - |T|), negative or infinite where |T| is not below one."""
+    block = plus(block, 1.0)
+    if len(block) == 1:
+        return 1.0 / (1.0 - block[0][0].size())
+    (p, q), (r, s) = block
+    half, determinant = 0.5 * dot((p, q, r, s), (p, q, r, s)), p * s - q * r
+    inner = half * half - determinant * determinant
+    return 1.0 / (1.0 - (half + inner.above(0.0).chosen(inner, 0.0).sqrt()).sqrt())

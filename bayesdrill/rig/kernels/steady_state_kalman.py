@@ -22,7 +22,7 @@ corrected at the end, from the information of all samples on it, see `emit_start
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 from llvmlite import ir
@@ -325,16 +325,28 @@ BLOCK_SAMPLES = 8  # samples
 
 
 def write_steady_state(module: ir.Module, system: StateSpace, layout: Layout) -> None:
-    """Write `steadily`, of COUNTS and addresses of BLOCKS.
+    """Write `steadily`, of COUNTS and addresses of BLOCKS; see `emit_steady_state`."""
+    emit_steady_state(module, system, layout, (COUNTS, BLOCKS), _by_samples)
+
+
+def emit_steady_state(
+    module: ir.Module,
+    system: StateSpace,
+    layout: Layout,
+    signature: tuple[Sequence[str], Mapping[str, ir.Type]],
+    emit_sums: Callable[[SteadyFilter, list[ir.Value], ir.Value], list[Number]],
+) -> None:
+    """Write `steadily`, of counts and addresses of blocks, among them `told`, `constants`, `out`.
 
     It stores minus half the sums of squares of the whitened residuals `(K,)`, the start's part with
     them, their standard deviations `(K,)`, and the determinant that the start takes.  `layout`: of
-    the rig with its torque.
+    the rig with its torque.  `emit_sums`: of a filter that starts from a state `(n,)`, sums of
+    squared innovations `(K,)`; it stores what they show of the first state `(n,)`.
     """
     exponential = emit_exponential(module, layout, increments=True)
     spread = emit_transition(module, system, slopes=False)
     riccati, start_of = emit_riccati(module, system), emit_start_correction(module, system.n)
-    a, b = begin_kernel(module, "steadily", COUNTS, BLOCKS)
+    a, b = begin_kernel(module, "steadily", *signature)
     n, k_count, size = system.n, system.k, layout.size
     m, constants = Memory(b, False), Constants(b, layout, a["constants"])
     sizes = block_sizes(n, k_count)
@@ -365,13 +377,12 @@ def write_steady_state(module: ir.Module, system: StateSpace, layout: Layout) ->
     b.call(spread, [parameters, span, phi_at, q_at])
     b.call(riccati, [a["samples"], block, variances, weights, first])
     constants.exponential(exponential, parameters, e, lead=False)
-    writer = _Samples(m, system, layout, a, phi_entries(b, layout, e), at, weights)
-    blocks = b.sdiv(b.add(b.load(first), I64(BLOCK_SAMPLES - 1)), I64(BLOCK_SAMPLES))
-    squares = _emit_samples(writer, blocks, state)
-    _emit_back(writer, blocks, shown)
+    phi = phi_entries(b, layout, e)
+    steady = SteadyFilter(m, system, layout, a, phi, at, weights, first, groups.index)
+    squares = emit_sums(steady, state, shown)
     b.call(start_of, [p_at, g_at, start, shown, gained, out[2 * k_count]])
     for k, total in enumerate(squares):
-        root = writer.gains.inverse_deviation(k)
+        root = steady.gains.inverse_deviation(k)
         m.put(-0.5 * (total * root * root + m.get(gained, 0) * (1.0 / k_count)), out[k], 0)
         m.put(1.0 / root, out[k_count + k], 0)
     groups.close([])
@@ -379,8 +390,8 @@ def write_steady_state(module: ir.Module, system: StateSpace, layout: Layout) ->
 
 
 @dataclass(frozen=True, slots=True)
-class _Samples:
-    """What all samples of a group of walkers have in common."""
+class SteadyFilter:
+    """What all samples of a group of walkers have in common; `first (1,)`: see `emit_riccati`."""
 
     m: Memory
     system: StateSpace
@@ -389,9 +400,12 @@ class _Samples:
     phi: dict[tuple[int, int], ir.Value]
     at: dict[str, ir.Value]  # see `block_sizes`
     weights: ir.Value
+    first: ir.Value
+    group: ir.Value
 
     @property
     def gains(self) -> Gains:
+        """The gains of all channels."""
         return Gains(self.m, self.system, self.at["gains"], self.weights)
 
     def advance(
@@ -416,7 +430,16 @@ class _Samples:
         return [*following, *(total.value for total in (*sums, *shown))]
 
 
-def _emit_samples(w: _Samples, blocks: ir.Value, state: list[ir.Value]) -> list[Number]:
+def _by_samples(w: SteadyFilter, state: list[ir.Value], shown: ir.Value) -> list[Number]:
+    """Filter sample after sample; see `emit_steady_state`."""
+    b, informed = w.m.b, w.m.b.load(w.first)
+    blocks = b.sdiv(b.add(informed, I64(BLOCK_SAMPLES - 1)), I64(BLOCK_SAMPLES))
+    squares = _emit_samples(w, blocks, state)
+    _emit_back(w, blocks, shown)
+    return squares
+
+
+def _emit_samples(w: SteadyFilter, blocks: ir.Value, state: list[ir.Value]) -> list[Number]:
     """Return the sums of squares of all samples; the first `blocks` store scores of their start."""
     m, b, n, k_count = w.m, w.m.b, w.system.n, w.system.k
     pulls = _emit_pulls(w)
@@ -445,7 +468,7 @@ def _emit_samples(w: _Samples, blocks: ir.Value, state: list[ir.Value]) -> list[
     return m.row(m.at(totals, n), k_count)
 
 
-def _emit_pulls(w: _Samples) -> ir.Value:
+def _emit_pulls(w: SteadyFilter) -> ir.Value:
     """Return `(BLOCK_SAMPLES, K, n)`: what samples of a block show of its first state, A'^k pulls."""
     m, b, n, k_count = w.m, w.m.b, w.system.n, w.system.k
     each = n * k_count
@@ -457,7 +480,7 @@ def _emit_pulls(w: _Samples) -> ir.Value:
     return pulls
 
 
-def _emit_back(w: _Samples, blocks: ir.Value, shown: ir.Value) -> None:
+def _emit_back(w: SteadyFilter, blocks: ir.Value, shown: ir.Value) -> None:
     """Store what all blocks show of the first state: the sum of A'^k of theirs, backwards."""
     m, b, n = w.m, w.m.b, w.system.n
     square = emit_product(b.module, (n, n, n))

@@ -17,7 +17,7 @@ from bayesdrill.record.experiment import Experiment, frozen
 from bayesdrill.rig.kernels.lanes import LANES
 from bayesdrill.rig.kernels.sums import INTERVALS, LOGS, NEIGHBOURS, SQUARES, ResidualSums
 from bayesdrill.rig.models.linear import Model
-from bayesdrill.rig.simulators.sensors import ObservationModel
+from bayesdrill.rig.simulators.sensors import ObservationModel, SensorParameters
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,6 +78,11 @@ class Simulator(ABC):
     def parameters(self) -> tuple[str, ...]:
         """Names of the columns of `full`."""
         return (*self.model.parameters, *self.sensing.names)
+
+    @cached_property
+    def sensors(self) -> SensorParameters:
+        """What its parameters say of sensors and start."""
+        return SensorParameters(self.model, self.experiment, self.sensing)
 
     @property
     def record(self) -> tuple[int, int] | None:

@@ -27,45 +27,50 @@ ROUNDING = 1e-9  # of a step
 class Delays:
     """Delays near whole numbers of steps.
 
-    `shifts (K,)`: steps of the record that no channel is later than; `steps`: less than how many it may
-    be earlier.
+    `step` [s] of the record; `shifts (K,)`: steps that no channel is later than; `steps`: less than how
+    many it may be earlier, zero where nothing is late.
     """
 
+    step: float
     shifts: tuple[int, ...]
     steps: int
 
     @classmethod
-    def near(cls, sensors: SensorParameters, points: Array, step: float) -> Delays | None:
-        """Return delays for rigs at `points (n, P)`; None where nothing is late."""
-        if not sensors.sensing.shifts:
-            return None
+    def near(cls, sensors: SensorParameters, points: Array, step: float) -> Delays:
+        """Return delays for rigs at `points (n, P)`."""
         late = sensors.channel_delays(points) / step
         shifts = np.ceil(late.max(axis=0) - ROUNDING)
         steps = math.floor(float((shifts - late).max()) + ROUNDING) + 1
         if steps > MAX_STEPS:
             raise CompressionError("delays are known too little")
-        return cls(tuple(int(shift) for shift in shifts), steps)
+        whole = tuple(int(shift) for shift in shifts)
+        return cls(step, whole, steps if sensors.sensing.shifts else 0)
 
-    def numbers(self, sensors: SensorParameters, full: Array, step: float) -> Array:
-        """Return of walkers what kernels want `(W, 2 K)`: spans over a step, then whole steps.
+    def numbers(self, sensors: SensorParameters, full: Array) -> Array:
+        """Return what walkers show of each step from there `(W, K steps)`, see `delayed_rows`.
 
-        Spans are NaN of channels that are too late or too early.
+        It is NaN of channels that are too late or too early.
         """
-        ahead = np.array(self.shifts) - sensors.channel_delays(full) / step
-        ahead = np.where((ahead < 0.0) & (ahead > -ROUNDING), 0.0, ahead)
-        whole = np.floor(ahead)
-        inside = (whole >= 0) & (whole < self.steps)
-        return np.concatenate([np.where(inside, ahead - whole, np.nan), whole], axis=1)
+        ahead = self._ahead(sensors, full)
+        inside = (ahead >= 0) & (ahead < self.steps)
+        shares = np.clip(ahead - np.arange(self.steps), 0.0, 1.0)
+        return np.where(inside, shares, np.nan).reshape(len(full), -1)
 
-    def slopes(self, sensors: SensorParameters, along: Array, step: float) -> Array:
-        """Return the slopes of these numbers along `along (n, P)`."""
-        late = sensors.channel_delays(along) / step
-        return np.concatenate([-late, np.zeros_like(late)], axis=1)
+    def slopes(self, sensors: SensorParameters, full: Array, along: Array) -> Array:
+        """Return the slopes of these numbers at `full (n, P)` along `along (n, P)`."""
+        late = sensors.channel_delays(along)[..., None] / self.step
+        ends = np.floor(self._ahead(sensors, full)) == np.arange(self.steps)
+        return np.where(ends, -late, 0.0).reshape(len(full), -1)
 
-    def head(self, simulator: Simulator, at: Whole | None, *, lead: bool) -> RecordHead:
+    def _ahead(self, sensors: SensorParameters, full: Array) -> Array:
+        """Return by how many steps channels are earlier than shifts `(W, K, 1)`."""
+        ahead = np.array(self.shifts) - sensors.channel_delays(full) / self.step
+        return np.where((ahead < 0.0) & (ahead > -ROUNDING), 0.0, ahead)[..., None]
+
+    def head(self, simulator: Simulator, at: Whole | None) -> RecordHead:
         """Return the samples before functions are seen; `at`: knots of samples, None of all."""
         y = simulator.experiment.y
-        knots = np.arange(len(y)) + lead if at is None else np.asarray(at)[lead:]
+        knots = np.arange(len(y)) if at is None else at[simulator.sensors.lead :]
         length = int(np.searchsorted(knots, max(self.shifts))) + 1
         begin, seam = np.full(y.shape, np.nan), np.full(y.shape, np.nan)
         for k, shift in enumerate(self.shifts):
@@ -76,12 +81,8 @@ class Delays:
         ahead = self.steps + 2 - min((0, *self.shifts))
         length = int(np.searchsorted(knots, knots[length - 1] + ahead)) + 1
         first = simulator.experiment.first(length)
-        return RecordHead(
-            *(
-                simulator.of(dataclasses.replace(first, y=frozen(part[:length])))
-                for part in (begin, seam)
-            )
-        )
+        parts = (dataclasses.replace(first, y=frozen(part[:length])) for part in (begin, seam))
+        return RecordHead(*map(simulator.of, parts))
 
 
 @dataclass(frozen=True, slots=True)
@@ -105,11 +106,7 @@ class RecordHead:
     def normal(self, full: Array, along: Array, weights: Array) -> tuple[Array, Array, Array]:
         """Return what normal equations of the rest are without; see `Simulator.normal`."""
         twice = weights[..., :1] + 2.0 * weights[..., 2:]
-        first, second = (
-            simulator.normal(full, along, part)
-            for simulator, part in (
-                (self.begin, weights), (self.seam, twice if weights.shape[2] > 1 else weights)
-            )
-        )  # fmt: skip
-        squares, slopes, products = (a - b for a, b in zip(first, second, strict=True))
+        begin = self.begin.normal(full, along, weights)
+        seam = self.seam.normal(full, along, twice if weights.shape[2] > 1 else weights)
+        squares, slopes, products = map(np.subtract, begin, seam)
         return squares, slopes, products

@@ -25,7 +25,7 @@ from bayesdrill.rig.kernels.sums import SQUARES, ResidualSums
 from bayesdrill.rig.models.linear import DOT, Model, Tangent
 from bayesdrill.rig.simulators.contract import in_groups, ungrouped, whitening_scales
 from bayesdrill.rig.simulators.long_record import LongRecord, input_layout
-from bayesdrill.rig.simulators.sensors import ObservationModel, SensorParameters
+from bayesdrill.rig.simulators.sensors import ObservationModel
 from bayesdrill.rig.simulators.stepped import Unstepped
 
 MAX_GROUPED = (
@@ -102,8 +102,7 @@ class Response(Unstepped):
         """Return the channels: `(W, P) -> (W, T, K)`, SI."""
         shape = self.experiment.y.shape
         if self.experiment.y.size > MAX_GROUPED and not self._layout.lead:
-            sensors = SensorParameters(self.model, self.experiment, self.sensing)
-            record = LongRecord(sensors, self.experiment.dt, shape[0])
+            record = LongRecord(self.sensors, self.experiment.dt, shape[0])
             return np.array([record.signals(point) for point in theta])
         blocks = in_groups(theta)
         out = np.empty((len(blocks), *shape, LANES))
@@ -188,6 +187,6 @@ def constant_block(experiment: Experiment, start: Sequence[float], weights: Arra
 
     It has the start `(X,)` and the weights `(K, X)` of the states of a model.
     """
-    inputs = [experiment.constant[name] for name in present(experiment.constant)]
     spans = (experiment.dt, float(experiment.t[0] - experiment.t_start))
-    return np.array([*spans, *inputs, *start, *np.ravel(weights)], dtype=np.float64)
+    inputs = present(experiment.constant).values()
+    return np.array([*spans, *inputs, *start, *np.ravel(weights)])

@@ -32,7 +32,7 @@ from bayesdrill.rig.kernels.lanes import LANES
 from bayesdrill.rig.kernels.sums import ResidualSums
 from bayesdrill.rig.models.linear import Model, Tangent
 from bayesdrill.rig.simulators.contract import Simulator, in_groups, ungrouped
-from bayesdrill.rig.simulators.sensors import LinearSystem, ObservationModel, SensorParameters
+from bayesdrill.rig.simulators.sensors import LinearSystem, ObservationModel
 from bayesdrill.rig.simulators.stepped import Unstepped
 from bayesdrill.rig.simulators.time_grid import Grid, build_grid, runs
 
@@ -54,7 +54,7 @@ class Dense:
     overflow gets NaN (or infinity, in a sum) in its own row alone.
 
     Kernels are compiled when they are first wanted, and again when rows have entries that were zero
-    so far; what a walker gets depends neither on that nor on others.
+    so far; what a walker gets depends neither on that nor on others.  `grid`: of `t`, if it is known.
     """
 
     def __init__(
@@ -64,13 +64,14 @@ class Dense:
         series: Mapping[str, Array],
         constant: Mapping[str, float],
         first_order: bool,
+        grid: Grid | None = None,
     ) -> None:
         self.model = model
         self._t = np.array(t, dtype=float)
         self._layout = Layout.from_model(
-            model, tuple(series), present(constant), first_order=first_order
+            model, tuple(series), tuple(present(constant)), first_order=first_order
         )
-        g = self._grid = build_grid(self._t)
+        g = self._grid = grid or build_grid(self._t)
         self._kept = len(table_entries(self._layout))
         self._kernels: dict[Any, tuple[Kernel, IrregularShape]] = {}
         self._cells = int(np.clip(len(g.t) // SAMPLES_PER_CELL, *CELLS))
@@ -90,8 +91,8 @@ class Dense:
         inputs_at_samples = np.array([*series.values()]).reshape(len(series), len(self._t)).T
         u, slopes = _driven(g, inputs_at_samples, self._layout.first_order)
         node, length, share = runs(g)
-        inputs = [value for value in constant.values() if value != 0.0]
-        numbers = np.array([g.width, self._near / self._cells, 1e-3 / g.usual, *inputs])
+        widths = (g.width, self._near / self._cells, 1e-3 / g.usual)
+        numbers = np.array([*widths, *present(constant).values()])
         return {
             "numbers": numbers, "spans": g.spans, "inside": g.inside, "chained": g.chained,
             "node": node, "length": length, "share": share, "u": u, "slopes": slopes, "t": g.t,
@@ -248,14 +249,14 @@ class IrregularSimulator(Unstepped):
     def signals(self, full: Array) -> Array:
         """See `Simulator.signals`."""
         with np.errstate(all="ignore"):
-            return self._walkers.drop_start(self._dense.signals(*self._settings(full)))
+            return self.sensors.drop_start(self._dense.signals(*self._settings(full)))
 
     def sums(self, full: Array, tally: ResidualSums, weights: Array | None = None) -> Array:
         """See `Simulator.sums`."""
         channel_weights = None if weights is None else weights.reshape(len(full), -1)
         with np.errstate(all="ignore"):
             return self._dense.sums(
-                self._settings(full), self._walkers.padded, tally, channel_weights
+                self._settings(full), self.sensors.padded, tally, channel_weights
             )
 
     def sensitivities(self, full: Array, along: Array) -> Array:
@@ -273,23 +274,20 @@ class IrregularSimulator(Unstepped):
     # What `Dense` is told.
 
     @cached_property
-    def _walkers(self) -> SensorParameters:
-        return SensorParameters(self.model, self.experiment, self.sensing)
-
-    @cached_property
     def _dense(self) -> Dense:
-        return self._dense_of(self._walkers.observed_model)
+        return self._dense_of(self.sensors.observed_model)
 
     @cached_property
     def _tangent(self) -> Dense:
-        return self._dense_of(Tangent(self._walkers.observed_model))
+        return self._dense_of(Tangent(self.sensors.observed_model))
 
     def _dense_of(self, model: Model) -> Dense:
-        t, series = self._walkers.knots
-        return Dense(model, t, series, self.experiment.constant, self.experiment.first_order)
+        t, series = self.sensors.knots
+        constant, first_order = self.experiment.constant, self.experiment.first_order
+        return Dense(model, t, series, constant, first_order, self.sensors.grid)
 
     def _settings(self, full: Array) -> tuple[Array, Array, Array, Array | None, Array]:
-        w = self._walkers
+        w = self.sensors
         system = w.linear_system(full)
         start = w.initial_state(system, full)
         before = w.initial_rate(system, start)
@@ -300,7 +298,7 @@ class IrregularSimulator(Unstepped):
 
     def _slopes(self, full: Array, along: Array) -> Array:
         """Return d signal along `along (n, P)` at `full (n, P)`: `(n, T, K)`."""
-        w = self._walkers
+        w = self.sensors
         parameters, start, before, shift, rows = self._settings(full)
         system, x = w.tangent_system(full, along), start.shape[1]
         matrix, by_input, forcing = system
@@ -331,7 +329,7 @@ class IrregularSimulator(Unstepped):
         system: LinearSystem,
     ) -> None:
         """Correct sensitivities before the start, where states go on straight."""
-        x = self._walkers.weights.shape[1]
+        x = self.sensors.weights.shape[1]
         when = self.experiment.t[None, :, None] - shift[:, None, :] - self.experiment.t_start
         if not (early := when < 0).any():
             return
@@ -339,5 +337,5 @@ class IrregularSimulator(Unstepped):
         n, t, k = np.nonzero(early)
         here = begin[n, :x] + when[early][:, None] * earlier[n, :x]
         moved = np.einsum("axy,ay->ax", matrix[n][:, :, :x], here) + forcing[n]
-        moved += np.einsum("axs,s->ax", by_input[n], self._walkers.first_inputs)
+        moved += np.einsum("axs,s->ax", by_input[n], self.sensors.first_inputs)
         sensitivities[n, t, k] += np.einsum("ax,ax->a", ahead[n, k], moved - earlier[n, :x])

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from bayesdrill.basics.arrays import Array
+from bayesdrill.basics.arrays import Array, Flags
 from bayesdrill.record.experiment import Experiment
 from bayesdrill.rig.kernels.compiling import HIGH_OPT_LEVEL, Kernel, compile_kernel
 from bayesdrill.rig.kernels.exponential import Layout, weight_kinds
@@ -84,8 +84,8 @@ class KalmanFilter:
 
     def __repr__(self) -> str:
         """Begin with the name by which runs know the kind of their noise."""
-        fields = (f"{f.name}={getattr(self, f.name)!r}" for f in dataclasses.fields(self))
-        return f"Filtered({', '.join(fields)})"
+        names = [f.name for f in dataclasses.fields(KalmanFilter)]
+        return f"Filtered({', '.join(f'{name}={getattr(self, name)!r}' for name in names)})"
 
     def __getstate__(self) -> dict[str, Any]:
         """Without what is compiled."""
@@ -138,13 +138,32 @@ class KalmanFilter:
         walkers = in_groups(parameters, sigmas**2)
         out = np.empty((2 * k + 1, len(walkers) * LANES))
         (y, u), (_, shown) = record, self._shown
-        places = {"told": walkers.ctypes.data, "constants": self._constants[1], "y": y, "u": u}
+        places = {"told": walkers.ctypes.data, "constants": self.constants[1], "y": y, "u": u}
         places |= {"shown": shown, "out": out.ctypes.data}
         blocks = [places[name] for name in STEADY_BLOCKS]
         self._steady_state["steadily"](len(walkers), t_count, *blocks)
+        return self._terms(out)[: len(parameters)]
+
+    def _terms(self, out: Array) -> Array:
+        """Return the log-density `(W, K)` from numbers of a kernel `(2 K + 1, W)`."""
+        k, t_count = self.system.k, len(self.experiment.t)
         logs = np.log(out[k:])
         spread = t_count * (logs[:k] + 0.5 * math.log(2 * math.pi)) + logs[k] / (2 * k)
-        return np.asarray((out[:k] - spread)[:, : len(parameters)].T)
+        return np.asarray((out[:k] - spread).T)
+
+    @property
+    def by_samples(self) -> KalmanFilter:
+        """The filter that has all samples: itself, unless its record is compressed."""
+        return self
+
+    @property
+    def functions(self) -> int:
+        """How many functions its record has become; zero where it is not compressed."""
+        return 0
+
+    def exceeds_bound(self, parameters: Array, sigmas: Array) -> Flags:
+        """Tell which walkers `(W,)` of a compressed record are filtered by all samples."""
+        return np.zeros(len(parameters), dtype=np.bool_)
 
     @cached_property
     def _shown(self) -> tuple[Array, int]:
@@ -154,15 +173,16 @@ class KalmanFilter:
 
     @cached_property
     def _steady_state(self) -> Kernel:
-        return compile_kernel(write_steady_state, self.system, self._layout, effort=HIGH_OPT_LEVEL)
+        return compile_kernel(write_steady_state, self.system, self.layout, effort=HIGH_OPT_LEVEL)
 
     @cached_property
-    def _layout(self) -> Layout:
+    def layout(self) -> Layout:
+        """The layout of rig and torque."""
         rig_layout = layout(self.augmented, self.experiment)
         return dataclasses.replace(rig_layout, channels=self.system.channels)
 
     @cached_property
-    def _constants(self) -> tuple[Array, int]:
+    def constants(self) -> tuple[Array, int]:
         """The kernel's block of constants of the experiment, and its address."""
         start = self.augmented.initial_state(self.experiment.start)
         block = constant_block(self.experiment, start, self.output_matrix)

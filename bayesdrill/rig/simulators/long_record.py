@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from bayesdrill.basics.arrays import Array
+from bayesdrill.basics.arrays import PART, Array
 from bayesdrill.record.experiment import Experiment
 from bayesdrill.rig.kernels.exponential import Layout, present
 from bayesdrill.rig.models.linear import Model
@@ -22,7 +22,6 @@ from bayesdrill.rig.simulators.time_grid import Whole
 
 Long = np.longdouble
 LongArray = NDArray[Any]  # of long numbers, or of plain ones
-PART = 1 << 18  # samples that are looked at together
 SERIES, HALVINGS = 22, 12  # of the exponential
 STRETCHES = 1024  # of a part that are stepped side by side
 
@@ -52,10 +51,9 @@ class LongRecord:
         return input_layout(self.sensors.observed_model, self.sensors.experiment)
 
     @property
-    def first_inputs(self) -> tuple[float, ...]:
-        """The first of each series that changes straight, zero for those that are held."""
-        straight = self.sensors.experiment.first_order
-        return tuple(float(u[0]) if straight else 0.0 for u in self.sensors.knots[1].values())
+    def first_inputs(self) -> Array:
+        """The first of each series that changes straight, zero for those that are held: `(S,)`."""
+        return self.sensors.first_inputs * self.sensors.experiment.first_order
 
     def inputs(self, first: int, last: int) -> Array:
         """Return the sampled inputs at knots `first` to `last`, `(last - first, S)`."""
@@ -76,7 +74,7 @@ class LongRecord:
         x, series = layout.n_states, layout.n_series
         numbers = walker_numbers(sensors, full[None])[0]
         p = layout.n_parameters
-        constants = [value for value in sensors.experiment.constant.values() if value != 0.0]
+        constants = present(sensors.experiment.constant).values()
         matrix = np.zeros((layout.size, layout.size), dtype=Long)
         for row, column, value in layout.entries([*numbers[:p], *constants]):
             matrix[row, column] += value if row >= x else Long(value) * Long(self.step)
@@ -93,6 +91,14 @@ class LongRecord:
             states = long_states(step[:x, :x], drive, state)
             state = states[-1]
             yield inputs[:-1], states[:-1] @ rows[:, :x].T + rows[:, x]
+
+    @property
+    def alike(self) -> list[slice]:
+        """Channels that were seen at the same times, part by part: all, or each by itself."""
+        seen = ~np.isnan(self._shifted())
+        k_count = seen.shape[1]
+        size = k_count if (seen == seen[:, :1]).all() else 1
+        return [slice(k, k + size) for k in range(0, k_count, size)]
 
     def residuals(self, full: Array) -> Iterator[tuple[Array, Array]]:
         """Yield inputs `(m, S)`, and what the rig leaves of the record `(m, K)`, NaN if not seen.
@@ -127,7 +133,7 @@ class LongRecord:
 
 def input_layout(model: Model, experiment: Experiment) -> Layout:
     """Return the layout of a rig under the inputs of an experiment."""
-    series, constant = tuple(experiment.series), present(experiment.constant)
+    series, constant = tuple(experiment.series), tuple(present(experiment.constant))
     return Layout.from_model(model, series, constant, first_order=experiment.first_order)
 
 
@@ -179,16 +185,16 @@ def long_states(fall: LongArray, drive: LongArray, start: LongArray) -> LongArra
     n = -(-t_count // length)
     padded = np.zeros((n * length, x), dtype=fall.dtype)
     padded[:t_count] = drive
-    padded = padded.reshape(n, length, x)
+    padded = padded.reshape(n, length, x).swapaxes(0, 1)
     state, power = np.zeros((n, x), fall.dtype), np.zeros((x, x), fall.dtype)
-    for j in range(length):
-        state = state + (state @ fall.T + padded[:, j])
+    for driven in padded:
+        state = state + (state @ fall.T + driven)
         power = power + fall + fall @ power  # (1 + fall)^j - 1
-    out = np.empty((n, length + 1, x), dtype=fall.dtype)
+    out = np.empty((length + 1, n, x), dtype=fall.dtype)
     out[0, 0] = start
     for k in range(1, n):
-        out[k, 0] = out[k - 1, 0] + power @ out[k - 1, 0] + state[k - 1]
-    for j in range(length):
-        out[:, j + 1] = out[:, j] + (out[:, j] @ fall.T + padded[:, j])
-    last = out[-1, t_count - (n - 1) * length]
-    return np.concatenate([out[:, :-1].reshape(-1, x)[:t_count], last[None]])
+        out[0, k] = out[0, k - 1] + power @ out[0, k - 1] + state[k - 1]
+    for j, driven in enumerate(padded):
+        out[j + 1] = out[j] + (out[j] @ fall.T + driven)
+    states = out[:-1].swapaxes(0, 1).reshape(-1, x)
+    return np.concatenate([states, out[-1, -1:]])[: t_count + 1]

@@ -7,9 +7,11 @@ reference leaves of the record Q' r.  Its size does not depend on the length of 
 
 from __future__ import annotations
 
+import itertools
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -31,14 +33,18 @@ class CompressionError(Exception):
 class Pole:
     """A pole 1 + `mu` of the functions, or a pair, and how many functions it has in a round."""
 
-    kind: str
     mu: complex
     order: int
 
     @property
+    def size(self) -> int:
+        """Coordinates of it, and functions at a time."""
+        return PAIR if self.mu.imag else REAL
+
+    @property
     def numbers(self) -> PoleNumbers:
         """What kernels know of it."""
-        return PoleNumbers.of_pole(self.kind, self.mu)
+        return PoleNumbers.of_pole(self.mu)
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,17 +60,7 @@ class Basis:
     vectors: Array
     duals: Array
 
-    @property
-    def kinds(self) -> tuple[str, ...]:
-        """The kinds of its poles."""
-        return tuple(pole.kind for pole in self.poles)
-
-    @property
-    def orders(self) -> tuple[int, ...]:
-        """The orders of its poles."""
-        return tuple(pole.order for pole in self.poles)
-
-    def frame(self, sizes: Sequence[float], first: Sequence[float]) -> Array:
+    def frame(self, sizes: Sequence[float], first: Array) -> Array:
         """Return the block `frame` of the kernels.
 
         `sizes`: of what drives the rig, each over time; `first`: of each series, see `Columns`.
@@ -83,14 +79,21 @@ def choose_basis(rates: Array, dt: float, left: float) -> Basis:
     from scipy.linalg import expm  # takes a while to load, and few need it
 
     falls = np.array([expm(a * dt) - np.eye(len(a)) for a in rates])
-    shared = _shared_integrators(rates)
+    return basis_of(falls, _shared_integrators(rates), left)
+
+
+def basis_of(falls: Array, shared: Array, left: float) -> Basis:
+    """Choose functions for `falls (n, X, X)`, their Phi - 1; `shared (X, d)`: of integrators.
+
+    See `choose_basis`.
+    """
     vectors, modes = _modes(falls[0], shared)
     duals = np.linalg.inv(vectors)
     if not np.isfinite(duals).all():
         raise CompressionError("two of its poles are one")
     d = shared.shape[1]
     inner = (duals @ falls @ vectors)[:, d:, d:]
-    values = np.linalg.eigvals(inner)
+    values: Any = np.linalg.eigvals(inner)
     if (np.abs(1.0 + values) >= 1.0).any():
         raise CompressionError("a mode of the rig does not decay")
     return Basis(tuple(_chosen(modes, values, left)), d, vectors, duals)
@@ -111,14 +114,14 @@ def _shared_integrators(rates: Array) -> Array:
     return np.asarray(null)
 
 
-def _modes(fall: Array, shared: Array) -> tuple[Array, list[tuple[str, complex]]]:
-    """Return vectors `(X, X)` of integrators and modes, the fastest first, and kind and value of each.
+def _modes(fall: Array, shared: Array) -> tuple[Array, list[complex]]:
+    """Return vectors `(X, X)` of integrators and modes, the fastest first, and the value of each.
 
     Modes that are complex, or nearly one, are a pair, of which any two vectors will do.
     """
     values, vectors = np.linalg.eig(fall)
     order = np.argsort(-np.abs(values), kind="stable")[: len(fall) - shared.shape[1]]
-    columns, modes, k = [shared], list[tuple[str, complex]](), 0
+    columns, modes, k = [shared], list[complex](), 0
     while k < len(order):
         value, mode = complex(values[order[k]]), vectors[:, order[k]]
         other = complex(values[order[k + 1]]) if k + 1 < len(order) else complex(np.inf)
@@ -127,11 +130,11 @@ def _modes(fall: Array, shared: Array) -> tuple[Array, list[tuple[str, complex]]
             columns.append(_pair(fall, np.array(both).T))
             middle = 0.5 * (value + other)
             turn = max(abs(value.imag), LEAST_TURN * abs(middle.real))
-            modes.append((PAIR, complex(middle.real, turn)))
+            modes.append(complex(middle.real, turn))
             k += 2
         else:
             columns.append(mode.real[:, None])
-            modes.append((REAL, value))
+            modes.append(value)
             k += 1
     return np.concatenate(columns, axis=1), modes
 
@@ -148,90 +151,75 @@ def _pair(fall: Array, both: Array) -> Array:
     return np.asarray(plane @ turned @ np.diag([1.0, min(narrow, 1.0)]))
 
 
-def _chosen(poles: list[tuple[str, complex]], values: Array, left: float) -> Iterator[Pole]:
+def _chosen(poles: list[complex], values: Array, left: float) -> Iterator[Pole]:
     """Yield the poles of the functions: each amid those of the rigs that are nearest to its mode."""
     flat = values.ravel()
-    nearest = np.argmin([_passed(kind, mu, flat) for kind, mu in poles], axis=0)
-    for index, (kind, mu) in enumerate(poles):
+    nearest = np.argmin([_passed(mu, flat) for mu in poles], axis=0)
+    for index, mu in enumerate(poles):
         mine = flat[nearest == index] if (nearest == index).any() else np.array([mu])
         decay = -mine.real
         middle = complex(-math.sqrt(decay.min() * decay.max()), 0.0)
-        if kind == PAIR:
+        if mu.imag:
             turns = np.abs(mine.imag)
             turn = max(0.5 * (turns.min() + turns.max()), LEAST_TURN * abs(middle.real))
             middle = complex(middle.real, turn)
         # As numbers have it beside one.
         middle = complex((1.0 + middle.real) - 1.0, middle.imag)
-        share = float(_passed(kind, middle, mine).max())
+        share = float(_passed(middle, mine).max())
         order = 1 if share == 0.0 else 1 + math.ceil(math.log(left) / math.log(share) / ROUNDS)
         if order > MAX_ORDER:
             raise CompressionError("poles of the rig are known too little")
-        yield Pole(kind, middle, order)
+        yield Pole(middle, order)
 
 
-def _passed(kind: str, mu: complex, values: Array) -> Array:
+def _passed(mu: complex, values: Array) -> Array:
     """Return how much of modes with these values a function of the pole leaves."""
-    numbers = PoleNumbers.of_pole(kind, mu)
+    numbers = PoleNumbers.of_pole(mu)
     over = np.polynomial.polynomial.polyval(values, numbers.over)
     first, second, third = numbers.along
     return np.asarray(np.abs(first + (second + third * values) / over))
 
 
 class Columns:
-    """The functions as columns, block after block: what they make of `sources`, and of them direct."""
+    """The functions as columns, block after block: what they make of each source."""
 
-    def __init__(self, basis: Basis, sources: int) -> None:
+    def __init__(self, basis: Basis) -> None:
         self._basis = basis
-        self._sums = np.zeros((sources, basis.integrators))
-        states = ROUNDS * sum(pole.order for pole in basis.poles)
-        self._states = np.zeros((sources, states, 1), dtype=complex)
+        self._states = dict[tuple[int, int], Any]()
 
     def block(self, sources: Array) -> Array:
         """Return the columns `(m, n)` of the next samples of the `sources (m, S)`."""
         columns = []
-        for s, u in enumerate(sources.T):
-            columns += self._integrated(s, u)
-            signal, stage = u, 0
+        for s, signal in enumerate(sources.T):
+            stages = ((s, stage) for stage in itertools.count())
+            for _ in range(self._basis.integrators):
+                columns.append(self._delayed(next(stages), 1.0, signal))
             for pole in ROUNDS * self._basis.poles:
                 for _ in range(pole.order):
-                    new, signal = self._filtered(s, stage, pole, signal)
+                    new, signal = self._filtered(next(stages), pole, signal)
                     columns += new
-                    stage += 1
         return np.array(columns).T
 
-    def _integrated(self, s: int, u: Array) -> list[Array]:
-        columns = []
-        for n in range(self._basis.integrators):
-            sums = self._sums[s, n] + np.cumsum(u)
-            columns.append(np.append(self._sums[s, n], sums[:-1]))
-            self._sums[s, n] = sums[-1]
-        return columns
-
-    def _filtered(self, s: int, stage: int, pole: Pole, u: Array) -> tuple[list[Array], Array]:
+    def _filtered(self, stage: tuple[int, int], pole: Pole, u: Array) -> tuple[list[Array], Array]:
         """Return the columns of a function, and its input behind the all-pass."""
-        from scipy.signal import lfilter
-
-        numbers = pole.numbers
-        if pole.kind == REAL:
-            a, size = -numbers.over[1], numbers.even
-            out, state = lfilter([0.0, size], [1.0, -a], u, zi=self._states[s, stage].real)
-            self._states[s, stage] = state
-            return [out], size * out - a * u
-        turn = pole.mu.imag
-        beside = [1.0, complex(-1.0 - pole.mu.real, -turn)]
+        numbers, real, turn = pole.numbers, pole.mu.real, pole.mu.imag
+        (_, _, square), even, odd = numbers.over, numbers.even, numbers.odd
+        if pole.size == REAL:
+            out = even * self._delayed(stage, 1.0 + real, u)
+            return [out], even * out - (1.0 + real) * u
         # 1 / (z - a) has as its parts what a pair of poles can do.
-        out, self._states[s, stage] = lfilter([0.0, 1.0], beside, u, zi=self._states[s, stage])
-        square, even, odd = numbers.over[2], numbers.even, numbers.odd
-        first = even * (out.real + (2.0 + pole.mu.real) / turn * out.imag)
-        second = odd * (out.real + pole.mu.real / turn * out.imag)
+        out = self._delayed(stage, 1.0 + pole.mu, u)
+        first = even * (out.real + (2.0 + real) / turn * out.imag)
+        second = odd * (out.real + real / turn * out.imag)
         return [first, second], square * u + even * first - odd * second
 
+    def _delayed(self, stage: tuple[int, int], a: complex, u: Array) -> Any:
+        """Return 1 / (z - a) of a signal, from where the stage has come to."""
+        from scipy.signal import lfilter
 
-def impulse_columns(basis: Basis) -> Columns:
-    """Return the columns of a start: an impulse a sample before the first."""
-    columns = Columns(basis, 1)
-    columns.block(np.ones((1, 1)))
-    return columns
+        state = self._states.get(stage, np.zeros(1, dtype=type(a)))
+        out, self._states[stage] = lfilter([0.0, 1.0], [1.0, -a], u, zi=state)
+        return out
 
 
 @dataclass(frozen=True, slots=True)
@@ -265,42 +253,30 @@ class _Rows:
             self.last = rows[-1:]
             self.parts[2] = _appended(self.first, self.last)
 
-    def columns(self, selected: list[int]) -> _Rows:
-        """Return it with these columns alone."""
-        ends = (None if row is None else row[:, selected] for row in (self.first, self.last))
-        return _Rows([part[:, selected] for part in self.parts], *ends)
-
 
 def _appended(part: Array, rows: Array) -> Array:
     return np.linalg.qr(np.concatenate([part, rows]), mode="r")
 
 
-def triangle(blocks: Iterator[tuple[Array, Array]], columns: int, sums: int) -> Triangle:
+def triangle(
+    blocks: Iterable[tuple[Array, Array]], columns: int, sums: int, alike: Sequence[slice]
+) -> Triangle:
     """Put blocks of columns `(m, n)` and of what the reference leaves `(m, K)` into triangles.
 
     What was not measured is NaN.  `columns`: n, to which zeros are added to a multiple of `ROWS`;
-    `sums`: 1 for samples alone, 3 for steps and ends as well.
+    `sums`: 1 for samples alone, 3 for steps and ends as well; `alike`: channels that share a triangle.
     """
-    parts, k_count = list[_Rows](), 0
+    parts = [_Rows([np.zeros((0, columns + k.stop - k.start))] * sums) for k in alike]
     for block, left in blocks:
-        seen, k_count = ~np.isnan(left), left.shape[1]
-        if not parts:
-            parts = [_Rows([np.zeros((0, columns + k_count))] * sums)]
-        if len(parts) == 1 and not (seen == seen[:, :1]).all():
-            # From here on each channel has its own.
-            parts = [parts[0].columns([*range(columns), columns + k]) for k in range(k_count)]
-        for k, part in enumerate(parts):
-            mine = left if len(parts) == 1 else left[:, [k]]
-            part.add(np.concatenate([block, mine], axis=1)[seen[:, k]])
+        for k, part in zip(alike, parts, strict=True):
+            rows = np.concatenate([block, left[:, k]], axis=1)
+            part.add(rows[~np.isnan(rows[:, -1])])
     padded = columns + -columns % ROWS
     matrix = np.zeros((sums, len(parts), padded, padded))
-    projected = np.zeros((k_count, sums, padded + 1))
-    for v, k in np.ndindex(sums, len(parts)):
-        square = parts[k].parts[v][:columns, :columns]
-        matrix[v, k, : len(square), :columns] = square
-    for k, v in np.ndindex(k_count, sums):
-        apart = len(parts) > 1
-        column = parts[k if apart else 0].parts[v][:, columns + (0 if apart else k)]
-        projected[k, v, : len(column[:columns])] = column[:columns]
-        projected[k, v, padded] = float(column[columns:] @ column[columns:])
+    projected = np.zeros((alike[-1].stop, sums, padded + 1))
+    for (n, k), v in itertools.product(enumerate(alike), range(sums)):
+        upper, rest = np.split(parts[n].parts[v], [columns])
+        matrix[v, n, : len(upper), :columns] = upper[:, :columns]
+        projected[k, v, : len(upper)] = upper[:, columns:].T
+        projected[k, v, padded] = (rest[:, columns:] ** 2).sum(axis=0)
     return Triangle(matrix, projected)

@@ -26,6 +26,7 @@ from bayesdrill.rig.models.linear import (
     constant_forcing,
     dynamics,
 )
+from bayesdrill.rig.simulators.time_grid import Grid, build_grid
 
 
 def signal_names(model: Model) -> tuple[str, ...]:
@@ -205,6 +206,11 @@ class SensorParameters:
             return np.asarray(experiment.t), dict(experiment.series)
         series = {name: np.append(u[:1], u) for name, u in experiment.series.items()}
         return np.append(experiment.t_start, experiment.t), series
+
+    @cached_property
+    def grid(self) -> Grid:
+        """The grid of these times."""
+        return build_grid(self.knots[0])
 
     @cached_property
     def padded(self) -> Array:

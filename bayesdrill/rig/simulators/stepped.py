@@ -32,7 +32,7 @@ from bayesdrill.rig.simulators.contract import (
     Steps,
     in_groups,
 )
-from bayesdrill.rig.simulators.sensors import ObservationModel, SensorParameters
+from bayesdrill.rig.simulators.sensors import ObservationModel
 from bayesdrill.rig.simulators.time_grid import UniformGrid
 
 NONE = np.zeros(0)
@@ -147,7 +147,7 @@ class Stepped(Simulator):
     def signals(self, full: Array) -> Array:
         """See `Simulator.signals`."""
         with np.errstate(all="ignore"):
-            return self._walkers.drop_start(self._run(self._grid, full))
+            return self.sensors.drop_start(self._run(self._grid, full))
 
     def sums(self, full: Array, tally: ResidualSums, weights: Array | None = None) -> Array:
         """See `Simulator.sums`."""
@@ -160,7 +160,7 @@ class Stepped(Simulator):
         points = np.repeat(full, q, axis=0)
         with np.errstate(all="ignore"):
             duals = self._run(self._grid, points, along.reshape(n * q, p))
-        duals = self._walkers.drop_start(duals).reshape(n, q, *self.experiment.y.shape, 2)
+        duals = self.sensors.drop_start(duals).reshape(n, q, *self.experiment.y.shape, 2)
         return np.ascontiguousarray(duals[:, 0, ..., 0]), np.ascontiguousarray(duals[..., 1])
 
     def motion(self, full: Array) -> Motion:
@@ -184,7 +184,7 @@ class Stepped(Simulator):
         states, efforts = self._at_nodes(full)
         felt, slopes = self._inputs_at_steps(full)
         return Steps(
-            t=self._walkers.knots[0][0] + self._grid.span * np.arange(n),
+            t=self.sensors.knots[0][0] + self._grid.span * np.arange(n),
             span=self._grid.span,
             motion=Motion(states=states[:, :n], efforts=efforts[:, :n]),
             felt=felt,
@@ -193,7 +193,7 @@ class Stepped(Simulator):
 
     def _inputs_at_steps(self, full: Array) -> tuple[dict[str, Array], dict[str, Array]]:
         """Return inputs at the beginning of steps, and their slopes, `(W, N)` each."""
-        w, sensing, zero = self._walkers, self.sensing, np.zeros((len(full), self._grid.nodes))
+        w, sensing, zero = self.sensors, self.sensing, np.zeros((len(full), self._grid.nodes))
         felt, slopes = dict[str, Array](), dict[str, Array]()
 
         def sensor_values(names: Mapping[str, str], name: str, default: float) -> Array:
@@ -214,13 +214,9 @@ class Stepped(Simulator):
     # What the kernels are told.
 
     @cached_property
-    def _walkers(self) -> SensorParameters:
-        return SensorParameters(self.model, self.experiment, self.sensing)
-
-    @cached_property
     def _grid(self) -> UniformGrid:
-        t, series = self._walkers.knots
-        if self.experiment.uniform and not self._walkers.lead:
+        t, series = self.sensors.knots
+        if self.experiment.uniform and not self.sensors.lead:
             t = t[0] + self.experiment.dt * np.arange(len(t))
         return UniformGrid(t, series, self.experiment.first_order, self.pieces)
 
@@ -230,7 +226,7 @@ class Stepped(Simulator):
 
     @cached_property
     def _gaps(self) -> bool:
-        return bool(np.isnan(self._walkers.padded).any())
+        return bool(np.isnan(self.sensors.padded).any())
 
     @cached_property
     def _bound_kernels(self) -> dict[Any, BoundKernel]:
@@ -240,18 +236,18 @@ class Stepped(Simulator):
     def _pattern(self) -> Array:
         """`(K, X + 1)`: what channels see of states, and of one."""
         offset = [channel.name in self.sensing.offsets for channel in self.experiment.channels]
-        return np.column_stack([self._walkers.weights, offset])
+        return np.column_stack([self.sensors.weights, offset])
 
     def _bind(self, ahead: UniformGrid, *, tally: ResidualSums | None, **kind: bool) -> BoundKernel:
         wanted = (id(ahead), tally, *kind.values())
         if wanted not in self._bound_kernels:
-            w, experiment = self._walkers, self.experiment
+            w, experiment = self.sensors, self.experiment
             rows = _unit_rows(self.model)[0] if kind["efforts"] else self._pattern
             shape = SteppedShape(
                 model=w.observed_model,
                 series=w.inputs,
                 late=tuple(n for n in w.inputs if n in self.sensing.input_lags),
-                constant=present(experiment.constant),
+                constant=tuple(present(experiment.constant)),
                 first_order=experiment.first_order and bool(w.inputs),
                 pattern=tuple(map(tuple, (rows != 0).tolist())),
                 gaps=self._gaps and tally is not None,
@@ -297,7 +293,7 @@ class Stepped(Simulator):
 
         Each is `(W, ...)`, or `(1, ...)` where walkers have the same.
         """
-        w = self._walkers
+        w = self.sensors
         parts = {
             "parameters": [w.simulator_parameters(full)],
             **(self._shared_parts if self._perfect else self._walker_parts(full)),
@@ -308,7 +304,7 @@ class Stepped(Simulator):
 
     def _walker_parts(self, full: Array) -> dict[str, list[Array]]:
         """Return the parts of each walker, as its sensors and its start are."""
-        w = self._walkers
+        w = self.sensors
         system = w.linear_system(full) if w.moves else None
         begin = w.initial_state(system, full)
         return {
@@ -322,7 +318,7 @@ class Stepped(Simulator):
     @cached_property
     def _shared_parts(self) -> dict[str, list[Array]]:
         """The parts of perfect sensors, and a start that is known."""
-        w, k = self._walkers, len(self.experiment.channels)
+        w, k = self.sensors, len(self.experiment.channels)
         start = [[self.experiment.start.get(name, 0.0) for name in self.model.states]]
         return {
             "x0": [np.array(start)],
@@ -333,7 +329,7 @@ class Stepped(Simulator):
         }
 
     def _slopes(self, full: Array, along: Array) -> dict[str, Array]:
-        w, sensing = self._walkers, self.sensing
+        w, sensing = self.sensors, self.sensing
         tangent = w.tangent_system(full, along) if w.moves else None
         begin_slope = w.initial_state_slope(tangent, along)
         begin = w.initial_state(w.linear_system(full) if w.moves else None, full)

@@ -1,0 +1,234 @@
+"""The likelihood by a Kalman filter of one gain, of a record that is compressed.
+
+Innovations are what a linear system makes of inputs, of the channels themselves, and of the start:
+its poles are those of the filter, Phi (1 - K C).  So they are expanded in the functions of
+`rational_basis`, which see channels as further sources.  What innovations show of the first state
+are their products with the responses to it, which are functions of the impulse.
+"""
+
+from __future__ import annotations
+
+import functools
+import itertools
+from collections.abc import Sequence
+
+from llvmlite import ir
+
+from bayesdrill.rig.kernels.compressed_sums import store_squares, subtract_reference
+from bayesdrill.rig.kernels.exponential import Layout
+from bayesdrill.rig.kernels.exponential import number as shared_number
+from bayesdrill.rig.kernels.kalman_filter import StateSpace
+from bayesdrill.rig.kernels.lanes import I64, NUMBERS, VECTORS, Loop, Vector, vector
+from bayesdrill.rig.kernels.numbers import Blocks, Matrix, Memory, Number, dot, multiply_add, plus
+from bayesdrill.rig.kernels.rational_basis import (
+    WHOLE_NUMBERS,
+    BasisExpansion,
+    BasisShape,
+    applied,
+)
+from bayesdrill.rig.kernels.steady_state_kalman import SteadyFilter, emit_steady_state
+
+COUNTS = ("groups", "samples", "columns", "channel", "sum")
+BLOCKS = {
+    "told": VECTORS,  # (G, P + K): parameters, variances
+    "constants": NUMBERS,  # see `recurrence.Constants`
+    "frame": NUMBERS,
+    "orders": WHOLE_NUMBERS,
+    "reference": NUMBERS,
+    "triangles": NUMBERS,
+    "projected": NUMBERS,
+    "scratch": VECTORS,
+    "bounds": VECTORS,  # (G, K): of the size of what functions leave of innovations
+    "out": VECTORS,  # (2 K + 1, G)
+}
+CLOSED_COUNTS = ("groups", "samples")
+CLOSED_BLOCKS = {
+    "told": VECTORS,
+    "constants": NUMBERS,
+    "closed": VECTORS,  # (G, (n + K) (K + n) + n columns), see `_store_closed`
+    "out": VECTORS,
+}
+
+
+def turning_angle(system: StateSpace, layout: Layout) -> tuple[int, int] | None:
+    """Return an angle on which nothing depends, and a channel that shows it; None if there is none.
+
+    States are counted from there, and the source of this channel is by how much it goes on: all
+    sources stay small, however far a rig turns.
+    """
+    pairs = itertools.product(range(system.n), range(system.k))
+    return next(((i, k) for i, k in pairs if layout.idle[i] and system.channels[k][i]), None)
+
+
+class _Reactions:
+    """How a filter goes on from states: predictions `(K,)` of its channels, and the next state."""
+
+    def __init__(self, w: SteadyFilter) -> None:
+        self._w, n, k_count = w, w.system.n, w.system.k
+        self._zero, one = (Vector(w.m.b, vector(value)) for value in (0.0, 1.0))
+        self._phi = [[self.entry(i, j) for j in range(n)] for i in range(n)]
+        units = plus([[self._zero] * n for _ in range(n)], one)
+        self.states = [self._onward(unit, 0) for unit in units]
+        # A channel shows itself, and moves what is predicted of those after it.
+        self.channels = []
+        for k in range(k_count):
+            predictions, following = self._onward(w.gains.gain(k), k + 1)
+            self.channels.append(([self._zero] * k + [-one, *predictions], following))
+        if (turning := turning_angle(w.system, w.layout)) is not None:
+            backwards = [-number for number in units[turning[0]]]
+            self.channels[turning[1]] = ([self._zero] * k_count, backwards)
+
+    def _onward(self, state: list[Number], first: int) -> tuple[list[Number], list[Number]]:
+        """Go on from a state in a sample whose channels from the first on are zero."""
+        predictions = []
+        for k in range(first, self._w.system.k):
+            innovation, state = self._w.gains.update_state(k, state, self._zero)
+            predictions.append(-innovation)
+        return predictions, applied(self._phi, state)
+
+    def entry(self, i: int, column: int) -> Number:
+        """Return an entry of Phi, or of the columns after it."""
+        known = self._w.phi.get((i, column))
+        return self._zero if known is None else Vector(self._w.m.b, known)
+
+    def column(self, column: int) -> list[Number]:
+        """Return a column of these entries."""
+        return [self.entry(i, column) for i in range(self._w.system.n)]
+
+
+def write_closed_loop(module: ir.Module, system: StateSpace, layout: Layout) -> None:
+    """Write `steadily`, which also stores of each state and channel predictions and the next state.
+
+    These are `(n + K, K + n)`; then follow the columns after Phi `(N - n, n)`.
+    """
+    emit_steady_state(module, system, layout, (CLOSED_COUNTS, CLOSED_BLOCKS), _store_closed)
+
+
+def _store_closed(w: SteadyFilter, state: list[ir.Value], shown: ir.Value) -> list[Number]:
+    b, n, k_count, size = w.m.b, w.system.n, w.system.k, w.layout.size
+    reactions = _Reactions(w)
+    rows = [[*shows, *following] for shows, following in reactions.states + reactions.channels]
+    rows += [reactions.column(column) for column in range(n, size)]
+    numbers = [number.value for row in rows for number in row]
+    b.write_row(numbers, b.gep(w.a["closed"], [b.mul(w.group, I64(len(numbers)))]))
+    w.m.clear(shown, n)
+    return [Vector(b, vector(0.0))] * k_count
+
+
+def write_compressed_filter(
+    module: ir.Module, system: StateSpace, layout: Layout, shape: BasisShape
+) -> None:
+    """Write `steadily`, of COUNTS and addresses of BLOCKS; others are as in `compressed_sums`."""
+    sums = functools.partial(_by_functions, shape)
+    emit_steady_state(module, system, layout, (COUNTS, BLOCKS), sums)
+
+
+def _by_functions(
+    shape: BasisShape, w: SteadyFilter, state: list[ir.Value], shown: ir.Value
+) -> list[Number]:
+    """Return sums of squared innovations from the triangle; see `emit_steady_state`."""
+    m, b, k_count = w.m, w.m.b, w.system.k
+    expansion, columns = BasisExpansion(b, shape, w.a), w.a["columns"]
+    first = _expand(
+        expansion, _Reactions(w), [Vector(b, register) for register in state], w.a["frame"]
+    )
+    subtract_reference(b, expansion, w.a["reference"])
+    squares, residuals = m.room(k_count), expansion.after
+    store_squares(b, shape, w.a, expansion, squares, residuals)
+    # Of columns of the impulse, with what the reference and the difference from it leave.
+    pulled = b.gep(residuals, [b.mul(columns, I64(k_count))])
+    for k in range(k_count):
+        left, sums = (b.gep(base, [b.mul(columns, I64(k))]) for base in (residuals, pulled))
+        b.clear(sums, first)
+        rows = Loop(b, first, [], "rows")
+        residual = b.load(b.gep(left, [rows.index]), align=8)
+        inner = Loop(b, b.sub(first, rows.index), [], "inner")
+        j = b.add(rows.index, inner.index)
+        entry = b.load(b.gep(w.a["triangles"], [b.add(b.mul(rows.index, columns), j)]))
+        at = b.gep(sums, [j])
+        b.store(b.fma(b.splat(entry), residual, b.load(at, align=8)), at, align=8)
+        inner.close([])
+        rows.close([])
+    spare = b.gep(residuals, [b.mul(columns, I64(2 * k_count))])
+    expansion.coefficients = Blocks(b, (spare,))
+    _show_start(w, expansion, first, pulled, shown)
+    return m.row(squares, k_count)
+
+
+def _expand(
+    expansion: BasisExpansion, by: _Reactions, state: list[Number], block: ir.Value
+) -> ir.Value:
+    """Store the coefficients of predictions; return how many functions a source has.
+
+    `block`: the frame.
+    """
+    b, shape, n, layout = (
+        expansion.b,
+        expansion.shape,
+        expansion.shape.states,
+        expansion.shape.layout,
+    )
+    one, zero = (Vector(b, vector(value)) for value in (1.0, 0.0))
+    rows = _turned([shows for shows, _ in by.states])
+    fall = plus(_turned([following for _, following in by.states]), -one)
+    expansion.begin(fall, rows)
+    held = [by.column(n + 1 + s) for s in range(layout.n_series)]
+    rises = [by.column(n + 1 + layout.n_series + s) for s in range(layout.n_series)]
+    rises = rises if layout.first_order else []
+    drives, constant = [*held], by.column(n)
+    for s, rise in enumerate(rises):  # see `BasisExpansion`
+        begin = expansion.frame.first[s]
+        constant = [multiply_add(begin, a, c) for a, c in zip(held[s], constant, strict=True)]
+        drives[s] = [a + c for a, c in zip(held[s], applied(fall, rise), strict=True)]
+    drives = [state, *[constant] * shape.constant, *drives, *(after for _, after in by.channels)]
+    m, sizes = Memory(b, False), b.gep(block, [I64(2 * n * n)])
+    modes = m.room(n * len(drives))
+    m.put_row(itertools.chain(*(applied(expansion.frame.duals, drive) for drive in drives)), modes)
+    errors = [error.value for error in expansion.errors]
+    each = Loop(b, I64(len(drives)), [I64(0), *errors], "sources")  # the code of them is there once
+    expansion.errors = [Vector(b, register) for register in each.carried[1:]]
+    row = m.row(m.at(modes, b.mul(each.index, I64(n))), n)
+    size = shared_number(b, b.gep(sizes, [each.index]), 0)
+    column = expansion.add_modes(each.carried[0], row, size)
+    each.close([column, *(error.value for error in expansion.errors)])
+    functions = b.sdiv(column, I64(len(drives)))
+    for direct in (*(applied(rows, rise) for rise in rises), *(shows for shows, _ in by.channels)):
+        column = expansion.store(column, direct)
+    expansion.store(column, [zero] * shape.channels)
+    return functions
+
+
+def _show_start(
+    w: SteadyFilter, expansion: BasisExpansion, first: ir.Value, pulled: ir.Value, shown: ir.Value
+) -> None:
+    """Store what innovations show of the first state `(n,)`, and bounds of what functions leave.
+
+    These are for a start that is off by a standard deviation of any state, too.
+    """
+    b, n, k_count = w.m.b, w.system.n, w.system.k
+    begin = [error.value for error in expansion.errors]
+    each = Loop(b, I64(n), begin, "each")
+    duals = b.gep(w.a["frame"], [b.add(I64(n * n), each.index)])
+    unit = [shared_number(b, duals, n * i) for i in range(n)]
+    variance = Vector(b, b.load(b.gep(w.at["p"], [b.mul(each.index, I64(n + 1))]), align=8))
+    expansion.errors = [Vector(b, register) for register in each.carried]
+    expansion.add_modes(I64(0), unit, variance.sqrt())
+    totals = []
+    for k in range(k_count):
+        inner = Loop(b, first, [vector(0.0)], "inner")
+        at = b.add(b.mul(inner.index, I64(k_count)), I64(k))
+        coefficient = b.load(b.gep(expansion.coefficients.bases[0], [at]), align=8)
+        index = b.add(b.mul(w.a["columns"], I64(k)), inner.index)
+        product = b.fma(coefficient, b.load(b.gep(pulled, [index]), align=8), inner.carried[0])
+        inner.close([product])
+        totals.append(Vector(b, product))
+    roots = [w.gains.inverse_deviation(k) for k in range(k_count)]
+    total = dot([root * root for root in roots], totals)
+    b.store(total.value, b.gep(shown, [each.index]), align=8)
+    after = [error.value for error in expansion.errors]
+    each.close(after)
+    b.write_row(after, b.offset(w.a["bounds"], w.group, k_count))
+
+
+def _turned(rows: Sequence[Sequence[Number]]) -> Matrix:
+    return [[*column] for column in zip(*rows, strict=True)]

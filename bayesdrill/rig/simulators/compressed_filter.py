@@ -1,0 +1,221 @@
+"""A record with a missing torque in a few hundred numbers: its Kalman filter's sums of squares.
+
+See `kernels.compressed_filter`; other than for rigs, channels are sources beside the inputs, and
+what the record becomes are innovations.  Slopes and smoothing have all samples.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from bayesdrill.basics.arrays import PART, Array, Counts, Flags
+from bayesdrill.rig.kernels.compiling import compile_kernel
+from bayesdrill.rig.kernels.compressed_filter import (
+    BLOCKS,
+    CLOSED_BLOCKS,
+    turning_angle,
+    write_closed_loop,
+    write_compressed_filter,
+)
+from bayesdrill.rig.kernels.lanes import LANES
+from bayesdrill.rig.kernels.rational_basis import BasisShape
+from bayesdrill.rig.simulators.compressed import (
+    MAX_BEYOND,
+    TOLERANCE,
+    column_blocks,
+    even_record,
+)
+from bayesdrill.rig.simulators.contract import Simulator, in_groups
+from bayesdrill.rig.simulators.kalman import KalmanFilter
+from bayesdrill.rig.simulators.long_record import Long, LongRecord, long_states
+from bayesdrill.rig.simulators.rational_basis import (
+    CompressionError,
+    Triangle,
+    basis_of,
+    triangle,
+)
+
+DIGITS = (4, 26, 2)  # of a response that functions are to have: first, last, and steps between
+FAR = 0.1  # of points, that may have no bound: filters move far with the torque, others are closer
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class CompressedFilter(KalmanFilter):
+    """A filter by the record's triangle, and by all samples where that is not enough.
+
+    `shape`, `orders`, `frame`, `record`, `reference`: see `compressed.Compression`.
+    """
+
+    shape: BasisShape
+    orders: Counts
+    frame: Array
+    record: Triangle
+    reference: Array
+
+    @property
+    def by_samples(self) -> KalmanFilter:
+        """See `KalmanFilter.by_samples`."""
+        return KalmanFilter(self.model, self.torque, self.experiment)
+
+    @property
+    def functions(self) -> int:
+        """See `KalmanFilter.functions`."""
+        return len(self.reference)
+
+    def log_density(self, parameters: Array, sigmas: Array, record: tuple[int, int]) -> Array:
+        """See `KalmanFilter.log_density`."""
+        terms, errors, _ = self.expanded(parameters, sigmas)
+        if (far := np.flatnonzero(~(errors <= TOLERANCE))).size:
+            terms[far] = super().log_density(parameters[far], sigmas[far], record)
+        return terms
+
+    def exceeds_bound(self, parameters: Array, sigmas: Array) -> Flags:
+        """See `KalmanFilter.exceeds_bound`."""
+        return np.asarray(~(self.expanded(parameters, sigmas)[1] <= TOLERANCE))
+
+    def expanded(self, parameters: Array, sigmas: Array) -> tuple[Array, Array, Array]:
+        """Return log-densities `(W, K)` by the triangle, and what they may be wrong by `(W,)`.
+
+        With them come the coefficients `(n, K)` of the first of the last group of walkers, less the
+        reference's.
+        """
+        k, columns, count = self.system.k, self.functions, len(parameters)
+        walkers = in_groups(parameters, sigmas**2)
+        bounds = np.empty((len(walkers), k, LANES))
+        out = np.empty((2 * k + 1, len(walkers) * LANES))
+        scratch = np.empty((self.shape.scratch_size(columns, 2), LANES))
+        blocks = {
+            "told": walkers, "constants": self.constants[0], "frame": self.frame,
+            "orders": self.orders, "reference": self.reference, "bounds": bounds, "out": out,
+            "triangles": self.record.matrix, "projected": self.record.projected,
+            "scratch": scratch,
+        }  # fmt: skip
+        counts = (len(walkers), len(self.experiment.t), columns, 0, columns**2)
+        structures = (self.system, self.layout, self.shape)
+        kernel = compile_kernel(write_compressed_filter, *structures)
+        kernel["steadily"](*counts, *(blocks[name].ctypes.data for name in BLOCKS))
+        with np.errstate(all="ignore"):
+            sizes = bounds.swapaxes(0, 1).reshape(k, -1) / out[k : 2 * k]
+            # The first rows are minus half the sums of squares over the variances: of each sample one.
+            squares = np.fmax(np.abs(2.0 * out[:k]), len(self.experiment.t))
+            errors = (np.sqrt(squares) * sizes + 0.5 * sizes**2).sum(axis=0)
+            terms = self._terms(out)
+        coefficients = scratch[self.shape.coefficients_at :][: columns * k, 0].reshape(columns, k)
+        return terms[:count], errors[:count], np.ascontiguousarray(coefficients)
+
+
+Reactions = tuple[Array, Array, Array]
+
+
+def closed_loops(filtered: KalmanFilter, parameters: Array, sigmas: Array) -> Reactions:
+    """Return how a state or a channel changes predictions, and the next state, of walkers.
+
+    They are `(W, X + K, K)` and `(W, X + K, X)`; then columns after those of Phi `(W, C, X)`.
+    """
+    n, k, count = filtered.system.n, filtered.system.k, filtered.layout.size
+    walkers, size = in_groups(parameters, sigmas**2), (n + k) ** 2
+    blocks = {
+        "told": walkers, "constants": filtered.constants[0],
+        "closed": np.empty((len(walkers), size + n * (count - n), LANES)),
+        "out": np.empty((2 * k + 1, len(walkers) * LANES)),
+    }  # fmt: skip
+    kernel = compile_kernel(write_closed_loop, filtered.system, filtered.layout)
+    addresses = (blocks[name].ctypes.data for name in CLOSED_BLOCKS)
+    kernel["steadily"](len(walkers), len(filtered.experiment.t), *addresses)
+    rows = blocks["closed"].transpose(0, 2, 1).reshape(len(walkers) * LANES, -1)[: len(parameters)]
+    reactions, columns = rows[:, :size].reshape(-1, n + k, k + n), rows[:, size:]
+    return reactions[..., :k], reactions[..., k:], columns.reshape(-1, count - n, n)
+
+
+def filter_obstacle(response: Simulator) -> str:
+    """Say in words why a filter's record cannot be compressed; empty where it can."""
+    if response.record is None or even_record(response) is None:
+        return "a torque is missing, and samples are too, or are uneven, or sensors have unknowns"
+    return ""
+
+
+def compress_filter(
+    filtered: KalmanFilter, response: Simulator, parameters: Array, sigmas: Array
+) -> CompressedFilter:
+    """Compress the record of a filter for walkers `parameters (n, P)` and `sigmas (n, K)`.
+
+    The first is the reference.  Raises `CompressionError` where it cannot be done.
+    """
+    record, k_count = even_record(response), filtered.system.k
+    if record is None or filter_obstacle(response):
+        raise CompressionError(filter_obstacle(response))
+    with np.errstate(all="ignore"):
+        loops = closed_loops(filtered, parameters, sigmas)
+    x, together = loops[2].shape[2], [slice(0, k_count)]
+    falls = loops[1][:, :x].swapaxes(1, 2) - np.eye(x)
+    inputs, (y, before) = record.inputs(0, record.count), _channel_sources(filtered)
+    sources = np.concatenate([inputs - record.first_inputs, y], axis=1)
+    sizes = np.hypot(np.linalg.norm(sources, axis=0), np.append(0.0 * inputs[0], before))
+    share = 1.0
+    for digits in range(*DIGITS):
+        basis = basis_of(falls, np.zeros((x, 0)), 10.0**-digits)
+        shape = BasisShape(
+            layout=filtered.layout, poles=tuple(pole.size for pole in basis.poles), integrators=0,
+            channels=k_count, impulse=True, measured=k_count,
+        )  # fmt: skip
+        orders = np.array([pole.order for pole in basis.poles], dtype=np.int64)
+        still = [1.0] + [math.sqrt(record.count)] * shape.constant
+        frame = basis.frame([*still, *sizes], record.first_inputs)
+        empty = triangle((), shape.columns(orders), 1, together)
+        nothing = np.zeros((empty.matrix.shape[-1], k_count))
+        fields = (filtered.model, filtered.torque, filtered.experiment)
+        made = CompressedFilter(*fields, shape, orders, frame, empty, nothing)
+        before_that, share = share, float(np.mean(made.exceeds_bound(parameters, sigmas)))
+        if share <= MAX_BEYOND or share == before_that <= FAR:  # more functions would not help
+            break
+    if share > FAR:
+        raise CompressionError("the bound of what functions leave stays too large")
+    start = np.array(filtered.augmented.initial_state(filtered.experiment.start))
+    first = (loops[0][0], loops[1][0], loops[2][0])
+    left = _innovations(first, record, y, start + before @ loops[1][0, x:])
+    blocks = column_blocks(record, basis, shape, left, before)
+    return dataclasses.replace(
+        made,
+        record=triangle(blocks, shape.columns(orders), 1, together),
+        reference=made.expanded(parameters[:1], sigmas[:1])[2],
+    )
+
+
+def _innovations(
+    loop: Reactions, record: LongRecord, y: Array, start: Array
+) -> Iterator[tuple[Array, Array]]:
+    """Yield inputs and channels `(m, S + K)`, and innovations `(m, K)`, in long numbers.
+
+    `y (T, K)`: what channels are as sources; `start (X,)`.
+    """
+    x, series = len(start), record.layout.n_series
+    predictions, following, columns = (part.astype(Long) for part in loop)
+    fall, state = following[:x].T - np.eye(x, dtype=Long), start.astype(Long)
+    for first in range(0, len(y), PART):
+        seen = y[first : first + PART]
+        inputs = record.inputs(first, first + len(seen) + 1)
+        u = inputs.astype(Long)
+        drive = columns[0] + u[:-1] @ columns[1 : 1 + series] + seen @ following[x:]
+        if record.layout.first_order:
+            drive = drive + np.diff(u, axis=0) @ columns[1 + series :]
+        states = long_states(fall, drive, state)
+        state = states[-1]
+        left = -(states[:-1] @ predictions[:x] + seen @ predictions[x:])
+        yield np.concatenate([inputs[:-1], seen], axis=1), np.asarray(left, dtype=float)
+
+
+def _channel_sources(filtered: KalmanFilter) -> tuple[Array, Array]:
+    """Return channels as sources `(T, K)`, see `turning_angle`, and what they were before `(K,)`."""
+    y, before = filtered.experiment.y, np.zeros(filtered.system.k)
+    if (turning := turning_angle(filtered.system, filtered.layout)) is not None:
+        state, k = turning
+        weights = filtered.output_matrix[:, state]
+        turned = y[:, k] / weights[k]
+        y = y - turned[:, None] * weights
+        y[:-1, k], y[-1, k], before[k] = np.diff(turned), 0.0, turned[0]
+    return y, before
