@@ -90,8 +90,8 @@ WATERLOO = Bench(
         _waterloo("sine_5", "360a4cdc7e58402edb0d454fca9866f5803a4aff78b7d10ea40eb640e5643687"),
     ),
     criteria=(
-        Criterion("m_cart_1 over published", "1", lambda v: v["m_cart_1"] / 0.26634, 2.0, 3.2),
-        Criterion("m_cart_2 over published", "1", lambda v: v["m_cart_2"] / 0.14383, 2.0, 3.2),
+        Criterion("m_cart_1 over published", "1", lambda v: v["m_cart_1"] / 0.26634, 1.5, 3.2),
+        Criterion("m_cart_2 over published", "1", lambda v: v["m_cart_2"] / 0.14383, 1.5, 3.2),
         Criterion(
             "resonance",
             "Hz",
