@@ -101,7 +101,7 @@ WATERLOO = Bench(
         ),
         Criterion("f_c_cart_1", "V", lambda v: v["f_c_cart_1"], 0.2, 0.5),
     ),
-    left=0.10,
+    left=0.20,
 )
 
 TOKYO = Bench(
@@ -165,24 +165,4 @@ EPFL = Bench(
     ),
 )
 
-PADOVA = Bench(
-    name="padova",
-    folder="geared_servo_padova",
-    repository="Zod1s/MatLabUNIPD",
-    commit="37ffd350edc82663c906dff99dd05b9bc5579f26",
-    licence="none stated",
-    published="data sheet: R 2.6 + 0.5 ohm, k_T 7.68 mN m/A, J 3.9e-7 kg m^2",
-    files=(
-        File(
-            "awu_resp.mat",
-            "LabAuto/LabSperimentale3/awu_resp.mat",
-            "068dee9a3fd25fc6e6b16a0d98735a277d845095a8de069069e63b74c0cf27af",
-        ),
-    ),
-    criteria=(
-        Criterion("k_T", "mN m/A", lambda v: 1e3 * v["k_T_motor"], 6.9, 8.5),
-        Criterion("r", "ohm", lambda v: v["r_motor"], 2.3, 3.9),
-    ),
-)
-
-BENCHES = (WATERLOO, TOKYO, EPFL, PADOVA)
+BENCHES = (WATERLOO, TOKYO, EPFL)

@@ -63,7 +63,9 @@ def test_a_bench_without_data_is_skipped_in_one_line(capsys: pytest.CaptureFixtu
     assert capsys.readouterr().out.count("\n") == 1
 
 
-@pytest.mark.skipif(bool(WATERLOO.absent), reason="its data are not there")
-def test_two_carts_are_found() -> None:
-    line, passed = real.run(WATERLOO)
+@pytest.mark.slow
+@pytest.mark.skipif(bool(EPFL.absent), reason="its data are not there")
+def test_two_resonances_are_found() -> None:
+    """The quickest of the benches, against what its group read."""
+    line, passed = real.run(EPFL)
     assert passed, line
