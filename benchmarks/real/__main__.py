@@ -90,7 +90,7 @@ def run(bench: Bench, *, figure: bool = False) -> tuple[str, bool]:
     return f"{bench.name}: {verdict}, {time.perf_counter() - began:.0f} s; {told}", passed
 
 
-def told(benches: Sequence[Bench], *, fetch: bool, figures: bool) -> int:
+def run_each(benches: Sequence[Bench], *, fetch: bool, figures: bool) -> int:
     """Run benches, print a line of each, and return how many fail."""
     failed = 0
     for bench in benches:
@@ -116,7 +116,7 @@ def main(given: Sequence[str] | None = None) -> int:
         for bench in benches:
             print(f"{bench.name:10} licence: {bench.licence}; published: {bench.published}")
         return 0
-    return 1 if told(benches, fetch=options.fetch, figures=options.figures) else 0
+    return 1 if run_each(benches, fetch=options.fetch, figures=options.figures) else 0
 
 
 if __name__ == "__main__":

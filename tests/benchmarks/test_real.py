@@ -59,7 +59,7 @@ def test_a_bench_that_is_no_bench_is_refused() -> None:
 def test_a_bench_without_data_is_skipped_in_one_line(capsys: pytest.CaptureFixture[str]) -> None:
     absent = dataclasses.replace(WATERLOO, folder="nowhere")
     assert absent.absent == absent.files
-    assert real.told([absent], fetch=False, figures=False) == 0
+    assert real.run_each([absent], fetch=False, figures=False) == 0
     assert capsys.readouterr().out.count("\n") == 1
 
 
