@@ -306,9 +306,9 @@ class CandidateModels:
         rungs = []
         for k in range(count):
             data = copy.deepcopy(given.data)
-            sections = [*(data.get(experiments.EXPERIMENTS) or {}).values()] or [data]
-            for section, seen in zip(sections, self.job.problem.observations, strict=True):
-                t = seen.experiment.t
+            several = data.get(experiments.EXPERIMENTS)
+            for seen in self.job.problem.observations:  # what is held out stays as it is
+                section, t = several[seen.label] if several else data, seen.experiment.t
                 ends = t[0] + (t[-1] - t[0]) * np.array([k, k + 1]) / count
                 section["record"] = {**section.get("record", {}), "window": ends.tolist()}
                 section["initial"] = "free"

@@ -131,6 +131,16 @@ def test_channels_of_experiments_are_changed_too(tmp_path: Path) -> None:
     assert {"s_d", "tau_d"} <= set(names)
 
 
+def test_windows_leave_what_is_held_out_as_it_is(tmp_path: Path) -> None:
+    """Kills: experiments that are told by their place, so that one held out stops the ranking."""
+    text = "experiments:\n  away: {held_out: true}\n  one: {}\ninputs:"
+    first, second = ladder(tmp_path, ("inputs:", text)).windows(2)
+    for half in (first, second):
+        assert half.source.data["experiments"]["away"] == {"held_out": True}
+    ends = [half.source.data["experiments"]["one"]["record"]["window"] for half in (first, second)]
+    assert ends[0][1] == ends[1][0] > ends[0][0]
+
+
 def test_a_memory_goes_with_the_size_of_its_noise(tmp_path: Path) -> None:
     """Mutant killed: a memory of its own in each experiment, of noise that they share."""
     free = "sigma: {prior: log_uniform, low: 0.01, high: 1}"

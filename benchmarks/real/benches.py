@@ -1,0 +1,168 @@
+"""The benches: their files, what was published of them, and what a run has to find."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+HERE = Path(__file__).parent
+DATA = HERE / "data"  # no part of the repository
+
+Values = Mapping[str, float]
+
+
+@dataclass(frozen=True, slots=True)
+class File:
+    """A file below the folder of its bench: its path in the repository, and its SHA-256."""
+
+    name: str
+    path: str
+    digest: str
+
+
+@dataclass(frozen=True, slots=True)
+class Criterion:
+    """A figure of the maximum, and the range in which it has to be."""
+
+    name: str
+    unit: str
+    figure: Callable[[Values], float]
+    low: float
+    high: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Bench:
+    """A rig, its config, and its files at a `commit` of a `repository` on GitHub.
+
+    `left`: the largest share of its spread that may be left of a channel that is `fitted`.
+    """
+
+    name: str
+    folder: str
+    repository: str
+    commit: str
+    licence: str
+    published: str
+    files: tuple[File, ...]
+    criteria: tuple[Criterion, ...]
+    left: float = math.inf
+
+    @property
+    def config(self) -> Path:
+        return HERE / f"{self.name}.yaml"
+
+    def place(self, file: File) -> Path:
+        return DATA / self.folder / file.name
+
+    def address(self, file: File) -> str:
+        path = file.path.replace(" ", "%20")
+        return f"https://raw.githubusercontent.com/{self.repository}/{self.commit}/{path}"
+
+    @property
+    def absent(self) -> tuple[File, ...]:
+        return tuple(file for file in self.files if not self.place(file).exists())
+
+
+def _hertz(square: float) -> float:
+    return math.sqrt(square) / (2 * math.pi)
+
+
+def _waterloo(name: str, digest: str) -> File:
+    file = f"velocity_response_{name}.mat"
+    return File(file, f"Project3/Lab3 360 Data/{file}", digest)
+
+
+WATERLOO = Bench(
+    name="waterloo",
+    folder="flexible_drive_waterloo_2022",
+    repository="ParthSareen/controls-projects",
+    commit="51934eb6e6193edb53b850cc2abc5a2e0ab28ef5",
+    licence="none stated",
+    published="m 0.266 and 0.144, k 35.1, Coulomb 0.593 and 0.059, over k_F/r",
+    files=(
+        _waterloo("2", "267a01177dad6c92e6104b193792337076fa76e7674c9d992cf0a25b775d2828"),
+        _waterloo("1_5", "d2abdc1b1463e544d0113768038c1b27dfb2be28ce3a9bf368d285a8f485ee6d"),
+        _waterloo("sine_1", "f1b58485518d7ba898fa839326d5d8483f4fb037dce259eaa6a70c30d1a82323"),
+        _waterloo("sine_3", "f4b74148cdc1eea8b7ec7386a8499739d6ee65d09a6fb92a592688957ed54eab"),
+        _waterloo("sine_5", "360a4cdc7e58402edb0d454fca9866f5803a4aff78b7d10ea40eb640e5643687"),
+    ),
+    criteria=(
+        Criterion("m_cart_1 over published", "1", lambda v: v["m_cart_1"] / 0.26634, 1.5, 3.2),
+        Criterion("m_cart_2 over published", "1", lambda v: v["m_cart_2"] / 0.14383, 1.5, 3.2),
+        Criterion(
+            "resonance",
+            "Hz",
+            lambda v: _hertz(v["k_spring"] * (1 / v["m_cart_1"] + 1 / v["m_cart_2"])),
+            2.7,
+            3.1,
+        ),
+        Criterion("f_c_cart_1", "V", lambda v: v["f_c_cart_1"], 0.2, 0.5),
+    ),
+    left=0.20,
+)
+
+TOKYO = Bench(
+    name="tokyo",
+    folder="two_inertia_bench_tokyo",
+    repository="WataruOhnishi/FdiTools",
+    commit="760b945947491d93917557a145e8637fa209c7d8",
+    licence="MIT",
+    published="nothing; a fit of frequency responses: ratio 0.99, 54.0 and 76.3 Hz",
+    files=(
+        File(
+            "MultisineTypeA.mat",
+            "Examples/private/MultisineTypeA.mat",
+            "a15dadc2e756ceddd927935f9c4c547cdcaef95c8611fc39087c848b3a8acb26",
+        ),
+    ),
+    # Lines weighted by their size in speed, as long memory weights them, ask of the same two inertias
+    # 0.968, 54.4 and 76.4 Hz, a delay of 0.16 ms; weighted alike 1.005, 53.8, 76.2, 0.11 ms.
+    criteria=(
+        Criterion("j_load/j_motor", "1", lambda v: v["j_load"] / v["j_motor"], 0.95, 1.02),
+        Criterion(
+            "antiresonance", "Hz", lambda v: _hertz(v["k_coupling"] / v["j_load"]), 53.5, 54.6
+        ),
+        Criterion(
+            "resonance",
+            "Hz",
+            lambda v: _hertz(v["k_coupling"] * (1 / v["j_load"] + 1 / v["j_motor"])),
+            76.0,
+            76.6,
+        ),
+        Criterion("delay", "ms", lambda v: 1e3 * v["t_0"], 0.05, 0.2),
+    ),
+)
+
+
+def _modes(values: Values) -> tuple[float, float]:
+    """The squares of the two frequencies of a free chain of j, j and r j on two equal shafts."""
+    k, r = values["k_shaft_1"] / values["j_disc_1"], values["r"]
+    middle, product = k * (3 + 1 / r) / 2, k**2 * (1 + 2 / r)
+    half = math.sqrt(middle**2 - product)
+    return middle - half, middle + half
+
+
+EPFL = Bench(
+    name="epfl",
+    folder="three_disc_epfl",
+    repository="cartacamilla/SystemIdentification",
+    commit="55d53b89baec2f73c4bc8f014d20b247351fc327",
+    licence="none stated",
+    published="resonances at 14.1 and 26.6 rad/s",
+    files=(
+        File(
+            "FPdata.mat",
+            "FPdata.mat",
+            "71f667cd54d4efe0e0cb6a0e18d9f5704c02fd176679d0b8dd03239c54359d01",
+        ),
+    ),
+    criteria=(
+        Criterion("low resonance", "rad/s", lambda v: math.sqrt(_modes(v)[0]), 13.8, 14.4),
+        Criterion("high resonance", "rad/s", lambda v: math.sqrt(_modes(v)[1]), 26.1, 27.1),
+    ),
+)
+
+BENCHES = (WATERLOO, TOKYO, EPFL)

@@ -1,0 +1,71 @@
+"""Configs of rigs that others measured are sound without their data, and the table is consistent."""
+
+from __future__ import annotations
+
+import dataclasses
+import re
+
+import numpy as np
+import pytest
+
+from bayesdrill.config import loading
+from benchmarks.real import __main__ as real
+from benchmarks.real.benches import BENCHES, EPFL, WATERLOO, Bench, File
+
+NAMES = [bench.name for bench in BENCHES]
+
+
+@pytest.mark.parametrize("bench", BENCHES, ids=NAMES)
+def test_a_config_is_valid_without_its_data(bench: Bench) -> None:
+    """Kills: a config whose symbols are not those of its rig, or whose files are others."""
+    case = loading.load(bench.config)
+    assert case.config.name == bench.name
+    named = set(re.findall(r"file: (data/[\w./]+)", bench.config.read_text(encoding="utf-8")))
+    assert named == {f"data/{bench.folder}/{file.name}" for file in bench.files}
+
+
+@pytest.mark.parametrize("bench", BENCHES, ids=NAMES)
+def test_each_file_has_an_address_and_a_digest(bench: Bench) -> None:
+    assert re.fullmatch(r"[0-9a-f]{40}", bench.commit)
+    assert len({file.name for file in bench.files}) == len(bench.files) > 0
+    for file in bench.files:
+        assert re.fullmatch(r"[0-9a-f]{64}", file.digest)
+        assert " " not in bench.address(file)
+        assert bench.address(file).endswith(file.path.replace(" ", "%20"))
+    assert all(criterion.low < criterion.high for criterion in bench.criteria)
+
+
+def test_the_frequencies_of_three_discs_are_those_of_their_matrix() -> None:
+    """Believes the eigenvalues of the stiffness over the inertias."""
+    k, j, r = 7.5, 0.03, 1.6
+    stiffness = k * np.array([[1, -1, 0], [-1, 2, -1], [0, -1, 1]])
+    squares = np.linalg.eigvals(stiffness / (j * np.array([1, 1, r]))[:, None]).real
+    expected = np.sqrt(np.sort(squares)[1:])
+    values = {"k_shaft_1": k, "j_disc_1": j, "r": r}
+    assert [c.figure(values) for c in EPFL.criteria] == pytest.approx(expected)
+
+
+def test_another_file_is_refused() -> None:
+    """Kills: a download that is believed without a look at it."""
+    with pytest.raises(ValueError, match="is not the file"):
+        real.checked(b"other", File("file.mat", "file.mat", "0" * 64))
+
+
+def test_a_bench_that_is_no_bench_is_refused() -> None:
+    with pytest.raises(ValueError, match="no bench is called nothing"):
+        real.chosen(["nothing"])
+
+
+def test_a_bench_without_data_is_skipped_in_one_line(capsys: pytest.CaptureFixture[str]) -> None:
+    absent = dataclasses.replace(WATERLOO, folder="nowhere")
+    assert absent.absent == absent.files
+    assert real.run_each([absent], fetch=False, figures=False) == 0
+    assert capsys.readouterr().out.count("\n") == 1
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(bool(EPFL.absent), reason="its data are not there")
+def test_two_resonances_are_found() -> None:
+    """The quickest of the benches, against what its group read."""
+    line, passed = real.run(EPFL)
+    assert passed, line
