@@ -58,7 +58,7 @@ def test_the_model_s_is_what_a_sine_leaves(first_order: bool) -> None:
     rng, theta = np.random.default_rng(1), np.array([NOMINAL["k_s"]])
     series = {"v": rng.standard_normal(N), "t_1": 0.1 * rng.standard_normal(N)}
     found = frequency_responses(target(series, first_order=first_order), theta)
-    assert [(one.channel.name, one.input) for one in found] == [
+    assert [(one.channel.name, one.input.name) for one in found] == [
         (channel, name) for channel in MEASURES for name in series
     ]
     t = DT * np.arange(N)
@@ -73,7 +73,7 @@ def test_the_model_s_is_what_a_sine_leaves(first_order: bool) -> None:
             parts = np.stack([np.sin(phase), np.cos(phase), *fading], axis=-1)[N // 2 :]
             sine, cosine = np.linalg.lstsq(parts, signals[N // 2 :], rcond=None)[0][:2]
             for k, channel in enumerate(MEASURES):
-                one = next(x for x in found if (x.channel.name, x.input) == (channel, name))
+                one = next(x for x in found if (x.channel.name, x.input.name) == (channel, name))
                 at = np.abs(one.frequencies - rate).argmin()
                 assert one.frequencies[at] == pytest.approx(rate)
                 assert one.modelled[at] == pytest.approx(sine[k] + 1j * cosine[k], rel=0.01)
@@ -112,7 +112,7 @@ def test_what_is_measured_is_the_rig_s_whatever_the_model_is() -> None:
         truth = frequency_responses(*driven(NOMINAL["k_s"], seed))
         wrong = frequency_responses(*driven(1.1 * NOMINAL["k_s"], seed))
         for one, other in zip(wrong, truth, strict=True):
-            name = (one.channel.name, one.input)
+            name = (one.channel.name, one.input.name)
             right.setdefault(name, []).append(off(other, other))
             bad.setdefault(name, []).append(off(one, other))
     for every in (right, bad):

@@ -74,7 +74,7 @@ def test_heads_in_several_languages() -> None:
 
 def test_a_unit_of_no_turn_is_strange() -> None:
     assert parse_head("theta_1 [counts]").unknown_unit == "counts"
-    assert parse_head("position [mm]").unknown_unit == "mm"
+    assert parse_head("position [mm]").kind == "position"  # of what moves along a line
     assert parse_head("w [rpm]", "ignored").unit == "rpm"
     assert parse_head("w", "[rpm]").unit == "rpm"
 

@@ -183,11 +183,14 @@ class _Parts:
         for name, moved in ((shaft.stiffness, "angle"), (shaft.damping, "speed")):
             if not self._has(name):
                 continue
+            values: dict[float, Any] = {}  # one division serves both ends
             for end, sign in ((near, -1.0), (far, 1.0)):
                 if end is not None:
                     column = end.angle if moved == "angle" else end.speed
-                    times = sign * factor / end.reduction
-                    yield near.speed, column, _times(times, p[name]) / total
+                    times = factor / end.reduction
+                    if times not in values:
+                        values[times] = _times(times, p[name]) / total
+                    yield near.speed, column, _times(sign, values[times])
 
     def _of_motor(self, motor: MotorRoles, p: Named, totals: Named) -> Iterator[Entry]:
         model = self.model
