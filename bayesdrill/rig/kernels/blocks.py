@@ -101,14 +101,14 @@ def _emit_response(
     weights = b.read_row(b.gep(mine, [I64(size)]), each)
     constants = Constants(b, shape.layout, block)
     w = _Group(b, Matrices(module, shape.columns), shape, constants, mine, width)
-    one, other, z, shown = w.parts(scratch)
-    w.begin(one, other, z)
-    w.fill(one, other)
+    front, back, z, shown = w.parts(scratch)
+    w.begin(front, back, z)
+    w.fill(front, back)
     start = tally.initial(k_count) if tally is not None else []
     stretches = Loop(b, _parts(b, n_samples, SAMPLES * STEPS), start, "stretches")
     first = b.mul(stretches.index, I64(SAMPLES * STEPS))
     here = _least(b, b.sub(n_samples, first), I64(SAMPLES * STEPS))
-    w.step(first, here, (u, n_samples), (one, other)[DOUBLINGS % 2], z, shown)
+    w.step(first, here, (u, n_samples), (front, back)[DOUBLINGS % 2], z, shown)
     samples = Loop(b, here, stretches.carried, "samples")
     totals, sample = samples.carried, b.add(first, samples.index)
     values = w.channels(shown, samples.index)
@@ -143,8 +143,8 @@ def _add_sample(
     return added
 
 
-def _least(b: Builder, value: ir.Value, other: ir.Value) -> ir.Value:
-    return b.select(b.icmp_signed("<", value, other), value, other)
+def _least(b: Builder, value: ir.Value, back: ir.Value) -> ir.Value:
+    return b.select(b.icmp_signed("<", value, back), value, back)
 
 
 def _parts(b: Builder, count: ir.Value, length: int) -> ir.Value:
@@ -182,7 +182,7 @@ class _Group:
         b, sizes = self.b, self.shape.walker
         return tuple(addresses(b, self.mine, I64(n), sizes)[name] for n in range(self.width))
 
-    def begin(self, one: Block, other: Block, z: Block) -> None:
+    def begin(self, front: Block, back: Block, z: Block) -> None:
         """Store z at the first sample."""
         b, shape = self.b, self.shape
         for base, start in zip(z, self._numbers("start"), strict=True):
@@ -190,9 +190,9 @@ class _Group:
             b.copy(start, base, shape.layout.n_states)
         b.write(vector(1.0), z[0], shape.layout.n_states)
         if shape.layout.lead:
-            self._exponential(one, other, lead=True)
-            self.matrices.multiply(b, other, z, one, (1, shape.head, shape.head))
-            self._move(other, z, shape.head)
+            self._exponential(front, back, lead=True)
+            self.matrices.multiply(b, back, z, front, (1, shape.head, shape.head))
+            self._move(back, z, shape.head)
 
     def _move(self, source: Block, target: Block, count: int) -> None:
         for old, new in zip(source, target, strict=True):
@@ -245,11 +245,11 @@ class _Group:
         b.write(self.constants.span(lead=lead).value, span, 0)
         b.call(function, [self.mine, self.constants.inputs, span, *e, *spare])
 
-    def fill(self, one: Block, other: Block) -> None:
+    def fill(self, front: Block, back: Block) -> None:
         """Store B at one of two places, the second where `DOUBLINGS` are odd."""
         b, shape = self.b, self.shape
-        self._exponential(one, other, lead=False)
-        for base, rows in zip(one, self._numbers("rows"), strict=True):
+        self._exponential(front, back, lead=False)
+        for base, rows in zip(front, self._numbers("rows"), strict=True):
             every = Loop(b, I64(shape.layout.size), [], "every")
             row = b.gep(b.offset(base, every.index, shape.columns), [I64(shape.head)])
             b.write_row([vector(0.0)] * shape.channels, row)
@@ -260,8 +260,8 @@ class _Group:
             b.write_row((b.read(weights, k * shape.head) for k in range(shape.channels)), row)
             every.close([])
         for doubling in range(DOUBLINGS):
-            self._double(2**doubling, one, other)
-            one, other = other, one
+            self._double(2**doubling, front, back)
+            front, back = back, front
 
     def _double(self, m: int, source: Block, target: Block) -> None:
         """Store B of 2 m samples from that of m.

@@ -65,15 +65,15 @@ class _Reactions:
 
     def __init__(self, w: SteadyFilter) -> None:
         self._w, n, k_count = w, w.system.n, w.system.k
-        self._zero, one = (Vector(w.m.b, vector(value)) for value in (0.0, 1.0))
+        self._zero, unity = (Vector(w.m.b, vector(value)) for value in (0.0, 1.0))
         self._phi = [[self.entry(i, j) for j in range(n)] for i in range(n)]
-        units = plus([[self._zero] * n for _ in range(n)], one)
+        units = plus([[self._zero] * n for _ in range(n)], unity)
         self.states = [self._onward(unit, 0) for unit in units]
         # A channel shows itself, and moves what is predicted of those after it.
         self.channels = []
         for k in range(k_count):
             predictions, following = self._onward(w.gains.gain(k), k + 1)
-            self.channels.append(([self._zero] * k + [-one, *predictions], following))
+            self.channels.append(([self._zero] * k + [-unity, *predictions], following))
         if (turning := turning_angle(w.system, w.layout)) is not None:
             backwards = [-number for number in units[turning[0]]]
             self.channels[turning[1]] = ([self._zero] * k_count, backwards)
@@ -168,9 +168,9 @@ def _expand(
         expansion.shape.states,
         expansion.shape.layout,
     )
-    one, zero = (Vector(b, vector(value)) for value in (1.0, 0.0))
+    unity, zero = (Vector(b, vector(value)) for value in (1.0, 0.0))
     rows = _turned([shows for shows, _ in by.states])
-    fall = plus(_turned([following for _, following in by.states]), -one)
+    fall = plus(_turned([following for _, following in by.states]), -unity)
     expansion.begin(fall, rows)
     held = [by.column(n + 1 + s) for s in range(layout.n_series)]
     rises = [by.column(n + 1 + layout.n_series + s) for s in range(layout.n_series)]
