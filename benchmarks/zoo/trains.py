@@ -156,7 +156,7 @@ def _rotary() -> tuple[Row, ...]:
                 },
                 held=("j_disc",),
             ),
-            made=Driven(duration=19.98, rate=100, series={"w_top": Chirp(2.0, 0.2, 5.0)}),
+            made=Driven(duration=19.98, rate=100, series={"theta_top": Chirp(0.5, 0.2, 5.0)}),
         ),
     )
 
