@@ -239,8 +239,8 @@ _NAMES = {**STATES, "v": ("voltage", ""), "t_1": ("torque", ROTOR), "t_m": ("tor
 
 
 # Of a train, by what is measured, and of which part.
-TRAIN_SYMBOL = re.compile(r"(theta|w|x|v|i|u|t|f)_([A-Za-z][A-Za-z0-9_]{0,29})")
-_KIND_OF_LETTER = {
+_TRAIN_SYMBOL = re.compile(r"(theta|w|x|v|i|u|t|f)_([A-Za-z][A-Za-z0-9_]{0,29})")
+KIND_OF_LETTER = {
     "theta": "angle",
     "w": "speed",
     "x": "position",
@@ -250,6 +250,11 @@ _KIND_OF_LETTER = {
     "t": "torque",
     "f": "force",
 }
+
+
+def train_symbol(text: str) -> re.Match[str] | None:
+    """Match a symbol of a train: its letter, and its part; None for one of the other rigs."""
+    return None if text in _NAMES else _TRAIN_SYMBOL.fullmatch(text)
 
 
 @dataclass(frozen=True, slots=True)
@@ -274,9 +279,9 @@ def named_column(text: str, files: Collection[str]) -> NamedColumn:
     what, backwards = what.strip().removeprefix("-"), what.strip().startswith("-")
     meaning, other_kind = parse_head(what), False
     base = _split_unit(what)[0]
-    train = None if base in _NAMES else TRAIN_SYMBOL.fullmatch(base)
+    train = train_symbol(base)
     if base in _NAMES or train:
-        kind, location = (_KIND_OF_LETTER[train[1]], "") if train else _NAMES[base]
+        kind, location = (KIND_OF_LETTER[train[1]], "") if train else _NAMES[base]
         other_kind = meaning.unit != "" and kind_of(meaning.unit) != kind
         meaning = dataclasses.replace(meaning, kind=kind, location=location, symbol=base)
     if match is None or meaning.unknown_unit or other_kind or not meaning.kind:

@@ -236,6 +236,8 @@ def input_lines(context: DraftContext) -> list[str]:
     house = [name for name in HOUSE_INPUTS if name in context.lead.roles.rig.inputs]
     for name in house if context.lead.roles.train is None else context.lead.roles.rig.inputs:
         lines += _voltage(context) if name == "v" else _input(context, name)
+    if len(lines) == 1:  # nothing drives it
+        return ["inputs: {}"]
     starts = context.starts.values()
     if not context.measured and any(start.moving for start in starts):
         return lines  # a constant voltage was there before, and there is no moment of a step

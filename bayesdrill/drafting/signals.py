@@ -447,7 +447,7 @@ def _why_unusable(column: FileColumn, rows: slice) -> str:
             kind == "time",
             "is a time, but another column is the time already, or it does not increase",
         ),
-        (kind == "force", "is a force, which the rig does not have"),
+        (kind == "force" and not meaning.symbol, "is a force, which the rig does not have"),
         (meaning.reference and kind != "voltage", "is a set point, not a measurement"),
         (same and kind != "voltage", f"is {next(iter(numbers), 0.0):g} in every row"),
     )

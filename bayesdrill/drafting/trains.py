@@ -13,17 +13,16 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from bayesdrill.drafting.columns import GEARBOX, MOTOR, ROTOR, TRAIN_SYMBOL
+from bayesdrill.drafting.columns import GEARBOX, KIND_OF_LETTER, MOTOR, ROTOR, train_symbol
 from bayesdrill.drafting.roles import DraftChannel, SensorRoles, mark_differenced
 from bayesdrill.drafting.signals import Sensor
 from bayesdrill.rig.models.linear import Model, with_named
 from bayesdrill.rig.models.train import Train
 
 Ends = tuple[float, float]
-ANGLES = {"angle": "theta", "position": "x"}  # letters of symbols by kinds
-SPEEDS = {"speed": "w", "velocity": "v"}
-DRIVES = {"current": ("i", "current"), "voltage": ("u", "voltage")}
-DRIVES |= {"torque": ("t", "torque"), "force": ("f", "torque")}
+LETTERS = {kind: letter for letter, kind in KIND_OF_LETTER.items()}
+ANGLES, SPEEDS = ("angle", "position"), ("speed", "velocity")
+DRIVES = {kind: kind for kind in ("current", "voltage", "torque")} | {"force": "torque"}
 LOCATIONS = {MOTOR: "motor", GEARBOX: "gearbox", ROTOR: "load"}
 
 
@@ -37,18 +36,18 @@ def is_train(sensors: Sequence[Sensor], rig: Model) -> bool:
 
 
 def _symbol(sensor: Sensor) -> re.Match[str] | None:
-    return TRAIN_SYMBOL.fullmatch(sensor.column.meaning.symbol)
+    return train_symbol(sensor.column.meaning.symbol)
 
 
 def assign_train(sensors: Sequence[Sensor], dt: float) -> SensorRoles:
     """Assign sensors to the channels and inputs of a train that they describe."""
-    moving = [sensor for sensor in sensors if sensor.kind in {**ANGLES, **SPEEDS}]
+    moving = [sensor for sensor in sensors if sensor.kind in (*ANGLES, *SPEEDS)]
     names = _names(moving)
     inertias = [*dict.fromkeys(names[id(sensor)] for sensor in moving)]
     left_out: dict[str, str] = {}
     channels: dict[str, DraftChannel] = {}
     for sensor in moving:
-        name = f"{(ANGLES | SPEEDS)[sensor.kind]}_{names[id(sensor)]}"
+        name = f"{LETTERS[sensor.kind]}_{names[id(sensor)]}"
         measures = f"-{name}" if sensor.column.meaning.backwards else ""
         if name in channels:
             left_out[sensor.name] = (
@@ -111,7 +110,7 @@ def _inputs(
     order = [*DRIVES]
     driving = [sensor for sensor in sensors if sensor.kind in DRIVES]
     for sensor in sorted(driving, key=lambda s: (s.kind == "current", order.index(s.kind))):
-        letter, kind = DRIVES[sensor.kind]
+        letter, kind = LETTERS[sensor.kind], DRIVES[sensor.kind]
         match = _symbol(sensor)
         at = match[2] if match else inertias[0] if inertias else "inertia_1"
         if match is None and sensor.column.meaning.reference:

@@ -170,3 +170,50 @@ def test_a_rig_that_nothing_drives_begins_in_an_unknown_state(tmp_path: Path) ->
     assert found["record"]["window"][0] == pytest.approx(0.1, abs=0.02)
     assert "t_0" not in found["inputs"]
     accepted(path.with_suffix(".yaml"))
+
+
+def bench(path: Path) -> Path:
+    """Two inertias that a current drives; the load counts backwards."""
+    t, u, x = both_ways()
+    columns = {"a": t, "b": u, "c": x[:, 1], "d": -x[:, 0]}
+    return written(path / "bench.csv", columns)
+
+
+def test_columns_with_the_symbols_of_a_train_make_one(tmp_path: Path) -> None:
+    """Mutants killed: inertias in another order, a sign that is lost, a scale that is left free."""
+    columns = ["a=t [s]", "b=i_motor [A]", "c=theta_motor [rad]", "d=-theta_load [rad]"]
+    found = made(bench(tmp_path), columns=columns)
+    assert found["model"] == {
+        "name": "train",
+        "inertias": ["motor", "load"],
+        "shafts": {"shaft": ["motor", "load"]},
+        "drives": {"motor": "current"},
+    }
+    assert told(found) == {"theta_motor": ("c", "rad"), "theta_load": ("d", "rad")}
+    assert found["record"]["channels"]["theta_load"]["measures"] == "-theta_load"
+    assert found["inputs"]["i_motor"]["column"] == "b"
+    assert found["parameters"]["k_T_motor"] == 1.0
+    assert found["initial"] == "free"
+    accepted(tmp_path / "bench.yaml")
+
+
+def test_positions_make_a_train_along_a_line(tmp_path: Path) -> None:
+    columns = ["a=t [s]", "b=f_cart [N]", "c=x_cart [mm]", "d=v_end [mm/s]"]
+    found = made(bench(tmp_path), columns=columns)
+    assert found["model"]["motion"] == "linear"
+    assert found["model"]["drives"] == {"cart": "torque"}
+    assert found["inputs"]["f_cart"]["unit"] == "N"
+    assert {"m_cart", "m_end", "k_shaft", "c_cart"} <= {*found["parameters"]}
+    accepted(tmp_path / "bench.yaml")
+
+
+def test_a_train_that_nothing_drives_has_no_inputs(tmp_path: Path) -> None:
+    found = made(bench(tmp_path), columns=["a=t [s]", "c=theta_arm [rad]"])
+    assert found["model"] == {"name": "train", "inertias": ["arm"]}
+    assert found["inputs"] == {}
+    accepted(tmp_path / "bench.yaml")
+
+
+def test_a_symbol_of_another_rig_is_none_of_a_train(tmp_path: Path) -> None:
+    columns = ["a=t [s]", "b=t_m [N*m]", "c=theta_2 [rad]"]
+    assert made(bench(tmp_path), rig="motor", columns=columns)["model"]["name"] == "motor"
