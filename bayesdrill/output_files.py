@@ -299,6 +299,15 @@ def refuse_other_than_file(path: Path) -> None:
         raise InputError.at(str(path), message)
 
 
+def refuse_existing(path: Path, *, force: bool) -> None:
+    """Raises `InputError` where a file is, unless by `force`, or where none can be made."""
+    if path.exists() and not force:
+        raise InputError.at(str(path), "exists already; give --force or another --output")
+    if not path.parent.is_dir():
+        raise InputError.at(str(path.parent), "this folder does not exist; make it first")
+    refuse_unwritable(path.parent)
+
+
 def refuse_unwritable(folder: Path, below: Iterable[str] = ()) -> None:
     """Raises `InputError` where no file can be made in `folder`, or in those `below` that are there.
 

@@ -189,7 +189,7 @@ class RigParts:
     about: Mapping[str, str]
 
     @classmethod
-    def of(cls, roles: Roles) -> RigParts:
+    def from_roles(cls, roles: Roles) -> RigParts:
         """Return the parts; where friction acts at two places, `friction_both` is another."""
         each = {lack.name: lack for lack in edits.lacks(roles)}
         rubs = [i for i in roles.inertias if f"friction_{i.name}" in each]
@@ -272,7 +272,7 @@ class CandidateModels:
     @property
     def parts(self) -> RigParts:
         """The parts that candidates may have."""
-        return RigParts.of(self.job.problem.model.roles)
+        return RigParts.from_roles(self.job.problem.model.roles)
 
     def rungs(self, every: Iterable[tuple[str, ...]]) -> list[CandidateModel]:
         """Those with these parts, where there is such a thing to try."""

@@ -269,16 +269,6 @@ def verify(folder: str | Path) -> Verified:
     return verifying.verify(Path(folder).expanduser())
 
 
-def _check_new_file(target: Path, *, force: bool) -> None:
-    """Refuse to write where something is, or where nothing can be written; raises `InputError`."""
-    output_files.refuse_other_than_file(target)
-    if target.exists() and not force:
-        raise InputError.at(str(target), "exists already; give --force or another --output")
-    if not target.parent.is_dir():
-        raise InputError.at(str(target.parent), "this folder does not exist; make it first")
-    output_files.refuse_unwritable(target.parent)
-
-
 @check_arguments
 def export(
     folder: str | Path,
@@ -306,7 +296,8 @@ def export(
     count = arguments.whole("draws", draws, 2)
     target = None if output is None else Path(output).expanduser()
     if target is not None:
-        _check_new_file(target, force=force)
+        output_files.refuse_other_than_file(target)
+        output_files.refuse_existing(target, force=force)
     run = pipeline.read_result(Path(folder).expanduser())
     rng = np.random.default_rng(seed)
     text = write(exporting.simulator_model(run, count, rng))

@@ -309,11 +309,7 @@ def check_draft_path(path: Path, records: Sequence[Path], *, force: bool) -> Non
         kind = "a record" if is_record else "not the name of a config"
         message = f"cannot be written: it is {kind}. Give an --output that ends in .yaml"
         raise InputError.at(str(path), message)
-    if path.exists() and not force:
-        raise InputError.at(str(path), "exists already; give --force or another --output")
-    if not path.parent.is_dir():
-        raise InputError.at(str(path.parent), "this folder does not exist; make it first")
-    output_files.refuse_unwritable(path.parent)
+    output_files.refuse_existing(path, force=force)
 
 
 def _start(record: RecordFile, voltage: float | None) -> StartGuess:

@@ -150,16 +150,16 @@ class _Powers:
             row[self.places[name]] = 1.0
         return row
 
-    def _motion(self, name: str, of: str) -> Array:
+    def _motion(self, name: str, kind: str) -> Array:
         """Return the row of the `angle` or `speed` of an inertia itself; zeros for the ground."""
         if name == GROUND:
             return self._row("")
         inertia = self.roles.inertia(name)
-        state = inertia.angle if of == "angle" else inertia.speed
+        state = inertia.angle if kind == "angle" else inertia.speed
         return self._row(state) / inertia.reduction
 
-    def _twist(self, shaft: ShaftRoles, of: str) -> Array:
-        return np.asarray(self._motion(shaft.ends[0], of) - self._motion(shaft.ends[1], of))
+    def _twist(self, shaft: ShaftRoles, kind: str) -> Array:
+        return np.asarray(self._motion(shaft.ends[0], kind) - self._motion(shaft.ends[1], kind))
 
     def _current(self, motor: MotorRoles) -> Array:
         """Return the row of a current; where no inductance delays it, by Ohm's law."""

@@ -22,8 +22,6 @@ from bayesdrill.rig.models.linear import Model
 from bayesdrill.rig.models.roles import GROUND, InertiaRoles
 from bayesdrill.tasks.conclusions import SampledRun
 
-DEFAULT_DRAWS = 100
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ExportedNumber:
@@ -78,7 +76,7 @@ def simulator_model(run: SampledRun, draws: int, rng: np.random.Generator) -> Si
     theta = np.vstack([posterior.space.vector(run.mode.values), chain[np.sort(rows)]])
     parameters = posterior.likelihood.rig_parameters(theta)
     p = dict(zip(model.parameters, parameters.T, strict=True))
-    moving = _moving(model, p)
+    moving = model.roles.moving(model.states, model.parameters)
     if not moving:
         message = f"the rig {model.name} does not say what its inertias are (`roles`)"
         raise InputError.at(str(run.job.config.name), f"{message}; nothing can be exported")
@@ -103,15 +101,6 @@ def simulator_model(run: SampledRun, draws: int, rng: np.random.Generator) -> Si
 
 Values = Mapping[str, Array]
 Parts = Iterator[tuple[str, str, str, Array]]  # part, name, unit, values
-
-
-def _moving(model: Model, p: Values) -> dict[str, list[InertiaRoles]]:
-    """Return the inertias that turn with each speed."""
-    moving: dict[str, list[InertiaRoles]] = {}
-    for inertia in model.roles.inertias:
-        if inertia.inertia in p and inertia.speed in model.states:
-            moving.setdefault(inertia.speed, []).append(inertia)
-    return moving
 
 
 def _of_joints(

@@ -17,7 +17,7 @@ from bayesdrill.config.schema.config import Config
 from bayesdrill.rig import MotorShaft
 from bayesdrill.selection import CandidateModel, CandidateModels
 
-PARTS = selection.RigParts.of(MotorShaft().roles)
+PARTS = selection.RigParts.from_roles(MotorShaft().roles)
 TORQUES = {*PARTS.torques} if selection.MISSING in Config.model_fields else set()
 OFFERED = {name for name, needs in PARTS.physics.items() if {*needs} <= {*MotorShaft.offers}}
 ALL = {"unknown_noise", "ar1", *OFFERED, *TORQUES}

@@ -105,15 +105,15 @@ def vocabulary_of(rig: Model) -> Vocabulary:
         return HOUSE
     variants, known = [*_variants(rig)], rig.symbols
 
-    def of(names: str) -> tuple[Symbol, ...]:
+    def symbols_of(names: str) -> tuple[Symbol, ...]:
         every = [name for variant in variants for name in getattr(variant, names)]
         return tuple(known[name] for name in dict.fromkeys(every))
 
     return Vocabulary(
-        parameter_symbols=of("parameters"),
-        state_symbols=of("states"),
-        input_symbols=of("inputs"),
-        combined=of("combinations"),
+        parameter_symbols=symbols_of("parameters"),
+        state_symbols=symbols_of("states"),
+        input_symbols=symbols_of("inputs"),
+        combined=symbols_of("combinations"),
         inner=frozenset(name for variant in variants for name in variant.inner),
         angles=tuple((speed, known[angle]) for speed, angle in rig.imposed.items()),
         idle=frozenset(name for variant in variants for name in idle_inputs(variant)),

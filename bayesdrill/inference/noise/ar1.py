@@ -299,14 +299,17 @@ class AR1:
         return by_scaled / self.scales(theta)[:, None]
 
     def _by_channel(
-        self, of: Callable[[ChannelSpacing, Array, Array], Array], samples: Array, theta: Array
+        self,
+        function: Callable[[ChannelSpacing, Array, Array], Array],
+        samples: Array,
+        theta: Array,
     ) -> Array:
-        """Return what `of` makes of samples over sigma, with rho: `(W, T, K)`, NaN if not seen."""
+        """Return what `function` makes of samples over sigma, with rho: `(W, T, K)`, NaN if not seen."""
         sigma, rho = self.scales(theta), self.memory.values(theta)
         out = np.full(samples.shape, np.nan)
         for k, channel in enumerate(self._spacing(samples).channels):
             scaled = samples[:, channel.rows, k] / sigma[:, k, None]
-            out[:, channel.rows, k] = of(channel, scaled, rho[:, k])
+            out[:, channel.rows, k] = function(channel, scaled, rho[:, k])
         return out
 
     def noise_score(self, residuals: Residuals, theta: Array) -> tuple[Array, Array]:

@@ -76,10 +76,7 @@ class _Parts:
     def __init__(self, model: PartsModel) -> None:
         self.model, self.roles = model, model.roles
         self.names, self.states = {*model.parameters}, model.states
-        self.moving: dict[str, list[InertiaRoles]] = {}
-        for inertia in self.roles.inertias:
-            if inertia.speed in self.states and self._has(inertia.inertia):
-                self.moving.setdefault(inertia.speed, []).append(inertia)
+        self.moving = self.roles.moving(self.states, self.names)
 
     # Where things act.
 

@@ -95,7 +95,7 @@ class Gravity:
 
     def torque(self, p: Named, angle: Any) -> Any:
         """Return the torque at the state `angle`, against it."""
-        turned = angle if self.reduction == 1.0 else angle / self.reduction
+        turned = _before_gear(angle, self.reduction)
         return p[self.weight] * (
             sin(turned if self.tilt is None else turned + p[self.tilt]) - turned
         )
@@ -234,14 +234,15 @@ class LoadSpring:
 
     def torque(self, p: Named, seen: Mapping[str, Any]) -> Any:
         """Return the torque that turns the spring at its near end."""
-        twist = _angle(seen, *self.near)
-        if self.far is not None:
-            twist = twist - _angle(seen, *self.far)
+        (near, reduction), far = self.near, self.far
+        twist = _before_gear(seen[near], reduction)
+        if far is not None:
+            twist = twist - _before_gear(seen[far[0]], far[1])
         return p[self.stiffness] * twist
 
 
-def _angle(seen: Mapping[str, Any], state: str, reduction: float) -> Any:
-    return seen[state] if reduction == 1.0 else seen[state] / reduction
+def _before_gear(angle: Any, reduction: float) -> Any:
+    return angle if reduction == 1.0 else angle / reduction
 
 
 @dataclass(frozen=True, slots=True)

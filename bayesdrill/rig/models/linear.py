@@ -131,7 +131,8 @@ class Model(Protocol):
     @property
     def angles(self) -> tuple[str, ...]:
         """Names of states that are angles, or positions."""
-        return tuple(name for name in self.states if self.symbols[name].unit in SPEED_UNITS)
+        known = self.symbols
+        return tuple(name for name in self.states if known[name].unit in SPEED_UNITS)
 
     @property
     def imposed(self) -> Mapping[str, str]:

@@ -7,7 +7,7 @@ rig that moves along a line an inertia is a mass, a torque a force, and an angle
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
 
@@ -127,6 +127,16 @@ class Roles:
     def motor(self, inertia: str) -> MotorRoles | None:
         """Return the motor that turns an inertia, None where none does."""
         return next((motor for motor in self.motors if motor.inertia == inertia), None)
+
+    def moving(
+        self, states: Collection[str], parameters: Collection[str]
+    ) -> dict[str, list[InertiaRoles]]:
+        """Return the inertias that turn with each speed, of a rig with these names."""
+        moving: dict[str, list[InertiaRoles]] = {}
+        for inertia in self.inertias:
+            if inertia.speed in states and inertia.inertia in parameters:
+                moving.setdefault(inertia.speed, []).append(inertia)
+        return moving
 
     def at_speed(self, speed: str) -> InertiaRoles | None:
         """Return the first inertia whose speed this state is, None where it is none's."""
