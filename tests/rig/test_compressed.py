@@ -78,6 +78,20 @@ def test_log_likelihoods_are_those_of_80_bit_simulation(one: CompressedSimulator
     assert (np.abs(squares - truth) <= bounds + 1e-11 * truth).all()
 
 
+def test_a_current_that_follows_at_once() -> None:
+    """Of a rig whose fastest pole is beyond any number of terms that is not chosen by its size."""
+    points = near(64)
+    points[:, ORDER.index("l_m")] = 1e-10
+    silent = Response(
+        MotorShaft(), experiment(501, DT, constant={"t_1": 0.0}, series={"v": steps(501)})
+    )
+    y = silent.signals(points[:1])[0] + SIGMA * np.random.default_rng(3).standard_normal((501, 5))
+    response = Response(MotorShaft(), dataclasses.replace(silent.experiment, y=y))
+    squares = made(response, points).squares(points[:4])
+    truth = np.array([true_squares(response, point) for point in points[:4]], dtype=float)
+    assert np.abs(squares / truth - 1.0).max() < 1e-10
+
+
 def drive(seed: int, n: int, rng: np.random.Generator) -> np.ndarray:
     """A voltage of one of four kinds: steps, a sweep, noise, a ramp."""
     t = np.arange(n)

@@ -22,7 +22,7 @@ from bayesdrill.rig.simulators.time_grid import Whole
 
 Long = np.longdouble
 LongArray = NDArray[Any]  # of long numbers, or of plain ones
-SERIES, HALVINGS = 22, 12  # of the exponential
+SERIES, HALVINGS = 22, 12  # of the exponential: terms, and at least so many
 STRETCHES = 1024  # of a part that are stepped side by side
 
 
@@ -164,12 +164,14 @@ def walker_slopes(sensors: SensorParameters, full: Array, along: Array) -> Array
 
 def long_exponential(matrix: LongArray) -> LongArray:
     """Return exp(M) - 1."""
-    scaled = matrix / Long(2**HALVINGS)
+    _, size = np.frexp(np.abs(matrix).sum(axis=1).max(initial=0.0))
+    halvings = max(HALVINGS, int(size))  # as often as a stiff rig needs it
+    scaled = np.ldexp(matrix, -halvings)
     total, term = scaled.copy(), scaled.copy()
     for k in range(2, SERIES):
         term = term @ scaled / Long(k)
         total = total + term
-    for _ in range(HALVINGS):
+    for _ in range(halvings):
         total = 2 * total + total @ total
     return total
 
