@@ -260,7 +260,8 @@ class AR1:
         sigma, rho, n = self.scales(theta), self.memory.values(theta), self.levels.sizes
         inner = (1.0 - rho) * (1.0 + rho)
         constant = -0.5 * n * math.log(2 * math.pi) - n * np.log(sigma)
-        squares = (_sum_weights(rho) * residuals.neighbours).sum(axis=-1) / sigma**2
+        terms = _sum_weights(rho) * residuals.neighbours
+        squares = (terms[..., 0] + terms[..., 1] + terms[..., 2]) / sigma**2
         return np.asarray(constant - 0.5 * (n - 1.0) * np.log(inner) - 0.5 * squares)
 
     def square_weights(self, theta: Array) -> Array | None:

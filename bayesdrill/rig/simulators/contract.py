@@ -143,8 +143,9 @@ class Simulator(ABC):
 
         Steps are from a residual to the next that was observed; the ends are the first and the last.
         """
-        squares, steps, last, first = np.moveaxis(self.sums(full, NEIGHBOURS), -1, 0)
-        return np.stack([squares, steps, first**2 + last**2], axis=-1)
+        sums = self.sums(full, NEIGHBOURS)  # squares, steps, the last, the first
+        sums[..., 2] = sums[..., 2] ** 2 + sums[..., 3] ** 2
+        return sums[..., :3]
 
     def logs(self, full: Array, weights: Array) -> Array:
         """Return sums `(W, K)` of log(1 + weight times squared residual), with `weights (W, K)`."""
