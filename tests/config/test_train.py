@@ -23,13 +23,17 @@ from bayesdrill.basics import units
 from bayesdrill.config import job, loading
 from bayesdrill.config.job import Job, prepare
 from bayesdrill.config.records import simulation
+from bayesdrill.config.resolve.sensors import build_channel
 from bayesdrill.config.schema.config import Config, config_kind
 from bayesdrill.config.schema.json_schema import json_schema
+from bayesdrill.config.schema.records import ChannelSpec
 from bayesdrill.config.schema.vocabulary import HOUSE, vocabulary_of
 from bayesdrill.config.yaml_source import parse
 from bayesdrill.inference import derived
 from bayesdrill.results import provenance
 from bayesdrill.rig.models import MODELS
+from bayesdrill.rig.models.linear import with_all
+from bayesdrill.rig.models.train import Train
 
 ROTARY = """\
 name: arm
@@ -367,6 +371,14 @@ def test_a_mistake_is_told_with_its_value_place_and_a_way_out(tmp_path: Path) ->
         assert not (place.startswith("model.") and others), others
 
     for_each(MISTAKES, check)
+
+
+def test_a_current_is_a_state_only_with_an_inductance() -> None:
+    rig = Train(inertias=["motor"], drives={"motor": "voltage"})
+    spec = ChannelSpec(column="i", unit="A", sigma=0.1)
+    with pytest.raises(ValueError, match=r"i_motor is a state only with l_motor; name it"):
+        build_channel("i_motor", spec, rig)
+    assert build_channel("i_motor", spec, with_all(rig)).weights == {"i_motor": 1.0}
 
 
 def test_along_a_line_a_mistake_has_its_units(tmp_path: Path) -> None:

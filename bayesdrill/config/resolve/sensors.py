@@ -36,7 +36,7 @@ from bayesdrill.inference.state_space import LatentTorqueObservation
 from bayesdrill.inference.unknowns import Role, Unknown
 from bayesdrill.record.experiment import Channel
 from bayesdrill.rig.models.latent_torque import SIZE, TIME, MissingTorque, torque_gain
-from bayesdrill.rig.models.linear import Model
+from bayesdrill.rig.models.linear import Model, with_named
 from bayesdrill.rig.simulators.contract import Simulator
 from bayesdrill.rig.simulators.kalman import KalmanFilter, step_lengths
 from bayesdrill.rig.simulators.sensors import ObservationModel, signal_names, state_weights
@@ -336,6 +336,9 @@ def build_channel(name: str, spec: ChannelSpec, model: Model) -> Channel:
     if name not in signals and name in {*words.inputs, *symbols.AXES}:
         raise ValueError(f"{name} has a meaning of its own here; choose another name")
     if spec.measures is None and name not in signals:
+        for added in model.offers:
+            if name in with_named(model, [added]).states:
+                raise ValueError(f"{name} is a state only with {added}; name it in `parameters:`")
         angles = [n for n, symbol in words.states.items() if symbol.unit in symbols.SPEED_UNITS]
         example = " - ".join(angles[:2])
         raise ValueError(
