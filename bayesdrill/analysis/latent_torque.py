@@ -131,14 +131,10 @@ def torque_estimates(
     )
 
 
-def has_friction_too(posterior: Posterior) -> bool:
-    """Return whether a torque is missing of a rig with friction, which is an approximation."""
+def is_approximate(posterior: Posterior) -> bool:
+    """Return whether a torque is missing of a rig that is not linear."""
     observations = posterior.likelihood.observations
-    return any(observation.torque and _has_friction(observation) for observation in observations)
-
-
-def _has_friction(observation: Observation) -> bool:
-    return bool(observation.response.model.frictions)
+    return any(each.torque and not each.response.model.smooth for each in observations)
 
 
 def _estimate(
@@ -213,13 +209,14 @@ def _nonlinear_error(
     shown: Array,
     torque: Array,
 ) -> Array:
-    """Return how far a rig with friction is from its linear prediction, `(K,)`.
+    """Return how far a rig with friction or gravity is from its linear prediction, `(K,)`.
 
     It is driven by `torque (T,)` at one `draw` (all parameters, all unknowns), and compared with
-    what is `shown (T, K)`: there the torque moves it as if no friction changed its sign.
+    what is `shown (T, K)`: there the torque moves it as if no friction changed its sign, and pendulums
+    were springs.
     """
     response, experiment = observation.response, observation.experiment
-    if not _has_friction(observation):
+    if response.model.smooth:
         return np.full(len(experiment.channels), np.nan)
     input_torque = (
         torque if experiment.first_order else 0.5 * (torque + np.append(torque[1:], torque[-1]))

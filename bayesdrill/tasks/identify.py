@@ -11,7 +11,7 @@ from bayesdrill.analysis import plausibility
 from bayesdrill.analysis.identifiability.information import SensitivityStudy
 from bayesdrill.analysis.identifiability.profile import Fitter, Profile, profile
 from bayesdrill.analysis.identifiability.study import IdentifiabilityStudy, study_of
-from bayesdrill.analysis.latent_torque import has_friction_too
+from bayesdrill.analysis.latent_torque import is_approximate
 from bayesdrill.analysis.suspicions import InputTiming, half_sample_shift
 from bayesdrill.basics.arrays import Array
 from bayesdrill.basics.errors import InputError, did_you_mean
@@ -100,8 +100,8 @@ def preflight(job: Job, scenery: SensitivityStudy) -> str:
     study = study_of(scenery, posterior, start, job.asked)
     rig = job.problem.model
     said = [words.brief(study), physics_words.friction_sentences(study.frictions, rig)]
-    rubs = has_friction_too(posterior)
-    said += [torque_words.stand_ins(study, rig), torque_words.beside(rubs=rubs)]
+    said += [torque_words.stand_ins(study, rig)]
+    said += [torque_words.beside(rig)] if is_approximate(posterior) else []
     late = fit_words.moment(half_sample_shift(scenery, start))
     return "\n".join(
         [*filter(None, said), *late, *plausibility.plausibility_of_course(scenery, start)]

@@ -85,6 +85,23 @@ def test_beside_friction_it_is_said_to_be_an_approximation(tmp_path: Path) -> No
     assert "approximation" not in cli("check", config(tmp_path)).out
 
 
+def test_beside_gravity_too(tmp_path: Path) -> None:
+    path = tmp_path / "pendulum.yaml"
+    path.write_text(
+        "name: pendulum\nseed: 1\nrecord: {file: p.csv, time: {column: t, unit: s}, channels: "
+        "{theta_arm: {column: y, unit: rad, sigma: 0.01}}}\ninputs: {t_arm: 0.1}\n"
+        "model: {name: train, inertias: [arm], drives: {arm: torque}, gravity: [arm]}\n"
+        "missing_torque: {at: arm, size: 0.1, time: 1.0}\n"
+        "parameters: {j_arm: {prior: log_normal, median: 0.01, sd_log: 0.5}, g_arm: 0.5}\n"
+    )
+    t = 0.01 * np.arange(200)
+    y = np.column_stack([t, 0.2 * np.sin(7 * t)])
+    np.savetxt(tmp_path / "p.csv", y, delimiter=",", header="t,y", comments="")
+    done = cli("check", path)
+    assert done.status == 0, done.text
+    assert "beside gravity it is an approximation, as if a pendulum were a spring" in done.out
+
+
 def test_a_record_is_simulated_with_it_and_read_again(tmp_path: Path) -> None:
     """With a large torque residuals spread far beyond the noise."""
     truth = (END, "simulation: {duration: 5, rate: 20, truth: {s_d: 0.5, tau_d: 0.3}}\n" + TORQUE)

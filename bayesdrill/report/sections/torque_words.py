@@ -129,10 +129,13 @@ def torque_sentence(summary: TorqueSummary, rig: Model) -> str:
     )
 
 
-def beside(*, rubs: bool) -> str:
-    """Before anything is sampled; empty where nothing `rubs`."""
-    if not rubs:
-        return ""
+def beside(rig: Model) -> str:
+    """Before anything is sampled, of a rig that is not linear."""
+    if not rig.frictions:
+        return (
+            "missing torque: beside gravity it is an approximation, as if a pendulum were a spring. It "
+            "is good as far as the torque moves it little."
+        )
     return (
         "missing torque: beside friction it is an approximation, as if no friction changed its sign. A "
         "torque much smaller than the friction is found well. For a larger one leave the friction out: "
@@ -140,22 +143,21 @@ def beside(*, rubs: bool) -> str:
     )
 
 
-def strayed(summary: TorqueSummary) -> str:
-    """How good an approximation it was; empty for a rig that does not rub."""
+def strayed(summary: TorqueSummary, rig: Model) -> str:
+    """How good an approximation it was; empty for a linear rig."""
     every = [course for course in summary.courses if np.isfinite(course.strayed)]
     if not every:
         return ""
     parts = ", ".join(f"{course.strayed:.2g} (`{course.channel}`)" for course in every)
+    what = "friction" if rig.frictions else "gravity"
     said = (
-        "missing torque: beside friction it is an approximation. The rig with friction, and with this "
+        f"missing torque: beside {what} it is an approximation. The rig with {what}, and with this "
         f"torque as an input, moves differently by {parts} of the noise, rms"
     )
     if max(course.strayed for course in every) <= HARMLESS:
         return f"{said}, which does little harm"
-    return (
-        f"{said}. Friction and inertia are NOT as sure as their sds say. Leave the friction out: the "
-        "torque then shows it"
-    )
+    way_out = ". Leave the friction out: the torque then shows it" if rig.frictions else ""
+    return f"{said}. Friction and inertia are NOT as sure as their sds say{way_out}"
 
 
 def law_sentences(summary: TorqueSummary, rig: Model) -> str:
