@@ -37,6 +37,7 @@ def arguments(given: Sequence[str] | None = None) -> argparse.Namespace:
 
 def run(row: Row, seconds: float, place: Path = folder.FOLDER) -> Outcome:
     """Both seeds of a row."""
+    seconds = max(seconds, row.seconds)
     found, shares = [], list[tuple[float, ...]]()
     for number, config in enumerate(folder.write(row, place), start=1):
         output = place / "runs" / f"{row.name}-{number}"
@@ -44,8 +45,9 @@ def run(row: Row, seconds: float, place: Path = folder.FOLDER) -> Outcome:
         if row.humps is not None:
             draws = runs.draws(output, found[-1].mean)
             shares.append(row.humps.shares(draws) if draws else ())
-    samples = len((place / "records" / f"{row.name}.csv").read_text(encoding="utf-8").splitlines())
-    outcome = judged(row, tuple(found), samples - 1, seconds, tuple(shares))
+    with (place / "records" / f"{row.name}.csv").open(encoding="utf-8") as record:
+        samples = sum(1 for _ in record) - 1
+    outcome = judged(row, tuple(found), samples, seconds, tuple(shares))
     if outcome.passed:
         for number in (1, 2):
             runs.lighten(place / "runs" / f"{row.name}-{number}")

@@ -63,6 +63,15 @@ def _random() -> tuple[Row, ...]:
             )
             for size, duration in (("100000", 99.999), ("1000000", 999.999))
         ),
+        Row(
+            name="random_steps_10000000",
+            shows="pseudo-random steps of 8 V either way, 10000000 samples of two channels, compressed",
+            config=e.experiment(
+                e.reversing(), e.states(0.1, "theta_1", "w_2"), NINE, v=e.measured("v")
+            ),
+            made=Driven(duration=9999.999, rate=1000, series={"v": RandomSteps(8.0, 0.2, seed=5)}),
+            seconds=360.0,
+        ),
     )
 
 

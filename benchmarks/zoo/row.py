@@ -67,7 +67,7 @@ class Row:
     """`config` has all entries but name, seed and `record.file`; `shows` is a phrase.
 
     `reason`: what one of the reasons of an unsound row must say; None where the rig fits.
-    `quick`: small enough for a first look.
+    `quick`: small enough for a first look.  `seconds`: that a run may take, if more than of others.
     """
 
     name: str
@@ -77,6 +77,7 @@ class Row:
     reason: str | None = None
     quick: bool = False
     own_seed: int | None = None
+    seconds: float = 0.0
     humps: Humps | None = None
 
     @property

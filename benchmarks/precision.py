@@ -1,0 +1,102 @@
+"""How exact a compressed likelihood is, against numbers of 80 bits, on the zoo's linear rows.
+
+`python -m benchmarks.precision [ROW ...]` runs each row, compresses its records however short they are,
+and prints a table: the largest error of log L at draws of the chain, compressed and by the exact
+simulator, and how many draws are within the stated bound.  Records of more than `MOST` samples, and
+rigs that rub, are left out.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+import bayesdrill as bd
+from bayesdrill.inference import compression
+from bayesdrill.inference.likelihood import Observation
+from bayesdrill.inference.posterior import Posterior
+from bayesdrill.rig.kernels.sums import SQUARES
+from bayesdrill.rig.simulators.compressed import even_record
+from benchmarks.zoo import folder, rows
+
+MOST, DRAWS = 200_000, 20
+ROUNDING = 1e-13  # of a record, which numbers of 53 bits leave and no bound has
+
+Array = NDArray[np.float64]
+
+
+def true_squares(observation: Observation, full: Array) -> Array:
+    """Sums of squares `(K,)` of a rig `(P,)` whose channels are not late, by steps of 80 bits."""
+    record = even_record(observation.response.by_samples)
+    assert record is not None
+    y, first, total = record.sensors.padded, 0, np.zeros(len(observation.experiment.channels))
+    if record.at is not None:
+        seen, y = y, np.full((record.count, y.shape[1]), np.nan)
+        y[record.at] = seen
+    total = total.astype(np.longdouble)
+    for inputs, shown in record.responses(full):
+        total += np.nansum((y[first : first + len(inputs)] - shown) ** 2, axis=0)
+        first += len(inputs)
+    return total
+
+
+def errors(posterior: Posterior, draws: Array) -> Iterator[Array]:
+    """Yield for each draw what log L is wrong by, compressed and exact, and the stated bound."""
+    maximum = draws[np.argmax(posterior.likelihood(draws))]
+    points = np.concatenate([maximum[None], draws[:: max(1, len(draws) // 256)]])
+    made = compression.compressions(posterior, points, shortest=0)
+    short = compression.compressed(posterior, made).likelihood.observations
+    for theta in draws[:: max(1, len(draws) // DRAWS)]:
+        total = np.zeros(3)
+        for observation in short:
+            if not observation.functions or observation.response.sensors.sensing.shifts:
+                continue
+            full = observation.simulator_parameters(posterior.space.full(theta[None]))
+            simulator: Any = observation.response
+            weights = observation.square_weights(theta[None])
+            squares, bounds = (numbers[0, :, 0] for numbers in simulator.expanded(full))
+            if simulator.exceeds_bound(full)[0]:
+                continue
+            exact = simulator.by_samples.sums(full, SQUARES)[0, :, 0]
+            assert weights is not None
+            truth, weight = true_squares(observation, full[0]), weights[0, :, 0] / 2
+            size = np.sqrt(truth.astype(float) * np.nansum(observation.experiment.y**2, axis=0))
+            wrong = [np.abs(sums - truth).astype(float) for sums in (squares, exact)]
+            allowed = bounds + 2.0 * ROUNDING * size
+            total += [float(weight @ each) for each in (*wrong, allowed)]
+        if total.any():
+            yield total
+
+
+def main(names: list[str]) -> None:
+    print("| row | samples | compressed | exact | within its bound |")
+    print("| --- | ---: | ---: | ---: | ---: |")
+    with TemporaryDirectory() as place:
+        for row in rows.chosen(names or None):
+            if row.seconds or not (row.sound and row.made.available):
+                continue
+            case = bd.load(folder.write(row, Path(place))[0])
+            observations = case.job.problem.posterior.likelihood.observations
+            samples = max(len(each.experiment.t) for each in observations)
+            if samples > MOST or all(each.exact_reason for each in observations):
+                continue
+            run = case.sample()
+            posterior = compression.uncompressed(case.job.problem.posterior)
+            draws = run.sampled.draws.reshape(-1, run.sampled.draws.shape[-1])
+            each = np.array(list(errors(posterior, draws)))
+            if len(each):
+                worst, count = each.max(axis=0), int((each[:, 0] <= each[:, 2]).sum())
+                print(
+                    f"| {row.name} | {samples} | {worst[0]:.0e} | {worst[1]:.0e} "
+                    f"| {count} of {len(each)} |", flush=True,
+                )  # fmt: skip
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])
