@@ -180,10 +180,13 @@ def _gear_issues(train: Train) -> Iterator[tuple[str, str]]:
 
 
 def _check_frictions(train: Train) -> None:
-    """Raise `PartsError` where two of what turns as one have dry friction: it is one friction."""
+    """Raise `PartsError` where a gear has no load, or two of what turns as one have dry friction."""
     rubbing: dict[str, str] = {}
     for friction in train.frictions:
         place = friction.where.removeprefix("at ")
+        if getattr(friction.law, "loads", None) == ():
+            message = "a gear with an efficiency passes its torque to a shaft or a weight behind it"
+            raise PartsError((("gears", message),))
         if friction.against in rubbing:
             message = (
                 f"{rubbing[friction.against]} and {place} turn as one, so that their dry frictions "
