@@ -202,6 +202,13 @@ def test_a_gear_loses_of_the_weight_behind_it():
     assert found == pytest.approx(expected, abs=1e-4 * expected[-1])
 
 
+def test_a_gear_that_passes_nothing_on_has_no_efficiency():
+    gears = {"box": {"between": ("motor", "arm"), "ratio": 0.5}}
+    assert "eta_box" not in Train(inertias=("motor", "arm"), gears=gears).offers
+    assert "eta_box" not in Train(inertias=("motor", "arm"), gears=gears, gravity=("motor",)).offers
+    assert "eta_box" in Train(inertias=("motor", "arm"), gears=gears, gravity=("arm",)).offers
+
+
 def test_motor_without_inductance_is_the_limit_of_one_with():
     entries = {"inertias": ("motor",), "drives": {"motor": "voltage"}}
     short = Train(**entries, added=("k_e_motor", "c_motor"))
@@ -266,14 +273,6 @@ def test_names():
             },
             "gears",
             "b joins inertias that other gears join",
-        ),
-        (
-            {
-                "gears": {"a": {"between": ("motor", "load"), "ratio": 0.5}},
-                "added": ("eta_a",),
-            },
-            "gears",
-            "to a shaft or a weight behind it",
         ),
         (
             {

@@ -180,13 +180,10 @@ def _gear_issues(train: Train) -> Iterator[tuple[str, str]]:
 
 
 def _check_frictions(train: Train) -> None:
-    """Raise `PartsError` where a gear has no load, or two of what turns as one have dry friction."""
+    """Raise `PartsError` where two of what turns as one have dry friction: it is one friction."""
     rubbing: dict[str, str] = {}
     for friction in train.frictions:
         place = friction.where.removeprefix("at ")
-        if getattr(friction.law, "loads", None) == ():
-            message = "a gear with an efficiency passes its torque to a shaft or a weight behind it"
-            raise PartsError((("gears", message),))
         if friction.against in rubbing:
             message = (
                 f"{rubbing[friction.against]} and {place} turn as one, so that their dry frictions "
@@ -385,9 +382,12 @@ def _inertia(
     if kinds.get(root) == "speed":
         return InertiaRoles(**names)
     names |= made.add_rows(INERTIA, name)
-    if name == _rubbing(train, [n for n, (at, _) in reductions.items() if at == root]):
+    joined = [n for n, (at, _) in reductions.items() if at == root]
+    if name == _rubbing(train, joined):
         names |= made.add_rows(RUBBING, name)
-        for gear in [gear.name for gear in train.gears if gear.ends[0] == name][:1]:
+        loaded = {*train.gravity, *(end for shaft in train.shafts for end in shaft.ends)}
+        behind = loaded & {*joined} - {name}  # a gear that passes nothing on loses nothing
+        for gear in [gear.name for gear in train.gears if behind and gear.ends[0] == name][:1]:
             names |= made.add_rows(GEAR, gear)
     effort = made.make("T", name, "N*m", "friction at")
     names["effort"] = dataclasses.replace(effort, name=f"friction_{name}")
