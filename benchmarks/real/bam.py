@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import yaml
+from ruamel.yaml import YAML
 
 import bayesdrill as bd
 from bayesdrill.inference import residual_checks
@@ -51,7 +51,8 @@ def convert_all(bench: benches.Bench) -> None:
 
 def variant(config: Path, *, dry: bool, eta: bool, own: bool, noise: str, gain: int = 0) -> Path:
     """Write a config of fewer parts or records than the bench's, and return its path."""
-    entries: dict[str, Any] = yaml.safe_load(config.read_text(encoding="utf-8"))
+    yaml = YAML()
+    entries: dict[str, Any] = yaml.load(config)
     parameters, experiments = entries["parameters"], entries["experiments"]
     if not dry:
         del parameters["t_c_motor"]
@@ -67,7 +68,7 @@ def variant(config: Path, *, dry: bool, eta: bool, own: bool, noise: str, gain: 
     for experiment in experiments.values():
         experiment["record"]["file"] = experiment["record"]["file"].removeprefix("build/")
     path = BUILD / "variant.yaml"
-    path.write_text(yaml.safe_dump(entries, sort_keys=False), encoding="utf-8")
+    yaml.dump(entries, path)
     return path
 
 
@@ -96,8 +97,8 @@ def fitted(path: Path) -> str:
 def main() -> None:
     bench = next(bench for bench in benches.BENCHES if bench.name == "bam")
     convert_all(bench)
-    dry = {"dry": True, "eta": False, "own": False, "noise": "white"}
-    models = {
+    dry: dict[str, Any] = {"dry": True, "eta": False, "own": False, "noise": "white"}
+    models: dict[str, dict[str, Any]] = {
         "linear": {**dry, "dry": False},
         "dry friction": dry,
         "dry friction, own r": {**dry, "own": True},
