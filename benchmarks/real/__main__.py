@@ -59,6 +59,8 @@ def get(bench: Bench) -> None:
 def run(bench: Bench, *, figure: bool = False) -> tuple[str, bool]:
     """Return a line of figures, and whether all are in their ranges."""
     began = time.perf_counter()
+    if bench.prepare:
+        bench.prepare(bench)
     case = bd.load(bench.config)
     best = case.find_map(quick=True)
     posterior = case.job.problem.posterior

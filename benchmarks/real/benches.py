@@ -37,7 +37,8 @@ class Criterion:
 class Bench:
     """A rig, its config, and its files at a `commit` of a `repository` on GitHub.
 
-    `left`: the largest share of its spread that may be left of a channel that is `fitted`.
+    `left`: the largest share of its spread that may be left of a channel that is `fitted`; `prepare`
+    makes what the config reads of files that the package does not read.
     """
 
     name: str
@@ -49,6 +50,7 @@ class Bench:
     files: tuple[File, ...]
     criteria: tuple[Criterion, ...]
     left: float = math.inf
+    prepare: Callable[[Bench], None] | None = None
 
     @property
     def config(self) -> Path:
@@ -165,4 +167,6 @@ EPFL = Bench(
     ),
 )
 
-BENCHES = (WATERLOO, TOKYO, EPFL)
+from benchmarks.real.servos import BAM, PADOVA  # noqa: E402 - they are made of what is above
+
+BENCHES = (WATERLOO, TOKYO, EPFL, BAM, PADOVA)

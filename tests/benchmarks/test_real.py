@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import dataclasses
+import json
 import re
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from bayesdrill.config import loading
 from benchmarks.real import __main__ as real
+from benchmarks.real import bam
 from benchmarks.real.benches import BENCHES, EPFL, WATERLOO, Bench, File
 
 NAMES = [bench.name for bench in BENCHES]
@@ -20,8 +23,12 @@ def test_a_config_is_valid_without_its_data(bench: Bench) -> None:
     """Kills: a config whose symbols are not those of its rig, or whose files are others."""
     case = loading.load(bench.config)
     assert case.config.name == bench.name
-    named = set(re.findall(r"file: (data/[\w./]+)", bench.config.read_text(encoding="utf-8")))
-    assert named == {f"data/{bench.folder}/{file.name}" for file in bench.files}
+    named = set(re.findall(r"file: ([\w./]+)", bench.config.read_text(encoding="utf-8")))
+    if bench.prepare:
+        assert {Path(name).parent for name in named} == {Path("build", bench.name)}
+        assert len(named) == len(bench.files)
+    else:
+        assert named == {f"data/{bench.folder}/{file.name}" for file in bench.files}
 
 
 @pytest.mark.parametrize("bench", BENCHES, ids=NAMES)
@@ -43,6 +50,24 @@ def test_the_frequencies_of_three_discs_are_those_of_their_matrix() -> None:
     expected = np.sqrt(np.sort(squares)[1:])
     values = {"k_shaft_1": k, "j_disc_1": j, "r": r}
     assert [c.figure(values) for c in EPFL.criteria] == pytest.approx(expected)
+
+
+def test_a_duty_below_zero_is_read_and_the_free_swing_is_cut(tmp_path: Path) -> None:
+    """Kills: 65536 taken for a duty of 74, a step that has not the mean of its voltage."""
+    clock = [0.0, 0.006, 0.013, 0.02, 0.026, 0.033, 0.041, 0.05]
+    entries = [
+        {"timestamp": t, "position": 2 * t, "load": 65536 - 885, "input_volts": 7.0 + (t > 0.015),
+         "torque_enable": t < 0.045}
+        for t in clock
+    ]  # fmt: skip
+    source = tmp_path / "record.json"
+    source.write_text(json.dumps({"kp": 1, "trajectory": "x", "entries": entries}), "utf-8")
+    target = bam.convert(source, tmp_path / "made")
+    t, angle, voltage = np.loadtxt(target, delimiter=",", skiprows=1, unpack=True)
+    assert target.name == "kp1_x.csv"
+    assert t == pytest.approx([0.0, 0.02])
+    assert angle == pytest.approx(2 * t)
+    assert voltage == pytest.approx([-7.0, -8.0])
 
 
 def test_another_file_is_refused() -> None:

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy.integrate import solve_ivp
 from trains import Oracle
 
+import bayesdrill as bd
 from bayesdrill.record.experiment import Channel, Experiment
 from bayesdrill.rig.models.drive_parts import PartsError
 from bayesdrill.rig.models.linear import Tangent, dynamics, with_all
@@ -177,6 +179,34 @@ def test_pendulum_is_of_second_order():
     assert errors[2] < 1e-4
     assert errors[0] / errors[1] == pytest.approx(4.0, rel=0.2)
     assert errors[1] / errors[2] == pytest.approx(4.0, rel=0.2)
+
+
+def test_a_gear_loses_of_the_weight_behind_it():
+    """Believes an integration of an arm that is turned over without ever stopping."""
+    gears = {"box": {"between": ("motor", "arm"), "ratio": 0.5}}
+    train = Train(
+        inertias=("motor", "arm"), gears=gears, drives={"motor": "torque"}, gravity=("arm",),
+        added=("a_arm", "eta_box"),
+    )  # fmt: skip
+    p = {"j_motor": 0.02, "j_arm": 0.1, "g_arm": 0.5, "a_arm": 0.1, "eta_box": 0.7}
+    inertia, lost = p["j_arm"] + 4 * p["j_motor"], 1 / p["eta_box"] - 1
+
+    def slope(_, x):
+        weight = p["g_arm"] * np.sin(x[0] + p["a_arm"])
+        return x[1], (2 * 0.5 - weight - lost * abs(weight)) / inertia
+
+    t = 0.01 * np.arange(301)
+    expected = solve_ivp(slope, (0, 3), (0, 0), t_eval=t, rtol=1e-9, atol=1e-9).y[0]
+    found = bd.respond(train, p, t, {"t_motor": 0.5}, ["theta_arm"])["theta_arm"]
+    assert expected[-1] > 2 * np.pi
+    assert found == pytest.approx(expected, abs=1e-4 * expected[-1])
+
+
+def test_a_gear_that_passes_nothing_on_has_no_efficiency():
+    gears = {"box": {"between": ("motor", "arm"), "ratio": 0.5}}
+    assert "eta_box" not in Train(inertias=("motor", "arm"), gears=gears).offers
+    assert "eta_box" not in Train(inertias=("motor", "arm"), gears=gears, gravity=("motor",)).offers
+    assert "eta_box" in Train(inertias=("motor", "arm"), gears=gears, gravity=("arm",)).offers
 
 
 def test_motor_without_inductance_is_the_limit_of_one_with():

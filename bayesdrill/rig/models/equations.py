@@ -22,6 +22,7 @@ from bayesdrill.rig.models.friction import (
     Gravity,
     Law,
     LoadSpring,
+    LoadWeight,
     Named,
     Stribeck,
 )
@@ -276,9 +277,9 @@ class _Parts:
             law = rock if law is None else CombinedLaw(law, rock)
         return law
 
-    def _loads(self, inertia: InertiaRoles) -> tuple[LoadSpring, ...]:
-        """Return the springs behind the gear of an inertia, whose torque the gear passes on."""
-        return tuple(
+    def _loads(self, inertia: InertiaRoles) -> tuple[LoadSpring | LoadWeight, ...]:
+        """Return springs and weights behind the gear of an inertia, whose torque it passes on."""
+        springs = (
             LoadSpring(
                 shaft.stiffness,
                 (near.angle, near.reduction),
@@ -290,6 +291,12 @@ class _Parts:
             and near.name != inertia.name
             and self._has(shaft.stiffness)
         )
+        weights = (
+            LoadWeight(gravity)
+            for gravity in self.pendulums()
+            if gravity.speed == inertia.speed and gravity.name != f"gravity_{inertia.name}"
+        )
+        return (*springs, *weights)
 
     def voltage_drops(self) -> Iterator[Friction]:
         """Yield the voltage drop against each current that has one."""

@@ -228,6 +228,11 @@ class LoadSpring:
     far: tuple[str, float] | None
 
     @property
+    def parameters(self) -> tuple[str, ...]:
+        """The name of its stiffness."""
+        return (self.stiffness,)
+
+    @property
     def angles(self) -> tuple[str, ...]:
         """The states that it sees, the far one first."""
         return (self.near[0],) if self.far is None else (self.far[0], self.near[0])
@@ -241,6 +246,30 @@ class LoadSpring:
         return p[self.stiffness] * twist
 
 
+@dataclass(frozen=True, slots=True)
+class LoadWeight:
+    """A pendulum behind a gear: a `Gravity` whose whole torque the gear passes on."""
+
+    gravity: Gravity
+
+    @property
+    def parameters(self) -> tuple[str, ...]:
+        """Names of its weight and its tilt."""
+        tilt = self.gravity.tilt
+        return (self.gravity.weight,) if tilt is None else (self.gravity.weight, tilt)
+
+    @property
+    def angles(self) -> tuple[str, ...]:
+        """The state that it sees."""
+        return (self.gravity.angle,)
+
+    def torque(self, p: Named, seen: Mapping[str, Any]) -> Any:
+        """Return the torque that turns it."""
+        angle, gravity = seen[self.gravity.angle], self.gravity
+        spring = p[gravity.weight] * _before_gear(angle, gravity.reduction)
+        return gravity.torque(p, angle) + spring
+
+
 def _before_gear(angle: Any, reduction: float) -> Any:
     return angle if reduction == 1.0 else angle / reduction
 
@@ -249,7 +278,7 @@ def _before_gear(angle: Any, reduction: float) -> Any:
 class GearLoss:
     """The loss of a gear with an efficiency, added to a `law` (None: to nothing).
 
-    It is (1/eta - 1) of the torque that the gear passes on, to the springs behind it (`loads`).
+    It is (1/eta - 1) of the torque that the gear passes on, to what is behind it (`loads`).
 
     On the side of the friction that torque is `factor` times theirs.  Where the load drives, the
     gear's efficiency is 2 - 1/eta.
@@ -257,20 +286,20 @@ class GearLoss:
 
     law: Law | None
     efficiency: str
-    loads: tuple[LoadSpring, ...]
+    loads: tuple[LoadSpring | LoadWeight, ...]
     factor: float
 
     steady: ClassVar[bool] = False
 
     @property
     def parameters(self) -> tuple[str, ...]:
-        """Names of the law's parameters, of the efficiency and of the stiffnesses."""
-        parameters = (self.efficiency, *(load.stiffness for load in self.loads))
+        """Names of the law's parameters, of the efficiency, of stiffnesses and weights."""
+        parameters = (self.efficiency, *(name for load in self.loads for name in load.parameters))
         return parameters if self.law is None else (*self.law.parameters, *parameters)
 
     @property
     def seen(self) -> tuple[str, ...]:
-        """States and inputs that the law needs, and the angles of the springs."""
+        """States and inputs that the law needs, and the angles of the loads."""
         angles = dict.fromkeys(name for load in self.loads for name in load.angles)
         return (*angles,) if self.law is None else (*self.law.seen, *angles)
 

@@ -382,9 +382,12 @@ def _inertia(
     if kinds.get(root) == "speed":
         return InertiaRoles(**names)
     names |= made.add_rows(INERTIA, name)
-    if name == _rubbing(train, [n for n, (at, _) in reductions.items() if at == root]):
+    joined = [n for n, (at, _) in reductions.items() if at == root]
+    if name == _rubbing(train, joined):
         names |= made.add_rows(RUBBING, name)
-        for gear in [gear.name for gear in train.gears if gear.ends[0] == name][:1]:
+        loaded = {*train.gravity, *(end for shaft in train.shafts for end in shaft.ends)}
+        behind = loaded & {*joined} - {name}  # a gear that passes nothing on loses nothing
+        for gear in [gear.name for gear in train.gears if behind and gear.ends[0] == name][:1]:
             names |= made.add_rows(GEAR, gear)
     effort = made.make("T", name, "N*m", "friction at")
     names["effort"] = dataclasses.replace(effort, name=f"friction_{name}")
