@@ -67,7 +67,10 @@ def of_lines(data: dict[str, Any], name: str) -> tuple[bd.Best, Row]:
     """Fit one record, and say what its two inertias leave of the excited lines of each."""
     files = {label: one["record"]["file"] for label, one in data["experiments"].items()}
     if name != TOGETHER:
-        data["experiments"] = {name: data["experiments"][name]}
+        alone = data.pop("experiments")[name]["record"]
+        del data["shared"]
+        data["record"]["file"] = alone["file"]
+        data["record"]["channels"]["theta_load"] |= alone["channels"]["theta_load"]
     _, best = fitted(data)
     v = best.values
     row = Row()

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import dataclasses
 import re
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from bayesdrill.config import loading
 from benchmarks.real import __main__ as real
+from benchmarks.real import crossed
 from benchmarks.real.benches import BENCHES, EPFL, WATERLOO, Bench, File
 
 NAMES = [bench.name for bench in BENCHES]
@@ -43,6 +45,15 @@ def test_the_frequencies_of_three_discs_are_those_of_their_matrix() -> None:
     expected = np.sqrt(np.sort(squares)[1:])
     values = {"k_shaft_1": k, "j_disc_1": j, "r": r}
     assert [c.figure(values) for c in EPFL.criteria] == pytest.approx(expected)
+
+
+def test_a_config_without_its_friction_names_files_that_are_found_from_anywhere() -> None:
+    """Kills: a fit of one record that still has what was to be left out."""
+    names = ["f_c_cart_1", "f_c_cart_2"]
+    data = crossed.described(WATERLOO, names)
+    assert not {*names} & ({*data["parameters"]} | {*data["nominal"]})
+    files = [Path(each["record"]["file"]) for each in data["experiments"].values()]
+    assert files == [WATERLOO.place(file) for file in WATERLOO.files]
 
 
 def test_another_file_is_refused() -> None:
