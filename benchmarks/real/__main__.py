@@ -98,12 +98,12 @@ def run(bench: Bench, *, figure: bool = False) -> tuple[str, bool]:
 def judged(case: bd.Case, best: bd.Best) -> tuple[set[str], str]:
     """Sample, and return the parameters whose nominal values disagree, and what the verdict says."""
     outcome = case.sample(best, processes=None).judge()
-    if outcome.verdict is None or outcome.reasons:
+    verdict = outcome.verdict
+    if verdict is None or outcome.reasons:
         return set(), f"no verdict: {' '.join(outcome.reasons)}"
-    each = zip(outcome.verdict.names, outcome.verdict.parameters, strict=True)
-    parts = case.job.problem.observations
-    words = verdict_words.verdict_sentence(outcome.verdict, "what was published", len(parts))
-    return {name for name, quantity in each if quantity.says == "disagrees"}, words
+    wrong = {verdict_words.quantity_name(verdict, each) for each in verdict.saying("disagrees")}
+    records = len(case.job.problem.observations)
+    return wrong, verdict_words.verdict_sentence(verdict, "what was published", records)
 
 
 def run_each(benches: Sequence[Bench], *, fetch: bool, figures: bool) -> int:
