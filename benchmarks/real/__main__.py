@@ -18,6 +18,7 @@ import numpy as np
 
 import bayesdrill as bd
 from bayesdrill.inference import residual_checks
+from bayesdrill.report.sections import verdict_words
 from benchmarks.real.benches import BENCHES, HERE, Bench, File
 
 SECONDS = 60.0  # that a server may take
@@ -84,12 +85,27 @@ def run(bench: Bench, *, figure: bool = False) -> tuple[str, bool]:
             f"{unit}{limits}"
         )
         passed &= holds
+    if bench.disagrees:
+        wrong, words = judged(case, best)
+        passed &= wrong >= {*bench.disagrees}
+        said.append(words)
     if figure:
         place = HERE.parents[1] / "docs" / "figures" / f"gallery_{bench.name}.png"
         best.plot().savefig(place, dpi=110)
     told = "; ".join(said)
     verdict = "ok" if passed else "FAILED"
     return f"{bench.name}: {verdict}, {time.perf_counter() - began:.0f} s; {told}", passed
+
+
+def judged(case: bd.Case, best: bd.Best) -> tuple[set[str], str]:
+    """Sample, and return the parameters whose nominal values disagree, and what the verdict says."""
+    outcome = case.sample(best, processes=None).judge()
+    verdict = outcome.verdict
+    if verdict is None or outcome.reasons:
+        return set(), f"no verdict: {' '.join(outcome.reasons)}"
+    wrong = {verdict_words.quantity_name(verdict, each) for each in verdict.saying("disagrees")}
+    records = len(case.job.problem.observations)
+    return wrong, verdict_words.verdict_sentence(verdict, "what was published", records)
 
 
 def run_each(benches: Sequence[Bench], *, fetch: bool, figures: bool) -> int:

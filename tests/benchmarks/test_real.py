@@ -12,7 +12,7 @@ import pytest
 
 from bayesdrill.config import loading
 from benchmarks.real import __main__ as real
-from benchmarks.real import bam
+from benchmarks.real import bam, crossed
 from benchmarks.real.benches import BENCHES, EPFL, WATERLOO, Bench, File
 
 NAMES = [bench.name for bench in BENCHES]
@@ -68,6 +68,15 @@ def test_a_duty_below_zero_is_read_and_the_free_swing_is_cut(tmp_path: Path) -> 
     assert t == pytest.approx([0.0, 0.02])
     assert angle == pytest.approx(2 * t)
     assert voltage == pytest.approx([-7.0, -8.0])
+
+
+def test_a_config_without_its_friction_names_files_that_are_found_from_anywhere() -> None:
+    """Kills: a fit of one record that still has what was to be left out."""
+    names = ["f_c_cart_1", "f_c_cart_2"]
+    data = crossed.described(WATERLOO, names)
+    assert not {*names} & ({*data["parameters"]} | {*data["nominal"]})
+    files = [Path(each["record"]["file"]) for each in data["experiments"].values()]
+    assert files == [WATERLOO.place(file) for file in WATERLOO.files]
 
 
 def test_another_file_is_refused() -> None:
