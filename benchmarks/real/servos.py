@@ -80,4 +80,5 @@ PADOVA = Bench(
         ),
     ),
     left=0.2,
+    disagrees=("c_motor",),
 )
