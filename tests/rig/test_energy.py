@@ -208,8 +208,12 @@ TRAINS: dict[str, Model] = {
     "torque": Train(**CHAIN, drives={"motor": "torque"}, added=("c_disc", "c_low", "t_f_bit")),
     "in the middle": Train(**CHAIN, drives={"disc": "torque"}, added=("c_bit", "c_up")),
     "current": Train(**GEARED, drives={"motor": "current"}, added=LOSSES),
-    "voltage": Train(**GEARED, drives={"motor": "voltage"}, added=(*LOSSES, "l_motor")),
-    "voltage without inductance": Train(**GEARED, drives={"motor": "voltage"}, added=LOSSES),
+    "voltage": Train(
+        **GEARED, drives={"motor": "voltage"}, added=(*LOSSES, "k_e_motor", "l_motor")
+    ),
+    "voltage without inductance": Train(
+        **GEARED, drives={"motor": "voltage"}, added=(*LOSSES, "k_e_motor")
+    ),
     "speed": Train(**CHAIN, drives={"motor": "speed"}, added=("c_up", "c_bit")),
     "speed before a gear": Train(**GEARED, drives={"motor": "speed"}, added=("c_up", "c_load")),
     "linear": Train(

@@ -211,8 +211,8 @@ def test_a_gear_that_passes_nothing_on_has_no_efficiency():
 
 def test_motor_without_inductance_is_the_limit_of_one_with():
     entries = {"inertias": ("motor",), "drives": {"motor": "voltage"}}
-    short = Train(**entries, added=("c_motor",))
-    wired = Train(**entries, added=("c_motor", "l_motor"))
+    short = Train(**entries, added=("k_e_motor", "c_motor"))
+    wired = Train(**entries, added=("k_e_motor", "c_motor", "l_motor"))
     p = {"j_motor": 1e-3, "k_T_motor": 0.1, "r_motor": 0.7, "k_e_motor": 0.08, "c_motor": 2e-3}
     u = square_wave(200, 25, 3.0, np.random.default_rng(1))
     shown = []

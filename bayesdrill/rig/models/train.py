@@ -235,7 +235,7 @@ SHAFT = (
 MOTOR = (Row("torque_constant", "k_T", "N*m/A", "torque constant of"),)
 CIRCUIT = (
     Row("resistance", "r", "ohm", "resistance of"),
-    Row("back_emf", "k_e", "V*s/rad", "voltage constant of", held="not negative"),
+    Row("back_emf", "k_e", "V*s/rad", "voltage constant of", ()),
     Row("inductance", "l", "H", "inductance of", ()),
     Row("drop", "v_d", "V", "voltage drop at", ("inductance",), "not negative"),
 )
