@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import textwrap
 from collections.abc import Sequence
 
 from benchmarks import tables
@@ -30,6 +31,14 @@ def line(outcome: Outcome) -> str:
 
 def markdown(every: Sequence[Measured], absent: Sequence[Row], seconds: float) -> list[str]:
     failed = [one.name for one in every if not one.passed]
+    told = (
+        f"{len(every) - len(failed)} of {len(every)} rows did what they should, each run in at "
+        f"most {seconds:.0f} s, one of ten million samples in 360 s"
+        + (f"; not: {', '.join(failed)}." if failed else ".")
+    )
+    if absent:
+        names = ", ".join(row.name for row in absent)
+        told += f" Not measured, as their records are not there: {names}."
     lines = [
         tables.where(),
         "",
@@ -37,12 +46,8 @@ def markdown(every: Sequence[Measured], absent: Sequence[Row], seconds: float) -
         tables.row(("---", "---", *["---:"] * (len(HEAD) - 3), "---")),
         *(tables.row(cells(one)) for one in every),
         "",
-        f"{len(every) - len(failed)} of {len(every)} rows did what they should, each run in at "
-        f"most {seconds:.0f} s" + (f"; not: {', '.join(failed)}." if failed else "."),
+        *textwrap.wrap(told, 100),
     ]
-    if absent:
-        names = ", ".join(row.name for row in absent)
-        lines.append(f"Not measured, as their records are not there: {names}.")
     more = "More numbers, of both runs, are in [figures/zoo.csv](figures/zoo.csv)."
     return [*lines, "", "![seconds and effective draws per second](figures/zoo.png)", "", more]
 

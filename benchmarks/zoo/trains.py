@@ -268,7 +268,7 @@ def _rubbing() -> tuple[Row, ...]:
                 held=("j_arm", "j_bob"),
             ),
             made=Driven(
-                duration=7.99, rate=100, series={"t_motor": RandomSteps(0.03, 0.4, seed=25)}
+                duration=4.99, rate=100, series={"t_motor": RandomSteps(0.03, 0.4, seed=25)}
             ),
         ),
     )
