@@ -35,14 +35,9 @@ def true_squares(observation: Observation, full: Array) -> Array:
     """Sums of squares `(K,)` of a rig `(P,)` whose channels are not late, by steps of 80 bits."""
     record = even_record(observation.response.by_samples)
     assert record is not None
-    y, first, total = record.sensors.padded, 0, np.zeros(len(observation.experiment.channels))
-    if record.at is not None:
-        seen, y = y, np.full((record.count, y.shape[1]), np.nan)
-        y[record.at] = seen
-    total = total.astype(np.longdouble)
-    for inputs, shown in record.responses(full):
-        total += np.nansum((y[first : first + len(inputs)] - shown) ** 2, axis=0)
-        first += len(inputs)
+    total = np.zeros(len(observation.experiment.channels), dtype=np.longdouble)
+    for _, left in record.residuals(full):
+        total += np.nansum(left.astype(np.longdouble) ** 2, axis=0)
     return total
 
 
