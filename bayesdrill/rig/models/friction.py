@@ -96,9 +96,11 @@ class Gravity:
     def torque(self, p: Named, angle: Any) -> Any:
         """Return the torque at the state `angle`, against it."""
         turned = _before_gear(angle, self.reduction)
-        return p[self.weight] * (
-            sin(turned if self.tilt is None else turned + p[self.tilt]) - turned
-        )
+        return p[self.weight] * (self.sine(p, turned) - turned)
+
+    def sine(self, p: Named, turned: Any) -> Any:
+        """Return the sine of how far the pendulum has `turned`, from where it hangs."""
+        return sin(turned if self.tilt is None else turned + p[self.tilt])
 
 
 @dataclass(frozen=True, slots=True)
@@ -265,9 +267,9 @@ class LoadWeight:
 
     def torque(self, p: Named, seen: Mapping[str, Any]) -> Any:
         """Return the torque that turns it."""
-        angle, gravity = seen[self.gravity.angle], self.gravity
-        spring = p[gravity.weight] * _before_gear(angle, gravity.reduction)
-        return gravity.torque(p, angle) + spring
+        gravity = self.gravity
+        turned = _before_gear(seen[gravity.angle], gravity.reduction)
+        return p[gravity.weight] * gravity.sine(p, turned)
 
 
 def _before_gear(angle: Any, reduction: float) -> Any:
