@@ -176,9 +176,8 @@ def _sections(run: ReportContext, pictures: Sequence[Picture]) -> Iterator[Secti
         yield build("From one experiment to the next", said, shown, read)
     for torque in analysis.torques:
         where = f" of {torque.label}" if torque.label else ""
-        rig, strays = run.problem.model, torque_words.strayed(torque, run.problem.model)
-        parts = (torque_words.torque_sentence, torque_words.law_sentences)
-        said = "\n".join(filter(None, [*(words_of(torque, rig) for words_of in parts), strays]))
+        parts = (torque_words.torque_sentence, torque_words.law_sentences, torque_words.strayed)
+        said = "\n".join(filter(None, (words_of(torque, run.problem.model) for words_of in parts)))
         shown = torque_words.torque_table(torque)
         yield build(f"The missing torque{where}", said, shown, Note(torque_words.READ))
     for energy in analysis.energy:

@@ -156,8 +156,12 @@ def strayed(summary: TorqueSummary, rig: Model) -> str:
     )
     if max(course.strayed for course in every) <= HARMLESS:
         return f"{said}, which does little harm"
-    way_out = ". Leave the friction out: the torque then shows it" if rig.frictions else ""
-    return f"{said}. Friction and inertia are NOT as sure as their sds say{way_out}"
+    if not rig.frictions:
+        return f"{said}. Weight and inertia are NOT as sure as their sds say"
+    return (
+        f"{said}. Friction and inertia are NOT as sure as their sds say. Leave the friction out: the "
+        "torque then shows it"
+    )
 
 
 def law_sentences(summary: TorqueSummary, rig: Model) -> str:
