@@ -5,10 +5,9 @@ from __future__ import annotations
 import io
 import sys
 from collections.abc import Callable
-from enum import StrEnum
 from functools import partial
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import typer
 
@@ -23,21 +22,13 @@ app = typer.Typer(
 )
 
 
-def resume_option(what: str) -> Any:
-    """Return the option `--resume` with its help."""
-    return typer.Option("--resume", help=what)
+def option(*names: str) -> Callable[[str], Any]:
+    """Return what makes an option of these names of its help."""
+    return lambda what: typer.Option(*names, help=what)
 
 
-def force_option(what: str) -> Any:
-    """Return the option `--force` with its help."""
-    return typer.Option("--force", help=what)
-
-
-def output_option(what: str) -> Any:
-    """Return the option `--output` with its help."""
-    return typer.Option("--output", "-o", help=what)
-
-
+resume_option, force_option = option("--resume"), option("--force")
+output_option = option("--output", "-o")
 ConfigPath = Annotated[Path, typer.Argument(metavar="CONFIG", help="Experiment config (YAML).")]
 Force = Annotated[bool, force_option("Discard what is there and start over.")]
 Scheduler = Annotated[
@@ -348,22 +339,6 @@ def verify(
         raise typer.Exit(INPUT_WRONG)
 
 
-class CitationForm(StrEnum):
-    """Forms of a citation."""
-
-    text = "text"
-    bibtex = "bibtex"
-    cff = "cff"
-
-
-class ExportForm(StrEnum):
-    """Forms of a rig that simulators read."""
-
-    json = "json"
-    mjcf = "mjcf"
-    urdf = "urdf"
-
-
 @command("simulate configs/nominal_step.yaml --output my_record.csv")
 def simulate(
     config: ConfigPath,
@@ -401,29 +376,26 @@ def paper(
     _end("\n".join(done.said), done.folder, files, good=done.converged)
 
 
-class Described(StrEnum):
-    """What has a JSON schema."""
-
-    config = "config"
-    run = "run"
-
-
 @command("schema > schema.json")
 def schema(
     of: Annotated[
-        Described, typer.Option("--of", help="Of configs, or of the run.json of a posterior.")
-    ] = Described.config,
+        Literal["config", "run"],
+        typer.Option("--of", help="Of configs, or of the run.json of a posterior."),
+    ] = "config",
 ) -> None:
     """Print the JSON schema of configs, for editors that complete and check them."""
     from bayesdrill.api import files
 
-    typer.echo(files.schema(of.value), nl=False)
+    typer.echo(files.schema(of), nl=False)
 
 
 @command("export results/nominal_step --to mjcf --output rig.xml")
 def export(
     folder: Annotated[Path, typer.Argument(metavar="FOLDER", help="Of a finished run.")],
-    to: Annotated[ExportForm, typer.Option("--to", help="For MuJoCo, URDF, or any program.")],
+    to: Annotated[
+        Literal["json", "mjcf", "urdf"],
+        typer.Option("--to", help="For MuJoCo, URDF, or any program."),
+    ],
     output: Annotated[Path | None, output_option("Default: it is printed.")] = None,
     draws: Annotated[
         int, typer.Option(min=2, max=100_000, help="Of the posterior, at most.")
@@ -433,7 +405,7 @@ def export(
     """Write what simulators take: armatures, damping and friction, with their spread and draws."""
     from bayesdrill.api import files
 
-    text = files.export(folder, to.value, output, draws=draws, force=force)
+    text = files.export(folder, to, output, draws=draws, force=force)
     typer.echo(text if output is None else f"{output}: written", nl=output is not None)
 
 
@@ -444,13 +416,14 @@ def cite(
         typer.Argument(metavar="FOLDER", help="Of a run; default: what is installed."),
     ] = None,
     form: Annotated[
-        CitationForm, typer.Option("--format", help="To read, for BibTeX, or as CITATION.cff.")
-    ] = CitationForm.text,
+        Literal["text", "bibtex", "cff"],
+        typer.Option("--format", help="To read, for BibTeX, or as CITATION.cff."),
+    ] = "text",
 ) -> None:
     """Say how to cite bayesdrill and what a run stands on."""
     from bayesdrill.api.files import citation
 
-    say(getattr(citation(folder), form.value).rstrip("\n"))
+    say(getattr(citation(folder), form).rstrip("\n"))
 
 
 @command("cache --clear")

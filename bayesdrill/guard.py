@@ -158,12 +158,8 @@ def _fail(problems: tuple[Any, ...]) -> None:
 
 
 def _tell(text: str) -> None:
-    """On stderr, which may be full or closed: the status tells as much as is left to tell."""
+    """One line on stderr, which may be full or closed: the status tells what is left to tell."""
+    from bayesdrill.basics.errors import shortened
+
     with suppress(OSError):
-        say(_line(text), err=True)
-
-
-def _line(text: str) -> str:
-    """One line that a terminal can show, however long the names in a file are."""
-    text = text.replace("\n", " ")
-    return text if len(text) <= LONGEST_LINE else f"{text[: LONGEST_LINE - 3]}..."
+        say(shortened(text.replace("\n", " "), LONGEST_LINE), err=True)

@@ -201,19 +201,13 @@ def present(folder: Path, kind: Kind) -> list[str]:
 
 def existing_outputs(folder: Path, kind: Kind) -> list[Issue]:
     """Links, folders, devices and pipes where a run has its files, and files where its folders."""
-    files = dict.fromkeys((LOCK, *present(folder, kind)), "a file")
-    wrong = []
-    for name, wanted in (files | dict.fromkeys(kind.folders, "a folder")).items():
-        present_kind = what(folder / name)
-        if present_kind not in ("", wanted):
-            why = (
-                "which no run writes"
-                if wanted == "a file"
-                else "where a run has a folder of its own"
-            )
-            message = f"{present_kind}, {why}; move it, or give another --output"
-            wrong.append(Issue(str(folder / name), message))
-    return wrong
+    files = dict.fromkeys((LOCK, *present(folder, kind)), ("a file", "which no run writes"))
+    folders = dict.fromkeys(kind.folders, ("a folder", "where a run has a folder of its own"))
+    return [
+        Issue(str(folder / name), f"{there}, {why}; move it, or give another --output")
+        for name, (wanted, why) in (files | folders).items()
+        if (there := what(folder / name)) not in ("", wanted)
+    ]
 
 
 def _files(folder: Path, kind: Kind) -> list[str]:
@@ -453,8 +447,7 @@ def typed[T](kind: type[T], entries: Mapping[str, Any]) -> T:
     """The dataclass or typed dict of `opened` entries; raises `ValueError` where types are not right."""
     # Half a character, of the name of a file, is none in the text that is validated.
     text = json.dumps(entries, ensure_ascii=False).encode("utf-8", "replace")
-    data: T = _adapter(cast("Hashable", kind)).validate_json(text, strict=True)
-    return data
+    return cast("T", _adapter(cast("Hashable", kind)).validate_json(text, strict=True))
 
 
 @cache

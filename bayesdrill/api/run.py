@@ -199,7 +199,7 @@ class Run(SampledRun):
 
     @cached_property
     def _view(self) -> ReportContext:
-        return conclusions.concluded(self.job, self.mode, self.sampled, kept=self.kept)
+        return conclusions.concluded(self)
 
     def to_arviz(self) -> DataTree:
         """Return the groups of the ArviZ schema, such as for `arviz.summary`; a chain is an ensemble."""

@@ -12,7 +12,6 @@ from bayesdrill.basics.registry import lazy_attributes
 
 if TYPE_CHECKING:
     from bayesdrill.basics.arrays import Array as Array
-    from bayesdrill.basics.arrays import Flags as Flags
     from bayesdrill.basics.entries import Count as Count
     from bayesdrill.basics.entries import Positive as Positive
     from bayesdrill.basics.errors import InputError as InputError

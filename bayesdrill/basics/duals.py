@@ -92,32 +92,26 @@ class Number(ABC):
     @abstractmethod
     def exp(self) -> Any:
         """Return the exponential."""
-        ...
 
     @abstractmethod
     def sin(self) -> Any:
         """Return the sine."""
-        ...
 
     @abstractmethod
     def size(self) -> Any:
         """Return the absolute value."""
-        ...
 
     @abstractmethod
     def signed(self, like: Any) -> Any:
         """Return it with the sign of `like`."""
-        ...
 
     @abstractmethod
     def below(self, other: Any) -> Choice:
         """Tell where it is less than `other`."""
-        ...
 
     @abstractmethod
     def above(self, other: Any) -> Choice:
         """Tell where it is greater than `other`."""
-        ...
 
 
 class Choice(ABC):
@@ -128,7 +122,6 @@ class Choice(ABC):
     @abstractmethod
     def chosen(self, yes: Any, no: Any) -> Any:
         """Select `yes` where it is true, `no` elsewhere."""
-        ...
 
 
 def exp(number: Any) -> Any:

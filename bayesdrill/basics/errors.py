@@ -10,6 +10,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 
 MAX_VALUE_LETTERS = 60  # letters of a value in a message
+MAX_REASON_LETTERS = 120  # of a reader's own words: some quote half of the file
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,6 +59,19 @@ class ErrorCollector:
         except Exception as error:
             first = (str(error).splitlines() or [""])[0]
             self.missing.append(f"{what} ({type(error).__name__}: {first})")
+
+
+@contextmanager
+def report_damage(place: str, message: str) -> Iterator[None]:
+    """Turn what readers raise at damaged bytes into an `InputError`, with the reason for a `{}`."""
+    try:
+        yield
+    except InputError:
+        raise
+    except Exception as error:
+        reason = (str(error).strip().splitlines() or [type(error).__name__])[0]
+        text = message.format(shortened(reason, MAX_REASON_LETTERS))
+        raise InputError.at(place, text) from error
 
 
 def collect_each[T, S](do: Callable[[T], S], those: Iterable[T]) -> list[S]:

@@ -19,11 +19,9 @@ class Reporter(Protocol):
 
     def say(self, text: str) -> None:
         """Print a line."""
-        ...
 
     def update(self, fraction: float, text: str) -> None:
         """Tell how far a stage is and what it knows: 0 begins it, 1 ends it."""
-        ...
 
 
 @dataclass(frozen=True, slots=True)

@@ -10,6 +10,7 @@ import re
 import sys
 import traceback
 from collections.abc import Callable, Iterator, Mapping
+from contextlib import suppress
 from functools import cache, cached_property
 from importlib.metadata import EntryPoint, EntryPoints, entry_points
 from typing import Any
@@ -63,13 +64,8 @@ class Registry[T](Mapping[str, T]):
     @cached_property
     def _entry_points_of_kind(self) -> dict[str, EntryPoint]:
         brought = _entry_points().select(group=f"bayesdrill.{self.what}")
-        by_name = {
-            entry_point.name: entry_point
-            for entry_point in sorted(brought, key=lambda entry_point: entry_point.name)
-        }
-        return {
-            name: entry_point for name, entry_point in by_name.items() if name not in self._members
-        }
+        by_name = {each.name: each for each in sorted(brought, key=lambda each: each.name)}
+        return {name: each for name, each in by_name.items() if name not in self._members}
 
     def __getitem__(self, name: str) -> T:
         if name in self._members:
@@ -105,10 +101,8 @@ class Registry[T](Mapping[str, T]):
         """Return all members but those that cannot be loaded."""
         members = {}
         for name in self:
-            try:
+            with suppress(ValueError):
                 members[name] = self[name]
-            except ValueError:
-                continue
         return members
 
 
@@ -145,12 +139,9 @@ def _reason(error: BaseException) -> str:
         message = str(error)
     except Exception:  # that, too, is code of others
         message = ""
-    kind = type(error).__name__
-    return (
-        message
-        if message and isinstance(error, ValueError)
-        else f"{kind}: {message}".removesuffix(": ")
-    )
+    if message and isinstance(error, ValueError):
+        return message
+    return f"{type(error).__name__}: {message}".removesuffix(": ")
 
 
 def lookup[T](members: Mapping[str, T], name: str, what: str) -> T:

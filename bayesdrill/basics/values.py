@@ -207,12 +207,7 @@ PLAIN_TYPES: dict[Any, dict[str, Any]] = {
     bool: {"type": "boolean"},
 }
 FIELD_LINE = re.compile(r"(?P<name>\w+): (?P<description>.+?)(?: \[(?P<unit>.+)\])?")
-LABEL_FIELDS = (
-    "name",
-    "channel",
-    "label",
-    "parameter",
-)  # fields by which a record is known in a list
+LABEL_FIELDS = ("name", "channel", "label", "parameter")  # by which a record is known in a list
 
 
 def as_data(value: Any) -> Any:
@@ -249,9 +244,9 @@ def _read(kind: Any, data: Any) -> Any:
         return tuple(_read(*pair) for pair in zip(kinds, data, strict=True))
     if origin is Mapping:
         return {name: _read(inside[1], item) for name, item in data.items()}
-    if dataclasses.is_dataclass(kind) and {*_hints(cast("type", kind))} == {*data}:
-        hints = _hints(cast("type", kind))
-        return cast("type", kind)(**{name: _read(hints[name], data[name]) for name in hints})
+    if dataclasses.is_dataclass(kind) and _hints(kind).keys() == {*data}:
+        read = {name: _read(hint, data[name]) for name, hint in _hints(kind).items()}
+        return cast("type", kind)(**read)
     if kind is float:
         return float(data)
     if kind not in PLAIN_TYPES or not isinstance(data, kind):
@@ -271,7 +266,7 @@ def _without_none(kinds: tuple[Any, ...]) -> Any:
 
 
 @cache
-def _hints(kind: type) -> dict[str, Any]:
+def _hints(kind: Any) -> dict[str, Any]:
     hints = get_type_hints(kind)
     return {field.name: hints[field.name] for field in dataclasses.fields(kind)}
 
@@ -282,11 +277,10 @@ def field_descriptions(kind: type) -> dict[str, dict[str, str]]:
     They are lines such as `size: how large it is [m]` of the docstring.
     """
     lines = map(FIELD_LINE.fullmatch, (inspect.getdoc(kind) or "").splitlines())
-    matches = {line["name"]: line.groupdict() for line in lines if line}
-    parts = {name: matches.get(name, {}) for name in _hints(kind)}
+    parts = {line["name"]: line.groupdict() for line in lines if line}
     return {
-        name: {key: text for key, text in part.items() if text and key != "name"}
-        for name, part in parts.items()
+        name: {key: text for key, text in parts.get(name, {}).items() if text and key != "name"}
+        for name in _hints(kind)
     }
 
 
@@ -317,14 +311,15 @@ def _schema(kind: Any, definitions: dict[str, Any]) -> dict[str, Any]:
     name = f"{record.__module__.rpartition('.')[2]}.{record.__name__}"
     if name not in definitions:
         definitions[name] = {}  # it may hold others of its kind
-        hints, descriptions = _hints(record), field_descriptions(record)
+        fields = {
+            key: _schema(_hints(record)[key], definitions) | description
+            for key, description in field_descriptions(record).items()
+        }
         definitions[name] = {
             "type": "object",
             "description": inspect.getdoc(record),
-            "properties": {
-                key: _schema(hints[key], definitions) | descriptions[key] for key in hints
-            },
-            "required": [*hints],
+            "properties": fields,
+            "required": [*fields],
             "additionalProperties": False,
         }
     return {"$ref": f"#/$defs/{name}"}
@@ -348,7 +343,5 @@ def leaves(data: Any, name: str = "") -> Iterator[tuple[str, Any]]:
 
 
 def _known(k: int, item: Any) -> str:
-    names = (
-        [item[key] for key in LABEL_FIELDS if item.get(key)] if isinstance(item, Mapping) else []
-    )
-    return str(names[0]) if names else str(k)
+    fields = LABEL_FIELDS if isinstance(item, Mapping) else ()
+    return str(next((item[key] for key in fields if item.get(key)), k))

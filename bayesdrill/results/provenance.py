@@ -112,18 +112,15 @@ def _of_experiments(problem: Problem) -> dict[str, str]:
     """Of several, each name with that of its experiment."""
     entries: dict[str, str] = {}
     for observation in problem.all_observations:
-        names, sensing, facts = observation.experiment.names, observation.response.sensing, {}
+        names, sensing = observation.experiment.names, observation.response.sensing
+        facts = _of_experiment(observation.experiment)
         if not sensing.empty:  # is told beside the rig's parameters
-            facts = {"the sensors": sensing.summary, "the start": sensing.start_summary}
+            told = {"the sensors": sensing.summary, "the start": sensing.start_summary}
+            facts |= {name: text for name, text in told.items() if text}
         if observation.kind:
             facts["the kind of noise"] = _short(observation.kind)
-        noise = {
-            f"the noise of {names[k]}": repr(sigma)
-            for k, sigma in observation.fixed_noise().items()
-        }
-        facts = (
-            _of_experiment(observation.experiment) | {n: x for n, x in facts.items() if x} | noise
-        )
+        for k, sigma in observation.fixed_noise().items():
+            facts[f"the noise of {names[k]}"] = repr(sigma)
         entries |= {observation.entitled(name): value for name, value in facts.items()}
     for observation in problem.posterior.likelihood.held_out:
         entries[observation.entitled("what counts")] = "nothing: it is held out"
@@ -154,13 +151,12 @@ def _noise_held(config: Config, problem: Problem, display_units: DisplayUnits) -
     """Of channels whose noise is known."""
     entries = {}
     for observation in problem.observations:
-        names = observation.experiment.names
         for k, sigma in observation.fixed_noise().items():
             if isinstance(sigma, float):
-                shown = experiments.joint_name(config, noise_name(names[k]), observation.label)
-                entries[observation.entitled(f"the noise of {names[k]}")] = (
-                    display_units.format_value(shown, sigma, 6)
-                )
+                channel = observation.experiment.names[k]
+                shown = experiments.joint_name(config, noise_name(channel), observation.label)
+                text = display_units.format_value(shown, sigma, 6)
+                entries[observation.entitled(f"the noise of {channel}")] = text
     return entries
 
 

@@ -4,10 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import shutil
-import struct
 import threading
-import zipfile
-import zlib
 from collections.abc import Collection, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, field
@@ -20,7 +17,7 @@ import numpy as np
 from filelock import FileLock, Timeout
 
 from bayesdrill import output_files
-from bayesdrill.basics.errors import InputError, Issue
+from bayesdrill.basics.errors import InputError, Issue, report_damage, shortened
 from bayesdrill.output_files import (
     LOCK,
     OPENED,
@@ -36,12 +33,6 @@ from bayesdrill.sampling.ensembles import ExtendedPriors
 from bayesdrill.sampling.samplers.ensemble import ChainSegment, State
 
 SEAL = "checksum"
-# What NumPy, zipfile and HDF5 raise when bytes of a file are not what they were.
-DAMAGED = (
-    *(OSError, ValueError, KeyError, IndexError, TypeError, EOFError, RuntimeError, MemoryError),
-    *(AttributeError, OverflowError, NotImplementedError, SyntaxError, struct.error),
-    *(zipfile.BadZipFile, zlib.error),
-)
 AGAIN = "delete it and continue with --resume, which computes it again"
 COMPUTED_AGAIN = f"is damaged; {AGAIN}"
 
@@ -67,24 +58,20 @@ def write_piece(path: Path, piece: ChainSegment, run: str) -> None:
 
 def read_piece(path: Path) -> tuple[ChainSegment, str | None]:
     """And of which run it is; raises `InputError` where the file is damaged."""
-    try:
-        with path.open("rb") as raw, np.load(raw) as file:
-            position, has_gauss, cached = file["random_rest"]
-            kind, keys = str(file["random_kind"]), file["random_keys"]
-            random = (kind, keys, int(position), int(has_gauss), cached)
-            piece = _consistent(
-                ChainSegment(
-                    z=file["z"],
-                    log_p=file["log_p"],
-                    accepted=file["accepted"],
-                    failures=int(file["failures"]),
-                    state=State(file["end_z"], file["end_log_p"], random),
-                    seconds=float(file["seconds"]),
-                )
-            )
-            return piece, str(file["run"]) if "run" in file else None
-    except DAMAGED:
-        raise InputError.at(str(path), COMPUTED_AGAIN) from None
+    with report_damage(str(path), COMPUTED_AGAIN), path.open("rb") as raw, np.load(raw) as file:
+        piece = ChainSegment(
+            z=file["z"],
+            log_p=file["log_p"],
+            accepted=file["accepted"],
+            failures=int(file["failures"]),
+            state=State(
+                file["end_z"],
+                file["end_log_p"],
+                _random_state(file["random_kind"], file["random_keys"], *file["random_rest"]),
+            ),
+            seconds=float(file["seconds"]),
+        )
+        return _consistent(piece), str(file["run"]) if "run" in file else None
 
 
 def write_opened(
@@ -99,15 +86,13 @@ def write_opened(
 
 def read_opened(path: Path, pieces: Sequence[Sequence[ChainSegment]]) -> ExtendedPriors:
     """Raises `InputError` where the file is damaged, or of another chain."""
-    try:
-        with path.open("rb") as raw, np.load(raw) as file:
-            names, pressed = (tuple(map(str, file[name])) for name in ("names", "pressed"))
-            draws, mark = file["draws"].reshape(-1, pieces[0][0].z.shape[-1]), str(file["chain"])
+    damage = report_damage(str(path), f"is of another chain, or {COMPUTED_AGAIN}")
+    with damage, path.open("rb") as raw, np.load(raw) as file:
+        names, pressed = (tuple(map(str, file[name])) for name in ("names", "pressed"))
+        draws, mark = file["draws"].reshape(-1, pieces[0][0].z.shape[-1]), str(file["chain"])
         if mark != chain_mark(pieces):
             raise ValueError("of another chain")
         return ExtendedPriors(names=names, draws=draws if draws.size else None, pressed=pressed)
-    except DAMAGED:
-        raise InputError.at(str(path), f"is of another chain, or {COMPUTED_AGAIN}") from None
 
 
 def chain_mark(pieces: Sequence[Sequence[ChainSegment]]) -> str:
@@ -198,28 +183,29 @@ def read_chain(path: Path, ensemble: int) -> tuple[ChainSegment, str | None]:
     """One finished ensemble, and of which run it is; raises `InputError` where the file is damaged."""
     import h5py
 
-    try:
+    with report_damage(str(path), COMPUTED_AGAIN):
         with h5py.File(path, "r") as file:
             group = file[f"ensemble_{ensemble}"]
             contents = _contents(group)
             if group.attrs[SEAL] != _checksum(contents):
                 raise ValueError("the checksum does not fit")
-        kind, keys, position, has_gauss, cached = (contents[f"random_state_{k}"] for k in range(5))
-        random = (str(kind), keys, int(position), int(has_gauss), cached)
         z, log_p = contents["chain"], contents["log_prob"]
-        piece = _consistent(
-            ChainSegment(
-                z=z,
-                log_p=log_p,
-                accepted=contents["accepted"],
-                failures=int(contents["failures"]),
-                state=State(z[-1], log_p[-1], random),
-                seconds=1.0,
-            )
+        random = _random_state(*(contents[f"random_state_{k}"] for k in range(5)))
+        piece = ChainSegment(
+            z=z,
+            log_p=log_p,
+            accepted=contents["accepted"],
+            failures=int(contents["failures"]),
+            state=State(z[-1], log_p[-1], random),
+            seconds=1.0,
         )
-        return piece, contents.get("run")
-    except DAMAGED:
-        raise InputError.at(str(path), COMPUTED_AGAIN) from None
+        return _consistent(piece), contents.get("run")
+
+
+def _random_state(
+    kind: Any, keys: Any, position: Any, has_gauss: Any, cached: Any
+) -> tuple[Any, ...]:
+    return str(kind), keys, int(position), int(has_gauss), cached
 
 
 # report: nothing is added to the chain; read: nothing is written at all
@@ -389,6 +375,10 @@ class Folder:
             name for name in output_files.present(self.path, self.kind) if name != self.kind.mark
         ]
 
+    def digests(self) -> dict[str, str]:
+        """Of these files, by their names."""
+        return {name: output_files.digest(self.path / name) for name in self.report_files()}
+
     def remove_stale(self, names: Collection[str]) -> None:
         """What an earlier report of this run has written, and this one will not."""
         for name in set(self.report_files()) & set(names):
@@ -515,5 +505,4 @@ def read_run(folder: Path) -> dict[str, Any] | None:
 
 
 def _value(marks: Mapping[str, Any], name: str) -> str:
-    value = str(marks.get(name, "not there"))
-    return value if len(value) <= LONGEST else f"{value[: LONGEST - 3]}..."
+    return shortened(str(marks.get(name, "not there")), LONGEST)

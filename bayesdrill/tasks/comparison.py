@@ -20,12 +20,13 @@ from bayesdrill.basics.errors import InputError, encodable
 from bayesdrill.config.job import Job
 from bayesdrill.inference.display_units import SI, DisplayUnits
 from bayesdrill.inference.posterior import Problem
-from bayesdrill.inference.residual_checks import ResidualSummary, residual_summaries
+from bayesdrill.inference.residual_checks import ResidualSummary
 from bayesdrill.inference.unknowns import SIMULATOR_ROLES
 from bayesdrill.report import words
 from bayesdrill.report.comparison_report import COMPARED, OVERLAID, ComparisonReport, Form
 from bayesdrill.results import provenance
 from bayesdrill.results.run_folder import Folder
+from bayesdrill.tasks import conclusions
 from bayesdrill.tasks.conclusions import SampledRun
 
 FEWEST = 2  # runs
@@ -113,10 +114,7 @@ def mark(run: SampledRun) -> str:
 
 def residuals(run: SampledRun) -> tuple[ResidualSummary, ...]:
     """What the MAP leaves of each channel."""
-    if run.kept is not None:
-        return run.kept.fit
-    posterior = run.job.problem.posterior
-    return residual_summaries(posterior.likelihood, posterior.space.vector(run.mode.values))
+    return conclusions.residuals(run.job, run.mode) if run.kept is None else run.kept.fit
 
 
 def distinct(names: Sequence[str]) -> list[str]:
@@ -183,7 +181,7 @@ def entries(
             {"name": layer.name, "run": layer.mark, "folder": place}
             for layer, place in zip(report.layers, places, strict=True)
         ],
-        "files": {name: output_files.digest(folder.path / name) for name in folder.report_files()},
+        "files": folder.digests(),
         "reasons": list(report.reasons),
     }
     if report.decision is None or report.best is None:
@@ -216,17 +214,14 @@ def check_same_record(runs: Sequence[NamedRun]) -> None:
 
 def _record(problem: Problem) -> dict[str, str]:
     """Of each experiment: channels, samples and what is held out."""
-    digests, whole = (
-        {},
-        {observation.label for observation in problem.posterior.likelihood.held_out},
-    )
-    for label, digest in provenance.records(problem).items():
-        observation = next(each for each in problem.all_observations if each.label == label)
-        held = observation.experiment.held_out
+    digests, records = {}, provenance.records(problem)
+    whole = {observation.label for observation in problem.posterior.likelihood.held_out}
+    for observation in problem.all_observations:
+        label, held = observation.label, observation.experiment.held_out
         apart = "" if held is None else hashlib.sha256(held.tobytes()).hexdigest()[:6]
         held_out = f", held out {apart}" if apart else ""
         held_out += ", held out as a whole" if label in whole else ""
-        digests[label] = f"{digest} of {', '.join(observation.experiment.names)}{held_out}"
+        digests[label] = f"{records[label]} of {', '.join(observation.experiment.names)}{held_out}"
     return digests
 
 

@@ -19,6 +19,7 @@ from bayesdrill.config.resolve import experiments
 from bayesdrill.config.resolve.case import ResolvedCase
 from bayesdrill.config.schema.config import Config
 from bayesdrill.inference import residual_checks
+from bayesdrill.inference.residual_checks import ResidualSummary
 from bayesdrill.report import words
 from bayesdrill.report.view import ReportContext
 from bayesdrill.results import provenance
@@ -42,29 +43,25 @@ class SampledRun(Value):
 
 
 def concluded(
-    job: Job,
-    mode: Mode,
-    sampled: SamplingResult,
+    run: SampledRun,
     scenery: SensitivityStudy | None = None,
     seconds: Mapping[str, float] | None = None,
     *,
     alone: bool = True,
     explained: Causes | None = None,
-    kept: RunAnalysis | None = None,
 ) -> ReportContext:
-    """Evaluate all that is said of a run, and return what its report needs.
+    """Evaluate all that is said of a run, if it has not kept that, and return what its report needs.
 
     `scenery`: of the job's likelihood, where there is one already; `alone`: no other model of the
-    record is tried beside it; `explained`: the causes of a bad fit, which are looked for otherwise;
-    `kept`: what was evaluated before.
+    record is tried beside it; `explained`: the causes of a bad fit, which are looked for otherwise.
     """
-    problem = job.problem
-    chain = RunDraws(problem, mode, sampled, job.config.seed)
+    job, kept = run.job, run.kept
+    chain = RunDraws(job.problem, run.mode, run.sampled, job.config.seed)
     if kept is None:
-        scenery = scenery or SensitivityStudy(problem.posterior.likelihood)
-        suspicions = words.record_suspicions(problem)
+        scenery = scenery or SensitivityStudy(job.problem.posterior.likelihood)
+        suspicions = words.record_suspicions(job.problem)
         if alone and explained is None:
-            explained = causes(job, mode)
+            explained = causes(job, run.mode)
         kept = analyse(chain, job.asked, scenery, suspicions, alone=alone, explained=explained)
     return ReportContext(chain, job.config, kept, seconds or {})
 
@@ -76,14 +73,17 @@ def causes(
 
     The job is in the steps of that mode.  `submit`: to other processes, or in this one.
     """
-    posterior = job.problem.posterior
-    left = residual_checks.residual_summaries(
-        posterior.likelihood, posterior.space.vector(mode.values)
-    )
-    if residual_checks.like_noise(left):
+    if residual_checks.like_noise(residuals(job, mode)):
         return None
-    with WorkerPool(posterior, 1) as pool:
+    with WorkerPool(job.problem.posterior, 1) as pool:
         return ranking.rank(job, mode.values, submit or pool.submit_function, report).causes
+
+
+def residuals(job: Job, mode: Mode) -> tuple[ResidualSummary, ...]:
+    """What the maximum leaves of each channel."""
+    posterior = job.problem.posterior
+    best = posterior.space.vector(mode.values)
+    return residual_checks.residual_summaries(posterior.likelihood, best)
 
 
 def settings(case: ResolvedCase) -> dict[str, Any]:
@@ -101,18 +101,14 @@ def settings(case: ResolvedCase) -> dict[str, Any]:
 def analysis_mark(job: Job, mode: Mode, sampled: SamplingResult) -> str:
     """A digest of all that an analysis is made of: config, record, maximum, chain, and the version."""
     given = {name: x for name, x in settings(job.case).items() if name != "output"}
+    extended = sampled.extended and (sampled.extended.pressed, sampled.extended.saved)
     made_of = (
         bayesdrill.__version__,
         repr(given),
         repr(sorted(provenance.fingerprint(job.config, job.problem).items())),
         repr((dict(mode.values), mode.doubts, mode.pieces, job.asked)),
         chain_mark(sampled.segments),
-        repr(
-            (
-                sampled.evidence,
-                sampled.extended and (sampled.extended.pressed, sampled.extended.saved),
-            )
-        ),
+        repr((sampled.evidence, extended)),
     )
     return hashlib.sha256("\n".join(made_of).encode("utf-8", "replace")).hexdigest()
 

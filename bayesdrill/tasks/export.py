@@ -81,67 +81,57 @@ def simulator_model(run: SampledRun, draws: int, rng: np.random.Generator) -> Si
         message = f"the rig {model.name} does not say what its inertias are (`roles`)"
         raise InputError.at(str(run.job.config.name), f"{message}; nothing can be exported")
     joints = {speed: inertias[-1].name for speed, inertias in moving.items()}
-    quantities = [
-        ExportedNumber(part=part, name=name, unit=unit, draws=values[1:], map=float(values[0]))
-        for part, name, unit, values in (
-            *_of_joints(model, p, moving, joints),
-            *_of_shafts(model, p),
-            *_of_motors(model, p),
-        )
-    ]
     return SimulatorModel(
         title=run.job.config.name,
         linear=model.symbols[next(iter(joints))].unit == "m/s",
         joints=joints,
         springs=dict(_springs(model, p, joints)),
         drives=dict(_drives(model, p, joints)),
-        quantities=tuple(quantities),
+        quantities=tuple(_quantities(model, p, moving, joints)),
     )
 
 
 Values = Mapping[str, Array]
-Parts = Iterator[tuple[str, str, str, Array]]  # part, name, unit, values
 
 
-def _of_joints(
+def _quantities(
     model: Model, p: Values, moving: Mapping[str, list[InertiaRoles]], joints: Mapping[str, str]
-) -> Parts:
-    for speed, inertias in moving.items():
-        sums: dict[str, tuple[str, Array]] = {}
-        for inertia in inertias:
-            for name, symbol, power in (
-                ("armature", inertia.inertia, 2),
-                ("damping", inertia.damping, 2),
-                ("frictionloss", inertia.sliding, 1),
-                ("constant_friction", inertia.friction, 1),
-                ("gravity", inertia.weight, 1),
-            ):
-                if symbol in p:
-                    unit, before = sums.get(name, (model.symbols[symbol].unit, np.zeros(1)))
-                    sums[name] = unit, before + p[symbol] / abs(inertia.reduction) ** power
-        for name, (unit, values) in sums.items():
-            yield joints[speed], name, unit, values
-
-
-def _of_shafts(model: Model, p: Values) -> Parts:
+) -> Iterator[ExportedNumber]:
+    """Of joints, at which the inertias behind gears add up, of shafts and of motors."""
+    terms = [
+        (joints[speed], name, symbol, abs(inertia.reduction) ** power)
+        for speed, inertias in moving.items()
+        for inertia in inertias
+        for name, symbol, power in (
+            ("armature", inertia.inertia, 2),
+            ("damping", inertia.damping, 2),
+            ("frictionloss", inertia.sliding, 1),
+            ("constant_friction", inertia.friction, 1),
+            ("gravity", inertia.weight, 1),
+        )
+    ]
     for shaft in model.roles.shafts:
-        for name, symbol in (("stiffness", shaft.stiffness), ("damping", shaft.damping)):
-            if symbol in p:
-                yield shaft.name, name, model.symbols[symbol].unit, p[symbol]
-
-
-def _of_motors(model: Model, p: Values) -> Parts:
+        springs = {"stiffness": shaft.stiffness, "damping": shaft.damping}
+        terms += [(shaft.name, name, symbol, 1.0) for name, symbol in springs.items()]
     for motor in model.roles.motors:
-        for name, symbol in (
-            ("torque_constant", motor.torque_constant),
-            ("back_emf", motor.back_emf),
-            ("resistance", motor.resistance),
-            ("series_resistance", motor.series),
-            ("inductance", motor.inductance),
-            ("voltage_drop", motor.drop),
-        ):
-            if symbol in p:
-                yield f"motor_{motor.inertia}", name, model.symbols[symbol].unit, p[symbol]
+        circuit = {
+            "torque_constant": motor.torque_constant,
+            "back_emf": motor.back_emf,
+            "resistance": motor.resistance,
+            "series_resistance": motor.series,
+            "inductance": motor.inductance,
+            "voltage_drop": motor.drop,
+        }
+        terms += [(f"motor_{motor.inertia}", name, symbol, 1.0) for name, symbol in circuit.items()]
+    sums: dict[tuple[str, str, str], Array] = {}
+    for part, name, symbol, factor in terms:
+        if symbol in p:
+            key = part, name, model.symbols[symbol].unit
+            sums[key] = sums.get(key, np.zeros(1)) + p[symbol] / factor
+    for (part, name, unit), values in sums.items():
+        yield ExportedNumber(
+            part=part, name=name, unit=unit, draws=values[1:], map=float(values[0])
+        )
 
 
 def _springs(

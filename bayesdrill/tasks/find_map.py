@@ -14,7 +14,6 @@ from bayesdrill.basics.errors import InputError
 from bayesdrill.basics.progress import Reporter
 from bayesdrill.config.job import Job, prepare
 from bayesdrill.config.resolve import assembly
-from bayesdrill.inference import residual_checks
 from bayesdrill.inference.compression import LONG
 from bayesdrill.inference.posterior import Problem
 from bayesdrill.output_files import MAP, dumps_checksummed, loads_checksummed, typed
@@ -28,7 +27,7 @@ from bayesdrill.sampling.fit import FitPlan, PendingSearches, begin_searches, en
 from bayesdrill.sampling.mode_search import Mode
 from bayesdrill.sampling.workers import WorkerPool
 from bayesdrill.tasks import ranking, run_entries
-from bayesdrill.tasks.conclusions import causes, plan
+from bayesdrill.tasks.conclusions import causes, plan, residuals
 
 
 def check_place(output: Path, *, force: bool) -> None:
@@ -57,9 +56,12 @@ def save(job: Job, mode: Mode, output: Path, record: str | None, *, force: bool)
         for stem, figure in said.figures.items():
             publish.draw(job.problem.posterior, stem, figure, place, note, *look)
         folder.write_text("report.html", said.page(output))
-        files = {name: output_files.digest(output / name) for name in folder.report_files()}
-        fit = run_entries.residual_data(said.left)
-        folder.write_run(status="finished", reasons=list(said.reasons), fit=fit, files=files)
+        folder.write_run(
+            status="finished",
+            reasons=list(said.reasons),
+            fit=run_entries.residual_data(said.left),
+            files=folder.digests(),
+        )
 
 
 def read(output: Path) -> tuple[Job, Mode]:
@@ -109,12 +111,8 @@ def end_search(pool: WorkerPool, under_way: PendingSearches, job: Job, report: R
 
 def misfit(job: Job, mode: Mode) -> str:
     """What the maximum leaves, where no posterior about it can be believed; empty elsewhere."""
-    posterior = job.problem.posterior
-    left = residual_checks.residual_summaries(
-        posterior.likelihood, posterior.space.vector(mode.values)
-    )
-    unbelievable = bool(fit_words.residual_reasons(left))
-    return fit_words.residual_sentences(left, job.clock) if unbelievable else ""
+    left = residuals(job, mode)
+    return fit_words.residual_sentences(left, job.clock) if fit_words.residual_reasons(left) else ""
 
 
 def explain(
@@ -158,18 +156,13 @@ def read_mode(folder: Folder, problem: Problem) -> Mode | None:
 
 def _possible(mode: Mode, problem: Problem) -> bool:
     """Whether a mode may be one of this posterior."""
-    space, labels = (
-        problem.posterior.space,
-        {observation.label for observation in problem.all_observations},
-    )
-    maxima, ends = (
-        [maximum.values for maximum in mode.maxima],
-        [maximum.end for maximum in mode.searches],
-    )
+    space, labels = problem.posterior.space, {each.label for each in problem.all_observations}
+    maxima = [maximum.values for maximum in mode.maxima]
+    points = (*maxima, *(search.end for search in mode.searches), mode.slope)
     names = {*mode.at_bound, *mode.steps} <= {*space.free} and {*mode.pieces} <= labels
-    if not names or any(set(end) != {*space.free} for end in (*maxima, *ends, mode.slope)):
+    if not names or any(set(point) != {*space.free} for point in points):
         return False
-    numbers = [value for end in (*maxima, *ends, mode.slope) for value in end.values()]
+    numbers = [value for point in points for value in point.values()]
     numbers += [mode.gain, *(maximum.log_posterior for maximum in mode.maxima)]
     numbers += list(space.log_prior(np.array([*map(space.vector, maxima)])))
     return bool(np.isfinite(numbers).all()) and min([1, *sum(mode.pieces.values(), ())]) > 0

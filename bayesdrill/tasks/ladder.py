@@ -32,7 +32,6 @@ from bayesdrill.tasks.find_map import fit_plan
 from bayesdrill.tasks.remote import RefitExecutor, packed, run_jobs
 
 RANKED = "candidates"  # in `run.json`: their parts, the most probable first, and what makes them
-SAMPLED, MOST_SAMPLED = 2, 9  # of them
 KEPT = 20  # in `run.json`
 STEPS = 400  # of a walker, as a posterior of one maximum usually takes
 
@@ -65,7 +64,7 @@ def ladder(
     how: run_folder.WriteMode,
     pool: RefitExecutor,
     report: Reporter,
-    sample: int = SAMPLED,
+    sample: int = 2,
 ) -> LadderOutcome:
     """The whole job; `sample`: how many of the most probable candidates are sampled.
 
@@ -155,11 +154,9 @@ class _Sampling:
     def _taken_up(self, place: str, rung: CandidateModel, job: Job) -> bool:
         """Whether it was run before."""
         folder = self.folder.path / place
-        run = run_folder.read_run(folder) if self.again else None
-        same = run is not None and run.get("fingerprint") == provenance.fingerprint(
-            job.config, job.problem
-        )
-        if run is None or not same or run.get("status") != "finished":
+        run = (run_folder.read_run(folder) if self.again else None) or {}
+        marks = provenance.fingerprint(job.config, job.problem)
+        if run.get("fingerprint") != marks or run.get("status") != "finished":
             return False
         return self._known(place, rung, pipeline.read_result(folder))
 
@@ -170,19 +167,17 @@ class _Sampling:
             self.left_out[rung.name] = made
             return
         mode, sampled = made
-        job = job.with_steps_at(mode)
-        # What may be missing the ranking says.
-        view = concluded(job, mode, sampled, alone=False)
-        pipeline.write_result(job, view, self.folder.path / place, None, force=True)
-        if not self._known(place, rung, SampledRun(job, mode, sampled, kept=view.analysis)):
+        run = SampledRun(job.with_steps_at(mode), mode, sampled)
+        view = concluded(run, alone=False)  # what may be missing the ranking says
+        pipeline.write_result(run.job, view, self.folder.path / place, None, force=True)
+        if not self._known(place, rung, dataclasses.replace(run, kept=view.analysis)):
             self.left_out[rung.name] = "its evidence could not be computed"
 
     def _known(self, place: str, rung: CandidateModel, run: SampledRun) -> bool:
-        if run.sampled.evidence is None:
-            return False
-        named = comparison.NamedRun(rung.name, self.folder.path / place, run)
-        self.done[place] = rung, comparison.contender(named, self.job.units)
-        return True
+        if run.sampled.evidence is not None:
+            named = comparison.NamedRun(rung.name, self.folder.path / place, run)
+            self.done[place] = rung, comparison.contender(named, self.job.units)
+        return place in self.done
 
 
 def search(posterior: Posterior, plan: FitPlan) -> Mode:

@@ -156,7 +156,8 @@ def _run(
         _finish_chain(job, folder, sampled)
         seconds = {"map": clock[1] - clock[0], "sampling": clock[2] - clock[1]}
         report.update(0.0, DRAWS_SAY)
-        view = concluded(job, mode, sampled, study, seconds, explained=explained)
+        run = SampledRun(job, mode, sampled)
+        view = concluded(run, study, seconds, explained=explained)
         return _publish(job, folder, view, pool, report, clock[-1])
 
 
@@ -171,8 +172,7 @@ def republish(output: Path, processes: int, report: Reporter = SILENT) -> Outcom
             seconds = dict(run.get("seconds", {}))
             seconds.pop("report", None)  # is being made again
             report.update(0.0, DRAWS_SAY)
-            parts = (finished.job, finished.mode, finished.sampled)
-            view = concluded(*parts, seconds=seconds, kept=finished.kept)
+            view = concluded(finished, seconds=seconds)
             return _publish(finished.job, folder, view, pool, report)
 
 
@@ -209,10 +209,10 @@ def _read_job(output: Path) -> tuple[Job, dict[str, str]]:
     if run is None:
         raise InputError.at(str(output), "no results here; give the folder of a finished run")
     if run.get("job") != POSTERIOR.job:
-        message = (
+        whose = (
             f"results of `bayesdrill {run.get('job')}`, which makes its tables and figures itself"
         )
-        raise InputError.at(str(output), f"{message}; give the folder of a posterior")
+        raise InputError.at(str(output), f"{whose}; give the folder of a posterior")
     if not (output / RESOLVED_FILE).exists():
         raise InputError.at(str(output), "the run stopped as it began; continue it with --resume")
     job = prepare(output / RESOLVED_FILE)
@@ -226,14 +226,12 @@ def _read_sampled(job: Job, folder: Folder) -> SampledRun:
         message = "is not there; continue with --resume, which searches the MAP again"
         raise InputError.at(str(path / find_map.MAP_FILE), message)
     job = job.with_steps_at(mode)
-    problem = job.problem
+    posterior, nominal = job.problem.posterior, job.problem.nominal
     _read_ahead(job, folder)
-    again = load_sampled(problem.posterior, plan(job.config), folder.segments, str(path))
+    again = load_sampled(posterior, plan(job.config), folder.segments, str(path))
     again = again.with_reasons(mode.doubts)
+    beyond = folder.opened_ends(again.segments) or unsaved_extension(again, posterior, nominal)
     run = run_folder.read_run(path) or {}
-    beyond = folder.opened_ends(again.segments) or unsaved_extension(
-        again, problem.posterior, problem.nominal
-    )
     sampled = dataclasses.replace(
         again,
         mode_shares=maxima_weights(run),
@@ -310,11 +308,10 @@ def _publish(
     if begun is not None:
         seconds["report"] = time.perf_counter() - begun
         folder.write_run(seconds={name: round(value, 3) for name, value in seconds.items()})
-    files = {name: output_files.digest(folder.path / name) for name in folder.report_files()}
     folder.write_run(
         status="finished",
         missing=missing,
-        files=files,
+        files=folder.digests(),
         **entries(view, analysis_mark(job, view.mode, view.sampled)),
     )
     return Outcome(

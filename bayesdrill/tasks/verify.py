@@ -113,13 +113,8 @@ def _of_posterior(folder: Path, run: Mapping[str, Any]) -> Iterator[Issue]:
     explained = None
     with suppress(ValueError):
         explained = from_data(Causes, kept["causes"]) if kept.get("causes") else None
-    view = conclusions.concluded(
-        stored_run.job,
-        stored_run.mode,
-        stored_run.sampled,
-        alone=kept.get("alone", True),
-        explained=explained,
-    )
+    afresh = dataclasses.replace(stored_run, kept=None)
+    view = conclusions.concluded(afresh, alone=kept.get("alone", True), explained=explained)
     beyond = view.sampled.extended
     if beyond is None or beyond.saved:
         texts = {name: table(view) or "" for name, table in publish.TABLES.items()}

@@ -27,7 +27,7 @@ from bayesdrill.rig.simulators import simulator
 from bayesdrill.rig.simulators.irregular import IrregularSimulator
 from bayesdrill.rig.simulators.sensors import ObservationModel
 from bayesdrill.sampling.gauss_newton import gauss_newton
-from bayesdrill.tasks.conclusions import concluded
+from bayesdrill.tasks.conclusions import SampledRun, concluded
 
 FREE = ("j_m", "k_e", "k_s", "j_1")
 TRUTH = vector(NOMINAL) * np.where(np.arange(9) == 8, 0.01, 1.0)
@@ -149,6 +149,8 @@ def test_half_a_sample_is_told_only_where_the_fit_is_noise() -> None:
     response = posterior.likelihood.response.with_record((exact + 9.0 * noise)[:, None])
     off = replace(posterior, likelihood=posterior.likelihood.replace_only(response=response))
     job = replace(run.job, problem=replace(run.job.problem, posterior=off))
-    view = concluded(job, run.mode, run.sampled, alone=False)  # no causes are looked for
+    view = concluded(
+        SampledRun(job, run.mode, run.sampled), alone=False
+    )  # no causes are looked for
     assert not like_noise(view.analysis.fit)
     assert not [note for note in view.notes if "moment" in note]

@@ -106,7 +106,8 @@ class Pair:
 def pair() -> Pair:
     run = users().sample()
     own, plain = (
-        conclusions.concluded(one.job, run.mode, run.sampled) for one in (users(), usual())
+        conclusions.concluded(conclusions.SampledRun(one.job, run.mode, run.sampled))
+        for one in (users(), usual())
     )
     return Pair(own, plain)
 

@@ -5,21 +5,20 @@ from __future__ import annotations
 import importlib
 import zipfile
 from collections.abc import Callable, Collection, Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from bayesdrill.basics.errors import InputError, shortened
+from bayesdrill.basics.errors import InputError, report_damage
 from bayesdrill.output_files import LARGEST_FILE
 from bayesdrill.record.formats.table import Array, RecordTable, keys_of, read_bytes
 
 _NUMERIC = "fiub"
 """numpy dtype kinds of real numbers and logicals."""
 
-MAX_REASON_LETTERS = 120  # letters of a reader's own words: some quote half of the file
+
 ITSELF = "save the numbers themselves in this file"
 
 
@@ -30,7 +29,7 @@ class FileContents:
     variables: dict[str, Array] = field(default_factory=dict)
     ignored: dict[str, str] = field(default_factory=dict)
     unread: list[str] = field(default_factory=list)
-    groups: set[int] = field(default_factory=set)  # where they stand in the file
+
     labels: dict[str, str] = field(default_factory=dict)
 
     def add(self, name: str, values: np.ndarray[Any, Any]) -> None:
@@ -72,20 +71,7 @@ class FileContents:
         )
 
 
-@contextmanager
-def report_damage(path: Path, message: Callable[[str], str]) -> Iterator[None]:
-    """Turn what damaged bytes raise into an `InputError` of the file, with `message(reason)`."""
-    try:
-        yield
-    except InputError:
-        raise
-    except Exception as error:
-        reason = (str(error).strip().splitlines() or [type(error).__name__])[0]
-        raise InputError.at(str(path), message(shortened(reason, MAX_REASON_LETTERS))) from error
-
-
-def _cut_short(what: str) -> Callable[[str], str]:
-    return lambda reason: f"the {what} is damaged or cut short ({reason}); copy or save it again"
+CUT_SHORT = "is damaged or cut short ({}); copy or save it again"
 
 
 def too_large(shape: tuple[int, ...], itemsize: int) -> str:
@@ -114,8 +100,10 @@ def read_hdf5(path: Path, wanted: Collection[str] | None = None) -> RecordTable:
         )
     contents = FileContents()
     used = None if wanted is None else {form for name in wanted for form in _records(name)}
-    broken = _cut_short("HDF5 file") if head.startswith(_HDF5_MAGIC) else _no_hdf5
-    with report_damage(path, broken), h5py.File(path, "r") as file:
+    broken = "is not an HDF5 file; save it with h5py, or give it the ending of what it is"
+    if head.startswith(_HDF5_MAGIC):
+        broken = f"the HDF5 file {CUT_SHORT}"
+    with report_damage(str(path), broken), h5py.File(path, "r") as file:
         for name, item in datasets(file, contents, separator="/", called="group"):
             if used is not None and name not in used:
                 contents.unread.append(name)
@@ -132,54 +120,44 @@ def _records(name: str) -> tuple[str, ...]:
     return tuple(".".join(parts[:count]) for count in range(1, len(parts) + 1))
 
 
-def _no_hdf5(_: str) -> str:
-    return "is not an HDF5 file; save it with h5py, or give it the ending of what it is"
-
-
 def datasets(
-    group: Any,
+    file: Any,
     contents: FileContents,
     *,
     separator: str,
     called: str,
     unfit: Callable[[str, Any], str] = lambda name, item: "",
     hidden: str = "/",
-    prefix: str = "",
 ) -> Iterator[tuple[str, Any]]:
-    """Yield names and items below a group of HDF5, which is `called` so.
+    """Yield names and items of HDF5, whose groups are `called` so.
 
     Why others are left out is added to `contents`.
     `unfit(name, item)`: why nothing of it is read; `hidden`: how names begin that are the writer's own.
     """
     import h5py
 
-    for member in group:
-        name = f"{prefix}{member}"
-        if name.startswith(hidden):
-            continue
-        if not isinstance(group.get(member, getlink=True), h5py.HardLink):
-            contents.ignored[name] = f"is a link to elsewhere; {ITSELF}"
-            continue
-        item = group[member]
-        if reason := unfit(name, item):
-            contents.ignored[name] = reason
-        elif not isinstance(item, h5py.Group):
-            yield name, item
-        elif (
-            address := h5py.h5o.get_info(item.id).addr
-        ) in contents.groups:  # a walk might have no end
-            contents.ignored[name] = f"is the same {called} under a second name; give the first"
-        else:
-            contents.groups.add(address)
-            yield from datasets(
-                item,
-                contents,
-                separator=separator,
-                called=called,
-                unfit=unfit,
-                hidden=hidden,
-                prefix=f"{name}{separator}",
-            )
+    groups = set[int]()  # where they stand in the file: a walk might have no end
+
+    def below(group: Any, prefix: str) -> Iterator[tuple[str, Any]]:
+        for member in group:
+            name = f"{prefix}{member}"
+            if name.startswith(hidden):
+                continue
+            if not isinstance(group.get(member, getlink=True), h5py.HardLink):
+                contents.ignored[name] = f"is a link to elsewhere; {ITSELF}"
+                continue
+            item = group[member]
+            if reason := unfit(name, item):
+                contents.ignored[name] = reason
+            elif not isinstance(item, h5py.Group):
+                yield name, item
+            elif (address := h5py.h5o.get_info(item.id).addr) in groups:
+                contents.ignored[name] = f"is the same {called} under a second name; give the first"
+            else:
+                groups.add(address)
+                yield from below(item, f"{name}{separator}")
+
+    return below(file, "")
 
 
 def _unfit_dataset(item: Any) -> str:
@@ -228,7 +206,7 @@ def read_npz(path: Path, wanted: Collection[str] | None = None) -> RecordTable:
         raise InputError.at(str(path), _other(head))
     used = None if wanted is None else {name.split(".")[0] for name in wanted} | {*wanted}
     contents = FileContents()
-    with report_damage(path, _cut_short(".npz file")), zipfile.ZipFile(path) as file:
+    with report_damage(str(path), f"the .npz file {CUT_SHORT}"), zipfile.ZipFile(path) as file:
         for member in file.namelist():
             name = member.removesuffix(".npy")
             if name == member:
@@ -297,7 +275,7 @@ def read_parquet(path: Path, wanted: Collection[str] | None = None) -> RecordTab
         importlib.import_module("pyarrow.parquet")
     except ImportError:
         raise InputError.at(str(path), _MISSING) from None
-    with report_damage(path, _cut_short("Parquet file")):
+    with report_damage(str(path), f"the Parquet file {CUT_SHORT}"):
         return _table(path, wanted)
 
 

@@ -18,9 +18,9 @@ from typing import Any
 
 import numpy as np
 
-from bayesdrill.basics.errors import InputError
+from bayesdrill.basics.errors import InputError, report_damage
 from bayesdrill.output_files import LARGEST_FILE
-from bayesdrill.record.formats.arrays import ITSELF, FileContents, datasets, report_damage
+from bayesdrill.record.formats.arrays import CUT_SHORT, ITSELF, FileContents, datasets
 from bayesdrill.record.formats.table import RecordTable, read_bytes
 
 MAX_DEPTH = 100  # ten times what anyone nests, and a tenth of what SciPy stands
@@ -125,18 +125,13 @@ def read(path: Path, wanted: Collection[str] | None = None) -> RecordTable:
 
     head = read_bytes(path, 128)
     is_hdf5 = head.startswith(b"MATLAB 7.3") or bool(h5py.is_hdf5(path))
-    with report_damage(path, lambda reason: _broken(head, reason)):
+    broken = "is not a MATLAB file; save it in MATLAB with save('run.mat', ...), "
+    broken += "or if it is text give it the ending .csv"
+    if head.startswith(b"MATLAB"):
+        broken = f"the MATLAB file {CUT_SHORT}"
+    with report_damage(str(path), broken):
         contents = _read_v73(path, wanted) if is_hdf5 else _read_v5(path, wanted)
     return contents.table(path)
-
-
-def _broken(head: bytes, reason: str) -> str:
-    if head.startswith(b"MATLAB"):
-        return f"the MATLAB file is damaged or cut short ({reason}); copy or save it again"
-    return (
-        "is not a MATLAB file; save it in MATLAB with save('run.mat', ...), "
-        "or if it is text give it the ending .csv"
-    )
 
 
 def _read_v5(path: Path, wanted: Collection[str] | None) -> FileContents:
