@@ -21,6 +21,7 @@ import typer
 INPUT_WRONG = 2
 NOT_CONVERGED = 3
 INTERRUPTED = 130
+MOST_PROBLEMS = 15  # that are told
 LONGEST_LINE = 400
 LEAST_MEMORY = 512 * 1024**2  # bytes, which the libraries alone take up
 STOPPING = ("SIGINT", "SIGTERM", "SIGHUP")
@@ -34,31 +35,32 @@ def guarded() -> Iterator[None]:
     from bayesdrill.basics.registry import blamed_package
 
     try:
-        _find_room()
+        # Some libraries end the process, without a word of why, where they cannot be loaded.
+        mmap.mmap(-1, LEAST_MEMORY).close()
         if sys.flags.optimize > 1:
             message = "python -OO takes the docstrings away that ArviZ works on; leave -OO out"
             raise InputError.at("", message)
         with _interruptible():
             yield
     except InputError as error:
-        _fail(error.problems)
-    except Interrupted as stopped:
-        _tell(str(stopped))
-        raise typer.Exit(INTERRUPTED) from None
-    except KeyboardInterrupt:
-        _tell("stopped")
+        for problem in error.problems[:MOST_PROBLEMS]:
+            _tell(str(problem))
+        if (more := len(error.problems) - MOST_PROBLEMS) > 0:
+            _tell(f"... and {more} more")
+        raise typer.Exit(INPUT_WRONG) from None
+    except (Interrupted, KeyboardInterrupt) as stopped:
+        _tell(str(stopped) if isinstance(stopped, Interrupted) else "stopped")
         raise typer.Exit(INTERRUPTED) from None
     except BrokenPipeError:
         # Nobody reads on.  Python would try once more at the end, and fail, so give it a place.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         raise typer.Exit(0) from None
-    except BrokenExecutor:
-        _tell(KILLED)
-        raise typer.Exit(INPUT_WRONG) from None
     except typer.Exit:
         raise
     except (Exception, SystemExit) as error:
-        if short_of_memory(error):
+        if isinstance(error, BrokenExecutor):
+            _tell(KILLED)
+        elif short_of_memory(error):
             _tell("out of memory; a shorter record, fewer walkers or fewer steps need less")
         elif isinstance(error, OSError):
             where = f"{error.filename}: " if error.filename else ""
@@ -68,11 +70,6 @@ def guarded() -> Iterator[None]:
         else:
             raise
         raise typer.Exit(INPUT_WRONG) from None
-
-
-def _find_room() -> None:
-    """Some libraries end the process, without a word of why, where they cannot be loaded."""
-    mmap.mmap(-1, LEAST_MEMORY).close()
 
 
 def say(text: str, *, err: bool = False) -> None:
@@ -146,15 +143,6 @@ def saved_in(folder: Path, way_out: str = "go on with --resume") -> Iterator[Non
 def _reason(error: OSError) -> str:
     # HDF5 puts a page of its own into `strerror`.
     return f"cannot be written or read: {os.strerror(error.errno) if error.errno else error}"
-
-
-def _fail(problems: tuple[Any, ...]) -> None:
-    most = 15
-    for problem in problems[:most]:
-        _tell(str(problem))
-    if len(problems) > most:
-        _tell(f"... and {len(problems) - most} more")
-    raise typer.Exit(INPUT_WRONG)
 
 
 def _tell(text: str) -> None:

@@ -19,7 +19,7 @@ from bayesdrill.inference.priors import HalfNormal, Prior, Uniform
 
 Array = NDArray[np.float64]
 
-TABLE = dict(NOMINAL["tables_2_3"].values)
+TABLE = dict(NOMINAL["tables_2_3"])
 SIGMAS = {"w_1": 0.31, "w_2": 0.052, "i": 0.0123, "theta_1": 4.4e-3}
 SYMBOLS = (
     *(PARAMETERS[name] for name in TABLE),

@@ -32,7 +32,7 @@ def nominal(table: str = symbols.DEFAULT_NOMINAL) -> dict[str, float]:
 
     `table`: the name of a table of the paper.
     """
-    return dict(arguments.known(symbols.NOMINAL, table, "nominal", "nominal table").values)
+    return dict(arguments.known(symbols.NOMINAL, table, "nominal", "nominal table"))
 
 
 @check_arguments

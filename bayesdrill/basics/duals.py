@@ -147,10 +147,7 @@ def where(mask: Any, yes: Any, no: Any) -> Any:
     """Select `yes` or `no`, each with its slope."""
     if isinstance(yes, Dual) or isinstance(no, Dual):
         first, second = dual(yes), dual(no)
-        return Dual(
-            where(mask, first.value, second.value),
-            where(mask, first.slope, second.slope),
-        )
+        return Dual(where(mask, first.value, second.value), where(mask, first.slope, second.slope))
     return mask.chosen(yes, no) if isinstance(mask, Choice) else np.where(mask, yes, no)
 
 

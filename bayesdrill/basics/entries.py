@@ -39,10 +39,7 @@ class NoEntries:
 
 
 def entries_of(kind: type) -> dict[str, Any]:
-    """Return the type of each entry of a member, as pydantic takes it.
-
-    Raises `ValueError` where the member is no dataclass.
-    """
+    """Return each entry of a member as pydantic takes it; raises `ValueError` for no dataclass."""
     if not dataclasses.is_dataclass(kind):
         raise ValueError(f"{getattr(kind, '__name__', kind)} is no dataclass")
     hints = typing.get_type_hints(kind, include_extras=True)
@@ -67,11 +64,8 @@ def _choices(hint: Any) -> tuple[Any, ...]:
 
 
 def _about(hint: Any) -> str:
-    descriptions = [
-        metadata.description
-        for metadata in getattr(hint, "__metadata__", ())
-        if isinstance(metadata, FieldInfo)
-    ]
+    metadata = getattr(hint, "__metadata__", ())
+    descriptions = [item.description for item in metadata if isinstance(item, FieldInfo)]
     inner = [_about(choice) for choice in _choices(hint)]
     return next((text for text in (*reversed(descriptions), *inner) if text), "").rstrip(".")
 
@@ -90,11 +84,7 @@ def member_section[B: Strict](
             continue
         kind = members[having[0]]
         hint = entries_of(kind)[entry]
-        (default,) = (
-            member_field.default
-            for member_field in dataclasses.fields(kind)
-            if member_field.name == entry
-        )
+        default = {field.name: field.default for field in dataclasses.fields(kind)}[entry]
         plain = ", ".join(default) if isinstance(default, tuple) else default
         default_ = "" if plain in (None, "", dataclasses.MISSING) else f"; default: {plain}"
         description = f"{', '.join(having)}: {_about(hint)}{default_}."

@@ -48,10 +48,7 @@ class ErrorCollector:
 
     @contextmanager
     def making(self, what: str) -> Iterator[None]:
-        """Note what goes wrong inside.
-
-        A full disk or a killed worker is raised, as it is no matter of `what`.
-        """
+        """Note what goes wrong inside, but raise a full disk or a killed worker: no matter of `what`."""
         try:
             yield
         except (OSError, MemoryError, BrokenExecutor):
@@ -75,10 +72,7 @@ def report_damage(place: str, message: str) -> Iterator[None]:
 
 
 def collect_each[T, S](do: Callable[[T], S], those: Iterable[T]) -> list[S]:
-    """Return what `do` makes of each item.
-
-    Raises `InputError` with all that is wrong with any, each mistake once.
-    """
+    """Return what `do` makes of each; raises `InputError` with all that is wrong, each mistake once."""
     results: list[S] = []
     problems: list[Issue] = []
     for item in those:
@@ -133,10 +127,7 @@ def did_you_mean(word: str, known: Iterable[str]) -> str:
 
 
 def printable(text: str) -> str:
-    """Return lines of `text` with a blank for each letter that a terminal may obey.
-
-    Half characters, of names that are not UTF-8, are written out.
-    """
+    """Return lines with blanks for what a terminal may obey, and half characters written out."""
     return "".join(
         letter if letter.isprintable() or letter == "\n" else " " for letter in encodable(text)
     )

@@ -9,8 +9,8 @@ from __future__ import annotations
 import ast
 import math
 import operator
-from collections.abc import Callable, Iterable, Mapping
-from contextlib import suppress
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from types import MappingProxyType
 from typing import Any
@@ -46,13 +46,8 @@ class Expression:
     @property
     def names(self) -> tuple[str, ...]:
         """Names of the quantities in it, in the order in which they stand."""
-        functions = {id(node.func) for node in ast.walk(self.tree) if isinstance(node, ast.Call)}
-        names = [
-            node.id
-            for node in ast.walk(self.tree)
-            if isinstance(node, ast.Name) and id(node) not in functions and node.id != "pi"
-        ]
-        return tuple(dict.fromkeys(names))
+        names = (node.id for node in ast.walk(self.tree) if isinstance(node, ast.Name))
+        return tuple(dict.fromkeys(name for name in names if name not in RESERVED))
 
     def value(self, named: Mapping[str, Any]) -> Any:
         """Evaluate it at numbers, arrays of one shape, or `duals.Dual`; inf or NaN where undefined."""
@@ -61,17 +56,11 @@ class Expression:
 
     @property
     def positive(self) -> bool:
-        """Whether it surely is, where all unknowns are positive: a product of powers.
-
-        A sum may not be, as a number that is fixed can be negative.
-        """
+        """Whether it surely is where all unknowns are: no sum, as a number in it can be negative."""
         return _is_positive(self.tree)
 
     def substituted(self, others: Mapping[str, Expression]) -> Expression:
-        """Return it with the names of `others` replaced by what they are.
-
-        Raises `ValueError` where that is too long.
-        """
+        """Return it with the names of `others` replaced; raises `ValueError` where that is too long."""
 
         class Substitution(ast.NodeTransformer):
             def visit_Name(self, node: ast.Name) -> ast.expr:
@@ -84,22 +73,18 @@ class Expression:
 
 def expression(text: str, known: Iterable[str]) -> Expression:
     """Read a formula of the `known` names; raises `ValueError` with a message for the user."""
-    names = list(known)
-
-    def check(tree: ast.expr) -> None:
+    with _readable(text, "pi*G*d**4/(32*L), with a decimal point and without units"):
+        tree = ast.parse(text.strip(), mode="eval").body
         _check_size(tree)
-        _check(tree, names, _short(text))
-
-    example = "pi*G*d**4/(32*L), with a decimal point and without units"
-    tree, _ = _parsed(text, check, example)
+        _check(tree, list(known), _short(text))
     return Expression(ast.unparse(tree), tree)
 
 
-def _parsed[T](text: str, read: Callable[[ast.expr], T], example: str) -> tuple[ast.expr, T]:
-    """Return the tree, and what is `read` of it; an `example` is shown where it is no formula."""
+@contextmanager
+def _readable(text: str, example: str) -> Iterator[None]:
+    """Show an `example` where a text that is read is no formula."""
     try:
-        tree = ast.parse(text.strip(), mode="eval").body
-        return tree, read(tree)
+        yield
     except (SyntaxError, RecursionError, MemoryError, OverflowError):  # too deep, or too large
         message = f"{_short(text)} is not a formula; write for example {example}"
         raise ValueError(message) from None
@@ -234,15 +219,17 @@ def _short(text: str) -> str:
     return repr(shortened(text))
 
 
+_ONLY_SUMS = "only sums of multiples of states are possible"
+
+
 def linear_combination(text: str, known: Iterable[str]) -> dict[str, float]:
     """Return the weights of the `known` names; raises `ValueError` with a message for the user."""
     names = list(known)
     shown = _short(text)
-    _, weights = _parsed(text, lambda tree: _weights(tree, names), "theta_1 - theta_2")
+    with _readable(text, "theta_1 - theta_2"):
+        weights = _weights(ast.parse(text.strip(), mode="eval").body, names)
     if weights.pop("", 0.0) != 0.0:
-        raise ValueError(
-            f"{shown} has a constant term; only sums of multiples of states are possible"
-        )
+        raise ValueError(f"{shown} has a constant term; {_ONLY_SUMS}")
     weights = {name: weight for name, weight in weights.items() if weight != 0.0}
     if not weights:
         raise ValueError(f"{shown} is zero whatever the states are; name one of {', '.join(names)}")
@@ -260,10 +247,9 @@ def _weights(node: ast.expr, known: list[str]) -> dict[str, float]:
             if name not in known:
                 raise ValueError(f"{_short(name)} is not a state{did_you_mean(name, known)}")
             return {name: 1.0}
-        case ast.UnaryOp(op=ast.USub(), operand=operand):
-            return _scaled(_weights(operand, known), -1.0)
-        case ast.UnaryOp(op=ast.UAdd(), operand=operand):
-            return _weights(operand, known)
+        case ast.UnaryOp(op=ast.USub() | ast.UAdd() as op, operand=operand):
+            weights = _weights(operand, known)
+            return _scaled(weights, -1.0) if isinstance(op, ast.USub) else weights
         case ast.BinOp(left=left, op=ast.Add() | ast.Sub() as op, right=right):
             total = _weights(left, known)
             sign = 1.0 if isinstance(op, ast.Add) else -1.0
@@ -280,9 +266,7 @@ def _weights(node: ast.expr, known: list[str]) -> dict[str, float]:
             divisor = _weights(right, known)
             if set(divisor) == {""} and divisor[""] != 0.0:
                 return _scaled(_weights(left, known), 1.0 / divisor[""])
-    raise ValueError(
-        f"{_short(ast.unparse(node))} is not linear; only sums of multiples of states are possible"
-    )
+    raise ValueError(f"{_short(ast.unparse(node))} is not linear; {_ONLY_SUMS}")
 
 
 def _scaled(weights: dict[str, float], factor: float) -> dict[str, float]:

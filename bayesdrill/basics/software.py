@@ -197,10 +197,7 @@ ARVIZ = Work(
 
 @dataclass(frozen=True, slots=True)
 class Citation:
-    """How to cite a result.
-
-    `sentence`: for a section on methods; it names the works by the keys of the BibTeX entries.
-    """
+    """How to cite a result; `sentence`, of a section on methods, names works by the keys of BibTeX."""
 
     sentence: str
     works: tuple[Work, ...]
@@ -237,10 +234,7 @@ class Citation:
 
 
 def citation(versions: Mapping[str, str] | None = None) -> Citation:
-    """Return how to cite what a result was made with.
-
-    `versions`: those of its run; else of what is installed.
-    """
+    """Return how to cite what a result was made with: these `versions`, or what is installed."""
     used = {**installed_versions(), **(versions or {})}
     number = used["bayesdrill"]
     # When another version was released is not known here.

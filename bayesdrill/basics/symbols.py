@@ -82,15 +82,6 @@ def superscript(latex: str, index: str) -> str:
     return (f"{{{{}}{latex}}}" if {"^", "'"} & {*latex} else latex) + f"^{{{index}}}"
 
 
-@dataclass(frozen=True, slots=True)
-class NominalTable:
-    """Nominal values (SI) of the nine parameters and where they were printed."""
-
-    name: str
-    source: str
-    values: Mapping[str, float]
-
-
 _SIGNS = {  # that units are written with, and what they are in formulas
     **dict.fromkeys("\u00b7\u22c5", "*"),
     **dict.fromkeys("\u00b5\u03bc", r"{\mu}"),
@@ -241,6 +232,8 @@ DERIVED = _table(
 AXES = frozenset({"chain", "draw", "time"})
 
 
+# Initial guesses of Table 3, which the deviations of Tables 2 and 3 refer to.  The shaft's geometry
+# supports k_s (G pi d^4 / 32 L = 0.263 N m/rad).
 _TABLES_2_3 = {
     "j_m": 4.0e-4,
     "c_m": 19.0e-5,
@@ -252,21 +245,11 @@ _TABLES_2_3 = {
     "j_1": 28.3e-3,
     "t_f": 1.0e-1,
 }
-
-NOMINAL: Mapping[str, NominalTable] = MappingProxyType(
-    {
-        "tables_2_3": NominalTable(
-            "tables_2_3",
-            "initial guesses of Table 3, which the deviations of Tables 2 and 3 refer to. The shaft's "
-            "geometry supports k_s (G pi d^4 / 32 L = 0.263 N m/rad)",
-            MappingProxyType(_TABLES_2_3),
-        ),
-        "table_1": NominalTable(
-            "table_1",
-            "Table 1 as printed: k_s 0.30 and c_m 18.0e-5 contradict Tables 2 and 3",
-            MappingProxyType({**_TABLES_2_3, "k_s": 3.0e-1, "c_m": 18.0e-5}),
-        ),
-    }
+# As it is printed: k_s and c_m contradict Tables 2 and 3.
+_TABLE_1 = {**_TABLES_2_3, "k_s": 3.0e-1, "c_m": 18.0e-5}
+# Nominal values (SI) of the nine parameters, by table.
+NOMINAL: Mapping[str, Mapping[str, float]] = MappingProxyType(
+    {"tables_2_3": MappingProxyType(_TABLES_2_3), "table_1": MappingProxyType(_TABLE_1)}
 )
 
 DEFAULT_NOMINAL = "tables_2_3"

@@ -47,41 +47,36 @@ def factor(unit: str, si: str) -> float:
     """Return how many `si` one `unit` is; raises `ValueError` with a message for the user."""
     if unit == si:
         return 1.0
+    examples = _EXAMPLES.get(si, si)
+    other_kind = f"unit '{unit}' is not a unit of {si}; write {examples}"
     if unit in _COMMON and si in _KINDS:
         kind, value = _COMMON[unit]
         if kind != si:
-            raise ValueError(_other_kind(unit, si))
+            raise ValueError(other_kind)
         return value
     if counts := _COUNT.fullmatch(unit.strip()):
         if si != "rad":
-            raise ValueError(
-                f"unit '{unit}' is an angle, not a unit of {si}; write {_examples(si)}"
-            )
+            raise ValueError(f"unit '{unit}' is an angle, not a unit of {si}; write {examples}")
         if int(counts[1]) == 0:
             raise ValueError(f"unit '{unit}' has no counts in a turn; write for example count/4096")
         return 2 * math.pi / int(counts[1])
+    unreadable = f"unit '{shortened(unit)}' cannot be read; write for example {examples}"
     if not _written_as_a_unit(unit):
-        raise ValueError(
-            f"unit '{shortened(unit)}' cannot be read; write for example {_examples(si)}"
-        )
+        raise ValueError(unreadable)
     import pint  # late: it takes 0.3 s to load, and most configs need none but common units
 
     try:
         quantity, wanted = _quantity(1.0, unit), _quantity(1.0, si)
         value = _believable(float(quantity.to(si).magnitude))
     except pint.UndefinedUnitError:
-        raise ValueError(f"unit '{unit}' is not known; write for example {_examples(si)}") from None
+        raise ValueError(f"unit '{unit}' is not known; write for example {examples}") from None
     except pint.DimensionalityError:
-        raise ValueError(_other_kind(unit, si)) from None
+        raise ValueError(other_kind) from None
     except Exception:  # pint raises many kinds for malformed text
-        raise ValueError(
-            f"unit '{unit}' cannot be read; write for example {_examples(si)}"
-        ) from None
+        raise ValueError(unreadable) from None
     if not _same_base(quantity, wanted):  # counts, bits and the 1/s of Hz have no dimension either
-        raise ValueError(
-            f"unit '{unit}' is not a unit of {si}, as it does not say how far one of it turns; "
-            f"write {_examples(si)}"
-        )
+        why = "as it does not say how far one of it turns"
+        raise ValueError(f"unit '{unit}' is not a unit of {si}, {why}; write {examples}")
     return value
 
 
@@ -102,10 +97,6 @@ _COMMON = {kind: (kind, 1.0) for kind in _KINDS} | {
 }
 
 
-def _other_kind(unit: str, si: str) -> str:
-    return f"unit '{unit}' is not a unit of {si}; write {_examples(si)}"
-
-
 # Units that are shown; what fits none of them is shown in kg, m, s, A.
 _COHERENT = (
     "m", "m**2", "m**3", "kg", "s", "N", "Pa", "N*m", "W", "A", "V", "ohm", "H", "rad/s", "kg/m**3",
@@ -114,10 +105,7 @@ _COHERENT = (
 
 
 def coherent(unit: str) -> tuple[str, float]:
-    """Return the SI unit for a user's `unit` of any kind, and how many of it one `unit` is.
-
-    Raises `ValueError` with a message for the user.
-    """
+    """Return the SI unit for a user's `unit` of any kind, and how many one is; raises `ValueError`."""
     if unit in ("1", *_COHERENT):
         return unit, 1.0
     try:
@@ -186,15 +174,14 @@ def _registry() -> Any:
     return pint.UnitRegistry(cache_folder=None)
 
 
-def _examples(si: str) -> str:
-    return {
-        "s": "s or ms",
-        "rad": "rad, deg, revolution, or count/4096 of an encoder with 4096 counts in a turn",
-        "rad/s": "rad/s, deg/s or rpm (a turn each second is revolution/s)",
-        "A": "A or mA",
-        "V": "V or mV",
-        "N*m": "N*m or mN*m",
-        "m": "m or mm",
-        "m/s": "m/s or mm/s",
-        "N": "N or mN",
-    }.get(si, si)
+_EXAMPLES = {
+    "s": "s or ms",
+    "rad": "rad, deg, revolution, or count/4096 of an encoder with 4096 counts in a turn",
+    "rad/s": "rad/s, deg/s or rpm (a turn each second is revolution/s)",
+    "A": "A or mA",
+    "V": "V or mV",
+    "N*m": "N*m or mN*m",
+    "m": "m or mm",
+    "m/s": "m/s or mm/s",
+    "N": "N or mN",
+}

@@ -244,9 +244,9 @@ def _read(kind: Any, data: Any) -> Any:
         return tuple(_read(*pair) for pair in zip(kinds, data, strict=True))
     if origin is Mapping:
         return {name: _read(inside[1], item) for name, item in data.items()}
-    if dataclasses.is_dataclass(kind) and _hints(kind).keys() == {*data}:
-        read = {name: _read(hint, data[name]) for name, hint in _hints(kind).items()}
-        return cast("type", kind)(**read)
+    record = cast("type", kind)
+    if dataclasses.is_dataclass(kind) and _hints(record).keys() == {*data}:
+        return record(**{name: _read(hint, data[name]) for name, hint in _hints(record).items()})
     if kind is float:
         return float(data)
     if kind not in PLAIN_TYPES or not isinstance(data, kind):
@@ -266,16 +266,13 @@ def _without_none(kinds: tuple[Any, ...]) -> Any:
 
 
 @cache
-def _hints(kind: Any) -> dict[str, Any]:
+def _hints(kind: type) -> dict[str, Any]:
     hints = get_type_hints(kind)
     return {field.name: hints[field.name] for field in dataclasses.fields(kind)}
 
 
 def field_descriptions(kind: type) -> dict[str, dict[str, str]]:
-    """Return descriptions of fields by name, with their units.
-
-    They are lines such as `size: how large it is [m]` of the docstring.
-    """
+    """Return descriptions and units by lines such as `size: how large it is [m]` of the docstring."""
     lines = map(FIELD_LINE.fullmatch, (inspect.getdoc(kind) or "").splitlines())
     parts = {line["name"]: line.groupdict() for line in lines if line}
     return {
@@ -326,10 +323,7 @@ def _schema(kind: Any, definitions: dict[str, Any]) -> dict[str, Any]:
 
 
 def leaves(data: Any, name: str = "") -> Iterator[tuple[str, Any]]:
-    """Yield the numbers, strings and Nones of what `as_data` gave, with their names.
-
-    A name is such as `unknowns.k_s.mean`.
-    """
+    """Yield the numbers, strings and Nones of what `as_data` gave, by names like `unknowns.k_s.mean`."""
     if isinstance(data, Mapping):
         parts = {str(key): item for key, item in data.items()}
     elif isinstance(data, list):

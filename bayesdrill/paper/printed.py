@@ -84,8 +84,8 @@ NINE_PARAMETERS: Mapping[str, Estimate] = MappingProxyType(
     }
 )
 
-GUESS = symbols.NOMINAL["tables_2_3"].values
-TABLE_1 = symbols.NOMINAL["table_1"].values
+GUESS = symbols.NOMINAL["tables_2_3"]
+TABLE_1 = symbols.NOMINAL["table_1"]
 MENDED: Mapping[str, str] = MappingProxyType(
     {
         "k_s": "the guess of Table 3; the shaft's geometry supports it",

@@ -138,19 +138,16 @@ def stuck(x: Array) -> Spans:
     """
     same = np.diff(x) == 0
     runs = spans(same)
-    lengths = runs.last - runs.first + 1
     if not len(runs):
         return runs
-    at = int(np.argmax(lengths))
-    first, length = int(runs.first[at]), int(lengths[at]) + 1
-    others = len(same) - length + 1
-    if (
-        length < SETTINGS.min_stuck_run
-        or first == 0
-        or np.sum(same) - length + 1 > SETTINGS.max_zero_steps * others
-    ):
+    at = int(np.argmax(runs.last - runs.first))
+    first, last = runs.first[at : at + 1], runs.last[at : at + 1] + 1
+    steps = int(last[0] - first[0])
+    zeros, others = np.sum(same) - steps, len(same) - steps
+    long = steps + 1 >= SETTINGS.min_stuck_run and first[0] > 0
+    if not long or zeros > SETTINGS.max_zero_steps * others:
         return spans(np.zeros(0, dtype=np.bool_))
-    return Spans(np.array([first]), np.array([first + length - 1]))
+    return Spans(first, last)
 
 
 def saturated(x: Array) -> Spans:
@@ -184,9 +181,7 @@ def _short_spikes(x: Array, width: int, caused: Mask | None) -> Mask:
     """Runs of `width` samples that all leave the chord between their neighbours to one side."""
     off = _off_chord(x, width)
     height = np.maximum(np.maximum(off.min(axis=1), -off.max(axis=1)), 0.0)
-    moved = np.abs(np.diff(x))
-    step = float(np.median(moved[moved > 0])) if moved.any() else 0.0
-    least = max(SETTINGS.min_spike_sds * float(np.std(x)), SETTINGS.min_departure * step)
+    least = max(SETTINGS.min_spike_sds * float(np.std(x)), SETTINGS.min_departure * _usual_step(x))
     back = np.abs(x[width + 1 :] - x[: -width - 1]) < SETTINGS.max_return_error * height
     mask = np.zeros(len(x), dtype=np.bool_)
     for at in np.flatnonzero(back & (height > least)).tolist():
@@ -195,6 +190,12 @@ def _short_spikes(x: Array, width: int, caused: Mask | None) -> Mask:
         if high and not (caused is not None and caused[first - 1 : first + 1].any()):
             mask[first : first + width] = True
     return mask
+
+
+def _usual_step(x: Array) -> float:
+    """The median of steps that are not zero; 0 where there are none."""
+    steps = np.abs(np.diff(x))
+    return float(np.median(steps[steps > 0])) if steps.any() else 0.0
 
 
 def _off_chord(x: Array, width: int) -> Array:
@@ -215,22 +216,14 @@ def leaves_chord(x: Array, first: int, last: int) -> float:
 def _typical_around(height: Array, begin: int, end: int, margin: int) -> float:
     """What is usual of `height` before and after the samples from `begin` to `end`."""
     before = height[max(0, begin - SETTINGS.around_spike) : max(0, begin - margin)]
-    return float(
-        np.quantile(
-            np.r_[before, height[end + margin : end + SETTINGS.around_spike]],
-            SETTINGS.around_quantile,
-        )
-    )
+    after = height[end + margin : end + SETTINGS.around_spike]
+    return float(np.quantile(np.r_[before, after], SETTINGS.around_quantile))
 
 
 def _spikes(x: Array, longest: int, caused: Mask | None) -> Mask:
     away = x - _running_median(x, 4 * longest + 1)
-    steps = np.abs(np.diff(x))
-    moved = steps[steps > 0]
-    typical = max(
-        float(np.quantile(np.abs(away), SETTINGS.typical_quantile)),
-        float(np.median(moved)) if len(moved) else 0.0,
-    )
+    typical = float(np.quantile(np.abs(away), SETTINGS.typical_quantile))
+    typical = max(typical, _usual_step(x))
     mask = np.zeros(len(x), dtype=np.bool_)
     if typical == 0.0:
         return mask
@@ -278,13 +271,11 @@ def _is_spike(x: Array, away: Array, at: tuple[int, int, int], longest: int) -> 
     )
 
 
-MAX_NOISE_RATIO = (
-    0.02  # of what a speed's own past leaves, at most, and its noise is that of the angle
-)
+# Of what a speed's own past leaves, at most, and its noise is that of the angle.
+MAX_NOISE_RATIO = 0.02
 MIN_DIFFERENCED_SAMPLES = 50  # samples
-MAX_FILTER_POLE = (
-    0.95  # of the last value that a filter keeps; with all of it, sums are no differences
-)
+# Of the last value that a filter keeps; with all of it, sums are no differences.
+MAX_FILTER_POLE = 0.95
 
 
 def ambiguous(x: Array, period: float) -> NDArray[np.intp]:
@@ -300,10 +291,7 @@ def unwrap(x: Array, period: float) -> tuple[Array, int]:
 
 
 def held_speeds(x: Array, t: Array) -> Array:
-    """Return the speeds `(T,)` after each sample of an angle `x (T,)` that is straight between them.
-
-    Of the last one nothing is known: it is that of the one before.
-    """
+    """Return speeds `(T,)` after samples of an angle, straight between them; the last comes again."""
     speeds = np.diff(x) / np.diff(t)
     return np.append(speeds, speeds[-1:] if len(speeds) else 0.0)
 
@@ -339,20 +327,15 @@ def differenced(x: Array, w: Array, dt: float) -> bool:
     """
     if len(x) < MIN_DIFFERENCED_SAMPLES or not np.any(np.diff(w)):
         return False
-    step, n = np.diff(x, prepend=x[0]) / dt, len(w)
+    step, n, reach = np.diff(x, prepend=x[0]) / dt, len(w), SETTINGS.filter_reach
 
     def lagged(y: Array, lags: range) -> list[Array]:
-        return [y[SETTINGS.filter_reach - k : n - SETTINGS.filter_reach - k] for k in lags]
+        return [y[reach - k : n - reach - k] for k in lags]
 
     (now,) = lagged(w, range(1))
-    alone, _ = _residual_sd(now, lagged(w, range(1, SETTINGS.filter_reach + 1)))
-    both, factors = _residual_sd(
-        now,
-        [
-            *lagged(w, range(1, 2)),
-            *lagged(step, range(-SETTINGS.filter_reach, SETTINGS.filter_reach + 1)),
-        ],
-    )
+    alone, _ = _residual_sd(now, lagged(w, range(1, reach + 1)))
+    causes = [*lagged(w, range(1, 2)), *lagged(step, range(-reach, reach + 1))]
+    both, factors = _residual_sd(now, causes)
     rough = alone > 1e-9 * float(np.ptp(w))  # less is rounding
     return rough and both < MAX_NOISE_RATIO * alone and float(factors[0]) < MAX_FILTER_POLE
 

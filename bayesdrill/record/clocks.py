@@ -135,9 +135,8 @@ def hold_input(t: Array, clock: Array, values: Array, *, first_order: bool) -> A
 
 TAPS_PER_FACTOR = 20  # times the factor, and one: the length of the filter
 CUTOFF_SHARE = 0.8  # of the new Nyquist frequency: half of the amplitude passes there
-KAISER_BETA = (
-    8.0  # of the window: 1 to 1e-5 up to half the new Nyquist frequency, below 1e-4 from 1.2 on
-)
+# Of the window: 1 to 1e-5 up to half the new Nyquist frequency, below 1e-4 from 1.2 on.
+KAISER_BETA = 8.0
 
 
 @dataclass(frozen=True, slots=True)

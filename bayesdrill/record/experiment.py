@@ -286,10 +286,7 @@ def calendar_hint(t: Array) -> str:
 
 
 def check_length(location: str, counts: Sequence[int], n_unknown: int) -> list[Issue]:
-    """Check that there are more numbers than unknowns, and two samples to have a step.
-
-    `counts`: samples of each channel.
-    """
+    """Check that `counts`, of channels, are more than unknowns, and two samples, to have a step."""
     if max(counts) >= 2 and sum(counts) > n_unknown:
         return []
     there = f"{count_noun(max(counts), 'sample')} of {count_noun(len(counts), 'channel')}"

@@ -108,7 +108,7 @@ class MapReport:
         from bayesdrill.report.render import as_html
 
         config = self.config
-        marks = provenance.marks(config, self.problem, "")
+        marks = provenance.marks(config, self.problem)
         lines = (
             ("config", config.name),
             *provenance_of_records(self.problem),

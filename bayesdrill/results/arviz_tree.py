@@ -50,23 +50,20 @@ def make_tree(
     prior = problem.posterior.space.draw(PRIOR_DRAWS, prior_rng)[None]
     inputs: dict[str, Any] = {}
     dims = {c.name: [c.clock] for c in columns}
+    coords: dict[str, Any] = {_clock(each): each.experiment.t for each in problem.observations}
+    coords |= {"draw": used_draws} if predicted else {}
     for observation in problem.observations:
-        for name, value in (
-            *observation.experiment.constant.items(),
-            *observation.experiment.series.items(),
-        ):
-            inputs[labelled_name(name, observation.label)] = np.asarray(value)
-            if name in observation.experiment.series:
-                dims[labelled_name(name, observation.label)] = [_clock(observation)]
-    names = problem.names
+        experiment, label = observation.experiment, observation.label
+        for name, value in (*experiment.constant.items(), *experiment.series.items()):
+            inputs[labelled_name(name, label)] = np.asarray(value)
+        dims |= {labelled_name(name, label): [_clock(observation)] for name in experiment.series}
+    names, derived_names = problem.names, [symbol.name for symbol in derived.symbols]
     tree: DataTree = from_dict(
         {
             "posterior": {name: draws[..., d] for d, name in enumerate(names)},
             "sample_stats": {"lp": sampled.log_p},
             "prior": {name: prior[..., d] for d, name in enumerate(names)},
-            "derived": {
-                symbol.name: derived.values[..., q] for q, symbol in enumerate(derived.symbols)
-            },
+            "derived": {name: derived.values[..., q] for q, name in enumerate(derived_names)},
         }
     )
     tree["sample_stats"].attrs["lp"] = "log density over the sampler's coordinates, unnormalised"
@@ -81,13 +78,7 @@ def make_tree(
                 "constant_data": inputs,
             },
             dims=dims,
-            coords={
-                **{
-                    _clock(observation): observation.experiment.t
-                    for observation in problem.observations
-                },
-                **({"draw": used_draws} if predicted else {}),
-            },
+            coords=coords,
         )
     for name, group in groups.children.items():
         tree[name] = group.copy()

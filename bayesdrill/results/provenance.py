@@ -37,7 +37,6 @@ from bayesdrill.results.run_folder import VERSION_OF, Folder, mark
 from bayesdrill.rig.models.linear import Model, constants
 
 RUN_MARK = "Run"  # by which a file says whose it is
-BURN_IN_MARK = "Burn-in"
 
 
 def fingerprint(config: Config, problem: Problem) -> dict[str, str]:
@@ -83,13 +82,13 @@ def settings(config: Config, problem: Problem, display_units: DisplayUnits) -> d
     }
 
 
-def marks(config: Config, problem: Problem, burn_in: str) -> dict[str, str]:
+def marks(config: Config, problem: Problem, burn_in: str = "") -> dict[str, str]:
     """What figures and tree carry inside, so that each says by itself which run it is of."""
     return {
         RUN_MARK: mark(fingerprint(config, problem)),
         "Record": ", ".join(records(problem).values()),
         "Seed": str(config.seed),
-        BURN_IN_MARK: burn_in,
+        **({"Burn-in": burn_in} if burn_in else {}),
         "Versions": versions_text(),
     }
 

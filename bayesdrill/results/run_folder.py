@@ -10,7 +10,6 @@ from contextlib import ExitStack
 from dataclasses import dataclass, field
 from importlib.metadata import version
 from pathlib import Path
-from types import TracebackType
 from typing import Any, Literal, Required, Self, TypedDict
 
 import numpy as np
@@ -37,25 +36,6 @@ AGAIN = "delete it and continue with --resume, which computes it again"
 COMPUTED_AGAIN = f"is damaged; {AGAIN}"
 
 
-def write_piece(path: Path, piece: ChainSegment, run: str) -> None:
-    """Zip keeps a checksum of each array; `run`: the mark of the run that it is a piece of."""
-    kind, keys, *remaining = piece.state.random
-    np.savez(
-        path,
-        z=piece.z,
-        log_p=piece.log_p,
-        accepted=piece.accepted,
-        failures=piece.failures,
-        seconds=piece.seconds,
-        run=run,
-        end_z=piece.state.z,
-        end_log_p=piece.state.log_p,
-        random_kind=kind,
-        random_keys=keys,
-        random_rest=np.array(remaining, dtype=np.float64),
-    )
-
-
 def read_piece(path: Path) -> tuple[ChainSegment, str | None]:
     """And of which run it is; raises `InputError` where the file is damaged."""
     with report_damage(str(path), COMPUTED_AGAIN), path.open("rb") as raw, np.load(raw) as file:
@@ -72,27 +52,6 @@ def read_piece(path: Path) -> tuple[ChainSegment, str | None]:
             seconds=float(file["seconds"]),
         )
         return _consistent(piece), str(file["run"]) if "run" in file else None
-
-
-def write_opened(
-    path: Path, opened: ExtendedPriors, pieces: Sequence[Sequence[ChainSegment]]
-) -> None:
-    """With a mark of the chain of these `pieces`, beyond which it was found."""
-    draws = () if opened.draws is None else opened.draws
-    np.savez(
-        path, names=opened.names, pressed=opened.pressed, draws=draws, chain=chain_mark(pieces)
-    )
-
-
-def read_opened(path: Path, pieces: Sequence[Sequence[ChainSegment]]) -> ExtendedPriors:
-    """Raises `InputError` where the file is damaged, or of another chain."""
-    damage = report_damage(str(path), f"is of another chain, or {COMPUTED_AGAIN}")
-    with damage, path.open("rb") as raw, np.load(raw) as file:
-        names, pressed = (tuple(map(str, file[name])) for name in ("names", "pressed"))
-        draws, mark = file["draws"].reshape(-1, pieces[0][0].z.shape[-1]), str(file["chain"])
-        if mark != chain_mark(pieces):
-            raise ValueError("of another chain")
-        return ExtendedPriors(names=names, draws=draws if draws.size else None, pressed=pressed)
 
 
 def chain_mark(pieces: Sequence[Sequence[ChainSegment]]) -> str:
@@ -280,12 +239,7 @@ class Folder:
                 raise
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        value: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self._open.close()
 
     def check(self) -> None:
@@ -295,8 +249,7 @@ class Folder:
         """
         if self.mode != "read":
             output_files.refuse_unwritable(self.path, self.kind.folders)
-        obstacles = output_files.existing_outputs(self.path, self.kind)
-        if obstacles:
+        if obstacles := output_files.existing_outputs(self.path, self.kind):
             raise InputError(obstacles)
         run = read_run(self.path)
         if run is None:
@@ -369,19 +322,14 @@ class Folder:
             raise KeyError(name)
         return self.path / name
 
-    def report_files(self) -> list[str]:
-        """Files of this run that nothing changes any more, until it is reported again."""
-        return [
-            name for name in output_files.present(self.path, self.kind) if name != self.kind.mark
-        ]
-
     def digests(self) -> dict[str, str]:
-        """Of these files, by their names."""
-        return {name: output_files.digest(self.path / name) for name in self.report_files()}
+        """Of files of this run that nothing changes any more, until it is reported again."""
+        names = output_files.present(self.path, self.kind)
+        return {n: output_files.digest(self.path / n) for n in names if n != self.kind.mark}
 
     def remove_stale(self, names: Collection[str]) -> None:
         """What an earlier report of this run has written, and this one will not."""
-        for name in set(self.report_files()) & set(names):
+        for name in {*output_files.present(self.path, self.kind)} & {*names}:
             self.path_of(name).unlink()
 
     def write_text(self, name: str, text: str) -> None:
@@ -416,13 +364,25 @@ class Folder:
     def save(self, ensemble: int, first_step: int, piece: ChainSegment) -> None:
         """One file a piece: an interrupted run loses at most the pieces under way."""
         (self.path / PIECES).mkdir(exist_ok=True)
-        with atomic_write(
-            self.path_of(f"{PIECES}/ensemble_{ensemble}_{first_step:09d}.npz")
-        ) as path:
-            write_piece(path, piece, self.run)
+        kind, keys, *remaining = piece.state.random
+        with atomic_write(self.path_of(_piece_name(ensemble, first_step))) as path:
+            np.savez(  # zip keeps a checksum of each array
+                path,
+                z=piece.z,
+                log_p=piece.log_p,
+                accepted=piece.accepted,
+                failures=piece.failures,
+                seconds=piece.seconds,
+                run=self.run,
+                end_z=piece.state.z,
+                end_log_p=piece.state.log_p,
+                random_kind=kind,
+                random_keys=keys,
+                random_rest=np.array(remaining, dtype=np.float64),
+            )
 
     def read_ahead(self, ensembles: int, shape: tuple[int, int]) -> None:
-        """All chains, for what is damaged to be found now; `pieces` hands each out once.
+        """All chains, for what is damaged to be found now; `segments` hands each out once.
 
         `shape`: walkers and unknowns; raises `InputError` where a chain has others.
         """
@@ -444,16 +404,12 @@ class Folder:
             piece, run = read_chain(self.path / CHAIN, ensemble)
             self.refuse_foreign(CHAIN, run)
             read_pieces.append(piece)
-        have = sum(len(piece.z) for piece in read_pieces)
         for name in self._unfinished():
-            if not name.startswith(f"{PIECES}/ensemble_{ensemble}_"):
-                continue
-            first = Path(name).stem.rsplit("_", 1)[1]
-            if first == f"{have:09d}":  # others are not ours
+            have = sum(len(piece.z) for piece in read_pieces)
+            if name == _piece_name(ensemble, have):  # others are not ours
                 piece, run = read_piece(self.path / name)
                 self.refuse_foreign(name, run)
                 read_pieces.append(piece)
-                have += len(piece.z)
         return read_pieces
 
     def finish_chain(self, pieces: list[list[ChainSegment]], attributes: Mapping[str, Any]) -> None:
@@ -466,26 +422,40 @@ class Folder:
         output_files.remove_outputs(self.path, output_files.UNFINISHED)
 
     def keep_opened_ends(
-        self, opened: ExtendedPriors | None, pieces: list[list[ChainSegment]]
+        self, opened: ExtendedPriors | None, pieces: Sequence[Sequence[ChainSegment]]
     ) -> None:
         """Keep what was found beyond ends of priors, of the chain of these `pieces`; None: nothing."""
         self.remove_stale({OPENED})
         if opened is not None:
+            names, pressed = opened.names, opened.pressed
+            draws = () if opened.draws is None else opened.draws
             with atomic_write(self.path_of(OPENED)) as path:
-                write_opened(path, opened, pieces)
+                np.savez(path, names=names, pressed=pressed, draws=draws, chain=chain_mark(pieces))
 
-    def opened_ends(self, pieces: list[list[ChainSegment]]) -> ExtendedPriors | None:
+    def opened_ends(self, pieces: Sequence[Sequence[ChainSegment]]) -> ExtendedPriors | None:
         """None where nothing was kept; raises `InputError` where it is damaged or of another chain."""
         path = self.path / OPENED
-        return read_opened(path, pieces) if output_files.what(path) else None
+        if not output_files.what(path):
+            return None
+        damage = report_damage(str(path), f"is of another chain, or {COMPUTED_AGAIN}")
+        with damage, path.open("rb") as raw, np.load(raw) as file:
+            names, pressed = (tuple(map(str, file[name])) for name in ("names", "pressed"))
+            draws, mark = file["draws"].reshape(-1, pieces[0][0].z.shape[-1]), str(file["chain"])
+            if mark != chain_mark(pieces):
+                raise ValueError("of another chain")
+        return ExtendedPriors(names=names, draws=draws if draws.size else None, pressed=pressed)
+
+
+def _piece_name(ensemble: int, first_step: int) -> str:
+    return f"{PIECES}/ensemble_{ensemble}_{first_step:09d}.npz"
 
 
 def mark(fingerprint: Mapping[str, Any]) -> str:
     """Which run it is, in twelve letters: by record, config and seed, whatever versions made it."""
-    settings = {
-        name: value for name, value in fingerprint.items() if not name.startswith(VERSION_OF)
-    }
-    lines = [f"{name}: {value}" for name, value in sorted(settings.items())]
+    settings = sorted(
+        (n, value) for n, value in fingerprint.items() if not n.startswith(VERSION_OF)
+    )
+    lines = [f"{name}: {value}" for name, value in settings]
     return hashlib.sha256("\n".join(lines).encode()).hexdigest()[:12]
 
 

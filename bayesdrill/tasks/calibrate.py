@@ -28,7 +28,7 @@ from bayesdrill.config.resolve import assembly
 from bayesdrill.output_files import FIGURES, REFITS, dumps_checksummed, loads_checksummed, typed
 from bayesdrill.record.experiment import Experiment
 from bayesdrill.report import run_report
-from bayesdrill.report.section import Section, as_markdown, markdown
+from bayesdrill.report.section import as_markdown, markdown
 from bayesdrill.report.sections import calibration_words
 from bayesdrill.results import provenance, run_folder
 from bayesdrill.results.provenance import begin, interruptions
@@ -87,52 +87,40 @@ def study(job: Job) -> CalibrationStudy:
 
 
 def calibrate(
-    job: Job,
-    output: Path,
-    how: run_folder.WriteMode,
-    crew: RefitExecutor,
-    report: Reporter,
+    job: Job, output: Path, how: run_folder.WriteMode, crew: RefitExecutor, report: Reporter
 ) -> CalibrationOutcome:
-    """Run the whole job; refits that are done are saved.
-
-    Raises `Interrupted` when asked to stop, and `BrokenProcessPool` when a worker was killed.
-    """
+    """Run the job; raises `Interrupted`, or `BrokenProcessPool` for a killed worker: refits are kept."""
     settings = job.config.calibration
     # A refit does not depend on how many there are: a calibration can be extended.
     marks = provenance.fingerprint(job.config, job.problem) | {
         f"calibration.{name}": repr(value) for name, value in settings if name != "refits"
     }
-    begun = time.perf_counter()
+    begun, refitting, place = time.perf_counter(), study(job), output / REFITS
+
+    def progress() -> str:
+        done = len(saved(place, refitting))
+        return f"{done} of {settings.refits} refits are saved in {output}"
+
     with Folder(output, how, marks, output_files.CALIBRATE) as folder:
         if how == "resume":
-            saved(folder.path / REFITS, study(job))  # what is damaged, before anything is written
+            saved(place, refitting)  # what is damaged, before anything is written
         report.say(calibration_words.opening(job.problem, job.config))
         begin(job, folder, refits=settings.refits)
-
-        def progress() -> str:
-            done = len(saved(folder.path / REFITS, study(job)))
-            return f"{done} of {settings.refits} refits are saved in {output}"
-
         with interruptions(folder, progress, (InputError,)):
-            refits = run(study(job), settings.refits, folder.path / REFITS, crew, report)
+            refits = run(refitting, settings.refits, place, crew, report)
         verdict = _publish(job, folder, refits)
         folder.write_run(seconds=round(time.perf_counter() - begun, 3))
         return CalibrationOutcome(folder=folder.path, verdict=verdict, refits=tuple(refits))
 
 
 def run(
-    study: CalibrationStudy,
-    n: int,
-    folder: Path,
-    crew: RefitExecutor,
-    report: Reporter,
+    study: CalibrationStudy, n: int, folder: Path, crew: RefitExecutor, report: Reporter
 ) -> list[Refit]:
     """Refits 0 to n - 1: those that `folder` holds, and the others, each saved when it is done.
 
     A task is named by its index alone, so that one that is computed twice is counted once.
     """
     done = {refit.index: refit for refit in saved(folder, study) if refit.index < n}
-    missing = [index for index in range(n) if index not in done]
     folder.mkdir(exist_ok=True)
     report.update(0.0, f"{len(done)} of {n} refits")
 
@@ -144,7 +132,7 @@ def run(
         return f"{len(done)} of {n} refits{doubt}"
 
     blob = packed(study)
-    tasks = {index: (blob, index) for index in missing}
+    tasks = {index: (blob, index) for index in range(n) if index not in done}
     run_jobs(crew, calibration.refit, tasks, finish, folder.parent, report)
     return [done[index] for index in range(n)]
 
@@ -158,9 +146,9 @@ def save(folder: Path, refit: Refit) -> None:
 
 def saved(folder: Path, study: CalibrationStudy) -> list[Refit]:
     """Raises `InputError` where a file is damaged, or of another study."""
-    paths = sorted(folder.glob("*.json"))
-    those = [path for path in paths if output_files.CALIBRATE.is_output(f"{REFITS}/{path.name}")]
-    return [_read(path, study) for path in those]
+    is_output = output_files.CALIBRATE.is_output
+    paths = sorted(path for path in folder.glob("*.json") if is_output(f"{REFITS}/{path.name}"))
+    return [_read(path, study) for path in paths]
 
 
 def _read(path: Path, study: CalibrationStudy) -> Refit:
@@ -178,56 +166,35 @@ def _read(path: Path, study: CalibrationStudy) -> Refit:
 
 
 def _publish(job: Job, folder: Folder, refits: Sequence[Refit]) -> CalibrationVerdict:
-    names = study(job).names
-    verdict = judge_calibration(names, refits, job.config.calibration.draws)
+    # Late: templates, and matplotlib, which takes a second to load.
+    from bayesdrill.report.render import as_html
+    from bayesdrill.report.sections.calibration_figure import save as save_figure
+
+    config, symbols, names = job.config, job.problem.symbols, study(job).names
+    verdict = judge_calibration(names, refits, config.calibration.draws)
     folder.write_text(RANKS, calibration_words.ranks_csv(names, refits))
-    _draw(job, folder, verdict)
-    _pages(
-        job,
-        folder,
-        calibration_words.sections(
-            verdict, refits, output_files.shown_path(job.config.output.formats)
-        ),
+    figures = folder.path / FIGURES
+    figures.mkdir(exist_ok=True)
+    known, wanted = (
+        output_files.figure_files("calibration", formats=each)
+        for each in (output_files.FORMATS, config.output.formats)
     )
+    folder.remove_stale(set(known) - set(wanted))
+    note = {"Title": config.name, "Creator": software.creator()}
+    save_figure(verdict, symbols, config.output, figures, note)
+    title, shape = f"Calibration of {config.name}", output_files.shown_path(config.output.formats)
+    said = calibration_words.sections(verdict, refits, shape)
+    folder.write_text("summary.md", as_markdown(title, said))
+    seed, versions = str(config.seed), software.versions_text()
+    lines = (("config", config.name), ("seed", seed), ("versions", versions))
+    every = (*said, run_report.made_of(lines, folder.path), run_report.cite())
+    folder.write_text("report.html", as_html(title, "calibration", every, figures, symbols))
     folder.write_run(
         status="finished",
-        units={symbol.name: symbol.unit for symbol in job.problem.symbols},
+        units={symbol.name: symbol.unit for symbol in symbols},
         calibrated=verdict.calibrated,
         verdict=calibration_words.verdict(verdict),
         not_converged=list(verdict.not_converged),
         seconds_of_a_refit=round(float(np.mean([refit.seconds for refit in refits])), 3),
     )
     return verdict
-
-
-def _pages(job: Job, folder: Folder, said: Sequence[Section]) -> None:
-    # Late: templates are for this page alone.
-    from bayesdrill.report.render import as_html
-
-    title = f"Calibration of {job.config.name}"
-    folder.write_text("summary.md", as_markdown(title, said))
-    config = job.config
-    lines = (
-        ("config", config.name),
-        ("seed", str(config.seed)),
-        ("versions", software.versions_text()),
-    )
-    every = (*said, run_report.made_of(lines, folder.path), run_report.cite())
-    page = as_html(title, "calibration", every, folder.path / FIGURES, job.problem.symbols)
-    folder.write_text("report.html", page)
-
-
-def _draw(job: Job, folder: Folder, verdict: CalibrationVerdict) -> None:
-    # Late: matplotlib takes a second to load.
-    from bayesdrill.report.sections.calibration_figure import save as save_figure
-
-    figures = folder.path / FIGURES
-    figures.mkdir(exist_ok=True)
-    note = {"Title": job.config.name, "Creator": software.creator()}
-    output = job.config.output
-    every, wanted = (
-        output_files.figure_files("calibration", formats=each)
-        for each in (output_files.FORMATS, output.formats)
-    )
-    folder.remove_stale(set(every) - set(wanted))
-    save_figure(verdict, job.problem.symbols, output, figures, note)

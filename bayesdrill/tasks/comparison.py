@@ -91,10 +91,7 @@ def overlay_units(jobs: Sequence[Job]) -> DisplayUnits:
 def overlay_layer(
     name: str, run: SampledRun, units: DisplayUnits, fit: tuple[ResidualSummary, ...] | None = None
 ) -> PosteriorSummary:
-    """Return a run under the name that it has among others, its settings in these units.
-
-    `fit`: its residuals, where they are known.
-    """
+    """Return a run by its name among others, settings in these units; `fit`: residuals, if known."""
     job, sampled, fit = run.job, run.sampled, residuals(run) if fit is None else fit
     return PosteriorSummary(
         name=name,
@@ -109,7 +106,7 @@ def overlay_layer(
 
 def mark(run: SampledRun) -> str:
     """By which files say whose they are."""
-    return provenance.marks(run.job.config, run.job.problem, "")[provenance.RUN_MARK]
+    return provenance.marks(run.job.config, run.job.problem)[provenance.RUN_MARK]
 
 
 def residuals(run: SampledRun) -> tuple[ResidualSummary, ...]:

@@ -65,10 +65,7 @@ class SimulatorModel:
 
 
 def simulator_model(run: SampledRun, draws: int, rng: np.random.Generator) -> SimulatorModel:
-    """Return the rig of a run, with at most `draws` of its posterior.
-
-    Raises `InputError` where the rig does not say what its parts are.
-    """
+    """Return a run's rig, of at most `draws`; raises `InputError` where it does not name its parts."""
     problem = run.job.problem
     model, posterior = problem.model, problem.posterior
     chain = run.sampled.draws.reshape(-1, len(problem.names))

@@ -43,15 +43,16 @@ def report(job: Job, mode: Mode) -> MapReport:
 def save(job: Job, mode: Mode, output: Path, record: str | None, *, force: bool) -> None:
     """`record`: its text, where it has no file."""
     check_record(job, output, record)
-    marks, said = provenance.fingerprint(job.config, job.problem), report(job, mode)
-    with Folder(output, "force" if force else "fresh", marks, MAP) as folder:
+    fingerprint, said = provenance.fingerprint(job.config, job.problem), report(job, mode)
+    with Folder(output, "force" if force else "fresh", fingerprint, MAP) as folder:
         begin(job, folder, record)
         write_mode(folder, mode)
         for name, text in said.texts.items():
             folder.write_text(name, text)
         place = output / output_files.FIGURES
         place.mkdir(exist_ok=True)
-        note = {"Title": job.config.name, "Creator": software.creator(), **mark(job)}
+        marks = provenance.marks(job.config, job.problem)
+        note = {"Title": job.config.name, "Creator": software.creator(), **marks}
         look = (said.warning, tuple(job.config.output.formats), job.config.output.dpi)
         for stem, figure in said.figures.items():
             publish.draw(job.problem.posterior, stem, figure, place, note, *look)
@@ -75,18 +76,13 @@ def read(output: Path) -> tuple[Job, Mode]:
     return job, mode
 
 
-def mark(job: Job) -> dict[str, str]:
-    """For the inside of the figure."""
-    every = provenance.marks(job.config, job.problem, "")
-    return {name: text for name, text in every.items() if name != provenance.BURN_IN_MARK}
-
 
 def find_mode(job: Job, processes: int, report: Reporter, *, quick: bool = False) -> Mode:
     """The MAP alone, `quick`: from the configured start; nothing is written."""
     if quick:
         job = job.with_settings(map=job.config.map.model_copy(update={"starts": 1}))
     with WorkerPool(job.problem.posterior, processes) as pool:
-        return end_search(pool, begin_searches(pool, fit_plan(job), report), job, report)
+        return end_search(pool, begin_searches(pool, fit_plan(job), report), report)
 
 
 def fit_plan(job: Job) -> FitPlan:
@@ -102,7 +98,7 @@ def fit_plan(job: Job) -> FitPlan:
     )
 
 
-def end_search(pool: WorkerPool, under_way: PendingSearches, job: Job, report: Reporter) -> Mode:
+def end_search(pool: WorkerPool, under_way: PendingSearches, report: Reporter) -> Mode:
     """The maximum, and in words how good the fit is there."""
     mode = end_searches(pool, under_way, report)
     report.say(words.search(mode))
@@ -118,10 +114,7 @@ def misfit(job: Job, mode: Mode) -> str:
 def explain(
     job: Job, mode: Mode, submit: ranking.Submit, report: Reporter
 ) -> tuple[Causes | None, str]:
-    """Return the causes of what the maximum `mode` leaves, and what is said of them.
-
-    None and nothing where only noise is left.
-    """
+    """Return the causes of what `mode` leaves, and what is said of them; None where that is noise."""
     explained = causes(job.with_steps_at(mode), mode, submit, report)
     report.update(1.0, "")
     return explained, fit_words.explained(explained)
@@ -136,10 +129,7 @@ def write_mode(folder: Folder, mode: Mode) -> None:
 
 
 def read_mode(folder: Folder, problem: Problem) -> Mode | None:
-    """What `map.json` holds; None where no search has ended yet.
-
-    Raises `InputError` where it is damaged, or of another run.
-    """
+    """What `map.json` holds, or None; raises `InputError` where it is damaged, or of another run."""
     path = folder.path / MAP_FILE
     if not path.exists():
         return None

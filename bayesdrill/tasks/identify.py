@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -63,7 +63,7 @@ class Findings(Value):
 
         Raises `InputError` where something is in the way, or text and figures of before and not `force`.
         """
-        return publish(self.job, self, Path(folder).expanduser(), force=force)
+        return publish(self, Path(folder).expanduser(), force=force)
 
     def __str__(self) -> str:
         return self.text
@@ -111,8 +111,7 @@ def preflight(job: Job, scenery: SensitivityStudy) -> str:
 def check_place(folder: Path, *, force: bool) -> None:
     """Raises `InputError` where something is in the way that `publish` must not replace."""
     output_files.refuse_unwritable(folder, IDENTIFY.folders)
-    obstacles = output_files.existing_outputs(folder, IDENTIFY)
-    if obstacles:
+    if obstacles := output_files.existing_outputs(folder, IDENTIFY):
         raise InputError(obstacles)
     there = output_files.present(folder, IDENTIFY)
     if there and not force:
@@ -124,13 +123,13 @@ def check_place(folder: Path, *, force: bool) -> None:
         raise InputError.at(str(folder / there[0]), message)
 
 
-def publish(job: Job, findings: Findings, folder: Path, *, force: bool) -> str:
+def publish(findings: Findings, folder: Path, *, force: bool) -> str:
     """Text and figures into `folder`, which may hold other results; says where."""
     from bayesdrill.report import style  # late: matplotlib takes a second to load
     from bayesdrill.report.sections.identify_figure import profile_figure, spectrum_figure
 
     check_place(folder, force=force)
-    figures = folder / FIGURES
+    figures, job = folder / FIGURES, findings.job
     symbols = {symbol.name: symbol for symbol in findings.symbols}
     latex = {name: symbol.latex for name, symbol in symbols.items()}
     output, priors = job.config.output, job.problem.posterior.space.priors
@@ -143,7 +142,7 @@ def publish(job: Job, findings: Findings, folder: Path, *, force: bool) -> str:
     note = {"Title": job.config.name}
     with output_files.renewed(folder, IDENTIFY):
         figures.mkdir(parents=True, exist_ok=True)
-        output_files.write_text(folder / IDENTIFY.mark, _markdown(job, findings))
+        output_files.write_text(folder / IDENTIFY.mark, _markdown(findings, drawn))
         for name, figure in drawn.items():
             style.save(figure, figures, name, note, formats=tuple(output.formats), dpi=output.dpi)
     return f"{folder}/ ({IDENTIFY.mark}, figures/)"
@@ -159,13 +158,10 @@ def _columns(unknowns: tuple[str, ...], wanted: Sequence[str]) -> list[int]:
     return [unknowns.index(name) for name in wanted]
 
 
-def _markdown(job: Job, findings: Findings) -> str:
-    ending = output_files.shown_path(job.config.output.formats)
-    names = ["spectrum", *(["profiles"] if findings.profiles else [])]
+def _markdown(findings: Findings, figures: Iterable[str]) -> str:
+    config = findings.job.config
+    ending = output_files.shown_path(config.output.formats)
     mark = "" if ending == "pdf" else "!"  # which no page shows
-    pictures = [f"{mark}[{name}](figures/{name}.{ending})" for name in names]
-    return (
-        f"{MARK}\n# What {job.config.name} can say\n\n```text\n{findings.text}\n```\n\n"
-        + "\n\n".join(pictures)
-        + "\n"
-    )
+    pictures = "\n\n".join(f"{mark}[{name}](figures/{name}.{ending})" for name in figures)
+    title = f"# What {config.name} can say"
+    return f"{MARK}\n{title}\n\n```text\n{findings.text}\n```\n\n{pictures}\n"

@@ -126,10 +126,7 @@ class _Sampling:
         run_jobs(self.pool, _fit, tasks, finish, self.folder.path, self.report)
 
     def _ranked(self) -> dict[str, Any]:
-        """Return parts of the candidates, the most probable first, and what makes them.
-
-        The config as given is among them; sizes, speeds and the gear make them.
-        """
+        """Return parts of candidates, the most probable first, and what makes them; none: as given."""
         job = self.job
         mode = self.pool.submit(search, job.problem.posterior, fit_plan(job)).result()
         ranked = ranking.rank(job.with_steps_at(mode), mode.values, self.pool.submit, self.report)

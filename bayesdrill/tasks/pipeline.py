@@ -114,12 +114,7 @@ def _read_ahead(job: Job, folder: Folder) -> None:
 
 
 def _run(
-    job: Job,
-    folder: Folder,
-    mode: Mode | None,
-    processes: int,
-    report: Reporter,
-    details: Reporter,
+    job: Job, folder: Folder, mode: Mode | None, processes: int, report: Reporter, details: Reporter
 ) -> Outcome:
     clock = [time.perf_counter()]
     with WorkerPool(job.problem.posterior, processes) as pool:
@@ -135,7 +130,7 @@ def _run(
             for name in ("scipy.stats", "arviz_stats.base"):  # they take a while to load
                 importlib.import_module(name)
         if searches is not None:
-            mode = find_map.end_search(pool, searches, job, report)
+            mode = find_map.end_search(pool, searches, report)
             find_map.write_mode(folder, mode)
         assert mode is not None
         job = job.with_steps_at(mode)
@@ -177,10 +172,7 @@ def republish(output: Path, processes: int, report: Reporter = SILENT) -> Outcom
 
 
 def copy_result(source: Path, output: Path, *, force: bool) -> None:
-    """Copy what a report is made from into another folder: for a run that one may only read.
-
-    Raises `InputError`, also where there is nothing to be reported.
-    """
+    """Copy what a report is made from, of a run one may only read; raises `InputError` without one."""
     if output.resolve() == source.resolve():
         raise InputError.at(str(output), "holds this very run; leave --output out")
     how: run_folder.WriteMode = "force" if force else "fresh"
@@ -245,10 +237,7 @@ def _read_sampled(job: Job, folder: Folder) -> SampledRun:
 def write_result(
     job: Job, view: ReportContext, output: Path, record: str | None, *, force: bool
 ) -> Outcome:
-    """Write what was sampled in memory, as `run_posterior` leaves it.
-
-    `record`: the text of the record, where it has no file.
-    """
+    """Write what was sampled in memory, as `run_posterior`; `record`: its text, where it has no file."""
     check_record(job, output, record)
     marks = provenance.fingerprint(job.config, job.problem)
     with Folder(output, "force" if force else "fresh", marks, POSTERIOR) as folder:

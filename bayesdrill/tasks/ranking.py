@@ -6,7 +6,7 @@ import dataclasses
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import Future
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 from bayesdrill.analysis.causes import (
@@ -19,16 +19,10 @@ from bayesdrill.analysis.causes import (
     refit_candidate,
 )
 from bayesdrill.basics.errors import InputError
-from bayesdrill.basics.progress import Reporter
+from bayesdrill.basics.progress import SILENT, Reporter
 from bayesdrill.basics.symbols import Symbol
 from bayesdrill.config.job import Job
-from bayesdrill.selection import (
-    GEAR,
-    GEARS,
-    START,
-    CandidateModel,
-    CandidateModels,
-)
+from bayesdrill.selection import GEAR, GEARS, START, CandidateModel, CandidateModels
 
 Submit = Callable[..., Future[Any]]  # of a function and its arguments
 FEW, PAIRED = 8, 4  # candidates that are tried beside others; in all pairs of these
@@ -59,6 +53,7 @@ def rank(job: Job, maximum: Mapping[str, float], submit: Submit, report: Reporte
     return Ranking(causes=causes, ladder=ranking.ladder, seconds=ranking.seconds)
 
 
+@dataclass
 class _Ranking:
     """A ranking under way.
 
@@ -67,21 +62,18 @@ class _Ranking:
     others could not be refitted.
     """
 
-    def __init__(
-        self,
-        job: Job,
-        maximum: Mapping[str, float],
-        given: RefitMaximum,
-        submit: Submit,
-        report: Reporter,
-    ) -> None:
-        self.job, self.maximum, self.given = job, maximum, given
-        self.ladder = CandidateModels.from_job(job, maximum)
-        self.submit, self.report = submit, report
-        self.causes_by_parts: dict[tuple[str, ...], Cause] = {}
-        self.left_out: dict[str, str] = {}
-        self.seconds: dict[tuple[str, ...], float] = {}
-        self.values: dict[tuple[str, ...], Mapping[str, float]] = {}
+    job: Job
+    maximum: Mapping[str, float]
+    given: RefitMaximum
+    submit: Submit
+    report: Reporter
+    causes_by_parts: dict[tuple[str, ...], Cause] = field(default_factory=dict)
+    left_out: dict[str, str] = field(default_factory=dict)
+    seconds: dict[tuple[str, ...], float] = field(default_factory=dict)
+    values: dict[tuple[str, ...], Mapping[str, float]] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        self.ladder = CandidateModels.from_job(self.job, self.maximum)
 
     def causes(self) -> Causes:
         self.refit_all(self.ladder.singles(), self.maximum)
@@ -166,8 +158,8 @@ class _Ranking:
         known = {*map(frozenset, self.causes_by_parts)}
         remaining = [rung for rung in candidates if frozenset(rung.parts) not in known]
         total, said = len(remaining), f"refitting {len(remaining)} candidates"
-        if total > 1:
-            self.report.update(0.0, said)
+        report = self.report if total > 1 else SILENT
+        report.update(0.0, said)
         while remaining or under_way:
             while remaining and len(under_way) < HANDED_OVER:
                 rung = remaining.pop(0)
@@ -183,9 +175,7 @@ class _Ranking:
             if under_way:
                 rung, job, future = under_way.pop(0)
                 self._keep(rung, job, future.result())
-            share = 1.0 - (len(remaining) + len(under_way)) / max(total, 1)
-            if total > 1:
-                self.report.update(share, said)
+            report.update(1.0 - (len(remaining) + len(under_way)) / total, said)
 
     def _keep(self, rung: CandidateModel, job: Job, top: RefitMaximum | None) -> None:
         if top is None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import dataclasses
 import io
+import itertools
 import math
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import suppress
@@ -89,16 +90,12 @@ def verify(folder: Path) -> Verified:
         raise InputError(obstacles)
     files = run.get("files")
     if run.get("status") != "finished" or not isinstance(files, dict):
-        message = (
-            "this run is not finished, or of an older version; `bayesdrill report` makes it anew"
-        )
-        raise InputError.at(str(folder), message)
-    problems = tuple(
-        dict.fromkeys([*_changed(folder, way.kind, files), *way.problems(folder, run)])
-    )
+        message = "this run is not finished, or of an older version; "
+        raise InputError.at(str(folder), f"{message}`bayesdrill report` makes it anew")
+    problems = dict.fromkeys([*_changed(folder, way.kind, files), *way.problems(folder, run)])
     checked = len(files) - len({problem.place for problem in problems})
     numbers = sum(1 for _ in leaves(run.get(run_entries.ANALYSIS) or []))
-    return Verified(folder, checked, problems, way.what, way.follows, numbers)
+    return Verified(folder, checked, tuple(problems), way.what, way.follows, numbers)
 
 
 def _of_posterior(folder: Path, run: Mapping[str, Any]) -> Iterator[Issue]:
@@ -108,9 +105,8 @@ def _of_posterior(folder: Path, run: Mapping[str, Any]) -> Iterator[Issue]:
         yield from (*_configs(folder), *error.problems)
         return
     yield from _configs(folder, stored_run.job)
-    kept = run.get(run_entries.ANALYSIS, {})
+    kept, explained = run.get(run_entries.ANALYSIS, {}), None
     # Candidates follow from the config as it was written, which is no longer there.
-    explained = None
     with suppress(ValueError):
         explained = from_data(Causes, kept["causes"]) if kept.get("causes") else None
     afresh = dataclasses.replace(stored_run, kept=None)
@@ -147,7 +143,7 @@ def _of_map(folder: Path, _: Mapping[str, Any]) -> Iterator[Issue]:
         return
     yield from _configs(folder, job)
     yield from _tables(folder, find_map.report(job, mode).numbers, find_map.MAP_FILE)
-    mark = find_map.mark(job)[provenance.RUN_MARK]
+    mark = provenance.marks(job.config, job.problem)[provenance.RUN_MARK]
     yield from _figures(folder, MAP, mark, job.config.name)
 
 
@@ -251,8 +247,7 @@ def _same(text: str, expected: str) -> bool:
         return False
     if [len(row) for row in first] != [len(row) for row in other]:
         return False
-    pairs = ((a, b) for r, s in zip(first, other, strict=True) for a, b in zip(r, s, strict=True))
-    return all(_near(a, b) for a, b in pairs)
+    return all(map(_near, itertools.chain(*first), itertools.chain(*other)))
 
 
 def _near(value: Any, other: Any) -> bool:
@@ -266,10 +261,8 @@ def _near(value: Any, other: Any) -> bool:
 
 def _figures(folder: Path, kind: Kind, mark: str, name: str) -> Iterator[Issue]:
     """Each says inside which run it is of, and what it shows."""
-    for file in output_files.present(folder, kind):
-        path = folder / file
-        if not file.startswith(f"{output_files.FIGURES}/"):
-            continue
+    names = output_files.present(folder, kind)
+    for path in (folder / each for each in names if each.startswith(f"{output_files.FIGURES}/")):
         content = path.read_bytes()
         if mark.encode() not in content:
             yield Issue(str(path), "is a figure of another run")

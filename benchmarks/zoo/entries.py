@@ -12,7 +12,7 @@ from benchmarks.zoo.row import Entry
 
 RELATIVE = {"relative": True}
 FOUR = ("theta_1", "theta_2", "w_1", "w_2")
-TABLE = NOMINAL["tables_2_3"].values
+TABLE = NOMINAL["tables_2_3"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -143,7 +143,7 @@ def measured(name: str, hold: str = "zero") -> Entry:
 
 def parameters(rest: str | Entry, **own: float | str | Entry) -> Entry:
     """All nine, `rest` for those that are not named, and what else is."""
-    return {**dict.fromkeys(symbols.NOMINAL[symbols.DEFAULT_NOMINAL].values, rest), **own}
+    return {**dict.fromkeys(symbols.NOMINAL[symbols.DEFAULT_NOMINAL], rest), **own}
 
 
 def box(low: float = 0.5, high: float = 1.5) -> Entry:

@@ -17,7 +17,7 @@ from bayesdrill.rig.models.motor_shaft import PARAMETERS
 
 def test_the_two_nominal_tables() -> None:
     """Values as printed: Table 1, and the initial guesses of Table 3."""
-    one, three = symbols.NOMINAL["table_1"].values, symbols.NOMINAL["tables_2_3"].values
+    one, three = symbols.NOMINAL["table_1"], symbols.NOMINAL["tables_2_3"]
     printed = {"j_m": 4e-4, "k_e": 0.06016, "k_T": 0.12, "r_m": 0.33, "l_m": 1.1e-3, "j_1": 0.0283}
     for table in (one, three):
         assert {name: table[name] for name in printed} == pytest.approx(printed)
@@ -30,9 +30,9 @@ def test_the_two_nominal_tables() -> None:
 
 def test_geometry_supports_the_default() -> None:
     stiffness = 79.3e9 * np.pi * 0.003**4 / (32 * 2.4)
-    assert symbols.NOMINAL["tables_2_3"].values["k_s"] == pytest.approx(stiffness, rel=0.02)
+    assert symbols.NOMINAL["tables_2_3"]["k_s"] == pytest.approx(stiffness, rel=0.02)
     inertia = 6.4 * (0.188 / 2) ** 2 / 2
-    assert symbols.NOMINAL["tables_2_3"].values["j_1"] == pytest.approx(inertia, rel=0.002)
+    assert symbols.NOMINAL["tables_2_3"]["j_1"] == pytest.approx(inertia, rel=0.002)
 
 
 def test_every_symbol_is_complete() -> None:

@@ -175,7 +175,7 @@ def nominal_table(config: Config, config_values: Mapping[str, float]) -> Nominal
     """
     given: Any = config.nominal
     table = given.table or symbols.DEFAULT_NOMINAL
-    published_values = lookup(symbols.NOMINAL, table, "nominal table").values
+    published_values = lookup(symbols.NOMINAL, table, "nominal table")
     known = config.vocabulary.parameters
     alike = {n: x for n, x in published_values.items() if known.get(n) == symbols.PARAMETERS[n]}
     if given.table is not None and not alike:

@@ -87,17 +87,13 @@ _HDF5_MAGIC = b"\x89HDF\r\n\x1a\n"
 
 
 def read_hdf5(path: Path, wanted: Collection[str] | None = None) -> RecordTable:
-    """Read the `wanted` datasets (fields of records under dotted names; None: all).
-
-    Attributes, also one called `unit`, are not looked at.  Raises InputError when it cannot be read.
-    """
+    """Read the `wanted` datasets (records: dotted names; None: all); no attributes, also no `unit`."""
     import h5py
 
     head = read_bytes(path, 16)
     if head.startswith(b"MATLAB 7.3"):
-        raise InputError.at(
-            str(path), "is a MATLAB file; give it the ending .mat, or say the format: mat"
-        )
+        message = "is a MATLAB file; give it the ending .mat, or say the format: mat"
+        raise InputError.at(str(path), message)
     contents = FileContents()
     used = None if wanted is None else {form for name in wanted for form in _records(name)}
     broken = "is not an HDF5 file; save it with h5py, or give it the ending of what it is"
@@ -197,10 +193,7 @@ _HEADERS = {
 
 
 def read_npz(path: Path, wanted: Collection[str] | None = None) -> RecordTable:
-    """Read the `wanted` arrays (fields of records under dotted names; None: all of numbers).
-
-    Raises InputError when it cannot be read.
-    """
+    """Read the `wanted` arrays (fields of records under dotted names; None: all of numbers)."""
     head = read_bytes(path, 8)
     if not head.startswith(_ZIP):
         raise InputError.at(str(path), _other(head))
@@ -215,11 +208,8 @@ def read_npz(path: Path, wanted: Collection[str] | None = None) -> RecordTable:
                 contents.unread.append(name)
             else:
                 _add(name, file, member, contents)
-    if (
-        not contents.variables
-        and not contents.unread
-        and {*contents.ignored.values()} <= {"is no array"}
-    ):
+    nothing = not contents.variables and not contents.unread
+    if nothing and {*contents.ignored.values()} <= {"is no array"}:
         raise InputError.at(str(path), "is a zip archive without arrays; save it with numpy.savez")
     return contents.table(path)
 
@@ -264,10 +254,7 @@ _MISSING = (
 
 
 def read_parquet(path: Path, wanted: Collection[str] | None = None) -> RecordTable:
-    """Read the `wanted` columns (None: all); cells without a value become NaN.
-
-    Raises InputError when it cannot be read, or without `pyarrow`.
-    """
+    """Read the `wanted` columns (None: all), which needs `pyarrow`; empty cells become NaN."""
     if read_bytes(path, 4) != _PARQUET_MAGIC:
         message = "is not a Parquet file; save it as one, or give it the ending of what it is"
         raise InputError.at(str(path), message)
@@ -285,10 +272,8 @@ def _table(path: Path, wanted: Collection[str] | None) -> RecordTable:
     with parquet.ParquetFile(path, pre_buffer=False) as file:
         schema, rows = file.schema_arrow, file.metadata.num_rows
         keys, ignored = keys_of(schema.names)
-        kinds = dict(zip(keys, schema.types, strict=True))
-        unfit = {
-            name: why for name, kind in kinds.items() if (why := _unfit_column(name, kind, rows))
-        }
+        kinds = zip(keys, schema.types, strict=True)
+        unfit = {name: why for name, kind in kinds if (why := _unfit_column(name, kind, rows))}
         fit = [name for name in keys if name not in unfit and (wanted is None or name in wanted)]
         # By their names, one at a time; but all together where two have the same one.
         whole = file.read(use_threads=False) if ignored else None
@@ -318,9 +303,7 @@ def _unfit_column(name: str, kind: Any, rows: int) -> str:
             f"holds dates, times or durations ({kind}); save seconds since the start as numbers, in "
             f"pandas (df[{name!r}] - df[{name!r}].iloc[0]).dt.total_seconds()"
         )
-    if any(
-        is_one(kind)
-        for is_one in (types.is_integer, types.is_floating, types.is_boolean, types.is_decimal)
-    ):
+    numeric = (types.is_integer, types.is_floating, types.is_boolean, types.is_decimal)
+    if any(is_one(kind) for is_one in numeric):
         return too_large((rows,), 8)
     return f"is of type {kind}, not numbers; save it as a column of double"

@@ -99,11 +99,8 @@ def _score(sample: Sequence[str], dialect: Dialect) -> tuple[float, bool]:
     ]
     # A header of the right width speaks for a dialect nearly as much as a row of numbers does,
     # unless it is a single cell that looks like several.
-    if (
-        len(rows[0]) == width
-        and not shares[0]
-        and (width > 1 or not re.search(r"[,;|\t]", sample[0]))
-    ):
+    whole = width > 1 or not re.search(r"[,;|\t]", sample[0])
+    if whole and len(rows[0]) == width and not shares[0]:
         shares[0] = 0.9
     score = sum(shares)
     # Anything can be read as a single column, so that reading has to be without a fault.
@@ -235,9 +232,8 @@ def _cell_advice(bad: _Faults, dialect: Dialect) -> str:
     if any("," in problem.message for problem in bad.first) and dialect.decimal == ".":
         return f"{advice}; if the comma is the decimal mark set decimal: ','"
     if dialect.decimal == "," and any("." in problem.message for problem in bad.first):
-        return (
-            f"{advice}; numbers are read with a decimal comma, set decimal: '.' if they have none"
-        )
+        comma = "numbers are read with a decimal comma, set decimal: '.' if they have none"
+        return f"{advice}; {comma}"
     return f"{advice}; to pass over text above the numbers set skip_rows and header: false"
 
 
@@ -246,10 +242,7 @@ _ROWS_OF_WORDS = 3  # below the header: units, kinds, descriptions
 
 
 def read(path: Path, options: CsvOptions) -> RecordTable:
-    """Read a text table; empty and NaN cells become NaN.
-
-    Raises InputError for a file that is no table, naming lines and columns.
-    """
+    """Read a text table; empty and NaN cells become NaN, and errors name lines and columns."""
     return table(path, decode(path), options)
 
 
@@ -283,17 +276,13 @@ def table(path: Path, text: str, options: CsvOptions) -> RecordTable:
 
 def check_options(path: Path, options: CsvOptions) -> None:
     """Raise InputError for marks that no table can be written with."""
-    problems = []
-    if options.delimiter is not None and len(options.delimiter) != 1:
-        problems.append(f"delimiter {options.delimiter!r} is not one character; use , ; | or a tab")
-    elif options.delimiter and (options.delimiter.isalnum() or options.delimiter in '"+-.\r\n'):
-        problems.append(f"delimiter {options.delimiter!r} occurs in numbers; use , ; | or a tab")
-    if options.decimal not in (None, ".", ","):
-        problems.append(f"decimal {options.decimal!r} is neither '.' nor ','")
-    if options.decimal is not None and options.decimal == options.delimiter:
-        problems.append(f"delimiter and decimal are both {options.decimal!r}; change one")
-    if options.skip_rows < 0:
-        problems.append(f"skip_rows {options.skip_rows} is negative; give 0 or more")
+    mark, problems = options.delimiter, []
+    if mark is not None and len(mark) != 1:
+        problems.append(f"delimiter {mark!r} is not one character; use , ; | or a tab")
+    elif mark and (mark.isalnum() or mark in '"+-.\r\n'):
+        problems.append(f"delimiter {mark!r} occurs in numbers; use , ; | or a tab")
+    if mark is not None and mark == options.decimal:
+        problems.append(f"delimiter and decimal are both {mark!r}; change one")
     if problems:
         raise InputError([Issue(str(path), text) for text in problems])
 
@@ -308,14 +297,11 @@ def _split_header(
     if wanted is None and not words:
         return None, lines
     if wanted is None and numeric:
+        message = f"mixes numbers and text such as {short(words[0])}; "
+        message += "say header: true if it names the columns, or mend the cell"
         if len(lines.texts) > 1 and all(_census(line, dialect)[1] for line in lines.texts):
             message = "each line begins with a name: the table lies on its side; transpose it"
-            raise InputError.at(lines.location(0), message)
-        raise InputError.at(
-            lines.location(0),
-            f"mixes numbers and text such as {short(words[0])}; "
-            f"say header: true if it names the columns, or mend the cell",
-        )
+        raise InputError.at(lines.location(0), message)
     below = (_census(line, dialect) for line in lines.texts[1 : 1 + _ROWS_OF_WORDS])
     wordy = itertools.takewhile(lambda census: not census[0] and _are_words(census[1]), below)
     count = 1 + sum(1 for _ in wordy)
@@ -351,18 +337,15 @@ def _names(
     if header is None:
         return [str(number) for number in range(1, width + 1)], {}
     names = _header_cells(header, dialect, width)
-    if len(names) != width:
-        raise InputError.at(
-            lines.location(0),
-            f"the header has {len(names)} cells and the rows have {width}; "
-            f"{_why_not(header, lines, dialect, width)}",
-        )
+    if (count := len(names)) != width:
+        why = _why_not(header, count, lines, dialect, width)
+        message = f"the header has {count} cells and the rows have {width}; {why}"
+        raise InputError.at(lines.location(0), message)
     return keys_of(names)
 
 
-def _why_not(header: str, lines: TextLines, dialect: Dialect, width: int) -> str:
+def _why_not(header: str, count: int, lines: TextLines, dialect: Dialect, width: int) -> str:
     """Of a header of another width than the rows: the likely reason, and what to do."""
-    count = len(_header_cells(header, dialect, width))
     other = [mark for mark in ",;\t|" if len(split(header, mark)) == width > 1]
     if other:
         return f"its names stand between {other[0]!r}, the numbers do not; write both the same way"

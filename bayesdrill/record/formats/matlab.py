@@ -117,10 +117,7 @@ class _Walk:
 
 
 def read(path: Path, wanted: Collection[str] | None = None) -> RecordTable:
-    """Read the `wanted` variables of a .mat file (dotted names; None: all numeric ones).
-
-    Raises InputError when it cannot be read.
-    """
+    """Read the `wanted` variables of a .mat file (dotted names; None: all numeric ones)."""
     import h5py
 
     head = read_bytes(path, 128)

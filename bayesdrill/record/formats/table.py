@@ -40,9 +40,7 @@ class RecordTable:
 
     def where(self, index: int) -> str:
         """The place of the sample `index` (0-based): `line 18` of a text, `row`, or `sample`."""
-        if self.lines is None:
-            return f"sample {index + 1}"
-        return f"{self.called} {self.lines[index]}"
+        return f"sample {index + 1}" if self.lines is None else f"{self.called} {self.lines[index]}"
 
     def pick(
         self,
@@ -65,20 +63,16 @@ class RecordTable:
     def _pick_from_table(self, column: str | int | None, variable: str | None) -> Array:
         file = self.path.name
         if variable is not None:
-            raise LookupError(
-                f"{file} is a table of columns and has no variable {variable!r}; "
-                f"leave the variable out and give the column"
-            )
+            what = f"is a table of columns and has no variable {variable!r}"
+            raise LookupError(f"{file} {what}; leave the variable out and give the column")
         if column is None:
             raise LookupError(f"no column of {file} is named; give its name or its number from 1")
         if isinstance(column, str):
             return self._named(column, "column")
         columns = self.columns or tuple(self.variables)
         if not 1 <= column <= len(columns):
-            raise LookupError(
-                f"{file} has no column {column}; it has the columns 1 to "
-                f"{len(columns)}: {', '.join(columns)}"
-            )
+            known = f"it has the columns 1 to {len(columns)}: {', '.join(columns)}"
+            raise LookupError(f"{file} has no column {column}; {known}")
         return self._named(columns[column - 1], "column")
 
     def _pick_from_arrays(self, column: str | int | None, variable: str | None) -> Array:
@@ -99,40 +93,32 @@ class RecordTable:
     def _only_variable(self) -> str:
         if len(self.variables) == 1:
             return next(iter(self.variables))
-        raise LookupError(
-            f"{self.path.name} holds {len(self.variables)} variables; say which one: "
-            f"{', '.join(self.variables)}"
-        )
+        which = f"say which one: {', '.join(self.variables)}"
+        raise LookupError(f"{self.path.name} holds {len(self.variables)} variables; {which}")
 
     def _named(self, name: str, kind: str) -> Array:
+        file, this = self.path.name, f"{kind} {name!r} of {self.path.name}"
         if name in self.variables and self.variables[name].size:
             return self.variables[name]
         if name in self.variables:
-            raise LookupError(f"{kind} {name!r} of {self.path.name} is empty; record again")
+            raise LookupError(f"{this} is empty; record again")
         if name in self.ignored:
-            raise LookupError(f"{kind} {name!r} of {self.path.name} {self.ignored[name]}")
+            raise LookupError(f"{this} {self.ignored[name]}")
         for mark, what in ((".", "a struct; name one of its fields"), ("/", "a group; name one")):
             inside = [known for known in self._names if known.startswith(f"{name}{mark}")]
             if inside and kind == "variable":
-                raise LookupError(
-                    f"variable {name!r} of {self.path.name} is {what}: {', '.join(inside)}"
-                )
+                raise LookupError(f"{this} is {what}: {', '.join(inside)}")
         if kind == "column" and name.isdecimal() and 1 <= int(name) <= len(self.variables):
-            raise LookupError(
-                f"{self.path.name} has no column named {name!r}; "
-                f"for column number {name} write it without quotes"
-            )
-        raise LookupError(f"{self.path.name} has no {kind} {name!r}{self._known(name)}")
+            way_out = f"for column number {name} write it without quotes"
+            raise LookupError(f"{file} has no column named {name!r}; {way_out}")
+        raise LookupError(f"{file} has no {kind} {name!r}{self._known(name)}")
 
     def _known(self, name: str) -> str:
         """The nearest name, then all of them, so that one look at the error is enough."""
         if not self._names:
             return "; the file holds no numeric array"
-        near = did_you_mean(name, self._names)
-        everything = f"; known: {', '.join(self._names)}"
-        if near == everything:
-            return near
-        return f"{near} (the file has {', '.join(self._names)})"
+        near, names = did_you_mean(name, self._names), ", ".join(self._names)
+        return near if near == f"; known: {names}" else f"{near} (the file has {names})"
 
     @property
     def _names(self) -> tuple[str, ...]:
@@ -161,9 +147,8 @@ def variable_name(column: str | int | None, variable: str | None) -> str | None:
 
 
 def _shape(values: Array) -> str:
-    if values.ndim == 1:
-        return f"{len(values)} samples in 1 column"
-    return f"{values.shape[0]} rows and {values.shape[1]} columns"
+    alone = f"{len(values)} samples in 1 column"
+    return alone if values.ndim == 1 else f"{len(values)} rows and {values.shape[1]} columns"
 
 
 def read_bytes(path: Path, count: int = -1) -> bytes:

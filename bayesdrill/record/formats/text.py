@@ -71,10 +71,7 @@ _POWER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)[dD][-+]?\d+")  # of Fortran
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TextLines:
-    """The lines that hold something, with their line numbers in the file (from 1).
-
-    `comment`: the last one before them.
-    """
+    """The lines that hold something, their numbers (from 1), and the last `comment` before them."""
 
     path: Path
     texts: list[str]
