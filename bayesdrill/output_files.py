@@ -377,40 +377,34 @@ def check_file(path: Path, largest: int = LARGEST_FILE) -> None:
     except (OSError, ValueError):
         return
     if size > largest:
-        message = (
-            f"has {size / 1e6:.0f} MB; at most {largest / 1e6:.0f} MB are read: resample to a "
-            "lower rate, shorten the record, or save fewer variables"
-        )
-        raise InputError.at(str(path), message)
+        most = f"has {size / 1e6:.0f} MB; at most {largest / 1e6:.0f} MB are read"
+        way_out = "resample to a lower rate, shorten the record, or save fewer variables"
+        raise InputError.at(str(path), f"{most}: {way_out}")
 
 
 def check_record(samples: float, channels: int) -> None:
     """Raises `ValueError` with a message for the user."""
     if samples > MOST_SAMPLES or samples * channels > MOST_MEASURED:
-        raise ValueError(
-            f"{samples:.6g} samples of {channels} channels; at most {MOST_SAMPLES} samples and "
-            f"{MOST_MEASURED} numbers are taken: resample to a lower rate, or shorten the record"
-        )
+        most = f"at most {MOST_SAMPLES} samples and {MOST_MEASURED} numbers are taken"
+        way_out = "resample to a lower rate, or shorten the record"
+        raise ValueError(f"{samples:.6g} samples of {channels} channels; {most}: {way_out}")
 
 
 def check_guessed(samples: int, columns: int) -> None:
     """Raises `ValueError` with a message for the user."""
     if samples > MOST_GUESSED or columns > MOST_COLUMNS:
-        raise ValueError(
-            f"{samples} samples of {columns} columns are too many: `init` looks at {MOST_GUESSED} "
-            f"samples and {MOST_COLUMNS} columns at most. Save the columns of the rig alone, at a lower "
-            "rate or for a shorter time, or write a config by hand"
-        )
+        many = f"{samples} samples of {columns} columns are too many"
+        most = f"`init` looks at {MOST_GUESSED} samples and {MOST_COLUMNS} columns at most"
+        way_out = "Save the columns of the rig alone, at a lower rate or for a shorter time"
+        raise ValueError(f"{many}: {most}. {way_out}, or write a config by hand")
 
 
 def check_chain(ensembles: int, walkers: int, unknowns: int) -> None:
     """Raises `ValueError` with a message for the user."""
     if steps_of_chain(ensembles, walkers, unknowns) < LEAST_STEPS:
-        raise ValueError(
-            f"{ensembles} ensembles of {walkers} walkers with {unknowns} unknowns are too many: "
-            f"{LEAST_STEPS} steps would be more than {MOST_OF_CHAIN} numbers, all that a chain may hold"
-            ". Take fewer"
-        )
+        many = f"{ensembles} ensembles of {walkers} walkers with {unknowns} unknowns are too many"
+        most = f"{LEAST_STEPS} steps would be more than {MOST_OF_CHAIN} numbers"
+        raise ValueError(f"{many}: {most}, all that a chain may hold. Take fewer")
 
 
 def steps_of_chain(ensembles: int, walkers: int, unknowns: int) -> int:

@@ -126,16 +126,11 @@ def _check_size(tree: ast.expr) -> None:
     while level:
         depth, count = depth + 1, count + len(level)
         if depth > MAX_DEPTH or count > MAX_TERMS:
-            raise ValueError(
-                f"this formula has more than {MAX_DEPTH} terms or {MAX_TERMS} numbers and names, "
-                "those of the formulas that it names among them; write a shorter one"
-            )
-        level = [
-            inner
-            for node in level
-            for inner in ast.iter_child_nodes(node)
-            if isinstance(inner, ast.expr)
-        ]
+            most = f"more than {MAX_DEPTH} terms or {MAX_TERMS} numbers and names"
+            whose = "those of the formulas that it names among them"
+            raise ValueError(f"this formula has {most}, {whose}; write a shorter one")
+        below = (inner for node in level for inner in ast.iter_child_nodes(node))
+        level = [inner for inner in below if isinstance(inner, ast.expr)]
 
 
 def _check(node: ast.expr, known: list[str], shown: str) -> None:
@@ -165,10 +160,8 @@ def _check(node: ast.expr, known: list[str], shown: str) -> None:
             ways = f"functions are {', '.join(FUNCTIONS)}, of one number each"
             raise ValueError(f"{_short(name)} cannot stand here; {ways}")
         case _:
-            raise ValueError(
-                f"{_short(ast.unparse(node))} cannot stand in a formula; use numbers with a decimal "
-                f"point, names, + - * / **, pi, {', '.join(FUNCTIONS)}"
-            )
+            use = f"numbers with a decimal point, names, + - * / **, pi, {', '.join(FUNCTIONS)}"
+            raise ValueError(f"{_short(ast.unparse(node))} cannot stand in a formula; use {use}")
 
 
 def _value(node: ast.expr, named: Mapping[str, Any]) -> Any:

@@ -82,10 +82,8 @@ class Registry[T](Mapping[str, T]):
         except Stopped:
             raise
         except BaseException as error:  # whatever the code of others does
-            raise ValueError(
-                f"{entry_point.name} is brought by {_package(entry_point)}, and cannot be used "
-                f"from {entry_point.value} ({_reason(error)}); mend or remove that package"
-            ) from None
+            failure = f"cannot be used from {entry_point.value}"
+            raise ValueError(_blame(entry_point, failure, error)) from None
         return member
 
     def __iter__(self) -> Iterator[str]:
@@ -123,25 +121,20 @@ def blamed_package(error: BaseException) -> str:
         prefix = re.escape(file.removesuffix("__init__.py"))
         lines = re.findall(rf'File "({prefix}[^"]*)", line (\d+)', text)
         if lines:
-            return (
-                f"{entry_point.name} is brought by {_package(entry_point)}, and failed in "
-                f"{':'.join(lines[-1])} ({_reason(error)}); mend or remove that package"
-            )
+            return _blame(entry_point, f"failed in {':'.join(lines[-1])}", error)
     return ""
 
 
-def _package(entry_point: EntryPoint) -> str:
-    return entry_point.dist.name if entry_point.dist else "an installed package"
-
-
-def _reason(error: BaseException) -> str:
+def _blame(entry_point: EntryPoint, failure: str, error: BaseException) -> str:
+    package = entry_point.dist.name if entry_point.dist else "an installed package"
     try:
-        message = str(error)
+        reason = str(error)
     except Exception:  # that, too, is code of others
-        message = ""
-    if message and isinstance(error, ValueError):
-        return message
-    return f"{type(error).__name__}: {message}".removesuffix(": ")
+        reason = ""
+    if not reason or not isinstance(error, ValueError):
+        reason = f"{type(error).__name__}: {reason}".removesuffix(": ")
+    brought = f"{entry_point.name} is brought by {package}"
+    return f"{brought}, and {failure} ({reason}); mend or remove that package"
 
 
 def lookup[T](members: Mapping[str, T], name: str, what: str) -> T:

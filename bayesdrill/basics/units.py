@@ -117,10 +117,8 @@ def coherent(unit: str) -> tuple[str, float]:
         message = f"unit '{shortened(unit)}' is not known; write for example m, mm, GPa or kg/m**3"
         raise ValueError(message) from None
     if nothing.magnitude != 0.0:
-        raise ValueError(
-            f"unit '{unit}' does not begin at zero, so that no factor turns it into SI; write the "
-            "value in K, or in a plain unit"
-        )
+        why = "does not begin at zero, so that no factor turns it into SI"
+        raise ValueError(f"unit '{unit}' {why}; write the value in K, or in a plain unit")
     if base.magnitude == 1.0 and unit.isascii():
         return unit, 1.0
     for name in _COHERENT:

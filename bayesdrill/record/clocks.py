@@ -121,10 +121,7 @@ def indices_in(t: Array, clock: Array) -> NDArray[np.intp]:
 
 
 def hold_input(t: Array, clock: Array, values: Array, *, first_order: bool) -> Array:
-    """Interpolate an input known at `clock (n,)` at times `t (T,)`: first-order or zero-order hold.
-
-    Before the first sample it is the first, after the last the last.
-    """
+    """Hold an input known at `clock (n,)` at times `t (T,)`, first or zero order; ends go on beyond."""
     if first_order:
         return np.interp(t, clock, values)
     step = median_step(clock)

@@ -231,11 +231,8 @@ def check_series(
         message = f"{what} varies by {width:.3g}, which nothing measures; check the column"
         return [Issue(location, message)]
     if varying and len(numbers) > 1 and width == 0:
-        message = (
-            f"{what} is {numbers[0]:g} in every row: a constant channel carries no information; check "
-            "the column, or leave the channel out"
-        )
-        return [Issue(location, message)]
+        flat = f"{what} is {numbers[0]:g} in every row: a constant channel carries no information"
+        return [Issue(location, f"{flat}; check the column, or leave the channel out")]
     return []
 
 
@@ -248,11 +245,8 @@ def check_time(location: str, t: Array, where: Callable[[int], str]) -> list[Iss
     back = np.flatnonzero(steps <= 0)
     if len(back):
         first = back[0] + 1
-        message = (
-            f"time does not increase, {_rows(back + 1, where)}: {t[first - 1]:.10g} s is followed by "
-            f"{t[first]:.10g} s; {_why_back(t, steps)}"
-        )
-        return [Issue(location, message)]
+        pair = f"{t[first - 1]:.10g} s is followed by {t[first]:.10g} s; {_why_back(t, steps)}"
+        return [Issue(location, f"time does not increase, {_rows(back + 1, where)}: {pair}")]
     if steps.min() < SMALLEST:
         message = f"time has steps of {steps.min():.3g} s; check the column and its unit"
         return [Issue(location, message)]
@@ -264,10 +258,9 @@ def check_time(location: str, t: Array, where: Callable[[int], str]) -> list[Iss
 def _why_back(t: Array, steps: Array) -> str:
     back = steps <= 0
     if np.mean(steps == 0) > MAX_REPEATED_TIMES:
-        return (
-            "so many times are repeated that they have too few digits: say time: {rate: ...} instead of "
-            f"the column, or export more digits{calendar_hint(t)}"
-        )
+        way_out = "say time: {rate: ...} instead of the column, or export more digits"
+        why = "so many times are repeated that they have too few digits"
+        return f"{why}: {way_out}{calendar_hint(t)}"
     if np.all(steps < 0):
         return "each row is earlier than the one before: turn the rows around, or check the column"
     if np.sum(back) == 1 and t[np.argmax(back) + 1] <= t[0]:
@@ -278,10 +271,8 @@ def _why_back(t: Array, steps: Array) -> str:
 def calendar_hint(t: Array) -> str:
     """Return a suspicion of times that are days of a calendar; empty where there is none."""
     if EARLIEST_DAY < t[0] < LATEST_DAY and t[-1] - t[0] < 1:
-        return (
-            f"; numbers like {t[0]:.6g} may be days of a calendar (Excel, MATLAB's datenum): save "
-            "seconds since the start, or give time: {rate: ...}"
-        )
+        days = f"numbers like {t[0]:.6g} may be days of a calendar (Excel, MATLAB's datenum)"
+        return f"; {days}: save seconds since the start, or give time: {{rate: ...}}"
     return ""
 
 

@@ -224,9 +224,8 @@ class Folder:
         try:
             lock.acquire(timeout=0)
         except Timeout:
-            raise InputError.at(
-                str(self.path), "another run is writing here; wait for it or give --output"
-            ) from None
+            message = "another run is writing here; wait for it or give --output"
+            raise InputError.at(str(self.path), message) from None
         except OSError:
             if not reading:
                 raise

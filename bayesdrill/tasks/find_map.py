@@ -76,7 +76,6 @@ def read(output: Path) -> tuple[Job, Mode]:
     return job, mode
 
 
-
 def find_mode(job: Job, processes: int, report: Reporter, *, quick: bool = False) -> Mode:
     """The MAP alone, `quick`: from the configured start; nothing is written."""
     if quick:

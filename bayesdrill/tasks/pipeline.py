@@ -201,10 +201,9 @@ def _read_job(output: Path) -> tuple[Job, dict[str, str]]:
     if run is None:
         raise InputError.at(str(output), "no results here; give the folder of a finished run")
     if run.get("job") != POSTERIOR.job:
-        whose = (
-            f"results of `bayesdrill {run.get('job')}`, which makes its tables and figures itself"
-        )
-        raise InputError.at(str(output), f"{whose}; give the folder of a posterior")
+        whose = f"results of `bayesdrill {run.get('job')}`"
+        way_out = "which makes its tables and figures itself; give the folder of a posterior"
+        raise InputError.at(str(output), f"{whose}, {way_out}")
     if not (output / RESOLVED_FILE).exists():
         raise InputError.at(str(output), "the run stopped as it began; continue it with --resume")
     job = prepare(output / RESOLVED_FILE)

@@ -210,10 +210,8 @@ class _Ranking:
             jobs = [rung.job() for rung in self.ladder.windows(WINDOWS)]
         except InputError:
             return ()
-        futures = [
-            self.submit(refit_candidate, job.problem.posterior, self.maximum, -math.inf)
-            for job in jobs
-        ]
+        posteriors = [job.problem.posterior for job in jobs]
+        futures = [self.submit(refit_candidate, p, self.maximum, -math.inf) for p in posteriors]
         maxima = [future.result() for future in futures]
         if None in maxima:
             return ()
@@ -224,10 +222,5 @@ class _Ranking:
 
 
 def _fitted(symbols: Iterable[Symbol], top: RefitMaximum) -> tuple[FittedValue, ...]:
-    units = {"1": ""}
-    return tuple(
-        FittedValue(
-            s.name, top.values[s.name], top.sds[s.name], units.get(s.plain_unit, s.plain_unit)
-        )
-        for s in symbols
-    )
+    units = {s.name: "" if s.unit == "1" else s.plain_unit for s in symbols}
+    return tuple(FittedValue(n, top.values[n], top.sds[n], unit) for n, unit in units.items())

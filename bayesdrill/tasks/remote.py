@@ -53,9 +53,8 @@ def dask_executor(scheduler: str) -> Iterator[RefitExecutor]:
     try:
         from distributed import Client
     except ImportError:
-        message = (
-            "the package distributed is missing; install it with pip install 'bayesdrill[cluster]'"
-        )
+        way_out = "install it with pip install 'bayesdrill[cluster]'"
+        message = f"the package distributed is missing; {way_out}"
         raise InputError.at("--scheduler", message) from None
     if not ADDRESS.fullmatch(scheduler):
         message = f"'{scheduler}' is no address of a scheduler; write it like tcp://host:8786"
@@ -86,10 +85,8 @@ def _check_answers(scheduler: str) -> None:
 
     call: dict[str, Any] = Security().get_connection_args("client")  # type: ignore[no-untyped-call]
     if scheduler.startswith(("tls", "wss")) and call.get("ssl_context") is None:
-        message = (
-            "no certificates are configured, without which tls:// and wss:// cannot be; name them in "
-            "distributed.comm.tls of Dask's configuration, or take tcp://"
-        )
+        message = "no certificates are configured, without which tls:// and wss:// cannot be; "
+        message += "name them in distributed.comm.tls of Dask's configuration, or take tcp://"
         raise InputError.at("--scheduler", message)
 
     async def identity() -> None:

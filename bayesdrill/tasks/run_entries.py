@@ -275,16 +275,13 @@ def repeats_data(repeats: Sequence[RepeatedProduct], names: Sequence[str]) -> li
 
 def step_data(errors: Sequence[StepError]) -> list[dict[str, Any]]:
     """Errors over the noise."""
-    return [
-        {
-            **_of(error.label),
-            "pieces": error.pieces,
-            "over_sigma": {
-                name: round(error, 6)
-                for name, error in zip(error.channels, error.errors, strict=True)
-            },
-        }
+    rounded = [
+        dict(zip(error.channels, (round(size, 6) for size in error.errors), strict=True))
         for error in errors
+    ]
+    return [
+        {**_of(error.label), "pieces": error.pieces, "over_sigma": sizes}
+        for error, sizes in zip(errors, rounded, strict=True)
     ]
 
 

@@ -229,16 +229,13 @@ def _add(name: str, file: zipfile.ZipFile, member: str, contents: FileContents) 
             return
         shape, _, dtype = _HEADERS[version](stream)
     if dtype.hasobject:
-        contents.ignored[name] = (
-            "holds Python objects, which are never opened, as they can run code; save plain "
-            f"numbers: {name}=np.asarray({name}, float)"
-        )
+        why = "holds Python objects, which are never opened, as they can run code"
+        contents.ignored[name] = f"{why}; save plain numbers: {name}=np.asarray({name}, float)"
     elif dtype.kind in "US":
         contents.ignored[name] = "is text, not numbers"
     elif dtype.kind in "mM":
-        contents.ignored[name] = (
-            f"holds dates or durations; save seconds: ({name} - {name}[0]) / np.timedelta64(1, 's')"
-        )
+        seconds = f"({name} - {name}[0]) / np.timedelta64(1, 's')"
+        contents.ignored[name] = f"holds dates or durations; save seconds: {seconds}"
     elif reason := too_large(shape, dtype.itemsize):
         contents.ignored[name] = reason
     else:
@@ -299,10 +296,9 @@ def _unfit_column(name: str, kind: Any, rows: int) -> str:
     from pyarrow import types
 
     if types.is_temporal(kind):
-        return (
-            f"holds dates, times or durations ({kind}); save seconds since the start as numbers, in "
-            f"pandas (df[{name!r}] - df[{name!r}].iloc[0]).dt.total_seconds()"
-        )
+        seconds = f"in pandas (df[{name!r}] - df[{name!r}].iloc[0]).dt.total_seconds()"
+        dates = f"holds dates, times or durations ({kind})"
+        return f"{dates}; save seconds since the start as numbers, {seconds}"
     numeric = (types.is_integer, types.is_floating, types.is_boolean, types.is_decimal)
     if any(is_one(kind) for is_one in numeric):
         return too_large((rows,), 8)

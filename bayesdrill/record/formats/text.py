@@ -124,9 +124,9 @@ def read_lines(path: Path, text: str, skip: int) -> TextLines:
     everything = text.replace("\r\n", "\n").replace("\r", "\n").rstrip("\x1a").split("\n")
     for number, line in enumerate(everything, start=1):
         if len(line) > LONGEST_LINE:
-            message = (
-                f"has {len(line)} letters; at most {LONGEST_LINE} are read. A table has a line for each "
-                "sample: write it with line ends, or leave out columns"
+            message = f"has {len(line)} letters; at most {LONGEST_LINE} are read. "
+            message += (
+                "A table has a line for each sample: write it with line ends, or leave out columns"
             )
             raise InputError.at(f"{path} line {number}", message)
     filled = [
