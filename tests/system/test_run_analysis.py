@@ -102,7 +102,7 @@ def test_opened_and_compared_runs_have_what_is_kept(
         raise AssertionError("a run is analysed again")
 
     monkeypatch.setattr(conclusions, "analyse", refused)
-    monkeypatch.setattr(comparison, "residual_summaries", refused)
+    monkeypatch.setattr(conclusions, "residuals", refused)
     monkeypatch.setattr(comparison, "summarise", refused)
     folders = [runs / name for name in CHANGES]
     for folder in folders:
