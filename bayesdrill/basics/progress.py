@@ -100,9 +100,8 @@ def _time_left(elapsed: float, fraction: float) -> str:
     if fraction <= 0.02 or fraction >= 1:
         return ""
     seconds = elapsed * (1 - fraction) / fraction
-    return (
-        f", about {seconds:.0f} s left" if seconds < 90 else f", about {seconds / 60:.0f} min left"
-    )
+    time_left = f"{seconds:.0f} s" if seconds < 90 else f"{seconds / 60:.0f} min"
+    return f", about {time_left} left"
 
 
 @contextmanager

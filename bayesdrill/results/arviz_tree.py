@@ -19,7 +19,6 @@ from bayesdrill.inference.derived import Derived
 from bayesdrill.inference.likelihood import Observation
 from bayesdrill.inference.posterior import Problem
 from bayesdrill.inference.unknowns import labelled_name
-from bayesdrill.record.experiment import Channel
 from bayesdrill.sampling.ensembles import SamplingResult
 
 PRIOR_DRAWS = 2000
@@ -49,7 +48,7 @@ def make_tree(
         predicted = {"posterior_predictive": predictive, "log_likelihood": pointwise}
     prior = problem.posterior.space.draw(PRIOR_DRAWS, prior_rng)[None]
     inputs: dict[str, Any] = {}
-    dims = {c.name: [c.clock] for c in columns}
+    dims = {c.name: [_clock(c.observation)] for c in columns}
     coords: dict[str, Any] = {_clock(each): each.experiment.t for each in problem.observations}
     coords |= {"draw": used_draws} if predicted else {}
     for observation in problem.observations:
@@ -110,16 +109,15 @@ def _predict(
 
 @dataclass(frozen=True, slots=True)
 class _Column:
-    """A channel of one experiment: its name in the tree, and that of its clock."""
+    """A channel of one experiment, and its name in the tree."""
 
     name: str
-    clock: str
     observation: Observation
     index: int
 
     @property
-    def channel(self) -> Channel:
-        return self.observation.experiment.channels[self.index]
+    def unit(self) -> str:
+        return self.observation.experiment.channels[self.index].unit
 
 
 def _clock(observation: Observation) -> str:
@@ -128,7 +126,7 @@ def _clock(observation: Observation) -> str:
 
 def _columns(problem: Problem) -> list[_Column]:
     return [
-        _Column(labelled_name(name, observation.label), _clock(observation), observation, index)
+        _Column(labelled_name(name, observation.label), observation, index)
         for observation in problem.observations
         for index, name in enumerate(observation.experiment.names)
     ]
@@ -138,13 +136,12 @@ def _describe(
     tree: DataTree, problem: Problem, columns: Sequence[_Column], derived: Sequence[Symbol]
 ) -> None:
     """Units and meanings."""
-    inputs = [
-        dataclasses.replace(
-            observation.experiment.input_symbols[name], name=labelled_name(name, observation.label)
-        )
-        for observation in problem.observations
-        for name in (*observation.experiment.constant, *observation.experiment.series)
-    ]
+    inputs = []
+    for observation in problem.observations:
+        experiment, label = observation.experiment, observation.label
+        for name in (*experiment.constant, *experiment.series):
+            symbol = experiment.input_symbols[name]
+            inputs.append(dataclasses.replace(symbol, name=labelled_name(name, label)))
     symbols = {"posterior": problem.symbols, "prior": problem.symbols}
     for group, variables in {**symbols, "derived": derived, "constant_data": inputs}.items():
         for symbol in variables:
@@ -153,9 +150,9 @@ def _describe(
     present = [group for group in groups if group in tree.children]
     for c in columns:
         for group in {"posterior_predictive", "observed_data"} & {*present}:
-            tree[group][c.name].attrs["units"] = c.channel.unit
+            tree[group][c.name].attrs["units"] = c.unit
         if "log_likelihood" in present:
-            text = f"log density of each sample of {c.name} in {c.channel.unit}"
+            text = f"log density of each sample of {c.name} in {c.unit}"
             tree["log_likelihood"][c.name].attrs.update(units="1", long_name=text)
     for group in present:
         for clock in map(_clock, problem.observations):

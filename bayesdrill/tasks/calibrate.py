@@ -125,7 +125,8 @@ def run(
     report.update(0.0, f"{len(done)} of {n} refits")
 
     def finish(index: int, refit: Refit) -> str:
-        save(folder, refit)
+        text = dumps_checksummed(dataclasses.asdict(refit))
+        output_files.write_text(folder / f"{index:06d}.json", text)
         done[index] = refit
         strayed = sum(not value.converged for value in done.values())
         doubt = f", {strayed} not converged" if strayed else ""
@@ -135,13 +136,6 @@ def run(
     tasks = {index: (blob, index) for index in range(n) if index not in done}
     run_jobs(crew, calibration.refit, tasks, finish, folder.parent, report)
     return [done[index] for index in range(n)]
-
-
-def save(folder: Path, refit: Refit) -> None:
-    """Save a refit in a file of its own."""
-    output_files.write_text(
-        folder / f"{refit.index:06d}.json", dumps_checksummed(dataclasses.asdict(refit))
-    )
 
 
 def saved(folder: Path, study: CalibrationStudy) -> list[Refit]:

@@ -30,12 +30,6 @@ class Format:
     options: type = NoEntries
 
 
-def _without_options(
-    read: Callable[[Path, Wanted], RecordTable],
-) -> Callable[[Path, Any, Wanted], RecordTable]:
-    return lambda path, _, wanted: read(path, wanted)
-
-
 def _is_format(_: str, member: Any) -> None:
     if not isinstance(member, Format):
         raise ValueError(f"a format is a `Format`, not {type(member).__name__}")
@@ -50,10 +44,10 @@ FORMATS: Registry[Format] = Registry(
             lambda path, options, _: csv.read(path, options),
             CsvOptions,
         ),
-        "mat": Format((".mat",), _without_options(matlab.read)),
-        "hdf5": Format((".h5", ".hdf5"), _without_options(arrays.read_hdf5)),
-        "npz": Format((".npz",), _without_options(arrays.read_npz)),
-        "parquet": Format((".parquet",), _without_options(arrays.read_parquet)),
+        "mat": Format((".mat",), lambda path, _, wanted: matlab.read(path, wanted)),
+        "hdf5": Format((".h5", ".hdf5"), lambda path, _, wanted: arrays.read_hdf5(path, wanted)),
+        "npz": Format((".npz",), lambda path, _, wanted: arrays.read_npz(path, wanted)),
+        "parquet": Format((".parquet",), lambda path, _, wanted: arrays.read_parquet(path, wanted)),
     },
     judge=_is_format,
 )

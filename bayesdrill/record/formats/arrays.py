@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib
 import zipfile
 from collections.abc import Callable, Collection, Iterator
 from dataclasses import dataclass, field
@@ -196,7 +195,10 @@ def read_npz(path: Path, wanted: Collection[str] | None = None) -> RecordTable:
     """Read the `wanted` arrays (fields of records under dotted names; None: all of numbers)."""
     head = read_bytes(path, 8)
     if not head.startswith(_ZIP):
-        raise InputError.at(str(path), _other(head))
+        alone = head.startswith(b"\x93NUMPY")
+        what = "holds one array without a name" if alone else "is not an .npz file"
+        message = f"{what}; save it with numpy.savez('run.npz', t=t, w_1=w_1)"
+        raise InputError.at(str(path), message)
     used = None if wanted is None else {name.split(".")[0] for name in wanted} | {*wanted}
     contents = FileContents()
     with report_damage(str(path), f"the .npz file {CUT_SHORT}"), zipfile.ZipFile(path) as file:
@@ -206,41 +208,34 @@ def read_npz(path: Path, wanted: Collection[str] | None = None) -> RecordTable:
                 contents.ignored[name] = "is no array"
             elif used is not None and name not in used:
                 contents.unread.append(name)
+            elif reason := _unfit_array(name, file, member):
+                contents.ignored[name] = reason
             else:
-                _add(name, file, member, contents)
+                with file.open(member) as stream:
+                    values = np.lib.format.read_array(stream, allow_pickle=False)
+                contents.add_fields(name, values)
     nothing = not contents.variables and not contents.unread
     if nothing and {*contents.ignored.values()} <= {"is no array"}:
         raise InputError.at(str(path), "is a zip archive without arrays; save it with numpy.savez")
     return contents.table(path)
 
 
-def _other(head: bytes) -> str:
-    if head.startswith(b"\x93NUMPY"):
-        return "holds one array without a name; save it with numpy.savez('run.npz', t=t, w_1=w_1)"
-    return "is not an .npz file; save it with numpy.savez('run.npz', t=t, w_1=w_1)"
-
-
-def _add(name: str, file: zipfile.ZipFile, member: str, contents: FileContents) -> None:
-    """The head of an array says what it is, before anything of it is opened."""
+def _unfit_array(name: str, file: zipfile.ZipFile, member: str) -> str:
+    """Why an array holds no plain numbers, if so: its head says that, before any of it is opened."""
     with file.open(member) as stream:
         version: Any = np.lib.format.read_magic(stream)
         if version not in _HEADERS:
-            contents.ignored[name] = "has names of fields beyond Latin letters; save plain arrays"
-            return
+            return "has names of fields beyond Latin letters; save plain arrays"
         shape, _, dtype = _HEADERS[version](stream)
     if dtype.hasobject:
         why = "holds Python objects, which are never opened, as they can run code"
-        contents.ignored[name] = f"{why}; save plain numbers: {name}=np.asarray({name}, float)"
-    elif dtype.kind in "US":
-        contents.ignored[name] = "is text, not numbers"
-    elif dtype.kind in "mM":
+        return f"{why}; save plain numbers: {name}=np.asarray({name}, float)"
+    if dtype.kind in "US":
+        return "is text, not numbers"
+    if dtype.kind in "mM":
         seconds = f"({name} - {name}[0]) / np.timedelta64(1, 's')"
-        contents.ignored[name] = f"holds dates or durations; save seconds: {seconds}"
-    elif reason := too_large(shape, dtype.itemsize):
-        contents.ignored[name] = reason
-    else:
-        with file.open(member) as stream:
-            contents.add_fields(name, np.lib.format.read_array(stream, allow_pickle=False))
+        return f"holds dates or durations; save seconds: {seconds}"
+    return too_large(shape, dtype.itemsize)
 
 
 _PARQUET_MAGIC = b"PAR1"
@@ -256,17 +251,12 @@ def read_parquet(path: Path, wanted: Collection[str] | None = None) -> RecordTab
         message = "is not a Parquet file; save it as one, or give it the ending of what it is"
         raise InputError.at(str(path), message)
     try:
-        importlib.import_module("pyarrow.parquet")
+        from pyarrow import default_memory_pool, float64
+        from pyarrow.parquet import ParquetFile
     except ImportError:
         raise InputError.at(str(path), _MISSING) from None
-    with report_damage(str(path), f"the Parquet file {CUT_SHORT}"):
-        return _table(path, wanted)
-
-
-def _table(path: Path, wanted: Collection[str] | None) -> RecordTable:
-    from pyarrow import default_memory_pool, float64, parquet
-
-    with parquet.ParquetFile(path, pre_buffer=False) as file:
+    damage = report_damage(str(path), f"the Parquet file {CUT_SHORT}")
+    with damage, ParquetFile(path, pre_buffer=False) as file:
         schema, rows = file.schema_arrow, file.metadata.num_rows
         keys, ignored = keys_of(schema.names)
         kinds = zip(keys, schema.types, strict=True)
