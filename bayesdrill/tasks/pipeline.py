@@ -80,8 +80,8 @@ def run_posterior(
 ) -> Outcome:
     """Search the MAP, sample the posterior and write the report into `output`.
 
-    `details` is told all that `report` has no room for.  Raises `Interrupted` when asked to stop, and `BrokenProcessPool` when a worker was killed; what was
-    found and sampled is saved.
+    `details` is told all that `report` has no room for.  Raises `Interrupted` when asked to stop, and
+    `BrokenProcessPool` when a worker was killed; what was found and sampled is saved.
     """
     marks = provenance.fingerprint(job.config, job.problem)
     with Folder(output, how, marks, POSTERIOR) as folder:
