@@ -23,41 +23,29 @@ Mask = NDArray[np.bool_]
 MAX_SHORT_SPIKE = 3  # samples of a spike that is judged against the chord between its neighbours
 MAX_LONG_SPIKES = (6, 20)  # samples of a spike, by the width of the median it is judged against
 
-
-@dataclass(frozen=True, slots=True)
-class AnomalySearchSettings:
-    """From what size on a peculiarity of a record counts."""
-
-    # sds of the channel that a short spike leaves its chord by, at least
-    min_spike_sds: float = 2.0
-    # times the length of a long spike, in which a swing would go to the other side
-    swing_window: int = 6
-    min_departure: float = 5.0  # times what the signal does around it
-    around_spike: int = 60  # samples on either side, that are its yardstick
-    around_quantile: float = 0.95  # quantile of these: other spikes may be among them
-    min_long_departure: float = 6.0  # times the usual departure
-    typical_quantile: float = 0.9  # quantile of departures that is usual
-    max_slope_ratio: float = 3.0  # times: the way back against the way there
-    max_swing: float = 0.3  # of the height, to the other side: an oscillation, not a spike
-    # of the height: how near the signal is afterwards to where it was
-    max_return_error: float = 0.35
-    input_jump: float = 0.2  # of an input's range within one step
-    # of all samples: an input that jumps so often is no cause of a single spike
-    max_jump_share: float = 0.1
-    min_samples: int = 60  # samples, to judge anything
-    min_stuck_run: int = 10  # samples of a run of one value, at least
-    max_zero_steps: float = 0.05  # share of steps that may be zero in a channel that has noise
-    min_clipped_run: int = 3  # samples of a run at an end of the range, at least
-    min_clipped_samples: int = 10  # of all such samples, at least
-    min_clipped_step: float = 2.5  # last digits in a step: so fast no signal turns round
-    wrap_margin: float = 0.1  # of a period: so near half of it a jump may be one way or the other
-    filter_reach: int = 3  # samples on either side that a filter may use
-    stretch: int = 1 << 20  # samples that are looked at together, ...
-    overlap: int = 4096  # ... and others to both sides of them
-
-
-SETTINGS = AnomalySearchSettings()
-
+# From what size on a peculiarity of a record counts.
+MIN_SPIKE_SDS = 2.0  # sds of the channel that a short spike leaves its chord by, at least
+SWING_WINDOW = 6  # times the length of a long spike, in which a swing would go to the other side
+MIN_DEPARTURE = 5.0  # times what the signal does around it
+AROUND_SPIKE = 60  # samples on either side, that are its yardstick
+AROUND_QUANTILE = 0.95  # quantile of these: other spikes may be among them
+MIN_LONG_DEPARTURE = 6.0  # times the usual departure
+TYPICAL_QUANTILE = 0.9  # quantile of departures that is usual
+MAX_SLOPE_RATIO = 3.0  # times: the way back against the way there
+MAX_SWING = 0.3  # of the height, to the other side: an oscillation, not a spike
+MAX_RETURN_ERROR = 0.35  # of the height: how near the signal is afterwards to where it was
+INPUT_JUMP = 0.2  # of an input's range within one step
+MAX_JUMP_SHARE = 0.1  # of all samples: an input that jumps so often is no cause of a single spike
+MIN_SAMPLES = 60  # samples, to judge anything
+MIN_STUCK_RUN = 10  # samples of a run of one value, at least
+MAX_ZERO_STEPS = 0.05  # share of steps that may be zero in a channel that has noise
+MIN_CLIPPED_RUN = 3  # samples of a run at an end of the range, at least
+MIN_CLIPPED_SAMPLES = 10  # of all such samples, at least
+MIN_CLIPPED_STEP = 2.5  # last digits in a step: so fast no signal turns round
+WRAP_MARGIN = 0.1  # of a period: so near half of it a jump may be one way or the other
+FILTER_REACH = 3  # samples on either side that a filter may use
+STRETCH = 1 << 20  # samples that are looked at together, ...
+OVERLAP = 4096  # ... and others to both sides of them
 MAX_NUMPY_MEDIAN = 10_000  # samples whose medians take less than loading what has a quicker one
 
 
@@ -99,14 +87,14 @@ def spikes(
     `wide`: also spikes of more than two samples, which in an input may be meant; `inert`: an angle or a
     speed, which no input moves there and back within `MAX_SHORT_SPIKE` samples.
     """
-    mask, stretch = np.zeros(len(x), dtype=np.bool_), SETTINGS.stretch
-    if len(x) < SETTINGS.min_samples:
+    mask, stretch = np.zeros(len(x), dtype=np.bool_), STRETCH
+    if len(x) < MIN_SAMPLES:
         return spans(mask)
-    if caused is not None and np.mean(caused) > SETTINGS.max_jump_share:
+    if caused is not None and np.mean(caused) > MAX_JUMP_SHARE:
         caused = None
     for first in range(0, len(x), stretch):
-        begin, last = max(0, first - SETTINGS.overlap), first + stretch
-        here = slice(begin, last + SETTINGS.overlap)
+        begin, last = max(0, first - OVERLAP), first + stretch
+        here = slice(begin, last + OVERLAP)
         part = _spike_mask(
             x[here], None if caused is None else caused[here], wide=wide, inert=inert
         )
@@ -128,7 +116,7 @@ def jumps(x: Array) -> NDArray[np.intp]:
     """Return the samples of an input `x (T,)` at which it has just jumped; gaps are passed over."""
     known = np.flatnonzero(np.isfinite(x))
     steps = np.abs(np.diff(x[known]))
-    return known[1:][steps > SETTINGS.input_jump * np.ptp(x[known])]
+    return known[1:][steps > INPUT_JUMP * np.ptp(x[known])]
 
 
 def stuck(x: Array) -> Spans:
@@ -144,8 +132,8 @@ def stuck(x: Array) -> Spans:
     first, last = runs.first[at : at + 1], runs.last[at : at + 1] + 1
     steps = int(last[0] - first[0])
     zeros, others = np.sum(same) - steps, len(same) - steps
-    long = steps + 1 >= SETTINGS.min_stuck_run and first[0] > 0
-    if not long or zeros > SETTINGS.max_zero_steps * others:
+    long = steps + 1 >= MIN_STUCK_RUN and first[0] > 0
+    if not long or zeros > MAX_ZERO_STEPS * others:
         return spans(np.zeros(0, dtype=np.bool_))
     return Spans(first, last)
 
@@ -159,11 +147,11 @@ def saturated(x: Array) -> Spans:
     digit = float(steps[steps > 0].min())
     for end in (float(x.max()), float(x.min())):
         runs = spans(x == end)
-        keep = runs.last - runs.first + 1 >= SETTINGS.min_clipped_run
+        keep = runs.last - runs.first + 1 >= MIN_CLIPPED_RUN
         first, last = runs.first[keep], runs.last[keep]
         inner = first[first >= 2]
-        steep = np.abs(x[inner - 1] - x[inner - 2]) > SETTINGS.min_clipped_step * digit
-        enough = len(first) >= 2 and int(np.sum(last - first + 1)) >= SETTINGS.min_clipped_samples
+        steep = np.abs(x[inner - 1] - x[inner - 2]) > MIN_CLIPPED_STEP * digit
+        enough = len(first) >= 2 and int(np.sum(last - first + 1)) >= MIN_CLIPPED_SAMPLES
         if end != 0.0 and enough and len(inner) and np.mean(steep) > 0.5:
             mask |= Spans(first, last).mask(len(x))
     return spans(mask)
@@ -181,12 +169,12 @@ def _short_spikes(x: Array, width: int, caused: Mask | None) -> Mask:
     """Runs of `width` samples that all leave the chord between their neighbours to one side."""
     off = _off_chord(x, width)
     height = np.maximum(np.maximum(off.min(axis=1), -off.max(axis=1)), 0.0)
-    least = max(SETTINGS.min_spike_sds * float(np.std(x)), SETTINGS.min_departure * _usual_step(x))
-    back = np.abs(x[width + 1 :] - x[: -width - 1]) < SETTINGS.max_return_error * height
+    least = max(MIN_SPIKE_SDS * float(np.std(x)), MIN_DEPARTURE * _usual_step(x))
+    back = np.abs(x[width + 1 :] - x[: -width - 1]) < MAX_RETURN_ERROR * height
     mask = np.zeros(len(x), dtype=np.bool_)
     for at in np.flatnonzero(back & (height > least)).tolist():
         first = at + 1
-        high = height[at] > SETTINGS.min_departure * _typical_around(height, at, at + 1, width)
+        high = height[at] > MIN_DEPARTURE * _typical_around(height, at, at + 1, width)
         if high and not (caused is not None and caused[first - 1 : first + 1].any()):
             mask[first : first + width] = True
     return mask
@@ -209,27 +197,27 @@ def leaves_chord(x: Array, first: int, last: int) -> float:
     if first < 1 or last > len(x) - 2:
         return 0.0
     off = np.abs(_off_chord(x, last - first + 1)).max(axis=1)
-    typical = float(np.quantile(off, SETTINGS.typical_quantile))
+    typical = float(np.quantile(off, TYPICAL_QUANTILE))
     return float(off[first - 1]) / typical if typical > 0 else 0.0
 
 
 def _typical_around(height: Array, begin: int, end: int, margin: int) -> float:
     """What is usual of `height` before and after the samples from `begin` to `end`."""
-    before = height[max(0, begin - SETTINGS.around_spike) : max(0, begin - margin)]
-    after = height[end + margin : end + SETTINGS.around_spike]
-    return float(np.quantile(np.r_[before, after], SETTINGS.around_quantile))
+    before = height[max(0, begin - AROUND_SPIKE) : max(0, begin - margin)]
+    after = height[end + margin : end + AROUND_SPIKE]
+    return float(np.quantile(np.r_[before, after], AROUND_QUANTILE))
 
 
 def _spikes(x: Array, longest: int, caused: Mask | None) -> Mask:
     away = x - _running_median(x, 4 * longest + 1)
-    typical = float(np.quantile(np.abs(away), SETTINGS.typical_quantile))
+    typical = float(np.quantile(np.abs(away), TYPICAL_QUANTILE))
     typical = max(typical, _usual_step(x))
     mask = np.zeros(len(x), dtype=np.bool_)
     if typical == 0.0:
         return mask
     for sign in (1.0, -1.0):
         height = sign * away
-        high = spans(height > SETTINGS.min_long_departure * typical)
+        high = spans(height > MIN_LONG_DEPARTURE * typical)
         for first, last in zip(high.first.tolist(), high.last.tolist(), strict=True):
             peak = first + int(np.argmax(height[first : last + 1]))
             begin, end = _foot(height, peak, typical, longest)
@@ -258,16 +246,14 @@ def _is_spike(x: Array, away: Array, at: tuple[int, int, int], longest: int) -> 
     wide = int(np.sum(away[begin : end + 1] > height / 2))
     up = float(np.max(np.diff(x[begin - 1 : peak + 1])))
     down = float(-np.min(np.diff(x[peak : end + 2])))
-    around = away[
-        max(0, begin - SETTINGS.swing_window * longest) : end + SETTINGS.swing_window * longest + 1
-    ]
+    around = away[max(0, begin - SWING_WINDOW * longest) : end + SWING_WINDOW * longest + 1]
     return (
         wide <= longest
         and end - begin < 2 * longest
-        and down < SETTINGS.max_slope_ratio * up
-        and up < SETTINGS.max_slope_ratio * down
-        and -float(np.min(around)) < SETTINGS.max_swing * height
-        and abs(x[end + 1] - x[begin - 1]) < SETTINGS.max_return_error * height
+        and down < MAX_SLOPE_RATIO * up
+        and up < MAX_SLOPE_RATIO * down
+        and -float(np.min(around)) < MAX_SWING * height
+        and abs(x[end + 1] - x[begin - 1]) < MAX_RETURN_ERROR * height
     )
 
 
@@ -281,7 +267,7 @@ MAX_FILTER_POLE = 0.95
 def ambiguous(x: Array, period: float) -> NDArray[np.intp]:
     """Return the samples before which the jump is of half a period, so that its way is unknown."""
     jumps = np.abs(np.diff(x)) / period
-    return np.flatnonzero(np.abs(jumps - np.round(jumps)) > 0.5 - SETTINGS.wrap_margin) + 1
+    return np.flatnonzero(np.abs(jumps - np.round(jumps)) > 0.5 - WRAP_MARGIN) + 1
 
 
 def unwrap(x: Array, period: float) -> tuple[Array, int]:
@@ -327,7 +313,7 @@ def differenced(x: Array, w: Array, dt: float) -> bool:
     """
     if len(x) < MIN_DIFFERENCED_SAMPLES or not np.any(np.diff(w)):
         return False
-    step, n, reach = np.diff(x, prepend=x[0]) / dt, len(w), SETTINGS.filter_reach
+    step, n, reach = np.diff(x, prepend=x[0]) / dt, len(w), FILTER_REACH
 
     def lagged(y: Array, lags: range) -> list[Array]:
         return [y[reach - k : n - reach - k] for k in lags]
