@@ -12,6 +12,7 @@ from typing import Annotated, Any, Literal
 import typer
 
 from bayesdrill import __version__
+from bayesdrill.basics.progress import reporter
 from bayesdrill.guard import INPUT_WRONG, NOT_CONVERGED, finish, guarded, saved_in, say
 
 app = typer.Typer(
@@ -56,7 +57,6 @@ def _tell_version(wanted: bool) -> None:
 def _run(read: Callable[[Path], Any], config: Path, output: Path | None, **options: Any) -> Any:
     """A case, a calibration or a ladder, from its config on; where it fails, how it goes on."""
     from bayesdrill.api.arguments import mode
-    from bayesdrill.basics.progress import reporter
 
     mode(resume=options["resume"], force=options["force"])  # before the record is read
     case = read(config)
@@ -181,7 +181,6 @@ def identify(
 ) -> None:
     """Say what this record can and cannot determine, and what would help; samples nothing."""
     from bayesdrill.api.case import load
-    from bayesdrill.basics.progress import reporter
 
     case = load(config)
     if output is not None:
@@ -209,7 +208,6 @@ def map_(
     """Search the maximum of the posterior (MAP), print it, and rank what would explain a bad fit."""
     from bayesdrill.api.case import load
     from bayesdrill.api.run import Best
-    from bayesdrill.basics.progress import reporter
 
     case = load(config)
     if output is not None:
@@ -280,7 +278,6 @@ def report(
 ) -> None:
     """Make tables and figures again from a stored chain; of several runs, lay them over each other."""
     from bayesdrill.api import files
-    from bayesdrill.basics.progress import reporter
 
     if len(folders) > 1:
         _compare("overlay", folders, output, force=force)
@@ -367,7 +364,6 @@ def paper(
 ) -> None:
     """Repeat the studies of the paper, each beside what a full posterior says of it (minutes)."""
     from bayesdrill.api.arguments import workers
-    from bayesdrill.basics.progress import reporter
     from bayesdrill.paper.run import reproduce
 
     with saved_in(output, "start over with --force"), reporter() as report:

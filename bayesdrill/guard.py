@@ -18,6 +18,10 @@ from typing import Any
 
 import typer
 
+from bayesdrill.basics import errors
+from bayesdrill.basics.errors import InputError, Interrupted
+from bayesdrill.basics.registry import blamed_package
+
 INPUT_WRONG = 2
 NOT_CONVERGED = 3
 INTERRUPTED = 130
@@ -31,9 +35,6 @@ KILLED = "a worker process was killed (out of memory?); fewer --processes need l
 @contextmanager
 def guarded() -> Iterator[None]:
     """Mistakes, a full disk, a killed worker and Ctrl-C end in a message and a status."""
-    from bayesdrill.basics.errors import InputError, Interrupted, short_of_memory
-    from bayesdrill.basics.registry import blamed_package
-
     try:
         # Some libraries end the process, without a word of why, where they cannot be loaded.
         mmap.mmap(-1, LEAST_MEMORY).close()
@@ -60,7 +61,7 @@ def guarded() -> Iterator[None]:
     except (Exception, SystemExit) as error:
         if isinstance(error, BrokenExecutor):
             _tell(KILLED)
-        elif short_of_memory(error):
+        elif errors.short_of_memory(error):
             _tell("out of memory; a shorter record, fewer walkers or fewer steps need less")
         elif isinstance(error, OSError):
             where = f"{error.filename}: " if error.filename else ""
@@ -74,9 +75,7 @@ def guarded() -> Iterator[None]:
 
 def say(text: str, *, err: bool = False) -> None:
     """Lines on stdout, or on stderr: names of files and columns among them are those of others."""
-    from bayesdrill.basics.errors import printable
-
-    typer.echo(printable(text), err=err)
+    typer.echo(errors.printable(text), err=err)
 
 
 def finish(outcome: Any, *, verbose: bool = False) -> None:
@@ -101,8 +100,6 @@ def _interruptible() -> Iterator[None]:
     The process is to end then, and a second one would stop it from cleaning up.  A signal that was
     to be ignored (nohup, a job in the background) still is.
     """
-    from bayesdrill.basics.errors import Stopped
-
     numbers = [getattr(signal, name) for name in STOPPING if hasattr(signal, name)]
     before = {number: signal.getsignal(number) for number in numbers}
     heard = [n for n, handler in before.items() if handler not in (None, signal.SIG_IGN)]
@@ -110,7 +107,7 @@ def _interruptible() -> Iterator[None]:
     def interrupt(_number: int, _frame: object) -> None:
         for number in heard:
             signal.signal(number, signal.SIG_IGN)
-        raise Stopped
+        raise errors.Stopped
 
     for number in heard:
         signal.signal(number, interrupt)
@@ -125,14 +122,12 @@ def _interruptible() -> Iterator[None]:
 @contextmanager
 def saved_in(folder: Path, way_out: str = "go on with --resume") -> Iterator[None]:
     """A disk or a worker that fails during a run: where, and how the run goes on from there."""
-    from bayesdrill.basics.errors import InputError, short_of_memory
-
     try:
         yield
     except BrokenPipeError:
         raise
     except OSError as error:
-        if short_of_memory(error):
+        if errors.short_of_memory(error):
             raise
         message = f"{_reason(error)}; mend this, then {way_out}"
         raise InputError.at(str(error.filename or folder), message) from None
@@ -147,7 +142,5 @@ def _reason(error: OSError) -> str:
 
 def _tell(text: str) -> None:
     """One line on stderr, which may be full or closed: the status tells what is left to tell."""
-    from bayesdrill.basics.errors import shortened
-
     with suppress(OSError):
-        say(shortened(text.replace("\n", " "), LONGEST_LINE), err=True)
+        say(errors.shortened(text.replace("\n", " "), LONGEST_LINE), err=True)

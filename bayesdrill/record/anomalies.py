@@ -14,11 +14,8 @@ from dataclasses import dataclass
 import numpy as np
 import scipy
 from numpy.lib.stride_tricks import sliding_window_view
-from numpy.typing import NDArray
 
-from bayesdrill.basics.arrays import Array
-
-Mask = NDArray[np.bool_]
+from bayesdrill.basics.arrays import Array, Flags, Indices
 
 MAX_SHORT_SPIKE = 3  # samples of a spike that is judged against the chord between its neighbours
 MAX_LONG_SPIKES = (6, 20)  # samples of a spike, by the width of the median it is judged against
@@ -53,8 +50,8 @@ MAX_NUMPY_MEDIAN = 10_000  # samples whose medians take less than loading what h
 class Spans:
     """Samples `first[j]` to `last[j]`, both ends, of a column."""
 
-    first: NDArray[np.intp]
-    last: NDArray[np.intp]
+    first: Indices
+    last: Indices
 
     def __len__(self) -> int:
         return len(self.first)
@@ -64,7 +61,7 @@ class Spans:
         """The number of samples in all runs."""
         return int(np.sum(self.last - self.first + 1))
 
-    def mask(self, n: int) -> Mask:
+    def mask(self, n: int) -> Flags:
         """Return which of `n` samples are in a run: `(n,)`."""
         edges = np.zeros(n + 1, dtype=np.intp)
         np.add.at(edges, self.first, 1)
@@ -72,7 +69,7 @@ class Spans:
         return np.cumsum(edges)[:n] > 0
 
 
-def spans(mask: Mask) -> Spans:
+def spans(mask: Flags) -> Spans:
     """Return the runs of what is true in `mask (T,)`."""
     padded = np.concatenate([[False], mask, [False]])
     edges = np.flatnonzero(padded[1:] != padded[:-1])
@@ -80,39 +77,37 @@ def spans(mask: Mask) -> Spans:
 
 
 def spikes(
-    x: Array, caused: Mask | None = None, *, wide: bool = True, inert: bool = False
+    x: Array, caused: Flags | None = None, *, wide: bool = True, inert: bool = False
 ) -> Spans:
     """Find spikes in `x (T,)`, numbers all; `caused (T,)`: samples at which an input has just jumped.
 
     `wide`: also spikes of more than two samples, which in an input may be meant; `inert`: an angle or a
     speed, which no input moves there and back within `MAX_SHORT_SPIKE` samples.
     """
-    mask, stretch = np.zeros(len(x), dtype=np.bool_), STRETCH
+    mask = np.zeros(len(x), dtype=np.bool_)
     if len(x) < MIN_SAMPLES:
         return spans(mask)
-    if caused is not None and np.mean(caused) > MAX_JUMP_SHARE:
-        caused = None
-    for first in range(0, len(x), stretch):
-        begin, last = max(0, first - OVERLAP), first + stretch
+    if caused is None or np.mean(caused) > MAX_JUMP_SHARE:
+        caused = np.zeros(len(x), dtype=np.bool_)
+    for first in range(0, len(x), STRETCH):
+        begin, last = max(0, first - OVERLAP), first + STRETCH
         here = slice(begin, last + OVERLAP)
-        part = _spike_mask(
-            x[here], None if caused is None else caused[here], wide=wide, inert=inert
-        )
+        part = _spike_mask(x[here], caused[here], wide=wide, inert=inert)
         mask[first:last] = part[first - begin :][: len(mask[first:last])]
     return spans(mask)
 
 
-def _spike_mask(x: Array, caused: Mask | None, *, wide: bool, inert: bool) -> Mask:
+def _spike_mask(x: Array, caused: Flags, *, wide: bool, inert: bool) -> Flags:
     """Return which samples of a stretch `x (T,)` are in spikes: `(T,)`."""
     mask = np.zeros(len(x), dtype=np.bool_)
     for width in range(1, MAX_SHORT_SPIKE + 1 if wide else MAX_SHORT_SPIKE):
-        mask |= _short_spikes(x, width, None if inert else caused)
+        mask |= _short_spikes(x, width, caused & (not inert))
     for longest in MAX_LONG_SPIKES if wide else ():
         mask |= _spikes(x, longest, caused)
     return mask
 
 
-def jumps(x: Array) -> NDArray[np.intp]:
+def jumps(x: Array) -> Indices:
     """Return the samples of an input `x (T,)` at which it has just jumped; gaps are passed over."""
     known = np.flatnonzero(np.isfinite(x))
     steps = np.abs(np.diff(x[known]))
@@ -165,7 +160,7 @@ def _running_median(x: Array, size: int) -> Array:
     return np.partition(around, size // 2, axis=-1)[:, size // 2]
 
 
-def _short_spikes(x: Array, width: int, caused: Mask | None) -> Mask:
+def _short_spikes(x: Array, width: int, caused: Flags) -> Flags:
     """Runs of `width` samples that all leave the chord between their neighbours to one side."""
     off = _off_chord(x, width)
     height = np.maximum(np.maximum(off.min(axis=1), -off.max(axis=1)), 0.0)
@@ -175,7 +170,7 @@ def _short_spikes(x: Array, width: int, caused: Mask | None) -> Mask:
     for at in np.flatnonzero(back & (height > least)).tolist():
         first = at + 1
         high = height[at] > MIN_DEPARTURE * _typical_around(height, at, at + 1, width)
-        if high and not (caused is not None and caused[first - 1 : first + 1].any()):
+        if high and not caused[first - 1 : first + 1].any():
             mask[first : first + width] = True
     return mask
 
@@ -208,7 +203,7 @@ def _typical_around(height: Array, begin: int, end: int, margin: int) -> float:
     return float(np.quantile(np.r_[before, after], AROUND_QUANTILE))
 
 
-def _spikes(x: Array, longest: int, caused: Mask | None) -> Mask:
+def _spikes(x: Array, longest: int, caused: Flags) -> Flags:
     away = x - _running_median(x, 4 * longest + 1)
     typical = float(np.quantile(np.abs(away), TYPICAL_QUANTILE))
     typical = max(typical, _usual_step(x))
@@ -221,9 +216,8 @@ def _spikes(x: Array, longest: int, caused: Mask | None) -> Mask:
         for first, last in zip(high.first.tolist(), high.last.tolist(), strict=True):
             peak = first + int(np.argmax(height[first : last + 1]))
             begin, end = _foot(height, peak, typical, longest)
-            if _is_spike(sign * x, height, (begin, peak, end), longest) and not (
-                caused is not None and caused[max(0, begin - longest) : peak + 1].any()
-            ):
+            uncaused = not caused[max(0, begin - longest) : peak + 1].any()
+            if uncaused and _is_spike(sign * x, height, (begin, peak, end), longest):
                 mask[begin : end + 1] = True
     return mask
 
@@ -264,7 +258,7 @@ MIN_DIFFERENCED_SAMPLES = 50  # samples
 MAX_FILTER_POLE = 0.95
 
 
-def ambiguous(x: Array, period: float) -> NDArray[np.intp]:
+def ambiguous(x: Array, period: float) -> Indices:
     """Return the samples before which the jump is of half a period, so that its way is unknown."""
     jumps = np.abs(np.diff(x)) / period
     return np.flatnonzero(np.abs(jumps - np.round(jumps)) > 0.5 - WRAP_MARGIN) + 1
@@ -319,9 +313,9 @@ def differenced(x: Array, w: Array, dt: float) -> bool:
         return [y[reach - k : n - reach - k] for k in lags]
 
     (now,) = lagged(w, range(1))
-    alone, _ = _residual_sd(now, lagged(w, range(1, reach + 1)))
-    causes = [*lagged(w, range(1, 2)), *lagged(step, range(-reach, reach + 1))]
-    both, factors = _residual_sd(now, causes)
+    past = lagged(w, range(1, reach + 1))
+    alone, _ = _residual_sd(now, past)
+    both, factors = _residual_sd(now, past[:1] + lagged(step, range(-reach, reach + 1)))
     rough = alone > 1e-9 * float(np.ptp(w))  # less is rounding
     return rough and both < MAX_NOISE_RATIO * alone and float(factors[0]) < MAX_FILTER_POLE
 

@@ -7,9 +7,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from bayesdrill.basics.arrays import Array
+from bayesdrill.basics.arrays import Array, Counts, Indices
 from bayesdrill.record.experiment import STEP_TOLERANCE, is_even
 
 SAME_TIME = 1e-9  # of a step: times nearer than this are one
@@ -22,7 +21,7 @@ class SampleGrid:
 
     begin: float
     step: float
-    indices: NDArray[np.int64]
+    indices: Counts
 
     @property
     def times(self) -> Array:
@@ -112,7 +111,7 @@ def _rounding(t: Array) -> float:
     return 4 * float(np.spacing(np.abs(t).max()))
 
 
-def indices_in(t: Array, clock: Array) -> NDArray[np.intp]:
+def indices_in(t: Array, clock: Array) -> Indices:
     """Return the index of each time of `clock`, one of those of the `union` `t`, in it."""
     if len(t) < 2:
         return np.zeros(len(clock), dtype=np.intp)
@@ -141,7 +140,7 @@ class DecimatedSignals:
     """`y (n, K)` at samples `kept (n,)` of the record; `taken (K,)`: sd of what the filter took away."""
 
     y: Array
-    samples: NDArray[np.intp]
+    samples: Indices
     removed: Array
 
 

@@ -7,9 +7,8 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
-from bayesdrill.basics.arrays import PART, Array
+from bayesdrill.basics.arrays import PART, Array, Flags, Indices
 from bayesdrill.basics.entries import SMALLEST
 from bayesdrill.basics.errors import InputError, Issue
 from bayesdrill.basics.symbols import INPUTS, Symbol
@@ -125,7 +124,7 @@ class Experiment:
         )
 
     @property
-    def seen(self) -> NDArray[np.bool_]:
+    def seen(self) -> Flags:
         """`(T, K)`: what was measured."""
         return ~np.isnan(self.y)
 
@@ -296,7 +295,7 @@ def count_noun(n: int, what: str) -> str:
     return f"{n} {what}" if n == 1 else f"{n} {what}s"
 
 
-def _rows(indices: NDArray[np.intp], where: Callable[[int], str]) -> str:
+def _rows(indices: Indices, where: Callable[[int], str]) -> str:
     named = ", ".join(where(int(index)) for index in indices[:5])
     more = f" and {len(indices) - 5} more" if len(indices) > 5 else ""
     return f"at {named}{more}"

@@ -17,17 +17,7 @@ from filelock import FileLock, Timeout
 
 from bayesdrill import output_files
 from bayesdrill.basics.errors import InputError, Issue, report_damage, shortened
-from bayesdrill.output_files import (
-    LOCK,
-    OPENED,
-    PIECES,
-    RUN,
-    Kind,
-    atomic_write,
-    dumps_checksummed,
-    loads_checksummed,
-    typed,
-)
+from bayesdrill.output_files import LOCK, OPENED, PIECES, RUN, Kind, atomic_write
 from bayesdrill.sampling.ensembles import ExtendedPriors
 from bayesdrill.sampling.samplers.ensemble import ChainSegment, State
 
@@ -349,7 +339,7 @@ class Folder:
     def _write_entries(self, entries: Mapping[str, Any]) -> None:
         # A report under other versions leaves those that made the chain.
         marks = {"job": self.kind.job, "fingerprint": dict(self.fingerprint)}
-        self.write_text(RUN, dumps_checksummed({**marks, **entries}))
+        self.write_text(RUN, output_files.dumps_checksummed({**marks, **entries}))
 
     @property
     def sampled(self) -> bool:
@@ -465,8 +455,8 @@ def read_run(folder: Path) -> dict[str, Any] | None:
         return None
     output_files.refuse_endless(path)
     try:
-        entries = loads_checksummed(path.read_bytes())
-        typed(_Entries, entries)
+        entries = output_files.loads_checksummed(path.read_bytes())
+        output_files.typed(_Entries, entries)
         return entries
     except ValueError:
         message = "is damaged, or not of this bayesdrill; put back a copy, or give another folder"

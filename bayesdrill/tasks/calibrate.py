@@ -12,12 +12,7 @@ import numpy as np
 
 from bayesdrill import output_files
 from bayesdrill.analysis import calibration
-from bayesdrill.analysis.calibration import (
-    CalibrationStudy,
-    CalibrationVerdict,
-    Refit,
-    judge_calibration,
-)
+from bayesdrill.analysis.calibration import CalibrationStudy, CalibrationVerdict, Refit
 from bayesdrill.basics import software
 from bayesdrill.basics.errors import InputError
 from bayesdrill.basics.progress import Reporter
@@ -165,7 +160,7 @@ def _publish(job: Job, folder: Folder, refits: Sequence[Refit]) -> CalibrationVe
     from bayesdrill.report.sections.calibration_figure import save as save_figure
 
     config, symbols, names = job.config, job.problem.symbols, study(job).names
-    verdict = judge_calibration(names, refits, config.calibration.draws)
+    verdict = calibration.judge_calibration(names, refits, config.calibration.draws)
     folder.write_text(RANKS, calibration_words.ranks_csv(names, refits))
     figures = folder.path / FIGURES
     figures.mkdir(exist_ok=True)

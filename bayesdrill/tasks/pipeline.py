@@ -25,27 +25,16 @@ from bayesdrill.results import provenance, run_folder
 from bayesdrill.results.provenance import begin, check_record, interruptions
 from bayesdrill.results.run_folder import Folder
 from bayesdrill.rig.simulators.rational_basis import CompressionError
-from bayesdrill.sampling.ensembles import (
-    Backend,
-    MemoryBackend,
-    SamplingResult,
-    load_sampled,
-    preload,
-)
+from bayesdrill.sampling import ensembles
+from bayesdrill.sampling.ensembles import Backend, MemoryBackend, SamplingResult
 from bayesdrill.sampling.extended_priors import unsaved_extension
 from bayesdrill.sampling.fit import begin_searches, sample_maxima
 from bayesdrill.sampling.mode_search import Mode
 from bayesdrill.sampling.proposal.learning import NoSupportError
 from bayesdrill.sampling.workers import WorkerPool
-from bayesdrill.tasks import find_map
+from bayesdrill.tasks import find_map, run_entries
 from bayesdrill.tasks.conclusions import SampledRun, analysis_mark, concluded, kept_analysis, plan
 from bayesdrill.tasks.identify import preflight
-from bayesdrill.tasks.run_entries import (
-    compression_of_data,
-    entries,
-    evidence_of_data,
-    maxima_weights,
-)
 
 DRAWS_SAY = "looking at what the draws say"
 
@@ -124,7 +113,7 @@ def _run(
         details.say(preflight(job, study))
         if not pool.in_process:
             for _ in range(processes):  # one for each, as it is done with its searches
-                pool.submit(preload)
+                pool.submit(ensembles.preload)
             for name in ("scipy.stats", "arviz_stats.base"):  # they take a while to load
                 importlib.import_module(name)
         if searches is not None:
@@ -217,16 +206,16 @@ def _read_sampled(job: Job, folder: Folder) -> SampledRun:
     job = job.with_steps_at(mode)
     posterior, nominal = job.problem.posterior, job.problem.nominal
     _read_ahead(job, folder)
-    again = load_sampled(posterior, plan(job.config), folder.segments, str(path))
+    again = ensembles.load_sampled(posterior, plan(job.config), folder.segments, str(path))
     again = again.with_reasons(mode.doubts)
     beyond = folder.opened_ends(again.segments) or unsaved_extension(again, posterior, nominal)
     run = run_folder.read_run(path) or {}
     sampled = dataclasses.replace(
         again,
-        mode_shares=maxima_weights(run),
-        evidence=evidence_of_data(run),
+        mode_shares=run_entries.maxima_weights(run),
+        evidence=run_entries.evidence_of_data(run),
         extended=beyond,
-        compression=compression_of_data(run),
+        compression=run_entries.compression_of_data(run),
     )
     return SampledRun(job, mode, sampled, kept=kept_analysis(job, mode, sampled, run))
 
@@ -298,7 +287,7 @@ def _publish(
         status="finished",
         missing=missing,
         files=folder.digests(),
-        **entries(view, analysis_mark(job, view.mode, view.sampled)),
+        **run_entries.entries(view, analysis_mark(job, view.mode, view.sampled)),
     )
     return Outcome(
         folder=folder.path,

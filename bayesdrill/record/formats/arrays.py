@@ -10,9 +10,10 @@ from typing import Any
 
 import numpy as np
 
+from bayesdrill.basics.arrays import Array
 from bayesdrill.basics.errors import InputError, report_damage
 from bayesdrill.output_files import LARGEST_FILE
-from bayesdrill.record.formats.table import Array, RecordTable, keys_of, read_bytes
+from bayesdrill.record.formats.table import RecordTable, keys_of, read_bytes
 
 _NUMERIC = "fiub"
 """numpy dtype kinds of real numbers and logicals."""

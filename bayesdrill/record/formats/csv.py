@@ -15,9 +15,10 @@ from typing import Annotated, Literal
 import numpy as np
 from pydantic import Field
 
+from bayesdrill.basics.arrays import Array
 from bayesdrill.basics.entries import MAX_COUNT
 from bayesdrill.basics.errors import InputError, Issue
-from bayesdrill.record.formats.table import Array, RecordTable, keys_of
+from bayesdrill.record.formats.table import RecordTable, keys_of
 from bayesdrill.record.formats.text import (
     TextLines,
     advice_of_cells,

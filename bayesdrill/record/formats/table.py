@@ -8,11 +8,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from bayesdrill.basics.arrays import Array, Counts
 from bayesdrill.basics.errors import InputError, did_you_mean
-
-type Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -28,7 +26,7 @@ class RecordTable:
 
     path: Path
     variables: Mapping[str, Array]
-    lines: NDArray[np.int64] | None = None
+    lines: Counts | None = None
     """`(T,)` numbers of the rows of a table, as `called`; None for a file of arrays."""
     called: str = "line"
     columns: tuple[str, ...] = ()
