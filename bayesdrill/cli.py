@@ -11,7 +11,7 @@ from typing import Annotated, Any, Literal
 
 import typer
 
-from bayesdrill import __version__
+import bayesdrill as bd
 from bayesdrill.basics.progress import reporter
 from bayesdrill.guard import INPUT_WRONG, NOT_CONVERGED, finish, guarded, saved_in, say
 
@@ -50,7 +50,7 @@ def command[F: Callable[..., None]](example: str, name: str | None = None) -> Ca
 def _tell_version(wanted: bool) -> None:
     """Eager, so that `--version` needs no command."""
     if wanted:
-        typer.echo(f"bayesdrill {__version__}")
+        typer.echo(f"bayesdrill {bd.__version__}")
         raise typer.Exit
 
 
@@ -102,9 +102,7 @@ def example(
     ] = Path("configs"),
 ) -> None:
     """Write the bundled configs and records into a folder, to begin with."""
-    from bayesdrill.api.files import example as write
-
-    say(str(write(folder)))
+    say(str(bd.example(folder)))
 
 
 @command("init configs/records/example_rig.csv --output my_rig.yaml")
@@ -135,11 +133,9 @@ def init(
     force: Annotated[bool, force_option("Overwrite a config.")] = False,
 ) -> None:
     """Look at records and write a first config for them, with every guess marked and its reason."""
-    from bayesdrill.api.files import init as write
-
     known: dict[str, Any] = {"voltage": voltage, "gear": gear, "rig": rig, "rate": rate}
     known["sheet"] = sheet
-    say(str(write(records, output, columns=columns or (), force=force, **known)))
+    say(str(bd.init(records, output, columns=columns or (), force=force, **known)))
 
 
 @command("check configs/nominal_step.yaml")
@@ -150,9 +146,7 @@ def check(
     ] = None,
 ) -> None:
     """Validate config and record and say what would run; samples nothing."""
-    from bayesdrill.api.case import load
-
-    case = load(config)
+    case = bd.load(config)
     say(case.preview())
     if figure is not None:
         say(case.draw_rig(figure))
@@ -180,9 +174,7 @@ def identify(
     processes: Processes = None,
 ) -> None:
     """Say what this record can and cannot determine, and what would help; samples nothing."""
-    from bayesdrill.api.case import load
-
-    case = load(config)
+    case = bd.load(config)
     if output is not None:
         case.check_place(output, force=force)
     with reporter() as report:
@@ -206,12 +198,9 @@ def map_(
     processes: Processes = None,
 ) -> None:
     """Search the maximum of the posterior (MAP), print it, and rank what would explain a bad fit."""
-    from bayesdrill.api.case import load
-    from bayesdrill.api.run import Best
-
-    case = load(config)
+    case = bd.load(config)
     if output is not None:
-        Best.check_place(output, force=force)
+        bd.Best.check_place(output, force=force)
     with reporter() as report:
         best = case.find_map(quick=quick, processes=processes, report=report)
     say(best.table)
@@ -239,10 +228,8 @@ def posterior(
     verbose: Annotated[bool, typer.Option("--verbose", help="Print the whole report.")] = False,
 ) -> None:
     """MAP, sampling, diagnostics, tables and figures: the main job."""
-    from bayesdrill.api.case import load
-
     options = {"resume": resume, "force": force, "processes": processes, "verbose": verbose}
-    finish(_run(load, config, output, **options), verbose=verbose)
+    finish(_run(bd.load, config, output, **options), verbose=verbose)
 
 
 @command("calibrate configs/nominal_step.yaml")
@@ -257,10 +244,8 @@ def calibrate(
     scheduler: Scheduler = None,
 ) -> None:
     """Test the posterior of a config: refit simulated records, and see where the truth ranks."""
-    from bayesdrill.api.files import calibration
-
     options = {"resume": resume, "force": force, "processes": processes, "scheduler": scheduler}
-    done = _run(calibration, config, output, **options)
+    done = _run(bd.calibration, config, output, **options)
     files = "report.html, summary.md, figures/, ranks.csv"
     _end(done.said, done.folder, files, good=done.verdict.calibrated)
 
@@ -277,15 +262,11 @@ def report(
     processes: Processes = None,
 ) -> None:
     """Make tables and figures again from a stored chain; of several runs, lay them over each other."""
-    from bayesdrill.api import files
-
     if len(folders) > 1:
         _compare("overlay", folders, output, force=force)
         return
     with reporter() as progress:
-        outcome = files.publish(
-            folders[0], output, force=force, processes=processes, report=progress
-        )
+        outcome = bd.publish(folders[0], output, force=force, processes=processes, report=progress)
     finish(outcome)
 
 
@@ -315,10 +296,8 @@ def ladder(
     scheduler: Scheduler = None,
 ) -> None:
     """Rank what a config may be missing, sample the best candidates, compare, and recommend a config."""
-    from bayesdrill.api.comparison import ladder as made
-
     options = {"resume": resume, "force": force, "processes": processes, "scheduler": scheduler}
-    done = _run(partial(made, sample=sample), config, output, **options)
+    done = _run(partial(bd.ladder, sample=sample), config, output, **options)
     files = "report.html, comparison.md, recommended.yaml, ..."
     _end(done.said, done.folder, files, good=not done.report.reasons)
 
@@ -328,9 +307,7 @@ def verify(
     folder: Annotated[Path, typer.Argument(metavar="FOLDER", help="Folder of a finished run.")],
 ) -> None:
     """Say whether config, record, tables and figures of a run still belong together."""
-    from bayesdrill.api import files
-
-    verification = files.verify(folder)
+    verification = bd.verify(folder)
     say(verification.said, err=not verification.together)
     if not verification.together:
         raise typer.Exit(INPUT_WRONG)
@@ -344,9 +321,7 @@ def simulate(
     force: Annotated[bool, force_option("Overwrite simulated records.")] = False,
 ) -> None:
     """Make a record from the config (of several experiments, one each): response plus noise, as CSV."""
-    from bayesdrill.api import files
-
-    simulated = files.simulate(config, output, seed=seed, force=force)
+    simulated = bd.simulate(config, output, seed=seed, force=force)
     for path, samples in simulated.files.items():
         say(f"{path}: {samples} samples")
 
@@ -380,9 +355,7 @@ def schema(
     ] = "config",
 ) -> None:
     """Print the JSON schema of configs, for editors that complete and check them."""
-    from bayesdrill.api import files
-
-    typer.echo(files.schema(of), nl=False)
+    typer.echo(bd.schema(of), nl=False)
 
 
 @command("export results/nominal_step --to mjcf --output rig.xml")
@@ -399,9 +372,7 @@ def export(
     force: Annotated[bool, force_option("Overwrite a file.")] = False,
 ) -> None:
     """Write what simulators take: armatures, damping and friction, with their spread and draws."""
-    from bayesdrill.api import files
-
-    text = files.export(folder, to, output, draws=draws, force=force)
+    text = bd.export(folder, to, output, draws=draws, force=force)
     typer.echo(text if output is None else f"{output}: written", nl=output is not None)
 
 
@@ -417,9 +388,7 @@ def cite(
     ] = "text",
 ) -> None:
     """Say how to cite bayesdrill and what a run stands on."""
-    from bayesdrill.api.files import citation
-
-    say(getattr(citation(folder), form).rstrip("\n"))
+    say(getattr(bd.citation(folder), form).rstrip("\n"))
 
 
 @command("cache --clear")
