@@ -8,7 +8,7 @@ are fixed tendons in MJCF, a motor is an actuator; URDF knows neither, and says 
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
 from xml.etree import ElementTree
@@ -19,7 +19,7 @@ from bayesdrill import __version__
 from bayesdrill.basics.arrays import Array
 from bayesdrill.basics.errors import InputError
 from bayesdrill.rig.models.linear import Model
-from bayesdrill.rig.models.roles import GROUND, InertiaRoles
+from bayesdrill.rig.models.roles import InertiaRoles
 from bayesdrill.tasks.conclusions import SampledRun
 
 
@@ -78,26 +78,41 @@ def simulator_model(run: SampledRun, draws: int, rng: np.random.Generator) -> Si
         message = f"the rig {model.name} does not say what its inertias are (`roles`)"
         raise InputError.at(str(run.job.config.name), f"{message}; nothing can be exported")
     joints = {speed: inertias[-1].name for speed, inertias in moving.items()}
+    turns = {
+        inertia.name: (joints[inertia.speed], 1.0 / inertia.reduction)
+        for inertia in model.roles.inertias
+        if inertia.speed in joints
+    }
+    springs = {
+        shaft.name: tuple(turns[end] for end in shaft.ends if end in turns)
+        for shaft in model.roles.shafts
+        if shaft.stiffness in p
+    }
+    drives = {
+        inertia.torque: turns[inertia.name]
+        for inertia in model.roles.inertias
+        if inertia.torque in model.inputs and inertia.name in turns
+    }
+    for motor in model.roles.motors:
+        if motor.torque_constant in p and motor.inertia in turns:
+            drives[f"motor_{motor.inertia}"] = turns[motor.inertia]
     return SimulatorModel(
         title=run.job.config.name,
         linear=model.symbols[next(iter(joints))].unit == "m/s",
         joints=joints,
-        springs=dict(_springs(model, p, joints)),
-        drives=dict(_drives(model, p, joints)),
-        quantities=tuple(_quantities(model, p, moving, joints)),
+        springs=springs,
+        drives=drives,
+        quantities=tuple(_quantities(model, p, moving.values())),
     )
 
 
-Values = Mapping[str, Array]
-
-
 def _quantities(
-    model: Model, p: Values, moving: Mapping[str, list[InertiaRoles]], joints: Mapping[str, str]
+    model: Model, p: Mapping[str, Array], joints: Iterable[list[InertiaRoles]]
 ) -> Iterator[ExportedNumber]:
     """Of joints, at which the inertias behind gears add up, of shafts and of motors."""
     terms = [
-        (joints[speed], name, symbol, abs(inertia.reduction) ** power)
-        for speed, inertias in moving.items()
+        (inertias[-1].name, name, symbol, abs(inertia.reduction) ** power)
+        for inertias in joints
         for inertia in inertias
         for name, symbol, power in (
             ("armature", inertia.inertia, 2),
@@ -129,30 +144,6 @@ def _quantities(
         yield ExportedNumber(
             part=part, name=name, unit=unit, draws=values[1:], map=float(values[0])
         )
-
-
-def _springs(
-    model: Model, p: Values, joints: Mapping[str, str]
-) -> Iterator[tuple[str, tuple[tuple[str, float], ...]]]:
-    for shaft in model.roles.shafts:
-        if shaft.stiffness in p:
-            ends = [model.roles.inertia(name) for name in shaft.ends if name != GROUND]
-            yield (
-                shaft.name,
-                tuple((joints[e.speed], 1.0 / e.reduction) for e in ends if e.speed in joints),
-            )
-
-
-def _drives(
-    model: Model, p: Values, joints: Mapping[str, str]
-) -> Iterator[tuple[str, tuple[str, float]]]:
-    for inertia in model.roles.inertias:
-        if inertia.torque in model.inputs and inertia.speed in joints:
-            yield inertia.torque, (joints[inertia.speed], 1.0 / inertia.reduction)
-    for motor in model.roles.motors:
-        inertia = model.roles.inertia(motor.inertia)
-        if motor.torque_constant in p and inertia.speed in joints:
-            yield f"motor_{motor.inertia}", (joints[inertia.speed], 1.0 / inertia.reduction)
 
 
 # Forms.
