@@ -36,7 +36,7 @@ from bayesdrill.basics import Array
 from bayesdrill.inference import Likelihood, derived
 from bayesdrill.paper.plugins import AsPrinted
 from bayesdrill.record import Experiment, regular
-from bayesdrill.rig import Model, MotorShaft, Named, Response
+from bayesdrill.rig import Model, MotorShaft, Named, Response, constant_forcing, dynamics
 from bayesdrill.sampling import Task
 
 SIX_STATES = ("theta_1", "theta_2", "q", "w_1", "w_2", "i")
@@ -60,17 +60,10 @@ class Solution:
 
 def six_states(model: Model, p: Named, inputs: Mapping[str, float]) -> tuple[Array, Array]:
     """Return `A (6, 6)` and forcing `(6,)` with the charge q, in the order of `SIX_STATES`."""
-    index = {name: k for k, name in enumerate(SIX_STATES)}
     linear = model.linear(p)
-    matrix, forcing = np.zeros((6, 6)), np.zeros(6)
-    matrix[index["q"], index["i"]] = 1.0
-    for (row, column), value in linear.A.items():
-        matrix[index[row], index[column]] = value
-    for row, value in linear.c.items():
-        forcing[index[row]] += value
-    for (row, name), value in linear.B.items():
-        forcing[index[row]] += value * inputs.get(name, 0.0)
-    return matrix, forcing
+    matrix = dynamics(linear, SIX_STATES, 1)[0]
+    matrix[SIX_STATES.index("q"), SIX_STATES.index("i")] = 1.0
+    return matrix, constant_forcing(linear, SIX_STATES, 1, inputs)[0]
 
 
 def integrate(
@@ -205,25 +198,25 @@ class IntegratorError:
 def readings(experiment: Experiment, p: Mapping[str, float]) -> tuple[MatrixReading, ...]:
     """Return the same step with each reading, at parameters `p` (SI), followed for `FOLLOWED` s."""
     experiment = regular(experiment, FOLLOWED, 1 / experiment.dt)
-    k, readings = experiment.names.index("w_2"), []
-    for name, (matrix, model) in READINGS.items():
+    k = experiment.names.index("w_2")
+
+    def reading(name: str, matrix: str, model: Model) -> MatrixReading:
         exact, stepped, steps = _both(model, experiment, p)
         end = derived.steady_values(model, model.linear(p), 1, experiment.constant)["w_end"]
-        readings.append(
-            MatrixReading(
-                name=name,
-                matrix=matrix,
-                time=float(experiment.t[-1]),
-                w_2=float(exact[-1, k]),
-                w_2_trapezoid=float(stepped[-1, k]),
-                w_end=float(end[0]),
-                error=float(np.abs(stepped - exact)[:, k].max()),
-                steps=steps,
-                t=experiment.t,
-                curve=exact[:, k],
-            )
+        return MatrixReading(
+            name=name,
+            matrix=matrix,
+            time=float(experiment.t[-1]),
+            w_2=float(exact[-1, k]),
+            w_2_trapezoid=float(stepped[-1, k]),
+            w_end=float(end[0]),
+            error=float(np.abs(stepped - exact)[:, k].max()),
+            steps=steps,
+            t=experiment.t,
+            curve=exact[:, k],
         )
-    return tuple(readings)
+
+    return tuple(reading(name, *what) for name, what in READINGS.items())
 
 
 def errors(experiment: Experiment, p: Mapping[str, float]) -> tuple[IntegratorError, ...]:
@@ -259,10 +252,7 @@ def paper_signals(model: Model, experiment: Experiment, p: Array) -> tuple[Array
     start = np.array([experiment.start.get(name, 0.0) for name in SIX_STATES])
     lead = [experiment.t_start] if experiment.t_start < experiment.t[0] else []
     solution = integrate(matrix, forcing, start, np.array([*lead, *experiment.t]))
-    weights = [
-        [channel.weights.get(name, 0.0) for name in SIX_STATES] for channel in experiment.channels
-    ]
-    return solution.x[len(lead) :] @ np.array(weights).T, solution.steps
+    return solution.x[len(lead) :] @ experiment.weights(SIX_STATES).T, solution.steps
 
 
 def stepped_signals(likelihood: Likelihood, theta: Array) -> Array:

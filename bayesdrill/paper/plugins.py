@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import Annotated, Any, ClassVar, Literal
+from typing import Annotated, ClassVar, Literal
 
 import numpy as np
 from pydantic import Field
@@ -58,14 +58,21 @@ class FminsearchRun:
     history: tuple[float, ...]
 
 
-def descend(function: Callable[[Array], float], start: Array, **options: Any) -> FminsearchRun:
-    """Minimise `function` from `start (D,)`; `options` are those of SciPy's Nelder-Mead.
+TOLERANCE = 1e-4  # TolX and TolFun
+PER_UNKNOWN = 200  # MaxIter and MaxFunEvals, times the number of unknowns
 
-    SciPy's own first simplex is that of MATLAB's fminsearch, each coordinate 5 % larger by turns, and
-    to set it up counts as the first iteration in both.
+
+def descend(
+    function: Callable[[Array], float], start: Array, iterations: int, evaluations: int
+) -> FminsearchRun:
+    """Minimise `function` from `start (D,)`, as MATLAB's fminsearch does.
+
+    SciPy's own first simplex is that of fminsearch, each coordinate 5 % larger by turns, and to set
+    it up counts as the first iteration in both.
     """
     from scipy.optimize import OptimizeResult, minimize  # late: 0.3 s, and few commands optimise
 
+    options = {"xatol": TOLERANCE, "fatol": TOLERANCE, "maxiter": iterations, "maxfev": evaluations}
     values: list[float] = []
     history: list[float] = []
     best, lowest = start, np.inf
@@ -93,10 +100,6 @@ def descend(function: Callable[[Array], float], start: Array, **options: Any) ->
     )
 
 
-TOLERANCE = 1e-4  # TolX and TolFun
-PER_UNKNOWN = 200  # MaxIter and MaxFunEvals, times the number of unknowns
-
-
 @dataclass(frozen=True, slots=True)
 class Fminsearch:
     """As it stops by default: it is there to be seen, and not polished."""
@@ -112,14 +115,7 @@ class Fminsearch:
 
     def _search(self, task: Task, start: Array, evaluations: int) -> Optimum:
         most = PER_UNKNOWN * len(start)
-        run = descend(
-            lambda theta: misfit(task, theta),
-            start,
-            xatol=TOLERANCE,
-            fatol=TOLERANCE,
-            maxiter=most,
-            maxfev=min(most, evaluations),
-        )
+        run = descend(lambda theta: misfit(task, theta), start, most, min(most, evaluations))
         return Optimum(
             theta=run.x,
             value=-0.5 * run.lowest,
@@ -203,14 +199,8 @@ class Pairwise:
             for pair in columns:
                 if spent == evaluations:
                     break
-                run = descend(
-                    partial(_misfit, task, theta, pair),
-                    theta[pair],
-                    xatol=TOLERANCE,
-                    fatol=TOLERANCE,
-                    maxiter=self.iterations,
-                    maxfev=evaluations - spent,
-                )
+                of_pair = partial(_misfit, task, theta, pair)
+                run = descend(of_pair, theta[pair], self.iterations, evaluations - spent)
                 theta = _with(theta, pair, run.x)
                 spent += run.evaluations
                 history += run.history

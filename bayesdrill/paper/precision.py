@@ -89,10 +89,11 @@ def implied_noise(values: Mapping[str, float]) -> tuple[ImpliedNoise, ...]:
         for sigma, row in printed.TWO_PARAMETERS.items()
     }
     squares = {
-        name: float(np.mean([row[name] ** 2 for row in table.values()])) for name in printed.START
+        name: float(np.mean([row[name] ** 2 for row in table.values()]))
+        for name in printed.TWO_UNKNOWNS
     }
     table["rms"] = {name: math.sqrt(square) for name, square in squares.items()}
-    table["bound"] = {name: 100 * 1e-3 * values[name] for name in printed.START}
+    table["bound"] = {name: 100 * 1e-3 * values[name] for name in printed.TWO_UNKNOWNS}
     return tuple(
         ImpliedNoise(
             row=label,
@@ -106,10 +107,7 @@ def implied_noise(values: Mapping[str, float]) -> tuple[ImpliedNoise, ...]:
     )
 
 
-WAYS: Mapping[str, Optimiser] = {
-    "fminsearch": Fminsearch(),
-    "scaled": THOROUGH,
-}
+WAYS: Mapping[str, Optimiser] = {"fminsearch": Fminsearch(), "scaled": THOROUGH}
 SHARE = 0.95  # of records have a misfit within `expected` at their truth
 
 

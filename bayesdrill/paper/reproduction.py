@@ -110,7 +110,7 @@ def drawings(findings: PaperFindings) -> dict[str, Drawing]:
         ),
         "table_2": Drawing(
             plots.verification_figure,
-            (findings.verification, dict(printed.TWO_PARAMETERS)),
+            (findings.verification, printed.TWO_PARAMETERS),
             "Error of the two-parameter estimates against the noise.",
         ),
         "simultaneous": Drawing(

@@ -23,7 +23,6 @@ from bayesdrill.analysis import Exponents
 from bayesdrill.basics import Array, Silent, seeds
 from bayesdrill.inference import Coordinates, Posterior, laplace
 from bayesdrill.paper import forward, precision
-from bayesdrill.paper.plugins import Fminsearch
 from bayesdrill.paper.precision import WAYS, bounds
 from bayesdrill.sampling import (
     THOROUGH,
@@ -338,8 +337,12 @@ def estimates(
     )
 
 
-def _search(way: str, target: Posterior, start: Array) -> Array:
-    return WAYS[way](_free(target), start[None], VERIFICATION_EVALUATIONS)[0].theta
+def _search(way: str, target: Posterior, start: Array, *, stepped: bool = False) -> Array:
+    """`stepped`: with the misfit that the paper's integrator has."""
+    task = _free(target)
+    if stepped:
+        task = forward.stepped_task(task, target.likelihood)
+    return WAYS[way](task, start[None], VERIFICATION_EVALUATIONS)[0].theta
 
 
 def _free(target: Posterior) -> Task:
@@ -389,7 +392,5 @@ def _by_trapezoid(
     target = precision.made_record(sized, truth, seed, 0) if noisy else exact
     if from_integrator:
         y = target.likelihood.response.experiment.y - exact.likelihood.response.experiment.y
-        stepped = forward.stepped_signals(target.likelihood, truth)
-        target = target.edit(records=[y + stepped])
-    task = forward.stepped_task(_free(target), target.likelihood)
-    return Fminsearch()(task, start[None], VERIFICATION_EVALUATIONS)[0].theta
+        target = target.edit(records=[y + forward.stepped_signals(target.likelihood, truth)])
+    return _search("fminsearch", target, start, stepped=True)
