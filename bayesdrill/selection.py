@@ -24,42 +24,31 @@ from bayesdrill.config.yaml_source import Source, as_yaml
 from bayesdrill.inference.likelihood import Observation
 from bayesdrill.inference.noise import NOISES
 from bayesdrill.inference.unknowns import ParameterSpace
-from bayesdrill.record.experiment import typical_inputs
+from bayesdrill.record.experiment import Experiment, typical_inputs
 from bayesdrill.record.formats.table import RecordTable
 from bayesdrill.rig.models.roles import InertiaRoles, Roles
 
 WIDER = 10.0  # either way, of the noise that was given
 
 
-def change_channels(data: Mapping[str, Any]) -> Iterator[tuple[str, dict[str, Any], bool]]:
-    """Each with its name, and whether all experiments have it so."""
-    top, *others = [
-        section.get("record", {}).get("channels", {}) for section in rung_sections(data)
-    ]
-    for name, channel in top.items():
-        yield name, channel, not any(name in channels for channels in others)
-    for channels in others:
+def change_noise(data: dict[str, Any], change: Callable[[dict[str, Any]], bool]) -> bool:
+    """Change the noise of each channel; whether any was.
+
+    What was one number for all experiments becomes one unknown; a memory goes with its size.
+    """
+    changed = False
+    top, *others = [s.get("record", {}).get("channels", {}) for s in rung_sections(data)]
+    for channels in (top, *others):
         for name, channel in channels.items():
-            yield name, channel, False
-
-
-def change_sections(
-    data: dict[str, Any],
-    change: Callable[[dict[str, Any]], bool],
-    name: str,
-    channel: dict[str, Any],
-    common: bool,
-) -> bool:
-    """What was one number for all experiments becomes one unknown; a memory goes with its size."""
-    known = isinstance(channel.get("sigma"), int | float)
-    if not change(channel):
-        return False
-    sigma = noise_name(name)
-    if common and known:
-        share_entries(data, sigma)
-    if channel.get("noise") == RED and sigma in data.get("shared", ()):
-        share_entries(data, f"rho_{name}")
-    return True
+            sigma, known = noise_name(name), isinstance(channel.get("sigma"), int | float)
+            if not change(channel):
+                continue
+            changed = True
+            if known and channels is top and not any(name in other for other in others):
+                share_entries(data, sigma)
+            if channel.get("noise") == RED and sigma in data.get("shared", ()):
+                share_entries(data, f"rho_{name}")
+    return changed
 
 
 def share_entries(data: dict[str, Any], *names: str) -> None:
@@ -253,9 +242,7 @@ class CandidateModels:
     @classmethod
     def from_job(cls, job: Job, values: Mapping[str, float]) -> CandidateModels:
         """Return it with sizes and speeds at the start of the config or at `values`, the larger."""
-        posterior = job.problem.posterior
-        space: ParameterSpace = posterior.space
-        observations = posterior.likelihood.observations
+        space, observations = job.problem.posterior.space, job.problem.observations
         ladder = cls(job, {}, {})
         for at in (space.start, {**space.start, **values}):
             theta = space.vector(at)
@@ -326,21 +313,15 @@ class CandidateModels:
         if len(self._channels()) > 1:  # of one it is the lag of that
             yield MOMENT
 
+    @property
+    def _experiments(self) -> list[Experiment]:
+        return [observation.experiment for observation in self.job.problem.observations]
+
     def _channels(self) -> list[str]:
-        observations = self.job.problem.observations
-        return list(
-            dict.fromkeys(
-                name for observation in observations for name in observation.experiment.names
-            )
-        )
+        return list(dict.fromkeys(name for each in self._experiments for name in each.names))
 
     def _inputs(self) -> list[str]:
-        observations = self.job.problem.observations
-        return list(
-            dict.fromkeys(
-                name for observation in observations for name in observation.experiment.series
-            )
-        )
+        return list(dict.fromkeys(name for each in self._experiments for name in each.series))
 
     def _rung(self, parts: tuple[str, ...]) -> CandidateModel | None:
         """None where there is no such thing to try."""
@@ -356,18 +337,15 @@ class CandidateModels:
             data["output"] = {**output, "figures": ["fit"]}
             data.pop("simulation", None)
             self._with_walkers(data)
-        text = given.text if not parts else as_yaml(data)
-        source = Source(given.path, text, data, given.lines if not parts else {}, ())
+        text, places = (as_yaml(data), {}) if parts else (given.text, given.lines)
+        source = Source(given.path, text, data, places, ())
         words = tuple(map(self.parts.words, parts))
         return CandidateModel(parts, words, source, output, lines, self.job.table)
 
     def _changed(self, data: dict[str, Any], part: str) -> bool:
         if part in NOISE:
             change = freed if part == UNKNOWN else reddened
-            changed = [
-                change_sections(data, change, *entry) for entry in list(change_channels(data))
-            ]
-            return part in (UNKNOWN, *NOISES) and any(changed)
+            return part in (UNKNOWN, *NOISES) and change_noise(data, change)
         known = self.parts
         if part in known.physics:
             wanted = known.physics[part]
@@ -429,13 +407,13 @@ class CandidateModels:
 
     def _lag(self) -> dict[str, Any]:
         """Either way, so many samples [s]."""
-        late = 0.0
-        for observation in self.job.problem.observations:
-            t = observation.experiment.t
-            late = max(
-                late, LATEST * observation.experiment.dt, min(SLOW, SHARE * float(t[-1] - t[0]))
+        late = rounded(
+            max(
+                max(LATEST * each.dt, min(SLOW, SHARE * float(each.t[-1] - each.t[0])))
+                for each in self._experiments
             )
-        return {"prior": "uniform", "low": -rounded(late), "high": rounded(late)}
+        )
+        return {"prior": "uniform", "low": -late, "high": late}
 
     def _sensor_prior(self, kind: str, name: str, *, channel: bool) -> dict[str, Any]:
         if kind == "lag":
@@ -443,8 +421,7 @@ class CandidateModels:
         if kind == "gain":
             return {"prior": "log_normal", "median": 1.0, "sd_log": GAIN_SD}
         size = 0.0
-        for observation in self.job.problem.observations:
-            experiment = observation.experiment
+        for experiment in self._experiments:
             if channel and name in experiment.names:
                 k = experiment.names.index(name)
                 spread = float(np.nanstd(experiment.y[:, k]))
@@ -466,16 +443,14 @@ class CandidateModels:
     def _with_walkers(self, data: dict[str, Any]) -> None:
         """As many as further unknowns want, where the config says how many."""
         given = (data.get("sampler") or {}).get("walkers")
-        problem = self.job.problem
-        channels = sum(len(observation.experiment.channels) for observation in problem.observations)
-        least = 2 * (len(problem.names) + 2 * channels + MOST_PHYSICS)
+        channels = sum(len(each.channels) for each in self._experiments)
+        least = 2 * (len(self.job.problem.names) + 2 * channels + MOST_PHYSICS)
         if isinstance(given, int) and given < least:
             data["sampler"] = {**data["sampler"], "walkers": least}
 
     def _times(self) -> dict[str, Any]:
-        every = [observation.experiment for observation in self.job.problem.observations]
-        low = LEAST * min(experiment.dt for experiment in every)
-        high = max(float(experiment.t[-1] - experiment.t[0]) for experiment in every) / LONGEST
+        low = LEAST * min(each.dt for each in self._experiments)
+        high = max(float(each.t[-1] - each.t[0]) for each in self._experiments) / LONGEST
         return log_uniform(low, max(high, 2 * low))
 
 

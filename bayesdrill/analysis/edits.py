@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import itertools
 import math
 from collections.abc import Mapping
@@ -16,7 +15,7 @@ from bayesdrill.inference.likelihood import Observation
 from bayesdrill.inference.posterior import Posterior
 from bayesdrill.inference.priors import Uniform
 from bayesdrill.inference.unknowns import SIMULATOR_ROLES, ParameterSpace, Unknown
-from bayesdrill.record.experiment import channels_of_states
+from bayesdrill.record.experiment import with_states
 from bayesdrill.rig.models.linear import Linear, Model, with_named
 from bayesdrill.rig.models.roles import Roles
 
@@ -25,9 +24,9 @@ ZERO = np.zeros(1)
 
 @dataclass(frozen=True, slots=True)
 class Lack:
-    """Physics that a rig may be without, and the `parameter` that switches it on.
+    """Physics that a rig may be without: of a candidate the `name`, the `parameter` and the `words`.
 
-    `name`: of a candidate that has it; `words`: what it is; `dry`: whether it changes its sign.
+    `dry`: whether it changes its sign.
     """
 
     name: str
@@ -44,25 +43,18 @@ def lacks(roles: Roles) -> tuple[Lack, ...]:
     rubs = {i.speed: i for i in reversed(roles.inertias) if i.sliding}
     several = len(roles.motors) > 1
     drop = "a voltage drop of driver and brushes"
-    named = (
-        *(
-            (f"friction_{i.name}", i.sliding, f"dry friction {i.at}", True)
-            for i in roles.inertias
-            if i in rubs.values()
-        ),
-        *(
-            (f"voltage_drop_{m.inertia}", m.drop, f"{drop} of {m.words}", True)
-            if several
-            else ("voltage_drop", m.drop, drop, True)
-            for m in roles.motors
-        ),
-        *(
-            (f"damping_{i.name}", i.damping, f"viscous damping {i.at}", False)
-            for i in roles.inertias
-        ),
-        *((f"damping_{s.name}", s.damping, f"damping of {s.words}", False) for s in roles.shafts),
-    )
-    return tuple(Lack(*entry) for entry in named if entry[1])
+    named = [
+        Lack(f"friction_{i.name}", i.sliding, f"dry friction {i.at}", dry=True)
+        for i in roles.inertias
+        if i in rubs.values()
+    ]
+    for m in roles.motors:
+        name, words = (f"_{m.inertia}", f" of {m.words}") if several else ("", "")
+        named.append(Lack(f"voltage_drop{name}", m.drop, f"{drop}{words}", dry=True))
+    damped = [(i.name, i.damping, f"viscous damping {i.at}") for i in roles.inertias]
+    damped += [(s.name, s.damping, f"damping of {s.words}") for s in roles.shafts]
+    named += [Lack(f"damping_{name}", what, words, dry=False) for name, what, words in damped]
+    return tuple(lack for lack in named if lack.parameter)
 
 
 def rig_candidates(
@@ -77,14 +69,12 @@ def rig_candidates(
     }
     offered = {*model.offers} - {*model.parameters} - taken
     names = [lack.parameter for lack in lacks(model.roles) if lack.parameter in offered]
-    moved = (
-        [
-            (rig_parameters(observation, space, theta), state_motion(observation, space, theta))
-            for observation in observations
-        ]
-        if names
-        else []
-    )
+    if not names:
+        return {}
+    moved = [
+        (rig_parameters(observation, space, theta), state_motion(observation, space, theta))
+        for observation in observations
+    ]
     sizes = {
         name: max(_size(with_named(model, (name,)), name, p, states) for p, states in moved)
         for name in names
@@ -103,14 +93,9 @@ def rig_parameters(
 
 def state_motion(observation: Observation, space: ParameterSpace, theta: Array) -> Array:
     """Return all states at the samples `(T, X)`, at `theta (D,)`."""
-    states = observation.response.model.states
-    y = np.zeros((len(observation.experiment.t), len(states)))
-    shown = dataclasses.replace(observation.experiment, channels=channels_of_states(states), y=y)
-    return np.asarray(
-        observation.response.of(shown).signals(
-            observation.simulator_parameters(space.full(theta[None]))
-        )[0]
-    )
+    response, arguments = observation.response, observation.simulator_parameters
+    shown = with_states(observation.experiment, response.model.states, alone=True)
+    return np.asarray(response.of(shown).signals(arguments(space.full(theta[None])))[0])
 
 
 def _size(model: Model, name: str, p: Mapping[str, float], states: Array) -> float:
@@ -175,16 +160,14 @@ class EditedPosterior:
 def with_candidates(posterior: Posterior, theta: Array) -> EditedPosterior:
     """Free all unknowns that the rig lacks, at `theta (D,)`."""
     sizes = rig_candidates(posterior.likelihood.observations, posterior.space, theta)
+    symbols = {name: Symbol(name, "", "", "", "") for name in sizes}
     free = [
-        Unknown(
-            symbol=Symbol(name, "", "", "", ""), role="sensor", prior=Uniform(0.0, size), start=0.0
-        )
+        Unknown(symbol=symbols[name], role="sensor", prior=Uniform(0.0, size), start=0.0)
         for name, size in sizes.items()
     ]
 
     def with_tried(observation: Observation) -> Observation:
-        return observation.for_rig(
-            with_named(observation.response.model, [*sizes]), observation.response.sensing
-        )
+        response = observation.response
+        return observation.for_rig(with_named(response.model, [*sizes]), response.sensing)
 
     return EditedPosterior(posterior.edit(free=free, each=with_tried), sizes)

@@ -1,6 +1,4 @@
-"""Estimate the missing torque over time, and find what it follows.
-
-A speed, an angle, an input, or the time.
+"""Estimate the missing torque over time, and find what it follows: speed, angle, input, or time.
 
 Each draw of the unknowns has a torque of its own, drawn with all samples known (by simulation: a
 torque drawn from its prior, and what all samples say of the difference), so that the draws are
@@ -23,7 +21,7 @@ from bayesdrill.basics.arrays import Array, Flags
 from bayesdrill.inference.derived import HDI_PROBABILITY
 from bayesdrill.inference.likelihood import LatentTorque, Observation
 from bayesdrill.inference.posterior import Posterior
-from bayesdrill.record.experiment import channels_of_states
+from bayesdrill.record.experiment import with_states
 from bayesdrill.rig.models.latent_torque import TORQUE, LoadedModel, TorqueLocation
 from bayesdrill.rig.models.linear import Model
 from bayesdrill.rig.models.roles import ROTARY, InertiaRoles
@@ -123,10 +121,9 @@ def torque_estimates(
     posterior: Posterior, draws: Array, rng: np.random.Generator
 ) -> tuple[TorqueEstimate, ...]:
     """Estimate the torque of each experiment by draws `(N, D)`; empty where none is missing."""
-    observations = posterior.likelihood.observations
     return tuple(
         _estimate(observation, torque, posterior, draws, rng)
-        for observation in observations
+        for observation in posterior.likelihood.observations
         if (torque := observation.torque)
     )
 
@@ -172,14 +169,9 @@ def _estimate(
 
 def _moved(observation: Observation, full: Array) -> tuple[Array, Array]:
     """Channels `(N, T, K)` and states `(N, T, X)` without the torque."""
-    experiment, k = observation.experiment, len(observation.experiment.channels)
-    state_channels = channels_of_states(observation.response.model.states)
-    shown = dataclasses.replace(
-        experiment,
-        y=np.zeros((len(experiment.t), k + len(state_channels))),
-        channels=(*experiment.channels, *state_channels),
-    )
-    signals = observation.response.of(shown).signals(observation.simulator_parameters(full))
+    response, k = observation.response, len(observation.experiment.channels)
+    shown = with_states(observation.experiment, response.model.states)
+    signals = response.of(shown).signals(observation.simulator_parameters(full))
     return signals[..., :k], signals[..., k:]
 
 
@@ -280,26 +272,22 @@ class TorqueRegression:
 def regress_torque(estimate: TorqueEstimate) -> tuple[TorqueRegression, ...]:
     """Regress the torque on candidates: those taken first, in their order; then all others."""
     turning = estimate.turning
-    candidates = ((kind, name, rows[turning]) for kind, name, rows in _candidates(estimate))
     regressors = [
-        regressor
-        for regressor in candidates
-        if np.isfinite(regressor[2]).all() and np.abs(regressor[2]).max() > CONSTANT_RATIO
+        (kind, name, rows[turning])
+        for kind, name, rows in _candidates(estimate)
+        if np.isfinite(rows[turning]).all() and np.abs(rows[turning]).max() > CONSTANT_RATIO
     ]
     torque = estimate.expected[turning]
     total = float(torque @ torque)
     if total == 0.0 or not regressors:
         return ()
-    alone = {
-        k: 1.0 - _residual_squares(torque, rows) / total
-        for k, (_, _, rows) in enumerate(regressors)
-    }
+    alone = [1.0 - _residual_squares(torque, rows) / total for _, _, rows in regressors]
     selected: list[int] = []
     remaining, rows = total, np.empty((len(torque), 0))
     while len(selected) < len(regressors):
         lefts = {
-            k: _residual_squares(torque, np.column_stack([rows, rows_of_regressor]))
-            for k, (_, _, rows_of_regressor) in enumerate(regressors)
+            k: _residual_squares(torque, np.column_stack([rows, more]))
+            for k, (_, _, more) in enumerate(regressors)
             if k not in selected
         }
         best = min(lefts, key=lambda k: lefts[k])
@@ -310,10 +298,10 @@ def regress_torque(estimate: TorqueEstimate) -> tuple[TorqueRegression, ...]:
             break
         selected.append(best)
         remaining, rows = lefts[best], np.column_stack([rows, regressors[best][2]])
-    regressions = {
-        k: TorqueRegression(kind=regressors[k][0], of=regressors[k][1], share=alone[k])
-        for k in alone
-    }
+    regressions = [
+        TorqueRegression(kind=kind, of=of, share=share)
+        for (kind, of, _), share in zip(regressors, alone, strict=True)
+    ]
     if selected:
         weights = np.linalg.lstsq(rows, estimate.draws[:, turning].T, rcond=None)[0]  # (rows, N)
         each = np.split(weights, np.cumsum([regressors[k][2].shape[1] for k in selected])[:-1])
@@ -322,7 +310,7 @@ def regress_torque(estimate: TorqueEstimate) -> tuple[TorqueRegression, ...]:
             regressions[k] = dataclasses.replace(
                 regressions[k], taken=True, size=float(size.mean()), sd=float(size.std())
             )
-    others = sorted(set(alone) - {*selected}, key=lambda k: -alone[k])
+    others = sorted({*range(len(alone))} - {*selected}, key=lambda k: -alone[k])
     return tuple(regressions[k] for k in (*selected, *others))
 
 

@@ -18,7 +18,6 @@ from bayesdrill.basics.arrays import Array
 from bayesdrill.inference.posterior import Problem
 from bayesdrill.inference.priors import Prior, prior_log_sd, prior_sd
 from bayesdrill.rig.models.linear import Model, dynamics
-from bayesdrill.rig.models.roles import MotorRoles
 
 APPRECIABLE = 0.05  # relative
 MOST_DRAWS = 2000  # whose poles are looked at
@@ -113,11 +112,7 @@ def plausibility_of_draws(problem: Problem, draws: Array, known: Information) ->
 
 def plausibility_of_course(sensitivity: SensitivityStudy, theta: Array) -> tuple[str, ...]:
     """Yield whether friction brakes all the time, in the motion at unknowns `theta (D,)`."""
-    rig = sensitivity.model
-    p = dict(
-        zip(rig.parameters, sensitivity.likelihood.rig_parameters(theta[None])[0], strict=True)
-    )
-    told = []
+    rig, p, told = sensitivity.model, sensitivity.rig_at(theta), []
     for inertia in rig.roles.inertias:
         if inertia.friction not in p or inertia.speed not in sensitivity.states:
             continue
@@ -145,14 +140,13 @@ def poles(model: Model, values: Mapping[str, Array]) -> NDArray[np.complex128]:
     return np.asarray(np.linalg.eigvals(matrix), dtype=np.complex128)
 
 
-def _motors(values: Collection[str], model: Model) -> list[MotorRoles]:
-    """Return the motors of which both constants are known."""
-    motors = model.roles.motors
-    return [motor for motor in motors if {motor.torque_constant, motor.back_emf} <= {*values}]
+def _constants(values: Collection[str], model: Model) -> list[tuple[str, str]]:
+    """Return both constants of each motor, where they are known."""
+    pairs = [(motor.torque_constant, motor.back_emf) for motor in model.roles.motors]
+    return [pair for pair in pairs if {*pair} <= {*values}]
 
 
-def _ideal(motor: MotorRoles) -> str:
-    k_T, k_e = motor.torque_constant, motor.back_emf
+def _ideal(k_T: str, k_e: str) -> str:
     return (
         f"In SI units the two are equal in an ideal motor, and losses make {k_T} the smaller one. "
         f"Check {k_T}, {k_e}, the supply and the gear reduction"
@@ -161,22 +155,20 @@ def _ideal(motor: MotorRoles) -> str:
 
 def _energy_of_nominal(values: Mapping[str, float], model: Model) -> Iterator[str]:
     motion = model.roles.motion
-    for motor in _motors(values, model):
-        k_T, k_e = motor.torque_constant, motor.back_emf
+    for k_T, k_e in _constants(values, model):
         ratio = values[k_T] / values[k_e]
         if ratio > 1 + APPRECIABLE:
             yield (
                 f"energy: {k_T} = {values[k_T]:.4g} {motion.newtons}/A is {ratio:.3g} times {k_e} = "
                 f"{values[k_e]:.4g} V s/{motion.angle}. The motor would give {ratio:.3g} times the "
-                f"power that it takes up. {_ideal(motor)}"
+                f"power that it takes up. {_ideal(k_T, k_e)}"
             )
 
 
 def _energy_of_draws(
     values: Mapping[str, Array], known: Information, model: Model
 ) -> Iterator[str]:
-    for motor in _motors(values, model):
-        k_T, k_e = motor.torque_constant, motor.back_emf
+    for k_T, k_e in _constants(values, model):
         ratio = values[k_T] / values[k_e]
         share = float(np.mean(ratio > 1 + APPRECIABLE))
         if share <= FEW:
@@ -186,7 +178,7 @@ def _energy_of_draws(
         whence = (
             ". The record cannot show this ratio: it is what the priors and the fixed values allow"
             if blind
-            else f". {_ideal(motor)}"
+            else f". {_ideal(k_T, k_e)}"
         )
         yield (
             f"energy: {k_T} is more than {100 * APPRECIABLE:g} % above {k_e} in {_percent(share)} of "
