@@ -75,20 +75,18 @@ def refit_candidate(
     least: float,
     alone: Mapping[str, float] = MappingProxyType({}),
 ) -> RefitMaximum | None:
-    """Refit a candidate: return the maximum of its `posterior`.
+    """Refit a candidate: return the maximum of its `posterior`; None without a finite response.
 
     It starts at `near`, values of unknowns that are known, and at values where what is new was `alone`.
-    None where it has no finite response there.  One that promises no more than the log density
-    `least` is not followed to its very end.  The log evidence is that of a Gaussian with the
-    curvature at the maximum; the priors count in it as Gaussians of their spread, so that a
-    direction which the record does not determine costs each candidate the same (MacKay 2003, ch.
-    27).
+    One that promises no more than the log density `least` is not followed to its very end.  The log
+    evidence is that of a Gaussian with the curvature at the maximum; the priors count in it as
+    Gaussians of their spread, so that a direction which the record does not determine costs each
+    candidate the same (MacKay 2003, ch. 27).
     """
     space, coordinates = posterior.space, posterior.coordinates
     surface = PosteriorLogDensity(posterior, physical=True)
-    rows = np.clip(
-        coordinates.from_physical(_starts(posterior, near, alone)), surface.low, surface.high
-    )
+    starts = coordinates.from_physical(_starts(posterior, near, alone))
+    rows = np.clip(starts, surface.low, surface.high)
     first = gauss_newton(surface, rows, FIRST_STEPS)
     if not np.isfinite(first.value).any():
         return None
@@ -111,9 +109,8 @@ def refit_candidate(
     near_end = np.minimum(u[0] - surface.low, surface.high - u[0]) < NEAR_END * surface.spread
     # Along a ridge of what is known all is one maximum.
     new = [name not in near for name in space.free]
-    distinct = (np.abs(u[1:] - u[0]) / surface.spread)[:, new].max(
-        axis=1, initial=0.0
-    ) > SAME_MAXIMUM
+    apart = (np.abs(u[1:] - u[0]) / surface.spread)[:, new].max(axis=1, initial=0.0)
+    again = (apart > SAME_MAXIMUM) & (heights[1:] > heights[0] - OTHER_MAXIMUM_DEPTH)
     return RefitMaximum(
         values=dict(zip(space.free, map(float, theta), strict=True)),
         sds=dict(zip(space.free, map(float, sds), strict=True)),
@@ -121,7 +118,7 @@ def refit_candidate(
         log_z=log_z,
         fit=residual_checks.residual_summaries(posterior.likelihood, theta),
         at_ends=tuple(name for name, end in zip(space.free, near_end, strict=True) if end),
-        several=bool((distinct & (heights[1:] > heights[0] - OTHER_MAXIMUM_DEPTH)).any()),
+        several=bool(again.any()),
         seconds=seconds,
         numbers=posterior.likelihood.n_measured,
         log_likelihood=float(posterior.likelihood(theta[None])[0]),
@@ -135,10 +132,9 @@ def _starts(posterior: Posterior, near: Mapping[str, float], alone: Mapping[str,
     several places of its prior.
     """
     space = posterior.space
-    known = space.vector({name: near.get(name, x) for name, x in space.start.items()})
-    rows = [space.vector(space.start), known]
-    if alone:
-        rows.append(space.vector({n: alone.get(n, x) for n, x in space.start.items()}))
+    begun = [{}, near, alone] if alone else [{}, near]
+    rows = [space.vector({n: at.get(n, x) for n, x in space.start.items()}) for at in begun]
+    known = rows[1]
     new = [k for k, name in enumerate(space.free) if name not in near]
     for share in START_QUANTILES if new else ():
         row = known.copy()
@@ -290,8 +286,9 @@ def equivalent_explanation(problem: Problem, theta: Array) -> EquivalentExplanat
     best: EquivalentExplanation | None = None
     for which, name in zip(wide.tried, wide.sizes, strict=True):
         fitted = _fit_with_table(problem, wide, theta, tabled, which)
-        if fitted is not None and fitted[1] <= min(limit, limit if best is None else best.lost):
-            best = EquivalentExplanation(parameter=name, value=fitted[0], lost=fitted[1])
+        if fitted is not None and fitted[1] <= limit:
+            limit = fitted[1]
+            best = EquivalentExplanation(parameter=name, value=fitted[0], lost=limit)
     return best
 
 
@@ -314,9 +311,8 @@ def _fit_with_table(
     start = wide.at(theta)
     ends = np.stack([start, start])
     for k in tabled:
-        name = space.free[k]
-        off = problem.tolerance.get(name, 0.0)
-        ends[:, k] = problem.nominal[name] * np.array([1.0 - off, 1.0 + off])
+        off = problem.tolerance.get(space.free[k], 0.0)
+        ends[:, k] = problem.nominal[space.free[k]] * np.array([1.0 - off, 1.0 + off])
     surface = PosteriorLogDensity(wider, physical=True)
     fixed = np.zeros(len(start), dtype=bool)
     fixed[[*tabled, *wide.tried]] = True

@@ -1,9 +1,7 @@
 """Compare several models or experiments: which is more probable, and whether repeats agree.
 
-Whether experiments with one rig tell the same of it: their spread, against what each knows.
-
-At the joint maximum each experiment alone would move the unknowns by its own slope over its own
-information, nuisances taken out.  The spread beyond that is DerSimonian and Laird's (1986).
+Repeats: at the joint maximum each experiment alone would move the unknowns by its own slope over its
+own information, nuisances taken out.  The spread beyond that is DerSimonian and Laird's (1986).
 """
 
 from __future__ import annotations
@@ -37,8 +35,8 @@ from bayesdrill.sampling.evidence import Evidence
 class PosteriorSummary:
     """One run under its `name`: `draws (N, D)`, SI; `settings`: what a reader compares of two runs.
 
-    `mark`: by which files say whose they are; `warning`: what its figures carry, `reasons`: why it must
-    not be believed; empty where it may be.
+    `mark`: by which files say whose they are; `warning`: what its figures carry, `reasons`: why it
+    must not be believed.
     """
 
     name: str
@@ -58,10 +56,7 @@ class PosteriorSummary:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MarginalEstimate:
-    """A run's estimate of a quantity, SI: mean, sd and the narrowest interval.
-
-    All are one number where it is held fixed.
-    """
+    """A run's estimate of a quantity, SI, with the narrowest interval; held fixed it has sd 0."""
 
     mean: float
     sd: float
@@ -125,11 +120,7 @@ def _distances(
     places: Sequence[MarginalEstimate | None],
 ) -> Iterator[tuple[float, tuple[int, int]]]:
     """Of all pairs that have an sd, in sds."""
-    free = [
-        (k, estimate)
-        for k, estimate in enumerate(places)
-        if estimate is not None and estimate.sd > 0
-    ]
+    free = [(k, each) for k, each in enumerate(places) if each is not None and each.sd > 0]
     for (k, first), (j, second) in itertools.combinations(free, 2):
         sd = math.sqrt(0.5 * (first.sd**2 + second.sd**2))
         yield abs(first.mean - second.mean) / sd, (k, j)
@@ -172,11 +163,6 @@ class RunSummary:
     def name(self) -> str:
         """The name of the run."""
         return self.layer.name
-
-    @property
-    def mark(self) -> str:
-        """What files say of whose they are."""
-        return self.layer.mark
 
     @property
     def log_z(self) -> float:
@@ -257,9 +243,7 @@ def _vague(models: Sequence[RunSummary], top: RunSummary) -> tuple[str, ...]:
 
 def probabilities(models: Sequence[RunSummary]) -> tuple[float, ...]:
     """Return each model's probability, if one is right and all were as likely before."""
-    log_z = np.array([model.log_z for model in models])
-    share = np.exp(log_z - log_z.max())
-    return tuple(map(float, share / share.sum()))
+    return tuple(scipy.special.softmax([model.log_z for model in models]).tolist())
 
 
 def difference(
@@ -299,22 +283,15 @@ def repeats(
     if len(observations) < 2 or not products:
         return ()
     full = sensitivity.likelihood.space.full(theta[None])
-    rests = [
-        observation.whitened_jacobian_at(observation.residuals(full).samples, theta).ravel()
-        for observation in observations
-    ]
-    alone = [
-        sensitivity.local_estimate(*pair)
-        for pair in zip(sensitivity.by_experiment(theta), rests, strict=True)
-    ]
+    alone = []
+    for observation, rows in zip(observations, sensitivity.by_experiment(theta), strict=True):
+        left = observation.whitened_jacobian_at(observation.residuals(full).samples, theta)
+        alone.append((observation.label, sensitivity.local_estimate(rows, left.ravel())))
     determined = []
     for exponents in products:
         powers = np.array(exponents, dtype=float)
-        estimates = [
-            (observation.label, *_product_estimate(a, powers))
-            for observation, a in zip(observations, alone, strict=True)
-        ]
-        known = [(label, x, sd) for label, x, sd in estimates if np.isfinite(sd)]
+        each = [(label, *_product_estimate(*one, powers)) for label, one in alone]
+        known = [(label, x, sd) for label, x, sd in each if np.isfinite(sd)]
         if len(known) > 1:
             determined.append((exponents, known))
     return tuple(_compared(exponents, known, len(determined)) for exponents, known in determined)
@@ -340,12 +317,12 @@ def _compared(
     )
 
 
-def _product_estimate(alone: tuple[Array, Array], powers: Array) -> tuple[float, float]:
+def _product_estimate(root: Array, lead: Array, powers: Array) -> tuple[float, float]:
     """The log of a product and its sd, of one experiment; infinite where it says nothing of it."""
-    u, values, rows = np.linalg.svd(alone[0])
+    u, values, rows = np.linalg.svd(root)
     determined = values > RANK_TOLERANCE * values[0]
     along = rows @ powers
     if np.linalg.norm(along[~determined]) > BLIND_SHARE * np.linalg.norm(powers):
         return 0.0, np.inf
     weights = along[determined] / values[determined]
-    return float(weights @ (u[:, determined].T @ alone[1])), float(np.linalg.norm(weights))
+    return float(weights @ (u[:, determined].T @ lead)), float(np.linalg.norm(weights))

@@ -47,21 +47,17 @@ def suspicions_of_start(problem: Problem) -> tuple[str, ...]:
     """Return channels that are the start's prediction times what a wrong unit would bring."""
     space = problem.posterior.space
     full = space.full(space.vector(space.start)[None])
-    predictions = (
-        (observation, observation.signals(full)[0]) for observation in problem.observations
-    )
-    gear = problem.model.gear_ratio
     return tuple(
         sentence
-        for observation, predicted in predictions
-        for sentence in _unit_errors(observation, predicted, gear)
+        for observation in problem.observations
+        for sentence in _unit_errors(
+            observation.experiment, observation.signals(full)[0], problem.model.gear_ratio
+        )
     )
 
 
-def _unit_errors(observation: Observation, predicted: Array, gear: float) -> Iterator[str]:
-    columns = zip(
-        observation.experiment.channels, observation.experiment.y.T, predicted.T, strict=True
-    )
+def _unit_errors(experiment: Experiment, predicted: Array, gear: float) -> Iterator[str]:
+    columns = zip(experiment.channels, experiment.y.T, predicted.T, strict=True)
     for channel, measured, expected in columns:
         y, p = measured[~np.isnan(measured)], expected[~np.isnan(measured)]
         power = float(p @ p)
@@ -81,14 +77,10 @@ def _likely_mistakes(times: float, near: float, gear: float) -> str:
     """Mistakes that would bring this factor, the nearest first; empty where there is none."""
     if times == 0 or 1 / MIN_UNIT_FACTOR < times < MIN_UNIT_FACTOR:
         return ""
-    size = abs(math.log(abs(times)))
+    size, known = abs(math.log(abs(times))), [*FACTORS]
     turns = max(gear, 1 / gear)
-    geared = (
-        [(turns, f"a side of the gear for the other ({turns:.4g})")]
-        if turns > MIN_UNIT_FACTOR
-        else []
-    )
-    known = (*FACTORS, *geared)
+    if turns > MIN_UNIT_FACTOR:
+        known.append((turns, f"a side of the gear for the other ({turns:.4g})"))
     distances = sorted((abs(size - math.log(factor)), mistake) for factor, mistake in known)
     units = " or ".join(mistake for off, mistake in distances if off < near)
     signs = "a sign" if times < 0 and (units or size < math.log(MIN_UNIT_FACTOR)) else ""
@@ -211,14 +203,8 @@ def half_sample_shift(sensitivity: SensitivityStudy, theta: Array) -> InputTimin
     if not sensitivity.unknowns or any(_lag_is_free(observation) for observation in observations):
         return None
     half = 0.5 * min(_step(observation.experiment) for observation in observations)
-    motions = sensitivity.motions(theta)
-    pairs = zip(observations, motions, strict=True)
-    late = np.concatenate(
-        [
-            _delay_sensitivity(observation, sensitivity, theta, motion).ravel()
-            for observation, motion in pairs
-        ]
-    )
+    pairs = zip(observations, sensitivity.motions(theta), strict=True)
+    late = np.concatenate([_delay_sensitivity(*p, sensitivity, theta).ravel() for p in pairs])
     rows = sensitivity.with_nuisances(theta)
     if not (np.isfinite(half) and np.isfinite(rows).all() and np.isfinite(late).all()):
         return None
@@ -226,11 +212,8 @@ def half_sample_shift(sensitivity: SensitivityStudy, theta: Array) -> InputTimin
     target = np.append(half * late, np.zeros(rows.shape[1]))
     moved = np.linalg.lstsq(matrix, target, rcond=None)[0]
     sds = np.linalg.norm(np.linalg.inv(root_of(matrix)), axis=1)
-    m = len(sensitivity.unknowns)
-    ratio = (moved / sds)[:m]
-    return InputTiming(
-        seconds=half, shifts=tuple(zip(sensitivity.unknowns, map(float, ratio), strict=True))
-    )
+    ratio = (moved / sds)[: len(sensitivity.unknowns)].tolist()
+    return InputTiming(seconds=half, shifts=tuple(zip(sensitivity.unknowns, ratio, strict=True)))
 
 
 def _step(experiment: Experiment) -> float:
@@ -241,21 +224,16 @@ def _step(experiment: Experiment) -> float:
 
 
 def _lag_is_free(observation: Observation) -> bool:
-    sensing = observation.response.sensing
-    every_input = bool(sensing.input_lags) and len(sensing.input_lags) == len(
-        observation.experiment.series
-    )
-    every_channel = len(sensing.lags) == len(observation.experiment.channels)
-    return sensing.delay is not None or every_input or every_channel
+    sensing, experiment = observation.response.sensing, observation.experiment
+    every_input = sensing.input_lags and len(sensing.input_lags) == len(experiment.series)
+    every_channel = len(sensing.lags) == len(experiment.channels)
+    return bool(sensing.delay is not None or every_input or every_channel)
 
 
 def _delay_sensitivity(
-    observation: Observation, sensitivity: SensitivityStudy, theta: Array, motion: Array
+    observation: Observation, motion: Array, sensitivity: SensitivityStudy, theta: Array
 ) -> Array:
-    """Return the derivative of signals by a delay over the noise, where it was measured.
-
-    That is minus how fast each channel changes.
-    """
+    """Return the derivative of signals by a delay, minus how fast they change, over the noise."""
     experiment, model = observation.experiment, observation.response.model
     linear = model.linear(rig_parameters(observation, sensitivity.likelihood.space, theta))
     n = len(experiment.t)
