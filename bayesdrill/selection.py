@@ -23,7 +23,6 @@ from bayesdrill.config.schema.config import Config
 from bayesdrill.config.yaml_source import Source, as_yaml
 from bayesdrill.inference.likelihood import Observation
 from bayesdrill.inference.noise import NOISES
-from bayesdrill.inference.unknowns import ParameterSpace
 from bayesdrill.record.experiment import Experiment, typical_inputs
 from bayesdrill.record.formats.table import RecordTable
 from bayesdrill.rig.models.roles import InertiaRoles, Roles
@@ -131,8 +130,7 @@ class CandidateModel:
     """A candidate model, as the config that has it.
 
     `parts`: names of what it has beside the config as given, and what each is in `words`; `output`:
-    what that wants drawn; `lines`: of a config, that say so; `table`: the record, where it is in no
-    file.
+    what that wants drawn; `lines`: of a config, that say so; `table`: a record that is in no file.
     """
 
     parts: tuple[str, ...]
@@ -201,13 +199,10 @@ class RigParts:
         """What is tried by itself first, beside sensors and the start."""
         return (*NOISE, *self.physics, *self.torques)
 
-    def sliding(self, parts: Iterable[str]) -> set[str]:
-        """Return the parameters of physics that these parts switch on."""
-        return {name for part in parts for name in self.physics.get(part, ())}
-
     def static_beside(self, parts: Iterable[str]) -> list[str]:
         """Return friction at rest that may come beside these parts, as there it slides."""
-        return [name for name, i in self.static.items() if i.sliding in self.sliding(parts)]
+        slides = {name for part in parts for name in self.physics.get(part, ())}
+        return [name for name, i in self.static.items() if i.sliding in slides]
 
     def possible(self, parts: Sequence[str]) -> bool:
         """Tell whether they go together, and together mean something that one alone does not."""
@@ -245,16 +240,15 @@ class CandidateModels:
         space, observations = job.problem.posterior.space, job.problem.observations
         ladder = cls(job, {}, {})
         for at in (space.start, {**space.start, **values}):
-            theta = space.vector(at)
-            sizes = edits.rig_candidates(observations, space, theta)
-            ladder = ladder.moving(sizes, _speeds(observations, space, theta))
+            full = space.full(space.vector(at)[None])
+            sizes = edits.rig_candidates(observations, full)
+            ladder = ladder.moving(sizes, _speeds(observations, full))
         return ladder
 
     def moving(self, sizes: Mapping[str, float], speeds: Mapping[str, float]) -> CandidateModels:
         """With sizes and speeds that are at least these."""
-        return dataclasses.replace(
-            self, sizes=_largest(self.sizes, sizes), speeds=_largest(self.speeds, speeds)
-        )
+        sizes, speeds = _largest(self.sizes, sizes), _largest(self.speeds, speeds)
+        return dataclasses.replace(self, sizes=sizes, speeds=speeds)
 
     @property
     def parts(self) -> RigParts:
@@ -284,8 +278,7 @@ class CandidateModels:
 
     def with_gear(self, times: float) -> list[CandidateModel]:
         """With another ratio, `times` the one that is given; none where the rig has no gear."""
-        rung = dataclasses.replace(self, gear=times)._rung((GEAR,))
-        return [] if rung is None else [rung]
+        return dataclasses.replace(self, gear=times).rungs([(GEAR,)])
 
     def windows(self, count: int) -> list[CandidateModel]:
         """The config as given, on each of `count` windows of the record, each from an unknown state."""
@@ -362,10 +355,9 @@ class CandidateModels:
         if part not in known.torques:
             return self._sensed(data, *part.split("_", 1))
         at = known.torques[part]
-        friction, can = at.sliding, MISSING in Config.model_fields
-        if not can or MISSING in data or friction not in self.sizes:
+        if MISSING not in Config.model_fields or MISSING in data or at.sliding not in self.sizes:
             return False
-        size = {"prior": "half_normal", "scale": rounded(QUARTER * self.sizes[friction])}
+        size = {"prior": "half_normal", "scale": rounded(QUARTER * self.sizes[at.sliding])}
         data[MISSING] = {"at": at.name, "smoothness": "1/2", "size": size, "time": self._times()}
         share_entries(data, "s_d", "tau_d")  # one rig: the same lacks in each experiment
         return True
@@ -384,12 +376,12 @@ class CandidateModels:
         """With a prior of that kind in the entry of a channel or an input; `t_0` is `t` and `0`."""
         if f"{kind}_{name}" == MOMENT:
             inputs = data.setdefault("inputs", {})
-            has_moment = any("t_0" in section.get("inputs", {}) for section in rung_sections(data))
-            if not has_moment:
-                inputs[MOMENT] = self._lag()
-                share_entries(data, MOMENT)
-            return not has_moment
-        channel, changed, has_moment = name in self._channels(), False, False
+            if any(MOMENT in section.get("inputs", {}) for section in rung_sections(data)):
+                return False
+            inputs[MOMENT] = self._lag()
+            share_entries(data, MOMENT)
+            return True
+        channel, changed, differs = name in self._channels(), False, False
         for section in rung_sections(data):
             record = section.get("record", {})
             named = record.get("channels", {}) if channel else section.get("inputs", {})
@@ -397,11 +389,11 @@ class CandidateModels:
             if not isinstance(entry, dict):
                 continue
             if kind in entry:
-                has_moment = True  # of an experiment that says it otherwise
+                differs = True  # an experiment says it otherwise
             elif {"column", "variable"} & {*entry}:
                 entry[kind] = self._sensor_prior(kind, name, channel=channel)
                 changed = True
-        if changed and not has_moment and (kind != "offset" or not channel):
+        if changed and not differs and (kind != "offset" or not channel):
             share_entries(data, f"{kind}_{name}")
         return changed
 
@@ -479,16 +471,16 @@ def changed_entries(before: Mapping[str, Any], after: Mapping[str, Any]) -> dict
     return entries
 
 
-def _speeds(every: Sequence[Observation], space: ParameterSpace, theta: Array) -> dict[str, float]:
+def _speeds(observations: Sequence[Observation], full: Array) -> dict[str, float]:
     """The largest of each inertia, by its name."""
     speeds: dict[str, float] = {}
-    for observation in every:
-        model, moved = observation.response.model, edits.state_motion(observation, space, theta)
+    for observation in observations:
+        model, moved = observation.response.model, edits.state_motion(observation, full)
         for inertia in model.roles.inertias:
             if inertia.speed in model.states:
                 of_state = np.abs(moved[:, model.states.index(inertia.speed)]).max()
-                largest = float(of_state) / inertia.reduction
-                speeds[inertia.name] = max(speeds.get(inertia.name, 0.0), largest)
+                largest = {inertia.name: float(of_state) / inertia.reduction}
+                speeds = _largest(speeds, largest)
     return speeds
 
 

@@ -136,8 +136,7 @@ def _pointwise(table: Array, level: float) -> tuple[Counts, Counts]:
 def _stay_probability(n: int, shares: Array, low: Counts, high: Counts) -> float:
     """The probability that the counts of `n` uniforms stay between `low` and `high` at all shares.
 
-    Counts are a Markov chain: of those still above one share, each is below the next one
-    independently.
+    A Markov chain: of those still above one share, each is below the next one independently.
     """
     log_factorial = scipy.special.gammaln(np.arange(n + 1) + 1.0)
     have, probability, before = np.array([0]), np.array([1.0]), 0.0
@@ -288,10 +287,7 @@ class RankedQuantity:
 
 @dataclass(frozen=True, kw_only=True)
 class CalibrationVerdict:
-    """The verdict on all ranks.
-
-    `not_converged`: indices of refits that missed their targets, `lost`: of those without ranks.
-    """
+    """The verdict; `not_converged`: refits that missed their targets, `lost`: those without ranks."""
 
     n_draws: int
     band: RankBand
@@ -339,10 +335,7 @@ class CalibrationVerdict:
 def judge_calibration(
     names: Sequence[str], refits: Sequence[Refit], n_draws: int
 ) -> CalibrationVerdict:
-    """Judge the ranks of all refits.
-
-    `names` of the quantities, the log likelihood last; `refits` in the order of their index.
-    """
+    """Judge the ranks of all `refits`, by index, of quantities `names`, the log likelihood last."""
     ranked = [refit for refit in refits if refit.ranks]
     table = np.array([refit.ranks for refit in ranked], dtype=np.int64).reshape(-1, len(names))
     band = ecdf_band(len(ranked), n_draws, 0.5 * FALSE_ALARM / len(names))

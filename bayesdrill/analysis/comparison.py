@@ -190,10 +190,6 @@ class ModelDecision:
     gain: Mapping[str, float]
     vague: tuple[str, ...]
 
-    def sure(self, what: str) -> bool:
-        """Return whether the gain against `what` is beyond doubt."""
-        return self.gain[what] > SURE_LOG_ODDS
-
 
 def decide(models: Sequence[RunSummary]) -> ModelDecision:
     """Decide between models; the first is held against all others."""

@@ -2,8 +2,7 @@
 
 Ranks as ArviZ plots them: where all ensembles draw from one distribution, the ranks of each are
 uniform (Vehtari et al. 2021; Saeilynoja, Buerkner and Vehtari 2022).  How far chance takes them is
-found by dealing the ranks out anew: tables of the same numbers of draws in all ensembles and all
-bins.
+found by dealing them out anew, as many to each ensemble and each bin.
 """
 
 from __future__ import annotations

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,7 +14,7 @@ from bayesdrill.basics.symbols import Symbol
 from bayesdrill.inference.likelihood import Observation
 from bayesdrill.inference.posterior import Posterior
 from bayesdrill.inference.priors import Uniform
-from bayesdrill.inference.unknowns import SIMULATOR_ROLES, ParameterSpace, Unknown
+from bayesdrill.inference.unknowns import SIMULATOR_ROLES, Unknown
 from bayesdrill.record.experiment import with_states
 from bayesdrill.rig.models.linear import Linear, Model, with_named
 from bayesdrill.rig.models.roles import Roles
@@ -57,10 +57,8 @@ def lacks(roles: Roles) -> tuple[Lack, ...]:
     return tuple(lack for lack in named if lack.parameter)
 
 
-def rig_candidates(
-    observations: tuple[Observation, ...], space: ParameterSpace, theta: Array
-) -> dict[str, float]:
-    """Return what the rig offers and has not, with the most that it can be, at `theta (D,)`."""
+def rig_candidates(observations: Sequence[Observation], full: Array) -> dict[str, float]:
+    """Return what the rig offers and has not, with the most that it can be, at `full (1, P)`."""
     model = observations[0].response.model
     taken = {
         other.sliding
@@ -71,10 +69,7 @@ def rig_candidates(
     names = [lack.parameter for lack in lacks(model.roles) if lack.parameter in offered]
     if not names:
         return {}
-    moved = [
-        (rig_parameters(observation, space, theta), state_motion(observation, space, theta))
-        for observation in observations
-    ]
+    moved = [(rig_parameters(each, full), state_motion(each, full)) for each in observations]
     sizes = {
         name: max(_size(with_named(model, (name,)), name, p, states) for p, states in moved)
         for name in names
@@ -82,27 +77,21 @@ def rig_candidates(
     return {name: size for name, size in sizes.items() if size > 0}
 
 
-def rig_parameters(
-    observation: Observation, space: ParameterSpace, theta: Array
-) -> dict[str, float]:
-    """Return the rig's parameters at `theta (D,)`."""
-    arguments = observation.simulator_parameters(space.full(theta[None]))[0]
+def rig_parameters(observation: Observation, full: Array) -> dict[str, float]:
+    """Return the rig's parameters, at all parameters `full (1, P)`."""
     names = observation.response.model.parameters
-    return dict(zip(names, map(float, arguments[: len(names)]), strict=False))
+    return dict(zip(names, observation.simulator_parameters(full)[0].tolist(), strict=False))
 
 
-def state_motion(observation: Observation, space: ParameterSpace, theta: Array) -> Array:
-    """Return all states at the samples `(T, X)`, at `theta (D,)`."""
-    response, arguments = observation.response, observation.simulator_parameters
+def state_motion(observation: Observation, full: Array) -> Array:
+    """Return all states at the samples `(T, X)`, at all parameters `full (1, P)`."""
+    response = observation.response
     shown = with_states(observation.experiment, response.model.states, alone=True)
-    return np.asarray(response.of(shown).signals(arguments(space.full(theta[None])))[0])
+    return np.asarray(response.of(shown).signals(observation.simulator_parameters(full))[0])
 
 
 def _size(model: Model, name: str, p: Mapping[str, float], states: Array) -> float:
-    """What the parameter would be if it did as much as all else that acts where it does.
-
-    `states (T, X)`: of the motion without it.
-    """
+    """What the parameter would be if it did as much as all else, in the `states (T, X)` without it."""
     without, alone = (model.linear({**p, name: value}) for value in (0.0, 1.0))
     named = dict(zip(model.states, states.T, strict=True))
     sizes = [0.0]
@@ -112,9 +101,8 @@ def _size(model: Model, name: str, p: Mapping[str, float], states: Array) -> flo
         added = sum((np.asarray(x - without.A.get(k, 0.0)) * named[k[1]] for k, x in changed), ZERO)
         for friction in model.frictions:
             if name in friction.law.parameters and (row, friction.name) in alone.B:
-                added = added + np.asarray(alone.B[row, friction.name]) * np.sign(
-                    named[friction.against]
-                )
+                push = np.asarray(alone.B[row, friction.name])
+                added = added + push * np.sign(named[friction.against])
         if (size := float(np.sqrt(np.mean(added**2)))) > 0:
             sizes.append(acting / size)
     return max(sizes)
@@ -138,10 +126,7 @@ def _rates(linear: Linear, row: str, named: Mapping[str, Array], angles: tuple[s
 
 @dataclass(frozen=True, slots=True)
 class EditedPosterior:
-    """A posterior with candidates free that the rig lacks.
-
-    `sizes`: of what is tried, in the order in which it stands in `posterior`, before the noise.
-    """
+    """A posterior with candidates free that the rig lacks, of these `sizes`, before the noise."""
 
     posterior: Posterior
     sizes: Mapping[str, float]
@@ -159,7 +144,7 @@ class EditedPosterior:
 
 def with_candidates(posterior: Posterior, theta: Array) -> EditedPosterior:
     """Free all unknowns that the rig lacks, at `theta (D,)`."""
-    sizes = rig_candidates(posterior.likelihood.observations, posterior.space, theta)
+    sizes = rig_candidates(posterior.likelihood.observations, posterior.space.full(theta[None]))
     symbols = {name: Symbol(name, "", "", "", "") for name in sizes}
     free = [
         Unknown(symbol=symbols[name], role="sensor", prior=Uniform(0.0, size), start=0.0)

@@ -179,10 +179,7 @@ def friction_motions(
 ) -> tuple[tuple[FrictionMotion, ...], ...]:
     """Return the frictions of each experiment, at the MAP `theta (D,)` and draws `(N, D)`."""
     full = posterior.space.full(np.vstack([theta[None], draws]))
-    return tuple(
-        tuple(_friction_motions(observation, full))
-        for observation in posterior.likelihood.observations
-    )
+    return tuple(tuple(_friction_motions(each, full)) for each in posterior.likelihood.observations)
 
 
 def _friction_motions(observation: Observation, full: Array) -> Iterator[FrictionMotion]:

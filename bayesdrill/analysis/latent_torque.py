@@ -90,10 +90,7 @@ class TorqueEstimate:
 
     @property
     def turning(self) -> Flags:
-        """Where the inertia turns, `(T,)`.
-
-        At a standstill dry friction may be anything. All of a record that hardly has another.
-        """
+        """Where the inertia turns, `(T,)`, or all where it hardly does: at rest friction is anything."""
         fast = np.abs(self.speed) > STANDSTILL * np.sqrt(np.mean(self.speed**2))
         return fast if fast.mean() > MIN_TURNING_SHARE else np.ones(len(self.t), dtype=bool)
 
@@ -220,9 +217,8 @@ def _nonlinear_error(
         *(response.stepping or ()),
     )
     full, theta = draw
-    off = (loaded.signals(observation.simulator_parameters(full))[0] - shown) / observation.scales(
-        theta
-    )[0]
+    signals = loaded.signals(observation.simulator_parameters(full))[0]
+    off = (signals - shown) / observation.scales(theta)[0]
     return np.sqrt(np.nanmean(np.where(experiment.seen, off, np.nan) ** 2, axis=0))
 
 

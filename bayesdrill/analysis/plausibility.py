@@ -266,10 +266,9 @@ def diffuse_priors(
     rows: Sequence[ParameterRow], draws: Array, priors: Mapping[str, Prior]
 ) -> tuple[DiffusePrior, ...]:
     """Return diffuse priors of unknowns that the record narrows; `draws (N, D)` like `rows`."""
-    priors_or_none = (
-        _diffuse_prior(row.name, x, priors[row.name]) for row, x in zip(rows, draws.T, strict=True)
-    )
-    return tuple(prior for prior in priors_or_none if prior is not None)
+    names = [row.name for row in rows]
+    every = (_diffuse_prior(name, x, priors[name]) for name, x in zip(names, draws.T, strict=True))
+    return tuple(prior for prior in every if prior is not None)
 
 
 def _diffuse_prior(name: str, x: Array, prior: Prior) -> DiffusePrior | None:

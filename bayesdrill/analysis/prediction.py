@@ -274,9 +274,8 @@ def _response(
     """`(F, K, S)`: C (i w - A)^-1 B, with sensors, and inputs held or straight from sample to sample."""
     walkers = observation.response.sensors
     rig, sensing, dt = walkers.observed_model, walkers.sensing, observation.experiment.dt
-    linear = rig.linear(
-        dict(zip(rig.parameters, walkers.simulator_parameters(arguments)[0], strict=True))
-    )
+    p = dict(zip(rig.parameters, walkers.simulator_parameters(arguments)[0], strict=True))
+    linear = rig.linear(p)
     b, s = np.zeros((len(rig.states), len(names))), 2j * np.pi * f[:, None, None]
     for (row, name), value in linear.B.items():
         if name in names:

@@ -52,10 +52,7 @@ CENTRAL_SHARES = (0.03, 0.97)  # of the samples of a torque
 
 @dataclass(frozen=True, eq=False)
 class RunDraws(Value):
-    """Draws of a finished run, and what figures show of them; each is made when first asked for.
-
-    `sparing` is told of derived quantities that fail.
-    """
+    """Draws of a finished run, and what figures show of them; `sparing`: told of what fails."""
 
     problem: Problem
     mode: Mode

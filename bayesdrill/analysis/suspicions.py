@@ -195,10 +195,7 @@ class InputTiming:
 
 
 def half_sample_shift(sensitivity: SensitivityStudy, theta: Array) -> InputTiming | None:
-    """Return what inputs half a sample later would move, at `theta (D,)`.
-
-    None where the timing is unknown, or all channels have lags of their own.
-    """
+    """Return what inputs half a sample later would move, at `theta (D,)`; None where lags are free."""
     observations = sensitivity.likelihood.observations
     if not sensitivity.unknowns or any(_lag_is_free(observation) for observation in observations):
         return None
@@ -235,14 +232,11 @@ def _delay_sensitivity(
 ) -> Array:
     """Return the derivative of signals by a delay, minus how fast they change, over the noise."""
     experiment, model = observation.experiment, observation.response.model
-    linear = model.linear(rig_parameters(observation, sensitivity.likelihood.space, theta))
-    n = len(experiment.t)
-    given = {
-        name: experiment.constant.get(name, 0.0) + experiment.series.get(name, 0.0)
-        for name in model.inputs
-    }
+    full = sensitivity.likelihood.space.full(theta[None])
+    linear, n = model.linear(rig_parameters(observation, full)), len(experiment.t)
+    constant, series = experiment.constant, experiment.series
+    given = {name: constant.get(name, 0.0) + series.get(name, 0.0) for name in model.inputs}
     change = motion @ dynamics(linear, model.states, 1)[0].T
     change = change + constant_forcing(linear, model.states, n, given)
-    return observation.whitened_jacobian_at(
-        -change[None] @ experiment.weights(model.states).T, theta
-    )
+    slopes = -change[None] @ experiment.weights(model.states).T
+    return observation.whitened_jacobian_at(slopes, theta)

@@ -65,10 +65,8 @@ def tension(logs: Array, low: float, high: float) -> float:
 def joint_tension(logs: Array, powers: Array, ends: Array) -> float:
     """Return sigmas between draws `(N, K)` of products and the nearest point within tolerance.
 
-    Products with `powers (K, m)`; every factor is within its tolerance, `ends (m, 2)`.
-
-    Of the Mahalanobis distance: the share of draws at least as far out, as sigmas of a normal;
-    where too few are, chi-squared says how many would be.
+    Every factor, with its `powers (K, m)`, is within `ends (m, 2)`.  Of the Mahalanobis distance: the
+    share of draws at least as far out, as sigmas of a normal; where too few are, by chi-squared.
     """
     centre, scale = logs.mean(axis=0), logs.std(axis=0)
     root = np.linalg.cholesky(np.atleast_2d(np.cov((logs / scale).T))) * scale[:, None]

@@ -71,10 +71,7 @@ class NineParameterStudy:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PaperFindings:
-    """All that the studies of the paper find.
-
-    `ends`: of simultaneous searches, whose distances are from the truth of `searched`.
-    """
+    """All that the studies find; `ends` of searches have distances from the truth of `searched`."""
 
     readings: tuple[MatrixReading, ...]
     errors: tuple[IntegratorError, ...]
@@ -101,10 +98,7 @@ MAKERS = ("estimates.yaml", "missing_physics.yaml")  # make records, whose truth
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Studies:
-    """The configs of all studies.
-
-    `pairwise`: the heuristic for the unknowns of each of `nines`; `makers` made the records.
-    """
+    """The configs of all studies, the heuristic for each of `nines`, and `makers` of the records."""
 
     two: Job
     nines: tuple[Job, ...]

@@ -111,9 +111,8 @@ def _march(
         slope_new = matrix @ x_new + forcing
         bend_new = (slope_new - slope) / h
         size_new = np.abs(x_new)
-        error = float(
-            np.max(np.abs(bend_new - bend) / np.maximum(np.maximum(size, size_new), least))
-        )
+        sizes = np.maximum(np.maximum(size, size_new), least)
+        error = float(np.max(np.abs(bend_new - bend) / sizes))
         error *= h**3 / (6 * (h + before))
         if not error <= rtol:  # nor if it is no number
             rejected += 1
@@ -237,10 +236,8 @@ def errors(experiment: Experiment, p: Mapping[str, float]) -> tuple[IntegratorEr
 def _both(model: Model, experiment: Experiment, p: Mapping[str, float]) -> tuple[Array, Array, int]:
     """Channels `(T, K)` exact and as the paper integrates, and the steps that it takes."""
     row = np.array([p[name] for name in model.parameters])
-    return (
-        Response(model, experiment).signals(row[None])[0],
-        *paper_signals(model, experiment, row),
-    )
+    exact = Response(model, experiment).signals(row[None])[0]
+    return (exact, *paper_signals(model, experiment, row))
 
 
 def paper_signals(model: Model, experiment: Experiment, p: Array) -> tuple[Array, int]:
@@ -273,11 +270,8 @@ def stepped_task(exact: Task, likelihood: Likelihood) -> Task:
 
     def density(theta: Array) -> Array:
         inside = exact.density(theta) > -np.inf
-        half = 0.5 * likelihood.n_measured
-        values = [
-            -half * stepped_misfit(likelihood, row) if good else -np.inf
-            for row, good in zip(theta, inside, strict=True)
-        ]
+        half, rows = 0.5 * likelihood.n_measured, zip(theta, inside, strict=True)
+        values = [-half * stepped_misfit(likelihood, x) if good else -np.inf for x, good in rows]
         return np.asarray(np.nan_to_num(values, nan=-np.inf, neginf=-np.inf))
 
     return dataclasses.replace(exact, density=density)

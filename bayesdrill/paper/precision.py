@@ -136,10 +136,7 @@ def expected_misfit(numbers: int) -> tuple[float, float]:
 
 
 def made_record(posterior: Posterior, truth: Array, seed: int, index: int) -> Posterior:
-    """Return a copy with record `index` of the rig `truth (D,)`.
-
-    Its noise is the same for every sigma but in size.
-    """
+    """Return a copy with record `index` of the rig `truth (D,)`; its noise scales with sigma."""
     rng = seeds.stream(seed, "study", index)
     y = posterior.likelihood.signals(truth[None])
     return posterior.edit(records=[*posterior.likelihood.noise.draw(y, np.empty((1, 0)), rng)])

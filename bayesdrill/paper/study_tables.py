@@ -46,10 +46,7 @@ class StudyTable:
 
 
 def table(stem: str, title: str, says: str, rows: Sequence[Row], *layouts: str) -> StudyTable:
-    """Build a table with a grid of all rows for each pair of `layouts`.
-
-    Heads and, as `cell` reads them, what stands below each, as in Markdown.
-    """
+    """Build a table with a grid for each pair of `layouts`: heads, and what `cell` puts below each."""
     grids = []
     for layout in itertools.batched(layouts, 2):
         heads, cells = ([part.strip() for part in line.split("|")] for line in layout)
@@ -71,11 +68,7 @@ def _is_text(cell: str) -> bool:
 
 
 class _Numbers(string.Formatter):
-    """Formats texts such as `{low:.3g} to {high:.3g}`.
-
-    A number without a format has four digits; `%` is that of `percent`, and `share` that of a share
-    in per cent.
-    """
+    """Formats texts: numbers have four digits; `%` as `percent`, `share`: of a share in per cent."""
 
     def format_field(self, value: Any, format_spec: str) -> str:
         if format_spec == "%":
@@ -262,13 +255,8 @@ def products(nine: NineParameterStudy) -> list[Row]:
 
 def tables(findings: PaperFindings) -> tuple[StudyTable, ...]:
     """Return all tables, in the order of the paper."""
-    by_kind = zip(*map(_of_record, findings.nines), strict=True)
-    return (
-        *_of_paper(findings),
-        *_of_searches(findings),
-        *(t for kind in by_kind for t in kind),
-        _shaft(findings),
-    )
+    of_records = itertools.chain(*zip(*map(_of_record, findings.nines), strict=True))
+    return (*_of_paper(findings), *_of_searches(findings), *of_records, _shaft(findings))
 
 
 def _of_paper(findings: PaperFindings) -> tuple[StudyTable, ...]:

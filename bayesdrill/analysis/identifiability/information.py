@@ -116,15 +116,17 @@ class SensitivityStudy:
 
     def by_experiment(self, theta: Array, scene: DesignVariant = AS_RECORDED) -> list[Array]:
         """Return `with_nuisances` of each experiment by itself."""
-        space = self.likelihood.space
-        full, along = space.full(theta[None]), space.slopes(theta[None])
-        return [stage.whitened(full, along, theta, scene) for stage in self._stages]
+        both = self._full_and_slopes(theta)
+        return [stage.whitened(*both, theta, scene) for stage in self._stages]
 
     def motions(self, theta: Array, scene: DesignVariant = AS_RECORDED) -> list[Array]:
         """Return the states of each experiment, `(T, X)`."""
+        both = self._full_and_slopes(theta)
+        return [stage.course(*both, scene)[0][:, stage.k :] for stage in self._stages]
+
+    def _full_and_slopes(self, theta: Array) -> tuple[Array, Array]:
         space = self.likelihood.space
-        full, along = space.full(theta[None]), space.slopes(theta[None])
-        return [stage.course(full, along, scene)[0][:, stage.k :] for stage in self._stages]
+        return space.full(theta[None]), space.slopes(theta[None])
 
 
 def project_out(rows: Array, m: int) -> Array:
@@ -151,9 +153,8 @@ class _ExtendedExperiment:
         """Rows over the noise, zero where nothing was measured: `(n, m + k)`."""
         slopes = self.course(full, along, scene)[1]
         rows = self._one.whitened_jacobian_at(slopes[:, :, : self.k], theta)
-        indices = [self._states.index(name) for name in scene.extra]
-        more = slopes[:, :, [self.k + index for index in indices]]
-        if indices:
+        if scene.extra:
+            more = slopes[:, :, [self.k + self._states.index(name) for name in scene.extra]]
             rows = np.concatenate([rows, more / np.array([*scene.extra.values()])], axis=2)
         return np.asarray(rows.reshape(len(rows), -1).T * math.sqrt(self._repeats))
 
@@ -166,9 +167,8 @@ class _ExtendedExperiment:
                 more = (scene.times.get(name, 1.0) - 1.0) * (u + self.constant.get(name, 0.0))
                 pushed[name] = np.asarray(u + more + scene.late.get(name, 0.0) * self._late)
             response = response.with_series(pushed)
-        signals, slopes = response.course(
-            self._one.simulator_parameters(full), self._one.simulator_parameters(along)
-        )
+        arguments = self._one.simulator_parameters
+        signals, slopes = response.course(arguments(full), arguments(along))
         return signals[0], slopes[0]
 
 

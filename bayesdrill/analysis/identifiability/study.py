@@ -309,10 +309,7 @@ def study_of(
     *,
     seek_remedies: bool = False,
 ) -> IdentifiabilityStudy:
-    """Study the identifiability at `theta (D,)`, as it is `asked` for.
-
-    Remedies take as long as all else together, and are sought on request.
-    """
+    """Study the identifiability at `theta (D,)`; remedies take as long as all else together."""
     # Draws the points at which the structure is looked at.
     rng = seeds.stream(asked.seed, "identify")
     names, thresholds = sensitivity.unknowns, asked.thresholds

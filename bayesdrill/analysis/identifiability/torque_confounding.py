@@ -1,8 +1,7 @@
 """Find parameters that a missing torque can stand in for, and what helps.
 
-The Fisher information of all unknowns together, of mean and covariance, as the curvature that a
-record drawn at the point has (Gauss and Newton), with what the priors know; beside it that of the
-same record, had the rig no missing torque.
+By the Fisher information of all unknowns and the priors, as the curvature that a record drawn at the
+point has (Gauss and Newton), and that of the same record, had the rig no missing torque.
 """
 
 from __future__ import annotations
@@ -61,10 +60,7 @@ class TorqueConfounding:
 def find_confounded(
     posterior: Posterior, theta: Array, before: Array, rng: np.random.Generator
 ) -> tuple[TorqueConfounding, ...]:
-    """Find the rig's parameters that a missing torque can stand in for, at `theta (D,)`.
-
-    `before (D,)`: sds of logs under the priors.
-    """
+    """Find what a missing torque can stand in for at `theta (D,)`; `before (D,)`: prior sds of logs."""
     observations = posterior.likelihood.observations
     torques = [observation.torque for observation in observations if observation.torque]
     if not torques:
@@ -125,10 +121,7 @@ def find_confounded(
 def scaled_with_torque(
     posterior: Posterior, symmetries: Sequence[Exponents]
 ) -> tuple[tuple[str, ...], ...]:
-    """Return symmetries that change the inertia on which a torque acts, with what goes with it.
-
-    The size of the torque is among it.
-    """
+    """Return symmetries that change the inertia on which a torque acts, with the size of that."""
     torques = [each.torque for each in posterior.likelihood.observations if each.torque]
     if not torques:
         return ()
