@@ -243,14 +243,11 @@ def _simulated(posterior: Posterior, rng: np.random.Generator) -> tuple[Array, P
         signals = likelihood.all_signals(theta)
         # Where the model overflows the posterior is zero: such unknowns are no part of the prior.
         if all(np.all(np.isfinite(each)) for each in signals):
-            break
-    else:
-        tries = f"{MAX_PRIOR_TRIES} draws from the priors"
-        message = f"the model has no finite response at {tries}; narrow them"
-        raise InputError.at("parameters", message)
-    pairs = zip(likelihood.observations, signals, strict=True)
-    records = [observation.draw(each, theta, rng)[0] for observation, each in pairs]
-    return theta[0], posterior.edit(records=records)
+            pairs = zip(likelihood.observations, signals, strict=True)
+            records = [observation.draw(each, theta, rng)[0] for observation, each in pairs]
+            return theta[0], posterior.edit(records=records)
+    tries = f"{MAX_PRIOR_TRIES} draws from the priors"
+    raise InputError.at("parameters", f"the model has no finite response at {tries}; narrow them")
 
 
 FALSE_ALARM = 0.01  # of the whole verdict

@@ -10,7 +10,6 @@ parameters are held at their nominal values, within their tolerances, and all el
 
 from __future__ import annotations
 
-import dataclasses
 import math
 import time
 from collections.abc import Mapping
@@ -274,48 +273,40 @@ class EquivalentExplanation:
 def equivalent_explanation(problem: Problem, theta: Array) -> EquivalentExplanation | None:
     """Find what fits the record with the table about as well as the MAP `theta (D,)` without it."""
     posterior = excerpt(problem.posterior) or problem.posterior
-    problem = dataclasses.replace(problem, posterior=posterior)
-    wide = with_candidates(posterior, theta)
-    tabled = [k for k, name in enumerate(posterior.space.free) if name in problem.nominal]
-    if not wide.sizes or not tabled or not _allowed(problem):
+    wide, unknowns = with_candidates(posterior, theta), posterior.space.unknowns
+    table = {}  # by columns: ends of the tolerance
+    for k, name in enumerate(posterior.space.free):
+        if name in problem.nominal:
+            off = problem.tolerance.get(name, 0.0)
+            table[k] = problem.nominal[name] * np.array([1.0 - off, 1.0 + off])
+    pairs = ((unknowns[k].prior, ends) for k, ends in table.items())
+    allowed = all(prior.low <= high and low <= prior.high for prior, (low, high) in pairs)
+    if not (wide.sizes and table and allowed):
         return None
-    limit = 0.5 * float(scipy.special.chdtri(len(tabled), REJECTED_SHARE))
-    bare = _fit_with_table(problem, wide, theta, tabled, None)
-    if bare is None or bare[1] <= limit:
+    limit = 0.5 * float(scipy.special.chdtri(len(table), REJECTED_SHARE))
+    before = float(posterior.likelihood(theta[None])[0])
+    bare = _fit_with_table(wide, theta, table, None)
+    if bare is None or before - bare[1] <= limit:
         return None  # the table needs no help
     best: EquivalentExplanation | None = None
     for which, name in zip(wide.tried, wide.sizes, strict=True):
-        fitted = _fit_with_table(problem, wide, theta, tabled, which)
-        if fitted is not None and fitted[1] <= limit:
-            limit = fitted[1]
+        fitted = _fit_with_table(wide, theta, table, which)
+        if fitted is not None and before - fitted[1] <= limit:
+            limit = before - fitted[1]
             best = EquivalentExplanation(parameter=name, value=fitted[0], lost=limit)
     return best
 
 
-def _allowed(problem: Problem) -> bool:
-    """Whether the priors allow the table at all."""
-    nominal, off = problem.nominal, problem.tolerance
-    return all(
-        prior.low <= nominal[name] * (1.0 + off.get(name, 0.0))
-        and nominal[name] * (1.0 - off.get(name, 0.0)) <= prior.high
-        for name, prior in problem.posterior.space.priors.items()
-        if name in nominal
-    )
-
-
 def _fit_with_table(
-    problem: Problem, wide: EditedPosterior, theta: Array, tabled: list[int], which: int | None
+    wide: EditedPosterior, theta: Array, table: Mapping[int, Array], which: int | None
 ) -> tuple[float, float] | None:
-    """With the unknown `which` of what is tried, or with nothing: its value, and what is lost."""
-    space, wider = problem.posterior.space, wide.posterior
-    start = wide.at(theta)
+    """With the unknown `which` of what is tried, or with nothing: its value, and the likelihood."""
+    wider, start = wide.posterior, wide.at(theta)
     ends = np.stack([start, start])
-    for k in tabled:
-        off = problem.tolerance.get(space.free[k], 0.0)
-        ends[:, k] = problem.nominal[space.free[k]] * np.array([1.0 - off, 1.0 + off])
+    ends[:, [*table]] = np.transpose([*table.values()])
     surface = PosteriorLogDensity(wider, physical=True)
     fixed = np.zeros(len(start), dtype=bool)
-    fixed[[*tabled, *wide.tried]] = True
+    fixed[[*table, *wide.tried]] = True
     rows = np.repeat(start[None], len(START_SHARES), axis=0)
     if which is not None:
         fixed[which] = False
@@ -329,6 +320,4 @@ def _fit_with_table(
     if not np.isfinite(likely).any():
         return None
     k = int(np.nanargmax(likely))
-    before = float(problem.posterior.likelihood(theta[None])[0])
-    value = 0.0 if which is None else float(there[k, which])
-    return value, before - float(likely[k])
+    return 0.0 if which is None else float(there[k, which]), float(likely[k])

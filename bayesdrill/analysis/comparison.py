@@ -69,7 +69,7 @@ class MarginalEstimate:
         return self.sd == 0.0
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True)
 class OverlayRow:
     """An unknown of some run; `places`, `nominal`: of each run, None where it has none.
 
@@ -97,15 +97,15 @@ class OverlayRow:
 
 def overlay_rows(layers: Sequence[PosteriorSummary]) -> tuple[OverlayRow, ...]:
     """Return a row for each unknown of any run, in the order of the runs."""
-    rows = []
-    for symbol in dict.fromkeys(s for layer in layers for s in layer.problem.symbols):
-        places = tuple(_marginal(symbol, layer) for layer in layers)
-        nominal = tuple(layer.problem.nominal.get(symbol.name) for layer in layers)
-        distance, pair = max(_distances(places), default=(None, None))
-        rows.append(
-            OverlayRow(symbol=symbol, places=places, nominal=nominal, distance=distance, pair=pair)
-        )
-    return tuple(rows)
+    symbols = dict.fromkeys(symbol for layer in layers for symbol in layer.problem.symbols)
+    return tuple(_overlay_row(symbol, layers) for symbol in symbols)
+
+
+def _overlay_row(symbol: Symbol, layers: Sequence[PosteriorSummary]) -> OverlayRow:
+    places = tuple(_marginal(symbol, layer) for layer in layers)
+    nominal = tuple(layer.problem.nominal.get(symbol.name) for layer in layers)
+    distance, pair = max(_distances(places), default=(None, None))
+    return OverlayRow(symbol, places, nominal, distance, pair)
 
 
 def _marginal(symbol: Symbol, layer: PosteriorSummary) -> MarginalEstimate | None:
@@ -212,14 +212,10 @@ def decide(models: Sequence[RunSummary]) -> ModelDecision:
 
 
 def _word(top: RunSummary, first: RunSummary, gain: Mapping[str, float]) -> Word:
-    """Of a model that is better than the first."""
+    """Of a model that is better than the first; on what it has in common it gains nothing."""
     if top.rig == first.rig and top.noise == first.noise:
         return "priors"
     model, noise = gain["model"] > SURE_LOG_ODDS, gain["noise"] > SURE_LOG_ODDS
-    if top.rig == first.rig:
-        return "noise" if noise else "either"
-    if top.noise == first.noise:
-        return "model" if model else "either"
     if model and noise:
         return "both"
     return "model" if model else "noise" if noise else "either"

@@ -9,7 +9,7 @@ from __future__ import annotations
 import dataclasses
 import io
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -55,16 +55,14 @@ def at_sigma_1(likelihood: Likelihood, truth: Mapping[str, float]) -> dict[str, 
 
 def lengths(
     likelihood: Likelihood, truth: Mapping[str, float], grid: Sequence[tuple[float, float]]
-) -> tuple[RecordLength, ...]:
-    """Return bounds of records of (duration [s], rate [Hz]), otherwise like the one there is."""
-    lengths = []
+) -> Iterator[RecordLength]:
+    """Yield bounds of records of (duration [s], rate [Hz]), otherwise like the one there is."""
     for duration, rate in grid:
         experiment = regular(likelihood.response.experiment, duration, rate)
         response = Response(likelihood.response.model, experiment)
         noise = likelihood.noise.for_length(len(experiment.t))
         longer = likelihood.replace_only(response=response, noise=noise)
-        lengths.append(RecordLength(duration=duration, rate=rate, bounds=at_sigma_1(longer, truth)))
-    return tuple(lengths)
+        yield RecordLength(duration=duration, rate=rate, bounds=at_sigma_1(longer, truth))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

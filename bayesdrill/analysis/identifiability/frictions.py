@@ -239,11 +239,13 @@ class _FrictionStudy:
     @cached_property
     def tried(self) -> list[tuple[str, float | None, Array]]:
         """Experiments that could be made: what each is, its voltage, and what would then be known."""
-        return [
-            (what, volts, self._precision(rows))
-            for what, volts, rows in self._scenes()
-            if np.isfinite(rows).all()
-        ]
+        tried = []
+        for what, volts, scene in self._scenes():
+            rows = self.sensitivity.with_nuisances(self.theta, scene)
+            if np.isfinite(rows).all():
+                both = np.vstack([self.rows, rows]) if scene.times else rows  # other experiments
+                tried.append((what, volts, self._precision(both)))
+        return tried
 
     def _proposals(self, name: str) -> tuple[ProposedExperiment, ...]:
         now = self._sd(name, self.known)
@@ -254,8 +256,7 @@ class _FrictionStudy:
         helpful = [proposal for proposal in proposals if proposal.shrink > MIN_HELPFUL_FALL]
         return tuple(sorted(helpful, key=lambda proposal: -proposal.shrink)[:MAX_PROPOSED])
 
-    def _scenes(self) -> Iterator[tuple[str, float | None, Array]]:
-        """What it is, its voltage, and the rows of all that would then be known."""
+    def _scenes(self) -> Iterator[tuple[str, float | None, DesignVariant]]:
         if not self.drives:
             return
         experiments = [each.experiment for each in self.sensitivity.likelihood.observations]
@@ -267,19 +268,14 @@ class _FrictionStudy:
             if 0 < stop < size:
                 yield "stops", BELOW_STALL * stop, self._at_other_voltage(BELOW_STALL * stop / size)
         elif v := self.sensitivity.mean_input(supply):
-            yield "turned half-way", None, self._changed_half_way(-2.0 * v)
+            yield "turned half-way", None, DesignVariant(late={supply: -2.0 * v})
             if 0 < stop < abs(v):
                 low = float(np.sign(v)) * BELOW_STALL * stop
-                yield "stops half-way", low, self._changed_half_way(low - v)
+                yield "stops half-way", low, DesignVariant(late={supply: low - v})
         yield "half", 0.5 * size, self._at_other_voltage(0.5)
 
-    def _at_other_voltage(self, times: float) -> Array:
-        scene = DesignVariant(times=dict.fromkeys(self.drives, times))
-        return np.vstack([self.rows, self.sensitivity.with_nuisances(self.theta, scene)])
-
-    def _changed_half_way(self, change: float) -> Array:
-        scene = DesignVariant(late={self.drives[0]: change})
-        return self.sensitivity.with_nuisances(self.theta, scene)
+    def _at_other_voltage(self, times: float) -> DesignVariant:
+        return DesignVariant(times=dict.fromkeys(self.drives, times))
 
 
 def drives_of(model: Model) -> list[str]:

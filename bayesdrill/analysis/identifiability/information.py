@@ -214,6 +214,18 @@ class Information:
         return Information(self.names, root_of(np.vstack([self.root, np.diag(1.0 / sd)])))
 
     @property
+    def directions(self) -> tuple[Direction, ...]:
+        """The sloppy spectrum: independent products, from the best determined to the worst."""
+        _, values, rows = np.linalg.svd(self.root)
+        spectrum = []
+        for value, row in zip(values, rows, strict=True):
+            largest = row[np.argmax(np.abs(row))]
+            blind = value <= RANK_TOLERANCE * values[0]
+            sd = float("inf") if blind else float(1.0 / (value * np.abs(largest)))
+            spectrum.append(Direction(exponents=tuple(map(float, row / largest)), sd=sd))
+        return tuple(spectrum)
+
+    @property
     def n_blind(self) -> int:
         """The number of independent products of which the record says nothing."""
         values = np.linalg.svd(self.root, compute_uv=False)
@@ -241,18 +253,6 @@ class Direction:
 
     exponents: tuple[float, ...]
     sd: float
-
-
-def directions(information: Information) -> tuple[Direction, ...]:
-    """Return the sloppy spectrum: independent products, from the best determined to the worst."""
-    _, values, rows = np.linalg.svd(information.root)
-    spectrum = []
-    for value, row in zip(values, rows, strict=True):
-        largest = row[np.argmax(np.abs(row))]
-        blind = value <= RANK_TOLERANCE * values[0]
-        sd = float("inf") if blind else float(1.0 / (value * np.abs(largest)))
-        spectrum.append(Direction(exponents=tuple(map(float, row / largest)), sd=sd))
-    return tuple(spectrum)
 
 
 def simple_exponents(m: int) -> Array:

@@ -26,7 +26,6 @@ from bayesdrill.analysis.identifiability.information import (
     Direction,
     Information,
     SensitivityStudy,
-    directions,
     from_sensitivities,
     simple_exponents,
 )
@@ -126,10 +125,9 @@ def _other_drives(sensitivity: SensitivityStudy) -> Iterator[tuple[str, DesignVa
     rig = sensitivity.model
     for name in drives_of(rig):
         if any(each.constant.get(name, 0.0) or name in each.series for each in experiments):
-            size = OTHER_DRIVE * float(
-                np.mean([typical_inputs(each)[name] for each in experiments])
-            )
-            what = f"another experiment at {size:.3g} {rig.symbols[name].plain_unit}"
+            usual = float(np.mean([typical_inputs(each)[name] for each in experiments]))
+            size = f"{OTHER_DRIVE * usual:.3g} {rig.symbols[name].plain_unit}"
+            what = f"another experiment at {size}"
             yield what, DesignVariant(times={name: OTHER_DRIVE}, beside=True)
 
 
@@ -139,17 +137,16 @@ def _more_channels(
     """Each state that is not measured yet, with the signal-to-noise ratio of the others."""
     rig = sensitivity.model
     motions, observations = sensitivity.motions(theta), sensitivity.likelihood.observations
-    channel_weights = [each.experiment.weights(sensitivity.states) for each in observations]
+    weights = [each.experiment.weights(sensitivity.states) for each in observations]
     swings = [
-        np.median((motion @ weights.T).std(axis=0) / observation.scales(theta[None])[0])
-        for observation, motion, weights in zip(observations, motions, channel_weights, strict=True)
+        np.median((motion @ w.T).std(axis=0) / observation.scales(theta[None])[0])
+        for observation, motion, w in zip(observations, motions, weights, strict=True)
     ]
     ratio = np.median(swings)
     spreads = np.median([motion.std(axis=0) for motion in motions], axis=0)
     for name, unit, spread in zip(sensitivity.states, np.eye(len(spreads)), spreads, strict=True):
-        new = name not in rig.inner and any(
-            np.linalg.matrix_rank(np.vstack([w, unit])) > len(w) for w in channel_weights
-        )
+        ranks = [np.linalg.matrix_rank(np.vstack([w, unit])) > len(w) for w in weights]
+        new = name not in rig.inner and any(ranks)
         sigma = float(spread / ratio) if ratio > 0 else 0.0
         if new and sigma > 0:
             what = f"measure {name} (noise {sigma:.2g} {rig.symbols[name].unit})"
@@ -297,7 +294,7 @@ class IdentifiabilityStudy:
     @property
     def directions(self) -> tuple[Direction, ...]:
         """The sloppy spectrum of the record."""
-        return directions(self.information)
+        return self.information.directions
 
 
 def study_of(
@@ -376,15 +373,15 @@ def prior_spreads(posterior: Posterior) -> Array:
 def _parameters(
     known: Information, prior_sd: Array, thresholds: Thresholds
 ) -> tuple[KnownProduct, ...]:
-    joint, alone = known.with_priors(prior_sd).bounds(), known.bounds()
-    units = np.eye(len(prior_sd), dtype=int)
+    units = np.eye(len(prior_sd), dtype=int).tolist()
+    each = known.with_priors(prior_sd).bounds().tolist(), prior_sd.tolist(), known.bounds().tolist()
     return tuple(
         KnownProduct(
-            exponents=tuple(int(x) for x in unit),
-            sd=float(sd),
-            prior_sd=float(before),
-            bound=float(bound),
+            exponents=tuple(unit),
+            sd=sd,
+            prior_sd=before,
+            bound=bound,
             word=thresholds.classify(sd / before),
         )
-        for unit, sd, before, bound in zip(units, joint, prior_sd, alone, strict=True)
+        for unit, sd, before, bound in zip(units, *each, strict=True)
     )
