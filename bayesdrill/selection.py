@@ -143,7 +143,7 @@ class CandidateModel:
     @property
     def name(self) -> str:
         """Its name: parts with dashes between."""
-        return rung_name(self.parts)
+        return "-".join(self.parts) or GIVEN
 
     @property
     def about(self) -> str:
@@ -153,11 +153,6 @@ class CandidateModel:
     def job(self) -> Job:
         """Raises `InputError` where the config cannot have it."""
         return assemble(loading.validate(self.source), self.table)
-
-
-def rung_name(parts: Sequence[str]) -> str:
-    """Return the name of a candidate with these parts."""
-    return "-".join(parts) or GIVEN
 
 
 @dataclass(frozen=True, slots=True)

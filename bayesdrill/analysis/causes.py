@@ -19,7 +19,7 @@ from types import MappingProxyType
 import numpy as np
 import scipy
 
-from bayesdrill.analysis.edits import EditedPosterior, with_candidates
+from bayesdrill.analysis.edits import with_candidates
 from bayesdrill.basics.arrays import Array
 from bayesdrill.inference import residual_checks, step_error
 from bayesdrill.inference.compression import excerpt
@@ -273,40 +273,42 @@ class EquivalentExplanation:
 def equivalent_explanation(problem: Problem, theta: Array) -> EquivalentExplanation | None:
     """Find what fits the record with the table about as well as the MAP `theta (D,)` without it."""
     posterior = excerpt(problem.posterior) or problem.posterior
-    wide, unknowns = with_candidates(posterior, theta), posterior.space.unknowns
+    wider, space = with_candidates(posterior, theta), posterior.space
+    tried = [k for k, name in enumerate(wider.space.free) if name not in space.free]
     table = {}  # by columns: ends of the tolerance
-    for k, name in enumerate(posterior.space.free):
+    for k, name in enumerate(space.free):
         if name in problem.nominal:
             off = problem.tolerance.get(name, 0.0)
             table[k] = problem.nominal[name] * np.array([1.0 - off, 1.0 + off])
-    pairs = ((unknowns[k].prior, ends) for k, ends in table.items())
+    pairs = ((space.unknowns[k].prior, ends) for k, ends in table.items())
     allowed = all(prior.low <= high and low <= prior.high for prior, (low, high) in pairs)
-    if not (wide.sizes and table and allowed):
+    if not (tried and table and allowed):
         return None
+    start = np.insert(theta, tried[0], np.zeros(len(tried)))
     limit = 0.5 * float(scipy.special.chdtri(len(table), REJECTED_SHARE))
     before = float(posterior.likelihood(theta[None])[0])
-    bare = _fit_with_table(wide, theta, table, None)
+    bare = _fit_with_table(wider, start, table, tried, None)
     if bare is None or before - bare[1] <= limit:
         return None  # the table needs no help
     best: EquivalentExplanation | None = None
-    for which, name in zip(wide.tried, wide.sizes, strict=True):
-        fitted = _fit_with_table(wide, theta, table, which)
+    for which in tried:
+        fitted = _fit_with_table(wider, start, table, tried, which)
         if fitted is not None and before - fitted[1] <= limit:
             limit = before - fitted[1]
+            name = wider.space.free[which]
             best = EquivalentExplanation(parameter=name, value=fitted[0], lost=limit)
     return best
 
 
 def _fit_with_table(
-    wide: EditedPosterior, theta: Array, table: Mapping[int, Array], which: int | None
+    wider: Posterior, start: Array, table: Mapping[int, Array], tried: list[int], which: int | None
 ) -> tuple[float, float] | None:
-    """With the unknown `which` of what is tried, or with nothing: its value, and the likelihood."""
-    wider, start = wide.posterior, wide.at(theta)
+    """With the unknown `which` of those tried, or with nothing: its value, and the likelihood."""
     ends = np.stack([start, start])
     ends[:, [*table]] = np.transpose([*table.values()])
     surface = PosteriorLogDensity(wider, physical=True)
     fixed = np.zeros(len(start), dtype=bool)
-    fixed[[*table, *wide.tried]] = True
+    fixed[[*table, *tried]] = True
     rows = np.repeat(start[None], len(START_SHARES), axis=0)
     if which is not None:
         fixed[which] = False

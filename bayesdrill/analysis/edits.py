@@ -14,7 +14,7 @@ from bayesdrill.basics.symbols import Symbol
 from bayesdrill.inference.likelihood import Observation
 from bayesdrill.inference.posterior import Posterior
 from bayesdrill.inference.priors import Uniform
-from bayesdrill.inference.unknowns import SIMULATOR_ROLES, Unknown
+from bayesdrill.inference.unknowns import Unknown
 from bayesdrill.record.experiment import with_states
 from bayesdrill.rig.models.linear import Linear, Model, with_named
 from bayesdrill.rig.models.roles import Roles
@@ -124,26 +124,8 @@ def _rates(linear: Linear, row: str, named: Mapping[str, Array], angles: tuple[s
     return float(np.sqrt(np.mean(sum(map(np.abs, parts), ZERO) ** 2)))
 
 
-@dataclass(frozen=True, slots=True)
-class EditedPosterior:
-    """A posterior with candidates free that the rig lacks, of these `sizes`, before the noise."""
-
-    posterior: Posterior
-    sizes: Mapping[str, float]
-
-    @property
-    def tried(self) -> range:
-        """The columns of what is tried among the unknowns."""
-        last = len(self.posterior.space.columns(*SIMULATOR_ROLES))
-        return range(last - len(self.sizes), last)
-
-    def at(self, theta: Array) -> Array:
-        """Return the unknowns `theta (D,)`, with nothing of what is tried: `(E,)`."""
-        return np.insert(theta, self.tried.start, np.zeros(len(self.sizes)))
-
-
-def with_candidates(posterior: Posterior, theta: Array) -> EditedPosterior:
-    """Free all unknowns that the rig lacks, at `theta (D,)`."""
+def with_candidates(posterior: Posterior, theta: Array) -> Posterior:
+    """Free all unknowns that the rig lacks, at `theta (D,)`: before those of the noise."""
     sizes = rig_candidates(posterior.likelihood.observations, posterior.space.full(theta[None]))
     symbols = {name: Symbol(name, "", "", "", "") for name in sizes}
     free = [
@@ -155,4 +137,4 @@ def with_candidates(posterior: Posterior, theta: Array) -> EditedPosterior:
         response = observation.response
         return observation.for_rig(with_named(response.model, [*sizes]), response.sensing)
 
-    return EditedPosterior(posterior.edit(free=free, each=with_tried), sizes)
+    return posterior.edit(free=free, each=with_tried)

@@ -139,8 +139,10 @@ def _estimate(
     rng: np.random.Generator,
 ) -> TorqueEstimate:
     full = posterior.space.full(draws)
-    experiment = observation.experiment
-    signals, motion = _moved(observation, full)
+    experiment, k = observation.experiment, len(observation.experiment.channels)
+    shown = with_states(experiment, observation.response.model.states)
+    moved = observation.response.of(shown).signals(observation.simulator_parameters(full))
+    signals, motion = moved[..., :k], moved[..., k:]  # without the torque
     residuals = experiment.y - signals
     smooth = torque.smooth(residuals, draws)
     drawn, _ = torque.sample_states(residuals, draws, rng)
@@ -148,9 +150,8 @@ def _estimate(
     sizes = torque.sizes(draws)[:, :1]
     index = augmented.states.index(TORQUE)
     by_torque = smooth @ torque.kalman_filter.output_matrix.T
-    first = full[:1], draws[:1]
-    pushed = sizes[0] * smooth[0, :, index]
-    strayed = _nonlinear_error(observation, torque, first, signals[0] + by_torque[0], pushed)
+    pushed, linear = sizes[0] * smooth[0, :, index], signals[0] + by_torque[0]
+    strayed = _nonlinear_error(observation, pushed, linear, full[:1], draws[:1])
     return TorqueEstimate(
         label=observation.label,
         at=augmented.torque.at,
@@ -162,14 +163,6 @@ def _estimate(
         courses=_courses(observation, residuals.mean(axis=0), by_torque.mean(axis=0), strayed),
         rig=augmented.rig,
     )
-
-
-def _moved(observation: Observation, full: Array) -> tuple[Array, Array]:
-    """Channels `(N, T, K)` and states `(N, T, X)` without the torque."""
-    response, k = observation.response, len(observation.experiment.channels)
-    shown = with_states(observation.experiment, response.model.states)
-    signals = response.of(shown).signals(observation.simulator_parameters(full))
-    return signals[..., :k], signals[..., k:]
 
 
 def _states(
@@ -192,33 +185,28 @@ def _states(
 
 
 def _nonlinear_error(
-    observation: Observation,
-    latent: LatentTorque,
-    draw: tuple[Array, Array],
-    shown: Array,
-    torque: Array,
+    observation: Observation, torque: Array, linear: Array, full: Array, theta: Array
 ) -> Array:
-    """Return how far a rig with friction or gravity is from its linear prediction, `(K,)`.
+    """Return how far a rig with friction or gravity is from its `linear (T, K)` prediction, `(K,)`.
 
-    It is driven by `torque (T,)` at one `draw` (all parameters, all unknowns), and compared with
-    what is `shown (T, K)`: there the torque moves it as if no friction changed its sign, and pendulums
-    were springs.
+    It is driven by `torque (T,)` at one draw: there the torque moves it as if no friction changed its
+    sign, and pendulums were springs.
     """
     response, experiment = observation.response, observation.experiment
+    assert observation.torque is not None  # it is that which was estimated
     if response.model.smooth:
         return np.full(len(experiment.channels), np.nan)
     input_torque = (
         torque if experiment.first_order else 0.5 * (torque + np.append(torque[1:], torque[-1]))
     )
     loaded = simulator(
-        LoadedModel(response.model, latent.kalman_filter.torque),
+        LoadedModel(response.model, observation.torque.kalman_filter.torque),
         dataclasses.replace(experiment, series={**experiment.series, TORQUE: input_torque}),
         response.sensing,
         *(response.stepping or ()),
     )
-    full, theta = draw
     signals = loaded.signals(observation.simulator_parameters(full))[0]
-    off = (signals - shown) / observation.scales(theta)[0]
+    off = (signals - linear) / observation.scales(theta)[0]
     return np.sqrt(np.nanmean(np.where(experiment.seen, off, np.nan) ** 2, axis=0))
 
 

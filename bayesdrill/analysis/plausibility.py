@@ -6,13 +6,12 @@ Findings are sentences with their numbers; none is an error.
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from bayesdrill.analysis.diagnostics import ParameterRow
 from bayesdrill.analysis.identifiability.information import Information, SensitivityStudy
 from bayesdrill.basics.arrays import Array
 from bayesdrill.inference.posterior import Problem
@@ -262,23 +261,16 @@ class DiffusePrior:
     times: float | None = None
 
 
-def diffuse_priors(
-    rows: Sequence[ParameterRow], draws: Array, priors: Mapping[str, Prior]
-) -> tuple[DiffusePrior, ...]:
-    """Return diffuse priors of unknowns that the record narrows; `draws (N, D)` like `rows`."""
-    names = [row.name for row in rows]
-    every = (_diffuse_prior(name, x, priors[name]) for name, x in zip(names, draws.T, strict=True))
-    return tuple(prior for prior in every if prior is not None)
-
-
-def _diffuse_prior(name: str, x: Array, prior: Prior) -> DiffusePrior | None:
-    if prior.in_logs:
-        wide = prior_log_sd(prior)
-        decades = wide * math.sqrt(12.0) / math.log(10.0)
-        if decades > DIFFUSE_DECADES and float(np.log(x).std()) < MAX_REMAINING_WIDTH * wide:
-            return DiffusePrior(name=name, decades=decades)
-    wide = prior_sd(prior)
-    times = wide / math.sqrt(float(np.mean(x**2)))
-    if times > DIFFUSE_RATIO and float(x.std()) < MAX_REMAINING_WIDTH * wide:
-        return DiffusePrior(name=name, times=times)
-    return None
+def diffuse_priors(draws: Array, priors: Mapping[str, Prior]) -> Iterator[DiffusePrior]:
+    """Yield diffuse priors of unknowns that the record narrows; `draws (N, D)` in their order."""
+    for (name, prior), x in zip(priors.items(), draws.T, strict=True):
+        if prior.in_logs:
+            wide = prior_log_sd(prior)
+            decades = wide * math.sqrt(12.0) / math.log(10.0)
+            if decades > DIFFUSE_DECADES and float(np.log(x).std()) < MAX_REMAINING_WIDTH * wide:
+                yield DiffusePrior(name=name, decades=decades)
+                continue
+        wide = prior_sd(prior)
+        times = wide / math.sqrt(float(np.mean(x**2)))
+        if times > DIFFUSE_RATIO and float(x.std()) < MAX_REMAINING_WIDTH * wide:
+            yield DiffusePrior(name=name, times=times)

@@ -253,7 +253,7 @@ def analyse(
         acceptance=tuple(map(float, sampled.acceptance)),
         failures=sampled.failures,
         evidence=sampled.evidence,
-        vague=plausibility.diffuse_priors(rows, run.draws, posterior.space.priors),
+        vague=tuple(plausibility.diffuse_priors(run.draws, posterior.space.priors)),
         leaning=diagnostics.prior_dependence(rows, run.draws),
         step_errors=step_errors(posterior.likelihood, best),
         torques=tuple(map(torque_summary, run.torque_estimates)),

@@ -36,28 +36,24 @@ NEAR_START_FACTOR = 0.2  # which may itself be off
 
 def suspicions_of_record(
     experiment: Experiment, factors: Sequence[float], model: Model
-) -> tuple[str, ...]:
-    """Return suspicions of the columns; `factors (K,)`: SI units in a unit of each column."""
-    columns = zip(experiment.channels, experiment.y.T, factors, strict=True)
-    overruns = (_overrun(channel, experiment.t, y, factor) for channel, y, factor in columns)
-    return (*(overrun for overrun in overruns if overrun), *_pairs(experiment, model))
+) -> Iterator[str]:
+    """Yield suspicions of the columns; `factors (K,)`: SI units in a unit of each column."""
+    for channel, y, factor in zip(experiment.channels, experiment.y.T, factors, strict=True):
+        yield from _overrun(channel, experiment.t, y, factor)
+    yield from _pairs(experiment, model)
 
 
-def suspicions_of_start(problem: Problem) -> tuple[str, ...]:
-    """Return channels that are the start's prediction times what a wrong unit would bring."""
+def suspicions_of_start(problem: Problem) -> Iterator[str]:
+    """Yield channels that are the start's prediction times what a wrong unit would bring."""
     space = problem.posterior.space
     full = space.full(space.vector(space.start)[None])
-    return tuple(
-        sentence
-        for observation in problem.observations
-        for sentence in _unit_errors(
-            observation.experiment, observation.signals(full)[0], problem.model.gear_ratio
+    columns = (
+        column
+        for each in problem.observations
+        for column in zip(
+            each.experiment.channels, each.experiment.y.T, each.signals(full)[0].T, strict=True
         )
     )
-
-
-def _unit_errors(experiment: Experiment, predicted: Array, gear: float) -> Iterator[str]:
-    columns = zip(experiment.channels, experiment.y.T, predicted.T, strict=True)
     for channel, measured, expected in columns:
         y, p = measured[~np.isnan(measured)], expected[~np.isnan(measured)]
         power = float(p @ p)
@@ -65,7 +61,7 @@ def _unit_errors(experiment: Experiment, predicted: Array, gear: float) -> Itera
             continue
         times = float(y @ p) / power
         alike = 1 - float(np.sum((y - times * p) ** 2)) / float(y @ y)
-        named = _likely_mistakes(times, NEAR_START_FACTOR, gear)
+        named = _likely_mistakes(times, NEAR_START_FACTOR, problem.model.gear_ratio)
         if alike > MIN_R_SQUARED and named:
             yield (
                 f"unit: {channel.name} is {times:.3g} times what the start values predict; was it "
@@ -87,7 +83,7 @@ def _likely_mistakes(times: float, near: float, gear: float) -> str:
     return " and ".join(mistake for mistake in (units, signs) if mistake)
 
 
-def _overrun(channel: Channel, t: Array, y: Array, factor: float) -> str:
+def _overrun(channel: Channel, t: Array, y: Array, factor: float) -> Iterator[str]:
     """Jumps by the whole range of a counter, or by one turn, between steps that are small."""
     t, y = t[~np.isnan(y)], y[~np.isnan(y)]
     steps = np.abs(np.diff(y / factor))
@@ -97,13 +93,13 @@ def _overrun(channel: Channel, t: Array, y: Array, factor: float) -> str:
         jumps = np.abs(steps - period) < MAX_CALM_STEP * period
         if np.any(jumps) and np.all(steps[~jumps] < MAX_CALM_STEP * period) and _goes_on(y, jumps):
             first = int(np.argmax(jumps))
-            return (
+            yield (
                 f"overflow: {channel.name} jumps by about {period:.6g}, {what}, "
                 f"{int(np.sum(jumps))} times, first at {t[first + 1]:.6g} s; a counter that ran over? "
                 f"Say wraps: {period:.6g} at {channel.name}, or unwrap the column: "
                 f"np.unwrap(x, period={period:.6g})"
             )
-    return ""
+            break
 
 
 def _goes_on(y: Array, jumps: Flags) -> bool:
