@@ -339,12 +339,13 @@ def paper(
 ) -> None:
     """Repeat the studies of the paper, each beside what a full posterior says of it (minutes)."""
     from bayesdrill.api.arguments import workers
+    from bayesdrill.paper.reproduction import in_words
     from bayesdrill.paper.run import reproduce
 
     with saved_in(output, "start over with --force"), reporter() as report:
         done = reproduce(configs, output, workers(processes), report, force=force)
     files = "report.html, report.md, tables, figures/, two posteriors"
-    _end("\n".join(done.said), done.folder, files, good=done.converged)
+    _end("\n".join(in_words(done)), output, files, good=done.converged)
 
 
 @command("schema > schema.json")

@@ -23,43 +23,31 @@ from bayesdrill.config.schema.config import Config
 from bayesdrill.config.yaml_source import Source, as_yaml
 from bayesdrill.inference.likelihood import Observation
 from bayesdrill.inference.noise import NOISES
-from bayesdrill.inference.unknowns import ParameterSpace
-from bayesdrill.record.experiment import typical_inputs
+from bayesdrill.record.experiment import Experiment, typical_inputs
 from bayesdrill.record.formats.table import RecordTable
 from bayesdrill.rig.models.roles import InertiaRoles, Roles
 
 WIDER = 10.0  # either way, of the noise that was given
 
 
-def change_channels(data: Mapping[str, Any]) -> Iterator[tuple[str, dict[str, Any], bool]]:
-    """Each with its name, and whether all experiments have it so."""
-    top, *others = [
-        section.get("record", {}).get("channels", {}) for section in rung_sections(data)
-    ]
-    for name, channel in top.items():
-        yield name, channel, not any(name in channels for channels in others)
-    for channels in others:
+def change_noise(data: dict[str, Any], change: Callable[[dict[str, Any]], bool]) -> bool:
+    """Change the noise of each channel; whether any was.
+
+    What was one number for all experiments becomes one unknown; a memory goes with its size.
+    """
+    changed = False
+    top, *others = [s.get("record", {}).get("channels", {}) for s in rung_sections(data)]
+    for channels in (top, *others):
         for name, channel in channels.items():
-            yield name, channel, False
-
-
-def change_sections(
-    data: dict[str, Any],
-    change: Callable[[dict[str, Any]], bool],
-    name: str,
-    channel: dict[str, Any],
-    common: bool,
-) -> bool:
-    """What was one number for all experiments becomes one unknown; a memory goes with its size."""
-    known = isinstance(channel.get("sigma"), int | float)
-    if not change(channel):
-        return False
-    sigma = noise_name(name)
-    if common and known:
-        share_entries(data, sigma)
-    if channel.get("noise") == RED and sigma in data.get("shared", ()):
-        share_entries(data, f"rho_{name}")
-    return True
+            sigma, known = noise_name(name), isinstance(channel.get("sigma"), int | float)
+            if not change(channel):
+                continue
+            changed = True
+            if known and channels is top and not any(name in other for other in others):
+                share_entries(data, sigma)
+            if channel.get("noise") == RED and sigma in data.get("shared", ()):
+                share_entries(data, f"rho_{name}")
+    return changed
 
 
 def share_entries(data: dict[str, Any], *names: str) -> None:
@@ -142,8 +130,7 @@ class CandidateModel:
     """A candidate model, as the config that has it.
 
     `parts`: names of what it has beside the config as given, and what each is in `words`; `output`:
-    what that wants drawn; `lines`: of a config, that say so; `table`: the record, where it is in no
-    file.
+    what that wants drawn; `lines`: of a config, that say so; `table`: a record that is in no file.
     """
 
     parts: tuple[str, ...]
@@ -156,7 +143,7 @@ class CandidateModel:
     @property
     def name(self) -> str:
         """Its name: parts with dashes between."""
-        return rung_name(self.parts)
+        return "-".join(self.parts) or GIVEN
 
     @property
     def about(self) -> str:
@@ -166,11 +153,6 @@ class CandidateModel:
     def job(self) -> Job:
         """Raises `InputError` where the config cannot have it."""
         return assemble(loading.validate(self.source), self.table)
-
-
-def rung_name(parts: Sequence[str]) -> str:
-    """Return the name of a candidate with these parts."""
-    return "-".join(parts) or GIVEN
 
 
 @dataclass(frozen=True, slots=True)
@@ -212,13 +194,10 @@ class RigParts:
         """What is tried by itself first, beside sensors and the start."""
         return (*NOISE, *self.physics, *self.torques)
 
-    def sliding(self, parts: Iterable[str]) -> set[str]:
-        """Return the parameters of physics that these parts switch on."""
-        return {name for part in parts for name in self.physics.get(part, ())}
-
     def static_beside(self, parts: Iterable[str]) -> list[str]:
         """Return friction at rest that may come beside these parts, as there it slides."""
-        return [name for name, i in self.static.items() if i.sliding in self.sliding(parts)]
+        slides = {name for part in parts for name in self.physics.get(part, ())}
+        return [name for name, i in self.static.items() if i.sliding in slides]
 
     def possible(self, parts: Sequence[str]) -> bool:
         """Tell whether they go together, and together mean something that one alone does not."""
@@ -253,21 +232,18 @@ class CandidateModels:
     @classmethod
     def from_job(cls, job: Job, values: Mapping[str, float]) -> CandidateModels:
         """Return it with sizes and speeds at the start of the config or at `values`, the larger."""
-        posterior = job.problem.posterior
-        space: ParameterSpace = posterior.space
-        observations = posterior.likelihood.observations
+        space, observations = job.problem.posterior.space, job.problem.observations
         ladder = cls(job, {}, {})
         for at in (space.start, {**space.start, **values}):
-            theta = space.vector(at)
-            sizes = edits.rig_candidates(observations, space, theta)
-            ladder = ladder.moving(sizes, _speeds(observations, space, theta))
+            full = space.full(space.vector(at)[None])
+            sizes = edits.rig_candidates(observations, full)
+            ladder = ladder.moving(sizes, _speeds(observations, full))
         return ladder
 
     def moving(self, sizes: Mapping[str, float], speeds: Mapping[str, float]) -> CandidateModels:
         """With sizes and speeds that are at least these."""
-        return dataclasses.replace(
-            self, sizes=_largest(self.sizes, sizes), speeds=_largest(self.speeds, speeds)
-        )
+        sizes, speeds = _largest(self.sizes, sizes), _largest(self.speeds, speeds)
+        return dataclasses.replace(self, sizes=sizes, speeds=speeds)
 
     @property
     def parts(self) -> RigParts:
@@ -297,8 +273,7 @@ class CandidateModels:
 
     def with_gear(self, times: float) -> list[CandidateModel]:
         """With another ratio, `times` the one that is given; none where the rig has no gear."""
-        rung = dataclasses.replace(self, gear=times)._rung((GEAR,))
-        return [] if rung is None else [rung]
+        return dataclasses.replace(self, gear=times).rungs([(GEAR,)])
 
     def windows(self, count: int) -> list[CandidateModel]:
         """The config as given, on each of `count` windows of the record, each from an unknown state."""
@@ -326,21 +301,15 @@ class CandidateModels:
         if len(self._channels()) > 1:  # of one it is the lag of that
             yield MOMENT
 
+    @property
+    def _experiments(self) -> list[Experiment]:
+        return [observation.experiment for observation in self.job.problem.observations]
+
     def _channels(self) -> list[str]:
-        observations = self.job.problem.observations
-        return list(
-            dict.fromkeys(
-                name for observation in observations for name in observation.experiment.names
-            )
-        )
+        return list(dict.fromkeys(name for each in self._experiments for name in each.names))
 
     def _inputs(self) -> list[str]:
-        observations = self.job.problem.observations
-        return list(
-            dict.fromkeys(
-                name for observation in observations for name in observation.experiment.series
-            )
-        )
+        return list(dict.fromkeys(name for each in self._experiments for name in each.series))
 
     def _rung(self, parts: tuple[str, ...]) -> CandidateModel | None:
         """None where there is no such thing to try."""
@@ -356,18 +325,15 @@ class CandidateModels:
             data["output"] = {**output, "figures": ["fit"]}
             data.pop("simulation", None)
             self._with_walkers(data)
-        text = given.text if not parts else as_yaml(data)
-        source = Source(given.path, text, data, given.lines if not parts else {}, ())
+        text, places = (as_yaml(data), {}) if parts else (given.text, given.lines)
+        source = Source(given.path, text, data, places, ())
         words = tuple(map(self.parts.words, parts))
         return CandidateModel(parts, words, source, output, lines, self.job.table)
 
     def _changed(self, data: dict[str, Any], part: str) -> bool:
         if part in NOISE:
             change = freed if part == UNKNOWN else reddened
-            changed = [
-                change_sections(data, change, *entry) for entry in list(change_channels(data))
-            ]
-            return part in (UNKNOWN, *NOISES) and any(changed)
+            return part in (UNKNOWN, *NOISES) and change_noise(data, change)
         known = self.parts
         if part in known.physics:
             wanted = known.physics[part]
@@ -384,10 +350,9 @@ class CandidateModels:
         if part not in known.torques:
             return self._sensed(data, *part.split("_", 1))
         at = known.torques[part]
-        friction, can = at.sliding, MISSING in Config.model_fields
-        if not can or MISSING in data or friction not in self.sizes:
+        if MISSING not in Config.model_fields or MISSING in data or at.sliding not in self.sizes:
             return False
-        size = {"prior": "half_normal", "scale": rounded(QUARTER * self.sizes[friction])}
+        size = {"prior": "half_normal", "scale": rounded(QUARTER * self.sizes[at.sliding])}
         data[MISSING] = {"at": at.name, "smoothness": "1/2", "size": size, "time": self._times()}
         share_entries(data, "s_d", "tau_d")  # one rig: the same lacks in each experiment
         return True
@@ -406,12 +371,12 @@ class CandidateModels:
         """With a prior of that kind in the entry of a channel or an input; `t_0` is `t` and `0`."""
         if f"{kind}_{name}" == MOMENT:
             inputs = data.setdefault("inputs", {})
-            has_moment = any("t_0" in section.get("inputs", {}) for section in rung_sections(data))
-            if not has_moment:
-                inputs[MOMENT] = self._lag()
-                share_entries(data, MOMENT)
-            return not has_moment
-        channel, changed, has_moment = name in self._channels(), False, False
+            if any(MOMENT in section.get("inputs", {}) for section in rung_sections(data)):
+                return False
+            inputs[MOMENT] = self._lag()
+            share_entries(data, MOMENT)
+            return True
+        channel, changed, differs = name in self._channels(), False, False
         for section in rung_sections(data):
             record = section.get("record", {})
             named = record.get("channels", {}) if channel else section.get("inputs", {})
@@ -419,23 +384,23 @@ class CandidateModels:
             if not isinstance(entry, dict):
                 continue
             if kind in entry:
-                has_moment = True  # of an experiment that says it otherwise
+                differs = True  # an experiment says it otherwise
             elif {"column", "variable"} & {*entry}:
                 entry[kind] = self._sensor_prior(kind, name, channel=channel)
                 changed = True
-        if changed and not has_moment and (kind != "offset" or not channel):
+        if changed and not differs and (kind != "offset" or not channel):
             share_entries(data, f"{kind}_{name}")
         return changed
 
     def _lag(self) -> dict[str, Any]:
         """Either way, so many samples [s]."""
-        late = 0.0
-        for observation in self.job.problem.observations:
-            t = observation.experiment.t
-            late = max(
-                late, LATEST * observation.experiment.dt, min(SLOW, SHARE * float(t[-1] - t[0]))
+        late = rounded(
+            max(
+                max(LATEST * each.dt, min(SLOW, SHARE * float(each.t[-1] - each.t[0])))
+                for each in self._experiments
             )
-        return {"prior": "uniform", "low": -rounded(late), "high": rounded(late)}
+        )
+        return {"prior": "uniform", "low": -late, "high": late}
 
     def _sensor_prior(self, kind: str, name: str, *, channel: bool) -> dict[str, Any]:
         if kind == "lag":
@@ -443,8 +408,7 @@ class CandidateModels:
         if kind == "gain":
             return {"prior": "log_normal", "median": 1.0, "sd_log": GAIN_SD}
         size = 0.0
-        for observation in self.job.problem.observations:
-            experiment = observation.experiment
+        for experiment in self._experiments:
             if channel and name in experiment.names:
                 k = experiment.names.index(name)
                 spread = float(np.nanstd(experiment.y[:, k]))
@@ -466,16 +430,14 @@ class CandidateModels:
     def _with_walkers(self, data: dict[str, Any]) -> None:
         """As many as further unknowns want, where the config says how many."""
         given = (data.get("sampler") or {}).get("walkers")
-        problem = self.job.problem
-        channels = sum(len(observation.experiment.channels) for observation in problem.observations)
-        least = 2 * (len(problem.names) + 2 * channels + MOST_PHYSICS)
+        channels = sum(len(each.channels) for each in self._experiments)
+        least = 2 * (len(self.job.problem.names) + 2 * channels + MOST_PHYSICS)
         if isinstance(given, int) and given < least:
             data["sampler"] = {**data["sampler"], "walkers": least}
 
     def _times(self) -> dict[str, Any]:
-        every = [observation.experiment for observation in self.job.problem.observations]
-        low = LEAST * min(experiment.dt for experiment in every)
-        high = max(float(experiment.t[-1] - experiment.t[0]) for experiment in every) / LONGEST
+        low = LEAST * min(each.dt for each in self._experiments)
+        high = max(float(each.t[-1] - each.t[0]) for each in self._experiments) / LONGEST
         return log_uniform(low, max(high, 2 * low))
 
 
@@ -504,16 +466,16 @@ def changed_entries(before: Mapping[str, Any], after: Mapping[str, Any]) -> dict
     return entries
 
 
-def _speeds(every: Sequence[Observation], space: ParameterSpace, theta: Array) -> dict[str, float]:
+def _speeds(observations: Sequence[Observation], full: Array) -> dict[str, float]:
     """The largest of each inertia, by its name."""
     speeds: dict[str, float] = {}
-    for observation in every:
-        model, moved = observation.response.model, edits.state_motion(observation, space, theta)
+    for observation in observations:
+        model, moved = observation.response.model, edits.state_motion(observation, full)
         for inertia in model.roles.inertias:
             if inertia.speed in model.states:
                 of_state = np.abs(moved[:, model.states.index(inertia.speed)]).max()
-                largest = float(of_state) / inertia.reduction
-                speeds[inertia.name] = max(speeds.get(inertia.name, 0.0), largest)
+                largest = {inertia.name: float(of_state) / inertia.reduction}
+                speeds = _largest(speeds, largest)
     return speeds
 
 

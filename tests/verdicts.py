@@ -11,12 +11,11 @@ from oracles import NOMINAL
 
 from bayesdrill.analysis.identifiability.information import (
     Information,
-    products,
     root_of,
     simple_exponents,
 )
 from bayesdrill.analysis.identifiability.structure import ScalingStructure
-from bayesdrill.analysis.identifiability.study import IdentifiabilityStudy, KnownProduct
+from bayesdrill.analysis.identifiability.study import IdentifiabilityStudy, KnownProduct, products
 from bayesdrill.analysis.verdict import Verdict, judge
 from bayesdrill.config.schema.config import Thresholds
 
@@ -56,7 +55,7 @@ def linear_study(prior_sd: np.ndarray) -> IdentifiabilityStudy:
             unexplained=0,
         ),
         parameters=tuple(judged(e) for e in ((1, 0, 0), (0, 1, 0), (0, 0, 1))),
-        products=tuple(judged(p.exponents) for p in products(known, prior_sd, simple_exponents(3))),
+        products=products(known, prior_sd, simple_exponents(3), words),
         information=known,
         remedies=(),
     )

@@ -68,12 +68,10 @@ LEVEL_BISECTIONS = 40  # of the interval in which the pointwise level is sought
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RankBand:
-    """A band for the empirical distribution function of uniform ranks.
+    """A band for the empirical distribution function of `n` uniform ranks.
 
-    Of `n` ranks, between `low` and `high` (both allowed) are below `(i + 1) / (L + 1)`, each
-    `(L,)`.
-
-    `false_alarm`: the exact probability that uniform ranks leave it somewhere.
+    Between `low` and `high (L,)`, both allowed, are below each of the `shares (L,)`; `false_alarm`:
+    the exact probability that uniform ranks leave it somewhere.
     """
 
     n: int
@@ -123,9 +121,8 @@ def ecdf_band(n: int, n_draws: int, false_alarm: float) -> RankBand:
 @functools.cache
 def count_band(n: int, share: float, false_alarm: float) -> tuple[int, int]:
     """Return the expected counts of `n` independent events of probability `share`, ends included."""
-    low, high = _pointwise(
-        scipy.special.bdtr(np.arange(n + 1)[:, None], n, np.array([share])), false_alarm
-    )
+    table = scipy.special.bdtr(np.arange(n + 1)[:, None], n, np.array([share]))
+    low, high = _pointwise(table, false_alarm)
     return int(low[0]), int(high[0])
 
 
@@ -139,8 +136,7 @@ def _pointwise(table: Array, level: float) -> tuple[Counts, Counts]:
 def _stay_probability(n: int, shares: Array, low: Counts, high: Counts) -> float:
     """The probability that the counts of `n` uniforms stay between `low` and `high` at all shares.
 
-    Counts are a Markov chain: of those still above one share, each is below the next one
-    independently.
+    A Markov chain: of those still above one share, each is below the next one independently.
     """
     log_factorial = scipy.special.gammaln(np.arange(n + 1) + 1.0)
     have, probability, before = np.array([0]), np.array([1.0]), 0.0
@@ -170,10 +166,7 @@ MAX_PRIOR_TRIES = 1000  # draws from the prior until the model has a finite resp
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CalibrationStudy:
-    """A study that is repeated: `posterior` without its record, and how it is fitted.
-
-    `draws`: L, among which the truth is ranked.
-    """
+    """A study that is repeated: `posterior` without its record, its fit, and L `draws` to rank in."""
 
     posterior: Posterior
     plan: FitPlan
@@ -187,11 +180,9 @@ class CalibrationStudy:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Refit:
-    """One refit of a simulated record.
+    """One refit of a simulated record, `truth` and `ranks` in the order of `Study.names`.
 
-    `truth` and `ranks` in the order of `Study.names`; no ranks where nothing could be sampled.
-
-    `reasons`: why it has not converged; `seconds` it took, which is no part of the result.
+    No ranks where nothing could be sampled; `reasons`: why it has not converged.
     """
 
     index: int
@@ -201,7 +192,7 @@ class Refit:
     ess: float
     steps: int
     reasons: tuple[str, ...]
-    seconds: float = field(compare=False)
+    seconds: float = field(compare=False)  # that it took: no part of the result
 
     @property
     def converged(self) -> bool:
@@ -252,16 +243,11 @@ def _simulated(posterior: Posterior, rng: np.random.Generator) -> tuple[Array, P
         signals = likelihood.all_signals(theta)
         # Where the model overflows the posterior is zero: such unknowns are no part of the prior.
         if all(np.all(np.isfinite(each)) for each in signals):
-            break
-    else:
-        message = (
-            f"the model has no finite response at {MAX_PRIOR_TRIES} draws from the priors; narrow "
-            "them"
-        )
-        raise InputError.at("parameters", message)
-    pairs = zip(likelihood.observations, signals, strict=True)
-    records = [observation.draw(each, theta, rng)[0] for observation, each in pairs]
-    return theta[0], posterior.edit(records=records)
+            pairs = zip(likelihood.observations, signals, strict=True)
+            records = [observation.draw(each, theta, rng)[0] for observation, each in pairs]
+            return theta[0], posterior.edit(records=records)
+    tries = f"{MAX_PRIOR_TRIES} draws from the priors"
+    raise InputError.at("parameters", f"the model has no finite response at {tries}; narrow them")
 
 
 FALSE_ALARM = 0.01  # of the whole verdict
@@ -286,10 +272,7 @@ class IntervalCoverage:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RankedQuantity:
-    """One unknown, or the log likelihood (which has no `intervals`); `ranks (N,)`.
-
-    `shape`: what is wrong, where it can be told; None for uniform ranks.
-    """
+    """One unknown, or the log likelihood (without `intervals`); `shape`: what is wrong, if known."""
 
     name: str
     ranks: Counts
@@ -301,10 +284,7 @@ class RankedQuantity:
 
 @dataclass(frozen=True, kw_only=True)
 class CalibrationVerdict:
-    """The verdict on all ranks.
-
-    `not_converged`: indices of refits that missed their targets, `lost`: of those without ranks.
-    """
+    """The verdict; `not_converged`: refits that missed their targets, `lost`: those without ranks."""
 
     n_draws: int
     band: RankBand
@@ -326,13 +306,13 @@ class CalibrationVerdict:
             if not quantity.holds:
                 why = f" ({quantity.shape})" if quantity.shape else ""
                 faults.append(f"ranks of {quantity.name} leave the band{why}")
-        for quantity in self.quantities:
-            for interval in quantity.intervals:
-                if not interval.holds:
-                    faults.append(
-                        f"{100 * interval.share:.3g} % intervals of {quantity.name} hold the truth in "
-                        f"{100 * interval.inside / self.band.n:.0f} % of the refits"
-                    )
+        faults += [
+            f"{100 * interval.share:.3g} % intervals of {quantity.name} hold the truth in "
+            f"{100 * interval.inside / self.band.n:.0f} % of the refits"
+            for quantity in self.quantities
+            for interval in quantity.intervals
+            if not interval.holds
+        ]
         return tuple(faults)
 
     @cached_property
@@ -352,33 +332,29 @@ class CalibrationVerdict:
 def judge_calibration(
     names: Sequence[str], refits: Sequence[Refit], n_draws: int
 ) -> CalibrationVerdict:
-    """Judge the ranks of all refits.
-
-    `names` of the quantities, the log likelihood last; `refits` in the order of their index.
-    """
+    """Judge the ranks of all `refits`, by index, of quantities `names`, the log likelihood last."""
     ranked = [refit for refit in refits if refit.ranks]
     table = np.array([refit.ranks for refit in ranked], dtype=np.int64).reshape(-1, len(names))
     band = ecdf_band(len(ranked), n_draws, 0.5 * FALSE_ALARM / len(names))
     n_unknown = len(names) - 1
-    quantities = []
-    for column, name in enumerate(names):
-        ranks, unknown = table[:, column], column < n_unknown
+
+    def judged(name: str, ranks: Counts, *, unknown: bool) -> RankedQuantity:
         holds = band.holds(ranks)
-        fault = shape(ranks, n_draws, of_fit=not unknown) if len(ranks) and not holds else None
-        quantities.append(
-            RankedQuantity(
-                name=name,
-                ranks=ranks,
-                reach=band.reach(ranks),
-                holds=holds,
-                shape=fault,
-                intervals=_intervals(ranks, n_draws, n_unknown) if unknown else (),
-            )
+        return RankedQuantity(
+            name=name,
+            ranks=ranks,
+            reach=band.reach(ranks),
+            holds=holds,
+            shape=shape(ranks, n_draws, of_fit=not unknown) if len(ranks) and not holds else None,
+            intervals=_intervals(ranks, n_draws, n_unknown) if unknown else (),
         )
+
     return CalibrationVerdict(
         n_draws=n_draws,
         band=band,
-        quantities=tuple(quantities),
+        quantities=tuple(
+            judged(name, table[:, k], unknown=k < n_unknown) for k, name in enumerate(names)
+        ),
         refits=len(refits),
         not_converged=tuple(refit.index for refit in refits if not refit.converged),
         lost=tuple(refit.index for refit in refits if not refit.ranks),

@@ -10,7 +10,6 @@ parameters are held at their nominal values, within their tolerances, and all el
 
 from __future__ import annotations
 
-import dataclasses
 import math
 import time
 from collections.abc import Mapping
@@ -20,7 +19,7 @@ from types import MappingProxyType
 import numpy as np
 import scipy
 
-from bayesdrill.analysis.edits import EditedPosterior, with_candidates
+from bayesdrill.analysis.edits import with_candidates
 from bayesdrill.basics.arrays import Array
 from bayesdrill.inference import residual_checks, step_error
 from bayesdrill.inference.compression import excerpt
@@ -75,20 +74,18 @@ def refit_candidate(
     least: float,
     alone: Mapping[str, float] = MappingProxyType({}),
 ) -> RefitMaximum | None:
-    """Refit a candidate: return the maximum of its `posterior`.
+    """Refit a candidate: return the maximum of its `posterior`; None without a finite response.
 
     It starts at `near`, values of unknowns that are known, and at values where what is new was `alone`.
-    None where it has no finite response there.  One that promises no more than the log density
-    `least` is not followed to its very end.  The log evidence is that of a Gaussian with the
-    curvature at the maximum; the priors count in it as Gaussians of their spread, so that a
-    direction which the record does not determine costs each candidate the same (MacKay 2003, ch.
-    27).
+    One that promises no more than the log density `least` is not followed to its very end.  The log
+    evidence is that of a Gaussian with the curvature at the maximum; the priors count in it as
+    Gaussians of their spread, so that a direction which the record does not determine costs each
+    candidate the same (MacKay 2003, ch. 27).
     """
     space, coordinates = posterior.space, posterior.coordinates
     surface = PosteriorLogDensity(posterior, physical=True)
-    rows = np.clip(
-        coordinates.from_physical(_starts(posterior, near, alone)), surface.low, surface.high
-    )
+    starts = coordinates.from_physical(_starts(posterior, near, alone))
+    rows = np.clip(starts, surface.low, surface.high)
     first = gauss_newton(surface, rows, FIRST_STEPS)
     if not np.isfinite(first.value).any():
         return None
@@ -111,9 +108,8 @@ def refit_candidate(
     near_end = np.minimum(u[0] - surface.low, surface.high - u[0]) < NEAR_END * surface.spread
     # Along a ridge of what is known all is one maximum.
     new = [name not in near for name in space.free]
-    distinct = (np.abs(u[1:] - u[0]) / surface.spread)[:, new].max(
-        axis=1, initial=0.0
-    ) > SAME_MAXIMUM
+    apart = (np.abs(u[1:] - u[0]) / surface.spread)[:, new].max(axis=1, initial=0.0)
+    again = (apart > SAME_MAXIMUM) & (heights[1:] > heights[0] - OTHER_MAXIMUM_DEPTH)
     return RefitMaximum(
         values=dict(zip(space.free, map(float, theta), strict=True)),
         sds=dict(zip(space.free, map(float, sds), strict=True)),
@@ -121,7 +117,7 @@ def refit_candidate(
         log_z=log_z,
         fit=residual_checks.residual_summaries(posterior.likelihood, theta),
         at_ends=tuple(name for name, end in zip(space.free, near_end, strict=True) if end),
-        several=bool((distinct & (heights[1:] > heights[0] - OTHER_MAXIMUM_DEPTH)).any()),
+        several=bool(again.any()),
         seconds=seconds,
         numbers=posterior.likelihood.n_measured,
         log_likelihood=float(posterior.likelihood(theta[None])[0]),
@@ -135,10 +131,9 @@ def _starts(posterior: Posterior, near: Mapping[str, float], alone: Mapping[str,
     several places of its prior.
     """
     space = posterior.space
-    known = space.vector({name: near.get(name, x) for name, x in space.start.items()})
-    rows = [space.vector(space.start), known]
-    if alone:
-        rows.append(space.vector({n: alone.get(n, x) for n, x in space.start.items()}))
+    begun = [{}, near, alone] if alone else [{}, near]
+    rows = [space.vector({n: at.get(n, x) for n, x in space.start.items()}) for at in begun]
+    known = rows[1]
     new = [k for k, name in enumerate(space.free) if name not in near]
     for share in START_QUANTILES if new else ():
         row = known.copy()
@@ -278,48 +273,42 @@ class EquivalentExplanation:
 def equivalent_explanation(problem: Problem, theta: Array) -> EquivalentExplanation | None:
     """Find what fits the record with the table about as well as the MAP `theta (D,)` without it."""
     posterior = excerpt(problem.posterior) or problem.posterior
-    problem = dataclasses.replace(problem, posterior=posterior)
-    wide = with_candidates(posterior, theta)
-    tabled = [k for k, name in enumerate(posterior.space.free) if name in problem.nominal]
-    if not wide.sizes or not tabled or not _allowed(problem):
+    wider, space = with_candidates(posterior, theta), posterior.space
+    tried = [k for k, name in enumerate(wider.space.free) if name not in space.free]
+    table = {}  # by columns: ends of the tolerance
+    for k, name in enumerate(space.free):
+        if name in problem.nominal:
+            off = problem.tolerance.get(name, 0.0)
+            table[k] = problem.nominal[name] * np.array([1.0 - off, 1.0 + off])
+    pairs = ((space.unknowns[k].prior, ends) for k, ends in table.items())
+    allowed = all(prior.low <= high and low <= prior.high for prior, (low, high) in pairs)
+    if not (tried and table and allowed):
         return None
-    limit = 0.5 * float(scipy.special.chdtri(len(tabled), REJECTED_SHARE))
-    bare = _fit_with_table(problem, wide, theta, tabled, None)
-    if bare is None or bare[1] <= limit:
+    start = np.insert(theta, tried[0], np.zeros(len(tried)))
+    limit = 0.5 * float(scipy.special.chdtri(len(table), REJECTED_SHARE))
+    before = float(posterior.likelihood(theta[None])[0])
+    bare = _fit_with_table(wider, start, table, tried, None)
+    if bare is None or before - bare[1] <= limit:
         return None  # the table needs no help
     best: EquivalentExplanation | None = None
-    for which, name in zip(wide.tried, wide.sizes, strict=True):
-        fitted = _fit_with_table(problem, wide, theta, tabled, which)
-        if fitted is not None and fitted[1] <= min(limit, limit if best is None else best.lost):
-            best = EquivalentExplanation(parameter=name, value=fitted[0], lost=fitted[1])
+    for which in tried:
+        fitted = _fit_with_table(wider, start, table, tried, which)
+        if fitted is not None and before - fitted[1] <= limit:
+            limit = before - fitted[1]
+            name = wider.space.free[which]
+            best = EquivalentExplanation(parameter=name, value=fitted[0], lost=limit)
     return best
 
 
-def _allowed(problem: Problem) -> bool:
-    """Whether the priors allow the table at all."""
-    nominal, off = problem.nominal, problem.tolerance
-    return all(
-        prior.low <= nominal[name] * (1.0 + off.get(name, 0.0))
-        and nominal[name] * (1.0 - off.get(name, 0.0)) <= prior.high
-        for name, prior in problem.posterior.space.priors.items()
-        if name in nominal
-    )
-
-
 def _fit_with_table(
-    problem: Problem, wide: EditedPosterior, theta: Array, tabled: list[int], which: int | None
+    wider: Posterior, start: Array, table: Mapping[int, Array], tried: list[int], which: int | None
 ) -> tuple[float, float] | None:
-    """With the unknown `which` of what is tried, or with nothing: its value, and what is lost."""
-    space, wider = problem.posterior.space, wide.posterior
-    start = wide.at(theta)
+    """With the unknown `which` of those tried, or with nothing: its value, and the likelihood."""
     ends = np.stack([start, start])
-    for k in tabled:
-        name = space.free[k]
-        off = problem.tolerance.get(name, 0.0)
-        ends[:, k] = problem.nominal[name] * np.array([1.0 - off, 1.0 + off])
+    ends[:, [*table]] = np.transpose([*table.values()])
     surface = PosteriorLogDensity(wider, physical=True)
     fixed = np.zeros(len(start), dtype=bool)
-    fixed[[*tabled, *wide.tried]] = True
+    fixed[[*table, *tried]] = True
     rows = np.repeat(start[None], len(START_SHARES), axis=0)
     if which is not None:
         fixed[which] = False
@@ -333,6 +322,4 @@ def _fit_with_table(
     if not np.isfinite(likely).any():
         return None
     k = int(np.nanargmax(likely))
-    before = float(problem.posterior.likelihood(theta[None])[0])
-    value = 0.0 if which is None else float(there[k, which])
-    return value, before - float(likely[k])
+    return 0.0 if which is None else float(there[k, which]), float(likely[k])

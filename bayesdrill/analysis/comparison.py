@@ -1,9 +1,7 @@
 """Compare several models or experiments: which is more probable, and whether repeats agree.
 
-Whether experiments with one rig tell the same of it: their spread, against what each knows.
-
-At the joint maximum each experiment alone would move the unknowns by its own slope over its own
-information, nuisances taken out.  The spread beyond that is DerSimonian and Laird's (1986).
+Repeats: at the joint maximum each experiment alone would move the unknowns by its own slope over its
+own information, nuisances taken out.  The spread beyond that is DerSimonian and Laird's (1986).
 """
 
 from __future__ import annotations
@@ -37,8 +35,8 @@ from bayesdrill.sampling.evidence import Evidence
 class PosteriorSummary:
     """One run under its `name`: `draws (N, D)`, SI; `settings`: what a reader compares of two runs.
 
-    `mark`: by which files say whose they are; `warning`: what its figures carry, `reasons`: why it must
-    not be believed; empty where it may be.
+    `mark`: by which files say whose they are; `warning`: what its figures carry, `reasons`: why it
+    must not be believed.
     """
 
     name: str
@@ -58,10 +56,7 @@ class PosteriorSummary:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MarginalEstimate:
-    """A run's estimate of a quantity, SI: mean, sd and the narrowest interval.
-
-    All are one number where it is held fixed.
-    """
+    """A run's estimate of a quantity, SI, with the narrowest interval; held fixed it has sd 0."""
 
     mean: float
     sd: float
@@ -74,7 +69,7 @@ class MarginalEstimate:
         return self.sd == 0.0
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True)
 class OverlayRow:
     """An unknown of some run; `places`, `nominal`: of each run, None where it has none.
 
@@ -102,15 +97,15 @@ class OverlayRow:
 
 def overlay_rows(layers: Sequence[PosteriorSummary]) -> tuple[OverlayRow, ...]:
     """Return a row for each unknown of any run, in the order of the runs."""
-    rows = []
-    for symbol in dict.fromkeys(s for layer in layers for s in layer.problem.symbols):
-        places = tuple(_marginal(symbol, layer) for layer in layers)
-        nominal = tuple(layer.problem.nominal.get(symbol.name) for layer in layers)
-        distance, pair = max(_distances(places), default=(None, None))
-        rows.append(
-            OverlayRow(symbol=symbol, places=places, nominal=nominal, distance=distance, pair=pair)
-        )
-    return tuple(rows)
+    symbols = dict.fromkeys(symbol for layer in layers for symbol in layer.problem.symbols)
+    return tuple(_overlay_row(symbol, layers) for symbol in symbols)
+
+
+def _overlay_row(symbol: Symbol, layers: Sequence[PosteriorSummary]) -> OverlayRow:
+    places = tuple(_marginal(symbol, layer) for layer in layers)
+    nominal = tuple(layer.problem.nominal.get(symbol.name) for layer in layers)
+    distance, pair = max(_distances(places), default=(None, None))
+    return OverlayRow(symbol, places, nominal, distance, pair)
 
 
 def _marginal(symbol: Symbol, layer: PosteriorSummary) -> MarginalEstimate | None:
@@ -125,11 +120,7 @@ def _distances(
     places: Sequence[MarginalEstimate | None],
 ) -> Iterator[tuple[float, tuple[int, int]]]:
     """Of all pairs that have an sd, in sds."""
-    free = [
-        (k, estimate)
-        for k, estimate in enumerate(places)
-        if estimate is not None and estimate.sd > 0
-    ]
+    free = [(k, each) for k, each in enumerate(places) if each is not None and each.sd > 0]
     for (k, first), (j, second) in itertools.combinations(free, 2):
         sd = math.sqrt(0.5 * (first.sd**2 + second.sd**2))
         yield abs(first.mean - second.mean) / sd, (k, j)
@@ -174,11 +165,6 @@ class RunSummary:
         return self.layer.name
 
     @property
-    def mark(self) -> str:
-        """What files say of whose they are."""
-        return self.layer.mark
-
-    @property
     def log_z(self) -> float:
         """The log evidence."""
         return self.evidence.log_z
@@ -204,10 +190,6 @@ class ModelDecision:
     gain: Mapping[str, float]
     vague: tuple[str, ...]
 
-    def sure(self, what: str) -> bool:
-        """Return whether the gain against `what` is beyond doubt."""
-        return self.gain[what] > SURE_LOG_ODDS
-
 
 def decide(models: Sequence[RunSummary]) -> ModelDecision:
     """Decide between models; the first is held against all others."""
@@ -230,14 +212,10 @@ def decide(models: Sequence[RunSummary]) -> ModelDecision:
 
 
 def _word(top: RunSummary, first: RunSummary, gain: Mapping[str, float]) -> Word:
-    """Of a model that is better than the first."""
+    """Of a model that is better than the first; on what it has in common it gains nothing."""
     if top.rig == first.rig and top.noise == first.noise:
         return "priors"
     model, noise = gain["model"] > SURE_LOG_ODDS, gain["noise"] > SURE_LOG_ODDS
-    if top.rig == first.rig:
-        return "noise" if noise else "either"
-    if top.noise == first.noise:
-        return "model" if model else "either"
     if model and noise:
         return "both"
     return "model" if model else "noise" if noise else "either"
@@ -257,9 +235,7 @@ def _vague(models: Sequence[RunSummary], top: RunSummary) -> tuple[str, ...]:
 
 def probabilities(models: Sequence[RunSummary]) -> tuple[float, ...]:
     """Return each model's probability, if one is right and all were as likely before."""
-    log_z = np.array([model.log_z for model in models])
-    share = np.exp(log_z - log_z.max())
-    return tuple(map(float, share / share.sum()))
+    return tuple(scipy.special.softmax([model.log_z for model in models]).tolist())
 
 
 def difference(
@@ -299,22 +275,15 @@ def repeats(
     if len(observations) < 2 or not products:
         return ()
     full = sensitivity.likelihood.space.full(theta[None])
-    rests = [
-        observation.whitened_jacobian_at(observation.residuals(full).samples, theta).ravel()
-        for observation in observations
-    ]
-    alone = [
-        sensitivity.local_estimate(*pair)
-        for pair in zip(sensitivity.by_experiment(theta), rests, strict=True)
-    ]
+    alone = []
+    for observation, rows in zip(observations, sensitivity.by_experiment(theta), strict=True):
+        left = observation.whitened_jacobian_at(observation.residuals(full).samples, theta)
+        alone.append((observation.label, sensitivity.local_estimate(rows, left.ravel())))
     determined = []
     for exponents in products:
         powers = np.array(exponents, dtype=float)
-        estimates = [
-            (observation.label, *_product_estimate(a, powers))
-            for observation, a in zip(observations, alone, strict=True)
-        ]
-        known = [(label, x, sd) for label, x, sd in estimates if np.isfinite(sd)]
+        each = [(label, *_product_estimate(*one, powers)) for label, one in alone]
+        known = [(label, x, sd) for label, x, sd in each if np.isfinite(sd)]
         if len(known) > 1:
             determined.append((exponents, known))
     return tuple(_compared(exponents, known, len(determined)) for exponents, known in determined)
@@ -340,12 +309,12 @@ def _compared(
     )
 
 
-def _product_estimate(alone: tuple[Array, Array], powers: Array) -> tuple[float, float]:
+def _product_estimate(root: Array, lead: Array, powers: Array) -> tuple[float, float]:
     """The log of a product and its sd, of one experiment; infinite where it says nothing of it."""
-    u, values, rows = np.linalg.svd(alone[0])
+    u, values, rows = np.linalg.svd(root)
     determined = values > RANK_TOLERANCE * values[0]
     along = rows @ powers
     if np.linalg.norm(along[~determined]) > BLIND_SHARE * np.linalg.norm(powers):
         return 0.0, np.inf
     weights = along[determined] / values[determined]
-    return float(weights @ (u[:, determined].T @ alone[1])), float(np.linalg.norm(weights))
+    return float(weights @ (u[:, determined].T @ lead)), float(np.linalg.norm(weights))

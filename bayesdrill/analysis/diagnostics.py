@@ -2,8 +2,7 @@
 
 Ranks as ArviZ plots them: where all ensembles draw from one distribution, the ranks of each are
 uniform (Vehtari et al. 2021; Saeilynoja, Buerkner and Vehtari 2022).  How far chance takes them is
-found by dealing the ranks out anew: tables of the same numbers of draws in all ensembles and all
-bins.
+found by dealing them out anew, as many to each ensemble and each bin.
 """
 
 from __future__ import annotations
@@ -121,9 +120,8 @@ MAX_DRAWS = 4000  # looked at
 def prior_dependence(rows: Sequence[ParameterRow], draws: Array) -> Mapping[str, tuple[str, ...]]:
     """Return unknowns that are determined by the priors of others alone, with those others.
 
-    The others are left to their priors, and explain most of what is left of the unknown: were their
-    priors wider, so would its posterior be. `draws (N, D)`, in the order of `rows`. By ranks, so
-    that no ridge need be straight.
+    Were the priors of these wider, so would be the posterior of the unknown. `draws (N, D)`, in the
+    order of `rows`. By ranks, so that no ridge need be straight.
     """
     alone = [d for d, row in enumerate(rows) if row.word == "prior only"]
     if not alone:
@@ -139,11 +137,8 @@ def prior_dependence(rows: Sequence[ParameterRow], draws: Array) -> Mapping[str,
             continue
         slopes, *_ = np.linalg.lstsq(z[:, alone], z[:, d])
         if 1 - np.mean((z[:, d] - z[:, alone] @ slopes) ** 2) >= MIN_EXPLAINED:
-            dependence[row.name] = tuple(
-                rows[k].name
-                for k, slope in zip(alone, slopes, strict=True)
-                if abs(slope) > MIN_SLOPE
-            )
+            steep = (k for k, slope in zip(alone, slopes, strict=True) if abs(slope) > MIN_SLOPE)
+            dependence[row.name] = tuple(rows[k].name for k in steep)
     return dependence
 
 
@@ -157,9 +152,8 @@ TAUS_BETWEEN_DRAWS = 2  # autocorrelation times between draws that count as inde
 class RankHistogram:
     """Ranks of each ensemble's draws of an unknown among all draws.
 
-    Of one unknown: `counts (E, BINS)` of each ensemble's draws, in bins of as many draws of all.
-
-    `room (BINS - 1,)`: how far the counts below each share go from the expected by chance.
+    `counts (E, BINS)` in bins of as many draws of all; `room (BINS - 1,)`: how far the counts below
+    each share go from the expected by chance.
     """
 
     counts: Counts
@@ -194,11 +188,11 @@ def rank_histograms(draws: Array, rng: np.random.Generator) -> tuple[RankHistogr
     """Return a histogram for each unknown, of independent draws `(E, N, D)` of several ensembles."""
     from arviz_stats.base import array_stats  # late: it takes half a second to load
 
-    room = _chance_widths(draws.shape[0], draws.shape[1], FALSE_ALARM / draws.shape[2], rng)
-    total, histograms = draws.shape[0] * draws.shape[1], []
-    for d in range(draws.shape[2]):
+    n_ensembles, n, n_unknown = draws.shape
+    room, histograms = _chance_widths(n_ensembles, n, FALSE_ALARM / n_unknown, rng), []
+    for d in range(n_unknown):
         rank = array_stats.compute_ranks(draws[..., d], axis=None)  # type: ignore[no-untyped-call]
-        bins = np.ceil(RANK_BINS * rank / total).astype(np.int64) - 1
+        bins = np.ceil(RANK_BINS * rank / (n_ensembles * n)).astype(np.int64) - 1
         counts = np.stack([np.bincount(row, minlength=RANK_BINS) for row in bins])
         histograms.append(RankHistogram(counts=counts, room=room))
     return tuple(histograms)

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import dataclasses
 import itertools
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,8 +14,8 @@ from bayesdrill.basics.symbols import Symbol
 from bayesdrill.inference.likelihood import Observation
 from bayesdrill.inference.posterior import Posterior
 from bayesdrill.inference.priors import Uniform
-from bayesdrill.inference.unknowns import SIMULATOR_ROLES, ParameterSpace, Unknown
-from bayesdrill.record.experiment import channels_of_states
+from bayesdrill.inference.unknowns import Unknown
+from bayesdrill.record.experiment import with_states
 from bayesdrill.rig.models.linear import Linear, Model, with_named
 from bayesdrill.rig.models.roles import Roles
 
@@ -25,9 +24,9 @@ ZERO = np.zeros(1)
 
 @dataclass(frozen=True, slots=True)
 class Lack:
-    """Physics that a rig may be without, and the `parameter` that switches it on.
+    """Physics that a rig may be without: of a candidate the `name`, the `parameter` and the `words`.
 
-    `name`: of a candidate that has it; `words`: what it is; `dry`: whether it changes its sign.
+    `dry`: whether it changes its sign.
     """
 
     name: str
@@ -44,31 +43,22 @@ def lacks(roles: Roles) -> tuple[Lack, ...]:
     rubs = {i.speed: i for i in reversed(roles.inertias) if i.sliding}
     several = len(roles.motors) > 1
     drop = "a voltage drop of driver and brushes"
-    named = (
-        *(
-            (f"friction_{i.name}", i.sliding, f"dry friction {i.at}", True)
-            for i in roles.inertias
-            if i in rubs.values()
-        ),
-        *(
-            (f"voltage_drop_{m.inertia}", m.drop, f"{drop} of {m.words}", True)
-            if several
-            else ("voltage_drop", m.drop, drop, True)
-            for m in roles.motors
-        ),
-        *(
-            (f"damping_{i.name}", i.damping, f"viscous damping {i.at}", False)
-            for i in roles.inertias
-        ),
-        *((f"damping_{s.name}", s.damping, f"damping of {s.words}", False) for s in roles.shafts),
-    )
-    return tuple(Lack(*entry) for entry in named if entry[1])
+    named = [
+        Lack(f"friction_{i.name}", i.sliding, f"dry friction {i.at}", dry=True)
+        for i in roles.inertias
+        if i in rubs.values()
+    ]
+    for m in roles.motors:
+        name, words = (f"_{m.inertia}", f" of {m.words}") if several else ("", "")
+        named.append(Lack(f"voltage_drop{name}", m.drop, f"{drop}{words}", dry=True))
+    damped = [(i.name, i.damping, f"viscous damping {i.at}") for i in roles.inertias]
+    damped += [(s.name, s.damping, f"damping of {s.words}") for s in roles.shafts]
+    named += [Lack(f"damping_{name}", what, words, dry=False) for name, what, words in damped]
+    return tuple(lack for lack in named if lack.parameter)
 
 
-def rig_candidates(
-    observations: tuple[Observation, ...], space: ParameterSpace, theta: Array
-) -> dict[str, float]:
-    """Return what the rig offers and has not, with the most that it can be, at `theta (D,)`."""
+def rig_candidates(observations: Sequence[Observation], full: Array) -> dict[str, float]:
+    """Return what the rig offers and has not, with the most that it can be, at `full (1, P)`."""
     model = observations[0].response.model
     taken = {
         other.sliding
@@ -77,14 +67,9 @@ def rig_candidates(
     }
     offered = {*model.offers} - {*model.parameters} - taken
     names = [lack.parameter for lack in lacks(model.roles) if lack.parameter in offered]
-    moved = (
-        [
-            (rig_parameters(observation, space, theta), state_motion(observation, space, theta))
-            for observation in observations
-        ]
-        if names
-        else []
-    )
+    if not names:
+        return {}
+    moved = [(rig_parameters(each, full), state_motion(each, full)) for each in observations]
     sizes = {
         name: max(_size(with_named(model, (name,)), name, p, states) for p, states in moved)
         for name in names
@@ -92,32 +77,21 @@ def rig_candidates(
     return {name: size for name, size in sizes.items() if size > 0}
 
 
-def rig_parameters(
-    observation: Observation, space: ParameterSpace, theta: Array
-) -> dict[str, float]:
-    """Return the rig's parameters at `theta (D,)`."""
-    arguments = observation.simulator_parameters(space.full(theta[None]))[0]
+def rig_parameters(observation: Observation, full: Array) -> dict[str, float]:
+    """Return the rig's parameters, at all parameters `full (1, P)`."""
     names = observation.response.model.parameters
-    return dict(zip(names, map(float, arguments[: len(names)]), strict=False))
+    return dict(zip(names, observation.simulator_parameters(full)[0].tolist(), strict=False))
 
 
-def state_motion(observation: Observation, space: ParameterSpace, theta: Array) -> Array:
-    """Return all states at the samples `(T, X)`, at `theta (D,)`."""
-    states = observation.response.model.states
-    y = np.zeros((len(observation.experiment.t), len(states)))
-    shown = dataclasses.replace(observation.experiment, channels=channels_of_states(states), y=y)
-    return np.asarray(
-        observation.response.of(shown).signals(
-            observation.simulator_parameters(space.full(theta[None]))
-        )[0]
-    )
+def state_motion(observation: Observation, full: Array) -> Array:
+    """Return all states at the samples `(T, X)`, at all parameters `full (1, P)`."""
+    response = observation.response
+    shown = with_states(observation.experiment, response.model.states, alone=True)
+    return np.asarray(response.of(shown).signals(observation.simulator_parameters(full))[0])
 
 
 def _size(model: Model, name: str, p: Mapping[str, float], states: Array) -> float:
-    """What the parameter would be if it did as much as all else that acts where it does.
-
-    `states (T, X)`: of the motion without it.
-    """
+    """What the parameter would be if it did as much as all else, in the `states (T, X)` without it."""
     without, alone = (model.linear({**p, name: value}) for value in (0.0, 1.0))
     named = dict(zip(model.states, states.T, strict=True))
     sizes = [0.0]
@@ -127,9 +101,8 @@ def _size(model: Model, name: str, p: Mapping[str, float], states: Array) -> flo
         added = sum((np.asarray(x - without.A.get(k, 0.0)) * named[k[1]] for k, x in changed), ZERO)
         for friction in model.frictions:
             if name in friction.law.parameters and (row, friction.name) in alone.B:
-                added = added + np.asarray(alone.B[row, friction.name]) * np.sign(
-                    named[friction.against]
-                )
+                push = np.asarray(alone.B[row, friction.name])
+                added = added + push * np.sign(named[friction.against])
         if (size := float(np.sqrt(np.mean(added**2)))) > 0:
             sizes.append(acting / size)
     return max(sizes)
@@ -151,40 +124,17 @@ def _rates(linear: Linear, row: str, named: Mapping[str, Array], angles: tuple[s
     return float(np.sqrt(np.mean(sum(map(np.abs, parts), ZERO) ** 2)))
 
 
-@dataclass(frozen=True, slots=True)
-class EditedPosterior:
-    """A posterior with candidates free that the rig lacks.
-
-    `sizes`: of what is tried, in the order in which it stands in `posterior`, before the noise.
-    """
-
-    posterior: Posterior
-    sizes: Mapping[str, float]
-
-    @property
-    def tried(self) -> range:
-        """The columns of what is tried among the unknowns."""
-        last = len(self.posterior.space.columns(*SIMULATOR_ROLES))
-        return range(last - len(self.sizes), last)
-
-    def at(self, theta: Array) -> Array:
-        """Return the unknowns `theta (D,)`, with nothing of what is tried: `(E,)`."""
-        return np.insert(theta, self.tried.start, np.zeros(len(self.sizes)))
-
-
-def with_candidates(posterior: Posterior, theta: Array) -> EditedPosterior:
-    """Free all unknowns that the rig lacks, at `theta (D,)`."""
-    sizes = rig_candidates(posterior.likelihood.observations, posterior.space, theta)
+def with_candidates(posterior: Posterior, theta: Array) -> Posterior:
+    """Free all unknowns that the rig lacks, at `theta (D,)`: before those of the noise."""
+    sizes = rig_candidates(posterior.likelihood.observations, posterior.space.full(theta[None]))
+    symbols = {name: Symbol(name, "", "", "", "") for name in sizes}
     free = [
-        Unknown(
-            symbol=Symbol(name, "", "", "", ""), role="sensor", prior=Uniform(0.0, size), start=0.0
-        )
+        Unknown(symbol=symbols[name], role="sensor", prior=Uniform(0.0, size), start=0.0)
         for name, size in sizes.items()
     ]
 
     def with_tried(observation: Observation) -> Observation:
-        return observation.for_rig(
-            with_named(observation.response.model, [*sizes]), observation.response.sensing
-        )
+        response = observation.response
+        return observation.for_rig(with_named(response.model, [*sizes]), response.sensing)
 
-    return EditedPosterior(posterior.edit(free=free, each=with_tried), sizes)
+    return posterior.edit(free=free, each=with_tried)

@@ -34,10 +34,10 @@ class EnergyPart:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class EnergyAccount:
-    """The energy of one experiment.
+    """The energy of one experiment that `came` in and `went` by the times `t (N,)`, J, by name.
 
-    `came` in and `went` at each of the times `t (N,)`, J, by name; what is stored at the start has
-    come in. `imbalance`: the share that is in neither, of the order of the steps.
+    What is stored at the start has come in. `imbalance`: the share that is in neither, of the order
+    of the steps.
     """
 
     label: str
@@ -64,32 +64,42 @@ def energy_accounts(posterior: Posterior, theta: Array, draws: Array) -> tuple[E
 
 
 def _account(observation: Observation, arguments: Array) -> EnergyAccount:
-    """At parameters `told (1 + N, P)` of its simulator: of the MAP, and of draws."""
+    """At parameters `(1 + N, P)` of its simulator: of the MAP, and of draws."""
     rig = observation.response
     best = energies(rig, arguments[0])
     flows = _flows(best)
-    names = _sides(flows)
-    came = {name: flows[name] for name in names[0]}
-    went = {name: -flows[name] for name in names[1]}
-    shares = [_shares(_flows(energies(rig, each)), names) for each in arguments[1:]]
-    parts = [
-        EnergyPart(
-            name=name,
-            joules=float((came | went)[name][-1]),
-            share=share,
-            sd=None if len(shares) < 2 else float(np.std([o[name] for o in shares], ddof=1)),
-        )
-        for name, share in _shares(flows, names).items()
-    ]
+    # What is next to nothing has no side, unless it is what is stored.
+    least = NEGLIGIBLE_SHARE * max(float(np.abs(part).max()) for part in flows.values())
+    sizable = {n: part for n, part in flows.items() if n == STORED or np.abs(part).max() > least}
+    came = {n: part for n, part in sizable.items() if n != STORED and part[-1] >= 0}
+    went = {n: -part for n, part in sizable.items() if n not in came}
+
+    def shares(flows: dict[str, Array]) -> dict[str, float]:
+        """Of all that came in."""
+        ends = {name: float(flows[name][-1]) for name in (*came, *went)}
+        total = sum(ends[name] for name in came)
+        ends |= {name: -ends[name] for name in went}
+        return {name: end / total if total else 0.0 for name, end in ends.items()}
+
+    of_draws = [shares(_flows(energies(rig, each))) for each in arguments[1:]]
     total = sum(part[-1] for part in came.values())
-    imbalance = float(np.abs(best.open[-1]) / total) if total else 0.0
     return EnergyAccount(
         label=observation.label,
         t=best.t,
         came=came,
         went=went,
-        parts=tuple(parts),
-        imbalance=imbalance,
+        parts=tuple(
+            EnergyPart(
+                name=name,
+                joules=float((came | went)[name][-1]),
+                share=share,
+                sd=float(np.std([o[name] for o in of_draws], ddof=1))
+                if len(of_draws) > 1
+                else None,
+            )
+            for name, share in shares(flows).items()
+        ),
+        imbalance=float(np.abs(best.open[-1]) / total) if total else 0.0,
     )
 
 
@@ -99,26 +109,6 @@ def _flows(energies: Energies) -> dict[str, Array]:
     flows |= {name: -part for name, part in energies.lost.items()}
     start = np.full(len(energies.t), energies.stored[0])
     return {**flows, AT_START: start, STORED: -energies.stored}
-
-
-def _sides(flows: dict[str, Array]) -> tuple[list[str], list[str]]:
-    """Names of what came in and of what went, in the end; what is next to nothing has none."""
-    scale = max(float(np.abs(part).max()) for part in flows.values())
-    names = [
-        n
-        for n, part in flows.items()
-        if n == STORED or np.abs(part).max() > NEGLIGIBLE_SHARE * scale
-    ]
-    came = [name for name in names if name != STORED and flows[name][-1] >= 0]
-    return came, [name for name in names if name not in came]
-
-
-def _shares(flows: dict[str, Array], names: tuple[list[str], list[str]]) -> dict[str, float]:
-    """Of all that came in."""
-    ends = {name: float(flows[name][-1]) for name in (*names[0], *names[1])}
-    total = sum(ends[name] for name in names[0])
-    signs = dict.fromkeys(names[0], 1.0) | dict.fromkeys(names[1], -1.0)
-    return {name: signs[name] * end / total if total else 0.0 for name, end in ends.items()}
 
 
 CURVE_POINTS = 200  # of each sign, at which a law is drawn: ...
@@ -173,10 +163,7 @@ class FrictionMotion:
 
     @property
     def slowest(self) -> float:
-        """The least speed once it has gone at half of its greatest.
-
-        What comes before is a start from rest.
-        """
+        """The least speed once it has gone at half of its greatest: before, it starts from rest."""
         size = np.abs(self.speed) * self.gear
         first = int(np.argmax(size >= 0.5 * size.max()))
         return float(size[first:].min())
@@ -190,15 +177,9 @@ class FrictionMotion:
 def friction_motions(
     posterior: Posterior, theta: Array, draws: Array
 ) -> tuple[tuple[FrictionMotion, ...], ...]:
-    """Return the friction of each experiment, at the MAP `theta (D,)` and draws `(N, D)`.
-
-    Empty where there is no friction.
-    """
+    """Return the frictions of each experiment, at the MAP `theta (D,)` and draws `(N, D)`."""
     full = posterior.space.full(np.vstack([theta[None], draws]))
-    return tuple(
-        tuple(_friction_motions(observation, full))
-        for observation in posterior.likelihood.observations
-    )
+    return tuple(tuple(_friction_motions(each, full)) for each in posterior.likelihood.observations)
 
 
 def _friction_motions(observation: Observation, full: Array) -> Iterator[FrictionMotion]:
@@ -208,6 +189,7 @@ def _friction_motions(observation: Observation, full: Array) -> Iterator[Frictio
     motion = rig.motion(observation.simulator_parameters(full))
     for e, friction in enumerate(rig.model.frictions):
         speed = motion.states[0, :, rig.model.states.index(friction.against)]
+        inertia = rig.model.roles.at_friction(friction.against, friction.where)
         still = speed == 0.0
         yield FrictionMotion(
             friction=friction,
@@ -217,22 +199,13 @@ def _friction_motions(observation: Observation, full: Array) -> Iterator[Frictio
             effort=motion.efforts[0, :, e],
             sticks=np.append(still[:-1] & still[1:], False),
             efforts=motion.efforts[1:, :, e],
-            gear=geared(rig, friction),
+            gear=1.0 if inertia is None else 1.0 / inertia.reduction,
         )
-
-
-def geared(rig: Simulator, friction: Friction) -> float:
-    """Return how many times as fast its inertia turns as what a friction is said to be against."""
-    inertia = rig.model.roles.at_friction(friction.against, friction.where)
-    return 1.0 if inertia is None else 1.0 / inertia.reduction
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FrictionCurve:
-    """A friction law over its speed.
-
-    A law at its own `speeds (G,)`: `sizes (W, G)` of so many walkers, signed as the speeds.
-    """
+    """A friction law at its own `speeds (G,)`: `sizes (W, G)` of so many walkers, signed as these."""
 
     speeds: Array
     sizes: Array
@@ -248,24 +221,21 @@ def friction_curve(observation: Observation, rubbing: FrictionMotion, full: Arra
     one_way = far * np.geomspace(SMALLEST_SPEED, 1.0, CURVE_POINTS)
     speeds = np.concatenate([-one_way[::-1], [0.0], one_way])
     arguments = observation.simulator_parameters(full)
-    names = rig.model.parameters
-    p = {name: arguments[:, k, None] for k, name in enumerate(names)}
-    looked_at = {
-        name: np.asarray(x) for name, x in _law_inputs(rig, friction, arguments[:1]).items()
-    }
-    sizes = friction.law.size(p, np.abs(speeds), looked_at)
+    p = {name: arguments[:, k, None] for k, name in enumerate(rig.model.parameters)}
+    sizes = friction.law.size(p, np.abs(speeds), _law_inputs(rig, friction, arguments[:1]))
     signed = np.broadcast_to(sizes, (len(arguments), len(speeds))) * np.sign(speeds)
     return FrictionCurve(speeds=speeds * rubbing.gear, sizes=np.asarray(signed))
 
 
-def _law_inputs(rig: Simulator, friction: Friction, arguments: Array) -> dict[str, float]:
+def _law_inputs(rig: Simulator, friction: Friction, arguments: Array) -> dict[str, Array]:
     """States, and inputs, that the law looks at; of two angles only their difference counts."""
     steps = rig.steps(arguments)
-    angles = [name for name in friction.law.seen if name in rig.model.states]
-    others = [name for name in friction.law.seen if name not in rig.model.states]
-    values = {name: float(np.sqrt(np.mean(steps.felt[name] ** 2))) for name in others}
+    states = rig.model.states
+    angles = [name for name in friction.law.seen if name in states]
+    others = [name for name in friction.law.seen if name not in states]
+    values = {name: np.asarray(np.sqrt(np.mean(steps.felt[name] ** 2))) for name in others}
     if len(angles) == 2:
-        first, second = (steps.motion.states[0, :, rig.model.states.index(n)] for n in angles)
-        values[angles[0]] = 0.0
-        values[angles[1]] = float(np.sqrt(np.mean((second - first) ** 2)))
+        first, second = (steps.motion.states[0, :, states.index(name)] for name in angles)
+        values[angles[0]] = np.asarray(0.0)
+        values[angles[1]] = np.asarray(np.sqrt(np.mean((second - first) ** 2)))
     return values

@@ -1,6 +1,4 @@
-"""Estimate the missing torque over time, and find what it follows.
-
-A speed, an angle, an input, or the time.
+"""Estimate the missing torque over time, and find what it follows: speed, angle, input, or time.
 
 Each draw of the unknowns has a torque of its own, drawn with all samples known (by simulation: a
 torque drawn from its prior, and what all samples say of the difference), so that the draws are
@@ -23,7 +21,7 @@ from bayesdrill.basics.arrays import Array, Flags
 from bayesdrill.inference.derived import HDI_PROBABILITY
 from bayesdrill.inference.likelihood import LatentTorque, Observation
 from bayesdrill.inference.posterior import Posterior
-from bayesdrill.record.experiment import channels_of_states
+from bayesdrill.record.experiment import with_states
 from bayesdrill.rig.models.latent_torque import TORQUE, LoadedModel, TorqueLocation
 from bayesdrill.rig.models.linear import Model
 from bayesdrill.rig.models.roles import ROTARY, InertiaRoles
@@ -92,10 +90,7 @@ class TorqueEstimate:
 
     @property
     def turning(self) -> Flags:
-        """Where the inertia turns, `(T,)`.
-
-        At a standstill dry friction may be anything. All of a record that hardly has another.
-        """
+        """Where the inertia turns, `(T,)`, or all where it hardly does: at rest friction is anything."""
         fast = np.abs(self.speed) > STANDSTILL * np.sqrt(np.mean(self.speed**2))
         return fast if fast.mean() > MIN_TURNING_SHARE else np.ones(len(self.t), dtype=bool)
 
@@ -123,10 +118,9 @@ def torque_estimates(
     posterior: Posterior, draws: Array, rng: np.random.Generator
 ) -> tuple[TorqueEstimate, ...]:
     """Estimate the torque of each experiment by draws `(N, D)`; empty where none is missing."""
-    observations = posterior.likelihood.observations
     return tuple(
         _estimate(observation, torque, posterior, draws, rng)
-        for observation in observations
+        for observation in posterior.likelihood.observations
         if (torque := observation.torque)
     )
 
@@ -145,8 +139,10 @@ def _estimate(
     rng: np.random.Generator,
 ) -> TorqueEstimate:
     full = posterior.space.full(draws)
-    experiment = observation.experiment
-    signals, motion = _moved(observation, full)
+    experiment, k = observation.experiment, len(observation.experiment.channels)
+    shown = with_states(experiment, observation.response.model.states)
+    moved = observation.response.of(shown).signals(observation.simulator_parameters(full))
+    signals, motion = moved[..., :k], moved[..., k:]  # without the torque
     residuals = experiment.y - signals
     smooth = torque.smooth(residuals, draws)
     drawn, _ = torque.sample_states(residuals, draws, rng)
@@ -154,9 +150,8 @@ def _estimate(
     sizes = torque.sizes(draws)[:, :1]
     index = augmented.states.index(TORQUE)
     by_torque = smooth @ torque.kalman_filter.output_matrix.T
-    first = full[:1], draws[:1]
-    pushed = sizes[0] * smooth[0, :, index]
-    strayed = _nonlinear_error(observation, torque, first, signals[0] + by_torque[0], pushed)
+    pushed, linear = sizes[0] * smooth[0, :, index], signals[0] + by_torque[0]
+    strayed = _nonlinear_error(observation, pushed, linear, full[:1], draws[:1])
     return TorqueEstimate(
         label=observation.label,
         at=augmented.torque.at,
@@ -168,19 +163,6 @@ def _estimate(
         courses=_courses(observation, residuals.mean(axis=0), by_torque.mean(axis=0), strayed),
         rig=augmented.rig,
     )
-
-
-def _moved(observation: Observation, full: Array) -> tuple[Array, Array]:
-    """Channels `(N, T, K)` and states `(N, T, X)` without the torque."""
-    experiment, k = observation.experiment, len(observation.experiment.channels)
-    state_channels = channels_of_states(observation.response.model.states)
-    shown = dataclasses.replace(
-        experiment,
-        y=np.zeros((len(experiment.t), k + len(state_channels))),
-        channels=(*experiment.channels, *state_channels),
-    )
-    signals = observation.response.of(shown).signals(observation.simulator_parameters(full))
-    return signals[..., :k], signals[..., k:]
 
 
 def _states(
@@ -203,34 +185,28 @@ def _states(
 
 
 def _nonlinear_error(
-    observation: Observation,
-    latent: LatentTorque,
-    draw: tuple[Array, Array],
-    shown: Array,
-    torque: Array,
+    observation: Observation, torque: Array, linear: Array, full: Array, theta: Array
 ) -> Array:
-    """Return how far a rig with friction or gravity is from its linear prediction, `(K,)`.
+    """Return how far a rig with friction or gravity is from its `linear (T, K)` prediction, `(K,)`.
 
-    It is driven by `torque (T,)` at one `draw` (all parameters, all unknowns), and compared with
-    what is `shown (T, K)`: there the torque moves it as if no friction changed its sign, and pendulums
-    were springs.
+    It is driven by `torque (T,)` at one draw: there the torque moves it as if no friction changed its
+    sign, and pendulums were springs.
     """
     response, experiment = observation.response, observation.experiment
+    assert observation.torque is not None  # it is that which was estimated
     if response.model.smooth:
         return np.full(len(experiment.channels), np.nan)
     input_torque = (
         torque if experiment.first_order else 0.5 * (torque + np.append(torque[1:], torque[-1]))
     )
     loaded = simulator(
-        LoadedModel(response.model, latent.kalman_filter.torque),
+        LoadedModel(response.model, observation.torque.kalman_filter.torque),
         dataclasses.replace(experiment, series={**experiment.series, TORQUE: input_torque}),
         response.sensing,
         *(response.stepping or ()),
     )
-    full, theta = draw
-    off = (loaded.signals(observation.simulator_parameters(full))[0] - shown) / observation.scales(
-        theta
-    )[0]
+    signals = loaded.signals(observation.simulator_parameters(full))[0]
+    off = (signals - linear) / observation.scales(theta)[0]
     return np.sqrt(np.nanmean(np.where(experiment.seen, off, np.nan) ** 2, axis=0))
 
 
@@ -280,26 +256,22 @@ class TorqueRegression:
 def regress_torque(estimate: TorqueEstimate) -> tuple[TorqueRegression, ...]:
     """Regress the torque on candidates: those taken first, in their order; then all others."""
     turning = estimate.turning
-    candidates = ((kind, name, rows[turning]) for kind, name, rows in _candidates(estimate))
     regressors = [
-        regressor
-        for regressor in candidates
-        if np.isfinite(regressor[2]).all() and np.abs(regressor[2]).max() > CONSTANT_RATIO
+        (kind, name, rows[turning])
+        for kind, name, rows in _candidates(estimate)
+        if np.isfinite(rows[turning]).all() and np.abs(rows[turning]).max() > CONSTANT_RATIO
     ]
     torque = estimate.expected[turning]
     total = float(torque @ torque)
     if total == 0.0 or not regressors:
         return ()
-    alone = {
-        k: 1.0 - _residual_squares(torque, rows) / total
-        for k, (_, _, rows) in enumerate(regressors)
-    }
+    alone = [1.0 - _residual_squares(torque, rows) / total for _, _, rows in regressors]
     selected: list[int] = []
     remaining, rows = total, np.empty((len(torque), 0))
     while len(selected) < len(regressors):
         lefts = {
-            k: _residual_squares(torque, np.column_stack([rows, rows_of_regressor]))
-            for k, (_, _, rows_of_regressor) in enumerate(regressors)
+            k: _residual_squares(torque, np.column_stack([rows, more]))
+            for k, (_, _, more) in enumerate(regressors)
             if k not in selected
         }
         best = min(lefts, key=lambda k: lefts[k])
@@ -310,10 +282,10 @@ def regress_torque(estimate: TorqueEstimate) -> tuple[TorqueRegression, ...]:
             break
         selected.append(best)
         remaining, rows = lefts[best], np.column_stack([rows, regressors[best][2]])
-    regressions = {
-        k: TorqueRegression(kind=regressors[k][0], of=regressors[k][1], share=alone[k])
-        for k in alone
-    }
+    regressions = [
+        TorqueRegression(kind=kind, of=of, share=share)
+        for (kind, of, _), share in zip(regressors, alone, strict=True)
+    ]
     if selected:
         weights = np.linalg.lstsq(rows, estimate.draws[:, turning].T, rcond=None)[0]  # (rows, N)
         each = np.split(weights, np.cumsum([regressors[k][2].shape[1] for k in selected])[:-1])
@@ -322,7 +294,7 @@ def regress_torque(estimate: TorqueEstimate) -> tuple[TorqueRegression, ...]:
             regressions[k] = dataclasses.replace(
                 regressions[k], taken=True, size=float(size.mean()), sd=float(size.std())
             )
-    others = sorted(set(alone) - {*selected}, key=lambda k: -alone[k])
+    others = sorted({*range(len(alone))} - {*selected}, key=lambda k: -alone[k])
     return tuple(regressions[k] for k in (*selected, *others))
 
 

@@ -6,19 +6,17 @@ Findings are sentences with their numbers; none is an error.
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from bayesdrill.analysis.diagnostics import ParameterRow
 from bayesdrill.analysis.identifiability.information import Information, SensitivityStudy
 from bayesdrill.basics.arrays import Array
 from bayesdrill.inference.posterior import Problem
 from bayesdrill.inference.priors import Prior, prior_log_sd, prior_sd
 from bayesdrill.rig.models.linear import Model, dynamics
-from bayesdrill.rig.models.roles import MotorRoles
 
 APPRECIABLE = 0.05  # relative
 MOST_DRAWS = 2000  # whose poles are looked at
@@ -113,11 +111,7 @@ def plausibility_of_draws(problem: Problem, draws: Array, known: Information) ->
 
 def plausibility_of_course(sensitivity: SensitivityStudy, theta: Array) -> tuple[str, ...]:
     """Yield whether friction brakes all the time, in the motion at unknowns `theta (D,)`."""
-    rig = sensitivity.model
-    p = dict(
-        zip(rig.parameters, sensitivity.likelihood.rig_parameters(theta[None])[0], strict=True)
-    )
-    told = []
+    rig, p, told = sensitivity.model, sensitivity.rig_at(theta), []
     for inertia in rig.roles.inertias:
         if inertia.friction not in p or inertia.speed not in sensitivity.states:
             continue
@@ -145,14 +139,13 @@ def poles(model: Model, values: Mapping[str, Array]) -> NDArray[np.complex128]:
     return np.asarray(np.linalg.eigvals(matrix), dtype=np.complex128)
 
 
-def _motors(values: Collection[str], model: Model) -> list[MotorRoles]:
-    """Return the motors of which both constants are known."""
-    motors = model.roles.motors
-    return [motor for motor in motors if {motor.torque_constant, motor.back_emf} <= {*values}]
+def _constants(values: Collection[str], model: Model) -> list[tuple[str, str]]:
+    """Return both constants of each motor, where they are known."""
+    pairs = [(motor.torque_constant, motor.back_emf) for motor in model.roles.motors]
+    return [pair for pair in pairs if {*pair} <= {*values}]
 
 
-def _ideal(motor: MotorRoles) -> str:
-    k_T, k_e = motor.torque_constant, motor.back_emf
+def _ideal(k_T: str, k_e: str) -> str:
     return (
         f"In SI units the two are equal in an ideal motor, and losses make {k_T} the smaller one. "
         f"Check {k_T}, {k_e}, the supply and the gear reduction"
@@ -161,22 +154,20 @@ def _ideal(motor: MotorRoles) -> str:
 
 def _energy_of_nominal(values: Mapping[str, float], model: Model) -> Iterator[str]:
     motion = model.roles.motion
-    for motor in _motors(values, model):
-        k_T, k_e = motor.torque_constant, motor.back_emf
+    for k_T, k_e in _constants(values, model):
         ratio = values[k_T] / values[k_e]
         if ratio > 1 + APPRECIABLE:
             yield (
                 f"energy: {k_T} = {values[k_T]:.4g} {motion.newtons}/A is {ratio:.3g} times {k_e} = "
                 f"{values[k_e]:.4g} V s/{motion.angle}. The motor would give {ratio:.3g} times the "
-                f"power that it takes up. {_ideal(motor)}"
+                f"power that it takes up. {_ideal(k_T, k_e)}"
             )
 
 
 def _energy_of_draws(
     values: Mapping[str, Array], known: Information, model: Model
 ) -> Iterator[str]:
-    for motor in _motors(values, model):
-        k_T, k_e = motor.torque_constant, motor.back_emf
+    for k_T, k_e in _constants(values, model):
         ratio = values[k_T] / values[k_e]
         share = float(np.mean(ratio > 1 + APPRECIABLE))
         if share <= FEW:
@@ -186,7 +177,7 @@ def _energy_of_draws(
         whence = (
             ". The record cannot show this ratio: it is what the priors and the fixed values allow"
             if blind
-            else f". {_ideal(motor)}"
+            else f". {_ideal(k_T, k_e)}"
         )
         yield (
             f"energy: {k_T} is more than {100 * APPRECIABLE:g} % above {k_e} in {_percent(share)} of "
@@ -270,24 +261,16 @@ class DiffusePrior:
     times: float | None = None
 
 
-def diffuse_priors(
-    rows: Sequence[ParameterRow], draws: Array, priors: Mapping[str, Prior]
-) -> tuple[DiffusePrior, ...]:
-    """Return diffuse priors of unknowns that the record narrows; `draws (N, D)` like `rows`."""
-    priors_or_none = (
-        _diffuse_prior(row.name, x, priors[row.name]) for row, x in zip(rows, draws.T, strict=True)
-    )
-    return tuple(prior for prior in priors_or_none if prior is not None)
-
-
-def _diffuse_prior(name: str, x: Array, prior: Prior) -> DiffusePrior | None:
-    if prior.in_logs:
-        wide = prior_log_sd(prior)
-        decades = wide * math.sqrt(12.0) / math.log(10.0)
-        if decades > DIFFUSE_DECADES and float(np.log(x).std()) < MAX_REMAINING_WIDTH * wide:
-            return DiffusePrior(name=name, decades=decades)
-    wide = prior_sd(prior)
-    times = wide / math.sqrt(float(np.mean(x**2)))
-    if times > DIFFUSE_RATIO and float(x.std()) < MAX_REMAINING_WIDTH * wide:
-        return DiffusePrior(name=name, times=times)
-    return None
+def diffuse_priors(draws: Array, priors: Mapping[str, Prior]) -> Iterator[DiffusePrior]:
+    """Yield diffuse priors of unknowns that the record narrows; `draws (N, D)` in their order."""
+    for (name, prior), x in zip(priors.items(), draws.T, strict=True):
+        if prior.in_logs:
+            wide = prior_log_sd(prior)
+            decades = wide * math.sqrt(12.0) / math.log(10.0)
+            if decades > DIFFUSE_DECADES and float(np.log(x).std()) < MAX_REMAINING_WIDTH * wide:
+                yield DiffusePrior(name=name, decades=decades)
+                continue
+        wide = prior_sd(prior)
+        times = wide / math.sqrt(float(np.mean(x**2)))
+        if times > DIFFUSE_RATIO and float(x.std()) < MAX_REMAINING_WIDTH * wide:
+            yield DiffusePrior(name=name, times=times)

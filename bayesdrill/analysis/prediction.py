@@ -1,6 +1,4 @@
-"""Check the record against its posterior prediction, and score predictions of samples.
-
-Where each sample lies in its own prediction; and held-out and leave-one-out scores (PSIS-LOO).
+"""Check where each sample lies in its prediction; held-out and leave-one-out scores (PSIS-LOO).
 
 The probability integral transform (PIT) of a sample is the share of its prediction below it; where
 model and noise are right they are uniform.  Each is of the posterior without that sample, for a
@@ -39,12 +37,9 @@ SAYS = {
 }
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True)
 class PredictionCheck:
-    """A check of one channel against its prediction.
-
-    Of one channel: `pit (T,)`, and the band of their distribution; `label`: of its experiment.
-    """
+    """A check of one channel: `pit (T,)`, and their band; `label`: of its experiment."""
 
     channel: Channel
     pit: Array
@@ -81,15 +76,9 @@ def prediction_checks(likelihood: Likelihood, theta: Array) -> tuple[PredictionC
         )
         if not np.isnan(pit).all()
     ]
+    alarm = FALSE_ALARM / max(len(transforms), 1)
     return tuple(
-        PredictionCheck(
-            channel=channel,
-            label=label,
-            pit=pit,
-            band=ecdf_band(
-                len(pit), PIT_BINS - 1, FALSE_ALARM / len(transforms)
-            ),  # kept for each length
-        )
+        PredictionCheck(channel, pit, ecdf_band(len(pit), PIT_BINS - 1, alarm), label)
         for label, channel, pit in transforms
     )
 
@@ -119,10 +108,7 @@ MAX_BAD_SHARE = 0.01  # of the samples may
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class HeldOutScore:
-    """The score of samples that were held out.
-
-    `score`: sum of the logs of the predictive densities of so many `samples`, SI; `each (n,)`.
-    """
+    """Of held-out `samples`, SI: `score`, the sum of `each (n,)` log predictive density."""
 
     score: float
     samples: int
@@ -131,10 +117,7 @@ class HeldOutScore:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LooScore:
-    """The leave-one-out score of each sample.
-
-    Of each sample without itself: `elpd`, its parts `each (n,)`, and the share that is `doubtful`.
-    """
+    """The score of each sample without itself: `elpd`, its parts `each (n,)`, the share `doubtful`."""
 
     elpd: float
     each: Array
@@ -145,19 +128,14 @@ def held_out(posterior: Posterior, theta: Array) -> HeldOutScore | None:
     """Score stretches and experiments that are held out, by draws `theta (N, D)`; None without any."""
     theta, log_densities = _some(theta), []
     full, likelihood = posterior.space.full(theta), posterior.likelihood
-    stretches = [
-        (observation, observation.experiment.held_out) for observation in likelihood.observations
-    ]
-    for observation, measured in (
-        *stretches,
-        *((observation, observation.experiment.y) for observation in likelihood.held_out),
-    ):
+    stretches = [(each, each.experiment.held_out) for each in likelihood.observations]
+    whole = [(each, each.experiment.y) for each in likelihood.held_out]
+    for observation, measured in (*stretches, *whole):
         if measured is not None:
             residuals = measured - observation.signals(full)
             # By itself: what remembers is not told what stands beside it.
-            log_p = observation.for_record(measured).pointwise(residuals, theta)[
-                :, ~np.isnan(measured)
-            ]
+            log_p = observation.for_record(measured).pointwise(residuals, theta)
+            log_p = log_p[:, ~np.isnan(measured)]
             log_densities.append(scipy.special.logsumexp(log_p, axis=0) - np.log(len(theta)))
     if not log_densities:
         return None
@@ -168,10 +146,7 @@ def held_out(posterior: Posterior, theta: Array) -> HeldOutScore | None:
 def leave_one_out(
     posterior: Posterior, theta: Array, residual_rows: tuple[ResidualSummary, ...]
 ) -> LooScore | str:
-    """Score each sample without itself, by draws `theta (N, D)`, or say why not.
-
-    Samples may tell of each other by more than the unknowns, or be too many.
-    """
+    """Score each sample without itself, by draws `theta (N, D)`, or say why that cannot be done."""
     observations = posterior.likelihood.observations
     if sum(observation.n_measured for observation in observations) > MAX_SCORED:
         return f"more than {MAX_SCORED} samples"
@@ -228,11 +203,10 @@ MAX_RELATIVE_SD = 0.25
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FrequencyResponse:
-    """The response of a channel to a measured input over frequency.
+    """The response of `channel`, SI, to a measured `input`, shown in `unit`, at `frequencies (F,)` [Hz].
 
-    `input`, shown in `unit`, to `channel`, SI, at `frequencies (F,)` [Hz]: `modelled` and `measured
-    (F,)`, complex, and sd over magnitude `error (F,)`; NaN where the input does not excite the
-    channel.
+    `modelled` and `measured (F,)`, complex, and sd over magnitude `error (F,)`; NaN where the input
+    does not excite the channel.
     """
 
     channel: Channel
@@ -246,13 +220,11 @@ class FrequencyResponse:
 
 
 def frequency_responses(posterior: Posterior, theta: Array) -> tuple[FrequencyResponse, ...]:
-    """Return the frequency responses of each experiment at the MAP `theta (D,)`.
+    """Return the frequency responses, at the MAP `theta (D,)`, of experiments with equal steps.
 
-    Of linear rigs with measured inputs and equal steps.
-
-    What is measured is what the model has, and what Welch's method says of the residuals by the
-    inputs: so the start and leakage at a resonance bias it only as far as the model is wrong
-    (errors: Bendat and Piersol, Random Data, 4th ed., section 9.2).
+    Of linear rigs with measured inputs.  What is measured is what the model has, and what Welch's
+    method says of the residuals by the inputs: so the start and leakage at a resonance bias it only
+    as far as the model is wrong (errors: Bendat and Piersol, Random Data, 4th ed., section 9.2).
     """
     from scipy.ndimage import uniform_filter1d
     from scipy.signal import csd  # late: it takes half a second to load
@@ -265,12 +237,9 @@ def frequency_responses(posterior: Posterior, theta: Array) -> tuple[FrequencyRe
             continue
         u, e = np.array([*series.values()]), np.nan_to_num(observation.residuals(full).samples[0].T)
         length, both = 2 * u.shape[1] // (SEGMENTS + 1), np.concatenate([u, e])
-        f, spectra_of_pairs = csd(both[:, None], both[None], 1.0 / experiment.dt, nperseg=length)
-        f, spectra, n = (
-            f[1:],
-            np.moveaxis(spectra_of_pairs[..., 1:], -1, 0),
-            len(u),
-        )  # (F, S + K, S + K)
+        f, of_pairs = csd(both[:, None], both[None], 1.0 / experiment.dt, nperseg=length)
+        f, n = f[1:], len(u)
+        spectra = np.moveaxis(of_pairs[..., 1:], -1, 0)  # (F, S + K, S + K)
         inverse = np.linalg.pinv(spectra[:, :n, :n], hermitian=True)
         more = (inverse @ spectra[:, :n, n:]).swapaxes(1, 2)  # (F, K, S)
         noise = np.einsum("fkk->fk", spectra[:, n:, n:] - more.conj() @ spectra[:, :n, n:]).real
@@ -305,9 +274,8 @@ def _response(
     """`(F, K, S)`: C (i w - A)^-1 B, with sensors, and inputs held or straight from sample to sample."""
     walkers = observation.response.sensors
     rig, sensing, dt = walkers.observed_model, walkers.sensing, observation.experiment.dt
-    linear = rig.linear(
-        dict(zip(rig.parameters, walkers.simulator_parameters(arguments)[0], strict=True))
-    )
+    p = dict(zip(rig.parameters, walkers.simulator_parameters(arguments)[0], strict=True))
+    linear = rig.linear(p)
     b, s = np.zeros((len(rig.states), len(names))), 2j * np.pi * f[:, None, None]
     for (row, name), value in linear.B.items():
         if name in names:

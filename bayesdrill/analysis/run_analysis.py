@@ -52,10 +52,7 @@ CENTRAL_SHARES = (0.03, 0.97)  # of the samples of a torque
 
 @dataclass(frozen=True, eq=False)
 class RunDraws(Value):
-    """Draws of a finished run, and what figures show of them; each is made when first asked for.
-
-    `sparing` is told of derived quantities that fail.
-    """
+    """Draws of a finished run, and what figures show of them; `sparing`: told of what fails."""
 
     problem: Problem
     mode: Mode
@@ -87,8 +84,6 @@ class RunDraws(Value):
     @cached_property
     def energy_accounts(self) -> tuple[EnergyAccount, ...]:
         """The energy accounts of a rig with friction."""
-        if not self.problem.model.frictions:
-            return ()
         return energy.energy_accounts(self.problem.posterior, self.best, self.some(ENERGY_DRAWS))
 
     @cached_property
@@ -214,12 +209,8 @@ class RunAnalysis:
     @classmethod
     def describe(cls, name: str) -> str:
         """Describe the number of this name, with its unit; raises `KeyError` for an unknown name."""
-        description = values.field_descriptions(cls)[name.partition(".")[0]]
-        return (
-            f"{description['description']} [{description['unit']}]"
-            if "unit" in description
-            else description["description"]
-        )
+        told = values.field_descriptions(cls)[name.partition(".")[0]]
+        return f"{told['description']} [{told['unit']}]" if "unit" in told else told["description"]
 
 
 def analyse(
@@ -231,10 +222,9 @@ def analyse(
     alone: bool = True,
     explained: Causes | None = None,
 ) -> RunAnalysis:
-    """Evaluate all that is said of a finished run; nothing is sampled.
+    """Evaluate all that is said of a finished run, with the sensitivity of its likelihood.
 
-    `sensitivity`: of its likelihood; `suspicions`, `alone`, and what is `explained` by which causes: see
-    `RunAnalysis`.
+    Nothing is sampled. `suspicions`, `alone` and what is `explained` by which causes: as there.
     """
     problem, sampled, best = run.problem, run.sampled, run.best
     posterior = problem.posterior
@@ -263,7 +253,7 @@ def analyse(
         acceptance=tuple(map(float, sampled.acceptance)),
         failures=sampled.failures,
         evidence=sampled.evidence,
-        vague=plausibility.diffuse_priors(rows, run.draws, posterior.space.priors),
+        vague=tuple(plausibility.diffuse_priors(run.draws, posterior.space.priors)),
         leaning=diagnostics.prior_dependence(rows, run.draws),
         step_errors=step_errors(posterior.likelihood, best),
         torques=tuple(map(torque_summary, run.torque_estimates)),

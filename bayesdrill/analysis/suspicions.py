@@ -36,31 +36,23 @@ NEAR_START_FACTOR = 0.2  # which may itself be off
 
 def suspicions_of_record(
     experiment: Experiment, factors: Sequence[float], model: Model
-) -> tuple[str, ...]:
-    """Return suspicions of the columns; `factors (K,)`: SI units in a unit of each column."""
-    columns = zip(experiment.channels, experiment.y.T, factors, strict=True)
-    overruns = (_overrun(channel, experiment.t, y, factor) for channel, y, factor in columns)
-    return (*(overrun for overrun in overruns if overrun), *_pairs(experiment, model))
+) -> Iterator[str]:
+    """Yield suspicions of the columns; `factors (K,)`: SI units in a unit of each column."""
+    for channel, y, factor in zip(experiment.channels, experiment.y.T, factors, strict=True):
+        yield from _overrun(channel, experiment.t, y, factor)
+    yield from _pairs(experiment, model)
 
 
-def suspicions_of_start(problem: Problem) -> tuple[str, ...]:
-    """Return channels that are the start's prediction times what a wrong unit would bring."""
+def suspicions_of_start(problem: Problem) -> Iterator[str]:
+    """Yield channels that are the start's prediction times what a wrong unit would bring."""
     space = problem.posterior.space
     full = space.full(space.vector(space.start)[None])
-    predictions = (
-        (observation, observation.signals(full)[0]) for observation in problem.observations
-    )
-    gear = problem.model.gear_ratio
-    return tuple(
-        sentence
-        for observation, predicted in predictions
-        for sentence in _unit_errors(observation, predicted, gear)
-    )
-
-
-def _unit_errors(observation: Observation, predicted: Array, gear: float) -> Iterator[str]:
-    columns = zip(
-        observation.experiment.channels, observation.experiment.y.T, predicted.T, strict=True
+    columns = (
+        column
+        for each in problem.observations
+        for column in zip(
+            each.experiment.channels, each.experiment.y.T, each.signals(full)[0].T, strict=True
+        )
     )
     for channel, measured, expected in columns:
         y, p = measured[~np.isnan(measured)], expected[~np.isnan(measured)]
@@ -69,7 +61,7 @@ def _unit_errors(observation: Observation, predicted: Array, gear: float) -> Ite
             continue
         times = float(y @ p) / power
         alike = 1 - float(np.sum((y - times * p) ** 2)) / float(y @ y)
-        named = _likely_mistakes(times, NEAR_START_FACTOR, gear)
+        named = _likely_mistakes(times, NEAR_START_FACTOR, problem.model.gear_ratio)
         if alike > MIN_R_SQUARED and named:
             yield (
                 f"unit: {channel.name} is {times:.3g} times what the start values predict; was it "
@@ -81,21 +73,17 @@ def _likely_mistakes(times: float, near: float, gear: float) -> str:
     """Mistakes that would bring this factor, the nearest first; empty where there is none."""
     if times == 0 or 1 / MIN_UNIT_FACTOR < times < MIN_UNIT_FACTOR:
         return ""
-    size = abs(math.log(abs(times)))
+    size, known = abs(math.log(abs(times))), [*FACTORS]
     turns = max(gear, 1 / gear)
-    geared = (
-        [(turns, f"a side of the gear for the other ({turns:.4g})")]
-        if turns > MIN_UNIT_FACTOR
-        else []
-    )
-    known = (*FACTORS, *geared)
+    if turns > MIN_UNIT_FACTOR:
+        known.append((turns, f"a side of the gear for the other ({turns:.4g})"))
     distances = sorted((abs(size - math.log(factor)), mistake) for factor, mistake in known)
     units = " or ".join(mistake for off, mistake in distances if off < near)
     signs = "a sign" if times < 0 and (units or size < math.log(MIN_UNIT_FACTOR)) else ""
     return " and ".join(mistake for mistake in (units, signs) if mistake)
 
 
-def _overrun(channel: Channel, t: Array, y: Array, factor: float) -> str:
+def _overrun(channel: Channel, t: Array, y: Array, factor: float) -> Iterator[str]:
     """Jumps by the whole range of a counter, or by one turn, between steps that are small."""
     t, y = t[~np.isnan(y)], y[~np.isnan(y)]
     steps = np.abs(np.diff(y / factor))
@@ -105,13 +93,13 @@ def _overrun(channel: Channel, t: Array, y: Array, factor: float) -> str:
         jumps = np.abs(steps - period) < MAX_CALM_STEP * period
         if np.any(jumps) and np.all(steps[~jumps] < MAX_CALM_STEP * period) and _goes_on(y, jumps):
             first = int(np.argmax(jumps))
-            return (
+            yield (
                 f"overflow: {channel.name} jumps by about {period:.6g}, {what}, "
                 f"{int(np.sum(jumps))} times, first at {t[first + 1]:.6g} s; a counter that ran over? "
                 f"Say wraps: {period:.6g} at {channel.name}, or unwrap the column: "
                 f"np.unwrap(x, period={period:.6g})"
             )
-    return ""
+            break
 
 
 def _goes_on(y: Array, jumps: Flags) -> bool:
@@ -203,22 +191,13 @@ class InputTiming:
 
 
 def half_sample_shift(sensitivity: SensitivityStudy, theta: Array) -> InputTiming | None:
-    """Return what inputs half a sample later would move, at `theta (D,)`.
-
-    None where the timing is unknown, or all channels have lags of their own.
-    """
+    """Return what inputs half a sample later would move, at `theta (D,)`; None where lags are free."""
     observations = sensitivity.likelihood.observations
     if not sensitivity.unknowns or any(_lag_is_free(observation) for observation in observations):
         return None
     half = 0.5 * min(_step(observation.experiment) for observation in observations)
-    motions = sensitivity.motions(theta)
-    pairs = zip(observations, motions, strict=True)
-    late = np.concatenate(
-        [
-            _delay_sensitivity(observation, sensitivity, theta, motion).ravel()
-            for observation, motion in pairs
-        ]
-    )
+    pairs = zip(observations, sensitivity.motions(theta), strict=True)
+    late = np.concatenate([_delay_sensitivity(*p, sensitivity, theta).ravel() for p in pairs])
     rows = sensitivity.with_nuisances(theta)
     if not (np.isfinite(half) and np.isfinite(rows).all() and np.isfinite(late).all()):
         return None
@@ -226,11 +205,8 @@ def half_sample_shift(sensitivity: SensitivityStudy, theta: Array) -> InputTimin
     target = np.append(half * late, np.zeros(rows.shape[1]))
     moved = np.linalg.lstsq(matrix, target, rcond=None)[0]
     sds = np.linalg.norm(np.linalg.inv(root_of(matrix)), axis=1)
-    m = len(sensitivity.unknowns)
-    ratio = (moved / sds)[:m]
-    return InputTiming(
-        seconds=half, shifts=tuple(zip(sensitivity.unknowns, map(float, ratio), strict=True))
-    )
+    ratio = (moved / sds)[: len(sensitivity.unknowns)].tolist()
+    return InputTiming(seconds=half, shifts=tuple(zip(sensitivity.unknowns, ratio, strict=True)))
 
 
 def _step(experiment: Experiment) -> float:
@@ -241,30 +217,22 @@ def _step(experiment: Experiment) -> float:
 
 
 def _lag_is_free(observation: Observation) -> bool:
-    sensing = observation.response.sensing
-    every_input = bool(sensing.input_lags) and len(sensing.input_lags) == len(
-        observation.experiment.series
-    )
-    every_channel = len(sensing.lags) == len(observation.experiment.channels)
-    return sensing.delay is not None or every_input or every_channel
+    sensing, experiment = observation.response.sensing, observation.experiment
+    every_input = sensing.input_lags and len(sensing.input_lags) == len(experiment.series)
+    every_channel = len(sensing.lags) == len(experiment.channels)
+    return bool(sensing.delay is not None or every_input or every_channel)
 
 
 def _delay_sensitivity(
-    observation: Observation, sensitivity: SensitivityStudy, theta: Array, motion: Array
+    observation: Observation, motion: Array, sensitivity: SensitivityStudy, theta: Array
 ) -> Array:
-    """Return the derivative of signals by a delay over the noise, where it was measured.
-
-    That is minus how fast each channel changes.
-    """
+    """Return the derivative of signals by a delay, minus how fast they change, over the noise."""
     experiment, model = observation.experiment, observation.response.model
-    linear = model.linear(rig_parameters(observation, sensitivity.likelihood.space, theta))
-    n = len(experiment.t)
-    given = {
-        name: experiment.constant.get(name, 0.0) + experiment.series.get(name, 0.0)
-        for name in model.inputs
-    }
+    full = sensitivity.likelihood.space.full(theta[None])
+    linear, n = model.linear(rig_parameters(observation, full)), len(experiment.t)
+    constant, series = experiment.constant, experiment.series
+    given = {name: constant.get(name, 0.0) + series.get(name, 0.0) for name in model.inputs}
     change = motion @ dynamics(linear, model.states, 1)[0].T
     change = change + constant_forcing(linear, model.states, n, given)
-    return observation.whitened_jacobian_at(
-        -change[None] @ experiment.weights(model.states).T, theta
-    )
+    slopes = -change[None] @ experiment.weights(model.states).T
+    return observation.whitened_jacobian_at(slopes, theta)

@@ -18,13 +18,9 @@ from numpy.typing import NDArray
 
 from bayesdrill.analysis import plausibility
 from bayesdrill.analysis.diagnostics import ParameterRow, Word, summarise
-from bayesdrill.analysis.identifiability.information import (
-    SensitivityStudy,
-    products,
-    simple_exponents,
-)
+from bayesdrill.analysis.identifiability.information import SensitivityStudy, simple_exponents
 from bayesdrill.analysis.identifiability.structure import Exponents
-from bayesdrill.analysis.identifiability.study import IdentifiabilityStudy, study_of
+from bayesdrill.analysis.identifiability.study import IdentifiabilityStudy, products, study_of
 from bayesdrill.basics import seeds
 from bayesdrill.basics.arrays import Array
 from bayesdrill.basics.values import check_arguments
@@ -54,9 +50,8 @@ def tension(logs: Array, low: float, high: float) -> float:
     side = np.sign(value - middle)
     if side == 0:
         return 0.0
-    top = min(
-        MAX_COUNTED_SIGMA, float(-scipy.special.ndtri(min(MIN_DRAWS_BEYOND / len(logs), 0.4)))
-    )
+    countable = -scipy.special.ndtri(min(MIN_DRAWS_BEYOND / len(logs), 0.4))
+    top = min(MAX_COUNTED_SIGMA, float(countable))
     scores = np.linspace(0.0, top, max(3, round(top / SIGMA_STEP) + 1))
     places = np.abs(np.quantile(logs, scipy.special.ndtr(side * scores)) - middle)
     distance = abs(value - middle)
@@ -70,13 +65,10 @@ def tension(logs: Array, low: float, high: float) -> float:
 def joint_tension(logs: Array, powers: Array, ends: Array) -> float:
     """Return sigmas between draws `(N, K)` of products and the nearest point within tolerance.
 
-    Products with `powers (K, m)`; every factor is within its tolerance, `ends (m, 2)`.
-
-    Of the Mahalanobis distance: the share of draws at least as far out, as sigmas of a normal;
-    where too few are, chi-squared says how many would be.
+    Every factor, with its `powers (K, m)`, is within `ends (m, 2)`.  Of the Mahalanobis distance: the
+    share of draws at least as far out, as sigmas of a normal; where too few are, by chi-squared.
     """
-    centre = logs.mean(axis=0)
-    scale = logs.std(axis=0)
+    centre, scale = logs.mean(axis=0), logs.std(axis=0)
     root = np.linalg.cholesky(np.atleast_2d(np.cov((logs / scale).T))) * scale[:, None]
     spread = np.linalg.solve(root, (logs - centre).T)
     middle = np.linalg.solve(root, centre)
@@ -175,10 +167,8 @@ class Verdict:
 
     def saying(self, says: Says) -> tuple[Quantity, ...]:
         """Return parameters and products of this verdict, each once."""
-        quantities = {
-            quantity.exponents: quantity for quantity in (*self.products, *self.parameters)
-        }
-        return tuple(quantity for quantity in quantities.values() if quantity.says == says)
+        quantities = {q.exponents: q for q in (*self.products, *self.parameters)}
+        return tuple(q for q in quantities.values() if q.says == says)
 
     @property
     def far(self) -> tuple[Quantity, ...]:
@@ -220,9 +210,7 @@ def judge(
     *,
     fits: bool = True,
 ) -> Verdict:
-    """Judge the nominal table by the draws.
-
-    From nearly independent physical draws `(N, m)` of `study.names`, and of their prior.
+    """Judge the nominal table by nearly independent physical draws `(N, m)`, and of their prior.
 
     Quantities with an unknown that has no nominal value are left out; `pressed` names unknowns
     whose draws crowd at an end of their prior.  Tensions are counted in the draws of `beyond`.
@@ -269,11 +257,10 @@ def basis(study: IdentifiabilityStudy, among: Collection[str]) -> tuple[Exponent
     take part in what is narrowed most of all, the rest would not span what it tells of these.
     """
     simple = simple_exponents(len(study.names))
-    foreign = [name not in among for name in study.names]
-    simple = simple[~simple[:, foreign].any(axis=1)]
+    simple = simple[~simple[:, [name not in among for name in study.names]].any(axis=1)]
     simple = simple[np.isfinite(study.information.bounds_of(simple))]
     before = np.array([parameter.prior_sd for parameter in study.parameters])
-    best = products(study.information, before, simple)
+    best = products(study.information, before, simple, Thresholds())  # whose words nobody reads
     selected = [product.exponents for product in best if product.price < 1.0]
     for exponents in study.structure.invariants_of(among):
         if np.linalg.matrix_rank(np.array([*selected, exponents], dtype=float)) > len(selected):
@@ -308,9 +295,8 @@ class _TableComparison:
         """Whether record and priors determine it: not its own prior, not the corners of the priors."""
         powers = np.array(exponents, dtype=float)
         before = np.array([parameter.prior_sd for parameter in self.study.parameters])
-        linear = self.study.information.with_priors(before).bound(powers) / np.linalg.norm(
-            before * powers
-        )
+        bound = self.study.information.with_priors(before).bound(powers)
+        linear = bound / np.linalg.norm(before * powers)
         drawn = self._sd_ratio(exponents)
         if self._blind(exponents):
             return bool(max(linear, drawn) < MAX_BLIND_SD_RATIO)
@@ -325,9 +311,8 @@ class _TableComparison:
         far = tension(_combined(self.extended_logs, exponents), low, high)
         x = nominal * np.exp(logs)
         near, distant = hdi(x)
-        mean = float(x.mean())
-        alone = np.count_nonzero(exponents) == 1
-        crowded = alone and bool(self.pressed[np.flatnonzero(exponents)[0]])
+        mean, factors = float(x.mean()), np.flatnonzero(exponents)
+        crowded = len(factors) == 1 and bool(self.pressed[factors[0]])
         crowded |= self.hides(exponents)
         return Quantity(
             exponents=exponents,
@@ -389,15 +374,11 @@ def _combined(logs: Array, exponents: Exponents) -> Array:
 
 
 def reconciled(rows: Sequence[ParameterRow], verdict: Verdict) -> tuple[ParameterRow, ...]:
-    """Reconcile the words of `rows` with the verdict.
+    """Return `rows` with the word of the verdict, where both say something of an unknown.
 
     Draws alone cannot tell what the record narrows from what the priors of others do.
-
-    So the verdict, which can, has the word where both say something of an unknown.
     """
-    judged = {
-        verdict.names[quantity.exponents.index(1)]: quantity for quantity in verdict.parameters
-    }
+    judged = {verdict.names[q.exponents.index(1)]: q for q in verdict.parameters}
     return tuple(
         dataclasses.replace(row, word=_word(row, judged[row.name])) if row.name in judged else row
         for row in rows
@@ -442,9 +423,7 @@ def conclude(
         sampled.extended,
         fits=residual_checks.like_noise(residual_rows),
     )
-    findings = (
-        *plausibility.plausibility_of_draws(problem, draws, study.information),
-        *plausibility.plausibility_of_course(sensitivity, best),
-    )
+    findings = plausibility.plausibility_of_draws(problem, draws, study.information)
+    findings += plausibility.plausibility_of_course(sensitivity, best)
     judged = Judgement(study=study, verdict=verdict, findings=findings)
     return reconciled(rows, verdict), residual_rows, judged

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -71,10 +71,7 @@ class NineParameterStudy:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PaperFindings:
-    """All that the studies of the paper find.
-
-    `ends`: of simultaneous searches, whose distances are from the truth of `searched`.
-    """
+    """All that the studies find; `ends` of searches have distances from the truth of `searched`."""
 
     readings: tuple[MatrixReading, ...]
     errors: tuple[IntegratorError, ...]
@@ -101,10 +98,7 @@ MAKERS = ("estimates.yaml", "missing_physics.yaml")  # make records, whose truth
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Studies:
-    """The configs of all studies.
-
-    `pairwise`: the heuristic for the unknowns of each of `nines`; `makers` made the records.
-    """
+    """The configs of all studies, the heuristic for each of `nines`, and `makers` of the records."""
 
     two: Job
     nines: tuple[Job, ...]
@@ -133,39 +127,31 @@ def prepare(configs: Path) -> Studies:
     return Studies(two=two, nines=tuple(nines), pairwise=tuple(pairwise), makers=makers)
 
 
-def _of_noise(jobs: Sequence[Job]) -> list[Issue]:
-    return [
-        jobs_of_noise.source.issue(
-            ("record", "channels"),
-            "the paper's misfit needs known noise; give each sigma as a number",
-        )
-        for jobs_of_noise in jobs
-        if jobs_of_noise.problem.posterior.likelihood.noise.unknowns
-    ]
+def _of_noise(jobs: Sequence[Job]) -> Iterator[Issue]:
+    message = "the paper's misfit needs known noise; give each sigma as a number"
+    for each in jobs:
+        if each.problem.posterior.likelihood.noise.unknowns:
+            yield each.source.issue(("record", "channels"), message)
 
 
-def _of_two(two: Job) -> list[Issue]:
-    problems = []
-    if set(two.problem.names) != set(printed.START):
-        message = (
-            f"Table 2 has the unknowns {' and '.join(printed.START)}; give a prior to these alone"
-        )
-        problems.append(two.source.issue(("parameters",), message))
+def _of_two(two: Job) -> Iterator[Issue]:
+    if set(two.problem.names) != set(printed.TWO_UNKNOWNS):
+        names = " and ".join(printed.TWO_UNKNOWNS)
+        message = f"Table 2 has the unknowns {names}; give a prior to these alone"
+        yield two.source.issue(("parameters",), message)
     if two.problem.experiment.series:
         message = "Table 2 is simulated under a constant voltage; give each input as a number"
-        problems.append(two.source.issue(("inputs",), message))
-    return problems
+        yield two.source.issue(("inputs",), message)
 
 
-def _of_nines(nines: Sequence[Job]) -> list[Issue]:
-    used, problems = {output_files.FIGURES}, []
+def _of_nines(nines: Sequence[Job]) -> Iterator[Issue]:
+    used = {output_files.FIGURES}
     for nine in nines:
         if len(set(nine.problem.names) & set(printed.NINE_PARAMETERS)) < 2:
             message = "the heuristic needs two unknown parameters or more; give a prior to more"
-            problems.append(nine.source.issue(("parameters",), message))
+            yield nine.source.issue(("parameters",), message)
         name = nine.config.name.casefold()  # as some file systems do
         if name in used:
             message = f"{name} is the name of something else in the results; give another"
-            problems.append(nine.source.issue(("name",), message))
+            yield nine.source.issue(("name",), message)
         used.add(name)
-    return problems

@@ -36,7 +36,7 @@ from bayesdrill.basics import Array
 from bayesdrill.inference import Likelihood, derived
 from bayesdrill.paper.plugins import AsPrinted
 from bayesdrill.record import Experiment, regular
-from bayesdrill.rig import Model, MotorShaft, Named, Response
+from bayesdrill.rig import Model, MotorShaft, Named, Response, constant_forcing, dynamics
 from bayesdrill.sampling import Task
 
 SIX_STATES = ("theta_1", "theta_2", "q", "w_1", "w_2", "i")
@@ -60,17 +60,10 @@ class Solution:
 
 def six_states(model: Model, p: Named, inputs: Mapping[str, float]) -> tuple[Array, Array]:
     """Return `A (6, 6)` and forcing `(6,)` with the charge q, in the order of `SIX_STATES`."""
-    index = {name: k for k, name in enumerate(SIX_STATES)}
     linear = model.linear(p)
-    matrix, forcing = np.zeros((6, 6)), np.zeros(6)
-    matrix[index["q"], index["i"]] = 1.0
-    for (row, column), value in linear.A.items():
-        matrix[index[row], index[column]] = value
-    for row, value in linear.c.items():
-        forcing[index[row]] += value
-    for (row, name), value in linear.B.items():
-        forcing[index[row]] += value * inputs.get(name, 0.0)
-    return matrix, forcing
+    matrix = dynamics(linear, SIX_STATES, 1)[0]
+    matrix[SIX_STATES.index("q"), SIX_STATES.index("i")] = 1.0
+    return matrix, constant_forcing(linear, SIX_STATES, 1, inputs)[0]
 
 
 def integrate(
@@ -118,9 +111,8 @@ def _march(
         slope_new = matrix @ x_new + forcing
         bend_new = (slope_new - slope) / h
         size_new = np.abs(x_new)
-        error = float(
-            np.max(np.abs(bend_new - bend) / np.maximum(np.maximum(size, size_new), least))
-        )
+        sizes = np.maximum(np.maximum(size, size_new), least)
+        error = float(np.max(np.abs(bend_new - bend) / sizes))
         error *= h**3 / (6 * (h + before))
         if not error <= rtol:  # nor if it is no number
             rejected += 1
@@ -205,25 +197,25 @@ class IntegratorError:
 def readings(experiment: Experiment, p: Mapping[str, float]) -> tuple[MatrixReading, ...]:
     """Return the same step with each reading, at parameters `p` (SI), followed for `FOLLOWED` s."""
     experiment = regular(experiment, FOLLOWED, 1 / experiment.dt)
-    k, readings = experiment.names.index("w_2"), []
-    for name, (matrix, model) in READINGS.items():
+    k = experiment.names.index("w_2")
+
+    def reading(name: str, matrix: str, model: Model) -> MatrixReading:
         exact, stepped, steps = _both(model, experiment, p)
         end = derived.steady_values(model, model.linear(p), 1, experiment.constant)["w_end"]
-        readings.append(
-            MatrixReading(
-                name=name,
-                matrix=matrix,
-                time=float(experiment.t[-1]),
-                w_2=float(exact[-1, k]),
-                w_2_trapezoid=float(stepped[-1, k]),
-                w_end=float(end[0]),
-                error=float(np.abs(stepped - exact)[:, k].max()),
-                steps=steps,
-                t=experiment.t,
-                curve=exact[:, k],
-            )
+        return MatrixReading(
+            name=name,
+            matrix=matrix,
+            time=float(experiment.t[-1]),
+            w_2=float(exact[-1, k]),
+            w_2_trapezoid=float(stepped[-1, k]),
+            w_end=float(end[0]),
+            error=float(np.abs(stepped - exact)[:, k].max()),
+            steps=steps,
+            t=experiment.t,
+            curve=exact[:, k],
         )
-    return tuple(readings)
+
+    return tuple(reading(name, *what) for name, what in READINGS.items())
 
 
 def errors(experiment: Experiment, p: Mapping[str, float]) -> tuple[IntegratorError, ...]:
@@ -244,10 +236,8 @@ def errors(experiment: Experiment, p: Mapping[str, float]) -> tuple[IntegratorEr
 def _both(model: Model, experiment: Experiment, p: Mapping[str, float]) -> tuple[Array, Array, int]:
     """Channels `(T, K)` exact and as the paper integrates, and the steps that it takes."""
     row = np.array([p[name] for name in model.parameters])
-    return (
-        Response(model, experiment).signals(row[None])[0],
-        *paper_signals(model, experiment, row),
-    )
+    exact = Response(model, experiment).signals(row[None])[0]
+    return (exact, *paper_signals(model, experiment, row))
 
 
 def paper_signals(model: Model, experiment: Experiment, p: Array) -> tuple[Array, int]:
@@ -259,10 +249,7 @@ def paper_signals(model: Model, experiment: Experiment, p: Array) -> tuple[Array
     start = np.array([experiment.start.get(name, 0.0) for name in SIX_STATES])
     lead = [experiment.t_start] if experiment.t_start < experiment.t[0] else []
     solution = integrate(matrix, forcing, start, np.array([*lead, *experiment.t]))
-    weights = [
-        [channel.weights.get(name, 0.0) for name in SIX_STATES] for channel in experiment.channels
-    ]
-    return solution.x[len(lead) :] @ np.array(weights).T, solution.steps
+    return solution.x[len(lead) :] @ experiment.weights(SIX_STATES).T, solution.steps
 
 
 def stepped_signals(likelihood: Likelihood, theta: Array) -> Array:
@@ -283,11 +270,8 @@ def stepped_task(exact: Task, likelihood: Likelihood) -> Task:
 
     def density(theta: Array) -> Array:
         inside = exact.density(theta) > -np.inf
-        half = 0.5 * likelihood.n_measured
-        values = [
-            -half * stepped_misfit(likelihood, row) if good else -np.inf
-            for row, good in zip(theta, inside, strict=True)
-        ]
+        half, rows = 0.5 * likelihood.n_measured, zip(theta, inside, strict=True)
+        values = [-half * stepped_misfit(likelihood, x) if good else -np.inf for x, good in rows]
         return np.asarray(np.nan_to_num(values, nan=-np.inf, neginf=-np.inf))
 
     return dataclasses.replace(exact, density=density)

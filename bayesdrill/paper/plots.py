@@ -92,16 +92,15 @@ def readings_figure(readings: Sequence[MatrixReading]) -> Figure:
         figure, panels = PAIR.build(2)
         for panel, (low, high) in zip(panels, ranges, strict=True):
             speed = scales.scale(low, high)
-            for k, reading in enumerate(readings):
-                looks = CURVES[k % len(CURVES)]
-                panel.plot(time(reading.t), speed(reading.curve), zorder=3 - 0.1 * k, **looks)
+            for k, (reading, look) in enumerate(zip(readings, CURVES, strict=False)):
+                panel.plot(time(reading.t), speed(reading.curve), zorder=3 - 0.1 * k, **look)
             _axes(panel, time, speed)
             panel.set_xlabel(time.label(TIME))
             style.side_label(panel, speed.label(STATES["w_2"]))
         everything = scales.scale(*ranges[0])
         panels[0].axhspan(*(float(everything(x)) for x in near), **BAND)
         panels[1].set_facecolor(BAND["color"])
-        looks = {_ending(reading): CURVES[k % len(CURVES)] for k, reading in enumerate(readings)}
+        looks = {_ending(reading): look for reading, look in zip(readings, CURVES, strict=False)}
         _legend(figure, looks, 2, handlelength=3.0, labelspacing=0.25, columnspacing=1.6)
     return figure
 
@@ -285,14 +284,10 @@ def _marks(panel: Axes, x: Array, y: Array, ends: Sequence[SearchEnd]) -> None:
             panel.plot(x[selected], y[selected], **_end(ends[0].way, reached=reached))
 
 
-def _end(way: str, *, reached: bool) -> dict[str, Any]:
+def _end(way: str, *, reached: bool) -> LineStyle:
     _, color, marker = WAYS[way]
     face = (color, 0.45) if reached else "none"
-    return {
-        **_mark(color, marker, 4.5, 0.9, zorder=3),
-        "markeredgecolor": color,
-        "markerfacecolor": face,
-    }
+    return _mark(color, marker, 4.5, 0.9, zorder=3, markeredgecolor=color, markerfacecolor=face)
 
 
 def _ways(ends: Sequence[SearchEnd]) -> list[str]:
@@ -339,9 +334,9 @@ def _misfit_axis(panel: Axes, misfits: Array) -> None:
 
 def _from_zero(panel: Axes, last: float, before: float) -> None:
     """The horizontal axis: from 0 to `last`, with some room, `before` 0 in shares of `last`."""
-    scale = scales.Scale(0.0, 0, -before * last, 1.06 * last)
-    panel.set_xlim(scale.low, scale.high)
-    style.set_ticks(panel.xaxis, *scales.ticks(scale.low, scale.high, 8, clear=0.0))
+    low, high = -before * last, 1.06 * last
+    panel.set_xlim(low, high)
+    style.set_ticks(panel.xaxis, *scales.ticks(low, high, 8, clear=0.0))
 
 
 # Table 3
@@ -369,9 +364,8 @@ def table_3_figure(
     """Draw each of `names` over its guess: posterior above, the heuristic's estimates below."""
     n, guess = len(names), heuristic.guess
     printed = np.isfinite(paper)
-    other = bool(printed.any()) and (
-        truth is None or not np.allclose(paper[printed], truth[printed])
-    )
+    differs = truth is None or not np.allclose(paper[printed], truth[printed])
+    other = bool(printed.any()) and differs
     ratios, rows, estimate = draws / guess, np.arange(n), heuristic.estimate / guess
     starts = (heuristic.others / guess).reshape(-1, n)
     looks = {

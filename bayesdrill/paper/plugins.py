@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import Annotated, Any, ClassVar, Literal
+from typing import Annotated, ClassVar, Literal
 
 import numpy as np
 from pydantic import Field
@@ -42,59 +42,46 @@ class AsPrinted(Model):
         return Linear(A={**right.A, **printed}, B=right.B, c=right.c)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class FminsearchRun:
-    """The run of a search.
-
-    `first`: the value at the start; `history`: the lowest value after each iteration; `stopped`: by
-    its tolerances.
-    """
-
-    x: Array
-    first: float
-    lowest: float
-    evaluations: int
-    stopped: bool
-    history: tuple[float, ...]
+TOLERANCE = 1e-4  # TolX and TolFun
+PER_UNKNOWN = 200  # MaxIter and MaxFunEvals, times the number of unknowns
 
 
-def descend(function: Callable[[Array], float], start: Array, **options: Any) -> FminsearchRun:
-    """Minimise `function` from `start (D,)`; `options` are those of SciPy's Nelder-Mead.
+def climb(
+    density: Callable[[Array], float], start: Array, iterations: int, evaluations: int
+) -> tuple[float, Optimum]:
+    """Search as MATLAB's fminsearch does; return the log density at `start (D,)`, and the end.
 
-    SciPy's own first simplex is that of MATLAB's fminsearch, each coordinate 5 % larger by turns, and
-    to set it up counts as the first iteration in both.
+    SciPy's own first simplex is that of fminsearch, each coordinate 5 % larger by turns, and to set
+    it up counts as the first iteration in both.
     """
     from scipy.optimize import OptimizeResult, minimize  # late: 0.3 s, and few commands optimise
 
+    options = {"xatol": TOLERANCE, "fatol": TOLERANCE, "maxiter": iterations, "maxfev": evaluations}
     values: list[float] = []
     history: list[float] = []
-    best, lowest = start, np.inf
+    best, highest = start, -np.inf
 
     # SciPy may forget the best point, if it finds that in an iteration that `maxfev` cuts.
-    def noted(x: Array) -> float:
-        nonlocal best, lowest
-        values.append(function(x))
-        if values[-1] < lowest:
-            best, lowest = x, values[-1]
-        return values[-1]
+    def misfit(x: Array) -> float:
+        """Return the paper's misfit, up to a constant; inf where the density is zero."""
+        nonlocal best, highest
+        values.append(density(x))
+        if values[-1] > highest:
+            best, highest = x, values[-1]
+        return -2.0 * values[-1]
 
     def note(intermediate_result: OptimizeResult) -> None:
-        history.append(lowest)
+        history.append(highest)
 
     with np.errstate(invalid="ignore"):  # where all of a simplex is impossible
-        result = minimize(noted, start, method="Nelder-Mead", callback=note, options=options)
-    return FminsearchRun(
-        x=best if lowest < result.fun else np.asarray(result.x),
-        first=values[0],
-        lowest=lowest,
+        result = minimize(misfit, start, method="Nelder-Mead", callback=note, options=options)
+    return values[0], Optimum(
+        theta=best if -2.0 * highest < result.fun else np.asarray(result.x),
+        value=highest,
         evaluations=len(values),
-        stopped=bool(result.status == 0),
+        settled=bool(result.status == 0),
         history=tuple(history),
     )
-
-
-TOLERANCE = 1e-4  # TolX and TolFun
-PER_UNKNOWN = 200  # MaxIter and MaxFunEvals, times the number of unknowns
 
 
 @dataclass(frozen=True, slots=True)
@@ -112,26 +99,7 @@ class Fminsearch:
 
     def _search(self, task: Task, start: Array, evaluations: int) -> Optimum:
         most = PER_UNKNOWN * len(start)
-        run = descend(
-            lambda theta: misfit(task, theta),
-            start,
-            xatol=TOLERANCE,
-            fatol=TOLERANCE,
-            maxiter=most,
-            maxfev=min(most, evaluations),
-        )
-        return Optimum(
-            theta=run.x,
-            value=-0.5 * run.lowest,
-            evaluations=run.evaluations,
-            settled=run.stopped,
-            history=tuple(-0.5 * low for low in run.history),
-        )
-
-
-def misfit(task: Task, theta: Array) -> float:
-    """Return the paper's misfit, up to a constant; inf where the density is zero."""
-    return -2.0 * task.at(theta)
+        return climb(task.at, start, most, min(most, evaluations))[1]
 
 
 Pairs = Sequence[Sequence[str]]
@@ -199,34 +167,29 @@ class Pairwise:
         columns = [[task.names.index(name) for name in pair] for pair in pairs]
         history: list[float] = []
         while not settled and spent < evaluations:
-            cycle: list[FminsearchRun] = []
+            begun: list[float] = []
             for pair in columns:
                 if spent == evaluations:
                     break
-                run = descend(
-                    partial(_misfit, task, theta, pair),
-                    theta[pair],
-                    xatol=TOLERANCE,
-                    fatol=TOLERANCE,
-                    maxiter=self.iterations,
-                    maxfev=evaluations - spent,
-                )
-                theta = _with(theta, pair, run.x)
-                spent += run.evaluations
-                history += run.history
-                cycle.append(run)
-            settled = spent < evaluations and cycle[0].first - cycle[-1].lowest < self.steady
+                density = partial(_density, task, theta, pair)
+                first, end = climb(density, theta[pair], self.iterations, evaluations - spent)
+                theta = _with(theta, pair, end.theta)
+                spent += end.evaluations
+                history += end.history
+                begun.append(first)
+            lowered = 2.0 * (end.value - begun[0])  # of the misfit
+            settled = spent < evaluations and lowered < self.steady
         return Optimum(
             theta=theta,
-            value=-0.5 * cycle[-1].lowest,
+            value=end.value,
             evaluations=spent,
             settled=settled,
-            history=tuple(-0.5 * low for low in history),
+            history=tuple(history),
         )
 
 
-def _misfit(task: Task, theta: Array, pair: list[int], values: Array) -> float:
-    return misfit(task, _with(theta, pair, values))
+def _density(task: Task, theta: Array, pair: list[int], values: Array) -> float:
+    return task.at(_with(theta, pair, values))
 
 
 def _with(theta: Array, pair: list[int], values: Array) -> Array:

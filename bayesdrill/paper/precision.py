@@ -9,7 +9,7 @@ from __future__ import annotations
 import dataclasses
 import io
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -55,16 +55,14 @@ def at_sigma_1(likelihood: Likelihood, truth: Mapping[str, float]) -> dict[str, 
 
 def lengths(
     likelihood: Likelihood, truth: Mapping[str, float], grid: Sequence[tuple[float, float]]
-) -> tuple[RecordLength, ...]:
-    """Return bounds of records of (duration [s], rate [Hz]), otherwise like the one there is."""
-    lengths = []
+) -> Iterator[RecordLength]:
+    """Yield bounds of records of (duration [s], rate [Hz]), otherwise like the one there is."""
     for duration, rate in grid:
         experiment = regular(likelihood.response.experiment, duration, rate)
         response = Response(likelihood.response.model, experiment)
         noise = likelihood.noise.for_length(len(experiment.t))
         longer = likelihood.replace_only(response=response, noise=noise)
-        lengths.append(RecordLength(duration=duration, rate=rate, bounds=at_sigma_1(longer, truth)))
-    return tuple(lengths)
+        yield RecordLength(duration=duration, rate=rate, bounds=at_sigma_1(longer, truth))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -89,10 +87,11 @@ def implied_noise(values: Mapping[str, float]) -> tuple[ImpliedNoise, ...]:
         for sigma, row in printed.TWO_PARAMETERS.items()
     }
     squares = {
-        name: float(np.mean([row[name] ** 2 for row in table.values()])) for name in printed.START
+        name: float(np.mean([row[name] ** 2 for row in table.values()]))
+        for name in printed.TWO_UNKNOWNS
     }
     table["rms"] = {name: math.sqrt(square) for name, square in squares.items()}
-    table["bound"] = {name: 100 * 1e-3 * values[name] for name in printed.START}
+    table["bound"] = {name: 100 * 1e-3 * values[name] for name in printed.TWO_UNKNOWNS}
     return tuple(
         ImpliedNoise(
             row=label,
@@ -106,10 +105,7 @@ def implied_noise(values: Mapping[str, float]) -> tuple[ImpliedNoise, ...]:
     )
 
 
-WAYS: Mapping[str, Optimiser] = {
-    "fminsearch": Fminsearch(),
-    "scaled": THOROUGH,
-}
+WAYS: Mapping[str, Optimiser] = {"fminsearch": Fminsearch(), "scaled": THOROUGH}
 SHARE = 0.95  # of records have a misfit within `expected` at their truth
 
 
@@ -138,10 +134,7 @@ def expected_misfit(numbers: int) -> tuple[float, float]:
 
 
 def made_record(posterior: Posterior, truth: Array, seed: int, index: int) -> Posterior:
-    """Return a copy with record `index` of the rig `truth (D,)`.
-
-    Its noise is the same for every sigma but in size.
-    """
+    """Return a copy with record `index` of the rig `truth (D,)`; its noise scales with sigma."""
     rng = seeds.stream(seed, "study", index)
     y = posterior.likelihood.signals(truth[None])
     return posterior.edit(records=[*posterior.likelihood.noise.draw(y, np.empty((1, 0)), rng)])

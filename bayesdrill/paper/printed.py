@@ -21,7 +21,6 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from decimal import Decimal
-from types import MappingProxyType
 
 import numpy as np
 
@@ -31,7 +30,7 @@ from bayesdrill.inference import Posterior, derived, hdi
 from bayesdrill.record import typical_inputs
 from bayesdrill.rig import Model, MotorShaft, Named, TwoRotors
 
-START = MappingProxyType({"c_m": 1e-3, "k_e": 1e-2})  # of the two-parameter study
+TWO_UNKNOWNS = ("c_m", "k_e")  # of Table 2
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,38 +59,32 @@ def half_digit(text: str) -> float:
 
 
 # Table 2, by sigma_n.
-TWO_PARAMETERS: Mapping[float, Mapping[str, Estimate]] = MappingProxyType(
-    {
-        0.001: {"c_m": Estimate("18.9e-5", "0.77"), "k_e": Estimate("601.6e-4", "0.0064")},
-        0.01: {"c_m": Estimate("19.1e-5", "0.77"), "k_e": Estimate("601.6e-4", "0.0068")},
-        0.1: {"c_m": Estimate("19.0e-5", "0.60"), "k_e": Estimate("601.6e-4", "0.0051")},
-        1.0: {"c_m": Estimate("18.9e-5", "0.82"), "k_e": Estimate("601.9e-4", "0.0061")},
-    }
-)
+TWO_PARAMETERS: Mapping[float, Mapping[str, Estimate]] = {
+    0.001: {"c_m": Estimate("18.9e-5", "0.77"), "k_e": Estimate("601.6e-4", "0.0064")},
+    0.01: {"c_m": Estimate("19.1e-5", "0.77"), "k_e": Estimate("601.6e-4", "0.0068")},
+    0.1: {"c_m": Estimate("19.0e-5", "0.60"), "k_e": Estimate("601.6e-4", "0.0051")},
+    1.0: {"c_m": Estimate("18.9e-5", "0.82"), "k_e": Estimate("601.9e-4", "0.0061")},
+}
 
 # Table 3, in its order; its initial guesses are the nominal table `tables_2_3`.
-NINE_PARAMETERS: Mapping[str, Estimate] = MappingProxyType(
-    {
-        "j_m": Estimate("5.0e-4", "28.0"),
-        "c_m": Estimate("18.0e-5", "6.6"),
-        "k_e": Estimate("587.7e-4", "2.3"),
-        "k_T": Estimate("1.3e-1", "5.0"),
-        "r_m": Estimate("5.3e-1", "60.0"),
-        "l_m": Estimate("0.8e-3", "23.3"),
-        "k_s": Estimate("2.7e-1", "3.0"),
-        "j_1": Estimate("29.8e-3", "5.4"),
-        "t_f": Estimate("1.0e-1", "0.0"),
-    }
-)
+NINE_PARAMETERS: Mapping[str, Estimate] = {
+    "j_m": Estimate("5.0e-4", "28.0"),
+    "c_m": Estimate("18.0e-5", "6.6"),
+    "k_e": Estimate("587.7e-4", "2.3"),
+    "k_T": Estimate("1.3e-1", "5.0"),
+    "r_m": Estimate("5.3e-1", "60.0"),
+    "l_m": Estimate("0.8e-3", "23.3"),
+    "k_s": Estimate("2.7e-1", "3.0"),
+    "j_1": Estimate("29.8e-3", "5.4"),
+    "t_f": Estimate("1.0e-1", "0.0"),
+}
 
 GUESS = symbols.NOMINAL["tables_2_3"]
 TABLE_1 = symbols.NOMINAL["table_1"]
-MENDED: Mapping[str, str] = MappingProxyType(
-    {
-        "k_s": "the guess of Table 3; the shaft's geometry supports it",
-        "c_m": "the guess of Table 3, which the deviations of Table 2 refer to",
-    }
-)  # where Table 1 is not believed, and what is believed instead
+MENDED: Mapping[str, str] = {
+    "k_s": "the guess of Table 3; the shaft's geometry supports it",
+    "c_m": "the guess of Table 3, which the deviations of Table 2 refer to",
+}  # where Table 1 is not believed, and what is believed instead
 
 
 def table_1() -> list[Mapping[str, str | float]]:
@@ -257,26 +250,22 @@ def causes(
     columns["heuristic"] = _at(posterior, estimate[None], inputs)
     drawn = _at(posterior, draws, inputs)
     alone = _alone(posterior, mode, inputs)
-    causes = []
-    for name, value in guess.items():
+
+    def cause(name: str, value: Array) -> DeviationCause:
         logs = np.log(drawn[name] / value)
         logs = logs[np.isfinite(logs)]
         there = np.ptp(logs) > GIVEN
         low, high = np.exp(hdi(logs)).tolist() if there else (None, None)
-        causes.append(
-            DeviationCause(
-                quantity=name,
-                **{
-                    column: float((values_by_name[name] / value)[0])
-                    for column, values_by_name in columns.items()
-                },
-                posterior=float(np.exp(np.median(logs))) if there else None,
-                hdi_low=low,
-                hdi_high=high,
-                alone=alone[name] if there else None,
-            )
+        return DeviationCause(
+            quantity=name,
+            **{column: float((each[name] / value)[0]) for column, each in columns.items()},
+            posterior=float(np.exp(np.median(logs))) if there else None,
+            hdi_low=low,
+            hdi_high=high,
+            alone=alone[name] if there else None,
         )
-    return tuple(causes)
+
+    return tuple(cause(name, value) for name, value in guess.items())
 
 
 def quantities(model: Model, p: Named, inputs: Mapping[str, float], n: int) -> dict[str, Array]:
@@ -322,7 +311,7 @@ def _alone(posterior: Posterior, mode: Array, inputs: Mapping[str, float]) -> di
 DENSITY = 7850.0  # kg/m^3, of steel; the paper gives none
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True)
 class NaturalFrequency:
     """A natural frequency [Hz] of the free shaft with both inertias; `lumped`: of the spring."""
 
@@ -338,6 +327,7 @@ def natural_frequencies(j_1: float, j_2: float, n: int) -> tuple[NaturalFrequenc
     area = math.pi * plausibility.SHAFT_DIAMETER**4 / 32
     speed = math.sqrt(plausibility.STEEL / DENSITY)
     stiffness = plausibility.STEEL * area / plausibility.SHAFT_LENGTH
+    lumped = math.sqrt(stiffness * (1 / j_1 + 1 / j_2)) / (2 * math.pi)
 
     def residue(phase: float) -> float:
         """At w L/c = phase; a_n is then J_n phase over the inertia of the shaft itself."""
@@ -345,13 +335,10 @@ def natural_frequencies(j_1: float, j_2: float, n: int) -> tuple[NaturalFrequenc
         a_1, a_2 = j_1 * phase / inertia, j_2 * phase / inertia
         return (a_1 + a_2) * math.cos(phase) + (1 - a_1 * a_2) * math.sin(phase)
 
-    lumped = math.sqrt(stiffness * (1 / j_1 + 1 / j_2)) / (2 * math.pi)
-    tones = []
-    for mode in range(1, n + 1):
+    def tone(mode: int) -> NaturalFrequency:
         low, high = (mode - 1) * math.pi + 1e-9, mode * math.pi - 1e-9
         phase = brentq(residue, low, high, xtol=1e-15, rtol=1e-14)
         frequency = phase * speed / plausibility.SHAFT_LENGTH / (2 * math.pi)
-        tones.append(
-            NaturalFrequency(mode=mode, distributed=frequency, lumped=lumped if mode == 1 else None)
-        )
-    return tuple(tones)
+        return NaturalFrequency(mode, frequency, lumped if mode == 1 else None)
+
+    return tuple(tone(mode) for mode in range(1, n + 1))

@@ -67,26 +67,20 @@ def write(findings: PaperFindings, folder: Folder, pool: WorkerPool) -> None:
         folder.write_text(f"{table.stem}.md", f"{table.says}\n\n{table.markdown}")
     for task in tasks:
         task.result()
-    page_sections = sections(in_words(findings), report_tables, wanted)
-    folder.write_text("report.md", as_markdown(TITLE, page_sections))
-    all_sections = (
-        *page_sections,
-        made_of((("versions", software.versions_text()),), folder.path),
-    )
-    folder.write_text("report.html", as_html(TITLE, "the paper", all_sections, figures))
+    page = sections(in_words(findings), report_tables, wanted)
+    folder.write_text("report.md", as_markdown(TITLE, page))
+    made = made_of((("versions", software.versions_text()),), folder.path)
+    folder.write_text("report.html", as_html(TITLE, "the paper", (*page, made), figures))
 
 
 def sections(
     first: Sequence[str], report_tables: Sequence[StudyTable], figures: Mapping[str, Drawing]
 ) -> tuple[Section, ...]:
     """Return the sections of the report; `first`: what is said before all tables."""
+    opening = Section("What comes out", (Sentences("\n".join(first)),))
     tables = (Section(table.title, (Note(table.says), *table.grids)) for table in report_tables)
     pictures = tuple(Picture(stem, drawing.says) for stem, drawing in figures.items())
-    return (
-        Section("What comes out", (Sentences("\n".join(first)),)),
-        *tables,
-        Section("Figures", pictures),
-    )
+    return (opening, *tables, Section("Figures", pictures))
 
 
 def drawings(findings: PaperFindings) -> dict[str, Drawing]:
@@ -95,9 +89,8 @@ def drawings(findings: PaperFindings) -> dict[str, Drawing]:
     from bayesdrill.paper import plots
     from bayesdrill.report import heuristic_figure, rig_figure
 
-    scaled = [
-        ", ".join(symbols.PARAMETERS[name].latex for name in names) for names in findings.symmetries
-    ]
+    known = symbols.PARAMETERS
+    scaled = [", ".join(known[name].latex for name in names) for names in findings.symmetries]
     wanted = {
         "rig": Drawing(rig_figure, says="The rig."),
         "heuristic": Drawing(
@@ -110,7 +103,7 @@ def drawings(findings: PaperFindings) -> dict[str, Drawing]:
         ),
         "table_2": Drawing(
             plots.verification_figure,
-            (findings.verification, dict(printed.TWO_PARAMETERS)),
+            (findings.verification, printed.TWO_PARAMETERS),
             "Error of the two-parameter estimates against the noise.",
         ),
         "simultaneous": Drawing(

@@ -5,7 +5,6 @@ from __future__ import annotations
 import time
 from collections.abc import Sequence
 from contextlib import suppress
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -40,18 +39,9 @@ LENGTHS = ((1.0, 1000.0), (10.0, 100.0), (10.0, 1000.0), (100.0, 100.0), (100.0,
 TONES = 4
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class PaperRunResult:
-    """The result of a run; `said`: sentences for the terminal."""
-
-    folder: Path
-    converged: bool
-    said: tuple[str, ...]
-
-
 def reproduce(
     configs: Path, output: Path, processes: int, report: Reporter, *, force: bool
-) -> PaperRunResult:
+) -> PaperFindings:
     """Reproduce everything from the configs of a folder; tables do not depend on `processes`."""
     studies = prepare(configs)
     names = [nine.config.name for nine in studies.nines]
@@ -62,7 +52,7 @@ def reproduce(
         folder.begin(status="running", versions=software.installed_versions())
         report.say("two parameters, nine of two records: two to five minutes with two processes")
         try:
-            findings = _run(studies, folder, processes, _Clock(report))
+            return _run(studies, folder, processes, _Clock(report))
         except (KeyboardInterrupt, Interrupted):
             folder.write_run(status="interrupted")
             message = f"stopped; {output} is not complete; start over with --force"
@@ -71,9 +61,6 @@ def reproduce(
             with suppress(OSError):  # a full disk
                 folder.write_run(status="interrupted")
             raise
-    return PaperRunResult(
-        folder=output, converged=findings.converged, said=reproduction.in_words(findings)
-    )
 
 
 def _run(studies: Studies, folder: Folder, processes: int, clock: _Clock) -> PaperFindings:
@@ -83,7 +70,7 @@ def _run(studies: Studies, folder: Folder, processes: int, clock: _Clock) -> Pap
     sigmas = tuple(printed.TWO_PARAMETERS)
     with WorkerPool(two.posterior, processes) as pool:
         verification = verify(pool, two.posterior, truth, sigmas, RECORDS, plan)
-    lengths = precision.lengths(likelihood, nominal, LENGTHS)
+    lengths = tuple(precision.lengths(likelihood, nominal, LENGTHS))
     clock.done(f"two parameters: {RECORDS} records at each of {len(sigmas)} sigmas")
     nines = tuple(
         _nine(
@@ -158,12 +145,11 @@ def _nine(
         heuristic = run_heuristic(pool, posterior, search, OTHERS, nine.config.seed)
     clock.done(f"{name}: the heuristic from {OTHERS + 1} starts, and with the paper's integrator")
     whole = pipeline.run_posterior(nine, folder / name, "force", processes, Silent())
-    state = "converged" if whole.sampled.convergence.converged else "NOT converged"
-    clock.done(f"{name}: the posterior, {state}")
+    converged = whole.sampled.convergence.converged
+    clock.done(f"{name}: the posterior, {'converged' if converged else 'NOT converged'}")
     draws = whole.sampled.draws.reshape(-1, len(heuristic.estimate))
-    values = truth_of(nine.case, makers)
-    truth = None if values is None else posterior.space.vector(values)
-    mode = posterior.space.vector(whole.mode.values)
+    values, vector = truth_of(nine.case, makers), posterior.space.vector
+    truth, mode = None if values is None else vector(values), vector(whole.mode.values)
     assert whole.verdict is not None  # there are unknowns with nominal values
     return NineParameterStudy(
         name=name,
@@ -181,7 +167,7 @@ def _nine(
         verdict=whole.verdict,
         misfits=_misfits(nine, heuristic, mode, truth),
         causes=printed.causes(posterior, mode, heuristic.estimate, draws),
-        converged=whole.sampled.convergence.converged,
+        converged=converged,
     )
 
 

@@ -1,14 +1,12 @@
-"""All unknowns at once from many starts, the paper's pairwise heuristic, and the control of it.
+"""All unknowns at once from many starts, the paper's pairwise heuristic, its control, and Table 2.
 
 An exact symmetry leaves the misfit as it is, so that a search may end anywhere along it.  An end is
 as far from the truth as the logs of its unknowns; that distance has a part along each symmetry,
 which no misfit can show, and the rest.
 
-The paper's verification study (Table 2), with what it leaves out: how good an estimate can be.
-
-A few unknowns, records of the nominal rig with noise of several sizes, and two ways to the least
-misfit: Nelder-Mead as fminsearch runs it, and scaled.  Estimates are free, as the paper's are: no
-prior holds them, not even above zero.
+Table 2, with what it leaves out: how good an estimate can be.  Records of the nominal rig with noise
+of several sizes, and two ways to the least misfit: Nelder-Mead as fminsearch runs it, and scaled.
+Estimates are free, as the paper's are: no prior holds them, not even above zero.
 """
 
 from __future__ import annotations
@@ -23,7 +21,6 @@ from bayesdrill.analysis import Exponents
 from bayesdrill.basics import Array, Silent, seeds
 from bayesdrill.inference import Coordinates, Posterior, laplace
 from bayesdrill.paper import forward, precision
-from bayesdrill.paper.plugins import Fminsearch
 from bayesdrill.paper.precision import WAYS, bounds
 from bayesdrill.sampling import (
     THOROUGH,
@@ -88,10 +85,7 @@ def many_searches(
     starts: int,
     seed: int,
 ) -> tuple[SearchEnd, ...]:
-    """Search from the configured start and others around it, each way.
-
-    Distances are from `reference (D,)`.
-    """
+    """Search from the configured start and others around it; distances are from `reference (D,)`."""
     centre = posterior.space.vector(posterior.space.start)
     rng = seeds.stream(seed, "starts")
     around = rng.uniform(1 - WITHIN, 1 + WITHIN, (starts - 1, len(centre)))
@@ -179,9 +173,8 @@ def run_heuristic(
     first = precision.misfit_per_number(posterior, guess)
     # The misfit is -2 log likelihood but for a constant, which the first point tells.
     density = posterior.likelihood(guess[None])[0]
-    path = (
-        first - 2.0 * (np.array(first_result.history) - density) / posterior.likelihood.n_measured
-    )
+    gains = np.array(first_result.history) - density
+    path = first - 2.0 * gains / posterior.likelihood.n_measured
     others = np.array([other.theta for other in other_results]).reshape(starts, len(guess))
     end = None if by_integrator is None else by_integrator.result().theta
     return Heuristic(
@@ -239,14 +232,11 @@ class Verification:
     """The two-parameter verification of the paper, repeated.
 
     `values` by sigma and name, `(D,)` of the unknowns `names`, SI; `estimates` by way and sigma:
-    `(R, D)`, one row for each record.
-
-    Of the first record: `fminsearch`, `scaled`; by fminsearch with the paper's integrator for the
-    model, `trapezoid_both` where the integrator made the record too, `trapezoid_fit` where the
-    exact response did.  `weights_only`: by fminsearch from a record without noise, where sigma is
-    but a weight (`weights_only_trapezoid`: with the integrator for both).  `posterior`,
-    `posterior_sd`: of the first record, with the priors.  `bound`: Cramer-Rao, of the standard
-    deviation; `truth`. `sd_*`: of the estimates from all records.
+    `(R, D)`, one row for each record.  Of the first record: `fminsearch`, `scaled`, `posterior` and
+    `posterior_sd`; by fminsearch with the paper's integrator, `trapezoid_both` where that made the
+    record too, `trapezoid_fit` where the exact response did; without noise, where sigma is but a
+    weight, `weights_only` (`weights_only_trapezoid`: the integrator for both).  `bound`: Cramer-Rao,
+    of the standard deviation; `sd_*`: of the estimates from all records.
     """
 
     names: tuple[str, ...]
@@ -264,9 +254,7 @@ def verify(
     records: int,
     plan: Plan,
 ) -> Verification:
-    """Verify the estimates of two parameters on records of known truth.
-
-    `truth (D,)` physical makes the records; the search begins at the start of the space.
+    """Verify the estimates of two parameters on records of a physical `truth (D,)`.
 
     `plan`: how posteriors are sampled; its seed is that of the records too.
     """
@@ -338,8 +326,12 @@ def estimates(
     )
 
 
-def _search(way: str, target: Posterior, start: Array) -> Array:
-    return WAYS[way](_free(target), start[None], VERIFICATION_EVALUATIONS)[0].theta
+def _search(way: str, target: Posterior, start: Array, *, stepped: bool = False) -> Array:
+    """`stepped`: with the misfit that the paper's integrator has."""
+    task = _free(target)
+    if stepped:
+        task = forward.stepped_task(task, target.likelihood)
+    return WAYS[way](task, start[None], VERIFICATION_EVALUATIONS)[0].theta
 
 
 def _free(target: Posterior) -> Task:
@@ -380,16 +372,11 @@ def _by_trapezoid(
     from_integrator: bool,
     noisy: bool,
 ) -> Array:
-    """The estimate from record 0 as the paper integrates: `(D,)`.
-
-    `from_integrator`: the record is what that integrator gives; `noisy`: with noise.
-    """
+    """The estimate `(D,)` as the paper integrates, from record 0, which it may have made as well."""
     sized = precision.with_sigma(posterior, sigma)
     exact = precision.clean_record(sized, truth)
     target = precision.made_record(sized, truth, seed, 0) if noisy else exact
     if from_integrator:
         y = target.likelihood.response.experiment.y - exact.likelihood.response.experiment.y
-        stepped = forward.stepped_signals(target.likelihood, truth)
-        target = target.edit(records=[y + stepped])
-    task = forward.stepped_task(_free(target), target.likelihood)
-    return Fminsearch()(task, start[None], VERIFICATION_EVALUATIONS)[0].theta
+        target = target.edit(records=[y + forward.stepped_signals(target.likelihood, truth)])
+    return _search("fminsearch", target, start, stepped=True)

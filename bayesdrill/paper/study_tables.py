@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import csv
 import dataclasses
-import io
 import itertools
 import string
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -20,20 +18,14 @@ from bayesdrill.paper.forward import FOLLOWED
 from bayesdrill.paper.precision import RecordLength
 from bayesdrill.paper.searches import ControlRun, Verification
 from bayesdrill.report import Table as Grid
-from bayesdrill.report import markdown, product
+from bayesdrill.report import lines_as_csv, markdown, product
 
 Row = Mapping[str, Any]  # a line of a table by the names of its columns; what is None is empty
-Layout = tuple[
-    str, str
-]  # heads of a grid and, as `cell` reads it, what stands below each: as Markdown
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StudyTable:
-    """A table of a study.
-
-    `stem` names its files; `says` is its caption; `rows` are those of the CSV.
-    """
+    """A table of a study; `stem` names its files, `says` is its caption, `rows` those of the CSV."""
 
     stem: str
     title: str
@@ -44,11 +36,8 @@ class StudyTable:
     @property
     def csv(self) -> str:
         """The table as CSV."""
-        out = io.StringIO()
-        writer = csv.DictWriter(out, list(self.rows[0]) if self.rows else [], lineterminator="\n")
-        writer.writeheader()
-        writer.writerows(self.rows)
-        return out.getvalue()
+        heads = [*self.rows[0]] if self.rows else []
+        return lines_as_csv([heads, *([*row.values()] for row in self.rows)])
 
     @property
     def markdown(self) -> str:
@@ -57,10 +46,7 @@ class StudyTable:
 
 
 def table(stem: str, title: str, says: str, rows: Sequence[Row], *layouts: str) -> StudyTable:
-    """Build a table with a grid of all rows for each pair of `layouts`.
-
-    Heads and, as `cell` reads them, what stands below each, as in Markdown.
-    """
+    """Build a table with a grid for each pair of `layouts`: heads, and what `cell` puts below each."""
     grids = []
     for layout in itertools.batched(layouts, 2):
         heads, cells = ([part.strip() for part in line.split("|")] for line in layout)
@@ -82,11 +68,7 @@ def _is_text(cell: str) -> bool:
 
 
 class _Numbers(string.Formatter):
-    """Formats texts such as `{low:.3g} to {high:.3g}`.
-
-    A number without a format has four digits; `%` is that of `percent`, and `share` that of a share
-    in per cent.
-    """
+    """Formats texts: numbers have four digits; `%` as `percent`, `share`: of a share in per cent."""
 
     def format_field(self, value: Any, format_spec: str) -> str:
         if format_spec == "%":
@@ -123,48 +105,38 @@ def as_rows(records: Iterable[Any], leave: Sequence[str] = ()) -> list[Row]:
     ]
 
 
-ESTIMATES = (
-    *("weights_only", "weights_only_trapezoid"),
-    *("trapezoid_both", "trapezoid_fit"),
-)  # of which only the deviation is told
+# Of these only the deviation is told.
+ESTIMATES = ("weights_only", "weights_only_trapezoid", "trapezoid_both", "trapezoid_fit")
 
 
 def lines_2(verification: Verification) -> list[Row]:
-    """Return lines of Table 2, one for each unknown at each sigma.
+    """Return lines of Table 2, one for each unknown at each sigma; `*_percent`: of the truth."""
 
-    `*_percent` are relative to the truth.
-    """
-    lines: list[Row] = []
-    for sigma, values in verification.values.items():
-        for k, name in enumerate(verification.names):
-            values_of_unknown = {what: float(x[k]) for what, x in values.items()}
-            paper, scale = printed.TWO_PARAMETERS[sigma][name], 100.0 / values_of_unknown["truth"]
-            off = {
-                what: scale * abs(x - values_of_unknown["truth"])
-                for what, x in values_of_unknown.items()
-            }
-            lines.append(
-                {
-                    "sigma": sigma,
-                    "parameter": name,
-                    "printed": paper.value,
-                    "printed_percent": paper.deviation,
-                    "fminsearch": values_of_unknown["fminsearch"],
-                    "fminsearch_percent": off["fminsearch"],
-                    "scaled": values_of_unknown["scaled"],
-                    "scaled_percent": off["scaled"],
-                    **{f"{what}_percent": off[what] for what in ESTIMATES},
-                    "bound_percent": scale * values_of_unknown["bound"],
-                    "posterior": values_of_unknown["posterior"],
-                    "posterior_sd_percent": scale * values_of_unknown["posterior_sd"],
-                    "spread_fminsearch_percent": scale * values_of_unknown["sd_fminsearch"],
-                    "spread_scaled_percent": scale * values_of_unknown["sd_scaled"],
-                    "efficiency_scaled": values_of_unknown["sd_scaled"]
-                    / values_of_unknown["bound"],
-                    "records": verification.records,
-                }
-            )
-    return lines
+    def line(sigma: float, k: int, name: str) -> Row:
+        x = {what: float(each[k]) for what, each in verification.values[sigma].items()}
+        paper, scale = printed.TWO_PARAMETERS[sigma][name], 100.0 / x["truth"]
+        off = {what: scale * abs(value - x["truth"]) for what, value in x.items()}
+        return {
+            "sigma": sigma,
+            "parameter": name,
+            "printed": paper.value,
+            "printed_percent": paper.deviation,
+            "fminsearch": x["fminsearch"],
+            "fminsearch_percent": off["fminsearch"],
+            "scaled": x["scaled"],
+            "scaled_percent": off["scaled"],
+            **{f"{what}_percent": off[what] for what in ESTIMATES},
+            "bound_percent": scale * x["bound"],
+            "posterior": x["posterior"],
+            "posterior_sd_percent": scale * x["posterior_sd"],
+            "spread_fminsearch_percent": scale * x["sd_fminsearch"],
+            "spread_scaled_percent": scale * x["sd_scaled"],
+            "efficiency_scaled": x["sd_scaled"] / x["bound"],
+            "records": verification.records,
+        }
+
+    names = enumerate(verification.names)
+    return [line(sigma, *k) for sigma, k in itertools.product(verification.values, names)]
 
 
 def lines_3(nine: NineParameterStudy) -> list[Row]:
@@ -182,37 +154,36 @@ def lines_3(nine: NineParameterStudy) -> list[Row]:
         for q in nine.verdict.parameters
         if np.count_nonzero(q.exponents) == 1
     }
-    lines: list[Row] = []
-    for name in (*(n for n in printed.NINE_PARAMETERS if n in nine.names), *ours):
+
+    def line(name: str) -> Row:
         paper, k = printed.NINE_PARAMETERS.get(name), nine.names.index(name)
         guess, estimate = float(heuristic.guess[k]), float(heuristic.estimate[k])
         stepped = None if heuristic.stepped is None else float(heuristic.stepped[k])
         truth = None if nine.truth is None else float(nine.truth[k])
         low, high = map(float, np.exp(hdi(np.log(nine.draws[:, k]))))
-        lines.append(
-            {
-                "parameter": name,
-                "unit": nine.units[k],
-                "guess": guess,
-                "printed": None if paper is None else paper.value,
-                "printed_percent": None if paper is None else printed.signed_deviation(name),
-                "heuristic": estimate,
-                "heuristic_percent": _off(estimate, guess),
-                "stepped": stepped,
-                "stepped_percent": _off(stepped, guess),
-                "starts_percent": 100 * float(heuristic.others[:, k].std(ddof=1)) / guess,
-                "truth": truth,
-                "true_percent": _off(truth, guess),
-                "off_percent": _off(estimate, truth),
-                "stepped_off_percent": _off(stepped, truth),
-                "posterior": float(np.median(nine.draws[:, k])),
-                "hdi94_low": low,
-                "hdi94_high": high,
-                "holds": None if truth is None else bool(low <= truth <= high),
-                "verdict": says.get(name, ""),
-            }
-        )
-    return lines
+        return {
+            "parameter": name,
+            "unit": nine.units[k],
+            "guess": guess,
+            "printed": None if paper is None else paper.value,
+            "printed_percent": None if paper is None else printed.signed_deviation(name),
+            "heuristic": estimate,
+            "heuristic_percent": _off(estimate, guess),
+            "stepped": stepped,
+            "stepped_percent": _off(stepped, guess),
+            "starts_percent": 100 * float(heuristic.others[:, k].std(ddof=1)) / guess,
+            "truth": truth,
+            "true_percent": _off(truth, guess),
+            "off_percent": _off(estimate, truth),
+            "stepped_off_percent": _off(stepped, truth),
+            "posterior": float(np.median(nine.draws[:, k])),
+            "hdi94_low": low,
+            "hdi94_high": high,
+            "holds": None if truth is None else bool(low <= truth <= high),
+            "verdict": says.get(name, ""),
+        }
+
+    return [*map(line, (*(n for n in printed.NINE_PARAMETERS if n in nine.names), *ours))]
 
 
 def _off(value: float | None, reference: float | None) -> float | None:
@@ -222,27 +193,26 @@ def _off(value: float | None, reference: float | None) -> float | None:
 
 def ways(findings: PaperFindings) -> list[Row]:
     """Sum up all searches of one way: how many are as good as the best, and how those differ."""
-    lines: list[Row] = []
-    for way in dict.fromkeys(end.way for end in findings.ends):
+
+    def line(way: str) -> Row:
         ends = [end for end in findings.ends if end.way == way]
         there = [end for end in ends if end.best]
         misfits = np.array([end.misfit for end in ends])
-        lines.append(
-            {
-                "way": way,
-                "searches": len(ends),
-                "reached": sum(end.reached for end in ends),
-                "best": sum(end.best for end in ends),
-                "settled": sum(end.settled for end in ends),
-                "misfit_median": float(np.median(misfits)),
-                "misfit_worst": float(misfits.max()),
-                "scale_1": _spread([end.scales[0] for end in there if end.scales]),
-                "scale_2": _spread([end.scales[1] for end in there if len(end.scales) > 1]),
-                "rest": _rms([end.rest for end in there]),
-                "distance": _rms([end.distance for end in there]),
-            }
-        )
-    return lines
+        return {
+            "way": way,
+            "searches": len(ends),
+            "reached": sum(end.reached for end in ends),
+            "best": len(there),
+            "settled": sum(end.settled for end in ends),
+            "misfit_median": float(np.median(misfits)),
+            "misfit_worst": float(misfits.max()),
+            "scale_1": _spread([end.scales[0] for end in there if end.scales]),
+            "scale_2": _spread([end.scales[1] for end in there if len(end.scales) > 1]),
+            "rest": _rms([end.rest for end in there]),
+            "distance": _rms([end.distance for end in there]),
+        }
+
+    return [*map(line, dict.fromkeys(end.way for end in findings.ends))]
 
 
 def _spread(values: Sequence[float]) -> float | None:
@@ -285,13 +255,8 @@ def products(nine: NineParameterStudy) -> list[Row]:
 
 def tables(findings: PaperFindings) -> tuple[StudyTable, ...]:
     """Return all tables, in the order of the paper."""
-    by_kind = zip(*map(_of_record, findings.nines), strict=True)
-    return (
-        *_of_paper(findings),
-        *_of_searches(findings),
-        *(t for kind in by_kind for t in kind),
-        _shaft(findings),
-    )
+    of_records = itertools.chain(*zip(*map(_of_record, findings.nines), strict=True))
+    return (*_of_paper(findings), *_of_searches(findings), *of_records, _shaft(findings))
 
 
 def _of_paper(findings: PaperFindings) -> tuple[StudyTable, ...]:
@@ -447,11 +412,7 @@ def _control(lines: Sequence[ControlRun]) -> StudyTable:
 
 
 def _of_record(nine: NineParameterStudy) -> tuple[StudyTable, StudyTable, StudyTable]:
-    """Return the tables of one record, and the verdict.
-
-    Two with two grids each: the paper's layout and what is true; what could be behind Table 3 and
-    what this record shows.
-    """
+    """Return Table 3 of one record beside what is true, what could be behind it, and the verdict."""
     careful = "".join(f"**Careful: {doubt}.** " for doubt in doubts(nine))
     given = f"Not searched: {', '.join(nine.given)}. " if nine.given else ""
     return (
@@ -514,17 +475,14 @@ def _shaft(findings: PaperFindings) -> StudyTable:
     )
 
 
-def doubts(nine: NineParameterStudy) -> list[str]:
-    """Return what takes the worth away from all that is said of a record."""
-    doubts, m = [], nine.misfits
+def doubts(nine: NineParameterStudy) -> Iterator[str]:
+    """Yield what takes the worth away from all that is said of a record."""
+    m = nine.misfits
     if not m.explained:
-        doubts.append(
+        yield (
             f"even the MAP leaves a misfit of {m.map:.4g} per number, where noise leaves at most "
             f"{m.high:.3g}. A unit, the voltage, a sigma or the model does not fit this record: "
             "estimates and intervals say little"
         )
     if not nine.converged:
-        doubts.append(
-            f"the posterior did not converge (`{nine.name}/run.json` says why): do not use its numbers"
-        )
-    return doubts
+        yield f"the posterior did not converge (`{nine.name}/run.json` says why): do not use its numbers"

@@ -169,11 +169,17 @@ def is_even(t: Array) -> bool:
     return not (uneven and adrift)
 
 
-def channels_of_states(states: Sequence[str]) -> tuple[Channel, ...]:
-    """Return a channel for each state, for those who want to see all of them."""
-    return tuple(
+def with_states(
+    experiment: Experiment, states: Sequence[str], *, alone: bool = False
+) -> Experiment:
+    """Return it with a channel for each state behind those it has, or `alone`; signals are zero."""
+    shown = tuple(
         Channel(name=f"state {name}", weights={name: 1.0}, unit="", latex="", latex_unit="")
         for name in states
+    )
+    channels = shown if alone else (*experiment.channels, *shown)
+    return dataclasses.replace(
+        experiment, channels=channels, y=np.zeros((len(experiment.t), len(channels)))
     )
 
 

@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from bayesdrill.report.section import Sentences as Sentences
     from bayesdrill.report.section import Table as Table
     from bayesdrill.report.section import as_markdown as as_markdown
+    from bayesdrill.report.section import lines_as_csv as lines_as_csv
     from bayesdrill.report.section import markdown as markdown
     from bayesdrill.report.section import records_as_csv as records_as_csv
     from bayesdrill.report.sections.fit_figure import LINE_POINTS as LINE_POINTS

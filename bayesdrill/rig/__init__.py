@@ -20,6 +20,8 @@ if TYPE_CHECKING:
     from bayesdrill.rig.models.friction import Stribeck as Stribeck
     from bayesdrill.rig.models.linear import Linear as Linear
     from bayesdrill.rig.models.linear import Model as Model
+    from bayesdrill.rig.models.linear import constant_forcing as constant_forcing
+    from bayesdrill.rig.models.linear import dynamics as dynamics
     from bayesdrill.rig.models.long_shaft import LongShaft as LongShaft
     from bayesdrill.rig.models.motor import Motor as Motor
     from bayesdrill.rig.models.motor_shaft import Gear as Gear

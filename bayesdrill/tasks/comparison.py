@@ -12,10 +12,8 @@ from types import MappingProxyType
 from bayesdrill import output_files
 from bayesdrill.analysis import prediction
 from bayesdrill.analysis.comparison import PosteriorSummary, RunSummary
-from bayesdrill.analysis.diagnostics import summarise
-from bayesdrill.analysis.plausibility import DiffusePrior, diffuse_priors
+from bayesdrill.analysis.plausibility import diffuse_priors
 from bayesdrill.basics import software
-from bayesdrill.basics.arrays import Array
 from bayesdrill.basics.errors import InputError, encodable
 from bayesdrill.config.job import Job
 from bayesdrill.inference.display_units import SI, DisplayUnits
@@ -234,20 +232,15 @@ def contender(named: NamedRun, units: DisplayUnits) -> RunSummary:
         converged=run.sampled.convergence.converged,
         evidence=run.sampled.evidence,
         residuals=fit,
-        vague=_vague(run, layer.draws) if run.kept is None else run.kept.vague,
+        vague=tuple(diffuse_priors(layer.draws, posterior.space.priors))
+        if run.kept is None
+        else run.kept.vague,
         rig=_rig(run.job),
         noise=_noise(run.job),
         beliefs={name: repr(prior) for name, prior in posterior.space.priors.items()},
         held_out=prediction.held_out(posterior, layer.draws),
         loo=prediction.leave_one_out(posterior, layer.draws, fit),
     )
-
-
-def _vague(run: SampledRun, draws: Array) -> tuple[DiffusePrior, ...]:
-    """Priors that are too wide for the evidence to mean much; `draws (N, D)`."""
-    problem, sampled = run.job.problem, run.sampled
-    rows = summarise(problem, sampled.draws, run.mode, sampled.convergence)
-    return diffuse_priors(rows, draws, problem.posterior.space.priors)
 
 
 def _rig(job: Job) -> dict[str, str]:

@@ -105,7 +105,9 @@ def of_record(of: bd.Case) -> Iterator[Any]:
         *plausibility.plausibility_of_gear(problem),
     ]
     yield derived.values_at(problem, theta[None])
-    tried = edits.rig_candidates(posterior.likelihood.observations, posterior.space, theta)
+    tried = edits.rig_candidates(
+        posterior.likelihood.observations, posterior.space.full(theta[None])
+    )
     yield tried
     every = [
         EquivalentExplanation(parameter=lack.parameter, value=0.1, lost=1.0)

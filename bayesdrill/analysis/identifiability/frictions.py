@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -18,7 +19,7 @@ from bayesdrill.inference.posterior import Posterior
 from bayesdrill.record.experiment import typical_inputs
 from bayesdrill.rig import steady_state
 from bayesdrill.rig.models.linear import Model, constant_forcing, dynamics
-from bayesdrill.rig.models.roles import MotorRoles, Roles
+from bayesdrill.rig.models.roles import Roles
 
 KNOWN_SD = 0.1  # sd of the log: what is known as well is told apart, whatever it is like
 MIN_FALL = 2.0  # times: how much smaller an sd would be, were the others known
@@ -38,23 +39,19 @@ def rivals(roles: Roles) -> dict[str, tuple[str, ...]]:
     each: dict[str, tuple[str, ...]] = {}
     for here in inertias:
         others = [n for i in inertias if i is not here for n in (i.sliding, i.friction, i.damping)]
-        circuit = [n for m in motors if m.inertia == here.name for n in (m.drop, _offset(m))]
+        own = [m for m in motors if m.inertia == here.name]
+        circuit = [name for m in own for name in (m.drop, f"offset_{m.voltage}")]
         behind = [here.efficiency, *circuit]
         each[here.sliding] = (here.friction, here.damping, *back_emfs, *others, *behind)
     for motor in motors:
         here = roles.inertia(motor.inertia)
         rubs = (here.sliding, here.friction, here.damping)
-        each[motor.drop] = (motor.back_emf, *rubs, motor.resistance, _offset(motor))
+        each[motor.drop] = (motor.back_emf, *rubs, motor.resistance, f"offset_{motor.voltage}")
     for shaft in roles.shafts:
         each[shaft.damping] = tuple(inertia.damping for inertia in inertias)
     for here in inertias:
         each[here.efficiency] = (here.sliding, here.friction, here.damping)
     return {name: names for name, names in each.items() if name}
-
-
-def _offset(motor: MotorRoles) -> str:
-    """Return the offset of its supply."""
-    return f"offset_{motor.voltage}"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -139,35 +136,27 @@ def distinguish(
     rows = sensitivity.with_nuisances(theta)
     if not np.isfinite(rows).all():
         return NO_CONFOUNDING
-    scene = _FrictionStudy(sensitivity, posterior, theta, names, rows)
+    none = np.empty((0, len(theta)))
+    frictions = [f for each in friction_motions(posterior, theta, none) for f in each]
+    scene = _FrictionStudy(sensitivity, theta, names, rows, frictions)
     return FrictionConfounding(alike=tuple(scene.alike()), unseen=tuple(scene.unseen()))
 
 
+@dataclass
 class _FrictionStudy:
     """`rows (n, m + k)`: of these records over the noise."""
 
-    def __init__(
-        self,
-        sensitivity: SensitivityStudy,
-        posterior: Posterior,
-        theta: Array,
-        names: tuple[str, ...],
-        rows: Array,
-    ) -> None:
-        self.sensitivity, self.theta, self.names, self.rows = sensitivity, theta, names, rows
-        self.known = self._precision(rows)
-        none = np.empty((0, len(theta)))
-        self.frictions = [f for each in friction_motions(posterior, theta, none) for f in each]
-        self.model = sensitivity.model
-        self.rig = dict(
-            zip(
-                self.model.parameters,
-                sensitivity.likelihood.rig_parameters(theta[None])[0],
-                strict=True,
-            )
-        )
+    sensitivity: SensitivityStudy
+    theta: Array
+    names: tuple[str, ...]
+    rows: Array
+    frictions: Sequence[FrictionMotion]
+
+    def __post_init__(self) -> None:
+        self.known = self._precision(self.rows)
+        self.model = self.sensitivity.model
+        self.rig = self.sensitivity.rig_at(self.theta)
         self.drives = drives_of(self.model)
-        self.tried: list[tuple[str, float | None, Array]] | None = None
 
     def _precision(self, rows: Array) -> Array:
         """With the priors `(m + k, m + k)`."""
@@ -193,16 +182,15 @@ class _FrictionStudy:
             if alone < KNOWN_SD or fall < MIN_FALL:
                 continue
             named = self._named_rivals(name, known, alone, fall)
-            if all(frozenset((name, rival)) in reported for rival in named):
+            pairs = {frozenset((name, rival)) for rival in named}
+            if pairs <= reported:
                 continue
-            reported |= {frozenset((name, rival)) for rival in named}
+            reported |= pairs
             yield Confounded(
                 name=name,
                 rivals=named,
                 fall=alone / self._sd(name, self.known, named),
-                deeds=self._excitation(
-                    [f for f in self.frictions if name in f.friction.law.parameters]
-                ),
+                deeds=self._excitation({name}),
                 proposals=self._proposals(name),
             )
 
@@ -222,26 +210,20 @@ class _FrictionStudy:
     def unseen(self) -> Iterator[UnseenStiction]:
         for at in self.model.roles.inertias:
             scale = at.fading
-            names = tuple(parameter for parameter in (at.static, scale) if parameter in self.names)
-            if not names:
-                continue
-            rubs = [f for f in self.frictions if {*names} & {*f.friction.law.parameters}]
-            deeds = self._excitation(rubs)
-            speed = float(self.rig.get(scale, np.nan))
+            names = [parameter for parameter in (at.static, scale) if parameter in self.names]
+            speed, deeds = float(self.rig.get(scale, np.nan)), self._excitation({*names})
             spreads = dict(zip(self.names, self.sensitivity.prior_spreads, strict=True))
             lost = [n for n in names if self._sd(n, self.known) > LOST_SHARE * spreads[n]]
-            if (
-                deeds is None
-                or deeds.stuck > 0
-                or deeds.slowest < STICTION_GONE_SPEEDS * speed
-                or not lost
-            ):
+            if not lost or deeds is None or deeds.stuck > 0:
                 continue
-            yield UnseenStiction(
-                names=tuple(lost), scale=speed, deeds=deeds, proposals=self._proposals(lost[0])
-            )
+            if not deeds.slowest < STICTION_GONE_SPEEDS * speed:
+                yield UnseenStiction(
+                    names=tuple(lost), scale=speed, deeds=deeds, proposals=self._proposals(lost[0])
+                )
 
-    def _excitation(self, motions: Sequence[FrictionMotion]) -> Excitation | None:
+    def _excitation(self, parameters: set[str]) -> Excitation | None:
+        """Of the frictions that have any of these parameters; None where there are none."""
+        motions = [f for f in self.frictions if parameters & {*f.friction.law.parameters}]
         if not motions:
             return None
         one_sign = len({np.sign(f.speed[f.speed != 0][-1]) for f in motions if f.speed.any()}) == 1
@@ -254,16 +236,19 @@ class _FrictionStudy:
             fastest=max(f.fastest for f in motions),
         )
 
-    # Experiments that could be made.
+    @cached_property
+    def tried(self) -> list[tuple[str, float | None, Array]]:
+        """Experiments that could be made: what each is, its voltage, and what would then be known."""
+        tried = []
+        for what, volts, scene in self._scenes():
+            rows = self.sensitivity.with_nuisances(self.theta, scene)
+            if np.isfinite(rows).all():
+                both = np.vstack([self.rows, rows]) if scene.times else rows  # other experiments
+                tried.append((what, volts, self._precision(both)))
+        return tried
 
     def _proposals(self, name: str) -> tuple[ProposedExperiment, ...]:
         now = self._sd(name, self.known)
-        if self.tried is None:
-            self.tried = [
-                (what, volts, self._precision(rows))
-                for what, volts, rows in self._scenes()
-                if np.isfinite(rows).all()
-            ]
         proposals = [
             ProposedExperiment(what=what, volts=volts, shrink=now / self._sd(name, then))
             for what, volts, then in self.tried
@@ -271,37 +256,26 @@ class _FrictionStudy:
         helpful = [proposal for proposal in proposals if proposal.shrink > MIN_HELPFUL_FALL]
         return tuple(sorted(helpful, key=lambda proposal: -proposal.shrink)[:MAX_PROPOSED])
 
-    def _scenes(self) -> Iterator[tuple[str, float | None, Array]]:
-        """What it is, its voltage, and the rows of all that would then be known."""
-        observations = self.sensitivity.likelihood.observations
+    def _scenes(self) -> Iterator[tuple[str, float | None, DesignVariant]]:
         if not self.drives:
             return
+        experiments = [each.experiment for each in self.sensitivity.likelihood.observations]
         supply = self.drives[0]
-        size = float(
-            np.mean(
-                [typical_inputs(observation.experiment)[supply] for observation in observations]
-            )
-        )
+        size = float(np.mean([typical_inputs(experiment)[supply] for experiment in experiments]))
         stop = stall_voltage(self.model, self.rig)
-        if any(supply in observation.experiment.series for observation in observations):
+        if any(supply in experiment.series for experiment in experiments):
             yield "turned", None, self._at_other_voltage(-1.0)
             if 0 < stop < size:
                 yield "stops", BELOW_STALL * stop, self._at_other_voltage(BELOW_STALL * stop / size)
         elif v := self.sensitivity.mean_input(supply):
-            yield "turned half-way", None, self._changed_half_way(-2.0 * v)
+            yield "turned half-way", None, DesignVariant(late={supply: -2.0 * v})
             if 0 < stop < abs(v):
                 low = float(np.sign(v)) * BELOW_STALL * stop
-                yield "stops half-way", low, self._changed_half_way(low - v)
+                yield "stops half-way", low, DesignVariant(late={supply: low - v})
         yield "half", 0.5 * size, self._at_other_voltage(0.5)
 
-    def _at_other_voltage(self, times: float) -> Array:
-        scene = DesignVariant(times=dict.fromkeys(self.drives, times))
-        return np.vstack([self.rows, self.sensitivity.with_nuisances(self.theta, scene)])
-
-    def _changed_half_way(self, change: float) -> Array:
-        return self.sensitivity.with_nuisances(
-            self.theta, DesignVariant(late={self.drives[0]: change})
-        )
+    def _at_other_voltage(self, times: float) -> DesignVariant:
+        return DesignVariant(times=dict.fromkeys(self.drives, times))
 
 
 def drives_of(model: Model) -> list[str]:

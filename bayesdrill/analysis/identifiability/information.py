@@ -26,7 +26,7 @@ from bayesdrill.inference.compression import first_samples
 from bayesdrill.inference.laplace import natural_sd
 from bayesdrill.inference.likelihood import Likelihood, Observation
 from bayesdrill.inference.unknowns import SIMULATOR_ROLES
-from bayesdrill.record.experiment import channels_of_states
+from bayesdrill.record.experiment import with_states
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -34,12 +34,14 @@ class DesignVariant:
     """A change of the experiment that is tried by computing.
 
     `extra`: states that are measured too, each with its sigma; `late`: what is added to inputs in
-    the second half of each record; `times`: what inputs are multiplied with throughout.
+    the second half of each record; `times`: what inputs are multiplied with throughout; `beside`:
+    in further experiments, beside those there are.
     """
 
     extra: Mapping[str, float] = field(default_factory=dict)
     late: Mapping[str, float] = field(default_factory=dict)
     times: Mapping[str, float] = field(default_factory=dict)
+    beside: bool = False
 
 
 AS_RECORDED = DesignVariant()
@@ -70,10 +72,13 @@ class SensitivityStudy:
 
     def mean_input(self, name: str) -> float:
         """Return the mean of an input over the records."""
-        means = [
-            float(stage.constant.get(name, 0.0) + stage.base[name].mean()) for stage in self._stages
-        ]
+        means = [each.constant.get(name, 0.0) + each.base[name].mean() for each in self._stages]
         return float(np.mean(means))
+
+    def rig_at(self, theta: Array) -> dict[str, float]:
+        """Return the rig's parameters at `theta (D,)`, by name."""
+        parameters = self.likelihood.rig_parameters(theta[None])[0]
+        return dict(zip(self.model.parameters, parameters, strict=True))
 
     def sensitivities(self, theta: Array, scene: DesignVariant = AS_RECORDED) -> Array:
         """Return d channel / d log unknown over sigma at `theta (D,)`: `(n, m)`.
@@ -81,13 +86,10 @@ class SensitivityStudy:
         What nuisances explain of them, as freely as their priors allow, is taken away.  Not finite
         where the response overflows.
         """
-        return self._of_rig(self.with_nuisances(theta, scene))
-
-    def with_repeats(self, theta: Array, scene: DesignVariant) -> Array:
-        """Return `sensitivities` of all records, and of as many others in a design variant."""
-        return self._of_rig(
-            np.vstack([self.with_nuisances(theta), self.with_nuisances(theta, scene)])
-        )
+        rows, m = self.with_nuisances(theta, scene), len(self.unknowns)
+        if not self.nuisances or not np.isfinite(rows).all():
+            return rows[:, :m]
+        return project_out(self._with_priors(rows, m), m)
 
     def local_estimate(self, rows: Array, residuals: Array) -> tuple[Array, Array]:
         """Return the information of rows `(n, m + k)`, and where their `residuals (n,)` lead.
@@ -100,12 +102,6 @@ class SensitivityStudy:
         reduced = project_out(matrix, m + 1)
         return reduced[:m, :m], reduced[:m, m]
 
-    def _of_rig(self, rows: Array) -> Array:
-        m = len(self.unknowns)
-        if not self.nuisances or not np.isfinite(rows).all():
-            return rows[:, :m]
-        return project_out(self._with_priors(rows, m), m)
-
     def _with_priors(self, rows: Array, before: int) -> Array:
         """Of nuisances, which stand in the columns from `before` on."""
         priors = np.hstack([np.zeros((len(self.known), before)), np.diag(self.known)])
@@ -114,31 +110,30 @@ class SensitivityStudy:
     def with_nuisances(self, theta: Array, scene: DesignVariant = AS_RECORDED) -> Array:
         """Return sensitivities `(n, m + k)` to nuisances as well, on their natural scale."""
         parts = self.by_experiment(theta, scene)
+        if scene.beside:
+            parts = [*self.by_experiment(theta), *parts]
         return parts[0] if len(parts) == 1 else np.concatenate(parts)
 
     def by_experiment(self, theta: Array, scene: DesignVariant = AS_RECORDED) -> list[Array]:
         """Return `with_nuisances` of each experiment by itself."""
-        space = self.likelihood.space
-        full, along = space.full(theta[None]), space.slopes(theta[None])
-        return [stage.whitened(full, along, theta, scene) for stage in self._stages]
+        both = self._full_and_slopes(theta)
+        return [stage.whitened(*both, theta, scene) for stage in self._stages]
 
     def motions(self, theta: Array, scene: DesignVariant = AS_RECORDED) -> list[Array]:
         """Return the states of each experiment, `(T, X)`."""
+        both = self._full_and_slopes(theta)
+        return [stage.course(*both, scene)[0][:, stage.k :] for stage in self._stages]
+
+    def _full_and_slopes(self, theta: Array) -> tuple[Array, Array]:
         space = self.likelihood.space
-        full, along = space.full(theta[None]), space.slopes(theta[None])
-        return [stage.course(full, along, scene)[0][:, stage.k :] for stage in self._stages]
+        return space.full(theta[None]), space.slopes(theta[None])
 
 
 def project_out(rows: Array, m: int) -> Array:
     """Project the last k columns of `rows (n, m + k)` out of the first m: `(m, m)`."""
     k = rows.shape[1] - m
-    turned = np.linalg.qr(np.hstack([rows[:, m:], rows[:, :m]]), mode="r")
-    remaining = turned[k:, k:]
-    return np.asarray(
-        np.vstack([remaining, np.zeros((m - len(remaining), m))])
-        if len(remaining) < m
-        else remaining
-    )
+    remaining = np.linalg.qr(np.hstack([rows[:, m:], rows[:, :m]]), mode="r")[k:, k:]
+    return np.asarray(np.vstack([remaining, np.zeros((m - len(remaining), m))]))
 
 
 class _ExtendedExperiment:
@@ -151,22 +146,15 @@ class _ExtendedExperiment:
         n, self.constant = len(experiment.t), experiment.constant
         self.base = {name: experiment.series.get(name, np.zeros(n)) for name in model.inputs}
         self._late = (np.arange(n) >= n // 2).astype(float)
-        state_channels = channels_of_states(model.states)
-        shown = dataclasses.replace(
-            experiment,
-            y=np.zeros((n, self.k + len(state_channels))),
-            channels=(*experiment.channels, *state_channels),
-            series=self.base,
-        )
-        self._response = observation.response.of(shown)
+        shown = with_states(experiment, model.states)
+        self._response = observation.response.of(dataclasses.replace(shown, series=self.base))
 
     def whitened(self, full: Array, along: Array, theta: Array, scene: DesignVariant) -> Array:
         """Rows over the noise, zero where nothing was measured: `(n, m + k)`."""
         slopes = self.course(full, along, scene)[1]
         rows = self._one.whitened_jacobian_at(slopes[:, :, : self.k], theta)
-        indices = [self._states.index(name) for name in scene.extra]
-        more = slopes[:, :, [self.k + index for index in indices]]
-        if indices:
+        if scene.extra:
+            more = slopes[:, :, [self.k + self._states.index(name) for name in scene.extra]]
             rows = np.concatenate([rows, more / np.array([*scene.extra.values()])], axis=2)
         return np.asarray(rows.reshape(len(rows), -1).T * math.sqrt(self._repeats))
 
@@ -179,9 +167,8 @@ class _ExtendedExperiment:
                 more = (scene.times.get(name, 1.0) - 1.0) * (u + self.constant.get(name, 0.0))
                 pushed[name] = np.asarray(u + more + scene.late.get(name, 0.0) * self._late)
             response = response.with_series(pushed)
-        signals, slopes = response.course(
-            self._one.simulator_parameters(full), self._one.simulator_parameters(along)
-        )
+        arguments = self._one.simulator_parameters
+        signals, slopes = response.course(arguments(full), arguments(along))
         return signals[0], slopes[0]
 
 
@@ -227,6 +214,18 @@ class Information:
         return Information(self.names, root_of(np.vstack([self.root, np.diag(1.0 / sd)])))
 
     @property
+    def directions(self) -> tuple[Direction, ...]:
+        """The sloppy spectrum: independent products, from the best determined to the worst."""
+        _, values, rows = np.linalg.svd(self.root)
+        spectrum = []
+        for value, row in zip(values, rows, strict=True):
+            largest = row[np.argmax(np.abs(row))]
+            blind = value <= RANK_TOLERANCE * values[0]
+            sd = float("inf") if blind else float(1.0 / (value * np.abs(largest)))
+            spectrum.append(Direction(exponents=tuple(map(float, row / largest)), sd=sd))
+        return tuple(spectrum)
+
+    @property
     def n_blind(self) -> int:
         """The number of independent products of which the record says nothing."""
         values = np.linalg.svd(self.root, compute_uv=False)
@@ -254,66 +253,6 @@ class Direction:
 
     exponents: tuple[float, ...]
     sd: float
-
-
-def directions(information: Information) -> tuple[Direction, ...]:
-    """Return the sloppy spectrum: independent products, from the best determined to the worst."""
-    _, values, rows = np.linalg.svd(information.root)
-    spectrum = []
-    for value, row in zip(values, rows, strict=True):
-        largest = row[np.argmax(np.abs(row))]
-        blind = value <= RANK_TOLERANCE * values[0]
-        sd = float("inf") if blind else float(1.0 / (value * np.abs(largest)))
-        spectrum.append(Direction(exponents=tuple(map(float, row / largest)), sd=sd))
-    return tuple(spectrum)
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Product:
-    """A simple product of powers: `sd` of its log with record and priors, `prior_sd` before.
-
-    `bound`: from the record alone, inf if it does not determine the product.  `price`: of what is left
-    of the prior's sd, each factor.
-    """
-
-    exponents: tuple[int, ...]
-    sd: float
-    prior_sd: float
-    bound: float
-
-    @property
-    def price(self) -> float:
-        """What is left of the prior's sd, for each factor."""
-        return self.sd / self.prior_sd * sum(map(abs, self.exponents))
-
-
-def products(information: Information, prior_sd: Array, candidates: Array) -> tuple[Product, ...]:
-    """Return as many independent `candidates (n, m)` as there are, the most narrowed first.
-
-    Each is the one that the record narrows most of those independent of the ones before it; a
-    factor more has to pay for itself.
-    """
-    joint = information.with_priors(prior_sd)
-    spread = np.linalg.inv(joint.root)
-    rank = np.linalg.matrix_rank(candidates) if len(candidates) else 0
-    sd = np.linalg.norm(candidates @ spread, axis=1)
-    before = np.linalg.norm(candidates * prior_sd, axis=1)
-    price = sd / before * np.abs(candidates).sum(axis=1)
-    selected: list[int] = []
-    for index in np.argsort(price, kind="stable"):
-        if len(selected) == rank:
-            break
-        if np.linalg.matrix_rank(candidates[[*selected, index]]) > len(selected):
-            selected.append(int(index))
-    return tuple(
-        Product(
-            exponents=tuple(int(x) for x in candidates[k]),
-            sd=float(sd[k]),
-            prior_sd=float(before[k]),
-            bound=information.bound(candidates[k]),
-        )
-        for k in selected
-    )
 
 
 def simple_exponents(m: int) -> Array:

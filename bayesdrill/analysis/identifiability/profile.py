@@ -35,11 +35,10 @@ MAX_ACCELERATION = 1.5  # of the step itself: what would turn it further is left
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Profile:
-    """The profile likelihood of one parameter.
+    """The profile likelihood of one parameter, at physical `values (n,)`.
 
-    `values (n,)` physical, `loss (n,)`: the best log likelihood minus the profile's.
-
-    `low`, `high`: where the loss passes `THRESHOLD`; None where it does not inside the prior.
+    `loss (n,)`: the best log likelihood minus the profile's; `low`, `high`: where it passes
+    `THRESHOLD`, None where it does not inside the prior.
     """
 
     name: str
@@ -52,8 +51,7 @@ class Profile:
 
     def over(self, factor: float) -> Profile:
         """Return the profile in a unit of so many of this one."""
-        ends = (None if x is None else x / factor for x in (self.low, self.high))
-        low, high = ends
+        low, high = (None if x is None else x / factor for x in (self.low, self.high))
         values, best = self.values / factor, self.best / factor
         return replace(self, values=values, best=best, low=low, high=high)
 
@@ -76,12 +74,11 @@ class Fitter:
         self.best = self._fit(self._coordinates.to_natural(theta[None, : self._m])[0], None)
         if len(self._noise):  # unknown levels, from what the best fit leaves
             theta = self._theta(self.best.logs)
-            full, theta_fitted = self._likelihood.space.full(theta[None]), theta.copy()
+            full, fitted = self._likelihood.space.full(theta[None]), theta.copy()
             for observation in self._likelihood.observations:
-                theta_fitted[observation.noise_columns] = observation.fitted(
-                    observation.residuals(full).samples[0], theta
-                )
-            self._noise = theta_fitted[self._m :]
+                left = observation.residuals(full).samples[0]
+                fitted[observation.noise_columns] = observation.fitted(left, theta)
+            self._noise = fitted[self._m :]
             self.best = self._fit(self.best.logs, None)
 
     def fit_at(self, start: Array, column: int, value: float) -> ProfileFit:
@@ -168,10 +165,7 @@ class Fitter:
 
 @dataclass(frozen=True, slots=True)
 class ProfileFit:
-    """A fit with one unknown held.
-
-    `logs (m,)` of the unknowns; `cost`: minus the log likelihood, up to a constant.
-    """
+    """A fit: `logs (m,)` of the unknowns; `cost`: minus the log likelihood, up to a constant."""
 
     logs: Array
     cost: float
@@ -183,9 +177,8 @@ def profile(fitter: Fitter, names: tuple[str, ...], column: int) -> Profile:
     centre, sd = best.logs[column], fitter.spread()[column]
     down = _side(fitter, column, centre, sd, fitter.low[column])
     up = _side(fitter, column, centre, sd, fitter.high[column])
-    logs = np.array([*(x for x, _ in reversed(down)), centre, *(x for x, _ in up)])
-    fits = [*(fit for _, fit in reversed(down)), best, *(fit for _, fit in up)]
-    costs = np.array([fit.cost for fit in fits])
+    values, fits = zip(*reversed(down), (centre, best), *up, strict=True)
+    logs, costs = np.array(values), np.array([fit.cost for fit in fits])
     lowest = int(np.argmin(costs))  # a neighbour may have found better than the first fit
     loss = costs - costs[lowest]
 
@@ -201,10 +194,12 @@ def profile(fitter: Fitter, names: tuple[str, ...], column: int) -> Profile:
 
                 # Relative to the bracket: a well-known log changes in its last digits only.
                 near = 1e-4 * abs(logs[following] - logs[k])
-                return float(
-                    scipy.optimize.brentq(excess, logs[k], logs[following], xtol=near, rtol=1e-14)
-                )
+                ends = logs[k], logs[following]
+                return float(scipy.optimize.brentq(excess, *ends, xtol=near, rtol=1e-14))
         return None
+
+    def physical(value: float | None) -> float | None:
+        return None if value is None else float(fitter.along(column, np.array([value]))[0])
 
     low, high = crossing(range(lowest, 0, -1)), crossing(range(lowest, len(logs) - 1))
     return Profile(
@@ -212,8 +207,8 @@ def profile(fitter: Fitter, names: tuple[str, ...], column: int) -> Profile:
         values=fitter.along(column, logs),
         loss=loss,
         best=float(fitter.along(column, logs[[lowest]])[0]),
-        low=None if low is None else float(fitter.along(column, np.array([low]))[0]),
-        high=None if high is None else float(fitter.along(column, np.array([high]))[0]),
+        low=physical(low),
+        high=physical(high),
         shape=_shape(low, high, logs, lowest),
     )
 

@@ -56,10 +56,8 @@ class ScalingStructure:
         columns = [k for k, name in enumerate(self.names) if name in names]
         m = len(self.names)
         changed = _complement(np.array(self.invariants, dtype=float).reshape(-1, m), m)[:, columns]
-        factors = [
-            dict(zip(columns, e, strict=True))
-            for e in sparse_basis(_complement(changed, len(columns)))
-        ]
+        basis = sparse_basis(_complement(changed, len(columns)))
+        factors = [dict(zip(columns, exponents, strict=True)) for exponents in basis]
         return tuple(tuple(powers.get(k, 0) for k in range(m)) for powers in factors)
 
 
@@ -88,14 +86,12 @@ def find_structure(
     sensitivities: Sequence[Array],
     unchanged: Callable[[Exponents], bool],
 ) -> ScalingStructure:
-    """Find the scaling symmetries in sensitivities at several points.
+    """Find the scaling symmetries in sensitivities `(T K, m)` at several points.
 
-    `sensitivities`: `(T K, m)` at several points; `unchanged`: proves one candidate.
+    `unchanged` proves one candidate.
     """
-    null, candidates = (
-        null_space(sensitivities),
-        sparse_basis(null_space(sensitivities, nearly=True)),
-    )
+    null = null_space(sensitivities)
+    candidates = sparse_basis(null_space(sensitivities, nearly=True))
     proven = tuple(exponents for exponents in candidates if unchanged(exponents))
     each = [null_space([point]) for point in sensitivities if point.any()]
     blind = max(min(map(len, each), default=len(null)), len(proven))
@@ -105,11 +101,10 @@ def find_structure(
         hidden = np.array(proven, dtype=float).reshape(-1, len(names))
     else:
         hidden = null
-    complement = _complement(hidden, len(names))
     return ScalingStructure(
         names=names,
         symmetries=proven,
-        invariants=sparse_basis(complement),
+        invariants=sparse_basis(_complement(hidden, len(names))),
         unexplained=blind - len(proven),
     )
 
@@ -125,15 +120,11 @@ def sparse_basis(rows: Array) -> tuple[Exponents, ...]:
         block = rows[:, pivots]
         if n == 0 or np.linalg.cond(block) > 1e8:
             continue
-        for row in np.linalg.solve(block, rows):
-            exponents = _whole(row)
-            if exponents is not None:
-                candidates.add(exponents)
+        candidates |= {e for e in map(_whole, np.linalg.solve(block, rows)) if e is not None}
     independent: list[Exponents] = []
     for candidate in sorted(candidates, key=_complexity):
-        if np.linalg.matrix_rank(np.array([*independent, candidate], dtype=float)) > len(
-            independent
-        ):
+        more = np.array([*independent, candidate], dtype=float)
+        if np.linalg.matrix_rank(more) > len(independent):
             independent.append(candidate)
     return tuple(independent)
 
@@ -224,16 +215,18 @@ class DependsOnFixed:
     following: Array
 
     @property
+    def _powers(self) -> dict[str, int]:
+        return dict(zip(self.names, self.exponents, strict=True))
+
+    @property
     def unknown(self) -> tuple[str, ...]:
         """The unknowns that are known through what is held."""
-        named = zip(self.names, self.exponents, strict=True)
-        return tuple(name for name, e in named if e and name not in self.held)
+        return tuple(name for name, e in self._powers.items() if e and name not in self.held)
 
     @property
     def through(self) -> tuple[str, ...]:
         """The numbers that are held and settle the scale."""
-        named = zip(self.names, self.exponents, strict=True)
-        return tuple(name for name, e in named if e and name in self.held)
+        return tuple(name for name, e in self._powers.items() if e and name in self.held)
 
     @property
     def narrowest(self) -> str:
@@ -243,10 +236,8 @@ class DependsOnFixed:
 
     def scales(self, names: Sequence[str], exponents: Sequence[float]) -> bool:
         """Return whether a product of powers is another where what is held is."""
-        exponents_by_name = dict(zip(self.names, self.exponents, strict=True))
-        return (
-            sum(exponents_by_name[name] * e for name, e in zip(names, exponents, strict=True)) != 0
-        )
+        each = zip(names, exponents, strict=True)
+        return sum(self._powers[name] * e for name, e in each) != 0
 
     def priors(self, names: Sequence[str], exponents: Sequence[float]) -> tuple[str, ...]:
         """Return whose priors settle a product that this scales; none where what is held does.
@@ -270,44 +261,36 @@ def depends_on_fixed(
     prior_sd: Array,
     rng: np.random.Generator,
 ) -> tuple[DependsOnFixed, ...]:
-    """Find scales that fixed numbers settle.
+    """Find scales that fixed numbers settle, where few are held and many rest on them.
 
-    At `theta (D,)`; `rng` draws the points at which the structure is looked at.
-
-    `known` of the record there, `prior_sd (m,)` of the logs.
-
-    Where few are held and many rest on them: who holds most of a rig knows that the rest is told
-    through it.
+    Who holds most of a rig knows that the rest is told through it.  `known` of the record at `theta
+    (D,)`, `prior_sd (m,)` of the logs; `rng` draws the points at which the structure is looked at.
     """
     space, model = posterior.space, posterior.likelihood.observations[0].response.model
     fixed = tuple(name for name in model.parameters if space.fixed.get(name, 0.0) > 0.0)
     if not fixed:
         return ()
-    first = len(space.columns("rig", "quantity"))
-    symbols = model.symbols
+    values = [space.fixed[name] for name in fixed]
     low, high = FREED_RANGE
-    freed = [
-        Unknown(
-            symbol=symbols[name],
-            role="rig",
-            prior=Uniform(low=low * space.fixed[name], high=high * space.fixed[name]),
-            start=space.fixed[name],
-        )
-        for name in fixed
-    ]
-    wider = posterior.edit(free=freed)
-    at = np.insert(theta, first, [space.fixed[name] for name in fixed])
+    wider = posterior.edit(
+        free=[
+            Unknown(
+                symbol=model.symbols[name],
+                role="rig",
+                prior=Uniform(low=low * value, high=high * value),
+                start=value,
+            )
+            for name, value in zip(fixed, values, strict=True)
+        ]
+    )
+    at = np.insert(theta, len(space.columns("rig", "quantity")), values)
     structure = structure_of(wider, SensitivityStudy(wider.likelihood), at, rng)
     follows = prior_following(known, prior_sd)
-    dependent = (
+    every = (
         DependsOnFixed(names=structure.names, exponents=e, held=fixed, following=follows)
         for e in structure.symmetries
     )
-    return tuple(
-        dependence
-        for dependence in dependent
-        if 0 < len(dependence.through) <= len(dependence.unknown)
-    )
+    return tuple(each for each in every if 0 < len(each.through) <= len(each.unknown))
 
 
 def prior_following(known: Information, prior_sd: Array) -> Array:

@@ -7,12 +7,12 @@ with the priors taken as Gaussian in the logs.
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from bayesdrill.analysis.identifiability import information
 from bayesdrill.analysis.identifiability.frictions import (
     NO_CONFOUNDING,
     FrictionConfounding,
@@ -21,14 +21,12 @@ from bayesdrill.analysis.identifiability.frictions import (
     drives_of,
 )
 from bayesdrill.analysis.identifiability.information import (
+    RANK_TOLERANCE,
     DesignVariant,
     Direction,
     Information,
-    Product,
     SensitivityStudy,
-    directions,
     from_sensitivities,
-    products,
     simple_exponents,
 )
 from bayesdrill.analysis.identifiability.structure import (
@@ -79,25 +77,23 @@ def remedies(
 ) -> tuple[Remedy, ...]:
     """Try every single action, and return what helps most first."""
     names = sensitivity.unknowns
-    now = information.from_sensitivities(names, sensitivity.sensitivities(theta))
+    now = from_sensitivities(names, sensitivity.sensitivities(theta))
     rows = [names.index(name) for name in of_interest]
     before = now.with_priors(prior_sd).bounds()[rows]
     moves = [np.array(exponents, dtype=float) for exponents in symmetries]
-    remedies_tried = []
-    for what, after in _actions(sensitivity, theta, now):
+
+    def tried(what: str, after: Information) -> Remedy:
         sd = after.with_priors(prior_sd).bounds()[rows]
         # What is known to all digits, by a record at the edge of numbers, gets no better.
         finite = (before > 0) & (sd > 0) & (before < np.inf)
         ratio = np.divide(before, sd, out=np.ones_like(sd), where=finite)
-        threshold = information.RANK_TOLERANCE * np.linalg.norm(after.root)
-        breaks = [
-            k for k, move in enumerate(moves) if np.linalg.norm(after.root @ move) > threshold
-        ]
+        least = RANK_TOLERANCE * np.linalg.norm(after.root)
+        breaks = (k for k, move in enumerate(moves) if np.linalg.norm(after.root @ move) > least)
         shrink = float(np.exp(np.mean(np.log(ratio))))
-        remedies_tried.append(
-            Remedy(what=what, breaks=tuple(breaks), left=after.n_blind, shrink=shrink)
-        )
-    return tuple(sorted(remedies_tried, key=lambda remedy: (remedy.left, -remedy.shrink)))
+        return Remedy(what=what, breaks=tuple(breaks), left=after.n_blind, shrink=shrink)
+
+    every = itertools.starmap(tried, _actions(sensitivity, theta, now))
+    return tuple(sorted(every, key=lambda remedy: (remedy.left, -remedy.shrink)))
 
 
 def _actions(
@@ -113,14 +109,14 @@ def _actions(
             equal = np.zeros(len(names))
             equal[names.index(first)], equal[names.index(second)] = 1.0, -1.0
             yield f"tie {first} = {second}", now.with_knowledge(equal, WEIGHED_TO)
-    for what, scene in _other_drives(sensitivity):
-        sensitivities = sensitivity.with_repeats(theta, scene)
-        if np.isfinite(sensitivities).all():
-            yield what, information.from_sensitivities(names, sensitivities)
-    for what, scene in [*_more_channels(sensitivity, theta), *_other_inputs(sensitivity, theta)]:
+    for what, scene in (
+        *_other_drives(sensitivity),
+        *_more_channels(sensitivity, theta),
+        *_other_inputs(sensitivity, theta),
+    ):
         sensitivities = sensitivity.sensitivities(theta, scene)
         if np.isfinite(sensitivities).all():
-            yield what, information.from_sensitivities(names, sensitivities)
+            yield what, from_sensitivities(names, sensitivities)
 
 
 def _other_drives(sensitivity: SensitivityStudy) -> Iterator[tuple[str, DesignVariant]]:
@@ -128,18 +124,11 @@ def _other_drives(sensitivity: SensitivityStudy) -> Iterator[tuple[str, DesignVa
     experiments = [observation.experiment for observation in sensitivity.likelihood.observations]
     rig = sensitivity.model
     for name in drives_of(rig):
-        if any(
-            experiment.constant.get(name, 0.0) or name in experiment.series
-            for experiment in experiments
-        ):
-            size = OTHER_DRIVE * float(
-                np.mean([typical_inputs(experiment)[name] for experiment in experiments])
-            )
-            unit = rig.symbols[name].plain_unit
-            yield (
-                f"another experiment at {size:.3g} {unit}",
-                DesignVariant(times={name: OTHER_DRIVE}),
-            )
+        if any(each.constant.get(name, 0.0) or name in each.series for each in experiments):
+            usual = float(np.mean([typical_inputs(each)[name] for each in experiments]))
+            size = f"{OTHER_DRIVE * usual:.3g} {rig.symbols[name].plain_unit}"
+            what = f"another experiment at {size}"
+            yield what, DesignVariant(times={name: OTHER_DRIVE}, beside=True)
 
 
 def _more_channels(
@@ -148,25 +137,20 @@ def _more_channels(
     """Each state that is not measured yet, with the signal-to-noise ratio of the others."""
     rig = sensitivity.model
     motions, observations = sensitivity.motions(theta), sensitivity.likelihood.observations
-    channel_weights = [
-        observation.experiment.weights(sensitivity.states) for observation in observations
-    ]
+    weights = [each.experiment.weights(sensitivity.states) for each in observations]
     swings = [
-        np.median((motion @ weights.T).std(axis=0) / observation.scales(theta[None])[0])
-        for observation, motion, weights in zip(observations, motions, channel_weights, strict=True)
+        np.median((motion @ w.T).std(axis=0) / observation.scales(theta[None])[0])
+        for observation, motion, w in zip(observations, motions, weights, strict=True)
     ]
     ratio = np.median(swings)
     spreads = np.median([motion.std(axis=0) for motion in motions], axis=0)
     for name, unit, spread in zip(sensitivity.states, np.eye(len(spreads)), spreads, strict=True):
-        new = name not in rig.inner and any(
-            np.linalg.matrix_rank(np.vstack([w, unit])) > len(w) for w in channel_weights
-        )
+        ranks = [np.linalg.matrix_rank(np.vstack([w, unit])) > len(w) for w in weights]
+        new = name not in rig.inner and any(ranks)
         sigma = float(spread / ratio) if ratio > 0 else 0.0
         if new and sigma > 0:
-            yield (
-                f"measure {name} (noise {sigma:.2g} {rig.symbols[name].unit})",
-                DesignVariant(extra={name: sigma}),
-            )
+            what = f"measure {name} (noise {sigma:.2g} {rig.symbols[name].unit})"
+            yield what, DesignVariant(extra={name: sigma})
 
 
 def _other_inputs(
@@ -178,11 +162,10 @@ def _other_inputs(
         mean = sensitivity.mean_input(name)
         if mean == 0.0:
             continue
-        what, free = drive_words(rig, name)
-        what_changes = (
-            f"change the {what} to {OTHER_DRIVE * mean:.3g} {rig.symbols[name].plain_unit} half-way"
-        )
-        yield what_changes, DesignVariant(late={name: (OTHER_DRIVE - 1.0) * mean})
+        drive, free = drive_words(rig, name)
+        size = f"{OTHER_DRIVE * mean:.3g} {rig.symbols[name].plain_unit}"
+        change = DesignVariant(late={name: (OTHER_DRIVE - 1.0) * mean})
+        yield f"change the {drive} to {size} half-way", change
         if free:
             coast = f"let the rig coast down half-way ({free})"
             yield coast, DesignVariant(late={name: -mean})
@@ -196,28 +179,18 @@ def _load(
     sensitivity: SensitivityStudy, theta: Array, torque: str, where: str
 ) -> Iterator[tuple[str, DesignVariant]]:
     """Yield a known load, as large as a record can well show, half-way through it."""
-    motion = sensitivity.model.roles.motion
+    motion, observations = sensitivity.model.roles.motion, sensitivity.likelihood.observations
+    loaded = sensitivity.motions(theta, DesignVariant(late={torque: 1.0}))
     changes = []  # changes of channels, in shares of their ranges
-    pairs = zip(
-        sensitivity.motions(theta),
-        sensitivity.motions(theta, DesignVariant(late={torque: 1.0})),
-        strict=True,
-    )
-    for observation, (before, after) in zip(
-        sensitivity.likelihood.observations, pairs, strict=True
-    ):
-        here, there = (
-            x @ observation.experiment.weights(sensitivity.states).T for x in (before, after)
-        )
+    for observation, *both in zip(observations, sensitivity.motions(theta), loaded, strict=True):
+        here, there = (x @ observation.experiment.weights(sensitivity.states).T for x in both)
         with np.errstate(all="ignore"):  # of a channel that stands still: no number, or infinite
             changes.append(np.max(np.ptp(there - here, axis=0) / np.ptp(here, axis=0)))
     change = float(np.max(changes))
     if 0 < change < np.inf:
         load = LOAD_SHARE / change
-        loaded = (
-            f"apply a known load {motion.torque} of {load:.2g} {motion.newtons}{where} half-way"
-        )
-        yield loaded, DesignVariant(late={torque: load})
+        what = f"apply a known load {motion.torque} of {load:.2g} {motion.newtons}{where} half-way"
+        yield what, DesignVariant(late={torque: load})
 
 
 MIN_FALL = 2.0  # times: how much smaller an sd would be, for a nuisance that is named with it
@@ -237,6 +210,45 @@ class KnownProduct:
     prior_sd: float
     bound: float
     word: Identification
+
+    @property
+    def price(self) -> float:
+        """What is left of the prior's sd, for each factor."""
+        return self.sd / self.prior_sd * sum(map(abs, self.exponents))
+
+
+def products(
+    information: Information,
+    prior_sd: Array,
+    candidates: Array,
+    thresholds: Thresholds,
+) -> tuple[KnownProduct, ...]:
+    """Return as many independent `candidates (n, m)` as there are, the most narrowed first.
+
+    Each is the one that the record narrows most of those independent of the ones before it; a
+    factor more has to pay for itself.
+    """
+    spread = np.linalg.inv(information.with_priors(prior_sd).root)
+    rank = np.linalg.matrix_rank(candidates) if len(candidates) else 0
+    sd = np.linalg.norm(candidates @ spread, axis=1)
+    before = np.linalg.norm(candidates * prior_sd, axis=1)
+    price = sd / before * np.abs(candidates).sum(axis=1)
+    selected: list[int] = []
+    for index in np.argsort(price, kind="stable"):
+        if len(selected) == rank:
+            break
+        if np.linalg.matrix_rank(candidates[[*selected, index]]) > len(selected):
+            selected.append(int(index))
+    return tuple(
+        KnownProduct(
+            exponents=tuple(int(x) for x in candidates[k]),
+            sd=float(sd[k]),
+            prior_sd=float(before[k]),
+            bound=information.bound(candidates[k]),
+            word=thresholds.classify(float(sd[k]) / float(before[k])),
+        )
+        for k in selected
+    )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -282,7 +294,7 @@ class IdentifiabilityStudy:
     @property
     def directions(self) -> tuple[Direction, ...]:
         """The sloppy spectrum of the record."""
-        return directions(self.information)
+        return self.information.directions
 
 
 def study_of(
@@ -294,10 +306,7 @@ def study_of(
     *,
     seek_remedies: bool = False,
 ) -> IdentifiabilityStudy:
-    """Study the identifiability at `theta (D,)`, as it is `asked` for.
-
-    Remedies take as long as all else together, and are sought on request.
-    """
+    """Study the identifiability at `theta (D,)`; remedies take as long as all else together."""
     # Draws the points at which the structure is looked at.
     rng = seeds.stream(asked.seed, "identify")
     names, thresholds = sensitivity.unknowns, asked.thresholds
@@ -306,14 +315,13 @@ def study_of(
     structure = structure_of(posterior, sensitivity, theta, rng)
     known = from_sensitivities(names, sensitivity.sensitivities(theta))
     prior_sd = prior_spreads(posterior)[: len(names)]
-    simple = products(known, prior_sd, simple_exponents(len(names)))
     return IdentifiabilityStudy(
         names=names,
         at=at,
         of_interest=of_interest,
         structure=structure,
         parameters=_parameters(known, prior_sd, thresholds),
-        products=tuple(_known(p, thresholds) for p in simple),
+        products=products(known, prior_sd, simple_exponents(len(names)), thresholds),
         information=known,
         remedies=remedies(sensitivity, theta, structure.symmetries, prior_sd, of_interest)
         if seek_remedies
@@ -338,24 +346,23 @@ def _nuisances(
     sds = np.sqrt(np.diag(covariance))
     alike = covariance / np.outer(sds, sds)
     steps = posterior.coordinates.natural(theta[None])[0]
-    nuisances = []
-    for k, name in enumerate(sensitivity.nuisances, start=len(sensitivity.unknowns)):
-        falls = {
-            other: 1.0 / np.sqrt(max(1.0 - alike[k, j] ** 2, 1e-12))
+
+    def nuisance(k: int, name: str) -> Nuisance:
+        falls = [
+            (other, float(1.0 / np.sqrt(max(1.0 - alike[k, j] ** 2, 1e-12))))
             for j, other in enumerate(sensitivity.unknowns)
-        }
-        like = sorted(falls.items(), key=lambda fall: -fall[1])
+        ]
         before = sensitivity.prior_spreads[k]
-        nuisances.append(
-            Nuisance(
-                name=name,
-                sd=float(sds[k] * steps[k]),
-                prior_sd=float(before * steps[k]),
-                word=thresholds.classify(float(sds[k] / before)),
-                like=tuple((other, float(x)) for other, x in like if x > MIN_FALL),
-            )
+        return Nuisance(
+            name=name,
+            sd=float(sds[k] * steps[k]),
+            prior_sd=float(before * steps[k]),
+            word=thresholds.classify(float(sds[k] / before)),
+            like=tuple(x for x in sorted(falls, key=lambda fall: -fall[1]) if x[1] > MIN_FALL),
         )
-    return tuple(nuisances)
+
+    every = enumerate(sensitivity.nuisances, start=len(sensitivity.unknowns))
+    return tuple(itertools.starmap(nuisance, every))
 
 
 def prior_spreads(posterior: Posterior) -> Array:
@@ -366,25 +373,15 @@ def prior_spreads(posterior: Posterior) -> Array:
 def _parameters(
     known: Information, prior_sd: Array, thresholds: Thresholds
 ) -> tuple[KnownProduct, ...]:
-    joint, alone = known.with_priors(prior_sd).bounds(), known.bounds()
-    units = np.eye(len(prior_sd), dtype=int)
+    units = np.eye(len(prior_sd), dtype=int).tolist()
+    each = known.with_priors(prior_sd).bounds().tolist(), prior_sd.tolist(), known.bounds().tolist()
     return tuple(
         KnownProduct(
-            exponents=tuple(int(x) for x in unit),
-            sd=float(sd),
-            prior_sd=float(before),
-            bound=float(bound),
+            exponents=tuple(unit),
+            sd=sd,
+            prior_sd=before,
+            bound=bound,
             word=thresholds.classify(sd / before),
         )
-        for unit, sd, before, bound in zip(units, joint, prior_sd, alone, strict=True)
-    )
-
-
-def _known(product: Product, thresholds: Thresholds) -> KnownProduct:
-    return KnownProduct(
-        exponents=product.exponents,
-        sd=product.sd,
-        prior_sd=product.prior_sd,
-        bound=product.bound,
-        word=thresholds.classify(product.sd / product.prior_sd),
+        for unit, sd, before, bound in zip(units, *each, strict=True)
     )

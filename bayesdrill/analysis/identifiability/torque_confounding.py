@@ -1,15 +1,15 @@
 """Find parameters that a missing torque can stand in for, and what helps.
 
-The Fisher information of all unknowns together, of mean and covariance, as the curvature that a
-record drawn at the point has (Gauss and Newton), with what the priors know; beside it that of the
-same record, had the rig no missing torque.
+By the Fisher information of all unknowns and the priors, as the curvature that a record drawn at the
+point has (Gauss and Newton), and that of the same record, had the rig no missing torque.
 """
 
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -60,37 +60,22 @@ class TorqueConfounding:
 def find_confounded(
     posterior: Posterior, theta: Array, before: Array, rng: np.random.Generator
 ) -> tuple[TorqueConfounding, ...]:
-    """Find the rig's parameters that a missing torque can stand in for, at `theta (D,)`.
-
-    `before (D,)`: sds of logs under the priors.
-    """
+    """Find what a missing torque can stand in for at `theta (D,)`; `before (D,)`: prior sds of logs."""
     observations = posterior.likelihood.observations
     torques = [observation.torque for observation in observations if observation.torque]
     if not torques:
         return ()
     seeds = rng.integers(2**32, size=DRAWN_RECORDS)
-
-    def information(some: Posterior, at: Array) -> Array:
-        return _information(some, at, before, seeds)
-
-    known = information(posterior, theta)
+    known = _information(posterior, theta, before, seeds)
     if not np.isfinite(known).all():
         return ()
-    names = posterior.space.free
-    rig = [
-        k
-        for k, unknown in enumerate(posterior.space.unknowns)
-        if unknown.role in ("rig", "quantity")
-    ]
+    names, unknowns = posterior.space.free, enumerate(posterior.space.unknowns)
+    rig = [k for k, unknown in unknowns if unknown.role in ("rig", "quantity")]
     sds = np.sqrt(np.diag(np.linalg.inv(known)))
-    without = posterior.edit(
-        each=lambda observation: (
-            observation.torque.scale_torque(NO_TORQUE) if observation.torque else observation
-        )
-    )
+    without = posterior.edit(each=lambda o: o.torque.scale_torque(NO_TORQUE) if o.torque else o)
     nothing = theta.copy()
     nothing[[k for k, name in enumerate(names) if name.startswith(SIZE)]] *= NO_TORQUE
-    alone = np.sqrt(np.diag(np.linalg.inv(information(without, nothing))))
+    alone = np.sqrt(np.diag(np.linalg.inv(_information(without, nothing, before, seeds))))
     worse = [k for k in rig if sds[k] > MIN_LOSS * alone[k] and sds[k] > KNOWN_SHARE * before[k]]
     if not worse:
         return ()
@@ -98,23 +83,27 @@ def find_confounded(
     first = posterior.likelihood.observations[0]
     shown = {name for c in first.experiment.channels for name in c.weights if len(c.weights) == 1}
     unseen = [name for name in first.response.model.states if name not in shown]
-    more = {state: information(_showing(posterior, theta, state), theta) for state in unseen}
+    more = {
+        state: _information(_showing(posterior, theta, state), theta, before, seeds)
+        for state in unseen
+    }
 
-    def helps(k: int) -> tuple[TorqueRemedy, ...]:
-        remedies = []
+    def tried(k: int) -> Iterator[tuple[str, str, float]]:
+        """What could be done for the unknown `k`, and its sd then."""
         for j in (j for j in rig if j != k):
             others = [i for i in range(len(sds)) if i != j]
             covariance = np.linalg.inv(known[np.ix_(others, others)])
-            sd = float(np.sqrt(covariance[others.index(k), others.index(k)]))
-            remedies.append(TorqueRemedy(kind="hold", name=names[j], shrink=float(sds[k]) / sd))
+            yield "hold", names[j], np.sqrt(covariance[others.index(k), others.index(k)])
         for state, wider in more.items():
-            sd = float(np.sqrt(np.linalg.inv(wider)[k, k]))
-            remedies.append(TorqueRemedy(kind="measure", name=state, shrink=float(sds[k]) / sd))
-        good = sorted(
-            (remedy for remedy in remedies if remedy.shrink > MIN_HELPFUL_FALL),
-            key=lambda remedy: -remedy.shrink,
-        )
-        return tuple(good[:MAX_REMEDIES])
+            yield "measure", state, np.sqrt(np.linalg.inv(wider)[k, k])
+
+    def helps(k: int) -> tuple[TorqueRemedy, ...]:
+        remedies = [
+            TorqueRemedy(kind=kind, name=name, shrink=float(sds[k]) / float(sd))
+            for kind, name, sd in tried(k)
+        ]
+        good = [remedy for remedy in remedies if remedy.shrink > MIN_HELPFUL_FALL]
+        return tuple(sorted(good, key=lambda remedy: -remedy.shrink)[:MAX_REMEDIES])
 
     return tuple(
         TorqueConfounding(
@@ -132,28 +121,24 @@ def find_confounded(
 def scaled_with_torque(
     posterior: Posterior, symmetries: Sequence[Exponents]
 ) -> tuple[tuple[str, ...], ...]:
-    """Return symmetries that change the inertia on which a torque acts, with what goes with it.
+    """Return symmetries that change the inertia on which a torque acts, with the size of that."""
+    torques = [each.torque for each in posterior.likelihood.observations if each.torque]
+    if not torques:
+        return ()
+    rig, torque = torques[0].kalman_filter.model, torques[0].kalman_filter.torque
+    names = posterior.space.free
+    size = next((name for name in names if name.startswith(SIZE)), SIZE)
 
-    The size of the torque is among it.
-    """
-    for observation in posterior.likelihood.observations:
-        if observation.torque:
-            rig, torque = (
-                observation.torque.kalman_filter.model,
-                observation.torque.kalman_filter.torque,
-            )
-            names = posterior.space.free
-            size = next((name for name in names if name.startswith(SIZE)), SIZE)
-            scalings = []
-            for exponents in symmetries:
-                powers = dict(zip(names, exponents, strict=False))
-                p = {name: 2.0 ** powers.get(name, 0) for name in rig.parameters}
-                ones = dict.fromkeys(rig.parameters, 1.0)
-                push = torque_gain(rig, torque, p, rig.linear(p))
-                if push != torque_gain(rig, torque, ones, rig.linear(ones)):
-                    scalings.append((*(n for n, e in powers.items() if e), size))
-            return tuple(scalings)
-    return ()
+    def push(p: Mapping[str, float]) -> Any:
+        return torque_gain(rig, torque, p, rig.linear(p))
+
+    scalings = []
+    for exponents in symmetries:
+        powers = dict(zip(names, exponents, strict=False))
+        scaled = {name: 2.0 ** powers.get(name, 0) for name in rig.parameters}
+        if push(scaled) != push(dict.fromkeys(rig.parameters, 1.0)):
+            scalings.append((*(n for n, e in powers.items() if e), size))
+    return tuple(scalings)
 
 
 def _information(posterior: Posterior, theta: Array, before: Array, seeds: Counts) -> Array:
@@ -176,21 +161,16 @@ def _information(posterior: Posterior, theta: Array, before: Array, seeds: Count
 def _showing(posterior: Posterior, theta: Array, state: str) -> Posterior:
     """With every record showing this state too."""
     full, rig = posterior.space.full(theta[None]), posterior.likelihood.observations[0].response
-    unit = rig.model.symbols[state].unit
-    name = f"state {state}"
+    name, unit = f"state {state}", rig.model.symbols[state].unit
     channel = Channel(name=name, weights={state: 1.0}, unit=unit, latex="", latex_unit="")
 
     def showing(observation: Observation) -> Observation:
         if observation.torque is None:
             return observation
-        experiment = dataclasses.replace(
-            observation.experiment,
-            channels=(*observation.experiment.channels, channel),
-            y=frozen(
-                np.column_stack([observation.experiment.y, np.zeros(len(observation.experiment.t))])
-            ),
-        )
-        response = observation.response.of(experiment)
+        before = observation.experiment
+        y, channels = np.column_stack([before.y, np.zeros(len(before.t))]), before.channels
+        shown = dataclasses.replace(before, channels=(*channels, channel), y=frozen(y))
+        response = observation.response.of(shown)
         spread = float(response.signals(observation.simulator_parameters(full))[0, :, -1].std())
         return observation.torque.with_extra_channel(response, SENSOR_NOISE * spread or 1.0)
 
