@@ -29,7 +29,7 @@ from bayesdrill.basics import symbols
 from bayesdrill.basics.arrays import Array
 from bayesdrill.basics.duals import Dual, dual
 from bayesdrill.basics.symbols import SPEED_UNITS, Symbol
-from bayesdrill.rig.models.friction import Coulomb, Friction, Gravity, Law, Named, Stribeck
+from bayesdrill.rig.models.friction import Friction, Gravity, Named
 from bayesdrill.rig.models.roles import GEAR_POWERS, Roles, usual_roles
 
 HOUSE_SYMBOLS: Mapping[str, Symbol] = MappingProxyType(
@@ -338,10 +338,3 @@ def constants(rig: Any) -> dict[str, Any]:
     }
     gear = rig.roles.gear
     return {n: value for n, (value, default) in values.items() if n == gear or value != default}
-
-
-def dry_law(added: Collection[str], law: Stribeck) -> Law | None:
-    """Return `law` where static friction is added, else sliding friction alone, or None."""
-    if all(name in added for name in law.parameters):
-        return law
-    return Coulomb(law.sliding) if law.sliding in added else None
