@@ -24,22 +24,12 @@ from dataclasses import dataclass
 from types import MappingProxyType
 from typing import ClassVar
 
-from bayesdrill.basics.symbols import Symbol
 from bayesdrill.rig.models.equations import PartsModel
 from bayesdrill.rig.models.linear import Offers, ParameterNames
-from bayesdrill.rig.models.motor_shaft import Power
+from bayesdrill.rig.models.motor_shaft import Power, dry_friction, together
 
 ROCK = ("b_0", "b_1", "b_2", "b_3")
-OFFERS: Offers = MappingProxyType(
-    {
-        "c_s": (),
-        "c_1": (),
-        "t_c1": (),
-        "t_s1": ("t_c1", "w_s1"),
-        "w_s1": ("t_c1", "t_s1"),
-        **{name: tuple(n for n in ROCK if n != name) for name in ROCK},
-    }
-)
+OFFERS: Offers = MappingProxyType({"c_s": (), "c_1": (), **dry_friction("1"), **together(*ROCK)})
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,7 +40,6 @@ class DrivenShaft(PartsModel):
     added: tuple[str, ...] = ()
 
     name: ClassVar[str] = "driven_shaft"
-    declares: ClassVar[tuple[Symbol, ...]] = ()
     offers: ClassVar[Offers] = OFFERS
     parameters: ClassVar[ParameterNames] = ParameterNames(("k_s", "j_1"))
     states: ClassVar[tuple[str, ...]] = ("theta_1", "theta_2", "w_1")
@@ -58,8 +47,4 @@ class DrivenShaft(PartsModel):
     @property
     def inputs(self) -> tuple[str, ...]:
         """The imposed speed, the load torque and, of a bit, the weight on it."""
-        return ("w_2", "t_1", "wob") if self._drills else ("w_2", "t_1")
-
-    @property
-    def _drills(self) -> bool:
-        return all(name in self.added for name in ROCK)
+        return ("w_2", "t_1", "wob") if {*ROCK} <= {*self.added} else ("w_2", "t_1")

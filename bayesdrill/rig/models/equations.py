@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Iterator
-from typing import Any, Literal
+from typing import Any, ClassVar, Literal
 
 from bayesdrill.basics.symbols import Symbol
 from bayesdrill.rig.models.friction import (
@@ -35,6 +35,8 @@ Entry = tuple[str, str, Any]  # row, column of A or B, value
 
 class PartsModel(Model):
     """A rig whose equations follow from its roles."""
+
+    declares: ClassVar[tuple[Symbol, ...]] = ()
 
     @property
     def stribeck(self) -> Literal[1, 2]:

@@ -25,21 +25,18 @@ from dataclasses import dataclass
 from types import MappingProxyType
 from typing import ClassVar
 
-from bayesdrill.basics.symbols import Symbol
 from bayesdrill.rig.models.equations import PartsModel
 from bayesdrill.rig.models.linear import Offers, ParameterNames
-from bayesdrill.rig.models.motor_shaft import Gear, Power
+from bayesdrill.rig.models.motor_shaft import Gear, Power, dry_friction, together
 
 CIRCUIT = ("k_e", "k_T", "r_m", "l_m")
 OFFERS: Offers = MappingProxyType(
     {
-        **{name: tuple(n for n in CIRCUIT if n != name) for name in CIRCUIT},
+        **together(*CIRCUIT),
         "t_f": (),
         "j_2": (),
         "r_s": CIRCUIT,
-        "t_cm": (),
-        "t_sm": ("t_cm", "w_sm"),
-        "w_sm": ("t_cm", "t_sm"),
+        **dry_friction("m"),
         "v_d": CIRCUIT,
     }
 )
@@ -54,7 +51,6 @@ class Motor(PartsModel):
     added: tuple[str, ...] = ()
 
     name: ClassVar[str] = "motor"
-    declares: ClassVar[tuple[Symbol, ...]] = ()
     offers: ClassVar[Offers] = OFFERS
     parameters: ClassVar[ParameterNames] = ParameterNames(("j_m", "c_m"))
 
@@ -70,5 +66,4 @@ class Motor(PartsModel):
 
     @property
     def _wired(self) -> bool:
-        """Whether it has a circuit."""
-        return all(name in self.added for name in CIRCUIT)
+        return {*CIRCUIT} <= {*self.added}

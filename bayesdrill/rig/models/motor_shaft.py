@@ -24,8 +24,7 @@ Assumes: rigid gearbox without play, massless shaft, friction `t_f` of constant 
     v_d    i' = ... - (v_d/l_m) sgn i
     eta    T at the motor grows by (1/eta - 1) i_m k_s |theta_2 - theta_1|
 
-j_2   inertia at the output side of the gearbox: rotor 2, the gear, the coupling
-r_s   resistance in series with the motor: driver, leads, brushes
+In full, with `j_2` at the output of the gearbox and `r_s` of driver, leads and brushes:
 
     l_m i' + (r_m + r_s) i + k_e theta_3' = v
     j_m theta_3'' + c_m theta_3' - k_T i + t_f = -i_m t_2
@@ -53,17 +52,25 @@ from bayesdrill.rig.models.equations import PartsModel, coordinate_inertia
 from bayesdrill.rig.models.friction import Named
 from bayesdrill.rig.models.linear import Linear, Model, Offers, ParameterNames
 
+
+def dry_friction(at: str) -> Offers:
+    """Return what an inertia offers: sliding friction, and static one that is lost with the speed."""
+    sliding, static, fading = f"t_c{at}", f"t_s{at}", f"w_s{at}"
+    return {sliding: (), static: (sliding, fading), fading: (sliding, static)}
+
+
+def together(*names: str) -> Offers:
+    """Return parameters of which none means anything without all others."""
+    return {name: tuple(other for other in names if other != name) for name in names}
+
+
 PARAMETERS = ("j_m", "c_m", "k_e", "k_T", "r_m", "l_m", "k_s", "j_1", "t_f")
 OFFERS: Offers = MappingProxyType(
     {
-        **dict.fromkeys(("c_s", "j_2", "r_s", "c_1", "t_cm"), ()),
-        "t_sm": ("t_cm", "w_sm"),
-        "w_sm": ("t_cm", "t_sm"),
-        "t_c1": (),
-        "t_s1": ("t_c1", "w_s1"),
-        "w_s1": ("t_c1", "t_s1"),
-        "v_d": (),
-        "eta": (),
+        **dict.fromkeys(("c_s", "j_2", "r_s", "c_1"), ()),
+        **dry_friction("m"),
+        **dry_friction("1"),
+        **dict.fromkeys(("v_d", "eta"), ()),
     }
 )
 
@@ -101,7 +108,6 @@ class MotorShaft(PartsModel):
     added: tuple[str, ...] = ()
 
     name: ClassVar[str] = "motor_shaft"
-    declares: ClassVar[tuple[Symbol, ...]] = ()
     offers: ClassVar[Offers] = OFFERS
     parameters: ClassVar[ParameterNames] = ParameterNames(PARAMETERS)
     states: ClassVar[tuple[str, ...]] = ("theta_1", "theta_2", "w_1", "w_2", "i")
