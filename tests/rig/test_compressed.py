@@ -11,8 +11,7 @@ from hypothesis import strategies as st
 from oracles import ORDER, long_states, skewed
 from rigs import experiment, vector
 
-from bayesdrill.rig.models.driven_shaft import DrivenShaft
-from bayesdrill.rig.models.motor_shaft import MotorShaft
+from bayesdrill.rig.models.motor_shaft import DrivenShaft, MotorShaft
 from bayesdrill.rig.simulators import simulator
 from bayesdrill.rig.simulators.compressed import CompressedSimulator, compress
 from bayesdrill.rig.simulators.contract import Simulator

@@ -67,8 +67,8 @@ def _by_name(value: Any, what: str, example: str, make: Callable[[str, Any], Any
 
 
 def _shafts(value: Any) -> Any:
-    make = lambda name, ends: Shaft(name, _ends(name, ends))  # noqa: E731
-    return _by_name(value, "shaft", "coupling: [motor, load]", make)
+    example = "coupling: [motor, load]"
+    return _by_name(value, "shaft", example, lambda name, ends: Shaft(name, _ends(name, ends)))
 
 
 def _gears(value: Any) -> Any:

@@ -24,12 +24,7 @@ Named = Mapping[str, NDArray[np.float64] | float]
 
 
 class Law(Protocol):
-    """A law of friction: its size as a function of the speed.
-
-    It is frozen, as kernels are cached by the rigs that they were compiled for.  `parameters` that
-    it names; `seen`: states and inputs that it names beside the speed; `steady`: whether its size
-    is that of the parameters alone.
-    """
+    """A law of friction, its size as a function of the speed; frozen, as rigs are."""
 
     @property
     def parameters(self) -> tuple[str, ...]:

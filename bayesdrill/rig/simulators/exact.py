@@ -28,18 +28,13 @@ from bayesdrill.rig.simulators.long_record import LongRecord, input_layout
 from bayesdrill.rig.simulators.sensors import ObservationModel
 from bayesdrill.rig.simulators.stepped import Unstepped
 
-MAX_GROUPED = (
-    8_000_000  # numbers of a record: of more, no memory is taken for eight walkers at once
-)
+# Numbers of a record: of more, no memory is taken for eight walkers at once.
+MAX_GROUPED = 8_000_000
 
 
 @dataclass(frozen=True, eq=False)
 class Response(Unstepped):
-    """The response of `model` in `experiment`; kernels are compiled when they are first asked for.
-
-    Parameters come as `(W, P)`, columns in the order of `model.parameters`, SI.  A walker whose
-    numbers overflow gets NaN in its own row alone.  `together`: what is compiled at once.
-    """
+    """The response of `model` in `experiment`; `together`: kernels that are compiled at once."""
 
     model: Model
     experiment: Experiment
@@ -56,15 +51,11 @@ class Response(Unstepped):
 
     @cached_property
     def _blocks(self) -> tuple[Array, Array, Array]:
-        """Constants, record, inputs; the last increment drives nothing that is measured any more."""
-        series = [np.append(u, u[-1]) for u in self.experiment.series.values()]
-        y = np.ascontiguousarray(self.experiment.y)
-        u = np.array(series, dtype=np.float64).reshape(len(series), len(y) + 1).T
+        """Constants, record, inputs."""
         start = [self.experiment.start.get(name, 0.0) for name in self.model.states]
-        constants = constant_block(
-            self.experiment, start, self.experiment.weights(self.model.states)
-        )
-        return constants, y, np.ascontiguousarray(u)
+        weights = self.experiment.weights(self.model.states)
+        constants = constant_block(self.experiment, start, weights)
+        return (constants, *record_blocks(self.experiment))
 
     @cached_property
     def _addresses(self) -> tuple[int, int, int]:
@@ -190,3 +181,10 @@ def constant_block(experiment: Experiment, start: Sequence[float], weights: Arra
     spans = (experiment.dt, float(experiment.t[0] - experiment.t_start))
     inputs = present(experiment.constant).values()
     return np.array([*spans, *inputs, *start, *np.ravel(weights)])
+
+
+def record_blocks(experiment: Experiment) -> tuple[Array, Array]:
+    """Return record and inputs; the last increment drives nothing that is measured any more."""
+    series = [np.append(u, u[-1]) for u in experiment.series.values()]
+    u = np.array(series, dtype=np.float64).reshape(len(series), len(experiment.t) + 1).T
+    return np.ascontiguousarray(experiment.y), np.ascontiguousarray(u)

@@ -80,7 +80,8 @@ class Dense:
         self._farthest = float(steps.max()) if len(steps) else 0.0
         self._blocks = self._constant(series, constant)
         self._addresses = {name: block.ctypes.data for name, block in self._blocks.items()}
-        self._whole = len(g.at) == len(g.t) - 1  # no knot but samples
+        # Where samples are among knots: a slice copies faster.
+        self._at: Any = slice(len(g.at)) if len(g.at) == len(g.t) - 1 else g.at
         self._pattern: Mask | None = None
         self._entries: Pattern = ()
 
@@ -104,12 +105,8 @@ class Dense:
         """Return sums `(W, K, n)` of residuals of the record `y (T, K)`; `weights (W, K m)` if any."""
         n, k_count = len(walkers[0]), y.shape[1]
         out = np.empty((-(-n // LANES), k_count * tally.count, LANES))
-        full = np.empty((len(self._grid.t), y.shape[1]))
-        if self._whole:
-            full[:-1], full[-1] = y, np.nan
-        else:
-            full.fill(np.nan)
-            full[self._grid.at] = y
+        full = np.full((len(self._grid.t), y.shape[1]), np.nan)
+        full[self._at] = y
         self._run(walkers, full, out, tally, weights)
         return out.transpose(0, 2, 1).reshape(-1, k_count, tally.count)[:n]
 
@@ -125,8 +122,7 @@ class Dense:
         n, k_count = rows.shape[:2]
         out = np.empty((-(-n // LANES), len(self._grid.t), k_count, LANES))
         self._run((parameters, x0, before, shift, rows), NONE, out)
-        at = out[:, :-1] if self._whole else out[:, self._grid.at]
-        return ungrouped(at, n)
+        return ungrouped(out[:, self._at], n)
 
     def _run(
         self,
@@ -229,10 +225,7 @@ def _driven(g: Grid, inputs: Array, first_order: bool) -> tuple[Array, Array]:
 
 @dataclass(frozen=True)
 class IrregularSimulator(Unstepped):
-    """Simulates linear rigs at uneven times and with sensors of their own.
-
-    See `contract.Simulator`; parameters are the model's, then those that `sensing` names.
-    """
+    """Simulates linear rigs at uneven times and with sensors of their own."""
 
     model: Model
     experiment: Experiment
@@ -266,10 +259,6 @@ class IrregularSimulator(Unstepped):
         with np.errstate(all="ignore"):
             slopes = self._slopes(points, along.reshape(n * q, -1))
         return slopes.reshape(n, q, *self.experiment.y.shape)
-
-    def course(self, full: Array, along: Array) -> tuple[Array, Array]:
-        """See `Simulator.course`."""
-        return self.signals(full), self.sensitivities(full, along)
 
     # What `Dense` is told.
 

@@ -8,7 +8,7 @@ start.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 
@@ -66,15 +66,11 @@ class ObservationModel:
     @property
     def names(self) -> tuple[str, ...]:
         """All names, each once."""
-        return tuple(dict.fromkeys(self._all_names()))
-
-    def _all_names(self) -> Iterator[str]:
+        sensors = (self.gains, self.offsets, self.lags)
         inputs = (self.input_gains, self.input_offsets, self.input_lags)
-        for names in (self.gains, self.offsets, self.lags, *inputs):
-            yield from names.values()
-        if self.delay is not None:
-            yield self.delay
-        yield from self.states.values()
+        every = [name for named in (*sensors, *inputs) for name in named.values()]
+        every += [] if self.delay is None else [self.delay]
+        return tuple(dict.fromkeys([*every, *self.states.values()]))
 
     @property
     def shifts(self) -> bool:
@@ -93,11 +89,9 @@ class ObservationModel:
     def summary(self) -> str:
         """What each of them has, such as `twist: gain, lag; v: offset; inputs: delay`."""
         kinds_of: dict[str, list[str]] = {}
-        kinds = (("gain", self.gains), ("offset", self.offsets), ("lag", self.lags))
-        inputs = (
-            ("gain", self.input_gains), ("offset", self.input_offsets), ("lag", self.input_lags)
-        )  # fmt: skip
-        for kind, named in (*kinds, *inputs):
+        sensors = (self.gains, self.offsets, self.lags)
+        inputs = (self.input_gains, self.input_offsets, self.input_lags)
+        for kind, named in zip(("gain", "offset", "lag") * 2, (*sensors, *inputs), strict=True):
             for name in named:
                 kinds_of.setdefault(name, []).append(kind)
         if self.delay is not None:
@@ -131,11 +125,8 @@ class ObservedModel(WrappedModel):
 
     def linear(self, p: Named) -> Linear:
         """See `Model.linear`."""
-        linear, gains, offsets = (
-            self.rig.linear(p),
-            dict(self.input_gains),
-            dict(self.input_offsets),
-        )
+        linear = self.rig.linear(p)
+        gains, offsets = dict(self.input_gains), dict(self.input_offsets)
         b, c = dict(linear.B), dict(linear.c)
         for (row, name), value in linear.B.items():
             if name in gains:
