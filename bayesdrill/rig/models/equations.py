@@ -235,17 +235,15 @@ class _Parts:
         for inertia in self.roles.inertias:
             laws = self._laws(inertia) if inertia.speed in self.states else []
             if laws:
-                yield (
-                    inertia,
-                    Friction(
-                        name=effort_name(inertia.effort, f"friction_{inertia.name}"),
-                        against=inertia.speed,
-                        law=functools.reduce(CombinedLaw, laws),
-                        holds=inertia.angle,
-                        where=inertia.at,
-                        symbol=inertia.effort,
-                    ),
+                friction = Friction(
+                    name=effort_name(inertia.effort, f"friction_{inertia.name}"),
+                    against=inertia.speed,
+                    law=functools.reduce(CombinedLaw, laws),
+                    holds=inertia.angle,
+                    where=inertia.at,
+                    symbol=inertia.effort,
                 )
+                yield inertia, friction
 
     def _laws(self, inertia: InertiaRoles) -> list[Law]:
         laws = list[Law]()

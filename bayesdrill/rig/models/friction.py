@@ -29,21 +29,17 @@ class Law(Protocol):
     @property
     def parameters(self) -> tuple[str, ...]:
         """Names of the parameters that it needs."""
-        ...
 
     @property
     def seen(self) -> tuple[str, ...]:
         """States and inputs that it needs beside the speed."""
-        ...
 
     @property
     def steady(self) -> bool:
         """Whether its size is that of the parameters alone."""
-        ...
 
     def size(self, p: Named, speed: Any, seen: Mapping[str, Any]) -> Any:
         """Return the size at a `speed` that is not negative."""
-        ...
 
 
 @runtime_checkable
@@ -52,7 +48,6 @@ class SettlingLaw(Law, Protocol):
 
     def decay_terms(self, p: Named, speed: Any) -> tuple[Any, Any]:
         """Return that size, and the exponent of what is left above it."""
-        ...
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -82,27 +82,22 @@ class Model(Protocol):
     @property
     def declares(self) -> tuple[Symbol, ...]:
         """Symbols of parameters and states that only this rig has."""
-        ...
 
     @property
     def name(self) -> str:
         """The name in the registry."""
-        ...
 
     @property
     def parameters(self) -> tuple[str, ...]:
         """Names of the parameters, in the order of columns."""
-        ...
 
     @property
     def states(self) -> tuple[str, ...]:
         """Names of the states x."""
-        ...
 
     @property
     def inputs(self) -> tuple[str, ...]:
         """Names of the inputs u."""
-        ...
 
     def linear(self, p: Named) -> Linear:
         """Return the dynamics at parameters `p`.
@@ -110,7 +105,6 @@ class Model(Protocol):
         These are numbers, arrays of one batch shape, numbers with slopes, or registers of a kernel:
         so they can be added, multiplied, divided and raised to whole powers, and nothing else.
         """
-        ...
 
     # What a rig may have beside that.
 

@@ -131,12 +131,22 @@ class Response(Unstepped):
     @cached_property
     def _tangent(self) -> Response:
         """The response whose channels are the slopes of those of the rig."""
-        return _of_tangent(self.model, self.experiment, _slopes(self.experiment))
+        return self._of_tangent(())
 
     @cached_property
     def _both(self) -> Response:
-        channels = (*_slopes(self.experiment), *self.experiment.channels)
-        return _of_tangent(self.model, self.experiment, channels)
+        return self._of_tangent(self.experiment.channels)
+
+    def _of_tangent(self, further: tuple[Channel, ...]) -> Response:
+        """Return the response of the tangent, with no record: slopes of channels, and `further` ones."""
+        slopes = (
+            dataclasses.replace(c, weights={name + DOT: w for name, w in c.weights.items()})
+            for c in self.experiment.channels
+        )
+        channels = (*slopes, *further)
+        y = np.zeros((len(self.experiment.t), len(channels)))
+        record = dataclasses.replace(self.experiment, channels=channels, y=y)
+        return Response(Tangent(self.model), record, ("signals",))
 
     def along(self, theta: Array, directions: Array) -> Array:
         """Return the channels `(W, q, T, K)` of a tangent, in `directions (W, q, P)`."""
@@ -147,21 +157,6 @@ class Response(Unstepped):
     def _run(self, name: str, blocks: Array, out: Array) -> None:
         addresses = (blocks.ctypes.data, *self._addresses, out.ctypes.data)
         self._function(name)(len(blocks), len(self.experiment.t), *addresses)
-
-
-def _of_tangent(model: Model, experiment: Experiment, channels: tuple[Channel, ...]) -> Response:
-    """Return the response of the tangent of `model`, with no record."""
-    y = np.zeros((len(experiment.t), len(channels)))
-    record = dataclasses.replace(experiment, channels=channels, y=y)
-    return Response(Tangent(model), record, ("signals",))
-
-
-def _slopes(experiment: Experiment) -> tuple[Channel, ...]:
-    """Return the derivatives of its channels, as channels."""
-    return tuple(
-        dataclasses.replace(channel, weights={name + DOT: w for name, w in channel.weights.items()})
-        for channel in experiment.channels
-    )
 
 
 def layout(model: Model, experiment: Experiment) -> Layout:

@@ -289,37 +289,32 @@ class SensorParameters:
 
     def initial_state(self, system: LinearSystem | None, full: Array) -> Array:
         """Return the state at the start, `(W, X)`; `system` may be None where nothing `moves`."""
-        names = self.model.states
-        out = np.empty((len(full), len(names)))
+        known = self.experiment.start
         if self.sensing.steady:
             assert system is not None
             matrix, by_input, forcing = system
-            out[:] = steady_state.states(
-                matrix, forcing + by_input @ self.first_inputs, self.angles
-            )
-            return self._shift_angles(out, matrix, full, known=self.experiment.start)
-        for k, name in enumerate(names):
+            drive = forcing + by_input @ self.first_inputs
+            steady = steady_state.states(matrix, drive, self.angles)
+            return self._shift_angles(steady, matrix, full, known)
+        out = np.empty((len(full), len(self.model.states)))
+        for k, name in enumerate(self.model.states):
             parameter = self.sensing.states.get(name)
-            out[:, k] = (
-                self.experiment.start.get(name, 0.0)
-                if parameter is None
-                else self.column(parameter, full)
-            )
+            out[:, k] = known.get(name, 0.0) if parameter is None else self.column(parameter, full)
         return out
 
     def initial_state_slope(self, system: LinearSystem | None, along: Array) -> Array:
         """Return the slope `(n, X)` of the initial state; `system` is that of the tangent."""
         x = len(self.model.states)
-        out = np.zeros((len(along), x))
         if self.sensing.steady:
             assert system is not None
             matrix, by_input, forcing = system
             drive = forcing + by_input @ self.first_inputs
-            out[:] = steady_state.state_slopes(
+            slopes = steady_state.state_slopes(
                 matrix[:, :x, :x], drive[:, :x], matrix[:, x:, :x], drive[:, x:], self.angles
             )
             still = dict.fromkeys(self.experiment.start, 0.0)
-            return self._shift_angles(out, matrix[:, :x, :x], along, known=still)
+            return self._shift_angles(slopes, matrix[:, :x, :x], along, still)
+        out = np.zeros((len(along), x))
         for k, name in enumerate(self.model.states):
             if name in self.sensing.states:
                 out[:, k] = self.column(self.sensing.states[name], along)
