@@ -31,8 +31,6 @@ from bayesdrill.rig.simulators.long_record import (
     LongRecord,
     input_layout,
     starts,
-    walker_numbers,
-    walker_slopes,
 )
 from bayesdrill.rig.simulators.rational_basis import (
     BLOCK,
@@ -43,7 +41,7 @@ from bayesdrill.rig.simulators.rational_basis import (
     choose_basis,
     triangle,
 )
-from bayesdrill.rig.simulators.sensors import ObservationModel
+from bayesdrill.rig.simulators.sensors import ObservationModel, Walkers
 from bayesdrill.rig.simulators.stepped import Unstepped
 
 TOLERANCE = 1e-7  # of the log likelihood
@@ -245,13 +243,14 @@ class CompressedSimulator(Unstepped):
     def _walkers(self, full: Array) -> Array:
         delays = self.compression.delays
         late = [delays.numbers(self.sensors, full)] if self._shape.delays else []
-        return np.concatenate([walker_numbers(self.sensors, full), *late], axis=1)
+        return np.concatenate([Walkers(self.sensors, full).numbers, *late], axis=1)
 
     def _walker_slopes(self, full: Array, along: Array) -> Array:
         """Return the slopes `(n, P')` of what walkers have."""
         delays = self.compression.delays
         late = [delays.slopes(self.sensors, full, along)] if self._shape.delays else []
-        return np.concatenate([walker_slopes(self.sensors, full, along), *late], axis=1)
+        slopes = Walkers(self.sensors, along, Walkers(self.sensors, full)).numbers
+        return np.concatenate([slopes, *late], axis=1)
 
     def _run(self, blocks: dict[str, Array], q: int = 0) -> tuple[Array, Array]:
         """Run the kernel on blocks `(W, ...)`; returns its numbers `(W, n)`, and scratch."""
@@ -326,7 +325,7 @@ def _sufficient(
     """
     sensors, (k_count, sums) = record.sensors, weights.shape
     with np.errstate(all="ignore"):
-        rates = sensors.linear_system(points)[0]
+        rates = Walkers(sensors, points).system[0]
     sizes = np.linalg.norm(record.inputs(0, record.count) - record.first_inputs, axis=0)
     constants = present(sensors.experiment.constant).values()
     n = np.array(simulator.experiment.counts, dtype=float)

@@ -32,7 +32,7 @@ from bayesdrill.rig.kernels.lanes import LANES
 from bayesdrill.rig.kernels.sums import ResidualSums
 from bayesdrill.rig.models.linear import Model, Tangent
 from bayesdrill.rig.simulators.contract import Simulator, in_groups, ungrouped
-from bayesdrill.rig.simulators.sensors import LinearSystem, ObservationModel
+from bayesdrill.rig.simulators.sensors import LinearSystem, ObservationModel, Walkers
 from bayesdrill.rig.simulators.stepped import Unstepped
 from bayesdrill.rig.simulators.time_grid import Grid, build_grid, runs
 
@@ -242,15 +242,16 @@ class IrregularSimulator(Unstepped):
     def signals(self, full: Array) -> Array:
         """See `Simulator.signals`."""
         with np.errstate(all="ignore"):
-            return self.sensors.drop_start(self._dense.signals(*self._settings(full)))
+            return self.sensors.drop_start(
+                self._dense.signals(*self._settings(Walkers(self.sensors, full)))
+            )
 
     def sums(self, full: Array, tally: ResidualSums, weights: Array | None = None) -> Array:
         """See `Simulator.sums`."""
         channel_weights = None if weights is None else weights.reshape(len(full), -1)
         with np.errstate(all="ignore"):
-            return self._dense.sums(
-                self._settings(full), self.sensors.padded, tally, channel_weights
-            )
+            settings = self._settings(Walkers(self.sensors, full))
+            return self._dense.sums(settings, self.sensors.padded, tally, channel_weights)
 
     def sensitivities(self, full: Array, along: Array) -> Array:
         """See `Simulator.sensitivities`."""
@@ -275,37 +276,32 @@ class IrregularSimulator(Unstepped):
         constant, first_order = self.experiment.constant, self.experiment.first_order
         return Dense(model, t, series, constant, first_order, self.sensors.grid)
 
-    def _settings(self, full: Array) -> tuple[Array, Array, Array, Array | None, Array]:
-        w = self.sensors
-        system = w.linear_system(full)
-        start = w.initial_state(system, full)
-        before = w.initial_rate(system, start)
-        rows = w.rows(w.gains(full), full)
+    def _settings(self, walkers: Walkers) -> tuple[Array, Array, Array, Array | None, Array]:
+        w, rows = self.sensors, walkers.rows
         rows = np.concatenate([rows, np.zeros((*rows.shape[:2], len(w.inputs)))], axis=2)
-        shift = w.channel_delays(full) if self.sensing.shifts else None
-        return w.simulator_parameters(full), start, before, shift, rows
+        shift = w.channel_delays(walkers.full) if self.sensing.shifts else None
+        return walkers.parameters, walkers.start, walkers.before, shift, rows
 
     def _slopes(self, full: Array, along: Array) -> Array:
         """Return d signal along `along (n, P)` at `full (n, P)`: `(n, T, K)`."""
-        w = self.sensors
-        parameters, start, before, shift, rows = self._settings(full)
-        system, x = w.tangent_system(full, along), start.shape[1]
-        matrix, by_input, forcing = system
+        w, walkers = self.sensors, Walkers(self.sensors, full)
+        changes = Walkers(w, along, walkers)
+        parameters, start, before, shift, rows = self._settings(walkers)
+        x, (matrix, by_input, forcing) = start.shape[1], changes.system
         slopes = np.zeros((*rows.shape[:2], rows.shape[2] + x))
-        gains, later = w.gains(full)[:, :, None], w.channel_delays(along)[:, :, None]
-        slopes[:, :, :x] = w.channel_values(self.sensing.gains, along)[:, :, None] * w.weights
-        slopes[:, :, x : 2 * x] = gains * w.weights
-        slopes[:, :, 2 * x] = w.channel_values(self.sensing.offsets, along)
-        ahead = later * gains * w.weights  # d signal / d lag = - gain c . x'
+        slopes[:, :, :x], slopes[:, :, 2 * x] = changes.rows[:, :, :x], changes.rows[:, :, x]
+        slopes[:, :, x : 2 * x] = rows[:, :, :x]
+        later = w.channel_delays(along)[:, :, None]
+        ahead = later * w.gains(full)[:, :, None] * w.weights  # d signal / d lag = - gain c . x'
         slopes[:, :, :x] -= np.einsum("nkx,nxy->nky", ahead, matrix[:, :x, :x])
         slopes[:, :, 2 * x] -= np.einsum("nkx,nx->nk", ahead, forcing[:, :x])
         slopes[:, :, 2 * x + 1 :] -= np.einsum("nkx,nxs->nks", ahead, by_input[:, :x])
-        begin = np.concatenate([start, w.initial_state_slope(system, along)], axis=1)
-        earlier = np.concatenate([before, w.initial_rate_slope(system, begin)], axis=1)
-        both = np.concatenate([parameters, w.simulator_parameters(along)], axis=1)
+        begin = np.concatenate([start, changes.start], axis=1)
+        earlier = np.concatenate([before, changes.before], axis=1)
+        both = np.concatenate([parameters, changes.parameters], axis=1)
         sensitivities = w.drop_start(self._tangent.signals(both, begin, earlier, shift, slopes))
         if shift is not None:
-            self._mend_before(sensitivities, shift, ahead, begin, earlier, system)
+            self._mend_before(sensitivities, shift, ahead, begin, earlier, changes.system)
         return sensitivities
 
     def _mend_before(

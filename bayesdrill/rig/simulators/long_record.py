@@ -17,7 +17,7 @@ from bayesdrill.basics.arrays import PART, Array
 from bayesdrill.record.experiment import Experiment
 from bayesdrill.rig.kernels.exponential import Layout, present
 from bayesdrill.rig.models.linear import Model
-from bayesdrill.rig.simulators.sensors import SensorParameters
+from bayesdrill.rig.simulators.sensors import SensorParameters, Walkers
 from bayesdrill.rig.simulators.time_grid import Whole
 
 Long = np.longdouble
@@ -72,7 +72,7 @@ class LongRecord:
         """Yield inputs `(m, S)` and channels `(m, K)` of the rig `full (P,)`, part after part."""
         layout, sensors = self.layout, self.sensors
         x = layout.n_states
-        numbers = walker_numbers(sensors, full[None])[0]
+        numbers = Walkers(sensors, full[None]).numbers[0]
         p = layout.n_parameters
         constants = present(sensors.experiment.constant).values()
         matrix = np.zeros((layout.size, layout.size), dtype=Long)
@@ -160,25 +160,6 @@ def starts(sensors: SensorParameters) -> bool:
     """Tell whether the start moves the rig, or may."""
     sensing, start = sensors.sensing, sensors.experiment.start
     return sensing.steady or bool(sensing.states) or any(start.values())
-
-
-def walker_numbers(sensors: SensorParameters, full: Array) -> Array:
-    """Return what walkers `full (W, P)` have: parameters, start, rows `(W, P' + X + K (X + 1))`."""
-    with np.errstate(all="ignore"):
-        system = sensors.linear_system(full) if sensors.sensing.steady else None
-        start = sensors.initial_state(system, full)
-        rows = sensors.rows(sensors.gains(full), full).reshape(len(full), -1)
-    return np.concatenate([sensors.simulator_parameters(full), start, rows], axis=1)
-
-
-def walker_slopes(sensors: SensorParameters, full: Array, along: Array) -> Array:
-    """Return the slopes of `walker_numbers` at `full (n, P)` along `along (n, P)`."""
-    with np.errstate(all="ignore"):
-        system = sensors.tangent_system(full, along) if sensors.sensing.steady else None
-        start = sensors.initial_state_slope(system, along)
-        gains = sensors.channel_values(sensors.sensing.gains, along)
-        rows = sensors.rows(gains, along).reshape(len(along), -1)
-    return np.concatenate([sensors.simulator_parameters(along), start, rows], axis=1)
 
 
 def long_exponential(matrix: LongArray) -> LongArray:

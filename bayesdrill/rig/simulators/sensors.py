@@ -276,51 +276,7 @@ class SensorParameters:
         """Indices of the angles."""
         return steady_state.angle_indices(self.model)
 
-    def linear_system(self, full: Array) -> LinearSystem:
-        """Return the `linear_system` of the observed model."""
-        return linear_system(self.observed_model, self.experiment, self.simulator_parameters(full))
-
-    def tangent_system(self, full: Array, along: Array) -> LinearSystem:
-        """Return the `linear_system` of its tangent, along `along`."""
-        both = np.concatenate(
-            [self.simulator_parameters(full), self.simulator_parameters(along)], axis=1
-        )
-        return linear_system(Tangent(self.observed_model), self.experiment, both)
-
-    def initial_state(self, system: LinearSystem | None, full: Array) -> Array:
-        """Return the state at the start, `(W, X)`; `system` may be None where nothing `moves`."""
-        known = self.experiment.start
-        if self.sensing.steady:
-            assert system is not None
-            matrix, by_input, forcing = system
-            drive = forcing + by_input @ self.first_inputs
-            steady = steady_state.states(matrix, drive, self.angles)
-            return self._shift_angles(steady, matrix, full, known)
-        out = np.empty((len(full), len(self.model.states)))
-        for k, name in enumerate(self.model.states):
-            parameter = self.sensing.states.get(name)
-            out[:, k] = known.get(name, 0.0) if parameter is None else self.column(parameter, full)
-        return out
-
-    def initial_state_slope(self, system: LinearSystem | None, along: Array) -> Array:
-        """Return the slope `(n, X)` of the initial state; `system` is that of the tangent."""
-        x = len(self.model.states)
-        if self.sensing.steady:
-            assert system is not None
-            matrix, by_input, forcing = system
-            drive = forcing + by_input @ self.first_inputs
-            slopes = steady_state.state_slopes(
-                matrix[:, :x, :x], drive[:, :x], matrix[:, x:, :x], drive[:, x:], self.angles
-            )
-            still = dict.fromkeys(self.experiment.start, 0.0)
-            return self._shift_angles(slopes, matrix[:, :x, :x], along, still)
-        out = np.zeros((len(along), x))
-        for k, name in enumerate(self.model.states):
-            if name in self.sensing.states:
-                out[:, k] = self.column(self.sensing.states[name], along)
-        return out
-
-    def _shift_angles(
+    def shift_angles(
         self, states: Array, matrix: Array, full: Array, known: Mapping[str, float]
     ) -> Array:
         """Turn the rig in steady states so that one of its angles is what it is known to be."""
@@ -337,19 +293,77 @@ class SensorParameters:
             break
         return states
 
-    def initial_rate(self, system: LinearSystem | None, start: Array) -> Array:
-        """Return how states change before the start `(W, X)`: not at all of a rig at rest."""
-        if not self.moves:
-            return np.zeros_like(start)
-        assert system is not None
-        matrix, by_input, forcing = system
-        moved = np.einsum("nxy,ny->nx", matrix, start) + forcing
-        return np.asarray(moved + by_input @ self.first_inputs)
 
-    def initial_rate_slope(self, system: LinearSystem | None, begin: Array) -> Array:
-        """Return the slope `(n, X)` of the initial rate, from the system of the tangent."""
-        x = len(self.model.states)
-        return self.initial_rate(system, begin)[:, x:]
+class Walkers:
+    """What walkers `full (W, P)` have of their own; each part is computed when it is asked for.
+
+    `at`: None, or the walkers where all of this are slopes, along `full`.
+    """
+
+    def __init__(self, sensors: SensorParameters, full: Array, at: Walkers | None = None) -> None:
+        self.sensors, self.full, self.at = sensors, full, at
+
+    @property
+    def parameters(self) -> Array:
+        """Parameters of the observed model."""
+        return self.sensors.simulator_parameters(self.full)
+
+    @cached_property
+    def system(self) -> LinearSystem:
+        """The `linear_system` of the observed model, or of its tangent."""
+        w = self.sensors
+        if self.at is None:
+            return linear_system(w.observed_model, w.experiment, self.parameters)
+        both = np.concatenate([self.at.parameters, self.parameters], axis=1)
+        return linear_system(Tangent(w.observed_model), w.experiment, both)
+
+    @cached_property
+    def start(self) -> Array:
+        """The state at the start, `(W, X)`."""
+        w, x = self.sensors, len(self.sensors.model.states)
+        known = w.experiment.start if self.at is None else dict.fromkeys(w.experiment.start, 0.0)
+        if w.sensing.steady:
+            matrix, by_input, forcing = self.system
+            drive, here = forcing + by_input @ w.first_inputs, matrix[:, :x, :x]
+            if self.at is None:
+                steady = steady_state.states(here, drive, w.angles)
+            else:
+                steady = steady_state.state_slopes(
+                    here, drive[:, :x], matrix[:, x:, :x], drive[:, x:], w.angles
+                )
+            return w.shift_angles(steady, here, self.full, known)
+        out = np.empty((len(self.full), x))
+        for k, name in enumerate(w.model.states):
+            parameter = w.sensing.states.get(name)
+            out[:, k] = (
+                known.get(name, 0.0) if parameter is None else w.column(parameter, self.full)
+            )
+        return out
+
+    @cached_property
+    def before(self) -> Array:
+        """How states change before the start `(W, X)`: not at all of a rig at rest."""
+        w, start = self.sensors, self.start
+        if not w.moves:
+            return np.zeros_like(start)
+        matrix, by_input, forcing = self.system
+        every = start if self.at is None else np.concatenate([self.at.start, start], axis=1)
+        moved = np.einsum("nxy,ny->nx", matrix, every) + forcing
+        return np.asarray(moved + by_input @ w.first_inputs)[:, -start.shape[1] :]
+
+    @cached_property
+    def rows(self) -> Array:
+        """The `SensorParameters.rows` of channels, `(W, K, X + 1)`."""
+        w, named = self.sensors, self.sensors.sensing.gains
+        gains = w.gains(self.full) if self.at is None else w.channel_values(named, self.full)
+        return w.rows(gains, self.full)
+
+    @property
+    def numbers(self) -> Array:
+        """Parameters, start and rows side by side: `(W, P' + X + K (X + 1))`."""
+        with np.errstate(all="ignore"):
+            rows = self.rows.reshape(len(self.full), -1)
+            return np.concatenate([self.parameters, self.start, rows], axis=1)
 
 
 def linear_system(model: Model, experiment: Experiment, parameters: Array) -> LinearSystem:

@@ -32,7 +32,7 @@ from bayesdrill.rig.simulators.contract import (
     Steps,
     in_groups,
 )
-from bayesdrill.rig.simulators.sensors import ObservationModel
+from bayesdrill.rig.simulators.sensors import ObservationModel, Walkers
 from bayesdrill.rig.simulators.time_grid import UniformGrid
 
 NONE = np.zeros(0)
@@ -285,48 +285,31 @@ class Stepped(Simulator):
 
         Each is `(W, ...)`, or `(1, ...)` where walkers have the same.
         """
-        w = self.sensors
-        parts = {
-            "parameters": [w.simulator_parameters(full)],
-            **(self._shared_parts if self._perfect else self._walker_parts(full)),
-        }
+        walkers = Walkers(self.sensors, full)
+        own = self._shared_parts if self._perfect else self._walker_parts(walkers)
+        parts = {"parameters": [walkers.parameters], **{name: [own[name]] for name in own}}
         if along is None:
             return parts
-        return {name: [*parts[name], slope] for name, slope in self._slopes(full, along).items()}
+        changes = Walkers(self.sensors, along, walkers)
+        slopes = {"parameters": changes.parameters, **self._walker_parts(changes)}
+        return {name: [*parts[name], slope] for name, slope in slopes.items()}
 
-    def _walker_parts(self, full: Array) -> dict[str, list[Array]]:
+    def _walker_parts(self, walkers: Walkers) -> dict[str, Array]:
         """Return the parts of each walker, as its sensors and its start are."""
-        w = self.sensors
-        system = w.linear_system(full) if w.moves else None
-        begin = w.initial_state(system, full)
+        w, full = self.sensors, walkers.full
         return {
-            "x0": [begin],
-            "rows": [w.rows(w.gains(full), full)],
-            "before": [w.initial_rate(system, begin)],
-            "shift": [w.channel_delays(full)],
-            "lag": [w.input_values(self.sensing.input_lags, full)],
+            "x0": walkers.start,
+            "rows": walkers.rows,
+            "before": walkers.before,
+            "shift": w.channel_delays(full),
+            "lag": w.input_values(self.sensing.input_lags, full),
         }
 
     @cached_property
-    def _shared_parts(self) -> dict[str, list[Array]]:
+    def _shared_parts(self) -> dict[str, Array]:
         """The parts of perfect sensors, and a start that is known: no channel shows what was before."""
-        parts = self._walker_parts(np.zeros((1, len(self.parameters))))
-        return parts | {"before": [np.zeros((1, len(self.model.states)))]}
-
-    def _slopes(self, full: Array, along: Array) -> dict[str, Array]:
-        w, sensing = self.sensors, self.sensing
-        tangent = w.tangent_system(full, along) if w.moves else None
-        begin_slope = w.initial_state_slope(tangent, along)
-        begin = w.initial_state(w.linear_system(full) if w.moves else None, full)
-        both = np.concatenate([begin, begin_slope], axis=1)
-        return {
-            "parameters": w.simulator_parameters(along),
-            "x0": begin_slope,
-            "rows": w.rows(w.channel_values(sensing.gains, along), along),
-            "before": w.initial_rate_slope(tangent, both),
-            "shift": w.channel_delays(along),
-            "lag": w.input_values(sensing.input_lags, along),
-        }
+        parts = self._walker_parts(Walkers(self.sensors, np.zeros((1, len(self.parameters)))))
+        return parts | {"before": np.zeros((1, len(self.model.states)))}
 
 
 class Unstepped(Simulator):
