@@ -68,6 +68,14 @@ class Train(PartsModel):
 
     name: ClassVar[str] = "train"
     has_private_names: ClassVar[bool] = True
+    declares: ClassVar[Any] = property(lambda self: (*describe(self).symbols.values(),))
+    symbols: ClassVar[Any] = property(lambda self: describe(self).symbols)
+    parameters: ClassVar[Any] = property(lambda self: (*describe(self).parameters, *self.added))
+    offers: ClassVar[Any] = property(lambda self: describe(self).offers)
+    states: ClassVar[Any] = property(lambda self: describe(self).states)
+    inputs: ClassVar[Any] = property(lambda self: describe(self).inputs)
+    roles: ClassVar[Any] = property(lambda self: describe(self).roles)
+    combinations: ClassVar[Any] = property(lambda self: describe(self).combinations)
 
     def __post_init__(self) -> None:
         wrong: list[tuple[str, str]] = []
@@ -82,15 +90,6 @@ class Train(PartsModel):
         if issues := tuple(wrong or _issues(self)):
             raise PartsError(issues)
         _check_frictions(self)
-
-    declares: ClassVar[Any] = property(lambda self: (*describe(self).symbols.values(),))
-    symbols: ClassVar[Any] = property(lambda self: describe(self).symbols)
-    parameters: ClassVar[Any] = property(lambda self: (*describe(self).parameters, *self.added))
-    offers: ClassVar[Any] = property(lambda self: describe(self).offers)
-    states: ClassVar[Any] = property(lambda self: describe(self).states)
-    inputs: ClassVar[Any] = property(lambda self: describe(self).inputs)
-    roles: ClassVar[Any] = property(lambda self: describe(self).roles)
-    combinations: ClassVar[Any] = property(lambda self: describe(self).combinations)
 
 
 @functools.cache
