@@ -31,7 +31,7 @@ from bayesdrill.rig.kernels.knots import (
 from bayesdrill.rig.kernels.lanes import LANES
 from bayesdrill.rig.kernels.sums import ResidualSums
 from bayesdrill.rig.models.linear import Model, Tangent
-from bayesdrill.rig.simulators.contract import Simulator, in_groups, ungrouped
+from bayesdrill.rig.simulators.contract import in_groups, ungrouped
 from bayesdrill.rig.simulators.sensors import LinearSystem, ObservationModel, Walkers
 from bayesdrill.rig.simulators.stepped import Unstepped
 from bayesdrill.rig.simulators.time_grid import Grid, build_grid, runs
@@ -230,14 +230,6 @@ class IrregularSimulator(Unstepped):
     model: Model
     experiment: Experiment
     sensing: ObservationModel
-
-    def with_record(self, y: Array) -> Simulator:
-        """See `Simulator.with_record`; kernels are shared, as no record has a part in them."""
-        other = super().with_record(y)
-        for name in ("_dense", "_tangent"):  # which no record has a part in
-            if name in self.__dict__:
-                other.__dict__[name] = self.__dict__[name]
-        return other
 
     def signals(self, full: Array) -> Array:
         """See `Simulator.signals`."""
