@@ -302,41 +302,22 @@ def compress(simulator: Simulator, points: Array, variances: Array, weights: Arr
     record = even_record(simulator)
     if record is None:
         raise CompressionError(obstacle(simulator))
-    delays = Delays.near(record.sensors, points, record.step)
-    record = dataclasses.replace(record, shifts=delays.shifts)
-    basis, made = _sufficient(simulator, record, delays, points, variances, weights)
-    blocks = column_blocks(record, basis, made.compression.shape, record.residuals(points[0]))
-    known = made.compression.triangle(blocks, record.alike)
-    reference = made.coefficients(points[:1], late=False)
-    return dataclasses.replace(made.compression, record=known, reference=reference)
-
-
-def _sufficient(
-    simulator: Simulator,
-    record: LongRecord,
-    delays: Delays,
-    points: Array,
-    variances: Array,
-    weights: Array,
-) -> tuple[Basis, CompressedSimulator]:
-    """Return the fewest functions whose bound is small enough at nearly all points.
-
-    With a simulator of a record that leaves noise alone, and of a reference that is nothing yet.
-    """
     sensors, (k_count, sums) = record.sensors, weights.shape
+    delays = Delays.near(sensors, points, record.step)
+    record = dataclasses.replace(record, shifts=delays.shifts)
     with np.errstate(all="ignore"):
         rates = Walkers(sensors, points).system[0]
     sizes = np.linalg.norm(record.inputs(0, record.count) - record.first_inputs, axis=0)
     constants = present(sensors.experiment.constant).values()
     n = np.array(simulator.experiment.counts, dtype=float)
     usual = np.stack([n, 4.0 * n, np.full(len(n), 2.0)], axis=1)[:, :sums]
-    for digits in range(*DIGITS):
+    for digits in range(*DIGITS):  # until the bound is small enough at nearly all points
         basis = choose_basis(rates, record.step, 10.0**-digits)
         nothing = Compression.of_nothing(
             basis, record, sizes, layout=record.layout, channels=k_count,
             impulse=starts(sensors), sums=sums, delays=delays.steps,
         )  # fmt: skip
-        nothing.record.projected[..., -1] = variances[:, None] * usual
+        nothing.record.projected[..., -1] = variances[:, None] * usual  # it leaves noise alone
         made = dataclasses.replace(
             nothing,
             numbers=np.array([record.step, *constants]),
@@ -344,8 +325,13 @@ def _sufficient(
             delays=delays,
         ).applied(simulator)
         if np.mean(made.exceeds_bound(points)) <= MAX_BEYOND:
-            return basis, made
-    raise CompressionError("the bound of what functions leave stays too large")
+            break
+    else:
+        raise CompressionError("the bound of what functions leave stays too large")
+    blocks = column_blocks(record, basis, nothing.shape, record.residuals(points[0]))
+    known = nothing.triangle(blocks, record.alike)
+    reference = made.coefficients(points[:1], late=False)
+    return dataclasses.replace(made.compression, record=known, reference=reference)
 
 
 def column_blocks(

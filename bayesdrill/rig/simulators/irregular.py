@@ -32,7 +32,7 @@ from bayesdrill.rig.kernels.lanes import LANES
 from bayesdrill.rig.kernels.sums import ResidualSums
 from bayesdrill.rig.models.linear import Model, Tangent
 from bayesdrill.rig.simulators.contract import in_groups, ungrouped
-from bayesdrill.rig.simulators.sensors import LinearSystem, ObservationModel, Walkers
+from bayesdrill.rig.simulators.sensors import ObservationModel, Walkers
 from bayesdrill.rig.simulators.stepped import Unstepped
 from bayesdrill.rig.simulators.time_grid import Grid, build_grid, runs
 
@@ -293,26 +293,20 @@ class IrregularSimulator(Unstepped):
         both = np.concatenate([parameters, changes.parameters], axis=1)
         sensitivities = w.drop_start(self._tangent.signals(both, begin, earlier, shift, slopes))
         if shift is not None:
-            self._mend_before(sensitivities, shift, ahead, begin, earlier, changes.system)
+            self._mend_before(sensitivities, shift, ahead, walkers, changes)
         return sensitivities
 
     def _mend_before(
-        self,
-        sensitivities: Array,
-        shift: Array,
-        ahead: Array,
-        begin: Array,
-        earlier: Array,
-        system: LinearSystem,
+        self, sensitivities: Array, shift: Array, ahead: Array, walkers: Walkers, changes: Walkers
     ) -> None:
         """Correct sensitivities before the start, where states go on straight."""
         x = self.sensors.weights.shape[1]
         when = self.experiment.t[None, :, None] - shift[:, None, :] - self.experiment.t_start
         if not (early := when < 0).any():
             return
-        matrix, by_input, forcing = (part[:, :x] for part in system)
+        matrix, by_input, forcing = (part[:, :x] for part in changes.system)
         n, t, k = np.nonzero(early)
-        here = begin[n, :x] + when[early][:, None] * earlier[n, :x]
+        here = walkers.start[n] + when[early][:, None] * walkers.before[n]
         moved = np.einsum("axy,ay->ax", matrix[n][:, :, :x], here) + forcing[n]
         moved += np.einsum("axs,s->ax", by_input[n], self.sensors.first_inputs)
-        sensitivities[n, t, k] += np.einsum("ax,ax->a", ahead[n, k], moved - earlier[n, :x])
+        sensitivities[n, t, k] += np.einsum("ax,ax->a", ahead[n, k], moved - walkers.before[n])
