@@ -257,7 +257,8 @@ class _Parts:
             loads = self._loads(inertia)
             laws.append(GearLoss(inertia.efficiency, loads, inertia.reduction))
         if inertia.cutting and self._has(*inertia.cutting):
-            laws.append(BitRock(*inertia.cutting, weight=inertia.bit_weight))
+            factor, stiff, hump, width = inertia.cutting
+            laws.append(BitRock(factor, stiff, hump, width, inertia.bit_weight))
         return laws
 
     def _loads(self, inertia: InertiaRoles) -> tuple[LoadSpring | Gravity, ...]:
