@@ -74,27 +74,18 @@ def energies(rig: Simulator, full: Array) -> Energies:
     x = len(model.states)
     step_energy = np.zeros((len(forms), len(z)))
     for rows, fixed_states in _patterns(model, z[:, :x]):
-        over = _over_step(
-            _generator(model, p, fixed_states), np.stack([*forms.values()]), steps.span
-        )
+        generator = _generator(model, p, fixed_states)
+        over = _over_step(generator, np.stack([*forms.values()]), steps.span)
         step_energy[:, rows] = np.einsum("nz,fzy,ny->fn", z[rows], over, z[rows], optimize=True)
-    whole = np.concatenate(
-        [np.zeros((len(forms), 1)), np.cumsum(step_energy, axis=1)[:, :-1]], axis=1
-    )
+    whole = np.cumsum(np.pad(step_energy, ((0, 0), (1, 0)))[:, :-1], axis=1)
     named = dict(zip(forms, whole, strict=True))
     given = {name: named.pop(name) for name in model.inputs if name in named}
     converted = named.pop("")
     states = z[:, :x]
-    return Energies(
-        t=steps.t,
-        given=given,
-        lost=named,
-        converted=converted,
-        stored=0.5 * np.einsum("nx,xy,ny->n", states, powers.stored, states, optimize=True)
-        + sum(
-            (_height(model, gravity, p, states) for gravity in model.gravities), np.zeros(len(z))
-        ),
-    )
+    stored = 0.5 * np.einsum("nx,xy,ny->n", states, powers.stored, states, optimize=True)
+    heights = (_height(model, gravity, p, states) for gravity in model.gravities)
+    stored = stored + sum(heights, np.zeros(len(z)))
+    return Energies(t=steps.t, given=given, lost=named, converted=converted, stored=stored)
 
 
 class _Powers:
