@@ -18,7 +18,7 @@ from __future__ import annotations
 import dataclasses
 import functools
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar, Literal
 
@@ -245,14 +245,11 @@ def words(name: str) -> str:
     return text if text[-1].isdigit() else f"the {text}"
 
 
-@functools.lru_cache(maxsize=256)
-def describe(train: Train) -> Description:
-    """Return names, symbols and roles of a train; raises `PartsError` where two names are one."""
-    return Description(train)
-
-
 class Description:
-    """What a train has, by its parts: names, symbols and roles."""
+    """What a train has, by its parts: names, symbols and roles.
+
+    Raises `PartsError` where two names are one.
+    """
 
     def __init__(self, train: Train) -> None:
         self.train = train
@@ -362,6 +359,9 @@ class Description:
             drop = f"drop_{name}"
             names["effort"] = self._symbol("v_d", name, "V", "voltage drop at", name=drop)
         return MotorRoles(**names)
+
+
+describe: Callable[[Train], Description] = functools.lru_cache(maxsize=256)(Description)
 
 
 def _rubbing(train: Train, joined: Sequence[str]) -> str:
