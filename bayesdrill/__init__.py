@@ -51,9 +51,9 @@ if TYPE_CHECKING:
     from bayesdrill.api.run import RunReport as RunReport
     from bayesdrill.api.run import open as open
     from bayesdrill.basics.errors import InputError as InputError
-    from bayesdrill.rig.models.driven_shaft import DrivenShaft as DrivenShaft
     from bayesdrill.rig.models.long_shaft import LongShaft as LongShaft
-    from bayesdrill.rig.models.motor import Motor as Motor
+    from bayesdrill.rig.models.motor_shaft import DrivenShaft as DrivenShaft
+    from bayesdrill.rig.models.motor_shaft import Motor as Motor
     from bayesdrill.rig.models.motor_shaft import MotorShaft as MotorShaft
     from bayesdrill.rig.models.motor_shaft import TwoRotors as TwoRotors
     from bayesdrill.rig.models.train import Train as Train

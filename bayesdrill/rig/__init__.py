@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING
 from bayesdrill.basics.registry import lazy_attributes
 
 if TYPE_CHECKING:
-    from bayesdrill.rig.models.driven_shaft import DrivenShaft as DrivenShaft
     from bayesdrill.rig.models.friction import BitRock as BitRock
     from bayesdrill.rig.models.friction import CombinedLaw as CombinedLaw
     from bayesdrill.rig.models.friction import Coulomb as Coulomb
@@ -23,8 +22,9 @@ if TYPE_CHECKING:
     from bayesdrill.rig.models.linear import constant_forcing as constant_forcing
     from bayesdrill.rig.models.linear import dynamics as dynamics
     from bayesdrill.rig.models.long_shaft import LongShaft as LongShaft
-    from bayesdrill.rig.models.motor import Motor as Motor
+    from bayesdrill.rig.models.motor_shaft import DrivenShaft as DrivenShaft
     from bayesdrill.rig.models.motor_shaft import Gear as Gear
+    from bayesdrill.rig.models.motor_shaft import Motor as Motor
     from bayesdrill.rig.models.motor_shaft import MotorShaft as MotorShaft
     from bayesdrill.rig.models.motor_shaft import TwoRotors as TwoRotors
     from bayesdrill.rig.models.roles import InertiaRoles as InertiaRoles

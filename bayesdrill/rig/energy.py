@@ -22,8 +22,9 @@ from numpy.typing import NDArray
 
 from bayesdrill.basics.arrays import Array
 from bayesdrill.basics.duals import Dual, dual
+from bayesdrill.rig.kernels.exponential import AugmentedMatrix, with_slopes
 from bayesdrill.rig.models.friction import Gravity
-from bayesdrill.rig.models.linear import Model, dynamics
+from bayesdrill.rig.models.linear import Model
 from bayesdrill.rig.models.roles import GROUND, InertiaRoles, MotorRoles, ShaftRoles
 from bayesdrill.rig.simulators.contract import Simulator, Steps
 
@@ -73,27 +74,18 @@ def energies(rig: Simulator, full: Array) -> Energies:
     x = len(model.states)
     step_energy = np.zeros((len(forms), len(z)))
     for rows, fixed_states in _patterns(model, z[:, :x]):
-        over = _over_step(
-            _generator(model, p, fixed_states), np.stack([*forms.values()]), steps.span
-        )
+        generator = _generator(model, p, fixed_states)
+        over = _over_step(generator, np.stack([*forms.values()]), steps.span)
         step_energy[:, rows] = np.einsum("nz,fzy,ny->fn", z[rows], over, z[rows], optimize=True)
-    whole = np.concatenate(
-        [np.zeros((len(forms), 1)), np.cumsum(step_energy, axis=1)[:, :-1]], axis=1
-    )
+    whole = np.cumsum(np.pad(step_energy, ((0, 0), (1, 0)))[:, :-1], axis=1)
     named = dict(zip(forms, whole, strict=True))
     given = {name: named.pop(name) for name in model.inputs if name in named}
     converted = named.pop("")
     states = z[:, :x]
-    return Energies(
-        t=steps.t,
-        given=given,
-        lost=named,
-        converted=converted,
-        stored=0.5 * np.einsum("nx,xy,ny->n", states, powers.stored, states, optimize=True)
-        + sum(
-            (_height(model, gravity, p, states) for gravity in model.gravities), np.zeros(len(z))
-        ),
-    )
+    stored = 0.5 * np.einsum("nx,xy,ny->n", states, powers.stored, states, optimize=True)
+    heights = (_height(model, gravity, p, states) for gravity in model.gravities)
+    stored = stored + sum(heights, np.zeros(len(z)))
+    return Energies(t=steps.t, given=given, lost=named, converted=converted, stored=stored)
 
 
 class _Powers:
@@ -232,27 +224,24 @@ def _extended(model: Model, steps: Steps, p: Mapping[str, float]) -> Array:
     return np.concatenate([motion.states[0], np.ones((n, 1)), driven, efforts], axis=1)
 
 
-def _places(model: Model) -> dict[str, int]:
+def _driven(model: Model) -> tuple[str, ...]:
+    """Return the columns of that after the one."""
+    efforts = (f.name for f in (*model.frictions, *model.gravities))
+    return (*with_slopes(model.inputs, first_order=True), *efforts)
+
+
+def _places(model: Model) -> dict[str | None, int]:
     """Return the indices of states, inputs and efforts in that."""
-    x, first = len(model.states), len(model.states) + 1 + 2 * len(model.inputs)
-    efforts = [*(f.name for f in model.frictions), *(g.name for g in model.gravities)]
-    places = {name: k for k, name in enumerate(model.states)}
-    places |= {name: x + 1 + k for k, name in enumerate(model.inputs)}
-    return places | {name: first + k for k, name in enumerate(efforts)}
+    return {name: k for k, name in enumerate((*model.states, None, *_driven(model)))}
 
 
 def _generator(model: Model, p: Mapping[str, float], fixed_states: Sequence[str]) -> Array:
     """Return how what `_extended` has changes with time, where some states do not."""
-    linear, x, places = model.linear(p), len(model.states), _places(model)
-    u = len(model.inputs)
-    n = x + 1 + 2 * u + len(model.frictions) + len(model.gravities)
-    generator = np.zeros((n, n))
-    generator[:x, :x] = dynamics(linear, model.states, 1)[0]
-    for row, value in linear.c.items():
-        generator[model.states.index(row), x] = np.asarray(value).item()
-    for (row, name), value in linear.B.items():
-        generator[model.states.index(row), places[name]] += np.asarray(value).item()
-    generator[range(x + 1, x + 1 + u), range(x + 1 + u, x + 1 + 2 * u)] = 1.0
+    driven = _driven(model)
+    generator = np.zeros((len(model.states) + 1 + len(driven),) * 2)
+    entries = AugmentedMatrix(model, driven, constant=())([p[n] for n in model.parameters])
+    for row, column, value in entries:
+        generator[row, column] += value
     generator[[model.states.index(name) for name in fixed_states]] = 0.0
     return generator
 
@@ -265,12 +254,9 @@ def _patterns(model: Model, states: Array) -> Iterator[tuple[Whole, tuple[str, .
         zero = states[:, model.states.index(friction.against)] == 0.0
         still[:-1, e] = zero[:-1] & zero[1:]
     for pattern in np.unique(still, axis=0):
-        names = [
-            (friction.against, friction.holds)
-            for friction, on in zip(frictions, pattern, strict=True)
-            if on
-        ]
-        fixed_states = tuple(name for pair in names for name in pair if name is not None)
+        stuck = [friction for friction, on in zip(frictions, pattern, strict=True) if on]
+        pairs = ((friction.against, friction.holds) for friction in stuck)
+        fixed_states = tuple(name for pair in pairs for name in pair if name is not None)
         yield np.flatnonzero((still == pattern).all(axis=1)), fixed_states
 
 

@@ -9,11 +9,9 @@ from rigs import experiment
 
 from bayesdrill.inference import derived
 from bayesdrill.record.experiment import typical_inputs
-from bayesdrill.rig.models.driven_shaft import DrivenShaft
 from bayesdrill.rig.models.linear import Model, with_named
 from bayesdrill.rig.models.long_shaft import LongShaft
-from bayesdrill.rig.models.motor import Motor
-from bayesdrill.rig.models.motor_shaft import MotorShaft
+from bayesdrill.rig.models.motor_shaft import DrivenShaft, Motor, MotorShaft
 
 SHAFT = {"k_s": 4.1, "j_1": 7.8e-3, "c_s": 0.017, "c_1": 0.011}
 CIRCUIT = {"k_e": 0.061, "k_T": 0.057, "r_m": 0.41, "l_m": 9e-4}

@@ -27,9 +27,8 @@ from bayesdrill.inference.unknowns import ParameterSpace, Unknown
 from bayesdrill.report.sections import identify_words
 from bayesdrill.report.sections.physics_words import friction_sentences
 from bayesdrill.rig import models
-from bayesdrill.rig.models.driven_shaft import DrivenShaft
 from bayesdrill.rig.models.linear import with_named
-from bayesdrill.rig.models.motor_shaft import MotorShaft
+from bayesdrill.rig.models.motor_shaft import DrivenShaft, MotorShaft
 from bayesdrill.rig.simulators import simulator
 from bayesdrill.rig.simulators.sensors import ObservationModel
 

@@ -10,9 +10,8 @@ from oracles import NOMINAL
 
 import bayesdrill as bd
 from bayesdrill.inference.inverse_dynamics import regression_start
-from bayesdrill.rig.models.driven_shaft import DrivenShaft
 from bayesdrill.rig.models.linear import Model
-from bayesdrill.rig.models.motor import Motor
+from bayesdrill.rig.models.motor_shaft import DrivenShaft, Motor
 
 DT, N = 0.005, 4000
 T = DT * np.arange(N)

@@ -23,8 +23,7 @@ from bayesdrill.report import style
 from bayesdrill.report.schematics import heuristic_figure, rig_figure
 from bayesdrill.report.train_picture import train_figure
 from bayesdrill.rig.models.linear import Model, with_named
-from bayesdrill.rig.models.motor import Motor
-from bayesdrill.rig.models.motor_shaft import MotorShaft
+from bayesdrill.rig.models.motor_shaft import Motor, MotorShaft
 from bayesdrill.rig.models.train import Train
 
 CHAIN = ("t_f", "j_m", "c_m", "k_e", "k_T", "r_m", "l_m", "k_s", "j_1")

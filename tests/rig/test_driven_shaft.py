@@ -14,8 +14,8 @@ from together import for_each
 
 from bayesdrill.record import anomalies
 from bayesdrill.record.experiment import Experiment
-from bayesdrill.rig.models.driven_shaft import DrivenShaft
 from bayesdrill.rig.models.linear import with_named
+from bayesdrill.rig.models.motor_shaft import DrivenShaft
 from bayesdrill.rig.simulators import simulator
 from bayesdrill.rig.simulators.sensors import ObservationModel
 

@@ -14,11 +14,9 @@ from stepping import parameters, stepped
 from together import for_each
 
 from bayesdrill.rig.energy import Energies, can_balance, energies
-from bayesdrill.rig.models.driven_shaft import DrivenShaft
 from bayesdrill.rig.models.linear import Linear, Model
 from bayesdrill.rig.models.long_shaft import LongShaft
-from bayesdrill.rig.models.motor import Motor
-from bayesdrill.rig.models.motor_shaft import MotorShaft, TwoRotors
+from bayesdrill.rig.models.motor_shaft import DrivenShaft, Motor, MotorShaft, TwoRotors
 from bayesdrill.rig.models.train import Train
 from bayesdrill.rig.simulators.sensors import ObservationModel
 from bayesdrill.rig.simulators.stepped import Stepped

@@ -20,14 +20,13 @@ from together import for_each
 
 from bayesdrill.record.experiment import Experiment
 from bayesdrill.rig.models import MODELS
-from bayesdrill.rig.models.driven_shaft import DrivenShaft
 from bayesdrill.rig.models.latent_torque import (
     MissingTorque,
     Smoothness,
     TorqueLocation,
     torque_gain,
 )
-from bayesdrill.rig.models.motor_shaft import MotorShaft
+from bayesdrill.rig.models.motor_shaft import DrivenShaft, MotorShaft
 from bayesdrill.rig.simulators.exact import Response
 from bayesdrill.rig.simulators.kalman import KalmanFilter, step_lengths
 

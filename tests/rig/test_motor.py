@@ -13,8 +13,7 @@ from scipy.linalg import expm
 
 from bayesdrill.record.experiment import Experiment
 from bayesdrill.rig.models.linear import dynamics, missing_requirements, with_named
-from bayesdrill.rig.models.motor import Motor
-from bayesdrill.rig.models.motor_shaft import MotorShaft
+from bayesdrill.rig.models.motor_shaft import Motor, MotorShaft
 from bayesdrill.rig.simulators import simulator
 from bayesdrill.rig.simulators.sensors import ObservationModel
 

@@ -222,7 +222,7 @@ def _units(motion: MotionWords) -> Mapping[str, str]:
 
 def _what(summary: TorqueSummary, law: TorqueRegression, rig: Model) -> str:
     here = rig.roles.inertia(summary.at)
-    inertia = here if here.speed == law.of else rig.roles.at_speed(law.of)
+    inertia = here if here.speed == law.of else rig.roles.at_friction(law.of)
     speed = f"the speed of {inertia.words if inertia else law.of}"
     return {
         "sign": f"the sign of {speed}",

@@ -1,6 +1,6 @@
 """The registry of rigs, and the symbols of all of them.
 
-A rig is one file and one line here, or an entry point `bayesdrill.rig` of another package.
+A rig is one class and one line here, or an entry point `bayesdrill.rig` of another package.
 """
 
 from __future__ import annotations
@@ -11,11 +11,9 @@ from types import MappingProxyType
 from bayesdrill.basics import symbols
 from bayesdrill.basics.registry import Registry
 from bayesdrill.basics.symbols import Symbol
-from bayesdrill.rig.models.driven_shaft import DrivenShaft
 from bayesdrill.rig.models.linear import Model, with_all
 from bayesdrill.rig.models.long_shaft import LongShaft
-from bayesdrill.rig.models.motor import Motor
-from bayesdrill.rig.models.motor_shaft import MotorShaft, TwoRotors
+from bayesdrill.rig.models.motor_shaft import DrivenShaft, Motor, MotorShaft, TwoRotors
 from bayesdrill.rig.models.train import Train
 from bayesdrill.rig.models.trial import check_rig
 

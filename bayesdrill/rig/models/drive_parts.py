@@ -48,17 +48,10 @@ class Drive:
 
 
 def _ends(name: str, value: Any) -> tuple[str, str]:
-    if not (isinstance(value, list | tuple) and len(value) == 2 and all(map(_is_text, value))):
+    pair = isinstance(value, list | tuple) and len(value) == 2
+    if not (pair and all(isinstance(end, str) for end in value)):
         raise ValueError(f"{name} wants the names of two inertias, such as [motor, load]")
     return (value[0], value[1])
-
-
-def _is_text(value: Any) -> bool:
-    return isinstance(value, str)
-
-
-def _names(value: Any) -> Any:
-    return tuple(value) if isinstance(value, list) else value
 
 
 def _by_name(value: Any, what: str, example: str, make: Callable[[str, Any], Any]) -> Any:
@@ -74,8 +67,8 @@ def _by_name(value: Any, what: str, example: str, make: Callable[[str, Any], Any
 
 
 def _shafts(value: Any) -> Any:
-    make = lambda name, ends: Shaft(name, _ends(name, ends))  # noqa: E731
-    return _by_name(value, "shaft", "coupling: [motor, load]", make)
+    example = "coupling: [motor, load]"
+    return _by_name(value, "shaft", example, lambda name, ends: Shaft(name, _ends(name, ends)))
 
 
 def _gears(value: Any) -> Any:
@@ -111,7 +104,7 @@ _GEAR = {
 }
 Names = Annotated[
     tuple[Annotated[str, Field(pattern=NAME)], ...],
-    BeforeValidator(_names),
+    BeforeValidator(lambda value: tuple(value) if isinstance(value, list) else value),
     PlainSerializer(list),
     Field(max_length=MAX_PARTS),
 ]

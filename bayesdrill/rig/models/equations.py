@@ -10,9 +10,11 @@ both of its ends, and what is imposed or held by the ground moves one of them.
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Iterator
-from typing import Any, Literal
+from typing import Any, ClassVar, Literal
 
+from bayesdrill.basics.symbols import Symbol
 from bayesdrill.rig.models.friction import (
     BitRock,
     CombinedLaw,
@@ -22,11 +24,10 @@ from bayesdrill.rig.models.friction import (
     Gravity,
     Law,
     LoadSpring,
-    LoadWeight,
     Named,
     Stribeck,
 )
-from bayesdrill.rig.models.linear import Linear, Model, dry_law
+from bayesdrill.rig.models.linear import Linear, Model
 from bayesdrill.rig.models.roles import GROUND, InertiaRoles, MotorRoles, ShaftRoles
 
 Entry = tuple[str, str, Any]  # row, column of A or B, value
@@ -34,6 +35,8 @@ Entry = tuple[str, str, Any]  # row, column of A or B, value
 
 class PartsModel(Model):
     """A rig whose equations follow from its roles."""
+
+    declares: ClassVar[tuple[Symbol, ...]] = ()
 
     @property
     def stribeck(self) -> Literal[1, 2]:
@@ -44,7 +47,7 @@ class PartsModel(Model):
     def frictions(self) -> tuple[Friction, ...]:
         """Dry friction at inertias, then voltage drops of motors."""
         parts = _Parts(self)
-        return (*parts.dry_frictions(), *parts.voltage_drops())
+        return (*(friction for _, friction in parts.dry_frictions()), *parts.voltage_drops())
 
     @property
     def gravities(self) -> tuple[Gravity, ...]:
@@ -97,25 +100,19 @@ class _Parts:
             return first.reduction
         return first.reduction**2 / inertia.reduction
 
-    def _has(self, name: str) -> bool:
-        return name in self.names
+    def _has(self, *names: str) -> bool:
+        return self.names.issuperset(names)
 
-    def _shafts(
-        self,
-    ) -> Iterator[tuple[ShaftRoles, list[tuple[InertiaRoles, InertiaRoles | None]]]]:
-        """Yield each shaft with its ends, each as the near and the far inertia."""
-        roles = self.roles
-        for shaft in roles.shafts:
-            ends = [None if name == GROUND else roles.inertia(name) for name in shaft.ends]
-            pairs = [(ends[0], ends[1]), (ends[1], ends[0])]
-            yield (
-                shaft,
-                [
-                    (near, far)
-                    for near, far in pairs
-                    if near is not None and near.speed in self.states
-                ],
-            )
+    def _ends(self, shaft: ShaftRoles) -> list[tuple[InertiaRoles, InertiaRoles | None]]:
+        """Return the ends of a shaft that move, each as the near and the far inertia."""
+        first, second = (
+            None if name == GROUND else self.roles.inertia(name) for name in shaft.ends
+        )
+        return [
+            (near, far)
+            for near, far in ((first, second), (second, first))
+            if near is not None and near.speed in self.states
+        ]
 
     # Equations.
 
@@ -143,22 +140,14 @@ class _Parts:
         for inertia in self.roles.inertias:
             if inertia.speed in totals:
                 yield from self._at_inertia(inertia, p, totals[inertia.speed])
-        for shaft, ends in self._shafts():
-            for near, far in ends:
+        for shaft in self.roles.shafts:
+            for near, far in self._ends(shaft):
                 yield from self._at_end(shaft, near, far, p, totals[near.speed])
         for motor in self.roles.motors:
             yield from self._of_motor(motor, p, totals)
-        for friction in self.dry_frictions():
-            inertia = self._rubbing(friction)
-            yield (
-                friction.against,
-                friction.name,
-                -self.torque_factor(inertia) / totals[friction.against],
-            )
-
-    def _rubbing(self, friction: Friction) -> InertiaRoles:
-        roles = self.roles
-        return next(i for i in roles.inertias if friction.name == effort_name(i))
+        for inertia, friction in self.dry_frictions():
+            row = friction.against
+            yield row, friction.name, -self.torque_factor(inertia) / totals[row]
 
     def _at_inertia(self, inertia: InertiaRoles, p: Named, total: Any) -> Iterator[Entry]:
         factor = self.torque_factor(inertia)
@@ -241,43 +230,38 @@ class _Parts:
                     tilt=inertia.tilt if self._has(inertia.tilt) else None,
                 )
 
-    def dry_frictions(self) -> Iterator[Friction]:
-        """Yield the dry friction at each inertia that has one."""
+    def dry_frictions(self) -> Iterator[tuple[InertiaRoles, Friction]]:
+        """Yield each inertia that has a dry friction, with that."""
         for inertia in self.roles.inertias:
-            law = self._law(inertia) if inertia.speed in self.states else None
-            if law is not None:
-                yield Friction(
-                    name=effort_name(inertia),
+            laws = self._laws(inertia) if inertia.speed in self.states else []
+            if laws:
+                friction = Friction(
+                    name=effort_name(inertia.effort, f"friction_{inertia.name}"),
                     against=inertia.speed,
-                    law=law,
+                    law=functools.reduce(CombinedLaw, laws),
                     holds=inertia.angle,
                     where=inertia.at,
                     symbol=inertia.effort,
                 )
+                yield inertia, friction
 
-    def _law(self, inertia: InertiaRoles) -> Law | None:
-        names = self.names
-        law: Law | None = None
-        if inertia.sliding:
-            law = dry_law(
-                names,
-                Stribeck(
-                    inertia.sliding,
-                    inertia.static,
-                    inertia.fading,
-                    self.model.stribeck,
-                    times=1 / inertia.reduction,
-                ),
-            )
+    def _laws(self, inertia: InertiaRoles) -> list[Law]:
+        laws = list[Law]()
+        sliding, static, fading = inertia.sliding, inertia.static, inertia.fading
+        if self._has(sliding, static, fading):
+            times, power = 1 / inertia.reduction, self.model.stribeck
+            laws.append(Stribeck(sliding, static, fading, power, times))
+        elif self._has(sliding):
+            laws.append(Coulomb(sliding))
         if self._has(inertia.efficiency):
-            law = GearLoss(law, inertia.efficiency, self._loads(inertia), inertia.reduction)
-        if inertia.cutting and all(map(self._has, inertia.cutting)):
+            loads = self._loads(inertia)
+            laws.append(GearLoss(inertia.efficiency, loads, inertia.reduction))
+        if inertia.cutting and self._has(*inertia.cutting):
             factor, stiff, hump, width = inertia.cutting
-            rock = BitRock(factor, stiff, hump, width, inertia.bit_weight)
-            law = rock if law is None else CombinedLaw(law, rock)
-        return law
+            laws.append(BitRock(factor, stiff, hump, width, inertia.bit_weight))
+        return laws
 
-    def _loads(self, inertia: InertiaRoles) -> tuple[LoadSpring | LoadWeight, ...]:
+    def _loads(self, inertia: InertiaRoles) -> tuple[LoadSpring | Gravity, ...]:
         """Return springs and weights behind the gear of an inertia, whose torque it passes on."""
         springs = (
             LoadSpring(
@@ -285,14 +269,14 @@ class _Parts:
                 (near.angle, near.reduction),
                 None if far is None else (far.angle, far.reduction),
             )
-            for shaft, ends in self._shafts()
-            for near, far in ends
+            for shaft in self.roles.shafts
+            for near, far in self._ends(shaft)
             if near.speed == inertia.speed
             and near.name != inertia.name
             and self._has(shaft.stiffness)
         )
         weights = (
-            LoadWeight(gravity)
+            gravity
             for gravity in self.pendulums()
             if gravity.speed == inertia.speed and gravity.name != f"gravity_{inertia.name}"
         )
@@ -302,9 +286,8 @@ class _Parts:
         """Yield the voltage drop against each current that has one."""
         for motor in self.roles.motors:
             if self._has(motor.drop) and motor.current in self.states:
-                name = motor.effort.name if motor.effort else f"drop_{motor.inertia}"
                 yield Friction(
-                    name=name,
+                    name=effort_name(motor.effort, f"drop_{motor.inertia}"),
                     against=motor.current,
                     law=Coulomb(motor.drop),
                     where="of the current",
@@ -312,6 +295,6 @@ class _Parts:
                 )
 
 
-def effort_name(inertia: InertiaRoles) -> str:
-    """Return the name of the dry friction at an inertia."""
-    return inertia.effort.name if inertia.effort else f"friction_{inertia.name}"
+def effort_name(symbol: Symbol | None, name: str) -> str:
+    """Return the name of an effort: that of its symbol, else a `name` of its own."""
+    return symbol.name if symbol else name

@@ -24,31 +24,22 @@ Named = Mapping[str, NDArray[np.float64] | float]
 
 
 class Law(Protocol):
-    """A law of friction: its size as a function of the speed.
-
-    It is frozen, as kernels are cached by the rigs that they were compiled for.  `parameters` that
-    it names; `seen`: states and inputs that it names beside the speed; `steady`: whether its size
-    is that of the parameters alone.
-    """
+    """A law of friction, its size as a function of the speed; frozen, as rigs are."""
 
     @property
     def parameters(self) -> tuple[str, ...]:
         """Names of the parameters that it needs."""
-        ...
 
     @property
     def seen(self) -> tuple[str, ...]:
         """States and inputs that it needs beside the speed."""
-        ...
 
     @property
     def steady(self) -> bool:
         """Whether its size is that of the parameters alone."""
-        ...
 
     def size(self, p: Named, speed: Any, seen: Mapping[str, Any]) -> Any:
         """Return the size at a `speed` that is not negative."""
-        ...
 
 
 @runtime_checkable
@@ -57,7 +48,6 @@ class SettlingLaw(Law, Protocol):
 
     def decay_terms(self, p: Named, speed: Any) -> tuple[Any, Any]:
         """Return that size, and the exponent of what is left above it."""
-        ...
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -93,12 +83,26 @@ class Gravity:
     weight: str
     tilt: str | None
 
+    @property
+    def parameters(self) -> tuple[str, ...]:
+        """Names of its weight and its tilt."""
+        return (self.weight,) if self.tilt is None else (self.weight, self.tilt)
+
+    @property
+    def angles(self) -> tuple[str, ...]:
+        """The state that it sees."""
+        return (self.angle,)
+
     def torque(self, p: Named, angle: Any) -> Any:
         """Return the torque at the state `angle`, against it."""
         turned = _before_gear(angle, self.reduction)
-        return p[self.weight] * (self.sine(p, turned) - turned)
+        return p[self.weight] * (self._sine(p, turned) - turned)
 
-    def sine(self, p: Named, turned: Any) -> Any:
+    def load(self, p: Named, seen: Mapping[str, Any]) -> Any:
+        """Return the torque that turns it, the spring among it."""
+        return p[self.weight] * self._sine(p, _before_gear(seen[self.angle], self.reduction))
+
+    def _sine(self, p: Named, turned: Any) -> Any:
         """Return the sine of how far the pendulum has `turned`, from where it hangs."""
         return sin(turned if self.tilt is None else turned + p[self.tilt])
 
@@ -239,37 +243,13 @@ class LoadSpring:
         """The states that it sees, the far one first."""
         return (self.near[0],) if self.far is None else (self.far[0], self.near[0])
 
-    def torque(self, p: Named, seen: Mapping[str, Any]) -> Any:
-        """Return the torque that turns the spring at its near end."""
+    def load(self, p: Named, seen: Mapping[str, Any]) -> Any:
+        """Return the torque that turns it at its near end."""
         (near, reduction), far = self.near, self.far
         twist = _before_gear(seen[near], reduction)
         if far is not None:
             twist = twist - _before_gear(seen[far[0]], far[1])
         return p[self.stiffness] * twist
-
-
-@dataclass(frozen=True, slots=True)
-class LoadWeight:
-    """A pendulum behind a gear: a `Gravity` whose whole torque the gear passes on."""
-
-    gravity: Gravity
-
-    @property
-    def parameters(self) -> tuple[str, ...]:
-        """Names of its weight and its tilt."""
-        tilt = self.gravity.tilt
-        return (self.gravity.weight,) if tilt is None else (self.gravity.weight, tilt)
-
-    @property
-    def angles(self) -> tuple[str, ...]:
-        """The state that it sees."""
-        return (self.gravity.angle,)
-
-    def torque(self, p: Named, seen: Mapping[str, Any]) -> Any:
-        """Return the torque that turns it."""
-        gravity = self.gravity
-        turned = _before_gear(seen[gravity.angle], gravity.reduction)
-        return p[gravity.weight] * gravity.sine(p, turned)
 
 
 def _before_gear(angle: Any, reduction: float) -> Any:
@@ -278,36 +258,29 @@ def _before_gear(angle: Any, reduction: float) -> Any:
 
 @dataclass(frozen=True, slots=True)
 class GearLoss:
-    """The loss of a gear with an efficiency, added to a `law` (None: to nothing).
-
-    It is (1/eta - 1) of the torque that the gear passes on, to what is behind it (`loads`).
+    """The loss of a gear with an efficiency: (1/eta - 1) of the torque that it passes on to `loads`.
 
     On the side of the friction that torque is `factor` times theirs.  Where the load drives, the
     gear's efficiency is 2 - 1/eta.
     """
 
-    law: Law | None
     efficiency: str
-    loads: tuple[LoadSpring | LoadWeight, ...]
+    loads: tuple[LoadSpring | Gravity, ...]
     factor: float
 
     steady: ClassVar[bool] = False
 
     @property
     def parameters(self) -> tuple[str, ...]:
-        """Names of the law's parameters, of the efficiency, of stiffnesses and weights."""
-        parameters = (self.efficiency, *(name for load in self.loads for name in load.parameters))
-        return parameters if self.law is None else (*self.law.parameters, *parameters)
+        """Names of the efficiency, of stiffnesses and weights."""
+        return (self.efficiency, *(name for load in self.loads for name in load.parameters))
 
     @property
     def seen(self) -> tuple[str, ...]:
-        """States and inputs that the law needs, and the angles of the loads."""
-        angles = dict.fromkeys(name for load in self.loads for name in load.angles)
-        return (*angles,) if self.law is None else (*self.law.seen, *angles)
+        """The angles of the loads."""
+        return (*dict.fromkeys(name for load in self.loads for name in load.angles),)
 
     def size(self, p: Named, speed: Any, seen: Mapping[str, Any]) -> Any:
         """See `Law.size`."""
-        first, *others = (load.torque(p, seen) for load in self.loads)
-        passed = size(sum(others, first)) * self.factor
-        lost = (1.0 / p[self.efficiency] - 1.0) * passed
-        return lost if self.law is None else self.law.size(p, speed, seen) + lost
+        first, *others = (load.load(p, seen) for load in self.loads)
+        return (1.0 / p[self.efficiency] - 1.0) * (size(sum(others, first)) * self.factor)

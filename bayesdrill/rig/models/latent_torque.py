@@ -13,7 +13,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any, ClassVar, Literal
 
 from bayesdrill.basics.arrays import Array
 from bayesdrill.rig import steady_state
@@ -94,10 +94,7 @@ class AugmentedModel(WrappedModel):
     free: bool = False
     observable: bool = True
 
-    @property
-    def frictions(self) -> tuple[()]:
-        """None: it moves as if no friction changed its sign."""
-        return ()
+    frictions: ClassVar[tuple[()]] = ()  # it moves as if none changed its sign
 
     @property
     def parameters(self) -> tuple[str, ...]:
@@ -124,22 +121,23 @@ class AugmentedModel(WrappedModel):
         linear = self.rig.linear(p)
         a, b, c = dict(linear.A), dict(linear.B), dict(linear.c)
         if self.free:
-            a, b, c = (self._relative(each) for each in (a, b, c))
+            a, b = self._relative(a), self._relative(b)
+            constant = self._relative({(row, ""): value for row, value in c.items()})
+            c = {row: value for (row, _), value in constant.items()}
         push = torque_gain(self.rig, self.torque, p, linear)
         a |= self.torque.linear(p[TIME])
         a[self.roles.inertia(self.torque.at).speed, TORQUE] = push * p[SIZE]
         return Linear(A=a, B=b, c=c)
 
-    def _relative(self, entries: Mapping[Any, Any]) -> dict[Any, Any]:
+    def _relative(self, entries: Mapping[tuple[str, str], Any]) -> dict[tuple[str, str], Any]:
         """Subtract the row of the last angle, on which nothing depends, from those of the others."""
-        relative: dict[Any, Any] = {}
-        for key, value in entries.items():
-            row, column = key if isinstance(key, tuple) else (key, None)
+        relative: dict[tuple[str, str], Any] = {}
+        for (row, column), value in entries.items():
             rows = [(row, value)]
             if row == self._last:
                 rows = [(name, -value) for name in self._others] + rows * self.observable
             for name, entry in rows if column != self._last else []:
-                index = (name, column) if isinstance(key, tuple) else name
+                index = (name, column)
                 relative[index] = relative[index] + entry if index in relative else entry
         return relative
 

@@ -1,7 +1,5 @@
 """The contract of a model, and models that follow from another: its tangent, or with added physics.
 
-A model has linear dynamics with named states, inputs and parameters.
-
 The tangent of a rig is a model whose extra states are the derivatives of the rig's own.
 
     x' = A x + B u + c        x_dot' = A x_dot + A_dot x + B_dot u + c_dot
@@ -29,7 +27,7 @@ from bayesdrill.basics import symbols
 from bayesdrill.basics.arrays import Array
 from bayesdrill.basics.duals import Dual, dual
 from bayesdrill.basics.symbols import SPEED_UNITS, Symbol
-from bayesdrill.rig.models.friction import Coulomb, Friction, Gravity, Law, Named, Stribeck
+from bayesdrill.rig.models.friction import Friction, Gravity, Named
 from bayesdrill.rig.models.roles import GEAR_POWERS, Roles, usual_roles
 
 HOUSE_SYMBOLS: Mapping[str, Symbol] = MappingProxyType(
@@ -84,27 +82,22 @@ class Model(Protocol):
     @property
     def declares(self) -> tuple[Symbol, ...]:
         """Symbols of parameters and states that only this rig has."""
-        ...
 
     @property
     def name(self) -> str:
         """The name in the registry."""
-        ...
 
     @property
     def parameters(self) -> tuple[str, ...]:
         """Names of the parameters, in the order of columns."""
-        ...
 
     @property
     def states(self) -> tuple[str, ...]:
         """Names of the states x."""
-        ...
 
     @property
     def inputs(self) -> tuple[str, ...]:
         """Names of the inputs u."""
-        ...
 
     def linear(self, p: Named) -> Linear:
         """Return the dynamics at parameters `p`.
@@ -112,7 +105,6 @@ class Model(Protocol):
         These are numbers, arrays of one batch shape, numbers with slopes, or registers of a kernel:
         so they can be added, multiplied, divided and raised to whole powers, and nothing else.
         """
-        ...
 
     # What a rig may have beside that.
 
@@ -240,30 +232,12 @@ DOT = "_dot"
 class Tangent(WrappedModel):
     """The tangent of `rig`: its parameters and, named with `_dot`, the direction of the derivative."""
 
-    @property
-    def name(self) -> str:
-        """The rig's name, as that of a tangent."""
-        return f"tangent of {self.rig.name}"
-
-    @property
-    def declares(self) -> tuple[Symbol, ...]:
-        """None: it is in no config."""
-        return ()
-
-    @property
-    def parameters(self) -> tuple[str, ...]:
-        """The rig's parameters, and their direction."""
-        return _with_dots(self.rig.parameters)
-
-    @property
-    def states(self) -> tuple[str, ...]:
-        """The rig's states, and their derivatives."""
-        return _with_dots(self.rig.states)
-
-    @property
-    def frictions(self) -> tuple[()]:
-        """None of its own: the columns of the rig's, and their derivatives, stand in its `B`."""
-        return ()
+    name: ClassVar[Any] = property(lambda self: f"tangent of {self.rig.name}")
+    declares: ClassVar[tuple[()]] = ()  # it is in no config
+    parameters: ClassVar[Any] = property(lambda self: _with_dots(self.rig.parameters))
+    states: ClassVar[Any] = property(lambda self: _with_dots(self.rig.states))
+    # Columns of the rig's frictions, and their derivatives, stand in its `B`.
+    frictions: ClassVar[tuple[()]] = ()
 
     def linear(self, p: Named) -> Linear:
         """See `Model.linear`."""
@@ -318,11 +292,9 @@ def with_all(rig: Model) -> Model:
 
 def missing_requirements(rig: Model) -> dict[str, tuple[str, ...]]:
     """Return what is added in vain, each with what it means nothing without."""
-    needed = {name: rig.offers.get(name, ()) for name in rig.added}
-    missing_names = {
-        name: tuple(n for n in needs if n not in rig.added) for name, needs in needed.items()
-    }
-    return {name: missing for name, missing in missing_names.items() if missing}
+    needs = {name: rig.offers.get(name, ()) for name in rig.added}
+    missing = {name: tuple(n for n in names if n not in rig.added) for name, names in needs.items()}
+    return {name: names for name, names in missing.items() if names}
 
 
 def requirement_text(name: str, missing: Collection[str]) -> str:
@@ -338,10 +310,3 @@ def constants(rig: Any) -> dict[str, Any]:
     }
     gear = rig.roles.gear
     return {n: value for n, (value, default) in values.items() if n == gear or value != default}
-
-
-def dry_law(added: Collection[str], law: Stribeck) -> Law | None:
-    """Return `law` where static friction is added, else sliding friction alone, or None."""
-    if all(name in added for name in law.parameters):
-        return law
-    return Coulomb(law.sliding) if law.sliding in added else None

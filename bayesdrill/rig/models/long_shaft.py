@@ -79,7 +79,9 @@ class LongShaft(Model):
 
     def linear(self, p: Named) -> Linear:
         """See `Model.linear`."""
-        shaft, n = self._with_ends(p), self.elements
+        n = self.elements
+        half = p["j_s"] / (2.0 * self.elements)
+        shaft = {**p, "j_1": p["j_1"] + half, "j_m": p["j_m"] + self.i_m**2 * half}
         ends = self._ends.linear(shaft)
         a, b, c = dict(ends.A), dict(ends.B), dict(ends.c)
         if n == 1:
@@ -113,11 +115,6 @@ class LongShaft(Model):
                 if 0 < node < self.elements:
                     combined[f"{name}_{node}"] = times * strength / inertia
         return combined
-
-    def _with_ends(self, p: Named) -> Named:
-        """Return parameters in which rotor 1 and motor have the shaft's inertia at their ends."""
-        half = p["j_s"] / (2.0 * self.elements)
-        return {**p, "j_1": p["j_1"] + half, "j_m": p["j_m"] + self.i_m**2 * half}
 
     @property
     def _ends(self) -> MotorShaft:

@@ -1,4 +1,4 @@
-"""The paper's rig: DC motor, gearbox, slender shaft, rotor; and more physics where it is named.
+"""The paper's rig: DC motor, gearbox, slender shaft, rotor; more physics where it is named; its parts.
 
     theta_1' = w_1
     theta_2' = w_2
@@ -24,19 +24,26 @@ Assumes: rigid gearbox without play, massless shaft, friction `t_f` of constant 
     v_d    i' = ... - (v_d/l_m) sgn i
     eta    T at the motor grows by (1/eta - 1) i_m k_s |theta_2 - theta_1|
 
-j_2   inertia at the output side of the gearbox: rotor 2, the gear, the coupling
-r_s   resistance in series with the motor: driver, leads, brushes
+A `two_rotors` has both of the first, held.  With theta_2 = i_m theta_3 for the motor's angle its
 
     l_m i' + (r_m + r_s) i + k_e theta_3' = v
-    j_m theta_3'' + c_m theta_3' - k_T i + t_f = -i_m t_2
-    t_2 = k_s (theta_2 - theta_1) + j_2 theta_2''              theta_2 = i_m theta_3
-    j_1 theta_1'' + k_s (theta_1 - theta_2) = -t_1
+    j_m theta_3'' + c_m theta_3' - k_T i + t_f = -i_m (k_s (theta_2 - theta_1) + j_2 theta_2'')
 
-Times i_m, the second equation with the third in it has (j_m + i_m^2 j_2) theta_2'': the rig is a
-`motor_shaft` with that inertia and with the resistance r_m + r_s.  So a record shows no more of it:
-both scales of a `motor_shaft` stay open, though they are no common factors here.
+have, the second times i_m, (j_m + i_m^2 j_2) theta_2''.  So a record shows no more of it: both
+scales of a `motor_shaft` stay open, though they are no common factors here.
 
-It is the `motor_shaft` to which both are added, held: one that may have a prior is named there.
+A `driven_shaft` has no motor: the upper end of its shaft is moved as it was measured, so that `w_2` is
+an input.  An angle that is imposed, straight from sample to sample, is the speed that is constant
+between them.  `t_1` is, of a drill string, the torque at the bit: measured or, where its law is
+`added`, computed:
+
+    b_0, b_1, b_2, b_3
+           w_1' = ... - T/j_1 against w_1, with T by `BitRock` under the input `wob`
+
+A `motor` has no shaft, and turns whatever turns rigidly with it.  It is driven by a measured torque
+`t_m`, an input, in the place of k_T i; where its circuit is named (`k_e k_T r_m l_m`), by a voltage.
+Angle and speed are those behind the gear: of a motor without one (`i_m` 1, the default there) its own.
+All its parameters are at the motor, before the gear.
 """
 
 from __future__ import annotations
@@ -53,17 +60,26 @@ from bayesdrill.rig.models.equations import PartsModel, coordinate_inertia
 from bayesdrill.rig.models.friction import Named
 from bayesdrill.rig.models.linear import Linear, Model, Offers, ParameterNames
 
+
+def dry_friction(at: str) -> Offers:
+    """Return what an inertia offers: sliding friction, and static one that is lost with the speed."""
+    sliding, static, fading = f"t_c{at}", f"t_s{at}", f"w_s{at}"
+    return {sliding: (), static: (sliding, fading), fading: (sliding, static)}
+
+
+def together(*names: str) -> Offers:
+    """Return parameters of which none means anything without all others."""
+    return {name: tuple(other for other in names if other != name) for name in names}
+
+
+CIRCUIT, ROCK = ("k_e", "k_T", "r_m", "l_m"), ("b_0", "b_1", "b_2", "b_3")
 PARAMETERS = ("j_m", "c_m", "k_e", "k_T", "r_m", "l_m", "k_s", "j_1", "t_f")
 OFFERS: Offers = MappingProxyType(
     {
-        **dict.fromkeys(("c_s", "j_2", "r_s", "c_1", "t_cm"), ()),
-        "t_sm": ("t_cm", "w_sm"),
-        "w_sm": ("t_cm", "t_sm"),
-        "t_c1": (),
-        "t_s1": ("t_c1", "w_s1"),
-        "w_s1": ("t_c1", "t_s1"),
-        "v_d": (),
-        "eta": (),
+        **dict.fromkeys(("c_s", "j_2", "r_s", "c_1"), ()),
+        **dry_friction("m"),
+        **dry_friction("1"),
+        **dict.fromkeys(("v_d", "eta"), ()),
     }
 )
 
@@ -101,11 +117,65 @@ class MotorShaft(PartsModel):
     added: tuple[str, ...] = ()
 
     name: ClassVar[str] = "motor_shaft"
-    declares: ClassVar[tuple[Symbol, ...]] = ()
     offers: ClassVar[Offers] = OFFERS
     parameters: ClassVar[ParameterNames] = ParameterNames(PARAMETERS)
     states: ClassVar[tuple[str, ...]] = ("theta_1", "theta_2", "w_1", "w_2", "i")
     inputs: ClassVar[tuple[str, ...]] = ("v", "t_1")
+
+
+@dataclass(frozen=True, slots=True)
+class DrivenShaft(PartsModel):
+    """A shaft driven at its upper end; `stribeck`, `added`: as of a `MotorShaft`."""
+
+    stribeck: Power = 1
+    added: tuple[str, ...] = ()
+
+    name: ClassVar[str] = "driven_shaft"
+    offers: ClassVar[Offers] = MappingProxyType(
+        {"c_s": (), "c_1": (), **dry_friction("1"), **together(*ROCK)}
+    )
+    parameters: ClassVar[ParameterNames] = ParameterNames(("k_s", "j_1"))
+    states: ClassVar[tuple[str, ...]] = ("theta_1", "theta_2", "w_1")
+
+    @property
+    def inputs(self) -> tuple[str, ...]:
+        """The imposed speed, the load torque and, of a bit, the weight on it."""
+        return ("w_2", "t_1", "wob") if {*ROCK} <= {*self.added} else ("w_2", "t_1")
+
+
+@dataclass(frozen=True, slots=True)
+class Motor(PartsModel):
+    """A motor without a shaft; `i_m`, `stribeck`, `added`: as of a `MotorShaft`."""
+
+    i_m: Gear = 1.0
+    stribeck: Power = 1
+    added: tuple[str, ...] = ()
+
+    name: ClassVar[str] = "motor"
+    offers: ClassVar[Offers] = MappingProxyType(
+        {
+            **together(*CIRCUIT),
+            **dict.fromkeys(("t_f", "j_2"), ()),
+            "r_s": CIRCUIT,
+            **dry_friction("m"),
+            "v_d": CIRCUIT,
+        }
+    )
+    parameters: ClassVar[ParameterNames] = ParameterNames(("j_m", "c_m"))
+
+    @property
+    def states(self) -> tuple[str, ...]:
+        """Angle, speed and, with a circuit, the current."""
+        return ("theta_2", "w_2", "i") if self._wired else ("theta_2", "w_2")
+
+    @property
+    def inputs(self) -> tuple[str, ...]:
+        """The voltage of its circuit, or else its torque."""
+        return ("v",) if self._wired else ("t_m",)
+
+    @property
+    def _wired(self) -> bool:
+        return {*CIRCUIT} <= {*self.added}
 
 
 @dataclass(frozen=True, slots=True)

@@ -7,7 +7,7 @@ rig that moves along a line an inertia is a mass, a torque a force, and an angle
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
 
@@ -138,12 +138,8 @@ class Roles:
                 moving.setdefault(inertia.speed, []).append(inertia)
         return moving
 
-    def at_speed(self, speed: str) -> InertiaRoles | None:
-        """Return the first inertia whose speed this state is, None where it is none's."""
-        return next((inertia for inertia in self.inertias if inertia.speed == speed), None)
-
-    def at_friction(self, against: str, where: str) -> InertiaRoles | None:
-        """Return the inertia of a friction `against` a speed, that which is `where` if several are."""
+    def at_friction(self, against: str, where: str = "") -> InertiaRoles | None:
+        """Return the inertia of a friction `against` a speed: that `where` it is, or the first."""
         alike = [inertia for inertia in self.inertias if inertia.speed == against]
         return next((inertia for inertia in alike if inertia.at == where), (*alike, None)[0])
 
@@ -172,17 +168,11 @@ class Roles:
     def side(self, name: str) -> str:
         """Tell on which side of the gear a parameter is: `motor` or `load`; empty: on none."""
         driven = {motor.inertia for motor in self.motors}
-        for inertia in self.inertias if self.gear else ():
-            if name in _torques(inertia):
-                return "motor" if inertia.name in driven else "load"
+        for i in self.inertias if self.gear else ():
+            if name in (i.inertia, i.damping, i.friction, i.sliding, i.static, i.fading):
+                return "motor" if i.name in driven else "load"
         shafts = {n for s in self.shafts for n in (s.stiffness, s.damping, s.inertia)}
         return "load" if self.gear and name in shafts else ""
-
-
-def _torques(inertia: InertiaRoles) -> Iterator[str]:
-    """Yield names at an inertia that a gear scales."""
-    yield from (inertia.inertia, inertia.damping, inertia.friction)
-    yield from (inertia.sliding, inertia.static, inertia.fading)
 
 
 FRICTION_M = Symbol("friction_m", "N*m", "T_m", r"N\,m", "friction at the motor")

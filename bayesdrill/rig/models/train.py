@@ -18,8 +18,8 @@ from __future__ import annotations
 import dataclasses
 import functools
 import math
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any, ClassVar, Literal
 
 from pydantic import TypeAdapter, ValidationError
@@ -41,7 +41,6 @@ from bayesdrill.rig.models.drive_parts import (
     Shafts,
 )
 from bayesdrill.rig.models.equations import PartsModel
-from bayesdrill.rig.models.linear import Offers
 from bayesdrill.rig.models.motor_shaft import Power
 from bayesdrill.rig.models.roles import (
     GROUND,
@@ -69,6 +68,14 @@ class Train(PartsModel):
 
     name: ClassVar[str] = "train"
     has_private_names: ClassVar[bool] = True
+    declares: ClassVar[Any] = property(lambda self: (*describe(self).symbols.values(),))
+    symbols: ClassVar[Any] = property(lambda self: describe(self).symbols)
+    parameters: ClassVar[Any] = property(lambda self: (*describe(self).parameters, *self.added))
+    offers: ClassVar[Any] = property(lambda self: describe(self).offers)
+    states: ClassVar[Any] = property(lambda self: describe(self).states)
+    inputs: ClassVar[Any] = property(lambda self: describe(self).inputs)
+    roles: ClassVar[Any] = property(lambda self: describe(self).roles)
+    combinations: ClassVar[Any] = property(lambda self: describe(self).combinations)
 
     def __post_init__(self) -> None:
         wrong: list[tuple[str, str]] = []
@@ -84,46 +91,6 @@ class Train(PartsModel):
             raise PartsError(issues)
         _check_frictions(self)
 
-    @property
-    def declares(self) -> tuple[Symbol, ...]:
-        """All of its symbols."""
-        return (*self.symbols.values(),)
-
-    @property
-    def symbols(self) -> Mapping[str, Symbol]:
-        """See `Model.symbols`; of what it offers too."""
-        return describe(self).symbols
-
-    @property
-    def parameters(self) -> tuple[str, ...]:
-        """Inertias, shafts and drives, then what is added."""
-        return (*describe(self).parameters, *self.added)
-
-    @property
-    def offers(self) -> Offers:
-        """Damping, friction, and what else its parts may have."""
-        return describe(self).offers
-
-    @property
-    def states(self) -> tuple[str, ...]:
-        """Angles, speeds, currents."""
-        return describe(self).states
-
-    @property
-    def inputs(self) -> tuple[str, ...]:
-        """What its drives bring, and the weight on bits."""
-        return describe(self).inputs
-
-    @property
-    def roles(self) -> Roles:
-        """Its parts."""
-        return describe(self).roles
-
-    @property
-    def combinations(self) -> Mapping[str, Mapping[str, float]]:
-        """Angles and speeds before gears, as states behind them."""
-        return describe(self).combinations
-
 
 @functools.cache
 def _adapters() -> dict[str, TypeAdapter[Any]]:
@@ -134,10 +101,12 @@ def _adapters() -> dict[str, TypeAdapter[Any]]:
 def _issues(train: Train) -> Iterator[tuple[str, str]]:
     """Yield what does not go together, each with its entry."""
     known = train.inertias
-    for entry in ("shafts", "gears"):
-        parts: tuple[Shaft | Gear, ...] = getattr(train, entry)
+    kinds: tuple[tuple[str, Sequence[Shaft | Gear], tuple[str, ...]], ...] = (
+        ("shafts", train.shafts, (*known, GROUND)),
+        ("gears", train.gears, known),
+    )
+    for entry, parts, ends in kinds:
         for part in parts:
-            ends = [*known, GROUND] if entry == "shafts" else known
             for end in part.ends:
                 if end not in ends:
                     hint = did_you_mean(end, ends)
@@ -270,135 +239,129 @@ LINEAR: Mapping[str, str] = {
 }
 
 
-@dataclass(slots=True)
-class Description:
-    """What a train has, by its parts: names, symbols and roles."""
-
-    linear: bool
-    parameters: list[str] = field(default_factory=list)
-    offers: dict[str, tuple[str, ...]] = field(default_factory=dict)
-    symbols: dict[str, Symbol] = field(default_factory=dict)
-    states: tuple[str, ...] = ()
-    inputs: tuple[str, ...] = ()
-    roles: Roles = field(default_factory=Roles)
-    combinations: dict[str, dict[str, float]] = field(default_factory=dict)
-
-    def word(self, text: str) -> str:
-        """Return a letter, unit or word as the motion of the train has it."""
-        return LINEAR.get(text, text) if self.linear else text
-
-    def make(self, letter: str, part: str, unit: str, meaning: str, **more: Any) -> Symbol:
-        """Return the symbol of a part: `letter`, `unit` and `meaning` as of a train that turns."""
-        name = f"{self.word(letter)}_{part}"
-        text = f"{self.word(meaning)} {words(part)}"
-        symbol = own_symbol(name, self.word(unit), more.pop("latex", None), text)
-        return dataclasses.replace(symbol, **more)
-
-    def add(self, letter: str, part: str, unit: str, meaning: str, **more: Any) -> str:
-        """Add the symbol of a part, and return its name."""
-        symbol = self.make(letter, part, unit, meaning, **more)
-        if symbol.name in self.symbols:
-            message = f"two things would be called {symbol.name}; rename a part"
-            raise PartsError((("inertias", message),))
-        self.symbols[symbol.name] = symbol
-        return symbol.name
-
-    def add_rows(self, rows: Sequence[Row], part: str) -> dict[str, str]:
-        """Add the numbers of a part, and return their names by role."""
-        names = {row.role: f"{self.word(row.letter)}_{part}" for row in rows}
-        for row in rows:
-            if row.needs is None:
-                self.parameters.append(names[row.role])
-            else:
-                self.offers[names[row.role]] = tuple(names[role] for role in row.needs)
-            more = {"held": row.held, "at_most": row.at_most}
-            self.add(row.letter, part, row.unit, row.meaning, **more)
-        return names
-
-
 def words(name: str) -> str:
     """Return what sentences call a part: `the load`, `cart 1`."""
     text = name.replace("_", " ")
     return text if text[-1].isdigit() else f"the {text}"
 
 
-@functools.lru_cache(maxsize=256)
-def describe(train: Train) -> Description:
-    """Return names, symbols and roles of a train; raises `PartsError` where two names are one."""
-    made = Description(train.motion == "linear")
-    kinds = {drive.inertia: drive.kind for drive in train.drives}
-    reductions = dict(_reductions(train))
-    inertias = [_inertia(train, made, kinds, reductions, name) for name in train.inertias]
-    shafts = tuple(
-        ShaftRoles(
-            name=shaft.name,
-            words=words(shaft.name),
-            ends=shaft.ends,
-            **made.add_rows(SHAFT, shaft.name),
+class Description:
+    """What a train has, by its parts: names, symbols and roles.
+
+    Raises `PartsError` where two names are one.
+    """
+
+    def __init__(self, train: Train) -> None:
+        self.train = train
+        self.parameters: list[str] = []
+        self.offers: dict[str, tuple[str, ...]] = {}
+        self.symbols: dict[str, Symbol] = {}
+        self.combinations: dict[str, dict[str, float]] = {}
+        self._kinds = {drive.inertia: drive.kind for drive in train.drives}
+        self._reductions = _reductions(train)
+        inertias = tuple(map(self._inertia, train.inertias))
+        shafts = tuple(map(self._shaft, train.shafts))
+        wired = [n for n in train.inertias if self._kinds.get(n) in ("current", "voltage")]
+        motors = tuple(map(self._motor, wired))
+        self.roles = Roles(
+            inertias=inertias, shafts=shafts, motors=motors, motion=MOTIONS[train.motion]
         )
-        for shaft in train.shafts
-    )
-    wired = [name for name in train.inertias if kinds.get(name) in ("current", "voltage")]
-    motors = tuple(_motor(made, name, kinds[name]) for name in wired)
-    made.roles = Roles(
-        inertias=(*inertias,), shafts=shafts, motors=motors, motion=MOTIONS[train.motion]
-    )
-    roots = [inertia for inertia in inertias if reductions[inertia.name][0] == inertia.name]
-    imposed = [root.speed for root in roots if kinds.get(root.name) == "speed"]
-    made.states = (
-        *(root.angle for root in roots),
-        *(root.speed for root in roots if root.speed not in imposed),
-        *(motor.current for motor in motors if motor.inductance in train.added),
-    )
-    made.inputs = (
-        *imposed,
-        *(inertia.torque for inertia in inertias if inertia.torque),
-        *(motor.voltage or motor.current for motor in motors),
-        *(inertia.bit_weight for inertia in inertias if inertia.bit_weight),
-    )
-    return made
+        roots = [i for i in inertias if self._reductions[i.name][0] == i.name]
+        imposed = [root.speed for root in roots if self._kinds.get(root.name) == "speed"]
+        self.states = (
+            *(root.angle for root in roots),
+            *(root.speed for root in roots if root.speed not in imposed),
+            *(motor.current for motor in motors if motor.inductance in train.added),
+        )
+        self.inputs = (
+            *imposed,
+            *(inertia.torque for inertia in inertias if inertia.torque),
+            *(motor.voltage or motor.current for motor in motors),
+            *(inertia.bit_weight for inertia in inertias if inertia.bit_weight),
+        )
 
+    def _word(self, text: str) -> str:
+        """Return a letter, unit or word as the motion of the train has it."""
+        return LINEAR.get(text, text) if self.train.motion == "linear" else text
 
-def _inertia(
-    train: Train,
-    made: Description,
-    kinds: Mapping[str, str],
-    reductions: Mapping[str, tuple[str, float]],
-    name: str,
-) -> InertiaRoles:
-    (root, reduction), kind = reductions[name], kinds.get(name, "")
-    angle = made.add("theta", name, "rad", "angle of")
-    latex = made.symbols[angle].latex
-    dotted = {"latex": rf"\dot {latex}", "drives": kind == "speed"}
-    speed = made.add("w", name, "rad/s", "speed of", **dotted)
-    root_angle, root_speed = (f"{made.word(letter)}_{root}" for letter in ("theta", "w"))
-    if root != name:
-        made.combinations |= {
-            angle: {root_angle: 1.0 / reduction},
-            speed: {root_speed: 1.0 / reduction},
-        }
-    names: dict[str, Any] = {"name": name, "words": words(name), "reduction": reduction}
-    names |= {"angle": root_angle, "speed": root_speed, "latex": latex if root != name else ""}
-    if kinds.get(root) == "speed":
+    def _symbol(self, letter: str, part: str, unit: str, meaning: str, **more: Any) -> Symbol:
+        """Return the symbol of a part: `letter`, `unit` and `meaning` as of a train that turns."""
+        name = f"{self._word(letter)}_{part}"
+        text = f"{self._word(meaning)} {words(part)}"
+        return dataclasses.replace(own_symbol(name, self._word(unit), None, text), **more)
+
+    def _add(self, letter: str, part: str, unit: str, meaning: str, **more: Any) -> str:
+        """Add the symbol of a part, and return its name."""
+        symbol = self._symbol(letter, part, unit, meaning, **more)
+        if symbol.name in self.symbols:
+            message = f"two things would be called {symbol.name}; rename a part"
+            raise PartsError((("inertias", message),))
+        self.symbols[symbol.name] = symbol
+        return symbol.name
+
+    def _add_rows(self, rows: Sequence[Row], part: str) -> dict[str, str]:
+        """Add the numbers of a part, and return their names by role."""
+        names = {row.role: f"{self._word(row.letter)}_{part}" for row in rows}
+        for row in rows:
+            if row.needs is None:
+                self.parameters.append(names[row.role])
+            else:
+                self.offers[names[row.role]] = tuple(names[role] for role in row.needs)
+            more = {"held": row.held, "at_most": row.at_most}
+            self._add(row.letter, part, row.unit, row.meaning, **more)
+        return names
+
+    def _inertia(self, name: str) -> InertiaRoles:
+        train, (root, reduction) = self.train, self._reductions[name]
+        kind = self._kinds.get(name, "")
+        angle = self._add("theta", name, "rad", "angle of")
+        latex = self.symbols[angle].latex
+        dotted = {"latex": rf"\dot {latex}", "drives": kind == "speed"}
+        speed = self._add("w", name, "rad/s", "speed of", **dotted)
+        root_angle, root_speed = (f"{self._word(letter)}_{root}" for letter in ("theta", "w"))
+        if root != name:
+            self.combinations[angle] = {root_angle: 1.0 / reduction}
+            self.combinations[speed] = {root_speed: 1.0 / reduction}
+        names: dict[str, Any] = {"name": name, "words": words(name), "reduction": reduction}
+        names |= {"angle": root_angle, "speed": root_speed, "latex": latex if root != name else ""}
+        if self._kinds.get(root) == "speed":
+            return InertiaRoles(**names)
+        names |= self._add_rows(INERTIA, name)
+        joined = [n for n in train.inertias if self._reductions[n][0] == root]
+        if name == _rubbing(train, joined):
+            names |= self._add_rows(RUBBING, name)
+            loaded = {*train.gravity, *(end for shaft in train.shafts for end in shaft.ends)}
+            behind = loaded & {*joined} - {name}  # a gear that passes nothing on loses nothing
+            for gear in [gear.name for gear in train.gears if behind and gear.ends[0] == name][:1]:
+                names |= self._add_rows(GEAR, gear)
+        effort = f"friction_{name}"
+        names["effort"] = self._symbol("T", name, "N*m", "friction at", name=effort)
+        if kind == "torque":
+            names["torque"] = self._add("t", name, "N*m", "torque on", drives=True)
+        if name in train.gravity:
+            names |= self._add_rows(PENDULUM, name)
+        if name in train.rock:
+            names["cutting"] = (*self._add_rows(ROCK, name).values(),)
+            names["bit_weight"] = self._add("wob", name, "N", "weight on")
         return InertiaRoles(**names)
-    names |= made.add_rows(INERTIA, name)
-    joined = [n for n, (at, _) in reductions.items() if at == root]
-    if name == _rubbing(train, joined):
-        names |= made.add_rows(RUBBING, name)
-        loaded = {*train.gravity, *(end for shaft in train.shafts for end in shaft.ends)}
-        behind = loaded & {*joined} - {name}  # a gear that passes nothing on loses nothing
-        for gear in [gear.name for gear in train.gears if behind and gear.ends[0] == name][:1]:
-            names |= made.add_rows(GEAR, gear)
-    effort = made.make("T", name, "N*m", "friction at")
-    names["effort"] = dataclasses.replace(effort, name=f"friction_{name}")
-    if kind == "torque":
-        names["torque"] = made.add("t", name, "N*m", "torque on", drives=True)
-    if name in train.gravity:
-        names |= made.add_rows(PENDULUM, name)
-    if name in train.rock:
-        names["cutting"] = (*made.add_rows(ROCK, name).values(),)
-        names["bit_weight"] = made.add("wob", name, "N", "weight on")
-    return InertiaRoles(**names)
+
+    def _shaft(self, shaft: Shaft) -> ShaftRoles:
+        names = self._add_rows(SHAFT, shaft.name)
+        return ShaftRoles(name=shaft.name, words=words(shaft.name), ends=shaft.ends, **names)
+
+    def _motor(self, name: str) -> MotorRoles:
+        kind, names = self._kinds[name], dict[str, Any](inertia=name, words=words(name))
+        names["current"] = self._add("i", name, "A", "current of", drives=kind == "current")
+        names |= self._add_rows(MOTOR, name)
+        if kind == "voltage":
+            names["voltage"] = self._add("u", name, "V", "voltage of", drives=True)
+            names |= self._add_rows(CIRCUIT, name)
+            drop = f"drop_{name}"
+            names["effort"] = self._symbol("v_d", name, "V", "voltage drop at", name=drop)
+        return MotorRoles(**names)
+
+
+describe: Callable[[Train], Description] = functools.lru_cache(maxsize=256)(Description)
 
 
 def _rubbing(train: Train, joined: Sequence[str]) -> str:
@@ -407,43 +370,29 @@ def _rubbing(train: Train, joined: Sequence[str]) -> str:
     That is where their gears begin, or else the first.
     """
     behind = {gear.ends[1] for gear in train.gears}
-    first = [gear.ends[0] for gear in train.gears if gear.ends[0] not in behind]
-    names = [name for name in train.inertias if name in joined]
-    return next((name for name in names if name in first), names[0])
+    first = {gear.ends[0] for gear in train.gears} - behind
+    return next((name for name in joined if name in first), joined[0])
 
 
-def _motor(made: Description, name: str, kind: str) -> MotorRoles:
-    names: dict[str, Any] = {"inertia": name, "words": words(name)}
-    names["current"] = made.add("i", name, "A", "current of", drives=kind == "current")
-    names |= made.add_rows(MOTOR, name)
-    if kind == "voltage":
-        names["voltage"] = made.add("u", name, "V", "voltage of", drives=True)
-        names |= made.add_rows(CIRCUIT, name)
-        drop = made.make("v_d", name, "V", "voltage drop at")
-        names["effort"] = dataclasses.replace(drop, name=f"drop_{name}")
-    return MotorRoles(**names)
-
-
-def _reductions(train: Train) -> Iterator[tuple[str, tuple[str, float]]]:
-    """Yield by inertia whose angle is the state, and how many times its own that is.
+def _reductions(train: Train) -> dict[str, tuple[str, float]]:
+    """Return by inertia whose angle is the state, and how many times its own that is.
 
     Of those that gears join it is what is imposed, or else the first that drives no gear.
     """
     imposed = {drive.inertia for drive in train.drives if drive.kind == "speed"}
     inputs = {gear.ends[0] for gear in train.gears}
-    order = sorted(train.inertias, key=lambda name: (name not in imposed, name in inputs))
     known: dict[str, tuple[str, float]] = {}
-    for root in order:
-        pending = [(root, 1.0)] if root not in known else []
-        while pending:
-            name, reduction = pending.pop()
-            known[name] = (root, reduction)
-            for gear in train.gears:
-                first, second = gear.ends
-                for near, far, times in (
-                    (first, second, 1.0 / gear.ratio),
-                    (second, first, gear.ratio),
-                ):
-                    if near == name and far not in known:
-                        pending.append((far, reduction * times))
-    yield from known.items()
+
+    def follow_gears(name: str, root: str, reduction: float) -> None:
+        known[name] = (root, reduction)
+        for gear in train.gears:
+            first, second = gear.ends
+            ways = ((first, second, 1.0 / gear.ratio), (second, first, gear.ratio))
+            for near, far, times in ways:
+                if near == name and far not in known:
+                    follow_gears(far, root, reduction * times)
+
+    for root in sorted(train.inertias, key=lambda name: (name not in imposed, name in inputs)):
+        if root not in known:
+            follow_gears(root, root, 1.0)
+    return known

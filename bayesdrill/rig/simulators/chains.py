@@ -12,13 +12,13 @@ from bayesdrill.basics.arrays import Array
 from bayesdrill.record.experiment import Experiment
 from bayesdrill.rig.kernels.blocks import SLOPES, BlockShape, write_blocks
 from bayesdrill.rig.kernels.compiling import Kernel, compile_kernel
-from bayesdrill.rig.kernels.exponential import present
 from bayesdrill.rig.kernels.lanes import LANES
 from bayesdrill.rig.kernels.sums import SQUARES, ResidualSums
 from bayesdrill.rig.models.linear import Model
 from bayesdrill.rig.simulators.contract import in_groups, ungrouped
-from bayesdrill.rig.simulators.long_record import input_layout, walker_numbers, walker_slopes
-from bayesdrill.rig.simulators.sensors import ObservationModel, SensorParameters
+from bayesdrill.rig.simulators.exact import constant_block, record_blocks
+from bayesdrill.rig.simulators.long_record import input_layout
+from bayesdrill.rig.simulators.sensors import ObservationModel, Walkers
 from bayesdrill.rig.simulators.stepped import Unstepped
 
 MOST_STATES = 10  # of rigs whose kernels are written out entry by entry
@@ -27,10 +27,7 @@ TOGETHER = (SQUARES.name, "signals")  # what is compiled at once
 
 @dataclass(frozen=True, eq=False)
 class ChainResponse(Unstepped):
-    """The response of a rig of any number of states at even times; no channel is late.
-
-    See `contract.Simulator`; parameters are the model's, then those that `sensing` names.
-    """
+    """The response of a rig of any number of states at even times; no channel is late."""
 
     model: Model
     experiment: Experiment
@@ -40,30 +37,24 @@ class ChainResponse(Unstepped):
         """See `Simulator.sums`."""
         n, k_count = len(full), self.experiment.y.shape[1]
         scales = [] if weights is None else [weights.reshape(n, -1)]
-        out = self._run(tally.name, (k_count * tally.count,), self._numbers(full), *scales)
+        out = self._run(
+            tally.name, (k_count * tally.count,), Walkers(self.sensors, full).numbers, *scales
+        )
         return out.transpose(0, 2, 1).reshape(-1, k_count, tally.count)[:n]
 
     def signals(self, full: Array) -> Array:
         """See `Simulator.signals`."""
-        out = self._run("signals", self.experiment.y.shape, self._numbers(full))
+        out = self._run("signals", self.experiment.y.shape, Walkers(self.sensors, full).numbers)
         return ungrouped(out, len(full))
 
     def sensitivities(self, full: Array, along: Array) -> Array:
         """See `Simulator.sensitivities`."""
         (n, q, p), shape = along.shape, self.experiment.y.shape
         points, directions = np.repeat(full, q, axis=0), along.reshape(n * q, p)
-        with np.errstate(all="ignore"):
-            slopes = walker_slopes(self._sensors, points, directions)
-        out = self._run(SLOPES, shape, self._numbers(points), slopes)
+        walkers = Walkers(self.sensors, points)
+        slopes = Walkers(self.sensors, directions, walkers).numbers
+        out = self._run(SLOPES, shape, walkers.numbers, slopes)
         return ungrouped(out, n * q).reshape(n, q, *shape)
-
-    def course(self, full: Array, along: Array) -> tuple[Array, Array]:
-        """See `Simulator.course`."""
-        return self.signals(full), self.sensitivities(full, along)
-
-    def _numbers(self, full: Array) -> Array:
-        with np.errstate(all="ignore"):
-            return walker_numbers(self._sensors, full)
 
     def _run(self, name: str, shape: tuple[int, ...], *walkers: Array) -> Array:
         """Return what a function writes of each group, `(G, *shape, LANES)`."""
@@ -88,22 +79,12 @@ class ChainResponse(Unstepped):
         return {}
 
     @cached_property
-    def _sensors(self) -> SensorParameters:
-        return SensorParameters(self.model, self.experiment, self.sensing)
-
-    @cached_property
     def _shape(self) -> BlockShape:
-        layout = input_layout(self._sensors.observed_model, self.experiment)
-        layout = dataclasses.replace(layout, lead=self._sensors.lead)
+        layout = input_layout(self.sensors.observed_model, self.experiment)
+        layout = dataclasses.replace(layout, lead=self.sensors.lead)
         return BlockShape(layout, self.experiment.y.shape[1])
 
     @cached_property
     def _blocks(self) -> tuple[Array, Array, Array]:
-        """Constants, record, inputs; the last increment drives nothing that is measured any more."""
-        experiment = self.experiment
-        inputs = [experiment.constant[name] for name in present(experiment.constant)]
-        lead = float(experiment.t[0] - experiment.t_start)
-        series = [np.append(u, u[-1]) for u in experiment.series.values()]
-        u = np.array(series, dtype=np.float64).reshape(len(series), len(experiment.t) + 1).T
-        constants = np.array([experiment.dt, lead, *inputs])
-        return constants, np.ascontiguousarray(experiment.y), np.ascontiguousarray(u)
+        """Constants, record, inputs."""
+        return (constant_block(self.experiment, (), np.zeros(0)), *record_blocks(self.experiment))

@@ -9,10 +9,10 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -26,13 +26,11 @@ from bayesdrill.rig.kernels.rational_basis import BasisShape
 from bayesdrill.rig.kernels.sums import SQUARES, ResidualSums
 from bayesdrill.rig.models.linear import Model, Tangent
 from bayesdrill.rig.simulators.contract import Simulator, in_groups
-from bayesdrill.rig.simulators.delays import Delays, RecordHead
+from bayesdrill.rig.simulators.delays import NOT_LATE, Delays, RecordHead
 from bayesdrill.rig.simulators.long_record import (
     LongRecord,
     input_layout,
     starts,
-    walker_numbers,
-    walker_slopes,
 )
 from bayesdrill.rig.simulators.rational_basis import (
     BLOCK,
@@ -43,7 +41,7 @@ from bayesdrill.rig.simulators.rational_basis import (
     choose_basis,
     triangle,
 )
-from bayesdrill.rig.simulators.sensors import ObservationModel
+from bayesdrill.rig.simulators.sensors import ObservationModel, Walkers
 from bayesdrill.rig.simulators.stepped import Unstepped
 
 TOLERANCE = 1e-7  # of the log likelihood
@@ -57,19 +55,47 @@ DIGITS = (12, 26, 2)  # of a response that functions are to have: first, last, a
 class Compression:
     """A record along functions, which is small whatever the record's length.
 
-    `shape`, `numbers`, `orders`, `frame`: what kernels know of record and functions.  `reference (n,
-    K)`: coefficients of the reference, from which all is a difference.  `tolerance (K, sums)`: what
-    sums of squares may be wrong by.
+    `shape`, `orders`, `frame`: what kernels know of the functions.  `reference (n, K)`: coefficients
+    of the reference, from which all is a difference.  For a rig alone: `numbers` of the record,
+    `tolerance (K, sums)`, what sums of squares may be wrong by, and `delays`.
     """
 
     shape: BasisShape
-    numbers: Array
     orders: Counts
     frame: Array
     record: Triangle
     reference: Array
+    numbers: Array
     tolerance: Array
     delays: Delays
+
+    @classmethod
+    def of_nothing(
+        cls, basis: Basis, record: LongRecord, sizes: Array, **settings: Any
+    ) -> Compression:
+        """Return that of a record that is zero, and of a reference that does nothing.
+
+        `sizes`: of series, and of channels that are sources; `settings`: what else the shape has.
+        """
+        poles = tuple(pole.size for pole in basis.poles)
+        shape = BasisShape(poles=poles, integrators=basis.integrators, **settings)
+        orders = np.array([pole.order for pole in basis.poles], dtype=np.int64)
+        still = [1.0] * shape.impulse + [math.sqrt(record.count)] * shape.constant
+        empty = triangle((), shape.columns(orders), shape.sums, [slice(0, shape.channels)])
+        return cls(
+            shape=shape,
+            orders=orders,
+            frame=basis.frame([*still, *sizes], record.first_inputs),
+            record=empty,
+            reference=np.zeros((empty.matrix.shape[-1], shape.channels)),
+            numbers=NONE,
+            tolerance=NONE,
+            delays=NOT_LATE,
+        )
+
+    def triangle(self, blocks: Iterable[tuple[Array, Array]], alike: Sequence[slice]) -> Triangle:
+        """Put the blocks of a record into triangles, see `rational_basis.triangle`."""
+        return triangle(blocks, self.shape.columns(self.orders), self.shape.sums, alike)
 
     def applied(self, simulator: Simulator) -> CompressedSimulator:
         """Return a simulator that has this compression, in the place of another where it has one."""
@@ -215,21 +241,16 @@ class CompressedSimulator(Unstepped):
         return self.compression.delays.head(self.whole, record.at) if record else None
 
     def _walkers(self, full: Array) -> Array:
-        with np.errstate(all="ignore"):
-            numbers = walker_numbers(self.sensors, full)
-        if not self._shape.delays:
-            return numbers
-        late = self.compression.delays.numbers(self.sensors, full)
-        return np.concatenate([numbers, late], axis=1)
+        delays = self.compression.delays
+        late = [delays.numbers(self.sensors, full)] if self._shape.delays else []
+        return np.concatenate([Walkers(self.sensors, full).numbers, *late], axis=1)
 
     def _walker_slopes(self, full: Array, along: Array) -> Array:
         """Return the slopes `(n, P')` of what walkers have."""
-        with np.errstate(all="ignore"):
-            slopes = walker_slopes(self.sensors, full, along)
-        if not self._shape.delays:
-            return slopes
-        late = self.compression.delays.slopes(self.sensors, full, along)
-        return np.concatenate([slopes, late], axis=1)
+        delays = self.compression.delays
+        late = [delays.slopes(self.sensors, full, along)] if self._shape.delays else []
+        slopes = Walkers(self.sensors, along, Walkers(self.sensors, full)).numbers
+        return np.concatenate([slopes, *late], axis=1)
 
     def _run(self, blocks: dict[str, Array], q: int = 0) -> tuple[Array, Array]:
         """Run the kernel on blocks `(W, ...)`; returns its numbers `(W, n)`, and scratch."""
@@ -281,68 +302,36 @@ def compress(simulator: Simulator, points: Array, variances: Array, weights: Arr
     record = even_record(simulator)
     if record is None:
         raise CompressionError(obstacle(simulator))
-    delays = Delays.near(record.sensors, points, record.step)
+    sensors, (k_count, sums) = record.sensors, weights.shape
+    delays = Delays.near(sensors, points, record.step)
     record = dataclasses.replace(record, shifts=delays.shifts)
-    compressor = _Compressor(simulator, record, delays, weights)
-    basis, made = compressor.sufficient(points, variances)
-    left = record.residuals(points[0])
-    parts = column_blocks(record, basis, made.compression.shape, left)
-    columns = made.compression.shape.columns(made.compression.orders)
-    known = triangle(parts, columns, weights.shape[1], record.alike)
+    with np.errstate(all="ignore"):
+        rates = Walkers(sensors, points).system[0]
+    sizes = np.linalg.norm(record.inputs(0, record.count) - record.first_inputs, axis=0)
+    constants = present(sensors.experiment.constant).values()
+    n = np.array(simulator.experiment.counts, dtype=float)
+    usual = np.stack([n, 4.0 * n, np.full(len(n), 2.0)], axis=1)[:, :sums]
+    for digits in range(*DIGITS):  # until the bound is small enough at nearly all points
+        basis = choose_basis(rates, record.step, 10.0**-digits)
+        nothing = Compression.of_nothing(
+            basis, record, sizes, layout=record.layout, channels=k_count,
+            impulse=starts(sensors), sums=sums, delays=delays.steps,
+        )  # fmt: skip
+        nothing.record.projected[..., -1] = variances[:, None] * usual  # it leaves noise alone
+        made = dataclasses.replace(
+            nothing,
+            numbers=np.array([record.step, *constants]),
+            tolerance=2.0 * TOLERANCE / np.maximum(np.abs(weights), LEAST) / weights.size,
+            delays=delays,
+        ).applied(simulator)
+        if np.mean(made.exceeds_bound(points)) <= MAX_BEYOND:
+            break
+    else:
+        raise CompressionError("the bound of what functions leave stays too large")
+    blocks = column_blocks(record, basis, nothing.shape, record.residuals(points[0]))
+    known = nothing.triangle(blocks, record.alike)
     reference = made.coefficients(points[:1], late=False)
     return dataclasses.replace(made.compression, record=known, reference=reference)
-
-
-@dataclass(frozen=True, slots=True)
-class _Compressor:
-    """Compresses a `record`; `weights (K, sums)` as `compress` has them."""
-
-    simulator: Simulator
-    record: LongRecord
-    delays: Delays
-    weights: Array
-
-    def sufficient(self, points: Array, variances: Array) -> tuple[Basis, CompressedSimulator]:
-        """Return the fewest functions whose bound is small enough at nearly all points.
-
-        With a simulator of a record that leaves noise alone, and of a reference that is nothing yet.
-        """
-        with np.errstate(all="ignore"):
-            rates = self.record.sensors.linear_system(points)[0]
-        inputs = self.record.inputs(0, self.record.count) - self.record.first_inputs
-        sizes = np.linalg.norm(inputs, axis=0)
-        n = np.array(self.simulator.experiment.counts, dtype=float)
-        usual = np.stack([n, 4.0 * n, np.full(len(n), 2.0)], axis=1)[:, : self.weights.shape[1]]
-        for digits in range(*DIGITS):
-            basis = choose_basis(rates, self.record.step, 10.0**-digits)
-            made = self._nothing(basis, sizes)
-            made.compression.record.projected[..., -1] = variances[:, None] * usual
-            if np.mean(made.exceeds_bound(points)) <= MAX_BEYOND:
-                return basis, made
-        raise CompressionError("the bound of what functions leave stays too large")
-
-    def _nothing(self, basis: Basis, sizes: Array) -> CompressedSimulator:
-        """Return a simulator of nothing, under series of these `sizes`."""
-        sensors, (k_count, sums) = self.record.sensors, self.weights.shape
-        shape = BasisShape(
-            layout=self.record.layout, poles=tuple(pole.size for pole in basis.poles),
-            integrators=basis.integrators, channels=k_count, impulse=starts(sensors), sums=sums,
-            delays=self.delays.steps,
-        )  # fmt: skip
-        orders = [pole.order for pole in basis.poles]
-        still = [1.0] * shape.impulse + [math.sqrt(self.record.count)] * shape.constant
-        empty = triangle((), shape.columns(orders), sums, [slice(0, k_count)])
-        constants = present(sensors.experiment.constant).values()
-        return Compression(
-            shape=shape,
-            numbers=np.array([self.record.step, *constants]),
-            orders=np.array(orders, dtype=np.int64),
-            frame=basis.frame([*still, *sizes], self.record.first_inputs),
-            record=empty,
-            reference=np.zeros((empty.matrix.shape[-1], k_count)),
-            tolerance=2.0 * TOLERANCE / np.maximum(np.abs(self.weights), LEAST) / self.weights.size,
-            delays=self.delays,
-        ).applied(self.simulator)
 
 
 def column_blocks(

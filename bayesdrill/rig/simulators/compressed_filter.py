@@ -7,13 +7,12 @@ what the record becomes are innovations.  Slopes and smoothing have all samples.
 from __future__ import annotations
 
 import dataclasses
-import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 
-from bayesdrill.basics.arrays import PART, Array, Counts, Flags
+from bayesdrill.basics.arrays import Array, Flags
 from bayesdrill.rig.kernels.compiling import compile_kernel
 from bayesdrill.rig.kernels.compressed_filter import (
     BLOCKS,
@@ -23,22 +22,17 @@ from bayesdrill.rig.kernels.compressed_filter import (
     write_compressed_filter,
 )
 from bayesdrill.rig.kernels.lanes import LANES
-from bayesdrill.rig.kernels.rational_basis import BasisShape
 from bayesdrill.rig.simulators.compressed import (
     MAX_BEYOND,
     TOLERANCE,
+    Compression,
     column_blocks,
     even_record,
 )
 from bayesdrill.rig.simulators.contract import Simulator, in_groups
 from bayesdrill.rig.simulators.kalman import KalmanFilter
-from bayesdrill.rig.simulators.long_record import Long, LongRecord, long_states
-from bayesdrill.rig.simulators.rational_basis import (
-    CompressionError,
-    Triangle,
-    basis_of,
-    triangle,
-)
+from bayesdrill.rig.simulators.long_record import Long, LongRecord
+from bayesdrill.rig.simulators.rational_basis import CompressionError, basis_of
 
 DIGITS = (4, 26, 2)  # of a response that functions are to have: first, last, and steps between
 FAR = 0.1  # of points, that may have no bound: filters move far with the torque, others are closer
@@ -46,16 +40,9 @@ FAR = 0.1  # of points, that may have no bound: filters move far with the torque
 
 @dataclass(frozen=True, eq=False, repr=False)
 class CompressedFilter(KalmanFilter):
-    """A filter by the record's triangle, and by all samples where that is not enough.
+    """A filter by the record's triangle, and by all samples where that is not enough."""
 
-    `shape`, `orders`, `frame`, `record`, `reference`: see `compressed.Compression`.
-    """
-
-    shape: BasisShape
-    orders: Counts
-    frame: Array
-    record: Triangle
-    reference: Array
+    compression: Compression
 
     @property
     def by_samples(self) -> KalmanFilter:
@@ -65,7 +52,7 @@ class CompressedFilter(KalmanFilter):
     @property
     def functions(self) -> int:
         """See `KalmanFilter.functions`."""
-        return len(self.reference)
+        return len(self.compression.reference)
 
     def log_density(self, parameters: Array, sigmas: Array, record: tuple[int, int]) -> Array:
         """See `KalmanFilter.log_density`."""
@@ -85,18 +72,19 @@ class CompressedFilter(KalmanFilter):
         reference's.
         """
         k, columns, count = self.system.k, self.functions, len(parameters)
+        known, shape = self.compression, self.compression.shape
         walkers = in_groups(parameters, sigmas**2)
         bounds = np.empty((len(walkers), k, LANES))
         out = np.empty((2 * k + 1, len(walkers) * LANES))
-        scratch = np.empty((self.shape.scratch_size(columns, 2), LANES))
+        scratch = np.empty((shape.scratch_size(columns, 2), LANES))
         blocks = {
-            "told": walkers, "constants": self.constants[0], "frame": self.frame,
-            "orders": self.orders, "reference": self.reference, "bounds": bounds, "out": out,
-            "triangles": self.record.matrix, "projected": self.record.projected,
+            "told": walkers, "constants": self.constants[0], "frame": known.frame,
+            "orders": known.orders, "reference": known.reference, "bounds": bounds, "out": out,
+            "triangles": known.record.matrix, "projected": known.record.projected,
             "scratch": scratch,
         }  # fmt: skip
         counts = (len(walkers), len(self.experiment.t), columns, 0, columns**2)
-        structures = (self.system, self.layout, self.shape)
+        structures = (self.system, self.layout, shape)
         kernel = compile_kernel(write_compressed_filter, *structures)
         kernel["steadily"](*counts, *(blocks[name].ctypes.data for name in BLOCKS))
         with np.errstate(all="ignore"):
@@ -105,7 +93,7 @@ class CompressedFilter(KalmanFilter):
             squares = np.fmax(np.abs(2.0 * out[:k]), len(self.experiment.t))
             errors = (np.sqrt(squares) * sizes + 0.5 * sizes**2).sum(axis=0)
             terms = self._terms(out)
-        coefficients = scratch[self.shape.coefficients_at :][: columns * k, 0].reshape(columns, k)
+        coefficients = scratch[shape.coefficients_at :][: columns * k, 0].reshape(columns, k)
         return terms[:count], errors[:count], np.ascontiguousarray(coefficients)
 
 
@@ -151,7 +139,7 @@ def compress_filter(
         raise CompressionError(filter_obstacle(response))
     with np.errstate(all="ignore"):
         loops = closed_loops(filtered, parameters, sigmas)
-    x, together = loops[2].shape[2], [slice(0, k_count)]
+    x = loops[2].shape[2]
     falls = loops[1][:, :x].swapaxes(1, 2) - np.eye(x)
     inputs, (y, before) = record.inputs(0, record.count), _channel_sources(filtered)
     sources = np.concatenate([inputs - record.first_inputs, y], axis=1)
@@ -159,17 +147,11 @@ def compress_filter(
     share = 1.0
     for digits in range(*DIGITS):
         basis = basis_of(falls, np.zeros((x, 0)), 10.0**-digits)
-        shape = BasisShape(
-            layout=filtered.layout, poles=tuple(pole.size for pole in basis.poles), integrators=0,
-            channels=k_count, impulse=True, measured=k_count,
+        nothing = Compression.of_nothing(
+            basis, record, sizes, layout=filtered.layout, channels=k_count, impulse=True,
+            measured=k_count,
         )  # fmt: skip
-        orders = np.array([pole.order for pole in basis.poles], dtype=np.int64)
-        still = [1.0] + [math.sqrt(record.count)] * shape.constant
-        frame = basis.frame([*still, *sizes], record.first_inputs)
-        empty = triangle((), shape.columns(orders), 1, together)
-        nothing = np.zeros((empty.matrix.shape[-1], k_count))
-        fields = (filtered.model, filtered.torque, filtered.experiment)
-        made = CompressedFilter(*fields, shape, orders, frame, empty, nothing)
+        made = CompressedFilter(filtered.model, filtered.torque, filtered.experiment, nothing)
         before_that, share = share, float(np.mean(made.exceeds_bound(parameters, sigmas)))
         if share <= MAX_BEYOND or share == before_that <= FAR:  # more functions would not help
             break
@@ -178,12 +160,11 @@ def compress_filter(
     start = np.array(filtered.augmented.initial_state(filtered.experiment.start))
     first = (loops[0][0], loops[1][0], loops[2][0])
     left = _innovations(first, record, y, start + before @ loops[1][0, x:])
-    blocks = column_blocks(record, basis, shape, left, before)
-    return dataclasses.replace(
-        made,
-        record=triangle(blocks, shape.columns(orders), 1, together),
-        reference=made.expanded(parameters[:1], sigmas[:1])[2],
-    )
+    blocks = column_blocks(record, basis, nothing.shape, left, before)
+    known = nothing.triangle(blocks, [slice(0, k_count)])
+    reference = made.expanded(parameters[:1], sigmas[:1])[2]
+    compression = dataclasses.replace(nothing, record=known, reference=reference)
+    return dataclasses.replace(made, compression=compression)
 
 
 def _innovations(
@@ -193,20 +174,15 @@ def _innovations(
 
     `y (T, K)`: what channels are as sources; `start (X,)`.
     """
-    x, series = len(start), record.layout.n_series
+    x, first = len(start), 0
     predictions, following, columns = (part.astype(Long) for part in loop)
-    fall, state = following[:x].T - np.eye(x, dtype=Long), start.astype(Long)
-    for first in range(0, len(y), PART):
-        seen = y[first : first + PART]
-        inputs = record.inputs(first, first + len(seen) + 1)
-        u = inputs.astype(Long)
-        drive = columns[0] + u[:-1] @ columns[1 : 1 + series] + seen @ following[x:]
-        if record.layout.first_order:
-            drive = drive + np.diff(u, axis=0) @ columns[1 + series :]
-        states = long_states(fall, drive, state)
-        state = states[-1]
-        left = -(states[:-1] @ predictions[:x] + seen @ predictions[x:])
-        yield np.concatenate([inputs[:-1], seen], axis=1), np.asarray(left, dtype=float)
+    fall = following[:x].T - np.eye(x, dtype=Long)
+    sources = (y, following[x:])
+    for inputs, states in record.courses(fall, columns, start.astype(Long), sources):
+        seen = y[first : first + len(inputs)]
+        first += len(inputs)
+        left = -(states @ predictions[:x] + seen @ predictions[x:])
+        yield np.concatenate([inputs, seen], axis=1), np.asarray(left, dtype=float)
 
 
 def _channel_sources(filtered: KalmanFilter) -> tuple[Array, Array]:

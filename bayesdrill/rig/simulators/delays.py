@@ -85,6 +85,9 @@ class Delays:
         return RecordHead(*map(simulator.of, parts))
 
 
+NOT_LATE = Delays(1.0, (), 0)
+
+
 @dataclass(frozen=True, slots=True)
 class RecordHead:
     """The first samples: those up to the first of which there are functions, and that one alone.

@@ -28,18 +28,13 @@ from bayesdrill.rig.simulators.long_record import LongRecord, input_layout
 from bayesdrill.rig.simulators.sensors import ObservationModel
 from bayesdrill.rig.simulators.stepped import Unstepped
 
-MAX_GROUPED = (
-    8_000_000  # numbers of a record: of more, no memory is taken for eight walkers at once
-)
+# Numbers of a record: of more, no memory is taken for eight walkers at once.
+MAX_GROUPED = 8_000_000
 
 
 @dataclass(frozen=True, eq=False)
 class Response(Unstepped):
-    """The response of `model` in `experiment`; kernels are compiled when they are first asked for.
-
-    Parameters come as `(W, P)`, columns in the order of `model.parameters`, SI.  A walker whose
-    numbers overflow gets NaN in its own row alone.  `together`: what is compiled at once.
-    """
+    """The response of `model` in `experiment`; `together`: kernels that are compiled at once."""
 
     model: Model
     experiment: Experiment
@@ -56,15 +51,11 @@ class Response(Unstepped):
 
     @cached_property
     def _blocks(self) -> tuple[Array, Array, Array]:
-        """Constants, record, inputs; the last increment drives nothing that is measured any more."""
-        series = [np.append(u, u[-1]) for u in self.experiment.series.values()]
-        y = np.ascontiguousarray(self.experiment.y)
-        u = np.array(series, dtype=np.float64).reshape(len(series), len(y) + 1).T
+        """Constants, record, inputs."""
         start = [self.experiment.start.get(name, 0.0) for name in self.model.states]
-        constants = constant_block(
-            self.experiment, start, self.experiment.weights(self.model.states)
-        )
-        return constants, y, np.ascontiguousarray(u)
+        weights = self.experiment.weights(self.model.states)
+        constants = constant_block(self.experiment, start, weights)
+        return (constants, *record_blocks(self.experiment))
 
     @cached_property
     def _addresses(self) -> tuple[int, int, int]:
@@ -140,12 +131,22 @@ class Response(Unstepped):
     @cached_property
     def _tangent(self) -> Response:
         """The response whose channels are the slopes of those of the rig."""
-        return _of_tangent(self.model, self.experiment, _slopes(self.experiment))
+        return self._of_tangent(())
 
     @cached_property
     def _both(self) -> Response:
-        channels = (*_slopes(self.experiment), *self.experiment.channels)
-        return _of_tangent(self.model, self.experiment, channels)
+        return self._of_tangent(self.experiment.channels)
+
+    def _of_tangent(self, further: tuple[Channel, ...]) -> Response:
+        """Return the response of the tangent, with no record: slopes of channels, and `further` ones."""
+        slopes = (
+            dataclasses.replace(c, weights={name + DOT: w for name, w in c.weights.items()})
+            for c in self.experiment.channels
+        )
+        channels = (*slopes, *further)
+        y = np.zeros((len(self.experiment.t), len(channels)))
+        record = dataclasses.replace(self.experiment, channels=channels, y=y)
+        return Response(Tangent(self.model), record, ("signals",))
 
     def along(self, theta: Array, directions: Array) -> Array:
         """Return the channels `(W, q, T, K)` of a tangent, in `directions (W, q, P)`."""
@@ -156,21 +157,6 @@ class Response(Unstepped):
     def _run(self, name: str, blocks: Array, out: Array) -> None:
         addresses = (blocks.ctypes.data, *self._addresses, out.ctypes.data)
         self._function(name)(len(blocks), len(self.experiment.t), *addresses)
-
-
-def _of_tangent(model: Model, experiment: Experiment, channels: tuple[Channel, ...]) -> Response:
-    """Return the response of the tangent of `model`, with no record."""
-    y = np.zeros((len(experiment.t), len(channels)))
-    record = dataclasses.replace(experiment, channels=channels, y=y)
-    return Response(Tangent(model), record, ("signals",))
-
-
-def _slopes(experiment: Experiment) -> tuple[Channel, ...]:
-    """Return the derivatives of its channels, as channels."""
-    return tuple(
-        dataclasses.replace(channel, weights={name + DOT: w for name, w in channel.weights.items()})
-        for channel in experiment.channels
-    )
 
 
 def layout(model: Model, experiment: Experiment) -> Layout:
@@ -190,3 +176,10 @@ def constant_block(experiment: Experiment, start: Sequence[float], weights: Arra
     spans = (experiment.dt, float(experiment.t[0] - experiment.t_start))
     inputs = present(experiment.constant).values()
     return np.array([*spans, *inputs, *start, *np.ravel(weights)])
+
+
+def record_blocks(experiment: Experiment) -> tuple[Array, Array]:
+    """Return record and inputs; the last increment drives nothing that is measured any more."""
+    series = [np.append(u, u[-1]) for u in experiment.series.values()]
+    u = np.array(series, dtype=np.float64).reshape(len(series), len(experiment.t) + 1).T
+    return np.ascontiguousarray(experiment.y), np.ascontiguousarray(u)

@@ -31,8 +31,8 @@ from bayesdrill.rig.kernels.knots import (
 from bayesdrill.rig.kernels.lanes import LANES
 from bayesdrill.rig.kernels.sums import ResidualSums
 from bayesdrill.rig.models.linear import Model, Tangent
-from bayesdrill.rig.simulators.contract import Simulator, in_groups, ungrouped
-from bayesdrill.rig.simulators.sensors import LinearSystem, ObservationModel
+from bayesdrill.rig.simulators.contract import in_groups, ungrouped
+from bayesdrill.rig.simulators.sensors import ObservationModel, Walkers
 from bayesdrill.rig.simulators.stepped import Unstepped
 from bayesdrill.rig.simulators.time_grid import Grid, build_grid, runs
 
@@ -80,7 +80,8 @@ class Dense:
         self._farthest = float(steps.max()) if len(steps) else 0.0
         self._blocks = self._constant(series, constant)
         self._addresses = {name: block.ctypes.data for name, block in self._blocks.items()}
-        self._whole = len(g.at) == len(g.t) - 1  # no knot but samples
+        # Where samples are among knots: a slice copies faster.
+        self._at: Any = slice(len(g.at)) if len(g.at) == len(g.t) - 1 else g.at
         self._pattern: Mask | None = None
         self._entries: Pattern = ()
 
@@ -104,12 +105,8 @@ class Dense:
         """Return sums `(W, K, n)` of residuals of the record `y (T, K)`; `weights (W, K m)` if any."""
         n, k_count = len(walkers[0]), y.shape[1]
         out = np.empty((-(-n // LANES), k_count * tally.count, LANES))
-        full = np.empty((len(self._grid.t), y.shape[1]))
-        if self._whole:
-            full[:-1], full[-1] = y, np.nan
-        else:
-            full.fill(np.nan)
-            full[self._grid.at] = y
+        full = np.full((len(self._grid.t), y.shape[1]), np.nan)
+        full[self._at] = y
         self._run(walkers, full, out, tally, weights)
         return out.transpose(0, 2, 1).reshape(-1, k_count, tally.count)[:n]
 
@@ -125,8 +122,7 @@ class Dense:
         n, k_count = rows.shape[:2]
         out = np.empty((-(-n // LANES), len(self._grid.t), k_count, LANES))
         self._run((parameters, x0, before, shift, rows), NONE, out)
-        at = out[:, :-1] if self._whole else out[:, self._grid.at]
-        return ungrouped(at, n)
+        return ungrouped(out[:, self._at], n)
 
     def _run(
         self,
@@ -229,35 +225,25 @@ def _driven(g: Grid, inputs: Array, first_order: bool) -> tuple[Array, Array]:
 
 @dataclass(frozen=True)
 class IrregularSimulator(Unstepped):
-    """Simulates linear rigs at uneven times and with sensors of their own.
-
-    See `contract.Simulator`; parameters are the model's, then those that `sensing` names.
-    """
+    """Simulates linear rigs at uneven times and with sensors of their own."""
 
     model: Model
     experiment: Experiment
     sensing: ObservationModel
 
-    def with_record(self, y: Array) -> Simulator:
-        """See `Simulator.with_record`; kernels are shared, as no record has a part in them."""
-        other = super().with_record(y)
-        for name in ("_dense", "_tangent"):  # which no record has a part in
-            if name in self.__dict__:
-                other.__dict__[name] = self.__dict__[name]
-        return other
-
     def signals(self, full: Array) -> Array:
         """See `Simulator.signals`."""
         with np.errstate(all="ignore"):
-            return self.sensors.drop_start(self._dense.signals(*self._settings(full)))
+            return self.sensors.drop_start(
+                self._dense.signals(*self._settings(Walkers(self.sensors, full)))
+            )
 
     def sums(self, full: Array, tally: ResidualSums, weights: Array | None = None) -> Array:
         """See `Simulator.sums`."""
         channel_weights = None if weights is None else weights.reshape(len(full), -1)
         with np.errstate(all="ignore"):
-            return self._dense.sums(
-                self._settings(full), self.sensors.padded, tally, channel_weights
-            )
+            settings = self._settings(Walkers(self.sensors, full))
+            return self._dense.sums(settings, self.sensors.padded, tally, channel_weights)
 
     def sensitivities(self, full: Array, along: Array) -> Array:
         """See `Simulator.sensitivities`."""
@@ -266,10 +252,6 @@ class IrregularSimulator(Unstepped):
         with np.errstate(all="ignore"):
             slopes = self._slopes(points, along.reshape(n * q, -1))
         return slopes.reshape(n, q, *self.experiment.y.shape)
-
-    def course(self, full: Array, along: Array) -> tuple[Array, Array]:
-        """See `Simulator.course`."""
-        return self.signals(full), self.sensitivities(full, along)
 
     # What `Dense` is told.
 
@@ -286,56 +268,45 @@ class IrregularSimulator(Unstepped):
         constant, first_order = self.experiment.constant, self.experiment.first_order
         return Dense(model, t, series, constant, first_order, self.sensors.grid)
 
-    def _settings(self, full: Array) -> tuple[Array, Array, Array, Array | None, Array]:
-        w = self.sensors
-        system = w.linear_system(full)
-        start = w.initial_state(system, full)
-        before = w.initial_rate(system, start)
-        rows = w.rows(w.gains(full), full)
+    def _settings(self, walkers: Walkers) -> tuple[Array, Array, Array, Array | None, Array]:
+        w, rows = self.sensors, walkers.rows
         rows = np.concatenate([rows, np.zeros((*rows.shape[:2], len(w.inputs)))], axis=2)
-        shift = w.channel_delays(full) if self.sensing.shifts else None
-        return w.simulator_parameters(full), start, before, shift, rows
+        shift = w.channel_delays(walkers.full) if self.sensing.shifts else None
+        return walkers.parameters, walkers.start, walkers.before, shift, rows
 
     def _slopes(self, full: Array, along: Array) -> Array:
         """Return d signal along `along (n, P)` at `full (n, P)`: `(n, T, K)`."""
-        w = self.sensors
-        parameters, start, before, shift, rows = self._settings(full)
-        system, x = w.tangent_system(full, along), start.shape[1]
-        matrix, by_input, forcing = system
+        w, walkers = self.sensors, Walkers(self.sensors, full)
+        changes = Walkers(w, along, walkers)
+        parameters, start, before, shift, rows = self._settings(walkers)
+        x, (matrix, by_input, forcing) = start.shape[1], changes.system
         slopes = np.zeros((*rows.shape[:2], rows.shape[2] + x))
-        gains, later = w.gains(full)[:, :, None], w.channel_delays(along)[:, :, None]
-        slopes[:, :, :x] = w.channel_values(self.sensing.gains, along)[:, :, None] * w.weights
-        slopes[:, :, x : 2 * x] = gains * w.weights
-        slopes[:, :, 2 * x] = w.channel_values(self.sensing.offsets, along)
-        ahead = later * gains * w.weights  # d signal / d lag = - gain c . x'
+        slopes[:, :, :x], slopes[:, :, 2 * x] = changes.rows[:, :, :x], changes.rows[:, :, x]
+        slopes[:, :, x : 2 * x] = rows[:, :, :x]
+        later = w.channel_delays(along)[:, :, None]
+        ahead = later * w.gains(full)[:, :, None] * w.weights  # d signal / d lag = - gain c . x'
         slopes[:, :, :x] -= np.einsum("nkx,nxy->nky", ahead, matrix[:, :x, :x])
         slopes[:, :, 2 * x] -= np.einsum("nkx,nx->nk", ahead, forcing[:, :x])
         slopes[:, :, 2 * x + 1 :] -= np.einsum("nkx,nxs->nks", ahead, by_input[:, :x])
-        begin = np.concatenate([start, w.initial_state_slope(system, along)], axis=1)
-        earlier = np.concatenate([before, w.initial_rate_slope(system, begin)], axis=1)
-        both = np.concatenate([parameters, w.simulator_parameters(along)], axis=1)
+        begin = np.concatenate([start, changes.start], axis=1)
+        earlier = np.concatenate([before, changes.before], axis=1)
+        both = np.concatenate([parameters, changes.parameters], axis=1)
         sensitivities = w.drop_start(self._tangent.signals(both, begin, earlier, shift, slopes))
         if shift is not None:
-            self._mend_before(sensitivities, shift, ahead, begin, earlier, system)
+            self._mend_before(sensitivities, shift, ahead, walkers, changes)
         return sensitivities
 
     def _mend_before(
-        self,
-        sensitivities: Array,
-        shift: Array,
-        ahead: Array,
-        begin: Array,
-        earlier: Array,
-        system: LinearSystem,
+        self, sensitivities: Array, shift: Array, ahead: Array, walkers: Walkers, changes: Walkers
     ) -> None:
         """Correct sensitivities before the start, where states go on straight."""
         x = self.sensors.weights.shape[1]
         when = self.experiment.t[None, :, None] - shift[:, None, :] - self.experiment.t_start
         if not (early := when < 0).any():
             return
-        matrix, by_input, forcing = (part[:, :x] for part in system)
+        matrix, by_input, forcing = (part[:, :x] for part in changes.system)
         n, t, k = np.nonzero(early)
-        here = begin[n, :x] + when[early][:, None] * earlier[n, :x]
+        here = walkers.start[n] + when[early][:, None] * walkers.before[n]
         moved = np.einsum("axy,ay->ax", matrix[n][:, :, :x], here) + forcing[n]
         moved += np.einsum("axs,s->ax", by_input[n], self.sensors.first_inputs)
-        sensitivities[n, t, k] += np.einsum("ax,ax->a", ahead[n, k], moved - earlier[n, :x])
+        sensitivities[n, t, k] += np.einsum("ax,ax->a", ahead[n, k], moved - walkers.before[n])

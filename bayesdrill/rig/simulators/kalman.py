@@ -195,7 +195,9 @@ class KalmanFilter:
         others are those of one sample given the samples before it.
         """
         filtered = self._run("whiten", [parameters], [sigmas**2], [self._filled(residuals)], 2)
-        return self._masked(filtered[..., 0]), filtered[..., 1]
+        whitened, variances = filtered[..., 0], filtered[..., 1]
+        whitened[:, ~self.experiment.seen] = np.nan
+        return whitened, variances
 
     def slopes(
         self,
@@ -227,10 +229,6 @@ class KalmanFilter:
 
     def _filled(self, residuals: Array) -> Array:
         return np.where(self.experiment.seen, residuals, 0.0)
-
-    def _masked(self, samples: Array) -> Array:
-        samples[:, ~self.experiment.seen] = np.nan
-        return samples
 
     def _run(
         self,

@@ -17,7 +17,7 @@ from bayesdrill.basics.arrays import PART, Array
 from bayesdrill.record.experiment import Experiment
 from bayesdrill.rig.kernels.exponential import Layout, present
 from bayesdrill.rig.models.linear import Model
-from bayesdrill.rig.simulators.sensors import SensorParameters
+from bayesdrill.rig.simulators.sensors import SensorParameters, Walkers
 from bayesdrill.rig.simulators.time_grid import Whole
 
 Long = np.longdouble
@@ -71,8 +71,8 @@ class LongRecord:
     def responses(self, full: Array, kind: type = Long) -> Iterator[tuple[Array, LongArray]]:
         """Yield inputs `(m, S)` and channels `(m, K)` of the rig `full (P,)`, part after part."""
         layout, sensors = self.layout, self.sensors
-        x, series = layout.n_states, layout.n_series
-        numbers = walker_numbers(sensors, full[None])[0]
+        x = layout.n_states
+        numbers = Walkers(sensors, full[None]).numbers[0]
         p = layout.n_parameters
         constants = present(sensors.experiment.constant).values()
         matrix = np.zeros((layout.size, layout.size), dtype=Long)
@@ -80,17 +80,36 @@ class LongRecord:
             matrix[row, column] += value if row >= x else Long(value) * Long(self.step)
         step: LongArray = long_exponential(matrix).astype(kind)
         rows = numbers[p + x :].reshape(-1, x + 1).astype(kind)
-        state = numbers[p : p + x].astype(kind)
+        start = numbers[p : p + x].astype(kind)
+        for inputs, states in self.courses(step[:x, :x], step[:x, x:].T, start):
+            yield inputs, states @ rows[:, :x].T + rows[:, x]
+
+    def courses(
+        self,
+        fall: LongArray,
+        columns: LongArray,
+        state: LongArray,
+        sources: tuple[Array, LongArray] | None = None,
+    ) -> Iterator[tuple[Array, LongArray]]:
+        """Yield inputs `(m, S)` and states `(m, X)`, see `long_states`, part after part.
+
+        `columns (1 + S, X)`: of one and of inputs, then of their increments where they change
+        straight; `sources`: further signals `(T, K)`, and their columns.
+        """
+        layout = self.layout
+        series = layout.n_series
         for first in range(0, self.length, PART):
             last = min(first + PART, self.length)
             inputs = self.inputs(first, last + 1)
-            u: LongArray = inputs.astype(kind)
-            drive = step[:x, x] + u[:-1] @ step[:x, x + 1 : x + 1 + series].T
+            u: LongArray = inputs.astype(fall.dtype)
+            drive = columns[0] + u[:-1] @ columns[1 : 1 + series]
+            if sources is not None:
+                drive = drive + sources[0][first:last] @ sources[1]
             if layout.first_order:
-                drive = drive + np.diff(u, axis=0) @ step[:x, x + 1 + series :].T
-            states = long_states(step[:x, :x], drive, state)
+                drive = drive + np.diff(u, axis=0) @ columns[1 + series :]
+            states = long_states(fall, drive, state)
             state = states[-1]
-            yield inputs[:-1], states[:-1] @ rows[:, :x].T + rows[:, x]
+            yield inputs[:-1], states[:-1]
 
     @property
     def alike(self) -> list[slice]:
@@ -141,25 +160,6 @@ def starts(sensors: SensorParameters) -> bool:
     """Tell whether the start moves the rig, or may."""
     sensing, start = sensors.sensing, sensors.experiment.start
     return sensing.steady or bool(sensing.states) or any(start.values())
-
-
-def walker_numbers(sensors: SensorParameters, full: Array) -> Array:
-    """Return what walkers `full (W, P)` have: parameters, start, rows `(W, P' + X + K (X + 1))`."""
-    n = len(full)
-    system = sensors.linear_system(full) if sensors.sensing.steady else None
-    start = sensors.initial_state(system, full)
-    rows = sensors.rows(sensors.gains(full), full)
-    return np.concatenate([sensors.simulator_parameters(full), start, rows.reshape(n, -1)], axis=1)
-
-
-def walker_slopes(sensors: SensorParameters, full: Array, along: Array) -> Array:
-    """Return the slopes of `walker_numbers` at `full (n, P)` along `along (n, P)`."""
-    n = len(full)
-    system = sensors.tangent_system(full, along) if sensors.sensing.steady else None
-    start = sensors.initial_state_slope(system, along)
-    gains = sensors.channel_values(sensors.sensing.gains, along)
-    rows = sensors.rows(gains, along)
-    return np.concatenate([sensors.simulator_parameters(along), start, rows.reshape(n, -1)], axis=1)
 
 
 def long_exponential(matrix: LongArray) -> LongArray:

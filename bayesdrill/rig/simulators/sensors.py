@@ -8,7 +8,7 @@ start.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 
@@ -66,15 +66,11 @@ class ObservationModel:
     @property
     def names(self) -> tuple[str, ...]:
         """All names, each once."""
-        return tuple(dict.fromkeys(self._all_names()))
-
-    def _all_names(self) -> Iterator[str]:
+        sensors = (self.gains, self.offsets, self.lags)
         inputs = (self.input_gains, self.input_offsets, self.input_lags)
-        for names in (self.gains, self.offsets, self.lags, *inputs):
-            yield from names.values()
-        if self.delay is not None:
-            yield self.delay
-        yield from self.states.values()
+        every = [name for named in (*sensors, *inputs) for name in named.values()]
+        every += [] if self.delay is None else [self.delay]
+        return tuple(dict.fromkeys([*every, *self.states.values()]))
 
     @property
     def shifts(self) -> bool:
@@ -93,11 +89,9 @@ class ObservationModel:
     def summary(self) -> str:
         """What each of them has, such as `twist: gain, lag; v: offset; inputs: delay`."""
         kinds_of: dict[str, list[str]] = {}
-        kinds = (("gain", self.gains), ("offset", self.offsets), ("lag", self.lags))
-        inputs = (
-            ("gain", self.input_gains), ("offset", self.input_offsets), ("lag", self.input_lags)
-        )  # fmt: skip
-        for kind, named in (*kinds, *inputs):
+        sensors = (self.gains, self.offsets, self.lags)
+        inputs = (self.input_gains, self.input_offsets, self.input_lags)
+        for kind, named in zip(("gain", "offset", "lag") * 2, (*sensors, *inputs), strict=True):
             for name in named:
                 kinds_of.setdefault(name, []).append(kind)
         if self.delay is not None:
@@ -131,11 +125,8 @@ class ObservedModel(WrappedModel):
 
     def linear(self, p: Named) -> Linear:
         """See `Model.linear`."""
-        linear, gains, offsets = (
-            self.rig.linear(p),
-            dict(self.input_gains),
-            dict(self.input_offsets),
-        )
+        linear = self.rig.linear(p)
+        gains, offsets = dict(self.input_gains), dict(self.input_offsets)
         b, c = dict(linear.B), dict(linear.c)
         for (row, name), value in linear.B.items():
             if name in gains:
@@ -285,56 +276,7 @@ class SensorParameters:
         """Indices of the angles."""
         return steady_state.angle_indices(self.model)
 
-    def linear_system(self, full: Array) -> LinearSystem:
-        """Return the `linear_system` of the observed model."""
-        return linear_system(self.observed_model, self.experiment, self.simulator_parameters(full))
-
-    def tangent_system(self, full: Array, along: Array) -> LinearSystem:
-        """Return the `linear_system` of its tangent, along `along`."""
-        both = np.concatenate(
-            [self.simulator_parameters(full), self.simulator_parameters(along)], axis=1
-        )
-        return linear_system(Tangent(self.observed_model), self.experiment, both)
-
-    def initial_state(self, system: LinearSystem | None, full: Array) -> Array:
-        """Return the state at the start, `(W, X)`; `system` may be None where nothing `moves`."""
-        names = self.model.states
-        out = np.empty((len(full), len(names)))
-        if self.sensing.steady:
-            assert system is not None
-            matrix, by_input, forcing = system
-            out[:] = steady_state.states(
-                matrix, forcing + by_input @ self.first_inputs, self.angles
-            )
-            return self._shift_angles(out, matrix, full, known=self.experiment.start)
-        for k, name in enumerate(names):
-            parameter = self.sensing.states.get(name)
-            out[:, k] = (
-                self.experiment.start.get(name, 0.0)
-                if parameter is None
-                else self.column(parameter, full)
-            )
-        return out
-
-    def initial_state_slope(self, system: LinearSystem | None, along: Array) -> Array:
-        """Return the slope `(n, X)` of the initial state; `system` is that of the tangent."""
-        x = len(self.model.states)
-        out = np.zeros((len(along), x))
-        if self.sensing.steady:
-            assert system is not None
-            matrix, by_input, forcing = system
-            drive = forcing + by_input @ self.first_inputs
-            out[:] = steady_state.state_slopes(
-                matrix[:, :x, :x], drive[:, :x], matrix[:, x:, :x], drive[:, x:], self.angles
-            )
-            still = dict.fromkeys(self.experiment.start, 0.0)
-            return self._shift_angles(out, matrix[:, :x, :x], along, known=still)
-        for k, name in enumerate(self.model.states):
-            if name in self.sensing.states:
-                out[:, k] = self.column(self.sensing.states[name], along)
-        return out
-
-    def _shift_angles(
+    def shift_angles(
         self, states: Array, matrix: Array, full: Array, known: Mapping[str, float]
     ) -> Array:
         """Turn the rig in steady states so that one of its angles is what it is known to be."""
@@ -351,19 +293,77 @@ class SensorParameters:
             break
         return states
 
-    def initial_rate(self, system: LinearSystem | None, start: Array) -> Array:
-        """Return how states change before the start `(W, X)`: not at all of a rig at rest."""
-        if not self.moves:
-            return np.zeros_like(start)
-        assert system is not None
-        matrix, by_input, forcing = system
-        moved = np.einsum("nxy,ny->nx", matrix, start) + forcing
-        return np.asarray(moved + by_input @ self.first_inputs)
 
-    def initial_rate_slope(self, system: LinearSystem | None, begin: Array) -> Array:
-        """Return the slope `(n, X)` of the initial rate, from the system of the tangent."""
-        x = len(self.model.states)
-        return self.initial_rate(system, begin)[:, x:]
+class Walkers:
+    """What walkers `full (W, P)` have of their own; each part is computed when it is asked for.
+
+    `at`: None, or the walkers where all of this are slopes, along `full`.
+    """
+
+    def __init__(self, sensors: SensorParameters, full: Array, at: Walkers | None = None) -> None:
+        self.sensors, self.full, self.at = sensors, full, at
+
+    @property
+    def parameters(self) -> Array:
+        """Parameters of the observed model."""
+        return self.sensors.simulator_parameters(self.full)
+
+    @cached_property
+    def system(self) -> LinearSystem:
+        """The `linear_system` of the observed model, or of its tangent."""
+        w = self.sensors
+        if self.at is None:
+            return linear_system(w.observed_model, w.experiment, self.parameters)
+        both = np.concatenate([self.at.parameters, self.parameters], axis=1)
+        return linear_system(Tangent(w.observed_model), w.experiment, both)
+
+    @cached_property
+    def start(self) -> Array:
+        """The state at the start, `(W, X)`."""
+        w, x = self.sensors, len(self.sensors.model.states)
+        known = w.experiment.start if self.at is None else dict.fromkeys(w.experiment.start, 0.0)
+        if w.sensing.steady:
+            matrix, by_input, forcing = self.system
+            drive, here = forcing + by_input @ w.first_inputs, matrix[:, :x, :x]
+            if self.at is None:
+                steady = steady_state.states(here, drive, w.angles)
+            else:
+                steady = steady_state.state_slopes(
+                    here, drive[:, :x], matrix[:, x:, :x], drive[:, x:], w.angles
+                )
+            return w.shift_angles(steady, here, self.full, known)
+        out = np.empty((len(self.full), x))
+        for k, name in enumerate(w.model.states):
+            parameter = w.sensing.states.get(name)
+            out[:, k] = (
+                known.get(name, 0.0) if parameter is None else w.column(parameter, self.full)
+            )
+        return out
+
+    @cached_property
+    def before(self) -> Array:
+        """How states change before the start `(W, X)`: not at all of a rig at rest."""
+        w, start = self.sensors, self.start
+        if not w.moves:
+            return np.zeros_like(start)
+        matrix, by_input, forcing = self.system
+        every = start if self.at is None else np.concatenate([self.at.start, start], axis=1)
+        moved = np.einsum("nxy,ny->nx", matrix, every) + forcing
+        return np.asarray(moved + by_input @ w.first_inputs)[:, -start.shape[1] :]
+
+    @cached_property
+    def rows(self) -> Array:
+        """The `SensorParameters.rows` of channels, `(W, K, X + 1)`."""
+        w, named = self.sensors, self.sensors.sensing.gains
+        gains = w.gains(self.full) if self.at is None else w.channel_values(named, self.full)
+        return w.rows(gains, self.full)
+
+    @property
+    def numbers(self) -> Array:
+        """Parameters, start and rows side by side: `(W, P' + X + K (X + 1))`."""
+        with np.errstate(all="ignore"):
+            rows = self.rows.reshape(len(self.full), -1)
+            return np.concatenate([self.parameters, self.start, rows], axis=1)
 
 
 def linear_system(model: Model, experiment: Experiment, parameters: Array) -> LinearSystem:

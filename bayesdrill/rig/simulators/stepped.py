@@ -32,7 +32,7 @@ from bayesdrill.rig.simulators.contract import (
     Steps,
     in_groups,
 )
-from bayesdrill.rig.simulators.sensors import ObservationModel
+from bayesdrill.rig.simulators.sensors import ObservationModel, Walkers
 from bayesdrill.rig.simulators.time_grid import UniformGrid
 
 NONE = np.zeros(0)
@@ -63,15 +63,6 @@ class BoundKernel:
         }
         return {name: block.ctypes.data for name, block in blocks.items()}
 
-    @cached_property
-    def _inputs(self) -> dict[tuple[int, int], int]:
-        return {}
-
-    def _u(self, margin: int, after: int) -> int:
-        if (margin, after) not in self._inputs:
-            self._inputs[margin, after] = self.ahead.inputs(margin, after).ctypes.data
-        return self._inputs[margin, after]
-
     def run(self, n: int, parts: Mapping[str, list[Array]]) -> Array:
         """Run n walkers and return sums `(W, K, n)`, or signals `(W, T, K, registers of a number)`.
 
@@ -87,7 +78,7 @@ class BoundKernel:
         trace = np.empty((nodes + 1) * k * 3 * numbers * LANES) if shape.read else NONE
         margin = ahead.margin(parts["lag"][0]) if shape.late else 0
         places = self._fixed_addresses | {
-            "u": self._u(margin, after),
+            "u": ahead.inputs(margin, after)[1],
             "own": walkers.ctypes.data,
             "trace": trace.ctypes.data,
             "out": out.ctypes.data,
@@ -121,10 +112,7 @@ class BoundKernel:
 
 @dataclass(frozen=True)
 class Stepped(Simulator):
-    """Simulates in steps, see `contract.Simulator`; fields of steps are those of `Stepping`.
-
-    Parameters are the model's, then those that `sensing` names.
-    """
+    """Simulates in steps; fields of steps are those of `Stepping`."""
 
     model: Model
     experiment: Experiment
@@ -215,14 +203,18 @@ class Stepped(Simulator):
 
     @cached_property
     def _grid(self) -> UniformGrid:
-        t, series = self.sensors.knots
-        if self.experiment.uniform and not self.sensors.lead:
-            t = t[0] + self.experiment.dt * np.arange(len(t))
-        return UniformGrid(t, series, self.experiment.first_order, self.pieces)
+        return self._steps()
 
     @cached_property
     def _nodes(self) -> UniformGrid:
-        return self._grid.at_every_node()
+        return self._steps(every_node=True)
+
+    def _steps(self, *, every_node: bool = False) -> UniformGrid:
+        t, series = self.sensors.knots
+        if self.experiment.uniform and not self.sensors.lead:
+            t = t[0] + self.experiment.dt * np.arange(len(t))
+        first_order = self.experiment.first_order
+        return UniformGrid(t, series, first_order, self.pieces, every_node=every_node)
 
     @cached_property
     def _gaps(self) -> bool:
@@ -293,55 +285,31 @@ class Stepped(Simulator):
 
         Each is `(W, ...)`, or `(1, ...)` where walkers have the same.
         """
-        w = self.sensors
-        parts = {
-            "parameters": [w.simulator_parameters(full)],
-            **(self._shared_parts if self._perfect else self._walker_parts(full)),
-        }
+        walkers = Walkers(self.sensors, full)
+        own = self._shared_parts if self._perfect else self._walker_parts(walkers)
+        parts = {"parameters": [walkers.parameters], **{name: [own[name]] for name in own}}
         if along is None:
             return parts
-        return {name: [*parts[name], slope] for name, slope in self._slopes(full, along).items()}
+        changes = Walkers(self.sensors, along, walkers)
+        slopes = {"parameters": changes.parameters, **self._walker_parts(changes)}
+        return {name: [*parts[name], slope] for name, slope in slopes.items()}
 
-    def _walker_parts(self, full: Array) -> dict[str, list[Array]]:
+    def _walker_parts(self, walkers: Walkers) -> dict[str, Array]:
         """Return the parts of each walker, as its sensors and its start are."""
-        w = self.sensors
-        system = w.linear_system(full) if w.moves else None
-        begin = w.initial_state(system, full)
+        w, full = self.sensors, walkers.full
         return {
-            "x0": [begin],
-            "rows": [w.rows(w.gains(full), full)],
-            "before": [w.initial_rate(system, begin)],
-            "shift": [w.channel_delays(full)],
-            "lag": [w.input_values(self.sensing.input_lags, full)],
+            "x0": walkers.start,
+            "rows": walkers.rows,
+            "before": walkers.before,
+            "shift": w.channel_delays(full),
+            "lag": w.input_values(self.sensing.input_lags, full),
         }
 
     @cached_property
-    def _shared_parts(self) -> dict[str, list[Array]]:
-        """The parts of perfect sensors, and a start that is known."""
-        w, k = self.sensors, len(self.experiment.channels)
-        start = [[self.experiment.start.get(name, 0.0) for name in self.model.states]]
-        return {
-            "x0": [np.array(start)],
-            "rows": [w.rows(np.ones((1, k)), np.zeros((1, 0)))],
-            "before": [np.zeros((1, len(self.model.states)))],
-            "shift": [np.zeros((1, k))],
-            "lag": [np.zeros((1, 0))],
-        }
-
-    def _slopes(self, full: Array, along: Array) -> dict[str, Array]:
-        w, sensing = self.sensors, self.sensing
-        tangent = w.tangent_system(full, along) if w.moves else None
-        begin_slope = w.initial_state_slope(tangent, along)
-        begin = w.initial_state(w.linear_system(full) if w.moves else None, full)
-        both = np.concatenate([begin, begin_slope], axis=1)
-        return {
-            "parameters": w.simulator_parameters(along),
-            "x0": begin_slope,
-            "rows": w.rows(w.channel_values(sensing.gains, along), along),
-            "before": w.initial_rate_slope(tangent, both),
-            "shift": w.channel_delays(along),
-            "lag": w.input_values(sensing.input_lags, along),
-        }
+    def _shared_parts(self) -> dict[str, Array]:
+        """The parts of perfect sensors, and a start that is known: no channel shows what was before."""
+        parts = self._walker_parts(Walkers(self.sensors, np.zeros((1, len(self.parameters)))))
+        return parts | {"before": np.zeros((1, len(self.model.states)))}
 
 
 class Unstepped(Simulator):
@@ -354,6 +322,10 @@ class Unstepped(Simulator):
     def steps(self, full: Array) -> Steps:
         """See `Simulator.steps`."""
         return Stepped(self.model, self.experiment, self.sensing).steps(full)
+
+    def course(self, full: Array, along: Array) -> tuple[Array, Array]:
+        """See `Simulator.course`."""
+        return self.signals(full), self.sensitivities(full, along)
 
 
 def _unit_rows(model: Model) -> Array:

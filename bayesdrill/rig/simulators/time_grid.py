@@ -16,17 +16,11 @@ Whole = NDArray[np.int64]
 
 STEP_TOLERANCE = 1e-12  # of a step: steps nearer to each other are one
 CLOCK_ROUNDING = 4 * np.finfo(float).eps  # of the latest time: nor can its digits tell steps apart
-MAX_FILL_RATIO = (
-    1.5  # times the samples: so many knots make equal steps of those between samples left out
-)
-MIN_DISTINCT_STEPS, SAMPLES_PER_STEP = (
-    4,
-    100,
-)  # distinct steps that get an exponential each: 4, and one for 100 samples
-CELLS, SAMPLES_PER_CELL = (
-    (24, 192),
-    12,
-)  # cells of all others, one for 12 samples between these ends
+# Times the samples: so many knots make equal steps of those between samples left out.
+MAX_FILL_RATIO = 1.5
+# Distinct steps that get an exponential each: 4, and one for 100 samples.
+MIN_DISTINCT_STEPS, SAMPLES_PER_STEP = 4, 100
+CELLS, SAMPLES_PER_CELL = (24, 192), 12  # of all others, one for 12 samples between these ends
 WIDTH_RATIO = 1.25  # width by width
 BELOW_ONE = 1.0 - 2.0**-53
 EXPONENTIAL_COST = 10  # an exponential costs as much as so many products
@@ -184,8 +178,15 @@ class UniformGrid:
     """
 
     def __init__(
-        self, t: Array, series: Mapping[str, Array], first_order: bool, pieces: int
+        self,
+        t: Array,
+        series: Mapping[str, Array],
+        first_order: bool,
+        pieces: int,
+        *,
+        every_node: bool = False,
     ) -> None:
+        """`every_node`: with a sample at each node, whatever the times of `t`."""
         self._t, self._first_order = t, first_order
         self._series = [np.asarray(u, dtype=float) for u in series.values()]
         g = build_grid(t)
@@ -202,6 +203,11 @@ class UniformGrid:
             self.places = (t - t[0]) / self.span
             self.nodes = int(np.ceil(self.places[-1])) + 1
         self.samples = len(t)
+        if every_node:
+            self.aligned, self.nodes = True, self.nodes + 1
+            self.samples = self.nodes
+            self.counts = np.ones(self.nodes, np.int64)
+            self.places = np.arange(self.samples, dtype=float)
         self.spans = np.array([self.span, whole])
         self._substeps = pieces
 
@@ -214,18 +220,6 @@ class UniformGrid:
     def usual(self) -> Whole:
         """Where the next sample is a median step away `(T,)`, 0 or 1; inputs go straight on."""
         return np.asarray(self.counts == self._substeps).astype(np.int64)
-
-    def at_every_node(self) -> UniformGrid:
-        """Return the same steps, with a sample at each node."""
-        other = object.__new__(UniformGrid)
-        cached = ("single", "usual", "_kept", "_over_steps")
-        other.__dict__.update({k: v for k, v in self.__dict__.items() if k not in cached})
-        other.samples = self.nodes + 1
-        other.aligned = True
-        other.counts = np.ones(self.nodes + 1, np.int64)
-        other.places = np.arange(self.nodes + 1.0)
-        other.nodes = self.nodes + 1
-        return other
 
     def between(self, t: Array) -> tuple[Whole, Array]:
         """Return the node before each time, and how far it is from there in steps."""
@@ -256,8 +250,8 @@ class UniformGrid:
         shares = [np.clip(ratio - whole, 0.0, None), *(lag / self.span for lag in lags[1:])]
         return (np.nan_to_num(whole), *shares)
 
-    def inputs(self, margin: int, after: int) -> Array:
-        """Return inputs over each step `(N + 1 + after, S)`, with slopes `2 S`.
+    def inputs(self, margin: int, after: int) -> tuple[Array, int]:
+        """Return inputs over each step `(N + 1 + after, S)`, with slopes `2 S`, and their address.
 
         `margin` rows stand before and behind.  Outside the record inputs are constant.
         """
@@ -266,12 +260,12 @@ class UniformGrid:
         if (margin, after) not in self._kept:
             tail = np.repeat(self._last[None], after + margin, axis=0)
             head = np.repeat(self._first[None], margin, axis=0)
-            known = np.concatenate([head, self._over_steps, tail])
-            self._kept[margin, after] = np.ascontiguousarray(known)[margin:]
+            known = np.ascontiguousarray(np.concatenate([head, self._over_steps, tail]))
+            self._kept[margin, after] = known[margin:], known[margin:].ctypes.data
         return self._kept[margin, after]
 
     @cached_property
-    def _kept(self) -> dict[tuple[int, int], Array]:
+    def _kept(self) -> dict[tuple[int, int], tuple[Array, int]]:
         return {}
 
     def felt(self, which: int, lag: Array) -> tuple[Array, Array]:
