@@ -451,7 +451,7 @@ def residuals_figure(
                     correlation.lags[shown], 0.0, correlation.values[shown], zorder=2, **look
                 )
             panel.set_ylim(low, high + 0.3 * (high - low))  # the name is above
-            style.set_ticks(panel.yaxis, *scales.ticks(low, high, 4))
+            style.set_ticks(panel.yaxis, *scales.Scale(0.0, 0, low, high).ticks(4))
             panel.xaxis.set_major_locator(MaxNLocator(4, integer=True, prune="both"))
             panel.set_xlim(correlation.lags[0] - 1, correlation.lags[-1] + 1)
             style.corner_text(panel, f"${correlation.channel.latex}$")
