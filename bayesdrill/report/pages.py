@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from types import MappingProxyType
 from typing import Any
 
 import corner
@@ -96,14 +95,8 @@ SMALL_PANELS = Page()
 AXES = Page(left=0.14, right=0.14, gap_x=0.2, gap_y=0.56, bottom=0.5)
 
 
-LEGEND: Mapping[str, Any] = MappingProxyType(
-    {
-        "loc": "upper center",
-        "borderaxespad": 0.3,
-        "labelspacing": 0.3,
-        "columnspacing": 1.2,
-        "handlelength": 1.9,
-    }
+LEGEND = style.look(
+    loc="upper center", borderaxespad=0.3, labelspacing=0.3, columnspacing=1.2, handlelength=1.9
 )
 
 

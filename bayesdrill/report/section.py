@@ -15,6 +15,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Literal
 
+from bayesdrill.analysis.causes import FittedValue
 from bayesdrill.analysis.diagnostics import MEANING, ParameterRow
 from bayesdrill.basics.errors import printable
 from bayesdrill.basics.symbols import plain
@@ -269,12 +270,9 @@ def cells(row: ParameterRow) -> tuple[str, ...]:
     )
 
 
-def records_as_csv(kind: type, rows: Sequence[object], leave: Sequence[str] = ()) -> str:
-    """Return CSV with a column for each field of the record `kind` but those to `leave`.
-
-    All digits, SI, and shares as fractions.
-    """
-    keys = [field.name for field in dataclasses.fields(kind) if field.name not in leave]
+def records_as_csv(kind: type, rows: Sequence[object]) -> str:
+    """Return CSV with a column for each field of `kind`: all digits, SI, and shares as fractions."""
+    keys = [field.name for field in dataclasses.fields(kind)]
     heads = [CSV_HEADS.get(key, key) for key in keys]
     return lines_as_csv([heads, *([getattr(row, key) for key in keys] for row in rows)])
 
@@ -307,11 +305,11 @@ SANDWICH_EXPLAINED = (
 def sandwich_table(
     rows: Sequence[ParameterRow],
     sds: Mapping[str, float],
-    windows: Mapping[str, Sequence[float]],
+    windows: Sequence[Sequence[FittedValue]],
     display_units: DisplayUnits,
 ) -> Table:
     """Return the posterior's sds beside `sds`, SI, and the ends of refits on `windows`."""
-    ends = f"MAP of {len(next(iter(windows.values())))} windows" if windows else ""
+    ends = f"MAP of {len(windows)} windows" if any(windows) else ""
     heads = (
         "",
         "unit",
@@ -324,8 +322,8 @@ def sandwich_table(
     for row, shown in zip(rows, display_units.rows(rows), strict=True):
         sd, factor = sds[row.name], display_units.factor(row.name)
         cells = [f"{sd / factor:.2g}", f"{sd / row.sd:.3g}" if row.sd else ""]
-        if windows:
-            values = windows.get(row.name, ())
+        if ends:
+            values = [x.value for window in windows for x in window if x.name == row.name]
             cells.append(
                 f"{min(values) / factor:.3g} to {max(values) / factor:.3g}" if values else ""
             )

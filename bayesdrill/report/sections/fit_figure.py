@@ -41,7 +41,6 @@ from bayesdrill.inference.residual_checks import (
 from bayesdrill.output_files import numbered
 from bayesdrill.report import scales, style, words
 from bayesdrill.report.pages import Page, difference_panel, inches_panel, legend_above
-from bayesdrill.report.publish import FIT_ALONE, RESIDUALS
 from bayesdrill.report.scales import WIDTHS
 from bayesdrill.report.sections import fit_words
 from bayesdrill.report.sections.fit_words import (
@@ -463,6 +462,9 @@ def residuals_figure(
     return figure
 
 
+RESIDUALS = "Whether residuals are white, and whether they follow an input (positive lags)."
+
+
 def draw_residuals(run: ReportContext) -> tuple[Drawing, ...] | None:
     """Return drawings of the residuals' correlations."""
     asked = "residuals" in (run.config.output.figures or ())
@@ -544,6 +546,7 @@ def draw_frequency_response(run: ReportContext) -> tuple[Drawing, ...]:
 
 
 FIT = "Record, model at the MAP and posterior predictive band; beside them what is left, and the noise."
+FIT_ALONE = "Record and model at the MAP; beside them what is left, and the noise."
 FIT_RUBBED = f"{FIT} Below: what rubs, and when it sticks."
 
 
