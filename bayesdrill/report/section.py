@@ -11,7 +11,7 @@ import dataclasses
 import io
 import itertools
 import re
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Literal
 
@@ -240,34 +240,27 @@ def aligned(table: Sequence[tuple[str, ...]], left: set[int]) -> str:
 
 HDI = f"{100 * HDI_PROBABILITY:.0f} % HDI"
 
-HEADERS = (
-    "", "unit", "nominal", "MAP", "mean", "sd", HDI, "dev. %", "R-hat", "ESS bulk", "ESS tail",
-    "shrinkage", "the record says",
-)  # fmt: skip
-
+# Of a table of unknowns, the heads of all columns, and what each shows of a row.
+COLUMNS: Mapping[str, Callable[[ParameterRow], str]] = {
+    "": lambda row: row.name,
+    "unit": lambda row: plain(row.unit),
+    "nominal": lambda row: "" if row.nominal is None else f"{row.nominal:.4g}",
+    "MAP": lambda row: f"{row.map:.4g}",
+    "mean": lambda row: f"{row.mean:.4g}",
+    "sd": lambda row: f"{row.sd:.2g}",
+    HDI: lambda row: f"{row.hdi_low:.4g} to {row.hdi_high:.4g}",
+    "dev. %": lambda row: "" if row.deviation is None else f"{100 * row.deviation:+.2f}",
+    "R-hat": lambda row: f"{row.r_hat:.4f}",
+    "ESS bulk": lambda row: f"{row.ess_bulk:.0f}",
+    "ESS tail": lambda row: f"{row.ess_tail:.0f}",
+    "shrinkage": lambda row: f"{round(100 * row.shrinkage)} %",
+    "the record says": lambda row: row.word,
+}
+HEADERS = tuple(COLUMNS)
 
 HDI_ENDS = tuple(f"hdi{100 * HDI_PROBABILITY:.0f}_{end}" for end in ("low", "high"))
 # Of fields of records, the heads of their columns in files.
 CSV_HEADS = {"hdi_low": HDI_ENDS[0], "hdi_high": HDI_ENDS[1], "word": "the_record_says"}
-
-
-def cells(row: ParameterRow) -> tuple[str, ...]:
-    """Return what is shown of a row, in the order of `HEADERS`."""
-    return (
-        row.name,
-        plain(row.unit),
-        "" if row.nominal is None else f"{row.nominal:.4g}",
-        f"{row.map:.4g}",
-        f"{row.mean:.4g}",
-        f"{row.sd:.2g}",
-        f"{row.hdi_low:.4g} to {row.hdi_high:.4g}",
-        "" if row.deviation is None else f"{100 * row.deviation:+.2f}",
-        f"{row.r_hat:.4f}",
-        f"{row.ess_bulk:.0f}",
-        f"{row.ess_tail:.0f}",
-        f"{round(100 * row.shrinkage)} %",
-        row.word,
-    )
 
 
 def records_as_csv(kind: type, rows: Sequence[object]) -> str:
@@ -293,7 +286,8 @@ def as_record(row: ParameterRow) -> dict[str, Any]:
 def of_rows(rows: Sequence[ParameterRow], bars: tuple[IntervalBar, ...] = ()) -> Table:
     """Return the summary table of `rows`."""
     left = frozenset((HEADERS[0], HEADERS[1], HEADERS[-1]))
-    return Table(HEADERS, tuple(map(cells, rows)), left, bars=bars).filled()
+    lines = tuple(tuple(cell(row) for cell in COLUMNS.values()) for row in rows)
+    return Table(HEADERS, lines, left, bars=bars).filled()
 
 
 SANDWICH_EXPLAINED = (
