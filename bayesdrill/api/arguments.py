@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Collection, Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Collection, Mapping
+from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
@@ -143,17 +143,13 @@ def workers(processes: int | None) -> int:
     return count
 
 
-@contextmanager
-def crew(processes: Any, scheduler: str | None) -> Iterator[RefitExecutor]:
-    """Open processes of this machine, see `workers`, or those of the Dask cluster of a scheduler."""
+def crew(processes: Any, scheduler: str | None) -> AbstractContextManager[RefitExecutor]:
+    """Return processes of this machine, see `workers`, or those of the Dask cluster of a scheduler."""
     from bayesdrill.tasks import remote
 
-    if scheduler is None:
-        with remote.local_executor(workers(processes)) as executor:
-            yield executor
-    else:
-        with remote.dask_executor(scheduler) as executor:
-            yield executor
+    if scheduler is not None:
+        return remote.dask_executor(scheduler)
+    return remote.local_executor(workers(processes))
 
 
 def is_series(value: Any) -> bool:

@@ -102,7 +102,7 @@ class Case(Value):
         return self.job.problem.names
 
     def __str__(self) -> str:
-        return words.opening(self.job.problem, self.job.units)
+        return words.opening(self.job.problem)
 
     __repr__ = __str__
 
@@ -111,9 +111,7 @@ class Case(Value):
         problem, config = self.job.problem, self.job.config
         first = identify.preflight(self.job, SensitivityStudy(problem.posterior.likelihood))
         columns = [] if self.columns is not None else [words.record_columns(problem, self.job.case)]
-        return "\n".join(
-            [str(self), *columns, words.preview(problem, config, self.job.units), first]
-        )
+        return "\n".join([str(self), *columns, words.preview(problem, config), first])
 
     def draw_rig(self, path: str | Path) -> str:
         """Draw inertias, shafts, gears and drives of the rig; says what is written.

@@ -65,8 +65,9 @@ def respond(
     signals = [signals] if isinstance(signals, str) else signals
     times = arguments.times(t, issues)
     values = _parameters(model, parameters, issues)
-    at_rest = dict.fromkeys(model.states, 0.0)
-    start = _numbers(model.states, at_rest | dict(initial or {}), "initial", issues)
+    states = dict.fromkeys(model.states, 0.0) | dict(initial or {})
+    _check_names(model.states, states, "initial", issues)
+    start = {n: arguments.number(f"initial.{n}", states[n], issues) for n in model.states}
     idle: dict[str, ArrayLike] = dict.fromkeys(idle_inputs(model), 0.0)
     given: dict[str, Array] = {}
     for name, value in (idle | dict(inputs)).items():
@@ -100,15 +101,6 @@ def respond(
         model, experiment, ObservationModel(), step_error.MAX_CHOSEN_PIECES
     ).signals(theta)[0]
     return {name: response[:, k] for k, name in enumerate(signals)}
-
-
-def _numbers(
-    names: Sequence[str], values: Mapping[str, float], location: str, issues: list[Issue]
-) -> dict[str, float]:
-    """One for each of `names`."""
-    _check_names(names, values, location, issues)
-    given = [name for name in names if name in values]
-    return {name: arguments.number(f"{location}.{name}", values[name], issues) for name in given}
 
 
 def _parameters(rig: Model, values: Mapping[str, float], issues: list[Issue]) -> dict[str, float]:

@@ -108,8 +108,8 @@ def readings_figure(readings: Sequence[MatrixReading]) -> Figure:
 def _axes(panel: Axes, time: scales.Scale, numbers: scales.Scale) -> None:
     panel.set_xlim(time.low, time.high)
     panel.set_ylim(numbers.low, numbers.high)
-    style.set_ticks(panel.xaxis, *scales.ticks(time.low, time.high, 6, clear=0.0))
-    style.set_ticks(panel.yaxis, *scales.ticks(numbers.low, numbers.high, 5))
+    style.set_ticks(panel.xaxis, *time.ticks(6, clear=0.0))
+    style.set_ticks(panel.yaxis, *numbers.ticks(5))
 
 
 def _ending(reading: MatrixReading) -> str:
@@ -334,9 +334,9 @@ def _misfit_axis(panel: Axes, misfits: Array) -> None:
 
 def _from_zero(panel: Axes, last: float, before: float) -> None:
     """The horizontal axis: from 0 to `last`, with some room, `before` 0 in shares of `last`."""
-    low, high = -before * last, 1.06 * last
-    panel.set_xlim(low, high)
-    style.set_ticks(panel.xaxis, *scales.ticks(low, high, 8, clear=0.0))
+    scale = scales.Scale(0.0, 0, -before * last, 1.06 * last)
+    panel.set_xlim(scale.low, scale.high)
+    style.set_ticks(panel.xaxis, *scale.ticks(8, clear=0.0))
 
 
 # Table 3

@@ -14,7 +14,7 @@ from bayesdrill.inference import residual_checks
 from bayesdrill.inference.posterior import Problem
 from bayesdrill.inference.residual_checks import ResidualCorrelation, ResidualSummary
 from bayesdrill.inference.step_error import step_errors
-from bayesdrill.report import publish, section, words
+from bayesdrill.report import section, words
 from bayesdrill.report.run_report import made_of, provenance_of_records
 from bayesdrill.report.section import ModeRow, Note, Picture, Section, as_markdown, as_text, build
 from bayesdrill.report.sections import fit_words, verdict_words
@@ -60,9 +60,7 @@ class MapReport:
         """Why it must not be believed: it does not fit; empty where it may be."""
         return fit_words.residual_reasons(self.left)
 
-    @cached_property
-    def sections(self) -> tuple[Section, ...]:
-        """Return the sections of its page."""
+    def _sections(self, figures: Mapping[str, Drawing]) -> tuple[Section, ...]:
         table = self.problem.compared_with
         read = Note(f"`dev. %` is the deviation of the MAP from the nominal value ({table}).")
         units, clock = self.problem.units, self.problem.clock
@@ -73,8 +71,7 @@ class MapReport:
         shown = section.of_mode(units.rows(section.mode_rows(self.problem, self.mode)))
         doubts = words.unbelievable(self.reasons, converged=False)
         shape = output_files.shown_path(self.config.output.formats)
-        captions = publish.alone_captions(self.problem, self.correlations)
-        pictures = [Picture(stem, says, shape) for stem, says in captions.items()]
+        pictures = [Picture(stem, drawing.says, shape) for stem, drawing in figures.items()]
         inputs = residual_checks.input_sentences(self.correlations)
         fit = "\n".join(filter(None, [said, *(f"fit: {line}" for line in inputs), steps]))
         return (
@@ -84,10 +81,15 @@ class MapReport:
             build("Maximum of the posterior (MAP)", words.mode(self.mode, units), brief=False),
         )
 
+    @cached_property
+    def sections(self) -> tuple[Section, ...]:
+        """Return the sections of its page, with the figures, which a terminal does not show."""
+        return self._sections(self.figures)
+
     @property
     def text(self) -> str:
         """For a terminal."""
-        return "\n".join(as_text(self.sections))
+        return "\n".join(as_text(self._sections({})))
 
     @property
     def texts(self) -> Mapping[str, str]:
@@ -120,8 +122,8 @@ class MapReport:
         figures = folder / output_files.FIGURES
         return as_html(config.name, "maximum", every, figures, self.problem.symbols)
 
-    @property
-    def figures(self) -> dict[str, Drawing]:
+    @cached_property
+    def figures(self) -> Mapping[str, Drawing]:
         """By stem."""
         # Late: matplotlib takes a second to load.
         from bayesdrill.report.sections.fit_figure import fits_alone

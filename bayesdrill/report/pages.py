@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from types import MappingProxyType
 from typing import Any
 
 import corner
@@ -19,7 +18,7 @@ from scipy.ndimage import gaussian_filter
 
 from bayesdrill.basics.arrays import Array
 from bayesdrill.report import style
-from bayesdrill.report.scales import DOUBLE, Scale, ticks
+from bayesdrill.report.scales import DOUBLE, Scale
 
 # Inches, of a figure in one column.
 NARROW_ROW, NARROW_LEFT, LEGEND_LINE = 0.95, 0.48, 0.135
@@ -96,14 +95,8 @@ SMALL_PANELS = Page()
 AXES = Page(left=0.14, right=0.14, gap_x=0.2, gap_y=0.56, bottom=0.5)
 
 
-LEGEND: Mapping[str, Any] = MappingProxyType(
-    {
-        "loc": "upper center",
-        "borderaxespad": 0.3,
-        "labelspacing": 0.3,
-        "columnspacing": 1.2,
-        "handlelength": 1.9,
-    }
+LEGEND = style.look(
+    loc="upper center", borderaxespad=0.3, labelspacing=0.3, columnspacing=1.2, handlelength=1.9
 )
 
 
@@ -133,7 +126,7 @@ def difference_panel(
     panel.set_xlim(0, 1)
     panel.set_ylim(-FOOT_ROOM * most, HEAD_ROOM * most)
     style.set_ticks(panel.xaxis, np.array([0.0, 0.5, 1.0]), ["0", "0.5", "1"])
-    style.set_ticks(panel.yaxis, *ticks(-FOOT_ROOM * most, FOOT_ROOM * most, numbers))
+    style.set_ticks(panel.yaxis, *Scale(0.0, 0, -FOOT_ROOM * most, FOOT_ROOM * most).ticks(numbers))
 
 
 CORNER_GAP = 0.06  # between panels, in panels

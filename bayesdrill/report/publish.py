@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import importlib
 import io
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping
 from concurrent.futures import Future
 from pathlib import Path
 from types import MappingProxyType
@@ -15,8 +15,7 @@ from bayesdrill.basics import software
 from bayesdrill.basics.progress import Reporter
 from bayesdrill.basics.registry import Registry, check_callable
 from bayesdrill.config.schema.records import MAX_NAMED
-from bayesdrill.inference.posterior import Posterior, Problem
-from bayesdrill.inference.residual_checks import ResidualCorrelation
+from bayesdrill.inference.posterior import Posterior
 from bayesdrill.output_files import EACH, ON_REQUEST, OWN_FIGURES, numbered
 from bayesdrill.output_files import FIGURES as FOLDER
 from bayesdrill.report import render, run_report, section
@@ -24,12 +23,9 @@ from bayesdrill.report.run_report import sections
 from bayesdrill.report.scales import DPI
 from bayesdrill.report.section import Picture, as_markdown
 from bayesdrill.report.sections import physics_words, torque_words, verdict_words
-from bayesdrill.report.view import Drawing, ReportContext, captioned
+from bayesdrill.report.view import Drawing, ReportContext
 from bayesdrill.results.run_folder import Folder
 from bayesdrill.sampling.workers import WorkerPool
-
-RESIDUALS = "Whether residuals are white, and whether they follow an input (positive lags)."
-FIT_ALONE = "Record and model at the MAP; beside them what is left, and the noise."
 
 Recipe = Callable[[ReportContext], Drawing | tuple[Drawing, ...] | None]
 
@@ -41,26 +37,12 @@ def drawings(name: str, run: ReportContext) -> dict[str, Drawing]:
 
     Raises `TypeError` for a recipe that is none.
     """
-    recipe_result = FIGURES[name](run)
-    figures = (
-        recipe_result
-        if isinstance(recipe_result, tuple)
-        else ()
-        if recipe_result is None
-        else (recipe_result,)
-    )
+    given = FIGURES[name](run)
+    figures = given if isinstance(given, tuple) else () if given is None else (given,)
     for figure in figures:
         if not isinstance(figure, Drawing):
             raise TypeError(f"a recipe gives a Drawing or None, not {type(figure).__name__}")
     return numbered(name, figures)
-
-
-def alone_captions(problem: Problem, residuals: Sequence[ResidualCorrelation]) -> dict[str, str]:
-    """Return captions of what `fits_alone` shows, without drawing it."""
-    fits = [captioned(observation.label, FIT_ALONE) for observation in problem.observations]
-    labels = dict.fromkeys(correlation.experiment for correlation in residuals)
-    shown = [captioned(label, RESIDUALS) for label in labels]
-    return numbered("fit", fits) | numbered("residuals", shown)
 
 
 def _recipe(name: str, module: str) -> Recipe:

@@ -11,7 +11,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import compress
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
+
+from markupsafe import Markup
 
 import bayesdrill
 from bayesdrill.analysis.diagnostics import ParameterRow
@@ -19,10 +21,6 @@ from bayesdrill.basics.symbols import Symbol
 from bayesdrill.inference.derived import HDI_PROBABILITY
 from bayesdrill.report.scales import DPI, Typesetter, printed, unit_of
 from bayesdrill.report.section import WORDS, Picture, Section, items
-
-if TYPE_CHECKING:
-    import jinja2
-    from markupsafe import Markup
 
 _PNG_SIZE = slice(16, 24)  # of a file: width and height, big endian
 _SVG_SIZE = re.compile(rb'<svg[^>]*\bwidth="([\d.]+)pt" height="([\d.]+)pt"')
@@ -65,6 +63,7 @@ def as_html(
         "items": items,
         "slug": slug,
         "after": after,
+        "digest": digest,
         "kind": lambda block: type(block).__name__,
     }
     environment.filters |= helpers
@@ -81,25 +80,14 @@ def as_html(
         version=bayesdrill.__version__,
         shown={stem: picture for stem, picture in shown.items() if picture is not None},
         words=WORDS,
-        style=_inline_asset(environment, "style.css"),
-        script=_inline_asset(environment, "zoom.js"),
+        style=Markup(environment.get_template("style.css").render()),
+        script=Markup(environment.get_template("zoom.js").render()),
     )
 
 
-@dataclass(frozen=True, slots=True)
-class _InlineAsset:
-    """A style or a script of the house: what stands in the page, and by what a browser knows it."""
-
-    text: Markup
-    digest: str
-
-
-def _inline_asset(environment: jinja2.Environment, name: str) -> _InlineAsset:
-    from markupsafe import Markup
-
-    text = environment.get_template(name).render()
-    digest = base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()
-    return _InlineAsset(Markup(text), f"'sha256-{digest}'")
+def digest(text: str) -> str:
+    """Return by what a browser knows a style or a script of the page."""
+    return f"'sha256-{base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()}'"
 
 
 def _embedded(path: Path) -> EmbeddedPicture | None:

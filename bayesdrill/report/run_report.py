@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
 from bayesdrill import output_files
-from bayesdrill.analysis.causes import Causes
 from bayesdrill.analysis.diagnostics import ParameterRow
 from bayesdrill.analysis.verdict import Judgement, Verdict
 from bayesdrill.basics.software import citation
@@ -251,27 +250,18 @@ def _parameters(run: ReportContext) -> tuple[Block | str, ...]:
     if any(row.nominal is not None for row in unknowns):
         nominal = f"the nominal value ({run.problem.compared_with})"
         read = f"`dev. %` is the deviation of the posterior mean from {nominal}; {read}"
-    drawn = bars(unknowns, run.problem.posterior.space.priors)
-    table = _told(run, section.of_rows(run.units.rows(unknowns), drawn))
+    priors = run.problem.posterior.space.priors
+    bars = tuple(interval_bar(row, priors[row.name]) for row in unknowns)
+    table = _told(run, section.of_rows(run.units.rows(unknowns), bars))
     leaning = words.leaning(run.analysis.leaning).splitlines()
     known = [] if run.reasons else [*section.in_words(unknowns), *leaning]
     # Also where there is nothing to say: a terminal then shows an empty line.
     noted = Sentences("\n".join([*known, *run.notes]))
     if not run.analysis.sandwich:
         return table, Note(read), noted
-    remembered = section.sandwich_table(
-        unknowns, run.analysis.sandwich, _windows(run.analysis.causes), run.units
-    )
+    causes, sds = run.analysis.causes, run.analysis.sandwich
+    remembered = section.sandwich_table(unknowns, sds, causes.windows if causes else (), run.units)
     return table, Note(read), noted, remembered, Note(section.SANDWICH_EXPLAINED)
-
-
-def _windows(causes: Causes | None) -> dict[str, list[float]]:
-    """Values of each unknown, SI, in windows of the record."""
-    values: dict[str, list[float]] = {}
-    for window in causes.windows if causes else ():
-        for unknown in window:
-            values.setdefault(unknown.name, []).append(unknown.value)
-    return values
 
 
 def _told(run: ReportContext, table: Table) -> Table:
@@ -299,12 +289,8 @@ TAIL = 0.001  # of a prior, outside of the range
 DECADES = 1.5  # from which on a range that is flat in logs is drawn so
 
 
-def bars(rows: Sequence[ParameterRow], priors: Mapping[str, Prior]) -> tuple[IntervalBar, ...]:
-    """Return an interval bar for each unknown."""
-    return tuple(_bar(row, priors[row.name]) for row in rows)
-
-
-def _bar(row: ParameterRow, prior: Prior) -> IntervalBar:
+def interval_bar(row: ParameterRow, prior: Prior) -> IntervalBar:
+    """Return what a page draws of an unknown beside its prior."""
     shown = [row.hdi_low, row.hdi_high, row.map]
     ends = [float(x) for x in prior.quantile(np.array([TAIL, 1 - TAIL]))]
     every = [*shown, *ends, *([] if row.nominal is None else [row.nominal])]

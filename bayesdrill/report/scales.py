@@ -9,7 +9,6 @@ from dataclasses import dataclass
 from html.entities import name2codepoint
 from itertools import pairwise
 from types import MappingProxyType
-from typing import Protocol
 
 import numpy as np
 from markupsafe import Markup
@@ -17,6 +16,7 @@ from markupsafe import Markup
 from bayesdrill.basics.arrays import Array
 from bayesdrill.basics.symbols import INPUTS, PARAMETERS, STATES, Symbol
 from bayesdrill.inference.priors import Prior
+from bayesdrill.record.experiment import Channel
 
 SINGLE, DOUBLE = 3.4, 7.0  # inches: of one column and of two
 DPI = 220  # of pixels in them
@@ -27,15 +27,6 @@ WIDTHS: Mapping[str, float] = MappingProxyType({"single": SINGLE, "double": DOUB
 # Of each decade of a logarithmic axis, from many numbers to few.
 SERIES: tuple[tuple[float, ...], ...] = ((1.0, 2.0, 5.0), (1.0, 3.0), (1.0,))
 CURVED_RATIO = 4.0  # the ratio of its ends from which on a logarithmic axis has numbers of a series
-
-
-def near_round(x: float, width: float) -> float:
-    """Return the number of fewest digits that is within `width` of x."""
-    return next(
-        rounded
-        for rounded in (float(f"{x:.{digits}e}") for digits in range(18))
-        if abs(rounded - x) <= width
-    )
 
 
 def even_numbers(low: float, high: float, most: int) -> tuple[list[float], list[str]]:
@@ -135,51 +126,38 @@ def _letter(latex: str) -> Markup:
     return Markup().join((base, _ABOVE if dotted else "", low))
 
 
-def _within(
-    pattern: re.Pattern[str],
-    text: str,
-    inside: Callable[[str], str],
-    outside: Callable[[str], str],
-) -> Markup:
-    """Of `text`, no HTML yet: `inside` of what the group of `pattern` finds, `outside` of the rest.
+def _splitting(
+    pattern: re.Pattern[str], inside: Callable[[str], str], outside: Callable[[str], str]
+) -> Callable[[str], Markup]:
+    """Return what typesets text: `inside` what the group of `pattern` finds, `outside` the rest.
 
-    Here text becomes HTML: what is not `Markup` is escaped.
+    There text becomes HTML: what is not `Markup` is escaped.
     """
-    parts = enumerate(pattern.split(text))
-    return Markup().join(inside(part) if k % 2 else outside(part) for k, part in parts)
+
+    def typeset(text: str) -> Markup:
+        parts = enumerate(pattern.split(text))
+        return Markup().join(inside(part) if k % 2 else outside(part) for k, part in parts)
+
+    return typeset
 
 
 class Typesetter:
-    """Typesets text as HTML: escaped, names as they are printed, `code`, **strong** and *emphasis*."""
+    """Typesets text as HTML, escaped.
+
+    `plain`: names as they are printed, and powers; `prose`: also `code`, which keeps what is inside as
+    it is, **strong** and *emphasis*.
+    """
 
     def __init__(self, names: Mapping[str, Markup]) -> None:
-        self._names = names
+        code, strong, slanted, power = (
+            Markup(f"<{tag}>{{}}</{tag}>").format for tag in ("code", "strong", "em", "sup")
+        )
         longest = sorted(names, key=len, reverse=True)
-        self._pattern = re.compile(_WORD.format("|".join(map(re.escape, longest))))
-
-    def plain(self, text: str) -> Markup:
-        """Typeset names and powers alone."""
-        return _within(self._pattern, text, self._names.__getitem__, _powers)
-
-    def prose(self, text: str) -> Markup:
-        """Typeset prose; backticks keep what is inside as it is."""
-        return _within(_CODE, text, Markup("<code>{}</code>").format, self._strong)
-
-    def _strong(self, text: str) -> Markup:
-        strong = Markup("<strong>{}</strong>").format
-        return _within(
-            _STRONG, text, lambda strong_text: strong(self._emphasis(strong_text)), self._emphasis
-        )
-
-    def _emphasis(self, text: str) -> Markup:
-        slanted = Markup("<em>{}</em>").format
-        return _within(
-            _EMPHASIS, text, lambda emphasised: slanted(self.plain(emphasised)), self.plain
-        )
-
-
-def _powers(text: str) -> Markup:
-    return _within(_POWER, text, Markup("<sup>{}</sup>").format, str)
+        named = re.compile(_WORD.format("|".join(map(re.escape, longest))))
+        plain = _splitting(named, names.__getitem__, _splitting(_POWER, power, str))
+        emphasis = _splitting(_EMPHASIS, lambda text: slanted(plain(text)), plain)
+        stressed = _splitting(_STRONG, lambda text: strong(emphasis(text)), emphasis)
+        self.plain, self.prose = plain, _splitting(_CODE, code, stressed)
 
 
 # The ratio of its ends from which on a logarithmic axis says its powers of ten at its ticks.
@@ -188,18 +166,7 @@ CROWDED_RATIO = 1e5  # and that from which on small ticks would be too many
 NARROW_RATIO = 1e-3  # an axis narrower than this, relative to its numbers, counts from an origin
 
 
-class Labelled(Protocol):
-    """The label of a symbol or a channel; LaTeX without dollars."""
-
-    @property
-    def latex(self) -> str:
-        """The name."""
-        ...
-
-    @property
-    def latex_unit(self) -> str:
-        """The unit."""
-        ...
+type Labelled = Symbol | Channel
 
 
 @dataclass(frozen=True, slots=True)
@@ -222,7 +189,7 @@ class Scale:
         if self.log:
             with np.errstate(divide="ignore", invalid="ignore"):
                 return np.asarray(np.log10(values) - self.power)
-        return np.asarray((values - self.origin) / 10.0**self.power)
+        return self.number(values)
 
     def number(self, x: Array | float) -> Array:
         """Return what the texts of the axis call the value x: in its power of ten, from its origin."""
@@ -252,8 +219,21 @@ class Scale:
     def ticks(
         self, most: int = 3, *, clear: float = 0.05, letter: float = 0.0
     ) -> tuple[Array, list[str]]:
-        """Return ticks as `ticks` does, with round values where the axis is logarithmic."""
-        return ticks(self.low, self.high, most, clear=clear, letter=letter, log=self.log)
+        """Return two to `most` (3 or more) ticks at round values, and their texts.
+
+        They are `clear` of both ends, in widths of the axis, of which a `letter` takes its share.
+        """
+        length = self.high - self.low
+        low, high = self.low + clear * length, self.high - clear * length
+        if self.log:
+            values, texts = in_ratios(10.0**low, 10.0**high, most)
+            values = [math.log10(value) for value in values]
+        else:
+            values, texts = even_numbers(low, high, most)
+        room = letter * max(map(len, texts)) * length
+        if len(values) == 3 and room > min(b - a for a, b in pairwise(values)):
+            values, texts = values[::2], texts[::2]
+        return np.array(values), texts
 
     @property
     def between(self) -> Array:
@@ -265,8 +245,12 @@ class Scale:
         return np.asarray(positions[(positions >= self.low) & (positions <= self.high)])
 
     def label(self, what: Labelled, separator: str = " ") -> str:
-        """Return the label of the axis for a symbol or a channel."""
-        return axis_label(what, self.power, self.origin, separator)
+        r"""For example `$j_m$ [$10^{-4}\,\mathrm{kg\,m^2}$]`: axis values are divided by the power."""
+        sign = "-" if self.origin > 0 else "+"
+        off = f" {sign} {latex_number(abs(self.origin))}" if self.origin else ""
+        quantity = f"${what.latex}{off}$"
+        inside = unit_of(self.power, what.latex_unit)
+        return f"{quantity}{separator}[{inside}]" if inside else quantity
 
 
 def scale(low: float, high: float, *, log: bool = False, margin: float = 0.0) -> Scale:
@@ -286,7 +270,9 @@ def scale(low: float, high: float, *, log: bool = False, margin: float = 0.0) ->
     low, high = low - beyond, high + beyond
     origin = 0.0
     if high - low < NARROW_RATIO * max(abs(low), abs(high)):
-        origin = near_round(0.5 * (low + high), high - low)
+        middle = 0.5 * (low + high)
+        rounded = (float(f"{middle:.{digits}e}") for digits in range(18))
+        origin = next(x for x in rounded if abs(x - middle) <= high - low)
     farthest = max(abs(low - origin), abs(high - origin))
     power = _power(farthest) if origin == 0.0 else math.floor(math.log10(farthest))
     unit = 10.0**power
@@ -307,18 +293,9 @@ def reaching(
         return low, high
     first, last, at = (math.log(x) if log else x for x in (low, high, value))
     off = max(first - at, at - last)
-    if math.isfinite(farthest) and off > farthest * (last - first):
+    if off > farthest * (last - first):
         return low, high
     return min(low, value), max(high, value)
-
-
-def axis_label(what: Labelled, power: int, origin: float = 0.0, separator: str = " ") -> str:
-    r"""For example `$j_m$ [$10^{-4}\,\mathrm{kg\,m^2}$]`: axis values are divided by the power."""
-    sign = "-" if origin > 0 else "+"
-    off = f" {sign} {latex_number(abs(origin))}" if origin else ""
-    quantity = f"${what.latex}{off}$"
-    inside = unit_of(power, what.latex_unit)
-    return f"{quantity}{separator}[{inside}]" if inside else quantity
 
 
 def unit_of(power: int, latex_unit: str) -> str:
@@ -327,26 +304,3 @@ def unit_of(power: int, latex_unit: str) -> str:
     unit = rf"\mathrm{{{latex_unit}}}" if latex_unit else ""
     inside = r"\,".join(part for part in (ten, unit) if part)
     return f"${inside}$" if inside else ""
-
-
-def ticks(
-    low: float,
-    high: float,
-    most: int = 3,
-    *,
-    clear: float = 0.05,
-    letter: float = 0.0,
-    log: bool = False,
-) -> tuple[Array, list[str]]:
-    """Return two to `most` (3 or more) round numbers and their texts."""
-    length = high - low
-    low, high = low + clear * length, high - clear * length
-    if log:
-        values, texts = in_ratios(10.0**low, 10.0**high, most)
-        values = [math.log10(value) for value in values]
-    else:
-        values, texts = even_numbers(low, high, most)
-    room = letter * max(map(len, texts)) * length
-    if len(values) == 3 and room > min(b - a for a, b in pairwise(values)):
-        values, texts = values[::2], texts[::2]
-    return np.array(values), texts

@@ -11,10 +11,11 @@ import dataclasses
 import io
 import itertools
 import re
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Literal
 
+from bayesdrill.analysis.causes import FittedValue
 from bayesdrill.analysis.diagnostics import MEANING, ParameterRow
 from bayesdrill.basics.errors import printable
 from bayesdrill.basics.symbols import plain
@@ -239,42 +240,32 @@ def aligned(table: Sequence[tuple[str, ...]], left: set[int]) -> str:
 
 HDI = f"{100 * HDI_PROBABILITY:.0f} % HDI"
 
-HEADERS = (
-    "", "unit", "nominal", "MAP", "mean", "sd", HDI, "dev. %", "R-hat", "ESS bulk", "ESS tail",
-    "shrinkage", "the record says",
-)  # fmt: skip
-
+# Of a table of unknowns, the heads of all columns, and what each shows of a row.
+COLUMNS: Mapping[str, Callable[[ParameterRow], str]] = {
+    "": lambda row: row.name,
+    "unit": lambda row: plain(row.unit),
+    "nominal": lambda row: "" if row.nominal is None else f"{row.nominal:.4g}",
+    "MAP": lambda row: f"{row.map:.4g}",
+    "mean": lambda row: f"{row.mean:.4g}",
+    "sd": lambda row: f"{row.sd:.2g}",
+    HDI: lambda row: f"{row.hdi_low:.4g} to {row.hdi_high:.4g}",
+    "dev. %": lambda row: "" if row.deviation is None else f"{100 * row.deviation:+.2f}",
+    "R-hat": lambda row: f"{row.r_hat:.4f}",
+    "ESS bulk": lambda row: f"{row.ess_bulk:.0f}",
+    "ESS tail": lambda row: f"{row.ess_tail:.0f}",
+    "shrinkage": lambda row: f"{round(100 * row.shrinkage)} %",
+    "the record says": lambda row: row.word,
+}
+HEADERS = tuple(COLUMNS)
 
 HDI_ENDS = tuple(f"hdi{100 * HDI_PROBABILITY:.0f}_{end}" for end in ("low", "high"))
 # Of fields of records, the heads of their columns in files.
 CSV_HEADS = {"hdi_low": HDI_ENDS[0], "hdi_high": HDI_ENDS[1], "word": "the_record_says"}
 
 
-def cells(row: ParameterRow) -> tuple[str, ...]:
-    """Return what is shown of a row, in the order of `HEADERS`."""
-    return (
-        row.name,
-        plain(row.unit),
-        "" if row.nominal is None else f"{row.nominal:.4g}",
-        f"{row.map:.4g}",
-        f"{row.mean:.4g}",
-        f"{row.sd:.2g}",
-        f"{row.hdi_low:.4g} to {row.hdi_high:.4g}",
-        "" if row.deviation is None else f"{100 * row.deviation:+.2f}",
-        f"{row.r_hat:.4f}",
-        f"{row.ess_bulk:.0f}",
-        f"{row.ess_tail:.0f}",
-        f"{round(100 * row.shrinkage)} %",
-        row.word,
-    )
-
-
-def records_as_csv(kind: type, rows: Sequence[object], leave: Sequence[str] = ()) -> str:
-    """Return CSV with a column for each field of the record `kind` but those to `leave`.
-
-    All digits, SI, and shares as fractions.
-    """
-    keys = [field.name for field in dataclasses.fields(kind) if field.name not in leave]
+def records_as_csv(kind: type, rows: Sequence[object]) -> str:
+    """Return CSV with a column for each field of `kind`: all digits, SI, and shares as fractions."""
+    keys = [field.name for field in dataclasses.fields(kind)]
     heads = [CSV_HEADS.get(key, key) for key in keys]
     return lines_as_csv([heads, *([getattr(row, key) for key in keys] for row in rows)])
 
@@ -295,7 +286,8 @@ def as_record(row: ParameterRow) -> dict[str, Any]:
 def of_rows(rows: Sequence[ParameterRow], bars: tuple[IntervalBar, ...] = ()) -> Table:
     """Return the summary table of `rows`."""
     left = frozenset((HEADERS[0], HEADERS[1], HEADERS[-1]))
-    return Table(HEADERS, tuple(map(cells, rows)), left, bars=bars).filled()
+    lines = tuple(tuple(cell(row) for cell in COLUMNS.values()) for row in rows)
+    return Table(HEADERS, lines, left, bars=bars).filled()
 
 
 SANDWICH_EXPLAINED = (
@@ -307,11 +299,11 @@ SANDWICH_EXPLAINED = (
 def sandwich_table(
     rows: Sequence[ParameterRow],
     sds: Mapping[str, float],
-    windows: Mapping[str, Sequence[float]],
+    windows: Sequence[Sequence[FittedValue]],
     display_units: DisplayUnits,
 ) -> Table:
     """Return the posterior's sds beside `sds`, SI, and the ends of refits on `windows`."""
-    ends = f"MAP of {len(next(iter(windows.values())))} windows" if windows else ""
+    ends = f"MAP of {len(windows)} windows" if any(windows) else ""
     heads = (
         "",
         "unit",
@@ -324,8 +316,8 @@ def sandwich_table(
     for row, shown in zip(rows, display_units.rows(rows), strict=True):
         sd, factor = sds[row.name], display_units.factor(row.name)
         cells = [f"{sd / factor:.2g}", f"{sd / row.sd:.3g}" if row.sd else ""]
-        if windows:
-            values = windows.get(row.name, ())
+        if ends:
+            values = [x.value for window in windows for x in window if x.name == row.name]
             cells.append(
                 f"{min(values) / factor:.3g} to {max(values) / factor:.3g}" if values else ""
             )

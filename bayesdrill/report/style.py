@@ -33,18 +33,28 @@ if TYPE_CHECKING:
 TICKS_WIDTH = 0.43  # between an axis and its label, inches
 SMALL = 0.83  # of the letters of a figure in one column, in those of one in two
 
+
+def look(**entries: Any) -> Mapping[str, Any]:
+    """Return how something is drawn, as matplotlib takes it."""
+    return MappingProxyType(entries)
+
+
+_LETTERS = {
+    "font.size": 9.0,
+    "axes.labelsize": 9.0,
+    "axes.titlesize": 9.0,
+    "xtick.labelsize": 8.0,
+    "ytick.labelsize": 8.0,
+    "legend.fontsize": 8.0,
+}
 RC: Mapping[str, Any] = MappingProxyType(
     {
+        **_LETTERS,
         "text.usetex": False,
         "font.family": ["STIXGeneral"],
         "mathtext.fontset": "stix",
-        "font.size": 9.0,
-        "axes.labelsize": 9.0,
-        "axes.titlesize": 9.0,
         "axes.linewidth": 0.6,
         "axes.unicode_minus": True,
-        "xtick.labelsize": 8.0,
-        "ytick.labelsize": 8.0,
         "xtick.direction": "in",
         "ytick.direction": "in",
         "xtick.major.size": 3.0,
@@ -55,7 +65,6 @@ RC: Mapping[str, Any] = MappingProxyType(
         "ytick.minor.size": 1.6,
         "xtick.minor.width": 0.4,
         "ytick.minor.width": 0.4,
-        "legend.fontsize": 8.0,
         "legend.frameon": False,
         "lines.linewidth": 1.0,
         "hatch.linewidth": 0.4,
@@ -67,54 +76,21 @@ RC: Mapping[str, Any] = MappingProxyType(
     }
 )
 
-_SIZES = (
-    *("font.size", "axes.labelsize", "axes.titlesize"),
-    *("xtick.labelsize", "ytick.labelsize", "legend.fontsize"),
-)
-
 BLACK, DARK, MIDDLE, LIGHT, FAINT = "0.0", "0.3", "0.55", "0.8", "0.91"
 # Two colours that print as different greys and differ in line style and marker as well.
-NOMINAL: Mapping[str, Any] = MappingProxyType(
-    {"color": "#2b6cb0", "linestyle": (0, (4, 2)), "linewidth": 1.0}
-)
+NOMINAL = look(color="#2b6cb0", linestyle=(0, (4, 2)), linewidth=1.0)
 MAP_COLOUR = "#b3261e"
-MAP_LINE: Mapping[str, Any] = MappingProxyType(
-    {"color": MAP_COLOUR, "linestyle": (0, (1, 1.5)), "linewidth": 1.0}
-)
+MAP_LINE = look(color=MAP_COLOUR, linestyle=(0, (1, 1.5)), linewidth=1.0)
 
-BLACK_LINE: Mapping[str, Any] = MappingProxyType({"color": BLACK, "linewidth": 0.9})
-BAND: Mapping[str, Any] = MappingProxyType({"color": LIGHT, "linewidth": 0})
-CROSS: Mapping[str, Any] = MappingProxyType(
-    {
-        "color": MAP_COLOUR,
-        "marker": "+",
-        "markersize": 8,
-        "markeredgewidth": 1.2,
-        "linestyle": "none",
-    }
-)
-AWAY: Mapping[str, Any] = MappingProxyType(  # the nominal value is beyond the axis
-    {"color": NOMINAL["color"], "markersize": 5, "linestyle": "none"}
-)
-CHANCE: Mapping[str, Any] = MappingProxyType(  # the band that chance allows, ...
-    {"facecolor": FAINT, "edgecolor": MIDDLE, "linewidth": 0.5}
-)
-OUTSIDE: Mapping[str, Any] = MappingProxyType({"color": MAP_COLOUR, "linewidth": 1.8})  # ... left
-PRIOR_LINE: Mapping[str, Any] = MappingProxyType(
-    {"color": MIDDLE, "linestyle": (0, (6, 1, 1, 1)), "linewidth": 0.8}
-)
-DOTS: Mapping[str, Any] = MappingProxyType(
-    {
-        "color": DARK,
-        "marker": "o",
-        "markersize": 1.2,
-        "markeredgewidth": 0,
-        "linestyle": "none",
-        "alpha": 0.35,
-        "zorder": -1,
-        "rasterized": True,
-    }
-)
+BLACK_LINE = look(color=BLACK, linewidth=0.9)
+BAND = look(color=LIGHT, linewidth=0)
+CROSS = look(color=MAP_COLOUR, marker="+", markersize=8, markeredgewidth=1.2, linestyle="none")
+AWAY = look(color=NOMINAL["color"], markersize=5, linestyle="none")  # a value beyond the axis
+CHANCE = look(facecolor=FAINT, edgecolor=MIDDLE, linewidth=0.5)  # the band that chance allows, ...
+OUTSIDE = look(color=MAP_COLOUR, linewidth=1.8)  # ... left
+PRIOR_LINE = look(color=MIDDLE, linestyle=(0, (6, 1, 1, 1)), linewidth=0.8)
+_DOT = look(marker="o", markersize=1.2, markeredgewidth=0, linestyle="none")
+DOTS = look(color=DARK, alpha=0.35, zorder=-1, rasterized=True, **_DOT)
 
 
 # Matplotlib has one style for the whole process, and one parser of formulas.
@@ -126,7 +102,7 @@ def styled(width: float = DOUBLE) -> Iterator[None]:
     """Build and save figures inside, of one thread; what the caller had set comes back after it."""
     rc: Any = dict(RC)
     if width <= SINGLE:
-        rc |= {name: SMALL * size for name, size in RC.items() if name in _SIZES}
+        rc |= {name: SMALL * size for name, size in _LETTERS.items()}
     with _ONE_AT_A_TIME, matplotlib.rc_context(rc):
         yield
 
@@ -220,9 +196,7 @@ def nominal_handles(sides: Collection[int], *, marker: str = ">") -> list[Line2D
 
 def thin(n: int, most: int) -> NDArray[np.intp]:
     """Return at most `most` indices of `n`, evenly spaced from the first to the last."""
-    if n <= most:
-        return np.arange(n)
-    return np.unique(np.linspace(0, n - 1, most).round().astype(np.intp))
+    return np.unique(np.linspace(0, n - 1, min(n, most)).round().astype(np.intp))
 
 
 # What readers of a format know; other entries are joined in Keywords.

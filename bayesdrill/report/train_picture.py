@@ -4,28 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from itertools import count, pairwise
+from itertools import batched, count, pairwise
 from pathlib import Path
 
 import numpy as np
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.patches import Circle
 
 from bayesdrill.basics import software
 from bayesdrill.report import scales, style
-from bayesdrill.report.sheet import (
-    HOLLOW,
-    SMALL,
-    SOLID,
-    Point,
-    blank_sheet,
-    draw_arrow,
-    draw_box,
-    draw_ground,
-    draw_wire,
-    write,
-)
+from bayesdrill.report.sheet import HOLLOW, SMALL, SOLID, Point, Sheet
 from bayesdrill.report.view import Drawing, ReportContext
 from bayesdrill.rig.models.linear import Model
 from bayesdrill.rig.models.roles import GROUND, ROTARY, InertiaRoles
@@ -39,14 +26,16 @@ FOLDED = 1.1 * scales.DOUBLE  # a chain that is longer goes on in another row
 
 @dataclass(frozen=True, slots=True)
 class _Link:
-    """A shaft, or a gear with its `ratio`, between two parts, with symbols above it and below."""
+    """A shaft, or a gear with its `ratio`, between two parts, with symbols above it and below.
+
+    A shaft with a symbol below it has a damper.
+    """
 
     ends: tuple[str, str]
     above: str
     below: str
     name: str
     ratio: float | None = None
-    damped: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,8 +63,7 @@ class _Row:
 def train_figure(rig: Model) -> Figure:
     """Draw the inertias of any rig, with shafts, gears, ground and drives, from its roles."""
     with style.styled():
-        picture = _TrainPicture(rig)
-        return picture.draw()
+        return _TrainPicture(rig).draw()
 
 
 def save_rig(rig: Model, path: Path) -> Path:
@@ -113,7 +101,7 @@ class _TrainPicture:
         ground = [end for link in self.links for end in link.ends if end.startswith(GROUND)]
         parts = [*map(self._part, self.inertias), *map(_Part, ground)]
         self.parts = {part.name: part for part in parts}
-        self.figure, self.sheet = blank_sheet(scales.DOUBLE, 1.0)
+        self.sheet = Sheet(1.0)
         self.between: dict[str, list[_Link]] = {}
         self.at: dict[str, Point] = {}
 
@@ -133,15 +121,15 @@ class _TrainPicture:
             height += self._reach(row, "above") + 0.12
         for row in rows:
             width = max(width, self._place(row))
-        self.figure.set_size_inches(max(width, 2.0), height)
-        self.sheet.set(xlim=(0, max(width, 2.0)), ylim=(0, height))
+        figure = self.sheet.figure
+        figure.set_size_inches(max(width, 2.0), height)
+        self.sheet.axes.set(xlim=(0, max(width, 2.0)), ylim=(0, height))
         for row in rows:
             self._draw_row(row)
         for k, note in enumerate(notes):
-            write(
-                self.sheet, 0.1, 0.1 + k * LINE_HEIGHT, note, ha="left", va="bottom", fontsize=SMALL
-            )
-        return self.figure
+            y = 0.1 + k * LINE_HEIGHT
+            self.sheet.write(0.1, y, note, ha="left", va="bottom", fontsize=SMALL)
+        return figure
 
     # What there is.
 
@@ -155,7 +143,7 @@ class _TrainPicture:
             first, second = (f"{n} {next(grounds)}" if n == GROUND else n for n in shaft.ends)
             above, below = self._latex(shaft.stiffness), self._latex(shaft.damping)
             if above:
-                yield _Link((first, second), above, below, _plain(shaft.words), damped=bool(below))
+                yield _Link((first, second), above, below, shaft.words.removeprefix("the "))
         for inertia in self.inertias:
             alike = [i for i in self.inertias if i.speed == inertia.speed]
             root = next((i for i in alike if i.reduction == 1.0), alike[0])
@@ -166,22 +154,17 @@ class _TrainPicture:
                 yield _Link((inertia.name, root.name), turns, below, "gear", ratio)
 
     def _part(self, inertia: InertiaRoles) -> _Part:
-        rig, symbols = self.rig, self.rig.symbols
-        moves = [inertia.latex or symbols[inertia.angle].latex]
-        moves.append(rf"\dot {moves[0]}")
-        driven = list(self._drives(inertia))
-        above = (*driven, self._latex(inertia.inertia), f"${moves[0]},\\,{moves[1]}$")
+        rig, driven = self.rig, list(self._drives(inertia))
+        angle = inertia.latex or rig.symbols[inertia.angle].latex
+        above = (*driven, self._latex(inertia.inertia), rf"${angle},\,\dot {angle}$")
         rubs = (inertia.damping, inertia.friction, inertia.sliding, inertia.static, inertia.fading)
-        named = [
-            n
-            for n in (*rubs, *inertia.cutting, inertia.weight, inertia.tilt)
-            if n in rig.parameters
-        ]
-        below = [self._latex(*named[k : k + 2]) for k in range(0, len(named), 2)]
+        others = (*inertia.cutting, inertia.weight, inertia.tilt)
+        known = [name for name in (*rubs, *others) if name in rig.parameters]
+        below = [self._latex(*pair) for pair in batched(known, 2)]
         return _Part(
             inertia.name,
             tuple(filter(None, above)),
-            (*below, _plain(inertia.words)),
+            (*below, inertia.words.removeprefix("the ")),
             pushed=bool(driven),
             driven=any(rig.symbols[n].drives for n in self._inputs(inertia)),
             held=any(name in rig.parameters for name in rubs),
@@ -203,7 +186,7 @@ class _TrainPicture:
         if motor and shown:
             names = (motor.torque_constant, motor.back_emf, motor.resistance, motor.series)
             known = [n for n in (*names, motor.inductance, motor.drop) if n in rig.parameters]
-            yield from (self._latex(*known[k : k + 3]) for k in range(0, len(known), 3))
+            yield from (self._latex(*three) for three in batched(known, 3))
 
     # Where it is.
 
@@ -265,8 +248,8 @@ class _TrainPicture:
 
     def _measure(self, *lines: str) -> float:
         """Return the width of the widest of some texts."""
-        texts = [self.sheet.text(0, 0, line) for line in lines if line]
-        widths = [text.get_window_extent().width / self.figure.dpi for text in texts]
+        texts = [self.sheet.axes.text(0, 0, line) for line in lines if line]
+        widths = [text.get_window_extent().width / self.sheet.figure.dpi for text in texts]
         for text in texts:
             text.remove()
         return max(widths, default=0.0)
@@ -319,7 +302,7 @@ class _TrainPicture:
                 begins = left - self._slot(name)
                 self._join(before, row, (begins, y))
                 self._draw_links(name, begins, left, y)
-                draw_wire(self.sheet, (left, y), (x - self._body(name), y))
+                self.sheet.wire((left, y), (x - self._body(name), y))
             self._draw_part(self.parts[name], x, y, first=name == row.parts[0] and not before)
             before = name
 
@@ -328,33 +311,33 @@ class _TrainPicture:
         x, y = self.at[before]
         begin = (x + self._body(before), y)
         if y == end[1]:
-            draw_wire(self.sheet, begin, end)
+            self.sheet.wire(begin, end)
             return
         out = x + self._width(before) / 2
         way = [begin, (out, y), (out, end[1]), end]
         if row.folded:
             middle = end[1] + self._reach(row, "above") + 0.06
             way = [begin, (out, y), (out, middle), (end[0], middle), end]
-        draw_wire(self.sheet, *way)
+        self.sheet.wire(*way)
 
     def _draw_links(self, name: str, left: float, right: float, y: float) -> None:
         links, middle = self.between.get(name, []), (left + right) / 2
         middles = np.arange(len(links)) - (len(links) - 1) / 2
         heights = [y + BESIDE_EACH_OTHER * float(x) for x in middles]
         for end in (left, right) if len(links) > 1 else ():
-            draw_wire(self.sheet, (end, heights[0]), (end, heights[-1]))
+            self.sheet.wire((end, heights[0]), (end, heights[-1]))
         for link, height in zip(links, heights, strict=True):
             if link.ratio is None:
-                _spring(self.sheet, left, right, height, damped=link.damped)
+                _spring(self.sheet, left, right, height, damped=bool(link.below))
+                away = 0.25 if link.below else 0.19
             else:
                 times = 1 / link.ratio if link.ends[1] == name else link.ratio
                 _wheels(self.sheet, abs(times), left, right, height)
-            top, bottom = (0.25, -0.25) if link.damped else (0.19, -0.19)
-            top, bottom = (0.34, -0.34) if link.ratio else (top, bottom)
-            write(self.sheet, middle, height + top, link.above)
+                away = 0.34
+            self.sheet.write(middle, height + away, link.above)
             lines = [(link.below, {}), (link.name, {"fontsize": SMALL})]
             for k, (text, font) in enumerate(lines if link.below else lines[1:]):
-                write(self.sheet, middle, height + bottom - k * 0.17, text, **font)
+                self.sheet.write(middle, height - away - k * 0.17, text, **font)
 
     def _draw_part(self, part: _Part, x: float, y: float, *, first: bool) -> None:
         sheet = self.sheet
@@ -364,65 +347,61 @@ class _TrainPicture:
         top, bottom = HALF_DISC, -HALF_DISC
         if self.linear:
             top, bottom = CART[1] / 2, -CART[1] / 2 - 0.12
-            draw_box(sheet, x, y, *CART, **SOLID)
+            sheet.box(x, y, *CART, **SOLID)
             for side in (-1, 1):
-                sheet.add_patch(Circle((x + side * 0.18, y + bottom + 0.06), 0.06, **HOLLOW))
+                sheet.circle(x + side * 0.18, y + bottom + 0.06, 0.06, **HOLLOW)
         else:
-            draw_box(sheet, x, y, 0.16, top - bottom, **SOLID)
+            sheet.box(x, y, 0.16, top - bottom, **SOLID)
         if part.held or self.linear:
-            draw_ground(sheet, x, y + bottom, -1)
+            sheet.ground(x, y + bottom, -1)
         height = y + top + 0.14
         if part.pushed:
-            draw_arrow(sheet, (x, height + 0.2), (x, height - 0.1))
+            sheet.arrow((x, height + 0.2), (x, height - 0.1))
             height += 0.3
         for line in part.above:
-            write(sheet, x, height, line)
+            sheet.write(x, height, line)
             height += LINE_HEIGHT
         height = y + bottom - 0.2
         for line in part.below:
-            write(sheet, x, height, line, fontsize=None if line.startswith("$") else SMALL)
+            sheet.write(x, height, line, fontsize=None if line.startswith("$") else SMALL)
             height -= LINE_HEIGHT
 
 
-def _plain(words: str) -> str:
-    return words.removeprefix("the ")
-
-
-def _spring(sheet: Axes, left: float, right: float, y: float, *, damped: bool) -> None:
+def _spring(sheet: Sheet, left: float, right: float, y: float, *, damped: bool) -> None:
     """Draw a spring, and beside it a damper where it has one."""
     height = y + 0.08 if damped else y
     start, end = left + 0.08, right - 0.08
     along = np.array([0, 2, 3, 5, 7, 9, 11, 12, 14]) / 14
     teeth = 0.06 * np.array([0, 0, 1, -1, 1, -1, 1, 0, 0])
-    draw_wire(sheet, *zip(start + (end - start) * along, height + teeth, strict=True))
-    draw_wire(sheet, (left, y), (start, y))
-    draw_wire(sheet, (end, y), (right, y))
+    sheet.wire(*zip(start + (end - start) * along, height + teeth, strict=True))
+    sheet.wire((left, y), (start, y))
+    sheet.wire((end, y), (right, y))
     if damped:
         low, middle = y - 0.08, (start + end) / 2
         for x in (start, end):
-            draw_wire(sheet, (x, low), (x, height))
-        draw_wire(sheet, (start, low), (middle, low))
-        draw_wire(sheet, (middle, low - 0.045), (middle, low + 0.045))
-        draw_wire(sheet, (middle + 0.06, low), (end, low))
+            sheet.wire((x, low), (x, height))
+        sheet.wire((start, low), (middle, low))
+        sheet.wire((middle, low - 0.045), (middle, low + 0.045))
+        sheet.wire((middle + 0.06, low), (end, low))
         cup = ((middle - 0.08, low + 0.06), (middle + 0.06, low + 0.06))
-        draw_wire(sheet, *cup, (middle + 0.06, low - 0.06), (middle - 0.08, low - 0.06))
+        sheet.wire(*cup, (middle + 0.06, low - 0.06), (middle - 0.08, low - 0.06))
 
 
-def _wheels(sheet: Axes, times: float, left: float, right: float, y: float) -> None:
+def _wheels(sheet: Sheet, times: float, left: float, right: float, y: float) -> None:
     """Draw two wheels that mesh, the first `times` as large as the other, as far as can be seen."""
     times = float(np.clip(times, 1 / 3, 3.0))
     first, middle = 0.26 * times / (1 + times), (left + right) / 2
     second = 0.26 - first
     touch = middle - 0.26 + 2 * first
     for x, radius in ((touch - first, first), (touch + second, second)):
-        sheet.add_patch(Circle((x, y), radius, **SOLID))
-        sheet.add_patch(Circle((x, y), 0.025, **HOLLOW))
-    draw_wire(sheet, (left, y), (touch - 2 * first, y))
-    draw_wire(sheet, (touch + 2 * second, y), (right, y))
+        sheet.circle(x, y, radius, **SOLID)
+        sheet.circle(x, y, 0.025, **HOLLOW)
+    sheet.wire((left, y), (touch - 2 * first, y))
+    sheet.wire((touch + 2 * second, y), (right, y))
 
 
-def _wall(sheet: Axes, x: float, y: float, side: int) -> None:
+def _wall(sheet: Sheet, x: float, y: float, side: int) -> None:
     """Draw what does not move: a line across, and strokes away from it."""
-    draw_wire(sheet, (x, y - 0.2), (x, y + 0.2))
+    sheet.wire((x, y - 0.2), (x, y + 0.2))
     for start in np.linspace(-0.2, 0.14, 6):
-        draw_wire(sheet, (x, y + start), (x + side * 0.06, y + start + 0.06))
+        sheet.wire((x, y + start), (x + side * 0.06, y + start + 0.06))

@@ -45,20 +45,16 @@ class Drawing:
         return self.figure(*self.arguments)
 
 
-def captioned(label: str, says: str) -> str:
-    """Return a caption that begins with the label of its experiment, if it has one."""
-    return f"{label}: {says}" if label else says
-
-
 def for_each_experiment(
     figure: Callable[[Any, float], Figure],
     shown: Iterable[tuple[str, Any]],
     width: float,
     says: str,
 ) -> tuple[Drawing, ...]:
-    """Return a drawing of what is `shown` of each experiment, by its label."""
+    """Return a drawing of what is `shown` of each experiment; its label, if any, begins the caption."""
     return tuple(
-        Drawing(figure, (data, width), says=captioned(label, says)) for label, data in shown
+        Drawing(figure, (data, width), says=f"{label}: {says}" if label else says)
+        for label, data in shown
     )
 
 

@@ -17,7 +17,7 @@ from bayesdrill.config.resolve import quantities
 from bayesdrill.config.resolve.case import ResolvedCase
 from bayesdrill.config.schema.config import Config
 from bayesdrill.config.schema.records import ColumnSpec, TimeColumn
-from bayesdrill.inference.compression import LONG, CompressionCheck, exact_reason
+from bayesdrill.inference.compression import LONG, exact_reason
 from bayesdrill.inference.display_units import DisplayUnits
 from bayesdrill.inference.likelihood import Observation
 from bayesdrill.inference.posterior import Problem
@@ -128,12 +128,10 @@ def headline(problem: Problem, config: Config) -> str:
     )
 
 
-def opening(problem: Problem, units: DisplayUnits) -> str:
+def opening(problem: Problem) -> str:
     """What goes in."""
-    space = problem.posterior.space
-    held = ", ".join(
-        f"{name} = {units.format_value(name, value)}" for name, value in space.fixed.items()
-    )
+    space, shown = problem.posterior.space, problem.units.format_value
+    held = ", ".join(f"{name} = {shown(name, value)}" for name, value in space.fixed.items())
     tied = ", ".join(f"{name} = {relation.text}" for name, relation in space.relations.items())
     return (
         f"{records(problem)}\nmodel: {model(problem)}\n"
@@ -147,10 +145,8 @@ def records(problem: Problem) -> str:
     """A line for each."""
     lines = []
     for observation in problem.observations:
-        experiment, ending = (
-            observation.experiment,
-            f" {observation.label}" if observation.label else "",
-        )
+        experiment = observation.experiment
+        ending = f" {observation.label}" if observation.label else ""
         length = experiment.t[-1] - experiment.t[0]
         channels = ", ".join(experiment.names)
         lines.append(f"record{ending}: {len(experiment.t)} samples of {channels} over {length:g} s")
@@ -193,9 +189,9 @@ def _parts(rig: Model) -> str:
     return f"{rig.name}{f' with {added}' if added else ''} ({said})"
 
 
-def preview(problem: Problem, config: Config, units: DisplayUnits) -> str:
+def preview(problem: Problem, config: Config) -> str:
     """What would run."""
-    posterior, sampler = problem.posterior, config.sampler
+    posterior, sampler, units = problem.posterior, config.sampler, problem.units
     start = posterior.space.vector(posterior.space.start)
     priors = "\n".join(
         f"  {symbol.name}{f' [{symbol.plain_unit}]' if symbol.unit not in ('', '1') else ''}: "
@@ -411,16 +407,6 @@ def sampling(sampled: SamplingResult) -> str:
     )
 
 
-def compression(check: CompressionCheck) -> str:
-    """Say how well a compressed likelihood stands for the exact one."""
-    exact = f" {check.exact} of these draws needed all samples." if check.exact else ""
-    return (
-        f"The record of {check.samples} samples was compressed into {check.functions} functions. For "
-        f"{check.draws} draws the log likelihood differs from the exact one by at most "
-        f"{check.difference:.1g}.{exact}"
-    )
-
-
 def convergence(sampled: SamplingResult) -> str:
     """Whether the ensembles may be believed."""
     c = sampled.convergence
@@ -435,7 +421,12 @@ def convergence(sampled: SamplingResult) -> str:
     if sampled.failures:
         lines.append(f"{sampled.failures} proposals had no finite response and were refused")
     if (check := sampled.compression) is not None:
-        lines.append(compression(check))
+        exact = f" {check.exact} of these draws needed all samples." if check.exact else ""
+        lines.append(
+            f"The record of {check.samples} samples was compressed into {check.functions} functions. "
+            f"For {check.draws} draws the log likelihood differs from the exact one by at most "
+            f"{check.difference:.1g}.{exact}"
+        )
     if c.converged:
         lines.append("converged: all targets are met")
     else:

@@ -79,7 +79,7 @@ def run_posterior(
             _read_ahead(job, folder)
             mode = find_map.read_mode(folder, job.problem)
         report.say(words.headline(job.problem, job.config))
-        details.say(words.opening(job.problem, job.units))
+        details.say(words.opening(job.problem))
         details.say(words.size(job.problem, job.config))
         begin(job, folder)
         with interruptions(folder, lambda: _saved_so_far(folder)):

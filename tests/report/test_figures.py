@@ -184,7 +184,7 @@ def test_corner_legend_names_contours_and_interval() -> None:
 def test_ticks_are_few_distinct_and_true(middle: float, width: float) -> None:
     low, high = middle - 0.5 * width * abs(middle), middle + 0.5 * width * abs(middle)
     scale = scales.scale(low, high)
-    places, texts = scales.ticks(scale.low, scale.high)
+    places, texts = scale.ticks()
     assert 2 <= len(places) <= 3
     assert len(set(texts)) == len(texts)
     assert max(map(len, texts)) <= 8
@@ -199,11 +199,16 @@ def test_ticks_are_few_distinct_and_true(middle: float, width: float) -> None:
 
 def test_labels_have_power_unit_and_origin() -> None:
     j_m, r_m = PARAMETERS["j_m"], PARAMETERS["r_m"]
-    assert scales.axis_label(j_m, -4) == r"$j_m$ [$10^{-4}\,\mathrm{kg\,m^2}$]"
-    assert scales.axis_label(r_m, 0) == r"$r_m$ [$\mathrm{\Omega}$]"
-    assert scales.axis_label(j_m, -9, 4e-4).startswith(r"$j_m - 4{\cdot}10^{-4}$ [")
-    assert scales.axis_label(Symbol("x", "", "x", "", ""), 0, -63.5) == "$x + 63.5$"
-    assert scales.axis_label(Symbol("x", "", "x", "", ""), 0) == "$x$"
+    x = Symbol("x", "", "x", "", "")
+
+    def label(what: Symbol, power: int, origin: float = 0.0) -> str:
+        return scales.Scale(origin, power, 0.0, 1.0).label(what)
+
+    assert label(j_m, -4) == r"$j_m$ [$10^{-4}\,\mathrm{kg\,m^2}$]"
+    assert label(r_m, 0) == r"$r_m$ [$\mathrm{\Omega}$]"
+    assert label(j_m, -9, 4e-4).startswith(r"$j_m - 4{\cdot}10^{-4}$ [")
+    assert label(x, 0, -63.5) == "$x + 63.5$"
+    assert label(x, 0) == "$x$"
 
 
 # Files

@@ -254,8 +254,8 @@ def test_sentences_have_the_unit_of_the_user_and_parameters_stay_as_they_are() -
     said = words.mode(moved, view.units)
     assert "sigma_w_1 19.1 rpm" in said
     assert "d 4 mm" in said
-    assert "L = 240 cm" in words.opening(view.problem, view.units)
-    assert "k_T = 0.12," in words.opening(view.problem, view.units)
+    assert "L = 240 cm" in words.opening(view.problem)
+    assert "k_T = 0.12," in words.opening(view.problem)
     pressed = [
         replace(view.analysis.unknowns[0], name="sigma_theta_1", pressed_against=math.radians(0.25))
     ]

@@ -27,7 +27,7 @@ from bayesdrill.inference.priors import LogUniform, Uniform
 from bayesdrill.report import publish, render, run_report, style
 from bayesdrill.report.map_report import MapReport
 from bayesdrill.report.render import as_html
-from bayesdrill.report.run_report import bars, sections
+from bayesdrill.report.run_report import interval_bar, sections
 from bayesdrill.report.scales import Typesetter, printed
 from bayesdrill.report.section import (
     Badge,
@@ -436,13 +436,13 @@ ROW = ParameterRow(
 
 
 def test_bars_stand_on_the_range_of_the_prior_in_logs_where_it_has_decades() -> None:
-    (plain,) = bars([ROW], {"k_s": Uniform(0.2, 0.4)})
+    plain = interval_bar(ROW, Uniform(0.2, 0.4))
     assert plain.low == pytest.approx((0.28 - 0.2) / 0.2, abs=2e-3)
     assert plain.nominal == pytest.approx((0.26 - 0.2) / 0.2, abs=2e-3)
-    (logs,) = bars([ROW], {"k_s": LogUniform(0.01, 10.0)})
+    logs = interval_bar(ROW, LogUniform(0.01, 10.0))
     assert logs.high == pytest.approx(np.log(32) / np.log(1000), abs=2e-3)
     far = dataclasses.replace(ROW, nominal=2.0)
-    (wide,) = bars([far], {"k_s": Uniform(0.2, 0.4)})
+    wide = interval_bar(far, Uniform(0.2, 0.4))
     assert wide == IntervalBar(wide.low, wide.high, 1.0, wide.best)
     assert max(wide.low, wide.high, wide.best) < 0.1
 

@@ -41,7 +41,6 @@ from bayesdrill.inference.residual_checks import (
 from bayesdrill.output_files import numbered
 from bayesdrill.report import scales, style, words
 from bayesdrill.report.pages import Page, difference_panel, inches_panel, legend_above
-from bayesdrill.report.publish import FIT_ALONE, RESIDUALS
 from bayesdrill.report.scales import WIDTHS
 from bayesdrill.report.sections import fit_words
 from bayesdrill.report.sections.fit_words import (
@@ -451,7 +450,7 @@ def residuals_figure(
                     correlation.lags[shown], 0.0, correlation.values[shown], zorder=2, **look
                 )
             panel.set_ylim(low, high + 0.3 * (high - low))  # the name is above
-            style.set_ticks(panel.yaxis, *scales.ticks(low, high, 4))
+            style.set_ticks(panel.yaxis, *scales.Scale(0.0, 0, low, high).ticks(4))
             panel.xaxis.set_major_locator(MaxNLocator(4, integer=True, prune="both"))
             panel.set_xlim(correlation.lags[0] - 1, correlation.lags[-1] + 1)
             style.corner_text(panel, f"${correlation.channel.latex}$")
@@ -461,6 +460,9 @@ def residuals_figure(
             page.frame(panel, k, len(correlations), "lag [samples]", "correlation")
         legend_above(figure, handles, 3)
     return figure
+
+
+RESIDUALS = "Whether residuals are white, and whether they follow an input (positive lags)."
 
 
 def draw_residuals(run: ReportContext) -> tuple[Drawing, ...] | None:
@@ -544,6 +546,7 @@ def draw_frequency_response(run: ReportContext) -> tuple[Drawing, ...]:
 
 
 FIT = "Record, model at the MAP and posterior predictive band; beside them what is left, and the noise."
+FIT_ALONE = "Record and model at the MAP; beside them what is left, and the noise."
 FIT_RUBBED = f"{FIT} Below: what rubs, and when it sticks."
 
 
