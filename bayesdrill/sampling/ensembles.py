@@ -94,25 +94,36 @@ class EnsembleRunSettings:
 SETTINGS = EnsembleRunSettings()
 
 
+class _PooledLogDensity(PosteriorLogDensity):
+    """The log density over the sampler's coordinates, of which processes share many points."""
+
+    def __init__(self, posterior: Posterior, pool: WorkerPool) -> None:
+        super().__init__(posterior)
+        self._pool = pool
+
+    def quadratic_model(self, u: Array, directions: Array) -> QuadraticModel:
+        """Return value, slopes and curvature along `directions (D, q)`."""
+        n = SETTINGS.points_per_task
+        if len(u) <= n:
+            return super().quadratic_model(u, directions)
+        parts = [u[k : k + n] for k in range(0, len(u), n)]
+        tasks = [self._pool.submit(_quadratic_model, part, directions) for part in parts]
+        return concatenate_models([task.result() for task in tasks])
+
+
+def _quadratic_model(posterior: Posterior, u: Array, directions: Array) -> QuadraticModel:
+    return PosteriorLogDensity(posterior).quadratic_model(u, directions)
+
+
 def prepare(
     pool: WorkerPool, posterior: Posterior, maxima: Array, seed: int, report: Reporter = SILENT
 ) -> LearnedProposal:
     """Learn the proposal; it is the same whatever the number of processes."""
-
-    def expand(u: Array, directions: Array) -> QuadraticModel:
-        if len(u) <= SETTINGS.points_per_task:
-            return expanded(posterior, u, directions)
-        parts = [
-            u[k : k + SETTINGS.points_per_task] for k in range(0, len(u), SETTINGS.points_per_task)
-        ]
-        tasks = [pool.submit(expanded, part, directions) for part in parts]
-        return concatenate_models([task.result() for task in tasks])
-
     report.update(0.0, "learning the proposal")
     random = np.random.RandomState(seeds.bits(seed, "learn", 0))
     z = posterior.coordinates.from_physical(maxima)
     max_added_ridges, modes = (MAX_ADDED_RIDGES, z) if fits(posterior, maxima) else (0, z[:1])
-    surface = PosteriorLogDensity(posterior)
+    surface = _PooledLogDensity(posterior, pool)
     with threadpool_limits(1):
         rng = seeds.stream(seed, "learn", 1)
         # Where the density over the coordinates is highest, most of the posterior is near.
@@ -124,9 +135,7 @@ def prepare(
             near = np.abs(central[:k] - central[k]) < SAME_MODE * surface.spread
             if near.all(axis=1).any():
                 central[k] = modes[k]
-        return learn(
-            surface, expand, list(central), random, rng, max_added_ridges, report, settle=settle
-        )
+        return learn(surface, list(central), random, rng, max_added_ridges, report, settle=settle)
 
 
 def fits(posterior: Posterior, maxima: Array) -> bool:
@@ -147,11 +156,6 @@ def slopes_are_expensive(posterior: Posterior) -> bool:
     return numbers > SETTINGS.max_slopes or any(
         observation.response.model.frictions for observation in observations
     )
-
-
-def expanded(posterior: Posterior, u: Array, directions: Array) -> QuadraticModel:
-    """Expand the log density about points `u (W, D)`; see `laplace.LogDensity.quadratic_model`."""
-    return PosteriorLogDensity(posterior).quadratic_model(u, directions)
 
 
 def begin_walkers(

@@ -135,9 +135,7 @@ def test_a_strongly_bent_ridge_is_followed() -> None:
     def check(seed: int, n_loose: int, n_tight: int) -> None:
         surface = ridged(n_loose, n_tight)
         start = surface.at(np.full((1, n_loose), 0.1), np.zeros((1, n_tight)))[0]
-        traced = ridge_tracing.trace(
-            surface, surface.quadratic_model, start, np.random.default_rng(seed)
-        )
+        traced = ridge_tracing.trace(surface, start, np.random.default_rng(seed))
         rng = np.random.default_rng(9)
         psi = rng.uniform(-0.7, 0.7, (1000, n_loose))
         fresh = surface.at(psi, np.zeros((1000, n_tight)))
@@ -169,9 +167,7 @@ def test_a_ridge_is_followed_up_to_the_ends_of_the_priors() -> None:
     near = np.abs(exact - surface.middle) / (surface.reach * surface.spread)
     last = exact[(near.max(axis=1) > 0.9) & surface.inside(exact)]
     for seed in range(1, 4):
-        found = ridge_tracing.trace(
-            surface, surface.quadratic_model, start, np.random.default_rng(seed)
-        ).ridge
+        found = ridge_tracing.trace(surface, start, np.random.default_rng(seed)).ridge
         off = np.linalg.norm(to_ridge_coordinates(found, last)[0][:, 2:], axis=1)
         assert np.quantile(off, 0.9) < 0.3
 
@@ -205,12 +201,10 @@ def test_a_direction_along_which_nothing_changes_anywhere_is_known() -> None:
     flat /= np.linalg.norm(flat)
     long = surface.roots[0] + 1e8 * surface.spread[:, None] * np.outer(flat, flat)
     endless = dataclasses.replace(surface, roots=long[None])
-    found = ridge_tracing.flat_directions(
-        endless, endless.quadratic_model, np.random.default_rng(1)
-    )
+    found = ridge_tracing.flat_directions(endless, np.random.default_rng(1))
     assert np.abs(flat @ found) == pytest.approx([1.0], abs=1e-6)
     for bent in (ridged(1, 1), ridged(2, 3), surface):
-        here = ridge_tracing.flat_directions(bent, bent.quadratic_model, np.random.default_rng(1))
+        here = ridge_tracing.flat_directions(bent, np.random.default_rng(1))
         assert here.shape == (len(bent.middle), 0)
 
 

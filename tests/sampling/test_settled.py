@@ -12,7 +12,7 @@ from together import for_each
 
 from bayesdrill.sampling.proposal.learning import LearnedProposal, learn
 from bayesdrill.sampling.proposal.missed_mass import CoverageCheck, check_coverage
-from bayesdrill.sampling.proposal.ridge_tracing import NewtonRidge, newton_mixture
+from bayesdrill.sampling.proposal.ridge_tracing import newton_mixture, newton_ridge
 from bayesdrill.sampling.samplers.ensemble import State, advance
 from bayesdrill.sampling.samplers.independence import Proposal, mixture, normalised
 from bayesdrill.sampling.samplers.ridge import from_ridge_coordinates, to_ridge_coordinates
@@ -23,7 +23,7 @@ def learnt(n_loose: int, n_tight: int) -> tuple[Ridged, LearnedProposal]:
     surface = ridged(n_loose, n_tight)
     start = surface.at(np.full((1, n_loose), 0.1), np.zeros((1, n_tight)))[0]
     seed, rng = np.random.RandomState(1), np.random.default_rng(3)
-    return surface, learn(surface, surface.quadratic_model, [start], seed, rng)
+    return surface, learn(surface, [start], seed, rng)
 
 
 def shortened(proposal: Proposal) -> Proposal:
@@ -42,7 +42,6 @@ def looked(
     seed = np.random.RandomState(4)
     return check_coverage(
         surface,
-        surface.quadratic_model,
         proposal,
         [0],
         (u, weights[None]),
@@ -73,7 +72,7 @@ def test_points_are_brought_to_the_ridge() -> None:
         place = own.location.copy()
         place[0] += 0.8 if far else 10.0 * np.exp(own.ends[1, :n_tight])  # as wide as it gets
         moved = replace(own, location=place, root=0.9 * own.root)
-        home = NewtonRidge(moved, surface.quadratic_model)
+        home = newton_ridge(moved, surface.quadratic_model)
         psi, e = np.split(to_ridge_coordinates(own, found.u)[0], [n_loose], axis=1)
         assert (
             np.median(np.linalg.norm(to_ridge_coordinates(moved, found.u)[0][:, n_loose:], axis=1))
@@ -94,7 +93,7 @@ def test_points_are_brought_to_the_ridge() -> None:
 def test_what_does_not_arrive_stays_where_the_polynomials_have_it() -> None:
     surface, found = learnt(1, 1)
     own = found.proposal.mixture.sheets[0]
-    nowhere = NewtonRidge(own, lambda u, q: surface.quadratic_model(np.full_like(u, np.nan), q))
+    nowhere = newton_ridge(own, lambda u, q: surface.quadratic_model(np.full_like(u, np.nan), q))
     psi = np.linspace(-1.0, 1.0, 7)[:, None]
     for one, other in zip(nowhere.along(psi), own.along(psi), strict=True):
         assert np.array_equal(one, other)
@@ -166,7 +165,7 @@ def test_a_ridge_that_turns_a_corner_is_seen_on_both_sides(
 
     def check(seed: int, *start: float) -> None:
         walk, rng = np.random.RandomState(seed), np.random.default_rng(seed + 1)
-        found = learn(surface, surface.quadratic_model, [np.array(start)], walk, rng)
+        found = learn(surface, [np.array(start)], walk, rng)
         beyond = found.u[:, 1] > found.u[:, 0]
         assert found.weights @ beyond == pytest.approx(0.5, abs=0.1)
 

@@ -18,7 +18,6 @@ from bayesdrill.inference.laplace import LogDensity
 from bayesdrill.sampling.proposal.missed_mass import check_coverage
 from bayesdrill.sampling.proposal.ridge_tracing import (
     USELESS_ERROR,
-    Expand,
     TracedRidge,
     distances,
     moments,
@@ -111,7 +110,6 @@ class LearnedProposal:
 
 def learn(
     surface: LogDensity,
-    expand: Expand,
     maxima: Sequence[Array],
     random_state: RandomState,
     rng: np.random.Generator,
@@ -127,7 +125,7 @@ def learn(
     `max_added_ridges`: how many ridges are added at most.  `settle`: whether to look along settled
     ridges for what the proposal leaves out.
     """
-    parts = [(origin, trace(surface, expand, at, rng)) for origin, at in enumerate(maxima)]
+    parts = [(origin, trace(surface, at, rng)) for origin, at in enumerate(maxima)]
     try:
         best = last = _best_mixture(surface, parts, random_state, max_added_ridges, report)
     except NoSupportError:  # the posterior is narrower than all that its curvature foresees
@@ -138,9 +136,7 @@ def learn(
             break
         # One more ridge where draws weigh most: there the posterior is, and the proposal is not.
         # Or the same, followed as far as draws have been seen.
-        new_parts = [
-            (k, trace(surface, expand, at, rng, draws)) for k, at, draws in _central_draws(last)
-        ]
+        new_parts = [(k, trace(surface, at, rng, draws)) for k, at, draws in _central_draws(last)]
         good_parts = [part for part in parts if part[1].off < USELESS_ERROR]
         parts = new_parts if last.strays > SETTINGS.max_stray_mass else good_parts + new_parts
         try:
@@ -158,9 +154,7 @@ def learn(
     looked = None
     if max_added_ridges > 0 and settle:
         report.update(0.0, "looking for what the proposal leaves out")
-        looked = check_coverage(
-            surface, expand, best.proposal, *_heaviest(best), random_state, rng, report
-        )
+        looked = check_coverage(surface, best.proposal, *_heaviest(best), random_state, rng, report)
     draws = looked.draws if looked else best.draws
     return LearnedProposal(
         proposal=replace(best.proposal, newton=looked.proposal if looked else None),

@@ -17,7 +17,6 @@ from bayesdrill.basics.arrays import Array
 from bayesdrill.basics.progress import SILENT, Reporter
 from bayesdrill.inference.laplace import LogDensity
 from bayesdrill.sampling.proposal.ridge_tracing import (
-    Expand,
     distances,
     moments,
     newton_mixture,
@@ -32,7 +31,7 @@ from bayesdrill.sampling.samplers.independence import (
     Proposal,
     WeightedDraws,
 )
-from bayesdrill.sampling.samplers.ridge import RidgeCoordinates
+from bayesdrill.sampling.samplers.ridge import RidgeMap
 
 RandomState = np.random.RandomState
 
@@ -77,7 +76,6 @@ class CoverageCheck:
 
 def check_coverage(
     surface: LogDensity,
-    expand: Expand,
     proposal: Proposal,
     sheets: Sequence[int],
     weighted_draws: tuple[Array, Array],
@@ -98,7 +96,7 @@ def check_coverage(
     for k in range(SETTINGS.learning_rounds):
         mixture = _wide(selected, *weighted_draws)
         draws, shares, inside = _drawn(
-            surface, newton_mixture(mixture, expand), DRAWS_PER_ROUND, random_state
+            surface, newton_mixture(mixture, surface.quadratic_model), DRAWS_PER_ROUND, random_state
         )
         if len(draws.u) == 0 or (k == 0 and _covers(surface, proposal, draws)):
             return None
@@ -110,8 +108,10 @@ def check_coverage(
     newton_proposal = Proposal(
         _wide(selected, *weighted_draws), inside, draws.typical_log_ratio, local_share=1.0
     )
-    mixture = _add_ridges(surface, expand, newton_proposal, begin, random_state, rng, report)
-    draws, _, inside = _drawn(surface, newton_mixture(mixture, expand), LAST_DRAWS, random_state)
+    mixture = _add_ridges(surface, newton_proposal, begin, random_state, rng, report)
+    draws, _, inside = _drawn(
+        surface, newton_mixture(mixture, surface.quadratic_model), LAST_DRAWS, random_state
+    )
     if _covers(surface, proposal, draws):
         return None  # a few draws of many looked like it by chance
     return CoverageCheck(
@@ -121,7 +121,6 @@ def check_coverage(
 
 def _add_ridges(
     surface: LogDensity,
-    expand: Expand,
     newton_proposal: Proposal,
     begin: Array,
     random_state: RandomState,
@@ -143,7 +142,7 @@ def _add_ridges(
         limit = -np.inf if k == 0 else newton_proposal.typical_log_ratio
         walking = replace(
             newton_proposal,
-            mixture=newton_mixture(newton_proposal.mixture, expand),
+            mixture=newton_mixture(newton_proposal.mixture, surface.quadratic_model),
             typical_log_ratio=limit,
         )
         evaluate = lambda u: (surface.value(u), 0)  # noqa: E731
@@ -160,9 +159,7 @@ def _add_ridges(
         # The last ridge began at the edge of what is seen by now: once more from its middle.
         joint = [np.vstack([known[:-1], known[-1] + waiting])] if len(known) > first else []
         for trial_shares in [*joint, np.vstack([known, waiting])]:
-            mixture, ratio = _ending(
-                surface, expand, newton_proposal.mixture, u, value, trial_shares, rng
-            )
+            mixture, ratio = _ending(surface, newton_proposal.mixture, u, value, trial_shares, rng)
             if _waiting(ratio).mean() < SETTINGS.max_still_trapped:
                 break
         newton_proposal = replace(
@@ -179,7 +176,6 @@ def _waiting(ratio: Array) -> NDArray[np.bool_]:
 
 def _ending(
     surface: LogDensity,
-    expand: Expand,
     before: Mixture,
     u: Array,
     value: Array,
@@ -194,15 +190,15 @@ def _ending(
     mine = shares[-1] > 0.5
     some, weights = u[mine], shares[-1][mine] / shares[-1][mine].sum()
     centre = some[np.argmin(distances(some, weights))]
-    last = trace(surface, expand, centre, rng, (some, weights)).ridge
+    last = trace(surface, centre, rng, (some, weights)).ridge
     sheets = [*before.sheets[: len(shares) - 1], last]
     # The places begin where others end: which points belong to which, once more.
-    whole = newton_mixture(_wide(sheets, u, shares / len(u)), expand)
+    whole = newton_mixture(_wide(sheets, u, shares / len(u)), surface.quadratic_model)
     shares, log_q = whole.shares(*whole.straightened(u))
     return _wide(sheets, u, shares / len(u)), value - log_q
 
 
-def _wide(sheets: Sequence[RidgeCoordinates], u: Array, weights: Array) -> Mixture:
+def _wide(sheets: Sequence[RidgeMap], u: Array, weights: Array) -> Mixture:
     """A component for each sheet, wider than draws `u (N, D)` of `weights (S, N)` along it."""
     means, roots = [], []
     for sheet, sheet_weights in zip(sheets, weights, strict=True):

@@ -23,7 +23,7 @@ from bayesdrill.inference.laplace import LogDensity, PosteriorLogDensity, Quadra
 from bayesdrill.inference.posterior import Posterior
 from bayesdrill.sampling.samplers import ridge
 from bayesdrill.sampling.samplers.independence import Mixture, Proposal
-from bayesdrill.sampling.samplers.ridge import LocalBasis, RidgeCoordinates, RidgeMap
+from bayesdrill.sampling.samplers.ridge import LocalBasis, RidgeMap
 
 Expand = Callable[[Array, Array], QuadraticModel]
 
@@ -132,14 +132,14 @@ def _directions(curvature: Array, without: Array) -> tuple[Array, Array]:
     return values, complement @ vectors
 
 
-def flat_directions(surface: LogDensity, expand: Expand, rng: np.random.Generator) -> Array:
+def flat_directions(surface: LogDensity, rng: np.random.Generator) -> Array:
     """Return directions `(D, f)`, in units of the spreads, along which the density never changes.
 
     Looked for at points all over the prior: what is flat at one of them may bend elsewhere.
     """
     d = len(surface.middle)
     scattered = surface.middle + surface.spread * rng.standard_normal((SETTINGS.probes, d))
-    here = expand(np.clip(scattered, surface.low, surface.high), np.eye(d))
+    here = surface.quadratic_model(np.clip(scattered, surface.low, surface.high), np.eye(d))
     whitened = here.curvature * np.outer(surface.spread, surface.spread)
     largest = np.linalg.eigvalsh(whitened)[:, -1]
     informed = largest > 0
@@ -175,20 +175,17 @@ class TracedRidge:
 
 def trace(
     surface: LogDensity,
-    expand: Expand,
     centre: Array,
     rng: np.random.Generator,
     weighted_draws: tuple[Array, Array] | None = None,
 ) -> TracedRidge:
     """Trace the ridge through the maximum `centre (D,)`.
 
-    `expand` may share the points among processes.
-
     `weighted_draws`: draws of the posterior `(N, D)` and their weights `(N,)`, which say where the
     ridge is wanted; else the priors do, with what the record knows at the maximum.
     """
-    here = expand(centre[None], np.eye(len(centre)))
-    still = flat_directions(surface, expand, rng)
+    here = surface.quadratic_model(centre[None], np.eye(len(centre)))
+    still = flat_directions(surface, rng)
     base, known = split_directions(surface, centre, here, still)
     if len(known) == len(centre) and (known > TIGHT_RATIO).any():
         # The unknowns themselves, where the ends of the priors hold nearly all of them.
@@ -209,7 +206,7 @@ def trace(
         return TracedRidge(at, 0.0, psi, spread)
     bent = np.arange(still.shape[1], len(known))
     for _ in range(SETTINGS.max_halvings):
-        traced = _follow(surface, expand, at, bent, psi, spread, cloud, rng)
+        traced = _follow(surface, at, bent, psi, spread, cloud, rng)
         if traced.off < USELESS_ERROR:
             break
         psi, spread = 0.5 * psi, 0.5 * spread  # a shorter piece of it is better than none
@@ -228,7 +225,6 @@ def _expected(surface: LogDensity, base: LocalBasis, known: Array) -> tuple[Arra
 
 def _follow(
     surface: LogDensity,
-    expand: Expand,
     at: RidgeMap,
     bent: Indices,
     psi: Array,
@@ -246,12 +242,12 @@ def _follow(
         least = MIN_POINTS if share < 1.0 else LAST_POINTS
         n = int(np.clip(SETTINGS.points_per_term * _terms(len(bent), degree), least, MAX_POINTS))
         wanted = share * _scatter(surface, at, n, psi, spread, cloud, share, rng)
-        points = _arrivals(surface, expand, at, wanted, points)
+        points = _arrivals(surface, at, wanted, points)
         if len(points[0]) > 2 * (len(psi) + 1):
             at, off = _best_fit(base, bent, *points[:3], last=share == STAGES[-1])
     while off > SETTINGS.fair_error and 2 * len(points[0]) < MAX_POINTS:
         wanted = _scatter(surface, at, len(points[0]), psi, spread, cloud, 1.0, rng)
-        points = _arrivals(surface, expand, at, wanted, points)
+        points = _arrivals(surface, at, wanted, points)
         before, (at, off) = off, _best_fit(base, bent, *points[:3], last=True)
         if off > 0.7 * before:
             break
@@ -334,9 +330,7 @@ def _scatter(
     return np.asarray(inwards[selected, None] * wanted[selected])
 
 
-def _arrivals(
-    surface: LogDensity, expand: Expand, at: RidgeMap, psi: Array, before: list[Array]
-) -> list[Array]:
+def _arrivals(surface: LogDensity, at: RidgeMap, psi: Array, before: list[Array]) -> list[Array]:
     """Return points that arrived on the ridge, behind those `before`.
 
     `psi (N, l)`, `tau (N, t)`, covariance roots `(N, t, t)` and log densities.
@@ -344,7 +338,7 @@ def _arrivals(
     A little beyond the ends of the priors, too: without such points polynomials are at their worst
     at the ends.  But not far below the ridge: at a lesser maximum, where nothing is.
     """
-    tau, roots, value, arrived = return_to_ridge(expand, at.frame, psi, at.at(psi))
+    tau, roots, value, arrived = return_to_ridge(surface.quadratic_model, at.frame, psi, at.at(psi))
     u, beyond = at.frame.join(psi, tau), SETTINGS.beyond_ends * (surface.high - surface.low)
     near = (u > surface.low - beyond) & (u < surface.high + beyond)
     arrived &= np.isfinite(value) | near.all(axis=1)
@@ -455,33 +449,17 @@ def _terms(n: int, degree: int) -> int:
     return math.comb(n + degree, degree)
 
 
-@dataclass(frozen=True, slots=True)
-class NewtonRidge:
-    """Coordinates along a ridge to which Gauss-Newton leads every point back.
-
-    `ridge`, from whose place and root each point is brought to where the ridge is.
+def newton_ridge(fitted: RidgeMap, expand: Expand) -> RidgeMap:
+    """Return the ridge to which Gauss-Newton leads every point back from where polynomials have it.
 
     A function of psi alone, whether or not it arrives.
     """
 
-    ridge: RidgeCoordinates
-    expand: Expand
-
-    @property
-    def frame(self) -> LocalBasis:
-        """The fixed basis."""
-        return self.ridge.frame
-
-    @property
-    def n_loose(self) -> int:
-        """The number of loose directions."""
-        return self.ridge.n_loose
-
-    def along(self, psi: Array) -> tuple[Array, Array, Array]:
-        """Return t `(W, t)`, R `(t, t, W)` and log det R `(W,)` at psi `(W, l)`."""
-        tau, root, log_det = self.ridge.along(psi)
+    def correction(
+        base: LocalBasis, psi: Array, tau: Array, root: Array, log_det: Array
+    ) -> tuple[Array, Array, Array]:
         newton_tau, roots, _, arrived = return_to_ridge(
-            self.expand, self.frame, psi, tau, SETTINGS.near_sds, SETTINGS.newton_iterations
+            expand, base, psi, tau, SETTINGS.near_sds, SETTINGS.newton_iterations
         )
         row = np.arange(tau.shape[1])
         tau = np.where(arrived[:, None], newton_tau, tau)
@@ -489,9 +467,7 @@ class NewtonRidge:
         log_det[arrived] = np.log(root[row, row][:, arrived]).sum(axis=0)
         return tau, root, log_det
 
-    def within(self, psi: Array) -> Flags:
-        """Return whether `psi (W, l)` is where points of the fit lie: `(W,)`."""
-        return self.ridge.within(psi)
+    return replace(fitted, correction=correction)
 
 
 def bind_to_posterior(proposal: Proposal, posterior: Posterior) -> Proposal:
@@ -505,4 +481,4 @@ def bind_to_posterior(proposal: Proposal, posterior: Posterior) -> Proposal:
 
 def newton_mixture(mixture: Mixture, expand: Expand) -> Mixture:
     """Return the same mixture over Newton ridges."""
-    return replace(mixture, sheets=tuple(NewtonRidge(sheet, expand) for sheet in mixture.sheets))
+    return replace(mixture, sheets=tuple(newton_ridge(sheet, expand) for sheet in mixture.sheets))

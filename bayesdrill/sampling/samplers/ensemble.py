@@ -34,7 +34,7 @@ from bayesdrill.sampling.samplers.independence import (
     Random,
 )
 from bayesdrill.sampling.samplers.ridge import (
-    RidgeCoordinates,
+    RidgeMap,
     from_ridge_coordinates,
     to_ridge_coordinates,
 )
@@ -91,7 +91,7 @@ class SplitEnsembleMove:
     """
 
     proposal: Callable[[Array, Array, Random], tuple[Array, Array]]
-    along: RidgeCoordinates | None = None
+    along: RidgeMap | None = None
 
     def propose(self, model: Any, state: Any) -> tuple[Any, Flags]:
         """Advance one half of the walkers, then the other."""

@@ -27,7 +27,7 @@ import numpy as np
 
 from bayesdrill.basics.arrays import Array, Flags, Indices
 from bayesdrill.sampling.samplers.ridge import (
-    RidgeCoordinates,
+    RidgeMap,
     from_ridge_coordinates,
     to_ridge_coordinates,
 )
@@ -160,7 +160,7 @@ class Mixture:
     `means (K, D)` and lower Cholesky factors `roots (K, D, D)` in the sheet's coordinates.
     """
 
-    sheets: tuple[RidgeCoordinates, ...]
+    sheets: tuple[RidgeMap, ...]
     sheet: Indices
     weights: Array
     means: Array
@@ -234,7 +234,7 @@ def _summed(parts: Array) -> Array:
 
 
 def mixture(
-    sheets: Sequence[RidgeCoordinates],
+    sheets: Sequence[RidgeMap],
     sheet: Sequence[int] | Indices,
     weights: Array,
     means: Array,

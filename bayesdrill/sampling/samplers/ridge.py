@@ -13,8 +13,8 @@ polynomials.  The Jacobian is that of R alone.
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 
@@ -92,42 +92,8 @@ def local_basis(centre: Array, columns: Array, n_loose: int) -> LocalBasis:
     return LocalBasis(centre, columns[:, :n_loose], columns[:, n_loose:], back, volume)
 
 
-class RidgeCoordinates(Protocol):
-    """The contract of coordinates along a ridge."""
-
-    @property
-    def frame(self) -> LocalBasis:
-        """The fixed basis."""
-        ...
-
-    @property
-    def n_loose(self) -> int:
-        """The number of loose directions."""
-        ...
-
-    def along(self, psi: Array) -> tuple[Array, Array, Array]:
-        """Return t `(W, t)`, R `(t, t, W)` and log det R `(W,)` at psi `(W, l)`."""
-        ...
-
-    def within(self, psi: Array) -> Flags:
-        """Return whether `psi (W, l)` is where points of the fit lie: `(W,)`."""
-        ...
-
-
-def from_ridge_coordinates(sheet: RidgeCoordinates, y: Array) -> tuple[Array, Array]:
-    """Map `y (W, D)` to u, and return log |du / dy| `(W,)` too."""
-    psi, e = y[:, : sheet.n_loose], y[:, sheet.n_loose :]
-    tau, root, log_det = sheet.along(psi)
-    tau = tau + np.einsum("ijw,wj->wi", root, e)
-    return sheet.frame.join(psi, tau), log_det + sheet.frame.log_volume
-
-
-def to_ridge_coordinates(sheet: RidgeCoordinates, u: Array) -> tuple[Array, Array]:
-    """Map `u (W, D)` to y, and return log |du / dy| `(W,)` too."""
-    psi, tau = sheet.frame.split(u)
-    on_ridge, root, log_det = sheet.along(psi)
-    e = _forward_substitution(root, tau - on_ridge)
-    return np.concatenate([psi, e], axis=1), log_det + sheet.frame.log_volume
+# Of t `(W, t)`, R `(t, t, W)` and log det R `(W,)` at psi `(W, l)`, what they are on a ridge itself.
+Correction = Callable[[LocalBasis, Array, Array, Array, Array], tuple[Array, Array, Array]]
 
 
 @dataclass(frozen=True, slots=True)
@@ -141,7 +107,7 @@ class RidgeMap:
     `middle`, `width (l,)`, so that the points of the fit lie in the unit ball, and kept within
     `reach` of it: a polynomial knows nothing of what lies beyond.  Of the root, logs of the
     diagonal and the rest over the diagonal's column are polynomials, which stay between `ends (2, t
-    (t + 1) / 2)`.
+    (t + 1) / 2)`.  `correction`: where polynomials are no match for the ridge.
     """
 
     frame: LocalBasis
@@ -154,6 +120,7 @@ class RidgeMap:
     root_powers: Monomials
     root: Array
     ends: Array
+    correction: Correction | None = None
 
     @property
     def n_loose(self) -> int:
@@ -184,7 +151,26 @@ class RidgeMap:
         root[range(n), range(n)] = diagonal
         lower = np.tril_indices(n, -1)
         root[lower] = entries[n:] * diagonal[lower[1]]
-        return (self.location.T @ rows).T, root, entries[:n].sum(axis=0)
+        tau, log_det = (self.location.T @ rows).T, entries[:n].sum(axis=0)
+        if self.correction is None:
+            return tau, root, log_det
+        return self.correction(self.frame, psi, tau, root, log_det)
+
+
+def from_ridge_coordinates(sheet: RidgeMap, y: Array) -> tuple[Array, Array]:
+    """Map `y (W, D)` to u, and return log |du / dy| `(W,)` too."""
+    psi, e = y[:, : sheet.n_loose], y[:, sheet.n_loose :]
+    tau, root, log_det = sheet.along(psi)
+    tau = tau + np.einsum("ijw,wj->wi", root, e)
+    return sheet.frame.join(psi, tau), log_det + sheet.frame.log_volume
+
+
+def to_ridge_coordinates(sheet: RidgeMap, u: Array) -> tuple[Array, Array]:
+    """Map `u (W, D)` to y, and return log |du / dy| `(W,)` too."""
+    psi, tau = sheet.frame.split(u)
+    on_ridge, root, log_det = sheet.along(psi)
+    e = _forward_substitution(root, tau - on_ridge)
+    return np.concatenate([psi, e], axis=1), log_det + sheet.frame.log_volume
 
 
 def _forward_substitution(root: Array, rhs: Array) -> Array:
