@@ -78,11 +78,6 @@ class Noise(Protocol):
         ...
 
     @property
-    def n_channels(self) -> int:
-        """Return the number of channels."""
-        ...
-
-    @property
     def white(self) -> bool:
         """Whether samples are independent and normal."""
         ...
@@ -106,10 +101,7 @@ class Noise(Protocol):
         ...
 
     def pointwise(self, samples: Array, theta: Array) -> Array:
-        """Return the log density `(W, T, K)` of each sample given those before it.
-
-        Their sum is `log_likelihood`.
-        """
+        """Return the terms `(W, T, K)` of `log_likelihood`: of each sample given those before it."""
         ...
 
     def scales(self, theta: Array) -> Array:
@@ -129,10 +121,7 @@ class Noise(Protocol):
         ...
 
     def innovations(self, samples: Array, theta: Array) -> Array:
-        """Return each sample minus its prediction from those before it: `(W, T, K)`, SI.
-
-        They are `samples` themselves where samples are independent.
-        """
+        """Return samples minus their prediction from those before them, if any: `(W, T, K)`, SI."""
         ...
 
     def whitened_jacobian(self, shifts: Array, theta: Array) -> Array:
@@ -172,14 +161,11 @@ class Noise(Protocol):
 
 
 class NoiseKind(Protocol):
-    """A member of the registry.
-
-    Annotated fields of its dataclass `Entries` are entries of a channel's `noise:`.
-    """
+    """A member of the registry."""
 
     @property
     def Entries(self) -> type:  # noqa: N802
-        """Return the dataclass of its entries."""
+        """Return the dataclass whose annotated fields are entries of a channel's `noise:`."""
         ...
 
     def from_channels(self, channels: Sequence[NoisyChannel], n_samples: int) -> Noise:
@@ -189,10 +175,7 @@ class NoiseKind(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class ChannelNumbers:
-    """A number for each channel: what is `fixed`, None where it is unknown.
-
-    The unknown ones are columns of the noise's own unknowns, from `first` on.
-    """
+    """A number for each channel, `fixed` or None: a column of the noise's unknowns from `first` on."""
 
     fixed: tuple[float | None, ...]
     first: int
@@ -221,10 +204,7 @@ class ChannelNumbers:
 
 
 def as_matrix(curvature: Array, theta: Array) -> Array:
-    """Return a curvature as `(..., n, n)`, of which the diagonal may be given alone.
-
-    The unknowns are `theta (..., n)`.
-    """
+    """Return a curvature by `theta (..., n)` as a matrix, of which the diagonal may be given alone."""
     if curvature.ndim > theta.ndim:
         return curvature
     return np.asarray(curvature[..., None] * np.eye(theta.shape[-1]))
@@ -236,9 +216,7 @@ def pair_matrix(pairs: Array, channel_indices: tuple[list[int], list[int]]) -> A
     `channel_indices` are the channels in which the first, and in which the second is unknown; all
     first ones come before all second ones.
     """
-    unknowns = [
-        (k, position) for position, channels in enumerate(channel_indices) for k in channels
-    ]
+    unknowns = [(k, which) for which, channels in enumerate(channel_indices) for k in channels]
     out = np.zeros((*pairs.shape[:-3], len(unknowns), len(unknowns)))
     for i, (k, first_index) in enumerate(unknowns):
         for j, (other, second_index) in enumerate(unknowns):
