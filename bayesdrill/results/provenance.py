@@ -119,7 +119,7 @@ def _of_experiments(problem: Problem) -> dict[str, str]:
             facts["the kind of noise"] = _short(observation.kind)
         noise = {
             f"the noise of {names[k]}": repr(sigma)
-            for k, sigma in observation.fixed_noise().items()
+            for k, sigma in observation.noise.fixed_values().items()
         }
         facts = (
             _of_experiment(observation.experiment) | {n: x for n, x in facts.items() if x} | noise
@@ -155,7 +155,7 @@ def _noise_held(config: Config, problem: Problem, display_units: DisplayUnits) -
     entries = {}
     for observation in problem.observations:
         names = observation.experiment.names
-        for k, sigma in observation.fixed_noise().items():
+        for k, sigma in observation.noise.fixed_values().items():
             if isinstance(sigma, float):
                 shown = experiments.joint_name(config, noise_name(names[k]), observation.label)
                 entries[observation.entitled(f"the noise of {names[k]}")] = (
