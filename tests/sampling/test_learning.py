@@ -55,7 +55,7 @@ def test_weights_of_two_maxima_without_a_chain() -> None:
             np.bincount(surface.belongs(u)) / len(u), abs=1e-6
         )
         assert learnt.origin == (0, 1)
-        assert learnt.acceptance > 0.8
+        assert learnt.draws.acceptance > 0.8
 
     for_each({str(case): case for case in HUMPS}, check)
 
@@ -66,15 +66,15 @@ def test_humps_thousands_of_their_widths_apart_are_met(d: int) -> None:
     surface = humps(d, (0.7, 0.3), (0.01, 0.005), 2000.0)
     seed, rng = np.random.RandomState(1), np.random.default_rng(2)
     learnt = learn(surface, list(surface.means), seed, rng)
-    assert learnt.share > 0.9
-    assert learnt.acceptance > 0.9
+    assert learnt.draws.share > 0.9
+    assert learnt.draws.acceptance > 0.9
 
 
 def test_a_proposal_is_held_against_what_another_has_seen() -> None:
     """By its own draws one that knows a single hump is the better.  Mutant killed: those alone count."""
     surface, seed = humps(2, (0.6, 0.4), (1.0, 1.0), APART), np.random.RandomState(1)
     traced = [trace(surface, u, np.random.default_rng(2)) for u in surface.means]
-    one, both = (_draw(_begin(traced[:n]), (0.0,) * n, (0, 1)[:n], surface, seed) for n in (1, 2))
+    one, both = (_draw(_begin(traced[:n]), (0, 1)[:n], surface, seed) for n in (1, 2))
     assert one.worth > both.worth
     left, kept = _compared(one, both)
     assert left.missed == pytest.approx(0.4, abs=0.03)
@@ -111,7 +111,7 @@ def test_a_maximum_that_holds_nothing_costs_nothing() -> None:
     surface = humps(2, (1.0, 1e-30), (1.0, 1.0), APART)
     seed, rng = np.random.RandomState(1), np.random.default_rng(2)
     learnt = learn(surface, list(surface.means), seed, rng)
-    assert learnt.acceptance > 0.8
+    assert learnt.draws.acceptance > 0.8
     drawn, _ = learnt.proposal.draw(3000, surface.inside, np.random.RandomState(3))
     assert learnt.shares(drawn, 2)[1] < 0.02
 
@@ -127,10 +127,10 @@ def test_a_bent_ridge_is_learnt() -> None:
         start = surface.at(np.full((1, n_loose), 0.1), np.zeros((1, n_tight)))[0]
         seed, rng = np.random.RandomState(1), np.random.default_rng(3)
         learnt = learn(surface, [start], seed, rng)
-        assert learnt.acceptance > 0.7
-        e = surface.parts(learnt.u)[1]
-        assert learnt.weights @ e == pytest.approx(np.zeros(n_tight), abs=0.15)
-        assert learnt.weights @ e**2 == pytest.approx(np.ones(n_tight), abs=0.15)
+        assert learnt.draws.acceptance > 0.7
+        e = surface.parts(learnt.draws.u)[1]
+        assert learnt.draws.weights @ e == pytest.approx(np.zeros(n_tight), abs=0.15)
+        assert learnt.draws.weights @ e**2 == pytest.approx(np.ones(n_tight), abs=0.15)
 
     for_each({str(case): case for case in [(1, 1), (1, 3), (2, 3)]}, check)
 
@@ -170,7 +170,7 @@ def same(one: LearnedProposal, other: LearnedProposal) -> bool:
     pairs = [[getattr(m, name) for m in mixtures] for name in ("weights", "means", "roots")]
     sheets = zip(*(m.sheets for m in mixtures), strict=True)
     pairs += [[getattr(s, name) for s in pair] for pair in sheets for name in ("location", "root")]
-    pairs += [[one.u, other.u], [one.weights, other.weights]]
+    pairs += [[one.draws.u, other.draws.u], [one.draws.weights, other.draws.weights]]
     return all(np.array_equal(a, b) for a, b in pairs)
 
 

@@ -15,8 +15,6 @@ from bayesdrill.sampling.samplers import ridge
 from bayesdrill.sampling.samplers.ridge import (
     LocalBasis,
     RidgeMap,
-    from_ridge_coordinates,
-    to_ridge_coordinates,
 )
 
 SHAPES = [(1, 1), (2, 3), (4, 5), (0, 3), (3, 0)]  # loose and tight directions
@@ -48,8 +46,8 @@ def test_bending_and_straightening_undo_each_other() -> None:
     def check(n_loose: int, n_tight: int) -> None:
         found = curved(n_loose, n_tight)
         y = far_and_near(found)
-        u, bent = from_ridge_coordinates(found, y)
-        back, straightened = to_ridge_coordinates(found, u)
+        u, bent = found.from_ridge_coordinates(y)
+        back, straightened = found.to_ridge_coordinates(u)
         assert back == pytest.approx(y, rel=1e-7, abs=1e-7)
         assert straightened == pytest.approx(bent, abs=1e-7)
 
@@ -65,13 +63,13 @@ def test_volumes_are_those_of_a_numerical_determinant() -> None:
     def check(n_loose: int, n_tight: int) -> None:
         found = curved(n_loose, n_tight)
         y = far_and_near(found)
-        _, log_volume = from_ridge_coordinates(found, y)
+        _, log_volume = found.from_ridge_coordinates(y)
         h = 1e-5
         steps = h * np.eye(y.shape[1])
         for row, volume in zip(y, log_volume, strict=True):
             columns = (
-                from_ridge_coordinates(found, row + steps)[0]
-                - from_ridge_coordinates(found, row - steps)[0]
+                found.from_ridge_coordinates(row + steps)[0]
+                - found.from_ridge_coordinates(row - steps)[0]
             ) / (2 * h)
             assert np.linalg.slogdet(columns)[1] == pytest.approx(volume, abs=1e-4)
 
@@ -85,7 +83,7 @@ def test_a_polynomial_says_nothing_of_what_lies_beyond_its_points() -> None:
     edge = found.at(found.middle + way)
     assert found.at(found.middle + 40.0 * way) == pytest.approx(edge)
     assert not np.allclose(found.at(found.middle + 0.9 * way), edge)
-    further = ridge.extended_reach(found, 2.0)
+    further = dataclasses.replace(found, reach=2.0)
     assert further.at(found.middle + way) == pytest.approx(edge)
     assert not np.allclose(further.at(found.middle + 2.0 * way), edge)
 
@@ -141,11 +139,11 @@ def test_a_strongly_bent_ridge_is_followed() -> None:
         fresh = surface.at(psi, np.zeros((1000, n_tight)))
         psi = psi[surface.inside(fresh)]
         exact = surface.at(psi, np.zeros((len(psi), n_tight)))
-        off = np.linalg.norm(to_ridge_coordinates(traced.ridge, exact)[0][:, n_loose:], axis=1)
+        off = np.linalg.norm(traced.ridge.to_ridge_coordinates(exact)[0][:, n_loose:], axis=1)
         assert np.median(off) < 0.1
         assert np.quantile(off, 0.9) < 0.2
         noisy = surface.at(psi, rng.standard_normal((len(psi), n_tight)))
-        e = to_ridge_coordinates(traced.ridge, noisy)[0][:, n_loose:]
+        e = traced.ridge.to_ridge_coordinates(noisy)[0][:, n_loose:]
         assert np.cov(e.T).reshape(n_tight, n_tight) == pytest.approx(np.eye(n_tight), abs=0.25)
 
     for_each(
@@ -168,7 +166,7 @@ def test_a_ridge_is_followed_up_to_the_ends_of_the_priors() -> None:
     last = exact[(near.max(axis=1) > 0.9) & surface.inside(exact)]
     for seed in range(1, 4):
         found = ridge_tracing.trace(surface, start, np.random.default_rng(seed)).ridge
-        off = np.linalg.norm(to_ridge_coordinates(found, last)[0][:, 2:], axis=1)
+        off = np.linalg.norm(found.to_ridge_coordinates(last)[0][:, 2:], axis=1)
         assert np.quantile(off, 0.9) < 0.3
 
 

@@ -43,7 +43,7 @@ def problem() -> tuple[Posterior, np.ndarray, LearnedProposal]:
     """Three unknowns, the one maximum that is known (nearly), and what is learnt from it."""
     target = seen("step", SIGMA, free=("k_s", "j_1", "t_f"))
     maximum = target.space.vector(target.space.start)[None]
-    return target, maximum, prepare(WorkerPool(target, 1), target, maximum, 1)
+    return target, maximum, prepare(WorkerPool(target, 1), maximum, 1)
 
 
 def run(moves: dict[str, float], seed: int = 1) -> SamplingResult:
@@ -57,7 +57,7 @@ def run(moves: dict[str, float], seed: int = 1) -> SamplingResult:
         max_steps=12,
         seed=seed,
     )
-    return sample(WorkerPool(target, 1), target, maxima, plan, MemoryBackend(), Silent())
+    return sample(WorkerPool(target, 1), maxima, plan, MemoryBackend(), Silent())
 
 
 def steps(sampled: SamplingResult) -> list[set[bytes]]:

@@ -15,7 +15,6 @@ from bayesdrill.sampling.proposal.missed_mass import CoverageCheck, check_covera
 from bayesdrill.sampling.proposal.ridge_tracing import newton_mixture, newton_ridge
 from bayesdrill.sampling.samplers.ensemble import State, advance
 from bayesdrill.sampling.samplers.independence import Proposal, mixture, normalised
-from bayesdrill.sampling.samplers.ridge import from_ridge_coordinates, to_ridge_coordinates
 
 
 @cache
@@ -73,16 +72,18 @@ def test_points_are_brought_to_the_ridge() -> None:
         place[0] += 0.8 if far else 10.0 * np.exp(own.ends[1, :n_tight])  # as wide as it gets
         moved = replace(own, location=place, root=0.9 * own.root)
         home = newton_ridge(moved, surface.quadratic_model)
-        psi, e = np.split(to_ridge_coordinates(own, found.u)[0], [n_loose], axis=1)
+        psi, e = np.split(own.to_ridge_coordinates(found.draws.u)[0], [n_loose], axis=1)
         assert (
-            np.median(np.linalg.norm(to_ridge_coordinates(moved, found.u)[0][:, n_loose:], axis=1))
+            np.median(
+                np.linalg.norm(moved.to_ridge_coordinates(found.draws.u)[0][:, n_loose:], axis=1)
+            )
             > 5.0
         )
-        y, log_volume = to_ridge_coordinates(home, found.u)
+        y, log_volume = home.to_ridge_coordinates(found.draws.u)
         assert y[:, :n_loose] == pytest.approx(psi)
         assert np.quantile(np.abs(y[:, n_loose:] - e), 0.9) < 0.3
-        back, again = from_ridge_coordinates(home, y)
-        assert back == pytest.approx(found.u, rel=1e-6, abs=1e-6)
+        back, again = home.from_ridge_coordinates(y)
+        assert back == pytest.approx(found.draws.u, rel=1e-6, abs=1e-6)
         assert again == pytest.approx(log_volume, abs=1e-6)
 
     for_each(
@@ -103,7 +104,7 @@ def test_a_proposal_that_leaves_nothing_out_is_enough() -> None:
     def check(n_loose: int, n_tight: int) -> None:
         surface, found = learnt(n_loose, n_tight)
         assert found.proposal.newton is None
-        assert looked(surface, found.proposal, found.u, found.weights) is None
+        assert looked(surface, found.proposal, found.draws.u, found.draws.weights) is None
 
     for_each({str(case): case for case in [(1, 1), (2, 3)]}, check)
 
@@ -118,8 +119,8 @@ def test_what_a_proposal_leaves_out_is_found() -> None:
         _, found = learnt(n_loose, n_tight)
         _, _, seen = found_beyond(n_loose, n_tight)
         assert seen is not None
-        truth, said = ((one.weights @ one.u) for one in (found, seen.draws))
-        sd = np.sqrt(found.weights @ (found.u - truth) ** 2)
+        truth, said = ((one.weights @ one.u) for one in (found.draws, seen.draws))
+        sd = np.sqrt(found.draws.weights @ (found.draws.u - truth) ** 2)
         assert np.all(np.abs(said - truth) < 0.15 * sd)
 
     for_each({str(case): case for case in [(1, 1), (2, 3)]}, check)
@@ -141,8 +142,8 @@ def test_walkers_reach_what_the_proposal_leaves_out() -> None:
     state = State(start, surface.value(start), np.random.RandomState(5).get_state())
     evaluate = lambda u: (surface.value(u), 0)  # noqa: E731
     chain = advance(evaluate, state, 300, {"independence": 1.0}, whole, surface.inside)
-    truth = found.weights @ found.u
-    sd = np.sqrt(found.weights @ (found.u - truth) ** 2)
+    truth = found.draws.weights @ found.draws.u
+    sd = np.sqrt(found.draws.weights @ (found.draws.u - truth) ** 2)
     means = chain.z[50:].reshape(-1, len(sd)).mean(axis=0)
     assert np.all(np.abs(means - truth) < 0.1 * sd)
 
@@ -166,7 +167,7 @@ def test_a_ridge_that_turns_a_corner_is_seen_on_both_sides(
     def check(seed: int, *start: float) -> None:
         walk, rng = np.random.RandomState(seed), np.random.default_rng(seed + 1)
         found = learn(surface, [np.array(start)], walk, rng)
-        beyond = found.u[:, 1] > found.u[:, 0]
-        assert found.weights @ beyond == pytest.approx(0.5, abs=0.1)
+        beyond = found.draws.u[:, 1] > found.draws.u[:, 0]
+        assert found.draws.weights @ beyond == pytest.approx(0.5, abs=0.1)
 
     for_each({str(case): case for case in cases}, check)

@@ -5,9 +5,8 @@ that the record knows far better (tight) and the rest (loose).  Then points are 
 loose directions, a little further each time, Gauss and Newton bring each back to the ridge, and
 polynomials are fitted to where they arrive.
 
-Where polynomials are no match for a ridge: Gauss and Newton bring every point of it home.
-
-A draw, with its density on the way there and back, costs some hundred times as much as a response.
+Where polynomials are no match for a ridge, Gauss and Newton bring every point of it home: a draw,
+with its density on the way there and back, costs some hundred times as much as a response.
 """
 
 from __future__ import annotations
@@ -94,24 +93,19 @@ def split_directions(
     tight_from = max(TIGHT_RATIO, SETTINGS.straight_ratio * float(np.sqrt(max(values[-1], 0.0))))
     tight = values >= tight_from
     known = np.zeros(separate.shape[1])
-    if (
-        np.linalg.norm((slope @ vectors[:, tight]) / np.sqrt(values[tight]))
-        > SETTINGS.max_sds_beyond_end
-    ):
+    sds_beyond = np.linalg.norm((slope @ vectors[:, tight]) / np.sqrt(values[tight]))
+    if sds_beyond > SETTINGS.max_sds_beyond_end:
         near = SETTINGS.near_end * scale
         pressed = (centre <= surface.low + near) & (slope < 0)
         pressed |= (centre >= surface.high - near) & (slope > 0)
         separate, separate_unknowns = _orthogonal(separate, np.flatnonzero(pressed))
-        known = np.concatenate(
-            [known, np.diag(curvature)[separate_unknowns] + slope[separate_unknowns] ** 2]
-        )
+        knowledge = np.diag(curvature) + slope**2
+        known = np.concatenate([known, knowledge[separate_unknowns]])
         values, vectors = _directions(curvature, separate)
     n_loose = int((values < tight_from).sum())
     columns = scale[:, None] * np.concatenate([separate, vectors], axis=1)
-    return (
-        ridge.local_basis(centre, columns, len(known) + n_loose),
-        np.concatenate([known, np.maximum(values[:n_loose], 0.0)]),
-    )
+    base = ridge.local_basis(centre, columns, len(known) + n_loose)
+    return base, np.concatenate([known, np.maximum(values[:n_loose], 0.0)])
 
 
 def _orthogonal(separate: Array, unknowns: Indices) -> tuple[Array, list[int]]:
@@ -160,9 +154,7 @@ USELESS_ERROR = 5.0  # ... as many standard deviations off: of no use
 
 @dataclass(frozen=True, slots=True)
 class TracedRidge:
-    """A ridge, and how well its polynomial fits.
-
-    `ridge`, and how far held-out points of it are from its polynomial, in standard deviations.
+    """A ridge, and how far held-out points of it are `off` its polynomial, in standard deviations.
 
     `psi (l,)`, `spread (l, l)`: mean and covariance root of the loose directions, to begin with.
     """
@@ -331,9 +323,7 @@ def _scatter(
 
 
 def _arrivals(surface: LogDensity, at: RidgeMap, psi: Array, before: list[Array]) -> list[Array]:
-    """Return points that arrived on the ridge, behind those `before`.
-
-    `psi (N, l)`, `tau (N, t)`, covariance roots `(N, t, t)` and log densities.
+    """Psi, tau, covariance roots and log densities where points arrived, behind those `before`.
 
     A little beyond the ends of the priors, too: without such points polynomials are at their worst
     at the ends.  But not far below the ridge: at a lesser maximum, where nothing is.
@@ -407,9 +397,8 @@ def _best_fit(
     """The polynomials of the degree that points held out ask for, and how far off those are."""
     held_out = np.arange(len(psi)) % SETTINGS.held_out_every == SETTINGS.held_out_every - 1
     some = psi[~held_out], tau[~held_out], roots[~held_out]
-    within = held_out & ridge.fit_ridge(base, *some, 0, 0, bent).within(
-        psi
-    )  # no fit knows what lies beyond
+    # No fit knows what lies beyond.
+    within = held_out & ridge.fit_ridge(base, *some, 0, 0, bent).within(psi)
     held_out = within if within.any() else held_out
     others = psi[held_out], tau[held_out], roots[held_out]
     n = len(some[0])
@@ -417,17 +406,16 @@ def _best_fit(
     def tried(degree: int, root_degree: int) -> RidgeMap:
         return ridge.fit_ridge(base, *some, degree, root_degree, bent)
 
-    degrees = [
-        d for d in range(1, SETTINGS.max_degree + 1) if d == 1 or _terms(len(bent), d) < 0.7 * n
-    ]
+    upwards = range(1, SETTINGS.max_degree + 1)
+    degrees = [d for d in upwards if d == 1 or _terms(len(bent), d) < 0.7 * n]
     degree, off = _best_degree(degrees, lambda d: ridge.residuals(tried(d, 0), *others))
     if not last:
-        fitted = ridge.fit_ridge(base, psi, tau, roots, degree, 0, bent)
-        return ridge.extended_reach(fitted, SETTINGS.trusted_extrapolation), off
+        reach = SETTINGS.trusted_extrapolation
+        return ridge.fit_ridge(base, psi, tau, roots, degree, 0, bent, reach), off
     lower = [d for d in range(degree + 1) if d <= 1 or _terms(len(bent), d) < n / 5]
     root_degree, _ = _best_degree(lower, lambda d: ridge.root_residuals(tried(degree, d), *others))
-    fitted = ridge.fit_ridge(base, psi, tau, roots, degree, root_degree, bent)
-    return ridge.extended_reach(fitted, SETTINGS.max_corner_growth ** (1.0 / max(degree, 1))), off
+    reach = SETTINGS.max_corner_growth ** (1.0 / max(degree, 1))
+    return ridge.fit_ridge(base, psi, tau, roots, degree, root_degree, bent, reach), off
 
 
 def _best_degree(degrees: Sequence[int], errors: Callable[[int], Array]) -> tuple[int, float]:
