@@ -24,12 +24,10 @@ class DisplayRow(Protocol):
     @property
     def name(self) -> str:
         """Return the name of the unknown."""
-        ...
 
     @property
     def unit(self) -> str:
         """Return the unit of the values."""
-        ...
 
 
 _VALUES = ("nominal", "map", "mean", "sd", "hdi_low", "hdi_high", "pressed_against")

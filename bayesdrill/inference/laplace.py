@@ -192,15 +192,12 @@ class LogDensity(Protocol):
 
     def value(self, u: Array) -> Array:
         """Return the log density `(W,)`."""
-        ...
 
     def inside(self, u: Array) -> Flags:
         """Return whether the priors have a density there, `(W,)`."""
-        ...
 
     def quadratic_model(self, u: Array, directions: Array) -> QuadraticModel:
         """Return value, slopes and curvature along `directions (D, q)`, column by column."""
-        ...
 
 
 class PosteriorLogDensity:

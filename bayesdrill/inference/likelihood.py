@@ -87,32 +87,26 @@ class LatentTorque(Protocol):
     @property
     def kalman_filter(self) -> KalmanFilter:
         """Return the filter of rig and torque."""
-        ...
 
     def sizes(self, theta: Array) -> Array:
         """Return size and time of the torque, `(W, 2)`."""
-        ...
 
     def smooth(self, samples: Array, theta: Array) -> Array:
         """Return smoothed states `(W, T, n)` given all residuals `samples (W, T, K)`.
 
         They are of the rig, as far as the torque moves it, and of the torque over its size.
         """
-        ...
 
     def sample_states(
         self, samples: Array, theta: Array, rng: np.random.Generator
     ) -> tuple[Array, Array]:
         """Draw states `(W, T, n)`, and what channels show of them without noise `(W, T, K)`."""
-        ...
 
     def scale_torque(self, factor: float) -> Observation:
         """Return it with a torque so many times as large, where its size is known."""
-        ...
 
     def with_extra_channel(self, response: Simulator, sigma: float) -> Observation:
         """Return it with a simulator that has one channel more, with white noise."""
-        ...
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -51,11 +51,9 @@ class Backend(Protocol):
 
     def segments(self, ensemble: int) -> list[ChainSegment]:
         """Return the segments of one ensemble in order."""
-        ...
 
     def save(self, ensemble: int, first_step: int, segment: ChainSegment) -> None:
         """Store the segment of an ensemble that begins at `first_step`."""
-        ...
 
 
 @dataclass(frozen=True, slots=True)

@@ -40,29 +40,23 @@ class Residuals(Protocol):
     @property
     def neighbours(self) -> Array:
         """Return sums over neighbouring samples `(W, K, 3)`."""
-        ...
 
     def logs(self, weights: Array) -> Array:
         """Return sums of logs `(W, K)`."""
-        ...
 
     def intervals(self, over: Array, half: Array) -> Array:
         """Return sums over intervals `(W, K)`."""
-        ...
 
     def weighted_squares(self, weights: Array) -> Array:
         """Return sums of squares of the residuals times `weights (W, K)`."""
-        ...
 
     @property
     def squares(self) -> Array:
         """Return sums of squares `(W, K)`."""
-        ...
 
     @property
     def samples(self) -> Array:
         """Return all residuals `(W, T, K)`."""
-        ...
 
 
 class Noise(Protocol):
@@ -75,12 +69,10 @@ class Noise(Protocol):
     @property
     def unknowns(self) -> tuple[Unknown, ...]:
         """Return its unknowns."""
-        ...
 
     @property
     def white(self) -> bool:
         """Whether samples are independent and normal."""
-        ...
 
     def for_length(self, n_samples: int) -> Noise:
         """Return the same noise for a record of another length.
@@ -90,23 +82,18 @@ class Noise(Protocol):
         at times `t (T,)`, where channels were seen `(T, K)`.  Residuals are NaN elsewhere, and stay
         so when they are whitened.
         """
-        ...
 
     def fixed_values(self) -> Mapping[int, object]:
         """Return what is fixed of each channel (by index), which a resumed run must share."""
-        ...
 
     def log_likelihood(self, residuals: Residuals, theta: Array) -> Array:
         """Return the normalised log likelihood of each channel: `(W, K)`."""
-        ...
 
     def pointwise(self, samples: Array, theta: Array) -> Array:
         """Return the terms `(W, T, K)` of `log_likelihood`: of each sample given those before it."""
-        ...
 
     def scales(self, theta: Array) -> Array:
         """Return the standard deviation of a single sample `(W, K)`, SI."""
-        ...
 
     def square_weights(self, theta: Array) -> Array | None:
         """Return weights `(W, K, n)` of sums of squares, of which minus half is the log likelihood.
@@ -114,26 +101,21 @@ class Noise(Protocol):
         But for a constant: n is 1 for the sum of squares, or 3 for the sums `Residuals.neighbours`.
         It is None where these sums are not all that is asked for.
         """
-        ...
 
     def whiten(self, samples: Array, theta: Array) -> Array:
         """Return whitened residuals `(W, T, K)`, independent and standard normal."""
-        ...
 
     def innovations(self, samples: Array, theta: Array) -> Array:
         """Return samples minus their prediction from those before them, if any: `(W, T, K)`, SI."""
-        ...
 
     def whitened_jacobian(self, shifts: Array, theta: Array) -> Array:
         """Return `shifts` of signals over the noise, `(W, T, K)`.
 
         It is linear in `shifts`, and its squares sum to their Fisher information.
         """
-        ...
 
     def score(self, samples: Array, theta: Array) -> Array:
         """Return d log likelihood / d model signal: `(W, T, K)`."""
-        ...
 
     def noise_score(self, residuals: Residuals, theta: Array) -> tuple[Array, Array]:
         """Return slope and curvature of the log likelihood by each of its unknowns.
@@ -142,22 +124,18 @@ class Noise(Protocol):
         at least the expected one, as a safe step wants.  Both are `(W, n)`, or of the curvature the
         whole matrix `(W, n, n)`.
         """
-        ...
 
     def expected(self, theta: Array) -> Array:
         """Return the expected curvature, `(n,)` or `(n, n)`, at `theta (n,)`."""
-        ...
 
     def fitted(self, samples: Array, theta: Array) -> Array:
         """Return its unknowns `(n,)` fitted to residuals `samples (T, K)`.
 
         They are as good as `theta (n,)` to begin with.
         """
-        ...
 
     def draw(self, signals: Array, theta: Array, rng: np.random.Generator) -> Array:
         """Draw signals `(W, T, K)` with fresh noise."""
-        ...
 
 
 class NoiseKind(Protocol):
@@ -166,11 +144,9 @@ class NoiseKind(Protocol):
     @property
     def Entries(self) -> type:  # noqa: N802
         """Return the dataclass whose annotated fields are entries of a channel's `noise:`."""
-        ...
 
     def from_channels(self, channels: Sequence[NoisyChannel], n_samples: int) -> Noise:
         """Build the noise of all channels that name it; raises `ValueError`."""
-        ...
 
 
 @dataclass(frozen=True, slots=True)

@@ -73,7 +73,6 @@ class Move(Protocol):
 
     def propose(self, model: Any, state: Any) -> tuple[Any, Flags]:
         """Advance all walkers by a step; `state` is changed in place and given back."""
-        ...
 
 
 @dataclass(frozen=True, slots=True)
