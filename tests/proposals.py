@@ -9,7 +9,6 @@ from targets import Target
 
 from bayesdrill.sampling.proposal.ridge_tracing import moments
 from bayesdrill.sampling.samplers.independence import Mixture, Proposal, mixture
-from bayesdrill.sampling.samplers.ridge import to_ridge_coordinates
 
 SHAPES = ((0.5, 0.8, 0.3), (0.2, 1.2, -0.4))  # weight, width and shift of a hump's two components
 
@@ -31,7 +30,7 @@ def over(target: Target, d: int, n_sheets: int) -> Mixture:
     sheet, weights, means, roots = [], [], [], []
     for s, ridge in enumerate(sheets):
         for h in [s] if one_each else range(hump.max() + 1):
-            y, _ = to_ridge_coordinates(ridge, draws[hump == h])
+            y, _ = ridge.to_ridge_coordinates(draws[hump == h])
             mean, root = moments(y, np.ones(len(y)))
             for weight, width, shift in SHAPES:
                 sheet.append(s)

@@ -147,7 +147,7 @@ def _laplace(posterior: Posterior, u: Array) -> tuple[float, Array]:
     surface = PosteriorLogDensity(posterior)
     here = surface.quadratic_model(u, np.eye(u.shape[1]))
     # What a prior bends by itself is in the curvature already: of a box it is nothing.
-    flat = np.maximum(1.0 / surface.spread**2 - surface.prior_curvature(u)[0], 0.0)
+    flat = np.maximum(1.0 / surface.spread**2 - surface.prior_derivatives(u)[1][0], 0.0)
     matrix = here.curvature[0] + np.diag(flat)
     scale = 1.0 / np.sqrt(np.diag(matrix))
     _, log_det = np.linalg.slogdet(matrix * scale[:, None] * scale)

@@ -9,7 +9,7 @@ smoothing would refuse samples at which all draws agree, such as the first of a 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -23,7 +23,7 @@ from bayesdrill.basics.units import Unit
 from bayesdrill.inference.likelihood import Likelihood, Observation
 from bayesdrill.inference.posterior import Posterior
 from bayesdrill.inference.residual_checks import ResidualSummary
-from bayesdrill.record.experiment import Channel
+from bayesdrill.record.experiment import Channel, frozen
 from bayesdrill.rig.models.linear import dynamics
 
 PIT_BINS = 100
@@ -134,7 +134,8 @@ def held_out(posterior: Posterior, theta: Array) -> HeldOutScore | None:
         if measured is not None:
             residuals = measured - observation.signals(full)
             # By itself: what remembers is not told what stands beside it.
-            log_p = observation.for_record(measured).pointwise(residuals, theta)
+            record = replace(observation.experiment, y=frozen(measured))
+            log_p = observation.for_record(record).pointwise(residuals, theta)
             log_p = log_p[:, ~np.isnan(measured)]
             log_densities.append(scipy.special.logsumexp(log_p, axis=0) - np.log(len(theta)))
     if not log_densities:

@@ -22,7 +22,6 @@ from bayesdrill.config.resolve.case import ResolvedCase
 from bayesdrill.config.schema.config import Asked, Config
 from bayesdrill.config.yaml_source import Source, as_yaml, parse
 from bayesdrill.inference import derived, step_error
-from bayesdrill.inference.compression import exact_reason
 from bayesdrill.inference.display_units import DisplayUnits
 from bayesdrill.inference.posterior import Problem
 from bayesdrill.output_files import RECORD
@@ -105,7 +104,7 @@ def assemble(case: ResolvedCase, table: RecordTable | None = None) -> Job:
         message = f"the start is {rms:.2g} times the noise off the record; check values and units"
         raise source.error(("parameters",), message)
     if case.config.sampler.likelihood == "compressed":
-        reasons = filter(None, map(exact_reason, problem.observations))
+        reasons = filter(None, (each.exact_reason for each in problem.observations))
         message = "a record cannot be compressed: {}; say `auto`, or leave it out"
         raise_if_any([source.issue(("sampler", "likelihood"), message.format(r)) for r in reasons])
     impossible = derived.impossible_formulas(problem)

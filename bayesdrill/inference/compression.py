@@ -7,7 +7,6 @@ operations alone: the same config does the same on every machine.
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -17,7 +16,6 @@ import numpy as np
 from bayesdrill.basics.arrays import Array
 from bayesdrill.inference import laplace
 from bayesdrill.inference.likelihood import Likelihood, Observation
-from bayesdrill.inference.noise.mixed import noise_for_record
 from bayesdrill.inference.posterior import Posterior
 from bayesdrill.rig.simulators.rational_basis import CompressionError
 
@@ -35,12 +33,7 @@ Compressions = Mapping[str, Any]  # by label, see `Observation.compress`
 
 def is_long(observation: Observation, shortest: int = LONG) -> bool:
     """Tell whether its record can be compressed, and is longer than the `shortest` for which it pays."""
-    return len(observation.experiment.t) > shortest and not exact_reason(observation)
-
-
-def exact_reason(observation: Observation) -> str:
-    """See `Observation.exact_reason`."""
-    return observation.exact_reason
+    return len(observation.experiment.t) > shortest and not observation.exact_reason
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -92,9 +85,9 @@ def excerpt(posterior: Posterior, samples: int = EXCERPT) -> Posterior | None:
 
 
 def longer_excerpt(posterior: Posterior, short: Posterior, known: Compressions) -> Posterior | None:
-    """Return an excerpt longer than the `short` one, where it left long records uncompressed.
+    """Return a longer excerpt where the `short` one left long records that are not `known`; or None.
 
-    None where all are `known`, or where nothing is left that a longer one could say.
+    None, too, where nothing is left that a longer one could say.
     """
     pairs = zip(posterior.likelihood.observations, short.likelihood.observations, strict=True)
     unknown = [
@@ -109,10 +102,7 @@ def first_samples(observation: Observation, samples: int) -> Observation:
     """Return the observation of the first samples of its record; the very same where it is not long."""
     if len(observation.experiment.t) <= samples or not is_long(observation):
         return observation
-    experiment = observation.experiment.first(samples)
-    made = observation.with_simulator(observation.response.of(experiment), observation.parameters)
-    noise = observation.noise.for_length(samples)
-    return dataclasses.replace(made, noise=noise_for_record(noise, experiment.t, experiment.seen))
+    return observation.for_record(observation.experiment.first(samples))
 
 
 def nearby(posterior: Posterior, maxima: Array) -> Array:
@@ -121,10 +111,7 @@ def nearby(posterior: Posterior, maxima: Array) -> Array:
 
 
 def _about(posterior: Posterior, theta: Array) -> Array:
-    """Return points `(n, D)` about a maximum, near enough for rigs to do alike.
-
-    Priors do not matter, nor do directions in which the record cannot tell rigs apart.
-    """
+    """Return points `(n, D)` about a maximum, near enough for rigs to do alike, whatever the priors."""
     rng = np.random.default_rng(0)
     u = posterior.coordinates.from_physical(theta[None])
     quadratic = laplace.PosteriorLogDensity(posterior).quadratic_model(u, np.eye(len(theta)))

@@ -24,20 +24,17 @@ from bayesdrill.rig.steady_state import angle_indices, equilibrium, fix_rotation
 HDI_PROBABILITY = 0.94
 _N_PRIOR_DRAWS = 1000  # draws from the priors, at which formulas are tried
 _LARGEST = 1e150  # whose square is still a number
-_MAX_FREQUENCY_RATIO = (
-    100.0  # times the slowest pair: what swings so fast is within a part, and nobody sees it
-)
-_REAL_POLE_TOLERANCE = (
-    1e-7  # relative imaginary part below which a pole is real: rounding of a double one
-)
+# Times the slowest pair: what swings so fast is within a part, and nobody sees it.
+_MAX_FREQUENCY_RATIO = 100.0
+# Relative imaginary part below which a pole is real: rounding of a double one.
+_REAL_POLE_TOLERANCE = 1e-7
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Derived:
-    """Values `(E, N, Q)` of Q derived quantities at draws `(E, N)`, SI.
+    """Values `(E, N, Q)` of Q derived quantities at draws `(E, N)`, SI; NaN where one has none.
 
-    They are NaN where a draw has no such value.  `nominal`: at the nominal parameters; NaN where a
-    quantity without nominal value is named.
+    `nominal`: at the nominal parameters; NaN where a quantity without nominal value is named.
     """
 
     symbols: tuple[Symbol, ...]
@@ -61,16 +58,11 @@ class DerivedRow:
 
 
 def impossible_formulas(problem: Problem) -> dict[str, str]:
-    """Return why a formula of the config can have no mean or sd, by name.
-
-    It is tried at draws from the priors.
-    """
+    """Return why a formula of the config can have no mean or sd at draws from the priors, by name."""
     if not problem.derived:
         return {}
-    values = values_at(
-        problem, problem.posterior.space.draw(_N_PRIOR_DRAWS, np.random.default_rng(0))
-    )
-    reasons = {}
+    theta = problem.posterior.space.draw(_N_PRIOR_DRAWS, np.random.default_rng(0))
+    values, reasons = values_at(problem, theta), {}
     for formula in problem.derived:
         name, text, x = formula.symbol.name, formula.expression.text, values[formula.symbol.name]
         x = np.abs(x[np.isfinite(x)])
@@ -134,12 +126,8 @@ def with_products(
 def _product_name(exponents: Mapping[str, int]) -> str:
     """A name that files and Python know: `r_m_t_f_squared_over_k_s`."""
     powers = {1: "", 2: "_squared", 3: "_cubed"}
-    above, below = (
-        "_".join(
-            name + powers.get(s * e, f"_to_{s * e}") for name, e in exponents.items() if s * e > 0
-        )
-        for s in (1, -1)
-    )
+    sides = [[(n, s * e) for n, e in exponents.items() if s * e > 0] for s in (1, -1)]
+    above, below = ("_".join(n + powers.get(e, f"_to_{e}") for n, e in side) for side in sides)
     return f"{above or 'one'}_over_{below}" if below else above
 
 
@@ -176,24 +164,21 @@ def _derived_values(problem: Problem, named: Named, n: int) -> dict[str, Array]:
     names = first.named(model.parameters)
     p = {name: np.broadcast_to(named[names[name]], n) for name in model.parameters}
     linear = model.linear(p)
-    values = poles(model, linear, n) | steady_values(
-        model, linear, n, typical_inputs(first.experiment)
-    )
+    inputs = typical_inputs(first.experiment)
+    values = poles(model, linear, n) | steady_values(model, linear, n, inputs)
     known_values: dict[str, Array | float] = {**named, **values}
     for formula in problem.derived:
+        name = formula.symbol.name
         value = np.broadcast_to(formula.expression.value(known_values), n)
-        values[formula.symbol.name] = known_values[formula.symbol.name] = np.where(
-            np.isfinite(value), value, np.nan
-        )
+        values[name] = known_values[name] = np.where(np.isfinite(value), value, np.nan)
     return values
 
 
 def _nominal(problem: Problem) -> dict[str, float]:
     """What has no nominal value, such as a quantity with a prior, leaves none to what names it."""
     space = problem.posterior.space
-    named: dict[str, Array | float] = dict.fromkeys(
-        (*space.model, *space.free, *space.fixed), np.nan
-    )
+    names = (*space.model, *space.free, *space.fixed)
+    named: dict[str, Array | float] = dict.fromkeys(names, np.nan)
     fixed = {name: value for name, value in space.fixed.items() if name not in space.model}
     named |= {**fixed, **problem.nominal}
     values = {name: float(x[0]) for name, x in _derived_values(problem, named, 1).items()}
@@ -241,10 +226,9 @@ def poles(model: Model, linear: Linear, n: int) -> dict[str, Array]:
 def steady_values(
     model: Model, linear: Linear, n: int, inputs: Mapping[str, float]
 ) -> dict[str, Array]:
-    """Return speed and current that the rig ends with at constant inputs.
+    """Return speed and current that the rig ends with at constant inputs; NaN where there are none.
 
-    All angles turn alike then; a rig that is held by its angles stands still.  NaN where there is
-    no such state.
+    All angles turn alike then; a rig that is held by its angles stands still.
     """
     matrix = dynamics(linear, model.states, n)
     pushed = constant_forcing(linear, model.states, n, inputs)

@@ -24,12 +24,10 @@ class DisplayRow(Protocol):
     @property
     def name(self) -> str:
         """Return the name of the unknown."""
-        ...
 
     @property
     def unit(self) -> str:
         """Return the unit of the values."""
-        ...
 
 
 _VALUES = ("nominal", "map", "mean", "sd", "hdi_low", "hdi_high", "pressed_against")
@@ -55,10 +53,9 @@ class DisplayUnits:
 
     def symbol(self, si: Symbol) -> Symbol:
         """Return the symbol with its display unit in words and in LaTeX."""
-        unit = self.units.get(si.name)
-        return (
-            si if unit is None else dataclasses.replace(si, unit=unit.name, latex_unit=unit.latex)
-        )
+        if (unit := self.units.get(si.name)) is None:
+            return si
+        return dataclasses.replace(si, unit=unit.name, latex_unit=unit.latex)
 
     def symbols(self, si: Iterable[Symbol]) -> tuple[Symbol, ...]:
         """Return the symbols with their display units."""
@@ -70,15 +67,18 @@ class DisplayUnits:
 
     def format_value(self, name: str, si: float, digits: int = 4) -> str:
         """Return a value for a sentence, with its unit where that is the user's: `0.1 deg`."""
-        number = f"{si / self.factor(name):.{digits}g}"
-        unit = self.units[name].name if name in self.units else ""
-        return f"{number} {plain(unit)}" if unit not in ("", "1") else number
+        number, unit = f"{si / self.factor(name):.{digits}g}", self._plain_unit(name)
+        return f"{number} {unit}" if unit else number
 
     def describe_prior(self, name: str, si: Prior) -> str:
         """Return a prior in words, with its unit where that is the user's."""
+        text, unit = self.prior(name, si).describe(), self._plain_unit(name)
+        return f"{text}, in {unit}" if unit else text
+
+    def _plain_unit(self, name: str) -> str:
+        """The user's, empty where there is none."""
         unit = self.units[name].name if name in self.units else ""
-        text = self.prior(name, si).describe()
-        return f"{text}, in {plain(unit)}" if unit not in ("", "1") else text
+        return plain(unit) if unit not in ("", "1") else ""
 
     def rows[R: DisplayRow](self, si: Sequence[R]) -> tuple[R, ...]:
         """Return the rows of a table in display units."""
@@ -106,10 +106,7 @@ SI = DisplayUnits({})
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DisplayedUnknowns:
-    """Unknowns as figures show them: all numbers in the units of `symbols`.
-
-    `columns`: which of all unknowns they are in draws.
-    """
+    """Unknowns as figures show them, in the units of `symbols`; `columns`: which in draws they are."""
 
     columns: tuple[int, ...]
     factors: Array

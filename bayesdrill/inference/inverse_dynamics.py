@@ -10,8 +10,7 @@ no ripples over the parameters, as that of simulated angles has.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
@@ -43,11 +42,7 @@ def regression_start(posterior: Posterior) -> Array | None:
     observations = posterior.likelihood.observations
     start = space.vector(space.start)
     columns = space.columns("rig", "quantity")
-    motions = [
-        motion
-        for observation in observations
-        if (motion := MeasuredMotion.from_observation(observation)) is not None
-    ]
+    motions = [motion for each in observations if (motion := _motion(each))]
     if not columns or len(motions) < len(observations):
         return None
     surface = PosteriorLogDensity(posterior, physical=True)
@@ -60,10 +55,9 @@ def regression_start(posterior: Posterior) -> Array | None:
 
     def misfits(u: Array) -> Array:
         full = space.full(unknowns(u))
-        pairs = zip(observations, motions, strict=True)
         parts = [
-            motion.misfits(observation.simulator_parameters(full)[0])
-            for observation, motion in pairs
+            motion(observation.simulator_parameters(full)[0])
+            for observation, motion in zip(observations, motions, strict=True)
         ]
         return np.nan_to_num(np.concatenate(parts), posinf=LARGE_MISFIT, neginf=-LARGE_MISFIT)
 
@@ -73,61 +67,47 @@ def regression_start(posterior: Posterior) -> Array | None:
     return theta[0] if better else None
 
 
-@dataclass(frozen=True, slots=True)
-class MeasuredMotion:
-    """All `states` of the rig and its `inputs`, in the middle of each of the T - 1 steps.
+def _motion(observation: Observation) -> Callable[[Array], Array] | None:
+    """Return the misfits of the equations of motion at parameters `(P,)`; None if a state is missing.
 
-    Each is `(T - 1,)` by name.  `equations`: states in whose rates a parameter stands; `bumps (M,
-    T - 1)` and their `slopes` are times the steps, sparse where a record is long.
+    They are of each equation that has parameters, over the size of its left side.  States and inputs
+    `(T - 1,)` are those in the middle of each step.
     """
+    model, experiment = observation.response.model, observation.experiment
+    stride = slice(None, None, -(-len(experiment.t) // MAX_SAMPLES))
+    t = experiment.t[stride]
+    inputs: dict[str, Array | float]
+    inputs = {name: experiment.constant.get(name, 0.0) for name in model.inputs}
+    for name, series in experiment.series.items():
+        u = series[stride]
+        inputs[name] = _middle(u) if experiment.first_order else u[:-1]
+    kinematics = _kinematics(model)
+    measured = _states(model, kinematics, experiment, stride, inputs)
+    if len(measured) < len(model.states) or len(t) < 2 * MIN_BUMP_SAMPLES:
+        return None
+    states = {name: _middle(x) for name, x in measured.items()}
+    bumps, slopes = _bumps(t)
+    left = {row: -slopes @ states[row] for row in model.states if row not in kinematics}
 
-    model: Model
-    equations: tuple[str, ...]
-    states: Mapping[str, Array]
-    inputs: Mapping[str, Array | float]
-    bumps: Any
-    slopes: Any
-
-    @classmethod
-    def from_observation(cls, observation: Observation) -> MeasuredMotion | None:
-        """Return the motion that a record shows; None where it lacks a state."""
-        model, experiment = observation.response.model, observation.experiment
-        stride = slice(None, None, -(-len(experiment.t) // MAX_SAMPLES))
-        t = experiment.t[stride]
-        inputs: dict[str, Array | float]
-        inputs = {name: experiment.constant.get(name, 0.0) for name in model.inputs}
-        for name, series in experiment.series.items():
-            u = series[stride]
-            inputs[name] = _middle(u) if experiment.first_order else u[:-1]
-        kinematics = _kinematics(model)
-        states = _states(model, kinematics, experiment, stride, inputs)
-        if len(states) < len(model.states) or len(t) < 2 * MIN_BUMP_SAMPLES:
-            return None
-        equations = tuple(name for name in model.states if name not in kinematics)
-        middles = {name: _middle(x) for name, x in states.items()}
-        return cls(model, equations, middles, inputs, *_bumps(t))
-
-    def misfits(self, parameters: Array) -> Array:
-        """Return those of each equation that has `parameters (P,)`, over the size of its left side."""
-        p = dict(zip(self.model.parameters, map(float, parameters), strict=False))
-        acting = {**self.states, **self.inputs}
-        for friction in self.model.frictions:
-            speed = self.states[friction.against]
+    def misfits(parameters: Array) -> Array:
+        p = dict(zip(model.parameters, map(float, parameters), strict=False))
+        acting = {**states, **inputs}
+        for friction in model.frictions:
+            speed = states[friction.against]
             acting[friction.name] = np.sign(speed) * friction.law.size(p, np.abs(speed), acting)
-        for gravity in self.model.gravities:
-            acting[gravity.name] = gravity.torque(p, self.states[gravity.angle])
-        for gravity in self.model.gravities:
-            acting[gravity.name] = gravity.torque(p, self.states[gravity.angle])
-        linear = self.model.linear(p)
+        for gravity in model.gravities:
+            acting[gravity.name] = gravity.torque(p, states[gravity.angle])
+        linear = model.linear(p)
         rates: dict[str, Any] = dict(linear.c)
         for (row, name), factor in (*linear.A.items(), *linear.B.items()):
             rates[row] = rates.get(row, 0.0) + factor * acting[name]
         parts = []
-        for row in self.equations:
-            lhs = -self.slopes @ self.states[row]
+        for row, lhs in left.items():
             size = max(float(np.linalg.norm(lhs)), np.finfo(float).tiny)
-            parts.append((lhs - self.bumps @ rates[row]) / size)
+            parts.append((lhs - bumps @ rates[row]) / size)
         return np.concatenate(parts)
+
+    return misfits
 
 
 def _kinematics(model: Model) -> dict[str, dict[str, Any]]:
@@ -136,10 +116,7 @@ def _kinematics(model: Model) -> dict[str, dict[str, Any]]:
     rows: dict[str, dict[str, Any]] = {name: {} for name in model.states}
     for (row, name), factor in (*linear.A.items(), *linear.B.items()):
         rows[row][name] = factor
-    number_types = (float, int)
-    return {
-        r: row for r, row in rows.items() if all(isinstance(x, number_types) for x in row.values())
-    }
+    return {r: x for r, x in rows.items() if all(isinstance(f, float | int) for f in x.values())}
 
 
 def _states(

@@ -60,16 +60,14 @@ def sandwich(posterior: Posterior, theta: Array) -> Array:
     for observation in posterior.likelihood.observations:
         terms = observation.pointwise(observation.residuals(full).samples, shifted)
         density = np.nansum(np.where(observation.experiment.seen, terms, 0.0), axis=2).T  # (T, 2 D)
-        middle += long_run_variance(
-            (density[:, : len(theta)] - density[:, len(theta) :]) / (2 * steps)
-        )
+        scores = (density[:, : len(theta)] - density[:, len(theta) :]) / (2 * steps)
+        middle += long_run_variance(scores)
     bread = np.linalg.inv(rows.T @ rows + prior)
     return np.asarray(bread @ middle @ bread)
 
 
-MAX_AUTOCORRELATION = (
-    0.97  # correlation of neighbours that is taken out before (Andrews and Monahan)
-)
+# Correlation of neighbours that is taken out before (Andrews and Monahan).
+MAX_AUTOCORRELATION = 0.97
 
 
 def long_run_variance(scores: Array) -> Array:
@@ -84,10 +82,8 @@ def long_run_variance(scores: Array) -> Array:
     x[1:] -= memory * x[:-1]
     rho = _autocorrelation(x)
     alpha = float(np.mean(4.0 * rho**2 / (1.0 - rho) ** 4))
-    arguments = 1.2 * np.pi * np.arange(1, n) / max(1.3221 * (alpha * n) ** 0.2, 1e-3)
-    weights = np.concatenate(
-        [[1.0], 3.0 / arguments**2 * (np.sin(arguments) / arguments - np.cos(arguments))]
-    )
+    turns = 1.2 * np.pi * np.arange(1, n) / max(1.3221 * (alpha * n) ** 0.2, 1e-3)
+    weights = np.append(1.0, 3.0 / turns**2 * (np.sin(turns) / turns - np.cos(turns)))
     around = np.concatenate([weights, [0.0], weights[:0:-1]])  # a convolution, by its transform
     turned = np.fft.rfft(around)[:, None] * np.fft.rfft(x, 2 * n, axis=0)
     summed = (x / (1.0 - memory)).T @ np.fft.irfft(turned, 2 * n, axis=0)[:n]
@@ -101,10 +97,7 @@ def _autocorrelation(x: Array) -> Array:
 
 
 def slopes_by_logs(coordinates: Coordinates, theta: Array) -> Array:
-    """Return d coordinate / d log unknown at physical `theta (D,)`.
-
-    It is `(D, D)`, a column for each unknown.
-    """
+    """Return d coordinate / d log unknown `(D, D)` at physical `theta (D,)`, a column for each."""
     up, down, steps = _neighbours(coordinates, theta)
     return (coordinates.from_physical(up) - coordinates.from_physical(down)).T / (2 * steps)
 
@@ -131,25 +124,14 @@ def natural_sd(unknown: Unknown) -> float:
 
 
 def _record_rows(posterior: Posterior, theta: Array) -> Array:
-    """Slopes of all measured numbers over their noise, by the logs of the unknowns: `(n, D)`.
-
-    Each unknown of a noise has a row of its own.
-    """
+    """Slopes `(n, D)` of measured numbers over their noise, and a row for each unknown of a noise."""
     up, down, steps = _neighbours(posterior.coordinates, theta)
     full = posterior.space.full(np.concatenate([up, down]))
     rows, levels = [], []
     for observation in posterior.likelihood.observations:
         signals = observation.signals(full)
-        shifts = np.where(
-            observation.experiment.seen, signals[: len(theta)] - signals[len(theta) :], 0.0
-        )
-        shifts /= 2.0 * steps[:, None, None]
-        if observation.white:
-            slopes = np.asarray(shifts / observation.scales(theta[None])[0])
-        else:
-            slopes = observation.whitened_jacobian(
-                shifts, np.repeat(theta[None], len(shifts), axis=0)
-            )
+        shifts = (signals[: len(theta)] - signals[len(theta) :]) / (2.0 * steps[:, None, None])
+        slopes = observation.whitened_jacobian_at(shifts, theta)
         rows.append(np.nan_to_num(slopes.reshape(len(theta), -1), posinf=0.0, neginf=0.0).T)
         information = observation.expected(theta)
         diagonal = information.ndim == 1
@@ -192,51 +174,30 @@ class QuadraticModel:
 
 def concatenate_models(parts: Sequence[QuadraticModel]) -> QuadraticModel:
     """Return one model at the points of all parts, in order."""
-    return QuadraticModel(
-        *(
-            np.concatenate([getattr(part, field.name) for part in parts])
-            for field in dataclasses.fields(QuadraticModel)
-        )
-    )
+    columns = zip(*((part.value, part.slope, part.curvature) for part in parts), strict=True)
+    return QuadraticModel(*map(np.concatenate, columns))
 
 
 class LogDensity(Protocol):
     """A log density over `u (W, D)`; `low`, `high` `(D,)`: the ends between which one searches.
 
-    `spread (D,)`: how far each unknown may go before the record is seen.
+    `middle (D,)`: the mean of each prior, and `spread (D,)` its sd: how far each unknown may go
+    before the record is seen.
     """
 
-    @property
-    def low(self) -> Array:
-        """Return the lower ends `(D,)`."""
-        ...
-
-    @property
-    def high(self) -> Array:
-        """Return the upper ends `(D,)`."""
-        ...
-
-    @property
-    def spread(self) -> Array:
-        """Return the sd of each prior `(D,)`."""
-        ...
-
-    @property
-    def middle(self) -> Array:
-        """Return the mean of each prior `(D,)`."""
-        ...
+    low: Array
+    high: Array
+    middle: Array
+    spread: Array
 
     def value(self, u: Array) -> Array:
         """Return the log density `(W,)`."""
-        ...
 
     def inside(self, u: Array) -> Flags:
         """Return whether the priors have a density there, `(W,)`."""
-        ...
 
     def quadratic_model(self, u: Array, directions: Array) -> QuadraticModel:
         """Return value, slopes and curvature along `directions (D, q)`, column by column."""
-        ...
 
 
 class PosteriorLogDensity:
@@ -248,7 +209,7 @@ class PosteriorLogDensity:
         self.physical = physical
         self._priors = tuple(posterior.space.priors.values())
         bounds = np.array([_ends(unknown) for unknown in posterior.space.unknowns]).T
-        self.low, self.high = posterior.coordinates.from_physical(bounds)
+        low, high = posterior.coordinates.from_physical(bounds)
         shares = (np.arange(N_QUANTILES) + 0.5) / N_QUANTILES
         quantiles = np.stack([prior.quantile(shares) for prior in self._priors], axis=-1)
         # Where coordinates are numbers.
@@ -256,16 +217,13 @@ class PosteriorLogDensity:
         typical = posterior.coordinates.from_physical(np.maximum(quantiles, floor))
         self.middle, self.spread = typical.mean(axis=0), typical.std(axis=0)
         # What lies at an end must not be rounded beyond it.
-        self.low, self.high = (
-            self.low + END_MARGIN * self.spread,
-            self.high - END_MARGIN * self.spread,
-        )
+        self.low, self.high = low + END_MARGIN * self.spread, high - END_MARGIN * self.spread
 
     def value(self, u: Array) -> Array:
         """Return the log density `(W,)`."""
-        if not self.physical:
-            return self.posterior(u)
-        return self.posterior.density(self.posterior.coordinates.to_physical(u))
+        if self.physical:
+            return self.posterior.density(self.posterior.coordinates.to_physical(u))
+        return self.posterior(u)
 
     def inside(self, u: Array) -> Flags:
         """Return whether the priors have a density there, `(W,)`."""
@@ -278,14 +236,11 @@ class PosteriorLogDensity:
             return dataclasses.replace(model, value=model.value + self.value(u))
 
     def curvature_model(self, u: Array, directions: Array) -> QuadraticModel:
-        """Return the quadratic model without its value, which takes another response.
-
-        The value is 0, or -inf.
-        """
+        """Return the model with a value of 0 or -inf: its own would take another response."""
         with np.errstate(all="ignore"):
             theta = self.posterior.coordinates.to_physical(u)
             slope, curvature = self.record_slopes(theta, directions)
-        prior_slope, prior_curvature = self._of_prior(u)
+        prior_slope, prior_curvature = self.prior_derivatives(u)
         slope += directional_slope(prior_slope, directions)
         curvature += directional_curvature(directions, prior_curvature)
         good = np.isfinite(slope).all(axis=1) & np.isfinite(curvature).all(axis=(1, 2))
@@ -311,24 +266,19 @@ class PosteriorLogDensity:
             slopes=steps,
             by_log=by_log,
         )
-        slope = np.zeros((len(theta), directions.shape[1]))
-        curvature = np.zeros((len(theta), directions.shape[1], directions.shape[1]))
+        n, q = len(theta), directions.shape[1]
+        slope, curvature = np.zeros((n, q)), np.zeros((n, q, q))
         for observation in self.posterior.likelihood.observations:
             for pulled, bent in observation.quadratic_terms(at):
                 slope, curvature = slope + pulled, curvature + bent
         return slope, curvature
 
-    def prior_curvature(self, u: Array) -> Array:
-        """Return minus the second derivatives of the log prior `(W, D)` at `u (W, D)`."""
-        return self._of_prior(u)[1]
-
-    def _of_prior(self, u: Array) -> tuple[Array, Array]:
-        """Slopes of the log prior by each coordinate, and minus its second derivatives."""
+    def prior_derivatives(self, u: Array) -> tuple[Array, Array]:
+        """Return slopes of the log prior, and minus its second derivatives, `(W, D)` each."""
         step = PRIOR_STEP * self.spread
         middle = np.clip(u, self.low + 2 * step, self.high - 2 * step)
-        theta = self.posterior.coordinates.to_physical(
-            np.concatenate([middle + k * step for k in (-1, 0, 1)])
-        )
+        around = np.concatenate([middle + k * step for k in (-1, 0, 1)])
+        theta = self.posterior.coordinates.to_physical(around)
         values = np.stack([p.logpdf(theta[:, d]) for d, p in enumerate(self._priors)], axis=-1)
         down, centre, up = np.split(values, 3)
         with np.errstate(invalid="ignore"):
@@ -351,10 +301,7 @@ def _ends(unknown: Unknown) -> tuple[float, float]:
 
 
 def prior_ends(prior: Prior, tail: float) -> tuple[float, float]:
-    """Return the ends of a prior's support.
-
-    Where it has no end, or zero, so much of the prior (`tail`) lies beyond.
-    """
+    """Return the ends of a prior's support; of no end, or zero, beyond which `tail` of it lies."""
     bounded = np.isfinite(prior.low) and prior.low != 0  # where nothing itself may be impossible
     low = prior.low if bounded else float(prior.quantile(np.array(tail)))
     high = prior.high if np.isfinite(prior.high) else float(prior.quantile(np.array(1 - tail)))

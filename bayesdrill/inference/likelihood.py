@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, Protocol, Self
@@ -14,7 +14,7 @@ from bayesdrill.basics.arrays import Array, Flags
 from bayesdrill.inference.noise.contract import Noise
 from bayesdrill.inference.noise.mixed import noise_for_record
 from bayesdrill.inference.unknowns import ParameterSpace, Unknown
-from bayesdrill.record.experiment import Experiment, frozen
+from bayesdrill.record.experiment import Experiment
 from bayesdrill.rig.models.linear import Model
 from bayesdrill.rig.simulators import simulator
 from bayesdrill.rig.simulators.compressed import compress, obstacle
@@ -87,36 +87,26 @@ class LatentTorque(Protocol):
     @property
     def kalman_filter(self) -> KalmanFilter:
         """Return the filter of rig and torque."""
-        ...
 
     def sizes(self, theta: Array) -> Array:
         """Return size and time of the torque, `(W, 2)`."""
-        ...
 
     def smooth(self, samples: Array, theta: Array) -> Array:
         """Return smoothed states `(W, T, n)` given all residuals `samples (W, T, K)`.
 
-        They are states of the rig, as far as the torque moves them, and of the torque over its
-        size.
+        They are of the rig, as far as the torque moves it, and of the torque over its size.
         """
-        ...
 
     def sample_states(
         self, samples: Array, theta: Array, rng: np.random.Generator
     ) -> tuple[Array, Array]:
-        """Draw states given all samples, and what channels show of them without noise.
-
-        Shapes are `(W, T, n)`, as `smooth` has them, and `(W, T, K)`.
-        """
-        ...
+        """Draw states `(W, T, n)`, and what channels show of them without noise `(W, T, K)`."""
 
     def scale_torque(self, factor: float) -> Observation:
         """Return it with a torque so many times as large, where its size is known."""
-        ...
 
     def with_extra_channel(self, response: Simulator, sigma: float) -> Observation:
         """Return it with a simulator that has one channel more, with white noise."""
-        ...
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -144,9 +134,8 @@ class Observation:
         columns: list[int] | None = [space.model.index(name) for name in self.parameters]
         if columns == list(range(len(space.model))):
             columns = None
-        noise_columns = _column_index(
-            [space.free.index(name) for name in self.noise_names], len(space.free)
-        )
+        of_noise = [space.free.index(name) for name in self.noise_names]
+        noise_columns = _column_index(of_noise, len(space.free))
         return dataclasses.replace(self, columns=columns, noise_columns=noise_columns)
 
     @property
@@ -192,24 +181,19 @@ class Observation:
     def weighted_squares(self, full: Array, theta: Array) -> Array:
         """Return sums of squared residuals `(W, K)` over the noise."""
         if self.white:
-            return np.asarray(
-                self.response.squares(self.simulator_parameters(full)) / self.scales(theta) ** 2
-            )
+            return np.asarray(self.residuals(full).squares / self.scales(theta) ** 2)
         samples = self.whiten(self.residuals(full).samples, theta)
         return np.asarray(np.nansum(samples**2, axis=1))
 
     def whitened_jacobian_at(self, shifts: Array, theta: Array) -> Array:
         """Return `shifts (n, T, K)` of the signals over the noise at `theta (D,)`.
 
-        They are zero where nothing was measured, and their squares sum to what the record knows of
-        them.
+        They are zero where nothing was measured; their squares sum to what the record knows of them.
         """
         measured_shifts = np.where(self.experiment.seen, shifts, 0.0)
         if self.white:
             return np.asarray(measured_shifts / self.scales(theta[None]))
-        return self.whitened_jacobian(
-            measured_shifts, np.repeat(theta[None], len(measured_shifts), axis=0)
-        )
+        return self.whitened_jacobian(measured_shifts, np.repeat(theta[None], len(shifts), axis=0))
 
     def with_simulator(self, response: Simulator, parameters: Sequence[str]) -> Self:
         """Return it with another simulator, whose parameters have these names; unbound."""
@@ -223,23 +207,18 @@ class Observation:
         old = self.response
         response = simulator(model, self.experiment, sensing, *(old.stepping or ()))
         names = self.named(old.parameters)
-        return self.with_simulator(
-            response, [names.get(name, name) for name in response.parameters]
-        )
+        parameters = [names.get(name, name) for name in response.parameters]
+        return self.with_simulator(response, parameters)
 
-    def for_record(self, y: Array) -> Self:
-        """Return it for a record `(T, K)` at the same times, with other samples missing.
+    def for_record(self, experiment: Experiment) -> Self:
+        """Return it for another record, with other samples missing, or fewer; unbound.
 
         Raises `ValueError` where the noise needs every sample.
         """
-        experiment = dataclasses.replace(self.experiment, y=frozen(y))
-        noise = noise_for_record(self.noise.for_length(len(y)), experiment.t, experiment.seen)
+        t = experiment.t
+        noise = noise_for_record(self.noise.for_length(len(t)), t, experiment.seen)
         copied = self.with_simulator(self.response.of(experiment), self.parameters)
         return dataclasses.replace(copied, noise=noise)
-
-    def fixed_noise(self) -> Mapping[int, object]:
-        """Return what is fixed of the noise; see `Noise.fixed_values`."""
-        return self.noise.fixed_values()
 
     # What another kind has in its own way.
 
@@ -254,11 +233,6 @@ class Observation:
         return self.noise.white
 
     @property
-    def quadratic(self) -> bool:
-        """Whether the log likelihood is a weighted sum of sums of squares; see `square_weights`."""
-        return self.noise.square_weights(np.empty((0, len(self.noise.unknowns)))) is not None
-
-    @property
     def kind(self) -> str:
         """Return the key by which results know its density; empty where it is white."""
         return "" if self.noise.white else repr(self.noise)
@@ -269,10 +243,7 @@ class Observation:
         return None
 
     def with_fixed_covariance(self, theta: Array) -> Self:
-        """Return it with the covariance of its residuals fixed as at `theta (D,)`.
-
-        It is the very same where that does not follow from the rig.
-        """
+        """Return it with a covariance that follows from the rig fixed as at `theta (D,)`, or itself."""
         return self
 
     def by_channel(self, full: Array, theta: Array) -> Array:
@@ -296,7 +267,7 @@ class Observation:
     @property
     def exact_reason(self) -> str:
         """Say why its record cannot be compressed whatever its parameters; empty where it can."""
-        if not self.quadratic:
+        if self.noise.square_weights(np.empty((0, len(self.noise.unknowns)))) is None:
             return "its noise is not Gaussian and even in time"
         return obstacle(self.response)
 
@@ -341,9 +312,8 @@ class Observation:
         """Yield slopes `(W, q)` and curvatures `(W, q, q)` that add up to the likelihood's."""
         residuals, noise_theta = self.residuals(at.full), at.theta[:, self.noise_columns]
         if at.parameter_directions is not None:
-            residuals, slope, curvature = self._slopes_of_signals(
-                at.full, at.parameter_directions, noise_theta
-            )
+            along = at.parameter_directions
+            residuals, slope, curvature = self._slopes_of_signals(at.full, along, noise_theta)
             yield slope, curvature
         if self.noise.unknowns:
             levels, owned = at.by_log[:, self.noise_columns], at.columns[self.noise_columns]
@@ -368,9 +338,8 @@ class Observation:
         shifts = np.where(measured, self.sensitivities(full, along), 0.0)  # (W, q, T, K)
         pull = np.where(measured, self.noise.score(residuals.samples, noise_theta), 0.0)
         slope = np.einsum("wqtk,wtk->wq", shifts, pull)
-        rows = [
-            self.noise.whitened_jacobian(shifts[:, q], noise_theta) for q in range(along.shape[1])
-        ]
+        each = range(along.shape[1])
+        rows = [self.noise.whitened_jacobian(shifts[:, q], noise_theta) for q in each]
         flat = np.stack(rows, axis=1).reshape(*shifts.shape[:2], -1)
         return residuals, slope, flat @ flat.swapaxes(1, 2)
 
@@ -407,17 +376,13 @@ class Likelihood:
     held_out: tuple[Observation, ...] = ()
 
     @classmethod
-    def joint(cls, space: ParameterSpace, parts: Sequence[Observation]) -> Likelihood:
-        """Return the likelihood of several experiments, whose names stand in `space`."""
-        return cls(tuple(observation.bind(space) for observation in parts), space)
-
-    def hold_out(self, labels: Collection[str]) -> Likelihood:
-        """Return it with these experiments held out."""
-        selected = [
-            observation for observation in self.observations if observation.label not in labels
-        ]
-        held_out = [observation for observation in self.observations if observation.label in labels]
-        return Likelihood(tuple(selected), self.space, tuple(held_out))
+    def joint(
+        cls, space: ParameterSpace, parts: Sequence[Observation], held_out: Collection[str] = ()
+    ) -> Likelihood:
+        """Return the likelihood of experiments, whose names stand in `space`, but for `held_out`."""
+        bound = [observation.bind(space) for observation in parts]
+        selected = tuple(each for each in bound if each.label not in held_out)
+        return cls(selected, space, tuple(each for each in bound if each.label in held_out))
 
     def __call__(self, theta: Array) -> Array:
         """Log likelihood `(W,)`; NaN where a response overflows."""
@@ -427,9 +392,7 @@ class Likelihood:
     def by_channel(self, theta: Array) -> Array:
         """Return the log likelihood `(W, K)` of the channels of all observations."""
         full = self.space.full(theta)
-        return _concatenated(
-            [observation.by_channel(full, theta) for observation in self.observations]
-        )
+        return _concatenated([each.by_channel(full, theta) for each in self.observations])
 
     @property
     def n_measured(self) -> int:
@@ -437,17 +400,10 @@ class Likelihood:
         return sum(observation.n_measured for observation in self.observations)
 
     def mean_square(self, theta: Array) -> Array:
-        """Return the mean squared residual over the noise variance `(W,)`.
-
-        It is 1 where only noise is left.
-        """
+        """Return the mean squared residual over the noise variance `(W,)`: 1 of noise alone."""
         full = self.space.full(theta)
-        squares = _concatenated(
-            [observation.weighted_squares(full, theta) for observation in self.observations]
-        )
+        squares = _concatenated([each.weighted_squares(full, theta) for each in self.observations])
         return np.asarray(squares.sum(axis=-1) / self.n_measured)
-
-    # Of the only observation, where there is no other.
 
     def all_signals(self, theta: Array) -> list[Array]:
         """Return the signals `(W, T, K)` of each observation."""
@@ -455,29 +411,17 @@ class Likelihood:
         return [observation.signals(full) for observation in self.observations]
 
     def with_fixed_covariance(self, theta: Array) -> Likelihood:
-        """Return it with covariances fixed as at `theta (D,)`.
-
-        It is the very same where no rig decides one.
-        """
+        """Return it with covariances fixed as at `theta (D,)`; the very same if no rig decides one."""
         fixed = tuple(observation.with_fixed_covariance(theta) for observation in self.observations)
-        if all(
-            observation is old for observation, old in zip(fixed, self.observations, strict=True)
-        ):
-            return self
-        return dataclasses.replace(self, observations=fixed)
+        same = all(new is old for new, old in zip(fixed, self.observations, strict=True))
+        return self if same else dataclasses.replace(self, observations=fixed)
 
     def whitened_residuals(self, theta: Array) -> Array:
-        """Return model minus measured over the noise at `theta (D,)`: `(n,)`.
-
-        It is zero where nothing was measured.
-        """
+        """Return model minus measured over the noise at `theta (D,)`: `(n,)`, zero if not seen."""
         full, parts = self.space.full(theta[None]), []
         for observation in self.observations:
-            parts.append(
-                observation.whitened_jacobian_at(
-                    -observation.residuals(full).samples, theta
-                ).ravel()
-            )
+            off = -observation.residuals(full).samples
+            parts.append(observation.whitened_jacobian_at(off, theta).ravel())
         return np.concatenate(parts)
 
     def rig_parameters(self, theta: Array) -> Array:
@@ -485,6 +429,8 @@ class Likelihood:
         observation = self.observations[0]
         parameters = observation.simulator_parameters(self.space.full(theta))
         return parameters[:, : len(observation.response.model.parameters)]
+
+    # Of the only observation, where there is no other.
 
     @property
     def only_observation(self) -> Observation:
@@ -504,9 +450,8 @@ class Likelihood:
 
     def replace_only(self, **changes: Any) -> Likelihood:
         """Return it with another `response` or `noise` of the only observation."""
-        return dataclasses.replace(
-            self, observations=(dataclasses.replace(self.only_observation, **changes),)
-        )
+        changed = dataclasses.replace(self.only_observation, **changes)
+        return dataclasses.replace(self, observations=(changed,))
 
     def signals(self, theta: Array) -> Array:
         """Return the channels of the only observation without noise, `(W, T, K)`."""

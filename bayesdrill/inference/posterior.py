@@ -48,9 +48,8 @@ class Posterior:
 
         `free`: what becomes unknown, numbers that were fixed or parameters that observations have
         only now: those of the rig stand behind the rig's others, and all others before the noise.
-        `priors`: of unknowns, by name.  `records`: one `(T, K)` for each observation.  `each`:
-        makes another observation of each, such as `Observation.for_rig`, also of those that are
-        held out.
+        `priors`: of unknowns, by name.  `records`: one `(T, K)` for each observation.  `each`: makes
+        another observation of each, such as `Observation.for_rig`, of those that are held out, too.
         """
         space = self.space if not free else _with_unknowns(self.space, free)
         space = space if not priors else space.with_priors(priors)
@@ -82,10 +81,7 @@ class Posterior:
         return np.asarray(self.space.log_prior(theta) > -np.inf)
 
     def density(self, theta: Array) -> Array:
-        """Return the log density `(W,)` over the physical unknowns `(W, D)`.
-
-        Its maximum is the MAP.
-        """
+        """Return the log density `(W,)` over physical unknowns `(W, D)`: its maximum is the MAP."""
         return self._density(theta)[0]
 
     def _density(self, theta: Array) -> tuple[Array, int]:

@@ -153,16 +153,11 @@ class TruncatedNormal(_Bounded):
     def quantile(self, u: Array) -> Array:
         """Return the inverse of the distribution at `u (N,)`."""
         # Work in the tail that is nearer, where the normal integral keeps its digits.
-        a, b = self._ends()
+        ndtr, (a, b) = scipy.special.ndtr, self._ends()
         if a > 0:
-            below = scipy.special.ndtr(-b) + (1 - u) * (
-                scipy.special.ndtr(-a) - scipy.special.ndtr(-b)
-            )
-            z = -scipy.special.ndtri(below)
+            z = -scipy.special.ndtri(ndtr(-b) + (1 - u) * (ndtr(-a) - ndtr(-b)))
         else:
-            z = scipy.special.ndtri(
-                scipy.special.ndtr(a) + u * (scipy.special.ndtr(b) - scipy.special.ndtr(a))
-            )
+            z = scipy.special.ndtri(ndtr(a) + u * (ndtr(b) - ndtr(a)))
         return np.asarray(np.clip(self.mean + self.sd * z, self.low, self.high))
 
     def describe(self) -> str:
@@ -178,10 +173,11 @@ class TruncatedNormal(_Bounded):
         a, b = self._ends()
         if a > 0:
             a, b = -b, -a
-        return float(
-            scipy.special.log_ndtr(b)
-            + np.log1p(-np.exp(scipy.special.log_ndtr(a) - scipy.special.log_ndtr(b)))
-        )
+        below, above = scipy.special.log_ndtr(a), scipy.special.log_ndtr(b)
+        return float(above + np.log1p(-np.exp(below - above)))
+
+
+_SD_LOG = "Standard deviation of the natural logarithm."
 
 
 @dataclass(frozen=True, slots=True)
@@ -191,10 +187,7 @@ class LogNormal(_Positive):
     vanishes_at_ends: ClassVar[bool] = True
 
     median: Positive
-    sd_log: Annotated[
-        float,
-        Field(ge=SMALLEST, le=20, description="Standard deviation of the natural logarithm."),
-    ]
+    sd_log: Annotated[float, Field(ge=SMALLEST, le=20, description=_SD_LOG)]
 
     @property
     def in_logs(self) -> bool:
@@ -287,18 +280,14 @@ SIGNED_PRIORS: Mapping[str, Callable[..., Prior]] = MappingProxyType(
 )
 
 
-def draw_prior(prior: Prior, n: int, rng: np.random.Generator) -> Array:
-    """Draw `(n,)` independent numbers from a prior."""
-    return prior.quantile(rng.random(n))
+_SHARES = (np.arange(2000) + 0.5) / 2000  # midpoints of equal shares
 
 
 def prior_sd(prior: Prior) -> float:
-    """Return the standard deviation, from the quantiles (midpoints of 2000 equal shares)."""
-    shares = (np.arange(2000) + 0.5) / 2000
-    return float(np.std(prior.quantile(shares)))
+    """Return the standard deviation, from the quantiles at midpoints of 2000 equal shares."""
+    return float(np.std(prior.quantile(_SHARES)))
 
 
 def prior_log_sd(prior: Prior) -> float:
     """Return the standard deviation of the log, the same way."""
-    shares = (np.arange(2000) + 0.5) / 2000
-    return float(np.std(np.log(np.maximum(prior.quantile(shares), 1e-300))))
+    return float(np.std(np.log(np.maximum(prior.quantile(_SHARES), 1e-300))))

@@ -12,6 +12,7 @@ import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
+from itertools import chain
 
 import numpy as np
 import scipy
@@ -21,12 +22,10 @@ from bayesdrill.inference.likelihood import Likelihood, Observation
 from bayesdrill.record.experiment import Channel
 
 FALSE_ALARM = 0.01  # of records of the model, with its noise, would give any finding at most
-MAX_BELIEVABLE_RMS = (
-    1.5  # rms over sigma, from which on nothing that counts on the noise is believed
-)
-MAX_BELIEVABLE_CORRELATION = (
-    0.6  # correlation of neighbours, from which on sds are too small by a factor of two
-)
+# Rms over sigma, from which on nothing that counts on the noise is believed.
+MAX_BELIEVABLE_RMS = 1.5
+# Correlation of neighbours, from which on sds are too small by a factor of two.
+MAX_BELIEVABLE_CORRELATION = 0.6
 TESTS_PER_CHANNEL = 5  # at each channel: size and correlation both ways, and the farthest sample
 N_LAGS = 25  # samples of a channel, at which correlations are shown
 MAX_MEMORY_LAG = 100  # lags over which residuals and inputs may remember
@@ -87,18 +86,14 @@ class ResidualSummary:
 
     @property
     def like_noise(self) -> bool:
-        """Whether the residuals are no evidence against the model.
-
-        Less than the noise is none: then sds are only too large.
-        """
+        """Whether nothing speaks against the model: small ones do not, sds are only too large."""
         return not (self.large or self.correlated or self.far)
 
     @property
     def unbelievable(self) -> bool:
         """Whether no statement on the unknowns must be believed."""
-        return self.far_too_large or (
-            self.correlated and self.correlation > MAX_BELIEVABLE_CORRELATION
-        )
+        too_alike = self.correlated and self.correlation > MAX_BELIEVABLE_CORRELATION
+        return self.far_too_large or too_alike
 
     @property
     def far_too_large(self) -> bool:
@@ -107,10 +102,7 @@ class ResidualSummary:
 
     @property
     def far(self) -> bool:
-        """Whether a few samples are far off by themselves.
-
-        Where all are too large that is reported already.
-        """
+        """Whether a few samples are far off by themselves: not all, which is reported already."""
         return self.farthest > self.limits.farthest and not self.large
 
 
@@ -124,13 +116,10 @@ def residual_summaries(likelihood: Likelihood, theta: Array) -> tuple[ResidualSu
 
     An unknown sigma fits the size, unless its prior keeps it off.
     """
-    full, row = likelihood.space.full(theta[None]), theta[None]
-    channels = sum(len(observation.experiment.channels) for observation in likelihood.observations)
-    return tuple(
-        summary
-        for observation in likelihood.observations
-        for summary in _channel_summaries(observation, full, row, channels)
-    )
+    full, observations = likelihood.space.full(theta[None]), likelihood.observations
+    channels = sum(len(observation.experiment.channels) for observation in observations)
+    summaries = (_channel_summaries(each, full, theta[None], channels) for each in observations)
+    return tuple(chain.from_iterable(summaries))
 
 
 def _channel_summaries(
@@ -140,10 +129,8 @@ def _channel_summaries(
     experiment = observation.experiment
     prediction_errors = (experiment.y - observation.predict(full, theta))[0]
     samples = observation.residuals(full).samples
-    whitened, innovations = (
-        observation.whiten(samples, theta)[0],
-        observation.innovations(samples, theta)[0],
-    )
+    whitened = observation.whiten(samples, theta)[0]
+    innovations = observation.innovations(samples, theta)[0]
     for k, measured in enumerate(experiment.seen.T):
         residuals, n = whitened[measured, k], int(measured.sum())
         squares = float(residuals @ residuals)
@@ -208,18 +195,13 @@ class ResidualCorrelation:
 def correlations(likelihood: Likelihood, theta: Array) -> tuple[ResidualCorrelation, ...]:
     """Return correlations of each channel with itself, then with each measured input.
 
-    They are at the unknowns `theta (D,)`; pairs of which a sample is missing are left out.
-
-    Of an input, both are filtered by the AR(1) of the residuals first, so that these are nearly
-    white (prewhitening, Box and Jenkins); sds count on what both still remember (Ljung, section
-    16.6).
+    They are at the unknowns `theta (D,)`; pairs of which a sample is missing are left out.  Of an
+    input, both are filtered by the AR(1) of the residuals first, so that these are nearly white
+    (prewhitening, Box and Jenkins); sds count on what both still remember (Ljung, section 16.6).
     """
     full = likelihood.space.full(theta[None])
-    return tuple(
-        correlation
-        for observation in likelihood.observations
-        for correlation in _correlations(observation, full, theta[None])
-    )
+    pairs = (_correlations(each, full, theta[None]) for each in likelihood.observations)
+    return tuple(chain.from_iterable(pairs))
 
 
 def input_sentences(correlations: Sequence[ResidualCorrelation]) -> tuple[str, ...]:

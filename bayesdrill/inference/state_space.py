@@ -40,9 +40,8 @@ class LatentTorqueObservation(Observation):
     `noise`: of the sensors, white; `kalman_filter`: of the simulator's rig and experiment;
     `process`: of `SIZE` and `TIME` of the torque, the number or the unknown.
 
-    All arguments of the kernels `(W, n + P)` are its unknowns, and then the parameters of the
-    simulator.  `fixed (P,)`: those that count instead, where given: the covariance is that of one
-    rig, whatever the residuals are of.
+    Arguments of the kernels `(W, n + P)` are its unknowns, and then the parameters of the simulator.
+    `fixed (P,)`: what counts instead, where given: the covariance of one rig, whatever is left.
     """
 
     kalman_filter: KalmanFilter
@@ -59,9 +58,8 @@ class LatentTorqueObservation(Observation):
     ) -> LatentTorqueObservation:
         """Return it with another simulator, whose parameters have these names; unbound."""
         filtered = KalmanFilter(response.model, self.kalman_filter.torque, response.experiment)
-        return dataclasses.replace(
-            self, response=response, parameters=parameters, kalman_filter=filtered
-        )
+        made = Observation.with_simulator(self, response, parameters)
+        return dataclasses.replace(made, kalman_filter=filtered)
 
     @property
     def unknowns(self) -> tuple[Unknown, ...]:
@@ -72,11 +70,6 @@ class LatentTorqueObservation(Observation):
     @property
     def white(self) -> bool:
         """Whether samples are independent: never."""
-        return False
-
-    @property
-    def quadratic(self) -> bool:
-        """Whether sums of squares are all: never."""
         return False
 
     @property
@@ -91,15 +84,12 @@ class LatentTorqueObservation(Observation):
 
     def exceeds_bound(self, full: Array, theta: Array) -> Flags:
         """Tell which unknowns `(W,)` of a compressed record have all samples."""
-        kernel_arguments = self._kernel_arguments(theta, full)
-        process, scales = self._of_process(kernel_arguments), self._scales(kernel_arguments)
-        return self.kalman_filter.exceeds_bound(process, scales)
+        return self.kalman_filter.exceeds_bound(*self._filter_arguments(theta, full))
 
     def compress(self, full: Array, theta: Array) -> CompressedFilter:
         """Compress its record for these unknowns; see `Observation.compress`."""
-        kernel_arguments, exact = self._kernel_arguments(theta, full), self.kalman_filter.by_samples
-        process, scales = self._of_process(kernel_arguments), self._scales(kernel_arguments)
-        return compress_filter(exact, self.response, process, scales)
+        exact = self.kalman_filter.by_samples
+        return compress_filter(exact, self.response, *self._filter_arguments(theta, full))
 
     def with_compression(self, compression: Any) -> LatentTorqueObservation:
         """Return it with its record compressed; with all samples where `compression` is None."""
@@ -139,7 +129,7 @@ class LatentTorqueObservation(Observation):
 
     def with_extra_channel(self, response: Simulator, sigma: float) -> LatentTorqueObservation:
         """Return it with a simulator that has one channel more, with white noise."""
-        k, n = self.noise.n_channels, len(response.experiment.t)
+        k, n = len(self.experiment.channels), len(response.experiment.t)
         extra_noise = White(n_samples=n, known={0: sigma}, n_channels=1)
         noise = Mixed((ChannelNoise(self.noise, tuple(range(k))), ChannelNoise(extra_noise, (k,))))
         copied = dataclasses.replace(self, noise=noise)
@@ -152,6 +142,11 @@ class LatentTorqueObservation(Observation):
         parameters = self.simulator_parameters(self.space.full(theta) if full is None else full)
         return np.concatenate([theta[:, self.noise_columns], parameters], axis=1)
 
+    def _filter_arguments(self, theta: Array, full: Array | None = None) -> tuple[Array, Array]:
+        """Parameters of rig and torque `(W, P + 2)`, and scales of the sensors `(W, K)`."""
+        kernel_arguments = self._kernel_arguments(theta, full)
+        return self._of_process(kernel_arguments), self._scales(kernel_arguments)
+
     def _levels(self, theta: Array) -> Array:
         return theta[..., : len(self.noise.unknowns)]
 
@@ -160,9 +155,7 @@ class LatentTorqueObservation(Observation):
         first, count = len(self.unknowns), len(self.kalman_filter.model.parameters)
         rig = kernel_arguments[..., first : first + count]
         if self.fixed is not None:
-            rig = np.broadcast_to(
-                np.array(self.fixed[:count]), (*kernel_arguments.shape[:-1], count)
-            )
+            rig = np.broadcast_to(np.array(self.fixed[:count]), rig.shape)
         return np.concatenate([rig, self._sizes(kernel_arguments)], axis=-1)
 
     def _sizes(self, kernel_arguments: Array) -> Array:
@@ -193,30 +186,27 @@ class LatentTorqueObservation(Observation):
 
     def by_channel(self, full: Array, theta: Array) -> Array:
         """Return the log likelihood `(W, K)`."""
-        kernel_arguments, record = self._kernel_arguments(theta, full), self.response.record
+        record = self.response.record
         if self.fixed is None and record is not None:
-            return self.kalman_filter.log_density(
-                self._of_process(kernel_arguments), self._scales(kernel_arguments), record
-            )
-        return np.asarray(
-            np.nansum(self._pointwise(self.residuals(full).samples, kernel_arguments), axis=1)
-        )
+            return self.kalman_filter.log_density(*self._filter_arguments(theta, full), record)
+        terms = self._pointwise(self.residuals(full).samples, theta, full)
+        return np.asarray(np.nansum(terms, axis=1))
 
     def pointwise(self, samples: Array, theta: Array) -> Array:
         """Return the log density `(W, T, K)` of each residual given those before it."""
-        return self._pointwise(samples, self._kernel_arguments(theta))
+        return self._pointwise(samples, theta)
 
-    def _pointwise(self, samples: Array, kernel_arguments: Array) -> Array:
-        white, variances = self._whitened(samples, kernel_arguments)
+    def _pointwise(self, samples: Array, theta: Array, full: Array | None = None) -> Array:
+        white, variances = self._whitened(samples, theta, full)
         return np.asarray(-0.5 * (math.log(2 * math.pi) + np.log(variances) + white**2))
 
     def whiten(self, samples: Array, theta: Array) -> Array:
         """Return whitened residuals `(W, T, K)`."""
-        return self._whitened(samples, self._kernel_arguments(theta))[0]
+        return self._whitened(samples, theta)[0]
 
     def innovations(self, samples: Array, theta: Array) -> Array:
         """Return errors of one-step-ahead predictions `(W, T, K)`, SI."""
-        white, variances = self._whitened(samples, self._kernel_arguments(theta))
+        white, variances = self._whitened(samples, theta)
         return white * np.sqrt(variances)
 
     def whitened_jacobian(self, shifts: Array, theta: Array) -> Array:
@@ -225,20 +215,16 @@ class LatentTorqueObservation(Observation):
 
     def draw(self, signals: Array, theta: Array, rng: np.random.Generator) -> Array:
         """Draw another record `(W, T, K)` of these signals, with another torque."""
-        kernel_arguments = self._kernel_arguments(theta)
+        return np.asarray(signals + self._draw_process(theta, rng)[1])
+
+    def _draw_process(self, theta: Array, rng: np.random.Generator) -> tuple[Array, Array]:
         with np.errstate(all="ignore"):
-            draws = self.kalman_filter.draw(
-                self._of_process(kernel_arguments), self._scales(kernel_arguments), rng
-            )[1]
-        return np.asarray(signals + draws)
+            return self.kalman_filter.draw(*self._filter_arguments(theta), rng)
 
     def smooth(self, samples: Array, theta: Array) -> Array:
         """Return smoothed states `(W, T, n)` given all residuals; see `LatentTorque.smooth`."""
-        kernel_arguments = self._kernel_arguments(theta)
         with np.errstate(all="ignore"):
-            states = self.kalman_filter.smooth(
-                self._of_process(kernel_arguments), self._scales(kernel_arguments), samples
-            )
+            states = self.kalman_filter.smooth(*self._filter_arguments(theta), samples)
         return np.asarray(states)
 
     def predict(self, full: Array, theta: Array) -> Array:
@@ -251,11 +237,7 @@ class LatentTorqueObservation(Observation):
         self, samples: Array, theta: Array, rng: np.random.Generator
     ) -> tuple[Array, Array]:
         """Draw states given all samples, and what channels show of them without noise."""
-        kernel_arguments = self._kernel_arguments(theta)
-        with np.errstate(all="ignore"):
-            prior_states, prior_signals = self.kalman_filter.draw(
-                self._of_process(kernel_arguments), self._scales(kernel_arguments), rng
-            )
+        prior_states, prior_signals = self._draw_process(theta, rng)
         states = prior_states + self.smooth(samples - prior_signals, theta)
         return states, np.asarray(states @ self.kalman_filter.output_matrix.T)
 
@@ -264,19 +246,16 @@ class LatentTorqueObservation(Observation):
         moved = self.sample_states(self.experiment.y - signals, theta, rng)[1]
         return self.noise.draw(signals + moved, self._levels(theta[:, self.noise_columns]), rng)
 
-    def _whitened(self, samples: Array, kernel_arguments: Array) -> tuple[Array, Array]:
+    def _whitened(
+        self, samples: Array, theta: Array, full: Array | None = None
+    ) -> tuple[Array, Array]:
         with np.errstate(all="ignore"):
-            return self.kalman_filter.whiten(
-                self._of_process(kernel_arguments), self._scales(kernel_arguments), samples
-            )
+            return self.kalman_filter.whiten(*self._filter_arguments(theta, full), samples)
 
     # Slopes.
 
     def quadratic_terms(self, at: Directions) -> Iterator[tuple[Array, Array]]:
-        """Yield slope and curvature of all unknowns together.
-
-        Parameters of the rig are in the covariance too.
-        """
+        """Yield slope and curvature of all unknowns together: the rig is in the covariance, too."""
         levels = (at.slopes[:, None, :] * at.columns.T)[..., self.noise_columns]
         along = at.parameter_directions
         if along is None:
@@ -285,37 +264,29 @@ class LatentTorqueObservation(Observation):
         signals, shifts = self.response.course(self.simulator_parameters(at.full), turned)
         residuals = np.nan_to_num(self.experiment.y - signals)
         kernel_arguments = self._kernel_arguments(at.theta, at.full)
-        yield self._slopes(
-            residuals, -shifts, kernel_arguments, np.concatenate([levels, turned], axis=-1)
-        )
+        moved = np.concatenate([levels, turned], axis=-1)
+        yield self._slopes(residuals, -shifts, kernel_arguments, moved)
 
     def _slopes(
         self, residuals: Array, slopes: Array, kernel_arguments: Array, along: Array
     ) -> tuple[Array, Array]:
         """Return slope `(W, q)` and curvature `(W, q, q)` of the log likelihood.
 
-        `residuals (W, T, K)` change by `slopes (W, q, T, K)`, and `kernel_arguments` by `along (W,
-        q, n + P)`.
+        `residuals (W, T, K)` change by `slopes (W, q, T, K)`, arguments by `along (W, q, n + P)`.
         """
         n, q = along.shape[:2]
         slope, curvature = np.empty((n, q)), np.empty((n, q, q))
         chunk = max(1, int(MAX_SLOPE_BYTES / (64 * q * max(residuals[0].size, 1))))
         for rows in (slice(k, k + chunk) for k in range(0, n, chunk)):
-            repeated, levels = (
-                np.repeat(kernel_arguments[rows], q, axis=0),
-                along[rows].reshape(-1, along.shape[2]),
-            )
+            repeated = np.repeat(kernel_arguments[rows], q, axis=0)
+            moved = along[rows].reshape(-1, along.shape[2])
+            shifts = slopes[rows].reshape(-1, *residuals.shape[1:])
             with np.errstate(all="ignore"):
+                widths = self._scales(moved) - self._scales(np.zeros_like(moved))
                 results = self.kalman_filter.slopes(
-                    (self._of_process(repeated), self._slopes_of_process(levels)),
-                    (
-                        self._scales(repeated),
-                        self._scales(levels) - self._scales(np.zeros_like(levels)),
-                    ),
-                    (
-                        np.repeat(residuals[rows], q, axis=0),
-                        slopes[rows].reshape(-1, *residuals.shape[1:]),
-                    ),
+                    (self._of_process(repeated), self._slopes_of_process(moved)),
+                    (self._scales(repeated), widths),
+                    (np.repeat(residuals[rows], q, axis=0), shifts),
                 )
             white, change, variance, wider = (
                 part.reshape(len(repeated) // q, q, -1) for part in results
@@ -342,9 +313,8 @@ class LatentTorqueObservation(Observation):
         along = np.zeros((1, count, kernel_arguments.shape[1]))
         along[:, range(count), range(count)] = kernel_arguments[:, :count]
         shape = self.experiment.y.shape
-        curvature = self._slopes(
-            np.zeros((1, *shape)), np.zeros((1, count, *shape)), kernel_arguments, along
-        )[1]
+        residuals, slopes = np.zeros((1, *shape)), np.zeros((1, count, *shape))
+        curvature = self._slopes(residuals, slopes, kernel_arguments, along)[1]
         return np.asarray(2.0 * np.diagonal(curvature[0]))
 
     def fitted(self, samples: Array, theta: Array) -> Array:

@@ -60,21 +60,16 @@ class StepError:
 
 
 def evidence_shift(posterior: Posterior, draws: Array) -> tuple[float, float] | None:
-    """Return what finer steps add to a log evidence, and its standard error.
+    """Return what finer steps add to a log evidence, and its standard error, from draws `(N, D)`.
 
-    It is estimated from draws `(N, D)`, physical; None where nothing is stepped, or no finer
-    response is finite.
-
-    The ratio of the evidences is the mean over the posterior of the ratio of the likelihoods, in
-    finer steps and in its own.
+    They are physical.  None where nothing is stepped, or no finer response is finite.  The ratio of
+    evidences is the mean over the posterior of that of likelihoods, in finer steps and in its own.
     """
     observations = _stepped(posterior.likelihood)
     if not observations:
         return None
-    steps = sum(
-        _steps(_truth(observation.response)).pieces * len(observation.experiment.t)
-        for observation in observations
-    )
+    finest = [(_steps(_truth(each.response)), each.experiment) for each in observations]
+    steps = sum(stepping.pieces * len(experiment.t) for stepping, experiment in finest)
     n_draws = min(max(MAX_TOTAL_STEPS // steps, MIN_EVIDENCE_DRAWS), MAX_EVIDENCE_DRAWS)
     thinned = draws[:: max(1, -(-len(draws) // n_draws))]
 
@@ -104,38 +99,30 @@ def step_errors(likelihood: Likelihood, theta: Array) -> tuple[StepError, ...]:
     full = likelihood.space.full(theta[None])
     return tuple(
         StepError(
-            label=observation.label,
-            channels=observation.experiment.names,
-            pieces=_steps(observation.response).pieces,
-            errors=tuple(
-                map(float, _errors(observation, observation.response, full, theta[None])[0])
-            ),
+            label=each.label,
+            channels=each.experiment.names,
+            pieces=_steps(each.response).pieces,
+            errors=tuple(map(float, _errors(each, each.response, full, theta[None])[0])),
         )
-        for observation in _stepped(likelihood)
+        for each in _stepped(likelihood)
     )
 
 
 def choose_steps(posterior: Posterior, theta: Array, most: int = MAX_CHOSEN_PIECES) -> Posterior:
-    """Return it with as few steps as are enough at `theta (D,)` and at other points about it.
-
-    They are of `CANDIDATE_STEPS` up to `most` pieces.
-    """
+    """Return it with as few `CANDIDATE_STEPS`, up to `most` pieces, as do about `theta (D,)`."""
     points = _points_around(posterior, theta)
     full = posterior.likelihood.space.full(points)
     candidates = [(pieces, turns) for pieces, turns in CANDIDATE_STEPS if pieces <= most]
-    return _with_simulators(
-        posterior, lambda observation: _fine_enough(observation, candidates, full, points)
-    )
+    return _with_simulators(posterior, lambda each: _fine_enough(each, candidates, full, points))
 
 
 def chosen_steps(posterior: Posterior) -> dict[str, StepSizes]:
     """Return the steps by labels of experiments, where they were chosen."""
     observations = (*posterior.likelihood.observations, *posterior.likelihood.held_out)
-    steps = [(observation.label, observation.response.stepping) for observation in observations]
     return {
-        label: (stepping.pieces, stepping.turns)
-        for label, stepping in steps
-        if stepping and stepping.chosen
+        each.label: (stepping.pieces, stepping.turns)
+        for each in observations
+        if (stepping := each.response.stepping) and stepping.chosen
     }
 
 
@@ -145,12 +132,8 @@ def with_steps(posterior: Posterior, steps: Mapping[str, StepSizes]) -> Posterio
         return posterior
 
     def simulator_of(observation: Observation) -> Simulator:
-        size = steps.get(observation.label)
-        return (
-            observation.response.with_substeps(*size, adaptive=True)
-            if size
-            else observation.response
-        )
+        size, response = steps.get(observation.label), observation.response
+        return response.with_substeps(*size, adaptive=True) if size else response
 
     return _with_simulators(posterior, simulator_of)
 
@@ -161,11 +144,9 @@ def _with_simulators(
     """With other simulators where they are stepped."""
 
     def each(observation: Observation) -> Observation:
-        return (
-            dataclasses.replace(observation, response=simulator_of(observation))
-            if observation.response.stepping
-            else observation
-        )
+        if not observation.response.stepping:
+            return observation
+        return dataclasses.replace(observation, response=simulator_of(observation))
 
     return posterior.edit(each=each)
 
@@ -203,25 +184,18 @@ def _fine_enough(
 
 
 def _truth(response: Simulator, part: int = 1) -> Simulator:
-    """Refine by `TRUTH_REFINEMENT`, or as `MAX_TRUTH_STEPS` allow, twice at least.
-
-    `part`: by so much less.
-    """
+    """Refine by `TRUTH_REFINEMENT`, or as `MAX_TRUTH_STEPS` allow, twice at least; a `part` of it."""
     pieces = _steps(response).pieces
     allowed = MAX_TRUTH_STEPS // (pieces * len(response.experiment.t))
     return response.with_substeps(pieces * max(1, max(2, min(TRUTH_REFINEMENT, allowed)) // part))
 
 
 def _errors(observation: Observation, response: Simulator, full: Array, theta: Array) -> Array:
-    """Return the largest error of a sample by the steps of `response` `(W, K)`, over its sd.
-
-    A walker that overflows has none.
-    """
+    """Return the largest error of a sample `(W, K)` by steps of `response`, over its sd, if finite."""
     parameters = observation.simulator_parameters(full)
     truth = _truth(response).signals(parameters)
     errors = np.abs(response.signals(parameters) - truth)
     with np.errstate(invalid="ignore"):
-        shares = np.where(
-            response.experiment.seen, errors / observation.scales(theta)[:, None], 0.0
-        )
+        shares = errors / observation.scales(theta)[:, None]
+        shares = np.where(response.experiment.seen, shares, 0.0)
     return np.asarray(np.nan_to_num(shares).max(axis=1))

@@ -24,7 +24,7 @@ from bayesdrill.basics.arrays import Array
 from bayesdrill.basics.duals import Dual
 from bayesdrill.basics.formulas import Expression
 from bayesdrill.basics.symbols import Symbol, superscript
-from bayesdrill.inference.priors import Prior, draw_prior, is_signed, prior_sd
+from bayesdrill.inference.priors import Prior, is_signed, prior_sd
 
 LOG_ROOT_2PI = 0.5 * math.log(2.0 * math.pi)
 
@@ -84,10 +84,7 @@ class Coordinates:
         return slope, curvature
 
     def natural(self, theta: Array) -> Array:
-        """Return d unknown / d its natural scale `(W, D)`.
-
-        That is its log where it is positive, or else itself over its step.
-        """
+        """Return d unknown / d its natural scale `(W, D)`, which is its log or itself over its step."""
         out = theta.copy()
         for column, step in self.signed:
             out[:, column] = step
@@ -110,12 +107,8 @@ class Coordinates:
 
 
 Role = Literal["rig", "quantity", "sensor", "start", "noise"]
-SIMULATOR_ROLES: tuple[Role, ...] = (
-    "rig",
-    "quantity",
-    "sensor",
-    "start",
-)  # what a simulator is told
+# What a simulator is told.
+SIMULATOR_ROLES: tuple[Role, ...] = ("rig", "quantity", "sensor", "start")
 Transform = Literal["log", "plain"] | tuple[float, float]
 
 
@@ -150,10 +143,7 @@ class Unknown:
 
     @property
     def signed(self) -> bool:
-        """Whether its log is no scale of it.
-
-        It need not be positive, or is a number of a sensor or a start that may be next to nothing.
-        """
+        """Whether its log is no scale of it: it need not be positive, or may be next to nothing."""
         small = self.role in ("sensor", "start") and not self.in_logs
         return self.between is not None or is_signed(self.prior) or small
 
@@ -165,9 +155,7 @@ class Unknown:
     @property
     def in_logs(self) -> bool:
         """Whether its coordinate is its log."""
-        if self.transform is None:
-            return self.prior.in_logs
-        return self.transform == "log"
+        return self.prior.in_logs if self.transform is None else self.transform == "log"
 
 
 def labelled_name(name: str, label: str) -> str:
@@ -223,10 +211,7 @@ class ParameterSpace:
 
     def with_priors(self, priors: Mapping[str, Prior]) -> ParameterSpace:
         """Return it with other priors of some."""
-        changed = (
-            dataclasses.replace(unknown, prior=priors.get(unknown.name, unknown.prior))
-            for unknown in self.unknowns
-        )
+        changed = (dataclasses.replace(u, prior=priors.get(u.name, u.prior)) for u in self.unknowns)
         return dataclasses.replace(self, unknowns=tuple(changed))
 
     def coordinates(self) -> Coordinates:
@@ -257,14 +242,14 @@ class ParameterSpace:
 
         Noise is left out.  What need not be positive counts by itself over its `scale`.
         """
-        charted, steps = self._charted
+        steps = self._steps
         duals: dict[str, Dual | float] = dict(self.fixed)
-        for row, name in enumerate(charted):
+        for row, (name, step) in enumerate(steps.items()):
             column_ = theta[:, row, None]
-            by = column_ if steps[row] is None else np.full_like(column_, steps[row])
-            duals[name] = Dual(column_, by * np.eye(len(charted))[row])
+            by = column_ if step is None else np.full_like(column_, step)
+            duals[name] = Dual(column_, by * np.eye(len(steps))[row])
         duals |= {name: r.value(duals) for name, r in self.relations.items()}
-        out = np.zeros((len(theta), len(charted), len(self.model)))
+        out = np.zeros((len(theta), len(steps), len(self.model)))
         for column, name in enumerate(self.model):
             value = duals[name]
             if isinstance(value, Dual):
@@ -272,10 +257,10 @@ class ParameterSpace:
         return out
 
     @cached_property
-    def _charted(self) -> tuple[list[str], list[float | None]]:
-        """What simulators are told, and the steps of what need not be positive."""
+    def _steps(self) -> dict[str, float | None]:
+        """Of what simulators are told: of what need not be positive its scale, or None."""
         moving = [self.unknowns[k] for k in self.columns(*SIMULATOR_ROLES)]
-        return [u.name for u in moving], [u.scale if u.signed else None for u in moving]
+        return {u.name: u.scale if u.signed else None for u in moving}
 
     def vector(self, values: Mapping[str, float]) -> Array:
         """Return `(D,)` from named values."""
@@ -322,4 +307,4 @@ class ParameterSpace:
 
     def draw(self, n: int, rng: np.random.Generator) -> Array:
         """Draw `(n, D)` from the prior, also what `bounding` relations exclude."""
-        return np.stack([draw_prior(prior, n, rng) for prior in self.priors.values()], axis=-1)
+        return np.stack([p.quantile(rng.random(n)) for p in self.priors.values()], axis=-1)

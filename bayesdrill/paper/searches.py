@@ -357,7 +357,7 @@ def _posterior(
     search = mode_search.search(target, THOROUGH, VERIFICATION_EVALUATIONS, truth)
     with WorkerPool(target, 1) as alone:
         start = target.space.vector(search.end)
-        sampled = sample(alone, target, start[None], plan, MemoryBackend(), Silent())
+        sampled = sample(alone, start[None], plan, MemoryBackend(), Silent())
     draws = sampled.draws.reshape(-1, len(truth))
     return draws.mean(axis=0), draws.std(axis=0, ddof=1), sampled.convergence.converged
 

@@ -17,7 +17,7 @@ from bayesdrill.config.resolve import quantities
 from bayesdrill.config.resolve.case import ResolvedCase
 from bayesdrill.config.schema.config import Config
 from bayesdrill.config.schema.records import ColumnSpec, TimeColumn
-from bayesdrill.inference.compression import LONG, exact_reason
+from bayesdrill.inference.compression import LONG
 from bayesdrill.inference.display_units import DisplayUnits
 from bayesdrill.inference.likelihood import Observation
 from bayesdrill.inference.posterior import Problem
@@ -151,7 +151,7 @@ def records(problem: Problem) -> str:
         channels = ", ".join(experiment.names)
         lines.append(f"record{ending}: {len(experiment.t)} samples of {channels} over {length:g} s")
         if len(experiment.t) > LONG:
-            reason = exact_reason(observation)
+            reason = observation.exact_reason
             said = f"by all samples, as {reason}" if reason else "compressed to sample it"
             lines.append(f"likelihood{ending}: {said}")
     return "\n".join(lines)
@@ -342,7 +342,7 @@ def _apart(value: float, other: float) -> bool:
 
 def mode(mode: Mode, units: DisplayUnits) -> str:
     """How the searches for the MAP went."""
-    n, same = len(mode.searches), mode.same_height
+    n, same = len(mode.searches), len(mode.highest)
     lines = [
         f"MAP: log posterior {mode.log_posterior:.2f}; {same} of {n} searches reached it within "
         f"{mode.tolerance:.0e}"
@@ -384,7 +384,7 @@ def mode(mode: Mode, units: DisplayUnits) -> str:
 
 def search(mode: Mode) -> str:
     """Return how the searches for the MAP went, in one line, and what is to be known of it."""
-    n, same = len(mode.searches), mode.same_height
+    n, same = len(mode.searches), len(mode.highest)
     said = f"MAP: {same} of {n} searches reached the same maximum"
     if same < 2 and n > 1:
         said += "; no second one confirms it (more: map.starts, map.evaluations)"

@@ -118,7 +118,7 @@ def _of_experiments(problem: Problem) -> dict[str, str]:
             facts |= {name: text for name, text in told.items() if text}
         if observation.kind:
             facts["the kind of noise"] = _short(observation.kind)
-        for k, sigma in observation.fixed_noise().items():
+        for k, sigma in observation.noise.fixed_values().items():
             facts[f"the noise of {names[k]}"] = repr(sigma)
         entries |= {observation.entitled(name): value for name, value in facts.items()}
     for observation in problem.posterior.likelihood.held_out:
@@ -150,7 +150,7 @@ def _noise_held(config: Config, problem: Problem, display_units: DisplayUnits) -
     """Of channels whose noise is known."""
     entries = {}
     for observation in problem.observations:
-        for k, sigma in observation.fixed_noise().items():
+        for k, sigma in observation.noise.fixed_values().items():
             if isinstance(sigma, float):
                 channel = observation.experiment.names[k]
                 shown = experiments.joint_name(config, noise_name(channel), observation.label)

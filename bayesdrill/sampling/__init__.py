@@ -1,7 +1,5 @@
 """Find the maximum of a posterior (MAP) and sample it.
 
-Optimisers, modes, the proposal, ensembles, convergence, and the evidence.
-
 All of it sees a log density and nothing of a rig or a file. What the draws mean is in `analysis`.
 """
 

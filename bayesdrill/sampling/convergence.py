@@ -13,6 +13,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import scipy
@@ -49,11 +50,7 @@ SETTINGS = ConvergenceSettings()
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PostBurnInChain:
-    """Steps of a chain after its burn-in, which are judged.
-
-    `theta (E, S, W, D)`, `log_p (E, S, W)` and `tau (D,)`; `n_tau`: how many autocorrelation times
-    are wanted.
-    """
+    """Steps after the burn-in: `theta (E, S, W, D)` and `log_p (E, S, W)`, with `tau (D,)`."""
 
     theta: Array
     log_p: Array
@@ -69,18 +66,14 @@ def walker_troubles(chain: PostBurnInChain) -> tuple[str, ...]:
     """
     stay, medians = longest_stay(chain.theta), np.median(chain.log_p, axis=1)
     # Walkers that once did not move for too long.
-    median_stay, least = float(np.median(stay)), SETTINGS.stuck_share * chain.theta.shape[1]
-    still = stay >= (
-        least if median_stay >= least else max(least, SETTINGS.stuck_ratio * median_stay)
-    )
+    usual, least = float(np.median(stay)), SETTINGS.stuck_share * chain.theta.shape[1]
+    still = stay >= (least if usual >= least else max(least, SETTINGS.stuck_ratio * usual))
     # Walkers whose median log density is rare among the better half of the walkers.
     better = np.moveaxis(chain.log_p, 1, 2)[medians >= np.median(medians)]
     low = (medians < np.quantile(better, SETTINGS.low_density_quantile)) & ~still
     sound = ~(still | low)
-    troubles = [
-        *_stuck_walkers(chain, still, stay),
-        *_low_density_walkers(chain, low, sound, medians),
-    ]
+    troubles = [*_stuck_walkers(chain, still, stay)]
+    troubles += _low_density_walkers(chain, low, sound, medians)
     if (sound.sum(axis=1) > 1).any():
         sd = _series(chain.theta, sound).std(axis=0)
         troubles += _two_groups_of_walkers(chain, sound, sd) or _growing_tau(chain, sound, sd)
@@ -135,10 +128,8 @@ def group_centres(means: Array) -> tuple[float, float]:
 def long_run_tau(theta: Array, selected: Flags, sd: Array, parts: int = 1) -> Array:
     """Estimate tau `(D,)` from how far the walkers' means over a part of the chain spread.
 
-    `(D,)`: tau from how far the walkers' means over a part of the chain spread; `sd` of all.
-
-    No window cuts it short, so it sees slow motion of any size, up to the length of a part.  Means
-    are compared within an ensemble; that ensembles differ is for R-hat to say.
+    `sd (D,)`: of all.  No window cuts it short, so it sees slow motion of any size, up to the length
+    of a part.  Means are compared within an ensemble; that ensembles differ is for R-hat to say.
     """
     length = theta.shape[1] // parts
     total, freedom = np.zeros(theta.shape[-1]), 0
@@ -188,12 +179,9 @@ def _two_groups_of_walkers(chain: PostBurnInChain, sound: Flags, sd: Array) -> l
     places = []
     for d, name in enumerate(chain.names):
         low, high = group_centres(means[:, d])
-        groups = (
-            find_two_groups(_series(chain.theta, sound, d))
-            if high - low > SETTINGS.min_group_distance * sd[d]
-            else None
-        )
-        if groups:
+        if not high - low > SETTINGS.min_group_distance * sd[d]:
+            continue
+        if groups := find_two_groups(np.swapaxes(chain.theta[..., d], 1, 2)[sound].T):
             places.append(
                 f"{name}: {1 - groups.share:.1%} of the draws near {groups.low:.4g}, {groups.share:.1%} "
                 f"near {groups.high:.4g}, {groups.crossings} crossings"
@@ -225,13 +213,10 @@ def _growing_tau(chain: PostBurnInChain, sound: Flags, sd: Array) -> list[str]:
     ]
 
 
-def _series(theta: Array, selected: Flags, d: int | slice = slice(None)) -> Array:
-    """The chosen walkers of all ensembles side by side: `(S, N)` of unknown `d`, or `(S N, D)`."""
-    if isinstance(d, slice):
-        if selected.all():
-            return theta.reshape(-1, theta.shape[-1])
-        return np.swapaxes(theta, 1, 2)[selected].reshape(-1, theta.shape[-1])
-    return np.swapaxes(theta[..., d], 1, 2)[selected].T
+def _series(theta: Array, selected: Flags) -> Array:
+    """Steps of the chosen walkers of all ensembles, `(S N, D)`."""
+    steps = theta if selected.all() else np.swapaxes(theta, 1, 2)[selected]
+    return steps.reshape(-1, theta.shape[-1])
 
 
 def _counted(flags: Flags) -> str:
@@ -270,12 +255,10 @@ class Targets:
 class Convergence:
     """What the ensembles say of each other, and which of their steps are kept.
 
-    `steps` per ensemble, of which `burn_in` are dropped and every `thin`-th is kept.
-
-    `tau`, `r_hat`, `ess_bulk`, `ess_tail` are `(D,)`; `reasons` says in words why the result must
-    not be believed; `burn_in_rule` how `burn_in` was chosen.  `slowest`: the unknown of the longest
-    `tau`; `enough`: how many steps would do, where nothing but length is missing, and None
-    elsewhere.
+    `steps` per ensemble, of which `burn_in` are dropped and every `thin`-th is kept.  `tau`, `r_hat`,
+    `ess_bulk`, `ess_tail` are `(D,)`; `reasons` says in words why the result must not be believed;
+    `burn_in_rule` how `burn_in` was chosen.  `slowest`: the unknown of the longest `tau`; `enough`:
+    how many steps would do, where nothing but length is missing, and None elsewhere.
     """
 
     steps: int
@@ -299,13 +282,9 @@ class Convergence:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ChainLength:
-    """The length of a chain in autocorrelation times.
+    """The length of a chain: `n_tau` of the longest of `tau (D,)`, after `burn_in` steps.
 
-    Of a chain in autocorrelation times: `n_tau` of the longest of `tau (D,)`, after `burn_in`
-    steps.
-
-    `early`: the longest of the second half, by which `burn_in` is chosen; `wanted`: what it should
-    be.
+    `early`: the longest of the second half, by which `burn_in` is chosen; `wanted`: what it should be.
     """
 
     burn_in: int
@@ -352,12 +331,14 @@ def assess(
     post_burn_in = theta[:, burn_in:]
     thin = max(1, min(math.ceil(float(tau.max())), post_burn_in.shape[1] // 4))
     draws = thinned(theta, burn_in, thin)
-    r_hat = _each(array_stats.rhat, draws, method="rank")
+    arviz: Any = array_stats  # without types
+    axes = {"chain_axis": 0, "draw_axis": 1}
+    r_hat = arviz.rhat(draws, **axes, method="rank")
     # ArviZ takes draws for a series in which walkers take turns, and so cannot see that a walker
     # still remembers where it was at its last draw.
     still = draws.shape[0] * draws.shape[1] / autocorrelation_time(post_burn_in[:, ::thin])
-    ess_bulk = np.minimum(_each(array_stats.ess, draws, method="bulk"), still)
-    ess_tail = np.minimum(_each(array_stats.ess, draws, method="tail", prob=0.9), still)
+    ess_bulk = np.minimum(arviz.ess(draws, **axes, method="bulk"), still)
+    ess_tail = np.minimum(arviz.ess(draws, **axes, method="tail", prob=0.9), still)
     disagreeing = not (r_hat <= targets.r_hat).all()
     missing = list(_reasons(names, targets, tau, r_hat, ess_bulk, n_tau))
     named: tuple[str, ...] = ()
@@ -405,9 +386,8 @@ def thinned(chains: Array, burn_in: int, thin: int) -> Array:
 def futility(trail: Sequence[tuple[int, float]], wanted: float, allowed: int, most: int) -> str:
     """Return why more steps would not help, or an empty text.
 
-    `trail`: (steps, how many autocorrelation times long) at each check, of which `wanted` are
-    wanted.  `allowed`: sampler.max_steps; `most`: that, or fewer where the chain would be too
-    large.
+    `trail`: (steps, how many autocorrelation times long) at each check, of which `wanted` are wanted.
+    `allowed`: sampler.max_steps; `most`: that, or fewer where the chain would be too large.
     """
     steps, n_tau = trail[-1]
     if steps < SETTINGS.min_steps_to_stop or n_tau >= wanted:
@@ -450,16 +430,12 @@ def autocorrelation(chains: Array) -> Autocorrelation:
     It is summed in Sokal's window (Goodman and Weare 2010), as emcee does per ensemble.
     """
     n_steps = chains.shape[1]
+    padded = scipy.fft.next_fast_len(2 * n_steps, real=True)
     total: Array = np.zeros((n_steps, chains.shape[-1]))
     for chain in chains:
-        centred = chain - chain.mean(axis=(0, 1))
-        spectrum = scipy.fft.rfft(
-            centred, n=scipy.fft.next_fast_len(2 * n_steps, real=True), axis=0
-        )
+        spectrum = scipy.fft.rfft(chain - chain.mean(axis=(0, 1)), n=padded, axis=0)
         power = (spectrum.real**2 + spectrum.imag**2).sum(axis=1)
-        total += scipy.fft.irfft(power, n=scipy.fft.next_fast_len(2 * n_steps, real=True), axis=0)[
-            :n_steps
-        ]
+        total += scipy.fft.irfft(power, n=padded, axis=0)[:n_steps]
     with np.errstate(invalid="ignore", divide="ignore"):
         rho = np.nan_to_num(total / total[0], nan=1.0)
     tau = 2.0 * np.cumsum(rho, axis=0) - 1.0
@@ -472,14 +448,6 @@ def autocorrelation(chains: Array) -> Autocorrelation:
 def autocorrelation_time(chains: Array) -> Array:
     """Return the integrated autocorrelation time in steps, `(E, S, W, D) -> (D,)`."""
     return autocorrelation(chains).tau
-
-
-def _each(statistic: object, draws: Array, **options: object) -> Array:
-    assert callable(statistic)
-    columns = range(draws.shape[-1])
-    return np.array(
-        [float(statistic(draws[..., d], chain_axis=0, draw_axis=1, **options)) for d in columns]
-    )
 
 
 def _reasons(

@@ -7,7 +7,7 @@ import importlib
 from collections.abc import Callable, Mapping
 from concurrent.futures import FIRST_COMPLETED, Future, wait
 from dataclasses import dataclass, field
-from typing import Protocol
+from typing import Literal, Protocol
 
 import numpy as np
 from threadpoolctl import threadpool_limits
@@ -51,11 +51,9 @@ class Backend(Protocol):
 
     def segments(self, ensemble: int) -> list[ChainSegment]:
         """Return the segments of one ensemble in order."""
-        ...
 
     def save(self, ensemble: int, first_step: int, segment: ChainSegment) -> None:
         """Store the segment of an ensemble that begins at `first_step`."""
-        ...
 
 
 @dataclass(frozen=True, slots=True)
@@ -94,39 +92,47 @@ class EnsembleRunSettings:
 SETTINGS = EnsembleRunSettings()
 
 
-def prepare(
-    pool: WorkerPool, posterior: Posterior, maxima: Array, seed: int, report: Reporter = SILENT
-) -> LearnedProposal:
-    """Learn the proposal; it is the same whatever the number of processes."""
+class _PooledLogDensity(PosteriorLogDensity):
+    """The log density over the sampler's coordinates, of which processes share many points."""
 
-    def expand(u: Array, directions: Array) -> QuadraticModel:
-        if len(u) <= SETTINGS.points_per_task:
-            return expanded(posterior, u, directions)
-        parts = [
-            u[k : k + SETTINGS.points_per_task] for k in range(0, len(u), SETTINGS.points_per_task)
-        ]
-        tasks = [pool.submit(expanded, part, directions) for part in parts]
+    def __init__(self, pool: WorkerPool) -> None:
+        super().__init__(pool.posterior)
+        self._pool = pool
+
+    def quadratic_model(self, u: Array, directions: Array) -> QuadraticModel:
+        """Return value, slopes and curvature along `directions (D, q)`."""
+        n = SETTINGS.points_per_task
+        if len(u) <= n:
+            return super().quadratic_model(u, directions)
+        parts = [u[k : k + n] for k in range(0, len(u), n)]
+        tasks = [self._pool.submit(_quadratic_model, part, directions) for part in parts]
         return concatenate_models([task.result() for task in tasks])
 
+
+def _quadratic_model(posterior: Posterior, u: Array, directions: Array) -> QuadraticModel:
+    return PosteriorLogDensity(posterior).quadratic_model(u, directions)
+
+
+def prepare(
+    pool: WorkerPool, maxima: Array, seed: int, report: Reporter = SILENT
+) -> LearnedProposal:
+    """Learn the proposal; it is the same whatever the number of processes."""
+    posterior = pool.posterior
     report.update(0.0, "learning the proposal")
     random = np.random.RandomState(seeds.bits(seed, "learn", 0))
     z = posterior.coordinates.from_physical(maxima)
     max_added_ridges, modes = (MAX_ADDED_RIDGES, z) if fits(posterior, maxima) else (0, z[:1])
-    surface = PosteriorLogDensity(posterior)
+    surface = _PooledLogDensity(pool)
     with threadpool_limits(1):
         rng = seeds.stream(seed, "learn", 1)
         # Where the density over the coordinates is highest, most of the posterior is near.
-        central, settle = (
-            gauss_newton(surface, modes, SETTINGS.climb_steps).u,
-            not slopes_are_expensive(posterior),
-        )
+        central = gauss_newton(surface, modes, SETTINGS.climb_steps).u
+        settle = not slopes_are_expensive(posterior)
         for k in range(1, len(modes)):  # one is not moved to where another is
             near = np.abs(central[:k] - central[k]) < SAME_MODE * surface.spread
             if near.all(axis=1).any():
                 central[k] = modes[k]
-        return learn(
-            surface, expand, list(central), random, rng, max_added_ridges, report, settle=settle
-        )
+        return learn(surface, list(central), random, rng, max_added_ridges, report, settle=settle)
 
 
 def fits(posterior: Posterior, maxima: Array) -> bool:
@@ -149,17 +155,10 @@ def slopes_are_expensive(posterior: Posterior) -> bool:
     )
 
 
-def expanded(posterior: Posterior, u: Array, directions: Array) -> QuadraticModel:
-    """Expand the log density about points `u (W, D)`; see `laplace.LogDensity.quadratic_model`."""
-    return PosteriorLogDensity(posterior).quadratic_model(u, directions)
-
-
 def begin_walkers(
     posterior: Posterior, proposal: Proposal, n: int, seed: int, ensemble: int
 ) -> State:
-    """Place walkers around all maxima alike, wider than the proposal.
-
-    Shares of the maxima are for the moves to find.
+    """Place walkers around all maxima alike, wider than the proposal: shares are for moves to find.
 
     But none starts where the proposal would hardly ever lead it away: where it is not found wider,
     it is drawn from the proposal itself.  Where hardly a draw is inside the prior, those outside
@@ -211,11 +210,10 @@ class Plan:
 class ExtendedPriors:
     """Unknowns whose priors were extended, and what is seen beyond their ends.
 
-    `names`: unknowns whose priors end too near to their nominal values.
-
-    `draws (N, D)`: of the posterior with these ends moved; None where it did not converge, so that
-    nothing can be said of what depends on them.  `pressed`: those whose draws crowd there as well.
-    `saved`: whether the run has left what it found, or it is unknown.
+    `names`: unknowns whose priors end too near to their nominal values.  `draws (N, D)`: of the
+    posterior with these ends moved; None where it did not converge, so that nothing can be said of
+    what depends on them.  `pressed`: those whose draws crowd there as well.  `saved`: whether the
+    run has left what it found, or it is unknown.
     """
 
     names: tuple[str, ...]
@@ -228,12 +226,11 @@ class ExtendedPriors:
 class SamplingResult:
     """The chains of a run, and what was learnt from them.
 
-    `theta (E, S, W, D)` physical; `segments` of each ensemble as they were saved.
-
-    `learnt`: what the proposal was learnt from, and `mode_shares (M,)`: how many of the draws each
-    maximum has; None where a chain was only read again.  `evidence`: where it was asked for, see
-    `with_evidence`. `extended`: what is seen beyond ends of priors that are in the way, None where
-    none is.  `compression`: how the likelihood of long records compares with the exact one.
+    `theta (E, S, W, D)` physical; `segments` of each ensemble as they were saved.  `learnt`: what the
+    proposal was learnt from, and `mode_shares (M,)`: how many of the draws each maximum has; None
+    where a chain was only read again.  `evidence`: where it was asked for, see `with_evidence`.
+    `extended`: what is seen beyond ends of priors that are in the way, None where none is.
+    `compression`: how the likelihood of long records compares with the exact one.
     """
 
     segments: list[list[ChainSegment]]
@@ -247,11 +244,9 @@ class SamplingResult:
 
     def with_reasons(self, reasons: tuple[str, ...]) -> SamplingResult:
         """Return a copy with further `reasons` not to believe it."""
-        convergence = self.convergence
-        all_reasons = (*convergence.reasons, *reasons)
-        return dataclasses.replace(
-            self, convergence=dataclasses.replace(convergence, reasons=all_reasons)
-        )
+        all_reasons = (*self.convergence.reasons, *reasons)
+        convergence = dataclasses.replace(self.convergence, reasons=all_reasons)
+        return dataclasses.replace(self, convergence=convergence)
 
     @property
     def draws(self) -> Array:
@@ -261,7 +256,7 @@ class SamplingResult:
     @property
     def log_p(self) -> Array:
         """The log density of the draws over the sampler's coordinates, `(E, N)`."""
-        log_p = _stack([[segment.log_p for segment in segments] for segments in self.segments])
+        log_p = _stack(self.segments, "log_p")
         return thinned(log_p, self.convergence.burn_in, self.convergence.thin)
 
     @property
@@ -297,7 +292,6 @@ class _Walk:
     """Ensembles under way: their `segments`, and the same steps in physical unknowns, `theta`."""
 
     pool: WorkerPool
-    posterior: Posterior
     proposal: Proposal
     plan: Plan
     backend: Backend
@@ -341,7 +335,7 @@ class _Walk:
                 if not self.pool.in_process:
                     submit(ensemble)  # first, so that others walk on while this process writes
                 self.backend.save(ensemble, first, segment)
-                self.theta[ensemble].append(_physical(self.posterior, segment))
+                self.theta[ensemble].append(_physical(self.pool.posterior, segment))
                 tell(min(self.steps))
                 if self.pool.in_process:
                     submit(ensemble)
@@ -353,28 +347,21 @@ class _Walk:
     def _state(self, ensemble: int) -> State:
         if self.segments[ensemble]:
             return self.segments[ensemble][-1].state
-        return begin_walkers(
-            self.posterior, self.proposal, self.plan.walkers, self.plan.seed, ensemble
-        )
+        posterior, plan = self.pool.posterior, self.plan
+        return begin_walkers(posterior, self.proposal, plan.walkers, plan.seed, ensemble)
 
 
 def sample(
-    pool: WorkerPool,
-    posterior: Posterior,
-    maxima: Array,
-    plan: Plan,
-    backend: Backend,
-    report: Reporter,
+    pool: WorkerPool, maxima: Array, plan: Plan, backend: Backend, report: Reporter
 ) -> SamplingResult:
     """Continue the chains of `backend` until converged or `max_steps`, and save every segment.
 
     `maxima (M, D)`: physical, each of which may hold some of the posterior.
     """
-    learnt = prepare(pool, posterior, maxima, plan.seed, report)
+    posterior, learnt = pool.posterior, prepare(pool, maxima, plan.seed, report)
     segments = [backend.segments(ensemble) for ensemble in range(plan.ensembles)]
     under_way = _Walk(
         pool=pool,
-        posterior=posterior,
         proposal=learnt.proposal,
         plan=plan,
         backend=backend,
@@ -395,12 +382,7 @@ def with_evidence(posterior: Posterior, sampled: SamplingResult, seed: int) -> S
     if sampled.learnt is None:
         return sampled
     since = sampled.convergence.burn_in
-    z, log_p = (
-        _stack([[getattr(segment, name) for segment in chain] for chain in sampled.segments])[
-            :, since:
-        ]
-        for name in ("z", "log_p")
-    )
+    z, log_p = (_stack(sampled.segments, name)[:, since:] for name in ("z", "log_p"))
     with threadpool_limits(1):
         estimate = evidence(posterior, sampled.learnt.proposal, z, log_p, seed)
         draws = sampled.draws.reshape(-1, z.shape[-1])
@@ -436,7 +418,7 @@ def _run_until_converged(
         following = min(measured.next_check(goal, plan.targets.n_tau), last)
         # Shorter lengths were judged before an interruption, and found wanting.
         if goal >= have and (ending or measured.n_tau >= plan.targets.n_tau):
-            sampled = _assess(under_way.posterior, plan, under_way.segments, theta, measured)
+            sampled = _assess(under_way.pool.posterior, plan, under_way.segments, theta, measured)
             convergence = sampled.convergence
             # How much of the way to the targets, as far as length goes.
             far = convergence.n_tau / plan.targets.n_tau
@@ -462,7 +444,7 @@ def _assess(
     measured: ChainLength | None = None,
 ) -> SamplingResult:
     """`theta (E, S, W, D)`: all of the segments, physical; `measured`: its length, if that is known."""
-    log_p = _stack([[segment.log_p for segment in chain] for chain in segments])
+    log_p = _stack(segments, "log_p")
     convergence = assess(theta, posterior.space.free, plan.targets, log_p, measured)
     return SamplingResult(segments=segments, theta=theta, convergence=convergence)
 
@@ -476,8 +458,8 @@ def _physical(posterior: Posterior, segment: ChainSegment) -> Array:
     return posterior.coordinates.to_physical(z.reshape(-1, z.shape[-1])).reshape(z.shape)
 
 
-def _stack(chains: list[list[Array]]) -> Array:
-    return np.array([np.concatenate(parts) for parts in chains])
+def _stack(chains: list[list[ChainSegment]], name: Literal["z", "log_p"]) -> Array:
+    return np.array([np.concatenate([getattr(part, name) for part in chain]) for chain in chains])
 
 
 def _state_of(c: Convergence) -> str:
@@ -500,5 +482,5 @@ def load_sampled(
         raise InputError.at(
             location, "the run stopped before its first check; continue it with --resume"
         )
-    theta = [[_physical(posterior, segment) for segment in chain] for chain in chains]
-    return _assess(posterior, plan, chains, _stack(theta))
+    theta = [np.concatenate([_physical(posterior, part) for part in chain]) for chain in chains]
+    return _assess(posterior, plan, chains, np.array(theta))

@@ -1,6 +1,4 @@
-"""Estimate the evidence Z of a posterior by bridge sampling.
-
-It is the integral of likelihood times prior.
+"""Estimate the evidence Z, the integral of likelihood times prior, by bridge sampling.
 
 The proposal that ensembles draw from is a normalised density q near the posterior, so that draws of
 both, each weighed with both densities, give Z with hardly any further response (Meng and Wong
@@ -18,7 +16,7 @@ from bayesdrill.basics import seeds
 from bayesdrill.basics.arrays import Array
 from bayesdrill.inference.posterior import Posterior
 from bayesdrill.sampling.proposal.ridge_tracing import bind_to_posterior
-from bayesdrill.sampling.samplers.independence import Inside, Mixture, Proposal, Random
+from bayesdrill.sampling.samplers.independence import Mixture, Proposal, Random
 
 MAX_DRAWS = 40_000  # of the chain at most, and as many of the proposal inside the prior
 MAX_NEWTON_DRAWS = 4000  # of each, where a draw costs some hundred responses
@@ -33,11 +31,9 @@ MAX_ITERATIONS, RELATIVE_TOLERANCE = 1000, 1e-10  # of the equation whose soluti
 class Evidence:
     """The log evidence of a posterior, with its standard error.
 
-    `log_z`: of densities that are all normalised, the record's in SI; `error`: its standard error.
-
-    `overlap`: the share of what posterior and proposal have in common, from 0 to 1.  `steps`: what
-    finer steps of a rig that is stepped have added to `log_z`, and `steps_error` what they have to
-    `error`.
+    `log_z`: of densities that are all normalised, the record's in SI; `overlap`: the share of what
+    posterior and proposal have in common, from 0 to 1.  `steps`: what finer steps of a rig that is
+    stepped have added to `log_z`, and `steps_error` what they have to `error`.
     """
 
     log_z: float
@@ -55,11 +51,9 @@ class Evidence:
 def evidence(
     posterior: Posterior, proposal: Proposal, z: Array, log_p: Array, seed: int
 ) -> Evidence | None:
-    """Estimate the evidence from steps of ensembles and draws of the proposal.
+    """Estimate the evidence from steps `z (E, S, W, D)`, the log density there, and fresh draws.
 
-    From steps of ensembles `z (E, S, W, D)`, and the log density there `(E, S, W)`.
-
-    Draws from a stream of its own, so that no chain depends on it.  None where posterior and
+    They come from a stream of their own, so that no chain depends on them.  None where posterior and
     proposal have nothing in common that was seen.
     """
     random = Random(seeds.bits(seed, "evidence"))
@@ -75,7 +69,7 @@ def evidence(
     log_q = log_density(mixtures, thinned.reshape(-1, z.shape[-1]))
     on_chain = there - log_q.reshape(there.shape)
     tried = math.ceil(min(there.size / inside, MAX_TRIES_PER_DRAW * there.size))
-    drawn = _draw(posterior, posterior.supports, mixtures, tried, random)
+    drawn = _draw(posterior, mixtures, tried, random)
     return bridge(on_chain, drawn, tried)
 
 
@@ -89,18 +83,15 @@ def log_density(mixtures: tuple[Mixture, ...], u: Array) -> Array:
     return np.concatenate(parts)
 
 
-def _draw(
-    posterior: Posterior, inside: Inside, mixtures: tuple[Mixture, ...], n: int, random: Random
-) -> Array:
+def _draw(posterior: Posterior, mixtures: tuple[Mixture, ...], n: int, random: Random) -> Array:
     """Logs of p over q at those of `n` draws that are inside the prior; elsewhere p is zero."""
     log_ratios = []
     for begin in range(0, n, BATCH_DRAWS):
         count = min(BATCH_DRAWS, n - begin)
         shares = random.multinomial(count, [1.0 / len(mixtures)] * len(mixtures))
-        u = np.concatenate(
-            [mixture.draw(int(k), random).u for mixture, k in zip(mixtures, shares, strict=True)]
-        )
-        u = u[inside(u)]
+        pairs = zip(mixtures, shares, strict=True)
+        u = np.concatenate([mixture.draw(int(k), random).u for mixture, k in pairs])
+        u = u[posterior.supports(u)]
         if len(u) > 0:
             log_ratios.append(posterior(u) - log_density(mixtures, u))
     return np.concatenate(log_ratios) if log_ratios else np.empty(0)
@@ -110,10 +101,8 @@ def bridge(on_chain: Array, drawn: Array, tried: int) -> Evidence | None:
     """Solve the bridge equation for the evidence (Meng and Wong 1996).
 
     From logs of p over q: at steps `(E, S, W)` of walkers over p, and at those of the `tried` draws
-    of q where p is not zero.
-
-    With shares s, t of the two kinds of draws and w = p / q, Z solves Z = E_q[w / (s w + t Z)] /
-    E_p[1 / (s w + t Z)]: means of what is bounded, whatever the weights.
+    of q where p is not zero.  With shares s, t of the two kinds of draws and w = p / q, Z solves
+    Z = E_q[w / (s w + t Z)] / E_p[1 / (s w + t Z)]: means of what is bounded, whatever the weights.
     """
     drawn = drawn[np.isfinite(drawn)]
     if len(drawn) == 0:

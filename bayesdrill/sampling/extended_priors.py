@@ -34,9 +34,8 @@ MIN_SHARE_NEAR_END = 0.25
 NEAR_END_MASS = 0.05  # of the prior between nominal value and end, or less
 # shares of the draws at three and two sigma of a normal
 THREE_SIGMA_TAIL, TWO_SIGMA_TAIL = 1e-3, 2.28e-2
-MAX_LOG_EXTENSION = math.log(
-    10.0
-)  # an end is moved by the prior's own range, but by no more than this factor
+# An end is moved by the prior's own range, but by no more than this factor.
+MAX_LOG_EXTENSION = math.log(10.0)
 
 
 def with_extended_priors(
@@ -52,12 +51,11 @@ def with_extended_priors(
     if not priors:
         return sampled
     names, edited = tuple(priors), posterior.edit(priors=priors)
-    report.say(
-        f"priors of {', '.join(names)} end near nominal values: once more without these ends"
-    )
+    listed = ", ".join(names)
+    report.say(f"priors of {listed} end near nominal values: once more without these ends")
     beyond = ExtendedPriors(names=names, draws=None, pressed=names)
     with suppress(NoSupportError), WorkerPool(edited, 1) as pool:
-        extended = sample(pool, edited, maxima, plan, MemoryBackend(), report)
+        extended = sample(pool, maxima, plan, MemoryBackend(), report)
         if extended.convergence.converged:
             draws = extended.draws.reshape(-1, maxima.shape[1])
             columns = dict(zip(posterior.space.free, draws.T, strict=True))
@@ -77,10 +75,7 @@ def unsaved_extension(
 def _priors_to_extend(
     sampled: SamplingResult, posterior: Posterior, nominal: Mapping[str, float]
 ) -> dict[str, Prior]:
-    """Return priors that end too near to their nominal values, with these ends moved.
-
-    None of a chain that has not converged.
-    """
+    """Return priors that end too near to nominal values, with ends moved; none if not converged."""
     if not sampled.convergence.converged:
         return {}
     space = posterior.space
@@ -98,11 +93,8 @@ def _extended_prior(prior: Prior, nominal: float, draws: Array) -> Prior:
     ends = []
     for end, sign in ((prior.low, 1.0), (prior.high, -1.0)):
         ends.append(end)
-        if not (
-            0 < end < math.inf
-            and _ends_near(prior, nominal, sign)
-            and _cuts_off_a_tail(end, draws, sign)
-        ):
+        near = 0 < end < math.inf and _ends_near(prior, nominal, sign)
+        if not (near and _cuts_off_a_tail(end, draws, sign)):
             continue
         prior_range = math.log(prior.high / prior.low) if prior.low > 0 else MAX_LOG_EXTENSION
         past = 2.0 * max(sign * math.log(end / nominal), 0.0)

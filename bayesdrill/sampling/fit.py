@@ -1,6 +1,4 @@
-"""Fit a posterior: its maxima, ensembles about them, and the evidence.
-
-Also what lies beyond ends of priors that are in the way.
+"""Fit a posterior: its maxima, ensembles about them, the evidence, and what ends of priors hide.
 
 The main job, a notebook, a worker elsewhere and a refit of a calibration all fit like this, with
 the same streams of random numbers for the same purposes.
@@ -46,8 +44,8 @@ class FitPlan:
 
     `optimiser`, `starts`, `evaluations`: of the searches for the MAP; `chains`: of the ensembles.
     `nominal`: values that ends of priors must not hide.  `shortest`: samples from which records are
-    compressed; None: none is.  `brief`: one search after the other, until
-    one is seen to have arrived, and no evidence: for what is fitted many times.
+    compressed; None: none is.  `brief`: one search after the other, until one is seen to have
+    arrived, and no evidence: for what is fitted many times.
     """
 
     optimiser: Optimiser
@@ -92,9 +90,8 @@ def begin_searches(pool: WorkerPool, plan: FitPlan, report: Reporter) -> Pending
 
     plain = posterior.space.draw(mode_search.MULTI_STARTS, seeds.stream(seed, "scout"))
     if plan.brief:
-        return PendingSearches(
-            [submit(_first_converged, plan)], [submit(mode_search.multi_start, plain)], excerpt
-        )
+        search, scout = submit(_first_converged, plan), submit(mode_search.multi_start, plain)
+        return PendingSearches([search], [scout], excerpt)
     points = mode_search.starts(posterior, plan.starts, seeds.stream(seed, "map"))
     report.update(0.0, SEARCHING)
     searches = [
@@ -102,12 +99,8 @@ def begin_searches(pool: WorkerPool, plan: FitPlan, report: Reporter) -> Pending
         for some in np.array_split(points, TASKS_PER_SEARCH)
         if len(some)
     ]
-    scouts = []
-    if plan.optimiser.polished:
-        scouts = [
-            submit(mode_search.multi_start, some)
-            for some in np.array_split(plain, TASKS_PER_SEARCH)
-        ]
+    scouted = np.array_split(plain, TASKS_PER_SEARCH) if plan.optimiser.polished else []
+    scouts = [submit(mode_search.multi_start, some) for some in scouted]
     return PendingSearches(searches, scouts, excerpt)
 
 
@@ -154,7 +147,7 @@ def _searched_on(
 def compress_about(pool: WorkerPool, mode: Mode, shortest: int | None) -> None:
     """Compress records that are longer than the `shortest` for the rigs about the maximum.
 
-    With a `shortest` of zero all are to be compressed; raises `CompressionError` where one cannot be.
+    Where that is zero all are to be compressed; raises `CompressionError` where one cannot be.
     """
     posterior = pool.posterior
     observations = posterior.likelihood.observations
@@ -177,7 +170,7 @@ def sample_maxima(
     compress_about(pool, mode, plan.shortest)
     posterior, chains = pool.posterior, plan.chains
     maxima = mode_search.modes(posterior, mode)
-    sampled = sample(pool, posterior, maxima, chains, backend, report).with_reasons(mode.doubts)
+    sampled = sample(pool, maxima, chains, backend, report).with_reasons(mode.doubts)
     if plan.brief:
         return sampled
     report.update(0.0, "computing the evidence")

@@ -39,10 +39,7 @@ MIN_DAMPING, MAX_DAMPING = 1e-10, 1e18
 
 @dataclass(frozen=True, slots=True)
 class GaussNewtonResult:
-    """Where each start has led.
-
-    `u (W, D)`, `value (W,)`, and what another step would gain, `gain (W,)`.
-    """
+    """Where each start has led, `u (W, D)`, and what another step would gain, `gain (W,)`."""
 
     u: Array
     value: Array
@@ -89,9 +86,8 @@ def _second_order_model(surface: LogDensity, u: Array) -> QuadraticModel:
     here = _gauss_newton_model(surface, u)
     steps = SETTINGS.difference_step * np.diag(surface.spread)
     around = [np.clip(u[:, None] + side * steps, surface.low, surface.high) for side in (1.0, -1.0)]
-    slopes = [
-        _gauss_newton_model(surface, at.reshape(-1, d)).slope.reshape(n, d, d) for at in around
-    ]
+    models = (_gauss_newton_model(surface, at.reshape(-1, d)) for at in around)
+    slopes = [model.slope.reshape(n, d, d) for model in models]
     distance = np.einsum("wdd->wd", around[0] - around[1])
     second = (slopes[1] - slopes[0]) / np.maximum(distance, 1e-300)[:, :, None]
     scale = surface.spread[:, None] * surface.spread
@@ -113,13 +109,11 @@ def _best_step(
     best_values = np.take_along_axis(values, best[None], axis=0)[0]
     advanced = best_values > value
     there = np.array(tried)[best, np.arange(len(u))]
-    less = np.maximum(
-        damping * np.array(DAMPING_FACTORS)[best] * SETTINGS.damping_decrease, MIN_DAMPING
-    )
+    less = damping * np.array(DAMPING_FACTORS)[best] * SETTINGS.damping_decrease
     return (
         np.where(advanced[:, None], there, u),
         np.where(advanced, best_values, value),
-        np.where(advanced, less, damping * DAMPING_FACTORS[-1] * 10.0),
+        np.where(advanced, np.maximum(less, MIN_DAMPING), damping * DAMPING_FACTORS[-1] * 10.0),
         advanced,
     )
 

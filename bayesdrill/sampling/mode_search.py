@@ -119,20 +119,13 @@ class Mode:
         return tuple(s for s in self.searches if s.log_posterior > lowest)
 
     @property
-    def same_height(self) -> int:
-        """The number of searches that reached the height of the best."""
-        return len(self.highest)
-
-    @property
     def wandering(self) -> tuple[str, ...]:
         """Unknowns in which searches of the same height ended at different places."""
+        ends = [s.end for s in self.highest if not self._is_other(s.end)]
         return tuple(
             name
             for name, value in self.values.items()
-            if any(
-                self._differ(name, s.end[name], value) and not self._is_other(s.end)
-                for s in self.highest
-            )
+            if any(self._differ(name, end[name], value) for end in ends)
         )
 
     def _is_other(self, end: Mapping[str, float]) -> bool:
@@ -176,9 +169,8 @@ def searches(
 ) -> list[Search]:
     """Search from each of the physical `starts (S, D)`; polished, it ends at the very maximum."""
     optima = optimiser(task(posterior), starts, evaluations)
-    return [
-        _finished_search(posterior, optimiser, *pair) for pair in zip(starts, optima, strict=True)
-    ]
+    pairs = zip(starts, optima, strict=True)
+    return [_finished_search(posterior, optimiser, *pair) for pair in pairs]
 
 
 def _finished_search(
@@ -224,9 +216,8 @@ def summarise(
 ) -> Mode:
     """Sum up all searches: the highest maximum, and the others.
 
-    `around`: whether others are searched for around those that were reached.
-
     `scouted`: further points that were reached, physical `(n, D)`, and their log densities `(n,)`.
+    `around`: whether others are searched for around those that were reached.
     """
     scouted = [some for some in scouted if len(some[0])]
     if steps := step_error.chosen_steps(posterior):
@@ -263,9 +254,7 @@ def summarise(
             LocalMaximum(values=_named(posterior, at), log_posterior=float(height))
             for at, height in zip(theta[1:], heights[1:], strict=True)
         ),
-        steps={
-            unknown.name: unknown.scale for unknown in posterior.space.unknowns if unknown.signed
-        },
+        steps={u.name: u.scale for u in posterior.space.unknowns if u.signed},
         pieces=step_error.chosen_steps(posterior),
         left_out=left_out,
     )
@@ -287,9 +276,8 @@ def _distinct_maxima(
     heights[fresh] = np.where(better, top.value, values[fresh])
     ends, heights = ends[sorted(distinct)], heights[sorted(distinct)]
     known = len(distinct) - len(fresh)
-    order = multiple_modes.distinct_modes(
-        surface, ends, heights, known
-    )  # two may have ended at one place
+    # Two may have ended at one place.
+    order = multiple_modes.distinct_modes(surface, ends, heights, known)
     return ends[order], heights[order]
 
 
@@ -310,9 +298,8 @@ def _search_around(
             break
         starts = np.concatenate([nearby.u for nearby in around])
         if surface.posterior.likelihood.observations[0].response.stepping is not None:
-            starts = starts[
-                np.argsort(-surface.value(starts), kind="stable")[: SETTINGS.max_stepped_starts]
-            ]
+            highest = np.argsort(-surface.value(starts), kind="stable")
+            starts = starts[highest[: SETTINGS.max_stepped_starts]]
         more, values = multiple_modes.best_ends(surface, starts, multiple_modes.MAX_NEARBY_STARTS)
         candidates = np.concatenate([ends, more]), np.concatenate([heights, values])
         ends, heights = _distinct_maxima(surface, *candidates, known=len(ends))
@@ -335,11 +322,10 @@ def polished_again(posterior: Posterior, searches: Sequence[Search]) -> list[Sea
     ends = np.array([space.vector(search.end) for search in searches])
     top = _polished(surface, posterior.coordinates.from_physical(ends))
     values = np.nan_to_num(top.value, neginf=SETTINGS.lowest_log_density)
+    ends = posterior.coordinates.to_physical(top.u)
     return [
         replace(search, end=_named(posterior, theta), log_posterior=float(value))
-        for search, theta, value in zip(
-            searches, posterior.coordinates.to_physical(top.u), values, strict=True
-        )
+        for search, theta, value in zip(searches, ends, values, strict=True)
     ]
 
 

@@ -87,10 +87,8 @@ def distinct_modes(surface: LogDensity, points: Array, values: Array, known: int
     The first `known` of them are so already, and stay what stands for their maximum.
     """
     rank = values + np.where(np.arange(len(values)) < known, SETTINGS.known_bonus, 0.0)
-    remaining = [int(k) for k in np.argsort(-rank, kind="stable")]
-    remaining = [
-        k for k in remaining if values[k] >= values[remaining[0]] - SETTINGS.negligible_depth
-    ]
+    order = [int(k) for k in np.argsort(-rank, kind="stable")]
+    remaining = [k for k in order if values[k] >= values[order[0]] - SETTINGS.negligible_depth]
     distinct: list[int] = []
     while remaining:
         highest, *lower = remaining
@@ -117,9 +115,8 @@ def split_by_valley(surface: LogDensity, start: Array, others: Array) -> NDArray
     ways = start + share * (others - start)
     value = surface.value(ways.reshape(-1, len(start))).reshape(ways.shape[:2])
     lower = np.minimum(value[0], value[-1])
-    return np.asarray(
-        (value.min(axis=0) < lower - SETTINGS.valley_between_modes) | ~np.isfinite(lower)
-    )
+    deep = value.min(axis=0) < lower - SETTINGS.valley_between_modes
+    return np.asarray(deep | ~np.isfinite(lower))
 
 
 def joined_by_ridge(surface: LogDensity, start: Array, others: Array) -> NDArray[np.bool_]:
@@ -187,16 +184,13 @@ def alias_starts(surface: PosteriorLogDensity, u: Array) -> NearbyStarts:
     posterior = surface.posterior
     here = frequencies(posterior, u[None])[0]
     slowest, fastest = _frequency_range(surface, u)
-    aliases, missed_share = [np.empty((0, len(u)))], 0.0
+    aliases, missed_share, most = [np.empty((0, len(u)))], 0.0, SETTINGS.max_aliases_tried
     for pair in np.flatnonzero(here > 0):
         wanted = _aliases(posterior, here[pair], slowest[pair], fastest[pair])
-        at = _at_frequencies(surface, u, int(pair), np.unique(wanted[: SETTINGS.max_aliases_tried]))
+        at = _at_frequencies(surface, u, int(pair), np.unique(wanted[:most]))
         heaviest, share = _heaviest(surface, at)
         aliases.append(heaviest)
-        missed_share = max(
-            missed_share,
-            1.0 - share * SETTINGS.max_aliases_tried / max(len(wanted), SETTINGS.max_aliases_tried),
-        )
+        missed_share = max(missed_share, 1.0 - share * most / max(len(wanted), most))
     return NearbyStarts(np.concatenate(aliases), missed_share)
 
 
@@ -228,16 +222,13 @@ def scan_starts(surface: PosteriorLogDensity, u: Array) -> NearbyStarts:
         line[:, d] = np.sort(np.append(along, u[d]))
         value = surface.value(line)
         index = int(np.searchsorted(line[:, d], u[d]))
-        modes = [
-            k for k in peaks(value, SETTINGS.valley_along_line) if _valley_between(value, k, index)
-        ]
-        modes = sorted(modes, key=lambda k: -value[k])
-        maxima.append(line[modes[: SETTINGS.max_starts_per_unknown]])
+        tops = peaks(value, SETTINGS.valley_along_line)
+        modes = [k for k in tops if _valley_between(value, k, index)]
+        modes.sort(key=lambda k: -value[k])
+        most = SETTINGS.max_starts_per_unknown
+        maxima.append(line[modes[:most]])
         high = sum(value[k] > value.max() - SETTINGS.negligible_depth for k in modes)
-        missed_share = max(
-            missed_share,
-            1.0 - SETTINGS.max_starts_per_unknown / max(high, SETTINGS.max_starts_per_unknown),
-        )
+        missed_share = max(missed_share, 1.0 - most / max(high, most))
     return NearbyStarts(np.concatenate(maxima), missed_share)
 
 
@@ -284,8 +275,7 @@ def _aliases(posterior: Posterior, omega: float, low: float, high: float) -> Arr
 def window_peaks(t: Array, highest: float) -> tuple[Array, Array]:
     """Return the peaks of the spectral window of times `t (N,)` up to the frequency `highest`.
 
-    Angular frequencies, and heights there as shares of that at zero (Scargle 1982; VanderPlas
-    2018).
+    Angular frequencies, and heights as shares of that at zero (Scargle 1982; VanderPlas 2018).
     """
     span = float(t[-1] - t[0])
     if len(t) < 2 or not 0 < highest * span < MAX_CELLS / CELLS_PER_RADIAN:
@@ -295,11 +285,8 @@ def window_peaks(t: Array, highest: float) -> tuple[Array, Array]:
     size = scipy.fft.next_fast_len(SETTINGS.window_oversampling * cells, real=True)
     height = np.abs(scipy.fft.rfft(counts, size)) / len(t)
     delta = 2.0 * np.pi * np.arange(len(height)) / size * (cells - 1) / span
-    inner = (
-        (height[1:-1] >= height[:-2])
-        & (height[1:-1] > height[2:])
-        & (height[1:-1] > SETTINGS.min_alias_height)
-    )
+    here = height[1:-1]
+    inner = (here >= height[:-2]) & (here > height[2:]) & (here > SETTINGS.min_alias_height)
     top = 1 + np.flatnonzero(inner & (delta[1:-1] <= highest))
     return delta[top], height[top]
 
@@ -316,26 +303,24 @@ def frequencies(posterior: Posterior, u: Array) -> Array:
     return np.asarray(swings[:, ::-1][:, : SETTINGS.pole_pairs])
 
 
-def _slopes(posterior: Posterior, u: Array, pair: int, steps: Array) -> tuple[Array, Array]:
+def _slopes(surface: PosteriorLogDensity, u: Array, pair: int) -> tuple[Array, Array]:
     """Logs of the frequency of a pair at `u (W, D)`, and their slopes over the priors' spreads."""
     n, d = u.shape
+    steps = SETTINGS.slope_step * np.diag(surface.spread)
     around = [u[:, None] + side * steps for side in (1.0, -1.0)]
     points = np.concatenate([u, *(at.reshape(-1, d) for at in around)])
     with np.errstate(divide="ignore", invalid="ignore"):
-        logs = np.log(frequencies(posterior, points)[:, pair])
+        logs = np.log(frequencies(surface.posterior, points)[:, pair])
         up, down = logs[n:].reshape(2, n, d)
         slope = (up - down) / (2 * SETTINGS.slope_step)
     return logs[:n], np.where(np.isfinite(slope), slope, 0.0)
 
 
 def _frequency_range(surface: PosteriorLogDensity, u: Array) -> tuple[Array, Array]:
-    """Return the slowest and the fastest that each pair of poles may be within the priors.
-
-    All unknowns are at the ends that slow it down, or speed it up, at `u (D,)`.
-    """
-    steps, ends = SETTINGS.slope_step * np.diag(surface.spread), []
+    """Return the slowest and fastest of each pair of poles from `u (D,)` to the ends of the priors."""
+    ends = []
     for pair in range(SETTINGS.pole_pairs):
-        slope = _slopes(surface.posterior, u[None], pair, steps)[1][0]
+        slope = _slopes(surface, u[None], pair)[1][0]
         slow = np.where(slope > 0, surface.low, np.where(slope < 0, surface.high, u))
         fast = np.where(slope > 0, surface.high, np.where(slope < 0, surface.low, u))
         ends.append(frequencies(surface.posterior, np.array([slow, fast]))[:, pair])
@@ -348,14 +333,12 @@ def _at_frequencies(surface: PosteriorLogDensity, u: Array, pair: int, wanted: A
 
     Nearest in the priors' spreads; those that are not reached are left out.
     """
-    posterior, steps = surface.posterior, SETTINGS.slope_step * np.diag(surface.spread)
-    span = max(
-        float(np.ptp(observation.experiment.t)) for observation in posterior.likelihood.observations
-    )
+    records = (each.experiment for each in surface.posterior.likelihood.observations)
+    span = max(float(np.ptp(record.t)) for record in records)
     near = SETTINGS.same_alias / (span * wanted)
     at = np.repeat(u[None], len(wanted), axis=0)
     for _ in range(SETTINGS.max_iterations):
-        logs, slope = _slopes(posterior, at, pair, steps)
+        logs, slope = _slopes(surface, at, pair)
         off = np.log(wanted) - logs
         done = np.abs(off) < near
         # At the walls only what leads away from them can help.

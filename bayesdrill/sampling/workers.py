@@ -20,7 +20,6 @@ from concurrent.futures import Future, ProcessPoolExecutor
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
-from types import TracebackType
 from typing import IO, Any, Concatenate, Self, cast
 
 from threadpoolctl import threadpool_limits
@@ -33,10 +32,8 @@ from bayesdrill.inference.step_error import StepSizes
 
 SPAWN = multiprocessing.get_context("spawn")
 TASK_SECONDS = 10.0  # seconds that a worker has for its task, where the work is stopped
-LARGE, ALIGNED = (
-    1 << 25,
-    64,
-)  # bytes of arrays that are not copied for each worker, and their places
+# Bytes of arrays that are not copied for each worker, and their places.
+LARGE, ALIGNED = 1 << 25, 64
 SIGTERM_SECONDS = 5.0  # seconds from SIGTERM to the end of a worker
 
 
@@ -92,10 +89,10 @@ def _copy_posterior(posterior: Posterior) -> tuple[_Copy, IO[bytes] | None]:
 
 
 class WorkerPool:
-    """A pool of workers that share one posterior; a context manager."""
+    """A pool of workers that share one `posterior`, as it is taken by now; a context manager."""
 
     def __init__(self, posterior: Posterior, processes: int) -> None:
-        self._posterior = posterior
+        self.posterior = posterior
         self._form = _Form()
         self._pool: ProcessPoolExecutor | None = None
         self._arrays: IO[bytes] | None = None
@@ -113,18 +110,18 @@ class WorkerPool:
         if self._pool is not None:
             with held_signals():
                 return self._pool.submit(
-                    _call_with_posterior, self._form, function, arguments, named
+                    _call_with_posterior, self._form, function, *arguments, **named
                 )
         future: Future[T] = Future()
         with threadpool_limits(1):
-            future.set_result(function(self._posterior, *arguments, **named))
+            future.set_result(function(self.posterior, *arguments, **named))
         return future
 
     def submit_function[**P, T](
         self, function: Callable[P, T], *arguments: P.args, **named: P.kwargs
     ) -> Future[T]:
         """Submit a function that needs another posterior than that of the pool."""
-        return self.submit(_call, function, arguments, named)
+        return self.submit(_call, function, *arguments, **named)
 
     def set_steps(self, steps: Mapping[str, StepSizes]) -> None:
         """Take the posterior in these steps from now on (`inference.step_error`)."""
@@ -136,12 +133,7 @@ class WorkerPool:
             self._change(_Form(self._form.steps, compressions, self._form.version + 1))
 
     def _change(self, form: _Form) -> None:
-        self._form, self._posterior = form, form.of_posterior(self._posterior)
-
-    @property
-    def posterior(self) -> Posterior:
-        """The posterior in the steps that it is taken in."""
-        return self._posterior
+        self._form, self.posterior = form, form.of_posterior(self.posterior)
 
     @property
     def in_process(self) -> bool:
@@ -151,12 +143,7 @@ class WorkerPool:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        value: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         if self._pool is not None:
             shut_down(self._pool, TASK_SECONDS)
         if self._arrays is not None:
@@ -255,20 +242,12 @@ def _exit_with_parent() -> None:
         os._exit(1)
 
 
-def _call(
-    _: Posterior,
-    function: Callable[..., Any],
-    arguments: tuple[Any, ...],
-    named: dict[str, Any],
-) -> Any:
+def _call(_: Posterior, function: Callable[..., Any], *arguments: Any, **named: Any) -> Any:
     return function(*arguments, **named)
 
 
 def _call_with_posterior(
-    form: _Form,
-    function: Callable[..., Any],
-    arguments: tuple[Any, ...],
-    named: dict[str, Any],
+    form: _Form, function: Callable[..., Any], *arguments: Any, **named: Any
 ) -> Any:
     if form.version > _WORKER["version"]:
         _set_posterior(form.of_posterior(_WORKER["posterior"]), form.version)

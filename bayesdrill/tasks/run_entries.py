@@ -137,14 +137,15 @@ def _learnt(problem: Problem, mode: Mode, sampled: SamplingResult) -> dict[str, 
     learnt, free = sampled.learnt, problem.posterior.space.free
     if learnt is None or sampled.mode_shares is None:
         return {}
-    theta = problem.posterior.coordinates.to_physical(learnt.u)
-    mean = learnt.weights @ theta
-    error = np.sqrt(learnt.weights**2 @ (theta - mean) ** 2)
+    theta = problem.posterior.coordinates.to_physical(learnt.draws.u)
+    weights = learnt.draws.weights
+    mean = weights @ theta
+    error = np.sqrt(weights**2 @ (theta - mean) ** 2)
     return {
         "importance": {
             "draws": len(theta),
-            "share": round(learnt.share, 4),
-            "acceptance": round(learnt.acceptance, 4),
+            "share": round(learnt.draws.share, 4),
+            "acceptance": round(learnt.draws.acceptance, 4),
             "mean": dict(zip(free, mean.tolist(), strict=True)),
             "error": dict(zip(free, error.tolist(), strict=True)),
         },

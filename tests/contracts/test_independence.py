@@ -29,9 +29,7 @@ from bayesdrill.sampling.samplers.independence import (
 )
 from bayesdrill.sampling.samplers.ridge import (
     fit_ridge,
-    from_ridge_coordinates,
     local_basis,
-    to_ridge_coordinates,
 )
 
 FAIL = 1e-6
@@ -232,7 +230,7 @@ def test_a_wider_mixture_has_equal_shares_of_its_ridges() -> None:
     wide = found.with_width(1.5)
     drawn = wide.draw(20_000, np.random.RandomState(5)).u
     assert TARGETS["humps"].hump(drawn).mean() == pytest.approx(0.5, abs=0.02)
-    y, _ = to_ridge_coordinates(wide.sheets[0], drawn[TARGETS["humps"].hump(drawn) == 0])
-    own = to_ridge_coordinates(wide.sheets[0], found.draw(20_000, np.random.RandomState(6)).u)[0]
-    own = own[TARGETS["humps"].hump(from_ridge_coordinates(wide.sheets[0], own)[0]) == 0]
+    y, _ = wide.sheets[0].to_ridge_coordinates(drawn[TARGETS["humps"].hump(drawn) == 0])
+    own = wide.sheets[0].to_ridge_coordinates(found.draw(20_000, np.random.RandomState(6)).u)[0]
+    own = own[TARGETS["humps"].hump(wide.sheets[0].from_ridge_coordinates(own)[0]) == 0]
     assert y.std(axis=0) == pytest.approx(1.5 * own.std(axis=0), rel=0.1)

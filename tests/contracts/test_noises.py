@@ -110,7 +110,7 @@ def truth(of: Noise, w: int = 1) -> Array:
 
 
 def drawn(of: Noise, own: Array, n: int, seed: int = 3) -> Array:
-    blank = np.zeros((len(own), n, of.n_channels))
+    blank = np.zeros((len(own), n, len(SIGMA)))
     return of.draw(blank, own, np.random.default_rng(seed))
 
 
@@ -223,7 +223,7 @@ def test_what_is_whitened_is_white_and_its_size_is_told(name: str) -> None:
     own = truth(of)
     samples = drawn(of, own, n)
     left = of.whiten(samples, own)[0]
-    for k in range(of.n_channels):
+    for k in range(len(SIGMA)):
         assert scipy.stats.kstest(left[:, k], "norm").pvalue > 1e-4
         assert abs(np.corrcoef(left[1:, k], left[:-1, k])[0, 1]) < 5 / np.sqrt(n)
     assert samples[0].std(axis=0) == pytest.approx(of.scales(own)[0], rel=0.15)
@@ -250,9 +250,9 @@ def test_innovations_are_what_samples_before_do_not_tell(name: str) -> None:
     changed = samples.copy()
     changed[:, 50] += np.array(SIGMA)
     moved = of.innovations(changed, own) - found
-    assert moved[0, :50] == pytest.approx(np.zeros((50, of.n_channels)), abs=1e-12)
+    assert moved[0, :50] == pytest.approx(np.zeros((50, len(SIGMA))), abs=1e-12)
     assert moved[0, 50] == pytest.approx(np.array(SIGMA))
-    for k in range(of.n_channels):
+    for k in range(len(SIGMA)):
         assert found[0, :, k].std() < 1.001 * samples[0, :, k].std()
         assert abs(np.corrcoef(found[0, 1:, k], found[0, :-1, k])[0, 1]) < 5 / np.sqrt(n)
 

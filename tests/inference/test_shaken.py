@@ -193,4 +193,4 @@ def test_a_long_record_is_compressed_and_has_the_same_density() -> None:
     other = short.likelihood.only_observation.with_record(np.zeros((151, 2)))
     assert other.functions == 0
     gaps = target(gaps=True).likelihood.only_observation
-    assert "torque is missing" in compression.exact_reason(gaps)
+    assert "torque is missing" in gaps.exact_reason

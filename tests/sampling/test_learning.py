@@ -12,11 +12,11 @@ from surfaces import Gaussians, humps, ridged
 from together import for_each
 
 from bayesdrill.inference.laplace import (
-    LogDensity,
     PosteriorLogDensity,
     QuadraticModel,
     concatenate_models,
 )
+from bayesdrill.inference.posterior import Posterior
 from bayesdrill.sampling.proposal.learning import (
     LearnedProposal,
     _begin,
@@ -26,7 +26,7 @@ from bayesdrill.sampling.proposal.learning import (
     _draw,
     learn,
 )
-from bayesdrill.sampling.proposal.ridge_tracing import Expand, trace
+from bayesdrill.sampling.proposal.ridge_tracing import trace
 from bayesdrill.sampling.samplers.ensemble import State, advance
 from bayesdrill.sampling.samplers.independence import WeightedDraws, effective_count, normalised
 
@@ -39,7 +39,7 @@ HUMPS = [(kind, d) for kind in UNEQUAL for d in (1, 2, 5)]
 def two(kind: str, d: int) -> tuple[Gaussians, LearnedProposal]:
     surface = humps(d, *UNEQUAL[kind], APART)
     seed, rng = np.random.RandomState(1), np.random.default_rng(2)
-    return surface, learn(surface, surface.quadratic_model, list(surface.means), seed, rng)
+    return surface, learn(surface, list(surface.means), seed, rng)
 
 
 def test_weights_of_two_maxima_without_a_chain() -> None:
@@ -55,7 +55,7 @@ def test_weights_of_two_maxima_without_a_chain() -> None:
             np.bincount(surface.belongs(u)) / len(u), abs=1e-6
         )
         assert learnt.origin == (0, 1)
-        assert learnt.acceptance > 0.8
+        assert learnt.draws.acceptance > 0.8
 
     for_each({str(case): case for case in HUMPS}, check)
 
@@ -65,18 +65,16 @@ def test_humps_thousands_of_their_widths_apart_are_met(d: int) -> None:
     """As aliases are.  Mutant killed: a component is no narrower than a hundredth of what parts them."""
     surface = humps(d, (0.7, 0.3), (0.01, 0.005), 2000.0)
     seed, rng = np.random.RandomState(1), np.random.default_rng(2)
-    learnt = learn(surface, surface.quadratic_model, list(surface.means), seed, rng)
-    assert learnt.share > 0.9
-    assert learnt.acceptance > 0.9
+    learnt = learn(surface, list(surface.means), seed, rng)
+    assert learnt.draws.share > 0.9
+    assert learnt.draws.acceptance > 0.9
 
 
 def test_a_proposal_is_held_against_what_another_has_seen() -> None:
     """By its own draws one that knows a single hump is the better.  Mutant killed: those alone count."""
     surface, seed = humps(2, (0.6, 0.4), (1.0, 1.0), APART), np.random.RandomState(1)
-    traced = [
-        trace(surface, surface.quadratic_model, u, np.random.default_rng(2)) for u in surface.means
-    ]
-    one, both = (_draw(_begin(traced[:n]), (0.0,) * n, (0, 1)[:n], surface, seed) for n in (1, 2))
+    traced = [trace(surface, u, np.random.default_rng(2)) for u in surface.means]
+    one, both = (_draw(_begin(traced[:n]), (0, 1)[:n], surface, seed) for n in (1, 2))
     assert one.worth > both.worth
     left, kept = _compared(one, both)
     assert left.missed == pytest.approx(0.4, abs=0.03)
@@ -112,8 +110,8 @@ def test_a_maximum_that_holds_nothing_costs_nothing() -> None:
     """Nor does one whose ridge is as another's."""
     surface = humps(2, (1.0, 1e-30), (1.0, 1.0), APART)
     seed, rng = np.random.RandomState(1), np.random.default_rng(2)
-    learnt = learn(surface, surface.quadratic_model, list(surface.means), seed, rng)
-    assert learnt.acceptance > 0.8
+    learnt = learn(surface, list(surface.means), seed, rng)
+    assert learnt.draws.acceptance > 0.8
     drawn, _ = learnt.proposal.draw(3000, surface.inside, np.random.RandomState(3))
     assert learnt.shares(drawn, 2)[1] < 0.02
 
@@ -128,34 +126,38 @@ def test_a_bent_ridge_is_learnt() -> None:
         surface = ridged(n_loose, n_tight)
         start = surface.at(np.full((1, n_loose), 0.1), np.zeros((1, n_tight)))[0]
         seed, rng = np.random.RandomState(1), np.random.default_rng(3)
-        learnt = learn(surface, surface.quadratic_model, [start], seed, rng)
-        assert learnt.acceptance > 0.7
-        e = surface.parts(learnt.u)[1]
-        assert learnt.weights @ e == pytest.approx(np.zeros(n_tight), abs=0.15)
-        assert learnt.weights @ e**2 == pytest.approx(np.ones(n_tight), abs=0.15)
+        learnt = learn(surface, [start], seed, rng)
+        assert learnt.draws.acceptance > 0.7
+        e = surface.parts(learnt.draws.u)[1]
+        assert learnt.draws.weights @ e == pytest.approx(np.zeros(n_tight), abs=0.15)
+        assert learnt.draws.weights @ e**2 == pytest.approx(np.ones(n_tight), abs=0.15)
 
     for_each({str(case): case for case in [(1, 1), (1, 3), (2, 3)]}, check)
 
 
-def chunked(surface: LogDensity, size: int) -> Expand:
-    def expand(u: np.ndarray, directions: np.ndarray) -> QuadraticModel:
+class Chunked(PosteriorLogDensity):
+    """Expanded about so many points at a time."""
+
+    def __init__(self, posterior: Posterior, size: int) -> None:
+        super().__init__(posterior)
+        self.size = size
+
+    def quadratic_model(self, u: np.ndarray, directions: np.ndarray) -> QuadraticModel:
         parts = [
-            surface.quadratic_model(u[k : k + size], directions) for k in range(0, len(u), size)
+            super(Chunked, self).quadratic_model(u[k : k + self.size], directions)
+            for k in range(0, len(u), self.size)
         ]
         return concatenate_models(parts)
-
-    return expand
 
 
 def test_what_is_learnt_does_not_depend_on_how_the_points_are_shared() -> None:
     """To the last bit, from a record; and another seed learns another proposal."""
     target = seen("step", SIGMA, free=("k_T", "r_m", "k_s", "j_1"))
-    surface = PosteriorLogDensity(target)
     start = target.coordinates.from_physical(target.space.vector(target.space.start)[None])[0]
 
     def learnt(size: int, seed: int = 1) -> LearnedProposal:
         random, rng = np.random.RandomState(seed), np.random.default_rng(seed)
-        return learn(surface, chunked(surface, size), [start], random, rng)
+        return learn(Chunked(target, size), [start], random, rng)
 
     whole = learnt(10**6)
     for size in (1, 7, 32):
@@ -168,7 +170,7 @@ def same(one: LearnedProposal, other: LearnedProposal) -> bool:
     pairs = [[getattr(m, name) for m in mixtures] for name in ("weights", "means", "roots")]
     sheets = zip(*(m.sheets for m in mixtures), strict=True)
     pairs += [[getattr(s, name) for s in pair] for pair in sheets for name in ("location", "root")]
-    pairs += [[one.u, other.u], [one.weights, other.weights]]
+    pairs += [[one.draws.u, other.draws.u], [one.draws.weights, other.draws.weights]]
     return all(np.array_equal(a, b) for a, b in pairs)
 
 
@@ -199,7 +201,7 @@ def test_no_density_at_all_is_said() -> None:
     surface = Nowhere(**{name: getattr(like, name) for name in like.__dataclass_fields__})
     seed, rng = np.random.RandomState(1), np.random.default_rng(2)
     with pytest.raises(ValueError, match="no point of finite posterior"):
-        learn(surface, surface.quadratic_model, list(surface.means), seed, rng)
+        learn(surface, list(surface.means), seed, rng)
 
 
 def test_the_middle_of_a_single_draw_is_that_draw() -> None:

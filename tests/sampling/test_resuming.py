@@ -28,7 +28,7 @@ PLAN = Plan(
 def run(backend: MemoryBackend) -> SamplingResult:
     target = posterior(measured(SIGMA, n=60), SIGMA, free=("k_s", "j_1"))
     maximum = target.space.vector(target.space.start)[None]
-    return sample(WorkerPool(target, 1), target, maximum, PLAN, backend, Silent())
+    return sample(WorkerPool(target, 1), maximum, PLAN, backend, Silent())
 
 
 @cache

@@ -15,8 +15,6 @@ from bayesdrill.sampling.samplers import ridge
 from bayesdrill.sampling.samplers.ridge import (
     LocalBasis,
     RidgeMap,
-    from_ridge_coordinates,
-    to_ridge_coordinates,
 )
 
 SHAPES = [(1, 1), (2, 3), (4, 5), (0, 3), (3, 0)]  # loose and tight directions
@@ -48,8 +46,8 @@ def test_bending_and_straightening_undo_each_other() -> None:
     def check(n_loose: int, n_tight: int) -> None:
         found = curved(n_loose, n_tight)
         y = far_and_near(found)
-        u, bent = from_ridge_coordinates(found, y)
-        back, straightened = to_ridge_coordinates(found, u)
+        u, bent = found.from_ridge_coordinates(y)
+        back, straightened = found.to_ridge_coordinates(u)
         assert back == pytest.approx(y, rel=1e-7, abs=1e-7)
         assert straightened == pytest.approx(bent, abs=1e-7)
 
@@ -65,13 +63,13 @@ def test_volumes_are_those_of_a_numerical_determinant() -> None:
     def check(n_loose: int, n_tight: int) -> None:
         found = curved(n_loose, n_tight)
         y = far_and_near(found)
-        _, log_volume = from_ridge_coordinates(found, y)
+        _, log_volume = found.from_ridge_coordinates(y)
         h = 1e-5
         steps = h * np.eye(y.shape[1])
         for row, volume in zip(y, log_volume, strict=True):
             columns = (
-                from_ridge_coordinates(found, row + steps)[0]
-                - from_ridge_coordinates(found, row - steps)[0]
+                found.from_ridge_coordinates(row + steps)[0]
+                - found.from_ridge_coordinates(row - steps)[0]
             ) / (2 * h)
             assert np.linalg.slogdet(columns)[1] == pytest.approx(volume, abs=1e-4)
 
@@ -85,7 +83,7 @@ def test_a_polynomial_says_nothing_of_what_lies_beyond_its_points() -> None:
     edge = found.at(found.middle + way)
     assert found.at(found.middle + 40.0 * way) == pytest.approx(edge)
     assert not np.allclose(found.at(found.middle + 0.9 * way), edge)
-    further = ridge.extended_reach(found, 2.0)
+    further = dataclasses.replace(found, reach=2.0)
     assert further.at(found.middle + way) == pytest.approx(edge)
     assert not np.allclose(further.at(found.middle + 2.0 * way), edge)
 
@@ -135,19 +133,17 @@ def test_a_strongly_bent_ridge_is_followed() -> None:
     def check(seed: int, n_loose: int, n_tight: int) -> None:
         surface = ridged(n_loose, n_tight)
         start = surface.at(np.full((1, n_loose), 0.1), np.zeros((1, n_tight)))[0]
-        traced = ridge_tracing.trace(
-            surface, surface.quadratic_model, start, np.random.default_rng(seed)
-        )
+        traced = ridge_tracing.trace(surface, start, np.random.default_rng(seed))
         rng = np.random.default_rng(9)
         psi = rng.uniform(-0.7, 0.7, (1000, n_loose))
         fresh = surface.at(psi, np.zeros((1000, n_tight)))
         psi = psi[surface.inside(fresh)]
         exact = surface.at(psi, np.zeros((len(psi), n_tight)))
-        off = np.linalg.norm(to_ridge_coordinates(traced.ridge, exact)[0][:, n_loose:], axis=1)
+        off = np.linalg.norm(traced.ridge.to_ridge_coordinates(exact)[0][:, n_loose:], axis=1)
         assert np.median(off) < 0.1
         assert np.quantile(off, 0.9) < 0.2
         noisy = surface.at(psi, rng.standard_normal((len(psi), n_tight)))
-        e = to_ridge_coordinates(traced.ridge, noisy)[0][:, n_loose:]
+        e = traced.ridge.to_ridge_coordinates(noisy)[0][:, n_loose:]
         assert np.cov(e.T).reshape(n_tight, n_tight) == pytest.approx(np.eye(n_tight), abs=0.25)
 
     for_each(
@@ -169,10 +165,8 @@ def test_a_ridge_is_followed_up_to_the_ends_of_the_priors() -> None:
     near = np.abs(exact - surface.middle) / (surface.reach * surface.spread)
     last = exact[(near.max(axis=1) > 0.9) & surface.inside(exact)]
     for seed in range(1, 4):
-        found = ridge_tracing.trace(
-            surface, surface.quadratic_model, start, np.random.default_rng(seed)
-        ).ridge
-        off = np.linalg.norm(to_ridge_coordinates(found, last)[0][:, 2:], axis=1)
+        found = ridge_tracing.trace(surface, start, np.random.default_rng(seed)).ridge
+        off = np.linalg.norm(found.to_ridge_coordinates(last)[0][:, 2:], axis=1)
         assert np.quantile(off, 0.9) < 0.3
 
 
@@ -205,12 +199,10 @@ def test_a_direction_along_which_nothing_changes_anywhere_is_known() -> None:
     flat /= np.linalg.norm(flat)
     long = surface.roots[0] + 1e8 * surface.spread[:, None] * np.outer(flat, flat)
     endless = dataclasses.replace(surface, roots=long[None])
-    found = ridge_tracing.flat_directions(
-        endless, endless.quadratic_model, np.random.default_rng(1)
-    )
+    found = ridge_tracing.flat_directions(endless, np.random.default_rng(1))
     assert np.abs(flat @ found) == pytest.approx([1.0], abs=1e-6)
     for bent in (ridged(1, 1), ridged(2, 3), surface):
-        here = ridge_tracing.flat_directions(bent, bent.quadratic_model, np.random.default_rng(1))
+        here = ridge_tracing.flat_directions(bent, np.random.default_rng(1))
         assert here.shape == (len(bent.middle), 0)
 
 

@@ -43,7 +43,7 @@ def problem() -> tuple[Posterior, np.ndarray, LearnedProposal]:
     """Three unknowns, the one maximum that is known (nearly), and what is learnt from it."""
     target = seen("step", SIGMA, free=("k_s", "j_1", "t_f"))
     maximum = target.space.vector(target.space.start)[None]
-    return target, maximum, prepare(WorkerPool(target, 1), target, maximum, 1)
+    return target, maximum, prepare(WorkerPool(target, 1), maximum, 1)
 
 
 def run(moves: dict[str, float], seed: int = 1) -> SamplingResult:
@@ -57,7 +57,7 @@ def run(moves: dict[str, float], seed: int = 1) -> SamplingResult:
         max_steps=12,
         seed=seed,
     )
-    return sample(WorkerPool(target, 1), target, maxima, plan, MemoryBackend(), Silent())
+    return sample(WorkerPool(target, 1), maxima, plan, MemoryBackend(), Silent())
 
 
 def steps(sampled: SamplingResult) -> list[set[bytes]]:
@@ -157,9 +157,7 @@ def test_no_walker_starts_far_off_the_ridge() -> None:
     """It would never leave: a proposal knows nothing there.  Mutant killed: any density will do."""
     surface = ridged(1, 2)
     at = surface.at(np.full((1, 1), 0.1), np.zeros((1, 2)))[0]
-    learnt = learn(
-        surface, surface.quadratic_model, [at], np.random.RandomState(1), np.random.default_rng(2)
-    )
+    learnt = learn(surface, [at], np.random.RandomState(1), np.random.default_rng(2))
     far = replace(learnt.proposal, mixture=learnt.proposal.mixture.with_width(1.5))
     state = begin_walkers(Known(surface), far, 500, 1, 0)
     assert state.log_p.min() > state.log_p.max() - 50.0
@@ -184,7 +182,7 @@ def test_walkers_start_on_all_maxima_alike() -> None:
     """
     surface = humps(2, (0.9, 0.1), (1.0, 0.5), 20.0)
     seed, rng = np.random.RandomState(1), np.random.default_rng(2)
-    learnt = learn(surface, surface.quadratic_model, list(surface.means), seed, rng)
+    learnt = learn(surface, list(surface.means), seed, rng)
     state = begin_walkers(Known(surface), learnt.proposal, 4000, 1, 0)
     assert surface.belongs(state.z).mean() == pytest.approx(0.5, abs=0.05)
 

@@ -12,10 +12,9 @@ from together import for_each
 
 from bayesdrill.sampling.proposal.learning import LearnedProposal, learn
 from bayesdrill.sampling.proposal.missed_mass import CoverageCheck, check_coverage
-from bayesdrill.sampling.proposal.ridge_tracing import NewtonRidge, newton_mixture
+from bayesdrill.sampling.proposal.ridge_tracing import newton_mixture, newton_ridge
 from bayesdrill.sampling.samplers.ensemble import State, advance
 from bayesdrill.sampling.samplers.independence import Proposal, mixture, normalised
-from bayesdrill.sampling.samplers.ridge import from_ridge_coordinates, to_ridge_coordinates
 
 
 @cache
@@ -23,7 +22,7 @@ def learnt(n_loose: int, n_tight: int) -> tuple[Ridged, LearnedProposal]:
     surface = ridged(n_loose, n_tight)
     start = surface.at(np.full((1, n_loose), 0.1), np.zeros((1, n_tight)))[0]
     seed, rng = np.random.RandomState(1), np.random.default_rng(3)
-    return surface, learn(surface, surface.quadratic_model, [start], seed, rng)
+    return surface, learn(surface, [start], seed, rng)
 
 
 def shortened(proposal: Proposal) -> Proposal:
@@ -42,7 +41,6 @@ def looked(
     seed = np.random.RandomState(4)
     return check_coverage(
         surface,
-        surface.quadratic_model,
         proposal,
         [0],
         (u, weights[None]),
@@ -73,17 +71,19 @@ def test_points_are_brought_to_the_ridge() -> None:
         place = own.location.copy()
         place[0] += 0.8 if far else 10.0 * np.exp(own.ends[1, :n_tight])  # as wide as it gets
         moved = replace(own, location=place, root=0.9 * own.root)
-        home = NewtonRidge(moved, surface.quadratic_model)
-        psi, e = np.split(to_ridge_coordinates(own, found.u)[0], [n_loose], axis=1)
+        home = newton_ridge(moved, surface.quadratic_model)
+        psi, e = np.split(own.to_ridge_coordinates(found.draws.u)[0], [n_loose], axis=1)
         assert (
-            np.median(np.linalg.norm(to_ridge_coordinates(moved, found.u)[0][:, n_loose:], axis=1))
+            np.median(
+                np.linalg.norm(moved.to_ridge_coordinates(found.draws.u)[0][:, n_loose:], axis=1)
+            )
             > 5.0
         )
-        y, log_volume = to_ridge_coordinates(home, found.u)
+        y, log_volume = home.to_ridge_coordinates(found.draws.u)
         assert y[:, :n_loose] == pytest.approx(psi)
         assert np.quantile(np.abs(y[:, n_loose:] - e), 0.9) < 0.3
-        back, again = from_ridge_coordinates(home, y)
-        assert back == pytest.approx(found.u, rel=1e-6, abs=1e-6)
+        back, again = home.from_ridge_coordinates(y)
+        assert back == pytest.approx(found.draws.u, rel=1e-6, abs=1e-6)
         assert again == pytest.approx(log_volume, abs=1e-6)
 
     for_each(
@@ -94,7 +94,7 @@ def test_points_are_brought_to_the_ridge() -> None:
 def test_what_does_not_arrive_stays_where_the_polynomials_have_it() -> None:
     surface, found = learnt(1, 1)
     own = found.proposal.mixture.sheets[0]
-    nowhere = NewtonRidge(own, lambda u, q: surface.quadratic_model(np.full_like(u, np.nan), q))
+    nowhere = newton_ridge(own, lambda u, q: surface.quadratic_model(np.full_like(u, np.nan), q))
     psi = np.linspace(-1.0, 1.0, 7)[:, None]
     for one, other in zip(nowhere.along(psi), own.along(psi), strict=True):
         assert np.array_equal(one, other)
@@ -104,7 +104,7 @@ def test_a_proposal_that_leaves_nothing_out_is_enough() -> None:
     def check(n_loose: int, n_tight: int) -> None:
         surface, found = learnt(n_loose, n_tight)
         assert found.proposal.newton is None
-        assert looked(surface, found.proposal, found.u, found.weights) is None
+        assert looked(surface, found.proposal, found.draws.u, found.draws.weights) is None
 
     for_each({str(case): case for case in [(1, 1), (2, 3)]}, check)
 
@@ -119,8 +119,8 @@ def test_what_a_proposal_leaves_out_is_found() -> None:
         _, found = learnt(n_loose, n_tight)
         _, _, seen = found_beyond(n_loose, n_tight)
         assert seen is not None
-        truth, said = ((one.weights @ one.u) for one in (found, seen.draws))
-        sd = np.sqrt(found.weights @ (found.u - truth) ** 2)
+        truth, said = ((one.weights @ one.u) for one in (found.draws, seen.draws))
+        sd = np.sqrt(found.draws.weights @ (found.draws.u - truth) ** 2)
         assert np.all(np.abs(said - truth) < 0.15 * sd)
 
     for_each({str(case): case for case in [(1, 1), (2, 3)]}, check)
@@ -142,8 +142,8 @@ def test_walkers_reach_what_the_proposal_leaves_out() -> None:
     state = State(start, surface.value(start), np.random.RandomState(5).get_state())
     evaluate = lambda u: (surface.value(u), 0)  # noqa: E731
     chain = advance(evaluate, state, 300, {"independence": 1.0}, whole, surface.inside)
-    truth = found.weights @ found.u
-    sd = np.sqrt(found.weights @ (found.u - truth) ** 2)
+    truth = found.draws.weights @ found.draws.u
+    sd = np.sqrt(found.draws.weights @ (found.draws.u - truth) ** 2)
     means = chain.z[50:].reshape(-1, len(sd)).mean(axis=0)
     assert np.all(np.abs(means - truth) < 0.1 * sd)
 
@@ -166,8 +166,8 @@ def test_a_ridge_that_turns_a_corner_is_seen_on_both_sides(
 
     def check(seed: int, *start: float) -> None:
         walk, rng = np.random.RandomState(seed), np.random.default_rng(seed + 1)
-        found = learn(surface, surface.quadratic_model, [np.array(start)], walk, rng)
-        beyond = found.u[:, 1] > found.u[:, 0]
-        assert found.weights @ beyond == pytest.approx(0.5, abs=0.1)
+        found = learn(surface, [np.array(start)], walk, rng)
+        beyond = found.draws.u[:, 1] > found.draws.u[:, 0]
+        assert found.draws.weights @ beyond == pytest.approx(0.5, abs=0.1)
 
     for_each({str(case): case for case in cases}, check)

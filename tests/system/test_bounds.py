@@ -60,7 +60,7 @@ def test_bounds_are_the_posteriors_spread(job: Job) -> None:
     start = posterior.space.vector(job.problem.nominal)
     with WorkerPool(posterior, 1) as pool:
         plan = conclusions.plan(job.config)
-        sampled = ensembles.sample(pool, posterior, start[None], plan, MemoryBackend(), Silent())
+        sampled = ensembles.sample(pool, start[None], plan, MemoryBackend(), Silent())
     assert sampled.convergence.converged
     spread = np.log(sampled.draws.reshape(-1, len(TWO))).std(axis=0)
     assert np.allclose(spread, bounds_at_nominal(job), rtol=0.1)

@@ -160,7 +160,7 @@ def test_the_search_sees_an_excerpt_and_then_all() -> None:
         response = pool.posterior.likelihood.observations[0].response
         assert isinstance(response, CompressedSimulator)
     theta = problem.posterior.space.vector(mode.values)
-    assert mode.same_height == plan.starts
+    assert len(mode.highest) == plan.starts
     here = problem.posterior.density(theta[None])[0]
     assert here == pytest.approx(mode.log_posterior, abs=1e-6)
     for column in range(len(theta)):

@@ -39,7 +39,7 @@ def test_means_scatter_as_their_errors_say(tmp_path: Path, name: str) -> None:
     with WorkerPool(posterior, 2) as pool:
         for seed in range(SEEDS):
             own = dataclasses.replace(plan, seed=seed)
-            sampled = ensembles.sample(pool, posterior, tops, own, MemoryBackend(), Silent())
+            sampled = ensembles.sample(pool, tops, own, MemoryBackend(), Silent())
             assert sampled.convergence.converged, sampled.convergence.reasons
             draws = sampled.draws.reshape(-1, tops.shape[1])
             means.append(draws.mean(axis=0))

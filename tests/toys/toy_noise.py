@@ -44,10 +44,6 @@ class Memory:
         own = [_unknown(c) for c, value in zip(channels, held, strict=True) if value is None]
         return cls(levels, held, (*levels.unknowns, *own))
 
-    @property
-    def n_channels(self) -> int:
-        return self.levels.n_channels
-
     def for_length(self, n_samples: int) -> Memory:
         return dataclasses.replace(self, levels=self.levels.for_length(n_samples))
 
@@ -60,7 +56,7 @@ class Memory:
         return self.levels.scales(own[:, : len(self.levels.unknowns)])
 
     def _correlations(self, own: Array) -> Array:
-        out, column = np.empty((len(own), self.n_channels)), len(self.levels.unknowns)
+        out, column = np.empty((len(own), self.levels.n_channels)), len(self.levels.unknowns)
         for k, value in enumerate(self.held_):
             out[:, k] = own[:, column] if value is None else value
             column += value is None

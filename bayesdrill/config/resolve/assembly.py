@@ -71,7 +71,7 @@ def build_problem(case: ResolvedCase, records: Sequence[Experiment]) -> Problem:
     unknowns = numbers.space(config.own, labels, *other_numbers)
     posterior = Posterior(
         space=unknowns,
-        likelihood=Likelihood.joint(unknowns, parts).hold_out(case.held_out),
+        likelihood=Likelihood.joint(unknowns, parts, case.held_out),
         coordinates=unknowns.coordinates(),
     )
     if config.model.pieces is None:

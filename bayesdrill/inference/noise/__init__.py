@@ -14,13 +14,10 @@ from bayesdrill.inference.noise.white import White
 
 
 def _is_noise(_: str, member: Any) -> None:
-    missing = [
-        attribute for attribute in ("from_channels", "Entries") if not hasattr(member, attribute)
-    ]
+    missing = [name for name in ("from_channels", "Entries") if not hasattr(member, name)]
     if missing:
-        raise ValueError(
-            f"it has no {', '.join(missing)}; see `bayesdrill.inference.noise.contract`"
-        )
+        names = ", ".join(missing)
+        raise ValueError(f"it has no {names}; see `bayesdrill.inference.noise.contract`")
     check_entries(member.Entries)
 
 

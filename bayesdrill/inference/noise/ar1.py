@@ -31,10 +31,9 @@ GAP_TOLERANCE = 1e-3  # of an interval: times are rounded
 class ChannelSpacing:
     """The spacing of one channel's samples.
 
-    `rows`: its samples among all; `gaps (n - 1,)`: from one to the next, in its usual interval,
-    and `all_gaps (T - 1,)`: of all samples; None where all of them are one.
-
-    Residuals come as `(W, n)`, over sigma or not, with `rho (W,)`.
+    `rows`: its samples among all; `gaps (n - 1,)`: from one to the next, in its usual interval, and
+    `all_gaps (T - 1,)`: of all samples; None where all of them are one.  Residuals come as `(W, n)`,
+    over sigma or not, with `rho (W,)`.
     """
 
     rows: slice | Indices
@@ -67,10 +66,7 @@ class ChannelSpacing:
         return _without_memory(samples, weight) / sd
 
     def score(self, samples: Array, rho: Array) -> Array:
-        """Return minus half the slopes of the sum of squared innovations, sign turned.
-
-        They are by each sample.
-        """
+        """Return half the slopes of the sum of squared innovations by each sample."""
         weight, sd = self.conditional(rho)
         over = _without_memory(samples, weight) / sd**2
         out = over.copy()
@@ -136,11 +132,6 @@ class Spacing:
     channels: tuple[ChannelSpacing, ...]
     seen: Flags
 
-    @property
-    def even(self) -> bool:
-        """Whether each channel's own samples are one interval apart."""
-        return all(channel.gaps is None for channel in self.channels)
-
     @classmethod
     def from_times(cls, t: Array, seen: Flags) -> Spacing:
         """Return the spacing of samples `seen (T, K)` at times `t (T,)`."""
@@ -158,10 +149,8 @@ def _channel_spacing(t: Array, seen: Flags) -> ChannelSpacing:
     rows = np.flatnonzero(seen)
     steps = np.diff(t[rows])
     typical = float(np.median(steps)) if len(steps) else 1.0
-    rows_of_channel = slice(None) if seen.all() else rows
-    return ChannelSpacing(
-        rows_of_channel, len(rows), _gaps(steps / typical), _gaps(np.diff(t) / typical)
-    )
+    gaps, all_gaps = _gaps(steps / typical), _gaps(np.diff(t) / typical)
+    return ChannelSpacing(slice(None) if seen.all() else rows, len(rows), gaps, all_gaps)
 
 
 def _gaps(gaps: Array) -> Array | None:
@@ -180,8 +169,7 @@ def _sum_weights(rho: Array) -> Array:
     """Return of even samples the weights `(..., 3)` of `Residuals.neighbours`, for sigma 1.
 
     With S, D and E for sums of squares, of steps and of ends, squared innovations over their variance
-    sum to ((1 - rho)^2 S + rho D + rho (1 - rho) E) / (1 - rho^2), without a difference where rho is
-    near one.
+    sum to ((1 - rho)^2 S + rho D + rho (1 - rho) E) / (1 - rho^2): no difference where rho is near 1.
     """
     over = 1.0 / (1.0 + rho)
     return np.stack([(1.0 - rho) * over, rho * over / (1.0 - rho), rho * over], axis=-1)
@@ -195,8 +183,6 @@ def _sum_weight_slopes(rho: Array) -> Array:
 
 START_RHO = 0.3  # of a search
 MAX_RHO = 0.9999  # that what is left may tell: the end of the prior is no place to go on from
-
-
 _DESCRIPTION = "Correlation of samples one usual interval apart; default: unknown"
 
 
@@ -230,11 +216,6 @@ class AR1:
         correlations = [correlation(channels[k]) for k in memory.free]
         return cls(levels=levels, memory=memory, unknowns=(*levels.unknowns, *correlations))
 
-    @property
-    def n_channels(self) -> int:
-        """Return the number of channels."""
-        return self.levels.n_channels
-
     def for_length(self, n_samples: int) -> AR1:
         """Return the same noise for a record of another length."""
         return dataclasses.replace(self, levels=self.levels.for_length(n_samples), spacing=None)
@@ -254,9 +235,9 @@ class AR1:
 
     def log_likelihood(self, residuals: Residuals, theta: Array) -> Array:
         """Return the log likelihood `(W, K)`."""
-        if self.spacing is not None and not self.spacing.even:
+        if self._uneven is not None:
             terms = self.pointwise(residuals.samples, theta)
-            return np.asarray(np.where(self.spacing.seen, terms, 0.0).sum(axis=1))
+            return np.asarray(np.where(self._uneven.seen, terms, 0.0).sum(axis=1))
         sigma, rho, n = self.scales(theta), self.memory.values(theta), self.levels.sizes
         inner = (1.0 - rho) * (1.0 + rho)
         constant = -0.5 * n * math.log(2 * math.pi) - n * np.log(sigma)
@@ -266,7 +247,7 @@ class AR1:
 
     def square_weights(self, theta: Array) -> Array | None:
         """Return weights `(W, K, 3)` where samples are even; see `Noise.square_weights`."""
-        if self.spacing is not None and not self.spacing.even:
+        if self._uneven is not None:
             return None
         weights = _sum_weights(self.memory.values(theta))
         return np.asarray(weights / self.scales(theta)[..., None] ** 2)
@@ -317,13 +298,13 @@ class AR1:
         """Return slopes, and the expected curvature, larger where residuals are."""
         sigma, rho, n = self.scales(theta), self.memory.values(theta), self.levels.sizes
         slopes = np.empty((2, *sigma.shape))
-        if self.spacing is None or self.spacing.even:
+        if self._uneven is None:
             sums = residuals.neighbours / sigma[..., None] ** 2
             slopes[0] = (_sum_weights(rho) * sums).sum(axis=-1) - n
             over = (n - 1.0) * rho / ((1.0 - rho) * (1.0 + rho))
             slopes[1] = over - 0.5 * (_sum_weight_slopes(rho) * sums).sum(axis=-1)
         else:
-            for k, channel in enumerate(self.spacing.channels):
+            for k, channel in enumerate(self._uneven.channels):
                 scaled = residuals.samples[:, channel.rows, k] / sigma[:, k, None]
                 innovations = channel.innovations(scaled, rho[:, k])
                 slopes[0, :, k] = (innovations**2).sum(axis=1) - channel.count
@@ -339,10 +320,8 @@ class AR1:
 
     def fitted(self, samples: Array, theta: Array) -> Array:
         """Return the unknowns fitted to residuals `samples (T, K)`."""
-        each = self._spacing(samples[None]).channels
-        estimates = [
-            channel.estimate_rho(samples[channel.rows, k]) for k, channel in enumerate(each)
-        ]
+        each = enumerate(self._spacing(samples[None]).channels)
+        estimates = [channel.estimate_rho(samples[channel.rows, k]) for k, channel in each]
         rho = np.clip(estimates, 1.0 - MAX_RHO, MAX_RHO)
         return np.append(self.levels.fitted(samples, theta), rho[self.memory.free])
 
@@ -358,12 +337,18 @@ class AR1:
     def _free(self) -> tuple[list[int], list[int]]:
         return list(self.levels.unknown), self.memory.free
 
+    @property
+    def _uneven(self) -> Spacing | None:
+        """The spacing, where some channel's own samples are not one interval apart."""
+        spacing = self.spacing
+        return spacing if spacing and any(c.gaps is not None for c in spacing.channels) else None
+
     def _spacing(self, samples: Array) -> Spacing:
-        return self.spacing or even_spacing(samples.shape[1], self.n_channels)
+        return self.spacing or even_spacing(*samples.shape[1:])
 
     def _pairs(self, rho: Array) -> Array:
         """Information `(W, K, 2, 2)` about the log of sigma, and rho."""
-        spacing = self.spacing or even_spacing(self.levels.n_samples, self.n_channels)
+        spacing = self.spacing or even_spacing(self.levels.n_samples, self.levels.n_channels)
         each = [channel.information(rho[:, k]) for k, channel in enumerate(spacing.channels)]
         return np.stack(each, axis=1)
 

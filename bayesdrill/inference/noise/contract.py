@@ -40,29 +40,23 @@ class Residuals(Protocol):
     @property
     def neighbours(self) -> Array:
         """Return sums over neighbouring samples `(W, K, 3)`."""
-        ...
 
     def logs(self, weights: Array) -> Array:
         """Return sums of logs `(W, K)`."""
-        ...
 
     def intervals(self, over: Array, half: Array) -> Array:
         """Return sums over intervals `(W, K)`."""
-        ...
 
     def weighted_squares(self, weights: Array) -> Array:
         """Return sums of squares of the residuals times `weights (W, K)`."""
-        ...
 
     @property
     def squares(self) -> Array:
         """Return sums of squares `(W, K)`."""
-        ...
 
     @property
     def samples(self) -> Array:
         """Return all residuals `(W, T, K)`."""
-        ...
 
 
 class Noise(Protocol):
@@ -75,17 +69,10 @@ class Noise(Protocol):
     @property
     def unknowns(self) -> tuple[Unknown, ...]:
         """Return its unknowns."""
-        ...
-
-    @property
-    def n_channels(self) -> int:
-        """Return the number of channels."""
-        ...
 
     @property
     def white(self) -> bool:
         """Whether samples are independent and normal."""
-        ...
 
     def for_length(self, n_samples: int) -> Noise:
         """Return the same noise for a record of another length.
@@ -95,26 +82,18 @@ class Noise(Protocol):
         at times `t (T,)`, where channels were seen `(T, K)`.  Residuals are NaN elsewhere, and stay
         so when they are whitened.
         """
-        ...
 
     def fixed_values(self) -> Mapping[int, object]:
         """Return what is fixed of each channel (by index), which a resumed run must share."""
-        ...
 
     def log_likelihood(self, residuals: Residuals, theta: Array) -> Array:
         """Return the normalised log likelihood of each channel: `(W, K)`."""
-        ...
 
     def pointwise(self, samples: Array, theta: Array) -> Array:
-        """Return the log density `(W, T, K)` of each sample given those before it.
-
-        Their sum is `log_likelihood`.
-        """
-        ...
+        """Return the terms `(W, T, K)` of `log_likelihood`: of each sample given those before it."""
 
     def scales(self, theta: Array) -> Array:
         """Return the standard deviation of a single sample `(W, K)`, SI."""
-        ...
 
     def square_weights(self, theta: Array) -> Array | None:
         """Return weights `(W, K, n)` of sums of squares, of which minus half is the log likelihood.
@@ -122,29 +101,21 @@ class Noise(Protocol):
         But for a constant: n is 1 for the sum of squares, or 3 for the sums `Residuals.neighbours`.
         It is None where these sums are not all that is asked for.
         """
-        ...
 
     def whiten(self, samples: Array, theta: Array) -> Array:
         """Return whitened residuals `(W, T, K)`, independent and standard normal."""
-        ...
 
     def innovations(self, samples: Array, theta: Array) -> Array:
-        """Return each sample minus its prediction from those before it: `(W, T, K)`, SI.
-
-        They are `samples` themselves where samples are independent.
-        """
-        ...
+        """Return samples minus their prediction from those before them, if any: `(W, T, K)`, SI."""
 
     def whitened_jacobian(self, shifts: Array, theta: Array) -> Array:
         """Return `shifts` of signals over the noise, `(W, T, K)`.
 
         It is linear in `shifts`, and its squares sum to their Fisher information.
         """
-        ...
 
     def score(self, samples: Array, theta: Array) -> Array:
         """Return d log likelihood / d model signal: `(W, T, K)`."""
-        ...
 
     def noise_score(self, residuals: Residuals, theta: Array) -> tuple[Array, Array]:
         """Return slope and curvature of the log likelihood by each of its unknowns.
@@ -153,46 +124,34 @@ class Noise(Protocol):
         at least the expected one, as a safe step wants.  Both are `(W, n)`, or of the curvature the
         whole matrix `(W, n, n)`.
         """
-        ...
 
     def expected(self, theta: Array) -> Array:
         """Return the expected curvature, `(n,)` or `(n, n)`, at `theta (n,)`."""
-        ...
 
     def fitted(self, samples: Array, theta: Array) -> Array:
         """Return its unknowns `(n,)` fitted to residuals `samples (T, K)`.
 
         They are as good as `theta (n,)` to begin with.
         """
-        ...
 
     def draw(self, signals: Array, theta: Array, rng: np.random.Generator) -> Array:
         """Draw signals `(W, T, K)` with fresh noise."""
-        ...
 
 
 class NoiseKind(Protocol):
-    """A member of the registry.
-
-    Annotated fields of its dataclass `Entries` are entries of a channel's `noise:`.
-    """
+    """A member of the registry."""
 
     @property
     def Entries(self) -> type:  # noqa: N802
-        """Return the dataclass of its entries."""
-        ...
+        """Return the dataclass whose annotated fields are entries of a channel's `noise:`."""
 
     def from_channels(self, channels: Sequence[NoisyChannel], n_samples: int) -> Noise:
         """Build the noise of all channels that name it; raises `ValueError`."""
-        ...
 
 
 @dataclass(frozen=True, slots=True)
 class ChannelNumbers:
-    """A number for each channel: what is `fixed`, None where it is unknown.
-
-    The unknown ones are columns of the noise's own unknowns, from `first` on.
-    """
+    """A number for each channel, `fixed` or None: a column of the noise's unknowns from `first` on."""
 
     fixed: tuple[float | None, ...]
     first: int
@@ -221,10 +180,7 @@ class ChannelNumbers:
 
 
 def as_matrix(curvature: Array, theta: Array) -> Array:
-    """Return a curvature as `(..., n, n)`, of which the diagonal may be given alone.
-
-    The unknowns are `theta (..., n)`.
-    """
+    """Return a curvature by `theta (..., n)` as a matrix, of which the diagonal may be given alone."""
     if curvature.ndim > theta.ndim:
         return curvature
     return np.asarray(curvature[..., None] * np.eye(theta.shape[-1]))
@@ -236,9 +192,7 @@ def pair_matrix(pairs: Array, channel_indices: tuple[list[int], list[int]]) -> A
     `channel_indices` are the channels in which the first, and in which the second is unknown; all
     first ones come before all second ones.
     """
-    unknowns = [
-        (k, position) for position, channels in enumerate(channel_indices) for k in channels
-    ]
+    unknowns = [(k, which) for which, channels in enumerate(channel_indices) for k in channels]
     out = np.zeros((*pairs.shape[:-3], len(unknowns), len(unknowns)))
     for i, (k, first_index) in enumerate(unknowns):
         for j, (other, second_index) in enumerate(unknowns):

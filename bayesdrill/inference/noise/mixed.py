@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import ClassVar
@@ -29,10 +28,7 @@ class ChannelNoise:
 
 
 def noise_for_record(noise: Noise, t: Array, seen: Flags) -> Noise:
-    """Return the noise at times `t (T,)`, of channels that were `seen (T, K)`.
-
-    Raises `ValueError` where a kind must see every sample.
-    """
+    """Return the noise at times `t (T,)`, of channels that were `seen (T, K)`; or `ValueError`."""
     at_times = getattr(noise, "at_times", None)
     if at_times is not None:
         timed: Noise = at_times(t, seen)
@@ -54,7 +50,7 @@ class _ChannelResiduals:
     """Residuals of some channels."""
 
     residuals: Residuals
-    columns: list[int]
+    columns: tuple[int, ...]
     n_channels: int  # of all
 
     @property
@@ -103,104 +99,83 @@ class Mixed:
     @property
     def n_channels(self) -> int:
         """Return the number of channels."""
-        return sum(part.noise.n_channels for part in self.parts)
+        return sum(len(part.columns) for part in self.parts)
 
     def for_length(self, n_samples: int) -> Mixed:
         """Return the same noise for a record of another length."""
-        return Mixed(
-            tuple(ChannelNoise(p.noise.for_length(n_samples), p.columns) for p in self.parts)
-        )
+        parts = (ChannelNoise(p.noise.for_length(n_samples), p.columns) for p in self.parts)
+        return Mixed(tuple(parts))
 
     def at_times(self, t: Array, seen: Flags) -> Mixed:
         """Return the same noise at times `t (T,)`, where channels were seen `(T, K)`."""
-        return Mixed(
-            tuple(
-                dataclasses.replace(p, noise=noise_for_record(p.noise, t, seen[:, list(p.columns)]))
-                for p in self.parts
-            )
-        )
+        noises = (noise_for_record(p.noise, t, seen[:, p.columns]) for p in self.parts)
+        pairs = zip(noises, self.parts, strict=True)
+        return Mixed(tuple(ChannelNoise(noise, part.columns) for noise, part in pairs))
 
     def fixed_values(self) -> Mapping[int, object]:
         """Return what is fixed of each channel, by index."""
-        return {
-            p.columns[k]: fixed for p in self.parts for k, fixed in p.noise.fixed_values().items()
-        }
+        each = ((p.columns, p.noise.fixed_values()) for p in self.parts)
+        return {columns[k]: fixed for columns, values in each for k, fixed in values.items()}
 
     def square_weights(self, theta: Array) -> Array | None:
         """Return weights of sums of squares, if all parts have some; see `Noise.square_weights`."""
-        parts = [
-            (p.columns, p.noise.square_weights(part_theta)) for p, part_theta in self._split(theta)
-        ]
+        parts = [(p.columns, p.noise.square_weights(at)) for p, at in self._split(theta)]
         known = [(columns, weights) for columns, weights in parts if weights is not None]
         if len(known) < len(parts):
             return None
-        n = max(weights.shape[2] for _, weights in known)
-        out = np.zeros((len(theta), self.n_channels, n))
+        out = np.zeros((len(theta), self.n_channels, max(w.shape[2] for _, w in known)))
         for columns, weights in known:
-            out[:, list(columns), : weights.shape[2]] = weights
+            out[:, columns, : weights.shape[2]] = weights
         return out
 
     def log_likelihood(self, residuals: Residuals, theta: Array) -> Array:
         """Return the log likelihood `(W, K)`."""
         return self._each(
-            lambda noise, columns, theta: noise.log_likelihood(
-                _ChannelResiduals(residuals, columns, self.n_channels), theta
-            ),
-            theta,
+            lambda p, at: p.noise.log_likelihood(self._residuals(residuals, p), at), theta
         )
 
     def pointwise(self, samples: Array, theta: Array) -> Array:
         """Return the log density `(W, T, K)` of each sample given those before it."""
-        return self._each(
-            lambda n, columns, theta: n.pointwise(samples[..., columns], theta), theta
-        )
+        return self._each(lambda p, at: p.noise.pointwise(samples[..., p.columns], at), theta)
 
     def scales(self, theta: Array) -> Array:
         """Return the standard deviation of a single sample `(W, K)`, SI."""
-        return self._each(lambda n, _, theta: n.scales(theta), theta)
+        return self._each(lambda p, at: p.noise.scales(at), theta)
 
     def whiten(self, samples: Array, theta: Array) -> Array:
         """Return whitened residuals `(W, T, K)`."""
-        return self._each(lambda n, columns, theta: n.whiten(samples[..., columns], theta), theta)
+        return self._each(lambda p, at: p.noise.whiten(samples[..., p.columns], at), theta)
 
     def innovations(self, samples: Array, theta: Array) -> Array:
         """Return each sample minus its prediction from those before it: `(W, T, K)`, SI."""
-        return self._each(
-            lambda n, columns, theta: n.innovations(samples[..., columns], theta), theta
-        )
+        return self._each(lambda p, at: p.noise.innovations(samples[..., p.columns], at), theta)
 
     def whitened_jacobian(self, shifts: Array, theta: Array) -> Array:
         """Return whitened shifts of signals `(W, T, K)`."""
         return self._each(
-            lambda n, columns, theta: n.whitened_jacobian(shifts[..., columns], theta), theta
+            lambda p, at: p.noise.whitened_jacobian(shifts[..., p.columns], at), theta
         )
 
     def score(self, samples: Array, theta: Array) -> Array:
         """Return d log likelihood / d model signal: `(W, T, K)`."""
-        return self._each(lambda n, columns, theta: n.score(samples[..., columns], theta), theta)
+        return self._each(lambda p, at: p.noise.score(samples[..., p.columns], at), theta)
 
     def draw(self, signals: Array, theta: Array, rng: np.random.Generator) -> Array:
         """Draw signals `(W, T, K)` with fresh noise."""
-        return self._each(
-            lambda n, columns, theta: n.draw(signals[..., columns], theta, rng), theta
-        )
+        return self._each(lambda p, at: p.noise.draw(signals[..., p.columns], at, rng), theta)
 
     def noise_score(self, residuals: Residuals, theta: Array) -> tuple[Array, Array]:
         """Return slopes and curvature by the unknowns of all parts."""
         parts = [
-            part.noise.noise_score(
-                _ChannelResiduals(residuals, list(part.columns), self.n_channels), part_theta
-            )
-            for part, part_theta in self._split(theta)
+            part.noise.noise_score(self._residuals(residuals, part), at)
+            for part, at in self._split(theta)
         ]
         slopes, curvatures = zip(*parts, strict=True)
         return np.concatenate(slopes, axis=-1), self._apart(curvatures, theta)
 
     def expected(self, theta: Array) -> Array:
         """Return the expected curvature."""
-        return self._apart(
-            [part.noise.expected(part_theta) for part, part_theta in self._split(theta)], theta
-        )
+        return self._apart([part.noise.expected(at) for part, at in self._split(theta)], theta)
 
     def _apart(self, curvatures: Sequence[Array], theta: Array) -> Array:
         """What the parts know of their own unknowns, `(..., n, n)`."""
@@ -214,12 +189,11 @@ class Mixed:
 
     def fitted(self, samples: Array, theta: Array) -> Array:
         """Return the unknowns fitted to residuals `samples (T, K)`."""
-        return np.concatenate(
-            [
-                p.noise.fitted(samples[:, list(p.columns)], part_theta)
-                for p, part_theta in self._split(theta)
-            ]
-        )
+        parts = self._split(theta)
+        return np.concatenate([p.noise.fitted(samples[:, p.columns], at) for p, at in parts])
+
+    def _residuals(self, residuals: Residuals, part: ChannelNoise) -> _ChannelResiduals:
+        return _ChannelResiduals(residuals, part.columns, self.n_channels)
 
     def _split(self, theta: Array) -> Iterator[tuple[ChannelNoise, Array]]:
         first = 0
@@ -228,13 +202,10 @@ class Mixed:
             yield part, theta[..., first : first + n]
             first += n
 
-    def _each(self, evaluate: Callable[[Noise, list[int], Array], Array], theta: Array) -> Array:
+    def _each(self, evaluate: Callable[[ChannelNoise, Array], Array], theta: Array) -> Array:
         """Of every part, its channels in their places."""
-        results = [
-            (part.columns, evaluate(part.noise, list(part.columns), part_theta))
-            for part, part_theta in self._split(theta)
-        ]
+        results = [(part.columns, evaluate(part, at)) for part, at in self._split(theta)]
         out = np.empty((*results[0][1].shape[:-1], self.n_channels))
         for columns, values in results:
-            out[..., list(columns)] = values
+            out[..., columns] = values
         return out

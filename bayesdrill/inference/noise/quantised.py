@@ -28,8 +28,6 @@ MAX_DISTANCE = 9.0  # sigma from the end of an interval: beyond, nothing is left
 NODES, WEIGHTS = np.polynomial.legendre.leggauss(160)
 SIGMA_GRID = (0.01, 2.0, 96)  # of sigma over what is left, when it is sought
 _LOG_SQRT_2PI = 0.5 * math.log(2 * math.pi)
-
-
 _DESCRIPTION = "What was rounded to [unit of the column]"
 
 
@@ -42,10 +40,7 @@ class QuantisedEntries:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Quantised:
-    """Gaussian noise, rounded to `steps (K,)`, SI.
-
-    Its unknowns are sizes of noise before it is rounded.
-    """
+    """Gaussian noise, rounded to `steps (K,)`, SI; its unknowns are sizes before it is rounded."""
 
     levels: White
     steps: tuple[float, ...]
@@ -70,11 +65,6 @@ class Quantised:
         """Return its unknowns."""
         return self.levels.unknowns
 
-    @property
-    def n_channels(self) -> int:
-        """Return the number of channels."""
-        return self.levels.n_channels
-
     def for_length(self, n_samples: int) -> Quantised:
         """Return the same noise for a record of another length."""
         return dataclasses.replace(self, levels=self.levels.for_length(n_samples))
@@ -89,9 +79,8 @@ class Quantised:
 
     def scales(self, theta: Array) -> Array:
         """Return the standard deviation of a single sample `(W, K)`, SI."""
-        return np.asarray(
-            np.sqrt(self.levels.scales(theta) ** 2 + np.array(self.steps) ** 2 / 12.0)
-        )
+        variances = self.levels.scales(theta) ** 2 + np.array(self.steps) ** 2 / 12.0
+        return np.asarray(np.sqrt(variances))
 
     def square_weights(self, theta: Array) -> None:
         """Return None: sums of squares are not all; see `Noise.square_weights`."""
@@ -103,9 +92,8 @@ class Quantised:
         """
         sigma, steps, n = self.levels.scales(theta), np.array(self.steps), self.levels.sizes
         half = 0.5 * steps / sigma
-        log_mass = residuals.intervals(
-            1.0 / sigma, np.maximum(half, MIN_KERNEL_HALF_STEP)
-        ) - n * np.log(steps)
+        log_mass = residuals.intervals(1.0 / sigma, np.maximum(half, MIN_KERNEL_HALF_STEP))
+        log_mass = log_mass - n * np.log(steps)
         fine = (half < MIN_KERNEL_HALF_STEP).any(axis=1)
         if fine.any():
             terms = self.pointwise(residuals.samples[fine], theta[fine])
@@ -119,10 +107,7 @@ class Quantised:
         return np.asarray(self._interval(samples, theta).log_mass - np.log(self.steps))
 
     def whiten(self, samples: Array, theta: Array) -> Array:
-        """Return a number in each sample's interval, drawn as its distribution says.
-
-        It is drawn once, alike for all walkers and whenever it is asked.
-        """
+        """Return numbers drawn in the samples' intervals, once: alike for all walkers at any time."""
         share = np.random.default_rng(0).random(samples.shape[1:])
         return self._interval(samples, theta).within(share)
 
@@ -173,11 +158,9 @@ class Quantised:
 
     def _likeliest(self, residuals: Array, k: int) -> float:
         residuals, half = residuals[~np.isnan(residuals)], 0.5 * self.steps[k]
-        low, high, n = SIGMA_GRID
-        sizes = np.geomspace(low, high, n) * math.hypot(float(np.sqrt(np.mean(residuals**2))), half)
-        sums = [
-            _Interval((residuals - half) / s, (residuals + half) / s).log_mass.sum() for s in sizes
-        ]
+        low, high = residuals - half, residuals + half
+        sizes = np.geomspace(*SIGMA_GRID) * math.hypot(float(np.sqrt(np.mean(residuals**2))), half)
+        sums = [_Interval(low / s, high / s).log_mass.sum() for s in sizes]
         return float(sizes[int(np.argmax(sums))])
 
 

@@ -24,27 +24,22 @@ from bayesdrill.inference.noise.white import White
 from bayesdrill.inference.priors import LogUniform
 from bayesdrill.inference.unknowns import Unknown
 
-MIN_DEGREES, MAX_DEGREES = (
-    2.1,
-    100.0,
-)  # degrees of freedom: below 2 there is no sd, and far above it is Gauss's
+# Degrees of freedom: below 2 there is no sd, and far above it is Gauss's.
+MIN_DEGREES, MAX_DEGREES = 2.1, 100.0
 START_DEGREES = 5.0  # of a search
-N_DEGREES, N_ITERATIONS = (
-    64,
-    200,
-)  # of degrees that are tried on what is left, and to find the scale of each
-
-
+# Of degrees that are tried on what is left, and to find the scale of each.
+N_DEGREES, N_ITERATIONS = 64, 200
 _DESCRIPTION = "Degrees of freedom; default: unknown"
+
+
+Degrees = Annotated[float, Field(ge=MIN_DEGREES, le=LARGEST, description=_DESCRIPTION)]
 
 
 @dataclass(frozen=True, slots=True)
 class StudentTEntries:
     """Entries of `noise:` for this kind."""
 
-    degrees: (
-        Annotated[float, Field(ge=MIN_DEGREES, le=LARGEST, description=_DESCRIPTION)] | None
-    ) = None
+    degrees: Degrees | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -62,16 +57,10 @@ class StudentT:
     def from_channels(cls, channels: Sequence[NoisyChannel], n_samples: int) -> StudentT:
         """Build the noise of these channels."""
         levels = White.from_channels(channels, n_samples)
-        degrees = ChannelNumbers(
-            tuple(c.entries.get("degrees") for c in channels), len(levels.unknowns)
-        )
-        degrees_unknown = [degrees_of_freedom(channels[k]) for k in degrees.free]
-        return cls(levels=levels, degrees=degrees, unknowns=(*levels.unknowns, *degrees_unknown))
-
-    @property
-    def n_channels(self) -> int:
-        """Return the number of channels."""
-        return self.levels.n_channels
+        fixed = tuple(c.entries.get("degrees") for c in channels)
+        degrees = ChannelNumbers(fixed, len(levels.unknowns))
+        unknowns = (*levels.unknowns, *(degrees_of_freedom(channels[k]) for k in degrees.free))
+        return cls(levels=levels, degrees=degrees, unknowns=unknowns)
 
     def for_length(self, n_samples: int) -> StudentT:
         """Return the same noise for a record of another length."""
@@ -108,10 +97,8 @@ class StudentT:
     def whiten(self, samples: Array, theta: Array) -> Array:
         """Return whitened residuals by their quantiles, in the tail that is nearer."""
         scale, nu = self._each(theta)
-        return np.asarray(
-            -np.sign(samples)
-            * scipy.special.ndtri(scipy.special.stdtr(nu, -np.abs(samples) / scale))
-        )
+        tail = scipy.special.stdtr(nu, -np.abs(samples) / scale)
+        return np.asarray(-np.sign(samples) * scipy.special.ndtri(tail))
 
     def innovations(self, samples: Array, theta: Array) -> Array:
         """Return the samples, which are independent: `(W, T, K)`, SI."""
@@ -186,11 +173,9 @@ def _most_likely(
     residuals: Array, scale: float | None, degrees: float | None
 ) -> tuple[float, float]:
     """Scale and degrees of what is `left (n,)`, of each what is not given."""
-    nu = (
-        np.geomspace(MIN_DEGREES, MAX_DEGREES, N_DEGREES)
-        if degrees is None
-        else np.array([degrees])
-    )
+    nu = np.geomspace(MIN_DEGREES, MAX_DEGREES, N_DEGREES)
+    if degrees is not None:
+        nu = np.array([degrees])
     scales = np.full(len(nu), math.sqrt(float(np.median(residuals**2))) if scale is None else scale)
     for _ in range(N_ITERATIONS if scale is None else 0):  # those that are far off count for less
         weights = (nu + 1.0) / (nu + residuals[:, None] ** 2 / scales**2)

@@ -19,12 +19,10 @@ from bayesdrill.inference.unknowns import Unknown
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class White:
-    """White Gaussian noise.
+    """White Gaussian noise: `-T/2 log(2 pi sigma^2) - SS / (2 sigma^2)` per channel, SS the misfit.
 
     `known`: sigma of channels (by index) that are given; others come as unknowns.  `counts
     (K,)`: samples of each channel, where some are missing.
-
-    Normalised: `-T/2 log(2 pi sigma^2) - SS / (2 sigma^2)` per channel, with SS the misfit.
     """
 
     n_samples: int

@@ -53,15 +53,12 @@ class Optimiser(Protocol):
     @property
     def polished(self) -> bool:
         """Whether Gauss-Newton finishes each search."""
-        ...
 
     def check(self, unknown: Sequence[str]) -> None:
         """Check that it can search these unknowns; raises `ValueError` otherwise."""
-        ...
 
     def __call__(self, task: Task, starts: Array, evaluations: int) -> Sequence[Optimum]:
         """Search from each of the physical `starts (S, D)`, with `evaluations` at most for each.
 
         What is found from one start does not depend on the others.
         """
-        ...

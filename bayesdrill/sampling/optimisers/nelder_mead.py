@@ -14,6 +14,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Generator, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 
 import numpy as np
 
@@ -27,14 +28,15 @@ type AskTell[T] = Generator[Array, Array, T]
 
 @dataclass(slots=True)
 class SimplexRun:
-    """The progress of a simplex.
+    """The progress of a simplex, whose `x (D,)` stands for the point `place(x)`.
 
-    `evaluations`: at most `most`; `first`: the value at the start; `lowest`: at `x (D,)`, of all
-    that were asked for; `history`: the lowest after each iteration; `stopped`: by its tolerances.
+    `evaluations`: at most `most`; `first`: the value at the start; `lowest`: at `x`, of all that
+    were asked for; `history`: the lowest after each iteration; `stopped`: by its tolerances.
     """
 
     most: int
     x: Array
+    place: Callable[[Array], Array]
     first: float = math.inf
     lowest: float = math.inf
     evaluations: int = 0
@@ -46,7 +48,7 @@ class SimplexRun:
         values = np.full(len(points), np.inf)
         asked = points[: self.most - self.evaluations]
         if len(asked):
-            values[: len(asked)] = yield asked
+            values[: len(asked)] = yield np.array([self.place(x) for x in asked])
         if self.evaluations == 0:
             self.first = float(values[0])
         self.evaluations += len(asked)
@@ -57,14 +59,18 @@ class SimplexRun:
 
 
 def nelder_mead(
-    simplex: Array, most: int, x_tolerance: float, tolerance: float
+    simplex: Array,
+    most: int,
+    x_tolerance: float,
+    tolerance: float,
+    place: Callable[[Array], Array],
 ) -> AskTell[SimplexRun]:
     """Minimise from `simplex (D + 1, D)` until it and its values are as small as the tolerances.
 
     The points are those of `scipy.optimize.minimize`: Nelder and Mead (1965), with the coefficients
     of Gao and Han (2012) for more than two unknowns.
     """
-    run, n = SimplexRun(most, simplex[0]), simplex.shape[1]
+    run, n = SimplexRun(most, simplex[0], place), simplex.shape[1]
     away, near, shrink = (1 + 2 / n, 0.75 - 1 / (2 * n), 1 - 1 / n) if n > 2 else (2.0, 0.5, 0.5)
     values = yield from run.ask(simplex)
     order = np.argsort(values)
@@ -168,7 +174,7 @@ def _search(task: Task, start: Array, evaluations: int, enough: float) -> AskTel
     while not done and spent < evaluations:
         root = _steps(task, physical(z[None])[0], far=gain > FAR_GAIN)
         most = min(evaluations - spent, 400 * len(z))
-        run = yield from _scaled(nelder_mead(corners, most, 1e-2, 0.1 * enough), z, root)
+        run = yield from nelder_mead(corners, most, 1e-2, 0.1 * enough, partial(_placed, z, root))
         spent += run.evaluations
         gain = run.first - run.lowest
         if gain > 0:
@@ -184,16 +190,9 @@ def _search(task: Task, start: Array, evaluations: int, enough: float) -> AskTel
     )
 
 
-def _scaled[T](search: AskTell[T], z: Array, root: Array) -> AskTell[T]:
-    """A search around `z (D,)` in units of the columns of `root (D, D)`."""
-    points = next(search)
-    while True:
-        values = yield np.array([z + root @ point for point in points])
-        try:
-            points = search.send(values)
-        except StopIteration as end:
-            result: T = end.value
-            return result
+def _placed(z: Array, root: Array, x: Array) -> Array:
+    """Around `z (D,)` in units of the columns of `root (D, D)`."""
+    return np.asarray(z + root @ x)
 
 
 def _steps(task: Task, theta: Array, *, far: bool) -> Array:

@@ -15,10 +15,9 @@ import numpy as np
 from bayesdrill.basics.arrays import Array
 from bayesdrill.basics.progress import SILENT, Reporter
 from bayesdrill.inference.laplace import LogDensity
-from bayesdrill.sampling.proposal.missed_mass import check_coverage
+from bayesdrill.sampling.proposal.missed_mass import LOOKING, check_coverage
 from bayesdrill.sampling.proposal.ridge_tracing import (
     USELESS_ERROR,
-    Expand,
     TracedRidge,
     distances,
     moments,
@@ -30,12 +29,12 @@ from bayesdrill.sampling.samplers.independence import (
     LONG_LOG_RATIO,
     Mixture,
     Proposal,
+    Random,
     WeightedDraws,
     effective_count,
     normalised,
 )
 
-RandomState = np.random.RandomState
 Component = tuple[int, float, Array, Array]  # sheet, weight, mean, root
 
 
@@ -84,20 +83,10 @@ class NoSupportError(ValueError):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LearnedProposal:
-    """A proposal, and the draws by which it was judged.
-
-    `proposal`; of its draws `u (N, D)` with normalised `weights (N,)`: the effective `share`.
-
-    `off`: how far each ridge is from its polynomial, in standard deviations; `origin`: which of the
-    maxima it belongs to.
-    """
+    """A proposal, and the draws by which it was judged; `origin`: the maximum of each ridge."""
 
     proposal: Proposal
-    u: Array
-    weights: Array
-    share: float
-    acceptance: float
-    off: tuple[float, ...]
+    draws: WeightedDraws
     origin: tuple[int, ...]
 
     def shares(self, u: Array, n_maxima: int) -> Array:
@@ -111,9 +100,8 @@ class LearnedProposal:
 
 def learn(
     surface: LogDensity,
-    expand: Expand,
     maxima: Sequence[Array],
-    random_state: RandomState,
+    random: Random,
     rng: np.random.Generator,
     max_added_ridges: int = MAX_ADDED_RIDGES,
     report: Reporter = SILENT,
@@ -122,53 +110,37 @@ def learn(
 ) -> LearnedProposal:
     """Learn a proposal from the `maxima` (each `(D,)`).
 
-    Raises `NoSupportError` where no draw has a density.
-
     `max_added_ridges`: how many ridges are added at most.  `settle`: whether to look along settled
-    ridges for what the proposal leaves out.
+    ridges for what the proposal leaves out.  Raises `NoSupportError` where no draw has a density.
     """
-    parts = [(origin, trace(surface, expand, at, rng)) for origin, at in enumerate(maxima)]
+    parts = [(origin, trace(surface, at, rng)) for origin, at in enumerate(maxima)]
     try:
-        best = last = _best_mixture(surface, parts, random_state, max_added_ridges, report)
+        best = last = _best_mixture(surface, parts, random, max_added_ridges, report)
     except NoSupportError:  # the posterior is narrower than all that its curvature foresees
         parts = [(0, trace_box(surface, maxima[0], rng))]
-        best = last = _best_mixture(surface, parts, random_state, max_added_ridges, report)
+        best = last = _best_mixture(surface, parts, random, max_added_ridges, report)
+    cost = SETTINGS.trapped_cost
     for _ in range(max_added_ridges):
         if best.good:
             break
         # One more ridge where draws weigh most: there the posterior is, and the proposal is not.
         # Or the same, followed as far as draws have been seen.
-        new_parts = [
-            (k, trace(surface, expand, at, rng, draws)) for k, at, draws in _central_draws(last)
-        ]
+        new_parts = [(k, trace(surface, at, rng, draws)) for k, at, draws in _central_draws(last)]
         good_parts = [part for part in parts if part[1].off < USELESS_ERROR]
         parts = new_parts if last.strays > SETTINGS.max_stray_mass else good_parts + new_parts
         try:
-            last = _best_mixture(surface, parts, random_state, max_added_ridges, report)
+            last = _best_mixture(surface, parts, random, max_added_ridges, report)
         except NoSupportError:  # at ends of priors ridges may lead out of them
             break
         best, last = _compared(best, last)
-        best = max(
-            best,
-            last,
-            key=lambda candidate: (
-                candidate.worth / (1.0 + SETTINGS.trapped_cost * candidate.strays)
-            ),
-        )
+        best = max(best, last, key=lambda done: done.worth / (1.0 + cost * done.strays))
     looked = None
     if max_added_ridges > 0 and settle:
-        report.update(0.0, "looking for what the proposal leaves out")
-        looked = check_coverage(
-            surface, expand, best.proposal, *_heaviest(best), random_state, rng, report
-        )
-    draws = looked.draws if looked else best.draws
+        report.update(0.0, LOOKING)
+        looked = check_coverage(surface, best.proposal, *_heaviest(best), random, rng, report)
     return LearnedProposal(
         proposal=replace(best.proposal, newton=looked.proposal if looked else None),
-        u=draws.u,
-        weights=draws.weights,
-        share=draws.share,
-        acceptance=draws.acceptance,
-        off=best.off,
+        draws=looked.draws if looked else best.draws,
         origin=best.origin,
     )
 
@@ -191,35 +163,30 @@ def _heaviest(learning_round: _Round) -> tuple[list[int], tuple[Array, Array]]:
 def _best_mixture(
     surface: LogDensity,
     parts: Sequence[tuple[int, TracedRidge]],
-    random_state: RandomState,
+    random: Random,
     max_added_ridges: int,
     report: Reporter,
 ) -> _Round:
     """The best of several rounds of drawing, weighing and fitting."""
     origin, traced = zip(*parts, strict=True)
     narrow = mixture = _begin(traced)
-    off = tuple(traced_ridge.off for traced_ridge in traced)
     rounds: list[_Round] = []
     for _ in range(SETTINGS.max_rounds if max_added_ridges else SETTINGS.max_rounds // 3):
-        done = _draw(mixture, off, origin, surface, random_state)
+        done = _draw(mixture, origin, surface, random)
         settled = bool(rounds) and done.share < SETTINGS.min_improvement * rounds[-1].share
         rounds.append(done)
         text = f"learning the proposal, round {len(rounds)}: {done.share:.0%} of its draws count"
         report.update(len(rounds) / (SETTINGS.max_rounds + 1), text)
-        good = (
-            done.share > SETTINGS.min_effective_share
-            and done.draws.trapped < SETTINGS.max_trapped_mass
-        )
+        leaving = done.draws.trapped < SETTINGS.max_trapped_mass
+        good = done.share > SETTINGS.min_effective_share and leaving
         hopeless = done.draws.effective < HOPELESS_DRAWS  # one draw outweighs all others
         if (settled and good) or (len(rounds) > FEW_ROUNDS and hopeless):
             break
         u, weights = done.weighted_draws
         first = len(rounds) == 1
-        begin = _several_components(narrow, u, weights, random_state) if first else narrow
+        begin = _several_components(narrow, u, weights, random) if first else narrow
         expectations = EM_ROUNDS[0 if first else 1]
-        narrow = independence.fit_mixture(
-            begin, u, weights, surface.inside, expectations, random_state
-        )
+        narrow = independence.fit_mixture(begin, u, weights, surface.inside, expectations, random)
         mixture = _with_tails(narrow, u, weights)
     return _best(rounds)
 
@@ -273,9 +240,8 @@ def _central_draws(learning_round: _Round) -> list[tuple[int, Array, tuple[Array
         if mode_shares.sum() < SETTINGS.negligible_ridge:
             continue
         far = distances(u, mode_shares)
-        likely = np.flatnonzero(
-            mode_shares >= np.quantile(mode_shares, SETTINGS.centre_quantile)
-        )  # of few draws, all
+        least = np.quantile(mode_shares, SETTINGS.centre_quantile)
+        likely = np.flatnonzero(mode_shares >= least)  # of few draws, all
         middles.append((origin, u[likely[np.argmin(far[likely])]], (u, mode_shares)))
     return middles
 
@@ -283,7 +249,6 @@ def _central_draws(learning_round: _Round) -> list[tuple[int, Array, tuple[Array
 @dataclass(frozen=True, slots=True)
 class _Round:
     proposal: Proposal
-    off: tuple[float, ...]
     origin: tuple[int, ...]
     draws: WeightedDraws
     counts: tuple[int, int]
@@ -327,36 +292,25 @@ class _Round:
     @property
     def worth(self) -> float:
         """Effective draws for what they cost: one outside the prior costs less than the model."""
-        cost = (1.0 + SETTINGS.redraw_cost / self.proposal.share) * (
-            1.0 + SETTINGS.trapped_cost * self.trapped
-        )
-        return self.share / cost
+        cost = 1.0 + SETTINGS.redraw_cost / self.proposal.share
+        return self.share / (cost * (1.0 + SETTINGS.trapped_cost * self.trapped))
 
 
-def _draw(
-    mixture: Mixture,
-    off: tuple[float, ...],
-    origin: tuple[int, ...],
-    surface: LogDensity,
-    random_state: RandomState,
-) -> _Round:
+def _draw(mixture: Mixture, origin: tuple[int, ...], surface: LogDensity, random: Random) -> _Round:
     """Each draw is weighed with the density of all of them (the balance heuristic)."""
     wide = mixture.with_width(WIDE_FACTOR)
     times = max(1, len(mixture.sheets) // SETTINGS.ridges_per_batch)
-    narrow_draws, n_narrow = _inside(
-        mixture, times * SETTINGS.draws_per_round, surface, random_state
-    )
-    wide_draws, n_wide = _inside(wide, times * WIDE_DRAWS, surface, random_state)
+    narrow_draws, n_narrow = _inside(mixture, times * SETTINGS.draws_per_round, surface, random)
+    wide_draws, n_wide = _inside(wide, times * WIDE_DRAWS, surface, random)
     u = np.concatenate([narrow_draws, wide_draws])
     log_every, log_q = _densities(mixture, (n_narrow, n_wide), u)
     log_w = surface.value(u) - log_q
     if not np.isfinite(log_w).any():
         raise NoSupportError("no point of finite posterior was found around the maximum")
     draws = WeightedDraws(u, log_w, log_q - log_every)
-    proposal = Proposal(
-        mixture, max(len(narrow_draws) / n_narrow, 1.0 / n_narrow), draws.typical_log_ratio
-    )
-    return _Round(proposal, off, origin, draws, (n_narrow, n_wide))
+    share = max(len(narrow_draws) / n_narrow, 1.0 / n_narrow)
+    proposal = Proposal(mixture, share, draws.typical_log_ratio)
+    return _Round(proposal, origin, draws, (n_narrow, n_wide))
 
 
 def _densities(mixture: Mixture, counts: tuple[int, int], u: Array) -> tuple[Array, Array]:
@@ -370,16 +324,14 @@ def _densities(mixture: Mixture, counts: tuple[int, int], u: Array) -> tuple[Arr
     return np.logaddexp(np.log(counts[0]) + log_q, np.log(counts[1]) + log_wide), log_q
 
 
-def _inside(
-    mixture: Mixture, n: int, surface: LogDensity, random_state: RandomState
-) -> tuple[Array, int]:
+def _inside(mixture: Mixture, n: int, surface: LogDensity, random: Random) -> tuple[Array, int]:
     """About `n` draws inside the prior `(N, D)`, and of how many they are those inside."""
-    first = mixture.draw(n, random_state).u
+    first = mixture.draw(n, random).u
     inside = first[surface.inside(first)]
     more = n * (n - len(inside)) // max(len(inside), n // SETTINGS.max_tries_per_draw)
     if more == 0:
         return inside, n
-    more_draws = mixture.draw(more, random_state).u
+    more_draws = mixture.draw(more, random).u
     return np.concatenate([inside, more_draws[surface.inside(more_draws)]]), n + more
 
 
@@ -398,9 +350,7 @@ def _begin(traced: Sequence[TracedRidge]) -> Mixture:
     return independence.mixture(ridges, range(count), equal, np.array(means), np.array(roots))
 
 
-def _several_components(
-    mixture: Mixture, u: Array, weights: Array, random_state: RandomState
-) -> Mixture:
+def _several_components(mixture: Mixture, u: Array, weights: Array, random: Random) -> Mixture:
     """Several components for each ridge, begun at some of its own draws, picked by weight."""
     y, jacobian = mixture.straightened(u)
     owner = mixture.sheet[np.argmax(mixture.log_parts(y, jacobian), axis=0)]
@@ -409,11 +359,8 @@ def _several_components(
     for s in range(len(mixture.sheets)):
         mine = np.flatnonzero(owner == s)
         sheet_weights = weights[mine]
-        count = (
-            int(np.clip(effective_count(sheet_weights) / (5 * u.shape[1]), 0, most))
-            if sheet_weights.any()
-            else 0
-        )
+        known = effective_count(sheet_weights) / (5 * u.shape[1]) if sheet_weights.any() else 0
+        count = int(np.clip(known, 0, most))
         if count == 0:  # too little is known of it yet
             share = max(float(sheet_weights.sum()), SETTINGS.negligible_ridge)
             of_sheet = np.flatnonzero(mixture.sheet == s)
@@ -421,9 +368,7 @@ def _several_components(
             continue
         points = y[s, mine]
         centre, root = moments(points, sheet_weights)
-        picked = points[
-            random_state.choice(len(mine), size=count, p=sheet_weights / sheet_weights.sum())
-        ]
+        picked = points[random.choice(len(mine), size=count, p=sheet_weights / sheet_weights.sum())]
         means = [centre] if count == 1 else list(picked)
         wide = root if count == 1 else SETTINGS.component_scale * root
         parts += [(s, float(sheet_weights.sum()) / count, mean, wide) for mean in means]
@@ -458,6 +403,4 @@ def _joined(mixture: Mixture, parts: Sequence[Component]) -> Mixture:
 def responsibilities(mixture: Mixture, u: Array, weights: Array) -> tuple[Array, Array]:
     """Return coordinates `(S, N, D)` and each component's part of each weight, `(K, N)`."""
     y, jacobian = mixture.straightened(u)
-    parts = mixture.log_parts(y, jacobian)
-    shares = np.exp(parts - parts.max(axis=0))
-    return y, shares * (weights / shares.sum(axis=0))
+    return y, mixture.responsibilities(y, jacobian, weights)

@@ -16,13 +16,7 @@ from numpy.typing import NDArray
 from bayesdrill.basics.arrays import Array
 from bayesdrill.basics.progress import SILENT, Reporter
 from bayesdrill.inference.laplace import LogDensity
-from bayesdrill.sampling.proposal.ridge_tracing import (
-    Expand,
-    distances,
-    moments,
-    newton_mixture,
-    trace,
-)
+from bayesdrill.sampling.proposal.ridge_tracing import distances, moments, newton_mixture, trace
 from bayesdrill.sampling.samplers import independence
 from bayesdrill.sampling.samplers.ensemble import State, advance
 from bayesdrill.sampling.samplers.independence import (
@@ -30,11 +24,10 @@ from bayesdrill.sampling.samplers.independence import (
     NEWTON_LOCAL_SHARE,
     Mixture,
     Proposal,
+    Random,
     WeightedDraws,
 )
-from bayesdrill.sampling.samplers.ridge import RidgeCoordinates
-
-RandomState = np.random.RandomState
+from bayesdrill.sampling.samplers.ridge import RidgeMap
 
 DRAWS_PER_ROUND, LAST_DRAWS = 400, 1600  # of a round; the last ones judge once more
 
@@ -44,9 +37,8 @@ class CoverageCheckSettings:
     """How long the check of a proposal walks, and how much mass it may miss."""
 
     learning_rounds: int = 2
-    max_missed_mass: float = (
-        0.01  # of the posterior, where p over q is e^far_log_ratio times what is usual
-    )
+    # of the posterior, where p over q is e^far_log_ratio times what is usual
+    max_missed_mass: float = 0.01
     far_log_ratio: float = 3.0
     # of effective draws: with less nothing is seen, and one looks on
     min_effective_share: float = 0.02
@@ -62,6 +54,7 @@ class CoverageCheckSettings:
 
 SETTINGS = CoverageCheckSettings()
 
+LOOKING = "looking for what the proposal leaves out"
 # times as wide as what is known, along the ridge and across it
 WIDTH_ALONG, WIDTH_ACROSS = 1.3, 1.05
 WALKERS, STEPS, THINNING = 96, 90, 3  # that look for them; the last two thirds are seen
@@ -77,17 +70,14 @@ class CoverageCheck:
 
 def check_coverage(
     surface: LogDensity,
-    expand: Expand,
     proposal: Proposal,
     sheets: Sequence[int],
     weighted_draws: tuple[Array, Array],
-    random_state: RandomState,
+    random: Random,
     rng: np.random.Generator,
     report: Reporter = SILENT,
 ) -> CoverageCheck | None:
-    """Look for posterior mass that `proposal` misses.
-
-    None where `proposal` leaves nothing out, or where nothing can be seen.
+    """Look for posterior mass that `proposal` misses; None where there is none, or nothing is seen.
 
     `sheets`: those of the proposal that are looked along.  `weighted_draws`: draws of the posterior
     `(N, D)`, and their weights for each of those sheets `(S, N)`.
@@ -97,34 +87,27 @@ def check_coverage(
         return None
     for k in range(SETTINGS.learning_rounds):
         mixture = _wide(selected, *weighted_draws)
-        draws, shares, inside = _drawn(
-            surface, newton_mixture(mixture, expand), DRAWS_PER_ROUND, random_state
-        )
+        draws, shares, inside = _drawn(surface, mixture, DRAWS_PER_ROUND, random)
         if len(draws.u) == 0 or (k == 0 and _covers(surface, proposal, draws)):
             return None
-        weighted_draws = (
-            draws.u,
-            shares * draws.tempered(SETTINGS.min_tempered_share * len(draws.u)),
-        )
-    begin = draws.u[random_state.choice(len(draws.u), size=WALKERS, p=draws.weights)]
-    newton_proposal = Proposal(
-        _wide(selected, *weighted_draws), inside, draws.typical_log_ratio, local_share=1.0
-    )
-    mixture = _add_ridges(surface, expand, newton_proposal, begin, random_state, rng, report)
-    draws, _, inside = _drawn(surface, newton_mixture(mixture, expand), LAST_DRAWS, random_state)
+        least = SETTINGS.min_tempered_share * len(draws.u)
+        weighted_draws = draws.u, shares * draws.tempered(least)
+    begin = draws.u[random.choice(len(draws.u), size=WALKERS, p=draws.weights)]
+    mixture = _wide(selected, *weighted_draws)
+    walking = Proposal(mixture, inside, draws.typical_log_ratio, local_share=1.0)
+    mixture = _add_ridges(surface, walking, begin, random, rng, report)
+    draws, _, inside = _drawn(surface, mixture, LAST_DRAWS, random)
     if _covers(surface, proposal, draws):
         return None  # a few draws of many looked like it by chance
-    return CoverageCheck(
-        Proposal(mixture, inside, draws.typical_log_ratio, local_share=NEWTON_LOCAL_SHARE), draws
-    )
+    newton = Proposal(mixture, inside, draws.typical_log_ratio, local_share=NEWTON_LOCAL_SHARE)
+    return CoverageCheck(newton, draws)
 
 
 def _add_ridges(
     surface: LogDensity,
-    expand: Expand,
     newton_proposal: Proposal,
     begin: Array,
-    random_state: RandomState,
+    random: Random,
     rng: np.random.Generator,
     report: Reporter,
 ) -> Mixture:
@@ -133,17 +116,15 @@ def _add_ridges(
     Where one unknown takes over from another, what was tight is loose, and the ridge of the maximum
     leads to nothing but the edge of such a place.  Walkers that step by themselves go on into it.
     """
-    state = State(begin, surface.value(begin), tuple(random_state.get_state()))
+    state = State(begin, surface.value(begin), tuple(random.get_state()))
     first = len(newton_proposal.mixture.sheets)
     for k in range(SETTINGS.max_added_ridges):
-        report.update(
-            (k + 1) / (SETTINGS.max_added_ridges + 1), "looking for what the proposal leaves out"
-        )
+        report.update((k + 1) / (SETTINGS.max_added_ridges + 1), LOOKING)
         # Into such a place walkers of all others have to step first: then those that are there go on.
         limit = -np.inf if k == 0 else newton_proposal.typical_log_ratio
         walking = replace(
             newton_proposal,
-            mixture=newton_mixture(newton_proposal.mixture, expand),
+            mixture=newton_mixture(newton_proposal.mixture, surface.quadratic_model),
             typical_log_ratio=limit,
         )
         evaluate = lambda u: (surface.value(u), 0)  # noqa: E731
@@ -160,14 +141,11 @@ def _add_ridges(
         # The last ridge began at the edge of what is seen by now: once more from its middle.
         joint = [np.vstack([known[:-1], known[-1] + waiting])] if len(known) > first else []
         for trial_shares in [*joint, np.vstack([known, waiting])]:
-            mixture, ratio = _ending(
-                surface, expand, newton_proposal.mixture, u, value, trial_shares, rng
-            )
+            mixture, ratio = _ending(surface, newton_proposal.mixture, u, value, trial_shares, rng)
             if _waiting(ratio).mean() < SETTINGS.max_still_trapped:
                 break
-        newton_proposal = replace(
-            newton_proposal, mixture=mixture, typical_log_ratio=float(np.median(ratio))
-        )
+        usual = float(np.median(ratio))
+        newton_proposal = replace(newton_proposal, mixture=mixture, typical_log_ratio=usual)
         state = segment.state
     return newton_proposal.mixture
 
@@ -179,7 +157,6 @@ def _waiting(ratio: Array) -> NDArray[np.bool_]:
 
 def _ending(
     surface: LogDensity,
-    expand: Expand,
     before: Mixture,
     u: Array,
     value: Array,
@@ -188,21 +165,20 @@ def _ending(
 ) -> tuple[Mixture, Array]:
     """Trace one more sheet from the middle of the draws `u (N, D)` that are mostly its own.
 
-    It follows the sheets of `before`; `shares (S, N)`. Returns the logs of p over q then, `(N,)`,
-    too.
+    It follows those of `before`; `shares (S, N)`.  Returns the logs of p over q then, `(N,)`, too.
     """
     mine = shares[-1] > 0.5
     some, weights = u[mine], shares[-1][mine] / shares[-1][mine].sum()
     centre = some[np.argmin(distances(some, weights))]
-    last = trace(surface, expand, centre, rng, (some, weights)).ridge
+    last = trace(surface, centre, rng, (some, weights)).ridge
     sheets = [*before.sheets[: len(shares) - 1], last]
     # The places begin where others end: which points belong to which, once more.
-    whole = newton_mixture(_wide(sheets, u, shares / len(u)), expand)
+    whole = newton_mixture(_wide(sheets, u, shares / len(u)), surface.quadratic_model)
     shares, log_q = whole.shares(*whole.straightened(u))
     return _wide(sheets, u, shares / len(u)), value - log_q
 
 
-def _wide(sheets: Sequence[RidgeCoordinates], u: Array, weights: Array) -> Mixture:
+def _wide(sheets: Sequence[RidgeMap], u: Array, weights: Array) -> Mixture:
     """A component for each sheet, wider than draws `u (N, D)` of `weights (S, N)` along it."""
     means, roots = [], []
     for sheet, sheet_weights in zip(sheets, weights, strict=True):
@@ -218,16 +194,15 @@ def _wide(sheets: Sequence[RidgeCoordinates], u: Array, weights: Array) -> Mixtu
 
 
 def _drawn(
-    surface: LogDensity, mixture: Mixture, n: int, random_state: RandomState
+    surface: LogDensity, mixture: Mixture, n: int, random: Random
 ) -> tuple[WeightedDraws, Array, float]:
-    """Draw `n` times, or more where many are outside the prior, and keep draws with a density.
+    """Draw `n` times along Newton ridges, or more where many are outside; keep those with a density.
 
     Returns each sheet's shares of them `(S, N)`, and how many of all are inside, too.
     """
-    inside = surface.inside(mixture.draw(n, random_state).u).mean()
-    drawn = mixture.draw(
-        int(n / max(float(inside), 1.0 / SETTINGS.max_tries_per_draw)), random_state
-    )
+    mixture = newton_mixture(mixture, surface.quadratic_model)
+    inside = surface.inside(mixture.draw(n, random).u).mean()
+    drawn = mixture.draw(int(n / max(float(inside), 1.0 / SETTINGS.max_tries_per_draw)), random)
     value = surface.value(drawn.u)
     good = np.isfinite(value)
     valid = drawn.select(good)
@@ -238,10 +213,7 @@ def _drawn(
 def _covers(surface: LogDensity, proposal: Proposal, draws: WeightedDraws) -> bool:
     """Whether hardly any of the posterior is where the proposal hardly ever goes, as far as one sees."""
     ratio = surface.value(draws.u) - proposal.mixture.log_density(draws.u)
-    missed_mass = float(
-        draws.weights[ratio > proposal.typical_log_ratio + SETTINGS.far_log_ratio].sum()
-    )
-    return (
-        missed_mass < SETTINGS.max_missed_mass
-        and draws.effective > SETTINGS.min_effective_share * len(draws.u)
-    )
+    missed = ratio > proposal.typical_log_ratio + SETTINGS.far_log_ratio
+    missed_mass = float(draws.weights[missed].sum())
+    seen = draws.effective > SETTINGS.min_effective_share * len(draws.u)
+    return missed_mass < SETTINGS.max_missed_mass and seen

@@ -5,9 +5,8 @@ that the record knows far better (tight) and the rest (loose).  Then points are 
 loose directions, a little further each time, Gauss and Newton bring each back to the ridge, and
 polynomials are fitted to where they arrive.
 
-Where polynomials are no match for a ridge: Gauss and Newton bring every point of it home.
-
-A draw, with its density on the way there and back, costs some hundred times as much as a response.
+Where polynomials are no match for a ridge, Gauss and Newton bring every point of it home: a draw,
+with its density on the way there and back, costs some hundred times as much as a response.
 """
 
 from __future__ import annotations
@@ -23,7 +22,7 @@ from bayesdrill.inference.laplace import LogDensity, PosteriorLogDensity, Quadra
 from bayesdrill.inference.posterior import Posterior
 from bayesdrill.sampling.samplers import ridge
 from bayesdrill.sampling.samplers.independence import Mixture, Proposal
-from bayesdrill.sampling.samplers.ridge import LocalBasis, RidgeCoordinates, RidgeMap
+from bayesdrill.sampling.samplers.ridge import LocalBasis, RidgeMap
 
 Expand = Callable[[Array, Array], QuadraticModel]
 
@@ -94,24 +93,19 @@ def split_directions(
     tight_from = max(TIGHT_RATIO, SETTINGS.straight_ratio * float(np.sqrt(max(values[-1], 0.0))))
     tight = values >= tight_from
     known = np.zeros(separate.shape[1])
-    if (
-        np.linalg.norm((slope @ vectors[:, tight]) / np.sqrt(values[tight]))
-        > SETTINGS.max_sds_beyond_end
-    ):
+    sds_beyond = np.linalg.norm((slope @ vectors[:, tight]) / np.sqrt(values[tight]))
+    if sds_beyond > SETTINGS.max_sds_beyond_end:
         near = SETTINGS.near_end * scale
         pressed = (centre <= surface.low + near) & (slope < 0)
         pressed |= (centre >= surface.high - near) & (slope > 0)
         separate, separate_unknowns = _orthogonal(separate, np.flatnonzero(pressed))
-        known = np.concatenate(
-            [known, np.diag(curvature)[separate_unknowns] + slope[separate_unknowns] ** 2]
-        )
+        knowledge = np.diag(curvature) + slope**2
+        known = np.concatenate([known, knowledge[separate_unknowns]])
         values, vectors = _directions(curvature, separate)
     n_loose = int((values < tight_from).sum())
     columns = scale[:, None] * np.concatenate([separate, vectors], axis=1)
-    return (
-        ridge.local_basis(centre, columns, len(known) + n_loose),
-        np.concatenate([known, np.maximum(values[:n_loose], 0.0)]),
-    )
+    base = ridge.local_basis(centre, columns, len(known) + n_loose)
+    return base, np.concatenate([known, np.maximum(values[:n_loose], 0.0)])
 
 
 def _orthogonal(separate: Array, unknowns: Indices) -> tuple[Array, list[int]]:
@@ -132,14 +126,14 @@ def _directions(curvature: Array, without: Array) -> tuple[Array, Array]:
     return values, complement @ vectors
 
 
-def flat_directions(surface: LogDensity, expand: Expand, rng: np.random.Generator) -> Array:
+def flat_directions(surface: LogDensity, rng: np.random.Generator) -> Array:
     """Return directions `(D, f)`, in units of the spreads, along which the density never changes.
 
     Looked for at points all over the prior: what is flat at one of them may bend elsewhere.
     """
     d = len(surface.middle)
     scattered = surface.middle + surface.spread * rng.standard_normal((SETTINGS.probes, d))
-    here = expand(np.clip(scattered, surface.low, surface.high), np.eye(d))
+    here = surface.quadratic_model(np.clip(scattered, surface.low, surface.high), np.eye(d))
     whitened = here.curvature * np.outer(surface.spread, surface.spread)
     largest = np.linalg.eigvalsh(whitened)[:, -1]
     informed = largest > 0
@@ -160,9 +154,7 @@ USELESS_ERROR = 5.0  # ... as many standard deviations off: of no use
 
 @dataclass(frozen=True, slots=True)
 class TracedRidge:
-    """A ridge, and how well its polynomial fits.
-
-    `ridge`, and how far held-out points of it are from its polynomial, in standard deviations.
+    """A ridge, and how far held-out points of it are `off` its polynomial, in standard deviations.
 
     `psi (l,)`, `spread (l, l)`: mean and covariance root of the loose directions, to begin with.
     """
@@ -175,20 +167,17 @@ class TracedRidge:
 
 def trace(
     surface: LogDensity,
-    expand: Expand,
     centre: Array,
     rng: np.random.Generator,
     weighted_draws: tuple[Array, Array] | None = None,
 ) -> TracedRidge:
     """Trace the ridge through the maximum `centre (D,)`.
 
-    `expand` may share the points among processes.
-
     `weighted_draws`: draws of the posterior `(N, D)` and their weights `(N,)`, which say where the
     ridge is wanted; else the priors do, with what the record knows at the maximum.
     """
-    here = expand(centre[None], np.eye(len(centre)))
-    still = flat_directions(surface, expand, rng)
+    here = surface.quadratic_model(centre[None], np.eye(len(centre)))
+    still = flat_directions(surface, rng)
     base, known = split_directions(surface, centre, here, still)
     if len(known) == len(centre) and (known > TIGHT_RATIO).any():
         # The unknowns themselves, where the ends of the priors hold nearly all of them.
@@ -209,7 +198,7 @@ def trace(
         return TracedRidge(at, 0.0, psi, spread)
     bent = np.arange(still.shape[1], len(known))
     for _ in range(SETTINGS.max_halvings):
-        traced = _follow(surface, expand, at, bent, psi, spread, cloud, rng)
+        traced = _follow(surface, at, bent, psi, spread, cloud, rng)
         if traced.off < USELESS_ERROR:
             break
         psi, spread = 0.5 * psi, 0.5 * spread  # a shorter piece of it is better than none
@@ -228,7 +217,6 @@ def _expected(surface: LogDensity, base: LocalBasis, known: Array) -> tuple[Arra
 
 def _follow(
     surface: LogDensity,
-    expand: Expand,
     at: RidgeMap,
     bent: Indices,
     psi: Array,
@@ -246,12 +234,12 @@ def _follow(
         least = MIN_POINTS if share < 1.0 else LAST_POINTS
         n = int(np.clip(SETTINGS.points_per_term * _terms(len(bent), degree), least, MAX_POINTS))
         wanted = share * _scatter(surface, at, n, psi, spread, cloud, share, rng)
-        points = _arrivals(surface, expand, at, wanted, points)
+        points = _arrivals(surface, at, wanted, points)
         if len(points[0]) > 2 * (len(psi) + 1):
             at, off = _best_fit(base, bent, *points[:3], last=share == STAGES[-1])
     while off > SETTINGS.fair_error and 2 * len(points[0]) < MAX_POINTS:
         wanted = _scatter(surface, at, len(points[0]), psi, spread, cloud, 1.0, rng)
-        points = _arrivals(surface, expand, at, wanted, points)
+        points = _arrivals(surface, at, wanted, points)
         before, (at, off) = off, _best_fit(base, bent, *points[:3], last=True)
         if off > 0.7 * before:
             break
@@ -334,17 +322,13 @@ def _scatter(
     return np.asarray(inwards[selected, None] * wanted[selected])
 
 
-def _arrivals(
-    surface: LogDensity, expand: Expand, at: RidgeMap, psi: Array, before: list[Array]
-) -> list[Array]:
-    """Return points that arrived on the ridge, behind those `before`.
-
-    `psi (N, l)`, `tau (N, t)`, covariance roots `(N, t, t)` and log densities.
+def _arrivals(surface: LogDensity, at: RidgeMap, psi: Array, before: list[Array]) -> list[Array]:
+    """Psi, tau, covariance roots and log densities where points arrived, behind those `before`.
 
     A little beyond the ends of the priors, too: without such points polynomials are at their worst
     at the ends.  But not far below the ridge: at a lesser maximum, where nothing is.
     """
-    tau, roots, value, arrived = return_to_ridge(expand, at.frame, psi, at.at(psi))
+    tau, roots, value, arrived = return_to_ridge(surface.quadratic_model, at.frame, psi, at.at(psi))
     u, beyond = at.frame.join(psi, tau), SETTINGS.beyond_ends * (surface.high - surface.low)
     near = (u > surface.low - beyond) & (u < surface.high + beyond)
     arrived &= np.isfinite(value) | near.all(axis=1)
@@ -413,9 +397,8 @@ def _best_fit(
     """The polynomials of the degree that points held out ask for, and how far off those are."""
     held_out = np.arange(len(psi)) % SETTINGS.held_out_every == SETTINGS.held_out_every - 1
     some = psi[~held_out], tau[~held_out], roots[~held_out]
-    within = held_out & ridge.fit_ridge(base, *some, 0, 0, bent).within(
-        psi
-    )  # no fit knows what lies beyond
+    # No fit knows what lies beyond.
+    within = held_out & ridge.fit_ridge(base, *some, 0, 0, bent).within(psi)
     held_out = within if within.any() else held_out
     others = psi[held_out], tau[held_out], roots[held_out]
     n = len(some[0])
@@ -423,17 +406,16 @@ def _best_fit(
     def tried(degree: int, root_degree: int) -> RidgeMap:
         return ridge.fit_ridge(base, *some, degree, root_degree, bent)
 
-    degrees = [
-        d for d in range(1, SETTINGS.max_degree + 1) if d == 1 or _terms(len(bent), d) < 0.7 * n
-    ]
+    upwards = range(1, SETTINGS.max_degree + 1)
+    degrees = [d for d in upwards if d == 1 or _terms(len(bent), d) < 0.7 * n]
     degree, off = _best_degree(degrees, lambda d: ridge.residuals(tried(d, 0), *others))
     if not last:
-        fitted = ridge.fit_ridge(base, psi, tau, roots, degree, 0, bent)
-        return ridge.extended_reach(fitted, SETTINGS.trusted_extrapolation), off
+        reach = SETTINGS.trusted_extrapolation
+        return ridge.fit_ridge(base, psi, tau, roots, degree, 0, bent, reach), off
     lower = [d for d in range(degree + 1) if d <= 1 or _terms(len(bent), d) < n / 5]
     root_degree, _ = _best_degree(lower, lambda d: ridge.root_residuals(tried(degree, d), *others))
-    fitted = ridge.fit_ridge(base, psi, tau, roots, degree, root_degree, bent)
-    return ridge.extended_reach(fitted, SETTINGS.max_corner_growth ** (1.0 / max(degree, 1))), off
+    reach = SETTINGS.max_corner_growth ** (1.0 / max(degree, 1))
+    return ridge.fit_ridge(base, psi, tau, roots, degree, root_degree, bent, reach), off
 
 
 def _best_degree(degrees: Sequence[int], errors: Callable[[int], Array]) -> tuple[int, float]:
@@ -455,33 +437,17 @@ def _terms(n: int, degree: int) -> int:
     return math.comb(n + degree, degree)
 
 
-@dataclass(frozen=True, slots=True)
-class NewtonRidge:
-    """Coordinates along a ridge to which Gauss-Newton leads every point back.
-
-    `ridge`, from whose place and root each point is brought to where the ridge is.
+def newton_ridge(fitted: RidgeMap, expand: Expand) -> RidgeMap:
+    """Return the ridge to which Gauss-Newton leads every point back from where polynomials have it.
 
     A function of psi alone, whether or not it arrives.
     """
 
-    ridge: RidgeCoordinates
-    expand: Expand
-
-    @property
-    def frame(self) -> LocalBasis:
-        """The fixed basis."""
-        return self.ridge.frame
-
-    @property
-    def n_loose(self) -> int:
-        """The number of loose directions."""
-        return self.ridge.n_loose
-
-    def along(self, psi: Array) -> tuple[Array, Array, Array]:
-        """Return t `(W, t)`, R `(t, t, W)` and log det R `(W,)` at psi `(W, l)`."""
-        tau, root, log_det = self.ridge.along(psi)
+    def correction(
+        base: LocalBasis, psi: Array, tau: Array, root: Array, log_det: Array
+    ) -> tuple[Array, Array, Array]:
         newton_tau, roots, _, arrived = return_to_ridge(
-            self.expand, self.frame, psi, tau, SETTINGS.near_sds, SETTINGS.newton_iterations
+            expand, base, psi, tau, SETTINGS.near_sds, SETTINGS.newton_iterations
         )
         row = np.arange(tau.shape[1])
         tau = np.where(arrived[:, None], newton_tau, tau)
@@ -489,9 +455,7 @@ class NewtonRidge:
         log_det[arrived] = np.log(root[row, row][:, arrived]).sum(axis=0)
         return tau, root, log_det
 
-    def within(self, psi: Array) -> Flags:
-        """Return whether `psi (W, l)` is where points of the fit lie: `(W,)`."""
-        return self.ridge.within(psi)
+    return replace(fitted, correction=correction)
 
 
 def bind_to_posterior(proposal: Proposal, posterior: Posterior) -> Proposal:
@@ -505,4 +469,4 @@ def bind_to_posterior(proposal: Proposal, posterior: Posterior) -> Proposal:
 
 def newton_mixture(mixture: Mixture, expand: Expand) -> Mixture:
     """Return the same mixture over Newton ridges."""
-    return replace(mixture, sheets=tuple(NewtonRidge(sheet, expand) for sheet in mixture.sheets))
+    return replace(mixture, sheets=tuple(newton_ridge(sheet, expand) for sheet in mixture.sheets))

@@ -2,8 +2,6 @@
 
 The chain is the same however it is cut.
 
-Steps of walkers that the proposal would hardly ever lead away.
-
 Where the density p is far higher than the proposal q foresees, a walker waits for about p/q steps.
 Those whose p/q is above a limit step by themselves, along the ridge that is likely theirs, to where
 p/q is above the limit too: that is Metropolis and Hastings on the density cut to such places.  No
@@ -33,11 +31,7 @@ from bayesdrill.sampling.samplers.independence import (
     Proposal,
     Random,
 )
-from bayesdrill.sampling.samplers.ridge import (
-    RidgeCoordinates,
-    from_ridge_coordinates,
-    to_ridge_coordinates,
-)
+from bayesdrill.sampling.samplers.ridge import RidgeMap
 
 MIN_LENGTH, MAX_LENGTH = 0.01, 1.0  # of a component's widths, over the root of the dimension
 
@@ -60,7 +54,7 @@ def local_steps(mixture: Mixture, u: Array, random: Random) -> tuple[Array, Arra
     fresh = np.empty_like(u)
     for s in np.unique(sheet):
         mine = sheet == s
-        fresh[mine] = from_ridge_coordinates(mixture.sheets[s], (y[s] + length * step)[mine])[0]
+        fresh[mine] = mixture.sheets[s].from_ridge_coordinates((y[s] + length * step)[mine])[0]
     y, after = mixture.straightened(fresh)
     parts_after = mixture.log_parts(y, after)
     log_q, log_q_after = (np.logaddexp.reduce(some, axis=0) for some in (parts, parts_after))
@@ -79,7 +73,6 @@ class Move(Protocol):
 
     def propose(self, model: Any, state: Any) -> tuple[Any, Flags]:
         """Advance all walkers by a step; `state` is changed in place and given back."""
-        ...
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,7 +84,7 @@ class SplitEnsembleMove:
     """
 
     proposal: Callable[[Array, Array, Random], tuple[Array, Array]]
-    along: RidgeCoordinates | None = None
+    along: RidgeMap | None = None
 
     def propose(self, model: Any, state: Any) -> tuple[Any, Flags]:
         """Advance one half of the walkers, then the other."""
@@ -108,9 +101,9 @@ class SplitEnsembleMove:
     ) -> tuple[Array, Array]:
         if self.along is None:
             return self.proposal(walkers[half], walkers[others], random)
-        y, before = to_ridge_coordinates(self.along, walkers)
+        y, before = self.along.to_ridge_coordinates(walkers)
         there, factor = self.proposal(y[half], y[others], random)
-        fresh, after = from_ridge_coordinates(self.along, there)
+        fresh, after = self.along.from_ridge_coordinates(there)
         return fresh, factor + after - before[half]
 
 
@@ -223,14 +216,9 @@ MOVES: Registry[MoveFactory] = Registry(
 def moves_with_weights(
     weights: Mapping[str, float], learnt: Proposal | None, inside: Inside
 ) -> list[tuple[Move, float]]:
-    """Return what emcee takes as `moves`.
-
-    Those that need a proposal are there only where one has been learnt.
-    """
-    built = [
-        (MOVES[name](learnt, inside), weight) for name, weight in weights.items() if weight > 0
-    ]
-    return [(move, weight) for move, weight in built if move is not None]
+    """Return what emcee takes as `moves`; those that need a proposal only where one is learnt."""
+    built = [(MOVES[name](learnt, inside), share) for name, share in weights.items() if share > 0]
+    return [(move, share) for move, share in built if move is not None]
 
 
 @dataclass(frozen=True, slots=True)

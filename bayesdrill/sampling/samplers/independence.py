@@ -1,17 +1,13 @@
 """Fit an independence proposal to weighted draws: a Gaussian mixture over ridge coordinates.
 
-What draws from a proposal q say of the target p: weights, and how q would do.
+Draws come from the proposal q and from a wider density too, so that what q hardly ever proposes is
+seen as well: a proposal that looks only where it goes takes itself for perfect.
 
-Draws come from q and from a wider density too, so that what q hardly ever proposes is seen as well:
-a proposal that looks only where it goes takes itself for perfect.
+A sheet is a ridge with coordinates of its own; every component belongs to one.  Together they are
+one normalised density over u (up to what the prior cuts off, which is the same for all of it).
 
-A sheet is a ridge with coordinates of its own; every component belongs to one.  A posterior with
-one maximum has one sheet.  Together they are one normalised density over u (up to what the prior
-cuts off, which is the same for all of it).
-
-An independence proposal: it is learnt before the first step, and depends on nothing that the chain
-does, so that detailed balance holds exactly: u' drawn from the density q is accepted with min(1,
-p(u') q(u) / (p(u) q(u'))).
+The proposal is learnt before the first step, and depends on nothing that the chain does, so that
+detailed balance holds exactly: u' drawn from q is accepted with min(1, p(u') q(u) / (p(u) q(u'))).
 
 Draws outside the prior are drawn again, which costs no response of the model where no ridge is
 settled; what the cut does to the norm of q cancels.
@@ -26,11 +22,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from bayesdrill.basics.arrays import Array, Flags, Indices
-from bayesdrill.sampling.samplers.ridge import (
-    RidgeCoordinates,
-    from_ridge_coordinates,
-    to_ridge_coordinates,
-)
+from bayesdrill.sampling.samplers.ridge import RidgeMap
 
 Random = np.random.RandomState
 
@@ -136,10 +128,7 @@ LOG_2PI = float(np.log(2.0 * np.pi))
 
 @dataclass(frozen=True, slots=True)
 class MixtureDraws:
-    """Draws of a mixture.
-
-    `u (n, D)`, log |du / dy| `(n,)` and `y (n, D)`, each on the sheet that it was drawn on.
-    """
+    """Draws `u (n, D)`, log |du / dy| `(n,)` and `y (n, D)`, each on the sheet it was drawn on."""
 
     u: Array
     jacobian: Array
@@ -155,12 +144,11 @@ class MixtureDraws:
 class Mixture:
     """A Gaussian mixture over sheets of coordinates.
 
-    `sheet (K,)`: which of `sheets` a component lives on; `weights (K,)` sum to 1.
-
-    `means (K, D)` and lower Cholesky factors `roots (K, D, D)` in the sheet's coordinates.
+    `sheet (K,)`: which of `sheets` a component lives on; `weights (K,)` sum to 1; `means (K, D)` and
+    lower Cholesky factors `roots (K, D, D)` in the sheet's coordinates.
     """
 
-    sheets: tuple[RidgeCoordinates, ...]
+    sheets: tuple[RidgeMap, ...]
     sheet: Indices
     weights: Array
     means: Array
@@ -176,13 +164,9 @@ class Mixture:
         for k, (mean, root) in enumerate(zip(self.means, self.roots, strict=True)):
             mine = np.flatnonzero(component == k)
             y[mine] = mean + normal[mine] @ root.T
-        if len(self.sheets) == 1:
-            return MixtureDraws(
-                *from_ridge_coordinates(self.sheets[0], y), y, self.sheet[component]
-            )
         for s, sheet in enumerate(self.sheets):
             mine = np.flatnonzero(self.sheet[component] == s)
-            u[mine], jacobian[mine] = from_ridge_coordinates(sheet, y[mine])
+            u[mine], jacobian[mine] = sheet.from_ridge_coordinates(y[mine])
         return MixtureDraws(u, jacobian, y, self.sheet[component])
 
     def coordinates(self, drawn: MixtureDraws) -> tuple[Array, Array]:
@@ -192,7 +176,7 @@ class Mixture:
         for s, sheet in enumerate(self.sheets):
             others = np.flatnonzero(drawn.sheet != s)
             if len(others) > 0:
-                y[s, others], jacobian[s, others] = to_ridge_coordinates(sheet, drawn.u[others])
+                y[s, others], jacobian[s, others] = sheet.to_ridge_coordinates(drawn.u[others])
         return y, jacobian
 
     def with_width(self, factor: float) -> Mixture:
@@ -215,9 +199,15 @@ class Mixture:
         log_q = _summed(parts)
         return np.exp(parts - log_q), log_q
 
+    def responsibilities(self, y: Array, jacobian: Array, weights: Array) -> Array:
+        """Return each component's part of each of `weights (W,)`: `(K, W)`."""
+        parts = self.log_parts(y, jacobian)
+        shares = np.exp(parts - parts.max(axis=0))
+        return np.asarray(shares * (weights / shares.sum(axis=0)))
+
     def straightened(self, u: Array) -> tuple[Array, Array]:
         """Return `y (S, W, D)` on each sheet and log |du / dy| `(S, W)`."""
-        y, jacobian = zip(*(to_ridge_coordinates(sheet, u) for sheet in self.sheets), strict=True)
+        y, jacobian = zip(*(sheet.to_ridge_coordinates(u) for sheet in self.sheets), strict=True)
         return np.array(y), np.array(jacobian)
 
     def log_parts(self, y: Array, jacobian: Array) -> Array:
@@ -234,7 +224,7 @@ def _summed(parts: Array) -> Array:
 
 
 def mixture(
-    sheets: Sequence[RidgeCoordinates],
+    sheets: Sequence[RidgeMap],
     sheet: Sequence[int] | Indices,
     weights: Array,
     means: Array,
@@ -251,26 +241,17 @@ def mixture(
 
 
 def fit_mixture(
-    start: Mixture,
-    u: Array,
-    weights: Array,
-    inside: Inside,
-    rounds: int,
-    random: Random,
+    start: Mixture, u: Array, weights: Array, inside: Inside, rounds: int, random: Random
 ) -> Mixture:
-    """Fit a mixture by expectation and maximisation.
-
-    Expectation and maximisation from `start`, for draws `u (N, D)` that weigh `weights (N,)`.
+    """Fit by expectation and maximisation from `start`, for draws `u (N, D)` of `weights (N,)`.
 
     What the mixture puts outside the prior is added to the draws in each round, so that it is free
     to be anything there: a density that ends at a wall is met by components that reach beyond.
     """
     current = start
     y, jacobian = start.straightened(u)
-    floors = [
-        _floor(*sheet_draws)
-        for sheet_draws in zip(y, _weights_of_sheets(start, y, jacobian, weights), strict=True)
-    ]
+    sheet_weights = _weights_of_sheets(start, y, jacobian, weights)
+    floors = [_floor(*pair) for pair in zip(y, sheet_weights, strict=True)]
     for _ in range(rounds):
         drawn = current.draw(len(u), random).u
         out = ~inside(drawn)
@@ -288,10 +269,7 @@ def fit_mixture(
 def _step(
     current: Mixture, y: Array, jacobian: Array, weights: Array, floors: list[Array]
 ) -> Mixture:
-    parts = current.log_parts(y, jacobian)
-    parts -= parts.max(axis=0)
-    shares = np.exp(parts)
-    shares *= weights / shares.sum(axis=0)
+    shares = current.responsibilities(y, jacobian, weights)
     totals = shares.sum(axis=1)
     means, roots = current.means.copy(), current.roots.copy()
     dimension = means.shape[1]
@@ -333,11 +311,9 @@ MAX_DRAWS_PER_WANTED = 10  # draws for each that is wanted: in a corner of the p
 class Proposal:
     """A mixture from which steps are drawn inside the prior.
 
-    `share`: of the mixture's draws that are inside the prior, about.
-
-    `typical_log_ratio`: log p - log q where most of p is.  `local_share`: after which share of its
-    steps walkers that would wait step by themselves.  `newton`: another, which costs far more and
-    goes where this one hardly ever does.
+    `share`: of the mixture's draws that are inside the prior, about.  `typical_log_ratio`: log p -
+    log q where most of p is.  `local_share`: after which share of its steps walkers that would wait
+    step by themselves.  `newton`: another, which costs far more and goes where this one hardly does.
     """
 
     mixture: Mixture

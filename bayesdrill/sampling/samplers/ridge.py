@@ -12,9 +12,8 @@ polynomials.  The Jacobian is that of R alone.
 
 from __future__ import annotations
 
-import dataclasses
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 
@@ -25,13 +24,11 @@ RANGE_MARGIN = 0.25  # of the range of a root's entries: beyond it a polynomial 
 
 @dataclass(frozen=True, slots=True)
 class Monomials:
-    """Monomials of `n` variables up to `degree`: 1, and then each that stands before times a variable.
+    """Monomials: 1, and then each that stands before times a variable.
 
     `products`: (monomial, variable) of all but the first.
     """
 
-    n: int
-    degree: int
     products: tuple[tuple[int, int], ...]
 
     @property
@@ -57,7 +54,7 @@ def build_monomials(n: int, degree: int) -> Monomials:
         pairs = [(m, v) for m, largest in last for v in range(largest, n)]
         products += pairs
         last = [(begin + k, v) for k, (_, v) in enumerate(pairs)]
-    return Monomials(n, degree, tuple(products))
+    return Monomials(tuple(products))
 
 
 @dataclass(frozen=True, slots=True)
@@ -92,56 +89,20 @@ def local_basis(centre: Array, columns: Array, n_loose: int) -> LocalBasis:
     return LocalBasis(centre, columns[:, :n_loose], columns[:, n_loose:], back, volume)
 
 
-class RidgeCoordinates(Protocol):
-    """The contract of coordinates along a ridge."""
-
-    @property
-    def frame(self) -> LocalBasis:
-        """The fixed basis."""
-        ...
-
-    @property
-    def n_loose(self) -> int:
-        """The number of loose directions."""
-        ...
-
-    def along(self, psi: Array) -> tuple[Array, Array, Array]:
-        """Return t `(W, t)`, R `(t, t, W)` and log det R `(W,)` at psi `(W, l)`."""
-        ...
-
-    def within(self, psi: Array) -> Flags:
-        """Return whether `psi (W, l)` is where points of the fit lie: `(W,)`."""
-        ...
-
-
-def from_ridge_coordinates(sheet: RidgeCoordinates, y: Array) -> tuple[Array, Array]:
-    """Map `y (W, D)` to u, and return log |du / dy| `(W,)` too."""
-    psi, e = y[:, : sheet.n_loose], y[:, sheet.n_loose :]
-    tau, root, log_det = sheet.along(psi)
-    tau = tau + np.einsum("ijw,wj->wi", root, e)
-    return sheet.frame.join(psi, tau), log_det + sheet.frame.log_volume
-
-
-def to_ridge_coordinates(sheet: RidgeCoordinates, u: Array) -> tuple[Array, Array]:
-    """Map `u (W, D)` to y, and return log |du / dy| `(W,)` too."""
-    psi, tau = sheet.frame.split(u)
-    on_ridge, root, log_det = sheet.along(psi)
-    e = _forward_substitution(root, tau - on_ridge)
-    return np.concatenate([psi, e], axis=1), log_det + sheet.frame.log_volume
+# Of t `(W, t)`, R `(t, t, W)` and log det R `(W,)` at psi `(W, l)`, what they are on a ridge itself.
+Correction = Callable[[LocalBasis, Array, Array, Array, Array], tuple[Array, Array, Array]]
 
 
 @dataclass(frozen=True, slots=True)
 class RidgeMap:
     """A ridge as polynomials of the loose directions.
 
-    `location (terms, t)` of the tight directions; `root (terms, t (t + 1) / 2)` of their
-    covariance.
-
-    Polynomials in those of psi that are `bent`: along the others nothing changes. psi is scaled by
+    `location (terms, t)` of the tight directions; `root (terms, t (t + 1) / 2)` of their covariance:
+    polynomials in those of psi that are `bent`: along the others nothing changes. psi is scaled by
     `middle`, `width (l,)`, so that the points of the fit lie in the unit ball, and kept within
     `reach` of it: a polynomial knows nothing of what lies beyond.  Of the root, logs of the
     diagonal and the rest over the diagonal's column are polynomials, which stay between `ends (2, t
-    (t + 1) / 2)`.
+    (t + 1) / 2)`.  `correction`: where polynomials are no match for the ridge.
     """
 
     frame: LocalBasis
@@ -151,9 +112,9 @@ class RidgeMap:
     reach: float
     powers: Monomials
     location: Array
-    root_powers: Monomials
     root: Array
     ends: Array
+    correction: Correction | None = None
 
     @property
     def n_loose(self) -> int:
@@ -169,6 +130,20 @@ class RidgeMap:
         scaled = (psi[:, self.bent] - self.middle) / self.width
         return np.asarray((scaled**2).sum(axis=1) <= 1.0)
 
+    def from_ridge_coordinates(self, y: Array) -> tuple[Array, Array]:
+        """Map `y (W, D)` to u, and return log |du / dy| `(W,)` too."""
+        psi, e = y[:, : self.n_loose], y[:, self.n_loose :]
+        tau, root, log_det = self.along(psi)
+        tau = tau + np.einsum("ijw,wj->wi", root, e)
+        return self.frame.join(psi, tau), log_det + self.frame.log_volume
+
+    def to_ridge_coordinates(self, u: Array) -> tuple[Array, Array]:
+        """Map `u (W, D)` to y, and return log |du / dy| `(W,)` too."""
+        psi, tau = self.frame.split(u)
+        on_ridge, root, log_det = self.along(psi)
+        e = _forward_substitution(root, tau - on_ridge)
+        return np.concatenate([psi, e], axis=1), log_det + self.frame.log_volume
+
     def along(self, psi: Array) -> tuple[Array, Array, Array]:
         """Return t `(W, t)`, R `(t, t, W)` and log det R `(W,)`."""
         scaled = ((psi[:, self.bent] - self.middle) / self.width).T
@@ -176,7 +151,7 @@ class RidgeMap:
             far = np.sqrt(np.einsum("lw,lw->w", scaled, scaled))
             scaled *= self.reach / np.maximum(far, self.reach)
         rows = self.powers.evaluate(scaled)
-        entries = self.root.T @ rows[: self.root_powers.terms]
+        entries = self.root.T @ rows[: len(self.root)]
         np.clip(entries, self.ends[0][:, None], self.ends[1][:, None], out=entries)
         n = self.location.shape[1]
         root = np.zeros((n, n, psi.shape[0]))
@@ -184,7 +159,10 @@ class RidgeMap:
         root[range(n), range(n)] = diagonal
         lower = np.tril_indices(n, -1)
         root[lower] = entries[n:] * diagonal[lower[1]]
-        return (self.location.T @ rows).T, root, entries[:n].sum(axis=0)
+        tau, log_det = (self.location.T @ rows).T, entries[:n].sum(axis=0)
+        if self.correction is None:
+            return tau, root, log_det
+        return self.correction(self.frame, psi, tau, root, log_det)
 
 
 def _forward_substitution(root: Array, rhs: Array) -> Array:
@@ -204,8 +182,12 @@ def fit_ridge(
     degree: int,
     root_degree: int,
     bent: Indices | None = None,
+    reach: float = 1.0,
 ) -> RidgeMap:
-    """Fit a ridge to points `psi (N, l)`, with `tau (N, t)` and `roots (N, t, t)` there."""
+    """Fit a ridge to points `psi (N, l)`, with `tau (N, t)` and `roots (N, t, t)` there.
+
+    `reach`: how many times further than its points reach it is followed.
+    """
     bent = np.arange(psi.shape[1]) if bent is None else bent
     psi = psi[:, bent]
     n_loose = psi.shape[1]
@@ -221,21 +203,18 @@ def fit_ridge(
     entries = np.concatenate([np.log(diagonal), below], axis=1)
     low, high = entries.min(axis=0), entries.max(axis=0)
     beyond = RANGE_MARGIN * (high - low)
-    monomials, root_monomials = (
-        build_monomials(n_loose, degree),
-        build_monomials(n_loose, min(root_degree, degree)),
-    )
+    monomials = build_monomials(n_loose, degree)
+    root_terms = build_monomials(n_loose, min(root_degree, degree)).terms
     rows = monomials.evaluate(scaled).T
     return RidgeMap(
         frame=base,
         bent=bent,
         middle=middle,
         width=width,
-        reach=1.0,
+        reach=reach,
         powers=monomials,
         location=np.linalg.lstsq(rows, tau, rcond=1e-10)[0],
-        root_powers=root_monomials,
-        root=np.linalg.lstsq(rows[:, : root_monomials.terms], entries, rcond=1e-10)[0],
+        root=np.linalg.lstsq(rows[:, :root_terms], entries, rcond=1e-10)[0],
         ends=np.array([low - beyond, high + beyond]),
     )
 
@@ -247,15 +226,7 @@ def residuals(ridge: RidgeMap, psi: Array, tau: Array, roots: Array) -> Array:
 
 
 def root_residuals(ridge: RidgeMap, psi: Array, tau: Array, roots: Array) -> Array:
-    """Return how far covariances are off, in the log of a standard deviation: `(N,)`.
-
-    The worst direction counts.
-    """
+    """Return how far covariances are off, in the log of a sd, in the worst direction: `(N,)`."""
     predicted = np.moveaxis(ridge.along(psi)[1], 2, 0)
     ratio = np.linalg.solve(predicted, roots)
     return np.asarray(np.abs(np.log(np.linalg.svd(ratio, compute_uv=False))).max(axis=1))
-
-
-def extended_reach(ridge_map: RidgeMap, factor: float) -> RidgeMap:
-    """Return the same ridge, followed `factor` times further than its points reach."""
-    return dataclasses.replace(ridge_map, reach=factor * ridge_map.reach)
