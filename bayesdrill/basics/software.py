@@ -39,7 +39,7 @@ def versions_text() -> str:
 
 @dataclass(frozen=True, slots=True)
 class Work:
-    """A work to cite, of a kind of CFF; `authors`: (family, given) or (group, ""); `pages`: both ends."""
+    """A work to cite, its `kind` of CFF; `authors`: (family, given) or (group, ""); `pages`: ends."""
 
     key: str
     kind: str

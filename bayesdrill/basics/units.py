@@ -14,7 +14,7 @@ from bayesdrill.basics.errors import MAX_VALUE_LETTERS, shortened
 
 @dataclass(frozen=True, slots=True)
 class Unit:
-    """A unit that is shown: `name` as pint has it, `factor`: how many SI one is, `latex` without dollars."""
+    """A unit that is shown: `name` as pint has it; `factor`: how many SI; `latex` without dollars."""
 
     name: str
     factor: float

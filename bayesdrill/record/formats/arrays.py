@@ -48,7 +48,7 @@ class FileContents:
             self.variables[name] = np.ascontiguousarray(flat, dtype=np.float64)
 
     def add_fields(self, name: str, values: np.ndarray[Any, Any]) -> None:
-        """Do as `add`, records field by field, the longer side as time: writers differ in what a row is."""
+        """Do as `add`, records by fields, the longer side as time: writers differ in what a row is."""
         if values.dtype.names:
             for field_name in values.dtype.names:
                 self.add_fields(f"{name}.{field_name}", values[field_name])
