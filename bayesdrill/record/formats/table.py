@@ -47,7 +47,7 @@ class RecordTable:
         *,
         location: str | None = None,
     ) -> Array:
-        """One column `(T,)`, by name or number from 1, of a variable; raises InputError at `location`."""
+        """One column `(T,)` by name or number from 1, of a variable; raises InputError at `location`."""
         try:
             if self.lines is not None:
                 return self._pick_from_table(column, variable)
