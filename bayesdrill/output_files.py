@@ -254,10 +254,7 @@ def digest(path: Path) -> str:
 
 @contextmanager
 def atomic_write(path: Path) -> Iterator[Path]:
-    """A path to write to, renamed to `path` when the block ends well and removed otherwise.
-
-    What it replaces hands its mode bits on.
-    """
+    """A path that replaces `path`, with its mode bits, when the block ends well; else it is removed."""
     refuse_other_than_file(path)
     # Of this thread, and so of this process too.
     aside = path.with_name(f".{path.stem}.{threading.get_native_id()}.aside{path.suffix}")

@@ -39,10 +39,7 @@ def versions_text() -> str:
 
 @dataclass(frozen=True, slots=True)
 class Work:
-    """A work to cite.
-
-    `kind`: a word of CFF; `authors`: (family, given), or (group, ""); `pages`: first, last.
-    """
+    """A work to cite, its `kind` of CFF; `authors`: (family, given) or (group, ""); `pages`: ends."""
 
     key: str
     kind: str

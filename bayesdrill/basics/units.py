@@ -14,10 +14,7 @@ from bayesdrill.basics.errors import MAX_VALUE_LETTERS, shortened
 
 @dataclass(frozen=True, slots=True)
 class Unit:
-    """A unit in which something is shown.
-
-    `name`: as pint reads it; `factor`: how many SI one of it is; `latex` without dollars.
-    """
+    """A unit that is shown: `name` as pint has it; `factor`: how many SI; `latex` without dollars."""
 
     name: str
     factor: float

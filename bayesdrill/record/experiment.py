@@ -218,27 +218,25 @@ def check_series(
     explains have to be `varying`; `instead`: a way out beside mending.
     """
     bad = np.flatnonzero(np.isinf(values) if missing else ~np.isfinite(values))
-    if len(bad):
-        count, rows = count_noun(len(bad), "value"), _rows(bad, where)
-        message = f"{what} has {count} without a number, {rows}; mend or cut these rows{instead}"
-        return [Issue(location, message)]
-    numbers = values[~np.isnan(values)]
-    if varying and len(values) and not len(numbers):
-        message = f"{what} has no number that is used; check missing samples, masks and windows"
-        return [Issue(location, message)]
     beyond = np.flatnonzero(np.abs(values) > MAX_VALUE)
-    if len(beyond):
-        count, rows = count_noun(len(beyond), "number"), _rows(beyond, where)
-        message = f"{what} has {count} beyond {MAX_VALUE:g}, {rows}; mend or cut these rows"
-        return [Issue(location, message)]
-    width = float(np.ptp(numbers)) if len(numbers) else 0.0
-    if 0 < width < SMALLEST:
+    numbers = values[~np.isnan(values)]
+    width = float(np.ptp(numbers)) if len(numbers) and not len(bad) else 0.0
+    if len(bad):
+        count = f"{count_noun(len(bad), 'value')} without a number, {_rows(bad, where)}"
+        message = f"{what} has {count}; mend or cut these rows{instead}"
+    elif varying and len(values) and not len(numbers):
+        message = f"{what} has no number that is used; check missing samples, masks and windows"
+    elif len(beyond):
+        count = f"{count_noun(len(beyond), 'number')} beyond {MAX_VALUE:g}, {_rows(beyond, where)}"
+        message = f"{what} has {count}; mend or cut these rows"
+    elif 0 < width < SMALLEST:
         message = f"{what} varies by {width:.3g}, which nothing measures; check the column"
-        return [Issue(location, message)]
-    if varying and len(numbers) > 1 and width == 0:
+    elif varying and len(numbers) > 1 and width == 0:
         flat = f"{what} is {numbers[0]:g} in every row: a constant channel carries no information"
-        return [Issue(location, f"{flat}; check the column, or leave the channel out")]
-    return []
+        message = f"{flat}; check the column, or leave the channel out"
+    else:
+        return []
+    return [Issue(location, message)]
 
 
 def check_time(location: str, t: Array, where: Callable[[int], str]) -> list[Issue]:

@@ -239,11 +239,12 @@ def interruptions(
     folder: Folder, progress: Callable[[], str], errors: tuple[type[Exception], ...] = ()
 ) -> Iterator[None]:
     """Write down what stops a job; Ctrl-C raises `Interrupted`, which says the `progress`."""
+    stops: tuple[type[Exception], ...] = (BrokenProcessPool, *errors)
     try:
         yield
     except KeyboardInterrupt:
         folder.write_run(status="interrupted")
         raise Interrupted(f"stopped; {progress()}; continue with --resume") from None
-    except (BrokenProcessPool, *errors):
+    except stops:
         folder.write_run(status="interrupted")
         raise

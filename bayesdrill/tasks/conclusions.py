@@ -76,7 +76,7 @@ def causes(
     if residual_checks.like_noise(residuals(job, mode)):
         return None
     with WorkerPool(job.problem.posterior, 1) as pool:
-        return ranking.rank(job, mode.values, submit or pool.submit_function, report).causes
+        return ranking.rank(job, mode.values, submit or pool.submit_function, report)[0]
 
 
 def residuals(job: Job, mode: Mode) -> tuple[ResidualSummary, ...]:

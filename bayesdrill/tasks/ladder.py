@@ -129,8 +129,9 @@ class _Sampling:
         """Return parts of candidates, the most probable first, and what makes them; none: as given."""
         job = self.job
         mode = self.pool.submit(search, job.problem.posterior, fit_plan(job)).result()
-        ranked = ranking.rank(job.with_steps_at(mode), mode.values, self.pool.submit, self.report)
-        causes, ladder = ranked.causes, ranked.ladder
+        there = job.with_steps_at(mode)
+        causes, ranked = ranking.rank(there, mode.values, self.pool.submit, self.report)
+        ladder = ranked.ladder
         sampler = job.config.sampler
         evaluations = sampler.ensembles * sampler.walkers * STEPS
         times = {parts: evaluations * each for parts, each in ranked.seconds.items()}

@@ -32,30 +32,22 @@ PROMISE = 3.0  # natural logs of the density: what gains less is no candidate
 WINDOWS = 4  # of the record, where nothing explains all
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Ranking:
-    """`ladder`: that makes the candidates; `seconds`: that an evaluation of each takes, by its parts."""
-
-    causes: Causes
-    ladder: CandidateModels
-    seconds: Mapping[tuple[str, ...], float]
-
-
-def rank(job: Job, maximum: Mapping[str, float], submit: Submit, report: Reporter) -> Ranking:
+def rank(
+    job: Job, maximum: Mapping[str, float], submit: Submit, report: Reporter
+) -> tuple[Causes, Ranking]:
     """Refit all candidate models of `job` from its maximum.
 
     First each part by itself and pairs of the best; then, as long as it gets better, what else gained
     beside the best.  `submit` does `causes.refit_candidate` in this process or another.
     """
     given = submit(refit_candidate, job.problem.posterior, maximum, -math.inf).result()
-    ranking = _Ranking(job, maximum, given, submit, report)
-    causes = ranking.causes()
-    return Ranking(causes=causes, ladder=ranking.ladder, seconds=ranking.seconds)
+    ranking = Ranking(job, maximum, given, submit, report)
+    return ranking.causes(), ranking
 
 
 @dataclass
-class _Ranking:
-    """A ranking under way.
+class Ranking:
+    """A ranking of what `ladder` makes, under way or done.
 
     `given`: the refit of the config as it is; `causes_by_parts`: candidates that were refitted;
     `seconds`: that an evaluation of each takes; `values`: its unknowns at the maximum; `left_out`: why
@@ -76,6 +68,7 @@ class _Ranking:
         self.ladder = CandidateModels.from_job(self.job, self.maximum)
 
     def causes(self) -> Causes:
+        """Refit all, and return what was found, the most probable first."""
         self.refit_all(self.ladder.singles(), self.maximum)
         self.ladder = self._with_best_gear(self.ladder)
         best = next(iter(self._ranked(structural=True)), None)

@@ -170,7 +170,7 @@ def of_cause(rig: Model, own: dict[str, str]) -> Iterator[Any]:
     given = refit_candidate(posterior, start, -math.inf)
     assert given is not None
     with WorkerPool(posterior, 1) as pool:
-        work = ranking._Ranking(of.job, start, given, pool.submit_function, SILENT)
+        work = ranking.Ranking(of.job, start, given, pool.submit_function, SILENT)
         work.refit_all(rungs, start)
     causes = Causes(given=given.fit, ranked=work._ranked())
     yield repr(causes)

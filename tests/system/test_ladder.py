@@ -127,7 +127,7 @@ def test_a_thing_that_is_worth_nothing_alone_is_tried_beside_the_best(tmp_path: 
     assert template is not None
     worth = {"missing_torque_motor": 120.0, "friction_motor": 50.0, "friction_both": 100.0}
 
-    class Guessing(ranking._Ranking):
+    class Guessing(ranking.Ranking):
         enough = math.inf
 
         def refit_all(

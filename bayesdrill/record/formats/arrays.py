@@ -48,10 +48,7 @@ class FileContents:
             self.variables[name] = np.ascontiguousarray(flat, dtype=np.float64)
 
     def add_fields(self, name: str, values: np.ndarray[Any, Any]) -> None:
-        """Do as `add` with an array of records, field by field, and with the longer side as time.
-
-        A record has more samples than channels, and writers differ in what they call a row.
-        """
+        """Do as `add`, records by fields, the longer side as time: writers differ in what a row is."""
         if values.dtype.names:
             for field_name in values.dtype.names:
                 self.add_fields(f"{name}.{field_name}", values[field_name])

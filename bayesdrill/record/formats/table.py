@@ -47,10 +47,7 @@ class RecordTable:
         *,
         location: str | None = None,
     ) -> Array:
-        """One column, `(T,)`: a name, a number from 1, or in a file of arrays a variable's column.
-
-        Raises InputError at `location` (the file when None); the message names the file itself.
-        """
+        """One column `(T,)` by name or number from 1, of a variable; raises InputError at `location`."""
         try:
             if self.lines is not None:
                 return self._pick_from_table(column, variable)
