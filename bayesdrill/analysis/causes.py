@@ -1,7 +1,6 @@
 """Rank candidate models by what they would explain of a fit that leaves more than noise.
 
-Each is refitted from the maximum, and ranked by the evidence for it. The nominal table may be right
-after all.
+Each is refitted from the maximum, and ranked by the evidence for it.
 
 What the rig is held without bends the parameters that it has, and the fit may well look like noise.
 So before a table is blamed, each thing that the rig offers and has not is tried by itself:

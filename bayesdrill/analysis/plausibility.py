@@ -109,9 +109,9 @@ def plausibility_of_draws(problem: Problem, draws: Array, known: Information) ->
     return (*energy, *_poles(poles(model, values), problem))
 
 
-def plausibility_of_course(sensitivity: SensitivityStudy, theta: Array) -> tuple[str, ...]:
+def plausibility_of_course(sensitivity: SensitivityStudy, theta: Array) -> Iterator[str]:
     """Yield whether friction brakes all the time, in the motion at unknowns `theta (D,)`."""
-    rig, p, told = sensitivity.model, sensitivity.rig_at(theta), []
+    rig, p = sensitivity.model, sensitivity.rig_at(theta)
     for inertia in rig.roles.inertias:
         if inertia.friction not in p or inertia.speed not in sensitivity.states:
             continue
@@ -122,14 +122,13 @@ def plausibility_of_course(sensitivity: SensitivityStudy, theta: Array) -> tuple
         share = float(np.mean(np.concatenate(other_way)))
         if share > FEW:
             drives = " and ".join(n for n in rig.inputs if rig.symbols[n].drives)
-            told.append(
+            yield (
                 f"friction: in {_percent(share)} of the record {inertia.words} {moves} the other way, "
                 f"and {inertia.friction}, which keeps its sign, drives instead of braking. Cut these "
                 f"samples off (record.window). If it always {moves} so, turn the signs of {drives} and "
                 f"of all channels. Or hold {inertia.friction} at 0 and name {inertia.sliding}, friction "
                 "that changes its sign"
             )
-    return tuple(told)
 
 
 def poles(model: Model, values: Mapping[str, Array]) -> NDArray[np.complex128]:

@@ -424,6 +424,6 @@ def conclude(
         fits=residual_checks.like_noise(residual_rows),
     )
     findings = plausibility.plausibility_of_draws(problem, draws, study.information)
-    findings += plausibility.plausibility_of_course(sensitivity, best)
+    findings += tuple(plausibility.plausibility_of_course(sensitivity, best))
     judged = Judgement(study=study, verdict=verdict, findings=findings)
     return reconciled(rows, verdict), residual_rows, judged

@@ -1,9 +1,7 @@
-"""Integrate the paper's forward model beside the exact one.
+"""Integrate the paper's forward model beside the exact one: its matrix, integrator and misfit.
 
-Its printed matrix, its integrator (MATLAB's ode23t), its misfit.
-
-The integrator is one of the same kind, written anew: the trapezoidal rule with steps that fit a
-tolerance, for `x' = A x + f` with both constant:
+The integrator is one of the kind of MATLAB's ode23t, written anew: the trapezoidal rule with steps
+that fit a tolerance, for `x' = A x + f` with both constant:
 
     x_new - x = (h/2)(x' + x'_new),  so  x_new = x + (1 - h A/2)^-1 h x'
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -104,6 +105,9 @@ class Fminsearch:
 
 Pairs = Sequence[Sequence[str]]
 _Pair = Annotated[list[str], Field(min_length=2, max_length=2)]
+_PAIRS = Field(
+    min_length=1, max_length=1000, description="Unknowns that are searched together, in this order."
+)
 
 ORDER = ("t_f", "j_m", "c_m", "k_e", "k_T", "r_m", "l_m", "k_s", "j_1")  # the paper's
 
@@ -123,17 +127,7 @@ def circle(names: Sequence[str]) -> Pairs:
 class Pairwise:
     """`iterations` of each pair; a cycle that lowers the misfit by less than `steady` is the last."""
 
-    pairs: (
-        Annotated[
-            list[_Pair],
-            Field(
-                min_length=1,
-                max_length=1000,
-                description="Unknowns that are searched together, in this order.",
-            ),
-        ]
-        | None
-    ) = None
+    pairs: Annotated[list[_Pair], _PAIRS] | None = None
     iterations: Annotated[Count, Field(description="Of each pair.")] = 10
     steady: Annotated[
         Positive, Field(description="Ends when a cycle lowers the misfit by less.")
@@ -179,12 +173,8 @@ class Pairwise:
                 begun.append(first)
             lowered = 2.0 * (end.value - begun[0])  # of the misfit
             settled = spent < evaluations and lowered < self.steady
-        return Optimum(
-            theta=theta,
-            value=end.value,
-            evaluations=spent,
-            settled=settled,
-            history=tuple(history),
+        return dataclasses.replace(
+            end, theta=theta, evaluations=spent, settled=settled, history=tuple(history)
         )
 
 

@@ -72,13 +72,12 @@ def _run(studies: Studies, folder: Folder, processes: int, clock: _Clock) -> Pap
         verification = verify(pool, two.posterior, truth, sigmas, RECORDS, plan)
     lengths = tuple(precision.lengths(likelihood, nominal, LENGTHS))
     clock.done(f"two parameters: {RECORDS} records at each of {len(sigmas)} sigmas")
+    searches = [MisfitSearch(optimiser, EVALUATIONS) for optimiser in studies.pairwise]
     nines = tuple(
-        _nine(
-            nine, MisfitSearch(search, EVALUATIONS), studies.makers, folder.path, processes, clock
-        )
-        for nine, search in zip(studies.nines, studies.pairwise, strict=True)
+        _nine(nine, search, studies.makers, folder.path, processes, clock)
+        for nine, search in zip(studies.nines, searches, strict=True)
     )
-    first, search = studies.nines[0], MisfitSearch(studies.pairwise[0], EVALUATIONS)
+    first = studies.nines[0]
     posterior, seed = first.problem.posterior, first.config.seed
     start = posterior.space.vector(posterior.space.start)
     study = study_of(SensitivityStudy(posterior.likelihood), posterior, start, first.asked)
@@ -87,10 +86,10 @@ def _run(studies: Studies, folder: Folder, processes: int, clock: _Clock) -> Pap
         centre = np.median(nines[0].draws, axis=0)
     with WorkerPool(posterior, processes) as pool:
         ends = many_searches(pool, posterior, centre, symmetries, STARTS, seed)
-    clock.done(f"all at once: {len(ends)} searches")
-    with WorkerPool(posterior, processes) as pool:
-        controls = control(pool, posterior, search, SIGMAS, CONTROLS, seed)
+        clock.done(f"all at once: {len(ends)} searches")
+        controls = control(pool, posterior, searches[0], SIGMAS, CONTROLS, seed)
     clock.done(f"the heuristic on {CONTROLS} nominal records at each of {len(SIGMAS)} sigmas")
+    j_2 = nominal["j_m"] / MotorShaft().i_m ** 2
     findings = PaperFindings(
         readings=forward.readings(experiment, nominal),
         errors=forward.errors(experiment, nominal),
@@ -105,9 +104,7 @@ def _run(studies: Studies, folder: Folder, processes: int, clock: _Clock) -> Pap
         ends=ends,
         control=controls,
         nines=nines,
-        tones=printed.natural_frequencies(
-            nominal["j_1"], nominal["j_m"] / MotorShaft().i_m ** 2, TONES
-        ),
+        tones=printed.natural_frequencies(nominal["j_1"], j_2, TONES),
     )
     with WorkerPool(two.posterior, processes) as pool:
         reproduction.write(findings, folder, pool)

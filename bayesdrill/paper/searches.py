@@ -100,22 +100,21 @@ def many_searches(
     misfits = likelihood.mean_square(np.array([end.theta for _, end in results]))
     _, floor = precision.expected_misfit(likelihood.n_measured)
     least = misfits.min() + SAME / likelihood.n_measured
-    ends = []
-    for (way, end), misfit in zip(results, misfits, strict=True):
+
+    def ended(way: str, end: Optimum, misfit: float) -> SearchEnd:
         scales, remainder, distance = distinct_ends(end.theta, reference, symmetries)
-        ends.append(
-            SearchEnd(
-                way=way,
-                misfit=float(misfit),
-                reached=bool(misfit < floor),
-                best=bool(misfit < least),
-                settled=end.settled,
-                scales=scales,
-                rest=remainder,
-                distance=distance,
-            )
+        return SearchEnd(
+            way=way,
+            misfit=misfit,
+            reached=bool(misfit < floor),
+            best=bool(misfit < least),
+            settled=end.settled,
+            scales=scales,
+            rest=remainder,
+            distance=distance,
         )
-    return tuple(ends)
+
+    return tuple(ended(*each, x) for each, x in zip(results, misfits.tolist(), strict=True))
 
 
 def distinct_ends(
@@ -127,12 +126,8 @@ def distinct_ends(
     for row, exponents in zip(rows, symmetries, strict=True):
         row[: len(exponents)] = exponents  # noise levels have no part in them
     scales = np.linalg.lstsq(rows.T, logs, rcond=None)[0]
-    remainder = logs - scales @ rows
-    return (
-        tuple(map(float, scales)),
-        float(np.sqrt(np.mean(remainder**2))),
-        float(np.sqrt(np.mean(logs**2))),
-    )
+    rest = float(np.sqrt(np.mean((logs - scales @ rows) ** 2)))
+    return tuple(map(float, scales)), rest, float(np.sqrt(np.mean(logs**2)))
 
 
 AROUND = 0.2  # other starts are from 1 - this to 1 + this of the configured one
@@ -259,11 +254,9 @@ def verify(
     `plan`: how posteriors are sampled; its seed is that of the records too.
     """
     seed = plan.seed
-    space = posterior.space
-    start = space.vector(space.start)
     tasks: dict[tuple[str, float], list[Future[Array]]] = {
         (way, sigma): [
-            pool.submit(estimates, way, sigma, truth, start, seed, tuple(map(int, batch)))
+            pool.submit(estimates, way, sigma, truth, seed, tuple(map(int, batch)))
             for batch in np.array_split(np.arange(records), min(BATCHES, records))
         ]
         for sigma in sigmas
@@ -271,7 +264,7 @@ def verify(
     }
     posteriors = {s: pool.submit(_posterior, s, truth, plan) for s in sigmas}
     by_trapezoid = {
-        (name, s): pool.submit(_by_trapezoid, s, truth, start, seed, **how)
+        (name, s): pool.submit(_by_trapezoid, s, truth, seed, **how)
         for s in sigmas
         for name, how in _STEPPED.items()
     }
@@ -287,7 +280,7 @@ def verify(
         values[sigma] = {
             **{way: estimates_by_way[way][sigma][0] for way in WAYS},
             **{name: by_trapezoid[name, sigma].result() for name in _STEPPED},
-            "weights_only": _search("fminsearch", clean, start),
+            "weights_only": _search("fminsearch", clean),
             "posterior": mean,
             "posterior_sd": sd,
             "bound": sigma * bound,
@@ -295,7 +288,7 @@ def verify(
             **{f"sd_{way}": estimates_by_way[way][sigma].std(axis=0, ddof=1) for way in WAYS},
         }
     return Verification(
-        names=space.free,
+        names=posterior.space.free,
         records=records,
         values=values,
         estimates=estimates_by_way,
@@ -311,24 +304,16 @@ _STEPPED: Mapping[str, Mapping[str, bool]] = {
 
 
 def estimates(
-    posterior: Posterior,
-    way: str,
-    sigma: float,
-    truth: Array,
-    start: Array,
-    seed: int,
-    indices: tuple[int, ...],
+    posterior: Posterior, way: str, sigma: float, truth: Array, seed: int, indices: tuple[int, ...]
 ) -> Array:
     """Return the estimates of the records with these numbers: `(R, D)`."""
     target = precision.with_sigma(posterior, sigma)
-    return np.array(
-        [_search(way, precision.made_record(target, truth, seed, k), start) for k in indices]
-    )
+    return np.array([_search(way, precision.made_record(target, truth, seed, k)) for k in indices])
 
 
-def _search(way: str, target: Posterior, start: Array, *, stepped: bool = False) -> Array:
-    """`stepped`: with the misfit that the paper's integrator has."""
-    task = _free(target)
+def _search(way: str, target: Posterior, *, stepped: bool = False) -> Array:
+    """From the start of the space; `stepped`: with the misfit that the paper's integrator has."""
+    task, start = _free(target), target.space.vector(target.space.start)
     if stepped:
         task = forward.stepped_task(task, target.likelihood)
     return WAYS[way](task, start[None], VERIFICATION_EVALUATIONS)[0].theta
@@ -363,14 +348,7 @@ def _posterior(
 
 
 def _by_trapezoid(
-    posterior: Posterior,
-    sigma: float,
-    truth: Array,
-    start: Array,
-    seed: int,
-    *,
-    from_integrator: bool,
-    noisy: bool,
+    posterior: Posterior, sigma: float, truth: Array, seed: int, from_integrator: bool, noisy: bool
 ) -> Array:
     """The estimate `(D,)` as the paper integrates, from record 0, which it may have made as well."""
     sized = precision.with_sigma(posterior, sigma)
@@ -379,4 +357,4 @@ def _by_trapezoid(
     if from_integrator:
         y = target.likelihood.response.experiment.y - exact.likelihood.response.experiment.y
         target = target.edit(records=[y + forward.stepped_signals(target.likelihood, truth)])
-    return _search("fminsearch", target, start, stepped=True)
+    return _search("fminsearch", target, stepped=True)

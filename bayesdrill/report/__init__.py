@@ -25,7 +25,6 @@ if TYPE_CHECKING:
     from bayesdrill.report.section import as_markdown as as_markdown
     from bayesdrill.report.section import lines_as_csv as lines_as_csv
     from bayesdrill.report.section import markdown as markdown
-    from bayesdrill.report.section import records_as_csv as records_as_csv
     from bayesdrill.report.sections.fit_figure import LINE_POINTS as LINE_POINTS
     from bayesdrill.report.sections.fit_words import TIME as TIME
     from bayesdrill.report.sections.fit_words import extremes as extremes

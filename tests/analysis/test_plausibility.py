@@ -107,9 +107,10 @@ def test_a_rig_that_runs_away_and_one_that_turns_too_fast_are_named() -> None:
 def of_course(v: np.ndarray, **changes: float) -> tuple[str, ...]:
     record = experiment(len(v), 0.01, constant={"t_1": 0.0}, series={"v": v})
     of = posterior(record, np.full(5, 0.1))
-    return plausibility.plausibility_of_course(
+    told = plausibility.plausibility_of_course(
         SensitivityStudy(of.likelihood), draws(1, **changes)[0]
     )
+    return tuple(told)
 
 
 def test_friction_that_drives_is_named_with_its_share_of_the_record() -> None:

@@ -125,7 +125,7 @@ def of_friction(of: bd.Case) -> Iterator[Any]:
     theta, none = posterior.space.vector(posterior.space.start), np.empty((0, len(problem.names)))
     model, full = problem.model, posterior.space.full(theta[None])
     scenery = SensitivityStudy(posterior.likelihood)
-    yield plausibility.plausibility_of_course(scenery, theta)
+    yield tuple(plausibility.plausibility_of_course(scenery, theta))
     found = of.identify()
     yield [str(found), repr(found.study.remedies)]
     (one,), (rubs,) = posterior.likelihood.observations, friction_motions(posterior, theta, none)

@@ -120,10 +120,11 @@ def test_bounds_are_those_of_numeric_slopes() -> None:
 def test_estimates_are_those_of_least_squares(way: str, sigma: float) -> None:
     """Negative ones too.  Mutant killed: the prior kept in the density (it ends at zero)."""
     priors = {"c_m": Uniform(0.0, 0.02), "k_e": Uniform(0.0, 0.2)}
-    target = posterior(measured(SIGMA), SIGMA, free=TWO, priors=priors)
+    start = {"c_m": 1e-3, "k_e": 1e-2}
+    target = starting(posterior(measured(SIGMA), SIGMA, free=TWO, priors=priors), start)
     truth = np.array([NOMINAL[name] for name in TWO])
     indices = (3, 4, 5)
-    found = study.estimates(target, way, sigma, truth, np.array([1e-3, 1e-2]), 7, indices)
+    found = study.estimates(target, way, sigma, truth, 7, indices)
     scale = sigma * precision.bounds(target.likelihood, truth)
     negative = 0
     for row, index in zip(found, indices, strict=True):
