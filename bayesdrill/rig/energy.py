@@ -226,8 +226,9 @@ def _extended(model: Model, steps: Steps, p: Mapping[str, float]) -> Array:
 
 def _driven(model: Model) -> tuple[str, ...]:
     """Return the columns of that after the one."""
-    efforts = (f.name for f in (*model.frictions, *model.gravities))
-    return (*with_slopes(model.inputs, first_order=True), *efforts)
+    rubbing = (friction.name for friction in model.frictions)
+    lifted = (gravity.name for gravity in model.gravities)
+    return (*with_slopes(model.inputs, first_order=True), *rubbing, *lifted)
 
 
 def _places(model: Model) -> dict[str | None, int]:

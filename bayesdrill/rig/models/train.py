@@ -263,17 +263,17 @@ class Description:
         shafts = tuple(map(self._shaft, train.shafts))
         wired = [n for n in train.inertias if self._kinds.get(n) in ("current", "voltage")]
         motors = tuple(map(self._motor, wired))
-        self.roles = Roles(
+        self.roles: Roles = Roles(
             inertias=inertias, shafts=shafts, motors=motors, motion=MOTIONS[train.motion]
         )
         roots = [i for i in inertias if self._reductions[i.name][0] == i.name]
         imposed = [root.speed for root in roots if self._kinds.get(root.name) == "speed"]
-        self.states = (
+        self.states: tuple[str, ...] = (
             *(root.angle for root in roots),
             *(root.speed for root in roots if root.speed not in imposed),
             *(motor.current for motor in motors if motor.inductance in train.added),
         )
-        self.inputs = (
+        self.inputs: tuple[str, ...] = (
             *imposed,
             *(inertia.torque for inertia in inertias if inertia.torque),
             *(motor.voltage or motor.current for motor in motors),

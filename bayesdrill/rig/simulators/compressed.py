@@ -61,11 +61,11 @@ class Compression:
     """
 
     shape: BasisShape
+    numbers: Array
     orders: Counts
     frame: Array
     record: Triangle
     reference: Array
-    numbers: Array
     tolerance: Array
     delays: Delays
 
