@@ -76,7 +76,7 @@ class Mode:
     below 1 at a maximum inside the prior; `gain`: what a Newton step would still gain.
     `at_bound`: unknowns within 0.1 % of an end of their prior, or with 0.1 % of it between them and
     zero.  `steps`: by which unknowns that may be negative are compared.  `pieces`: of rigs that are
-    stepped, as `inference.step_error.taken` tells them, where they were chosen here.  `left_out`: about
+    stepped, as `step_error.chosen_steps` tells them, where they were chosen here.  `left_out`: about
     how much of the posterior maxima hold that were not followed, as there are too many.
     """
 
