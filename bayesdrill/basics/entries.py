@@ -17,9 +17,18 @@ from pydantic.fields import FieldInfo
 
 
 class Strict(BaseModel):
-    """A part of a config: unknown keys, and values of other types, are errors."""
+    """A part of a config: unknown keys, and values of other types, are errors.
 
-    model_config = ConfigDict(extra="forbid", strict=True, frozen=True, allow_inf_nan=False)
+    What an entry is stands in its `Field`, or as a text below it.
+    """
+
+    model_config = ConfigDict(
+        extra="forbid",
+        strict=True,
+        frozen=True,
+        allow_inf_nan=False,
+        use_attribute_docstrings=True,
+    )
 
 
 # Of any number in a config.  No rig has others, and their squares and ratios stay finite.
@@ -89,6 +98,11 @@ def member_section[B: Strict](
         default_ = "" if plain in (None, "", dataclasses.MISSING) else f"; default: {plain}"
         description = f"{', '.join(having)}: {_about(hint)}{default_}."
         fields[entry] = (hint | None, Field(None, description=description))
+    return extended(name, base, fields)
+
+
+def extended[B: Strict](name: str, base: type[B], fields: dict[str, Any]) -> type[B]:
+    """Return `base` with further fields, as pydantic takes them."""
     where = base.__module__  # which has it by this name, so that its records can be pickled
     return create_model(name, __base__=base, __doc__=base.__doc__, __module__=where, **fields)
 

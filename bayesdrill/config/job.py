@@ -30,9 +30,8 @@ from bayesdrill.record.formats.table import RecordTable
 from bayesdrill.rig.models.linear import Model, constants
 from bayesdrill.sampling.mode_search import Mode
 
-MAX_START_DISTANCE = (
-    1e10  # of a start from the record, in sigmas: rounding would hide any way to it
-)
+# Of a start from the record, in sigmas: rounding would hide any way to it.
+MAX_START_DISTANCE = 1e10
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -81,10 +80,7 @@ class Job:
 
 
 def prepare(path: Path) -> Job:
-    """Load a config and its records, and build the job; nothing is written.
-
-    Raises `InputError` with everything that is wrong with the input.
-    """
+    """Load a config and its records, and build the job; raises `InputError` of all mistakes."""
     return assemble(loading.load(path))
 
 
@@ -117,17 +113,14 @@ def assemble(case: ResolvedCase, table: RecordTable | None = None) -> Job:
 def _unsteady(case: ResolvedCase, problem: Problem, start: Array) -> list[Issue]:
     """Experiments that are said to begin steadily, of a rig that has no steady state."""
     full = problem.posterior.space.full(start[None])
-    observations = {observation.label: observation for observation in problem.observations}
-    message = (
-        "the rig has no steady state at the start values under the first inputs; give the start, or "
-        "`free`"
-    )
+    pairs = [(case.experiment(each.label), each) for each in problem.observations]
+    unsteady = "the rig has no steady state at the start values under the first inputs"
+    message = f"{unsteady}; give the start, or `free`"
     return [
-        experiment.source.issue(("initial",), message)
-        for experiment in case.experiments
-        if experiment.label in observations
-        and experiment.config.initial.state == "steady"
-        and not np.isfinite(observations[experiment.label].signals(full)[0, 0]).any()
+        resolved.source.issue(("initial",), message)
+        for resolved, observation in pairs
+        if resolved.config.initial.state == "steady"
+        and not np.isfinite(observation.signals(full)[0, 0]).any()
     ]
 
 
@@ -138,10 +131,7 @@ MAX_INTEGER_BITS = 1000  # bits of a whole number
 
 
 def job_in_memory(columns: Mapping[str, Array], entries: Mapping[str, Any]) -> Job:
-    """Build a job from `columns`, each `(T,)`, and `entries` as in YAML.
-
-    Time is the column `t`.  Raises `InputError` with all that is wrong with either.
-    """
+    """Build a job from `columns (T,)`, of which `t` is time, and `entries`; raises `InputError`."""
     table = RecordTable(path=Path(RECORD), variables=dict(columns))
     record = {"file": RECORD, **entries.get("record", {})}
     record.setdefault("time", {"column": TIME_COLUMN, "unit": "s"})
@@ -176,9 +166,8 @@ def _plain(value: Any, location: tuple[str, ...], issues: list[Issue]) -> Any:
         issues.append(Issue(".".join(location[:4]), "is nested too deep; see docs/config.md"))
         return None
     if isinstance(value, Mapping):
-        return {
-            str(key): _plain(item, (*location, str(key)), issues) for key, item in value.items()
-        }
+        items = [(str(key), item) for key, item in value.items()]
+        return {key: _plain(item, (*location, key), issues) for key, item in items}
     if isinstance(value, list | tuple):
         return [_plain(item, (*location, str(k)), issues) for k, item in enumerate(value)]
     if isinstance(value, np.generic) or (isinstance(value, np.ndarray) and value.ndim == 0):

@@ -1,7 +1,4 @@
-"""Check LaTeX of users: formulas that matplotlib and LaTeX both know.
-
-Nothing in them leaves its cell of a table.
-"""
+"""Check LaTeX of users: it is known to matplotlib and LaTeX, and stays in its cell of a table."""
 
 from __future__ import annotations
 

@@ -21,22 +21,17 @@ from bayesdrill.config.consistency import several
 from bayesdrill.config.resolve import experiments
 from bayesdrill.config.resolve.case import ResolvedCase, ResolvedExperiment
 from bayesdrill.config.schema.config import Config, ModelSpec, config_kind
-from bayesdrill.config.schema.vocabulary import vocabulary_of
+from bayesdrill.config.schema.vocabulary import described_rigs, vocabulary_of
 from bayesdrill.config.yaml_source import IssueCollector, Location, Source, read
 from bayesdrill.inference.priors import PRIORS
 from bayesdrill.rig.models import MODELS
-from bayesdrill.rig.models.drive_parts import PartsError
 from bayesdrill.rig.models.linear import Model
 
 _FILE = "x.csv"
 
 
 def _stand_ins(kind: type[Config]) -> dict[Location, Any]:
-    """What a config cannot do without.
-
-    Of an entry that is missing or spoilt nothing more is said, but the others can be judged with these
-    in its place; sections before what stands in them.
-    """
+    """What stands in for entries that are missing or spoilt, to judge the others; sections first."""
     state = next(iter(kind.vocabulary.states.values()))
     return {
         ("name",): "x",
@@ -85,7 +80,7 @@ def load_kind(source: Source) -> type[Config]:
     """
     data, kinds = source.data, MODELS.usable()
     entry = data.get("model") if isinstance(data, Mapping) else None
-    described = [name for name, kind in kinds.items() if kind().has_private_names]
+    described = described_rigs()
     parts = {n for n, having in members_by_entry(kinds).items() if {*having} <= {*described}}
     if not isinstance(entry, Mapping) or not (entry.get("name") in described or parts & {*entry}):
         return Config
@@ -97,10 +92,10 @@ def load_kind(source: Source) -> type[Config]:
         for key, text in vain.items():
             errors.add(("model", key), text)
         if kind is not None and not vain:
-            return config_kind(vocabulary_of(build_member(kind, section)))
-    except PartsError as error:
-        for key, text in error.entries:
-            errors.add(("model", key), text)
+            rig = errors.run(("model", "name"), build_member, kind, section)
+            words = rig and errors.run(("model", "name"), vocabulary_of, rig)
+            if words:
+                return config_kind(words)
     except ValidationError as error:
         for item in error.errors():
             loc = ("model", *item["loc"])
@@ -110,17 +105,12 @@ def load_kind(source: Source) -> type[Config]:
 
 
 def _with_walkers(config: Config, model: Model) -> Config:
-    """Give a rig with friction fewer walkers by default.
-
-    A step of a walker is expensive there, and 256 of them would give far more than is asked.
-    """
+    """Give a rig that rubs fewer walkers by default: its steps are expensive, and 256 too many."""
     sampler = config.sampler
     if "walkers" in sampler.model_fields_set or model.smooth:
         return config
-    walkers = min(
-        sampler.walkers, FRICTION_WALKERS + WALKERS_PER_EXPERIMENT * len(config.experiments)
-    )
-    fewer = sampler.model_copy(update={"walkers": walkers})
+    walkers = FRICTION_WALKERS + WALKERS_PER_EXPERIMENT * len(config.experiments)
+    fewer = sampler.model_copy(update={"walkers": min(sampler.walkers, walkers)})
     return config.model_copy(update={"sampler": fewer})
 
 
@@ -130,15 +120,12 @@ def _load_several(
     """All experiments, and the config of the first, which names them."""
     alone, resolved = experiments.split_experiments(source), dict[str, ResolvedExperiment]()
     problems = [*source.repeated]
-    for label, local_source in (
-        alone or {"": experiments.experiment_source(source, "", {})}
-    ).items():
+    local_sources = alone or {"": experiments.experiment_source(source, "", {})}
+    for label, local_source in local_sources.items():
         record = local_source.data.get("record", {})
         if isinstance(record, Mapping) and "file" not in record:
-            record = {**record, "file": _FILE}
-            local_source = dataclasses.replace(
-                local_source, data={**local_source.data, "record": record}
-            )
+            data = {**local_source.data, "record": {**record, "file": _FILE}}
+            local_source = dataclasses.replace(local_source, data=data)
             location = (experiments.EXPERIMENTS, label, "record", "file")
             problems += [source.issue(location, NO_RECORD)] if alone else []
         try:
@@ -187,15 +174,10 @@ def _load_single(
     except ValidationError as error:
         errors = _by_location(error, source)
         messages = {location: _message(item, location, kind) for location, item in errors.items()}
-        meant = {
-            _intended_location(item, location, messages[location])
-            for location, item in errors.items()
-        } - {None, *source.lines}
-        problems += [
-            source.issue(location, messages[location])
-            for location, item in errors.items()
-            if not (item["type"] == "missing" and location in meant)
-        ]
+        intended = {_intended_location(item, at, messages[at]) for at, item in errors.items()}
+        meant = intended - {None, *source.lines}
+        implied = {at for at, item in errors.items() if at in meant and item["type"] == "missing"}
+        problems += [source.issue(at, messages[at]) for at in errors if at not in implied]
         spoilt = [*errors, *filter(None, meant)]
         problems += _check_remaining(pruned, spoilt, source, kind, alone=alone)
     else:
@@ -226,11 +208,8 @@ def _check_remaining(
 def _intended_location(error: dict[str, Any], location: Location, hint: str) -> Location | None:
     """The entry that a misspelt key was to be: that it is missing is no mistake of its own."""
     suggestion = hint.rpartition("did you mean ")[2].rstrip("?")
-    return (
-        (*location[:-1], suggestion)
-        if error["type"] == "extra_forbidden" and suggestion != hint
-        else None
-    )
+    misspelt = error["type"] == "extra_forbidden" and suggestion != hint
+    return (*location[:-1], suggestion) if misspelt else None
 
 
 def _remove(data: Any, location: Location) -> None:
@@ -268,9 +247,8 @@ def _message(error: dict[str, Any], location: Location, config: type[Config]) ->
                 return f"unknown {word}; if a decimal comma made it, write a point"
             if "<tie>" in error["loc"]:
                 return "a tied parameter has nothing else; remove this entry, or the tie"
-            return (
-                f"unknown {word}{did_you_mean(str(location[-1]), _keys_at(error['loc'], config))}"
-            )
+            near = did_you_mean(str(location[-1]), _keys_at(error["loc"], config))
+            return f"unknown {word}{near}"
         case "missing":
             return "this entry is missing; see `bayesdrill schema` or configs/nominal_step.yaml"
         case "union_tag_not_found":
@@ -293,12 +271,8 @@ def _message(error: dict[str, Any], location: Location, config: type[Config]) ->
             lower_bound = context.get("ge")
             if lower_bound == SMALLEST and value <= 0:
                 return f"{_shown(value)}: it should be greater than 0"
-            bound = (
-                f"greater than or equal to {lower_bound}"
-                if lower_bound is not None
-                else (f"less than or equal to {context['le']}")
-            )
-            return f"{_shown(value)}: it should be {bound}"
+            side, bound = ("greater", lower_bound) if "ge" in context else ("less", context["le"])
+            return f"{_shown(value)}: it should be {side} than or equal to {bound}"
         case "bool_type":
             return f"{_shown(value)} is neither `true` nor `false`"
         case "too_short":
@@ -306,10 +280,8 @@ def _message(error: dict[str, Any], location: Location, config: type[Config]) ->
         case "too_long":
             max_length = context["max_length"]
             surplus = ", ".join(map(str, [*value][max_length:]))
-            return (
-                f"{len(value)} entries stand here, wanted are at most {max_length}; "
-                f"take out {surplus}"
-            )
+            there = f"{len(value)} entries stand here, wanted are at most {max_length}"
+            return f"{there}; take out {surplus}"
         case "string_type":
             return f"{_shown(value)} is not text; put it in quotes if it is meant"
         case "model_type" | "model_attributes_type" | "dict_type":
@@ -349,9 +321,8 @@ def _hint(value: Any) -> str:
         if "," in value:
             return "; the decimal sign is a point"
         if any(letter.isdigit() for letter in value) and value[-1:].isalpha():
-            return (
-                "; leave out the unit (SI), or write {value: ..., unit: ...} where that is possible"
-            )
+            other = "write {value: ..., unit: ...} where that is possible"
+            return f"; leave out the unit (SI), or {other}"
     if isinstance(value, bool) or value is None:
         return "; write the value itself"
     return ""
@@ -371,9 +342,8 @@ def _keys_at(loc: tuple[str | int, ...], config: type[Config]) -> list[str]:
 
 def _sections(annotation: Any) -> list[Mapping[str, Any]]:
     """Annotations by key of each mapping that may stand there."""
-    if typing.is_typeddict(annotation) or (
-        isinstance(annotation, type) and issubclass(annotation, BaseModel)
-    ):
+    record = isinstance(annotation, type) and issubclass(annotation, BaseModel)
+    if record or typing.is_typeddict(annotation):
         return [_entries(annotation)]
     return [mapping for inner in typing.get_args(annotation) for mapping in _sections(inner)]
 

@@ -11,6 +11,7 @@ from typing import Any
 
 from bayesdrill import output_files
 from bayesdrill.basics.errors import InputError, Issue, did_you_mean
+from bayesdrill.rig.models.drive_parts import PartsError
 
 Location = tuple[str | int, ...]
 
@@ -24,18 +25,14 @@ MAX_NUMBER_LENGTH = 40
 
 @dataclass(frozen=True, slots=True)
 class Source:
-    """The text of a config, its data, and where each entry stands.
-
-    `lines`: 1-based line of the key (or list item) at each location; `repeated`: keys that stand
-    twice, as issues; `moved`: where entries stand that are read as if they stood elsewhere.
-    """
+    """The text of a config, its data, and where each entry stands."""
 
     path: Path
     text: str
     data: Any
-    lines: Mapping[Location, int]
-    repeated: tuple[Issue, ...]
-    moved: Mapping[Location, Location] = field(default_factory=dict)
+    lines: Mapping[Location, int]  # of the key (or list item) at each location, from 1
+    repeated: tuple[Issue, ...]  # keys that stand twice
+    moved: Mapping[Location, Location] = field(default_factory=dict)  # from where they are read
 
     def issue(self, location: Location, message: str) -> Issue:
         """Return an issue labelled `file:line: a.b.c`; the line is that of the nearest entry."""
@@ -102,16 +99,13 @@ def parse(path: Path, text: str) -> Source:
         message = f"the character U+{error.character:04X} cannot stand in YAML; remove it"
         raise InputError.at(f"{path}:{line}", message) from None
     except RecursionError:
-        message = (
-            "entries are nested too deeply, or an alias (`*`) stands inside its own anchor (`&`)"
-        )
-        raise InputError.at(str(path), f"{message}; write them out flat") from None
+        message = "entries are nested too deeply, or an alias (`*`) stands inside its own anchor"
+        raise InputError.at(str(path), f"{message} (`&`); write them out flat") from None
     except (YAMLError, ValueError) as error:
         raise InputError.at(str(path), f"this is not YAML: {str(error).splitlines()[0]}") from None
     if not isinstance(data, dict):
-        raise InputError.at(
-            str(path), "a config is a mapping such as `name: my_rig`; see `bayesdrill schema`"
-        )
+        message = "a config is a mapping such as `name: my_rig`; see `bayesdrill schema`"
+        raise InputError.at(str(path), message)
     return Source(path, text, data, walk.lines, tuple(walk.repeated))
 
 
@@ -128,13 +122,10 @@ def as_yaml(data: Mapping[str, Any]) -> str:
 
 @dataclass(slots=True)
 class _NodeVisitor:
-    """Through all nodes: notes lines and repeated keys, refuses what no config needs.
-
-    `constructor` of the document, which every plain value is tried with: so its line is known.
-    """
+    """Through all nodes: notes lines and repeated keys, refuses what no config needs."""
 
     path: Path
-    constructor: Any
+    constructor: Any  # of the document: every plain value is tried with it, so its line is known
     lines: dict[Location, int] = field(default_factory=dict)
     repeated: list[Issue] = field(default_factory=list)
     entries: int = 0
@@ -165,9 +156,8 @@ class _NodeVisitor:
         from ruamel.yaml.nodes import ScalarNode
 
         if not isinstance(key, ScalarNode):
-            raise self._refusal(
-                key, "a list or mapping cannot be a key; write a word before the colon"
-            )
+            message = "a list or mapping cannot be a key; write a word before the colon"
+            raise self._refusal(key, message)
         if len(key.value) > MAX_KEY_LENGTH:
             message = f"this key has {len(key.value)} letters; write at most {MAX_KEY_LENGTH}"
             raise self._refusal(key, message)
@@ -177,10 +167,8 @@ class _NodeVisitor:
         key_location = (*location, key.value)
         if key_location in self.lines:
             dotted = ".".join(str(part) for part in key_location)
-            message = (
-                f"this key stands already in line {self.lines[key_location]}; keep one of them"
-            )
-            line = key.start_mark.line + 1
+            before, line = self.lines[key_location], key.start_mark.line + 1
+            message = f"this key stands already in line {before}; keep one of them"
             self.repeated.append(Issue(f"{self.path}:{line}: {dotted}", message))
         self._note(key_location, key)
         return key_location
@@ -191,10 +179,9 @@ class _NodeVisitor:
         text, kind = node.value, str(node.tag).rpartition(":")[2]
         max_length = MAX_NUMBER_LENGTH if kind == "int" else MAX_VALUE_LENGTH
         if len(text) > max_length:
-            description = "a number of {} digits" if kind == "int" else "a value of {} letters"
-            raise self._refusal(
-                node, f"{description.format(len(text))}; write at most {max_length}"
-            )
+            what, signs = ("a number", "digits") if kind == "int" else ("a value", "letters")
+            message = f"{what} of {len(text)} {signs}; write at most {max_length}"
+            raise self._refusal(node, message)
         self._readable(node)
         try:
             self.constructor.construct_object(node)
@@ -243,11 +230,18 @@ class IssueCollector:
         return any(all(part == other for part, other in pair) for pair in pairs)
 
     def run[T](self, location: Location, step: Callable[..., T], *arguments: Any) -> T | None:
-        """Return the result of a step; None, with an issue, where it raises `ValueError`."""
+        """Return the result of a step; None, with an issue, where it raises `ValueError`.
+
+        Parts of a rig that do not go together are other entries of `model:`.
+        """
         try:
             return step(*arguments)
         except ValueError as error:
-            self.add(location, str(error))
+            if isinstance(error, PartsError) and location[0] == "model":
+                for entry, message in error.entries:
+                    self.add(("model", entry), message)
+            else:
+                self.add(location, str(error))
             return None
 
     def expect(self, location: Location, name: str, known: Collection[str], message: str) -> None:

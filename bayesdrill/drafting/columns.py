@@ -81,20 +81,16 @@ _GREEK = str.maketrans({"θ": "theta ", "φ": "phi ", "ϕ": "phi ", "ω": "omega
 
 @dataclass(frozen=True, slots=True)
 class Meaning:
-    """What the head of a column says: `kind`, `location` and `unit` are empty where it is silent.
-
-    `reference`: a controller asked for it, it did not happen; `unknown_unit`: stands where a unit
-    would; `symbol`: of a state, `word`: the one that says the kind; `backwards`: against the state.
-    """
+    """What the head of a column says: `kind`, `location` and `unit` are empty where it is silent."""
 
     kind: str = ""
     location: str = ""
     unit: str = ""
-    reference: bool = False
-    unknown_unit: str = ""
-    symbol: str = ""
-    word: str = ""
-    backwards: bool = False
+    reference: bool = False  # a controller asked for it, it did not happen
+    unknown_unit: str = ""  # what stands where a unit would
+    symbol: str = ""  # of a state
+    word: str = ""  # that says the kind
+    backwards: bool = False  # against the state
 
 
 STATES = {
@@ -204,16 +200,13 @@ MAX_NUMBER = 1e12  # of a size that is believed
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FileColumn:
-    """One column `values (T,)` of a file; `address`: the entries of a config that name it.
-
-    `file`: the index among the files that make one record, 0 for that of the channels.
-    """
+    """One column `values (T,)` of a file; `address`: the entries of a config that name it."""
 
     name: str
     address: Mapping[str, str | int]
     values: Array
     meaning: Meaning
-    file: int = 0
+    file: int = 0  # among the files that make one record, 0 for that of the channels
 
     @property
     def key(self) -> tuple[object, ...]:
@@ -269,10 +262,7 @@ class NamedColumn:
 
 
 def named_column(text: str, files: Collection[str]) -> NamedColumn:
-    """Read `data:3=theta_2 [deg]`; before it may stand the name of one of the `files`, and a colon.
-
-    Raises `InputError` where it says neither a column nor what it measures.
-    """
+    """Read `data:3=theta_2 [deg]`, perhaps behind one of `files` and a colon; raises `InputError`."""
     where, _, what = text.rpartition("=")
     file = next((name for name in files if where.startswith(f"{name}:")), "")
     match = re.fullmatch(r"(.+?)(?::(\d+))?", where.removeprefix(f"{file}:").strip())

@@ -32,18 +32,17 @@ SHEET_SD = 1.0  # of the logarithm of a parameter of a data sheet
 
 def config_text(context: DraftContext, name: str, sheet: Mapping[str, Any]) -> str:
     """Write the whole config, called `name`; `sheet`: the data sheet, the entries of `nominal:`."""
-    lead, lead_roles = context.lead, context.lead.roles
+    assigned, start, nominal = context.lead.roles, context.starts[context.lead.label], []
     files = [file for record in context.records for file in (record, *record.beside)]
     names = ", ".join(context.file_name(file.path) for file in files)
-    model, why_gear = [f"model: {{name: {lead_roles.rig.name}}}"], []
-    if lead_roles.train is not None:
-        model, why_gear = trains.model_lines(lead_roles.train), review([lead_roles.gear_doubt], 0)
-    elif lead_roles.rig.geared:
-        model = [f"model: {{name: {lead_roles.rig.name}, i_m: {1 / lead_roles.gear:.6g}}}"]
-        why_gear = review([lead_roles.gear_doubt], 0)
-        if lead_roles.gear_why:
-            why_gear += comment(f"gear {lead_roles.gear:.6g}:1, {lead_roles.gear_why}")
-    start, nominal = context.starts[lead.label], []
+    if assigned.train is not None:
+        model = [*review([assigned.gear_doubt], 0), *trains.model_lines(assigned.train)]
+    elif assigned.rig.geared:
+        why = f"gear {assigned.gear:.6g}:1, {assigned.gear_why}" if assigned.gear_why else ""
+        model = [*review([assigned.gear_doubt], 0), *comment(why)]
+        model.append(f"model: {{name: {assigned.rig.name}, i_m: {1 / assigned.gear:.6g}}}")
+    else:
+        model = [f"model: {{name: {assigned.rig.name}}}"]
     if sheet:
         rows = [f"  {name}: {json.dumps(x)}" for name, x in {"tolerance": 0.2, **sheet}.items()]
         head = comment("By the data sheet; `tolerance`: how far it may be off.")
@@ -63,7 +62,6 @@ def config_text(context: DraftContext, name: str, sheet: Mapping[str, Any]) -> s
         "",
         *(_experiments(context) if context.several else _initial(start)),
         "",
-        *why_gear,
         *model,
         "",
         *nominal,
@@ -81,16 +79,12 @@ def _initial(start: StartGuess) -> list[str]:
 
 
 def _experiments(context: DraftContext) -> list[str]:
-    lines = [
-        *comment("Each has its file, and what is its own; all else is as above."),
-        "experiments:",
-    ]
+    lines = comment("Each has its file, and what is its own; all else is as above.")
+    lines.append("experiments:")
     for record in context.records:
         lines += _experiment(context, record)
-    doubt = (
-        "the same sensors in each: one noise, one offset, one lag; take out what differs, and it is "
-        "an unknown of each experiment"
-    )
+    doubt = "the same sensors in each: one noise, one offset, one lag"
+    doubt += "; take out what differs, and it is an unknown of each experiment"
     # Unknowns of the sensors; moments of steps that are given by hand are not.
     shared = ["t_0"] if context.measured else []
     if context.voltage is None and context.lead.roles.v and not entries.constant_voltages(context):
@@ -135,23 +129,20 @@ def _parameters(context: DraftContext, sheet: Mapping[str, Any]) -> list[str]:
     if sheet:
         sd = math.exp(SHEET_SD)
         why += f"; what is `relative` is a factor of the sheet's, with an sd of {sd:.2g}"
-    held: dict[str, str] = {}
+    driven = [inertia for inertia in rig.roles.inertias if rig.roles.motor(inertia.name)]
+    rubbing, held = driven, set[str]()
     if context.lead.roles.train is not None:
-        segment = context.lead.segment
+        segment, rubbing = context.lead.segment, [*rig.roles.inertias]
         scales = trains.prior_ends(context.lead.sensors, segment.dt, float(np.ptp(segment.t)))
         held = trains.held_scales(rig, context.lead.sensors)
     lines = [*review([why], 0), "parameters:"]
-    driven = [inertia for inertia in rig.roles.inertias if rig.roles.motor(inertia.name)]
     for name in rig.parameters:
         symbol = rig.symbols[name]
         if name in held:
-            lines += [*review([held[name]], 2), f"  {name}: 1.0"]
-            continue
-        if both_ways and name in {inertia.friction for inertia in driven}:
-            doubt = (
-                "it keeps its sign, and this rig turns both ways: held at zero, and c_m stands for all "
-                "friction"
-            )
+            lines += [*review([trains.HELD_SCALE], 2), f"  {name}: 1.0"]
+        elif both_ways and name in {inertia.friction for inertia in driven}:
+            doubt = "it keeps its sign, and this rig turns both ways: held at zero"
+            doubt += ", and c_m stands for all friction"
             lines += [*review([doubt], 2), f"  {name}: 0.0"]
         elif name in sheet and math.isinf(symbol.at_most):
             prior = f"{{prior: log_normal, median: 1, sd_log: {SHEET_SD:g}, relative: true}}"
@@ -161,12 +152,10 @@ def _parameters(context: DraftContext, sheet: Mapping[str, Any]) -> list[str]:
             prior = f"{{prior: log_uniform, low: {low:.1e}, high: {high:.1e}}}"
             lines.append(_with_meaning(f"  {name}: {prior}", 60, symbol))
     further = [shaft.damping for shaft in rig.roles.shafts]
-    rubbing = driven if context.lead.roles.train is None else rig.roles.inertias
     further += [inertia.sliding for inertia in rubbing if both_ways]
     further = [name for name in further if name in rig.offers and name not in rig.parameters]
-    if further:
-        text = "Further physics is switched on by naming it, see docs/rigs.md; take the # away:"
-        lines += comment(text, 2)
+    text = "Further physics is switched on by naming it, see docs/rigs.md; take the # away:"
+    lines += comment(text if further else "", 2)
     for name in further:
         _, high = _prior_ends(scales, rig, rig.symbols[name], gear)
         entry = f"  # {name}: {{prior: half_normal, scale: {high / 3:.1e}}}"
@@ -278,13 +267,10 @@ class Guess:
 def guess(
     paths: Sequence[Path], target: Path, given: GivenFacts, sheet: Source | None = None
 ) -> Guess:
-    """Guess a config at `target` for the files; `sheet`: the entries of its `nominal:`.
-
-    Raises `InputError` where nothing can be made of a file, or not of all together.
-    """
+    """Guess a config at `target` for files, and `sheet`, its `nominal:`; raises `InputError`."""
     records, lead = record_files.read_records(paths, given)
-    lags = [roles.find_lag(record.roles, record.segment.dt) for record in records]
-    hints = [lag for lag in lags if lag is not None]
+    pairs = [(record.roles, record.segment.dt) for record in records]
+    hints = [hint for pair in pairs for hint in roles.find_lags(*pair)]
     clearest = max(hints, key=lambda lag: lag.improvement, default=None)
     starts = {record.label: _start(record, given.voltage) for record in records}
     context = DraftContext(records, lead, starts, clearest, given.voltage, target.parent)
@@ -321,30 +307,24 @@ def _start(record: RecordFile, voltage: float | None) -> StartGuess:
 
 
 def _asks(text: str, target: Path, record: Path, sheet: Source | None) -> tuple[Issue, ...]:
-    """What is wrong as it stands: a voltage that nobody has told.
-
-    Raises `InputError` where `check` would refuse it with one, too.
-    """
+    """Ask for a voltage that nobody has told; raises `InputError` where that is not all."""
     asked = entries.ASKED_VOLTAGE
     whole = parse(target, text.replace(asked, asked.replace("# ", "")))
     try:
         assemble(loading.validate(whole))
     except InputError as error:
-        sheet_entries = (
-            "nominal",
-            *(f"parameters.{name}" for name in (sheet.data if sheet else ())),
-        )
-        keys = [(issue.place.rpartition(": ")[2], issue.message) for issue in error.problems]
-        wrong = [(key, message) for key, message in keys if key.startswith(sheet_entries)]
-        if sheet is not None and wrong:
-            names = [(key.partition(".")[2], message) for key, message in wrong]
-            issues = [Issue(f"{sheet.path}: {name}", message) for name, message in names]
-            raise InputError(issues) from None
-        message = (
-            "no valid config can be made of this record, for the reasons below. Correct the file, or "
-            "write a config by hand"
-        )
-        raise InputError([Issue(str(record), message), *error.problems]) from None
+        if sheet is not None:
+            entries_of_sheet = ("nominal", *(f"parameters.{name}" for name in sheet.data))
+            keys = [(issue.place.rpartition(": ")[2], issue.message) for issue in error.problems]
+            if wrong := [
+                Issue(f"{sheet.path}: {key.partition('.')[2]}", message)
+                for key, message in keys
+                if key.startswith(entries_of_sheet)
+            ]:
+                raise InputError(wrong) from None
+        message = "no valid config can be made of this record, for the reasons below"
+        first = Issue(str(record), f"{message}. Correct the file, or write a config by hand")
+        raise InputError([first, *error.problems]) from None
     try:
         loading.validate(parse(target, text))
     except InputError as error:

@@ -57,16 +57,13 @@ def review(doubts: Iterable[str], indent: int) -> list[str]:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DraftContext:
-    """All that a config in `folder` says of `records`, each understood as `lead` is.
-
-    `starts`: by label; `voltage` [V]: a constant one that is known.
-    """
+    """All that a config in `folder` says of `records`, each understood as `lead` is."""
 
     records: tuple[RecordFile, ...]
     lead: RecordFile
-    starts: Mapping[str, StartGuess]
+    starts: Mapping[str, StartGuess]  # by label
     lag: LagHint | None
-    voltage: float | None
+    voltage: float | None  # V, a constant one that is known
     folder: Path
 
     @property
@@ -168,9 +165,8 @@ def _channel(context: DraftContext, channel: DraftChannel) -> list[str]:
         doubts.append(f"it begins again after {period:.6g}, and is unwrapped")
         entries.append(f"wraps: {period:.10g}")
     if channel.derived:
-        doubts.append(
-            f"it is made of differences of {channel.derived}, and would count the same numbers twice"
-        )
+        twice = "and would count the same numbers twice"
+        doubts.append(f"it is made of differences of {channel.derived}, {twice}")
         entries.append(f"derived_from: {channel.derived}")
         sigma = "1}    # means nothing here"
     else:
@@ -247,9 +243,9 @@ def input_lines(context: DraftContext) -> list[str]:
     step = max(file.segment.dt for file in files)
     after = max(start.late for start in starts) * step
     doubt = (
-        "when it acts is known to one sample at best, and an error of half a one shifts inertias by "
-        "many standard deviations: an unknown"
+        "when it acts is known to one sample at best, and an error of half a one shifts inertias"
     )
+    doubt += " by many standard deviations: an unknown"
     entry = f"  t_0: {{prior: uniform, low: {-step:.4g}, high: {after:.4g}}}    # s"
     return [*lines, *review([doubt], 2), entry]
 

@@ -7,7 +7,6 @@ import itertools
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
-from operator import attrgetter
 from pathlib import Path
 
 import numpy as np
@@ -63,9 +62,6 @@ class RecordFile:
     def file_of(self, sensor: Sensor) -> RecordFile:
         """Return the file in which a column of the record stands."""
         return self.beside[sensor.column.file - 1] if sensor.column.file else self
-
-
-_UNCERTAINTY = attrgetter("uncertainty")
 
 
 def examine(path: Path, given: GivenFacts) -> RecordFile:
@@ -153,17 +149,14 @@ def with_roles_of(lead: RecordFile, file: RecordFile) -> RecordFile:
 def read_records(
     paths: Sequence[Path], given: GivenFacts
 ) -> tuple[tuple[RecordFile, ...], RecordFile]:
-    """Return the records that the files make, and the one as which all are understood.
-
-    Raises `InputError` where nothing can be made of a file, or not of all together.
-    """
+    """Return the records of files, and the one as which all are understood; raises `InputError`."""
     for k, path in enumerate(paths):
         if path.resolve() in [other.resolve() for other in paths[:k]]:
             raise InputError.at(str(path), "is given twice. Give each file once")
     kinds = _by_kind(collect_each(lambda path: examine(path, given), paths))
     records = _join_kinds(kinds, given) if len(kinds) > 1 else kinds[0]
     collect_each(_refuse_without_channels, records)
-    lead = min(records, key=_UNCERTAINTY)
+    lead = min(records, key=lambda record: record.uncertainty)
     alike = collect_each(lambda r: r if r is lead else with_roles_of(lead, r), records)
     labels = experiment_labels([r.path for r in alike]) if len(alike) > 1 else [""]
     pairs = zip(alike, labels, strict=True)
@@ -183,7 +176,7 @@ def _by_kind(files: Sequence[RecordFile]) -> list[list[RecordFile]]:
     """Files with the columns that are used of the one that tells most, and those without, in turn."""
     remaining, kinds = [*files], []
     while remaining:
-        lead = min(remaining, key=_UNCERTAINTY)
+        lead = min(remaining, key=lambda record: record.uncertainty)
         used = {(sensor.column.key, sensor.column.meaning) for sensor in lead.sensors}
         kinds.append([f for f in remaining if used <= {(c.key, c.meaning) for c in f.columns}])
         remaining = [file for file in remaining if file not in kinds[-1]]
@@ -221,10 +214,8 @@ def _join(first: RecordFile, beside: Sequence[RecordFile], given: GivenFacts) ->
     for k, other in enumerate(beside, start=1):
         for file in (first, other):
             if file.time.column is None and not np.array_equal(t, other.time.t):
-                message = (
-                    "has no column of times, so it cannot be joined with another file. Add one"
-                )
-                raise InputError.at(str(file.path), message)
+                message = "has no column of times, so it cannot be joined with another file"
+                raise InputError.at(str(file.path), f"{message}. Add one")
         u, s = first.segment.t, other.segment.t
         if np.sum((u >= s[0]) & (u <= s[-1])) < MIN_SAMPLES:
             raise InputError.at(

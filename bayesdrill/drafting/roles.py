@@ -35,23 +35,17 @@ IMPOSED = ("theta_2", "w_2")  # the angle first: it is what is measured
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DraftChannel:
-    """A sensor under the name that the config gives it; `measures` is empty for a state itself.
-
-    `derived`: the channel of which it is differences.
-    """
+    """A sensor under the name that the config gives it; `measures` is empty for a state itself."""
 
     name: str
     measures: str
     sensor: Sensor
-    derived: str = ""
+    derived: str = ""  # the channel of which it is differences
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SensorRoles:
-    """`inputs`: measured ones, by their entries; `gear`: turns of the motor for one of the shaft.
-
-    `train`: the rig without what is added, where it is described by its columns.
-    """
+    """`inputs`: measured ones, by their entries; `gear`: turns of the motor for one of the shaft."""
 
     channels: tuple[DraftChannel, ...]
     inputs: Mapping[str, Sensor]
@@ -60,7 +54,7 @@ class SensorRoles:
     gear_why: str
     gear_doubt: str
     left_out: dict[str, str]
-    train: Train | None = None
+    train: Train | None = None  # without what is added, where columns describe the rig
 
     @property
     def v(self) -> Sensor | None:
@@ -77,11 +71,7 @@ class SensorRoles:
 def assign_roles(
     sensors: Sequence[Sensor], dt: float, rig: Model, gear: float | None, *, voltage: bool
 ) -> SensorRoles:
-    """Assign sensors to the channels and inputs of a rig.
-
-    `dt`: step of their values, s; `gear`: None where it is not known; `voltage`: whether a constant
-    one is known.
-    """
+    """Assign sensors, a value each `dt` s, to a rig; `voltage`: whether a constant one is known."""
     left_out: dict[str, str] = {}
     turning = _with_locations([sensor for sensor in sensors if sensor.kind in TURNS])
     ratio, sources = _gear_ratio(turning, dt)
@@ -92,22 +82,16 @@ def assign_roles(
         if abs(abs(ratio) / gear - 1) > 0.05:  # not where it is NaN
             doubt = f"{sources} turn as {abs(ratio):.4g}:1 by their units; check them, or the gear"
     elif math.isnan(ratio):
-        doubt = (
-            "no two columns tell the gear; it is taken as 1:1, so that the motor's parameters are those "
-            "behind it. Say `--gear 14` for 14:1"
-        )
+        doubt = "no two columns tell the gear; it is taken as 1:1"
+        doubt += ", so that the motor's parameters are those behind it. Say `--gear 14` for 14:1"
     else:
         value = abs(ratio)
         doubt = f"the gear is not said; {sources} turn as {value:.5g}:1"
     channels: dict[str, DraftChannel] = {}
     for sensor in [*turning, *(sensor for sensor in sensors if sensor.kind == "current")]:
         name, measures = _channel_name(sensor, -value if ratio < 0 else value)
-        if name in channels:
-            left_out[sensor.name] = (
-                f"is not needed: {name} is taken from {channels[name].sensor.name}"
-            )
-        elif name:
-            channels[name] = DraftChannel(name, measures, sensor)
+        if name:
+            add_channel(channels, DraftChannel(name, measures, sensor), left_out)
         else:
             left_out[sensor.name] = "does not say at which end of the shaft it is"
     mark_differenced(channels, dt)
@@ -118,6 +102,16 @@ def assign_roles(
             del channels[name]
     checked = tuple(_check_sign(channel, inputs.get("v")) for channel in channels.values())
     return SensorRoles(checked, inputs, rig, value, why, doubt, left_out)
+
+
+def add_channel(
+    channels: dict[str, DraftChannel], new: DraftChannel, left_out: dict[str, str]
+) -> None:
+    """Add a channel, unless there is one of its name."""
+    if known := channels.get(new.name):
+        left_out[new.sensor.name] = f"is not needed: {new.name} is taken from {known.sensor.name}"
+    else:
+        channels[new.name] = new
 
 
 def _inputs(
@@ -142,18 +136,16 @@ def _inputs(
         inputs["v"] = _first(voltages, "voltage", left_out)
     if "t_1" in rig.inputs:
         unsaid = [torque.name for torque in torques if torque.location == ""]
-        left_out |= dict.fromkeys(
-            unsaid, "is a torque, but does not say whether it acts on rotor 1"
-        )
+        why = "is a torque, but does not say whether it acts on rotor 1"
+        left_out |= dict.fromkeys(unsaid, why)
         if loads := [torque for torque in torques if torque.location == ROTOR]:
             doubt = "taken as the load on rotor 1, against positive speed; check its sign"
             inputs["t_1"] = _first(loads, "load", left_out).revised(doubt=doubt)
     if "w_2" in rig.inputs:
         imposed = [channels.pop(name) for name in IMPOSED if name in channels]
         for channel in imposed[1:]:
-            left_out[channel.sensor.name] = (
-                f"is not needed: {imposed[0].sensor.name} gives the imposed motion"
-            )
+            why = f"is not needed: {imposed[0].sensor.name} gives the imposed motion"
+            left_out[channel.sensor.name] = why
         inputs |= {channel.name: channel.sensor for channel in imposed[:1]}
     used = [sensor.column for sensor in inputs.values()]
     for sensor in [*voltages, *torques]:
@@ -285,15 +277,12 @@ MIN_IMPROVEMENT = 1.5  # times what is left without a lag, over what is left wit
 
 @dataclass(frozen=True, slots=True)
 class LagHint:
-    """How late a `channel` seems to be, in samples.
-
-    `residual`: the share of the twist's variance that its law leaves with this lag; `before`: without.
-    """
+    """How late a `channel` seems to be, in samples."""
 
     channel: str
     samples: float
-    residual: float
-    before: float
+    residual: float  # the share of the twist's variance that its law leaves with this lag
+    before: float  # and without it
 
     @property
     def improvement(self) -> float:
@@ -301,11 +290,10 @@ class LagHint:
         return self.before / self.residual if self.residual > 0 else math.inf
 
 
-def find_lag(roles: SensorRoles, dt: float) -> LagHint | None:
-    """Find the clearest lag of one channel against another; None where nothing hints at any."""
+def find_lags(roles: SensorRoles, dt: float) -> list[LagHint]:
+    """Find lags of channels against each other."""
     pairs = [_lag_of_pair(*pair, roles.gear, dt) for pair in _lag_pairs(roles.channels)]
-    hints = [hint for hint in pairs if hint is not None]
-    return max(hints, key=lambda hint: hint.improvement, default=None)
+    return [hint for hint in pairs if hint is not None]
 
 
 def _lag_pairs(channels: Sequence[DraftChannel]) -> list[tuple[DraftChannel, DraftChannel]]:
@@ -344,11 +332,8 @@ def _lag_of_pair(
 def _twist_law(
     first: Sensor, second: Sensor, width: int, gear: float, dt: float
 ) -> Callable[[float], float]:
-    """By the samples that `first` is made earlier: what rotor 1's law leaves of the twist's variance.
-
-    There is one filter for all derivatives: the law holds of what it leaves.
-    """
-    smoothed = []
+    """By the samples that `first` is made earlier: what rotor 1's law leaves of the twist's variance."""
+    smoothed = []  # by one filter for all derivatives: the law holds of what it leaves
     for sensor in (first, second):
         angle = sensor.angle(dt)[:MAX_LAG_SAMPLES] / (gear if sensor.location == MOTOR else 1.0)
         orders = [
@@ -382,9 +367,7 @@ def max_lag(samples: float, dt: float) -> float:
 FIRST_SAMPLES = 9  # that tell the first value
 MIN_AFTER_ZERO = 100  # samples after 0 s, for which those before it are given up
 CLEAR_OF_NOISE = 6.0  # times the noise, that is no noise
-IMMEDIATE_SHARE = (
-    0.4  # of the first samples' mean speed, above which it was there from the first on
-)
+IMMEDIATE_SHARE = 0.4  # of the first samples' mean speed, above which it was there from the first
 STEADY_SAMPLES = 40  # that stay as they are, and the rig turns steadily
 STEADY_NOISE = 1.3  # times the noise, that a steady channel differs by
 ZERO_PRIOR_FACTOR = 2.0  # times where an angle begins: sd of the prior of where it counts from
@@ -392,17 +375,13 @@ ZERO_PRIOR_FACTOR = 2.0  # times where an angle begins: sd of the prior of where
 
 @dataclass(frozen=True, slots=True)
 class StartGuess:
-    """How a record begins: the entries `initial` and `window` of a config, empty for the default.
-
-    `moving`: whether it is not at rest; `zeros`: of angles that begin at rest elsewhere than at zero,
-    sd of where they count from, in their unit; `late`: samples after which a constant voltage is there.
-    """
+    """How a record begins: the entries `initial` and `window` of a config, empty for the default."""
 
     initial: str
-    moving: bool
+    moving: bool  # not at rest
     window: str
-    zeros: Mapping[str, float]
-    late: float
+    zeros: Mapping[str, float]  # of angles at rest, but not at zero: sd of where they count from
+    late: float  # samples after which a constant voltage is there
     window_doubt: str
     doubts: tuple[str, ...]
 
@@ -410,10 +389,7 @@ class StartGuess:
 def guess_start(
     roles: SensorRoles, segment: Segment, *, measured: bool, known: float | None = None
 ) -> StartGuess:
-    """Guess how the rows begin that are used.
-
-    `measured`: whether the voltage, or the load, is, from the time `known` [s] on.
-    """
+    """Guess how used rows begin; `measured`: the drive is, from the time `known` [s] on."""
     t, dt = segment.t, segment.dt
     time, late = None, 1.0
     begin = float(t[0]) if segment.is_cut else None
@@ -429,18 +405,15 @@ def guess_start(
         return StartGuess("free", True, "", {}, late, "", (why,))
     if not math.isnan(onset):
         begin, late = max(float(t[0]), onset - 2 * dt if driven else onset), 3.0
-        why = f"nothing moves before {begin:.6g} s: it is let go there"
+        why = f"nothing moves before {begin:.6g} s"
         if driven:
-            why = (
-                f"nothing moves before {begin:.6g} s, and a constant voltage is there from the start "
-                "on: so it starts there"
-            )
+            why += ", and a constant voltage is there from the start on: so it starts there"
+        else:
+            why += ": it is let go there"
     elif begin is None and not measured and driven:
         if t[0] < -1e-9 * dt and t[-1] > MIN_AFTER_ZERO * dt:
-            begin, why = (
-                0.0,
-                "times before 0 s: a constant voltage is taken to be there from 0 s on",
-            )
+            begin = 0.0
+            why = "times before 0 s: a constant voltage is taken to be there from 0 s on"
         elif not -1e-9 * dt <= t[0] <= 2 * dt:
             time = float(t[0])
     undriven = not (moving or driven)  # it can move from its start alone

@@ -32,11 +32,9 @@ def identify_sensors(
         if sensor.kind:
             known.append(_with_unit(sensor, [*sensors, *known], dt))
         else:
-            why = "its name does not say" if sensor.name else "nothing says"
-            left_out[sensor.name] = (
-                f"({sensor.column.range_text}): {why} what it measures, and it is no derivative of "
-                "another column"
-            )
+            why = f"{'its name does not say' if sensor.name else 'nothing says'} what it measures"
+            why += ", and it is no derivative of another column"
+            left_out[sensor.name] = f"({sensor.column.range_text}): {why}"
     return known, left_out
 
 
@@ -61,15 +59,11 @@ def _same_location(angle: Sensor, speed: Sensor) -> bool:
 def _derivatives(
     sensors: Sequence[Sensor], values: Sequence[Array], dt: float
 ) -> Iterator[tuple[Sensor, Sensor, float, float]]:
-    """Angles and speeds that can be of one location; those whose names agree come first.
-
-    With each pair the factor by which the angle follows the speed's integral, and how much of it does.
-    """
-    angles = {id(s): signals.centred(x) for s, x in zip(sensors, values, strict=True)}
-    turned = {
-        id(s): signals.centred(signals.integral(x, dt))
-        for s, x in zip(sensors, values, strict=True)
-    }
+    """Angles and speeds, like names first, by which factor and how far one is the other's rate."""
+    angles, turned = dict[int, Array](), dict[int, Array]()
+    for sensor, x in zip(sensors, values, strict=True):
+        angles[id(sensor)] = signals.centred(x)
+        turned[id(sensor)] = signals.centred(signals.integral(x, dt))
     pairs = [
         (angle, speed)
         for angle, speed in itertools.permutations(sensors, 2)
@@ -156,10 +150,8 @@ def _by_twist(sensors: Sequence[Sensor], dt: float) -> list[Sensor]:
     fitting = signals.units_by_factor(factor, twist.unit, rotor.unit)
     if share < 0.8 or not fitting or (len(fitting) > 1 and not (twist.unit or rotor.unit)):
         return list(sensors)
-    doubt = (
-        f"no unit is said; the derivative of {twist.name} is {factor:.3g} times {rotor.name} less a "
-        f"part of {other.name}, as in {fitting[0][0]} and {fitting[0][1]}"
-    )
+    doubt = f"no unit is said; the derivative of {twist.name} is {factor:.3g} times {rotor.name}"
+    doubt += f" less a part of {other.name}, as in {fitting[0][0]} and {fitting[0][1]}"
     new = dict(zip((id(twist), id(rotor)), fitting[0], strict=True))
     return [
         s.revised(unit=new[id(s)], doubt=doubt) if id(s) in new and not s.unit else s
@@ -184,10 +176,8 @@ def _with_unit(sensor: Sensor, sensors: Sequence[Sensor], dt: float) -> Sensor:
 def _guess_unit(sensor: Sensor, sensors: Sequence[Sensor], dt: float) -> tuple[str, str]:
     """A unit by the word of the head, by steps or by size, and by which."""
     size, word = float(np.abs(sensor.values).max()), sensor.column.meaning.word
-    by_word, by_size = (
-        f"in which {word!r} is mostly counted",
-        f"by its size alone, up to {size:.3g}",
-    )
+    by_word = f"in which {word!r} is mostly counted"
+    by_size = f"by its size alone, up to {size:.3g}"
     match sensor.kind:
         case "speed" if word in RPM_WORDS:
             return "rpm", by_word

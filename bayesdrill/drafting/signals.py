@@ -51,13 +51,11 @@ def find_time(columns: Sequence[FileColumn], rate: float = 0.0, given: float = 0
             return _timing(column, "by its name")
     for column in columns:
         if not column.meaning.kind and _is_even(column.values):
-            return _timing(
-                column, "", "no column is named as a time; this one grows in equal steps"
-            )
+            doubt = "no column is named as a time; this one grows in equal steps"
+            return _timing(column, "", doubt)
     if rate:
-        return Timing(
-            indices / rate, None, "s", "found from an angle and its speed", "found, not read"
-        )
+        why = "found from an angle and its speed"
+        return Timing(indices / rate, None, "s", why, "found, not read")
     doubt = "no column is a time; 100 samples a second are a guess: say `--rate`, or write your own [Hz]"
     return Timing(indices / 100.0, None, "s", "", doubt)
 
@@ -100,14 +98,11 @@ WINDOW_SLACK = 1e-9  # of its times, by which a window is wider than it says
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Segment:
-    """The `rows` that are used, their times `t (T,)` [s], and whether others `is_cut` off.
-
-    `grid (n,)` [s]: an even grid without long gaps, on which signals are compared.
-    """
+    """The `rows` that are used, their times `t (T,)` [s], and whether others `is_cut` off."""
 
     rows: slice
     t: Array
-    grid: Array
+    grid: Array  # (n,), s: even and without long gaps; on it signals are compared
     is_cut: bool
 
     @property
@@ -180,9 +175,8 @@ def centred(values: Array) -> Array:
 def explained_by(y: Array, cause: Array) -> tuple[float, float]:
     """Do as `explained` with one cause, for many pairs: both `(T,)` are `centred` already."""
     # Not `y @ cause`: BLAS shares vectors out to threads, which costs far more than the sum.
-    total, square, both = (
-        float(np.einsum("i,i", *pair)) for pair in ((y, y), (cause, cause), (y, cause))
-    )
+    pairs = ((y, y), (cause, cause), (y, cause))
+    total, square, both = (float(np.einsum("i,i", *pair)) for pair in pairs)
     if total == 0 or square == 0:
         return 0.0, 0.0
     return both / square, both / square * both / total
@@ -278,34 +272,28 @@ WRAPPED_STEP = 4.0  # times the usual step, at most, is left where it begins aga
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RawSamples:
-    """What was measured, `x (m,)` at times `t (m,)` [s], without what looks like a glitch.
-
-    `missing` samples are no number; `glitches`: first and last times [s]; `wraps`: a period, or 0.
-    """
+    """What was measured, `x (m,)` at times `t (m,)` [s], without what looks like a glitch."""
 
     t: Array
     x: Array
-    missing: int = 0
-    glitches: tuple[tuple[float, float], ...] = ()
-    wraps: float = 0.0
+    missing: int = 0  # samples that are no number
+    glitches: tuple[tuple[float, float], ...] = ()  # first and last times, s
+    wraps: float = 0.0  # a period, or 0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Sensor:
-    """A column with what is believed of it: `why` is known of it, `doubts` are to be reviewed.
-
-    `values (n,)` are on the grid of its segment; `guessed`: its unit is told by size or words alone.
-    """
+    """A column with what is believed of it: `why` is known of it, `doubts` are to be reviewed."""
 
     column: FileColumn
-    values: Array
+    values: Array  # (n,), on the grid of its segment
     kind: str
     location: str
     unit: str
     raw: RawSamples
     why: tuple[str, ...] = ()
     doubts: tuple[str, ...] = ()
-    guessed: bool = False
+    guessed: bool = False  # its unit is told by size or words alone
 
     @property
     def name(self) -> str:
@@ -430,23 +418,17 @@ def _why_unusable(column: FileColumn, rows: slice) -> str:
     meaning, values = column.meaning, column.values[rows]
     kind, unit = meaning.kind, meaning.unknown_unit
     numbers = values[np.isfinite(values)]
+    second = "another column is the time already, or it does not increase"
     largest, same = np.abs(numbers).max(initial=0.0), not np.diff(numbers).any()
+    other = "does not say how far one of it turns"
+    if kind not in TURNS:
+        other = "is none of time, angle, speed, voltage, current or torque"
     checks = (
-        (
-            unit and kind in TURNS,
-            f"has the unit {unit!r}, which does not say how far one of it turns",
-        ),
-        (
-            unit,
-            f"has the unit {unit!r}, which is none of time, angle, speed, voltage, current or torque",
-        ),
+        (unit, f"has the unit {unit!r}, which {other}"),
         (np.isinf(values).any(), "has infinite values"),
         (len(numbers) < MIN_SAMPLES, f"has {len(numbers)} numbers in the rows that are used"),
         (not is_plausible(numbers), f"has numbers up to {largest:.3g}, which no rig has"),
-        (
-            kind == "time",
-            "is a time, but another column is the time already, or it does not increase",
-        ),
+        (kind == "time", f"is a time, but {second}"),
         (kind == "force" and not meaning.symbol, "is a force, which the rig does not have"),
         (meaning.reference and kind != "voltage", "is a set point, not a measurement"),
         (same and kind != "voltage", f"is {next(iter(numbers), 0.0):g} in every row"),

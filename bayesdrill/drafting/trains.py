@@ -14,7 +14,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from bayesdrill.drafting.columns import GEARBOX, KIND_OF_LETTER, MOTOR, ROTOR, train_symbol
-from bayesdrill.drafting.roles import DraftChannel, SensorRoles, mark_differenced
+from bayesdrill.drafting.roles import DraftChannel, SensorRoles, add_channel, mark_differenced
 from bayesdrill.drafting.signals import Sensor
 from bayesdrill.rig.models.linear import Model, with_named
 from bayesdrill.rig.models.train import Train
@@ -49,19 +49,11 @@ def assign_train(sensors: Sequence[Sensor], dt: float) -> SensorRoles:
     for sensor in moving:
         name = f"{LETTERS[sensor.kind]}_{names[id(sensor)]}"
         measures = f"-{name}" if sensor.column.meaning.backwards else ""
-        if name in channels:
-            left_out[sensor.name] = (
-                f"is not needed: {name} is taken from {channels[name].sensor.name}"
-            )
-        else:
-            channels[name] = DraftChannel(name, measures, sensor)
+        add_channel(channels, DraftChannel(name, measures, sensor), left_out)
     inputs, drives = _inputs(sensors, inertias, channels, left_out)
     inertias = [*dict.fromkeys((*inertias, *drives))]
-    mark_differenced(
-        channels,
-        dt,
-        [(f"{a}_{n}", f"{w}_{n}") for n in inertias for a, w in (("theta", "w"), ("x", "v"))],
-    )
+    letters = (("theta", "w"), ("x", "v"))
+    mark_differenced(channels, dt, [(f"{a}_{n}", f"{w}_{n}") for n in inertias for a, w in letters])
     pairs = [*itertools.pairwise(inertias)]
     shafts = {f"shaft_{k}" if len(pairs) > 1 else "shaft": [*p] for k, p in enumerate(pairs, 1)}
     linear = any(sensor.kind in ("position", "velocity", "force") for sensor in sensors)
@@ -136,19 +128,18 @@ def model_lines(train: Train) -> list[str]:
     return lines + ([f"  drives: {{{drives}}}"] if drives else [])
 
 
-def held_scales(rig: Model, sensors: Sequence[Sensor]) -> dict[str, str]:
-    """Return parameters that only scale all others, and why each is held at one."""
-    held: dict[str, str] = {}
-    kinds = {sensor.kind for sensor in sensors}
-    why = (
-        "nothing that is measured shows its scale: held at one, so that inertias, dampings and "
-        "stiffnesses are over it. Write what a data sheet says"
-    )
-    for motor in rig.roles.motors:
-        held |= dict.fromkeys((motor.torque_constant,), why)
-        if "current" not in kinds:
-            held |= dict.fromkeys((motor.resistance,), why)
-    return {name: reason for name, reason in held.items() if name in rig.parameters}
+HELD_SCALE = (
+    "nothing that is measured shows its scale: held at one, so that inertias, dampings and "
+    "stiffnesses are over it. Write what a data sheet says"
+)
+
+
+def held_scales(rig: Model, sensors: Sequence[Sensor]) -> set[str]:
+    """Return parameters that only scale all others, of which each is held at one."""
+    held = {motor.torque_constant for motor in rig.roles.motors}
+    if not any(sensor.kind == "current" for sensor in sensors):
+        held |= {motor.resistance for motor in rig.roles.motors}
+    return held
 
 
 def prior_ends(record_sensors: Sequence[Sensor], dt: float, duration: float) -> dict[str, Ends]:
@@ -161,15 +152,9 @@ def prior_ends(record_sensors: Sequence[Sensor], dt: float, duration: float) -> 
     speed = max(speeds, default=0.0) or 1.0
     inertia, far = push / speed, 10.0
     ends = {
-        "inertia": (0.1 * inertia * dt / far, far * inertia * duration),
-        "damping": (1e-4 * inertia / far, far * inertia / dt * 0.1),
-        "stiffness": (1e-2 * inertia / duration**2, far * inertia / dt**2),
-        "torque": (1e-4 * push, push),
+        ("kg*m**2", "kg"): (0.1 * inertia * dt / far, far * inertia * duration),
+        ("N*m*s/rad", "N*s/m"): (1e-4 * inertia / far, far * inertia / dt * 0.1),
+        ("N*m/rad", "N/m"): (1e-2 * inertia / duration**2, far * inertia / dt**2),
+        ("N*m", "N"): (1e-4 * push, push),
     }
-    units = {
-        "inertia": ("kg*m**2", "kg"),
-        "damping": ("N*m*s/rad", "N*s/m"),
-        "stiffness": ("N*m/rad", "N/m"),
-        "torque": ("N*m", "N"),
-    }
-    return {unit: ends[what] for what, both in units.items() for unit in both}
+    return {unit: pair for units, pair in ends.items() for unit in units}

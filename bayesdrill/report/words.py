@@ -52,11 +52,8 @@ def _columns(observation: Observation, config: Config) -> str:
         name, spec = channel.name, config.record.channels[channel.name]
         lines.append(_line(name, spec.measures or name, spec, values / channel.factor))
     held = "first" if experiment.first_order else "zero"
-    for name, given in quantities.measured_inputs(config).items():
-        entry = quantities.input_entry(config, name)
-        factor = units.factor(given.unit, quantities.input_unit(config, entry))
-        values = quantities.inputs_as_given(config, experiment, name) / factor
-        how = "angle" if entry != name else f"hold: {held}"
+    for entry, given, values in quantities.inputs_as_given(config, experiment):
+        how = f"hold: {held}" if entry in experiment.series else "angle"
         lines.append(_line(entry, f"input, {how}", given, values))
     sampling = clocks.describe_times(experiment.t)
     return f"{observation.entitled('columns')} ({sampling}):\n{aligned(lines, left={0, 1, 2, 3})}"

@@ -1,13 +1,9 @@
-"""Check the record and the experiment: channels, time, inputs, noise, sensors, initial state.
-
-Their units are checked with them.
-"""
+"""Check the record and the experiment, and their units: channels, time, inputs, sensors, start."""
 
 from __future__ import annotations
 
 import itertools
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
 
 from bayesdrill.basics import units
 from bayesdrill.basics.entries import unknown_keys
@@ -38,42 +34,33 @@ from bayesdrill.record.formats import FORMATS
 from bayesdrill.rig.models.linear import Model, missing_requirements, with_named
 from bayesdrill.rig.simulators.sensors import ObservationModel, signal_names
 
-
-@dataclass(frozen=True, slots=True)
-class CheckedSensors:
-    """Numbers of sensors and of the initial state, as far as they are valid.
-
-    `numbers` has one for each of `entries`, None where there is a mistake.  The record has to
-    determine the `free_states`.  `sensing` is all of it as simulators take it, where it goes
-    together.
-    """
-
-    entries: tuple[SensorEntry, ...]
-    numbers: tuple[ParsedNumber | None, ...]
-    free_states: tuple[str, ...]
-    sensing: ObservationModel | None
+SensorNumbers = Mapping[SensorEntry, ParsedNumber | None]  # None where there is a mistake
 
 
-def check_sensors(errors: IssueCollector, config: Config, model: Model) -> CheckedSensors:
-    """Check all numbers of sensors and of the initial state."""
-    entries = tuple(sensors.sensor_entries(config, model))
-    declared = tuple(_sensor_number(errors, entry) for entry in entries)
-    free = sensors.free_states(config, model)
-    sensing = errors.run(("inputs",), sensors.build_sensing, config, entries, free)
-    names = [entry.name for entry in entries] + [sensors.state_name(name) for name in free]
+def check_sensors(
+    errors: IssueCollector, config: Config, model: Model, free: Sequence[str]
+) -> tuple[SensorNumbers, ObservationModel | None]:
+    """Return all numbers of sensors and of the initial state, and of `free` states what they make."""
+    for name in model.outer:
+        start, unit = getattr(config.initial, name), model.symbols[name].unit
+        check_quantity(errors, ("initial", name), start, unit)
+    checked = {e: _sensor_number(errors, e) for e in sensors.sensor_entries(config, model)}
+    sensing = errors.run(("inputs",), sensors.build_sensing, config, [*checked], free)
+    names = {e.symbol.name for e in checked} | {sensors.state_name(name) for name in free}
     for name in config.quantities:
         if name in names:
             errors.add(("quantities", name), "a sensor's number has this name; choose another one")
     _check_ineffective(errors, config)
     if config.initial.state == "steady":
         _check_steady(errors, config, model)
-    return CheckedSensors(entries, declared, free, sensing)
+    return checked, sensing
 
 
 def local_numbers(
     config: Config,
     channels: Mapping[str, MeasuredChannel | None],
-    sensed: CheckedSensors,
+    sensor_numbers: SensorNumbers,
+    free: Sequence[str],
     torque: Mapping[str, float | Unknown | None],
 ) -> LocalNumbers:
     """Return what the experiment has beside the rig, by name.
@@ -81,8 +68,7 @@ def local_numbers(
     Of a channel with a mistake, which is reported elsewhere, only what is given is there, as None:
     what a kind of noise has by default may be what its entry was to hold.
     """
-    pairs = zip(sensed.entries, sensed.numbers, strict=True)
-    numbers_ = {entry.name: None if number is None else number.value for entry, number in pairs}
+    numbers_ = {e.symbol.name: None if x is None else x.value for e, x in sensor_numbers.items()}
     noise_unknowns: dict[str, Unknown | None] = {}
     for name, channel in channels.items():
         if channel is not None:
@@ -91,11 +77,9 @@ def local_numbers(
         elif isinstance(config.record.channels[name].sigma, numbers.ParameterPrior):
             noise_unknowns[noise_name(name)] = None
     if None not in torque.values():
-        noise_unknowns |= {
-            name: value for name, value in torque.items() if isinstance(value, Unknown)
-        }
+        noise_unknowns |= {n: number for n, number in torque.items() if isinstance(number, Unknown)}
     return LocalNumbers(
-        sensors=numbers_ | {sensors.state_name(name): None for name in sensed.free_states},
+        sensors=numbers_ | {sensors.state_name(name): None for name in free},
         noise_unknowns=noise_unknowns,
         channels=tuple(config.record.channels),
     )
@@ -105,7 +89,7 @@ def _sensor_number(errors: IssueCollector, entry: SensorEntry) -> ParsedNumber |
     """An offset without a unit of its own has that of its column, of which a mistake is told there."""
     if entry.kind == "offset" and not getattr(entry.spec, "unit", None):
         try:
-            units.factor(entry.unit, entry.si)
+            units.factor(entry.unit, entry.symbol.unit)
         except ValueError:
             return None
     return errors.run(entry.location, sensors.parse_sensor_number, entry)
@@ -116,17 +100,12 @@ def _check_ineffective(errors: IssueCollector, config: Config) -> None:
     for name, spec in config.record.channels.items():
         for kind in numbers.SensorFields.model_fields if spec.derived_from is not None else ():
             if getattr(spec, kind) is not None:
-                message = (
-                    f"{name} is derived from {spec.derived_from}, and no evidence; remove this"
-                )
-                errors.add(("record", "channels", name, kind), message)
+                evidence = f"{name} is derived from {spec.derived_from}, and no evidence"
+                errors.add(("record", "channels", name, kind), f"{evidence}; remove this")
     for name in config.vocabulary.inputs:
         input_spec = getattr(config.inputs, name)
-        if (
-            isinstance(input_spec, InputQuantity)
-            and input_spec.gain is not None
-            and input_spec.value == 0
-        ):
+        of_nothing = isinstance(input_spec, InputQuantity) and input_spec.value == 0
+        if of_nothing and input_spec.gain is not None:
             message = "a gain of nothing changes nothing; give `offset:`, or another value"
             errors.add(("inputs", name, "gain"), message)
 
@@ -135,10 +114,8 @@ def _check_steady(errors: IssueCollector, config: Config, model: Model) -> None:
     """The inputs give all but where the angles begin."""
     if not model.smooth:
         how = "rubs turns steadily, or sticks" if model.frictions else "swings comes to rest"
-        message = (
-            f"where a rig that {how}, is not worked out; write `initial: free`, or the states there"
-        )
-        errors.add(("initial",), message)
+        where = f"where a rig that {how}, is not worked out"
+        errors.add(("initial",), f"{where}; write `initial: free`, or the states there")
         return
     named = [name for name in model.states if name in config.initial.model_fields_set]
     angles = [name for name in named if name in model.angles]
@@ -147,32 +124,23 @@ def _check_steady(errors: IssueCollector, config: Config, model: Model) -> None:
             message = "the steady state gives it; remove this entry, or `state: steady`"
             errors.add(("initial", name), message)
     for name in angles[1:]:
-        message = (
-            f"the steady state gives the twist, and {angles[0]} the rest; remove one of the two"
-        )
-        errors.add(("initial", name), message)
+        both = f"the steady state gives the twist, and {angles[0]} the rest"
+        errors.add(("initial", name), f"{both}; remove one of the two")
 
 
 def check_channels(
     errors: IssueCollector, config: Config, model: Model
 ) -> dict[str, MeasuredChannel | None]:
-    """Return the channels that are evidence by name, None for each with a mistake.
-
-    A channel that is only derived from another is no evidence.
-    """
-    measured = dict[str, MeasuredChannel | None]()
-    for name, spec in config.record.channels.items():
+    """Return channels that are evidence, not derived from others; None for each with a mistake."""
+    measured, channels = dict[str, MeasuredChannel | None](), config.record.channels
+    for name, spec in channels.items():
         location: Location = ("record", "channels", name)
         channel = _check_measured(errors, location, spec, model)
         check_series(errors, location, spec)
         if (source := spec.derived_from) is None:
             measured[name] = channel
             continue
-        others = {
-            other_name: other
-            for other_name, other in config.record.channels.items()
-            if other_name != name
-        }
+        others = {other: spec for other, spec in channels.items() if other != name}
         at = (*location, "derived_from")
         errors.expect(at, source, others, f"'{source}' is no other channel")
         if source in others and (first := others[source].derived_from) is not None:
@@ -192,15 +160,14 @@ def _check_measured(
     signals = [model.symbols[signal] for signal in combines if signal in signal_names(model)]
     if signals:
         errors.run((*location, "unit"), units.factor, spec.unit, signals[0].unit)
-    kinds, vain = {name: kind.Entries for name, kind in NOISES.usable().items()}, dict[str, str]()
     if errors.run((*location, "noise"), lookup, NOISES, spec.noise.name, "noise") is not None:
+        kinds = {name: kind.Entries for name, kind in NOISES.usable().items()}
         vain = unknown_keys(("name", "noise"), kinds, kinds[spec.noise.name], spec.noise)
-    for entry, message in vain.items():
-        errors.add((*location, "noise", entry), message)
-    channel = None
-    if len(errors.issues) == before:
-        channel = errors.run(location, sensors.build_channel, name, spec, model)
-    if channel is None:
+        for entry, message in vain.items():
+            errors.add((*location, "noise", entry), message)
+    if len(errors.issues) > before:
+        return None
+    if (channel := errors.run(location, sensors.build_channel, name, spec, model)) is None:
         return None
     measured = errors.run((*location, "sigma"), sensors.measured_channel, channel, spec)
     noise = measured and errors.run((*location, "noise"), sensors.build_noise, [measured], 1)
@@ -241,14 +208,6 @@ def check_record(errors: IssueCollector, config: Config) -> None:
             errors.add(("record", "window"), f"{message}; put them in order, apart from each other")
 
 
-def check_states(errors: IssueCollector, config: Config, model: Model) -> None:
-    """Check the units of the initial state."""
-    for name in model.outer:
-        check_quantity(
-            errors, ("initial", name), getattr(config.initial, name), model.symbols[name].unit
-        )
-
-
 def check_quantity(errors: IssueCollector, location: Location, value: object, unit: str) -> None:
     """Check the unit of a value that has one."""
     if isinstance(value, numbers.Quantity):
@@ -274,18 +233,14 @@ def check_inputs(errors: IssueCollector, config: Config, model: Model | None) ->
     _check_angles(errors, config)
     _check_holds(errors, config)
     if quantities.measured_inputs(config) and config.initial.time is not None:
-        errors.add(
-            ("initial", "time"),
-            "with measured inputs the initial state is that of the first sample; remove this entry",
-        )
+        message = "with measured inputs the initial state is that of the first sample"
+        errors.add(("initial", "time"), f"{message}; remove this entry")
 
 
 def _check_required(errors: IssueCollector, config: Config, model: Model) -> None:
     """The model's own, and no other."""
-    given_entries = {
-        name for name in config.inputs.model_fields_set if getattr(config.inputs, name) is not None
-    }
-    words = config.vocabulary
+    words, inputs = config.vocabulary, config.inputs
+    given_entries = {n for n in inputs.model_fields_set if getattr(inputs, n) is not None}
     entries = [e for name in model.inputs for e in (name, words.imposed.get(name, name))]
     for entry in [e for e in words.entries if e in given_entries]:
         if entry not in entries:
@@ -293,11 +248,8 @@ def _check_required(errors: IssueCollector, config: Config, model: Model) -> Non
             having = ((name, *needs) for name, needs in model.offers.items())
             needed = next((n for n in having if entry in with_named(model, n).inputs), ())
             also = f", or name {' and '.join(needed)}, with which it has it" if needed else ""
-            message = (
-                f"the model {model.name} has no such input; remove it "
-                f"(its own: {input_names}){also}"
-            )
-            errors.add(("inputs", entry), message)
+            also = f"remove it (its own: {input_names}){also}"
+            errors.add(("inputs", entry), f"the model {model.name} has no such input; {also}")
     for name in model.inputs:
         angle = ("inputs", words.imposed.get(name, name))
         none = getattr(config.inputs, quantities.input_entry(config, name)) is None
@@ -313,10 +265,8 @@ def _missing_message(config: Config, name: str) -> str:
     symbol, angle = config.vocabulary.inputs[name], config.vocabulary.imposed.get(name)
     what = "angle" if symbol.unit == SPEED_UNITS["rad"] else "position"
     other = f" (or `{angle}:`, the {what})" if angle else ""
-    return (
-        f"missing: the model wants the {symbol.meaning}; give a number in {symbol.plain_unit}, or "
-        f"`{{column: ..., unit: ...}}`{other}"
-    )
+    way_out = f"give a number in {symbol.plain_unit}, or `{{column: ..., unit: ...}}`{other}"
+    return f"missing: the model wants the {symbol.meaning}; {way_out}"
 
 
 def _check_angles(errors: IssueCollector, config: Config) -> None:
@@ -333,11 +283,8 @@ def _check_angles(errors: IssueCollector, config: Config) -> None:
             errors.add(("initial", entry), message)
         for kind in numbers.SensorFields.model_fields:
             if getattr(spec, kind) is not None:
-                message = (
-                    f"all else is measured against the angle that is imposed; remove this, or give "
-                    f"`{name}:`, its speed"
-                )
-                errors.add(("inputs", entry, kind), message)
+                message = "all else is measured against the angle that is imposed; remove this"
+                errors.add(("inputs", entry, kind), f"{message}, or give `{name}:`, its speed")
 
 
 def _check_holds(errors: IssueCollector, config: Config) -> None:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
+from typing import Any
 
 from bayesdrill.basics import symbols
 from bayesdrill.basics.errors import Issue
@@ -12,13 +13,12 @@ from bayesdrill.config.resolve.case import LocalNumbers, ResolvedExperiment
 from bayesdrill.config.resolve.experiments import joint_name
 from bayesdrill.config.schema import numbers
 from bayesdrill.config.schema.config import Config
-from bayesdrill.config.yaml_source import IssueCollector, Source
+from bayesdrill.config.yaml_source import IssueCollector, Location, Source
 from bayesdrill.inference.unknowns import labelled_name
 from bayesdrill.rig.models.linear import Model
 
-NumbersByLabel = Mapping[
-    str, LocalNumbers
-]  # each experiment by its name, which is empty where there is only one
+# Each experiment by its name, which is empty where there is only one.
+NumbersByLabel = Mapping[str, LocalNumbers]
 
 
 def check_experiments(
@@ -28,10 +28,8 @@ def check_experiments(
     errors = IssueCollector(source, frozenset())
     for label in config.experiments:
         if not label.isidentifier():
-            location = ("experiments", label)
-            errors.add(
-                location, f"'{label}' cannot name an experiment; use letters, digits and `_`"
-            )
+            message = f"'{label}' cannot name an experiment; use letters, digits and `_`"
+            errors.add(("experiments", label), message)
     if errors.issues:
         return errors.issues
     model = next(iter(resolved.values())).model
@@ -46,8 +44,7 @@ def check_experiments(
         work.check_map(errors, config, unknown)
         work.check_output(errors, config, model, unknown)
         work.check_identify(errors, config, [*by_label])
-    channels = dict.fromkeys(name for local in by_label.values() for name in local.channels)
-    work.check_truth(errors, config, [*channels], truth_names(config, by_label))
+    check_truth(errors, config, by_label)
     return errors.issues
 
 
@@ -55,22 +52,30 @@ def unknown_names(config: Config, model: Model, by_label: NumbersByLabel) -> lis
     """Return the names of all unknowns."""
     rig = [n for n in unknowns.free_parameters(config, model.parameters) if n not in config.own]
     local_names = unknowns.free_parameters(config, config.own)
-    observed = [
-        joint_name(config, name, label)
-        for label, local in by_label.items()
-        for name in local.unknown
-    ]
+    pairs = [(name, label) for label, local in by_label.items() for name in local.unknown]
+    observed = [joint_name(config, name, label) for name, label in pairs]
     local_parameters = [labelled_name(name, label) for name in local_names for label in by_label]
     priors = numbers.ParameterPrior
     free_quantities = [name for name, q in config.quantities.items() if isinstance(q, priors)]
     return list(dict.fromkeys([*rig, *local_parameters, *free_quantities, *observed]))
 
 
-def truth_names(config: Config, by_label: NumbersByLabel) -> list[str]:
-    """Return what a true value can be given for beside the rig, fixed or not.
+def check_truth(errors: IssueCollector, config: Config, by_label: NumbersByLabel) -> None:
+    """Check true values by channel, and by names of the other unknowns."""
+    simulation: Any = config.simulation
+    channels = dict.fromkeys(name for local in by_label.values() for name in local.channels)
+    for name in simulation.sigma if simulation else ():
+        if not errors.is_reported(("record", "channels", name)):
+            location: Location = ("simulation", "sigma", name)
+            errors.expect(location, name, channels, "there is no such channel")
+    for name in simulation.truth if simulation else ():
+        message = "a sensor, a start, a noise or an experiment has no such unknown"
+        known_names = _truth_names(config, by_label)
+        errors.expect(("simulation", "truth", name), name, known_names, message)
 
-    It may be given for one experiment or for all.
-    """
+
+def _truth_names(config: Config, by_label: NumbersByLabel) -> list[str]:
+    """What a true value can be given for beside the rig, in one experiment or in all."""
     pairs = [(label, name) for label in by_label for name in config.own]
     if config.missing_torque is not None:
         pairs += [(label, name) for label in by_label for name in sensors.TORQUE_ENTRIES]
@@ -84,12 +89,8 @@ def truth_names(config: Config, by_label: NumbersByLabel) -> list[str]:
 
 def _check_local(errors: IssueCollector, config: Config, model: Model) -> None:
     free = unknowns.free_parameters(config, model.parameters)
-    related_names = {
-        name
-        for parameter in model.parameters
-        if (related := quantities.parse_relation(config, model, parameter)) is not None
-        for name in related.names
-    }
+    relations = [quantities.parse_relation(config, model, name) for name in model.parameters]
+    related_names = {name for relation in relations if relation for name in relation.names}
     for k, name in enumerate(config.own):
         errors.expect(("own", k), name, free, f"{name} is no unknown parameter of the rig")
         if name in related_names:
@@ -113,57 +114,40 @@ def _check_shared(
             message += rig if name in model.parameters else ""
             errors.expect(location, name, list(dict.fromkeys(known_names)), message)
         elif any(isinstance(value, float) for value, _ in values):
-            errors.add(
-                location, f"{name} is held, so that nothing is unknown of it; remove it here"
-            )
+            message = f"{name} is held, so that nothing is unknown of it; remove it here"
+            errors.add(location, message)
         elif len(having) == 1:
             message = f"only {having[0]} has {name}; give it to another one, or remove it here"
             errors.add(location, message)
         elif any(value is None for value, _ in values):
             state = name.removesuffix("_0")
-            message = (
-                f"each record gives {name} a prior of its own; give one in all, such as `{state}: "
-                "{prior: normal, mean: 0, sd: 1}`, or remove it here"
-            )
-            errors.add(location, message)
-        elif any(description != values[0][1] for _, description in values):
-            other = next(
-                n
-                for n, (_, description) in zip(having, values, strict=True)
-                if description != values[0][1]
-            )
-            message = (
-                f"{name} has another prior in {other} than in {having[0]}; give it once, above "
-                "`experiments:`, or remove it here"
-            )
-            errors.add(location, message)
+            example = f"`{state}: {{prior: normal, mean: 0, sd: 1}}`"
+            way_out = f"give one in all, such as {example}, or remove it here"
+            errors.add(location, f"each record gives {name} a prior of its own; {way_out}")
+        elif others := [
+            label for label in having if values_by_label[label][name][1] != values[0][1]
+        ]:
+            message = f"{name} has another prior in {others[0]} than in {having[0]}"
+            way_out = "give it once, above `experiments:`, or remove it here"
+            errors.add(location, f"{message}; {way_out}")
 
 
 def _check_held_out(errors: IssueCollector, config: Config, by_label: NumbersByLabel) -> None:
     """What is predicted of an experiment that is no evidence, others have to tell."""
     held_out = [label for label, experiment in config.experiments.items() if experiment.held_out]
     if held_out and len(held_out) == len(by_label):
-        errors.add(
-            ("experiments", held_out[0], "held_out"), "all are held out; leave one to be fitted"
-        )
+        message = "all are held out; leave one to be fitted"
+        errors.add(("experiments", held_out[0], "held_out"), message)
         return
-    determined = {
-        n for label, local in by_label.items() if label not in held_out for n in local.all
-    }
+    fitted = [local for label, local in by_label.items() if label not in held_out]
+    determined = {name for local in fitted for name in local.all if name in config.shared}
     for label in held_out:
-        location = ("experiments", label, "held_out")
         for k, name in enumerate(config.own):
             message = f"nothing tells {name} of {label}, which is held out; remove it here"
             errors.add(("own", k), message)
-        alone = [
-            name
-            for name in by_label[label].unknown
-            if not (name in config.shared and name in determined)
-        ]
-        if alone:
-            names_of = ", ".join(alone)
-            message = f"nothing tells {names_of} of {label}; give a number, or add it to `shared:`"
-            errors.add(location, message)
+        if alone := ", ".join(n for n in by_label[label].unknown if n not in determined):
+            message = f"nothing tells {alone} of {label}; give a number, or add it to `shared:`"
+            errors.add(("experiments", label, "held_out"), message)
 
 
 def _check_names(errors: IssueCollector, config: Config, by_label: NumbersByLabel) -> None:
@@ -173,22 +157,17 @@ def _check_names(errors: IssueCollector, config: Config, by_label: NumbersByLabe
     used_names |= dict.fromkeys(config.derived, "")
     before = len(errors.issues)
     for label, local in by_label.items():
-        local_names = {labelled_name(name, label): f"{name} of {label}" for name in config.own}
-        for name in local.all:
-            if name not in config.shared:
-                local_names[labelled_name(name, label)] = f"{name} of {label}"
+        local_names = [*config.own, *(name for name in local.all if name not in config.shared)]
         _no_clash(errors, label, local_names, used_names)
     columns = dict[str, str]()
     for label, local in by_label.items() if len(errors.issues) == before else ():
-        column_names = {
-            labelled_name(n, label): f"{n} of {label}" for n in (*local.channels, *words.inputs)
-        }
-        _no_clash(errors, label, column_names, columns)
+        _no_clash(errors, label, [*local.channels, *words.inputs], columns)
 
 
 def _no_clash(
-    errors: IssueCollector, label: str, new_names: Mapping[str, str], used_names: dict[str, str]
+    errors: IssueCollector, label: str, names: Iterable[str], used_names: dict[str, str]
 ) -> None:
+    new_names = {labelled_name(name, label): f"{name} of {label}" for name in names}
     clashes = [name for name in new_names if name in used_names]
     for name in clashes[:1]:
         other = f"that of {used_names[name]}" if used_names[name] else "another meaning already"

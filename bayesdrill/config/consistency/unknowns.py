@@ -49,18 +49,18 @@ def check_torque(
     acts = sensors.latent_torque(config)
     if acts is None:
         return {}
-    if sensing is not None and (refusal := sensors.refuse_latent_torque(model, acts, sensing)):
-        errors.add(("missing_torque",), refusal)
+    if sensing is not None:
+        errors.run(("missing_torque",), sensors.check_latent_torque, model, acts, sensing)
     return {
-        name: errors.run(("missing_torque", entry), sensors.latent_torque_number, config, entry)
+        name: errors.run(("missing_torque", entry), sensors.latent_torque_number, config, name)
         for name, entry in sensors.TORQUE_ENTRIES.items()
     }
 
 
 def check_rig(
     errors: IssueCollector, config: Config, model: Model, table: NominalValues
-) -> tuple[RigNumbers, ParameterSpace] | None:
-    """Return parameters, quantities and formulas, with their space; None with a mistake."""
+) -> RigNumbers | None:
+    """Return parameters, quantities and formulas; None with a mistake."""
     parsed_parameters = dict[str, ParsedNumber | Expression | None]()
     for name in config.vocabulary.parameters:
         location: Location = ("parameters", name)
@@ -73,9 +73,8 @@ def check_rig(
         elif name not in model.parameters:
             errors.add(location, f"the model {model.name} has no {name}; {_removal_hint(name)}")
         else:
-            parsed_parameters[name] = errors.run(
-                location, quantities.parse_parameter, config, model, table, name
-            )
+            arguments = (config, model, table, name)
+            parsed_parameters[name] = errors.run(location, quantities.parse_parameter, *arguments)
     _check_added(errors, config, model)
     return _check_relations(errors, config, model, parsed_parameters)
 
@@ -98,12 +97,10 @@ def _check_added(errors: IssueCollector, config: Config, model: Model) -> None:
         section_spec = getattr(config, section)
         for name in config.vocabulary.parameters:
             if name not in model.parameters and getattr(section_spec, name, None) is not None:
-                offered = name in model.offers
-                reason = (
-                    "not named in `parameters:`" if offered else f"not of the model {model.name}"
-                )
-                also = "; name it there, or remove this" if offered else "; remove this"
-                errors.add((section, name), f"{name} is {reason}{also}")
+                why = f"{name} is not of the model {model.name}; remove this"
+                if name in model.offers:
+                    why = f"{name} is not named in `parameters:`; name it there, or remove this"
+                errors.add((section, name), why)
 
 
 def _check_relations(
@@ -111,7 +108,7 @@ def _check_relations(
     config: Config,
     model: Model,
     parsed_parameters: Mapping[str, ParsedNumber | Expression | None],
-) -> tuple[RigNumbers, ParameterSpace] | None:
+) -> RigNumbers | None:
     before = len(errors.issues)
     quantities_, derived = dict[str, ParsedNumber](), list[Formula]()
     for name, spec in config.quantities.items():
@@ -136,19 +133,18 @@ def _check_relations(
     for name in [n for n in config.quantities if n not in used]:
         message = "no formula names it; use it in `parameters:` or `derived:`, or remove it"
         errors.add(("quantities", name), message)
-    parameters = {
-        name: x for name in model.parameters if (x := parsed_parameters[name]) is not None
-    }
-    if len(parameters) < len(model.parameters):  # a prior or a start, said already
+    numbers_ = {name: parsed_parameters[name] for name in model.parameters}
+    parameters = {name: number for name, number in numbers_.items() if number is not None}
+    if len(parameters) < len(numbers_):  # a prior or a start, said already
         return None
-    numbers_ = RigNumbers(parameters=parameters, quantities=quantities_, derived=tuple(derived))
+    rig = RigNumbers(parameters=parameters, quantities=quantities_, derived=tuple(derived))
     try:
-        space = numbers_.space()
+        space = rig.space()
     except RelationError as error:
         errors.add(("parameters", error.name), str(error))
         return None
     _check_values(errors, config, space, related)
-    return numbers_, space
+    return rig
 
 
 def _check_values(

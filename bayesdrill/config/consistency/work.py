@@ -41,11 +41,8 @@ def check_counts(errors: IssueCollector, config: Config, unknown: Sequence[str] 
     if unknown is not None and not unknown:
         errors.add(("parameters",), "nothing is unknown; give at least one parameter a prior")
     if unknown and (sampler.walkers % 2 or sampler.walkers < 2 * n_unknown):
-        errors.add(
-            ("sampler", "walkers"),
-            f"{sampler.walkers} walkers: an even number, at least twice the {n_unknown} unknowns, is "
-            "wanted",
-        )
+        wanted = f"an even number, at least twice the {n_unknown} unknowns, is wanted"
+        errors.add(("sampler", "walkers"), f"{sampler.walkers} walkers: {wanted}")
     if n_unknown:
         arguments = (sampler.ensembles, sampler.walkers, n_unknown)
         errors.run(("sampler", "walkers"), output_files.check_chain, *arguments)
@@ -53,15 +50,10 @@ def check_counts(errors: IssueCollector, config: Config, unknown: Sequence[str] 
         errors.run(("sampler", "moves", name), lookup, MOVES, name, "move")
     known_moves = {name: weight for name, weight in sampler.moves.items() if name in MOVES}
     if not moves_with_weights(known_moves, None, always_inside):
-        waiting = [
-            name
-            for name in MOVES.usable()
-            if not moves_with_weights({name: 1.0}, None, always_inside)
-        ]
-        message = (
-            f"no move but {' or '.join(waiting)} has a share, and that never leaves a place that its "
-            "proposal has missed; give another move one"
-        )
+        alone = [(n, moves_with_weights({n: 1.0}, None, always_inside)) for n in MOVES.usable()]
+        waiting = [name for name, moves in alone if not moves]
+        stays = "that never leaves a place that its proposal has missed; give another move one"
+        message = f"no move but {' or '.join(waiting)} has a share, and {stays}"
         errors.add(("sampler", "moves"), message)
 
 
@@ -69,11 +61,8 @@ def check_calibration(errors: IssueCollector, config: Config) -> None:
     """Check that the ranks have enough effective draws."""
     settings = config.calibration
     if settings.ess < settings.draws:
-        message = (
-            f"{settings.ess:g} effective draws do not hold {settings.draws} independent ones; "
-            "make it larger"
-        )
-        errors.add(("calibration", "ess"), message)
+        few = f"{settings.ess:g} effective draws do not hold {settings.draws} independent ones"
+        errors.add(("calibration", "ess"), f"{few}; make it larger")
 
 
 def check_simulation(errors: IssueCollector, config: Config) -> None:
@@ -84,9 +73,8 @@ def check_simulation(errors: IssueCollector, config: Config) -> None:
     if (simulation.duration is None) != (simulation.rate is None):
         errors.add(("simulation",), "`duration:` and `rate:` belong together; give both or neither")
     elif simulation.duration is not None and simulation.duration * simulation.rate < 1:
-        errors.add(
-            ("simulation", "duration"), "the record would have one sample only; make it longer"
-        )
+        message = "the record would have one sample only; make it longer"
+        errors.add(("simulation", "duration"), message)
     elif simulation.duration is not None:
         samples, channels = simulation.duration * simulation.rate, len(config.record.channels)
         errors.run(("simulation", "duration"), output_files.check_record, samples, channels)
@@ -96,27 +84,10 @@ def check_simulation(errors: IssueCollector, config: Config) -> None:
             errors.expect(location, name, config.quantities, "there is no such quantity")
 
 
-def check_truth(
-    errors: IssueCollector, config: Config, channels: Sequence[str], truth_names: Sequence[str]
-) -> None:
-    """Check true values by channel, and by `truth_names` of the other unknowns."""
-    simulation: Any = config.simulation
-    for name in simulation.sigma if simulation else ():
-        if not errors.is_reported(("record", "channels", name)):
-            location: Location = ("simulation", "sigma", name)
-            errors.expect(location, name, channels, "there is no such channel")
-    for name in simulation.truth if simulation else ():
-        message = "a sensor, a start, a noise or an experiment has no such unknown"
-        errors.expect(("simulation", "truth", name), name, truth_names, message)
-
-
 def check_output(
     errors: IssueCollector, config: Config, model: Model, unknown: Sequence[str] | None
 ) -> None:
-    """Check names that figures can show.
-
-    These are unknowns, and in a corner plot what is tied or derived.
-    """
+    """Check names in figures: of unknowns, and in a corner plot of what is tied or derived."""
     for k, name in enumerate(config.output.figures or ()):
         errors.run(("output", "figures", k), lookup, RUN_FIGURES, name, "figure of a run")
     if unknown is None:
@@ -134,16 +105,13 @@ def check_output(
 def check_identify(errors: IssueCollector, config: Config, labels: Sequence[str]) -> None:
     """Check what `identify` is asked for."""
     settings = config.identify
-    free = free_parameters(config, config.vocabulary.parameters)
-    unknown = [
-        labelled_name(n, label) for n in free for label in (labels if n in config.own else [""])
-    ]
+    unknown = []
+    for name in free_parameters(config, config.vocabulary.parameters):
+        experiments = labels if name in config.own else [""]
+        unknown += [labelled_name(name, label) for label in experiments]
     for k, name in enumerate(settings.of_interest):
         message = f"{name} is no unknown parameter"
         errors.expect(("identify", "of_interest", k), name, unknown, message)
     if settings.determined > settings.left_to_prior:
-        message = (
-            f"{settings.determined:g} is above left_to_prior, {settings.left_to_prior:g}; "
-            "exchange them"
-        )
-        errors.add(("identify", "determined"), message)
+        above = f"{settings.determined:g} is above left_to_prior, {settings.left_to_prior:g}"
+        errors.add(("identify", "determined"), f"{above}; exchange them")

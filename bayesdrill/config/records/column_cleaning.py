@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,10 +29,7 @@ Mask = NDArray[np.bool_]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RecordColumn:
-    """A column `values (n,)` on the rows of its clock, in the unit of the file.
-
-    Values are NaN where none is used.
-    """
+    """A column `values (n,)` on the rows of its clock, in the file's unit; NaN where unused."""
 
     location: Location
     spec: Series
@@ -50,22 +47,14 @@ class RecordColumn:
         return isinstance(self.spec, InputColumn)
 
 
-@dataclass(frozen=True, slots=True)
-class CleaningLog:
-    """What was done, as `notes` in sentences, and `anomalies`."""
-
-    notes: list[str] = field(default_factory=list)
-    anomalies: list[Anomaly] = field(default_factory=list)
-
-
 def row_mask(sources: Sources, location: Location, spec: Series, clock: Clock) -> Mask:
     """Return which rows `(n,)` of a clock the config masks; a span without a row is an issue."""
     masked_rows, mask_spec = np.zeros(len(clock.t), dtype=np.bool_), as_mask_spec(spec.mask)
-    numbers, t = clock.numbers, clock.t
-    spans = [("rows", k, float(a), float(b)) for k, (a, b) in enumerate(mask_spec.rows)]
-    spans += [("times", k, a, b) for k, (a, b) in enumerate(mask_spec.times)]
-    for entry, k, first, last in spans:
-        values, unit = (numbers, "") if entry == "rows" else (t, " s")
+    spans: list[tuple[str, int, Sequence[float]]]
+    spans = [("rows", k, pair) for k, pair in enumerate(mask_spec.rows)]
+    spans += [("times", k, pair) for k, pair in enumerate(mask_spec.times)]
+    for entry, k, (first, last) in spans:
+        values, unit = (clock.numbers, "") if entry == "rows" else (clock.t, " s")
         slack = 1e-9 * max(abs(first), abs(last))
         inside = (values >= first - slack) & (values <= last + slack)
         if not inside.any():
@@ -88,20 +77,15 @@ def rows_after_jumps(clock: Clock, inputs: list[RecordColumn]) -> Mask:
     return rows
 
 
-def unwrap(
-    sources: Sources, column: RecordColumn, turn: float, findings: CleaningLog
-) -> RecordColumn:
+def unwrap(sources: Sources, column: RecordColumn, turn: float) -> RecordColumn:
     """Return an angle unwrapped; `turn` is one turn in the column's unit, NaN where it is no angle."""
     wraps = column.spec.wraps if isinstance(column.spec, ChannelSpec | AngleColumn) else None
     if not wraps:
         return column
     period = turn if wraps is True else float(wraps)
     if not period > 0:
-        message = (
-            f"{column.name} is no angle; say after how much it begins again, for example "
-            "`wraps: 360`"
-        )
-        sources.add((*column.location, "wraps"), message)
+        way_out = "say after how much it begins again, for example `wraps: 360`"
+        sources.add((*column.location, "wraps"), f"{column.name} is no angle; {way_out}")
         return column
     rows = np.flatnonzero(~np.isnan(column.values))
     x = column.values[rows]
@@ -110,29 +94,23 @@ def unwrap(
         at = int(rows[doubtful[0]])
         message = (
             f"{column.name} jumps by {x[doubtful[0]] - x[doubtful[0] - 1]:.6g} at "
-            f"{column.clock.where(at)} ({len(doubtful)} such jumps), nearly half of "
-            f"{period:.6g}: it "
-            "cannot be told which way it went; mask these rows "
-            "(mask: {rows: ...}), or record at a "
+            f"{column.clock.where(at)} ({len(doubtful)} such jumps), nearly half of {period:.6g}: it "
+            "cannot be told which way it went; mask these rows (mask: {rows: ...}), or record at a "
             "higher rate"
         )
         sources.add((*column.location, "wraps"), message)
         return column
     values, (straight, count) = column.values.copy(), anomalies.unwrap(x, period)
     values[rows] = straight
-    findings.notes.append(
-        f"{column.name}: unwrapped {count_noun(count, 'jump')} of {period:.6g} {column.spec.unit}"
-    )
-    return RecordColumn(column.location, column.spec, column.clock, values)
+    jumps = count_noun(count, "jump")
+    sources.notes.append(f"{column.name}: unwrapped {jumps} of {period:.6g} {column.spec.unit}")
+    return replace(column, values=values)
 
 
 def mask_glitches(
-    column: RecordColumn, inputs: list[RecordColumn], findings: CleaningLog
+    sources: Sources, column: RecordColumn, inputs: list[RecordColumn]
 ) -> RecordColumn:
-    """Return the column without the glitches that are masked; anomalies are added to `findings`.
-
-    Jumps of `inputs` are no glitches of a channel.
-    """
+    """Return the column without the glitches that are masked; jumps of `inputs` are none."""
     rows = np.flatnonzero(~np.isnan(column.values))
     x = column.values[rows]
     cause = None if column.is_input else rows_after_jumps(column.clock, inputs)[rows]
@@ -141,59 +119,52 @@ def mask_glitches(
     if len(spikes) and as_mask_spec(column.spec.mask).glitches:
         values = values.copy()
         values[rows[spikes.mask(len(x))]] = np.nan
-        samples, places = count_noun(spikes.count, "sample"), count_noun(len(spikes), "place")
+        where = f"{count_noun(spikes.count, 'sample')} in {count_noun(len(spikes), 'place')}"
         first = _span_label(column.clock, spikes, rows, 0)
-        findings.notes.append(
-            f"{column.name}: {samples} in {places} are glitches, and masked (the first at {first})"
-        )
+        note = f"{column.name}: {where} are glitches, and masked (the first at {first})"
+        sources.notes.append(note)
     elif len(spikes):
-        findings.anomalies.append(_glitches(column, spikes, rows))
-    if not column.is_input:
-        findings.anomalies.extend(_saturated_or_stuck(column, x, rows))
-    return RecordColumn(column.location, column.spec, column.clock, values)
-
-
-def _glitches(column: RecordColumn, spikes: Spans, rows: NDArray[np.intp]) -> Anomaly:
-    entry = ".".join(map(str, column.location))
-    return Anomaly(
-        text=f"glitches: {column.name} leaves its course and is back within a few samples in "
-        f"{count_noun(len(spikes), 'place')} ({count_noun(spikes.count, 'sample')})",
-        where=_span_labels(column.clock, spikes, rows),
-        do=f"; was it the sensor? Then leave them out ({entry}: mask: glitches)",
-    )
-
-
-def _saturated_or_stuck(column: RecordColumn, x: Array, rows: NDArray[np.intp]) -> list[Anomaly]:
-    entry = ".".join(map(str, column.location))
-    clipped = anomalies.saturated(x)
-    if len(clipped):
-        return [
-            Anomaly(
-                text=f"saturated: {column.name} runs into exactly the same value, "
-                f"{x[clipped.first[0]]:.6g} {column.spec.unit}, {count_noun(len(clipped), 'place')} "
-                f"({count_noun(clipped.count, 'sample')})",
-                where=_span_labels(column.clock, clipped, rows),
-                do=f"; the end of its range? Then leave them out ({entry}: mask: {{rows: ...}})",
-            )
-        ]
-    still = anomalies.stuck(x)
-    if not len(still):
-        return []
-    first, last = rows[still.first[0]], rows[still.last[0]]
-    t = column.clock.t
-    return [
-        Anomaly(
-            text=f"stuck: {column.name} stays at exactly one value for {still.count} samples, from "
-            f"{t[first]:.6g} to {t[last]:.6g} s, and elsewhere hardly ever repeats one",
-            where=_span_labels(column.clock, still, rows),
-            do="; a sensor that was stuck, cut off or at the end of its range? Cut these samples off "
-            f"(record.window), or leave them out ({entry}: mask: {{rows: ...}})",
+        text = (
+            f"glitches: {column.name} leaves its course and is back within a few samples in "
+            f"{count_noun(len(spikes), 'place')} ({count_noun(spikes.count, 'sample')})"
         )
-    ]
+        do = "; was it the sensor? Then leave them out ({}: mask: glitches)"
+        sources.anomalies.append(_anomaly(column, spikes, rows, text, do))
+    if not column.is_input:
+        sources.anomalies.extend(_saturated_or_stuck(column, x, rows))
+    return replace(column, values=values)
 
 
-def _span_labels(clock: Clock, spans: Spans, rows: NDArray[np.intp]) -> tuple[str, ...]:
-    return tuple(_span_label(clock, spans, rows, k) for k in range(len(spans)))
+def _saturated_or_stuck(
+    column: RecordColumn, x: Array, rows: NDArray[np.intp]
+) -> Iterator[Anomaly]:
+    if len(clipped := anomalies.saturated(x)):
+        text = (
+            f"saturated: {column.name} runs into exactly the same value, "
+            f"{x[clipped.first[0]]:.6g} {column.spec.unit}, {count_noun(len(clipped), 'place')} "
+            f"({count_noun(clipped.count, 'sample')})"
+        )
+        do = "; the end of its range? Then leave them out ({}: mask: {{rows: ...}})"
+        yield _anomaly(column, clipped, rows, text, do)
+    elif len(still := anomalies.stuck(x)):
+        begin, end = (column.clock.t[rows[k[0]]] for k in (still.first, still.last))
+        text = (
+            f"stuck: {column.name} stays at exactly one value for {still.count} samples, from "
+            f"{begin:.6g} to {end:.6g} s, and elsewhere hardly ever repeats one"
+        )
+        do = (
+            "; a sensor that was stuck, cut off or at the end of its range? Cut these samples off "
+            "(record.window), or leave them out ({}: mask: {{rows: ...}})"
+        )
+        yield _anomaly(column, still, rows, text, do)
+
+
+def _anomaly(
+    column: RecordColumn, spans: Spans, rows: NDArray[np.intp], text: str, do: str
+) -> Anomaly:
+    """Of some `spans` of a column; the braces in `do` stand for its entry."""
+    where = tuple(_span_label(column.clock, spans, rows, k) for k in range(len(spans)))
+    return Anomaly(text=text, where=where, do=do.format(".".join(map(str, column.location))))
 
 
 def _span_label(clock: Clock, spans: Spans, rows: NDArray[np.intp], k: int) -> str:
@@ -201,10 +172,8 @@ def _span_label(clock: Clock, spans: Spans, rows: NDArray[np.intp], k: int) -> s
     first, last = int(rows[spans.first[k]]), int(rows[spans.last[k]])
     if first == last:
         return f"{clock.where(first)} ({clock.t[first]:.6g} s)"
-    return (
-        f"{clock.where(first)} to {clock.numbers[last]} "
-        f"({clock.t[first]:.6g} to {clock.t[last]:.6g} s)"
-    )
+    times = f"{clock.t[first]:.6g} to {clock.t[last]:.6g} s"
+    return f"{clock.where(first)} to {clock.numbers[last]} ({times})"
 
 
 def bridge_gaps(sources: Sources, column: RecordColumn) -> Array:
@@ -218,10 +187,9 @@ def bridge_gaps(sources: Sources, column: RecordColumn) -> Array:
     missing_ends += [len(missing) - 1] if len(rows) and straight and missing[-1] else []
     if not len(rows) or missing_ends:
         at = column.clock.where(missing_ends[0]) if missing_ends else "every row"
-        message = (
-            f"no number is there, at {at}, and none {'on both sides' if straight else 'before it'} to "
-            "hold; cut these rows off (record.window), or name another column"
-        )
+        around = "on both sides" if straight else "before it"
+        way_out = "cut these rows off (record.window), or name another column"
+        message = f"no number is there, at {at}, and none {around} to hold; {way_out}"
         sources.add(column.location, message)
         return column.values
     if straight:
@@ -232,7 +200,7 @@ def bridge_gaps(sources: Sources, column: RecordColumn) -> Array:
 MAX_DERIVATIVE_MISMATCH = 0.3  # of its rms: farther off, a channel is hardly what it is said to be
 
 
-def find_derivatives(columns: Mapping[Location, RecordColumn], findings: CleaningLog) -> None:
+def find_derivatives(sources: Sources, columns: Mapping[Location, RecordColumn]) -> None:
     """Note of each derived channel that it is not counted, and how well it fits its origin."""
     for column in columns.values():
         origin = column.spec.derived_from if isinstance(column.spec, ChannelSpec) else None
@@ -242,25 +210,17 @@ def find_derivatives(columns: Mapping[Location, RecordColumn], findings: Cleanin
         not_counted = f"{column.name} is not counted, as it is derived from {origin}: {reason}"
         comparison = _compare_with_quotients(column, columns["record", "channels", origin])
         if comparison is None:
-            findings.notes.append(
-                f"{not_counted}; it was not compared, as it has other times or units"
-            )
+            other = "it was not compared, as it has other times or units"
+            sources.notes.append(f"{not_counted}; {other}")
             continue
         kind, mismatch, times = comparison
-        like = (
-            f"{times:.4g} times the {kind} difference quotient of {origin} to {mismatch:.2g} of "
-            "its rms"
-        )
-        findings.notes.append(f"{not_counted}; it is {like}")
+        like = f"{times:.4g} times the {kind} difference quotient of {origin} to {mismatch:.2g}"
+        like += " of its rms"
+        sources.notes.append(f"{not_counted}; it is {like}")
         if mismatch > MAX_DERIVATIVE_MISMATCH:
-            findings.anomalies.append(
-                Anomaly(
-                    text=f"derived: {column.name} is said to be derived from {origin}, but is only "
-                    f"{like}",
-                    where=(),
-                    do="; if it was measured by a sensor of its own, remove derived_from",
-                )
-            )
+            text = f"derived: {column.name} is said to be derived from {origin}, but is only {like}"
+            do = "; if it was measured by a sensor of its own, remove derived_from"
+            sources.anomalies.append(Anomaly(text=text, where=(), do=do))
 
 
 def _kinematic_factors(angle: str, speed: str) -> tuple[float, float] | None:
@@ -283,12 +243,8 @@ def _compare_with_quotients(
     factors = _kinematic_factors(origin.spec.unit, column.spec.unit)
     if factors is None or np.sum(in_both) < anomalies.MIN_DIFFERENCED_SAMPLES:
         return None
-    turned, moved = factors
-    x, w, t = (
-        origin.values[in_both] * turned,
-        column.values[in_both] * moved,
-        column.clock.t[in_both],
-    )
+    x, w = origin.values[in_both] * factors[0], column.values[in_both] * factors[1]
+    t = column.clock.t[in_both]
     slope = next(iter(anomalies.quotients(x, t).values()))
     size = float(slope @ slope)
     times = float(slope @ w[1:-1]) / size if size > 0 else 0.0

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
 from bayesdrill import output_files
 from bayesdrill.basics import units
@@ -13,7 +12,7 @@ from bayesdrill.basics.arrays import Array
 from bayesdrill.basics.entries import build_member
 from bayesdrill.basics.units import Unit
 from bayesdrill.config.records import column_cleaning, sources
-from bayesdrill.config.records.column_cleaning import CleaningLog, RecordColumn
+from bayesdrill.config.records.column_cleaning import RecordColumn
 from bayesdrill.config.records.sources import Sources, column_location
 from bayesdrill.config.resolve import quantities
 from bayesdrill.config.resolve.case import ResolvedExperiment, initial_state
@@ -52,11 +51,7 @@ def csv_options(record: RecordSpec) -> CsvOptions:
 
 
 def read(resolved: ResolvedExperiment, table: RecordTable | None = None) -> Experiment:
-    """Read the record of one experiment.
-
-    `table` is what the record's file would hold, where there is none.  Raises `InputError` with
-    locations in the config and rows of the files.
-    """
+    """Read the record of one experiment, or `table` in its place; raises `InputError`."""
     return _Reader(resolved, table).experiment()
 
 
@@ -66,10 +61,9 @@ class _Reader:
     def __init__(self, resolved: ResolvedExperiment, table: RecordTable | None) -> None:
         self._resolved, self._config, self._source = resolved, resolved.config, resolved.source
         self._sources = Sources(resolved.config, resolved.source, table)
-        self._findings = CleaningLog()
 
     def experiment(self) -> Experiment:
-        config, findings = self._config, self._findings
+        config = self._config
         columns = self._columns()
         t = self._times()
         y = self._signals(t, columns)
@@ -78,7 +72,9 @@ class _Reader:
         except ValueError as error:
             raise self._source.error(("record", "file"), str(error)) from None
         held_out = self._held_out(t, y)
-        series, turned = self._inputs(t, columns)
+        measured = quantities.measured_inputs(config)
+        inputs = {n: columns["inputs", quantities.input_entry(config, n)] for n in measured}
+        series, turned = self._inputs(t, inputs)
         raise_if_any(self._sources.issues)
         time, n_unknown = config.record.time, len(self._resolved.space.free)
         n_unknown += len(self._resolved.local_numbers.noise_unknowns)
@@ -91,18 +87,13 @@ class _Reader:
             channels=tuple(entry.channel for entry in self._resolved.channels),
             constant=quantities.constant_inputs(config, self._resolved.model),
             series={name: frozen(values) for name, values in series.items()},
-            first_order=any(map(_is_first_order, quantities.measured_inputs(config).values())),
+            first_order=any(map(_is_first_order, measured.values())),
             start=initial_state(config, self._resolved.model) | turned,
             t_start=self._t_start(t, has_series=bool(series)),
-            told=tuple(findings.notes),
-            odd=tuple(findings.anomalies),
+            told=tuple(self._sources.notes),
+            odd=tuple(self._sources.anomalies),
             held_out=None if held_out is None else frozen(held_out),
-            input_steps={
-                name: clocks.median_step(
-                    columns["inputs", quantities.input_entry(config, name)].clock.t
-                )
-                for name in series
-            },
+            input_steps={n: clocks.median_step(column.clock.t) for n, column in inputs.items()},
             written=Written(
                 files=tuple(path.name for path in sources.paths(self._resolved)),
                 time=units.display_unit(time.unit if isinstance(time, TimeColumn) else "s", "s"),
@@ -112,27 +103,22 @@ class _Reader:
         )
         if (decimation := config.record.decimate) is None:
             return experiment
-        if refusal := sources.refuse_decimation(
-            experiment, decimation.factor, filtered=decimation.filter
-        ):
+        factor, filtered = decimation.factor, decimation.filter
+        if refusal := sources.refuse_decimation(experiment, factor, filtered=filtered):
             raise self._source.error(("record", "decimate"), refusal)
-        decimated = sources.decimate_filtered if decimation.filter else sources.decimate_unfiltered
-        return decimated(experiment, decimation.factor)
+        decimated = sources.decimate_filtered if filtered else sources.decimate_unfiltered
+        return decimated(experiment, factor)
 
     def _columns(self) -> dict[Location, RecordColumn]:
         """All that are named, with NaN where no number is used."""
         entries = sources.file_entries(self._config)
-        picked_columns = {
-            location: self._column(location, spec) for location, spec in entries.items()
-        }
+        picked_columns = [self._column(location, spec) for location, spec in entries.items()]
         raise_if_any(list(dict.fromkeys(self._sources.issues)))
-        columns = {
-            location: column for location, column in picked_columns.items() if column is not None
-        }
+        columns = {column.location: column for column in picked_columns if column is not None}
         inputs = [column for column in columns.values() if column.is_input]
-        column_cleaning.find_derivatives(columns, self._findings)
+        column_cleaning.find_derivatives(self._sources, columns)
         return {
-            location: column_cleaning.mask_glitches(column, inputs, self._findings)
+            location: column_cleaning.mask_glitches(self._sources, column, inputs)
             for location, column in columns.items()
         }
 
@@ -143,15 +129,13 @@ class _Reader:
             return times[0]
         t = clocks.union(times)
         counts = ", ".join(str(len(clock_times)) for clock_times in times)
-        self._findings.notes.append(
-            f"{len(t)} times of {len(times)} clocks ({counts} samples); "
-            "times nearer than 1e-9 of a step are one"
-        )
+        note = f"{len(t)} times of {len(times)} clocks ({counts} samples)"
+        self._sources.notes.append(f"{note}; times nearer than 1e-9 of a step are one")
         close = clocks.crowded_time(t, times)
         if not math.isnan(close):
             text = f"clocks: two of the record's times, at {close:.10g} s, are nearly the same"
             do = "; one clock, written with different digits? Then give both columns the same `time:`"
-            self._findings.anomalies.append(Anomaly(text=text, where=(), do=do))
+            self._sources.anomalies.append(Anomaly(text=text, where=(), do=do))
         return t
 
     def _signals(self, t: Array, columns: dict[Location, RecordColumn]) -> Array:
@@ -161,9 +145,9 @@ class _Reader:
         for k, entry in enumerate(measured):
             column = columns["record", "channels", entry.channel.name]
             inside = column.clock.inside
-            y[self._rows(t, column.clock.t[inside]), k] = (
-                column.values[inside] * entry.channel.factor
-            )
+            times = column.clock.t[inside]
+            rows = clocks.indices_in(t, times) if self._sources.several else np.arange(len(t))
+            y[rows, k] = column.values[inside] * entry.channel.factor
         spans = window_spans(self._config.record.window)
         if len(spans) > 1:
             y[~inside_spans(t, spans)] = np.nan
@@ -183,34 +167,29 @@ class _Reader:
             self._sources.add(location, "no sample lies in it; give times of the record [s]")
         elif np.isnan(y).all(axis=0).any():
             self._sources.add(location, "leaves nothing of a channel; hold less out")
-        self._findings.notes.append(f"{count} samples are held out, and are no evidence")
+        self._sources.notes.append(f"{count} samples are held out, and are no evidence")
         return held_out
 
-    def _rows(self, t: Array, clock: Array) -> NDArray[np.intp]:
-        return clocks.indices_in(t, clock) if self._sources.several else np.arange(len(t))
-
     def _inputs(
-        self, t: Array, columns: dict[Location, RecordColumn]
+        self, t: Array, inputs: dict[str, RecordColumn]
     ) -> tuple[dict[str, Array], dict[str, float]]:
         """SI, at every time; and the angles at which those begin that are imposed as angles."""
         series, start_angles = dict[str, Array](), dict[str, float]()
         for name, spec in quantities.measured_inputs(self._config).items():
-            entry = quantities.input_entry(self._config, name)
-            column = columns["inputs", entry]
-            missing = int(np.isnan(column.values).sum())
-            if missing:
-                self._findings.notes.append(
-                    f"{entry}: {missing} samples are bridged, hold: {spec.hold}"
-                )
+            column, entry = inputs[name], inputs[name].name
+            if missing := int(np.isnan(column.values).sum()):
+                note = f"{entry}: {missing} samples are bridged, hold: {spec.hold}"
+                self._sources.notes.append(note)
             values = column_cleaning.bridge_gaps(self._sources, column)
-            values = values * units.factor(spec.unit, quantities.input_unit(self._config, entry))
+            si = self._config.vocabulary.entries[entry].unit
+            values = values * units.factor(spec.unit, si)
             if isinstance(spec, AngleColumn):
                 clock = column.clock.t
                 start_angles[entry] = float(np.interp(t[0], clock, values))
                 values = anomalies.held_speeds(values, clock)
-            series[name] = (
-                values if not self._sources.several else self._on_record_times(t, column, values)
-            )
+            if self._sources.several:
+                values = self._on_record_times(t, column, values)
+            series[name] = values
         return series, start_angles
 
     def _on_record_times(self, t: Array, column: RecordColumn, values: Array) -> Array:
@@ -226,9 +205,8 @@ class _Reader:
             )
             self._sources.add(column.location, message + ("" if late else rule))
         elif early:
-            self._findings.notes.append(
-                f"{column.name}: held after its last sample at {clock[-1]:g} s"
-            )
+            note = f"{column.name}: held after its last sample at {clock[-1]:g} s"
+            self._sources.notes.append(note)
         return clocks.hold_input(t, clock, values, first_order=_is_first_order(column.spec))
 
     def _column(self, location: Location, spec: Series) -> RecordColumn | None:
@@ -244,12 +222,11 @@ class _Reader:
         unmasked = np.where(masked, np.nan, values) if masked.any() else values
         missing = int(np.sum(np.isnan(values) & ~masked))
         if masked.any():
-            self._findings.notes.append(
-                f"{location[-1]}: {int(masked.sum())} samples are masked (mask)"
-            )
+            note = f"{location[-1]}: {int(masked.sum())} samples are masked (mask)"
+            self._sources.notes.append(note)
         is_input = isinstance(spec, InputColumn)
         if missing and not is_input:
-            self._findings.notes.append(f"{location[-1]}: {missing} missing samples are left out")
+            self._sources.notes.append(f"{location[-1]}: {missing} missing samples are left out")
         allowed = spec.missing if isinstance(spec, InputColumn) else self._config.record.missing
         refused = missing > 0 and allowed is None
         numbers = np.where(masked, 0.0, values) if refused else unmasked
@@ -265,7 +242,7 @@ class _Reader:
             instead=f", or {way_out}" if np.isnan(numbers).any() else "",
         )
         column = RecordColumn(location, spec, clock, unmasked)
-        return column_cleaning.unwrap(self._sources, column, _units_per_turn(spec), self._findings)
+        return column_cleaning.unwrap(self._sources, column, _units_per_turn(spec))
 
     def _t_start(self, time: Array, *, has_series: bool) -> float:
         """With measured inputs nothing is known before the first sample: the state is given there."""
@@ -277,14 +254,11 @@ class _Reader:
         if t_start > time[0] + 1e-9 * max(1.0, abs(time[0])):
             given = self._config.initial.time is not None
             location: Location = ("initial", "time") if given else ("record",)
-            message = (
-                f"the initial state is at {t_start:g} s, after the first sample at {time[0]:g} s; "
-                "give `initial: {time: ...}` at or before it"
-            )
-            raise self._source.error(location, message)
-        if self._config.initial.time is None and time[0] - t_start > MAX_LEAD * (
-            time[-1] - time[0]
-        ):
+            late = f"the initial state is at {t_start:g} s, after the first sample at {time[0]:g} s"
+            way_out = "give `initial: {time: ...}` at or before it"
+            raise self._source.error(location, f"{late}; {way_out}")
+        lead, length = time[0] - t_start, time[-1] - time[0]
+        if self._config.initial.time is None and lead > MAX_LEAD * length:
             message = (
                 f"the record begins at {time[0]:.10g} s, and the initial state is at {t_start:g} s by "
                 "default; if these are times of a clock, give `initial: {time: ...}`"

@@ -35,11 +35,7 @@ READ_BACK_TOLERANCE = 1e-8  # of the largest number in a column
 
 
 def check_format(config: Config, source: Source, target: Path | None) -> None:
-    """Raise `InputError` unless the config can read what is written to `target`.
-
-    By default that is its own record.  It has to be text, with a header, of channels that are
-    measured at the same times.
-    """
+    """Raise `InputError` unless the config can read its record, when written to `target`."""
     record, location = config.record, ("record", "file")
     try:
         kind = record.format or format_of(target or sources.path_of(config, source))
@@ -60,16 +56,12 @@ def check_format(config: Config, source: Source, target: Path | None) -> None:
         message = "a simulated record would be decimated again; remove this entry"
         raise source.error(("record", "decimate"), message)
     if reading.csv_options(record).header is False:
-        raise source.error(
-            ("record", "header"), "a simulated record has a header; remove this entry"
-        )
+        message = "a simulated record has a header; remove this entry"
+        raise source.error(("record", "header"), message)
 
 
 def record_text(config: Config, source: Source, experiment: Experiment, y: Array) -> str:
-    """Return channels `y (T, K)` as text, in the units of their columns.
-
-    Time and inputs are those of `experiment`.
-    """
+    """Return channels `y (T, K)` and what else a config reads as text, in units of columns."""
     columns = _columns(config, source, experiment, y)
     record = reading.csv_options(config.record)
     mark = record.delimiter or (";" if record.decimal == "," else ",")
@@ -94,10 +86,7 @@ def _columns(
         entries.append((("record", "time"), time, experiment.t / units.factor(time.unit, "s")))
     for (name, spec), channel in zip(config.record.channels.items(), y.T, strict=True):
         entries.append((("record", "channels", name), spec, channel))
-    for name, spec_of_input in quantities.measured_inputs(config).items():
-        entry = quantities.input_entry(config, name)
-        factor = units.factor(spec_of_input.unit, quantities.input_unit(config, entry))
-        values = quantities.inputs_as_given(config, experiment, name) / factor
+    for entry, spec_of_input, values in quantities.inputs_as_given(config, experiment):
         entries.append((("inputs", entry), spec_of_input, values))
     columns = []
     for location, column, values in entries:
@@ -116,9 +105,8 @@ def _check_read_back(
     try:
         table = text_table(path, text, reading.csv_options(config.record))
         for name, values in columns:
-            if not np.allclose(
-                table.pick(name), values, rtol=0, atol=READ_BACK_TOLERANCE * np.ptp(values)
-            ):
+            allowed = READ_BACK_TOLERANCE * np.ptp(values)
+            if not np.allclose(table.pick(name), values, rtol=0, atol=allowed):
                 raise InputError.at("", f"column {name!r} would come out otherwise")
     except InputError as error:
         first = error.problems[0].message
@@ -141,19 +129,13 @@ def simulate_all(case: ResolvedCase, seed: int, output: Path | None = None) -> d
     texts, problems = dict[Path, str](), list[Issue]()
     for index, resolved in enumerate(case.experiments):
         record_path = sources.path_of(resolved.config, resolved.source)
-        target = (
-            record_path
-            if output is None
-            else output / record_path.name
-            if resolved.label
-            else output
-        )
+        target = output or record_path
+        if output is not None and resolved.label:
+            target = output / record_path.name
         try:
             if target in texts:
-                message = (
-                    f"another experiment is simulated into {target} too; give each its own file"
-                )
-                raise resolved.source.error(("record", "file"), message)
+                other = f"another experiment is simulated into {target} too"
+                raise resolved.source.error(("record", "file"), f"{other}; give each its own file")
             texts[target] = simulate_one(resolved, seed, target, index)
         except InputError as error:
             problems += error.problems
@@ -178,16 +160,12 @@ def simulate_one(
     full = np.array([[values[name] for name in response.parameters]])
     signals = response.signals(full)[0]
     noisy_channels = [_with_known_sigma(resolved, entry) for entry in resolved.channels]
-    noise = noise_for_record(
-        sensors.build_noise(noisy_channels, len(signals)), experiment.t, experiment.seen
-    )
-    acts = sensors.latent_torque(config)
-    observed = sensors.build_observation(acts, resolved.torque, response, noise)
+    noise = sensors.build_noise(noisy_channels, len(signals))
+    noise = noise_for_record(noise, experiment.t, experiment.seen)
+    observed = sensors.build_observation(config, resolved.torque, response, noise)
     noise_values = [_noise_truth(resolved, unknown) for unknown in observed.unknowns]
     rng = seeds.stream(seed, "record", index)
-    space = ParameterSpace(
-        model=response.parameters, unknowns=observed.unknowns, fixed=dict(values)
-    )
+    space = ParameterSpace(model=response.parameters, unknowns=observed.unknowns, fixed=values)
     noisy = observed.bind(space).draw(signals[None], np.array([noise_values]), rng)[0]
     y = noisy / np.array([entry.channel.factor for entry in resolved.channels])
     return record_text(config, source, experiment, y)
@@ -200,10 +178,7 @@ def save(text: str, target: Path, record: Path, *, force: bool) -> None:
 
 
 def check_target(text: str, target: Path, record: Path, *, force: bool) -> None:
-    """Raise `InputError` where a record must not be written to `target`.
-
-    It is never written over `record`, which the config names: that may be what was measured.
-    """
+    """Raise `InputError` where a text must not be written to `target`, above all over `record`."""
     output_files.refuse_other_than_file(target)
     output_files.refuse_unwritable(target.parent)
     if target.exists():
@@ -220,21 +195,16 @@ def check_target(text: str, target: Path, record: Path, *, force: bool) -> None:
 
 
 def simulation_grid(resolved: ResolvedExperiment) -> Experiment:
-    """Return times and inputs of `simulation:`, or else of the record.
-
-    Measured channels do not matter.
-    """
+    """Return times and inputs of `simulation:`, or the record, whose channels do not matter."""
     config = resolved.config
     simulation: Any = config.simulation
     series = list(quantities.measured_inputs(config))
     if simulation is None or simulation.duration is None:
         return reading.read(resolved)
     if series:
-        raise resolved.source.error(
-            ("simulation", "duration"),
-            f"the input {series[0]} is measured, so the times are those of the record; remove "
-            "`duration:` and `rate:`",
-        )
+        message = f"the input {series[0]} is measured, so the times are those of the record"
+        message += "; remove `duration:` and `rate:`"
+        raise resolved.source.error(("simulation", "duration"), message)
     t = times(simulation.duration, simulation.rate)
     channels = tuple(entry.channel for entry in resolved.channels)
     return Experiment(
@@ -270,7 +240,7 @@ def _sensor_truth(resolved: ResolvedExperiment) -> dict[str, float]:
     """What is true of sensors and the start, SI; of a free start zero, unless it is given."""
     values = {sensors.state_name(name): 0.0 for name in resolved.free_states}
     factors = dict.fromkeys(values, 1.0)
-    for number in resolved.sensor_numbers:
+    for number in resolved.sensor_numbers.values():
         values[number.name], factors[number.name] = number.start, number.factor
     given_values = {name: _given_truth(resolved, name) for name in values}
     return values | {name: x * factors[name] for name, x in given_values.items() if x is not None}
@@ -300,9 +270,8 @@ def _with_known_sigma(resolved: ResolvedExperiment, entry: MeasuredChannel) -> M
     simulation: Any = resolved.config.simulation
     name = entry.channel.name
     if simulation is None or name not in simulation.sigma:
-        message = (
-            f"the noise of this channel is unknown; add `simulation: {{sigma: {{{name}: ...}}}}`"
-        )
+        way_out = f"add `simulation: {{sigma: {{{name}: ...}}}}`"
+        message = f"the noise of this channel is unknown; {way_out}"
         raise resolved.source.error(("record", "channels", name, "sigma"), message)
     sigma = float(simulation.sigma[name]) * entry.channel.factor
     return dataclasses.replace(entry, noisy=dataclasses.replace(entry.noisy, sigma=sigma))

@@ -1,7 +1,4 @@
-"""The files of a record: each is read once, its times become a clock in SI.
-
-Samples are thinned on request.
-"""
+"""The files of a record: each is read once, its times become a clock, samples are thinned."""
 
 from __future__ import annotations
 
@@ -34,7 +31,7 @@ from bayesdrill.config.schema.records import (
 from bayesdrill.config.yaml_source import Location, Source
 from bayesdrill.record import clocks
 from bayesdrill.record.clocks import on_grid
-from bayesdrill.record.experiment import Experiment, check_time, frozen
+from bayesdrill.record.experiment import Anomaly, Experiment, check_time, frozen
 from bayesdrill.record.formats import FORMATS, format_of
 from bayesdrill.record.formats.table import RecordTable, variable_name
 
@@ -72,10 +69,9 @@ def named_files(data: Mapping[str, Any]) -> list[tuple[dict[str, Any], str]]:
     """Return each mapping of a plain config that names a file, and the key that does."""
     record, inputs = data.get("record", {}), data.get("inputs", {})
     entries = [record, *record.get("channels", {}).values(), *inputs.values()]
-    having = [
-        (entry, entry["file"]) for entry in entries if isinstance(entry, dict) and "file" in entry
-    ]
-    return [(file, "path") if isinstance(file, dict) else (s, "file") for s, file in having]
+    having = [entry for entry in entries if isinstance(entry, dict) and "file" in entry]
+    paired = [(entry, entry["file"]) for entry in having]
+    return [(file, "path") if isinstance(file, dict) else (s, "file") for s, file in paired]
 
 
 def rebase(data: Mapping[str, Any], old: Path, new: Path) -> None:
@@ -98,15 +94,11 @@ def relative_name(folder: Path, file: Path) -> str:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Clock:
-    """Times `t (n,)` s of the `rows (n,)` of a table with `n_rows`; `inside`: in the windows' span.
-
-    Of several clocks each keeps a row on either side of that span, so that inputs are known at its
-    ends.
-    """
+    """Times `t (n,)` s of the `rows (n,)` of a table with `n_rows`; `inside`: in the windows' span."""
 
     table: RecordTable
     t: Array
-    rows: NDArray[np.intp]
+    rows: NDArray[np.intp]  # of several clocks also one on either side, for inputs at the ends
     inside: NDArray[np.bool_]
     n_rows: int
 
@@ -122,10 +114,12 @@ class Clock:
 
 
 class Sources:
-    """Tables and clocks of all columns; issues are collected."""
+    """Tables and clocks of all columns; issues, notes and anomalies are collected."""
 
     def __init__(self, config: Config, source: Source, given: RecordTable | None) -> None:
         self.issues: list[Issue] = []
+        self.notes: list[str] = []
+        self.anomalies: list[Anomaly] = []
         self._config, self._source = config, source
         self._given = given
         self._tables: dict[FileSpec | None, RecordTable | None] = {}
@@ -164,10 +158,9 @@ class Sources:
     def _pick(
         self, location: Location, spec: ColumnSpec, table: RecordTable, instead: str = ""
     ) -> Array | None:
+        label = self.label(column_location(location, spec))
         try:
-            return table.pick(
-                spec.column, spec.variable, location=self.label(column_location(location, spec))
-            )
+            return table.pick(spec.column, spec.variable, location=label)
         except InputError as error:
             self.issues += [Issue(p.place, f"{p.message}{instead}") for p in error.problems]
             return None
@@ -179,21 +172,21 @@ class Sources:
         table = self._tables[file]
         if table is None:
             return None
-        has_time = spec.time is not None
-        time, time_place = spec.time or self._config.record.time, (*location, "time")
-        if not has_time:
-            time_place = ("record", "time") if spec.file is None else (*location, "file")
+        time, time_place, instead = spec.time, (*location, "time"), ""
+        if time is None and spec.file is None:
+            time_place = ("record", "time")
+        elif time is None:
+            time_place, instead = (*location, "file"), OTHER_TIMES_HINT
+        time = time or self._config.record.time
         if isinstance(time, TimeRate):
             values, factor = self._pick(location, spec, table), 1.0
             values = None if values is None else np.arange(len(values)) / time.rate
         else:
-            instead = OTHER_TIMES_HINT if spec.file is not None and not has_time else ""
             values = self._pick(time_place, time, table, instead)
             factor = units.factor(time.unit, "s")
         if values is None:
             return None
-        offset = (time.offset or 0.0) * factor
-        raw = values * factor
+        raw, offset = values * factor, (time.offset or 0.0) * factor
         return self._windowed(location, time_place, table, raw + offset if offset else raw)
 
     def _windowed(
@@ -215,8 +208,7 @@ class Sources:
         issues = check_time(self.label(time_place), clock.t, clock.where)
         self.issues += issues
         # With wrong times a column can still be judged, and all that is wrong is told at once.
-        t = clock.t if issues else on_grid(clock.t)
-        return Clock(table, t, rows, inside[rows], len(raw))
+        return clock if issues else dataclasses.replace(clock, t=on_grid(clock.t))
 
     def _read(self, location: Location, file: FileSpec | None) -> RecordTable | None:
         at_file: Location = ("record", "file") if file is None else (*location, "file")
@@ -233,8 +225,7 @@ class Sources:
         except ValueError as error:
             self.add(at_file, str(error))
         except InputError as error:
-            label = self.label(at_file)
-            self.issues += [Issue(label, str(problem)) for problem in error.problems]
+            self.issues += [Issue(self.label(at_file), str(p)) for p in error.problems]
         return None
 
     def _wanted(self, file: FileSpec | None) -> set[str] | None:
@@ -251,33 +242,26 @@ def column_location(location: Location, spec: ColumnSpec) -> Location:
     return (*location, "column" if spec.column is not None else "variable")
 
 
-MIN_SAMPLES = 10  # samples
+MIN_SAMPLES = 10
 
 
 def refuse_decimation(experiment: Experiment, factor: int, *, filtered: bool) -> str:
     """Return why a record cannot be decimated, and what to do; empty where it can."""
     rows = len(experiment.t)
-    if not filtered:
-        fewest, need = min(experiment.counts), (MIN_SAMPLES - 1) * factor + 1
-        return _too_few(fewest, need) if fewest < need else ""
-    if not experiment.uniform:
-        return (
-            "a filter needs equal time steps, and these are not; remove it, say `filter: false`, "
-            "or cut the record at gaps"
-        )
-    if not experiment.seen.all():
+    if filtered and not experiment.uniform:
+        way_out = "remove it, say `filter: false`, or cut the record at gaps"
+        return f"a filter needs equal time steps, and these are not; {way_out}"
+    if filtered and not experiment.seen.all():
         k = int(np.argmin(experiment.counts))
         return (
             f"a filter needs every sample, and {rows - experiment.counts[k]} of {experiment.names[k]} "
             "are missing, masked or outside the windows; remove it, say `filter: false`, or name one "
             "window without them"
         )
-    need = clocks.filter_length(factor) + (MIN_SAMPLES - 1) * factor
-    return _too_few(rows, need) if rows < need else ""
-
-
-def _too_few(there: int, need: int) -> str:
-    return f"{there} samples are too few: {need} leave {MIN_SAMPLES}; take a smaller factor"
+    there = rows if filtered else min(experiment.counts)
+    need = (clocks.filter_length(factor) if filtered else 1) + (MIN_SAMPLES - 1) * factor
+    few = f"{there} samples are too few: {need} leave {MIN_SAMPLES}; take a smaller factor"
+    return few if there < need else ""
 
 
 def decimate_filtered(experiment: Experiment, factor: int) -> Experiment:
@@ -286,24 +270,22 @@ def decimate_filtered(experiment: Experiment, factor: int) -> Experiment:
     Inputs that are measured stay as they are at every time, as the rig follows each of their steps:
     between samples that are left, channels are not measured.
     """
-    dt, names = experiment.dt, experiment.names
     decimation = clocks.decimated(experiment.y, factor)
     if experiment.series:
         t, y = experiment.t, np.full_like(experiment.y, np.nan)
         y[decimation.samples] = decimation.y
     else:
         t, y = experiment.t[decimation.samples], decimation.y
-    taps, half = clocks.filter_length(factor), clocks.cutoff(factor, dt)
+    taps, half = clocks.filter_length(factor), clocks.cutoff(factor, experiment.dt)
     removed = ", ".join(
         f"{sd:.3g} {channel.unit} of {channel.name}"
         for sd, channel in zip(decimation.removed, experiment.channels, strict=True)
     )
     note = (
-        f"{', '.join(names)}: filtered and decimated, one sample of {factor} is left "
+        f"{', '.join(experiment.names)}: filtered and decimated, one sample of {factor} is left "
         f"({len(decimation.samples)} of {len(experiment.t)}). The filter is a zero-phase FIR of {taps} "
-        f"samples, half of the amplitude at {half:.6g} Hz. {taps // 2} samples at either "
-        f"end are dropped. It took away (sd) {removed}. Sigma is the noise of what is left; "
-        "the model is not "
+        f"samples, half of the amplitude at {half:.6g} Hz. {taps // 2} samples at either end are "
+        f"dropped. It took away (sd) {removed}. Sigma is the noise of what is left; the model is not "
         "filtered"
     )
     return dataclasses.replace(experiment, t=frozen(t), y=frozen(y), told=(*experiment.told, note))
@@ -314,8 +296,7 @@ def decimate_unfiltered(experiment: Experiment, factor: int) -> Experiment:
     measured = experiment.seen
     selected = measured & ((np.cumsum(measured, axis=0) - 1) % factor == 0)
     t, y = experiment.t, np.where(selected, experiment.y, np.nan)
-    held_out = experiment.held_out
-    if not experiment.series and held_out is None:
+    if not experiment.series and experiment.held_out is None:
         rows = selected.any(axis=1)
         t, y = t[rows], y[rows]
     counts = ", ".join(

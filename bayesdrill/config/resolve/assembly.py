@@ -8,7 +8,7 @@ from dataclasses import replace
 
 from bayesdrill.basics import symbols, units
 from bayesdrill.basics.entries import build_member
-from bayesdrill.basics.errors import InputError, collect_each
+from bayesdrill.basics.errors import collect_each
 from bayesdrill.basics.registry import lookup
 from bayesdrill.basics.units import SECOND, Unit
 from bayesdrill.config.resolve import experiments, sensors
@@ -17,14 +17,14 @@ from bayesdrill.config.resolve.experiments import joint_name
 from bayesdrill.config.resolve.quantities import ParsedNumber
 from bayesdrill.config.resolve.sensors import build_noise
 from bayesdrill.config.schema.config import Config
-from bayesdrill.config.yaml_source import Location
+from bayesdrill.config.yaml_source import IssueCollector, Location
 from bayesdrill.inference import step_error
 from bayesdrill.inference.display_units import DisplayUnits
 from bayesdrill.inference.likelihood import Likelihood, Observation
 from bayesdrill.inference.noise.mixed import noise_for_record
 from bayesdrill.inference.posterior import Posterior, Problem
 from bayesdrill.inference.unknowns import Unknown, labelled_name
-from bayesdrill.record.experiment import Experiment
+from bayesdrill.record.experiment import Experiment, raise_if_any
 from bayesdrill.rig.simulators import simulator
 from bayesdrill.rig.simulators.contract import Simulator
 from bayesdrill.sampling.optimisers import OPTIMISERS
@@ -40,11 +40,7 @@ SEARCH_STEPS = 4  # steps to a sample, for the search of the maximum: there they
 
 
 def build_problem(case: ResolvedCase, records: Sequence[Experiment]) -> Problem:
-    """Build the problem from a case and its records, one for each experiment.
-
-    Records are those of `reading.read`.  Raises `InputError` where records and config do not go
-    together.
-    """
+    """Build the problem of a case and its records; raises `InputError` where they do not suit."""
     config, rig, nominal = case.config, case.model, case.nominal
     labels = [experiment.label for experiment in case.experiments]
     parts, sensor_numbers, noise_unknowns = [], dict[str, ParsedNumber](), dict[str, Unknown]()
@@ -53,31 +49,26 @@ def build_problem(case: ResolvedCase, records: Sequence[Experiment]) -> Problem:
     for label, (parsed, observed) in zip(labels, built, strict=True):
         renamed = {number.name: joint_name(config, number.name, label) for number in parsed}
         for number in parsed:
-            sensor_numbers.setdefault(
-                renamed[number.name], number.for_experiment(label, renamed[number.name])
-            )
+            name = renamed[number.name]
+            sensor_numbers.setdefault(name, number.for_experiment(label, name))
         names = [joint_name(config, unknown.name, label) for unknown in observed.unknowns]
         for name, unknown in zip(names, observed.unknowns, strict=True):
-            noise_unknowns.setdefault(
-                name, unknown if name == unknown.name else unknown.for_experiment(label)
-            )
+            shared = name == unknown.name
+            noise_unknowns.setdefault(name, unknown if shared else unknown.for_experiment(label))
         of_rig = [labelled_name(n, label if n in config.own else "") for n in rig.parameters]
         of_sensors = [renamed[name] for name in observed.parameters[len(of_rig) :]]
         parts.append(replace(observed, parameters=[*of_rig, *of_sensors], noise_names=names))
-    numbers, other_numbers = (
-        case.experiments[0].rig_numbers,
-        ([*sensor_numbers.values()], [*noise_unknowns.values()]),
-    )
-    unknowns = numbers.space(config.own, labels, *other_numbers)
+    numbers = case.experiments[0].rig_numbers
+    local = [*sensor_numbers.values()], [*noise_unknowns.values()]
+    unknowns = numbers.space(config.own, labels, *local)
     posterior = Posterior(
         space=unknowns,
         likelihood=Likelihood.joint(unknowns, parts, case.held_out),
         coordinates=unknowns.coordinates(),
     )
     if config.model.pieces is None:
-        posterior = step_error.choose_steps(
-            posterior, unknowns.vector(unknowns.start), SEARCH_STEPS
-        )
+        start = unknowns.vector(unknowns.start)
+        posterior = step_error.choose_steps(posterior, start, SEARCH_STEPS)
     table, published, tolerance = {**nominal.compared}, [*nominal.published], {**nominal.tolerance}
     for name, label in itertools.product(config.own, labels):
         if name in table:
@@ -99,28 +90,21 @@ def build_problem(case: ResolvedCase, records: Sequence[Experiment]) -> Problem:
 
 
 def _display_units(case: ResolvedCase) -> DisplayUnits:
-    """Return the unit in which each number was declared.
-
-    Noise and offsets have that of their column, quantities and formulas that of their entry.
-    """
-    config, sensed = case.config, dict[str, Unit]()
-    for experiment in (
-        experiment for experiment in case.experiments if experiment.label not in case.held_out
-    ):
-        shown_units = {
-            symbols.noise_name(c.channel.name): c.channel.shown for c in experiment.channels
-        }
-        for number in experiment.sensor_numbers:
+    """The unit of each number's entry; noise and offsets have that of their column."""
+    config, shown_units = case.config, dict[str, Unit]()
+    for resolved in case.experiments:
+        if resolved.label in case.held_out:
+            continue
+        channels = [measured.channel for measured in resolved.channels]
+        local = {symbols.noise_name(channel.name): channel.shown for channel in channels}
+        for number in resolved.sensor_numbers.values():
             if number.unit != number.symbol.unit:
-                shown_units[number.name] = units.display_unit(number.unit, number.symbol.unit)
-        sensed |= {
-            joint_name(config, name, experiment.label): unit for name, unit in shown_units.items()
-        }
-    entries = {**config.quantities, **config.derived}
-    declared = {n: spec.unit for n, spec in entries.items() if not isinstance(spec, float | int)}
-    return DisplayUnits(
-        sensed | {name: units.display_unit(unit) for name, unit in declared.items()}
-    )
+                local[number.name] = units.display_unit(number.unit, number.symbol.unit)
+        shown_units |= {joint_name(config, n, resolved.label): unit for n, unit in local.items()}
+    for name, spec in {**config.quantities, **config.derived}.items():
+        if not isinstance(spec, float | int):
+            shown_units[name] = units.display_unit(spec.unit)
+    return DisplayUnits(shown_units)
 
 
 MAX_SHOWN_TIME = 1e4  # of the units of a record: nobody reads so many milliseconds
@@ -141,81 +125,55 @@ def _sensors_and_observation(
     try:
         noise_model = noise_for_record(noise_model, experiment.t, experiment.seen)
         section = "missing_torque"
-        acts = sensors.latent_torque(resolved.config)
         return sensor_numbers, sensors.build_observation(
-            acts, resolved.torque, response, noise_model, resolved.label
+            resolved.config, resolved.torque, response, noise_model, resolved.label
         )
     except ValueError as error:
         raise resolved.source.error((section,), str(error)) from None
-
-
-def _undeclared_motion(resolved: ResolvedExperiment, experiment: Experiment) -> str:
-    """A window that begins in motion has to say how."""
-    config = resolved.config
-    if config.record.window is None or config.initial.model_fields_set - {"time"}:
-        return ""
-    sigmas = [channel.noisy.start for channel in resolved.channels]
-    motion = experiments.undeclared_motion(experiment, sigmas)
-    if not motion or not experiment.series:
-        return ""
-    return (
-        f"it begins in motion ({motion}), and the config says nothing of it; write `initial: free`, "
-        "`initial: steady`, or the states there"
-    )
 
 
 def build_simulator(
     resolved: ResolvedExperiment, experiment: Experiment
 ) -> tuple[Simulator, list[ParsedNumber]]:
     """Return the simulator of one experiment, and the numbers of its sensors and its start."""
-    sensor_numbers, wrong = [*resolved.sensor_numbers], dict[Location, str]()
-    for entry, number in zip(resolved.sensor_entries, resolved.sensor_numbers, strict=True):
-        if entry.kind in ("lag", "delay") and (
-            message := experiments.start_too_late(number, experiment)
-        ):
-            wrong[entry.location] = message
-    read = experiment
-    if resolved.free_states:
-        read = experiments.without_sensors(experiment, resolved.sensing, sensor_numbers)
-    for name in resolved.free_states:
-        try:
-            sensor_numbers.append(
-                experiments.free_start(name, read, resolved.model, _at_start(resolved))
-            )
-        except ValueError as error:
-            wrong["initial", name] = str(error)
-    if message := _undeclared_motion(resolved, experiment):
-        wrong["record", "window"] = message
-    visible = experiment
-    if not wrong:
-        values = {number.name: number.value for number in sensor_numbers}
-        visible = experiments.start_beyond_lags(
-            experiment, resolved.model, resolved.sensing, values
-        )
-        wrong = _hidden_channels(resolved, visible)
-    if wrong:
-        raise InputError(
-            [resolved.source.issue(location, message) for location, message in wrong.items()]
-        )
-    return simulator(
-        resolved.model, visible, resolved.sensing, resolved.config.model.pieces or 1
-    ), sensor_numbers
-
-
-def _hidden_channels(resolved: ResolvedExperiment, experiment: Experiment) -> dict[Location, str]:
-    """Channels of which the lags leave nothing."""
-    late = [entry for entry in resolved.sensor_entries if entry.kind in ("lag", "delay")]
+    model, sensing, free = resolved.model, resolved.sensing, resolved.free_states
+    errors = IssueCollector(resolved.source, frozenset())
+    late = {e: n for e, n in resolved.sensor_numbers.items() if e.kind in ("lag", "delay")}
+    for entry, number in late.items():
+        errors.run(entry.location, experiments.check_lag, number, experiment)
+    sensor_numbers = [*resolved.sensor_numbers.values()]
+    read = experiments.without_sensors(experiment, sensing, sensor_numbers) if free else experiment
+    for name in free:
+        arguments = (name, read, model, _at_start(resolved))
+        if start := errors.run(("initial", name), experiments.free_start, *arguments):
+            sensor_numbers.append(start)
+    window, declared = resolved.config.record.window, resolved.config.initial.model_fields_set
+    if window is not None and experiment.series and not declared - {"time"}:
+        sigmas = [channel.noisy.start for channel in resolved.channels]
+        errors.run(("record", "window"), experiments.check_at_rest, experiment, sigmas)
+    raise_if_any(errors.issues)
+    values = {number.name: number.value for number in sensor_numbers}
+    visible = experiments.start_beyond_lags(experiment, model, sensing, values)
     delays = [entry.location for entry in late if entry.location[0] == "inputs"]
+    _check_hidden(errors, visible, delays)
+    raise_if_any(errors.issues)
+    pieces = resolved.config.model.pieces or 1
+    return simulator(model, visible, sensing, pieces), sensor_numbers
+
+
+def _check_hidden(
+    errors: IssueCollector, experiment: Experiment, delays: Sequence[Location]
+) -> None:
+    """Channels of which the lags leave nothing."""
     hidden: dict[Location, list[str]] = {}
     for name, count in zip(experiment.names, experiment.counts, strict=True):
         if count < 2:
-            lag_location: Location = ("record", "channels", name, "lag")
-            hidden.setdefault(delays[0] if delays else lag_location, []).append(name)
-    return {
-        location: "the rig moves at the start, and with so large a lag no sample of "
-        f"{', '.join(names)} is sure to be later; give the lag a prior with a smaller end"
-        for location, names in hidden.items()
-    }
+            location = delays[0] if delays else ("record", "channels", name, "lag")
+            hidden.setdefault(location, []).append(name)
+    for location, names in hidden.items():
+        lost = f"with so large a lag no sample of {', '.join(names)} is sure to be later"
+        way_out = "give the lag a prior with a smaller end"
+        errors.add(location, f"the rig moves at the start, and {lost}; {way_out}")
 
 
 def _at_start(resolved: ResolvedExperiment) -> dict[str, float]:

@@ -29,11 +29,7 @@ from bayesdrill.rig.simulators.sensors import ObservationModel
 
 
 def build_model(config: Config, extra_names: Collection[str] = ()) -> Model:
-    """Return the model with the constants that the config gives, as far as it has them.
-
-    What the model offers of the parameters that the config names, or that are `extra_names`, is
-    switched on.
-    """
+    """Return the rig of a config, with what it offers of names there or of `extra_names`."""
     rig = build_member(lookup(MODELS, config.model.name, "model"), config.model)
     named = {name for name, spec in config.parameters.items() if spec is not None}
     return with_named(rig, {*named, *extra_names})
@@ -53,10 +49,7 @@ def initial_state(config: Config, model: Model) -> dict[str, float]:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RigNumbers:
-    """Numbers of the rig: `parameters` in the model's order, `quantities`, `derived` formulas.
-
-    A parameter that follows from others is an expression.
-    """
+    """Numbers of the rig: parameters in the model's order, expressions where others give them."""
 
     parameters: Mapping[str, ParsedNumber | Expression]
     quantities: Mapping[str, ParsedNumber]
@@ -94,10 +87,8 @@ class RigNumbers:
         for number in self.quantities.values():
             add(number)
         free = {unknown.name for unknown in unknowns}
-        parameters = self.parameters.items()
-        relations = resolve_relations(
-            {name: x for name, x in parameters if isinstance(x, Expression)}
-        )
+        related = {n: x for n, x in self.parameters.items() if isinstance(x, Expression)}
+        relations = resolve_relations(related)
         for name in [n for n, r in relations.items() if not set(r.names) & free]:
             fixed[name] = float(relations.pop(name).value(fixed))
         for number in sensors:
@@ -112,21 +103,16 @@ class RigNumbers:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LocalNumbers:
-    """What an experiment has beside the rig, by the names that it gives.
+    """What an experiment has beside the rig, by the names that it gives; None with a mistake."""
 
-    `sensors`: numbers of its sensors and its start, fixed or with a prior; None where the record
-    gives one or there is a mistake.  `noise_unknowns`: unknowns of its noise, None with a mistake.
-    `channels`: names.
-    """
-
-    sensors: Mapping[str, float | Prior | None]
+    sensors: Mapping[str, float | Prior | None]  # and of its start; None also of what records give
     noise_unknowns: Mapping[str, Unknown | None]
     channels: tuple[str, ...]
 
     @property
-    def unknown(self) -> dict[str, tuple[Prior | None, object]]:
-        """Return those that are not fixed: a prior, and what is the same where it is shared."""
-        return {name: (x, what) for name, (x, what) in self.all.items() if not isinstance(x, float)}
+    def unknown(self) -> list[str]:
+        """Return the names of those that are not fixed."""
+        return [name for name, (value, _) in self.all.items() if not isinstance(value, float)]
 
     @property
     def all(self) -> dict[str, tuple[float | Prior | None, object]]:
@@ -141,39 +127,29 @@ class LocalNumbers:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ResolvedExperiment:
-    """One experiment; `label` is its name, empty where there is only one.
-
-    `config`: what it reads as if it were alone, whose paths start at `source`; `rig_numbers`: of the
-    rig, and the `space` that they alone make; `channels`: those that are evidence; `sensor_entries` of
-    sensors and start, and what each is as `sensor_numbers`; `free_states`: states of the start whose
-    priors the record gives; `torque`: size and time of the missing one, where there is one.
-    """
+    """One experiment; `label` is its name, empty where there is only one."""
 
     label: str
-    config: Config
-    source: Source
+    config: Config  # what it reads as if it were alone
+    source: Source  # at which its paths start
     model: Model
     nominal: NominalValues
     rig_numbers: RigNumbers
-    space: ParameterSpace
-    channels: tuple[MeasuredChannel, ...]
-    sensor_entries: tuple[SensorEntry, ...]
-    sensor_numbers: tuple[ParsedNumber, ...]
+    space: ParameterSpace  # of these numbers alone
+    channels: tuple[MeasuredChannel, ...]  # those that are evidence
+    sensor_numbers: Mapping[SensorEntry, ParsedNumber]  # of sensors and start
     sensing: ObservationModel
-    free_states: tuple[str, ...]
-    torque: Mapping[str, float | Unknown]
+    free_states: tuple[str, ...]  # of the start, whose priors the record gives
+    torque: Mapping[str, float | Unknown]  # size and time of the missing one, where there is one
     local_numbers: LocalNumbers
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ResolvedCase:
-    """A config that is right: all that it says of the rig and of each experiment.
+    """A config that is right: all that it says of the rig and of each experiment."""
 
-    `config`: that of the first experiment, which names them all; `source`: the file as it is written.
-    """
-
-    config: Config
-    source: Source
+    config: Config  # that of the first experiment, which names them all
+    source: Source  # the file as it is written
     experiments: tuple[ResolvedExperiment, ...]
 
     @property
@@ -189,9 +165,7 @@ class ResolvedCase:
     @property
     def held_out(self) -> list[str]:
         """Return the names of experiments that are no evidence."""
-        return [
-            label for label, experiment in self.config.experiments.items() if experiment.held_out
-        ]
+        return [label for label, spec in self.config.experiments.items() if spec.held_out]
 
     def experiment(self, label: str) -> ResolvedExperiment:
         """Return the experiment of this name."""

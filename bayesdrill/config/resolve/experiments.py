@@ -85,9 +85,7 @@ def _entry_kind(entry: Mapping[str, Any]) -> str:
     return next((key for key in ("prior", "value", "rate") if key in entry), "")
 
 
-FREE_START_WIDTH = (
-    2.0  # times what a channel of the same kind spans: sd of the prior of a free state
-)
+FREE_START_WIDTH = 2.0  # times what a channel of its kind spans: sd of the prior of a free state
 LAG_TAIL = 1e-6  # of the prior of a lag lies beyond what is left out of the start
 N_FIRST_SAMPLES = 5  # samples that show whether a record begins in motion
 MIN_MOTION_OVER_NOISE = 12.0  # times the noise
@@ -109,14 +107,12 @@ def free_start(name: str, experiment: Experiment, model: Model, values: Named) -
     if not width:
         width = _driven_width(name, experiment, model, values)
     if not (math.isfinite(width) and width > 0):
-        raise ValueError(
-            f"no channel says how far {name} may be from zero at the start; give it a prior, such as "
-            f"`{name}: {{prior: normal, mean: 0, sd: 1}}`"
-        )
+        way_out = f"give it a prior, such as `{name}: {{prior: normal, mean: 0, sd: 1}}`"
+        silent = f"no channel says how far {name} may be from zero at the start"
+        raise ValueError(f"{silent}; {way_out}")
     prior = TruncatedNormal(middle, FREE_START_WIDTH * width, -math.inf, math.inf)
-    return ParsedNumber(
-        symbol=sensors.symbol_of_state(model, name), role="start", value=prior, start=middle
-    )
+    shown = sensors.symbol_of_state(model, name)
+    return ParsedNumber(symbol=shown, role="start", value=prior, start=middle)
 
 
 def without_sensors(
@@ -138,10 +134,7 @@ def _channels_of_unit(experiment: Experiment, unit: str) -> list[tuple[Mapping[s
 
 
 def _measured_start(state: Symbol, experiment: Experiment) -> tuple[float, float | None]:
-    """Return first value and span of a channel that measures this state alone.
-
-    Of an angle that only another one tells, it is that one's first value: the two turn together.
-    """
+    """First value and span of a channel of this state alone, or the first of an angle beside it."""
     middle, name = 0.0, state.name
     for weights, y in _channels_of_unit(experiment, state.unit):
         if set(weights) == {name}:
@@ -153,11 +146,9 @@ def _measured_start(state: Symbol, experiment: Experiment) -> tuple[float, float
 
 def _span_of_unit(experiment: Experiment, unit: str) -> float:
     """How far states of this unit go, as channels tell; angles and speeds tell of each other."""
-    if unit in SPEED_UNITS and (
-        spans := [float(np.ptp(y)) for _, y in _channels_of_unit(experiment, unit)]
-    ):
-        return max(spans)
     if unit in SPEED_UNITS:
+        if spans := [float(np.ptp(y)) for _, y in _channels_of_unit(experiment, unit)]:
+            return max(spans)
         moving = _channels_of_unit(experiment, SPEED_UNITS[unit])
         speeds = [float(np.abs(y).max()) for _, y in moving]
         return float(experiment.t[-1] - experiment.t[0]) * max(speeds, default=0)
@@ -182,17 +173,13 @@ def _driven_width(name: str, experiment: Experiment, model: Model, values: Named
         if row == name
     )
     if push == 0:
-        moving = {name: model.symbols[name].unit for name in model.states}
-        speed_units = {n: unit for n, unit in moving.items() if unit in SPEED_UNITS.values()}
-        for speed_state, unit in speed_units.items():
-            measured = [
-                (w[speed_state], y)
-                for w, y in _channels_of_unit(experiment, unit)
-                if w.get(speed_state)
-            ]
-            speeds = [float(np.abs(y / weight).max()) for weight, y in measured]
+        turning = [n for n in model.states if model.symbols[n].unit in SPEED_UNITS.values()]
+        for turns in turning:
+            unit = model.symbols[turns].unit
+            channels = _channels_of_unit(experiment, unit)
+            speeds = [float(np.abs(y / w[turns]).max()) for w, y in channels if w.get(turns)]
             speed = max(speeds, default=_span_of_unit(experiment, unit))
-            push = max(push, abs(float(linear.A.get((name, speed_state), 0.0))) * speed)
+            push = max(push, abs(float(linear.A.get((name, turns), 0.0))) * speed)
     return push / decay if decay > 0 else 0.0
 
 
@@ -234,25 +221,22 @@ def start_beyond_lags(
     return dataclasses.replace(experiment, y=frozen(y), told=tuple(notes))
 
 
-def start_too_late(lag: ParsedNumber, experiment: Experiment) -> str:
-    """Return what is wrong with a lag, or a delay, that the record is too short for."""
+def check_lag(lag: ParsedNumber, experiment: Experiment) -> None:
+    """Raise `ValueError` for a lag, or a delay, that the record is too short for."""
     duration = float(experiment.t[-1] - experiment.t_start)
     ends = np.array([lag.value] * 2)
     if not isinstance(lag.value, float):
         ends = lag.value.quantile(np.array([LAG_TAIL_BEYOND_RECORD, 1 - LAG_TAIL_BEYOND_RECORD]))
-    if np.abs(ends).max() < duration:
-        return ""
-    return (
-        f"lags from {ends[0]:.4g} to {ends[1]:.4g} s are allowed, and the record has {duration:.4g} s: "
-        "what it shows would be no answer to its inputs; check the unit, or narrow the prior"
-    )
+    if not np.abs(ends).max() < duration:
+        raise ValueError(
+            f"lags from {ends[0]:.4g} to {ends[1]:.4g} s are allowed, and the record has "
+            f"{duration:.4g} s: what it shows would be no answer to its inputs; check the unit, or "
+            "narrow the prior"
+        )
 
 
-def undeclared_motion(experiment: Experiment, sigmas: Sequence[float]) -> str:
-    """Return which channel shows motion at the start of a rig taken to be at rest; or nothing.
-
-    `sigmas (K,)`: sd of the noise, or where a search for it begins.
-    """
+def check_at_rest(experiment: Experiment, sigmas: Sequence[float]) -> None:
+    """Raise `ValueError` where a channel begins in motion, by its noise of the sd `sigmas (K,)`."""
     channels = zip(experiment.channels, experiment.y.T, sigmas, strict=True)
     for channel, y, sigma in channels:
         measured = ~np.isnan(y)
@@ -271,8 +255,11 @@ def undeclared_motion(experiment: Experiment, sigmas: Sequence[float]) -> str:
         else:
             continue
         if abs(size) > MIN_MOTION_OVER_NOISE * error and abs(size) > MIN_MOTION_SHARE * reach:
-            return f"{channel.name} changes by {size:.3g} {unit} at its beginning"
-    return ""
+            raise ValueError(
+                f"it begins in motion ({channel.name} changes by {size:.3g} {unit} at its beginning), "
+                "and the config says nothing of it; write `initial: free`, `initial: steady`, or the "
+                "states there"
+            )
 
 
 def _lag_range(value: float | Prior) -> tuple[float, float]:

@@ -1,14 +1,11 @@
-"""Single numbers and inputs of a config as objects: priors, quantities, ties, formulas.
-
-The steps raise `ValueError` with a message for the user.
-"""
+"""Numbers and inputs of a config as objects; steps raise `ValueError` with words for the user."""
 
 from __future__ import annotations
 
 import dataclasses
 import keyword
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -34,10 +31,7 @@ from bayesdrill.rig.models.linear import Model, gear_factor
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ParsedNumber:
-    """A number of the config, SI: fixed, or unknown with a `start` for searches.
-
-    `factor`: how many SI its `unit` is.
-    """
+    """A number, SI: fixed, or unknown with a `start`; `factor`: how many SI its `unit` is."""
 
     symbol: Symbol
     role: Role
@@ -63,35 +57,26 @@ MIN_RELATIVE_WIDTH = 1e-9  # of a prior, relative: below it, numbers hold no mor
 
 
 def build_prior(spec: PriorSpec, nominal_value: float | None = None) -> Prior:
-    """Return the prior in the unit of its entry.
-
-    One that is `relative` is in multiples of `nominal_value`.
-    """
+    """Return the prior in its entry's unit; one that is `relative`, times `nominal_value`."""
     values, positive = spec.numbers, spec.families is PRIORS
     if "low" in values and not values["low"] < values["high"]:
-        raise ValueError(
-            f"low {values['low']:g} is not below high {values['high']:g}; exchange or mend them"
-        )
+        ends = f"low {values['low']:g} is not below high {values['high']:g}"
+        raise ValueError(f"{ends}; exchange or mend them")
     if positive and "mean" in values and values["mean"] < -_MAX_TRUNCATION * values["sd"]:
-        raise ValueError(
-            f"mean {values['mean']:g} lies more than {_MAX_TRUNCATION} sd below zero, so that "
-            "nothing of the prior is left; all unknowns are positive"
-        )
+        below = f"mean {values['mean']:g} lies more than {_MAX_TRUNCATION} sd below zero"
+        nothing = "nothing of the prior is left; all unknowns are positive"
+        raise ValueError(f"{below}, so that {nothing}")
     built = spec.families[spec.prior](**values)
     if is_relative(spec):
         if nominal_value is None:
-            raise ValueError(
-                "there is no nominal value to be relative to; give one in `nominal:`, or leave out "
-                "`relative:`"
-            )
+            way_out = "give one in `nominal:`, or leave out `relative:`"
+            raise ValueError(f"there is no nominal value to be relative to; {way_out}")
         built = built.scaled(nominal_value)
     with np.errstate(all="ignore"):
         low, middle, high = built.quantile(np.array([0.01, 0.5, 0.99]))
     if not high - low > MIN_RELATIVE_WIDTH * abs(middle):
-        raise ValueError(
-            f"{built.describe()}: nearly all of it is at {middle:.6g}; hold the value as a number, or "
-            "mend the prior"
-        )
+        way_out = "hold the value as a number, or mend the prior"
+        raise ValueError(f"{built.describe()}: nearly all of it is at {middle:.6g}; {way_out}")
     return built
 
 
@@ -106,26 +91,29 @@ def is_tied(spec: object) -> bool:
 
 
 def search_start(spec: PriorSpec, built: Prior, nominal_value: float | None = None) -> float:
-    """Return where the MAP search begins; raises `ValueError` where the prior excludes it.
-
-    By default that is the nominal value, or where there is none the median.
-    """
+    """Return where the MAP search begins; raises `ValueError` where the prior excludes it."""
     default = nominal_value or float(built.quantile(np.array([0.5]))[0])
     value = default if spec.start is None else spec.start
     if not np.isfinite(built.logpdf(np.array([value]))[0]):
+        outside = f"{value:g} is outside the prior ({built.describe()})"
         start_label = "the nominal value" if spec.start is None else "the start"
-        raise ValueError(
-            f"{start_label} {value:g} is outside the prior ({built.describe()}); widen the prior, "
-            "or give a `start:` inside it"
-        )
+        way_out = "widen the prior, or give a `start:` inside it"
+        raise ValueError(f"{start_label} {outside}; {way_out}")
     return value
 
 
-def prior_in_si(spec: PriorSpec, factor: float) -> tuple[Prior, float]:
-    """Return a prior and its start in SI, of an entry whose unit is `factor` SI.
+def number_in_si(
+    spec: float | numbers.Quantity | PriorSpec, factor: float, what: str = "it", unit: str = ""
+) -> tuple[float | Prior, float]:
+    """Return a value or a prior, and its start, SI; mistakes are told in its own unit, `factor` SI.
 
-    Mistakes are reported in that unit.
+    Of a thing that has no nominal value: `what` it is called, and in which `unit` to write it.
     """
+    if not isinstance(spec, PriorSpec):
+        value = (spec.value if isinstance(spec, numbers.Quantity) else float(spec)) * factor
+        return value, value
+    if is_relative(spec):
+        raise ValueError(f"{what} has no nominal value; write its prior in {unit}")
     built = build_prior(spec)
     return built.scaled(factor), search_start(spec, built) * factor
 
@@ -141,17 +129,15 @@ def to_si(value: float | numbers.Quantity, unit: str) -> float:
 class NominalValues:
     """Nominal `values` of parameters: those of a table, unless the config says otherwise.
 
-    `compared`: those that are this rig's, all of a table that the config names or relies on; where it
-    has values of its own, or no use for a table, the table speaks of another rig.  `published`: names
-    of these whose value is that of a table; `tolerance`: relative, of all parameters; `name`: what the
-    values are called in sentences.
+    Those are `compared` that are this rig's, all of a table that the config names or relies on; where
+    it has values of its own, or no use for a table, the table speaks of another rig.
     """
 
     values: Mapping[str, float]
     compared: Mapping[str, float]
-    published: tuple[str, ...]
-    tolerance: Mapping[str, float]
-    name: str
+    published: tuple[str, ...]  # of those that are compared, with the value of a table
+    tolerance: Mapping[str, float]  # relative, of all parameters
+    name: str  # in sentences
 
 
 def nominal_value(config: Config, model: Model, name: str) -> float:
@@ -169,10 +155,7 @@ def nominal_value(config: Config, model: Model, name: str) -> float:
 
 
 def nominal_table(config: Config, config_values: Mapping[str, float]) -> NominalValues:
-    """Return the table that the config names, with its own `config_values`, SI, in place of the table's.
-
-    Raises `ValueError` where there is no such table, or none of this rig.
-    """
+    """Return the named table with the config's own values, SI; raises `ValueError` without one."""
     given: Any = config.nominal
     table = given.table or symbols.DEFAULT_NOMINAL
     published_values = lookup(symbols.NOMINAL, table, "nominal table")
@@ -185,9 +168,7 @@ def nominal_table(config: Config, config_values: Mapping[str, float]) -> Nominal
     used = {n for n in values if (s := given_parameters.get(n)) == "nominal" or is_relative(s)}
     compared = values
     if given.table is None and (config_values or not used):
-        compared = {
-            name: value for name, value in values.items() if name in config_values.keys() | used
-        }
+        compared = {n: x for n, x in values.items() if n in config_values or n in used}
     published = tuple(name for name in compared if name not in config_values)
     called = f"{table} ({', '.join(n for n in compared if n in config_values)} as in the config)"
     return NominalValues(
@@ -229,9 +210,8 @@ def parse_parameter(
     if built.high > upper_limit:
         reaches = "has no end" if math.isinf(built.high) else f"goes up to {built.high:.6g}"
         example = f"such as {{prior: uniform, low: {0.5 * upper_limit:g}, high: {upper_limit:g}}}"
-        raise ValueError(
-            f"the prior {reaches}, and {name} is at most {upper_limit:g}; let it end, {example}"
-        )
+        above = f"the prior {reaches}, and {name} is at most {upper_limit:g}"
+        raise ValueError(f"{above}; let it end, {example}")
     begin = search_start(spec, built, table.compared.get(name))
     return ParsedNumber(symbol=symbol, role="rig", value=built, start=begin)
 
@@ -241,20 +221,12 @@ def parse_quantity(
 ) -> ParsedNumber:
     """Return a quantity of the config as a number."""
     _check_name(config, name)
-    value: float | Prior
-    if isinstance(spec, float | int):
-        unit, factor, latex, value, begin = "", 1.0, None, float(spec), float(spec)
-    else:
-        (unit, factor), latex = units.coherent(spec.unit), getattr(spec, "latex", None)
-        if isinstance(spec, numbers.Quantity):
-            if spec.value <= 0:
-                raise ValueError(f"{spec.value:g} is not positive; all quantities are")
-            value = begin = spec.value * factor
-        else:
-            if spec.relative:
-                raise ValueError("a quantity has no nominal value; write its prior in its own unit")
-            value, begin = prior_in_si(spec, factor)
+    unit, factor = ("", 1.0) if isinstance(spec, float | int) else units.coherent(spec.unit)
+    if isinstance(spec, numbers.Quantity) and spec.value <= 0:
+        raise ValueError(f"{spec.value:g} is not positive; all quantities are")
+    value, begin = number_in_si(spec, factor, "a quantity", "its own unit")
     meaning = "held by" if isinstance(value, float) else "quantity of"
+    latex = getattr(spec, "latex", None)
     symbol = symbols.own_symbol(name, unit, latex, f"{meaning} the config")
     return ParsedNumber(symbol=symbol, role="quantity", value=value, start=begin, factor=factor)
 
@@ -279,9 +251,8 @@ def parse_relation(config: Config, model: Model, name: str) -> Expression | None
     if isinstance(entry, numbers.Tie):
         spec = entry.tie
         if spec not in known_names:
-            raise ValueError(
-                f"'{spec}' is no parameter or quantity{did_you_mean(spec, known_names)}"
-            )
+            hint = did_you_mean(spec, known_names)
+            raise ValueError(f"'{spec}' is no parameter or quantity{hint}")
     elif isinstance(entry, str) and entry != "nominal":
         spec = entry
     else:
@@ -315,17 +286,6 @@ def input_entry(config: Config, name: str) -> str:
     return name if getattr(config.inputs, angle) is None else angle
 
 
-def imposed_inputs(config: Config) -> list[str]:
-    """Return the angles that are imposed."""
-    angles = config.vocabulary.imposed.values()
-    return [angle for angle in angles if getattr(config.inputs, angle) is not None]
-
-
-def input_unit(config: Config, named: str) -> str:
-    """Return the SI unit of an entry of `inputs:`."""
-    return config.vocabulary.entries[named].unit
-
-
 def measured_inputs(config: Config) -> dict[str, InputColumn]:
     """Return the measured inputs, by name."""
     names = config.vocabulary.inputs
@@ -343,9 +303,12 @@ def constant_inputs(config: Config, model: Model) -> dict[str, float]:
     }
 
 
-def inputs_as_given(config: Config, experiment: Experiment, name: str) -> Array:
-    """Return a measured input `(T,)` as its entry has it, SI: itself, or the imposed angle."""
-    entry, series = input_entry(config, name), experiment.series[name]
-    if entry == name:
-        return series
-    return anomalies.integrate_speeds(series, experiment.t, experiment.start[entry])
+def inputs_as_given(
+    config: Config, experiment: Experiment
+) -> Iterator[tuple[str, InputColumn, Array]]:
+    """Yield entry, column and values `(T,)` in its unit of each input, or of its imposed angle."""
+    for name, spec in measured_inputs(config).items():
+        entry, values = input_entry(config, name), experiment.series[name]
+        if entry != name:
+            values = anomalies.integrate_speeds(values, experiment.t, experiment.start[entry])
+        yield entry, spec, values / units.factor(spec.unit, config.vocabulary.entries[entry].unit)

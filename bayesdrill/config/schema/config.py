@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, TypedDict
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, TypedDict, TypeVar
 
 from pydantic import Discriminator, Field, Tag, create_model
 
@@ -23,6 +23,7 @@ from bayesdrill.basics.entries import (
     Number,
     Positive,
     Strict,
+    extended,
     member_section,
 )
 from bayesdrill.config.schema import records
@@ -54,12 +55,10 @@ Identification = Literal["determined", "weak", "left to the prior"]
 class MissingTorqueSpec(Strict):
     """A torque that the rig's equations are without, as a Gaussian process."""
 
-    at: Literal["motor", "rotor_1"] = Field(
-        description="The inertia on which it acts; at the motor, on its own side of the gear."
-    )
-    smoothness: Literal["1/2", "3/2"] = Field(
-        "3/2", description="Of Matern: 1/2 jumps about, 3/2 has a rate."
-    )
+    at: Literal["motor", "rotor_1"]
+    """The inertia on which it acts; at the motor, on its own side of the gear."""
+    smoothness: Literal["1/2", "3/2"] = "3/2"
+    """Of Matern: 1/2 jumps about, 3/2 has a rate."""
     size: SigmaSpec = Field(description="Its standard deviation [N m]: a number or a prior.")
     time: SigmaSpec = Field(description="After which it is forgotten [s]: a number or a prior.")
 
@@ -98,12 +97,11 @@ def _per_symbol(
         )
         for symbol in vocabulary.parameters.values()
     }
-    model: type[Strict] = create_model(
-        name, __base__=base, __doc__=base.__doc__, __module__=__name__, **fields
-    )
-    return model
+    return extended(name, base, fields)
 
 
+T = TypeVar("T")
+Named = Annotated[dict[str, T], Field(max_length=MAX_NAMED)]
 NameList = Annotated[list[str], Field(max_length=MAX_NAMED)]
 
 
@@ -129,24 +127,19 @@ class _SimulationBase(Strict):
 
     duration: Positive | None = Field(None, description="[s]; default: the times of the record.")
     rate: Positive | None = Field(None, description="[Hz]")
-    sigma: Annotated[
-        dict[str, Positive], Field(description="Of channels whose sigma is unknown.")
-    ] = Field(default_factory=dict)
-    quantities: Annotated[
-        dict[str, Positive],
-        Field(description="True values, in their units; default: where their priors start."),
-    ] = Field(default_factory=dict)
-    truth: Annotated[
-        dict[str, Number],
-        Field(
-            description="Of sensors, starts, what noise has beside its sigma, and what is own of an "
-            "experiment, by the names of the unknowns, in their units; default: where priors start."
-        ),
-    ] = Field(default_factory=dict)
+    sigma: dict[str, Positive] = Field(default_factory=dict)
+    """Of channels whose sigma is unknown."""
+    quantities: dict[str, Positive] = Field(default_factory=dict)
+    """True values, in their units; default: where their priors start."""
+    truth: dict[str, Number] = Field(
+        default_factory=dict,
+        description="Of sensors, starts, what noise has beside its sigma, and what is own of an "
+        "experiment, by the names of the unknowns, in their units; default: where priors start.",
+    )
 
 
-def _parameters_section(vocabulary: Vocabulary) -> Any:
-    """Of those that are named, in the order of the vocabulary."""
+def _sections(vocabulary: Vocabulary) -> tuple[Any, ...]:
+    """Parameters, in the order of the vocabulary, tolerances, nominal values, and true ones."""
     fields = {
         symbol.name: Annotated[
             parameter_spec(fixed_spec(symbol)) | None,
@@ -155,36 +148,23 @@ def _parameters_section(vocabulary: Vocabulary) -> Any:
         for symbol in vocabulary.parameters.values()
     }
     make: Any = TypedDict  # of names that only run time knows
-    section = make("Parameters", fields, total=False)
-    section.__pydantic_config__ = Strict.model_config
-    section.__doc__ = (
+    parameters = make("Parameters", fields, total=False)
+    parameters.__pydantic_config__ = Strict.model_config
+    parameters.__doc__ = (
         "A prior, a number, `nominal`, a tie or a formula; what the model only offers is off unless it "
         "is named."
     )
-    return section
-
-
-def _tolerances_section(vocabulary: Vocabulary) -> type[Strict]:
-    return _per_symbol("Tolerances", _TolerancesBase, lambda _: Tolerance, vocabulary)
-
-
-def _nominal_section(vocabulary: Vocabulary, tolerances: Any) -> type[Strict]:
+    tolerances: Any = _per_symbol("Tolerances", _TolerancesBase, lambda _: Tolerance, vocabulary)
     spec = Annotated[
         Annotated[Tolerance, Tag("<number>")] | Annotated[tolerances, Tag("<mapping>")],
         Discriminator(entry_shape),
     ]
     about = "Relative, of the nominal values: one number, or by symbol and `default`."
-    base = create_model(
-        "Nominal",
-        __base__=_NominalBase,
-        __doc__=_NominalBase.__doc__,
-        tolerance=(spec, Field(0.0, description=about)),
-    )
-    return _per_symbol("Nominal", base, nominal_spec, vocabulary)
-
-
-def _simulation_section(vocabulary: Vocabulary) -> type[Strict]:
-    return _per_symbol("Simulation", _SimulationBase, fixed_spec, vocabulary)
+    tolerance = (spec, Field(0.0, description=about))
+    base = extended("Nominal", _NominalBase, {"tolerance": tolerance})
+    nominal = _per_symbol("Nominal", base, nominal_spec, vocabulary)
+    simulation = _per_symbol("Simulation", _SimulationBase, fixed_spec, vocabulary)
+    return parameters, tolerances, nominal, simulation
 
 
 if TYPE_CHECKING:
@@ -192,19 +172,15 @@ if TYPE_CHECKING:
     Nominal = _NominalBase
     Simulation = _SimulationBase
 else:
-    Parameters = _parameters_section(HOUSE)
-    Tolerances = _tolerances_section(HOUSE)
-    Nominal = _nominal_section(HOUSE, Tolerances)
-    Simulation = _simulation_section(HOUSE)
+    Parameters, Tolerances, Nominal, Simulation = _sections(HOUSE)
 
 
 class MapBase(Strict):
     """How the maximum of the posterior is searched."""
 
     method: str = Field("nelder_mead", description="The optimiser.")
-    starts: Searches = Field(
-        4, description="The first is the configured one, the rest from the prior."
-    )
+    starts: Searches = 4
+    """The first is the configured one, the rest from the prior."""
     evaluations: Count = Field(8000, description="The most that one start may spend.")
 
 
@@ -220,9 +196,8 @@ class SamplerSpec(Strict):
     """How the posterior is sampled, and when that is enough."""
 
     ensembles: Annotated[int, Field(ge=4, le=MAX_COUNT)] = 4
-    walkers: Annotated[int, Field(ge=4, le=MAX_COUNT)] = Field(
-        256, description="Of each ensemble; where a rig rubs 96, and 16 more with each experiment."
-    )
+    walkers: Annotated[int, Field(ge=4, le=MAX_COUNT)] = 256
+    """Of each ensemble; where a rig rubs 96, and 16 more with each experiment."""
     moves: Annotated[dict[str, NonNegative], Field(min_length=1)] = Field(
         default_factory=lambda: {
             "differential_evolution": 0.09,
@@ -234,42 +209,33 @@ class SamplerSpec(Strict):
     n_tau: Positive = Field(50.0, description="Steps kept, in autocorrelation times.")
     ess: Positive = Field(4000.0, description="Bulk effective sample size of every unknown.")
     max_steps: Annotated[int, Field(ge=100, le=MAX_COUNT)] = 50_000
-    likelihood: Literal["auto", "exact", "compressed"] = Field(
-        "auto",
-        description="Long records of linear rigs: by all samples, or compressed (auto: where it pays).",
-    )
+    likelihood: Literal["auto", "exact", "compressed"] = "auto"
+    """Long records of linear rigs: by all samples, or compressed (auto: where it pays)."""
 
 
 class CalibrationSpec(Strict):
     """How many simulated records are refitted, and how long each is sampled."""
 
-    refits: Annotated[int, Field(ge=10, le=100_000)] = Field(
-        200, description="Simulated records, each refitted."
-    )
-    draws: Annotated[int, Field(ge=19, le=100_000)] = Field(
-        99, description="Nearly independent draws among which a true value is ranked."
-    )
+    refits: Annotated[int, Field(ge=10, le=100_000)] = 200
+    """Simulated records, each refitted."""
+    draws: Annotated[int, Field(ge=19, le=100_000)] = 99
+    """Nearly independent draws among which a true value is ranked."""
     starts: Searches = Field(16, description="Searches for the MAP of a refit, at most.")
     n_tau: Positive = Field(20.0, description="As in `sampler`, for a refit.")
     ess: Positive = Field(400.0, description="As in `sampler`, for a refit.")
-    max_steps: Annotated[int, Field(ge=100, le=MAX_COUNT)] = Field(
-        5000, description="As in `sampler`, for a refit."
-    )
+    max_steps: Annotated[int, Field(ge=100, le=MAX_COUNT)] = 5000
+    """As in `sampler`, for a refit."""
 
 
 class IdentifySpec(Strict):
     """What `identify` ranks remedies by, and its thresholds."""
 
-    of_interest: list[str] = Field(
-        default_factory=list,
-        description="Parameters by whose uncertainty remedies are ranked; default: all unknown ones.",
-    )
-    determined: Annotated[float, Field(gt=0, lt=1)] = Field(
-        0.5, description="Determined: the record brings the sd below this share of the prior's."
-    )
-    left_to_prior: Annotated[float, Field(gt=0, le=1)] = Field(
-        0.9, description="Left to the prior: the sd stays above this share of the prior's."
-    )
+    of_interest: list[str] = Field(default_factory=list)
+    """Parameters by whose uncertainty remedies are ranked; default: all unknown ones."""
+    determined: Annotated[float, Field(gt=0, lt=1)] = 0.5
+    """Determined: the record brings the sd below this share of the prior's."""
+    left_to_prior: Annotated[float, Field(gt=0, le=1)] = 0.9
+    """Left to the prior: the sd stays above this share of the prior's."""
 
 
 class Config(Strict):
@@ -282,31 +248,21 @@ class Config(Strict):
     record: RecordSpec
     inputs: Inputs
     initial: Annotated[Initial, shorthand("state")] = Initial()
-    experiments: Annotated[dict[str, ExperimentSpec], Field(max_length=MAX_NAMED)] = Field(
-        default_factory=dict,
-        description="Several experiments with one rig, by name; each needs a record.",
-    )
-    shared: NameList = Field(
-        default_factory=list,
-        description="Unknowns of sensors, starts and noise that all experiments have in common.",
-    )
-    own: NameList = Field(
-        default_factory=list,
-        description="Parameters of the rig that are another unknown in each experiment.",
-    )
+    experiments: Named[ExperimentSpec] = Field(default_factory=dict)
+    """Several experiments with one rig, by name; each needs a record."""
+    shared: NameList = Field(default_factory=list)
+    """Unknowns of sensors, starts and noise that all experiments have in common."""
+    own: NameList = Field(default_factory=list)
+    """Parameters of the rig that are another unknown in each experiment."""
     model: ModelSpec = ModelSpec()
     nominal: Annotated[Nominal, shorthand("table")] = Nominal()
     parameters: Parameters
-    quantities: Annotated[dict[str, QuantitySpec], Field(max_length=MAX_NAMED)] = Field(
-        default_factory=dict, description="What formulas of parameters name beside parameters."
-    )
-    derived: Annotated[
-        dict[str, Annotated[DerivedSpec, shorthand("formula")]],
-        Field(max_length=MAX_NAMED),
-    ] = Field(default_factory=dict, description="Formulas that are computed for every draw.")
-    missing_torque: MissingTorqueSpec | None = Field(
-        None, description="What the rig's equations leave out, as a torque over time."
-    )
+    quantities: Named[QuantitySpec] = Field(default_factory=dict)
+    """What formulas of parameters name beside parameters."""
+    derived: Named[Annotated[DerivedSpec, shorthand("formula")]] = Field(default_factory=dict)
+    """Formulas that are computed for every draw."""
+    missing_torque: MissingTorqueSpec | None = None
+    """What the rig's equations leave out, as a torque over time."""
     map: MapSpec = MapSpec()
     sampler: SamplerSpec = SamplerSpec()
     output: OutputSpec = OutputSpec()
@@ -341,15 +297,14 @@ def config_kind(vocabulary: Vocabulary) -> type[Config]:
     if vocabulary == HOUSE:
         return Config
     inputs, initial = records.inputs_section(vocabulary), records.initial_section(vocabulary)
-    nominal = _nominal_section(vocabulary, _tolerances_section(vocabulary))
-    simulation = _simulation_section(vocabulary)
+    parameters, _, nominal, simulation = _sections(vocabulary)
     at: Any = Literal[vocabulary.inertias], MissingTorqueSpec.model_fields["at"]
     torque = create_model("MissingTorqueSpec", __base__=MissingTorqueSpec, at=at)
     sections: dict[str, Any] = {
         "inputs": (inputs, ...),
         "initial": (Annotated[initial, shorthand("state")], initial()),
         "nominal": (Annotated[nominal, shorthand("table")], nominal()),
-        "parameters": (_parameters_section(vocabulary), ...),
+        "parameters": (parameters, ...),
         "missing_torque": (torque | None, None),
         "simulation": (simulation | None, None),
     }

@@ -7,13 +7,12 @@ such a `model:`; of all others the schema knows each name.
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from types import MappingProxyType
 from typing import Any
 
 from bayesdrill.config.schema.config import Config
-from bayesdrill.config.schema.vocabulary import HOUSE
-from bayesdrill.rig.models import MODELS
+from bayesdrill.config.schema.vocabulary import HOUSE, described_rigs
 
 ABOUT = ("description", "default", "title")
 NAME_OF_PART = "^[A-Za-z]+(_[A-Za-z0-9]+)+$"  # a letter of a kind, and the name of a part
@@ -44,7 +43,7 @@ def json_schema() -> str:
         defs[kind]["patternProperties"] = {NAME_OF_PART: plain}
     at = defs["MissingTorqueSpec"]["properties"]["at"]
     _nested(known, ("missing_torque", "at"))["enum"] = at.pop("enum")
-    described = {"properties": {"name": {"enum": [*_described()]}}, "required": ["name"]}
+    described = {"properties": {"name": {"enum": described_rigs()}}, "required": ["name"]}
     schema["if"] = {"properties": {"model": described}, "required": ["model"]}
     schema["else"] = known
     schema["$schema"] = "https://json-schema.org/draft/2020-12/schema"
@@ -63,10 +62,3 @@ def _free_names() -> set[str]:
     """Names whose entries are as free as any: of numbers that may be negative, of what drives."""
     parameters = [name for name, symbol in HOUSE.parameters.items() if symbol.held == "any"]
     return {*parameters, *(name for name in HOUSE.inputs if name not in HOUSE.idle), *HOUSE.starts}
-
-
-def _described() -> Iterator[str]:
-    """Yield the rigs that a config describes."""
-    for name, kind in MODELS.usable().items():
-        if kind().has_private_names:
-            yield name

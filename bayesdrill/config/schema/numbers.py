@@ -1,7 +1,4 @@
-"""What a config may say of one number: a value, a prior, a tie.
-
-Of sensors and starts, a prior may reach below zero.
-"""
+"""What a config may say of a number: a value, a tie, a prior (of sensors below zero too)."""
 
 from __future__ import annotations
 
@@ -59,9 +56,8 @@ class PriorSpec(Strict):
 class ParameterPrior(PriorSpec):
     """The prior of a parameter, which may be relative to the nominal value."""
 
-    relative: bool = Field(
-        False, description="Bounds and scales are multiples of the nominal value."
-    )
+    relative: bool = False
+    """Bounds and scales are multiples of the nominal value."""
     start: Positive | None = Field(
         None,
         description="Where the search for the MAP begins, in the unit of the column (sigma), in its "
@@ -73,9 +69,8 @@ class ParameterPrior(PriorSpec):
 class QuantityPrior(ParameterPrior):
     """The prior of a quantity, in a unit of its own."""
 
-    unit: str = Field(
-        description="Of the prior's numbers, such as Pa or mm; 1 where there is none."
-    )
+    unit: str
+    """Of the prior's numbers, such as Pa or mm; 1 where there is none."""
     latex: Latex | None = Field(None, description="How figures write it, without dollars.")
 
 
@@ -84,12 +79,10 @@ class SensorPrior(PriorSpec):
 
     families = SIGNED_PRIORS
 
-    start: Number | None = Field(
-        None, description="Where the search for the MAP begins; default: the median."
-    )
-    unit: str | None = Field(
-        None, description="Of the numbers; default: the column's, s of times, SI of states."
-    )
+    start: Number | None = None
+    """Where the search for the MAP begins; default: the median."""
+    unit: str | None = None
+    """Of the numbers; default: the column's, s of times, SI of states."""
 
 
 def _entries(family: Callable[..., Prior]) -> dict[str, Any]:
@@ -199,9 +192,8 @@ class NominalValue(Strict):
 
     value: Positive
     unit: str | None = Field(None, description="Default: SI.")
-    side: Literal["motor", "load"] | None = Field(
-        None, description="Of the gear, for which the sheet gives it; default: the symbol's own."
-    )
+    side: Literal["motor", "load"] | None = None
+    """Of the gear, for which the sheet gives it; default: the symbol's own."""
 
 
 def nominal_spec(symbol: Symbol) -> Any:
@@ -239,12 +231,9 @@ StateSpec = Annotated[
 class SensorFields(Strict):
     """Entries of a column that a sensor measured."""
 
-    gain: SensorSpec | None = Field(
-        None, description="What the sensor multiplies with: a number or a prior."
-    )
-    offset: SensorSpec | None = Field(
-        None, description="What the sensor adds, in the column's unit: a number or a prior."
-    )
-    lag: SensorSpec | None = Field(
-        None, description="[s] by how much the sensor is late: a number or a prior."
-    )
+    gain: SensorSpec | None = None
+    """What the sensor multiplies with: a number or a prior."""
+    offset: SensorSpec | None = None
+    """What the sensor adds, in the column's unit: a number or a prior."""
+    lag: SensorSpec | None = None
+    """[s] by how much the sensor is late: a number or a prior."""

@@ -6,10 +6,18 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Discriminator, Field, Tag, create_model
+from pydantic import Discriminator, Field, Tag
 
 from bayesdrill.basics.arrays import Array
-from bayesdrill.basics.entries import MAX_COUNT, Count, Number, Positive, Strict, member_section
+from bayesdrill.basics.entries import (
+    MAX_COUNT,
+    Count,
+    Number,
+    Positive,
+    Strict,
+    extended,
+    member_section,
+)
 from bayesdrill.config.schema.numbers import (
     Quantity,
     SensorFields,
@@ -58,8 +66,8 @@ class FileBase(Strict):
 if TYPE_CHECKING:
     FileSpec = FileBase
 else:
-    _column_options = {name: file_format.options for name, file_format in FORMATS.usable().items()}
-    FileSpec = member_section("FileSpec", FileBase, "format", _column_options)
+    _options = {name: file_format.options for name, file_format in FORMATS.usable().items()}
+    FileSpec = member_section("FileSpec", FileBase, "format", _options)
 
 FileEntry = Annotated[
     Annotated[str, Tag("<word>")] | Annotated[FileSpec, Tag("<mapping>")],
@@ -71,12 +79,10 @@ class MaskSpec(Strict):
     """Samples of one column that are not used."""
 
     glitches: bool = Field(False, description="Spikes, as `check` lists them.")
-    rows: Annotated[list[Rows], Field(max_length=MAX_SPANS)] = Field(
-        default_factory=list, description="From and to: rows by the numbers that messages give."
-    )
-    times: Annotated[list[Window], Field(max_length=MAX_SPANS)] = Field(
-        default_factory=list, description="From and to, both ends [s]."
-    )
+    rows: Annotated[list[Rows], Field(max_length=MAX_SPANS)] = Field(default_factory=list)
+    """From and to: rows by the numbers that messages give."""
+    times: Annotated[list[Window], Field(max_length=MAX_SPANS)] = Field(default_factory=list)
+    """From and to, both ends [s]."""
 
 
 MaskEntry = Annotated[
@@ -95,9 +101,8 @@ class ColumnSpec(Strict):
     """Where numbers stand: a column or variable by name, or a column number from 1."""
 
     column: str | Count | None = None
-    variable: str | None = Field(
-        None, description="Of a file of arrays; dotted for fields, a path in HDF5."
-    )
+    variable: str | None = None
+    """Of a file of arrays; dotted for fields, a path in HDF5."""
     unit: str
 
 
@@ -137,21 +142,18 @@ WrapsEntry = Annotated[
 class InputColumn(Series):
     """A measured input."""
 
-    hold: Literal["zero", "first"] = Field(
-        "zero", description="Between samples: constant (zero) or linear (first order)."
-    )
-    missing: Literal["hold"] | None = Field(
-        None, description="`hold`: missing samples are bridged as `hold:` says; default: an error."
-    )
+    hold: Literal["zero", "first"] = "zero"
+    """Between samples: constant (zero) or linear (first order)."""
+    missing: Literal["hold"] | None = None
+    """`hold`: missing samples are bridged as `hold:` says; default: an error."""
 
 
 class AngleColumn(InputColumn):
     """An angle that is imposed."""
 
     hold: Literal["first"] = Field("first", description="It is straight between samples.")
-    wraps: WrapsEntry | None = Field(
-        None, description="It begins again: `true` after a turn, or after so much [unit]."
-    )
+    wraps: WrapsEntry | None = None
+    """It begins again: `true` after a turn, or after so much [unit]."""
 
 
 class DecimateSpec(Strict):
@@ -191,37 +193,27 @@ def as_mask_spec(given: MaskSpec | str | None) -> MaskSpec:
 
 MAX_NAMED = 50  # channels, quantities, formulas; names in a figure
 Format = Literal["pdf", "png", "svg"]
-
-
-def _default_formats() -> list[Format]:
-    return ["pdf", "png"]
+FORMATS_OF_FIGURES: list[Format] = ["pdf", "png"]
 
 
 class OutputSpec(Strict):
     """What is drawn and kept of the posterior."""
 
-    predictive_draws: Annotated[int, Field(ge=10, le=MAX_COUNT)] = Field(
-        125, description="Per ensemble, with pointwise log likelihood and predictive samples."
-    )
-    figures: Annotated[list[str], Field(max_length=MAX_NAMED)] | None = Field(
-        None, description="Which are drawn, by name; default: all but those on request."
-    )
-    parameters: Annotated[list[str], Field(min_length=1, max_length=MAX_NAMED)] | None = Field(
-        None, description="Unknowns of corner, trace and prior_posterior; default: all."
-    )
-    corner: Annotated[list[str], Field(min_length=1, max_length=MAX_NAMED)] | None = Field(
-        None,
-        description="Unknowns and derived quantities of the corner plot; default: `parameters`.",
-    )
-    size: Literal["single", "double"] = Field(
-        "double", description="Width of figures: 3.4 in, one column of a page, or 7 in."
-    )
+    predictive_draws: Annotated[int, Field(ge=10, le=MAX_COUNT)] = 125
+    """Per ensemble, with pointwise log likelihood and predictive samples."""
+    figures: Annotated[list[str], Field(max_length=MAX_NAMED)] | None = None
+    """Which are drawn, by name; default: all but those on request."""
+    parameters: Annotated[list[str], Field(min_length=1, max_length=MAX_NAMED)] | None = None
+    """Unknowns of corner, trace and prior_posterior; default: all."""
+    corner: Annotated[list[str], Field(min_length=1, max_length=MAX_NAMED)] | None = None
+    """Unknowns and derived quantities of the corner plot; default: `parameters`."""
+    size: Literal["single", "double"] = "double"
+    """Width of figures: 3.4 in, one column of a page, or 7 in."""
     formats: Annotated[list[Format], Field(min_length=1, max_length=3)] = Field(
-        default_factory=_default_formats, description="Of the files of figures."
+        default_factory=FORMATS_OF_FIGURES.copy, description="Of the files of figures."
     )
-    dpi: Annotated[int, Field(ge=50, le=1200)] = Field(
-        220, description="Pixels to an inch, of png and of dots in the others."
-    )
+    dpi: Annotated[int, Field(ge=50, le=1200)] = 220
+    """Pixels to an inch, of png and of dots in the others."""
 
 
 def _shape(value: Any) -> str:
@@ -262,21 +254,15 @@ else:
 class ChannelSpec(Series):
     """A measured channel."""
 
-    measures: str | None = Field(
-        None,
-        description="Linear combination of theta_1, theta_2, w_1, w_2, i; default: the channel's name.",
-    )
-    sigma: SigmaSpec = Field(
-        description="Noise standard deviation in the column's unit, or its prior when unknown."
-    )
+    measures: str | None = None
+    """Linear combination of theta_1, theta_2, w_1, w_2, i; default: the channel's name."""
+    sigma: SigmaSpec
+    """Noise standard deviation in the column's unit, or its prior when unknown."""
     noise: Annotated[NoiseSpec, shorthand("name")] = NoiseSpec()
-    wraps: WrapsEntry | None = Field(
-        None,
-        description="An angle that begins again: `true` after a turn, or after so much [unit].",
-    )
-    derived_from: str | None = Field(
-        None, description="The channel of which this one is the derivative: it is no evidence."
-    )
+    wraps: WrapsEntry | None = None
+    """An angle that begins again: `true` after a turn, or after so much [unit]."""
+    derived_from: str | None = None
+    """The channel of which this one is the derivative: it is no evidence."""
 
 
 class RecordBase(Strict):
@@ -285,17 +271,15 @@ class RecordBase(Strict):
     file: str = Field(description="Relative to the folder of the config.")
     format: str | None = Field(None, description="Default: by the file's ending.")
     time: TimeSpec
-    window: Windows | None = Field(
-        None, description="Use the samples from the first to the second time [s] only; or several."
-    )
+    window: Windows | None = None
+    """Use the samples from the first to the second time [s] only; or several."""
     held_out: Windows | None = Field(
         None,
         description="Samples from the first to the second time [s], or several such stretches, that are "
         "no evidence: `compare` says how well each model predicts them.",
     )
-    missing: Literal["drop"] | None = Field(
-        None, description="`drop`: of a channel, missing samples are left out; default: an error."
-    )
+    missing: Literal["drop"] | None = None
+    """`drop`: of a channel, missing samples are left out; default: an error."""
     decimate: DecimateSpec | None = None
     channels: Annotated[dict[str, ChannelSpec], Field(min_length=1, max_length=MAX_NAMED)]
 
@@ -303,10 +287,7 @@ class RecordBase(Strict):
 if TYPE_CHECKING:
     RecordSpec = RecordBase
 else:
-    _experiment_options = {
-        name: file_format.options for name, file_format in FORMATS.usable().items()
-    }
-    RecordSpec = member_section("RecordSpec", RecordBase, "format", _experiment_options)
+    RecordSpec = member_section("RecordSpec", RecordBase, "format", _options)
 
 
 class InputsBase(Strict):
@@ -328,31 +309,24 @@ def inputs_section(vocabulary: Vocabulary) -> type[InputsBase]:
     angles = dict(vocabulary.angles)
     for name, symbol in vocabulary.inputs.items():
         about = f"{symbol.meaning} [{symbol.plain_unit}]"
-        idle = name in vocabulary.idle
-        fields[name] = (
-            (InputSpec, Field(0.0, description=about))
-            if idle
-            else (InputSpec | None, Field(None, description=about))
-        )
-        if name in angles:
-            angle = angles[name]
+        kind, default = (InputSpec, 0.0) if name in vocabulary.idle else (InputSpec | None, None)
+        fields[name] = (kind, Field(default, description=about))
+        if angle := angles.get(name):
             what = "angle" if angle.unit == "rad" else "position"
-            about = f"[{angle.unit}] In the place of {name}: the {what} that is imposed, as it was "
-            about += "measured."
-            fields[angle.name] = (AngleColumn | None, Field(None, description=about))
+            about = f"In the place of {name}: the {what} that is imposed, as it was measured."
+            fields[angle.name] = (
+                AngleColumn | None,
+                Field(None, description=f"[{angle.unit}] {about}"),
+            )
     fields["t_0"] = (SensorSpec | None, Field(None, description=_DELAY))
-    return create_model(
-        "Inputs", __base__=InputsBase, __doc__=InputsBase.__doc__, __module__=__name__, **fields
-    )
+    return extended("Inputs", InputsBase, fields)
 
 
 class InitialBase(Strict):
     """The state at `time`: of each state a number, a prior or `free`."""
 
-    time: Number | None = Field(
-        None,
-        description="[s] default: 0 with constant inputs, the first sample with measured ones.",
-    )
+    time: Number | None = None
+    """[s] default: 0 with constant inputs, the first sample with measured ones."""
     state: Literal["given", "steady", "free"] = Field(
         "given",
         description="given: what is not named is zero; steady: turning steadily under the first inputs; "
@@ -362,10 +336,7 @@ class InitialBase(Strict):
 
 def initial_section(vocabulary: Vocabulary) -> type[InitialBase]:
     """Return the section of the start, with the states of a vocabulary."""
-    fields: dict[str, Any] = dict.fromkeys(vocabulary.starts, (StateSpec, 0.0))
-    return create_model(
-        "Initial", __base__=InitialBase, __doc__=InitialBase.__doc__, __module__=__name__, **fields
-    )
+    return extended("Initial", InitialBase, dict.fromkeys(vocabulary.starts, (StateSpec, 0.0)))
 
 
 if TYPE_CHECKING:
@@ -381,10 +352,7 @@ class ExperimentSpec(Strict):
 
     record: dict[str, Any] = Field(default_factory=dict, description="Entries as in `record:`.")
     inputs: dict[str, Any] = Field(default_factory=dict, description="Entries as in `inputs:`.")
-    initial: dict[str, Any] | str = Field(
-        default_factory=dict, description="Entries as in `initial:`."
-    )
-    held_out: bool = Field(
-        False,
-        description="No sample of it is evidence: `compare` says how well each model predicts it.",
-    )
+    initial: dict[str, Any] | str = Field(default_factory=dict)
+    """Entries as in `initial:`."""
+    held_out: bool = False
+    """No sample of it is evidence: `compare` says how well each model predicts it."""

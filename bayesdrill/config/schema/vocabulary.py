@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -17,21 +17,16 @@ from bayesdrill.rig.models.linear import Model, with_all, with_named
 
 @dataclass(frozen=True, kw_only=True)
 class Vocabulary:
-    """The symbols of a rig with all that it offers, each kind in its order.
-
-    `combined`: what channels may be called beside states; `inner`: states of no start; `angles`: each
-    with the input, a speed, in whose place it can be given; `idle`: inputs that are zero unless they
-    are named; `inertias`: names of parts.
-    """
+    """The symbols of a rig with all that it offers, each kind in its order."""
 
     parameter_symbols: tuple[Symbol, ...]
     state_symbols: tuple[Symbol, ...]
     input_symbols: tuple[Symbol, ...]
-    combined: tuple[Symbol, ...]
-    inner: frozenset[str]
-    angles: tuple[tuple[str, Symbol], ...]
-    idle: frozenset[str]
-    inertias: tuple[str, ...]
+    combined: tuple[Symbol, ...]  # what channels may be called beside states
+    inner: frozenset[str]  # states of no start
+    angles: tuple[tuple[str, Symbol], ...]  # each with the speed in whose place it can be given
+    idle: frozenset[str]  # inputs that are zero unless they are named
+    inertias: tuple[str, ...]  # names of parts
 
     @cached_property
     def parameters(self) -> Mapping[str, Symbol]:
@@ -79,6 +74,11 @@ def idle_inputs(rig: Model) -> set[str]:
     return {name for name in pushes & {*rig.inputs} if not rig.symbols[name].drives}
 
 
+def described_rigs() -> list[str]:
+    """Return the rigs that a config describes."""
+    return [name for name, kind in MODELS.usable().items() if kind().has_private_names]
+
+
 def _house() -> Vocabulary:
     """Return the names that the rigs of fixed symbols share."""
     rigs = [with_all(kind()) for kind in MODELS.usable().values()]
@@ -103,7 +103,10 @@ def vocabulary_of(rig: Model) -> Vocabulary:
     """Return the names of a rig: `HOUSE`, where it shares them with others."""
     if not rig.has_private_names:
         return HOUSE
-    variants, known = [*_variants(rig)], rig.symbols
+    plain: Any = rig
+    bare: Model = dataclasses.replace(plain, added=())
+    offered = [with_named(bare, (name, *needs)) for name, needs in bare.offers.items()]
+    variants, known = [bare, *offered], rig.symbols  # not all that is offered goes together
 
     def symbols_of(names: str) -> tuple[Symbol, ...]:
         every = [name for variant in variants for name in getattr(variant, names)]
@@ -119,12 +122,3 @@ def vocabulary_of(rig: Model) -> Vocabulary:
         idle=frozenset(name for variant in variants for name in idle_inputs(variant)),
         inertias=tuple(inertia.name for inertia in rig.roles.inertias),
     )
-
-
-def _variants(rig: Model) -> Iterator[Model]:
-    """Yield the rig without what it offers, then with each of that: not all of it goes together."""
-    plain: Any = rig
-    bare: Model = dataclasses.replace(plain, added=())
-    yield bare
-    for name, needs in bare.offers.items():
-        yield with_named(bare, (name, *needs))
