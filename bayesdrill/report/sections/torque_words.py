@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -17,7 +17,7 @@ from bayesdrill.report import section
 from bayesdrill.report.section import Table
 from bayesdrill.report.sections.physics_words import listed, speed_symbol, time_symbol
 from bayesdrill.rig.models.linear import Model
-from bayesdrill.rig.models.roles import ROTARY, MotionWords
+from bayesdrill.rig.models.roles import ROTARY
 
 if TYPE_CHECKING:
     from bayesdrill.analysis.run_analysis import TorqueSummary
@@ -164,27 +164,29 @@ def law_sentences(summary: TorqueSummary, rig: Model) -> str:
     taken = [_line(summary, law, rig) for law in every if law.taken]
     if taken:
         return "\n".join(taken)
-    most = (f" (at most {100 * x.share:.0f} %: {_what(summary, x, rig)})" for x in every[:1])
     none = f"missing {torque}: it follows no speed, angle, input or time by a law known here"
-    return none + "".join(most)
+    if not every:
+        return none
+    what, _ = _follows(summary, every[0], rig)
+    return f"{none} (at most {100 * every[0].share:.0f} %: {what})"
 
 
 def _line(summary: TorqueSummary, law: TorqueRegression, rig: Model) -> str:
     size, sd = abs(law.size), f"{law.sd:.1g}"
     here, motion = rig.roles.inertia(summary.at), rig.roles.motion
-    against, units = law.size < 0, _units(motion)
+    against, (what, unit) = law.size < 0, _follows(summary, law, rig)
     share = f"That alone explains {100 * law.share:.0f} % of the {motion.torque}."
     if (turning := summary.turning) < FULL:
         share += (
             f" That counts the {100 * turning:.0f} % of the samples in which it {motion.moves}."
         )
-    said = f"missing {motion.torque}: it follows {_what(summary, law, rig)}. {share} It looks like"
+    said = f"missing {motion.torque}: it follows {what}. {share} It looks like"
     if law.kind == "sign" and against:
         said += f" dry friction {here.at} of {size:.3g} {motion.newtons} (sd {sd})"
     elif law.kind == "speed" and against:
-        said += f" viscous damping {here.at} of {size:.3g} {units['speed']} (sd {sd})"
+        said += f" viscous damping {here.at} of {size:.3g} {unit} (sd {sd})"
     else:
-        said += f" {law.size:.3g} {units[law.kind]} (sd {sd})"
+        said += f" {law.size:.3g} {unit} (sd {sd})"
     # What a config names in the place of the torque.
     name = {"sign": here.sliding, "speed": here.damping}.get(law.kind)
     if not name or law.of != here.speed or not against:
@@ -193,32 +195,20 @@ def _line(summary: TorqueSummary, law: TorqueRegression, rig: Model) -> str:
     return f"{said}. To have it in the equations, write `parameters: {{{name}: {prior}}}`"
 
 
-def _units(motion: MotionWords) -> Mapping[str, str]:
-    """Return units of what a torque follows, by its kind."""
-    newtons, angle = motion.newtons, motion.angle
-    return {
-        "sign": f"{newtons} with its sign",
-        "speed": f"{newtons} s/{angle}",
-        "square": f"{newtons} s^2/{angle}^2",
-        "turn": f"{newtons}, once a turn",
-        "input": f"{newtons} per SI unit of it",
-        "constant": newtons,
-        "drift": f"{newtons}/s",
-    }
-
-
-def _what(summary: TorqueSummary, law: TorqueRegression, rig: Model) -> str:
-    here = rig.roles.inertia(summary.at)
+def _follows(summary: TorqueSummary, law: TorqueRegression, rig: Model) -> tuple[str, str]:
+    """What a torque follows by a law, and the unit of its size."""
+    here, newtons = rig.roles.inertia(summary.at), rig.roles.motion.newtons
+    angle = rig.roles.motion.angle
     inertia = here if here.speed == law.of else rig.roles.at_speed(law.of)
     speed = f"the speed of {inertia.words if inertia else law.of}"
     return {
-        "sign": f"the sign of {speed}",
-        "speed": speed,
-        "square": f"the square of {speed}",
-        "turn": "the angle within a turn",
-        "input": f"the input {law.of}",
-        "constant": "nothing, and is constant",
-        "drift": "the time",
+        "sign": (f"the sign of {speed}", f"{newtons} with its sign"),
+        "speed": (speed, f"{newtons} s/{angle}"),
+        "square": (f"the square of {speed}", f"{newtons} s^2/{angle}^2"),
+        "turn": ("the angle within a turn", f"{newtons}, once a turn"),
+        "input": (f"the input {law.of}", f"{newtons} per SI unit of it"),
+        "constant": ("nothing, and is constant", newtons),
+        "drift": ("the time", f"{newtons}/s"),
     }[law.kind]
 
 
