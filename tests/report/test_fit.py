@@ -20,7 +20,6 @@ from bayesdrill.inference import residual_checks
 from bayesdrill.report import scales
 from bayesdrill.report.sections.fit_figure import fit_figure
 from bayesdrill.report.sections.fit_words import (
-    TIME,
     Course,
     Fit,
     Signal,
@@ -29,6 +28,7 @@ from bayesdrill.report.sections.fit_words import (
     extremes,
     measured,
 )
+from bayesdrill.report.sections.physics_words import TIME
 
 Array = NDArray[np.float64]
 ROOT = Path(__file__).parent.parent.parent

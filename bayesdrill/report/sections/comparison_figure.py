@@ -5,8 +5,9 @@ Log odds, what each leaves of each channel, and where it has each unknown.
 
 from __future__ import annotations
 
+import itertools
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
@@ -23,6 +24,7 @@ from bayesdrill.analysis.comparison import SURE_LOG_ODDS, OverlayRow, PosteriorS
 from bayesdrill.basics.arrays import Array
 from bayesdrill.inference.derived import HDI_PROBABILITY
 from bayesdrill.inference.display_units import DisplayUnits
+from bayesdrill.inference.residual_checks import ResidualSummary
 from bayesdrill.report import scales, style
 from bayesdrill.report.pages import (
     AXES,
@@ -34,12 +36,7 @@ from bayesdrill.report.pages import (
     corner_panels,
     legend_above,
 )
-from bayesdrill.report.sections.comparison_words import (
-    elided,
-    in_logs,
-    overlay_shown,
-    overlay_warnings,
-)
+from bayesdrill.report.sections.comparison_words import elided, in_logs, overlay_shown
 
 MAX_NAME_LETTERS = 48  # letters of a name in a legend
 
@@ -59,12 +56,6 @@ class RunStyle:
         """Options of a line."""
         return {"color": self.color, "linestyle": self.linestyle, "linewidth": self.linewidth}
 
-    @property
-    def contour(self) -> dict[str, Any]:
-        """Options of contours."""
-        options = {"colors": self.color, "linestyles": [self.linestyle]}
-        return {**options, "linewidths": 0.9 * self.linewidth}
-
 
 # Thin and thick, dark and light in turn; none has the dashes of a nominal value.
 RUN_STYLES = (
@@ -77,13 +68,11 @@ RUN_STYLES = (
 )
 
 
-def run_handles(layers: Sequence[PosteriorSummary], *, marked: bool) -> list[Line2D]:
+def run_handles(layers: Sequence[PosteriorSummary]) -> list[Line2D]:
     """Return legend handles: the name of each run, with its warning."""
-    names = [
-        elided(overlay_warnings(layer), MAX_NAME_LETTERS).replace("$", r"\$") for layer in layers
-    ]
+    names = [f"{run.name} ({run.warning})" if run.warning else run.name for run in layers]
     return [
-        Line2D([], [], label=name, marker=look.marker if marked else "", **look.line)
+        Line2D([], [], label=elided(name, MAX_NAME_LETTERS).replace("$", r"\$"), **look.line)
         for name, look in zip(names, RUN_STYLES, strict=False)
     ]
 
@@ -134,31 +123,24 @@ def overlay_corner_figure(
 def _column(
     si: OverlayRow, layers: Sequence[PosteriorSummary], display_units: DisplayUnits
 ) -> _Column:
-    row, factor, log = (
-        overlay_shown(si, display_units),
-        display_units.factor(si.symbol.name),
-        in_logs(si, layers),
-    )
-    draws = [
-        None if x is None else x / factor for x in (layer.draws_of(si.symbol) for layer in layers)
-    ]
-    priors = [layer.problem.posterior.space.priors.get(si.symbol.name) for layer in layers]
+    row, log = overlay_shown(si, display_units), in_logs(si, layers)
+    name, factor = si.symbol.name, display_units.factor(si.symbol.name)
+    every = [layer.draws_of(si.symbol) for layer in layers]
+    draws = [None if x is None else x / factor for x in every]
     tails = [0.5 - CENTRAL_SHARE / 2, 0.5 + CENTRAL_SHARE / 2]
     quantiles = np.array([np.quantile(x, tails) for x in draws if x is not None])
     low, high = float(quantiles[:, 0].min()), float(quantiles[:, 1].max())
     low, high = scales.reaching(low, high, row.agreed, CORNER_REACH, log=log)
     scale = scales.scale(low, high, log=log, margin=0.06)
-    return _Column(
-        row=row,
-        scale=scale,
-        draws=tuple(None if x is None else scale(x) for x in draws),
-        ends=tuple(
-            (-math.inf, math.inf)
-            if prior is None
-            else (float(scale(prior.low / factor)), float(scale(prior.high / factor)))
-            for prior in priors
-        ),
+    shown = tuple(None if x is None else scale(x) for x in draws)
+    priors = (layer.problem.posterior.space.priors.get(name) for layer in layers)
+    ends = tuple(
+        (float(scale(prior.low / factor)), float(scale(prior.high / factor)))
+        if prior is not None
+        else (-math.inf, math.inf)
+        for prior in priors
     )
+    return _Column(row=row, scale=scale, draws=shown, ends=ends)
 
 
 def _corner_page(n: int, lines: int) -> tuple[Figure, NDArray[np.object_]]:
@@ -190,7 +172,9 @@ def _contours(panel: Axes, column: _Column, row: _Column) -> None:
     pairs = zip(column.draws, row.draws, column.ends, row.ends, RUN_STYLES, strict=False)
     for x, y, x_ends, y_ends, look in pairs:
         if x is not None and y is not None:
-            contours(panel, (x, y), (x_ends, y_ends), lines=look.contour)
+            lines: dict[str, Any] = {"colors": look.color, "linestyles": [look.linestyle]}
+            lines["linewidths"] = 0.9 * look.linewidth
+            contours(panel, (x, y), (x_ends, y_ends), lines=lines)
     style.mark_values(panel, column.scale, column.row.agreed, arrow=False)
     style.mark_values(panel, row.scale, row.row.agreed, vertical=True, arrow=False)
 
@@ -207,17 +191,14 @@ def _numbers(columns: Sequence[_Column], axis: Axis, k: int, outer: bool) -> Non
 
 def _legend(figure: Figure, layers: Sequence[PosteriorSummary], columns: Sequence[_Column]) -> None:
     width, height = figure.get_size_inches()
-    handles: list[Any] = run_handles(layers, marked=False)
-    if any(c.row.agreed is not None and c.scale.side(c.row.agreed) == 0 for c in columns):
-        handles.append(Line2D([], [], label="nominal value", **style.NOMINAL))
-    notes = []
+    handles: list[Any] = run_handles(layers)
+    sides = {c.scale.side(c.row.agreed) for c in columns if c.row.agreed is not None}
+    handles += style.nominal_handles(sides & {0})
+    notes = ["histograms: each as high as its panel"]
     if len(columns) > 1:
         inner, outer = (f"{100 * level:.1f} %" for level in LEVELS)
-        notes = [
-            f"contours: {inner} and {outer} of the draws of a run;",
-            "none where the density is flat",
-        ]
-    notes.append("histograms: each as high as its panel")
+        levels = f"contours: {inner} and {outer} of the draws of a run;"
+        notes = [levels, "none where the density is flat", *notes]
     handles += [Line2D([], [], linestyle="none", label=note) for note in notes]
     figure.legend(
         handles=handles,
@@ -270,10 +251,7 @@ def _scaled(
     """
     row, log = overlay_shown(si, display_units), in_logs(si, layers)
     estimates = [estimate for estimate in row.places if estimate is not None]
-    low, high = (
-        min(estimate.low for estimate in estimates),
-        max(estimate.high for estimate in estimates),
-    )
+    low, high = min(place.low for place in estimates), max(place.high for place in estimates)
     low, high = scales.reaching(low, high, row.agreed, INTERVALS_REACH, log=log)
     return row, scales.scale(low, high, log=log, margin=0.08)
 
@@ -295,15 +273,12 @@ def _intervals(
             panel.plot([float(scale(nominal))] * 2, [y - 0.5, y + 0.5], zorder=1, **style.NOMINAL)
         if estimate is None:
             continue
-        if estimate.fixed:
-            panel.plot(
-                [float(scale(estimate.mean))], [y], zorder=3, color=look.color, **FIXED_MARKER
-            )
-            continue
-        ends = scale(np.array([estimate.low, estimate.high]))
-        panel.plot(ends, [y, y], zorder=2, color=look.color, **INTERVAL_BAR)
-        mark: dict[str, Any] = {"marker": look.marker, "color": look.color, "markersize": look.size}
-        panel.plot([float(scale(estimate.mean))], [y], zorder=3, linestyle="none", **mark)
+        mark: dict[str, Any] = FIXED_MARKER
+        if not estimate.fixed:
+            ends = scale(np.array([estimate.low, estimate.high]))
+            panel.plot(ends, [y, y], zorder=2, color=look.color, **INTERVAL_BAR)
+            mark = {"marker": look.marker, "markersize": look.size, "linestyle": "none"}
+        panel.plot([float(scale(estimate.mean))], [y], zorder=3, color=look.color, **mark)
     style.scale_axis(panel.xaxis, scale, scale.label(row.symbol))
 
 
@@ -320,17 +295,17 @@ def _below_each_other(
 def _handles(
     layers: Sequence[PosteriorSummary], scaled_rows: Sequence[tuple[OverlayRow, scales.Scale]]
 ) -> list[Line2D]:
-    handles = run_handles(layers, marked=True)
-    for handle in handles:
-        handle.set(markersize=4, linestyle="-")
+    handles = run_handles(layers)
+    for handle, look in zip(handles, RUN_STYLES, strict=False):
+        handle.set(marker=look.marker, markersize=4, linestyle="-")
     rows = [row for row, _ in scaled_rows]
     sides = {scale.side(row.agreed) for row, scale in scaled_rows if row.agreed is not None}
-    different = any(row.agreed is None and any(v is not None for v in row.nominal) for row in rows)
-    handles += style.nominal_handles(sides | ({0} if different else set()))
+    if any(row.agreed is None and any(v is not None for v in row.nominal) for row in rows):
+        sides.add(0)
+    handles += style.nominal_handles(sides)
     if any(estimate is not None and estimate.fixed for row in rows for estimate in row.places):
-        handles.append(
-            Line2D([], [], label="held there", color="0.3", linestyle="none", **FIXED_MARKER)
-        )
+        held = {"color": style.DARK, "linestyle": "none", **FIXED_MARKER}
+        handles.append(Line2D([], [], label="held there", **held))
     return [*handles, Line2D([], [], linestyle="none", label=f"mean and {CREDIBLE}")]
 
 
@@ -339,6 +314,7 @@ SCORE_PANELS = 3  # panels that are not of unknowns
 LETTER, MIN_LEFT, MAX_LEFT = 0.058, 0.5, 2.2  # inches of a letter of a name, and of all of them
 MAX_MODEL_LETTERS = 42  # letters of a name
 MARKS = ("o", "s", "^", "D", "v", "P", "X", "*")  # of channels
+MARK: dict[str, Any] = {"markersize": 4.2, "linestyle": "none"}
 LIMIT: dict[str, Any] = {"color": style.MIDDLE, "linewidth": 0.7, "linestyle": (0, (1, 1.5))}
 PER_LINE, PER_LONG_LINE = 6, 4  # of the legend; with names of experiments
 READ = (
@@ -358,7 +334,8 @@ def comparison_figure(
     shared = [_scaled(row, layers, display_units) for row in common[:MAX_UNKNOWNS]]
     names = [_name(models[k]) for k in order]
     left = float(np.clip(0.14 + LETTER * max(map(len, names)), MIN_LEFT, MAX_LEFT))
-    channels = list(dict.fromkeys(row.name for model in models for row in model.residuals))
+    channels = dict.fromkeys(row.name for model in models for row in model.residuals)
+    marks = dict(zip(channels, itertools.cycle(MARKS), strict=False))
     with style.styled():
         handles = _model_handles(models)
         several = any(observation.label for observation in layers[0].problem.observations)
@@ -368,11 +345,9 @@ def comparison_figure(
         figure, panels = page.build(SCORE_PANELS + len(shared))
         ordered = [models[k] for k in order]
         _odds(panels[0], ordered)
-        rms = "rms of residuals over noise"
-        _residual_panel(panels[1], ordered, channels, lambda row: row.rms, 1.0, rms)
-        _residual_panel(
-            panels[2], ordered, channels, lambda row: row.correlation, 0.0, "their correlation"
-        )
+        rms, correlation = "rms of residuals over noise", "their correlation"
+        _residual_panel(panels[1], ordered, marks, lambda row: row.rms, 1.0, rms)
+        _residual_panel(panels[2], ordered, marks, lambda row: row.correlation, 0.0, correlation)
         looks = [RunStyle(_colour(k), "-", "o", size=3.6) for k in range(len(order))]
         for panel, (row, scale) in zip(panels[SCORE_PANELS:], shared, strict=True):
             _intervals(panel, row, scale, order, looks, arrow=False)
@@ -403,12 +378,11 @@ def _odds(panel: Axes, models: Sequence[RunSummary]) -> None:
         panel.plot([x - model.evidence.error, x + model.evidence.error], [y, y], color=colour)
     most = max(1.6 * float(off.max()), 2.0 * SURE_LOG_ODDS)
     panel.set_xlim(-0.3, most)
-    decades = 10.0 ** np.arange(1, 9)
     # Two of three decades at most, so that numbers keep apart.
-    far = decades[decades < most][:: 1 + int(np.log10(most) > 3.5)]
-    ticks = np.array([0.0, SURE_LOG_ODDS, *far])
-    powers = [rf"$10^{{{int(np.log10(max(x, 1.0)) + 0.5)}}}$" for x in ticks]
-    texts = [f"{x:.0f}" if x < 1e4 else power for x, power in zip(ticks, powers, strict=True)]
+    far = [k for k in range(1, 9) if 10.0**k < most][:: 1 + int(np.log10(most) > 3.5)]
+    ticks = np.array([0.0, SURE_LOG_ODDS, *(10.0**k for k in far)])
+    texts = ["0", f"{SURE_LOG_ODDS:.0f}"]
+    texts += [f"{10**k}" if k < 4 else rf"$10^{{{k}}}$" for k in far]
     style.set_ticks(panel.xaxis, ticks, texts)
     panel.xaxis.set_minor_locator(NullLocator())
     panel.set_xlabel("log odds against the best", labelpad=2)
@@ -417,29 +391,23 @@ def _odds(panel: Axes, models: Sequence[RunSummary]) -> None:
 def _residual_panel(
     panel: Axes,
     models: Sequence[RunSummary],
-    channels: Sequence[str],
-    value_of: Callable[[Any], float],
+    marks: Mapping[str, str],
+    value_of: Callable[[ResidualSummary], float],
     wanted: float,
     label: str,
 ) -> None:
     """Of each channel a mark for each model; `wanted`: where noise alone would be."""
     log = wanted == 1.0
+    least, most = (0.8, 1.25) if log else (-0.1, 0.1)
     values = [value_of(row) for model in models for row in model.residuals]
-    low, high = min(*values, wanted), max(*values, wanted)
-    if log:
-        low, high = min(low, 0.8), max(high, 1.25)
-    else:
-        low, high = min(low, -0.1), max(high, 0.1)
-    scale = scales.scale(low, high, log=log, margin=0.08)
+    scale = scales.scale(min(*values, least), max(*values, most), log=log, margin=0.08)
     panel.axvline(float(scale(wanted)), zorder=1, **LIMIT)
     for k, model in enumerate(models):
         for row in model.residuals:
-            mark = MARKS[channels.index(row.name) % len(MARKS)]
-            look: dict[str, Any] = {"marker": mark, "markersize": 4.2, "linestyle": "none"}
-            y = len(models) - 1 - k
+            look = {**MARK, "marker": marks[row.name], "color": _colour(k)}
             face = _colour(k) if row.like_noise else "white"
-            x = float(scale(value_of(row)))
-            panel.plot([x], [y], color=_colour(k), markerfacecolor=face, **look)
+            x, y = float(scale(value_of(row))), len(models) - 1 - k
+            panel.plot([x], [y], markerfacecolor=face, **look)
     style.scale_axis(panel.xaxis, scale, label)
 
 
@@ -450,18 +418,15 @@ def _colour(k: int) -> str:
 def _model_handles(models: Sequence[RunSummary]) -> list[Line2D]:
     """Of all channels of any model, and what a hollow mark says."""
     symbols = {}
-    for observation in (
-        observation for model in models for observation in model.layer.problem.observations
-    ):
-        where = " in " + observation.label.replace("$", r"\$") if observation.label else ""
-        for channel in observation.experiment.channels:
-            symbols[channel.name, observation.label] = f"${channel.latex}${where}"
-    marks = [
-        Line2D([], [], marker=MARKS[k % len(MARKS)], color=style.DARK, label=symbol)
-        for k, symbol in enumerate(symbols.values())
+    for model in models:
+        for observation in model.layer.problem.observations:
+            where = " in " + observation.label.replace("$", r"\$") if observation.label else ""
+            for channel in observation.experiment.channels:
+                symbols[channel.name, observation.label] = f"${channel.latex}${where}"
+    look = {**MARK, "color": style.DARK}
+    marks = zip(symbols.values(), itertools.cycle(MARKS), strict=False)
+    return [
+        *(Line2D([], [], marker=mark, label=symbol, **look) for symbol, mark in marks),
+        Line2D([], [], marker="o", markerfacecolor="white", label="not like noise", **look),
+        Line2D([], [], label="nominal value", **style.NOMINAL),
     ]
-    hollow = Line2D([], [], marker="o", color=style.DARK, markerfacecolor="white")
-    hollow.set_label("not like noise")
-    for handle in (*marks, hollow):
-        handle.set(markersize=4.2, linestyle="none")
-    return [*marks, hollow, Line2D([], [], label="nominal value", **style.NOMINAL)]

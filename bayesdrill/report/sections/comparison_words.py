@@ -39,16 +39,14 @@ def overlay_shown(row: OverlayRow, units: DisplayUnits) -> OverlayRow:
     """In the unit that its symbol then has."""
     factor = units.factor(row.symbol.name)
 
-    def over(place: MarginalEstimate | None) -> MarginalEstimate | None:
-        if place is None:
-            return None
-        values = {name: getattr(place, name) / factor for name in ("mean", "sd", "low", "high")}
-        return dataclasses.replace(place, **values)
+    def over(place: MarginalEstimate) -> MarginalEstimate:
+        values = dataclasses.asdict(place)
+        return MarginalEstimate(**{name: x / factor for name, x in values.items()})
 
     return dataclasses.replace(
         row,
         symbol=units.symbol(row.symbol),
-        places=tuple(map(over, row.places)),
+        places=tuple(place and over(place) for place in row.places),
         nominal=tuple(None if value is None else value / factor for value in row.nominal),
     )
 
@@ -149,10 +147,10 @@ def overlay_table(layers: Sequence[PosteriorSummary], rows: Sequence[OverlayRow]
 def farthest(layers: Sequence[PosteriorSummary], rows: Sequence[OverlayRow]) -> Iterator[str]:
     """Say which unknowns of two runs are farthest apart."""
     pairs = [(row.distance, row) for row in rows if row.distance is not None]
-    if not pairs:
+    ordered = sorted(pairs, key=lambda pair: -pair[0])
+    if not ordered:
         yield "no unknown is shared by two of the runs"
         return
-    ordered = sorted(pairs, key=lambda pair: -pair[0])
     far = [(apart, row) for apart, row in ordered if apart >= FAR]
     if not far:
         yield f"nowhere are two of them more than {ordered[0][0]:.2g} sd apart"
@@ -199,11 +197,6 @@ def elided(text: str, most: int) -> str:
     """Without letters of its middle, where it has more than so many: names differ at their ends."""
     left = most - 3
     return text if len(text) <= most else f"{text[: left // 2]}...{text[-(left - left // 2) :]}"
-
-
-def overlay_warnings(layer: PosteriorSummary) -> str:
-    """Its name, for legends, with what it must be doubted for."""
-    return f"{layer.name} ({layer.warning})" if layer.warning else layer.name
 
 
 TIMES = math.log(1e4)  # odds up to which they are said as a number

@@ -24,11 +24,9 @@ from bayesdrill.inference.residual_checks import ResidualSummary, like_noise
 from bayesdrill.inference.unknowns import labelled_name
 from bayesdrill.output_files import numbered
 from bayesdrill.report.section import Plain, Sentences, Table, aligned
-from bayesdrill.report.sections.physics_words import FrictionCourse, rubs
+from bayesdrill.report.sections.physics_words import FrictionCourse, friction_course, time_symbol
 from bayesdrill.rig.models.linear import Model
 from bayesdrill.rig.models.roles import Roles
-
-TIME = Symbol("t", "s", "t", "s", "time")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -93,8 +91,7 @@ def every_fit(
         experiment, courses, constant = observation.experiment, [], []
         models, rig = observation.predict(full, best[None])[0], observation.response.model
         loads = {inertia.load for inertia in rig.roles.inertias}
-        courses_of_friction = rubs(rubbings, clock)
-        shown = _shown_samples(observation, models, [rub.effort for rub in courses_of_friction])
+        shown = _shown_samples(observation, models, [rubbing.effort for rubbing in rubbings])
         for name in (n for n in rig.inputs if n in {*experiment.series, *experiment.constant}):
             unit = experiment.unit_of_input(name)
             label = dataclasses.replace(rig.symbols[name], latex_unit=unit.latex)
@@ -105,11 +102,11 @@ def every_fit(
                 constant.append((label, experiment.constant[name] / unit.factor))
         fit = Fit(
             t=experiment.t[shown] / clock.factor,
-            time=dataclasses.replace(TIME, latex_unit=clock.latex),
+            time=time_symbol(clock),
             signals=tuple(_signals(observation, models, shown, best, left, predictive or {})),
             courses=tuple(courses),
             constant=tuple(constant),
-            rubs=tuple(rub.at(shown) for rub in courses_of_friction),
+            rubs=tuple(friction_course(rubbing, shown, clock) for rubbing in rubbings),
             label=observation.label,
         )
         fits.append(fit)
@@ -205,11 +202,8 @@ def _prediction(observation: Observation, full: Array) -> str:
     It has time, each channel as measured and as predicted without noise, and the inputs; the head of a
     column has its unit, as in `w_1 measured [rpm]`.
     """
-    experiment, signals, unit = (
-        observation.experiment,
-        observation.signals(full)[0],
-        observation.experiment.written.time,
-    )
+    experiment, signals = observation.experiment, observation.signals(full)[0]
+    unit = experiment.written.time
     columns = {f"t [{unit.name}]": experiment.t / unit.factor}
     for k, channel in enumerate(experiment.channels):
         name, unit = channel.name, channel.shown
@@ -230,32 +224,24 @@ def residual_sentences(summaries: Sequence[ResidualSummary], clock: Unit) -> str
 
     `clock`: in which times are said.
     """
-    seen = [
-        f"{percent(summary.share)} of {summary.name}"
-        for summary in summaries
-        if not math.isnan(summary.share)
-    ]
-    lines = [f"fit: the MAP leaves unexplained {', '.join(seen) or 'nothing to speak of'}."]
+    shared = [summary for summary in summaries if not math.isnan(summary.share)]
+    seen = ", ".join(f"{percent(summary.share)} of {summary.name}" for summary in shared)
+    lines = [f"fit: the MAP leaves unexplained {seen or 'nothing to speak of'}."]
     # Where noise remembers, or a torque is missing; elsewhere both are what was said above.
-    ahead = [
-        summary
-        for summary in summaries
-        if summary.ahead != summary.simulated and not math.isnan(summary.share)
-    ]
-    if ahead:
-        each = ", ".join(
-            f"{summary.name} {explained_share(summary.simulated)} and {explained_share(summary.ahead)}"
-            for summary in ahead
-        )
+    each = ", ".join(
+        f"{summary.name} {explained_share(summary.simulated)} and {explained_share(summary.ahead)}"
+        for summary in shared
+        if summary.ahead != summary.simulated
+    )
+    if each:
         lines.append(
             "fit: explained by the simulation alone, and by predictions one step ahead, which know all "
             f"samples before: {each}."
         )
     if large := _worst(summaries, "large", "rms"):
         lines.append(
-            f"fit: the residuals are larger than the noise: {_each_channel(large, 'rms')} times sigma "
-            f"(noise gives at most {large[0].limits.most:.3g}). A unit, an input, a sigma, the end of a "
-            "prior or the model is wrong. Every sd and verdict here is too sure."
+            f"fit: {_larger(large)} (noise gives at most {large[0].limits.most:.3g}). A unit, an input, "
+            "a sigma, the end of a prior or the model is wrong. Every sd and verdict here is too sure."
         )
     if far := _worst(summaries, "far", "farthest"):
         each = ", ".join(
@@ -268,8 +254,7 @@ def residual_sentences(summaries: Sequence[ResidualSummary], clock: Unit) -> str
         )
     if correlated := _worst(summaries, "correlated", "correlation"):
         lines.append(
-            "fit: the residuals are correlated from one sample to the next: "
-            f"{_each_channel(correlated, 'correlation')} (white noise gives at most "
+            f"fit: {_correlated(correlated)} (white noise gives at most "
             f"{correlated[0].limits.correlation:.2g} either way). The model misses something, or the "
             "column was filtered or differenced. Do not trust the sds."
         )
@@ -291,15 +276,19 @@ def residual_reasons(summaries: Sequence[ResidualSummary]) -> tuple[str, ...]:
     doubtful = [summary for summary in summaries if summary.unbelievable]
     said = []
     if large := _worst(doubtful, "large", "rms"):
-        said.append(
-            f"the residuals are larger than the noise: {_each_channel(large, 'rms')} times sigma"
-        )
+        said.append(_larger(large))
     if correlated := _worst(doubtful, "correlated", "correlation"):
-        said.append(
-            "the residuals are correlated from one sample to the next: "
-            f"{_each_channel(correlated, 'correlation')}"
-        )
+        said.append(_correlated(correlated))
     return tuple(said)
+
+
+def _larger(large: Sequence[ResidualSummary]) -> str:
+    return f"the residuals are larger than the noise: {_each_channel(large, 'rms')} times sigma"
+
+
+def _correlated(correlated: Sequence[ResidualSummary]) -> str:
+    each = _each_channel(correlated, "correlation")
+    return f"the residuals are correlated from one sample to the next: {each}"
 
 
 def _worst(summaries: Sequence[ResidualSummary], which: str, by: str) -> list[ResidualSummary]:
@@ -338,15 +327,10 @@ LOOK = (
 
 def explained(causes: Causes | None) -> str:
     """What would explain what the fit leaves, for a terminal: best first, and what to do."""
-    parts = candidates(causes)
-    said = []
-    for part in parts:
-        match part:
-            case Table():
-                said.append(aligned([part.heads, *part.lines], left={0}))
-            case Plain(text) | Sentences(text):
-                said.append(text)
-    return "\n".join(said)
+    return "\n".join(
+        aligned([part.heads, *part.lines], left={0}) if isinstance(part, Table) else part.text
+        for part in candidates(causes)
+    )
 
 
 def candidates(causes: Causes | None) -> tuple[Sentences | Table | Plain, ...]:
@@ -392,23 +376,13 @@ def candidates(causes: Causes | None) -> tuple[Sentences | Table | Plain, ...]:
 
 
 def _candidate_table(causes: Causes) -> Table:
-    shown = causes.good[:SHOWN]
+    channels = (summary.name for summary in causes.given)
     lines = [("as given", "0", "0", *(percent(summary.share) for summary in causes.given))]
-    lines += [
-        (
-            _beside(cause, causes.best),
-            f"{cause.bayes:+.1f}",
-            f"{cause.gain:+.1f}",
-            *(percent(x.share) for x in cause.fit),
-        )
-        for cause in shown
-    ]
-    heads = (
-        "model",
-        "log Bayes factor",
-        "log posterior",
-        *(summary.name for summary in causes.given),
-    )
+    for cause in causes.good[:SHOWN]:
+        factors = (f"{cause.bayes:+.1f}", f"{cause.gain:+.1f}")
+        left = (percent(summary.share) for summary in cause.fit)
+        lines.append((_beside(cause, causes.best), *factors, *left))
+    heads = ("model", "log Bayes factor", "log posterior", *channels)
     return Table(heads, tuple(lines), frozenset({"model"}))
 
 
@@ -475,19 +449,15 @@ def instead(explanation: EquivalentExplanation | None, rig: Model) -> Iterable[s
     how = "better than" if explanation.lost < 0 else "about as well as"
     name, value = explanation.parameter, explanation.value
     missing = f"{_lacked(name, rig.roles)} of {value:.3g} {rig.symbols[name].plain_unit}"
+    prior = f"{{prior: uniform, low: 0, high: {WIDER * value:.2g}}}"
     yield (
         f"before you blame the table: its values with {missing} explain the record {how} any without. "
-        f"Try it: {_named(name, value)}."
+        f"Try it: say `parameters: {{{name}: {prior}}}`."
     )
 
 
 def _lacked(name: str, roles: Roles) -> str:
     return next(lack.words for lack in lacks(roles) if lack.parameter == name)
-
-
-def _named(name: str, value: float) -> str:
-    """How a config switches it on."""
-    return f"say `parameters: {{{name}: {{prior: uniform, low: 0, high: {WIDER * value:.2g}}}}}`"
 
 
 def moment(moment: InputTiming | None) -> Iterable[str]:

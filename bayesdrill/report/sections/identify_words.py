@@ -38,10 +38,9 @@ def product(names: Sequence[str], exponents: Sequence[float]) -> str:
 
 def full(study: IdentifiabilityStudy, rig: Model) -> str:
     """All that `identify` prints."""
-    rubs = physics_words.friction_sentences(study.frictions, rig)
-    stands = torque_words.stand_ins(study, rig)
     parts = [structure(study), dependence_sentences(study), knowledge(study), nuisances(study)]
-    parts += [rubs, stands, remedies(study)]
+    parts += [physics_words.friction_sentences(study.frictions, rig)]
+    parts += [torque_words.stand_ins(study, rig), remedies(study)]
     return "\n\n".join(part for part in parts if part).rstrip()
 
 
@@ -89,17 +88,13 @@ def symmetry(names: Sequence[str], exponents: Exponents) -> str:
     for name, exponent in zip(names, exponents, strict=True):
         if exponent:
             groups.setdefault(exponent, []).append(name)
-    if len(groups) == 1 and 1 in groups:
-        if len(groups[1]) == 1:
-            return f"{groups[1][0]} can be multiplied by any factor without changing any measured signal"
-        return (
-            f"{listed(groups[1])} can all be multiplied by the same factor without changing any "
-            "measured signal"
-        )
+    if groups.keys() == {1}:
+        how = "be multiplied by any factor"
+        if len(groups[1]) > 1:
+            how = "all be multiplied by the same factor"
+        return f"{listed(groups[1])} can {how} without changing any measured signal"
     parts = [
-        f"{listed(groups[e])} multiplied by {_factor(e)}"
-        if e > 0
-        else f"{listed(groups[e])} divided by {_factor(-e)}"
+        f"{listed(groups[e])} {'multiplied' if e > 0 else 'divided'} by {_power('f', abs(e))}"
         for e in sorted(groups, reverse=True)
     ]
     return f"with {', '.join(parts)}, for any factor f, no measured signal changes"
@@ -254,10 +249,6 @@ def percent(sd_of_log: float) -> str:
 
 def _power(name: str, exponent: float) -> str:
     return name if exponent == 1 else f"{name}^{exponent:g}"
-
-
-def _factor(exponent: int) -> str:
-    return "f" if exponent == 1 else f"f^{exponent}"
 
 
 def _count(n: int, text: str, many: str) -> str:

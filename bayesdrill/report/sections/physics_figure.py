@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -28,11 +29,10 @@ from bayesdrill.report.sections.physics_words import (
     energy_balance,
     laws,
 )
-from bayesdrill.report.sections.torque_words import Against, TorqueShown, torque_shown
+from bayesdrill.report.sections.torque_words import TORQUE, Against, TorqueShown, torque_shown
 from bayesdrill.report.view import Drawing, ReportContext, for_each_experiment
 
 JOULES = Symbol("E", "J", "E", "J", "energy so far")
-SHARE = Symbol("share", "%", r"\mathrm{share}", r"\%", "of what came in")
 ENERGY_POINTS = 800  # of an edge
 FIRST = 0.02  # of all that comes in: before it shares mean nothing
 LINE = 0.17  # inches of a legend
@@ -48,6 +48,7 @@ LOOKS: Mapping[str, tuple[str, str]] = {
     "stored": ("1.0", "......"),
 }
 HATCHES = ("", "\\\\\\\\", "////", "xxxx")
+EDGES: dict[str, Any] = {"edgecolor": style.BLACK, "linewidth": 0.4}
 
 
 def energy_figure(balance: Balance, width: float = scales.DOUBLE) -> Figure:
@@ -80,12 +81,9 @@ def _joules(
     scale = scales.scale(low, high or 1.0, margin=0.03)
     style.scale_axis(panel.yaxis, scale, scale.label(JOULES, "\n"))
     panel.set_ylim(scale.low if low < 0 else 0.0, scale.high)
-    handles = _stack(panel, balance, time(balance.t[drawn]), scale(edges))
-    (line,) = panel.plot(
-        time(balance.t[drawn]), scale(balance.total[drawn]), color=style.BLACK, linewidth=1.0
-    )
-    line.set_label(f"came in: {balance.sources}")
-    return [line, *handles]
+    t, came = time(balance.t[drawn]), f"came in: {balance.sources}"
+    handles = _stack(panel, balance, t, scale(edges))
+    return [*panel.plot(t, scale(balance.total[drawn]), label=came, **BEST), *handles]
 
 
 def _shares(panel: Axes, balance: Balance, drawn: NDArray[np.intp], time: scales.Scale) -> None:
@@ -97,35 +95,27 @@ def _shares(panel: Axes, balance: Balance, drawn: NDArray[np.intp], time: scales
     _stack(panel, balance, time(balance.t[selected]), edges)
     panel.set_ylim(0, 100)
     style.set_ticks(panel.yaxis, np.arange(0, 101, 25.0), ["0", "25", "50", "75", "100"])
-    style.side_label(panel, f"${SHARE.latex}$\n[$\\mathrm{{{SHARE.latex_unit}}}$]")
+    style.side_label(panel, "$\\mathrm{share}$\n[$\\mathrm{\\%}$]")
 
 
-def _stack(panel: Axes, balance: Balance, t: Array, edges: Array) -> list[Patch]:
+def _stack(panel: Axes, balance: Balance, t: Array, edges: Array) -> list[Any]:
     """Each between two of `edges (P + 1, N)`."""
-    handles = []
-    for part, look, low, high in zip(
-        balance.parts, line_styles(balance.parts), edges[:-1], edges[1:], strict=True
-    ):
-        panel.fill_between(t, low, high, **look)
-        handles.append(Patch(label=part.name, **look))
-    return handles
+    looks = line_styles(balance.parts)
+    return [
+        panel.fill_between(t, low, high, label=part.name, **look)
+        for part, look, low, high in zip(balance.parts, looks, edges, edges[1:], strict=False)
+    ]
 
 
 def line_styles(parts: Sequence[Stacked]) -> list[dict[str, Any]]:
     """Return styles of parts; those of one kind differ in their hatches."""
-    counts: dict[str, int] = {}
+    counts: Counter[str] = Counter()
     styles = []
     for part in parts:
-        k = counts[part.kind] = counts.get(part.kind, -1) + 1
         face, hatch = LOOKS[part.kind]
-        styles.append(
-            {
-                "facecolor": face,
-                "edgecolor": style.BLACK,
-                "hatch": hatch or HATCHES[k % len(HATCHES)],
-                "linewidth": 0.4,
-            }
-        )
+        hatch = hatch or HATCHES[counts[part.kind] % len(HATCHES)]
+        counts[part.kind] += 1
+        styles.append({**EDGES, "facecolor": face, "hatch": hatch})
     return styles
 
 
@@ -167,7 +157,7 @@ def _law(panel: Axes, law: LawShown) -> None:
     room = FOOT / (1.0 - FOOT) * (y.high - y.low)
     if law.band is not None:
         for side, outside, beside in ((law.speeds <= 0, -1, -2), (law.speeds >= 0, 0, 1)):
-            band = law.band[:, side].copy()
+            band = law.band[:, side]
             band[:, outside] = band[:, beside]  # where a law has both signs
             panel.fill_between(x(law.speeds[side]), *y(band), zorder=1, **style.BAND)
     if law.nominal is not None:
@@ -215,7 +205,7 @@ def _over_time(panel: Axes, shown: TorqueShown, y: scales.Scale) -> None:
     t = x(shown.t[some])
     panel.fill_between(t, *y(shown.band[:, some]), **style.BAND)
     panel.plot(t, y(shown.expected[some]), **style.BLACK_LINE)
-    _finish(panel, x, y, shown.time, shown.torque)
+    _finish(panel, x, y, shown.time)
 
 
 def _against(
@@ -226,59 +216,41 @@ def _against(
     panel.plot(x(regressor.values[some]), y(shown.expected[some]), **style.DOTS)
     panel.fill_between(x(regressor.centres), *y(regressor.band), zorder=1, **style.BAND)
     panel.plot(x(regressor.centres), y(regressor.means), zorder=3, **style.BLACK_LINE)
-    _finish(panel, x, y, regressor.label, shown.torque)
+    _finish(panel, x, y, regressor.label)
     if not labelled:
         panel.set_ylabel("")
         panel.tick_params(labelleft=False)
 
 
-def _finish(panel: Axes, x: scales.Scale, y: scales.Scale, across: Symbol, torque: Symbol) -> None:
+def _finish(panel: Axes, x: scales.Scale, y: scales.Scale, across: Symbol) -> None:
     style.scale_axis(panel.xaxis, x, f"{across.meaning}, {x.label(across)}", 5)
-    style.scale_axis(panel.yaxis, y, y.label(torque, "\n"))
+    style.scale_axis(panel.yaxis, y, y.label(TORQUE, "\n"))
     if y.low < 0.0 < y.high:
         panel.axhline(float(y(0.0)), color=style.MIDDLE, linewidth=0.5, zorder=0)
     if x.low < 0.0 < x.high:
         panel.axvline(float(x(0.0)), color=style.MIDDLE, linewidth=0.5, zorder=0)
 
 
-FRICTION = "Each friction against its speed: its law, where the record saw it, and nominal values."
-
-
 def draw_friction(run: ReportContext) -> tuple[Drawing, ...]:
     """Return drawings of friction laws, of a rig with friction."""
-    chain = run.chain
-    shown = (
-        (
-            observation.label,
-            laws(observation, motions, run.problem, chain.best, chain.some(BAND_DRAWS)),
-        )
-        for observation, motions in zip(
-            run.problem.observations, chain.friction_motions, strict=False
-        )
-    )
-    return for_each_experiment(friction_figure, shown, run.width, FRICTION)
-
-
-ENERGY = "Where the energy goes: what came in, and what became of it, in joules and as shares."
+    chain, problem = run.chain, run.problem
+    each = zip(problem.observations, chain.friction_motions, strict=False)
+    at = (problem, chain.best, chain.some(BAND_DRAWS))
+    shown = ((observation.label, laws(observation, rubs, *at)) for observation, rubs in each)
+    says = "Each friction against its speed: its law, where the record saw it, and nominal values."
+    return for_each_experiment(friction_figure, shown, run.width, says)
 
 
 def draw_energy(run: ReportContext) -> tuple[Drawing, ...]:
     """Return drawings of the energy, of a rig with friction."""
-    model, clock = run.problem.model, run.clock
-    shown = (
-        (account.label, energy_balance(account, model, clock))
-        for account in run.chain.energy_accounts
-    )
-    return for_each_experiment(energy_figure, shown, run.width, ENERGY)
-
-
-TORQUE = "The missing torque over time, and against what the rig did: speeds, angle, inputs."
+    model, clock, accounts = run.problem.model, run.clock, run.chain.energy_accounts
+    shown = ((each.label, energy_balance(each, model, clock)) for each in accounts)
+    says = "Where the energy goes: what came in, and what became of it, in joules and as shares."
+    return for_each_experiment(energy_figure, shown, run.width, says)
 
 
 def draw_torque(run: ReportContext) -> tuple[Drawing, ...]:
     """Return drawings of the torque that a rig's equations leave out."""
-    shown = (
-        (estimate.label, torque_shown(estimate, run.clock))
-        for estimate in run.chain.torque_estimates
-    )
-    return for_each_experiment(torque_figure, shown, run.width, TORQUE)
+    shown = ((each.label, torque_shown(each, run.clock)) for each in run.chain.torque_estimates)
+    says = "The missing torque over time, and against what the rig did: speeds, angle, inputs."
+    return for_each_experiment(torque_figure, shown, run.width, says)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import itertools
 import math
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -28,10 +29,11 @@ from bayesdrill.analysis.identifiability.frictions import (
     drive_words,
     drives_of,
 )
+from bayesdrill.analysis.latent_torque import TAILS
 from bayesdrill.basics.arrays import Array, Indices
 from bayesdrill.basics.symbols import Symbol, own_symbol, plain
 from bayesdrill.basics.units import Unit
-from bayesdrill.inference.derived import HDI_PROBABILITY, Derived, DerivedRow, values_at
+from bayesdrill.inference.derived import Derived, DerivedRow, values_at
 from bayesdrill.inference.likelihood import Observation
 from bayesdrill.inference.posterior import Problem
 from bayesdrill.report.section import HDI, Table, records_as_csv
@@ -43,6 +45,12 @@ if TYPE_CHECKING:
     from bayesdrill.analysis.run_analysis import EnergySummary
 
 _HEADERS = ("", "unit", "nominal", "mean", "sd", HDI, "dev. %", "meaning")
+TIME = Symbol("t", "s", "t", "s", "time")
+
+
+def time_symbol(clock: Unit) -> Symbol:
+    """Return the symbol of times in the unit of a clock."""
+    return dataclasses.replace(TIME, latex_unit=clock.latex)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -127,25 +135,28 @@ READ = (
 )
 
 
-def energy_names(part: str, model: Model) -> str:
-    """What a table or a legend calls it."""
+KINDS = ("electrical", "viscous", "friction", "other", "stored")  # of losses, in this order
+
+
+def energy_names(model: Model) -> dict[str, tuple[str, str]]:
+    """Of each part its kind, one of `KINDS`, and what a table or a legend calls it."""
     roles = model.roles
-    names = {
-        **dict(_inputs(model)),
-        **{m.resistance: f"resistance of {m.words}" for m in roles.motors},
-        **{m.series: "resistance in series" for m in roles.motors},
-        **{i.damping: f"viscous, {i.at}" for i in roles.inertias},
-        **{shaft.damping: f"viscous, in {shaft.words}" for shaft in roles.shafts},
-        **{i.friction: f"friction {i.friction}" for i in roles.inertias},
-        CONVERTED: " and ".join(_unequal(model)),
-        AT_START: "stored at the start",
-        STORED: "stored",
-    }
     currents = {motor.current for motor in roles.motors}
+    names = {name: ("other", name) for name in (*model.inputs, *model.parameters)}
+    names |= {name: ("other", words) for name, words in _inputs(model)}
+    names |= {m.resistance: ("electrical", f"resistance of {m.words}") for m in roles.motors}
+    names |= {m.series: ("electrical", "resistance in series") for m in roles.motors}
+    names |= {i.damping: ("viscous", f"viscous, {i.at}") for i in roles.inertias}
+    names |= {shaft.damping: ("viscous", f"viscous, in {shaft.words}") for shaft in roles.shafts}
+    names |= {i.friction: ("friction", f"friction {i.friction}") for i in roles.inertias}
+    names[CONVERTED] = "other", " and ".join(_unequal(model))
+    names[AT_START] = "other", "stored at the start"
+    names[STORED] = "stored", "stored"
     for friction in model.frictions:
-        drop = friction.against in currents
-        names[friction.name] = "voltage drop" if drop else f"friction {friction.where}"
-    return names.get(part, part)
+        names[friction.name] = "friction", f"friction {friction.where}"
+        if friction.against in currents:
+            names[friction.name] = "electrical", "voltage drop"
+    return names
 
 
 def _inputs(model: Model) -> Iterator[tuple[str, str]]:
@@ -175,12 +186,12 @@ def energy_table(summary: EnergySummary, model: Model) -> Table:
     """In the order: what came in, the largest first; what it went to; what is stored."""
     surely = any(part.sd is not None for part in summary.parts)
     heads = ("", "", "J", "share", *(("sd",) if surely else ()))
-    lines = []
+    called, lines = energy_names(model), []
     for side, names in (("in", summary.came), ("out", summary.went)):
         for part in ordered(summary, names):
             sure = (f"{100 * part.sd:.2g} %",) if part.sd is not None else ("",) * surely
             share = f"{100 * part.share:.3g} %"
-            lines.append((side, energy_names(part.name, model), f"{part.joules:.4g}", share, *sure))
+            lines.append((side, called[part.name][1], f"{part.joules:.4g}", share, *sure))
     return Table(heads, tuple(lines), frozenset(heads[:1]))
 
 
@@ -190,10 +201,7 @@ def ordered(summary: EnergyAccount | EnergySummary, names: Collection[str]) -> l
     return sorted(parts, key=lambda part: (part.name == STORED, -part.joules))
 
 
-KINDS = ("electrical", "viscous", "friction", "other", "stored")  # of losses, in this order
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True)
 class Stacked:
     """`kind`: one of `KINDS`; `name` for a legend; `joules (N,)`."""
 
@@ -215,30 +223,16 @@ class Balance:
 
 def energy_balance(account: EnergyAccount, model: Model, clock: Unit) -> Balance:
     """For a figure."""
-    roles, rubs = model.roles, {friction.name: friction.against for friction in model.frictions}
-    currents = {motor.current for motor in roles.motors}
-    resistances = [n for motor in roles.motors for n in (motor.resistance, motor.series)]
-    dampings = [*(i.damping for i in roles.inertias), *(s.damping for s in roles.shafts)]
-    kinds = {
-        **dict.fromkeys(resistances, "electrical"),
-        **dict.fromkeys(dampings, "viscous"),
-        **{n: "electrical" if s in currents else "friction" for n, s in rubs.items()},
-        **dict.fromkeys((inertia.friction for inertia in roles.inertias), "friction"),
-        STORED: "stored",
-    }
+    names = energy_names(model)
     parts = [
-        Stacked(
-            kind=kinds.get(p.name, "other"),
-            name=energy_names(p.name, model),
-            joules=account.went[p.name],
-        )
-        for p in ordered(account, account.went)
+        Stacked(*names[part.name], account.went[part.name])
+        for part in ordered(account, account.went)
     ]
     return Balance(
         t=account.t / clock.factor,
-        time=Symbol("t", clock.name, "t", clock.latex, "time"),
+        time=time_symbol(clock),
         total=account.total,
-        sources=", ".join(energy_names(p.name, model) for p in ordered(account, account.came)),
+        sources=", ".join(names[part.name][1] for part in ordered(account, account.came)),
         parts=tuple(sorted(parts, key=lambda part: KINDS.index(part.kind))),
     )
 
@@ -257,9 +251,6 @@ def energy_note(summary: EnergySummary, model: Model) -> str:
         "current and speed. In an ideal one the two are equal."
     )
     return f"{said} {unequal}" if CONVERTED in (*summary.came, *summary.went) else said
-
-
-TAILS = (0.5 - HDI_PROBABILITY / 2, 0.5 + HDI_PROBABILITY / 2)
 
 
 def effort_symbol(friction: Friction) -> Symbol:
@@ -290,11 +281,6 @@ class FrictionCourse:
     band: Array | None
     sticks: tuple[tuple[float, float], ...]
 
-    def at(self, samples: Indices) -> FrictionCourse:
-        """Return it at these samples."""
-        band = None if self.band is None else self.band[:, samples]
-        return dataclasses.replace(self, effort=self.effort[samples], band=band)
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LawShown:
@@ -305,7 +291,6 @@ class LawShown:
 
     speed: Symbol
     effort: Symbol
-    where: str
     speeds: Array
     best: Array
     band: Array | None
@@ -313,16 +298,14 @@ class LawShown:
     seen: Array
 
 
-def rubs(rubbings: Sequence[FrictionMotion], clock: Unit) -> tuple[FrictionCourse, ...]:
-    """Of one experiment."""
-    return tuple(
-        FrictionCourse(
-            label=effort_symbol(rubbing.friction),
-            effort=rubbing.effort,
-            band=None if len(rubbing.efforts) < 2 else np.quantile(rubbing.efforts, TAILS, axis=0),
-            sticks=tuple((a / clock.factor, b / clock.factor) for a, b in rubbing.intervals),
-        )
-        for rubbing in rubbings
+def friction_course(rubbing: FrictionMotion, shown: Indices, clock: Unit) -> FrictionCourse:
+    """At the samples that are `shown`."""
+    efforts = rubbing.efforts[:, shown]
+    return FrictionCourse(
+        label=effort_symbol(rubbing.friction),
+        effort=rubbing.effort[shown],
+        band=None if len(efforts) < 2 else np.quantile(efforts, TAILS, axis=0),
+        sticks=tuple((a / clock.factor, b / clock.factor) for a, b in rubbing.intervals),
     )
 
 
@@ -344,7 +327,6 @@ def laws(
             LawShown(
                 speed=speed_symbol(against, inertia, rig),
                 effort=effort_symbol(rubbing.friction),
-                where=rubbing.friction.where,
                 speeds=shown.speeds,
                 best=shown.sizes[0],
                 band=np.quantile(shown.sizes[1:], TAILS, axis=0) if len(draws) > 1 else None,
@@ -389,22 +371,17 @@ def _alike(one: Confounded, model: Model) -> str:
     roles = model.roles
     known = "it were" if len(one.rivals) == 1 else "these were"
     free = [inertia for inertia in roles.inertias if roles.motor(inertia.name) is None]
-    reasons = {  # where it is not by what the rig did
-        **{
-            frozenset((shaft.damping, inertia.damping)): "both take from each swing, and only "
-            f"{inertia.damping} from steady turning"
-            for shaft in roles.shafts
-            for inertia in free
-        },
-        **{
-            frozenset(
-                (inertia.efficiency, inertia.sliding)
-            ): "what a gear loses grows with the torque "
-            f"that it passes on, and {inertia.sliding} does not"
-            for inertia in roles.inertias
-            if inertia.efficiency
-        },
-    }
+    reasons = {}  # where it is not by what the rig did
+    for shaft, inertia in itertools.product(roles.shafts, free):
+        reasons[frozenset((shaft.damping, inertia.damping))] = (
+            f"both take from each swing, and only {inertia.damping} from steady turning"
+        )
+    for inertia in roles.inertias:
+        if inertia.efficiency:
+            reasons[frozenset((inertia.efficiency, inertia.sliding))] = (
+                "what a gear loses grows with the torque that it passes on, and "
+                f"{inertia.sliding} does not"
+            )
     why = [reasons[pair] for r in one.rivals if (pair := frozenset((one.name, r))) in reasons]
     if one.deeds is not None and (did := _did(one.deeds, roles)):
         why.append(f"in these records {did}")

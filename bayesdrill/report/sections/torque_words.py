@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import dataclasses
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -16,16 +15,15 @@ from bayesdrill.basics.symbols import Symbol
 from bayesdrill.basics.units import Unit
 from bayesdrill.report import section
 from bayesdrill.report.section import Table
-from bayesdrill.report.sections.physics_words import listed, speed_symbol
+from bayesdrill.report.sections.physics_words import listed, speed_symbol, time_symbol
 from bayesdrill.rig.models.linear import Model
-from bayesdrill.rig.models.roles import ROTARY, MotionWords
+from bayesdrill.rig.models.roles import ROTARY
 
 if TYPE_CHECKING:
     from bayesdrill.analysis.run_analysis import TorqueSummary
 
 BINS = 24  # of a panel; each needs some samples
 FEWEST = 5
-TIME = Symbol("t", "s", "t", "s", "time")
 TORQUE = Symbol("d", "N*m", "d", r"N\,m", "missing torque")
 
 
@@ -49,7 +47,6 @@ class TorqueShown:
 
     t: Array
     time: Symbol
-    torque: Symbol
     expected: Array
     band: Array
     against: tuple[Against, ...]
@@ -59,8 +56,7 @@ def torque_shown(torque: TorqueEstimate, clock: Unit) -> TorqueShown:
     """Return what a figure shows of a missing torque, in the units of its clock."""
     return TorqueShown(
         t=torque.t / clock.factor,
-        time=dataclasses.replace(TIME, latex_unit=clock.latex),
-        torque=TORQUE,
+        time=time_symbol(clock),
         expected=torque.expected,
         band=torque.band,
         against=tuple(_against(torque)),
@@ -149,55 +145,48 @@ def strayed(summary: TorqueSummary, rig: Model) -> str:
     if not every:
         return ""
     parts = ", ".join(f"{course.strayed:.2g} (`{course.channel}`)" for course in every)
-    what = "friction" if rig.frictions else "gravity"
+    what, unsure, then = "gravity", "Weight", ""
+    if rig.frictions:
+        what, unsure = "friction", "Friction"
+        then = ". Leave the friction out: the torque then shows it"
     said = (
         f"missing torque: beside {what} it is an approximation. The rig with {what}, and with this "
         f"torque as an input, moves differently by {parts} of the noise, rms"
     )
     if max(course.strayed for course in every) <= HARMLESS:
         return f"{said}, which does little harm"
-    if not rig.frictions:
-        return f"{said}. Weight and inertia are NOT as sure as their sds say"
-    return (
-        f"{said}. Friction and inertia are NOT as sure as their sds say. Leave the friction out: the "
-        "torque then shows it"
-    )
+    return f"{said}. {unsure} and inertia are NOT as sure as their sds say{then}"
 
 
 def law_sentences(summary: TorqueSummary, rig: Model) -> str:
     """What the torque follows, a line for each; what it would be in the equations."""
     every, torque = summary.follows, rig.roles.motion.torque
-    taken = [law for law in every if law.taken]
-    if not taken:
-        most = (
-            f" (at most {100 * every[0].share:.0f} %: {_what(summary, every[0], rig)})"
-            if every
-            else ""
-        )
-        return (
-            f"missing {torque}: it follows no speed, angle, input or time by a law known here{most}"
-        )
-    return "\n".join(_line(summary, law, rig) for law in taken)
+    taken = [_line(summary, law, rig) for law in every if law.taken]
+    if taken:
+        return "\n".join(taken)
+    none = f"missing {torque}: it follows no speed, angle, input or time by a law known here"
+    if not every:
+        return none
+    what, _ = _follows(summary, every[0], rig)
+    return f"{none} (at most {100 * every[0].share:.0f} %: {what})"
 
 
 def _line(summary: TorqueSummary, law: TorqueRegression, rig: Model) -> str:
     size, sd = abs(law.size), f"{law.sd:.1g}"
     here, motion = rig.roles.inertia(summary.at), rig.roles.motion
-    against, units = law.size < 0, _units(motion)
-    turning = summary.turning
-    still = (
-        f" That counts the {100 * turning:.0f} % of the samples in which it {motion.moves}."
-        if turning < FULL
-        else ""
-    )
-    share = f"That alone explains {100 * law.share:.0f} % of the {motion.torque}.{still}"
-    said = f"missing {motion.torque}: it follows {_what(summary, law, rig)}. {share} It looks like"
+    against, (what, unit) = law.size < 0, _follows(summary, law, rig)
+    share = f"That alone explains {100 * law.share:.0f} % of the {motion.torque}."
+    if (turning := summary.turning) < FULL:
+        share += (
+            f" That counts the {100 * turning:.0f} % of the samples in which it {motion.moves}."
+        )
+    said = f"missing {motion.torque}: it follows {what}. {share} It looks like"
     if law.kind == "sign" and against:
         said += f" dry friction {here.at} of {size:.3g} {motion.newtons} (sd {sd})"
     elif law.kind == "speed" and against:
-        said += f" viscous damping {here.at} of {size:.3g} {units['speed']} (sd {sd})"
+        said += f" viscous damping {here.at} of {size:.3g} {unit} (sd {sd})"
     else:
-        said += f" {law.size:.3g} {units[law.kind]} (sd {sd})"
+        said += f" {law.size:.3g} {unit} (sd {sd})"
     # What a config names in the place of the torque.
     name = {"sign": here.sliding, "speed": here.damping}.get(law.kind)
     if not name or law.of != here.speed or not against:
@@ -206,32 +195,20 @@ def _line(summary: TorqueSummary, law: TorqueRegression, rig: Model) -> str:
     return f"{said}. To have it in the equations, write `parameters: {{{name}: {prior}}}`"
 
 
-def _units(motion: MotionWords) -> Mapping[str, str]:
-    """Return units of what a torque follows, by its kind."""
-    newtons, angle = motion.newtons, motion.angle
-    return {
-        "sign": f"{newtons} with its sign",
-        "speed": f"{newtons} s/{angle}",
-        "square": f"{newtons} s^2/{angle}^2",
-        "turn": f"{newtons}, once a turn",
-        "input": f"{newtons} per SI unit of it",
-        "constant": newtons,
-        "drift": f"{newtons}/s",
-    }
-
-
-def _what(summary: TorqueSummary, law: TorqueRegression, rig: Model) -> str:
-    here = rig.roles.inertia(summary.at)
+def _follows(summary: TorqueSummary, law: TorqueRegression, rig: Model) -> tuple[str, str]:
+    """What a torque follows by a law, and the unit of its size."""
+    here, newtons = rig.roles.inertia(summary.at), rig.roles.motion.newtons
+    angle = rig.roles.motion.angle
     inertia = here if here.speed == law.of else rig.roles.at_friction(law.of)
     speed = f"the speed of {inertia.words if inertia else law.of}"
     return {
-        "sign": f"the sign of {speed}",
-        "speed": speed,
-        "square": f"the square of {speed}",
-        "turn": "the angle within a turn",
-        "input": f"the input {law.of}",
-        "constant": "nothing, and is constant",
-        "drift": "the time",
+        "sign": (f"the sign of {speed}", f"{newtons} with its sign"),
+        "speed": (speed, f"{newtons} s/{angle}"),
+        "square": (f"the square of {speed}", f"{newtons} s^2/{angle}^2"),
+        "turn": ("the angle within a turn", f"{newtons}, once a turn"),
+        "input": (f"the input {law.of}", f"{newtons} per SI unit of it"),
+        "constant": ("nothing, and is constant", newtons),
+        "drift": ("the time", f"{newtons}/s"),
     }[law.kind]
 
 

@@ -152,8 +152,6 @@ _HOLDS = (
 )
 _LEANS = "as the record by itself tells little but ratios"
 
-_NONE = "verdict: none, because {}. The numbers may be wrong."
-
 
 def verdict_sentences(
     verdict: Verdict,
@@ -197,7 +195,8 @@ def verdict_sentences(
 
 def no_verdict(*, converged: bool) -> str:
     """Of a run that must not be believed."""
-    return _NONE.format("the model does not fit" if converged else "the run did not converge")
+    because = "the model does not fit" if converged else "the run did not converge"
+    return f"verdict: none, because {because}. The numbers may be wrong."
 
 
 def verdict_rule(verdict: Verdict) -> str:
@@ -221,12 +220,10 @@ def verdict_sentence(verdict: Verdict, table: str, records: int = 1) -> str:
     can = f"the {n} independent products of parameters that {such} can show"
     if not judged:
         return f"verdict: {determines} none of {can}. {says} nothing of {table}."
-    joint = (
-        ""
-        if verdict.joint is None
-        else f"taken together they are {_sigmas(verdict.joint)} from {table}"
-    )
-    together = f" {joint[0].upper()}{joint[1:]}." if joint else ""
+    joint = together = ""
+    if verdict.joint is not None:
+        joint = f"taken together they are {_sigmas(verdict.joint)} from {table}"
+        together = f" {joint[0].upper()}{joint[1:]}."
     opening = f"verdict: {determines} {k} of {can}."
     if n == 1:
         opening = f"verdict: {determines} the one quantity that is compared."
