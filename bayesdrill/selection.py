@@ -31,10 +31,7 @@ WIDER = 10.0  # either way, of the noise that was given
 
 
 def change_noise(data: dict[str, Any], change: Callable[[dict[str, Any]], bool]) -> bool:
-    """Change the noise of each channel; whether any was.
-
-    What was one number for all experiments becomes one unknown; a memory goes with its size.
-    """
+    """Change each noise, one number of all experiments to one unknown; whether any was changed."""
     changed = False
     top, *others = [s.get("record", {}).get("channels", {}) for s in rung_sections(data)]
     for channels in (top, *others):

@@ -180,10 +180,7 @@ class CalibrationStudy:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Refit:
-    """One refit of a simulated record, `truth` and `ranks` in the order of `Study.names`.
-
-    No ranks where nothing could be sampled; `reasons`: why it has not converged.
-    """
+    """One refit, `truth` and `ranks` in the order of `CalibrationStudy.names`; no ranks of no draws."""
 
     index: int
     truth: tuple[float, ...]

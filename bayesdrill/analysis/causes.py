@@ -124,11 +124,7 @@ def refit_candidate(
 
 
 def _starts(posterior: Posterior, near: Mapping[str, float], alone: Mapping[str, float]) -> Array:
-    """Return physical starts `(S, D)` of a refit.
-
-    Where the config begins; and what is known where it is, with what is new where it begins and at
-    several places of its prior.
-    """
+    """Return physical starts `(S, D)`: the config's, and what is known, with others of what is new."""
     space = posterior.space
     begun = [{}, near, alone] if alone else [{}, near]
     rows = [space.vector({n: at.get(n, x) for n, x in space.start.items()}) for at in begun]

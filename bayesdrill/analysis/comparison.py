@@ -35,8 +35,7 @@ from bayesdrill.sampling.evidence import Evidence
 class PosteriorSummary:
     """One run under its `name`: `draws (N, D)`, SI; `settings`: what a reader compares of two runs.
 
-    `mark`: by which files say whose they are; `warning`: what its figures carry, `reasons`: why it
-    must not be believed.
+    `mark`: whose files are; `warning`: of its figures, `reasons`: why it must not be believed.
     """
 
     name: str

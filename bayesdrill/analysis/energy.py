@@ -212,10 +212,7 @@ class FrictionCurve:
 
 
 def friction_curve(observation: Observation, rubbing: FrictionMotion, full: Array) -> FrictionCurve:
-    """Compute a friction law of parameters `full (W, P)`, over the speeds that the record has.
-
-    Where the law depends on more than the speed, that is at its root mean square.
-    """
+    """Compute a law at `full (W, P)` over the record's speeds; all else is at its root mean square."""
     rig, friction = observation.response, rubbing.friction
     far = SPEED_MARGIN * float(np.abs(rubbing.speed).max()) or 1.0
     one_way = far * np.geomspace(SMALLEST_SPEED, 1.0, CURVE_POINTS)

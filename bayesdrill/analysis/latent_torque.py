@@ -189,8 +189,7 @@ def _nonlinear_error(
 ) -> Array:
     """Return how far a rig with friction or gravity is from its `linear (T, K)` prediction, `(K,)`.
 
-    It is driven by `torque (T,)` at one draw: there the torque moves it as if no friction changed its
-    sign, and pendulums were springs.
+    There `torque (T,)` moves it as if no friction changed its sign, and pendulums were springs.
     """
     response, experiment = observation.response, observation.experiment
     assert observation.torque is not None  # it is that which was estimated

@@ -31,11 +31,10 @@ from bayesdrill.record.experiment import with_states
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DesignVariant:
-    """A change of the experiment that is tried by computing.
+    """A change of the experiment that is tried by computing; `beside`: in further ones.
 
     `extra`: states that are measured too, each with its sigma; `late`: what is added to inputs in
-    the second half of each record; `times`: what inputs are multiplied with throughout; `beside`:
-    in further experiments, beside those there are.
+    the second half of each record; `times`: what inputs are multiplied with throughout.
     """
 
     extra: Mapping[str, float] = field(default_factory=dict)

@@ -57,10 +57,7 @@ class Profile:
 
 
 class Fitter:
-    """Least squares over all that moves, on its natural scale, inside the priors.
-
-    Logs of the rig's unknowns, then what sensors and starts leave open.
-    """
+    """Least squares over rig, sensors and starts, on their natural scale, inside the priors."""
 
     def __init__(self, posterior: Posterior, sensitivity: SensitivityStudy, theta: Array) -> None:
         self._likelihood = posterior.likelihood.with_fixed_covariance(theta)
