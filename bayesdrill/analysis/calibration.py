@@ -68,10 +68,9 @@ LEVEL_BISECTIONS = 40  # of the interval in which the pointwise level is sought
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RankBand:
-    """A band for the empirical distribution function of `n` uniform ranks.
+    """A band of counts, `low` to `high (L,)`, of `n` uniform ranks below each of the `shares (L,)`.
 
-    Between `low` and `high (L,)`, both allowed, are below each of the `shares (L,)`; `false_alarm`:
-    the exact probability that uniform ranks leave it somewhere.
+    `false_alarm`: the exact probability that uniform ranks leave it somewhere.
     """
 
     n: int

@@ -46,9 +46,8 @@ class RefitMaximum:
     """The maximum of a posterior, found by Gauss and Newton from several starts.
 
     `values`, `sds`: of the unknowns, SI; `log_z`: the log evidence by Laplace; `fit`: what it leaves;
-    `at_ends`: unknowns at an end of their prior; `several`: whether there is another, about as high,
-    with other values of what is new; `seconds`: that an evaluation takes; `numbers`: samples of all
-    channels, and `log_likelihood` of them.
+    `at_ends` of their priors are these; `several`: there is another, about as high, with other values
+    of what is new; `seconds` that an evaluation takes; `numbers` of samples, with `log_likelihood`.
     """
 
     values: Mapping[str, float]

@@ -72,8 +72,7 @@ class MarginalEstimate:
 class OverlayRow:
     """An unknown of some run; `places`, `nominal`: of each run, None where it has none.
 
-    `distance`: the largest difference of two means over the root mean square of their sds, and `pair`
-    the two runs; None where fewer than two have it as an unknown.
+    `distance`: the largest of two means over the root mean square of their sds, and the `pair`.
     """
 
     symbol: Symbol

@@ -275,9 +275,9 @@ def sigma_limit(n: int) -> float:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _TableComparison:
-    """`logs`, `prior_logs`: of the draws over the nominal values; `ends (m, 2)` of the tolerance.
+    """Logs over the nominal values; `ends (m, 2)` of the tolerance.
 
-    `extended_logs`: as `logs`, but beyond ends that are in the way; of those `unseen` it shows nothing.
+    `extended_logs`: of draws beyond ends that are in the way; of those `unseen` it shows nothing.
     """
 
     study: IdentifiabilityStudy
