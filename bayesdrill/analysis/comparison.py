@@ -72,7 +72,7 @@ class MarginalEstimate:
 class OverlayRow:
     """An unknown of some run; `places`, `nominal`: of each run, None where it has none.
 
-    `distance`: the largest of two means over the root mean square of their sds, and the `pair`.
+    `distance`: of the `pair` of means farthest apart, over the rms of their sds; None without two.
     """
 
     symbol: Symbol
